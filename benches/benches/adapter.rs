@@ -110,7 +110,7 @@ fn process_time() -> Duration {
 
 async fn source(take: Take, value: u64) -> u64 {
     match take {
-        Take::Rounds(left) => Rounds { left, alarm: None }.await,
+        Take::Rounds(remaining) => Rounds { remaining, alarm: None }.await,
         Take::Sleeps(time) => sleep(time).await,
     }
     value
@@ -119,7 +119,7 @@ async fn source(take: Take, value: u64) -> u64 {
 /// Ready once the runtime has woken it so many times. Unlike `yield_now`, and like an answer from a network, it gains
 /// nothing from being polled besides, as `select!` does to all sources whenever one of them is ready.
 struct Rounds {
-    left: u32,
+    remaining: u32,
     alarm: Option<Arc<Alarm>>,
 }
 
@@ -139,10 +139,10 @@ impl Future for Rounds {
         if !alarm.is_woken.swap(false, Ordering::AcqRel) {
             return Poll::Pending;
         }
-        if self.left == 0 {
+        if self.remaining == 0 {
             return Poll::Ready(());
         }
-        self.left -= 1;
+        self.remaining -= 1;
         let waker = Waker::from(alarm);
         pin!(yield_now()).poll(&mut Context::from_waker(&waker))
     }

@@ -5,7 +5,7 @@ use std::collections::BinaryHeap;
 use std::hint::black_box;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use fuseline_testkit::splitmix64;
+use fuseline_testkit::Rng;
 use fuseline_traces::observed::{self, Slack};
 use fuseline_traces::{Cloud, Commit, Events, ExpectedDecisions, Header, Input, Reference, judge};
 
@@ -65,8 +65,8 @@ fn trace() -> (Vec<u8>, u64) {
         }
         for (p, usual) in (0..).zip(USUAL) {
             // One arrival in sixteen takes four times as long.
-            let noise = run.random() % usual;
-            let delay = if run.random().is_multiple_of(16) { 4 * usual } else { usual / 2 + noise };
+            let noise = run.random.u64(0..usual);
+            let delay = if run.random.one_in(16) { 4 * usual } else { usual / 2 + noise };
             run.arrivals.push(Reverse((at + delay, t, p)));
         }
         if run.lines >= LINES {
@@ -82,7 +82,7 @@ struct Run {
     reference: Reference,
     demands: ExpectedDecisions,
     arrivals: BinaryHeap<Reverse<(u64, u64, u64)>>,
-    seed: u64,
+    random: Rng,
     out: Vec<u8>,
     lines: usize,
 }
@@ -94,7 +94,7 @@ impl Run {
         out.push(b'\n');
         let reference = Reference::new(header);
         let (demands, arrivals) = (ExpectedDecisions::new(), BinaryHeap::new());
-        Self { reference, demands, arrivals, seed: 1, out, lines: 1 }
+        Self { reference, demands, arrivals, random: Rng::with_seed(1), out, lines: 1 }
     }
 
     /// Lets the arrivals come and the timers fire that do so before `at`.
@@ -122,10 +122,6 @@ impl Run {
             decision.write(&mut self.out);
             self.out.push(b'\n');
         }
-    }
-
-    fn random(&mut self) -> u64 {
-        splitmix64(&mut self.seed)
     }
 }
 

@@ -8,15 +8,15 @@ use std::time::{Duration, Instant};
 use fuseline_benches::arrivals::{CLOUDS, WINDOW, fusion, inputs};
 use fuseline_benches::baseline::Baseline;
 use fuseline_benches::beside::{in_turns, passes};
-use fuseline_benches::machine::{Machine, Tally};
+use fuseline_benches::machine::{DecisionTally, Machine};
 use fuseline_core::Commit;
 use fuseline_traces::Input;
 use rustc_hash::FxBuildHasher;
 
 /// One pass over all inputs, and how long it took.
 #[inline(never)]
-fn pass(mut machine: impl Machine, inputs: &[Input]) -> (Tally, Duration) {
-    let mut tally = Tally::default();
+fn pass(mut machine: impl Machine, inputs: &[Input]) -> (DecisionTally, Duration) {
+    let mut tally = DecisionTally::default();
     let start = Instant::now();
     for input in inputs {
         machine.apply(black_box(input), &mut tally);

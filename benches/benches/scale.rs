@@ -74,11 +74,11 @@ fn carries(operators: usize) -> bool {
         let mut readers = Vec::new();
         let mut feeders = Vec::new();
         let began = Instant::now() + PERIOD;
-        for place in 0..operators {
+        for index in 0..operators {
             let (writer, input) = stream(64);
             let (_, mut output) = spawn(Small, Config::default(), input).expect("it is configured");
             // All cameras have phases of their own.
-            let share = u32::try_from(place * 1000 / operators).unwrap_or(0);
+            let share = u32::try_from(index * 1000 / operators).unwrap_or(0);
             feeders.push(tokio::spawn(feed(writer, began + PERIOD * share / 1000)));
             readers.push(tokio::spawn(async move {
                 let mut late = Vec::new();

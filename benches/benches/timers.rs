@@ -29,7 +29,7 @@ fn main() {
         "{:26}{:>8}{:>8}{:>8}{:>6}{:>8}{:>8}{:>8}",
         "", "p50", "p99", "max", "", "p50", "p99", "max"
     );
-    let ways: [(&str, Run); 6] = [
+    let runs: [(&str, Run); 6] = [
         ("adapter, tokio's timers", || of_adapter(Timers::Tokio)),
         ("adapter, kernel's timers", || of_adapter(Timers::Kernel)),
         ("the same, SCHED_FIFO", || first(|| of_adapter(Timers::Kernel))),
@@ -37,7 +37,7 @@ fn main() {
         ("clock_nanosleep", of_sleeping_thread),
         ("the same, SCHED_FIFO", || first(of_sleeping_thread)),
     ];
-    for (name, run) in ways {
+    for (name, run) in runs {
         let idle = quantiles(run());
         let busy = Busy::new();
         let loaded = quantiles(run());

@@ -2,10 +2,10 @@
 //! timestamps, touched in random order.
 
 use fuseline_benches::beside::{in_turns, passes};
-use fuseline_benches::window::{INPUTS, Kind, Load, Spacing, flat};
+use fuseline_benches::window::{BenchKind, INPUTS, Load, Spacing, flat};
 
 /// ns an input by the median and by the best pass; each the worst of the three spacings.
-fn measure<const WINDOW: usize>(kind: Kind) -> [f64; 2] {
+fn measure<const WINDOW: usize>(kind: BenchKind) -> [f64; 2] {
     let mut worst = [0.0_f64; 2];
     for spacing in [Spacing::Dense, Spacing::Strided, Spacing::Random] {
         let load = Load::new(WINDOW, spacing);
@@ -20,7 +20,7 @@ fn measure<const WINDOW: usize>(kind: Kind) -> [f64; 2] {
 fn main() {
     println!("ns an input: median, best");
     println!("{:20}{:>18}{:>18}{:>18}{:>18}{:>18}", "window", 4, 16, 64, 256, 1024);
-    for (name, kind) in Kind::ALL {
+    for (name, kind) in BenchKind::ALL {
         print!("{name:20}");
         for [median, best] in [
             measure::<4>(kind),

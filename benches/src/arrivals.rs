@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use fuseline_core::{Cloud, Commit, ConfigError, Fusion, Instant, Priority};
 use fuseline_traces::Input;
 
-use crate::machine::{Machine, Tally};
+use crate::machine::{DecisionTally, Machine};
 
 /// Round trips of three drives, a cloud each: good coverage, coverage lost, outages of seconds.
 const DRIVES: [&str; 3] = [
@@ -77,10 +77,10 @@ fn with_ticks(inputs: impl Iterator<Item = Input>, commit: Commit) -> Vec<Input>
             fusion.next_due().map(Instant::as_nanos).filter(|due| *due < input.at())
         {
             let tick = Input::Tick { at: due };
-            fusion.apply(&tick, &mut Tally::default());
+            fusion.apply(&tick, &mut DecisionTally::default());
             all.push(tick);
         }
-        fusion.apply(&input, &mut Tally::default());
+        fusion.apply(&input, &mut DecisionTally::default());
         all.push(input);
     }
     all

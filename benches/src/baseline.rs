@@ -10,7 +10,7 @@ use std::hash::BuildHasher;
 use fuseline_core::{Cause, Commit, Decision, Gate, Slot, Source};
 use fuseline_traces::Input;
 
-use crate::machine::{Machine, Tally};
+use crate::machine::{DecisionTally, Machine};
 
 /// The machine of a hash map and a binary heap.
 pub struct Baseline<S> {
@@ -50,7 +50,7 @@ impl<S: BuildHasher + Default> Baseline<S> {
         Source::new(u8::try_from(cloud + 1).ok()?)
     }
 
-    fn expire(&mut self, tally: &mut Tally) {
+    fn expire(&mut self, tally: &mut DecisionTally) {
         while let Some(Reverse((due, t, _))) = self.timers.peek().copied() {
             if due > self.now {
                 break;
@@ -75,7 +75,7 @@ impl<S: BuildHasher + Default> Baseline<S> {
         }
     }
 
-    fn close(&mut self, t: u64, cause: Cause, tally: &mut Tally) {
+    fn close(&mut self, t: u64, cause: Cause, tally: &mut DecisionTally) {
         let Some(slot) = self.open.get_mut(&t) else {
             tally.dropped += 1;
             return;
@@ -97,7 +97,13 @@ impl<S: BuildHasher + Default> Baseline<S> {
         }
     }
 
-    fn arrival(&mut self, t: u64, p: u64, cause: impl FnOnce(Source) -> Cause, tally: &mut Tally) {
+    fn arrival(
+        &mut self,
+        t: u64,
+        p: u64,
+        cause: impl FnOnce(Source) -> Cause,
+        tally: &mut DecisionTally,
+    ) {
         match self.source(p) {
             Some(source) if self.newest.is_some_and(|newest| t <= newest) => {
                 self.close(t, cause(source), tally);
@@ -142,7 +148,7 @@ impl<S: BuildHasher + Default> Baseline<S> {
 
 impl<S: BuildHasher + Default> Machine for Baseline<S> {
     #[inline]
-    fn apply(&mut self, input: &Input, tally: &mut Tally) {
+    fn apply(&mut self, input: &Input, tally: &mut DecisionTally) {
         self.now = self.now.max(input.at());
         self.expire(tally);
         let admitted = match *input {

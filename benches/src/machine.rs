@@ -7,7 +7,7 @@ use fuseline_traces::Input;
 
 /// How often each thing was decided: equal for machines that decide alike.
 #[derive(Clone, Copy, Default, PartialEq, Eq, Debug)]
-pub struct Tally {
+pub struct DecisionTally {
     /// Opens accepted and offers admitted.
     pub admitted: u64,
     /// Opens and offers refused.
@@ -27,12 +27,12 @@ pub struct Tally {
 /// A machine under measurement.
 pub trait Machine {
     /// Applies one input.
-    fn apply(&mut self, input: &Input, tally: &mut Tally);
+    fn apply(&mut self, input: &Input, tally: &mut DecisionTally);
 }
 
 impl<const CLOUDS: usize, const WINDOW: usize> Machine for Fusion<CLOUDS, WINDOW> {
     #[inline]
-    fn apply(&mut self, input: &Input, tally: &mut Tally) {
+    fn apply(&mut self, input: &Input, tally: &mut DecisionTally) {
         let mut ready = loop {
             match self.at(Instant::from_nanos(input.at())) {
                 At::Fired(firing) => {
@@ -69,7 +69,7 @@ fn priority(p: u64) -> Priority {
     Priority::new(u16::try_from(p).unwrap_or(u16::MAX))
 }
 
-fn count<const CLOUDS: usize>(outcome: &Outcome<CLOUDS>, tally: &mut Tally) {
+fn count<const CLOUDS: usize>(outcome: &Outcome<CLOUDS>, tally: &mut DecisionTally) {
     match outcome {
         Outcome::Dropped(_) => tally.dropped += 1,
         Outcome::Held => tally.held += 1,

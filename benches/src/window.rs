@@ -7,31 +7,16 @@ use fuseline_core::{
     Admission, At, Cloud, Commit, Deadline, Fusion, Instant, Opening, Outcome, Priority, Ready,
     Timestamp,
 };
-use fuseline_testkit::splitmix64;
+use fuseline_testkit::Rng;
 
 /// How many inputs one pass times: as many machines as give so many open timestamps, so that small and great windows
 /// work on as much memory.
 pub const INPUTS: usize = 1024;
 
-/// A stream of random numbers.
-struct SplitMix(u64);
-
-impl SplitMix {
-    fn next(&mut self) -> u64 {
-        splitmix64(&mut self.0)
-    }
-
-    fn shuffle<T>(&mut self, items: &mut [T]) {
-        for i in (1..items.len()).rev() {
-            items.swap(i, usize::try_from(self.next() % (i as u64 + 1)).unwrap_or_default());
-        }
-    }
-}
-
 /// What is timed, and what the open timestamps have seen before.
 #[derive(Clone, Copy, Debug)]
 #[expect(missing_docs, reason = "an input and what comes of it")]
-pub enum Kind {
+pub enum BenchKind {
     Open,
     Offer,
     ResultHeld,
@@ -43,7 +28,7 @@ pub enum Kind {
     ExpireForwarded,
 }
 
-impl Kind {
+impl BenchKind {
     /// Each by its name.
     pub const ALL: [(&str, Self); 9] = [
         ("open", Self::Open),
@@ -78,7 +63,7 @@ impl Load {
     /// For windows of so many.
     #[must_use]
     pub fn new(window: usize, spacing: Spacing) -> Self {
-        let mut random = SplitMix(window as u64);
+        let mut random = Rng::with_seed(window as u64);
         let mut timestamps = Vec::new();
         for machine in 0..INPUTS / window {
             let mut t = 1;
@@ -87,13 +72,13 @@ impl Load {
                 t += match spacing {
                     Spacing::Dense => 1,
                     Spacing::Strided => 64,
-                    Spacing::Random => 1 + random.next() % 1_000_000,
+                    Spacing::Random => random.u64(1..1_000_001),
                 };
             }
         }
         let mut touched: Vec<_> = timestamps
             .iter()
-            .map(|(machine, t)| (*machine, *t, 1_000 + random.next() % 1_000_000))
+            .map(|(machine, t)| (*machine, *t, random.u64(1_000..1_001_000)))
             .collect();
         random.shuffle(&mut touched);
         Self { timestamps, touched }
@@ -102,9 +87,9 @@ impl Load {
 
 const NEAR: Priority = Priority::new(1);
 const FAR: Priority = Priority::new(2);
-type Machine<const WINDOW: usize> = Fusion<3, WINDOW>;
+type SizedFusion<const WINDOW: usize> = Fusion<3, WINDOW>;
 
-fn ready<const WINDOW: usize>(machine: &mut Machine<WINDOW>) -> Ready<'_, 3, WINDOW> {
+fn ready<const WINDOW: usize>(machine: &mut SizedFusion<WINDOW>) -> Ready<'_, 3, WINDOW> {
     match machine.at(Instant::START) {
         At::Ready(ready) => ready,
         At::Fired(firing) => unreachable!("{firing:?}"),
@@ -112,14 +97,14 @@ fn ready<const WINDOW: usize>(machine: &mut Machine<WINDOW>) -> Ready<'_, 3, WIN
 }
 
 /// With all timestamps open, as far as the kind needs it.
-fn machines<const WINDOW: usize>(load: &Load, kind: Kind) -> Vec<Machine<WINDOW>> {
+fn machines<const WINDOW: usize>(load: &Load, kind: BenchKind) -> Vec<SizedFusion<WINDOW>> {
     let clouds = [1, 2, 3].map(|p| Cloud::new(Priority::new(p), 31));
     let machine = || Fusion::new(WINDOW, Commit::Eager, &clouds).expect("a valid configuration");
-    let mut machines: Vec<Machine<WINDOW>> = (0..INPUTS / WINDOW).map(|_| machine()).collect();
-    if matches!(kind, Kind::Open) {
+    let mut machines: Vec<SizedFusion<WINDOW>> = (0..INPUTS / WINDOW).map(|_| machine()).collect();
+    if matches!(kind, BenchKind::Open) {
         return machines;
     }
-    let limited = matches!(kind, Kind::ExpireWaiting);
+    let limited = matches!(kind, BenchKind::ExpireWaiting);
     for (i, t) in &load.timestamps {
         // A deadline long after every cloud's due.
         let deadline = limited.then_some(Deadline::from_nanos(1_000_000_000));
@@ -134,19 +119,19 @@ fn machines<const WINDOW: usize>(load: &Load, kind: Kind) -> Vec<Machine<WINDOW>
             assert!(matches!(admission, Admission::Admitted { .. }));
         };
         match kind {
-            Kind::Open | Kind::Offer | Kind::FailMissed => {}
-            Kind::ResultHeld | Kind::ExpireWaiting => offer(NEAR),
-            Kind::FailWaiting | Kind::ResultForwarded => {
+            BenchKind::Open | BenchKind::Offer | BenchKind::FailMissed => {}
+            BenchKind::ResultHeld | BenchKind::ExpireWaiting => offer(NEAR),
+            BenchKind::FailWaiting | BenchKind::ResultForwarded => {
                 offer(NEAR);
                 offer(FAR);
             }
-            Kind::ResultSuperseded => {
+            BenchKind::ResultSuperseded => {
                 if nth % 2 == 0 {
                     let outcome = ready.result(t, Priority::LOCAL);
                     assert!(matches!(outcome, Outcome::Forwarded { .. }));
                 }
             }
-            Kind::ExpireForwarded => {
+            BenchKind::ExpireForwarded => {
                 offer(FAR);
                 assert_eq!(ready.result(t, Priority::LOCAL), Outcome::Held);
             }
@@ -160,16 +145,16 @@ fn machines<const WINDOW: usize>(load: &Load, kind: Kind) -> Vec<Machine<WINDOW>
 /// # Panics
 /// If the machine does not decide as the kind says.
 #[must_use]
-pub fn flat<const WINDOW: usize>(load: &Load, kind: Kind) -> Duration {
+pub fn flat<const WINDOW: usize>(load: &Load, kind: BenchKind) -> Duration {
     let mut machines = machines::<WINDOW>(load, kind);
     let start = Clock::now();
     match kind {
-        Kind::Open => {
+        BenchKind::Open => {
             for (i, t) in &load.timestamps {
                 let _ = black_box(ready(&mut machines[*i]).open(Timestamp::new(*t), None));
             }
         }
-        Kind::ExpireWaiting | Kind::ExpireForwarded => {
+        BenchKind::ExpireWaiting | BenchKind::ExpireForwarded => {
             for machine in &mut machines {
                 // A tick at each due instant, as a driver would.
                 for _ in 0..WINDOW {
@@ -183,17 +168,17 @@ pub fn flat<const WINDOW: usize>(load: &Load, kind: Kind) -> Duration {
                 let t = Timestamp::new(*t);
                 let mut ready = ready(&mut machines[*i]);
                 match kind {
-                    Kind::Offer => {
+                    BenchKind::Offer => {
                         let deadline = Deadline::from_nanos(*deadline);
                         let _ = black_box(ready.offer(t, NEAR, deadline, 0));
                     }
-                    Kind::ResultHeld => {
+                    BenchKind::ResultHeld => {
                         let _ = black_box(ready.result(t, Priority::LOCAL));
                     }
-                    Kind::ResultForwarded | Kind::ResultSuperseded => {
+                    BenchKind::ResultForwarded | BenchKind::ResultSuperseded => {
                         let _ = black_box(ready.result(t, FAR));
                     }
-                    Kind::FailWaiting => {
+                    BenchKind::FailWaiting => {
                         let _ = black_box(ready.fail(t, FAR));
                     }
                     _ => {

@@ -17,9 +17,9 @@ use crate::exit::Exit;
 use crate::fault::Fault;
 use crate::input::open;
 use crate::interrupt::Interrupt;
-use crate::judging::{End, JudgeOptions, finish, judge, next_event, reader};
+use crate::judging::{JudgeOptions, TraceEnd, finish, judge, next_event, reader};
 use crate::results::{Files, Subject};
-use crate::sink::Sink;
+use crate::sink::OutputSink;
 use crate::tail::Tail;
 use crate::verdict::{self, print_violation};
 
@@ -92,7 +92,7 @@ impl From<FollowError> for Fault {
 
 /// Judges each file. A file that cannot be read decides the exit code, whatever the others' verdicts are.
 pub(crate) fn check(args: &Args) -> Result<Exit, Fault> {
-    let mut out = Sink::new(anstream::stdout());
+    let mut out = OutputSink::new(anstream::stdout());
     if args.follow {
         return follow(args, &mut out);
     }
@@ -170,7 +170,7 @@ fn plain_file(path: &Path, name: &str) -> Result<File, Fault> {
 }
 
 /// Judges a growing file until the interrupt, and prints each violation when it is found.
-fn follow(args: &Args, out: &mut Sink<impl Write>) -> Result<Exit, Fault> {
+fn follow(args: &Args, out: &mut OutputSink<impl Write>) -> Result<Exit, Fault> {
     let [path] = &args.files[..] else { return Err(FollowError::NotOne.into()) };
     if path.as_os_str() == "-" {
         return Err(FollowError::NotOne.into());
@@ -187,7 +187,7 @@ fn follow(args: &Args, out: &mut Sink<impl Write>) -> Result<Exit, Fault> {
     let mut reader = reader(mode, &name, Tail::new(file, Interrupt::watch()))?;
     let mut judging = args.how.judging(&name, &reader)?;
     let mut reported = 0;
-    while let Some(event) = next_event(&mut reader, End::Early)? {
+    while let Some(event) = next_event(&mut reader, TraceEnd::Early)? {
         judging.annotated_line(reader.line(), &event, reader.annotations())?;
         bar.set_position(reader.line());
         if args.json {
@@ -199,7 +199,7 @@ fn follow(args: &Args, out: &mut Sink<impl Write>) -> Result<Exit, Fault> {
         }
     }
     bar.finish_and_clear();
-    let found = finish(judging, End::Early);
+    let found = finish(judging, TraceEnd::Early);
     verdict::print_report(&found, out, reported, args.json).map_err(Fault::Output)?;
     Ok(args.how.exit(&found))
 }

@@ -22,7 +22,7 @@ use crate::exit::Exit;
 use crate::fault::Fault;
 use crate::input::open;
 use crate::remedy::options;
-use crate::sink::Sink;
+use crate::sink::OutputSink;
 
 /// A line below the header and no other.
 const STYLE: TableStyle =
@@ -63,7 +63,7 @@ pub(crate) struct Args {
     speed: Vec<f64>,
     /// How the deadline is chosen.
     #[arg(long, default_value = "guard")]
-    policy: Policy,
+    policy: PolicyArgument,
     /// How the calls of the cloud ended; - is standard input.
     #[arg(long, value_name = "FILE")]
     observed: Option<PathBuf>,
@@ -103,7 +103,7 @@ pub(crate) struct Args {
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-enum Policy {
+enum PolicyArgument {
     /// The longest deadline that is safe.
     Guard,
     /// The safe deadline of least mean loss.
@@ -129,7 +129,7 @@ impl From<DeadlineError> for Fault {
 
 /// What is shown for one speed.
 #[derive(Serialize)]
-struct Row {
+struct SpeedRow {
     speed: f64,
     budget_local: f64,
     budget_cloud: f64,
@@ -160,8 +160,8 @@ pub(crate) fn print_report(args: &Args) -> Result<Exit, Fault> {
         }
         None => Vec::new(),
     };
-    let rows = args.speed.iter().map(|speed| Row::new(args, &guard, &observed, *speed));
-    let mut out = Sink::new(anstream::stdout());
+    let rows = args.speed.iter().map(|speed| SpeedRow::new(args, &guard, &observed, *speed));
+    let mut out = OutputSink::new(anstream::stdout());
     if args.json {
         for row in rows {
             serde_json::to_writer(&mut out, &row)
@@ -170,7 +170,7 @@ pub(crate) fn print_report(args: &Args) -> Result<Exit, Fault> {
                 .map_err(Fault::Output)?;
         }
     } else {
-        let rows: Vec<Row> = rows.collect();
+        let rows: Vec<SpeedRow> = rows.collect();
         writeln!(out, "{}", DeadlineTable { args, rows: &rows }).map_err(Fault::Output)?;
     }
     Ok(Exit::Conforms)
@@ -201,7 +201,7 @@ fn guard(args: &Args) -> Result<Guard, Invalid> {
     })
 }
 
-impl Row {
+impl SpeedRow {
     fn new(args: &Args, guard: &Guard, observed: &[Observation], speed: f64) -> Self {
         let situation = args.situation(speed);
         let Assessment { budget_local, budget_cloud, case, deadline: cap } =
@@ -210,11 +210,11 @@ impl Row {
         let loss = |source: Source, response| impact.loss(&situation, source, response);
         let steps = Survival::new(observed.iter().copied(), &[]);
         let Choice { deadline, loss } = match args.policy {
-            Policy::Guard => {
+            PolicyArgument::Guard => {
                 let (_, local_response) = guard.local_response();
                 Choice { deadline: cap, loss: mean_loss(steps, local_response, cap, loss) }
             }
-            Policy::Expected => least_loss(steps, guard.local_response(), cap, loss),
+            PolicyArgument::Expected => least_loss(steps, guard.local_response(), cap, loss),
         };
         Self {
             speed,
@@ -231,7 +231,7 @@ impl Row {
 
 struct DeadlineTable<'a> {
     args: &'a Args,
-    rows: &'a [Row],
+    rows: &'a [SpeedRow],
 }
 
 impl fmt::Display for DeadlineTable<'_> {
@@ -293,7 +293,7 @@ pub(crate) fn read(file: &str, inner: impl Read) -> Result<Vec<Observation>, Fau
     };
     let mut observed = Vec::new();
     while let Some((line, row)) = rows.next_row().map_err(broken)? {
-        let cell = |place: usize| row.get(place).unwrap_or_default();
+        let cell = |index: usize| row.get(index).unwrap_or_default();
         let wrong = |column, text: &str, wanted| {
             fault(line, format!("column {column:?}: {text:?} is {wanted}"))
         };

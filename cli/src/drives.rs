@@ -109,7 +109,7 @@ impl Drive {
     fn read(file: &str, network: Option<&str>, text: impl Read) -> Result<Self, DriveError> {
         let owned = || file.to_owned();
         let fault = |source| csv_error(file, source);
-        let text = SizeLimit { text, left: FILE_BYTES };
+        let text = SizeLimit { text, remaining: FILE_BYTES };
         let mut rows = TableReader::new(text, &csv::ReaderBuilder::new());
         let columns = rows.names().map_err(fault)?;
         let (time, unit) = columns
@@ -255,14 +255,14 @@ fn csv_error(file: &str, source: TableError) -> DriveError {
 /// Refuses to read more than this many bytes, so that no file fills the memory.
 struct SizeLimit<R> {
     text: R,
-    left: u64,
+    remaining: u64,
 }
 
 impl<R: Read> Read for SizeLimit<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let len = self.text.read(buffer)?;
-        self.left = self
-            .left
+        self.remaining = self
+            .remaining
             .checked_sub(len as u64)
             .ok_or_else(|| io::Error::from(io::ErrorKind::FileTooLarge))?;
         Ok(len)
@@ -339,7 +339,7 @@ mod tests {
 
     #[test]
     fn bad_recordings_name_the_line_and_the_column() {
-        for (text, what) in [
+        for (text, expected) in [
             ("sent_ms,rtt_ms\n0,1\n", "fewer than two rows"),
             ("ms,rtt_ms\n0,1\n1,1\n", "d.csv:1: no time column"),
             ("sent_ms,delay\n0,1\n1,1\n", "d.csv:1: no column \"rtt_ms\"; it has sent_ms, delay"),
@@ -355,7 +355,7 @@ mod tests {
             ("sent_ms,rtt_ms\n0,1\n2\n", "d.csv:3: 1 cells, where the first row has 2"),
             ("", "d.csv:1: no time column"),
         ] {
-            assert!(fault(text).contains(what), "{text:?}: {}", fault(text));
+            assert!(fault(text).contains(expected), "{text:?}: {}", fault(text));
         }
     }
 

@@ -53,9 +53,9 @@ pub(crate) fn answer(_: &Args) -> Result<Exit, Fault> {
         };
         match (parse(text), &mut arbiter) {
             (Ok(Line::Header(header)), arbiter) => {
-                let made = Arbiter::new(&header);
+                let created = Arbiter::new(&header);
                 let name = "stdin".to_owned();
-                *arbiter = Some(made.map_err(|source| Fault::Config { name, source })?);
+                *arbiter = Some(created.map_err(|source| Fault::Config { name, source })?);
             }
             (Ok(Line::Event(Event::Input(input))), Some(arbiter)) => {
                 decide(arbiter, &input, &mut answer);

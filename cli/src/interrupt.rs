@@ -13,12 +13,12 @@ use crate::output::discard;
 /// Whether the user wants the command to end.
 #[derive(Clone, Default)]
 pub(crate) struct Interrupt {
-    inner: Arc<Inner>,
+    inner: Arc<InterruptState>,
 }
 
 #[derive(Default)]
-struct Inner {
-    came: AtomicBool,
+struct InterruptState {
+    is_set: AtomicBool,
     waiting: Notify,
 }
 
@@ -32,14 +32,14 @@ impl Interrupt {
         INTERRUPT
             .get_or_init(|| {
                 let interrupt = Self::default();
-                let seen = interrupt.clone();
+                let flag = interrupt.clone();
                 let handler = move || {
                     // A second one: do not wait for what is under way.
-                    if seen.came() {
+                    if flag.is_set() {
                         discard();
                         process::exit(INTERRUPTED);
                     }
-                    seen.set();
+                    flag.set();
                 };
                 if ctrlc::set_handler(handler).is_err() {
                     complain("warning: Ctrl-C will end the command at once");
@@ -49,8 +49,8 @@ impl Interrupt {
             .clone()
     }
 
-    pub(crate) fn came(&self) -> bool {
-        self.inner.came.load(Ordering::Acquire)
+    pub(crate) fn is_set(&self) -> bool {
+        self.inner.is_set.load(Ordering::Acquire)
     }
 
     pub(crate) async fn wait(&self) {
@@ -58,7 +58,7 @@ impl Interrupt {
             let notified = self.inner.waiting.notified();
             tokio::pin!(notified);
             notified.as_mut().enable();
-            if self.came() {
+            if self.is_set() {
                 return;
             }
             notified.await;
@@ -67,7 +67,7 @@ impl Interrupt {
 
     /// Acts as if it had come.
     pub(crate) fn set(&self) {
-        self.inner.came.store(true, Ordering::Release);
+        self.inner.is_set.store(true, Ordering::Release);
         self.inner.waiting.notify_waiters();
     }
 }

@@ -3,7 +3,7 @@
 use std::io::{self, BufRead};
 use std::time::Duration;
 
-use fuseline_report::{Findings, JudgeMode, Summary, TraceJudge};
+use fuseline_report::{Findings, JudgeMode, TraceJudge, VerdictSummary};
 use fuseline_traces::observed::Slack;
 use fuseline_traces::{Cloud, Event, Events, Header, ReadError};
 use thiserror::Error;
@@ -15,7 +15,7 @@ use crate::verdict;
 
 /// How the end of a trace is judged.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum End {
+pub(crate) enum TraceEnd {
     /// What is not there by then is missing.
     Whole,
     /// The run has ended: what is not there is missing, whenever it was due.
@@ -81,7 +81,7 @@ pub(crate) fn judge(
 /// The next event of a trace; none at its end, or where it was cut short if that is allowed.
 pub(crate) fn next_event<R: BufRead>(
     reader: &mut Events<R>,
-    end: End,
+    end: TraceEnd,
 ) -> Result<Option<Event>, Fault> {
     let error = match reader.next_event() {
         Ok(event) => return Ok(event),
@@ -93,12 +93,12 @@ pub(crate) fn next_event<R: BufRead>(
         _ => false,
     };
     match (is_cut, end) {
-        (true, End::Early) => {
+        (true, TraceEnd::Early) => {
             let (file, line) = (&error.file, error.line);
             complain(format_args!("note: {file}:{line}: cut short here; this line is left out"));
             Ok(None)
         }
-        (true, End::Whole | End::Ended) => Err(Fault::own(TruncatedTrace(error))),
+        (true, TraceEnd::Whole | TraceEnd::Ended) => Err(Fault::own(TruncatedTrace(error))),
         (false, _) => Err(error.into()),
     }
 }
@@ -134,17 +134,17 @@ impl JudgeOptions {
     }
 
     /// What is done where the trace ends.
-    pub(crate) const fn end(&self) -> End {
+    pub(crate) const fn end(&self) -> TraceEnd {
         match (self.truncated, self.ended) {
-            (true, _) => End::Early,
-            (false, true) => End::Ended,
-            (false, false) => End::Whole,
+            (true, _) => TraceEnd::Early,
+            (false, true) => TraceEnd::Ended,
+            (false, false) => TraceEnd::Whole,
         }
     }
 
     /// The exit code of a verdict; warns if nothing in the trace could be judged.
     pub(crate) fn exit(&self, found: &Findings) -> Exit {
-        let Summary { file, conforms, judged, .. } = found.summary();
+        let VerdictSummary { file, conforms, judged, .. } = found.summary();
         if conforms && judged == 0 && self.require_judged {
             complain(format_args!(
                 "error: {file}: no timestamp was judged, as --require-judged wants"
@@ -269,18 +269,18 @@ fn time(text: &str) -> Result<Duration, &'static str> {
 }
 
 /// The verdict at that end. A note says what is not judged.
-pub(crate) fn finish(judging: TraceJudge, end: End) -> Findings {
+pub(crate) fn finish(judging: TraceJudge, end: TraceEnd) -> Findings {
     match end {
-        End::Whole => judging.finish(),
-        End::Ended => judging.finish_ended(),
-        End::Early => noted(judging.finish_early()),
+        TraceEnd::Whole => judging.finish(),
+        TraceEnd::Ended => judging.finish_ended(),
+        TraceEnd::Early => noted(judging.finish_early()),
     }
 }
 
 /// A verdict with a note about decisions that were missing at its end.
 pub(crate) fn noted((found, is_cut): (Findings, bool)) -> Findings {
     if is_cut {
-        let Summary { file, lines, .. } = found.summary();
+        let VerdictSummary { file, lines, .. } = found.summary();
         let what = "the trace ends before all that was decided then; that is not judged";
         complain(format_args!("note: {file}:{lines}: {what}"));
     }

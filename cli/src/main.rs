@@ -152,11 +152,11 @@ fn dispatch(command: Command) -> Result<Exit, Fault> {
 fn usage(error: &clap::Error, args: &[OsString]) -> String {
     let text = error.render().to_string();
     let mut paragraphs = text.split("\n\n").map(one_line);
-    let what = paragraphs.next().unwrap_or_default();
-    let what = what.strip_prefix("error: ").unwrap_or(&what).to_owned();
+    let message = paragraphs.next().unwrap_or_default();
+    let message = message.strip_prefix("error: ").unwrap_or(&message).to_owned();
     let tip = || paragraphs.find_map(|paragraph| Some(paragraph.strip_prefix("tip: ")?.to_owned()));
     let remedy = undriven(error, args).or_else(tip);
-    format!("{what}; {}", remedy.as_deref().unwrap_or("see --help"))
+    format!("{message}; {}", remedy.as_deref().unwrap_or("see --help"))
 }
 
 /// The usage line when the command to drive does not follow `--`.
@@ -166,14 +166,14 @@ fn undriven(error: &clap::Error, args: &[OsString]) -> Option<String> {
         return None;
     }
     let words: Vec<Cow<'_, str>> = args.iter().skip(1).map(|arg| arg.to_string_lossy()).collect();
-    let place = match error.get(ContextKind::InvalidArg) {
+    let index = match error.get(ContextKind::InvalidArg) {
         Some(ContextValue::String(word)) if !word.starts_with('-') => {
             words.iter().position(|arg| arg == word)?
         }
         _ if error.kind() == ErrorKind::MissingRequiredArgument => words.len(),
         _ => return None,
     };
-    let (options, command) = words.split_at(place);
+    let (options, command) = words.split_at(index);
     let command = if command.is_empty() { &["COMMAND".into()] } else { command };
     let typed = [&["fuseline".into()], options, &["--".into()], command].concat();
     let quoted = shlex::try_join(typed.iter().map(|word| &**word)).ok()?;

@@ -14,7 +14,7 @@ use thiserror::Error;
 use crate::exit::INTERRUPTED;
 use crate::fault::Fault;
 use crate::input;
-use crate::sink::Sink;
+use crate::sink::OutputSink;
 
 /// The file that is being written, and not yet whole.
 static UNFINISHED: Mutex<Option<PathBuf>> = Mutex::new(None);
@@ -286,7 +286,7 @@ fn gathered(put: impl FnOnce(&mut BufWriter<File>) -> Result<(), Fault>) -> Resu
 fn to_stdout(put: impl FnOnce(&mut BufWriter<File>) -> Result<(), Fault>) -> Result<(), Fault> {
     let mut whole = gathered(put)?;
     // Who reads no more still wants the exit code.
-    let mut stdout = Sink::new(io::stdout().lock());
+    let mut stdout = OutputSink::new(io::stdout().lock());
     io::copy(&mut whole, &mut stdout).and_then(|_| stdout.flush()).map_err(Fault::Output)
 }
 

@@ -9,19 +9,20 @@ mod tests;
 use std::time::Duration;
 
 use fuseline_report::{
-    Arrival, Forwarded, Message, NEVER, Quantile, Response, quantiles, quantiles_among,
+    ArrivalTime, ForwardedOutput, MessageRecord, NEVER, Quantile, Response, quantiles,
+    quantiles_among,
 };
 
-pub(crate) use constant::Constant;
-pub(crate) use figure::Figure;
+pub(crate) use constant::ConstantPolicy;
+pub(crate) use figure::BoundedFigure;
 
 /// A way to choose one result for each message.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub(crate) enum Policy {
+pub(crate) enum ComparedPolicy {
     /// What the operator did.
     Fusion,
     /// What the operator would have done with one deadline for all requests.
-    Constant(Constant),
+    Constant(ConstantPolicy),
     /// Local's result, whenever it is there.
     LocalOnly,
     /// This source's result, however long that takes.
@@ -38,9 +39,9 @@ pub(crate) enum Policy {
 pub(crate) struct PolicyScore {
     /// Mean COCO AP, where an output that is missing or whose result came too late counts 0. None
     /// if some model has no figure.
-    pub(crate) ap: Option<Figure<f64>>,
+    pub(crate) ap: Option<BoundedFigure<f64>>,
     /// Outputs whose result was there before the deadline.
-    pub(crate) in_time: Figure<u64>,
+    pub(crate) in_time: BoundedFigure<u64>,
     /// Response times that half, 90 % and 99 % of the messages do not exceed. None without
     /// messages.
     pub(crate) quantiles: [Option<Quantile>; 3],
@@ -50,14 +51,14 @@ pub(crate) struct PolicyScore {
 }
 
 /// What a policy does with one message, as far as it is known.
-struct Choice {
+struct PolicyChoice {
     response: Response,
     /// Whose result may be there before the deadline; none for no result in time. More than one
     /// where it is not known.
     in_time: Vec<Option<usize>>,
 }
 
-impl Policy {
+impl ComparedPolicy {
     /// How much the policy needs of what all requests admitted need, by source; none for fusion,
     /// which cancels some before they are sent, whatever its deadlines.
     pub(crate) fn needs(&self, all: &[u64]) -> Option<u64> {
@@ -75,15 +76,15 @@ impl Policy {
     /// A result at its deadline is late (A1).
     pub(crate) fn score(
         &self,
-        messages: &[Message],
+        messages: &[MessageRecord],
         aps: &[Option<f64>],
         deadline: Duration,
     ) -> PolicyScore {
         let mut responses = Vec::with_capacity(messages.len());
         let (mut in_outages, mut perhaps_in_outages) = (Vec::new(), Vec::new());
-        let (mut sum, mut in_time) = (Some(Figure::exactly(0.0)), Figure::exactly(0));
+        let (mut sum, mut in_time) = (Some(BoundedFigure::exactly(0.0)), BoundedFigure::exactly(0));
         for message in messages {
-            let Choice { response, in_time: sources } = self.choose(message, deadline);
+            let PolicyChoice { response, in_time: sources } = self.choose(message, deadline);
             responses.push(response);
             match message.is_in_outage(deadline) {
                 Some(true) => in_outages.push(response),
@@ -91,10 +92,10 @@ impl Policy {
                 None => perhaps_in_outages.push(response),
             }
             let counts = sources.iter().map(|source| u64::from(source.is_some()));
-            in_time = in_time.add(Figure::spanning(counts));
+            in_time = in_time.add(BoundedFigure::spanning(counts));
             let aps: Option<Vec<f64>> =
                 sources.iter().map(|source| source.map_or(Some(0.0), |it| aps[it])).collect();
-            sum = sum.zip(aps).map(|(sum, aps)| sum.add(Figure::spanning(aps)));
+            sum = sum.zip(aps).map(|(sum, aps)| sum.add(BoundedFigure::spanning(aps)));
         }
         #[expect(clippy::cast_precision_loss, reason = "at most a million messages")]
         let count = messages.len() as f64;
@@ -103,7 +104,7 @@ impl Policy {
         PolicyScore { ap, in_time, quantiles: quantiles(&responses), outage }
     }
 
-    fn choose(&self, message: &Message, deadline: Duration) -> Choice {
+    fn choose(&self, message: &MessageRecord, deadline: Duration) -> PolicyChoice {
         let arrivals = &*message.arrivals;
         match *self {
             Self::LocalOnly => alone(arrivals, 0, deadline),
@@ -111,9 +112,9 @@ impl Policy {
             Self::FirstWins => first(arrivals, deadline),
             Self::Fusion => put_out(arrivals, message.forwarded, deadline),
             Self::Constant(ref constant) => {
-                if arrivals.iter().any(|arrival| matches!(arrival, Arrival::After(_))) {
+                if arrivals.iter().any(|arrival| matches!(arrival, ArrivalTime::After(_))) {
                     let (response, in_time) = constant.bounds(arrivals, deadline);
-                    Choice { response, in_time }
+                    PolicyChoice { response, in_time }
                 } else {
                     put_out(arrivals, constant.forwarded(arrivals), deadline)
                 }
@@ -123,43 +124,50 @@ impl Policy {
 }
 
 /// What is known to be put out.
-fn put_out(arrivals: &[Arrival], forwarded: Option<Forwarded>, deadline: Duration) -> Choice {
+fn put_out(
+    arrivals: &[ArrivalTime],
+    forwarded: Option<ForwardedOutput>,
+    deadline: Duration,
+) -> PolicyChoice {
     let response = Response::exactly(forwarded.map(|forwarded| forwarded.response));
-    let in_time = forwarded.and_then(|Forwarded { source, .. }| match arrivals[source] {
-        Arrival::At(at) => Some(source).filter(|_| at < deadline),
-        Arrival::After(_) | Arrival::Failed(_) | Arrival::Never => None,
+    let in_time = forwarded.and_then(|ForwardedOutput { source, .. }| match arrivals[source] {
+        ArrivalTime::At(at) => Some(source).filter(|_| at < deadline),
+        ArrivalTime::After(_) | ArrivalTime::Failed(_) | ArrivalTime::Never => None,
     });
-    Choice { response, in_time: vec![in_time] }
+    PolicyChoice { response, in_time: vec![in_time] }
 }
 
 /// One source's result, whenever it comes.
-fn alone(arrivals: &[Arrival], source: usize, deadline: Duration) -> Choice {
+fn alone(arrivals: &[ArrivalTime], source: usize, deadline: Duration) -> PolicyChoice {
     let in_time = match arrivals[source] {
-        Arrival::At(at) if at < deadline => vec![Some(source)],
-        Arrival::After(bound) if bound < deadline => vec![Some(source), None],
-        Arrival::At(_) | Arrival::After(_) | Arrival::Failed(_) | Arrival::Never => vec![None],
+        ArrivalTime::At(at) if at < deadline => vec![Some(source)],
+        ArrivalTime::After(bound) if bound < deadline => vec![Some(source), None],
+        ArrivalTime::At(_)
+        | ArrivalTime::After(_)
+        | ArrivalTime::Failed(_)
+        | ArrivalTime::Never => vec![None],
     };
-    Choice { response: arrivals[source].into(), in_time }
+    PolicyChoice { response: arrivals[source].into(), in_time }
 }
 
 /// The first result of all. What was ended before may have been first, but nothing comes later than
 /// the first that is known.
-fn first(arrivals: &[Arrival], deadline: Duration) -> Choice {
+fn first(arrivals: &[ArrivalTime], deadline: Duration) -> PolicyChoice {
     let known = arrivals.iter().enumerate().filter_map(|(source, arrival)| match *arrival {
-        Arrival::At(at) => Some((at, source)),
-        Arrival::After(_) | Arrival::Failed(_) | Arrival::Never => None,
+        ArrivalTime::At(at) => Some((at, source)),
+        ArrivalTime::After(_) | ArrivalTime::Failed(_) | ArrivalTime::Never => None,
     });
     let known = known.min();
     let most = known.map_or(NEVER, |(at, _)| at);
     let mut least = most;
     let mut in_time = vec![known.filter(|(at, _)| *at < deadline).map(|(_, source)| source)];
     for (source, arrival) in arrivals.iter().enumerate() {
-        if let Arrival::After(bound) = *arrival
+        if let ArrivalTime::After(bound) = *arrival
             && bound < most
         {
             least = least.min(bound);
             in_time.extend((bound < deadline).then_some(Some(source)));
         }
     }
-    Choice { response: Response { least, most }, in_time }
+    PolicyChoice { response: Response { least, most }, in_time }
 }

@@ -3,15 +3,15 @@
 use std::io::{BufReader, Write};
 use std::path::{Path, PathBuf};
 
-use fuseline_report::{Findings, Page, PageError};
+use fuseline_report::{Findings, PageError, PageWriter};
 use fuseline_traces::packed::unpack;
 
 use crate::exit::Exit;
 use crate::fault::Fault;
 use crate::input::open;
-use crate::judging::{End, JudgeOptions, next_event, noted, reader};
+use crate::judging::{JudgeOptions, TraceEnd, next_event, noted, reader};
 use crate::output::{Output, Overwrite};
-use crate::sink::Sink;
+use crate::sink::OutputSink;
 use crate::verdict;
 
 #[cfg(test)]
@@ -43,7 +43,7 @@ pub(crate) struct Args {
     #[command(flatten)]
     overwrite: Overwrite,
     #[command(flatten)]
-    how: JudgeOptions,
+    options: JudgeOptions,
 }
 
 impl From<PageError> for Fault {
@@ -56,16 +56,16 @@ impl From<PageError> for Fault {
 pub(crate) fn report(args: &Args) -> Result<Exit, Fault> {
     let inputs: Vec<&Path> = args.traces.iter().map(PathBuf::as_path).collect();
     let output = Output::or_numbered(args.output.as_deref(), PAGE, &inputs, args.overwrite)?;
-    let (mut page, mut exit) = (Page::default(), Exit::Conforms);
+    let (mut page, mut exit) = (PageWriter::default(), Exit::Conforms);
     let mut out: Box<dyn Write> = if output.is_stdout() {
-        Box::new(Sink::new(anstream::stderr()))
+        Box::new(OutputSink::new(anstream::stderr()))
     } else {
-        Box::new(Sink::new(anstream::stdout()))
+        Box::new(OutputSink::new(anstream::stdout()))
     };
     for path in &args.traces {
-        let found = read_file(&mut page, &args.how, path)?;
-        verdict::print_summary(&found.summary(), &mut out).map_err(Fault::Output)?;
-        exit = exit.max(args.how.exit(&found));
+        let findings = read_file(&mut page, &args.options, path)?;
+        verdict::print_summary(&findings.summary(), &mut out).map_err(Fault::Output)?;
+        exit = exit.max(args.options.exit(&findings));
     }
     write(&output, &page)?;
     if !output.is_stdout() {
@@ -76,36 +76,36 @@ pub(crate) fn report(args: &Args) -> Result<Exit, Fault> {
 
 /// Makes the page of one trace, judged strictly.
 pub(crate) fn of(trace: &Path, output: &Output) -> Result<(), Fault> {
-    let mut page = Page::default();
+    let mut page = PageWriter::default();
     read_file(&mut page, &JudgeOptions::strictly(), trace)?;
     write(output, &page)
 }
 
-fn write(output: &Output, page: &Page) -> Result<(), Fault> {
+fn write(output: &Output, page: &PageWriter) -> Result<(), Fault> {
     output.write(|mut out| page.write(&mut out).map_err(Fault::Output))
 }
 
 /// Reads and judges one trace, and puts it on the page.
-fn read_file(page: &mut Page, how: &JudgeOptions, path: &Path) -> Result<Findings, Fault> {
-    let (mode, end) = (how.mode()?, how.end());
+fn read_file(page: &mut PageWriter, options: &JudgeOptions, path: &Path) -> Result<Findings, Fault> {
+    let (mode, end) = (options.mode()?, options.end());
     let (name, file) = open(path)?;
     let trace = unpack(BufReader::new(file))
         .map_err(|source| Fault::Open { name: name.clone(), source })?;
     let mut reader = reader(mode, &name, trace)?;
     let mut canvas = page.begin(mode, &name, reader.header());
     canvas = canvas.with_header_annotations(reader.header_annotations());
-    for (p, tolerance) in how.tolerances(&name, reader.header())? {
+    for (p, tolerance) in options.tolerances(&name, reader.header())? {
         canvas = canvas.with_tolerance_of(p, tolerance);
     }
-    if let Some(period) = how.period() {
+    if let Some(period) = options.period() {
         canvas = canvas.with_period(period);
     }
     while let Some(event) = next_event(&mut reader, end)? {
         canvas.annotated_event(reader.line(), event, reader.annotations())?;
     }
     Ok(match end {
-        End::Whole => canvas.finish(),
-        End::Ended => canvas.finish_ended(),
-        End::Early => noted(canvas.finish_early()),
+        TraceEnd::Whole => canvas.finish(),
+        TraceEnd::Ended => canvas.finish_ended(),
+        TraceEnd::Early => noted(canvas.finish_early()),
     })
 }

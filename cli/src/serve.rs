@@ -120,12 +120,12 @@ pub(crate) fn serve(args: &Args) -> Result<Exit, Fault> {
         }
         None => Emulation::direct(args.model.clone(), args.seed),
     };
-    let what = format!("{} (emulated) behind {}", emulation.model, emulation.drive.name());
-    answering(args, answer(emulation, Arc::default()), &what)
+    let description = format!("{} (emulated) behind {}", emulation.model, emulation.drive.name());
+    answering(args, answer(emulation, Arc::default()), &description)
 }
 
-/// Answers by `infer`, which serves `what`.
-fn answering(args: &Args, infer: impl Infer, what: &str) -> Result<Exit, Fault> {
+/// Answers by `infer`, which serves `description`.
+fn answering(args: &Args, infer: impl Infer, description: &str) -> Result<Exit, Fault> {
     let server = grpc::Server {
         identity: files::identity(args.cert.as_deref(), args.key.as_deref())?,
         client_ca: args.client_ca.as_deref().map(files::certificates).transpose()?,
@@ -134,7 +134,7 @@ fn answering(args: &Args, infer: impl Infer, what: &str) -> Result<Exit, Fault> 
     };
     let interrupt = Interrupt::watch();
     let runtime = Runtime::new().map_err(Fault::Runtime)?;
-    let ended = runtime.block_on(listen(infer, server, args.listen, what, &interrupt));
+    let ended = runtime.block_on(listen(infer, server, args.listen, description, &interrupt));
     runtime.shutdown_background();
     ended.map(|()| Exit::Conforms)
 }
@@ -147,7 +147,7 @@ pub(crate) async fn listen(
     infer: impl Infer,
     server: grpc::Server,
     address: SocketAddr,
-    what: &str,
+    description: &str,
     interrupt: &Interrupt,
 ) -> Result<(), Fault> {
     let cannot = |source| CannotServe::Listen { address, source };
@@ -155,7 +155,7 @@ pub(crate) async fn listen(
     let address = listener.local_addr().map_err(cannot)?;
     let scheme = if server.identity.is_some() { "https" } else { "http" };
     let mut out = io::stdout();
-    writeln!(out, "{what} at {scheme}://{address}")
+    writeln!(out, "{description} at {scheme}://{address}")
         .and_then(|()| out.flush())
         .map_err(Fault::Output)?;
     tokio::select! {

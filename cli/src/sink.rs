@@ -3,36 +3,36 @@
 use std::io::{self, Write};
 
 /// Takes everything, even after its reader has gone.
-pub(crate) struct Sink<W> {
+pub(crate) struct OutputSink<W> {
     inner: W,
-    gone: bool,
+    is_closed: bool,
 }
 
-impl<W: Write> Sink<W> {
+impl<W: Write> OutputSink<W> {
     /// Writes to `inner` while somebody reads it.
     pub(crate) const fn new(inner: W) -> Self {
-        Self { inner, gone: false }
+        Self { inner, is_closed: false }
     }
 
-    fn attempt<T>(&mut self, wrote: io::Result<T>, otherwise: T) -> io::Result<T> {
-        match wrote {
+    fn attempt<T>(&mut self, written: io::Result<T>, otherwise: T) -> io::Result<T> {
+        match written {
             Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {
-                self.gone = true;
+                self.is_closed = true;
                 Ok(otherwise)
             }
-            wrote => wrote,
+            written => written,
         }
     }
 }
 
-impl<W: Write> Write for Sink<W> {
+impl<W: Write> Write for OutputSink<W> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let wrote = if self.gone { Ok(bytes.len()) } else { self.inner.write(bytes) };
-        self.attempt(wrote, bytes.len())
+        let written = if self.is_closed { Ok(bytes.len()) } else { self.inner.write(bytes) };
+        self.attempt(written, bytes.len())
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        let flushed = if self.gone { Ok(()) } else { self.inner.flush() };
+        let flushed = if self.is_closed { Ok(()) } else { self.inner.flush() };
         self.attempt(flushed, ())
     }
 }

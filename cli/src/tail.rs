@@ -25,7 +25,7 @@ pub(crate) struct Tail {
     /// What was read and not taken: whole lines first.
     held: Vec<u8>,
     /// How much of it was taken.
-    taken: usize,
+    consumed: usize,
     /// How much of it is whole lines.
     whole: usize,
     /// How far the file was read.
@@ -35,7 +35,7 @@ pub(crate) struct Tail {
 impl Tail {
     /// Reads from where the file stands.
     pub(crate) const fn new(file: File, interrupt: Interrupt) -> Self {
-        Self { file, interrupt, held: Vec::new(), taken: 0, whole: 0, read: 0 }
+        Self { file, interrupt, held: Vec::new(), consumed: 0, whole: 0, read: 0 }
     }
 
     /// Reads once more; says whether there was anything new.
@@ -44,14 +44,14 @@ impl Tail {
             let shrank = "the file shrank while it was followed; follow the new one";
             return Err(io::Error::new(io::ErrorKind::InvalidData, shrank));
         }
-        self.held.drain(..self.taken);
+        self.held.drain(..self.consumed);
         let before = self.held.len();
         self.held.resize(before + CHUNK, 0);
         let read = self.file.read(&mut self.held[before..]);
         self.held.truncate(before + *read.as_ref().unwrap_or(&0));
         let len = read?;
         self.read += len as u64;
-        self.taken = 0;
+        self.consumed = 0;
         self.whole = match self.held.iter().rposition(|byte| *byte == b'\n') {
             Some(end) => end + 1,
             None if self.held.len() > LINE => self.held.len(),
@@ -63,16 +63,16 @@ impl Tail {
 
 impl BufRead for Tail {
     fn fill_buf(&mut self) -> io::Result<&[u8]> {
-        while self.taken == self.whole && !self.interrupt.came() {
+        while self.consumed == self.whole && !self.interrupt.is_set() {
             if !self.grow()? {
                 thread::sleep(PAUSE);
             }
         }
-        Ok(&self.held[self.taken..self.whole])
+        Ok(&self.held[self.consumed..self.whole])
     }
 
     fn consume(&mut self, amount: usize) {
-        self.taken = (self.taken + amount).min(self.whole);
+        self.consumed = (self.consumed + amount).min(self.whole);
     }
 }
 

@@ -4,7 +4,7 @@ use std::io::{self, Write};
 use std::time::Duration;
 
 use anstyle::{AnsiColor, Style};
-use fuseline_report::{AnyViolation, Findings, Summary};
+use fuseline_report::{AnyViolation, Findings, VerdictSummary};
 use textwrap::Options;
 
 use crate::exit::Exit;
@@ -42,8 +42,8 @@ pub(crate) fn print_report(
     }
 }
 
-pub(crate) fn print_summary(summary: &Summary<'_>, out: &mut impl Write) -> io::Result<()> {
-    let Summary { file, conforms, judged, unfinished, lines, violations } = *summary;
+pub(crate) fn print_summary(summary: &VerdictSummary<'_>, out: &mut impl Write) -> io::Result<()> {
+    let VerdictSummary { file, conforms, judged, unfinished, lines, violations } = *summary;
     let word = match (conforms, violations) {
         (true, _) => format!("{GOOD}conforms{GOOD:#}"),
         (false, 0) => format!("{BAD}does not conform{BAD:#} (nothing to judge)"),

@@ -19,10 +19,10 @@ fn host_runs(folder: &Path, line: &str, variables: &[(&str, &str)]) -> Output {
     command.output().unwrap()
 }
 
-/// The line of a template that runs the script for `what`.
-fn line(template: &str, what: &str) -> String {
+/// The line of a template that runs the script for `kind`.
+fn line(template: &str, kind: &str) -> String {
     let text = fs::read_to_string(Path::new(CLI).join("ci").join(template)).unwrap();
-    let mut lines = text.lines().filter(|line| line.contains(&format!(" fuseline-{what} {what} ")));
+    let mut lines = text.lines().filter(|line| line.contains(&format!(" fuseline-{kind} {kind} ")));
     let line = lines.next().unwrap().trim().trim_start_matches("run: ").trim_start_matches("- ");
     assert_eq!(lines.next(), None);
     line.to_owned()
@@ -48,10 +48,10 @@ fn both_templates_judge_traces_and_leave_all_results() {
             let read =
                 |name| fs::read_to_string(dir.path().join("fuseline-check").join(name)).unwrap();
             let sarif: Value = serde_json::from_str(&read("fuseline.sarif")).unwrap();
-            let found = sarif["runs"][0]["results"].as_array().unwrap().len();
-            assert_eq!(found > 60, code == 1, "{found}");
-            assert_eq!(found > 0, read("fuseline.xml").contains("<failure"));
-            assert_eq!(found > 0, read("fuseline.xqar").contains("<Issue "));
+            let findings = sarif["runs"][0]["results"].as_array().unwrap().len();
+            assert_eq!(findings > 60, code == 1, "{findings}");
+            assert_eq!(findings > 0, read("fuseline.xml").contains("<failure"));
+            assert_eq!(findings > 0, read("fuseline.xqar").contains("<Issue "));
             assert!(read("fuseline.html").contains("<html"));
         }
     }

@@ -100,9 +100,9 @@ fn a_row_that_is_none_is_told_with_its_line_and_writes_nothing() {
         fs::write(&output, "as it was").unwrap();
         let refused = convert(&dir, &["--force", "-o", output.to_str().unwrap()]);
         assert_eq!(refused.status.code(), Some(2), "{row}");
-        let place = format!("events.csv:{line}: ");
+        let location = format!("events.csv:{line}: ");
         assert!(
-            err(&refused).contains(&place) && err(&refused).contains(printed),
+            err(&refused).contains(&location) && err(&refused).contains(printed),
             "{}",
             err(&refused)
         );

@@ -58,11 +58,11 @@ fn report(options: &[&str], command: &[&str]) -> Value {
 
 /// Whether a program is there; says so if not.
 fn has(program: &str) -> bool {
-    let found = Command::new(program).arg("--version").stdout(Stdio::null()).status().is_ok();
-    if !found {
+    let findings = Command::new(program).arg("--version").stdout(Stdio::null()).status().is_ok();
+    if !findings {
         println!("skipped: {program} is not installed");
     }
-    found
+    findings
 }
 
 /// Everything passes in two thousand runs and the corpus.
@@ -119,12 +119,12 @@ fn each_mistake_is_found_and_told_in_a_few_inputs() {
             report["fixed"].as_array().unwrap().iter().any(|case| case["result"] != "pass");
         assert!(failed, "{mistake}: the corpus passes");
         assert!(report["generated"]["failed"].is_string(), "{mistake}: a thousand runs pass");
-        let found = report["found"].as_array().unwrap();
-        assert_eq!(found.len(), 2, "{mistake}");
-        assert_eq!(found[0]["violation"]["rule"], rule, "{mistake}: {}", found[0]);
-        for found in found {
-            assert!(found["violation"]["rule"].is_string(), "{mistake}: {found}");
-            assert!(found["inputs"].as_u64().unwrap() <= 8, "{mistake}: {found}");
+        let findings = report["found"].as_array().unwrap();
+        assert_eq!(findings.len(), 2, "{mistake}");
+        assert_eq!(findings[0]["violation"]["rule"], rule, "{mistake}: {}", findings[0]);
+        for findings in findings {
+            assert!(findings["violation"]["rule"].is_string(), "{mistake}: {findings}");
+            assert!(findings["inputs"].as_u64().unwrap() <= 8, "{mistake}: {findings}");
         }
     }
 }
@@ -428,7 +428,7 @@ fn impl_answers_line_by_line_and_begins_afresh_with_a_header() {
 fn impl_says_line_and_column_of_what_it_cannot_read() {
     let header = "{\"fuseline\":1,\"window\":1,\"clouds\":[]}\n";
     let long = "x".repeat(70_000);
-    for (text, place) in [
+    for (text, location) in [
         ("{\"ev\":\"tick\",\"at\":1}\n", "stdin:1:1:"),
         ("{\"fuseline\":2}\n", "stdin:1:"),
         (&format!("{header}{{\"ev\":\"tick\"}}\n"), "stdin:2:"),
@@ -437,9 +437,9 @@ fn impl_says_line_and_column_of_what_it_cannot_read() {
         (&format!("{header}{long}\n"), "stdin:2:65538:"),
     ] {
         let answered = run(&["impl"], text);
-        assert_eq!(answered.status.code(), Some(2), "{place}");
+        assert_eq!(answered.status.code(), Some(2), "{location}");
         let printed = err(&answered);
-        assert!(printed.starts_with(&format!("error: {place}")), "{printed} for {place}");
+        assert!(printed.starts_with(&format!("error: {location}")), "{printed} for {location}");
         assert_eq!(printed.lines().count(), 1, "{printed}");
     }
 }

@@ -34,7 +34,7 @@ fn a_hang_conforms_until_it_is_known_that_the_run_has_ended() {
         assert!(printed.contains(part), "{part} is not in\n{printed}");
     }
     assert!(!printed.contains("late by"), "{printed}");
-    // A last tick tells the same, and how late it is by then.
+    // A last tick says the same, and how late it is by then.
     let (code, printed) = observed(&[], &format!("{HANG}{{\"ev\":\"tick\",\"at\":200000000}}\n"));
     assert_eq!((code, printed.contains("breaks P5\n")), (Some(1), true), "{printed}");
 }
@@ -104,10 +104,10 @@ fn files_for_other_tools_and_the_page_tell_both() {
     let dir = tempdir().unwrap();
     let hang: String = HANG.split_inclusive('\n').take(6).collect();
     fs::write(dir.path().join("t.jsonl"), hang).unwrap();
-    let how = [&OBSERVED[1..], &["--ended", "--period", "50ms", "t.jsonl"]].concat();
+    let options = [&OBSERVED[1..], &["--ended", "--period", "50ms", "t.jsonl"]].concat();
     let files = ["check", "--sarif", "t.sarif", "--junit", "t.xml", "--xqar", "t.xqar"];
     for command in [&files[..], &["report", "-o", "t.html"]] {
-        let args = [command, &how].concat();
+        let args = [command, &options].concat();
         let ran = fuseline(&args).current_dir(dir.path()).output().unwrap();
         assert_eq!(ran.status.code(), Some(1), "{}", err(&ran));
         assert!(out(&ran).contains("1 unfinished"), "{}", out(&ran));
@@ -129,7 +129,7 @@ fn files_for_other_tools_and_the_page_tell_both() {
 
 #[test]
 fn options_that_contradict_each_other_are_refused() {
-    for (args, what) in [
+    for (args, expected) in [
         (&["check", "--ended", "--truncated"][..], "--truncated"),
         (&["check", "--ended", "--follow", "t.jsonl"], "--follow"),
         (&["check", "--period", "10ms"], "--observed"),
@@ -138,6 +138,6 @@ fn options_that_contradict_each_other_are_refused() {
         let refused = run(args, HANG);
         assert_eq!(refused.status.code(), Some(2), "{args:?}");
         assert_eq!((err(&refused).lines().count(), out(&refused)), (1, ""), "{args:?}");
-        assert!(err(&refused).contains(what), "{args:?}: {}", err(&refused));
+        assert!(err(&refused).contains(expected), "{args:?}: {}", err(&refused));
     }
 }

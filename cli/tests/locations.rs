@@ -39,7 +39,7 @@ fn named(name: &str, x_m: f64) -> Location {
     Location { vehicle, time_s: 0.0, x_m, y_m: 0.0, vx_mps: 10.0, vy_mps: 0.0 }
 }
 
-/// D2: what a vehicle is told of another is what that one sent.
+/// D2: what a vehicle receives of another is what that one sent.
 #[tokio::test(flavor = "multi_thread")]
 async fn two_vehicles_know_each_other_and_their_traces_conform() {
     let dir = tempdir().unwrap();
@@ -53,13 +53,19 @@ async fn two_vehicles_know_each_other_and_their_traces_conform() {
     };
     let (ego, runner) = timeout(Duration::from_secs(60), both).await.unwrap().unwrap();
     for (known, other) in [(ego, "runner"), (runner, "ego")] {
-        let seen: Vec<&Location> = known.iter().flatten().collect();
-        assert!(!seen.is_empty() && seen.iter().all(|seen| seen.vehicle == other), "{known:?}");
+        let locations: Vec<&Location> = known.iter().flatten().collect();
+        assert!(
+            !locations.is_empty() && locations.iter().all(|locations| locations.vehicle == other),
+            "{known:?}"
+        );
         assert!(known.iter().all(|known| known.len() <= 1), "{known:?}");
         // The last report, and where the other was at its time.
-        assert!(seen.is_sorted_by(|one, next| one.time_s <= next.time_s), "{seen:?}");
+        assert!(locations.is_sorted_by(|one, next| one.time_s <= next.time_s), "{locations:?}");
         let x = if other == "ego" { 0.0 } else { 500.0 };
-        assert!(seen.iter().all(|it| (it.x_m - x - 10.0 * it.time_s).abs() < 1e-6), "{seen:?}");
+        assert!(
+            locations.iter().all(|it| (it.x_m - x - 10.0 * it.time_s).abs() < 1e-6),
+            "{locations:?}"
+        );
     }
     for trace in &traces {
         let checked = run(&["check", trace.to_str().unwrap()], "");

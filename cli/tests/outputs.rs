@@ -1,4 +1,4 @@
-//! Where commands write: never onto what they read, whole or not at all, told by the user's names.
+//! Where commands write: never onto what they read, whole or not at all, reported by the user's names.
 #![cfg(unix)]
 
 mod common;
@@ -80,8 +80,8 @@ fn standard_input_and_output_are_files_too() {
         .output()
         .unwrap();
     assert_eq!(onto_input.status.code(), Some(2));
-    let what = "error: link.jsonl: it is what is read as stdin; ";
-    assert!(err(&onto_input).starts_with(what), "{}", err(&onto_input));
+    let expected = "error: link.jsonl: it is what is read as stdin; ";
+    assert!(err(&onto_input).starts_with(expected), "{}", err(&onto_input));
     for command in [&["replay", "t.jsonl"][..], &["convert", "--header", "hard.jsonl", "t.mcap"]] {
         let appended = fuseline(command)
             .current_dir(dir.path())
@@ -104,8 +104,8 @@ fn a_trace_does_not_go_onto_what_the_run_reads() {
     let args = ["run", "--seconds", "1", "--drive", "west=my.csv", "--trace", "link"];
     let refused = in_directory(dir.path(), &args);
     assert_eq!(refused.status.code(), Some(2));
-    let what = "error: link: it is what is read as my.csv";
-    assert!(err(&refused).starts_with(what), "{}", err(&refused));
+    let expected = "error: link: it is what is read as my.csv";
+    assert!(err(&refused).starts_with(expected), "{}", err(&refused));
     assert_eq!(fs::read_to_string(dir.path().join("my.csv")).unwrap(), drive);
 }
 
@@ -153,7 +153,7 @@ fn a_link_as_output_is_followed_and_stays() {
 #[test]
 fn what_cannot_be_written_is_told_by_its_own_name_and_a_plain_cause() {
     let dir = directory();
-    for (output, what) in [
+    for (output, expected) in [
         ("none/x.json", "none/x.json: No such file or directory; "),
         ("folder", "folder: a directory; "),
         ("/dev/full", "/dev/full: No space left on device; make room"),
@@ -161,7 +161,7 @@ fn what_cannot_be_written_is_told_by_its_own_name_and_a_plain_cause() {
         for command in [&["export", "--mcap", "t.jsonl"][..], &["report", "t.jsonl"]] {
             let refused = in_directory(dir.path(), &[command, &["-o", output]].concat());
             assert_eq!(refused.status.code(), Some(2));
-            assert!(err(&refused).starts_with(&format!("error: {what}")), "{}", err(&refused));
+            assert!(err(&refused).starts_with(&format!("error: {expected}")), "{}", err(&refused));
         }
     }
     let header = TRACE.lines().next().unwrap();
@@ -205,8 +205,8 @@ fn what_standard_output_does_not_take_is_told() {
             .output()
             .unwrap();
         assert_eq!(full.status.code(), Some(2), "{command:?}");
-        let what = "error: standard output: No space left on device\n";
-        assert!(err(&full).ends_with(what), "{command:?}: {}", err(&full));
+        let expected = "error: standard output: No space left on device\n";
+        assert!(err(&full).ends_with(expected), "{command:?}: {}", err(&full));
     }
 }
 

@@ -1,4 +1,4 @@
-//! No file that exists is replaced without a word.
+//! No file that exists is replaced without a message.
 #![cfg(unix)]
 
 mod common;
@@ -57,17 +57,18 @@ fn a_file_that_is_named_and_exists_is_replaced_by_force_alone() {
         &["drive", "--cases", "1", "--junit", name, "--", env!("CARGO_BIN_EXE_fuseline"), "impl"],
         &plotted,
     ] {
-        let kept = if args == plotted { dir.path().join("plots/index.html") } else { file.clone() };
-        fs::write(&kept, "as it was").unwrap();
+        let existing =
+            if args == plotted { dir.path().join("plots/index.html") } else { file.clone() };
+        fs::write(&existing, "as it was").unwrap();
         let refused = run(dir.path(), args);
         assert_eq!(refused.status.code(), Some(2), "{args:?}: {}", out(&refused));
-        let what = if args == plotted { "plots: not empty; " } else { "there: it exists; " };
-        assert!(err(&refused).starts_with(&format!("error: {what}")), "{}", err(&refused));
+        let expected = if args == plotted { "plots: not empty; " } else { "there: it exists; " };
+        assert!(err(&refused).starts_with(&format!("error: {expected}")), "{}", err(&refused));
         assert!(err(&refused).contains("--force"), "{}", err(&refused));
-        assert_eq!(fs::read_to_string(&kept).unwrap(), "as it was", "{args:?}");
+        assert_eq!(fs::read_to_string(&existing).unwrap(), "as it was", "{args:?}");
         let forced = run(dir.path(), &[&args[..1], &["--force"], &args[1..]].concat());
         assert!(forced.status.code() < Some(2), "{args:?}: {}", err(&forced));
-        assert_ne!(fs::read_to_string(&kept).unwrap(), "as it was", "{args:?}");
+        assert_ne!(fs::read_to_string(&existing).unwrap(), "as it was", "{args:?}");
         let _ = fs::remove_file(dir.path().join("new.jsonl"));
     }
 }

@@ -56,11 +56,11 @@ impl Drop for Server {
 /// What the relay saw of one request.
 #[derive(Clone, Copy, Debug)]
 struct RelayedRequest {
-    /// Its place among the probe's requests.
+    /// Its index among the probe's requests.
     slot: u64,
     /// Requests that it held already.
     queued: usize,
-    came: Duration,
+    received_at: Duration,
     /// How long until it was answered.
     held: Duration,
 }
@@ -68,34 +68,39 @@ struct RelayedRequest {
 /// Hands requests on to `server`, each after `delay(when it came)`.
 struct Relay {
     url: String,
-    seen: Arc<Mutex<Vec<RelayedRequest>>>,
+    requests: Arc<Mutex<Vec<RelayedRequest>>>,
     _runtime: Runtime,
 }
 
 impl Relay {
     fn start(server: &Server, delay: fn(Duration, u64) -> Duration) -> Self {
         let runtime = Runtime::new().unwrap();
-        let seen = Arc::<Mutex<Vec<RelayedRequest>>>::default();
-        let saw = Arc::clone(&seen);
+        let requests = Arc::<Mutex<Vec<RelayedRequest>>>::default();
+        let log = Arc::clone(&requests);
         let url = runtime.block_on(async {
             let client = InferClient::new(grpc::Remote::new(&server.url).connect().unwrap());
             let (start, queued) = (Instant::now(), Arc::new(Mutex::new(0_usize)));
             let relay = move |request: Request| {
-                let (mut client, saw, queued) =
-                    (client.clone(), Arc::clone(&saw), Arc::clone(&queued));
+                let (mut client, log, queued) =
+                    (client.clone(), Arc::clone(&log), Arc::clone(&queued));
                 async move {
-                    let came = start.elapsed();
+                    let received_at = start.elapsed();
                     let before = {
                         let mut queued = queued.lock().unwrap();
                         *queued += 1;
                         *queued - 1
                     };
-                    sleep(delay(came, request.timestamp)).await;
+                    sleep(delay(received_at, request.timestamp)).await;
                     let slot = request.timestamp;
                     let reply = client.infer(tonic::Request::new(request)).await;
                     *queued.lock().unwrap() -= 1;
-                    let held = start.elapsed().saturating_sub(came);
-                    saw.lock().unwrap().push(RelayedRequest { slot, queued: before, came, held });
+                    let held = start.elapsed().saturating_sub(received_at);
+                    log.lock().unwrap().push(RelayedRequest {
+                        slot,
+                        queued: before,
+                        received_at,
+                        held,
+                    });
                     reply.map(tonic::Response::into_inner)
                 }
             };
@@ -105,14 +110,14 @@ impl Relay {
             tokio::spawn(grpc::serve(relay, everybody, listener, std::future::pending()));
             url
         });
-        Self { url, seen, _runtime: runtime }
+        Self { url, requests, _runtime: runtime }
     }
 
     /// All but the first, which does not count.
-    fn seen(&self) -> Vec<RelayedRequest> {
-        let mut seen = self.seen.lock().unwrap().clone();
-        seen.sort_by_key(|seen| seen.came);
-        seen.split_off(1)
+    fn requests(&self) -> Vec<RelayedRequest> {
+        let mut requests = self.requests.lock().unwrap().clone();
+        requests.sort_by_key(|request| request.received_at);
+        requests.split_off(1)
     }
 }
 
@@ -140,8 +145,8 @@ fn behind_a_relay_the_quantiles_are_those_that_it_measured_and_a_run_takes_the_r
     let probe = ["probe", &relay.url, "--seconds", "4", "--json"];
     let probed = fuseline(&probe).current_dir(dir.path()).output().unwrap();
     let summary = report(&probed);
-    let seen = relay.seen();
-    assert_eq!(summary["answered"], seen.len(), "{summary}");
+    let requests = relay.requests();
+    assert_eq!(summary["answered"], requests.len(), "{summary}");
     assert_eq!(summary["failed"], 0, "{summary}");
     assert_eq!(summary["paper_ms"]["p99"], 3027.0);
 
@@ -150,20 +155,20 @@ fn behind_a_relay_the_quantiles_are_those_that_it_measured_and_a_run_takes_the_r
     assert!(rows.is_sorted_by(|one, next| ms(&one[0]) < ms(&next[0])));
     // What the relay held an answer for is in its round trip, and in the best of all little else.
     // Two that were sent at once may come in either order, so each is found by its slot.
-    let mut sent = seen.clone();
-    sent.sort_by_key(|seen| seen.slot);
-    let beyond = rows.iter().zip(&sent).map(|(row, seen)| ms(&row[1]) - millis(seen.held));
+    let mut sent = requests.clone();
+    sent.sort_by_key(|request| request.slot);
+    let beyond = rows.iter().zip(&sent).map(|(row, request)| ms(&row[1]) - millis(request.held));
     let least = beyond.fold(f64::INFINITY, f64::min);
     assert!((-0.1..20.0).contains(&least), "{least}");
     let mut trips: Vec<f64> = rows.iter().map(|row| ms(&row[1])).collect();
     trips.sort_unstable_by(f64::total_cmp);
-    let mut held: Vec<f64> = seen.iter().map(|seen| millis(seen.held)).collect();
+    let mut held: Vec<f64> = requests.iter().map(|request| millis(request.held)).collect();
     held.sort_unstable_by(f64::total_cmp);
     for (quantile, percent) in [("p50", 50), ("p90", 90), ("p99", 99)] {
         let printed = summary["answers_ms"][quantile].as_f64().unwrap();
-        let place = (held.len() * percent).div_ceil(100) - 1;
-        assert!((printed - trips[place]).abs() < 0.01, "{quantile}: {printed} of {}", trips[place]);
-        assert!(printed >= held[place] - 0.1, "{quantile}: {printed} of {}", held[place]);
+        let index = (held.len() * percent).div_ceil(100) - 1;
+        assert!((printed - trips[index]).abs() < 0.01, "{quantile}: {printed} of {}", trips[index]);
+        assert!(printed >= held[index] - 0.1, "{quantile}: {printed} of {}", held[index]);
     }
     let ran =
         run_in(dir.path(), &["--seconds", "1", "--json", "--drive", "west=fuseline-probe.csv"]);
@@ -177,26 +182,26 @@ fn a_stall_of_3_s_leaves_31_unanswered_and_nothing_is_sent_until_all_are_answere
     let dir = tempdir().unwrap();
     let server = Server::start(dir.path(), &[]);
     // What comes from 1 s to 4 s is held until then.
-    let relay = Relay::start(&server, |came, _| match came.as_secs() {
-        1..=3 => Duration::from_secs(4).saturating_sub(came),
+    let relay = Relay::start(&server, |received_at, _| match received_at.as_secs() {
+        1..=3 => Duration::from_secs(4).saturating_sub(received_at),
         _ => Duration::ZERO,
     });
     let probe = ["probe", &relay.url, "--seconds", "6", "-o", "plots"];
     let probed = fuseline(&probe).current_dir(dir.path()).output().unwrap();
     assert_eq!(probed.status.code(), Some(0), "{}", err(&probed));
     assert!(out(&probed).contains("\n1 pause, "), "{}", out(&probed));
-    let seen = relay.seen();
-    assert_eq!(seen.iter().map(|seen| seen.queued + 1).max(), Some(31));
-    let last = seen.iter().position(|seen| seen.queued == 30).unwrap();
-    let stalled = &seen[last - 30..=last];
-    let next = seen[last + 1];
+    let requests = relay.requests();
+    assert_eq!(requests.iter().map(|request| request.queued + 1).max(), Some(31));
+    let last = requests.iter().position(|request| request.queued == 30).unwrap();
+    let stalled = &requests[last - 30..=last];
+    let next = requests[last + 1];
     assert_eq!(next.queued, 0);
-    assert!(stalled.iter().all(|one| one.came + one.held <= next.came));
+    assert!(stalled.iter().all(|one| one.received_at + one.held <= next.received_at));
     let rows = rows(&dir.path().join("fuseline-probe.csv"));
     let pauses: Vec<&Vec<String>> = rows.iter().filter(|row| row[1] == "-1").collect();
     let [pause] = pauses[..] else { panic!("{pauses:?}") };
     assert_eq!(pause[5], "31");
-    assert_eq!(rows.len(), seen.len() + 1);
+    assert_eq!(rows.len(), requests.len() + 1);
 
     assert!(out(&probed).contains("\nThere are no positions, so there is no route.\n"));
     let printed = "\nplots: index.html, and as SVG and PNG: round-trips, distribution\n";
@@ -204,7 +209,7 @@ fn a_stall_of_3_s_leaves_31_unanswered_and_nothing_is_sent_until_all_are_answere
     let plots = dir.path().join("plots");
     let svg = plotted(&plots, &["round-trips", "distribution"]);
     assert!(!plots.join("route.svg").exists());
-    let answers = format!("{} answers, 0 failed or unanswered, 1 pause; p50 ", seen.len());
+    let answers = format!("{} answers, 0 failed or unanswered, 1 pause; p50 ", requests.len());
     assert!(svg.iter().all(|svg| svg.contains(&answers)), "{answers}");
     // The key's and the pause's own, which is about half of the 6 s.
     let bands = bands(&svg[0]);
@@ -261,7 +266,7 @@ fn a_recording_is_plotted_again_with_its_route_and_a_wrong_one_is_told() {
     assert_eq!(svg[2].matches("<circle ").count(), 41);
 
     fs::remove_dir_all(&plots).unwrap();
-    for (wrong, what) in [
+    for (wrong, expected) in [
         ("sent_ms,rtt_ms\n0,1\n0,1\n", "wrong.csv:3: sent_ms is 0; it must be milliseconds, "),
         ("sent_ms,rtt_ms\n0,-2\n", "wrong.csv:2: rtt_ms is -2; it must be milliseconds from 0 "),
         ("sent_ms,rtt_ms\n0,NaN\n", "wrong.csv:2: rtt_ms is NaN; "),
@@ -273,7 +278,10 @@ fn a_recording_is_plotted_again_with_its_route_and_a_wrong_one_is_told() {
         let refused = plot("wrong.csv");
         let printed = err(&refused);
         assert_eq!(refused.status.code(), Some(2), "{printed}");
-        assert!(printed.starts_with("error: ") && printed.contains(what), "{what}: {printed}");
+        assert!(
+            printed.starts_with("error: ") && printed.contains(expected),
+            "{expected}: {printed}"
+        );
         assert_eq!(
             (printed.lines().count(), fs::read_dir(&plots).unwrap().count()),
             (1, 0),
@@ -311,8 +319,8 @@ fn positions_of_gpsd_and_of_a_file_are_joined_by_the_time_of_day() {
     let gpsd = listener.local_addr().unwrap().to_string();
     let reporter = thread::spawn(move || {
         let (mut stream, _) = listener.accept().unwrap();
-        let mut asked = String::new();
-        BufReader::new(stream.try_clone().unwrap()).read_line(&mut asked).unwrap();
+        let mut line = String::new();
+        BufReader::new(stream.try_clone().unwrap()).read_line(&mut line).unwrap();
         for _ in 0..30 {
             let now = humantime::format_rfc3339_millis(SystemTime::now());
             let tpv = r#"{"class":"TPV","mode":3,"lat":42.28,"lon":-83.74,"speed":13.5,"time""#;
@@ -321,7 +329,7 @@ fn positions_of_gpsd_and_of_a_file_are_joined_by_the_time_of_day() {
             }
             thread::sleep(Duration::from_millis(100));
         }
-        asked
+        line
     });
     let probed = fuseline(&["probe", &server.url, "--seconds", "1", "--gpsd", &gpsd])
         .current_dir(dir.path())
@@ -426,7 +434,7 @@ fn over_tls_only_the_right_certificates_and_token_are_answered() {
     };
     let plain = server.url.replace("https", "http");
     let (client, token) = ("--cert client.pem --key client.key", "--token-file token");
-    for (url, keys, what) in [
+    for (url, keys, expected) in [
         (
             &server.url,
             format!("--ca other.pem {client} {token}"),
@@ -445,7 +453,7 @@ fn over_tls_only_the_right_certificates_and_token_are_answered() {
         let printed = err(&refused);
         assert_eq!((refused.status.code(), out(&refused)), (Some(2), ""), "{keys}: {printed}");
         assert!(
-            printed.starts_with(&format!("error: {url}: ")) && printed.contains(what),
+            printed.starts_with(&format!("error: {url}: ")) && printed.contains(expected),
             "{keys}: {printed}"
         );
         assert_eq!(printed.lines().count(), 1, "{printed}");
@@ -483,7 +491,7 @@ fn bad_options_are_one_line_and_exit_2_and_write_nothing() {
     fs::write(dir.path().join("drive.nmea"), "").unwrap();
     let server = Server::start(dir.path(), &[]);
     let csv = ["--csv", "drive.nmea", "--nmea", "drive.nmea"];
-    for (args, what) in [
+    for (args, expected) in [
         (&[][..], "<URL>"),
         (&["http://127.0.0.1:9"], "http://127.0.0.1:9: connection refused; start"),
         (&["ftp://h"], "ftp://h: the cloud's URL must be http"),
@@ -501,7 +509,10 @@ fn bad_options_are_one_line_and_exit_2_and_write_nothing() {
         let refused = fuseline(&all).current_dir(dir.path()).output().unwrap();
         assert_eq!(refused.status.code(), Some(2), "{args:?}: {}", out(&refused));
         let printed = err(&refused);
-        assert!(printed.starts_with("error: ") && printed.contains(what), "{args:?}: {printed}");
+        assert!(
+            printed.starts_with("error: ") && printed.contains(expected),
+            "{args:?}: {printed}"
+        );
         assert_eq!((printed.lines().count(), out(&refused)), (1, ""), "{args:?}: {printed}");
         assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1, "{args:?}");
     }

@@ -64,7 +64,7 @@ fn a_page_holds_its_trace_in_columns() {
             assert_eq!(event["t"], timestamps[usize::try_from(t[i]).unwrap()], "{event}");
         }
         let source = printed["p"][i].as_u64().unwrap().checked_sub(1);
-        let source = source.map(|place| &printed["sources"][usize::try_from(place).unwrap()]["p"]);
+        let source = source.map(|index| &printed["sources"][usize::try_from(index).unwrap()]["p"]);
         assert_eq!(event.get("p"), source, "{event}");
     }
     let letters: String =
@@ -120,9 +120,9 @@ fn a_failure_that_comes_after_its_timer_is_told_as_late() {
         .map(|word| word[0].as_str().unwrap())
         .collect();
     // The timer, local's emit and the cancel stand between the failure and its drop.
-    let counts = |place: usize| -> Vec<(&str, u64)> {
-        let row = &printed["traces"][0]["account"]["rows"][place];
-        assert_eq!(row["place"], place);
+    let counts = |index: usize| -> Vec<(&str, u64)> {
+        let row = &printed["traces"][0]["account"]["rows"][index];
+        assert_eq!(row["place"], index);
         let counts = row["counts"].as_array().unwrap().iter().map(|count| count.as_u64().unwrap());
         words.iter().copied().zip(counts).filter(|(_, count)| *count > 0).collect()
     };
@@ -172,8 +172,8 @@ fn words_of(printed: &Value, letter: char, reasons: &Value) -> Vec<String> {
         };
         let more: Vec<&Value> = x.by_ref().take(more).collect();
         if ev == letter {
-            let place = usize::try_from(more[0].as_u64().unwrap()).unwrap();
-            words.push(reasons[place]["word"].as_str().unwrap().to_owned());
+            let index = usize::try_from(more[0].as_u64().unwrap()).unwrap();
+            words.push(reasons[index]["word"].as_str().unwrap().to_owned());
         }
     }
     words

@@ -165,7 +165,7 @@ fn all_policies_have_the_same_limits() {
             let count =
                 |request_outcome: &str| cloud["requests"][request_outcome].as_u64().unwrap();
             let admitted = sum(cloud["requests"].as_object().unwrap().values()) - count("refused");
-            // No cloud answered what it was never asked.
+            // No cloud answered what was never requested of it.
             assert!(in_time(alone) <= admitted, "{report}");
             // What was answered was sent whole; what was aborted, in part.
             let sent = alone["sent_bytes"].as_u64().unwrap();
@@ -319,7 +319,7 @@ fn bad_options_are_one_line_and_exit_2_and_write_nothing() {
     let dir = tempdir().unwrap();
     fs::write(dir.path().join("bad.csv"), "sent_ms,rtt_ms\n0,1\n50,x\n").unwrap();
     let remote = "name=a,priority=1,url=";
-    for (args, what) in [
+    for (args, expected) in [
         (&["--seconds", "0"][..], "'--seconds <S>': it must be seconds"),
         (&["--rate", "1001"], "'--rate <HZ>': it must be from 0.1 to 1000"),
         (&["--seconds", "86400", "--rate", "1000"], "86400000 frames are too many"),
@@ -347,7 +347,10 @@ fn bad_options_are_one_line_and_exit_2_and_write_nothing() {
         let refused = run_in(dir.path(), args);
         assert_eq!(refused.status.code(), Some(2), "{args:?}: {}", out(&refused));
         let printed = err(&refused);
-        assert!(printed.starts_with("error: ") && printed.contains(what), "{args:?}: {printed}");
+        assert!(
+            printed.starts_with("error: ") && printed.contains(expected),
+            "{args:?}: {printed}"
+        );
         assert_eq!((printed.lines().count(), out(&refused)), (1, ""), "{args:?}: {printed}");
         assert_eq!(names(dir.path()), ["bad.csv"], "{args:?}");
     }

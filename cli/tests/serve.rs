@@ -166,7 +166,7 @@ fn of_a_server_that_does_not_say_what_it_serves_the_tables_say_so() {
 fn no_more_calls_to_a_cloud_are_under_way_at_once_than_was_said() {
     let dir = tempdir().unwrap();
     let (now, most) = (Arc::new(AtomicUsize::new(0)), Arc::new(AtomicUsize::new(0)));
-    let seen = Arc::clone(&most);
+    let greatest = Arc::clone(&most);
     let slow = move |request: grpc::Request| {
         let now = Arc::clone(&now);
         most.fetch_max(now.fetch_add(1, Ordering::Relaxed) + 1, Ordering::Relaxed);
@@ -184,7 +184,7 @@ fn no_more_calls_to_a_cloud_are_under_way_at_once_than_was_said() {
     let many = ["--rate", "40", "--calls", "2", "--seconds", "0.5", "--json", "--policy"];
     let patient = ["constant", "--deadline", "20000", "--cloud", &cloud];
     adds_up(&report(&run_in(dir.path(), &[&many[..], &patient].concat())));
-    assert_eq!(seen.load(Ordering::Relaxed), 2);
+    assert_eq!(greatest.load(Ordering::Relaxed), 2);
 }
 
 /// D11, D15.
@@ -268,7 +268,7 @@ fn a_token_of_the_environment_is_asked_for() {
     let locked = Server::start_with(dir.path(), &[], "open-sesame".as_ref());
     assert_eq!(requests(dir.path(), &locked.cloud("http", ",token=token"))["forwarded"], 5);
     assert_eq!(requests(dir.path(), &locked.cloud("http", ""))["failed"], 5);
-    // Nothing is asked for where nothing is set.
+    // Nothing is required where nothing is set.
     let open = Server::start_with(dir.path(), &[], "".as_ref());
     assert_eq!(requests(dir.path(), &open.cloud("http", ""))["forwarded"], 5);
     for unreadable in [&b"open-ses\xffme"[..], b"open sesame", "sésame".as_bytes(), b"\n"] {
@@ -283,7 +283,7 @@ fn a_token_of_the_environment_is_asked_for() {
 fn a_file_without_what_a_cloud_is_told_with_is_refused_at_the_start() {
     let dir = certificates();
     fs::write(dir.path().join("empty"), "\n").unwrap();
-    for (files, what) in [
+    for (files, expected) in [
         ("ca=empty", "error: empty: no certificate in it"),
         ("ca=client.key", "error: client.key: no certificate in it; give one as PEM (this is"),
         ("ca=ca.pem,cert=client.key,key=client.pem", "error: client.key: no certificate"),
@@ -292,7 +292,7 @@ fn a_file_without_what_a_cloud_is_told_with_is_refused_at_the_start() {
         let cloud = format!("name=a,priority=1,url=https://localhost:1,{files}");
         let refused = run_in(dir.path(), &["--cloud", &cloud]);
         assert_eq!(refused.status.code(), Some(2), "{files}");
-        assert!(err(&refused).starts_with(what), "{}", err(&refused));
+        assert!(err(&refused).starts_with(expected), "{}", err(&refused));
         assert_eq!((err(&refused).lines().count(), out(&refused)), (1, ""));
     }
 }
@@ -310,10 +310,10 @@ fn ctrl_c_ends_a_server() {
 fn bad_options_are_one_line_and_exit_2() {
     let dir = certificates();
     let server = Server::start(dir.path(), &[]);
-    let taken = format!("127.0.0.1:{}", server.port);
+    let address = format!("127.0.0.1:{}", server.port);
     fs::write(dir.path().join("empty"), "\n").unwrap();
-    for (args, what) in [
-        (&["--listen", &taken][..], "choose an address of this machine and a free port"),
+    for (args, expected) in [
+        (&["--listen", &address][..], "choose an address of this machine and a free port"),
         (&["--listen", "50051"], "invalid socket address"),
         (&["--model", "yolo"], "no model \"yolo\""),
         (&["--drive", "none.csv"], "no readable file"),
@@ -339,7 +339,7 @@ fn bad_options_are_one_line_and_exit_2() {
         let listen = if args[0] == "--listen" { &[][..] } else { &["--listen", "127.0.0.1:0"] };
         let refused = refused(dir.path(), &[listen, args].concat(), "".as_ref());
         assert_eq!(refused.status.code(), Some(2), "{args:?}: {}", err(&refused));
-        assert!(err(&refused).contains(what), "{args:?}: {}", err(&refused));
+        assert!(err(&refused).contains(expected), "{args:?}: {}", err(&refused));
         assert_eq!(err(&refused).lines().count(), 1, "{args:?}: {}", err(&refused));
     }
 }
@@ -357,8 +357,9 @@ fn clouds_that_answer_nothing_fail_a_run_that_requires_them() {
     assert_eq!(report(&ran)["sources"][1]["forwarded"], 0);
     let required = run_in(dir.path(), &[&short[..], &["--require-clouds"]].concat());
     assert_eq!(required.status.code(), Some(1), "{}", err(&required));
-    let what = "error: cloud \"east\": it answered no request in time, as --require-clouds wants";
-    assert!(err(&required).contains(what), "{}", err(&required));
+    let expected =
+        "error: cloud \"east\": it answered no request in time, as --require-clouds wants";
+    assert!(err(&required).contains(expected), "{}", err(&required));
     let open = Server::start(dir.path(), &[]);
     let cloud = open.cloud("http", "");
     let args = ["--seconds", "1", "--require-clouds", "--json", "--cloud", &cloud];

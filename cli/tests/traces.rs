@@ -213,7 +213,7 @@ fn what_cannot_be_read_outweighs_what_does_not_conform() {
 
 #[test]
 fn check_says_line_and_column_of_what_it_cannot_read() {
-    for (text, place) in [
+    for (text, location) in [
         ("", "stdin:1:1:"),
         ("{\"ev\":\"tick\",\"at\":1}\n", "stdin:1:1:"),
         (&TRACE.replace("\"at\":1,", "\"at\":null,"), "stdin:5:20:"),
@@ -222,7 +222,7 @@ fn check_says_line_and_column_of_what_it_cannot_read() {
         let checked = run(&["check"], text);
         assert_eq!(checked.status.code(), Some(2), "{text}");
         let printed = err(&checked);
-        assert!(printed.starts_with(&format!("error: {place}")), "{printed} for {text}");
+        assert!(printed.starts_with(&format!("error: {location}")), "{printed} for {text}");
         assert_eq!(printed.lines().count(), 1);
     }
 }
@@ -265,7 +265,7 @@ fn check_observed_judges_within_the_tolerance_and_tells_how_late_it_was() {
     assert_eq!(run(&["check"], OBSERVED).status.code(), Some(2));
 }
 
-/// D11: the exit code tells what the verdict does.
+/// D11: the exit code agrees with the verdict.
 #[test]
 fn check_observed_needs_its_tolerances_and_something_to_judge() {
     for args in [
@@ -353,7 +353,7 @@ fn the_exit_code_tells_the_verdict_that_nobody_reads() {
             drop(reader);
             let args = [command, &[text(path)]].concat();
             let ended = fuseline(&args).stdout(writer).stderr(Stdio::piped()).output().unwrap();
-            // Beside a page on standard output, that is where the verdict is told.
+            // Beside a page on standard output, that is where the verdict is printed.
             let has_failed = err(&ended).contains("error");
             let printed = (ended.status.code(), has_failed);
             assert_eq!(printed, (Some(code), false), "{args:?}: {}", err(&ended));
@@ -563,13 +563,13 @@ fn code_hosts_get_each_violation_with_its_rule_and_place() {
     let run = &log["runs"][0];
     let first = &run["results"][0];
     assert_eq!((&first["ruleId"], &first["level"]), (&"F3".into(), &"error".into()));
-    let place = first["ruleIndex"].as_u64().and_then(|it| usize::try_from(it).ok()).unwrap();
-    let rule = &run["tool"]["driver"]["rules"][place];
+    let location = first["ruleIndex"].as_u64().and_then(|it| usize::try_from(it).ok()).unwrap();
+    let rule = &run["tool"]["driver"]["rules"][location];
     assert_eq!(rule["id"], "F3");
     assert!(rule["shortDescription"]["text"].as_str().unwrap().starts_with("A result"), "{rule}");
-    let place = &first["locations"][0]["physicalLocation"];
-    assert_eq!(place["region"]["startLine"], 8);
-    let uri = place["artifactLocation"]["uri"].as_str().unwrap();
+    let location = &first["locations"][0]["physicalLocation"];
+    assert_eq!(location["region"]["startLine"], 8);
+    let uri = location["artifactLocation"]["uri"].as_str().unwrap();
     assert!(uri.ends_with("/bad%20%3C%26%20%C3%BC%3E.jsonl"), "{uri}");
     let message = first["message"]["text"].as_str().unwrap();
     assert!(
@@ -634,8 +634,9 @@ fn a_trace_without_anything_to_judge_fails_where_that_is_required() {
         assert_eq!(of(&["--require-judged", full]).status.code(), Some(0), "{command:?}");
         let required = of(&["--require-judged", full, empty]);
         assert_eq!(required.status.code(), Some(1), "{command:?}");
-        let what = format!("error: {empty}: no timestamp was judged, as --require-judged wants\n");
-        assert_eq!(err(&required), what);
+        let expected =
+            format!("error: {empty}: no timestamp was judged, as --require-judged wants\n");
+        assert_eq!(err(&required), expected);
         if command.contains(&"--junit") {
             assert_eq!(fs::read_to_string(&junit).unwrap().matches("<failure").count(), 1);
         }

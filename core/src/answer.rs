@@ -68,9 +68,9 @@ pub enum OfferRefusal {
     Unknown,
     /// The timestamp is not open.
     Closed,
-    /// The cloud was asked for this timestamp before.
+    /// The cloud was requested for this timestamp before.
     Duplicate,
-    /// A result in hand outranks whatever this cloud would return.
+    /// An available result outranks whatever this cloud would return.
     Outranked,
     /// The due instant is not after now.
     Deadline,
@@ -85,7 +85,7 @@ pub enum OfferRefusal {
 pub enum Outcome<const CLOUDS: usize> {
     /// The input was dropped and changed nothing. Timers are never dropped.
     Dropped(DropReason),
-    /// Keep the result: it is in hand, but something pending outranks it. Only a result is held.
+    /// Keep the result: it is available, but something pending outranks it. Only a result is held.
     Held,
     /// Accepted; the timestamp stays open. Never the answer to a result.
     Waiting,
@@ -113,9 +113,9 @@ pub enum DropReason {
     Unknown,
     /// The timestamp is not open: forwarded, missed, or skipped.
     Superseded,
-    /// The source was not asked for this timestamp.
+    /// The source was not requested for this timestamp.
     Unsolicited,
-    /// The source's result is already in hand.
+    /// The source's result was accepted before and is held.
     Duplicate,
     /// The request was closed by its timer or by a failure.
     Late,

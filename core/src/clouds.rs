@@ -33,7 +33,7 @@ impl Cloud {
 pub enum ConfigError {
     /// The window is 0 or above the machine's capacity.
     Window {
-        /// The window asked for.
+        /// The window that was given.
         window: usize,
         /// The machine's capacity, its type parameter.
         capacity: usize,
@@ -103,7 +103,7 @@ pub struct Clouds<const CLOUDS: usize> {
     pub(crate) len: usize,
 }
 
-/// Fills entries that hold no cloud; never asked.
+/// Fills entries that hold no cloud; never used.
 const NO_GATE: Gate = match Gate::new(1, 0) {
     Some(gate) => gate,
     None => unreachable!(),
@@ -127,7 +127,7 @@ impl<const CLOUDS: usize> Clouds<CLOUDS> {
         Ok(registered)
     }
 
-    /// Keeps the order of priorities: the new cloud sinks below those that outrank it.
+    /// Keeps the order of priorities: the new cloud is stored before the first that outranks it, which move up by one.
     fn insert(&mut self, cloud: Cloud) -> Result<(), ConfigError> {
         if cloud.priority == Priority::LOCAL {
             return Err(ConfigError::LocalPriority);
@@ -139,16 +139,16 @@ impl<const CLOUDS: usize> Clouds<CLOUDS> {
         let Some(gate) = Gate::new(cloud.limit, cloud.resume) else {
             return Err(ConfigError::Gate(cloud.priority));
         };
-        let mut sinking = (cloud.priority, gate);
+        let mut next = (cloud.priority, gate);
         for (i, (priority, gate)) in self.priorities.iter_mut().zip(&mut self.gates).enumerate() {
-            let place = (priority, gate);
+            let stored = (priority, gate);
             if i == self.len {
-                (*place.0, *place.1) = sinking;
+                (*stored.0, *stored.1) = next;
                 break;
             }
-            if *place.0 > sinking.0 {
-                core::mem::swap(place.0, &mut sinking.0);
-                core::mem::swap(place.1, &mut sinking.1);
+            if *stored.0 > next.0 {
+                core::mem::swap(stored.0, &mut next.0);
+                core::mem::swap(stored.1, &mut next.1);
             }
         }
         self.len = self.len.saturating_add(1);
@@ -212,7 +212,7 @@ impl<const CLOUDS: usize> Clouds<CLOUDS> {
         self.gates.get(..self.len)?.get(usize::from(source.index()).checked_sub(1)?)
     }
 
-    /// A cloud's gate, to ask it; none for local.
+    /// A cloud's gate, to be moved by an offer; none for local.
     pub fn gate_mut(&mut self, source: Source) -> Option<&mut Gate> {
         self.gates.get_mut(..self.len)?.get_mut(usize::from(source.index()).checked_sub(1)?)
     }

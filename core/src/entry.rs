@@ -1,4 +1,4 @@
-//! What is kept of one open timestamp: its sets and the due instants of its timers.
+//! The state of one open timestamp: its sets and the due instants of its timers.
 
 use crate::answer::OpenRefusal;
 use crate::slot::Slot;
@@ -62,8 +62,8 @@ impl<const CLOUDS: usize> Entry<CLOUDS> {
         match usize::from(source.index()).checked_sub(1) {
             None => self.local_due = due,
             Some(cloud) => {
-                if let Some(place) = self.dues.get_mut(cloud) {
-                    *place = due;
+                if let Some(own) = self.dues.get_mut(cloud) {
+                    *own = due;
                 }
             }
         }

@@ -8,7 +8,7 @@ use crate::priority::Priority;
 use crate::slot::{Cause, Commit, Slot};
 use crate::source::{Source, Sources};
 use crate::time::{Deadline, Instant, Timestamp};
-use crate::window::{Place, Window};
+use crate::window::{OpenIndex, Window};
 
 /// One operator's machine, for up to `CLOUDS` (0 to 15) clouds and `WINDOW` (1 to 1024) open timestamps.
 ///
@@ -141,7 +141,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
     /// the gate.
     ///
     /// Timers that are due by an instant later than [`now`](Self::now) have not fired yet. For callers whose preparation
-    /// of a request is costly, or counts: a policy is asked about what will be admitted alone (T6).
+    /// of a request is costly, or counts: a policy decides about what will be admitted alone (T6).
     #[must_use]
     pub fn offer_refusal(
         &self,
@@ -155,10 +155,10 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
         let Some((source, mut gate)) = gated else {
             return Some(OfferRefusal::Unknown);
         };
-        let Some(place) = self.open.find(timestamp) else {
+        let Some(index) = self.open.find(timestamp) else {
             return Some(OfferRefusal::Closed);
         };
-        let slot = self.open.entry(place).slot;
+        let slot = self.open.entry(index).slot;
         match slot.admit(source, &mut gate, self.now, deadline, backlog).1 {
             Admission::Refused(why) => Some(why),
             Admission::Admitted { .. } => None,
@@ -211,28 +211,28 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
         self.now = self.now.max(now);
         // F5 due: the due instant itself is past (A1).
         let due = self.open.next_due().filter(|due| *due <= self.now)?;
-        let place = self.open.first_due()?;
-        Some(self.fire(place, due))
+        let index = self.open.first_due()?;
+        Some(self.fire(index, due))
     }
 
     /// F5 for one timestamp at one due instant.
-    pub(crate) fn fire(&mut self, place: Place, due: Instant) -> Firing<CLOUDS> {
-        let timestamp = self.open.timestamp(place);
-        let timers = self.open.entry(place).armed_at(due);
+    pub(crate) fn fire(&mut self, index: OpenIndex, due: Instant) -> Firing<CLOUDS> {
+        let timestamp = self.open.timestamp(index);
+        let timers = self.open.entry(index).armed_at(due);
         // F5: else it would fire for ever.
         debug_assert!(!timers.is_empty(), "what fires is armed");
-        let outcome = self.close(place, Cause::Timers(timers));
+        let outcome = self.close(index, Cause::Timers(timers));
         Firing { timestamp, due, timers: self.clouds.priorities(timers), outcome }
     }
 
     /// Steps an open timestamp, and retires it if the step does.
-    pub(crate) fn close(&mut self, place: Place, cause: Cause) -> Outcome<CLOUDS> {
-        let (slot, decision) = self.open.entry(place).slot.step(self.commit, cause);
+    pub(crate) fn close(&mut self, index: OpenIndex, cause: Cause) -> Outcome<CLOUDS> {
+        let (slot, decision) = self.open.entry(index).slot.step(self.commit, cause);
         let outcome = self.clouds.outcome(decision);
         if slot.is_open() {
-            self.open.set(place, slot);
+            self.open.set(index, slot);
         } else {
-            self.open.remove(place);
+            self.open.remove(index);
         }
         outcome
     }
@@ -279,13 +279,13 @@ impl<const CLOUDS: usize, const WINDOW: usize> Ready<'_, CLOUDS, WINDOW> {
         let Some((source, gate)) = gated else {
             return Admission::Refused(OfferRefusal::Unknown);
         };
-        let Some(place) = fusion.open.find(timestamp) else {
+        let Some(index) = fusion.open.find(timestamp) else {
             return Admission::Refused(OfferRefusal::Closed);
         };
-        let slot = fusion.open.entry(place).slot;
+        let slot = fusion.open.entry(index).slot;
         let (slot, admission) = slot.admit(source, gate, fusion.now, deadline, backlog);
         if let Admission::Admitted { due } = admission {
-            fusion.open.arm(place, slot, source, due);
+            fusion.open.arm(index, slot, source, due);
         }
         admission
     }
@@ -317,7 +317,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Ready<'_, CLOUDS, WINDOW> {
             return Outcome::Dropped(DropReason::Unknown);
         };
         match self.fusion.open.find(timestamp) {
-            Some(place) => self.fusion.close(place, cause(source)),
+            Some(index) => self.fusion.close(index, cause(source)),
             // F3 superseded: retired or skipped, also when it is late as well (A16).
             None => Outcome::Dropped(DropReason::Superseded),
         }

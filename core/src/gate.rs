@@ -16,7 +16,7 @@ impl Gate {
         if resume < limit { Some(Self { limit, resume, shut: false }) } else { None }
     }
 
-    /// F2g: opens or shuts the gate by `backlog`, the queue's length without the message asked for; true if it is open now.
+    /// F2g: opens or shuts the gate by `backlog`, the queue's length without the message that is offered; true if it is open now.
     pub const fn admits(&mut self, backlog: u64) -> bool {
         if self.shut {
             self.shut = backlog > self.resume;

@@ -1,4 +1,7 @@
-//! The values of held results, kept beside the machine.
+//! The values of held results, for a caller who has nowhere else to keep them.
+//!
+//! The machine decides about timestamps and priorities alone and has no values. This stores the value of the best held
+//! result of each open timestamp, and returns it when that result is forwarded.
 
 use crate::answer::{Firing, Outcome};
 use crate::priority::Priority;
@@ -6,16 +9,16 @@ use crate::time::Timestamp;
 
 /// The values of held results: for each of up to `WINDOW` open timestamps, the value of its best result.
 ///
-/// Only the best result in hand can ever be forwarded (P3), so a value is dropped as soon as a better result is held
+/// Only the best available result can ever be forwarded (P3), so a value is dropped as soon as a better result is held
 /// or its timestamp is retired. Give it every outcome and every firing, and nothing leaks. Each call looks at all
-/// `WINDOW` places at most twice.
+/// `WINDOW` values at most twice.
 #[derive(Debug)]
 pub struct Held<V, const WINDOW: usize> {
-    places: [Option<Place<V>>; WINDOW],
+    values: [Option<HeldValue<V>>; WINDOW],
 }
 
 #[derive(Debug)]
-struct Place<V> {
+struct HeldValue<V> {
     timestamp: Timestamp,
     source: Priority,
     value: V,
@@ -25,7 +28,7 @@ impl<V, const WINDOW: usize> Held<V, WINDOW> {
     /// Nothing is held. `WINDOW` is the machine's.
     #[must_use]
     pub const fn new() -> Self {
-        Self { places: [const { None }; WINDOW] }
+        Self { values: [const { None }; WINDOW] }
     }
 
     /// F3: takes a result's value and its outcome. Returns the value to send downstream, if one is forwarded.
@@ -39,7 +42,7 @@ impl<V, const WINDOW: usize> Held<V, WINDOW> {
     ) -> Option<V> {
         match outcome {
             Outcome::Held => {
-                self.hold(Place { timestamp, source, value });
+                self.hold(HeldValue { timestamp, source, value });
                 None
             }
             Outcome::Forwarded { by, .. } if *by == source => {
@@ -50,7 +53,7 @@ impl<V, const WINDOW: usize> Held<V, WINDOW> {
             Outcome::Forwarded { .. }
             | Outcome::Dropped(_)
             | Outcome::Waiting
-            | Outcome::Missed => self.settled(timestamp, outcome),
+            | Outcome::Missed => self.apply(timestamp, outcome),
         }
     }
 
@@ -61,34 +64,34 @@ impl<V, const WINDOW: usize> Held<V, WINDOW> {
         timestamp: Timestamp,
         outcome: &Outcome<CLOUDS>,
     ) -> Option<V> {
-        self.settled(timestamp, outcome)
+        self.apply(timestamp, outcome)
     }
 
     /// F5: timers fired. Returns the value to send downstream, if one is forwarded.
     #[must_use = "a forwarded value must be sent"]
     pub fn firing<const CLOUDS: usize>(&mut self, firing: &Firing<CLOUDS>) -> Option<V> {
-        self.settled(firing.timestamp, &firing.outcome)
+        self.apply(firing.timestamp, &firing.outcome)
     }
 
     /// How many values are held.
     #[must_use]
     pub fn len(&self) -> usize {
-        self.places.iter().flatten().count()
+        self.values.iter().flatten().count()
     }
 
     /// Whether nothing is held.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        self.places.iter().all(Option::is_none)
+        self.values.iter().all(Option::is_none)
     }
 
-    fn settled<const CLOUDS: usize>(
+    fn apply<const CLOUDS: usize>(
         &mut self,
         timestamp: Timestamp,
         outcome: &Outcome<CLOUDS>,
     ) -> Option<V> {
         match outcome {
-            // Retired: what was held leaves, whether it is sent or not.
+            // Retired: what was held is removed, whether it is sent or not.
             Outcome::Forwarded { by, .. } => {
                 let best = self.take(timestamp)?;
                 (best.source == *by).then_some(best.value)
@@ -101,25 +104,25 @@ impl<V, const WINDOW: usize> Held<V, WINDOW> {
         }
     }
 
-    /// Keeps the better of this one and what is held for its timestamp.
-    fn hold(&mut self, new: Place<V>) {
-        let is_same = |held: &Place<V>| held.timestamp == new.timestamp;
-        if let Some(held) = self.places.iter_mut().flatten().find(|held| is_same(held)) {
+    /// Stores the better of this one and what is held for its timestamp.
+    fn hold(&mut self, new: HeldValue<V>) {
+        let is_same = |held: &HeldValue<V>| held.timestamp == new.timestamp;
+        if let Some(held) = self.values.iter_mut().flatten().find(|held| is_same(held)) {
             if held.source < new.source {
                 *held = new;
             }
             return;
         }
-        let free = self.places.iter_mut().find(|place| place.is_none());
-        debug_assert!(free.is_some(), "the places are fewer than the open timestamps");
-        if let Some(place) = free {
-            *place = Some(new);
+        let free = self.values.iter_mut().find(|value| value.is_none());
+        debug_assert!(free.is_some(), "more values are held than timestamps are open");
+        if let Some(free) = free {
+            *free = Some(new);
         }
     }
 
-    fn take(&mut self, timestamp: Timestamp) -> Option<Place<V>> {
-        let is_same = |held: &Place<V>| held.timestamp == timestamp;
-        self.places.iter_mut().find(|place| place.as_ref().is_some_and(is_same))?.take()
+    fn take(&mut self, timestamp: Timestamp) -> Option<HeldValue<V>> {
+        let is_same = |held: &HeldValue<V>| held.timestamp == timestamp;
+        self.values.iter_mut().find(|value| value.as_ref().is_some_and(is_same))?.take()
     }
 }
 

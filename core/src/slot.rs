@@ -1,11 +1,14 @@
-//! The heart: the four sets of one timestamp, and the pure step that decides about it (F2–F7).
+//! The four sets of one timestamp, and the pure step that decides about it (F2–F7).
+//!
+//! All decisions about results are made here, by sets of at most 16 sources. Nothing here knows the clock, a due instant, a
+//! priority's number or another timestamp: `fusion.rs` does, and calls the step.
 
 use crate::answer::{Admission, DropReason, OfferRefusal};
 use crate::gate::Gate;
 use crate::source::{Source, Sources};
 use crate::time::{Deadline, Instant};
 
-/// When the best result in hand goes although something better is still pending (F6).
+/// When the best available result is forwarded although something better is still pending (F6).
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
 #[cfg_attr(
     feature = "serde",
@@ -14,10 +17,10 @@ use crate::time::{Deadline, Instant};
 )]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Commit {
-    /// The first cloud's timer to fire commits the best in hand, whoever's timer it is.
+    /// The first cloud's timer to fire commits the best available result, whoever's timer it is.
     #[default]
     Eager,
-    /// A timer closes its own request alone; the best in hand goes when nothing pending outranks it.
+    /// A timer closes its own request alone; the best available result is forwarded when nothing pending outranks it.
     Patient,
 }
 
@@ -49,11 +52,11 @@ pub enum Cause {
 pub enum Decision {
     /// The input was dropped and changed nothing.
     Dropped(DropReason),
-    /// The result is in hand, but something pending outranks it.
+    /// The result is available, but something pending outranks it.
     Held,
     /// Requests were closed and something is still pending.
     Waiting,
-    /// The result of `by` goes downstream; the timestamp is retired.
+    /// The result of `by` is sent downstream; the timestamp is retired.
     Forwarded {
         /// Whose result it is.
         by: Source,
@@ -75,8 +78,8 @@ pub enum InvalidSlot {
     PendingAndCached,
     /// Nothing is pending, so the timestamp would have been retired (F6).
     NothingPending,
-    /// Nothing pending outranks the best in hand, so it would have been forwarded (P4).
-    Overripe,
+    /// Nothing pending outranks the best available result, so it would have been forwarded (P4).
+    Unforwarded,
     /// The armed timers are not those that the commit rule keeps (P8).
     Timers,
 }
@@ -88,7 +91,7 @@ impl core::fmt::Display for InvalidSlot {
             Self::NotRequested => "a pending or cached source is not requested",
             Self::PendingAndCached => "a source is both pending and cached",
             Self::NothingPending => "nothing is pending",
-            Self::Overripe => "nothing pending outranks the best in hand",
+            Self::Unforwarded => "nothing pending outranks the best available result",
             Self::Timers => "the armed timers are not those that the commit rule keeps",
         })
     }
@@ -140,7 +143,7 @@ impl Slot {
             return Err(InvalidSlot::NothingPending);
         }
         if cached.greatest().is_some_and(|best| !pending.any_above(best)) {
-            return Err(InvalidSlot::Overripe);
+            return Err(InvalidSlot::Unforwarded);
         }
         let of_clouds = match commit {
             Commit::Eager => pending.union(cached).clouds(),
@@ -165,7 +168,7 @@ impl Slot {
         if self.requested.contains(source) {
             return (self, Some(OfferRefusal::Duplicate));
         }
-        // F2 outranked: the commit rule can only forward what is in hand or better.
+        // F2 outranked: the commit rule can only forward the best available result or a better one.
         if self.cached.any_above(source) {
             return (self, Some(OfferRefusal::Outranked));
         }
@@ -180,7 +183,7 @@ impl Slot {
 
     /// F2 for a registered cloud: the state with `source` requested, or this one and the first reason to refuse.
     ///
-    /// `gate` is the cloud's own. It is asked last, so that a request refused anyway does not move it (F2g).
+    /// `gate` is the cloud's own. It decides last, so that a request refused anyway does not move it (F2g).
     #[inline]
     pub fn admit(
         self,
@@ -219,13 +222,13 @@ impl Slot {
         !self.requested.is_empty()
     }
 
-    /// The sources that were asked; local is one as long as the timestamp is open.
+    /// The sources that were requested; local is one as long as the timestamp is open.
     #[must_use]
     pub const fn requested(self) -> Sources {
         self.requested
     }
 
-    /// The sources that were asked and still owe a result: no result, failure or firing has come.
+    /// The sources that were requested and of which no result, failure or firing has come.
     #[must_use]
     pub const fn pending(self) -> Sources {
         self.pending
@@ -245,16 +248,16 @@ impl Slot {
 
     /// F3: a result is dropped, forwarded, or held while something pending outranks it.
     fn result(mut self, commit: Commit, source: Source) -> (Self, Decision) {
-        if let Some(reason) = self.drops(source) {
+        if let Some(reason) = self.drop_reason(source) {
             return (self, Decision::Dropped(reason));
         }
         self.pending = self.pending.without(source);
-        // F3 forward: nothing pending outranks it, as where nothing else was asked for (P6).
+        // F3 forward: nothing pending outranks it, as where nothing else was requested (P6).
         if !self.pending.any_above(source) {
             return self.forward(source);
         }
         self.cached = self.cached.with(source);
-        // F3 held: an eager cloud's timer runs on, to commit the best in hand; local's never commits (A3).
+        // F3 held: an eager cloud's timer runs on, to commit the best available; local's never commits (A3).
         if commit == Commit::Patient || source == Source::LOCAL {
             self.armed = self.armed.without(source);
         }
@@ -263,7 +266,7 @@ impl Slot {
 
     /// F4: a failure is dropped as a result is, or closes its request and settles as by no timer.
     fn failure(mut self, commit: Commit, source: Source) -> (Self, Decision) {
-        if let Some(reason) = self.drops(source) {
+        if let Some(reason) = self.drop_reason(source) {
             return (self, Decision::Dropped(reason));
         }
         self.pending = self.pending.without(source);
@@ -283,7 +286,7 @@ impl Slot {
     }
 
     /// The first reason of F3 and F4 that the sets decide, if one holds.
-    fn drops(self, source: Source) -> Option<DropReason> {
+    fn drop_reason(self, source: Source) -> Option<DropReason> {
         if !self.is_open() {
             Some(DropReason::Superseded)
         } else if !self.requested.contains(source) {
@@ -300,21 +303,22 @@ impl Slot {
 
     /// F6: some requests were closed; forward, miss or wait.
     ///
-    /// Once the last timer has fired, nothing pending outranks what is in hand: so local's result goes by then (P5), and
-    /// a timestamp opened with a deadline is retired by then (P7). Once local has arrived, only clouds are awaited (P12).
+    /// Once the last timer has fired, nothing pending outranks what is available: so local's result is forwarded by then
+    /// (P5), and a timestamp opened with a deadline is retired by then (P7). Once local has arrived, only clouds are awaited
+    /// (P12).
     fn settle(self, commit: Commit, timer: bool) -> (Self, Decision) {
-        // F6: whatever the cause, the greatest in hand or none (P3).
+        // F6: whatever the cause, the greatest available or none (P3).
         match self.cached.greatest() {
             Some(best) if !self.pending.any_above(best) => self.forward(best),
             // F6 eager: a cloud's timer commits although something better is pending (A4).
             Some(best) if timer && commit == Commit::Eager => self.forward(best),
-            // F6 miss: nothing in hand, nothing to come (A5, A8).
+            // F6 miss: nothing available, nothing to come (A5, A8).
             None if self.pending.is_empty() => (Self::RETIRED, Decision::Missed),
             Some(_) | None => (self, Decision::Waiting),
         }
     }
 
-    /// F7: the result goes, what is pending is cancelled. The timestamp is retired with it, so that this happens once (P1).
+    /// F7: the result is sent, what is pending is cancelled. The timestamp is retired with it, so that this happens once (P1).
     fn forward(self, by: Source) -> (Self, Decision) {
         (Self::RETIRED, Decision::Forwarded { by, cancelled: self.pending.clouds() })
     }

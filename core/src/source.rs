@@ -18,7 +18,7 @@ impl Source {
         if index < Self::COUNT { Some(Self(index)) } else { None }
     }
 
-    /// 0 for local, else the cloud's place, from 1, among the clouds in ascending priority.
+    /// 0 for local, else the cloud's number, from 1, among the clouds in ascending priority.
     #[must_use]
     pub const fn index(self) -> u8 {
         self.0

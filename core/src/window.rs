@@ -1,55 +1,61 @@
-//! The open timestamps in ascending order, and whose turn to fire is first (P9).
+//! The open timestamps in ascending order, and which of them fires first (P9).
 //!
-//! What is kept of a timestamp stays in its seat; those behind a retired one move up, ten bytes each. The seats stand
-//! in rows, at most 32 of 32. Each row knows the first turn of its seats, and the window the first of the rows': an
-//! earlier turn is compared with the two, and where a turn becomes later its row is looked through, and the rows are.
-//! Reading beside the arrays yields nothing and writing there does nothing: no place can panic.
+//! An entry stays where it is until its timestamp is retired. Each open timestamp has the index of its entry, and those
+//! behind a retired timestamp move up, ten bytes each. Each entry has a key for the order of firing (F5). The keys are
+//! divided into rows, at most 32 rows of at most 32 keys; the first key of each row is stored, and the first of all. An
+//! earlier key is compared with these two. Where a key becomes later, the keys of its row are read, and those of the rows.
+//!
+//! Every access is checked: a read beyond an array yields nothing and a write changes nothing, so this cannot panic. The
+//! machine that uses the window is in `fusion.rs`.
 
 use crate::entry::Entry;
 use crate::slot::Slot;
 use crate::source::Source;
 use crate::time::{Instant, Timestamp};
 
-/// Where an open timestamp is, until one is retired.
+/// Where an open timestamp is. Valid until a timestamp is retired.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) struct Place {
+pub(crate) struct OpenIndex {
     /// How many of the open timestamps are less.
     pub(crate) rank: u16,
-    pub(crate) seat: u16,
+    /// Which entry is its own.
+    pub(crate) entry: u16,
 }
 
-/// When a timestamp's earliest timers fire: the order of F5.
+/// The key by which timestamps fire in the order of F5: the earliest due instant of its timers, then the timestamp.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) struct Turn {
-    /// One less than the due instant: what is armed is due after the clock's start. The greatest is never.
-    pub(crate) key: u64,
+pub(crate) struct DueKey {
+    /// One less than the due instant: what is armed is due after the clock's start. The greatest value means never.
+    pub(crate) due_minus_one: u64,
     pub(crate) timestamp: Timestamp,
 }
 
-impl Turn {
-    /// That of an empty seat, and of a timestamp without an armed timer.
-    pub(crate) const NEVER: Self = Self { key: u64::MAX, timestamp: Timestamp::new(u64::MAX) };
+impl DueKey {
+    /// That of a free entry, and of a timestamp without an armed timer.
+    pub(crate) const NEVER: Self =
+        Self { due_minus_one: u64::MAX, timestamp: Timestamp::new(u64::MAX) };
 
     pub(crate) const fn new(due: Option<Instant>, timestamp: Timestamp) -> Self {
         match due {
-            Some(due) => Self { key: due.as_nanos().wrapping_sub(1), timestamp },
+            Some(due) => Self { due_minus_one: due.as_nanos().wrapping_sub(1), timestamp },
             None => Self::NEVER,
         }
     }
 
     fn due(self) -> Option<Instant> {
-        self.key.checked_add(1).map(Instant::from_nanos)
+        self.due_minus_one.checked_add(1).map(Instant::from_nanos)
     }
 
-    /// The earlier one, of equal dues the lesser timestamp's.
+    /// The earlier key; of equal due instants that of the lesser timestamp.
     fn earlier(self, other: Self) -> Self {
         // One comparison of 128 bits.
-        let number = |turn: Self| u128::from(turn.key) << 64 | u128::from(turn.timestamp.as_u64());
+        let number =
+            |key: Self| u128::from(key.due_minus_one) << 64 | u128::from(key.timestamp.as_u64());
         if number(other) < number(self) { other } else { self }
     }
 
-    fn first(turns: &[Self]) -> Self {
-        turns.iter().copied().fold(Self::NEVER, Self::earlier)
+    fn first(keys: &[Self]) -> Self {
+        keys.iter().copied().fold(Self::NEVER, Self::earlier)
     }
 }
 
@@ -57,97 +63,97 @@ impl Turn {
 pub(crate) struct Window<const CLOUDS: usize, const CAPACITY: usize> {
     /// Ascending; from `len` on they mean nothing.
     pub(crate) timestamps: [Timestamp; CAPACITY],
-    /// Where each of them is kept; from `len` on, the empty seats.
-    pub(crate) seats: [u16; CAPACITY],
+    /// The index of the entry of each; from `len` on, those of the free entries.
+    pub(crate) entry_indices: [u16; CAPACITY],
     pub(crate) len: usize,
-    /// By seat.
+    /// By index.
     pub(crate) entries: [Entry<CLOUDS>; CAPACITY],
-    /// By seat.
-    pub(crate) turns: [Turn; CAPACITY],
-    /// The first turn of each row; those beyond the last row mean nothing.
-    pub(crate) firsts: [Turn; CAPACITY],
-    /// The first turn of all.
-    pub(crate) first: Turn,
+    /// By index of the entry.
+    pub(crate) keys: [DueKey; CAPACITY],
+    /// The first key of each row; those beyond the last row mean nothing.
+    pub(crate) row_firsts: [DueKey; CAPACITY],
+    /// The first key of all.
+    pub(crate) first: DueKey,
 }
 
 impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
-    /// A row has the least power of two of seats whose square is no less than the capacity.
+    /// A row has the least power of two of keys whose square is no less than the capacity.
     const ROW_BITS: u32 = CAPACITY.next_power_of_two().trailing_zeros().div_ceil(2);
     pub(crate) const ROW: usize = 1 << Self::ROW_BITS;
     pub(crate) const ROWS: usize = CAPACITY.div_ceil(Self::ROW);
 
     pub(crate) fn new() -> Self {
-        let mut seats = [0; CAPACITY];
-        for (seat, number) in seats.iter_mut().zip(0..) {
-            *seat = number;
+        let mut entry_indices = [0; CAPACITY];
+        for (index, number) in entry_indices.iter_mut().zip(0..) {
+            *index = number;
         }
         Self {
             timestamps: [Timestamp::new(0); CAPACITY],
-            seats,
+            entry_indices,
             len: 0,
             entries: [Entry::EMPTY; CAPACITY],
-            turns: [Turn::NEVER; CAPACITY],
-            firsts: [Turn::NEVER; CAPACITY],
-            first: Turn::NEVER,
+            keys: [DueKey::NEVER; CAPACITY],
+            row_firsts: [DueKey::NEVER; CAPACITY],
+            first: DueKey::NEVER,
         }
     }
 
     /// Adds a timestamp greater than all present; false if there is no room.
     pub(crate) fn push(&mut self, timestamp: Timestamp, entry: Entry<CLOUDS>) -> bool {
         let Some(last) = self.timestamps.get_mut(self.len) else { return false };
-        let Some(seat) = self.seats.get(self.len).copied() else { return false };
-        let Some(kept) = self.entries.get_mut(usize::from(seat)) else { return false };
+        let Some(entry_index) = self.entry_indices.get(self.len).copied() else { return false };
+        let Some(stored) = self.entries.get_mut(usize::from(entry_index)) else { return false };
         *last = timestamp;
-        *kept = entry;
+        *stored = entry;
         self.len = self.len.saturating_add(1);
         if let Some(due) = entry.next_due() {
-            self.put_earlier(seat, Turn::new(Some(due), timestamp));
+            self.set_earlier_key(entry_index, DueKey::new(Some(due), timestamp));
         }
         true
     }
 
-    /// Puts the state at a place in which `source` is armed anew, and its due instant.
-    pub(crate) fn arm(&mut self, place: Place, slot: Slot, source: Source, due: Instant) {
-        let turn = Turn::new(Some(due), self.timestamp(place));
-        let seat = usize::from(place.seat);
-        let Some((entry, own)) = self.entries.get_mut(seat).zip(self.turns.get(seat)) else {
+    /// Stores the sets in which `source` is armed anew, and its due instant.
+    pub(crate) fn arm(&mut self, index: OpenIndex, slot: Slot, source: Source, due: Instant) {
+        let key = DueKey::new(Some(due), self.timestamp(index));
+        let at = usize::from(index.entry);
+        let Some((entry, own)) = self.entries.get_mut(at).zip(self.keys.get(at)) else {
             return;
         };
         entry.slot = slot;
         entry.set_due(source, due);
-        if turn.key < own.key {
-            self.put_earlier(place.seat, turn);
+        if key.due_minus_one < own.due_minus_one {
+            self.set_earlier_key(index.entry, key);
         }
     }
 
-    /// Puts a state at a place in which no more is armed than before.
-    pub(crate) fn set(&mut self, place: Place, slot: Slot) {
-        let timestamp = self.timestamp(place);
-        let Some(entry) = self.entries.get_mut(usize::from(place.seat)) else { return };
+    /// Stores sets in which no more is armed than before.
+    pub(crate) fn set(&mut self, index: OpenIndex, slot: Slot) {
+        let timestamp = self.timestamp(index);
+        let Some(entry) = self.entries.get_mut(usize::from(index.entry)) else { return };
         let armed = core::mem::replace(&mut entry.slot, slot).armed();
         if armed != slot.armed() {
             let due = entry.next_due();
-            self.put(place.seat, Turn::new(due, timestamp));
+            self.set_key(index.entry, DueKey::new(due, timestamp));
         }
     }
 
-    /// Takes a place out: those behind it move up, and its seat is the first of the empty ones.
-    pub(crate) fn remove(&mut self, place: Place) {
-        let behind = usize::from(place.rank)..self.len;
+    /// Removes a timestamp: those behind it move up, and its entry is the first of the free ones.
+    pub(crate) fn remove(&mut self, index: OpenIndex) {
+        let behind = usize::from(index.rank)..self.len;
         let Some(timestamps) = self.timestamps.get_mut(behind.clone()) else { return };
-        let Some(seats) = self.seats.get_mut(behind).filter(|seats| !seats.is_empty()) else {
+        let Some(indices) = self.entry_indices.get_mut(behind).filter(|own| !own.is_empty()) else {
             return;
         };
         timestamps.copy_within(1.., 0);
-        seats.copy_within(1.., 0);
-        if let Some(last) = seats.last_mut() {
-            *last = place.seat;
+        indices.copy_within(1.., 0);
+        if let Some(last) = indices.last_mut() {
+            *last = index.entry;
         }
         self.len = self.len.saturating_sub(1);
-        self.put(place.seat, Turn::NEVER);
+        self.set_key(index.entry, DueKey::NEVER);
     }
 
-    pub(crate) fn find(&self, timestamp: Timestamp) -> Option<Place> {
+    pub(crate) fn find(&self, timestamp: Timestamp) -> Option<OpenIndex> {
         let open = self.timestamps.get(..self.len)?;
         // What comes late is mostly older than all that are open, and offers follow their message's open.
         if timestamp < *open.first()? {
@@ -158,13 +164,16 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
         } else {
             open.binary_search(&timestamp).ok()?
         };
-        Some(Place { rank: u16::try_from(rank).ok()?, seat: self.seats.get(rank).copied()? })
+        Some(OpenIndex {
+            rank: u16::try_from(rank).ok()?,
+            entry: self.entry_indices.get(rank).copied()?,
+        })
     }
 
     /// The open timestamps in ascending order.
     pub(crate) fn iter(&self) -> impl Iterator<Item = (Timestamp, &Entry<CLOUDS>)> {
-        let open = self.timestamps.iter().zip(&self.seats).take(self.len);
-        open.map(|(timestamp, seat)| (*timestamp, self.kept(*seat)))
+        let open = self.timestamps.iter().zip(&self.entry_indices).take(self.len);
+        open.map(|(timestamp, entry_index)| (*timestamp, self.entry_at(*entry_index)))
     }
 
     /// The earliest due instant.
@@ -173,48 +182,48 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
     }
 
     /// F5: of the timestamps with a timer at the next due instant the least.
-    pub(crate) fn first_due(&self) -> Option<Place> {
+    pub(crate) fn first_due(&self) -> Option<OpenIndex> {
         self.find(self.first.timestamp)
     }
 
-    pub(crate) fn entry(&self, place: Place) -> &Entry<CLOUDS> {
-        self.kept(place.seat)
+    pub(crate) fn entry(&self, index: OpenIndex) -> &Entry<CLOUDS> {
+        self.entry_at(index.entry)
     }
 
-    pub(crate) fn timestamp(&self, place: Place) -> Timestamp {
-        self.timestamps.get(usize::from(place.rank)).copied().unwrap_or(Timestamp::new(0))
+    pub(crate) fn timestamp(&self, index: OpenIndex) -> Timestamp {
+        self.timestamps.get(usize::from(index.rank)).copied().unwrap_or(Timestamp::new(0))
     }
 
     pub(crate) const fn len(&self) -> usize {
         self.len
     }
 
-    fn kept(&self, seat: u16) -> &Entry<CLOUDS> {
-        self.entries.get(usize::from(seat)).unwrap_or(&Entry::EMPTY)
+    fn entry_at(&self, entry_index: u16) -> &Entry<CLOUDS> {
+        self.entries.get(usize::from(entry_index)).unwrap_or(&Entry::EMPTY)
     }
 
-    /// Puts a turn earlier than the seat's: if it is not the first of its row or of all, those are as they were.
-    fn put_earlier(&mut self, seat: u16, turn: Turn) {
-        let seat = usize::from(seat);
-        let Some(own) = self.turns.get_mut(seat) else { return };
-        let Some(first) = self.firsts.get_mut(seat >> Self::ROW_BITS) else { return };
-        *own = turn;
-        *first = first.earlier(turn);
-        self.first = self.first.earlier(turn);
+    /// Stores a key earlier than the entry's: the first of its row and of all become earlier with it, or stay.
+    fn set_earlier_key(&mut self, entry_index: u16, key: DueKey) {
+        let entry_index = usize::from(entry_index);
+        let Some(own) = self.keys.get_mut(entry_index) else { return };
+        let Some(first) = self.row_firsts.get_mut(entry_index >> Self::ROW_BITS) else { return };
+        *own = key;
+        *first = first.earlier(key);
+        self.first = self.first.earlier(key);
     }
 
-    /// Puts a seat's turn, and finds the first of its row and of all rows again.
-    fn put(&mut self, seat: u16, turn: Turn) {
-        let seat = usize::from(seat);
-        let Some(own) = self.turns.get_mut(seat) else { return };
-        if *own == turn {
+    /// Stores an entry's key, and finds the first of its row and of all rows again.
+    fn set_key(&mut self, entry_index: u16, key: DueKey) {
+        let entry_index = usize::from(entry_index);
+        let Some(own) = self.keys.get_mut(entry_index) else { return };
+        if *own == key {
             return;
         }
-        *own = turn;
-        let row = seat >> Self::ROW_BITS;
-        let Some(first) = self.firsts.get_mut(row) else { return };
-        *first = Turn::first(self.turns.chunks(Self::ROW).nth(row).unwrap_or_default());
-        self.first = Turn::first(self.firsts.get(..Self::ROWS).unwrap_or_default());
+        *own = key;
+        let row = entry_index >> Self::ROW_BITS;
+        let Some(first) = self.row_firsts.get_mut(row) else { return };
+        *first = DueKey::first(self.keys.chunks(Self::ROW).nth(row).unwrap_or_default());
+        self.first = DueKey::first(self.row_firsts.get(..Self::ROWS).unwrap_or_default());
     }
 }
 

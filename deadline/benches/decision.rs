@@ -1,4 +1,4 @@
-//! Time of one decision, and of being told one call's end, after ever longer runs: what was long ago costs nothing.
+//! Time of one decision, and of taking in one call's end, after ever longer runs: what was long ago costs nothing.
 
 use std::hint::black_box;
 use std::time::{Duration, Instant};
@@ -7,7 +7,7 @@ use fuseline_deadline::{
     End, Expected, Guard, Impact, MetresPerSecond, Parameters, Policy, Situation,
 };
 
-/// Measurements of each figure; the least is told, for other programs only ever add to it.
+/// Measurements of each figure; the least is reported, for other programs only ever add to it.
 const TIMES: u32 = 300;
 /// Decisions per measurement.
 const DECISIONS: u32 = 100;
@@ -40,7 +40,7 @@ fn row<const WINDOW: usize>() {
     }
 }
 
-/// One decision; a function of its own, so that an instruction counter can be told where to look.
+/// One decision; a function of its own, so that an instruction counter can be pointed to it.
 #[inline(never)]
 fn decide(policy: &mut dyn Policy, situation: &Situation<'_>) {
     black_box(policy.decide(black_box(situation), Duration::MAX));

@@ -11,14 +11,14 @@ use crate::survival::Observation;
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Observations<const WINDOW: usize> {
     /// Sorted; entries from `len` on mean nothing.
-    calls: [Call; WINDOW],
+    calls: [CallRecord; WINDOW],
     len: usize,
     /// How many calls have ended so far.
     ended: u64,
 }
 
 #[derive(Clone, Copy, PartialEq, Debug)]
-struct Call {
+struct CallRecord {
     observation: Observation,
     /// How many calls ended before this one.
     number: u64,
@@ -31,7 +31,7 @@ impl<const WINDOW: usize> Observations<WINDOW> {
     #[must_use]
     pub const fn new() -> Self {
         const { assert!(WINDOW > 0, "a window of no calls remembers nothing") };
-        Self { calls: [Call { observation: NONE, number: 0 }; WINDOW], len: 0, ended: 0 }
+        Self { calls: [CallRecord { observation: NONE, number: 0 }; WINDOW], len: 0, ended: 0 }
     }
 
     /// Adds how a call ended, and removes the one `WINDOW` calls ago. It costs `WINDOW` comparisons.
@@ -46,12 +46,12 @@ impl<const WINDOW: usize> Observations<WINDOW> {
         let observation = Observation { response, is_answered, count: 1 };
         if self.len == WINDOW {
             let oldest = self.ended.wrapping_sub(WINDOW as u64);
-            let place = self.calls.iter().position(|call| call.number == oldest);
-            self.close(place.unwrap_or_default());
+            let index = self.calls.iter().position(|call| call.number == oldest);
+            self.close(index.unwrap_or_default());
         }
         let sorted = self.calls.get(..self.len).unwrap_or_default();
-        let place = sorted.partition_point(|call| call.observation.key() <= observation.key());
-        self.insert(place, Call { observation, number: self.ended });
+        let index = sorted.partition_point(|call| call.observation.key() <= observation.key());
+        self.insert(index, CallRecord { observation, number: self.ended });
         self.ended = self.ended.wrapping_add(1);
     }
 
@@ -62,17 +62,17 @@ impl<const WINDOW: usize> Observations<WINDOW> {
         calls.iter().map(|call| call.observation)
     }
 
-    /// Takes the call at `place` out.
-    fn close(&mut self, place: usize) {
-        if let Some(calls) = self.calls.get_mut(place..self.len) {
+    /// Takes the call at `index` out.
+    fn close(&mut self, index: usize) {
+        if let Some(calls) = self.calls.get_mut(index..self.len) {
             calls.rotate_left(usize::from(!calls.is_empty()));
             self.len = self.len.saturating_sub(1);
         }
     }
 
-    /// Puts a call at `place`, where there is room for it.
-    fn insert(&mut self, place: usize, call: Call) {
-        if let Some(calls) = self.calls.get_mut(place..=self.len) {
+    /// Puts a call at `index`, where there is room for it.
+    fn insert(&mut self, index: usize, call: CallRecord) {
+        if let Some(calls) = self.calls.get_mut(index..=self.len) {
             calls.rotate_right(1);
             if let Some(first) = calls.first_mut() {
                 *first = call;

@@ -62,9 +62,9 @@ fn the_estimate_of_a_small_sample() {
 #[test]
 fn a_call_that_was_given_up_is_not_fast() {
     assert_eq!(survival(&[observation(310, false, 20)], &[]).next(), None);
-    let mut gone = policy::<32>(None);
-    (0..32).for_each(|_| gone.ended(End::Censored(ms(310))));
-    assert_eq!(message(&mut gone, None).deadline, ms(LOCAL_MS));
+    let mut lost = policy::<32>(None);
+    (0..32).for_each(|_| lost.ended(End::Censored(ms(310))));
+    assert_eq!(message(&mut lost, None).deadline, ms(LOCAL_MS));
 }
 
 #[test]
@@ -219,7 +219,7 @@ fn a_policy_that_could_not_work_is_refused() {
     assert!(Expected::<_, 8>::new(share, ms(300), None).is_err());
 }
 
-/// Counted, not timed: the loss is asked at most twice for each call that is remembered, and twice more.
+/// Counted, not timed: the loss is computed at most twice for each call that is remembered, and twice more.
 #[test]
 fn a_decision_costs_no_more_after_a_million_calls() {
     let requested = Cell::new(0_u64);
@@ -267,12 +267,12 @@ proptest! {
             for millis in (10..400).step_by(10).take_while(|millis| ms(*millis) <= step.response) {
                 let at = |call: &&Observation| call.response == ms(millis) && call.is_answered;
                 let answered: u64 = calls.iter().filter(at).map(|call| call.count).sum();
-                let seen = calls.iter().filter(|call| call.response >= ms(millis));
-                let seen: u64 = seen.map(|call| call.count).sum();
+                let at_risk = calls.iter().filter(|call| call.response >= ms(millis));
+                let at_risk: u64 = at_risk.map(|call| call.count).sum();
                 let young = under_way.iter().filter(|age| **age >= ms(millis)).count() as u64;
                 if answered > 0 {
                     let number = |calls| f64::from(u32::try_from(calls).unwrap());
-                    product *= 1.0 - number(answered) / number(seen + young);
+                    product *= 1.0 - number(answered) / number(at_risk + young);
                 }
             }
             prop_assert!((step.survival - product).abs() < 1e-12, "{step:?}, not {product}");

@@ -1,14 +1,12 @@
 //! What the guarantees rest on: with the shipped machine an output is never later than local's arrival and every due
 //! instant admitted for it.
 
-mod random;
-
 use std::collections::BTreeMap;
 
 use fuseline_core::{
     Admission, At, Cloud, Commit, Deadline, Fusion, Instant, Opening, Outcome, Priority, Timestamp,
 };
-use random::Random;
+use fuseline_testkit::Rng;
 
 type Machine = Fusion<3, 8>;
 
@@ -32,13 +30,18 @@ struct Outcomes {
 }
 
 /// The timestamp has an output, or none comes: by then everything that could be waited for has come.
-fn retire(open: &mut BTreeMap<u64, Open>, t: Timestamp, is_forwarded: bool, seen: &mut Outcomes) {
-    let gone = open.remove(&t.as_u64()).expect("it was open");
-    assert!(is_forwarded || !gone.has_result, "local's result is not missed");
-    seen.missed += u64::from(!is_forwarded);
+fn retire(
+    open: &mut BTreeMap<u64, Open>,
+    t: Timestamp,
+    is_forwarded: bool,
+    outcomes: &mut Outcomes,
+) {
+    let retired = open.remove(&t.as_u64()).expect("it was open");
+    assert!(is_forwarded || !retired.has_result, "local's result is not missed");
+    outcomes.missed += u64::from(!is_forwarded);
 }
 
-fn run(random: &mut Random, seen: &mut Outcomes) {
+fn run(random: &mut Rng, outcomes: &mut Outcomes) {
     let commit = random.one_of(&[Commit::Eager, Commit::Patient]);
     let clouds = [1, 2, 3].map(|p| Cloud::new(Priority::new(p), 31));
     let mut machine = Machine::new(8, commit, &clouds).unwrap();
@@ -59,22 +62,22 @@ fn run(random: &mut Random, seen: &mut Outcomes) {
                     let bound = slot.local.map(|local| local.max(slot.due));
                     match firing.outcome {
                         Outcome::Forwarded { .. } => {
-                            seen.forwarded_at_due += 1;
+                            outcomes.forwarded_at_due += 1;
                             assert!(bound.is_none_or(|bound| at <= bound), "{at} after {bound:?}");
-                            retire(&mut open, firing.timestamp, true, seen);
+                            retire(&mut open, firing.timestamp, true, outcomes);
                         }
-                        Outcome::Missed => retire(&mut open, firing.timestamp, false, seen),
+                        Outcome::Missed => retire(&mut open, firing.timestamp, false, outcomes),
                         Outcome::Waiting => {}
                         Outcome::Held | Outcome::Dropped(_) => unreachable!("no answer to timers"),
                     }
                 }
             }
         };
-        let t = Timestamp::new(next - random.bits() % 8 % (next + 1));
+        let t = Timestamp::new(next - random.u64(0..8) % (next + 1));
         let deadline = Deadline::from_nanos(random.one_of(&[1, 3, 10, 30]));
-        match random.bits() % 6 {
+        match random.u8(0..6) {
             0 => {
-                let limit = random.chance(0.3).then_some(deadline);
+                let limit = (random.f64() < 0.3).then_some(deadline);
                 if ready.open(Timestamp::new(next + 1), limit) == Opening::Accepted {
                     next += 1;
                     let limit = limit.map(|limit| now + limit.as_nanos());
@@ -99,10 +102,10 @@ fn run(random: &mut Random, seen: &mut Outcomes) {
                 }
                 match outcome {
                     Outcome::Forwarded { by, .. } => {
-                        seen.forwarded_at_local += u64::from(by == Priority::LOCAL);
-                        retire(&mut open, t, true, seen);
+                        outcomes.forwarded_at_local += u64::from(by == Priority::LOCAL);
+                        retire(&mut open, t, true, outcomes);
                     }
-                    Outcome::Missed => retire(&mut open, t, false, seen),
+                    Outcome::Missed => retire(&mut open, t, false, outcomes),
                     Outcome::Waiting | Outcome::Held | Outcome::Dropped(_) => {}
                 }
             }
@@ -117,9 +120,13 @@ fn run(random: &mut Random, seen: &mut Outcomes) {
 
 #[test]
 fn p5_p7_an_output_is_no_later_than_local_and_the_due_instants_admitted_for_it() {
-    let mut seen = Outcomes::default();
-    (0..3000).for_each(|seed| run(&mut Random(seed), &mut seen));
-    assert!(seen.forwarded_at_local > 1000 && seen.forwarded_at_due > 1000 && seen.missed > 1000);
+    let mut outcomes = Outcomes::default();
+    (0..3000).for_each(|seed| run(&mut Rng::with_seed(seed), &mut outcomes));
+    assert!(
+        outcomes.forwarded_at_local > 1000
+            && outcomes.forwarded_at_due > 1000
+            && outcomes.missed > 1000
+    );
 }
 
 /// The deadline of T1: a timer that nobody served holds local's result up by nothing.

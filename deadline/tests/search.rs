@@ -1,6 +1,5 @@
 //! Random drives look for an obstacle that fusion hits and local alone does not.
 
-mod random;
 mod vehicle;
 
 use std::sync::LazyLock;
@@ -10,13 +9,13 @@ use fuseline_deadline::{
     Classes, Guard, Hazard, Metres, MetresPerSecond, MetresPerSecondSquared, Parameters, Situation,
     Span,
 };
-use random::Random;
+use fuseline_testkit::Rng;
 use vehicle::{Drive, Frame};
 
 /// Drives per search.
 const DRIVES: u64 = 240_000;
 
-/// A drive, and what a guard is told about it: spans in which the truth lies.
+/// A drive, and what a guard knows about it: spans in which the truth lies.
 struct Setting {
     drive: Drive,
     parameters: Parameters,
@@ -24,11 +23,11 @@ struct Setting {
 }
 
 /// A span around the truth; exact in half of the cases.
-fn around(random: &mut Random, truth: f64) -> Span<f64> {
-    if random.chance(0.5) {
+fn around(random: &mut Rng, truth: f64) -> Span<f64> {
+    if random.f64() < 0.5 {
         return Span::exactly(truth);
     }
-    let (below, above) = (random.between(0.9, 1.0), random.between(1.0, 1.1));
+    let (below, above) = (random.f64_between(0.9, 1.0), random.f64_between(1.0, 1.1));
     Span::new(truth * below, truth * above)
 }
 
@@ -60,26 +59,26 @@ enum Network {
 }
 
 fn setting(number: u64, view: View) -> Setting {
-    let random = &mut Random(number);
+    let random = &mut Rng::with_seed(number);
     let period = 1.0 / random.one_of(&[10.0, 20.0, 30.0]);
-    let speed = random.between(8.0, 32.0);
-    let deceleration = random.between(4.0, 10.0);
-    let brake_delay = random.between(0.0, 0.3);
-    let (least, span) = (random.between(0.05, 0.5), random.one_of(&[0.0, 0.01, 0.1]));
+    let speed = random.f64_between(8.0, 32.0);
+    let deceleration = random.f64_between(4.0, 10.0);
+    let brake_delay = random.f64_between(0.0, 0.3);
+    let (least, span) = (random.f64_between(0.05, 0.5), random.one_of(&[0.0, 0.01, 0.1]));
     let local_response = Span::new(least, least + span);
-    let range_local = random.between(20.0, 65.0);
-    let range_cloud = range_local * random.between(1.0, 1.8);
-    let is_late = view == View::Late || (view == View::Broken && random.chance(0.5));
-    let hidden_beyond = if is_late { random.between(3.0, range_cloud) } else { f64::INFINITY };
-    let covered = if view == View::Broken { random.between(0.0, 0.5) } else { 0.0 };
+    let range_local = random.f64_between(20.0, 65.0);
+    let range_cloud = range_local * random.f64_between(1.0, 1.8);
+    let is_late = view == View::Late || (view == View::Broken && random.f64() < 0.5);
+    let hidden_beyond = if is_late { random.f64_between(3.0, range_cloud) } else { f64::INFINITY };
+    let covered = if view == View::Broken { random.f64_between(0.0, 0.5) } else { 0.0 };
     let reports = random.one_of(&[1, 2, 3, 4_u32]);
     let lateness = random.one_of(&[0.0, 0.005, 0.02]);
-    let is_serial = random.chance(0.3);
+    let is_serial = random.f64() < 0.3;
     let network =
         random.one_of(&[Network::Silent, Network::Steady, Network::Mixed, Network::Outage]);
 
-    let start = range_cloud + speed * period * random.between(0.0, 1.0);
-    let (steady, outage) = (random.between(0.05, 2.5), random.between(0.0, start / speed));
+    let start = range_cloud + speed * period * random.f64();
+    let (steady, outage) = (random.f64_between(0.05, 2.5), random.f64_between(0.0, start / speed));
     let mut free = 0.0;
     let mut frames = Vec::new();
     for frame in 0.. {
@@ -89,7 +88,7 @@ fn setting(number: u64, view: View) -> Setting {
         if frame > 0 && gap <= speed * speed / (2.0 * deceleration) {
             break;
         }
-        let takes = random.between(local_response.least, local_response.greatest);
+        let takes = random.f64_between(local_response.least, local_response.greatest);
         let is_taken = !is_serial || captured >= free;
         if is_taken {
             free = captured + takes;
@@ -97,13 +96,13 @@ fn setting(number: u64, view: View) -> Setting {
         let cloud = match network {
             Network::Steady => steady,
             Network::Mixed => {
-                random.one_of(&[0.1, 0.3, 0.6, 1.2, f64::INFINITY]) * random.between(0.5, 1.5)
+                random.one_of(&[0.1, 0.3, 0.6, 1.2, f64::INFINITY]) * random.f64_between(0.5, 1.5)
             }
             Network::Outage if captured < outage => steady,
             Network::Silent | Network::Outage => f64::INFINITY,
         };
-        let lateness = random.between(0.0, lateness);
-        let is_covered = covered > 0.0 && random.chance(covered);
+        let lateness = random.f64_between(0.0, lateness);
+        let is_covered = covered > 0.0 && random.f64() < covered;
         let local = is_taken.then_some(takes);
         frames.push(Frame { captured, gap, local, cloud, lateness, is_covered });
     }
@@ -125,11 +124,11 @@ fn setting(number: u64, view: View) -> Setting {
     let hazard = Hazard { range_cloud: range, ..hazard };
     let other = Hazard {
         weight: 2.0,
-        range_local: Metres(random.between(10.0, 70.0)).into(),
-        range_cloud: Metres(random.between(70.0, 90.0)).into(),
+        range_local: Metres(random.f64_between(10.0, 70.0)).into(),
+        range_cloud: Metres(random.f64_between(70.0, 90.0)).into(),
     };
     let classes =
-        if random.chance(0.3) { Classes::new(&[other, hazard]).unwrap() } else { hazard.into() };
+        if random.f64() < 0.3 { Classes::new(&[other, hazard]).unwrap() } else { hazard.into() };
     Setting {
         parameters: Parameters {
             deceleration: around(random, deceleration).map(MetresPerSecondSquared),
@@ -171,7 +170,7 @@ struct SearchResult {
 #[derive(Default, Debug)]
 struct Search {
     /// By [`DEADLINES`].
-    found: [SearchResult; 4],
+    results: [SearchResult; 4],
     /// Drives in which local alone stops.
     local_stops: u64,
     /// By case of the guard for an obstacle in sight.
@@ -217,12 +216,12 @@ fn search(view: View) -> Search {
             let is_worse = drive.collides_where_any_output_counts(&outputs);
             search.worse_where_any_output_counts += u64::from(is_worse);
         }
-        for (found, deadline) in search.found.iter_mut().zip(DEADLINES) {
+        for (results, deadline) in search.results.iter_mut().zip(DEADLINES) {
             let stops = !drive.collides(&drive.fused(|frame| deadline(&setting, &guard, frame)));
-            found.better += u64::from(stops && !local_stops);
+            results.better += u64::from(stops && !local_stops);
             if local_stops && !stops {
-                found.worse += 1;
-                found.seed.get_or_insert(seed);
+                results.worse += 1;
+                results.seed.get_or_insert(seed);
             }
         }
     }
@@ -233,7 +232,7 @@ fn search(view: View) -> Search {
 fn the_search_sees_every_case_and_every_outcome() {
     for search in [&IN_SIGHT, &HIDDEN, &COVERED] {
         assert!(search.cases.iter().all(|seen| *seen > 10_000), "{search:?}");
-        assert!(search.found.iter().all(|found| found.better > 1000), "{search:?}");
+        assert!(search.results.iter().all(|results| results.better > 1000), "{search:?}");
         assert!(search.local_stops > 10_000 && search.local_stops < DRIVES - 10_000, "{search:?}");
     }
 }
@@ -241,7 +240,7 @@ fn the_search_sees_every_case_and_every_outcome() {
 #[test]
 fn t1_no_deadline_up_to_locals_least_response_is_ever_worse() {
     for search in [&IN_SIGHT, &HIDDEN, &COVERED] {
-        assert_eq!(search.found[T1].worse, 0, "{search:?}");
+        assert_eq!(search.results[T1].worse, 0, "{search:?}");
     }
 }
 
@@ -254,24 +253,24 @@ fn t4_a_planner_for_which_any_output_breaks_a_row_is_worse_in_dozens_of_drives()
 
 #[test]
 fn t2_the_guard_is_never_worse_for_what_is_in_sight_from_locals_range_on() {
-    assert_eq!(IN_SIGHT.found[GUARD].worse, 0, "{IN_SIGHT:?}");
+    assert_eq!(IN_SIGHT.results[GUARD].worse, 0, "{IN_SIGHT:?}");
 }
 
 #[test]
 fn t2_the_guard_is_never_worse_for_what_comes_into_sight_where_it_was_told() {
-    assert_eq!(HIDDEN.found[GUARD_THAT_IS_TOLD].worse, 0, "{HIDDEN:?}");
-    assert_eq!(IN_SIGHT.found[GUARD_THAT_IS_TOLD].worse, 0, "{IN_SIGHT:?}");
+    assert_eq!(HIDDEN.results[GUARD_THAT_IS_TOLD].worse, 0, "{HIDDEN:?}");
+    assert_eq!(IN_SIGHT.results[GUARD_THAT_IS_TOLD].worse, 0, "{IN_SIGHT:?}");
 }
 
 #[test]
 fn t4_what_comes_into_sight_nearer_without_a_word_may_be_hit() {
-    assert!(HIDDEN.found[GUARD].worse > 2000, "{HIDDEN:?}");
+    assert!(HIDDEN.results[GUARD].worse > 2000, "{HIDDEN:?}");
 }
 
 #[test]
 fn half_a_second_for_every_message_is_worse_in_thousands_of_drives() {
-    assert!(IN_SIGHT.found[HALF_A_SECOND].worse > 2000, "{IN_SIGHT:?}");
-    assert!(HIDDEN.found[HALF_A_SECOND].worse > 2000, "{HIDDEN:?}");
+    assert!(IN_SIGHT.results[HALF_A_SECOND].worse > 2000, "{IN_SIGHT:?}");
+    assert!(HIDDEN.results[HALF_A_SECOND].worse > 2000, "{HIDDEN:?}");
 }
 
 /// T4: the guarantee rests on a cloud that reports whatever local would.

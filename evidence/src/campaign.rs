@@ -8,10 +8,10 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::thread;
 use std::time::Duration;
 
-use crate::error::Error;
+use crate::error::EvidenceError;
 use crate::fault::SeededFault;
-use crate::kind::{Kind, Run};
-use crate::record::{FaultResult, Record};
+use crate::kind::{EvidenceKind, RunMethod};
+use crate::record::{FaultResult, KindRecord};
 use crate::tree::Tree;
 use crate::work_copy::WorkCopy;
 
@@ -20,7 +20,7 @@ pub struct Campaign<'a> {
     /// The project.
     pub tree: &'a Tree,
     /// The kinds of witness; one with a command of its own is passed over.
-    pub kinds: &'a [&'static Kind],
+    pub kinds: &'a [&'static EvidenceKind],
     /// The faults.
     pub faults: &'a [SeededFault],
     /// How many copies are worked on at once; at least 1.
@@ -34,37 +34,40 @@ pub struct Campaign<'a> {
 }
 
 /// What a campaign found: the faults, each with who caught it, by kind.
-pub type Summary = BTreeMap<String, BTreeMap<&'static str, BTreeSet<String>>>;
+pub type CampaignSummary = BTreeMap<String, BTreeMap<&'static str, BTreeSet<String>>>;
 
 /// One kind under one fault.
-type Task<'a> = (&'static Kind, &'a SeededFault);
+type CampaignTask<'a> = (&'static EvidenceKind, &'a SeededFault);
 
 impl Campaign<'_> {
     /// Runs what the records lack, and keeps each result as it comes.
     ///
-    /// `tell` hears of each run as it ends, with how many ended and how many there are.
+    /// `tell` is called for each run as it ends, with how many ended and how many there are.
     ///
     /// # Errors
     /// A witness is red without a fault, a run says nothing, or `stop` was set.
-    pub fn run(&self, tell: impl Fn(&str, usize, usize) + Sync) -> Result<Summary, Error> {
+    pub fn run(
+        &self,
+        tell: impl Fn(&str, usize, usize) + Sync,
+    ) -> Result<CampaignSummary, EvidenceError> {
         let lanes: Vec<WorkCopy> =
             (0..self.jobs.max(1)).map(|number| self.work_copy(number)).collect();
         for work_copy in &lanes {
             self.tree.copy_to(&work_copy.copy)?;
         }
         let rustc = compiler()?;
-        if self.kinds.iter().any(|kind| matches!(kind.run, Run::DrivePrinted { .. })) {
+        if self.kinds.iter().any(|kind| matches!(kind.run, RunMethod::DrivePrinted { .. })) {
             tell("the command", 0, 0);
             self.build_command()?;
         }
         let mut records = BTreeMap::new();
-        let kinds: Vec<&'static Kind> =
+        let kinds: Vec<&'static EvidenceKind> =
             self.kinds.iter().copied().filter(|kind| kind.is_run_here()).collect();
         for kind in &kinds {
             tell(&format!("{} without a fault", kind.title), 0, 0);
             records.insert(kind.name, self.begin(kind, &lanes[0], &rustc)?);
         }
-        let tasks: Vec<Task> = self
+        let tasks: Vec<CampaignTask> = self
             .faults
             .iter()
             .flat_map(|fault| kinds.iter().map(move |kind| (*kind, fault)))
@@ -73,7 +76,7 @@ impl Campaign<'_> {
             .collect();
         let records = Mutex::new(records);
         let (next, done) = (AtomicUsize::new(0), AtomicUsize::new(0));
-        let work = |work_copy: &WorkCopy| -> Result<(), Error> {
+        let work = |work_copy: &WorkCopy| -> Result<(), EvidenceError> {
             while let Some((kind, fault)) = tasks.get(next.fetch_add(1, Ordering::Relaxed)) {
                 let outcomes = work_copy.run(kind, Some(fault))?;
                 let by = outcomes.into_iter().filter(|(_, held)| !held).map(|(name, _)| name);
@@ -104,12 +107,12 @@ impl Campaign<'_> {
     /// The record to go on with: the one that is there if it is current, else that of a run without a fault.
     fn begin(
         &self,
-        kind: &'static Kind,
+        kind: &'static EvidenceKind,
         work_copy: &WorkCopy,
         rustc: &str,
-    ) -> Result<Record, Error> {
+    ) -> Result<KindRecord, EvidenceError> {
         let sources = kind.digest(&work_copy.copy)?;
-        let there = Record::load(self.tree, kind)?;
+        let there = KindRecord::load(self.tree, kind)?;
         if let Some(record) = there.filter(|record| record.sources == sources && !self.again) {
             return Ok(record);
         }
@@ -117,7 +120,7 @@ impl Campaign<'_> {
         let red: Vec<&str> =
             outcomes.iter().filter(|(_, held)| !**held).map(|(name, _)| &**name).collect();
         if !red.is_empty() {
-            return Err(Error::Run {
+            return Err(EvidenceError::Run {
                 kind: kind.name,
                 run: "none".to_owned(),
                 why: format!("red without a fault: {}", red.join(", ")),
@@ -125,14 +128,14 @@ impl Campaign<'_> {
             });
         }
         let held = outcomes.into_keys().collect();
-        Ok(Record { sources, rustc: rustc.to_owned(), held, faults: BTreeMap::new() })
+        Ok(KindRecord { sources, rustc: rustc.to_owned(), held, faults: BTreeMap::new() })
     }
 
     fn summary(
         &self,
-        kinds: &[&'static Kind],
-        records: &BTreeMap<&'static str, Record>,
-    ) -> Summary {
+        kinds: &[&'static EvidenceKind],
+        records: &BTreeMap<&'static str, KindRecord>,
+    ) -> CampaignSummary {
         let by_kind = |fault: &SeededFault| {
             let of_it = kinds.iter().filter(|kind| (kind.concerns)(fault));
             let caught = of_it.map(|kind| {
@@ -151,15 +154,18 @@ impl Campaign<'_> {
     }
 
     /// Builds the project's own command.
-    fn build_command(&self) -> Result<(), Error> {
+    fn build_command(&self) -> Result<(), EvidenceError> {
         let mut cargo = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
         cargo.args(["build", "--locked", "--quiet", "--release", "-p", "fuseline"]);
         let ended = cargo.arg("--target-dir").arg(self.built()).current_dir(self.tree.root());
-        let ended = ended.status().map_err(Error::file(self.tree.root()))?;
+        let ended = ended.status().map_err(EvidenceError::file(self.tree.root()))?;
         if ended.success() {
             return Ok(());
         }
-        Err(Error::content(self.tree.root(), format!("the command does not build: {ended}")))
+        Err(EvidenceError::content(
+            self.tree.root(),
+            format!("the command does not build: {ended}"),
+        ))
     }
 
     fn work_copy(&self, number: usize) -> WorkCopy<'_> {
@@ -175,9 +181,9 @@ impl Campaign<'_> {
 }
 
 /// The compiler's version.
-fn compiler() -> Result<String, Error> {
+fn compiler() -> Result<String, EvidenceError> {
     let rustc = std::env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
     let printed = Command::new(&rustc).arg("--version").output();
-    let printed = printed.map_err(Error::file(rustc.as_ref()))?;
+    let printed = printed.map_err(EvidenceError::file(rustc.as_ref()))?;
     Ok(String::from_utf8_lossy(&printed.stdout).trim().to_owned())
 }

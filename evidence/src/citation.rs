@@ -6,7 +6,7 @@ use std::sync::LazyLock;
 
 use regex::Regex;
 
-use crate::error::Error;
+use crate::error::EvidenceError;
 use crate::tree::Tree;
 
 /// Where the code that meets the rules is.
@@ -53,7 +53,7 @@ static WORD: LazyLock<Regex> =
 const OTHER_WORDS: [&str; 6] = ["A100", "F32", "F64", "P50", "P90", "P99"];
 
 /// The identifiers in the order of their definition, each with its title.
-pub(crate) fn defined(tree: &Tree) -> Result<Vec<(String, String)>, Error> {
+pub(crate) fn defined(tree: &Tree) -> Result<Vec<(String, String)>, EvidenceError> {
     let spec = tree.text("SPEC.md")?;
     let pair = |found: regex::Captures| {
         let mut parts = found.iter().skip(1).flatten().map(|part| part.as_str().trim().to_owned());
@@ -90,8 +90,8 @@ pub(crate) fn named(name: &str) -> BTreeSet<String> {
     ids
 }
 
-/// The places of the code that cite each identifier, `file:line`.
-pub(crate) fn code(tree: &Tree) -> Result<BTreeMap<String, Vec<String>>, Error> {
+/// The lines of the code that cite each identifier, `file:line`.
+pub(crate) fn code(tree: &Tree) -> Result<BTreeMap<String, Vec<String>>, EvidenceError> {
     let mut places: BTreeMap<String, Vec<String>> = BTreeMap::new();
     for file in tree.files(&CODE)? {
         let is_code = Path::new(&file).extension().is_some_and(|extension| extension == "rs");
@@ -110,22 +110,22 @@ pub(crate) fn code(tree: &Tree) -> Result<BTreeMap<String, Vec<String>>, Error> 
 }
 
 /// What a test's name, its documentation and its body cite.
-pub(crate) fn cited_by_test(tree: &Tree, witness: &str) -> Result<BTreeSet<String>, Error> {
+pub(crate) fn cited_by_test(tree: &Tree, witness: &str) -> Result<BTreeSet<String>, EvidenceError> {
     let mut parts: Vec<&str> = witness.split("::").collect();
     let name = parts.pop().unwrap_or_default();
     let Some(file) = file_of_test(tree, &parts) else {
-        return Err(Error::content(Path::new(witness), "no file has this test".to_owned()));
+        return Err(EvidenceError::content(Path::new(witness), "no file has this test".to_owned()));
     };
     let text = tree.text(&file)?;
     let Some(function) = function(&text, name) else {
-        return Err(Error::content(Path::new(&file), format!("no test {name} here")));
+        return Err(EvidenceError::content(Path::new(&file), format!("no test {name} here")));
     };
     let mut cited = named(name);
     cited.extend(words(&function));
     Ok(cited)
 }
 
-/// The file of a test, told by its target and modules: a library's own test, or one in a folder of tests.
+/// The file of a test, known from its target and modules: a library's own test, or one in a folder of tests.
 fn file_of_test(tree: &Tree, path: &[&str]) -> Option<String> {
     let (target, modules) = path.split_first()?;
     let whole = modules.join("/");
@@ -159,7 +159,7 @@ fn function(text: &str, name: &str) -> Option<String> {
 }
 
 /// Whether one of these files of the proofs has the harness.
-pub(crate) fn has_harness(tree: &Tree, files: &[&str], name: &str) -> Result<bool, Error> {
+pub(crate) fn has_harness(tree: &Tree, files: &[&str], name: &str) -> Result<bool, EvidenceError> {
     for file in files {
         if function(&tree.text(&format!("{HARNESSES}/{file}"))?, name).is_some() {
             return Ok(true);
@@ -169,7 +169,10 @@ pub(crate) fn has_harness(tree: &Tree, files: &[&str], name: &str) -> Result<boo
 }
 
 /// What a harness' name, its documentation and its body cite.
-pub(crate) fn cited_by_harness(tree: &Tree, witness: &str) -> Result<BTreeSet<String>, Error> {
+pub(crate) fn cited_by_harness(
+    tree: &Tree,
+    witness: &str,
+) -> Result<BTreeSet<String>, EvidenceError> {
     let mut cited = named(witness);
     for file in tree.files(&[HARNESSES])? {
         if let Some(function) = function(&tree.text(&file)?, witness) {
@@ -177,11 +180,14 @@ pub(crate) fn cited_by_harness(tree: &Tree, witness: &str) -> Result<BTreeSet<St
             return Ok(cited);
         }
     }
-    Err(Error::content(Path::new(HARNESSES), format!("no harness {witness} here")))
+    Err(EvidenceError::content(Path::new(HARNESSES), format!("no harness {witness} here")))
 }
 
 /// What a trace's name and its header cite.
-pub(crate) fn cited_by_trace(tree: &Tree, witness: &str) -> Result<BTreeSet<String>, Error> {
+pub(crate) fn cited_by_trace(
+    tree: &Tree,
+    witness: &str,
+) -> Result<BTreeSet<String>, EvidenceError> {
     let text = tree.text(&format!("traces/corpus/{witness}.jsonl"))?;
     let mut cited = words(text.lines().next().unwrap_or_default());
     cited.extend(named(&witness.replace('-', "_")));

@@ -4,12 +4,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::process::Command;
 
-use crate::error::Error;
-use crate::gap::Gap;
+use crate::error::EvidenceError;
+use crate::gap::CoverageGap;
 use crate::tool::{Tests, version};
 use crate::tree::Tree;
 
-type BranchCounts = (String, BTreeMap<String, u64>, BTreeSet<Gap>);
+pub(crate) type BranchCounts = (String, BTreeMap<String, u64>, BTreeSet<CoverageGap>);
 
 /// Runs the tests and reads what they took of `files`.
 pub(crate) fn take(
@@ -17,7 +17,7 @@ pub(crate) fn take(
     out: &Path,
     files: &[&str],
     tests: &Tests,
-) -> Result<BranchCounts, Error> {
+) -> Result<BranchCounts, EvidenceError> {
     let compiler = version(
         Command::new("cargo").args(["+nightly", "--version"]).env("RUSTUP_AUTO_INSTALL", "0"),
         "branches are told apart by the nightly compiler alone",
@@ -42,30 +42,30 @@ pub(crate) fn take(
         ("CARGO_NET_OFFLINE", "true"),
     ];
     command.envs(fixed).env_remove("PROPTEST_CASES");
-    let ended = command.status().map_err(Error::file(tree.root()))?;
+    let ended = command.status().map_err(EvidenceError::file(tree.root()))?;
     if !ended.success() {
-        return Err(Error::content(out, format!("cargo llvm-cov ended with {ended}")));
+        return Err(EvidenceError::content(out, format!("cargo llvm-cov ended with {ended}")));
     }
-    let text = std::fs::read_to_string(&report).map_err(Error::file(&report))?;
+    let text = std::fs::read_to_string(&report).map_err(EvidenceError::file(&report))?;
     let (counts, gaps) = read(tree, files, &text)?;
     if counts["lines"] == 0 || counts["branches"] == 0 {
-        return Err(Error::content(&report, "nothing was measured"));
+        return Err(EvidenceError::content(&report, "nothing was measured"));
     }
     Ok((format!("{tool}, {compiler}"), counts, gaps))
 }
 
 /// The version of LLVM in the nightly compiler, which that of its tools must equal.
-fn llvm() -> Result<String, Error> {
+fn llvm() -> Result<String, EvidenceError> {
     let rustc = Path::new("rustc");
     let printed = Command::new(rustc)
         .args(["+nightly", "-vV"])
         .env("RUSTUP_AUTO_INSTALL", "0")
         .output()
-        .map_err(Error::file(rustc))?;
+        .map_err(EvidenceError::file(rustc))?;
     let text = String::from_utf8_lossy(&printed.stdout);
     let version = text.lines().find_map(|line| line.strip_prefix("LLVM version: "));
     let major = version.and_then(|version| version.split('.').next()).map(str::to_owned);
-    major.ok_or_else(|| Error::content(rustc, "it does not tell its version of LLVM"))
+    major.ok_or_else(|| EvidenceError::content(rustc, "it does not tell its version of LLVM"))
 }
 
 /// Reads a report in the format of lcov: `SF` a file, `DA` a line, `BRDA` one way of a branch, each with its count.
@@ -73,8 +73,8 @@ fn read(
     tree: &Tree,
     files: &[&str],
     report: &str,
-) -> Result<(BTreeMap<String, u64>, BTreeSet<Gap>), Error> {
-    let mut taken = BTreeMap::new();
+) -> Result<(BTreeMap<String, u64>, BTreeSet<CoverageGap>), EvidenceError> {
+    let mut line_counts = BTreeMap::new();
     let mut file = None;
     for line in report.lines() {
         let (kind, rest) = line.split_once(':').unwrap_or((line, ""));
@@ -82,12 +82,12 @@ fn read(
         match (kind, &*cells) {
             ("SF", _) => file = name(tree, files, rest),
             ("DA", [line, count, ..]) => {
-                note(&mut taken, file.as_deref(), [line, "", NEVER], count);
+                note(&mut line_counts, file.as_deref(), [line, "", NEVER], count);
             }
-            ("BRDA", [line, condition, way, count]) => {
-                let is_first = way.parse::<u32>().is_ok_and(|way| way.is_multiple_of(2));
-                let what = if is_first { NEVER_TRUE } else { NEVER_FALSE };
-                note(&mut taken, file.as_deref(), [line, condition, what], count);
+            ("BRDA", [line, condition, branch, count]) => {
+                let is_first = branch.parse::<u32>().is_ok_and(|branch| branch.is_multiple_of(2));
+                let gap_kind = if is_first { NEVER_TRUE } else { NEVER_FALSE };
+                note(&mut line_counts, file.as_deref(), [line, condition, gap_kind], count);
             }
             _ => {}
         }
@@ -97,8 +97,8 @@ fn read(
             .map(|kind| (kind.into(), 0))
             .into();
     let mut gaps = BTreeSet::new();
-    for ((file, line, _, what), count) in taken {
-        let (all, open) = if what == NEVER {
+    for ((file, line, _, gap_kind), count) in line_counts {
+        let (all, open) = if gap_kind == NEVER {
             ("lines", "lines never run")
         } else {
             ("branches", "branches never taken")
@@ -106,7 +106,7 @@ fn read(
         *counts.entry(all.to_owned()).or_default() += 1;
         if count == 0 {
             *counts.entry(open.to_owned()).or_default() += 1;
-            gaps.insert(Gap::at(&file, &tree.text(&file)?, line, what));
+            gaps.insert(CoverageGap::at(&file, &tree.text(&file)?, line, gap_kind));
         }
     }
     Ok((counts, gaps))
@@ -117,18 +117,18 @@ const NEVER_TRUE: &str = "is never true";
 const NEVER_FALSE: &str = "is never false";
 
 /// How often a line ran, or a condition of it went one way: by file, line, condition and way.
-type Counts<'a> = BTreeMap<(String, usize, &'a str, &'a str), u64>;
+type LineCounts<'a> = BTreeMap<(String, usize, &'a str, &'a str), u64>;
 
 /// A way counts as taken if any copy of the code takes it.
 fn note<'a>(
-    taken: &mut Counts<'a>,
+    line_counts: &mut LineCounts<'a>,
     file: Option<&str>,
-    [line, condition, what]: [&'a str; 3],
+    [line, condition, gap_kind]: [&'a str; 3],
     count: &str,
 ) {
     let (Some(file), Ok(line)) = (file, line.parse()) else { return };
     let count: u64 = count.parse().unwrap_or(0);
-    let sum = taken.entry((file.to_owned(), line, condition, what)).or_default();
+    let sum = line_counts.entry((file.to_owned(), line, condition, gap_kind)).or_default();
     *sum = sum.saturating_add(count);
 }
 

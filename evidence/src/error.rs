@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 /// Why there is no evidence.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub enum Error {
+pub enum EvidenceError {
     /// A file or folder cannot be used.
     #[error("{}: {source}", path.display())]
     File {
@@ -56,7 +56,7 @@ pub enum Error {
     Interrupted,
 }
 
-impl Error {
+impl EvidenceError {
     /// About this file.
     pub(crate) fn file(path: &Path) -> impl FnOnce(io::Error) -> Self {
         move |source| Self::File { path: path.to_owned(), source }

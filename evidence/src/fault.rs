@@ -6,13 +6,13 @@ use std::fs;
 use serde::Deserialize;
 use sha2::{Digest, Sha256};
 
-use crate::error::Error;
+use crate::error::EvidenceError;
 use crate::tree::{Tree, hex};
 
 /// Where they are kept: those of the machine, and those of what is around it.
 pub(crate) const FILES: [&str; 2] = ["tests/faults.toml", "tests/faults-around.toml"];
 
-/// One place of the source with what a fault would make of it.
+/// One passage of the source with what a fault would make of it.
 #[derive(Clone, PartialEq, Eq, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SeededFault {
@@ -30,7 +30,7 @@ pub struct SeededFault {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Faults {
+struct FaultsFile {
     fault: Vec<SeededFault>,
 }
 
@@ -38,13 +38,13 @@ struct Faults {
 ///
 /// # Errors
 /// A file cannot be read, a name is there twice, or a fault breaks nothing.
-pub fn load(tree: &Tree) -> Result<Vec<SeededFault>, Error> {
+pub fn load(tree: &Tree) -> Result<Vec<SeededFault>, EvidenceError> {
     let mut all = Vec::new();
     for file in FILES {
         let path = tree.path(file);
-        let text = fs::read_to_string(&path).map_err(Error::file(&path))?;
-        let faults: Faults =
-            toml::from_str(&text).map_err(|error| Error::content(&path, error.to_string()))?;
+        let text = fs::read_to_string(&path).map_err(EvidenceError::file(&path))?;
+        let faults: FaultsFile = toml::from_str(&text)
+            .map_err(|error| EvidenceError::content(&path, error.to_string()))?;
         all.extend(faults.fault);
     }
     let mut names = BTreeSet::new();
@@ -63,8 +63,8 @@ impl SeededFault {
     /// The source with this fault.
     ///
     /// # Errors
-    /// The place does not occur exactly once.
-    pub fn seed(&self, source: &str) -> Result<String, Error> {
+    /// The passage does not occur exactly once.
+    pub fn seed(&self, source: &str) -> Result<String, EvidenceError> {
         match source.matches(&self.find).count() {
             1 => Ok(source.replacen(&self.find, &self.replace, 1)),
             count => Err(self.error(&format!("its place occurs {count} times in {}", self.file))),
@@ -82,8 +82,8 @@ impl SeededFault {
         hex(&digest.finalize())
     }
 
-    fn error(&self, why: &str) -> Error {
-        Error::Seed { name: self.name.clone(), why: why.to_owned() }
+    fn error(&self, why: &str) -> EvidenceError {
+        EvidenceError::Seed { name: self.name.clone(), why: why.to_owned() }
     }
 }
 

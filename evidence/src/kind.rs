@@ -6,13 +6,13 @@ use std::collections::BTreeSet;
 
 pub use all::KINDS;
 
-use crate::error::Error;
+use crate::error::EvidenceError;
 use crate::fault::SeededFault;
 use crate::printed::Outcomes;
 use crate::tree::Tree;
 
 /// One kind of witness: how it is run, what it printed means, and what each witness cites.
-pub struct Kind {
+pub struct EvidenceKind {
     /// Its name, which is that of its record too.
     pub name: &'static str,
     /// What its witnesses are, for readers.
@@ -21,17 +21,17 @@ pub struct Kind {
     pub(crate) applies: fn(&str) -> bool,
     /// Which faults its witnesses could see.
     pub(crate) concerns: fn(&SeededFault) -> bool,
-    pub(crate) run: Run,
+    pub(crate) run: RunMethod,
     /// The files that the results depend on.
     pub(crate) sources: &'static [&'static str],
     /// Reads what cargo printed.
     pub(crate) read: fn(&str) -> Outcomes,
     /// The identifiers that a witness cites.
-    pub(crate) cites: fn(&Tree, &str) -> Result<BTreeSet<String>, Error>,
+    pub(crate) cites: fn(&Tree, &str) -> Result<BTreeSet<String>, EvidenceError>,
 }
 
 /// How the witnesses of a kind run.
-pub(crate) enum Run {
+pub(crate) enum RunMethod {
     /// cargo with these arguments and variables, under every fault.
     Cargo { arguments: &'static [&'static str], variables: &'static [(&'static str, &'static str)] },
     /// As `Cargo`, but what cargo would run is run by the project's own command, as it is without the fault.
@@ -43,30 +43,30 @@ pub(crate) enum Run {
     Solve,
 }
 
-impl Kind {
+impl EvidenceKind {
     /// A digest of what its results depend on.
     ///
     /// # Errors
     /// A file cannot be read.
-    pub fn digest(&self, tree: &Tree) -> Result<String, Error> {
+    pub fn digest(&self, tree: &Tree) -> Result<String, EvidenceError> {
         tree.digest(self.sources)
     }
 
     /// Whether its witnesses run under every fault by a campaign.
     #[must_use]
     pub fn is_run_here(&self) -> bool {
-        matches!(self.run, Run::Cargo { .. } | Run::DrivePrinted { .. })
+        matches!(self.run, RunMethod::Cargo { .. } | RunMethod::DrivePrinted { .. })
     }
 
     /// Whether one of its witnesses must catch this fault.
     pub(crate) fn must_catch(&self, fault: &SeededFault) -> bool {
-        matches!(self.run, Run::Prove { of, .. } if of.contains(&&*fault.file))
+        matches!(self.run, RunMethod::Prove { of, .. } if of.contains(&&*fault.file))
     }
 
     /// Whether its witnesses were refuted under faults of their own, and not under those seeded here.
     #[must_use]
     pub fn has_own_faults(&self) -> bool {
-        matches!(self.run, Run::Solve)
+        matches!(self.run, RunMethod::Solve)
     }
 
     /// The one of this name.

@@ -8,7 +8,8 @@ use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand};
 use fuseline_evidence::{
-    Campaign, Error, KINDS, Kind, MEASURES, Matrix, Summary, Tree, artefacts, load_faults,
+    Campaign, CampaignSummary, EvidenceError, EvidenceKind, KINDS, MEASURES, Matrix, Tree,
+    artefacts, load_faults,
 };
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -27,7 +28,7 @@ enum Command {
     /// Results that are current are kept: an interrupted run goes on where it was.
     Faults(Faults),
     /// Measure the tests: mutants that survive, code that never runs.
-    Measure(MeasurementResult),
+    Measure(MeasureArguments),
     /// Write the matrix of the results into evidence/ of cargo's target folder: matrix.md, evidence.csv and evidence.json.
     ///
     /// It fails if a result is missing or older than its sources without a reason in evidence/older.toml; the files name it.
@@ -57,7 +58,7 @@ struct Faults {
 }
 
 #[derive(Args)]
-struct MeasurementResult {
+struct MeasureArguments {
     /// The measurements; all unless named.
     #[arg(value_parser = MEASURES.iter().map(|measure| measure.name).collect::<Vec<_>>())]
     names: Vec<String>,
@@ -86,14 +87,17 @@ fn main() -> ExitCode {
 }
 
 /// Whether every fault is caught.
-fn faults(tree: &Tree, args: &Faults) -> Result<bool, Error> {
+fn faults(tree: &Tree, args: &Faults) -> Result<bool, EvidenceError> {
     let mut faults = load_faults(tree)?;
     let wanted: BTreeSet<&str> = args.names.iter().map(String::as_str).collect();
     if let Some(name) = wanted.iter().find(|name| !faults.iter().any(|f| f.name == **name)) {
-        return Err(Error::Seed { name: (*name).to_owned(), why: "there is none".to_owned() });
+        return Err(EvidenceError::Seed {
+            name: (*name).to_owned(),
+            why: "there is none".to_owned(),
+        });
     }
     faults.retain(|fault| wanted.is_empty() || wanted.contains(&*fault.name));
-    let kinds: Vec<&'static Kind> = KINDS
+    let kinds: Vec<&'static EvidenceKind> = KINDS
         .iter()
         .filter(|kind| args.kind.is_empty() || args.kind.iter().any(|name| name == kind.name))
         .collect();
@@ -112,17 +116,17 @@ fn faults(tree: &Tree, args: &Faults) -> Result<bool, Error> {
         again: args.again,
         stop: &STOP,
     };
-    let summary = campaign.run(|what, done, all| {
+    let summary = campaign.run(|name, done, all| {
         bar.set_length(all as u64);
         bar.set_position(done as u64);
-        bar.set_message(what.to_owned());
+        bar.set_message(name.to_owned());
     });
     bar.finish_and_clear();
     Ok(report(&summary?))
 }
 
 /// Prints who caught what; whether someone caught each.
-fn report(summary: &Summary) -> bool {
+fn report(summary: &CampaignSummary) -> bool {
     let mut all = true;
     // A fault that no chosen kind could see says nothing about them.
     for (fault, kinds) in summary.iter().filter(|(_, kinds)| !kinds.is_empty()) {
@@ -136,7 +140,7 @@ fn report(summary: &Summary) -> bool {
 }
 
 /// Takes measurements; what they leave open is for the matrix to say.
-fn measure(tree: &Tree, args: &MeasurementResult) -> Result<bool, Error> {
+fn measure(tree: &Tree, args: &MeasureArguments) -> Result<bool, EvidenceError> {
     let is_wanted = |name: &str| args.names.is_empty() || args.names.iter().any(|n| n == name);
     for measure in MEASURES.iter().filter(|measure| is_wanted(measure.name)) {
         let measured = measure.take(tree, args.jobs)?;
@@ -152,7 +156,7 @@ fn measure(tree: &Tree, args: &MeasurementResult) -> Result<bool, Error> {
 }
 
 /// Whether the matrix stands; its files are written even if it does not, for they name what is missing.
-fn matrix(tree: &Tree, check: bool) -> Result<bool, Error> {
+fn matrix(tree: &Tree, check: bool) -> Result<bool, EvidenceError> {
     let matrix = Matrix::build(tree)?;
     if !check {
         // As cargo does, but that a relative path begins at the root, whatever the working directory is.

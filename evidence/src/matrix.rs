@@ -5,13 +5,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use serde::Serialize;
 
 use crate::citation;
-use crate::error::Error;
+use crate::error::EvidenceError;
 use crate::fault::{self, SeededFault};
-use crate::gap::{self, Gap};
-use crate::kind::{KINDS, Kind};
+use crate::gap::{self, CoverageGap};
+use crate::kind::{EvidenceKind, KINDS};
 use crate::measure::MEASURES;
 use crate::older;
-use crate::record::Record;
+use crate::record::KindRecord;
 use crate::tree::Tree;
 
 /// The whole matrix, with whatever is wrong with it.
@@ -22,7 +22,7 @@ pub struct Matrix {
     /// How many witnesses of each kind ran.
     pub ran: BTreeMap<&'static str, usize>,
     /// A row an identifier, in the order of the specification.
-    pub rows: Vec<Row>,
+    pub rows: Vec<MatrixRow>,
     /// The faults in their order, each with who caught it.
     pub faults: Vec<Seeded>,
     /// The measurements of the tests, in their order.
@@ -35,7 +35,7 @@ pub struct Matrix {
 
 /// What shows one rule, promise or ambiguity.
 #[derive(Clone, Debug, Serialize)]
-pub struct Row {
+pub struct MatrixRow {
     /// Its identifier.
     pub id: String,
     /// How the specification heads it.
@@ -69,7 +69,7 @@ pub struct MeasurementRow {
     /// How many there are of each kind.
     pub counts: BTreeMap<String, u64>,
     /// The gaps, each with the reason why it may stay; an empty one is wrong.
-    pub gaps: Vec<(Gap, String)>,
+    pub gaps: Vec<(CoverageGap, String)>,
 }
 
 impl Matrix {
@@ -77,7 +77,7 @@ impl Matrix {
     ///
     /// # Errors
     /// One of them cannot be read. What they lack is in [`wrong`](Self::wrong).
-    pub fn build(tree: &Tree) -> Result<Self, Error> {
+    pub fn build(tree: &Tree) -> Result<Self, EvidenceError> {
         let faults = fault::load(tree)?;
         let mut wrong = Vec::new();
         for fault in &faults {
@@ -152,8 +152,12 @@ impl Matrix {
 }
 
 /// The record of a kind; says if it has no witness. None counts as older than its sources.
-fn there(tree: &Tree, kind: &Kind, wrong: &mut Vec<String>) -> Result<Option<Record>, Error> {
-    let record = Record::load(tree, kind)?;
+fn there(
+    tree: &Tree,
+    kind: &EvidenceKind,
+    wrong: &mut Vec<String>,
+) -> Result<Option<KindRecord>, EvidenceError> {
+    let record = KindRecord::load(tree, kind)?;
     if record.as_ref().is_some_and(|record| record.held.is_empty()) {
         wrong.push(format!("{}: none ran", kind.title));
     }
@@ -161,7 +165,7 @@ fn there(tree: &Tree, kind: &Kind, wrong: &mut Vec<String>) -> Result<Option<Rec
 }
 
 /// The faults under which the witnesses of a kind did not run.
-fn missing(kind: &Kind, record: &Record, faults: &[SeededFault]) -> Option<String> {
+fn missing(kind: &EvidenceKind, record: &KindRecord, faults: &[SeededFault]) -> Option<String> {
     let concerned = faults.iter().filter(|fault| kind.is_run_here() && (kind.concerns)(fault));
     let missing = concerned.filter(|fault| record.caught(fault).is_none());
     let missing: Vec<&str> = missing.map(|fault| &*fault.name).collect();
@@ -174,7 +178,7 @@ fn measured(
     tree: &Tree,
     stale: &mut Vec<(&'static str, &'static str)>,
     wrong: &mut Vec<String>,
-) -> Result<Vec<MeasurementRow>, Error> {
+) -> Result<Vec<MeasurementRow>, EvidenceError> {
     let reasons = gap::explanations(tree)?;
     let mut standings = Vec::new();
     for measure in MEASURES {
@@ -186,7 +190,7 @@ fn measured(
         if !is_current {
             stale.push((measure.name, measure.title));
         }
-        let explain = |gap: Gap| {
+        let explain = |gap: CoverageGap| {
             let because = reasons.iter().find(|reason| reason.gap == gap);
             (gap, because.map(|reason| reason.because.clone()).unwrap_or_default())
         };
@@ -207,7 +211,7 @@ fn measured(
     Ok(standings)
 }
 
-fn seeded(fault: &SeededFault, records: &[(&Kind, Record)]) -> Seeded {
+fn seeded(fault: &SeededFault, records: &[(&EvidenceKind, KindRecord)]) -> Seeded {
     let caught = records
         .iter()
         .filter_map(|(kind, record)| Some((kind.name, record.caught(fault)?.clone())));
@@ -223,12 +227,12 @@ fn shown(
     known: &BTreeSet<&str>,
     stale: &[(&str, &str)],
     wrong: &mut Vec<String>,
-) -> Result<WitnessIndex, Error> {
+) -> Result<WitnessIndex, EvidenceError> {
     let mut cache: BTreeMap<(&str, &str), BTreeSet<String>> = BTreeMap::new();
     let mut shown = WitnessIndex::new();
     for fault in faults {
         for (name, witnesses) in &fault.caught_by {
-            let Some(kind) = Kind::find(name) else { continue };
+            let Some(kind) = EvidenceKind::find(name) else { continue };
             for witness in witnesses {
                 if !cache.contains_key(&(kind.name, &**witness)) {
                     // A witness of an older result may be gone since; then it shows nothing.
@@ -257,9 +261,9 @@ fn row(
     code: &BTreeMap<String, Vec<String>>,
     faults: &[Seeded],
     shown: &WitnessIndex,
-) -> Row {
+) -> MatrixRow {
     let of_it = faults.iter().filter(|fault| fault.breaks.contains(id));
-    Row {
+    MatrixRow {
         id: id.to_owned(),
         title: title.to_owned(),
         code: code.get(id).cloned().unwrap_or_default(),
@@ -270,7 +274,11 @@ fn row(
 
 /// What a rule or promise must have and has not, by the results that are not older. An ambiguity is a reading of one and
 /// needs nothing of its own.
-fn lacks(row: &Row, records: &[(&Kind, Record)], stale: &[(&str, &str)]) -> Vec<String> {
+fn lacks(
+    row: &MatrixRow,
+    records: &[(&EvidenceKind, KindRecord)],
+    stale: &[(&str, &str)],
+) -> Vec<String> {
     let mut lacks = Vec::new();
     if row.id.starts_with('A') {
         return lacks;
@@ -300,12 +308,12 @@ fn lacks(row: &Row, records: &[(&Kind, Record)], stale: &[(&str, &str)]) -> Vec<
 }
 
 fn unknown<'a>(
-    place: &str,
+    location: &str,
     cited: impl Iterator<Item = &'a String>,
     known: &BTreeSet<&str>,
 ) -> Vec<String> {
     cited
         .filter(|id| !known.contains(id.as_str()))
-        .map(|id| format!("{place} cites {id}, which SPEC.md does not define"))
+        .map(|id| format!("{location} cites {id}, which SPEC.md does not define"))
         .collect()
 }

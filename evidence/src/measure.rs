@@ -4,8 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
 
-use crate::error::Error;
-use crate::gap::Gap;
+use crate::error::EvidenceError;
+use crate::gap::CoverageGap;
 use crate::sources::{
     ARBITER, CORE, CORPUS, NO_LIST, NO_LIST_OF_THREADS, NO_LIST_OF_TRACES, NO_OBSERVED, NO_PACKED,
     NO_ROWS, TESTS, THREADS, TRACES,
@@ -44,7 +44,7 @@ pub struct MeasurementResult {
     /// How many there are of each kind.
     pub counts: BTreeMap<String, u64>,
     /// What the tests leave open.
-    pub gaps: BTreeSet<Gap>,
+    pub gaps: BTreeSet<CoverageGap>,
 }
 
 const TESTS_OF_CORE: Tests = Tests {
@@ -159,7 +159,7 @@ impl Measure {
     ///
     /// # Errors
     /// A file cannot be read.
-    pub fn digest(&self, tree: &Tree) -> Result<String, Error> {
+    pub fn digest(&self, tree: &Tree) -> Result<String, EvidenceError> {
         tree.digest(self.sources)
     }
 
@@ -167,10 +167,10 @@ impl Measure {
     ///
     /// # Errors
     /// The tool is not there, cannot measure, or the result cannot be kept.
-    pub fn take(&self, tree: &Tree, jobs: u8) -> Result<MeasurementResult, Error> {
+    pub fn take(&self, tree: &Tree, jobs: u8) -> Result<MeasurementResult, EvidenceError> {
         let sources = self.digest(tree)?;
         let out = tree.path("target/evidence").join(self.name);
-        std::fs::create_dir_all(&out).map_err(Error::file(&out))?;
+        std::fs::create_dir_all(&out).map_err(EvidenceError::file(&out))?;
         let (by, counts, gaps) = match self.tool {
             Tool::Mutants(files) => mutants::take(tree, &out, files, &self.tests, jobs)?,
             Tool::Coverage(files) => coverage::take(tree, &out, files, &self.tests)?,
@@ -178,7 +178,7 @@ impl Measure {
         let measured = MeasurementResult { sources, by, counts, gaps };
         let path = self.path(tree);
         let mut text = serde_json::to_string_pretty(&measured)
-            .map_err(|error| Error::content(&path, error.to_string()))?;
+            .map_err(|error| EvidenceError::content(&path, error.to_string()))?;
         text.push('\n');
         crate::record::write_whole(&path, &text)?;
         Ok(measured)
@@ -188,15 +188,15 @@ impl Measure {
     ///
     /// # Errors
     /// It cannot be read.
-    pub fn load(&self, tree: &Tree) -> Result<Option<MeasurementResult>, Error> {
+    pub fn load(&self, tree: &Tree) -> Result<Option<MeasurementResult>, EvidenceError> {
         let path = self.path(tree);
         if !path.exists() {
             return Ok(None);
         }
-        let text = std::fs::read_to_string(&path).map_err(Error::file(&path))?;
+        let text = std::fs::read_to_string(&path).map_err(EvidenceError::file(&path))?;
         serde_json::from_str(&text)
             .map(Some)
-            .map_err(|error| Error::content(&path, error.to_string()))
+            .map_err(|error| EvidenceError::content(&path, error.to_string()))
     }
 
     fn path(&self, tree: &Tree) -> std::path::PathBuf {

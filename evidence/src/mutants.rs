@@ -6,13 +6,12 @@ use std::process::Command;
 
 use serde::Deserialize;
 
-use crate::error::Error;
-use crate::gap::Gap;
+use crate::coverage::BranchCounts;
+use crate::error::EvidenceError;
+use crate::gap::CoverageGap;
 use crate::tool::{Tests, version};
 use crate::tree::Tree;
 use crate::work_copy::BOUNDED;
-
-type BranchCounts = (String, BTreeMap<String, u64>, BTreeSet<Gap>);
 
 /// Makes and tests all mutants of `files`.
 pub(crate) fn take(
@@ -21,7 +20,7 @@ pub(crate) fn take(
     files: &[&str],
     tests: &Tests,
     jobs: u8,
-) -> Result<BranchCounts, Error> {
+) -> Result<BranchCounts, EvidenceError> {
     let remedy = "cargo install --locked cargo-mutants";
     let by = version(Command::new("cargo").args(["mutants", "--version"]), remedy)?;
     let mut command = Command::new("sh");
@@ -43,10 +42,10 @@ pub(crate) fn take(
     command.current_dir(tree.root()).envs(fixed).env_remove("PROPTEST_CASES");
     // Each job has a folder of its own: in one they would test each other's mutants.
     command.env_remove("CARGO_TARGET_DIR");
-    let ended = command.status().map_err(Error::file(tree.root()))?;
+    let ended = command.status().map_err(EvidenceError::file(tree.root()))?;
     // 2: some survived; 3: some ran out of time.
     if !matches!(ended.code(), Some(0 | 2 | 3)) {
-        return Err(Error::content(out, format!("cargo mutants ended with {ended}")));
+        return Err(EvidenceError::content(out, format!("cargo mutants ended with {ended}")));
     }
     let (counts, gaps) = read(tree, &out.join("mutants.out/outcomes.json"))?;
     Ok((by, counts, gaps))
@@ -54,24 +53,24 @@ pub(crate) fn take(
 
 /// What happened to the mutants.
 #[derive(Deserialize)]
-struct Outcomes {
-    outcomes: Vec<Outcome>,
+struct MutantOutcomes {
+    outcomes: Vec<CargoMutantsOutcome>,
 }
 
 #[derive(Deserialize)]
-struct Outcome {
-    scenario: Scenario,
+struct CargoMutantsOutcome {
+    scenario: MutantScenario,
     summary: String,
 }
 
 #[derive(Deserialize)]
-enum Scenario {
+enum MutantScenario {
     Baseline,
-    Mutant { name: String, file: String, span: Span },
+    Mutant { name: String, file: String, span: LineSpan },
 }
 
 #[derive(Deserialize)]
-struct Span {
+struct LineSpan {
     start: SourceSpan,
 }
 
@@ -80,27 +79,30 @@ struct SourceSpan {
     line: usize,
 }
 
-fn read(tree: &Tree, path: &Path) -> Result<(BTreeMap<String, u64>, BTreeSet<Gap>), Error> {
-    let text = std::fs::read_to_string(path).map_err(Error::file(path))?;
-    let outcomes: Outcomes =
-        serde_json::from_str(&text).map_err(|error| Error::content(path, error.to_string()))?;
+fn read(
+    tree: &Tree,
+    path: &Path,
+) -> Result<(BTreeMap<String, u64>, BTreeSet<CoverageGap>), EvidenceError> {
+    let text = std::fs::read_to_string(path).map_err(EvidenceError::file(path))?;
+    let outcomes: MutantOutcomes = serde_json::from_str(&text)
+        .map_err(|error| EvidenceError::content(path, error.to_string()))?;
     let mut counts: BTreeMap<String, u64> =
         ["caught", "out of time", "not built", "survived"].map(|kind| (kind.into(), 0)).into();
     let mut gaps = BTreeSet::new();
     for outcome in outcomes.outcomes {
-        let Scenario::Mutant { name, file, span } = outcome.scenario else { continue };
+        let MutantScenario::Mutant { name, file, span } = outcome.scenario else { continue };
         let kind = match &*outcome.summary {
             "CaughtMutant" => "caught",
             "Timeout" => "out of time",
             "Unviable" => "not built",
             "MissedMutant" => "survived",
-            other => return Err(Error::content(path, format!("{name}: what is {other}?"))),
+            other => return Err(EvidenceError::content(path, format!("{name}: what is {other}?"))),
         };
         *counts.entry(kind.to_owned()).or_default() += 1;
         if kind == "survived" {
             // After file, line and column.
             let what = name.splitn(4, ':').last().unwrap_or_default().trim();
-            gaps.insert(Gap::at(&file, &tree.text(&file)?, span.start.line, what));
+            gaps.insert(CoverageGap::at(&file, &tree.text(&file)?, span.start.line, what));
         }
     }
     Ok((counts, gaps))

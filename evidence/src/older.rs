@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fs;
 
-use crate::error::Error;
+use crate::error::EvidenceError;
 use crate::tree::Tree;
 
 /// Where they are named.
@@ -13,28 +13,28 @@ const FILE: &str = "evidence/older.toml";
 ///
 /// # Errors
 /// The file cannot be read, or a reason is empty.
-pub(crate) fn declared(tree: &Tree) -> Result<BTreeMap<String, String>, Error> {
+pub(crate) fn declared(tree: &Tree) -> Result<BTreeMap<String, String>, EvidenceError> {
     let path = tree.path(FILE);
     if !path.exists() {
         return Ok(BTreeMap::new());
     }
-    let text = fs::read_to_string(&path).map_err(Error::file(&path))?;
+    let text = fs::read_to_string(&path).map_err(EvidenceError::file(&path))?;
     let reasons: BTreeMap<String, String> =
-        toml::from_str(&text).map_err(|error| Error::content(&path, error.to_string()))?;
+        toml::from_str(&text).map_err(|error| EvidenceError::content(&path, error.to_string()))?;
     match reasons.iter().find(|(_, because)| because.trim().is_empty()) {
-        Some((name, _)) => Err(Error::content(&path, format!("{name}: no reason"))),
+        Some((name, _)) => Err(EvidenceError::content(&path, format!("{name}: no reason"))),
         None => Ok(reasons),
     }
 }
 
-/// Parts the results that are older than their sources, name and title, into the declared ones, told with their
+/// Parts the results that are older than their sources, name and title, into the declared ones, given with their
 /// reasons, and what is wrong: one that is not declared, and one that is declared and current or unknown.
 pub(crate) fn sort(
-    found: &[(&'static str, &'static str)],
+    outdated: &[(&'static str, &'static str)],
     mut declared: BTreeMap<String, String>,
 ) -> (Vec<(&'static str, String)>, Vec<String>) {
     let (mut older, mut wrong) = (Vec::new(), Vec::new());
-    for (name, title) in found {
+    for (name, title) in outdated {
         match declared.remove(*name) {
             Some(because) => older.push((*title, because)),
             None => wrong.push(format!("{title}: the sources changed since the results")),

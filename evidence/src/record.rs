@@ -9,15 +9,15 @@ use serde::{Deserialize, Serialize};
 use tempfile::NamedTempFile;
 
 use crate::citation::has_harness;
-use crate::error::Error;
+use crate::error::EvidenceError;
 use crate::fault::SeededFault;
-use crate::kind::{Kind, Run};
+use crate::kind::{EvidenceKind, RunMethod};
 use crate::tree::Tree;
 
 /// The results of one kind of witness.
 #[derive(Clone, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Record {
+pub struct KindRecord {
     /// A digest of the sources that the results depend on.
     pub sources: String,
     /// The compiler that built them.
@@ -48,7 +48,7 @@ struct Proofs {
 
 /// What the rules keep of themselves, as far as it is of use here.
 #[derive(Deserialize)]
-struct Rules {
+struct RulesRecord {
     /// The solvers' versions by their names.
     solvers: BTreeMap<String, String>,
     obligations: Vec<Obligation>,
@@ -63,17 +63,21 @@ struct Obligation {
     faults: Vec<String>,
 }
 
-impl Rules {
-    fn load(tree: &Tree) -> Result<Self, Error> {
+impl RulesRecord {
+    fn load(tree: &Tree) -> Result<Self, EvidenceError> {
         let path = tree.path(RULES);
-        let text = fs::read_to_string(&path).map_err(Error::file(&path))?;
-        serde_json::from_str(&text).map_err(|error| Error::content(&path, error.to_string()))
+        let text = fs::read_to_string(&path).map_err(EvidenceError::file(&path))?;
+        serde_json::from_str(&text)
+            .map_err(|error| EvidenceError::content(&path, error.to_string()))
     }
 }
 
 /// The identifiers that an obligation of the rules cites.
-pub(crate) fn cited_by_obligation(tree: &Tree, name: &str) -> Result<BTreeSet<String>, Error> {
-    let known = Rules::load(tree)?.obligations.into_iter().find(|known| known.name == name);
+pub(crate) fn cited_by_obligation(
+    tree: &Tree,
+    name: &str,
+) -> Result<BTreeSet<String>, EvidenceError> {
+    let known = RulesRecord::load(tree)?.obligations.into_iter().find(|known| known.name == name);
     Ok(known.map(|known| known.shows).unwrap_or_default())
 }
 
@@ -85,14 +89,14 @@ pub fn folder(tree: &Tree) -> PathBuf {
     tree.path("evidence/results")
 }
 
-impl Record {
+impl KindRecord {
     /// The committed record of a kind, if there is one.
     ///
     /// # Errors
     /// It cannot be read.
-    pub fn load(tree: &Tree, kind: &Kind) -> Result<Option<Self>, Error> {
+    pub fn load(tree: &Tree, kind: &EvidenceKind) -> Result<Option<Self>, EvidenceError> {
         if kind.has_own_faults() {
-            let Rules { solvers, obligations } = Rules::load(tree)?;
+            let RulesRecord { solvers, obligations } = RulesRecord::load(tree)?;
             let held = obligations.into_iter().filter(|known| !known.faults.is_empty());
             let solvers: Vec<_> = solvers.iter().map(|(name, of)| format!("{name} {of}")).collect();
             return Ok(Some(Self {
@@ -106,9 +110,9 @@ impl Record {
         if !path.exists() {
             return Ok(None);
         }
-        let text = fs::read_to_string(&path).map_err(Error::file(&path))?;
-        let wrong = |error: serde_json::Error| Error::content(&path, error.to_string());
-        let Run::Prove { files, .. } = kind.run else {
+        let text = fs::read_to_string(&path).map_err(EvidenceError::file(&path))?;
+        let wrong = |error: serde_json::Error| EvidenceError::content(&path, error.to_string());
+        let RunMethod::Prove { files, .. } = kind.run else {
             return serde_json::from_str(&text).map(Some).map_err(wrong);
         };
         let Proofs { harnesses, mut faults } = serde_json::from_str(&text).map_err(wrong)?;
@@ -129,10 +133,10 @@ impl Record {
     ///
     /// # Errors
     /// It cannot be written.
-    pub fn save(&self, tree: &Tree, kind: &Kind) -> Result<(), Error> {
+    pub fn save(&self, tree: &Tree, kind: &EvidenceKind) -> Result<(), EvidenceError> {
         let path = path(tree, kind);
         let mut text = serde_json::to_string_pretty(self)
-            .map_err(|error| Error::content(&path, error.to_string()))?;
+            .map_err(|error| EvidenceError::content(&path, error.to_string()))?;
         text.push('\n');
         write_whole(&path, &text)
     }
@@ -146,22 +150,22 @@ impl Record {
 }
 
 /// Writes a file by another name first, then gives it its own.
-pub(crate) fn write_whole(path: &std::path::Path, text: &str) -> Result<(), Error> {
+pub(crate) fn write_whole(path: &std::path::Path, text: &str) -> Result<(), EvidenceError> {
     let folder = path.parent().unwrap_or(path);
-    fs::create_dir_all(folder).map_err(Error::file(folder))?;
-    let mut file = NamedTempFile::new_in(folder).map_err(Error::file(folder))?;
-    file.write_all(text.as_bytes()).map_err(Error::file(path))?;
+    fs::create_dir_all(folder).map_err(EvidenceError::file(folder))?;
+    let mut file = NamedTempFile::new_in(folder).map_err(EvidenceError::file(folder))?;
+    file.write_all(text.as_bytes()).map_err(EvidenceError::file(path))?;
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt as _;
         let shared = fs::Permissions::from_mode(0o644);
-        file.as_file().set_permissions(shared).map_err(Error::file(path))?;
+        file.as_file().set_permissions(shared).map_err(EvidenceError::file(path))?;
     }
-    file.persist(path).map_err(|error| Error::file(path)(error.error))?;
+    file.persist(path).map_err(|error| EvidenceError::file(path)(error.error))?;
     Ok(())
 }
 
-fn path(tree: &Tree, kind: &Kind) -> PathBuf {
+fn path(tree: &Tree, kind: &EvidenceKind) -> PathBuf {
     if kind.is_run_here() {
         folder(tree).join(format!("{}.json", kind.name))
     } else {

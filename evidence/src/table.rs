@@ -4,9 +4,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use crate::error::Error;
-use crate::kind::{KINDS, Kind};
-use crate::matrix::{Matrix, MeasurementRow, Row};
+use crate::error::EvidenceError;
+use crate::kind::{EvidenceKind, KINDS};
+use crate::matrix::{Matrix, MatrixRow, MeasurementRow};
 
 /// One file made of the matrix.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -22,7 +22,7 @@ impl GeneratedFile {
     ///
     /// # Errors
     /// It cannot be written.
-    pub fn save(&self, target: &Path) -> Result<PathBuf, Error> {
+    pub fn save(&self, target: &Path) -> Result<PathBuf, EvidenceError> {
         let path = target.join("evidence").join(self.name);
         crate::record::write_whole(&path, &self.text)?;
         Ok(path)
@@ -35,9 +35,9 @@ impl GeneratedFile {
 ///
 /// # Errors
 /// Never in practice: the matrix consists of text.
-pub fn artefacts(matrix: &Matrix) -> Result<[GeneratedFile; 3], Error> {
+pub fn artefacts(matrix: &Matrix) -> Result<[GeneratedFile; 3], EvidenceError> {
     let mut json = serde_json::to_string_pretty(matrix)
-        .map_err(|error| Error::content(JSON.as_ref(), error.to_string()))?;
+        .map_err(|error| EvidenceError::content(JSON.as_ref(), error.to_string()))?;
     json.push('\n');
     Ok([
         GeneratedFile { name: CHAPTER, text: markdown(matrix) },
@@ -108,7 +108,7 @@ fn markdown(matrix: &Matrix) -> String {
 }
 
 /// The kinds that have results.
-fn ran(matrix: &Matrix) -> impl Iterator<Item = &'static Kind> {
+fn ran(matrix: &Matrix) -> impl Iterator<Item = &'static EvidenceKind> {
     KINDS.iter().filter(|kind| matrix.ran.contains_key(kind.name))
 }
 
@@ -131,14 +131,14 @@ fn overview(matrix: &Matrix, text: &mut String) {
     }
 }
 
-fn section(matrix: &Matrix, row: &Row, text: &mut String) {
+fn section(matrix: &Matrix, row: &MatrixRow, text: &mut String) {
     let _ = writeln!(text, "\n### {}: {}\n", row.id, row.title);
     let mut line = |title: &str, items: Vec<String>| {
         if !items.is_empty() {
             let _ = writeln!(text, "- {title}: {}", items.join(", "));
         }
     };
-    line("code", places(&row.code));
+    line("code", locations(&row.code));
     for kind in ran(matrix) {
         let witnesses = row.witnesses.get(kind.name).into_iter().flatten();
         line(kind.title, witnesses.map(|name| format!("`{name}`")).collect());
@@ -147,10 +147,10 @@ fn section(matrix: &Matrix, row: &Row, text: &mut String) {
 }
 
 /// `file:1, 2` for `file:1` and `file:2`.
-fn places(code: &[String]) -> Vec<String> {
+fn locations(code: &[String]) -> Vec<String> {
     let mut files: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
-    for place in code {
-        let (file, line) = place.rsplit_once(':').unwrap_or((place, ""));
+    for location in code {
+        let (file, line) = location.rsplit_once(':').unwrap_or((location, ""));
         files.entry(file).or_default().push(line);
     }
     files.into_iter().map(|(file, lines)| format!("`{file}:{}`", lines.join(","))).collect()
@@ -188,7 +188,7 @@ fn measurement(standing: &MeasurementRow, text: &mut String) {
     }
 }
 
-fn count(witnesses: &BTreeMap<&'static str, BTreeSet<String>>, kind: &Kind) -> usize {
+fn count(witnesses: &BTreeMap<&'static str, BTreeSet<String>>, kind: &EvidenceKind) -> usize {
     witnesses.get(kind.name).map_or(0, BTreeSet::len)
 }
 
@@ -198,16 +198,16 @@ fn number(count: usize) -> String {
 }
 
 /// A line for each thing that stands in a row of the matrix.
-fn csv(matrix: &Matrix) -> Result<String, Error> {
+fn csv(matrix: &Matrix) -> Result<String, EvidenceError> {
     let name = CSV.as_ref();
     let mut writer = csv::Writer::from_writer(Vec::new());
     let mut write = |cells: [&str; 3]| {
-        writer.write_record(cells).map_err(|error| Error::content(name, error.to_string()))
+        writer.write_record(cells).map_err(|error| EvidenceError::content(name, error.to_string()))
     };
     write(["id", "kind", "witness"])?;
     for row in &matrix.rows {
-        for place in &row.code {
-            write([&row.id, "code", place])?;
+        for location in &row.code {
+            write([&row.id, "code", location])?;
         }
         for (kind, witnesses) in &row.witnesses {
             for witness in witnesses {
@@ -218,22 +218,24 @@ fn csv(matrix: &Matrix) -> Result<String, Error> {
             write([&row.id, "fault", fault])?;
         }
     }
-    let bytes =
-        writer.into_inner().map_err(|error| Error::content(name, error.error().to_string()))?;
-    String::from_utf8(bytes).map_err(|error| Error::content(name, error.to_string()))
+    let bytes = writer
+        .into_inner()
+        .map_err(|error| EvidenceError::content(name, error.error().to_string()))?;
+    String::from_utf8(bytes).map_err(|error| EvidenceError::content(name, error.to_string()))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gap::Gap;
+    use crate::gap::CoverageGap;
     use crate::tree::Tree;
 
     #[test]
-    fn what_is_made_is_written_below_the_target_folder_alone() -> Result<(), Error> {
-        let root = tempfile::tempdir().map_err(Error::file("a temporary folder".as_ref()))?;
+    fn what_is_made_is_written_below_the_target_folder_alone() -> Result<(), EvidenceError> {
+        let root =
+            tempfile::tempdir().map_err(EvidenceError::file("a temporary folder".as_ref()))?;
         let tree = Tree::new(root.path().to_owned());
-        let gap = Gap {
+        let gap = CoverageGap {
             file: "core/src/clouds.rs".to_owned(),
             line: "a | b".to_owned(),
             what: "replace | with ^ in Clouds<CLOUDS>::insert".to_owned(),

@@ -2,7 +2,7 @@
 
 use std::process::Command;
 
-use crate::error::Error;
+use crate::error::EvidenceError;
 
 /// Which tests run.
 pub(crate) struct Tests {
@@ -12,9 +12,9 @@ pub(crate) struct Tests {
 }
 
 /// A tool's name and version, from its first line.
-pub(crate) fn version(command: &mut Command, remedy: &str) -> Result<String, Error> {
+pub(crate) fn version(command: &mut Command, remedy: &str) -> Result<String, EvidenceError> {
     let tool = format!("{command:?}");
-    let missing = || Error::Tool { tool: tool.clone(), remedy: remedy.to_owned() };
+    let missing = || EvidenceError::Tool { tool: tool.clone(), remedy: remedy.to_owned() };
     let printed = command.output().map_err(|_| missing())?;
     if !printed.status.success() {
         return Err(missing());

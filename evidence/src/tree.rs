@@ -7,7 +7,7 @@ use std::process::Command;
 
 use sha2::{Digest, Sha256};
 
-use crate::error::Error;
+use crate::error::EvidenceError;
 
 /// The root folder of the project, or of a copy of it.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -38,16 +38,16 @@ impl Tree {
     ///
     /// # Errors
     /// It cannot be read.
-    pub fn text(&self, name: &str) -> Result<String, Error> {
+    pub fn text(&self, name: &str) -> Result<String, EvidenceError> {
         let path = self.path(name);
-        fs::read_to_string(&path).map_err(Error::file(&path))
+        fs::read_to_string(&path).map_err(EvidenceError::file(&path))
     }
 
     /// All files at or below these names, by their names from the root.
     ///
     /// # Errors
     /// One of the folders cannot be read, or a name is not there.
-    pub fn files(&self, names: &[&str]) -> Result<Vec<String>, Error> {
+    pub fn files(&self, names: &[&str]) -> Result<Vec<String>, EvidenceError> {
         let mut files = Vec::new();
         for name in names {
             self.walk(&self.path(name), &mut files)?;
@@ -62,14 +62,14 @@ impl Tree {
     ///
     /// # Errors
     /// As for [`files`](Self::files).
-    pub fn digest(&self, names: &[&str]) -> Result<String, Error> {
+    pub fn digest(&self, names: &[&str]) -> Result<String, EvidenceError> {
         let (without, with): (Vec<&str>, Vec<&str>) =
             names.iter().partition(|name| name.starts_with('!'));
         let is_without = |name: &str| without.iter().any(|start| name.starts_with(&start[1..]));
         let mut digest = Sha256::new();
         for name in self.files(&with)?.into_iter().filter(|name| !is_without(name)) {
             let path = self.path(&name);
-            let mut content = fs::read(&path).map_err(Error::file(&path))?;
+            let mut content = fs::read(&path).map_err(EvidenceError::file(&path))?;
             if path.extension().is_some_and(|extension| extension == "rs") {
                 content = code(&content);
             }
@@ -87,13 +87,13 @@ impl Tree {
     ///
     /// # Errors
     /// git cannot list the files, or one cannot be copied.
-    pub fn copy_to(&self, copy: &Self) -> Result<(), Error> {
-        let wanted = self.kept()?;
-        fs::create_dir_all(&copy.root).map_err(Error::file(&copy.root))?;
+    pub fn copy_to(&self, copy: &Self) -> Result<(), EvidenceError> {
+        let wanted = self.listed_files()?;
+        fs::create_dir_all(&copy.root).map_err(EvidenceError::file(&copy.root))?;
         for name in copy.files(&["."])? {
             if !wanted.contains_key(&name) {
                 let path = copy.path(&name);
-                fs::remove_file(&path).map_err(Error::file(&path))?;
+                fs::remove_file(&path).map_err(EvidenceError::file(&path))?;
             }
         }
         for (name, content) in wanted {
@@ -102,34 +102,37 @@ impl Tree {
                 continue;
             }
             if let Some(folder) = path.parent() {
-                fs::create_dir_all(folder).map_err(Error::file(folder))?;
+                fs::create_dir_all(folder).map_err(EvidenceError::file(folder))?;
             }
-            fs::write(&path, content).map_err(Error::file(&path))?;
+            fs::write(&path, content).map_err(EvidenceError::file(&path))?;
         }
         Ok(())
     }
 
     /// What git keeps, new files included.
-    fn kept(&self) -> Result<BTreeMap<String, Vec<u8>>, Error> {
+    fn listed_files(&self) -> Result<BTreeMap<String, Vec<u8>>, EvidenceError> {
         let listed = Command::new("git")
             .args(["ls-files", "-z", "--cached", "--others", "--exclude-standard"])
             .current_dir(&self.root)
             .output()
-            .map_err(Error::file(Path::new("git")))?;
+            .map_err(EvidenceError::file(Path::new("git")))?;
         if !listed.status.success() {
-            return Err(Error::content(&self.root, String::from_utf8_lossy(&listed.stderr).trim()));
+            return Err(EvidenceError::content(
+                &self.root,
+                String::from_utf8_lossy(&listed.stderr).trim(),
+            ));
         }
-        let mut kept = BTreeMap::new();
+        let mut files = BTreeMap::new();
         for name in String::from_utf8_lossy(&listed.stdout).split_terminator('\0') {
             // A file that was removed and not yet committed is listed all the same.
             if let Ok(content) = fs::read(self.path(name)) {
-                kept.insert(name.to_owned(), content);
+                files.insert(name.to_owned(), content);
             }
         }
-        Ok(kept)
+        Ok(files)
     }
 
-    fn walk(&self, path: &Path, files: &mut Vec<String>) -> Result<(), Error> {
+    fn walk(&self, path: &Path, files: &mut Vec<String>) -> Result<(), EvidenceError> {
         if path.is_file() {
             let name = path.strip_prefix(&self.root).unwrap_or(path);
             let parts: Vec<_> = name.components().collect();
@@ -138,8 +141,8 @@ impl Tree {
             files.push(names.join("/").trim_start_matches("./").to_owned());
             return Ok(());
         }
-        for entry in fs::read_dir(path).map_err(Error::file(path))? {
-            self.walk(&entry.map_err(Error::file(path))?.path(), files)?;
+        for entry in fs::read_dir(path).map_err(EvidenceError::file(path))? {
+            self.walk(&entry.map_err(EvidenceError::file(path))?.path(), files)?;
         }
         Ok(())
     }
@@ -174,13 +177,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn comments_and_empty_lines_do_not_make_a_result_older_and_code_does() -> Result<(), Error> {
+    fn comments_and_empty_lines_do_not_make_a_result_older_and_code_does()
+    -> Result<(), EvidenceError> {
         let root = std::env::temp_dir().join(format!("fuseline-tree-{}", std::process::id()));
         let tree = Tree::new(root.clone());
         let reported = |name: &str, content: &str| {
             let path = tree.path(name);
-            fs::create_dir_all(&root).map_err(Error::file(&path))?;
-            fs::write(&path, content).map_err(Error::file(&path))?;
+            fs::create_dir_all(&root).map_err(EvidenceError::file(&path))?;
+            fs::write(&path, content).map_err(EvidenceError::file(&path))?;
             tree.digest(&[name])
         };
         let code = reported("a.rs", "//! Words.\n\nfn f() {\n    g() // why\n}\n")?;
@@ -190,6 +194,6 @@ mod tests {
         );
         assert_ne!(reported("a.rs", "fn f() {\n    h() // why\n}\n")?, code);
         assert_ne!(reported("a.txt", "// Words.\n")?, reported("a.txt", "// Others.\n")?);
-        fs::remove_dir_all(&root).map_err(Error::file(&root))
+        fs::remove_dir_all(&root).map_err(EvidenceError::file(&root))
     }
 }

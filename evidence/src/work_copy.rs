@@ -11,9 +11,9 @@ use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process_group};
 
-use crate::error::Error;
+use crate::error::EvidenceError;
 use crate::fault::SeededFault;
-use crate::kind::{Kind, Run};
+use crate::kind::{EvidenceKind, RunMethod};
 use crate::printed::Outcomes;
 use crate::tree::Tree;
 
@@ -38,26 +38,30 @@ impl WorkCopy<'_> {
     ///
     /// # Errors
     /// The fault cannot be seeded, the code does not build, or no witness ran.
-    pub(crate) fn run(&self, kind: &Kind, fault: Option<&SeededFault>) -> Result<Outcomes, Error> {
+    pub(crate) fn run(
+        &self,
+        kind: &EvidenceKind,
+        fault: Option<&SeededFault>,
+    ) -> Result<Outcomes, EvidenceError> {
         let Some(fault) = fault else { return self.witnesses(kind, "none") };
         let path = self.copy.path(&fault.file);
-        let sound = fs::read_to_string(&path).map_err(Error::file(&path))?;
-        fs::write(&path, fault.seed(&sound)?).map_err(Error::file(&path))?;
+        let sound = fs::read_to_string(&path).map_err(EvidenceError::file(&path))?;
+        fs::write(&path, fault.seed(&sound)?).map_err(EvidenceError::file(&path))?;
         let outcomes = self.witnesses(kind, &fault.name);
-        fs::write(&path, sound).map_err(Error::file(&path))?;
+        fs::write(&path, sound).map_err(EvidenceError::file(&path))?;
         outcomes
     }
 
-    fn witnesses(&self, kind: &Kind, run: &str) -> Result<Outcomes, Error> {
+    fn witnesses(&self, kind: &EvidenceKind, run: &str) -> Result<Outcomes, EvidenceError> {
         let log = self.target.join("logs").join(format!("{}.{run}.txt", kind.name));
-        let wrong = |why: &str| Error::Run {
+        let wrong = |why: &str| EvidenceError::Run {
             kind: kind.name,
             run: run.to_owned(),
             why: why.to_owned(),
             log: log.clone(),
         };
         self.cargo(kind, &log)?;
-        let printed = fs::read(&log).map_err(Error::file(&log))?;
+        let printed = fs::read(&log).map_err(EvidenceError::file(&log))?;
         let printed = String::from_utf8_lossy(&printed);
         if printed.contains("error: could not compile") {
             return Err(wrong("it does not build"));
@@ -74,24 +78,24 @@ impl WorkCopy<'_> {
     }
 
     /// Runs cargo until it ends or its time is up; what ended it shows in what it printed.
-    fn cargo(&self, kind: &Kind, log: &PathBuf) -> Result<(), Error> {
+    fn cargo(&self, kind: &EvidenceKind, log: &PathBuf) -> Result<(), EvidenceError> {
         let folder = log.parent().unwrap_or(log);
-        fs::create_dir_all(folder).map_err(Error::file(folder))?;
-        let out = File::create(log).map_err(Error::file(log))?;
-        let err = out.try_clone().map_err(Error::file(log))?;
+        fs::create_dir_all(folder).map_err(EvidenceError::file(folder))?;
+        let out = File::create(log).map_err(EvidenceError::file(log))?;
+        let err = out.try_clone().map_err(EvidenceError::file(log))?;
         let mut command = Command::new("sh");
         command.args(["-c", BOUNDED, "sh"]);
         command.arg(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
         let variables = match kind.run {
-            Run::Cargo { arguments, variables } => {
+            RunMethod::Cargo { arguments, variables } => {
                 command.args(arguments);
                 variables
             }
-            Run::DrivePrinted { arguments, by } => {
+            RunMethod::DrivePrinted { arguments, by } => {
                 command.args(arguments).arg("--config").arg(self.runner(by));
                 &[]
             }
-            Run::Prove { .. } | Run::Solve => return Ok(()),
+            RunMethod::Prove { .. } | RunMethod::Solve => return Ok(()),
         };
         command.current_dir(self.copy.root());
         // Other flags of the compiler build everything anew.
@@ -118,19 +122,19 @@ impl WorkCopy<'_> {
             .stderr(Stdio::from(err))
             .process_group(0)
             .spawn()
-            .map_err(Error::file(self.copy.root()))?;
+            .map_err(EvidenceError::file(self.copy.root()))?;
         let group = Pid::from_child(&child);
         let start = Instant::now();
         loop {
-            if child.try_wait().map_err(Error::file(self.copy.root()))?.is_some() {
+            if child.try_wait().map_err(EvidenceError::file(self.copy.root()))?.is_some() {
                 return Ok(());
             }
             let stopped = self.stop.load(Ordering::Acquire);
             if stopped || start.elapsed() > self.limit {
                 // It may have ended just now.
                 let _ = kill_process_group(group, Signal::KILL);
-                child.wait().map_err(Error::file(self.copy.root()))?;
-                return if stopped { Err(Error::Interrupted) } else { Ok(()) };
+                child.wait().map_err(EvidenceError::file(self.copy.root()))?;
+                return if stopped { Err(EvidenceError::Interrupted) } else { Ok(()) };
             }
             thread::sleep(GLANCE);
         }

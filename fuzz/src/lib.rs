@@ -8,7 +8,7 @@ use fuseline_testkit::{Coverage, Mark};
 const REACHED: &str = "fuseline-fuzz: everything was reached";
 
 /// What a target checks of bytes.
-pub type Check = fn(&[u8], &mut Coverage) -> Result<(), String>;
+pub type TargetCheck = fn(&[u8], &mut Coverage) -> Result<(), String>;
 
 /// What this program came to so far; nothing once all was reached.
 static REACH: LazyLock<Mutex<(Coverage, bool)>> = LazyLock::new(Mutex::default);
@@ -17,7 +17,7 @@ static REACH: LazyLock<Mutex<(Coverage, bool)>> = LazyLock::new(Mutex::default);
 ///
 /// # Panics
 /// If the check finds something, with the trace that shows it.
-pub fn run(check: Check, marks: fn() -> Vec<Mark>, bytes: &[u8]) {
+pub fn run(check: TargetCheck, marks: fn() -> Vec<Mark>, bytes: &[u8]) {
     let mut shared = REACH.lock().unwrap_or_else(PoisonError::into_inner);
     let (reach, complete) = &mut *shared;
     if let Err(fault) = check(bytes, reach) {

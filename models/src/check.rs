@@ -13,7 +13,7 @@ use crate::operator::Operator;
 use crate::sighting::Sighting;
 use crate::world::{Size, World};
 
-/// How often progress is told.
+/// How often progress is reported.
 const TICK: Duration = Duration::from_millis(50);
 
 /// How to check.
@@ -61,7 +61,7 @@ impl Exploration {
     }
 }
 
-/// Searches all states of a configuration, breadth first unless it is large; `progress` is told how
+/// Searches all states of a configuration, breadth first unless it is large; `progress` is called with how
 /// many there are.
 ///
 /// Without [`CheckOptions::all`] it stops soon after the first violation.

@@ -1,5 +1,8 @@
 //! Counterexamples as traces.
 
+use std::convert::Infallible;
+
+use fuseline_testkit::Simplification;
 use fuseline_traces::Input;
 
 use crate::claim::Claim;
@@ -26,45 +29,26 @@ impl Counterexample {
     }
 }
 
-/// The inputs without any that can be left out, a tick for each that only moves the clock; `breaks`
-/// says after how many the claim is broken.
-fn shrink(mut inputs: Vec<Input>, breaks: impl Fn(&[Input]) -> Option<usize>) -> Vec<Input> {
-    let mut place = 0;
-    while let Some(input) = inputs.get(place).copied() {
-        let mut without = inputs.clone();
-        without.remove(place);
-        let mut ticked = inputs.clone();
-        ticked.splice(place..=place, [Input::Tick { at: input.at() }]);
-        let simpler = [without, ticked].into_iter().filter(|simpler| *simpler != inputs);
-        let mut broken = simpler.filter_map(|mut simpler| {
-            simpler.truncate(breaks(&simpler)?);
-            Some(simpler)
-        });
-        match broken.next() {
-            Some(simpler) => {
-                inputs = simpler;
-                // What was needed for the input that is gone may be needed no more.
-                place = 0;
-            }
-            None => place += 1,
-        }
-    }
-    inputs
+/// The inputs without any that can be left out, a tick for each that only moves the clock.
+fn shrink(inputs: Vec<Input>, breaks: impl Fn(&[Input]) -> bool) -> Vec<Input> {
+    let tick = |index: usize| -> Simplification<Vec<Input>> {
+        Box::new(move |inputs| inputs[index] = Input::Tick { at: inputs[index].at() })
+    };
+    let ticks = |inputs: &Vec<Input>| (0..inputs.len()).map(tick).collect();
+    let breaks = |inputs: &Vec<Input>| Ok::<_, Infallible>(breaks(inputs));
+    let Ok(smallest) = fuseline_testkit::shrink(inputs, ticks, breaks);
+    smallest
 }
 
-/// After how many of the inputs the claim is broken, if it is.
-fn breaks(config: &World, claim: Claim, inputs: &[Input]) -> Option<usize> {
-    let mut state = State::new(config)?;
-    for (place, input) in inputs.iter().enumerate() {
-        if !state.goes_on() {
-            return None;
+/// Whether the claim is broken by the inputs.
+fn breaks(config: &World, claim: Claim, inputs: &[Input]) -> bool {
+    let Some(mut state) = State::new(config) else { return false };
+    inputs.iter().any(|input| {
+        state.goes_on() && {
+            state = state.step(config, input).0;
+            state.violated().contains(claim)
         }
-        state = state.step(config, input).0;
-        if state.violated().contains(claim) {
-            return Some(place + 1);
-        }
-    }
-    None
+    })
 }
 
 /// The trace of these inputs with what the machine decides.
@@ -97,9 +81,8 @@ mod tests {
     fn shrinking_leaves_what_is_needed_and_no_more() {
         // Broken once a 3 comes after a 1.
         let breaks = |inputs: &[Input]| {
-            let one = inputs.iter().position(|input| input.at() == 1)?;
-            let three = inputs.iter().skip(one).position(|input| input.at() == 3)?;
-            Some(one + three + 1)
+            let from_one = inputs.iter().skip_while(|input| input.at() != 1);
+            from_one.into_iter().any(|input| input.at() == 3)
         };
         let mut inputs = ticks(&[0, 1, 2, 1, 3, 4, 3]);
         inputs.insert(2, Input::Open { at: 1, t: 0, deadline: None });
@@ -126,6 +109,6 @@ mod tests {
     fn no_run_breaks_what_is_kept() {
         let config = World::named("2x1-eager").expect("a configuration");
         let inputs = ticks(&[1, 0, 4]);
-        assert!(Claim::ALL.iter().all(|claim| breaks(config, *claim, &inputs).is_none()));
+        assert!(!Claim::ALL.iter().any(|claim| breaks(config, *claim, &inputs)));
     }
 }

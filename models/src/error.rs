@@ -1,4 +1,4 @@
-//! What can go wrong, told in one line: what and where, and a remedy.
+//! What can go wrong, reported in one line: what and where, and a remedy.
 
 use std::io;
 use std::net::SocketAddr;
@@ -8,7 +8,7 @@ use thiserror::Error;
 
 /// Why a command stopped.
 #[derive(Debug, Error)]
-pub(crate) enum Error {
+pub(crate) enum ModelsError {
     #[error("no configuration is named {name:?}; `list` names them")]
     World { name: String },
     #[error("{config}: {source}; mend the model")]
@@ -25,10 +25,10 @@ pub(crate) enum Error {
 pub(crate) fn usage(error: &clap::Error) -> String {
     let text = error.render().to_string();
     let mut paragraphs = text.split("\n\n").map(one_line);
-    let what = paragraphs.next().unwrap_or_default();
-    let what = what.strip_prefix("error: ").unwrap_or(&what).to_owned();
+    let message = paragraphs.next().unwrap_or_default();
+    let message = message.strip_prefix("error: ").unwrap_or(&message).to_owned();
     let remedy = paragraphs.find_map(|paragraph| Some(paragraph.strip_prefix("tip: ")?.to_owned()));
-    format!("{what}; {}", remedy.as_deref().unwrap_or("see --help"))
+    format!("{message}; {}", remedy.as_deref().unwrap_or("see --help"))
 }
 
 fn one_line(paragraph: &str) -> String {

@@ -12,7 +12,7 @@ pub(crate) const CLOUDS: usize = 3;
 pub(crate) const WINDOW: usize = 3;
 
 /// The shipped machine; a configuration may use less than it holds.
-pub(crate) type Machine = Arbiter<CLOUDS, WINDOW>;
+pub(crate) type ModelMachine = Arbiter<CLOUDS, WINDOW>;
 
 /// What the machine said to one input.
 #[derive(Clone, Debug, Default)]
@@ -56,13 +56,13 @@ impl InputResponse {
 }
 
 /// A machine so configured, or none if it refuses the configuration.
-pub(crate) fn machine(header: &Header) -> Option<Machine> {
-    Machine::new(header).ok()
+pub(crate) fn machine(header: &Header) -> Option<ModelMachine> {
+    ModelMachine::new(header).ok()
 }
 
 /// Gives the machine one input, after at most `most` firings; it is no good any more unless the
 /// answer is whole.
-pub(crate) fn answer(machine: &mut Machine, input: &Input, most: usize) -> InputResponse {
+pub(crate) fn answer(machine: &mut ModelMachine, input: &Input, most: usize) -> InputResponse {
     // Until the machine says otherwise.
     let mut answer = InputResponse { end: WholeAnswer::Panicked, ..InputResponse::default() };
     IN_MACHINE.set(true);
@@ -71,7 +71,7 @@ pub(crate) fn answer(machine: &mut Machine, input: &Input, most: usize) -> Input
     answer
 }
 
-/// Lets no panic of the machine be told; it is in the answer.
+/// Prints no panic of the machine; it is in the answer.
 pub fn hush() {
     let tell = panic::take_hook();
     panic::set_hook(Box::new(move |info| {
@@ -85,7 +85,7 @@ thread_local! {
     static IN_MACHINE: Cell<bool> = const { Cell::new(false) };
 }
 
-fn apply(machine: &mut Machine, input: &Input, most: usize, answer: &mut InputResponse) {
+fn apply(machine: &mut ModelMachine, input: &Input, most: usize, answer: &mut InputResponse) {
     let own = machine.apply(input, |at, firing| {
         if answer.fired.len() >= most {
             answer.end = WholeAnswer::Endless;

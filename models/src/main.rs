@@ -13,7 +13,7 @@ use clap::{Parser, Subcommand};
 use fuseline_models::{CheckOptions, Exploration, Size, WORLDS, World, check, explore, hush};
 use indicatif::{ProgressBar, ProgressStyle};
 
-use crate::error::Error;
+use crate::error::ModelsError;
 
 const EXITS: &str = "\
 Exit codes:
@@ -32,7 +32,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     /// Check configurations state by state.
-    Check(Check),
+    Check(CheckArguments),
     /// Explore a configuration in a browser, every step in the words of the trace.
     Explore(Explore),
     /// List the configurations.
@@ -49,7 +49,7 @@ Examples:
   fuseline-models check 2x3w2 gate         2x3w2-eager, 2x3w2-patient and gate
   fuseline-models check --quick --keep-going --save violations/")]
 #[expect(clippy::struct_excessive_bools, reason = "one for each switch")]
-struct Check {
+struct CheckArguments {
     /// The configurations, or the beginnings of their names; none is all but the large ones.
     #[arg(value_name = "CONFIG")]
     configs: Vec<String>,
@@ -113,8 +113,8 @@ fn main() -> ExitCode {
     }
 }
 
-/// Checks what is asked for; whether all of it holds.
-fn check_all(args: &Check) -> Result<bool, Error> {
+/// Checks what is requested; whether all of it holds.
+fn check_all(args: &CheckArguments) -> Result<bool, ModelsError> {
     hush();
     let configs = chosen(args)?;
     let threads = args
@@ -143,15 +143,15 @@ fn check_all(args: &Check) -> Result<bool, Error> {
     Ok(verdicts.iter().all(Exploration::holds))
 }
 
-/// The configurations asked for, in the order of the table.
-fn chosen(args: &Check) -> Result<Vec<&'static World>, Error> {
+/// The configurations requested, in the order of the table.
+fn chosen(args: &CheckArguments) -> Result<Vec<&'static World>, ModelsError> {
     let is_named = |config: &World, name: &str| {
         let rest = config.name.strip_prefix(name);
         rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('-'))
     };
     for name in &args.configs {
         if !WORLDS.iter().any(|config| is_named(config, name)) {
-            return Err(Error::World { name: name.clone() });
+            return Err(ModelsError::World { name: name.clone() });
         }
     }
     let most = match (args.quick, args.large) {
@@ -169,7 +169,7 @@ fn chosen(args: &Check) -> Result<Vec<&'static World>, Error> {
     Ok(WORLDS.iter().filter(is_chosen).collect())
 }
 
-fn check_one(config: &'static World, effort: CheckOptions) -> Result<Exploration, Error> {
+fn check_one(config: &'static World, effort: CheckOptions) -> Result<Exploration, ModelsError> {
     let visible = io::stderr().is_terminal();
     let bar = if visible {
         let style =
@@ -181,18 +181,18 @@ fn check_one(config: &'static World, effort: CheckOptions) -> Result<Exploration
     };
     let verdict = check(config, effort, |states| bar.set_position(states as u64));
     bar.finish_and_clear();
-    let verdict = verdict.map_err(|source| Error::Check { config: config.name, source })?;
+    let verdict = verdict.map_err(|source| ModelsError::Check { config: config.name, source })?;
     if !visible {
         eprintln!("{}", report::line(&verdict));
     }
     Ok(verdict)
 }
 
-fn explore_one(args: &Explore) -> Result<(), Error> {
+fn explore_one(args: &Explore) -> Result<(), ModelsError> {
     let name = &args.config;
-    let config = World::named(name).ok_or_else(|| Error::World { name: name.clone() })?;
+    let config = World::named(name).ok_or_else(|| ModelsError::World { name: name.clone() })?;
     eprintln!("{name}: open http://{}/ in a browser; Ctrl-C ends it", args.listen);
     hush();
     explore(config, args.listen, args.sightings)
-        .map_err(|source| Error::Listen { address: args.listen, source })
+        .map_err(|source| ModelsError::Listen { address: args.listen, source })
 }

@@ -18,9 +18,9 @@ const STRANGERS: [u64; 2] = [3, 65_536 + 2];
 /// One operator in the environment of a configuration.
 pub struct Operator {
     config: &'static World,
-    /// Which sightings were told of: the checker keeps the last sighting that it is told of, and the
+    /// Which sightings were reported: the checker keeps the last sighting reported to it, and the
     /// first one has the shortest way to it.
-    told: Vec<AtomicBool>,
+    reported: Vec<AtomicBool>,
     /// What is to be sighted.
     sightings: Vec<Sighting>,
 }
@@ -29,8 +29,8 @@ impl Operator {
     /// An operator so configured.
     #[must_use]
     pub fn new(config: &'static World) -> Self {
-        let told = Sighting::ALL.iter().map(|_| AtomicBool::new(false)).collect();
-        Self { config, told, sightings: config.sightings().collect() }
+        let reported = Sighting::ALL.iter().map(|_| AtomicBool::new(false)).collect();
+        Self { config, reported, sightings: config.sightings().collect() }
     }
 
     /// The same without sightings: its only properties are the claims.
@@ -103,14 +103,14 @@ impl Holds<Claim> for Operator {
 }
 
 impl Holds<Sighting> for Operator {
-    /// Whether a step from this state shows it, unless another state was told to have one.
+    /// Whether a step from this state shows it, unless another state was reported to have one.
     fn holds(&self, state: &State, sighting: Sighting) -> bool {
-        let Some(told) = self.told.get(sighting as usize) else { return false };
-        if told.load(Ordering::Relaxed) {
+        let Some(reported) = self.reported.get(sighting as usize) else { return false };
+        if reported.load(Ordering::Relaxed) {
             return false;
         }
         let shows = state.ahead(|| self.ahead(state)).contains(sighting);
-        shows && !told.swap(true, Ordering::Relaxed)
+        shows && !reported.swap(true, Ordering::Relaxed)
     }
 }
 

@@ -11,7 +11,7 @@ use fuseline_models::{Claim, Exploration, Size, WORLDS};
 use serde::Serialize;
 use tempfile::NamedTempFile;
 
-use crate::error::Error;
+use crate::error::ModelsError;
 
 const BAD: Style = AnsiColor::Red.on_default().bold();
 const STYLE: TableStyle =
@@ -19,7 +19,7 @@ const STYLE: TableStyle =
 
 /// A verdict for scripts.
 #[derive(Serialize)]
-struct Summary<'a> {
+struct JsonVerdict<'a> {
     config: &'a str,
     holds: bool,
     states: usize,
@@ -42,7 +42,7 @@ pub(crate) fn line(verdict: &Exploration) -> String {
 }
 
 /// A table of verdicts, then whatever does not hold.
-pub(crate) fn tell(out: &mut impl Write, verdicts: &[Exploration]) -> Result<(), Error> {
+pub(crate) fn tell(out: &mut impl Write, verdicts: &[Exploration]) -> Result<(), ModelsError> {
     let mut table = Table::new();
     table.load_style(STYLE);
     table.set_header(["config", "states", "depth", "seconds", "claims", "sightings", ""]);
@@ -63,13 +63,13 @@ pub(crate) fn tell(out: &mut impl Write, verdicts: &[Exploration]) -> Result<(),
     let states: usize = verdicts.iter().map(|verdict| verdict.states).sum();
     let seconds: f64 = verdicts.iter().map(|verdict| verdict.took.as_secs_f64()).sum();
     writeln!(out, "{states} states in {seconds:.1} s")?;
-    verdicts.iter().try_for_each(|verdict| print_faults(out, verdict)).map_err(Error::Output)
+    verdicts.iter().try_for_each(|verdict| print_faults(out, verdict)).map_err(ModelsError::Output)
 }
 
 /// One JSON object on a line.
-pub(crate) fn json(out: &mut impl Write, verdict: &Exploration) -> Result<(), Error> {
+pub(crate) fn json(out: &mut impl Write, verdict: &Exploration) -> Result<(), ModelsError> {
     let violations = verdict.violations.iter();
-    let summary = Summary {
+    let summary = JsonVerdict {
         config: verdict.config.name,
         holds: verdict.holds(),
         states: verdict.states,
@@ -86,18 +86,18 @@ pub(crate) fn json(out: &mut impl Write, verdict: &Exploration) -> Result<(), Er
 }
 
 /// Writes the counterexamples, each whole or not at all.
-pub(crate) fn save(folder: &Path, verdict: &Exploration) -> Result<(), Error> {
+pub(crate) fn save(folder: &Path, verdict: &Exploration) -> Result<(), ModelsError> {
     for run in &verdict.violations {
         let id = run.claim.name().split(' ').next().unwrap_or_default().to_lowercase();
         let path = folder.join(format!("{}.{id}.jsonl", verdict.config.name));
         write_whole(folder, &path, &run.trace)
-            .map_err(|source| Error::Save { name: path.display().to_string(), source })?;
+            .map_err(|source| ModelsError::Save { name: path.display().to_string(), source })?;
     }
     Ok(())
 }
 
 /// The configurations.
-pub(crate) fn list(out: &mut impl Write) -> Result<(), Error> {
+pub(crate) fn list(out: &mut impl Write) -> Result<(), ModelsError> {
     let mut table = Table::new();
     table.load_style(STYLE);
     table.set_header([
@@ -142,10 +142,10 @@ fn print_faults(out: &mut impl Write, verdict: &Exploration) -> io::Result<()> {
         writeln!(out, "{name}: {BAD}not met: {}{BAD:#}", sighting.name())?;
     }
     if verdict.violations.is_empty() && verdict.states != verdict.config.states {
-        let (found, expected) = (verdict.states, verdict.config.states);
+        let (states, expected) = (verdict.states, verdict.config.states);
         writeln!(
             out,
-            "\n{name}: {BAD}{found} states instead of {expected}{BAD:#}: the machine or its \
+            "\n{name}: {BAD}{states} states instead of {expected}{BAD:#}: the machine or its \
              environment changed"
         )?;
     }

@@ -29,9 +29,9 @@ pub(crate) fn sightings(
             shown.insert_if(Sighting::TimestampsTogether, apart);
         }
     }
-    for (place, fired) in answer.fired.iter().enumerate() {
+    for (index, fired) in answer.fired.iter().enumerate() {
         // An earlier firing of the same timestamp would have changed its history.
-        let is_first = answer.fired.iter().take(place).all(|other| other.t != fired.t);
+        let is_first = answer.fired.iter().take(index).all(|other| other.t != fired.t);
         if let Some(history) = before.ledger.history(fired.t).filter(|_| is_first) {
             of_firing(config, history, fired, &mut shown);
         }
@@ -88,16 +88,22 @@ fn of_firing(config: &World, history: &History, fired: &FiredTimers, shown: &mut
     shown.insert_if(Sighting::LimitRetires, output.is_some() && limited && last);
 }
 
-/// What a forwarding shows; `came` is the result that brought it about.
-fn of_emit(history: &History, came: Option<u64>, decisions: &[Decision], shown: &mut Sightings) {
+/// What a forwarding shows; `arrived` is the result that brought it about.
+fn of_emit(history: &History, arrived: Option<u64>, decisions: &[Decision], shown: &mut Sightings) {
     let cancels = decisions.iter().any(|decision| matches!(decision, Decision::Cancel { .. }));
     let fired = |p| decisions.iter().any(|d| matches!(d, Decision::Timer { p: q, .. } if *q == p));
     shown.insert_if(Sighting::Cancelled, cancels);
-    shown.insert_if(Sighting::LocalPending, history.is_pending(0) && came != Some(0) && !fired(0));
-    shown.insert_if(Sighting::Retired, history.timers().any(|(p, _)| came != Some(p) && !fired(p)));
-    let others = usize::from(came.is_none());
+    shown.insert_if(
+        Sighting::LocalPending,
+        history.is_pending(0) && arrived != Some(0) && !fired(0),
+    );
+    shown.insert_if(
+        Sighting::Retired,
+        history.timers().any(|(p, _)| arrived != Some(p) && !fired(p)),
+    );
+    let others = usize::from(arrived.is_none());
     shown.insert_if(Sighting::Discarded, history.held().count() > others);
-    shown.insert_if(Sighting::BestOfTwo, came.is_none() && history.held().count() > 1);
+    shown.insert_if(Sighting::BestOfTwo, arrived.is_none() && history.held().count() > 1);
 }
 
 /// What the input's own decisions show.

@@ -9,7 +9,7 @@ use fuseline_testkit::{History, Ledger};
 use fuseline_traces::{Decision, ExpectedDecisions, Input, Reference, Rule};
 
 use crate::claim::{Claim, Claims};
-use crate::machine::{InputResponse, Machine, WholeAnswer, answer, machine};
+use crate::machine::{InputResponse, ModelMachine, WholeAnswer, answer, machine};
 use crate::sighting::Sightings;
 use crate::world::World;
 
@@ -20,14 +20,14 @@ use crate::world::World;
 /// takes for one, it would otherwise see the first alone.
 #[derive(Clone)]
 pub struct State {
-    pub(crate) machine: Machine,
+    pub(crate) machine: ModelMachine,
     /// P10: made with its clouds in reverse order, and ticked at every instant on the way.
-    twin: Machine,
+    twin: ModelMachine,
     /// The rules' own machine, until the two disagree.
     reference: Option<Reference>,
     pub(crate) ledger: Ledger,
     violated: Claims,
-    /// What the steps from here show, once asked for.
+    /// What the steps from here show, once computed.
     ahead: OnceLock<Sightings>,
 }
 
@@ -147,16 +147,17 @@ impl State {
 
 /// The rule by which the first decision that differs is made, if one does.
 fn difference(input: &Input, answer: &InputResponse, demands: &ExpectedDecisions) -> Option<Claim> {
-    let found: Vec<&Decision> = answer.decisions().collect();
-    let of_firings = found.len() - answer.own.len();
-    let demanded = |place: usize| demands.get(place).map(|(decision, _)| decision);
-    let places = 0..found.len().max(demands.len());
-    let place = places.into_iter().find(|place| found.get(*place).copied() != demanded(*place))?;
-    Some(match (found.get(place), demands.get(place)) {
+    let decisions: Vec<&Decision> = answer.decisions().collect();
+    let of_firings = decisions.len() - answer.own.len();
+    let demanded = |index: usize| demands.get(index).map(|(decision, _)| decision);
+    let places = 0..decisions.len().max(demands.len());
+    let index =
+        places.into_iter().find(|index| decisions.get(*index).copied() != demanded(*index))?;
+    Some(match (decisions.get(index), demands.get(index)) {
         (Some(found), Some((decision, _))) if found.redated(0) == decision.redated(0) => Claim::F0,
         // What a timer did without a demand stands where the input's own decision should.
         (Some(found), Some((_, rule)))
-            if place < of_firings && !matches!(rule, Rule::F5 | Rule::F6 | Rule::F7) =>
+            if index < of_firings && !matches!(rule, Rule::F5 | Rule::F6 | Rule::F7) =>
         {
             of_decision(found, input)
         }

@@ -57,9 +57,9 @@ pub enum Readings {
 pub enum Size {
     /// Always; in a second or so.
     Quick,
-    /// Always, unless haste is asked for.
+    /// Always, unless haste is requested.
     Standard,
-    /// If asked for.
+    /// If requested.
     Large,
 }
 

@@ -99,9 +99,9 @@ fn the_quick_configurations_show_every_sighting() {
 
 #[test]
 fn the_table_is_sound() {
-    for (place, config) in WORLDS.iter().enumerate() {
+    for (index, config) in WORLDS.iter().enumerate() {
         let name = config.name;
-        assert!(WORLDS.iter().skip(place + 1).all(|other| other.name != name), "{name}");
+        assert!(WORLDS.iter().skip(index + 1).all(|other| other.name != name), "{name}");
         assert!(config.timestamps.is_sorted() && config.clock.is_sorted(), "{name}");
         assert!(config.states > 0, "{name}: state how many states there are");
     }

@@ -43,21 +43,24 @@ fn json_is_one_object_a_configuration() {
 fn an_unknown_configuration_is_told_in_one_line_and_exits_with_2() {
     for args in [&["check", "1x"][..], &["explore", "1x2w1"], &["check", "--what"], &["prove"]] {
         let output = models(args);
-        let told = text(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "{told}");
-        assert!(told.starts_with("error: ") && told.lines().count() == 1, "{told}");
+        let message = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{message}");
+        assert!(message.starts_with("error: ") && message.lines().count() == 1, "{message}");
         assert_eq!(text(&output.stdout), "");
     }
 }
 
 #[test]
 fn an_address_that_is_taken_is_told_in_one_line_and_exits_with_2() {
-    let taken = TcpListener::bind("127.0.0.1:0").expect("a port");
-    let address = taken.local_addr().expect("an address").to_string();
+    let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+    let address = listener.local_addr().expect("an address").to_string();
     let output = models(&["explore", "1x2w1-eager", "--listen", &address]);
-    let told = text(&output.stderr);
-    assert_eq!(output.status.code(), Some(2), "{told}");
-    assert!(told.lines().last().is_some_and(|line| line.starts_with("error: --listen")), "{told}");
+    let message = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{message}");
+    assert!(
+        message.lines().last().is_some_and(|line| line.starts_with("error: --listen")),
+        "{message}"
+    );
 }
 
 #[test]
@@ -78,10 +81,10 @@ fn the_explorer_shows_steps_in_the_words_of_the_trace() {
         .stderr(Stdio::piped())
         .spawn()
         .expect("it runs");
-    let mut told = String::new();
+    let mut message = String::new();
     let mut stderr = BufReader::new(explorer.stderr.take().expect("a pipe"));
-    stderr.read_line(&mut told).expect("a line");
-    assert!(told.contains(&address), "{told}");
+    stderr.read_line(&mut message).expect("a line");
+    assert!(message.contains(&address), "{message}");
     // It says so before it listens.
     let steps = loop {
         if let Some(answer) = request(&address, "/.states/0") {

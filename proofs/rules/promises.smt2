@@ -1,6 +1,6 @@
 ; The promises of SPEC.md (its section 4), and what else is shown, about the formulas of `rules.smt2`.
 ;
-; An obligation is a sentence after ";;" and a formula (=> GIVEN THEN). The solvers are asked for a case in which GIVEN holds
+; An obligation is a sentence after ";;" and a formula (=> GIVEN THEN). The solvers look for a case in which GIVEN holds
 ; and THEN does not: there must be none. `NAME.case`, described after ";; for instance", is a case in which GIVEN does
 ; hold: there must be one, or the obligation says nothing. `faults.toml` breaks a rule for each obligation.
 
@@ -14,7 +14,7 @@
 
 ; ---- The invariant: what holds of every state that inputs lead to
 
-(define-fun asked ((s State) (u Timestamp)) Bool (and
+(define-fun consistent ((s State) (u Timestamp)) Bool (and
   (=> (is-open s u) (reached s u))
   (forall ((c Source)) (and
     (=> (requested s u c) (and (is-open s u) (or (= c local) (registered c))))
@@ -47,16 +47,16 @@
 (define-fun opened-ends ((s State) (u Timestamp)) Bool (and
   (=> (opened s u) (and (reached s u) (or (is-open s u) (forwarded s u) (missed s u))))
   (=> (or (is-open s u) (timed s u)) (opened s u))))
-(define-fun seated ((s State)) Bool (forall ((u Timestamp) (v Timestamp))
-  (=> (and (is-open s u) (is-open s v) (= (seat s u) (seat s v))) (= u v))))
+(define-fun has-own-entry ((s State)) Bool (forall ((u Timestamp) (v Timestamp))
+  (=> (and (is-open s u) (is-open s v) (= (entry s u) (entry s v))) (= u v))))
 
 (define-fun valid ((s State)) Bool (and
-  (<= 0 (clock s) end-of-time) (seated s)
+  (<= 0 (clock s) end-of-time) (has-own-entry s)
   (forall ((u Timestamp)) (and
-    (asked s u) (waiting s u) (has-best s u) (prompt s u) (timers s u) (ended-once s u)
+    (consistent s u) (waiting s u) (has-best s u) (prompt s u) (timers s u) (ended-once s u)
     (in-time s u) (until-latest s u) (floored s u) (opened-ends s u)))))
 (define-fun same-of ((s State) (e State) (u Timestamp)) Bool (and
-  (= (seat s u) (seat e u)) (= (opened s u) (opened e u)) (= (timed s u) (timed e u)) (= (local-came s u) (local-came e u))
+  (= (entry s u) (entry e u)) (= (opened s u) (opened e u)) (= (timed s u) (timed e u)) (= (local-came s u) (local-came e u))
   (= (forwarded s u) (forwarded e u)) (= (missed s u) (missed e u)) (= (latest s u) (latest e u))
   (forall ((c Source)) (and
     (= (requested s u c) (requested e u c)) (= (pending s u c) (pending e u c))
@@ -91,9 +91,9 @@
 (define-fun f0-at-rest.case () Bool (and (admits before) (armed before t m)))
 
 ;; F1, F2: Of what is open local is requested and registered clouds alone; what is pending or cached is requested, not both.
-(define-fun f1-asked () Bool (=> step (asked after u)))
+(define-fun f1-consistent () Bool (=> step (consistent after u)))
 ;; for instance: a request is admitted
-(define-fun f1-asked.case () Bool (and (= t u) (admits before)))
+(define-fun f1-consistent.case () Bool (and (= t u) (admits before)))
 
 ;; F2, A17: A request is admitted only if its result could still be forwarded.
 (define-fun f2-could-win () Bool
@@ -101,7 +101,7 @@
 ;; for instance: two results are held
 (define-fun f2-could-win.case () Bool (and (cached before t m) (cached before t n) (outranks m n)))
 
-;; F2g: A gate moves only when it is asked; it never admits at its limit, and never refuses at its resume.
+;; F2g: A gate moves only when it decides about an offer; it never admits at its limit, and never refuses at its resume.
 (define-fun f2g-gate () Bool (=> step (and
   (=> (not (= (shut before m) (shut after m))) (and (= m p) (or (admits before)
     (and (= input an-offer) (= (offer-refused before) queue)))))
@@ -116,7 +116,7 @@
 (define-fun f6-waiting.case () Bool (and
   (= t u) (failure-accepted before) (not (retires before)) (not (= p local))))
 
-;; F6: Something goes over a better one that is pending only under eager, and by a cloud's timer.
+;; F6: Something is forwarded over a better one that is pending only under eager, and by a cloud's timer.
 (define-fun f6-patience () Bool
   (=> (and step (forwards before m) (better-pending before m)) (and eager (a-timer before))))
 ;; for instance: the timer of a held result commits another one
@@ -151,7 +151,7 @@
 ;; P2 never late: A forwarded result arrived before its due instant, if it had one.
 (define-fun p2-never-late () Bool
   (=> (and step (forwards before m) (owns-due before t m)) (< (came after t m) (due before t m))))
-;; for instance: a held result goes at a later instant
+;; for instance: a held result is forwarded at a later instant
 (define-fun p2-never-late.case () Bool (and
   (= input a-firing) (not (= m local)) (< (came before t m) (clock before))))
 
@@ -160,12 +160,12 @@
 ;; for instance: a cloud's result is held
 (define-fun p2-held-in-time.case () Bool (and (= t u) (holds before) (not (= p local))))
 
-;; P3 best in hand: A forwarded result outranks every other result in hand for its timestamp.
-(define-fun p3-best-in-hand () Bool (=> (and step (forwards before m)) (and
+;; P3 best available: A forwarded result outranks every other available result for its timestamp.
+(define-fun p3-best-available () Bool (=> (and step (forwards before m)) (and
   (=> (cached before t n) (or (= n m) (outranks m n)))
   (=> (result-accepted before) (or (= p m) (outranks m p))))))
-;; for instance: two results are held, and one of them goes
-(define-fun p3-best-in-hand.case () Bool (and (cached before t n) (cached before t m) (not (= n m))))
+;; for instance: two results are held, and one of them is forwarded
+(define-fun p3-best-available.case () Bool (and (cached before t n) (cached before t m) (not (= n m))))
 
 ;; P4 prompt: While anything is held, something pending outranks all of it.
 (define-fun p4-prompt () Bool (=> step (prompt after u)))
@@ -174,9 +174,9 @@
   (= t u) (failure-accepted before) (cached after u m) (cached after u n) (outranks n m)))
 
 ;; P5 local floor: Once local's result was accepted, its timestamp was forwarded, or the result is still held.
-(define-fun p5-floor-is-kept () Bool (=> step (floored after u)))
+(define-fun p5-floor-holds () Bool (=> step (floored after u)))
 ;; for instance: local's result stays held when a timer fires
-(define-fun p5-floor-is-kept.case () Bool (and (= t u) (= input a-firing) (cached after u local)))
+(define-fun p5-floor-holds.case () Bool (and (= t u) (= input a-firing) (cached after u local)))
 
 ;; P5 local floor: When nothing is due and the latest due instant ever armed for it has come, it was forwarded.
 (define-fun p5-local-floor () Bool
@@ -235,24 +235,24 @@
 ;; for instance: a request joins while local's result is held
 (define-fun p8-no-other.case () Bool (cached before u local))
 
-;; P9 bounded: At most `window` timestamps are open: each has a seat of its own, of `window` seats.
-(define-fun p9-bounded () Bool (=> step (seated after)))
+;; P9 bounded: At most `window` timestamps are open: each has an entry of its own, of `window` entries.
+(define-fun p9-bounded () Bool (=> step (has-own-entry after)))
 ;; for instance: one is opened beside another one
 (define-fun p9-bounded.case () Bool (and (opens before) (is-open before u)))
 
-;; P9 bounded: An open is refused `full` only if there is an open timestamp for each seat.
+;; P9 bounded: An open is refused `full` only if there is an open timestamp for each entry.
 (define-fun p9-full () Bool
-  (=> (and step (= input an-open) (= (open-refused before) full)) (not (exists ((x Seat))
-    (forall ((v Timestamp)) (=> (is-open before v) (not (= (seat before v) x))))))))
+  (=> (and step (= input an-open) (= (open-refused before) full)) (not (exists ((x Entry))
+    (forall ((v Timestamp)) (=> (is-open before v) (not (= (entry before v) x))))))))
 ;; for instance: two are open
 (define-fun p9-full.case () Bool (and (is-open before u) (is-open before (newest before)) (not (= u (newest before)))))
 
 ;; P10 deterministic: An input has one outcome and leads to one state.
 (define-fun p10-deterministic () Bool (=> (and step (becomes before other)) (and
   (=> (and (forwards before m) (forwards before n)) (= m n))
-  (= (clock after) (clock other)) (= (shut after m) (shut other m)) (= (seat after u) (seat other u))
+  (= (clock after) (clock other)) (= (shut after m) (shut other m)) (= (entry after u) (entry other u))
   (same-of after other u))))
-;; for instance: one of several in hand goes
+;; for instance: one of several available results is forwarded
 (define-fun p10-deterministic.case () Bool (and (forwards before m) (cached before t n) (outranks m n)))
 
 ;; P10 deterministic: What fires next is the same however late the tick is.

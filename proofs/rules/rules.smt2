@@ -10,8 +10,8 @@
 (declare-sort Source 0)
 (declare-const local Source)
 (declare-fun priority (Source) Int)
-; A seat is room for one open timestamp; the window is how many there are.
-(declare-sort Seat 0)
+; An entry is room for one open timestamp; the window is how many there are.
+(declare-sort Entry 0)
 
 (define-fun outranks ((a Source) (b Source)) Bool (> (priority a) (priority b)))
 (define-fun end-of-time () Int 18446744073709551615)
@@ -41,7 +41,7 @@
 (declare-fun armed (State Timestamp Source) Bool)
 (declare-fun cached (State Timestamp Source) Bool)
 (declare-fun due (State Timestamp Source) Int) ; of what is or was armed
-(declare-fun seat (State Timestamp) Seat) ; of what is open
+(declare-fun entry (State Timestamp) Entry) ; of what is open
 
 (define-fun is-open ((s State) (u Timestamp)) Bool (requested s u local))
 
@@ -72,7 +72,7 @@
 (declare-const d Int) ; the deadline of an open or an offer
 (declare-const backlog Int) ; of an offer
 (declare-const firing Int) ; the due instant of a firing
-(declare-const free Seat) ; which an open takes, if there is one
+(declare-const free Entry) ; which an open takes, if there is one
 
 (declare-datatype Why ((none) (order) (full) (deadline) (unknown) (closed) (duplicate) (outranked) (queue)
   (superseded) (unsolicited) (late)))
@@ -88,16 +88,16 @@
 
 ; F1
 (define-fun reached ((s State) (u Timestamp)) Bool (and (began s) (<= (number u) (number (newest s)))))
-(define-fun no-seat ((s State)) Bool
-  (forall ((x Seat)) (exists ((u Timestamp)) (and (is-open s u) (= (seat s u) x)))))
+(define-fun no-free-entry ((s State)) Bool
+  (forall ((x Entry)) (exists ((u Timestamp)) (and (is-open s u) (= (entry s u) x)))))
 (define-fun open-refused ((s State)) Why
   (ite (reached s t) order
-  (ite (no-seat s) full
+  (ite (no-free-entry s) full
   (ite (and with-deadline (passed s (due-then s))) deadline
   none))))
 (define-fun opens ((s State)) Bool (and (= input an-open) (= (open-refused s) none)))
 
-; F2g. Whether the gate of `p` is shut once it was asked.
+; F2g. Whether the gate of `p` is shut once it decided about the offer.
 (define-fun shut-then ((s State)) Bool
   (ite (shut s p) (not (<= backlog (resume p))) (>= backlog (limit p))))
 
@@ -189,7 +189,7 @@
   (or (and (= u t) (holds s) (= c p)) (and (cached s u c) (not (gone s u)))))
 (define-fun due-of-then ((s State) (u Timestamp) (c Source)) Int
   (ite (arms s u c) (due-then s) (due s u c)))
-(define-fun seat-then ((s State) (u Timestamp)) Seat (ite (and (opens s) (= u t)) free (seat s u)))
+(define-fun entry-then ((s State) (u Timestamp)) Entry (ite (and (opens s) (= u t)) free (entry s u)))
 
 (define-fun opened-then ((s State) (u Timestamp)) Bool (or (opened s u) (and (opens s) (= u t))))
 (define-fun timed-then ((s State) (u Timestamp)) Bool
@@ -210,7 +210,7 @@
   (= (newest e) (newest-then s))
   (forall ((c Source)) (= (shut e c) (gate-then s c)))
   (forall ((u Timestamp)) (and
-    (= (seat e u) (seat-then s u))
+    (= (entry e u) (entry-then s u))
     (= (opened e u) (opened-then s u))
     (= (timed e u) (timed-then s u))
     (= (local-came e u) (local-came-then s u))
@@ -225,9 +225,9 @@
     (= (due e u c) (due-of-then s u c))
     (= (came e u c) (came-then s u c))))))
 
-; When it may come: a firing is the next one, an input finds nothing due, and a seat that is given away is free.
+; When it may come: a firing is the next one, an input finds nothing due, and an entry that is given away is free.
 (define-fun may ((s State)) Bool (and
   (<= 0 now end-of-time) (<= 0 d) (<= 0 backlog)
   (=> (= input a-firing) (next-firing s))
   (=> (not (or (= input a-tick) (= input a-firing))) (at-rest s))
-  (=> (not (no-seat s)) (forall ((u Timestamp)) (=> (is-open s u) (not (= (seat s u) free)))))))
+  (=> (not (no-free-entry s)) (forall ((u Timestamp)) (=> (is-open s u) (not (= (entry s u) free)))))))

@@ -1,8 +1,8 @@
-//! What stands for the arrays of the shipped window, so that they may have any length and any content.
+//! Cells that replace the arrays of the shipped window in proofs, so that these may have any length and any content.
 //!
 //! An array of a harness has two cells. *Own's* is the one that the call is about; it is anywhere, and nothing else may be read
-//! or written, which is asserted. The *other* one is anywhere else and anything. Where an array is looked through, the other
-//! stands for the first of all turns but own's. So what is shown of the two holds of each cell of an array.
+//! or written, which is asserted. The *other* one is anywhere else and anything. Where all of an array is read, the other
+//! has the first of all keys but own's. So what is shown of the two holds of each cell of an array.
 //!
 //! The functions here are those of arrays that `core/src/window.rs` calls, and do to the two cells what the standard library says that
 //! they do to each. `tests/window.rs` compares them with arrays.
@@ -10,7 +10,7 @@
 use core::cell::Cell;
 use core::ops::{Range, RangeFrom, RangeTo};
 
-use crate::any_size::Turn;
+use crate::cell_window::DueKey;
 use crate::time::Timestamp;
 
 #[derive(Clone)]
@@ -18,19 +18,19 @@ pub(crate) struct Cells<T, const N: usize> {
     /// Where own's cell is, and the other.
     pub(crate) at: [usize; 2],
     pub(crate) values: [T; 2],
-    /// How many cells mean something, where that is not asked of the window.
+    /// How many cells mean something, where the window does not say.
     pub(crate) rows: usize,
-    /// The part that was asked for last.
+    /// The part that was last taken by `get_mut`.
     pub(crate) part: Range<usize>,
     /// What is in no cell.
     pub(crate) absent: Option<T>,
-    /// How many cells were looked through so far.
-    pub(crate) looks: Cell<usize>,
+    /// How many cells were read so far where all of a part is read.
+    pub(crate) reads: Cell<usize>,
 }
 
 impl<T, const N: usize> Cells<T, N> {
     pub(crate) fn new(at: [usize; 2], values: [T; 2]) -> Self {
-        Self { at, values, rows: 0, part: 0..0, absent: None, looks: Cell::new(0) }
+        Self { at, values, rows: 0, part: 0..0, absent: None, reads: Cell::new(0) }
     }
 
     fn is_own(&self, at: usize) -> bool {
@@ -39,22 +39,22 @@ impl<T, const N: usize> Cells<T, N> {
     }
 
     /// All of a part that has own's: own's, and the first of all others.
-    fn look_through(&self, cells: usize) -> &[T] {
-        self.looks.set(self.looks.get() + cells);
+    fn read_all(&self, cells: usize) -> &[T] {
+        self.reads.set(self.reads.get() + cells);
         &self.values
     }
 }
 
 /// An array's `get`.
 pub(crate) trait Get<I> {
-    type Found<'a>
+    type Item<'a>
     where
         Self: 'a;
-    fn get(&self, at: I) -> Option<Self::Found<'_>>;
+    fn get(&self, at: I) -> Option<Self::Item<'_>>;
 }
 
 impl<T, const N: usize> Get<usize> for Cells<T, N> {
-    type Found<'a>
+    type Item<'a>
         = &'a T
     where
         T: 'a;
@@ -66,14 +66,14 @@ impl<T, const N: usize> Get<usize> for Cells<T, N> {
 
 /// An array's `get_mut`.
 pub(crate) trait GetMut<I> {
-    type Found<'a>
+    type Item<'a>
     where
         Self: 'a;
-    fn get_mut(&mut self, at: I) -> Option<Self::Found<'_>>;
+    fn get_mut(&mut self, at: I) -> Option<Self::Item<'_>>;
 }
 
 impl<T, const N: usize> GetMut<usize> for Cells<T, N> {
-    type Found<'a>
+    type Item<'a>
         = &'a mut T
     where
         T: 'a;
@@ -83,34 +83,34 @@ impl<T, const N: usize> GetMut<usize> for Cells<T, N> {
     }
 }
 
-// The rows' first turns.
-impl<const N: usize> Get<RangeTo<usize>> for Cells<Turn, N> {
-    type Found<'a> = &'a [Turn];
+// The rows' first keys.
+impl<const N: usize> Get<RangeTo<usize>> for Cells<DueKey, N> {
+    type Item<'a> = &'a [DueKey];
 
-    fn get(&self, to: RangeTo<usize>) -> Option<&[Turn]> {
+    fn get(&self, to: RangeTo<usize>) -> Option<&[DueKey]> {
         kani::assert(to.end == self.rows, "P9: all rows are looked at, and nothing beyond");
-        (to.end <= N).then_some(self.look_through(to.end))
+        (to.end <= N).then_some(self.read_all(to.end))
     }
 }
 
 /// The rows.
 pub(crate) struct Chunks<'a, const N: usize> {
-    turns: &'a Cells<Turn, N>,
+    keys: &'a Cells<DueKey, N>,
     of: usize,
 }
 
-impl<const N: usize> Cells<Turn, N> {
+impl<const N: usize> Cells<DueKey, N> {
     pub(crate) fn chunks(&self, of: usize) -> Chunks<'_, N> {
-        Chunks { turns: self, of }
+        Chunks { keys: self, of }
     }
 }
 
 impl<'a, const N: usize> Chunks<'a, N> {
-    pub(crate) fn nth(&mut self, row: usize) -> Option<&'a [Turn]> {
-        let (from, own) = (row * self.of, self.turns.at[0]);
+    pub(crate) fn nth(&mut self, row: usize) -> Option<&'a [DueKey]> {
+        let (from, own) = (row * self.of, self.keys.at[0]);
         let is_own = from <= own && own < from + self.of;
-        kani::assert(is_own, "P9: no row but its own is looked through");
-        (from < N).then_some(self.turns.look_through(self.of))
+        kani::assert(is_own, "P9: no row but its own is read");
+        (from < N).then_some(self.keys.read_all(self.of))
     }
 }
 
@@ -123,7 +123,7 @@ pub(crate) struct Open<'a, const N: usize> {
 }
 
 impl<const N: usize> Get<RangeTo<usize>> for Cells<Timestamp, N> {
-    type Found<'a> = Open<'a, N>;
+    type Item<'a> = Open<'a, N>;
 
     fn get(&self, to: RangeTo<usize>) -> Option<Open<'_, N>> {
         let (at, own) = (self.at[0], self.values[0].as_u64());
@@ -162,7 +162,7 @@ impl<const N: usize> Open<'_, N> {
 
 // A part, to be changed.
 impl<T, const N: usize> GetMut<Range<usize>> for Cells<T, N> {
-    type Found<'a>
+    type Item<'a>
         = &'a mut Self
     where
         T: 'a;
@@ -176,33 +176,33 @@ impl<T, const N: usize> GetMut<Range<usize>> for Cells<T, N> {
     }
 }
 
-/// What is moved.
-pub(crate) trait Any: Copy {
+/// A type of the values that `copy_within` moves.
+pub(crate) trait AnyValue: Copy {
     fn any() -> Self;
 }
 
-impl Any for u16 {
+impl AnyValue for u16 {
     fn any() -> Self {
         kani::any()
     }
 }
 
-impl Any for Timestamp {
+impl AnyValue for Timestamp {
     fn any() -> Self {
         Self::new(kani::any())
     }
 }
 
-impl<T: Any, const N: usize> Cells<T, N> {
+impl<T: AnyValue, const N: usize> Cells<T, N> {
     pub(crate) fn is_empty(&self) -> bool {
         self.part.is_empty()
     }
 
     /// Each value behind the first moves one cell down; the last is in two cells then.
     pub(crate) fn copy_within(&mut self, from: RangeFrom<usize>, to: usize) {
-        kani::assert(from.start == 1 && to == 0, "P9: what is behind it moves by one place");
+        kani::assert(from.start == 1 && to == 0, "P9: what is behind it moves by one rank");
         kani::assert(!self.is_empty(), "P9: there is something to move");
-        kani::assert(self.at[0] == self.part.start, "P9: what goes is its own");
+        kani::assert(self.at[0] == self.part.start, "P9: what is removed is its own");
         // The last keeps what it has, which is now in the cell before it as well.
         let last = self.part.end - 1;
         if self.at[0] != last {

@@ -34,14 +34,14 @@ mod source;
 #[rustfmt::skip]
 #[path = "../../core/src/time.rs"]
 mod time;
-// The façade's harnesses have a window of their own. The shipped one is looked at by itself, over cells that stand for its
+// The harnesses of `fusion.rs` have a window of their own. The shipped one is proved by itself, over cells in the place of its
 // arrays; natively it is also there as it is, to compare.
 mod cells;
 mod window;
 #[rustfmt::skip]
-mod any_size {
+mod cell_window {
     use crate::cells::{Cells, Get, GetMut};
-    fuseline_cells::over_cells!("core/src/window.rs" without "fn new()" "fn iter(");
+    fuseline_proof_macros::over_cells!("core/src/window.rs" without "fn new()" "fn iter(");
 }
 #[cfg(not(any(kani, target_arch = "wasm32")))]
 #[path = "../../core/src"]
@@ -61,11 +61,11 @@ pub use slot::{Cause, Commit, Decision, InvalidSlot, Slot};
 pub use source::{Source, Sources};
 pub use time::{Deadline, Instant, Timestamp};
 
-mod any;
+mod arbitrary;
 #[cfg(not(any(kani, target_arch = "wasm32")))]
-pub mod beside;
+pub mod comparison;
 pub mod harness;
-mod told;
+mod steps;
 mod valid;
 #[cfg(not(any(kani, target_arch = "wasm32")))]
-pub use told::take as take_told;
+pub use steps::take as take_recording;

@@ -1,7 +1,9 @@
-//! The invariant, once, from the words of `SPEC.md` and not from the core.
+//! The invariant of the machine, and how to compare two of its states.
+//!
+//! It is written from the words of `SPEC.md` and not from the core, so that it can disagree with the core.
 
-use crate::any::{earlier, earliest, rows, turn_of};
-use crate::any_size::{self, Turn};
+use crate::arbitrary::{earlier, earliest, key_of, rows};
+use crate::cell_window::{self, DueKey};
 use crate::entry::Entry;
 use crate::fusion::Fusion;
 use crate::priority::Priority;
@@ -16,8 +18,8 @@ pub(crate) fn is_valid(commit: Commit, slot: Slot) -> bool {
     let (requested, pending, armed, cached) =
         (slot.requested().bits(), slot.pending().bits(), slot.armed().bits(), slot.cached().bits());
     let local = Sources::LOCAL.bits();
-    // F1, F2: 0 always was asked for, and only what was asked for is pending or cached.
-    let asked = requested & local != 0 && (pending | cached) & !requested == 0;
+    // F1, F2: 0 always was requested, and only what was requested is pending or cached.
+    let is_requested = requested & local != 0 && (pending | cached) & !requested == 0;
     // F3: a result leaves pending as it joins cached.
     let apart = pending & cached == 0;
     // F6: with nothing pending it would have been forwarded or missed.
@@ -25,12 +27,12 @@ pub(crate) fn is_valid(commit: Commit, slot: Slot) -> bool {
     // P4: the greatest pending outranks the greatest cached. As numbers, sets without a common member compare so.
     let prompt = cached == 0 || pending > cached;
     // P8: what is armed, and nothing else; F3 says what the commit rule keeps armed.
-    let kept = match commit {
+    let with_timers = match commit {
         Commit::Eager => pending | cached,
         Commit::Patient => pending,
     };
-    let timers = armed & !local == kept & !local && armed & local & !pending == 0;
-    asked && apart && waiting && prompt && timers
+    let timers = armed & !local == with_timers & !local && armed & local & !pending == 0;
+    is_requested && apart && waiting && prompt && timers
 }
 
 /// P7 for a timestamp opened with a deadline: until local returned, failed or was given up, the deadline is armed.
@@ -38,54 +40,54 @@ pub(crate) fn is_limited(slot: Slot) -> bool {
     !slot.pending().contains(Source::LOCAL) || slot.armed().contains(Source::LOCAL)
 }
 
-/// Whether two turns are the same, field by field.
-pub(crate) fn same_turn(a: Turn, b: Turn) -> bool {
-    a.key == b.key && a.timestamp == b.timestamp
+/// Whether two keys are the same, field by field.
+pub(crate) fn same_key(a: DueKey, b: DueKey) -> bool {
+    a.due_minus_one == b.due_minus_one && a.timestamp == b.timestamp
 }
 
-/// What holds of the window: the timestamps ascend, no two have one seat, and each seat, each row and the window know their
-/// first turn. Own and the other one are any two timestamps and any two seats.
+/// What holds of the window: the timestamps ascend, no two have the same entry, and the key of each entry, the first of each row
+/// and the first of all are right. Own and the other one are any two timestamps and any two entries.
 pub(crate) fn is_window<const CLOUDS: usize, const CAPACITY: usize>(
-    window: &any_size::Window<CLOUDS, CAPACITY>,
+    window: &cell_window::Window<CLOUDS, CAPACITY>,
 ) -> bool {
-    let (timestamps, seats) = (&window.timestamps, &window.seats);
+    let (timestamps, indices) = (&window.timestamps, &window.entry_indices);
     let [own, other] = timestamps.at;
     let both_open = own < window.len && other < window.len;
     let ascend = (own < other) == (timestamps.values[0] < timestamps.values[1]);
-    let seat = usize::from(seats.values[0]);
+    let entry_index = usize::from(indices.values[0]);
     let (of_row, _) = const { rows(CAPACITY) };
-    let apart = own != other && seats.values[0] != seats.values[1] || other >= CAPACITY;
-    let same_places = seats.at == timestamps.at
-        && window.entries.at[0] == seat
-        && window.turns.at[0] == seat
-        && window.firsts.at[0] == seat / of_row;
+    let apart = own != other && indices.values[0] != indices.values[1] || other >= CAPACITY;
+    let same_indices = indices.at == timestamps.at
+        && window.entries.at[0] == entry_index
+        && window.keys.at[0] == entry_index
+        && window.row_firsts.at[0] == entry_index / of_row;
     // F2: a due instant lies after some clock's.
     let due = earliest(&window.entries.values[0]);
     let is_open = own < window.len;
-    let turn = if is_open { turn_of(due, timestamps.values[0]) } else { Turn::NEVER };
-    let row = earlier(window.turns.values[0], window.turns.values[1]);
-    let all = earlier(window.firsts.values[0], window.firsts.values[1]);
+    let key = if is_open { key_of(due, timestamps.values[0]) } else { DueKey::NEVER };
+    let row = earlier(window.keys.values[0], window.keys.values[1]);
+    let all = earlier(window.row_firsts.values[0], window.row_firsts.values[1]);
     window.len <= CAPACITY
         && (!both_open || ascend)
         && apart
-        && same_places
+        && same_indices
         && (!is_open || due != Some(Instant::START))
-        && same_turn(window.turns.values[0], turn)
-        && same_turn(window.firsts.values[0], row)
-        && same_turn(window.first, all)
+        && same_key(window.keys.values[0], key)
+        && same_key(window.row_firsts.values[0], row)
+        && same_key(window.first, all)
 }
 
 /// What holds of the machine between two inputs, and between two firings, as far as `own` and the window go.
 pub(crate) fn is_machine<const CLOUDS: usize, const CAPACITY: usize>(
     fusion: &Fusion<CLOUDS, CAPACITY>,
 ) -> bool {
-    let (open, rest) = (&fusion.open, &fusion.open.rest);
+    let (open, others) = (&fusion.open, &fusion.open.others);
     // P9: at most the window is open.
     let fits = fusion.window <= CAPACITY && fusion.len() <= fusion.window;
     // F1: no later timestamp is open than the greatest ever opened.
     let reached = |timestamp| fusion.newest.is_some_and(|newest| newest >= timestamp);
     let own = !open.is_open || reached(open.own) && is_valid(fusion.commit, open.entry.slot);
-    let others = rest.len == 0 || reached(rest.greatest);
+    let others = others.len == 0 || reached(others.greatest);
     // F2: a due instant lies after some clock's.
     let due = open.due.is_none_or(|due| open.is_open && due > Instant::START);
     fits && own && others && due
@@ -123,22 +125,22 @@ pub(crate) fn source_of<const CLOUDS: usize, const WINDOW: usize>(
     fusion: &Fusion<CLOUDS, WINDOW>,
     priority: Priority,
 ) -> Option<Source> {
-    let place = fusion.clouds.priorities.iter().position(|known| *known == priority);
-    match place {
+    let index = fusion.clouds.priorities.iter().position(|known| *known == priority);
+    match index {
         _ if priority == Priority::LOCAL => Some(Source::LOCAL),
-        Some(place) => Source::new(place as u8 + 1),
+        Some(index) => Source::new(index as u8 + 1),
         None => None,
     }
 }
 
 /// Whether an outcome is what the step of the timestamp decided.
-pub(crate) fn tells<const CLOUDS: usize, const WINDOW: usize>(
+pub(crate) fn is_outcome_of_decision<const CLOUDS: usize, const WINDOW: usize>(
     fusion: &Fusion<CLOUDS, WINDOW>,
     outcome: Outcome<CLOUDS>,
     decision: Decision,
 ) -> bool {
     match (outcome, decision) {
-        (Outcome::Dropped(said), Decision::Dropped(reason)) => said == reason,
+        (Outcome::Dropped(dropped), Decision::Dropped(reason)) => dropped == reason,
         (Outcome::Held, Decision::Held)
         | (Outcome::Waiting, Decision::Waiting)
         | (Outcome::Missed, Decision::Missed) => true,

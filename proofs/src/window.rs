@@ -1,9 +1,9 @@
-//! The window as the façade sees it, for any number of open timestamps.
+//! A window with the functions of the shipped one, for any number of open timestamps.
 //!
 //! The façade's harnesses run the shipped `fusion.rs` over this window in place of the shipped one. One timestamp, *own*,
-//! is any, and is kept exactly. All others are the *rest*: how many they are, a bound above them, and whose turn is first.
-//! What is asked about the rest is answered in any way that some open timestamps could answer, so that a proof holds beside
-//! any number of them.
+//! is any, and is represented exactly. Of all *others* it has how many they are, a bound above them, and the first key.
+//! A question about the others has any answer that some open timestamps could give, so that a proof holds beside any number
+//! of them.
 //!
 //! This is the whole contract between façade and window. What a function needs is asserted here of the façade; what it
 //! does is what the group `window` proves of the shipped one.
@@ -11,29 +11,29 @@
 //! | function | needs | does |
 //! |---|---|---|
 //! | `new` | | nothing is open |
-//! | `find` | | the place of an open timestamp; none of another |
-//! | `timestamp`, `entry` | a place that was found since the last change | what is there |
+//! | `find` | | the index of an open timestamp; none of another |
+//! | `timestamp`, `entry` | an index that was found since the last change | what is there |
 //! | `push` | a timestamp greater than all that are open | it is open with its entry, if there is room; else nothing changes |
-//! | `arm` | such a place; one timer is armed that was not | the sets and the due instant are there; no other timestamp changes |
-//! | `set` | such a place; no timer is armed that was not | the sets are there, the due instants stay; no other timestamp changes |
-//! | `remove` | such a place | it is open no more; no other timestamp changes |
+//! | `arm` | such an index; one timer is armed that was not | the sets and the due instant are there; no other timestamp changes |
+//! | `set` | such an index; no timer is armed that was not | the sets are there, the due instants stay; no other timestamp changes |
+//! | `remove` | such an index | it is open no more; no other timestamp changes |
 //! | `len` | | how many are open |
 //! | `next_due` | | the least due instant of all armed timers |
 //! | `first_due` | | of the timestamps with a timer due then the least |
 //!
 //! `iter` shows own alone: the façade compares and prints with it, and decides nothing.
 
-use crate::any::{any_rest_after, earliest, least};
+use crate::arbitrary::{any_others_after, earliest, least};
 use crate::entry::Entry;
 use crate::slot::Slot;
 use crate::source::Source;
 use crate::time::{Instant, Timestamp};
 
-/// Whose place it is.
+/// Which timestamp it is.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Place {
+pub(crate) enum OpenIndex {
     Own,
-    Rest(Timestamp),
+    Other(Timestamp),
 }
 
 #[derive(Clone)]
@@ -44,22 +44,22 @@ pub(crate) struct Window<const CLOUDS: usize, const CAPACITY: usize> {
     pub(crate) entry: Entry<CLOUDS>,
     /// The least due instant of own's armed timers.
     pub(crate) due: Option<Instant>,
-    pub(crate) rest: Rest<CLOUDS>,
+    pub(crate) others: Others<CLOUDS>,
 }
 
 /// All open timestamps but own.
 #[derive(Clone, Copy)]
-pub(crate) struct Rest<const CLOUDS: usize> {
+pub(crate) struct Others<const CLOUDS: usize> {
     pub(crate) len: usize,
     /// None of them is greater.
     pub(crate) greatest: Timestamp,
     /// The least due instant of their armed timers, and the least of the timestamps that have it.
     pub(crate) first: Option<(Instant, Timestamp)>,
-    /// What is kept of the one that is looked at.
+    /// The entry of the one that is looked at.
     pub(crate) entry: Entry<CLOUDS>,
 }
 
-impl<const CLOUDS: usize> Rest<CLOUDS> {
+impl<const CLOUDS: usize> Others<CLOUDS> {
     pub(crate) const EMPTY: Self =
         Self { len: 0, greatest: Timestamp::new(0), first: None, entry: Entry::EMPTY };
 
@@ -70,10 +70,10 @@ impl<const CLOUDS: usize> Rest<CLOUDS> {
         }
     }
 
-    /// A timestamp's turn is later than it was, or there is none.
+    /// A timestamp's key is later than it was, or there is none.
     fn disarm(&mut self, own: Timestamp, timestamp: Timestamp) {
         if let Some(first) = self.first.filter(|first| first.1 == timestamp) {
-            self.first = any_rest_after(self, own, first);
+            self.first = any_others_after(self, own, first);
         }
     }
 }
@@ -81,12 +81,12 @@ impl<const CLOUDS: usize> Rest<CLOUDS> {
 impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
     pub(crate) fn new() -> Self {
         let own = Timestamp::new(kani::any());
-        Self { own, is_open: false, entry: Entry::EMPTY, due: None, rest: Rest::EMPTY }
+        Self { own, is_open: false, entry: Entry::EMPTY, due: None, others: Others::EMPTY }
     }
 
     pub(crate) fn push(&mut self, timestamp: Timestamp, entry: Entry<CLOUDS>) -> bool {
         let above_own = !self.is_open || timestamp > self.own;
-        let above_rest = self.rest.len == 0 || timestamp > self.rest.greatest;
+        let above_rest = self.others.len == 0 || timestamp > self.others.greatest;
         kani::assert(above_own && above_rest, "P9: what is opened is greater than all open");
         if self.len() >= CAPACITY {
             return false;
@@ -96,65 +96,65 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
             self.entry = entry;
             self.due = earliest(&entry);
         } else {
-            self.rest.len += 1;
-            self.rest.greatest = timestamp;
+            self.others.len += 1;
+            self.others.greatest = timestamp;
             if let Some(due) = earliest(&entry) {
-                self.rest.arm(due, timestamp);
+                self.others.arm(due, timestamp);
             }
         }
         true
     }
 
-    pub(crate) fn arm(&mut self, place: Place, slot: Slot, source: Source, due: Instant) {
-        kani::assert(self.is_open(place), "P9: what is armed is open");
-        let armed = self.entry(place).slot.armed();
+    pub(crate) fn arm(&mut self, index: OpenIndex, slot: Slot, source: Source, due: Instant) {
+        kani::assert(self.is_open(index), "P9: what is armed is open");
+        let armed = self.entry(index).slot.armed();
         let one_more = !armed.contains(source) && slot.armed() == armed.with(source);
         kani::assert(one_more, "P9: one timer is armed that was not");
-        match place {
-            Place::Own => {
+        match index {
+            OpenIndex::Own => {
                 self.entry.slot = slot;
                 self.entry.set_due(source, due);
                 self.due = least(self.due, Some(due));
             }
-            Place::Rest(timestamp) => self.rest.arm(due, timestamp),
+            OpenIndex::Other(timestamp) => self.others.arm(due, timestamp),
         }
     }
 
-    pub(crate) fn set(&mut self, place: Place, slot: Slot) {
-        kani::assert(self.is_open(place), "P9: what is stepped is open");
-        let no_more = self.entry(place).slot.armed().contains_all(slot.armed());
+    pub(crate) fn set(&mut self, index: OpenIndex, slot: Slot) {
+        kani::assert(self.is_open(index), "P9: what is stepped is open");
+        let no_more = self.entry(index).slot.armed().contains_all(slot.armed());
         kani::assert(no_more, "P9: no timer is armed that was not");
-        match place {
-            Place::Own => {
+        match index {
+            OpenIndex::Own => {
                 self.entry.slot = slot;
                 self.due = earliest(&self.entry);
             }
-            Place::Rest(timestamp) => self.rest.disarm(self.own, timestamp),
+            OpenIndex::Other(timestamp) => self.others.disarm(self.own, timestamp),
         }
     }
 
-    pub(crate) fn remove(&mut self, place: Place) {
-        kani::assert(self.is_open(place), "P9: what is retired is open");
-        match place {
-            Place::Own => {
+    pub(crate) fn remove(&mut self, index: OpenIndex) {
+        kani::assert(self.is_open(index), "P9: what is retired is open");
+        match index {
+            OpenIndex::Own => {
                 self.is_open = false;
                 self.due = None;
             }
-            Place::Rest(timestamp) => {
-                self.rest.len -= 1;
-                self.rest.disarm(self.own, timestamp);
+            OpenIndex::Other(timestamp) => {
+                self.others.len -= 1;
+                self.others.disarm(self.own, timestamp);
             }
         }
     }
 
-    pub(crate) fn find(&self, timestamp: Timestamp) -> Option<Place> {
+    pub(crate) fn find(&self, timestamp: Timestamp) -> Option<OpenIndex> {
         if timestamp == self.own {
-            return self.is_open.then_some(Place::Own);
+            return self.is_open.then_some(OpenIndex::Own);
         }
-        let is_first = self.rest.first.is_some_and(|first| first.1 == timestamp);
-        let may_be = self.rest.len > 0 && timestamp <= self.rest.greatest;
+        let is_first = self.others.first.is_some_and(|first| first.1 == timestamp);
+        let may_be = self.others.len > 0 && timestamp <= self.others.greatest;
         let is_open = is_first || may_be && kani::any();
-        is_open.then_some(Place::Rest(timestamp))
+        is_open.then_some(OpenIndex::Other(timestamp))
     }
 
     pub(crate) fn iter(&self) -> impl Iterator<Item = (Timestamp, &Entry<CLOUDS>)> {
@@ -162,43 +162,43 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
     }
 
     pub(crate) fn next_due(&self) -> Option<Instant> {
-        least(self.due, self.rest.first.map(|first| first.0))
+        least(self.due, self.others.first.map(|first| first.0))
     }
 
-    pub(crate) fn first_due(&self) -> Option<Place> {
+    pub(crate) fn first_due(&self) -> Option<OpenIndex> {
         let own = self.due.map(|due| (due, self.own));
-        match self.rest.first.filter(|first| own.is_none_or(|own| *first < own)) {
-            None => own.map(|_| Place::Own),
+        match self.others.first.filter(|first| own.is_none_or(|own| *first < own)) {
+            None => own.map(|_| OpenIndex::Own),
             Some((_, timestamp)) => {
                 // What is due is armed.
-                kani::assume(!self.rest.entry.slot.armed().is_empty());
-                Some(Place::Rest(timestamp))
+                kani::assume(!self.others.entry.slot.armed().is_empty());
+                Some(OpenIndex::Other(timestamp))
             }
         }
     }
 
-    pub(crate) fn entry(&self, place: Place) -> &Entry<CLOUDS> {
-        match place {
-            Place::Own => &self.entry,
-            Place::Rest(_) => &self.rest.entry,
+    pub(crate) fn entry(&self, index: OpenIndex) -> &Entry<CLOUDS> {
+        match index {
+            OpenIndex::Own => &self.entry,
+            OpenIndex::Other(_) => &self.others.entry,
         }
     }
 
-    pub(crate) fn timestamp(&self, place: Place) -> Timestamp {
-        match place {
-            Place::Own => self.own,
-            Place::Rest(timestamp) => timestamp,
+    pub(crate) fn timestamp(&self, index: OpenIndex) -> Timestamp {
+        match index {
+            OpenIndex::Own => self.own,
+            OpenIndex::Other(timestamp) => timestamp,
         }
     }
 
     pub(crate) const fn len(&self) -> usize {
-        self.rest.len + self.is_open as usize
+        self.others.len + self.is_open as usize
     }
 
-    const fn is_open(&self, place: Place) -> bool {
-        match place {
-            Place::Own => self.is_open,
-            Place::Rest(_) => self.rest.len > 0,
+    const fn is_open(&self, index: OpenIndex) -> bool {
+        match index {
+            OpenIndex::Own => self.is_open,
+            OpenIndex::Other(_) => self.others.len > 0,
         }
     }
 }

@@ -1,4 +1,4 @@
-//! The third way: each harness as a plain function on random values, so that a wrong harness is found by anyone, anywhere.
+//! Each harness as a plain function on random values, so that a wrong harness is found without a checker.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -26,16 +26,16 @@ fn every_harness_holds_on_random_values_and_reaches_its_covers() {
     }
 }
 
-/// A counterexample is told as a header, states behind a `#`, inputs and decisions, all as the trace has them.
+/// A counterexample is recorded as a header, states behind a `#`, inputs and decisions, all as the trace has them.
 #[test]
-fn a_replay_is_told_in_lines_that_a_reader_of_traces_takes() {
-    // `p3_best_in_hand` when the least result in hand is forwarded.
+fn a_replay_is_recorded_in_lines_that_a_reader_of_traces_takes() {
+    // `p3_best_available` when the least available result is forwarded.
     let values = [1, 12033, 55424, 65534, 1, 2, 65535];
-    let harness = ALL.iter().find(|(name, _)| *name == "p3_best_in_hand").expect("it is there").1;
+    let harness = ALL.iter().find(|(name, _)| *name == "p3_best_available").expect("it is there").1;
     kani::native::replay(harness, &values).expect("the machine as it ships holds");
-    let told = fuseline_proofs::take_told();
+    let recorded = fuseline_proofs::take_recording();
     let (states, lines): (Vec<&String>, Vec<&String>) =
-        told.iter().partition(|line| line.starts_with('#'));
+        recorded.iter().partition(|line| line.starts_with('#'));
     assert_eq!(states.len(), 1);
     let read = lines.iter().map(|line| fuseline_traces::parse(line.as_bytes()).expect("a line"));
     let read: Vec<Line> = read.collect();
@@ -87,15 +87,15 @@ fn the_modules_are_those_of_the_core() {
     assert_eq!(
         others,
         [
-            "mod any;",
-            "mod any_size {",
+            "mod arbitrary;",
+            "mod cell_window {",
             "mod cells;",
             "mod shipped {",
-            "mod told;",
+            "mod steps;",
             "mod valid;",
-            "pub mod beside;",
+            "pub mod comparison;",
             "pub mod harness;",
-            "pub use told::take as take_told;"
+            "pub use steps::take as take_recording;"
         ]
     );
     let shipped = "#[path = \"../../core/src\"]\nmod shipped {";

@@ -1,13 +1,13 @@
-//! The window of the proofs beside the one that ships.
+//! The window of the proofs, compared with the one that ships.
 
 use fuseline_proofs::Sources;
-use fuseline_proofs::beside::{cells_do_what_arrays_do, has_its_rows};
+use fuseline_proofs::comparison::{cells_do_what_arrays_do, has_its_rows};
 
 /// What the cells of `src/cells.rs` do, the arrays of the shipped window do, and what harnesses start from holds of it.
 #[test]
 fn cells_do_what_arrays_do_on_random_windows() {
     let report = kani::native::random(cells_do_what_arrays_do, 1, 100_000)
-        .unwrap_or_else(|failure| panic!("{}: {:?}", failure.message, failure.place));
+        .unwrap_or_else(|failure| panic!("{}: {:?}", failure.message, failure.location));
     assert_eq!(report.accepted, 100_000);
     assert!(report.rejected < report.accepted / 2, "most runs are left out: {}", report.rejected);
     for ((_, cover), times) in &report.covers {
@@ -30,10 +30,10 @@ fn every_capacity_has_its_rows() {
 
 /// The earliest due instant of a timestamp is the least over its armed timers: each of them is looked at, once.
 #[test]
-fn every_set_tells_its_members_once_in_ascending_order() {
+fn every_set_has_its_members_once_in_ascending_order() {
     for bits in 0..=u16::MAX {
-        let mut told = Sources::from_bits(bits).iter().map(|source| usize::from(source.index()));
-        assert!((0..16).filter(|bit| bits >> bit & 1 != 0).eq(&mut told), "{bits:#b}");
-        assert_eq!(told.next(), None);
+        let mut members = Sources::from_bits(bits).iter().map(|source| usize::from(source.index()));
+        assert!((0..16).filter(|bit| bits >> bit & 1 != 0).eq(&mut members), "{bits:#b}");
+        assert_eq!(members.next(), None);
     }
 }

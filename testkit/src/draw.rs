@@ -1,14 +1,7 @@
-//! Random numbers that depend on the seed alone.
+//! The draws of the generator.
 
-/// The next number of the stream that has this state, by Steele and Vigna's `SplitMix64`. The first state is the seed.
-pub const fn splitmix64(state: &mut u64) -> u64 {
-    *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    let z = (*state ^ (*state >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
-}
-
-/// A stream of them. What a generated case is depends on its values, so they must not change.
+/// Steele and Vigna's `SplitMix64`. All else draws from [`Rng`](crate::Rng); the runs that `fuseline drive` calls by number are
+/// those of this stream, and a digest on record pins them.
 pub(crate) struct Draw(u64);
 
 impl Draw {
@@ -20,7 +13,10 @@ impl Draw {
 
     /// Any number.
     pub(crate) fn next(&mut self) -> u64 {
-        splitmix64(&mut self.0)
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
     }
 
     /// A number from `least` to `most`, both included.
@@ -32,7 +28,7 @@ impl Draw {
     }
 
     /// An index into something of this length; 0 if it is empty.
-    pub(crate) fn place(&mut self, len: usize) -> usize {
+    pub(crate) fn index(&mut self, len: usize) -> usize {
         let len = u64::try_from(len).unwrap_or(u64::MAX).max(1);
         usize::try_from(self.next() % len).unwrap_or(0)
     }
@@ -45,17 +41,17 @@ impl Draw {
     /// These in another order, any as likely.
     pub(crate) fn shuffle<T>(&mut self, items: &mut [T]) {
         for last in (1..items.len()).rev() {
-            items.swap(last, self.place(last + 1));
+            items.swap(last, self.index(last + 1));
         }
     }
 
     /// One of these, each as often as its weight says. At least one weight must not be 0.
     pub(crate) fn weighed<T: Copy>(&mut self, choices: &[(u64, T)]) -> T {
         let whole: u64 = choices.iter().map(|(weight, _)| weight).sum();
-        let mut left = self.next() % whole;
+        let mut remaining = self.next() % whole;
         for (weight, choice) in choices {
-            match left.checked_sub(*weight) {
-                Some(rest) => left = rest,
+            match remaining.checked_sub(*weight) {
+                Some(rest) => remaining = rest,
                 None => return *choice,
             }
         }

@@ -87,7 +87,7 @@ impl Edge {
     pub(crate) fn of_input(context: &RunContext, input: &Input) -> impl Iterator<Item = Self> {
         let at = input.at();
         let beyond = |p: u64| p > u64::from(u16::MAX);
-        let (place, due) = match *input {
+        let (edges, due) = match *input {
             Input::Result { t, p, .. } | Input::Fail { t, p, .. } => {
                 let due = context.due(t, p);
                 ([Self::ArrivalBeforeDue, Self::ArrivalAtDue, Self::ArrivalAfterDue], due)
@@ -104,9 +104,9 @@ impl Edge {
             Input::Open { .. } | Input::Tick { .. } => None,
         };
         holding([
-            (place[0], away == Some(-1)),
-            (place[1], away == Some(0)),
-            (place[2], away == Some(1)),
+            (edges[0], away == Some(-1)),
+            (edges[1], away == Some(0)),
+            (edges[2], away == Some(1)),
             (Self::ClockBack, at < context.now()),
             (Self::ClockEnd, at == u64::MAX),
             (Self::OfferToLocal, matches!(input, Input::Offer { p: 0, .. })),
@@ -156,8 +156,8 @@ impl Edge {
                 (None, 0)
             }
         };
-        let of = |shut: bool, place: fn(u64, u64, u64) -> bool| {
-            gate.is_some_and(|gate| gate.is_shut == shut && place(backlog, gate.limit, gate.resume))
+        let of = |shut: bool, is_at: fn(u64, u64, u64) -> bool| {
+            gate.is_some_and(|gate| gate.is_shut == shut && is_at(backlog, gate.limit, gate.resume))
         };
         holding([
             (Self::BacklogBelowLimit, of(false, |backlog, limit, _| backlog == limit - 1)),

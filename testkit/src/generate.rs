@@ -46,7 +46,7 @@ impl Generator {
             _ => draw.between(2, 40),
         };
         let header = self.header(&mut draw, is_flood);
-        let mut writer = Writer::new(&header, draw);
+        let mut writer = InputGenerator::new(&header, draw);
         writer.start();
         if is_flood {
             // More than the greatest window holds.
@@ -118,7 +118,7 @@ enum StepKind {
 }
 
 /// Makes inputs, with the reference machine to know where the edges are.
-struct Writer {
+struct InputGenerator {
     context: RunContext,
     draw: Draw,
     inputs: Vec<Input>,
@@ -129,7 +129,7 @@ struct Writer {
     is_long: bool,
 }
 
-impl Writer {
+impl InputGenerator {
     fn new(header: &Header, draw: Draw) -> Self {
         Self {
             context: RunContext::new(header),
@@ -249,8 +249,8 @@ impl Writer {
     }
 
     fn arrival(&mut self) {
-        let place = self.recent(self.context.requested().len());
-        let Some((t, p)) = self.context.requested().get(place).copied() else { return };
+        let index = self.recent(self.context.requested().len());
+        let Some((t, p)) = self.context.requested().get(index).copied() else { return };
         let due = self.context.due(t, p);
         let at = self.edge(due.unwrap_or(self.context.now()));
         let is_failure = self.draw.one_in(3);
@@ -319,7 +319,7 @@ impl Writer {
         match self.draw.between(0, 39) {
             0..28 => {
                 let back = self.draw.weighed(&[(6, 2), (1, RECENT)]);
-                let back = self.draw.place(back.min(self.context.open().len()));
+                let back = self.draw.index(back.min(self.context.open().len()));
                 let open = self.context.open().iter().rev().nth(back).copied();
                 open.unwrap_or(self.next_t)
             }
@@ -330,8 +330,8 @@ impl Writer {
     }
 
     fn tried_before(&mut self) -> u64 {
-        let place = self.recent(self.tried.len());
-        self.tried.get(place).copied().unwrap_or(self.next_t)
+        let index = self.recent(self.tried.len());
+        self.tried.get(index).copied().unwrap_or(self.next_t)
     }
 
     fn priority(&mut self, header: &Header) -> u64 {
@@ -346,16 +346,16 @@ impl Writer {
     }
 
     fn cloud(&mut self, header: &Header) -> u64 {
-        let place = self.draw.place(header.clouds.len());
-        header.clouds.get(place).map_or(1, |cloud| u64::from(cloud.p))
+        let index = self.draw.index(header.clouds.len());
+        header.clouds.get(index).map_or(1, |cloud| u64::from(cloud.p))
     }
 
     /// Whose result or failure it is.
     fn call(&mut self, header: &Header) -> (u64, u64) {
         match self.draw.between(0, 10) {
             0..5 if !self.context.requested().is_empty() => {
-                let place = self.recent(self.context.requested().len());
-                self.context.requested()[place]
+                let index = self.recent(self.context.requested().len());
+                self.context.requested()[index]
             }
             5..8 => (self.timestamp(), 0),
             _ => (self.timestamp(), self.priority(header)),
@@ -396,7 +396,7 @@ impl Writer {
 
     /// An index among the last few of this many.
     fn recent(&mut self, len: usize) -> usize {
-        let back = self.draw.place(len.min(RECENT));
+        let back = self.draw.index(len.min(RECENT));
         len.saturating_sub(1).saturating_sub(back)
     }
 }

@@ -7,7 +7,7 @@
 pub struct History {
     is_limited: bool,
     /// In ascending order of their priorities.
-    sources: Vec<Source>,
+    sources: Vec<RequestedSource>,
     /// The latest due instant that was forgotten, while it binds.
     latest: Option<u64>,
     /// The same of requests alone, without local's.
@@ -16,7 +16,7 @@ pub struct History {
 
 /// A source that was requested.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
-struct Source {
+struct RequestedSource {
     p: u64,
     stage: Stage,
     due: Option<u64>,
@@ -48,7 +48,7 @@ impl History {
     /// `p` was requested, for an answer before `due`.
     pub fn ask(&mut self, p: u64, due: Option<u64>) {
         let source = self.entry(p);
-        *source = Source { p, stage: Stage::Pending, due, is_armed: due.is_some() };
+        *source = RequestedSource { p, stage: Stage::Pending, due, is_armed: due.is_some() };
     }
 
     /// The result of `p` came; `is_late` says whether it came too late.
@@ -108,7 +108,7 @@ impl History {
     /// Whether a result of `p` is available.
     #[must_use]
     pub fn is_held(&self, p: u64) -> bool {
-        self.source(p).is_some_and(Source::is_held)
+        self.source(p).is_some_and(RequestedSource::is_held)
     }
 
     /// Whether a result of `p` is available that came too late.
@@ -181,26 +181,26 @@ impl History {
         dues.max().is_none_or(|latest| latest <= now)
     }
 
-    fn source(&self, p: u64) -> Option<&Source> {
+    fn source(&self, p: u64) -> Option<&RequestedSource> {
         self.sources.iter().find(|source| source.p == p)
     }
 
-    fn source_mut(&mut self, p: u64) -> Option<&mut Source> {
+    fn source_mut(&mut self, p: u64) -> Option<&mut RequestedSource> {
         self.sources.iter_mut().find(|source| source.p == p)
     }
 
     /// The source of this priority, noted now if it was not before.
-    fn entry(&mut self, p: u64) -> &mut Source {
-        let place = self.sources.partition_point(|source| source.p < p);
-        if self.sources.get(place).is_none_or(|source| source.p != p) {
-            let new = Source { p, stage: Stage::Closed, due: None, is_armed: false };
-            self.sources.insert(place, new);
+    fn entry(&mut self, p: u64) -> &mut RequestedSource {
+        let index = self.sources.partition_point(|source| source.p < p);
+        if self.sources.get(index).is_none_or(|source| source.p != p) {
+            let new = RequestedSource { p, stage: Stage::Closed, due: None, is_armed: false };
+            self.sources.insert(index, new);
         }
-        &mut self.sources[place]
+        &mut self.sources[index]
     }
 }
 
-impl Source {
+impl RequestedSource {
     const fn is_held(&self) -> bool {
         matches!(self.stage, Stage::Held | Stage::HeldLate)
     }

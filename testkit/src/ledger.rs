@@ -40,7 +40,7 @@ pub enum Promise {
     P12,
 }
 
-/// A promise that was not kept.
+/// A violated promise.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Violation {
     /// Which one.
@@ -103,8 +103,8 @@ impl Ledger {
     /// What is known of an open timestamp.
     #[must_use]
     pub fn history(&self, t: u64) -> Option<&History> {
-        let place = self.open.binary_search_by_key(&t, |(open, _)| *open).ok()?;
-        Some(&self.open[place].1)
+        let index = self.open.binary_search_by_key(&t, |(open, _)| *open).ok()?;
+        Some(&self.open[index].1)
     }
 
     /// How many timers are live.
@@ -364,13 +364,13 @@ impl Ledger {
     }
 
     fn history_mut(&mut self, t: u64) -> Option<&mut History> {
-        let place = self.open.binary_search_by_key(&t, |(open, _)| *open).ok()?;
-        Some(&mut self.open[place].1)
+        let index = self.open.binary_search_by_key(&t, |(open, _)| *open).ok()?;
+        Some(&mut self.open[index].1)
     }
 
     fn retire(&mut self, t: u64) -> Option<History> {
-        let place = self.open.binary_search_by_key(&t, |(open, _)| *open).ok()?;
-        Some(self.open.remove(place).1)
+        let index = self.open.binary_search_by_key(&t, |(open, _)| *open).ok()?;
+        Some(self.open.remove(index).1)
     }
 }
 

@@ -7,13 +7,16 @@ mod edge;
 mod generate;
 mod history;
 mod ledger;
+mod rng;
 mod run;
+mod shrink;
 
 pub use context::{Gate, HoldingReasons, RuleDecision, RunContext};
 pub use coverage::{Cause, Consequence, Coverage, CoverageShare, Mark};
-pub use draw::splitmix64;
 pub use edge::Edge;
 pub use generate::Generator;
 pub use history::History;
 pub use ledger::{Ledger, OperatorConfig, Promise, Violation, split};
+pub use rng::Rng;
 pub use run::Run;
+pub use shrink::{Simplification, Steps, shrink};

@@ -1,9 +1,12 @@
 //! A configuration and what happens to its operator.
 
+use std::convert::Infallible;
 use std::fmt;
 use std::io::BufRead;
 
 use fuseline_traces::{Event, Events, Header, Input, ReadError, Reference};
+
+use crate::shrink::shrink;
 
 /// A configuration and what happens to its operator.
 ///
@@ -45,18 +48,16 @@ impl Run {
     /// The run without any input that can be left out while `fault` still finds something, and what
     /// it finds then; nothing if it finds nothing in the whole run.
     pub fn shortened<T>(&self, fault: impl Fn(&Self) -> Option<T>) -> Option<(Self, T)> {
-        let (mut run, mut found) = (self.clone(), fault(self)?);
-        let mut place = 0;
-        while place < run.inputs.len() {
-            let mut shorter = run.clone();
-            shorter.inputs.remove(place);
-            match fault(&shorter) {
-                // What was needed before may no longer be.
-                Some(still) => (run, found, place) = (shorter, still, 0),
-                None => place += 1,
-            }
-        }
-        Some((run, found))
+        let mut found = fault(self)?;
+        let Ok(shortest) = shrink(
+            self.clone(),
+            |_| Vec::new(),
+            |run| {
+                let again = fault(run);
+                Ok::<_, Infallible>(again.map(|again| found = again).is_some())
+            },
+        );
+        Some((shortest, found))
     }
 }
 

@@ -3,7 +3,7 @@
 use fuseline_testkit::{Ledger, OperatorConfig, Promise, split};
 use fuseline_traces::{Cloud, Commit, Decision, Header, Input, Reference};
 
-/// An operator with the clouds 2 and 5 that says what it is told to.
+/// An operator with the clouds 2 and 5 that says what the test gives it.
 struct FaultyOperator {
     header: Header,
     ledger: Ledger,
@@ -11,7 +11,7 @@ struct FaultyOperator {
 }
 
 impl FaultyOperator {
-    /// With 0 open, local limited to this, and 5 asked for it by 3.
+    /// With 0 open, local limited to this, and a request of it to 5 due at 3.
     fn new(limit: Option<u64>) -> Self {
         let cloud = |p| Cloud { p, name: None, limit: 1, resume: 0 };
         let clouds = vec![cloud(2), cloud(5)];
@@ -28,11 +28,11 @@ impl FaultyOperator {
         let mut demands = Vec::new();
         self.reference.apply(input, &mut demands);
         let decisions: Vec<_> = demands.into_iter().map(|(decision, _)| decision).collect();
-        assert_eq!(self.says(input, &decisions), []);
+        assert_eq!(self.violations_of(input, &decisions), []);
     }
 
     /// What breaks if it says this.
-    fn says(&mut self, input: &Input, decisions: &[Decision]) -> Vec<Promise> {
+    fn violations_of(&mut self, input: &Input, decisions: &[Decision]) -> Vec<Promise> {
         let next_due = self.reference.next_due();
         let (fired, own) = split(input, decisions);
         let terms = OperatorConfig::from(&self.header);
@@ -44,14 +44,17 @@ impl FaultyOperator {
 #[test]
 fn a_timer_that_was_never_armed_breaks_p8() {
     let timer = Decision::Timer { at: 1, t: 0, p: 2 };
-    assert_eq!(FaultyOperator::new(None).says(&Input::Tick { at: 1 }, &[timer]), [Promise::P8]);
+    assert_eq!(
+        FaultyOperator::new(None).violations_of(&Input::Tick { at: 1 }, &[timer]),
+        [Promise::P8]
+    );
 }
 
 #[test]
 fn a_request_with_another_due_instant_breaks_p8() {
     let offer = Input::Offer { at: 0, t: 0, p: 2, deadline: 3, backlog: 0 };
     let request = Decision::Request { at: 0, t: 0, p: 2, due: 4 };
-    assert_eq!(FaultyOperator::new(None).says(&offer, &[request]), [Promise::P8]);
+    assert_eq!(FaultyOperator::new(None).violations_of(&offer, &[request]), [Promise::P8]);
 }
 
 #[test]
@@ -59,10 +62,14 @@ fn a_miss_while_a_result_may_still_come_breaks_p7() {
     let mut liar = FaultyOperator::new(None);
     liar.honest(&Input::Fail { at: 1, t: 0, p: 0 });
     let missed = Decision::Miss { at: 2, t: 0 };
-    assert!(liar.says(&Input::Tick { at: 2 }, &[missed]).contains(&Promise::P7));
+    assert!(liar.violations_of(&Input::Tick { at: 2 }, &[missed]).contains(&Promise::P7));
 }
 
 #[test]
 fn a_timestamp_that_outlives_its_latest_due_instant_breaks_p7() {
-    assert!(FaultyOperator::new(Some(2)).says(&Input::Tick { at: 3 }, &[]).contains(&Promise::P7));
+    assert!(
+        FaultyOperator::new(Some(2))
+            .violations_of(&Input::Tick { at: 3 }, &[])
+            .contains(&Promise::P7)
+    );
 }

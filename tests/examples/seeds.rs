@@ -53,23 +53,23 @@ fn edited(runs: &[(&str, Run)]) -> Vec<(String, Vec<u8>)> {
             let rule = Rule::ALL.into_iter().find(|rule| reach.has(Mark::Violation(*rule)));
             let more = reached.iter().filter(|mark| all.mark(**mark)).count();
             if broken.insert((edit.op as u8, rule)) || more > 0 {
-                seeds.push((format!("{name}-{:?}-{}", edit.op, edit.place).to_lowercase(), bytes));
+                seeds.push((format!("{name}-{:?}-{}", edit.op, edit.index).to_lowercase(), bytes));
             }
         }
     }
     seeds
 }
 
-/// Each op at each of the first places, changing one word by one.
+/// Each op at each of the first indices, changing one word by one.
 fn edits() -> impl Iterator<Item = Edit> {
     let words = (0..6).map(|word| std::array::from_fn(|other| i8::from(other == word)));
     let words: Vec<[i8; 6]> = words.collect();
     EditKind::ALL.into_iter().flat_map(move |op| {
         let words = words.clone();
-        (0..12).flat_map(move |place| {
+        (0..12).flat_map(move |index| {
             let changes =
                 if op == EditKind::Rewrite || op == EditKind::Insert { words.len() } else { 1 };
-            words.clone().into_iter().take(changes).map(move |by| Edit { op, place, by })
+            words.clone().into_iter().take(changes).map(move |by| Edit { op, index, by })
         })
     })
 }

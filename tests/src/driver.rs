@@ -8,7 +8,7 @@ use fuseline_core::{
 /// The core's machine for up to 15 clouds and 1024 timestamps, with a manual clock at 0.
 ///
 /// Numbers are nanoseconds, timestamps and priorities as in a trace.
-pub struct Driver {
+pub struct CoreDriver {
     fusion: Box<Fusion<15, 1024>>,
     now: u64,
 }
@@ -16,7 +16,7 @@ pub struct Driver {
 /// What a machine of this size says about timers that fired.
 pub type Fired = Firing<15>;
 
-impl Driver {
+impl CoreDriver {
     /// A machine with these clouds by priority, their gates wide open.
     ///
     /// # Panics

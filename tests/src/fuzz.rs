@@ -21,14 +21,14 @@ const FILE: &str = "fuzz";
 const MESSAGE: usize = 512;
 
 /// What is wrong, in words.
-type Check = Result<(), String>;
+type FuzzResult = Result<(), String>;
 
 /// Bytes as a run, the machine that ships against the reference machine: decision for decision, and
 /// the next due instant after each input.
 ///
 /// # Errors
 /// The first difference, and the run as it should be.
-pub fn step(bytes: &[u8], reach: &mut Coverage) -> Check {
+pub fn step(bytes: &[u8], reach: &mut Coverage) -> FuzzResult {
     let run = Bytes::new(bytes).run();
     compare(&run, reach).map_err(|difference| format!("{difference}\n{run:?}"))
 }
@@ -38,7 +38,7 @@ pub fn step(bytes: &[u8], reach: &mut Coverage) -> Check {
 ///
 /// # Errors
 /// What is wrong with how it was read.
-pub fn trace_parse(bytes: &[u8], reach: &mut Coverage) -> Check {
+pub fn trace_parse(bytes: &[u8], reach: &mut Coverage) -> FuzzResult {
     let inner = unpack(bytes).map_err(|error| format!("bytes in memory did not come: {error}"))?;
     let mut reader = match Events::new(FILE, inner) {
         Ok(reader) => reader,
@@ -63,7 +63,7 @@ pub fn trace_parse(bytes: &[u8], reach: &mut Coverage) -> Check {
 ///
 /// # Errors
 /// Where the judge is wrong, and the edited trace.
-pub fn judge(bytes: &[u8], reach: &mut Coverage) -> Check {
+pub fn judge(bytes: &[u8], reach: &mut Coverage) -> FuzzResult {
     let mut bytes = Bytes::new(bytes);
     let edit = Edit::read(&mut bytes);
     let run = bytes.run();
@@ -99,7 +99,7 @@ pub fn run_of(bytes: &[u8]) -> Run {
 ///
 /// # Errors
 /// The first difference.
-pub fn compare(run: &Run, reach: &mut Coverage) -> Check {
+pub fn compare(run: &Run, reach: &mut Coverage) -> FuzzResult {
     let mut arbiter = arbiter(run)?;
     let mut context = reach.begin(run);
     let mut found = Vec::new();
@@ -120,7 +120,7 @@ pub fn compare(run: &Run, reach: &mut Coverage) -> Check {
 }
 
 /// An accepted line: it is JSON to others too, and written and read again it says the same.
-fn unchanged(raw: &[u8], line: &Line, reach: &mut Coverage) -> Check {
+fn unchanged(raw: &[u8], line: &Line, reach: &mut Coverage) -> FuzzResult {
     reach.line(line);
     let wrong = |what: &str| Err(format!("{what}: {}\n{line:?}", String::from_utf8_lossy(raw)));
     if serde_json::from_slice::<IgnoredAny>(raw).is_err() {
@@ -136,7 +136,7 @@ fn unchanged(raw: &[u8], line: &Line, reach: &mut Coverage) -> Check {
 }
 
 /// What stands on an accepted line besides: written and read again it is the same.
-fn unchanged_annotations(event: &Event, annotations: &Annotations) -> Check {
+fn unchanged_annotations(event: &Event, annotations: &Annotations) -> FuzzResult {
     if annotations.is_empty() {
         return Ok(());
     }
@@ -156,7 +156,7 @@ fn unchanged_annotations(event: &Event, annotations: &Annotations) -> Check {
 }
 
 /// An error where line number `line` was to be read: it tells that line, fit for a terminal.
-fn refused(error: &ReadError, line: u64, reach: &mut Coverage) -> Check {
+fn refused(error: &ReadError, line: u64, reach: &mut Coverage) -> FuzzResult {
     reach.defect(error);
     let message = error.to_string();
     let column = 1..=LINE as u64 + 1;
@@ -182,7 +182,7 @@ fn replay(run: &Run) -> Result<Vec<Event>, String> {
     Ok(events)
 }
 
-fn find(run: &Run, whole: &[Event], edited: &[Event], reach: &mut Coverage) -> Check {
+fn find(run: &Run, whole: &[Event], edited: &[Event], reach: &mut Coverage) -> FuzzResult {
     let conforming = verdict(run, whole)?;
     if !conforming.conforms || !conforming.violations.is_empty() {
         return Err(format!("what the core decides is judged so: {conforming}"));
@@ -207,10 +207,10 @@ fn find(run: &Run, whole: &[Event], edited: &[Event], reach: &mut Coverage) -> C
 /// before what stands in its place.
 fn broken_line(whole: &[Event], edited: &[Event]) -> Option<u64> {
     let both = whole.len().max(edited.len());
-    let place = (0..both).find(|place| whole.get(*place) != edited.get(*place))?;
+    let index = (0..both).find(|index| whole.get(*index) != edited.get(*index))?;
     // The header is line 1, the first event line 2.
-    let line = place as u64 + 2;
-    match edited.get(place) {
+    let line = index as u64 + 2;
+    match edited.get(index) {
         Some(Event::Decision(_)) => Some(line),
         Some(Event::Input(_)) | None => Some(line - 1),
     }

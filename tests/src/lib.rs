@@ -3,7 +3,7 @@
 mod driver;
 pub mod fuzz;
 
-pub use driver::{Driver, Fired};
+pub use driver::{CoreDriver, Fired};
 
 /// The README's example is run as a test.
 #[cfg(doctest)]

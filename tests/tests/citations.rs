@@ -49,7 +49,7 @@ enum WitnessKind {
 #[derive(Clone, PartialEq, Eq, Debug)]
 struct Citation {
     id: String,
-    place: WitnessKind,
+    kind: WitnessKind,
     /// `file:line`.
     at: String,
 }
@@ -80,19 +80,19 @@ fn is_witness(file: &Path) -> bool {
 /// The citations of one file, whose path is relative to the root.
 fn citations(file: &Path, text: &str) -> Vec<Citation> {
     let mut found = Vec::new();
-    let mut place = match file.extension().and_then(|extension| extension.to_str()) {
+    let mut kind = match file.extension().and_then(|extension| extension.to_str()) {
         _ if is_witness(file) => WitnessKind::Witness,
         Some("rs") => WitnessKind::Code,
         _ => WitnessKind::Text,
     };
     for (number, line) in (1_u32..).zip(text.lines()) {
-        if place == WitnessKind::Code && line.trim_start().starts_with("mod tests {") {
-            place = WitnessKind::Witness;
+        if kind == WitnessKind::Code && line.trim_start().starts_with("mod tests {") {
+            kind = WitnessKind::Witness;
         }
         let ids = WORD.captures_iter(line).chain(FUNCTION.captures_iter(line));
         for id in ids.map(|captures| identifier(&captures[1])) {
             if !OTHER_WORDS.iter().any(|(word, _)| *word == id) {
-                found.push(Citation { id, place, at: format!("{}:{number}", file.display()) });
+                found.push(Citation { id, kind, at: format!("{}:{number}", file.display()) });
             }
         }
     }
@@ -115,7 +115,7 @@ fn all_citations() -> Vec<Citation> {
         match file.extension().and_then(|extension| extension.to_str()) {
             Some("jsonl") => all.extend(TRACE.captures(name).map(|captures| Citation {
                 id: identifier(&captures[1]),
-                place: WitnessKind::Witness,
+                kind: WitnessKind::Witness,
                 at: file.display().to_string(),
             })),
             // This file's own examples witness nothing.
@@ -135,10 +135,10 @@ fn unknown<'a>(defined: &[String], citations: &'a [Citation]) -> Vec<&'a Citatio
 }
 
 /// The rules and promises that no citation of this kind names.
-fn uncited(defined: &[String], citations: &[Citation], place: WitnessKind) -> Vec<String> {
+fn uncited(defined: &[String], citations: &[Citation], kind: WitnessKind) -> Vec<String> {
     let cited: BTreeSet<_> = citations
         .iter()
-        .filter(|citation| citation.place == place)
+        .filter(|citation| citation.kind == kind)
         .map(|citation| &citation.id)
         .collect();
     defined.iter().filter(|id| !id.starts_with('A') && !cited.contains(id)).cloned().collect()
@@ -221,5 +221,5 @@ fn a_rule_cited_by_its_tests_alone_counts_as_uncited_by_code() {
     assert_eq!(uncited(&spec, &cited, WitnessKind::Code), ["P2"]);
     assert_eq!(uncited(&spec, &cited, WitnessKind::Witness), ["F3"]);
     let elsewhere = citations(Path::new("core/src/slot/tests.rs"), "// F3");
-    assert_eq!(elsewhere[0].place, WitnessKind::Witness);
+    assert_eq!(elsewhere[0].kind, WitnessKind::Witness);
 }

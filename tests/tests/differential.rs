@@ -126,13 +126,17 @@ fn the_core_replays_every_conforming_trace_of_the_corpus() {
         let mut arbiter = arbiter(reader.header());
         let mut expected = Vec::new().into_iter();
         while let Some(event) = reader.next_event().expect("a well-formed trace") {
-            let place = format!("{}:{}", path.display(), reader.line());
+            let location = format!("{}:{}", path.display(), reader.line());
             match event {
                 Event::Input(input) => {
-                    assert_eq!(expected.next(), None, "{place}: a decision is missing before it");
+                    assert_eq!(
+                        expected.next(),
+                        None,
+                        "{location}: a decision is missing before it"
+                    );
                     expected = decisions(&mut arbiter, &input).into_iter();
                 }
-                Event::Decision(found) => assert_eq!(expected.next(), Some(found), "{place}"),
+                Event::Decision(found) => assert_eq!(expected.next(), Some(found), "{location}"),
             }
         }
         assert_eq!(expected.next(), None, "{}: a decision is missing at its end", path.display());

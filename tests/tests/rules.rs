@@ -2,7 +2,7 @@
 
 use fuseline_core::{Admission, Cloud, Commit, DropReason, OfferRefusal, OpenRefusal, Outcome};
 use fuseline_core::{Fusion, Instant, Opening, Priority};
-use fuseline_tests::{Driver, Fired};
+use fuseline_tests::{CoreDriver, Fired};
 
 const BOTH: [Commit; 2] = [Commit::Eager, Commit::Patient];
 const END: u64 = u64::MAX;
@@ -36,9 +36,9 @@ fn reported_firings(firings: &[Fired]) -> Vec<String> {
 }
 
 /// Timestamp 0 open at 0 and offered, in order, with these deadlines.
-fn asked(commit: Commit, clouds: &[(u16, u64)]) -> Driver {
+fn driver_with(commit: Commit, clouds: &[(u16, u64)]) -> CoreDriver {
     let priorities: Vec<u16> = clouds.iter().map(|(p, _)| *p).collect();
-    let mut driver = Driver::new(4, commit, &priorities);
+    let mut driver = CoreDriver::new(4, commit, &priorities);
     driver.opened(0, None);
     for (p, deadline) in clouds {
         driver.requested(0, *p, *deadline);
@@ -58,7 +58,7 @@ fn refused(admission: Admission) -> Option<OfferRefusal> {
 #[test]
 fn f0_result_at_the_last_instant_before_due_is_in_time() {
     for commit in BOTH {
-        let mut driver = asked(commit, &[(1, 10)]);
+        let mut driver = driver_with(commit, &[(1, 10)]);
         assert_eq!(reported_firings(&driver.tick(9)), [""; 0]);
         assert_eq!(reported(driver.result(0, 1)), "1 goes, cancels []");
     }
@@ -67,7 +67,7 @@ fn f0_result_at_the_last_instant_before_due_is_in_time() {
 #[test]
 fn f0_result_at_and_after_the_due_instant_is_late() {
     for (commit, now) in BOTH.into_iter().flat_map(|commit| [(commit, 10), (commit, 11)]) {
-        let mut driver = asked(commit, &[(1, 10)]);
+        let mut driver = driver_with(commit, &[(1, 10)]);
         assert_eq!(reported_firings(&driver.tick(now)), ["0: [1], waits"]);
         assert_eq!(reported(driver.result(0, 1)), "late");
     }
@@ -75,7 +75,7 @@ fn f0_result_at_and_after_the_due_instant_is_late() {
 
 #[test]
 fn f0_a_clock_that_goes_back_stands_still() {
-    let mut driver = asked(Commit::Eager, &[(1, 10), (2, 30)]);
+    let mut driver = driver_with(Commit::Eager, &[(1, 10), (2, 30)]);
     driver.tick(20);
     driver.tick(5);
     assert_eq!(driver.fusion().now(), Instant::from_nanos(20));
@@ -87,7 +87,7 @@ fn f0_a_clock_that_goes_back_stands_still() {
 
 #[test]
 fn f0_refused_and_dropped_inputs_move_the_clock() {
-    let mut driver = asked(Commit::Eager, &[(1, 10)]);
+    let mut driver = driver_with(Commit::Eager, &[(1, 10)]);
     driver.tick(9);
     assert_eq!(driver.open(0, None), Opening::Refused(OpenRefusal::Order));
     assert_eq!(reported(driver.result(9, 1)), "unknown");
@@ -98,7 +98,7 @@ fn f0_refused_and_dropped_inputs_move_the_clock() {
 
 #[test]
 fn f1_reasons_to_refuse_an_open_come_in_order() {
-    let mut driver = Driver::new(1, Commit::Eager, &[]);
+    let mut driver = CoreDriver::new(1, Commit::Eager, &[]);
     assert_eq!(driver.open(5, Some(0)), Opening::Refused(OpenRefusal::Deadline));
     // A25: a refused timestamp may come again.
     assert_eq!(driver.open(5, None), Opening::Accepted);
@@ -110,7 +110,7 @@ fn f1_reasons_to_refuse_an_open_come_in_order() {
 #[test]
 fn f1_a_window_of_every_size_takes_so_many_and_no_more() {
     for window in [1, 2, 1023, 1024] {
-        let mut driver = Driver::new(window, Commit::Eager, &[]);
+        let mut driver = CoreDriver::new(window, Commit::Eager, &[]);
         for t in 0..window as u64 {
             assert_eq!(driver.open(t, None), Opening::Accepted);
         }
@@ -125,7 +125,7 @@ fn f1_a_window_of_every_size_takes_so_many_and_no_more() {
 #[test]
 fn f1_an_open_at_the_due_instant_finds_the_room_that_it_makes() {
     for (now, opening) in [(9, Opening::Refused(OpenRefusal::Full)), (10, Opening::Accepted)] {
-        let mut driver = Driver::new(1, Commit::Eager, &[]);
+        let mut driver = CoreDriver::new(1, Commit::Eager, &[]);
         assert_eq!(driver.open(0, Some(10)), Opening::Accepted);
         driver.tick(now);
         assert_eq!(driver.open(1, None), opening);
@@ -134,7 +134,7 @@ fn f1_an_open_at_the_due_instant_finds_the_room_that_it_makes() {
 
 #[test]
 fn f1_skipped_timestamps_are_superseded_and_closed() {
-    let mut driver = Driver::new(4, Commit::Eager, &[1]);
+    let mut driver = CoreDriver::new(4, Commit::Eager, &[1]);
     assert_eq!(reported(driver.result(3, 0)), "unknown");
     assert_eq!(driver.open(7, None), Opening::Accepted);
     assert_eq!(reported(driver.result(3, 0)), "superseded");
@@ -143,7 +143,7 @@ fn f1_skipped_timestamps_are_superseded_and_closed() {
 
 #[test]
 fn a14_the_greatest_timestamp_opens_once() {
-    let mut driver = Driver::new(4, Commit::Eager, &[]);
+    let mut driver = CoreDriver::new(4, Commit::Eager, &[]);
     assert_eq!(driver.open(END, None), Opening::Accepted);
     assert_eq!(reported(driver.result(END, 0)), "0 goes, cancels []");
     assert_eq!(driver.open(END, None), Opening::Refused(OpenRefusal::Order));
@@ -151,7 +151,7 @@ fn a14_the_greatest_timestamp_opens_once() {
 
 #[test]
 fn a14_due_instants_saturate_and_a_clock_at_its_end_arms_nothing() {
-    let mut driver = Driver::new(4, Commit::Eager, &[1]);
+    let mut driver = CoreDriver::new(4, Commit::Eager, &[1]);
     driver.tick(END - 1);
     assert_eq!(driver.open(0, Some(END)), Opening::Accepted);
     assert_eq!(driver.offer(0, 1, END), Admission::Admitted { due: Instant::END });
@@ -167,8 +167,8 @@ fn a14_due_instants_saturate_and_a_clock_at_its_end_arms_nothing() {
 #[test]
 fn f2_reasons_to_refuse_an_offer_come_in_order() {
     let clouds = [1, 2, 3].map(|p| Cloud::new(Priority::new(p), 1));
-    let mut driver = Driver::with(4, Commit::Eager, &clouds);
-    let offer = |driver: &mut Driver, t, p, deadline| refused(driver.queue(t, p, deadline, 1));
+    let mut driver = CoreDriver::with(4, Commit::Eager, &clouds);
+    let offer = |driver: &mut CoreDriver, t, p, deadline| refused(driver.queue(t, p, deadline, 1));
     assert_eq!(offer(&mut driver, 0, 1, 10), Some(OfferRefusal::Unknown));
     driver.opened(0, None);
     driver.opened(1, None);
@@ -191,7 +191,7 @@ fn f2_reasons_to_refuse_an_offer_come_in_order() {
 #[test]
 fn f2_a_request_may_join_while_a_lesser_result_is_held() {
     for commit in BOTH {
-        let mut driver = Driver::new(4, commit, &[1, 2]);
+        let mut driver = CoreDriver::new(4, commit, &[1, 2]);
         driver.opened(0, None);
         driver.requested(0, 1, 10);
         assert_eq!(reported(driver.result(0, 0)), "held");
@@ -207,7 +207,7 @@ fn f2_a_request_may_join_while_a_lesser_result_is_held() {
 #[test]
 fn f2g_the_gate_shuts_at_its_limit_and_opens_at_resume() {
     let cloud = Cloud { priority: Priority::new(1), limit: 31, resume: 10 };
-    let mut driver = Driver::with(16, Commit::Eager, &[cloud]);
+    let mut driver = CoreDriver::with(16, Commit::Eager, &[cloud]);
     let backlogs = [30, 31, 30, 11, 10, 30, u64::MAX, 0];
     let admitted: Vec<bool> = (0..)
         .zip(backlogs)
@@ -221,7 +221,7 @@ fn f2g_the_gate_shuts_at_its_limit_and_opens_at_resume() {
 
 #[test]
 fn f2g_an_offer_refused_for_an_earlier_reason_does_not_ask_the_gate() {
-    let mut driver = Driver::with(4, Commit::Eager, &[Cloud::new(Priority::new(1), 5)]);
+    let mut driver = CoreDriver::with(4, Commit::Eager, &[Cloud::new(Priority::new(1), 5)]);
     driver.opened(0, None);
     assert_eq!(refused(driver.queue(0, 1, 0, 5)), Some(OfferRefusal::Deadline));
     assert!(driver.fusion().gate(Priority::new(1)).is_some_and(|gate| !gate.is_shut()));
@@ -234,7 +234,7 @@ fn f2g_an_offer_refused_for_an_earlier_reason_does_not_ask_the_gate() {
 #[test]
 fn f3_reasons_to_drop_a_result_come_in_order() {
     for commit in BOTH {
-        let mut driver = asked(commit, &[(1, 10), (2, 50), (3, 50)]);
+        let mut driver = driver_with(commit, &[(1, 10), (2, 50), (3, 50)]);
         assert_eq!(reported(driver.result(0, 9)), "unknown");
         assert_eq!(reported(driver.result(1, 1)), "unknown");
         driver.opened(1, None);
@@ -252,7 +252,7 @@ fn f3_reasons_to_drop_a_result_come_in_order() {
 #[test]
 fn f3_the_highest_goes_at_once_and_what_is_beneath_is_cancelled() {
     for commit in BOTH {
-        let mut driver = asked(commit, &[(1, 10), (7, 10), (65_535, 10)]);
+        let mut driver = driver_with(commit, &[(1, 10), (7, 10), (65_535, 10)]);
         assert_eq!(reported(driver.result(0, 7)), "held");
         assert_eq!(reported(driver.result(0, 65_535)), "65535 goes, cancels [1]");
     }
@@ -261,7 +261,7 @@ fn f3_the_highest_goes_at_once_and_what_is_beneath_is_cancelled() {
 #[test]
 fn f3_a_held_local_result_disarms_its_limit() {
     for commit in BOTH {
-        let mut driver = Driver::new(4, commit, &[1]);
+        let mut driver = CoreDriver::new(4, commit, &[1]);
         driver.opened(0, Some(5));
         driver.requested(0, 1, 10);
         assert_eq!(driver.next_due(), Some(5));
@@ -275,7 +275,7 @@ fn a3_a_held_cloud_keeps_its_timer_under_eager_alone() {
     for (commit, next_due, at_10) in
         [(Commit::Eager, 10, vec!["0: [1], 1 goes, cancels [2]"]), (Commit::Patient, 50, vec![])]
     {
-        let mut driver = asked(commit, &[(1, 10), (2, 50)]);
+        let mut driver = driver_with(commit, &[(1, 10), (2, 50)]);
         assert_eq!(reported(driver.result(0, 1)), "held");
         assert_eq!(driver.next_due(), Some(next_due));
         assert_eq!(reported_firings(&driver.tick(10)), at_10);
@@ -287,7 +287,7 @@ fn a3_a_held_cloud_keeps_its_timer_under_eager_alone() {
 #[test]
 fn f4_a_failure_frees_what_it_outranked() {
     for commit in BOTH {
-        let mut driver = asked(commit, &[(1, 10), (2, 20), (3, 30)]);
+        let mut driver = driver_with(commit, &[(1, 10), (2, 20), (3, 30)]);
         assert_eq!(reported(driver.result(0, 1)), "held");
         // A36: a failure alone does not commit.
         assert_eq!(reported(driver.fail(0, 3)), "waits");
@@ -301,10 +301,10 @@ fn f4_a_failure_frees_what_it_outranked() {
 #[test]
 fn f4_local_failing_last_misses_and_failing_first_waits() {
     for commit in BOTH {
-        let mut driver = asked(commit, &[(1, 10)]);
+        let mut driver = driver_with(commit, &[(1, 10)]);
         assert_eq!(reported(driver.fail(0, 0)), "waits");
         assert_eq!(reported(driver.fail(0, 1)), "missed");
-        let mut driver = asked(commit, &[(1, 10)]);
+        let mut driver = driver_with(commit, &[(1, 10)]);
         assert_eq!(reported(driver.fail(0, 1)), "waits");
         assert_eq!(reported(driver.fail(0, 0)), "missed");
         assert!(driver.fusion().is_empty());
@@ -316,7 +316,7 @@ fn f4_local_failing_last_misses_and_failing_first_waits() {
 #[test]
 fn f5_fires_by_due_instant_then_timestamp_and_ties_of_one_timestamp_together() {
     for commit in BOTH {
-        let mut driver = Driver::new(4, commit, &[1, 2]);
+        let mut driver = CoreDriver::new(4, commit, &[1, 2]);
         driver.opened(3, Some(20));
         driver.opened(7, Some(10));
         driver.requested(7, 2, 20);
@@ -331,7 +331,7 @@ fn f5_fires_by_due_instant_then_timestamp_and_ties_of_one_timestamp_together() {
 
 #[test]
 fn a22_ties_close_together_so_that_none_is_cancelled() {
-    let mut driver = asked(Commit::Eager, &[(1, 10), (2, 10), (3, 11)]);
+    let mut driver = driver_with(Commit::Eager, &[(1, 10), (2, 10), (3, 11)]);
     assert_eq!(reported(driver.result(0, 0)), "held");
     assert_eq!(reported_firings(&driver.tick(10)), ["0: [1, 2], 0 goes, cancels [3]"]);
 }
@@ -341,7 +341,7 @@ fn a22_ties_close_together_so_that_none_is_cancelled() {
 #[test]
 fn f6_the_limit_alone_commits_nothing() {
     for commit in BOTH {
-        let mut driver = Driver::new(4, commit, &[1, 2]);
+        let mut driver = CoreDriver::new(4, commit, &[1, 2]);
         driver.opened(0, Some(5));
         driver.requested(0, 1, 10);
         driver.requested(0, 2, 20);
@@ -361,7 +361,7 @@ fn a4_a_lesser_timer_commits_under_eager_and_closes_its_own_under_patient() {
     for (commit, at_10) in
         [(Commit::Eager, "0: [1], 0 goes, cancels [2]"), (Commit::Patient, "0: [1], waits")]
     {
-        let mut driver = asked(commit, &[(1, 10), (2, 20)]);
+        let mut driver = driver_with(commit, &[(1, 10), (2, 20)]);
         assert_eq!(reported(driver.result(0, 0)), "held");
         assert_eq!(reported_firings(&driver.tick(9)), [""; 0]);
         assert_eq!(reported_firings(&driver.tick(10)), [at_10]);
@@ -374,7 +374,7 @@ fn p3_of_several_available_the_best_goes() {
         (Commit::Eager, "0: [1], 2 goes, cancels [3]", None),
         (Commit::Patient, "0: [1], waits", Some("0: [3], 2 goes, cancels []")),
     ] {
-        let mut driver = asked(commit, &[(1, 10), (2, 20), (3, 30)]);
+        let mut driver = driver_with(commit, &[(1, 10), (2, 20), (3, 30)]);
         assert_eq!(reported(driver.result(0, 0)), "held");
         assert_eq!(reported(driver.result(0, 2)), "held");
         assert_eq!(reported_firings(&driver.tick(10)), [at_10]);
@@ -384,7 +384,7 @@ fn p3_of_several_available_the_best_goes() {
 
 #[test]
 fn a28_a_firing_that_found_nothing_does_not_hurry_what_comes_later() {
-    let mut driver = asked(Commit::Eager, &[(1, 10), (2, 20)]);
+    let mut driver = driver_with(Commit::Eager, &[(1, 10), (2, 20)]);
     assert_eq!(reported_firings(&driver.tick(10)), ["0: [1], waits"]);
     assert_eq!(reported(driver.result(0, 0)), "held");
     assert_eq!(reported_firings(&driver.tick(20)), ["0: [2], 0 goes, cancels []"]);
@@ -392,7 +392,7 @@ fn a28_a_firing_that_found_nothing_does_not_hurry_what_comes_later() {
 
 #[test]
 fn f6_patient_commits_once_nothing_outranks_though_a_lesser_is_pending() {
-    let mut driver = asked(Commit::Patient, &[(1, 30), (2, 30), (3, 20)]);
+    let mut driver = driver_with(Commit::Patient, &[(1, 30), (2, 30), (3, 20)]);
     assert_eq!(reported(driver.result(0, 2)), "held");
     assert_eq!(reported_firings(&driver.tick(20)), ["0: [3], 2 goes, cancels [1]"]);
 }
@@ -402,7 +402,7 @@ fn f6_patient_commits_once_nothing_outranks_though_a_lesser_is_pending() {
 #[test]
 fn f7_a_retired_timestamp_has_no_timers_and_local_is_not_cancelled() {
     for commit in BOTH {
-        let mut driver = Driver::new(4, commit, &[1, 2]);
+        let mut driver = CoreDriver::new(4, commit, &[1, 2]);
         driver.opened(0, Some(100));
         driver.requested(0, 1, 10);
         driver.requested(0, 2, 20);
@@ -414,7 +414,7 @@ fn f7_a_retired_timestamp_has_no_timers_and_local_is_not_cancelled() {
 
 #[test]
 fn f8_what_no_operator_should_say_has_an_answer() {
-    let mut driver = Driver::new(1, Commit::Eager, &[]);
+    let mut driver = CoreDriver::new(1, Commit::Eager, &[]);
     assert_eq!(reported(driver.result(END, u16::MAX)), "unknown");
     assert_eq!(reported(driver.fail(0, 0)), "unknown");
     assert_eq!(refused(driver.queue(END, 0, 0, END)), Some(OfferRefusal::Unknown));
@@ -426,7 +426,7 @@ fn f8_what_no_operator_should_say_has_an_answer() {
 #[test]
 fn p6_with_no_request_local_goes_the_moment_it_arrives() {
     for commit in BOTH {
-        let mut driver = Driver::new(4, commit, &[1, 2]);
+        let mut driver = CoreDriver::new(4, commit, &[1, 2]);
         driver.opened(0, Some(10));
         driver.tick(9);
         assert_eq!(reported(driver.result(0, 0)), "0 goes, cancels []");
@@ -436,7 +436,7 @@ fn p6_with_no_request_local_goes_the_moment_it_arrives() {
 #[test]
 fn p5_local_goes_by_the_latest_due_instant_with_every_cloud_lost() {
     for commit in BOTH {
-        let mut driver = asked(commit, &[(1, 10), (2, 20), (3, 30)]);
+        let mut driver = driver_with(commit, &[(1, 10), (2, 20), (3, 30)]);
         assert_eq!(reported(driver.result(0, 0)), "held");
         let last = driver.tick(30).last().map(reported_firing);
         assert!(last.is_some_and(|last| last.contains("0 goes")), "{commit:?}");
@@ -448,7 +448,7 @@ fn p5_local_goes_by_the_latest_due_instant_with_every_cloud_lost() {
 fn p12_the_wait_ends_with_local_and_the_last_request() {
     for commit in BOTH {
         // Local first: its result waits for the last due instant, a failed request's no longer.
-        let mut driver = asked(commit, &[(1, 10), (2, 20), (3, 30)]);
+        let mut driver = driver_with(commit, &[(1, 10), (2, 20), (3, 30)]);
         assert_eq!(reported(driver.result(0, 0)), "held");
         assert_eq!(reported(driver.fail(0, 3)), "waits");
         driver.tick(9);
@@ -456,13 +456,13 @@ fn p12_the_wait_ends_with_local_and_the_last_request() {
         driver.tick(20);
         assert!(driver.fusion().is_empty(), "{commit:?}");
         // Local last: its result, its failure or its timer ends the wait.
-        let mut driver = asked(commit, &[(1, 10)]);
+        let mut driver = driver_with(commit, &[(1, 10)]);
         assert_eq!(reported_firings(&driver.tick(10)), ["0: [1], waits"]);
         assert_eq!(reported(driver.result(0, 0)), "0 goes, cancels []");
-        let mut driver = asked(commit, &[(1, 10)]);
+        let mut driver = driver_with(commit, &[(1, 10)]);
         assert_eq!(reported_firings(&driver.tick(10)), ["0: [1], waits"]);
         assert_eq!(reported(driver.fail(0, 0)), "missed");
-        let mut driver = Driver::new(4, commit, &[1]);
+        let mut driver = CoreDriver::new(4, commit, &[1]);
         driver.opened(0, Some(30));
         driver.requested(0, 1, 10);
         assert_eq!(reported_firings(&driver.tick(29)), ["0: [1], waits"]);

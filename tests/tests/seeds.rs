@@ -80,9 +80,9 @@ proptest! {
 
     #[test]
     fn an_edit_of_a_random_run_is_found_at_its_line(
-        run in runs(), op in 0..EditKind::ALL.len(), place in any::<u16>(), by in any::<[i8; 6]>()
+        run in runs(), op in 0..EditKind::ALL.len(), index in any::<u16>(), by in any::<[i8; 6]>()
     ) {
-        let edit = Edit { op: EditKind::ALL[op], place, by: by.map(|by| by % 2) };
+        let edit = Edit { op: EditKind::ALL[op], index, by: by.map(|by| by % 2) };
         let bytes = [edit.bytes(), bytes_of(&run)].concat();
         judge(&bytes, &mut Coverage::default()).map_err(TestCaseError::fail)?;
     }

@@ -25,12 +25,12 @@ fn ready(machine: &mut Machine, now: u64) -> Ready<'_, 3, 4> {
     }
 }
 
-/// A machine with timestamp 3 open and, if so, asked of a cloud at 10 ns.
-fn opened(machine: Machine, ask: Option<Cloud>) -> Machine {
+/// A machine with timestamp 3 open and, if so, requested of a cloud at 10 ns.
+fn opened(machine: Machine, requested: Option<Cloud>) -> Machine {
     let mut machine = machine;
     let mut ready = ready(&mut machine, 10);
     assert_eq!(ready.open(Timestamp::new(3), None), Opening::Accepted);
-    if let Some(cloud) = ask {
+    if let Some(cloud) = requested {
         assert!(matches!(offered(&mut ready, cloud, 0), Admission::Admitted { .. }));
     }
     machine
@@ -208,7 +208,7 @@ fn errors_say_what_is_wrong() {
         (InvalidSlot::NotRequested, "a pending or cached source is not requested"),
         (InvalidSlot::PendingAndCached, "a source is both pending and cached"),
         (InvalidSlot::NothingPending, "nothing is pending"),
-        (InvalidSlot::Overripe, "nothing pending outranks the best in hand"),
+        (InvalidSlot::Unforwarded, "nothing pending outranks the best available result"),
         (InvalidSlot::Timers, "the armed timers are not those that the commit rule keeps"),
     ];
     for (error, text) in texts {

@@ -4,7 +4,7 @@ use std::cell::Cell;
 use std::collections::{BTreeMap, BTreeSet};
 
 use fuseline_core::{Commit, Instant, Opening, Outcome, Priority, Timestamp};
-use fuseline_tests::Driver;
+use fuseline_tests::CoreDriver;
 use proptest::prelude::*;
 use proptest::test_runner::{Config, TestRunner};
 
@@ -36,7 +36,7 @@ fn step() -> impl Strategy<Value = Step> {
 }
 
 struct Pair {
-    driver: Driver,
+    driver: CoreDriver,
     window: usize,
     now: u64,
     next_t: u64,
@@ -85,8 +85,8 @@ impl Pair {
     }
 
     fn retire(&mut self, t: u64) {
-        let asked = self.naive.remove(&t).is_some_and(|dues| dues.contains_key(&1));
-        let outcome = self.driver.result(t, u16::from(asked));
+        let is_requested = self.naive.remove(&t).is_some_and(|dues| dues.contains_key(&1));
+        let outcome = self.driver.result(t, u16::from(is_requested));
         assert!(matches!(outcome, Outcome::Forwarded { .. }), "{t}: {outcome:?}");
     }
 
@@ -142,7 +142,7 @@ fn p9_finds_what_a_map_finds() {
     let windows = prop_oneof![1_usize..40, 900_usize..=1024];
     let steps = prop::collection::vec(step(), 1..60);
     let outcome = TestRunner::new(config).run(&(windows, steps), |(window, steps)| {
-        let driver = Driver::new(window, Commit::Patient, &[1]);
+        let driver = CoreDriver::new(window, Commit::Patient, &[1]);
         let mut pair = Pair { driver, window, now: 0, next_t: 0, naive: BTreeMap::new() };
         for step in &steps {
             pair.step(step);

@@ -22,7 +22,7 @@ pub struct Reference {
     now: u64,
     /// The greatest timestamp ever opened.
     newest: Option<u64>,
-    open: BTreeMap<u64, Open>,
+    open: BTreeMap<u64, OpenEntry>,
     /// Every live timer, in the order in which F5 serves them: due instant, timestamp, priority.
     timers: BTreeSet<(u64, u64, u64)>,
 }
@@ -40,7 +40,7 @@ struct Gate {
 
 /// The sets of one open timestamp.
 #[derive(Clone, PartialEq, Eq, Hash, Debug, Default)]
-struct Open {
+struct OpenEntry {
     requested: BTreeSet<u64>,
     pending: BTreeSet<u64>,
     /// The armed priorities with their due instants.
@@ -105,7 +105,7 @@ impl Reference {
             return;
         }
         self.newest = Some(t);
-        let mut open = Open::default();
+        let mut open = OpenEntry::default();
         open.requested.insert(0);
         open.pending.insert(0);
         self.open.insert(t, open);
@@ -190,7 +190,7 @@ impl Reference {
     }
 
     /// F3, F4: the open timestamp, if what came for `(t, p)` is not dropped.
-    fn accept(&mut self, t: u64, p: u64) -> Result<&mut Open, DropReason> {
+    fn accept(&mut self, t: u64, p: u64) -> Result<&mut OpenEntry, DropReason> {
         let known = p == 0 || self.gates.contains_key(&p);
         if !known || !self.was_reached(t) {
             return Err(DropReason::Unknown);
@@ -265,7 +265,7 @@ impl Reference {
     }
 
     /// Takes `t` out, its timers too.
-    fn retire(&mut self, t: u64) -> Option<Open> {
+    fn retire(&mut self, t: u64) -> Option<OpenEntry> {
         let open = self.open.remove(&t)?;
         for (p, due) in &open.armed {
             self.timers.remove(&(*due, t, *p));

@@ -8,8 +8,8 @@
 
 use core::ffi::{c_char, c_void};
 
-use crate::header::place;
-use crate::inputs::{AnswerPointer, Inputs, MessageInput, Offer};
+use crate::header::answer_target;
+use crate::inputs::{AnswerPointer, Inputs, MessageInput, OfferArguments};
 use crate::names;
 use crate::plain::{CAnswer, CConfig, CMessage, CState, CStatus, FUSELINE_ABI};
 use crate::storage::{self, CMachine};
@@ -98,7 +98,7 @@ pub unsafe extern "C" fn fuseline_open(
     answer: *mut CAnswer,
 ) -> CStatus {
     // SAFETY: as the header requires.
-    unsafe { with(machine, answer, |room, answer| room.ask(now, t, MessageInput::Open, answer)) }
+    unsafe { with(machine, answer, |room, answer| room.submit(now, t, MessageInput::Open, answer)) }
 }
 
 /// F1: a message with timestamp `t` came, and local may take `deadline` nanoseconds for it.
@@ -114,7 +114,7 @@ pub unsafe extern "C" fn fuseline_open_within(
     // SAFETY: as the header requires.
     unsafe {
         with(machine, answer, |room, answer| {
-            room.ask(now, t, MessageInput::OpenWithin(deadline), answer)
+            room.submit(now, t, MessageInput::OpenWithin(deadline), answer)
         })
     }
 }
@@ -135,7 +135,12 @@ pub unsafe extern "C" fn fuseline_offer(
     // SAFETY: as the header requires.
     unsafe {
         with(machine, answer, |room, answer| {
-            room.ask(now, t, MessageInput::Offer(&Offer { p, deadline, backlog }), answer)
+            room.submit(
+                now,
+                t,
+                MessageInput::Offer(&OfferArguments { p, deadline, backlog }),
+                answer,
+            )
         })
     }
 }
@@ -152,7 +157,7 @@ pub unsafe extern "C" fn fuseline_result(
 ) -> CStatus {
     // SAFETY: as the header requires.
     unsafe {
-        with(machine, answer, |room, answer| room.ask(now, t, MessageInput::Result(p), answer))
+        with(machine, answer, |room, answer| room.submit(now, t, MessageInput::Result(p), answer))
     }
 }
 
@@ -167,7 +172,9 @@ pub unsafe extern "C" fn fuseline_fail(
     answer: *mut CAnswer,
 ) -> CStatus {
     // SAFETY: as the header requires.
-    unsafe { with(machine, answer, |room, answer| room.ask(now, t, MessageInput::Fail(p), answer)) }
+    unsafe {
+        with(machine, answer, |room, answer| room.submit(now, t, MessageInput::Fail(p), answer))
+    }
 }
 
 /// F0: time went by. Call it at the next due instant, and as often besides as you like (P10).
@@ -179,7 +186,7 @@ pub unsafe extern "C" fn fuseline_tick(
     answer: *mut CAnswer,
 ) -> CStatus {
     // SAFETY: as the header requires.
-    unsafe { with(machine, answer, |room, answer| room.ask(now, 0, MessageInput::Tick, answer)) }
+    unsafe { with(machine, answer, |room, answer| room.submit(now, 0, MessageInput::Tick, answer)) }
 }
 
 /// Question: the earliest instant at which a timer is due, or FUSELINE_STATUS_NONE if none is armed.
@@ -253,7 +260,7 @@ unsafe fn with<T>(
     call: impl FnOnce(&dyn Inputs, AnswerPointer<T>) -> CStatus,
 ) -> CStatus {
     // SAFETY: as the header requires.
-    match unsafe { storage::room(machine, &[place(answer)]) } {
+    match unsafe { storage::room(machine, &[answer_target(answer)]) } {
         // SAFETY: not null, aligned, outside the machine, and the header requires that it may be written.
         Ok(room) => call(room, unsafe { &mut *answer.cast() }),
         Err(status) => status,

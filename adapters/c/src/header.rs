@@ -31,7 +31,7 @@ pub(crate) struct StorageHeader {
 }
 
 /// A kind of machine, of which a caller has a pointer: a [`StorageHeader`] and its alignment.
-pub(crate) trait Kind {
+pub(crate) trait StorageKind {
     /// Differs from kind to kind.
     const SEAL: u64;
 }
@@ -46,7 +46,7 @@ pub(crate) struct AnswerTarget {
 
 impl StorageHeader {
     /// The head of a whole storage of type `T`.
-    pub(crate) fn new<K: Kind, T>(storage: *const T, config: &CConfig) -> Self {
+    pub(crate) fn new<K: StorageKind, T>(storage: *const T, config: &CConfig) -> Self {
         Self {
             close: close::<K>(storage.addr()),
             bytes: size_of::<T>(),
@@ -67,7 +67,7 @@ impl StorageHeader {
     /// # Safety
     /// `machine` came from the kind's init or may be read as a `K` at least, which begins with a head.
     #[expect(unsafe_code, reason = "reads the caller's storage")]
-    pub(crate) unsafe fn of<'a, K: Kind>(
+    pub(crate) unsafe fn of<'a, K: StorageKind>(
         machine: *mut K,
         answers: &[AnswerTarget],
     ) -> Result<&'a Self, CStatus> {
@@ -93,7 +93,7 @@ impl StorageHeader {
     /// # Safety
     /// `machine` is one, and no other call uses it.
     #[expect(unsafe_code, reason = "writes to the caller's storage")]
-    pub(crate) unsafe fn end<K: Kind>(machine: *mut K) {
+    pub(crate) unsafe fn end<K: StorageKind>(machine: *mut K) {
         // SAFETY: a machine begins with its head, and is the caller's to end.
         let close = unsafe { addr_of_mut!((*machine.cast::<Self>()).close) };
         // SAFETY: as above.
@@ -101,8 +101,8 @@ impl StorageHeader {
     }
 }
 
-/// The place of an answer.
-pub(crate) fn place<T>(answer: *mut T) -> AnswerTarget {
+/// Where an answer is written.
+pub(crate) fn answer_target<T>(answer: *mut T) -> AnswerTarget {
     AnswerTarget { at: answer.addr(), len: size_of::<T>(), is: check(answer) }
 }
 
@@ -113,13 +113,13 @@ pub(crate) fn wrong(status: CStatus) -> CStatus {
     core::hint::black_box(status)
 }
 
-/// The configuration and the clouds that an init of either kind was given, if these, the storage and the place of the
+/// The configuration and the clouds that an init of either kind was given, if these, the storage and the address of the
 /// machine's pointer are all right. `needed` says how many bytes a capacity takes, 0 if there is none such.
 ///
 /// # Safety
 /// `config` may be read, with the clouds that it names.
 #[expect(unsafe_code, reason = "reads the caller's configuration")]
-pub(crate) unsafe fn asked<K>(
+pub(crate) unsafe fn validated_config<K>(
     (storage, bytes): (*mut c_void, usize),
     config: *const CConfig,
     machine: *mut *mut K,
@@ -183,7 +183,7 @@ unsafe fn registered<'a>(
     if !places.is_empty() {
         check(config.clouds.cast_mut())?;
     }
-    for (i, place) in places.iter_mut().enumerate() {
+    for (i, target) in places.iter_mut().enumerate() {
         // SAFETY: within the clouds, by the caller's promise.
         let cloud = unsafe { config.clouds.add(i) };
         // SAFETY: not null, aligned, and may be read by the caller's promise.
@@ -194,7 +194,7 @@ unsafe fn registered<'a>(
             return Err(CStatus::Gate);
         }
         let priority = Priority::new(priority);
-        *place = Cloud { priority, limit: cloud.limit, resume: cloud.resume };
+        *target = Cloud { priority, limit: cloud.limit, resume: cloud.resume };
     }
     Ok(places)
 }
@@ -216,7 +216,7 @@ fn overlaps(at: usize, len: usize, storage: usize, bytes: usize) -> bool {
     distance < bytes || distance.wrapping_neg() < len
 }
 
-fn close<K: Kind>(address: usize) -> u64 {
+fn close<K: StorageKind>(address: usize) -> u64 {
     // An address has at most 64 bits.
     K::SEAL ^ address as u64
 }

@@ -5,13 +5,12 @@
 use core::mem::MaybeUninit;
 
 use fuseline_core::{
-    Admission, At, DropReason, Firing, Fusion, Instant, OfferRefusal, OpenRefusal, Opening,
-    Outcome, Priorities, Priority, Ready, Source, Timestamp,
+    Admission, DropReason, Firing, Fusion, Instant, OfferRefusal, OpenRefusal, Opening, Outcome,
+    Priorities, Priority, Ready, Source, Timestamp,
 };
 
 use crate::header::StorageHeader;
 use crate::plain::{CAnswer, CMessage, COutcome, CReason, CState, CStatus, FUSELINE_SOURCES};
-use crate::storage::Storage;
 
 /// Where an answer will be written.
 pub(crate) type AnswerPointer<'a, T> = &'a mut MaybeUninit<T>;
@@ -24,7 +23,7 @@ pub(crate) enum MessageInput<'a> {
     /// F1: a message came, and local has this deadline.
     OpenWithin(u64),
     /// F2.
-    Offer(&'a Offer),
+    Offer(&'a OfferArguments),
     /// F3: of this source.
     Result(u64),
     /// F4: of this source.
@@ -34,7 +33,7 @@ pub(crate) enum MessageInput<'a> {
 }
 
 /// F2: the cloud, its deadline and the length of its queue.
-pub(crate) struct Offer {
+pub(crate) struct OfferArguments {
     pub(crate) p: u64,
     pub(crate) deadline: u64,
     pub(crate) backlog: u64,
@@ -43,8 +42,13 @@ pub(crate) struct Offer {
 /// The inputs of SPEC.md and the questions, to a machine of whatever capacity.
 pub(crate) trait Inputs {
     /// One firing (F5), or the input's own answer.
-    fn ask(&self, now: u64, t: u64, asked: MessageInput, answer: AnswerPointer<CAnswer>)
-    -> CStatus;
+    fn submit(
+        &self,
+        now: u64,
+        t: u64,
+        input: MessageInput,
+        answer: AnswerPointer<CAnswer>,
+    ) -> CStatus;
     /// Whether a call is under way.
     fn is_busy(&self) -> bool;
     /// The next due instant.
@@ -57,69 +61,21 @@ pub(crate) trait Inputs {
     fn gate_is_shut(&self, p: u64, is_shut: AnswerPointer<u32>) -> CStatus;
 }
 
-impl<const CLOUDS: usize, const WINDOW: usize> Inputs for Storage<CLOUDS, WINDOW> {
-    fn ask(
-        &self,
-        now: u64,
-        t: u64,
-        asked: MessageInput,
-        answer: AnswerPointer<CAnswer>,
-    ) -> CStatus {
-        self.enter(|fusion| {
-            let at = fusion.now().as_nanos().max(now);
-            let answer = answer.write(CAnswer { at, t, ..CAnswer::EMPTY });
-            match fusion.at(Instant::from_nanos(now)) {
-                At::Fired(ref firing) => {
-                    write_firing(answer, firing);
-                    CStatus::Again
-                }
-                At::Ready(ready) => {
-                    apply(ready, Timestamp::new(t), asked, self.header(), answer);
-                    CStatus::Done
-                }
-            }
-        })
-    }
-
-    fn is_busy(&self) -> bool {
-        self.is_busy()
-    }
-
-    fn next_due(&self, due: AnswerPointer<u64>) -> CStatus {
-        self.enter(|fusion| answer_list(fusion.next_due().map(Instant::as_nanos), due))
-    }
-
-    fn look(&self, state: AnswerPointer<CState>) -> CStatus {
-        self.enter(|fusion| answer_list(Some(looked(fusion)), state))
-    }
-
-    fn look_at(&self, t: u64, message: AnswerPointer<CMessage>) -> CStatus {
-        self.enter(|fusion| answer_list(looked_at(fusion, Timestamp::new(t)), message))
-    }
-
-    fn gate_is_shut(&self, p: u64, is_shut: AnswerPointer<u32>) -> CStatus {
-        self.enter(|fusion| {
-            let gate = priority(p).and_then(|cloud| fusion.gate(cloud));
-            answer_list(gate.map(|gate| gate.is_shut().into()), is_shut)
-        })
-    }
-}
-
-fn apply<const CLOUDS: usize, const WINDOW: usize>(
+pub(crate) fn apply<const CLOUDS: usize, const WINDOW: usize>(
     mut ready: Ready<'_, CLOUDS, WINDOW>,
     t: Timestamp,
-    asked: MessageInput,
+    input: MessageInput,
     header: &StorageHeader,
     answer: &mut CAnswer,
 ) {
     // F3 unknown, F4 unknown: what does not fit 16 bits cannot be registered (A18).
     let unknown = Outcome::Dropped(DropReason::Unknown);
-    match asked {
+    match input {
         MessageInput::Open => write_opening(answer, ready.open(t, None)),
         MessageInput::OpenWithin(deadline) => {
             write_opening(answer, ready.open(t, Some(header.deadline(deadline))));
         }
-        MessageInput::Offer(&Offer { p, deadline, backlog }) => {
+        MessageInput::Offer(&OfferArguments { p, deadline, backlog }) => {
             // F2 unknown: as for a result.
             let admission = priority(p).map_or(Admission::Refused(OfferRefusal::Unknown), |p| {
                 ready.offer(t, p, header.deadline(deadline), backlog)
@@ -136,18 +92,20 @@ fn apply<const CLOUDS: usize, const WINDOW: usize>(
     }
 }
 
-/// Writes the answer of a query, or nothing and [`CStatus::None`].
-fn answer_list<T>(found: Option<T>, place: AnswerPointer<T>) -> CStatus {
-    match found {
-        Some(found) => {
-            place.write(found);
+/// What is requested, or [`CStatus::None`], which writes nothing.
+pub(crate) fn answer_list<T>(value: Option<T>, target: AnswerPointer<T>) -> CStatus {
+    match value {
+        Some(value) => {
+            target.write(value);
             CStatus::Done
         }
         None => CStatus::None,
     }
 }
 
-fn looked<const CLOUDS: usize, const WINDOW: usize>(fusion: &Fusion<CLOUDS, WINDOW>) -> CState {
+pub(crate) fn looked<const CLOUDS: usize, const WINDOW: usize>(
+    fusion: &Fusion<CLOUDS, WINDOW>,
+) -> CState {
     let due = fusion.next_due();
     CState {
         now: fusion.now().as_nanos(),
@@ -160,7 +118,7 @@ fn looked<const CLOUDS: usize, const WINDOW: usize>(fusion: &Fusion<CLOUDS, WIND
     }
 }
 
-fn looked_at<const CLOUDS: usize, const WINDOW: usize>(
+pub(crate) fn looked_at<const CLOUDS: usize, const WINDOW: usize>(
     fusion: &Fusion<CLOUDS, WINDOW>,
     t: Timestamp,
 ) -> Option<CMessage> {
@@ -237,8 +195,8 @@ fn list<const CLOUDS: usize>(
     members: &Priorities<CLOUDS>,
 ) -> u32 {
     let mut len = 0;
-    for ((place, member), counted) in places.iter_mut().zip(members.iter()).zip(1..) {
-        *place = member.as_u16();
+    for ((target, member), counted) in places.iter_mut().zip(members.iter()).zip(1..) {
+        *target = member.as_u16();
         len = counted;
     }
     len

@@ -7,7 +7,7 @@
 
 use core::ffi::c_void;
 
-use crate::header::{StorageHeader, place};
+use crate::header::{StorageHeader, answer_target};
 use crate::plain::{CAnswer, CConfig, CMessageId, COutcome, CStatus};
 use crate::shared_storage::{self, AnswerList, CShared, InputKind};
 
@@ -94,11 +94,15 @@ pub unsafe extern "C" fn fuseline_shared_offer(
 ) -> CStatus {
     // SAFETY: as the header requires.
     let answer_list = unsafe {
-        shared_storage::owner(machine, &[place(fired), place(answer)], |owner, header| {
-            shared_storage::named(machine, message_id).map(|message_id| {
-                owner.offer(now, message_id, (p, header.deadline(deadline), backlog))
-            })
-        })
+        shared_storage::owner(
+            machine,
+            &[answer_target(fired), answer_target(answer)],
+            |owner, header| {
+                shared_storage::named(machine, message_id).map(|message_id| {
+                    owner.offer(now, message_id, (p, header.deadline(deadline), backlog))
+                })
+            },
+        )
     };
     let answer_list = answer_list.and_then(|answer_list| answer_list);
     // SAFETY: as the header requires.
@@ -160,15 +164,15 @@ pub unsafe extern "C" fn fuseline_shared_next_due(
     due: *mut u64,
 ) -> CStatus {
     // SAFETY: as the header requires.
-    let found = unsafe {
-        shared_storage::handle(machine, &[place(due)], |handle| {
+    let due_instant = unsafe {
+        shared_storage::handle(machine, &[answer_target(due)], |handle| {
             shared_storage::named(machine, message_id).map(|message_id| handle.next_due(message_id))
         })
     };
-    match found.and_then(|found| found) {
-        Ok(Some(found)) => {
+    match due_instant.and_then(|due_instant| due_instant) {
+        Ok(Some(due_instant)) => {
             // SAFETY: not null, aligned, outside the machine, and the header requires that it may be written.
-            unsafe { due.write(found) };
+            unsafe { due.write(due_instant) };
             CStatus::Done
         }
         Ok(None) => CStatus::None,
@@ -185,14 +189,16 @@ unsafe fn open(
     answer: *mut CAnswer,
 ) -> CStatus {
     // SAFETY: as the header requires.
-    let asked = unsafe {
-        shared_storage::owner(machine, &[place(message_id), place(answer)], |owner, header| {
-            owner.open(now, t, deadline.map(|deadline| header.deadline(deadline)))
-        })
+    let opened = unsafe {
+        shared_storage::owner(
+            machine,
+            &[answer_target(message_id), answer_target(answer)],
+            |owner, header| owner.open(now, t, deadline.map(|deadline| header.deadline(deadline))),
+        )
     };
     let mut answer_list = CAnswer { at: now, t, outcome: COutcome::Accepted, ..CAnswer::EMPTY };
-    let made = match asked {
-        Ok(Ok(made)) => shared_storage::plain(machine, made),
+    let id = match opened {
+        Ok(Ok(id)) => shared_storage::plain(machine, id),
         Ok(Err(why)) => {
             (answer_list.outcome, answer_list.why) = (COutcome::Refused, why);
             shared_storage::NO_TICKET
@@ -200,7 +206,7 @@ unsafe fn open(
         Err(status) => return status,
     };
     // SAFETY: not null, aligned, outside the machine, and the header requires that it may be written.
-    unsafe { message_id.write(made) };
+    unsafe { message_id.write(id) };
     // SAFETY: as above.
     unsafe { answer.write(answer_list) };
     CStatus::Done
@@ -216,7 +222,7 @@ unsafe fn bring(
     fired: *mut CAnswer,
     answer: *mut CAnswer,
 ) -> CStatus {
-    let answers = [place(fired), place(answer)];
+    let answers = [answer_target(fired), answer_target(answer)];
     // SAFETY: as the header requires.
     let answer_list = unsafe {
         shared_storage::handle(machine, &answers, |handle| {

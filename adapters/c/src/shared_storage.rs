@@ -12,7 +12,9 @@ use core::sync::atomic::Ordering;
 use fuseline_core::{Deadline, DropReason, Firing, Instant, Outcome, Priority, Timestamp};
 use fuseline_threads::{MessageId, Owner, Shared, SharedHandle};
 
-use crate::header::{AnswerTarget, Kind, NO_CLOUDS, StorageHeader, asked, rule, status_of, wrong};
+use crate::header::{
+    AnswerTarget, NO_CLOUDS, StorageHeader, StorageKind, rule, status_of, validated_config, wrong,
+};
 use crate::inputs::{open_refusal, priority, write_admission, write_answer, write_firing};
 use crate::plain::{
     CAnswer, CConfig, CMessageId, CReason, CStatus, FUSELINE_SHARED_BYTES,
@@ -27,7 +29,7 @@ pub struct CShared {
     header: StorageHeader,
 }
 
-impl Kind for CShared {
+impl StorageKind for CShared {
     const SEAL: u64 = 0x5468_7265_6164_7321; // "Threads!"
 }
 
@@ -155,27 +157,27 @@ impl<const CLOUDS: usize, const WINDOW: usize> SharedStorage<CLOUDS, WINDOW> {
     /// # Safety
     /// `storage` is aligned, and `size_of::<Self>()` bytes from it may be written and belong to nobody else until the
     /// machine is ended.
-    unsafe fn fill(storage: *mut Self, made: Shared<CLOUDS, WINDOW>, config: &CConfig) {
+    unsafe fn fill(storage: *mut Self, created: Shared<CLOUDS, WINDOW>, config: &CConfig) {
         const { Self::FITS };
         // SAFETY: within the storage, by the caller's promise.
         let shared = unsafe { addr_of_mut!((*storage).shared) };
         // SAFETY: as above.
-        unsafe { shared.write(made) };
+        unsafe { shared.write(created) };
         // SAFETY: written just now; from here on it is used through its two halves alone, while the storage is there.
         let (owner, handle) = unsafe { &mut *shared }.split();
         // SAFETY: within the storage.
-        let place = unsafe { addr_of_mut!((*storage).owner) };
+        let target = unsafe { addr_of_mut!((*storage).owner) };
         // SAFETY: as above.
-        unsafe { place.write(owner) };
+        unsafe { target.write(owner) };
         // SAFETY: within the storage.
-        let place = unsafe { addr_of_mut!((*storage).handle) };
+        let target = unsafe { addr_of_mut!((*storage).handle) };
         // SAFETY: as above.
-        unsafe { place.write(handle) };
+        unsafe { target.write(handle) };
         let header = CShared { header: StorageHeader::new::<CShared, Self>(storage, config) };
         // SAFETY: within the storage.
-        let place = unsafe { addr_of_mut!((*storage).header) };
+        let target = unsafe { addr_of_mut!((*storage).header) };
         // SAFETY: as above. Last, so that a machine is one only when it is whole.
-        unsafe { place.write(header) };
+        unsafe { target.write(header) };
     }
 }
 
@@ -197,12 +199,12 @@ pub(crate) unsafe fn make(
     let mut clouds = NO_CLOUDS;
     // SAFETY: as the header requires.
     let (config, clouds) =
-        unsafe { asked((storage, bytes), config, machine, &mut clouds, self::bytes) }?;
+        unsafe { validated_config((storage, bytes), config, machine, &mut clouds, self::bytes) }?;
     let (window, commit) = rule(&config);
     with_room!(config.capacity, R = SharedStorage => {
-        let made = Shared::new(window, commit, clouds).map_err(|error| status_of(&error))?;
+        let created = Shared::new(window, commit, clouds).map_err(|error| status_of(&error))?;
         // SAFETY: aligned and large enough, as was checked, and the caller's to give.
-        unsafe { R::fill(storage.cast(), made, &config) };
+        unsafe { R::fill(storage.cast(), created, &config) };
     }, else return Err(CStatus::Capacity));
     // SAFETY: not null, aligned, and the header requires that it may be written.
     unsafe { machine.write(storage.cast()) };
@@ -251,36 +253,36 @@ pub(crate) unsafe fn owner<A>(
     answer_list
 }
 
-// A message id crosses the interface as three integers, the last of which is its place. It has no padding where addresses have
+// A message id crosses the interface as three integers, the last of which is its index. It has no padding where addresses have
 // 64 bits.
 const _: () = assert!(size_of::<usize>() == 8, "the machine for many threads is for 64 bits");
 
 /// What is written where no message was opened.
 pub(crate) const NO_TICKET: CMessageId = CMessageId { opaque: [0; 3] };
 
-/// A message id as the caller has it: its place stands beside the address of its machine, counted from 1.
+/// A message id as the caller has it: its index is joined with the address of its machine, counted from 1.
 pub(crate) fn plain(machine: *mut CShared, message_id: MessageId) -> CMessageId {
     // SAFETY: as for `named`; no byte of it is padding.
-    let [timestamp, generation, place] = unsafe { transmute::<MessageId, [u64; 3]>(message_id) };
-    CMessageId { opaque: [timestamp, generation, place.wrapping_add(first_place(machine))] }
+    let [timestamp, generation, index] = unsafe { transmute::<MessageId, [u64; 3]>(message_id) };
+    CMessageId { opaque: [timestamp, generation, index.wrapping_add(first_index(machine))] }
 }
 
 /// The message id of a message of this machine.
 pub(crate) fn named(machine: *mut CShared, message_id: CMessageId) -> Result<MessageId, CStatus> {
-    let [timestamp, generation, place] = message_id.opaque;
-    let place = place.wrapping_sub(first_place(machine));
-    if place >= PLACES.wrapping_sub(1) {
+    let [timestamp, generation, index] = message_id.opaque;
+    let index = index.wrapping_sub(first_index(machine));
+    if index >= PLACES.wrapping_sub(1) {
         return Err(wrong(CStatus::MessageId));
     }
     // SAFETY: a message id is three integers of 64 bits, any of which are a message id. The sizes are compared when compiled.
-    Ok(unsafe { transmute::<[u64; 3], MessageId>([timestamp, generation, place]) })
+    Ok(unsafe { transmute::<[u64; 3], MessageId>([timestamp, generation, index]) })
 }
 
-/// More than the places of any machine.
+/// More than the slots of any machine.
 const PLACES: u64 = 2048;
 
-/// What stands for a machine's first place: not 0, and far from another machine's, for each is aligned to 64 bytes and no
+/// What stands for a machine's first index: not 0, and far from another machine's, for each is aligned to 64 bytes and no
 /// address uses its upper 5 bits.
-fn first_place(machine: *mut CShared) -> u64 {
+fn first_index(machine: *mut CShared) -> u64 {
     (machine.addr() as u64 / 64).wrapping_mul(PLACES).wrapping_add(1)
 }

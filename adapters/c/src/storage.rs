@@ -6,13 +6,18 @@ use core::cell::UnsafeCell;
 use core::ffi::c_void;
 use core::sync::atomic::{Ordering, compiler_fence};
 
-use fuseline_core::{Cloud, Fusion};
+use fuseline_core::{At, Cloud, Fusion, Instant, Timestamp};
 
-use crate::header::{AnswerTarget, Kind, NO_CLOUDS, StorageHeader, asked, rule, status_of, wrong};
-use crate::inputs::Inputs;
+use crate::header::{
+    AnswerTarget, NO_CLOUDS, StorageHeader, StorageKind, rule, status_of, validated_config, wrong,
+};
+use crate::inputs::{
+    AnswerPointer, Inputs, MessageInput, answer_list, apply, looked, looked_at, priority,
+    write_firing,
+};
 use crate::plain::{
-    CConfig, CStatus, FUSELINE_BYTES, FUSELINE_BYTES_A_CLOUD, FUSELINE_BYTES_A_TIMER,
-    FUSELINE_BYTES_A_TIMESTAMP,
+    CAnswer, CConfig, CMessage, CState, CStatus, FUSELINE_BYTES, FUSELINE_BYTES_A_CLOUD,
+    FUSELINE_BYTES_A_TIMER, FUSELINE_BYTES_A_TIMESTAMP,
 };
 
 /// What a machine's storage begins with. Opaque to the caller.
@@ -22,7 +27,7 @@ pub struct CMachine {
     header: StorageHeader,
 }
 
-impl Kind for CMachine {
+impl StorageKind for CMachine {
     const SEAL: u64 = 0x4675_7365_6c69_6e65; // "Fuseline"
 }
 
@@ -145,6 +150,54 @@ impl<const CLOUDS: usize, const WINDOW: usize> Storage<CLOUDS, WINDOW> {
     }
 }
 
+impl<const CLOUDS: usize, const WINDOW: usize> Inputs for Storage<CLOUDS, WINDOW> {
+    fn submit(
+        &self,
+        now: u64,
+        t: u64,
+        input: MessageInput,
+        answer: AnswerPointer<CAnswer>,
+    ) -> CStatus {
+        self.enter(|fusion| {
+            let at = fusion.now().as_nanos().max(now);
+            let answer = answer.write(CAnswer { at, t, ..CAnswer::EMPTY });
+            match fusion.at(Instant::from_nanos(now)) {
+                At::Fired(ref firing) => {
+                    write_firing(answer, firing);
+                    CStatus::Again
+                }
+                At::Ready(ready) => {
+                    apply(ready, Timestamp::new(t), input, self.header(), answer);
+                    CStatus::Done
+                }
+            }
+        })
+    }
+
+    fn is_busy(&self) -> bool {
+        self.is_busy()
+    }
+
+    fn next_due(&self, due: AnswerPointer<u64>) -> CStatus {
+        self.enter(|fusion| answer_list(fusion.next_due().map(Instant::as_nanos), due))
+    }
+
+    fn look(&self, state: AnswerPointer<CState>) -> CStatus {
+        self.enter(|fusion| answer_list(Some(looked(fusion)), state))
+    }
+
+    fn look_at(&self, t: u64, message: AnswerPointer<CMessage>) -> CStatus {
+        self.enter(|fusion| answer_list(looked_at(fusion, Timestamp::new(t)), message))
+    }
+
+    fn gate_is_shut(&self, p: u64, is_shut: AnswerPointer<u32>) -> CStatus {
+        self.enter(|fusion| {
+            let gate = priority(p).and_then(|cloud| fusion.gate(cloud));
+            answer_list(gate.map(|gate| gate.is_shut().into()), is_shut)
+        })
+    }
+}
+
 /// How many bytes a machine of this capacity takes; 0 if the library does not hold it.
 pub(crate) const fn bytes(capacity: u32) -> usize {
     with_room!(capacity, R = Storage => size_of::<R>(), else 0)
@@ -165,7 +218,7 @@ pub(crate) unsafe fn make(
     let mut clouds = NO_CLOUDS;
     // SAFETY: by the caller's promise.
     let (config, clouds) =
-        unsafe { asked((storage, bytes), config, machine, &mut clouds, self::bytes) }?;
+        unsafe { validated_config((storage, bytes), config, machine, &mut clouds, self::bytes) }?;
     with_room!(config.capacity, R = Storage => {
         // SAFETY: aligned and large enough, as was checked, and the caller's to give.
         unsafe { R::fill(storage.cast(), &config, clouds) }?;

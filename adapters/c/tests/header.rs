@@ -19,16 +19,16 @@ fn the_header_is_what_the_sources_say() {
         .with_src(root.join("src/calls.rs"))
         .with_src(root.join("src/shared.rs"))
         .generate();
-    let mut made = Vec::new();
-    bindings.expect("sources that cbindgen reads").write(&mut made);
-    let made = String::from_utf8(made).expect("a text");
+    let mut generated = Vec::new();
+    bindings.expect("sources that cbindgen reads").write(&mut generated);
+    let generated = String::from_utf8(generated).expect("a text");
     let path = root.join("include/fuseline.h");
     if std::env::var_os("FUSELINE_WRITE_HEADER").is_some() {
-        fs::write(&path, &made).expect("a writable header");
+        fs::write(&path, &generated).expect("a writable header");
     }
-    let kept = fs::read_to_string(&path).unwrap_or_default();
+    let committed = fs::read_to_string(&path).unwrap_or_default();
     assert!(
-        kept == made,
+        committed == generated,
         "include/fuseline.h is not what the sources say; make it anew:\n  \
          FUSELINE_WRITE_HEADER=1 cargo test -p fuseline-c --test header"
     );

@@ -41,9 +41,10 @@ fn make(storage: &mut Storage) -> (CStatus, Machine) {
         greatest_deadline: 1_000,
     };
     let mut machine = null_mut();
-    let (place, bytes) = ((&raw mut *storage).cast(), size_of::<Storage>());
+    let (address, bytes) = ((&raw mut *storage).cast(), size_of::<Storage>());
     // SAFETY: this test's own.
-    let status = unsafe { fuseline_shared_init(place, bytes, &raw const config, &raw mut machine) };
+    let status =
+        unsafe { fuseline_shared_init(address, bytes, &raw const config, &raw mut machine) };
     (status, Machine(machine))
 }
 

@@ -1,4 +1,4 @@
-//! Wrong use is told by a status and changes nothing.
+//! Wrong use is reported by a status and changes nothing.
 #![expect(unsafe_code, reason = "calls a C interface")]
 #![expect(clippy::multiple_unsafe_ops_per_block, reason = "a row of calls with one reason")]
 #![expect(clippy::cast_possible_truncation, reason = "sizes and counts of a few hundred")]
@@ -45,9 +45,9 @@ fn config() -> CConfig {
 fn init(storage: &mut Storage, config: &CConfig) -> (CStatus, *mut CMachine) {
     let mut machine = null_mut();
     let bytes = size_of::<Storage>();
-    let place = (&raw mut *storage).cast::<c_void>();
+    let address = (&raw mut *storage).cast::<c_void>();
     // SAFETY: the storage and the configuration are this test's own.
-    let status = unsafe { fuseline_init(place, bytes, config, &raw mut machine) };
+    let status = unsafe { fuseline_init(address, bytes, config, &raw mut machine) };
     (status, machine)
 }
 
@@ -125,26 +125,29 @@ fn each_wrong_configuration_has_its_status_and_writes_nothing() {
 fn wrong_pointers_are_told() {
     let mut storage = storage();
     let mut machine = null_mut();
-    let place = (&raw mut *storage).cast::<c_void>();
+    let address = (&raw mut *storage).cast::<c_void>();
     let (bytes, config) = (size_of::<Storage>(), config());
-    let inside = place.cast::<*mut CMachine>();
+    let inside = address.cast::<*mut CMachine>();
     // SAFETY: whatever is not wrong on purpose is this test's own; a wrong pointer is not followed.
     unsafe {
         assert_eq!(
             fuseline_init(null_mut(), bytes, &raw const config, &raw mut machine),
             CStatus::Null
         );
-        assert_eq!(fuseline_init(place, bytes, core::ptr::null(), &raw mut machine), CStatus::Null);
-        assert_eq!(fuseline_init(place, bytes, &raw const config, null_mut()), CStatus::Null);
-        assert_eq!(fuseline_init(place, bytes, &raw const config, inside), CStatus::Overlap);
-        let odd = place.byte_add(4);
+        assert_eq!(
+            fuseline_init(address, bytes, core::ptr::null(), &raw mut machine),
+            CStatus::Null
+        );
+        assert_eq!(fuseline_init(address, bytes, &raw const config, null_mut()), CStatus::Null);
+        assert_eq!(fuseline_init(address, bytes, &raw const config, inside), CStatus::Overlap);
+        let odd = address.byte_add(4);
         assert_eq!(
             fuseline_init(odd, bytes - 4, &raw const config, &raw mut machine),
             CStatus::Alignment
         );
         let too_small = fuseline_bytes(CCapacity::C3W16 as u32) - 1;
         assert_eq!(
-            fuseline_init(place, too_small, &raw const config, &raw mut machine),
+            fuseline_init(address, too_small, &raw const config, &raw mut machine),
             CStatus::Size
         );
     }
@@ -236,7 +239,7 @@ fn every_enumerator_has_its_word() {
         unsafe { CStr::from_ptr(word) }.to_str().expect("ASCII")
     };
     let header = include_str!("../include/fuseline.h");
-    let mut found = 0;
+    let mut checked = 0;
     for line in header.lines() {
         let Some((name, number)) = line.trim().trim_end_matches(',').split_once(" = ") else {
             continue;
@@ -252,9 +255,9 @@ fn every_enumerator_has_its_word() {
             continue;
         };
         assert_eq!(rest.to_lowercase(), answer_list);
-        found += 1;
+        checked += 1;
     }
-    assert_eq!(found, 19 + 9 + 12);
+    assert_eq!(checked, 19 + 9 + 12);
     assert_eq!(word(fuseline_reason_name(99)), "?");
 }
 

@@ -13,7 +13,7 @@ pub struct Console {
     output: usize,
     buffer: heapless::Vec<u8, { LONGEST + 1 }>,
     /// So much of the buffer was taken as lines.
-    taken: usize,
+    consumed: usize,
 }
 
 impl Console {
@@ -23,22 +23,22 @@ impl Console {
         let open = |mode: usize| -> usize {
             let name = b":tt\0";
             #[expect(unsafe_code, reason = "asks the host")]
-            // SAFETY: the name ends and is as long as told; the host only reads it.
+            // SAFETY: the name ends and has the given length; the host only reads it.
             unsafe {
                 syscall!(OPEN, name.as_ptr(), mode, name.len() - 1)
             }
         };
-        Self { input: open(0), output: open(4), buffer: heapless::Vec::new(), taken: 0 }
+        Self { input: open(0), output: open(4), buffer: heapless::Vec::new(), consumed: 0 }
     }
 
     /// The next line without its end; none at the end of the input, or if the line is too long.
     pub fn line(&mut self) -> Option<&[u8]> {
-        self.buffer.rotate_left(self.taken);
-        self.buffer.truncate(self.buffer.len() - self.taken);
-        self.taken = 0;
+        self.buffer.rotate_left(self.consumed);
+        self.buffer.truncate(self.buffer.len() - self.consumed);
+        self.consumed = 0;
         loop {
             if let Some(end) = self.buffer.iter().position(|byte| *byte == b'\n') {
-                self.taken = end + 1;
+                self.consumed = end + 1;
                 return Some(&self.buffer[..end]);
             }
             self.read_some()?;
@@ -47,12 +47,12 @@ impl Console {
 
     /// Waits for more of the input.
     fn read_some(&mut self) -> Option<()> {
-        let mut place = [0_u8; 1024];
-        let room = place.len().min(self.buffer.capacity() - self.buffer.len());
+        let mut chunk = [0_u8; 1024];
+        let room = chunk.len().min(self.buffer.capacity() - self.buffer.len());
         #[expect(unsafe_code, reason = "asks the host")]
         // SAFETY: the host writes at most `room` bytes, which are there.
-        let left = unsafe { syscall!(READ, self.input, place.as_mut_ptr(), room) };
-        let got = place.get(..room.checked_sub(left)?)?;
+        let remaining = unsafe { syscall!(READ, self.input, chunk.as_mut_ptr(), room) };
+        let got = chunk.get(..room.checked_sub(remaining)?)?;
         self.buffer.extend_from_slice(got).ok()?;
         (!got.is_empty()).then_some(())
     }
@@ -61,8 +61,8 @@ impl Console {
 impl fmt::Write for Console {
     fn write_str(&mut self, text: &str) -> fmt::Result {
         #[expect(unsafe_code, reason = "asks the host")]
-        // SAFETY: the host reads the text, which is as long as told.
-        let left = unsafe { syscall!(WRITE, self.output, text.as_ptr(), text.len()) };
-        if left == 0 { Ok(()) } else { Err(fmt::Error) }
+        // SAFETY: the host reads the text, which has the given length.
+        let remaining = unsafe { syscall!(WRITE, self.output, text.as_ptr(), text.len()) };
+        if remaining == 0 { Ok(()) } else { Err(fmt::Error) }
     }
 }

@@ -8,45 +8,59 @@ use embassy_sync::blocking_mutex::raw::RawMutex;
 use embassy_sync::channel::Receiver;
 use embassy_time::{Instant as Clock, TICK_HZ, Timer};
 use fuseline_core::{
-    Admission, At, Deadline, Firing, Fusion, Instant, Opening, Outcome, Priority, Ready, Timestamp,
+    Admission, At, Deadline, Firing, Fusion, Held, Instant, Opening, Outcome, Priority, Ready,
+    Timestamp,
 };
 
-/// What comes to the operator: an input without its instant, which is when it is received.
+/// What comes to the operator: an input without its instant, which is when it is received. `V` is a result's value.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Arrival {
+pub enum Arrival<V = ()> {
     /// F1: a message, and how long local may take for it.
     Message(Timestamp, Option<Deadline>),
     /// F2: may it be sent to this cloud, which may take this long and in whose queue this many others wait?
     Request(Timestamp, Priority, Deadline, u64),
-    /// F3: a result of this source.
-    Result(Timestamp, Priority),
+    /// F3: a result of this source, and its value.
+    Result(Timestamp, Priority, V),
     /// F4: no result will come from this source.
     Failure(Timestamp, Priority),
 }
 
+impl<V> Arrival<V> {
+    const fn without_value(&self) -> Arrival {
+        match *self {
+            Self::Message(t, deadline) => Arrival::Message(t, deadline),
+            Self::Request(t, p, deadline, backlog) => Arrival::Request(t, p, deadline, backlog),
+            Self::Result(t, p, _) => Arrival::Result(t, p, ()),
+            Self::Failure(t, p) => Arrival::Failure(t, p),
+        }
+    }
+}
+
 /// What an operator reports, in order: what it took in, then what fired, then what became of what it took in.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Report<const CLOUDS: usize> {
+pub enum Report<V, const CLOUDS: usize> {
     /// It took this in; none if only time went by.
     Took(Option<Arrival>),
-    /// Timers fired (F5).
-    Fired(Firing<CLOUDS>),
+    /// Timers fired (F5). With the value to send, if a result is forwarded.
+    Fired(Firing<CLOUDS>, Option<V>),
     /// What became of a message (F1).
     Opened(Timestamp, Opening),
     /// What became of a request (F2). If it is admitted, send it.
     Offered(Timestamp, Priority, Admission),
-    /// What became of a result or a failure (F3, F4).
-    Concluded(Timestamp, Priority, Outcome<CLOUDS>),
+    /// What became of a result or a failure (F3, F4). With the value to send, if a result is forwarded.
+    Concluded(Timestamp, Priority, Outcome<CLOUDS>, Option<V>),
 }
 
 /// Drives the machine for ever: takes what comes from `inbox`, ticks at each due instant, and reports everything to `report`
-/// with the instant at which it was decided.
+/// with the instant at which it was decided. `held` has the values of the machine's held results; it starts empty.
 ///
-/// Instants are nanoseconds of embassy's clock. It may be dropped at any await: whatever was received is reported by then.
-pub async fn operate<M: RawMutex, const LEN: usize, const CLOUDS: usize, const WINDOW: usize>(
+/// Instants are nanoseconds of embassy's clock. It may be dropped at any await: whatever was received is reported by then,
+/// and the next call with the same `fusion` and `held` goes on from there.
+pub async fn operate<V, M: RawMutex, const LEN: usize, const CLOUDS: usize, const WINDOW: usize>(
     fusion: &mut Fusion<CLOUDS, WINDOW>,
-    inbox: Receiver<'_, M, Arrival, LEN>,
-    mut report: impl FnMut(Instant, Report<CLOUDS>),
+    held: &mut Held<V, WINDOW>,
+    inbox: Receiver<'_, M, Arrival<V>, LEN>,
+    mut report: impl FnMut(Instant, Report<V, CLOUDS>),
 ) -> ! {
     loop {
         let due = fusion.next_due();
@@ -61,32 +75,37 @@ pub async fn operate<M: RawMutex, const LEN: usize, const CLOUDS: usize, const W
             Either::Second(()) => None,
         };
         let now = now();
-        report(now, Report::Took(arrival));
-        loop {
+        report(now, Report::Took(arrival.as_ref().map(Arrival::without_value)));
+        let ready = loop {
             match fusion.at(now) {
-                At::Fired(firing) => report(now, Report::Fired(firing)),
-                At::Ready(ready) => {
-                    if let Some(arrival) = arrival {
-                        report(now, apply(ready, arrival));
-                    }
-                    break;
-                }
+                At::Fired(firing) => report(now, Report::Fired(firing, held.firing(&firing))),
+                At::Ready(ready) => break ready,
             }
+        };
+        if let Some(arrival) = arrival {
+            report(now, apply(ready, held, arrival));
         }
     }
 }
 
-fn apply<const CLOUDS: usize, const WINDOW: usize>(
+fn apply<V, const CLOUDS: usize, const WINDOW: usize>(
     mut ready: Ready<'_, CLOUDS, WINDOW>,
-    arrival: Arrival,
-) -> Report<CLOUDS> {
+    held: &mut Held<V, WINDOW>,
+    arrival: Arrival<V>,
+) -> Report<V, CLOUDS> {
     match arrival {
         Arrival::Message(t, deadline) => Report::Opened(t, ready.open(t, deadline)),
         Arrival::Request(t, p, deadline, backlog) => {
             Report::Offered(t, p, ready.offer(t, p, deadline, backlog))
         }
-        Arrival::Result(t, p) => Report::Concluded(t, p, ready.result(t, p)),
-        Arrival::Failure(t, p) => Report::Concluded(t, p, ready.fail(t, p)),
+        Arrival::Result(t, p, value) => {
+            let outcome = ready.result(t, p);
+            Report::Concluded(t, p, outcome, held.result(t, p, value, &outcome))
+        }
+        Arrival::Failure(t, p) => {
+            let outcome = ready.fail(t, p);
+            Report::Concluded(t, p, outcome, held.failure(t, &outcome))
+        }
     }
 }
 

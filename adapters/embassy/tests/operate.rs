@@ -1,4 +1,4 @@
-//! The operator on the host, by a clock that the test moves: what it tells makes a trace, and the strict judge finds
+//! The operator on the host, by a clock that the test moves: its reports make a trace, and the strict judge finds
 //! nothing in it.
 
 use embassy_futures::block_on;
@@ -7,7 +7,7 @@ use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::channel::Channel;
 use embassy_time::{Duration, MockDriver};
-use fuseline_core::{Cloud, Commit, Deadline, Fusion, Priority, Timestamp};
+use fuseline_core::{Cloud, Commit, Deadline, Fusion, Held, Priority, Timestamp};
 use fuseline_embassy::{Arrival, Report, operate};
 use fuseline_engine::arbiter::{Answer, decisions_of};
 use fuseline_traces::{Decision, Input, judge};
@@ -15,7 +15,15 @@ use fuseline_traces::{Decision, Input, judge};
 const HEADER: &str = r#"{"fuseline":1,"window":4,"commit":"eager","clouds":[{"p":1,"limit":31}]}"#;
 const CLOUD: Priority = Priority::new(1);
 
-/// What the operator was told to have come, as the trace has it.
+/// A result's value that cannot be copied: of this message, from this source.
+#[derive(PartialEq, Eq, Debug)]
+struct Value(u64, Priority);
+
+fn result(t: Timestamp, source: Priority) -> Arrival<Value> {
+    Arrival::Result(t, source, Value(t.as_u64(), source))
+}
+
+/// What was reported to the operator as received, as the trace has it.
 fn input(at: u64, arrival: Option<Arrival>) -> Input {
     let number = |p: Priority| u64::from(p.as_u16());
     match arrival {
@@ -27,13 +35,13 @@ fn input(at: u64, arrival: Option<Arrival>) -> Input {
             let deadline = deadline.as_nanos();
             Input::Offer { at, t: t.as_u64(), p: number(p), deadline, backlog }
         }
-        Some(Arrival::Result(t, p)) => Input::Result { at, t: t.as_u64(), p: number(p) },
+        Some(Arrival::Result(t, p, ())) => Input::Result { at, t: t.as_u64(), p: number(p) },
         Some(Arrival::Failure(t, p)) => Input::Fail { at, t: t.as_u64(), p: number(p) },
     }
 }
 
-/// The lines that what is told makes, at its end.
-fn record(trace: &mut Vec<u8>, at: u64, reported: &Report<1>) {
+/// The lines that the reports make, at the end.
+fn record(trace: &mut Vec<u8>, at: u64, reported: &Report<Value, 1>) {
     let mut lines = Vec::new();
     let mut decide = |decision: Decision| lines.push(decision);
     match *reported {
@@ -41,7 +49,7 @@ fn record(trace: &mut Vec<u8>, at: u64, reported: &Report<1>) {
             input(at, arrival).write(trace);
             trace.push(b'\n');
         }
-        Report::Fired(firing) => decisions_of(at, &firing, decide),
+        Report::Fired(firing, _) => decisions_of(at, &firing, decide),
         Report::Opened(t, opening) => {
             Answer::<1>::Open { t: t.as_u64(), opening }.decisions(at, &mut decide);
         }
@@ -49,7 +57,7 @@ fn record(trace: &mut Vec<u8>, at: u64, reported: &Report<1>) {
             let (t, p) = (t.as_u64(), p.as_u16().into());
             Answer::<1>::Offer { t, p, admission }.decisions(at, &mut decide);
         }
-        Report::Concluded(t, p, outcome) => {
+        Report::Concluded(t, p, outcome, _) => {
             let (t, p) = (t.as_u64(), p.as_u16().into());
             Answer::Result { t, p, outcome }.decisions(at, &mut decide);
         }
@@ -72,13 +80,15 @@ async fn pass(millis: u64) {
 }
 
 #[test]
-fn five_messages_leave_and_the_judge_finds_nothing() {
-    let inbox = Channel::<NoopRawMutex, Arrival, 8>::new();
+fn six_messages_are_decided_and_the_judge_finds_nothing() {
+    let inbox = Channel::<NoopRawMutex, Arrival<Value>, 8>::new();
     let clouds = [Cloud::new(CLOUD, 31)];
     let mut fusion = Fusion::<1, 4>::new(4, Commit::Eager, &clouds).expect("a configuration");
+    let mut held = Held::new();
+    let mut sent = Vec::new();
     let mut trace = format!("{HEADER}\n").into_bytes();
     let script = async {
-        for t in (0..5).map(Timestamp::new) {
+        for t in (0..6).map(Timestamp::new) {
             inbox.send(Arrival::Message(t, Some(Deadline::from_millis(80)))).await;
             inbox.send(Arrival::Request(t, CLOUD, Deadline::from_millis(40), 0)).await;
             pass(10).await;
@@ -88,34 +98,44 @@ fn five_messages_leave_and_the_judge_finds_nothing() {
                 // The cloud's call fails, local's result comes after.
                 3 => {
                     inbox.send(Arrival::Failure(t, CLOUD)).await;
-                    inbox.send(Arrival::Result(t, Priority::LOCAL)).await;
+                    inbox.send(result(t, Priority::LOCAL)).await;
                 }
+                // Local's is held when the script ends, and the operator with it.
+                5 => inbox.send(result(t, Priority::LOCAL)).await,
                 // Local's is held until the timer of the cloud fires, whose result comes too late.
                 2 => {
-                    inbox.send(Arrival::Result(t, Priority::LOCAL)).await;
+                    inbox.send(result(t, Priority::LOCAL)).await;
                     pass(60).await;
-                    inbox.send(Arrival::Result(t, CLOUD)).await;
+                    inbox.send(result(t, CLOUD)).await;
                 }
                 _ => {
-                    inbox.send(Arrival::Result(t, Priority::LOCAL)).await;
+                    inbox.send(result(t, Priority::LOCAL)).await;
                     pass(10).await;
-                    inbox.send(Arrival::Result(t, CLOUD)).await;
+                    inbox.send(result(t, CLOUD)).await;
                 }
             }
             pass(5).await;
         }
     };
-    let reported = |at: fuseline_core::Instant, reported: Report<1>| {
+    let mut reported = |at: fuseline_core::Instant, reported: Report<Value, 1>| {
         record(&mut trace, at.as_nanos(), &reported);
+        if let Report::Fired(_, Some(value)) | Report::Concluded(.., Some(value)) = reported {
+            sent.push(value);
+        }
     };
-    block_on(select(operate(&mut fusion, inbox.receiver(), reported), script));
+    block_on(select(operate(&mut fusion, &mut held, inbox.receiver(), &mut reported), script));
+    let again = operate(&mut fusion, &mut held, inbox.receiver(), reported);
+    block_on(select(again, pass(60)));
 
     let verdict = judge("operate", trace.as_slice()).expect("a trace");
     let text = String::from_utf8(trace).expect("UTF-8");
-    assert!(verdict.conforms && verdict.judged == 5, "{verdict:?}\n{text}");
+    assert!(verdict.conforms && verdict.judged == 6, "{verdict:?}\n{text}");
     let count = |ev: &str| text.matches(&format!(r#""ev":"{ev}""#)).count();
-    assert_eq!((count("emit"), count("miss"), count("timer")), (4, 1, 3), "{text}");
+    assert_eq!((count("emit"), count("miss"), count("timer")), (5, 1, 4), "{text}");
     // A tick at the due instant itself, not before it nor later.
     assert!(text.contains(r#"{"ev":"tick","at":"#), "{text}");
-    assert_eq!(fusion.len(), 0);
+    assert_eq!((fusion.len(), held.len()), (0, 0));
+    let (local, cloud) = (Priority::LOCAL, CLOUD);
+    let values = [(0, cloud), (1, cloud), (2, local), (3, local), (5, local)];
+    assert_eq!(sent, values.map(|(t, source)| Value(t, source)));
 }

@@ -8,6 +8,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use fuseline_traces::{DropReason, OfferRefusal, OpenRefusal};
 use tracing::error;
 
+use crate::event::CountedEvent;
 use crate::item::{Source, Trigger};
 use crate::meter::Meters;
 use crate::reasons::Reasons;
@@ -46,26 +47,6 @@ struct SourceCounts {
 /// The counts of a running operator, to be read from anywhere.
 #[derive(Clone)]
 pub struct Counting(Arc<Counts>);
-
-/// What is counted about one source.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Event {
-    Admitted,
-    Refused(OfferRefusal),
-    Output(Trigger),
-    /// A result was forwarded as it came; its message is counted by `Output`.
-    Forwarded,
-    HeldValue,
-    Dropped(DropReason),
-    Failed,
-    Lost,
-    FailureDropped(DropReason),
-    Timer,
-    Cancelled,
-    Sent {
-        bytes: u64,
-    },
-}
 
 impl Counts {
     pub(crate) fn new(operator: &str, sources: &[Source]) -> Self {
@@ -107,7 +88,7 @@ impl Counts {
     /// Counts the bytes that a call to cloud `p` sent.
     pub(crate) fn sent(&self, p: u16, bytes: u64) {
         if let Some(at) = self.sources.iter().position(|counts| counts.source.priority == p) {
-            self.source(at, Event::Sent { bytes });
+            self.source(at, CountedEvent::Sent { bytes });
         }
     }
 
@@ -136,7 +117,7 @@ impl Counts {
     }
 
     /// Counts an event of the source at `index`; local has 0.
-    pub(crate) fn source(&self, index: usize, event: Event) {
+    pub(crate) fn source(&self, index: usize, event: CountedEvent) {
         if let Some(counts) = self.sources.get(index) {
             counts.count(event);
         }
@@ -189,20 +170,20 @@ impl SourceCounts {
         }
     }
 
-    fn count(&self, event: Event) {
+    fn count(&self, event: CountedEvent) {
         match event {
-            Event::Admitted => add(&self.admitted, 1),
-            Event::Refused(why) => add_at(&self.refused, why.index()),
-            Event::Output(trigger) => add_at(&self.outputs, trigger as usize),
-            Event::Forwarded => {}
-            Event::HeldValue => add(&self.held, 1),
-            Event::Dropped(why) => add_at(&self.dropped, why.index()),
-            Event::Failed => add(&self.failed, 1),
-            Event::Lost => add(&self.lost, 1),
-            Event::FailureDropped(why) => add_at(&self.failures_dropped, why.index()),
-            Event::Timer => add(&self.timers, 1),
-            Event::Cancelled => add(&self.cancelled, 1),
-            Event::Sent { bytes } => add(&self.sent_bytes, bytes),
+            CountedEvent::Admitted => add(&self.admitted, 1),
+            CountedEvent::Refused(why) => add_at(&self.refused, why.index()),
+            CountedEvent::Output(trigger) => add_at(&self.outputs, trigger as usize),
+            CountedEvent::Forwarded => {}
+            CountedEvent::Held => add(&self.held, 1),
+            CountedEvent::Dropped(why) => add_at(&self.dropped, why.index()),
+            CountedEvent::Failed => add(&self.failed, 1),
+            CountedEvent::Lost => add(&self.lost, 1),
+            CountedEvent::FailureDropped(why) => add_at(&self.failures_dropped, why.index()),
+            CountedEvent::Timer => add(&self.timers, 1),
+            CountedEvent::Cancelled => add(&self.cancelled, 1),
+            CountedEvent::Sent { bytes } => add(&self.sent_bytes, bytes),
         }
     }
 

@@ -1,4 +1,4 @@
-//! What goes into the engine and what comes out.
+//! What goes into the engine beside plain values, and what comes out.
 
 use std::time::Duration;
 
@@ -71,10 +71,10 @@ pub struct Local {
     /// Whether one that waits is skipped once its message is answered.
     pub skip_answered: bool,
     /// D13 lost words: whether a result can be lost on the way, as over topics. If so, a computation
-    /// without a result or failure within its message's deadline counts as lost and frees its place,
+    /// without a result or failure within its message's deadline counts as lost, and another may run instead,
     /// whether its message is open or not. If its result comes after all, the rules decide about it as
     /// about any other. Without a deadline it is waited for.
     ///
-    /// If not, a computation keeps its place until it ends.
+    /// If not, a computation counts as running until it ends.
     pub lossy: bool,
 }

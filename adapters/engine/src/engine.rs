@@ -1,31 +1,40 @@
-//! One operator without its clock, its threads and its network: what happened goes in, what is to be
-//! done comes out.
+//! One operator without its clock, its threads and its network: inputs are methods, and what is to be
+//! done comes out as effects.
+//!
+//! Each input is one call of the [`Arbiter`], which decides. What follows from its answers is in
+//! [`outcomes`]; nothing here or there decides anything about time or rank.
 
+mod outcomes;
+
+use std::collections::VecDeque;
 use std::fmt;
 use std::io;
 use std::sync::Arc;
 use std::time::Duration;
 
-use fuseline_core::{Admission, ConfigError, Opening, Priority, Timestamp};
+use fuseline_core::{Admission, ConfigError, Firing, Opening};
 use fuseline_deadline::{End, Policy, Situation};
 use fuseline_traces::{Header, Input};
 use tracing::warn;
 
 use crate::arbiter::{Answer, Arbiter};
-use crate::counts::Counting;
-use crate::counts::Event;
+use crate::counts::{Counting, Counts};
 use crate::effect::{Effect, Local, Offer};
+use crate::event::CountedEvent;
 use crate::item::Source;
-use crate::queue::{SourceQueue, Waiting};
+use crate::open_message::OpenMessages;
+use crate::policies::Policies;
+use crate::queue::Waiting;
 use crate::reasons::words;
-use crate::state::{LOCAL, OperatorState};
+use crate::recordings::Recordings;
+use crate::sources::{LOCAL, SourceQueues};
 use crate::writer::{Sink, TraceWriter};
 
 /// The most clouds that a header may have.
 const CLOUDS: usize = 15;
 
 /// One operator: the core, the values it holds, the queues to its sources, its counts and its
-/// recording.
+/// recordings.
 ///
 /// `V` is what sources compute, `R` what is sent to them; the engine looks into neither. Instants are
 /// nanoseconds of the adapter's monotonic clock. After each input, call
@@ -39,9 +48,19 @@ const CLOUDS: usize = 15;
 /// - effects: [`next_effect`](Self::next_effect)
 /// - questions: [`next_due`](Self::next_due), [`is_idle`](Self::is_idle), [`counts`](Self::counts)
 pub struct Engine<V, R> {
-    arbiter: Arbiter,
-    state: OperatorState<V, R>,
-    situation: Situation<'static>,
+    arbiter: Arbiter<CLOUDS>,
+    /// What fired before the current input, and when it was served.
+    firings: Vec<(u64, Firing<CLOUDS>)>,
+    operator: Arc<str>,
+    sources: SourceQueues<R>,
+    local: Local,
+    policies: Policies,
+    open_messages: OpenMessages<V>,
+    counts: Arc<Counts>,
+    /// How many open messages the gauge shows.
+    shown_open: usize,
+    recordings: Recordings,
+    effects: VecDeque<Effect<V, R>>,
 }
 
 impl<V, R> Engine<V, R> {
@@ -53,52 +72,54 @@ impl<V, R> Engine<V, R> {
     pub fn new(header: &Header, at_once: &[usize], local: Local) -> Result<Self, ConfigError> {
         let arbiter = Arbiter::new(header)?;
         let operator: Arc<str> = header.operator.as_deref().unwrap_or("operator").into();
-        let mut queues =
-            vec![SourceQueue::new(Source { priority: 0, name: "local".into() }, local.at_once)];
-        for (i, cloud) in header.clouds.iter().enumerate() {
-            let name = match &cloud.name {
-                Some(name) => name.as_str().into(),
-                None => format!("cloud-{}", cloud.p).into(),
-            };
-            let at_once = at_once.get(i).copied().unwrap_or(1);
-            queues.push(SourceQueue::new(Source { priority: cloud.p, name }, at_once));
-        }
-        let state = OperatorState::new(operator, queues, local);
-        // Unknown until it is set: policies risk nothing.
-        Ok(Self { arbiter, state, situation: Situation::UNKNOWN })
+        let sources = SourceQueues::new(header, at_once, local);
+        let named: Vec<Source> = sources.iter().map(|queue| queue.source.clone()).collect();
+        Ok(Self {
+            arbiter,
+            firings: Vec::new(),
+            counts: Arc::new(Counts::new(&operator, &named)),
+            operator,
+            policies: Policies::new(named.len()),
+            sources,
+            local,
+            open_messages: OpenMessages::new(),
+            shown_open: 0,
+            recordings: Recordings::default(),
+            effects: VecDeque::new(),
+        })
     }
 
     /// Lets `policy` choose the deadlines of cloud `p`, each at most the one offered, and reports to it
     /// how each request ended. Does nothing if there is no such cloud.
     ///
-    /// A request that was given up is censored, even if it never left the queue. Ages count from when
-    /// the message was taken in. If the policy panics, the cloud is not asked.
+    /// A request that was abandoned is censored, even if it never left the queue. Ages count from when
+    /// the message was taken in. If the policy panics, no request is sent.
     pub fn set_policy(&mut self, p: u16, policy: Box<dyn Policy + Send>) {
-        if let Some(place) = self.cloud(p) {
-            self.state.queues[place].policy = Some(policy);
+        if let Some(index) = self.sources.cloud(p) {
+            self.policies.set(index, policy);
         }
     }
 
     /// Lets calls to cloud `p` run on for up to `linger` after they were due, to see how long they really
     /// take. Does nothing if there is no such cloud.
     ///
-    /// They take no place from calls still waited for. At most as many linger as calls may be under way;
+    /// They do not count among the calls under way. At most as many linger as calls may be under way;
     /// one more ends the oldest.
     pub fn set_linger(&mut self, p: u16, linger: Duration) {
-        if let Some(place) = self.cloud(p) {
-            self.state.queues[place].linger = nanos(linger);
+        if let Some(index) = self.sources.cloud(p) {
+            self.sources[index].linger = nanos(linger);
         }
     }
 
     /// Gives back results that came too late as [hints](Effect::Hint), if their message is one of the
     /// last 1024.
     pub fn take_hints(&mut self) {
-        self.state.open_messages.remember();
+        self.open_messages.remember();
     }
 
     /// Sets what policies know of the vehicle, for messages from now on; at first nothing.
     pub const fn set_situation(&mut self, situation: Situation<'static>) {
-        self.situation = situation;
+        self.policies.set_situation(situation);
     }
 
     /// Records everything from here on; call it before the first input, once for each file.
@@ -112,8 +133,8 @@ impl<V, R> Engine<V, R> {
     /// # Errors
     /// If the thread cannot be started.
     pub fn record(&mut self, sink: impl Into<Sink>) -> io::Result<()> {
-        let counts = Arc::clone(&self.state.counts);
-        self.state.writers.push(TraceWriter::new(sink.into(), counts)?);
+        let counts = Arc::clone(&self.counts);
+        self.recordings.add(TraceWriter::new(sink.into(), counts)?);
         Ok(())
     }
 
@@ -132,31 +153,25 @@ impl<V, R> Engine<V, R> {
     ) -> bool {
         self.begin(at);
         let deadline = deadline.map(nanos);
-        let Self { arbiter, state, .. } = self;
-        let opening = arbiter.open(at, t, deadline, |at, firing| state.fired(at, firing));
-        let now = arbiter.now();
-        state.record::<CLOUDS>(&Input::Open { at, t, deadline }, now, &Answer::Open { t, opening });
+        let opening =
+            self.arbiter.open(at, t, deadline, |at, firing| self.firings.push((at, *firing)));
+        let now = self.conclude(&Input::Open { at, t, deadline }, &Answer::Open { t, opening });
         if let Opening::Refused(why) = opening {
-            state.refuse(now, t, why);
-            state.send(now);
+            self.refuse(now, t, why);
+            self.start_waiting(now);
             return false;
         }
-        state.counts.message();
-        state.counts.source(LOCAL, Event::Admitted);
-        state.open_messages.open(t, now);
-        let lost_after = deadline.filter(|_| state.local.lossy);
-        state.queues[LOCAL].push(Waiting {
-            t,
-            requested_at: now,
-            due: None,
-            lost_after,
-            request: job,
-        });
-        state.send(now);
+        self.counts.message();
+        self.counts.source(LOCAL, CountedEvent::Admitted);
+        self.open_messages.open(t, now);
+        let lost_after = deadline.filter(|_| self.local.lossy);
+        let waiting = Waiting { t, requested_at: now, due: None, lost_after, request: job };
+        self.sources[LOCAL].push(waiting);
+        self.start_waiting(now);
         for Offer { priority, deadline, request } in offers {
             self.offer(at, t, priority, deadline, request);
         }
-        if self.state.queues[LOCAL].backlog() > self.state.local.waiting {
+        if self.sources[LOCAL].backlog() > self.local.waiting {
             self.fail(at, t, 0, &"too many computations wait");
         }
         true
@@ -164,87 +179,75 @@ impl<V, R> Engine<V, R> {
 
     /// F2: a message handler wants `request` sent to cloud `p`.
     ///
-    /// If the cloud has a policy, the policy chooses the deadline, at most `deadline`. It is asked only
+    /// If the cloud has a policy, the policy chooses the deadline, at most `deadline`. It is called only
     /// if the request will be admitted.
     pub fn offer(&mut self, at: u64, t: u64, p: u16, deadline: Duration, request: R) {
-        // F0: what is due comes first; it may close the message that the policy would be asked about.
+        // F0: what is due comes first; it may close the message that the policy would be called about.
         if self.arbiter.next_due().is_some_and(|due| due <= at) {
             self.tick(at);
         }
         self.begin(at);
-        let place = self.state.place(p);
-        let backlog = place.map_or(0, |place| self.state.queues[place].backlog() as u64);
-        let is_cloud = |place: &usize| *place != LOCAL && !deadline.is_zero();
-        let requested_at =
-            place.filter(is_cloud).filter(|place| self.is_policy_asked(t, *place, backlog));
-        let deadline = match requested_at {
-            None => Some(deadline),
-            Some(place) => self.state.deadline(at, t, place, self.situation, deadline),
-        };
-        let Some(deadline) = deadline else { return };
-        let deadline = nanos(deadline);
-        let Self { arbiter, state, .. } = self;
-        let p = p.into();
-        let admission =
-            arbiter.offer(at, (t, p), deadline, backlog, |at, firing| state.fired(at, firing));
-        let now = arbiter.now();
+        let index = self.sources.index(p);
+        let backlog = index.map_or(0, |index| self.sources[index].backlog() as u64);
+        let Some(deadline) = self.deadline(at, (t, p), deadline, backlog) else { return };
+        let (p, deadline) = (p.into(), nanos(deadline));
+        let admission = self.arbiter.offer(at, (t, p), deadline, backlog, |at, firing| {
+            self.firings.push((at, *firing));
+        });
         let input = Input::Offer { at, t, p, deadline, backlog };
-        state.record::<CLOUDS>(&input, now, &Answer::Offer { t, p, admission });
-        match (admission, place) {
-            (Admission::Refused(why), _) => state.refuse_offer(t, place, why),
+        let now = self.conclude(&input, &Answer::Offer { t, p, admission });
+        match (admission, index) {
+            (Admission::Refused(why), _) => self.refuse_offer(t, index, why),
             // The core admits only requests to registered clouds.
             (Admission::Admitted { .. }, None) => {}
-            (Admission::Admitted { due }, Some(place)) => {
-                state.counts.source(place, Event::Admitted);
+            (Admission::Admitted { due }, Some(index)) => {
+                self.counts.source(index, CountedEvent::Admitted);
                 let due = Some(due.as_nanos());
                 let waiting = Waiting { t, requested_at: now, due, lost_after: None, request };
-                state.queues[place].push(waiting);
+                self.sources[index].push(waiting);
             }
         }
-        state.send(now);
+        self.start_waiting(now);
     }
 
     /// F3: a source's result came.
     pub fn result(&mut self, at: u64, t: u64, p: u16, value: V) {
         self.begin(at);
-        let Self { arbiter, state, .. } = self;
-        if let Some(place) = state.place(p) {
-            state.ended(at, t, place, End::Answered);
+        if let Some(index) = self.sources.index(p) {
+            self.ended(at, t, index, End::Answered);
         }
-        let outcome = arbiter.result(at, (t, p.into()), |at, firing| state.fired(at, firing));
-        let now = arbiter.now();
+        let outcome =
+            self.arbiter.result(at, (t, p.into()), |at, firing| self.firings.push((at, *firing)));
         let input = Input::Result { at, t, p: p.into() };
-        state.record(&input, now, &Answer::Result { t, p: p.into(), outcome });
-        state.result(now, (t, p), &outcome, value);
-        state.send(now);
+        let now = self.conclude(&input, &Answer::Result { t, p: p.into(), outcome });
+        self.settle_result(now, (t, p), &outcome, value);
+        self.start_waiting(now);
     }
 
     /// F4: a source will send no result; `why` is logged, counted, and given with the message's item.
     pub fn fail(&mut self, at: u64, t: u64, p: u16, why: &dyn fmt::Display) {
         self.begin(at);
-        let Self { arbiter, state, .. } = self;
-        let place = state.place(p);
+        let index = self.sources.index(p);
         let why = words(why);
-        let source = place.map(|place| state.name(place));
-        warn!(operator = %state.operator, timestamp = t, source, %why, "no result will come");
-        if let Some(place) = place {
-            state.ended(at, t, place, End::Failed);
+        let source = index.map(|index| self.sources.name(index));
+        warn!(operator = %self.operator, timestamp = t, source, %why, "no result will come");
+        if let Some(index) = index {
+            self.ended(at, t, index, End::Failed);
         }
-        let outcome = arbiter.fail(at, (t, p.into()), |at, firing| state.fired(at, firing));
-        let now = arbiter.now();
+        let outcome =
+            self.arbiter.fail(at, (t, p.into()), |at, firing| self.firings.push((at, *firing)));
         let input = Input::Fail { at, t, p: p.into() };
-        state.record(&input, now, &Answer::Fail { t, p: p.into(), outcome });
-        state.failed(now, (t, p), &outcome, &why);
-        state.send(now);
+        let now = self.conclude(&input, &Answer::Fail { t, p: p.into(), outcome });
+        self.settle_failure(now, (t, p), &outcome, &why);
+        self.start_waiting(now);
     }
 
     /// F5: time went by.
     pub fn tick(&mut self, at: u64) {
         self.begin(at);
-        let Self { arbiter, state, .. } = self;
-        arbiter.tick(at, |at, firing| state.fired(at, firing));
-        state.record::<CLOUDS>(&Input::Tick { at }, arbiter.now(), &Answer::Tick);
-        state.send(arbiter.now());
+        self.arbiter.tick(at, |at, firing| self.firings.push((at, *firing)));
+        let now = self.conclude(&Input::Tick { at }, &Answer::Tick);
+        self.start_waiting(now);
     }
 
     /// Ends the recordings, if there are any, and waits until they are written. Dropping the engine
@@ -253,24 +256,19 @@ impl<V, R> Engine<V, R> {
     /// # Errors
     /// The first error while recording; the trace is whole up to there.
     pub fn finish(&mut self) -> io::Result<()> {
-        // All of them, even if the first fails.
-        let written: Vec<_> =
-            self.state.writers.drain(..).map(|mut writer| writer.finish()).collect();
-        written.into_iter().collect()
+        self.recordings.finish()
     }
 
     /// The next thing to do, in the order of the decisions.
     pub fn next_effect(&mut self) -> Option<Effect<V, R>> {
-        self.state.effects.pop_front()
+        self.effects.pop_front()
     }
 
     /// The earliest instant, in ns, at which a timer is due, a call has lingered long enough, or a lost
-    /// computation frees its place for one that waits; none if there is none. Tick then.
+    /// computation makes room for one that waits; none if there is none. Tick then.
     #[must_use]
     pub fn next_due(&self) -> Option<u64> {
-        let queues = &self.state.queues;
-        let lapses = queues.iter().filter_map(SourceQueue::next_lapse);
-        self.arbiter.next_due().into_iter().chain(queues[LOCAL].next_lost()).chain(lapses).min()
+        self.arbiter.next_due().into_iter().chain(self.sources.next_due()).min()
     }
 
     /// Whether no message is open.
@@ -282,37 +280,7 @@ impl<V, R> Engine<V, R> {
     /// The counts, which go on counting.
     #[must_use]
     pub fn counts(&self) -> Counting {
-        Counting::new(&self.state.counts)
-    }
-
-    /// Time comes before the input that carries it.
-    fn begin(&mut self, at: u64) {
-        if let Some(due) = self.arbiter.next_due().filter(|due| *due <= at) {
-            let lag = &self.state.counts.meters.timer_lag;
-            lag.record(Duration::from_nanos(at - due));
-        }
-        self.state.lapse(at);
-    }
-
-    /// T6: a policy is asked about what is admitted alone, or it would count probes that never were sent.
-    fn is_policy_asked(&self, t: u64, place: usize, backlog: u64) -> bool {
-        let queue = &self.state.queues[place];
-        if queue.policy.is_none() {
-            return true;
-        }
-        let (fusion, p) = (self.arbiter.fusion(), Priority::new(queue.source.priority));
-        let (Some(slot), Some(cloud), Some(mut gate)) =
-            (fusion.slot(Timestamp::new(t)), fusion.source(p), fusion.gate(p))
-        else {
-            return false;
-        };
-        // F2: the gate of the machine itself moves when it is offered.
-        slot.offer(cloud).1.is_none() && gate.admits(backlog)
-    }
-
-    /// The place of cloud `p`.
-    fn cloud(&self, p: u16) -> Option<usize> {
-        self.state.place(p).filter(|place| *place != LOCAL)
+        Counting::new(&self.counts)
     }
 }
 

@@ -11,7 +11,7 @@ use fuseline_traces::OpenRefusal;
 /// Instants are readings of the operator's clock: time since the operator started.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Item<V> {
-    /// The message's timestamp: its place in the input stream, from 0.
+    /// The message's timestamp: its index in the input stream, from 0.
     pub timestamp: u64,
     /// When the message was taken in.
     pub opened: Duration,

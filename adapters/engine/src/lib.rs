@@ -8,6 +8,8 @@ mod effect;
 #[cfg(feature = "operator")]
 mod engine;
 #[cfg(feature = "operator")]
+mod event;
+#[cfg(feature = "operator")]
 mod item;
 #[cfg(feature = "mcap")]
 mod mcap;
@@ -16,11 +18,15 @@ mod meter;
 #[cfg(feature = "operator")]
 mod open_message;
 #[cfg(feature = "operator")]
+mod policies;
+#[cfg(feature = "operator")]
 mod queue;
 #[cfg(feature = "operator")]
 mod reasons;
 #[cfg(feature = "operator")]
-mod state;
+mod recordings;
+#[cfg(feature = "operator")]
+mod sources;
 #[cfg(feature = "operator")]
 mod tally;
 #[cfg(feature = "operator")]

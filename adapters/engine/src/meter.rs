@@ -3,7 +3,7 @@
 use fuseline_traces::{DropReason, OfferRefusal, OpenRefusal};
 use metrics::{Counter, Gauge, Histogram, counter, gauge, histogram};
 
-use crate::counts::Event;
+use crate::event::CountedEvent;
 use crate::item::{Source, Trigger};
 use crate::tally::CurrentDeadline;
 
@@ -107,20 +107,20 @@ impl SourceMeters {
         increment(&self.deadlines, chosen.index());
     }
 
-    pub(crate) fn count(&self, event: Event) {
+    pub(crate) fn count(&self, event: CountedEvent) {
         match event {
-            Event::Admitted => self.admitted.increment(1),
-            Event::Refused(why) => increment(&self.refused, why.index()),
-            Event::Output(trigger) => increment(&self.outputs, trigger as usize),
-            Event::Forwarded => self.forwarded.increment(1),
-            Event::HeldValue => self.held.increment(1),
-            Event::Dropped(why) => increment(&self.dropped, why.index()),
-            Event::Failed => self.failed.increment(1),
-            Event::Lost => self.lost.increment(1),
-            Event::FailureDropped(why) => increment(&self.failures_dropped, why.index()),
-            Event::Timer => self.timers.increment(1),
-            Event::Cancelled => self.cancelled.increment(1),
-            Event::Sent { bytes } => self.sent_bytes.increment(bytes),
+            CountedEvent::Admitted => self.admitted.increment(1),
+            CountedEvent::Refused(why) => increment(&self.refused, why.index()),
+            CountedEvent::Output(trigger) => increment(&self.outputs, trigger as usize),
+            CountedEvent::Forwarded => self.forwarded.increment(1),
+            CountedEvent::Held => self.held.increment(1),
+            CountedEvent::Dropped(why) => increment(&self.dropped, why.index()),
+            CountedEvent::Failed => self.failed.increment(1),
+            CountedEvent::Lost => self.lost.increment(1),
+            CountedEvent::FailureDropped(why) => increment(&self.failures_dropped, why.index()),
+            CountedEvent::Timer => self.timers.increment(1),
+            CountedEvent::Cancelled => self.cancelled.increment(1),
+            CountedEvent::Sent { bytes } => self.sent_bytes.increment(bytes),
         }
     }
 }

@@ -1,4 +1,6 @@
-//! What is kept of each open message.
+//! The open messages of one operator: when each came, its best available result, and which sources failed.
+//!
+//! Nothing here decides which result is sent; it follows the machine's answers.
 
 use std::collections::VecDeque;
 
@@ -60,28 +62,28 @@ impl<V> OpenMessages<V> {
     }
 
     pub(crate) fn find(&mut self, t: u64) -> Option<&mut OpenMessage<V>> {
-        let place = self.place(t)?;
-        self.open.get_mut(place)
+        let index = self.index(t)?;
+        self.open.get_mut(index)
     }
 
     /// The message is no longer open.
     pub(crate) fn close(&mut self, t: u64) -> Option<OpenMessage<V>> {
-        let place = self.place(t)?;
-        self.open.remove(place)
+        let index = self.index(t)?;
+        self.open.remove(index)
     }
 
     /// When the message was opened, if that is remembered.
     pub(crate) fn opened(&self, t: u64) -> Option<u64> {
         let last = self.last.as_ref()?;
-        let place = last.binary_search_by_key(&t, |(t, _)| *t).ok()?;
-        last.get(place).map(|(_, opened)| *opened)
+        let index = last.binary_search_by_key(&t, |(t, _)| *t).ok()?;
+        last.get(index).map(|(_, opened)| *opened)
     }
 
     pub(crate) fn len(&self) -> usize {
         self.open.len()
     }
 
-    fn place(&self, t: u64) -> Option<usize> {
+    fn index(&self, t: u64) -> Option<usize> {
         self.open.binary_search_by_key(&t, |open_message| open_message.t).ok()
     }
 }

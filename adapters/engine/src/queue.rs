@@ -1,26 +1,23 @@
-//! The way to one source: what waits to be sent and what is under way.
+//! The queue to one source: what waits to be sent, what is under way, and what lingers.
+//!
+//! It knows order and bounds, and no rule: which request is admitted or closed is decided elsewhere. All
+//! queues of an operator are in [`sources`](crate::sources).
 
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use fuseline_deadline::Policy;
-
 use crate::item::Source;
-use crate::tally::CurrentDeadline;
 
 /// One source's outgoing queue and its calls, in the order of admission.
 pub(crate) struct SourceQueue<R> {
     pub(crate) source: Source,
     waiting: VecDeque<Waiting<R>>,
     in_flight: Vec<InFlightCall>,
-    /// Calls that were given up and run on, to see how long they really take; at most `at_once`.
+    /// Calls that nothing waits for and that run on, to see how long they really take; at most `at_once`.
     lingering: VecDeque<InFlightCall>,
     at_once: usize,
     /// How long a call may run on past its due instant, in ns.
     pub(crate) linger: u64,
-    pub(crate) policy: Option<Box<dyn Policy + Send>>,
-    /// The deadline of the latest offer.
-    pub(crate) in_force: Option<CurrentDeadline>,
     /// What the gauges show: how many wait, and how many are under way.
     pub(crate) shown: (usize, usize),
 }
@@ -44,7 +41,7 @@ struct InFlightCall {
     lost: Option<u64>,
 }
 
-/// A request that is no longer waited for and has no answer.
+/// A request that nothing waits for any more, without a result.
 pub(crate) struct AbandonedRequest {
     pub(crate) t: u64,
     pub(crate) requested_at: u64,
@@ -53,7 +50,7 @@ pub(crate) struct AbandonedRequest {
 }
 
 impl<R> SourceQueue<R> {
-    /// An empty lane for up to `at_once` calls at a time, at least one.
+    /// An empty queue for up to `at_once` calls at a time, at least one.
     pub(crate) fn new(source: Source, at_once: usize) -> Self {
         Self {
             source,
@@ -62,8 +59,6 @@ impl<R> SourceQueue<R> {
             lingering: VecDeque::new(),
             at_once: at_once.max(1),
             linger: 0,
-            policy: None,
-            in_force: None,
             shown: (0, 0),
         }
     }
@@ -88,18 +83,18 @@ impl<R> SourceQueue<R> {
         Some(next)
     }
 
-    /// The request has ended by itself, perhaps before it was sent; returns when it was asked for.
+    /// The request has ended by itself, perhaps before it was sent; returns when it was requested.
     pub(crate) fn end(&mut self, t: u64) -> Option<u64> {
-        self.land(t)
+        self.remove_in_flight(t)
             .map(|call| call.requested_at)
-            .or_else(|| self.unlinger(t))
+            .or_else(|| self.remove_lingering(t))
             .or_else(|| self.withdraw(t))
     }
 
     /// The result is no longer wanted. A call that may linger goes on; returns what ends instead, if
     /// anything does.
     pub(crate) fn close(&mut self, t: u64) -> Option<AbandonedRequest> {
-        let Some(call) = self.land(t) else {
+        let Some(call) = self.remove_in_flight(t) else {
             return self.withdraw(t).map(|requested_at| AbandonedRequest {
                 t,
                 requested_at,
@@ -107,11 +102,11 @@ impl<R> SourceQueue<R> {
             });
         };
         if self.linger == 0 {
-            return Some(call.given_up());
+            return Some(call.abandoned());
         }
         // Else a dead cloud would gather more and more of them.
         let oldest = if self.lingering.len() >= self.at_once {
-            self.lingering.pop_front().map(InFlightCall::given_up)
+            self.lingering.pop_front().map(InFlightCall::abandoned)
         } else {
             None
         };
@@ -120,24 +115,24 @@ impl<R> SourceQueue<R> {
     }
 
     /// Ends a call that has lingered long enough by `now`, if there is one.
-    pub(crate) fn lapse(&mut self, now: u64) -> Option<AbandonedRequest> {
-        let place = self.lingering.iter().position(|call| self.until(call) <= now)?;
-        self.lingering.remove(place).map(InFlightCall::given_up)
+    pub(crate) fn end_lingering(&mut self, now: u64) -> Option<AbandonedRequest> {
+        let index = self.lingering.iter().position(|call| self.until(call) <= now)?;
+        self.lingering.remove(index).map(InFlightCall::abandoned)
     }
 
     /// When the next call has lingered long enough.
-    pub(crate) fn next_lapse(&self) -> Option<u64> {
+    pub(crate) fn next_lingering_end(&self) -> Option<u64> {
         self.lingering.iter().map(|call| self.until(call)).min()
     }
 
-    /// Frees the place of a call that is lost by `now`, if there is one; returns its timestamp.
-    pub(crate) fn give_up(&mut self, now: u64) -> Option<u64> {
+    /// Removes a computation that counts as lost by `now`, if there is one; returns its timestamp.
+    pub(crate) fn remove_lost(&mut self, now: u64) -> Option<u64> {
         let is_lost = |call: &InFlightCall| call.lost.is_some_and(|lost| lost <= now);
-        let place = self.in_flight.iter().position(is_lost)?;
-        Some(self.in_flight.remove(place).t)
+        let index = self.in_flight.iter().position(is_lost)?;
+        Some(self.in_flight.remove(index).t)
     }
 
-    /// When the next lost call frees its place for one that waits; none if nothing waits.
+    /// When the next computation counts as lost, which makes room for one that waits; none if nothing waits.
     pub(crate) fn next_lost(&self) -> Option<u64> {
         if self.waiting.is_empty() {
             return None;
@@ -145,10 +140,10 @@ impl<R> SourceQueue<R> {
         self.in_flight.iter().filter_map(|call| call.lost).min()
     }
 
-    /// Takes the request out of the queue if it waits; returns when it was asked for.
+    /// Takes the request out of the queue if it waits; returns when it was requested.
     pub(crate) fn withdraw(&mut self, t: u64) -> Option<u64> {
-        let place = self.waiting.iter().position(|waiting| waiting.t == t)?;
-        self.waiting.remove(place).map(|waiting| waiting.requested_at)
+        let index = self.waiting.iter().position(|waiting| waiting.t == t)?;
+        self.waiting.remove(index).map(|waiting| waiting.requested_at)
     }
 
     /// The age of each unanswered request at `now`, the oldest first, with those that linger.
@@ -172,14 +167,14 @@ impl<R> SourceQueue<R> {
         self.in_flight.len()
     }
 
-    fn land(&mut self, t: u64) -> Option<InFlightCall> {
-        let place = self.in_flight.iter().position(|call| call.t == t)?;
-        Some(self.in_flight.remove(place))
+    fn remove_in_flight(&mut self, t: u64) -> Option<InFlightCall> {
+        let index = self.in_flight.iter().position(|call| call.t == t)?;
+        Some(self.in_flight.remove(index))
     }
 
-    fn unlinger(&mut self, t: u64) -> Option<u64> {
-        let place = self.lingering.iter().position(|call| call.t == t)?;
-        self.lingering.remove(place).map(|call| call.requested_at)
+    fn remove_lingering(&mut self, t: u64) -> Option<u64> {
+        let index = self.lingering.iter().position(|call| call.t == t)?;
+        self.lingering.remove(index).map(|call| call.requested_at)
     }
 
     fn until(&self, call: &InFlightCall) -> u64 {
@@ -188,7 +183,7 @@ impl<R> SourceQueue<R> {
 }
 
 impl InFlightCall {
-    const fn given_up(self) -> AbandonedRequest {
+    const fn abandoned(self) -> AbandonedRequest {
         AbandonedRequest { t: self.t, requested_at: self.requested_at, was_sent: true }
     }
 }

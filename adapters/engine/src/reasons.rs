@@ -48,8 +48,8 @@ impl Reasons {
 /// `30 × connection refused, 2 × deadline exceeded`; nothing if there are none.
 impl fmt::Display for Reasons {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (place, (why, count)) in self.iter().enumerate() {
-            let comma = if place > 0 { ", " } else { "" };
+        for (index, (why, count)) in self.iter().enumerate() {
+            let comma = if index > 0 { ", " } else { "" };
             write!(f, "{comma}{count} × {why}")?;
         }
         if self.others > 0 {
@@ -64,7 +64,7 @@ pub(crate) fn words(why: &dyn fmt::Display) -> String {
     let mut words = why.to_string();
     if words.len() > BYTES {
         let end = '…'.len_utf8();
-        let cut = (0..=BYTES - end).rev().find(|place| words.is_char_boundary(*place));
+        let cut = (0..=BYTES - end).rev().find(|index| words.is_char_boundary(*index));
         words.truncate(cut.unwrap_or(0));
         words.push('…');
     }

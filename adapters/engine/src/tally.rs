@@ -44,7 +44,7 @@ pub struct SourceTally {
     pub failed: u64,
     /// Why they failed.
     pub reasons: Reasons,
-    /// Computations that counted as lost: no result or failure came, and their places are free again.
+    /// Computations that counted as lost: no result or failure came, and others may run instead.
     pub lost: u64,
     /// Failures dropped, by reason (F4).
     pub failures_dropped: BTreeMap<DropReason, u64>,

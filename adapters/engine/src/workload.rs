@@ -100,7 +100,7 @@ impl fmt::Display for CapacityError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Rate(rate) => {
-                write!(f, "{rate} messages a second are no pace; give a number above 0")
+                write!(f, "{rate} messages a second is not a rate; give a number above 0")
             }
             Self::Window { workload, has, needs } => {
                 let longest = workload.longest_deadline.max(workload.local_response).as_secs_f64();
@@ -148,8 +148,8 @@ impl fmt::Display for CapacityError {
 
 impl fmt::Display for CapacityErrors {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (place, shortfall) in self.0.iter().enumerate() {
-            let comma = if place > 0 { "; " } else { "" };
+        for (index, shortfall) in self.0.iter().enumerate() {
+            let comma = if index > 0 { "; " } else { "" };
             write!(f, "{comma}{shortfall}")?;
         }
         Ok(())

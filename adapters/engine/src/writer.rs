@@ -37,7 +37,7 @@ pub enum Sink {
 /// input if the recorder is set so. When too many lines wait for the disk, or it refuses them, the
 /// recording ends there, after a whole input, with an error; the operator goes on.
 pub(crate) struct TraceWriter {
-    waiting: Arc<Mutex<Waiting>>,
+    waiting: Arc<Mutex<PendingInputs>>,
     writer: Option<JoinHandle<io::Result<()>>>,
     counts: Arc<Counts>,
     every_input: bool,
@@ -47,7 +47,7 @@ pub(crate) struct TraceWriter {
 
 /// What is on its way to the recorder: whole inputs with their decisions.
 #[derive(Default)]
-struct Waiting {
+struct PendingInputs {
     lines: Vec<Event>,
     is_end: bool,
 }
@@ -56,12 +56,12 @@ impl TraceWriter {
     /// # Errors
     /// If the thread cannot be started.
     pub(crate) fn new(sink: Sink, counts: Arc<Counts>) -> io::Result<Self> {
-        let waiting = Arc::<Mutex<Waiting>>::default();
+        let waiting = Arc::<Mutex<PendingInputs>>::default();
         let every_input = sink.every_input();
-        let (taken, reported) = (Arc::clone(&waiting), Arc::clone(&counts));
+        let (queue, reported) = (Arc::clone(&waiting), Arc::clone(&counts));
         let writer = thread::Builder::new()
             .name("fuseline-trace".into())
-            .spawn(move || write(sink, &taken, &reported))?;
+            .spawn(move || write(sink, &queue, &reported))?;
         Ok(Self { waiting, writer: Some(writer), counts, every_input, is_over: false })
     }
 
@@ -122,7 +122,7 @@ impl Drop for TraceWriter {
 }
 
 /// Writes what comes until its end.
-fn write(mut sink: Sink, waiting: &Mutex<Waiting>, counts: &Counts) -> io::Result<()> {
+fn write(mut sink: Sink, waiting: &Mutex<PendingInputs>, counts: &Counts) -> io::Result<()> {
     let mut lines = Vec::new();
     let mut failed = None;
     loop {
@@ -153,7 +153,7 @@ const fn is_loss(decision: &Decision) -> bool {
 }
 
 /// Nothing panics while it is held.
-fn lock(waiting: &Mutex<Waiting>) -> MutexGuard<'_, Waiting> {
+fn lock(waiting: &Mutex<PendingInputs>) -> MutexGuard<'_, PendingInputs> {
     waiting.lock().unwrap_or_else(PoisonError::into_inner)
 }
 

@@ -179,18 +179,18 @@ fn meters_say_what_the_tally_says() {
     engine.fail(170, 1, 2, &"as told");
     engine.fail(180, 1, 0, &"as told");
     engine.fail(190, 1, 0, &"as told");
-    let mut seen = BTreeMap::new();
+    let mut metrics = BTreeMap::new();
     for (key, _, _, value) in snapshotter.snapshot().into_vec() {
         let key = key.key();
         let labels: Vec<&str> = key.labels().map(metrics::Label::value).collect();
         let name = format!("{} {}", key.name().trim_start_matches("fuseline_"), labels.join(" "));
         match value {
             DebugValue::Counter(0) | DebugValue::Gauge(_) => {}
-            DebugValue::Counter(count) => drop(seen.insert(name, count.to_string())),
+            DebugValue::Counter(count) => drop(metrics.insert(name, count.to_string())),
             DebugValue::Histogram(values) if values.is_empty() => {}
             DebugValue::Histogram(values) => {
                 let nanos: Vec<f64> = values.iter().map(|v| (v.0 * 1e9).round()).collect();
-                seen.insert(name, format!("{nanos:?} ns"));
+                metrics.insert(name, format!("{nanos:?} ns"));
             }
         }
     }
@@ -215,10 +215,10 @@ fn meters_say_what_the_tally_says() {
         ("timers_total tested west", "1"),
     ];
     let expected = expected.map(|(key, value)| (key.to_owned(), value.to_owned()));
-    assert_eq!(seen, BTreeMap::from(expected));
+    assert_eq!(metrics, BTreeMap::from(expected));
 }
 
-/// How many computations gave their places back without a word.
+/// How many computations freed their slots without a completion.
 fn lost(engine: &Tested) -> usize {
     usize::try_from(engine.counts().tally().sources[0].lost).unwrap()
 }
@@ -242,7 +242,7 @@ enum Step {
         nth: usize,
         well: bool,
     },
-    /// A word about anything at all.
+    /// A completion of any kind.
     Stray {
         back: u64,
         p: u16,

@@ -36,13 +36,13 @@ fn logs_tell_every_refusal_drop_failure_and_miss_with_its_reason() {
     });
     let log = String::from_utf8(log.0.lock().unwrap().clone()).unwrap();
     for words in [
-        "WARN fuseline_engine::state: message refused operator=\"tested\" timestamp=0 why=order",
-        "DEBUG fuseline_engine::state: request refused operator=\"tested\" timestamp=0 \
+        "WARN fuseline_engine::engine::outcomes: message refused operator=\"tested\" timestamp=0 why=order",
+        "DEBUG fuseline_engine::engine::outcomes: request refused operator=\"tested\" timestamp=0 \
          source=\"west\" why=deadline",
         "result dropped operator=\"tested\" timestamp=0 source=\"west\" why=unsolicited",
         "WARN fuseline_engine::engine: no result will come operator=tested timestamp=0 \
          source=\"local\" why=out of memory",
-        "WARN fuseline_engine::state: message missed operator=\"tested\" timestamp=0",
+        "WARN fuseline_engine::engine::outcomes: message missed operator=\"tested\" timestamp=0",
         "failure dropped operator=\"tested\" timestamp=0 source=\"local\" why=superseded",
     ] {
         assert!(log.contains(words), "no {words:?} in\n{log}");

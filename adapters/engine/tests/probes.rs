@@ -1,4 +1,4 @@
-//! A policy is asked about what is sent alone, and its cap holds.
+//! A policy decides about what is sent alone, and its cap holds.
 
 use std::fs;
 use std::sync::{Arc, Mutex};
@@ -85,6 +85,54 @@ fn a_policy_is_not_asked_about_what_will_be_refused() {
     assert_eq!((refused(OfferRefusal::Deadline), refused(OfferRefusal::Closed)), (1, 1));
 }
 
+/// T6: F2's reasons, each alone.
+#[test]
+fn a_policy_is_called_for_no_reason_of_refusal_and_for_an_admitted_offer() {
+    const NORTH: u16 = 3;
+    type Inputs = fn(&mut Tested);
+    let cases: [(OfferRefusal, Inputs); 7] = [
+        (OfferRefusal::Unknown, |engine| engine.offer(MS, 8, WEST, CAP, ())),
+        (OfferRefusal::Closed, |engine| {
+            engine.result(MS, 7, 0, ());
+            engine.offer(MS, 7, WEST, CAP, ());
+        }),
+        (OfferRefusal::Duplicate, |engine| {
+            engine.offer(MS, 7, WEST, CAP, ());
+            engine.offer(MS, 7, WEST, CAP, ());
+        }),
+        (OfferRefusal::Outranked, |engine| {
+            // North is still to come: east's result is held.
+            for p in [NORTH, EAST] {
+                engine.offer(MS, 7, p, CAP, ());
+            }
+            engine.result(MS, 7, EAST, ());
+            engine.offer(MS, 7, WEST, CAP, ());
+        }),
+        (OfferRefusal::Deadline, |engine| engine.offer(MS, 7, WEST, Duration::ZERO, ())),
+        (OfferRefusal::Deadline, |engine| {
+            // The end of the clock: nothing is due later.
+            engine.tick(u64::MAX);
+            engine.offer(u64::MAX, 7, WEST, CAP, ());
+        }),
+        (OfferRefusal::Queue, |engine| {
+            // One is sent, one waits, and the gate is shut.
+            for t in 8..11 {
+                assert!(engine.open(MS, t, None, (), []));
+                engine.offer(MS, t, WEST, CAP, ());
+            }
+        }),
+    ];
+    for (why, inputs) in cases {
+        let (policy, reasons) = noting(Constant(CAP));
+        let mut engine = beside(&header(&[WEST, EAST, NORTH]), policy);
+        assert!(engine.open(0, 7, None, (), []));
+        inputs(&mut engine);
+        let west = engine.counts().tally().sources.remove(1);
+        assert_eq!(west.refused, [(why, 1)].into());
+        assert_eq!(reasons.lock().unwrap().len() as u64, west.admitted, "{why}");
+    }
+}
+
 /// An engine among its sources: local takes 20 ms, west 60 ms from when it is called.
 struct Run {
     engine: Tested,
@@ -166,12 +214,12 @@ fn a_cloud_that_returns_is_found_though_the_gate_refuses_half_of_the_messages() 
     assert!(found.iter().all(|first| run.wests.contains(first)), "{:?}", run.wests);
     let reasons = reasons.lock().unwrap();
     assert_eq!(reasons.len(), 2 + 2 * 30);
-    let places = reasons.iter().enumerate().filter(|(_, reason)| **reason == Reason::Probe);
-    let places: Vec<_> = places.map(|(place, _)| place).collect();
-    assert_eq!(places, (0..reasons.len()).step_by(4).collect::<Vec<_>>());
+    let probes = reasons.iter().enumerate().filter(|(_, reason)| **reason == Reason::Probe);
+    let probes: Vec<_> = probes.map(|(index, _)| index).collect();
+    assert_eq!(probes, (0..reasons.len()).step_by(4).collect::<Vec<_>>());
 }
 
-/// T6, F0: what is due comes before the offer, so that its message is closed when the policy would be asked.
+/// T6, F0: what is due comes before the offer, so that its message is closed when the policy would be consulted.
 #[test]
 fn a_policy_is_not_asked_about_a_message_that_a_timer_due_then_closes() {
     for late_by in [0, 1] {

@@ -201,8 +201,8 @@ def main() -> None:
     print(f"Python {platform.python_version()}, load {load:.1f}, median of {args.rounds} rounds")
     per_message = statistics.median(machine(args.messages) for _ in range(args.rounds))
     each = [calls(args.messages) for _ in range(args.rounds)]
-    told = {name: statistics.median(it[name] for it in each) for name in each[0]}
-    print("\n".join(f"{name:<34}{nanos:>8.0f} ns" for name, nanos in told.items()))
+    medians = {name: statistics.median(it[name] for it in each) for name in each[0]}
+    print("\n".join(f"{name:<34}{nanos:>8.0f} ns" for name, nanos in medians.items()))
     print(f"{'the machine, a message':<34}{per_message:>8.1f} µs")
     compare("the operator, back to back", back_to_back, args.messages, args.rounds, make)
     few = max(1, args.messages // 10)

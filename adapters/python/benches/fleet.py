@@ -4,7 +4,7 @@
 
 FOLDER has the drives, such as ``python tests/drives.py FOLDER`` writes. Each figure is the median
 of the rounds: seconds of wall time, lines a second, and the machine's load meanwhile. Engines start
-before the clock does, and how long that takes is said; a first job over two drives is not counted.
+before the clock does; how long that takes is printed, a first job over two drives is not counted.
 """
 
 from __future__ import annotations

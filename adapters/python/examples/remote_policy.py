@@ -102,8 +102,8 @@ async def run(ticks: int, trace: Path) -> Arm:
     server.ready()
     try:
         async with Remote(f"http://{server.address}") as remote:
-            said = await remote.describe()
-            print(f"asking a {said.model if said else 'policy'} at {remote.url}")
+            description = await remote.describe()
+            print(f"asking a {description.model if description else 'policy'} at {remote.url}")
             operator: fuseline.Operator[dict[str, float], float]
             operator = fuseline.Operator(on_board, name="arm", trace=trace)
             operator.use_cloud(

@@ -2,9 +2,9 @@
 
 use pyo3::prelude::*;
 
-use crate::judging::{ObservedSlack, VerdictFields, judged, told};
+use crate::judging::{ObservedSlack, VerdictFields, judged, verdict_fields};
 use crate::reading::with_trace;
-use crate::tally::{SummaryFields, Tally};
+use crate::tally::{PyTally, SummaryFields};
 
 /// The operator's name, the verdict, and what was counted.
 type TraceSummary = (Option<String>, VerdictFields, SummaryFields);
@@ -18,9 +18,9 @@ pub(crate) fn survey(
     slack: ObservedSlack,
 ) -> PyResult<TraceSummary> {
     with_trace(trace, name, |name, trace| {
-        let mut tally = Tally::default();
-        let (header, found) = judged(slack, name, trace, |event| tally.event(event))?;
+        let mut tally = PyTally::default();
+        let (header, findings) = judged(slack, name, trace, |event| tally.event(event))?;
         let counted = tally.counted(&header);
-        Ok((header.operator, told(found), counted))
+        Ok((header.operator, verdict_fields(findings), counted))
     })
 }

@@ -1,6 +1,6 @@
 //! The machine.
 
-use fuseline_core::{Firing, Priority, Timestamp};
+use fuseline_core::{Deadline, Firing, OfferRefusal, Priority, Timestamp};
 use fuseline_engine::arbiter::{Answer, Arbiter, decisions_of};
 use fuseline_traces as trace;
 use fuseline_traces::{Header, Input, Line};
@@ -48,8 +48,8 @@ type FiredThenAnswer = (Py<PyTuple>, Py<PyAny>);
 /// ((), Held())
 /// >>> fusion.tick(fusion.next_due)
 /// (Firing(t=7, due=500000000, timers=(1,), outcome=Forwarded(by=0, cancelled=())),)
-#[pyclass(module = "fuseline")]
-pub(crate) struct Fusion {
+#[pyclass(name = "Fusion", module = "fuseline")]
+pub(crate) struct PyFusion {
     arbiter: Arbiter,
     header: Header,
     /// What was recorded since it was taken last; none if nothing is recorded.
@@ -57,7 +57,7 @@ pub(crate) struct Fusion {
 }
 
 /// A window that fits, or what was given instead.
-struct Window(Result<u16, String>);
+pub(crate) struct WindowArgument(Result<u16, String>);
 
 /// A text or its bytes.
 #[derive(FromPyObject)]
@@ -68,7 +68,7 @@ enum Text {
 
 /// An entry of `clouds`: an object with these attributes.
 #[derive(FromPyObject)]
-struct CloudEntry<'py> {
+pub(crate) struct CloudEntry<'py> {
     p: Bound<'py, PyAny>,
     limit: Number,
     resume: Option<Number>,
@@ -76,31 +76,20 @@ struct CloudEntry<'py> {
 }
 
 #[pymethods]
-impl Fusion {
+impl PyFusion {
     #[new]
     #[pyo3(
-        signature = (clouds=Vec::new(), *, window=Window(Ok(16)), commit="eager", operator=None, record=false),
+        signature = (clouds=Vec::new(), *, window=WindowArgument(Ok(16)), commit="eager", operator=None, record=false),
         text_signature = "(clouds=(), *, window=16, commit='eager', operator=None, record=False)"
     )]
     fn new(
         clouds: Vec<CloudEntry<'_>>,
-        window: Window,
+        window: WindowArgument,
         commit: &str,
         operator: Option<String>,
         record: bool,
     ) -> PyResult<Self> {
-        let window = window
-            .0
-            .map_err(|window| config(format!("a window of {window}; it must be from 1 to 1024")))?;
-        let commit = match commit {
-            "eager" => trace::Commit::Eager,
-            "patient" => trace::Commit::Patient,
-            other => {
-                return Err(config(format!("a commit rule {other}; it is eager or patient")));
-            }
-        };
-        let clouds = clouds.into_iter().map(cloud).collect::<PyResult<_>>()?;
-        Self::of(Header { operator, window, commit, clouds }, record)
+        Self::of(header(clouds, window, commit, operator)?, record)
     }
 
     /// A machine with the configuration of a trace's first line, with or without its end.
@@ -186,7 +175,15 @@ impl Fusion {
         backlog: Number,
     ) -> PyResult<Option<Py<PyAny>>> {
         let py = slf.py();
-        let why = slf.borrow().foreseen(t.0, p.0, backlog.0);
+        let why = match u16::try_from(p.0) {
+            Err(_) => Some(OfferRefusal::Unknown),
+            Ok(p) => slf.borrow().arbiter.fusion().offer_refusal(
+                Timestamp::new(t.0),
+                Priority::new(p),
+                Deadline::from_nanos(u64::MAX),
+                backlog.0,
+            ),
+        };
         why.map(|why| AnswerClasses::get(py)?.refusal(py, why)).transpose()
     }
 
@@ -264,7 +261,7 @@ impl Fusion {
     }
 }
 
-impl Fusion {
+impl PyFusion {
     fn of(header: Header, record: bool) -> PyResult<Self> {
         let arbiter = Arbiter::new(&header).map_err(config)?;
         let recorded = record.then(|| format!("{header}\n").into_bytes());
@@ -291,21 +288,9 @@ impl Fusion {
         }
         (fired, answer)
     }
-
-    fn foreseen(&self, t: u64, p: u64, backlog: u64) -> Option<fuseline_core::OfferRefusal> {
-        use fuseline_core::OfferRefusal::{Closed, Queue, Unknown};
-        let fusion = self.arbiter.fusion();
-        let cloud = u16::try_from(p).ok().filter(|p| *p > 0).map(Priority::new);
-        let gate = cloud.and_then(|cloud| Some((fusion.source(cloud)?, fusion.gate(cloud)?)));
-        let is_reached = fusion.newest().is_some_and(|newest| newest >= Timestamp::new(t));
-        let (Some((source, mut gate)), true) = (gate, is_reached) else { return Some(Unknown) };
-        let Some(slot) = fusion.slot(Timestamp::new(t)) else { return Some(Closed) };
-        // F2g: the gate of the machine itself moves when it is offered.
-        slot.offer(source).1.or_else(|| (!gate.admits(backlog)).then_some(Queue))
-    }
 }
 
-impl<'py> FromPyObject<'_, 'py> for Window {
+impl<'py> FromPyObject<'_, 'py> for WindowArgument {
     type Error = PyErr;
 
     fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
@@ -323,7 +308,7 @@ impl Text {
 }
 
 /// Applies an input. While Python's own classes make the answer, the machine is free again.
-fn answer(slf: &Bound<'_, Fusion>, input: &Input) -> PyResult<FiredThenAnswer> {
+fn answer(slf: &Bound<'_, PyFusion>, input: &Input) -> PyResult<FiredThenAnswer> {
     let py = slf.py();
     let words = AnswerClasses::get(py)?;
     let (fired, answer) = slf.borrow_mut().apply(input);
@@ -336,6 +321,27 @@ fn answer(slf: &Bound<'_, Fusion>, input: &Input) -> PyResult<FiredThenAnswer> {
         Answer::Tick => py.None(),
     };
     Ok((words.firings(py, &fired)?, own))
+}
+
+/// The configuration of a machine, as its trace begins with it.
+pub(crate) fn header(
+    clouds: Vec<CloudEntry<'_>>,
+    window: WindowArgument,
+    commit: &str,
+    operator: Option<String>,
+) -> PyResult<Header> {
+    let window = window
+        .0
+        .map_err(|window| config(format!("a window of {window}; it must be from 1 to 1024")))?;
+    let commit = match commit {
+        "eager" => trace::Commit::Eager,
+        "patient" => trace::Commit::Patient,
+        other => {
+            return Err(config(format!("a commit rule {other}; it is eager or patient")));
+        }
+    };
+    let clouds = clouds.into_iter().map(cloud).collect::<PyResult<_>>()?;
+    Ok(Header { operator, window, commit, clouds })
 }
 
 fn cloud(entry: CloudEntry<'_>) -> PyResult<trace::Cloud> {

@@ -3,7 +3,7 @@
 use std::io::BufRead;
 
 use fuseline_engine::arbiter::Arbiter;
-use fuseline_report::{Findings, JudgeMode, Page, TraceJudge};
+use fuseline_report::{Findings, JudgeMode, PageWriter, TraceJudge};
 use fuseline_traces::observed::{self, Slack};
 use fuseline_traces::{Decision, Event, Events, Header, Input, Verdict};
 use pyo3::prelude::*;
@@ -36,7 +36,7 @@ pub(crate) fn check(
     name: Option<String>,
     slack: ObservedSlack,
 ) -> PyResult<VerdictFields> {
-    with_trace(trace, name, |name, trace| Ok(told(judged(slack, name, trace, |_| {})?.1)))
+    with_trace(trace, name, |name, trace| Ok(verdict_fields(judged(slack, name, trace, |_| {})?.1)))
 }
 
 /// Judges a trace as it is read; `each` is given every event.
@@ -64,7 +64,7 @@ pub(crate) fn report<'py>(
     traces: Vec<(Bound<'py, PyAny>, Option<String>)>,
     slack: ObservedSlack,
 ) -> PyResult<(Vec<VerdictFields>, Bound<'py, PyBytes>)> {
-    let (mut page, mode) = (Page::default(), mode(slack));
+    let (mut page, mode) = (PageWriter::default(), mode(slack));
     let mut verdicts = Vec::with_capacity(traces.len());
     for (trace, name) in traces {
         verdicts.push(with_trace(&trace, name, |name, trace| {
@@ -73,7 +73,7 @@ pub(crate) fn report<'py>(
             while let Some(event) = reader.next_event().map_err(unreadable)? {
                 sheet.event(reader.line(), event).map_err(unshown)?;
             }
-            Ok(told(sheet.finish()))
+            Ok(verdict_fields(sheet.finish()))
         })?);
     }
     let html = py.detach(|| {
@@ -89,8 +89,8 @@ fn reader<R: BufRead>(mode: JudgeMode, name: &str, trace: R) -> PyResult<Events<
 }
 
 /// A verdict as the package takes it.
-pub(crate) fn told(found: Findings) -> VerdictFields {
-    match found {
+pub(crate) fn verdict_fields(findings: Findings) -> VerdictFields {
+    match findings {
         Findings::Strict(verdict) => strict(verdict),
         Findings::Observed(verdict) => observed(verdict),
     }
@@ -98,18 +98,36 @@ pub(crate) fn told(found: Findings) -> VerdictFields {
 
 fn strict(verdict: Verdict) -> VerdictFields {
     let Verdict { file, conforms, judged, lines, violations, more, .. } = verdict;
-    let violations = violations.into_iter().map(|found| {
-        let (rule, sentence) = (found.rule.id(), found.rule.sentence());
-        (found.line, found.t, rule, sentence, found.found, found.expected, None, found.story)
+    let violations = violations.into_iter().map(|violation| {
+        let (rule, sentence) = (violation.rule.id(), violation.rule.sentence());
+        (
+            violation.line,
+            violation.t,
+            rule,
+            sentence,
+            violation.found,
+            violation.expected,
+            None,
+            violation.story,
+        )
     });
     (file, conforms, judged, lines, violations.collect(), more)
 }
 
 fn observed(verdict: observed::Verdict) -> VerdictFields {
     let observed::Verdict { file, conforms, judged, lines, violations, more, .. } = verdict;
-    let violations = violations.into_iter().map(|found| {
-        let (t, rule, sentence) = (found.t, found.rule.id(), found.rule.sentence());
-        (found.line, t, rule, sentence, found.found, found.expected, found.late, found.story)
+    let violations = violations.into_iter().map(|violation| {
+        let (t, rule, sentence) = (violation.t, violation.rule.id(), violation.rule.sentence());
+        (
+            violation.line,
+            t,
+            rule,
+            sentence,
+            violation.found,
+            violation.expected,
+            violation.late,
+            violation.story,
+        )
     });
     (file, conforms, judged, lines, violations.collect(), more)
 }

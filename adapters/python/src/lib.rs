@@ -1,8 +1,10 @@
 //! The extension module `fuseline._fuseline`. What users meet is the package around it, in `python/fuseline`.
 
+mod engine;
 mod fleet;
 mod fusion;
 mod judging;
+mod logging;
 mod policy;
 mod raised;
 mod reading;
@@ -15,14 +17,25 @@ use pyo3::prelude::*;
 /// The machine, the judges and the policies of deadlines, as the package `fuseline` hands them on.
 #[pymodule]
 mod _fuseline {
+    use pyo3::prelude::*;
+
+    #[pymodule_export]
+    use crate::engine::{PyCounting, PyEngine};
     #[pymodule_export]
     use crate::fleet::survey;
     #[pymodule_export]
-    use crate::fusion::Fusion;
+    use crate::fusion::PyFusion;
     #[pymodule_export]
     use crate::judging::{check, read, replay, report};
     #[pymodule_export]
-    use crate::policy::{Expected, Guard, Observations, loss};
+    use crate::policy::{PyExpected, PyGuard, PyObservations, loss};
     #[pymodule_export]
     use crate::time::nanoseconds;
+
+    #[pymodule_init]
+    #[expect(clippy::unnecessary_wraps, reason = "the macro asks for it")]
+    fn init(_module: &Bound<'_, PyModule>) -> PyResult<()> {
+        crate::logging::install();
+        Ok(())
+    }
 }

@@ -1,6 +1,6 @@
 //! The policies of `fuseline-deadline`.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 use std::time::Duration;
 
 use fuseline_deadline as deadline;
@@ -9,7 +9,7 @@ use fuseline_deadline::{
     MetresPerSecond, MetresPerSecondSquared, Parameters, Policy, Reason, Situation, Source, Span,
     Survival,
 };
-use pyo3::exceptions::PyTypeError;
+use pyo3::exceptions::{PyRuntimeError, PyTypeError};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
@@ -27,66 +27,70 @@ type DeadlineFields = (u64, &'static str, Option<u8>, Option<f64>);
 type ObservedCall = (u64, bool, u64);
 
 /// A figure: a number or a time, or the least and the greatest.
-pub(crate) struct Figure<T>(Span<T>);
+pub(crate) struct FigureArgument<T>(Span<T>);
 
 /// What a policy knows: an object with these attributes.
 pub(crate) struct SituationFields {
-    speed: Figure<Plain>,
+    speed: FigureArgument<Plain>,
     reveal: Option<Plain>,
     under_way: Vec<Nanos>,
 }
 
 /// What an output costs: an object with the attributes of one of them, or a function.
 pub(crate) enum LossFields {
-    Impact { vehicle: Vehicle },
+    Impact { vehicle: VehicleArgument },
     Accuracy { local: Plain, cloud: Plain, price_per_ms: Plain },
     Function(Py<PyAny>),
 }
 
 /// A class of hazards: an object with these attributes.
 pub(crate) struct Class {
-    range_local: Figure<Plain>,
-    range_cloud: Figure<Plain>,
+    range_local: FigureArgument<Plain>,
+    range_cloud: FigureArgument<Plain>,
     weight: Plain,
 }
 
 /// A vehicle, its sources and the hazards: an object with these attributes.
-pub(crate) struct Vehicle {
-    deceleration: Figure<Plain>,
-    brake_delay: Figure<Nanos>,
+pub(crate) struct VehicleArgument {
+    deceleration: FigureArgument<Plain>,
+    brake_delay: FigureArgument<Nanos>,
     frames: u32,
-    period_local: Figure<Nanos>,
-    period_cloud: Figure<Nanos>,
-    local_response: Figure<Nanos>,
+    period_local: FigureArgument<Nanos>,
+    period_cloud: FigureArgument<Nanos>,
+    local_response: FigureArgument<Nanos>,
     lateness: Nanos,
     margin: Plain,
     hazards: Vec<Class>,
 }
 
 /// The longest deadline that is safe.
-#[pyclass(module = "fuseline._fuseline", frozen)]
-pub(crate) struct Guard(deadline::Guard);
+#[pyclass(name = "Guard", module = "fuseline._fuseline", frozen)]
+pub(crate) struct PyGuard(pub(crate) deadline::Guard);
 
 /// The deadline of least mean loss.
-#[pyclass(module = "fuseline._fuseline")]
-pub(crate) struct Expected {
-    policy: deadline::Expected<AnyLoss, WINDOW>,
+#[pyclass(name = "Expected", module = "fuseline._fuseline", frozen)]
+pub(crate) struct PyExpected(pub(crate) SharedExpected);
+
+/// The policy, which an engine may have too.
+#[derive(Clone)]
+pub(crate) struct SharedExpected {
+    policy: Arc<Mutex<deadline::Expected<AnyLoss, WINDOW>>>,
     /// The function that is the loss, if it is one.
-    function: Option<Arc<Function>>,
+    function: Option<Arc<LossFunction>>,
 }
 
 /// The ends of the last calls of one cloud.
-#[pyclass(module = "fuseline._fuseline")]
-pub(crate) struct Observations(deadline::Observations<WINDOW>);
+#[pyclass(name = "Observations", module = "fuseline._fuseline")]
+pub(crate) struct PyObservations(deadline::Observations<WINDOW>);
 
 enum AnyLoss {
     Impact(Box<Impact>),
     Accuracy(Accuracy),
-    Function(Arc<Function>),
+    Function(Arc<LossFunction>),
 }
 
 /// A loss that is a function of Python's.
-struct Function {
+struct LossFunction {
     called: Py<PyAny>,
     /// The situation that the policy is asked about.
     situation: Mutex<Option<Py<PyAny>>>,
@@ -95,9 +99,9 @@ struct Function {
 }
 
 #[pymethods]
-impl Guard {
+impl PyGuard {
     #[new]
-    fn new(vehicle: Vehicle) -> PyResult<Self> {
+    fn new(vehicle: VehicleArgument) -> PyResult<Self> {
         Ok(Self(guard(vehicle)?))
     }
 
@@ -110,17 +114,19 @@ impl Guard {
     }
 
     fn decide(&self, known: SituationFields, cap: Nanos) -> DeadlineFields {
-        decide(&mut self.0.clone(), known, cap)
+        let (situation, under_way) = known.split();
+        let situation = Situation { under_way: &under_way, ..situation };
+        fields_of(self.0.clone().decide(&situation, Duration::from_nanos(cap.0)))
     }
 }
 
 #[pymethods]
-impl Expected {
+impl PyExpected {
     #[new]
     #[pyo3(signature = (loss, local_response, probe_every))]
     fn new(
         loss: LossFields,
-        local_response: Figure<Nanos>,
+        local_response: FigureArgument<Nanos>,
         probe_every: Option<u32>,
     ) -> PyResult<Self> {
         let loss = AnyLoss::try_from(loss)?;
@@ -130,28 +136,24 @@ impl Expected {
         };
         let local_response = local_response.times();
         let policy = deadline::Expected::new(loss, local_response, probe_every).map_err(invalid)?;
-        Ok(Self { policy, function })
+        Ok(Self(SharedExpected { policy: Arc::new(Mutex::new(policy)), function }))
     }
 
-    fn decide(&mut self, known: &Bound<'_, PyAny>, cap: Nanos) -> PyResult<DeadlineFields> {
-        if let Some(function) = &self.function {
-            *locked(&function.situation) = Some(known.clone().unbind());
-        }
-        let told = decide(&mut self.policy, known.extract()?, cap);
-        match self.function.as_ref().and_then(|function| locked(&function.raised).take()) {
-            Some(raised) => Err(raised),
-            None => Ok(told),
-        }
+    fn decide(&self, known: &Bound<'_, PyAny>, cap: Nanos) -> PyResult<DeadlineFields> {
+        let fields: SituationFields = known.extract()?;
+        self.0.set_situation(known.clone().unbind());
+        let (situation, under_way) = fields.split();
+        let situation = Situation { under_way: &under_way, ..situation };
+        self.0.decide(&situation, Duration::from_nanos(cap.0)).map(fields_of)
     }
 
-    fn ended(&mut self, end: &str, age: Nanos) -> PyResult<()> {
-        self.policy.ended(end_of(end, age)?);
-        Ok(())
+    fn ended(&self, end: &str, age: Nanos) -> PyResult<()> {
+        self.0.ended(end_of(end, age)?)
     }
 
     /// What is known of the cloud.
-    fn observations(&self) -> Vec<ObservedCall> {
-        self.policy.observations().sorted().map(seen).collect()
+    fn observations(&self) -> PyResult<Vec<ObservedCall>> {
+        Ok(self.0.locked()?.observations().sorted().map(seen).collect())
     }
 }
 
@@ -168,8 +170,8 @@ pub(crate) fn loss(
         "local" => Source::Local,
         "cloud" => Source::Cloud,
         _ => {
-            let told = format!("a source {source:?}; it is local or cloud");
-            return Err(DeadlineError::new_err(told));
+            let message = format!("a source {source:?}; it is local or cloud");
+            return Err(DeadlineError::new_err(message));
         }
     };
     let (situation, _) = known.split();
@@ -177,7 +179,7 @@ pub(crate) fn loss(
 }
 
 #[pymethods]
-impl Observations {
+impl PyObservations {
     #[new]
     const fn new() -> Self {
         Self(deadline::Observations::new())
@@ -233,40 +235,78 @@ impl TryFrom<LossFields> for AnyLoss {
             }
             LossFields::Function(function) => {
                 let (situation, raised) = (Mutex::new(None), Mutex::new(None));
-                Self::Function(Arc::new(Function { called: function, situation, raised }))
+                Self::Function(Arc::new(LossFunction { called: function, situation, raised }))
             }
         })
     }
 }
 
-impl Function {
+impl LossFunction {
     /// Not a number once it has raised: then no deadline is chosen for its sake.
     fn loss(&self, source: Source, response: Duration) -> f64 {
         let word = match source {
             Source::Local => "local",
             Source::Cloud => "cloud",
         };
-        let told = Python::attach(|py| {
+        let loss = Python::attach(|py| {
             let situation = locked(&self.situation).as_ref().map(|it| it.clone_ref(py));
             let response = AnswerClasses::get(py)?.ns(py, nanos(response))?;
             self.called.call1(py, (situation, word, response))?.extract(py)
         });
-        told.unwrap_or_else(|error| {
+        loss.unwrap_or_else(|error| {
             locked(&self.raised).get_or_insert(error);
             f64::NAN
         })
     }
 }
 
+impl SharedExpected {
+    pub(crate) fn decide(&self, situation: &Situation<'_>, cap: Duration) -> PyResult<Chosen> {
+        let chosen = self.locked()?.decide(situation, cap);
+        match self.function.as_ref().and_then(|function| locked(&function.raised).take()) {
+            Some(raised) => Err(raised),
+            None => Ok(chosen),
+        }
+    }
+
+    pub(crate) fn ended(&self, end: End) -> PyResult<()> {
+        self.locked()?.ended(end);
+        Ok(())
+    }
+
+    /// Whether its loss is a function of Python's.
+    pub(crate) const fn calls_python(&self) -> bool {
+        self.function.is_some()
+    }
+
+    /// The situation that a loss of Python's gets.
+    pub(crate) fn set_situation(&self, situation: Py<PyAny>) {
+        if let Some(function) = &self.function {
+            *locked(&function.situation) = Some(situation);
+        }
+    }
+
+    /// Never waits: a loss of Python's runs meanwhile.
+    fn locked(&self) -> PyResult<MutexGuard<'_, deadline::Expected<AnyLoss, WINDOW>>> {
+        match self.policy.try_lock() {
+            Ok(policy) => Ok(policy),
+            Err(TryLockError::Poisoned(poisoned)) => Ok(poisoned.into_inner()),
+            Err(TryLockError::WouldBlock) => Err(PyRuntimeError::new_err(
+                "the policy computes a loss: it can be used once that has returned",
+            )),
+        }
+    }
+}
+
 impl SituationFields {
-    fn split(self) -> (Situation<'static>, Vec<Duration>) {
+    pub(crate) fn split(self) -> (Situation<'static>, Vec<Duration>) {
         let reveal = self.reveal.map(|Plain(reveal)| Metres(reveal));
         let situation = Situation { reveal, ..Situation::at(self.speed.numbers(MetresPerSecond)) };
         (situation, ages(self.under_way))
     }
 }
 
-impl<'a, 'py, T> FromPyObject<'a, 'py> for Figure<T>
+impl<'a, 'py, T> FromPyObject<'a, 'py> for FigureArgument<T>
 where
     T: Copy + for<'b> FromPyObject<'b, 'py, Error = PyErr>,
 {
@@ -277,8 +317,9 @@ where
             return Ok(Self(Span::exactly(object.extract()?)));
         };
         if ends.len() != 2 {
-            let told = format!("a figure of {} ends; give one, or (least, greatest)", ends.len());
-            return Err(PyTypeError::new_err(told));
+            let message =
+                format!("a figure of {} ends; give one, or (least, greatest)", ends.len());
+            return Err(PyTypeError::new_err(message));
         }
         Ok(Self(Span::new(ends.get_item(0)?.extract()?, ends.get_item(1)?.extract()?)))
     }
@@ -311,8 +352,8 @@ impl<'py> FromPyObject<'_, 'py> for LossFields {
             });
         }
         if !object.is_callable() {
-            let told = format!("{}: a loss is Impact, Accuracy or a function", object.repr()?);
-            return Err(PyTypeError::new_err(told));
+            let message = format!("{}: a loss is Impact, Accuracy or a function", object.repr()?);
+            return Err(PyTypeError::new_err(message));
         }
         Ok(Self::Function(object.to_owned().unbind()))
     }
@@ -330,7 +371,7 @@ impl<'py> FromPyObject<'_, 'py> for Class {
     }
 }
 
-impl<'py> FromPyObject<'_, 'py> for Vehicle {
+impl<'py> FromPyObject<'_, 'py> for VehicleArgument {
     type Error = PyErr;
 
     fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
@@ -360,13 +401,13 @@ where
     })
 }
 
-impl Figure<Nanos> {
+impl FigureArgument<Nanos> {
     fn times(self) -> Span<Duration> {
         self.0.map(|Nanos(nanos)| Duration::from_nanos(nanos))
     }
 }
 
-impl Figure<Plain> {
+impl FigureArgument<Plain> {
     fn numbers<T>(self, unit: impl FnMut(f64) -> T) -> Span<T> {
         self.0.map(|Plain(number)| number).map(unit)
     }
@@ -380,7 +421,7 @@ impl From<Class> for Hazard {
     }
 }
 
-fn guard(vehicle: Vehicle) -> PyResult<deadline::Guard> {
+fn guard(vehicle: VehicleArgument) -> PyResult<deadline::Guard> {
     let hazards: Vec<Hazard> = vehicle.hazards.into_iter().map(Hazard::from).collect();
     let parameters = Parameters {
         deceleration: vehicle.deceleration.numbers(MetresPerSecondSquared),
@@ -396,10 +437,7 @@ fn guard(vehicle: Vehicle) -> PyResult<deadline::Guard> {
     deadline::Guard::new(parameters).map_err(invalid)
 }
 
-fn decide(policy: &mut impl Policy, known: SituationFields, cap: Nanos) -> DeadlineFields {
-    let (situation, under_way) = known.split();
-    let situation = Situation { under_way: &under_way, ..situation };
-    let Chosen { deadline, reason } = policy.decide(&situation, Duration::from_nanos(cap.0));
+fn fields_of(Chosen { deadline, reason }: Chosen) -> DeadlineFields {
     let (word, case, loss) = match reason {
         Reason::Constant => ("constant", None, None),
         Reason::Guard(case) => ("guard", Some(case.number()), None),
@@ -421,8 +459,8 @@ fn end_of(end: &str, age: Nanos) -> PyResult<End> {
         "failed" => Ok(End::Failed(age)),
         "censored" => Ok(End::Censored(age)),
         _ => {
-            let told = format!("an end {end:?}; it is answered, failed or censored");
-            Err(DeadlineError::new_err(told))
+            let message = format!("an end {end:?}; it is answered, failed or censored");
+            Err(DeadlineError::new_err(message))
         }
     }
 }

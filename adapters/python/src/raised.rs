@@ -27,9 +27,9 @@ pub(crate) fn unreadable(error: fuseline_traces::ReadError) -> PyErr {
 
 /// A trace that is out of order, and so cannot be judged as observed.
 pub(crate) fn unjudged(error: &TimeOrderError) -> PyErr {
-    let told = error.to_string();
+    let message = error.to_string();
     let place = format!("{}:{}:1: ", error.file, error.line);
-    let what = told.strip_prefix(&place).unwrap_or(&told).to_owned();
+    let what = message.strip_prefix(&place).unwrap_or(&message).to_owned();
     read_error((error.file.clone(), error.line, 1, what))
 }
 
@@ -46,6 +46,6 @@ pub(crate) fn config(error: impl Display) -> PyErr {
     ConfigError::new_err(error.to_string())
 }
 
-fn read_error(told: (String, u64, u64, String)) -> PyErr {
-    ReadError::new_err(told)
+fn read_error(fields: (String, u64, u64, String)) -> PyErr {
+    ReadError::new_err(fields)
 }

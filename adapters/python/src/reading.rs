@@ -46,11 +46,11 @@ pub(crate) fn with_trace<T: Send>(
     } else if let Ok(lines) = trace.try_iter() {
         (TraceSource::Lines(lines.unbind()), "<lines>".to_owned())
     } else {
-        let told = format!(
+        let message = format!(
             "a trace is bytes, a path, an open file, or something that gives lines, not {}",
             trace.get_type().name()?
         );
-        return Err(PyTypeError::new_err(told));
+        return Err(PyTypeError::new_err(message));
     };
     let name = name.unwrap_or_else(|| own.clone());
     trace.py().detach(|| {
@@ -66,7 +66,7 @@ impl TraceSource {
             Self::File(path) => packed(BufReader::with_capacity(CHUNK, File::open(path)?)),
             Self::Stream(stream) => packed(BufReader::with_capacity(CHUNK, Stream(stream))),
             Self::Lines(lines) => {
-                packed(Lines { from: lines, ends: None, held: Vec::new(), taken: 0 })
+                packed(IteratorLines { from: lines, ends: None, held: Vec::new(), taken: 0 })
             }
         }
     }
@@ -97,17 +97,17 @@ impl Read for Stream {
         Python::attach(|py| {
             let read = self.0.bind(py).call_method1("read", (buffer.len(),))?;
             let Ok(bytes) = read.cast::<PyBytes>() else {
-                let told = format!(
+                let message = format!(
                     "an open file gives bytes, not {}; open it in mode \"rb\"",
                     read.get_type().name()?
                 );
-                return Err(PyTypeError::new_err(told));
+                return Err(PyTypeError::new_err(message));
             };
             let mut bytes = bytes.as_bytes();
             if bytes.len() > buffer.len() {
-                let (found, asked) = (bytes.len(), buffer.len());
-                let told = format!("an open file gave {found} bytes when asked for {asked}");
-                return Err(PyOSError::new_err(told));
+                let (len, room) = (bytes.len(), buffer.len());
+                let message = format!("an open file gave {len} bytes when asked for {room}");
+                return Err(PyOSError::new_err(message));
             }
             Ok(bytes.read(buffer)?)
         })
@@ -116,7 +116,7 @@ impl Read for Stream {
 }
 
 /// Lines of an iterator, gathered while the interpreter is held.
-struct Lines {
+struct IteratorLines {
     from: Py<PyIterator>,
     /// Whether lines bear their own ends, which the first one shows.
     ends: Option<bool>,
@@ -124,7 +124,7 @@ struct Lines {
     taken: usize,
 }
 
-impl Lines {
+impl IteratorLines {
     fn gather(&mut self, py: Python<'_>) -> PyResult<()> {
         let mut lines = self.from.bind(py).clone();
         while self.held.len() < CHUNK {
@@ -135,8 +135,8 @@ impl Lines {
             } else if let Ok(bytes) = line.cast::<PyBytes>() {
                 self.held.extend_from_slice(bytes.as_bytes());
             } else {
-                let told = format!("a line is str or bytes, not {}", line.get_type().name()?);
-                return Err(PyTypeError::new_err(told));
+                let message = format!("a line is str or bytes, not {}", line.get_type().name()?);
+                return Err(PyTypeError::new_err(message));
             }
             let ends = *self.ends.get_or_insert_with(|| self.held.ends_with(b"\n"));
             if !ends {
@@ -147,7 +147,7 @@ impl Lines {
     }
 }
 
-impl BufRead for Lines {
+impl BufRead for IteratorLines {
     fn fill_buf(&mut self) -> io::Result<&[u8]> {
         if self.taken == self.held.len() {
             self.held.clear();
@@ -162,7 +162,7 @@ impl BufRead for Lines {
     }
 }
 
-impl Read for Lines {
+impl Read for IteratorLines {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let len = self.fill_buf()?.read(buffer)?;
         self.consume(len);
@@ -173,20 +173,20 @@ impl Read for Lines {
 /// A reader that lets Ctrl-C through while the interpreter is not held.
 struct InterruptibleReader<R> {
     inner: R,
-    asked: Instant,
+    checked_at: Instant,
 }
 
 impl<R> InterruptibleReader<R> {
     fn new(inner: R) -> Self {
-        Self { inner, asked: Instant::now() }
+        Self { inner, checked_at: Instant::now() }
     }
 }
 
 impl<R: BufRead> BufRead for InterruptibleReader<R> {
     fn fill_buf(&mut self) -> io::Result<&[u8]> {
-        if self.asked.elapsed() > PATIENCE {
+        if self.checked_at.elapsed() > PATIENCE {
             Python::attach(|py| py.check_signals().map_err(io::Error::other))?;
-            self.asked = Instant::now();
+            self.checked_at = Instant::now();
         }
         self.inner.fill_buf()
     }

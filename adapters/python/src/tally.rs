@@ -10,13 +10,13 @@ const OPEN: usize = 4096;
 const BITS: u32 = 6;
 
 /// From the first instant to the last, in nanoseconds; messages, those missed, those refused; the outputs.
-pub(crate) type SummaryFields = (u64, u64, u64, u64, Vec<Output>);
+pub(crate) type SummaryFields = (u64, u64, u64, u64, Vec<SlowestOutput>);
 /// A source's priority and name, the greatest response of the bin in nanoseconds, and how many outputs.
-pub(crate) type Output = (u64, String, u64, u64);
+pub(crate) type SlowestOutput = (u64, String, u64, u64);
 
 /// The counts so far.
 #[derive(Default)]
-pub(crate) struct Tally {
+pub(crate) struct PyTally {
     /// The least and the greatest instant.
     span: Option<(u64, u64)>,
     messages: u64,
@@ -28,7 +28,7 @@ pub(crate) struct Tally {
     outputs: BTreeMap<(u64, u64), u64>,
 }
 
-impl Tally {
+impl PyTally {
     pub(crate) fn event(&mut self, event: &Event) {
         let at = match event {
             Event::Input(input) => input.at(),

@@ -51,11 +51,11 @@ impl<'py> FromPyObject<'_, 'py> for Plain {
 
     fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
         if object.is_instance_of::<PyDelta>() || AnswerClasses::get(object.py())?.is_ns(object) {
-            let told = format!(
+            let message = format!(
                 "{}: a duration stands where a number in m, m/s or m/s² belongs",
                 object.repr()?
             );
-            return Err(PyTypeError::new_err(told));
+            return Err(PyTypeError::new_err(message));
         }
         if object.is_instance_of::<PyBool>() {
             return Err(PyTypeError::new_err("a number, not bool"));
@@ -87,18 +87,18 @@ impl<'py> FromPyObject<'_, 'py> for Nanos {
         if object.is_instance_of::<PyInt>() && !object.is_instance_of::<PyBool>() {
             return if object.eq(0)? { Ok(Self(0)) } else { Err(ambiguous(object)) };
         }
-        let told = format!(
+        let message = format!(
             "a duration is seconds as a float, a timedelta, or nanoseconds as ns(…), not {}",
             kind(object)
         );
-        Err(PyTypeError::new_err(told))
+        Err(PyTypeError::new_err(message))
     }
 }
 
 fn ambiguous(object: Borrowed<'_, '_, PyAny>) -> PyErr {
-    let told =
+    let message =
         format!("a duration of {0}: write {0}.0 for seconds, or ns({0}) for nanoseconds", *object);
-    PyTypeError::new_err(told)
+    PyTypeError::new_err(message)
 }
 
 /// Rounded to the nearest nanosecond; what is too long, infinity too, is 2⁶⁴ − 1 ns (A14).
@@ -131,8 +131,9 @@ fn below_0(object: Borrowed<'_, '_, PyAny>) -> PyErr {
 }
 
 fn not_whole(object: Borrowed<'_, '_, PyAny>) -> PyErr {
-    let told = format!("a whole number as an int, not {}; instants are nanoseconds", kind(object));
-    PyTypeError::new_err(told)
+    let message =
+        format!("a whole number as an int, not {}; instants are nanoseconds", kind(object));
+    PyTypeError::new_err(message)
 }
 
 fn kind(object: Borrowed<'_, '_, PyAny>) -> String {

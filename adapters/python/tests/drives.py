@@ -37,8 +37,8 @@ def drive(seed: int, messages: int, operator: str = "perception") -> bytes:
         if chance.random() < 0.002:
             away = t + chance.randrange(300)
         for p, median in medians.items():
-            _, said = fusion.offer(now, t, p, ns(DEADLINE))
-            if isinstance(said, Admitted) and t >= away:
+            _, admission = fusion.offer(now, t, p, ns(DEADLINE))
+            if isinstance(admission, Admitted) and t >= away:
                 response = int(median * chance.lognormvariate(0.0, 0.4) * 1e9)
                 heapq.heappush(later, (now + response, t, p))
     while later:

@@ -47,19 +47,19 @@ def test_a_function_is_a_loss_as_those_here_are(loss: Accuracy | Impact, speed: 
 
 
 def test_a_loss_of_ones_own_decides() -> None:
-    asked: list[tuple[Situation, Whose, ns]] = []
+    calls: list[tuple[Situation, Whose, ns]] = []
 
     def patient(situation: Situation, source: Whose, response: ns) -> float:
-        asked.append((situation, source, response))
+        calls.append((situation, source, response))
         return 1.0 if source == "local" else 0.0
 
     known = Situation(speed=3.0)
     policy = seen(patient, [0.02, 0.3])
     assert policy.decide(known, 1.0).deadline > 300_000_000
     assert policy.decide(known, 0.1).deadline <= 100_000_000
-    assert all(it is known for it, _, _ in asked)
-    assert {source for _, source, _ in asked} == {"local", "cloud"}
-    assert all(type(response) is ns for _, _, response in asked)
+    assert all(it is known for it, _, _ in calls)
+    assert {source for _, source, _ in calls} == {"local", "cloud"}
+    assert all(type(response) is ns for _, _, response in calls)
     hasty = seen(lambda situation, source, response: float(response), [0.02, 0.3])
     assert hasty.decide(known, 1.0).deadline == 10_000_000
 

@@ -58,8 +58,8 @@ def test_the_rows_say_what_check_says(how: dict[str, Any]) -> None:
         assert (own.judged, own.lines) == (verdict.judged, verdict.lines)
         assert (own.error, own.rule) == (None, None)
         assert own.violations == len(verdict.violations) + verdict.more
-        said = [(it.line, it.t, it.rule, it.found, it.expected) for it in verdict.violations]
-        assert [(it.line, it.t, it.rule, it.found, it.expected) for it in found] == said
+        alone = [(it.line, it.t, it.rule, it.found, it.expected) for it in verdict.violations]
+        assert [(it.line, it.t, it.rule, it.found, it.expected) for it in found] == alone
         late = [None if it.late is None else it.late / 1e9 for it in verdict.violations]
         assert [it.late for it in found] == late
         assert all(it.lines is None and it.outputs is None for it in found)
@@ -69,9 +69,9 @@ def test_the_rows_say_what_check_says(how: dict[str, Any]) -> None:
 def test_the_rows_say_what_the_command_says() -> None:
     assert COMMAND
     command = [COMMAND, "check", "--json", *map(str, CORPUS + BAD)]
-    told = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert told.returncode == 1
-    for line in told.stdout.splitlines():
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert ended.returncode == 1
+    for line in ended.stdout.splitlines():
         verdict = json.loads(line)
         own, *found = fleet.judge(verdict["file"])
         for key in ("conforms", "judged", "lines"):
@@ -130,12 +130,12 @@ def test_rows_are_the_same_however_a_trace_is_packed(tmp_path: Path) -> None:
     subprocess.run([COMMAND, "export", "--mcap", plain, "-o", mcap], check=True)
     (tmp_path / "drive.jsonl.gz").write_bytes(gzip.compress(whole))
     (tmp_path / "drive.zst").write_bytes(pa.compress(whole, "zstd", asbytes=True))
-    said = [row._replace(file="") for row in fleet.judge(plain)]
-    assert not said[0].conforms
+    rows = [row._replace(file="") for row in fleet.judge(plain)]
+    assert not rows[0].conforms
     for name in ("drive.jsonl.gz", "drive.zst", "drive.mcap"):
-        assert [row._replace(file="") for row in fleet.judge(tmp_path / name)] == said, name
-        told = subprocess.run([COMMAND, "check", tmp_path / name], check=False)
-        assert told.returncode == 1, name
+        assert [row._replace(file="") for row in fleet.judge(tmp_path / name)] == rows, name
+        ended = subprocess.run([COMMAND, "check", tmp_path / name], check=False)
+        assert ended.returncode == 1, name
 
 
 def _broken(name: str) -> BinaryIO:
@@ -181,14 +181,14 @@ def test_a_trace_of_any_length_takes_the_same_memory(tmp_path: Path) -> None:
         "import re, sys; from fuseline import fleet; (row,) = fleet.judge(sys.argv[1]);"
         "print(row.lines, re.search(r'VmHWM:\\s+(\\d+)', open('/proc/self/status').read())[1])"
     )
-    told = []
+    measured = []
     for messages in (1_000, 30_000):
         path = tmp_path / f"{messages}.gz"
         path.write_bytes(gzip.compress(drive(1, messages), 1))
         words = [sys.executable, "-c", script, str(path)]
         ran = subprocess.run(words, capture_output=True, text=True, check=True)
-        told.append([int(word) for word in ran.stdout.split()])
-    (few, least), (many, most) = told
+        measured.append([int(word) for word in ran.stdout.split()])
+    (few, least), (many, most) = measured
     assert many > 25 * few
     assert most < least + 4 * 1024, f"{least} and {most} KiB"
 
@@ -196,9 +196,11 @@ def test_a_trace_of_any_length_takes_the_same_memory(tmp_path: Path) -> None:
 def test_the_schema_is_that_of_the_rows_and_of_the_chapter() -> None:
     names = fleet.schema().names
     assert tuple(names) == fleet.Row._fields
-    said = CHAPTER.read_text().partition("| column |")[2].partition("\n\n")[0]
+    table = CHAPTER.read_text().partition("| column |")[2].partition("\n\n")[0]
     documented = [
-        word.strip("` ") for line in said.splitlines()[2:] for word in line.split("|")[1].split(",")
+        word.strip("` ")
+        for line in table.splitlines()[2:]
+        for word in line.split("|")[1].split(",")
     ]
     assert sorted(documented) == sorted(names)
 
@@ -229,15 +231,15 @@ def test_the_summaries_say_what_is_in_the_rows(logs: Path, rows: Path) -> None:
     assert totals["violations"] == len(every) - len(own) > 0
     assert totals["hours"] == pytest.approx(sum(row.seconds or 0 for row in own) / 3600)
     outputs = [it for row in own for it in row.outputs or []]
-    for said in answers["sources"]:
-        bins = sorted((it.seconds, it.items) for it in outputs if it.source == said["source"])
+    for answer in answers["sources"]:
+        bins = sorted((it.seconds, it.items) for it in outputs if it.source == answer["source"])
         total = sum(items for _, items in bins)
-        assert said["items"] == total
-        assert said["share"] == pytest.approx(total / sum(it.items for it in outputs))
+        assert answer["items"] == total
+        assert answer["share"] == pytest.approx(total / sum(it.items for it in outputs))
         for name, share in (("p50", 0.5), ("p90", 0.9), ("p99", 0.99)):
             upto = list(itertools.accumulate(items for _, items in bins))
             place = next(i for i, it in enumerate(upto) if it >= share * total)
-            assert said[name] == bins[place][0]
+            assert answer[name] == bins[place][0]
     assert answers["operators"] == [{"operator": "perception", **it} for it in answers["sources"]]
     assert answers["worst"][0]["drive"] == "drive-4"
     assert answers["worst"][1]["drive"] == "drive-5"

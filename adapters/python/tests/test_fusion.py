@@ -181,7 +181,7 @@ def test_what_stands_for_an_int_is_an_instant() -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         ({"window": 0}, "a window of 0; it must be from 1 to 1024"),
         ({"window": 1025}, "a window of 1025; it must be from 1 to 1024"),
@@ -197,14 +197,14 @@ def test_what_stands_for_an_int_is_an_instant() -> None:
     ],
 )
 def test_a_configuration_that_no_machine_has_is_refused(
-    arguments: dict[str, Any], told: str
+    arguments: dict[str, Any], message: str
 ) -> None:
     with pytest.raises(fuseline.ConfigError) as error:
         Fusion(**arguments)
-    assert str(error.value) == told
+    assert str(error.value) == message
 
 
-def test_a_header_makes_the_machine_and_is_told_again() -> None:
+def test_a_header_makes_the_machine_and_is_given_back() -> None:
     cloud = '{"p":3,"limit":2,"resume":0}'
     line = f'{{"fuseline":1,"operator":"lane","window":4,"commit":"patient","clouds":[{cloud}]}}'
     for given in (line, line + "\n", line.encode()):

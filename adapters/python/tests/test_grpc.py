@@ -88,12 +88,15 @@ def test_a_payload_goes_there_and_back_with_its_timestamp() -> None:
     assert seen[3].deadline == float("inf")
 
 
-def test_what_is_served_is_told() -> None:
-    for said in (Description(), Description("DINO", 35.5, 0.0, "a drive", True)):
+def test_what_is_served_is_described() -> None:
+    for description in (Description(), Description("DINO", 35.5, 0.0, "a drive", True)):
 
-        async def main(said: Description = said) -> None:
-            async with Server(upper, description=said) as server, Remote(server.url) as remote:
-                assert await remote.describe() == said
+        async def main(description: Description = description) -> None:
+            async with (
+                Server(upper, description=description) as server,
+                Remote(server.url) as remote,
+            ):
+                assert await remote.describe() == description
 
         run(main)
 
@@ -111,9 +114,9 @@ def test_a_call_that_is_given_up_is_cancelled_at_the_server() -> None:
             return payload
 
         async with Server(infer) as server, Remote(server.url) as remote:
-            asked = asyncio.create_task(remote.infer(b"x", call()))
+            inferring = asyncio.create_task(remote.infer(b"x", call()))
             await begun.wait()
-            asked.cancel()
+            inferring.cancel()
             await ended.wait()
             begun.clear()
             ended.clear()
@@ -124,7 +127,7 @@ def test_a_call_that_is_given_up_is_cancelled_at_the_server() -> None:
     run(main)
 
 
-def test_an_error_of_the_cloud_is_told_in_its_words() -> None:
+def test_an_error_of_the_cloud_is_reported_in_its_words() -> None:
     async def infer(payload: bytes, call: Call) -> bytes:
         raise ValueError("no such\nclass")
 
@@ -136,7 +139,7 @@ def test_an_error_of_the_cloud_is_told_in_its_words() -> None:
     run(main)
 
 
-def test_a_server_that_is_gone_is_told_and_found_again() -> None:
+def test_a_server_that_is_gone_is_reported_and_reached_again() -> None:
     async def main() -> None:
         server = Server(upper)
         await server.start()
@@ -167,7 +170,7 @@ def test_whoever_is_not_trusted_is_not_served(certificates: Certificates) -> Non
             assert server.url.startswith("https://")
             async with Remote(server.url, **whole) as remote:
                 assert await remote.infer(b"x", call()) == b"X"
-            for other, told in [
+            for other, message in [
                 ({"token": None}, "^a bearer token is needed$"),
                 ({"token": "secrets"}, "^the bearer token is wrong$"),
                 ({"identity": None}, "."),
@@ -176,7 +179,7 @@ def test_whoever_is_not_trusted_is_not_served(certificates: Certificates) -> Non
                 ({"server_name": "east.example"}, "."),
             ]:
                 async with Remote(server.url, **(whole | other)) as remote:
-                    with pytest.raises(CallError, match=told):
+                    with pytest.raises(CallError, match=message):
                         await remote.infer(b"x", call(2.0))
                     with pytest.raises(CallError):
                         await remote.describe(2.0)
@@ -203,7 +206,7 @@ def test_a_token_can_be_replaced_while_it_is_used() -> None:
 
 
 @pytest.mark.parametrize("token", ["", "two words", "umläut", "line\n"])
-def test_what_is_no_token_is_refused_and_not_told(token: str) -> None:
+def test_what_is_no_token_is_refused_and_not_shown(token: str) -> None:
     with pytest.raises(fuseline.ConfigError, match=r"^a token must be visible ASCII"):
         Token(token)
 
@@ -218,12 +221,12 @@ def test_settings_that_cannot_work_are_refused(certificates: Certificates) -> No
         (lambda: Remote("http://west:1", ca=it.ca), "certificates are for https"),
         (lambda: Server(upper, client_ca=it.ca), "of the server's own"),
     ]
-    for make, told in cases:
-        with pytest.raises(fuseline.ConfigError, match=told):
+    for make, message in cases:
+        with pytest.raises(fuseline.ConfigError, match=message):
             make()
 
 
-def test_an_address_that_is_taken_is_told() -> None:
+def test_an_address_that_is_taken_is_reported() -> None:
     async def main() -> None:
         with socket.socket() as taken:
             taken.bind(("127.0.0.1", 0))
@@ -313,9 +316,9 @@ def test_rust_serves_an_operator_of_python(
 
     async def main(url: str) -> list[Item[bytes]]:
         async with Remote(url, **(settings if is_secure else {})) as remote:
-            said = await remote.describe()
-            assert said is not None
-            assert (said.model, said.emulated) == ("DINO-SWIN-Tiny on A100", True)
+            description = await remote.describe()
+            assert description is not None
+            assert (description.model, description.emulated) == ("DINO-SWIN-Tiny on A100", True)
             async with operating(remote, tmp_path / "trace.jsonl") as operator:
                 operator.feed([b"frame"] * 5)
                 return [item async for item in operator]
@@ -349,13 +352,13 @@ def test_python_serves_an_operator_of_rust(
     trace = tmp_path / "trace.jsonl"
 
     async def main() -> None:
-        said = Description("python", 1.0, 60.0)
+        description = Description("python", 1.0, 60.0)
         async with Server(
             infer,
             identity=certificates.server,
             client_ca=certificates.ca,
             token="secret",
-            description=said,
+            description=description,
         ) as server:
             keys = ",".join(f"{name}={tmp_path / name}" for name in files)
             cloud = f"name=python,priority=1,url={server.url},{keys}"
@@ -364,8 +367,8 @@ def test_python_serves_an_operator_of_rust(
             process = await asyncio.create_subprocess_exec(
                 command, *words, *more, stdout=asyncio.subprocess.PIPE
             )
-            told, _ = await process.communicate()
-            assert process.returncode == 0, told.decode()
+            output, _ = await process.communicate()
+            assert process.returncode == 0, output.decode()
 
     asyncio.run(main())
     assert left

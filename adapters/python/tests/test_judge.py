@@ -82,11 +82,11 @@ def test_bytes_paths_files_and_lines_are_one_trace(tmp_path: Path) -> None:
 def test_the_command_says_the_same_of_a_trace(command: str, tmp_path: Path) -> None:
     path = tmp_path / "late.jsonl"
     path.write_bytes(LATE)
-    said = subprocess.run(
+    ended = subprocess.run(
         [command, "check", str(path)], capture_output=True, text=True, check=False
     )
-    assert said.returncode == 1
-    words = " ".join(said.stdout.split())
+    assert ended.returncode == 1
+    words = " ".join(ended.stdout.split())
     (violation,) = check(path).violations
     for part in (violation.sentence, violation.found, violation.expected, *violation.story):
         assert part in words
@@ -159,17 +159,17 @@ fuseline.report(bytes(sys.argv[1], "ascii"), page=sys.argv[2])
         (gzip.compress(HEADER)[:-9], 2, 1, "incomplete deflate stream"),
     ],
 )
-def test_what_is_no_trace_is_told_with_its_place(
+def test_what_is_no_trace_is_refused_with_its_place(
     trace: bytes, line: int, column: int | None, defect: str | None
 ) -> None:
     for judge in (check, replay, Trace, lambda it: check_observed(it, tolerance=0, lateness=0)):
         with pytest.raises(fuseline.ReadError) as error:
             judge(trace)
-        told = error.value
-        assert told.line == line
-        assert column is None or told.column == column
-        assert str(told).startswith(f"<bytes>:{line}:")
-        assert defect is None or defect in told.defect
+        raised = error.value
+        assert raised.line == line
+        assert column is None or raised.column == column
+        assert str(raised).startswith(f"<bytes>:{line}:")
+        assert defect is None or defect in raised.defect
 
 
 def test_a_file_that_is_not_there_is_an_os_error_with_its_name(tmp_path: Path) -> None:

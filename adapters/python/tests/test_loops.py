@@ -6,8 +6,11 @@ import asyncio
 import os
 import random
 import signal
+import subprocess
+import sys
 import threading
 from collections.abc import AsyncIterator, Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -146,28 +149,80 @@ def test_a_process_that_dies_costs_its_own_message_alone() -> None:
     run(asyncio.SelectorEventLoop, main)
 
 
-def test_a_disk_that_fills_is_told_and_the_operator_goes_on(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
-    async def main() -> list[Any]:
-        operator: Operator[int, int] = Operator(square, trace="/dev/full")
-        values = []
-        with pytest.raises(fuseline.TraceError, match=r"the trace ends early: .*No space left"):
+FULL_DISK = """
+import asyncio, logging, resource, sys
+import fuseline
+
+logging.basicConfig(format="%(levelname)s %(message)s")
+
+
+async def main(trace):
+    operator = fuseline.Operator(lambda n, t: n * n, window=100, trace=trace)
+    values = []
+    try:
+        async with operator:
+            # From here on no file may grow beyond this, as on a disk that is full.
+            resource.setrlimit(resource.RLIMIT_FSIZE, (4096, resource.RLIM_INFINITY))
+            operator.feed(range(100))
+            values = [item.value async for item in operator]
+    except fuseline.TraceError as error:
+        print("raised", error)
+    print("unrecorded", operator.unrecorded)
+    assert sorted(values) == [n * n for n in range(100)]
+
+
+asyncio.run(main(sys.argv[1]))
+"""
+
+
+def test_a_disk_that_fills_is_reported_and_the_operator_goes_on(tmp_path: Path) -> None:
+    trace = tmp_path / "trace.jsonl"
+    command = [sys.executable, "-c", FULL_DISK, str(trace)]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+    raised, unrecorded = ended.stdout.splitlines()
+    assert raised.startswith("raised the trace ends early: ")
+    assert unrecorded.startswith("unrecorded ")
+    assert "File too large" in raised
+    assert "File too large" in unrecorded
+    assert "ERROR the recording ends here; the operator goes on (why=" in ended.stderr
+    # D10: it ends with a whole input.
+    assert 0 < trace.stat().st_size <= 4096
+    assert trace.read_bytes().endswith(b"\n")
+    fuseline.replay(trace)
+
+
+def test_a_trace_ends_although_the_loops_threads_hang(tmp_path: Path) -> None:
+    trace = tmp_path / "trace.jsonl"
+    go_on = threading.Event()
+
+    async def hang(request: int, call: Call) -> None:
+        await asyncio.to_thread(go_on.wait)
+
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        loop.set_default_executor(ThreadPoolExecutor(1))
+        operator: Operator[int, int] = Operator(square, trace=trace)
+        operator.use_cloud(hang, lambda message, t: (message, 0.001), lambda it: 0, 1)
+        try:
             async with operator:
                 operator.feed(range(3))
-                values = [item.value async for item in operator]
-        assert operator.unrecorded is not None
-        return values
+                async for _ in operator:
+                    pass
+            assert check(trace).judged == 3
+        finally:
+            go_on.set()
 
-    assert sorted(run(asyncio.SelectorEventLoop, main)) == [0, 1, 4]
-    assert "the trace /dev/full ends early" in caplog.text
+    run(asyncio.SelectorEventLoop, main)
 
 
-def test_a_trace_that_cannot_be_written_is_told_at_the_start(tmp_path: Path) -> None:
+def test_a_trace_that_cannot_be_written_is_refused_at_the_start(tmp_path: Path) -> None:
     async def main() -> None:
         operator: Operator[int, int] = Operator(square, trace=tmp_path / "no" / "trace.jsonl")
-        with pytest.raises(FileNotFoundError, match=r"trace\.jsonl"):
+        with pytest.raises(FileNotFoundError, match=r"No such file or directory: '.*trace\.jsonl"):
             await operator.start()
+        full: Operator[int, int] = Operator(square, trace="/dev/full")
+        with pytest.raises(OSError, match="No space left on device: '/dev/full'"):
+            await full.start()
 
     run(asyncio.SelectorEventLoop, main)
 

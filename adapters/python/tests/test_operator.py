@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gc
 import logging
 import random
 import time
+import weakref
 from collections import Counter
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -45,7 +47,7 @@ MS = 0.001
 
 
 def after(seconds: float) -> Handle:
-    """A cloud that answers so long after it was asked."""
+    """A cloud that answers so long after it was called."""
 
     async def handle(request: Any, call: Call) -> Any:
         await asyncio.sleep(seconds)
@@ -183,7 +185,7 @@ def test_a_reader_that_gives_up_is_forgotten(run: Run[Any]) -> None:
             for _ in range(3):
                 with pytest.raises(asyncio.TimeoutError):
                     await asyncio.wait_for(anext(operator), 0.1)
-            assert not operator._readers
+            assert not operator._readers._waiters
             operator.write("a")
             assert (await anext(operator)).value == "a on board"
 
@@ -212,10 +214,10 @@ def test_what_was_missed_is_written_at_once(run: Run[Any], tmp_path: Path) -> No
 
 
 def test_a_policy_is_asked_about_what_is_admitted_alone(run: Run[Any]) -> None:
-    asked: list[int] = []
+    asks: list[int] = []
 
     def policy(situation: Situation, cap: int) -> int:
-        asked.append(cap)
+        asks.append(cap)
         return cap
 
     async def main(loop: VirtualLoop) -> None:
@@ -230,7 +232,7 @@ def test_a_policy_is_asked_about_what_is_admitted_alone(run: Run[Any]) -> None:
         assert operator.counts["cloud-1", "request", "refused queue"] == 3
 
     run(main)
-    assert asked == [500_000_000] * 3
+    assert asks == [500_000_000] * 3
 
 
 def test_a_capped_policy_says_whose_limit_it_is() -> None:
@@ -288,8 +290,9 @@ def test_an_error_is_a_failure_of_its_message_alone(
     assert whys["local"] == "odd"
     assert whys["broken"] == "connection refused"
     assert whys["odd"].startswith("no such class xxx")
-    assert len(whys["odd"]) == 200
-    assert "message 1 missed" in caplog.text
+    assert len(whys["odd"].encode()) == 200
+    assert "operator: message missed (timestamp=1, why=failure)" in caplog.text
+    assert "no result will come (timestamp=0, source=broken, why=connection refused)" in caplog.text
 
 
 def test_a_message_handler_that_fails_does_not_ask(
@@ -330,7 +333,7 @@ def test_the_gate_sees_the_true_length_of_the_queue(run: Run[Any], tmp_path: Pat
     judged(trace, 6)
 
 
-def test_a_request_that_waits_is_told_the_time_that_is_left(run: Run[Any]) -> None:
+def test_a_request_that_waits_is_given_the_time_that_is_left(run: Run[Any]) -> None:
     left: list[float] = []
 
     async def handle(request: Any, call: Call) -> Any:
@@ -458,7 +461,7 @@ def test_stopping_in_a_handler_ends_calls_and_items_and_leaves_the_trace_whole(
         operator: Operator[Any, Any] = Operator(local_after(30 * MS), clock=loop.nanos, trace=trace)
 
         def stop(at: str) -> None:
-            if at == where and operator.counts["operator", "message", "came"] >= first:
+            if at == where and operator.counts["operator", "message", "accepted"] >= first:
                 operator.stop()
 
         class Stopping:
@@ -511,6 +514,41 @@ def test_stopping_in_a_handler_ends_calls_and_items_and_leaves_the_trace_whole(
     assert verdict.conforms, str(verdict)
     assert [line.t for line in Trace(trace).lines if line.ev == "open"] == written
     assert fuseline.replay(trace) == trace.read_bytes()
+
+
+@pytest.mark.parametrize("where", ["message", "policy", "ended", "response"])
+def test_closing_in_a_handler_ends_the_operator_once_all_is_answered(
+    run: Run[Any], where: str
+) -> None:
+    async def main(loop: VirtualLoop) -> list[Any]:
+        operator: Operator[Any, Any] = Operator(local_after(30 * MS), clock=loop.nanos)
+
+        def close(at: str) -> None:
+            if at == where:
+                operator.close()
+
+        class Closing:
+            def decide(self, situation: Situation, cap: Any) -> Chosen:
+                close("policy")
+                return Chosen(cap, Reason.CONSTANT)
+
+            def ended(self, end: End, age: Any) -> None:
+                close("ended")
+
+        def ask_and_close(message: Any, t: int) -> tuple[Any, float]:
+            close("message")
+            return message, 0.1
+
+        def respond(response: Any) -> Any:
+            close("response")
+            return response
+
+        operator.use_cloud(after(10 * MS), ask_and_close, respond, 1, policy=Closing())
+        async with operator:
+            operator.write("a")
+            return [item.value async for item in operator]
+
+    assert run(main) == ["a"]
 
 
 def test_stopping_in_the_situations_handler_takes_no_message_more(
@@ -568,7 +606,7 @@ def test_stopping_ends_calls_and_items_and_leaves_the_trace_whole(
     assert verdict.lines == 7
 
 
-def test_a_source_of_messages_that_fails_is_told_at_the_end(run: Run[Any]) -> None:
+def test_a_source_of_messages_that_fails_is_raised_at_the_end(run: Run[Any]) -> None:
     async def camera() -> Any:
         yield "a"
         raise OSError("no camera")
@@ -585,45 +623,302 @@ def test_a_source_of_messages_that_fails_is_told_at_the_end(run: Run[Any]) -> No
     run(main)
 
 
-def test_a_call_that_will_not_end_keeps_a_place_and_no_more(run: Run[Any]) -> None:
-    """D8: calls that suppress their cancellation are bounded."""
-    under_way = [0, 0]
+def stubborn(seconds: float, count: list[int]) -> Handle:
+    """A cloud whose first calls go on for so long after they were cancelled."""
 
-    async def stubborn(request: Any, call: Call) -> Any:
-        under_way[0] += 1
-        under_way[1] = max(under_way)
+    async def handle(request: Any, call: Call) -> Any:
+        if call.timestamp >= count[0]:
+            return request
+        count[1] += 1
         try:
             await asyncio.sleep(1)
         except asyncio.CancelledError:
-            await asyncio.sleep(5)
+            await asyncio.sleep(seconds)
         finally:
-            under_way[0] -= 1
+            count[1] -= 1
+
+    return handle
+
+
+def test_calls_that_will_not_end_cost_no_other_call(run: Run[Any]) -> None:
+    count = [50, 0]
 
     async def main(loop: VirtualLoop) -> None:
         operator: Operator[Any, Any] = Operator(local_after(0), clock=loop.nanos, output_len=99)
-        operator.use_cloud(stubborn, ask(10 * MS), str, 1, calls=3)
+        operator.use_cloud(stubborn(60, count), ask(10 * MS), str, 1, calls=3)
+        async with operator:
+            for message in range(60):
+                operator.write(message)
+                await asyncio.sleep(20 * MS)
+            operator.close()
+            sources = [str(item.source) async for item in operator]
+        assert sources == ["local"] * 50 + ["cloud-1"] * 10
+        assert count[1] == 50
+        await asyncio.sleep(60)
+
+    run(main)
+    assert count[1] == 0
+
+
+def test_calls_that_will_not_end_are_bounded(
+    run: Run[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """D8: beyond the bound a request fails at once, and local's result goes."""
+    monkeypatch.setattr("fuseline._drive.OVERDUE_TASKS", 4)
+    count = [99, 0]
+
+    async def main(loop: VirtualLoop) -> None:
+        operator: Operator[Any, Any] = Operator(local_after(0), clock=loop.nanos, output_len=99)
+        operator.use_cloud(stubborn(5, count), ask(10 * MS), str, 1, name="west", calls=3)
         async with operator:
             for message in range(50):
                 operator.write(message)
                 await asyncio.sleep(20 * MS)
+                assert count[1] <= 10
+            await asyncio.sleep(6)
+            operator.write("after")
             operator.close()
-            assert len([item async for item in operator]) == 50
+            items = [item async for item in operator]
+        triggers = Counter(item.trigger for item in items)
+        assert triggers == {Trigger.TIMER: 11, Trigger.ARRIVAL: 40}
+        why = "10 calls have not ended, though they should have"
+        assert items[20].failures[0].why == why
+        assert items[20].took < 1 * MS
+        assert operator.counts["west", "failed because", why] == 40
+        await asyncio.sleep(6)
 
     run(main)
-    assert under_way == [0, 6]
+
+
+def test_an_operator_ends_although_calls_do_not(
+    run: Run[Any], caplog: pytest.LogCaptureFixture
+) -> None:
+    async def main(loop: VirtualLoop) -> None:
+        operator: Operator[Any, Any] = Operator(local_after(0), name="lane", clock=loop.nanos)
+        operator.use_cloud(stubborn(3600, [3, 0]), ask(0.5), str, 1)
+
+        async def camera() -> Any:
+            try:
+                yield "a"
+                yield "b"
+                await asyncio.sleep(3600)
+            finally:
+                await asyncio.sleep(3600)
+
+        start = loop.time()
+        with contextlib.suppress(KeyError):
+            async with operator:
+                operator.feed(camera())
+                await asyncio.sleep(0.1)
+                raise KeyError
+        assert loop.time() - start == pytest.approx(2.1)
+        await asyncio.sleep(3700)
+
+    run(main)
+    assert "lane: 2 aborted calls have not ended in 1.0 s: they go on" in caplog.text
+    assert "lane: 1 feeds have not ended in 1.0 s: they go on" in caplog.text
+
+
+def test_a_lost_computation_gives_its_place_back(
+    run: Run[Any], caplog: pytest.LogCaptureFixture
+) -> None:
+    async def local(message: int, t: int) -> int:
+        if t == 0:
+            await asyncio.sleep(3600)
+        return message
+
+    async def main(loop: VirtualLoop, lossy: bool) -> tuple[list[Ending], int]:
+        on_board = Local.task(local, deadline=50 * MS, lossy=lossy)
+        operator: Operator[Any, Any] = Operator(on_board, clock=loop.nanos)
+        async with operator:
+            for message in range(3):
+                operator.write(message)
+                await asyncio.sleep(20 * MS)
+            operator.close()
+            items = [item async for item in operator]
+        endings = [item.ending for item in sorted(items, key=lambda item: item.timestamp)]
+        return endings, operator.counts["local", "request", "lost"]
+
+    assert run(lambda loop: main(loop, False)) == ([Ending.MISSED] * 3, 0)
+    lost = [Ending.MISSED, Ending.FORWARDED, Ending.FORWARDED]
+    assert run(lambda loop: main(loop, True)) == (lost, 1)
+    assert "of the local computation came (timestamp=0)" in caplog.text
+
+
+def test_reasons_of_failures_and_refused_messages_are_counted_as_in_rust(run: Run[Any]) -> None:
+    async def broken(request: int, call: Call) -> Any:
+        raise OSError(["connection refused", *map(str, range(9))][max(0, request - 20)])
+
+    async def main(loop: VirtualLoop) -> None:
+        operator: Operator[Any, Any] = Operator(
+            Local.task(local_after(1 * MS), at_once=99), clock=loop.nanos, window=30, output_len=99
+        )
+        operator.use_cloud(broken, ask(1.0), str, 1, name="west", calls=99, limit=99)
+        async with operator:
+            for message in range(32):
+                operator.write(min(message, 29))
+        counts = operator.counts
+        assert counts["operator", "message", "accepted"] == 30
+        assert counts["operator", "message", "refused full"] == 2
+        assert counts["local", "request", "admitted"] == 30
+        assert counts["west", "failed because", "connection refused"] == 21
+        assert counts["west", "failed because", "6"] == 1
+        assert counts["west", "failed because", "other reasons"] == 2
+        assert ("west", "failed because", "7") not in counts
+        assert counts["local", "result", "forwarded"] == counts["local", "output", "arrival"] == 30
+
+    run(main)
+
+
+def test_the_deadline_in_force_is_the_policys_under_its_cap(run: Run[Any], tmp_path: Path) -> None:
+    trace = tmp_path / "trace.jsonl"
+
+    class Long:
+        def decide(self, situation: Situation, cap: Any) -> Chosen:
+            return Chosen(cap + 7, Reason.GUARD, Case.UNSURE)
+
+        def ended(self, end: End, age: Any) -> None: ...
+
+    async def main(loop: VirtualLoop) -> None:
+        operator: Operator[Any, Any] = Operator(local_after(0), clock=loop.nanos, trace=trace)
+        guard = Guard()
+        operator.use_cloud(after(0), ask(0.1), str, 1, name="long", policy=Long())
+        operator.use_cloud(after(0), ask(0.2), str, 2, name="plain")
+        operator.use_cloud(after(0), ask(9.0), str, 3, name="safe", policy=guard)
+        operator.use_cloud(after(0), ask(9.0), str, 4, policy=guard.caps(Constant(0.4)))
+        operator.use_situation(lambda message, t: Situation(speed=11.0))
+        assert operator.deadlines == {}
+        async with operator:
+            operator.write("a")
+        safe = guard.judge(Situation(speed=11.0)).deadline
+        assert operator.deadlines == {
+            "long": (100_000_000, "unsure"),
+            "plain": (200_000_000, "offered"),
+            "safe": (safe, "local-stops"),
+            "cloud-4": (400_000_000, "constant"),
+        }
+
+    run(main)
+    dues = {line.p: line.due for line in Trace(trace).lines if line.ev == "request"}
+    assert (dues[1], dues[4]) == (100_000_000, 400_000_000)
+
+
+@pytest.mark.parametrize("wrong", [RuntimeError("no idea"), None, 250, Chosen(-1, Reason.CAP)])  # type: ignore[arg-type]
+def test_a_policy_that_fails_asks_for_nothing(
+    run: Run[Any], caplog: pytest.LogCaptureFixture, wrong: Any
+) -> None:
+    class Failing:
+        def decide(self, situation: Situation, cap: Any) -> Any:
+            if isinstance(wrong, Exception):
+                raise wrong
+            return wrong
+
+        def ended(self, end: End, age: Any) -> None:
+            raise LookupError("who ended?")
+
+    async def main(loop: VirtualLoop) -> list[Item[Any]]:
+        operator: Operator[Any, Any] = Operator(local_after(20 * MS), clock=loop.nanos)
+        operator.use_cloud(after(0), ask(1.0), str, 1, policy=Guard().caps(Failing()))
+        operator.use_cloud(after(0), ask(10 * MS), str, 2, policy=Constant(1.0))
+        items = await items_of(operator, ["a"])
+        assert operator.counts["cloud-1", "request", "admitted"] == 0
+        assert operator.counts["cloud-2", "request", "admitted"] == 1
+        return items
+
+    (item,) = run(main)
+    assert item.value == "a"
+    assert caplog.text.count("a policy failed\n") == 1
+    assert "nothing is asked (timestamp=0, source=cloud-1)" in caplog.text
+
+
+def test_no_handler_or_policy_can_enter_the_engine_while_it_decides(
+    run: Run[Any], caplog: pytest.LogCaptureFixture
+) -> None:
+    tried: list[str] = []
+
+    async def main(loop: VirtualLoop) -> list[Item[Any]]:
+        operator: Operator[Any, Any] = Operator(local_after(0), clock=loop.nanos)
+
+        def enter() -> None:
+            assert operator._driver is not None
+            with pytest.raises(RuntimeError, match="the operator decides about a message"):
+                operator._driver._engine.tick(1)
+            with pytest.raises(RuntimeError, match="a handler must not write"):
+                operator.write("b")
+            tried.append(repr(operator.counts))
+
+        class Entering:
+            def decide(self, situation: Situation, cap: Any) -> Chosen:
+                enter()
+                return Chosen(cap, Reason.CAP)
+
+            def ended(self, end: End, age: Any) -> None:
+                assert operator.counts
+
+        def handler(message: Any, t: int) -> Any:
+            enter()
+            return message, 1.0
+
+        operator.use_cloud(after(0), handler, str, 1, policy=Entering())
+        return await items_of(operator, ["a"])
+
+    (item,) = run(main)
+    assert (item.value, len(tried)) == ("a", 2)
+    assert not caplog.records
+
+
+def test_an_interrupt_in_a_policy_or_handler_is_no_failure_of_it(run: Run[Any]) -> None:
+    class Interrupted:
+        def decide(self, situation: Situation, cap: Any) -> Any:
+            raise KeyboardInterrupt
+
+        def ended(self, end: End, age: Any) -> None: ...
+
+    def handler(message: Any, t: int) -> Any:
+        raise KeyboardInterrupt
+
+    async def main(loop: VirtualLoop, handler: Any, policy: Any) -> None:
+        operator: Operator[Any, Any] = Operator(local_after(0), clock=loop.nanos)
+        operator.use_cloud(after(0), handler, str, 1, policy=policy)
+        async with operator:
+            with pytest.raises(KeyboardInterrupt):
+                operator.write("a")
+            operator.stop()
+
+    run(lambda loop: main(loop, ask(1.0), Interrupted()))
+    run(lambda loop: main(loop, handler, None))
+
+
+def test_an_operator_that_has_ended_is_let_go(run: Run[Any], tmp_path: Path) -> None:
+    async def main(loop: VirtualLoop) -> weakref.ref[Any]:
+        operator: Operator[Any, Any] = Operator(
+            local_after(0), clock=loop.nanos, trace=tmp_path / "trace.jsonl"
+        )
+
+        def policy(situation: Situation, cap: Any) -> Any:
+            return cap if operator.counts else 0.0
+
+        operator.use_cloud(after(0), ask(1.0), str, 1, policy=policy)
+        async with operator:
+            operator.write("a")
+        return weakref.ref(operator)
+
+    operator = run(main)
+    gc.collect()
+    assert operator() is None
 
 
 def test_a_policy_learns_how_each_call_ended_and_chooses(run: Run[Any]) -> None:
-    told: list[tuple[End, int]] = []
-    asked: list[tuple[int, list[int]]] = []
+    reported: list[tuple[End, int]] = []
+    asks: list[tuple[int, list[int]]] = []
 
     class Policy:
         def decide(self, situation: Situation, cap: Any) -> Any:
-            asked.append((cap, list(situation.under_way)))  # type: ignore[arg-type]
+            asks.append((cap, list(situation.under_way)))  # type: ignore[arg-type]
             return Constant(30 * MS).decide(situation, cap)
 
         def ended(self, end: End, age: Any) -> None:
-            told.append((end, age))
+            reported.append((end, age))
 
     async def handle(request: int, call: Call) -> Any:
         await asyncio.sleep([10, 20, 100][request] * MS)
@@ -638,17 +933,17 @@ def test_a_policy_learns_how_each_call_ended_and_chooses(run: Run[Any]) -> None:
         return await items_of(operator, [0, 1, 2])
 
     run(main)
-    assert told == [(End.ANSWERED, 10**7), (End.FAILED, 2 * 10**7), (End.CENSORED, 3 * 10**7)]
-    assert asked == [(10**9, []), (10**9, [0]), (10**9, [0, 0])]
+    assert reported == [(End.ANSWERED, 10**7), (End.FAILED, 2 * 10**7), (End.CENSORED, 3 * 10**7)]
+    assert asks == [(10**9, []), (10**9, [0]), (10**9, [0, 0])]
 
 
 def test_a_call_that_lingers_shows_how_long_it_takes_and_changes_no_output(run: Run[Any]) -> None:
     for linger, ages in [(0.0, (End.CENSORED, 3 * 10**7)), (0.1, (End.ANSWERED, 5 * 10**7))]:
-        told: list[Any] = []
+        reported: list[Any] = []
 
         class Policy(Constant):
-            def ended(self, end: End, age: Any, told: list[Any] = told) -> None:
-                told.append((end, age))
+            def ended(self, end: End, age: Any, reported: list[Any] = reported) -> None:
+                reported.append((end, age))
 
         policy = Policy(1.0)
 
@@ -662,7 +957,7 @@ def test_a_call_that_lingers_shows_how_long_it_takes_and_changes_no_output(run: 
                 await asyncio.sleep(1)
 
         run(main)
-        assert told == [ages]
+        assert reported == [ages]
 
 
 def test_a_guard_and_what_is_worth_it_decide_in_an_operator(run: Run[Any]) -> None:
@@ -770,7 +1065,7 @@ def test_random_load_gives_one_item_a_message_and_a_conforming_trace(
     assert observed.conforms, str(observed)
 
 
-def test_what_makes_no_operator_is_told() -> None:
+def test_what_makes_no_operator_is_refused() -> None:
     async def cloud(request: Any, call: Call) -> Any: ...
 
     async def handler(message: Any, t: int) -> Any: ...
@@ -788,12 +1083,22 @@ def test_what_makes_no_operator_is_told() -> None:
         (lambda: operator.use_cloud(cloud, plain, str, 1, calls=0), "0 calls at once"),
         (lambda: operator.write(1), "has not started"),
     ]
-    for make, told in cases:
-        with pytest.raises(fuseline.ConfigError, match=told):
+    for make, message in cases:
+        with pytest.raises(fuseline.ConfigError, match=message):
             make()
 
 
-def test_a_second_cloud_of_one_priority_is_told_at_the_start(run: Run[Any]) -> None:
+@pytest.mark.parametrize("window", [-5, 0, 1025])
+def test_a_window_that_is_none_is_refused_at_the_start(run: Run[Any], window: int) -> None:
+    async def main(loop: VirtualLoop) -> None:
+        operator: Operator[Any, Any] = Operator(local_after(0), window=window)
+        with pytest.raises(fuseline.ConfigError, match="a window of"):
+            await operator.start()
+
+    run(main)
+
+
+def test_a_second_cloud_of_one_priority_is_refused_at_the_start(run: Run[Any]) -> None:
     async def main(loop: VirtualLoop) -> None:
         operator: Operator[Any, Any] = Operator(local_after(0))
         for _ in range(2):

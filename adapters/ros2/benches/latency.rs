@@ -135,7 +135,7 @@ async fn echo(name: &str) -> Result<(), Any> {
     }
 }
 
-/// The subscriber: when its input ends, it writes what it heard.
+/// The subscriber: when its input ends, it writes what it received.
 async fn listen() -> Result<(), Any> {
     let mut node = node_in(DOMAIN, "subscriber")?;
     let topics: Vec<Subscription<PointStamped>> = HEARD
@@ -147,14 +147,14 @@ async fn listen() -> Result<(), Any> {
     loop {
         tokio::select! {
             _ = &mut end => break,
-            (place, point) = any_of(&topics) => {
+            (index, point) = any_of(&topics) => {
                 let (PointStamped { header: Header { stamp, .. }, .. }, info) = point?;
                 // Zenoh does not say when it came.
                 let now = SystemTime::now().to_nanos();
                 let sent = i64::from(stamp.sec) * 1_000_000_000 + i64::from(stamp.nanosec);
                 let published = info.source_timestamp().map_or(0, |time| time.to_nanos());
                 let received = info.received_timestamp().map_or(now, |time| time.to_nanos());
-                writeln!(lines, "{place} {sent} {published} {received}")?;
+                writeln!(lines, "{index} {sent} {published} {received}")?;
             }
         }
     }
@@ -166,8 +166,8 @@ async fn any_of(
     topics: &[Subscription<PointStamped>],
 ) -> (usize, Result<(PointStamped, MessageInfo), Any>) {
     let next = topics.iter().map(|topic| Box::pin(topic.take()));
-    let (next, place, _) = futures_util::future::select_all(next).await;
-    (place, next)
+    let (next, index, _) = futures_util::future::select_all(next).await;
+    (index, next)
 }
 
 /// The median and the 99th percentile, in milliseconds, without the first.
@@ -217,7 +217,7 @@ impl ChildProcess {
         Ok(Self(command.spawn()?))
     }
 
-    /// What the subscriber heard, in the order of [`HEARD`].
+    /// What the subscriber received, in the order of [`HEARD`].
     fn received_by_stamp(mut self) -> Result<[ReceivedAt; 3], Any> {
         drop(self.0.stdin.take());
         let mut lines = String::new();
@@ -225,8 +225,8 @@ impl ChildProcess {
         let mut received_by_stamp = [ReceivedAt::new(), ReceivedAt::new(), ReceivedAt::new()];
         for line in lines.lines() {
             let numbers: Vec<i64> = line.split(' ').map(str::parse).collect::<Result<_, _>>()?;
-            let [place, sent, published, received] = numbers[..] else { return Err(line.into()) };
-            received_by_stamp[usize::try_from(place)?]
+            let [index, sent, published, received] = numbers[..] else { return Err(line.into()) };
+            received_by_stamp[usize::try_from(index)?]
                 .insert(sent, Instants { published, received });
         }
         Ok(received_by_stamp)

@@ -151,11 +151,11 @@ impl Arguments {
         arg: String,
         mut next: impl FnMut() -> Result<Option<String>, ArgumentError>,
     ) -> Result<(), ArgumentError> {
-        let mut value = |what| match next()? {
+        let mut value = |expected| match next()? {
             Some(value) if value != "--" && value != "--ros-args" => {
                 Ok((format!("{arg} {value}"), value))
             }
-            Some(_) | None => Err(ArgumentError::Value(arg.clone(), what)),
+            Some(_) | None => Err(ArgumentError::Value(arg.clone(), expected)),
         };
         match arg.as_str() {
             "-r" | "--remap" => {

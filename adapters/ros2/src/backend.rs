@@ -14,7 +14,7 @@ use crate::middleware::Graph;
 #[cfg(feature = "zenoh")]
 use crate::middleware::zenoh::ZenohSession;
 use crate::parameters::Value;
-use crate::report::Time;
+use crate::report::RosTime;
 use crate::service::Requests;
 use crate::settings::{Middleware, Qos, Settings};
 
@@ -30,11 +30,11 @@ pub(crate) enum NodeBackend {
 /// Publishes messages of one type; what cannot be sent is left out.
 pub(crate) type MessagePublisher<M> = Box<dyn Fn(M) + Send + Sync>;
 
-/// Hears of each parameter that was set: its name and its value.
+/// Gets each parameter that was set: its name and its value.
 pub(crate) type ParameterCallback = Box<dyn Fn(&str, &Value) + Send + Sync>;
 
 /// What the node says of itself reaches each subscriber that is there.
-pub(crate) const TOLD: Qos = Qos { reliable: true, transient_local: false, depth: 10 };
+pub(crate) const REPORTS: Qos = Qos { reliable: true, transient_local: false, depth: 10 };
 
 /// A type of a package of ROS.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -109,7 +109,7 @@ impl NodeBackend {
 /// A node that is shown whole.
 pub(crate) struct DiscoveredNode {
     /// The time that messages are stamped with.
-    pub(crate) clock: Box<dyn Fn() -> Time + Send + Sync>,
-    /// Hears of each parameter that was set.
+    pub(crate) clock: Box<dyn Fn() -> RosTime + Send + Sync>,
+    /// Gets each parameter that was set.
     pub(crate) set: ParameterCallback,
 }

@@ -10,12 +10,12 @@ use fuseline_tokio::drive::{Incoming, Sent, Start, Transport};
 use tokio::time::Instant;
 use tracing::{debug, error};
 
-use crate::key::{Key, Stamp};
+use crate::key::{MessageKey, Stamp};
 use crate::lifecycle::LifecycleRequests;
 use crate::middleware::{Endpoint, Publish};
 use crate::raw::Payload;
 use crate::report::{self, NodeCounts, Reporter};
-use crate::source::{Route, Source};
+use crate::source::{NodeSource, Route};
 use crate::speed::Speed;
 use crate::stamps::Stamps;
 use crate::status_publisher::PublishStatus;
@@ -28,25 +28,25 @@ mod tests;
 pub(crate) use channels::InputChannels;
 use channels::known;
 
-/// Local's place among the sources.
+/// Local's index among the sources.
 const LOCAL: usize = 0;
 
-/// What one node hears and says.
-pub(crate) struct Fusion<'a> {
+/// What one node receives and sends.
+pub(crate) struct NodeFusion<'a> {
     /// Local, then the clouds in their order.
-    pub(crate) sources: Vec<Source>,
+    pub(crate) sources: Vec<NodeSource>,
     pub(crate) output: Box<dyn Publish>,
     /// The ends of input and output, to report peers that do not fit.
     pub(crate) ends: Vec<Arc<Endpoint>>,
-    pub(crate) input_key: Key,
-    pub(crate) output_key: Key,
+    pub(crate) input_key: MessageKey,
+    pub(crate) output_key: MessageKey,
     /// The deadline of clouds without one of their own.
     pub(crate) deadline: Duration,
     pub(crate) node: String,
     pub(crate) status_publisher: Box<dyn PublishStatus>,
     pub(crate) counting: Counting,
     pub(crate) received: InputChannels<'a>,
-    /// What a managed node is told; a plain one is always active.
+    /// The requests to a managed node's lifecycle; a plain one is always active.
     pub(crate) orders: Option<&'a mut LifecycleRequests>,
     pub(crate) stop: &'a mut Stop,
     pub(crate) memory: LoopState,
@@ -74,7 +74,7 @@ impl LoopState {
     }
 }
 
-impl Transport for Fusion<'_> {
+impl Transport for NodeFusion<'_> {
     type Request = Payload;
     type Value = Payload;
     type Message = Payload;
@@ -91,7 +91,7 @@ impl Transport for Fusion<'_> {
             self.memory.turn = (turn + 1) % TURNS;
             let received = &mut self.received;
             let event = match turn {
-                0 if self.stop.came()
+                0 if self.stop.is_requested()
                     || self.orders.as_ref().is_some_and(|it| it.last.is_some()) =>
                 {
                     Poll::Pending
@@ -100,7 +100,7 @@ impl Transport for Fusion<'_> {
                 0 => known(received.inputs.poll_recv(context))
                     .map(|sample| if self.is_active() { self.take(sample) } else { None }),
                 1 => known(received.results.poll_recv(context))
-                    .map(|(place, sample)| self.result(place, sample)),
+                    .map(|(index, sample)| self.result(index, sample)),
                 2 => known(received.deadlines.poll_recv(context))
                     .map(|sample| self.environment(sample))
                     .map(|()| None),
@@ -126,7 +126,7 @@ impl Transport for Fusion<'_> {
         (payload.clone(), self.sources[LOCAL].deadline)
     }
 
-    /// Each cloud that is there is asked.
+    /// Each cloud that is there gets a request.
     fn offers(&mut self, _: u64, payload: &Payload) -> impl Iterator<Item = Offer<Payload>> {
         let requested = self.sources.iter().skip(1).filter(|it| it.enabled && it.is_reached());
         requested.map(|source| Offer {
@@ -145,7 +145,7 @@ impl Transport for Fusion<'_> {
         let Some(source) = self.sources.iter().find(|source| source.priority == priority) else {
             return Sent::Failed("there is no such source".into());
         };
-        match &source.way {
+        match &source.route {
             Route::Topics { requests, .. } if requests.matched() == 0 => {
                 Sent::Failed("nobody subscribes to its topic".into())
             }

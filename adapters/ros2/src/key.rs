@@ -82,22 +82,22 @@ const WITH_HEADER: &[&str] = &[
 
 /// Where a message's key is, and what.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Key {
+pub enum MessageKey {
     /// The stamp of a `std_msgs/Header` at the very beginning. It fits whatever begins with a
     /// `builtin_interfaces/Time` as well.
     Header,
-    /// An integer at a fixed place.
+    /// An integer at a fixed offset.
     Integer {
         /// Bytes from the first after the encapsulation header.
         offset: u32,
         /// Its size and sign.
-        kind: Kind,
+        kind: IntegerKind,
     },
 }
 
 /// An integer's size and sign.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Kind {
+pub enum IntegerKind {
     /// `uint32`.
     U32,
     /// `int32`.
@@ -134,7 +134,7 @@ pub fn has_header(type_name: &str) -> bool {
     WITH_HEADER.binary_search(&type_name).is_ok()
 }
 
-impl Key {
+impl MessageKey {
     /// Reads the key of a message's body, the bytes after the encapsulation header.
     ///
     /// # Errors
@@ -150,17 +150,17 @@ impl Key {
                 i128::from(i64::from(sec) * 1_000_000_000 + i64::from(nanosec))
             }
             Self::Integer { offset, kind } => match kind {
-                Kind::U32 => u32::from_ne_bytes(bytes(body, offset, big_endian)?).into(),
-                Kind::I32 => i32::from_ne_bytes(bytes(body, offset, big_endian)?).into(),
-                Kind::U64 => u64::from_ne_bytes(bytes(body, offset, big_endian)?).into(),
-                Kind::I64 => i64::from_ne_bytes(bytes(body, offset, big_endian)?).into(),
+                IntegerKind::U32 => u32::from_ne_bytes(bytes(body, offset, big_endian)?).into(),
+                IntegerKind::I32 => i32::from_ne_bytes(bytes(body, offset, big_endian)?).into(),
+                IntegerKind::U64 => u64::from_ne_bytes(bytes(body, offset, big_endian)?).into(),
+                IntegerKind::I64 => i64::from_ne_bytes(bytes(body, offset, big_endian)?).into(),
             },
         };
         Ok(Stamp(stamp))
     }
 }
 
-impl Kind {
+impl IntegerKind {
     /// The integer's name in ROS.
     #[must_use]
     pub const fn name(self) -> &'static str {
@@ -173,7 +173,7 @@ impl Kind {
     }
 }
 
-impl fmt::Display for Key {
+impl fmt::Display for MessageKey {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Header => f.write_str("header"),
@@ -205,8 +205,8 @@ mod tests {
 
     use super::*;
 
-    fn integer(offset: u32, kind: Kind) -> Key {
-        Key::Integer { offset, kind }
+    fn integer(offset: u32, kind: IntegerKind) -> MessageKey {
+        MessageKey::Integer { offset, kind }
     }
 
     fn header(sec: i32, nanosec: u32) -> Vec<u8> {
@@ -249,20 +249,20 @@ mod tests {
     #[test]
     fn a_header_is_read_in_either_order() {
         let body = [0, 0, 0, 2, 0, 0, 0, 7, 99];
-        assert_eq!(Key::Header.read(&body, true).unwrap().to_string(), "2000000007");
-        let stamp = Key::Header.read(&header(-1, 999_999_999), false).unwrap();
+        assert_eq!(MessageKey::Header.read(&body, true).unwrap().to_string(), "2000000007");
+        let stamp = MessageKey::Header.read(&header(-1, 999_999_999), false).unwrap();
         assert_eq!(stamp.to_string(), "-1");
-        let least = Key::Header.read(&header(i32::MIN, 0), false).unwrap();
+        let least = MessageKey::Header.read(&header(i32::MIN, 0), false).unwrap();
         assert_eq!(least.to_string(), "-2147483648000000000");
     }
 
     /// D14.
     #[test]
     fn a_second_of_nanoseconds_is_no_stamp() {
-        let read = |nanosec| Key::Header.read(&header(1, nanosec), false);
+        let read = |nanosec| MessageKey::Header.read(&header(1, nanosec), false);
         assert_eq!(read(999_999_999).unwrap().to_string(), "1999999999");
         assert_eq!(read(1_000_000_000), Err(KeyError::Nanosec));
-        assert_eq!(Key::Header.read(&header(1, u32::MAX)[..7], false), Err(KeyError::Short));
+        assert_eq!(MessageKey::Header.read(&header(1, u32::MAX)[..7], false), Err(KeyError::Short));
     }
 
     /// D14.
@@ -270,24 +270,24 @@ mod tests {
     fn integers_are_read_at_their_place() {
         let body = [9, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xfe];
         let read = |offset, kind, big| integer(offset, kind).read(&body, big).unwrap().to_string();
-        assert_eq!(read(1, Kind::U32, false), "4294967295");
-        assert_eq!(read(1, Kind::I32, false), "-1");
-        assert_eq!(read(1, Kind::I64, true), "-2");
-        assert_eq!(read(1, Kind::U64, true), "18446744073709551614");
-        assert_eq!(read(5, Kind::I32, true), "-2");
-        assert_eq!(integer(2, Kind::U64).read(&body, true), Err(KeyError::Short));
-        assert_eq!(integer(u32::MAX, Kind::I32).read(&body, true), Err(KeyError::Short));
+        assert_eq!(read(1, IntegerKind::U32, false), "4294967295");
+        assert_eq!(read(1, IntegerKind::I32, false), "-1");
+        assert_eq!(read(1, IntegerKind::I64, true), "-2");
+        assert_eq!(read(1, IntegerKind::U64, true), "18446744073709551614");
+        assert_eq!(read(5, IntegerKind::I32, true), "-2");
+        assert_eq!(integer(2, IntegerKind::U64).read(&body, true), Err(KeyError::Short));
+        assert_eq!(integer(u32::MAX, IntegerKind::I32).read(&body, true), Err(KeyError::Short));
     }
 
     proptest! {
         #[test]
         fn any_bytes_have_a_key_or_none(body: Vec<u8>, offset in 0..40_u32, big: bool) {
             let is_long = |bytes| body.len() >= offset as usize + bytes;
-            prop_assert_eq!(integer(offset, Kind::U64).read(&body, big).is_ok(), is_long(8));
-            prop_assert_eq!(integer(offset, Kind::I64).read(&body, big).is_ok(), is_long(8));
-            prop_assert_eq!(integer(offset, Kind::U32).read(&body, big).is_ok(), is_long(4));
-            prop_assert_eq!(integer(offset, Kind::I32).read(&body, big).is_ok(), is_long(4));
-            let stamp = Key::Header.read(&body, big);
+            prop_assert_eq!(integer(offset, IntegerKind::U64).read(&body, big).is_ok(), is_long(8));
+            prop_assert_eq!(integer(offset, IntegerKind::I64).read(&body, big).is_ok(), is_long(8));
+            prop_assert_eq!(integer(offset, IntegerKind::U32).read(&body, big).is_ok(), is_long(4));
+            prop_assert_eq!(integer(offset, IntegerKind::I32).read(&body, big).is_ok(), is_long(4));
+            let stamp = MessageKey::Header.read(&body, big);
             prop_assert_eq!(stamp == Err(KeyError::Short), body.len() < 8);
         }
 
@@ -295,7 +295,7 @@ mod tests {
         #[test]
         fn a_stamp_is_its_number(number: u64, big: bool) {
             let body = if big { number.to_be_bytes() } else { number.to_le_bytes() };
-            let stamp = integer(0, Kind::U64).read(&body, big).unwrap();
+            let stamp = integer(0, IntegerKind::U64).read(&body, big).unwrap();
             prop_assert_eq!(stamp.to_string(), number.to_string());
         }
     }

@@ -9,7 +9,7 @@ pub(crate) use services::serve;
 
 /// Where a managed node is: at rest, or from 10 on under way.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum State {
+pub(crate) enum LifecycleState {
     /// No node is; ROS lists it.
     Unknown = 0,
     Unconfigured = 1,
@@ -24,7 +24,7 @@ pub(crate) enum State {
     ErrorProcessing = 15,
 }
 
-use State::{
+use LifecycleState::{
     Activating, Active, CleaningUp, Configuring, Deactivating, ErrorProcessing, Finalized,
     Inactive, ShuttingDown, Unconfigured, Unknown,
 };
@@ -34,12 +34,12 @@ use State::{
 pub(crate) struct Transition {
     pub(crate) id: u8,
     pub(crate) label: &'static str,
-    pub(crate) from: State,
-    pub(crate) to: State,
+    pub(crate) from: LifecycleState,
+    pub(crate) to: LifecycleState,
 }
 
 /// All states, in the order of their numbers.
-pub(crate) const STATES: [State; 11] = [
+pub(crate) const STATES: [LifecycleState; 11] = [
     Unknown,
     Unconfigured,
     Inactive,
@@ -57,7 +57,7 @@ const SUCCESS: &str = "transition_success";
 const FAILURE: &str = "transition_failure";
 const ERROR: &str = "transition_error";
 
-/// All transitions: those that may be asked for, then those by which they end.
+/// All transitions: those that may be requested, then those by which they end.
 pub(crate) const TRANSITIONS: [Transition; 25] = [
     transition(1, "configure", Unconfigured, Configuring),
     transition(2, "cleanup", Inactive, CleaningUp),
@@ -88,7 +88,7 @@ pub(crate) const TRANSITIONS: [Transition; 25] = [
 
 /// What a managed node is to do.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Task {
+pub(crate) enum LifecycleTask {
     Configure,
     CleanUp,
     Activate,
@@ -99,7 +99,7 @@ pub(crate) enum Task {
 /// How that went.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum TransitionResult {
-    /// As asked.
+    /// As requested.
     Success,
     /// It is as it was before.
     Failure,
@@ -109,11 +109,11 @@ pub(crate) enum TransitionResult {
 
 /// A task, and where to say that it is done.
 pub(crate) struct LifecycleRequest {
-    pub(crate) task: Task,
+    pub(crate) task: LifecycleTask,
     done: oneshot::Sender<TransitionResult>,
 }
 
-/// What a managed node is told.
+/// The requests to a managed node's lifecycle.
 pub(crate) struct LifecycleRequests {
     pub(crate) reported: mpsc::Receiver<LifecycleRequest>,
     /// Whether messages are taken in.
@@ -124,14 +124,14 @@ pub(crate) struct LifecycleRequests {
 
 impl LifecycleRequest {
     /// An order, and where it is said how it went.
-    pub(crate) fn new(task: Task) -> (Self, oneshot::Receiver<TransitionResult>) {
+    pub(crate) fn new(task: LifecycleTask) -> (Self, oneshot::Receiver<TransitionResult>) {
         let (done, received) = oneshot::channel();
         (Self { task, done }, received)
     }
 
-    pub(crate) fn done(self, how: TransitionResult) {
+    pub(crate) fn done(self, result: TransitionResult) {
         // Nobody waits for it if the node ends.
-        let _ = self.done.send(how);
+        let _ = self.done.send(result);
     }
 }
 
@@ -139,18 +139,18 @@ impl LifecycleRequests {
     /// Does what needs nothing but this; whether the node is to close what is open.
     pub(crate) fn obey(&mut self, order: LifecycleRequest) -> bool {
         match order.task {
-            Task::Activate | Task::Deactivate => {
-                self.is_active = order.task == Task::Activate;
+            LifecycleTask::Activate | LifecycleTask::Deactivate => {
+                self.is_active = order.task == LifecycleTask::Activate;
                 order.done(TransitionResult::Success);
                 false
             }
-            Task::CleanUp | Task::ShutDown => {
+            LifecycleTask::CleanUp | LifecycleTask::ShutDown => {
                 self.is_active = false;
                 self.last = Some(order);
                 true
             }
-            // No managed node is asked for it twice: `State::requested`.
-            Task::Configure => {
+            // It is not requested twice of a managed node: `LifecycleState::requested`.
+            LifecycleTask::Configure => {
                 order.done(TransitionResult::Failure);
                 false
             }
@@ -158,7 +158,7 @@ impl LifecycleRequests {
     }
 }
 
-impl State {
+impl LifecycleState {
     pub(crate) const fn label(self) -> &'static str {
         match self {
             Unknown => "unknown",
@@ -176,41 +176,46 @@ impl State {
     }
 
     /// The transitions from here.
-    pub(crate) fn ways(self) -> impl Iterator<Item = Transition> {
-        TRANSITIONS.into_iter().filter(move |way| way.from == self)
+    pub(crate) fn transitions(self) -> impl Iterator<Item = Transition> {
+        TRANSITIONS.into_iter().filter(move |transition| transition.from == self)
     }
 
-    /// The transition that is asked for, by its label if there is one, else by its number; none if it does not begin
+    /// The transition that is requested, by its label if there is one, else by its number; none if it does not begin
     /// here.
-    pub(crate) fn requested(self, id: u8, label: &str) -> Option<(Transition, Task)> {
-        let way = self
-            .ways()
-            .find(|way| if label.is_empty() { way.id == id } else { way.label == label })?;
-        let task = match way.to {
-            Configuring => Task::Configure,
-            CleaningUp => Task::CleanUp,
-            Activating => Task::Activate,
-            Deactivating => Task::Deactivate,
-            ShuttingDown => Task::ShutDown,
+    pub(crate) fn requested(self, id: u8, label: &str) -> Option<(Transition, LifecycleTask)> {
+        let transition = self.transitions().find(|transition| {
+            if label.is_empty() { transition.id == id } else { transition.label == label }
+        })?;
+        let task = match transition.to {
+            Configuring => LifecycleTask::Configure,
+            CleaningUp => LifecycleTask::CleanUp,
+            Activating => LifecycleTask::Activate,
+            Deactivating => LifecycleTask::Deactivate,
+            ShuttingDown => LifecycleTask::ShutDown,
             Unknown | Unconfigured | Inactive | Active | Finalized | ErrorProcessing => {
                 return None;
             }
         };
-        Some((way, task))
+        Some((transition, task))
     }
 
     /// The transition by which what is under way ends, if anything is.
-    pub(crate) fn ended(self, how: TransitionResult) -> Option<Transition> {
-        let label = match how {
+    pub(crate) fn ended(self, result: TransitionResult) -> Option<Transition> {
+        let label = match result {
             TransitionResult::Success => SUCCESS,
             TransitionResult::Failure => FAILURE,
             TransitionResult::Error => ERROR,
         };
-        self.ways().find(|way| way.label == label)
+        self.transitions().find(|transition| transition.label == label)
     }
 }
 
-const fn transition(id: u8, label: &'static str, from: State, to: State) -> Transition {
+const fn transition(
+    id: u8,
+    label: &'static str,
+    from: LifecycleState,
+    to: LifecycleState,
+) -> Transition {
     Transition { id, label, from, to }
 }
 
@@ -220,56 +225,58 @@ mod tests {
 
     #[test]
     fn each_state_that_rests_has_the_transitions_of_ros() {
-        let ways = |state: State| state.ways().map(|way| way.label).collect::<Vec<_>>();
-        assert_eq!(ways(Unconfigured), ["configure", "shutdown"]);
-        assert_eq!(ways(Inactive), ["cleanup", "activate", "shutdown"]);
-        assert_eq!(ways(Active), ["deactivate", "shutdown"]);
-        assert_eq!(ways(Finalized), [""; 0]);
+        let transitions = |state: LifecycleState| {
+            state.transitions().map(|transition| transition.label).collect::<Vec<_>>()
+        };
+        assert_eq!(transitions(Unconfigured), ["configure", "shutdown"]);
+        assert_eq!(transitions(Inactive), ["cleanup", "activate", "shutdown"]);
+        assert_eq!(transitions(Active), ["deactivate", "shutdown"]);
+        assert_eq!(transitions(Finalized), [""; 0]);
     }
 
     #[test]
     fn a_task_leads_to_where_it_is_meant_to_lead() {
-        let goes = |state: State, id, label, how| {
-            let (way, task) = state.requested(id, label)?;
-            assert_eq!(way.from, state);
-            Some((task, way.to.ended(how)?.to))
+        let run_transition = |state: LifecycleState, id, label, result| {
+            let (transition, task) = state.requested(id, label)?;
+            assert_eq!(transition.from, state);
+            Some((task, transition.to.ended(result)?.to))
         };
         assert_eq!(
-            goes(Unconfigured, 1, "", TransitionResult::Success),
-            Some((Task::Configure, Inactive))
+            run_transition(Unconfigured, 1, "", TransitionResult::Success),
+            Some((LifecycleTask::Configure, Inactive))
         );
         assert_eq!(
-            goes(Unconfigured, 1, "", TransitionResult::Failure),
-            Some((Task::Configure, Unconfigured))
+            run_transition(Unconfigured, 1, "", TransitionResult::Failure),
+            Some((LifecycleTask::Configure, Unconfigured))
         );
         assert_eq!(
-            goes(Inactive, 3, "", TransitionResult::Success),
-            Some((Task::Activate, Active))
+            run_transition(Inactive, 3, "", TransitionResult::Success),
+            Some((LifecycleTask::Activate, Active))
         );
         assert_eq!(
-            goes(Active, 4, "", TransitionResult::Success),
-            Some((Task::Deactivate, Inactive))
+            run_transition(Active, 4, "", TransitionResult::Success),
+            Some((LifecycleTask::Deactivate, Inactive))
         );
         assert_eq!(
-            goes(Inactive, 2, "", TransitionResult::Success),
-            Some((Task::CleanUp, Unconfigured))
+            run_transition(Inactive, 2, "", TransitionResult::Success),
+            Some((LifecycleTask::CleanUp, Unconfigured))
         );
         assert_eq!(
-            goes(Inactive, 2, "", TransitionResult::Error),
-            Some((Task::CleanUp, ErrorProcessing))
+            run_transition(Inactive, 2, "", TransitionResult::Error),
+            Some((LifecycleTask::CleanUp, ErrorProcessing))
         );
         for (state, id) in [(Unconfigured, 5), (Inactive, 6), (Active, 7)] {
             assert_eq!(
-                goes(state, id, "", TransitionResult::Success),
-                Some((Task::ShutDown, Finalized))
+                run_transition(state, id, "", TransitionResult::Success),
+                Some((LifecycleTask::ShutDown, Finalized))
             );
             assert_eq!(
-                goes(state, 0, "shutdown", TransitionResult::Success),
-                Some((Task::ShutDown, Finalized))
+                run_transition(state, 0, "shutdown", TransitionResult::Success),
+                Some((LifecycleTask::ShutDown, Finalized))
             );
         }
         assert_eq!(
-            ErrorProcessing.ended(TransitionResult::Success).map(|way| way.to),
+            ErrorProcessing.ended(TransitionResult::Success).map(|transition| transition.to),
             Some(Unconfigured)
         );
     }
@@ -280,7 +287,10 @@ mod tests {
         assert_eq!(Active.requested(1, "configure"), None);
         assert_eq!(Configuring.requested(10, ""), None);
         assert_eq!(Configuring.requested(0, SUCCESS), None);
-        assert_eq!(Inactive.requested(3, "cleanup").map(|(_, task)| task), Some(Task::CleanUp));
+        assert_eq!(
+            Inactive.requested(3, "cleanup").map(|(_, task)| task),
+            Some(LifecycleTask::CleanUp)
+        );
         assert_eq!(Inactive.ended(TransitionResult::Success), None);
     }
 }

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use fuseline_ros2::arguments::{Action, Arguments, HELP, Level};
 use fuseline_ros2::settings::PolicyKind;
-use fuseline_ros2::{Lines, NodeError, Rosout, Settings, Stop};
+use fuseline_ros2::{NodeError, PendingLogs, Rosout, Settings, Stop};
 use tokio::runtime::{Builder, Runtime};
 use tracing::{error, warn};
 use tracing_subscriber::filter::{EnvFilter, LevelFilter, Targets};
@@ -42,8 +42,8 @@ fn main() -> ExitCode {
         };
     }
     let lines = log(settings.log_level);
-    for given in &settings.ignored {
-        warn!("{}: {} is of no effect here", given.place, given.name);
+    for parameter in &settings.ignored {
+        warn!("{}: {} is of no effect here", parameter.origin, parameter.name);
     }
     if settings.deadlines.kind != PolicyKind::Set && settings.deadlines.rate.is_none() {
         warn!("policy.rate is not given: whether the node keeps up with its inputs is not checked");
@@ -69,8 +69,8 @@ fn check(settings: &Settings) -> Result<(), NodeError> {
     runtime()?.block_on(async { fuseline_ros2::check(settings) })
 }
 
-/// Runs the node until it is told to end.
-fn serve(settings: &Settings, lines: Lines) -> Result<ExitCode, NodeError> {
+/// Runs the node until it is to end.
+fn serve(settings: &Settings, lines: PendingLogs) -> Result<ExitCode, NodeError> {
     let runtime = runtime()?;
     let mut stop = runtime.block_on(async { Stop::watch() }).map_err(NodeError::System)?;
     runtime.block_on(fuseline_ros2::run(settings, &mut stop, Some(lines)))?;
@@ -82,7 +82,7 @@ fn runtime() -> Result<Runtime, NodeError> {
 }
 
 /// Logs to standard error and to what it returns; `RUST_LOG` says more than a level can.
-fn log(level: Option<Level>) -> Lines {
+fn log(level: Option<Level>) -> PendingLogs {
     let level = match level {
         Some(Level::Debug) => "debug",
         Some(Level::Info) | None => "info",

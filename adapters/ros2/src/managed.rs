@@ -9,10 +9,10 @@ use tokio::sync::mpsc;
 use tracing::error;
 
 use crate::error::NodeError;
-use crate::lifecycle::{LifecycleRequest, LifecycleRequests, Task, TransitionResult};
+use crate::lifecycle::{LifecycleRequest, LifecycleRequests, LifecycleTask, TransitionResult};
 use crate::middleware::Graph;
 use crate::node::{self, ExternalInputs};
-use crate::rosout::Lines;
+use crate::rosout::PendingLogs;
 use crate::settings::{Change, Settings};
 use crate::status_publisher::{NodeInterface, StatusPublisher};
 use crate::stop::Stop;
@@ -24,7 +24,7 @@ use crate::stop::Stop;
 pub(crate) async fn run(
     settings: &Settings,
     stop: &mut Stop,
-    lines: Option<Lines>,
+    lines: Option<PendingLogs>,
 ) -> Result<Tally, NodeError> {
     // What ROS sees of it outlives its topics: over DDS these have a participant of their own.
     let backend = Graph::join(settings, |it| it == settings.middleware).await?;
@@ -34,7 +34,7 @@ pub(crate) async fn run(
     if let Some(mut orders) = orders {
         let mut time = 1;
         while let Some(order) = unconfigured(&mut orders, &mut changes, stop).await {
-            if order.task == Task::ShutDown {
+            if order.task == LifecycleTask::ShutDown {
                 finalized(order, stop).await;
                 break;
             }
@@ -47,7 +47,7 @@ pub(crate) async fn run(
             ended = configured(&settings, &backend, Arc::clone(&status_publisher), outside, order)
                 .await;
             match orders.last.take() {
-                Some(order) if order.task == Task::ShutDown => {
+                Some(order) if order.task == LifecycleTask::ShutDown => {
                     finalized(order, stop).await;
                     break;
                 }
@@ -59,7 +59,7 @@ pub(crate) async fn run(
                         TransitionResult::Error
                     });
                 }
-                None if stop.came() => break,
+                None if stop.is_requested() => break,
                 // It could not be configured, and said why.
                 None => ended = Ok(Tally::default()),
             }
@@ -71,14 +71,14 @@ pub(crate) async fn run(
     ended
 }
 
-/// Waits for an order; none if the node is told to end.
+/// Waits for an order; none if the node is to end.
 async fn unconfigured(
     orders: &mut LifecycleRequests,
     changes: &mut mpsc::UnboundedReceiver<Change>,
     stop: &mut Stop,
 ) -> Option<LifecycleRequest> {
-    // It may have been asked while the last order was carried out.
-    while !stop.came() {
+    // It may have been requested while the last order was carried out.
+    while !stop.is_requested() {
         tokio::select! {
             () = stop.requested() => return None,
             order = orders.reported.recv() => return order,
@@ -122,10 +122,10 @@ async fn configured(
     ended
 }
 
-/// It answers its services until it is told to end.
+/// It answers its services until it is to end.
 async fn finalized(order: LifecycleRequest, stop: &mut Stop) {
     order.done(TransitionResult::Success);
-    if !stop.came() {
+    if !stop.is_requested() {
         stop.requested().await;
     }
 }

@@ -18,7 +18,7 @@ use crate::raw::Payload;
 use crate::settings::{Middleware, Qos, Settings};
 
 /// What came on a topic.
-pub(crate) type Sample = Result<Payload, DecodeError>;
+pub(crate) type ReceivedPayload = Result<Payload, DecodeError>;
 
 /// Why what came is no message.
 #[derive(Clone, PartialEq, Eq, Debug, Error)]
@@ -109,7 +109,7 @@ impl Graph {
         topic: &str,
         ty: &str,
         qos: Qos,
-        take: impl Fn(Sample) -> F + Send + Sync + 'static,
+        take: impl Fn(ReceivedPayload) -> F + Send + Sync + 'static,
     ) -> Result<Arc<Endpoint>, NodeError>
     where
         F: Future<Output = ()> + Send + 'static,

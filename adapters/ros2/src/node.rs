@@ -1,4 +1,5 @@
-//! The node: what it opens, and its end.
+//! A plain node: what it opens, and its end. A managed one opens the same, in
+//! [`managed`](crate::managed).
 
 use std::path::Path;
 use std::sync::Arc;
@@ -13,37 +14,30 @@ use tokio::time::{MissedTickBehavior, interval};
 use tracing::info;
 
 use crate::error::NodeError;
-use crate::fusion::{Fusion, InputChannels, LoopState};
+use crate::fusion::{InputChannels, LoopState, NodeFusion};
 use crate::lifecycle::LifecycleRequests;
-use crate::middleware::{Endpoint, Graph, Sample};
+use crate::middleware::{Endpoint, Graph, ReceivedPayload};
+use crate::raw::Payload;
 use crate::report::Reporter;
-use crate::rosout::Lines;
+use crate::rosout::PendingLogs;
 use crate::settings::{self, Change, Middleware, Role, Settings, SpeedTopic};
-use crate::source::{Handle, Route, Source, UnmatchedResults, call};
+use crate::source::{Handle, NodeSource, Route, UnmatchedResults, call};
 use crate::speed::Speed;
 use crate::status_publisher::{NodeInterface, StatusPublisher};
 use crate::stop::Stop;
-use crate::{Payload, managed};
 
 /// How many results may wait for the node at once; more stay in the readers, which drop the oldest.
 const RESULTS: usize = 64;
 
-/// Runs the node until it is stopped; returns its counts. What comes on `lines`, if anything, goes to
-/// `/rosout`.
-///
-/// Call it within a tokio runtime.
+/// Runs a plain node until it is stopped; returns its counts.
 ///
 /// # Errors
-/// If it cannot be started with these settings, or its trace could not be written whole.
-pub async fn run(
+/// As for [`run`](crate::run).
+pub(crate) async fn run(
     settings: &Settings,
     stop: &mut Stop,
-    lines: Option<Lines>,
+    lines: Option<PendingLogs>,
 ) -> Result<Tally, NodeError> {
-    if settings.lifecycle {
-        // A plain node does not carry its future.
-        return Box::pin(managed::run(settings, stop, lines)).await;
-    }
     // What is refused is refused before anybody notices the node.
     check(settings)?;
     realtime(settings.realtime)?;
@@ -59,7 +53,7 @@ pub async fn run(
     ended
 }
 
-/// What a node hears from outside its topics.
+/// What reaches a node from outside its topics.
 pub(crate) struct ExternalInputs<'a> {
     pub(crate) changes: &'a mut mpsc::UnboundedReceiver<Change>,
     pub(crate) orders: Option<&'a mut LifecycleRequests>,
@@ -67,8 +61,8 @@ pub(crate) struct ExternalInputs<'a> {
 }
 
 /// A node whose topics are open.
-pub(crate) struct Open<'a> {
-    driver: Driver<Fusion<'a>>,
+pub(crate) struct OpenNode<'a> {
+    driver: Driver<NodeFusion<'a>>,
     counting: Counting,
 }
 
@@ -79,7 +73,7 @@ pub(crate) fn open<'a>(
     graph: &mut Graph,
     status_publisher: Arc<StatusPublisher>,
     outside: ExternalInputs<'a>,
-) -> Result<Open<'a>, NodeError> {
+) -> Result<OpenNode<'a>, NodeError> {
     let ExternalInputs { changes, orders, stop } = outside;
     let counting = engine.counts();
     let (arrived, results) = mpsc::channel(RESULTS);
@@ -88,12 +82,12 @@ pub(crate) fn open<'a>(
     let qos = settings.qos(&stream.topic, Role::Publisher);
     let own = settings.middleware;
     let output = graph.outlet(own, &stream.topic, &stream.type_name, qos)?;
-    let (taken, inputs) = mpsc::channel(1);
+    let (sender, inputs) = mpsc::channel(1);
     let input = &settings.input;
     let qos = settings.qos(&input.topic, Role::Subscription);
     let input_end = graph.inlet(own, &input.topic, &input.type_name, qos, move |sample| {
-        let taken = taken.clone();
-        async move { drop(taken.send(sample).await) }
+        let sender = sender.clone();
+        async move { drop(sender.send(sample).await) }
     })?;
     input_end.patience(settings.silence);
     let mut ends = vec![input_end, Arc::clone(output.end())];
@@ -108,7 +102,7 @@ pub(crate) fn open<'a>(
     let node = settings.node.full();
     let mut report = interval(settings.diagnostics_period);
     report.set_missed_tick_behavior(MissedTickBehavior::Delay);
-    let fusion = Fusion {
+    let fusion = NodeFusion {
         sources,
         ends,
         output,
@@ -135,11 +129,11 @@ pub(crate) fn open<'a>(
         clouds = settings.clouds.len(),
         "fusing"
     );
-    Ok(Open { driver, counting })
+    Ok(OpenNode { driver, counting })
 }
 
-impl Open<'_> {
-    /// Runs until it is told to stop or to close.
+impl OpenNode<'_> {
+    /// Runs until it is requested to stop or to close.
     pub(crate) async fn run(self) -> Result<Tally, NodeError> {
         let (mut fusion, engine) = self.driver.run().await;
         fusion.report();
@@ -190,13 +184,13 @@ fn schedule(_: u8) -> Result<(), NodeError> {
     Ok(())
 }
 
-/// Whether the node could start, as far as that can be told without starting it: whether its
+/// Whether the node could start, as far as that is known without starting it: whether its
 /// parameters make an operator, and the files of its secrets can be read.
 ///
 /// To be called within a tokio runtime. Nothing is opened, joined or written.
 ///
 /// # Errors
-/// With the first thing that is wrong; [`run`] refuses the same.
+/// With the first thing that is wrong; [`run`](crate::run) refuses the same.
 pub fn check(settings: &Settings) -> Result<(), NodeError> {
     engine(settings)?;
     #[cfg(feature = "zenoh")]
@@ -285,22 +279,29 @@ fn record<V, R>(engine: &mut Engine<V, R>, settings: &Settings) -> Result<(), No
 fn sources(
     settings: &Settings,
     graph: &mut Graph,
-    arrived: &mpsc::Sender<(usize, Sample)>,
-) -> Result<Vec<Source>, NodeError> {
+    arrived: &mpsc::Sender<(usize, ReceivedPayload)>,
+) -> Result<Vec<NodeSource>, NodeError> {
     let local = &settings.local;
-    let mut sources = vec![Source {
+    let mut sources = vec![NodeSource {
         priority: 0,
         name: "local".into(),
-        way: topics(graph, settings, local.middleware, [&local.input, &local.output], arrived, 0)?,
+        route: topics(
+            graph,
+            settings,
+            local.middleware,
+            [&local.input, &local.output],
+            arrived,
+            0,
+        )?,
         enabled: true,
         deadline: Some(local.deadline),
         hints: None,
         unmatched: UnmatchedResults::default(),
     }];
-    for (place, cloud) in (1..).zip(&settings.clouds) {
-        let way = match &cloud.way {
+    for (index, cloud) in (1..).zip(&settings.clouds) {
+        let route = match &cloud.way {
             settings::CloudConnection::Topics { middleware, input, output } => {
-                topics(graph, settings, *middleware, [input, output], arrived, place)?
+                topics(graph, settings, *middleware, [input, output], arrived, index)?
             }
             settings::CloudConnection::Grpc(grpc) => Route::Grpc(handle(cloud, grpc)?),
         };
@@ -311,10 +312,10 @@ fn sources(
                 Some(graph.outlet(settings.middleware, topic, &settings.output.type_name, qos)?)
             }
         };
-        sources.push(Source {
+        sources.push(NodeSource {
             priority: cloud.priority,
             name: cloud.name.clone(),
-            way,
+            route,
             enabled: cloud.enabled,
             deadline: cloud.deadline,
             hints,
@@ -329,8 +330,8 @@ fn topics(
     settings: &Settings,
     middleware: Middleware,
     [requests, results]: [&str; 2],
-    arrived: &mpsc::Sender<(usize, Sample)>,
-    place: usize,
+    arrived: &mpsc::Sender<(usize, ReceivedPayload)>,
+    index: usize,
 ) -> Result<Route, NodeError> {
     let qos = settings.qos(requests, Role::Publisher);
     let requests = graph.outlet(middleware, requests, &settings.input.type_name, qos)?;
@@ -339,7 +340,7 @@ fn topics(
     let results =
         graph.inlet(middleware, results, &settings.output.type_name, qos, move |sample| {
             let arrived = arrived.clone();
-            async move { drop(arrived.send((place, sample)).await) }
+            async move { drop(arrived.send((index, sample)).await) }
         })?;
     Ok(Route::Topics { requests, results })
 }
@@ -350,7 +351,7 @@ fn latest(
     settings: &Settings,
     topic: &str,
     type_name: &str,
-    received: mpsc::Sender<Sample>,
+    received: mpsc::Sender<ReceivedPayload>,
 ) -> Result<Arc<Endpoint>, NodeError> {
     let qos = settings.qos(topic, Role::Subscription);
     let end = graph.inlet(settings.middleware, topic, type_name, qos, move |sample| {

@@ -29,7 +29,7 @@ pub struct ParameterOverride {
     /// Its value.
     pub value: Value,
     /// Where it was given.
-    pub place: ValueOrigin,
+    pub origin: ValueOrigin,
     /// Whether it is for other nodes as well: given in a file under a name with a wildcard.
     pub is_shared: bool,
 }
@@ -74,10 +74,10 @@ pub enum ParameterError {
         path: PathBuf,
     },
     /// Something in it is wrong.
-    #[error("{place}: {flaw}")]
+    #[error("{origin}: {flaw}")]
     ParameterFlaw {
         /// Where.
-        place: ValueOrigin,
+        origin: ValueOrigin,
         /// What.
         flaw: ParameterFlaw,
     },
@@ -133,8 +133,8 @@ pub fn given(
 ) -> Result<BTreeMap<String, ParameterOverride>, ParameterError> {
     let mut all = BTreeMap::new();
     for path in files {
-        for given in sections::given(path, &read(path)?, node)? {
-            all.insert(given.name.clone(), given);
+        for parameter in sections::overrides(path, &read(path)?, node)? {
+            all.insert(parameter.name.clone(), parameter);
         }
     }
     for Assignment { node: whose, given } in assignments {
@@ -151,8 +151,8 @@ impl Assignment {
     /// # Errors
     /// If it is something else.
     pub fn parse(text: &str, argument: &str) -> Result<Self, ParameterError> {
-        let place = ValueOrigin::Argument(argument.to_owned());
-        let fault = |flaw| ParameterError::ParameterFlaw { place: place.clone(), flaw };
+        let origin = ValueOrigin::Argument(argument.to_owned());
+        let fault = |flaw| ParameterError::ParameterFlaw { origin: origin.clone(), flaw };
         let (name, value) = text.split_once(":=").ok_or_else(|| fault(ParameterFlaw::Shape))?;
         let (node, name) = match name.split_once(':') {
             Some((node, name)) => (Some(node.to_owned()), name.to_owned()),
@@ -169,7 +169,7 @@ impl Assignment {
             Some(value) => value::read(&name, &value).map_err(|(_, flaw)| fault(flaw))?,
             None => return Err(fault(ParameterFlaw::Empty(name))),
         };
-        Ok(Self { node, given: ParameterOverride { name, value, place, is_shared: false } })
+        Ok(Self { node, given: ParameterOverride { name, value, origin, is_shared: false } })
     }
 }
 

@@ -29,7 +29,7 @@ const ENCODINGS: [Encoding; 2] = [Encoding::CDR_BE, Encoding::CDR_LE];
 const ENCAPSULATION: usize = 4;
 
 thread_local! {
-    /// The byte order of the payload last given to `to_bytes`. The library asks the adapter, not the
+    /// The byte order of the payload last given to `to_bytes`. The library queries the adapter, not the
     /// value, for the encoding, right after the value's bytes and on the same thread.
     static BIG_ENDIAN: Cell<bool> = const { Cell::new(false) };
 }

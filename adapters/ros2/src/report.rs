@@ -8,30 +8,30 @@ use serde::Serialize;
 use crate::key::Stamp;
 use crate::middleware::Endpoint;
 use crate::raw::Payload;
-use crate::source::{Source, UnmatchedResults};
+use crate::source::{NodeSource, UnmatchedResults};
 
 /// `diagnostic_msgs/msg/DiagnosticArray`.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct DiagnosticArray {
-    pub(crate) header: Header,
+    pub(crate) header: RosHeader,
     pub(crate) status: Vec<DiagnosticStatus>,
 }
 
-/// `std_msgs/msg/Header`.
+/// `std_msgs/msg/RosHeader`.
 #[derive(Clone, Debug, Serialize)]
-pub(crate) struct Header {
-    pub(crate) stamp: Time,
+pub(crate) struct RosHeader {
+    pub(crate) stamp: RosTime,
     pub(crate) frame_id: String,
 }
 
-/// `builtin_interfaces/msg/Time`.
+/// `builtin_interfaces/msg/RosTime`.
 #[derive(Clone, Copy, Debug, Serialize)]
-pub(crate) struct Time {
+pub(crate) struct RosTime {
     pub(crate) sec: i32,
     pub(crate) nanosec: u32,
 }
 
-impl Time {
+impl RosTime {
     /// So many nanoseconds after the epoch, or before it.
     pub(crate) fn of_nanos(nanos: i64) -> Self {
         Self {
@@ -101,7 +101,7 @@ impl Reporter {
         &mut self,
         tally: Tally,
         intake: NodeCounts,
-        sources: &[Source],
+        sources: &[NodeSource],
         ends: &[&Endpoint],
         blind: Option<String>,
     ) -> Vec<DiagnosticStatus> {
@@ -167,7 +167,7 @@ impl Reporter {
 
     fn source(
         &self,
-        source: &Source,
+        source: &NodeSource,
         now: &SourceTally,
         before: &SourceTally,
         stray: UnmatchedResults,

@@ -16,7 +16,7 @@ const LINES: usize = 256;
 pub struct Rosout(mpsc::Sender<LogLine>);
 
 /// What was logged and not yet published.
-pub struct Lines(pub(crate) mpsc::Receiver<LogLine>);
+pub struct PendingLogs(pub(crate) mpsc::Receiver<LogLine>);
 
 /// One line of the log.
 pub(crate) struct LogLine {
@@ -29,9 +29,9 @@ pub(crate) struct LogLine {
 impl Rosout {
     /// The layer, and what [`run`](crate::run) publishes.
     #[must_use]
-    pub fn new() -> (Self, Lines) {
-        let (kept, lines) = mpsc::channel(LINES);
-        (Self(kept), Lines(lines))
+    pub fn new() -> (Self, PendingLogs) {
+        let (sender, lines) = mpsc::channel(LINES);
+        (Self(sender), PendingLogs(lines))
     }
 }
 
@@ -43,7 +43,7 @@ impl<S: Subscriber> Layer<S> for Rosout {
             Level::INFO => LogLevel::Info,
             _ => LogLevel::Debug,
         };
-        let mut text = Text::default();
+        let mut text = LogText::default();
         event.record(&mut text);
         let file = event.metadata().file().unwrap_or_default();
         let line = event.metadata().line().unwrap_or_default();
@@ -54,9 +54,9 @@ impl<S: Subscriber> Layer<S> for Rosout {
 
 /// The message, then its fields.
 #[derive(Default)]
-struct Text(String);
+struct LogText(String);
 
-impl Visit for Text {
+impl Visit for LogText {
     fn record_debug(&mut self, field: &Field, value: &dyn Debug) {
         // Writing to a string cannot fail.
         let _ = if field.name() == "message" {

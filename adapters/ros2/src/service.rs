@@ -5,11 +5,11 @@ use tokio::sync::mpsc;
 /// A request that waits for its answer.
 pub(crate) struct PendingRequest<Q, R> {
     pub(crate) request: Q,
-    pub(crate) reply: Reply<R>,
+    pub(crate) reply: ServiceReply<R>,
 }
 
-/// Where an answer goes; who asked is answered by nobody if it is dropped.
-pub(crate) struct Reply<R>(Box<dyn FnOnce(R) + Send>);
+/// Where an answer is sent; the client gets none if it is dropped.
+pub(crate) struct ServiceReply<R>(Box<dyn FnOnce(R) + Send>);
 
 /// The requests of one service, in the order in which they came.
 pub(crate) type Requests<Q, R> = mpsc::Receiver<PendingRequest<Q, R>>;
@@ -17,7 +17,7 @@ pub(crate) type Requests<Q, R> = mpsc::Receiver<PendingRequest<Q, R>>;
 /// How many requests of a service may wait; the others wait in the middleware.
 pub(crate) const WAITING: usize = 4;
 
-impl<R> Reply<R> {
+impl<R> ServiceReply<R> {
     pub(crate) fn new(send: impl FnOnce(R) + Send + 'static) -> Self {
         Self(Box::new(send))
     }

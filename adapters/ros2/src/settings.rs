@@ -20,7 +20,7 @@ use fuseline_engine::Commit;
 use fuseline_tokio::Timers;
 
 use crate::arguments::{Arguments, Level};
-use crate::key::{Key, Kind, has_header};
+use crate::key::{IntegerKind, MessageKey, has_header};
 use crate::names::{NodeName, check_type};
 use crate::parameters::{ParameterOverride, Value, ValueOrigin, given};
 pub use crate::settings::change::{Change, ChangeError};
@@ -28,9 +28,9 @@ pub(crate) use crate::settings::current::Current;
 pub use crate::settings::error::SettingsError;
 pub use crate::settings::middleware::Middleware;
 pub use crate::settings::parameter::{Parameter, Range};
-pub use crate::settings::policy::{Deadlines, PolicyKind, SpeedTopic};
+pub use crate::settings::policy::{DeadlineSettings, PolicyKind, SpeedTopic};
 pub use crate::settings::qos::{Qos, Role, Topic};
-use crate::settings::reader::{LocatedValue, Reader};
+use crate::settings::reader::{LocatedValue, ParameterReader};
 pub use crate::settings::seconds::seconds;
 
 /// Types of topics that do not depend on parameters.
@@ -51,11 +51,11 @@ pub struct Settings {
     /// Whether to talk over DDS to this machine only; Zenoh's configuration says whom it talks to.
     pub localhost_only: bool,
     /// The messages.
-    pub input: Stream,
+    pub input: StreamSettings,
     /// After how long without an input to warn; none leaves it to the usual gap.
     pub silence: Option<Duration>,
     /// Their results.
-    pub output: Stream,
+    pub output: StreamSettings,
     /// How many messages may be open at once, 1 to 1024.
     pub window: u16,
     /// The commit rule (F6).
@@ -64,14 +64,14 @@ pub struct Settings {
     pub timers: Timers,
     /// The priority under `SCHED_FIFO` of the thread that serves what is due, with memory locked; 0 for neither.
     pub realtime: u8,
-    /// Whether the node is managed: it begins unconfigured, and is told by services what to do.
+    /// Whether the node is managed: it begins unconfigured, and services request its transitions.
     pub lifecycle: bool,
     /// How long a cloud without a deadline of its own may take.
     pub deadline: Duration,
     /// The topic that changes `deadline`, if any.
     pub deadline_topic: Option<String>,
     /// How deadlines are chosen, at most `deadline`.
-    pub deadlines: Deadlines,
+    pub deadlines: DeadlineSettings,
     /// The computation on this robot.
     pub local: Local,
     /// The clouds, in the order of the parameter `clouds`; up to 15.
@@ -102,13 +102,13 @@ pub struct Settings {
 
 /// One side of the node.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Stream {
+pub struct StreamSettings {
     /// Its topic.
     pub topic: String,
     /// Its messages' type, `package/msg/Type`.
     pub type_name: String,
     /// Where a message says which input it is for.
-    pub key: Key,
+    pub key: MessageKey,
 }
 
 /// The computation on this robot (priority 0).
@@ -137,7 +137,7 @@ pub struct Cloud {
     pub priority: u16,
     /// How long it may take; none means [`Settings::deadline`].
     pub deadline: Option<Duration>,
-    /// Whether the cloud is asked.
+    /// Whether requests are sent to the cloud.
     pub enabled: bool,
     /// The gate shuts when this many requests wait (F2g); at least 1.
     pub limit: u64,
@@ -201,17 +201,17 @@ impl Settings {
     ) -> Result<Self, SettingsError> {
         let node = NodeName { namespace: "/".to_owned(), name: "fuseline".to_owned() };
         let node = node.remapped(&arguments.remaps);
-        let mut given = given(&arguments.files, &arguments.assignments, &node)?;
+        let mut overrides = given(&arguments.files, &arguments.assignments, &node)?;
         let from_environment = [
             domain(&environment),
             localhost_only(&environment),
             middleware::from_rmw(&environment),
         ];
         for from in from_environment.into_iter().flatten() {
-            given.entry(from.name.clone()).or_insert(from);
+            overrides.entry(from.name.clone()).or_insert(from);
         }
         let log_level = log_level(arguments, &node);
-        let mut reader = Reader::new(given, node.clone(), &arguments.remaps);
+        let mut reader = ParameterReader::new(overrides, node.clone(), &arguments.remaps);
         let mut settings = read(&mut reader, node)?;
         settings.ignored = reader.apply_rest()?;
         settings.topics = reader.topics;
@@ -219,8 +219,8 @@ impl Settings {
         settings.log_level = log_level;
         settings.rosout = arguments.rosout;
         if let Err(why) = settings.keep_pace() {
-            let place = settings.place("policy.rate");
-            return Err(SettingsError::Workload { place, why });
+            let origin = settings.origin("policy.rate");
+            return Err(SettingsError::Workload { origin, why });
         }
         for at in 0..settings.declared.len() {
             let is_fixed = settings.dynamic(&settings.declared[at].name).is_none();
@@ -245,13 +245,13 @@ impl Settings {
     }
 
     /// Where a parameter comes from.
-    fn place(&self, name: &str) -> ValueOrigin {
-        self.parameter(name).map_or(ValueOrigin::Default, |parameter| parameter.place.clone())
+    fn origin(&self, name: &str) -> ValueOrigin {
+        self.parameter(name).map_or(ValueOrigin::Default, |parameter| parameter.origin.clone())
     }
 }
 
 /// Reads all parameters but those of quality of service.
-fn read(r: &mut Reader, node: NodeName) -> Result<Settings, SettingsError> {
+fn read(r: &mut ParameterReader, node: NodeName) -> Result<Settings, SettingsError> {
     let about = "What carries the topics, dds or zenoh";
     let middleware = middleware::read(r, "middleware", Middleware::Dds, about)?;
     let input = stream(r, "input", Role::Subscription)?;
@@ -283,7 +283,7 @@ fn read(r: &mut Reader, node: NodeName) -> Result<Settings, SettingsError> {
         let value = Value::Integer(realtime.value.into());
         let expected = "0 to a managed node, whose next configuration would start its threads with that priority";
         let (name, expected) = ("realtime".to_owned(), expected.to_owned());
-        return Err(SettingsError::Value { place: realtime.place, name, value, expected });
+        return Err(SettingsError::Value { origin: realtime.origin, name, value, expected });
     }
     let deadline = r.seconds("deadline", 0.5, "How long a cloud may take, in seconds")?;
     let about = "The topic that changes the deadline; empty for none";
@@ -335,12 +335,16 @@ fn read(r: &mut Reader, node: NodeName) -> Result<Settings, SettingsError> {
     })
 }
 
-fn stream(r: &mut Reader, name: &'static str, role: Role) -> Result<Stream, SettingsError> {
+fn stream(
+    r: &mut ParameterReader,
+    name: &'static str,
+    role: Role,
+) -> Result<StreamSettings, SettingsError> {
     let of = |part: &str| format!("{name}.{part}");
     if !r.is_given(&of("type")) {
         return Err(SettingsError::Type { name: of("type") });
     }
-    let LocatedValue { value: type_name, place } = r.read(
+    let LocatedValue { value: type_name, origin } = r.read(
         &of("type"),
         Value::String(String::new()),
         "The messages' type",
@@ -350,22 +354,22 @@ fn stream(r: &mut Reader, name: &'static str, role: Role) -> Result<Stream, Sett
             _ => None,
         },
     )?;
-    let key = key(r, name, &type_name, &place)?;
+    let key = key(r, name, &type_name, &origin)?;
     let topic = r.topic(&of("topic"), name, "The topic", &type_name, role)?;
-    Ok(Stream { topic, type_name, key })
+    Ok(StreamSettings { topic, type_name, key })
 }
 
 fn key(
-    r: &mut Reader,
+    r: &mut ParameterReader,
     stream: &'static str,
     type_name: &str,
-    type_place: &ValueOrigin,
-) -> Result<Key, SettingsError> {
+    type_origin: &ValueOrigin,
+) -> Result<MessageKey, SettingsError> {
     let names = [format!("{stream}.key"), format!("{stream}.key_offset")];
     let [key, offset] = [&names[0], &names[1]];
     if !r.is_given(key) && !has_header(type_name) {
-        let (place, type_name) = (type_place.clone(), type_name.to_owned());
-        return Err(SettingsError::Key { place, type_name, name: key.clone() });
+        let (origin, type_name) = (type_origin.clone(), type_name.to_owned());
+        return Err(SettingsError::Key { origin, type_name, name: key.clone() });
     }
     let kind = r.read(
         key,
@@ -374,26 +378,28 @@ fn key(
         "header, uint32, int32, uint64 or int64",
         |value| match value {
             Value::String(key) if key == "header" => Some(None),
-            Value::String(key) => [Kind::U32, Kind::I32, Kind::U64, Kind::I64]
-                .map(Some)
-                .into_iter()
-                .find(|kind| kind.is_some_and(|kind| kind.name() == key)),
+            Value::String(key) => {
+                [IntegerKind::U32, IntegerKind::I32, IntegerKind::U64, IntegerKind::I64]
+                    .map(Some)
+                    .into_iter()
+                    .find(|kind| kind.is_some_and(|kind| kind.name() == key))
+            }
             _ => None,
         },
     )?;
     let Some(kind) = kind.value else {
-        return match r.place(offset) {
-            Some(place) => Err(SettingsError::Offset { place, name: offset.clone() }),
-            None => Ok(Key::Header),
+        return match r.origin(offset) {
+            Some(origin) => Err(SettingsError::Offset { origin, name: offset.clone() }),
+            None => Ok(MessageKey::Header),
         };
     };
     let about = "Where the key begins, in bytes after the encapsulation header";
     let offset = r.integer(offset, 0..=65_528, 0, about)?.value;
-    Ok(Key::Integer { offset, kind })
+    Ok(MessageKey::Integer { offset, kind })
 }
 
 fn local(
-    r: &mut Reader,
+    r: &mut ParameterReader,
     types: [&str; 2],
     window: u16,
     middleware: Middleware,
@@ -410,7 +416,11 @@ fn local(
 }
 
 /// The two topics of a source.
-fn topics(r: &mut Reader, name: &str, types: [&str; 2]) -> Result<[String; 2], SettingsError> {
+fn topics(
+    r: &mut ParameterReader,
+    name: &str,
+    types: [&str; 2],
+) -> Result<[String; 2], SettingsError> {
     let mut topic = |side: &str, about, type_name, role| {
         r.topic(&format!("{name}.{side}_topic"), &format!("{name}/{side}"), about, type_name, role)
     };
@@ -434,8 +444,8 @@ fn localhost_only(environment: impl Fn(&str) -> Option<String>) -> Option<Parame
 }
 
 fn from_environment(name: &str, value: Value, variable: &'static str) -> ParameterOverride {
-    let place = ValueOrigin::Environment(variable);
-    ParameterOverride { name: name.to_owned(), value, place, is_shared: false }
+    let origin = ValueOrigin::Environment(variable);
+    ParameterOverride { name: name.to_owned(), value, origin, is_shared: false }
 }
 
 /// The last level for this node's logger, or else for all.

@@ -13,12 +13,12 @@ use crate::raw::Payload;
 use crate::settings::Grpc;
 
 /// Local or a cloud, as the node sees it.
-pub(crate) struct Source {
+pub(crate) struct NodeSource {
     /// 0 is local.
     pub(crate) priority: u16,
     pub(crate) name: String,
-    pub(crate) way: Route,
-    /// Whether it is asked at all; local always is.
+    pub(crate) route: Route,
+    /// Whether it gets requests at all; local always does.
     pub(crate) enabled: bool,
     /// How long it may take; none means the node's deadline.
     pub(crate) deadline: Option<Duration>,
@@ -53,10 +53,10 @@ pub(crate) struct UnmatchedResults {
 #[error("the reply is not a message serialized as plain CDR")]
 struct NotCdr;
 
-impl Source {
+impl NodeSource {
     /// Who should be there and is missing, in words.
     pub(crate) fn missing(&self) -> Option<String> {
-        match &self.way {
+        match &self.route {
             Route::Topics { requests, .. } if requests.matched() == 0 => {
                 Some(format!("nobody subscribes to {}", requests.end().topic))
             }
@@ -69,7 +69,7 @@ impl Source {
 
     /// Whether a message can get there now.
     pub(crate) fn is_reached(&self) -> bool {
-        match &self.way {
+        match &self.route {
             Route::Topics { requests, .. } => requests.matched() > 0,
             Route::Grpc(_) => true,
         }
@@ -77,7 +77,7 @@ impl Source {
 
     /// The topics' ends, to report peers that do not fit.
     pub(crate) fn ends(&self) -> impl Iterator<Item = &Endpoint> {
-        let ends = match &self.way {
+        let ends = match &self.route {
             Route::Topics { requests, results } => [Some(&**requests.end()), Some(&**results)],
             Route::Grpc(_) => [None, None],
         };
@@ -130,7 +130,7 @@ mod tests {
 
     use super::*;
 
-    /// The credentials that a server asks for, and a client's files of them.
+    /// The credentials that a server requires, and a client's files of them.
     struct CredentialFiles {
         folder: tempfile::TempDir,
         server: Server,
@@ -171,7 +171,7 @@ mod tests {
     }
 
     /// One call's result.
-    async fn ask(grpc: &Grpc) -> Result<Payload, Error> {
+    async fn call_once(grpc: &Grpc) -> Result<Payload, Error> {
         let header =
             Header { operator: None, window: 1, commit: Commit::Eager, clouds: Vec::new() };
         let local = Local { at_once: 1, waiting: 0, skip_answered: false, lossy: true };
@@ -198,12 +198,15 @@ mod tests {
             token_file: Some(secrets.file("token")),
             server_name: None,
         };
-        let echoed = ask(&all).await.unwrap();
+        let echoed = call_once(&all).await.unwrap();
         assert_eq!((echoed.big_endian, &echoed.body[..]), (true, b"message".as_slice()));
         let without_token = Grpc { token_file: None, ..all.clone() };
         let without_certificate = Grpc { certificate: None, key: None, ..all };
-        assert!(ask(&without_token).await.is_err(), "the server asks for no token");
-        assert!(ask(&without_certificate).await.is_err(), "the server asks for no certificate");
+        assert!(call_once(&without_token).await.is_err(), "the server asks for no token");
+        assert!(
+            call_once(&without_certificate).await.is_err(),
+            "the server asks for no certificate"
+        );
         server.abort();
     }
 

@@ -37,7 +37,7 @@ impl Speed {
         self.fresh(now).map_or(Situation::UNKNOWN, |speed| Situation::at(MetresPerSecond(speed)))
     }
 
-    /// That nothing is known, if that is so.
+    /// Why the speed is unknown, if it is.
     pub(crate) fn missing(&self, now: Instant) -> Option<String> {
         match self.last {
             _ if self.fresh(now).is_some() => None,
@@ -60,9 +60,9 @@ fn odometry(payload: &Payload) -> Option<f64> {
     // The header's stamp, then two frames' names, each with its length before it.
     let mut at = 8;
     for _ in 0..2 {
-        let place = aligned(at, 4)?;
-        let len = u32_at(payload, place)?;
-        at = place.checked_add(4)?.checked_add(usize::try_from(len).ok()?)?;
+        let start = aligned(at, 4)?;
+        let len = u32_at(payload, start)?;
+        at = start.checked_add(4)?.checked_add(usize::try_from(len).ok()?)?;
     }
     // A position, an orientation and 36 covariances.
     let twist = aligned(at, 8)?.checked_add(8 * (3 + 4 + 36))?;

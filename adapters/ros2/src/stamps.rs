@@ -2,7 +2,7 @@
 
 use std::collections::{HashMap, VecDeque};
 
-/// How many answered messages are remembered, to tell their late results from results of no message.
+/// How many answered messages are remembered, so that their late results differ from results of no message.
 const ANSWERED: usize = 1024;
 
 /// The timestamps of the open messages and of those answered last, by key.
@@ -25,7 +25,7 @@ pub(crate) enum KeyOrder {
     Forwards,
     /// Not greater; the message is taken on all the same.
     Backwards,
-    /// An open message has this key: their results could not be told apart.
+    /// An open message has this key: their results could not be distinguished.
     Taken,
 }
 

@@ -6,13 +6,13 @@ use ros2_client::Log;
 use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 
-use crate::backend::{DiscoveredNode, MessagePublisher, NodeBackend, TOLD, TypeName};
+use crate::backend::{DiscoveredNode, MessagePublisher, NodeBackend, REPORTS, TypeName};
 use crate::error::NodeError;
 use crate::lifecycle::{LifecycleRequests, serve};
 use crate::middleware::Graph;
-use crate::parameters::services::{Parameters, Services};
-use crate::report::{self, DiagnosticArray, DiagnosticStatus, Time};
-use crate::rosout::Lines;
+use crate::parameters::services::{NodeParameters, ParameterServices};
+use crate::report::{self, DiagnosticArray, DiagnosticStatus, RosTime};
+use crate::rosout::PendingLogs;
 use crate::settings::{Change, Current, Qos, Settings};
 
 /// Publishes what the node reports.
@@ -26,7 +26,7 @@ pub(crate) trait PublishStatus: Send {
 
 /// The node's publishers of reports.
 pub(crate) struct StatusPublisher {
-    clock: Box<dyn Fn() -> Time + Send + Sync>,
+    clock: Box<dyn Fn() -> RosTime + Send + Sync>,
     diagnostics: MessagePublisher<DiagnosticArray>,
     status: MessagePublisher<DiagnosticStatus>,
 }
@@ -37,7 +37,7 @@ pub(crate) struct NodeInterface {
     pub(crate) settings: Current,
     /// What was set since it was last looked at.
     pub(crate) changes: mpsc::UnboundedReceiver<Change>,
-    /// What a managed node is told; a plain one is told nothing.
+    /// The requests to a managed node's lifecycle; a plain one has none.
     pub(crate) orders: Option<LifecycleRequests>,
     /// They serve parameters and lifecycle, and publish the log.
     pub(crate) tasks: JoinSet<()>,
@@ -48,7 +48,7 @@ impl StatusPublisher {
     pub(crate) fn join(
         settings: &Settings,
         graph: &Graph,
-        lines: Option<Lines>,
+        lines: Option<PendingLogs>,
     ) -> Result<NodeInterface, NodeError> {
         let (setter, changes) = mpsc::unbounded_channel();
         let current = Current::new(settings.clone());
@@ -56,20 +56,21 @@ impl StatusPublisher {
         let mut backend = NodeBackend::show(settings, graph)?;
         let of = |name| TypeName { package: "diagnostic_msgs", name };
         let diagnostics =
-            backend.message_publisher(&settings.diagnostics, of("DiagnosticArray"), TOLD)?;
-        let status = backend.message_publisher(&settings.status, of("DiagnosticStatus"), TOLD)?;
-        let services = Services::offer(&mut backend, &mut tasks)?;
+            backend.message_publisher(&settings.diagnostics, of("DiagnosticArray"), REPORTS)?;
+        let status =
+            backend.message_publisher(&settings.status, of("DiagnosticStatus"), REPORTS)?;
+        let services = ParameterServices::offer(&mut backend, &mut tasks)?;
         let orders = settings.lifecycle.then(|| serve(&mut backend, &settings.node, &mut tasks));
         let orders = orders.transpose()?;
         if let Some(lines) = lines.filter(|_| settings.rosout) {
             let log = TypeName { package: "rcl_interfaces", name: "Log" };
             // As rcl publishes it: who comes later gets the last lines.
-            let kept = Qos { reliable: true, transient_local: true, depth: 1000 };
-            let log = backend.message_publisher("/rosout", log, kept)?;
+            let qos = Qos { reliable: true, transient_local: true, depth: 1000 };
+            let log = backend.message_publisher("/rosout", log, qos)?;
             tasks.spawn(publish(lines, log, settings.node.name.clone()));
         }
         let DiscoveredNode { clock, set } = backend.settle(settings)?;
-        let parameters = Parameters { settings: current.clone(), setter, set };
+        let parameters = NodeParameters { settings: current.clone(), setter, set };
         tasks.spawn(services.run(parameters));
         let status_publisher = Arc::new(Self { clock, diagnostics, status });
         Ok(NodeInterface { status_publisher, settings: current, changes, orders, tasks })
@@ -82,13 +83,13 @@ impl PublishStatus for Arc<StatusPublisher> {
     }
 
     fn diagnostics(&self, status: Vec<DiagnosticStatus>) {
-        let header = report::Header { stamp: (self.clock)(), frame_id: String::new() };
+        let header = report::RosHeader { stamp: (self.clock)(), frame_id: String::new() };
         (self.diagnostics)(DiagnosticArray { header, status });
     }
 }
 
 /// Publishes the log.
-async fn publish(mut lines: Lines, log: MessagePublisher<Log>, name: String) {
+async fn publish(mut lines: PendingLogs, log: MessagePublisher<Log>, name: String) {
     while let Some(line) = lines.0.recv().await {
         // The log is on standard error, too.
         log(Log {

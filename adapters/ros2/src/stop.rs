@@ -5,7 +5,7 @@ use std::task::{Context, Poll};
 
 use tokio::signal::unix::{Signal, SignalKind, signal};
 
-/// How often the node was asked to stop.
+/// How often a stop of the node was requested.
 #[derive(Debug)]
 pub struct Stop {
     signals: Option<[Signal; 2]>,
@@ -22,29 +22,29 @@ impl Stop {
         Ok(Self { signals: Some(signals), times: 0 })
     }
 
-    /// Never asked.
+    /// Never requested.
     #[must_use]
     pub const fn never() -> Self {
         Self { signals: None, times: 0 }
     }
 
-    /// Whether it was asked at least once.
-    pub(crate) const fn came(&self) -> bool {
+    /// Whether it was requested at least once.
+    pub(crate) const fn is_requested(&self) -> bool {
         self.times > 0
     }
 
-    /// Whether it was asked more than once.
+    /// Whether it was requested more than once.
     #[must_use]
     pub const fn is_urgent(&self) -> bool {
         self.times > 1
     }
 
-    /// Waits until it is asked again.
+    /// Waits until it is requested again.
     pub(crate) async fn requested(&mut self) {
         std::future::poll_fn(|context| self.poll_next(context)).await;
     }
 
-    /// Ready when it is asked again.
+    /// Ready when it is requested again.
     pub(crate) fn poll_next(&mut self, context: &mut Context<'_>) -> Poll<()> {
         let signals = self.signals.iter_mut().flatten();
         // All are polled, so that each will wake.

@@ -110,8 +110,8 @@ async fn parameters_are_read_and_those_that_may_are_set() {
         timeout(LONG, reader.wait_for_service(&node)).await?;
         timeout(LONG, setter.wait_for_service(&node)).await?;
         let names = ["deadline", "window", "clouds"].map(str::to_owned).to_vec();
-        let ask = GetParametersRequest { names: names.clone() };
-        let read = timeout(LONG, reader.async_call_service(ask)).await?.unwrap();
+        let request = GetParametersRequest { names: names.clone() };
+        let read = timeout(LONG, reader.async_call_service(request)).await?.unwrap();
         let values: Vec<ParameterValue> = read.values.into_iter().map(Into::into).collect();
         let clouds = ParameterValue::StringArray(vec!["west".into()]);
         assert_eq!(values, [ParameterValue::Double(0.5), ParameterValue::Integer(16), clouds]);
@@ -124,16 +124,16 @@ async fn parameters_are_read_and_those_that_may_are_set() {
         ];
         let parameter = set
             .map(|(name, value)| raw::Parameter::from(Parameter { name: name.to_owned(), value }));
-        let ask = SetParametersRequest { parameter: parameter.to_vec() };
-        let set = timeout(LONG, setter.async_call_service(ask)).await?.unwrap();
+        let request = SetParametersRequest { parameter: parameter.to_vec() };
+        let set = timeout(LONG, setter.async_call_service(request)).await?.unwrap();
         let reported: Vec<_> =
             set.results.iter().map(|set| (set.successful, &*set.reason)).collect();
         let range = "deadline cannot be -1.0; give seconds, more than 0 and at most 1e9";
         let fixed = "window is fixed while the node runs; restart it with another value";
         assert_eq!(reported, [(true, ""), (false, range), (false, fixed), (true, "")]);
 
-        let ask = GetParametersRequest { names };
-        let read = timeout(LONG, reader.async_call_service(ask)).await?.unwrap();
+        let request = GetParametersRequest { names };
+        let read = timeout(LONG, reader.async_call_service(request)).await?.unwrap();
         let deadline = ParameterValue::from(read.values[0].clone());
         assert_eq!(deadline, ParameterValue::Double(0.25));
         Ok(())
@@ -251,7 +251,7 @@ async fn a_call_that_no_longer_matters_is_aborted_long_before_its_deadline() {
         timeout(LONG, east.wait_for_subscription(&node)).await?;
         let mut requested = Box::pin(requested.async_stream());
 
-        // West is asked and never answers; east, which outranks it, does.
+        // West gets a request and never answers; east, which outranks it, does.
         let start = Instant::now();
         for sec in 1.. {
             assert!(start.elapsed() < LONG, "no call was aborted");
@@ -305,7 +305,7 @@ async fn messages_of_another_type_are_not_taken_in() {
         }
         Ok(())
     };
-    // Nobody answers, and each message may be asked for all the same.
+    // Nobody answers, and each message may be requested all the same.
     beside(settings(94, &["local.deadline:=0.5", "local.in_flight:=64"]), peers).await;
 }
 
@@ -315,8 +315,8 @@ async fn stranger(domain: u16) -> Result<(Node, Publisher<CompressedImage>), Any
     loop {
         let mut stranger = node_in(domain, "stranger")?;
         let image = publisher(&mut stranger, "input", "sensor_msgs/Image")?;
-        let met = timeout(Duration::from_secs(4), image.wait_for_subscription(&stranger)).await;
-        if met.is_ok() {
+        let matched = timeout(Duration::from_secs(4), image.wait_for_subscription(&stranger)).await;
+        if matched.is_ok() {
             return Ok((stranger, image));
         }
     }

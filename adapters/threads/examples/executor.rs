@@ -1,5 +1,5 @@
 //! A multi-threaded executor without an async runtime: one thread for local, one for each cloud's answers, one for all
-//! timers; whichever thread is told to forward sends the output. Run it with `cargo run -p fuseline-threads --example
+//! timers; whichever thread gets `Forwarded` sends the output. Run it with `cargo run -p fuseline-threads --example
 //! executor`.
 
 use std::cmp::Reverse;
@@ -49,7 +49,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// Opens each frame, sends it to all sources, and asks the timer to look at it when it is due.
+/// Opens each frame, sends it to all sources, and sets the timer for when it is due.
 fn owner<'a>(
     mut intake: ValueOwner<'a, &'static str, CLOUDS, WINDOW>,
     start: Clock,

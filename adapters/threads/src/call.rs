@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use fuseline_core::{Firing, Instant, Outcome, Source, Timestamp};
 
-use crate::cells::Cells;
+use crate::cells::SourceCells;
 use crate::handle::SharedHandle;
 use crate::message_id::MessageId;
 
@@ -14,7 +14,7 @@ use crate::message_id::MessageId;
 pub struct Message<'a, T, const CLOUDS: usize, const WINDOW: usize> {
     pub(crate) handle: &'a SharedHandle<CLOUDS, WINDOW>,
     pub(crate) id: MessageId,
-    pub(crate) cells: Arc<Cells<T, CLOUDS>>,
+    pub(crate) cells: Arc<SourceCells<T, CLOUDS>>,
 }
 
 /// One request to one source for one message: it gives one result or one failure.

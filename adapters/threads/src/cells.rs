@@ -11,12 +11,12 @@ use fuseline_core::Source;
 
 /// One cell for each source.
 #[derive(Debug)]
-pub(crate) struct Cells<T, const CLOUDS: usize> {
+pub(crate) struct SourceCells<T, const CLOUDS: usize> {
     local: Mutex<Option<T>>,
     clouds: [Mutex<Option<T>>; CLOUDS],
 }
 
-impl<T, const CLOUDS: usize> Cells<T, CLOUDS> {
+impl<T, const CLOUDS: usize> SourceCells<T, CLOUDS> {
     pub(crate) fn new() -> Self {
         let clouds = std::array::from_fn(|_| Mutex::new(None));
         Self { local: Mutex::new(None), clouds }

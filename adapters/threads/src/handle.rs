@@ -30,10 +30,10 @@ pub struct SharedHandle<const CLOUDS: usize, const WINDOW: usize> {
     pub(crate) window: usize,
     pub(crate) commit: Commit,
     pub(crate) clouds: Clouds<CLOUDS>,
-    pub(crate) places: [WindowSlot<CLOUDS>; WINDOW],
+    pub(crate) slots: [WindowSlot<CLOUDS>; WINDOW],
 }
 
-/// One place of the window. Places share no cache lines: their messages have different callers.
+/// One slot of the window. Slots share no cache lines: their messages have different callers.
 #[repr(align(64))]
 pub(crate) struct WindowSlot<const CLOUDS: usize> {
     pub(crate) packed: AtomicU64,
@@ -47,7 +47,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> SharedHandle<CLOUDS, WINDOW> {
     const CHANGES: usize = CLOUDS.wrapping_mul(2).wrapping_add(1);
 
     pub(crate) fn new(window: usize, commit: Commit, clouds: Clouds<CLOUDS>) -> Self {
-        Self { window, commit, clouds, places: core::array::from_fn(|_| WindowSlot::new()) }
+        Self { window, commit, clouds, slots: core::array::from_fn(|_| WindowSlot::new()) }
     }
 
     /// F3: this source's result came.
@@ -157,19 +157,20 @@ impl<const CLOUDS: usize, const WINDOW: usize> SharedHandle<CLOUDS, WINDOW> {
         message_id: MessageId,
         mut decide: impl FnMut(&WindowSlot<CLOUDS>, Entry<CLOUDS>) -> (Slot, A),
     ) -> Option<A> {
-        let place = self.places.get(message_id.place())?;
+        let window_slot = self.slots.get(message_id.place())?;
         for _ in 0..Self::CHANGES {
             // Acquire: the due instants of the sources requested in it, and what was done before results were held.
-            let packed = PackedSlot::<CLOUDS>::from_bits(place.packed.load(Ordering::Acquire));
+            let packed =
+                PackedSlot::<CLOUDS>::from_bits(window_slot.packed.load(Ordering::Acquire));
             if packed.generation() != message_id.generation {
                 return None;
             }
-            let (slot, answer) = decide(place, place.entry(packed.slot(self.commit)));
+            let (slot, answer) = decide(window_slot, window_slot.entry(packed.slot(self.commit)));
             let next = packed.stepped(slot);
-            // Even if nothing changes: the place may be in use again, with the due instants of another message.
+            // Even if nothing changes: the slot may be in use again, with the due instants of another message.
             // Release: what the caller did before, to whoever forwards or opens next. The word of a failed exchange is
             // not used, so its load may be relaxed; the next load sees no older one.
-            let exchanged = place.packed.compare_exchange(
+            let exchanged = window_slot.packed.compare_exchange(
                 packed.bits(),
                 next.bits(),
                 Ordering::Release,

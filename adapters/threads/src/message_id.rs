@@ -9,7 +9,7 @@ use fuseline_core::Timestamp;
 pub struct MessageId {
     pub(crate) timestamp: Timestamp,
     pub(crate) generation: u64,
-    pub(crate) place: usize,
+    pub(crate) index: usize,
 }
 
 impl MessageId {
@@ -19,9 +19,9 @@ impl MessageId {
         self.timestamp
     }
 
-    /// The message's place, less than the window; no other open message has it.
+    /// The message's index, less than the window; no other open message has it.
     #[must_use]
     pub const fn place(self) -> usize {
-        self.place
+        self.index
     }
 }

@@ -17,7 +17,7 @@ use crate::packed::PackedSlot;
 #[derive(Debug)]
 pub struct Owner<'a, const CLOUDS: usize, const WINDOW: usize> {
     handle: &'a SharedHandle<CLOUDS, WINDOW>,
-    kept: &'a mut OwnerState<CLOUDS>,
+    state: &'a mut OwnerState<CLOUDS>,
 }
 
 /// What only the owner needs.
@@ -26,7 +26,7 @@ pub(crate) struct OwnerState<const CLOUDS: usize> {
     /// For their gates; the gates of the handle's copy are not used.
     clouds: Clouds<CLOUDS>,
     newest: Option<Timestamp>,
-    /// The place that was opened last.
+    /// The slot that was opened last.
     last: usize,
 }
 
@@ -39,14 +39,14 @@ impl<const CLOUDS: usize> OwnerState<CLOUDS> {
 impl<'a, const CLOUDS: usize, const WINDOW: usize> Owner<'a, CLOUDS, WINDOW> {
     pub(crate) const fn new(
         handle: &'a SharedHandle<CLOUDS, WINDOW>,
-        kept: &'a mut OwnerState<CLOUDS>,
+        state: &'a mut OwnerState<CLOUDS>,
     ) -> Self {
-        Self { handle, kept }
+        Self { handle, state }
     }
 
     /// F1: a message with this timestamp came. `deadline`, if any, is how long the local computation may take.
     ///
-    /// Looks at each place at most once; at a single one where messages are retired in the order in which they came.
+    /// Looks at each slot at most once; at a single one where messages are retired in the order in which they came.
     ///
     /// # Errors
     /// The first [`OpenRefusal`] that holds. `Full` may no longer hold at the return.
@@ -56,22 +56,22 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Owner<'a, CLOUDS, WINDOW> {
         timestamp: Timestamp,
         deadline: Option<Deadline>,
     ) -> Result<MessageId, OpenRefusal> {
-        if self.kept.newest.is_some_and(|newest| timestamp <= newest) {
+        if self.state.newest.is_some_and(|newest| timestamp <= newest) {
             return Err(OpenRefusal::Order);
         }
-        let Some((index, place, packed)) = self.free_place() else {
+        let Some((index, window_slot, packed)) = self.free_slot() else {
             return Err(OpenRefusal::Full);
         };
         let entry = Entry::<CLOUDS>::open(now, deadline)?;
         if deadline.is_some() {
-            place.set_due(Source::LOCAL, entry.due(Source::LOCAL));
+            window_slot.set_due(Source::LOCAL, entry.due(Source::LOCAL));
         }
         let packed = packed.opened(entry.slot());
-        // No exchange: nobody else writes a free place. Relaxed: others get the message id after this.
-        place.packed.store(packed.bits(), Ordering::Relaxed);
-        self.kept.newest = Some(timestamp);
-        self.kept.last = index;
-        Ok(MessageId { timestamp, generation: packed.generation(), place: index })
+        // No exchange: nobody else writes a free slot. Relaxed: others get the message id after this.
+        window_slot.packed.store(packed.bits(), Ordering::Relaxed);
+        self.state.newest = Some(timestamp);
+        self.state.last = index;
+        Ok(MessageId { timestamp, generation: packed.generation(), index })
     }
 
     /// F2: may the message be sent to this cloud? `deadline` is how long the cloud may take, `backlog` the length of
@@ -87,38 +87,38 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Owner<'a, CLOUDS, WINDOW> {
         let handle = self.handle;
         let source = handle.clouds.source(cloud);
         // F2 unknown: local has no gate (A19).
-        let gated = source.and_then(|source| Some((source, self.kept.clouds.gate_mut(source)?)));
+        let gated = source.and_then(|source| Some((source, self.state.clouds.gate_mut(source)?)));
         let Some((source, gate)) = gated else {
             return (handle.expire(now, message_id), Admission::Refused(OfferRefusal::Unknown));
         };
-        let answer = handle.exchange(message_id, |place, mut entry| {
+        let answer = handle.exchange(message_id, |window_slot, mut entry| {
             let fired = handle.fire(now, message_id, &mut entry);
             // F2g: each attempt starts from the gate as it was, so that an offer moves it at most once.
-            let mut asked = *gate;
-            let (slot, admission) = entry.slot().admit(source, &mut asked, now, deadline, backlog);
+            let mut after = *gate;
+            let (slot, admission) = entry.slot().admit(source, &mut after, now, deadline, backlog);
             if let Admission::Admitted { due } = admission {
                 // Before the exchange that makes it count. Nobody reads it yet, and only the owner makes requests.
-                place.set_due(source, due);
+                window_slot.set_due(source, due);
             }
-            (slot, (fired, admission, asked))
+            (slot, (fired, admission, after))
         });
-        let Some((fired, admission, asked)) = answer else {
+        let Some((fired, admission, after)) = answer else {
             return (None, Admission::Refused(OfferRefusal::Closed));
         };
-        *gate = asked;
+        *gate = after;
         (fired, admission)
     }
 
-    /// The first free place after the one opened last, with its word.
-    fn free_place(&self) -> Option<(usize, &'a WindowSlot<CLOUDS>, PackedSlot<CLOUDS>)> {
-        let places = self.handle.places.iter().take(self.handle.window).enumerate();
-        let from = self.kept.last.wrapping_add(1);
-        let free = |(index, place): (usize, &'a WindowSlot<CLOUDS>)| {
+    /// The first free slot after the one opened last, with its word.
+    fn free_slot(&self) -> Option<(usize, &'a WindowSlot<CLOUDS>, PackedSlot<CLOUDS>)> {
+        let slots = self.handle.slots.iter().take(self.handle.window).enumerate();
+        let from = self.state.last.wrapping_add(1);
+        let free = |(index, window_slot): (usize, &'a WindowSlot<CLOUDS>)| {
             // An exchange that changes nothing: a load might not see a retirement that is long past.
             // Acquire: what was done before it, including reads of the due instants that are now overwritten.
-            let packed = PackedSlot::from_bits(place.packed.fetch_or(0, Ordering::Acquire));
-            (!packed.is_open()).then_some((index, place, packed))
+            let packed = PackedSlot::from_bits(window_slot.packed.fetch_or(0, Ordering::Acquire));
+            (!packed.is_open()).then_some((index, window_slot, packed))
         };
-        places.clone().skip(from).chain(places.take(from)).find_map(free)
+        slots.clone().skip(from).chain(slots.take(from)).find_map(free)
     }
 }

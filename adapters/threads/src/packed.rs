@@ -1,4 +1,4 @@
-//! One place's state in one word: the four sets, and how often the place was opened and retired.
+//! One slot's state in one word: the four sets, and how often the slot was opened and retired.
 
 use fuseline_core::{Commit, Slot, Sources};
 
@@ -29,7 +29,7 @@ impl<const CLOUDS: usize> PackedSlot<CLOUDS> {
         self.0
     }
 
-    /// How often the place was opened and retired; it wraps.
+    /// How often the slot was opened and retired; it wraps.
     pub(crate) const fn generation(self) -> u64 {
         self.0.wrapping_shr(Self::SOURCES.wrapping_mul(2))
     }
@@ -38,17 +38,17 @@ impl<const CLOUDS: usize> PackedSlot<CLOUDS> {
         self.generation() & 1 == 1
     }
 
-    /// The word of this free place after it is opened with this state.
+    /// The word of this free slot after it is opened with this state.
     pub(crate) fn opened(self, slot: Slot) -> Self {
         self.next_generation().with(slot)
     }
 
-    /// The word of this open place after a step to this state.
+    /// The word of this open slot after a step to this state.
     pub(crate) fn stepped(self, slot: Slot) -> Self {
         if slot.is_open() { self.with(slot) } else { self.next_generation() }
     }
 
-    /// The state of an open place.
+    /// The state of an open slot.
     pub(crate) fn slot(self, commit: Commit) -> Slot {
         let (first, second) =
             (Self::sources(self.0), Self::sources(self.0.wrapping_shr(Self::SOURCES)));

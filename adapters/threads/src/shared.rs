@@ -33,7 +33,7 @@ use crate::owner::{Owner, OwnerState};
 #[derive(Debug)]
 pub struct Shared<const CLOUDS: usize, const WINDOW: usize> {
     handle: SharedHandle<CLOUDS, WINDOW>,
-    kept: OwnerState<CLOUDS>,
+    state: OwnerState<CLOUDS>,
 }
 
 impl<const CLOUDS: usize, const WINDOW: usize> Shared<CLOUDS, WINDOW> {
@@ -46,13 +46,13 @@ impl<const CLOUDS: usize, const WINDOW: usize> Shared<CLOUDS, WINDOW> {
         let clouds = Clouds::new(clouds)?;
         Ok(Self {
             handle: SharedHandle::new(window, commit, clouds),
-            kept: OwnerState::new(clouds),
+            state: OwnerState::new(clouds),
         })
     }
 
     /// The one owner's half, and the handle for all threads. Splitting again leaves what is open as it is.
     pub fn split(&mut self) -> (Owner<'_, CLOUDS, WINDOW>, &SharedHandle<CLOUDS, WINDOW>) {
-        let Self { handle, kept } = self;
-        (Owner::new(handle, kept), handle)
+        let Self { handle, state } = self;
+        (Owner::new(handle, state), handle)
     }
 }

@@ -9,7 +9,7 @@ use fuseline_core::{
 };
 
 use crate::call::{Call, Message};
-use crate::cells::Cells;
+use crate::cells::SourceCells;
 use crate::handle::SharedHandle;
 use crate::owner::Owner;
 use crate::shared::Shared;
@@ -20,15 +20,15 @@ use crate::shared::Shared;
 pub struct ValueOwner<'a, T, const CLOUDS: usize, const WINDOW: usize> {
     owner: Owner<'a, CLOUDS, WINDOW>,
     handle: &'a SharedHandle<CLOUDS, WINDOW>,
-    /// The cells of the last message of each place.
-    cells: Vec<Arc<Cells<T, CLOUDS>>>,
+    /// The cells of the last message of each slot.
+    cells: Vec<Arc<SourceCells<T, CLOUDS>>>,
 }
 
 impl<'a, T, const CLOUDS: usize, const WINDOW: usize> ValueOwner<'a, T, CLOUDS, WINDOW> {
     /// The owner of this machine, with no value kept yet.
     pub fn new(shared: &'a mut Shared<CLOUDS, WINDOW>) -> Self {
         let (owner, handle) = shared.split();
-        let cells = std::iter::repeat_with(|| Arc::new(Cells::new())).take(WINDOW).collect();
+        let cells = std::iter::repeat_with(|| Arc::new(SourceCells::new())).take(WINDOW).collect();
         Self { owner, handle, cells }
     }
 
@@ -48,8 +48,8 @@ impl<'a, T, const CLOUDS: usize, const WINDOW: usize> ValueOwner<'a, T, CLOUDS, 
         let cells = &mut self.cells[message_id.place()];
         match Arc::get_mut(cells) {
             Some(cells) => cells.clear(),
-            // A call of the place's last message is still under way and may still fill its cell.
-            None => *cells = Arc::new(Cells::new()),
+            // A call of the slot's last message is still under way and may still fill its cell.
+            None => *cells = Arc::new(SourceCells::new()),
         }
         let message = Message { handle: self.handle, id: message_id, cells: Arc::clone(cells) };
         let call = Call { message: message.clone(), source: Source::LOCAL };

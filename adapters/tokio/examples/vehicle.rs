@@ -1,4 +1,4 @@
-//! An operator whose deadlines follow the vehicle's speed, and which asks a planner beside its outputs. Run it with
+//! An operator whose deadlines follow the vehicle's speed, and which sends requests to a planner beside its outputs. Run it with
 //! `cargo run -p fuseline-tokio --example vehicle`.
 
 use std::time::Duration;

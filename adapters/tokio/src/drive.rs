@@ -163,7 +163,7 @@ pub struct Driver<T: Transport> {
     /// Who has the next turn.
     turn: usize,
     /// Of calls, transport and timer.
-    bells: [WakeFlag; TURNS],
+    wake_flags: [WakeFlag; TURNS],
     waker: Arc<AtomicWaker>,
     is_last: bool,
 }
@@ -208,18 +208,18 @@ impl<T: Transport> Driver<T> {
     ) -> io::Result<Self> {
         let timer = Timer::new(timers)?;
         let waker = Arc::new(AtomicWaker::new());
-        let bells = [(); TURNS].map(|()| WakeFlag::new(&waker));
+        let wake_flags = [(); TURNS].map(|()| WakeFlag::new(&waker));
         Ok(Self {
             engine,
             transport,
             start: Instant::now(),
             now: 0,
-            calls: Calls::new(bells[CALLS].flag_waker()),
+            calls: Calls::new(wake_flags[CALLS].flag_waker()),
             timer,
             armed: None,
             unsent: Vec::new(),
             turn: 0,
-            bells,
+            wake_flags,
             waker,
             is_last: false,
         })
@@ -238,7 +238,7 @@ impl<T: Transport> Driver<T> {
             {
                 self.timer.set(self.instant(due));
                 self.armed = Some(due);
-                self.bells[TIMER].set();
+                self.wake_flags[TIMER].set();
             }
             let turn = poll_fn(|context| self.poll_turn(context)).await;
             self.now = self.clock();
@@ -246,7 +246,7 @@ impl<T: Transport> Driver<T> {
                 PollTurn::Transport(Incoming::Message { timestamp, message }) => {
                     self.message(timestamp, &message);
                 }
-                PollTurn::Transport(Incoming::Completion(word)) => self.word(word),
+                PollTurn::Transport(Incoming::Completion(completion)) => self.complete(completion),
                 PollTurn::Transport(Incoming::Last) => self.is_last = true,
                 PollTurn::Transport(Incoming::Stop) => break,
                 PollTurn::Timer => {
@@ -262,14 +262,14 @@ impl<T: Transport> Driver<T> {
 
     /// The next party that is ready, starting after the last one. Only those that were woken are polled.
     fn poll_turn(&mut self, context: &mut Context<'_>) -> Poll<PollTurn<T::Message, T::Value>> {
-        let Self { calls, transport, timer, bells, armed, .. } = self;
+        let Self { calls, transport, timer, wake_flags, armed, .. } = self;
         for _ in 0..TURNS {
             let turn = self.turn;
             self.turn = (turn + 1) % TURNS;
-            let ready = bells[turn].poll(|context| match turn {
+            let ready = wake_flags[turn].poll(|context| match turn {
                 CALLS => calls
-                    .poll_word(context)
-                    .map(|word| PollTurn::Transport(Incoming::Completion(word))),
+                    .poll_completion(context)
+                    .map(|completion| PollTurn::Transport(Incoming::Completion(completion))),
                 TIMER if armed.is_some() => timer.poll(context).map(|()| PollTurn::Timer),
                 TIMER => Poll::Pending,
                 _ => transport.poll_incoming(context).map(PollTurn::Transport),
@@ -280,7 +280,7 @@ impl<T: Transport> Driver<T> {
         }
         self.waker.register(context.waker());
         // One may have been set before the waker was registered.
-        if bells.iter().any(WakeFlag::is_rung) {
+        if wake_flags.iter().any(WakeFlag::is_set) {
             context.waker().wake_by_ref();
         }
         Poll::Pending
@@ -293,15 +293,15 @@ impl<T: Transport> Driver<T> {
         if let Some(situation) = self.transport.situation(timestamp, message) {
             self.engine.set_situation(situation);
         }
-        let (job, limit) = self.transport.job(message);
+        let (job, deadline) = self.transport.job(message);
         let offers = self.transport.offers(timestamp, message);
-        if self.engine.open(now, timestamp, limit, job, offers) {
+        if self.engine.open(now, timestamp, deadline, job, offers) {
             self.transport.taken_on(timestamp, message);
         }
     }
 
     /// A result or a failure came (F3, F4).
-    fn word(&mut self, Completion { priority, timestamp, result }: Completion<T::Value>) {
+    fn complete(&mut self, Completion { priority, timestamp, result }: Completion<T::Value>) {
         let now = self.now;
         match result {
             Ok(value) => self.engine.result(now, timestamp, priority, value),
@@ -314,7 +314,7 @@ impl<T: Transport> Driver<T> {
         loop {
             while let Some(effect) = self.engine.next_effect() {
                 // With a new request the transport may have something new to wait for.
-                self.bells[TRANSPORT].set();
+                self.wake_flags[TRANSPORT].set();
                 match effect {
                     Effect::Output(item) => self.transport.output(item),
                     Effect::Start { priority, timestamp, until, request } => {
@@ -343,7 +343,7 @@ impl<T: Transport> Driver<T> {
         match sent.unwrap_or_else(|panic| Sent::Failed(panicked(&*panic))) {
             Sent::Call(call) => {
                 self.calls.begin(priority, timestamp, call);
-                self.bells[CALLS].set();
+                self.wake_flags[CALLS].set();
             }
             Sent::Away => {}
             Sent::Failed(error) => self.unsent.push((priority, timestamp, error)),

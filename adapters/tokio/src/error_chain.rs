@@ -11,10 +11,10 @@ impl fmt::Display for ErrorChain<'_> {
         let mut logged = self.0.to_string();
         let mut cause = self.0.source();
         while let Some(error) = cause {
-            let error_chain = error.to_string();
-            if !logged.contains(&error_chain) {
+            let words = error.to_string();
+            if !logged.contains(&words) {
                 logged.push_str(": ");
-                logged.push_str(&error_chain);
+                logged.push_str(&words);
             }
             cause = error.source();
         }

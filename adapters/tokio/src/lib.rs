@@ -1,5 +1,6 @@
 #![doc = include_str!("../README.md")]
 
+mod call;
 pub mod drive;
 mod error_chain;
 #[cfg(feature = "grpc")]
@@ -15,8 +16,10 @@ mod run;
 mod setup;
 mod shared;
 mod side;
+mod side_counts;
 mod stream;
 
+pub use call::Call;
 pub use drive::Timers;
 pub use fuseline_deadline as deadline;
 pub use fuseline_engine::{
@@ -28,9 +31,10 @@ pub use local::Local;
 pub use operator::{Config, Items, JoinError, Operator, Running, SpawnError, Trace, spawn};
 #[cfg(feature = "prometheus")]
 pub use prometheus::prometheus;
-pub use setup::{Call, Cloud, Setup};
+pub use setup::{Cloud, Setup};
 pub use shared::SharedState;
-pub use side::{SideRequest, SideTally};
+pub use side::SideRequest;
+pub use side_counts::SideTally;
 pub use stream::{Reader, WriteError, Writer, stream};
 
 #[cfg(feature = "prometheus")]

@@ -31,10 +31,10 @@ pub struct Local<I, O> {
     /// default, since local may keep state.
     pub skip_answered: bool,
     pub(crate) at_once: usize,
-    pub(crate) kind: Kind<I, O>,
+    pub(crate) kind: LocalKind<I, O>,
 }
 
-pub(crate) enum Kind<I, O> {
+pub(crate) enum LocalKind<I, O> {
     Future(Spawn<I, O>),
     Threads(Vec<Compute<I, O>>),
 }
@@ -61,13 +61,16 @@ impl<I: Send + Sync + 'static, O: Send + 'static> Local<I, O> {
     where
         Fut: Future<Output = Result<O, Error>> + Send + 'static,
     {
-        Self::new(at_once, Kind::Future(Box::new(move |message, t| compute(message, t).boxed())))
+        Self::new(
+            at_once,
+            LocalKind::Future(Box::new(move |message, t| compute(message, t).boxed())),
+        )
     }
 
     /// A blocking function on a thread of its own.
     #[must_use]
     pub fn blocking(compute: impl FnMut(&I, u64) -> Result<O, Error> + Send + 'static) -> Self {
-        Self::new(1, Kind::Threads(vec![Box::new(compute)]))
+        Self::new(1, LocalKind::Threads(vec![Box::new(compute)]))
     }
 
     /// A blocking function on each of `at_once` (at least 1) threads; `make` makes one for each
@@ -81,10 +84,10 @@ impl<I: Send + Sync + 'static, O: Send + 'static> Local<I, O> {
     {
         let computes = iter::repeat_with(make).take(at_once.max(1));
         let computes = computes.map(|compute| Box::new(compute) as Compute<I, O>).collect();
-        Self::new(at_once, Kind::Threads(computes))
+        Self::new(at_once, LocalKind::Threads(computes))
     }
 
-    fn new(at_once: usize, kind: Kind<I, O>) -> Self {
+    fn new(at_once: usize, kind: LocalKind<I, O>) -> Self {
         Self { deadline: None, waiting: None, skip_answered: false, at_once: at_once.max(1), kind }
     }
 }
@@ -96,7 +99,7 @@ pub(crate) enum Workers<I, O> {
         /// The threads end when this is dropped and their computations are done.
         jobs: mpsc::Sender<(Arc<I>, u64)>,
         /// At most one for each computation that was begun, so bounded.
-        error_chain: UnboundedReceiver<Completion<O>>,
+        completions: UnboundedReceiver<Completion<O>>,
     },
 }
 
@@ -105,27 +108,27 @@ impl<I: Send + Sync + 'static, O: Send + 'static> Workers<I, O> {
     ///
     /// # Errors
     /// If a thread cannot be started.
-    pub(crate) fn start(kind: Kind<I, O>) -> io::Result<Self> {
+    pub(crate) fn start(kind: LocalKind<I, O>) -> io::Result<Self> {
         let computes = match kind {
-            Kind::Future(spawn) => return Ok(Self::Future(spawn)),
-            Kind::Threads(computes) => computes,
+            LocalKind::Future(spawn) => return Ok(Self::Future(spawn)),
+            LocalKind::Threads(computes) => computes,
         };
-        let (jobs, taken) = mpsc::channel::<(Arc<I>, u64)>();
-        let (sender, error_chain) = unbounded_channel();
-        let taken = Arc::new(Mutex::new(taken));
+        let (jobs, receiver) = mpsc::channel::<(Arc<I>, u64)>();
+        let (sender, completions) = unbounded_channel();
+        let receiver = Arc::new(Mutex::new(receiver));
         for mut compute in computes {
-            let (taken, error_chain) = (Arc::clone(&taken), sender.clone());
+            let (receiver, completions) = (Arc::clone(&receiver), sender.clone());
             thread::Builder::new().name("fuseline-local".into()).spawn(move || {
                 loop {
-                    let job = taken.lock().unwrap_or_else(PoisonError::into_inner).recv();
+                    let job = receiver.lock().unwrap_or_else(PoisonError::into_inner).recv();
                     let Ok((message, timestamp)) = job else { return };
                     let result = guard(|| compute(&message, timestamp));
-                    // There is no receiver once the operator has ended.
-                    drop(error_chain.send(Completion { priority: 0, timestamp, result }));
+                    // Nobody waits for it once the operator has ended.
+                    drop(completions.send(Completion { priority: 0, timestamp, result }));
                 }
             })?;
         }
-        Ok(Self::Threads { jobs, error_chain })
+        Ok(Self::Threads { jobs, completions })
     }
 
     /// Computes a message.
@@ -140,11 +143,11 @@ impl<I: Send + Sync + 'static, O: Send + 'static> Workers<I, O> {
     }
 
     /// The next end of a computation on a thread.
-    pub(crate) fn poll_word(&mut self, context: &mut Context<'_>) -> Poll<Completion<O>> {
+    pub(crate) fn poll_completion(&mut self, context: &mut Context<'_>) -> Poll<Completion<O>> {
         match self {
             Self::Future(_) => Poll::Pending,
-            Self::Threads { error_chain, .. } => match error_chain.poll_recv(context) {
-                Poll::Ready(Some(word)) => Poll::Ready(word),
+            Self::Threads { completions, .. } => match completions.poll_recv(context) {
+                Poll::Ready(Some(completion)) => Poll::Ready(completion),
                 Poll::Ready(None) | Poll::Pending => Poll::Pending,
             },
         }

@@ -20,7 +20,8 @@ use crate::drive::{Driver, Timers, finish};
 use crate::local::{Local, Workers};
 use crate::run::{Outbox, Streams};
 use crate::setup::{Registered, Setup};
-use crate::side::{SideCounts, SideRegistration, SideRunner, SideTally};
+use crate::side::{SideRegistration, SideRunner};
+use crate::side_counts::{SideCounts, SideTally};
 use crate::stream::{Reader, stream};
 
 /// A typed operator: for each input message it forwards one result, the best that is in time.

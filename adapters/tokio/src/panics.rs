@@ -22,8 +22,8 @@ pub(crate) fn panicked(panic: &(dyn Any + Send)) -> Error {
 
 /// The panic's message, if it is text.
 pub(crate) fn reason(panic: &(dyn Any + Send)) -> &str {
-    if let Some(error_chain) = panic.downcast_ref::<&str>() {
-        return error_chain;
+    if let Some(text) = panic.downcast_ref::<&str>() {
+        return text;
     }
     panic.downcast_ref::<String>().map_or("without words", String::as_str)
 }

@@ -15,10 +15,11 @@ use futures_util::future::BoxFuture;
 use tokio::sync::oneshot;
 use tracing::error;
 
+use crate::call::Call;
 use crate::drive::{Incoming, Sent, Start, Transport};
 use crate::local::Workers;
 use crate::panics::reason;
-use crate::setup::{Call, HintHandler, Registered, Request, SituationSource};
+use crate::setup::{BoxedRequest, HintHandler, Registered, SituationSource};
 use crate::side::SideRunner;
 use crate::stream::{Reader, WriteError, Writer};
 
@@ -42,7 +43,7 @@ pub(crate) struct Streams<I, O> {
 /// What is sent to a source.
 pub(crate) enum Work<I, O> {
     Local(Arc<I>),
-    Call(Request<O>),
+    Call(BoxedRequest<O>),
 }
 
 /// The output: items are given to the readers at once, and wait here only while one lags.
@@ -70,8 +71,8 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
                 return Poll::Ready(Incoming::Stop);
             }
         }
-        if let Poll::Ready(word) = self.workers.poll_word(context) {
-            return Poll::Ready(Incoming::Completion(word));
+        if let Poll::Ready(completion) = self.workers.poll_completion(context) {
+            return Poll::Ready(Incoming::Completion(completion));
         }
         // A reader that lags holds back new messages, and nothing else.
         let was_waiting = !self.is_delivered();
@@ -101,7 +102,7 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
         message: &Arc<I>,
     ) -> impl Iterator<Item = Offer<Work<I, O>>> {
         self.clouds.iter_mut().filter_map(move |cloud| {
-            let (request, deadline) = cloud.ask(message, timestamp)?;
+            let (request, deadline) = cloud.request(message, timestamp)?;
             let request = Work::Call(request);
             Some(Offer { priority: cloud.priority, deadline, request })
         })
@@ -112,13 +113,13 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
         let assessed = catch_unwind(AssertUnwindSafe(|| assess(message, timestamp)));
         Some(assessed.unwrap_or_else(|panic| {
             let why = reason(&*panic);
-            error!(timestamp, why, "the situation's handler panicked: nothing is known");
+            error!(timestamp, why, "the handler of situations panicked: the situation is unknown");
             Situation::UNKNOWN
         }))
     }
 
     fn taken_on(&mut self, timestamp: u64, message: &Arc<I>) {
-        self.sides.iter_mut().for_each(|side| side.ask(message, timestamp));
+        self.sides.iter_mut().for_each(|side| side.on_message(message, timestamp));
     }
 
     fn hint(&mut self, hint: Hint<O>) {

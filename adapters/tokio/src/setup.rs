@@ -8,13 +8,14 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use fuseline_deadline::{Policy, Situation};
-use fuseline_engine::{Counting, Hint};
+use fuseline_engine::Hint;
 use futures_util::future::BoxFuture;
 use tracing::error;
 
 use crate::Error;
+use crate::call::Call;
 use crate::panics::reason;
-use crate::side::{SideCall, SideCounts, SideRegistration, SideRequest, SideResponse};
+use crate::side::{SideCall, SideRegistration, SideRequest, SideResponse};
 
 /// Registers an operator's clouds, up to 15, and what goes with them.
 pub struct Setup<I, O> {
@@ -46,38 +47,23 @@ pub struct Cloud {
     pub linger: Duration,
 }
 
-/// One call to a cloud, as its handle sees it.
-#[derive(Clone)]
-pub struct Call {
-    /// The message's timestamp.
-    pub timestamp: u64,
-    /// The time left: without what was spent in the queue, with the time to linger.
-    pub deadline: Duration,
-    pub(crate) byte_counter: ByteCounter,
-}
-
-/// Where the bytes that a call sends are counted.
-#[derive(Clone)]
-pub(crate) enum ByteCounter {
-    Cloud(u16, Counting),
-    SideRequest(Arc<SideCounts>),
-}
-
 /// A cloud and how to make a call to it.
 pub(crate) struct Registered<I, O> {
     pub(crate) priority: u16,
     pub(crate) cloud: Cloud,
-    pub(crate) offer: Offer<I, O>,
+    pub(crate) message_handler: MessageHandler<I, O>,
 }
 
 /// Takes late results.
 pub(crate) type HintHandler<O> = Box<dyn FnMut(Hint<O>) + Send>;
 /// Gives policies the vehicle's situation.
 pub(crate) type SituationSource<I> = Box<dyn FnMut(&I, u64) -> Situation<'static> + Send>;
-/// The message handler: what to send, if anything, and how long the cloud may take.
-pub(crate) type Offer<I, O> = Box<dyn FnMut(&I, u64) -> Option<(Request<O>, Duration)> + Send>;
+/// What to send, if anything, and how long the cloud may take.
+pub(crate) type MessageHandler<I, O> =
+    Box<dyn FnMut(&I, u64) -> Option<(BoxedRequest<O>, Duration)> + Send>;
 /// A request that knows its handle and its response handler.
-pub(crate) type Request<O> = Box<dyn FnOnce(Call) -> BoxFuture<'static, Result<O, Error>> + Send>;
+pub(crate) type BoxedRequest<O> =
+    Box<dyn FnOnce(Call) -> BoxFuture<'static, Result<O, Error>> + Send>;
 
 impl<I, O: Send + 'static> Setup<I, O> {
     pub(crate) const fn new() -> Self {
@@ -109,10 +95,10 @@ impl<I, O: Send + 'static> Setup<I, O> {
         Fut: Future<Output = Result<Res, Error>> + Send + 'static,
     {
         let handlers = Arc::new((handle, response_handler));
-        let offer = move |message: &I, timestamp| {
+        let message_handler = move |message: &I, timestamp| {
             let (request, deadline) = message_handler(message, timestamp)?;
             let handlers = Arc::clone(&handlers);
-            let request: Request<O> = Box::new(move |call| {
+            let request: BoxedRequest<O> = Box::new(move |call| {
                 Box::pin(async move { (handlers.1)((handlers.0)(request, call).await?) })
             });
             Some((request, deadline))
@@ -125,7 +111,8 @@ impl<I, O: Send + 'static> Setup<I, O> {
             policy: None,
             linger: Duration::ZERO,
         };
-        self.clouds.push(Registered { priority, cloud, offer: Box::new(offer) });
+        let message_handler = Box::new(message_handler);
+        self.clouds.push(Registered { priority, cloud, message_handler });
         let last = self.clouds.len() - 1;
         &mut self.clouds[last].cloud
     }
@@ -133,7 +120,7 @@ impl<I, O: Send + 'static> Setup<I, O> {
     /// Sets where the clouds' policies get the vehicle's situation from with each message taken in, above
     /// all its speed. Without it nothing is known, and the guard risks nothing.
     ///
-    /// It is called in the operator's task and must not block. After a panic nothing is known.
+    /// It is called in the operator's task and must not block. After a panic the situation is unknown.
     pub fn use_situation(
         &mut self,
         situation: impl FnMut(&I, u64) -> Situation<'static> + Send + 'static,
@@ -142,7 +129,7 @@ impl<I, O: Send + 'static> Setup<I, O> {
         self
     }
 
-    /// Registers calls beside the rules: for what helps local with later messages and is no result of
+    /// Registers side requests: for what helps local with later messages and is no result of
     /// this one, such as a plan for what may happen.
     ///
     /// The machine does not know of them: no output waits for an answer, and no answer becomes
@@ -169,21 +156,22 @@ impl<I, O: Send + 'static> Setup<I, O> {
         Fut: Future<Output = Result<Res, Error>> + Send + 'static,
     {
         let handlers = Arc::new((handle, response_handler));
-        let wonder = move |message: &I, timestamp| {
+        let message_handler = move |message: &I, timestamp| {
             let (request, deadline) = message_handler(message, timestamp)?;
             let handlers = Arc::clone(&handlers);
-            let question: SideCall = Box::new(move |call| {
+            let request: SideCall = Box::new(move |call| {
                 Box::pin(async move {
                     let response = (handlers.0)(request, call).await?;
                     let answered: SideResponse = Box::new(move || (handlers.1)(response));
                     Ok(answered)
                 })
             });
-            Some((question, deadline))
+            Some((request, deadline))
         };
-        let name = format!("aside-{}", self.sides.len() + 1);
+        let name = format!("side-{}", self.sides.len() + 1);
         let side = SideRequest { name, limit: 31, resume: 0, calls: 8 };
-        self.sides.push(SideRegistration { side, wonder: Box::new(wonder) });
+        let message_handler = Box::new(message_handler);
+        self.sides.push(SideRegistration { side, message_handler });
         let last = self.sides.len() - 1;
         &mut self.sides[last].side
     }
@@ -201,15 +189,18 @@ impl<I, O: Send + 'static> Setup<I, O> {
 }
 
 impl<I, O> Registered<I, O> {
-    /// Calls the message handler; one that panics makes no request.
-    pub(crate) fn ask(&mut self, message: &I, timestamp: u64) -> Option<(Request<O>, Duration)> {
-        catch_unwind(AssertUnwindSafe(|| (self.offer)(message, timestamp))).unwrap_or_else(
-            |panic| {
+    /// What the message handler wants to send; nothing if it panics.
+    pub(crate) fn request(
+        &mut self,
+        message: &I,
+        timestamp: u64,
+    ) -> Option<(BoxedRequest<O>, Duration)> {
+        catch_unwind(AssertUnwindSafe(|| (self.message_handler)(message, timestamp)))
+            .unwrap_or_else(|panic| {
                 let why = reason(&*panic);
                 error!(timestamp, cloud = %self.cloud.name, why, "the message handler panicked");
                 None
-            },
-        )
+            })
     }
 }
 
@@ -224,26 +215,5 @@ impl fmt::Debug for Cloud {
             .field("policy", &policy.as_ref().map(|_| "…"))
             .field("linger", linger)
             .finish()
-    }
-}
-
-impl Call {
-    /// A call for a handle that you drive yourself; what it sends is counted for cloud `priority`.
-    #[must_use]
-    pub const fn new(
-        timestamp: u64,
-        deadline: Duration,
-        priority: u16,
-        counting: Counting,
-    ) -> Self {
-        Self { timestamp, deadline, byte_counter: ByteCounter::Cloud(priority, counting) }
-    }
-
-    /// Counts bytes sent, the price of speculation.
-    pub fn sent(&self, bytes: usize) {
-        match &self.byte_counter {
-            ByteCounter::Cloud(priority, counting) => counting.sent(*priority, bytes as u64),
-            ByteCounter::SideRequest(counts) => counts.sent(bytes as u64),
-        }
     }
 }

@@ -29,7 +29,7 @@ pub fn stream<T>(capacity: usize) -> (Writer<T>, Reader<T>) {
 
 /// The writing end of a stream. Dropping it ends the stream.
 ///
-/// A message's timestamp is its place in the stream, from 0, and the same for all readers.
+/// A message's timestamp is its index in the stream, from 0, and the same for all readers.
 ///
 /// A message is [written](Self::write) at once or not at all, never after a wait: a task that waits
 /// for an operator to take a message in, and does not read the operator's output meanwhile, would

@@ -40,7 +40,7 @@ impl Drop for Dropped {
 #[tokio::test(start_paused = true)]
 async fn a_cancelled_call_and_one_whose_timer_fired_are_dropped_at_once() {
     let dropped = Arc::new(Mutex::new(Vec::new()));
-    let seen = Arc::clone(&dropped);
+    let shared = Arc::clone(&dropped);
     let operator = ClosureOperator(move |setup: &mut Setup<u64, String>| {
         let start = Instant::now();
         for (priority, deadline, answers) in [(1, 500, None), (2, 10, None), (3, 500, Some(30))] {
@@ -61,9 +61,9 @@ async fn a_cancelled_call_and_one_whose_timer_fired_are_dropped_at_once() {
     });
     let played = play(operator, Config::default(), &[0]).await;
     assert_eq!(played.items, "30.000 ms: 0 cloud by arrival from 30 ms\n");
-    let mut seen = seen.lock().unwrap().clone();
-    seen.sort_unstable();
-    assert_eq!(seen, [(1, 30 * MS), (2, 10 * MS), (3, 30 * MS)]);
+    let mut shared = shared.lock().unwrap().clone();
+    shared.sort_unstable();
+    assert_eq!(shared, [(1, 30 * MS), (2, 10 * MS), (3, 30 * MS)]);
 }
 
 #[tokio::test(start_paused = true)]
@@ -137,7 +137,7 @@ async fn a_result_whose_response_handler_takes_until_it_is_due_is_late() {
 #[tokio::test(start_paused = true)]
 async fn a_call_is_told_the_time_left_and_one_that_waited_too_long_is_never_made() {
     let reported = Arc::new(Mutex::new(Vec::new()));
-    let seen = Arc::clone(&reported);
+    let shared = Arc::clone(&reported);
     let operator = ClosureOperator(move |setup: &mut Setup<u64, String>| {
         let handle = move |(), call: Call| {
             reported.lock().unwrap().push((call.timestamp, call.deadline));
@@ -156,13 +156,13 @@ async fn a_call_is_told_the_time_left_and_one_that_waited_too_long_is_never_made
         local_after(20)
     });
     play(operator, Config::default(), &[0, 0, 10]).await;
-    assert_eq!(*seen.lock().unwrap(), [(0, 60 * MS), (2, 50 * MS)]);
+    assert_eq!(*shared.lock().unwrap(), [(0, 60 * MS), (2, 50 * MS)]);
 }
 
 #[tokio::test(start_paused = true)]
 async fn a_local_computation_outlives_its_message_and_is_superseded() {
     let ended = Arc::new(AtomicU64::new(0));
-    let seen = Arc::clone(&ended);
+    let shared = Arc::clone(&ended);
     let operator = ClosureOperator(move |setup: &mut Setup<u64, String>| {
         setup.use_cloud(|(), _| after(10, "cloud"), |_, _| Some(((), 50 * MS)), Ok, 1);
         Local::futures(2, move |_, _| {
@@ -176,7 +176,7 @@ async fn a_local_computation_outlives_its_message_and_is_superseded() {
     });
     let played = play(operator, Config::default(), &[0, 100]).await;
     // The second was still being computed when the operator ended.
-    assert_eq!(seen.load(Ordering::Relaxed), 1);
+    assert_eq!(shared.load(Ordering::Relaxed), 1);
     assert!(played.trace.contains(r#""p":0,"why":"superseded""#), "{}", played.trace);
 }
 
@@ -198,7 +198,7 @@ async fn beyond_what_may_wait_local_fails_and_the_cloud_alone_answers() {
 async fn answered_messages_are_computed_unless_told_to_skip_them() {
     for (skip_answered, expected) in [(false, vec![0, 1, 2, 3]), (true, vec![0, 3])] {
         let computed = Arc::new(Mutex::new(Vec::new()));
-        let seen = Arc::clone(&computed);
+        let shared = Arc::clone(&computed);
         let operator = ClosureOperator(move |setup: &mut Setup<u64, String>| {
             // The cloud answers all but the last message while local computes the first.
             let message_handler = |m: &u64, _| (*m < 3).then_some(((), 50 * MS));
@@ -211,7 +211,7 @@ async fn answered_messages_are_computed_unless_told_to_skip_them() {
             local
         });
         play(operator, Config::default(), &[0, 1, 2, 90]).await;
-        assert_eq!(*seen.lock().unwrap(), expected);
+        assert_eq!(*shared.lock().unwrap(), expected);
     }
 }
 
@@ -258,7 +258,7 @@ async fn stopping_aborts_calls_ends_the_output_and_leaves_the_trace_whole() {
     let path = folder.path().join("trace.jsonl");
     let trace = Some(Trace { path: path.clone(), recording: fuseline_tokio::Recording::default() });
     let dropped = Arc::new(Mutex::new(Vec::new()));
-    let seen = Arc::clone(&dropped);
+    let shared = Arc::clone(&dropped);
     let operator = ClosureOperator(move |setup: &mut Setup<u64, String>| {
         let handle = move |(), _| {
             let guard = Dropped(Arc::clone(&dropped), 1, Instant::now());
@@ -280,7 +280,7 @@ async fn stopping_aborts_calls_ends_the_output_and_leaves_the_trace_whole() {
     assert_eq!(running.join().await.unwrap().messages, 1);
     assert_eq!(camera.write(1), Err(WriteError::Closed(1)));
     tokio::task::yield_now().await;
-    assert_eq!(seen.lock().unwrap().len(), 1);
+    assert_eq!(shared.lock().unwrap().len(), 1);
     let written = std::fs::read_to_string(path).unwrap();
     assert_eq!(written.lines().count(), 4, "{written}");
     assert!(
@@ -339,7 +339,7 @@ async fn on_several_threads_a_call_that_blocks_its_own_holds_up_no_message() {
     let (release, blocked) = std::sync::mpsc::channel::<()>();
     let blocked = Arc::new(Mutex::new(Some(blocked)));
     let dropped = Arc::new(Mutex::new(Vec::new()));
-    let seen = Arc::clone(&dropped);
+    let shared = Arc::clone(&dropped);
     let operator = ClosureOperator(move |setup: &mut Setup<u64, String>| {
         let start = Instant::now();
         let handle = move |t: u64, _| {
@@ -372,7 +372,7 @@ async fn on_several_threads_a_call_that_blocks_its_own_holds_up_no_message() {
     drop((camera, release));
     assert_eq!(running.join().await.unwrap().forwarded(), 4);
     // The last call was dropped when its timer fired, the first ended by itself.
-    while seen.lock().unwrap().len() < 4 {
+    while shared.lock().unwrap().len() < 4 {
         tokio::task::yield_now().await;
     }
 }

@@ -1,4 +1,4 @@
-//! Which deadlines clouds get, and what their policies are told.
+//! Which deadlines clouds get, and what is reported to their policies.
 
 mod support;
 
@@ -16,7 +16,7 @@ use tokio::time::{Instant, sleep};
 
 const MS: Duration = Duration::from_millis(1);
 
-/// What a policy was asked and told, in its order.
+/// The calls that a policy received, in their order.
 type Log = Arc<Mutex<Vec<String>>>;
 
 /// Answers with one deadline after the other, the last again and again, and notes everything.
@@ -42,7 +42,7 @@ impl Policy for RecordingPolicy {
     }
 }
 
-/// What a cloud does with the n-th message, in ms from when it is asked.
+/// What a cloud does with the n-th message, in ms from the request.
 #[derive(Clone, Copy)]
 enum ServiceAction {
     Answers(u32),
@@ -51,7 +51,7 @@ enum ServiceAction {
 }
 use ServiceAction::{Answers, Fails, Hangs};
 
-/// Its value says who answered which message, asked when.
+/// Its value says who answered which message, requested when.
 async fn does(who: &str, does: ServiceAction, t: u64, start: Instant) -> Result<String, Error> {
     let requested = start.elapsed().as_millis();
     let value = format!("{who}'s of {t}, asked at {requested} ms,");
@@ -66,16 +66,16 @@ async fn does(who: &str, does: ServiceAction, t: u64, start: Instant) -> Result<
     Ok(value)
 }
 
-/// Local answers after 20 ms, and cloud `p` as it is told for each message.
+/// Local answers after 20 ms, and cloud `p` as given for each message.
 fn cloud(
     setup: &mut Setup<u64, String>,
     p: u16,
-    what: fn(u64) -> ServiceAction,
+    action: fn(u64) -> ServiceAction,
     deadline: Duration,
 ) -> &mut fuseline_tokio::Cloud {
     let start = Instant::now();
     let handle =
-        move |t, _: Call| async move { does(&format!("cloud {p}"), what(t), t, start).await };
+        move |t, _: Call| async move { does(&format!("cloud {p}"), action(t), t, start).await };
     setup.use_cloud(handle, move |_, t| Some((t, deadline)), Ok, p)
 }
 
@@ -174,8 +174,8 @@ async fn a_cancelled_call_lingers_until_it_would_have_been_due_and_the_linger_af
     let log = Log::default();
     let run = played(&[0, 500, 1000], |setup| {
         // Cloud 2 answers at 60 ms; cloud 1 is cancelled then.
-        let what = |t| [Answers(90), Answers(260), Answers(10)][usize::try_from(t).unwrap()];
-        let lower = cloud(setup, 1, what, 100 * MS);
+        let action = |t| [Answers(90), Answers(260), Answers(10)][usize::try_from(t).unwrap()];
+        let lower = cloud(setup, 1, action, 100 * MS);
         (lower.policy, lower.linger) = (Some(noting(&log, &[100])), 150 * MS);
         cloud(setup, 2, |_| Answers(60), 100 * MS);
         local(20)
@@ -279,8 +279,8 @@ async fn an_expecting_policy_stops_waiting_for_a_cloud_that_is_gone_and_finds_it
     let (mut camera, frames) = stream(8);
     let operator = ClosureOperator(move |setup: &mut Setup<u64, String>| {
         // It is gone from message 40 to message 79.
-        let what = |t| if (40..80).contains(&t) { Hangs } else { Answers(150) };
-        cloud(setup, 1, what, Duration::MAX).policy = Some(Box::new(policy));
+        let action = |t| if (40..80).contains(&t) { Hangs } else { Answers(150) };
+        cloud(setup, 1, action, Duration::MAX).policy = Some(Box::new(policy));
         local(20)
     });
     let (_running, mut output) = spawn(operator, Config::default(), frames).unwrap();

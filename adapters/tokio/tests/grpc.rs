@@ -68,7 +68,7 @@ impl Operator for Vehicle {
 }
 
 /// Sends one message and waits for its item.
-async fn ask(camera: &mut Writer<Vec<u8>>, output: &mut Items<Vec<u8>>) -> (Vec<u8>, Trigger) {
+async fn exchange(camera: &mut Writer<Vec<u8>>, output: &mut Items<Vec<u8>>) -> (Vec<u8>, Trigger) {
     camera.write(b"frame".into()).unwrap();
     let item = output.read().await.unwrap();
     let forwarded = Item::forwarded(&item).unwrap();
@@ -84,8 +84,14 @@ async fn a_cloud_answers_and_what_was_sent_is_counted() {
     let (mut camera, frames) = stream(8);
     let vehicle = Vehicle { remote: cloud.http(), deadline: LONG };
     let (running, mut output) = spawn(vehicle, Config::default(), frames).unwrap();
-    assert_eq!(ask(&mut camera, &mut output).await, (b"cloud frame".to_vec(), Trigger::Arrival));
-    assert_eq!(ask(&mut camera, &mut output).await, (b"cloud frame".to_vec(), Trigger::Arrival));
+    assert_eq!(
+        exchange(&mut camera, &mut output).await,
+        (b"cloud frame".to_vec(), Trigger::Arrival)
+    );
+    assert_eq!(
+        exchange(&mut camera, &mut output).await,
+        (b"cloud frame".to_vec(), Trigger::Arrival)
+    );
     // Timestamp 0 is not encoded, 1 takes two bytes; the payload takes two more than it has, and
     // gRPC puts five before all.
     assert_eq!(running.tally().sources[1].sent_bytes, 12 + 14);
@@ -125,7 +131,7 @@ async fn what_no_connection_took_does_not_count_as_sent() {
     let remote = Remote::new("http://127.0.0.1:1");
     let (running, mut output) =
         spawn(Vehicle { remote, deadline: LONG }, Config::default(), frames).unwrap();
-    assert_eq!(ask(&mut camera, &mut output).await.0, b"local");
+    assert_eq!(exchange(&mut camera, &mut output).await.0, b"local");
     drop((camera, output));
     let tally = running.join().await.unwrap();
     assert_eq!((tally.sources[1].failed, tally.sources[1].sent_bytes), (1, 0));
@@ -166,7 +172,7 @@ async fn a_server_that_never_answers_costs_no_more_than_the_deadline() {
     let (mut camera, frames) = stream(8);
     let vehicle = Vehicle { remote: cloud.http(), deadline: Duration::from_millis(50) };
     let (running, mut output) = spawn(vehicle, Config::default(), frames).unwrap();
-    assert_eq!(ask(&mut camera, &mut output).await.0, b"local");
+    assert_eq!(exchange(&mut camera, &mut output).await.0, b"local");
     let cloud_tally = &running.tally().sources[1];
     assert_eq!((cloud_tally.timers + cloud_tally.failed, cloud_tally.forwarded()), (1, 0));
     cloud.kill();
@@ -195,14 +201,17 @@ async fn a_killed_server_fails_its_calls_at_once_and_is_used_again_when_it_is_ba
     let item = output.read().await.unwrap();
     assert_eq!(item.forwarded().unwrap().value, b"local");
     // Nobody listens: the call fails at once, while local may still compute.
-    assert_eq!(ask(&mut camera, &mut output).await.0, b"local");
+    assert_eq!(exchange(&mut camera, &mut output).await.0, b"local");
 
     let cloud = Cloud::start(&address, Server::default(), echo);
-    assert_eq!(ask(&mut camera, &mut output).await, (b"cloud frame".to_vec(), Trigger::Arrival));
+    assert_eq!(
+        exchange(&mut camera, &mut output).await,
+        (b"cloud frame".to_vec(), Trigger::Arrival)
+    );
     cloud.kill();
 }
 
-/// Passes on to the cloud and back, until it is told; from then on the connection stays open and nothing more
+/// Passes on to the cloud and back, until it is signalled; from then on the connection stays open and nothing more
 /// of it goes on. The next one is passed on again.
 async fn passed_on(door: TcpListener, cloud: SocketAddr, reported: oneshot::Receiver<()>) {
     let connection =
@@ -270,7 +279,7 @@ async fn the_deadline_travels_with_the_call() {
     let (mut camera, frames) = stream(8);
     let (_, mut output) =
         spawn(Vehicle { remote, deadline: LONG }, Config::default(), frames).unwrap();
-    assert_eq!(ask(&mut camera, &mut output).await.0, b"cloud frame");
+    assert_eq!(exchange(&mut camera, &mut output).await.0, b"cloud frame");
     let timeout = reported.recv().unwrap();
     let (digits, unit) = timeout.split_at(timeout.len() - 1);
     let digits: u64 = digits.parse().unwrap();
@@ -346,7 +355,7 @@ async fn only_the_right_token_is_let_in_and_it_can_be_replaced() {
 async fn garbage_is_no_request_and_an_unknown_method_is_said_to_be() {
     let cloud = Cloud::start("127.0.0.1:0", Server::default(), echo);
     let mut grpc = tonic::client::Grpc::new(cloud.http().connect().unwrap());
-    let mut ask = async |path: &'static str| {
+    let mut exchange = async |path: &'static str| {
         grpc.ready().await.unwrap();
         let path = http::uri::PathAndQuery::from_static(path);
         // A timestamp that is a string.
@@ -354,9 +363,9 @@ async fn garbage_is_no_request_and_an_unknown_method_is_said_to_be() {
         let codec = tonic_prost::ProstCodec::<GarbageService, Reply>::default();
         grpc.unary(tonic::Request::new(garbage), path, codec).await.unwrap_err().code()
     };
-    assert_eq!(ask("/fuseline.v1.Infer/Infer").await, Code::Internal);
-    assert_eq!(ask("/fuseline.v1.Infer/Other").await, Code::Unimplemented);
-    assert_eq!(ask("/other.Service/Infer").await, Code::Unimplemented);
+    assert_eq!(exchange("/fuseline.v1.Infer/Infer").await, Code::Internal);
+    assert_eq!(exchange("/fuseline.v1.Infer/Other").await, Code::Unimplemented);
+    assert_eq!(exchange("/other.Service/Infer").await, Code::Unimplemented);
     cloud.kill();
 }
 

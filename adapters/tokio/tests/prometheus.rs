@@ -24,12 +24,12 @@ impl Operator for Double {
 fn served() -> SocketAddr {
     static ADDRESS: OnceLock<SocketAddr> = OnceLock::new();
     *ADDRESS.get_or_init(|| {
-        let taken = TcpListener::bind("127.0.0.1:0").unwrap();
-        let address = taken.local_addr().unwrap();
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = listener.local_addr().unwrap();
         // Outside of a test's runtime, which ends with the test.
         let serve = move || prometheus(address).is_ok();
         assert!(!std::thread::spawn(serve).join().unwrap(), "the address is taken");
-        drop(taken);
+        drop(listener);
         assert!(std::thread::spawn(serve).join().unwrap());
         address
     })

@@ -1,4 +1,4 @@
-//! What helps local with later messages: asides, hints, and what they have in common with it.
+//! What helps local with later messages: side requests, hints, and what they share with it.
 
 mod support;
 
@@ -15,7 +15,7 @@ use tokio::time::{Instant, sleep, sleep_until};
 
 const MS: Duration = Duration::from_millis(1);
 
-/// What a service does with the n-th message, in ms from when it is asked.
+/// What a service does with the n-th message, in ms from the request.
 #[derive(Clone, Copy)]
 enum ServiceAction {
     Answers(u32),
@@ -27,7 +27,7 @@ use ServiceAction::{Answers, Fails, Hangs, Panics};
 
 type Plan = SharedState<String>;
 
-/// A plan says for which message it was asked, and when.
+/// A plan says for which message it was requested, and when.
 async fn plan(does: ServiceAction, t: u64, start: Instant) -> Result<String, Error> {
     let requested = start.elapsed().as_millis();
     match does {
@@ -57,22 +57,22 @@ fn local(plan: &Plan) -> Local<u64, String> {
     })
 }
 
-/// An aside that keeps each plan, for 100 ms at most.
-fn planner(setup: &mut Setup<u64, String>, kept: &Plan, what: fn(u64) -> ServiceAction) {
+/// A side request that keeps each plan, for 100 ms at most.
+fn planner(setup: &mut Setup<u64, String>, last_plan: &Plan, action: fn(u64) -> ServiceAction) {
     let start = Instant::now();
-    let kept = kept.clone();
+    let last_plan = last_plan.clone();
     let handle = move |t, call: Call| {
         call.sent(10);
-        plan(what(t), t, start)
+        plan(action(t), t, start)
     };
     let response_handler = move |plan| {
-        kept.with(|kept| *kept = plan);
+        last_plan.with(|last_plan| *last_plan = plan);
         Ok(())
     };
     setup.use_side_request(handle, |_, t| Some((t, 100 * MS)), response_handler);
 }
 
-/// Plays it at these milliseconds; its items, and what its asides counted.
+/// Plays it at these milliseconds; its items, and what its side requests counted.
 async fn watched(
     messages: &[u64],
     config: Config,
@@ -99,9 +99,9 @@ async fn watched(
 #[tokio::test(start_paused = true)]
 async fn an_answer_serves_later_messages_and_is_no_output() {
     let setup = |setup: &mut Setup<u64, String>| {
-        let kept = Plan::new("none".into());
-        planner(setup, &kept, |_| Answers(50));
-        local(&kept)
+        let last_plan = Plan::new("none".into());
+        planner(setup, &last_plan, |_| Answers(50));
+        local(&last_plan)
     };
     let (items, sides) = watched(&[0, 30, 60], Config::default(), setup).await;
     assert_eq!(
@@ -113,7 +113,7 @@ async fn an_answer_serves_later_messages_and_is_no_output() {
         ]
     );
     let expected = SideTally {
-        name: "aside-1".into(),
+        name: "side-1".into(),
         requested: 3,
         refused: 0,
         answered: 3,
@@ -126,15 +126,15 @@ async fn an_answer_serves_later_messages_and_is_no_output() {
 
 #[tokio::test(start_paused = true)]
 async fn what_fails_panics_or_comes_when_it_is_due_changes_nothing() {
-    let what = |t| {
+    let action = |t| {
         [Fails(10), Panics(10), Answers(100), Hangs, Answers(99), Hangs]
             [usize::try_from(t).unwrap()]
     };
-    let kept = Plan::new("none".into());
-    let seen = kept.clone();
+    let last_plan = Plan::new("none".into());
+    let shared = last_plan.clone();
     let setup = move |setup: &mut Setup<u64, String>| {
-        planner(setup, &kept, what);
-        local(&kept)
+        planner(setup, &last_plan, action);
+        local(&last_plan)
     };
     let (items, sides) = watched(&[0, 200, 400, 600, 800, 1000], Config::default(), setup).await;
     let expected = (0..6).map(|t| {
@@ -146,7 +146,7 @@ async fn what_fails_panics_or_comes_when_it_is_due_changes_nothing() {
     let [SideTally { requested: 6, answered: 1, failed: 2, expired: 3, .. }] = sides[..] else {
         panic!("{sides:?}")
     };
-    assert_eq!(seen.with(|plan| plan.clone()), "plan of 4 from 800 ms");
+    assert_eq!(shared.with(|plan| plan.clone()), "plan of 4 from 800 ms");
 }
 
 #[tokio::test(start_paused = true)]
@@ -164,7 +164,7 @@ async fn a_plan_asked_as_of_a_cloud_would_hold_locals_output_back() {
 #[tokio::test(start_paused = true)]
 async fn asides_wait_for_a_place_and_beyond_the_gates_limit_they_are_refused_until_it_opens() {
     let reported = Arc::new(Mutex::new(Vec::new()));
-    let seen = Arc::clone(&reported);
+    let shared = Arc::clone(&reported);
     let setup = move |setup: &mut Setup<u64, String>| {
         let handle = move |t: u64, call: Call| {
             reported.lock().unwrap().push((t, call.deadline));
@@ -183,15 +183,15 @@ async fn asides_wait_for_a_place_and_beyond_the_gates_limit_they_are_refused_unt
     assert_eq!(items.len(), 6);
     let SideTally { requested, refused, answered, expired, .. } = sides[0];
     assert_eq!((requested, refused, answered, expired), (4, 2, 2, 2));
-    assert_eq!(*seen.lock().unwrap(), [(0, 100 * MS), (1, 50 * MS), (2, 10 * MS), (5, 95 * MS)]);
+    assert_eq!(*shared.lock().unwrap(), [(0, 100 * MS), (1, 50 * MS), (2, 10 * MS), (5, 95 * MS)]);
 }
 
 #[tokio::test(start_paused = true)]
 async fn a_service_that_is_gone_for_a_while_costs_no_output_and_serves_again_when_it_returns() {
     let setup = |setup: &mut Setup<u64, String>| {
-        let kept = Plan::new("none".into());
-        planner(setup, &kept, |t| if (10..40).contains(&t) { Hangs } else { Answers(5) });
-        local(&kept)
+        let last_plan = Plan::new("none".into());
+        planner(setup, &last_plan, |t| if (10..40).contains(&t) { Hangs } else { Answers(5) });
+        local(&last_plan)
     };
     let messages: Vec<u64> = (0..60).map(|t| 33 * t).collect();
     let (items, sides) = watched(&messages, Config::default(), setup).await;
@@ -212,9 +212,9 @@ async fn a_service_that_is_gone_for_a_while_costs_no_output_and_serves_again_whe
 #[tokio::test(start_paused = true)]
 async fn no_aside_is_asked_about_a_message_that_was_refused() {
     let setup = |setup: &mut Setup<u64, String>| {
-        let kept = Plan::new("none".into());
-        planner(setup, &kept, |_| Answers(5));
-        local(&kept)
+        let last_plan = Plan::new("none".into());
+        planner(setup, &last_plan, |_| Answers(5));
+        local(&last_plan)
     };
     let config = Config { window: 1, ..Config::default() };
     let (items, sides) = watched(&[0, 10, 30], config, setup).await;
@@ -231,7 +231,7 @@ async fn asides_are_dropped_when_the_operator_ends() {
         }
     }
     let dropped = Arc::new(Mutex::new(false));
-    let seen = Arc::clone(&dropped);
+    let shared = Arc::clone(&dropped);
     let operator = ClosureOperator(move |setup: &mut Setup<u64, String>| {
         let handle = move |(), _| {
             let noting = RecordingPolicy(Arc::clone(&dropped));
@@ -245,19 +245,19 @@ async fn asides_are_dropped_when_the_operator_ends() {
     });
     play(operator, Config::default(), &[0]).await;
     tokio::task::yield_now().await;
-    assert!(*seen.lock().unwrap());
+    assert!(*shared.lock().unwrap());
 }
 
 #[tokio::test]
 async fn an_aside_whose_gate_could_never_open_is_refused() {
     let operator = ClosureOperator(|setup: &mut Setup<u64, String>| {
-        let kept = Plan::default();
-        planner(setup, &kept, |_| Hangs);
+        let last_plan = Plan::default();
+        planner(setup, &last_plan, |_| Hangs);
         setup.use_side_request(|(), _| async { Ok(()) }, |_, _| None, Ok).resume = 31;
-        local(&kept)
+        local(&last_plan)
     });
     let error = spawn(operator, Config::default(), stream(1).1).unwrap_err();
-    assert!(matches!(&error, SpawnError::SideRequest { name } if name == "aside-2"), "{error}");
+    assert!(matches!(&error, SpawnError::SideRequest { name } if name == "side-2"), "{error}");
 }
 
 /// A cloud with 30 ms that answers after so long, and lingers for 100 ms more.
@@ -276,10 +276,12 @@ async fn a_result_that_comes_too_late_is_a_hint_for_the_next_messages_and_no_out
     let operator = ClosureOperator(|setup: &mut Setup<u64, String>| {
         let last = Plan::new("nothing".into());
         slow_cloud(setup, 50);
-        let kept = last.clone();
+        let last_plan = last.clone();
         setup.use_hints(move |hint| {
             let age = hint.age.as_millis();
-            kept.with(|kept| *kept = format!("{} {age} ms old, {}", hint.value, hint.why));
+            last_plan.with(|last_plan| {
+                *last_plan = format!("{} {age} ms old, {}", hint.value, hint.why);
+            });
         });
         local(&last)
     });
@@ -296,7 +298,7 @@ async fn a_result_that_comes_too_late_is_a_hint_for_the_next_messages_and_no_out
 #[tokio::test(start_paused = true)]
 async fn hints_are_late_and_superseded_results_of_any_source_with_their_age() {
     let hints = Arc::new(Mutex::new(Vec::new()));
-    let seen = Arc::clone(&hints);
+    let shared = Arc::clone(&hints);
     let operator = ClosureOperator(move |setup: &mut Setup<u64, String>| {
         setup.use_hints(move |hint| {
             let source = hint.source.to_string();
@@ -318,8 +320,8 @@ async fn hints_are_late_and_superseded_results_of_any_source_with_their_age() {
     });
     let played = play(operator, Config::default(), &[0, 200, 400]).await;
     assert!(played.items.contains("260.000 ms: 1 local's of 1 by arrival"), "{}", played.items);
-    let words = |(t, who, what, age, why): (u64, &str, &str, u32, DropReason)| {
-        (t, who.to_owned(), what.to_owned(), age * MS, why)
+    let words = |(t, who, action, age, why): (u64, &str, &str, u32, DropReason)| {
+        (t, who.to_owned(), action.to_owned(), age * MS, why)
     };
     let (late, superseded) = (DropReason::Late, DropReason::Superseded);
     let expected = [
@@ -328,7 +330,7 @@ async fn hints_are_late_and_superseded_results_of_any_source_with_their_age() {
         (1, "cloud-1", "cloud's of 1, asked at 200 ms", 50, late),
     ]
     .map(words);
-    assert_eq!(*seen.lock().unwrap(), expected);
+    assert_eq!(*shared.lock().unwrap(), expected);
 }
 
 #[test]

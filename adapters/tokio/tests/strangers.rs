@@ -10,11 +10,13 @@ mod hostile;
 mod hosts;
 
 use std::future::ready;
+use std::iter;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 use std::time::Duration;
 
 use bytes::Bytes;
+use fuseline_testkit::Rng;
 use fuseline_tokio::grpc::tonic::{self, Code, Status};
 use fuseline_tokio::grpc::{Bounds, InferClient, Remote, Reply, Request, Server, Token};
 use futures_util::future::join_all;
@@ -61,7 +63,7 @@ impl Log {
     }
 
     /// Waits until the log says so.
-    async fn says(&self, words: &str) {
+    async fn wait_for_log(&self, words: &str) {
         let soon = async {
             while !self.text().contains(words) {
                 tokio::time::sleep(Duration::from_millis(5)).await;
@@ -188,7 +190,7 @@ async fn strangers_are_refused_and_named() {
         assert_eq!(call(&known(&cloud)).await.unwrap(), 9);
         assert_eq!(LOG.text(), "", "nobody was refused");
         call(&stranger(&cloud)).await.expect_err(words);
-        LOG.says(words).await;
+        LOG.wait_for_log(words).await;
         assert!(LOG.text().contains("peer=127.0.0.1:"), "{}", LOG.text());
         assert_eq!(call(&known(&cloud)).await.unwrap(), 9);
         cloud.kill();
@@ -207,13 +209,13 @@ async fn a_client_is_refused_once_its_ca_is_taken_away() {
     let cloud = serve("127.0.0.1:0", [&old.certificate[..], &new.certificate[..]].concat());
     let was = Remote { identity: Some(old.sign("vehicle")), ..cloud.https(&new) };
     let is = Remote { identity: Some(new.sign("vehicle")), ..cloud.https(&new) };
-    let mut kept = InferClient::new(was.connect().unwrap());
-    assert_eq!((one(&mut kept).await.unwrap(), call(&is).await.unwrap()), (9, 9));
+    let mut known_client = InferClient::new(was.connect().unwrap());
+    assert_eq!((one(&mut known_client).await.unwrap(), call(&is).await.unwrap()), (9, 9));
     let address = cloud.address.to_string();
     cloud.kill();
 
     let cloud = serve(&address, new.certificate.clone());
-    one(&mut kept).await.expect_err("its CA is gone");
+    one(&mut known_client).await.expect_err("its CA is gone");
     call(&was).await.expect_err("its CA is gone");
     assert_eq!(call(&is).await.unwrap(), 9);
     cloud.kill();
@@ -237,7 +239,7 @@ async fn rapid_reset(mut raw: Raw) -> usize {
 async fn who_takes_back_calls_faster_than_it_may_is_closed() {
     let _turn = TURN.lock().await;
     under(Bounds { resets: 100, ..WIDE }, rapid_reset).await;
-    LOG.says("a client was turned away").await;
+    LOG.wait_for_log("a client was rejected").await;
     // One by one, so that each has begun.
     under(Bounds { resets: 2, ..WIDE }, async |mut raw: Raw| {
         raw.greet().await;
@@ -250,7 +252,7 @@ async fn who_takes_back_calls_faster_than_it_may_is_closed() {
         }
     })
     .await;
-    LOG.says("it takes back calls faster than it may").await;
+    LOG.wait_for_log("it takes back calls faster than it may").await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -285,7 +287,7 @@ async fn headers_are_bounded() {
         panic!("320 MB of headers were taken");
     })
     .await;
-    LOG.says("HTTP/2: ").await;
+    LOG.wait_for_log("HTTP/2: ").await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -301,7 +303,7 @@ async fn streams_are_bounded() {
         panic!("100,000 streams were opened");
     })
     .await;
-    LOG.says("HTTP/2: ").await;
+    LOG.wait_for_log("HTTP/2: ").await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -345,7 +347,7 @@ async fn who_does_not_take_its_replies_is_closed_and_holds_no_more_than_it_may()
         ended.expect("the server closes the connection").unwrap().ok();
     })
     .await;
-    LOG.says("it does not take its replies").await;
+    LOG.wait_for_log("it does not take its replies").await;
     assert!(LOG.text().contains("the server holds as many bytes as it may"), "{}", LOG.text());
 }
 
@@ -372,15 +374,15 @@ async fn requests_that_never_end_hold_no_more_than_they_may() {
                 }
             }
         }
-        LOG.says("its call: ").await;
+        LOG.wait_for_log("its call: ").await;
     };
     under(Bounds { held_bytes: 16 * MIB, ..WIDE }, flood).await;
-    LOG.says("the server holds as many bytes as it may").await;
+    LOG.wait_for_log("the server holds as many bytes as it may").await;
     let dribble = async |mut raw: Raw| {
         raw.greet().await;
         raw.frame(HEADERS, END_HEADERS, 1, &hostile::call()).await;
         raw.frame(DATA, 0, 1, &[0, 0, 0]).await;
-        LOG.says("the request did not come whole in time").await;
+        LOG.wait_for_log("the request did not come whole in time").await;
     };
     under(Bounds { stall: Duration::from_secs(2), ..WIDE }, dribble).await;
 }
@@ -410,8 +412,9 @@ async fn what_a_call_held_is_given_back_when_it_ends() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn garbage_on_the_port_is_closed_and_named() {
     let _turn = TURN.lock().await;
-    let mut noise = fastrand::Rng::with_seed(1);
-    let noise: Vec<u8> = (0..100_000).map(|_| noise.u8(..)).collect();
+    let mut noise = Rng::with_seed(1);
+    let noise = iter::repeat_with(|| noise.next_u64().to_le_bytes());
+    let noise: Vec<u8> = noise.flatten().take(100_000).collect();
     let tls = [&[22, 3, 1, 2, 0, 1, 0, 1, 252, 3, 3][..], &[7; 600]].concat();
     for garbage in [&noise[..], b"GET / HTTP/1.1\r\nhost: x\r\n\r\n", &tls, &[0; 4096]] {
         under(WIDE, async |mut raw: Raw| {
@@ -420,7 +423,7 @@ async fn garbage_on_the_port_is_closed_and_named() {
             raw.ended().await;
         })
         .await;
-        LOG.says("HTTP/2: ").await;
+        LOG.wait_for_log("HTTP/2: ").await;
     }
     // Nothing, half of the preface, and a greeting without a call.
     let bounds = Bounds { greeting: Duration::from_secs(2), ..WIDE };
@@ -431,7 +434,7 @@ async fn garbage_on_the_port_is_closed_and_named() {
             raw.ended().await;
         })
         .await;
-        LOG.says("it made no call in time").await;
+        LOG.wait_for_log("it made no call in time").await;
     }
     // The same before a handshake of TLS.
     let identity = Some(Ca::new().sign("localhost"));
@@ -442,7 +445,7 @@ async fn garbage_on_the_port_is_closed_and_named() {
         raw.open().await;
         raw.bytes(garbage).await;
         raw.ended().await;
-        LOG.says(words).await;
+        LOG.wait_for_log(words).await;
     }
     cloud.kill();
 }
@@ -457,7 +460,7 @@ async fn who_makes_no_calls_any_more_is_closed() {
         raw.ended().await;
     })
     .await;
-    LOG.says("it makes no calls any more").await;
+    LOG.wait_for_log("it makes no calls any more").await;
 }
 
 /// D6: the server ends a call by itself, whatever the client does.
@@ -513,7 +516,7 @@ async fn connections_are_bounded_for_each_address_and_in_all() {
         }
     };
     under(bounds, flood(10, in_all / 2)).await;
-    LOG.says("its address has as many connections as it may").await;
+    LOG.wait_for_log("its address has as many connections as it may").await;
     under(bounds, flood(200, in_all / 2)).await;
-    LOG.says("the server has as many connections as it may").await;
+    LOG.wait_for_log("the server has as many connections as it may").await;
 }

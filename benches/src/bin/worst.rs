@@ -6,24 +6,15 @@
 use std::hint::black_box;
 
 use fuseline_core::{At, Cloud, Commit, Deadline, Fusion, Instant, Priority, Ready, Timestamp};
-use fuseline_testkit::splitmix64;
+use fuseline_testkit::Rng;
 
-type Machine = Fusion<3, 16>;
+type SmallFusion = Fusion<3, 16>;
 
 /// Enough for timestamps to take all seats many times over.
 const ROUNDS: u64 = 4_000;
 
-/// A stream of random numbers.
-struct SplitMix(u64);
-
-impl SplitMix {
-    fn below(&mut self, bound: u64) -> u64 {
-        splitmix64(&mut self.0) % bound
-    }
-}
-
 /// The input alone: nothing is due at the instants given.
-fn ready(machine: &mut Machine, now: u64) -> Option<Ready<'_, 3, 16>> {
+fn ready(machine: &mut SmallFusion, now: u64) -> Option<Ready<'_, 3, 16>> {
     match machine.at(Instant::from_nanos(now)) {
         At::Ready(ready) => Some(ready),
         At::Fired(_) => None,
@@ -31,14 +22,14 @@ fn ready(machine: &mut Machine, now: u64) -> Option<Ready<'_, 3, 16>> {
 }
 
 #[inline(never)]
-fn worst_open(machine: &mut Machine, now: u64, t: u64, deadline: Option<Deadline>) {
+fn worst_open(machine: &mut SmallFusion, now: u64, t: u64, deadline: Option<Deadline>) {
     if let Some(mut ready) = ready(machine, now) {
         let _ = black_box(ready.open(Timestamp::new(t), deadline));
     }
 }
 
 #[inline(never)]
-fn worst_offer(machine: &mut Machine, now: u64, t: u64, p: u16, deadline: u64) {
+fn worst_offer(machine: &mut SmallFusion, now: u64, t: u64, p: u16, deadline: u64) {
     if let Some(mut ready) = ready(machine, now) {
         let deadline = Deadline::from_nanos(deadline);
         let _ = black_box(ready.offer(Timestamp::new(t), Priority::new(p), deadline, 0));
@@ -46,21 +37,21 @@ fn worst_offer(machine: &mut Machine, now: u64, t: u64, p: u16, deadline: u64) {
 }
 
 #[inline(never)]
-fn worst_result(machine: &mut Machine, now: u64, t: u64, p: u16) {
+fn worst_result(machine: &mut SmallFusion, now: u64, t: u64, p: u16) {
     if let Some(mut ready) = ready(machine, now) {
         let _ = black_box(ready.result(Timestamp::new(t), Priority::new(p)));
     }
 }
 
 #[inline(never)]
-fn worst_fail(machine: &mut Machine, now: u64, t: u64, p: u16) {
+fn worst_fail(machine: &mut SmallFusion, now: u64, t: u64, p: u16) {
     if let Some(mut ready) = ready(machine, now) {
         let _ = black_box(ready.fail(Timestamp::new(t), Priority::new(p)));
     }
 }
 
 #[inline(never)]
-fn worst_firing(machine: &mut Machine, now: u64) -> bool {
+fn worst_firing(machine: &mut SmallFusion, now: u64) -> bool {
     matches!(black_box(machine.at(Instant::from_nanos(now))), At::Fired(_))
 }
 
@@ -71,36 +62,36 @@ fn input_done() {
 }
 
 /// One for each commit rule, on the heap: a thread's stack then holds what the inputs need and no machine.
-fn machines() -> [Box<Machine>; 2] {
+fn machines() -> [Box<SmallFusion>; 2] {
     let clouds = [3, 1, 2].map(|p| Cloud::new(Priority::new(p), 31));
-    [Commit::Eager, Commit::Patient]
-        .map(|commit| Box::new(Machine::new(16, commit, &clouds).expect("a valid configuration")))
+    [Commit::Eager, Commit::Patient].map(|commit| {
+        Box::new(SmallFusion::new(16, commit, &clouds).expect("a valid configuration"))
+    })
 }
 
-fn inputs(machines: &mut [Box<Machine>; 2]) {
+fn inputs(machines: &mut [Box<SmallFusion>; 2]) {
     for machine in machines {
-        let mut random = SplitMix(1);
+        let mut random = Rng::with_seed(1);
         let (mut now, mut newest) = (0, 0);
         for _ in 0..ROUNDS {
             // Kept nearly full, touched anywhere, with dues that now and then coincide.
-            if machine.len() < 16 - usize::try_from(random.below(3)).unwrap_or_default() {
-                newest += 1 + random.below(5);
-                let deadline =
-                    (random.below(2) == 0).then(|| Deadline::from_nanos(1 + random.below(40)));
+            if machine.len() < 16 - random.usize(0..3) {
+                newest += random.u64(1..6);
+                let deadline = random.bool().then(|| Deadline::from_nanos(random.u64(1..41)));
                 worst_open(machine, now, newest, deadline);
                 input_done();
             }
-            let nth = usize::try_from(random.below(16)).unwrap_or_default() % machine.len().max(1);
+            let nth = random.usize(0..16) % machine.len().max(1);
             let t = machine.open().nth(nth).map_or(newest, |open| open.0.as_u64());
-            let p = u16::try_from(random.below(4)).unwrap_or_default();
-            match random.below(4) {
-                0 | 1 => worst_offer(machine, now, t, p, 1 + random.below(60)),
+            let p = random.u8(0..4).into();
+            match random.u8(0..4) {
+                0 | 1 => worst_offer(machine, now, t, p, random.u64(1..61)),
                 2 => worst_result(machine, now, t, p),
                 _ => worst_fail(machine, now, t, p),
             }
             input_done();
-            if random.below(4) == 0 {
-                now += random.below(10);
+            if random.one_in(4) {
+                now += random.u64(0..10);
                 while machine.next_due().is_some_and(|due| due.as_nanos() <= now) {
                     worst_firing(machine, now);
                     input_done();
@@ -135,7 +126,7 @@ fn main() {
             assert!(thread.join().is_ok());
         }
         _ => {
-            let (machine, great) = (size_of::<Machine>(), size_of::<Fusion<15, 1024>>());
+            let (machine, great) = (size_of::<SmallFusion>(), size_of::<Fusion<15, 1024>>());
             println!("Fusion<3, 16>: {machine} bytes");
             println!("Fusion<15, 1024>: {great} bytes");
         }

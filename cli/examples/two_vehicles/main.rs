@@ -29,11 +29,11 @@ async fn main() -> Result<(), Box<dyn Error + Send + Sync>> {
         drive(&url, vehicle("runner", 1.75, -42.0, 0.0, 14.0), 30, Path::new("runner.jsonl")),
     )?;
     for (i, (ego, runner)) in ego.iter().zip(&runner).enumerate() {
-        let place = |known: &[Location]| match known.first() {
+        let position = |known: &[Location]| match known.first() {
             Some(Location { vehicle, x_m, y_m, .. }) => format!("{vehicle} at {x_m:.1}, {y_m:.1}"),
             None => "nobody".to_owned(),
         };
-        println!("report {i:>2}: ego knows {}; runner knows {}", place(ego), place(runner));
+        println!("report {i:>2}: ego knows {}; runner knows {}", position(ego), position(runner));
     }
     Ok(())
 }

@@ -56,11 +56,11 @@ pub(crate) async fn drive(
     let mut known = Vec::new();
     for _ in 0..reports {
         period.tick().await;
-        let gone = began.elapsed().as_secs_f64();
+        let elapsed = began.elapsed().as_secs_f64();
         let own = Location {
-            time_s: start.time_s + gone,
-            x_m: start.x_m + start.vx_mps * gone,
-            y_m: start.y_m + start.vy_mps * gone,
+            time_s: start.time_s + elapsed,
+            x_m: start.x_m + start.vx_mps * elapsed,
+            y_m: start.y_m + start.vy_mps * elapsed,
             ..start.clone()
         };
         if locations.write(own).is_err() {

@@ -13,7 +13,7 @@ use serde::ser::Serializer;
 use crate::judging::{AnyViolation, Findings, JudgeMode};
 use crate::quantile::Quantile;
 use crate::reasons;
-use crate::statistics::{Ending, Row, Totals, TraceStatistics};
+use crate::statistics::{RequestRow, TimestampOutcome, Totals, TraceStatistics};
 
 /// The greatest number up to which a script's numbers are exact.
 const EXACT: u64 = (1 << 53) - 1;
@@ -21,7 +21,7 @@ const EXACT: u64 = (1 << 53) - 1;
 const DEADLINES: usize = 3;
 
 /// One trace while it is read.
-pub(crate) struct Columns {
+pub(crate) struct TraceColumns {
     events: Vec<Event>,
     /// The sources in the order of their first mention: local, the header's, strangers.
     sources: BTreeMap<u64, usize>,
@@ -39,7 +39,7 @@ pub(crate) struct PageTrace {
     commit: &'static str,
     /// Tolerance and lateness, if judged as observed.
     observed: Option<[u64; 2]>,
-    sources: Vec<Source>,
+    sources: Vec<SourceColumn>,
     conforms: bool,
     judged: u64,
     /// If the run is known to have ended.
@@ -47,9 +47,9 @@ pub(crate) struct PageTrace {
     unfinished: Option<u64>,
     lines: u64,
     /// The first ones in full.
-    violations: Vec<Violation>,
+    violations: Vec<ViolationRow>,
     /// Where all the others are.
-    places: Places,
+    places: ViolationPlaces,
     #[serde(rename = "account")]
     totals: Sums,
     /// How long requests had, the commonest first.
@@ -76,7 +76,7 @@ pub(crate) struct PageTrace {
 
 /// Where violations are, without their details.
 #[derive(Default, Serialize)]
-struct Places {
+struct ViolationPlaces {
     /// Each rule that they break, with its sentence.
     rules: Vec<(&'static str, &'static str)>,
     /// Each one's rule, as its place in `rules`.
@@ -95,37 +95,37 @@ struct Sums {
     missed: u64,
     refused: u64,
     open: u64,
-    response: [Response; 3],
-    rows: Vec<Line>,
+    response: [ResponseColumn; 3],
+    rows: Vec<SourceRow>,
 }
 
 /// One source's row.
 #[derive(Serialize)]
-struct Line {
+struct SourceRow {
     place: usize,
     counts: [u64; 8],
-    response: [Response; 3],
+    response: [ResponseColumn; 3],
 }
 
 /// A quantile of response times in nanoseconds; `never` where so many messages have no output.
 #[derive(Serialize)]
 #[serde(untagged)]
-enum Response {
+enum ResponseColumn {
     Exactly(u64),
     Never(&'static str),
     None,
 }
 
 #[derive(Serialize)]
-struct Source {
+struct SourceColumn {
     p: ExactNumber,
     name: Option<String>,
-    /// Whether the header tells it; local is.
+    /// Whether the header names it; local is named.
     known: bool,
 }
 
 #[derive(Serialize)]
-struct Violation {
+struct ViolationRow {
     line: u64,
     /// The timestamp's place.
     t: Option<usize>,
@@ -136,11 +136,11 @@ struct Violation {
     late: Option<u64>,
 }
 
-/// A number that is told as a text where a script could not hold it.
+/// A number that is written as a text where a script could not hold it.
 #[derive(Clone, Copy)]
 struct ExactNumber(u64);
 
-impl Columns {
+impl TraceColumns {
     pub(crate) fn new(header: &Header, is_observed: bool) -> Self {
         let mut columns = Self {
             events: Vec::new(),
@@ -200,11 +200,11 @@ impl Columns {
             judged: summary.judged,
             unfinished: summary.unfinished,
             lines: summary.lines,
-            places: Places::new(&verdict.places(), place),
+            places: ViolationPlaces::new(&verdict.places(), place),
             violations: verdict
                 .violations()
                 .iter()
-                .map(|violation| Violation::new(violation, place))
+                .map(|violation| ViolationRow::new(violation, place))
                 .collect(),
             totals: self.sums(),
             deadlines: self.deadlines(),
@@ -240,13 +240,13 @@ impl Columns {
     fn sums(&self) -> Sums {
         let Totals { messages, forwarded, missed, refused, open, response, rows } =
             self.statistics.totals();
-        let line = |Row { p, counts, response }| {
-            let response = response.map(Response::new);
-            Line { place: self.place(p), counts, response }
+        let line = |RequestRow { p, counts, response }| {
+            let response = response.map(ResponseColumn::new);
+            SourceRow { place: self.place(p), counts, response }
         };
-        let mut rows: Vec<Line> = rows.into_iter().map(line).collect();
+        let mut rows: Vec<SourceRow> = rows.into_iter().map(line).collect();
         rows.sort_unstable_by_key(|line| line.place);
-        let response = response.map(Response::new);
+        let response = response.map(ResponseColumn::new);
         Sums { messages, forwarded, missed, refused, open, response, rows }
     }
 
@@ -258,10 +258,10 @@ impl Columns {
 
     fn outcome(&self, t: u64) -> i64 {
         match self.statistics.outcome(t) {
-            Ending::Forwarded { p } => i64::try_from(self.place(p)).unwrap_or(i64::MAX),
-            Ending::Missed => -1,
-            Ending::Open => -2,
-            Ending::Unopened => -3,
+            TimestampOutcome::Forwarded { p } => i64::try_from(self.place(p)).unwrap_or(i64::MAX),
+            TimestampOutcome::Missed => -1,
+            TimestampOutcome::Open => -2,
+            TimestampOutcome::Unopened => -3,
         }
     }
 
@@ -279,14 +279,14 @@ impl Columns {
             .collect()
     }
 
-    fn named(&self, header: &Header) -> Vec<Source> {
-        let mut named: Vec<(usize, Source)> = Vec::with_capacity(self.sources.len());
+    fn named(&self, header: &Header) -> Vec<SourceColumn> {
+        let mut named: Vec<(usize, SourceColumn)> = Vec::with_capacity(self.sources.len());
         for (&p, &place) in &self.sources {
             let cloud = header.clouds.iter().find(|cloud| u64::from(cloud.p) == p);
             let name = cloud.and_then(|cloud| cloud.name.clone());
             named.push((
                 place,
-                Source { p: ExactNumber(p), name, known: p == 0 || cloud.is_some() },
+                SourceColumn { p: ExactNumber(p), name, known: p == 0 || cloud.is_some() },
             ));
         }
         named.sort_unstable_by_key(|(place, _)| *place);
@@ -294,7 +294,7 @@ impl Columns {
     }
 }
 
-impl Places {
+impl ViolationPlaces {
     fn new(
         places: &[ViolationPlace<(&'static str, &'static str)>],
         place: impl Fn(u64) -> usize,
@@ -314,7 +314,7 @@ impl Places {
     }
 }
 
-impl Response {
+impl ResponseColumn {
     fn new(quantile: Option<Quantile>) -> Self {
         match quantile {
             Some(Quantile::Exactly(at) | Quantile::AtLeast(at)) => {
@@ -326,7 +326,7 @@ impl Response {
     }
 }
 
-impl Violation {
+impl ViolationRow {
     fn new(violation: &AnyViolation<'_>, place: impl Fn(u64) -> usize) -> Self {
         let AnyViolation { line, t, rule: (rule, sentence), found, expected, late, story: _ } =
             *violation;
@@ -406,10 +406,10 @@ fn more_of(event: &Event, x: &mut Vec<i128>) {
             x.push(i128::from(due) - i128::from(at));
         }
         Event::Decision(Decision::RefuseOpen { why, .. }) => {
-            x.push(place(reasons::place_of_open(why)));
+            x.push(place(reasons::index_of_open(why)));
         }
         Event::Decision(Decision::RefuseOffer { why, .. }) => {
-            x.push(place(reasons::place_of_offer(why)));
+            x.push(place(reasons::index_of_offer(why)));
         }
         Event::Decision(Decision::Drop { why, .. }) => x.push(place(why.index())),
         Event::Input(Input::Result { .. } | Input::Fail { .. } | Input::Tick { .. })

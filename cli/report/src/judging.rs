@@ -30,7 +30,7 @@ pub enum Findings {
 
 /// A verdict without its violations.
 #[derive(Clone, Copy, Debug)]
-pub struct Summary<'a> {
+pub struct VerdictSummary<'a> {
     /// The trace's name.
     pub file: &'a str,
     /// Whether the rules explain all of it.
@@ -41,7 +41,7 @@ pub struct Summary<'a> {
     pub unfinished: Option<u64>,
     /// Lines, the header's too.
     pub lines: u64,
-    /// All violations, those that are not told too.
+    /// All violations, those that are not listed too.
     pub violations: u64,
 }
 
@@ -206,7 +206,7 @@ impl Findings {
 
     /// The verdict in short.
     #[must_use]
-    pub const fn summary(&self) -> Summary<'_> {
+    pub const fn summary(&self) -> VerdictSummary<'_> {
         match self {
             Self::Strict(Verdict {
                 file,
@@ -217,7 +217,7 @@ impl Findings {
                 violations,
                 more,
                 places: _,
-            }) => Summary {
+            }) => VerdictSummary {
                 file: file.as_str(),
                 conforms: *conforms,
                 judged: *judged,
@@ -234,7 +234,7 @@ impl Findings {
                 violations,
                 more,
                 places: _,
-            }) => Summary {
+            }) => VerdictSummary {
                 file: file.as_str(),
                 conforms: *conforms,
                 judged: *judged,
@@ -245,7 +245,7 @@ impl Findings {
         }
     }
 
-    /// The violations that are told.
+    /// The violations that are listed.
     #[must_use]
     pub fn violations(&self) -> Vec<AnyViolation<'_>> {
         match self {

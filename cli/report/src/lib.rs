@@ -8,7 +8,9 @@ mod reasons;
 mod statistics;
 mod trace_page;
 
-pub use judging::{AnyViolation, Findings, JudgeMode, Summary, TraceJudge};
-pub use quantile::{Arrival, NEVER, PERCENT, Quantile, Response, quantiles, quantiles_among};
-pub use statistics::{COLUMNS, Ending, Forwarded, Message, Row, Totals, TraceStatistics};
-pub use trace_page::{MOST_EVENTS, Page, PageError, TracePage};
+pub use judging::{AnyViolation, Findings, JudgeMode, TraceJudge, VerdictSummary};
+pub use quantile::{ArrivalTime, NEVER, PERCENT, Quantile, Response, quantiles, quantiles_among};
+pub use statistics::{
+    COLUMNS, ForwardedOutput, MessageRecord, RequestRow, TimestampOutcome, Totals, TraceStatistics,
+};
+pub use trace_page::{MOST_EVENTS, PageError, PageWriter, TracePage};

@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use serde::Serialize;
 
 use crate::columns::PageTrace;
-use crate::reasons::{Reason, drops, refusals};
+use crate::reasons::{ReasonColumn, drops, refusals};
 use crate::statistics::COLUMNS;
 
 /// The text; each mark in it is replaced by what it names.
@@ -20,8 +20,8 @@ const LICENSES: &str = include_str!("../page/dist/LICENSES.txt");
 pub(crate) struct Data<'a> {
     /// What is counted about a source's requests: word and meaning.
     columns: [(&'static str, &'static str); COLUMNS.len()],
-    refusals: Vec<Reason>,
-    drops: [Reason; 5],
+    refusals: Vec<ReasonColumn>,
+    drops: [ReasonColumn; 5],
     traces: &'a [PageTrace],
 }
 

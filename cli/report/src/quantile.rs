@@ -7,13 +7,13 @@ use serde::{Serialize, Serializer};
 
 /// When a source's result was there, or would have been, since its message came.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Arrival {
+pub enum ArrivalTime {
     /// At this time.
     At(Duration),
     /// Unknown, but later than this, if ever: the call was ended then, before its result was there.
     /// What the trace has at that instant came first.
     After(Duration),
-    /// No result will come, as was known then; at once if the source was not asked.
+    /// No result will come, as was known then; at once if nothing was requested of the source.
     Failed(Duration),
     /// Its network never came back.
     Never,
@@ -42,7 +42,7 @@ pub enum Quantile {
     Never,
 }
 
-/// The quantiles told, in percent.
+/// The quantiles shown, in percent.
 pub const PERCENT: [usize; 3] = [50, 90, 99];
 
 impl Serialize for Quantile {
@@ -68,13 +68,13 @@ impl Response {
     }
 }
 
-impl From<Arrival> for Response {
-    fn from(arrival: Arrival) -> Self {
+impl From<ArrivalTime> for Response {
+    fn from(arrival: ArrivalTime) -> Self {
         match arrival {
-            Arrival::At(at) => Self::exactly(Some(at)),
-            Arrival::After(bound) => Self { least: bound, most: NEVER },
+            ArrivalTime::At(at) => Self::exactly(Some(at)),
+            ArrivalTime::After(bound) => Self { least: bound, most: NEVER },
             // No output however long one waits.
-            Arrival::Failed(_) | Arrival::Never => Self::exactly(None),
+            ArrivalTime::Failed(_) | ArrivalTime::Never => Self::exactly(None),
         }
     }
 }
@@ -127,7 +127,7 @@ fn greatest([sure, possible]: &[Vec<Duration>; 2], percent: usize) -> Option<Dur
         sure_below * 100 < percent * (sure.len() + possible.len() - possible_below)
     };
     let last = |times: &[Duration]| {
-        times.partition_point(is_reached).checked_sub(1).and_then(|place| times.get(place)).copied()
+        times.partition_point(is_reached).checked_sub(1).and_then(|index| times.get(index)).copied()
     };
     [last(sure), last(possible)].into_iter().flatten().max()
 }
@@ -141,11 +141,11 @@ mod tests {
     }
 
     fn at(millis: u64) -> Response {
-        Arrival::At(ms(millis)).into()
+        ArrivalTime::At(ms(millis)).into()
     }
 
     fn after(millis: u64) -> Response {
-        Arrival::After(ms(millis)).into()
+        ArrivalTime::After(ms(millis)).into()
     }
 
     #[expect(clippy::unnecessary_wraps, reason = "as quantiles are given")]

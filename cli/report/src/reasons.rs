@@ -1,34 +1,35 @@
-//! The reasons of refusals and drops, each with its word and its sentence, as the page tells them.
+//! The reasons of refusals and drops, each with its word and its sentence, as the page shows them.
 
 use fuseline_traces::{DropReason, OfferRefusal, OpenRefusal};
 use serde::Serialize;
 
 /// One reason; the columns name it by its place.
 #[derive(Serialize)]
-pub(crate) struct Reason {
+pub(crate) struct ReasonColumn {
     word: &'static str,
     sentence: &'static str,
 }
 
 /// Those of refusals: an open's, then an offer's.
-pub(crate) fn refusals() -> Vec<Reason> {
-    let opens = OpenRefusal::ALL.map(|why| Reason { word: why.as_str(), sentence: why.sentence() });
+pub(crate) fn refusals() -> Vec<ReasonColumn> {
+    let opens =
+        OpenRefusal::ALL.map(|why| ReasonColumn { word: why.as_str(), sentence: why.sentence() });
     let offers =
-        OfferRefusal::ALL.map(|why| Reason { word: why.as_str(), sentence: why.sentence() });
+        OfferRefusal::ALL.map(|why| ReasonColumn { word: why.as_str(), sentence: why.sentence() });
     opens.into_iter().chain(offers).collect()
 }
 
 /// Those of drops, each at its index.
-pub(crate) fn drops() -> [Reason; DropReason::ALL.len()] {
-    DropReason::ALL.map(|why| Reason { word: why.as_str(), sentence: why.sentence() })
+pub(crate) fn drops() -> [ReasonColumn; DropReason::ALL.len()] {
+    DropReason::ALL.map(|why| ReasonColumn { word: why.as_str(), sentence: why.sentence() })
 }
 
-/// The place of an open's refusal among [`refusals`].
-pub(crate) const fn place_of_open(why: OpenRefusal) -> usize {
+/// The index of an open's refusal among [`refusals`].
+pub(crate) const fn index_of_open(why: OpenRefusal) -> usize {
     why.index()
 }
 
-/// The place of an offer's refusal among [`refusals`].
-pub(crate) const fn place_of_offer(why: OfferRefusal) -> usize {
+/// The index of an offer's refusal among [`refusals`].
+pub(crate) const fn index_of_offer(why: OfferRefusal) -> usize {
     OpenRefusal::ALL.len() + why.index()
 }

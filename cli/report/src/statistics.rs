@@ -12,8 +12,10 @@ use std::time::Duration;
 
 use fuseline_traces::{Decision, DropReason, Event, Input};
 
-use crate::quantile::{Arrival, Quantile, Response, quantiles};
-use crate::statistics::history::{Call, End, MessageHistory, RequestEnd, RequestOutcome};
+use crate::quantile::{ArrivalTime, Quantile, Response, quantiles};
+use crate::statistics::history::{
+    CallEnd, OutcomeColumn, RequestEnd, RequestHistory, TimestampHistory,
+};
 
 /// What is counted about a source's requests, each with its meaning. Local has a request for each
 /// message that was taken on. The first is the sum of the next six.
@@ -32,13 +34,13 @@ pub const COLUMNS: [(&str, &str); 8] = [
     ("refused", "offers refused; they are no requests (F2)"),
 ];
 
-/// What a trace tells, taken line by line.
+/// What a trace shows, taken line by line.
 ///
 /// Each request has one fate, so that a row adds up whatever the trace holds. Where an observed
 /// trace lacks a decision's line, the request's own lines tell its fate: a result before its due
 /// instant and its message's end was in time.
 pub struct TraceStatistics {
-    /// Local's priority, the clouds', then those of strangers that a trace asks or forwards against
+    /// Local's priority, the clouds', then those of strangers that a trace requests or forwards against
     /// the rules.
     priorities: Vec<u64>,
     /// How many of them are local and the clouds.
@@ -49,7 +51,7 @@ pub struct TraceStatistics {
     refused: Vec<u64>,
     /// Opens refused.
     turned_away: u64,
-    stories: BTreeMap<u64, MessageHistory>,
+    stories: BTreeMap<u64, TimestampHistory>,
     timer_lag: Option<Duration>,
 }
 
@@ -69,12 +71,12 @@ pub struct Totals {
     /// Response times over all messages that ended: 50, 90 and 99 % of them do not exceed these.
     pub response: [Option<Quantile>; 3],
     /// Local first, then the clouds in the order given.
-    pub rows: Vec<Row>,
+    pub rows: Vec<RequestRow>,
 }
 
 /// What one source's requests came to.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Row {
+pub struct RequestRow {
     /// Its priority; local's is 0.
     pub p: u64,
     /// As [`COLUMNS`] says.
@@ -85,17 +87,17 @@ pub struct Row {
 
 /// One message: when each source's result was there, and what was forwarded.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Message {
+pub struct MessageRecord {
     /// By source; local is 0.
-    pub arrivals: Vec<Arrival>,
+    pub arrivals: Vec<ArrivalTime>,
     /// None: missed, or refused for a full window.
-    pub forwarded: Option<Forwarded>,
+    pub forwarded: Option<ForwardedOutput>,
 }
 
 /// What was put out for a message.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Forwarded {
-    /// Whose result, by its place in [`Message::arrivals`].
+pub struct ForwardedOutput {
+    /// Whose result, by its index in [`MessageRecord::arrivals`].
     pub source: usize,
     /// When it left, since the message came.
     pub response: Duration,
@@ -103,7 +105,7 @@ pub struct Forwarded {
 
 /// What became of a timestamp.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Ending {
+pub enum TimestampOutcome {
     /// A result went downstream.
     Forwarded {
         /// Whose, by its priority.
@@ -117,22 +119,24 @@ pub enum Ending {
     Unopened,
 }
 
-impl Message {
+impl MessageRecord {
     /// Whether some cloud had neither a result for it nor a failure before the deadline, though it
-    /// was asked; none if that is not known.
+    /// got a request; none if that is not known.
     #[must_use]
     pub fn is_in_outage(&self, deadline: Duration) -> Option<bool> {
         let clouds = || self.arrivals.iter().skip(1);
         let is_lost = clouds().any(|arrival| match *arrival {
-            Arrival::At(at) | Arrival::After(at) | Arrival::Failed(at) => at >= deadline,
-            Arrival::Never => true,
+            ArrivalTime::At(at) | ArrivalTime::After(at) | ArrivalTime::Failed(at) => {
+                at >= deadline
+            }
+            ArrivalTime::Never => true,
         });
-        let is_known = is_lost || !clouds().any(|arrival| matches!(arrival, Arrival::After(_)));
+        let is_known = is_lost || !clouds().any(|arrival| matches!(arrival, ArrivalTime::After(_)));
         is_known.then_some(is_lost)
     }
 }
 
-impl Row {
+impl RequestRow {
     /// Offers admitted; local's are the messages taken on.
     #[must_use]
     pub const fn requests(&self) -> u64 {
@@ -148,13 +152,13 @@ impl Row {
     /// Requests whose results came in time.
     #[must_use]
     pub const fn answered(&self) -> u64 {
-        self.forwarded() + self.counts[RequestOutcome::Discarded as usize]
+        self.forwarded() + self.counts[OutcomeColumn::Discarded as usize]
     }
 
     /// Results that went downstream.
     #[must_use]
     pub const fn forwarded(&self) -> u64 {
-        self.counts[RequestOutcome::Forwarded as usize]
+        self.counts[OutcomeColumn::Forwarded as usize]
     }
 }
 
@@ -249,11 +253,11 @@ impl TraceStatistics {
                     call.end_with(RequestEnd::InTime, at);
                 });
                 let source = self.source(p);
-                self.stories.entry(t).or_default().end.get_or_insert(End { at, source });
+                self.stories.entry(t).or_default().end.get_or_insert(CallEnd { at, source });
             }
             Decision::Miss { at, t } => {
                 let story = self.stories.entry(t).or_default();
-                story.end.get_or_insert(End { at, source: None });
+                story.end.get_or_insert(CallEnd { at, source: None });
             }
             Decision::Cancel { at, t, p } => {
                 self.with(t, p, |call| call.end_with(RequestEnd::Superseded, at));
@@ -269,18 +273,18 @@ impl TraceStatistics {
 
     /// What became of a timestamp.
     #[must_use]
-    pub fn outcome(&self, t: u64) -> Ending {
+    pub fn outcome(&self, t: u64) -> TimestampOutcome {
         match self.stories.get(&t) {
-            Some(MessageHistory { end: Some(End { source: Some(source), .. }), .. }) => {
-                Ending::Forwarded { p: self.priorities[*source] }
+            Some(TimestampHistory { end: Some(CallEnd { source: Some(source), .. }), .. }) => {
+                TimestampOutcome::Forwarded { p: self.priorities[*source] }
             }
-            Some(MessageHistory { end: Some(_), .. }) => Ending::Missed,
-            Some(story) if story.is_message() => Ending::Open,
-            Some(_) | None => Ending::Unopened,
+            Some(TimestampHistory { end: Some(_), .. }) => TimestampOutcome::Missed,
+            Some(story) if story.is_message() => TimestampOutcome::Open,
+            Some(_) | None => TimestampOutcome::Unopened,
         }
     }
 
-    /// What became of the request for a timestamp, as its place in [`COLUMNS`]; none if there is
+    /// What became of the request for a timestamp, as its index in [`COLUMNS`]; none if there is
     /// none.
     #[must_use]
     pub fn request_outcome(&self, t: u64, p: u64) -> Option<usize> {
@@ -293,16 +297,19 @@ impl TraceStatistics {
     pub fn totals(&self) -> Totals {
         let row = |(source, p): (usize, &u64)| {
             let refused = self.refused.get(source).copied().unwrap_or_default();
-            (Row { p: *p, counts: [0, 0, 0, 0, 0, 0, 0, refused], response: [None; 3] }, Vec::new())
+            (
+                RequestRow { p: *p, counts: [0, 0, 0, 0, 0, 0, 0, refused], response: [None; 3] },
+                Vec::new(),
+            )
         };
-        let mut rows: Vec<(Row, Vec<Response>)> =
+        let mut rows: Vec<(RequestRow, Vec<Response>)> =
             self.priorities.iter().enumerate().map(row).collect();
         let (mut forwarded, mut missed, mut open) = (0, 0, 0);
         let never = Response::exactly(None);
         let mut responses = vec![never; usize::try_from(self.turned_away).unwrap_or(0)];
         for story in self.stories.values().filter(|story| story.is_message()) {
             match story.end {
-                Some(end @ End { source: Some(source), .. }) => {
+                Some(end @ CallEnd { source: Some(source), .. }) => {
                     forwarded += 1;
                     if let Some(response) = story.response(end) {
                         let response = Response::exactly(Some(response));
@@ -310,7 +317,7 @@ impl TraceStatistics {
                         rows[source].1.push(response);
                     }
                 }
-                Some(End { source: None, .. }) => {
+                Some(CallEnd { source: None, .. }) => {
                     missed += 1;
                     responses.push(never);
                 }
@@ -323,8 +330,9 @@ impl TraceStatistics {
                 }
             }
         }
-        let rows =
-            rows.into_iter().map(|(row, responses)| Row { response: quantiles(&responses), ..row });
+        let rows = rows
+            .into_iter()
+            .map(|(row, responses)| RequestRow { response: quantiles(&responses), ..row });
         Totals {
             messages: forwarded + missed + open + self.turned_away,
             forwarded,
@@ -339,45 +347,48 @@ impl TraceStatistics {
     /// The messages that ended, for the policies: each with what each known source gave.
     ///
     /// What was refused nobody got. Where a call was ended before its result, `planned(source,
-    /// opened, t)` tells when that would have come since the message's instant, if it can.
-    pub fn messages(&self, planned: impl Fn(usize, u64, u64) -> Option<Arrival>) -> Vec<Message> {
-        let ended = |(t, story): (&u64, &MessageHistory)| {
+    /// opened, t)` returns when that would have come since the message's instant, if it can.
+    pub fn messages(
+        &self,
+        planned: impl Fn(usize, u64, u64) -> Option<ArrivalTime>,
+    ) -> Vec<MessageRecord> {
+        let ended = |(t, story): (&u64, &TimestampHistory)| {
             if story.begin().is_some() && story.end.is_none() {
                 return None;
             }
             let arrivals = (0..self.known).map(|source| {
                 let opened = story.begin().filter(|_| story.is_requested(source));
                 // What was refused is as good as failed at once: nobody waits for it.
-                let Some(opened) = opened else { return Arrival::Failed(Duration::ZERO) };
+                let Some(opened) = opened else { return ArrivalTime::Failed(Duration::ZERO) };
                 let call = story.calls.get(source).copied().unwrap_or_default();
                 let bound = call.ended.map(|(_, at)| at).or(story.end.map(|end| end.at));
                 let since = |at: u64| Duration::from_nanos(at.saturating_sub(opened));
                 match (call.arrived, story.request_outcome(source, self.is_observed)) {
-                    (Some(arrived), _) => Arrival::At(since(arrived)),
-                    (None, Some(RequestOutcome::Failed)) => {
-                        Arrival::Failed(since(call.failing.or(bound).unwrap_or(opened)))
+                    (Some(arrived), _) => ArrivalTime::At(since(arrived)),
+                    (None, Some(OutcomeColumn::Failed)) => {
+                        ArrivalTime::Failed(since(call.failing.or(bound).unwrap_or(opened)))
                     }
                     (None, _) => planned(source, opened, *t)
-                        .unwrap_or(Arrival::After(since(bound.unwrap_or(opened)))),
+                        .unwrap_or(ArrivalTime::After(since(bound.unwrap_or(opened)))),
                 }
             });
             let forwarded = story.end.and_then(|end| {
-                Some(Forwarded { source: end.source?, response: story.response(end)? })
+                Some(ForwardedOutput { source: end.source?, response: story.response(end)? })
             });
-            Some(Message { arrivals: arrivals.collect(), forwarded })
+            Some(MessageRecord { arrivals: arrivals.collect(), forwarded })
         };
         self.stories.iter().filter_map(ended).collect()
     }
 
     /// The source's call for a timestamp, if the source is known.
-    fn with(&mut self, t: u64, p: u64, act: impl FnOnce(&mut Call)) {
+    fn with(&mut self, t: u64, p: u64, act: impl FnOnce(&mut RequestHistory)) {
         if let Some(source) = self.source(p) {
             act(self.stories.entry(t).or_default().call(source));
         }
     }
 
     /// The same, for a stranger too.
-    fn with_any(&mut self, t: u64, p: u64, act: impl FnOnce(&mut Call)) {
+    fn with_any(&mut self, t: u64, p: u64, act: impl FnOnce(&mut RequestHistory)) {
         if self.source(p).is_none() {
             self.priorities.push(p);
         }

@@ -6,7 +6,7 @@ use fuseline_traces::observed::TimeOrderError;
 use fuseline_traces::{Annotations, Event, Header, HeaderAnnotations};
 use thiserror::Error;
 
-use crate::columns::{Columns, PageTrace};
+use crate::columns::{PageTrace, TraceColumns};
 use crate::judging::{Findings, JudgeMode, TraceJudge};
 use crate::page::{self, Data};
 
@@ -14,7 +14,7 @@ use crate::page::{self, Data};
 pub const MOST_EVENTS: usize = 10_000_000;
 
 /// A page about traces.
-pub struct Page {
+pub struct PageWriter {
     page_trace: Vec<PageTrace>,
     /// How many events more it can hold.
     room: usize,
@@ -22,12 +22,12 @@ pub struct Page {
 
 /// One trace while it is read. If it is dropped, the page does not show it.
 pub struct TracePage<'a> {
-    page: &'a mut Page,
+    page: &'a mut PageWriter,
     mode: JudgeMode,
     name: String,
     header: Header,
     judging: TraceJudge,
-    columns: Columns,
+    columns: TraceColumns,
     room: usize,
 }
 
@@ -45,13 +45,13 @@ pub enum PageError {
     TimeOrderError(#[from] TimeOrderError),
 }
 
-impl Default for Page {
+impl Default for PageWriter {
     fn default() -> Self {
         Self { page_trace: Vec::new(), room: MOST_EVENTS }
     }
 }
 
-impl Page {
+impl PageWriter {
     /// Begins a trace, which is called `name`.
     pub fn begin(&mut self, mode: JudgeMode, name: &str, header: &Header) -> TracePage<'_> {
         TracePage {
@@ -61,7 +61,7 @@ impl Page {
             name: name.to_owned(),
             header: header.clone(),
             judging: TraceJudge::new(mode, name, header).with_places(),
-            columns: Columns::new(header, mode.is_some()),
+            columns: TraceColumns::new(header, mode.is_some()),
         }
     }
 

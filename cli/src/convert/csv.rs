@@ -8,19 +8,19 @@ use crate::convert::recorded::{AnnotatedEvent, AnnotatedHeader, ConvertError, Re
 use crate::fault::Fault;
 
 /// A CSV file that is being read; it has no header of its own.
-pub(crate) struct Table<'a, R> {
+pub(crate) struct CsvTable<'a, R> {
     file: &'a str,
     rows: Rows<'a, R>,
 }
 
-impl<'a, R: Read> Table<'a, R> {
+impl<'a, R: Read> CsvTable<'a, R> {
     pub(crate) fn new(file: &'a str, inner: R, columns: Columns<'a>) -> Result<Self, Fault> {
         let rows = Rows::new(inner, columns).map_err(|error| row(file, error))?;
         Ok(Self { file, rows })
     }
 }
 
-impl<R: Read> Recorded for Table<'_, R> {
+impl<R: Read> Recorded for CsvTable<'_, R> {
     fn header(&mut self) -> Result<Option<AnnotatedHeader>, Fault> {
         Ok(None)
     }

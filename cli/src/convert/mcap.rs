@@ -9,14 +9,14 @@ use crate::convert::recorded::{AnnotatedEvent, AnnotatedHeader, ConvertError, Re
 use crate::fault::Fault;
 
 /// An MCAP file that is being read.
-pub(crate) struct Recording<'a, R> {
+pub(crate) struct McapInput<'a, R> {
     file: &'a str,
     messages: Messages<'a, R>,
     /// The first event, if it came where a header was expected.
     first: Option<AnnotatedEvent>,
 }
 
-impl<'a, R: Read> Recording<'a, R> {
+impl<'a, R: Read> McapInput<'a, R> {
     pub(crate) fn new(file: &'a str, inner: R, topic: &'a str) -> Self {
         Self { file, messages: Messages::new(inner, topic), first: None }
     }
@@ -35,7 +35,7 @@ impl<'a, R: Read> Recording<'a, R> {
     }
 }
 
-impl<R: Read> Recorded for Recording<'_, R> {
+impl<R: Read> Recorded for McapInput<'_, R> {
     fn header(&mut self) -> Result<Option<AnnotatedHeader>, Fault> {
         match self.line()? {
             Some(Line::Header(header)) => {

@@ -11,7 +11,7 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use fuseline_traces::rows::{self, Columns, Unit};
 use fuseline_traces::{Decision, Event, Events, Input};
 
-use crate::convert::csv::Table;
+use crate::convert::csv::CsvTable;
 use crate::convert::recorded::{AnnotatedHeader, ConvertError, Recorded};
 use crate::exit::Exit;
 use crate::fault::Fault;
@@ -85,9 +85,9 @@ pub(crate) fn convert(args: &Args) -> Result<Exit, Fault> {
     let mut recorded: Box<dyn Recorded> = match format {
         Format::Csv => {
             let columns = Columns::new(&args.column, &args.event, args.unit);
-            Box::new(Table::new(&name, file, columns)?)
+            Box::new(CsvTable::new(&name, file, columns)?)
         }
-        Format::Mcap => Box::new(mcap::Recording::new(&name, file, &args.topic)),
+        Format::Mcap => Box::new(mcap::McapInput::new(&name, file, &args.topic)),
     };
     let own = recorded.header()?;
     let header = match &args.header {

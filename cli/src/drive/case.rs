@@ -13,7 +13,7 @@ use crate::fault::Fault;
 use crate::input::open;
 
 #[derive(Clone, Debug)]
-pub(super) struct Case {
+pub(super) struct DriveCase {
     pub(super) id: String,
     /// Its name on a command line.
     pub(super) name: String,
@@ -22,7 +22,7 @@ pub(super) struct Case {
 
 /// All cases: the fixed ones are all driven, the generated ones up to the first difference.
 pub(super) struct Suite {
-    pub(super) fixed: Vec<Case>,
+    pub(super) fixed: Vec<DriveCase>,
     pub(super) generator: Generate,
     /// How many generated ones there are; with a time instead, as many as were begun in it.
     pub(super) generated: u64,
@@ -49,16 +49,16 @@ impl Generate {
         Generator { seed, commit, clouds: self.clouds.unwrap_or(clouds) }
     }
 
-    fn run(self, kind: Kind, number: u64) -> Run {
+    fn run(self, kind: CaseKind, number: u64) -> Run {
         match kind {
-            Kind::Narrow => self.with(CLOUDS).run(number),
-            Kind::Wide => self.with(WIDE_CLOUDS).wide(number),
+            CaseKind::Narrow => self.with(CLOUDS).run(number),
+            CaseKind::Wide => self.with(WIDE_CLOUDS).wide(number),
         }
     }
 }
 
 #[derive(Clone, Copy)]
-enum Kind {
+enum CaseKind {
     Narrow,
     Wide,
 }
@@ -73,7 +73,7 @@ impl Suite {
     pub(super) fn whole(generator: Generate, generated: u64) -> Result<Self, Fault> {
         let case = |case: &fuseline_traces::corpus::Example| {
             let run = Run::read(case.name, case.trace.as_bytes())?;
-            Ok(Case { id: case.name.to_owned(), name: case.name.to_owned(), run })
+            Ok(DriveCase { id: case.name.to_owned(), name: case.name.to_owned(), run })
         };
         let fixed = CASES.iter().map(case).collect::<Result<_, Fault>>()?;
         Ok(Self { fixed, generator, generated })
@@ -81,14 +81,14 @@ impl Suite {
 
     /// The cases with these names: files, cases of the corpus, generated ones.
     pub(super) fn of(names: &[String], generator: Generate) -> Result<Self, Fault> {
-        let case = |name: &String| -> Result<Case, Fault> {
+        let case = |name: &String| -> Result<DriveCase, Fault> {
             let (id, name) = (name.clone(), name.clone());
             if let Some(case) = CASES.iter().find(|case| case.name == name) {
                 let run = Run::read(&name, case.trace.as_bytes())?;
-                return Ok(Case { id, name, run });
+                return Ok(DriveCase { id, name, run });
             }
             if let Some((kind, seed, number)) = generated(&name) {
-                return Ok(Case {
+                return Ok(DriveCase {
                     id,
                     name,
                     run: Generate { seed, ..generator }.run(kind, number),
@@ -97,7 +97,7 @@ impl Suite {
             let (file, text) = open(Path::new(&name))?;
             let text = unpack(BufReader::new(text))
                 .map_err(|source| Fault::Open { name: file.clone(), source })?;
-            Ok(Case { id: stem(&name), run: Run::read(&file, text)?, name })
+            Ok(DriveCase { id: stem(&name), run: Run::read(&file, text)?, name })
         };
         let fixed = names.iter().map(case).collect::<Result<_, _>>()?;
         Ok(Self { fixed, generator, generated: 0 })
@@ -114,16 +114,16 @@ impl Suite {
     }
 
     /// A generated case: every other one is wide.
-    pub(super) fn case(&self, number: u64) -> Case {
+    pub(super) fn case(&self, number: u64) -> DriveCase {
         let (id, kind) =
-            (self.id(number), [Kind::Narrow, Kind::Wide][usize::from(number % 2 == 1)]);
-        Case { name: id.clone(), id, run: self.generator.run(kind, number / 2) }
+            (self.id(number), [CaseKind::Narrow, CaseKind::Wide][usize::from(number % 2 == 1)]);
+        DriveCase { name: id.clone(), id, run: self.generator.run(kind, number / 2) }
     }
 
     /// A digest of the cases, of the generated ones up to a thousand, in hexadecimal.
     pub(super) fn hash(&self) -> String {
         let mut hasher = Sha256::new();
-        let mut feed = |case: &Case| {
+        let mut feed = |case: &DriveCase| {
             let mut text = case.id.clone().into_bytes();
             text.push(b'\n');
             case.run.write(&mut text);
@@ -141,11 +141,11 @@ impl Suite {
 }
 
 /// The kind, the seed and the number in `g-SEED-NUMBER` or `w-SEED-NUMBER`.
-fn generated(name: &str) -> Option<(Kind, u64, u64)> {
+fn generated(name: &str) -> Option<(CaseKind, u64, u64)> {
     let (letter, rest) = name.split_once('-')?;
     let kind = match letter {
-        "g" => Kind::Narrow,
-        "w" => Kind::Wide,
+        "g" => CaseKind::Narrow,
+        "w" => CaseKind::Wide,
         _ => return None,
     };
     let (seed, number) = rest.split_once('-')?;

@@ -8,7 +8,7 @@ use serde::Serialize;
 
 /// The greatest of each among the runs that passed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize)]
-pub(super) struct Extent {
+pub(super) struct DrivenExtent {
     /// Clouds registered.
     clouds: usize,
     /// A cloud's priority.
@@ -18,7 +18,7 @@ pub(super) struct Extent {
     inputs: usize,
 }
 
-impl Extent {
+impl DrivenExtent {
     pub(super) fn add(&mut self, run: &Run) {
         let header = &run.header;
         let priority = header.clouds.iter().map(|cloud| cloud.p).max().unwrap_or_default();
@@ -29,7 +29,7 @@ impl Extent {
     }
 }
 
-impl fmt::Display for Extent {
+impl fmt::Display for DrivenExtent {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { clouds, priority, window, inputs } = *self;
         let inputs = HumanCount(inputs as u64);

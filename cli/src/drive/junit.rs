@@ -4,10 +4,10 @@ use quick_junit::{
     NonSuccessKind, Report as Xml, SerializeError, TestCase, TestCaseStatus, TestSuite,
 };
 
-use super::report::{Mark, Report};
+use super::report::{CaseOutcome, DriveReport};
 
 /// The report's cases; all generated ones count as one, named after the one that failed, if any.
-pub(super) fn xml(report: &Report) -> Result<String, SerializeError> {
+pub(super) fn xml(report: &DriveReport) -> Result<String, SerializeError> {
     let mut suite = TestSuite::new(report.name.as_str());
     suite.set_time(report.took);
     for (id, mark) in &report.fixed {
@@ -19,15 +19,15 @@ pub(super) fn xml(report: &Report) -> Result<String, SerializeError> {
         }
         None if report.suite.generated > 0 => {
             let (driven, all) = (&report.suite, report.suite.generated);
-            let mark = if report.passed == all { Mark::Passes } else { Mark::NotRun };
+            let mark = if report.passed == all { CaseOutcome::Passes } else { CaseOutcome::NotRun };
             let span = format!("{} to {}", driven.id(0), driven.id(all - 1));
             suite.add_test_case(case(report, &span, mark));
         }
         None => {}
     }
-    if let Some(how) = &report.at_end {
+    if let Some(misbehaviour) = &report.at_end {
         let mut status = TestCaseStatus::non_success(NonSuccessKind::Failure);
-        status.set_message(how.to_string());
+        status.set_message(misbehaviour.to_string());
         suite.add_test_case(TestCase::new("end of input", status));
     }
     let mut xml = Xml::new("fuseline drive");
@@ -35,15 +35,15 @@ pub(super) fn xml(report: &Report) -> Result<String, SerializeError> {
     xml.to_string()
 }
 
-fn case(report: &Report, id: &str, mark: Mark) -> TestCase {
+fn case(report: &DriveReport, id: &str, mark: CaseOutcome) -> TestCase {
     let status = match mark {
-        Mark::Passes => TestCaseStatus::success(),
-        Mark::NotRun => TestCaseStatus::skipped(),
-        Mark::Breaks(_) | Mark::Misbehaves => {
+        CaseOutcome::Passes => TestCaseStatus::success(),
+        CaseOutcome::NotRun => TestCaseStatus::skipped(),
+        CaseOutcome::Breaks(_) | CaseOutcome::Misbehaves => {
             let mut status = TestCaseStatus::non_success(NonSuccessKind::Failure);
             status.set_message(mark.word());
-            if let Some(found) = report.found.iter().find(|found| found.case == id) {
-                status.set_description(found.text());
+            if let Some(entry) = report.findings.iter().find(|entry| entry.case == id) {
+                status.set_description(entry.text());
             }
             status
         }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use indicatif::HumanCount;
 
-use super::report::{Mark, Report};
+use super::report::{CaseOutcome, DriveReport};
 use crate::exit::Exit;
 
 /// How much of the suite's digest is shown, in characters.
@@ -13,31 +13,31 @@ const DIGEST: usize = 16;
 
 /// Where a table is written, and how.
 #[derive(Clone, Debug)]
-pub(super) struct Matrix {
+pub(super) struct TableWriter {
     path: PathBuf,
-    form: Form,
+    form: TableForm,
 }
 
 #[derive(Clone, Copy, Debug)]
-enum Form {
+enum TableForm {
     Markdown,
     Html,
 }
 
 /// One case, or several that went alike.
-struct Row {
+struct CaseRow {
     case: String,
-    mark: Mark,
+    mark: CaseOutcome,
     word: String,
 }
 
-impl Matrix {
+impl TableWriter {
     /// The file's name says the form.
     pub(super) fn new(path: &str) -> Result<Self, String> {
         let path = PathBuf::from(path);
         let form = match path.extension().and_then(|end| end.to_str()) {
-            Some("md") => Form::Markdown,
-            Some("html") => Form::Html,
+            Some("md") => TableForm::Markdown,
+            Some("html") => TableForm::Html,
             Some(_) | None => return Err("give a file that ends in .md or .html".to_owned()),
         };
         Ok(Self { path, form })
@@ -47,29 +47,30 @@ impl Matrix {
         &self.path
     }
 
-    pub(super) fn text(&self, report: &Report) -> String {
+    pub(super) fn text(&self, report: &DriveReport) -> String {
         match self.form {
-            Form::Markdown => markdown(report),
-            Form::Html => html(report),
+            TableForm::Markdown => markdown(report),
+            TableForm::Html => html(report),
         }
     }
 }
 
-fn rows(report: &Report) -> Vec<Row> {
-    let row = |case: &str, mark: Mark| Row { case: case.to_owned(), mark, word: mark.word() };
+fn rows(report: &DriveReport) -> Vec<CaseRow> {
+    let row =
+        |case: &str, mark: CaseOutcome| CaseRow { case: case.to_owned(), mark, word: mark.word() };
     let mut rows: Vec<_> = report.fixed.iter().map(|(id, mark)| row(id, *mark)).collect();
     let (suite, all, passed) = (&report.suite, report.suite.generated, report.passed);
     let span = |from: u64, to: u64| match to - from {
         1 => suite.id(from),
         _ => format!("{} to {}", suite.id(from), suite.id(to - 1)),
     };
-    let of = |from: u64, to: u64, mark: Mark| {
+    let of = |from: u64, to: u64, mark: CaseOutcome| {
         let count =
             if to - from > 1 { format!(" ({})", HumanCount(to - from)) } else { String::new() };
-        Row { case: span(from, to), mark, word: mark.word() + &count }
+        CaseRow { case: span(from, to), mark, word: mark.word() + &count }
     };
     if passed > 0 {
-        rows.push(of(0, passed, Mark::Passes));
+        rows.push(of(0, passed, CaseOutcome::Passes));
     }
     let mut next = passed;
     if let Some((id, mark)) = &report.failed {
@@ -77,15 +78,15 @@ fn rows(report: &Report) -> Vec<Row> {
         next += 1;
     }
     if next < all {
-        rows.push(of(next, all, Mark::NotRun));
+        rows.push(of(next, all, CaseOutcome::NotRun));
     }
     rows
 }
 
-fn suite(report: &Report) -> String {
+fn suite(report: &DriveReport) -> String {
     let digest: String = report.suite.hash().chars().take(DIGEST).collect();
     let generator = &report.suite.generator;
-    let passed = report.fixed_count(|mark| mark == Mark::Passes);
+    let passed = report.fixed_count(|mark| mark == CaseOutcome::Passes);
     let generated = match (HumanCount(report.passed), report.suite.generated) {
         (_, 0) => String::new(),
         (passed, all) => format!(", {passed} of {} generated runs", HumanCount(all)),
@@ -102,7 +103,7 @@ fn suite(report: &Report) -> String {
 }
 
 /// What the runs reached, kind by kind, with what they did not.
-fn reached(report: &Report) -> Vec<(String, String)> {
+fn reached(report: &DriveReport) -> Vec<(String, String)> {
     let shares = report.reach.shares().into_iter();
     let line = shares.map(|share| {
         let missing = if share.missing.is_empty() {
@@ -115,7 +116,7 @@ fn reached(report: &Report) -> Vec<(String, String)> {
     line.collect()
 }
 
-fn verdict(report: &Report) -> &'static str {
+fn verdict(report: &DriveReport) -> &'static str {
     match report.exit() {
         Exit::Conforms => "conforms",
         Exit::Differs => "does not conform",
@@ -123,17 +124,17 @@ fn verdict(report: &Report) -> &'static str {
     }
 }
 
-fn markdown(report: &Report) -> String {
+fn markdown(report: &DriveReport) -> String {
     let name = &report.name;
     let mut text = format!("# `{name}` {}\n\n{}.\n", verdict(report), suite(report));
-    for found in report.reported() {
-        let _ = write!(text, "\n```text\n{}\n```\n", found.text());
+    for entry in report.reported() {
+        let _ = write!(text, "\n```text\n{}\n```\n", entry.text());
     }
-    if let Some(how) = &report.at_end {
-        let _ = write!(text, "\nAfter the last case {how}.\n");
+    if let Some(misbehaviour) = &report.at_end {
+        let _ = write!(text, "\nAfter the last case {misbehaviour}.\n");
     }
     text.push_str("\n| case | result |\n|---|---|\n");
-    for Row { case, word, .. } in rows(report) {
+    for CaseRow { case, word, .. } in rows(report) {
         let _ = writeln!(text, "| {case} | {word} |");
     }
     text.push_str("\n| reached where it passes | |\n|---|---|\n");
@@ -160,7 +161,7 @@ th,td{text-align:left;padding:.25rem .6rem;border-bottom:1px solid var(--line);v
 td:last-child{white-space:nowrap}table.reached td:last-child{white-space:normal}
 ";
 
-fn html(report: &Report) -> String {
+fn html(report: &DriveReport) -> String {
     let (name, verdict) = (escaped(&report.name), verdict(report));
     let colour = if report.exit() == Exit::Conforms { "good" } else { "bad" };
     let mut text = format!(
@@ -171,22 +172,22 @@ fn html(report: &Report) -> String {
          <p class=\"dim\">{}.</p>\n",
         escaped(&suite(report))
     );
-    for found in report.reported() {
-        let _ = writeln!(text, "<pre>{}</pre>", escaped(&found.text()));
+    for entry in report.reported() {
+        let _ = writeln!(text, "<pre>{}</pre>", escaped(&entry.text()));
     }
-    if let Some(how) = &report.at_end {
+    if let Some(misbehaviour) = &report.at_end {
         let _ = writeln!(
             text,
             "<p class=\"bad\">After the last case {}.</p>",
-            escaped(&how.to_string())
+            escaped(&misbehaviour.to_string())
         );
     }
     text.push_str("<table>\n<tr><th>case<th>result\n");
-    for Row { case, mark, word } in rows(report) {
+    for CaseRow { case, mark, word } in rows(report) {
         let colour = match mark {
-            Mark::Passes => "good",
-            Mark::Breaks(_) | Mark::Misbehaves => "bad",
-            Mark::NotRun => "dim",
+            CaseOutcome::Passes => "good",
+            CaseOutcome::Breaks(_) | CaseOutcome::Misbehaves => "bad",
+            CaseOutcome::NotRun => "dim",
         };
         let _ = writeln!(text, "<tr><td>{}<td class=\"{colour}\">{word}", escaped(&case));
     }

@@ -28,11 +28,11 @@ use fuseline_traces::Commit;
 use indicatif::{HumanCount, ProgressBar, ProgressStyle};
 use thiserror::Error;
 
-use self::case::{Case, Generate, Suite};
-use self::extent::Extent;
-use self::report::{Mark, Report, ReportedFinding};
-use self::shrink::{Finding, FindingKind, shrink};
-use self::trial::{Bench, Stop};
+use self::case::{DriveCase, Generate, Suite};
+use self::extent::DrivenExtent;
+use self::report::{CaseOutcome, DriveReport, ReportedFinding};
+use self::shrink::{DriveFinding, FindingKind, shrink};
+use self::trial::{Bench, DriveStop};
 use crate::complain::complain;
 use crate::exit::Exit;
 use crate::fault::{Fault, plain};
@@ -40,7 +40,7 @@ use crate::interrupt::Interrupt;
 use crate::output::{self, Output};
 use crate::results::Files;
 use crate::seconds::seconds;
-use crate::sink::Sink;
+use crate::sink::OutputSink;
 
 /// How often progress is printed when there is no terminal.
 const TELL: Duration = Duration::from_secs(10);
@@ -79,7 +79,7 @@ pub(crate) struct Args {
     seed: u64,
     /// The commit rules of generated runs.
     #[arg(long, value_name = "RULE", default_value = "both")]
-    commit: Rules,
+    commit: CommitRules,
     /// The most clouds of a generated run, up to 15; 15 in wide runs and 4 in the others if not given.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(..=15))]
     clouds: Option<u8>,
@@ -104,8 +104,8 @@ pub(crate) struct Args {
     #[command(flatten)]
     results: Files,
     /// Write a table of all cases, as .md or .html; may be given for both.
-    #[arg(long, value_name = "FILE", value_parser = matrix::Matrix::new)]
-    matrix: Vec<matrix::Matrix>,
+    #[arg(long, value_name = "FILE", value_parser = matrix::TableWriter::new)]
+    matrix: Vec<matrix::TableWriter>,
     /// The command and its arguments.
     #[arg(last = true, required = true)]
     command: Vec<OsString>,
@@ -113,7 +113,7 @@ pub(crate) struct Args {
 
 /// The commit rules to drive.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
-enum Rules {
+enum CommitRules {
     Eager,
     Patient,
     Both,
@@ -130,13 +130,13 @@ fn budget(text: &str) -> Result<Duration, &'static str> {
 
 /// Why a command cannot be driven.
 #[derive(Debug, Error)]
-enum DriveError {
+enum CommandError {
     #[error("{command:?}: {}; give a program that can be started", plain(.source))]
     Start { command: OsString, source: io::Error },
 }
 
-impl From<DriveError> for Fault {
-    fn from(error: DriveError) -> Self {
+impl From<CommandError> for Fault {
+    fn from(error: CommandError) -> Self {
         Self::own(error)
     }
 }
@@ -144,9 +144,9 @@ impl From<DriveError> for Fault {
 /// Drives the command through all cases and reports the results.
 pub(crate) fn drive(args: &Args) -> Result<Exit, Fault> {
     let commit = match args.commit {
-        Rules::Eager => Some(Commit::Eager),
-        Rules::Patient => Some(Commit::Patient),
-        Rules::Both => None,
+        CommitRules::Eager => Some(Commit::Eager),
+        CommitRules::Patient => Some(Commit::Patient),
+        CommitRules::Both => None,
     };
     let generator = Generate { seed: args.seed, commit, clouds: args.clouds };
     let suite = if args.run.is_empty() {
@@ -156,21 +156,21 @@ pub(crate) fn drive(args: &Args) -> Result<Exit, Fault> {
     };
     let created = |path: &Path| fs::create_dir_all(path).map_err(|source| create(path, source));
     args.save.as_deref().map_or(Ok(()), created)?;
-    let outputs = Outputs::new(args, &suite)?;
-    let mut driver = Driver::new(args, suite);
+    let outputs = DriveOutputs::new(args, &suite)?;
+    let mut driver = CaseRunner::new(args, suite);
     match driver.all() {
         Ok(()) => {}
-        Err(Stop::Interrupted) => driver.report.was_interrupted = true,
-        Err(Stop::Start(source)) => {
+        Err(DriveStop::Interrupted) => driver.report.was_interrupted = true,
+        Err(DriveStop::Start(source)) => {
             let command = args.command.first().cloned().unwrap_or_default();
-            return Err(DriveError::Start { command, source }.into());
+            return Err(CommandError::Start { command, source }.into());
         }
     }
     let report = driver.finish();
-    for found in &report.found {
-        if let Some(path) = &found.saved {
+    for entry in &report.findings {
+        if let Some(path) = &entry.saved {
             output::file(path, &[], args.results.overwrite)?;
-            fs::write(path, found.finding.reported.trace())
+            fs::write(path, entry.finding.reported.trace())
                 .map_err(|source| create(path, source))?;
         }
     }
@@ -183,7 +183,7 @@ pub(crate) fn drive(args: &Args) -> Result<Exit, Fault> {
         let text = matrix.text(&report);
         output.write(|out| out.write_all(text.as_bytes()).map_err(Fault::Output))?;
     }
-    let mut out = Sink::new(anstream::stdout());
+    let mut out = OutputSink::new(anstream::stdout());
     if args.json {
         writeln!(out, "{}", report.json()).map_err(Fault::Output)?;
     } else {
@@ -193,13 +193,13 @@ pub(crate) fn drive(args: &Args) -> Result<Exit, Fault> {
 }
 
 /// Where results go. None of these files is read.
-struct Outputs {
+struct DriveOutputs {
     junit: Option<Output>,
     results: crate::results::Outputs,
     matrix: Vec<Output>,
 }
 
-impl Outputs {
+impl DriveOutputs {
     fn new(args: &Args, suite: &Suite) -> Result<Self, Fault> {
         let read: Vec<&Path> = args.run.iter().map(Path::new).collect();
         let overwrite = args.results.overwrite;
@@ -232,7 +232,7 @@ fn create(path: &Path, source: io::Error) -> Fault {
 
 /// How telling a difference is, the most telling first: whether its case is of another rule, and how long
 /// the trace is.
-type Key = (bool, usize);
+type DifferenceRank = (bool, usize);
 
 /// Whether driving more cases makes sense.
 enum DriveProgress {
@@ -240,19 +240,19 @@ enum DriveProgress {
     Enough,
 }
 
-struct Driver<'a> {
+struct CaseRunner<'a> {
     args: &'a Args,
     bench: Bench,
     bar: ProgressBar,
     since: Instant,
     /// When progress was last printed, if there is no bar.
     reported: Instant,
-    report: Report,
+    report: DriveReport,
     /// How long generated runs may begin, if their number is not given.
     budget: Option<Duration>,
 }
 
-impl<'a> Driver<'a> {
+impl<'a> CaseRunner<'a> {
     fn new(args: &'a Args, suite: Suite) -> Self {
         let bench = Bench::new(args.command.clone(), args.wait, Interrupt::watch());
         let is_timed = args.run.is_empty() && args.cases.is_none();
@@ -270,20 +270,20 @@ impl<'a> Driver<'a> {
             ProgressBar::hidden()
         };
         let command = quoted(&args.command);
-        let report = Report {
+        let report = DriveReport {
             name: args.name.clone().unwrap_or_else(|| command.clone()),
             command,
-            fixed: suite.fixed.iter().map(|case| (case.id.clone(), Mark::NotRun)).collect(),
+            fixed: suite.fixed.iter().map(|case| (case.id.clone(), CaseOutcome::NotRun)).collect(),
             suite,
             passed: 0,
             failed: None,
-            found: Vec::new(),
+            findings: Vec::new(),
             at_end: None,
             was_interrupted: false,
             inputs: 0,
             took: Duration::ZERO,
             reach: Coverage::default(),
-            extent: Extent::default(),
+            extent: DrivenExtent::default(),
             budget,
         };
         let now = Instant::now();
@@ -291,7 +291,7 @@ impl<'a> Driver<'a> {
     }
 
     /// All fixed cases, and the generated ones up to the first difference.
-    fn all(&mut self) -> Result<(), Stop> {
+    fn all(&mut self) -> Result<(), DriveStop> {
         let mut first = None;
         let driven = self.fixed(&mut first);
         if let Some((_, case, finding)) = first {
@@ -306,14 +306,14 @@ impl<'a> Driver<'a> {
     }
 
     /// The generated cases up to the first difference, or until their time is over.
-    fn generated(&mut self) -> Result<(), Stop> {
+    fn generated(&mut self) -> Result<(), DriveStop> {
         for number in 0..self.report.suite.generated {
             if self.budget.is_some_and(|budget| self.since.elapsed() >= budget) {
                 break;
             }
             let case = self.report.suite.case(number);
             if let Some(finding) = self.run(&case)? {
-                self.report.failed = Some((case.id.clone(), Mark::of(&finding)));
+                self.report.failed = Some((case.id.clone(), CaseOutcome::of(&finding)));
                 self.find(case, finding);
                 break;
             }
@@ -322,17 +322,20 @@ impl<'a> Driver<'a> {
         Ok(())
     }
 
-    /// The fixed cases; `first` becomes the difference that tells most.
+    /// The fixed cases; `first` becomes the difference that shows most.
     ///
     /// A command that does not answer at all is not waited for case after case.
-    fn fixed(&mut self, first: &mut Option<(Key, Case, Finding)>) -> Result<DriveProgress, Stop> {
-        for (place, case) in self.report.suite.fixed.clone().into_iter().enumerate() {
+    fn fixed(
+        &mut self,
+        first: &mut Option<(DifferenceRank, DriveCase, DriveFinding)>,
+    ) -> Result<DriveProgress, DriveStop> {
+        for (index, case) in self.report.suite.fixed.clone().into_iter().enumerate() {
             let Some(finding) = self.run(&case)? else {
-                self.report.fixed[place].1 = Mark::Passes;
+                self.report.fixed[index].1 = CaseOutcome::Passes;
                 continue;
             };
-            self.report.fixed[place].1 = Mark::of(&finding);
-            let is_slow = matches!(&finding.what, FindingKind::Misbehaves(how) if how.is_slow());
+            self.report.fixed[index].1 = CaseOutcome::of(&finding);
+            let is_slow = matches!(&finding.kind, FindingKind::Misbehaves(misbehaviour) if misbehaviour.is_slow());
             let key = (!is_telling(&case, &finding), finding.reported.events.len());
             if first.as_ref().is_none_or(|(least, _, _)| key < *least) {
                 *first = Some((key, case, finding));
@@ -344,8 +347,8 @@ impl<'a> Driver<'a> {
         Ok(DriveProgress::All)
     }
 
-    fn run(&mut self, case: &Case) -> Result<Option<Finding>, Stop> {
-        let finding = Finding::of(self.bench.try_run(&case.run)?);
+    fn run(&mut self, case: &DriveCase) -> Result<Option<DriveFinding>, DriveStop> {
+        let finding = DriveFinding::of(self.bench.try_run(&case.run)?);
         if finding.is_none() {
             self.report.reach.watch(&case.run);
             self.report.extent.add(&case.run);
@@ -365,12 +368,12 @@ impl<'a> Driver<'a> {
     }
 
     /// Notes what is wrong, in a smallest run.
-    fn find(&mut self, case: Case, finding: Finding) {
+    fn find(&mut self, case: DriveCase, finding: DriveFinding) {
         let finding = shrink(&mut self.bench, finding);
         let saved = self.args.save.as_ref().map(|dir| smallest(dir, &case.id));
         let replay = self.replay(&case.name, saved.as_deref());
         let of = case.run.inputs.len();
-        self.report.found.push(ReportedFinding { case: case.id, of, finding, saved, replay });
+        self.report.findings.push(ReportedFinding { case: case.id, of, finding, saved, replay });
     }
 
     /// The command line that shows it again.
@@ -378,7 +381,7 @@ impl<'a> Driver<'a> {
         let mut words: Vec<OsString> = ["fuseline", "drive"].map(Into::into).into();
         if let Some(rule) = self.args.commit.to_possible_value()
             && saved.is_none()
-            && self.args.commit != Rules::Both
+            && self.args.commit != CommitRules::Both
         {
             words.extend(["--commit".into(), rule.get_name().into()]);
         }
@@ -391,7 +394,7 @@ impl<'a> Driver<'a> {
         quoted(&words)
     }
 
-    fn finish(mut self) -> Report {
+    fn finish(mut self) -> DriveReport {
         self.bar.finish_and_clear();
         if self.budget.is_some() {
             let failed = u64::from(self.report.failed.is_some());
@@ -402,8 +405,8 @@ impl<'a> Driver<'a> {
 }
 
 /// Whether a case is one of the rule that it shows broken.
-fn is_telling(case: &Case, finding: &Finding) -> bool {
-    match finding.what {
+fn is_telling(case: &DriveCase, finding: &DriveFinding) -> bool {
+    match finding.kind {
         FindingKind::Breaks(rule) => {
             case.id.split('-').next().is_some_and(|id| id.eq_ignore_ascii_case(rule.id()))
         }

@@ -36,9 +36,9 @@ pub(super) struct Peer {
     input: Option<ChildStdin>,
     output: Option<ChildStdout>,
     chunk: Box<[u8]>,
-    /// What was read; the lines before `taken` have been handled.
+    /// What was read; the lines before `consumed` have been handled.
     read: Vec<u8>,
-    taken: usize,
+    consumed: usize,
     wait: Duration,
     interrupt: Interrupt,
 }
@@ -114,9 +114,9 @@ impl Peer {
             .process_group(0)
             .spawn()?;
         let (input, output) = (child.stdin.take(), child.stdout.take());
-        let (read, taken, chunk) = (Vec::new(), 0, vec![0; CHUNK].into());
+        let (read, consumed, chunk) = (Vec::new(), 0, vec![0; CHUNK].into());
         let peer =
-            Self { child, reaped: false, input, output, chunk, read, taken, wait, interrupt };
+            Self { child, reaped: false, input, output, chunk, read, consumed, wait, interrupt };
         if let Some(input) = &peer.input {
             ioctl_fionbio(input, true)?;
         }
@@ -127,7 +127,7 @@ impl Peer {
     }
 
     /// Sends a line and takes the decisions up to `done`, at most this many.
-    pub(super) fn ask(
+    pub(super) fn exchange(
         &mut self,
         line: &[u8],
         most: usize,
@@ -151,13 +151,13 @@ impl Peer {
 
     /// Checks that the command has written nothing that was not requested.
     pub(super) fn quiet(&mut self) -> Result<(), PeerError> {
-        if self.taken == self.read.len() {
+        if self.consumed == self.read.len() {
             self.read.clear();
-            self.taken = 0;
+            self.consumed = 0;
             // If it ended meanwhile, the next request shows that.
             let _ = self.take();
         }
-        match self.read.get(self.taken..) {
+        match self.read.get(self.consumed..) {
             None | Some([]) => Ok(()),
             Some(rest) => Err(ProtocolViolation::Unasked(shown(first_line(rest))).into()),
         }
@@ -200,21 +200,21 @@ impl Peer {
 
     /// The next line, without its end.
     fn line(&mut self, until: Instant) -> Result<&[u8], PeerError> {
-        let mut looked = self.taken;
+        let mut looked = self.consumed;
         loop {
             let fresh = self.read.get(looked..).unwrap_or_default();
             let end = fresh.iter().position(|byte| *byte == b'\n').map(|end| looked + end);
             looked = end.unwrap_or(self.read.len());
-            if looked - self.taken > LINE {
+            if looked - self.consumed > LINE {
                 return Err(ProtocolViolation::TooLong.into());
             }
             if let Some(end) = end {
-                let start = std::mem::replace(&mut self.taken, end + 1);
+                let start = std::mem::replace(&mut self.consumed, end + 1);
                 return Ok(self.read.get(start..end).unwrap_or_default());
             }
             self.until(until, PollFlags::IN)?;
             match self.take() {
-                Ok(Some(0)) | Err(_) => return Err(self.gone().into()),
+                Ok(Some(0)) | Err(_) => return Err(self.disconnected().into()),
                 Ok(_) => {}
             }
         }
@@ -223,11 +223,11 @@ impl Peer {
     /// Waits until it can be read from or written to.
     fn until(&mut self, until: Instant, flags: PollFlags) -> Result<(), PeerError> {
         loop {
-            let left = until.saturating_duration_since(Instant::now());
-            if self.pause(flags, left.min(SLICE))? {
+            let remaining = until.saturating_duration_since(Instant::now());
+            if self.pause(flags, remaining.min(SLICE))? {
                 return Ok(());
             }
-            if left.is_zero() {
+            if remaining.is_zero() {
                 return Err(ProtocolViolation::Silent(self.wait).into());
             }
         }
@@ -235,7 +235,7 @@ impl Peer {
 
     /// Waits at most this long; says whether it can be read from or written to.
     fn pause(&self, flags: PollFlags, most: Duration) -> Result<bool, PeerError> {
-        if self.interrupt.came() {
+        if self.interrupt.is_set() {
             return Err(PeerError::Interrupted);
         }
         let most = Timespec { tv_sec: 0, tv_nsec: most.subsec_nanos().into() };
@@ -261,7 +261,7 @@ impl Peer {
     }
 
     /// How what closed its output ended.
-    fn gone(&mut self) -> ProtocolViolation {
+    fn disconnected(&mut self) -> ProtocolViolation {
         let until = Instant::now() + ENDING;
         while !self.has_ended() {
             if Instant::now() >= until {

@@ -13,9 +13,9 @@ use serde_json::{Map, Value, json};
 use textwrap::{Options, WordSplitter};
 
 use super::case::Suite;
-use super::extent::Extent;
+use super::extent::DrivenExtent;
 use super::peer::ProtocolViolation;
-use super::shrink::{Finding, FindingKind};
+use super::shrink::{DriveFinding, FindingKind};
 use super::words;
 use crate::exit::Exit;
 use crate::verdict::{BAD, GOOD, plain, print_violation};
@@ -30,34 +30,34 @@ const WIDTH: usize = 96;
 const INDENT: &str = "            ";
 
 /// The results of driving a command.
-pub(super) struct Report {
+pub(super) struct DriveReport {
     /// What the implementation is called.
     pub(super) name: String,
     /// The command, as a shell takes it.
     pub(super) command: String,
     pub(super) suite: Suite,
     /// The fixed cases in their order, with what became of each.
-    pub(super) fixed: Vec<(String, Mark)>,
+    pub(super) fixed: Vec<(String, CaseOutcome)>,
     /// How many generated runs passed, from the first on.
     pub(super) passed: u64,
     /// The generated run that did not pass.
-    pub(super) failed: Option<(String, Mark)>,
+    pub(super) failed: Option<(String, CaseOutcome)>,
     /// The first thing wrong in the fixed cases and in the generated ones.
-    pub(super) found: Vec<ReportedFinding>,
+    pub(super) findings: Vec<ReportedFinding>,
     /// What the command did when its input ended.
     pub(super) at_end: Option<ProtocolViolation>,
     pub(super) was_interrupted: bool,
     pub(super) inputs: u64,
     pub(super) took: Duration,
     pub(super) reach: Coverage,
-    pub(super) extent: Extent,
+    pub(super) extent: DrivenExtent,
     /// How long generated runs could begin, if their number was not given.
     pub(super) budget: Option<Duration>,
 }
 
 /// What became of a case.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum Mark {
+pub(super) enum CaseOutcome {
     Passes,
     Breaks(Rule),
     Misbehaves,
@@ -69,15 +69,15 @@ pub(super) struct ReportedFinding {
     pub(super) case: String,
     /// How many inputs its case has.
     pub(super) of: usize,
-    pub(super) finding: Finding,
+    pub(super) finding: DriveFinding,
     pub(super) saved: Option<PathBuf>,
     /// The command line that shows it again.
     pub(super) replay: String,
 }
 
-impl Mark {
-    pub(super) fn of(finding: &Finding) -> Self {
-        match &finding.what {
+impl CaseOutcome {
+    pub(super) fn of(finding: &DriveFinding) -> Self {
+        match &finding.kind {
             FindingKind::Breaks(rule) => Self::Breaks(*rule),
             FindingKind::Misbehaves(_) => Self::Misbehaves,
         }
@@ -96,13 +96,13 @@ impl Mark {
 
 impl ReportedFinding {
     /// The file or the case that shows it.
-    pub(super) fn place(&self) -> String {
+    pub(super) fn location(&self) -> String {
         self.saved.as_ref().map_or_else(|| self.case.clone(), |saved| saved.display().to_string())
     }
 
     pub(super) fn verdict(&self) -> Option<Verdict> {
-        match self.finding.what {
-            FindingKind::Breaks(_) => self.finding.reported.verdict(&self.place()),
+        match self.finding.kind {
+            FindingKind::Breaks(_) => self.finding.reported.verdict(&self.location()),
             FindingKind::Misbehaves(_) => None,
         }
     }
@@ -117,7 +117,7 @@ impl ReportedFinding {
         let small = reported.inputs().count();
         let of = if small < self.of { format!(" of {}", self.of) } else { String::new() };
         writeln!(out, "\nThe smallest run found, {}{of}, from {}:", inputs(small), self.case)?;
-        match &self.finding.what {
+        match &self.finding.kind {
             FindingKind::Breaks(_) => {
                 if let Some(verdict) = self.verdict()
                     && let Some(violation) = verdict.violations.first()
@@ -128,8 +128,8 @@ impl ReportedFinding {
                     writeln!(out, "{INDENT}  expected: {}", words::reported(&violation.expected))?;
                 }
             }
-            FindingKind::Misbehaves(how) => {
-                writeln!(out, "\n{}: {BAD}{how}{BAD:#}", self.place())?;
+            FindingKind::Misbehaves(misbehaviour) => {
+                writeln!(out, "\n{}: {BAD}{misbehaviour}{BAD:#}", self.location())?;
                 writeln!(out, "  sent last {}", reported.last())?;
                 self.print_story(out, "in words")?;
             }
@@ -157,9 +157,9 @@ impl ReportedFinding {
     }
 }
 
-impl Report {
+impl DriveReport {
     pub(super) fn exit(&self) -> Exit {
-        if !self.found.is_empty() || self.at_end.is_some() {
+        if !self.findings.is_empty() || self.at_end.is_some() {
             Exit::Differs
         } else if self.was_interrupted {
             // What was not driven was not judged.
@@ -170,25 +170,25 @@ impl Report {
     }
 
     pub(super) fn runs(&self) -> u64 {
-        self.fixed_count(|mark| mark != Mark::NotRun) as u64
+        self.fixed_count(|mark| mark != CaseOutcome::NotRun) as u64
             + self.passed
             + u64::from(self.failed.is_some())
     }
 
-    pub(super) fn fixed_count(&self, counts: impl Fn(Mark) -> bool) -> usize {
+    pub(super) fn fixed_count(&self, counts: impl Fn(CaseOutcome) -> bool) -> usize {
         self.fixed.iter().filter(|(_, mark)| counts(*mark)).count()
     }
 
     /// The findings, one of each kind.
     pub(super) fn reported(&self) -> impl Iterator<Item = &ReportedFinding> {
-        let first = self.found.first();
-        self.found
+        let first = self.findings.first();
+        self.findings
             .iter()
             .enumerate()
-            .filter(move |(i, found)| {
-                *i == 0 || first.is_none_or(|first| !first.finding.is_as(&found.finding))
+            .filter(move |(i, entry)| {
+                *i == 0 || first.is_none_or(|first| !first.finding.is_as(&entry.finding))
             })
-            .map(|(_, found)| found)
+            .map(|(_, entry)| entry)
     }
 
     pub(super) fn print_report(&self, out: &mut impl Write) -> io::Result<()> {
@@ -212,11 +212,11 @@ impl Report {
             print_fact(out, "  up to     ", &self.extent.to_string())?;
         }
         print_fact(out, "  driven    ", &self.pace())?;
-        for found in self.reported() {
-            found.print_report(out)?;
+        for entry in self.reported() {
+            entry.print_report(out)?;
         }
-        if let Some(how) = &self.at_end {
-            writeln!(out, "\nAfter the last case: {BAD}{how}{BAD:#}")?;
+        if let Some(misbehaviour) = &self.at_end {
+            writeln!(out, "\nAfter the last case: {BAD}{misbehaviour}{BAD:#}")?;
         }
         Ok(())
     }
@@ -233,9 +233,10 @@ impl Report {
     }
 
     fn fixed_line(&self) -> String {
-        let passed = self.fixed_count(|mark| mark == Mark::Passes);
+        let passed = self.fixed_count(|mark| mark == CaseOutcome::Passes);
         let mut line = format!("{passed} of {} cases pass", self.fixed.len());
-        let failed = |mark: &Mark| matches!(mark, Mark::Breaks(_) | Mark::Misbehaves);
+        let failed =
+            |mark: &CaseOutcome| matches!(mark, CaseOutcome::Breaks(_) | CaseOutcome::Misbehaves);
         let names: Vec<_> = self.fixed.iter().filter(|(_, mark)| failed(mark)).collect();
         for (i, (name, _)) in names.iter().take(NAMED).enumerate() {
             // Writing to a string does not fail.
@@ -244,9 +245,9 @@ impl Report {
         if names.len() > NAMED {
             let _ = write!(line, " and {} more", names.len() - NAMED);
         }
-        let left = self.fixed_count(|mark| mark == Mark::NotRun);
-        if left > 0 {
-            let _ = write!(line, "; {left} not run");
+        let remaining = self.fixed_count(|mark| mark == CaseOutcome::NotRun);
+        if remaining > 0 {
+            let _ = write!(line, "; {remaining} not run");
         }
         line
     }
@@ -291,22 +292,22 @@ impl Report {
     /// The report as one JSON object.
     pub(super) fn json(&self) -> Value {
         let Suite { generator, generated, .. } = &self.suite;
-        let found = self.found.iter().map(|found| {
-            let verdict = found.verdict();
+        let entries = self.findings.iter().map(|entry| {
+            let verdict = entry.verdict();
             let violation = verdict.as_ref().and_then(|verdict| verdict.violations.first());
-            let how = match &found.finding.what {
-                FindingKind::Misbehaves(how) => Some(how.to_string()),
+            let misbehaviour = match &entry.finding.kind {
+                FindingKind::Misbehaves(misbehaviour) => Some(misbehaviour.to_string()),
                 FindingKind::Breaks(_) => None,
             };
             json!({
-                "case": found.case,
-                "inputs": found.finding.reported.inputs().count(),
-                "of": found.of,
+                "case": entry.case,
+                "inputs": entry.finding.reported.inputs().count(),
+                "of": entry.of,
                 "violation": violation,
-                "misbehaviour": how,
-                "trace": String::from_utf8_lossy(&found.finding.reported.trace()),
-                "saved": found.saved,
-                "replay": found.replay,
+                "misbehaviour": misbehaviour,
+                "trace": String::from_utf8_lossy(&entry.finding.reported.trace()),
+                "saved": entry.saved,
+                "replay": entry.replay,
             })
         });
         json!({
@@ -328,7 +329,7 @@ impl Report {
                 "passed": self.passed,
                 "failed": self.failed.as_ref().map(|(id, _)| id),
             },
-            "found": found.collect::<Vec<_>>(),
+            "found": entries.collect::<Vec<_>>(),
             "at_end": self.at_end.as_ref().map(ToString::to_string),
             "extent": self.extent,
             "inputs": self.inputs,

@@ -2,7 +2,7 @@
 
 use fuseline_report::AnyViolation;
 
-use crate::drive::report::{Report, ReportedFinding};
+use crate::drive::report::{DriveReport, ReportedFinding};
 use crate::exit::Exit;
 use crate::results::{Problem, Subject};
 
@@ -13,13 +13,13 @@ const PROTOCOL: (&str, &str) = (
 );
 
 /// The report as one verdict.
-pub(super) fn judged(report: &Report) -> Subject {
+pub(super) fn judged(report: &DriveReport) -> Subject {
     let mut problems: Vec<Problem> = report.reported().map(problem).collect();
-    problems.extend(report.at_end.as_ref().map(|how| Problem {
+    problems.extend(report.at_end.as_ref().map(|misbehaviour| Problem {
         rule: PROTOCOL,
         file: report.name.clone(),
         line: None,
-        text: how.to_string(),
+        text: misbehaviour.to_string(),
     }));
     Subject {
         name: report.name.clone(),
@@ -30,14 +30,14 @@ pub(super) fn judged(report: &Report) -> Subject {
     }
 }
 
-fn problem(found: &ReportedFinding) -> Problem {
-    let verdict = found.verdict();
+fn problem(entry: &ReportedFinding) -> Problem {
+    let verdict = entry.verdict();
     let first = verdict.as_ref().and_then(|verdict| verdict.violations.first());
     let first = first.map(AnyViolation::from);
     Problem {
         rule: first.as_ref().map_or(PROTOCOL, |violation| violation.rule),
-        file: found.place(),
+        file: entry.location(),
         line: first.map(|violation| violation.line),
-        text: found.text(),
+        text: entry.text(),
     }
 }

@@ -6,11 +6,11 @@ use std::collections::BTreeSet;
 use std::mem::discriminant;
 use std::time::{Duration, Instant};
 
-use fuseline_testkit::Run;
+use fuseline_testkit::{Run, Simplification};
 use fuseline_traces::{Cloud, Header, Input, Rule};
 
 use super::peer::ProtocolViolation;
-use super::trial::{Bench, Comparison, Stop, Transcript};
+use super::trial::{Bench, Comparison, DriveStop, Transcript};
 
 /// The most runs that are tried.
 const TRIES: u32 = 4000;
@@ -18,9 +18,9 @@ const TRIES: u32 = 4000;
 const LONGEST: Duration = Duration::from_secs(20);
 
 /// What a run shows, with what was sent and answered.
-pub(super) struct Finding {
+pub(super) struct DriveFinding {
     pub(super) reported: Transcript,
-    pub(super) what: FindingKind,
+    pub(super) kind: FindingKind,
 }
 
 /// What is wrong with a command.
@@ -30,7 +30,7 @@ pub(super) enum FindingKind {
     Misbehaves(ProtocolViolation),
 }
 
-impl Finding {
+impl DriveFinding {
     /// What a run shows, if anything.
     pub(super) fn of(outcome: Comparison) -> Option<Self> {
         match outcome {
@@ -38,17 +38,17 @@ impl Finding {
             Comparison::Differs(reported) => {
                 let verdict = reported.verdict("")?;
                 let rule = verdict.violations.first()?.rule;
-                Some(Self { reported, what: FindingKind::Breaks(rule) })
+                Some(Self { reported, kind: FindingKind::Breaks(rule) })
             }
-            Comparison::Misbehaves(reported, how) => {
-                Some(Self { reported, what: FindingKind::Misbehaves(how) })
+            Comparison::Misbehaves(reported, misbehaviour) => {
+                Some(Self { reported, kind: FindingKind::Misbehaves(misbehaviour) })
             }
         }
     }
 
     /// Whether another run shows the same.
     pub(super) fn is_as(&self, other: &Self) -> bool {
-        match (&self.what, &other.what) {
+        match (&self.kind, &other.kind) {
             (FindingKind::Breaks(one), FindingKind::Breaks(two)) => one == two,
             (FindingKind::Misbehaves(one), FindingKind::Misbehaves(two)) => {
                 discriminant(one) == discriminant(two)
@@ -60,150 +60,96 @@ impl Finding {
 }
 
 /// The smallest run found that shows what `first` shows; what stops the command ends the search.
-pub(super) fn shrink(bench: &mut Bench, first: Finding) -> Finding {
-    if matches!(&first.what, FindingKind::Misbehaves(how) if how.is_slow()) {
+pub(super) fn shrink(bench: &mut Bench, first: DriveFinding) -> DriveFinding {
+    if matches!(&first.kind, FindingKind::Misbehaves(misbehaviour) if misbehaviour.is_slow()) {
         return first;
     }
-    let mut search = Search { bench, best: first, tries: 0, since: Instant::now() };
-    while let Ok(true) = search.pass() {}
-    search.best
-}
-
-struct Search<'a> {
-    bench: &'a mut Bench,
-    best: Finding,
-    tries: u32,
-    since: Instant,
-}
-
-impl Search<'_> {
-    /// Tries everything once; says whether that made it smaller.
-    fn pass(&mut self) -> Result<bool, Stop> {
-        let before = cost(&self.best.reported.run());
-        self.remove()?;
-        self.simplify_header()?;
-        self.simplify_inputs()?;
-        Ok(cost(&self.best.reported.run()) < before && !self.is_over())
-    }
-
-    /// Keeps a run as the best so far if it is smaller and shows the same.
-    fn attempt(&mut self, run: &Run) -> Result<bool, Stop> {
-        let mut taken = BTreeSet::new();
-        let is_header = run.header.clouds.iter().all(|cloud| taken.insert(cloud.p));
-        if self.is_over() || !is_header || cost(run) >= cost(&self.best.reported.run()) {
+    let run = first.reported.run();
+    let (mut best, mut least) = (first, cost(&run));
+    let (mut tries, start) = (0, Instant::now());
+    // The best so far stands whatever stopped the search.
+    let _ = fuseline_testkit::shrink(run, simplifications, |run| {
+        let mut priorities = BTreeSet::new();
+        let is_header = run.header.clouds.iter().all(|cloud| priorities.insert(cloud.p));
+        let is_over = tries >= TRIES || start.elapsed() >= LONGEST;
+        if is_over || !is_header || cost(run) >= least {
             return Ok(false);
         }
-        self.tries += 1;
-        match Finding::of(self.bench.try_run(run)?) {
-            Some(finding) if finding.is_as(&self.best) => self.best = finding,
-            Some(_) | None => return Ok(false),
+        tries += 1;
+        match DriveFinding::of(bench.try_run(run)?) {
+            Some(finding) if finding.is_as(&best) => {
+                (best, least) = (finding, cost(run));
+                Ok(true)
+            }
+            Some(_) | None => Ok::<_, DriveStop>(false),
         }
-        Ok(true)
-    }
+    });
+    best
+}
 
-    fn is_over(&self) -> bool {
-        self.tries >= TRIES || self.since.elapsed() >= LONGEST
+/// Leaves out all of a timestamp, of a source or a cloud, makes the window, the clouds and the inputs plain, and numbers
+/// timestamps and clouds from 1.
+fn simplifications(run: &Run) -> Vec<Simplification<Run>> {
+    let mut all: Vec<Simplification<Run>> = Vec::new();
+    for t in run.inputs.iter().map(Input::t).collect::<BTreeSet<_>>() {
+        all.push(Box::new(move |run| run.inputs.retain(|input| input.t() != t)));
     }
-
-    /// Leaves out all of a timestamp, all of a source, and stretches, shorter and shorter ones.
-    fn remove(&mut self) -> Result<(), Stop> {
-        let timestamps: BTreeSet<_> = self.best.reported.inputs().map(|input| input.t()).collect();
-        for t in timestamps {
-            let mut run = self.best.reported.run();
-            run.inputs.retain(|input| input.t() != t);
-            self.attempt(&run)?;
-        }
-        let sources: BTreeSet<_> =
-            self.best.reported.inputs().map(|input| source(&input)).collect();
-        for p in sources.into_iter().flatten() {
-            let mut run = self.best.reported.run();
-            run.inputs.retain(|input| source(input) != Some(p));
-            self.attempt(&run)?;
-        }
-        let mut stretch = (self.best.reported.inputs().count() / 2).max(1);
-        loop {
-            let mut from = 0;
-            while from < self.best.reported.inputs().count() {
-                let mut run = self.best.reported.run();
-                let to = (from + stretch).min(run.inputs.len());
-                run.inputs.drain(from..to);
-                if !self.attempt(&run)? {
-                    from += stretch;
+    for p in run.inputs.iter().filter_map(source).collect::<BTreeSet<_>>() {
+        all.push(Box::new(move |run| run.inputs.retain(|input| source(input) != Some(p))));
+    }
+    for p in run.header.clouds.iter().rev().map(|cloud| cloud.p) {
+        all.push(Box::new(move |run| run.header.clouds.retain(|cloud| cloud.p != p)));
+    }
+    for window in [1, 2, 4, 16] {
+        all.push(Box::new(move |run| run.header.window = window));
+    }
+    for i in 0..run.header.clouds.len() {
+        for limit in [1, 2, 31] {
+            all.push(Box::new(move |run| {
+                if let Some(cloud) = run.header.clouds.get_mut(i) {
+                    *cloud = Cloud { p: cloud.p, name: None, limit, resume: limit - 1 };
                 }
-            }
-            if stretch == 1 {
-                return Ok(());
-            }
-            stretch /= 2;
+            }));
         }
     }
-
-    /// Leaves out clouds, and makes the others and the window plain.
-    fn simplify_header(&mut self) -> Result<(), Stop> {
-        for i in (0..self.best.reported.header.clouds.len()).rev() {
-            let mut run = self.best.reported.run();
-            run.header.clouds.remove(i);
-            self.attempt(&run)?;
-        }
-        for window in [1, 2, 4, 16] {
-            let mut run = self.best.reported.run();
-            run.header.window = window;
-            self.attempt(&run)?;
-        }
-        for i in 0..self.best.reported.header.clouds.len() {
-            for limit in [1, 2, 31] {
-                let mut run = self.best.reported.run();
-                let p = run.header.clouds[i].p;
-                run.header.clouds[i] = Cloud { p, name: None, limit, resume: limit - 1 };
-                self.attempt(&run)?;
-            }
-        }
-        self.rename()
-    }
-
-    /// Numbers timestamps and clouds from 1, in their order.
-    fn rename(&mut self) -> Result<(), Stop> {
-        let mut run = self.best.reported.run();
-        let names: BTreeSet<u64> = run.inputs.iter().filter_map(Input::t).collect();
-        run.inputs.iter_mut().filter_map(timestamp).for_each(|t| *t = rank(&names, *t));
-        self.attempt(&run)?;
-        let mut run = self.best.reported.run();
-        let names: BTreeSet<u64> =
-            run.header.clouds.iter().map(|cloud| u64::from(cloud.p)).collect();
-        for cloud in &mut run.header.clouds {
-            cloud.p = u16::try_from(rank(&names, cloud.p.into())).unwrap_or(cloud.p);
-        }
-        let registered = run.inputs.iter_mut().filter_map(priority);
-        registered.filter(|p| names.contains(p)).for_each(|p| *p = rank(&names, *p));
-        self.attempt(&run)?;
-        Ok(())
-    }
-
-    /// Makes the numbers of each input small, and leaves out limits.
-    fn simplify_inputs(&mut self) -> Result<(), Stop> {
-        for i in 0..self.best.reported.inputs().count() {
-            for field in 0..4 {
-                let run = self.best.reported.run();
-                let before = i.checked_sub(1).and_then(|i| run.inputs.get(i)).map_or(0, Input::at);
-                for small in [
-                    None,
-                    Some(0),
-                    Some(1),
-                    Some(10),
-                    Some(100),
-                    Some(before),
-                    Some(before.saturating_add(10)),
-                ] {
-                    let mut run = self.best.reported.run();
-                    let Some(input) = run.inputs.get_mut(i) else { return Ok(()) };
-                    if replace(input, field, small) && self.attempt(&run)? {
-                        break;
+    all.push(Box::new(number_timestamps));
+    all.push(Box::new(number_clouds));
+    for i in 0..run.inputs.len() {
+        for field in 0..4 {
+            for small in [None, Some(0), Some(1), Some(10), Some(100)] {
+                all.push(Box::new(move |run| {
+                    if let Some(input) = run.inputs.get_mut(i) {
+                        replace(input, field, small);
                     }
-                }
+                }));
+            }
+            for later in [0, 10] {
+                all.push(Box::new(move |run| {
+                    let before = i.checked_sub(1).and_then(|i| run.inputs.get(i));
+                    let small = before.map_or(0, Input::at).saturating_add(later);
+                    if let Some(input) = run.inputs.get_mut(i) {
+                        replace(input, field, Some(small));
+                    }
+                }));
             }
         }
-        Ok(())
     }
+    all
+}
+
+fn number_timestamps(run: &mut Run) {
+    let names: BTreeSet<u64> = run.inputs.iter().filter_map(Input::t).collect();
+    run.inputs.iter_mut().filter_map(timestamp).for_each(|t| *t = rank(&names, *t));
+}
+
+fn number_clouds(run: &mut Run) {
+    let clouds = &mut run.header.clouds;
+    let names: BTreeSet<u64> = clouds.iter().map(|cloud| u64::from(cloud.p)).collect();
+    for cloud in clouds {
+        cloud.p = u16::try_from(rank(&names, cloud.p.into())).unwrap_or(cloud.p);
+    }
+    let registered = run.inputs.iter_mut().filter_map(priority);
+    registered.filter(|p| names.contains(p)).for_each(|p| *p = rank(&names, *p));
 }
 
 /// What makes a run hard to read: its inputs first, then its clouds, its digits, its names.
@@ -241,12 +187,12 @@ const fn source(input: &Input) -> Option<u64> {
     }
 }
 
-/// Puts a small number in a field, or none where it may be left out; says whether there is one.
-fn replace(input: &mut Input, field: usize, small: Option<u64>) -> bool {
-    let place = match (input, field) {
+/// Puts a small number in a field, or none where it may be left out.
+fn replace(input: &mut Input, field: usize, small: Option<u64>) {
+    let target = match (input, field) {
         (Input::Open { deadline, .. }, 1) if deadline.is_some() => {
             *deadline = small;
-            return true;
+            return;
         }
         (
             Input::Open { at, .. }
@@ -259,9 +205,11 @@ fn replace(input: &mut Input, field: usize, small: Option<u64>) -> bool {
         (Input::Offer { deadline, .. }, 1) => deadline,
         (Input::Offer { backlog, .. }, 2) => backlog,
         (Input::Offer { p, .. } | Input::Result { p, .. } | Input::Fail { p, .. }, 3) => p,
-        _ => return false,
+        _ => return,
     };
-    small.map(|small| *place = small).is_some()
+    if let Some(small) = small {
+        *target = small;
+    }
 }
 
 const fn timestamp(input: &mut Input) -> Option<&mut u64> {
@@ -281,7 +229,7 @@ const fn priority(input: &mut Input) -> Option<&mut u64> {
     }
 }
 
-/// The place of a name among all, from 1.
+/// The index of a name among all, from 1.
 fn rank(names: &BTreeSet<u64>, name: u64) -> u64 {
     names.range(..=name).count() as u64
 }

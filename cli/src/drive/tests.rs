@@ -7,7 +7,7 @@ fn suite(cases: u64) -> Suite {
 #[test]
 fn a_generated_case_is_the_same_for_ever() {
     for (number, name) in [(34, "g-1-17"), (35, "w-1-17")] {
-        let Case { id, run, .. } = suite(0).case(number);
+        let DriveCase { id, run, .. } = suite(0).case(number);
         assert_eq!(id, name);
         let again = Suite::of(&[id], Generate { seed: 9, commit: None, clouds: None }).unwrap();
         assert_eq!(again.fixed[0].run, run);

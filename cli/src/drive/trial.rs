@@ -44,7 +44,7 @@ pub(super) struct Transcript {
 }
 
 /// Why driving ends before its time.
-pub(super) enum Stop {
+pub(super) enum DriveStop {
     /// Ctrl-C.
     Interrupted,
     /// The system cannot start the command.
@@ -57,7 +57,7 @@ impl Bench {
     }
 
     /// Drives the command through a run, up to the first input whose decisions differ.
-    pub(super) fn try_run(&mut self, run: &Run) -> Result<Comparison, Stop> {
+    pub(super) fn try_run(&mut self, run: &Run) -> Result<Comparison, DriveStop> {
         let mut reported = Transcript { header: run.header.clone(), events: Vec::new() };
         match self.compare(run, &mut reported) {
             Ok(true) => Ok(Comparison::Same),
@@ -67,21 +67,21 @@ impl Bench {
                 // It is started afresh for the next run.
                 self.peer = None;
                 match peer_error {
-                    PeerError::Interrupted => Err(Stop::Interrupted),
-                    PeerError::Misbehaved(how) => {
+                    PeerError::Interrupted => Err(DriveStop::Interrupted),
+                    PeerError::Misbehaved(misbehaviour) => {
                         self.misbehaved = true;
-                        Ok(Comparison::Misbehaves(reported, how))
+                        Ok(Comparison::Misbehaves(reported, misbehaviour))
                     }
                 }
             }
         }
     }
 
-    pub(super) fn end(&mut self) -> Result<Option<ProtocolViolation>, Stop> {
+    pub(super) fn end(&mut self) -> Result<Option<ProtocolViolation>, DriveStop> {
         match self.peer.take().map_or(Ok(()), Peer::end) {
             Ok(()) => Ok(None),
-            Err(PeerError::Misbehaved(how)) => Ok(Some(how)),
-            Err(PeerError::Interrupted) => Err(Stop::Interrupted),
+            Err(PeerError::Misbehaved(misbehaviour)) => Ok(Some(misbehaviour)),
+            Err(PeerError::Interrupted) => Err(DriveStop::Interrupted),
         }
     }
 
@@ -92,7 +92,7 @@ impl Bench {
                 let complaints = if self.misbehaved { Stdio::null() } else { Stdio::inherit() };
                 let interrupt = self.interrupt.clone();
                 let started = Peer::start(&self.command, complaints, self.wait, interrupt);
-                none.insert(started.map_err(|error| Interrupted::Stop(Stop::Start(error)))?)
+                none.insert(started.map_err(|error| Interrupted::Stop(DriveStop::Start(error)))?)
             }
         };
         let (mut line, mut answer, mut demands) =
@@ -100,7 +100,7 @@ impl Bench {
         let mut reference = Reference::new(&run.header);
         run.header.write(&mut line);
         line.push(b'\n');
-        peer.ask(&line, MORE, &mut answer)?;
+        peer.exchange(&line, MORE, &mut answer)?;
         reported.events.extend(answer.iter().copied().map(Event::Decision));
         let mut same = answer.is_empty();
         for input in &run.inputs {
@@ -114,7 +114,7 @@ impl Bench {
             line.push(b'\n');
             reference.apply(input, &mut demands);
             reported.events.push(Event::Input(*input));
-            let requested = peer.ask(&line, demands.len() + MORE, &mut answer);
+            let requested = peer.exchange(&line, demands.len() + MORE, &mut answer);
             reported.events.extend(answer.iter().copied().map(Event::Decision));
             requested?;
             self.inputs += 1;
@@ -163,7 +163,7 @@ impl Transcript {
 /// What ends a run before its end.
 enum Interrupted {
     PeerError(PeerError),
-    Stop(Stop),
+    Stop(DriveStop),
 }
 
 impl From<PeerError> for Interrupted {

@@ -5,17 +5,17 @@ use std::io::{self, Seek, Write};
 use fuseline_engine::{Mcap, McapError};
 use fuseline_traces::{Event, Header};
 
-use crate::export::viewer::Writer;
+use crate::export::viewer::TraceViewer;
 
-pub(super) struct Messages<W: Write + Seek>(Mcap<W>);
+pub(super) struct McapWriter<W: Write + Seek>(Mcap<W>);
 
-impl<W: Write + Seek> Messages<W> {
+impl<W: Write + Seek> McapWriter<W> {
     pub(super) fn new(out: W, header: &Header) -> io::Result<Self> {
         Ok(Self(Mcap::new(out, header, 0).map_err(io_error)?))
     }
 }
 
-impl<W: Write + Seek> Writer for Messages<W> {
+impl<W: Write + Seek> TraceViewer for McapWriter<W> {
     fn event(&mut self, event: &Event) -> io::Result<()> {
         self.0.event(event).map_err(io_error)
     }

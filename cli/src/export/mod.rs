@@ -12,9 +12,9 @@ use fuseline_traces::packed::unpack;
 
 use crate::complain::complain;
 use crate::exit::Exit;
-use crate::export::mcap::Messages;
+use crate::export::mcap::McapWriter;
 use crate::export::perfetto::Tracks;
-use crate::export::viewer::Writer;
+use crate::export::viewer::TraceViewer;
 use crate::fault::Fault;
 use crate::input::open;
 use crate::output::{Output, Overwrite};
@@ -64,8 +64,8 @@ pub(crate) fn export(args: &Args) -> Result<Exit, Fault> {
     let mut reader = Events::observed(name.as_str(), trace)?;
     let mut is_annotated = !reader.header_annotations().is_empty();
     output.write(|out| {
-        let mut writer: Box<dyn Writer> = if args.viewer.mcap {
-            Box::new(Messages::new(out, reader.header()).map_err(Fault::Output)?)
+        let mut writer: Box<dyn TraceViewer> = if args.viewer.mcap {
+            Box::new(McapWriter::new(out, reader.header()).map_err(Fault::Output)?)
         } else {
             Box::new(Tracks::new(out, reader.header()).map_err(Fault::Output)?)
         };

@@ -20,7 +20,7 @@ const OUTPUTS: u32 = 1;
 pub(super) struct Tracks<W> {
     out: W,
     /// By priority; all sources that are not registered share the last one.
-    sources: BTreeMap<Option<u64>, Source>,
+    sources: BTreeMap<Option<u64>, SourceTrack>,
     /// The slices that have not ended, by timestamp and priority.
     open: BTreeMap<(u64, u64), Slice>,
     latest: u64,
@@ -30,7 +30,7 @@ pub(super) struct Tracks<W> {
 }
 
 /// Local, a cloud, or all that is neither.
-struct Source {
+struct SourceTrack {
     name: String,
     tracks: Vec<Track>,
 }
@@ -49,7 +49,7 @@ struct Slice {
     at: u64,
     due: Option<u64>,
     /// Which of its source's tracks it is on.
-    place: usize,
+    track_index: usize,
 }
 
 impl<W: Write> Tracks<W> {
@@ -62,7 +62,7 @@ impl<W: Write> Tracks<W> {
         });
         let others = (None, "not registered".to_owned());
         let named = [local].into_iter().chain(clouds).chain([others]);
-        let source = |(p, name)| (p, Source { name, tracks: Vec::new() });
+        let source = |(p, name)| (p, SourceTrack { name, tracks: Vec::new() });
         let mut tracks = Self {
             out,
             sources: named.map(source).collect(),
@@ -90,13 +90,13 @@ impl<W: Write> Tracks<W> {
     /// Says something about a track.
     fn reported(
         &mut self,
-        what: &str,
+        label: &str,
         number: u32,
         key: &str,
         value: impl serde::Serialize,
     ) -> io::Result<()> {
         let event = json!({
-            "ph": "M", "pid": PROCESS, "tid": number, "name": what, "args": {key: value},
+            "ph": "M", "pid": PROCESS, "tid": number, "name": label, "args": {key: value},
         });
         self.put("", &event)
     }
@@ -128,8 +128,8 @@ impl<W: Write> Tracks<W> {
         Ok(self.number(p, 0))
     }
 
-    fn number(&self, p: Option<u64>, place: usize) -> u32 {
-        let track = self.sources.get(&p).and_then(|source| source.tracks.get(place));
+    fn number(&self, p: Option<u64>, track_index: usize) -> u32 {
+        let track = self.sources.get(&p).and_then(|source| source.tracks.get(track_index));
         track.map_or(OUTPUTS, |track| track.number)
     }
 
@@ -148,62 +148,62 @@ impl<W: Write> Tracks<W> {
         let source = self.source(p);
         let is_free = |track: &Track| track.free.is_some_and(|free| free <= at);
         let tracks = self.sources.get(&source).map_or(&[][..], |source| &source.tracks);
-        let place = tracks.iter().position(is_free).unwrap_or(tracks.len());
-        if place == tracks.len() {
+        let track_index = tracks.iter().position(is_free).unwrap_or(tracks.len());
+        if track_index == tracks.len() {
             self.add(source)?;
         }
-        self.occupy(source, place, None);
-        self.open.insert((t, p), Slice { at, due, place });
+        self.occupy(source, track_index, None);
+        self.open.insert((t, p), Slice { at, due, track_index });
         Ok(())
     }
 
-    fn occupy(&mut self, p: Option<u64>, place: usize, free: Option<u64>) {
-        let track = self.sources.get_mut(&p).and_then(|source| source.tracks.get_mut(place));
+    fn occupy(&mut self, p: Option<u64>, track_index: usize, free: Option<u64>) {
+        let track = self.sources.get_mut(&p).and_then(|source| source.tracks.get_mut(track_index));
         if let Some(track) = track {
             track.free = free;
         }
     }
 
-    fn end(&mut self, at: u64, t: u64, p: u64, how: &str) -> io::Result<()> {
-        let Some(Slice { at: began, due, place }) = self.open.remove(&(t, p)) else {
+    fn end(&mut self, at: u64, t: u64, p: u64, outcome: &str) -> io::Result<()> {
+        let Some(Slice { at: began, due, track_index }) = self.open.remove(&(t, p)) else {
             return Ok(());
         };
         // F0: an instant may go back, a slice cannot.
         let at = at.max(began);
         let source = self.source(p);
-        self.occupy(source, place, Some(at));
+        self.occupy(source, track_index, Some(at));
         let times = format!("\"ts\":{},\"dur\":{},", micros(began), micros(at - began));
         self.put(
             &times,
             &json!({
-                "ph": "X", "cat": "call", "pid": PROCESS, "tid": self.number(source, place),
-                "name": format!("timestamp {t}: {how}"),
-                "args": {"t": t, "p": p, "due": due, "end": how},
+                "ph": "X", "cat": "call", "pid": PROCESS, "tid": self.number(source, track_index),
+                "name": format!("timestamp {t}: {outcome}"),
+                "args": {"t": t, "p": p, "due": due, "end": outcome},
             }),
         )
     }
 
-    fn instant(&mut self, at: u64, track: u32, t: u64, what: &str) -> io::Result<()> {
+    fn instant(&mut self, at: u64, track: u32, t: u64, label: &str) -> io::Result<()> {
         self.put(
             &format!("\"ts\":{},", micros(at)),
             &json!({
                 "ph": "i", "s": "t", "pid": PROCESS, "tid": track,
-                "name": format!("timestamp {t}: {what}"), "args": {"t": t},
+                "name": format!("timestamp {t}: {label}"), "args": {"t": t},
             }),
         )
     }
 
     /// An instant on a source's track.
-    fn of_source(&mut self, at: u64, p: u64, t: u64, what: &str) -> io::Result<()> {
+    fn of_source(&mut self, at: u64, p: u64, t: u64, label: &str) -> io::Result<()> {
         let track = self.first(p)?;
-        self.instant(at, track, t, what)
+        self.instant(at, track, t, label)
     }
 
     /// Ends what a timestamp still has.
     fn retire(&mut self, at: u64, t: u64) -> io::Result<()> {
-        let left: Vec<u64> =
+        let remaining: Vec<u64> =
             self.open.range((t, 0)..=(t, u64::MAX)).map(|((_, p), _)| *p).collect();
-        for p in left {
+        for p in remaining {
             // F7: local computes on, a cloud is cancelled.
             self.end(at, t, p, if p == 0 { "no longer needed" } else { "cancelled" })?;
         }
@@ -239,7 +239,7 @@ impl<W: Write> Tracks<W> {
     }
 }
 
-impl<W: Write> viewer::Writer for Tracks<W> {
+impl<W: Write> viewer::TraceViewer for Tracks<W> {
     fn event(&mut self, event: &Event) -> io::Result<()> {
         let at = match event {
             Event::Input(input) => input.at(),
@@ -259,8 +259,8 @@ impl<W: Write> viewer::Writer for Tracks<W> {
     }
 
     fn finish(mut self: Box<Self>) -> io::Result<()> {
-        let left: Vec<(u64, u64)> = self.open.keys().copied().collect();
-        for (t, p) in left {
+        let remaining: Vec<(u64, u64)> = self.open.keys().copied().collect();
+        for (t, p) in remaining {
             self.end(self.latest, t, p, "still open")?;
         }
         self.out.write_all(b"\n]}\n")?;

@@ -5,7 +5,7 @@ use std::io;
 use fuseline_traces::Event;
 
 /// Takes a trace line by line.
-pub(super) trait Writer {
+pub(super) trait TraceViewer {
     fn event(&mut self, event: &Event) -> io::Result<()>;
     fn finish(self: Box<Self>) -> io::Result<()>;
 }

@@ -105,7 +105,7 @@ pub(crate) struct Axes {
     pub(crate) y_name: &'static str,
 }
 
-pub(crate) struct Line {
+pub(crate) struct ChartLine {
     pub(crate) name: String,
     pub(crate) colour: RGBColor,
     pub(crate) width: u32,
@@ -155,7 +155,7 @@ impl Axes {
     }
 }
 
-impl Line {
+impl ChartLine {
     /// Draws it on a chart with these axes; what lies outside is cut off at the edge.
     pub(crate) fn draw<X, Y>(&self, chart: &mut Chart<'_, '_, X, Y>, axes: &Axes)
     where

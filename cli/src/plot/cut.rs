@@ -2,13 +2,13 @@
 
 use std::ops::Range;
 
-type Point = (f64, f64);
+type ChartPoint = (f64, f64);
 
 /// The pieces of a line that lie between the edges.
-pub(crate) fn pieces(line: &[Point], [x, y]: [&Range<f64>; 2]) -> Vec<Vec<Point>> {
-    let mut pieces: Vec<Vec<Point>> = Vec::new();
-    for way in line.windows(2) {
-        let [from, to] = [way[0], way[1]];
+pub(crate) fn pieces(line: &[ChartPoint], [x, y]: [&Range<f64>; 2]) -> Vec<Vec<ChartPoint>> {
+    let mut pieces: Vec<Vec<ChartPoint>> = Vec::new();
+    for pair in line.windows(2) {
+        let [from, to] = [pair[0], pair[1]];
         let mut part = (0.0, 1.0);
         for (at, by, edges) in [(from.0, to.0 - from.0, x), (from.1, to.1 - from.1, y)] {
             part = between((at, by), edges, part);
@@ -31,7 +31,7 @@ pub(crate) fn pieces(line: &[Point], [x, y]: [&Range<f64>; 2]) -> Vec<Vec<Point>
 }
 
 /// Which part of a way, of the part that is left, lies between two edges; none has its end before its begin.
-fn between((at, by): Point, edges: &Range<f64>, (first, last): Point) -> Point {
+fn between((at, by): ChartPoint, edges: &Range<f64>, (first, last): ChartPoint) -> ChartPoint {
     if by == 0.0 {
         let is_between = (edges.start..=edges.end).contains(&at);
         return if is_between { (first, last) } else { (1.0, 0.0) };
@@ -42,26 +42,27 @@ fn between((at, by): Point, edges: &Range<f64>, (first, last): Point) -> Point {
 
 /// What of a convex shape lies between the edges; empty if nothing does.
 pub(crate) fn inside(shape: &[[f64; 2]], edges: [[f64; 2]; 2]) -> Vec<[f64; 2]> {
-    let mut left = shape.to_vec();
+    let mut remaining = shape.to_vec();
     for (axis, [low, high]) in edges.into_iter().enumerate() {
         for (sign, edge) in [(1.0, low), (-1.0, high)] {
             let depth = |point: &[f64; 2]| sign * (point[axis] - edge);
-            let mut kept = Vec::new();
-            let next = left.iter().cycle().skip(1);
-            for (point, next) in left.iter().zip(next) {
+            let mut inside_points = Vec::new();
+            let next = remaining.iter().cycle().skip(1);
+            for (point, next) in remaining.iter().zip(next) {
                 let (here, there) = (depth(point), depth(next));
                 if here >= 0.0 {
-                    kept.push(*point);
+                    inside_points.push(*point);
                 }
                 if here * there < 0.0 {
                     let part = here / (here - there);
-                    kept.push([0, 1].map(|axis| point[axis] + (next[axis] - point[axis]) * part));
+                    inside_points
+                        .push([0, 1].map(|axis| point[axis] + (next[axis] - point[axis]) * part));
                 }
             }
-            left = kept;
+            remaining = inside_points;
         }
     }
-    left
+    remaining
 }
 
 #[cfg(test)]
@@ -72,8 +73,8 @@ mod tests {
     fn a_line_is_cut_where_it_crosses_an_edge() {
         let line = [(0.0, 0.0), (2.0, 2.0), (4.0, 6.0), (6.0, 2.0), (9.0, 2.0)];
         let cut = pieces(&line, [&(0.0..8.0), &(1.0..4.0)]);
-        let left = vec![(1.0, 1.0), (2.0, 2.0), (3.0, 4.0)];
-        assert_eq!(cut, [left, vec![(5.0, 4.0), (6.0, 2.0), (8.0, 2.0)]]);
+        let remaining = vec![(1.0, 1.0), (2.0, 2.0), (3.0, 4.0)];
+        assert_eq!(cut, [remaining, vec![(5.0, 4.0), (6.0, 2.0), (8.0, 2.0)]]);
         assert!(pieces(&line, [&(0.0..8.0), &(7.0..9.0)]).is_empty());
         assert_eq!(pieces(&line, [&(0.0..9.0), &(0.0..6.0)]), [line.to_vec()]);
     }

@@ -10,7 +10,7 @@ use thiserror::Error;
 
 use crate::fault::Fault;
 use crate::output::Overwrite;
-use crate::plot::{DARK, LIGHT, Page, Plot, png};
+use crate::plot::{DARK, LIGHT, Plot, PlotPage, png};
 
 /// A folder to write to; it is made if it is not there, and what else is in it stays.
 pub(crate) struct Folder(PathBuf);
@@ -89,6 +89,6 @@ pub(crate) fn show(folder: &Folder, shown: &PageContent<'_>) -> Result<(), Fault
             folder.put(&format!("{name}.png"), &png(&svg))?;
         }
     }
-    let page = Page { title, words, plots, table: &strip_str(reported).to_string() };
+    let page = PlotPage { title, words, plots, table: &strip_str(reported).to_string() };
     folder.put("index.html", page.html().as_bytes())
 }

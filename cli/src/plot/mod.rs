@@ -7,10 +7,10 @@ mod page;
 mod png;
 mod theme;
 
-pub(crate) use chart::{Axes, Canvas, DRAWN, Line, TextLine, canvas, logarithmic, width};
+pub(crate) use chart::{Axes, Canvas, ChartLine, DRAWN, TextLine, canvas, logarithmic, width};
 pub(crate) use cut::{inside, pieces};
 pub(crate) use folder::{Folder, PageContent, show};
-pub(crate) use page::Page;
+pub(crate) use page::PlotPage;
 pub(crate) use png::png;
 pub(crate) use theme::{DARK, LIGHT, Theme};
 

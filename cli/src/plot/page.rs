@@ -26,7 +26,7 @@ pre { overflow-x: auto; padding: 14px 16px; background: var(--panel); border: 1p
 </style>
 "#;
 
-pub(crate) struct Page<'a> {
+pub(crate) struct PlotPage<'a> {
     pub(crate) title: &'a str,
     /// What it is about, a paragraph each.
     pub(crate) words: &'a [&'a str],
@@ -35,7 +35,7 @@ pub(crate) struct Page<'a> {
     pub(crate) table: &'a str,
 }
 
-impl Page<'_> {
+impl PlotPage<'_> {
     pub(crate) fn html(&self) -> String {
         let mut html = HEAD.replace("@@", &escaped(self.title));
         // Writing to a string does not fail.

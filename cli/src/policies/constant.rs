@@ -5,25 +5,25 @@ use std::time::Duration;
 use fuseline_engine::arbiter::Arbiter;
 use fuseline_traces::{Cloud, Commit, Decision, Header, Input};
 
-use fuseline_report::{Arrival, Forwarded, Response};
+use fuseline_report::{ArrivalTime, ForwardedOutput, Response};
 
 /// The one timestamp of each run.
 const T: u64 = 0;
 
 /// Fusion with one deadline for all requests.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub(crate) struct Constant {
+pub(crate) struct ConstantPolicy {
     pub(crate) deadline: Duration,
     /// The clouds' priorities, in the order of the sources; no two are the same.
     pub(crate) priorities: Vec<u16>,
 }
 
-impl Constant {
+impl ConstantPolicy {
     /// What becomes of a message by the machine itself; none if it is missed.
     ///
     /// Each source's result arrives as given. An arrival that is unknown does not happen.
-    pub(super) fn forwarded(&self, arrivals: &[Arrival]) -> Option<Forwarded> {
-        let mut machine = Machine::new(self)?;
+    pub(super) fn forwarded(&self, arrivals: &[ArrivalTime]) -> Option<ForwardedOutput> {
+        let mut machine = OneMessageMachine::new(self)?;
         machine.input(Input::Open { at: 0, t: T, deadline: None });
         let places = || [0].into_iter().chain(self.priorities.iter().copied().map(u64::from));
         for p in places().skip(1) {
@@ -39,12 +39,12 @@ impl Constant {
         }
         machine.until(u64::MAX);
         let (p, at) = machine.emitted?;
-        let source = places().position(|place| place == p)?;
-        Some(Forwarded { source, response: Duration::from_nanos(at) })
+        let source = places().position(|priority| priority == p)?;
+        Some(ForwardedOutput { source, response: Duration::from_nanos(at) })
     }
 }
 
-impl Constant {
+impl ConstantPolicy {
     /// The response and whose result may be there before `in_time`, whatever the unknown arrivals
     /// are.
     ///
@@ -52,45 +52,46 @@ impl Constant {
     /// better ones have failed or are due; without such a result local's is, whenever it comes.
     pub(super) fn bounds(
         &self,
-        arrivals: &[Arrival],
+        arrivals: &[ArrivalTime],
         in_time: Duration,
     ) -> (Response, Vec<Option<usize>>) {
         let mut by_rank: Vec<usize> = (0..arrivals.len()).collect();
         by_rank.sort_by_key(|source| {
             source.checked_sub(1).map_or(0, |cloud| u64::from(self.priorities[cloud]))
         });
-        let mut outcomes = Outcomes { response: None, sources: Vec::new(), in_time };
+        let mut outcomes = MessageOutcomes { response: None, sources: Vec::new(), in_time };
         // When all better ones have ended, at the least and at the most.
         let (mut least, mut most) = (Duration::ZERO, Duration::ZERO);
         while let Some(source) = by_rank.pop() {
-            let (came, ended) = match arrivals[source] {
-                Arrival::At(at) if at < self.deadline => {
+            let (response, ended) = match arrivals[source] {
+                ArrivalTime::At(at) if at < self.deadline => {
                     outcomes.add(source, Response::exactly(Some(at)), least, most);
                     return outcomes.all();
                 }
-                Arrival::After(bound) if bound < self.deadline => {
+                ArrivalTime::After(bound) if bound < self.deadline => {
                     (Some(Response { least: bound, most: self.deadline }), (bound, self.deadline))
                 }
-                Arrival::Failed(at) if at < self.deadline => (None, (at, at)),
-                Arrival::At(_) | Arrival::After(_) | Arrival::Failed(_) | Arrival::Never => {
-                    (None, (self.deadline, self.deadline))
-                }
+                ArrivalTime::Failed(at) if at < self.deadline => (None, (at, at)),
+                ArrivalTime::At(_)
+                | ArrivalTime::After(_)
+                | ArrivalTime::Failed(_)
+                | ArrivalTime::Never => (None, (self.deadline, self.deadline)),
             };
             if source == 0 {
                 // Nothing else is there: local's result, or none.
                 match arrivals[0] {
-                    Arrival::At(_) | Arrival::After(_) => {
+                    ArrivalTime::At(_) | ArrivalTime::After(_) => {
                         outcomes.add(0, arrivals[0].into(), least, most);
                     }
-                    Arrival::Failed(_) | Arrival::Never => {}
+                    ArrivalTime::Failed(_) | ArrivalTime::Never => {}
                 }
-                if !matches!(arrivals[0], Arrival::At(_)) {
+                if !matches!(arrivals[0], ArrivalTime::At(_)) {
                     outcomes.none();
                 }
                 return outcomes.all();
             }
-            if let Some(came) = came {
-                outcomes.add(source, came, least, most);
+            if let Some(response) = response {
+                outcomes.add(source, response, least, most);
             }
             (least, most) = (least.max(ended.0), most.max(ended.1));
         }
@@ -100,20 +101,20 @@ impl Constant {
 }
 
 /// What may become of a message.
-struct Outcomes {
+struct MessageOutcomes {
     response: Option<Response>,
     sources: Vec<Option<usize>>,
     in_time: Duration,
 }
 
-impl Outcomes {
+impl MessageOutcomes {
     /// The result of `source` may go, once it is there and the better ones have ended.
-    fn add(&mut self, source: usize, came: Response, least: Duration, most: Duration) {
-        self.widen(Response { least: came.least.max(least), most: came.most.max(most) });
-        if came.least < self.in_time {
+    fn add(&mut self, source: usize, response: Response, least: Duration, most: Duration) {
+        self.widen(Response { least: response.least.max(least), most: response.most.max(most) });
+        if response.least < self.in_time {
             self.sources.push(Some(source));
         }
-        if came.most > self.in_time || came.least >= self.in_time {
+        if response.most > self.in_time || response.least >= self.in_time {
             self.sources.push(None);
         }
     }
@@ -136,23 +137,23 @@ impl Outcomes {
 }
 
 /// When and how a source's part ends, if it is known to.
-fn end(arrival: Arrival, p: u64) -> Option<(u64, Input)> {
+fn end(arrival: ArrivalTime, p: u64) -> Option<(u64, Input)> {
     match arrival {
-        Arrival::At(at) => Some((nanos(at), Input::Result { at: nanos(at), t: T, p })),
-        Arrival::Failed(at) => Some((nanos(at), Input::Fail { at: nanos(at), t: T, p })),
-        Arrival::After(_) | Arrival::Never => None,
+        ArrivalTime::At(at) => Some((nanos(at), Input::Result { at: nanos(at), t: T, p })),
+        ArrivalTime::Failed(at) => Some((nanos(at), Input::Fail { at: nanos(at), t: T, p })),
+        ArrivalTime::After(_) | ArrivalTime::Never => None,
     }
 }
 
 /// The machine with one timestamp.
-struct Machine {
+struct OneMessageMachine {
     arbiter: Arbiter<15, 1>,
     /// Whose result was forwarded, and when.
     emitted: Option<(u64, u64)>,
 }
 
-impl Machine {
-    fn new(constant: &Constant) -> Option<Self> {
+impl OneMessageMachine {
+    fn new(constant: &ConstantPolicy) -> Option<Self> {
         let cloud = |p: &u16| Cloud { p: *p, name: None, limit: 1, resume: 0 };
         let clouds = constant.priorities.iter().map(cloud).collect();
         // All timers fire at once, so either rule decides the same.
@@ -189,20 +190,20 @@ mod tests {
         Duration::from_millis(ms)
     }
 
-    fn at(millis: u64) -> Arrival {
-        Arrival::At(ms(millis))
+    fn at(millis: u64) -> ArrivalTime {
+        ArrivalTime::At(ms(millis))
     }
 
     /// The first cloud outranks the second.
-    fn forwarded(arrivals: [Arrival; 3]) -> Option<(usize, u128)> {
-        let constant = Constant { deadline: ms(500), priorities: vec![9, 4] };
+    fn forwarded(arrivals: [ArrivalTime; 3]) -> Option<(usize, u128)> {
+        let constant = ConstantPolicy { deadline: ms(500), priorities: vec![9, 4] };
         let forwarded = constant.forwarded(&arrivals)?;
         Some((forwarded.source, forwarded.response.as_millis()))
     }
 
     #[test]
     fn a_message_ends_as_the_machine_ends_it() {
-        let (failed, never) = (|millis| Arrival::Failed(ms(millis)), Arrival::Never);
+        let (failed, never) = (|millis| ArrivalTime::Failed(ms(millis)), ArrivalTime::Never);
         for (arrivals, expected) in [
             ([at(300), at(150), at(100)], Some((1, 150))),
             // What is there waits for what is better, until the due instant, which is late itself.
@@ -216,7 +217,7 @@ mod tests {
             ([at(300), failed(0), failed(0)], Some((0, 300))),
             ([at(300), failed(350), failed(320)], Some((0, 350))),
             ([failed(0), never, failed(0)], None),
-            ([at(300), Arrival::After(ms(200)), at(100)], Some((2, 500))),
+            ([at(300), ArrivalTime::After(ms(200)), at(100)], Some((2, 500))),
         ] {
             assert_eq!(forwarded(arrivals), expected, "{arrivals:?}");
         }

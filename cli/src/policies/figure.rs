@@ -4,12 +4,12 @@ use serde::{Serialize, Serializer};
 
 /// A figure, as far as it is known: exact if both are the same.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) struct Figure<T> {
+pub(crate) struct BoundedFigure<T> {
     pub(crate) at_least: T,
     pub(crate) at_most: T,
 }
 
-impl<T: Copy + PartialOrd> Figure<T> {
+impl<T: Copy + PartialOrd> BoundedFigure<T> {
     pub(crate) const fn exactly(value: T) -> Self {
         Self { at_least: value, at_most: value }
     }
@@ -30,18 +30,18 @@ impl<T: Copy + PartialOrd> Figure<T> {
     }
 
     /// The bounds mapped, by what keeps their order.
-    pub(crate) fn map<U>(self, map: impl Fn(T) -> U) -> Figure<U> {
-        Figure { at_least: map(self.at_least), at_most: map(self.at_most) }
+    pub(crate) fn map<U>(self, map: impl Fn(T) -> U) -> BoundedFigure<U> {
+        BoundedFigure { at_least: map(self.at_least), at_most: map(self.at_most) }
     }
 }
 
-impl<T: std::ops::Add<Output = T>> Figure<T> {
+impl<T: std::ops::Add<Output = T>> BoundedFigure<T> {
     pub(crate) fn add(self, other: Self) -> Self {
         Self { at_least: self.at_least + other.at_least, at_most: self.at_most + other.at_most }
     }
 }
 
-impl<T: Copy + PartialOrd + Serialize> Serialize for Figure<T> {
+impl<T: Copy + PartialOrd + Serialize> Serialize for BoundedFigure<T> {
     /// The number; `{"at_least":…,"at_most":…}` where it is not known.
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         #[derive(Serialize)]

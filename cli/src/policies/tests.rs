@@ -11,38 +11,38 @@ const fn ms(ms: u64) -> Duration {
     Duration::from_millis(ms)
 }
 
-fn message(arrivals: [Arrival; 3], forwarded: Option<(usize, u64)>) -> Message {
+fn message(arrivals: [ArrivalTime; 3], forwarded: Option<(usize, u64)>) -> MessageRecord {
     let forwarded =
-        forwarded.map(|(source, response)| Forwarded { source, response: ms(response) });
-    Message { arrivals: arrivals.to_vec(), forwarded }
+        forwarded.map(|(source, response)| ForwardedOutput { source, response: ms(response) });
+    MessageRecord { arrivals: arrivals.to_vec(), forwarded }
 }
 
-fn at(millis: u64) -> Arrival {
-    Arrival::At(ms(millis))
+fn at(millis: u64) -> ArrivalTime {
+    ArrivalTime::At(ms(millis))
 }
 
-fn constant() -> Policy {
+fn constant() -> ComparedPolicy {
     let (deadline, priorities) = (DEADLINE, vec![1, 2]);
-    Policy::Constant(Constant { deadline, priorities })
+    ComparedPolicy::Constant(ConstantPolicy { deadline, priorities })
 }
 
-fn score(policy: &Policy, messages: &[Message]) -> PolicyScore {
+fn score(policy: &ComparedPolicy, messages: &[MessageRecord]) -> PolicyScore {
     policy.score(messages, &APS, DEADLINE)
 }
 
 /// One message that the best cloud wins, and one where both networks fail.
-fn two() -> [Message; 2] {
+fn two() -> [MessageRecord; 2] {
     [
         message([at(300), at(150), at(170)], Some((2, 170))),
-        message([at(310), at(9_000), Arrival::Never], Some((0, 500))),
+        message([at(310), at(9_000), ArrivalTime::Never], Some((0, 500))),
     ]
 }
 
-fn close(found: Option<Figure<f64>>, expected: f64) -> bool {
+fn close(found: Option<BoundedFigure<f64>>, expected: f64) -> bool {
     between(found, expected, expected)
 }
 
-fn between(found: Option<Figure<f64>>, least: f64, most: f64) -> bool {
+fn between(found: Option<BoundedFigure<f64>>, least: f64, most: f64) -> bool {
     let is_close = |(found, expected): (f64, f64)| (found - expected).abs() < 1e-9;
     found.is_some_and(|it| is_close((it.at_least, least)) && is_close((it.at_most, most)))
 }
@@ -50,7 +50,7 @@ fn between(found: Option<Figure<f64>>, least: f64, most: f64) -> bool {
 /// What is available at its due instant is the first response or better, so that nothing is in time without it.
 #[test]
 fn one_deadline_is_in_time_wherever_the_first_response_is() {
-    let failed = |millis| Arrival::Failed(ms(millis));
+    let failed = |millis| ArrivalTime::Failed(ms(millis));
     let all = [
         at(100),
         at(300),
@@ -60,11 +60,11 @@ fn one_deadline_is_in_time_wherever_the_first_response_is() {
         failed(0),
         failed(300),
         failed(600),
-        Arrival::Never,
+        ArrivalTime::Never,
     ];
     for (local, west, east) in (0..all.len().pow(3)).map(|i| (i / 81, i / 9 % 9, i % 9)) {
         let one = [message([all[local], all[west], all[east]], None)];
-        let (constant, first) = (score(&constant(), &one), score(&Policy::FirstWins, &one));
+        let (constant, first) = (score(&constant(), &one), score(&ComparedPolicy::FirstWins, &one));
         assert!(constant.in_time.at_least >= first.in_time.at_most, "{one:?}");
         let (of_constant, of_first) = (constant.ap.unwrap(), first.ap.unwrap());
         assert!(of_constant.at_least >= of_first.at_most, "{one:?}");
@@ -74,31 +74,31 @@ fn one_deadline_is_in_time_wherever_the_first_response_is() {
 #[test]
 fn each_policy_takes_its_own_result() {
     for (policy, ap, in_time) in [
-        (Policy::Fusion, 46.0, 2),
+        (ComparedPolicy::Fusion, 46.0, 2),
         (constant(), 46.0, 2),
-        (Policy::LocalOnly, 40.0, 2),
-        (Policy::CloudOnly(1), 22.0, 1),
-        (Policy::CloudOnly(2), 26.0, 1),
-        (Policy::FirstWins, 42.0, 2),
+        (ComparedPolicy::LocalOnly, 40.0, 2),
+        (ComparedPolicy::CloudOnly(1), 22.0, 1),
+        (ComparedPolicy::CloudOnly(2), 26.0, 1),
+        (ComparedPolicy::FirstWins, 42.0, 2),
     ] {
         let score = score(&policy, &two());
         assert!(close(score.ap, ap), "{policy:?}: {score:?}");
-        assert_eq!(score.in_time, Figure::exactly(in_time), "{policy:?}");
+        assert_eq!(score.in_time, BoundedFigure::exactly(in_time), "{policy:?}");
     }
 }
 
 #[test]
 fn a_result_at_the_deadline_counts_as_late() {
     let late = [message([at(500), at(499), at(501)], Some((0, 500)))];
-    assert_eq!(score(&Policy::LocalOnly, &late).in_time, Figure::exactly(0));
-    assert_eq!(score(&Policy::CloudOnly(1), &late).in_time, Figure::exactly(1));
-    assert_eq!(score(&Policy::Fusion, &late).in_time, Figure::exactly(0));
+    assert_eq!(score(&ComparedPolicy::LocalOnly, &late).in_time, BoundedFigure::exactly(0));
+    assert_eq!(score(&ComparedPolicy::CloudOnly(1), &late).in_time, BoundedFigure::exactly(1));
+    assert_eq!(score(&ComparedPolicy::Fusion, &late).in_time, BoundedFigure::exactly(0));
 }
 
 #[test]
 fn fusion_is_in_time_by_its_results_arrival_though_it_leaves_at_the_deadline() {
     let held = [message([at(300), at(9_000), at(9_000)], Some((0, 501)))];
-    let score = score(&Policy::Fusion, &held);
+    let score = score(&ComparedPolicy::Fusion, &held);
     assert_eq!(
         (score.in_time.exact(), score.quantiles[0]),
         (Some(1), Some(Quantile::Exactly(ms(501))))
@@ -107,22 +107,23 @@ fn fusion_is_in_time_by_its_results_arrival_though_it_leaves_at_the_deadline() {
 
 #[test]
 fn a_missed_message_counts_zero_and_never_responds() {
-    let missed = [message([Arrival::Never; 3], None), message([at(1); 3], Some((2, 1)))];
-    let score = score(&Policy::Fusion, &missed);
+    let missed = [message([ArrivalTime::Never; 3], None), message([at(1); 3], Some((2, 1)))];
+    let score = score(&ComparedPolicy::Fusion, &missed);
     assert!(close(score.ap, 26.0), "{score:?}");
     assert_eq!(score.quantiles[1], Some(Quantile::Never));
 }
 
 #[test]
 fn an_ended_call_leaves_the_ap_open_only_before_the_deadline() {
-    let ended = |bound| [message([at(300), at(150), Arrival::After(ms(bound))], Some((0, 500)))];
-    assert!(close(score(&Policy::CloudOnly(2), &ended(500)).ap, 0.0));
-    let open = score(&Policy::CloudOnly(2), &ended(499));
+    let ended =
+        |bound| [message([at(300), at(150), ArrivalTime::After(ms(bound))], Some((0, 500)))];
+    assert!(close(score(&ComparedPolicy::CloudOnly(2), &ended(500)).ap, 0.0));
+    let open = score(&ComparedPolicy::CloudOnly(2), &ended(499));
     assert!(between(open.ap, 0.0, 52.0), "{open:?}");
-    assert_eq!(open.in_time, Figure { at_least: 0, at_most: 1 });
+    assert_eq!(open.in_time, BoundedFigure { at_least: 0, at_most: 1 });
     // Who is first is known while the unknown one is later.
-    assert!(close(score(&Policy::FirstWins, &ended(150)).ap, 44.0));
-    let open = score(&Policy::FirstWins, &ended(149));
+    assert!(close(score(&ComparedPolicy::FirstWins, &ended(150)).ap, 44.0));
+    let open = score(&ComparedPolicy::FirstWins, &ended(149));
     assert!(between(open.ap, 44.0, 52.0), "{open:?}");
     assert_eq!(open.quantiles[0], Some(Quantile::AtLeast(ms(149))));
 }
@@ -130,80 +131,83 @@ fn an_ended_call_leaves_the_ap_open_only_before_the_deadline() {
 /// Two clouds elsewhere, the better one always first: its result ends the other's call.
 #[test]
 fn what_is_known_to_come_first_is_in_time_whatever_would_have_followed() {
-    let won = [message([at(209), at(94), Arrival::After(ms(94))], Some((1, 94)))];
-    let first = score(&Policy::FirstWins, &won);
-    assert_eq!(first.in_time, Figure::exactly(1));
+    let won = [message([at(209), at(94), ArrivalTime::After(ms(94))], Some((1, 94)))];
+    let first = score(&ComparedPolicy::FirstWins, &won);
+    assert_eq!(first.in_time, BoundedFigure::exactly(1));
     assert_eq!(first.quantiles, [Some(Quantile::Exactly(ms(94))); 3]);
-    let ended = [message([at(209), Arrival::After(ms(152)), Arrival::After(ms(152))], None)];
-    assert_eq!(score(&Policy::FirstWins, &ended).in_time, Figure::exactly(1));
-    let cloud = score(&Policy::CloudOnly(1), &ended);
-    assert_eq!(cloud.in_time, Figure { at_least: 0, at_most: 1 });
+    let ended =
+        [message([at(209), ArrivalTime::After(ms(152)), ArrivalTime::After(ms(152))], None)];
+    assert_eq!(score(&ComparedPolicy::FirstWins, &ended).in_time, BoundedFigure::exactly(1));
+    let cloud = score(&ComparedPolicy::CloudOnly(1), &ended);
+    assert_eq!(cloud.in_time, BoundedFigure { at_least: 0, at_most: 1 });
 }
 
 #[test]
 fn with_a_constant_what_is_unknown_leaves_open_what_may_depend_on_it() {
     let unknown = |bound| {
-        let arrivals = [at(300), at(150), Arrival::After(ms(bound))];
+        let arrivals = [at(300), at(150), ArrivalTime::After(ms(bound))];
         score(&constant(), &[message(arrivals, Some((1, 287)))])
     };
     assert!(between(unknown(287).ap, 44.0, 52.0) && close(unknown(500).ap, 44.0));
-    assert_eq!(unknown(287).in_time, Figure::exactly(1));
+    assert_eq!(unknown(287).in_time, BoundedFigure::exactly(1));
     assert_eq!(unknown(287).quantiles[0], Some(Quantile::AtLeast(ms(287))));
     assert_eq!(unknown(500).quantiles[0], Some(Quantile::Exactly(ms(500))));
 }
 
 #[test]
 fn the_median_of_outages_is_that_of_messages_without_a_result_in_time() {
-    let refused = Arrival::Failed(Duration::ZERO);
+    let refused = ArrivalTime::Failed(Duration::ZERO);
     let messages = [
         message([at(300), at(150), at(170)], Some((2, 170))),
         message([at(310), at(9_000), at(100)], Some((2, 100))),
-        message([at(320), at(150), Arrival::Never], Some((1, 290))),
+        message([at(320), at(150), ArrivalTime::Never], Some((1, 290))),
         message([at(330), at(500), refused], Some((0, 330))),
-        message([at(340), Arrival::Failed(ms(9)), refused], Some((0, 340))),
+        message([at(340), ArrivalTime::Failed(ms(9)), refused], Some((0, 340))),
     ];
-    let outage = |policy: Policy| score(&policy, &messages).outage;
-    assert_eq!(outage(Policy::Fusion), Some(Quantile::Exactly(ms(290))));
+    let outage = |policy: ComparedPolicy| score(&policy, &messages).outage;
+    assert_eq!(outage(ComparedPolicy::Fusion), Some(Quantile::Exactly(ms(290))));
     assert_eq!(outage(constant()), Some(Quantile::Exactly(ms(500))));
-    assert_eq!(score(&Policy::Fusion, &messages[..1]).outage, None);
+    assert_eq!(score(&ComparedPolicy::Fusion, &messages[..1]).outage, None);
 }
 
 #[test]
 fn a_model_without_figure_leaves_the_ap_open() {
-    let score = Policy::Fusion.score(&two(), &[Some(40.0), None, None], DEADLINE);
+    let score = ComparedPolicy::Fusion.score(&two(), &[Some(40.0), None, None], DEADLINE);
     assert_eq!(score.ap, None);
 }
 
 #[test]
 fn requests_are_what_each_policy_needs_of_those_admitted() {
-    let requests = |policy: Policy| policy.needs(&[300, 250, 200]);
-    assert_eq!(requests(Policy::Fusion), None);
-    assert_eq!(requests(Policy::LocalOnly), Some(0));
-    assert_eq!(requests(Policy::CloudOnly(1)), Some(250));
-    assert_eq!(requests(Policy::FirstWins), Some(450));
+    let requests = |policy: ComparedPolicy| policy.needs(&[300, 250, 200]);
+    assert_eq!(requests(ComparedPolicy::Fusion), None);
+    assert_eq!(requests(ComparedPolicy::LocalOnly), Some(0));
+    assert_eq!(requests(ComparedPolicy::CloudOnly(1)), Some(250));
+    assert_eq!(requests(ComparedPolicy::FirstWins), Some(450));
 }
 
 /// A source's true arrival, and until when its call was watched if it was ended before.
-fn arrivals() -> impl Strategy<Value = [(Arrival, Option<u64>); 3]> {
+fn arrivals() -> impl Strategy<Value = [(ArrivalTime, Option<u64>); 3]> {
     // Few instants, so that many are the same and many are around the deadline.
     let instant = || prop_oneof![0..12_u64, 480..520_u64, 0..900_u64];
     let arrival = prop_oneof![
         6 => instant().prop_map(at),
-        1 => instant().prop_map(|millis| Arrival::Failed(ms(millis))),
-        1 => Just(Arrival::Never),
+        1 => instant().prop_map(|millis| ArrivalTime::Failed(ms(millis))),
+        1 => Just(ArrivalTime::Never),
     ];
     let source = (arrival, prop::option::weighted(0.5, instant()));
     [source.clone(), source.clone(), source]
 }
 
 /// What a trace shows of it: nothing after the instant when the call was ended.
-fn seen((arrival, ended): (Arrival, Option<u64>)) -> Arrival {
+fn censored_arrival((arrival, ended): (ArrivalTime, Option<u64>)) -> ArrivalTime {
     let bound = ended.map_or(Duration::MAX, ms);
     match arrival {
-        Arrival::At(at) | Arrival::Failed(at) if at <= bound => arrival,
-        Arrival::Never if ended.is_none() => arrival,
-        Arrival::At(_) | Arrival::Failed(_) | Arrival::Never => Arrival::After(bound),
-        Arrival::After(_) => unreachable!("a true arrival is known"),
+        ArrivalTime::At(at) | ArrivalTime::Failed(at) if at <= bound => arrival,
+        ArrivalTime::Never if ended.is_none() => arrival,
+        ArrivalTime::At(_) | ArrivalTime::Failed(_) | ArrivalTime::Never => {
+            ArrivalTime::After(bound)
+        }
+        ArrivalTime::After(_) => unreachable!("a true arrival is known"),
     }
 }
 
@@ -229,14 +233,14 @@ proptest! {
         messages in prop::collection::vec(arrivals(), 1..12),
         order in prop::bool::ANY,
     ) {
-        let with = |arrival: fn((Arrival, Option<u64>)) -> Arrival| -> Vec<Message> {
+        let with = |arrival: fn((ArrivalTime, Option<u64>)) -> ArrivalTime| -> Vec<MessageRecord> {
             messages.iter().map(|sources| message(sources.map(arrival), None)).collect()
         };
-        let (censored, known) = (with(seen), with(|(arrival, _)| arrival));
+        let (censored, known) = (with(censored_arrival), with(|(arrival, _)| arrival));
         let priorities = if order { vec![1, 2] } else { vec![2, 1] };
-        let constant = Policy::Constant(Constant { deadline: DEADLINE, priorities });
-        let others = [Policy::LocalOnly, Policy::CloudOnly(1), Policy::CloudOnly(2)];
-        for policy in others.into_iter().chain([Policy::FirstWins, constant]) {
+        let constant = ComparedPolicy::Constant(ConstantPolicy { deadline: DEADLINE, priorities });
+        let others = [ComparedPolicy::LocalOnly, ComparedPolicy::CloudOnly(1), ComparedPolicy::CloudOnly(2)];
+        for policy in others.into_iter().chain([ComparedPolicy::FirstWins, constant]) {
             let [bound, exact] = [&censored, &known].map(|messages| score(&policy, messages));
             let reported = format!("{policy:?}: {bound:?} does not hold {exact:?}");
             let (ap, exact_ap) = (bound.ap.unwrap(), exact.ap.unwrap());
@@ -244,7 +248,7 @@ proptest! {
             prop_assert!(ap.at_least <= exact_ap.at_least + 1e-9, "{}", reported);
             prop_assert!(ap.at_most >= exact_ap.at_most - 1e-9, "{}", reported);
             let in_time = exact.in_time.exact().expect("all is known");
-            let Figure { at_least, at_most } = bound.in_time;
+            let BoundedFigure { at_least, at_most } = bound.in_time;
             prop_assert!((at_least..=at_most).contains(&in_time), "{}", reported);
             for (bound, exact) in bound.quantiles.into_iter().zip(exact.quantiles) {
                 prop_assert!(holds(bound, exact), "{}", reported);
@@ -257,7 +261,7 @@ proptest! {
     #[test]
     fn the_bounds_of_a_constant_are_exact_where_all_is_known(sources in arrivals()) {
         let arrivals = sources.map(|(arrival, _)| arrival);
-        let constant = Constant { deadline: DEADLINE, priorities: vec![2, 1] };
+        let constant = ConstantPolicy { deadline: DEADLINE, priorities: vec![2, 1] };
         let forwarded = constant.forwarded(&arrivals);
         let response = Response::exactly(forwarded.map(|forwarded| forwarded.response));
         prop_assert_eq!(constant.bounds(&arrivals, DEADLINE).0, response);

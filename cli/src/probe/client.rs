@@ -7,7 +7,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use tokio::task::JoinSet;
 use tokio::time::{Instant, interval, sleep_until, timeout};
 
-use crate::probe::log::Log;
+use crate::probe::log::ProbeLog;
 
 /// How long calls that are under way are waited for once the user ends the probe.
 const GRACE: Duration = Duration::from_secs(1);
@@ -25,16 +25,16 @@ pub(crate) struct Schedule {
 /// Sends by the schedule until it is done, or until `end` and a second more for what is under way.
 /// Every `look` the log is written and shown.
 ///
-/// `ask` makes the call of a slot; false is a failure.
+/// `send_request` makes the call of a slot; false is a failure.
 ///
 /// # Errors
 /// If the recording cannot be written; the probe ends then.
 pub(crate) async fn drive<W: Write, Fut>(
-    log: &mut Log<W>,
+    log: &mut ProbeLog<W>,
     schedule: &Schedule,
-    ask: impl Fn(u64) -> Fut,
+    send_request: impl Fn(u64) -> Fut,
     end: impl Future<Output = ()>,
-    (look, mut show): (Duration, impl FnMut(&Log<W>, Duration)),
+    (look, mut show): (Duration, impl FnMut(&ProbeLog<W>, Duration)),
 ) -> Result<(), csv::Error>
 where
     Fut: Future<Output = bool> + Send + 'static,
@@ -67,7 +67,7 @@ where
                 slot += overslept(log, schedule, slot, start.elapsed());
                 let (due, now) = (schedule.due(slot), Instant::now());
                 if let Some(number) = log.slot(due, now - start, utc_ms()) {
-                    let call = timeout(schedule.give_up, ask(slot));
+                    let call = timeout(schedule.give_up, send_request(slot));
                     calls.spawn(async move {
                         let is_answered = call.await.is_ok_and(|is_answered| is_answered);
                         (number, is_answered.then(|| now.elapsed()))
@@ -92,7 +92,12 @@ impl Schedule {
 }
 
 /// Skips the slots before the one that is due now: they are not made up. Says how many.
-fn overslept<W: Write>(log: &mut Log<W>, schedule: &Schedule, slot: u64, now: Duration) -> u64 {
+fn overslept<W: Write>(
+    log: &mut ProbeLog<W>,
+    schedule: &Schedule,
+    slot: u64,
+    now: Duration,
+) -> u64 {
     let last = schedule.slots.map_or(u64::MAX, |slots| slots.saturating_sub(1));
     let mut passed = 0;
     while slot + passed < last && schedule.due(slot + passed + 1) <= now {

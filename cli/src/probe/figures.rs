@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use fuseline_report::Quantile;
 
-/// The longest time that is told apart, in microseconds: an hour.
+/// The longest time that is distinguished, in microseconds: an hour.
 const LONGEST_US: u64 = 3_600_000_000;
 /// Times are kept to so many digits.
 const DIGITS: u8 = 4;
@@ -21,7 +21,7 @@ pub(crate) struct Spread {
 
 /// How many of what.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize)]
-pub(crate) struct Counts {
+pub(crate) struct RequestCounts {
     /// Slots that came: sent, skipped or missed.
     pub(crate) slots: u64,
     pub(crate) sent: u64,
@@ -42,7 +42,7 @@ pub(crate) struct Counts {
 /// Everything that was measured.
 #[derive(Clone)]
 pub(crate) struct Figures {
-    pub(crate) counts: Counts,
+    pub(crate) counts: RequestCounts,
     pub(crate) paused: Duration,
     /// Round trips of answers.
     pub(crate) answers: Spread,
@@ -63,7 +63,7 @@ pub(crate) struct QuantileRow {
 impl Figures {
     pub(crate) fn new() -> Self {
         let (answers, slots) = (Spread::new(), Spread::new());
-        Self { counts: Counts::default(), paused: Duration::ZERO, answers, slots }
+        Self { counts: RequestCounts::default(), paused: Duration::ZERO, answers, slots }
     }
 }
 

@@ -6,17 +6,17 @@ use std::time::Duration;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::complain::complain;
-use crate::probe::log::Log;
+use crate::probe::log::ProbeLog;
 use crate::probe::options::Args;
 use crate::probe::summary::{counted, quantile};
 
 /// What standard error shows while the probe runs.
-pub(crate) struct Live {
+pub(crate) struct ProbeProgress {
     bar: Option<ProgressBar>,
     span: Option<Duration>,
 }
 
-impl Live {
+impl ProbeProgress {
     pub(crate) fn new(args: &Args) -> Self {
         let bar = io::stderr().is_terminal().then(|| {
             let total =
@@ -39,7 +39,7 @@ impl Live {
     }
 
     /// Shows how things are, `now` since the beginning.
-    pub(crate) fn show<W: Write>(&self, log: &Log<W>, now: Duration) {
+    pub(crate) fn show<W: Write>(&self, log: &ProbeLog<W>, now: Duration) {
         let (time, state) = (self.time(now), state(log));
         match &self.bar {
             Some(bar) => {
@@ -63,7 +63,7 @@ impl Live {
     }
 }
 
-fn state<W: Write>(log: &Log<W>) -> String {
+fn state<W: Write>(log: &ProbeLog<W>) -> String {
     let counts = log.figures.counts;
     let queued = log.pace.queued();
     let state = if log.pace.is_paused() { "paused, " } else { "" };

@@ -5,14 +5,14 @@ use std::time::Duration;
 
 use crate::probe::figures::Figures;
 use crate::probe::pace::{SendPacing, SlotAction};
-use crate::probe::row::{RequestOutcome, Row, Rows};
+use crate::probe::row::{RequestOutcome, SlotRow, SlotRows};
 
 /// Slots, requests and their ends, in the order in which they happen. Times are since the beginning.
-pub(crate) struct Log<W: Write> {
+pub(crate) struct ProbeLog<W: Write> {
     pub(crate) pace: SendPacing,
     pub(crate) figures: Figures,
     pub(crate) latest: Option<Duration>,
-    rows: Rows<W>,
+    rows: SlotRows<W>,
     period: Duration,
     /// What an answer needs besides, and when it must all be done.
     runtime: Duration,
@@ -27,9 +27,9 @@ struct Pause {
     skipped: u32,
 }
 
-impl<W: Write> Log<W> {
+impl<W: Write> ProbeLog<W> {
     pub(crate) fn new(
-        rows: Rows<W>,
+        rows: SlotRows<W>,
         period: Duration,
         (runtime, deadline): (Duration, Duration),
     ) -> Self {
@@ -39,7 +39,7 @@ impl<W: Write> Log<W> {
 
     /// A slot was due and is here; gives the number of its row if a request is to be sent.
     pub(crate) fn slot(&mut self, due: Duration, now: Duration, utc_ms: i64) -> Option<u64> {
-        let row = Row {
+        let row = SlotRow {
             sent: now,
             queued: self.pace.queued(),
             utc_ms,
@@ -55,7 +55,7 @@ impl<W: Write> Log<W> {
             SlotAction::Pause => {
                 counts.pauses += 1;
                 counts.skipped += 1;
-                self.rows.add(Row { request_outcome: RequestOutcome::Lost, ..row });
+                self.rows.add(SlotRow { request_outcome: RequestOutcome::Lost, ..row });
                 self.pause = Some(Pause { first: due, skipped: 1 });
                 None
             }

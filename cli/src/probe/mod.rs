@@ -34,13 +34,13 @@ use crate::interrupt::Interrupt;
 use crate::output::{self, Growing};
 use crate::plot::Folder;
 use crate::probe::client::{Schedule, drive};
-use crate::probe::live::Live;
-use crate::probe::log::Log;
+use crate::probe::live::ProbeProgress;
+use crate::probe::log::ProbeLog;
 use crate::probe::position::Fixes;
-use crate::probe::row::Rows;
-use crate::probe::summary::Summary;
+use crate::probe::row::SlotRows;
+use crate::probe::summary::ProbeSummary;
 use crate::run::served::Served;
-use crate::sink::Sink;
+use crate::sink::OutputSink;
 
 pub(crate) use crate::probe::options::Args;
 
@@ -96,7 +96,7 @@ fn again(recording: &Path, args: &Args) -> Result<(), Fault> {
     }
     let Some((path, folder)) = folder(args)? else { return Ok(()) };
     let files = plots::plot(recording, &folder, None)?;
-    Sink::new(anstream::stdout())
+    OutputSink::new(anstream::stdout())
         .write_all(summary::plotted(path, &files).as_bytes())
         .map_err(Fault::Output)
 }
@@ -131,20 +131,20 @@ async fn measure(args: &Args, interrupt: &Interrupt) -> Result<(), Fault> {
     let name = csv.path().display().to_string();
     let unwritten = |source| ProbeError::Write { file: name.clone(), source };
     let file = csv.empty().map_err(|source| Fault::Create { name: name.clone(), source })?;
-    let rows = Rows::new(BufWriter::new(file), fixes).map_err(unwritten)?;
+    let rows = SlotRows::new(BufWriter::new(file), fixes).map_err(unwritten)?;
     let schedule = Schedule { rate: args.rate, slots: args.slots(), give_up: args.give_up };
-    let mut log = Log::new(rows, args.period(), (args.runtime(), args.deadline()));
-    let live = Live::new(args);
-    let ask = |slot| {
+    let mut log = ProbeLog::new(rows, args.period(), (args.runtime(), args.deadline()));
+    let live = ProbeProgress::new(args);
+    let send_request = |slot| {
         let (client, payload) = (client.clone(), payload.clone());
         async move { call(client, slot, payload).await.is_ok() }
     };
-    let look = (live.period(), |log: &Log<_>, now| live.show(log, now));
-    let wrote = drive(&mut log, &schedule, ask, interrupt.wait(), look).await;
+    let look = (live.period(), |log: &ProbeLog<_>, now| live.show(log, now));
+    let written = drive(&mut log, &schedule, send_request, interrupt.wait(), look).await;
     live.end();
-    let mut summary = Summary::new((args, csv.path()), url, &log.figures, interrupt.came());
+    let mut summary = ProbeSummary::new((args, csv.path()), url, &log.figures, interrupt.is_set());
     // What was measured is printed whatever becomes of the files.
-    let wrote = wrote.map_err(|source| unwritten(source).into()).and_then(|()| {
+    let written = written.map_err(|source| unwritten(source).into()).and_then(|()| {
         if let Some((_, folder)) = &folder {
             summary.plots = plots::plot(csv.path(), folder, Some(&summary.to_string()))?;
         }
@@ -153,13 +153,15 @@ async fn measure(args: &Args, interrupt: &Interrupt) -> Result<(), Fault> {
     print_report(&summary, args.json).map_err(Fault::Output)?;
     if let Some((path, _)) = folder.filter(|_| !args.json && !summary.plots.is_empty()) {
         let reported = summary::plotted(path, &summary.plots);
-        Sink::new(anstream::stdout()).write_all(reported.as_bytes()).map_err(Fault::Output)?;
+        OutputSink::new(anstream::stdout())
+            .write_all(reported.as_bytes())
+            .map_err(Fault::Output)?;
     }
-    wrote
+    written
 }
 
-fn print_report(summary: &Summary, is_json: bool) -> io::Result<()> {
-    let mut out = Sink::new(anstream::stdout());
+fn print_report(summary: &ProbeSummary, is_json: bool) -> io::Result<()> {
+    let mut out = OutputSink::new(anstream::stdout());
     if is_json {
         serde_json::to_writer(&mut out, summary)?;
         writeln!(out)
@@ -172,7 +174,7 @@ fn print_report(summary: &Summary, is_json: bool) -> io::Result<()> {
 async fn warn_of_model(url: &str, connection: Connection) {
     let mut served = Served::default();
     // No difference: nothing was said of it before.
-    let _ = served.ask(connection).await;
+    let _ = served.describe(connection).await;
     let Served { model, runtime, drive, .. } = served;
     if model.is_none() && runtime.is_none() && drive.is_none() {
         return;

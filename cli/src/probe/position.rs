@@ -45,7 +45,7 @@ pub(crate) struct Fix {
 pub(crate) struct Fixes(Arc<Mutex<VecDeque<Fix>>>);
 
 impl Fixes {
-    /// Adds one; what no place is, is none.
+    /// Adds one; what is no position is ignored.
     pub(crate) fn add(&self, fix: Fix) {
         let is_place = (-90.0..=90.0).contains(&fix.lat) && (-180.0..=180.0).contains(&fix.lon);
         if !is_place {
@@ -56,15 +56,15 @@ impl Fixes {
         if fixes.len() == FIXES {
             fixes.pop_front();
         }
-        let place = fixes.partition_point(|other| other.utc_ms <= fix.utc_ms);
-        fixes.insert(place, Fix { speed_mps, ..fix });
+        let index = fixes.partition_point(|other| other.utc_ms <= fix.utc_ms);
+        fixes.insert(index, Fix { speed_mps, ..fix });
     }
 
     /// The one nearest to a time of day, if it is near.
     pub(crate) fn nearest(&self, utc_ms: i64) -> Option<Fix> {
         let fixes = self.lock();
-        let place = fixes.partition_point(|fix| fix.utc_ms <= utc_ms);
-        let around = [place.checked_sub(1).and_then(|place| fixes.get(place)), fixes.get(place)];
+        let index = fixes.partition_point(|fix| fix.utc_ms <= utc_ms);
+        let around = [index.checked_sub(1).and_then(|index| fixes.get(index)), fixes.get(index)];
         let away = |fix: &Fix| fix.utc_ms.abs_diff(utc_ms);
         around.into_iter().flatten().copied().min_by_key(away).filter(|fix| away(fix) <= NEAR_MS)
     }

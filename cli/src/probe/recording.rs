@@ -19,7 +19,7 @@ const LATEST_MS: f64 = 1e12;
 const LONGEST_MS: f64 = 86_400_000.0;
 
 /// A recording that can be read more than once.
-pub(crate) struct Recording {
+pub(crate) struct ProbeRecording {
     name: String,
     file: File,
 }
@@ -32,7 +32,7 @@ pub(crate) struct PlotRow {
     /// In milliseconds; none if there was no answer.
     pub(crate) round_trip: Option<f64>,
     /// Latitude and longitude, in degrees.
-    pub(crate) place: Option<(f64, f64)>,
+    pub(crate) position: Option<(f64, f64)>,
     /// Whether a pause began and nothing was sent.
     pub(crate) is_pause: bool,
 }
@@ -53,7 +53,7 @@ impl From<RecordingError> for Fault {
 }
 
 #[derive(Deserialize)]
-struct Cells {
+struct RowCells {
     sent_ms: f64,
     rtt_ms: f64,
     lat: Option<f64>,
@@ -61,7 +61,7 @@ struct Cells {
     queued: Option<u64>,
 }
 
-impl Recording {
+impl ProbeRecording {
     /// The recording at `path`.
     ///
     /// # Errors
@@ -82,7 +82,7 @@ impl Recording {
         let name = || self.name.clone();
         let fault = |source| RecordingError::Csv { name: name(), source };
         self.file.rewind().map_err(|source| Fault::Open { name: name(), source })?;
-        let text = Lines { text: &self.file, since: 0 };
+        let text = BoundedLines { text: &self.file, since: 0 };
         // A quoted cell could hold lines without end.
         let mut rows = TableReader::new(text, csv::ReaderBuilder::new().quoting(false));
         let columns = rows.names().map_err(fault)?;
@@ -91,7 +91,7 @@ impl Recording {
             && let Some((line, row)) = rows.next_row().map_err(fault)?
         {
             let cells = row.deserialize(Some(&columns));
-            let cells: Cells = cells.map_err(|source| fault(TableError { line, source }))?;
+            let cells: RowCells = cells.map_err(|source| fault(TableError { line, source }))?;
             cells.check(before).map_err(|(column, found, must)| RecordingError::Value {
                 name: name(),
                 line,
@@ -101,7 +101,7 @@ impl Recording {
             })?;
             before = cells.sent_ms;
             count += 1;
-            look(cells.seen());
+            look(cells.plot_row());
         }
         Ok(())
     }
@@ -116,7 +116,7 @@ fn described(error: &TableError) -> String {
     }
 }
 
-impl Cells {
+impl RowCells {
     /// What is wrong: the column, the figure and what it must be.
     fn check(&self, before: f64) -> Result<(), (&'static str, f64, &'static str)> {
         if !(self.sent_ms > before && self.sent_ms.abs() <= LATEST_MS) {
@@ -134,22 +134,27 @@ impl Cells {
         Ok(())
     }
 
-    fn seen(&self) -> PlotRow {
+    fn plot_row(&self) -> PlotRow {
         let round_trip = Some(self.rtt_ms).filter(|ms| *ms >= 0.0);
         // What is sent has fewer unanswered before it.
         let is_pause = round_trip.is_none() && self.queued.is_some_and(|it| it > QUEUED as u64);
-        PlotRow { sent: self.sent_ms / 1000.0, round_trip, place: self.lat.zip(self.lon), is_pause }
+        PlotRow {
+            sent: self.sent_ms / 1000.0,
+            round_trip,
+            position: self.lat.zip(self.lon),
+            is_pause,
+        }
     }
 }
 
 /// Text with lines of bounded length.
-struct Lines<R> {
+struct BoundedLines<R> {
     text: R,
     /// Bytes since the last line ended.
     since: usize,
 }
 
-impl<R: Read> Read for Lines<R> {
+impl<R: Read> Read for BoundedLines<R> {
     fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
         let most = into.len().min(LINE);
         let read = self.text.read(&mut into[..most])?;

@@ -14,7 +14,7 @@ const COLUMNS: [&str; 7] = ["sent_ms", "rtt_ms", "lat", "lon", "speed_mps", "que
 
 /// What was done at a slot.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Row {
+pub(crate) struct SlotRow {
     /// Since the probe began.
     pub(crate) sent: Duration,
     /// Requests that were unanswered then.
@@ -36,9 +36,9 @@ pub(crate) enum RequestOutcome {
 }
 
 /// Writes rows once all before them are known; how many wait is bounded by how long a call may take.
-pub(crate) struct Rows<W: Write> {
+pub(crate) struct SlotRows<W: Write> {
     csv: csv::Writer<W>,
-    waiting: VecDeque<Row>,
+    waiting: VecDeque<SlotRow>,
     /// The number of the first that waits.
     first: u64,
     /// In microseconds; none before the first.
@@ -46,7 +46,7 @@ pub(crate) struct Rows<W: Write> {
     fixes: Fixes,
 }
 
-impl<W: Write> Rows<W> {
+impl<W: Write> SlotRows<W> {
     /// Writes the names of the columns.
     ///
     /// # Errors
@@ -59,15 +59,15 @@ impl<W: Write> Rows<W> {
     }
 
     /// Adds a row; gives its number.
-    pub(crate) fn add(&mut self, row: Row) -> u64 {
+    pub(crate) fn add(&mut self, row: SlotRow) -> u64 {
         self.waiting.push_back(row);
         self.first + self.waiting.len() as u64 - 1
     }
 
     /// Says what became of the request in that row.
     pub(crate) fn settle(&mut self, number: u64, request_outcome: RequestOutcome) {
-        let place = number.checked_sub(self.first).and_then(|place| usize::try_from(place).ok());
-        if let Some(row) = place.and_then(|place| self.waiting.get_mut(place)) {
+        let index = number.checked_sub(self.first).and_then(|index| usize::try_from(index).ok());
+        if let Some(row) = index.and_then(|index| self.waiting.get_mut(index)) {
             row.request_outcome = request_outcome;
         }
     }
@@ -98,7 +98,7 @@ impl<W: Write> Rows<W> {
         Ok(self.csv.flush()?)
     }
 
-    fn put(&mut self, row: &Row) -> Result<(), csv::Error> {
+    fn put(&mut self, row: &SlotRow) -> Result<(), csv::Error> {
         self.first += 1;
         // A drive's times rise strictly.
         let sent =
@@ -133,18 +133,18 @@ mod tests {
     use super::*;
     use crate::probe::position::Fix;
 
-    fn row(sent_us: u64, request_outcome: RequestOutcome) -> Row {
+    fn row(sent_us: u64, request_outcome: RequestOutcome) -> SlotRow {
         let utc_ms = 1_000_000 + i64::try_from(sent_us / 1000).unwrap();
-        Row { sent: Duration::from_micros(sent_us), queued: 3, utc_ms, request_outcome }
+        SlotRow { sent: Duration::from_micros(sent_us), queued: 3, utc_ms, request_outcome }
     }
 
-    fn text(rows: &Rows<Vec<u8>>) -> String {
+    fn text(rows: &SlotRows<Vec<u8>>) -> String {
         String::from_utf8(rows.csv.get_ref().clone()).unwrap()
     }
 
     #[test]
     fn rows_are_written_in_the_order_of_sending_once_they_are_known() {
-        let mut rows = Rows::new(Vec::new(), Fixes::default()).unwrap();
+        let mut rows = SlotRows::new(Vec::new(), Fixes::default()).unwrap();
         let late = Duration::from_secs(9);
         let first = rows.add(row(5, RequestOutcome::Unanswered));
         let second = rows.add(row(33_333, RequestOutcome::Unanswered));
@@ -163,7 +163,7 @@ mod tests {
 
     #[test]
     fn times_rise_strictly_and_what_is_left_is_lost() {
-        let mut rows = Rows::new(Vec::new(), Fixes::default()).unwrap();
+        let mut rows = SlotRows::new(Vec::new(), Fixes::default()).unwrap();
         rows.add(row(7, RequestOutcome::Lost));
         rows.add(row(7, RequestOutcome::Unanswered));
         rows.finish().unwrap();
@@ -175,7 +175,7 @@ mod tests {
     #[test]
     fn a_row_waits_for_the_position_after_it() {
         let fixes = Fixes::default();
-        let mut rows = Rows::new(Vec::new(), fixes.clone()).unwrap();
+        let mut rows = SlotRows::new(Vec::new(), fixes.clone()).unwrap();
         rows.add(row(900_000, RequestOutcome::Lost));
         rows.write(Duration::from_millis(2399)).unwrap();
         assert_eq!(text(&rows).lines().count(), 1);

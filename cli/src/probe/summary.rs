@@ -7,7 +7,7 @@ use std::sync::LazyLock;
 use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
 use serde::{Deserialize, Serialize};
 
-use crate::probe::figures::{Counts, Figures, QuantileRow};
+use crate::probe::figures::{Figures, QuantileRow, RequestCounts};
 use crate::probe::options::Args;
 use fuseline_report::Quantile;
 
@@ -16,7 +16,7 @@ const STYLE: TableStyle =
     TableStyle::new().header_separator(LineStyle::none().fill('─').junction('─'));
 
 /// The round trips of the paper's drive, in milliseconds.
-pub(crate) static PAPER: LazyLock<Paper> = LazyLock::new(|| {
+pub(crate) static PAPER: LazyLock<PaperQuantiles> = LazyLock::new(|| {
     let figures: File = serde_json::from_str(include_str!("../../data/paper.json"))
         .expect("a test reads the same bytes");
     figures.drive_5g_san_francisco.rtt_ms
@@ -24,17 +24,17 @@ pub(crate) static PAPER: LazyLock<Paper> = LazyLock::new(|| {
 
 #[derive(Deserialize)]
 struct File {
-    drive_5g_san_francisco: Drive,
+    drive_5g_san_francisco: DriveSummary,
 }
 
 #[derive(Deserialize)]
-struct Drive {
-    rtt_ms: Paper,
+struct DriveSummary {
+    rtt_ms: PaperQuantiles,
 }
 
 /// Quantiles in milliseconds.
 #[derive(Clone, Copy, Debug, Deserialize, Serialize)]
-pub(crate) struct Paper {
+pub(crate) struct PaperQuantiles {
     pub(crate) p50: f64,
     pub(crate) p90: f64,
     pub(crate) p99: f64,
@@ -42,7 +42,7 @@ pub(crate) struct Paper {
 
 /// What a probe came to.
 #[derive(Debug, Serialize)]
-pub(crate) struct Summary {
+pub(crate) struct ProbeSummary {
     url: String,
     /// Whether the user ended it.
     interrupted: bool,
@@ -50,20 +50,20 @@ pub(crate) struct Summary {
     runtime_ms: f64,
     deadline_ms: f64,
     #[serde(flatten)]
-    counts: Counts,
+    counts: RequestCounts,
     paused_ms: f64,
     /// Round trips of answers.
     answers_ms: QuantileRow,
     /// The same over all slots.
     slots_ms: QuantileRow,
     /// The paper's.
-    paper_ms: Paper,
+    paper_ms: PaperQuantiles,
     csv: String,
     /// Files in the folder for plots.
     pub(crate) plots: Vec<String>,
 }
 
-impl Summary {
+impl ProbeSummary {
     pub(crate) fn new(
         (args, csv): (&Args, &Path),
         url: &str,
@@ -87,10 +87,19 @@ impl Summary {
     }
 }
 
-impl fmt::Display for Summary {
+impl fmt::Display for ProbeSummary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Counts { slots, sent, answered, failed, unanswered, in_time, pauses, skipped, missed } =
-            self.counts;
+        let RequestCounts {
+            slots,
+            sent,
+            answered,
+            failed,
+            unanswered,
+            in_time,
+            pauses,
+            skipped,
+            missed,
+        } = self.counts;
         if self.interrupted {
             writeln!(f, "Ended early; this is the probe so far.")?;
         }
@@ -116,7 +125,7 @@ impl fmt::Display for Summary {
             let cells = [p50, p90, p99, max].map(quantile);
             table.add_row([name.to_owned()].into_iter().chain(cells).chain([percent(in_time, of)]));
         }
-        let Paper { p50, p90, p99 } = self.paper_ms;
+        let PaperQuantiles { p50, p90, p99 } = self.paper_ms;
         let cells = [p50, p90, p99].map(|ms| format!("{ms} ms"));
         let paper = ["paper's 5G drive".to_owned()].into_iter().chain(cells);
         table.add_row(paper.chain(["–".to_owned(), "–".to_owned()]));
@@ -157,8 +166,8 @@ pub(crate) fn quantile(quantile: Option<Quantile>) -> String {
     }
 }
 
-pub(crate) fn counted(count: u64, what: &str) -> String {
-    if count == 1 { format!("1 {what}") } else { format!("{count} {what}s") }
+pub(crate) fn counted(count: u64, noun: &str) -> String {
+    if count == 1 { format!("1 {noun}") } else { format!("{count} {noun}s") }
 }
 
 #[expect(clippy::cast_precision_loss, reason = "told to a tenth of a percent")]
@@ -175,7 +184,7 @@ mod tests {
 
     #[test]
     fn the_papers_drive_stands_beside() {
-        let Paper { p50, p90, p99 } = *PAPER;
+        let PaperQuantiles { p50, p90, p99 } = *PAPER;
         assert_eq!([p50, p90, p99].map(|ms| format!("{ms}")), ["68", "336", "3027"]);
     }
 }

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use fuseline_engine::{Engine, Local, Recorder, Recording, SourceTally, Tally};
-use fuseline_report::{Page, Row, TraceStatistics};
+use fuseline_report::{PageWriter, RequestRow, TraceStatistics};
 use fuseline_testkit::{Generator, Run};
 use fuseline_traces::{Events, Input};
 use serde_json::Value;
@@ -57,7 +57,7 @@ fn reckon(trace: &[u8]) -> TraceStatistics {
 }
 
 /// A row as the operator counted it; what it does not count apart is checked by the sums.
-fn holds(row: &Row, tally: &SourceTally, is_local: bool) {
+fn holds(row: &RequestRow, tally: &SourceTally, is_local: bool) {
     let [requests, forwarded, discarded, late, failed, superseded, open, refused] = row.counts;
     assert_eq!(requests, forwarded + discarded + late + failed + superseded + open, "{row:?}");
     assert_eq!(requests, tally.admitted, "{row:?}");
@@ -113,10 +113,10 @@ fn run_and_page_tell_what_the_operator_counted() {
                 assert_eq!(counts.remove(6), 0);
             }
             assert_eq!(&numbers(line)[..], &counts[..]);
-            let place = page["traces"][0]["sources"].as_array().unwrap();
-            let place = place.iter().position(|source| source["p"] == row.p).unwrap();
+            let index = page["traces"][0]["sources"].as_array().unwrap();
+            let index = index.iter().position(|source| source["p"] == row.p).unwrap();
             let reported = reported["rows"].as_array().unwrap();
-            let reported = reported.iter().find(|row| row["place"] == place).unwrap();
+            let reported = reported.iter().find(|row| row["place"] == index).unwrap();
             assert_eq!(&reported["counts"], &serde_json::json!(row.counts));
         }
         for (word, count) in [
@@ -133,7 +133,7 @@ fn run_and_page_tell_what_the_operator_counted() {
 
 /// What the page of a trace has for its script.
 fn data(trace: &[u8]) -> Value {
-    let mut page = Page::default();
+    let mut page = PageWriter::default();
     let mut events = Events::new("trace", trace).unwrap();
     let mut canvas = page.begin(None, "trace", events.header());
     while let Some(event) = events.next_event().unwrap() {

@@ -32,9 +32,9 @@ pub(crate) struct Files {
 }
 
 /// Where the files go, and how each is written.
-pub(crate) struct Outputs(Vec<(Output, Format)>, Overwrite);
+pub(crate) struct Outputs(Vec<(Output, ResultWriter)>, Overwrite);
 
-type Format = fn(&[Subject], &mut dyn Write) -> io::Result<()>;
+type ResultWriter = fn(&[Subject], &mut dyn Write) -> io::Result<()>;
 
 /// What was judged: a trace, or a command that was driven.
 pub(crate) struct Subject {
@@ -76,7 +76,12 @@ impl Outputs {
         self.add(path, inputs, junit::write)
     }
 
-    fn add(&mut self, path: Option<&Path>, inputs: &[&Path], format: Format) -> Result<(), Fault> {
+    fn add(
+        &mut self,
+        path: Option<&Path>,
+        inputs: &[&Path],
+        format: ResultWriter,
+    ) -> Result<(), Fault> {
         if let Some(path) = path {
             self.0.push((Output::new(path, inputs, self.1)?, format));
         }
@@ -99,8 +104,8 @@ impl Outputs {
 
 impl Subject {
     /// A trace that was judged.
-    pub(crate) fn found(found: &Findings) -> Self {
-        let summary = found.summary();
+    pub(crate) fn found(findings: &Findings) -> Self {
+        let summary = findings.summary();
         let problem = |violation: &AnyViolation<'_>| Problem {
             rule: violation.rule,
             file: summary.file.to_owned(),
@@ -109,13 +114,13 @@ impl Subject {
         };
         Self {
             name: summary.file.to_owned(),
-            judge: match found {
+            judge: match findings {
                 Findings::Strict(_) => "strict",
                 Findings::Observed(_) => "observed",
             },
             conforms: summary.conforms,
             verdict: Ok(plain(|out| print_summary(&summary, out))),
-            problems: found.violations().iter().map(problem).collect(),
+            problems: findings.violations().iter().map(problem).collect(),
         }
     }
 

@@ -60,9 +60,9 @@ fn notification(judged: &Subject) -> Option<Value> {
 
 fn location(file: &str, line: Option<u64>) -> Value {
     let uri = utf8_percent_encode(file, PATH).to_string();
-    let mut place = json!({ "artifactLocation": { "uri": uri } });
+    let mut physical = json!({ "artifactLocation": { "uri": uri } });
     if let Some(line) = line {
-        place["region"] = json!({ "startLine": line });
+        physical["region"] = json!({ "startLine": line });
     }
-    json!({ "physicalLocation": place })
+    json!({ "physicalLocation": physical })
 }

@@ -85,8 +85,8 @@ fn issue<W: Write>(xml: &mut Writer<W>, problem: &Problem, number: u64) -> io::R
     issue.write_inner_content(|xml| {
         let Some(line) = problem.line else { return Ok(()) };
         let (line, sentence) = (line.to_string(), problem.rule.1);
-        let place = xml.create_element("Locations").with_attribute(("description", sentence));
-        place.write_inner_content(|xml| {
+        let locations = xml.create_element("Locations").with_attribute(("description", sentence));
+        locations.write_inner_content(|xml| {
             let row = xml.create_element("FileLocation").with_attribute(("row", line.as_str()));
             row.write_empty().map(|_| ())
         })?;

@@ -16,12 +16,12 @@ use tokio::time::{Instant, interval, sleep, timeout};
 use crate::emulation::{REPLY_BYTES, REQUEST_BYTES};
 use crate::fault::Fault;
 use crate::interrupt::Interrupt;
-use crate::run::deadlines::Deadlines;
+use crate::run::deadlines::RunDeadlines;
 use crate::run::driven::RunMetadata;
 use crate::run::error::RunError;
-use crate::run::live::{Live, unrecorded};
+use crate::run::live::{RunProgress, unrecorded};
 use crate::run::network::Network;
-use crate::run::plan::{DeadlinePolicy, Plan};
+use crate::run::plan::{DeadlinePolicy, RunPlan};
 
 /// How often it is checked whether local has caught up.
 const LOOK: Duration = Duration::from_millis(20);
@@ -30,8 +30,8 @@ const ROOM: Duration = Duration::from_millis(1);
 
 /// A camera, its operator and its clouds, started.
 pub(crate) struct Camera<'a> {
-    plan: &'a Plan,
-    frames: Writer<Frame>,
+    plan: &'a RunPlan,
+    frames: Writer<Picture>,
     running: Running,
     output: Items<Detections>,
     begun: Vec<Arc<AtomicU64>>,
@@ -40,34 +40,34 @@ pub(crate) struct Camera<'a> {
 }
 
 /// One picture.
-struct Frame(Bytes);
+struct Picture(Bytes);
 
 /// The objects that were detected in it; nothing reads them.
 type Detections = Bytes;
 
 /// The operator: detects objects in frames.
 struct Detector<'a> {
-    plan: &'a Plan,
+    plan: &'a RunPlan,
     connections: Vec<Connection>,
     begun: Vec<Arc<AtomicU64>>,
 }
 
 impl Operator for Detector<'_> {
-    type Input = Frame;
+    type Input = Picture;
     type Output = Detections;
 
-    fn setup(self, setup: &mut Setup<Frame, Detections>) -> Local<Frame, Detections> {
+    fn setup(self, setup: &mut Setup<Picture, Detections>) -> Local<Picture, Detections> {
         let deadline = self.plan.deadline();
         let policy = self.plan.policy == DeadlinePolicy::Expected;
-        let deadlines = policy.then(|| Deadlines::new(self.plan));
+        let deadlines = policy.then(|| RunDeadlines::new(self.plan));
         let clouds = self.plan.clouds.iter().zip(self.connections).zip(self.begun);
-        for (place, ((cloud, connection), begun)) in clouds.enumerate() {
+        for (index, ((cloud, connection), begun)) in clouds.enumerate() {
             let infer = grpc::infer(connection);
             let handle = move |request, call| {
                 begun.fetch_add(1, Ordering::Relaxed);
                 infer(request, call)
             };
-            let message_handler = move |frame: &Frame, timestamp| {
+            let message_handler = move |frame: &Picture, timestamp| {
                 Some((Request { timestamp, payload: frame.0.clone() }, deadline))
             };
             let response_handler = |reply: Reply| Ok(reply.payload);
@@ -76,7 +76,7 @@ impl Operator for Detector<'_> {
             registered.name.clone_from(&cloud.name);
             registered.calls = self.plan.calls;
             if let Some(deadlines) = &deadlines {
-                registered.policy = Some(deadlines.of(place));
+                registered.policy = Some(deadlines.of(index));
                 registered.linger = deadlines.linger();
             }
         }
@@ -98,7 +98,7 @@ impl Operator for Detector<'_> {
 ///
 /// # Errors
 /// If it cannot be started.
-pub(crate) fn start(plan: &Plan, network: Network) -> Result<Camera<'_>, Fault> {
+pub(crate) fn start(plan: &RunPlan, network: Network) -> Result<Camera<'_>, Fault> {
     let Network { connections, servers, began } = network;
     let begun: Vec<Arc<AtomicU64>> = plan.clouds.iter().map(|_| Arc::default()).collect();
     let detector = Detector { plan, connections, begun: begun.clone() };
@@ -117,7 +117,11 @@ pub(crate) fn start(plan: &Plan, network: Network) -> Result<Camera<'_>, Fault> 
 
 impl Camera<'_> {
     /// Feeds the operator until the plan is done or the user ends it.
-    pub(crate) async fn drive(mut self, live: &mut Live<'_>, interrupt: &Interrupt) -> RunMetadata {
+    pub(crate) async fn drive(
+        mut self,
+        live: &mut RunProgress<'_>,
+        interrupt: &Interrupt,
+    ) -> RunMetadata {
         let interrupted = self.shoot(live, interrupt).await;
         self.catch_up(live).await;
         // Without frames to come the operator ends once all is answered.
@@ -138,7 +142,7 @@ impl Camera<'_> {
     }
 
     /// Writes a frame every period; says whether the user ended it.
-    async fn shoot(&mut self, live: &mut Live<'_>, interrupt: &Interrupt) -> bool {
+    async fn shoot(&mut self, live: &mut RunProgress<'_>, interrupt: &Interrupt) -> bool {
         let Self { plan, frames, running, output, .. } = self;
         let image = Bytes::from(vec![0; REQUEST_BYTES]);
         let (mut period, mut looks) = (interval(plan.period), interval(live.period()));
@@ -147,7 +151,7 @@ impl Camera<'_> {
         while shot < plan.frames {
             tokio::select! {
                 () = interrupt.wait() => return true,
-                _ = period.tick(), if waiting.is_none() => waiting = Some(Frame(image.clone())),
+                _ = period.tick(), if waiting.is_none() => waiting = Some(Picture(image.clone())),
                 () = sleep(ROOM), if waiting.is_some() => {}
                 Some(item) = output.read() => live.item(&item),
                 _ = looks.tick() => live.show(&running.tally()),
@@ -164,7 +168,7 @@ impl Camera<'_> {
     }
 
     /// Waits for local's last results: the policies want to know when they came.
-    async fn catch_up(&mut self, live: &mut Live<'_>) {
+    async fn catch_up(&mut self, live: &mut RunProgress<'_>) {
         let grace = self.plan.deadline().max(self.plan.local.runtime.saturating_mul(2));
         let caught_up = async {
             while self.running.tally().sources.first().is_some_and(is_behind) {

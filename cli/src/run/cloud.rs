@@ -15,7 +15,7 @@ use crate::seconds::seconds;
 pub(crate) struct CloudOptions {
     pub(crate) name: String,
     pub(crate) priority: u16,
-    pub(crate) place: CloudAddress,
+    pub(crate) address: CloudAddress,
 }
 
 /// Where a cloud is.
@@ -24,12 +24,12 @@ pub(crate) enum CloudAddress {
     /// In this process, behind a recorded network.
     Emulated { model: Model, drive: String, start: Duration },
     /// A server elsewhere; what it runs is given only for the report.
-    Remote { model: Option<Model>, remote: Remote },
+    Remote { model: Option<Model>, remote: RemoteServer },
 }
 
 /// How to reach a server elsewhere.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
-pub(crate) struct Remote {
+pub(crate) struct RemoteServer {
     pub(crate) url: String,
     /// The authority that must have signed the server's certificate, PEM.
     pub(crate) ca: Option<PathBuf>,
@@ -93,12 +93,12 @@ pub(crate) const DEFAULTS: [&str; 2] = [
 impl CloudOptions {
     /// The files that its keys name, if they are given.
     pub(crate) fn files(&self) -> Vec<&Path> {
-        match &self.place {
+        match &self.address {
             CloudAddress::Emulated { drive, .. } => {
                 let file = drive.rsplit_once(':').map_or(&**drive, |(file, _)| file);
                 vec![Path::new(drive), Path::new(file)]
             }
-            CloudAddress::Remote { remote: Remote { ca, cert, key, token, .. }, .. } => {
+            CloudAddress::Remote { remote: RemoteServer { ca, cert, key, token, .. }, .. } => {
                 [ca, cert, key, token].into_iter().flatten().map(PathBuf::as_path).collect()
             }
         }
@@ -138,7 +138,7 @@ fn find<'a>(
 ) -> Result<(&'a mut String, &'a mut Duration), CloudsError> {
     let names: Vec<&str> = clouds.iter().map(|cloud| cloud.name.as_str()).collect();
     let clouds_text = names.join(", ");
-    match clouds.iter_mut().find(|wanted| wanted.name == cloud).map(|wanted| &mut wanted.place) {
+    match clouds.iter_mut().find(|wanted| wanted.name == cloud).map(|wanted| &mut wanted.address) {
         Some(CloudAddress::Emulated { drive, start, .. }) => Ok((drive, start)),
         Some(CloudAddress::Remote { .. }) => {
             Err(CloudsError::Elsewhere { option, cloud: cloud.to_owned() })
@@ -153,12 +153,12 @@ impl FromStr for CloudOptions {
     /// `name=west,priority=1,model=DETR-ResNet-101,drive=vnperf/highway:sprint,start=150`, or with
     /// `url=…` instead of a drive. Values have no commas.
     fn from_str(text: &str) -> Result<Self, CloudError> {
-        let mut keys = Keys::default();
+        let mut keys = CloudKeys::default();
         for pair in text.split(',') {
             let (key, value) =
                 pair.split_once('=').ok_or_else(|| CloudError::Pair(pair.to_owned()))?;
-            let place = keys.place(key).ok_or_else(|| CloudError::Key(key.to_owned()))?;
-            if place.replace(value.to_owned()).is_some() {
+            let field = keys.field(key).ok_or_else(|| CloudError::Key(key.to_owned()))?;
+            if field.replace(value.to_owned()).is_some() {
                 return Err(CloudError::Twice(key.to_owned()));
             }
         }
@@ -167,7 +167,7 @@ impl FromStr for CloudOptions {
 }
 
 #[derive(Default)]
-struct Keys {
+struct CloudKeys {
     name: Option<String>,
     priority: Option<String>,
     model: Option<String>,
@@ -180,8 +180,8 @@ struct Keys {
     token: Option<String>,
 }
 
-impl Keys {
-    fn place(&mut self, key: &str) -> Option<&mut Option<String>> {
+impl CloudKeys {
+    fn field(&mut self, key: &str) -> Option<&mut Option<String>> {
         Some(match key {
             "name" => &mut self.name,
             "priority" => &mut self.priority,
@@ -212,14 +212,14 @@ impl Keys {
             }
         };
         let model = self.model.map(|model| model.parse()).transpose()?;
-        let place = if let Some(url) = self.url {
+        let address = if let Some(url) = self.url {
             if self.drive.is_some() || self.start.is_some() {
                 let key = if self.drive.is_some() { "drive" } else { "start" };
                 return Err(CloudError::Remote(key));
             }
             let path = |value: Option<String>| value.map(PathBuf::from);
             let [ca, cert, key, token] = [self.ca, self.cert, self.key, self.token].map(path);
-            CloudAddress::Remote { model, remote: Remote { url, ca, cert, key, token } }
+            CloudAddress::Remote { model, remote: RemoteServer { url, ca, cert, key, token } }
         } else {
             let remote =
                 [("ca", self.ca), ("cert", self.cert), ("key", self.key), ("token", self.token)];
@@ -231,7 +231,7 @@ impl Keys {
             let start = start(self.start.as_deref().unwrap_or("0"))?;
             CloudAddress::Emulated { model, drive, start }
         };
-        Ok(CloudOptions { name, priority, place })
+        Ok(CloudOptions { name, priority, address })
     }
 }
 
@@ -298,25 +298,25 @@ mod tests {
         let cloud: CloudOptions = text.parse().unwrap();
         assert_eq!((cloud.name.as_str(), cloud.priority), ("a", 7));
         let start = Duration::from_millis(1500);
-        assert_eq!(cloud.place, emulated("DINO-SWIN-Tiny", "vnperf/highway:sprint", start));
+        assert_eq!(cloud.address, emulated("DINO-SWIN-Tiny", "vnperf/highway:sprint", start));
     }
 
     #[test]
     fn a_remote_cloud_has_a_url() {
         let cloud: CloudOptions =
             "name=a,priority=1,url=https://h:1,ca=ca.pem,token=t".parse().unwrap();
-        let remote = Remote {
+        let remote = RemoteServer {
             url: "https://h:1".into(),
             ca: Some("ca.pem".into()),
             token: Some("t".into()),
-            ..Remote::default()
+            ..RemoteServer::default()
         };
-        assert_eq!(cloud.place, CloudAddress::Remote { model: None, remote });
+        assert_eq!(cloud.address, CloudAddress::Remote { model: None, remote });
     }
 
     #[test]
     fn a_mistaken_cloud_is_refused_with_the_key() {
-        for (text, what) in [
+        for (text, expected) in [
             ("name", "\"name\" is not KEY=VALUE"),
             ("nome=a", "no key \"nome\""),
             ("name=a,name=b", "\"name\" twice"),
@@ -332,7 +332,7 @@ mod tests {
             ("name=a,priority=1,model=DETR-ResNet-50,drive=x,ca=y", "ca needs url"),
             ("name=a,priority=1,url=http://h,drive=x", "drive cannot be given with url"),
         ] {
-            assert!(fault(text).contains(what), "{text}: {}", fault(text));
+            assert!(fault(text).contains(expected), "{text}: {}", fault(text));
         }
     }
 
@@ -342,8 +342,8 @@ mod tests {
         let (drive, start) = (named("west=vnperf/downtown:verizon"), named("east=7"));
         adjust(&mut clouds, &[drive], &[start]).unwrap();
         let (west, east) = ("vnperf/downtown:verizon", "vnperf/highway:sprint");
-        assert_eq!(clouds[0].place, emulated("DETR-ResNet-101", west, Duration::ZERO));
-        assert_eq!(clouds[1].place, emulated("DINO-SWIN-Tiny", east, Duration::from_secs(7)));
+        assert_eq!(clouds[0].address, emulated("DETR-ResNet-101", west, Duration::ZERO));
+        assert_eq!(clouds[1].address, emulated("DINO-SWIN-Tiny", east, Duration::from_secs(7)));
     }
 
     #[test]

@@ -7,7 +7,7 @@ use fuseline_tokio::Commit;
 use fuseline_tokio::deadline::{Accuracy, Chosen, End, Expected, Policy, Situation, Span};
 
 use crate::models::Model;
-use crate::run::plan::Plan;
+use crate::run::plan::RunPlan;
 
 /// How many ends of calls to a cloud are remembered.
 const CALLS: usize = 32;
@@ -19,9 +19,9 @@ const UNKNOWN_GAIN: f64 = 5.0;
 /// Least expected loss decides: AP lost, and points of AP for waiting. It never probes: calls linger
 /// until the longest deadline, so that their true ends are seen.
 #[derive(Clone)]
-pub(crate) struct Deadlines(Arc<Mutex<State>>);
+pub(crate) struct RunDeadlines(Arc<Mutex<DeadlineState>>);
 
-struct State {
+struct DeadlineState {
     cap: Duration,
     commit: Commit,
     linger: Duration,
@@ -33,13 +33,13 @@ struct State {
 
 /// One cloud's part.
 struct CloudDeadline {
-    deadlines: Deadlines,
-    place: usize,
+    deadlines: RunDeadlines,
+    index: usize,
 }
 
-impl Deadlines {
+impl RunDeadlines {
     /// Up to the plan's deadline, by its price.
-    pub(crate) fn new(plan: &Plan) -> Self {
+    pub(crate) fn new(plan: &RunPlan) -> Self {
         let aps = plan.clouds.iter().map(|cloud| cloud.served.ap);
         Self::expected(plan.deadline(), plan.commit, &plan.local, aps, plan.price)
     }
@@ -61,13 +61,19 @@ impl Deadlines {
         };
         let policies: Vec<_> = aps.into_iter().map(policy).collect();
         let linger = cap.saturating_sub(least);
-        Self(Arc::new(Mutex::new(State { cap, commit, linger, policies, chosen: Vec::new() })))
+        Self(Arc::new(Mutex::new(DeadlineState {
+            cap,
+            commit,
+            linger,
+            policies,
+            chosen: Vec::new(),
+        })))
     }
 
     /// A message came: chooses for all clouds. No policy needs more of the vehicle.
     pub(crate) fn next(&self) -> Situation<'static> {
         let situation = Situation::UNKNOWN;
-        let State { cap, commit, policies, chosen, .. } = &mut *self.state();
+        let DeadlineState { cap, commit, policies, chosen, .. } = &mut *self.state();
         *chosen = policies.iter_mut().map(|policy| policy.decide(&situation, *cap)).collect();
         // Under eager the first timer that finds a result available commits for all clouds (A4). So
         // they share the longest deadline that is worth it for one: the timer of a cloud that is
@@ -80,9 +86,9 @@ impl Deadlines {
         situation
     }
 
-    /// The policy of the cloud in this place: gives what was chosen for the latest message.
-    pub(crate) fn of(&self, place: usize) -> Box<dyn Policy + Send> {
-        Box::new(CloudDeadline { deadlines: self.clone(), place })
+    /// The policy of the cloud with this index: gives what was chosen for the latest message.
+    pub(crate) fn of(&self, index: usize) -> Box<dyn Policy + Send> {
+        Box::new(CloudDeadline { deadlines: self.clone(), index })
     }
 
     /// How long calls must linger to be seen until the longest deadline.
@@ -90,7 +96,7 @@ impl Deadlines {
         self.state().linger
     }
 
-    fn state(&self) -> MutexGuard<'_, State> {
+    fn state(&self) -> MutexGuard<'_, DeadlineState> {
         // No policy panics; what one would leave behind is whole.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -99,14 +105,14 @@ impl Deadlines {
 impl Policy for CloudDeadline {
     fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Chosen {
         let state = &mut *self.deadlines.state();
-        match state.chosen.get(self.place) {
+        match state.chosen.get(self.index) {
             Some(chosen) => Chosen { deadline: chosen.deadline.min(cap), ..*chosen },
-            None => state.policies[self.place].decide(situation, cap),
+            None => state.policies[self.index].decide(situation, cap),
         }
     }
 
     fn ended(&mut self, end: End) {
-        self.deadlines.state().policies[self.place].ended(end);
+        self.deadlines.state().policies[self.index].ended(end);
     }
 }
 
@@ -131,15 +137,15 @@ mod tests {
     }
 
     struct Clouds {
-        deadlines: Deadlines,
+        deadlines: RunDeadlines,
         policies: [Box<dyn Policy + Send>; 2],
     }
 
     impl Clouds {
         fn new(commit: Commit) -> Self {
             let aps = [Some(43.5), Some(51.3)];
-            let deadlines = Deadlines::expected(CAP, commit, &local(), aps, 10.0);
-            let policies = [0, 1].map(|place| deadlines.of(place));
+            let deadlines = RunDeadlines::expected(CAP, commit, &local(), aps, 10.0);
+            let policies = [0, 1].map(|index| deadlines.of(index));
             Self { deadlines, policies }
         }
 
@@ -148,10 +154,10 @@ mod tests {
             let situation = self.deadlines.next();
             let due = [0, 1].map(|i| self.policies[i].decide(&situation, CAP).deadline);
             for ((policy, reply), due) in self.policies.iter_mut().zip(replies).zip(due) {
-                let seen = due + self.deadlines.linger();
+                let until = due + self.deadlines.linger();
                 policy.ended(match reply.map(ms) {
-                    Some(reply) if reply < seen => End::Answered(reply),
-                    Some(_) | None => End::Censored(seen),
+                    Some(reply) if reply < until => End::Answered(reply),
+                    Some(_) | None => End::Censored(until),
                 });
             }
             due
@@ -198,7 +204,7 @@ mod tests {
 
     #[test]
     fn a_model_without_figure_is_worth_waiting_for_too() {
-        let deadlines = Deadlines::expected(CAP, Commit::Eager, &local(), [None], 10.0);
+        let deadlines = RunDeadlines::expected(CAP, Commit::Eager, &local(), [None], 10.0);
         deadlines.of(0).ended(End::Answered(ms(400)));
         let situation = deadlines.next();
         assert!(is_slow(deadlines.of(0).decide(&situation, CAP).deadline));
@@ -206,7 +212,7 @@ mod tests {
 
     #[test]
     fn a_deadline_below_locals_response_stays_what_it_is() {
-        let deadlines = Deadlines::expected(ms(80), Commit::Eager, &local(), [None], 10.0);
+        let deadlines = RunDeadlines::expected(ms(80), Commit::Eager, &local(), [None], 10.0);
         let situation = deadlines.next();
         assert_eq!(deadlines.of(0).decide(&situation, ms(80)).deadline, ms(80));
         assert_eq!(deadlines.linger(), Duration::ZERO);

@@ -11,12 +11,12 @@ use tokio::time::Instant;
 
 use crate::complain::complain;
 use crate::emulation::Emulation;
-use crate::run::plan::Plan;
+use crate::run::plan::RunPlan;
 use crate::run::table::{counted, millis, secs};
 
 /// What standard error shows while the camera runs.
-pub(crate) struct Live<'a> {
-    plan: &'a Plan,
+pub(crate) struct RunProgress<'a> {
+    plan: &'a RunPlan,
     began: Instant,
     view: View,
     /// By source: how long its latest output took.
@@ -35,8 +35,8 @@ enum View {
     Plain,
 }
 
-impl<'a> Live<'a> {
-    pub(crate) fn new(plan: &'a Plan) -> Self {
+impl<'a> RunProgress<'a> {
+    pub(crate) fn new(plan: &'a RunPlan) -> Self {
         let view = if io::stderr().is_terminal() { terminal(plan) } else { View::Plain };
         let latest = vec![None; plan.clouds.len() + 1];
         Self { plan, began: Instant::now(), view, latest, is_warned: false }
@@ -146,7 +146,7 @@ fn network(emulation: &Emulation, elapsed: Duration, deadline: Duration) -> Stri
     }
 }
 
-fn terminal(plan: &Plan) -> View {
+fn terminal(plan: &RunPlan) -> View {
     let view = MultiProgress::new();
     let style = |template: &str| {
         ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())

@@ -24,12 +24,12 @@ use crate::fault::Fault;
 use crate::interrupt::Interrupt;
 use crate::output::{Growing, Output};
 use crate::run::error::RunError;
-use crate::run::live::Live;
+use crate::run::live::RunProgress;
 use crate::run::network::Network;
-use crate::run::plan::{Plan, TRACE};
+use crate::run::plan::{RunPlan, TRACE};
 use crate::run::report::Reading;
 use crate::run::table::PlanSummary;
-use crate::sink::Sink;
+use crate::sink::OutputSink;
 use crate::verdict;
 
 pub(crate) use crate::run::plan::Args;
@@ -38,12 +38,12 @@ pub(crate) use crate::run::table::sources_table;
 
 /// Runs what the options say, reports it, and keeps its trace.
 pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
-    let mut plan = Plan::new(args)?;
+    let mut plan = RunPlan::new(args)?;
     let interrupt = Interrupt::watch();
-    let mut out = Sink::new(anstream::stdout());
+    let mut out = OutputSink::new(anstream::stdout());
     let runtime = Runtime::new().map_err(Fault::Runtime)?;
     let network = runtime.block_on(Network::connect(&plan))?;
-    runtime.block_on(network.ask(&mut plan));
+    runtime.block_on(network.describe(&mut plan));
     // From here on no other run writes to this trace.
     let own = Growing::open(args.trace.as_deref(), TRACE, args.overwrite)?;
     own.path().clone_into(&mut plan.trace);
@@ -58,7 +58,7 @@ pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
     if !args.json {
         writeln!(out, "{}", PlanSummary(&plan)).map_err(Fault::Output)?;
     }
-    let mut live = Live::new(&plan);
+    let mut live = RunProgress::new(&plan);
     let driven = runtime.block_on(camera.drive(&mut live, &interrupt));
     live.end();
     // Whatever still runs belongs to calls that were given up.
@@ -85,8 +85,8 @@ pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
         Some(why) => Err(RunError::Unrecorded { trace: name, why }.into()),
         None if args.require_clouds && report.silent_clouds().next().is_some() => {
             for cloud in report.silent_clouds() {
-                let what = "it answered no request in time, as --require-clouds wants";
-                complain(format_args!("error: cloud {cloud:?}: {what}"));
+                let problem = "it answered no request in time, as --require-clouds wants";
+                complain(format_args!("error: cloud {cloud:?}: {problem}"));
             }
             Ok(Exit::Differs)
         }
@@ -95,7 +95,7 @@ pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
 }
 
 /// Makes the page of the run's trace, and opens it if that is wanted and can be done.
-fn make(page: &Output, plan: &Plan) -> Result<(), Fault> {
+fn make(page: &Output, plan: &RunPlan) -> Result<(), Fault> {
     crate::report::of(&plan.trace, page)?;
     if plan.open
         && let Err(error) = open::that_detached(page.name())

@@ -13,9 +13,9 @@ use crate::complain::complain;
 use crate::emulation::answer;
 use crate::fault::Fault;
 use crate::files;
-use crate::run::cloud::Remote;
+use crate::run::cloud::RemoteServer;
 use crate::run::error::RunError;
-use crate::run::plan::{Plan, Server};
+use crate::run::plan::{CloudServer, RunPlan};
 
 /// A connection to each cloud.
 pub(crate) struct Network {
@@ -32,13 +32,13 @@ impl Network {
     ///
     /// # Errors
     /// If a cloud cannot be as it is described, or this host has no port left.
-    pub(crate) async fn connect(plan: &Plan) -> Result<Self, Fault> {
+    pub(crate) async fn connect(plan: &RunPlan) -> Result<Self, Fault> {
         let (mut connections, mut servers) = (Vec::new(), JoinSet::new());
         let began = Arc::new(OnceLock::new());
         for cloud in &plan.clouds {
             let remote = match &cloud.server {
-                Server::Remote(remote) => describe(remote)?,
-                Server::Emulated(emulation) => {
+                CloudServer::Remote(remote) => describe(remote)?,
+                CloudServer::Emulated(emulation) => {
                     let (listener, url) = listen().await.map_err(RunError::Loopback)?;
                     let infer = answer(emulation.clone(), Arc::clone(&began));
                     servers.spawn(grpc::serve(
@@ -60,10 +60,10 @@ impl Network {
     }
 
     /// Queries the servers elsewhere for what they serve, and warns where the user said otherwise.
-    pub(crate) async fn ask(&self, plan: &mut Plan) {
+    pub(crate) async fn describe(&self, plan: &mut RunPlan) {
         for (cloud, connection) in plan.clouds.iter_mut().zip(&self.connections) {
-            if matches!(cloud.server, Server::Remote(_))
-                && let Some(difference) = cloud.served.ask(connection.clone()).await
+            if matches!(cloud.server, CloudServer::Remote(_))
+                && let Some(difference) = cloud.served.describe(connection.clone()).await
             {
                 complain(format_args!("warning: {}: {difference}", cloud.name));
             }
@@ -78,8 +78,8 @@ async fn listen() -> io::Result<(TcpListener, String)> {
 }
 
 /// Reads the files that a remote is reached with.
-fn describe(remote: &Remote) -> Result<grpc::Remote, Fault> {
-    let Remote { url, ca, cert, key, token } = remote;
+fn describe(remote: &RemoteServer) -> Result<grpc::Remote, Fault> {
+    let RemoteServer { url, ca, cert, key, token } = remote;
     Ok(grpc::Remote {
         ca: ca.as_deref().map(files::certificates).transpose()?,
         identity: files::identity(cert.as_deref(), key.as_deref())?,

@@ -14,7 +14,7 @@ use crate::input::is_standard;
 use crate::models::Model;
 use crate::output::{self, Output, Overwrite};
 use crate::report::PAGE;
-use crate::run::cloud::{self, CloudAddress, CloudOptions, CloudsError, NamedValue, Remote};
+use crate::run::cloud::{self, CloudAddress, CloudOptions, CloudsError, NamedValue, RemoteServer};
 use crate::run::served::Served;
 use crate::seconds::seconds;
 
@@ -136,7 +136,7 @@ enum CommitRule {
 }
 
 /// What a run is to do.
-pub(crate) struct Plan {
+pub(crate) struct RunPlan {
     pub(crate) span: Duration,
     /// Frames a second.
     pub(crate) rate: f64,
@@ -155,7 +155,7 @@ pub(crate) struct Plan {
     /// How many calls to one cloud may be under way at once.
     pub(crate) calls: usize,
     /// In the order given.
-    pub(crate) clouds: Vec<Cloud>,
+    pub(crate) clouds: Vec<CloudPlan>,
     pub(crate) trace: PathBuf,
     /// Where the trace's page is wanted.
     pub(crate) page: Option<Output>,
@@ -164,20 +164,20 @@ pub(crate) struct Plan {
 }
 
 /// One cloud of a run.
-pub(crate) struct Cloud {
+pub(crate) struct CloudPlan {
     pub(crate) name: String,
     pub(crate) priority: u16,
     /// What it serves, as far as is known.
     pub(crate) served: Served,
-    pub(crate) server: Server,
+    pub(crate) server: CloudServer,
 }
 
 /// Who answers a cloud's requests.
-pub(crate) enum Server {
+pub(crate) enum CloudServer {
     /// This process.
     Emulated(Emulation),
     /// Another one.
-    Remote(Remote),
+    Remote(RemoteServer),
 }
 
 /// Why options do not make a run.
@@ -199,7 +199,7 @@ impl From<PlanError> for Fault {
     }
 }
 
-impl Plan {
+impl RunPlan {
     /// Checks the options and loads the drives.
     ///
     /// # Errors
@@ -222,7 +222,7 @@ impl Plan {
         let page = args.report.as_ref();
         let page = page.map(|path| page_of(path.as_deref(), &trace, &wanted, args.overwrite));
         let page = page.transpose()?;
-        let clouds = wanted.into_iter().map(|cloud| Cloud::new(cloud, args.seed));
+        let clouds = wanted.into_iter().map(|cloud| CloudPlan::new(cloud, args.seed));
         Ok(Self {
             span: args.seconds,
             rate: args.rate,
@@ -263,17 +263,17 @@ impl DeadlinePolicy {
     }
 }
 
-impl Cloud {
+impl CloudPlan {
     fn new(wanted: CloudOptions, seed: u64) -> Result<Self, CloudsError> {
-        let CloudOptions { name, priority, place } = wanted;
-        let (known, server) = match place {
+        let CloudOptions { name, priority, address } = wanted;
+        let (known, server) = match address {
             CloudAddress::Remote { model, remote } => {
-                (Served::reported(model.as_ref()), Server::Remote(remote))
+                (Served::reported(model.as_ref()), CloudServer::Remote(remote))
             }
             CloudAddress::Emulated { model, drive, start } => {
                 let emulation = Emulation::new(model, &drive, start, seed)
                     .map_err(|source| CloudsError::Emulation { cloud: name.clone(), source })?;
-                (Served::from(&emulation), Server::Emulated(emulation))
+                (Served::from(&emulation), CloudServer::Emulated(emulation))
             }
         };
         Ok(Self { name, priority, served: known, server })
@@ -282,8 +282,8 @@ impl Cloud {
     /// Its emulation, if it is one.
     pub(crate) const fn emulation(&self) -> Option<&Emulation> {
         match &self.server {
-            Server::Emulated(emulation) => Some(emulation),
-            Server::Remote(_) => None,
+            CloudServer::Emulated(emulation) => Some(emulation),
+            CloudServer::Remote(_) => None,
         }
     }
 }

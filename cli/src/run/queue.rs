@@ -7,11 +7,11 @@ use fuseline_traces::{Decision, Event, Input};
 /// The clouds' calls under way and what waits for them, read from a trace.
 pub(crate) struct Queues {
     at_once: usize,
-    clouds: Vec<(u64, Queue)>,
+    clouds: Vec<(u64, OutgoingQueue)>,
 }
 
 #[derive(Default)]
-struct Queue {
+struct OutgoingQueue {
     waiting: VecDeque<u64>,
     under_way: HashSet<u64>,
     sent: HashMap<u64, u64>,
@@ -20,7 +20,7 @@ struct Queue {
 impl Queues {
     /// Empty ones, with at most so many calls at once to each cloud of these priorities.
     pub(crate) fn new(clouds: impl IntoIterator<Item = u16>, at_once: usize) -> Self {
-        let clouds = clouds.into_iter().map(|p| (u64::from(p), Queue::default())).collect();
+        let clouds = clouds.into_iter().map(|p| (u64::from(p), OutgoingQueue::default())).collect();
         Self { at_once, clouds }
     }
 
@@ -59,12 +59,12 @@ impl Queues {
     }
 }
 
-impl Queue {
+impl OutgoingQueue {
     fn end(&mut self, at: u64, t: u64) {
         if !self.under_way.remove(&t)
-            && let Some(place) = self.waiting.iter().position(|waiting| *waiting == t)
+            && let Some(index) = self.waiting.iter().position(|waiting| *waiting == t)
         {
-            self.waiting.remove(place);
+            self.waiting.remove(index);
             self.sent.insert(t, at);
         }
     }

@@ -9,22 +9,22 @@ use std::path::Path;
 use std::time::Duration;
 
 use fuseline_report::{
-    Arrival, COLUMNS, Findings, Message, Quantile, Row, Totals, TraceStatistics,
+    ArrivalTime, COLUMNS, Findings, MessageRecord, Quantile, RequestRow, Totals, TraceStatistics,
 };
 use fuseline_tokio::{SourceTally, grpc};
 use fuseline_traces::{Events, Judge, Verdict};
 use serde::{Serialize, Serializer};
 
 use crate::fault::Fault;
-use crate::policies::{Constant, Figure, Policy, PolicyScore};
+use crate::policies::{BoundedFigure, ComparedPolicy, ConstantPolicy, PolicyScore};
 use crate::run::driven::RunMetadata;
-use crate::run::plan::{Cloud, DeadlinePolicy, Plan, Server};
+use crate::run::plan::{CloudPlan, CloudServer, DeadlinePolicy, RunPlan};
 use crate::run::queue::Queues;
 use crate::run::served::Served;
 
 /// What a run came to.
 #[derive(Debug, Serialize)]
-pub(crate) struct Report {
+pub(crate) struct RunReport {
     /// Messages that came: forwarded, missed, refused or open.
     pub(crate) messages: u64,
     /// Whether it was ended before its time.
@@ -55,7 +55,7 @@ pub(crate) struct Report {
     /// How long after its due instant a timer was served at most; none if none fired.
     pub(crate) timer_lag_ms: Option<f64>,
     /// Messages that some cloud would not have answered by the longest deadline.
-    pub(crate) outage_messages: Figure<u64>,
+    pub(crate) outage_messages: BoundedFigure<u64>,
     /// Messages that the policies are compared over: all that ended.
     #[serde(skip)]
     pub(crate) compared: u64,
@@ -97,8 +97,8 @@ pub(crate) struct SourceReport {
 pub(crate) struct PolicyReport {
     pub(crate) policy: String,
     /// None if a model has no figure.
-    pub(crate) mean_ap: Option<Figure<f64>>,
-    pub(crate) in_time: Figure<u64>,
+    pub(crate) mean_ap: Option<BoundedFigure<f64>>,
+    pub(crate) in_time: BoundedFigure<u64>,
     /// p50, p90 and p99; null without messages.
     #[serde(serialize_with = "quantiles")]
     pub(crate) response_ms: [Option<Quantile>; 3],
@@ -117,7 +117,7 @@ pub(crate) struct Reading {
     pub(crate) verdict: Verdict,
 }
 
-impl Report {
+impl RunReport {
     /// The clouds that answered no request in time.
     pub(crate) fn silent_clouds(&self) -> impl Iterator<Item = &str> {
         let clouds = self.totals.rows.iter().zip(&self.sources).skip(1);
@@ -130,7 +130,7 @@ impl Reading {
     ///
     /// # Errors
     /// If it cannot be read to its end.
-    pub(crate) fn new(trace: &Path, name: &str, plan: &Plan) -> Result<Self, Fault> {
+    pub(crate) fn new(trace: &Path, name: &str, plan: &RunPlan) -> Result<Self, Fault> {
         let file =
             File::open(trace).map_err(|source| Fault::Open { name: name.to_owned(), source })?;
         let mut reader = Events::new(name, BufReader::new(file))?;
@@ -148,10 +148,10 @@ impl Reading {
     }
 
     /// Puts everything together.
-    pub(crate) fn report(self, plan: &Plan, driven: &RunMetadata) -> Report {
+    pub(crate) fn report(self, plan: &RunPlan, driven: &RunMetadata) -> RunReport {
         let totals = self.statistics.totals();
         let messages = self.messages(plan);
-        let source = |row: &Row, i: usize| {
+        let source = |row: &RequestRow, i: usize| {
             let cloud = i.checked_sub(1).and_then(|i| plan.clouds.get(i));
             let served = cloud.map_or_else(|| Served::local(&plan.local), |it| it.served.clone());
             let tally = driven.tally.sources.get(i);
@@ -160,7 +160,7 @@ impl Reading {
                 name: cloud.map_or_else(|| "local".to_owned(), |cloud| cloud.name.clone()),
                 priority: cloud.map_or(0, |cloud| cloud.priority),
                 model: served.model,
-                unsaid: served.unsaid,
+                unsaid: served.describe_error,
                 emulated: served.emulated,
                 drive: served.drive,
                 forwarded: row.forwarded(),
@@ -172,7 +172,7 @@ impl Reading {
             }
         };
         let sources = totals.rows.iter().enumerate().map(|(i, row)| source(row, i)).collect();
-        Report {
+        RunReport {
             messages: totals.messages,
             interrupted: driven.interrupted,
             rate: plan.rate,
@@ -197,15 +197,15 @@ impl Reading {
     }
 
     /// The messages with all that is known of their results.
-    fn messages(&self, plan: &Plan) -> Vec<Message> {
+    fn messages(&self, plan: &RunPlan) -> Vec<MessageRecord> {
         // Local's result either came or is not known; a cloud's call may have been ended.
         let planned = |source: usize, opened: u64, t: u64| {
-            let place = source.checked_sub(1)?;
-            let emulation = plan.clouds.get(place)?.emulation()?;
-            let sent = self.queues.sent(place, t)?;
+            let index = source.checked_sub(1)?;
+            let emulation = plan.clouds.get(index)?.emulation()?;
+            let sent = self.queues.sent(index, t)?;
             let waited = Duration::from_nanos(sent.saturating_sub(opened));
             let reply = emulation.reply_after(Duration::from_nanos(sent), t);
-            Some(reply.map_or(Arrival::Never, |reply| Arrival::At(waited + reply)))
+            Some(reply.map_or(ArrivalTime::Never, |reply| ArrivalTime::At(waited + reply)))
         };
         self.statistics.messages(planned)
     }
@@ -213,8 +213,8 @@ impl Reading {
 
 /// Each policy's score over the same messages and the same requests.
 fn policies(
-    messages: &[Message],
-    plan: &Plan,
+    messages: &[MessageRecord],
+    plan: &RunPlan,
     totals: &Totals,
     driven: &RunMetadata,
 ) -> Vec<PolicyReport> {
@@ -235,12 +235,14 @@ fn policies(
         let (row, begun) = (&totals.rows[i], driven.begun.get(i - 1).copied());
         begun == Some(row.requests()) && row.answered() == row.requests()
     };
-    let report = |(policy, name): (Policy, String)| {
+    let report = |(policy, name): (ComparedPolicy, String)| {
         let sent_is_at_least = match policy {
-            Policy::Fusion | Policy::LocalOnly => false,
-            Policy::CloudOnly(source) => !is_whole(source),
+            ComparedPolicy::Fusion | ComparedPolicy::LocalOnly => false,
+            ComparedPolicy::CloudOnly(source) => !is_whole(source),
             // It makes each call of which fusion may have cancelled some before they were sent.
-            Policy::Constant(_) | Policy::FirstWins => !(1..totals.rows.len()).all(is_whole),
+            ComparedPolicy::Constant(_) | ComparedPolicy::FirstWins => {
+                !(1..totals.rows.len()).all(is_whole)
+            }
         };
         let PolicyScore { ap, in_time, quantiles, outage } = policy.score(messages, &aps, deadline);
         PolicyReport {
@@ -257,31 +259,31 @@ fn policies(
 }
 
 /// How many messages are in outages.
-fn outages(messages: &[Message], deadline: Duration) -> Figure<u64> {
-    messages.iter().fold(Figure::exactly(0), |sum, message| {
+fn outages(messages: &[MessageRecord], deadline: Duration) -> BoundedFigure<u64> {
+    messages.iter().fold(BoundedFigure::exactly(0), |sum, message| {
         let is_lost = message.is_in_outage(deadline);
         sum.add(match is_lost {
-            Some(is_lost) => Figure::exactly(u64::from(is_lost)),
-            None => Figure { at_least: 0, at_most: 1 },
+            Some(is_lost) => BoundedFigure::exactly(u64::from(is_lost)),
+            None => BoundedFigure { at_least: 0, at_most: 1 },
         })
     })
 }
 
 /// The policies to compare, with their names.
-fn compared(plan: &Plan) -> Vec<(Policy, String)> {
-    let mut policies = vec![(Policy::Fusion, "fusion".to_owned())];
+fn compared(plan: &RunPlan) -> Vec<(ComparedPolicy, String)> {
+    let mut policies = vec![(ComparedPolicy::Fusion, "fusion".to_owned())];
     if plan.policy != DeadlinePolicy::Constant {
         let priorities = plan.clouds.iter().map(|cloud| cloud.priority).collect();
-        let constant = Constant { deadline: plan.deadline(), priorities };
+        let constant = ConstantPolicy { deadline: plan.deadline(), priorities };
         let name = format!("constant {} ms", plan.deadline_ms);
-        policies.push((Policy::Constant(constant), name));
+        policies.push((ComparedPolicy::Constant(constant), name));
     }
-    policies.push((Policy::LocalOnly, "local only".to_owned()));
+    policies.push((ComparedPolicy::LocalOnly, "local only".to_owned()));
     let clouds = plan.clouds.iter().enumerate();
-    policies.extend(
-        clouds.map(|(i, cloud)| (Policy::CloudOnly(i + 1), format!("cloud only: {}", cloud.name))),
-    );
-    policies.push((Policy::FirstWins, "first response wins".to_owned()));
+    policies.extend(clouds.map(|(i, cloud)| {
+        (ComparedPolicy::CloudOnly(i + 1), format!("cloud only: {}", cloud.name))
+    }));
+    policies.push((ComparedPolicy::FirstWins, "first response wins".to_owned()));
     policies
 }
 
@@ -293,9 +295,9 @@ fn failures(tally: &SourceTally) -> BTreeMap<String, u64> {
 }
 
 /// What may help where each call broke a connection without TLS.
-fn hint(cloud: &Cloud, failures: &BTreeMap<String, u64>) -> Option<&'static str> {
-    let Server::Remote(remote) = &cloud.server else { return None };
-    let has_broken = cloud.served.unsaid.as_deref() == Some(grpc::CallError::BROKE);
+fn hint(cloud: &CloudPlan, failures: &BTreeMap<String, u64>) -> Option<&'static str> {
+    let CloudServer::Remote(remote) = &cloud.server else { return None };
+    let has_broken = cloud.served.describe_error.as_deref() == Some(grpc::CallError::BROKE);
     (has_broken && failures.contains_key(grpc::CallError::BROKE) && remote.url.starts_with("http:"))
         .then_some("if it speaks TLS, give an https URL and a ca")
 }

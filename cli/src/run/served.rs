@@ -26,7 +26,7 @@ pub(crate) struct Served {
     /// Whether its runtime is emulated.
     pub(crate) emulated: bool,
     /// Why its server did not say so; then it is what the user said.
-    pub(crate) unsaid: Option<String>,
+    pub(crate) describe_error: Option<String>,
 }
 
 impl Served {
@@ -43,20 +43,20 @@ impl Served {
     }
 
     /// Queries the server; returns a warning where the user said otherwise.
-    pub(crate) async fn ask(&mut self, connection: Connection) -> Option<String> {
+    pub(crate) async fn describe(&mut self, connection: Connection) -> Option<String> {
         let mut client = InferClient::new(connection);
         let description = match timeout(PATIENCE, client.describe(Request::new(()))).await {
             Ok(Ok(printed)) => printed.into_inner(),
             Ok(Err(status)) if status.code() == Code::Unimplemented => {
-                self.unsaid = Some("it does not know this call".to_owned());
+                self.describe_error = Some("it does not know this call".to_owned());
                 return None;
             }
             Ok(Err(status)) => {
-                self.unsaid = Some(CallError::from(status).to_string());
+                self.describe_error = Some(CallError::from(status).to_string());
                 return None;
             }
             Err(_) => {
-                self.unsaid = Some("no answer".to_owned());
+                self.describe_error = Some("no answer".to_owned());
                 return None;
             }
         };
@@ -84,6 +84,6 @@ impl From<Description> for Served {
         // What no time is, is none.
         let runtime = runtime_ms.and_then(|ms| Duration::try_from_secs_f64(ms / 1000.0).ok());
         let ap = ap.filter(|ap| (0.0..=100.0).contains(ap));
-        Self { model: text(model), runtime, ap, drive: text(drive), emulated, unsaid: None }
+        Self { model: text(model), runtime, ap, drive: text(drive), emulated, describe_error: None }
     }
 }

@@ -6,10 +6,10 @@ use std::time::Duration;
 use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
 
 use crate::emulation::{Outage, REPLY_BYTES, REQUEST_BYTES};
-use crate::policies::Figure;
-use crate::run::plan::{Cloud, DeadlinePolicy, Plan, Server};
-use crate::run::report::{PolicyReport, Report, SourceReport, share};
-use fuseline_report::{COLUMNS, Quantile, Row, Totals};
+use crate::policies::BoundedFigure;
+use crate::run::plan::{CloudPlan, CloudServer, DeadlinePolicy, RunPlan};
+use crate::run::report::{PolicyReport, RunReport, SourceReport, share};
+use fuseline_report::{COLUMNS, Quantile, RequestRow, Totals};
 
 /// Shorter outages are not worth a word.
 const OUTAGE: Duration = Duration::from_secs(1);
@@ -23,7 +23,7 @@ const STYLE: TableStyle =
     TableStyle::new().header_separator(LineStyle::none().fill('─').junction('─'));
 
 /// The plan of a run, in words.
-pub(crate) struct PlanSummary<'a>(pub(crate) &'a Plan);
+pub(crate) struct PlanSummary<'a>(pub(crate) &'a RunPlan);
 
 impl fmt::Display for PlanSummary<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -60,32 +60,32 @@ impl fmt::Display for PlanSummary<'_> {
             kilobytes(REQUEST_BYTES),
             kilobytes(REPLY_BYTES),
         )?;
-        f.write_str(&unsaid(plan))?;
+        f.write_str(&undescribed(plan))?;
         f.write_str(&outages(plan))
     }
 }
 
-impl fmt::Display for Cloud {
+impl fmt::Display for CloudPlan {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { name, priority, served, server } = self;
         let text = served.model.as_deref().unwrap_or_default();
         let runtime = served.runtime.map(exact).unwrap_or_default();
         write!(f, "{priority} {name:<6} {text:<26} {runtime:>8}   ")?;
         match (server, &served.drive) {
-            (Server::Emulated(emulation), _) => {
+            (CloudServer::Emulated(emulation), _) => {
                 write!(f, "{} from {}", emulation.drive.name(), secs(emulation.start))
             }
-            (Server::Remote(remote), Some(drive)) => write!(f, "{}, {drive}", remote.url),
-            (Server::Remote(remote), None) => f.write_str(&remote.url),
+            (CloudServer::Remote(remote), Some(drive)) => write!(f, "{}, {drive}", remote.url),
+            (CloudServer::Remote(remote), None) => f.write_str(&remote.url),
         }
     }
 }
 
 /// The clouds whose models only the user named, a line each.
-fn unsaid(plan: &Plan) -> String {
+fn undescribed(plan: &RunPlan) -> String {
     let mut lines = String::new();
-    for Cloud { name, served, .. } in &plan.clouds {
-        let Some(why) = &served.unsaid else { continue };
+    for CloudPlan { name, served, .. } in &plan.clouds {
+        let Some(why) = &served.describe_error else { continue };
         let known = match served.model {
             Some(_) => "its model is as --cloud says",
             None => "nothing is known of its model",
@@ -96,18 +96,18 @@ fn unsaid(plan: &Plan) -> String {
     lines
 }
 
-impl fmt::Display for Report {
+impl fmt::Display for RunReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.interrupted {
             writeln!(f, "Ended early; this is the run so far.\n")?;
         }
-        let name = |row: &Row| {
+        let name = |row: &RequestRow| {
             let source = self.sources.iter().find(|source| u64::from(source.priority) == row.p);
             format!("{} {}", row.p, source.map_or("", |source| source.name.as_str()))
         };
         writeln!(f, "{}\n", sources_table(&self.totals, name).trim_fmt())?;
         f.write_str(&self.failures())?;
-        writeln!(f, "{}\n", Messages(&self.totals))?;
+        writeln!(f, "{}\n", MessagesSentence(&self.totals))?;
         writeln!(f, "{}\n", self.policies_table().trim_fmt())?;
         writeln!(
             f,
@@ -115,7 +115,7 @@ impl fmt::Display for Report {
              more, counts 0.",
             self.deadline_ms
         )?;
-        let Figure { at_least, at_most } = self.outage_messages;
+        let BoundedFigure { at_least, at_most } = self.outage_messages;
         if at_most > 0 {
             let outages = counted(at_most, "message");
             let outages = match at_least {
@@ -125,7 +125,7 @@ impl fmt::Display for Report {
             };
             writeln!(f, "Outages are {outages} that some cloud would not have answered by then.")?;
         }
-        let refused: u64 = self.totals.rows.iter().map(Row::refused).sum();
+        let refused: u64 = self.totals.rows.iter().map(RequestRow::refused).sum();
         if self.refused + refused > 0 {
             writeln!(
                 f,
@@ -159,9 +159,9 @@ impl fmt::Display for Report {
 }
 
 /// What became of the messages, in a sentence.
-struct Messages<'a>(&'a Totals);
+struct MessagesSentence<'a>(&'a Totals);
 
-impl fmt::Display for Messages<'_> {
+impl fmt::Display for MessagesSentence<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Totals { messages, forwarded, missed, refused, open, .. } = *self.0;
         let messages = counted(messages, "message");
@@ -171,7 +171,7 @@ impl fmt::Display for Messages<'_> {
     }
 }
 
-impl Report {
+impl RunReport {
     /// Why sources failed, a line each.
     fn failures(&self) -> String {
         let mut lines = String::new();
@@ -229,7 +229,7 @@ impl PolicyReport {
 }
 
 /// Bounds are rounded outwards.
-fn mean_ap(ap: Figure<f64>) -> String {
+fn mean_ap(ap: BoundedFigure<f64>) -> String {
     match ap.exact() {
         Some(ap) => format!("{ap:.1}"),
         None => range(ap.at_least, ap.at_most, ""),
@@ -237,14 +237,14 @@ fn mean_ap(ap: Figure<f64>) -> String {
 }
 
 /// A part of all messages; `?` where it may be any.
-fn in_time(count: Figure<u64>, messages: u64) -> String {
+fn in_time(count: BoundedFigure<u64>, messages: u64) -> String {
     if let Some(exact) = count.exact() {
         return percent(exact, messages);
     }
     if count.at_least == 0 && count.at_most == messages {
         return "?".to_owned();
     }
-    let Figure { at_least, at_most } = count.map(|count| 100.0 * share(count, messages));
+    let BoundedFigure { at_least, at_most } = count.map(|count| 100.0 * share(count, messages));
     if count.at_most == messages {
         return format!("≥ {:.1} %", outwards(at_least, f64::floor));
     }
@@ -267,7 +267,7 @@ fn outwards(bound: f64, round: fn(f64) -> f64) -> f64 {
 }
 
 /// Who answered, and what became of the requests, in the reckoning's words; `name` calls a source.
-pub(crate) fn sources_table(totals: &Totals, name: impl Fn(&Row) -> String) -> Table {
+pub(crate) fn sources_table(totals: &Totals, name: impl Fn(&RequestRow) -> String) -> Table {
     // Most traces end with all decided.
     let is_open = totals.rows.iter().any(|row| row.counts[OPEN] > 0);
     let reported: Vec<usize> = (0..COLUMNS.len()).filter(|i| *i != OPEN || is_open).collect();
@@ -285,8 +285,8 @@ pub(crate) fn sources_table(totals: &Totals, name: impl Fn(&Row) -> String) -> T
 }
 
 /// When clouds are out of reach, in one line; nothing if none is known to be.
-fn outages(plan: &Plan) -> String {
-    let of = |cloud: &Cloud| {
+fn outages(plan: &RunPlan) -> String {
+    let of = |cloud: &CloudPlan| {
         let emulation = cloud.emulation()?;
         let all = emulation.outages(plan.period, plan.span, plan.deadline());
         let long = all.into_iter().filter(|outage| outage.length() >= OUTAGE);
@@ -339,8 +339,8 @@ fn align(table: &mut Table) {
     }
 }
 
-pub(crate) fn counted(count: u64, what: &str) -> String {
-    if count == 1 { format!("1 {what}") } else { format!("{count} {what}s") }
+pub(crate) fn counted(count: u64, noun: &str) -> String {
+    if count == 1 { format!("1 {noun}") } else { format!("{count} {noun}s") }
 }
 
 /// Whole milliseconds.

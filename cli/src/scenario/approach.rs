@@ -11,7 +11,9 @@ use fuseline_deadline::{
 use serde::Serialize;
 
 use crate::scenario::braking::{Brakes, DriveOutcome};
-use crate::scenario::operator::{CLOUD, Message, Operator, Request, UNLIMITED};
+use crate::scenario::operator::{
+    CLOUD, CloudRequest, ScenarioMessage, ScenarioOperator, UNLIMITED,
+};
 use crate::scenario::planner::{FrameStatus, Planner};
 
 /// The vehicle, its camera and what it computes with, in metres and seconds.
@@ -48,7 +50,7 @@ pub(crate) enum Approach {
 
 /// One drive towards the obstacle.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Drive<'a> {
+pub(crate) struct ApproachRun<'a> {
     pub(crate) vehicle: &'a Vehicle,
     pub(crate) speed: f64,
     /// Where the obstacle comes into the greater range, in frames after a capture.
@@ -140,7 +142,7 @@ impl Vehicle {
     }
 }
 
-impl Drive<'_> {
+impl ApproachRun<'_> {
     /// The gap at the first frame's capture, in metres.
     pub(crate) fn start(&self) -> f64 {
         let Vehicle { range_local, range_cloud, .. } = *self.vehicle;
@@ -158,12 +160,12 @@ impl Drive<'_> {
     /// has not been used before.
     pub(crate) fn run(
         &self,
-        operator: &mut Operator,
+        operator: &mut ScenarioOperator,
         response: impl Fn(u64) -> Option<u64>,
     ) -> (DriveOutcome, Option<u64>) {
         let (start, period) = (self.start(), self.vehicle.period());
         let mut planner = Planner::new(self.vehicle.frames as usize);
-        let mut local = Local { vehicle: self.vehicle, frees: 0 };
+        let mut local = LocalComputation { vehicle: self.vehicle, frees: 0 };
         let reached = start / self.speed;
         let mut decided = None;
         for frame in 0_u64.. {
@@ -192,11 +194,11 @@ impl Drive<'_> {
     fn message(
         &self,
         at: u64,
-        local: &mut Local<'_>,
+        local: &mut LocalComputation<'_>,
         response: impl Fn(u64) -> Option<u64>,
-    ) -> Message {
-        let cloud = |deadline| Some(Request { deadline, response: response(at) });
-        let requested = |local: Option<u64>, request| Message { at, local, request };
+    ) -> ScenarioMessage {
+        let cloud = |deadline| Some(CloudRequest { deadline, response: response(at) });
+        let requested = |local: Option<u64>, request| ScenarioMessage { at, local, request };
         match self.approach {
             Approach::Local => requested(local.take(at), None),
             Approach::Cloud => requested(None, cloud(UNLIMITED)),
@@ -209,7 +211,12 @@ impl Drive<'_> {
     }
 
     /// Gives the planner the operator's outputs; returns when it decided to brake.
-    fn plan(&self, operator: &mut Operator, planner: &mut Planner, start: f64) -> Option<u64> {
+    fn plan(
+        &self,
+        operator: &mut ScenarioOperator,
+        planner: &mut Planner,
+        start: f64,
+    ) -> Option<u64> {
         let Vehicle { range_local, range_cloud, .. } = *self.vehicle;
         let period = self.vehicle.period();
         operator.take_outputs().into_iter().find_map(|output| {
@@ -232,13 +239,13 @@ impl Drive<'_> {
 }
 
 /// The computation on board, frame by frame.
-struct Local<'a> {
+struct LocalComputation<'a> {
     vehicle: &'a Vehicle,
     /// When it is free again, if it computes one frame at a time.
     frees: u64,
 }
 
-impl Local<'_> {
+impl LocalComputation<'_> {
     /// How long it takes for a frame captured now; none if it is busy.
     fn take(&mut self, at: u64) -> Option<u64> {
         let response = nanos(self.vehicle.local_response);

@@ -31,11 +31,11 @@ impl Brakes {
         if gap <= 0.0 {
             return DriveOutcome::Hits { impact: speed };
         }
-        let left = gap - speed * speed / (2.0 * self.deceleration);
-        if left > 0.0 {
-            return DriveOutcome::Stops { gap: left };
+        let remaining = gap - speed * speed / (2.0 * self.deceleration);
+        if remaining > 0.0 {
+            return DriveOutcome::Stops { gap: remaining };
         }
-        DriveOutcome::Hits { impact: (-2.0 * self.deceleration * left).max(0.0).sqrt() }
+        DriveOutcome::Hits { impact: (-2.0 * self.deceleration * remaining).max(0.0).sqrt() }
     }
 }
 

@@ -25,11 +25,11 @@ use crate::remedy::options;
 #[derive(clap::Args)]
 pub(crate) struct Args {
     #[command(subcommand)]
-    scenario: Scenario,
+    scenario: ScenarioCommand,
 }
 
 #[derive(clap::Subcommand)]
-enum Scenario {
+enum ScenarioCommand {
     /// Stop behind a standing motorcycle: the paper's table of 90 cells.
     TrafficJam(traffic_jam::Args),
     /// A car runs a red light, hidden until it is late; vehicles may share where they are.
@@ -65,10 +65,10 @@ impl From<ScenarioError> for Fault {
 /// Plays a scenario.
 pub(crate) fn play(args: &Args) -> Result<Exit, Fault> {
     match &args.scenario {
-        Scenario::TrafficJam(args) => traffic_jam::play(args)?,
-        Scenario::RedLight(args) => red_light::play(args)?,
-        Scenario::Jaywalking(args) => jaywalking::play(args)?,
-        Scenario::Networks(args) => networks::play(args)?,
+        ScenarioCommand::TrafficJam(args) => traffic_jam::play(args)?,
+        ScenarioCommand::RedLight(args) => red_light::play(args)?,
+        ScenarioCommand::Jaywalking(args) => jaywalking::play(args)?,
+        ScenarioCommand::Networks(args) => networks::play(args)?,
     }
     Ok(Exit::Conforms)
 }

@@ -1,4 +1,4 @@
-//! An operator in virtual time: the shipped machine decides, and nothing waits. [`Operator::pass`] moves time on.
+//! An operator in virtual time: the shipped machine decides, and nothing waits. [`ScenarioOperator::pass`] moves time on.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -18,18 +18,18 @@ pub(crate) const UNLIMITED: u64 = u64::MAX;
 
 /// One message, and what would come of it, in nanoseconds.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Message {
+pub(crate) struct ScenarioMessage {
     /// When it comes.
     pub(crate) at: u64,
     /// How long local takes; none: it computes nothing for this message, which is known at once (F4).
     pub(crate) local: Option<u64>,
     /// The request to the cloud.
-    pub(crate) request: Option<Request>,
+    pub(crate) request: Option<CloudRequest>,
 }
 
 /// A request to the cloud.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Request {
+pub(crate) struct CloudRequest {
     /// How long it may take.
     pub(crate) deadline: u64,
     /// How long it takes; none: no result ever comes.
@@ -38,7 +38,7 @@ pub(crate) struct Request {
 
 /// The operator's output for a timestamp.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) struct Output {
+pub(crate) struct ScenarioOutput {
     pub(crate) at: u64,
     pub(crate) t: u64,
     /// Whose result; none: the timestamp was missed.
@@ -46,18 +46,18 @@ pub(crate) struct Output {
 }
 
 /// An operator with local and at most one cloud. Timers are served at the instants at which they are due.
-pub(crate) struct Operator {
-    machine: Machine,
+pub(crate) struct ScenarioOperator {
+    machine: ScenarioMachine,
     messages: u64,
     /// When which source's result comes; those of one instant in the order of their messages.
     arrivals: BinaryHeap<Reverse<(u64, u64, u64)>>,
-    outputs: Vec<Output>,
+    outputs: Vec<ScenarioOutput>,
     is_full: bool,
     trace: Option<Vec<u8>>,
 }
 
 /// The shipped machine. Most runs are short, and a small window is made far sooner than a large one.
-enum Machine {
+enum ScenarioMachine {
     Small(Arbiter<1, SMALL>),
     Large(Arbiter<1, LARGE>),
 }
@@ -67,7 +67,7 @@ const SMALL: usize = 192;
 /// For all others.
 const LARGE: usize = 1024;
 
-impl Machine {
+impl ScenarioMachine {
     fn new(header: &Header) -> Result<Self, ConfigError> {
         if usize::from(header.window) <= SMALL {
             Ok(Self::Small(Arbiter::new(header)?))
@@ -91,7 +91,7 @@ impl Machine {
     }
 }
 
-impl Operator {
+impl ScenarioOperator {
     /// An operator of this name, for about so many messages. Its trace is kept if `is_traced`.
     pub(crate) fn new(name: &str, messages: f64, is_traced: bool) -> Self {
         // A window that is too small refuses messages, which is reported.
@@ -109,19 +109,19 @@ impl Operator {
             trace.push(b'\n');
             trace
         });
-        let machine = Machine::new(&header).expect("a window of 1 to 1024 and one cloud");
+        let machine = ScenarioMachine::new(&header).expect("a window of 1 to 1024 and one cloud");
         let (arrivals, outputs) = (BinaryHeap::new(), Vec::new());
         Self { machine, messages: 0, arrivals, outputs, is_full: false, trace }
     }
 
     /// A message comes: local gets it, and the cloud if there is a request. Everything before has happened then.
-    pub(crate) fn message(&mut self, message: &Message) {
-        let Message { at, local, request } = *message;
+    pub(crate) fn message(&mut self, message: &ScenarioMessage) {
+        let ScenarioMessage { at, local, request } = *message;
         self.pass(at);
         let t = self.messages;
         self.messages += 1;
         self.input(Input::Open { at, t, deadline: None });
-        if let Some(Request { deadline, response }) = request {
+        if let Some(CloudRequest { deadline, response }) = request {
             self.input(Input::Offer { at, t, p: CLOUD, deadline, backlog: 0 });
             if let Some(response) = response {
                 self.arrivals.push(Reverse((at.saturating_add(response), t, CLOUD)));
@@ -153,7 +153,7 @@ impl Operator {
     }
 
     /// The outputs so far that were not taken yet, in their order.
-    pub(crate) fn take_outputs(&mut self) -> Vec<Output> {
+    pub(crate) fn take_outputs(&mut self) -> Vec<ScenarioOutput> {
         std::mem::take(&mut self.outputs)
     }
 
@@ -186,8 +186,10 @@ impl Operator {
                 trace.push(b'\n');
             }
             match decision {
-                Decision::Emit { at, t, p } => outputs.push(Output { at, t, source: Some(p) }),
-                Decision::Miss { at, t } => outputs.push(Output { at, t, source: None }),
+                Decision::Emit { at, t, p } => {
+                    outputs.push(ScenarioOutput { at, t, source: Some(p) });
+                }
+                Decision::Miss { at, t } => outputs.push(ScenarioOutput { at, t, source: None }),
                 // Timestamps rise, so that nothing else refuses one.
                 Decision::RefuseOpen { .. } => *is_full = true,
                 Decision::Timer { .. }

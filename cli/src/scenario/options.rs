@@ -9,7 +9,7 @@ use crate::fault::Fault;
 use crate::output::Overwrite;
 use crate::plot::Folder;
 use crate::scenario::approach::Vehicle;
-use crate::sink::Sink;
+use crate::sink::OutputSink;
 
 /// What a scenario leaves.
 #[derive(clap::Args)]
@@ -42,14 +42,14 @@ impl OutputOptions {
     /// # Errors
     /// If standard output cannot be written.
     pub(crate) fn print_report(&self, object: &impl Serialize, words: &str) -> Result<(), Fault> {
-        let mut out = Sink::new(anstream::stdout());
-        let wrote = if self.json {
-            let wrote = serde_json::to_writer(&mut out, object).map_err(io::Error::from);
-            wrote.and_then(|()| writeln!(out))
+        let mut out = OutputSink::new(anstream::stdout());
+        let written = if self.json {
+            let written = serde_json::to_writer(&mut out, object).map_err(io::Error::from);
+            written.and_then(|()| writeln!(out))
         } else {
             out.write_all(words.as_bytes())
         };
-        wrote.map_err(Fault::Output)
+        written.map_err(Fault::Output)
     }
 }
 

@@ -67,7 +67,7 @@ impl TrafficJam {
             Approach::Ours => "ours",
             Approach::First => return None,
         };
-        let place = self.cloud_response_s.iter().position(|at| (at - response).abs() < 1e-9)?;
-        Some(*self.collides.get(&speed.to_string())?.get(name)?.get(place)? == 1)
+        let index = self.cloud_response_s.iter().position(|at| (at - response).abs() < 1e-9)?;
+        Some(*self.collides.get(&speed.to_string())?.get(name)?.get(index)? == 1)
     }
 }

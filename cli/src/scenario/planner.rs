@@ -21,22 +21,22 @@ pub(crate) enum FrameStatus {
 #[derive(Clone, Debug)]
 pub(crate) struct Planner {
     wanted: usize,
-    seen: Vec<FrameStatus>,
+    frames: Vec<FrameStatus>,
 }
 
 impl Planner {
     /// A planner that needs so many timestamps.
     pub(crate) const fn new(wanted: usize) -> Self {
-        Self { wanted, seen: Vec::new() }
+        Self { wanted, frames: Vec::new() }
     }
 
     /// Takes what came of timestamp `t`; whether it decides to brake by that.
     pub(crate) fn take(&mut self, t: usize, sight: FrameStatus) -> bool {
-        if self.seen.len() <= t {
-            self.seen.resize(t + 1, FrameStatus::Unknown);
+        if self.frames.len() <= t {
+            self.frames.resize(t + 1, FrameStatus::Unknown);
         }
-        self.seen[t] = sight;
-        let (before, from) = self.seen.split_at(t);
+        self.frames[t] = sight;
+        let (before, from) = self.frames.split_at(t);
         match sight {
             FrameStatus::Unknown | FrameStatus::Clear => false,
             FrameStatus::Missed | FrameStatus::Obstacle => {

@@ -1,6 +1,6 @@
 //! Shapes on the road, seen from above, and whether moving ones touch. Metres.
 
-/// A place or a way: x, y.
+/// A position or a displacement: x, y.
 pub(crate) type Point = [f64; 2];
 
 /// Shapes nearer than this touch.
@@ -102,11 +102,11 @@ fn do_cross(one: [Point; 2], other: [Point; 2]) -> bool {
 }
 
 fn to_segment(point: Point, [from, to]: [Point; 2]) -> f64 {
-    let way = [to[0] - from[0], to[1] - from[1]];
+    let segment = [to[0] - from[0], to[1] - from[1]];
     let apart = [point[0] - from[0], point[1] - from[1]];
-    let length = way[0] * way[0] + way[1] * way[1];
-    let part = ((apart[0] * way[0] + apart[1] * way[1]) / length).clamp(0.0, 1.0);
-    (apart[0] - part * way[0]).hypot(apart[1] - part * way[1])
+    let length = segment[0] * segment[0] + segment[1] * segment[1];
+    let part = ((apart[0] * segment[0] + apart[1] * segment[1]) / length).clamp(0.0, 1.0);
+    (apart[0] - part * segment[0]).hypot(apart[1] - part * segment[1])
 }
 
 #[cfg(test)]

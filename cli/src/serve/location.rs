@@ -9,7 +9,7 @@ pub(crate) struct Location {
     /// When it was so, in seconds by the common clock.
     #[prost(double, tag = "2")]
     pub(crate) time_s: f64,
-    /// The place, in metres.
+    /// The position, in metres.
     #[prost(double, tag = "3")]
     pub(crate) x_m: f64,
     #[prost(double, tag = "4")]

@@ -27,7 +27,7 @@ pub(crate) struct LocationService {
 
 struct StoredReport {
     location: Location,
-    came: Instant,
+    received_at: Instant,
 }
 
 impl LocationService {
@@ -40,18 +40,19 @@ impl LocationService {
     fn share(&self, location: Location, now: Instant) -> Result<Locations, Status> {
         check(&location)?;
         let mut reports = self.reports.lock().unwrap_or_else(PoisonError::into_inner);
-        reports.retain(|_, kept| now.saturating_duration_since(kept.came) <= self.age);
+        reports.retain(|_, report| now.saturating_duration_since(report.received_at) <= self.age);
         if reports.len() >= self.most && !reports.contains_key(&location.vehicle) {
             let most = self.most;
             return Err(Status::resource_exhausted(format!("{most} vehicles share already")));
         }
         let name = location.vehicle.clone();
-        let is_newer = reports.get(&name).is_none_or(|kept| kept.location.time_s < location.time_s);
+        let is_newer =
+            reports.get(&name).is_none_or(|report| report.location.time_s < location.time_s);
         if is_newer {
-            reports.insert(name.clone(), StoredReport { location, came: now });
+            reports.insert(name.clone(), StoredReport { location, received_at: now });
         }
         let others = reports.iter().filter(|(vehicle, _)| **vehicle != name);
-        Ok(Locations { others: others.map(|(_, kept)| kept.location.clone()).collect() })
+        Ok(Locations { others: others.map(|(_, report)| report.location.clone()).collect() })
     }
 }
 

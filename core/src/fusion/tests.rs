@@ -256,17 +256,19 @@ fn ready_fires_what_at_fires_and_leaves_the_same_machine() {
 
 #[test]
 fn what_an_offer_would_be_answered_is_known_before_and_changes_nothing() {
+    // The gate of FAR, once shut, stays so at 1 and 2 queued requests.
+    let clouds = [Cloud { priority: FAR, limit: 3, resume: 0 }, Cloud::new(NEAR, 3)];
     for script in 0..4_096_u64 {
-        let mut fusion = machine(2, Commit::Eager);
-        ready(&mut fusion, 1).open(t(3), Some(ns(50)));
+        let mut fusion = Small::new(2, Commit::Eager, &clouds).unwrap();
+        let _ = ready(&mut fusion, 1).open(t(3), Some(ns(50)));
         for (step, bits) in (0..6).map(|step| (step, script >> (2 * step) & 3)) {
             let (cloud, deadline, backlog) = match bits {
                 0 => (NEAR, ns(5), 0),
-                1 => (FAR, ns(if step % 2 == 0 { 0 } else { 60 }), step),
+                1 => (FAR, ns(if step % 2 == 0 { 0 } else { 60 }), 5 - step),
                 2 => (Priority::new(7), ns(5), 0),
                 _ => {
-                    ready(&mut fusion, 2).result(t(3), LOCAL);
-                    ready(&mut fusion, 2).open(t(4 + step), None);
+                    let _ = ready(&mut fusion, 2).result(t(3), LOCAL);
+                    let _ = ready(&mut fusion, 2).open(t(4 + step), None);
                     continue;
                 }
             };

@@ -10,7 +10,7 @@ const FAR: Priority = Priority::new(2);
 struct Inputs {
     fusion: Fusion<2, 2>,
     held: Held<Rc<Priority>, 2>,
-    /// What went downstream.
+    /// What was sent downstream.
     sent: std::vec::Vec<(u64, Option<Priority>)>,
     lives: std::vec::Vec<std::rc::Weak<Priority>>,
 }
@@ -111,14 +111,14 @@ fn what_is_dropped_is_not_kept() {
 }
 
 #[test]
-fn timestamps_are_told_apart() {
+fn values_of_two_timestamps_are_not_mixed() {
     let mut inputs = Inputs::new();
     inputs.open(0);
     inputs.open(1);
     inputs.result(1, Priority::LOCAL);
     inputs.result(0, NEAR);
     assert_eq!(inputs.held.len(), 2);
-    // The near cloud's timer commits the best in hand, whatever that is.
+    // The near cloud's timer commits the best available, whatever that is.
     inputs.tick(10);
     assert_eq!(inputs.sent, [(0, Some(NEAR)), (1, Some(Priority::LOCAL))]);
     assert_eq!((inputs.held.is_empty(), inputs.live()), (true, 0));

@@ -12,8 +12,8 @@ fn source(index: u8) -> Source {
     Source::new(index).unwrap()
 }
 
-/// A slot with these clouds asked for.
-fn asked(limited: bool, clouds: &[u8]) -> Slot {
+/// A slot with these clouds requested.
+fn requested(limited: bool, clouds: &[u8]) -> Slot {
     clouds.iter().fold(Slot::open(limited), |slot, cloud| {
         let (slot, refusal) = slot.offer(source(*cloud));
         assert_eq!(refusal, None);
@@ -100,7 +100,7 @@ fn sets_that_no_inputs_lead_to_are_refused_with_the_reason() {
     assert_eq!(from(&[0], &[0], &[], &[2]), InvalidSlot::NotRequested);
     assert_eq!(from(&[0, 1], &[0, 1], &[1], &[0]), InvalidSlot::PendingAndCached);
     assert_eq!(from(&[0, 1], &[], &[], &[]), InvalidSlot::NothingPending);
-    assert_eq!(from(&[0, 1], &[0], &[1], &[1]), InvalidSlot::Overripe);
+    assert_eq!(from(&[0, 1], &[0], &[1], &[1]), InvalidSlot::Unforwarded);
     assert_eq!(from(&[0, 1], &[0, 1], &[], &[]), InvalidSlot::Timers);
     assert_eq!(from(&[0, 1], &[1], &[0, 1], &[0]), InvalidSlot::Timers);
 }
@@ -108,7 +108,7 @@ fn sets_that_no_inputs_lead_to_are_refused_with_the_reason() {
 #[test]
 fn result_with_nothing_above_it_is_forwarded_and_cancels_the_pending_clouds() {
     for commit in RULES {
-        let slot = asked(true, &[1, 2, 3]);
+        let slot = requested(true, &[1, 2, 3]);
         assert_eq!(slot.step(commit, result(3)), forwarded(3, &[1, 2]));
         assert_eq!(Slot::open(false).step(commit, result(0)), forwarded(0, &[]));
     }
@@ -116,7 +116,7 @@ fn result_with_nothing_above_it_is_forwarded_and_cancels_the_pending_clouds() {
 
 #[test]
 fn held_cloud_keeps_its_timer_under_eager_alone() {
-    let slot = asked(false, &[1, 2]);
+    let slot = requested(false, &[1, 2]);
     for (commit, armed) in [(Commit::Eager, set(&[1, 2])), (Commit::Patient, set(&[2]))] {
         let (held, decision) = slot.step(commit, result(1));
         assert_eq!(decision, Decision::Held);
@@ -129,27 +129,27 @@ fn held_cloud_keeps_its_timer_under_eager_alone() {
 #[test]
 fn held_local_loses_its_limit_under_both_rules() {
     for commit in RULES {
-        let (held, decision) = asked(true, &[1]).step(commit, result(0));
+        let (held, decision) = requested(true, &[1]).step(commit, result(0));
         assert_eq!((held.armed(), decision), (set(&[1]), Decision::Held));
     }
 }
 
 #[test]
-fn eager_cloud_timer_commits_the_best_in_hand_whoever_owns_it() {
+fn eager_cloud_timer_commits_the_best_available_whoever_owns_it() {
     let commit = Commit::Eager;
-    let in_hand = after(commit, asked(false, &[1, 2, 3]), &[result(0), result(2)]);
+    let available = after(commit, requested(false, &[1, 2, 3]), &[result(0), result(2)]);
     for timer in [1, 2, 3] {
         let cancelled: &[u8] = if timer == 3 { &[1] } else { &[1, 3] };
         let cancelled: Vec<u8> = cancelled.iter().copied().filter(|c| *c != timer).collect();
-        assert_eq!(in_hand.step(commit, timers(&[timer])), forwarded(2, &cancelled));
+        assert_eq!(available.step(commit, timers(&[timer])), forwarded(2, &cancelled));
     }
 }
 
 #[test]
 fn patient_timer_closes_its_own_request_alone() {
     let commit = Commit::Patient;
-    let in_hand = after(commit, asked(false, &[1, 2, 3]), &[result(0)]);
-    let (waiting, decision) = in_hand.step(commit, timers(&[2]));
+    let available = after(commit, requested(false, &[1, 2, 3]), &[result(0)]);
+    let (waiting, decision) = available.step(commit, timers(&[2]));
     assert_eq!((waiting.pending(), decision), (set(&[1, 3]), Decision::Waiting));
     let (waiting, decision) = waiting.step(commit, timers(&[3]));
     assert_eq!((waiting.pending(), decision), (set(&[1]), Decision::Waiting));
@@ -159,19 +159,19 @@ fn patient_timer_closes_its_own_request_alone() {
 #[test]
 fn limit_alone_commits_nothing_while_something_better_is_pending() {
     for commit in RULES {
-        let in_hand = after(commit, asked(true, &[1, 2]), &[result(1)]);
-        let (waiting, decision) = in_hand.step(commit, timers(&[0]));
+        let available = after(commit, requested(true, &[1, 2]), &[result(1)]);
+        let (waiting, decision) = available.step(commit, timers(&[0]));
         assert_eq!((waiting.pending(), decision), (set(&[2]), Decision::Waiting));
     }
     // With a cloud's timer of the same instant it commits, if eager.
-    let in_hand = after(Commit::Eager, asked(true, &[1, 2]), &[result(1)]);
-    assert_eq!(in_hand.step(Commit::Eager, timers(&[0, 1])), forwarded(1, &[2]));
+    let available = after(Commit::Eager, requested(true, &[1, 2]), &[result(1)]);
+    assert_eq!(available.step(Commit::Eager, timers(&[0, 1])), forwarded(1, &[2]));
 }
 
 #[test]
-fn nothing_in_hand_and_nothing_pending_is_missed() {
+fn nothing_available_and_nothing_pending_is_missed() {
     for commit in RULES {
-        let slot = after(commit, asked(true, &[1]), &[failure(0)]);
+        let slot = after(commit, requested(true, &[1]), &[failure(0)]);
         assert_eq!(slot.step(commit, timers(&[1])), (Slot::RETIRED, Decision::Missed));
         assert_eq!(Slot::open(true).step(commit, timers(&[0])), (Slot::RETIRED, Decision::Missed));
         assert_eq!(Slot::open(false).step(commit, failure(0)), (Slot::RETIRED, Decision::Missed));
@@ -181,9 +181,9 @@ fn nothing_in_hand_and_nothing_pending_is_missed() {
 #[test]
 fn failure_of_what_outranks_the_best_forwards_it_at_once() {
     for commit in RULES {
-        let in_hand = after(commit, asked(false, &[1, 2, 3]), &[result(2)]);
-        assert_eq!(in_hand.step(commit, failure(3)), forwarded(2, &[1]));
-        let (waiting, decision) = in_hand.step(commit, failure(1));
+        let available = after(commit, requested(false, &[1, 2, 3]), &[result(2)]);
+        assert_eq!(available.step(commit, failure(3)), forwarded(2, &[1]));
+        let (waiting, decision) = available.step(commit, failure(1));
         assert_eq!((waiting.pending(), decision), (set(&[0, 3]), Decision::Waiting));
     }
 }
@@ -191,7 +191,7 @@ fn failure_of_what_outranks_the_best_forwards_it_at_once() {
 #[test]
 fn drops_name_the_first_reason_and_change_nothing() {
     for commit in RULES {
-        let slot = after(commit, asked(false, &[1, 2]), &[failure(1), result(0)]);
+        let slot = after(commit, requested(false, &[1, 2]), &[failure(1), result(0)]);
         for (cause, reason) in [
             (result(3), DropReason::Unsolicited),
             (failure(3), DropReason::Unsolicited),
@@ -211,15 +211,15 @@ fn drops_name_the_first_reason_and_change_nothing() {
 #[test]
 fn timers_that_are_not_armed_count_for_nothing() {
     for commit in RULES {
-        let slot = after(commit, asked(false, &[1, 2]), &[result(0)]);
+        let slot = after(commit, requested(false, &[1, 2]), &[result(0)]);
         assert_eq!(slot.step(commit, timers(&[0, 3])), (slot, Decision::Waiting));
         assert_eq!(Slot::RETIRED.step(commit, timers(&[1])), (Slot::RETIRED, Decision::Waiting));
     }
 }
 
 #[test]
-fn offers_are_refused_when_closed_asked_before_or_outranked() {
-    let slot = after(Commit::Eager, asked(false, &[2, 3]), &[result(2)]);
+fn offers_are_refused_when_closed_requested_before_or_outranked() {
+    let slot = after(Commit::Eager, requested(false, &[2, 3]), &[result(2)]);
     assert_eq!(slot.offer(source(2)), (slot, Some(OfferRefusal::Duplicate)));
     assert_eq!(slot.offer(source(0)), (slot, Some(OfferRefusal::Duplicate)));
     assert_eq!(slot.offer(source(1)), (slot, Some(OfferRefusal::Outranked)));

@@ -22,29 +22,29 @@ fn due_at(nanos: u64) -> Entry<1> {
 
 const UNARMED: Entry<1> = Entry { slot: Slot::open(false), ..Entry::EMPTY };
 
-/// Checks that the seats are each there once, that each has the turn of who is kept there, and that the first of each row
-/// and of all is no later than any.
+/// Checks that the index of each entry is there once, that each entry has the key of its timestamp, and that the first key of
+/// each row and of all is no later than any.
 fn check<const CAPACITY: usize>(window: &Window<1, CAPACITY>) {
-    let mut seats = window.seats;
-    seats.sort_unstable();
-    assert!(seats.iter().copied().eq(0..u16::try_from(CAPACITY).unwrap()), "{seats:?}");
-    let (open, empty) = window.seats.split_at(window.len);
-    for (seat, timestamp) in open.iter().zip(window.timestamps) {
-        let due = window.kept(*seat).next_due();
-        assert_eq!(window.turns[usize::from(*seat)], Turn::new(due, timestamp));
+    let mut indices = window.entry_indices;
+    indices.sort_unstable();
+    assert!(indices.iter().copied().eq(0..u16::try_from(CAPACITY).unwrap()), "{indices:?}");
+    let (open, empty) = window.entry_indices.split_at(window.len);
+    for (index, timestamp) in open.iter().zip(window.timestamps) {
+        let due = window.entry_at(*index).next_due();
+        assert_eq!(window.keys[usize::from(*index)], DueKey::new(due, timestamp));
     }
-    for seat in empty {
-        assert_eq!(window.turns[usize::from(*seat)], Turn::NEVER);
+    for index in empty {
+        assert_eq!(window.keys[usize::from(*index)], DueKey::NEVER);
     }
     let first =
-        |turns: &[Turn]| turns.iter().copied().min_by_key(|turn| (turn.key, turn.timestamp));
-    let rows = window.turns.chunks(Window::<1, CAPACITY>::ROW);
+        |keys: &[DueKey]| keys.iter().copied().min_by_key(|key| (key.due_minus_one, key.timestamp));
+    let rows = window.keys.chunks(Window::<1, CAPACITY>::ROW);
     assert!(rows.len() <= 32 && Window::<1, CAPACITY>::ROW <= 32);
     assert!(
         rows.map(first)
-            .eq(window.firsts[..Window::<1, CAPACITY>::ROWS].iter().map(|turn| Some(*turn)))
+            .eq(window.row_firsts[..Window::<1, CAPACITY>::ROWS].iter().map(|key| Some(*key)))
     );
-    assert_eq!(first(&window.turns), Some(window.first));
+    assert_eq!(first(&window.keys), Some(window.first));
 }
 
 fn agree<const CAPACITY: usize>(window: &Window<1, CAPACITY>, model: &BTreeMap<u64, Option<u64>>) {
@@ -53,7 +53,7 @@ fn agree<const CAPACITY: usize>(window: &Window<1, CAPACITY>, model: &BTreeMap<u
     assert_eq!(window.len(), model.len());
     let next = model.iter().filter_map(|(t, due)| Some(((*due)?, *t))).min();
     let found = window.next_due().zip(window.first_due());
-    let found = found.map(|(due, place)| (due.as_nanos(), window.timestamp(place).as_u64()));
+    let found = found.map(|(due, index)| (due.as_nanos(), window.timestamp(index).as_u64()));
     assert_eq!(found, next);
 }
 
@@ -96,10 +96,10 @@ fn churn<const CAPACITY: usize>(rounds: u64, check_every: u64) {
                 model.insert(t, due);
             }
         }
-        let asked = random.below(next + 2);
+        let sought = random.below(next + 2);
         assert_eq!(
-            window.find(Timestamp::new(asked)).map(|at| window.timestamp(at).as_u64()),
-            model.contains_key(&asked).then_some(asked)
+            window.find(Timestamp::new(sought)).map(|at| window.timestamp(at).as_u64()),
+            model.contains_key(&sought).then_some(sought)
         );
         if round % check_every == 0 {
             agree(&window, &model);
@@ -126,12 +126,12 @@ fn it_agrees_with_a_map_in_the_greatest_window() {
 }
 
 #[test]
-fn equal_dues_go_by_timestamp_wherever_their_seats_are() {
+fn equal_dues_go_by_timestamp_wherever_their_entries_are() {
     let mut window = Window::<1, 8>::new();
     for t in 0..8 {
         assert!(window.push(Timestamp::new(t), due_at(5)));
     }
-    // Their seats are free in this order, so that the greater timestamp has the lesser seat.
+    // Their entries become free in this order, so that the greater timestamp has the lesser index.
     for t in [6, 3, 0] {
         window.remove(window.find(Timestamp::new(t)).unwrap());
     }
@@ -164,10 +164,10 @@ fn an_earlier_due_of_another_source_is_noticed_and_a_later_one_is_not() {
     let cloud = Source::new(1).unwrap();
     let both = Slot::open(true).offer(cloud).0;
     let arm = |window: &mut Window<1, 4>, t, due| {
-        let place = window.find(Timestamp::new(t)).unwrap();
-        window.arm(place, both, cloud, Instant::from_nanos(due));
+        let index = window.find(Timestamp::new(t)).unwrap();
+        window.arm(index, both, cloud, Instant::from_nanos(due));
         check(window);
-        let first = window.first_due().map(|place| window.timestamp(place).as_u64());
+        let first = window.first_due().map(|index| window.timestamp(index).as_u64());
         (window.next_due().map(Instant::as_nanos), first)
     };
     assert_eq!(arm(&mut window, 2, 5), (Some(5), Some(2)));

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use super::{Kind, Run};
+use super::{EvidenceKind, RunMethod};
 use crate::citation::{cited_by_harness, cited_by_test, cited_by_trace, words};
 use crate::fault::SeededFault;
 use crate::printed::{GENERATED, Outcomes, read_drive, read_models, read_tests};
@@ -13,13 +13,13 @@ use crate::sources::{
 };
 
 /// All of them.
-pub const KINDS: &[Kind] = &[
-    Kind {
+pub const KINDS: &[EvidenceKind] = &[
+    EvidenceKind {
         name: "test",
         title: "tests",
         applies: is_of_spec,
         concerns: is_of_machine,
-        run: Run::Cargo {
+        run: RunMethod::Cargo {
             arguments: &[
                 "test",
                 "-p",
@@ -60,12 +60,12 @@ pub const KINDS: &[Kind] = &[
         read: read_tests,
         cites: cited_by_test,
     },
-    Kind {
+    EvidenceKind {
         name: "trace",
         title: "traces of the corpus",
         applies: |id| id.starts_with('F'),
         concerns: is_of_machine,
-        run: Run::Cargo {
+        run: RunMethod::Cargo {
             arguments: &["run", "-p", "fuseline-tests", "--example", "corpus"],
             variables: &[],
         },
@@ -84,12 +84,12 @@ pub const KINDS: &[Kind] = &[
         read: read_tests,
         cites: cited_by_trace,
     },
-    Kind {
+    EvidenceKind {
         name: "model",
         title: "properties of the models",
         applies: is_of_spec,
         concerns: is_of_machine,
-        run: Run::Cargo {
+        run: RunMethod::Cargo {
             arguments: &[
                 "run",
                 "--release",
@@ -120,12 +120,12 @@ pub const KINDS: &[Kind] = &[
         read: read_models,
         cites: |_, witness| Ok(words(witness)),
     },
-    Kind {
+    EvidenceKind {
         name: "fuzz",
         title: "fuzz targets, on their seeds",
         applies: |id| id.starts_with('F'),
         concerns: is_of_machine,
-        run: Run::Cargo {
+        run: RunMethod::Cargo {
             arguments: &["test", "-p", "fuseline-tests", "--test", "seeds", "seeds_of_"],
             variables: &[],
         },
@@ -148,17 +148,17 @@ pub const KINDS: &[Kind] = &[
         read: read_tests,
         cites: cited_by_test,
     },
-    Kind {
+    EvidenceKind {
         name: "proof",
         title: "proofs of one timestamp",
         applies: |id| id.starts_with('P') && !["P9", "P11"].contains(&id),
         concerns: is_of_machine,
-        run: Run::Prove { files: &["gate.rs", "slot.rs", "time.rs"], of: &[] },
+        run: RunMethod::Prove { files: &["gate.rs", "slot.rs", "time.rs"], of: &[] },
         sources: &[CORE, NO_LIST, "proofs/src"],
         read: |_| Outcomes::new(),
         cites: cited_by_harness,
     },
-    Kind {
+    EvidenceKind {
         name: "facade",
         title: "proofs of the façade, beside any number of timestamps",
         applies: |id| {
@@ -166,27 +166,27 @@ pub const KINDS: &[Kind] = &[
             shown.contains(&id)
         },
         concerns: is_of_machine,
-        run: Run::Prove { files: &["fusion.rs", "wait.rs"], of: &["core/src/fusion.rs"] },
+        run: RunMethod::Prove { files: &["fusion.rs", "wait.rs"], of: &["core/src/fusion.rs"] },
         sources: &[CORE, NO_LIST, "proofs/src"],
         read: |_| Outcomes::new(),
         cites: cited_by_harness,
     },
-    Kind {
+    EvidenceKind {
         name: "window",
         title: "proofs of the window, of any size",
         applies: |id| id == "P9",
         concerns: is_of_machine,
-        run: Run::Prove { files: &["window.rs"], of: &["core/src/window.rs"] },
+        run: RunMethod::Prove { files: &["window.rs"], of: &["core/src/window.rs"] },
         sources: &[CORE, NO_LIST, "proofs/src"],
         read: |_| Outcomes::new(),
         cites: cited_by_harness,
     },
-    Kind {
+    EvidenceKind {
         name: "rules",
         title: "obligations of the rules, of any size",
         applies: |id| id.starts_with('P'),
         concerns: |_| false,
-        run: Run::Solve,
+        run: RunMethod::Solve,
         sources: &[
             "proofs/rules/rules.smt2",
             "proofs/rules/promises.smt2",
@@ -195,12 +195,12 @@ pub const KINDS: &[Kind] = &[
         read: |_| Outcomes::new(),
         cites: cited_by_obligation,
     },
-    Kind {
+    EvidenceKind {
         name: "drive",
         title: "cases that `fuseline drive` sends",
         applies: |_| false,
         concerns: is_of_machine,
-        run: Run::DrivePrinted {
+        run: RunMethod::DrivePrinted {
             arguments: &["run", "-p", "fuseline-tests", "--example", "machine"],
             by: &["drive", "--json", "--cases", "200", "--"],
         },
@@ -225,12 +225,12 @@ pub const KINDS: &[Kind] = &[
             case => cited_by_trace(tree, case),
         },
     },
-    Kind {
+    EvidenceKind {
         name: "loom",
         title: "races under loom",
         applies: |_| false,
         concerns: |fault| fault.file.starts_with(THREADS),
-        run: Run::Cargo {
+        run: RunMethod::Cargo {
             arguments: &[
                 "test",
                 "-p",
@@ -256,12 +256,12 @@ pub const KINDS: &[Kind] = &[
         read: read_tests,
         cites: cited_by_test,
     },
-    Kind {
+    EvidenceKind {
         name: "policy",
         title: "tests of policies",
         applies: |_| false,
         concerns: |fault| fault.file.starts_with("deadline/"),
-        run: Run::Cargo {
+        run: RunMethod::Cargo {
             arguments: &["test", "-p", "fuseline-deadline", "--lib", "--tests", "--no-fail-fast"],
             variables: &[],
         },
@@ -269,14 +269,14 @@ pub const KINDS: &[Kind] = &[
             "deadline/src",
             "!deadline/src/lib.rs",
             "deadline/tests",
-            "testkit/src/draw.rs",
+            "testkit/src/rng.rs",
             CORE,
             NO_LIST,
         ],
         read: read_tests,
         cites: cited_by_test,
     },
-    Kind {
+    EvidenceKind {
         name: "operator",
         title: "tests of operators",
         applies: |_| false,
@@ -285,7 +285,7 @@ pub const KINDS: &[Kind] = &[
                 ["adapters/engine/", "adapters/tokio/"].iter().any(|at| fault.file.starts_with(at));
             is_of_operator && ![ARBITER, GRPC].iter().any(|at| fault.file.starts_with(at))
         },
-        run: Run::Cargo {
+        run: RunMethod::Cargo {
             arguments: &[
                 "test",
                 "-p",
@@ -337,12 +337,12 @@ pub const KINDS: &[Kind] = &[
         read: read_tests,
         cites: cited_by_test,
     },
-    Kind {
+    EvidenceKind {
         name: "grpc",
         title: "tests of clouds over gRPC",
         applies: |_| false,
         concerns: |fault| fault.file.starts_with(GRPC),
-        run: Run::Cargo {
+        run: RunMethod::Cargo {
             arguments: &[
                 "test",
                 "-p",
@@ -365,12 +365,12 @@ pub const KINDS: &[Kind] = &[
         read: read_tests,
         cites: cited_by_test,
     },
-    Kind {
+    EvidenceKind {
         name: "recorder",
         title: "tests of the recorder",
         applies: |_| false,
         concerns: |fault| fault.file == RECORDER,
-        run: Run::Cargo {
+        run: RunMethod::Cargo {
             arguments: &["test", "-p", "fuseline-traces", "--test", "record", "--no-fail-fast"],
             variables: QUICK,
         },
@@ -378,12 +378,12 @@ pub const KINDS: &[Kind] = &[
         read: read_tests,
         cites: cited_by_test,
     },
-    Kind {
+    EvidenceKind {
         name: "judge",
         title: "tests of the judges",
         applies: |_| false,
         concerns: |fault| JUDGES.iter().any(|at| fault.file.starts_with(at)),
-        run: Run::Cargo {
+        run: RunMethod::Cargo {
             arguments: &[
                 "test",
                 "-p",
@@ -413,12 +413,12 @@ pub const KINDS: &[Kind] = &[
         read: read_tests,
         cites: cited_by_test,
     },
-    Kind {
+    EvidenceKind {
         name: "simulation",
         title: "checks of simulated operators",
         applies: |_| false,
         concerns: |fault| is_simulated(&fault.file),
-        run: Run::Cargo {
+        run: RunMethod::Cargo {
             arguments: &[
                 "test",
                 "-p",
@@ -444,6 +444,7 @@ pub const KINDS: &[Kind] = &[
             NO_OBSERVED,
             NO_PACKED,
             NO_ROWS,
+            "testkit/src/rng.rs",
             "tests/system/simulate/seeds.toml",
             "tests/system/src/simulate",
             "tests/system/tests/checks.rs",
@@ -451,12 +452,12 @@ pub const KINDS: &[Kind] = &[
         read: read_tests,
         cites: cited_by_test,
     },
-    Kind {
+    EvidenceKind {
         name: "ros2",
         title: "tests of the ROS 2 node",
         applies: |_| false,
         concerns: |fault| fault.file.starts_with("adapters/ros2/"),
-        run: Run::Cargo {
+        run: RunMethod::Cargo {
             arguments: &[
                 "test",
                 "-p",
@@ -472,16 +473,17 @@ pub const KINDS: &[Kind] = &[
             "adapters/ros2/src",
             "!adapters/ros2/src/lib.rs",
             "adapters/ros2/tests/settings",
+            "testkit/src/rng.rs",
         ],
         read: read_tests,
         cites: cited_by_test,
     },
-    Kind {
+    EvidenceKind {
         name: "command",
         title: "tests of the command",
         applies: |_| false,
         concerns: |fault| fault.file.starts_with("cli/src/"),
-        run: Run::Cargo {
+        run: RunMethod::Cargo {
             arguments: &[
                 "test",
                 "-p",

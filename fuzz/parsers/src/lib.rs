@@ -10,7 +10,7 @@ use fuseline_system_tests::parsers::{Ends, MEMORY, Parser};
 /// Printed once reading ended in every way in which it can.
 const REACHED: &str = "fuseline-fuzz: everything was reached";
 
-/// An execution that asks for more than this ends the program.
+/// An execution that allocates more than this ends the program.
 #[global_allocator]
 static MEMORY_IN_USE: Cap<System> = Cap::new(System, MEMORY);
 

@@ -1,10 +1,10 @@
-//! Kani's names where Kani is not: the same harness source for another engine.
+//! A stand-in for Kani, for hosts without it: the functions and macros of Kani that the harnesses use, under the same names.
 //!
-//! Compiled to wasm, values and properties are imports that the checker defines. Natively they come from random numbers
-//! or from the list of a counterexample, and what happened is reported: see [`native`].
+//! Compiled to wasm, values and properties are imports that the checker defines. Natively values come from random numbers
+//! or from the list of a counterexample, and a run is reported: see [`native`].
 #![cfg_attr(target_arch = "wasm32", no_std)]
 
-pub use fuseline_kani_macros::{proof, solver, unwind};
+pub use fuseline_proof_macros::{proof, solver, unwind};
 
 #[cfg(target_arch = "wasm32")]
 #[path = "wasm.rs"]
@@ -87,7 +87,7 @@ pub fn cover(condition: bool, line: u32, message: &'static str) {
     engine::cover(condition, line, message);
 }
 
-/// Some values reach this place with `condition`.
+/// Some values reach this line with `condition`.
 #[macro_export]
 macro_rules! cover {
     ($condition:expr, $message:literal) => {

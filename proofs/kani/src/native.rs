@@ -28,14 +28,14 @@ pub struct Failure {
     /// What it says.
     pub message: String,
     /// File and line, if it is one of the harness and no panic of what is proved.
-    pub place: Option<String>,
+    pub location: Option<String>,
     /// The values drawn until then.
     pub values: Vec<u64>,
 }
 
-/// How a run that was not accepted ended.
+/// Why a run was not accepted.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub enum Ended {
+pub enum RunError {
     /// An assumption left it out.
     Rejected,
     /// An assertion did not hold, or something panicked.
@@ -76,14 +76,14 @@ pub fn random(harness: fn(), seed: u64, accepted: u64) -> Result<Report, Failure
             let run = run.as_mut().expect("a run was started");
             match &ended {
                 Ok(()) => run.report.accepted += 1,
-                Err(Ended::Rejected) => run.report.rejected += 1,
-                Err(Ended::Failed(_)) => return true,
+                Err(RunError::Rejected) => run.report.rejected += 1,
+                Err(RunError::Failed(_)) => return true,
             }
             run.drawn.clear();
             let hopeless = run.report.rejected > 10 * accepted;
             run.report.accepted == accepted || hopeless
         });
-        if let Err(Ended::Failed(failure)) = ended {
+        if let Err(RunError::Failed(failure)) = ended {
             return Err(failure);
         }
         if stop {
@@ -96,12 +96,12 @@ pub fn random(harness: fn(), seed: u64, accepted: u64) -> Result<Report, Failure
 ///
 /// # Errors
 /// It was not accepted.
-pub fn replay(harness: fn(), values: &[u64]) -> Result<Report, Ended> {
+pub fn replay(harness: fn(), values: &[u64]) -> Result<Report, RunError> {
     start(Values::Recorded(values.iter().copied().collect()));
     once(harness).map(|()| RUN.take().expect("a run was started").report)
 }
 
-/// Whether what happens is to be told: only in a replay.
+/// Whether steps are to be recorded: only in a replay.
 #[must_use]
 pub fn is_replay() -> bool {
     RUN.with_borrow(|run| run.as_ref().is_some_and(|run| matches!(run.values, Values::Recorded(_))))
@@ -112,22 +112,22 @@ fn start(values: Values) {
     RUN.set(Some(run));
 }
 
-fn once(harness: fn()) -> Result<(), Ended> {
+fn once(harness: fn()) -> Result<(), RunError> {
     let Err(payload) = panic::catch_unwind(AssertUnwindSafe(harness)) else { return Ok(()) };
     if payload.is::<Rejected>() {
-        return Err(Ended::Rejected);
+        return Err(RunError::Rejected);
     }
-    let said = payload
+    let message = payload
         .downcast_ref::<&str>()
-        .map(|said| (*said).to_owned())
+        .map(|message| (*message).to_owned())
         .or_else(|| payload.downcast_ref::<String>().cloned());
-    Err(Ended::Failed(with(|run| {
+    Err(RunError::Failed(with(|run| {
         let values = run.drawn.clone();
         match run.failed.take() {
-            Some((message, place)) if payload.is::<Refuted>() => {
-                Failure { message: message.to_owned(), place: Some(place), values }
+            Some((message, location)) if payload.is::<Refuted>() => {
+                Failure { message: message.to_owned(), location: Some(location), values }
             }
-            _ => Failure { message: said.unwrap_or_default(), place: None, values },
+            _ => Failure { message: message.unwrap_or_default(), location: None, values },
         }
     })))
 }

@@ -7,13 +7,13 @@ import random
 import secrets
 import sys
 
-from . import agree, code, question, solver, text, told
+from . import agree, code, question, report, solver, text
 
 DESCRIPTION = """\
 Shows the promises of SPEC.md of its rules, for any number of clouds, timestamps and places of the
 window.
 
-Two solvers are asked about each obligation of promises.smt2: whether it can fail, whether it speaks
+Two solvers check each obligation of promises.smt2: whether it can fail, whether it speaks
 of anything, and whether each fault of faults.toml makes it fail. Then the rules are evaluated and
 compared with what the shipped core does."""
 EPILOGUE = """\
@@ -22,7 +22,7 @@ read; 77 the solvers cannot be installed here"""
 
 
 def main() -> int:
-    """Runs what is asked for."""
+    """Runs what the options say."""
     options = _options()
     try:
         rules, promises = text.RULES.read_text(), text.PROMISES.read_text()
@@ -48,7 +48,7 @@ def main() -> int:
         stated = random.Random(options.seed).sample(stated, min(options.sample, len(stated)))
         names = {one.name for one in stated}
         seeded = [fault for fault in seeded if names & set(fault.breaks)]
-    run = told.Run(stated, seeded, solver.versions(), options.seed)
+    run = report.Run(stated, seeded, solver.versions(), options.seed)
     try:
         return _run(options, run, rules, promises)
     except (text.Malformed, code.Unbuilt) as why:
@@ -70,7 +70,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument(
         "--sample", metavar="N", type=int, help="only so many obligations, drawn anew"
     )
-    parser.add_argument("--json", action="store_true", help="tell what was found as JSON")
+    parser.add_argument("--json", action="store_true", help="print the results as JSON")
     parser.add_argument("--record", action="store_true", help="also write record.json")
     parser.add_argument(
         "--seed", type=int, default=secrets.randbits(32), help="of what is drawn; else a new one"
@@ -84,17 +84,17 @@ def _options() -> argparse.Namespace:
     return options
 
 
-def _run(options: argparse.Namespace, run: told.Run, rules: str, promises: str) -> int:
-    asked = list(question.questions(rules, promises, run.stated, run.seeded))
-    for reckoned in question.reckon(asked, options.seconds):
-        run.add(reckoned)
+def _run(options: argparse.Namespace, run: report.Run, rules: str, promises: str) -> int:
+    questions = list(question.questions(rules, promises, run.stated, run.seeded))
+    for answer in question.answers(questions, options.seconds):
+        run.add(answer)
     if not options.json:
         print(run.table())
     if not options.only:
         for agreement in agree.agreements(rules + promises, run.seed):
             run.agreements.append(agreement)
             if not options.json:
-                print(agreement.told(), flush=True)
+                print(agreement.text(), flush=True)
     if options.json:
         print(run.json())
     else:
@@ -105,8 +105,8 @@ def _run(options: argparse.Namespace, run: told.Run, rules: str, promises: str) 
             for fault in run.seeded
             if agree.disagrees(fault.put_into(rules) + promises, run.seed)
         ]
-        told.RECORD.write_text(told.record(run, disagreeing))
-    elif not options.only and not told.is_recorded():
+        report.RECORD.write_text(report.record(run, disagreeing))
+    elif not options.only and not report.is_recorded():
         print("record.json is about other files: run proofs/rules/prove --record", file=sys.stderr)
         return 1
     return 0 if run.holds else 1

@@ -31,19 +31,19 @@ class Agreement:
     compared: int
     difference: str | None
 
-    def told(self) -> str:
+    def text(self) -> str:
         """A line for people."""
-        said = "as the core does" if self.difference is None else f"NOT: {self.difference}"
-        return f"{self.what}: {self.compared:,} {said}"
+        result = "as the core does" if self.difference is None else f"NOT: {self.difference}"
+        return f"{self.what}: {self.compared:,} {result}"
 
 
 def agreements(script: str, seed: int, ask: Ask = code.ask) -> Iterator[Agreement]:
     """The comparisons, one after the other."""
     few = Rules(script, FEW)
     every = _all_sets()
-    said = ("valid" if few.is_state(step) else "invalid" for step in every)
+    by_rules = ("valid" if few.is_state(step) else "invalid" for step in every)
     what = f"sets of {FEW} sources that are a state"
-    yield _compared(what, every, said, ask([step.line() for step in every]))
+    yield _compared(what, every, by_rules, ask([step.line() for step in every]))
     yield from _steps_and_runs(script, seed, ask)
 
 
@@ -75,13 +75,13 @@ def _all_sets() -> list[Step]:
 
 
 def _compared(
-    what: str, asked: Sequence[Step], said: Sequence[str] | Iterator[str], answers: list[str]
+    what: str, steps: Sequence[Step], by_rules: Sequence[str] | Iterator[str], by_core: list[str]
 ) -> Agreement:
-    for number, (step, by_rules, by_core) in enumerate(zip(asked, said, answers), 1):
-        if by_rules != by_core:
-            where = f"{step.line()}: the rules say {by_rules}, the core {by_core}"
+    for number, (step, expected, answer) in enumerate(zip(steps, by_rules, by_core), 1):
+        if expected != answer:
+            where = f"{step.line()}: the rules say {expected}, the core {answer}"
             return Agreement(what, number, where)
-    return Agreement(what, len(asked), None)
+    return Agreement(what, len(steps), None)
 
 
 def _steps(state: Step) -> Iterator[Step]:
@@ -100,19 +100,19 @@ def _some_state(drawn: random.Random) -> Step:
     eager = drawn.random() < 0.5
     likely = drawn.choice([(1, 1, 3, 2), (6, 1, 2, 1), (1, 3, 2, 4)])
     kinds = ("not", "closed", "pending", "cached")
-    places = drawn.choices(kinds, likely, k=MANY)
-    if places[0] == "not":
-        places[0] = "closed"
-    best = max(source for source in range(MANY) if places[source] != "not")
-    if "pending" not in places[1:] or places[best] == "cached":
-        places[best] = "pending"
-    last = max(source for source in range(MANY) if places[source] == "pending")
+    states = drawn.choices(kinds, likely, k=MANY)
+    if states[0] == "not":
+        states[0] = "closed"
+    best = max(source for source in range(MANY) if states[source] != "not")
+    if "pending" not in states[1:] or states[best] == "cached":
+        states[best] = "pending"
+    last = max(source for source in range(MANY) if states[source] == "pending")
     for source in range(last, MANY):
-        if places[source] == "cached":
-            places[source] = "closed"
+        if states[source] == "cached":
+            states[source] = "closed"
 
     def among(*kinds: str) -> int:
-        return sum(1 << source for source in range(MANY) if places[source] in kinds)
+        return sum(1 << source for source in range(MANY) if states[source] in kinds)
 
     armed = among("pending", "cached") if eager else among("pending")
     armed = armed & ~1 | (among("pending") & drawn.getrandbits(1))
@@ -141,8 +141,8 @@ def _runs(script: str, drawn: random.Random, ask: Ask) -> Agreement:
         lines = list(_run(drawn, priorities))
         numbers = {int(line.split()[2]) for line in lines if len(line.split()) > 2}
         machine = Machine(script, eager, window, clouds, sorted(numbers | {0}), [9])
-        told = " ".join(f"{c.priority} {c.limit} {c.resume}" for c in clouds)
-        made = f"machine {'eager' if eager else 'patient'} {window} {told}".rstrip()
+        registered = " ".join(f"{c.priority} {c.limit} {c.resume}" for c in clouds)
+        made = f"machine {'eager' if eager else 'patient'} {window} {registered}".rstrip()
         answers = ask([made, *lines])[1:]
         for number, (line, by_core) in enumerate(zip(lines, answers), 1):
             compared += 1

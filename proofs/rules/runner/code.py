@@ -1,4 +1,4 @@
-"""What the shipped core does, asked of the program `proofs/runner/src/bin/rules`."""
+"""What the shipped core does, by the program `proofs/runner/src/bin/rules`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The whole machine by the rules, input by input, in the words of the program for the core's."""
+"""The whole machine by the rules, input by input, in the words of the program for the core."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 from .finite import State, World
 
-# What is declared of a state, with the definition that tells it of the state after.
+# What is declared of a state, with the definition of it in the state after.
 OF_MACHINE = {"clock": "clock-then", "began": "began-then", "newest": "newest-then"}
 OF_SOURCE = {"shut": "gate-then"}
-OF_TIMESTAMP = {"seat": "seat-then"}
+OF_TIMESTAMP = {"entry": "entry-then"}
 OF_REQUEST = {
     "requested": "requested-then",
     "pending": "pending-then",
@@ -31,7 +31,7 @@ class Cloud:
 class Machine:
     """A machine just made.
 
-    Sources are their priorities, timestamps their numbers, seats those from 0 on.
+    Sources are their priorities, timestamps their numbers, entries those from 0 on.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class Machine:
         domains = {
             "Source": self._sources,
             "Timestamp": self._timestamps,
-            "Seat": range(window),
+            "Entry": range(window),
         }
         self._world = World(script, domains)
         self._world.facts |= {
@@ -66,23 +66,23 @@ class Machine:
         self._state["newest"] = {(): self._timestamps[0]}
 
     def answer(self, line: str) -> str:
-        """What comes of an input, as the program tells it."""
+        """What comes of an input, as the program prints it."""
         now, *come = line.split()
-        told = []
+        words = []
         self._come(input={(): "a-tick"}, now={(): int(now)})
         self._step()
         # Each firing takes a timer, or it would go on for ever (P7).
         left = sum(self._state["armed"].values())
         while left >= 0 and self._find_firing():
-            told.append(self._fired())
+            words.append(self._fired())
             self._step()
             left -= 1
         if not self._world.call("at-rest", self._state):
-            told.append("not at rest")
+            words.append("not at rest")
         if come:
-            told.append(self._input(come))
+            words.append(self._input(come))
             self._step()
-        return "; ".join([*told, self._left()])
+        return "; ".join([*words, self._left()])
 
     def _come(self, **facts: dict[tuple[()], object]) -> None:
         self._world.forget()
@@ -109,16 +109,16 @@ class Machine:
         candidates = sorted(
             {(timestamp, self._state["due"][timestamp, c]) for timestamp, c in armed}
         )
-        found = []
+        firings = []
         for timestamp, due in candidates:
             self._come(input={(): "a-firing"}, t={(): timestamp}, firing={(): due})
             if self._world.call("next-firing", self._state):
-                found.append((timestamp, due))
-        if len(found) > 1:
-            raise AssertionError(f"several firings are next: {found}")
-        for timestamp, due in found:
+                firings.append((timestamp, due))
+        if len(firings) > 1:
+            raise AssertionError(f"several firings are next: {firings}")
+        for timestamp, due in firings:
             self._come(t={(): timestamp}, firing={(): due})
-        return bool(found)
+        return bool(firings)
 
     def _fired(self) -> str:
         facts, call = self._world.facts, self._world.call
@@ -135,8 +135,8 @@ class Machine:
         self._come(input={(): KINDS[kind]}, t={(): int(timestamp)})
         call, state = self._world.call, self._state
         if kind == "open":
-            taken = {seat for (u,), seat in state["seat"].items() if call("is-open", state, u)}
-            free = next((seat for seat in self._seats() if seat not in taken), 0)
+            taken = {entry for (u,), entry in state["entry"].items() if call("is-open", state, u)}
+            free = next((entry for entry in self._entries() if entry not in taken), 0)
             self._come(with_deadline={(): bool(numbers)}, d={(): sum(numbers)}, free={(): free})
             why = call("open-refused", state)
             return "accepted" if call("opens", state) else f"refused {why}"
@@ -151,26 +151,26 @@ class Machine:
             return f"dropped {why}"
         return "held" if call("holds", state) else self._outcome()
 
-    def _seats(self) -> Sequence[int]:
-        seats: Sequence[int] = self._world.domains["Seat"]
-        return seats
+    def _entries(self) -> Sequence[int]:
+        entries: Sequence[int] = self._world.domains["Entry"]
+        return entries
 
     def _outcome(self) -> str:
         call, state = self._world.call, self._state
         cancelled = " ".join(str(c) for c in self._sources if call("cancels", state, c))
-        said = [f"forwarded {c} [{cancelled}]" for c in self._sources if call("forwards", state, c)]
-        said += ["missed"] * call("misses", state) + ["waiting"] * call("waits", state)
-        return " and ".join(said)
+        words = [f"forwarded {c} [{cancelled}]" for c in self._sources if call("forwards", state, c)]
+        words += ["missed"] * call("misses", state) + ["waiting"] * call("waits", state)
+        return " and ".join(words)
 
     def _left(self) -> str:
         state = self._state
         newest = state["newest"][()] if state["began"].get(()) else "none"
         shut = [c for c in self._clouds if state["shut"][c,]]
-        told = [" ".join(map(str, ["clock", state["clock"][()], "newest", newest, "shut", *shut]))]
+        words = [" ".join(map(str, ["clock", state["clock"][()], "newest", newest, "shut", *shut]))]
         for u in self._timestamps:
             if self._world.call("is-open", state, u):
-                told.append(f"{u} {self._sets(u)}")
-        return " | ".join(told)
+                words.append(f"{u} {self._sets(u)}")
+        return " | ".join(words)
 
     def _sets(self, timestamp: int) -> str:
         places = [0, *self._clouds]

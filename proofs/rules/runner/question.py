@@ -1,4 +1,4 @@
-"""The questions that the solvers are asked, and what they must say."""
+"""The questions to the solvers, and the answers that they must give."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class Question:
 
 
 @dataclass(frozen=True)
-class Reckoned:
-    """What a solver said."""
+class Answer:
+    """What a solver answered."""
 
     question: Question
     reply: Reply
@@ -41,7 +41,7 @@ class Reckoned:
 def questions(
     rules: str, promises: str, stated: list[Obligation], seeded: list[Fault]
 ) -> Iterator[Question]:
-    """All that is asked of both solvers; those that take longest come first."""
+    """All questions to both solvers; those that take longest come first."""
 
     def script(rules: str, *claims: Form) -> str:
         return "\n".join((rules, promises, *(f"(assert {write(claim)})" for claim in claims)))
@@ -62,14 +62,14 @@ def questions(
                 yield Question(solver, one.name, "holds", claims, "unsat")
 
 
-def reckon(asked: list[Question], seconds: int) -> Iterator[Reckoned]:
-    """Asks them all, several at a time, in no order."""
+def answers(questions: list[Question], seconds: int) -> Iterator[Answer]:
+    """The answers to all of them, several at a time, in no order."""
     with ProcessPoolExecutor(os.cpu_count()) as pool:
-        for done in as_completed([pool.submit(_reckon, question, seconds) for question in asked]):
+        for done in as_completed([pool.submit(_answer, question, seconds) for question in questions]):
             yield done.result()
 
 
-def _reckon(question: Question, seconds: int) -> Reckoned:
+def _answer(question: Question, seconds: int) -> Answer:
     begun = time.monotonic()
     reply = ask(question.solver, question.script, seconds)
-    return Reckoned(question, reply, time.monotonic() - begun)
+    return Answer(question, reply, time.monotonic() - begun)

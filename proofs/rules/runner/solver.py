@@ -26,28 +26,28 @@ def ask(solver: str, script: str, seconds: int) -> Reply:
 def _z3(script: str, seconds: int) -> Reply:
     import z3
 
-    asked = z3.Solver()
-    asked.set("timeout", seconds * 1000)
+    solving = z3.Solver()
+    solving.set("timeout", seconds * 1000)
     try:
-        asked.from_string(script)
+        solving.from_string(script)
     except z3.Z3Exception as why:
         raise Malformed(f"z3 does not understand the formulas: {why}") from None
-    return str(asked.check())  # type: ignore[return-value]
+    return str(solving.check())  # type: ignore[return-value]
 
 
 def _cvc5(script: str, seconds: int) -> Reply:
     import cvc5
 
     terms = cvc5.TermManager()
-    asked = cvc5.Solver(terms)
-    asked.setOption("tlimit-per", str(seconds * 1000))
+    solving = cvc5.Solver(terms)
+    solving.setOption("tlimit-per", str(seconds * 1000))
     symbols = cvc5.SymbolManager(terms)
-    parser = cvc5.InputParser(asked, symbols)
+    parser = cvc5.InputParser(solving, symbols)
     parser.setStringInput(cvc5.InputLanguage.SMT_LIB_2_6, script, "rules")
     try:
         while not (command := parser.nextCommand()).isNull():
-            command.invoke(asked, symbols)
+            command.invoke(solving, symbols)
     except RuntimeError as why:
         raise Malformed(f"cvc5 does not understand the formulas: {why}") from None
-    reply = asked.checkSat()
+    reply = solving.checkSat()
     return "unsat" if reply.isUnsat() else "sat" if reply.isSat() else "unknown"

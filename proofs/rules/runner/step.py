@@ -1,4 +1,4 @@
-"""The step of one timestamp by the rules, in the words in which the program tells the core's."""
+"""The step of one timestamp by the rules, in the words in which the program prints the core's."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Rules:
 
     def __init__(self, script: str, sources: int) -> None:
         self._all = range(sources)
-        domains = {"Source": self._all, "Timestamp": (T,), "Seat": (0,)}
+        domains = {"Source": self._all, "Timestamp": (T,), "Entry": (0,)}
         self._world = world = World(script, domains)
         world.facts["local"] = {(): 0}
         world.facts["priority"] = {(source,): source for source in self._all}
@@ -54,16 +54,16 @@ class Rules:
             return True
         state = self._begin(step)
         local_armed = bool(step.armed & 1)
-        # Whether it was opened with a deadline is told by local's timer while local is pending.
+        # Whether it was opened with a deadline is known by local's timer while local is pending.
         state["timed"] = {(T,): local_armed}
-        parts = ("asked", "waiting", "has-best", "prompt", "timers")
+        parts = ("consistent", "waiting", "has-best", "prompt", "timers")
         # Of a timestamp that is not open nothing but the empty sets is a state.
         return self._world.call("is-open", state, T) and all(
             self._world.call(part, state, T) for part in parts
         )
 
     def answer(self, step: Step) -> str:
-        """The four sets after the step, and the decision, as the program tells them."""
+        """The four sets after the step, and the decision, as the program prints them."""
         state = self._begin(step)
         after = [self._set(f"{name}-then", state, T) for name in SETS]
         return f"{' '.join(map(str, after))} {self._decision(step, state)}"
@@ -102,10 +102,10 @@ class Rules:
         if step.kind != "timers" and (why := call("dropped", state)) != "none":
             return f"dropped {why}"
         by = [source for source in self._all if call("forwards", state, source)]
-        said = [f"forwarded {source} {self._set('cancels', state)}" for source in by]
-        said += ["held"] * call("holds", state) + ["missed"] * call("misses", state)
-        said += ["waiting"] * call("waits", state)
-        return " and ".join(said)
+        words = [f"forwarded {source} {self._set('cancels', state)}" for source in by]
+        words += ["held"] * call("holds", state) + ["missed"] * call("misses", state)
+        words += ["waiting"] * call("waits", state)
+        return " and ".join(words)
 
     def _set(self, definition: str, *about: Any) -> int:
         """The sources of which this holds, as bits."""

@@ -40,7 +40,7 @@ class Obligation:
     # A case, in words, that must be possible.
     instance: str
     given: Form
-    # The members of THEN, if it is an `and`; each is asked about by itself.
+    # The members of THEN, if it is an `and`; each is a question by itself.
     then: tuple[Form, ...]
 
 

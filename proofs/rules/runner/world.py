@@ -1,4 +1,4 @@
-"""The formulas in a small world: a few timestamps, sources and seats, told one by one.
+"""The formulas in a small world: a few timestamps, sources and entries, listed one by one.
 
 A case that is found there is a case: nothing says how many there are. So models are looked for
 here, where solvers are sure and quick, and contradictions never.
@@ -11,7 +11,7 @@ from itertools import product
 from .text import Form, read, write
 
 # The input's timestamp, the newest and one more; local and three others; a window of two.
-SIZES = {"Timestamp": 3, "Source": 4, "Seat": 2}
+SIZES = {"Timestamp": 3, "Source": 4, "Entry": 2}
 
 
 def members(sort: str) -> list[str]:

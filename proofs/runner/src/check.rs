@@ -1,4 +1,4 @@
-//! What the checker says of one harness.
+//! Checks one harness by CBMC and reads its answer.
 
 use std::collections::BTreeSet;
 
@@ -6,7 +6,7 @@ use serde_json::Value;
 
 use crate::error::Error;
 use crate::source::Harness;
-use crate::tools::{Limits, Ran, Tools};
+use crate::tools::{Limits, ToolOutput, Tools};
 use crate::translate::{Copy, Generated};
 
 /// Loops of the memory run as often as there are bytes to move; all others as often as the harness says.
@@ -38,25 +38,25 @@ pub(crate) struct Counterexample {
     /// What the assertion says.
     pub(crate) message: String,
     /// Its file and line.
-    pub(crate) place: String,
+    pub(crate) location: String,
     /// In the order in which the harness draws them.
     pub(crate) values: Vec<u64>,
 }
 
 /// A verdict and what it cost.
 #[derive(Clone, Debug)]
-pub(crate) struct Checked {
+pub(crate) struct CheckResult {
     pub(crate) verdict: Verdict,
     pub(crate) seconds: f64,
     pub(crate) peak_mib: u64,
 }
 
-impl Checked {
+impl CheckResult {
     /// Counts what a run cost.
-    fn add(&mut self, ran: Ran) -> Ran {
-        self.seconds += ran.seconds;
-        self.peak_mib = self.peak_mib.max(ran.peak_mib);
-        ran
+    fn add(&mut self, output: ToolOutput) -> ToolOutput {
+        self.seconds += output.seconds;
+        self.peak_mib = self.peak_mib.max(output.peak_mib);
+        output
     }
 
     /// What cannot be given to the checker.
@@ -69,7 +69,7 @@ impl Verdict {
     pub(crate) fn word(&self) -> String {
         match self {
             Self::Proved => "proved".to_owned(),
-            Self::Refuted(found) => format!("REFUTED: {} ({})", found.message, found.place),
+            Self::Refuted(found) => format!("REFUTED: {} ({})", found.message, found.location),
             Self::Broken(what) => format!("BROKEN: {what}"),
             Self::Unreached(what) => format!("UNREACHED: {what}"),
             Self::TimedOut => "TIMED OUT".to_owned(),
@@ -87,27 +87,32 @@ pub(crate) fn prove(
     copy: &Copy,
     harness: &Harness,
     limits: Limits,
-) -> Result<Checked, Error> {
-    let mut checked = Checked { verdict: Verdict::Proved, seconds: 0.0, peak_mib: 0 };
+) -> Result<CheckResult, Error> {
+    let mut checked = CheckResult { verdict: Verdict::Proved, seconds: 0.0, peak_mib: 0 };
     let mut unreached: BTreeSet<u32> = harness.covers.iter().copied().collect();
     for case in cases(harness) {
         let generated = match copy.generate(harness, case)? {
             Ok(generated) => generated,
-            Err(why) => return Ok(Checked::broken(why)),
+            Err(why) => return Ok(CheckResult::broken(why)),
         };
-        let ran =
-            checked.add(ask(tools, &generated, harness, limits, &["--unwinding-assertions"])?);
-        let is_beyond = case.is_some() && case == harness.cases;
-        checked.verdict = match held(&ran, &generated) {
-            Verdict::Proved if is_beyond => left_out(&ran),
-            Verdict::Proved => reached(&ran, &mut unreached),
+        let output = checked.add(run_checker(
+            tools,
+            &generated,
+            harness,
+            limits,
+            &["--unwinding-assertions"],
+        )?);
+        let is_after_last = case.is_some() && case == harness.cases;
+        checked.verdict = match verdict_of(&output, &generated) {
+            Verdict::Proved if is_after_last => left_out(&output),
+            Verdict::Proved => reached(&output, &mut unreached),
             // Traces of all properties would be long: that of the one that fails is asked for.
             verdict @ (Verdict::Refuted(_) | Verdict::Broken(_)) => {
-                let property = failing(&ran).unwrap_or_default();
+                let property = failing(&output).unwrap_or_default();
                 let only = ["--unwinding-assertions", "--trace", "--property", &property];
-                let ran = checked.add(ask(tools, &generated, harness, limits, &only)?);
-                match held(&ran, &generated) {
-                    told @ (Verdict::Refuted(_) | Verdict::Broken(_)) => told,
+                let output = checked.add(run_checker(tools, &generated, harness, limits, &only)?);
+                match verdict_of(&output, &generated) {
+                    traced @ (Verdict::Refuted(_) | Verdict::Broken(_)) => traced,
                     _ => verdict,
                 }
             }
@@ -132,15 +137,15 @@ pub(crate) fn refute(
     copy: &Copy,
     harness: &Harness,
     limits: Limits,
-) -> Result<Checked, Error> {
-    let mut checked = Checked { verdict: Verdict::Proved, seconds: 0.0, peak_mib: 0 };
+) -> Result<CheckResult, Error> {
+    let mut checked = CheckResult { verdict: Verdict::Proved, seconds: 0.0, peak_mib: 0 };
     for case in cases(harness).into_iter().filter(|case| case.is_none() || *case != harness.cases) {
         let generated = match copy.generate(harness, case)? {
             Ok(generated) => generated,
-            Err(why) => return Ok(Checked::broken(why)),
+            Err(why) => return Ok(CheckResult::broken(why)),
         };
-        let ran = checked.add(ask(tools, &generated, harness, limits, &ASSERTION)?);
-        checked.verdict = held(&ran, &generated);
+        let output = checked.add(run_checker(tools, &generated, harness, limits, &ASSERTION)?);
+        checked.verdict = verdict_of(&output, &generated);
         if checked.verdict != Verdict::Proved {
             break;
         }
@@ -148,7 +153,7 @@ pub(crate) fn refute(
     Ok(checked)
 }
 
-/// What the checker is asked about, one after another: each case, and that there is none beyond the last; or the whole.
+/// The questions to the checker, one after another: each case, and that there is none beyond the last; or the whole.
 fn cases(harness: &Harness) -> Vec<Option<u32>> {
     match harness.cases {
         Some(cases) => (0..=cases).map(Some).collect(),
@@ -156,13 +161,13 @@ fn cases(harness: &Harness) -> Vec<Option<u32>> {
     }
 }
 
-fn ask(
+fn run_checker(
     tools: &Tools,
     generated: &Generated,
     harness: &Harness,
     limits: Limits,
     more: &[&str],
-) -> Result<Ran, Error> {
+) -> Result<ToolOutput, Error> {
     let mut arguments: Vec<String> = [
         "main.gb",
         "--json-ui",
@@ -191,33 +196,36 @@ fn ask(
 }
 
 /// The properties with their results, or why there are none.
-fn results(ran: &Ran) -> Result<Vec<Value>, Verdict> {
-    if ran.timed_out {
+fn results(output: &ToolOutput) -> Result<Vec<Value>, Verdict> {
+    if output.timed_out {
         return Err(Verdict::TimedOut);
     }
-    let lines = || ran.complained.lines().chain(ran.printed.lines().rev());
+    let lines = || output.stderr.lines().chain(output.stdout.lines().rev());
     let why = |code: Option<i32>| {
-        let said = lines().find(|line| line.contains("rror")).unwrap_or("nothing said").trim();
-        Verdict::Unknown(format!("cbmc ended with {code:?}: {said}"))
+        let error = lines().find(|line| line.contains("rror")).unwrap_or("no message").trim();
+        Verdict::Unknown(format!("cbmc ended with {code:?}: {error}"))
     };
     // 0: all hold, 10: some do not. Anything else is no verdict.
-    if !matches!(ran.code, Some(0 | 10)) {
-        return Err(why(ran.code));
+    if !matches!(output.code, Some(0 | 10)) {
+        return Err(why(output.code));
     }
-    let said: Vec<Value> = serde_json::from_str(&ran.printed).map_err(|_| why(ran.code))?;
+    let messages: Vec<Value> =
+        serde_json::from_str(&output.stdout).map_err(|_| why(output.code))?;
     let of_status = |message: &Value| message["messageText"].as_str().map(str::to_owned);
-    if let Some(error) = said.iter().filter(|m| m["messageType"] == "ERROR").find_map(of_status) {
+    if let Some(error) = messages.iter().filter(|m| m["messageType"] == "ERROR").find_map(of_status)
+    {
         return Err(Verdict::Unknown(error));
     }
-    said.iter()
+    messages
+        .iter()
         .find_map(|message| message["result"].as_array().cloned())
         .filter(|results| !results.is_empty())
-        .ok_or_else(|| why(ran.code))
+        .ok_or_else(|| why(output.code))
 }
 
 /// The properties that must hold: covers and the end are not of these.
-fn required(ran: &Ran) -> Result<Vec<Value>, Verdict> {
-    let mut results = results(ran)?;
+fn required(output: &ToolOutput) -> Result<Vec<Value>, Verdict> {
+    let mut results = results(output)?;
     results.retain(|result| {
         let description = result["description"].as_str().unwrap_or_default();
         description != "end" && !description.starts_with("cover ")
@@ -234,16 +242,16 @@ fn is_assertion(result: &Value) -> bool {
 }
 
 /// The name of a property that fails, an assertion if one does.
-fn failing(ran: &Ran) -> Option<String> {
-    let required = required(ran).ok()?;
+fn failing(output: &ToolOutput) -> Option<String> {
+    let required = required(output).ok()?;
     let assertion = required.iter().find(|result| failed(result) && is_assertion(result));
     let found = assertion.or_else(|| required.iter().find(|result| failed(result)))?;
     found["property"].as_str().map(str::to_owned)
 }
 
 /// Whether every property holds that must.
-fn held(ran: &Ran, generated: &Generated) -> Verdict {
-    let results = match required(ran) {
+fn verdict_of(output: &ToolOutput, generated: &Generated) -> Verdict {
+    let results = match required(output) {
         Ok(results) => results,
         Err(verdict) => return verdict,
     };
@@ -253,7 +261,7 @@ fn held(ran: &Ran, generated: &Generated) -> Verdict {
     if let Some(result) = results.iter().find(|result| failed(result)) {
         let found = counterexample(result, generated);
         let what = result["description"].as_str().unwrap_or("a property");
-        return Verdict::Broken(format!("{what} {}", found.place).trim().to_owned());
+        return Verdict::Broken(format!("{what} {}", found.location).trim().to_owned());
     }
     if let Some(result) = results.iter().find(|result| result["status"] != "SUCCESS") {
         return Verdict::Unknown(format!("{} is {}", result["property"], result["status"]));
@@ -261,22 +269,22 @@ fn held(ran: &Ran, generated: &Generated) -> Verdict {
     if results.iter().any(is_assertion) {
         Verdict::Proved
     } else {
-        Verdict::Unknown("no assertion was looked at".to_owned())
+        Verdict::Unknown("no assertion was checked".to_owned())
     }
 }
 
 /// Whether the end is not reached: the harness leaves this case out.
-fn left_out(ran: &Ran) -> Verdict {
-    match reached(ran, &mut BTreeSet::new()) {
+fn left_out(output: &ToolOutput) -> Verdict {
+    match reached(output, &mut BTreeSet::new()) {
         Verdict::Unreached(_) => Verdict::Proved,
-        Verdict::Proved => Verdict::Broken("there are more cases than are asked about".to_owned()),
+        Verdict::Proved => Verdict::Broken("there are more cases than are checked".to_owned()),
         verdict => verdict,
     }
 }
 
 /// Whether the end is reached: whether its property fails. Takes the covers that are reached out of the set.
-fn reached(ran: &Ran, unreached: &mut BTreeSet<u32>) -> Verdict {
-    let results = match results(ran) {
+fn reached(output: &ToolOutput, unreached: &mut BTreeSet<u32>) -> Verdict {
+    let results = match results(output) {
         Ok(results) => results,
         Err(verdict) => return verdict,
     };
@@ -307,7 +315,7 @@ fn counterexample(result: &Value, generated: &Generated) -> Counterexample {
     found.message = generated.text(text.0, text.1).unwrap_or_default();
     if let Some(file) = generated.text(file.0, file.1) {
         let shown = file.rsplit("proofs/src/../../").next().unwrap_or(&file);
-        found.place = format!("{shown}:{line}");
+        found.location = format!("{shown}:{line}");
     }
     found
 }

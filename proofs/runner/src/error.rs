@@ -22,24 +22,24 @@ pub(crate) enum Error {
         why: String,
     },
     /// A tool failed where it must not.
-    #[error("{tool} failed for {what}:\n{said}")]
+    #[error("{tool} failed for {what}:\n{message}")]
     Tool {
         /// Which.
         tool: &'static str,
         /// On what.
         what: String,
-        /// What it said.
-        said: String,
+        /// What it printed.
+        message: String,
     },
     /// The seeded faults cannot be read, or one cannot be seeded.
     #[error(transparent)]
-    Faults(#[from] fuseline_evidence::Error),
+    Faults(#[from] fuseline_evidence::EvidenceError),
     /// There is nothing of this name.
     #[error("there is no {kind} {name}")]
     Name {
         /// A harness or a fault.
         kind: &'static str,
-        /// What was asked for.
+        /// The name that was given.
         name: String,
     },
     /// Ctrl-C.

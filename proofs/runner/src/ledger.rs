@@ -1,58 +1,243 @@
-//! What a run says: one line a harness, one a fault.
+//! The ledger: what was proved and what was caught, as it is committed in `proofs/results/ledger.json`.
 
-use std::fmt;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write as _;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
 
-use serde::Serialize;
+use fuseline_evidence::hex;
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
 
-/// One harness, or one harness under a fault.
-#[derive(Clone, Debug, Serialize)]
-pub(crate) struct Line {
-    pub(crate) harness: String,
-    /// The fault that was seeded, if one was.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(crate) fault: Option<String>,
-    pub(crate) engine: String,
-    pub(crate) bounds: String,
-    pub(crate) solver: String,
-    pub(crate) verdict: String,
-    /// Whether that is what must be.
-    pub(crate) good: bool,
-    pub(crate) seconds: f64,
-    pub(crate) memory_mib: u64,
-    /// What refutes it, to be given to `--replay`.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub(crate) values: Vec<u64>,
+use crate::error::Error;
+use crate::line::LedgerLine;
+use crate::record;
+use crate::source::HarnessSources;
+use crate::tools::Tools;
+use crate::translate;
+
+/// The sources of the runner that run the checker and read its answer.
+const CHECKER: [&str; 2] = ["proofs/runner/src/check.rs", "proofs/runner/src/translate.rs"];
+
+/// The verdict about a harness that no run proved.
+const NOT_YET: &str = "not proved yet";
+
+/// By question (a harness, or a fault and a harness), the good verdict about it and what it cost.
+#[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct VerdictLedger {
+    /// The machine in a few words.
+    machine: String,
+    proved: BTreeMap<String, Proof>,
 }
 
-impl Line {
-    /// The harness, and the fault if there is one.
-    pub(crate) fn name(&self) -> String {
-        match &self.fault {
-            Some(fault) => under(fault, &self.harness),
-            None => self.harness.clone(),
+#[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
+struct Proof {
+    bounds: String,
+    solver: String,
+    verdict: String,
+    seconds: f64,
+    memory_mib: u64,
+    #[serde(flatten)]
+    provenance: Provenance,
+}
+
+/// What a verdict depends on: the same verdict would be given again while this is the same.
+#[derive(Clone, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
+pub(crate) struct Provenance {
+    /// A digest of the sources, of those that run the checker among them.
+    sources: String,
+    /// The checker and the compiler, with their versions.
+    tools: String,
+    /// A digest of the change that the seeded fault makes; empty without one.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    change: String,
+}
+
+impl Provenance {
+    /// The sources as they are, without a fault.
+    ///
+    /// # Errors
+    /// A file cannot be read, or a tool does not tell its version.
+    pub(crate) fn now(root: &Path, tools: &Tools) -> Result<Self, Error> {
+        Ok(Self { sources: digest(root)?, tools: tools.versions()?, change: String::new() })
+    }
+
+    /// The same sources with a fault in them.
+    pub(crate) fn with(&self, change: String) -> Self {
+        Self { change, ..self.clone() }
+    }
+}
+
+impl VerdictLedger {
+    fn path(root: &Path) -> PathBuf {
+        root.join("proofs/results/ledger.json")
+    }
+
+    /// The committed one; empty if there is none yet.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    pub(crate) fn load(root: &Path) -> Result<Self, Error> {
+        record::load(&Self::path(root))
+    }
+
+    /// Takes over which harnesses there are. A new one is not proved yet.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub(crate) fn take(&mut self, root: &Path, sources: &HarnessSources) -> Result<(), Error> {
+        let harnesses = &sources.harnesses;
+        self.proved
+            .retain(|question, _| harnesses.iter().any(|of| of.name == harness_of(question)));
+        for harness in harnesses {
+            self.proved.entry(harness.name.clone()).or_insert_with(|| Proof {
+                bounds: harness.bounds.clone(),
+                solver: harness.solver.clone(),
+                verdict: NOT_YET.to_owned(),
+                ..Proof::default()
+            });
+        }
+        record::save(&Self::path(root), self)
+    }
+
+    /// Stores a line, if it is good.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub(crate) fn add(
+        &mut self,
+        root: &Path,
+        line: &LedgerLine,
+        provenance: &Provenance,
+    ) -> Result<(), Error> {
+        if !line.good {
+            return Ok(());
+        }
+        let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+        self.machine = format!("{cores} cores, {}", std::env::consts::ARCH.replace('_', "-"));
+        let proof = Proof {
+            bounds: line.bounds.clone(),
+            solver: line.solver.clone(),
+            verdict: line.verdict.clone(),
+            seconds: line.seconds,
+            memory_mib: line.memory_mib,
+            provenance: provenance.clone(),
+        };
+        self.proved.insert(line.name(), proof);
+        record::save(&Self::path(root), self)
+    }
+
+    /// How long the answer to a question took; 0 if there is none.
+    pub(crate) fn seconds(&self, question: &str) -> f64 {
+        self.proved.get(question).map_or(0.0, |proof| proof.seconds)
+    }
+
+    /// Of these questions those to check: each that is not answered here about the very same sources, and of the others as many,
+    /// drawn anew, as took about `budget`; one at least. Also says how many are left out.
+    pub(crate) fn sample(
+        &self,
+        questions: &[(String, Provenance)],
+        budget: Duration,
+    ) -> (BTreeSet<String>, String) {
+        let answered = |(name, provenance): &&(String, Provenance)| {
+            self.proved
+                .get(name)
+                .is_some_and(|p| p.verdict != NOT_YET && p.provenance == *provenance)
+        };
+        let (mut known, open): (Vec<_>, Vec<_>) = questions.iter().partition(answered);
+        let mut chosen: BTreeSet<String> = open.into_iter().map(|(name, _)| name.clone()).collect();
+        let (new, all) = (chosen.len(), known.len());
+        fastrand::shuffle(&mut known);
+        let mut left = budget.as_secs_f64();
+        let all_too_long = known.iter().all(|(name, _)| self.seconds(name) > left);
+        for (nth, (name, _)) in known.into_iter().enumerate() {
+            let seconds = self.seconds(name);
+            if nth == 0 && all_too_long || seconds <= left {
+                left -= seconds;
+                chosen.insert(name.clone());
+            }
+        }
+        let summary = format!(
+            "{all} of {} are in the ledger of these very sources: {} of them, drawn anew, and {new} others are checked",
+            questions.len(),
+            chosen.len() - new,
+        );
+        (chosen, summary)
+    }
+
+    /// What is wrong with it: a harness that it lacks, or one that is gone.
+    pub(crate) fn differs(&self, sources: &HarnessSources) -> Vec<String> {
+        let there: BTreeSet<&str> = sources.harnesses.iter().map(|h| h.name.as_str()).collect();
+        let recorded: BTreeSet<&str> =
+            self.proved.keys().map(|question| harness_of(question)).collect();
+        let own = self.proved.keys().map(String::as_str).collect();
+        let lacks = there.difference(&own).map(|name| format!("the ledger lacks {name}"));
+        let more = recorded.difference(&there).map(|name| format!("the ledger has {name}"));
+        lacks.chain(more).collect()
+    }
+
+    /// How many harnesses are proved, and which are not or were as other sources than these, in words.
+    pub(crate) fn summary(&self, digest: &str) -> String {
+        let harnesses =
+            || self.proved.iter().filter(|(question, _)| harness_of(question) == *question);
+        let names = |wanted: &dyn Fn(&Proof) -> bool| {
+            let of = harnesses().filter(|(_, proof)| wanted(proof));
+            of.map(|(name, _)| name.as_str()).collect::<Vec<_>>()
+        };
+        let open = names(&|proof| proof.verdict == NOT_YET);
+        let stale = names(&|proof| proof.verdict != NOT_YET && proof.provenance.sources != digest);
+        let all = harnesses().count();
+        let mut summary = format!("ledger: {} of {all} harnesses proved", all - open.len());
+        for (names, what) in [(open, NOT_YET), (stale, "of earlier sources")] {
+            match names.len() {
+                0 => {}
+                many @ 9.. => drop(write!(summary, "; {what}: {many}")),
+                _ => drop(write!(summary, "; {what}: {}", names.join(", "))),
+            }
+        }
+        summary
+    }
+}
+
+/// The harness of a question.
+fn harness_of(question: &str) -> &str {
+    question.rsplit_once(" / ").map_or(question, |(_, harness)| harness)
+}
+
+/// A digest of what verdicts depend on.
+///
+/// # Errors
+/// A file cannot be read.
+pub(crate) fn digest(root: &Path) -> Result<String, Error> {
+    let mut files = Vec::new();
+    for name in translate::SOURCES.iter().chain(&CHECKER) {
+        walk(&root.join(name), &mut files)?;
+    }
+    files.sort();
+    let mut digest = Sha256::new();
+    for path in &files {
+        let content = fs::read(path).map_err(Error::file(path))?;
+        let name = path.strip_prefix(root).unwrap_or(path).to_string_lossy().into_owned();
+        for part in [name.as_bytes(), &content] {
+            digest.update(part.len().to_le_bytes());
+            digest.update(part);
         }
     }
+    Ok(hex(&digest.finalize()))
 }
 
-/// How a harness under a fault is called.
-pub(crate) fn under(fault: &str, harness: &str) -> String {
-    format!("{fault} / {harness}")
-}
-
-impl fmt::Display for Line {
-    /// One row; a `!` stands before what is not as it must be.
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mark = if self.good { ' ' } else { '!' };
-        write!(
-            f,
-            "{mark} {:58} {} {:7} {:6.1} s {:5} MiB  {:38} {}",
-            self.name(),
-            self.engine,
-            self.solver,
-            self.seconds,
-            self.memory_mib,
-            self.bounds,
-            self.verdict,
-        )
+fn walk(path: &Path, files: &mut Vec<PathBuf>) -> Result<(), Error> {
+    if path.is_dir() {
+        for entry in fs::read_dir(path).map_err(Error::file(path))? {
+            walk(&entry.map_err(Error::file(path))?.path(), files)?;
+        }
+    } else {
+        files.push(path.to_owned());
     }
+    Ok(())
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,17 +1,17 @@
 //! Runs the proofs and keeps their ledger. `proofs/prove` finds the engine and starts this.
 
-mod beyond;
 mod check;
 mod error;
 mod kani_engine;
-mod kept;
 mod ledger;
+mod line;
 mod mutants;
 mod record;
 mod run;
 mod source;
 mod tools;
 mod translate;
+mod uncatchable;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -21,7 +21,7 @@ use std::time::Duration;
 use clap::Parser;
 
 use crate::error::Error;
-use crate::run::Run;
+use crate::run::ProofRun;
 use crate::tools::{Limits, STOP};
 
 /// Proves what is promised of the machine, and shows that a faulty machine would not pass.
@@ -119,11 +119,11 @@ fn act(cli: &Cli) -> Result<bool, Error> {
     if cli.record {
         record.take(&sources);
         record.save(tree)?;
-        kept::Kept::load(tree)?.take(tree, &sources)?;
+        ledger::VerdictLedger::load(tree)?.take(tree, &sources)?;
         return Ok(true);
     }
     let limits = Limits { time: Duration::from_secs(cli.time), memory_mib: cli.memory };
-    let run = Run {
+    let run = ProofRun {
         tree,
         root: &cli.root,
         sources: &sources,
@@ -146,11 +146,11 @@ fn act(cli: &Cli) -> Result<bool, Error> {
     let whole = cli.harness.is_empty();
     if whole {
         let mut wrong = record.shrunk(&sources);
-        let kept = kept::Kept::load(tree)?;
-        wrong.extend(kept.differs(&sources));
-        let (of_mutants, told) = mutants::checked(tree)?;
+        let ledger = ledger::VerdictLedger::load(tree)?;
+        wrong.extend(ledger.differs(&sources));
+        let (of_mutants, summary) = mutants::checked(tree)?;
         wrong.extend(of_mutants);
-        eprintln!("{}\n{told}", kept.told(&kept::digest(tree)?));
+        eprintln!("{}\n{summary}", ledger.summary(&ledger::digest(tree)?));
         for wrong in &wrong {
             eprintln!("{wrong}");
         }
@@ -176,7 +176,7 @@ fn replay(name: &str, values: &[String]) -> Result<bool, Error> {
     let parse = |value: &String| value.parse::<u64>().map_err(|_| none("value", value));
     let values = values.iter().map(parse).collect::<Result<Vec<_>, _>>()?;
     let ended = kani::native::replay(*harness, &values);
-    for line in fuseline_proofs::take_told() {
+    for line in fuseline_proofs::take_recording() {
         println!("{line}");
     }
     match ended {
@@ -184,12 +184,12 @@ fn replay(name: &str, values: &[String]) -> Result<bool, Error> {
             println!("it holds for these values: {} assertions", report.assertions.len());
             Ok(true)
         }
-        Err(kani::native::Ended::Rejected) => {
+        Err(kani::native::RunError::Rejected) => {
             println!("these values are left out by an assumption: they show nothing");
             Ok(false)
         }
-        Err(kani::native::Ended::Failed(failure)) => {
-            let place = failure.place.unwrap_or_else(|| "a panic".to_owned());
+        Err(kani::native::RunError::Failed(failure)) => {
+            let place = failure.location.unwrap_or_else(|| "a panic".to_owned());
             println!("it does not hold: {} ({place})", failure.message);
             Ok(false)
         }

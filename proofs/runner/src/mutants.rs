@@ -16,7 +16,7 @@ pub(crate) const FILES: [(&str, &str); 2] =
     [("core/src/fusion.rs", "fusion"), ("core/src/window.rs", "window")];
 
 const RECORD: &str = "proofs/results/mutants.json";
-const LEFT: &str = "proofs/mutants.toml";
+const EXCLUDED: &str = "proofs/mutants.toml";
 
 /// One change of one place.
 #[derive(Deserialize)]
@@ -25,26 +25,26 @@ pub(crate) struct Mutant {
     pub(crate) name: String,
     pub(crate) file: String,
     replacement: String,
-    span: Span,
+    span: MutantSpan,
     /// None if it is of no function.
-    function: Option<Function>,
+    function: Option<MutantFunction>,
 }
 
 #[derive(PartialEq, Eq, Deserialize)]
-struct Function {
+struct MutantFunction {
     #[serde(rename = "function_name")]
     name: String,
 }
 
 #[derive(Deserialize)]
-struct Span {
-    start: Spot,
-    end: Spot,
+struct MutantSpan {
+    start: LineColumn,
+    end: LineColumn,
 }
 
 /// Both count from 1.
 #[derive(Deserialize)]
-struct Spot {
+struct LineColumn {
     line: usize,
     column: usize,
 }
@@ -52,11 +52,11 @@ struct Spot {
 impl Mutant {
     /// The file's text with the change in it; none if it does not have the place.
     pub(crate) fn seed(&self, text: &str) -> Option<String> {
-        let at = |spot: &Spot| {
-            let line = text.split_inclusive('\n').take(spot.line.checked_sub(1)?);
+        let at = |position: &LineColumn| {
+            let line = text.split_inclusive('\n').take(position.line.checked_sub(1)?);
             let before: usize = line.map(str::len).sum();
             let rest = text.get(before..)?;
-            let (within, _) = rest.char_indices().nth(spot.column.checked_sub(1)?)?;
+            let (within, _) = rest.char_indices().nth(position.column.checked_sub(1)?)?;
             before.checked_add(within)
         };
         let (start, end) = (at(&self.span.start)?, at(&self.span.end)?);
@@ -84,9 +84,9 @@ fn cargo(root: &Path, words: &[&str]) -> Result<String, Error> {
     if output.status.success() {
         return Ok(String::from_utf8_lossy(&output.stdout).into_owned());
     }
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
     let what = "the list of mutants; cargo install cargo-mutants installs it".to_owned();
-    Err(Error::Tool { tool: "cargo mutants", what, said })
+    Err(Error::Tool { tool: "cargo mutants", what, message })
 }
 
 /// What became of each.
@@ -99,44 +99,46 @@ pub(crate) struct Mutants {
     pub(crate) files: String,
     /// A digest of what the verdicts depend on.
     pub(crate) sources: String,
-    pub(crate) of: BTreeMap<String, Fate>,
+    pub(crate) of: BTreeMap<String, MutantOutcome>,
 }
 
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub(crate) enum Fate {
+pub(crate) enum MutantOutcome {
     /// An assertion of this harness fails.
     CaughtBy(String),
     /// No compiler takes it.
     NotBuilt,
     /// No harness of its group notices it.
     Missed,
-    /// It is not looked for: `mutants.toml` has the reason.
-    Left,
+    /// No harness is checked for it: `mutants.toml` has the reason.
+    Excluded,
 }
 
 impl Mutants {
-    /// Those of the record; none if it tells of other sources.
+    /// Those of the record; none if it is of other sources.
     ///
     /// # Errors
     /// It cannot be read.
     pub(crate) fn current(root: &Path, by: String, sources: String) -> Result<Self, Error> {
-        let (mut kept, left) = (Self::load(root)?, Left::load(root)?);
-        if kept.sources != sources || kept.by != by {
-            kept.of.clear();
+        let (mut recorded, exclusions) = (Self::load(root)?, Exclusions::load(root)?);
+        if recorded.sources != sources || recorded.by != by {
+            recorded.of.clear();
         }
-        kept.of.retain(|name, fate| (*fate == Fate::Left) == left.holds(name));
-        Ok(Self { by, files: digest(root)?, sources, of: kept.of })
+        recorded.of.retain(|name, outcome| {
+            (*outcome == MutantOutcome::Excluded) == exclusions.holds(name)
+        });
+        Ok(Self { by, files: digest(root)?, sources, of: recorded.of })
     }
 
     /// The harnesses that caught another mutant of the same function.
     pub(crate) fn catchers(&self, listed: &[Mutant], mutant: &Mutant) -> BTreeSet<String> {
         let same = listed.iter().filter(|other| other.function == mutant.function);
-        let fates = same.filter_map(|other| self.of.get(&other.name));
-        fates
-            .filter_map(|fate| match fate {
-                Fate::CaughtBy(harness) => Some(harness.clone()),
-                Fate::NotBuilt | Fate::Missed | Fate::Left => None,
+        let outcomes = same.filter_map(|other| self.of.get(&other.name));
+        outcomes
+            .filter_map(|outcome| match outcome {
+                MutantOutcome::CaughtBy(harness) => Some(harness.clone()),
+                MutantOutcome::NotBuilt | MutantOutcome::Missed | MutantOutcome::Excluded => None,
             })
             .collect()
     }
@@ -151,73 +153,78 @@ impl Mutants {
         record::save(&root.join(RECORD), self)
     }
 
-    /// How many there are of each fate, in words.
-    pub(crate) fn told(&self) -> String {
-        let count =
-            |wanted: fn(&Fate) -> bool| self.of.values().filter(|fate| wanted(fate)).count();
+    /// How many there are of each outcome, in words.
+    pub(crate) fn summary(&self) -> String {
+        let count = |wanted: fn(&MutantOutcome) -> bool| {
+            self.of.values().filter(|outcome| wanted(outcome)).count()
+        };
         format!(
-            "mutants of façade and window: {} caught, {} missed, {} left with a reason, {} do not build",
-            count(|fate| matches!(fate, Fate::CaughtBy(_))),
-            count(|fate| *fate == Fate::Missed),
-            count(|fate| *fate == Fate::Left),
-            count(|fate| *fate == Fate::NotBuilt),
+            "mutants of façade and window: {} caught, {} missed, {} excluded with a reason, {} do not build",
+            count(|outcome| matches!(outcome, MutantOutcome::CaughtBy(_))),
+            count(|outcome| *outcome == MutantOutcome::Missed),
+            count(|outcome| *outcome == MutantOutcome::Excluded),
+            count(|outcome| *outcome == MutantOutcome::NotBuilt),
         )
     }
 }
 
-/// Mutants that no harness is asked about, each with the reason.
+/// Mutants that no harness is checked for, each with the reason.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct Left {
-    left: Vec<Reason>,
+pub(crate) struct Exclusions {
+    excluded: Vec<ExclusionReason>,
 }
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Reason {
-    /// What their names say of the change, or of the function.
+struct ExclusionReason {
+    /// A part of their names: the change, or the function.
     what: String,
     #[expect(dead_code, reason = "it is for who reads the file")]
     because: String,
 }
 
-impl Left {
+impl Exclusions {
     /// # Errors
     /// The file cannot be read.
     pub(crate) fn load(root: &Path) -> Result<Self, Error> {
-        let path = root.join(LEFT);
+        let path = root.join(EXCLUDED);
         let text = fs::read_to_string(&path).map_err(Error::file(&path))?;
         toml::from_str(&text).map_err(|error| Error::content(&path, &error))
     }
 
     pub(crate) fn holds(&self, name: &str) -> bool {
-        self.left.iter().any(|reason| name.contains(&reason.what))
+        self.excluded.iter().any(|reason| name.contains(&reason.what))
     }
 }
 
-/// What is wrong with the record: it tells of other files, or one is missed for no reason that is told; and what it says.
+/// What is wrong with the record: it is of other files, or a mutant is missed without a reason; and its summary.
 ///
 /// # Errors
 /// A file cannot be read.
 pub(crate) fn checked(root: &Path) -> Result<(Vec<String>, String), Error> {
-    let (kept, left) = (Mutants::load(root)?, Left::load(root)?);
+    let (recorded, exclusions) = (Mutants::load(root)?, Exclusions::load(root)?);
     let mut wrong = Vec::new();
-    if kept.files != digest(root)? {
+    if recorded.files != digest(root)? {
         wrong.push("the mutants are those of other files: use --mutants".to_owned());
     }
-    for (name, fate) in &kept.of {
-        if *fate == Fate::Missed {
+    for (name, outcome) in &recorded.of {
+        if *outcome == MutantOutcome::Missed {
             wrong.push(format!("no harness catches {name}"));
-        } else if *fate == Fate::Left && !left.holds(name) {
-            wrong.push(format!("no harness was asked about {name}: use --mutants"));
+        } else if *outcome == MutantOutcome::Excluded && !exclusions.holds(name) {
+            wrong.push(format!("no harness was checked for {name}: use --mutants"));
         }
     }
-    for Reason { what, .. } in &left.left {
-        if !kept.of.iter().any(|(name, fate)| *fate == Fate::Left && name.contains(what)) {
-            wrong.push(format!("{LEFT}: no mutant is left that says {what:?}"));
+    for ExclusionReason { what, .. } in &exclusions.excluded {
+        if !recorded
+            .of
+            .iter()
+            .any(|(name, outcome)| *outcome == MutantOutcome::Excluded && name.contains(what))
+        {
+            wrong.push(format!("{EXCLUDED}: no mutant is excluded that says {what:?}"));
         }
     }
-    Ok((wrong, kept.told()))
+    Ok((wrong, recorded.summary()))
 }
 
 fn digest(root: &Path) -> Result<String, Error> {
@@ -229,8 +236,8 @@ mod tests {
     use super::*;
 
     fn mutant(start: (usize, usize), end: (usize, usize)) -> Mutant {
-        let spot = |(line, column)| Spot { line, column };
-        let span = Span { start: spot(start), end: spot(end) };
+        let position = |(line, column)| LineColumn { line, column };
+        let span = MutantSpan { start: position(start), end: position(end) };
         Mutant {
             name: String::new(),
             file: String::new(),

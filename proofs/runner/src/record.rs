@@ -8,9 +8,9 @@ use fuseline_evidence::SeededFault;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use crate::beyond::Beyond;
 use crate::error::Error;
-use crate::source::Sources;
+use crate::source::HarnessSources;
+use crate::uncatchable::UncatchableFaults;
 
 /// The ratchet. Numbers may rise with `--record`; where they fall, the run fails.
 #[derive(Clone, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
@@ -21,13 +21,13 @@ pub(crate) struct Record {
     /// By file and function, how many assertions it makes.
     pub(crate) assertions: BTreeMap<String, usize>,
     /// By fault, who caught it.
-    pub(crate) faults: BTreeMap<String, Caught>,
+    pub(crate) faults: BTreeMap<String, CatchRecord>,
 }
 
 /// Who caught a fault.
 #[derive(Clone, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct Caught {
+pub(crate) struct CatchRecord {
     /// A digest of the change that the fault makes.
     pub(crate) change: String,
     /// The harnesses of which an assertion failed.
@@ -54,7 +54,7 @@ impl Record {
     }
 
     /// Takes over what the sources show.
-    pub(crate) fn take(&mut self, sources: &Sources) {
+    pub(crate) fn take(&mut self, sources: &HarnessSources) {
         let harnesses = sources.harnesses.iter();
         self.harnesses = harnesses.map(|h| (h.name.clone(), h.covers.len())).collect();
         self.assertions.clone_from(&sources.assertions);
@@ -64,7 +64,7 @@ impl Record {
     }
 
     /// What the sources have less of than is recorded.
-    pub(crate) fn shrunk(&self, sources: &Sources) -> Vec<String> {
+    pub(crate) fn shrunk(&self, sources: &HarnessSources) -> Vec<String> {
         let mut wrong = Vec::new();
         for (name, covers) in &self.harnesses {
             match sources.harnesses.iter().find(|harness| harness.name == *name) {
@@ -89,7 +89,11 @@ impl Record {
     }
 
     /// The faults that a harness should catch, and that none is recorded to catch as they are now.
-    pub(crate) fn uncaught(&self, faults: &[SeededFault], beyond: &Beyond) -> Vec<String> {
+    pub(crate) fn uncaught(
+        &self,
+        faults: &[SeededFault],
+        uncatchable: &UncatchableFaults,
+    ) -> Vec<String> {
         let wrong = |fault: &SeededFault| match self.faults.get(&fault.name) {
             Some(caught) if caught.change != fault.digest() => {
                 Some(format!("{} is not the fault of the record: search again", fault.name))
@@ -97,7 +101,7 @@ impl Record {
             Some(caught) if !caught.by.is_empty() => None,
             _ => Some(format!("no harness is recorded to catch {}", fault.name)),
         };
-        faults.iter().filter(|fault| !beyond.holds(fault)).filter_map(wrong).collect()
+        faults.iter().filter(|fault| !uncatchable.holds(fault)).filter_map(wrong).collect()
     }
 
     /// Pairs to run so that each fault is caught that some of `harnesses` can catch, and each of these catches one.

@@ -10,25 +10,25 @@ use std::time::Duration;
 use fuseline_evidence::{SeededFault, Tree, load_faults};
 use indicatif::{ProgressBar, ProgressStyle};
 
-use crate::beyond::Beyond;
-use crate::check::{self, Checked, Verdict};
+use crate::check::{self, CheckResult, Verdict};
 use crate::error::Error;
-use crate::kept::{self, About, Kept};
-use crate::ledger::{Line, under};
-use crate::mutants::{self, Fate, Left, Mutant, Mutants};
-use crate::record::{Caught, Record};
-use crate::source::{Harness, Sources};
+use crate::ledger::{self, Provenance, VerdictLedger};
+use crate::line::{LedgerLine, under};
+use crate::mutants::{self, Exclusions, Mutant, MutantOutcome, Mutants};
+use crate::record::{CatchRecord, Record};
+use crate::source::{Harness, HarnessSources};
 use crate::tools::{Limits, Tools};
 use crate::translate::Copy;
+use crate::uncatchable::UncatchableFaults;
 
 /// The groups that take longest; a fault is looked for with the others first.
 const DEAR: [&str; 2] = ["fusion", "wait"];
 
 /// What to prove, and with what.
-pub(crate) struct Run<'a> {
+pub(crate) struct ProofRun<'a> {
     pub(crate) tree: &'a Path,
     pub(crate) root: &'a Path,
-    pub(crate) sources: &'a Sources,
+    pub(crate) sources: &'a HarnessSources,
     pub(crate) jobs: usize,
     pub(crate) limits: Limits,
     pub(crate) json: bool,
@@ -38,7 +38,7 @@ pub(crate) struct Run<'a> {
     pub(crate) sample: Option<Duration>,
 }
 
-impl Run<'_> {
+impl ProofRun<'_> {
     /// Proves harnesses: those named, or all.
     ///
     /// # Errors
@@ -51,9 +51,11 @@ impl Run<'_> {
         };
         let tools = Tools::new(self.root)?;
         let copy = Copy::new(&tools, self.tree)?;
-        let kept = Mutex::new(Kept::load(self.tree)?);
-        let about = About::now(self.tree, &tools)?;
-        self.draw(&kept, &mut harnesses, |harness| Ok((harness.name.clone(), about.clone())))?;
+        let ledger = Mutex::new(VerdictLedger::load(self.tree)?);
+        let provenance = Provenance::now(self.tree, &tools)?;
+        self.draw(&ledger, &mut harnesses, |harness| {
+            Ok((harness.name.clone(), provenance.clone()))
+        })?;
         let lines = self.all(
             "harnesses",
             &harnesses,
@@ -61,7 +63,7 @@ impl Run<'_> {
             |harness| {
                 let checked = check::prove(&tools, &copy, harness, self.limits)?;
                 let line = line(harness, None, checked);
-                self.keep(&kept, &line, &about)?;
+                self.keep(&ledger, &line, &provenance)?;
                 Ok((harness.name.clone(), line))
             },
         )?;
@@ -74,13 +76,13 @@ impl Run<'_> {
     /// As for [`harnesses`](Self::harnesses).
     pub(crate) fn faults(&self, record: &Record, names: &[String]) -> Result<bool, Error> {
         let faults = load_faults(&Tree::new(self.tree.to_owned()))?;
-        let beyond = Beyond::load(self.tree, &faults)?;
+        let uncatchable = UncatchableFaults::load(self.tree, &faults)?;
         let mut good = true;
         let mut wrong = |what: String| {
             eprintln!("{what}");
             good = false;
         };
-        record.uncaught(&faults, &beyond).into_iter().for_each(&mut wrong);
+        record.uncaught(&faults, &uncatchable).into_iter().for_each(&mut wrong);
         let able: BTreeSet<&str> = if names.is_empty() {
             self.sources.harnesses.iter().map(|harness| harness.name.as_str()).collect()
         } else {
@@ -97,14 +99,14 @@ impl Run<'_> {
         }
         let tools = Tools::new(self.root)?;
         let copy = Copy::new(&tools, self.tree)?;
-        let kept = Mutex::new(Kept::load(self.tree)?);
-        let about = About::now(self.tree, &tools)?;
+        let ledger = Mutex::new(VerdictLedger::load(self.tree)?);
+        let provenance = Provenance::now(self.tree, &tools)?;
         let known = |name: &String| {
             let fault = faults.iter().find(|known| known.name == *name);
             fault.ok_or_else(|| none("fault", name))
         };
-        self.draw(&kept, &mut pairs, |(fault, name)| {
-            Ok((under(fault, name), about.with(known(fault)?.digest())))
+        self.draw(&ledger, &mut pairs, |(fault, name)| {
+            Ok((under(fault, name), provenance.with(known(fault)?.digest())))
         })?;
         let lines = self.all(
             "faults",
@@ -114,7 +116,7 @@ impl Run<'_> {
                 let (harness, fault) = (self.harness(name)?, known(fault)?);
                 let checked = self.under(&tools, &copy, fault, harness)?;
                 let line = line(harness, Some(fault), checked);
-                self.keep(&kept, &line, &about.with(fault.digest()))?;
+                self.keep(&ledger, &line, &provenance.with(fault.digest()))?;
                 Ok((line.name(), line))
             },
         )?;
@@ -132,12 +134,12 @@ impl Run<'_> {
         by: &[String],
     ) -> Result<bool, Error> {
         let faults = load_faults(&Tree::new(self.tree.to_owned()))?;
-        let beyond = Beyond::load(self.tree, &faults)?;
+        let uncatchable = UncatchableFaults::load(self.tree, &faults)?;
         record.take(self.sources);
         record.faults.retain(|name, _| faults.iter().any(|fault| fault.name == *name));
         let wanted: Vec<&SeededFault> = faults
             .iter()
-            .filter(|fault| !beyond.holds(fault))
+            .filter(|fault| !uncatchable.holds(fault))
             .filter(|fault| {
                 let known = record.faults.get(&fault.name);
                 let stale = known.is_none_or(|c| c.change != fault.digest() || c.by.is_empty());
@@ -146,15 +148,15 @@ impl Run<'_> {
             .collect();
         let tools = Tools::new(self.root)?;
         let copy = Copy::new(&tools, self.tree)?;
-        let kept = Mutex::new(record);
+        let record = Mutex::new(record);
         let catches = |fault: &SeededFault, harness: &Harness| {
             let checked = self.under(&tools, &copy, fault, harness)?;
             let caught = matches!(checked.verdict, Verdict::Refuted(_));
-            let mut record = kept.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut record = record.lock().unwrap_or_else(PoisonError::into_inner);
             let change = fault.digest();
             let entry = record.faults.entry(fault.name.clone()).or_default();
             if entry.change != change {
-                *entry = Caught { change, by: BTreeSet::new() };
+                *entry = CatchRecord { change, by: BTreeSet::new() };
             }
             if caught {
                 entry.by.insert(harness.name.clone());
@@ -187,12 +189,12 @@ impl Run<'_> {
             return Ok(found.values().all(|good| *good));
         }
         let idle: Vec<&Harness> = {
-            let record = kept.lock().unwrap_or_else(PoisonError::into_inner);
+            let record = record.lock().unwrap_or_else(PoisonError::into_inner);
             let catches = |h: &&Harness| record.faults.values().any(|c| c.by.contains(&h.name));
             self.sources.harnesses.iter().filter(|harness| !catches(harness)).collect()
         };
         let reachable: Vec<&SeededFault> =
-            faults.iter().filter(|fault| !beyond.holds(fault)).collect();
+            faults.iter().filter(|fault| !uncatchable.holds(fault)).collect();
         let busy = self.all(
             "harnesses",
             &idle,
@@ -218,37 +220,37 @@ impl Run<'_> {
     /// As for [`harnesses`](Self::harnesses), or there is no list of them.
     pub(crate) fn mutants(&self) -> Result<bool, Error> {
         let (listed, by) = Mutant::list(self.tree)?;
-        let mut mutants = Mutants::current(self.tree, by, kept::digest(self.tree)?)?;
+        let mut mutants = Mutants::current(self.tree, by, ledger::digest(self.tree)?)?;
         mutants.of.retain(|name, _| listed.iter().any(|mutant| mutant.name == *name));
         let open = listed.iter().enumerate().filter(|(_, one)| !mutants.of.contains_key(&one.name));
         let open: Vec<(usize, &Mutant)> = open.collect();
         let tools = Tools::new(self.root)?;
         let copy = Copy::new(&tools, self.tree)?;
-        let kept = Kept::load(self.tree)?;
-        let (record, left) = (Mutex::new(mutants), Left::load(self.tree)?);
+        let ledger = VerdictLedger::load(self.tree)?;
+        let (record, exclusions) = (Mutex::new(mutants), Exclusions::load(self.tree)?);
         let lock = || record.lock().unwrap_or_else(PoisonError::into_inner);
-        let keep = |mutant: &Mutant, fate: Fate| {
+        let keep = |mutant: &Mutant, outcome: MutantOutcome| {
             let mut record = lock();
-            record.of.insert(mutant.name.clone(), fate.clone());
+            record.of.insert(mutant.name.clone(), outcome.clone());
             record.save(self.tree)?;
-            Ok((mutant.name.clone(), fate))
+            Ok((mutant.name.clone(), outcome))
         };
         self.all(
             "mutants",
             &open,
             |_| {},
             |(at, mutant)| {
-                if left.holds(&mutant.name) {
-                    return keep(mutant, Fate::Left);
+                if exclusions.holds(&mutant.name) {
+                    return keep(mutant, MutantOutcome::Excluded);
                 }
                 let first = lock().catchers(&listed, mutant);
                 let place = (format!("mutant-{at}"), first);
-                let fate = self.fate(&tools, &copy, &kept, (&place.0, &place.1), mutant)?;
-                keep(mutant, fate)
+                let outcome = self.outcome(&tools, &copy, &ledger, (&place.0, &place.1), mutant)?;
+                keep(mutant, outcome)
             },
         )?;
-        let (wrong, told) = mutants::checked(self.tree)?;
-        println!("{told}");
+        let (wrong, summary) = mutants::checked(self.tree)?;
+        println!("{summary}");
         for wrong in &wrong {
             println!("{wrong}");
         }
@@ -256,14 +258,14 @@ impl Run<'_> {
     }
 
     /// What becomes of one mutant: the harnesses of its group are asked, `first` and then the quickest.
-    fn fate(
+    fn outcome(
         &self,
         tools: &Tools,
         copy: &Copy,
-        kept: &Kept,
+        ledger: &VerdictLedger,
         (folder, first): (&str, &BTreeSet<String>),
         mutant: &Mutant,
-    ) -> Result<Fate, Error> {
+    ) -> Result<MutantOutcome, Error> {
         let text = Tree::new(self.tree.to_owned()).text(&mutant.file)?;
         let changed = mutant.seed(&text).ok_or_else(|| none("place", &mutant.name))?;
         let of_mutant = copy.with(folder, &mutant.file, &changed)?;
@@ -271,18 +273,18 @@ impl Run<'_> {
         let group = group.map_or("", |(_, group)| group);
         let harnesses = self.sources.harnesses.iter();
         let mut able: Vec<&Harness> = harnesses.filter(|of| of.group == group).collect();
-        able.sort_by(|a, b| kept.seconds(&a.name).total_cmp(&kept.seconds(&b.name)));
+        able.sort_by(|a, b| ledger.seconds(&a.name).total_cmp(&ledger.seconds(&b.name)));
         // What caught one mutant of a function mostly catches the next.
         able.sort_by_key(|harness| !first.contains(&harness.name));
-        let mut fate = Fate::Missed;
+        let mut outcome = MutantOutcome::Missed;
         for harness in able {
             match check::refute(tools, &of_mutant, harness, self.limits) {
-                Ok(Checked { verdict: Verdict::Refuted(_), .. }) => {
-                    fate = Fate::CaughtBy(harness.name.clone());
+                Ok(CheckResult { verdict: Verdict::Refuted(_), .. }) => {
+                    outcome = MutantOutcome::CaughtBy(harness.name.clone());
                     break;
                 }
                 Err(Error::Tool { .. }) => {
-                    fate = Fate::NotBuilt;
+                    outcome = MutantOutcome::NotBuilt;
                     break;
                 }
                 Ok(_) => {}
@@ -290,32 +292,37 @@ impl Run<'_> {
             }
         }
         of_mutant.remove();
-        Ok(fate)
+        Ok(outcome)
     }
 
     /// Leaves of `tasks` those to ask, if a sample is enough, and says how many are left out.
     fn draw<T>(
         &self,
-        kept: &Mutex<Kept>,
+        ledger: &Mutex<VerdictLedger>,
         tasks: &mut Vec<T>,
-        question: impl Fn(&T) -> Result<(String, About), Error>,
+        question: impl Fn(&T) -> Result<(String, Provenance), Error>,
     ) -> Result<(), Error> {
         let Some(budget) = self.sample else { return Ok(()) };
         let questions = tasks.iter().map(question).collect::<Result<Vec<_>, _>>()?;
-        let kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
-        let (asked, told) = kept.sample(&questions, budget);
-        eprintln!("{told}");
+        let ledger = ledger.lock().unwrap_or_else(PoisonError::into_inner);
+        let (chosen, summary) = ledger.sample(&questions, budget);
+        eprintln!("{summary}");
         let mut questions = questions.into_iter();
-        tasks.retain(|_| questions.next().is_some_and(|(name, _)| asked.contains(&name)));
+        tasks.retain(|_| questions.next().is_some_and(|(name, _)| chosen.contains(&name)));
         Ok(())
     }
 
     /// Keeps a good line in the ledger, if that was asked for.
-    fn keep(&self, kept: &Mutex<Kept>, line: &Line, about: &About) -> Result<(), Error> {
+    fn keep(
+        &self,
+        ledger: &Mutex<VerdictLedger>,
+        line: &LedgerLine,
+        provenance: &Provenance,
+    ) -> Result<(), Error> {
         if !self.keep {
             return Ok(());
         }
-        kept.lock().unwrap_or_else(PoisonError::into_inner).add(self.tree, line, about)
+        ledger.lock().unwrap_or_else(PoisonError::into_inner).add(self.tree, line, provenance)
     }
 
     /// A harness on a machine with a fault.
@@ -325,10 +332,10 @@ impl Run<'_> {
         copy: &Copy,
         fault: &SeededFault,
         harness: &Harness,
-    ) -> Result<Checked, Error> {
+    ) -> Result<CheckResult, Error> {
         if !fault.file.starts_with("core/src/") {
             let verdict = Verdict::Unknown(format!("{} is not proved", fault.file));
-            return Ok(Checked { verdict, seconds: 0.0, peak_mib: 0 });
+            return Ok(CheckResult { verdict, seconds: 0.0, peak_mib: 0 });
         }
         let name = format!("{}.{}", fault.name, harness.name);
         let faulty = copy.with(
@@ -347,7 +354,7 @@ impl Run<'_> {
     }
 
     /// Says how many lines are good, and how to see the others; whether all are.
-    fn sum_up(&self, lines: &BTreeMap<String, Line>, word: &str) -> bool {
+    fn sum_up(&self, lines: &BTreeMap<String, LedgerLine>, word: &str) -> bool {
         let good = lines.values().filter(|line| line.good).count();
         if !self.json {
             println!("{good} of {} {word}", lines.len());
@@ -360,7 +367,7 @@ impl Run<'_> {
     }
 
     /// Prints a line of the ledger.
-    fn tell(&self, line: &Line) {
+    fn tell(&self, line: &LedgerLine) {
         if self.json {
             println!("{}", serde_json::to_string(line).unwrap_or_default());
         } else {
@@ -416,7 +423,7 @@ impl Run<'_> {
 }
 
 /// What the ledger says of one question.
-fn line(harness: &Harness, fault: Option<&SeededFault>, checked: Checked) -> Line {
+fn line(harness: &Harness, fault: Option<&SeededFault>, checked: CheckResult) -> LedgerLine {
     let good = match (&checked.verdict, fault) {
         (Verdict::Proved, None) | (Verdict::Refuted(_), Some(_)) => true,
         (_, _) => false,
@@ -430,7 +437,7 @@ fn line(harness: &Harness, fault: Option<&SeededFault>, checked: Checked) -> Lin
         Verdict::Refuted(found) => found.values,
         _ => Vec::new(),
     };
-    Line {
+    LedgerLine {
         harness: harness.name.clone(),
         fault: fault.map(|fault| fault.name.clone()),
         engine: "cbmc".to_owned(),

@@ -33,7 +33,7 @@ pub(crate) struct Harness {
 
 /// What the harness files hold.
 #[derive(Debug, Default)]
-pub(crate) struct Sources {
+pub(crate) struct HarnessSources {
     pub(crate) harnesses: Vec<Harness>,
     /// The assertions that each function makes, harness or not, by file and name.
     pub(crate) assertions: BTreeMap<String, usize>,
@@ -43,14 +43,14 @@ pub(crate) struct Sources {
 ///
 /// # Errors
 /// A file cannot be read, or a harness lacks something.
-pub(crate) fn read(root: &Path) -> Result<Sources, Error> {
+pub(crate) fn read(root: &Path) -> Result<HarnessSources, Error> {
     let folder = root.join(FOLDER);
     let mut files = Vec::new();
     for entry in fs::read_dir(&folder).map_err(Error::file(&folder))? {
         files.push(entry.map_err(Error::file(&folder))?.path());
     }
     files.sort();
-    let mut sources = Sources::default();
+    let mut sources = HarnessSources::default();
     for path in files {
         let text = fs::read_to_string(&path).map_err(Error::file(&path))?;
         let group = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
@@ -59,7 +59,7 @@ pub(crate) fn read(root: &Path) -> Result<Sources, Error> {
     Ok(sources)
 }
 
-impl Sources {
+impl HarnessSources {
     /// Reads one file, which is formatted as rustfmt formats it: a function ends at a brace in its first column.
     fn add(&mut self, group: &str, text: &str) -> Result<(), String> {
         let name = Regex::new(r"^(?:pub )?fn (\w+)").map_err(|error| error.to_string())?;
@@ -143,7 +143,7 @@ mod tests {
 
     #[test]
     fn harness_is_read_with_its_attributes() {
-        let mut sources = Sources::default();
+        let mut sources = HarnessSources::default();
         sources.add("slot", TEXT).expect("it is complete");
         let [harness] = &sources.harnesses[..] else { panic!("one harness") };
         assert_eq!((harness.name.as_str(), harness.unwind, harness.assertions), ("p1_once", 7, 1));
@@ -154,7 +154,7 @@ mod tests {
 
     #[test]
     fn cases_are_read_and_are_no_part_of_what_is_said() {
-        let mut sources = Sources::default();
+        let mut sources = HarnessSources::default();
         let text = TEXT.replace("/// Bounds", "/// Cases: 9.\n/// Bounds");
         sources.add("slot", &text).expect("it is complete");
         assert_eq!(sources.harnesses[0].cases, Some(9));
@@ -164,8 +164,8 @@ mod tests {
     #[test]
     fn harness_without_a_cover_or_a_cover_without_a_harness_is_refused() {
         let bare = TEXT.replace("    kani::cover!(true, \"y\");\n", "");
-        assert!(Sources::default().add("slot", &bare).is_err());
+        assert!(HarnessSources::default().add("slot", &bare).is_err());
         let stray = format!("{TEXT}fn helper() {{\n    kani::cover!(true, \"z\");\n}}\n");
-        assert!(Sources::default().add("slot", &stray).is_err());
+        assert!(HarnessSources::default().add("slot", &stray).is_err());
     }
 }

@@ -16,8 +16,8 @@ use crate::error::Error;
 /// Set by Ctrl-C.
 pub(crate) static STOP: AtomicBool = AtomicBool::new(false);
 
-/// How often a running tool is looked at.
-const GLANCE: Duration = Duration::from_millis(100);
+/// How often a running tool is polled.
+const POLL_INTERVAL: Duration = Duration::from_millis(100);
 
 /// How much one run may take.
 #[derive(Clone, Copy, Debug)]
@@ -28,12 +28,12 @@ pub(crate) struct Limits {
 
 /// What a run did.
 #[derive(Debug)]
-pub(crate) struct Ran {
+pub(crate) struct ToolOutput {
     /// Its exit code, or none if it was ended.
     pub(crate) code: Option<i32>,
     pub(crate) timed_out: bool,
-    pub(crate) printed: String,
-    pub(crate) complained: String,
+    pub(crate) stdout: String,
+    pub(crate) stderr: String,
     pub(crate) seconds: f64,
     pub(crate) peak_mib: u64,
 }
@@ -58,7 +58,7 @@ impl Tools {
         self.work.path()
     }
 
-    /// Runs a tool in a folder below this run's; what it prints is kept there while it runs.
+    /// Runs a tool in a folder below this run's; what it prints is stored there while it runs.
     ///
     /// # Errors
     /// It cannot be started, or Ctrl-C ended it.
@@ -68,7 +68,7 @@ impl Tools {
         limits: Limits,
         tool: &str,
         arguments: &[String],
-    ) -> Result<Ran, Error> {
+    ) -> Result<ToolOutput, Error> {
         const BOUNDED: &str =
             "cd \"$1\" && export TMPDIR=\"$1\" && ulimit -v \"$2\" && shift 2 && exec \"$@\"";
         let inside = Path::new("/").join(folder.strip_prefix(&self.root).unwrap_or(folder));
@@ -107,7 +107,7 @@ impl Tools {
                 let _ = kill_process_group(group, Signal::KILL);
                 break child.wait().map_err(Error::file(folder))?;
             }
-            thread::sleep(GLANCE);
+            thread::sleep(POLL_INTERVAL);
         };
         // A solver that outlives the checker would go on alone.
         let _ = kill_process_group(group, Signal::KILL);
@@ -119,11 +119,11 @@ impl Tools {
                 .map(|bytes| String::from_utf8_lossy(&bytes).into_owned())
                 .map_err(Error::file(path))
         };
-        Ok(Ran {
+        Ok(ToolOutput {
             code: status.code(),
             timed_out,
-            printed: text(&out)?,
-            complained: text(&err)?,
+            stdout: text(&out)?,
+            stderr: text(&err)?,
             seconds: start.elapsed().as_secs_f64(),
             peak_mib,
         })
@@ -134,14 +134,15 @@ impl Tools {
     /// # Errors
     /// One does not tell it.
     pub(crate) fn versions(&self) -> Result<String, Error> {
-        let mut told = Vec::new();
+        let mut versions = Vec::new();
         for tool in ["cbmc", "rustc"] {
-            let ran = self.succeed(self.work(), tool, "its version", &["--version".to_owned()])?;
+            let output =
+                self.succeed(self.work(), tool, "its version", &["--version".to_owned()])?;
             let version =
-                ran.printed.split_whitespace().find(|word| word.starts_with(char::is_numeric));
-            told.push(format!("{tool} {}", version.unwrap_or("of no known version")));
+                output.stdout.split_whitespace().find(|word| word.starts_with(char::is_numeric));
+            versions.push(format!("{tool} {}", version.unwrap_or("of no known version")));
         }
-        Ok(told.join(", "))
+        Ok(versions.join(", "))
     }
 
     /// Runs a tool that must succeed.
@@ -164,14 +165,14 @@ impl Tools {
         tool: &'static str,
         what: &str,
         arguments: &[String],
-    ) -> Result<Ran, Error> {
+    ) -> Result<ToolOutput, Error> {
         const LIMITS: Limits = Limits { time: Duration::from_secs(120), memory_mib: 8192 };
-        let ran = self.run(folder, LIMITS, tool, arguments)?;
-        if ran.code == Some(0) {
-            return Ok(ran);
+        let output = self.run(folder, LIMITS, tool, arguments)?;
+        if output.code == Some(0) {
+            return Ok(output);
         }
-        let said = if ran.timed_out { "it took too long".to_owned() } else { ran.complained };
-        Err(Error::Tool { tool, what: what.to_owned(), said })
+        let message = if output.timed_out { "it took too long".to_owned() } else { output.stderr };
+        Err(Error::Tool { tool, what: what.to_owned(), message })
     }
 }
 

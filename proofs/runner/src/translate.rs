@@ -1,4 +1,6 @@
-//! From a harness to C: rustc to wasm32, wasm2c to C, and the memory of the checker in place of wasm2c's.
+//! Translates a harness to C for the checker.
+//!
+//! rustc compiles it to wasm32, wasm2c translates that to C, and the memory of `proofs/engine` takes the place of wasm2c's.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
@@ -15,14 +17,8 @@ use crate::tools::Tools;
 const STACK_BYTES: u32 = 4096;
 
 /// What goes into the root.
-pub(crate) const SOURCES: [&str; 6] = [
-    "core/src",
-    "proofs/src",
-    "proofs/cells/src",
-    "proofs/kani/src",
-    "proofs/kani-macros/src",
-    "proofs/engine",
-];
+pub(crate) const SOURCES: [&str; 5] =
+    ["core/src", "proofs/src", "proofs/macros/src", "proofs/kani/src", "proofs/engine"];
 
 /// What LLVM makes of all that is proved: one function of constants, as far as can be, with every overflow checked.
 const FLAGS: &[&str] = &[
@@ -60,13 +56,12 @@ impl<'a> Copy<'a> {
             copy(&tree.join(source), &folder.join(source))?;
         }
         let own = Self { tools, folder };
-        own.macros("the stand-in's macros", "fuseline_kani_macros", "proofs/kani-macros")?;
-        own.macros("the cells", "fuseline_cells", "proofs/cells")?;
+        own.macros()?;
         let stand_in = [
             "--crate-type=rlib",
             "--crate-name=fuseline_kani",
             "-Cembed-bitcode=yes",
-            "--extern=fuseline_kani_macros=libfuseline_kani_macros.so",
+            "--extern=fuseline_proof_macros=libfuseline_proof_macros.so",
             "-olibfuseline_kani.rlib",
             "proofs/kani/src/lib.rs",
         ];
@@ -75,17 +70,17 @@ impl<'a> Copy<'a> {
         Ok(own)
     }
 
-    /// Builds a crate of macros.
-    fn macros(&self, what: &str, name: &str, folder: &str) -> Result<(), Error> {
+    /// Builds the crate of macros.
+    fn macros(&self) -> Result<(), Error> {
         let arguments = [
-            "--edition=2024".to_owned(),
-            "--crate-type=proc-macro".to_owned(),
-            format!("--crate-name={name}"),
-            "--extern=proc_macro".to_owned(),
-            format!("-olib{name}.so"),
-            format!("{folder}/src/lib.rs"),
+            "--edition=2024",
+            "--crate-type=proc-macro",
+            "--crate-name=fuseline_proof_macros",
+            "--extern=proc_macro",
+            "-olibfuseline_proof_macros.so",
+            "proofs/macros/src/lib.rs",
         ];
-        self.tools.must(&self.folder, "rustc", what, &arguments)
+        self.tools.must(&self.folder, "rustc", "the macros", &arguments.map(str::to_owned))
     }
 
     /// The same with one file replaced.
@@ -136,7 +131,7 @@ impl<'a> Copy<'a> {
             "-Cllvm-args=-inline-threshold=10000".to_owned(),
             "-Cllvm-args=-unroll-threshold=2000".to_owned(),
             "--extern=kani=libfuseline_kani.rlib".to_owned(),
-            "--extern=fuseline_cells=libfuseline_cells.so".to_owned(),
+            "--extern=fuseline_proof_macros=libfuseline_proof_macros.so".to_owned(),
             "-L.".to_owned(),
             format!("-o{}", own("proofs.wasm")),
             "proofs/src/lib.rs".to_owned(),

@@ -1,20 +1,20 @@
 //! The machine, for any number of open timestamps: each rule for any one of them, and that an input changes no other.
 //!
-//! The shipped façade runs over the window of `src/window.rs`, which keeps one timestamp, *own*, exactly. Own is any, so what
+//! The shipped `fusion.rs` runs over the window of `src/window.rs`, which has one timestamp, *own*, exactly. Own is any, so what
 //! holds of it holds of each.
 
-use crate::any::{
-    WINDOW, any_commit, any_deadline, any_instant, any_machine, any_priority_beside,
-    any_timestamp_beside, at_rest, least,
+use crate::arbitrary::{
+    WINDOW, any_commit, any_deadline, any_instant, any_machine, any_priority_or_registered,
+    any_timestamp_or, least, with_nothing_due,
 };
 use crate::clouds::Cloud;
 use crate::fusion::{At, Fusion};
 use crate::priority::Priority;
 use crate::slot::{Cause, Decision, Slot};
 use crate::source::Source;
+use crate::steps;
 use crate::time::{Deadline, Instant};
-use crate::told;
-use crate::valid::{due_at, is_machine, later, same_own, source_of, tells};
+use crate::valid::{due_at, is_machine, is_outcome_of_decision, later, same_own, source_of};
 use crate::{Admission, DropReason, Firing, OfferRefusal, OpenRefusal, Opening, Outcome};
 
 /// All clouds that there can be.
@@ -31,12 +31,12 @@ pub fn f5_expire_by_the_rule() {
     let mut fusion = any_machine::<CLOUDS>();
     let (clock, now) = (fusion.now, any_instant());
     let before = fusion.clone();
-    let (own, rest) = (before.open.own, before.open.rest.first);
-    let turn = before.open.due.map(|due| (due, own));
-    let is_own = turn.is_some_and(|turn| rest.is_none_or(|first| turn < first));
-    let next = if is_own { turn } else { rest };
+    let (own, others) = (before.open.own, before.open.others.first);
+    let key = before.open.due.map(|due| (due, own));
+    let is_own = key.is_some_and(|key| others.is_none_or(|first| key < first));
+    let next = if is_own { key } else { others };
     let is_due = next.is_some_and(|next| next.0 <= later(clock, now));
-    let fired = match told::at(&mut fusion, now) {
+    let fired = match steps::at(&mut fusion, now) {
         At::Fired(firing) => Some((firing.timestamp, firing.due, firing.timers.sources().bits())),
         At::Ready(_) => None,
     };
@@ -53,10 +53,10 @@ pub fn f5_expire_by_the_rule() {
     let as_many = fired.is_some() || fusion.len() == before.len();
     kani::assert(as_many && fusion.newest == before.newest, "F0: nothing else changes");
     kani::cover!(
-        fired.is_some() && is_own && rest.is_some_and(|first| turn < Some(first)),
+        fired.is_some() && is_own && others.is_some_and(|first| key < Some(first)),
         "own is first"
     );
-    kani::cover!(fired.is_some() && !is_own && turn.is_some(), "another is first");
+    kani::cover!(fired.is_some() && !is_own && key.is_some(), "another is first");
     kani::cover!(fired.is_none() && next.is_some() && now < clock, "the clock was further already");
 }
 
@@ -71,11 +71,14 @@ pub fn f5_firing_is_settled() {
     let mut is_retired = false;
     let mut waits = false;
     if let At::Fired(Firing { timestamp, timers, outcome, .. }) =
-        told::at(&mut fusion, any_instant())
+        steps::at(&mut fusion, any_instant())
     {
         if timestamp == own {
             let (slot, decision) = entry.slot.step(fusion.commit, Cause::Timers(timers.sources()));
-            kani::assert(tells(&fusion, outcome, decision), "F6: what follows is told");
+            kani::assert(
+                is_outcome_of_decision(&fusion, outcome, decision),
+                "F6: the firing's outcome is that of the step",
+            );
             is_retired = !slot.is_open();
             waits = !is_retired;
             kani::assert(fusion.open.is_open != is_retired, "F7: what is retired is open no more");
@@ -96,11 +99,11 @@ pub fn f5_firing_is_settled() {
 #[kani::proof]
 #[kani::unwind(18)]
 pub fn f1_open_by_the_rule() {
-    let mut fusion = at_rest(any_machine::<CLOUDS>());
+    let mut fusion = with_nothing_due(any_machine::<CLOUDS>());
     let before = fusion.clone();
-    let timestamp = any_timestamp_beside(fusion.open.own);
+    let timestamp = any_timestamp_or(fusion.open.own);
     let deadline = if kani::any() { Some(any_deadline()) } else { None };
-    let opening = told::open(&mut fusion, timestamp, deadline);
+    let opening = steps::open(&mut fusion, timestamp, deadline);
     let due = deadline.map(|deadline| before.now.saturating_add(deadline));
     let expected = if before.newest.is_some_and(|newest| newest >= timestamp) {
         Opening::Refused(OpenRefusal::Order)
@@ -137,23 +140,23 @@ pub fn f1_open_by_the_rule() {
     kani::cover!(opening == Opening::Refused(OpenRefusal::Deadline), "the deadline is zero");
     kani::cover!(is_own && due == Some(Instant::END), "the deadline saturates");
     kani::cover!(is_own && timestamp.as_u64() == u64::MAX, "the last timestamp");
-    kani::cover!(is_own && fusion.len() == fusion.window, "it takes the last place");
+    kani::cover!(is_own && fusion.len() == fusion.window, "the window is full with it");
 }
 
-/// F2, F2g, A11, A19, A20: an offer is refused for the first reason that holds; the gate is asked only then. Admitted, its
+/// F2, F2g, A11, A19, A20: an offer is refused for the first reason that holds; the gate decides last. Admitted, its
 /// timer is armed, due after now. No other due instant changes, and no other timestamp.
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
 #[kani::unwind(18)]
 pub fn f2_offer_and_its_due() {
-    let mut fusion = at_rest(any_machine::<CLOUDS>());
-    let timestamp = any_timestamp_beside(fusion.open.own);
-    let cloud = any_priority_beside(&fusion.clouds);
+    let mut fusion = with_nothing_due(any_machine::<CLOUDS>());
+    let timestamp = any_timestamp_or(fusion.open.own);
+    let cloud = any_priority_or_registered(&fusion.clouds);
     let (deadline, backlog): (Deadline, u64) = (any_deadline(), kani::any());
     let before = fusion.clone();
     let entry = before.open.entry;
-    let admission = told::offer(&mut fusion, timestamp, cloud, deadline, backlog);
+    let admission = steps::offer(&mut fusion, timestamp, cloud, deadline, backlog);
     kani::assert(fusion.now == before.now && fusion.newest == before.newest, "F0: the clock stays");
     kani::assert(
         is_machine(&fusion) && fusion.len() == before.len(),
@@ -167,7 +170,7 @@ pub fn f2_offer_and_its_due() {
     let source = source_of(&before, cloud).unwrap_or(Source::LOCAL);
     let reached = before.newest.is_some_and(|newest| newest >= timestamp);
     let (admitted, refusal) = entry.slot.offer(source);
-    let mut asked = false;
+    let mut reaches_gate = false;
     let mut expected = Admission::Admitted { due };
     if source == Source::LOCAL || !reached {
         expected = Admission::Refused(OfferRefusal::Unknown);
@@ -178,15 +181,15 @@ pub fn f2_offer_and_its_due() {
     } else if due <= before.now {
         expected = Admission::Refused(OfferRefusal::Deadline);
     } else {
-        asked = true;
+        reaches_gate = true;
     }
     for i in 0..CLOUDS {
         let mut gate = before.clouds.gates[i];
-        if asked && usize::from(source.index()) == i + 1 && !gate.admits(backlog) {
+        if reaches_gate && usize::from(source.index()) == i + 1 && !gate.admits(backlog) {
             expected = Admission::Refused(OfferRefusal::Queue);
         }
         let same = fusion.clouds.gates[i].is_shut() == gate.is_shut();
-        kani::assert(same, "F2g: the gate that is asked moves, and no other");
+        kani::assert(same, "F2g: the gate of the offer's cloud moves, and no other");
     }
     kani::assert(admission == expected, "F2: the first reason that holds, or none");
     let is_admitted = matches!(expected, Admission::Admitted { .. });
@@ -205,20 +208,59 @@ pub fn f2_offer_and_its_due() {
     kani::cover!(is_admitted && !entry.slot.cached().is_empty(), "it outranks what is held");
 }
 
+/// F2: what an offer would be refused for is what it is refused for at once, for any timestamp, cloud, deadline and backlog;
+/// to answer that changes nothing, also not a gate.
+///
+/// Bounds: 15 clouds.
+#[kani::proof]
+#[kani::unwind(18)]
+pub fn f2_offer_refusal_is_that_of_the_offer() {
+    let mut fusion = with_nothing_due(any_machine::<CLOUDS>());
+    let timestamp = any_timestamp_or(fusion.open.own);
+    let cloud = any_priority_or_registered(&fusion.clouds);
+    let (deadline, backlog): (Deadline, u64) = (any_deadline(), kani::any());
+    let before = fusion.clone();
+    let foreseen = fusion.offer_refusal(timestamp, cloud, deadline, backlog);
+    let same = same_own(&before.open, &fusion.open) && fusion.len() == before.len();
+    kani::assert(same && fusion.next_due() == before.next_due(), "F2: no timestamp changes");
+    let clock = fusion.now == before.now && fusion.newest == before.newest;
+    kani::assert(clock, "F0: the clock stays");
+    for i in 0..CLOUDS {
+        let same = fusion.clouds.gates[i].is_shut() == before.clouds.gates[i].is_shut();
+        kani::assert(same, "F2g: no gate moves");
+    }
+    // Whether another timestamp is open may be answered anew at each look, where the window has that of own alone.
+    if timestamp != before.open.own {
+        return;
+    }
+    let refusal = match steps::offer(&mut fusion, timestamp, cloud, deadline, backlog) {
+        Admission::Refused(reason) => Some(reason),
+        Admission::Admitted { .. } => None,
+    };
+    kani::assert(
+        foreseen == refusal,
+        "F2: an offer made at once is refused for the same, or admitted",
+    );
+    kani::cover!(foreseen.is_none(), "it is admitted");
+    kani::cover!(foreseen == Some(OfferRefusal::Unknown), "the cloud or the timestamp is unknown");
+    kani::cover!(foreseen == Some(OfferRefusal::Closed), "it is not open");
+    kani::cover!(foreseen == Some(OfferRefusal::Queue), "its gate is shut");
+}
+
 /// What a result or a failure does: `Cause` as the step takes it. Whether it is own's, and the outcome.
 fn arrival<const CLOUDS: usize>(
     cause: fn(Source) -> Cause,
     is_result: bool,
 ) -> (bool, Outcome<CLOUDS>) {
-    let mut fusion = at_rest(any_machine::<CLOUDS>());
+    let mut fusion = with_nothing_due(any_machine::<CLOUDS>());
     let before = fusion.clone();
     let (now, entry) = (before.now, before.open.entry);
-    let timestamp = any_timestamp_beside(fusion.open.own);
-    let priority = any_priority_beside(&fusion.clouds);
+    let timestamp = any_timestamp_or(fusion.open.own);
+    let priority = any_priority_or_registered(&fusion.clouds);
     let outcome = if is_result {
-        told::result(&mut fusion, timestamp, priority)
+        steps::result(&mut fusion, timestamp, priority)
     } else {
-        told::fail(&mut fusion, timestamp, priority)
+        steps::fail(&mut fusion, timestamp, priority)
     };
     kani::assert(fusion.now == now && fusion.newest == before.newest, "F0: the clock stays");
     kani::assert(is_machine(&fusion), "F3: the machine stays valid");
@@ -233,7 +275,10 @@ fn arrival<const CLOUDS: usize>(
         Some(_) if !before.open.is_open => (entry.slot, Decision::Dropped(DropReason::Superseded)),
         Some(source) => entry.slot.step(fusion.commit, cause(source)),
     };
-    kani::assert(tells(&fusion, outcome, decision), "P11: the outcome is that of the rule");
+    kani::assert(
+        is_outcome_of_decision(&fusion, outcome, decision),
+        "P11: the outcome is that of the rule",
+    );
     let is_retired = matches!(decision, Decision::Forwarded { .. } | Decision::Missed);
     let is_open = before.open.is_open && !is_retired;
     kani::assert(
@@ -281,7 +326,10 @@ pub fn p2_never_late_by_the_clock() {
 #[kani::unwind(18)]
 pub fn f4_fail_has_its_outcome() {
     let (is_own, outcome) = arrival::<CLOUDS>(Cause::Failure, false);
-    kani::cover!(is_own && matches!(outcome, Outcome::Forwarded { .. }), "the best in hand goes");
+    kani::cover!(
+        is_own && matches!(outcome, Outcome::Forwarded { .. }),
+        "the best available is forwarded"
+    );
     kani::cover!(is_own && matches!(outcome, Outcome::Missed), "it leaves nothing to wait for");
     let unknown = Outcome::Dropped(DropReason::Unknown);
     kani::cover!(is_own && outcome == unknown, "it is unknown");
@@ -306,21 +354,21 @@ pub fn f1_a_new_machine_is_valid() {
         let is_new = fusion.is_empty() && fusion.newest.is_none() && fusion.now == Instant::START;
         kani::assert(is_new, "F1: nothing was opened, and its clock is at its start");
         let same = fusion.window == window && fusion.commit == commit;
-        kani::assert(same && fusion.clouds.len == 1, "F1: it is as it was asked for");
+        kani::assert(same && fusion.clouds.len == 1, "F1: it is as it was configured");
     }
     kani::cover!(made.is_ok() && window == WINDOW, "the greatest window");
     kani::cover!(made.is_err(), "it is refused");
 }
 
-/// F0: the questions tell what is there and change nothing.
+/// F0: the queries return the state and change nothing.
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
 #[kani::unwind(18)]
-pub fn f0_questions_tell_what_is_there() {
+pub fn f0_queries_return_the_state() {
     let fusion = any_machine::<CLOUDS>();
     let open = &fusion.open;
-    let priority = any_priority_beside(&fusion.clouds);
+    let priority = any_priority_or_registered(&fusion.clouds);
     let source = source_of(&fusion, priority);
     let slot = if open.is_open { Some(open.entry.slot) } else { None };
     kani::assert(fusion.slot(open.own) == slot, "F0: its sets, if it is open");
@@ -333,9 +381,9 @@ pub fn f0_questions_tell_what_is_there() {
             gate = Some(fusion.clouds.gates[i].is_shut());
         }
     }
-    let told = fusion.due(open.own, priority);
+    let own_due = fusion.due(open.own, priority);
     kani::assert(
-        told == if armed { Some(due) } else { None },
+        own_due == if armed { Some(due) } else { None },
         "F0: when its timer is due, if armed",
     );
     let shut = fusion.gate(priority).map(|gate| gate.is_shut());
@@ -343,7 +391,7 @@ pub fn f0_questions_tell_what_is_there() {
     kani::assert(fusion.source(priority) == source, "F0: the source of a priority");
     let back = source.is_none_or(|source| fusion.priority(source) == priority);
     kani::assert(back, "F0: the priority of a source");
-    let least = least(open.due, open.rest.first.map(|first| first.0));
+    let least = least(open.due, open.others.first.map(|first| first.0));
     kani::assert(fusion.next_due() == least, "P9: the next due instant is the least");
     let len = fusion.len();
     kani::assert(fusion.is_empty() == (len < 1), "F0: whether nothing is open");
@@ -352,8 +400,8 @@ pub fn f0_questions_tell_what_is_there() {
     kani::assert(configured, "F0: how it was made");
     let clock = fusion.now() == fusion.now && fusion.newest() == fusion.newest;
     kani::assert(clock, "F0: its clock, and the greatest timestamp ever opened");
-    let (rest, own) = (open.rest.len, usize::from(open.is_open));
-    kani::assert(len == rest + own, "F0: how many are open");
-    kani::cover!(told.is_some() && source != Some(Source::LOCAL), "a cloud's timer is armed");
+    let (others, own) = (open.others.len, usize::from(open.is_open));
+    kani::assert(len == others + own, "F0: how many are open");
+    kani::cover!(own_due.is_some() && source != Some(Source::LOCAL), "a cloud's timer is armed");
     kani::cover!(gate.is_some() && slot.is_none(), "it is not open");
 }

@@ -1,11 +1,11 @@
 //! The gate, and the clouds as they are registered.
 
-use crate::any::any_gate;
+use crate::arbitrary::any_gate;
 use crate::clouds::{Cloud, Clouds, ConfigError};
 use crate::gate::Gate;
 use crate::priority::Priority;
 
-/// F2g, A15, A35: asked with any backlog, an open gate shuts at its limit, a shut one opens at its resume, and it admits if
+/// F2g, A15, A35: at any backlog, an open gate shuts at its limit, a shut one opens at its resume, and it admits if
 /// it is open then. This is all that a gate does.
 ///
 /// Bounds: none.
@@ -61,11 +61,11 @@ pub fn p10_order_of_clouds() {
                 kani::assert(i != below || same, "P10: the order of the clouds means nothing");
             }
         }
-        let asked = Priority::new(kani::any());
-        let source = made.source(asked);
-        let known = made.priorities.iter().position(|priority| *priority == asked);
+        let sought = Priority::new(kani::any());
+        let source = made.source(sought);
+        let known = made.priorities.iter().position(|priority| *priority == sought);
         let expected = match known {
-            _ if asked == Priority::LOCAL => Some(0),
+            _ if sought == Priority::LOCAL => Some(0),
             Some(i) => Some(i + 1),
             None => None,
         };

@@ -1,9 +1,9 @@
 //! One timestamp: from any valid state, under either commit rule, any one cause or offer of any of 15 clouds.
 
-use crate::any::{any_commit, any_slot, any_source, slot_of};
+use crate::arbitrary::{any_commit, any_slot, any_source, slot_of};
 use crate::slot::{Cause, Commit, Decision, Slot};
 use crate::source::{Source, Sources};
-use crate::told::{offer_to, step};
+use crate::steps::{offer_to, step};
 use crate::valid::{is_limited, is_valid};
 use crate::{DropReason, OfferRefusal};
 
@@ -116,7 +116,7 @@ pub fn p1_once() {
     kani::cover!(ends && decision != Decision::Missed, "it is forwarded");
 }
 
-/// P2, F5, A1: what its timer closed is forwarded by nothing: a forwarded result was in hand, or comes while pending.
+/// P2, F5, A1: what its timer closed is forwarded by nothing: a forwarded result was available, or comes while pending.
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -148,24 +148,24 @@ pub fn p2_never_late() {
     kani::cover!(dropped == Decision::Dropped(DropReason::Late), "a result is late");
 }
 
-/// P3, F6: a forwarded result outranks every other one in hand, and the arriving one too unless it is that.
+/// P3, F6: a forwarded result outranks every other available one, and the arriving one too unless it is that.
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
-pub fn p3_best_in_hand() {
+pub fn p3_best_available() {
     let commit = any_commit();
     let before = any_slot(commit, CLOUDS);
     let cause = any_cause();
     let (_, decision) = step(before, commit, cause);
-    let mut in_hand = bits(before)[3];
+    let mut available = bits(before)[3];
     if let Cause::Result(source) = cause {
-        in_hand |= bit(source) & bits(before)[1];
+        available |= bit(source) & bits(before)[1];
     }
     let mut held_is_forwarded = false;
     if let Decision::Forwarded { by, .. } = decision {
-        kani::assert(in_hand & bit(by) != 0, "P3 best in hand: it is in hand");
-        kani::assert(!outranks(in_hand, by), "P3 best in hand: nothing in hand outranks it");
-        held_is_forwarded = before.cached().contains(by) && in_hand != bit(by);
+        kani::assert(available & bit(by) != 0, "P3 best available: it is available");
+        kani::assert(!outranks(available, by), "P3 best available: nothing available outranks it");
+        held_is_forwarded = before.cached().contains(by) && available != bit(by);
     }
     kani::cover!(held_is_forwarded, "the best of several held ones is forwarded");
 }
@@ -180,17 +180,14 @@ pub fn p4_prompt() {
     kani::assert(is_valid(commit, Slot::open(kani::any())), "P4 prompt: just opened it is valid");
     let before = any_slot(commit, CLOUDS);
     let (after, _) = step(before, commit, any_cause());
-    kani::assert(
-        !after.is_open() || is_valid(commit, after),
-        "P4 prompt: an cause leaves it valid",
-    );
+    kani::assert(!after.is_open() || is_valid(commit, after), "P4 prompt: a cause leaves it valid");
     let (offered, refusal) = offer_to(before, commit, any_source(CLOUDS));
     kani::assert(is_valid(commit, offered), "P4 prompt: an offer leaves it valid");
     kani::cover!(after.is_open() && after.cached() != before.cached(), "a result is held");
     kani::cover!(refusal.is_none() && !before.cached().is_empty(), "a request joins a held result");
 }
 
-/// P5: with local's result in hand, a cloud's timer is armed, no cause takes the result away or misses the timestamp, each
+/// P5: with local's result available, a cloud's timer is armed, no cause takes the result away or misses the timestamp, each
 /// firing leaves fewer timers, and the firing of all of them forwards.
 ///
 /// So the number of armed timers ranks what remains: it falls at each firing and is never 0 while local's result waits.
@@ -205,9 +202,9 @@ pub fn p5_local_floor() {
     let is_forwarded = matches!(decision, Decision::Forwarded { .. });
     let had = before.cached().contains(Source::LOCAL);
     let has = after.cached().contains(Source::LOCAL);
-    kani::assert(!had || is_forwarded || has, "P5 local floor: what is in hand stays or goes");
+    kani::assert(!had || is_forwarded || has, "P5 local floor: what is held stays or is forwarded");
     let comes = cause == Cause::Result(Source::LOCAL) && before.pending().contains(Source::LOCAL);
-    kani::assert(!comes || is_forwarded || has, "P5 local floor: what comes is in hand or goes");
+    kani::assert(!comes || is_forwarded || has, "P5 local floor: what comes is held or forwarded");
     let is_awaited = !after.armed().clouds().is_empty();
     kani::assert(!has || is_awaited, "P5 local floor: while it waits, a timer is armed");
     if let Cause::Timers(fired) = cause {
@@ -232,7 +229,7 @@ pub fn p6_free_without_cloud() {
     let alone = before.requested() == Sources::LOCAL;
     let forwarded = Decision::Forwarded { by: Source::LOCAL, cancelled: Sources::EMPTY };
     let goes = decision == forwarded && !after.is_open();
-    kani::assert(!alone || goes, "P6 free without cloud: local's result goes at once");
+    kani::assert(!alone || goes, "P6 free without cloud: local's result is forwarded at once");
     let waits = decision == Decision::Held;
     let awaited = !before.pending().clouds().is_empty();
     kani::assert(!waits || awaited, "P6 free without cloud: it waits for a cloud alone");
@@ -259,8 +256,8 @@ pub fn p7_no_stall() {
     );
     let cause = any_cause();
     let (after, decision) = step(before, commit, cause);
-    let kept = !limited || !after.is_open() || is_limited(after);
-    kani::assert(kept, "P7 no stall: an cause keeps a limited timestamp limited");
+    let stays = !limited || !after.is_open() || is_limited(after);
+    kani::assert(stays, "P7 no stall: a cause keeps a limited timestamp limited");
     kani::assert(before.armed().contains_all(after.armed()), "P7 no stall: no cause arms a timer");
     let (offered, _) = offer_to(before, commit, any_source(CLOUDS));
     kani::assert(!limited || is_limited(offered), "P7 no stall: so does an offer");
@@ -355,7 +352,7 @@ pub fn p11_accounted() {
             kani::assert(after == before, "P11 accounted: what is dropped changes nothing");
         }
         (Cause::Result(source), Decision::Held) => {
-            kani::assert(after.cached().contains(source), "P11 accounted: what is held is in hand");
+            kani::assert(after.cached().contains(source), "P11 accounted: what is held is cached");
         }
         (Cause::Result(source), Decision::Forwarded { by, .. }) => {
             kani::assert(by == source, "P11 accounted: a result forwards itself");
@@ -424,14 +421,14 @@ pub fn f3_result_by_the_rule() {
     let source = any_source(CLOUDS);
     let (after, decision) = step(before, commit, Cause::Result(source));
     let [requested, pending, armed, cached] = bits(before);
-    let rest = pending & !bit(source);
+    let others = pending & !bit(source);
     let (sets, expected) = if let Some(reason) = reason_to_drop(bits(before), source) {
         (bits(before), Decision::Dropped(reason))
-    } else if outranks(rest, source) {
+    } else if outranks(others, source) {
         let disarmed = if commit == Commit::Patient || bit(source) == 1 { bit(source) } else { 0 };
-        ([requested, rest, armed & !disarmed, cached | bit(source)], Decision::Held)
+        ([requested, others, armed & !disarmed, cached | bit(source)], Decision::Held)
     } else {
-        forwarded(source, rest)
+        forwarded(source, others)
     };
     kani::assert(decision == expected, "F3: dropped, held or forwarded by the rule");
     kani::assert(bits(after) == sets, "F3: the sets are those of the rule");
@@ -461,7 +458,7 @@ pub fn f4_fail_by_the_rule() {
     kani::assert(decision == expected, "F4: dropped or settled by the rule");
     kani::assert(bits(after) == sets, "F4: the sets are those of the rule");
     kani::cover!(decision == Decision::Missed, "nothing is left to wait for");
-    kani::cover!(matches!(decision, Decision::Forwarded { .. }), "the best in hand goes");
+    kani::cover!(matches!(decision, Decision::Forwarded { .. }), "the best available is forwarded");
     kani::cover!(decision == Decision::Waiting && cached != 0, "a held result waits on");
 }
 

@@ -1,6 +1,6 @@
-//! Instants and deadlines at every place of their range.
+//! Instants and deadlines over all of their range.
 
-use crate::any::{any_deadline, any_instant};
+use crate::arbitrary::{any_deadline, any_instant};
 use crate::time::{Deadline, Instant};
 
 /// A14, F2: a due instant is exact where it fits and the last instant where it does not; nothing wraps or panics.

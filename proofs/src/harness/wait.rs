@@ -1,12 +1,12 @@
 //! By when any one of the open timestamps is retired, and that lateness of the calls decides nothing; for any number of them.
 
 use crate::Outcome;
-use crate::any::{WINDOW, any_instant, any_machine, any_machine_of_own, at_rest};
+use crate::arbitrary::{WINDOW, any_instant, any_machine, any_machine_of_own, with_nothing_due};
 use crate::entry::Entry;
 use crate::fusion::{At, Fusion};
 use crate::priority::Priority;
 use crate::source::Source;
-use crate::told;
+use crate::steps;
 use crate::valid::{is_limited, later, same_firing, same_own};
 
 /// All clouds that there can be.
@@ -47,7 +47,7 @@ pub fn p7_retired_by_the_latest_due() {
     let before = fusion.open.clone();
     let slot = before.entry.slot;
     let certain = is_limited(slot) || slot.cached().contains(Source::LOCAL);
-    let fired = match told::at(&mut fusion, any_instant()) {
+    let fired = match steps::at(&mut fusion, any_instant()) {
         At::Fired(firing) => Some(firing.timestamp),
         At::Ready(_) => None,
     };
@@ -83,7 +83,7 @@ pub fn p12_retired_by_the_last_request() {
     let slot = before.entry.slot;
     let arrived = !slot.pending().contains(Source::LOCAL);
     let has = slot.cached().contains(Source::LOCAL);
-    let fired = match told::at(&mut fusion, any_instant()) {
+    let fired = match steps::at(&mut fusion, any_instant()) {
         At::Fired(firing) => Some(firing),
         At::Ready(_) => None,
     };
@@ -92,8 +92,8 @@ pub fn p12_retired_by_the_last_request() {
         let lower = !after.is_open || is_lower(&before.entry, &after.entry);
         kani::assert(lower, "P12 bounded wait: each firing lowers the rank");
         let goes = matches!(firing.outcome, Outcome::Forwarded { .. });
-        let kept = after.is_open || !has || goes;
-        kani::assert(kept, "P12 bounded wait: local's result is forwarded");
+        let is_sent = after.is_open || !has || goes;
+        kani::assert(is_sent, "P12 bounded wait: local's result is forwarded");
     }
     if fired.is_none() {
         let waits = !slot.armed().without(Source::LOCAL).is_empty() && is_ahead(&fusion);
@@ -113,15 +113,15 @@ pub fn p12_retired_by_the_last_request() {
 #[kani::proof]
 #[kani::unwind(18)]
 pub fn p12_retired_by_local_at_last() {
-    let mut fusion = at_rest(any_machine_of_own::<CLOUDS>());
+    let mut fusion = with_nothing_due(any_machine_of_own::<CLOUDS>());
     kani::assert(is_ahead(&fusion), "P12 bounded wait: what is armed is due after now");
     let passed = fusion.open.entry.slot.armed().without(Source::LOCAL).is_empty();
     let timestamp = fusion.open.own;
     let is_result: bool = kani::any();
     let outcome = if is_result {
-        told::result(&mut fusion, timestamp, Priority::LOCAL)
+        steps::result(&mut fusion, timestamp, Priority::LOCAL)
     } else {
-        told::fail(&mut fusion, timestamp, Priority::LOCAL)
+        steps::fail(&mut fusion, timestamp, Priority::LOCAL)
     };
     let goes = matches!(outcome, Outcome::Forwarded { .. });
     let is_open = fusion.open.is_open;
@@ -145,7 +145,7 @@ pub fn p10_lateness_decides_nothing() {
     exact.now = any_instant();
     let Some(due) = late.next_due() else { return };
     let [a, b] = [any_instant(), any_instant()].map(|now| later(now, due));
-    let (At::Fired(a), At::Fired(b)) = (told::at(&mut late, a), told::at(&mut exact, b)) else {
+    let (At::Fired(a), At::Fired(b)) = (steps::at(&mut late, a), steps::at(&mut exact, b)) else {
         kani::assert(false, "P10: a call at the due instant or after it fires");
         return;
     };

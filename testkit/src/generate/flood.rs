@@ -2,7 +2,7 @@
 
 use fuseline_traces::{Header, Input};
 
-use super::Writer;
+use super::InputGenerator;
 
 /// How many leave a full window before it is filled again.
 const LEAVING: usize = 200;
@@ -21,7 +21,7 @@ impl DepartureOrder {
     pub(super) const ALL: [Self; 4] = [Self::Newest, Self::Oldest, Self::Alternate, Self::Any];
 }
 
-impl Writer {
+impl InputGenerator {
     /// Opens many timestamps at one instant, with an offer each, so that many are due together.
     pub(super) fn flood(&mut self, count: u64, header: &Header) {
         for i in 0..count {

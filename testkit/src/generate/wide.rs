@@ -6,7 +6,7 @@
 
 use fuseline_traces::{Cloud, Commit, Header, Input};
 
-use super::{Generator, Writer};
+use super::{Generator, InputGenerator};
 use crate::draw::Draw;
 use crate::run::Run;
 
@@ -27,7 +27,7 @@ impl Generator {
         let header = self.wide_header(&mut draw);
         let is_long = number % LONGS == LONGS / 4;
         let steps = if is_long { draw.between(700, 1_500) } else { draw.between(10, 80) };
-        let mut writer = Writer { is_long, ..Writer::new(&header, draw) };
+        let mut writer = InputGenerator { is_long, ..InputGenerator::new(&header, draw) };
         if !is_long {
             writer.start();
         }
@@ -62,13 +62,13 @@ fn priorities(draw: &mut Draw, count: u64) -> Vec<u16> {
     let top = u64::from(u16::MAX);
     if draw.one_in(2) {
         let greatest = top + 1 - count.max(1);
-        let first = EDGES.get(draw.place(EDGES.len() + 1)).copied().unwrap_or(greatest);
+        let first = EDGES.get(draw.index(EDGES.len() + 1)).copied().unwrap_or(greatest);
         return (first..first + count).filter_map(|p| u16::try_from(p).ok()).collect();
     }
     let is_any = draw.one_in(2);
     let mut priorities = Vec::new();
     while (priorities.len() as u64) < count {
-        let (least, most) = if is_any { (1, top) } else { LENGTHS[draw.place(LENGTHS.len())] };
+        let (least, most) = if is_any { (1, top) } else { LENGTHS[draw.index(LENGTHS.len())] };
         let p = u16::try_from(draw.between(least, most)).unwrap_or(u16::MAX);
         if !priorities.contains(&p) {
             priorities.push(p);
@@ -77,12 +77,12 @@ fn priorities(draw: &mut Draw, count: u64) -> Vec<u16> {
     priorities
 }
 
-impl Writer {
+impl InputGenerator {
     /// A gate comes last (F2): an offer that is refused for another reason must not move it. So
     /// one is refused that would shut or open it, and the next one shows how it stands.
     fn probe_gate(&mut self, header: &Header) {
-        let place = self.draw.place(header.clouds.len());
-        let Some(cloud) = header.clouds.get(place) else { return };
+        let index = self.draw.index(header.clouds.len());
+        let Some(cloud) = header.clouds.get(index) else { return };
         let (p, limit) = (u64::from(cloud.p), cloud.limit);
         let (at, t) = (self.context.now(), self.next_t);
         self.open(at, t, None);

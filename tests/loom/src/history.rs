@@ -7,16 +7,16 @@ use std::sync::{Mutex, PoisonError};
 use fuseline_core::{Deadline, Instant, Priority, Timestamp};
 use fuseline_threads::{MessageId, Owner, SharedHandle};
 
-use crate::input::{Answer, Input, Timed};
+use crate::input::{CallAnswer, CallInput, Timed};
 use crate::sequential::Sequential;
 
 /// One call: it took effect somewhere between `began` and `ended`.
 #[derive(Clone, Copy, Debug)]
-pub struct Call {
+pub struct TimedCall {
     /// The caller's clock and what it gave.
     pub input: Timed,
     /// What it was answered.
-    pub answer: Answer,
+    pub answer: CallAnswer,
     /// The reading of the history's own clock before the call.
     pub began: u64,
     /// And after it.
@@ -25,30 +25,30 @@ pub struct Call {
 
 /// The calls of all threads. Its clock and its lock are no part of what loom simulates.
 #[derive(Debug, Default)]
-pub struct History {
+pub struct CallHistory {
     clock: AtomicU64,
-    calls: Mutex<Vec<Call>>,
+    calls: Mutex<Vec<TimedCall>>,
 }
 
 /// What one thread needs to make calls.
 #[derive(Debug)]
 pub struct ThreadHandle<'a, const CLOUDS: usize, const WINDOW: usize> {
-    history: &'a History,
+    history: &'a CallHistory,
     handle: &'a SharedHandle<CLOUDS, WINDOW>,
     owner: Option<Owner<'a, CLOUDS, WINDOW>>,
     tickets: BTreeMap<u64, MessageId>,
 }
 
-impl History {
+impl CallHistory {
     /// One of these calls.
     #[must_use]
-    pub const fn of(calls: Vec<Call>) -> Self {
+    pub const fn of(calls: Vec<TimedCall>) -> Self {
         Self { clock: AtomicU64::new(0), calls: Mutex::new(calls) }
     }
 
     /// The calls in the order in which they began.
     #[must_use]
-    pub fn calls(&self) -> Vec<Call> {
+    pub fn calls(&self) -> Vec<TimedCall> {
         let mut calls = self.calls.lock().unwrap_or_else(PoisonError::into_inner).clone();
         calls.sort_by_key(|call| call.began);
         calls
@@ -70,9 +70,9 @@ impl History {
             if done == all {
                 return true;
             }
-            let left = || calls.iter().enumerate().filter(|(i, _)| done & 1 << i == 0);
-            let first_end = left().map(|(_, call)| call.ended).min().unwrap_or(u64::MAX);
-            for (i, call) in left().filter(|(_, call)| call.began <= first_end) {
+            let remaining = || calls.iter().enumerate().filter(|(i, _)| done & 1 << i == 0);
+            let first_end = remaining().map(|(_, call)| call.ended).min().unwrap_or(u64::MAX);
+            for (i, call) in remaining().filter(|(_, call)| call.began <= first_end) {
                 let mut machine = machine.clone();
                 if machine.apply(call.input.0, call.input.1) == call.answer {
                     let state = (done | 1 << i, machine);
@@ -94,7 +94,7 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> ThreadHandle<'a, CLOUDS, WIND
     /// The owner.
     #[must_use]
     pub const fn owner(
-        history: &'a History,
+        history: &'a CallHistory,
         handle: &'a SharedHandle<CLOUDS, WINDOW>,
         owner: Owner<'a, CLOUDS, WINDOW>,
     ) -> Self {
@@ -116,34 +116,34 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> ThreadHandle<'a, CLOUDS, WIND
             let began = self.history.now();
             let Some(answer) = self.call(*input) else { continue };
             let ended = self.history.now();
-            let call = Call { input: *input, answer, began, ended };
+            let call = TimedCall { input: *input, answer, began, ended };
             self.history.calls.lock().unwrap_or_else(PoisonError::into_inner).push(call);
         }
     }
 
-    fn call(&mut self, (now, input): Timed) -> Option<Answer> {
+    fn call(&mut self, (now, input): Timed) -> Option<CallAnswer> {
         let now = Instant::from_nanos(now);
         let message_id = self.tickets.get(&input.timestamp()).copied();
         Some(match input {
-            Input::Open { t, deadline } => {
+            CallInput::Open { t, deadline } => {
                 let deadline = deadline.map(Deadline::from_nanos);
                 let opened = self.owner.as_mut()?.open(now, Timestamp::new(t), deadline);
                 self.tickets.extend(opened.map(|message_id| (t, message_id)));
-                Answer::Opened(opened.map(drop))
+                CallAnswer::Opened(opened.map(drop))
             }
-            Input::Offer { p, deadline, backlog, .. } => {
+            CallInput::Offer { p, deadline, backlog, .. } => {
                 let deadline = Deadline::from_nanos(deadline);
                 let owner = self.owner.as_mut()?;
-                Answer::offered(owner.offer(now, message_id?, priority(p), deadline, backlog))
+                CallAnswer::offered(owner.offer(now, message_id?, priority(p), deadline, backlog))
             }
-            Input::Result { p, .. } => {
-                Answer::closed(self.handle.result(now, message_id?, priority(p)))
+            CallInput::Result { p, .. } => {
+                CallAnswer::closed(self.handle.result(now, message_id?, priority(p)))
             }
-            Input::Fail { p, .. } => {
-                Answer::closed(self.handle.fail(now, message_id?, priority(p)))
+            CallInput::Fail { p, .. } => {
+                CallAnswer::closed(self.handle.fail(now, message_id?, priority(p)))
             }
-            Input::Tick { .. } => Answer::ticked(self.handle.expire(now, message_id?)),
-            Input::NextDue { .. } => Answer::due(self.handle.next_due(message_id?)),
+            CallInput::Tick { .. } => CallAnswer::ticked(self.handle.expire(now, message_id?)),
+            CallInput::NextDue { .. } => CallAnswer::due(self.handle.next_due(message_id?)),
         })
     }
 }

@@ -7,7 +7,7 @@ use fuseline_core::{
 
 /// What a call gives. Times are in nanoseconds.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Input {
+pub enum CallInput {
     /// F1.
     Open {
         /// The timestamp.
@@ -53,11 +53,11 @@ pub enum Input {
 }
 
 /// An input with its caller's `now`.
-pub type Timed = (u64, Input);
+pub type Timed = (u64, CallInput);
 
 /// Timers that fired in a call.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
-pub struct Fired {
+pub struct CallFirings {
     /// The last due instant.
     pub due: u64,
     /// Whose timers.
@@ -68,20 +68,20 @@ pub struct Fired {
 
 /// What a call was answered.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
-pub enum Answer {
+pub enum CallAnswer {
     /// To an open.
     Opened(Result<(), OpenRefusal>),
     /// To an offer: the due instant, or why not.
-    Offered(Option<Fired>, Result<u64, OfferRefusal>),
+    Offered(Option<CallFirings>, Result<u64, OfferRefusal>),
     /// To a result or a failure.
-    Closed(Option<Fired>, Decision),
+    Closed(Option<CallFirings>, Decision),
     /// To a tick.
-    Ticked(Option<Fired>),
+    Ticked(Option<CallFirings>),
     /// To the question.
     Due(Option<u64>),
 }
 
-impl Input {
+impl CallInput {
     /// The timestamp that it is about.
     #[must_use]
     pub const fn timestamp(self) -> u64 {
@@ -96,7 +96,7 @@ impl Input {
     }
 }
 
-impl Answer {
+impl CallAnswer {
     pub(crate) fn offered<const C: usize>(
         (fired, admission): (Option<Firing<C>>, Admission),
     ) -> Self {
@@ -104,17 +104,17 @@ impl Answer {
             Admission::Admitted { due } => Ok(due.as_nanos()),
             Admission::Refused(why) => Err(why),
         };
-        Self::Offered(fired.map(Fired::from), admission)
+        Self::Offered(fired.map(CallFirings::from), admission)
     }
 
     pub(crate) fn closed<const C: usize>(
         (fired, outcome): (Option<Firing<C>>, Outcome<C>),
     ) -> Self {
-        Self::Closed(fired.map(Fired::from), decision(outcome))
+        Self::Closed(fired.map(CallFirings::from), decision(outcome))
     }
 
     pub(crate) fn ticked<const C: usize>(fired: Option<Firing<C>>) -> Self {
-        Self::Ticked(fired.map(Fired::from))
+        Self::Ticked(fired.map(CallFirings::from))
     }
 
     pub(crate) fn due(due: Option<Instant>) -> Self {
@@ -122,7 +122,7 @@ impl Answer {
     }
 }
 
-impl<const C: usize> From<Firing<C>> for Fired {
+impl<const C: usize> From<Firing<C>> for CallFirings {
     fn from(firing: Firing<C>) -> Self {
         Self {
             due: firing.due.as_nanos(),
@@ -135,49 +135,49 @@ impl<const C: usize> From<Firing<C>> for Fired {
 /// An open without a deadline.
 #[must_use]
 pub const fn open(now: u64, t: u64) -> Timed {
-    (now, Input::Open { t, deadline: None })
+    (now, CallInput::Open { t, deadline: None })
 }
 
 /// An open with a deadline.
 #[must_use]
 pub const fn limited(now: u64, t: u64, deadline: u64) -> Timed {
-    (now, Input::Open { t, deadline: Some(deadline) })
+    (now, CallInput::Open { t, deadline: Some(deadline) })
 }
 
 /// An offer with an empty queue.
 #[must_use]
 pub const fn offer(now: u64, t: u64, p: u8, deadline: u64) -> Timed {
-    (now, Input::Offer { t, p, deadline, backlog: 0 })
+    (now, CallInput::Offer { t, p, deadline, backlog: 0 })
 }
 
 /// An offer with a queue.
 #[must_use]
 pub const fn queued(now: u64, t: u64, p: u8, deadline: u64, backlog: u64) -> Timed {
-    (now, Input::Offer { t, p, deadline, backlog })
+    (now, CallInput::Offer { t, p, deadline, backlog })
 }
 
 /// A result.
 #[must_use]
 pub const fn result(now: u64, t: u64, p: u8) -> Timed {
-    (now, Input::Result { t, p })
+    (now, CallInput::Result { t, p })
 }
 
 /// A failure.
 #[must_use]
 pub const fn fail(now: u64, t: u64, p: u8) -> Timed {
-    (now, Input::Fail { t, p })
+    (now, CallInput::Fail { t, p })
 }
 
 /// A tick.
 #[must_use]
 pub const fn tick(now: u64, t: u64) -> Timed {
-    (now, Input::Tick { t })
+    (now, CallInput::Tick { t })
 }
 
 /// The question when to tick.
 #[must_use]
 pub const fn next_due(t: u64) -> Timed {
-    (0, Input::NextDue { t })
+    (0, CallInput::NextDue { t })
 }
 
 fn decision<const C: usize>(outcome: Outcome<C>) -> Decision {

@@ -7,9 +7,10 @@ mod sequential;
 #[cfg(loom)]
 mod turn;
 
-pub use history::{Call, History, ThreadHandle};
+pub use history::{CallHistory, ThreadHandle, TimedCall};
 pub use input::{
-    Answer, Fired, Input, Timed, fail, limited, next_due, offer, open, queued, result, tick,
+    CallAnswer, CallFirings, CallInput, Timed, fail, limited, next_due, offer, open, queued,
+    result, tick,
 };
 pub use sequential::Sequential;
 #[cfg(loom)]

@@ -6,7 +6,7 @@ use fuseline_core::{
     Cause, Commit, Decision, DropReason, Gate, OfferRefusal, OpenRefusal, Slot, Source, Sources,
 };
 
-use crate::input::{Answer, Fired, Input};
+use crate::input::{CallAnswer, CallFirings, CallInput};
 
 /// One state of it. Clouds 1 and on are registered, as many as there are gates.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
@@ -15,11 +15,11 @@ pub struct Sequential {
     window: usize,
     gates: Vec<Gate>,
     newest: Option<u64>,
-    open: BTreeMap<u64, Message>,
+    open: BTreeMap<u64, SequentialMessage>,
 }
 
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
-struct Message {
+struct SequentialMessage {
     slot: Slot,
     dues: BTreeMap<u8, u64>,
 }
@@ -32,21 +32,26 @@ impl Sequential {
     }
 
     /// What the machine answers here; it moves on.
-    pub fn apply(&mut self, now: u64, input: Input) -> Answer {
+    pub fn apply(&mut self, now: u64, input: CallInput) -> CallAnswer {
         match input {
-            Input::Open { t, deadline } => Answer::Opened(self.accept(now, t, deadline)),
-            Input::Offer { t, p, deadline, backlog } => {
+            CallInput::Open { t, deadline } => CallAnswer::Opened(self.accept(now, t, deadline)),
+            CallInput::Offer { t, p, deadline, backlog } => {
                 let fired = self.expire(now, t);
-                Answer::Offered(fired, self.admit(t, p, now.saturating_add(deadline), now, backlog))
+                CallAnswer::Offered(
+                    fired,
+                    self.admit(t, p, now.saturating_add(deadline), now, backlog),
+                )
             }
-            Input::Result { t, p } => {
-                Answer::Closed(self.expire(now, t), self.close(t, p, Cause::Result))
+            CallInput::Result { t, p } => {
+                CallAnswer::Closed(self.expire(now, t), self.close(t, p, Cause::Result))
             }
-            Input::Fail { t, p } => {
-                Answer::Closed(self.expire(now, t), self.close(t, p, Cause::Failure))
+            CallInput::Fail { t, p } => {
+                CallAnswer::Closed(self.expire(now, t), self.close(t, p, Cause::Failure))
             }
-            Input::Tick { t } => Answer::Ticked(self.expire(now, t)),
-            Input::NextDue { t } => Answer::Due(self.open.get(&t).and_then(Message::earliest)),
+            CallInput::Tick { t } => CallAnswer::Ticked(self.expire(now, t)),
+            CallInput::NextDue { t } => {
+                CallAnswer::Due(self.open.get(&t).and_then(SequentialMessage::earliest))
+            }
         }
     }
 
@@ -62,7 +67,7 @@ impl Sequential {
             return Err(OpenRefusal::Deadline);
         }
         let dues = due.map(|due| (0, due)).into_iter().collect();
-        self.open.insert(t, Message { slot: Slot::open(deadline.is_some()), dues });
+        self.open.insert(t, SequentialMessage { slot: Slot::open(deadline.is_some()), dues });
         self.newest = Some(t);
         Ok(())
     }
@@ -107,15 +112,15 @@ impl Sequential {
     }
 
     /// F5, due instant by due instant.
-    fn expire(&mut self, now: u64, t: u64) -> Option<Fired> {
-        let mut all: Option<Fired> = None;
+    fn expire(&mut self, now: u64, t: u64) -> Option<CallFirings> {
+        let mut all: Option<CallFirings> = None;
         while let Some(message) = self.open.get(&t)
             && let Some(due) = message.earliest().filter(|due| *due <= now)
         {
             let timers = message.armed().filter(|source| message.due(*source) == due).collect();
             let decision = self.step(t, Cause::Timers(timers));
             let timers = all.map_or(Sources::EMPTY, |all| all.timers).union(timers);
-            all = Some(Fired { due, timers, decision });
+            all = Some(CallFirings { due, timers, decision });
         }
         all
     }
@@ -131,7 +136,7 @@ impl Sequential {
     }
 }
 
-impl Message {
+impl SequentialMessage {
     fn armed(&self) -> impl Iterator<Item = Source> {
         self.slot.armed().iter()
     }

@@ -6,7 +6,8 @@ use std::thread;
 
 use fuseline_core::{Cloud, Commit, ConfigError, Gate, Priority};
 use fuseline_loom::{
-    Answer, Call, History, Input, Sequential, ThreadHandle, Timed, open, result, tick,
+    CallAnswer, CallHistory, CallInput, Sequential, ThreadHandle, Timed, TimedCall, open, result,
+    tick,
 };
 use fuseline_threads::Shared;
 use proptest::collection::vec;
@@ -33,11 +34,11 @@ fn make(mut member: ThreadHandle<CLOUDS, WINDOW>, part: &ThreadScript) {
 }
 
 /// The owner's calls alone, then its others beside those of other threads.
-fn race(commit: Commit, before: &[Timed], threads: &[ThreadScript]) -> History {
+fn race(commit: Commit, before: &[Timed], threads: &[ThreadScript]) -> CallHistory {
     let clouds =
         [1, 2].map(|p| Cloud { priority: Priority::new(p), limit: GATE.0, resume: GATE.1 });
     let mut shared = Shared::<CLOUDS, WINDOW>::new(WINDOW, commit, &clouds).unwrap();
-    let history = History::default();
+    let history = CallHistory::default();
     let (intake, handle) = shared.split();
     let mut owner = ThreadHandle::owner(&history, handle, intake);
     owner.make(before, || {});
@@ -58,10 +59,10 @@ fn race(commit: Commit, before: &[Timed], threads: &[ThreadScript]) -> History {
 
 fn by_any_thread() -> impl Strategy<Value = Timed> {
     let input = prop_oneof![
-        4 => (0..3_u64, 0..4_u8).prop_map(|(t, p)| Input::Result { t, p }),
-        2 => (0..3_u64, 0..4_u8).prop_map(|(t, p)| Input::Fail { t, p }),
-        2 => (0..3_u64).prop_map(|t| Input::Tick { t }),
-        1 => (0..3_u64).prop_map(|t| Input::NextDue { t }),
+        4 => (0..3_u64, 0..4_u8).prop_map(|(t, p)| CallInput::Result { t, p }),
+        2 => (0..3_u64, 0..4_u8).prop_map(|(t, p)| CallInput::Fail { t, p }),
+        2 => (0..3_u64).prop_map(|t| CallInput::Tick { t }),
+        1 => (0..3_u64).prop_map(|t| CallInput::NextDue { t }),
     ];
     (0..20_u64, input)
 }
@@ -69,9 +70,9 @@ fn by_any_thread() -> impl Strategy<Value = Timed> {
 fn by_the_owner() -> impl Strategy<Value = Timed> {
     let deadline = prop::option::of(0..15_u64);
     let input = prop_oneof![
-        2 => (0..6_u64, deadline).prop_map(|(t, deadline)| Input::Open { t, deadline }),
+        2 => (0..6_u64, deadline).prop_map(|(t, deadline)| CallInput::Open { t, deadline }),
         3 => (0..6_u64, 0..4_u8, 0..15_u64, 0..5_u64)
-            .prop_map(|(t, p, deadline, backlog)| Input::Offer { t, p, deadline, backlog }),
+            .prop_map(|(t, p, deadline, backlog)| CallInput::Offer { t, p, deadline, backlog }),
     ];
     prop_oneof![3 => (0..10_u64, input), 1 => by_any_thread()]
 }
@@ -101,7 +102,7 @@ proptest! {
 
 #[test]
 fn a_history_that_no_order_explains_is_found() {
-    let history = History::default();
+    let history = CallHistory::default();
     let mut shared = Shared::<CLOUDS, WINDOW>::new(WINDOW, Commit::Eager, &[]).unwrap();
     let (intake, handle) = shared.split();
     let mut owner = ThreadHandle::owner(&history, handle, intake);
@@ -109,13 +110,13 @@ fn a_history_that_no_order_explains_is_found() {
     assert!(history.is_explained_by(&sequential(Commit::Eager)));
 
     let calls = history.calls();
-    let twice = [&*calls, &[Call { began: 9, ended: 10, ..calls[1] }]].concat();
-    assert!(!History::of(twice).is_explained_by(&sequential(Commit::Eager)), "P1");
-    let early = Call { began: 0, ended: 0, ..calls[1] };
-    let before_its_open = vec![early, Call { began: 1, ..calls[0] }];
-    assert!(!History::of(before_its_open).is_explained_by(&sequential(Commit::Eager)));
-    let other_answer = Call { answer: Answer::Ticked(None), ..calls[0] };
-    assert!(!History::of(vec![other_answer]).is_explained_by(&sequential(Commit::Eager)));
+    let twice = [&*calls, &[TimedCall { began: 9, ended: 10, ..calls[1] }]].concat();
+    assert!(!CallHistory::of(twice).is_explained_by(&sequential(Commit::Eager)), "P1");
+    let early = TimedCall { began: 0, ended: 0, ..calls[1] };
+    let before_its_open = vec![early, TimedCall { began: 1, ..calls[0] }];
+    assert!(!CallHistory::of(before_its_open).is_explained_by(&sequential(Commit::Eager)));
+    let other_answer = TimedCall { answer: CallAnswer::Ticked(None), ..calls[0] };
+    assert!(!CallHistory::of(vec![other_answer]).is_explained_by(&sequential(Commit::Eager)));
 }
 
 #[test]

@@ -10,8 +10,8 @@ use fuseline_core::{
     Admission, Cloud, Commit, Deadline, Gate, Instant, Outcome, Priority, Timestamp,
 };
 use fuseline_loom::{
-    Answer, CallOrder, History, Sequential, ThreadHandle, Timed, fail, limited, next_due, offer,
-    open, queued, result, tick,
+    CallAnswer, CallHistory, CallOrder, Sequential, ThreadHandle, Timed, fail, limited, next_due,
+    offer, open, queued, result, tick,
 };
 use fuseline_threads::Shared;
 use loom::model::Builder;
@@ -28,21 +28,21 @@ struct Race {
 impl Race {
     /// Explores it under a commit rule; answers how many different lists of answers there were.
     fn ends<const CLOUDS: usize, const WINDOW: usize>(&'static self, commit: Commit) -> usize {
-        let ends: Arc<Mutex<HashSet<Vec<Answer>>>> = Arc::default();
-        let seen = Arc::clone(&ends);
+        let ends: Arc<Mutex<HashSet<Vec<CallAnswer>>>> = Arc::default();
+        let results = Arc::clone(&ends);
         explore(move || {
-            seen.lock().unwrap().insert(self.run::<CLOUDS, WINDOW>(commit));
+            results.lock().unwrap().insert(self.run::<CLOUDS, WINDOW>(commit));
         });
         ends.lock().unwrap().len()
     }
 
-    fn run<const CLOUDS: usize, const WINDOW: usize>(&self, commit: Commit) -> Vec<Answer> {
+    fn run<const CLOUDS: usize, const WINDOW: usize>(&self, commit: Commit) -> Vec<CallAnswer> {
         let numbers: [u16; CLOUDS] = std::array::from_fn(|i| u16::try_from(i).unwrap() + 1);
         let clouds = numbers.map(|p| Cloud { priority: Priority::new(p), limit: 2, resume: 0 });
         let shared = Shared::<CLOUDS, WINDOW>::new(WINDOW, commit, &clouds).unwrap();
         // Loom's threads cannot borrow.
         let (shared, history) =
-            (Box::leak(Box::new(shared)), &*Box::leak(Box::<History>::default()));
+            (Box::leak(Box::new(shared)), &*Box::leak(Box::<CallHistory>::default()));
         let (intake, handle) = shared.split();
         let mut owner = ThreadHandle::owner(history, handle, intake);
         owner.make(self.before, || {});
@@ -134,7 +134,7 @@ fn f4_a_failure_races_the_timer() {
     assert_eq!(RACE.ends::<2, 1>(Commit::Patient), 2);
 }
 
-/// F3 superseded, F5: what comes for a message meets no later one in its place.
+/// F3 superseded, F5: what comes for a message meets no later one in its slot.
 #[test]
 fn f3_a_stale_result_and_a_stale_tick_race_the_reuse_of_their_place() {
     static RACE: Race = Race {
@@ -198,7 +198,7 @@ fn f2_offers_race_results_and_a_failure() {
     assert_eq!(RACE.ends::<4, 1>(Commit::Patient), 7);
 }
 
-/// F2g: an offer that comes to find its message retired has not asked the gate.
+/// F2g: an offer that comes to find its message retired has not changed the gate.
 #[test]
 fn f2g_an_offer_races_what_retires_its_message() {
     static RACE: Race = Race {
@@ -210,7 +210,7 @@ fn f2g_an_offer_races_what_retires_its_message() {
     assert_eq!(RACE.ends::<1, 2>(Commit::Patient), 2);
 }
 
-/// F1: an open is refused only if no place was free when it began.
+/// F1: an open is refused only if no slot was free when it began.
 #[test]
 fn f1_opens_race_what_frees_their_places() {
     static RACE: Race = Race {
@@ -271,7 +271,7 @@ fn p1_a_forwarder_sees_what_was_done_before_the_result_was_held() {
     assert!(BY_TIMER.load(Ordering::Relaxed), "the timer never forwarded");
 }
 
-/// F1: what was done before a message was retired is done before its place is used again.
+/// F1: what was done before a message was retired is done before its slot is used again.
 #[test]
 fn f1_an_open_sees_what_was_done_before_its_place_was_retired() {
     static REUSED: Flag = Flag::new(false);

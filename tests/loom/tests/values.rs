@@ -1,4 +1,4 @@
-//! All interleavings of few threads that bring values along, with at most three preemptions: whoever is told to forward
+//! All interleavings of few threads that bring values along, with at most three preemptions: whoever gets `Forwarded`
 //! gets the winner's value, and no value is lost. Run with `RUSTFLAGS="--cfg loom"`.
 #![cfg(loom)]
 
@@ -86,7 +86,7 @@ fn p3_local_and_a_cloud_race_with_their_values() {
     });
 }
 
-/// F3 superseded: a value that comes for a retired message meets none of its place's next one.
+/// F3 superseded: a value that comes for a retired message meets none of its slot's next one.
 #[test]
 fn f3_a_stale_value_races_the_reuse_of_its_place() {
     explore(|commit| {

@@ -57,7 +57,7 @@ impl<'a> Bytes<'a> {
         Header { operator: None, window, commit, clouds }
     }
 
-    /// An input, told from the one before and the timestamp of the last open.
+    /// An input, encoded against the one before and the timestamp of the last open.
     fn input(&mut self, at: u64, newest: u64, clouds: &[Cloud]) -> Input {
         let kind = self.byte() % 6;
         let at = self.near(at);
@@ -82,9 +82,9 @@ impl<'a> Bytes<'a> {
         match self.byte() {
             0 => 0,
             LONG => self.long(),
-            place => {
-                let cloud = clouds.get(usize::from(place) - 1);
-                cloud.map_or_else(|| place.into(), |cloud| cloud.p.into())
+            index => {
+                let cloud = clouds.get(usize::from(index) - 1);
+                cloud.map_or_else(|| index.into(), |cloud| cloud.p.into())
             }
         }
     }
@@ -170,9 +170,9 @@ const fn kind(input: &Input) -> u8 {
 }
 
 fn source(p: u64, clouds: &[Cloud], out: &mut Vec<u8>) {
-    let place = (1..).zip(clouds).find(|(_, cloud)| u64::from(cloud.p) == p);
-    match place {
-        Some((place, _)) => out.push(place),
+    let index = (1..).zip(clouds).find(|(_, cloud)| u64::from(cloud.p) == p);
+    match index {
+        Some((index, _)) => out.push(index),
         None if p == 0 => out.push(0),
         None => long(p, out),
     }

@@ -4,7 +4,7 @@ use fuseline_traces::{Decision, DropReason, Event, OfferRefusal, OpenRefusal};
 
 use super::bytes::Bytes;
 
-/// A change at one place of a trace.
+/// A change of one line of a trace.
 ///
 /// Where it cannot be made, for instance in a trace without a decision, nothing is changed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
@@ -12,7 +12,7 @@ pub struct Edit {
     /// What is done.
     pub op: EditKind,
     /// To which of the trace's events, in turn; where an op needs a decision, to the next one.
-    pub place: u16,
+    pub index: u16,
     /// The decision that [`EditKind::Rewrite`] and [`EditKind::Insert`] write: by how much its kind, `at`, `t`,
     /// `p`, reason and due instant differ from those of the event that is there; all 0 is the same.
     pub by: [i8; 6],
@@ -45,15 +45,15 @@ impl EditKind {
 impl Edit {
     pub(super) fn read(bytes: &mut Bytes<'_>) -> Self {
         let op = EditKind::ALL[usize::from(bytes.byte()) % EditKind::ALL.len()];
-        let place = bytes.short();
-        Self { op, place, by: std::array::from_fn(|_| bytes.byte().cast_signed()) }
+        let index = bytes.short();
+        Self { op, index, by: std::array::from_fn(|_| bytes.byte().cast_signed()) }
     }
 
     /// The bytes of this edit, as they stand before a run's.
     #[must_use]
     pub fn bytes(&self) -> Vec<u8> {
         let mut bytes = vec![self.op as u8];
-        bytes.extend(self.place.to_le_bytes());
+        bytes.extend(self.index.to_le_bytes());
         bytes.extend(self.by.map(i8::cast_unsigned));
         bytes
     }
@@ -64,23 +64,23 @@ impl Edit {
         if events.is_empty() {
             return edited;
         }
-        let place = usize::from(self.place) % events.len();
-        let mut from_here = (place..events.len()).chain(0..place);
-        let decision = from_here.find(|place| matches!(events[*place], Event::Decision(_)));
+        let index = usize::from(self.index) % events.len();
+        let mut from_here = (index..events.len()).chain(0..index);
+        let decision = from_here.find(|index| matches!(events[*index], Event::Decision(_)));
         match (self.op, decision) {
-            (EditKind::Remove, Some(place)) => drop(edited.remove(place)),
-            (EditKind::Repeat, Some(place)) => edited.insert(place, events[place]),
-            (EditKind::Rewrite, Some(place)) => edited[place] = self.written(&events[place]),
+            (EditKind::Remove, Some(index)) => drop(edited.remove(index)),
+            (EditKind::Repeat, Some(index)) => edited.insert(index, events[index]),
+            (EditKind::Rewrite, Some(index)) => edited[index] = self.written(&events[index]),
             (EditKind::Insert, _) => {
-                let place = usize::from(self.place) % (events.len() + 1);
-                let near = events.get(place).or(events.last());
-                edited.splice(place..place, near.map(|near| self.written(near)));
+                let index = usize::from(self.index) % (events.len() + 1);
+                let near = events.get(index).or(events.last());
+                edited.splice(index..index, near.map(|near| self.written(near)));
             }
             (EditKind::Swap, _) => {
                 let both_inputs =
-                    edited[place..].iter().take(2).all(|event| matches!(event, Event::Input(_)));
-                if !both_inputs && place + 1 < edited.len() {
-                    edited.swap(place, place + 1);
+                    edited[index..].iter().take(2).all(|event| matches!(event, Event::Input(_)));
+                if !both_inputs && index + 1 < edited.len() {
+                    edited.swap(index, index + 1);
                 }
             }
             (EditKind::Keep, _)
@@ -95,7 +95,7 @@ impl Edit {
         let was = LineFields::of(near);
         let more = |value: u64, by: i8| value.wrapping_add_signed(by.into());
         let (at, t, p) = (more(was.at, at), more(was.t, t), more(was.p, p));
-        let turned = |place: usize, by: i8, all: usize| place.wrapping_add_signed(by.into()) % all;
+        let turned = |index: usize, by: i8, all: usize| index.wrapping_add_signed(by.into()) % all;
         let of_open = OpenRefusal::ALL[turned(was.why, why, OpenRefusal::ALL.len())];
         let of_offer = OfferRefusal::ALL[turned(was.why, why, OfferRefusal::ALL.len())];
         let dropped = DropReason::ALL[turned(was.why, why, DropReason::ALL.len())];

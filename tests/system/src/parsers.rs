@@ -19,7 +19,7 @@ use std::collections::BTreeSet;
 pub const MEMORY: usize = 128 << 20;
 
 /// What is wrong, in words.
-type Check = Result<(), String>;
+type ParserResult = Result<(), String>;
 
 /// One kind of bytes from outside.
 #[derive(Clone, Copy, Debug)]
@@ -52,7 +52,7 @@ pub const PAGE: Parser = Parser { name: "page", check: page::check, ends: page::
 pub const ALL: [Parser; 6] = [CSV, PACKED, YAML, KEYS, FRAMES, PAGE];
 
 /// A message about a file is one line that no terminal takes for a command.
-fn fit(message: &str) -> Check {
+fn fit(message: &str) -> ParserResult {
     if message.contains(char::is_control) {
         return Err(format!("not fit for a terminal: {message:?}"));
     }

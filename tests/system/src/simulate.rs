@@ -2,20 +2,20 @@
 
 mod checks;
 mod draw;
-mod kept;
 mod log;
 mod peers;
 mod play;
 mod replay;
+mod saved_seeds;
 mod scenario;
 mod shrink;
 mod simulator;
 mod value;
 
 pub use checks::{CHECKS, Check, Finding};
-pub use kept::{KeptSeed, kept};
+pub use saved_seeds::{KeptSeed, saved_seeds};
 pub use scenario::{
-    CallResult, Disk, Finish, Message, OfferAction, OnBoard, ReaderPlan, Remote, Scenario,
-    SourceAction,
+    CallResult, Disk, Finish, MessageScript, OfferAction, OnBoard, ReaderPlan, Scenario,
+    ScenarioCloud, SourceAction,
 };
 pub use simulator::{Simulated, Simulator};

@@ -1,9 +1,9 @@
-//! Each check on the same seeds, and on the kept ones: a test a check, so that each can be a witness.
+//! Each check on the same seeds, and on the saved ones: a test a check, so that each can be a witness.
 
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
-use fuseline_system_tests::simulate::{CHECKS, KeptSeed, Scenario, Simulator, kept};
+use fuseline_system_tests::simulate::{CHECKS, KeptSeed, Scenario, Simulator, saved_seeds};
 
 /// So many seeds from 0 on show everything that a seeded fault was ever caught by, in a few seconds.
 const SEEDS: u64 = 300;
@@ -12,11 +12,11 @@ const SEEDS: u64 = 300;
 static BROKEN: LazyLock<BTreeMap<&'static str, (u64, String)>> = LazyLock::new(|| {
     let simulator = Simulator::new().expect("a folder for traces");
     let mut broken = BTreeMap::new();
-    let seeds = kept().into_iter().map(|KeptSeed { seed, .. }| seed).chain(0..SEEDS);
+    let seeds = saved_seeds().into_iter().map(|KeptSeed { seed, .. }| seed).chain(0..SEEDS);
     for seed in seeds {
         let run = simulator.simulate(&Scenario::draw(seed)).expect("a folder for traces");
         for finding in run.findings {
-            broken.entry(finding.check).or_insert((seed, finding.what));
+            broken.entry(finding.check).or_insert((seed, finding.reason));
         }
     }
     broken
@@ -24,9 +24,9 @@ static BROKEN: LazyLock<BTreeMap<&'static str, (u64, String)>> = LazyLock::new(|
 
 fn holds(check: &str) {
     assert!(CHECKS.iter().any(|known| known.name == check), "there is no check {check}");
-    if let Some((seed, what)) = BROKEN.get(check) {
-        let what: String = what.chars().take(2000).collect();
-        panic!("seed {seed}: {what}");
+    if let Some((seed, reason)) = BROKEN.get(check) {
+        let reason: String = reason.chars().take(2000).collect();
+        panic!("seed {seed}: {reason}");
     }
 }
 
@@ -42,7 +42,7 @@ fn d2_its_own_value() {
     holds("d2_its_own_value");
 }
 
-/// D3: the strict judge finds nothing, and each cloud is asked about each message.
+/// D3: the strict judge finds nothing, and each cloud gets an offer of each message.
 #[test]
 fn d3_the_rules_decide() {
     holds("d3_the_rules_decide");
@@ -54,7 +54,7 @@ fn d4_true_backlog() {
     holds("d4_true_backlog");
 }
 
-/// D5: a call is told the time that is left when it begins.
+/// D5: a call gets the time that is left when it begins.
 #[test]
 fn d5_time_left() {
     holds("d5_time_left");
@@ -96,7 +96,7 @@ fn d9_served_in_time() {
     holds("d9_served_in_time");
 }
 
-/// D10: the trace ends with a whole input; if it ends early, that is told.
+/// D10: the trace ends with a whole input; if it ends early, that is reported.
 #[test]
 fn d10_whole_trace() {
     holds("d10_whole_trace");
@@ -108,7 +108,7 @@ fn d11_one_account() {
     holds("d11_one_account");
 }
 
-/// T5: a policy is told how each call ended, and when.
+/// T5: a policy gets how each call ended, and when.
 #[test]
 fn t5_every_end_is_told() {
     holds("t5_every_end_is_told");

@@ -8,7 +8,7 @@ use std::path::Path;
 use cap::Cap;
 use fuseline_system_tests::parsers::{ALL, Ends, MEMORY};
 
-/// Who asks for more ends the test.
+/// An allocation of more ends the test.
 #[global_allocator]
 static BOUNDED: Cap<System> = Cap::new(System, MEMORY);
 

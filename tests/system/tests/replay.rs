@@ -15,7 +15,10 @@ fn a_seed_played_twice_is_the_same_to_the_byte() {
         let first = simulator.simulate(&Scenario::draw(seed)).unwrap();
         let second = simulator.simulate(&Scenario::draw(seed)).unwrap();
         assert!(first.trace == second.trace, "the traces of seed {seed} differ");
-        assert!(first.seen() == second.seen(), "what is seen of seed {seed} differs");
+        assert!(
+            first.external_log() == second.external_log(),
+            "what is seen of seed {seed} differs"
+        );
         bytes += first.trace.len();
     }
     assert!(bytes > 1_000_000, "{bytes} bytes are nothing to compare");
@@ -27,13 +30,13 @@ fn every_kind_of_trouble_is_drawn() {
     let all: Vec<Scenario> = (0..400).map(Scenario::draw).collect();
     let frames = || all.iter().flat_map(|it| &it.frames);
     let acts = || {
-        frames().flat_map(|frame| &frame.asks).filter_map(|ask| match ask {
+        frames().flat_map(|frame| &frame.offers).filter_map(|offer| match offer {
             OfferAction::Offers(_, act) => Some(act),
             OfferAction::Nothing | OfferAction::Panics => None,
         })
     };
-    let drawn = |what: &str, count: usize| assert!(count > 0, "no scenario has {what}");
-    for how in [
+    let drawn = |feature: &str, count: usize| assert!(count > 0, "no scenario has {feature}");
+    for result in [
         CallResult::Answers,
         CallResult::Fails,
         CallResult::Panics,
@@ -43,12 +46,18 @@ fn every_kind_of_trouble_is_drawn() {
         CallResult::Hangs,
         CallResult::HangsAndPanics,
     ] {
-        drawn(&format!("a call that {how:?}"), acts().filter(|act| act.how == how).count());
-        drawn(&format!("a local that {how:?}"), frames().filter(|it| it.local.how == how).count());
+        drawn(
+            &format!("a call that {result:?}"),
+            acts().filter(|act| act.result == result).count(),
+        );
+        drawn(
+            &format!("a local that {result:?}"),
+            frames().filter(|it| it.local.result == result).count(),
+        );
     }
     drawn("yields", acts().filter(|act| act.yields > 0).count());
-    let handlers = frames().flat_map(|frame| &frame.asks);
-    drawn("a handler that panics", handlers.filter(|ask| **ask == OfferAction::Panics).count());
+    let handlers = frames().flat_map(|frame| &frame.offers);
+    drawn("a handler that panics", handlers.filter(|offer| **offer == OfferAction::Panics).count());
     drawn("a stall", all.iter().filter(|it| !it.stalls.is_empty()).count());
     drawn(
         "a policy",
@@ -65,13 +74,13 @@ fn every_kind_of_trouble_is_drawn() {
     let readers = || all.iter().flat_map(|it| &it.readers);
     drawn("a reader that lags", readers().filter(|it| it.lag.is_some()).count());
     drawn("a reader that leaves", readers().filter(|it| it.leaves_after.is_some()).count());
-    for (what, is) in [
+    for (feature, is) in [
         ("a stop", (|end| matches!(end, Finish::Stop(_))) as fn(Finish) -> bool),
         ("a crash", |end| matches!(end, Finish::Crash(_))),
         ("nobody who holds it", |end| end == Finish::Alone),
         ("an end of its input", |end| end == Finish::Input),
     ] {
-        drawn(what, all.iter().filter(|it| is(it.end)).count());
+        drawn(feature, all.iter().filter(|it| is(it.end)).count());
     }
 }
 
@@ -89,14 +98,14 @@ fn what_never_ends_is_found_and_becomes_one_message() {
     (scenario.window, scenario.input_len, scenario.local.at_once) = (1024, 1024, 64);
     scenario.local.deadline = None;
     for frame in &mut scenario.frames {
-        frame.asks.clear();
+        frame.offers.clear();
         frame.local = SourceAction::answers(Duration::from_millis(1));
     }
     scenario.frames[40].local =
-        SourceAction { after: Duration::ZERO, yields: 0, how: CallResult::Hangs };
+        SourceAction { after: Duration::ZERO, yields: 0, result: CallResult::Hangs };
     let findings = simulator.simulate(&scenario).unwrap().findings;
     assert!(findings.iter().any(|finding| finding.check == "d8_everything_ends"), "{findings:?}");
     let smallest = simulator.smallest(&scenario, "d8_everything_ends").unwrap();
     assert_eq!(smallest.frames.len(), 1, "{smallest}");
-    assert_eq!(smallest.frames[0].local.how, CallResult::Hangs, "{smallest}");
+    assert_eq!(smallest.frames[0].local.result, CallResult::Hangs, "{smallest}");
 }

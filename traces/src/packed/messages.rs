@@ -15,7 +15,7 @@ use serde::Deserialize;
 use serde::de::IgnoredAny;
 use thiserror::Error;
 
-use crate::packed::messages::chunks::Chunks;
+use crate::packed::messages::chunks::ChunkScanner;
 use crate::parse::{Form, LineAnnotations, parse_as};
 use crate::{Annotations, HeaderAnnotations, Line, ParseError};
 
@@ -64,7 +64,7 @@ pub enum MessageError {
 pub struct Messages<'a, R> {
     inner: R,
     reader: LinearReader,
-    chunks: Chunks,
+    chunks: ChunkScanner,
     topic: &'a str,
     channels: BTreeSet<u16>,
     number: u64,
@@ -78,7 +78,7 @@ impl<'a, R: Read> Messages<'a, R> {
             .with_record_length_limit(RECORD)
             .with_validate_chunk_crcs(true);
         let reader = LinearReader::new_with_options(options);
-        let chunks = Chunks::new();
+        let chunks = ChunkScanner::new();
         let (channels, annotations) = (BTreeSet::new(), LineAnnotations::default());
         Self { inner, reader, chunks, topic, channels, number: 0, annotations }
     }

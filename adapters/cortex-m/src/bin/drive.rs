@@ -1,4 +1,4 @@
-//! An image that answers what `fuseline drive` asks: the machine as it is, without an operating system or an allocator.
+//! An image that answers the inputs of `fuseline drive`: the machine as it is, without an operating system or an allocator.
 #![no_std]
 #![no_main]
 
@@ -13,15 +13,15 @@ use fuseline_cortex_m::console::Console;
 use fuseline_cortex_m::line::{Decisions, Line};
 
 /// Whatever SPEC.md allows.
-type Machine = Fusion<15, 1024>;
-/// An answer, gathered so that the host is asked once for it: at worst 1024 timestamps of 16 timers.
-type Answer = heapless::String<{ 2 * 1024 * 1024 }>;
+type LargestFusion = Fusion<15, 1024>;
+/// An answer, gathered so that the host is called once for it: at worst 1024 timestamps of 16 timers.
+type AnswerText = heapless::String<{ 2 * 1024 * 1024 }>;
 
 #[entry]
 fn main() -> ! {
-    static mut ANSWER: Answer = heapless::String::new();
+    static mut ANSWER: AnswerText = heapless::String::new();
     let mut console = Console::open();
-    let mut machine: Option<Machine> = None;
+    let mut machine: Option<LargestFusion> = None;
     loop {
         let Some(text) = console.line() else { end(EXIT_SUCCESS) };
         ANSWER.clear();
@@ -33,17 +33,17 @@ fn main() -> ! {
     }
 }
 
-fn reply(machine: &mut Option<Machine>, line: &Line<'_>, out: &mut Answer) -> Option<()> {
+fn reply(machine: &mut Option<LargestFusion>, line: &Line<'_>, out: &mut AnswerText) -> Option<()> {
     if line.fuseline.is_some() {
         let (window, commit, clouds) = line.configuration()?;
-        *machine = Some(Machine::new(window, commit, &clouds).ok()?);
+        *machine = Some(LargestFusion::new(window, commit, &clouds).ok()?);
     } else {
-        ask(machine.as_mut()?, line, out)?;
+        apply_line(machine.as_mut()?, line, out)?;
     }
     out.write_str("{\"ev\":\"done\"}\n").ok()
 }
 
-fn ask(machine: &mut Machine, line: &Line<'_>, out: &mut Answer) -> Option<()> {
+fn apply_line(machine: &mut LargestFusion, line: &Line<'_>, out: &mut AnswerText) -> Option<()> {
     let now = line.at?;
     // F0: decisions bear the machine's instant, which does not go back.
     let mut decisions = Decisions { out, at: machine.now().as_nanos().max(now) };
@@ -57,7 +57,7 @@ fn ask(machine: &mut Machine, line: &Line<'_>, out: &mut Answer) -> Option<()> {
     // What does not fit 16 bits cannot be registered (A18).
     let p = u16::try_from(number).ok().map(Priority::new);
     let unknown = Outcome::Dropped(DropReason::Unknown);
-    let said = match line.ev? {
+    let written = match line.ev? {
         "tick" => Ok(()),
         "open" => {
             let opening = ready.open(t, line.deadline.map(Deadline::from_nanos));
@@ -79,12 +79,12 @@ fn ask(machine: &mut Machine, line: &Line<'_>, out: &mut Answer) -> Option<()> {
         }
         _ => return None,
     };
-    said.ok()
+    written.ok()
 }
 
-fn end(how: cortex_m_semihosting::debug::ExitStatus) -> ! {
+fn end(status: cortex_m_semihosting::debug::ExitStatus) -> ! {
     loop {
-        exit(how);
+        exit(status);
     }
 }
 

@@ -11,7 +11,7 @@ use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
 use embassy_time::{Duration, MockDriver};
-use fuseline_core::{Cloud, Commit, Deadline, Fusion, Instant, Priority, Timestamp};
+use fuseline_core::{Cloud, Commit, Deadline, Fusion, Held, Instant, Outcome, Priority, Timestamp};
 use fuseline_cortex_m::console::Console;
 use fuseline_cortex_m::line::Decisions;
 use fuseline_embassy::{Arrival, Report, operate};
@@ -20,7 +20,10 @@ use core::fmt::{self, Write};
 
 const CLOUD: Priority = Priority::new(1);
 
-static INBOX: Channel<CriticalSectionRawMutex, Arrival, 8> = Channel::new();
+/// A result's value: of which message it is, and from which source.
+type HeldNumber = (Timestamp, Priority);
+
+static INBOX: Channel<CriticalSectionRawMutex, Arrival<HeldNumber>, 8> = Channel::new();
 
 #[entry]
 fn main() -> ! {
@@ -31,11 +34,15 @@ fn main() -> ! {
     let header =
         r#"{"fuseline":1,"window":4,"commit":"eager","clouds":[{"p":1,"limit":31,"resume":30}]}"#;
     let mut written = writeln!(console, "{header}");
-    let write_answer = |at: Instant, reported: Report<1>| {
+    let mut are_values_right = true;
+    let write_answer = |at: Instant, reported: Report<HeldNumber, 1>| {
+        are_values_right &= has_its_value(&reported);
         written = written.and_then(|()| say(&mut console, at.as_nanos(), &reported));
     };
-    block_on(select(operate(&mut fusion, INBOX.receiver(), write_answer), messages()));
-    end(if written.is_ok() && fusion.is_empty() { EXIT_SUCCESS } else { EXIT_FAILURE })
+    let mut held = Held::new();
+    block_on(select(operate(&mut fusion, &mut held, INBOX.receiver(), write_answer), messages()));
+    let is_over = fusion.is_empty() && held.is_empty();
+    end(if written.is_ok() && are_values_right && is_over { EXIT_SUCCESS } else { EXIT_FAILURE })
 }
 
 /// Five messages: the cloud answers two in time, one too late, fails one, and loses one as local does.
@@ -44,7 +51,7 @@ async fn messages() {
         INBOX.send(Arrival::Message(t, Some(Deadline::from_millis(80)))).await;
         INBOX.send(Arrival::Request(t, CLOUD, Deadline::from_millis(40), 0)).await;
         pass(10).await;
-        let local = Arrival::Result(t, Priority::LOCAL);
+        let local = result(t, Priority::LOCAL);
         match t.as_u64() {
             4 => pass(80).await,
             3 => {
@@ -54,10 +61,27 @@ async fn messages() {
             late => {
                 INBOX.send(local).await;
                 pass(if late == 2 { 60 } else { 10 }).await;
-                INBOX.send(Arrival::Result(t, CLOUD)).await;
+                INBOX.send(result(t, CLOUD)).await;
             }
         }
         pass(5).await;
+    }
+}
+
+fn result(t: Timestamp, source: Priority) -> Arrival<HeldNumber> {
+    Arrival::Result(t, source, (t, source))
+}
+
+/// Whether a forwarded result comes with its own value, and nothing else with any.
+fn has_its_value(reported: &Report<HeldNumber, 1>) -> bool {
+    let (t, outcome, value) = match reported {
+        Report::Fired(firing, value) => (firing.timestamp, firing.outcome, value),
+        Report::Concluded(t, _, outcome, value) => (*t, *outcome, value),
+        Report::Took(_) | Report::Opened(..) | Report::Offered(..) => return true,
+    };
+    match outcome {
+        Outcome::Forwarded { by, .. } => *value == Some((t, by)),
+        Outcome::Dropped(_) | Outcome::Held | Outcome::Waiting | Outcome::Missed => value.is_none(),
     }
 }
 
@@ -72,8 +96,8 @@ async fn pass(millis: u64) {
     }
 }
 
-/// The lines of a trace that what is told makes.
-fn say(out: &mut Console, at: u64, reported: &Report<1>) -> fmt::Result {
+/// The lines of the trace that the reports make.
+fn say(out: &mut Console, at: u64, reported: &Report<HeldNumber, 1>) -> fmt::Result {
     match *reported {
         Report::Took(None) => writeln!(out, r#"{{"ev":"tick","at":{at}}}"#),
         Report::Took(Some(Arrival::Message(t, limit))) => {
@@ -89,26 +113,26 @@ fn say(out: &mut Console, at: u64, reported: &Report<1>) -> fmt::Result {
             write!(out, r#"{{"ev":"offer","at":{at},"t":{t},"p":{p},"deadline":{deadline}"#)?;
             writeln!(out, r#","backlog":{backlog}}}"#)
         }
-        Report::Took(Some(Arrival::Result(t, p))) => {
+        Report::Took(Some(Arrival::Result(t, p, ()))) => {
             writeln!(out, r#"{{"ev":"result","at":{at},"t":{},"p":{}}}"#, t.as_u64(), p.as_u16())
         }
         Report::Took(Some(Arrival::Failure(t, p))) => {
             writeln!(out, r#"{{"ev":"fail","at":{at},"t":{},"p":{}}}"#, t.as_u64(), p.as_u16())
         }
-        Report::Fired(firing) => Decisions { out, at }.firing(&firing),
+        Report::Fired(firing, _) => Decisions { out, at }.firing(&firing),
         Report::Opened(t, opening) => Decisions { out, at }.opening(t.as_u64(), opening),
         Report::Offered(t, p, admission) => {
             Decisions { out, at }.admission(t.as_u64(), p.as_u16().into(), admission)
         }
-        Report::Concluded(t, p, outcome) => {
+        Report::Concluded(t, p, outcome, _) => {
             Decisions { out, at }.outcome(t.as_u64(), p.as_u16().into(), &outcome)
         }
     }
 }
 
-fn end(how: ExitStatus) -> ! {
+fn end(status: ExitStatus) -> ! {
     loop {
-        exit(how);
+        exit(status);
     }
 }
 

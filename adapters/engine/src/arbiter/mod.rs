@@ -1,5 +1,8 @@
-//! The bridge from the machine to the trace: it applies one input, answers in the core's own types, and makes the
-//! trace's lines from them for those who record.
+//! The bridge from the machine to the trace: it applies one input, answers in the core's own types, and
+//! makes the trace's lines from them for those who record.
+//!
+//! It decides nothing itself and keeps nothing but the machine. The operator around it is
+//! `Engine`.
 
 mod answer;
 mod reason;
@@ -24,7 +27,8 @@ pub use reason::{drop_reason, offer_refusal, open_refusal};
 /// - inputs: [`open`](Self::open), [`offer`](Self::offer), [`result`](Self::result),
 ///   [`fail`](Self::fail), [`tick`](Self::tick); any of them: [`apply`](Self::apply),
 ///   [`decide`](Self::decide)
-/// - questions: [`next_due`](Self::next_due), [`now`](Self::now), [`fusion`](Self::fusion)
+/// - questions: [`next_due`](Self::next_due), [`now`](Self::now),
+///   [`offer_refusal`](Self::offer_refusal), [`fusion`](Self::fusion)
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub struct Arbiter<const CLOUDS: usize = 15, const WINDOW: usize = 1024> {
     /// Boxed: the largest takes 185 KiB.
@@ -156,6 +160,23 @@ impl<const CLOUDS: usize, const WINDOW: usize> Arbiter<CLOUDS, WINDOW> {
     #[must_use]
     pub fn now(&self) -> u64 {
         self.fusion.now().as_nanos()
+    }
+
+    /// F2: why an offer would be refused as things stand, or none if it would be admitted; changes
+    /// nothing.
+    ///
+    /// What is due after [`now`](Self::now) has not fired yet: [`tick`](Self::tick) first.
+    #[must_use]
+    pub fn offer_refusal(
+        &self,
+        (t, p): (u64, u64),
+        deadline: u64,
+        backlog: u64,
+    ) -> Option<OfferRefusal> {
+        // F2 unknown: as for an offer.
+        let Some(p) = priority(p) else { return Some(OfferRefusal::Unknown) };
+        let deadline = Deadline::from_nanos(deadline);
+        self.fusion.offer_refusal(Timestamp::new(t), p, deadline, backlog)
     }
 
     /// The machine, for further questions.

@@ -20,7 +20,7 @@ from fuseline._errors import (
     TraceError,
 )
 from fuseline._fuseline import Fusion, nanoseconds
-from fuseline._item import Call, Ending, Failure, Item, Source, Trigger
+from fuseline._item import Call, CurrentDeadline, Ending, Failure, Item, Source, Trigger
 from fuseline._judge import Verdict, Violation, check, check_observed, replay, report
 from fuseline._local import Local
 from fuseline._operator import Operator
@@ -56,6 +56,7 @@ __all__ = [
     "Cloud",
     "Commit",
     "ConfigError",
+    "CurrentDeadline",
     "DeadlineError",
     "DropReason",
     "Dropped",

@@ -4,69 +4,139 @@ from __future__ import annotations
 
 import asyncio
 import inspect
-from collections.abc import Callable
+import logging
+from collections import deque
+from collections.abc import Awaitable, Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
-from fuseline._engine import Clock, Engine, Order, words
-from fuseline._item import Call, Ending, Item
-from fuseline._lane import Flight, Lane
+from fuseline._errors import in_one_line
+from fuseline._fuseline import Engine, nanoseconds
+from fuseline._item import Call, Effect, Item
 from fuseline._local import Local
-from fuseline._tape import Tape
+from fuseline._words import Cloud, ns
+from fuseline.deadline import Policy, Situation
 
 M = TypeVar("M")
 V = TypeVar("V")
 
+#: What is asked of an operator's clock: whole nanoseconds that never go back.
+Clock = Callable[[], int]
+
 #: The longest sleep, in nanoseconds: a day.
 _DAY = 86_400_000_000_000
-#: How long what was recorded waits before it is written, in seconds.
-_GATHER = 0.5
+#: How many tasks of a source that should have ended may go on, before it gets no more (D8).
+OVERDUE_TASKS = 1024
+#: How many seconds an operator that ends waits for tasks that it has cancelled.
+GRACE = 1.0
+
+_log = logging.getLogger("fuseline")
+
+
+@dataclass(slots=True)
+class RegisteredCloud:
+    """A cloud, and what its requests are made of and go to."""
+
+    cloud: Cloud
+    handle: Callable[[Any, Call], Awaitable[Any]]
+    message_handler: Callable[[Any, int], tuple[Any, Any] | None]
+    response_handler: Callable[[Any], Any]
+    calls: int
+    linger: ns
+    policy: Policy | None
+
+
+@dataclass(slots=True)
+class SourceTasks:
+    """The calls or computations of one source."""
+
+    #: The most that may go on, those included that should have ended.
+    limit: int
+    cloud: RegisteredCloud | None
+    #: By timestamp; those that linger too. None for a task that is about to be made.
+    in_flight: dict[int, asyncio.Task[None] | None] = field(default_factory=dict)
+    #: Those that were cancelled and have not ended.
+    aborted: set[asyncio.Task[None]] = field(default_factory=set)
+
+    def abort(self, t: int) -> None:
+        """Cancel a task; what it still returns is of no use."""
+        task = self.in_flight.pop(t, None)
+        if task is not None:
+            self.aborted.add(task)
+            task.add_done_callback(self.aborted.discard)
+            task.cancel()
 
 
 class Driver(Generic[M, V]):
     """An engine with its loop; it starts with its clock at 0.
 
     Args:
+        name: The operator's name.
         engine: The engine.
         local: What computes on board; it was started.
-        tape: Where the trace goes, if anywhere.
+        clouds: Those of the engine.
         clock: Reads whole nanoseconds.
         output: Takes each item, in the order of the decisions.
-        idle: Called when no message is open any more.
+        acted: Called after each input, once all that it led to is done.
     """
 
     def __init__(
         self,
-        engine: Engine[M, V],
+        name: str,
+        engine: Engine,
         local: Local[M, V],
-        tape: Tape | None,
+        clouds: Iterable[RegisteredCloud],
         clock: Clock,
         output: Callable[[Item[V]], None],
-        idle: Callable[[], None],
+        acted: Callable[[], None],
     ) -> None:
-        self.engine = engine
+        self.name = name
+        self.counting = engine.counting
         self.is_over = False
         #: Whether an input is being decided about or carried out, and whether it is the last one.
         self._is_deciding = self._is_last = False
-        #: The error that ended the recording early, if one did.
-        self.unrecorded: OSError | None = None
+        self._engine = engine
         self._local = local
-        self._tape = tape
+        self._clouds = list(clouds)
+        self._sources = {0: SourceTasks(local.at_once + OVERDUE_TASKS, None)}
+        for cloud in self._clouds:
+            limit = 2 * cloud.calls + OVERDUE_TASKS
+            self._sources[cloud.cloud.p] = SourceTasks(limit, cloud)
+        self._effects: deque[Effect] = deque()
         self._read_clock = clock
-        self._output, self._idle = output, idle
+        self._output, self._acted = output, acted
         self._loop = asyncio.get_running_loop()
         self._start, self._now = clock(), 0
         self._timer: asyncio.TimerHandle | None = None
         #: What the timer is set to.
         self._armed = 0
-        self._gather: asyncio.TimerHandle | None = None
-        #: Aborted calls that have not ended yet.
-        self._ending: set[asyncio.Task[Any]] = set()
+        #: Done once the trace is written.
+        self._finished: asyncio.Future[None] | None = None
+        self._error: OSError | None = None
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether no message is open, and nothing is being decided."""
+        return self.is_over or (not self._is_deciding and self._engine.is_idle)
+
+    @property
+    def unrecorded(self) -> OSError | None:
+        """The error that ended the recording early, if one did."""
+        why = self.counting.unrecorded
+        return self._error if why is None else OSError(why)
+
+    def set_situation(self, situation: Situation) -> None:
+        """Set what policies know of the vehicle from now on."""
+        if not self.is_over:
+            self._engine.set_situation(situation)
 
     def open(self, t: int, message: M) -> None:
         """A message came."""
         # One instant for the open and all offers: equal deadlines end together.
         now = self._clock()
-        self._decide(self.engine.open, now, t, message)
+        offers = self._offers(t, message)
+        self._decide(now, self._engine.open, t, self._local.deadline, message, offers)
 
     def stop(self) -> None:
         """End at once: calls are aborted, and the trace is whole up to here.
@@ -80,26 +150,29 @@ class Driver(Generic[M, V]):
             self._is_last = True
             return
         self.is_over = True
-        for timer in (self._timer, self._gather):
-            if timer is not None:
-                timer.cancel()
-        for lane in self.engine.lanes.values():
-            for flight in (*lane.flying.values(), *lane.lingering.values()):
-                flight.is_aborted = True
-                if flight.task is not None:
-                    flight.task.cancel()
-                    self._ending.add(flight.task)
+        if self._timer is not None:
+            self._timer.cancel()
+        for source in self._sources.values():
+            for t in list(source.in_flight):
+                source.abort(t)
         self._local._stop()
-        self._record()
+        if not self._engine.is_recording:
+            self._engine.finish()
+            return
+        # A thread of its own: the loop's may all be at work for calls that hang.
+        writer = ThreadPoolExecutor(1, "fuseline-trace")
+        self._finished = self._loop.run_in_executor(writer, self._engine.finish)
+        writer.shutdown(wait=False)
 
     async def finish(self) -> None:
-        """Wait until aborted calls have ended and the trace is written."""
-        if self._ending:
-            await asyncio.wait(set(self._ending))
-        tape, self._tape = self._tape, None
-        if tape is not None:
-            await self._loop.run_in_executor(None, tape.close)
-            self.unrecorded = tape.error
+        """Wait until the trace is written, and a while for aborted calls to end."""
+        aborted = [task for source in self._sources.values() for task in source.aborted]
+        await wait_for_cancelled(self.name, "aborted calls", aborted)
+        if self._finished is not None:
+            try:
+                await self._finished
+            except OSError as error:
+                self._error = error
 
     def _clock(self) -> int:
         """Nanoseconds since the start; a clock that goes back stands still."""
@@ -109,44 +182,34 @@ class Driver(Generic[M, V]):
         self._now = now
         return now
 
-    def _decide(self, apply: Callable[..., None], now: int, *of: Any) -> None:
+    def _decide(self, now: int, apply: Callable[..., list[Effect]], *of: Any) -> None:
         """Apply an input, and do what the engine says."""
         self._is_deciding = True
         try:
-            apply(now, *of)
+            self._effects.extend(apply(now, *of))
             self._act(now)
         finally:
             self._is_deciding = False
             if self._is_last:
                 self.stop()
+        self._acted()
 
     def _act(self, now: int) -> None:
         """Do what the engine says."""
-        engine = self.engine
-        orders = engine.orders
-        is_told = False
-        while orders:
-            order = orders.popleft()
-            if isinstance(order, Item):
-                is_told = is_told or order.ending is not Ending.FORWARDED
-                self._output(order)
-            elif order[0] is Order.START:
-                self._begin(order[1], order[2], now)
+        effects = self._effects
+        while effects:
+            effect = effects.popleft()
+            if effect[0] == "output":
+                self._output(effect[1])
+            elif effect[0] == "start":
+                self._begin(now, *effect[1:])
             else:
-                self._abort(order[1], order[2])
+                self._sources[effect[1]].abort(effect[2])
         if self.is_over:
             return
-        due = engine.next_due()
+        due = self._engine.next_due
         if due is not None and (self._timer is None or due < self._armed):
             self._arm(due, now)
-        if self._tape is not None:
-            # What was missed or refused can be read along at once.
-            if is_told:
-                self._record()
-            elif self._gather is None:
-                self._gather = self._loop.call_later(_GATHER, self._record)
-        if not engine.stories:
-            self._idle()
 
     def _arm(self, due: int, now: int) -> None:
         """Set the timer; it is never moved further away, which would cost more than it saves."""
@@ -161,84 +224,92 @@ class Driver(Generic[M, V]):
         if self.is_over:
             return
         now = self._clock()
-        due = self.engine.next_due()
+        due = self._engine.next_due
         if due is not None and due <= now:
-            self._decide(self.engine.tick, now)
+            self._decide(now, self._engine.tick)
         else:
             self._act(now)
 
-    def _begin(self, lane: Lane[Any], flight: Flight[Any], now: int) -> None:
+    def _offers(self, t: int, message: M) -> Iterator[tuple[int, Any, ns]]:
+        """What is offered to clouds for a message that was taken on."""
+        for it in self._clouds:
+            try:
+                wanted = it.message_handler(message, t)
+                if wanted is None:
+                    continue
+                request, deadline = wanted
+                offer = it.cloud.p, request, nanoseconds(deadline)
+            except Exception:
+                _log.exception("%s: the message handler of %s failed", self.name, it.cloud.name)
+            else:
+                yield offer
+
+    def _begin(self, now: int, p: int, t: int, until: int | None, request: Any) -> None:
         if self.is_over or self._is_last:
             return
-        if lane.p == 0:
-            task = self._loop.create_task(self._compute(lane, flight))
+        source = self._sources[p]
+        overdue = len(source.in_flight) + len(source.aborted)
+        if overdue >= source.limit:
+            why = f"{overdue} calls have not ended, though they should have"
+            self._effects.extend(self._engine.fail(now, t, p, why))
+            return
+        # A task may end while it is made, if the loop's tasks are eager.
+        source.in_flight[t] = None
+        if source.cloud is None:
+            work = self._compute(source, t, request)
         else:
-            until = (flight.due or 0) + lane.linger
             # D5: the time left, not the time given.
-            call = Call(flight.t, max(until - now, 0) / 1e9)
-            task = self._loop.create_task(self._call(lane, flight, call))
-        # Its lane holds it until it has ended.
-        flight.task = task
+            call = Call(t, max((until or 0) - now, 0) / 1e9)
+            work = self._call(source, source.cloud, request, call)
+        task = self._loop.create_task(work)
+        if t in source.in_flight:
+            source.in_flight[t] = task
 
-    def _abort(self, lane: Lane[Any], flight: Flight[Any]) -> None:
-        """D6: end a call that is no longer wanted."""
-        flight.is_aborted = True
-        lane.aborted()
-        task: asyncio.Task[Any] = flight.task
-        self._ending.add(task)
-
-        def ended(task: asyncio.Task[Any]) -> None:
-            self._ending.discard(task)
-            lane.ended()
-            if lane.waiting and not self.is_over:
-                self.engine.send()
-                self._act(self._clock())
-
-        task.add_done_callback(ended)
-        task.cancel()
-
-    async def _compute(self, lane: Lane[Any], flight: Flight[Any]) -> None:
+    async def _compute(self, source: SourceTasks, t: int, message: M) -> None:
         try:
-            value = await self._local._run(flight.request, flight.t)
+            value = await self._local._run(message, t)
         except BaseException as error:
-            self._failed(lane, flight, error)
+            self._failed(source, 0, t, error)
         else:
-            self._came(lane, flight, value)
+            self._came(source, 0, t, value)
 
-    async def _call(self, lane: Lane[Any], flight: Flight[Any], call: Call) -> None:
-        handlers = lane.handlers
-        assert handlers is not None
+    async def _call(
+        self, source: SourceTasks, cloud: RegisteredCloud, request: Any, call: Call
+    ) -> None:
         try:
-            value = handlers.response_handler(await handlers.handle(flight.request, call))
+            value = cloud.response_handler(await cloud.handle(request, call))
             if inspect.isawaitable(value):
                 value = await value
         except BaseException as error:
-            self._failed(lane, flight, error)
+            self._failed(source, cloud.cloud.p, call.timestamp, error)
         else:
-            self._came(lane, flight, value)
+            self._came(source, cloud.cloud.p, call.timestamp, value)
 
-    def _came(self, lane: Lane[Any], flight: Flight[Any], value: V) -> None:
-        if flight.is_aborted or self.is_over:
+    def _came(self, source: SourceTasks, p: int, t: int, value: V) -> None:
+        if t not in source.in_flight:
             return
-        now = self._clock()
-        self._decide(self.engine.result, now, flight.t, lane, value)
+        del source.in_flight[t]
+        self._decide(self._clock(), self._engine.result, t, p, value)
 
-    def _failed(self, lane: Lane[Any], flight: Flight[Any], error: BaseException) -> None:
+    def _failed(self, source: SourceTasks, p: int, t: int, error: BaseException) -> None:
         """D7: an error of a call or of local is a failure, and no other message notices."""
         is_cancelled = isinstance(error, asyncio.CancelledError)
-        if not flight.is_aborted and not self.is_over:
-            now = self._clock()
-            why = "cancelled" if is_cancelled else words(error)
-            self._decide(self.engine.fail, now, flight.t, lane, why)
+        if t in source.in_flight:
+            del source.in_flight[t]
+            why = "cancelled" if is_cancelled else in_one_line(error)
+            self._decide(self._clock(), self._engine.fail, t, p, why)
         elif is_cancelled:
             raise error
         if not isinstance(error, Exception) and not is_cancelled:
             raise error
 
-    def _record(self) -> None:
-        self._gather = None
-        tape = self._tape
-        if tape is None:
-            return
-        tape.write(self.engine.fusion.take_trace())
-        self.unrecorded = self.unrecorded or tape.error
+
+async def wait_for_cancelled(
+    name: str, what: str, tasks: Iterable[asyncio.Task[Any]], seconds: float = GRACE
+) -> None:
+    """Wait until tasks that were cancelled have ended, but no longer than this."""
+    left = set(tasks)
+    if left:
+        _, left = await asyncio.wait(left, timeout=seconds)
+    if left:
+        _log.warning("%s: %d %s have not ended in %s s: they go on", name, len(left), what, seconds)

@@ -59,3 +59,8 @@ class TraceError(Error, OSError):
 
 class CallError(Error):
     """Why a call to a cloud failed, in a few plain words."""
+
+
+def in_one_line(error: BaseException) -> str:
+    """What an exception says, or its type."""
+    return " ".join(str(error).split()) or type(error).__name__

@@ -1,13 +1,16 @@
 """The extension: what of the package is compiled."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from datetime import timedelta
 from os import PathLike
 from typing import Any, BinaryIO, Literal, NoReturn, Protocol, SupportsIndex, TypeAlias, final
 
+from fuseline._item import Effect
 from fuseline._words import Admission, Cloud, Commit, Firing, OfferRefusal, Opening, Outcome, ns
 
 __all__ = [
+    "Counting",
+    "Engine",
     "Expected",
     "Fusion",
     "Guard",
@@ -141,6 +144,49 @@ class Fusion:
     def __bool__(self) -> bool: ...
     def __contains__(self, t: object, /) -> bool: ...
     def __reduce__(self) -> NoReturn: ...
+
+@final
+class Engine:
+    def __new__(
+        cls,
+        clouds: Sequence[Cloud],
+        calls: Sequence[int],
+        local: tuple[int, int | None, bool, bool],
+        window: int,
+        commit: Commit | Literal["eager", "patient"],
+        operator: str,
+        trace: str | PathLike[str] | None,
+    ) -> Engine: ...
+    def set_policy(self, p: int, policy: Any) -> None: ...
+    def set_linger(self, p: int, linger: _Duration) -> None: ...
+    def set_situation(self, situation: _Situation) -> None: ...
+    def open(
+        self,
+        at: int,
+        t: int,
+        deadline: _Duration | None,
+        job: Any,
+        offers: Iterator[tuple[int, Any, _Duration]],
+    ) -> list[Effect]: ...
+    def result(self, at: int, t: int, p: int, value: Any) -> list[Effect]: ...
+    def fail(self, at: int, t: int, p: int, why: str) -> list[Effect]: ...
+    def tick(self, at: int) -> list[Effect]: ...
+    @property
+    def next_due(self) -> int | None: ...
+    @property
+    def is_idle(self) -> bool: ...
+    @property
+    def counting(self) -> Counting: ...
+    @property
+    def is_recording(self) -> bool: ...
+    def finish(self) -> None: ...
+
+@final
+class Counting:
+    def counts(self) -> list[tuple[tuple[str, str, str], int]]: ...
+    def deadlines(self) -> list[tuple[str, int, str]]: ...
+    @property
+    def unrecorded(self) -> str | None: ...
 
 @final
 class Guard:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Generic, TypeVar
+from typing import Any, Generic, Literal, NamedTuple, TypeAlias, TypeVar
 
-from fuseline._words import OpenRefusal
+from fuseline._words import OpenRefusal, ns
 
 V = TypeVar("V")
 
@@ -52,7 +52,7 @@ class Failure:
 
     #: The source.
     source: Source
-    #: The reason in words, at most 200 characters.
+    #: The reason in words, at most 200 bytes.
     why: str
 
 
@@ -64,6 +64,16 @@ class Call:
     timestamp: int
     #: The seconds that are left: without what was spent in the queue, with the time to linger.
     deadline: float
+
+
+class CurrentDeadline(NamedTuple):
+    """A cloud's deadline, and what chose it."""
+
+    #: The deadline.
+    deadline: ns
+    #: ``offered`` without a policy, else the policy's reason in a word; of a guard its case:
+    #: ``local-stops``, ``cloud-alone`` or ``unsure``.
+    why: str
 
 
 @dataclass(slots=True)
@@ -98,3 +108,12 @@ class Item(Generic[V]):
     def took(self) -> float:
         """The seconds from taking the message in to the decision."""
         return (self.decided - self.opened) / 1e9
+
+
+#: What the engine wants done: an item sent; a call or computation begun, by its priority and
+#: timestamp, with the instant until which it may take and its request; a call ended.
+Effect: TypeAlias = (
+    tuple[Literal["output"], Item[Any]]
+    | tuple[Literal["start"], int, int, int | None, Any]
+    | tuple[Literal["abort"], int, int]
+)

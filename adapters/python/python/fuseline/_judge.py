@@ -80,11 +80,11 @@ class Verdict:
 
     def __str__(self) -> str:
         word = "conforms" if self.conforms else "does not conform"
-        said = [f"{self.file}: {word}; {self.judged} timestamps judged in {self.lines} lines"]
-        said += [f"{self.file}:{violation}" for violation in self.violations]
+        lines = [f"{self.file}: {word}; {self.judged} timestamps judged in {self.lines} lines"]
+        lines += [f"{self.file}:{violation}" for violation in self.violations]
         if self.more:
-            said.append(f"{self.more} more violations")
-        return "\n".join(said)
+            lines.append(f"{self.more} more violations")
+        return "\n".join(lines)
 
     def _repr_html_(self) -> str:
         """The verdict for a notebook."""
@@ -248,7 +248,7 @@ def _replace(path: Path, content: bytes) -> None:
         raise
 
 
-def _verdict(told: _fuseline._Verdict) -> Verdict:
-    file, conforms, judged, lines, violations, more = told
-    found = tuple(Violation(*violation[:7], tuple(violation[7])) for violation in violations)
-    return Verdict(file, conforms, judged, lines, found, more)
+def _verdict(fields: _fuseline._Verdict) -> Verdict:
+    file, conforms, judged, lines, violations, more = fields
+    listed = tuple(Violation(*violation[:7], tuple(violation[7])) for violation in violations)
+    return Verdict(file, conforms, judged, lines, listed, more)

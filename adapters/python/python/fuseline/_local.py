@@ -38,11 +38,14 @@ class Local(Generic[M, V]):
         deadline: Duration | None,
         waiting: int | None,
         skip_answered: bool,
+        lossy: bool = False,
     ) -> None:
         if at_once < 1:
             raise ConfigError(f"{at_once} local computations at once; there must be at least 1")
         if waiting is not None and waiting < 0:
             raise ConfigError(f"{waiting} messages may wait for local; it must be 0 or more")
+        if lossy and deadline is None:
+            raise ConfigError("a local whose results can be lost needs a deadline to tell it by")
         self._compute = compute
         self._make = make
         self._pool: Executor | None = None
@@ -50,6 +53,7 @@ class Local(Generic[M, V]):
         self.deadline = None if deadline is None else nanoseconds(deadline)
         self.waiting = waiting
         self.skip_answered = skip_answered
+        self.lossy = lossy
 
     @classmethod
     def task(
@@ -60,6 +64,7 @@ class Local(Generic[M, V]):
         deadline: Duration | None = None,
         waiting: int | None = None,
         skip_answered: bool = False,
+        lossy: bool = False,
     ) -> Local[M, V]:
         """Compute with a coroutine function, in tasks of the loop; it must not block.
 
@@ -72,6 +77,9 @@ class Local(Generic[M, V]):
                 holds; for one more, local fails at once, and only clouds can answer it.
             skip_answered: Whether a computation that has not begun is skipped once its message is
                 answered.
+            lossy: Whether a result can be lost on its way, as over a topic. If so, a computation
+                that has not ended within the deadline counts as lost, and its place is free again;
+                otherwise it keeps its place until it ends.
         """
         if not inspect.iscoroutinefunction(compute) and not inspect.iscoroutinefunction(
             getattr(compute, "__call__", None)  # noqa: B004
@@ -79,7 +87,7 @@ class Local(Generic[M, V]):
             raise ConfigError(
                 "Local.task takes an async function; give a plain one to Local.threads"
             )
-        return cls(compute, None, at_once, deadline, waiting, skip_answered)
+        return cls(compute, None, at_once, deadline, waiting, skip_answered, lossy)
 
     @classmethod
     def threads(

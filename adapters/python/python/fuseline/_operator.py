@@ -18,19 +18,15 @@ from collections.abc import (
     Iterable,
 )
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
+from typing import TYPE_CHECKING, Generic, Literal, TypeVar
 
-from fuseline._bell import Bell
-from fuseline._drive import Driver
-from fuseline._engine import Clock, Engine
+from fuseline._drive import Clock, Driver, RegisteredCloud, wait_for_cancelled
 from fuseline._errors import Closed, ConfigError, Full, TraceError
-from fuseline._fuseline import Fusion, nanoseconds
-from fuseline._item import Call, Item, Source
-from fuseline._lane import Handlers, Lane
+from fuseline._fuseline import Engine, nanoseconds
+from fuseline._item import Call, CurrentDeadline, Item
 from fuseline._local import Local, local_of
-from fuseline._tape import Tape
 from fuseline._words import Cloud, Commit, ns
-from fuseline.deadline import Policy, Situation, policy_of
+from fuseline.deadline import Policy, Situation, compiled, policy_of
 
 if TYPE_CHECKING:
     from fuseline._judge import Duration
@@ -48,7 +44,8 @@ class Operator(Generic[M, V]):
 
     Each message written leads to exactly one `Item`. Use it as a context manager, in one event
     loop: at the end of the block it takes no more messages and waits until all are answered; if
-    the block is left by an exception, it `stop`s.
+    the block is left by an exception, it `stop`s. Calls that go on although they were cancelled are
+    waited for no longer than a second; a line of the log says how many are left.
 
     Args:
         local: Computes each message on board: a `Local`, an ``async def`` of a message and its
@@ -96,18 +93,19 @@ class Operator(Generic[M, V]):
         self._output_len = output_len
         self._path = trace
         self._clock = clock
-        self._clouds: list[tuple[Cloud, Lane[Any]]] = []
+        self._clouds: list[RegisteredCloud] = []
         self._situation: Callable[[M, int], Situation] | None = None
         self._driver: Driver[M, V] | None = None
         self._items: deque[Item[V]] = deque()
-        self._readers, self._writers = Bell(), Bell()
+        #: Who waits for an item, and who waits for room; each is set and cleared at once.
+        self._readers, self._writers = asyncio.Event(), asyncio.Event()
         self._feeds: set[asyncio.Task[None]] = set()
         self._feed_error: Exception | None = None
         self._count = 0
         self._is_last = self._is_over = self._is_handling = False
 
     def __repr__(self) -> str:
-        clouds = [cloud.name for cloud, _ in self._clouds]
+        clouds = [it.cloud.name for it in self._clouds]
         state = "over" if self._is_over else "running" if self._driver else "not started"
         return f"<Operator {self.name!r} clouds={clouds} {state}, {self._count} messages>"
 
@@ -164,13 +162,18 @@ class Operator(Generic[M, V]):
             raise ConfigError(
                 "a message handler is a plain function; costly encoding belongs in the handle"
             )
-        name = name or f"cloud-{priority}"
-        cloud = Cloud(priority, limit, resume, name)
-        lane: Lane[Any] = Lane(Source(priority, name), calls)
-        lane.handlers = Handlers(handle, message_handler, response_handler)
-        lane.linger = nanoseconds(linger)
-        lane.policy = None if policy is None else policy_of(policy)
-        self._clouds.append((cloud, lane))
+        cloud = Cloud(priority, limit, resume, name or f"cloud-{priority}")
+        self._clouds.append(
+            RegisteredCloud(
+                cloud,
+                handle,
+                message_handler,
+                response_handler,
+                calls,
+                nanoseconds(linger),
+                None if policy is None else policy_of(policy),
+            )
+        )
 
     def use_situation(self, situation: Callable[[M, int], Situation]) -> None:
         """Set what policies learn of the vehicle with each message taken in, above all its speed.
@@ -188,26 +191,24 @@ class Operator(Generic[M, V]):
         """
         if self._driver is not None:
             raise ConfigError("an operator is started once; make another")
-        fusion = Fusion(
-            [cloud for cloud, _ in self._clouds],
-            window=self._window,
-            commit=self._commit,
-            operator=self.name,
-            record=self._path is not None,
-        )
         local = self._local
-        engine: Engine[M, V] = Engine(
+        engine = Engine(
+            [it.cloud for it in self._clouds],
+            [it.calls for it in self._clouds],
+            (local.at_once, local.waiting, local.skip_answered, local.lossy),
+            self._window,
+            self._commit,
             self.name,
-            fusion,
-            Lane(Source(0, "local"), local.at_once),
-            [lane for _, lane in self._clouds],
-            local.deadline,
-            self._window if local.waiting is None else local.waiting,
-            local.skip_answered,
+            self._path,
         )
-        tape = None if self._path is None else Tape(self._path)
+        for it in self._clouds:
+            engine.set_linger(it.cloud.p, it.linger)
+            if it.policy is not None:
+                engine.set_policy(it.cloud.p, compiled(it.policy))
         await local._start()
-        self._driver = Driver(engine, local, tape, self._clock, self._put, self._end_if_idle)
+        self._driver = Driver(
+            self.name, engine, local, self._clouds, self._clock, self._put, self._end_if_idle
+        )
 
     async def __aenter__(self) -> Operator[M, V]:
         await self.start()
@@ -223,11 +224,10 @@ class Operator(Generic[M, V]):
             if error is None:
                 self.close()
                 while not self._is_over:
-                    await self._readers.rung()
+                    await self._readers.wait()
         finally:
             self.stop()
-            if self._feeds:
-                await asyncio.wait(set(self._feeds))
+            await wait_for_cancelled(self.name, "feeds", self._feeds)
             if self._driver is not None:
                 await self._driver.finish()
         if error is None:
@@ -256,7 +256,7 @@ class Operator(Generic[M, V]):
         self._is_handling = True
         try:
             if self._situation is not None:
-                driver.engine.situation = self._assess(message, t)
+                self._assess(driver, self._situation, message, t)
                 if self._is_last:
                     raise Closed("the situation's handler ended the operator")
             self._count += 1
@@ -277,7 +277,7 @@ class Operator(Generic[M, V]):
                 await stack.enter_async_context(contextlib.aclosing(messages))
             async for message in _each(messages):
                 while len(self._items) >= self._output_len and not self._is_last:
-                    await self._writers.rung()
+                    await self._writers.wait()
                 self.write(message)
                 count += 1
         return count
@@ -295,7 +295,7 @@ class Operator(Generic[M, V]):
     def close(self) -> None:
         """Take no more messages; the items end once all are answered."""
         self._is_last = True
-        self._writers.ring()
+        _wake(self._writers)
         self._end_if_idle()
 
     def stop(self) -> None:
@@ -310,8 +310,8 @@ class Operator(Generic[M, V]):
         for task in self._feeds:
             task.cancel()
         self._driver.stop()
-        self._writers.ring()
-        self._readers.ring()
+        _wake(self._writers)
+        _wake(self._readers)
 
     # Items.
 
@@ -324,19 +324,36 @@ class Operator(Generic[M, V]):
         while not self._items:
             if self._is_over:
                 raise StopAsyncIteration
-            await self._readers.rung()
+            await self._readers.wait()
         item = self._items.popleft()
-        if self._writers and len(self._items) < self._output_len:
-            self._writers.ring()
+        if len(self._items) < self._output_len:
+            _wake(self._writers)
         return item
 
     @property
     def counts(self) -> Counter[tuple[str, str, str]]:
         """What happened so far: source or operator, what it is about, and what became of it.
 
-        For instance ``counts["west", "result", "forwarded"]``.
+        For instance ``counts["west", "result", "forwarded"]``. They are those of the Rust
+        operator's `Tally`: ``counts[name, "message", "accepted"]`` are the messages taken on,
+        those refused are not among them. A source also has ``"request", "lost"``, computations
+        that counted as lost, and ``"failed because"`` with each of its first eight reasons;
+        failures of other reasons are counted as ``"other reasons"``.
         """
-        return Counter() if self._driver is None else Counter(self._driver.engine.counts)
+        counts: Counter[tuple[str, str, str]] = Counter()
+        if self._driver is not None:
+            # Two sources may have one name.
+            for key, count in self._driver.counting.counts():
+                counts[key] += count
+        return counts
+
+    @property
+    def deadlines(self) -> dict[str, CurrentDeadline]:
+        """The deadline in force of each cloud, by its name: that of its latest offer, and why."""
+        if self._driver is None:
+            return {}
+        in_force = self._driver.counting.deadlines()
+        return {name: CurrentDeadline(ns(deadline), why) for name, deadline, why in in_force}
 
     @property
     def unrecorded(self) -> OSError | None:
@@ -350,21 +367,25 @@ class Operator(Generic[M, V]):
 
     def _put(self, item: Item[V]) -> None:
         self._items.append(item)
-        if self._readers:
-            self._readers.ring()
+        _wake(self._readers)
 
     def _end_if_idle(self) -> None:
         driver = self._driver
-        if self._is_last and driver is not None and not driver.engine.stories:
+        if self._is_last and driver is not None and driver.is_idle:
             self.stop()
 
-    def _assess(self, message: M, t: int) -> Situation:
-        assert self._situation is not None
+    def _assess(
+        self,
+        driver: Driver[M, V],
+        situation: Callable[[M, int], Situation],
+        message: M,
+        t: int,
+    ) -> None:
         try:
-            return self._situation(message, t)
+            driver.set_situation(situation(message, t))
         except Exception:
             _log.exception("%s: the situation's handler failed: nothing is known", self.name)
-            return Situation()
+            driver.set_situation(Situation())
 
     async def _feed(self, messages: AsyncIterable[M] | Iterable[M]) -> None:
         try:
@@ -377,6 +398,12 @@ class Operator(Generic[M, V]):
         except Exception as error:
             self._feed_error = error
         self.close()
+
+
+def _wake(event: asyncio.Event) -> None:
+    """Wake all who wait for it now."""
+    event.set()
+    event.clear()
 
 
 async def _each(messages: AsyncIterable[M] | Iterable[M]) -> AsyncIterator[M]:

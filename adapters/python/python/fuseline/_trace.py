@@ -125,7 +125,7 @@ class Trace:
     def _ways(self) -> tuple[dict[int, list[Point]], list[Point], list[float]]:
         """What each source's messages took, where clouds were waited for in vain, what missed."""
         opened: dict[int, int] = {}
-        asked: dict[tuple[int, int], int] = {}
+        requested: dict[tuple[int, int], int] = {}
         went: dict[int, list[Point]] = {}
         waits: list[Point] = []
         missed: list[float] = []
@@ -140,9 +140,11 @@ class Trace:
             elif t not in opened:
                 continue
             elif line.ev == "request" and line.p is not None:
-                asked[t, line.p] = line.at
+                requested[t, line.p] = line.at
             elif line.ev in ("timer", "cancel") and line.p:
-                waits.append((opened[t] / 1e9, (line.at - asked.get((t, line.p), line.at)) / 1e6))
+                waits.append(
+                    (opened[t] / 1e9, (line.at - requested.get((t, line.p), line.at)) / 1e6)
+                )
             elif line.ev == "emit" and line.p is not None:
                 at = opened.pop(t)
                 went.setdefault(line.p, []).append((at / 1e9, (line.at - at) / 1e6))

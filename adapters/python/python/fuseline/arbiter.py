@@ -34,15 +34,15 @@ Decision = dict[str, Any]
 
 
 def decisions(fusion: Fusion, event: dict[str, Any]) -> Iterator[Decision]:
-    """Give an input to the machine, and say what it decided, in order."""
-    fired, said = _apply(fusion, event)
+    """Give an input to the machine, and yield what it decided, in order."""
+    fired, answer = _apply(fusion, event)
     now = fusion.now
     for firing in fired:
         for p in firing.timers:
             yield {"ev": "timer", "at": now, "t": firing.t, "p": p}
-        yield from _said(firing.outcome, now, {"t": firing.t})
+        yield from _decisions_of(firing.outcome, now, {"t": firing.t})
     about: dict[str, int] = {key: event[key] for key in ("t", "p") if key in event}
-    yield from _said(said, now, about)
+    yield from _decisions_of(answer, now, about)
 
 
 def _apply(
@@ -62,7 +62,7 @@ def _apply(
             return fusion.tick(at), Waiting()
 
 
-def _said(
+def _decisions_of(
     answer: Opening | Admission | Outcome, now: int, about: dict[str, int]
 ) -> Iterator[Decision]:
     match answer:
@@ -89,13 +89,13 @@ def serve(lines: IO[bytes], out: IO[bytes]) -> None:
     fusion: Fusion | None = None
     for line in lines:
         event = json.loads(line)
-        said: list[Decision] = []
+        decided: list[Decision] = []
         if "fuseline" in event:
             fusion = Fusion.from_header(line)
         elif fusion is not None:
-            said = list(decisions(fusion, event))
+            decided = list(decisions(fusion, event))
         # Whoever asks waits for the whole answer: flush it.
-        out.write("\n".join([*map(json.dumps, said), '{"ev":"done"}\n']).encode())
+        out.write("\n".join([*map(json.dumps, decided), '{"ev":"done"}\n']).encode())
         out.flush()
 
 

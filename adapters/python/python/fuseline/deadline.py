@@ -22,7 +22,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import Literal, NamedTuple, Protocol, TypeAlias
+from typing import Any, Literal, NamedTuple, Protocol, TypeAlias
 
 from fuseline import _fuseline
 from fuseline._judge import Duration
@@ -264,10 +264,15 @@ class Constant(_Capping):
     """
 
     def __init__(self, deadline: Duration) -> None:
-        self.deadline = _fuseline.nanoseconds(deadline)
+        self._deadline = _fuseline.nanoseconds(deadline)
 
     def __repr__(self) -> str:
         return f"Constant({self.deadline!r})"
+
+    @property
+    def deadline(self) -> ns:
+        """The deadline, which never changes."""
+        return self._deadline
 
     def decide(self, situation: Situation, cap: Duration) -> Chosen:  # noqa: ARG002
         """The deadline, or the cap if that is shorter."""
@@ -425,6 +430,20 @@ def policy_of(policy: Policy | Callable[[Situation, ns], Duration]) -> Policy:
     return Called(policy) if not hasattr(policy, "decide") else policy  # type: ignore[return-value]
 
 
-def _chosen(told: tuple[int, str, int | None, float | None]) -> Chosen:
-    deadline, reason, case, loss = told
+def compiled(policy: Policy) -> Any:
+    """What the engine takes: of this module's own policies what is compiled, else the policy."""
+    # What is derived from them may have methods of its own.
+    if type(policy) is Constant:
+        return policy.deadline
+    if type(policy) is Guard:
+        return policy._guard
+    if type(policy) is Expected:
+        return policy._expected
+    if type(policy) is Capped:
+        return compiled(policy._cap), compiled(policy._policy)
+    return policy
+
+
+def _chosen(fields: tuple[int, str, int | None, float | None]) -> Chosen:
+    deadline, reason, case, loss = fields
     return Chosen(ns(deadline), Reason(reason), None if case is None else Case(case), loss)

@@ -21,8 +21,7 @@ from types import TracebackType
 from typing import Any
 from urllib.parse import urlsplit
 
-from fuseline._engine import words
-from fuseline._errors import CallError, ConfigError
+from fuseline._errors import CallError, ConfigError, in_one_line
 from fuseline._item import Call
 
 try:
@@ -164,18 +163,18 @@ class Remote:
             CallError: if the cloud or the connection to it fails, or the seconds pass.
         """
         try:
-            said = await self._call("Describe", empty_pb2.Empty(), DESCRIPTION, deadline)
+            reply = await self._call("Describe", empty_pb2.Empty(), DESCRIPTION, deadline)
         except CallError as error:
             cause = error.__cause__
             if isinstance(cause, grpc.RpcError) and cause.code() is grpc.StatusCode.UNIMPLEMENTED:
                 return None
             raise
         return Description(
-            said.model,
-            said.runtime_ms if said.HasField("runtime_ms") else None,
-            said.ap if said.HasField("ap") else None,
-            said.drive,
-            said.emulated,
+            reply.model,
+            reply.runtime_ms if reply.HasField("runtime_ms") else None,
+            reply.ap if reply.HasField("ap") else None,
+            reply.drive,
+            reply.emulated,
         )
 
     async def close(self) -> None:
@@ -347,17 +346,17 @@ class Server:
         except asyncio.CancelledError:
             raise
         except Exception as error:
-            _log.warning("message %d was not computed: %s", request.timestamp, words(error))
-            why = words(error)
+            why = in_one_line(error)[:200]
+            _log.warning("message %d was not computed: %s", request.timestamp, why)
         return await context.abort(grpc.StatusCode.INTERNAL, why)
 
     async def _describes(self, _: Any, context: Any) -> Any:
         await self._admit(context)
-        said = self._description
-        if said is None:
+        description = self._description
+        if description is None:
             why = "the server does not say what it serves"
             return await context.abort(grpc.StatusCode.UNIMPLEMENTED, why)
-        given = {name: value for name, value in vars(said).items() if value is not None}
+        given = {name: value for name, value in vars(description).items() if value is not None}
         return DESCRIPTION(**given)
 
     async def _admit(self, context: Any) -> None:

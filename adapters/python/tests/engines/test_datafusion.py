@@ -23,8 +23,10 @@ def test_datafusion_answers_the_summaries_as_duckdb_does(drives: list[str], tmp_
         engine.execute(f"CREATE VIEW verdicts AS SELECT * FROM '{path}'")
         engine.execute(fleet.FLATTEN["duckdb"])
         for name, sql in fleet.SUMMARIES.items():
-            said = [tuple(row.values()) for row in context.sql(sql).to_arrow_table().to_pylist()]
-            assert [tuple(map(number, row)) for row in said] == [
+            answered = [
+                tuple(row.values()) for row in context.sql(sql).to_arrow_table().to_pylist()
+            ]
+            assert [tuple(map(number, row)) for row in answered] == [
                 tuple(map(number, row)) for row in engine.execute(sql).fetchall()
             ], name
 

@@ -42,7 +42,7 @@ def cluster() -> Iterator[None]:
     shutil.rmtree(folder, ignore_errors=True)
 
 
-def told(table: pa.Table) -> list[dict[str, Any]]:
+def comparable(table: pa.Table) -> list[dict[str, Any]]:
     """The rows by file and line."""
     rows: list[dict[str, Any]] = table.to_pylist()
     return sorted(rows, key=lambda row: (row["file"], row["line"] or 0, row["t"] or 0))
@@ -59,7 +59,7 @@ def test_ray_gives_the_rows_that_judging_one_by_one_gives(
     on_ray.judge(drives, files_per_task=5).write_parquet(str(tmp_path / "rows"))
     rows = read(tmp_path / "rows")
     assert rows.schema.names == fleet.schema().names
-    assert told(rows) == told(fleet.judge_all(drives))
+    assert comparable(rows) == comparable(fleet.judge_all(drives))
 
 
 @pytest.mark.usefixtures("cluster")
@@ -94,8 +94,8 @@ def test_no_verdict_is_lost_or_doubled_when_a_worker_is_killed(
     begun = [name.split("-", 1)[1].rsplit("-", 1)[0] for name in names]
     assert len(workers) >= 3, "a single process did it all"
     assert len(begun) > len(drives), "nothing was judged again: the killed worker was idle"
-    rows = told(read(tmp_path / "rows"))
-    alone = told(fleet.judge_all(drives, drive=lambda file: Path(file).stem))
+    rows = comparable(read(tmp_path / "rows"))
+    alone = comparable(fleet.judge_all(drives, drive=lambda file: Path(file).stem))
     assert rows == alone
 
 

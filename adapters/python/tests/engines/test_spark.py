@@ -49,7 +49,7 @@ def plain(value: Any) -> Any:
     return value
 
 
-def told(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def comparable(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """The rows by file and line."""
     return sorted(rows, key=lambda row: (row["file"], row["line"] or 0, row["t"] or 0))
 
@@ -60,8 +60,8 @@ def test_spark_gives_the_rows_that_judging_one_by_one_gives(
     frame = on_spark.judge(session, drives, files_per_task=20)
     assert frame.columns == fleet.schema().names
     rows = [{name: plain(it) for name, it in row.asDict().items()} for row in frame.collect()]
-    alone = told(fleet.judge_all(drives).to_pylist())
-    assert told(rows) == alone
+    alone = comparable(fleet.judge_all(drives).to_pylist())
+    assert comparable(rows) == alone
 
     frame.write.parquet(str(tmp_path / "rows"))
     fleet.report(tmp_path / "rows", tmp_path / "page.html")
@@ -81,8 +81,10 @@ def test_spark_answers_the_summaries_as_duckdb_does(
         engine.execute(f"CREATE VIEW verdicts AS SELECT * FROM '{tmp_path / 'rows.parquet'}'")
         engine.execute(fleet.FLATTEN["duckdb"])
         for name, sql in fleet.SUMMARIES.items():
-            said = [tuple(map(number, row)) for row in session.sql(sql).collect()]
-            assert said == [tuple(map(number, row)) for row in engine.execute(sql).fetchall()], name
+            answered = [tuple(map(number, row)) for row in session.sql(sql).collect()]
+            assert answered == [
+                tuple(map(number, row)) for row in engine.execute(sql).fetchall()
+            ], name
 
 
 def number(value: Any) -> Any:

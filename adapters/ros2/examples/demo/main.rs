@@ -94,7 +94,7 @@ fn main() -> Result<(), Any> {
     }
 }
 
-/// Starts all parts, is the camera, and tells what comes out.
+/// Starts all parts, is the camera, and prints what is sent.
 async fn direct() -> Result<(), Any> {
     let folder = tempfile::tempdir()?;
     let trace = folder.path().join("run.jsonl");
@@ -252,7 +252,7 @@ async fn model(model: &Model) -> Result<(), Any> {
         tokio::spawn(async move {
             sleep(takes).await;
             let header = Header { stamp: image.header.stamp, frame_id: name.into() };
-            // Whoever asked may be gone.
+            // The requester may have left.
             drop(points.publish(PointStamped { header, point: [1.0, 2.0, 3.0] }).await);
         });
     }

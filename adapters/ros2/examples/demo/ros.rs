@@ -32,7 +32,7 @@ pub(crate) enum Subscription<M> {
     Zenoh(ros2_client::zenoh::Subscription<M>),
 }
 
-/// Whether this process was told to speak Zenoh.
+/// Whether this process is configured to use Zenoh.
 pub(crate) fn is_over_zenoh() -> bool {
     cfg!(feature = "zenoh") && std::env::args().any(|word| word == "--zenoh")
 }

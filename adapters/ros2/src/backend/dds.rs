@@ -19,8 +19,8 @@ use super::{DiscoveredNode, MessagePublisher, TypeName};
 use crate::error::NodeError;
 use crate::middleware::{Domain, DomainHandle, InUse, NewEntity, RecentIds};
 use crate::parameters::{Value, ros};
-use crate::report::Time;
-use crate::service::{PendingRequest, Reply, Requests, WAITING};
+use crate::report::RosTime;
+use crate::service::{PendingRequest, Requests, ServiceReply, WAITING};
 use crate::settings::{Qos, Settings};
 
 /// How many requests a service has room for, as ROS's services have: those that come while a participant is not in use yet.
@@ -35,21 +35,21 @@ pub(crate) struct Participant {
     domain: DomainHandle,
     pending: PendingNode,
     /// As they are set now.
-    parameters: Arc<Mutex<Parameters>>,
+    parameters: Arc<Mutex<ParameterMap>>,
     name: String,
 }
 
 /// The node of a participant while its publishers and services are created.
 type PendingNode = Arc<Mutex<Option<Node>>>;
 
-type Parameters = BTreeMap<String, Value>;
+type ParameterMap = BTreeMap<String, Value>;
 
 impl Participant {
     pub(super) fn show(settings: &Settings, domain: &Domain) -> Result<Self, NodeError> {
         let name = NodeName::new(&settings.node.namespace, &settings.node.name);
         let name = name.map_err(|error| NodeError::Ros(error.to_string()))?;
         let declared = settings.declared.iter().map(|it| (it.name.clone(), it.value.clone()));
-        let parameters = Arc::new(Mutex::new(declared.collect::<Parameters>()));
+        let parameters = Arc::new(Mutex::new(declared.collect::<ParameterMap>()));
         let (domain, pending) = (domain.handle(), PendingNode::default());
         let (next, current) = (pending.clone(), Arc::clone(&parameters));
         domain.create(move |joined| {
@@ -126,7 +126,7 @@ impl Participant {
         let service = Arc::new(Service {
             name: service.to_owned(),
             requested,
-            taken: Mutex::new(RecentIds::new(REMEMBERED)),
+            recent: Mutex::new(RecentIds::new(REMEMBERED)),
             server: InUse::default(),
         });
         let pending = Arc::clone(&self.pending);
@@ -179,7 +179,7 @@ impl Participant {
         Ok(DiscoveredNode {
             // The time of day, or simulated time.
             clock: Box::new(move || {
-                Time::of_nanos(clock.with(|node| node.time_now().to_nanos()).unwrap_or(0))
+                RosTime::of_nanos(clock.with(|node| node.time_now().to_nanos()).unwrap_or(0))
             }),
             set: Box::new(move |name, value| {
                 locked(&parameters).insert(name.to_owned(), value.clone());
@@ -193,7 +193,7 @@ impl Participant {
 struct Service<Q: Message, R: Message> {
     name: String,
     requested: mpsc::Sender<PendingRequest<Q, R>>,
-    taken: Mutex<RecentIds<RmwRequestId>>,
+    recent: Mutex<RecentIds<RmwRequestId>>,
     server: InUse<Arc<Server<Q, R>>>,
 }
 
@@ -209,7 +209,7 @@ where
         start: oneshot::Receiver<()>,
         closed: impl Future<Output = ()>,
     ) {
-        // Before, who asks has met the former server, but perhaps not yet this one to be answered by.
+        // Before, the client has met the former server, but perhaps not yet this one to be answered by.
         if start.await.is_err() {
             return;
         }
@@ -229,11 +229,11 @@ where
                 }
                 None => return,
             };
-            if !locked(&self.taken).insert(id) {
+            if !locked(&self.recent).insert(id) {
                 continue;
             }
             let service = Arc::clone(&self);
-            let reply = Reply::new(move |answer| {
+            let reply = ServiceReply::new(move |answer| {
                 let sent = service.server.with(|it| it.send_response(id, answer).is_ok());
                 if !sent.unwrap_or(false) {
                     debug!(service = service.name, "answer not sent");
@@ -262,7 +262,7 @@ fn with_node<T>(
 /// Sets a parameter: it is published on `/parameter_events`, and simulated time is followed if it is to be.
 fn set(node: &Node, name: &str, value: ParameterValue) {
     if let Err(why) = node.set_parameter(name, value) {
-        debug!(name, why, "a change that is not told");
+        debug!(name, why, "a change that is not reported");
     }
 }
 

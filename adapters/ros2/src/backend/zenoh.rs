@@ -12,15 +12,15 @@ use tokio::task::{JoinSet, spawn_blocking};
 use tracing::debug;
 use zenoh::Wait;
 
-use super::{DiscoveredNode, MessagePublisher, TOLD, TypeName};
+use super::{DiscoveredNode, MessagePublisher, REPORTS, TypeName};
 use crate::error::NodeError;
 use crate::middleware::Publish;
 use crate::middleware::zenoh::wire::Attachment;
 use crate::middleware::zenoh::{ZenohSession, time_of_day};
 use crate::parameters::{Value, ros};
 use crate::raw::Payload;
-use crate::report::Time;
-use crate::service::{PendingRequest, Reply, Requests, WAITING};
+use crate::report::RosTime;
+use crate::service::{PendingRequest, Requests, ServiceReply, WAITING};
 use crate::settings::{Qos, Role, Settings};
 
 /// How many requests of a service may wait in the session; the oldest are left out.
@@ -71,7 +71,7 @@ impl ZenohSession {
                     debug!(name, "a request that cannot be read");
                     continue;
                 };
-                let reply = Reply::new(move |answer: R| {
+                let reply = ServiceReply::new(move |answer: R| {
                     let Some(payload) = Payload::of(&answer) else { return };
                     let attachment = Attachment { sent: time_of_day(), ..id }.to_bytes();
                     spawn_blocking(move || {
@@ -103,17 +103,17 @@ impl ZenohSession {
             std::future::ready(())
         })?;
         let ty = TypeName { package: "rcl_interfaces", name: "ParameterEvent" };
-        let events = self.message_publisher::<ParameterEvent>("/parameter_events", ty, TOLD)?;
+        let events = self.message_publisher::<ParameterEvent>("/parameter_events", ty, REPORTS)?;
         let node = self.node();
         let follower = Arc::clone(&follows);
-        // The ends stay open as long as the time is told.
+        // The ends stay open as long as the time is published.
         let session = std::sync::Mutex::new(self);
         Ok(DiscoveredNode {
             clock: Box::new(move || {
                 let _ = &session;
                 let is_simulated = follows.load(Ordering::Relaxed);
                 let simulated = simulated.load(Ordering::Relaxed);
-                Time::of_nanos(if is_simulated { simulated } else { time_of_day() })
+                RosTime::of_nanos(if is_simulated { simulated } else { time_of_day() })
             }),
             set: Box::new(move |name, value| {
                 if let ("use_sim_time", Value::Bool(value)) = (name, value) {

@@ -7,31 +7,31 @@ use tokio::sync::mpsc;
 use tokio::time::{Instant, Interval};
 use tracing::{debug, info, warn};
 
-use super::{Fusion, LOCAL, LoopState};
+use super::{LOCAL, LoopState, NodeFusion};
 use crate::key::KeyError;
-use crate::middleware::{Endpoint, Sample};
+use crate::middleware::{Endpoint, ReceivedPayload};
 use crate::raw::Payload;
 use crate::settings::{Change, seconds};
 use crate::stamps::KeyOrder;
 
-/// The channels on which the node hears.
+/// The channels on which the node receives.
 pub(crate) struct InputChannels<'a> {
-    pub(crate) inputs: mpsc::Receiver<Sample>,
+    pub(crate) inputs: mpsc::Receiver<ReceivedPayload>,
     /// Results, each with the index of its source.
-    pub(crate) results: mpsc::Receiver<(usize, Sample)>,
-    pub(crate) deadlines: mpsc::Receiver<Sample>,
-    pub(crate) speeds: mpsc::Receiver<Sample>,
+    pub(crate) results: mpsc::Receiver<(usize, ReceivedPayload)>,
+    pub(crate) deadlines: mpsc::Receiver<ReceivedPayload>,
+    pub(crate) speeds: mpsc::Receiver<ReceivedPayload>,
     pub(crate) changes: &'a mut mpsc::UnboundedReceiver<Change>,
     pub(crate) report: Interval,
 }
 
-impl Fusion<'_> {
+impl NodeFusion<'_> {
     /// Whether messages are taken in.
     pub(super) fn is_active(&self) -> bool {
         self.orders.as_ref().is_none_or(|orders| orders.is_active)
     }
 
-    /// A managed node is told what to do.
+    /// A request to a managed node's lifecycle.
     pub(super) fn poll_orders(
         &mut self,
         context: &mut Context<'_>,
@@ -42,7 +42,7 @@ impl Fusion<'_> {
     }
 
     /// Something came on the input topic: a message, if it has a key that no open message has.
-    pub(super) fn take(&mut self, sample: Sample) -> Option<Incoming<Payload, Payload>> {
+    pub(super) fn take(&mut self, sample: ReceivedPayload) -> Option<Incoming<Payload, Payload>> {
         let LoopState { stamps, next, intake, .. } = &mut self.memory;
         let Ok(message) = sample.inspect_err(|error| debug!(%error, "input not read")) else {
             intake.encoding += 1;
@@ -77,10 +77,10 @@ impl Fusion<'_> {
     /// Something came on a source's topic: a result, if it has the key of a message.
     pub(super) fn result(
         &mut self,
-        place: usize,
-        sample: Sample,
+        index: usize,
+        sample: ReceivedPayload,
     ) -> Option<Incoming<Payload, Payload>> {
-        let source = &mut self.sources[place];
+        let source = &mut self.sources[index];
         let key = sample.ok().and_then(|payload| {
             let key = self.output_key.read(&payload.body, payload.big_endian).ok()?;
             Some((key, payload))
@@ -103,7 +103,7 @@ impl Fusion<'_> {
     }
 
     /// The environment decides the deadline: `std_msgs/msg/Float64`, seconds.
-    pub(super) fn environment(&mut self, sample: Sample) {
+    pub(super) fn environment(&mut self, sample: ReceivedPayload) {
         let decided = sample.ok().and_then(|payload| {
             let bytes = *payload.body.first_chunk()?;
             let is_big = payload.big_endian;
@@ -117,7 +117,7 @@ impl Fusion<'_> {
     }
 
     /// The vehicle's speed came.
-    pub(super) fn take_speed(&mut self, sample: Sample) {
+    pub(super) fn take_speed(&mut self, sample: ReceivedPayload) {
         let Some(speed) = &mut self.speed else { return };
         if !sample.is_ok_and(|payload| speed.take(Instant::now(), &payload)) {
             debug!("a speed that is none: it counts as unknown");

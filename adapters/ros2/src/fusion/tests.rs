@@ -14,12 +14,12 @@ use node::{Node, payload};
 use tokio::time::{Instant, sleep, sleep_until};
 
 use super::*;
-use crate::lifecycle::{Task, TransitionResult};
+use crate::lifecycle::{LifecycleTask, TransitionResult};
 use crate::settings::Change;
 
 const MS: Duration = Duration::from_millis(1);
 
-/// What a source does with a message, in milliseconds from when it is asked.
+/// What a source does with a message, in milliseconds from the request.
 #[derive(Clone, Copy)]
 enum SourceAction {
     Answers(u64),
@@ -33,7 +33,7 @@ use SourceAction::{Answers, Fails, Loses, Panics};
 /// What a source does with each message.
 type Plan = fn(u64) -> SourceAction;
 
-/// What happens, for either transport: the timestamp of a message is its place.
+/// What happens, for either transport: the timestamp of a message is its index.
 #[derive(Clone)]
 struct Script {
     local: Plan,
@@ -43,7 +43,7 @@ struct Script {
     messages: Vec<u64>,
 }
 
-/// The value names who computed it, for which message, and when it was asked.
+/// The value names who computed it, for which message, and when it was requested.
 fn value(source: &str, t: u64, requested: Duration) -> String {
     format!("{source}'s of {t}, asked at {} ms", requested.as_millis())
 }
@@ -120,8 +120,8 @@ async fn on_streams(script: &Script) -> Vec<String> {
     lines
 }
 
-fn line(at: u128, t: u64, what: &str) -> String {
-    format!("{at} ms: {t} {what}")
+fn line(at: u128, t: u64, text: &str) -> String {
+    format!("{at} ms: {t} {text}")
 }
 
 async fn on_topics(script: &Script) -> Vec<String> {
@@ -185,7 +185,7 @@ async fn local_that_says_nothing_is_missed_at_its_limit() {
 #[tokio::test(start_paused = true)]
 async fn local_is_asked_again_after_all_that_it_was_asked_got_lost() {
     // Local is killed at 1 s and back at 2 s; what it was sent meanwhile is gone. Four are at once,
-    // as by default. The cloud answers all the same, so that no timer of the rules tells of it.
+    // as by default. The cloud answers all the same, so that no timer of the rules shows it.
     let node = Node::start(|_| Answers(10), &[(500, |_| Answers(15))]);
     node.feed(0, (0..30).map(|t| t * 1000 / 30)).await;
     node.until(999).await;
@@ -336,13 +336,19 @@ async fn d16_a_managed_node_takes_in_what_comes_while_it_is_active_and_answers_i
     let node = Node::start_with(|_| Answers(300), &[], &["-p", "lifecycle:=true"]);
     node.feed(0, [10]).await;
     node.until(20).await;
-    assert_eq!(node.publish_report(Task::Activate).await.await, Ok(TransitionResult::Success));
+    assert_eq!(
+        node.publish_report(LifecycleTask::Activate).await.await,
+        Ok(TransitionResult::Success)
+    );
     node.feed(1, [30]).await;
     node.until(40).await;
-    assert_eq!(node.publish_report(Task::Deactivate).await.await, Ok(TransitionResult::Success));
+    assert_eq!(
+        node.publish_report(LifecycleTask::Deactivate).await.await,
+        Ok(TransitionResult::Success)
+    );
     node.feed(2, [50]).await;
     node.until(60).await;
-    let closed = node.publish_report(Task::CleanUp).await;
+    let closed = node.publish_report(LifecycleTask::CleanUp).await;
     node.feed(3, [70]).await;
     assert_eq!(closed.await, Ok(TransitionResult::Success));
     assert_eq!(node.start.elapsed(), 330 * MS);

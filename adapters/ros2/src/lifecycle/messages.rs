@@ -5,14 +5,14 @@ use serde::{Deserialize, Serialize};
 
 /// `msg/State`.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
-pub(super) struct State {
+pub(super) struct StateMessage {
     pub(super) id: u8,
     pub(super) label: String,
 }
 
 /// `msg/Transition`.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
-pub(super) struct Transition {
+pub(super) struct TransitionMessage {
     pub(super) id: u8,
     pub(super) label: String,
 }
@@ -20,9 +20,9 @@ pub(super) struct Transition {
 /// `msg/TransitionDescription`.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub(super) struct TransitionDescription {
-    transition: Transition,
-    start_state: State,
-    goal_state: State,
+    transition: TransitionMessage,
+    start_state: StateMessage,
+    goal_state: StateMessage,
 }
 
 /// `msg/TransitionEvent`.
@@ -36,7 +36,7 @@ pub(super) struct TransitionEvent {
 /// `srv/ChangeState_Request`.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub(super) struct ChangeStateRequest {
-    pub(super) transition: Transition,
+    pub(super) transition: TransitionMessage,
 }
 
 /// `srv/ChangeState_Response`.
@@ -54,13 +54,13 @@ pub(super) struct EmptyRequest {
 /// `srv/GetState_Response`.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub(super) struct CurrentState {
-    pub(super) current_state: State,
+    pub(super) current_state: StateMessage,
 }
 
 /// `srv/GetAvailableStates_Response`.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub(super) struct AvailableStates {
-    pub(super) available_states: Vec<State>,
+    pub(super) available_states: Vec<StateMessage>,
 }
 
 /// `srv/GetAvailableTransitions_Response`.
@@ -76,18 +76,18 @@ impl Message for CurrentState {}
 impl Message for AvailableStates {}
 impl Message for AvailableTransitions {}
 
-impl From<super::State> for State {
-    fn from(state: super::State) -> Self {
+impl From<super::LifecycleState> for StateMessage {
+    fn from(state: super::LifecycleState) -> Self {
         Self { id: state as u8, label: state.label().to_owned() }
     }
 }
 
 impl From<super::Transition> for TransitionDescription {
-    fn from(way: super::Transition) -> Self {
+    fn from(transition: super::Transition) -> Self {
         Self {
-            transition: Transition { id: way.id, label: way.label.to_owned() },
-            start_state: way.from.into(),
-            goal_state: way.to.into(),
+            transition: TransitionMessage { id: transition.id, label: transition.label.to_owned() },
+            start_state: transition.from.into(),
+            goal_state: transition.to.into(),
         }
     }
 }

@@ -1,4 +1,4 @@
-//! The five services of a managed node, and the topic on which it tells of its transitions.
+//! The five services of a managed node, and the topic on which it reports its transitions.
 
 use std::time::SystemTime;
 
@@ -11,14 +11,15 @@ use super::messages::{
     EmptyRequest, TransitionEvent,
 };
 use super::{
-    LifecycleRequest, LifecycleRequests, STATES, State, TRANSITIONS, Transition, TransitionResult,
+    LifecycleRequest, LifecycleRequests, LifecycleState, STATES, TRANSITIONS, Transition,
+    TransitionResult,
 };
-use crate::backend::{MessagePublisher, NodeBackend, TOLD, TypeName};
+use crate::backend::{MessagePublisher, NodeBackend, REPORTS, TypeName};
 use crate::error::NodeError;
 use crate::names::NodeName;
-use crate::service::{PendingRequest, Reply, Requests};
+use crate::service::{PendingRequest, Requests, ServiceReply};
 
-/// Serves the node's lifecycle in `tasks`: it begins unconfigured. What the node is told comes by the orders.
+/// Serves the node's lifecycle in `tasks`: it begins unconfigured. Requests to the node come by the orders.
 ///
 /// # Errors
 /// ROS refuses a service or the topic.
@@ -30,50 +31,54 @@ pub(crate) fn serve(
     // One at a time is under way.
     let (message_publisher, reported) = mpsc::channel(1);
     let ty = |name| TypeName { package: "lifecycle_msgs", name };
-    let services = Services {
+    let services = LifecycleServices {
         change: backend.serve("change_state", ty("ChangeState"), tasks)?,
         state: backend.serve("get_state", ty("GetState"), tasks)?,
         states: backend.serve("get_available_states", ty("GetAvailableStates"), tasks)?,
-        ways: backend.serve("get_available_transitions", ty("GetAvailableTransitions"), tasks)?,
+        transitions: backend.serve(
+            "get_available_transitions",
+            ty("GetAvailableTransitions"),
+            tasks,
+        )?,
         graph: backend.serve("get_transition_graph", ty("GetAvailableTransitions"), tasks)?,
         events: backend.message_publisher(
             &format!("{}/transition_event", node.full()),
             ty("TransitionEvent"),
-            TOLD,
+            REPORTS,
         )?,
     };
     tasks.spawn(services.run(message_publisher));
     Ok(LifecycleRequests { reported, is_active: false, last: None })
 }
 
-struct Services {
+struct LifecycleServices {
     change: Requests<ChangeStateRequest, ChangeStateResponse>,
     state: Requests<EmptyRequest, CurrentState>,
     states: Requests<EmptyRequest, AvailableStates>,
-    ways: Requests<EmptyRequest, AvailableTransitions>,
+    transitions: Requests<EmptyRequest, AvailableTransitions>,
     graph: Requests<EmptyRequest, AvailableTransitions>,
     events: MessagePublisher<TransitionEvent>,
 }
 
 /// A change of state that the node works on.
 struct PendingTransition {
-    reply: Reply<ChangeStateResponse>,
+    reply: ServiceReply<ChangeStateResponse>,
     done: oneshot::Receiver<TransitionResult>,
 }
 
-impl Services {
+impl LifecycleServices {
     async fn run(mut self, message_publisher: mpsc::Sender<LifecycleRequest>) {
-        let mut state = State::Unconfigured;
+        let mut state = LifecycleState::Unconfigured;
         let mut under_way: Option<PendingTransition> = None;
-        let described = |ways: Vec<Transition>| AvailableTransitions {
-            available_transitions: ways.into_iter().map(Into::into).collect(),
+        let described = |transitions: Vec<Transition>| AvailableTransitions {
+            available_transitions: transitions.into_iter().map(Into::into).collect(),
         };
         loop {
             tokio::select! {
-                how = done(&mut under_way) => {
+                result = done(&mut under_way) => {
                     if let Some(PendingTransition { reply, .. }) = under_way.take() {
-                        state = self.end(state, how);
-                        reply.send(ChangeStateResponse { success: how == TransitionResult::Success });
+                        state = self.end(state, result);
+                        reply.send(ChangeStateResponse { success: result == TransitionResult::Success });
                     }
                 }
                 Some(requested) = self.change.recv() => {
@@ -86,7 +91,7 @@ impl Services {
                 Some(requested) = self.states.recv() => requested.answer(|_| AvailableStates {
                     available_states: STATES.map(Into::into).to_vec(),
                 }),
-                Some(requested) = self.ways.recv() => requested.answer(|_| described(state.ways().collect())),
+                Some(requested) = self.transitions.recv() => requested.answer(|_| described(state.transitions().collect())),
                 Some(requested) = self.graph.recv() => requested.answer(|_| described(TRANSITIONS.to_vec())),
                 else => break,
             }
@@ -96,49 +101,50 @@ impl Services {
     /// Begins a change of state, unless there is no such way from here.
     fn begin(
         &self,
-        state: &mut State,
+        state: &mut LifecycleState,
         requested: PendingRequest<ChangeStateRequest, ChangeStateResponse>,
         message_publisher: &mpsc::Sender<LifecycleRequest>,
     ) -> Option<PendingTransition> {
         let PendingRequest { request: ChangeStateRequest { transition }, reply } = requested;
-        let begun = state.requested(transition.id, &transition.label).and_then(|(way, task)| {
-            let (order, done) = LifecycleRequest::new(task);
-            message_publisher.try_send(order).ok().map(|()| (way, done))
-        });
-        let Some((way, done)) = begun else {
+        let begun =
+            state.requested(transition.id, &transition.label).and_then(|(transition, task)| {
+                let (order, done) = LifecycleRequest::new(task);
+                message_publisher.try_send(order).ok().map(|()| (transition, done))
+            });
+        let Some((transition, done)) = begun else {
             let (id, label) = (transition.id, transition.label);
             warn!(id, label, state = state.label(), "there is no such transition from here");
             reply.send(ChangeStateResponse { success: false });
             return None;
         };
-        self.goes(way);
-        *state = way.to;
+        self.announce(transition);
+        *state = transition.to;
         Some(PendingTransition { reply, done })
     }
 
     /// Where what is under way ends. After an error everything is closed, and the node begins anew.
-    fn end(&self, mut state: State, how: TransitionResult) -> State {
-        let mut next = how;
-        while let Some(way) = state.ended(next) {
-            self.goes(way);
-            state = way.to;
+    fn end(&self, mut state: LifecycleState, result: TransitionResult) -> LifecycleState {
+        let mut next = result;
+        while let Some(transition) = state.ended(next) {
+            self.announce(transition);
+            state = transition.to;
             next = TransitionResult::Success;
         }
         state
     }
 
-    fn goes(&self, way: Transition) {
-        info!(from = way.from.label(), to = way.to.label(), "{}", way.label);
+    fn announce(&self, transition: Transition) {
+        info!(from = transition.from.label(), to = transition.to.label(), "{}", transition.label);
         let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
         let timestamp = u64::try_from(now.as_nanos()).unwrap_or(u64::MAX);
-        (self.events)(TransitionEvent { timestamp, transition: way.into() });
+        (self.events)(TransitionEvent { timestamp, transition: transition.into() });
     }
 }
 
 /// How what is under way went; never, if nothing is.
 async fn done(under_way: &mut Option<PendingTransition>) -> TransitionResult {
     match under_way {
-        // The node ended without a word.
+        // The node ended without an answer.
         Some(under_way) => (&mut under_way.done).await.unwrap_or(TransitionResult::Error),
         None => std::future::pending().await,
     }

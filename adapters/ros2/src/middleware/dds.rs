@@ -1,6 +1,7 @@
 //! Ends of topics over DDS: serialized messages in and out.
 
 mod domain;
+mod participants;
 mod recent;
 mod rejoin;
 mod wall_clock;
@@ -21,11 +22,12 @@ use rustdds::{
 use tokio::time::Instant;
 use tracing::warn;
 
-use self::domain::JoinedParticipant;
-pub(crate) use self::domain::{Domain, DomainHandle, InUse, NewEntity};
+pub(crate) use self::domain::Domain;
+use self::participants::JoinedParticipant;
+pub(crate) use self::participants::{DomainHandle, InUse, NewEntity};
 pub(crate) use self::recent::RecentIds;
 use super::end::{Endpoint, dds_type};
-use super::{DecodeError, Publish, Sample};
+use super::{DecodeError, Publish, ReceivedPayload};
 use crate::error::NodeError;
 use crate::raw::{Cdr, Payload};
 use crate::settings::Qos;
@@ -48,17 +50,17 @@ const REMEMBERED: usize = 1024;
 
 /// A publisher of serialized messages.
 pub(crate) struct SerializedPublisher {
-    writer: Arc<InUse<Writer>>,
+    writer: Arc<InUse<SharedWriter>>,
     stamper: Stamper,
     end: Arc<Endpoint>,
 }
 
-type Writer = Arc<DataWriter<Payload, Cdr>>;
+type SharedWriter = Arc<DataWriter<Payload, Cdr>>;
 
 /// A subscription, whichever participant its samples come to.
 struct Inlet<T> {
     take: T,
-    taken: Mutex<RecentIds<(GUID, i64)>>,
+    recent: Mutex<RecentIds<(GUID, i64)>>,
 }
 
 /// One writer's source timestamps: the time of day, but never going back.
@@ -92,7 +94,7 @@ impl Domain {
         self.handle().create(move |joined| {
             let dds = joined.topic(&topic, &ty, &qos)?;
             let next = joined.publisher.create_datawriter_no_key(&dds, Some(qos.clone()))?;
-            let (next, next_end) = (Writer::new(next), Arc::new(end.in_new_participant()));
+            let (next, next_end) = (SharedWriter::new(next), Arc::new(end.in_new_participant()));
             let (watched, its_end) = (Arc::clone(&next), Arc::clone(&next_end));
             let participant = joined.participant.clone();
             joined.tasks.spawn(async move {
@@ -121,14 +123,14 @@ impl Domain {
         topic: &str,
         ty: &str,
         qos: Qos,
-        take: impl Fn(Sample) -> F + Send + Sync + 'static,
+        take: impl Fn(ReceivedPayload) -> F + Send + Sync + 'static,
     ) -> Result<Arc<Endpoint>, NodeError>
     where
         F: Future<Output = ()> + Send + 'static,
     {
-        let taken = Mutex::new(RecentIds::new(REMEMBERED.max(qos.depth.into())));
+        let recent = Mutex::new(RecentIds::new(REMEMBERED.max(qos.depth.into())));
         let qos = policies(qos).build();
-        let (end, inlet) = (Arc::new(Endpoint::new(topic, ty)), Arc::new(Inlet { take, taken }));
+        let (end, inlet) = (Arc::new(Endpoint::new(topic, ty)), Arc::new(Inlet { take, recent }));
         let (current_end, topic, ty) = (Arc::clone(&end), topic.to_owned(), ty.to_owned());
         self.handle().create(move |joined| {
             let dds = joined.topic(&topic, &ty, &qos)?;
@@ -156,7 +158,7 @@ impl JoinedParticipant {
 
 impl<T, F> Inlet<T>
 where
-    T: Fn(Sample) -> F + Send + Sync + 'static,
+    T: Fn(ReceivedPayload) -> F + Send + Sync + 'static,
     F: Future<Output = ()> + Send + 'static,
 {
     /// Takes what comes to one participant until that is closed.
@@ -190,7 +192,7 @@ where
 
     fn is_new(&self, sample: &DeserializedCacheChange<Payload>) -> bool {
         let id = (sample.writer_guid(), i64::from(sample.sequence_number));
-        self.taken.lock().unwrap_or_else(PoisonError::into_inner).insert(id)
+        self.recent.lock().unwrap_or_else(PoisonError::into_inner).insert(id)
     }
 }
 

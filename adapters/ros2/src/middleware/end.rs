@@ -8,7 +8,7 @@ use tracing::{info, warn};
 
 use crate::silence_detector::SilenceDetector;
 
-/// What tells one end of a topic from all others, as ROS has it.
+/// What identifies one end of a topic, as ROS has it.
 pub(crate) type Gid = [u8; 16];
 
 /// The node's end of a topic, and its peers.

@@ -29,9 +29,9 @@ use zenoh_ext::{
 };
 
 use self::types::Types;
-use self::wire::{Attachment, Entity, Kind, Owner, gid, group_key, hash_of, type_of};
+use self::wire::{Attachment, Entity, TokenKind, TokenOwner, gid, group_key, hash_of, type_of};
 use super::end::{Endpoint, Gid, dds_type};
-use super::{DecodeError, Publish, Sample};
+use super::{DecodeError, Publish, ReceivedPayload};
 use crate::error::NodeError;
 use crate::raw::Payload;
 use crate::settings::{Qos, Role, Settings};
@@ -44,7 +44,7 @@ const BURST: usize = 64;
 
 /// The node in its session.
 pub(crate) struct ZenohSession {
-    shared: Arc<Shared>,
+    shared: Arc<SharedSession>,
     /// Subscribers, queryables and tokens; they end with this.
     held: Vec<Box<dyn Any + Send + Sync>>,
     /// The tasks that serve the ends; they end with this.
@@ -53,9 +53,9 @@ pub(crate) struct ZenohSession {
     is_first: bool,
 }
 
-struct Shared {
+struct SharedSession {
     session: Session,
-    owner: Owner,
+    owner: TokenOwner,
     types: Types,
     /// Numbers the node's ends; the node itself is 0.
     ends: AtomicU64,
@@ -65,26 +65,26 @@ struct Shared {
 pub(crate) struct SerializedPublisher {
     end: Arc<Endpoint>,
     queue: mpsc::Sender<Payload>,
-    waiting: Arc<Waiting>,
+    waiting: Arc<PublishBacklog>,
 }
 
 /// How much waits to be published.
 #[derive(Default)]
-struct Waiting {
+struct PublishBacklog {
     messages: AtomicUsize,
     bytes: AtomicUsize,
 }
 
 /// What publishes, once the type's hash is known.
 struct TypedPublisher {
-    writer: Writer,
+    writer: PublisherLink,
     source: Gid,
     sequence: AtomicI64,
     /// Peers see the publisher as long as it is there.
     _token: LivelinessToken,
 }
 
-enum Writer {
+enum PublisherLink {
     Volatile(Publisher<'static>),
     /// It keeps messages for subscribers that come later.
     TransientLocal(AdvancedPublisher<'static>),
@@ -100,7 +100,7 @@ impl ZenohSession {
             let session = zenoh::open(config).wait()?;
             let routers = session.info().routers_zid().wait().count();
             let peers = session.info().peers_zid().wait().count();
-            let owner = Owner { domain, session: session.zid().to_string(), node };
+            let owner = TokenOwner { domain, session: session.zid().to_string(), node };
             let token = session.liveliness().declare_token(owner.node_token()).wait()?;
             Ok((session, owner, token, routers, peers))
         });
@@ -111,7 +111,7 @@ impl ZenohSession {
             info!(routers, peers, "Zenoh is reached");
         }
         let (types, ends) = (Types::default(), AtomicU64::new(1));
-        let shared = Arc::new(Shared { session, owner, types, ends });
+        let shared = Arc::new(SharedSession { session, owner, types, ends });
         let held: Vec<Box<dyn Any + Send + Sync>> = vec![Box::new(token)];
         Ok(Self { shared, held, tasks: JoinSet::new(), is_first: true })
     }
@@ -140,16 +140,17 @@ impl ZenohSession {
         ty: &str,
         qos: Qos,
     ) -> Result<SerializedPublisher, NodeError> {
-        let end = self.end(topic, ty, Kind::Subscription)?;
+        let end = self.end(topic, ty, TokenKind::Subscription)?;
         let (queue, payloads) = mpsc::channel::<Payload>();
-        let waiting = Arc::new(Waiting::default());
+        let waiting = Arc::new(PublishBacklog::default());
         let status_publisher: Arc<OnceLock<TypedPublisher>> = Arc::default();
         let (declared, shared) = (Arc::downgrade(&status_publisher), Arc::clone(&self.shared));
         let (name, type_name) = (topic.to_owned(), dds_type(ty));
         self.when_known(ty, move |hash| {
             // It may have closed meanwhile.
             let Some(declared) = declared.upgrade() else { return };
-            let entity = Entity { kind: Kind::Publisher, name: &name, type_name: &type_name, hash };
+            let entity =
+                Entity { kind: TokenKind::Publisher, name: &name, type_name: &type_name, hash };
             match shared.status_publisher(&entity, qos) {
                 Ok(status_publisher) => drop(declared.set(status_publisher)),
                 Err(error) => warn!(topic = name, %error, "Zenoh refuses to publish on it"),
@@ -182,14 +183,14 @@ impl ZenohSession {
         topic: &str,
         ty: &str,
         qos: Qos,
-        take: impl Fn(Sample) -> F + Send + Sync + 'static,
+        take: impl Fn(ReceivedPayload) -> F + Send + Sync + 'static,
     ) -> Result<Arc<Endpoint>, NodeError>
     where
         F: Future<Output = ()> + Send + 'static,
     {
-        let end = self.end(topic, ty, Kind::Publisher)?;
+        let end = self.end(topic, ty, TokenKind::Publisher)?;
         let type_name = dds_type(ty);
-        let Shared { session, owner, types, .. } = &*self.shared;
+        let SharedSession { session, owner, types, .. } = &*self.shared;
         let key = owner.key(topic, &type_name, "*");
         let subscriber = |key: String| {
             let waiting = RingChannel::new(usize::from(qos.depth).max(BURST));
@@ -219,7 +220,7 @@ impl ZenohSession {
         self.held.push(Box::new(token));
         self.when_known(ty, move |hash| {
             let Some(declared) = declared.upgrade() else { return };
-            let kind = Kind::Subscription;
+            let kind = TokenKind::Subscription;
             let entity = Entity { kind, name: &name, type_name: &type_name, hash };
             match shared.token(&entity, qos) {
                 Ok((token, _)) => drop(declared.set(token)),
@@ -229,30 +230,31 @@ impl ZenohSession {
         Ok(end)
     }
 
-    /// Serves requests, of which the last `kept` wait until they are taken. The service is there as long as the token.
+    /// Serves requests, of which the last `capacity` wait until they are taken. The service is there as long as the token.
     pub(crate) fn queryable(
         &mut self,
         name: &str,
         ty: &str,
-        kept: usize,
+        capacity: usize,
     ) -> Result<(Queryable<RingChannelHandler<Query>>, LivelinessToken), NodeError> {
         let type_name = dds_type(ty);
         let hash = self.shared.types.known(&type_name);
         let hash = hash.ok_or_else(|| NodeError::Zenoh(format!("{ty} has no known hash")))?;
-        let Shared { session, owner, .. } = &*self.shared;
+        let SharedSession { session, owner, .. } = &*self.shared;
         let key = owner.key(name, &type_name, &hash);
-        let queryable = session.declare_queryable(key).complete(true).with(RingChannel::new(kept));
+        let queryable =
+            session.declare_queryable(key).complete(true).with(RingChannel::new(capacity));
         let queryable = queryable.wait()?;
-        let entity = Entity { kind: Kind::Service, name, type_name: &type_name, hash: &hash };
+        let entity = Entity { kind: TokenKind::Service, name, type_name: &type_name, hash: &hash };
         let (token, _) = self.shared.token(&entity, Qos::of(Role::Publisher))?;
         Ok((queryable, token))
     }
 
     /// An end whose peers are of this kind.
-    fn end(&mut self, topic: &str, ty: &str, peers: Kind) -> Result<Arc<Endpoint>, NodeError> {
-        let Shared { session, owner, types, .. } = &*self.shared;
+    fn end(&mut self, topic: &str, ty: &str, peers: TokenKind) -> Result<Arc<Endpoint>, NodeError> {
+        let SharedSession { session, owner, types, .. } = &*self.shared;
         let (end, type_name) = (Arc::new(Endpoint::new(topic, ty)), dds_type(ty));
-        let (seen, ours, types) = (Arc::clone(&end), owner.clone(), types.clone());
+        let (endpoint, ours, types) = (Arc::clone(&end), owner.clone(), types.clone());
         let tokens = session
             .liveliness()
             .declare_subscriber(owner.tokens_of_topic(peers, topic))
@@ -263,7 +265,7 @@ impl ZenohSession {
                     return;
                 };
                 if token.kind() == SampleKind::Delete {
-                    return seen.change(gid(key), -1, None);
+                    return endpoint.change(gid(key), -1, None);
                 }
                 if its_type == type_name {
                     types.learn(its_type, hash);
@@ -271,7 +273,7 @@ impl ZenohSession {
                 let is_ours = types.known(its_type).is_none_or(|known| known == hash);
                 let its_type =
                     if is_ours { its_type.to_owned() } else { format!("{its_type}, {hash}") };
-                seen.change(gid(key), 1, Some(&its_type));
+                endpoint.change(gid(key), 1, Some(&its_type));
             })
             .wait()?;
         self.held.push(Box::new(tokens));
@@ -283,7 +285,7 @@ impl ZenohSession {
         ty: &str,
         act: impl FnOnce(&str) + Send + 'static,
     ) -> Result<(), NodeError> {
-        let Shared { session, owner, types, .. } = &*self.shared;
+        let SharedSession { session, owner, types, .. } = &*self.shared;
         Ok(types.when_known(session, owner, &dds_type(ty), Box::new(act))?)
     }
 }
@@ -298,7 +300,7 @@ struct Samples<T> {
 
 impl<T, F> Samples<T>
 where
-    T: Fn(Sample) -> F + Send + Sync + 'static,
+    T: Fn(ReceivedPayload) -> F + Send + Sync + 'static,
     F: Future<Output = ()> + Send + 'static,
 {
     async fn run(
@@ -307,7 +309,7 @@ where
     ) {
         let Self { end, types, type_name, take } = &*self;
         while let Ok(sample) = subscriber.recv_async().await {
-            // Another version of the type: `/diagnostics` tells of that peer.
+            // Another version of the type: `/diagnostics` reports that peer.
             let hash = hash_of(sample.key_expr().as_str());
             if types.known(type_name).is_some_and(|known| known != hash) {
                 continue;
@@ -335,7 +337,7 @@ impl Drop for ZenohSession {
     }
 }
 
-impl Shared {
+impl SharedSession {
     /// Shows an end to its peers; with what identifies it.
     fn token(&self, entity: &Entity, qos: Qos) -> zenoh::Result<(LivelinessToken, Gid)> {
         let number = self.ends.fetch_add(1, Ordering::Relaxed);
@@ -357,7 +359,7 @@ impl Shared {
                 .reliability(reliability)
         };
         let cache = CacheConfig::default().max_samples(qos.depth.into());
-        let kept = qos
+        let transient_local = qos
             .transient_local
             .then(|| publisher().advanced().cache(cache).publisher_detection().wait())
             .transpose()
@@ -365,9 +367,9 @@ impl Shared {
             .inspect_err(|error| {
                 warn!(topic = entity.name, %error, "nothing is kept for who comes later");
             });
-        let writer = match kept {
-            Ok(Some(kept)) => Writer::TransientLocal(kept),
-            Ok(None) | Err(_) => Writer::Volatile(publisher().wait()?),
+        let writer = match transient_local {
+            Ok(Some(transient_local)) => PublisherLink::TransientLocal(transient_local),
+            Ok(None) | Err(_) => PublisherLink::Volatile(publisher().wait()?),
         };
         let (token, source) = self.token(entity, qos)?;
         Ok(TypedPublisher { writer, source, sequence: AtomicI64::new(1), _token: token })
@@ -380,8 +382,12 @@ impl TypedPublisher {
         let attachment = Attachment { sequence, sent: time_of_day(), source: self.source };
         let (bytes, attachment) = (payload.to_serialized(), attachment.to_bytes());
         match &self.writer {
-            Writer::Volatile(publisher) => publisher.put(&bytes[..]).attachment(attachment).wait(),
-            Writer::TransientLocal(kept) => kept.put(&bytes[..]).attachment(attachment).wait(),
+            PublisherLink::Volatile(publisher) => {
+                publisher.put(&bytes[..]).attachment(attachment).wait()
+            }
+            PublisherLink::TransientLocal(transient_local) => {
+                transient_local.put(&bytes[..]).attachment(attachment).wait()
+            }
         }
     }
 }

@@ -5,20 +5,20 @@ use std::path::Path;
 
 use crate::names::{NodeName, check_token};
 use crate::parameters::value::{self, FlawResult, Value};
-use crate::parameters::yaml::{self, Content, Entry, Mark, Node, YamlError};
+use crate::parameters::yaml::{self, Content, Node, Position, YamlEntry, YamlError};
 use crate::parameters::{ParameterError, ParameterFlaw, ParameterOverride, ValueOrigin};
 
 /// The key above a node's parameters.
 const PARAMETERS: &str = "ros__parameters";
 
 /// What a file gives to a node, in order.
-pub(super) fn given(
+pub(super) fn overrides(
     path: &Path,
     text: &str,
     node: &NodeName,
 ) -> Result<Vec<ParameterOverride>, ParameterError> {
-    let place = |(line, column)| ValueOrigin::File(path.to_owned(), line, column);
-    let fault = |(mark, flaw)| ParameterError::ParameterFlaw { place: place(mark), flaw };
+    let origin = |(line, column)| ValueOrigin::File(path.to_owned(), line, column);
+    let fault = |(mark, flaw)| ParameterError::ParameterFlaw { origin: origin(mark), flaw };
     let root = yaml::read(text).map_err(|(mark, error)| fault((mark, error.into())))?;
     let mut sections = Vec::new();
     if let Some(root) = &root {
@@ -36,7 +36,7 @@ pub(super) fn given(
         all.extend(flat.into_iter().map(|(name, (mark, value))| ParameterOverride {
             name,
             value,
-            place: place(mark),
+            origin: origin(mark),
             is_shared,
         }));
     }
@@ -44,17 +44,17 @@ pub(super) fn given(
 }
 
 /// The parts of a node's name, with wildcards, and its parameters.
-type Section<'a> = (Vec<&'a str>, &'a [Entry]);
+type Section<'a> = (Vec<&'a str>, &'a [YamlEntry]);
 
-/// Values and the places of their names, by dotted name.
-type Flat = BTreeMap<String, (Mark, Value)>;
+/// Values and the origins of their names, by dotted name.
+type Flat = BTreeMap<String, (Position, Value)>;
 
 /// Finds the keys above parameters; the keys on the way there make up the node's name.
 fn walk<'a>(above: &[&'a str], node: &'a Node, sections: &mut Vec<Section<'a>>) -> FlawResult<()> {
     let Content::Mapping(entries) = &node.content else {
         return Err((node.mark, ParameterFlaw::Node));
     };
-    for Entry { mark, key, value } in entries {
+    for YamlEntry { mark, key, value } in entries {
         if key != PARAMETERS {
             let mut pattern = above.to_owned();
             for part in key.strip_prefix('/').unwrap_or(key).split('/') {
@@ -118,8 +118,8 @@ fn specificity(pattern: &[&str]) -> u8 {
 }
 
 /// Joins the names of nested parameters with dots.
-fn flatten(above: &str, entries: &[Entry], flat: &mut Flat) -> FlawResult<()> {
-    for Entry { mark, key, value } in entries {
+fn flatten(above: &str, entries: &[YamlEntry], flat: &mut Flat) -> FlawResult<()> {
+    for YamlEntry { mark, key, value } in entries {
         let name = if above.is_empty() { key.clone() } else { format!("{above}.{key}") };
         match &value.content {
             Content::Mapping(entries) => flatten(&name, entries, flat)?,
@@ -161,7 +161,7 @@ mod tests {
         let node = NodeName::new("/car", "front").unwrap();
         let shared = |name: &str| {
             let text = format!("{name}: {{ros__parameters: {{a: 1}}}}");
-            given(Path::new("a"), &text, &node).unwrap()[0].is_shared
+            overrides(Path::new("a"), &text, &node).unwrap()[0].is_shared
         };
         assert!(shared("/**") && shared("/car/*"));
         assert!(!shared("/**/front") && !shared("/car/front"));
@@ -175,7 +175,7 @@ mod tests {
         ) {
             let node = NodeName::new("/", "n").unwrap();
             let text = format!("{above}: {{ros__parameters: {{{parameters}}}}}");
-            drop(given(Path::new("a"), &text, &node));
+            drop(overrides(Path::new("a"), &text, &node));
         }
     }
 }

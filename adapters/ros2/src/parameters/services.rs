@@ -37,7 +37,7 @@ const NOT_SET: ParameterValue = ParameterValue {
 };
 
 /// The services, and what comes on them.
-pub(crate) struct Services {
+pub(crate) struct ParameterServices {
     get: Requests<GetParametersRequest, GetParametersResponse>,
     types: Requests<GetParameterTypesRequest, GetParameterTypesResponse>,
     set: Requests<SetParametersRequest, SetParametersResponse>,
@@ -47,15 +47,15 @@ pub(crate) struct Services {
 }
 
 /// The parameters of a node that runs.
-pub(crate) struct Parameters {
+pub(crate) struct NodeParameters {
     pub(crate) settings: Current,
-    /// Hears of each change.
+    /// Gets each change.
     pub(crate) setter: mpsc::UnboundedSender<Change>,
-    /// Hears of each parameter that was set.
+    /// Gets each parameter that was set.
     pub(crate) set: ParameterCallback,
 }
 
-impl Services {
+impl ParameterServices {
     /// Offers them.
     pub(crate) fn offer(
         backend: &mut NodeBackend,
@@ -76,8 +76,8 @@ impl Services {
         })
     }
 
-    /// Answers until there is nobody to be asked by.
-    pub(crate) async fn run(mut self, parameters: Parameters) {
+    /// Answers until no request can come.
+    pub(crate) async fn run(mut self, parameters: NodeParameters) {
         loop {
             tokio::select! {
                 Some(requested) = self.get.recv() => requested.answer(|requested| GetParametersResponse {
@@ -108,18 +108,18 @@ impl Services {
     }
 }
 
-impl Parameters {
+impl NodeParameters {
     fn value(&self, name: &str) -> ParameterValue {
         let settings = self.settings.locked();
         settings.parameter(name).map_or(NOT_SET, |found| ros::value(&found.value))
     }
 
     /// Sets all of them or none.
-    fn set(&self, given: Vec<Raw>) -> SetParametersResult {
+    fn set(&self, requested: Vec<Raw>) -> SetParametersResult {
         let mut settings = self.settings.locked();
         let mut next = settings.clone();
-        let mut changes = Vec::with_capacity(given.len());
-        for Raw { name, value } in given {
+        let mut changes = Vec::with_capacity(requested.len());
+        for Raw { name, value } in requested {
             let checked = match ros::read(value) {
                 Some(value) => next.change(&name, value).map_err(|error| error.to_string()),
                 None => Err(format!("{name}: no parameter of this node has this type")),

@@ -3,7 +3,7 @@
 use std::fmt::{self, Write as _};
 
 use crate::parameters::ParameterFlaw;
-use crate::parameters::yaml::{Content, Mark, Node};
+use crate::parameters::yaml::{Content, Node, Position};
 
 /// A parameter's value, of one of ROS's types.
 #[derive(Clone, PartialEq, Debug)]
@@ -39,7 +39,7 @@ impl Value {
     }
 }
 
-pub(super) type FlawResult<T> = Result<T, (Mark, ParameterFlaw)>;
+pub(super) type FlawResult<T> = Result<T, (Position, ParameterFlaw)>;
 
 /// Reads the value of the parameter `name`.
 pub(super) fn read(name: &str, node: &Node) -> FlawResult<Value> {

@@ -9,12 +9,12 @@ use thiserror::Error;
 const NESTING: usize = 32;
 
 /// A line and a column, both from 1.
-pub(super) type Mark = (usize, usize);
+pub(super) type Position = (usize, usize);
 
 /// A value and where it begins.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(super) struct Node {
-    pub(super) mark: Mark,
+    pub(super) mark: Position,
     pub(super) content: Content,
 }
 
@@ -27,13 +27,13 @@ pub(super) enum Content {
         is_plain: bool,
     },
     List(Vec<Node>),
-    Mapping(Vec<Entry>),
+    Mapping(Vec<YamlEntry>),
 }
 
 /// One key of a mapping, where it is, and its value.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub(super) struct Entry {
-    pub(super) mark: Mark,
+pub(super) struct YamlEntry {
+    pub(super) mark: Position,
     pub(super) key: String,
     pub(super) value: Node,
 }
@@ -67,9 +67,9 @@ pub enum YamlError {
 /// The document in the text, if there is one.
 ///
 /// # Errors
-/// The first thing that is wrong, with its place.
-pub(super) fn read(text: &str) -> Result<Option<Node>, (Mark, YamlError)> {
-    let mut reader = Reader { events: Parser::new_from_str(text) };
+/// The first thing that is wrong, with its position.
+pub(super) fn read(text: &str) -> Result<Option<Node>, (Position, YamlError)> {
+    let mut reader = YamlReader { events: Parser::new_from_str(text) };
     let mut root = None;
     loop {
         let (event, mark) = reader.next()?;
@@ -91,14 +91,14 @@ pub(super) fn read(text: &str) -> Result<Option<Node>, (Mark, YamlError)> {
     }
 }
 
-struct Reader<'a> {
+struct YamlReader<'a> {
     events: Parser<'a, StrInput<'a>>,
 }
 
-type YamlResult<T> = Result<T, (Mark, YamlError)>;
+type YamlResult<T> = Result<T, (Position, YamlError)>;
 
-impl<'a> Reader<'a> {
-    fn next(&mut self) -> YamlResult<(Event<'a>, Mark)> {
+impl<'a> YamlReader<'a> {
+    fn next(&mut self) -> YamlResult<(Event<'a>, Position)> {
         match self.events.next_event() {
             Some(Ok((event, span))) => Ok((event, begin(span))),
             Some(Err(error)) => Err(syntax(&error)),
@@ -107,7 +107,7 @@ impl<'a> Reader<'a> {
     }
 
     /// The value that begins with the event, `depth` levels down.
-    fn node(&mut self, event: Event<'a>, mark: Mark, depth: usize) -> YamlResult<Node> {
+    fn node(&mut self, event: Event<'a>, mark: Position, depth: usize) -> YamlResult<Node> {
         if depth > NESTING {
             return Err((mark, YamlError::Deep));
         }
@@ -154,7 +154,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    fn mapping(&mut self, depth: usize) -> YamlResult<Vec<Entry>> {
+    fn mapping(&mut self, depth: usize) -> YamlResult<Vec<YamlEntry>> {
         let mut mapping = Vec::new();
         let mut keys = HashSet::new();
         loop {
@@ -164,7 +164,7 @@ impl<'a> Reader<'a> {
             };
             let key = self.node(event, mark, depth + 1)?;
             let key = match key.content {
-                // A terminal would take them for commands when the name is told.
+                // A terminal would take them for commands when the name is printed.
                 Content::Scalar { text, .. } if !text.contains(char::is_control) => text,
                 Content::Scalar { .. } | Content::List(_) | Content::Mapping(_) => {
                     return Err((mark, YamlError::Key));
@@ -175,16 +175,16 @@ impl<'a> Reader<'a> {
             }
             let (event, at) = self.next()?;
             let value = self.node(event, at, depth + 1)?;
-            mapping.push(Entry { mark, key, value });
+            mapping.push(YamlEntry { mark, key, value });
         }
     }
 }
 
-fn begin(span: Span) -> Mark {
+fn begin(span: Span) -> Position {
     (span.start.line(), span.start.col() + 1)
 }
 
-fn syntax(error: &ScanError) -> (Mark, YamlError) {
+fn syntax(error: &ScanError) -> (Position, YamlError) {
     let mark = error.marker();
     // It may tell a character of the text.
     let info = error.info().replace(char::is_control, "\u{fffd}");

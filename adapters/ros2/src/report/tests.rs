@@ -14,7 +14,7 @@ use crate::source::Route;
 /// What happened to the node, and its level and message then.
 type NodeCase = (fn(&mut Tally, &mut NodeCounts), u8, &'static str);
 /// The same of a source.
-type SourceCase = (fn(&mut SourceTally, &mut Source), u8, &'static str);
+type SourceCase = (fn(&mut SourceTally, &mut NodeSource), u8, &'static str);
 
 /// The counts of a node with one cloud, at its start.
 fn none() -> Tally {
@@ -26,13 +26,21 @@ fn none() -> Tally {
 }
 
 /// A source that needs no topics.
-fn source(priority: u16, name: &str) -> Source {
-    let way = Route::Grpc(Arc::new(|_, _| Box::pin(std::future::pending())));
+fn source(priority: u16, name: &str) -> NodeSource {
+    let route = Route::Grpc(Arc::new(|_, _| Box::pin(std::future::pending())));
     let (deadline, unmatched) = (None, UnmatchedResults::default());
-    Source { priority, name: name.into(), way, enabled: true, deadline, hints: None, unmatched }
+    NodeSource {
+        priority,
+        name: name.into(),
+        route,
+        enabled: true,
+        deadline,
+        hints: None,
+        unmatched,
+    }
 }
 
-fn sources() -> [Source; 2] {
+fn sources() -> [NodeSource; 2] {
     [source(0, "local"), source(1, "west")]
 }
 
@@ -48,7 +56,7 @@ fn ends() -> [Endpoint; 2] {
 /// The report of a part of the node after a period in which this happened.
 fn reported_lines(
     part: usize,
-    happened: impl FnOnce(&mut Tally, &mut NodeCounts, &mut [Source; 2], &[Endpoint; 2]),
+    happened: impl FnOnce(&mut Tally, &mut NodeCounts, &mut [NodeSource; 2], &[Endpoint; 2]),
 ) -> (u8, String) {
     let (mut tally, mut intake, mut sources, ends) =
         (none(), NodeCounts::default(), sources(), ends());
@@ -56,7 +64,7 @@ fn reported_lines(
     happened(&mut tally, &mut intake, &mut sources, &ends);
     let ends = ends.each_ref();
     let mut first = reporter.period(tally.clone(), intake, &sources, &ends, None);
-    // What happened once is told once.
+    // What happened once is reported once.
     let mut next = reporter.period(tally, intake, &sources, &ends, None);
     let (status, next) = (first.swap_remove(part), next.swap_remove(part));
     assert_eq!(status.name, format!("/fuseline: {}", ["fusion", "local", "west"][part]));
@@ -113,8 +121,8 @@ fn the_node_is_ok_warns_and_errs_by_what_became_of_messages() {
 #[test]
 fn the_node_warns_of_topics_that_do_not_fit_and_names_those_without_peers() {
     let ends = |happened: fn(&[Endpoint; 2])| reported_lines(0, |_, _, _, ends| happened(ends));
-    let gone = ends(|ends| ends[1].change([7; 16], -1, None));
-    assert_eq!(gone, (OK, "nobody on /output".to_owned()));
+    let unsubscribed = ends(|ends| ends[1].change([7; 16], -1, None));
+    assert_eq!(unsubscribed, (OK, "nobody on /output".to_owned()));
     let other = ends(|ends| {
         ends[0].change([7; 16], -1, None);
         ends[0].change([7; 16], 1, Some(&"other".to_owned()));
@@ -175,7 +183,7 @@ fn the_node_warns_of_inputs_that_come_no_longer() {
 /// D15.
 #[test]
 fn a_source_is_ok_in_time_warns_when_others_stand_in_and_errs_without_a_result() {
-    let west = |happened: fn(&mut SourceTally, &mut Source)| {
+    let west = |happened: fn(&mut SourceTally, &mut NodeSource)| {
         reported_lines(2, |tally, _, sources, _| happened(&mut tally.sources[1], &mut sources[1]))
     };
     let cases: [SourceCase; 9] = [

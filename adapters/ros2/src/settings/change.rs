@@ -17,9 +17,9 @@ pub enum Change {
     Deadline(Duration),
     /// `local.deadline`.
     LocalDeadline(Duration),
-    /// A cloud's `deadline`, by its place in [`Settings::clouds`]; none means `deadline`.
+    /// A cloud's `deadline`, by its index in [`Settings::clouds`]; none means `deadline`.
     CloudDeadline(usize, Option<Duration>),
-    /// A cloud's `enabled`, by its place in [`Settings::clouds`].
+    /// A cloud's `enabled`, by its index in [`Settings::clouds`].
     CloudEnabled(usize, bool),
     /// `use_sim_time`.
     SimTime(bool),

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use crate::names::check_token;
 use crate::parameters::{Value, ValueOrigin};
-use crate::settings::reader::{LocatedValue, Reader};
+use crate::settings::reader::{LocatedValue, ParameterReader};
 use crate::settings::{
     Cloud, CloudConnection, Grpc, Middleware, Role, SettingsError, middleware, seconds, topics,
 };
@@ -34,11 +34,11 @@ const RESERVED: [&str; 17] = [
 
 /// Reads which clouds there are, and then each.
 pub(super) fn read(
-    r: &mut Reader,
+    r: &mut ParameterReader,
     types: [&str; 2],
     middleware: Middleware,
 ) -> Result<Vec<Cloud>, SettingsError> {
-    let LocatedValue { value: names, place: listed } = r.names("clouds", "The clouds' names")?;
+    let LocatedValue { value: names, origin: listed } = r.names("clouds", "The clouds' names")?;
     for (at, cloud) in names.iter().enumerate() {
         let why = if at >= CLOUDS {
             "there are already 15; leave it out"
@@ -51,18 +51,18 @@ pub(super) fn read(
         } else {
             continue;
         };
-        return Err(SettingsError::Cloud { place: listed, cloud: cloud.clone(), why });
+        return Err(SettingsError::Cloud { origin: listed, cloud: cloud.clone(), why });
     }
     let mut clouds: Vec<Cloud> = Vec::new();
     for (name, default) in names.into_iter().zip(1..) {
         let parameter = format!("{name}.priority");
-        let LocatedValue { value: priority, place } =
+        let LocatedValue { value: priority, origin } =
             r.integer(&parameter, 1..=65_535, default, "The greater wins")?;
         if let Some(other) = clouds.iter().find(|other| other.priority == priority) {
             let other = other.name.clone();
-            // By default it is the place in the list.
-            let place = if place == ValueOrigin::Default { listed } else { place };
-            return Err(SettingsError::Priority { place, name, priority, other });
+            // By default it is the position in the list.
+            let origin = if origin == ValueOrigin::Default { listed } else { origin };
+            return Err(SettingsError::Priority { origin, name, priority, other });
         }
         clouds.push(cloud(r, name, priority, types, middleware)?);
     }
@@ -70,7 +70,7 @@ pub(super) fn read(
 }
 
 fn cloud(
-    r: &mut Reader,
+    r: &mut ParameterReader,
     name: String,
     priority: u16,
     types: [&str; 2],
@@ -91,7 +91,7 @@ fn cloud(
         "How long a request may run on after it was due, in seconds, so that its policy learns how long it takes",
         "seconds, at most 1e9, or 0",
     )?;
-    let way = if let Some(grpc) = grpc(r, &name)? {
+    let connection = if let Some(grpc) = grpc(r, &name)? {
         CloudConnection::Grpc(grpc)
     } else {
         let about = "What carries the cloud's topics";
@@ -99,37 +99,48 @@ fn cloud(
         let [input, output] = topics(r, &name, types)?;
         CloudConnection::Topics { middleware, input, output }
     };
-    let hints = hints(r, &name, types[1], &way, linger)?;
+    let hints = hints(r, &name, types[1], &connection, linger)?;
     let limit = limit.unsigned_abs();
     let deadline = seconds::none_if_zero(deadline);
-    Ok(Cloud { name, priority, deadline, enabled, limit, resume, in_flight, linger, hints, way })
+    Ok(Cloud {
+        name,
+        priority,
+        deadline,
+        enabled,
+        limit,
+        resume,
+        in_flight,
+        linger,
+        hints,
+        way: connection,
+    })
 }
 
 /// The topic of its late results, if there is to be one.
 fn hints(
-    r: &mut Reader,
+    r: &mut ParameterReader,
     cloud: &str,
     type_name: &str,
-    way: &CloudConnection,
+    connection: &CloudConnection,
     linger: Duration,
 ) -> Result<Option<String>, SettingsError> {
     let name = format!("{cloud}.hints");
-    let place = r.place(&name);
+    let origin = r.origin(&name);
     let about = "The topic on which its late results are published; empty for none";
     let topic = r.topic(&name, "", about, type_name, Role::Publisher)?;
-    match (way, place) {
+    match (connection, origin) {
         _ if topic.is_empty() => Ok(None),
-        (CloudConnection::Grpc(_), Some(place)) if linger.is_zero() => {
-            Err(SettingsError::Hints { place, name, linger: format!("{cloud}.linger") })
+        (CloudConnection::Grpc(_), Some(origin)) if linger.is_zero() => {
+            Err(SettingsError::Hints { origin, name, linger: format!("{cloud}.linger") })
         }
         (CloudConnection::Grpc(_) | CloudConnection::Topics { .. }, _) => Ok(Some(topic)),
     }
 }
 
-fn grpc(r: &mut Reader, cloud: &str) -> Result<Option<Grpc>, SettingsError> {
+fn grpc(r: &mut ParameterReader, cloud: &str) -> Result<Option<Grpc>, SettingsError> {
     let of = |part: &str| format!("{cloud}.grpc.{part}");
     let parts = ["ca", "certificate", "key", "token_file", "server_name"].map(of);
-    let LocatedValue { value: url, place } = r.read(
+    let LocatedValue { value: url, origin } = r.read(
         &of("url"),
         Value::String(String::new()),
         "The URL of the cloud's gRPC server; empty if it has topics",
@@ -143,9 +154,9 @@ fn grpc(r: &mut Reader, cloud: &str) -> Result<Option<Grpc>, SettingsError> {
             _ => None,
         },
     )?;
-    let alone = |r: &Reader, name: &String, other: &String| {
-        r.place(name).map(|place| SettingsError::Alone {
-            place,
+    let alone = |r: &ParameterReader, name: &String, other: &String| {
+        r.origin(name).map(|origin| SettingsError::Alone {
+            origin,
             name: name.clone(),
             other: other.clone(),
         })
@@ -158,18 +169,18 @@ fn grpc(r: &mut Reader, cloud: &str) -> Result<Option<Grpc>, SettingsError> {
     }
     for name in ["input_topic", "output_topic", "middleware"].map(|side| format!("{cloud}.{side}"))
     {
-        if let Some(place) = r.place(&name) {
-            return Err(SettingsError::Topics { place, name, cloud: cloud.to_owned() });
+        if let Some(origin) = r.origin(&name) {
+            return Err(SettingsError::Topics { origin, name, cloud: cloud.to_owned() });
         }
     }
     let [ca, certificate, key, token_file, server_name] = &parts;
     let is_secure = url.starts_with("https://");
     if is_secure && !r.is_given(ca) {
-        return Err(SettingsError::Ca { place, name: of("url"), ca: ca.clone() });
+        return Err(SettingsError::Ca { origin, name: of("url"), ca: ca.clone() });
     }
     for part in [ca, certificate, key] {
-        if let Some(place) = r.place(part).filter(|_| !is_secure) {
-            return Err(SettingsError::Plain { place, name: part.clone(), url: of("url") });
+        if let Some(origin) = r.origin(part).filter(|_| !is_secure) {
+            return Err(SettingsError::Plain { origin, name: part.clone(), url: of("url") });
         }
     }
     for (one, other) in [(certificate, key), (key, certificate)] {

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use crate::parameters::{ParameterOverride, Value};
-use crate::settings::reader::Reader;
+use crate::settings::reader::ParameterReader;
 use crate::settings::{CloudConnection, SettingsError, from_environment};
 
 /// What carries a topic's messages.
@@ -11,7 +11,7 @@ use crate::settings::{CloudConnection, SettingsError, from_environment};
 pub enum Middleware {
     /// DDS, as `rmw_fastrtps` and `rmw_cyclonedds` speak it.
     Dds,
-    /// Zenoh, as `rmw_zenoh` speaks it.
+    /// Zenoh, as `rmw_zenoh` uses it.
     Zenoh,
 }
 
@@ -43,7 +43,7 @@ pub(super) fn from_rmw(environment: impl Fn(&str) -> Option<String>) -> Option<P
 
 /// Reads which one is meant; one that is not built in is refused.
 pub(super) fn read(
-    r: &mut Reader,
+    r: &mut ParameterReader,
     name: &str,
     default: Middleware,
     about: &'static str,

@@ -39,7 +39,7 @@ pub struct Parameter {
     /// Whether it may be changed while the node runs.
     pub at_run_time: bool,
     /// Where its value comes from.
-    pub place: ValueOrigin,
+    pub origin: ValueOrigin,
 }
 
 /// The least and the greatest value of a number.

@@ -10,7 +10,7 @@ use fuseline_deadline::{
 use fuseline_engine::{CapacityErrors, Policy, Workload};
 
 use crate::parameters::Value;
-use crate::settings::reader::{LocatedValue, Reader};
+use crate::settings::reader::{LocatedValue, ParameterReader};
 use crate::settings::{FLOAT64, Role, Settings, SettingsError, seconds};
 
 /// The type of messages with the vehicle's twist.
@@ -18,7 +18,7 @@ const ODOMETRY: &str = "nav_msgs/msg/Odometry";
 
 /// How the deadline of each request is chosen, at most the one that it would have without a policy.
 #[derive(Clone, PartialEq, Debug)]
-pub struct Deadlines {
+pub struct DeadlineSettings {
     /// What chooses deadlines.
     pub kind: PolicyKind,
     /// The vehicle and its sources, for guard and impact.
@@ -80,7 +80,7 @@ impl PolicyKind {
     }
 }
 
-impl Deadlines {
+impl DeadlineSettings {
     /// A policy for one cloud; none if deadlines stay as set.
     ///
     /// # Errors
@@ -105,7 +105,7 @@ impl Deadlines {
 impl Settings {
     /// Whether the node can keep up, as far as the rate of messages is known and a policy is to work.
     pub(super) fn keep_pace(&self) -> Result<(), CapacityErrors> {
-        let Deadlines { kind, parameters, rate, .. } = &self.deadlines;
+        let DeadlineSettings { kind, parameters, rate, .. } = &self.deadlines;
         let (Some(rate), true) = (*rate, *kind != PolicyKind::Set) else { return Ok(()) };
         let clouds = || self.clouds.iter();
         let longest = clouds().map(|cloud| cloud.deadline.unwrap_or(self.deadline)).max();
@@ -117,7 +117,7 @@ impl Settings {
     }
 }
 
-impl fmt::Display for Deadlines {
+impl fmt::Display for DeadlineSettings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.kind == PolicyKind::Set {
             return f.write_str("as they are set");
@@ -134,8 +134,8 @@ impl fmt::Display for Deadlines {
 }
 
 /// Reads the parameters of policies.
-pub(super) fn read(r: &mut Reader) -> Result<Deadlines, SettingsError> {
-    let LocatedValue { value: kind, place } = r.read(
+pub(super) fn read(r: &mut ParameterReader) -> Result<DeadlineSettings, SettingsError> {
+    let LocatedValue { value: kind, origin } = r.read(
         "policy",
         Value::String("set".to_owned()),
         "What chooses deadlines, at most the one that is set",
@@ -189,18 +189,18 @@ pub(super) fn read(r: &mut Reader) -> Result<Deadlines, SettingsError> {
         ..usual
     };
     let speed = speed(r)?;
-    let deadlines = Deadlines { kind, parameters, accuracy, probe_every, speed, rate };
+    let deadlines = DeadlineSettings { kind, parameters, accuracy, probe_every, speed, rate };
     if let Err(why) = deadlines.policy() {
-        return Err(SettingsError::Policy { place, why });
+        return Err(SettingsError::Policy { origin, why });
     }
     if kind.goes_by_speed() && deadlines.speed.is_none() {
-        return Err(SettingsError::Speed { place, policy: kind.as_str() });
+        return Err(SettingsError::Speed { origin, policy: kind.as_str() });
     }
     Ok(deadlines)
 }
 
 fn figure(
-    r: &mut Reader,
+    r: &mut ParameterReader,
     name: &str,
     default: f64,
     about: &'static str,
@@ -214,7 +214,7 @@ fn figure(
 
 /// A time and the greatest that it may be: `<name>` and `<name>_most`.
 fn times(
-    r: &mut Reader,
+    r: &mut ParameterReader,
     name: &str,
     default: Span<Duration>,
     about: &'static str,
@@ -228,7 +228,7 @@ fn time(seconds: f64) -> Duration {
     Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX)
 }
 
-fn speed(r: &mut Reader) -> Result<Option<SpeedTopic>, SettingsError> {
+fn speed(r: &mut ParameterReader) -> Result<Option<SpeedTopic>, SettingsError> {
     let type_name = r.read(
         "policy.speed_type",
         Value::String(ODOMETRY.to_owned()),

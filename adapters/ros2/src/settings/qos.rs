@@ -1,4 +1,4 @@
-//! Quality of service: what each topic asks of its middleware.
+//! Quality of service: what each topic requires of its middleware.
 
 use std::fmt;
 
@@ -25,12 +25,12 @@ pub struct Topic {
     pub type_name: String,
     /// Which side of it the node is.
     pub role: Role,
-    /// What it asks of its middleware.
+    /// What it requires of its middleware.
     pub qos: Qos,
     /// The parameter that names it, or its own name before it was resolved.
     pub purpose: String,
     /// Where its name comes from.
-    pub place: ValueOrigin,
+    pub origin: ValueOrigin,
 }
 
 /// A side of a topic.
@@ -42,7 +42,7 @@ pub enum Role {
     Publisher,
 }
 
-/// What a topic asks of its middleware; the history is always the last `depth` messages.
+/// What a topic requires of its middleware; the history is always the last `depth` messages.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Qos {
     /// Whether lost messages are sent again.
@@ -83,18 +83,18 @@ impl fmt::Display for Qos {
 pub(super) fn apply(
     topics: &mut [Topic],
     name: &str,
-    given: &ParameterOverride,
+    parameter: &ParameterOverride,
 ) -> Result<(&'static str, &'static str), SettingsError> {
     let of = |topic: &Topic, policy| format!("{}.{}.{policy}", topic.name, topic.role);
     for topic in topics.iter_mut() {
         for (policy, about, expected) in POLICIES {
             if of(topic, policy) == name {
-                return match set(&mut topic.qos, policy, &given.value) {
+                return match set(&mut topic.qos, policy, &parameter.value) {
                     Some(()) => Ok((about, expected)),
                     None => Err(SettingsError::Value {
-                        place: given.place.clone(),
-                        name: given.name.clone(),
-                        value: given.value.clone(),
+                        origin: parameter.origin.clone(),
+                        name: parameter.name.clone(),
+                        value: parameter.value.clone(),
                         expected: expected.to_owned(),
                     }),
                 };
@@ -105,8 +105,12 @@ pub(super) fn apply(
         POLICIES.iter().map(move |(policy, ..)| format!("{PREFIX}{}", of(topic, policy)))
     });
     let names: Vec<String> = names.collect();
-    let nearest = nearest(&given.name, names.iter().map(String::as_str));
-    Err(SettingsError::Unknown { place: given.place.clone(), name: given.name.clone(), nearest })
+    let nearest = nearest(&parameter.name, names.iter().map(String::as_str));
+    Err(SettingsError::Unknown {
+        origin: parameter.origin.clone(),
+        name: parameter.name.clone(),
+        nearest,
+    })
 }
 
 fn set(qos: &mut Qos, policy: &str, value: &Value) -> Option<()> {

@@ -14,8 +14,8 @@ use crate::settings::seconds::{MOST_SECONDS, SECONDS, own_seconds, seconds_of};
 use crate::settings::{SettingsError, qos};
 
 /// The parameters given and not read yet, and those read.
-pub(super) struct Reader<'a> {
-    given: BTreeMap<String, ParameterOverride>,
+pub(super) struct ParameterReader<'a> {
+    overrides: BTreeMap<String, ParameterOverride>,
     node: NodeName,
     remaps: &'a [Remap],
     /// What was read.
@@ -27,16 +27,16 @@ pub(super) struct Reader<'a> {
 /// A value and where it comes from.
 pub(super) struct LocatedValue<T> {
     pub(super) value: T,
-    pub(super) place: ValueOrigin,
+    pub(super) origin: ValueOrigin,
 }
 
-impl<'a> Reader<'a> {
+impl<'a> ParameterReader<'a> {
     pub(super) fn new(
-        given: BTreeMap<String, ParameterOverride>,
+        overrides: BTreeMap<String, ParameterOverride>,
         node: NodeName,
         remaps: &'a [Remap],
     ) -> Self {
-        Self { given, node, remaps, declared: Vec::new(), topics: Vec::new() }
+        Self { overrides, node, remaps, declared: Vec::new(), topics: Vec::new() }
     }
 
     /// Reads a parameter with `convert`; the error says what is `expected`.
@@ -49,8 +49,8 @@ impl<'a> Reader<'a> {
         convert: impl FnOnce(&Value) -> Option<T>,
     ) -> Result<LocatedValue<T>, SettingsError> {
         let is_double = matches!(default, Value::Double(_));
-        let (value, place) = match self.given.remove(name) {
-            Some(given) => (given.value, given.place),
+        let (value, origin) = match self.overrides.remove(name) {
+            Some(parameter) => (parameter.value, parameter.origin),
             None => (default, ValueOrigin::Default),
         };
         let value = match value.number() {
@@ -60,7 +60,7 @@ impl<'a> Reader<'a> {
         let name = name.to_owned();
         let Some(converted) = convert(&value) else {
             let expected = expected.to_owned();
-            return Err(SettingsError::Value { place, name, value, expected });
+            return Err(SettingsError::Value { origin, name, value, expected });
         };
         self.declared.push(Parameter {
             name,
@@ -69,9 +69,9 @@ impl<'a> Reader<'a> {
             expected: expected.to_owned(),
             range: None,
             at_run_time: false,
-            place: place.clone(),
+            origin: origin.clone(),
         });
-        Ok(LocatedValue { value: converted, place })
+        Ok(LocatedValue { value: converted, origin })
     }
 
     pub(super) fn text(
@@ -207,11 +207,11 @@ impl<'a> Reader<'a> {
         type_name: &str,
         role: Role,
     ) -> Result<String, SettingsError> {
-        let LocatedValue { value, place } = self.text(parameter, default, about)?;
+        let LocatedValue { value, origin } = self.text(parameter, default, about)?;
         if value.is_empty() && default.is_empty() {
             return Ok(value);
         }
-        self.add_topic(parameter.to_owned(), &value, place, type_name, role)
+        self.add_topic(parameter.to_owned(), &value, origin, type_name, role)
     }
 
     /// A published topic that has no parameter.
@@ -227,7 +227,7 @@ impl<'a> Reader<'a> {
         &mut self,
         purpose: String,
         value: &str,
-        place: ValueOrigin,
+        origin: ValueOrigin,
         type_name: &str,
         role: Role,
     ) -> Result<String, SettingsError> {
@@ -235,22 +235,22 @@ impl<'a> Reader<'a> {
             Ok(name) => name,
             Err(source) => {
                 let topic = value.to_owned();
-                return Err(SettingsError::Topic { place, name: purpose, topic, source });
+                return Err(SettingsError::Topic { origin, name: purpose, topic, source });
             }
         };
         let is_remapped = self.node.expand(value).is_ok_and(|unmapped| unmapped != name);
-        let place = match place {
+        let origin = match origin {
             ValueOrigin::Default if is_remapped => ValueOrigin::Argument("--remap".to_owned()),
-            place => place,
+            origin => origin,
         };
-        // The node would hear itself, or could not tell whose message it hears.
+        // The node would receive its own messages, or could not tell whose message it received.
         if let Some(other) = self.topics.iter().find(|other| other.name == name) {
-            let place = if place == ValueOrigin::Default { other.place.clone() } else { place };
+            let origin = if origin == ValueOrigin::Default { other.origin.clone() } else { origin };
             let other = other.purpose.clone();
-            return Err(SettingsError::Shared { place, name: purpose, topic: name, other });
+            return Err(SettingsError::Shared { origin, name: purpose, topic: name, other });
         }
         let (type_name, qos) = (type_name.to_owned(), Qos::of(role));
-        self.topics.push(Topic { name: name.clone(), type_name, role, qos, purpose, place });
+        self.topics.push(Topic { name: name.clone(), type_name, role, qos, purpose, origin });
         Ok(name)
     }
 
@@ -259,28 +259,28 @@ impl<'a> Reader<'a> {
     /// Returns parameters that are for other nodes and not for this one.
     pub(super) fn apply_rest(&mut self) -> Result<Vec<ParameterOverride>, SettingsError> {
         let mut ignored = Vec::new();
-        for given in std::mem::take(&mut self.given).into_values() {
-            let applied = match given.name.strip_prefix(qos::PREFIX) {
-                Some(rest) => qos::apply(&mut self.topics, rest, &given),
-                None if given.is_shared => {
-                    ignored.push(given);
+        for parameter in std::mem::take(&mut self.overrides).into_values() {
+            let applied = match parameter.name.strip_prefix(qos::PREFIX) {
+                Some(rest) => qos::apply(&mut self.topics, rest, &parameter),
+                None if parameter.is_shared => {
+                    ignored.push(parameter);
                     continue;
                 }
-                None => Err(self.unknown(&given)),
+                None => Err(self.unknown(&parameter)),
             };
             match applied {
                 Ok((about, expected)) => self.declared.push(Parameter {
-                    name: given.name,
-                    value: given.value,
+                    name: parameter.name,
+                    value: parameter.value,
                     about,
                     expected: expected.to_owned(),
                     range: None,
                     at_run_time: false,
-                    place: given.place,
+                    origin: parameter.origin,
                 }),
                 // A bad value is bad for every node.
                 Err(error @ SettingsError::Value { .. }) => return Err(error),
-                Err(_) if given.is_shared => ignored.push(given),
+                Err(_) if parameter.is_shared => ignored.push(parameter),
                 Err(error) => return Err(error),
             }
         }
@@ -288,32 +288,32 @@ impl<'a> Reader<'a> {
     }
 
     pub(super) fn is_given(&self, name: &str) -> bool {
-        self.given.contains_key(name)
+        self.overrides.contains_key(name)
     }
 
     /// Where a parameter is given, if it is.
-    pub(super) fn place(&self, name: &str) -> Option<ValueOrigin> {
-        self.given.get(name).map(|given| given.place.clone())
+    pub(super) fn origin(&self, name: &str) -> Option<ValueOrigin> {
+        self.overrides.get(name).map(|parameter| parameter.origin.clone())
     }
 
-    fn unknown(&self, given: &ParameterOverride) -> SettingsError {
-        let (place, name) = (given.place.clone(), given.name.clone());
+    fn unknown(&self, parameter: &ParameterOverride) -> SettingsError {
+        let (origin, name) = (parameter.origin.clone(), parameter.name.clone());
         if let Some((cloud, part)) = name.split_once('.')
             && is_of_a_cloud(part)
             && check_token(cloud).is_ok()
             && !self.declared.iter().any(|known| known.name == format!("{cloud}.deadline"))
         {
             let cloud = cloud.to_owned();
-            return SettingsError::NoCloud { place, name, cloud };
+            return SettingsError::NoCloud { origin, name, cloud };
         }
         let names = self.declared.iter().map(|known| known.name.as_str());
         let nearest = nearest(&name, names);
-        SettingsError::Unknown { place, name, nearest }
+        SettingsError::Unknown { origin, name, nearest }
     }
 }
 
 impl<T> LocatedValue<T> {
     pub(super) fn map<U>(self, change: impl FnOnce(T) -> U) -> LocatedValue<U> {
-        LocatedValue { value: change(self.value), place: self.place }
+        LocatedValue { value: change(self.value), origin: self.origin }
     }
 }

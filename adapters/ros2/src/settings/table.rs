@@ -43,7 +43,7 @@ impl fmt::Display for Settings {
             parameters.add_row([
                 parameter.name.clone(),
                 parameter.value.to_string(),
-                parameter.place.to_string(),
+                parameter.origin.to_string(),
                 change.to_owned(),
             ]);
         }
@@ -52,8 +52,12 @@ impl fmt::Display for Settings {
         if !self.ignored.is_empty() {
             writeln!(f)?;
         }
-        for given in &self.ignored {
-            writeln!(f, "{}: {} is for other nodes, not this one", given.place, given.name)?;
+        for parameter in &self.ignored {
+            writeln!(
+                f,
+                "{}: {} is for other nodes, not this one",
+                parameter.origin, parameter.name
+            )?;
         }
         Ok(())
     }
@@ -61,13 +65,13 @@ impl fmt::Display for Settings {
 
 impl Settings {
     fn cloud_row(&self, cloud: &Cloud) -> [String; 5] {
-        let way = match &cloud.way {
+        let connection = match &cloud.way {
             CloudConnection::Topics { input, output, .. } => format!("{input}, {output}"),
             CloudConnection::Grpc(grpc) => grpc.url.clone(),
         };
         let requested = if cloud.enabled { "yes" } else { "no" };
         let deadline = secs(cloud.deadline.unwrap_or(self.deadline));
-        [cloud.name.clone(), cloud.priority.to_string(), deadline, requested.to_owned(), way]
+        [cloud.name.clone(), cloud.priority.to_string(), deadline, requested.to_owned(), connection]
     }
 }
 

@@ -216,12 +216,12 @@ fn what_is_wrong_with_a_cloud_is_told() {
             "a.grpc.key is given without a.grpc.certificate; give both or none",
         ),
     ];
-    for (parameters, place, error) in cases {
+    for (parameters, origin, error) in cases {
         let arguments = format!("-p {parameters}");
-        let place = if place.is_empty() { &arguments } else { place };
+        let origin = if origin.is_empty() { &arguments } else { origin };
         assert_eq!(
             error_with(&format!("-p clouds:=[a,b] {arguments}")),
-            format!("{place}: {error}")
+            format!("{origin}: {error}")
         );
     }
 }

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use fuseline_engine::Commit;
 use fuseline_ros2::arguments::{Arguments, Level};
-use fuseline_ros2::key::{Key, Kind};
+use fuseline_ros2::key::{IntegerKind, MessageKey};
 use fuseline_ros2::parameters::{Value, ValueOrigin};
 use fuseline_ros2::settings::{
     Change, Cloud, CloudConnection, Grpc, Middleware, Qos, Role, Settings, SettingsError,
@@ -59,7 +59,7 @@ fn two_types_are_enough() {
     assert_eq!((all.domain, all.localhost_only), (0, false));
     assert_eq!(all.input.topic, "/input");
     assert_eq!(all.input.type_name, "sensor_msgs/msg/Image");
-    assert_eq!((all.input.key, all.output.key), (Key::Header, Key::Header));
+    assert_eq!((all.input.key, all.output.key), (MessageKey::Header, MessageKey::Header));
     assert_eq!((all.output.topic.as_str(), all.silence), ("/output", None));
     assert_eq!((all.window, all.commit), (16, Commit::Eager));
     let usual = if cfg!(target_os = "linux") { Timers::Kernel } else { Timers::Tokio };
@@ -79,7 +79,7 @@ fn two_types_are_enough() {
     assert_eq!((all.trace, all.mcap), (None, None));
     assert_eq!((all.log_level, all.rosout, all.use_sim_time), (None, true, false));
     assert!(all.declared.iter().skip(2).all(|parameter| {
-        parameter.place == ValueOrigin::Default || parameter.name == "output.type"
+        parameter.origin == ValueOrigin::Default || parameter.name == "output.type"
     }));
 }
 
@@ -130,7 +130,7 @@ const RENAMED: &str = "-r __node:=front -r __ns:=/car";
 fn everything_can_be_set() {
     let all = settings(&[FULL], RENAMED).unwrap();
     assert_eq!((all.domain, all.localhost_only), (7, true));
-    assert_eq!(all.input.key, Key::Integer { offset: 8, kind: Kind::U64 });
+    assert_eq!(all.input.key, MessageKey::Integer { offset: 8, kind: IntegerKind::U64 });
     assert_eq!(all.silence, Some(Duration::from_secs(3)));
     assert_eq!((all.window, all.commit), (4, Commit::Patient));
     assert_eq!(all.deadline, Duration::from_secs(1));

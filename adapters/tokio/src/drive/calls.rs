@@ -20,9 +20,9 @@ use crate::drive::Completion;
 use crate::drive::wake_flag::FlagWaker;
 use crate::panics::{guarded, panicked};
 
-type Call<V> = BoxFuture<'static, Result<V, Error>>;
+type CallFuture<V> = BoxFuture<'static, Result<V, Error>>;
 /// Priority and timestamp.
-type Key = (u16, u64);
+type CallKey = (u16, u64);
 
 /// The calls under way, aborted when this is dropped; local's computations never are (F7).
 ///
@@ -31,18 +31,18 @@ type Key = (u16, u64);
 /// driver, which costs half.
 pub(super) enum Calls<V: Send + 'static> {
     Tasks {
-        error_chain: mpsc::UnboundedReceiver<Completion<V>>,
+        completions: mpsc::UnboundedReceiver<Completion<V>>,
         sender: mpsc::UnboundedSender<Completion<V>>,
-        under_way: FxHashMap<Key, AbortHandle>,
+        under_way: FxHashMap<CallKey, AbortHandle>,
     },
     InlineCalls(InlineCalls<V>),
 }
 
 /// Calls that run within the driver's task.
 pub(super) struct InlineCalls<V> {
-    places: Vec<CallSlot<V>>,
+    slots: Vec<CallSlot<V>>,
     free: Vec<usize>,
-    under_way: FxHashMap<Key, usize>,
+    under_way: FxHashMap<CallKey, usize>,
     /// The slots that were woken, in that order.
     turns: VecDeque<usize>,
     woken: Arc<WokenSlots>,
@@ -50,28 +50,28 @@ pub(super) struct InlineCalls<V> {
 
 /// Room for one call, with a waker for every call that it ever has.
 struct CallSlot<V> {
-    call: Option<Running<V>>,
-    alarm: Arc<Alarm>,
+    call: Option<RunningCall<V>>,
+    slot_waker: Arc<SlotWaker>,
     waker: Waker,
 }
 
-struct Running<V> {
-    key: Key,
-    call: Call<V>,
+struct RunningCall<V> {
+    key: CallKey,
+    call: CallFuture<V>,
     span: Span,
 }
 
 /// Wakes the driver for one slot's call.
-struct Alarm {
+struct SlotWaker {
     woken: Arc<WokenSlots>,
-    place: usize,
+    index: usize,
     /// Whether the slot is already among the woken.
     is_woken: AtomicBool,
 }
 
 /// The slots that were woken since the driver looked.
 struct WokenSlots {
-    places: Mutex<Vec<usize>>,
+    slots: Mutex<Vec<usize>>,
     flag_waker: Arc<FlagWaker>,
 }
 
@@ -81,29 +81,29 @@ impl<V: Send + 'static> Calls<V> {
         let flavor = Handle::try_current().map(|runtime| runtime.runtime_flavor());
         if matches!(flavor, Ok(RuntimeFlavor::CurrentThread)) {
             return Self::InlineCalls(InlineCalls {
-                places: Vec::new(),
+                slots: Vec::new(),
                 free: Vec::new(),
                 under_way: FxHashMap::default(),
                 turns: VecDeque::new(),
-                woken: Arc::new(WokenSlots { places: Mutex::default(), flag_waker }),
+                woken: Arc::new(WokenSlots { slots: Mutex::default(), flag_waker }),
             });
         }
-        let (sender, error_chain) = mpsc::unbounded_channel();
-        Self::Tasks { error_chain, sender, under_way: FxHashMap::default() }
+        let (sender, completions) = mpsc::unbounded_channel();
+        Self::Tasks { completions, sender, under_way: FxHashMap::default() }
     }
 
-    pub(super) fn begin(&mut self, priority: u16, timestamp: u64, call: Call<V>) {
+    pub(super) fn begin(&mut self, priority: u16, timestamp: u64, call: CallFuture<V>) {
         let span = debug_span!("call", priority, timestamp);
         match self {
-            Self::InlineCalls(here) => {
-                here.begin(Running { key: (priority, timestamp), call, span });
+            Self::InlineCalls(inline) => {
+                inline.begin(RunningCall { key: (priority, timestamp), call, span });
             }
             Self::Tasks { sender, under_way, .. } => {
-                let error_chain = sender.clone();
+                let sender = sender.clone();
                 let task = async move {
                     let result = guarded(call).await;
-                    // There is no receiver once the driver has ended.
-                    drop(error_chain.send(Completion { priority, timestamp, result }));
+                    // Nobody waits for it once the driver has ended.
+                    drop(sender.send(Completion { priority, timestamp, result }));
                 };
                 let task = tokio::spawn(task.instrument(span));
                 // F7: local is never aborted.
@@ -122,57 +122,57 @@ impl<V: Send + 'static> Calls<V> {
                     call.abort();
                 }
             }
-            Self::InlineCalls(here) => {
-                if let Some(place) = here.under_way.remove(&(priority, timestamp)) {
-                    here.clear(place);
+            Self::InlineCalls(inline) => {
+                if let Some(index) = inline.under_way.remove(&(priority, timestamp)) {
+                    inline.clear(index);
                 }
             }
         }
     }
 
     /// The next end of a call.
-    pub(super) fn poll_word(&mut self, context: &mut Context<'_>) -> Poll<Completion<V>> {
+    pub(super) fn poll_completion(&mut self, context: &mut Context<'_>) -> Poll<Completion<V>> {
         match self {
-            Self::Tasks { error_chain, under_way, .. } => match error_chain.poll_recv(context) {
-                Poll::Ready(Some(word)) => {
-                    under_way.remove(&(word.priority, word.timestamp));
-                    Poll::Ready(word)
+            Self::Tasks { completions, under_way, .. } => match completions.poll_recv(context) {
+                Poll::Ready(Some(completion)) => {
+                    under_way.remove(&(completion.priority, completion.timestamp));
+                    Poll::Ready(completion)
                 }
                 // `self` holds a sender: the channel does not end.
                 Poll::Ready(None) | Poll::Pending => Poll::Pending,
             },
-            Self::InlineCalls(here) => here.poll_word(context),
+            Self::InlineCalls(inline) => inline.poll_completion(context),
         }
     }
 }
 
 impl<V> InlineCalls<V> {
-    fn begin(&mut self, running: Running<V>) {
-        let place = self.free.pop().unwrap_or_else(|| {
-            let (place, woken) = (self.places.len(), Arc::clone(&self.woken));
-            let alarm = Arc::new(Alarm { woken, place, is_woken: AtomicBool::new(false) });
-            let waker = Waker::from(Arc::clone(&alarm));
-            self.places.push(CallSlot { call: None, alarm, waker });
-            place
+    fn begin(&mut self, running: RunningCall<V>) {
+        let index = self.free.pop().unwrap_or_else(|| {
+            let (index, woken) = (self.slots.len(), Arc::clone(&self.woken));
+            let slot_waker = Arc::new(SlotWaker { woken, index, is_woken: AtomicBool::new(false) });
+            let waker = Waker::from(Arc::clone(&slot_waker));
+            self.slots.push(CallSlot { call: None, slot_waker, waker });
+            index
         });
         if running.key.0 > 0 {
-            self.under_way.insert(running.key, place);
+            self.under_way.insert(running.key, index);
         }
-        self.places[place].call = Some(running);
+        self.slots[index].call = Some(running);
         // The driver polls it before it sleeps.
-        self.turns.push_back(place);
+        self.turns.push_back(index);
     }
 
-    fn poll_word(&mut self, context: &mut Context<'_>) -> Poll<Completion<V>> {
-        let mut woken = self.woken.places.lock().unwrap_or_else(PoisonError::into_inner);
+    fn poll_completion(&mut self, context: &mut Context<'_>) -> Poll<Completion<V>> {
+        let mut woken = self.woken.slots.lock().unwrap_or_else(PoisonError::into_inner);
         self.turns.extend(woken.drain(..));
         drop(woken);
         // A call that wakes itself again and again waits until others have had their turns.
         for _ in 0..self.turns.len() {
-            if let Some(place) = self.turns.pop_front()
-                && let Some(word) = self.poll_place(place)
+            if let Some(index) = self.turns.pop_front()
+                && let Some(completion) = self.poll_slot(index)
             {
-                return Poll::Ready(word);
+                return Poll::Ready(completion);
             }
         }
         if !self.turns.is_empty() {
@@ -182,10 +182,10 @@ impl<V> InlineCalls<V> {
     }
 
     /// Polls the call in this slot, if there is one: a waker may outlive its call.
-    fn poll_place(&mut self, place: usize) -> Option<Completion<V>> {
-        let CallSlot { call, alarm, waker } = &mut self.places[place];
-        alarm.is_woken.store(false, Ordering::Release);
-        let Running { key, call, span } = call.as_mut()?;
+    fn poll_slot(&mut self, index: usize) -> Option<Completion<V>> {
+        let CallSlot { call, slot_waker, waker } = &mut self.slots[index];
+        slot_waker.is_woken.store(false, Ordering::Release);
+        let RunningCall { key, call, span } = call.as_mut()?;
         let entered = span.enter();
         let mut context = Context::from_waker(waker);
         let polled = catch_unwind(AssertUnwindSafe(|| call.as_mut().poll(&mut context)));
@@ -197,7 +197,7 @@ impl<V> InlineCalls<V> {
         };
         let (priority, timestamp) = *key;
         self.under_way.remove(&(priority, timestamp));
-        self.clear(place);
+        self.clear(index);
         Some(Completion { priority, timestamp, result })
     }
 
@@ -207,9 +207,9 @@ impl<V> InlineCalls<V> {
         V: Send + 'static,
     {
         let runtime = Handle::try_current();
-        for running in self.places.iter_mut().filter_map(|place| place.call.take()) {
+        for running in self.slots.iter_mut().filter_map(|slot| slot.call.take()) {
             match (&runtime, running) {
-                (Ok(runtime), Running { key: (0, _), call, span }) => {
+                (Ok(runtime), RunningCall { key: (0, _), call, span }) => {
                     drop(runtime.spawn(guarded(call).instrument(span)));
                 }
                 (_, running) => end(running),
@@ -217,9 +217,9 @@ impl<V> InlineCalls<V> {
         }
     }
 
-    fn clear(&mut self, place: usize) {
-        let call = self.places[place].call.take();
-        self.free.push(place);
+    fn clear(&mut self, index: usize) {
+        let call = self.slots[index].call.take();
+        self.free.push(index);
         end(call);
     }
 }
@@ -233,21 +233,21 @@ impl<V: Send + 'static> Drop for Calls<V> {
     fn drop(&mut self) {
         match self {
             Self::Tasks { under_way, .. } => under_way.values().for_each(AbortHandle::abort),
-            Self::InlineCalls(here) => here.release(),
+            Self::InlineCalls(inline) => inline.release(),
         }
     }
 }
 
-impl Wake for Alarm {
+impl Wake for SlotWaker {
     fn wake(self: Arc<Self>) {
         self.wake_by_ref();
     }
 
     fn wake_by_ref(self: &Arc<Self>) {
         if !self.is_woken.swap(true, Ordering::AcqRel) {
-            let mut places = self.woken.places.lock().unwrap_or_else(PoisonError::into_inner);
-            places.push(self.place);
-            drop(places);
+            let mut slots = self.woken.slots.lock().unwrap_or_else(PoisonError::into_inner);
+            slots.push(self.index);
+            drop(slots);
             self.woken.flag_waker.wake_by_ref();
         }
     }

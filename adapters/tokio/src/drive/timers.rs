@@ -28,7 +28,7 @@ pub enum Timers {
 pub(super) enum Timer {
     Tokio(Pin<Box<Sleep>>),
     #[cfg(target_os = "linux")]
-    Kernel(kernel::Timer),
+    Kernel(kernel::KernelTimer),
 }
 
 impl Timer {
@@ -40,7 +40,7 @@ impl Timer {
         match timers {
             Timers::Tokio => Ok(Self::Tokio(Box::pin(sleep_until(Instant::now())))),
             #[cfg(target_os = "linux")]
-            Timers::Kernel => kernel::Timer::new().map(Self::Kernel),
+            Timers::Kernel => kernel::KernelTimer::new().map(Self::Kernel),
             #[cfg(not(target_os = "linux"))]
             Timers::Kernel => {
                 Err(io::Error::new(io::ErrorKind::Unsupported, "the kernel's timers are Linux's"))

@@ -14,7 +14,7 @@ pub(super) struct WakeFlag {
 
 /// Sets one party's flag and wakes the driver.
 pub(super) struct FlagWaker {
-    is_rung: AtomicBool,
+    is_set: AtomicBool,
     driver: Arc<AtomicWaker>,
 }
 
@@ -22,7 +22,7 @@ impl WakeFlag {
     /// A flag that is set, so that all parties are polled at first.
     pub(super) fn new(driver: &Arc<AtomicWaker>) -> Self {
         let flag_waker =
-            Arc::new(FlagWaker { is_rung: AtomicBool::new(true), driver: Arc::clone(driver) });
+            Arc::new(FlagWaker { is_set: AtomicBool::new(true), driver: Arc::clone(driver) });
         Self { waker: Waker::from(Arc::clone(&flag_waker)), flag_waker }
     }
 
@@ -32,24 +32,24 @@ impl WakeFlag {
 
     /// Polls if the flag is set; it stays set unless nothing was ready.
     pub(super) fn poll<T>(&self, poll: impl FnOnce(&mut Context<'_>) -> Poll<T>) -> Poll<T> {
-        if !self.is_rung() {
+        if !self.is_set() {
             return Poll::Pending;
         }
-        self.flag_waker.is_rung.store(false, Ordering::Release);
+        self.flag_waker.is_set.store(false, Ordering::Release);
         let polled = poll(&mut Context::from_waker(&self.waker));
         if polled.is_ready() {
-            self.flag_waker.is_rung.store(true, Ordering::Release);
+            self.flag_waker.is_set.store(true, Ordering::Release);
         }
         polled
     }
 
-    pub(super) fn is_rung(&self) -> bool {
-        self.flag_waker.is_rung.load(Ordering::Acquire)
+    pub(super) fn is_set(&self) -> bool {
+        self.flag_waker.is_set.load(Ordering::Acquire)
     }
 
     /// Sets the flag without a waker; for the driver itself.
     pub(super) fn set(&self) {
-        self.flag_waker.is_rung.store(true, Ordering::Release);
+        self.flag_waker.is_set.store(true, Ordering::Release);
     }
 }
 
@@ -59,7 +59,7 @@ impl Wake for FlagWaker {
     }
 
     fn wake_by_ref(self: &Arc<Self>) {
-        if !self.is_rung.swap(true, Ordering::AcqRel) {
+        if !self.is_set.swap(true, Ordering::AcqRel) {
             self.driver.wake();
         }
     }

@@ -65,15 +65,15 @@ fn is_broken(error: &io::Error) -> bool {
 /// which a certificate was looked at is left out too: with it each second would be a reason of its
 /// own in tallies.
 fn plain(error: &io::Error) -> String {
-    let error_chain = error.to_string();
-    if error_chain.contains("InvalidContentType") {
+    let words = error.to_string();
+    if words.contains("InvalidContentType") {
         return "the server does not speak TLS".to_owned();
     }
     if error.kind() == io::ErrorKind::TimedOut {
         return "no connection in time".to_owned();
     }
-    let ends = [" (os error", ": verification time"].map(|rest| error_chain.find(rest));
-    let error_chain = &error_chain[..ends.into_iter().flatten().min().unwrap_or(error_chain.len())];
-    let mut letters = error_chain.chars();
+    let ends = [" (os error", ": verification time"].map(|rest| words.find(rest));
+    let words = &words[..ends.into_iter().flatten().min().unwrap_or(words.len())];
+    let mut letters = words.chars();
     letters.next().map_or_else(String::new, |first| first.to_lowercase().chain(letters).collect())
 }

@@ -10,7 +10,7 @@ use tonic::body::Body;
 use tonic::codegen::Service;
 use tonic::transport::{self, Channel};
 
-use crate::setup::Call;
+use crate::call::Call;
 
 /// Counts what the channel takes of a request, for the [`Call`](crate::Call) in the request, if there is one.
 #[derive(Clone, Debug)]

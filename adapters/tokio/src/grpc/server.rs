@@ -2,6 +2,7 @@
 
 mod bounds;
 mod connection_handler;
+mod connection_watch;
 mod held;
 mod limits;
 mod tls;
@@ -29,7 +30,7 @@ const BREATH: Duration = Duration::from_millis(100);
 /// Whom a server accepts, and what they may take; by default everybody, without TLS.
 #[derive(Clone, Debug, Default)]
 pub struct Server {
-    /// The server's certificate; with it, the server speaks TLS.
+    /// The server's certificate; with it, the server uses TLS.
     pub identity: Option<Identity>,
     /// The CA certificates, PEM, one of which must have signed the client's (mutual TLS); needs an identity.
     pub client_ca: Option<Vec<u8>>,
@@ -82,7 +83,7 @@ pub async fn serve(
             accepted = listener.accept() => match accepted {
                 Ok((socket, peer)) => match limits.permit(peer.ip()) {
                     Ok(permit) => drop(guests.spawn(connection_handler.clone().host(socket, peer, permit))),
-                    Err(why) => limits.tell(peer, &why),
+                    Err(why) => limits.log(peer, &why),
                 },
                 Err(error) => {
                     warn!(%error, "no connection can be taken on");

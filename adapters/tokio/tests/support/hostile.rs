@@ -115,7 +115,7 @@ impl Raw {
                 },
                 read = coming.read(&mut logged) => match read {
                     Ok(0) | Err(_) => return false,
-                    Ok(read) => self.hear(&logged[..read]),
+                    Ok(read) => self.receive(&logged[..read]),
                 },
             }
         }
@@ -159,7 +159,7 @@ impl Raw {
         match self.stream.as_mut().unwrap().read(&mut logged).await {
             Ok(0) | Err(_) => false,
             Ok(read) => {
-                self.hear(&logged[..read]);
+                self.receive(&logged[..read]);
                 true
             }
         }
@@ -179,7 +179,7 @@ impl Raw {
         while self.stream.as_mut().unwrap().read(&mut logged).await.is_ok_and(|read| read > 0) {}
     }
 
-    fn hear(&mut self, logged: &[u8]) {
+    fn receive(&mut self, logged: &[u8]) {
         self.read.extend_from_slice(logged);
         while let Some((head, rest)) = self.read.split_at_checked(9) {
             let length = u32::from_be_bytes([0, head[0], head[1], head[2]]) as usize;

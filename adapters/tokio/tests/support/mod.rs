@@ -14,7 +14,7 @@ use fuseline_tokio::{
 use fuseline_traces::judge;
 use tokio::time::{Instant, sleep, sleep_until};
 
-/// What a source does with a message. Times are milliseconds from when it is asked.
+/// What a source does with a message. Times are milliseconds from the request.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum SourceAction {
     Answers(u64),
@@ -23,7 +23,7 @@ pub(crate) enum SourceAction {
     Never,
 }
 
-/// An operator whose sources do as they are told for each timestamp.
+/// An operator whose sources do what is given for each timestamp.
 pub(crate) struct Script {
     pub(crate) local: fn(u64) -> SourceAction,
     pub(crate) deadline: Option<Duration>,

@@ -3,25 +3,25 @@
 use std::time::Duration;
 
 #[derive(Default)]
-pub(super) struct MessageHistory {
+pub(super) struct TimestampHistory {
     /// The last open that no refusal has followed.
     pub(super) offered: Option<u64>,
     pub(super) opened: Option<u64>,
-    pub(super) end: Option<End>,
+    pub(super) end: Option<CallEnd>,
     /// By source, as far as they were mentioned.
-    pub(super) calls: Vec<Call>,
+    pub(super) calls: Vec<RequestHistory>,
 }
 
 #[derive(Clone, Copy)]
-pub(super) struct End {
+pub(super) struct CallEnd {
     pub(super) at: u64,
     /// Whose result went; none if the message was missed.
     pub(super) source: Option<usize>,
 }
 
-/// One request, or a source that was not asked.
+/// One request, or a source that got none.
 #[derive(Clone, Copy, Default)]
-pub(super) struct Call {
+pub(super) struct RequestHistory {
     pub(super) is_requested: bool,
     pub(super) due: Option<u64>,
     pub(super) ended: Option<(RequestEnd, u64)>,
@@ -42,9 +42,9 @@ pub(super) enum RequestEnd {
     Superseded,
 }
 
-/// The place in [`COLUMNS`](super::COLUMNS).
+/// The index in [`COLUMNS`](super::COLUMNS).
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum RequestOutcome {
+pub(super) enum OutcomeColumn {
     Forwarded = 1,
     Discarded = 2,
     Late = 3,
@@ -53,10 +53,10 @@ pub(super) enum RequestOutcome {
     Open = 6,
 }
 
-impl MessageHistory {
-    pub(super) fn call(&mut self, source: usize) -> &mut Call {
+impl TimestampHistory {
+    pub(super) fn call(&mut self, source: usize) -> &mut RequestHistory {
         if self.calls.len() <= source {
-            self.calls.resize(source + 1, Call::default());
+            self.calls.resize(source + 1, RequestHistory::default());
         }
         &mut self.calls[source]
     }
@@ -76,7 +76,7 @@ impl MessageHistory {
         self.begin().is_some() || self.end.is_some() || is_requested()
     }
 
-    pub(super) fn response(&self, end: End) -> Option<Duration> {
+    pub(super) fn response(&self, end: CallEnd) -> Option<Duration> {
         Some(Duration::from_nanos(end.at.saturating_sub(self.begin()?)))
     }
 
@@ -84,30 +84,30 @@ impl MessageHistory {
         source == 0 || self.calls.get(source).is_some_and(|call| call.is_requested)
     }
 
-    /// What became of the source's request, if it was asked.
+    /// What became of the source's request, if it got one.
     pub(super) fn request_outcome(
         &self,
         source: usize,
         is_observed: bool,
-    ) -> Option<RequestOutcome> {
+    ) -> Option<OutcomeColumn> {
         if !self.is_requested(source) {
             return None;
         }
         let call = self.calls.get(source).copied().unwrap_or_default();
         Some(match (call.outcome(self.end.filter(|_| is_observed)), self.end) {
             (Some(RequestEnd::InTime), Some(end)) if end.source == Some(source) => {
-                RequestOutcome::Forwarded
+                OutcomeColumn::Forwarded
             }
-            (Some(RequestEnd::InTime), Some(_)) => RequestOutcome::Discarded,
-            (Some(RequestEnd::Late), _) => RequestOutcome::Late,
-            (Some(RequestEnd::Failed), _) => RequestOutcome::Failed,
-            (Some(RequestEnd::Superseded), _) | (None, Some(_)) => RequestOutcome::Superseded,
-            (Some(RequestEnd::InTime) | None, None) => RequestOutcome::Open,
+            (Some(RequestEnd::InTime), Some(_)) => OutcomeColumn::Discarded,
+            (Some(RequestEnd::Late), _) => OutcomeColumn::Late,
+            (Some(RequestEnd::Failed), _) => OutcomeColumn::Failed,
+            (Some(RequestEnd::Superseded), _) | (None, Some(_)) => OutcomeColumn::Superseded,
+            (Some(RequestEnd::InTime) | None, None) => OutcomeColumn::Open,
         })
     }
 }
 
-impl Call {
+impl RequestHistory {
     /// What is ended stays so: a held result's timer changes nothing.
     pub(super) fn end_with(&mut self, request_end: RequestEnd, at: u64) {
         self.ended.get_or_insert((request_end, at));
@@ -121,8 +121,8 @@ impl Call {
     }
 
     /// How it ceased to be pending, if it did; by its own lines alone if `end`, its message's, is
-    /// given and no decision tells.
-    pub(super) fn outcome(mut self, end: Option<End>) -> Option<RequestEnd> {
+    /// given and no decision shows it.
+    pub(super) fn outcome(mut self, end: Option<CallEnd>) -> Option<RequestEnd> {
         self.settle();
         let is_late = |at: u64| self.due.is_some_and(|due| due <= at);
         match (self.ended, self.answered, end) {

@@ -46,15 +46,15 @@ fn fail(at: u64, t: u64, p: u64) -> Input {
     Input::Fail { at: at * MS, t, p }
 }
 
-const fn at(ms: u64) -> Arrival {
-    Arrival::At(Duration::from_millis(ms))
+const fn at(ms: u64) -> ArrivalTime {
+    ArrivalTime::At(Duration::from_millis(ms))
 }
 
-/// Of a source that was not asked.
-const UNASKED: Arrival = Arrival::Failed(Duration::ZERO);
+/// Of a source that got no request.
+const UNASKED: ArrivalTime = ArrivalTime::Failed(Duration::ZERO);
 
-const fn after(ms: u64) -> Arrival {
-    Arrival::After(Duration::from_millis(ms))
+const fn after(ms: u64) -> ArrivalTime {
+    ArrivalTime::After(Duration::from_millis(ms))
 }
 
 #[test]
@@ -103,7 +103,7 @@ fn a_failure_after_its_timer_in_the_same_input_is_late_and_no_failure() {
 fn an_accepted_failure_counts() {
     let page_trace = statistics(&[open(0, 0), offer(0, 0, 7), fail(20, 0, 7), result(30, 0, 0)]);
     assert_eq!(fates(&page_trace, 7), [("failed", 1)]);
-    let failed = Arrival::Failed(Duration::from_millis(20));
+    let failed = ArrivalTime::Failed(Duration::from_millis(20));
     assert_eq!(page_trace.messages(|_, _, _| None)[0].arrivals[1], failed);
 }
 
@@ -123,7 +123,7 @@ fn refused_offers_and_refused_messages_count_apart() {
 #[test]
 fn an_open_that_is_refused_changes_nothing_about_the_one_before() {
     let page_trace = statistics(&[open(0, 0), open(5, 0), result(10, 0, 0)]);
-    assert_eq!(page_trace.outcome(0), Ending::Forwarded { p: 0 });
+    assert_eq!(page_trace.outcome(0), TimestampOutcome::Forwarded { p: 0 });
     let Totals { messages, forwarded, refused, response, .. } = page_trace.totals();
     assert_eq!((messages, forwarded, refused), (2, 1, 1));
     assert_eq!(response[0], Some(Quantile::Exactly(Duration::from_millis(10))));
@@ -154,7 +154,7 @@ fn a_second_offer_is_refused_and_no_request() {
 #[test]
 fn a_message_nobody_answers_is_missed() {
     let page_trace = statistics(&[open(0, 0), fail(5, 0, 0)]);
-    assert_eq!((page_trace.totals().missed, page_trace.outcome(0)), (1, Ending::Missed));
+    assert_eq!((page_trace.totals().missed, page_trace.outcome(0)), (1, TimestampOutcome::Missed));
     assert_eq!(page_trace.totals().response, [Some(Quantile::Never); 3]);
     assert_eq!(page_trace.messages(|_, _, _| None)[0].forwarded, None);
 }

@@ -4,9 +4,9 @@ use std::sync::{Arc, Mutex};
 use tokio::time::{advance, sleep};
 
 use super::*;
-use crate::probe::figures::Counts;
+use crate::probe::figures::RequestCounts;
 use crate::probe::position::Fixes;
-use crate::probe::row::Rows;
+use crate::probe::row::SlotRows;
 use fuseline_report::Quantile;
 
 const fn ms(ms: u64) -> Duration {
@@ -29,24 +29,24 @@ impl Write for Shared {
 }
 
 struct ProbeRun {
-    log: Log<Shared>,
+    log: ProbeLog<Shared>,
     rows: Vec<[f64; 3]>,
 }
 
-/// Probes at 30 Hz; `ask` gets each slot. A runtime of 118 ms must be done within 500 ms.
+/// Probes at 30 Hz; `send_request` gets each slot. A runtime of 118 ms must be done within 500 ms.
 async fn probe<Fut>(
     slots: Option<u64>,
-    ask: impl Fn(u64) -> Fut,
+    send_request: impl Fn(u64) -> Fut,
     end: impl Future<Output = ()>,
 ) -> ProbeRun
 where
     Fut: Future<Output = bool> + Send + 'static,
 {
     let file = Shared::default();
-    let rows = Rows::new(file.clone(), Fixes::default()).unwrap();
-    let mut log = Log::new(rows, Duration::from_secs(1) / 30, (ms(118), ms(500)));
+    let rows = SlotRows::new(file.clone(), Fixes::default()).unwrap();
+    let mut log = ProbeLog::new(rows, Duration::from_secs(1) / 30, (ms(118), ms(500)));
     let schedule = Schedule { rate: 30.0, slots, give_up: ms(20_000) };
-    drive(&mut log, &schedule, ask, end, (ms(1000), |_, _| {})).await.unwrap();
+    drive(&mut log, &schedule, send_request, end, (ms(1000), |_, _| {})).await.unwrap();
     let text = String::from_utf8(file.0.lock().unwrap().clone()).unwrap();
     let row = |line: &str| {
         let cells: Vec<f64> =
@@ -65,12 +65,18 @@ fn quantile(found: Option<Quantile>) -> f64 {
 
 #[tokio::test(start_paused = true)]
 async fn calls_overlap_and_quantiles_are_those_of_the_delays() {
-    let ask = |slot| async move {
+    let send_request = |slot| async move {
         sleep(ms(1 + slot % 200)).await;
         true
     };
-    let ProbeRun { log, rows } = probe(Some(600), ask, future::pending()).await;
-    let counts = Counts { slots: 600, sent: 600, answered: 600, in_time: 600, ..Counts::default() };
+    let ProbeRun { log, rows } = probe(Some(600), send_request, future::pending()).await;
+    let counts = RequestCounts {
+        slots: 600,
+        sent: 600,
+        answered: 600,
+        in_time: 600,
+        ..RequestCounts::default()
+    };
     assert_eq!(log.figures.counts, counts);
     for (percent, expected) in [(50, 100.0), (90, 180.0), (99, 198.0), (100, 200.0)] {
         for spread in [&log.figures.answers, &log.figures.slots] {
@@ -88,12 +94,12 @@ async fn calls_overlap_and_quantiles_are_those_of_the_delays() {
 #[tokio::test(start_paused = true)]
 async fn a_stall_leaves_31_unanswered_and_nothing_is_sent_until_all_are_answered() {
     let under_way = Arc::new(AtomicUsize::new(0));
-    let seen = Arc::new(Mutex::new(Vec::new()));
+    let requests = Arc::new(Mutex::new(Vec::new()));
     let start = Instant::now();
-    let ask = |slot| {
-        let (under_way, seen) = (Arc::clone(&under_way), Arc::clone(&seen));
+    let send_request = |slot| {
+        let (under_way, requests) = (Arc::clone(&under_way), Arc::clone(&requests));
         async move {
-            seen.lock().unwrap().push((slot, under_way.fetch_add(1, Ordering::Relaxed)));
+            requests.lock().unwrap().push((slot, under_way.fetch_add(1, Ordering::Relaxed)));
             sleep(ms(20)).await;
             let stalled = start.elapsed();
             // From 1 s until 4 s nothing comes.
@@ -104,15 +110,15 @@ async fn a_stall_leaves_31_unanswered_and_nothing_is_sent_until_all_are_answered
             true
         }
     };
-    let ProbeRun { log, rows } = probe(Some(180), ask, future::pending()).await;
-    let seen = seen.lock().unwrap();
-    assert_eq!(seen.iter().map(|(_, queued)| queued + 1).max(), Some(31));
+    let ProbeRun { log, rows } = probe(Some(180), send_request, future::pending()).await;
+    let requests = requests.lock().unwrap();
+    assert_eq!(requests.iter().map(|(_, queued)| queued + 1).max(), Some(31));
     // The last of the 31, then the first after the pause: with nothing under way.
-    let last = seen.iter().position(|(_, queued)| *queued == 30).unwrap();
-    let (slot, queued) = seen[last + 1];
+    let last = requests.iter().position(|(_, queued)| *queued == 30).unwrap();
+    let (slot, queued) = requests[last + 1];
     assert_eq!(queued, 0);
     assert!(slot >= 120, "{slot}");
-    let skipped = slot - seen[last].0 - 1;
+    let skipped = slot - requests[last].0 - 1;
     let counts = log.figures.counts;
     assert_eq!((counts.pauses, counts.skipped, counts.missed), (1, skipped, 0));
     assert_eq!((counts.slots, counts.sent + counts.skipped), (180, 180));
@@ -129,8 +135,8 @@ async fn a_stall_leaves_31_unanswered_and_nothing_is_sent_until_all_are_answered
 
 #[tokio::test(start_paused = true)]
 async fn what_fails_is_lost_and_never_ends() {
-    let ask = |slot| future::ready(slot % 4 != 0);
-    let ProbeRun { log, rows } = probe(Some(100), ask, future::pending()).await;
+    let send_request = |slot| future::ready(slot % 4 != 0);
+    let ProbeRun { log, rows } = probe(Some(100), send_request, future::pending()).await;
     assert_eq!((log.figures.counts.answered, log.figures.counts.failed), (75, 25));
     assert_eq!(rows.iter().filter(|row| row[1] < 0.0).count(), 25);
     assert_eq!(log.figures.slots.quantile(76), Some(Quantile::Never));
@@ -139,40 +145,40 @@ async fn what_fails_is_lost_and_never_ends() {
 
 #[tokio::test(start_paused = true)]
 async fn a_call_is_given_up_so_that_rows_do_not_wait_for_ever() {
-    let ask = |slot| async move {
+    let send_request = |slot| async move {
         if slot == 0 {
             future::pending::<()>().await;
         }
         true
     };
-    let ProbeRun { log, rows } = probe(Some(3000), ask, future::pending()).await;
+    let ProbeRun { log, rows } = probe(Some(3000), send_request, future::pending()).await;
     assert_eq!((log.figures.counts.failed, rows.len()), (1, 3000));
     assert!(rows[0][1] < 0.0 && rows[1..].iter().all(|row| row[1] >= 0.0));
 }
 
 #[tokio::test(start_paused = true)]
 async fn ended_by_the_user_the_recording_is_whole() {
-    let ask = |slot| async move {
+    let send_request = |slot| async move {
         sleep(if slot < 20 { ms(200) } else { ms(5000) }).await;
         true
     };
-    let ProbeRun { log, rows } = probe(None, ask, sleep(ms(990))).await;
-    let Counts { slots, sent, answered, unanswered, .. } = log.figures.counts;
+    let ProbeRun { log, rows } = probe(None, send_request, sleep(ms(990))).await;
+    let RequestCounts { slots, sent, answered, unanswered, .. } = log.figures.counts;
     assert_eq!((slots, sent, answered, unanswered), (30, 30, 20, 10));
     assert_eq!((rows.len(), rows.iter().filter(|row| row[1] < 0.0).count()), (30, 10));
 }
 
 #[tokio::test(start_paused = true)]
 async fn slots_that_were_overslept_are_told_and_not_made_up() {
-    let ask = |slot| async move {
+    let send_request = |slot| async move {
         if slot == 9 {
             // As if the host stood still.
             advance(ms(1000)).await;
         }
         true
     };
-    let ProbeRun { log, rows } = probe(Some(90), ask, future::pending()).await;
-    let Counts { slots, sent, missed, skipped, .. } = log.figures.counts;
+    let ProbeRun { log, rows } = probe(Some(90), send_request, future::pending()).await;
+    let RequestCounts { slots, sent, missed, skipped, .. } = log.figures.counts;
     assert_eq!((slots, sent + missed, skipped), (90, 90, 0));
     assert!((28..=30).contains(&missed), "{missed}");
     assert_eq!(rows.len() as u64, sent);

@@ -3,12 +3,12 @@
 use plotters::element::Circle;
 use plotters::style::{Color, RGBColor};
 
-use crate::plot::{Axes, DRAWN, Line, Plot, TextLine, Theme, canvas, logarithmic};
+use crate::plot::{Axes, ChartLine, DRAWN, Plot, TextLine, Theme, canvas, logarithmic};
 use crate::probe::plots::extent::Extent;
 use crate::probe::summary::PAPER;
 use fuseline_report::Quantile;
 
-/// What is told apart, in parts of all answers.
+/// What is distinguished, in parts of all answers.
 const STEPS: u64 = 500;
 
 pub(crate) fn plot(extent: &Extent, about: String) -> Plot {
@@ -34,7 +34,7 @@ pub(crate) fn plot(extent: &Extent, about: String) -> Plot {
                     line("this network", theme.series[1], false, &curve),
                     line("the paper's 5G drive", theme.series[2], true, &paper),
                 ];
-                Line::keys(&lines, theme, canvas, (82, 84));
+                ChartLine::keys(&lines, theme, canvas, (82, 84));
                 let area = canvas.margin(104, 12, 20, 24);
                 let axes = Axes {
                     x: x.clone(),
@@ -51,11 +51,11 @@ pub(crate) fn plot(extent: &Extent, about: String) -> Plot {
                 {
                     let dots = points.iter().map(|at| Circle::new(*at, 5, colour.filled()));
                     chart.draw_series(dots).expect(DRAWN);
-                    for (place, at) in points.iter().enumerate() {
-                        let is_left = others.get(place).is_none_or(|other| *at < *other);
+                    for (index, at) in points.iter().enumerate() {
+                        let is_left = others.get(index).is_none_or(|other| *at < *other);
                         let (x, y) = chart.backend_coord(at);
                         let x = if is_left { x - 10 } else { x + 10 };
-                        let name = ["p50", "p90", "p99"][place];
+                        let name = ["p50", "p90", "p99"][index];
                         write(theme, canvas, (name, at.0, is_left), (x, y));
                     }
                 }
@@ -75,11 +75,11 @@ fn write(
     label.put(canvas, &format!("{name} {}", short(ms)), at);
 }
 
-/// In whole milliseconds where that tells enough.
+/// In whole milliseconds where that is exact enough.
 fn short(ms: f64) -> String {
     if ms < 9.95 { format!("{ms:.1} ms") } else { format!("{ms:.0} ms") }
 }
 
-fn line(name: &str, colour: RGBColor, is_dashed: bool, points: &[(f64, f64)]) -> Line {
-    Line { name: name.to_owned(), colour, width: 2, is_dashed, points: points.to_vec() }
+fn line(name: &str, colour: RGBColor, is_dashed: bool, points: &[(f64, f64)]) -> ChartLine {
+    ChartLine { name: name.to_owned(), colour, width: 2, is_dashed, points: points.to_vec() }
 }

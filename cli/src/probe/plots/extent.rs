@@ -4,7 +4,7 @@ use std::ops::Range;
 use std::time::Duration;
 
 use crate::probe::figures::Spread;
-use crate::probe::plots::places::Bounds;
+use crate::probe::plots::places::BoundingBox;
 use crate::probe::recording::PlotRow;
 use crate::probe::summary::{PAPER, counted, quantile};
 
@@ -17,7 +17,7 @@ pub(crate) struct Extent {
     /// When the first and the last were sent, in seconds.
     pub(crate) sent: Option<(f64, f64)>,
     pub(crate) round_trips: Spread,
-    pub(crate) bounds: Option<Bounds>,
+    pub(crate) bounds: Option<BoundingBox>,
     /// The least and the greatest round trip, in milliseconds.
     ends: Option<(f64, f64)>,
 }
@@ -31,29 +31,29 @@ impl Default for Extent {
 }
 
 impl Extent {
-    pub(crate) fn add(&mut self, seen: &PlotRow) {
+    pub(crate) fn add(&mut self, plot_row: &PlotRow) {
         self.rows += 1;
-        self.sent = Some((self.sent.map_or(seen.sent, |(first, _)| first), seen.sent));
-        match seen.round_trip {
+        self.sent = Some((self.sent.map_or(plot_row.sent, |(first, _)| first), plot_row.sent));
+        match plot_row.round_trip {
             Some(ms) => {
                 self.answered += 1;
                 self.round_trips.add(Duration::from_secs_f64(ms / 1000.0));
                 let (least, greatest) = self.ends.unwrap_or((ms, ms));
                 self.ends = Some((least.min(ms), greatest.max(ms)));
             }
-            None if seen.is_pause => self.pauses += 1,
+            None if plot_row.is_pause => self.pauses += 1,
             None => self.lost += 1,
         }
-        if let Some(place) = seen.place {
-            let bounds = self.bounds.get_or_insert_with(|| Bounds::new(place));
-            bounds.add(place);
+        if let Some(position) = plot_row.position {
+            let bounds = self.bounds.get_or_insert_with(|| BoundingBox::new(position));
+            bounds.add(position);
         }
     }
 
     /// Powers of ten around all round trips and the paper's, in milliseconds, with room for words.
     pub(crate) fn milliseconds(&self) -> Range<f64> {
         let (least, greatest) = self.ends.unwrap_or((PAPER.p50, PAPER.p99));
-        // Nothing is told apart below 0.01 ms.
+        // Nothing is distinguished below 0.01 ms.
         let least = (least.min(PAPER.p50) / 3.0).max(0.01);
         let greatest = greatest.max(PAPER.p99) * 3.0;
         10_f64.powf(least.log10().floor())..10_f64.powf(greatest.log10().ceil())

@@ -11,9 +11,9 @@ use std::path::Path;
 use crate::fault::Fault;
 use crate::plot::{DARK, Folder, LIGHT, PageContent, Plot, show};
 use crate::probe::plots::extent::Extent;
-use crate::probe::plots::places::Places;
+use crate::probe::plots::places::SlowestPlaces;
 use crate::probe::plots::series::Series;
-use crate::probe::recording::Recording;
+use crate::probe::recording::ProbeRecording;
 
 /// What the page says first.
 const WORDS: &str = "A message of 33.3 KB was due at each slot, 30 times a second unless told otherwise, and \
@@ -31,16 +31,16 @@ pub(crate) fn plot(
     folder: &Folder,
     reported: Option<&str>,
 ) -> Result<Vec<String>, Fault> {
-    let mut recording = Recording::open(path)?;
+    let mut recording = ProbeRecording::open(path)?;
     let mut extent = Extent::default();
-    recording.each(u64::MAX, |seen| extent.add(&seen))?;
+    recording.each(u64::MAX, |plot_row| extent.add(&plot_row))?;
     let mut series = Series::new(&extent);
-    let mut places = extent.bounds.map(Places::new);
+    let mut places = extent.bounds.map(SlowestPlaces::new);
     // It may have grown since.
-    recording.each(extent.rows, |seen| {
-        series.add(&seen);
+    recording.each(extent.rows, |plot_row| {
+        series.add(&plot_row);
         if let Some(places) = &mut places {
-            places.add(&seen);
+            places.add(&plot_row);
         }
     })?;
     let about = extent.reported();

@@ -15,13 +15,13 @@ pub(crate) const NO_ANSWER: u64 = u64::MAX;
 
 /// What holds all positions, in degrees; longitudes count from the first.
 #[derive(Clone, Copy)]
-pub(crate) struct Bounds {
+pub(crate) struct BoundingBox {
     first: f64,
     lat: (f64, f64),
     east: (f64, f64),
 }
 
-impl Bounds {
+impl BoundingBox {
     pub(crate) const fn new((lat, lon): (f64, f64)) -> Self {
         Self { first: lon, lat: (lat, lat), east: (0.0, 0.0) }
     }
@@ -40,16 +40,16 @@ impl Bounds {
 
 /// The slowest of the round trips at each place, as finely as the drawing shows.
 #[derive(Clone)]
-pub(crate) struct Places {
-    bounds: Bounds,
+pub(crate) struct SlowestPlaces {
+    bounds: BoundingBox,
     /// Half of the chart's width and height, in metres.
     pub(crate) half: (f64, f64),
     /// In microseconds, by units of the drawing from the middle.
     slowest: BTreeMap<(i32, i32), u64>,
 }
 
-impl Places {
-    pub(crate) fn new(bounds: Bounds) -> Self {
+impl SlowestPlaces {
+    pub(crate) fn new(bounds: BoundingBox) -> Self {
         let mut places = Self { bounds, half: (0.0, 0.0), slowest: BTreeMap::new() };
         let (east, north) = places.metres(bounds.east.1, bounds.lat.1);
         let unit = (east.max(AROUND) / CHART.0).max(north.max(AROUND) / CHART.1) * 1.08;
@@ -57,11 +57,11 @@ impl Places {
         places
     }
 
-    pub(crate) fn add(&mut self, seen: &PlotRow) {
-        let Some((lat, lon)) = seen.place else { return };
+    pub(crate) fn add(&mut self, plot_row: &PlotRow) {
+        let Some((lat, lon)) = plot_row.position else { return };
         let (east, north) = self.metres(self.bounds.east(lon), lat);
         let unit = self.unit();
-        let took = seen.round_trip.map_or(NO_ANSWER, micros);
+        let took = plot_row.round_trip.map_or(NO_ANSWER, micros);
         let slowest = self.slowest.entry((cell(east / unit), cell(north / unit))).or_insert(0);
         *slowest = took.max(*slowest);
     }
@@ -86,7 +86,7 @@ impl Places {
 
     /// Degrees as metres from the middle.
     fn metres(&self, east: f64, lat: f64) -> (f64, f64) {
-        let Bounds { lat: lats, east: easts, .. } = self.bounds;
+        let BoundingBox { lat: lats, east: easts, .. } = self.bounds;
         let middle = f64::midpoint(lats.0, lats.1);
         let across = (east - f64::midpoint(easts.0, easts.1)) * DEGREE;
         (across * middle.to_radians().cos(), (lat - middle) * DEGREE)

@@ -4,12 +4,12 @@ use plotters::element::{Circle, Rectangle};
 use plotters::style::{Color, RGBColor};
 
 use crate::plot::{Axes, Canvas, DRAWN, Plot, TextLine, Theme, canvas};
-use crate::probe::plots::places::Places;
+use crate::probe::plots::places::SlowestPlaces;
 
 /// What the scale goes from and to, in milliseconds.
 const SCALE: (f64, f64) = (10.0, 3000.0);
 
-pub(crate) fn plot(places: Places) -> Plot {
+pub(crate) fn plot(places: SlowestPlaces) -> Plot {
     let caption = "The route from above, north is up. A dot has the colour of the slowest round trip there; \
         black or white is a place where a request had no answer, or a pause began.";
     Plot::new("route", caption, move |theme| {

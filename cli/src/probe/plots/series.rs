@@ -11,11 +11,11 @@ use crate::probe::plots::extent::Extent;
 use crate::probe::recording::PlotRow;
 
 const SIZE: (u32, u32) = (860, 500);
-/// No more is told apart: about a unit of the drawing, in parts of the chart.
+/// No more is distinguished: about a unit of the drawing, in parts of the chart.
 const ACROSS: f64 = 760.0;
 const UP: f64 = 350.0;
 
-/// What is seen of a recording, told apart as finely as the drawing does.
+/// What is seen of a recording, distinguished as finely as the drawing does.
 #[derive(Clone)]
 pub(crate) struct Series {
     seconds: Range<f64>,
@@ -42,25 +42,25 @@ impl Series {
         }
     }
 
-    pub(crate) fn add(&mut self, seen: &PlotRow) {
+    pub(crate) fn add(&mut self, plot_row: &PlotRow) {
         let unit = (self.seconds.end - self.seconds.start) / ACROSS;
         if self.is_paused
             && let Some(pause) = self.pauses.last_mut()
         {
-            pause.1 = seen.sent;
+            pause.1 = plot_row.sent;
         }
-        self.is_paused = seen.is_pause;
-        let x = cell((seen.sent - self.seconds.start) / unit);
-        match seen.round_trip {
+        self.is_paused = plot_row.is_pause;
+        let x = cell((plot_row.sent - self.seconds.start) / unit);
+        match plot_row.round_trip {
             Some(ms) => {
                 let up = (ms.max(self.milliseconds.start) / self.milliseconds.start).log10();
                 self.dots.insert((x, cell(up / self.decades() * UP)));
             }
-            None if !seen.is_pause => drop(self.lost.insert(x)),
+            None if !plot_row.is_pause => drop(self.lost.insert(x)),
             None => match self.pauses.last_mut() {
                 // As one, so that there are no more than the drawing shows.
-                Some(pause) if seen.sent - pause.1 < unit / 2.0 => pause.1 = seen.sent,
-                Some(_) | None => self.pauses.push((seen.sent, seen.sent)),
+                Some(pause) if plot_row.sent - pause.1 < unit / 2.0 => pause.1 = plot_row.sent,
+                Some(_) | None => self.pauses.push((plot_row.sent, plot_row.sent)),
             },
         }
     }

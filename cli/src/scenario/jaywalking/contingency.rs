@@ -28,12 +28,12 @@ pub(crate) struct PlanReply {
 pub(crate) struct ContingencyCalls {
     /// No call is made while so many are under way.
     limit: usize,
-    under_way: Vec<Call>,
+    under_way: Vec<CloudCall>,
     cache: PlanCache,
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Call {
+struct CloudCall {
     due: u64,
     /// When it comes; none: never.
     answer: Option<(u64, Plan)>,
@@ -56,7 +56,7 @@ impl ContingencyCalls {
         let is_open = self.under_way.len() < self.limit;
         if is_open {
             let answer = answer.map(|PlanReply { takes, plan }| (now.saturating_add(takes), plan));
-            self.under_way.push(Call { due: now.saturating_add(deadline), answer });
+            self.under_way.push(CloudCall { due: now.saturating_add(deadline), answer });
         }
         is_open
     }

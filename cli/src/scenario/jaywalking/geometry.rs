@@ -25,7 +25,7 @@ pub(crate) enum Manoeuvre {
 
 /// Where the person is, and what the car can do.
 #[derive(Clone, Copy, Debug, Serialize)]
-pub(crate) struct Geometry {
+pub(crate) struct SwerveGeometry {
     /// From the car's front to the person's line at 0 s.
     pub(crate) distance: f64,
     pub(crate) person_speed: f64,
@@ -36,7 +36,7 @@ pub(crate) struct Geometry {
     pub(crate) deceleration: f64,
 }
 
-impl Geometry {
+impl SwerveGeometry {
     fn swerve(&self, speed: f64) -> Swerve {
         Swerve::new(speed, self.lateral, self.steering_rate)
     }

@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 
 use crate::fault::Fault;
 use crate::plot::{Folder, PageContent, show};
-pub(crate) use crate::scenario::jaywalking::geometry::{Geometry, Manoeuvre};
+pub(crate) use crate::scenario::jaywalking::geometry::{Manoeuvre, SwerveGeometry};
 use crate::scenario::jaywalking::planning::{PlanCallOutcome, Planning};
 use crate::scenario::options::{OutputOptions, above_0, not_below_0, speed};
 
@@ -81,7 +81,7 @@ pub(crate) struct Greatest {
 
 /// A run.
 #[derive(Clone, Copy, PartialEq, Debug, Serialize)]
-pub(crate) struct Run {
+pub(crate) struct JaywalkingRun {
     speed: f64,
     /// What became of the call for a contingency plan.
     cloud: PlanCallOutcome,
@@ -94,8 +94,8 @@ pub(crate) struct Run {
 }
 
 impl Args {
-    const fn geometry(&self) -> Geometry {
-        Geometry {
+    const fn geometry(&self) -> SwerveGeometry {
+        SwerveGeometry {
             distance: self.distance,
             person_speed: self.person_speed,
             lateral: self.lateral,
@@ -107,11 +107,11 @@ impl Args {
 
 /// All that is shown.
 #[derive(Clone, Serialize)]
-pub(crate) struct ScenarioResult {
+pub(crate) struct JaywalkingResult {
     scenario: &'static str,
     parameters: Value,
     greatest: Vec<Greatest>,
-    runs: Vec<Run>,
+    runs: Vec<JaywalkingRun>,
 }
 
 pub(crate) fn play(args: &Args) -> Result<(), Fault> {
@@ -120,20 +120,20 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
     let greatest = args.response.iter().map(|at| greatest(&geometry, *at)).collect();
     let runs = runs(args, &geometry, traces.as_ref())?;
     let parameters = json!({"speed": args.speed, "response": args.response, "scene": geometry});
-    let found = ScenarioResult { scenario: "jaywalking", parameters, greatest, runs };
-    let text = text::text(&found);
+    let result = JaywalkingResult { scenario: "jaywalking", parameters, greatest, runs };
+    let text = text::text(&result);
     if let Some(folder) = plots {
         let words = [WORDS, MODEL];
-        let plots = plots::plots(&found, geometry);
+        let plots = plots::plots(&result, geometry);
         show(
             &folder,
             &PageContent { title: "Person jaywalking", words: &words, plots, reported: &text },
         )?;
     }
-    args.leave.print_report(&found, &text)
+    args.leave.print_report(&result, &text)
 }
 
-fn greatest(geometry: &Geometry, response: f64) -> Greatest {
+fn greatest(geometry: &SwerveGeometry, response: f64) -> Greatest {
     Greatest {
         response,
         swerve: geometry.greatest(Manoeuvre::Swerve, response),
@@ -142,23 +142,34 @@ fn greatest(geometry: &Geometry, response: f64) -> Greatest {
 }
 
 /// Each way in which the side request may end, at each speed.
-fn runs(args: &Args, geometry: &Geometry, traces: Option<&Folder>) -> Result<Vec<Run>, Fault> {
+fn runs(
+    args: &Args,
+    geometry: &SwerveGeometry,
+    traces: Option<&Folder>,
+) -> Result<Vec<JaywalkingRun>, Fault> {
     let (Some(planner), Some(cached)) = (args.response.first(), args.response.last()) else {
         return Ok(Vec::new());
     };
     let mut runs = Vec::new();
     for cloud in PlanCallOutcome::ALL {
         let planning = Planning { cloud, planner: *planner, cached: *cached };
-        let came = planning.run(traces.is_some());
-        if let (Some(folder), Some(trace)) = (traces, &came.trace) {
+        let outcome = planning.run(traces.is_some());
+        if let (Some(folder), Some(trace)) = (traces, &outcome.trace) {
             folder.put(&format!("{}.jsonl", cloud.word()), trace)?;
         }
         for speed in &args.speed {
             for manoeuvre in [Manoeuvre::Swerve, Manoeuvre::Brake] {
-                let response = came.response;
+                let response = outcome.response;
                 let collides = geometry.contact(*speed, manoeuvre, response).is_some();
-                let cached = came.is_cached;
-                runs.push(Run { speed: *speed, cloud, cached, response, manoeuvre, collides });
+                let cached = outcome.is_cached;
+                runs.push(JaywalkingRun {
+                    speed: *speed,
+                    cloud,
+                    cached,
+                    response,
+                    manoeuvre,
+                    collides,
+                });
             }
         }
     }

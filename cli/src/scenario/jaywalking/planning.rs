@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use crate::scenario::approach::{nanos, seconds};
 use crate::scenario::jaywalking::contingency::{ContingencyCalls, Hypothesis, Plan, PlanReply};
-use crate::scenario::operator::{Message, Operator};
+use crate::scenario::operator::{ScenarioMessage, ScenarioOperator};
 
 /// The planner gets a message so often, in ns.
 const EVERY: u64 = 100_000_000;
@@ -100,7 +100,7 @@ impl PlanCallOutcome {
 
 impl Planning {
     pub(crate) fn run(&self, is_traced: bool) -> PlannerOutput {
-        let mut operator = Operator::new("planner", 31.0, is_traced);
+        let mut operator = ScenarioOperator::new("planner", 31.0, is_traced);
         let mut contingencies = ContingencyCalls::new(LIMIT);
         let mut is_cached = false;
         for at in (0..=LAST).step_by(usize::try_from(EVERY).unwrap_or(usize::MAX)) {
@@ -110,7 +110,7 @@ impl Planning {
             let has_plan = at >= ENTERS && contingencies.holds(at, Hypothesis::PersonEnters);
             is_cached |= has_plan;
             let local = Some(nanos(if has_plan { self.cached } else { self.planner }));
-            operator.message(&Message { at, local, request: None });
+            operator.message(&ScenarioMessage { at, local, request: None });
         }
         operator.pass(u64::MAX);
         let outputs = operator.take_outputs();

@@ -3,14 +3,14 @@
 use plotters::prelude::*;
 use rayon::prelude::*;
 
-use crate::plot::{Axes, DRAWN, Line, Plot, TextLine, canvas};
-use crate::scenario::jaywalking::geometry::{Geometry, Manoeuvre};
-use crate::scenario::jaywalking::{Greatest, ScenarioResult};
+use crate::plot::{Axes, ChartLine, DRAWN, Plot, TextLine, canvas};
+use crate::scenario::jaywalking::geometry::{Manoeuvre, SwerveGeometry};
+use crate::scenario::jaywalking::{Greatest, JaywalkingResult};
 
 /// Responses that are shown, in fiftieths of a second.
 const SHOWN: std::ops::RangeInclusive<u32> = 0..=50;
 
-pub(crate) fn plots(found: &ScenarioResult, geometry: Geometry) -> Vec<Plot> {
+pub(crate) fn plots(result: &JaywalkingResult, geometry: SwerveGeometry) -> Vec<Plot> {
     let line = |manoeuvre: Manoeuvre| -> Vec<(f64, f64)> {
         let responses = SHOWN.into_par_iter().map(|fiftieths| f64::from(fiftieths) / 50.0);
         let points = responses.map(|at| (at, geometry.greatest(manoeuvre, at)));
@@ -18,23 +18,23 @@ pub(crate) fn plots(found: &ScenarioResult, geometry: Geometry) -> Vec<Plot> {
     };
     let (swerve, brake) = (line(Manoeuvre::Swerve), line(Manoeuvre::Brake));
     let marks: Vec<(f64, f64)> =
-        found.greatest.iter().filter_map(|row| Some((row.response, row.swerve?))).collect();
+        result.greatest.iter().filter_map(|row| Some((row.response, row.swerve?))).collect();
     let lower: Vec<(f64, f64)> =
-        found.greatest.iter().filter_map(|row| Some((row.response, row.brake?))).collect();
+        result.greatest.iter().filter_map(|row| Some((row.response, row.brake?))).collect();
     let ends = marks.iter().chain(&lower).chain(&brake).map(|(_, speed)| *speed);
     let top = (ends.fold(1.0, f64::max) * 1.5).min(150.0);
     let caption = "The greatest speed up to which nobody is touched, by how long it takes until the car acts. Dots: the \
                    planner on board and a cached plan. A line that leaves at the top may come to an end there: the car \
                    swerves so early that it is past at any speed.";
     let of = |row: Option<&Greatest>| row.map_or(0.0, |row| row.response);
-    let (first, last) = (of(found.greatest.first()), of(found.greatest.last()));
+    let (first, last) = (of(result.greatest.first()), of(result.greatest.last()));
     let below = format!(
         "Greatest speed without contact. Dots: planner on board, {first} s; cached plan, {last} s"
     );
     vec![Plot::new("greatest-speed", caption, move |theme| {
         let words = ("Person jaywalking", &*below);
         canvas(theme, (760, 470), words, |canvas| {
-            let of = |name: &str, series: usize, points: &Vec<(f64, f64)>| Line {
+            let of = |name: &str, series: usize, points: &Vec<(f64, f64)>| ChartLine {
                 name: name.to_owned(),
                 colour: theme.series[series],
                 width: 3,
@@ -42,7 +42,7 @@ pub(crate) fn plots(found: &ScenarioResult, geometry: Geometry) -> Vec<Plot> {
                 points: points.clone(),
             };
             let lines = [of("swerve", 1, &swerve), of("brake", 2, &brake)];
-            Line::keys(&lines, theme, canvas, (82, 84));
+            ChartLine::keys(&lines, theme, canvas, (82, 84));
             let area = canvas.margin(104, 12, 20, 24);
             let axes = Axes {
                 x: 0.0..1.0,

@@ -72,10 +72,10 @@ impl Swerve {
             (0.906_179_845_938_664, 0.236_926_885_056_189_1),
         ];
         let half = after / 2.0;
-        PLACES.iter().fold([0.0; 2], |[x, y], (place, weight)| {
-            let (sin, cos) = self.heading(half * (1.0 + place)).sin_cos();
-            let way = self.speed * half * weight;
-            [x + way * cos, y + way * sin]
+        PLACES.iter().fold([0.0; 2], |[x, y], (node, weight)| {
+            let (sin, cos) = self.heading(half * (1.0 + node)).sin_cos();
+            let step = self.speed * half * weight;
+            [x + step * cos, y + step * sin]
         })
     }
 }

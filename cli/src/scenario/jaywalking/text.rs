@@ -2,27 +2,27 @@
 
 use std::fmt::Write;
 
-use crate::scenario::jaywalking::ScenarioResult;
+use crate::scenario::jaywalking::JaywalkingResult;
 use crate::scenario::jaywalking::geometry::Manoeuvre;
 use crate::scenario::jaywalking::planning::PlanCallOutcome;
 use crate::scenario::paint::{BAD, GOOD, paint, written};
 use crate::scenario::paper::PAPER;
 
-pub(crate) fn text(found: &ScenarioResult) -> String {
+pub(crate) fn text(result: &JaywalkingResult) -> String {
     written(|text| {
-        runs(text, found)?;
-        greatest(text, found)
+        runs(text, result)?;
+        greatest(text, result)
     })
 }
 
-fn runs(text: &mut String, found: &ScenarioResult) -> std::fmt::Result {
+fn runs(text: &mut String, result: &JaywalkingResult) -> std::fmt::Result {
     writeln!(
         text,
         "{:>4}  {:<26}{:<9}{:>9}  {:<8}{:<8}the paper",
         "m/s", "the cloud's plan", "plan used", "response", "swerve", "brake"
     )?;
     writeln!(text, "{}", "─".repeat(78))?;
-    for pair in found.runs.chunks(2) {
+    for pair in result.runs.chunks(2) {
         let [swerve, brake] = pair else { continue };
         let plan = if swerve.cached { "cached" } else { "on board" };
         let printed = if swerve.cached {
@@ -71,26 +71,26 @@ fn padded(collides: bool) -> String {
     word(collides) + "  "
 }
 
-fn greatest(text: &mut String, found: &ScenarioResult) -> std::fmt::Result {
+fn greatest(text: &mut String, result: &JaywalkingResult) -> std::fmt::Result {
     writeln!(text, "The greatest speed up to which nobody is touched, in m/s:")?;
     writeln!(text, "  {:>10}{:>10}{:>10}", "response", "swerve", "brake")?;
     let shown = |speed: Option<f64>| speed.map_or("any".to_owned(), |speed| format!("{speed:.2}"));
-    for row in &found.greatest {
+    for row in &result.greatest {
         let (swerve, brake) = (shown(row.swerve), shown(row.brake));
         writeln!(text, "  {:>10}{swerve:>10}{brake:>10}", format!("{} s", row.response))?;
     }
     let (swerve, brake) = (Manoeuvre::Swerve, Manoeuvre::Brake);
     let only = |manoeuvre: Manoeuvre| {
-        let of = |place: usize| {
-            let row = found.greatest.get(place)?;
+        let of = |index: usize| {
+            let row = result.greatest.get(index)?;
             if manoeuvre == Manoeuvre::Swerve { row.swerve } else { row.brake }
         };
-        let (board, cached) = (of(0)?, of(found.greatest.len().checked_sub(1)?)?);
+        let (board, cached) = (of(0)?, of(result.greatest.len().checked_sub(1)?)?);
         (board < cached).then(|| format!("above {board:.2} up to {cached:.2} m/s"))
     };
-    for (manoeuvre, way) in [(swerve, "swerving"), (brake, "braking")] {
+    for (manoeuvre, verb) in [(swerve, "swerving"), (brake, "braking")] {
         if let Some(range) = only(manoeuvre) {
-            writeln!(text, "By {way}, only the cached plan avoids {range}.")?;
+            writeln!(text, "By {verb}, only the cached plan avoids {range}.")?;
         }
     }
     Ok(())

@@ -18,7 +18,7 @@ use crate::scenario::ScenarioError;
 use crate::scenario::approach::{self, Vehicle, whole};
 use crate::scenario::braking::DriveOutcome;
 use crate::scenario::networks::policy::{ResponsePolicy, deadline, observe};
-use crate::scenario::operator::Operator;
+use crate::scenario::operator::ScenarioOperator;
 use crate::scenario::options::{OutputOptions, VehicleArgs, not_below_0, speed};
 
 /// All that is recorded but the wifi, which was hardly ever there.
@@ -80,7 +80,7 @@ pub(crate) struct Args {
 
 /// What a drive, a speed and a policy come to.
 #[derive(Clone, PartialEq, Debug, Serialize)]
-pub(crate) struct Row {
+pub(crate) struct DriveRow {
     drive: String,
     speed: f64,
     policy: ResponsePolicy,
@@ -92,9 +92,9 @@ pub(crate) struct Row {
 }
 
 /// A vehicle on its way, before it is known how fast.
-struct Start<'a> {
+struct DriveStart<'a> {
     drive: &'a Drive,
-    place: u32,
+    start_index: u32,
     at: Duration,
     phase: f64,
     observed: Vec<Observation>,
@@ -111,7 +111,7 @@ struct Setting<'a> {
 
 /// All that is shown.
 #[derive(Clone, Serialize)]
-pub(crate) struct ScenarioResult {
+pub(crate) struct NetworksResult {
     scenario: &'static str,
     parameters: Value,
     #[serde(skip)]
@@ -122,7 +122,7 @@ pub(crate) struct ScenarioResult {
     policies: Vec<ResponsePolicy>,
     #[serde(skip)]
     starts: u32,
-    rows: Vec<Row>,
+    rows: Vec<DriveRow>,
 }
 
 pub(crate) fn play(args: &Args) -> Result<(), Fault> {
@@ -139,7 +139,7 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
     let [traces, plots] = args.leave.folders()?;
     let runtime = Duration::from_secs_f64(args.cloud_runtime);
     let setting = Setting { args, vehicle, guard, runtime, traces };
-    let found = ScenarioResult {
+    let result = NetworksResult {
         scenario: "networks",
         parameters: args.parameters(),
         drives: drives.iter().map(|drive| drive.name().to_owned()).collect(),
@@ -148,16 +148,16 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
         starts: args.starts,
         rows: setting.rows(&drives)?,
     };
-    let text = text::text(&found);
+    let text = text::text(&result);
     if let Some(folder) = plots {
         let words = [WORDS, MODEL];
-        let plots = plots::plots(&found);
+        let plots = plots::plots(&result);
         show(
             &folder,
             &PageContent { title: "Recorded networks", words: &words, plots, reported: &text },
         )?;
     }
-    args.leave.print_report(&found, &text)
+    args.leave.print_report(&result, &text)
 }
 
 impl Args {
@@ -172,12 +172,14 @@ impl Args {
 
 impl Setting<'_> {
     /// Each drive's rows, speed by speed and policy by policy.
-    fn rows(&self, drives: &[Drive]) -> Result<Vec<Row>, Fault> {
+    fn rows(&self, drives: &[Drive]) -> Result<Vec<DriveRow>, Fault> {
         let mut rows = Vec::new();
         for drive in drives {
             let starts = 0..self.args.starts;
-            let ends: Result<Vec<Vec<DriveOutcome>>, Fault> =
-                starts.into_par_iter().map(|place| self.start(drive, place).ends(self)).collect();
+            let ends: Result<Vec<Vec<DriveOutcome>>, Fault> = starts
+                .into_par_iter()
+                .map(|start_index| self.start(drive, start_index).ends(self))
+                .collect();
             let ends = ends?;
             for (column, (speed, policy)) in self.pairs().enumerate() {
                 let ends = ends.iter().map(|ends| ends[column]);
@@ -185,7 +187,7 @@ impl Setting<'_> {
                 let collisions = ends.clone().map(|end| u32::from(end.hits())).sum();
                 let energy = ends.map(DriveOutcome::energy).sum::<f64>() / f64::from(starts);
                 let drive = drive.name().to_owned();
-                rows.push(Row { drive, speed, policy, starts, collisions, energy });
+                rows.push(DriveRow { drive, speed, policy, starts, collisions, energy });
             }
         }
         Ok(rows)
@@ -197,17 +199,17 @@ impl Setting<'_> {
         self.args.speed.iter().copied().flat_map(policies)
     }
 
-    fn start<'a>(&self, drive: &'a Drive, place: u32) -> Start<'a> {
-        let at = drive.length() * place / self.args.starts;
-        let phase = (GOLDEN * f64::from(place)).fract();
+    fn start<'a>(&self, drive: &'a Drive, start_index: u32) -> DriveStart<'a> {
+        let at = drive.length() * start_index / self.args.starts;
+        let phase = (GOLDEN * f64::from(start_index)).fract();
         let needs = self.args.policy.contains(&ResponsePolicy::Expected);
         let observed =
             if needs { observe(drive, &self.vehicle, self.runtime, at) } else { Vec::new() };
-        Start { drive, place, at, phase, observed }
+        DriveStart { drive, start_index, at, phase, observed }
     }
 }
 
-impl Start<'_> {
+impl DriveStart<'_> {
     /// How the runs from here end, speed by speed and policy by policy.
     fn ends(&self, setting: &Setting<'_>) -> Result<Vec<DriveOutcome>, Fault> {
         setting.pairs().map(|(speed, mode)| self.end(setting, speed, mode)).collect()
@@ -221,7 +223,7 @@ impl Start<'_> {
     ) -> Result<DriveOutcome, Fault> {
         let situation = setting.vehicle.situation(speed);
         let deadline = deadline(mode, setting.guard.as_ref(), &situation, &self.observed);
-        let run = approach::Drive {
+        let run = approach::ApproachRun {
             vehicle: &setting.vehicle,
             speed,
             phase: self.phase,
@@ -231,11 +233,15 @@ impl Start<'_> {
         let traced = setting.traces.as_ref();
         let name = match traced {
             Some(_) => {
-                format!("{mode}, {speed} m/s, {} from start {}", self.drive.name(), self.place)
+                format!(
+                    "{mode}, {speed} m/s, {} from start {}",
+                    self.drive.name(),
+                    self.start_index
+                )
             }
             None => String::new(),
         };
-        let mut operator = Operator::new(&name, run.frames(), traced.is_some());
+        let mut operator = ScenarioOperator::new(&name, run.frames(), traced.is_some());
         let (end, _) = run.run(&mut operator, |at| {
             let trip = self.drive.round_trip(self.at + Duration::from_nanos(at))?;
             Some(whole(setting.runtime + trip))
@@ -245,7 +251,8 @@ impl Start<'_> {
         }
         if let (Some(folder), Some(trace)) = (traced, operator.into_trace()) {
             let drive: String = self.drive.name().replace(['/', '\\', ':'], "-");
-            folder.put(&format!("{drive}-v{speed}-{mode}-{:05}.jsonl", self.place), &trace)?;
+            folder
+                .put(&format!("{drive}-v{speed}-{mode}-{:05}.jsonl", self.start_index), &trace)?;
         }
         Ok(end)
     }

@@ -1,11 +1,11 @@
 //! Collisions and impact over the speed.
 
-use crate::plot::{Axes, Line, Plot, Theme, canvas};
+use crate::plot::{Axes, ChartLine, Plot, Theme, canvas};
 use crate::scenario::networks::policy::ResponsePolicy;
 use crate::scenario::networks::text::{mean, percent};
-use crate::scenario::networks::{Row, ScenarioResult};
+use crate::scenario::networks::{DriveRow, NetworksResult};
 
-pub(crate) fn plots(found: &ScenarioResult) -> Vec<Plot> {
+pub(crate) fn plots(result: &NetworksResult) -> Vec<Plot> {
     let collisions = PlotView {
         name: "collisions",
         words: (
@@ -27,9 +27,9 @@ pub(crate) fn plots(found: &ScenarioResult) -> Vec<Plot> {
     let cut = "Lines leave at the top where the policies no longer differ, and local where it is far above.";
     vec![
         collisions
-            .plot(found, format!("Collisions in % over the speed, policies side by side. {cut}")),
+            .plot(result, format!("Collisions in % over the speed, policies side by side. {cut}")),
         impact.plot(
-            found,
+            result,
             format!("Mean square of the speed at impact, 0 where there is none. {cut}"),
         ),
     ]
@@ -39,30 +39,30 @@ struct PlotView {
     name: &'static str,
     words: (&'static str, &'static str),
     y_name: &'static str,
-    of: fn(&Row) -> f64,
+    of: fn(&DriveRow) -> f64,
 }
 
 impl PlotView {
-    fn plot(self, found: &ScenarioResult, caption: String) -> Plot {
-        let mut speeds = found.speeds.clone();
+    fn plot(self, result: &NetworksResult, caption: String) -> Plot {
+        let mut speeds = result.speeds.clone();
         speeds.sort_by(f64::total_cmp);
-        let rows = found.rows.clone();
+        let rows = result.rows.clone();
         let of = self.of;
         let curve = move |policy: ResponsePolicy| -> Vec<(f64, f64)> {
             speeds.iter().map(|speed| (*speed, mean(&rows, Some(*speed), policy, of))).collect()
         };
         let curves: Vec<(ResponsePolicy, Vec<(f64, f64)>)> =
-            found.policies.iter().map(|policy| (*policy, curve(*policy))).collect();
-        let x = span(&found.speeds);
+            result.policies.iter().map(|policy| (*policy, curve(*policy))).collect();
+        let x = span(&result.speeds);
         let top = top(&curves);
         Plot::new(self.name, caption, move |theme| {
             canvas(theme, (860, 500), self.words, |canvas| {
-                let lines: Vec<Line> = curves
+                let lines: Vec<ChartLine> = curves
                     .iter()
                     .enumerate()
-                    .map(|(place, curve)| line(theme, place, curve))
+                    .map(|(index, curve)| line(theme, index, curve))
                     .collect();
-                Line::keys(&lines, theme, canvas, (82, 84));
+                ChartLine::keys(&lines, theme, canvas, (82, 84));
                 let area = canvas.margin(104, 12, 20, 24);
                 let axes =
                     Axes { x: x.clone(), y: 0.0..top, x_name: "speed, m/s", y_name: self.y_name };
@@ -79,14 +79,14 @@ impl PlotView {
 fn top(curves: &[(ResponsePolicy, Vec<(f64, f64)>)]) -> f64 {
     let others = || curves.iter().filter(|(policy, _)| *policy != ResponsePolicy::Local);
     let at =
-        |place: usize| others().filter_map(move |(_, points)| points.get(place)).map(|(_, y)| *y);
+        |index: usize| others().filter_map(move |(_, points)| points.get(index)).map(|(_, y)| *y);
     let places = others().map(|(_, points)| points.len()).max().unwrap_or(0);
     let [mut differ, mut highest] = [0.0_f64; 2];
-    for place in 0..places {
-        let greatest = at(place).fold(0.0, f64::max);
-        let least = at(place).fold(f64::INFINITY, f64::min);
+    for index in 0..places {
+        let greatest = at(index).fold(0.0, f64::max);
+        let least = at(index).fold(f64::INFINITY, f64::min);
         highest = highest.max(greatest);
-        // A twentieth is told apart.
+        // A twentieth is distinguished.
         if least < greatest * 0.95 {
             differ = differ.max(greatest);
         }
@@ -96,11 +96,15 @@ fn top(curves: &[(ResponsePolicy, Vec<(f64, f64)>)]) -> f64 {
     shown.unwrap_or(1.0) * 1.15
 }
 
-fn line(theme: &Theme, place: usize, (policy, points): &(ResponsePolicy, Vec<(f64, f64)>)) -> Line {
+fn line(
+    theme: &Theme,
+    index: usize,
+    (policy, points): &(ResponsePolicy, Vec<(f64, f64)>),
+) -> ChartLine {
     let is_constant = matches!(policy, ResponsePolicy::Constant(_));
-    Line {
+    ChartLine {
         name: if is_constant { format!("{policy} s") } else { policy.to_string() },
-        colour: theme.series[place % theme.series.len()],
+        colour: theme.series[index % theme.series.len()],
         width: if *policy == ResponsePolicy::Guard { 4 } else { 2 },
         is_dashed: is_constant,
         points: points.clone(),

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use crate::scenario::networks::policy::ResponsePolicy;
-use crate::scenario::networks::{Row, ScenarioResult};
+use crate::scenario::networks::{DriveRow, NetworksResult};
 use crate::scenario::paint::{BAD, GOOD, paint, written};
 
 /// How wide a name and a cell are.
@@ -12,12 +12,12 @@ const CELL: usize = 9;
 
 /// The mean over drives of a figure of the rows: of a speed, or of all.
 pub(crate) fn mean(
-    rows: &[Row],
+    rows: &[DriveRow],
     speed: Option<f64>,
     policy: ResponsePolicy,
-    of: impl Fn(&Row) -> f64,
+    of: impl Fn(&DriveRow) -> f64,
 ) -> f64 {
-    let is_meant = |row: &&Row| {
+    let is_meant = |row: &&DriveRow| {
         row.policy == policy && speed.is_none_or(|speed| row.speed.total_cmp(&speed).is_eq())
     };
     let (mut sum, mut count) = (0.0, 0.0);
@@ -29,15 +29,15 @@ pub(crate) fn mean(
 }
 
 /// How many starts in a hundred collide.
-pub(crate) fn percent(row: &Row) -> f64 {
+pub(crate) fn percent(row: &DriveRow) -> f64 {
     100.0 * f64::from(row.collisions) / f64::from(row.starts)
 }
 
-pub(crate) fn text(found: &ScenarioResult) -> String {
+pub(crate) fn text(result: &NetworksResult) -> String {
     written(|text| {
-        table(text, found, "collisions, %", percent)?;
-        table(text, found, "energy, m²/s²", |row| row.energy)?;
-        beside(text, found)
+        table(text, result, "collisions, %", percent)?;
+        table(text, result, "energy, m²/s²", |row| row.energy)?;
+        beside(text, result)
     })
 }
 
@@ -50,33 +50,33 @@ fn name(policy: ResponsePolicy) -> String {
 
 fn table(
     text: &mut String,
-    found: &ScenarioResult,
-    what: &str,
-    of: fn(&Row) -> f64,
+    result: &NetworksResult,
+    title: &str,
+    of: fn(&DriveRow) -> f64,
 ) -> std::fmt::Result {
-    write!(text, "{what:<NAME$}")?;
-    for policy in &found.policies {
+    write!(text, "{title:<NAME$}")?;
+    for policy in &result.policies {
         write!(text, "{:>CELL$}", name(*policy))?;
     }
-    writeln!(text, "\n{}", "─".repeat(NAME + CELL * found.policies.len()))?;
-    for speed in &found.speeds {
+    writeln!(text, "\n{}", "─".repeat(NAME + CELL * result.policies.len()))?;
+    for speed in &result.speeds {
         write!(text, "{:<NAME$}", format!("{speed} m/s"))?;
-        for policy in &found.policies {
-            let value = mean(&found.rows, Some(*speed), *policy, of);
+        for policy in &result.policies {
+            let value = mean(&result.rows, Some(*speed), *policy, of);
             let cell = format!("{value:>CELL$.1}");
             text.push_str(&if value == 0.0 { paint(GOOD, &cell) } else { cell });
         }
         writeln!(text)?;
     }
     write!(text, "{:<NAME$}", "mean")?;
-    for policy in &found.policies {
-        write!(text, "{:>CELL$.1}", mean(&found.rows, None, *policy, of))?;
+    for policy in &result.policies {
+        write!(text, "{:>CELL$.1}", mean(&result.rows, None, *policy, of))?;
     }
     writeln!(text, "\n")
 }
 
-fn beside(text: &mut String, found: &ScenarioResult) -> std::fmt::Result {
-    let drives = found.drives.len();
+fn beside(text: &mut String, result: &NetworksResult) -> std::fmt::Result {
+    let drives = result.drives.len();
     writeln!(
         text,
         "Means over {} of {} starts each. Collisions: how many\n\
@@ -87,15 +87,15 @@ fn beside(text: &mut String, found: &ScenarioResult) -> std::fmt::Result {
         } else {
             format!("{drives} recorded drives")
         },
-        found.starts
+        result.starts
     )?;
-    if !found.policies.contains(&ResponsePolicy::Local) {
+    if !result.policies.contains(&ResponsePolicy::Local) {
         return Ok(());
     }
-    let others = found.policies.iter().filter(|policy| **policy != ResponsePolicy::Local);
+    let others = result.policies.iter().filter(|policy| **policy != ResponsePolicy::Local);
     let worse: Vec<String> = others
         .map(|policy| {
-            let count = worse(&found.rows, *policy);
+            let count = worse(&result.rows, *policy);
             let word = format!("{} {count}", name(*policy));
             if count == 0 { paint(GOOD, &word) } else { paint(BAD, &word) }
         })
@@ -105,15 +105,15 @@ fn beside(text: &mut String, found: &ScenarioResult) -> std::fmt::Result {
         "\nOf {} pairs of drive and speed, so many collide more often than local alone:\n\
          {}.\n\
          The paper has no such table: its responses are constant, up to 3 s.",
-        drives * found.speeds.len(),
+        drives * result.speeds.len(),
         worse.join(", ")
     )
 }
 
 /// In how many pairs of a drive and a speed a policy collides more often than local alone.
-pub(crate) fn worse(rows: &[Row], policy: ResponsePolicy) -> usize {
-    let local = |row: &Row| {
-        let is = |other: &&Row| {
+pub(crate) fn worse(rows: &[DriveRow], policy: ResponsePolicy) -> usize {
+    let local = |row: &DriveRow| {
+        let is = |other: &&DriveRow| {
             (other.policy, other.speed, &other.drive)
                 == (ResponsePolicy::Local, row.speed, &row.drive)
         };

@@ -6,9 +6,11 @@ use crate::fault::Fault;
 use crate::plot::Folder;
 use crate::scenario::approach::{nanos, seconds};
 use crate::scenario::braking::Brakes;
-use crate::scenario::operator::{CLOUD, Message, Operator, Output, Request, UNLIMITED};
+use crate::scenario::operator::{
+    CLOUD, CloudRequest, ScenarioMessage, ScenarioOperator, ScenarioOutput, UNLIMITED,
+};
 use crate::scenario::planner::{FrameStatus, Planner};
-use crate::scenario::red_light::geometry::{Geometry, MEETING};
+use crate::scenario::red_light::geometry::{CrossingGeometry, MEETING};
 use crate::scenario::red_light::sharing::{EVERY, Exchange, VehicleState, must_brake};
 
 /// Frames of the camera in a second.
@@ -21,7 +23,7 @@ const DEADLINE: u64 = 500_000_000;
 /// How ego learns of the runner.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub(crate) enum Approach {
+pub(crate) enum WarningSource {
     /// The detector on board.
     Local,
     /// The detector in the cloud.
@@ -44,9 +46,9 @@ pub(crate) struct Ego {
 /// What a run is about.
 #[derive(Clone, Copy)]
 pub(crate) struct Crossing<'a> {
-    pub(crate) geometry: Geometry,
+    pub(crate) geometry: CrossingGeometry,
     pub(crate) ego: &'a Ego,
-    pub(crate) approach: Approach,
+    pub(crate) approach: WarningSource,
     /// Of the requests to the cloud, in s.
     pub(crate) round_trip: f64,
 }
@@ -62,7 +64,7 @@ pub(crate) struct Crossed {
     pub(crate) brakes_before: Option<f64>,
 }
 
-impl Approach {
+impl WarningSource {
     pub(crate) const fn word(self) -> &'static str {
         match self {
             Self::Local => "local",
@@ -79,20 +81,20 @@ impl Ego {
 }
 
 /// One of ego's operators, in a run.
-struct Stream {
-    operator: Operator,
+struct CrossingOperator {
+    operator: ScenarioOperator,
     name: &'static str,
     /// How many messages came.
     messages: u32,
 }
 
-impl Stream {
+impl CrossingOperator {
     fn new(name: &'static str, run: &str, is_traced: bool) -> Self {
-        let operator = Operator::new(&format!("{name}, {run}"), f64::INFINITY, is_traced);
+        let operator = ScenarioOperator::new(&format!("{name}, {run}"), f64::INFINITY, is_traced);
         Self { operator, name, messages: 0 }
     }
 
-    fn send(&mut self, message: &Message) {
+    fn send(&mut self, message: &ScenarioMessage) {
         self.messages += 1;
         self.operator.message(message);
     }
@@ -102,8 +104,8 @@ impl Crossing<'_> {
     /// Runs it; the traces go to the folder under this name.
     pub(crate) fn run(&self, name: &str, traces: Option<&Folder>) -> Result<Crossed, Fault> {
         let is_traced = traces.is_some();
-        let mut detections = Stream::new("detections", name, is_traced);
-        let mut neighbours = Stream::new("neighbours", name, is_traced);
+        let mut detections = CrossingOperator::new("detections", name, is_traced);
+        let mut neighbours = CrossingOperator::new("neighbours", name, is_traced);
         let decided = self.decide(&mut detections, &mut neighbours).map(seconds);
         for stream in [detections, neighbours] {
             if let (Some(folder), Some(trace)) = (traces, stream.operator.into_trace())
@@ -120,7 +122,11 @@ impl Crossing<'_> {
     }
 
     /// When ego decides to brake, by whichever of its two streams reports it first.
-    fn decide(&self, detections: &mut Stream, neighbours: &mut Stream) -> Option<u64> {
+    fn decide(
+        &self,
+        detections: &mut CrossingOperator,
+        neighbours: &mut CrossingOperator,
+    ) -> Option<u64> {
         let mut planner = Planner::new(FRAMES);
         let mut exchange = Exchange::new(&self.geometry);
         let mut answers = Vec::new();
@@ -138,10 +144,10 @@ impl Crossing<'_> {
                 detections.operator.pass(now);
                 neighbours.operator.pass(now);
             }
-            let seen = detections.operator.take_outputs();
+            let outputs = detections.operator.take_outputs();
             let reported = neighbours.operator.take_outputs();
-            let by_sight = seen.iter().any(|output| self.sees(&mut planner, output));
-            let by_word = reported.iter().any(|output| self.is_told(&answers, output));
+            let by_sight = outputs.iter().any(|output| self.sees(&mut planner, output));
+            let by_word = reported.iter().any(|output| self.is_reported(&answers, output));
             if by_sight || by_word {
                 return Some(now);
             }
@@ -150,19 +156,19 @@ impl Crossing<'_> {
     }
 
     /// When the next message comes.
-    fn coming(&self, detections: &Stream, neighbours: &Stream) -> u64 {
+    fn coming(&self, detections: &CrossingOperator, neighbours: &CrossingOperator) -> u64 {
         let frame = captured(detections.messages);
         match self.approach {
-            Approach::Local | Approach::Cloud => frame,
-            Approach::Sharing => frame.min(u64::from(neighbours.messages) * EVERY),
+            WarningSource::Local | WarningSource::Cloud => frame,
+            WarningSource::Sharing => frame.min(u64::from(neighbours.messages) * EVERY),
         }
     }
 
     fn send(
         &self,
         now: u64,
-        detections: &mut Stream,
-        neighbours: &mut Stream,
+        detections: &mut CrossingOperator,
+        neighbours: &mut CrossingOperator,
         exchange: &mut Exchange<'_>,
         answers: &mut Vec<Vec<VehicleState>>,
     ) {
@@ -170,24 +176,29 @@ impl Crossing<'_> {
         neighbours.operator.pass(now);
         if now == captured(detections.messages) {
             let response = Some(nanos(self.ego.cloud_runtime + self.round_trip));
-            let cloud = Request { deadline: UNLIMITED, response };
+            let cloud = CloudRequest { deadline: UNLIMITED, response };
             let local = Some(nanos(self.ego.local_response));
             detections.send(&match self.approach {
-                Approach::Cloud => Message { at: now, local: None, request: Some(cloud) },
-                Approach::Local | Approach::Sharing => Message { at: now, local, request: None },
+                WarningSource::Cloud => {
+                    ScenarioMessage { at: now, local: None, request: Some(cloud) }
+                }
+                WarningSource::Local | WarningSource::Sharing => {
+                    ScenarioMessage { at: now, local, request: None }
+                }
             });
         }
-        if self.approach == Approach::Sharing && now == u64::from(neighbours.messages) * EVERY {
+        if self.approach == WarningSource::Sharing && now == u64::from(neighbours.messages) * EVERY
+        {
             answers.push(exchange.ego(now));
             let response = Some(nanos(self.round_trip));
-            let request = Some(Request { deadline: DEADLINE, response });
+            let request = Some(CloudRequest { deadline: DEADLINE, response });
             // Local knows of no neighbours, and returns that at once.
-            neighbours.send(&Message { at: now, local: Some(0), request });
+            neighbours.send(&ScenarioMessage { at: now, local: Some(0), request });
         }
     }
 
     /// Whether a detector's output makes the planner brake.
-    fn sees(&self, planner: &mut Planner, output: &Output) -> bool {
+    fn sees(&self, planner: &mut Planner, output: &ScenarioOutput) -> bool {
         let captured = seconds(captured(u32::try_from(output.t).unwrap_or(u32::MAX)));
         let sight = match output.source {
             None => FrameStatus::Missed,
@@ -202,9 +213,9 @@ impl Crossing<'_> {
     }
 
     /// Whether what the cloud answered makes the planner brake.
-    fn is_told(&self, answers: &[Vec<VehicleState>], output: &Output) -> bool {
-        let place = usize::try_from(output.t).unwrap_or(usize::MAX);
-        let reported = answers.get(place).filter(|_| output.source == Some(CLOUD));
+    fn is_reported(&self, answers: &[Vec<VehicleState>], output: &ScenarioOutput) -> bool {
+        let index = usize::try_from(output.t).unwrap_or(usize::MAX);
+        let reported = answers.get(index).filter(|_| output.source == Some(CLOUD));
         reported.into_iter().flatten().any(|other| must_brake(&self.geometry, other, output.at))
     }
 }

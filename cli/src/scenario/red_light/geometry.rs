@@ -79,7 +79,7 @@ const SKEWED: Intersection = Intersection {
 };
 
 impl Variant {
-    pub(crate) const fn place(self) -> &'static Intersection {
+    pub(crate) const fn intersection(self) -> &'static Intersection {
         match self {
             Self::CornerBuilding => &CORNER_BUILDING,
             Self::QueueInTurningLane => &QUEUE_IN_TURNING_LANE,
@@ -98,8 +98,8 @@ impl Intersection {
 
 /// Two cars that approach one intersection.
 #[derive(Clone, Copy)]
-pub(crate) struct Geometry {
-    pub(crate) place: &'static Intersection,
+pub(crate) struct CrossingGeometry {
+    pub(crate) intersection: &'static Intersection,
     pub(crate) ego_speed: f64,
     pub(crate) runner_speed: f64,
     /// How much later than ego the runner is at its reference, in s.
@@ -107,7 +107,7 @@ pub(crate) struct Geometry {
     pub(crate) has_occluder: bool,
 }
 
-impl Geometry {
+impl CrossingGeometry {
     /// Until when there is something to look at, in s.
     pub(crate) fn end(&self) -> f64 {
         MEETING + self.delta.abs() + AFTER
@@ -115,7 +115,7 @@ impl Geometry {
 
     /// Ego at an instant, if it does not brake.
     pub(crate) fn ego(&self, now: f64) -> Rectangle {
-        ego_at(self.place.ego_at + self.ego_speed * (now - MEETING))
+        ego_at(self.intersection.ego_at + self.ego_speed * (now - MEETING))
     }
 
     /// Ego at an instant, if its brakes bite from `bite` on.
@@ -123,13 +123,13 @@ impl Geometry {
         let braked = bite.map_or(0.0, |bite| (now - bite).max(0.0));
         let braking = braked.min(self.ego_speed / deceleration);
         let lost = self.ego_speed * (braked - braking) + deceleration * braking * braking / 2.0;
-        ego_at(self.place.ego_at + self.ego_speed * (now - MEETING) - lost)
+        ego_at(self.intersection.ego_at + self.ego_speed * (now - MEETING) - lost)
     }
 
     /// The runner at an instant; it never brakes.
     pub(crate) fn runner(&self, now: f64) -> Rectangle {
         let (length, width) = CAR;
-        let ([x, y], heading) = (self.place.runner_at, self.place.heading());
+        let ([x, y], heading) = (self.intersection.runner_at, self.intersection.heading());
         let ahead = self.runner_speed * (now - MEETING - self.delta);
         let front = [x + ahead * heading[0], y + ahead * heading[1]];
         Rectangle { front, heading, length, width }
@@ -144,7 +144,8 @@ impl Geometry {
         [left, right, runner.front].into_iter().all(|point| {
             let (ahead, contingency) = (point[0] - camera[0], point[1] - camera[1]);
             let is_in_view = contingency.atan2(ahead).abs() <= VIEW.to_radians();
-            let is_hidden = self.has_occluder && is_hidden(self.place.occluder, camera, point);
+            let is_hidden =
+                self.has_occluder && is_hidden(self.intersection.occluder, camera, point);
             contingency.hypot(ahead) <= range && is_in_view && !is_hidden
         })
     }

@@ -13,8 +13,8 @@ use serde_json::{Value, json};
 use crate::fault::Fault;
 use crate::plot::{Folder, PageContent, show};
 use crate::scenario::options::{OutputOptions, above_0, any, not_below_0, speed};
-use crate::scenario::red_light::crossing::{Approach, Crossing, Ego};
-pub(crate) use crate::scenario::red_light::geometry::{Geometry, Variant};
+use crate::scenario::red_light::crossing::{Crossing, Ego, WarningSource};
+pub(crate) use crate::scenario::red_light::geometry::{CrossingGeometry, Variant};
 
 /// What the page says first.
 const WORDS: &str = "A car runs a red light, and something hides it until it is late. No detector sees it in time, \
@@ -91,10 +91,10 @@ pub(crate) struct Args {
 
 /// A run, as it is shown.
 #[derive(Clone, PartialEq, Debug, Serialize)]
-pub(crate) struct Run {
+pub(crate) struct RedLightRun {
     variant: Variant,
     delta: f64,
-    approach: Approach,
+    approach: WarningSource,
     /// None: there is no cloud.
     round_trip: Option<f64>,
     collides: bool,
@@ -115,12 +115,12 @@ impl Args {
         }
     }
 
-    fn geometry(&self, variant: Variant, delta: f64, has_occluder: bool) -> Geometry {
-        let place = variant.place();
-        Geometry {
-            place,
-            ego_speed: self.ego_speed.unwrap_or(place.ego_speed),
-            runner_speed: self.runner_speed.unwrap_or(place.runner_speed),
+    fn geometry(&self, variant: Variant, delta: f64, has_occluder: bool) -> CrossingGeometry {
+        let intersection = variant.intersection();
+        CrossingGeometry {
+            intersection,
+            ego_speed: self.ego_speed.unwrap_or(intersection.ego_speed),
+            runner_speed: self.runner_speed.unwrap_or(intersection.runner_speed),
             delta,
             has_occluder,
         }
@@ -129,41 +129,41 @@ impl Args {
 
 /// All that is shown.
 #[derive(Clone, Serialize)]
-pub(crate) struct ScenarioResult {
+pub(crate) struct RedLightResult {
     scenario: &'static str,
     parameters: Value,
-    runs: Vec<Run>,
+    runs: Vec<RedLightRun>,
     /// The detector in the cloud, if it answered after no time at all.
-    at_once: Vec<Run>,
+    at_once: Vec<RedLightRun>,
     /// Both detectors, if nothing hid the runner; the cloud's at the shortest round trip.
-    without_occluder: Vec<Run>,
+    without_occluder: Vec<RedLightRun>,
 }
 
 pub(crate) fn play(args: &Args) -> Result<(), Fault> {
     let [traces, plots] = args.leave.folders()?;
     let (ego, has_occluder) = (args.ego(), !args.no_occluder);
     let at_once = Ego { cloud_runtime: 0.0, local_response: 0.0, ..ego };
-    let detectors = [Approach::Local, Approach::Cloud];
-    let all = [Approach::Local, Approach::Cloud, Approach::Sharing];
+    let detectors = [WarningSource::Local, WarningSource::Cloud];
+    let all = [WarningSource::Local, WarningSource::Cloud, WarningSource::Sharing];
     let trips = &args.round_trip[..];
     let shortest: Vec<f64> = trips.iter().copied().min_by(f64::total_cmp).into_iter().collect();
-    let found = ScenarioResult {
+    let result = RedLightResult {
         scenario: "red-light",
         parameters: args.parameters(),
         runs: args.runs(&ego, &all, trips, has_occluder, traces.as_ref())?,
-        at_once: args.runs(&at_once, &[Approach::Cloud], &[0.0], has_occluder, None)?,
+        at_once: args.runs(&at_once, &[WarningSource::Cloud], &[0.0], has_occluder, None)?,
         without_occluder: args.runs(&ego, &detectors, &shortest, false, None)?,
     };
-    let text = text::text(&found);
+    let text = text::text(&result);
     if let Some(folder) = plots {
         let words = [WORDS, MODEL];
-        let plots = plots::plots(args, &found);
+        let plots = plots::plots(args, &result);
         show(
             &folder,
             &PageContent { title: "Running a red light", words: &words, plots, reported: &text },
         )?;
     }
-    args.leave.print_report(&found, &text)
+    args.leave.print_report(&result, &text)
 }
 
 impl Args {
@@ -183,16 +183,16 @@ impl Args {
     fn runs(
         &self,
         ego: &Ego,
-        approaches: &[Approach],
+        approaches: &[WarningSource],
         trips: &[f64],
         has_occluder: bool,
         traces: Option<&Folder>,
-    ) -> Result<Vec<Run>, Fault> {
+    ) -> Result<Vec<RedLightRun>, Fault> {
         let mut requested = Vec::new();
         for variant in &self.variant {
             for delta in &self.delta {
                 for approach in approaches {
-                    let trips = if *approach == Approach::Local { None } else { Some(trips) };
+                    let trips = if *approach == WarningSource::Local { None } else { Some(trips) };
                     let trips =
                         trips.map_or(vec![None], |trips| trips.iter().copied().map(Some).collect());
                     requested
@@ -201,14 +201,22 @@ impl Args {
             }
         }
         let run =
-            |(variant, delta, approach, round_trip): (Variant, f64, Approach, Option<f64>)| {
+            |(variant, delta, approach, round_trip): (Variant, f64, WarningSource, Option<f64>)| {
                 let geometry = self.geometry(variant, delta, has_occluder);
                 let trip = round_trip.unwrap_or_default();
                 let crossing = Crossing { geometry, ego, approach, round_trip: trip };
                 let crossed = crossing.run(&name(&crossing, round_trip), traces)?;
                 let (contact, brakes_before) = (crossed.contact, crossed.brakes_before);
                 let collides = contact.is_some();
-                Ok(Run { variant, delta, approach, round_trip, collides, brakes_before, contact })
+                Ok(RedLightRun {
+                    variant,
+                    delta,
+                    approach,
+                    round_trip,
+                    collides,
+                    brakes_before,
+                    contact,
+                })
             };
         requested.into_par_iter().map(run).collect()
     }
@@ -216,7 +224,7 @@ impl Args {
 
 /// The name of a run's files.
 fn name(crossing: &Crossing<'_>, round_trip: Option<f64>) -> String {
-    let place = crossing.geometry.place.name.replace(' ', "-");
+    let intersection = crossing.geometry.intersection.name.replace(' ', "-");
     let trip = round_trip.map(|trip| format!("-r{trip}")).unwrap_or_default();
-    format!("{place}-d{}-{}{trip}", crossing.geometry.delta, crossing.approach.word())
+    format!("{intersection}-d{}-{}{trip}", crossing.geometry.delta, crossing.approach.word())
 }

@@ -3,9 +3,9 @@
 use plotters::prelude::*;
 
 use crate::plot::{Canvas, DRAWN, Plot, TextLine, Theme, canvas, inside, width};
-use crate::scenario::red_light::crossing::Approach;
-use crate::scenario::red_light::geometry::{Geometry, MEETING};
-use crate::scenario::red_light::{Args, Run, ScenarioResult};
+use crate::scenario::red_light::crossing::WarningSource;
+use crate::scenario::red_light::geometry::{CrossingGeometry, MEETING};
+use crate::scenario::red_light::{Args, RedLightResult, RedLightRun};
 use crate::scenario::shape::{Point, Rectangle as Car};
 
 /// How many units a metre has.
@@ -16,43 +16,44 @@ const SHOWN: [[f64; 2]; 2] = [[-34.0, 22.0], [-24.0, 20.0]];
 const TOP: f64 = 104.0;
 
 /// A picture of each variant, at the delta nearest to 0.
-pub(crate) fn plots(args: &Args, found: &ScenarioResult) -> Vec<Plot> {
+pub(crate) fn plots(args: &Args, result: &RedLightResult) -> Vec<Plot> {
     let nearest = args.delta.iter().copied().min_by(|one, other| one.abs().total_cmp(&other.abs()));
     let delta = nearest.unwrap_or_default();
     let names = ["corner-building", "queue-in-turning-lane", "skewed"];
     let mut plots = Vec::new();
     for variant in &args.variant {
         let geometry = args.geometry(*variant, delta, !args.no_occluder);
-        let of = |approach: Approach| {
-            let is =
-                |run: &&Run| (run.variant, run.delta, run.approach) == (*variant, delta, approach);
-            found.runs.iter().find(is).cloned()
+        let of = |approach: WarningSource| {
+            let is = |run: &&RedLightRun| {
+                (run.variant, run.delta, run.approach) == (*variant, delta, approach)
+            };
+            result.runs.iter().find(is).cloned()
         };
-        let (local, sharing) = (of(Approach::Local), of(Approach::Sharing));
+        let (local, sharing) = (of(WarningSource::Local), of(WarningSource::Sharing));
         let deceleration = args.deceleration;
         let caption = format!(
             "{} from above, at δ = {delta} s. Ego comes from the left. Filled: where the cars are at 6 s if ego brakes by \
              shared locations. Red outline: where ego is then with the detector on board. Thin outlines: each half second \
              before.",
-            capital(geometry.place.name)
+            capital(geometry.intersection.name)
         );
         let name = names[*variant as usize];
         plots.push(Plot::new(name, caption, move |theme| {
-            let title = format!("Running a red light: {}", geometry.place.name);
+            let title = format!("Running a red light: {}", geometry.intersection.name);
             let below = below(local.as_ref(), sharing.as_ref());
             let [[left, right], [low, high]] = SHOWN;
             let size = (unit((right - left) * METRE), unit((high - low) * METRE + TOP));
             canvas(theme, size, (&title, &below), |canvas| {
                 keys(theme, canvas);
                 let area = canvas.margin(i32::try_from(unit(TOP)).unwrap_or(0), 0, 0, 0);
-                let ego = |run: &Run, now: f64| {
+                let ego = |run: &RedLightRun, now: f64| {
                     let bite = run.brakes_before.map(|before| MEETING - before);
                     geometry.ego_braking(now, bite, deceleration)
                 };
                 roads(theme, &area, &geometry);
                 ruler(theme, &area);
                 let reported = |now: f64| sharing.as_ref().map(|run| ego(run, now));
-                ways(theme, &area, &geometry, reported);
+                paths(theme, &area, &geometry, reported);
                 let car =
                     |car: &Car, colour: RGBColor| shape(&area, &car.corners(), colour.filled());
                 car(&geometry.runner(MEETING), theme.series[2]);
@@ -74,8 +75,8 @@ fn capital(name: &str) -> String {
     first.to_uppercase() + rest
 }
 
-fn below(local: Option<&Run>, sharing: Option<&Run>) -> String {
-    let word = |run: &Run| match (run.collides, run.brakes_before) {
+fn below(local: Option<&RedLightRun>, sharing: Option<&RedLightRun>) -> String {
+    let word = |run: &RedLightRun| match (run.collides, run.brakes_before) {
         (true, _) => "collides".to_owned(),
         (false, Some(before)) => format!("brakes {before:.2} s before 6 s and avoids"),
         (false, None) => "avoids".to_owned(),
@@ -97,13 +98,13 @@ fn unit(length: f64) -> u32 {
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "some hundreds")]
-fn place([x, y]: Point) -> (i32, i32) {
+fn pixel([x, y]: Point) -> (i32, i32) {
     let [[left, _], [_, high]] = SHOWN;
     (((x - left) * METRE).round() as i32, ((high - y) * METRE).round() as i32)
 }
 
 fn shape(canvas: &Canvas<'_>, corners: &[Point], style: impl Into<ShapeStyle>) {
-    let corners: Vec<(i32, i32)> = inside(corners, SHOWN).into_iter().map(place).collect();
+    let corners: Vec<(i32, i32)> = inside(corners, SHOWN).into_iter().map(pixel).collect();
     if !corners.is_empty() {
         canvas.draw(&Polygon::new(corners, style)).expect(DRAWN);
     }
@@ -114,15 +115,15 @@ fn outline(canvas: &Canvas<'_>, corners: &[Point], style: impl Into<ShapeStyle>)
     if inside(corners, SHOWN) != corners {
         return;
     }
-    let closed = corners.iter().chain(corners.first()).map(|corner| place(*corner));
+    let closed = corners.iter().chain(corners.first()).map(|corner| pixel(*corner));
     canvas.draw(&PathElement::new(closed.collect::<Vec<_>>(), style)).expect(DRAWN);
 }
 
 /// Both roads, 7 m wide, and what hides the other car.
-fn roads(theme: &Theme, canvas: &Canvas<'_>, geometry: &Geometry) {
+fn roads(theme: &Theme, canvas: &Canvas<'_>, geometry: &CrossingGeometry) {
     let road = theme.line.filled();
     shape(canvas, &[[-80.0, -3.5], [80.0, -3.5], [80.0, 3.5], [-80.0, 3.5]], road);
-    let [along, across] = geometry.place.heading();
+    let [along, across] = geometry.intersection.heading();
     let left = [-across, along];
     let corner = |ahead: f64, contingency: f64| {
         [ahead * along + contingency * left[0], ahead * across + contingency * left[1]]
@@ -137,17 +138,22 @@ fn roads(theme: &Theme, canvas: &Canvas<'_>, geometry: &Geometry) {
         {
             let is_apart = |point: Point| point[0].hypot(point[1]) > 8.0;
             if is_apart(one) && is_apart(other) {
-                canvas.draw(&PathElement::new(vec![place(one), place(other)], dash)).expect(DRAWN);
+                canvas.draw(&PathElement::new(vec![pixel(one), pixel(other)], dash)).expect(DRAWN);
             }
         }
     }
     if geometry.has_occluder {
-        shape(canvas, geometry.place.occluder, theme.wall.filled());
+        shape(canvas, geometry.intersection.occluder, theme.wall.filled());
     }
 }
 
 /// Where both cars are, half second by half second; ego by shared locations.
-fn ways(theme: &Theme, canvas: &Canvas<'_>, geometry: &Geometry, ego: impl Fn(f64) -> Option<Car>) {
+fn paths(
+    theme: &Theme,
+    canvas: &Canvas<'_>,
+    geometry: &CrossingGeometry,
+    ego: impl Fn(f64) -> Option<Car>,
+) {
     for step in 1..=12_i32 {
         let now = MEETING - f64::from(step) / 2.0;
         let faint = 0.6 - f64::from(step) * 0.04;
@@ -175,7 +181,7 @@ fn keys(theme: &Theme, canvas: &Canvas<'_>) {
 
 /// How long ten metres are.
 fn ruler(theme: &Theme, canvas: &Canvas<'_>) {
-    let [from, to] = [place([10.0, 17.5]), place([20.0, 17.5])];
+    let [from, to] = [pixel([10.0, 17.5]), pixel([20.0, 17.5])];
     canvas.draw(&PathElement::new(vec![from, to], theme.soft.stroke_width(2))).expect(DRAWN);
     for (x, y) in [from, to] {
         let end = PathElement::new(vec![(x, y - 4), (x, y + 4)], theme.soft.stroke_width(2));

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::scenario::approach::seconds;
-use crate::scenario::red_light::geometry::{Geometry, MEETING};
+use crate::scenario::red_light::geometry::{CrossingGeometry, MEETING};
 use crate::scenario::shape::Point;
 
 /// Vehicles report where they are so often, in ns.
@@ -19,7 +19,7 @@ const AHEAD: f64 = 4.0;
 
 /// Who reports.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
-pub(crate) enum Vehicle {
+pub(crate) enum ReportingVehicle {
     Ego,
     Runner,
 }
@@ -35,13 +35,17 @@ pub(crate) struct VehicleState {
 
 /// The service: it keeps each vehicle's last report, and answers with the others'.
 #[derive(Default)]
-pub(crate) struct Locations {
-    last: BTreeMap<Vehicle, VehicleState>,
+pub(crate) struct ReportedLocations {
+    last: BTreeMap<ReportingVehicle, VehicleState>,
 }
 
-impl Locations {
+impl ReportedLocations {
     /// Takes a report, and answers it.
-    pub(crate) fn report(&mut self, who: Vehicle, position: VehicleState) -> Vec<VehicleState> {
+    pub(crate) fn report(
+        &mut self,
+        who: ReportingVehicle,
+        position: VehicleState,
+    ) -> Vec<VehicleState> {
         self.last.insert(who, position);
         let others = self.last.iter().filter(|(other, _)| **other != who);
         others.map(|(_, position)| *position).collect()
@@ -50,43 +54,48 @@ impl Locations {
 
 /// Both vehicles' reports to the service, in the order in which they are sent.
 pub(crate) struct Exchange<'a> {
-    geometry: &'a Geometry,
-    service: Locations,
+    geometry: &'a CrossingGeometry,
+    service: ReportedLocations,
     runner_next: u64,
 }
 
 impl<'a> Exchange<'a> {
-    pub(crate) fn new(geometry: &'a Geometry) -> Self {
-        Self { geometry, service: Locations::default(), runner_next: RUNNER_FROM }
+    pub(crate) fn new(geometry: &'a CrossingGeometry) -> Self {
+        Self { geometry, service: ReportedLocations::default(), runner_next: RUNNER_FROM }
     }
 
     /// What the service answers to ego's report at this instant; what the runner sent until then has reached it.
     pub(crate) fn ego(&mut self, at: u64) -> Vec<VehicleState> {
         while self.runner_next <= at {
-            self.service.report(Vehicle::Runner, self.position(Vehicle::Runner, self.runner_next));
+            self.service.report(
+                ReportingVehicle::Runner,
+                self.position(ReportingVehicle::Runner, self.runner_next),
+            );
             self.runner_next += EVERY;
         }
-        self.service.report(Vehicle::Ego, self.position(Vehicle::Ego, at))
+        self.service.report(ReportingVehicle::Ego, self.position(ReportingVehicle::Ego, at))
     }
 
-    fn position(&self, who: Vehicle, at: u64) -> VehicleState {
+    fn position(&self, who: ReportingVehicle, at: u64) -> VehicleState {
         let (car, speed) = match who {
-            Vehicle::Ego => (self.geometry.ego(seconds(at)), self.geometry.ego_speed),
-            Vehicle::Runner => (self.geometry.runner(seconds(at)), self.geometry.runner_speed),
+            ReportingVehicle::Ego => (self.geometry.ego(seconds(at)), self.geometry.ego_speed),
+            ReportingVehicle::Runner => {
+                (self.geometry.runner(seconds(at)), self.geometry.runner_speed)
+            }
         };
         VehicleState { at, front: car.front, velocity: car.heading.map(|part| part * speed) }
     }
 }
 
 /// Whether ego brakes for a neighbour at this instant, by where the neighbour is if it went on as it reported.
-pub(crate) fn must_brake(geometry: &Geometry, neighbour: &VehicleState, now: u64) -> bool {
-    let heading = geometry.place.heading();
+pub(crate) fn must_brake(geometry: &CrossingGeometry, neighbour: &VehicleState, now: u64) -> bool {
+    let heading = geometry.intersection.heading();
     let along = |point: Point| point[0] * heading[0] + point[1] * heading[1];
     let speed = along(neighbour.velocity);
     let age = seconds(now.saturating_sub(neighbour.at));
-    let way = along(geometry.place.runner_at) - along(neighbour.front) - speed * age;
-    let to_line = way - geometry.place.line;
+    let distance = along(geometry.intersection.runner_at) - along(neighbour.front) - speed * age;
+    let to_line = distance - geometry.intersection.line;
     let will_not_stop = to_line <= 0.0 || speed * speed / (2.0 * to_line) > HARD;
     let ego = MEETING - seconds(now);
-    will_not_stop && (way / speed - ego).abs() < TOGETHER && ego < AHEAD
+    will_not_stop && (distance / speed - ego).abs() < TOGETHER && ego < AHEAD
 }

@@ -4,22 +4,22 @@ use std::fmt::Write;
 
 use crate::scenario::paint::{BAD, GOOD, paint, written};
 use crate::scenario::paper::PAPER;
-use crate::scenario::red_light::crossing::Approach;
-use crate::scenario::red_light::{Run, ScenarioResult};
+use crate::scenario::red_light::crossing::WarningSource;
+use crate::scenario::red_light::{RedLightResult, RedLightRun};
 
 /// How wide a cell is.
 const CELL: usize = 8;
 
-pub(crate) fn text(found: &ScenarioResult) -> String {
+pub(crate) fn text(result: &RedLightResult) -> String {
     written(|text| {
-        table(text, found)?;
-        beside(text, found)
+        table(text, result)?;
+        beside(text, result)
     })
 }
 
-fn table(text: &mut String, found: &ScenarioResult) -> std::fmt::Result {
+fn table(text: &mut String, result: &RedLightResult) -> std::fmt::Result {
     let mut deltas: Vec<f64> = Vec::new();
-    for run in &found.runs {
+    for run in &result.runs {
         if !deltas.contains(&run.delta) {
             deltas.push(run.delta);
         }
@@ -30,9 +30,9 @@ fn table(text: &mut String, found: &ScenarioResult) -> std::fmt::Result {
     }
     writeln!(text, "  the paper")?;
     writeln!(text, "{}", "─".repeat(24 + CELL * deltas.len() + 12))?;
-    let mut rows: Vec<Vec<&Run>> = Vec::new();
-    for run in &found.runs {
-        let is_row = |row: &&mut Vec<&Run>| {
+    let mut rows: Vec<Vec<&RedLightRun>> = Vec::new();
+    for run in &result.runs {
+        let is_row = |row: &&mut Vec<&RedLightRun>| {
             (row[0].variant, row[0].approach, row[0].round_trip)
                 == (run.variant, run.approach, run.round_trip)
         };
@@ -45,7 +45,7 @@ fn table(text: &mut String, found: &ScenarioResult) -> std::fmt::Result {
     for row in rows {
         let first = row[0];
         if before.replace(first.variant) != Some(first.variant) {
-            writeln!(text, "{}", first.variant.place().name)?;
+            writeln!(text, "{}", first.variant.intersection().name)?;
         }
         let trip = first.round_trip.map_or("–".to_owned(), |trip| format!("{trip} s"));
         write!(text, "  {:<12}{trip:>10}", first.approach.word())?;
@@ -69,7 +69,7 @@ fn signed(delta: f64) -> String {
     format!("{} s", delta.replace('-', "−"))
 }
 
-fn cell(run: &Run) -> String {
+fn cell(run: &RedLightRun) -> String {
     let (colour, text) = match (run.collides, run.brakes_before) {
         (true, None) => (BAD, "x".to_owned()),
         (true, Some(before)) => (BAD, format!("x {before:.2}")),
@@ -80,18 +80,18 @@ fn cell(run: &Run) -> String {
     paint(colour, &format!("{text:>CELL$}"))
 }
 
-fn paper(run: &Run) -> String {
+fn paper(run: &RedLightRun) -> String {
     let printed = &PAPER.red_light.collides;
     let collides = match run.approach {
-        Approach::Local => printed.local_detector,
-        Approach::Cloud => printed.cloud_detector,
-        Approach::Sharing => printed.shared_locations,
+        WarningSource::Local => printed.local_detector,
+        WarningSource::Cloud => printed.cloud_detector,
+        WarningSource::Sharing => printed.shared_locations,
     };
     if collides { paint(BAD, "x collides") } else { paint(GOOD, "avoids") }
 }
 
-fn beside(text: &mut String, found: &ScenarioResult) -> std::fmt::Result {
-    let sum = |runs: &[Run]| {
+fn beside(text: &mut String, result: &RedLightResult) -> std::fmt::Result {
+    let sum = |runs: &[RedLightRun]| {
         let collide = runs.iter().filter(|run| run.collides).count();
         format!("{collide} of {}", runs.len())
     };
@@ -100,7 +100,7 @@ fn beside(text: &mut String, found: &ScenarioResult) -> std::fmt::Result {
         "\nIf the detector in the cloud answered at once, {} runs would collide.\n\
          If nothing hid the other car, {} runs with a detector would collide\n\
          (with the cloud's at the shortest round trip).",
-        sum(&found.at_once),
-        sum(&found.without_occluder)
+        sum(&result.at_once),
+        sum(&result.without_occluder)
     )
 }

@@ -2,8 +2,9 @@
 
 use std::time::Duration;
 
-use crate::scenario::approach::{Approach, Drive, Vehicle, nanos};
-use crate::scenario::tests::random::Random;
+use fuseline_testkit::Rng;
+
+use crate::scenario::approach::{Approach, ApproachRun, Vehicle, nanos};
 use crate::scenario::tests::{REFERENCE, any_vehicle, drive, end, end_at};
 use crate::scenario::traffic_jam::tests_of_cells::guard;
 
@@ -26,9 +27,9 @@ fn budget(vehicle: &Vehicle, speed: f64, range: f64) -> f64 {
 fn local_and_cloud_agree_with_the_budgets_on_1000_random_vehicles() {
     let (mut in_time, mut late) = (0, 0);
     for seed in 0..1000 {
-        let random = &mut Random(seed);
+        let random = &mut Rng::with_seed(seed);
         let (vehicle, speed) = any_vehicle(random);
-        let response = random.between(0.05, 2.5);
+        let response = random.f64_between(0.05, 2.5);
         for (approach, range, response) in [
             (Approach::Local, vehicle.range_local, vehicle.local_response),
             (Approach::Cloud, vehicle.range_cloud, response),
@@ -51,9 +52,9 @@ fn local_and_cloud_agree_with_the_budgets_on_1000_random_vehicles() {
 fn scaled_in_distance_speed_and_time_everything_ends_the_same() {
     let mut collide = 0;
     for seed in 0..150 {
-        let random = &mut Random(seed);
+        let random = &mut Rng::with_seed(seed);
         let (vehicle, speed) = any_vehicle(random);
-        let factor = random.between(0.5, 2.0);
+        let factor = random.f64_between(0.5, 2.0);
         let scaled = Vehicle {
             brake_delay: vehicle.brake_delay * factor,
             rate: vehicle.rate / factor,
@@ -63,15 +64,14 @@ fn scaled_in_distance_speed_and_time_everything_ends_the_same() {
             ..vehicle
         };
         // Where phases end differently, so that a little shows.
-        let near =
-            budget(&vehicle, speed, vehicle.range_cloud) + random.between(0.0, 1.0) / vehicle.rate;
+        let near = budget(&vehicle, speed, vehicle.range_cloud) + random.f64() / vehicle.rate;
         let response = near.clamp(0.05, 2.0);
-        let deadline = random.between(0.05, 1.5);
+        let deadline = random.f64_between(0.05, 1.5);
         for approach in [Approach::Local, Approach::Cloud, Approach::First, Approach::Ours] {
             for phase in PHASES {
                 let of = |vehicle, speed, factor: f64| {
                     let deadline = Duration::from_secs_f64(deadline * factor);
-                    let drive = Drive { deadline, ..drive(vehicle, speed, phase, approach) };
+                    let drive = ApproachRun { deadline, ..drive(vehicle, speed, phase, approach) };
                     end_at(&drive, response * factor).hits()
                 };
                 let plain = of(&vehicle, speed, 1.0);
@@ -86,16 +86,16 @@ fn scaled_in_distance_speed_and_time_everything_ends_the_same() {
 #[test]
 fn a_slower_cloud_makes_nothing_green_and_a_longer_range_nothing_red() {
     let mut changed = 0;
-    for seed in 0..150 {
-        let random = &mut Random(seed);
+    for seed in 0..200 {
+        let random = &mut Rng::with_seed(seed);
         let (mut vehicle, speed) = any_vehicle(random);
         (vehicle.range_local, vehicle.range_cloud) = (5.0, vehicle.range_cloud);
-        let response = random.between(0.05, 2.0);
+        let response = random.f64_between(0.05, 2.0);
         let cloud = |vehicle: &Vehicle, response| hits(vehicle, speed, Approach::Cloud, response);
         let before = cloud(&vehicle, response);
-        let slower = cloud(&vehicle, response + random.between(0.01, 0.5));
+        let slower = cloud(&vehicle, response + random.f64_between(0.01, 0.5));
         assert!(slower >= before, "{seed}: {slower} after {before}");
-        let more = random.between(0.5, 15.0);
+        let more = random.f64_between(0.5, 15.0);
         let longer = Vehicle { range_cloud: vehicle.range_cloud + more, ..vehicle };
         let further = cloud(&longer, response);
         assert!(further <= before, "{seed}: {further} after {before}");
@@ -114,7 +114,7 @@ fn a_slower_cloud_makes_nothing_green_and_a_longer_range_nothing_red() {
 #[test]
 fn a_response_equal_to_the_deadline_is_late() {
     let deadline = Duration::from_millis(750);
-    let drive = Drive { deadline, ..drive(&REFERENCE, 22.0, 0.5, Approach::Ours) };
+    let drive = ApproachRun { deadline, ..drive(&REFERENCE, 22.0, 0.5, Approach::Ours) };
     let takes = |nanos: u64| end(&drive, |_| Some(nanos)).hits();
     assert_eq!([749_999_999, 750_000_000, 750_000_001].map(takes), [false, true, true]);
 }
@@ -124,7 +124,7 @@ fn a_blind_cloud_in_time_collides_where_local_alone_does_not() {
     let blind = Vehicle { range_cloud: 0.0, ..REFERENCE };
     let deadline = guard(&REFERENCE, 11.0);
     for phase in PHASES {
-        let ours = Drive { deadline, ..drive(&blind, 11.0, phase, Approach::Ours) };
+        let ours = ApproachRun { deadline, ..drive(&blind, 11.0, phase, Approach::Ours) };
         assert!(end_at(&ours, 0.5).hits());
         assert!(!end_at(&drive(&blind, 11.0, phase, Approach::Local), 0.5).hits());
     }
@@ -134,19 +134,19 @@ fn a_blind_cloud_in_time_collides_where_local_alone_does_not() {
 fn the_guard_never_collides_where_local_alone_does_not_and_half_a_second_does() {
     let (mut saved, mut lost) = (0, 0);
     for seed in 0..600 {
-        let random = &mut Random(seed);
-        let speed = if seed % 3 == 0 { 20.0 } else { random.between(9.0, 28.0) };
-        let phase = random.between(0.0, 1.0);
-        let gone = random.between(0.0, 1.0);
+        let random = &mut Rng::with_seed(seed);
+        let speed = if seed % 3 == 0 { 20.0 } else { random.f64_between(9.0, 28.0) };
+        let phase = random.f64();
+        let drop_rate = random.f64();
         // A response for each frame, by its instant.
         let response = |at: u64| {
-            let random = &mut Random(seed ^ at.rotate_left(20));
-            let response = random.one_of(&[0.1, 0.3, 0.6, 1.2]) * random.between(0.5, 1.5);
-            (random.between(0.0, 1.0) > gone).then(|| nanos(response))
+            let random = &mut Rng::with_seed(seed ^ at.rotate_left(20));
+            let response = random.one_of(&[0.1, 0.3, 0.6, 1.2]) * random.f64_between(0.5, 1.5);
+            (random.f64() > drop_rate).then(|| nanos(response))
         };
         let local = end(&drive(&REFERENCE, speed, phase, Approach::Local), response).hits();
         let ours = |deadline| {
-            let drive = Drive { deadline, ..drive(&REFERENCE, speed, phase, Approach::Ours) };
+            let drive = ApproachRun { deadline, ..drive(&REFERENCE, speed, phase, Approach::Ours) };
             end(&drive, response).hits()
         };
         let guarded = ours(guard(&REFERENCE, speed));

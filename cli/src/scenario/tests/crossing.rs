@@ -1,9 +1,10 @@
 //! A second simulation of both other scenes, by small steps of time and with shapes cut into points.
 
+use fuseline_testkit::Rng;
+
 use crate::scenario::braking::Brakes;
-use crate::scenario::jaywalking::{Geometry as Street, Manoeuvre};
-use crate::scenario::red_light::{Geometry, Variant};
-use crate::scenario::tests::random::Random;
+use crate::scenario::jaywalking::{Manoeuvre, SwerveGeometry as Street};
+use crate::scenario::red_light::{CrossingGeometry, Variant};
 
 const STEP: f64 = 1e-3;
 
@@ -31,27 +32,29 @@ fn cars_touch_where_points_of_one_come_into_the_other() {
     let headings = [90.0_f64, -90.0, 120.0];
     let (mut touch, mut compared) = (0, 0);
     for seed in 0..60_u64 {
-        let random = &mut Random(seed);
+        let random = &mut Rng::with_seed(seed);
         let variants = [Variant::CornerBuilding, Variant::QueueInTurningLane, Variant::Skewed];
         let which = random.one_of(&[0, 1, 2_usize]);
-        let place = variants[which].place();
-        let geometry = Geometry {
-            place,
-            ego_speed: random.between(9.0, 16.0),
-            runner_speed: random.between(9.0, 16.0),
-            delta: random.between(-0.6, 0.6),
+        let intersection = variants[which].intersection();
+        let geometry = CrossingGeometry {
+            intersection,
+            ego_speed: random.f64_between(9.0, 16.0),
+            runner_speed: random.f64_between(9.0, 16.0),
+            delta: random.f64_between(-0.6, 0.6),
             has_occluder: true,
         };
-        let decided = random.between(4.0, 6.5);
+        let decided = random.f64_between(4.0, 6.5);
         let brakes = Brakes { deceleration: 7.5, delay: 0.1 };
         let first = geometry.contact(Some(decided), &brakes).is_some();
-        let (mut front, mut speed) = (place.ego_at - 6.0 * geometry.ego_speed, geometry.ego_speed);
+        let (mut front, mut speed) =
+            (intersection.ego_at - 6.0 * geometry.ego_speed, geometry.ego_speed);
         let (sin, cos) = headings[which].to_radians().sin_cos();
         let (mut surely, mut nearly) = (false, false);
         for step in 0..9000 {
             let now = f64::from(step) * STEP;
             let ahead = geometry.runner_speed * (now - 6.0 - geometry.delta);
-            let runner = [place.runner_at[0] + ahead * cos, place.runner_at[1] + ahead * sin];
+            let runner =
+                [intersection.runner_at[0] + ahead * cos, intersection.runner_at[1] + ahead * sin];
             if now > 4.0 {
                 for point in outline(runner, headings[which]) {
                     surely |= is_in([front, -1.75], point, -0.02);
@@ -76,16 +79,16 @@ fn cars_touch_where_points_of_one_come_into_the_other() {
 fn a_car_touches_a_person_where_small_steps_of_time_say_so() {
     let (mut touch, mut compared) = (0, 0);
     for seed in 0..250_u64 {
-        let random = &mut Random(seed);
+        let random = &mut Rng::with_seed(seed);
         let street = Street {
-            distance: random.between(5.0, 20.0),
-            person_speed: random.between(0.5, 3.0),
-            lateral: random.between(3.0, 9.0),
-            deceleration: random.between(4.0, 9.0),
-            steering_rate: random.between(0.2, 2.0),
+            distance: random.f64_between(5.0, 20.0),
+            person_speed: random.f64_between(0.5, 3.0),
+            lateral: random.f64_between(3.0, 9.0),
+            deceleration: random.f64_between(4.0, 9.0),
+            steering_rate: random.f64_between(0.2, 2.0),
         };
         let manoeuvre = random.one_of(&[Manoeuvre::Swerve, Manoeuvre::Brake]);
-        let (speed, response) = (random.between(4.0, 16.0), random.between(0.2, 0.8));
+        let (speed, response) = (random.f64_between(4.0, 16.0), random.f64_between(0.2, 0.8));
         let first = street.contact(speed, manoeuvre, response).is_some();
         // The rear axle, 3.38 m behind the front and 2.58 m behind the front axle, and the angles of car and wheels.
         let (mut rear, mut now_speed) = ([-3.38, 0.0], speed);

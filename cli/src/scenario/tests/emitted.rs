@@ -5,9 +5,9 @@ use std::collections::BTreeMap;
 use fuseline_traces::judge;
 use serde_json::Value;
 
-use crate::scenario::approach::{Approach, Drive};
+use crate::scenario::approach::{Approach, ApproachRun};
 use crate::scenario::braking::DriveOutcome;
-use crate::scenario::operator::Operator;
+use crate::scenario::operator::ScenarioOperator;
 use crate::scenario::tests::{REFERENCE, drive};
 use crate::scenario::traffic_jam::tests_of_cells;
 
@@ -27,7 +27,7 @@ fn outputs(trace: &[u8]) -> BTreeMap<u64, (f64, Option<u64>)> {
 }
 
 /// When the vehicle decides: at the earliest instant by which some three consecutive timestamps with output report.
-fn decided(drive: &Drive<'_>, outputs: &BTreeMap<u64, (f64, Option<u64>)>) -> Option<f64> {
+fn decided(drive: &ApproachRun<'_>, outputs: &BTreeMap<u64, (f64, Option<u64>)>) -> Option<f64> {
     let mut best: Option<f64> = None;
     for first in outputs.keys() {
         let (mut reports, mut latest, mut next) = (0, 0.0_f64, *first);
@@ -61,8 +61,8 @@ fn the_outcome_follows_from_what_was_emitted_and_the_strict_judge_accepts_it() {
         for approach in [Approach::Local, Approach::Cloud, Approach::First, Approach::Ours] {
             for response in [500_000_000, 1_000_000_000, 3_000_000_000] {
                 let deadline = tests_of_cells::guard(&REFERENCE, speed);
-                let drive = Drive { deadline, ..drive(&REFERENCE, speed, 0.4375, approach) };
-                let mut operator = Operator::new("a run", drive.frames(), true);
+                let drive = ApproachRun { deadline, ..drive(&REFERENCE, speed, 0.4375, approach) };
+                let mut operator = ScenarioOperator::new("a run", drive.frames(), true);
                 let (end, _) = drive.run(&mut operator, |_| Some(response));
                 let trace = operator.into_trace().unwrap();
                 let verdict = judge("a run", &trace[..]).unwrap();
@@ -70,12 +70,13 @@ fn the_outcome_follows_from_what_was_emitted_and_the_strict_judge_accepts_it() {
                 // By hand: 0.1 s until the brakes bite, then 7.5 m/s².
                 let braked = decided(&drive, &outputs(&trace))
                     .map_or(f64::NEG_INFINITY, |at| drive.start() - speed * (at + 0.1));
-                let left = braked - speed * speed / 15.0;
+                let remaining = braked - speed * speed / 15.0;
                 match end {
-                    DriveOutcome::Stops { gap } => assert!((gap - left).abs() < 1e-6),
+                    DriveOutcome::Stops { gap } => assert!((gap - remaining).abs() < 1e-6),
                     DriveOutcome::Hits { impact } => {
                         hits += 1;
-                        let by_hand = if braked <= 0.0 { speed } else { (-15.0 * left).sqrt() };
+                        let by_hand =
+                            if braked <= 0.0 { speed } else { (-15.0 * remaining).sqrt() };
                         assert!((impact - by_hand).abs() < 1e-6, "{impact}, not {by_hand}");
                     }
                 }

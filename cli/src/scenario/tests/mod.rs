@@ -3,15 +3,15 @@
 mod checks;
 mod crossing;
 mod emitted;
-mod random;
 mod second;
 
 use std::time::Duration;
 
-use crate::scenario::approach::{Approach, Drive, Vehicle, nanos};
+use fuseline_testkit::Rng;
+
+use crate::scenario::approach::{Approach, ApproachRun, Vehicle, nanos};
 use crate::scenario::braking::DriveOutcome;
-use crate::scenario::operator::Operator;
-use crate::scenario::tests::random::Random;
+use crate::scenario::operator::ScenarioOperator;
 
 /// The vehicle of the specification.
 const REFERENCE: Vehicle = Vehicle {
@@ -27,36 +27,36 @@ const REFERENCE: Vehicle = Vehicle {
 };
 
 /// A vehicle and a speed from anywhere.
-fn any_vehicle(random: &mut Random) -> (Vehicle, f64) {
+fn any_vehicle(random: &mut Rng) -> (Vehicle, f64) {
     let vehicle = Vehicle {
-        deceleration: random.between(4.0, 10.0),
-        brake_delay: random.between(0.0, 0.3),
+        deceleration: random.f64_between(4.0, 10.0),
+        brake_delay: random.f64_between(0.0, 0.3),
         rate: random.one_of(&[10.0, 20.0, 30.0]),
         frames: random.one_of(&[1, 2, 3, 4]),
-        range_local: random.between(15.0, 70.0),
-        range_cloud: random.between(30.0, 90.0),
-        local_response: random.between(0.05, 0.5),
+        range_local: random.f64_between(15.0, 70.0),
+        range_cloud: random.f64_between(30.0, 90.0),
+        local_response: random.f64_between(0.05, 0.5),
         local_serial: false,
         reveal: None,
     };
-    (vehicle, random.between(8.0, 32.0))
+    (vehicle, random.f64_between(8.0, 32.0))
 }
 
 /// How a drive ends, with these responses of the cloud by the instant of capture.
-fn end(drive: &Drive<'_>, response: impl Fn(u64) -> Option<u64>) -> DriveOutcome {
-    let mut operator = Operator::new("", drive.frames(), false);
+fn end(drive: &ApproachRun<'_>, response: impl Fn(u64) -> Option<u64>) -> DriveOutcome {
+    let mut operator = ScenarioOperator::new("", drive.frames(), false);
     let (end, _) = drive.run(&mut operator, response);
     assert!(!operator.is_full());
     end
 }
 
 /// The same with one response for all frames, in s.
-fn end_at(drive: &Drive<'_>, response: f64) -> DriveOutcome {
+fn end_at(drive: &ApproachRun<'_>, response: f64) -> DriveOutcome {
     let takes = nanos(response);
     end(drive, |_| Some(takes))
 }
 
 /// A drive of a vehicle.
-fn drive(vehicle: &Vehicle, speed: f64, phase: f64, approach: Approach) -> Drive<'_> {
-    Drive { vehicle, speed, phase, approach, deadline: Duration::ZERO }
+fn drive(vehicle: &Vehicle, speed: f64, phase: f64, approach: Approach) -> ApproachRun<'_> {
+    ApproachRun { vehicle, speed, phase, approach, deadline: Duration::ZERO }
 }

@@ -2,9 +2,10 @@
 
 use std::time::Duration;
 
-use crate::scenario::approach::{Approach, Drive, Vehicle, nanos};
+use fuseline_testkit::Rng;
+
+use crate::scenario::approach::{Approach, ApproachRun, Vehicle, nanos};
 use crate::scenario::braking::DriveOutcome;
-use crate::scenario::tests::random::Random;
 use crate::scenario::tests::{any_vehicle, end};
 
 /// A step, in s.
@@ -16,7 +17,7 @@ struct Frame {
     local: Option<f64>,
     cloud: Option<f64>,
     deadline: f64,
-    left: FrameOutput,
+    output: FrameOutput,
 }
 
 /// The output for a frame.
@@ -31,8 +32,8 @@ enum FrameOutput {
 }
 
 /// Lets a vehicle drive into an obstacle or stop before it; `clouds` are the responses by frame.
-fn stepped(drive: &Drive<'_>, clouds: &[Option<f64>]) -> DriveOutcome {
-    let Drive { vehicle, speed: full, approach, .. } = *drive;
+fn stepped(drive: &ApproachRun<'_>, clouds: &[Option<f64>]) -> DriveOutcome {
+    let ApproachRun { vehicle, speed: full, approach, .. } = *drive;
     let mut frames: Vec<Frame> = Vec::new();
     let (mut now, mut gap, mut speed) = (0.0, drive.start(), full);
     let (mut busy, mut bite) = (f64::NEG_INFINITY, f64::INFINITY);
@@ -59,11 +60,11 @@ fn stepped(drive: &Drive<'_>, clouds: &[Option<f64>]) -> DriveOutcome {
                 local,
                 cloud,
                 deadline,
-                left: FrameOutput::Waits,
+                output: FrameOutput::Waits,
             });
         }
-        for frame in frames.iter_mut().filter(|frame| frame.left == FrameOutput::Waits) {
-            frame.left = left(vehicle, frame, now - frame.captured);
+        for frame in frames.iter_mut().filter(|frame| frame.output == FrameOutput::Waits) {
+            frame.output = output(vehicle, frame, now - frame.captured);
         }
         if bite.is_infinite() && decides(&frames, vehicle.frames) {
             bite = now + vehicle.brake_delay;
@@ -82,7 +83,7 @@ fn stepped(drive: &Drive<'_>, clouds: &[Option<f64>]) -> DriveOutcome {
 }
 
 /// The output for a frame that is so old.
-fn left(vehicle: &Vehicle, frame: &Frame, age: f64) -> FrameOutput {
+fn output(vehicle: &Vehicle, frame: &Frame, age: f64) -> FrameOutput {
     let sees = |range: f64| FrameOutput::Tells(frame.gap > 0.0 && frame.gap <= range);
     let by = |response: Option<f64>| response.is_some_and(|response| response <= age);
     let in_time = frame.cloud.filter(|cloud| *cloud < frame.deadline);
@@ -103,7 +104,7 @@ fn left(vehicle: &Vehicle, frame: &Frame, age: f64) -> FrameOutput {
 fn decides(frames: &[Frame], wanted: u32) -> bool {
     let mut row = 0;
     frames.iter().any(|frame| {
-        row = match frame.left {
+        row = match frame.output {
             FrameOutput::Tells(true) => row + 1,
             FrameOutput::Nothing => row,
             FrameOutput::Tells(false) | FrameOutput::Waits => 0,
@@ -116,23 +117,23 @@ fn decides(frames: &[Frame], wanted: u32) -> bool {
 fn a_second_simulation_by_small_steps_of_time_agrees_on_250_random_runs() {
     let (mut compared, mut hits) = (0, 0);
     for seed in 0..250 {
-        let random = &mut Random(seed);
+        let random = &mut Rng::with_seed(seed);
         let (mut vehicle, speed) = any_vehicle(random);
-        vehicle.local_serial = random.between(0.0, 1.0) < 0.3;
+        vehicle.local_serial = random.f64() < 0.3;
         let approaches = [Approach::Local, Approach::Cloud, Approach::First, Approach::Ours];
         let approach = random.one_of(&approaches);
-        let drive = Drive {
+        let drive = ApproachRun {
             vehicle: &vehicle,
             speed,
-            phase: random.between(0.05, 0.95),
+            phase: random.f64_between(0.05, 0.95),
             approach,
-            deadline: Duration::from_secs_f64(random.between(0.05, 1.5)),
+            deadline: Duration::from_secs_f64(random.f64_between(0.05, 1.5)),
         };
         let responses = [0.1, 0.3, 0.6, 1.2, 3.0];
         let clouds: Vec<Option<f64>> = (0..400)
             .map(|_| {
-                let response = random.one_of(&responses) * random.between(0.7, 1.3);
-                (random.between(0.0, 1.0) < 0.9).then_some(response)
+                let response = random.one_of(&responses) * random.f64_between(0.7, 1.3);
+                (random.f64() < 0.9).then_some(response)
             })
             .collect();
         let first = end(&drive, |at| {

@@ -9,14 +9,14 @@ use serde::Serialize;
 use crate::fault::Fault;
 use crate::plot::Folder;
 use crate::scenario::ScenarioError;
-use crate::scenario::approach::{Approach, Drive, Vehicle, nanos};
+use crate::scenario::approach::{Approach, ApproachRun, Vehicle, nanos};
 use crate::scenario::braking::DriveOutcome;
-use crate::scenario::operator::Operator;
+use crate::scenario::operator::ScenarioOperator;
 use crate::scenario::paper::PAPER;
 
 /// How the deadline of *ours* is chosen.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub(crate) enum Deadline {
+pub(crate) enum DeadlineChoice {
     /// The longest that is safe.
     Guard,
     /// The one of least mean loss up to there, by calls that took the response.
@@ -29,7 +29,7 @@ pub(crate) enum Deadline {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Jam {
     pub(crate) vehicle: Vehicle,
-    pub(crate) deadline: Deadline,
+    pub(crate) deadline: DeadlineChoice,
     /// None where no deadline needs it.
     guard: Option<Guard>,
 }
@@ -89,10 +89,10 @@ impl Jam {
     ///
     /// # Errors
     /// If the deadlines need a guard and its figures make no sense.
-    pub(crate) fn new(vehicle: Vehicle, deadline: Deadline) -> Result<Self, ScenarioError> {
+    pub(crate) fn new(vehicle: Vehicle, deadline: DeadlineChoice) -> Result<Self, ScenarioError> {
         let guard = match deadline {
-            Deadline::Constant(_) => None,
-            Deadline::Guard | Deadline::Expected => {
+            DeadlineChoice::Constant(_) => None,
+            DeadlineChoice::Guard | DeadlineChoice::Expected => {
                 Some(vehicle.guard().map_err(|invalid| ScenarioError::Invalid { invalid })?)
             }
         };
@@ -104,8 +104,8 @@ impl Jam {
         let busy = self.vehicle.frames_of_local();
         let (width, count) =
             if self.vehicle.local_serial { (8.0, busy * 4.0) } else { (16.0, 8.0) };
-        let places = (0_u32..).map(f64::from).take_while(|place| *place < count);
-        places.map(|place| (2.0 * place + 1.0) / width).collect()
+        let places = (0_u32..).map(f64::from).take_while(|index| *index < count);
+        places.map(|index| (2.0 * index + 1.0) / width).collect()
     }
 
     /// The deadline of each request of *ours*.
@@ -113,8 +113,8 @@ impl Jam {
         let situation = self.vehicle.situation(speed);
         let cap = self.guard.map_or(Duration::MAX, |guard| guard.judge(&situation).deadline);
         match (self.deadline, self.guard) {
-            (Deadline::Constant(deadline), _) => deadline,
-            (Deadline::Expected, Some(guard)) => {
+            (DeadlineChoice::Constant(deadline), _) => deadline,
+            (DeadlineChoice::Expected, Some(guard)) => {
                 let response = Duration::from_nanos(nanos(response));
                 let calls = [Observation { response, is_answered: true, count: 1 }];
                 let impact = Impact::from(&guard);
@@ -123,38 +123,38 @@ impl Jam {
                 let Choice { deadline, .. } = least_loss(steps, guard.local_response(), cap, loss);
                 deadline
             }
-            (Deadline::Guard | Deadline::Expected, _) => cap,
+            (DeadlineChoice::Guard | DeadlineChoice::Expected, _) => cap,
         }
     }
 
-    fn drive(&self, question: &CellParameters, phase: f64) -> Drive<'_> {
+    fn drive(&self, question: &CellParameters, phase: f64) -> ApproachRun<'_> {
         let CellParameters { speed, approach, response } = *question;
         let deadline = match approach {
             Approach::Ours => self.deadline(speed, response),
             Approach::Local | Approach::Cloud | Approach::First => Duration::ZERO,
         };
-        Drive { vehicle: &self.vehicle, speed, phase, approach, deadline }
+        ApproachRun { vehicle: &self.vehicle, speed, phase, approach, deadline }
     }
 
     /// How the drive of this phase ends; its trace is written to the folder.
     fn run(
         &self,
         question: &CellParameters,
-        (place, phase): (usize, f64),
+        (index, phase): (usize, f64),
         traces: Option<&Folder>,
     ) -> Result<DriveOutcome, Fault> {
         let CellParameters { speed, approach, response } = *question;
         let drive = self.drive(question, phase);
         let word = format!("{approach:?}").to_lowercase();
         let name = format!("{word}, {speed} m/s, response {response} s, phase {phase}");
-        let mut operator = Operator::new(&name, drive.frames(), traces.is_some());
+        let mut operator = ScenarioOperator::new(&name, drive.frames(), traces.is_some());
         let takes = nanos(response);
         let (end, _) = drive.run(&mut operator, |_| Some(takes));
         if operator.is_full() {
             return Err(ScenarioError::Full { speed }.into());
         }
         if let (Some(folder), Some(trace)) = (traces, operator.into_trace()) {
-            folder.put(&format!("{word}-v{speed}-r{response}-{place:02}.jsonl"), &trace)?;
+            folder.put(&format!("{word}-v{speed}-r{response}-{index:02}.jsonl"), &trace)?;
         }
         Ok(end)
     }

@@ -16,8 +16,8 @@ use crate::fault::Fault;
 use crate::plot::{PageContent, show};
 use crate::scenario::approach::Approach;
 use crate::scenario::options::{OutputOptions, VehicleArgs, not_below_0, speed};
-use crate::scenario::traffic_jam::cells::{Cell, CellParameters, Deadline, Jam};
-use crate::scenario::traffic_jam::narrow::{CloudOnlySpeeds, Constants, Interval, OnBoard};
+use crate::scenario::traffic_jam::cells::{Cell, CellParameters, DeadlineChoice, Jam};
+use crate::scenario::traffic_jam::narrow::{CloudOnlySpeeds, Constants, Interval, OnBoardCells};
 
 /// What the page says first.
 const WORDS: &str = "A vehicle approaches a standing motorcycle at constant speed. It brakes once enough consecutive \
@@ -64,7 +64,7 @@ pub(crate) struct Args {
     approach: Vec<Approach>,
     /// The deadline of ours: guard, expected, or a constant in s.
     #[arg(long, value_name = "HOW", default_value = "guard", value_parser = deadline)]
-    deadline: Deadline,
+    deadline: DeadlineChoice,
     /// Only the cells: leave out how narrow they are, constant deadlines, and R101 on board.
     #[arg(long)]
     cells_only: bool,
@@ -74,12 +74,12 @@ pub(crate) struct Args {
     leave: OutputOptions,
 }
 
-fn deadline(text: &str) -> Result<Deadline, String> {
+fn deadline(text: &str) -> Result<DeadlineChoice, String> {
     match text {
-        "guard" => Ok(Deadline::Guard),
-        "expected" => Ok(Deadline::Expected),
+        "guard" => Ok(DeadlineChoice::Guard),
+        "expected" => Ok(DeadlineChoice::Expected),
         text => match not_below_0(text) {
-            Ok(seconds) => Ok(Deadline::Constant(Duration::from_secs_f64(seconds))),
+            Ok(seconds) => Ok(DeadlineChoice::Constant(Duration::from_secs_f64(seconds))),
             Err(_) => Err("write guard, expected or a number of seconds".to_owned()),
         },
     }
@@ -88,9 +88,9 @@ fn deadline(text: &str) -> Result<Deadline, String> {
 impl Args {
     fn parameters(&self) -> Value {
         let deadline = match self.deadline {
-            Deadline::Guard => "guard".to_owned(),
-            Deadline::Expected => "expected".to_owned(),
-            Deadline::Constant(deadline) => deadline.as_secs_f64().to_string(),
+            DeadlineChoice::Guard => "guard".to_owned(),
+            DeadlineChoice::Expected => "expected".to_owned(),
+            DeadlineChoice::Constant(deadline) => deadline.as_secs_f64().to_string(),
         };
         let (speed, response, approach) = (&self.speed, &self.response, &self.approach);
         let vehicle = self.vehicle.vehicle();
@@ -116,7 +116,7 @@ impl Args {
 
 /// All that is shown.
 #[derive(Clone, Serialize)]
-pub(crate) struct ScenarioResult {
+pub(crate) struct TrafficJamResult {
     scenario: &'static str,
     parameters: Value,
     #[serde(skip)]
@@ -136,11 +136,11 @@ struct ExtraResults {
     /// None: the paper's table is not reproduced.
     narrow: Option<Vec<Interval>>,
     constants: Constants,
-    on_board: Vec<OnBoard>,
+    on_board: Vec<OnBoardCells>,
     only_cloud: Option<CloudOnlySpeeds>,
 }
 
-impl ScenarioResult {
+impl TrafficJamResult {
     /// How many cells are as in the paper, and how many it has.
     fn agreement(&self) -> (usize, usize) {
         let known = self.cells.iter().filter(|cell| cell.paper.is_some());
@@ -152,7 +152,7 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
     let vehicle = args.vehicle.vehicle();
     let jam = Jam::new(vehicle, args.deadline)?;
     let [traces, plots] = args.leave.folders()?;
-    let found = ScenarioResult {
+    let result = TrafficJamResult {
         scenario: "traffic-jam",
         parameters: args.parameters(),
         responses: args.response.clone(),
@@ -161,7 +161,7 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
         cells: jam.cells(&args.questions(), traces.as_ref())?,
         beside: (!args.cells_only).then(|| beside(&jam)).transpose()?,
     };
-    let text = text::text(&found);
+    let text = text::text(&result);
     if let Some(folder) = plots {
         let words = [WORDS, MODEL];
         show(
@@ -169,12 +169,12 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
             &PageContent {
                 title: "Traffic jam",
                 words: &words,
-                plots: plots::plots(&found, &jam),
+                plots: plots::plots(&result, &jam),
                 reported: &text,
             },
         )?;
     }
-    args.leave.print_report(&found, &text)
+    args.leave.print_report(&result, &text)
 }
 
 fn beside(jam: &Jam) -> Result<ExtraResults, Fault> {

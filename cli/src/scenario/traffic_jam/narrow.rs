@@ -8,7 +8,7 @@ use serde::Serialize;
 use crate::fault::Fault;
 use crate::scenario::approach::{Approach, Vehicle};
 use crate::scenario::paper::PAPER;
-use crate::scenario::traffic_jam::cells::{CellParameters, Colour, Deadline, Jam};
+use crate::scenario::traffic_jam::cells::{CellParameters, Colour, DeadlineChoice, Jam};
 
 /// The runtime of the cloud's model on board, in s.
 pub(crate) const ON_BOARD: f64 = 0.4077;
@@ -30,7 +30,7 @@ pub(crate) struct Interval {
 
 /// How many of the paper's 30 cells of *ours* a constant deadline misses.
 #[derive(Clone, Copy, Debug, Serialize)]
-pub(crate) struct Constant {
+pub(crate) struct ConstantMisses {
     pub(crate) deadline: f64,
     pub(crate) misses: usize,
 }
@@ -38,14 +38,14 @@ pub(crate) struct Constant {
 /// What constant deadlines do.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Constants {
-    pub(crate) some: Vec<Constant>,
+    pub(crate) some: Vec<ConstantMisses>,
     /// The best of all from 0.01 to 4.49 s, the shortest of several.
-    pub(crate) best: Constant,
+    pub(crate) best: ConstantMisses,
 }
 
 /// The cloud's model on board, against the cloud.
 #[derive(Clone, Debug, Serialize)]
-pub(crate) struct OnBoard {
+pub(crate) struct OnBoardCells {
     pub(crate) speed: f64,
     pub(crate) pipelined: Colour,
     /// One frame at a time.
@@ -81,7 +81,7 @@ fn table() -> Vec<(CellParameters, bool)> {
 }
 
 /// Whether all cells of the paper's table are as there.
-pub(crate) fn holds(vehicle: Vehicle, deadline: Deadline) -> bool {
+pub(crate) fn holds(vehicle: Vehicle, deadline: DeadlineChoice) -> bool {
     // Where no guard can be, no cell is.
     let Ok(jam) = Jam::new(vehicle, deadline) else { return false };
     table().par_iter().all(|(question, collides)| jam.is(question, *collides).unwrap_or(false))
@@ -130,7 +130,7 @@ fn edge(value: f64, step: f64, holds: impl Fn(f64) -> bool) -> f64 {
 
 /// How many cells of *ours* differ under a constant deadline.
 pub(crate) fn misses(vehicle: Vehicle, deadline: f64) -> usize {
-    let deadline = Deadline::Constant(Duration::from_secs_f64(deadline));
+    let deadline = DeadlineChoice::Constant(Duration::from_secs_f64(deadline));
     let Ok(jam) = Jam::new(vehicle, deadline) else { return 0 };
     let differs = |(question, collides): &(CellParameters, bool)| {
         question.approach == Approach::Ours && !jam.is(question, *collides).unwrap_or(false)
@@ -140,10 +140,10 @@ pub(crate) fn misses(vehicle: Vehicle, deadline: f64) -> usize {
 
 /// What constant deadlines do.
 pub(crate) fn constants(vehicle: Vehicle) -> Constants {
-    let constant = |deadline| Constant { deadline, misses: misses(vehicle, deadline) };
+    let constant = |deadline| ConstantMisses { deadline, misses: misses(vehicle, deadline) };
     let some = CONSTANTS.map(constant).to_vec();
-    let all: Vec<Constant> =
-        SWEEP.into_par_iter().map(|place| constant(f64::from(place) / 100.0)).collect();
+    let all: Vec<ConstantMisses> =
+        SWEEP.into_par_iter().map(|index| constant(f64::from(index) / 100.0)).collect();
     let best = all.into_iter().min_by_key(|constant| constant.misses);
     Constants { some, best: best.expect("some were looked through") }
 }
@@ -155,12 +155,12 @@ fn colour(
     speed: f64,
     response: f64,
 ) -> Result<Colour, Fault> {
-    let jam = Jam::new(vehicle, Deadline::Constant(Duration::ZERO))?;
+    let jam = Jam::new(vehicle, DeadlineChoice::Constant(Duration::ZERO))?;
     Ok(jam.cell(&CellParameters { speed, approach, response }, None)?.outcome)
 }
 
 /// The cloud's model on board, at the paper's speeds.
-pub(crate) fn on_board(vehicle: Vehicle) -> Result<Vec<OnBoard>, Fault> {
+pub(crate) fn on_board(vehicle: Vehicle) -> Result<Vec<OnBoardCells>, Fault> {
     let board = vehicle.with_model_on_board(ON_BOARD);
     let alone = |local_serial, speed| {
         colour(Vehicle { local_serial, ..board }, Approach::Local, speed, 0.0)
@@ -168,7 +168,7 @@ pub(crate) fn on_board(vehicle: Vehicle) -> Result<Vec<OnBoard>, Fault> {
     let of = |speed| {
         let (pipelined, serial) = (alone(false, speed)?, alone(true, speed)?);
         let cloud = colour(vehicle, Approach::Cloud, speed, 0.5)?;
-        Ok(OnBoard { speed, pipelined, serial, cloud })
+        Ok(OnBoardCells { speed, pipelined, serial, cloud })
     };
     PAPER.traffic_jam.speeds().into_iter().map(of).collect()
 }

@@ -5,11 +5,11 @@ use std::time::Duration;
 use plotters::prelude::*;
 use rayon::prelude::*;
 
-use crate::plot::{Axes, DRAWN, Line, Plot, TextLine, Theme, canvas};
+use crate::plot::{Axes, ChartLine, DRAWN, Plot, TextLine, Theme, canvas};
 use crate::scenario::approach::{Approach, Vehicle};
 use crate::scenario::paper::PAPER;
-use crate::scenario::traffic_jam::ScenarioResult;
-use crate::scenario::traffic_jam::cells::{Cell, CellParameters, Colour, Deadline, Jam};
+use crate::scenario::traffic_jam::TrafficJamResult;
+use crate::scenario::traffic_jam::cells::{Cell, CellParameters, Colour, DeadlineChoice, Jam};
 use crate::scenario::traffic_jam::text::word;
 
 /// Deadlines up to here are shown, in s.
@@ -19,14 +19,14 @@ const STEP: f64 = 0.02;
 /// So many of them lead to the longest.
 const STEPS: u32 = 175;
 
-pub(crate) fn plots(found: &ScenarioResult, jam: &Jam) -> Vec<Plot> {
-    let mut plots = vec![table(found)];
+pub(crate) fn plots(result: &TrafficJamResult, jam: &Jam) -> Vec<Plot> {
+    let mut plots = vec![table(result)];
     plots.extend(deadlines(jam));
     plots
 }
 
-fn table(found: &ScenarioResult) -> Plot {
-    let ScenarioResult { responses, cells, .. } = found.clone();
+fn table(result: &TrafficJamResult) -> Plot {
+    let TrafficJamResult { responses, cells, .. } = result.clone();
     let caption = "Where the vehicle stops, a cell has the least gap that is left, in metres; where it does not, the \
                    greatest speed at impact. A cross in a corner marks a cell that differs from the paper's.";
     Plot::new("table", caption, move |theme| {
@@ -100,7 +100,7 @@ fn draw(theme: &Theme, canvas: &crate::plot::Canvas<'_>, cell: &Cell, place: [(i
 /// None where no guard can be.
 fn deadlines(jam: &Jam) -> Option<Plot> {
     let vehicle = jam.vehicle;
-    let guard = Jam::new(vehicle, Deadline::Guard).ok()?;
+    let guard = Jam::new(vehicle, DeadlineChoice::Guard).ok()?;
     let speeds: Vec<f64> = (0..=400).map(|step| 10.0 + f64::from(step) * 0.04).collect();
     let budget = |range: f64, period: f64, speed: f64| {
         let delays = vehicle.brake_delay + f64::from(vehicle.frames) * period;
@@ -126,19 +126,20 @@ fn deadlines(jam: &Jam) -> Option<Plot> {
         let words =
             ("Which deadline gives the table", "Seconds after a frame's capture, over the speed");
         canvas(theme, (860, 520), words, |canvas| {
-            let of = |name: &str, series: usize, width, is_dashed, points: &Vec<(f64, f64)>| Line {
-                name: name.to_owned(),
-                colour: theme.series[series],
-                width,
-                is_dashed,
-                points: points.clone(),
-            };
+            let of =
+                |name: &str, series: usize, width, is_dashed, points: &Vec<(f64, f64)>| ChartLine {
+                    name: name.to_owned(),
+                    colour: theme.series[series],
+                    width,
+                    is_dashed,
+                    points: points.clone(),
+                };
             let lines = [
                 of("local is early enough until", 0, 2, true, &local),
                 of("the cloud, until", 1, 2, true, &cloud),
                 of("deadline of the guard", 2, 3, false, &chosen),
             ];
-            Line::keys(&lines, theme, canvas, (82, 84));
+            ChartLine::keys(&lines, theme, canvas, (82, 84));
             let area = canvas.margin(104, 12, 20, 24);
             let axes = Axes {
                 x: 10.0..26.0,
@@ -182,7 +183,7 @@ fn smooth(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
 fn allowed(vehicle: Vehicle, speed: f64) -> Vec<[f64; 2]> {
     let paper = &PAPER.traffic_jam;
     let gives = |deadline: f64| {
-        let deadline = Deadline::Constant(Duration::from_secs_f64(deadline));
+        let deadline = DeadlineChoice::Constant(Duration::from_secs_f64(deadline));
         let Ok(jam) = Jam::new(vehicle, deadline) else { return false };
         paper.cloud_response_s.iter().all(|response| {
             let question = CellParameters { speed, approach: Approach::Ours, response: *response };

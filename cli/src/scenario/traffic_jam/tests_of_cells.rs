@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use crate::scenario::approach::{Approach, Vehicle};
 use crate::scenario::paper::PAPER;
-use crate::scenario::traffic_jam::cells::{CellParameters, Colour, Deadline, Jam};
+use crate::scenario::traffic_jam::cells::{CellParameters, Colour, DeadlineChoice, Jam};
 use crate::scenario::traffic_jam::narrow::{holds, misses};
 
 const PIPELINED: Vehicle = Vehicle {
@@ -21,11 +21,11 @@ const PIPELINED: Vehicle = Vehicle {
 
 /// The guard's deadline.
 pub(crate) fn guard(vehicle: &Vehicle, speed: f64) -> Duration {
-    Jam::new(*vehicle, Deadline::Guard).unwrap().deadline(speed, 0.0)
+    Jam::new(*vehicle, DeadlineChoice::Guard).unwrap().deadline(speed, 0.0)
 }
 
 fn all_90(vehicle: Vehicle) -> (usize, usize) {
-    let jam = Jam::new(vehicle, Deadline::Guard).unwrap();
+    let jam = Jam::new(vehicle, DeadlineChoice::Guard).unwrap();
     let (mut collide, mut cells) = (0, 0);
     for speed in PAPER.traffic_jam.speeds() {
         for approach in [Approach::Local, Approach::Cloud, Approach::Ours] {
@@ -54,7 +54,7 @@ fn all_90_cells_are_the_papers_if_local_computes_one_frame_at_a_time() {
 
 #[test]
 fn each_parameter_beyond_its_interval_breaks_the_table() {
-    assert!(holds(PIPELINED, Deadline::Guard));
+    assert!(holds(PIPELINED, DeadlineChoice::Guard));
     for changed in [
         Vehicle { deceleration: 7.15, ..PIPELINED },
         Vehicle { deceleration: 7.8, ..PIPELINED },
@@ -65,7 +65,7 @@ fn each_parameter_beyond_its_interval_breaks_the_table() {
         Vehicle { rate: 17.0, ..PIPELINED },
         Vehicle { frames: 6, ..PIPELINED },
     ] {
-        assert!(!holds(changed, Deadline::Guard), "{changed:?}");
+        assert!(!holds(changed, DeadlineChoice::Guard), "{changed:?}");
     }
 }
 
@@ -81,7 +81,7 @@ fn every_constant_deadline_misses_at_least_three_cells() {
 
 #[test]
 fn some_phases_may_collide_and_others_not() {
-    let jam = Jam::new(PIPELINED, Deadline::Guard).unwrap();
+    let jam = Jam::new(PIPELINED, DeadlineChoice::Guard).unwrap();
     let of = |speed| {
         let question = CellParameters { speed, approach: Approach::Local, response: 0.0 };
         jam.cell(&question, None).unwrap()

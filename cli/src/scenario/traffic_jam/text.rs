@@ -5,21 +5,23 @@ use std::fmt::Write;
 use crate::scenario::approach::Approach;
 use crate::scenario::paint::{BAD, GOOD, SOFT, paint, written};
 use crate::scenario::traffic_jam::cells::{Cell, Colour};
-use crate::scenario::traffic_jam::narrow::{Constant, Constants, MEDIAN, ON_BOARD, OnBoard};
-use crate::scenario::traffic_jam::{ExtraResults, ScenarioResult};
+use crate::scenario::traffic_jam::narrow::{
+    ConstantMisses, Constants, MEDIAN, ON_BOARD, OnBoardCells,
+};
+use crate::scenario::traffic_jam::{ExtraResults, TrafficJamResult};
 
 /// How wide a cell is.
 const CELL: usize = 7;
 
-pub(crate) fn text(found: &ScenarioResult) -> String {
+pub(crate) fn text(result: &TrafficJamResult) -> String {
     written(|text| {
-        table(text, found)?;
-        beside(text, found)
+        table(text, result)?;
+        beside(text, result)
     })
 }
 
-fn table(text: &mut String, found: &ScenarioResult) -> std::fmt::Result {
-    let ScenarioResult { responses, cells, phases, .. } = found;
+fn table(text: &mut String, result: &TrafficJamResult) -> std::fmt::Result {
+    let TrafficJamResult { responses, cells, phases, .. } = result;
     write!(text, "{:>4}  {:<8} {:>8} ", "m/s", "approach", "deadline")?;
     for response in responses {
         write!(text, "{:>CELL$}", format!("{response} s"))?;
@@ -29,13 +31,13 @@ fn table(text: &mut String, found: &ScenarioResult) -> std::fmt::Result {
     for row in cells.chunk_by(|one, next| (one.speed, one.approach) == (next.speed, next.approach))
     {
         let [first, ..] = row else { continue };
-        let is_new = first.approach == found.approaches[0];
+        let is_new = first.approach == result.approaches[0];
         let speed = if is_new { format!("{}", first.speed) } else { String::new() };
         let (word, deadline) = (word(first.approach), deadline(row));
         write!(text, "{speed:>4}  {word:<8} {deadline:>8} ")?;
         for cell in row {
-            let (what, colour) = shown(cell);
-            text.push_str(&paint(colour, &format!("{what:>CELL$}")));
+            let (label, colour) = shown(cell);
+            text.push_str(&paint(colour, &format!("{label:>CELL$}")));
         }
         text.push_str("  ");
         for cell in row {
@@ -81,8 +83,8 @@ fn deadline(row: &[Cell]) -> String {
     }
 }
 
-fn beside(text: &mut String, found: &ScenarioResult) -> std::fmt::Result {
-    let (same, known) = found.agreement();
+fn beside(text: &mut String, result: &TrafficJamResult) -> std::fmt::Result {
+    let (same, known) = result.agreement();
     let colour = if same == known { GOOD } else { BAD };
     let sum = paint(colour, &format!("{same} of the {known} cells"));
     writeln!(text, "\n{sum} that are in the paper's table are as there.")?;
@@ -93,7 +95,7 @@ fn beside(text: &mut String, found: &ScenarioResult) -> std::fmt::Result {
             so. What remains is that one choice of them serves all of these cells."
         )?;
     }
-    let Some(beside) = &found.beside else { return Ok(()) };
+    let Some(beside) = &result.beside else { return Ok(()) };
     match &beside.narrow {
         Some(intervals) => {
             writeln!(
@@ -116,7 +118,10 @@ fn beside(text: &mut String, found: &ScenarioResult) -> std::fmt::Result {
     let Constants { some, best } = &beside.constants;
     writeln!(text, "\nA constant deadline misses some of the paper's 30 cells of ours:")?;
     for (name, of) in [
-        ("deadline, s", (|one: &Constant| one.deadline.to_string()) as fn(&Constant) -> String),
+        (
+            "deadline, s",
+            (|one: &ConstantMisses| one.deadline.to_string()) as fn(&ConstantMisses) -> String,
+        ),
         ("cells missed", |one| one.misses.to_string()),
     ] {
         write!(text, "  {name:<14}")?;
@@ -134,7 +139,7 @@ fn beside(text: &mut String, found: &ScenarioResult) -> std::fmt::Result {
 }
 
 /// A row's name, and what it shows.
-type TextRow = (&'static str, fn(&OnBoard) -> Colour);
+type TextRow = (&'static str, fn(&OnBoardCells) -> Colour);
 
 fn on_board(text: &mut String, beside: &ExtraResults) -> std::fmt::Result {
     let mark = |colour: Colour| match colour {

@@ -6,10 +6,10 @@ use super::*;
 fn each_seeded_fault_has_a_harness_that_catches_it_or_a_reason_why_none_can() {
     let root = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."));
     let faults = load_faults(&Tree::new(root.to_owned())).expect("the faults");
-    let beyond = Beyond::load(root, &faults).expect("the reasons");
+    let uncatchable = UncatchableFaults::load(root, &faults).expect("the reasons");
     let record = Record::load(root).expect("the record");
-    assert_eq!(record.uncaught(&faults, &beyond), Vec::<String>::new());
-    let expected = faults.iter().filter(|fault| !beyond.holds(fault)).count();
-    assert_eq!(Record::default().uncaught(&faults, &beyond).len(), expected);
+    assert_eq!(record.uncaught(&faults, &uncatchable), Vec::<String>::new());
+    let expected = faults.iter().filter(|fault| !uncatchable.holds(fault)).count();
+    assert_eq!(Record::default().uncaught(&faults, &uncatchable).len(), expected);
     assert!(expected > 0);
 }

@@ -7,10 +7,13 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread;
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant};
 
 use clap::Parser;
-use fuseline_system_tests::simulate::{Finding, KeptSeed, Scenario, Simulated, Simulator, kept};
+use fuseline_system_tests::simulate::{
+    Finding, KeptSeed, Scenario, Simulated, Simulator, saved_seeds,
+};
+use fuseline_testkit::Rng;
 use indicatif::{ProgressBar, ProgressStyle};
 use mimalloc::MiMalloc;
 use serde::Serialize;
@@ -137,15 +140,15 @@ fn replay(cli: &Cli, seed: u64) -> io::Result<Sum> {
     Ok(sum)
 }
 
-/// Plays the kept seeds, then fresh ones, until the time is up or one fails.
+/// Plays the saved seeds, then fresh ones, until the time is up or one fails.
 fn search(cli: &Cli) -> io::Result<Sum> {
     let simulator = Simulator::new()?;
     let from = cli.from.unwrap_or_else(by_chance);
     let (start, bar) = (Instant::now(), bar(cli));
     let mut sum = Sum { seeds: Some((from, from)), ..Sum::default() };
-    let kept = kept().into_iter().map(|KeptSeed { seed, .. }| (seed, false));
+    let saved_seeds = saved_seeds().into_iter().map(|KeptSeed { seed, .. }| (seed, false));
     let fresh = (0..).map(|next: u64| (from.wrapping_add(next), true));
-    for (seed, is_fresh) in kept.chain(fresh) {
+    for (seed, is_fresh) in saved_seeds.chain(fresh) {
         let is_over = match cli.runs {
             Some(runs) => seed.wrapping_sub(from) >= runs,
             None => start.elapsed() >= Duration::from_secs(cli.seconds),
@@ -196,11 +199,11 @@ fn failed(
     NOW[1].store(u64::MAX, Ordering::Release);
     let smallest = simulator.smallest(scenario, finding.check)?;
     let again = simulator.simulate(&smallest)?;
-    let what = again.findings.into_iter().find(|again| again.check == finding.check);
-    let what = what.map_or(finding.what, |again| again.what);
+    let reason = again.findings.into_iter().find(|again| again.check == finding.check);
+    let reason = reason.map_or(finding.reason, |again| again.reason);
     let trace = String::from_utf8_lossy(&again.trace);
     let smallest = format!("{smallest}{trace}");
-    Ok(Some(Failed { seed: scenario.seed, check: finding.check, what, smallest }))
+    Ok(Some(Failed { seed: scenario.seed, check: finding.check, what: reason, smallest }))
 }
 
 fn report(cli: &Cli, sum: &Sum) -> io::Result<ExitCode> {
@@ -267,6 +270,5 @@ fn bar(cli: &Cli) -> ProgressBar {
 
 /// A seed by chance, short enough to be read aloud.
 fn by_chance() -> u64 {
-    let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-    fastrand::Rng::with_seed(u64::try_from(now.as_nanos()).unwrap_or(0)).u64(..1_000_000_000_000)
+    Rng::by_chance().u64(0..1_000_000_000_000)
 }

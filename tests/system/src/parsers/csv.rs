@@ -10,8 +10,8 @@ use serde_json::{Map, Value};
 
 use crate::drives::{Drive, DriveError};
 use crate::parsers::held::as_file;
-use crate::parsers::{Check, Ends, fit};
-use crate::probe::recording::Recording;
+use crate::parsers::{Ends, ParserResult, fit};
+use crate::probe::recording::ProbeRecording;
 
 pub(super) const ENDS: &[&str] = &[
     "events",
@@ -34,7 +34,7 @@ pub(super) const ENDS: &[&str] = &[
 const LONGEST: Duration = Duration::from_secs(86_400);
 
 /// A byte for which of the command's readers looks, and a file.
-pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> Check {
+pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> ParserResult {
     let Some((which, file)) = bytes.split_first() else { return Ok(()) };
     let held = match which % 4 {
         0 => return events(file, ends),
@@ -46,7 +46,7 @@ pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> Check {
 }
 
 /// Rows with instants in milliseconds: an event says what the cells of its row say.
-fn events(bytes: &[u8], ends: &mut Ends) -> Check {
+fn events(bytes: &[u8], ends: &mut Ends) -> ParserResult {
     let called = [("response".to_owned(), "result")];
     let mut rows = match Rows::new(bytes, Columns::new(&[], &called, Unit::Ms)) {
         Ok(rows) => rows,
@@ -67,8 +67,8 @@ fn events(bytes: &[u8], ends: &mut Ends) -> Check {
             serde_json::from_slice(&line).map_err(|error| error.to_string())?;
         let record = records.next().and_then(Result::ok).ok_or("an event without a row")?;
         for (key, value) in &line {
-            let place = columns.iter().position(|column| column == key);
-            let cell = place.and_then(|place| record.get(place)).unwrap_or_default();
+            let position = columns.iter().position(|column| column == key);
+            let cell = position.and_then(|position| record.get(position)).unwrap_or_default();
             let is_printed = match (&**key, value) {
                 // A request without one is due when its deadline ends.
                 ("due", value) if cell.is_empty() => {
@@ -90,7 +90,7 @@ fn events(bytes: &[u8], ends: &mut Ends) -> Check {
     Ok(())
 }
 
-fn no_events(error: &RowError, ends: &mut Ends) -> Check {
+fn no_events(error: &RowError, ends: &mut Ends) -> ParserResult {
     ends.insert("no events");
     fit(&error.to_string())
 }
@@ -114,7 +114,7 @@ fn nanos(cell: &str) -> Option<u64> {
 
 /// A drive begins again when it is over, and a message that comes back does so within a lap and a
 /// day.
-fn drive(path: &Path, ends: &mut Ends) -> Check {
+fn drive(path: &Path, ends: &mut Ends) -> ParserResult {
     let drive = match Drive::load(&path.display().to_string()) {
         Ok(drive) => drive,
         Err(error) => {
@@ -153,17 +153,17 @@ fn drive(path: &Path, ends: &mut Ends) -> Check {
 }
 
 /// Rows come in the order of sending, and their figures are in their ranges.
-fn recording(path: &Path, ends: &mut Ends) -> Check {
+fn recording(path: &Path, ends: &mut Ends) -> ParserResult {
     let (mut before, mut wrong) = (f64::NEG_INFINITY, None);
-    let read = Recording::open(path).and_then(|mut recording| {
-        recording.each(u64::MAX, |seen| {
-            let is_right = seen.sent >= before
-                && seen.round_trip.is_none_or(|ms| (0.0..=86_400_000.0).contains(&ms))
-                && seen.place.is_none_or(|(lat, lon)| lat.abs() <= 90.0 && lon.abs() <= 180.0)
-                && !(seen.is_pause && seen.round_trip.is_some());
-            before = seen.sent;
+    let read = ProbeRecording::open(path).and_then(|mut recording| {
+        recording.each(u64::MAX, |row| {
+            let is_right = row.sent >= before
+                && row.round_trip.is_none_or(|ms| (0.0..=86_400_000.0).contains(&ms))
+                && row.position.is_none_or(|(lat, lon)| lat.abs() <= 90.0 && lon.abs() <= 180.0)
+                && !(row.is_pause && row.round_trip.is_some());
+            before = row.sent;
             if !is_right {
-                wrong = Some(seen);
+                wrong = Some(row);
             }
         })
     });
@@ -183,7 +183,7 @@ fn recording(path: &Path, ends: &mut Ends) -> Check {
 }
 
 /// Calls are sorted, and there is at least one.
-fn calls(bytes: &[u8], ends: &mut Ends) -> Check {
+fn calls(bytes: &[u8], ends: &mut Ends) -> ParserResult {
     match crate::deadline::read("calls", bytes) {
         Ok(calls) => {
             ends.insert("calls");

@@ -16,7 +16,7 @@ use http_body::Frame;
 use http_body_util::{BodyExt, StreamBody};
 use prost::Message;
 
-use crate::parsers::{Check, Ends, fit};
+use crate::parsers::{Ends, ParserResult, fit};
 use crate::serve::location::Locations;
 use crate::serve::locations::LocationService;
 
@@ -32,11 +32,11 @@ const PREFIX: usize = 5;
 const VEHICLES: usize = 3;
 
 /// A byte for the call, one for where the bytes are cut in two, and those bytes.
-pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> Check {
-    let [what, cut, rest @ ..] = bytes else { return Ok(()) };
+pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> ParserResult {
+    let [selector, cut, rest @ ..] = bytes else { return Ok(()) };
     unchanged::<Reply>(rest)?;
     unchanged::<Description>(rest)?;
-    match what % 3 {
+    match selector % 3 {
         0 => infer(rest, *cut, ends),
         1 => describe(rest, *cut, ends),
         _ => locations(rest, ends),
@@ -44,7 +44,7 @@ pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> Check {
 }
 
 /// What can be read of a message says the same when it is written and read again.
-fn unchanged<M: Message + Default + Debug>(bytes: &[u8]) -> Check {
+fn unchanged<M: Message + Default + Debug>(bytes: &[u8]) -> ParserResult {
     let Ok(message) = M::decode(bytes) else { return Ok(()) };
     let written = message.encode_to_vec();
     let again = M::decode(&*written).map_err(|error| format!("{message:?}: {error}"))?;
@@ -55,8 +55,8 @@ fn unchanged<M: Message + Default + Debug>(bytes: &[u8]) -> Check {
 }
 
 /// A server that gives back what it gets: it answers one whole frame, and no half.
-fn infer(body: &[u8], cut: u8, ends: &mut Ends) -> Check {
-    let (code, replied) = ask(INFER, body, cut)?;
+fn infer(body: &[u8], cut: u8, ends: &mut Ends) -> ParserResult {
+    let (code, replied) = call_server(INFER, body, cut)?;
     let whole = split(body).map(|(message, rest)| (Request::decode(message).ok(), rest));
     match whole {
         Some((Some(request), [])) => {
@@ -80,8 +80,8 @@ fn infer(body: &[u8], cut: u8, ends: &mut Ends) -> Check {
 }
 
 /// The description of what is served is sent for one whole message.
-fn describe(body: &[u8], cut: u8, ends: &mut Ends) -> Check {
-    let (code, replied) = ask(DESCRIBE, body, cut)?;
+fn describe(body: &[u8], cut: u8, ends: &mut Ends) -> ParserResult {
+    let (code, replied) = call_server(DESCRIBE, body, cut)?;
     if code == Code::Ok {
         ends.insert("described");
         let reported = split(&replied).map(|(message, _)| Description::decode(message));
@@ -110,7 +110,7 @@ impl Infer for Echo {
 }
 
 /// What the server says to a body that comes in two pieces, and with which code.
-fn ask(path: &str, body: &[u8], cut: u8) -> Result<(Code, Bytes), String> {
+fn call_server(path: &str, body: &[u8], cut: u8) -> Result<(Code, Bytes), String> {
     let (first, second) = body.split_at(usize::from(cut).min(body.len()));
     let piece = |bytes| Ok::<_, Infallible>(Frame::data(Bytes::copy_from_slice(bytes)));
     let pieces = StreamBody::new(stream::iter([piece(first), piece(second)]));
@@ -135,7 +135,7 @@ fn split(body: &[u8]) -> Option<(&[u8], &[u8])> {
 }
 
 /// The service that shares locations: each request is a byte for its length, and its payload.
-fn locations(mut bytes: &[u8], ends: &mut Ends) -> Check {
+fn locations(mut bytes: &[u8], ends: &mut Ends) -> ParserResult {
     let sharing = LocationService::new(VEHICLES, Duration::from_secs(3600));
     while let Some((len, rest)) = bytes.split_first() {
         let (payload, rest) = rest.split_at(usize::from(*len).min(rest.len()));
@@ -161,7 +161,7 @@ fn locations(mut bytes: &[u8], ends: &mut Ends) -> Check {
 }
 
 /// The others are each another, few, named, and somewhere.
-fn others(reply: &Reply) -> Check {
+fn others(reply: &Reply) -> ParserResult {
     let reported = Locations::decode(reply.payload.clone()).map_err(|error| error.to_string())?;
     let names: BTreeSet<&str> = reported.others.iter().map(|other| &*other.vehicle).collect();
     let is_right = reported.others.iter().all(|other| {

@@ -2,9 +2,9 @@
 
 use bytes::Bytes;
 use fuseline_ros2::Payload;
-use fuseline_ros2::key::{Key, KeyError, Kind};
+use fuseline_ros2::key::{IntegerKind, KeyError, MessageKey};
 
-use crate::parsers::{Check, Ends};
+use crate::parsers::{Ends, ParserResult};
 
 pub(super) const ENDS: &[&str] =
     &["no message", "too short", "no stamp", "header", "uint32", "int32", "uint64", "int64"];
@@ -13,18 +13,18 @@ pub(super) const ENDS: &[&str] =
 const FAR: u8 = u8::MAX;
 
 /// A byte for the key's kind, its place, and a serialized message.
-pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> Check {
+pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> ParserResult {
     let [kind, near, rest @ ..] = bytes else { return Ok(()) };
     let (offset, message) = match rest.split_first_chunk::<4>() {
         Some((far, rest)) if *near == FAR => (u32::from_le_bytes(*far), rest),
         _ => (u32::from(*near), rest),
     };
     let (key, size, is_signed) = match kind % 5 {
-        0 => (Key::Header, 8, true),
-        1 => (Key::Integer { offset, kind: Kind::U32 }, 4, false),
-        2 => (Key::Integer { offset, kind: Kind::I32 }, 4, true),
-        3 => (Key::Integer { offset, kind: Kind::U64 }, 8, false),
-        _ => (Key::Integer { offset, kind: Kind::I64 }, 8, true),
+        0 => (MessageKey::Header, 8, true),
+        1 => (MessageKey::Integer { offset, kind: IntegerKind::U32 }, 4, false),
+        2 => (MessageKey::Integer { offset, kind: IntegerKind::I32 }, 4, true),
+        3 => (MessageKey::Integer { offset, kind: IntegerKind::U64 }, 8, false),
+        _ => (MessageKey::Integer { offset, kind: IntegerKind::I64 }, 8, true),
     };
     let Some(payload) = Payload::from_serialized(&Bytes::copy_from_slice(message)) else {
         ends.insert("no message");
@@ -41,14 +41,14 @@ pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> Check {
         Some(number(&body[from..end], is_big, is_signed))
     };
     let expected = match key {
-        Key::Header => match (at(0, 4, true), at(4, 4, false)) {
+        MessageKey::Header => match (at(0, 4, true), at(4, 4, false)) {
             (Some(sec), Some(nanosec)) if nanosec < 1_000_000_000 => {
                 Ok(sec * 1_000_000_000 + nanosec)
             }
             (Some(_), Some(_)) => Err(KeyError::Nanosec),
             _ => Err(KeyError::Short),
         },
-        Key::Integer { .. } => {
+        MessageKey::Integer { .. } => {
             let from = usize::try_from(offset).map_err(|error| error.to_string())?;
             at(from, size, is_signed).ok_or(KeyError::Short)
         }
@@ -57,8 +57,8 @@ pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> Check {
     ends.insert(match (&found, key) {
         (Err(KeyError::Short), _) => "too short",
         (Err(KeyError::Nanosec), _) => "no stamp",
-        (Ok(_), Key::Header) => "header",
-        (Ok(_), Key::Integer { kind, .. }) => kind.name(),
+        (Ok(_), MessageKey::Header) => "header",
+        (Ok(_), MessageKey::Integer { kind, .. }) => kind.name(),
     });
     let found = found.map(|stamp| stamp.to_string());
     if found != expected.map(|number| number.to_string()) {

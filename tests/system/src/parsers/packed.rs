@@ -5,7 +5,7 @@ use std::io::{self, BufRead};
 use fuseline_traces::packed::{Packing, unpack};
 use fuseline_traces::{Defect, Events, LINE, Line, ReadError, observed};
 
-use crate::parsers::{Check, Ends, fit};
+use crate::parsers::{Ends, ParserResult, fit};
 
 pub(super) const ENDS: &[&str] =
     &["plain", "gzip", "zstd", "mcap", "cut short", "cannot be unpacked", "no trace"];
@@ -14,7 +14,7 @@ pub(super) const ENDS: &[&str] =
 const LINES: u64 = 2_000;
 
 /// Any bytes as a file.
-pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> Check {
+pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> ParserResult {
     let inner = match unpack(bytes) {
         Ok(inner) => inner,
         Err(error) => return fit(&error.to_string()),
@@ -48,7 +48,7 @@ fn next<R: BufRead>(reader: &mut Events<R>) -> Result<Option<Line>, ReadError> {
 }
 
 /// A line that was read says the same when it is written and read again.
-fn unchanged(line: &Line) -> Check {
+fn unchanged(line: &Line) -> ParserResult {
     let mut written = Vec::new();
     line.write(&mut written);
     let again = observed::parse(&written);
@@ -59,7 +59,7 @@ fn unchanged(line: &Line) -> Check {
     Ok(())
 }
 
-fn refused(error: &ReadError, line: u64, ends: &mut Ends) -> Check {
+fn refused(error: &ReadError, line: u64, ends: &mut Ends) -> ParserResult {
     ends.insert(match &error.defect {
         Defect::Io(error) if error.kind() == io::ErrorKind::UnexpectedEof => "cut short",
         Defect::Io(_) => "cannot be unpacked",

@@ -4,12 +4,12 @@ use std::collections::BTreeSet;
 use std::io::BufReader;
 use std::sync::LazyLock;
 
-use fuseline_report::{JudgeMode, Page};
+use fuseline_report::{JudgeMode, PageWriter};
 use fuseline_traces::observed::Slack;
 use fuseline_traces::{Events, Header};
 use serde_json::Value;
 
-use crate::parsers::{Check, Ends, fit};
+use crate::parsers::{Ends, ParserResult, fit};
 
 pub(super) const ENDS: &[&str] = &["no trace", "judged", "in disorder", "observed"];
 
@@ -23,14 +23,14 @@ const DATA: &str = r#"<script type="application/json" id="data">"#;
 /// What stands before and after the data of any page.
 static AROUND: LazyLock<(Vec<u8>, Vec<u8>)> = LazyLock::new(|| {
     let mut page = Vec::new();
-    Page::default().write(&mut page).expect("memory takes it");
+    PageWriter::default().write(&mut page).expect("memory takes it");
     let begin = find(&page, DATA.as_bytes()).expect("a page has data") + DATA.len();
     let len = find(&page[begin..], b"</script>").expect("the data end");
     (page[..begin].to_vec(), page[begin + len..].to_vec())
 });
 
 /// A line with the file's name, then the trace.
-pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> Check {
+pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> ParserResult {
     let end = bytes.iter().position(|byte| *byte == b'\n').unwrap_or(bytes.len());
     let name = String::from_utf8_lossy(&bytes[..end]);
     let trace = bytes.get(end + 1..).unwrap_or_default();
@@ -38,14 +38,14 @@ pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> Check {
     page(Some(SLACK), &name, trace, ends)
 }
 
-fn page(mode: JudgeMode, name: &str, trace: &[u8], ends: &mut Ends) -> Check {
+fn page(mode: JudgeMode, name: &str, trace: &[u8], ends: &mut Ends) -> ParserResult {
     let read = if mode.is_none() { Events::new } else { Events::observed };
     let Ok(mut reader) = read("page".to_owned(), BufReader::new(trace)) else {
         ends.insert("no trace");
         return Ok(());
     };
     let header = reader.header().clone();
-    let (mut page, mut count) = (Page::default(), 0);
+    let (mut page, mut count) = (PageWriter::default(), 0);
     let mut sheet = page.begin(mode, name, &header);
     // Up to where it is no trace any more, as if it were cut short there.
     while let Ok(Some(event)) = reader.next_event()
@@ -90,7 +90,7 @@ fn embedded(html: &[u8]) -> Result<Value, String> {
 }
 
 /// Names are shown as they are.
-fn names(reported: &Value, name: &str, header: &Header) -> Check {
+fn names(reported: &Value, name: &str, header: &Header) -> ParserResult {
     let sources = reported["sources"].as_array().map(Vec::as_slice).unwrap_or_default();
     let names: BTreeSet<&str> =
         sources.iter().filter_map(|source| source["name"].as_str()).collect();
@@ -106,7 +106,7 @@ fn names(reported: &Value, name: &str, header: &Header) -> Check {
 }
 
 /// The columns are as long as each other.
-fn whole(reported: &Value, count: usize) -> Check {
+fn whole(reported: &Value, count: usize) -> ParserResult {
     let len = |key: &str| reported[key].as_array().map(Vec::len);
     let timestamps = len("timestamps");
     let fates = timestamps.zip(len("sources")).map(|(t, sources)| t * sources);

@@ -11,16 +11,16 @@ use fuseline_ros2::settings::SettingsError;
 use fuseline_ros2::{Settings, settings};
 
 use crate::parsers::held::as_file;
-use crate::parsers::{Check, Ends, fit};
+use crate::parsers::{Ends, ParserResult, fit};
 
 pub(super) const ENDS: &[&str] = &["no parameters", "parameters", "no settings", "settings"];
 
 /// Any bytes as a parameter file.
-pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> Check {
+pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> ParserResult {
     as_file(bytes, |path| file(path, bytes.len(), ends)).map_err(|error| error.to_string())?
 }
 
-fn file(path: &Path, len: usize, ends: &mut Ends) -> Check {
+fn file(path: &Path, len: usize, ends: &mut Ends) -> ParserResult {
     let files = vec![path.to_owned()];
     let node = NodeName { namespace: "/".to_owned(), name: "fuseline".to_owned() };
     match given(&files, &[], &node) {
@@ -54,13 +54,13 @@ fn file(path: &Path, len: usize, ends: &mut Ends) -> Check {
     }
 }
 
-fn parameter(given: &ParameterOverride, len: usize) -> Check {
-    placed(&given.place, len)?;
+fn parameter(given: &ParameterOverride, len: usize) -> ParserResult {
+    placed(&given.origin, len)?;
     shown(&given.value)
 }
 
 /// What is shown of a value is YAML that gives the same value.
-fn shown(value: &Value) -> Check {
+fn shown(value: &Value) -> ParserResult {
     let text = format!("a:={value}");
     fit(&text)?;
     let again = Assignment::parse(&text, "-p").map(|assignment| assignment.given.value);
@@ -88,21 +88,21 @@ fn is_same(a: &Value, b: &Value) -> bool {
     }
 }
 
-fn refused(error: &ParameterError, len: usize) -> Check {
-    if let ParameterError::ParameterFlaw { place, .. } = error {
-        placed(place, len)?;
+fn refused(error: &ParameterError, len: usize) -> ParserResult {
+    if let ParameterError::ParameterFlaw { origin, .. } = error {
+        placed(origin, len)?;
     }
     fit(&error.to_string())
 }
 
-/// A place is in the file, or just behind it.
-fn placed(place: &ValueOrigin, len: usize) -> Check {
-    match place {
+/// An origin is in the file, or just behind it.
+fn placed(origin: &ValueOrigin, len: usize) -> ParserResult {
+    match origin {
         ValueOrigin::File(_, line, column)
             if (1..=len + 1).contains(line) && (1..=len + 1).contains(column) =>
         {
             Ok(())
         }
-        place => Err(format!("{place} is not in a file of {len} bytes")),
+        origin => Err(format!("{origin} is not in a file of {len} bytes")),
     }
 }

@@ -112,7 +112,7 @@ pub struct Finding {
     /// The check's name.
     pub check: &'static str,
     /// What is wrong, in words.
-    pub what: String,
+    pub reason: String,
 }
 
 impl<'a> Facts<'a> {
@@ -124,15 +124,15 @@ impl<'a> Facts<'a> {
             OperatorEnd::Crashed | OperatorEnd::Panicked | OperatorEnd::Never => !is_cut,
         };
         let replay = Replay::of(scenario, &played.trace);
-        let calls = played.log.calls.iter().map(|seen| ((seen.p, seen.t), seen)).collect();
+        let calls = played.log.calls.iter().map(|call| ((call.p, call.t), call)).collect();
         Self { scenario, played, replay, calls, is_whole }
     }
 
     /// Everything that does not hold.
     pub(crate) fn findings(&self) -> Vec<Finding> {
         let found = |check: &Check| {
-            let what = (check.holds)(self).err()?;
-            Some(Finding { check: check.name, what })
+            let reason = (check.holds)(self).err()?;
+            Some(Finding { check: check.name, reason })
         };
         CHECKS.iter().filter_map(found).collect()
     }
@@ -162,12 +162,12 @@ fn ends(facts: &Facts<'_>) -> Result<(), String> {
 }
 
 /// Says what is wrong unless it holds.
-pub(crate) fn ensure(holds: bool, what: impl FnOnce() -> String) -> Result<(), String> {
-    if holds { Ok(()) } else { Err(what()) }
+pub(crate) fn ensure(holds: bool, reason: impl FnOnce() -> String) -> Result<(), String> {
+    if holds { Ok(()) } else { Err(reason()) }
 }
 
 impl fmt::Display for Finding {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {}", self.check, self.what)
+        write!(f, "{}: {}", self.check, self.reason)
     }
 }

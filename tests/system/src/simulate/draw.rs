@@ -3,12 +3,12 @@
 use std::iter;
 use std::time::Duration;
 
-use fastrand::Rng;
+use fuseline_testkit::Rng;
 use fuseline_tokio::Commit;
 
 use crate::simulate::scenario::{
-    CallResult, Disk, Finish, Message, OfferAction, OnBoard, ReaderPlan, Remote, Scenario,
-    SourceAction,
+    CallResult, Disk, Finish, MessageScript, OfferAction, OnBoard, ReaderPlan, Scenario,
+    ScenarioCloud, SourceAction,
 };
 
 /// So many lines of a trace wait for the disk in any case, which is as slow as the host that this runs on.
@@ -37,33 +37,33 @@ impl Scenario {
         let rng = &mut rng;
         let priorities = priorities(rng);
         let local = local(rng);
-        let clouds: Vec<Remote> = priorities.into_iter().map(|p| remote(rng, p)).collect();
-        let count = match rng.u8(..10) {
+        let clouds: Vec<ScenarioCloud> = priorities.into_iter().map(|p| remote(rng, p)).collect();
+        let count = match rng.u8(0..10) {
             0..2 => rng.usize(1..8),
             2..4 => rng.usize(8..80),
             _ => rng.usize(80..LINES / (6 + 5 * clouds.len())),
         };
-        let gap = Duration::from_micros(one(rng, &[0, 200, 1_000, 5_000, 20_000]));
+        let gap = Duration::from_micros(rng.one_of(&[0, 200, 1_000, 5_000, 20_000]));
         let span = gap.saturating_mul(u32::try_from(count).unwrap_or(u32::MAX));
         let end = finish(rng, span);
-        let side = rng.u8(..6) == 0;
+        let side = rng.u8(0..6) == 0;
         let side = side.then(|| (rng.u64(1..4), rng.usize(1..4)));
         let frames = frames(rng, count, gap, &clouds, (&local, end), side.is_some());
-        let readers = one(rng, &[1, 1, 1, 2, 3]);
+        let readers = rng.one_of(&[1, 1, 1, 2, 3]);
         let readers = iter::repeat_with(|| audience(rng, end)).take(readers).collect();
         Self {
             seed,
             readers,
-            window: one(rng, &[1, 2, 3, 8, 16, 64, 1024]),
-            commit: one(rng, &Commit::ALL),
-            input_len: one(rng, &[1, 4, 64, 1024]),
-            output_len: one(rng, &[1, 2, 16, 1024]),
+            window: rng.one_of(&[1, 2, 3, 8, 16, 64, 1024]),
+            commit: rng.one_of(&Commit::ALL),
+            input_len: rng.one_of(&[1, 4, 64, 1024]),
+            output_len: rng.one_of(&[1, 2, 16, 1024]),
             local,
             clouds,
             side,
-            metered: rng.u8(..8) == 0,
-            hints: (rng.u8(..4) == 0).then(|| rng.u8(..4) == 0),
-            disk: match rng.u8(..12) {
+            metered: rng.u8(0..8) == 0,
+            hints: (rng.u8(0..4) == 0).then(|| rng.u8(0..4) == 0),
+            disk: match rng.u8(0..12) {
                 0 => Disk::Whole(Some(rng.u64(1..20_000))),
                 1 => Disk::FullAfter(rng.u64(1..6), rng.u64(1..20_000)),
                 _ => Disk::Whole(None),
@@ -77,23 +77,23 @@ impl Scenario {
 
 fn local(rng: &mut Rng) -> OnBoard {
     OnBoard {
-        at_once: one(rng, &[1, 2, 4, 64]),
-        waiting: (rng.u8(..3) == 0).then(|| rng.usize(..8)),
-        skip_answered: rng.u8(..3) == 0,
-        deadline: (rng.u8(..3) > 0).then(|| edge(rng, Duration::from_millis(30))),
+        at_once: rng.one_of(&[1, 2, 4, 64]),
+        waiting: (rng.u8(0..3) == 0).then(|| rng.usize(0..8)),
+        skip_answered: rng.u8(0..3) == 0,
+        deadline: (rng.u8(0..3) > 0).then(|| edge(rng, Duration::from_millis(30))),
     }
 }
 
-fn remote(rng: &mut Rng, p: u16) -> Remote {
-    let limit = one(rng, &[1, 2, 5, 31, 1000]);
-    let linger = Duration::from_millis(one(rng, &[0, 0, 0, 10, 100]));
-    Remote {
+fn remote(rng: &mut Rng, p: u16) -> ScenarioCloud {
+    let limit = rng.one_of(&[1, 2, 5, 31, 1000]);
+    let linger = Duration::from_millis(rng.one_of(&[0, 0, 0, 10, 100]));
+    ScenarioCloud {
         p,
         limit,
-        resume: rng.u64(..limit),
-        calls: one(rng, &[1, 2, 8, 64]),
+        resume: rng.u64(0..limit),
+        calls: rng.one_of(&[1, 2, 8, 64]),
         linger,
-        policy: (rng.u8(..5) == 0).then(|| Duration::from_millis(one(rng, &[0, 5, 20, 1000]))),
+        policy: (rng.u8(0..5) == 0).then(|| Duration::from_millis(rng.one_of(&[0, 5, 20, 1000]))),
     }
 }
 
@@ -102,43 +102,43 @@ fn frames(
     rng: &mut Rng,
     count: usize,
     gap: Duration,
-    clouds: &[Remote],
+    clouds: &[ScenarioCloud],
     (local, end): (&OnBoard, Finish),
     side: bool,
-) -> Vec<Message> {
+) -> Vec<MessageScript> {
     let mut skies = vec![(0, SourcePhase::Wild); clouds.len() + 2];
     let mut frames = Vec::with_capacity(count);
     for _ in 0..count {
-        for (left, phase) in &mut skies {
-            if *left == 0 {
-                (*left, *phase) = (rng.usize(4..80), sky(rng));
+        for (remaining, phase) in &mut skies {
+            if *remaining == 0 {
+                (*remaining, *phase) = (rng.usize(4..80), sky(rng));
             }
-            *left -= 1;
+            *remaining -= 1;
         }
         let due = local.deadline.unwrap_or(Duration::from_millis(30));
         let mut of_local = act(rng, skies[0].1, due);
         // Nobody ever ends what has no deadline and does not end by itself (A9).
-        if local.deadline.is_none() && of_local.how.hangs() && !matches!(end, Finish::Stop(_)) {
-            of_local.how = CallResult::Fails;
+        if local.deadline.is_none() && of_local.result.hangs() && !matches!(end, Finish::Stop(_)) {
+            of_local.result = CallResult::Fails;
         }
-        let asks = clouds.iter().zip(&skies[2..]).map(|(_, sky)| ask(rng, sky.1));
-        let asks = asks.collect();
-        let side = if side { ask(rng, skies[1].1) } else { OfferAction::Nothing };
-        let gap = match rng.u8(..16) {
+        let offers = clouds.iter().zip(&skies[2..]).map(|(_, sky)| offer_action(rng, sky.1));
+        let offers = offers.collect();
+        let side = if side { offer_action(rng, skies[1].1) } else { OfferAction::Nothing };
+        let gap = match rng.u8(0..16) {
             0 => gap * rng.u32(2..20),
             1..4 => Duration::ZERO,
             4 => gap + Duration::from_nanos(rng.u64(1..2_000_000)),
             _ => gap,
         };
-        let yields = if rng.u8(..8) == 0 { rng.u8(1..6) } else { 0 };
-        frames.push(Message { gap, yields, local: of_local, asks, side });
+        let yields = if rng.u8(0..8) == 0 { rng.u8(1..6) } else { 0 };
+        frames.push(MessageScript { gap, yields, local: of_local, offers, side });
     }
     frames
 }
 
 fn sky(rng: &mut Rng) -> SourcePhase {
-    match rng.u8(..16) {
-        0..8 => SourcePhase::Fair(Duration::from_millis(one(rng, &[1, 5, 20, 50]))),
+    match rng.u8(0..16) {
+        0..8 => SourcePhase::Fair(Duration::from_millis(rng.one_of(&[1, 5, 20, 50]))),
         8..11 => SourcePhase::Edge,
         11..13 => SourcePhase::Dead,
         13 => SourcePhase::Refusing,
@@ -146,8 +146,8 @@ fn sky(rng: &mut Rng) -> SourcePhase {
     }
 }
 
-fn ask(rng: &mut Rng, phase: SourcePhase) -> OfferAction {
-    match rng.u8(..40) {
+fn offer_action(rng: &mut Rng, phase: SourcePhase) -> OfferAction {
+    match rng.u8(0..40) {
         0..3 => OfferAction::Nothing,
         3 => OfferAction::Panics,
         4 => OfferAction::Offers(Duration::ZERO, SourceAction::answers(Duration::ZERO)),
@@ -156,7 +156,7 @@ fn ask(rng: &mut Rng, phase: SourcePhase) -> OfferAction {
             act(rng, SourcePhase::Fair(Duration::ZERO), Duration::ZERO),
         ),
         _ => {
-            let deadline = Duration::from_millis(one(rng, &[1, 10, 20, 20, 20, 21, 50]));
+            let deadline = Duration::from_millis(rng.one_of(&[1, 10, 20, 20, 20, 21, 50]));
             let deadline = edge(rng, deadline);
             OfferAction::Offers(deadline, act(rng, phase, deadline))
         }
@@ -165,23 +165,23 @@ fn ask(rng: &mut Rng, phase: SourcePhase) -> OfferAction {
 
 /// What a source with a deadline does.
 fn act(rng: &mut Rng, phase: SourcePhase, deadline: Duration) -> SourceAction {
-    let yields = if rng.u8(..8) == 0 { rng.u8(1..4) } else { 0 };
-    let (after, how) = match phase {
+    let yields = if rng.u8(0..8) == 0 { rng.u8(1..4) } else { 0 };
+    let (after, result) = match phase {
         SourcePhase::Fair(most) => (most.mul_f64(rng.f64()), CallResult::Answers),
         SourcePhase::Edge => (edge(rng, deadline), CallResult::Answers),
         SourcePhase::Dead => (Duration::ZERO, CallResult::Hangs),
         SourcePhase::Refusing => (Duration::ZERO, CallResult::Fails),
         SourcePhase::Wild => {
-            let after = one(rng, &[Duration::ZERO, deadline / 2, deadline, deadline * 2]);
-            (after.min(Duration::from_secs(5)), one(rng, &CallResult::ALL))
+            let after = rng.one_of(&[Duration::ZERO, deadline / 2, deadline, deadline * 2]);
+            (after.min(Duration::from_secs(5)), rng.one_of(&CallResult::ALL))
         }
     };
-    SourceAction { after, yields, how }
+    SourceAction { after, yields, result }
 }
 
 fn finish(rng: &mut Rng, span: Duration) -> Finish {
     let at = (span + Duration::from_millis(30)).mul_f64(rng.f64());
-    match rng.u8(..10) {
+    match rng.u8(0..10) {
         0..7 => Finish::Input,
         7 => Finish::Alone,
         8 => Finish::Stop(at),
@@ -191,19 +191,20 @@ fn finish(rng: &mut Rng, span: Duration) -> Finish {
 
 /// A reader; one who leaves is among the rare ones.
 fn audience(rng: &mut Rng, end: Finish) -> ReaderPlan {
-    let is_lazy = rng.u8(..5) == 0;
-    let lag = (rng.u8(..6) == 0).then(|| (rng.usize(..60), Duration::from_millis(rng.u64(..400))));
+    let is_lazy = rng.u8(0..5) == 0;
+    let lag =
+        (rng.u8(0..6) == 0).then(|| (rng.usize(0..60), Duration::from_millis(rng.u64(0..400))));
     ReaderPlan {
-        joins_after: rng.usize(..40),
-        pace: if is_lazy { Duration::from_micros(rng.u64(..3000)) } else { Duration::ZERO },
+        joins_after: rng.usize(0..40),
+        pace: if is_lazy { Duration::from_micros(rng.u64(0..3000)) } else { Duration::ZERO },
         lag,
-        leaves_after: (rng.u8(..12) == 0 && end != Finish::Alone).then(|| rng.usize(..60)),
+        leaves_after: (rng.u8(0..12) == 0 && end != Finish::Alone).then(|| rng.usize(0..60)),
     }
 }
 
 /// Whole milliseconds long: tokio's clock goes on by these, and would be up to two late between them.
 fn stalls(rng: &mut Rng, span: Duration) -> Vec<(Duration, Duration)> {
-    let count = one(rng, &[0, 0, 0, 1, 4]);
+    let count = rng.one_of(&[0, 0, 0, 1, 4]);
     let stall = |rng: &mut Rng| (span.mul_f64(rng.f64()), Duration::from_millis(rng.u64(1..90)));
     let mut stalls: Vec<_> = iter::repeat_with(|| stall(rng)).take(count).collect();
     stalls.sort_unstable();
@@ -211,9 +212,9 @@ fn stalls(rng: &mut Rng, span: Duration) -> Vec<(Duration, Duration)> {
 }
 
 fn priorities(rng: &mut Rng) -> Vec<u16> {
-    let count = if rng.u8(..40) == 0 { 15 } else { one(rng, &[0, 1, 1, 1, 1, 2, 2, 2, 3, 5]) };
-    let mut drawn: Vec<u16> = rng.choose_multiple(1..=20, count);
-    if rng.u8(..10) == 0
+    let count = if rng.u8(0..40) == 0 { 15 } else { rng.one_of(&[0, 1, 1, 1, 1, 2, 2, 2, 3, 5]) };
+    let mut drawn: Vec<u16> = rng.sample(1..=20, count);
+    if rng.u8(0..10) == 0
         && let Some(last) = drawn.last_mut()
     {
         *last = u16::MAX;
@@ -224,7 +225,7 @@ fn priorities(rng: &mut Rng) -> Vec<u16> {
 
 /// About this long: the same, a nanosecond off, or up to half as much off.
 fn edge(rng: &mut Rng, about: Duration) -> Duration {
-    match rng.u8(..8) {
+    match rng.u8(0..8) {
         0..3 => about,
         3 => about.saturating_sub(Duration::from_nanos(1)),
         4 => about + Duration::from_nanos(1),
@@ -232,10 +233,6 @@ fn edge(rng: &mut Rng, about: Duration) -> Duration {
         6 => about + Duration::from_millis(1),
         _ => about.mul_f64(0.5 + rng.f64()),
     }
-}
-
-fn one<T: Copy>(rng: &mut Rng, choices: &[T]) -> T {
-    choices[rng.usize(..choices.len())]
 }
 
 impl CallResult {

@@ -9,7 +9,7 @@ use fuseline_tokio::{DropReason, Ending, Hint, Item, OpenRefusal};
 use tokio::time::Instant;
 
 use crate::simulate::scenario::Scenario;
-use crate::simulate::value::{InstanceCounts, Value, ValueLabel};
+use crate::simulate::value::{InstanceCounts, ResultValue, ValueLabel};
 
 /// All that the simulated parts share.
 pub(crate) struct SimulationState {
@@ -32,7 +32,7 @@ pub(crate) struct Log {
     /// What each reader read.
     pub(crate) items: Vec<Vec<Read>>,
     /// Which readers left.
-    pub(crate) gone: Vec<bool>,
+    pub(crate) has_left: Vec<bool>,
     pub(crate) hints: Vec<LoggedHint>,
     /// The ends that policies got, by the clouds' priorities.
     pub(crate) ends: Vec<(u16, End)>,
@@ -42,7 +42,7 @@ pub(crate) struct Log {
     pub(crate) stalls: Vec<(u64, u64)>,
     /// When the operator was stopped, or the runtime was dropped.
     pub(crate) stopped: Option<u64>,
-    /// How many items each reader had read then; none of those that were gone.
+    /// How many items each reader had read then; none of those that had left.
     pub(crate) read: Vec<Option<usize>>,
     /// From when on the simulation is over and drops what is left.
     pub(crate) over: Option<u64>,
@@ -56,14 +56,14 @@ pub(crate) struct LoggedCall {
     pub(crate) serial: usize,
     pub(crate) begun: u64,
     /// The time left that it was given; none for local.
-    pub(crate) left: Option<Duration>,
+    pub(crate) time_left: Option<Duration>,
     /// When and how it ended.
-    pub(crate) end: Option<(u64, Stop)>,
+    pub(crate) end: Option<(u64, CallStop)>,
 }
 
 /// How a call ended.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Stop {
+pub(crate) enum CallStop {
     Answered,
     Failed,
     /// It was dropped by others.
@@ -78,7 +78,7 @@ pub(crate) struct Read {
     pub(crate) at: u64,
     pub(crate) opened: u64,
     pub(crate) decided: u64,
-    pub(crate) left: LoggedOutcome,
+    pub(crate) outcome: LoggedOutcome,
     /// Whose failures were accepted, with the words.
     pub(crate) failures: Vec<(u16, Arc<str>)>,
 }
@@ -105,8 +105,11 @@ pub(crate) struct LoggedHint {
 impl SimulationState {
     pub(crate) fn new(scenario: &Scenario) -> Self {
         let readers = scenario.readers.len();
-        let log =
-            Log { items: vec![Vec::new(); readers], gone: vec![false; readers], ..Log::default() };
+        let log = Log {
+            items: vec![Vec::new(); readers],
+            has_left: vec![false; readers],
+            ..Log::default()
+        };
         Self {
             scenario: scenario.clone(),
             start: Instant::now(),
@@ -128,8 +131,8 @@ impl SimulationState {
         self.log.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    pub(crate) fn read(&self, reader: usize, item: &Item<Value>) {
-        let left = match &item.ending {
+    pub(crate) fn read(&self, reader: usize, item: &Item<ResultValue>) {
+        let outcome = match &item.ending {
             Ending::Forwarded(forwarded) => LoggedOutcome::Forwarded {
                 reported: forwarded.value.reported,
                 p: forwarded.source.priority,
@@ -146,13 +149,13 @@ impl SimulationState {
             at: self.now(),
             opened: nanos(item.opened),
             decided: nanos(item.decided),
-            left,
+            outcome,
             failures: failures.map(|it| (it.source.priority, Arc::clone(&it.why))).collect(),
         };
         self.log().items[reader].push(read);
     }
 
-    pub(crate) fn hear(&self, hint: &Hint<Value>) {
+    pub(crate) fn record_hint(&self, hint: &Hint<ResultValue>) {
         let received = LoggedHint {
             at: self.now(),
             t: hint.timestamp,
@@ -168,8 +171,8 @@ impl SimulationState {
 impl Log {
     /// The operator is stopped, or the runtime is dropped.
     pub(crate) fn stop(&mut self, at: u64) {
-        let read = |(items, gone): (&Vec<Read>, &bool)| (!gone).then_some(items.len());
-        self.read = self.items.iter().zip(&self.gone).map(read).collect();
+        let read = |(items, has_left): (&Vec<Read>, &bool)| (!has_left).then_some(items.len());
+        self.read = self.items.iter().zip(&self.has_left).map(read).collect();
         self.stopped = Some(at);
     }
 

@@ -14,9 +14,9 @@ use fuseline_tokio::{Call, Error, Items, Local, Operator, Setup, Writer};
 use tokio::task::yield_now;
 use tokio::time::{advance, sleep, sleep_until};
 
-use crate::simulate::log::{LoggedCall, SimulationState, Stop};
+use crate::simulate::log::{CallStop, LoggedCall, SimulationState};
 use crate::simulate::scenario::{CallResult, OfferAction, SourceAction};
-use crate::simulate::value::{Frame, Value, ValueLabel};
+use crate::simulate::value::{Frame, ResultValue, ValueLabel};
 
 /// The operator whose sources do as the scenario says.
 pub(crate) struct Script(pub(crate) Arc<SimulationState>);
@@ -26,10 +26,10 @@ type BoxFuture = Pin<Box<dyn Future<Output = ()> + Send>>;
 /// A call on its way, from its begin to the response handler.
 struct CallInProgress {
     simulation: Arc<SimulationState>,
-    /// Its place in the log.
-    place: usize,
+    /// Its index in the log.
+    index: usize,
     reported: ValueLabel,
-    how: CallResult,
+    result: CallResult,
 }
 
 /// A side request, which the rules do not know.
@@ -45,22 +45,26 @@ struct FixedPolicy {
 
 impl Operator for Script {
     type Input = Frame;
-    type Output = Value;
+    type Output = ResultValue;
 
-    fn setup(self, setup: &mut Setup<Frame, Value>) -> Local<Frame, Value> {
+    fn setup(self, setup: &mut Setup<Frame, ResultValue>) -> Local<Frame, ResultValue> {
         let Self(simulation) = self;
-        for (place, remote) in simulation.scenario.clouds.iter().copied().enumerate() {
+        for (index, remote) in simulation.scenario.clouds.iter().copied().enumerate() {
             let (here, asking) = (Arc::clone(&simulation), Arc::clone(&simulation));
             let handle = move |(serial, act): (usize, SourceAction), call: Call| {
-                let left = Some(call.deadline);
+                let time_left = Some(call.deadline);
                 call.sent(1);
-                let way =
-                    CallInProgress::begin(&here, (remote.p, call.timestamp, serial), left, act.how);
-                travel(way, act)
+                let call_in_progress = CallInProgress::begin(
+                    &here,
+                    (remote.p, call.timestamp, serial),
+                    time_left,
+                    act.result,
+                );
+                travel(call_in_progress, act)
             };
             let message_handler = move |frame: &Frame, t: u64| {
                 asking.log().requested.push((remote.p, t));
-                ask(frame.serial, asking.scenario.frames[frame.serial].asks[place])
+                requested_action(frame.serial, asking.scenario.frames[frame.serial].offers[index])
             };
             let cloud = setup.use_cloud(handle, message_handler, CallInProgress::respond, remote.p);
             cloud.name = name(remote.p);
@@ -78,7 +82,7 @@ impl Operator for Script {
         if let Some(panics) = simulation.scenario.hints {
             let simulation = Arc::clone(&simulation);
             setup.use_hints(move |hint| {
-                simulation.hear(&hint);
+                simulation.record_hint(&hint);
                 if panics {
                     panic("the handler of hints panics");
                 }
@@ -87,13 +91,14 @@ impl Operator for Script {
         let plan = simulation.scenario.local;
         let mut local = Local::futures(plan.at_once, move |frame: Arc<Frame>, t| {
             let act = simulation.scenario.frames[frame.serial].local;
-            let way = CallInProgress::begin(&simulation, (0, t, frame.serial), None, act.how);
-            if act.how == CallResult::PanicsAtOnce {
-                way.end(Stop::Failed);
-                panic(&words(way.reported));
+            let call_in_progress =
+                CallInProgress::begin(&simulation, (0, t, frame.serial), None, act.result);
+            if act.result == CallResult::PanicsAtOnce {
+                call_in_progress.end(CallStop::Failed);
+                panic(&words(call_in_progress.reported));
             }
             async move {
-                let value = travel(way, act).await.and_then(CallInProgress::respond);
+                let value = travel(call_in_progress, act).await.and_then(CallInProgress::respond);
                 // Local has the message as long as it computes.
                 drop(frame);
                 value
@@ -108,7 +113,7 @@ impl Operator for Script {
 /// The side requests.
 fn beside(
     simulation: &Arc<SimulationState>,
-    setup: &mut Setup<Frame, Value>,
+    setup: &mut Setup<Frame, ResultValue>,
     limit: u64,
     calls: usize,
 ) {
@@ -118,23 +123,24 @@ fn beside(
         let here = ExtraCall::begin(&handling);
         async move {
             wait(act).await;
-            let done = match act.how {
-                CallResult::Fails => Err("the aside fails".into()),
-                CallResult::Panics | CallResult::PanicsAtOnce => panic("the aside panics"),
+            let done = match act.result {
+                CallResult::Fails => Err("the side request fails".into()),
+                CallResult::Panics | CallResult::PanicsAtOnce => panic("the side request panics"),
                 CallResult::Hangs | CallResult::HangsAndPanics => pending().await,
                 CallResult::Answers | CallResult::BadResponse | CallResult::PanickingResponse => {
-                    Ok(act.how)
+                    Ok(act.result)
                 }
             };
             drop(here);
             done
         }
     };
-    let message_handler =
-        move |frame: &Frame, _| ask(frame.serial, asking.scenario.frames[frame.serial].side);
-    let response_handler = move |how| {
+    let message_handler = move |frame: &Frame, _| {
+        requested_action(frame.serial, asking.scenario.frames[frame.serial].side)
+    };
+    let response_handler = move |result| {
         answered.log().sides[3] += 1;
-        match how {
+        match result {
             CallResult::PanickingResponse => panic("the response handler panics"),
             CallResult::BadResponse => Err("the response handler refuses".into()),
             _ => Ok(()),
@@ -144,8 +150,11 @@ fn beside(
     (side.limit, side.resume, side.calls) = (limit, limit - 1, calls);
 }
 
-fn ask(serial: usize, ask: OfferAction) -> Option<((usize, SourceAction), Duration)> {
-    match ask {
+fn requested_action(
+    serial: usize,
+    offer: OfferAction,
+) -> Option<((usize, SourceAction), Duration)> {
+    match offer {
         OfferAction::Nothing => None,
         OfferAction::Panics => panic("the message handler panics"),
         OfferAction::Offers(deadline, act) => Some(((serial, act), deadline)),
@@ -153,25 +162,28 @@ fn ask(serial: usize, ask: OfferAction) -> Option<((usize, SourceAction), Durati
 }
 
 /// To the response, if there is one.
-async fn travel(mut way: CallInProgress, act: SourceAction) -> Result<CallInProgress, Error> {
-    if act.how == CallResult::PanicsAtOnce {
-        way.end(Stop::Failed);
-        panic(&words(way.reported));
+async fn travel(
+    mut call_in_progress: CallInProgress,
+    act: SourceAction,
+) -> Result<CallInProgress, Error> {
+    if act.result == CallResult::PanicsAtOnce {
+        call_in_progress.end(CallStop::Failed);
+        panic(&words(call_in_progress.reported));
     }
     wait(act).await;
-    match act.how {
+    match act.result {
         CallResult::Hangs | CallResult::HangsAndPanics => pending().await,
         CallResult::Fails => {
-            way.end(Stop::Failed);
-            Err(words(way.reported).into())
+            call_in_progress.end(CallStop::Failed);
+            Err(words(call_in_progress.reported).into())
         }
         CallResult::Panics | CallResult::PanicsAtOnce => {
-            way.end(Stop::Failed);
-            panic(&words(way.reported))
+            call_in_progress.end(CallStop::Failed);
+            panic(&words(call_in_progress.reported))
         }
         CallResult::Answers | CallResult::BadResponse | CallResult::PanickingResponse => {
-            way.reported.at = way.simulation.now();
-            Ok(way)
+            call_in_progress.reported.at = call_in_progress.simulation.now();
+            Ok(call_in_progress)
         }
     }
 }
@@ -194,50 +206,50 @@ impl CallInProgress {
     fn begin(
         simulation: &Arc<SimulationState>,
         (p, t, serial): (u16, u64, usize),
-        left: Option<Duration>,
-        how: CallResult,
+        time_left: Option<Duration>,
+        result: CallResult,
     ) -> Self {
         let begun = simulation.now();
         let mut log = simulation.log();
-        log.calls.push(LoggedCall { p, t, serial, begun, left, end: None });
-        let place = log.calls.len() - 1;
+        log.calls.push(LoggedCall { p, t, serial, begun, time_left, end: None });
+        let index = log.calls.len() - 1;
         drop(log);
         Self {
             simulation: Arc::clone(simulation),
-            place,
+            index,
             reported: ValueLabel { p, t, serial, at: begun },
-            how,
+            result,
         }
     }
 
     /// The response handler. The result counts as made when it is done.
-    fn respond(self) -> Result<Value, Error> {
-        match self.how {
+    fn respond(self) -> Result<ResultValue, Error> {
+        match self.result {
             CallResult::PanickingResponse => {
-                self.end(Stop::Failed);
+                self.end(CallStop::Failed);
                 panic(&words(self.reported))
             }
             CallResult::BadResponse => {
-                self.end(Stop::Failed);
+                self.end(CallStop::Failed);
                 Err(words(self.reported).into())
             }
             _ => {
-                self.end(Stop::Answered);
-                Ok(Value::new(self.reported, &self.simulation.values))
+                self.end(CallStop::Answered);
+                Ok(ResultValue::new(self.reported, &self.simulation.values))
             }
         }
     }
 
-    fn end(&self, stop: Stop) {
+    fn end(&self, stop: CallStop) {
         let at = self.simulation.now();
-        self.simulation.log().calls[self.place].end.get_or_insert((at, stop));
+        self.simulation.log().calls[self.index].end.get_or_insert((at, stop));
     }
 }
 
 impl Drop for CallInProgress {
     fn drop(&mut self) {
-        self.end(Stop::DroppedResult);
-        if self.how == CallResult::HangsAndPanics && !std::thread::panicking() {
+        self.end(CallStop::DroppedResult);
+        if self.result == CallResult::HangsAndPanics && !std::thread::panicking() {
             panic("it panics when it is dropped");
         }
     }
@@ -300,17 +312,17 @@ pub(crate) async fn camera(simulation: Arc<SimulationState>, mut writer: Writer<
 /// Reads items as the scenario's reader does; the first one lets the others join.
 pub(crate) fn audience(
     simulation: Arc<SimulationState>,
-    place: usize,
-    items: Items<Value>,
+    index: usize,
+    items: Items<ResultValue>,
 ) -> BoxFuture {
-    Box::pin(listen(simulation, place, items))
+    Box::pin(listen(simulation, index, items))
 }
 
-async fn listen(simulation: Arc<SimulationState>, place: usize, mut items: Items<Value>) {
-    let plan = simulation.scenario.readers[place];
+async fn listen(simulation: Arc<SimulationState>, index: usize, mut items: Items<ResultValue>) {
+    let plan = simulation.scenario.readers[index];
     let mut count = 0;
     loop {
-        if place == 0 {
+        if index == 0 {
             for (other, joining) in simulation.scenario.readers.iter().enumerate().skip(1) {
                 if joining.joins_after == count {
                     tokio::spawn(audience(Arc::clone(&simulation), other, items.another()));
@@ -318,14 +330,14 @@ async fn listen(simulation: Arc<SimulationState>, place: usize, mut items: Items
             }
         }
         if plan.leaves_after == Some(count) {
-            simulation.log().gone[place] = true;
+            simulation.log().has_left[index] = true;
             return;
         }
         if let Some((_, lag)) = plan.lag.filter(|(after, _)| *after == count) {
             sleep(lag).await;
         }
         let Some(item) = items.read().await else { return };
-        simulation.read(place, &item);
+        simulation.read(index, &item);
         drop(item);
         count += 1;
         if !plan.pace.is_zero() {

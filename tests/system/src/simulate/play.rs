@@ -17,7 +17,7 @@ use tokio::time::{sleep_until, timeout};
 use crate::simulate::log::{Log, SimulationState};
 use crate::simulate::peers::{Script, audience, camera, stall};
 use crate::simulate::scenario::{Disk, Finish, Scenario};
-use crate::simulate::value::Value;
+use crate::simulate::value::ResultValue;
 
 /// In virtual time, longer than any run.
 const FOR_EVER: Duration = Duration::from_secs(100_000);
@@ -34,7 +34,7 @@ pub(crate) struct RunResult {
     /// How many messages and values there were at most.
     pub(crate) most: [usize; 2],
     /// Tasks, messages and values that are left when all is over.
-    pub(crate) left: [usize; 3],
+    pub(crate) remaining: [usize; 3],
 }
 
 /// How the operator ended.
@@ -92,13 +92,17 @@ pub(crate) fn play(scenario: &Scenario, folder: &Path) -> io::Result<RunResult> 
         tally,
         metrics: metered.map(|(key, _, _, value)| (key, value)).collect(),
         most: [simulation.frames.most(), simulation.values.most()],
-        left: [tasks, simulation.frames.now(), simulation.values.now()],
+        remaining: [tasks, simulation.frames.now(), simulation.values.now()],
     })
 }
 
-type Held = (OperatorEnd, Option<Tally>);
+type PlayResult = (OperatorEnd, Option<Tally>);
 
-async fn run(simulation: Arc<SimulationState>, running: Running, items: Items<Value>) -> Held {
+async fn run(
+    simulation: Arc<SimulationState>,
+    running: Running,
+    items: Items<ResultValue>,
+) -> PlayResult {
     let reading = tokio::spawn(audience(Arc::clone(&simulation), 0, items));
     let mut counts = None;
     let ended = match simulation.scenario.end {

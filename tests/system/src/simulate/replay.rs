@@ -24,8 +24,8 @@ pub(crate) struct Replay {
     by_t: BTreeMap<u64, usize>,
     /// What was requested of local and the clouds, in the order in which it was admitted.
     pub(crate) requested: Vec<AdmittedRequest>,
-    /// The messages in the order in which they ended: places in `opened`.
-    pub(crate) left: Vec<usize>,
+    /// The messages in the order in which they ended: indices in `opened`.
+    pub(crate) ended: Vec<usize>,
     /// Offers: timestamp, cloud, and how they were answered.
     pub(crate) offers: Vec<(u64, u16, Option<fuseline_traces::OfferRefusal>)>,
     /// Backlogs that are not the queue's length, in words.
@@ -40,7 +40,7 @@ pub(crate) struct Replay {
 pub(crate) struct OpenedMessage {
     pub(crate) t: u64,
     pub(crate) at: u64,
-    pub(crate) left: Option<MessageEnd>,
+    pub(crate) end: Option<MessageEnd>,
     /// Whose failures were accepted.
     pub(crate) failures: Vec<u16>,
 }
@@ -49,7 +49,7 @@ pub(crate) struct OpenedMessage {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct MessageEnd {
     pub(crate) at: u64,
-    pub(crate) how: Departure,
+    pub(crate) departure: Departure,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -86,7 +86,7 @@ pub(crate) struct DroppedResult {
 }
 
 /// One source's queue.
-struct Queue {
+struct ReplayQueue {
     p: u16,
     at_once: usize,
     waiting: VecDeque<usize>,
@@ -94,10 +94,10 @@ struct Queue {
 }
 
 /// Reads the trace line by line.
-struct Reader<'a> {
+struct ReplayReader<'a> {
     scenario: &'a Scenario,
     replay: Replay,
-    queues: Vec<Queue>,
+    queues: Vec<ReplayQueue>,
     now: u64,
     /// The timestamp whose local computation must fail now, unless it finds room.
     crowded: Option<u64>,
@@ -111,7 +111,7 @@ impl Replay {
             Err(error) => return Self { defect: Some(error.to_string()), ..Self::default() },
         };
         let mut judge = Judge::new("trace", events.header());
-        let queue = |p, at_once: usize| Queue {
+        let queue = |p, at_once: usize| ReplayQueue {
             p,
             at_once: at_once.max(1),
             waiting: VecDeque::new(),
@@ -120,7 +120,7 @@ impl Replay {
         let clouds = scenario.clouds.iter().map(|cloud| queue(cloud.p, cloud.calls));
         let queues = [queue(0, scenario.local.at_once)].into_iter().chain(clouds).collect();
         let replay = Self::default();
-        let mut reader = Reader { scenario, replay, queues, now: 0, crowded: None };
+        let mut reader = ReplayReader { scenario, replay, queues, now: 0, crowded: None };
         let mut input = None;
         let mut decisions = Vec::new();
         loop {
@@ -152,7 +152,7 @@ impl Replay {
     }
 
     pub(crate) fn message(&self, t: u64) -> Option<&OpenedMessage> {
-        self.by_t.get(&t).map(|place| &self.opened[*place])
+        self.by_t.get(&t).map(|index| &self.opened[*index])
     }
 }
 
@@ -163,7 +163,7 @@ impl AdmittedRequest {
     }
 }
 
-impl Reader<'_> {
+impl ReplayReader<'_> {
     fn step(&mut self, input: &Input, decisions: &[Decision]) {
         self.now = self.now.max(input.at());
         self.replay.end = self.now;
@@ -193,9 +193,9 @@ impl Reader<'_> {
         }
         if let Input::Fail { t, p, .. } = *input
             && !own.iter().any(|decision| matches!(decision, Decision::Drop { .. }))
-            && let Some(place) = self.replay.by_t.get(&t)
+            && let Some(index) = self.replay.by_t.get(&t)
         {
-            self.replay.opened[*place].failures.push(short(p));
+            self.replay.opened[*index].failures.push(short(p));
         }
         self.start();
     }
@@ -205,10 +205,10 @@ impl Reader<'_> {
         let Input::Open { at, t, deadline } = *input else { return };
         let replay = &mut self.replay;
         replay.by_t.insert(t, replay.opened.len());
-        replay.opened.push(OpenedMessage { t, at, left: None, failures: Vec::new() });
+        replay.opened.push(OpenedMessage { t, at, end: None, failures: Vec::new() });
         if own.is_empty() {
             let due = deadline.map(|deadline| self.now.saturating_add(deadline));
-            self.ask(0, 0, t, due);
+            self.admit(0, 0, t, due);
             self.crowded = Some(t);
         }
     }
@@ -229,7 +229,7 @@ impl Reader<'_> {
         }
     }
 
-    fn ask(&mut self, queue: usize, p: u16, t: u64, due: Option<u64>) {
+    fn admit(&mut self, queue: usize, p: u16, t: u64, due: Option<u64>) {
         self.queues[queue].waiting.push_back(self.replay.requested.len());
         self.replay.requested.push(AdmittedRequest {
             p,
@@ -281,7 +281,7 @@ impl Reader<'_> {
             Decision::Request { t, p, due, .. } => {
                 self.replay.offers.push((t, short(p), None));
                 if let Some(queue) = self.queue(p) {
-                    self.ask(queue, short(p), t, Some(due));
+                    self.admit(queue, short(p), t, Some(due));
                 }
             }
             Decision::RefuseOffer { t, p, why, .. } => {
@@ -300,12 +300,12 @@ impl Reader<'_> {
         }
     }
 
-    fn leave(&mut self, at: u64, t: u64, how: Departure) {
-        let Some(place) = self.replay.by_t.get(&t).copied() else { return };
-        self.replay.opened[place].left = Some(MessageEnd { at, how });
-        self.replay.left.push(place);
-        let waits = |queue: &Queue, requested: &[AdmittedRequest]| {
-            queue.waiting.iter().position(|place| requested[*place].t == t)
+    fn leave(&mut self, at: u64, t: u64, departure: Departure) {
+        let Some(index) = self.replay.by_t.get(&t).copied() else { return };
+        self.replay.opened[index].end = Some(MessageEnd { at, departure });
+        self.replay.ended.push(index);
+        let waits = |queue: &ReplayQueue, requested: &[AdmittedRequest]| {
+            queue.waiting.iter().position(|index| requested[*index].t == t)
         };
         if self.scenario.local.skip_answered
             && let Some(at) = waits(&self.queues[0], &self.replay.requested)
@@ -330,12 +330,12 @@ impl Reader<'_> {
     /// Takes a request out of its queue, or from what is under way.
     fn take(&mut self, queue: usize, t: u64) -> Option<usize> {
         let requested = &self.replay.requested;
-        let Queue { waiting, flying, .. } = &mut self.queues[queue];
-        if let Some(place) = flying.iter().position(|place| requested[*place].t == t) {
-            return Some(flying.remove(place));
+        let ReplayQueue { waiting, flying, .. } = &mut self.queues[queue];
+        if let Some(index) = flying.iter().position(|index| requested[*index].t == t) {
+            return Some(flying.remove(index));
         }
-        let place = waiting.iter().position(|place| requested[*place].t == t)?;
-        waiting.remove(place)
+        let index = waiting.iter().position(|index| requested[*index].t == t)?;
+        waiting.remove(index)
     }
 
     fn mark(&mut self, t: u64, p: u64, mark: impl FnOnce(&mut AdmittedRequest)) {

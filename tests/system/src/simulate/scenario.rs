@@ -21,7 +21,7 @@ pub struct Scenario {
     /// The computation on board.
     pub local: OnBoard,
     /// The clouds, as they are registered.
-    pub clouds: Vec<Remote>,
+    pub clouds: Vec<ScenarioCloud>,
     /// Side requests, if there are any: the gate's limit and how many may be under way.
     pub side: Option<(u64, usize)>,
     /// Whether late results are handed on as hints, and whether their handler panics.
@@ -35,7 +35,7 @@ pub struct Scenario {
     /// When the process stands still, and for how long.
     pub stalls: Vec<(Duration, Duration)>,
     /// The messages, in order.
-    pub frames: Vec<Message>,
+    pub frames: Vec<MessageScript>,
     /// How the run ends.
     pub end: Finish,
 }
@@ -55,7 +55,7 @@ pub struct OnBoard {
 
 /// A cloud.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub struct Remote {
+pub struct ScenarioCloud {
     /// Its priority.
     pub p: u16,
     /// Its gate's limit.
@@ -94,7 +94,7 @@ pub struct ReaderPlan {
 
 /// One message, and what everybody does about it.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Message {
+pub struct MessageScript {
     /// How long after the one before it comes.
     pub gap: Duration,
     /// How often others have their turn before it is written.
@@ -102,7 +102,7 @@ pub struct Message {
     /// What local does.
     pub local: SourceAction,
     /// What is offered to each cloud, and what it does.
-    pub asks: Vec<OfferAction>,
+    pub offers: Vec<OfferAction>,
     /// The side request.
     pub side: OfferAction,
 }
@@ -126,7 +126,7 @@ pub struct SourceAction {
     /// How often others have their turn before it begins and before it ends.
     pub yields: u8,
     /// How it ends.
-    pub how: CallResult,
+    pub result: CallResult,
 }
 
 /// How a call or a computation ends.
@@ -170,8 +170,8 @@ impl Scenario {
         if p == 0 {
             return Some(frame.local);
         }
-        let place = self.clouds.iter().position(|cloud| cloud.p == p)?;
-        match frame.asks.get(place)? {
+        let index = self.clouds.iter().position(|cloud| cloud.p == p)?;
+        match frame.offers.get(index)? {
             OfferAction::Offers(_, act) => Some(*act),
             OfferAction::Nothing | OfferAction::Panics => None,
         }
@@ -182,7 +182,7 @@ impl SourceAction {
     /// Answers after this long.
     #[must_use]
     pub const fn answers(after: Duration) -> Self {
-        Self { after, yields: 0, how: CallResult::Answers }
+        Self { after, yields: 0, result: CallResult::Answers }
     }
 }
 
@@ -199,7 +199,7 @@ impl fmt::Display for Scenario {
             writeln!(f, "  cloud   {cloud:?}")?;
         }
         if let Some((limit, calls)) = self.side {
-            writeln!(f, "  aside   limit {limit}, {calls} calls")?;
+            writeln!(f, "  side    limit {limit}, {calls} calls")?;
         }
         if let Some(panics) = self.hints {
             writeln!(f, "  hints   {}", if panics { "their handler panics" } else { "taken" })?;
@@ -218,11 +218,11 @@ impl fmt::Display for Scenario {
                 write!(f, ", {} yields", frame.yields)?;
             }
             write!(f, ", local {}", frame.local)?;
-            for (cloud, ask) in self.clouds.iter().zip(&frame.asks) {
-                write!(f, ", cloud {} {ask}", cloud.p)?;
+            for (cloud, offer) in self.clouds.iter().zip(&frame.offers) {
+                write!(f, ", cloud {} {offer}", cloud.p)?;
             }
             if self.side.is_some() {
-                write!(f, ", aside {}", frame.side)?;
+                write!(f, ", side {}", frame.side)?;
             }
             writeln!(f)?;
         }
@@ -242,7 +242,7 @@ impl fmt::Display for OfferAction {
 
 impl fmt::Display for SourceAction {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{:?} after {:?}", self.how, self.after)?;
+        write!(f, "{:?} after {:?}", self.result, self.after)?;
         if self.yields > 0 { write!(f, " and {} yields", self.yields) } else { Ok(()) }
     }
 }

@@ -30,7 +30,7 @@ pub struct Simulated {
     /// The operator's trace.
     pub trace: Vec<u8>,
     /// What else was seen; none if a panic came through.
-    seen: Option<ExternalLog>,
+    external_log: Option<ExternalLog>,
 }
 
 /// What was seen outside of the trace.
@@ -41,7 +41,7 @@ struct ExternalLog {
     ended: OperatorEnd,
     tally: Option<Tally>,
     most: [usize; 2],
-    left: [usize; 3],
+    remaining: [usize; 3],
 }
 
 impl Simulator {
@@ -87,23 +87,23 @@ impl Simulated {
     fn new(findings: Vec<Finding>, played: RunResult) -> Self {
         let last = played.log.items.iter().flatten().map(|read| read.at).max().unwrap_or(0);
         let life = Duration::from_nanos(played.log.stopped.unwrap_or(last));
-        let RunResult { log, trace, ended, tally, most, left, .. } = played;
+        let RunResult { log, trace, ended, tally, most, remaining, .. } = played;
         let messages = log.written.len() as u64;
-        let seen = Some(ExternalLog { log, ended, tally, most, left });
-        Self { findings, messages, life, trace, seen }
+        let external_log = Some(ExternalLog { log, ended, tally, most, remaining });
+        Self { findings, messages, life, trace, external_log }
     }
 
     fn panicked(panic: &(dyn std::any::Any + Send)) -> Self {
-        let what = panic.downcast_ref::<String>().map(String::as_str);
-        let what = what.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("no words");
-        let finding = Finding { check: "d7_no_panic_comes_through", what: what.to_owned() };
-        let (trace, seen) = (Vec::new(), None);
-        Self { findings: vec![finding], messages: 0, life: Duration::ZERO, trace, seen }
+        let reason = panic.downcast_ref::<String>().map(String::as_str);
+        let reason = reason.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("no words");
+        let finding = Finding { check: "d7_no_panic_comes_through", reason: reason.to_owned() };
+        let (trace, external_log) = (Vec::new(), None);
+        Self { findings: vec![finding], messages: 0, life: Duration::ZERO, trace, external_log }
     }
 
     /// Everything that was seen outside of the trace, in words: the same for the same seed.
     #[must_use]
-    pub fn seen(&self) -> String {
-        format!("{:#?}", self.seen)
+    pub fn external_log(&self) -> String {
+        format!("{:#?}", self.external_log)
     }
 }

@@ -10,7 +10,7 @@ pub(crate) struct Frame {
 }
 
 /// A result.
-pub(crate) struct Value {
+pub(crate) struct ResultValue {
     pub(crate) reported: ValueLabel,
     _alive: LiveCounter,
 }
@@ -40,7 +40,7 @@ impl Frame {
     }
 }
 
-impl Value {
+impl ResultValue {
     pub(crate) fn new(reported: ValueLabel, instance_counts: &InstanceCounts) -> Self {
         Self { reported, _alive: instance_counts.born() }
     }

@@ -15,7 +15,7 @@ const MAGIC: usize = 8;
 ///
 /// What else is wrong with a file is reported by the library.
 #[derive(Debug)]
-pub(super) struct Chunks {
+pub(super) struct ChunkScanner {
     at: ReadPosition,
     /// What is passed over.
     skip: u64,
@@ -40,7 +40,7 @@ enum ReadPosition {
     Inner(u64, u64),
 }
 
-impl Chunks {
+impl ChunkScanner {
     pub(super) const fn new() -> Self {
         Self { at: ReadPosition::Magic, skip: 0, head: Vec::new() }
     }
@@ -132,7 +132,7 @@ mod tests {
         for (claimed, is_whole) in [(0, true), (1, false), (11, false), (12, true), (13, false)] {
             let file = file(claimed);
             for piece in [1, 2, 7, file.len()] {
-                let mut chunks = Chunks::new();
+                let mut chunks = ChunkScanner::new();
                 let looked = file.chunks(piece).try_for_each(|piece| chunks.look(piece));
                 assert_eq!(looked.is_ok(), is_whole, "{claimed} by {piece}");
             }

@@ -133,14 +133,14 @@ def judge(
     named = (drive or _drive)(file)
     try:
         if open is None:
-            told = _fuseline.survey(file, None, within)
+            surveyed = _fuseline.survey(file, None, within)
         else:
             with open(file) as stream:
-                told = _fuseline.survey(stream, file, within)
+                surveyed = _fuseline.survey(stream, file, within)
     except (Error, OSError, ValueError, EOFError) as error:
-        said = _said(error, file)
-        return [Row(file, named, None, False, manner, digest(), said)]
-    operator, verdict, (span, messages, missed, refused, outputs) = told
+        why = _reason(error, file)
+        return [Row(file, named, None, False, manner, digest(), why)]
+    operator, verdict, (span, messages, missed, refused, outputs) = surveyed
     _, conforms, judged, lines, violations, more = verdict
     whole = (file, named, operator, conforms, manner, digest(), None)
     counts = [Output(p, source, upto / 1e9, items) for p, source, upto, items in outputs]
@@ -235,7 +235,7 @@ def _drive(file: str) -> str:
     return PurePath(file).name.split(".")[0] or file
 
 
-def _said(error: Exception, file: str) -> str:
+def _reason(error: Exception, file: str) -> str:
     """An error in a line that begins with the file."""
     if isinstance(error, ReadError):
         return str(error)

@@ -93,18 +93,18 @@ def _headline(totals: dict[str, Any]) -> str:
     if files == 0:
         return "<p>There are no traces.</p>"
     bad = files - good - unread
-    said = [f'<span class="good">{good:,} of {files:,} traces conform</span>']
+    parts = [f'<span class="good">{good:,} of {files:,} traces conform</span>']
     if bad:
-        said.append(f'<span class="bad">{bad:,} do not</span>')
+        parts.append(f'<span class="bad">{bad:,} do not</span>')
     if unread:
-        said.append(f'<span class="bad">{unread:,} cannot be read</span>')
+        parts.append(f'<span class="bad">{unread:,} cannot be read</span>')
     note = ""
     if totals["judges"] > 1 or totals["manners"] > 1:
         note = (
             f'<p class="bad">They were judged by {totals["judges"]} builds of the judge in '
             f"{totals['manners']} manners: compare them with care.</p>"
         )
-    return f"<p>{', '.join(said)}.</p>{note}"
+    return f"<p>{', '.join(parts)}.</p>{note}"
 
 
 def _tiles(totals: dict[str, Any]) -> str:
@@ -192,8 +192,8 @@ def _curves(answer: Answer) -> str:
         x0, y0 = WIDTH - 118, 16 + 16 * i
         drawn.append(f'<rect x="{x0}" y="{y0}" width="10" height="10" fill="{colour}"/>')
         drawn.append(f'<text x="{x0 + 16}" y="{y0 + 9}">{escape(source[:18])}</text>')
-    told = "Which share of a source's outputs took at most how long"
-    return f"<h2>{told}</h2>{_svg(told, drawn)}"
+    caption = "Which share of a source's outputs took at most how long"
+    return f"<h2>{caption}</h2>{_svg(caption, drawn)}"
 
 
 def _bars(answer: Answer) -> str:
@@ -206,34 +206,34 @@ def _bars(answer: Answer) -> str:
     for twentieth, drives in answer[1]:
         x, height = LEFT + twentieth * step, drives / greatest * (FLOOR - 12)
         least = 5 * twentieth
-        said = f"{least} %" if least == 100 else f"{least} to {least + 5} %"
+        label = f"{least} %" if least == 100 else f"{least} to {least + 5} %"
         drawn.append(
             f'<rect x="{x:.1f}" y="{FLOOR - height:.1f}" width="{step - 3:.1f}" '
             f'height="{height:.1f}" fill="{COLOURS[1]}">'
-            f"<title>{said}: {drives:,} drives</title></rect>"
+            f"<title>{label}: {drives:,} drives</title></rect>"
         )
     drawn += [_below(LEFT + step * (i + 0.5), f"{5 * i} %") for i in range(0, 21, 4)]
-    told = "How many drives had which share of their outputs from on board"
-    return f"<h2>{told}</h2>{_svg(told, drawn)}"
+    caption = "How many drives had which share of their outputs from on board"
+    return f"<h2>{caption}</h2>{_svg(caption, drawn)}"
 
 
-def _svg(told: str, drawn: list[str]) -> str:
-    head = f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(told)}">'
+def _svg(caption: str, drawn: list[str]) -> str:
+    head = f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(caption)}">'
     return f"{head}{''.join(drawn)}</svg>"
 
 
-def _tick(x: float, said: str) -> str:
+def _tick(x: float, label: str) -> str:
     line = f'<line x1="{x:.1f}" x2="{x:.1f}" y1="12" y2="{FLOOR}" stroke="#8884"/>'
-    return line + _below(x, said)
+    return line + _below(x, label)
 
 
-def _below(x: float, said: str) -> str:
-    return f'<text x="{x:.1f}" y="{FLOOR + 16}" text-anchor="middle">{said}</text>'
+def _below(x: float, label: str) -> str:
+    return f'<text x="{x:.1f}" y="{FLOOR + 16}" text-anchor="middle">{label}</text>'
 
 
-def _level(y: float, said: str) -> str:
+def _level(y: float, label: str) -> str:
     line = f'<line x1="{LEFT}" x2="{WIDTH - 130}" y1="{y:.1f}" y2="{y:.1f}" stroke="#8884"/>'
-    return f'{line}<text x="{LEFT - 6}" y="{y + 4:.1f}" text-anchor="end">{said}</text>'
+    return f'{line}<text x="{LEFT - 6}" y="{y + 4:.1f}" text-anchor="end">{label}</text>'
 
 
 def _time(seconds: float) -> str:

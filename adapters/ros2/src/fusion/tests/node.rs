@@ -10,9 +10,9 @@ use tokio::time::{MissedTickBehavior, interval};
 
 use super::*;
 use crate::arguments::Arguments;
-use crate::key::Kind;
-use crate::lifecycle::{LifecycleRequest, Task, TransitionResult};
-use crate::middleware::Sample;
+use crate::key::IntegerKind;
+use crate::lifecycle::{LifecycleRequest, LifecycleTask, TransitionResult};
+use crate::middleware::ReceivedPayload;
 use crate::node;
 use crate::report::DiagnosticStatus;
 use crate::settings::Settings;
@@ -80,7 +80,7 @@ impl PublishStatus for Publication {
             let found = status.values.iter().find(|value| value.key == key);
             found.map(|value| value.value.clone()).unwrap_or_default()
         };
-        let what = match self.output.lock().unwrap().try_recv() {
+        let text = match self.output.lock().unwrap().try_recv() {
             Ok(output) => {
                 assert_eq!(key(&output).to_string(), of("key"), "another message's output");
                 let text = text(&output.body);
@@ -90,7 +90,7 @@ impl PublishStatus for Publication {
             Err(_) => status.message.clone(),
         };
         let t = of("timestamp").parse().unwrap();
-        let line = line(self.start.elapsed().as_millis(), t, &what);
+        let line = line(self.start.elapsed().as_millis(), t, &text);
         self.reported_lines.lock().unwrap().lines.push(line);
     }
 
@@ -102,10 +102,10 @@ impl PublishStatus for Publication {
 /// A node on topics whose local is a model behind topics and whose clouds are called.
 pub(super) struct Node {
     pub(super) start: Instant,
-    pub(super) inputs: mpsc::Sender<Sample>,
-    pub(super) results: mpsc::Sender<(usize, Sample)>,
-    pub(super) deadlines: mpsc::Sender<Sample>,
-    pub(super) speeds: mpsc::Sender<Sample>,
+    pub(super) inputs: mpsc::Sender<ReceivedPayload>,
+    pub(super) results: mpsc::Sender<(usize, ReceivedPayload)>,
+    pub(super) deadlines: mpsc::Sender<ReceivedPayload>,
+    pub(super) speeds: mpsc::Sender<ReceivedPayload>,
     pub(super) changes: mpsc::UnboundedSender<Change>,
     orders: mpsc::Sender<LifecycleRequest>,
     /// Local's subscriber count.
@@ -135,22 +135,22 @@ impl Drop for Guard {
     }
 }
 
-/// What speaks to a node.
+/// What sends to a node.
 pub(super) struct Publications {
-    pub(super) inputs: mpsc::Sender<Sample>,
-    pub(super) results: mpsc::Sender<(usize, Sample)>,
-    pub(super) deadlines: mpsc::Sender<Sample>,
-    pub(super) speeds: mpsc::Sender<Sample>,
+    pub(super) inputs: mpsc::Sender<ReceivedPayload>,
+    pub(super) results: mpsc::Sender<(usize, ReceivedPayload)>,
+    pub(super) deadlines: mpsc::Sender<ReceivedPayload>,
+    pub(super) speeds: mpsc::Sender<ReceivedPayload>,
     pub(super) changes: mpsc::UnboundedSender<Change>,
     pub(super) orders: mpsc::Sender<LifecycleRequest>,
 }
 
-/// By what it hears them.
+/// By what it receives them.
 pub(super) struct Subscription {
-    inputs: mpsc::Receiver<Sample>,
-    results: mpsc::Receiver<(usize, Sample)>,
-    deadlines: mpsc::Receiver<Sample>,
-    speeds: mpsc::Receiver<Sample>,
+    inputs: mpsc::Receiver<ReceivedPayload>,
+    results: mpsc::Receiver<(usize, ReceivedPayload)>,
+    deadlines: mpsc::Receiver<ReceivedPayload>,
+    speeds: mpsc::Receiver<ReceivedPayload>,
     changes: mpsc::UnboundedReceiver<Change>,
     orders: mpsc::Receiver<LifecycleRequest>,
 }
@@ -177,7 +177,7 @@ pub(super) fn mouths() -> (Publications, Subscription) {
 pub(super) fn run(
     settings: &Settings,
     engine: Engine<Payload, Payload>,
-    sources: Vec<Source>,
+    sources: Vec<NodeSource>,
     output: Box<dyn Publish>,
     status_publisher: Box<dyn PublishStatus>,
     mut subscription: Subscription,
@@ -192,12 +192,12 @@ pub(super) fn run(
         let mut report = interval(1000 * MS);
         report.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let counting = engine.counts();
-        let fusion = Fusion {
+        let fusion = NodeFusion {
             sources,
             output,
             ends: Vec::new(),
-            input_key: Key::Integer { offset: 0, kind: Kind::U64 },
-            output_key: Key::Integer { offset: 0, kind: Kind::U64 },
+            input_key: MessageKey::Integer { offset: 0, kind: IntegerKind::U64 },
+            output_key: MessageKey::Integer { offset: 0, kind: IntegerKind::U64 },
             deadline,
             node,
             status_publisher,
@@ -257,7 +257,7 @@ fn called(
     clouds: &[(u64, Plan)],
     (dropped, hints): (&Drops, &Hints),
     start: Instant,
-) -> Vec<Source> {
+) -> Vec<NodeSource> {
     let mut sources = Vec::new();
     for (priority, (deadline, act)) in (1..).zip(clouds.iter().copied()) {
         let handle = cloud(priority, act, Arc::clone(dropped), start);
@@ -266,10 +266,10 @@ fn called(
             tokio::spawn(note(published, Arc::clone(hints), start));
             Box::new(late) as Box<dyn Publish>
         });
-        sources.push(Source {
+        sources.push(NodeSource {
             priority,
             name: name(priority),
-            way: Route::Grpc(handle),
+            route: Route::Grpc(handle),
             enabled: true,
             deadline: Some(Duration::from_millis(deadline)).filter(|it| !it.is_zero()),
             hints: late,
@@ -299,10 +299,10 @@ impl Node {
         let hints = Hints::default();
         let answers = Endpoint::new("/local/output", "tests/msg/Text");
         answers.change([7; 16], 1, None);
-        let mut sources = vec![Source {
+        let mut sources = vec![NodeSource {
             priority: 0,
             name: "local".into(),
-            way: Route::Topics { requests: Box::new(requests), results: Arc::new(answers) },
+            route: Route::Topics { requests: Box::new(requests), results: Arc::new(answers) },
             enabled: true,
             deadline: Some(settings.local.deadline),
             hints: None,
@@ -346,8 +346,11 @@ impl Node {
         }
     }
 
-    /// Tells a managed node what to do; how it goes is heard by the answer.
-    pub(super) async fn publish_report(&self, task: Task) -> oneshot::Receiver<TransitionResult> {
+    /// Orders a managed node to change its state; the answer has the result.
+    pub(super) async fn publish_report(
+        &self,
+        task: LifecycleTask,
+    ) -> oneshot::Receiver<TransitionResult> {
         let (order, done) = LifecycleRequest::new(task);
         assert!(self.orders.send(order).await.is_ok(), "the node ended");
         done
@@ -381,7 +384,7 @@ async fn note(mut published: mpsc::UnboundedReceiver<Payload>, hints: Hints, sta
 async fn model(
     plan: Plan,
     mut requested: mpsc::UnboundedReceiver<Payload>,
-    results: mpsc::Sender<(usize, Sample)>,
+    results: mpsc::Sender<(usize, ReceivedPayload)>,
     is_deaf: Arc<AtomicBool>,
     start: Instant,
 ) {

@@ -26,7 +26,7 @@ async fn d16_the_guard_decides_by_the_speed_of_a_topic_and_diagnostics_tell_the_
     publish_report(20.0).await;
     node.feed(1, [1010]).await;
     node.until(2600).await;
-    // Nothing was told for longer than half a second: nothing is known, and nothing is risked.
+    // Nothing was received for longer than half a second: nothing is known, and nothing is risked.
     node.feed(2, [2610]).await;
     node.until(4500).await;
     let expected = [

@@ -1,8 +1,8 @@
 //! The node's loop in virtual time, on topics that lose, delay, double and reorder what they carry, with peers that die and
 //! come back and parameters that are set meanwhile.
 //!
-//! A seed makes a [`Scenario`]. It is played by the shipped loop, engine and recorder; in the place of the middleware there
-//! are the channels by which the node hears it. Each check is a test, on the same seeds. Fresh ones, or one of them again:
+//! A seed makes a [`Scenario`]. It is played by the shipped loop, engine and recorder; instead of the middleware there
+//! are the channels by which the node receives it. Each check is a test, on the same seeds. Fresh ones, or one of them again:
 //!
 //! ```sh
 //! SIMULATED_SECONDS=60 cargo test -p fuseline-ros2 --lib fresh_seeds -- --nocapture
@@ -22,10 +22,11 @@ use std::fmt::Write as _;
 use std::io::{self, Write as _};
 use std::sync::{LazyLock, mpsc};
 use std::thread;
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant};
 
 use checks::{CHECKS, Finding};
 use facts::Facts;
+use fuseline_testkit::Rng;
 use play::play;
 use scenario::Scenario;
 
@@ -54,8 +55,8 @@ static SUM: LazyLock<Sum> = LazyLock::new(|| {
     let mut sum = Sum::default();
     for seed in KEPT.into_iter().chain(0..SEEDS) {
         let (findings, kinds) = simulated(&Scenario::draw(seed));
-        for Finding { check, what } in findings {
-            sum.broken.entry(check).or_insert((seed, what));
+        for Finding { check, reason } in findings {
+            sum.broken.entry(check).or_insert((seed, reason));
         }
         for kind in kinds {
             *sum.kinds.entry(kind).or_default() += 1;
@@ -72,40 +73,44 @@ static SUM: LazyLock<Sum> = LazyLock::new(|| {
 fn simulated(scenario: &Scenario) -> (Vec<Finding>, BTreeSet<&'static str>) {
     let (publish_report, ended) = mpsc::channel();
     let scenario = scenario.clone();
-    // In a loop that never sleeps no virtual time passes, so real time tells.
+    // In a loop that never sleeps no virtual time passes, so real time decides.
     thread::spawn(move || {
         let played = play(&scenario);
         let reported = match Facts::new(&scenario, &played) {
             Ok(facts) => (facts.findings(), facts.kinds()),
-            Err(what) => (vec![Finding { check: "d10_whole_trace", what }], BTreeSet::new()),
+            Err(reason) => (vec![Finding { check: "d10_whole_trace", reason }], BTreeSet::new()),
         };
         // Nobody listens any more if it took too long.
         let _ = publish_report.send(reported);
     });
     ended.recv_timeout(HANGS).unwrap_or_else(|_| {
-        let what = format!("the node did not end well within {HANGS:?}");
-        (vec![Finding { check: ENDS, what }], BTreeSet::new())
+        let reason = format!("the node did not end well within {HANGS:?}");
+        (vec![Finding { check: ENDS, reason }], BTreeSet::new())
     })
 }
 
 fn holds(check: &str) {
     assert!(CHECKS.iter().any(|known| known.name == check), "there is no check {check}");
-    if let Some((seed, what)) = SUM.broken.get(check) {
-        panic!("seed {seed}: {what}");
+    if let Some((seed, reason)) = SUM.broken.get(check) {
+        panic!("seed {seed}: {reason}");
     }
 }
 
 /// The seed's run, a smallest one that breaks the same, and why.
 fn reported(seed: u64, finding: &Finding) -> String {
     if finding.check == ENDS {
-        return format!("seed {seed} breaks {ENDS}: {}\n\n{}", finding.what, Scenario::draw(seed));
+        return format!(
+            "seed {seed} breaks {ENDS}: {}\n\n{}",
+            finding.reason,
+            Scenario::draw(seed)
+        );
     }
     let breaks = |smaller: &Scenario| {
         simulated(smaller).0.into_iter().find(|again| again.check == finding.check)
     };
     let smallest = smaller::smallest(&Scenario::draw(seed), |it| breaks(it).is_some());
-    let what = breaks(&smallest).map_or_else(|| finding.what.clone(), |again| again.what);
-    let mut reported = format!("seed {seed} breaks {}: {what}\n\n{smallest}", finding.check);
+    let reason = breaks(&smallest).map_or_else(|| finding.reason.clone(), |again| again.reason);
+    let mut reported = format!("seed {seed} breaks {}: {reason}\n\n{smallest}", finding.check);
     let trace = play(&smallest).trace;
     let _ = write!(reported, "{}", String::from_utf8_lossy(&trace));
     reported
@@ -129,7 +134,7 @@ fn d3_the_rules_decide_on_topics() {
     holds("d3_the_rules_decide");
 }
 
-/// D8: the node ends when it is told to, and answers what is open before.
+/// D8: the node ends when it is stopped, and answers what is open before.
 #[test]
 fn d8_a_node_that_is_told_to_end_ends() {
     holds("d8_everything_ends");
@@ -171,7 +176,7 @@ fn d15_levels_are_those_of_what_happened() {
     holds("d15_told");
 }
 
-/// D16: deadlines, clouds that are asked, and the state of a managed node are as they were set when a message came.
+/// D16: deadlines, clouds that are enabled, and the state of a managed node are as they were set when a message came.
 #[test]
 fn d16_what_is_set_holds_for_the_next_message() {
     holds("d16_as_set");
@@ -194,6 +199,19 @@ fn a_seed_is_the_same_run_to_the_byte() {
         assert_eq!(one.trace, other.trace, "seed {seed}");
         assert_eq!(format!("{:?}", one.log), format!("{:?}", other.log), "seed {seed}");
     }
+}
+
+#[test]
+fn a_smallest_run_has_what_breaks_it_and_no_more() {
+    let drawn = (0..SEEDS).map(Scenario::draw);
+    let mut large = drawn.filter(|it| it.inputs.len() > 20 && it.turns.len() > 2);
+    let scenario = large.next().unwrap();
+    let (input, turn) = (scenario.inputs[7].key, scenario.turns[1].0);
+    let smallest = smaller::smallest(&scenario, |it| {
+        it.inputs.iter().any(|it| it.key == input) && it.turns.iter().any(|it| it.0 == turn)
+    });
+    assert_eq!((smallest.inputs.len(), smallest.turns.len()), (1, 1), "{smallest}");
+    assert_eq!((smallest.window, smallest.waiting), (16, 64), "{smallest}");
 }
 
 /// What the scenarios are for comes about in those that the tests play.
@@ -224,7 +242,7 @@ fn fresh_seeds() {
             assert!(
                 is_requested,
                 "SIMULATED_SEED={next} breaks {}: {}",
-                finding.check, finding.what
+                finding.check, finding.reason
             );
             panic!("{}", reported(next, finding));
         }
@@ -237,13 +255,12 @@ fn fresh_seeds() {
         return;
     }
     let took = start.elapsed().as_secs_f64();
-    // Not kept back from who runs all tests.
+    // Printed also when all tests run.
     let reported = format!("seeds {first} to {}: {inputs} inputs in {took:.1} s", next - 1);
     writeln!(io::stderr(), "{reported}").unwrap();
 }
 
 /// A seed by chance, short enough to be read aloud.
 fn by_chance() -> u64 {
-    let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap();
-    fastrand::Rng::with_seed(u64::from(now.subsec_nanos())).u64(..1_000_000_000)
+    Rng::by_chance().u64(0..1_000_000_000)
 }

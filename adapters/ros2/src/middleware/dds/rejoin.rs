@@ -14,7 +14,7 @@ use tokio::task::{JoinSet, spawn_blocking};
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep, timeout};
 use tracing::{error, info, warn};
 
-use super::domain::{DomainHandle, NewEntity};
+use super::participants::{DomainHandle, NewEntity};
 use super::wall_clock::WallClock;
 use crate::error::NodeError;
 
@@ -112,9 +112,9 @@ mod tests {
     async fn what_is_sent_over_a_reliable_topic_while_either_side_rejoins_comes_once() {
         let topic = format!("/numbers_of_{}", std::process::id());
         let [sending, receiving] = [(); 2].map(|()| Domain::join(DOMAIN, true).unwrap());
-        let (taken, mut received) = mpsc::unbounded_channel();
+        let (sender, mut received) = mpsc::unbounded_channel();
         let end = receiving.inlet(&topic, TYPE, RELIABLE, move |sample| {
-            taken.send(sample.unwrap()).unwrap();
+            sender.send(sample.unwrap()).unwrap();
             ready(())
         });
         let (end, outlet) = (end.unwrap(), sending.outlet(&topic, TYPE, RELIABLE).unwrap());

@@ -20,7 +20,7 @@ const USUAL: [(&str, &str); 6] = [
     ("timestamping/enabled", "true"),
 ];
 
-/// The configuration that the environment asks for.
+/// The configuration that the environment selects.
 ///
 /// # Errors
 /// The file cannot be read, or what changes it is not a part of it.
@@ -29,11 +29,11 @@ pub(crate) fn from_environment() -> Result<Config, NodeError> {
 }
 
 fn read(environment: impl Fn(&str) -> Option<String>) -> Result<Config, NodeError> {
-    let wrong = |what: &str, error: &dyn std::fmt::Display| {
-        NodeError::ZenohConfig(format!("{what}: {error}"))
+    let wrong = |name: &str, error: &dyn std::fmt::Display| {
+        NodeError::ZenohConfig(format!("{name}: {error}"))
     };
-    let given = |name: &str| environment(name).filter(|value| !value.trim().is_empty());
-    let mut config = if let Some(path) = given(FILE) {
+    let setting = |name: &str| environment(name).filter(|value| !value.trim().is_empty());
+    let mut config = if let Some(path) = setting(FILE) {
         let named = format!("{FILE}={path}");
         Config::from_file(path.trim()).map_err(|error| wrong(&named, &error))?
     } else {
@@ -43,7 +43,7 @@ fn read(environment: impl Fn(&str) -> Option<String>) -> Result<Config, NodeErro
         }
         config
     };
-    for change in given(OVERRIDE).iter().flat_map(|text| text.split(';')) {
+    for change in setting(OVERRIDE).iter().flat_map(|text| text.split(';')) {
         let change = change.trim();
         if change.is_empty() {
             continue;

@@ -9,16 +9,16 @@ use zenoh::pubsub::Subscriber;
 use zenoh::sample::SampleKind;
 use zenoh::{Session, Wait};
 
-use super::wire::{Owner, type_of};
+use super::wire::{TokenOwner, type_of};
 
 /// What is done once a hash is known, on a thread of its own.
 type HashCallback = Box<dyn FnOnce(&str) + Send>;
 
 /// Hashes by the types' names in DDS.
 #[derive(Clone, Default)]
-pub(super) struct Types(Arc<Mutex<BTreeMap<String, State>>>);
+pub(super) struct Types(Arc<Mutex<BTreeMap<String, TypeState>>>);
 
-enum State {
+enum TypeState {
     Known(String),
     /// Nobody has said it yet; it is listened for.
     Awaited {
@@ -34,8 +34,8 @@ impl Types {
             return Some(hash.to_owned());
         }
         match self.locked().get(type_name)? {
-            State::Known(hash) => Some(hash.clone()),
-            State::Awaited { .. } => None,
+            TypeState::Known(hash) => Some(hash.clone()),
+            TypeState::Awaited { .. } => None,
         }
     }
 
@@ -43,7 +43,7 @@ impl Types {
     pub(super) fn when_known(
         &self,
         session: &Session,
-        owner: &Owner,
+        owner: &TokenOwner,
         type_name: &str,
         act: HashCallback,
     ) -> zenoh::Result<()> {
@@ -53,17 +53,17 @@ impl Types {
         }
         let is_first = {
             let mut types = self.locked();
-            let awaited = || State::Awaited { acts: Vec::new(), tokens: None };
+            let awaited = || TypeState::Awaited { acts: Vec::new(), tokens: None };
             let state = types.entry(type_name.to_owned()).or_insert_with(awaited);
             match state {
                 // It came just now.
-                State::Known(hash) => {
+                TypeState::Known(hash) => {
                     let hash = hash.clone();
                     drop(types);
                     act(&hash);
                     return Ok(());
                 }
-                State::Awaited { acts, tokens } => {
+                TypeState::Awaited { acts, tokens } => {
                     acts.push(act);
                     acts.len() == 1 && tokens.is_none()
                 }
@@ -84,8 +84,10 @@ impl Types {
                     }
                 })
                 .wait()?;
-            if let Some(State::Awaited { tokens: kept, .. }) = self.locked().get_mut(type_name) {
-                *kept = Some(tokens);
+            if let Some(TypeState::Awaited { tokens: stored, .. }) =
+                self.locked().get_mut(type_name)
+            {
+                *stored = Some(tokens);
             }
         }
         Ok(())
@@ -94,14 +96,14 @@ impl Types {
     /// A peer has this type with this hash. The first one counts.
     pub(super) fn learn(&self, type_name: &str, hash: &str) {
         let mut types = self.locked();
-        let Some(state @ State::Awaited { .. }) = types.get_mut(type_name) else { return };
+        let Some(state @ TypeState::Awaited { .. }) = types.get_mut(type_name) else { return };
         info!(type_name, hash, "its hash");
-        let was = std::mem::replace(state, State::Known(hash.to_owned()));
+        let was = std::mem::replace(state, TypeState::Known(hash.to_owned()));
         drop(types);
         let hash = hash.to_owned();
         // Zenoh's own threads are not to be held up by what is declared now, or ended.
         thread::spawn(move || {
-            if let State::Awaited { acts, tokens } = was {
+            if let TypeState::Awaited { acts, tokens } = was {
                 drop(tokens);
                 for act in acts {
                     act(&hash);
@@ -111,7 +113,7 @@ impl Types {
     }
 
     /// A change is made whole, so even a poisoned lock holds a sound state.
-    fn locked(&self) -> MutexGuard<'_, BTreeMap<String, State>> {
+    fn locked(&self) -> MutexGuard<'_, BTreeMap<String, TypeState>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -23,9 +23,9 @@ const GROUP: &str = "/_buf_cpu";
 /// How long an attachment is, in bytes.
 const ATTACHMENT: usize = 33;
 
-/// What a token tells of.
+/// What a token announces.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Kind {
+pub(crate) enum TokenKind {
     Node,
     Publisher,
     Subscription,
@@ -34,7 +34,7 @@ pub(crate) enum Kind {
 
 /// Whose tokens they are.
 #[derive(Clone, Debug)]
-pub(super) struct Owner {
+pub(super) struct TokenOwner {
     pub(super) domain: u16,
     /// The session's identifier, as Zenoh prints it.
     pub(super) session: String,
@@ -44,7 +44,7 @@ pub(super) struct Owner {
 /// The end of a topic, or a service, for a token.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(super) struct Entity<'a> {
-    pub(super) kind: Kind,
+    pub(super) kind: TokenKind,
     /// Its full name.
     pub(super) name: &'a str,
     /// Its type's name in DDS.
@@ -64,7 +64,7 @@ pub(crate) struct Attachment {
     pub(crate) source: Gid,
 }
 
-impl Kind {
+impl TokenKind {
     const fn code(self) -> &'static str {
         match self {
             Self::Node => "NN",
@@ -75,7 +75,7 @@ impl Kind {
     }
 }
 
-impl Owner {
+impl TokenOwner {
     /// The key of a topic's messages, or of a service's requests; a hash of `*` is any.
     pub(super) fn key(&self, name: &str, type_name: &str, hash: &str) -> String {
         format!("{}/{}/{type_name}/{hash}", self.domain, name.trim_matches('/'))
@@ -83,26 +83,26 @@ impl Owner {
 
     /// The token of the node itself.
     pub(super) fn node_token(&self) -> String {
-        self.token_of(0, Kind::Node)
+        self.token_of(0, TokenKind::Node)
     }
 
     /// The token of one of its ends; `number` is its own among the node's.
     pub(super) fn token(&self, number: u64, entity: &Entity, qos: Qos) -> String {
         let Entity { kind, name, type_name, hash } = entity;
-        let is_in_group = *kind == Kind::Subscription && !qos.transient_local;
+        let is_in_group = *kind == TokenKind::Subscription && !qos.transient_local;
         let backends = if is_in_group { BACKENDS } else { "" };
         let (begin, name, qos) = (self.token_of(number, *kind), mangled(name), quality(qos));
         format!("{begin}/{name}/{type_name}/{hash}/{qos}{backends}")
     }
 
-    fn token_of(&self, number: u64, kind: Kind) -> String {
+    fn token_of(&self, number: u64, kind: TokenKind) -> String {
         let Self { domain, session, node } = self;
         let (kind, namespace, name) = (kind.code(), mangled(&node.namespace), &node.name);
         format!("@ros2_lv/{domain}/{session}/0/{number}/{kind}/%/{namespace}/{name}")
     }
 
     /// The tokens of all ends of this kind on a topic, whatever their type.
-    pub(super) fn tokens_of_topic(&self, kind: Kind, topic: &str) -> String {
+    pub(super) fn tokens_of_topic(&self, kind: TokenKind, topic: &str) -> String {
         let (domain, kind, topic) = (self.domain, kind.code(), mangled(topic));
         format!("@ros2_lv/{domain}/*/*/*/{kind}/*/*/*/{topic}/*/*/*/**")
     }
@@ -178,16 +178,16 @@ fn quality(qos: Qos) -> String {
 mod tests {
     use super::*;
 
-    fn owner() -> Owner {
+    fn owner() -> TokenOwner {
         let node = NodeName { namespace: "/robot".into(), name: "fuseline".into() };
-        Owner { domain: 7, session: "a1b2".into(), node }
+        TokenOwner { domain: 7, session: "a1b2".into(), node }
     }
 
     #[test]
     fn keys_and_tokens_are_those_of_rmw_zenoh() {
         let (owner, qos) = (owner(), Qos { reliable: true, transient_local: false, depth: 5 });
         let entity = Entity {
-            kind: Kind::Publisher,
+            kind: TokenKind::Publisher,
             name: "/a/b",
             type_name: "std_msgs::msg::dds_::String_",
             hash: "RIHS01_df",
@@ -205,7 +205,7 @@ mod tests {
         assert_eq!(type_of(&token), Some((entity.type_name, entity.hash)));
         assert_eq!(type_of(&owner.node_token()), None);
         assert!(owner.owns(&token));
-        let subscription = owner.token(3, &Entity { kind: Kind::Subscription, ..entity }, qos);
+        let subscription = owner.token(3, &Entity { kind: TokenKind::Subscription, ..entity }, qos);
         assert!(subscription.ends_with("/RIHS01_df/::,5:,:,:,,/backends:cpu:"), "{subscription}");
         assert_eq!(type_of(&subscription), Some((entity.type_name, entity.hash)));
         let best_effort = Qos { reliable: false, transient_local: true, depth: 1 };

@@ -1,4 +1,4 @@
-//! Images and results. All of one is told by its number and by who made it, so that whoever gets one knows each byte of it.
+//! Images and results. All of one follows from its number and from who made it, so that whoever gets one knows each byte of it.
 
 use hiroz::msg::ZMessage;
 use hiroz_msgs::builtin_interfaces::Time;

@@ -29,7 +29,7 @@ const PERIOD: Duration = Duration::from_millis(50);
 const IMAGES: usize = 100;
 /// How long anything may take.
 const LONG: Duration = Duration::from_secs(30);
-/// How much of what is wrong is told.
+/// How many errors are reported.
 const TOLD: usize = 10;
 
 const MEETING: &str = "all meet";
@@ -183,11 +183,11 @@ impl Scene {
             while self.statuses.is_ready() {
                 self.book.status(self.statuses.recv()?);
             }
-            let left = end.saturating_duration_since(Instant::now());
-            if left.is_zero() {
+            let remaining = end.saturating_duration_since(Instant::now());
+            if remaining.is_zero() {
                 return Ok(());
             }
-            if let Ok(sample) = self.outputs.recv_serialized_timeout(left) {
+            if let Ok(sample) = self.outputs.recv_serialized_timeout(remaining) {
                 self.book.output(&sample);
             }
         }

@@ -19,9 +19,9 @@ const NEVER: Timespec = Timespec { tv_sec: 0, tv_nsec: 0 };
 /// The shortest time that does not disarm it.
 const SHORTEST: Duration = Duration::from_nanos(1);
 
-pub(in crate::drive) struct Timer(AsyncFd<OwnedFd>);
+pub(in crate::drive) struct KernelTimer(AsyncFd<OwnedFd>);
 
-impl Timer {
+impl KernelTimer {
     #[expect(
         deprecated,
         reason = "sound for what owns its descriptor; the new name is unsafe, for what does not"
@@ -33,12 +33,12 @@ impl Timer {
     }
 
     pub(super) fn set(&self, at: Instant) -> io::Result<()> {
-        let left = at.saturating_duration_since(Instant::now()).max(SHORTEST);
-        let left = Timespec {
-            tv_sec: left.as_secs().try_into().unwrap_or(i64::MAX),
-            tv_nsec: left.subsec_nanos().into(),
+        let remaining = at.saturating_duration_since(Instant::now()).max(SHORTEST);
+        let remaining = Timespec {
+            tv_sec: remaining.as_secs().try_into().unwrap_or(i64::MAX),
+            tv_nsec: remaining.subsec_nanos().into(),
         };
-        let once = Itimerspec { it_interval: NEVER, it_value: left };
+        let once = Itimerspec { it_interval: NEVER, it_value: remaining };
         timerfd_settime(self.0.get_ref(), TimerfdTimerFlags::empty(), &once)?;
         Ok(())
     }

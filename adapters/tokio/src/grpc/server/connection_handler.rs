@@ -6,8 +6,7 @@ use std::convert::Infallible;
 use std::io;
 use std::net::SocketAddr;
 use std::pin::pin;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
 use http::{HeaderMap, Request, Response};
@@ -17,14 +16,15 @@ use hyper::service::service_fn;
 use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpStream;
-use tokio::sync::{Notify, watch};
-use tokio::time::{Instant, sleep, timeout};
+use tokio::sync::watch;
+use tokio::time::{Instant, timeout};
 use tokio_rustls::TlsAcceptor;
 use tonic::Status;
 use tonic::body::Body;
 use tonic::codegen::Service;
 
 use crate::grpc::infer::{Infer, InferServer};
+use crate::grpc::server::connection_watch::ConnectionWatch;
 use crate::grpc::server::held::{ReplyBody, RequestBody, RequestMemory};
 use crate::grpc::server::limits::{ConnectionPermit, RejectReason, ServerLimits};
 use crate::grpc::token::AuthCheck;
@@ -80,7 +80,7 @@ impl<T: Infer> ConnectionHandler<T> {
             self.serve(socket, peer, since).await
         };
         if let Err(why) = greeted.await {
-            limits.tell(peer, &why);
+            limits.log(peer, &why);
         }
         drop(permit);
     }
@@ -113,7 +113,7 @@ impl<T: Infer> ConnectionHandler<T> {
         loop {
             tokio::select! {
                 ended = &mut connection => return ended.or_else(|error| protocol(&error)),
-                why = watch.tires() => return Err(why),
+                why = watch.expired() => return Err(why),
                 _ = closing.changed(), if is_open => {
                     is_open = false;
                     connection.as_mut().graceful_shutdown();
@@ -174,100 +174,7 @@ fn deadline(headers: &HeaderMap) -> Option<Duration> {
     })
 }
 
-/// What a connection does, for the task that serves it.
-pub(crate) struct ConnectionWatch {
-    pub(crate) limits: Arc<ServerLimits>,
-    peer: SocketAddr,
-    has_called: AtomicBool,
-    under_way: AtomicUsize,
-    owed: AtomicUsize,
-    seen: Mutex<Activity>,
-    too_many: Notify,
-}
-
-/// When something last happened, and how many calls were cancelled in this second.
-struct Activity {
-    moved: Instant,
-    second: Instant,
-    resets: u32,
-}
-
-impl ConnectionWatch {
-    fn new(limits: Arc<ServerLimits>, peer: SocketAddr, now: Instant) -> Self {
-        Self {
-            limits,
-            peer,
-            has_called: AtomicBool::new(false),
-            under_way: AtomicUsize::new(0),
-            owed: AtomicUsize::new(0),
-            seen: Mutex::new(Activity { moved: now, second: now, resets: 0 }),
-            too_many: Notify::new(),
-        }
-    }
-
-    /// Logs that a call was refused.
-    pub(crate) fn refused(&self, status: Status) -> Status {
-        self.limits.tell(self.peer, &RejectReason::Call(status.message().to_owned()));
-        status
-    }
-
-    /// So many bytes of a reply are ready to be sent.
-    pub(crate) fn owe(&self, bytes: usize) {
-        if self.owed.fetch_add(bytes, Ordering::Relaxed) == 0 {
-            self.moved();
-        }
-    }
-
-    /// So many were sent, or are no longer wanted.
-    pub(crate) fn paid(&self, bytes: usize) {
-        self.owed.fetch_sub(bytes, Ordering::Relaxed);
-        self.moved();
-    }
-
-    fn moved(&self) {
-        self.seen.lock().unwrap_or_else(PoisonError::into_inner).moved = Instant::now();
-    }
-
-    /// The client cancelled a call that is not answered.
-    pub(crate) fn taken_back(&self) {
-        let mut seen = self.seen.lock().unwrap_or_else(PoisonError::into_inner);
-        let now = Instant::now();
-        if now.duration_since(seen.second) >= Duration::from_secs(1) {
-            (seen.second, seen.resets) = (now, 0);
-        }
-        seen.resets += 1;
-        if seen.resets > self.limits.bounds.resets {
-            self.too_many.notify_one();
-        }
-    }
-
-    /// Ready once the connection has to be closed.
-    async fn tires(&self) -> RejectReason {
-        loop {
-            let bounds = self.limits.bounds;
-            let (owes, calls) =
-                (self.owed.load(Ordering::Relaxed) > 0, self.under_way.load(Ordering::Relaxed) > 0);
-            let (patience, why) = match (self.has_called.load(Ordering::Relaxed), owes) {
-                (false, _) => (bounds.greeting, RejectReason::Mute),
-                (true, true) => (bounds.stall, RejectReason::Unread),
-                (true, false) => (bounds.idle, RejectReason::Idle),
-            };
-            let moved = self.seen.lock().unwrap_or_else(PoisonError::into_inner).moved;
-            let left = patience.saturating_sub(moved.elapsed());
-            if left.is_zero() && (owes || !calls) {
-                return why;
-            }
-            // No waker is called for these changes, so it looks again soon enough for each.
-            let soon = bounds.greeting.min(bounds.stall).min(bounds.idle);
-            tokio::select! {
-                () = sleep(if left.is_zero() { soon } else { left.min(soon) }) => {}
-                () = self.too_many.notified() => return RejectReason::Resets,
-            }
-        }
-    }
-}
-
-/// A call that was accepted and is not answered yet.
+/// A call that was let in and is not answered yet.
 struct UnderWay {
     watch: Arc<ConnectionWatch>,
     is_answered: bool,
@@ -275,9 +182,7 @@ struct UnderWay {
 
 impl UnderWay {
     fn new(watch: Arc<ConnectionWatch>) -> Self {
-        watch.has_called.store(true, Ordering::Relaxed);
-        watch.under_way.fetch_add(1, Ordering::Relaxed);
-        watch.moved();
+        watch.call_began();
         Self { watch, is_answered: false }
     }
 
@@ -288,10 +193,6 @@ impl UnderWay {
 
 impl Drop for UnderWay {
     fn drop(&mut self) {
-        self.watch.under_way.fetch_sub(1, Ordering::Relaxed);
-        self.watch.moved();
-        if !self.is_answered {
-            self.watch.taken_back();
-        }
+        self.watch.call_ended(self.is_answered);
     }
 }

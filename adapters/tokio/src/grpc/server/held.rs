@@ -12,7 +12,7 @@ use tokio::time::{Sleep, sleep};
 use tonic::Status;
 use tonic::body::Body;
 
-use crate::grpc::server::connection_handler::ConnectionWatch;
+use crate::grpc::server::connection_watch::ConnectionWatch;
 
 /// How much of a reply is sent at a time, so that a slow reader differs from one that has stalled.
 const PIECE: usize = 64 * 1024;
@@ -30,8 +30,8 @@ impl RequestMemory {
 
     fn take(&self, bytes: usize) -> Result<(), Status> {
         if !self.watch.limits.take(bytes) {
-            let error_chain = "the server holds as many bytes as it may";
-            return Err(self.watch.refused(Status::resource_exhausted(error_chain)));
+            let why = "the server holds as many bytes as it may";
+            return Err(self.watch.refused(Status::resource_exhausted(why)));
         }
         self.bytes.fetch_add(bytes, Ordering::Relaxed);
         Ok(())
@@ -137,8 +137,8 @@ struct UnsentBytes {
 impl UnsentBytes {
     fn new(bytes: Bytes, watch: &Arc<ConnectionWatch>) -> Result<Self, Status> {
         if !watch.limits.take(bytes.len()) {
-            let error_chain = "the server holds as many bytes as it may";
-            return Err(watch.refused(Status::resource_exhausted(error_chain)));
+            let why = "the server holds as many bytes as it may";
+            return Err(watch.refused(Status::resource_exhausted(why)));
         }
         watch.owe(bytes.len());
         Ok(Self { bytes, watch: Arc::clone(watch) })

@@ -21,7 +21,7 @@ const EVERY: Duration = Duration::from_secs(1);
 pub(crate) struct ServerLimits {
     pub(crate) bounds: Bounds,
     seats: Mutex<HashMap<IpAddr, usize>>,
-    taken: AtomicUsize,
+    connections_open: AtomicUsize,
     held: AtomicUsize,
     reported: Mutex<HashMap<Discriminant<RejectReason>, SuppressedLog>>,
 }
@@ -29,7 +29,7 @@ pub(crate) struct ServerLimits {
 /// When a reason was last logged, and how many were not logged since.
 struct SuppressedLog {
     at: Instant,
-    untold: u64,
+    suppressed: u64,
 }
 
 /// Why a client was rejected.
@@ -60,7 +60,7 @@ impl ServerLimits {
         Self {
             bounds,
             seats: Mutex::default(),
-            taken: AtomicUsize::new(0),
+            connections_open: AtomicUsize::new(0),
             held: AtomicUsize::new(0),
             reported: Mutex::default(),
         }
@@ -73,7 +73,7 @@ impl ServerLimits {
     ) -> Result<ConnectionPermit, RejectReason> {
         let from = network(address);
         let mut seats = lock(&self.seats);
-        if self.taken.load(Ordering::Relaxed) >= self.bounds.connections {
+        if self.connections_open.load(Ordering::Relaxed) >= self.bounds.connections {
             return Err(RejectReason::Full);
         }
         let count = seats.entry(from).or_default();
@@ -81,14 +81,14 @@ impl ServerLimits {
             return Err(RejectReason::Crowd);
         }
         *count += 1;
-        self.taken.fetch_add(1, Ordering::Relaxed);
+        self.connections_open.fetch_add(1, Ordering::Relaxed);
         Ok(ConnectionPermit { limits: Arc::clone(self), from })
     }
 
     /// Room for so many more bytes, if there is; whoever took them gives them back.
     pub(crate) fn take(&self, bytes: usize) -> bool {
-        let taken = self.held.fetch_add(bytes, Ordering::Relaxed).saturating_add(bytes);
-        let has_room = taken <= self.bounds.held_bytes;
+        let total = self.held.fetch_add(bytes, Ordering::Relaxed).saturating_add(bytes);
+        let has_room = total <= self.bounds.held_bytes;
         if !has_room {
             self.give_back(bytes);
         }
@@ -99,22 +99,24 @@ impl ServerLimits {
         self.held.fetch_sub(bytes, Ordering::Relaxed);
     }
 
-    /// Logs who was rejected and why, each reason once a second.
-    pub(crate) fn tell(&self, peer: SocketAddr, why: &RejectReason) {
+    /// Says in the log who was rejected and why, of each reason one a second.
+    pub(crate) fn log(&self, peer: SocketAddr, why: &RejectReason) {
         let (mut reported, now) = (lock(&self.reported), Instant::now());
         let others = match reported.get_mut(&discriminant(why)) {
             Some(last) if now.duration_since(last.at) < EVERY => {
-                last.untold += 1;
+                last.suppressed += 1;
                 return;
             }
-            Some(last) => std::mem::replace(last, SuppressedLog { at: now, untold: 0 }).untold,
+            Some(last) => {
+                std::mem::replace(last, SuppressedLog { at: now, suppressed: 0 }).suppressed
+            }
             None => {
-                reported.insert(discriminant(why), SuppressedLog { at: now, untold: 0 });
+                reported.insert(discriminant(why), SuppressedLog { at: now, suppressed: 0 });
                 0
             }
         };
         drop(reported);
-        warn!(%peer, why = %why, others, "a client was turned away");
+        warn!(%peer, why = %why, others, "a client was rejected");
     }
 }
 
@@ -127,7 +129,7 @@ pub(crate) struct ConnectionPermit {
 impl Drop for ConnectionPermit {
     fn drop(&mut self) {
         let mut seats = lock(&self.limits.seats);
-        self.limits.taken.fetch_sub(1, Ordering::Relaxed);
+        self.limits.connections_open.fetch_sub(1, Ordering::Relaxed);
         if let Some(count) = seats.get_mut(&self.from) {
             *count -= 1;
             if *count == 0 {

@@ -37,28 +37,28 @@ pub(crate) fn make(words: &[&str]) -> Result<Machine, Refusal> {
 /// What comes of one input: what fired, the answer, and how the machine is left; parted by `;`.
 pub(crate) fn answer(machine: &mut Machine, words: &[&str]) -> Result<String, Refusal> {
     let [now, input @ ..] = words else { return Err("an input has an instant".into()) };
-    let mut told = Vec::new();
+    let mut parts = Vec::new();
     let mut ready =
-        machine.ready(Instant::from_nanos(number(now)?), |firing| told.push(fired(&firing)));
+        machine.ready(Instant::from_nanos(number(now)?), |firing| parts.push(fired(&firing)));
     let timestamp = |word: &str| number(word).map(Timestamp::new);
     let priority = |word: &str| number(word).map(Priority::new);
     let deadline = |word: &str| number(word).map(Deadline::from_nanos);
     match input {
         [] => {}
-        ["open", t] => told.push(opened(ready.open(timestamp(t)?, None))),
+        ["open", t] => parts.push(opened(ready.open(timestamp(t)?, None))),
         ["open", t, limit] => {
-            told.push(opened(ready.open(timestamp(t)?, Some(deadline(limit)?))));
+            parts.push(opened(ready.open(timestamp(t)?, Some(deadline(limit)?))));
         }
         ["offer", t, p, limit, backlog] => {
             let (t, p) = (timestamp(t)?, priority(p)?);
-            told.push(offered(ready.offer(t, p, deadline(limit)?, number(backlog)?)));
+            parts.push(offered(ready.offer(t, p, deadline(limit)?, number(backlog)?)));
         }
-        ["result", t, p] => told.push(outcome(ready.result(timestamp(t)?, priority(p)?))),
-        ["fail", t, p] => told.push(outcome(ready.fail(timestamp(t)?, priority(p)?))),
+        ["result", t, p] => parts.push(outcome(ready.result(timestamp(t)?, priority(p)?))),
+        ["fail", t, p] => parts.push(outcome(ready.fail(timestamp(t)?, priority(p)?))),
         _ => return Err("it is no input".into()),
     }
-    told.push(left(machine));
-    Ok(told.join("; "))
+    parts.push(left(machine));
+    Ok(parts.join("; "))
 }
 
 fn fired(firing: &Firing<CLOUDS>) -> String {
@@ -106,14 +106,14 @@ fn left(machine: &Machine) -> String {
     let is_shut = |cloud: &&Priority| machine.gate(**cloud).is_some_and(|gate| gate.is_shut());
     let shut = clouds.iter().filter(is_shut).map(|cloud| format!(" {}", cloud.as_u16()));
     let shut: String = shut.collect();
-    let mut told = vec![format!("clock {} newest {newest} shut{shut}", machine.now().as_nanos())];
+    let mut parts = vec![format!("clock {} newest {newest} shut{shut}", machine.now().as_nanos())];
     for (timestamp, slot) in machine.open() {
         let due = |source: &Priority| {
             let due = machine.due(timestamp, *source)?;
             Some(format!(" {}@{}", source.as_u16(), due.as_nanos()))
         };
         let dues: String = [Priority::LOCAL].iter().chain(&clouds).filter_map(due).collect();
-        told.push(format!("{} {}{dues}", timestamp.as_u64(), sets(slot)));
+        parts.push(format!("{} {}{dues}", timestamp.as_u64(), sets(slot)));
     }
-    told.join(" | ")
+    parts.join(" | ")
 }

@@ -1,4 +1,4 @@
-//! Does with the shipped core what each line of standard input says, and tells what came of it, a line for each.
+//! Does with the shipped core what each line of standard input says, and prints the answer, a line for each.
 //!
 //! `proofs/rules/runner/code.py` writes the lines and compares the answers with the rules. Sets are numbers whose bits are the members.
 //!

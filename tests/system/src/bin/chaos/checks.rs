@@ -24,18 +24,18 @@ pub(crate) struct ObservedRun {
     pub(crate) strikes: BTreeMap<&'static str, TimeSpan>,
     /// All calms together.
     pub(crate) calm: TimeSpan,
-    /// Clouds that an operator had no output of during a calm.
-    pub(crate) unheard: Vec<String>,
-    /// What the process took in each calm.
-    pub(crate) taken: Vec<ResourceUsage>,
-    /// What it took before there were operators, and after.
-    pub(crate) left: (ResourceUsage, ResourceUsage),
+    /// Clouds that an operator got no output of during a calm.
+    pub(crate) unanswered: Vec<String>,
+    /// What the process used in each calm.
+    pub(crate) usage: Vec<ResourceUsage>,
+    /// What it used before there were operators, and after.
+    pub(crate) before_and_after: (ResourceUsage, ResourceUsage),
 }
 
 /// One check and what it found.
-pub(crate) struct Check {
+pub(crate) struct ChaosCheck {
     name: &'static str,
-    found: Vec<String>,
+    problems: Vec<String>,
 }
 
 pub(crate) fn checks(
@@ -44,16 +44,16 @@ pub(crate) fn checks(
     fates: &[Result<OperatorOutcome, String>],
     late: &LateItem,
     lateness: &Lateness,
-) -> Vec<Check> {
+) -> Vec<ChaosCheck> {
     let ended: Vec<&OperatorOutcome> = fates.iter().flatten().collect();
-    let each = |found: &dyn Fn(&OperatorOutcome) -> Vec<String>| {
-        ended.iter().flat_map(|f| found(f)).collect()
+    let each = |problems: &dyn Fn(&OperatorOutcome) -> Vec<String>| {
+        ended.iter().flat_map(|f| problems(f)).collect()
     };
     let answered: u64 =
-        ended.iter().flat_map(|operator_outcome| operator_outcome.seen.answers.values()).sum();
-    let mut once: Vec<String> = each(&|operator_outcome| operator_outcome.seen.wrong.1.clone());
+        ended.iter().flat_map(|operator_outcome| operator_outcome.log.answers.values()).sum();
+    let mut once: Vec<String> = each(&|operator_outcome| operator_outcome.log.wrong.1.clone());
     once.extend((answered != messages).then(|| format!("{answered} of {messages} are answered")));
-    let found = [
+    let checks = [
         (
             "everything ends",
             fates
@@ -67,46 +67,46 @@ pub(crate) fn checks(
         ("the rules decide", each(&|operator_outcome| by_the_rules(operator_outcome))),
         ("one account", each(&|operator_outcome| one_account(operator_outcome))),
         ("each with its reason", each(&|operator_outcome| reasons(&operator_outcome.tally))),
-        ("found again", observed.unheard.clone()),
+        ("found again", observed.unanswered.clone()),
         ("strikes bite", observed.blunt()),
         ("flat", observed.grown()),
-        ("nothing is left", observed.left()),
+        ("nothing is left", observed.leftovers()),
     ];
-    found.into_iter().map(|(name, found)| Check { name, found }).collect()
+    checks.into_iter().map(|(name, problems)| ChaosCheck { name, problems }).collect()
 }
 
 /// What the judge found in the trace, and whether all messages are in it.
 fn by_the_rules(operator_outcome: &OperatorOutcome) -> Vec<String> {
     let (number, judged, messages) =
         (operator_outcome.number, operator_outcome.judged, operator_outcome.tally.messages);
-    let mut found: Vec<String> = operator_outcome
+    let mut problems: Vec<String> = operator_outcome
         .finding
         .iter()
         .map(|finding| format!("operator {number}: {finding}"))
         .collect();
     if judged != messages {
-        found.push(format!("operator {number}: the trace has {judged} messages of {messages}"));
+        problems.push(format!("operator {number}: the trace has {judged} messages of {messages}"));
     }
-    found.extend(
+    problems.extend(
         operator_outcome.tally.unrecorded.iter().map(|why| format!("operator {number}: {why}")),
     );
-    found
+    problems
 }
 
 /// Where the tally differs from the items.
 fn one_account(operator_outcome: &OperatorOutcome) -> Vec<String> {
-    let OperatorOutcome { number, seen, tally, .. } = operator_outcome;
-    let mut found = Vec::new();
+    let OperatorOutcome { number, log, tally, .. } = operator_outcome;
+    let mut problems = Vec::new();
     for source in &tally.sources {
         let name = &*source.source.name;
-        let (reported, read) = (outputs(tally, name), seen.answers.get(name).copied().unwrap_or(0));
+        let (reported, read) = (outputs(tally, name), log.answers.get(name).copied().unwrap_or(0));
         if reported != read {
-            found.push(format!(
+            problems.push(format!(
                 "operator {number}: {reported} outputs of {name} are told, {read} read"
             ));
         }
     }
-    found
+    problems
 }
 
 /// Failures that the tally has no room to name.
@@ -118,47 +118,47 @@ fn reasons(tally: &Tally) -> Vec<String> {
 impl ObservedRun {
     /// Disruptions without their effect: the run shows nothing then.
     fn blunt(&self) -> Vec<String> {
-        let mut found = Vec::new();
+        let mut problems = Vec::new();
         for harm in Disruption::ALL {
             let name = harm.as_str();
             let Some(span) = self.strikes.get(name) else {
-                found.push(format!("{name}: there was none"));
+                problems.push(format!("{name}: there was none"));
                 continue;
             };
             // A third of the outputs is a cloud's when nothing breaks.
             if harm.silences() && span.of_struck > span.outputs / 20 {
-                found.push(format!("{name}: the cloud answers, {span:?}"));
+                problems.push(format!("{name}: the cloud answers, {span:?}"));
             }
             if harm.breaks_calls() && span.failed + span.timed_out == 0 {
-                found.push(format!("{name}: no call fails, {span:?}"));
+                problems.push(format!("{name}: no call fails, {span:?}"));
             }
             if harm.is_reported() && span.failed == 0 {
-                found.push(format!("{name}: calls wait, {span:?}"));
+                problems.push(format!("{name}: calls wait, {span:?}"));
             }
         }
-        found
+        problems
     }
 
     /// What grew from the first calm to the last.
     fn grown(&self) -> Vec<String> {
-        let (Some(first), Some(last)) = (self.taken.first(), self.taken.last()) else {
+        let (Some(first), Some(last)) = (self.usage.first(), self.usage.last()) else {
             return vec!["nothing was measured".to_owned()];
         };
-        let mut found = Vec::new();
-        let mut grew = |what: &str, first: u64, last: u64, by: u64| {
-            found.extend((last > first + by).then(|| format!("{what}: {first}, then {last}")));
+        let mut problems = Vec::new();
+        let mut grew = |name: &str, first: u64, last: u64, by: u64| {
+            problems.extend((last > first + by).then(|| format!("{name}: {first}, then {last}")));
         };
         grew("KiB", first.resident_kib, last.resident_kib, first.resident_kib / 4 + 8192);
         // A tenth of a second is noted in 100 bytes.
         grew("KiB allocated", first.live_kib, last.live_kib, 2048);
         grew("open files", first.files, last.files, 10);
         grew("tasks", first.tasks, last.tasks, 100);
-        found
+        problems
     }
 
-    /// What is there still after the operators have gone.
-    fn left(&self) -> Vec<String> {
-        let (before, after) = self.left;
+    /// What is still in use after the operators have ended.
+    fn leftovers(&self) -> Vec<String> {
+        let (before, after) = self.before_and_after;
         let more = after.files > before.files || after.tasks > before.tasks;
         more.then(|| format!("{before:?} before, {after:?} after")).into_iter().collect()
     }
@@ -177,8 +177,8 @@ impl ObservedRun {
             "timed out",
         ]);
         let harms = Disruption::ALL.map(Disruption::as_str).into_iter();
-        let struck = harms.filter_map(|name| Some((name, self.strikes.get(name)?)));
-        for (name, span) in struck.chain([("calm", &self.calm)]) {
+        let spans = harms.filter_map(|name| Some((name, self.strikes.get(name)?)));
+        for (name, span) in spans.chain([("calm", &self.calm)]) {
             let share = |of: u64| format!("{} %", of * 100 / span.outputs.max(1));
             table.add_row([
                 name.to_owned(),
@@ -198,23 +198,23 @@ impl ObservedRun {
     }
 }
 
-impl Check {
+impl ChaosCheck {
     pub(crate) fn holds(&self) -> bool {
-        self.found.is_empty()
+        self.problems.is_empty()
     }
 }
 
-impl fmt::Display for Check {
+impl fmt::Display for ChaosCheck {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { name, found } = self;
-        if found.is_empty() {
+        let Self { name, problems } = self;
+        if problems.is_empty() {
             return write!(f, "holds   {name}");
         }
         write!(
             f,
             "BROKEN  {name}, {} found: {}",
-            found.len(),
-            found[..found.len().min(SHOWN)].join("; ")
+            problems.len(),
+            problems[..problems.len().min(SHOWN)].join("; ")
         )
     }
 }

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::time::Duration;
 
-use fastrand::Rng;
+use fuseline_testkit::Rng;
 
 /// One way to break.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -132,6 +132,6 @@ pub(crate) fn schedule(seed: u64, clouds: usize) -> impl Iterator<Item = Schedul
         let ms = if harm == Disruption::BlackHole { 8_000..10_000 } else { 1_000..3_000 };
         let lasts = Duration::from_millis(rng.u64(ms));
         let calm = Duration::from_millis(rng.u64(300..1_500));
-        Some(ScheduledDisruption { harm, cloud: rng.usize(..clouds), lasts, calm })
+        Some(ScheduledDisruption { harm, cloud: rng.usize(0..clouds), lasts, calm })
     })
 }

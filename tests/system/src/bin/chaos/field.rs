@@ -196,6 +196,6 @@ fn nft(port: u16, verdict: &str) -> Result<(), Error> {
 fn run(tool: &str, words: &str) -> Result<(), Error> {
     let done = Command::new(tool).args(words.split(' ')).output();
     let done = done.map_err(|error| format!("{tool}: {error}"))?;
-    let said = String::from_utf8_lossy(&done.stderr);
-    done.status.success().then_some(()).ok_or_else(|| format!("{tool} {words}: {said}").into())
+    let stderr = String::from_utf8_lossy(&done.stderr);
+    done.status.success().then_some(()).ok_or_else(|| format!("{tool} {words}: {stderr}").into())
 }

@@ -17,7 +17,7 @@ use tokio::time::{Instant, MissedTickBehavior, interval, sleep, timeout_at};
 
 use crate::field::Testbed;
 use crate::gauges::Overruns;
-use crate::vehicle::{Answer, DEADLINE, Vehicle, name};
+use crate::vehicle::{ChaosVehicle, DEADLINE, ResultOrigin, name};
 
 /// How long operators may take to end once all cameras have.
 const ENDS: Duration = Duration::from_secs(30);
@@ -64,7 +64,7 @@ pub(crate) struct ReaderLog {
 /// What came of one operator.
 pub(crate) struct OperatorOutcome {
     pub(crate) number: u64,
-    pub(crate) seen: ReaderLog,
+    pub(crate) log: ReaderLog,
     pub(crate) tally: Tally,
     /// Messages that the judge found in the trace.
     pub(crate) judged: u64,
@@ -93,9 +93,9 @@ impl Fleet {
             let clouds = [lower, (lower + 1) % field.len()];
             let connected =
                 [field.remote(clouds[0])?.connect()?, field.remote(clouds[1])?.connect()?];
-            let vehicle = Vehicle {
+            let vehicle = ChaosVehicle {
                 number: number.into(),
-                clouds: std::array::from_fn(|place| (clouds[place], connected[place].clone())),
+                clouds: std::array::from_fn(|index| (clouds[index], connected[index].clone())),
                 outlived: Arc::clone(&late.calls),
             };
             let trace = folder.join(format!("{number}.jsonl"));
@@ -125,8 +125,8 @@ impl Fleet {
 
     /// How long the cameras will still film, at least.
     pub(crate) fn remains(&self) -> Duration {
-        let left = self.messages.saturating_sub(self.answered());
-        Duration::from_secs(left / u64::from(self.rate))
+        let remaining = self.messages.saturating_sub(self.answered());
+        Duration::from_secs(remaining / u64::from(self.rate))
     }
 
     /// The operators' counts so far.
@@ -135,17 +135,17 @@ impl Fleet {
     }
 
     /// Each operator's clouds that made no output since then.
-    pub(crate) fn unheard(&self, since: &[Tally]) -> Vec<String> {
-        let mut unheard = Vec::new();
+    pub(crate) fn unanswered(&self, since: &[Tally]) -> Vec<String> {
+        let mut unanswered = Vec::new();
         for ((subject, before), now) in self.vessels.iter().zip(since).zip(self.tallies()) {
             for cloud in subject.clouds {
                 let name = name(Some(cloud));
                 if outputs(&now, &name) == outputs(before, &name) {
-                    unheard.push(format!("operator {} of {name}", subject.number));
+                    unanswered.push(format!("operator {} of {name}", subject.number));
                 }
             }
         }
-        unheard
+        unanswered
     }
 
     /// Waits for all ends and has the traces judged. What an operator that does not end leaves
@@ -163,7 +163,7 @@ impl Fleet {
                 fates.push(Err(format!("operator {number} does not end: {tally:?}")));
                 continue;
             };
-            let (seen, tally) = match ended {
+            let (log, tally) = match ended {
                 Ok(ended) => ended,
                 Err(error) => {
                     fates.push(Err(format!("operator {number}: {error}")));
@@ -181,7 +181,7 @@ impl Fleet {
             let finding = verdict.violations.first().map(|finding| format!("{finding:?}"));
             fates.push(Ok(OperatorOutcome {
                 number,
-                seen,
+                log,
                 tally,
                 judged: verdict.judged,
                 trace_lines: verdict.lines,
@@ -212,41 +212,41 @@ async fn film(mut writer: Writer<u64>, messages: u64, every: Duration, offset: D
 }
 
 async fn see(
-    mut output: Items<Answer>,
+    mut output: Items<ResultOrigin>,
     number: u64,
     messages: u64,
     read: Arc<AtomicU64>,
     late_outputs: Arc<Overruns>,
 ) -> ReaderLog {
-    let mut seen = ReaderLog::default();
+    let mut log = ReaderLog::default();
     let mut times = vec![0_u8; usize::try_from(messages).unwrap_or(0)];
     while let Some(item) = output.read().await {
         read.fetch_add(1, Ordering::Relaxed);
-        let place = usize::try_from(item.timestamp).unwrap_or(usize::MAX);
-        let is_first = times.get_mut(place).is_some_and(|times| {
+        let index = usize::try_from(item.timestamp).unwrap_or(usize::MAX);
+        let is_first = times.get_mut(index).is_some_and(|times| {
             *times = times.saturating_add(1);
             *times == 1
         });
         match item.forwarded().map(|forwarded| forwarded.value) {
-            Some(Answer { operator, message, cloud })
+            Some(ResultOrigin { operator, message, cloud })
                 if is_first && (operator, message) == (number, item.timestamp) =>
             {
-                *seen.answers.entry(name(cloud)).or_default() += 1;
+                *log.answers.entry(name(cloud)).or_default() += 1;
             }
-            Some(_) | None => seen.wrong(number, &item),
+            Some(_) | None => log.wrong(number, &item),
         }
         let took = item.took();
-        seen.longest = seen.longest.max(took);
+        log.longest = log.longest.max(took);
         let late = took.checked_sub(DEADLINE).filter(|late| !late.is_zero());
         if let Some(by) = late {
             late_outputs.note(by);
         }
     }
-    seen
+    log
 }
 
 impl ReaderLog {
-    fn wrong(&mut self, operator: u64, item: &Item<Answer>) {
+    fn wrong(&mut self, operator: u64, item: &Item<ResultOrigin>) {
         self.wrong.0 += 1;
         if self.wrong.1.len() < TOLD {
             let Item { timestamp, ending, .. } = item;

@@ -43,10 +43,10 @@ impl ResourceUsage {
             all.get(all.len() / 2).copied().unwrap_or(0)
         };
         Self {
-            resident_kib: middle(|taken| taken.resident_kib),
-            live_kib: middle(|taken| taken.live_kib),
-            files: middle(|taken| taken.files),
-            tasks: middle(|taken| taken.tasks),
+            resident_kib: middle(|usage| usage.resident_kib),
+            live_kib: middle(|usage| usage.live_kib),
+            files: middle(|usage| usage.files),
+            tasks: middle(|usage| usage.tasks),
         }
     }
 }

@@ -11,7 +11,7 @@ use fuseline_tokio::Error;
 use crate::gauges::ResourceUsage;
 use crate::span::TimeSpan;
 
-/// Where it is kept, in the project.
+/// Where it is saved, in the project.
 const PATH: &str = "tests/system/chaos/soak.json";
 
 /// Where the reason is, while it is older than its sources.
@@ -67,7 +67,7 @@ pub(crate) fn keep(root: &Path, soaked: &Soaked) -> Result<(), Error> {
     Ok(fs::write(root.join(PATH), text)?)
 }
 
-/// Shows the kept record; whether it is whole, and of these sources or named as older.
+/// Shows the saved record; whether it is whole, and of these sources or named as older.
 pub(crate) fn shown(root: &Path) -> Result<bool, Error> {
     let read = |path: &str| fs::read_to_string(root.join(path));
     let soaked: Soaked =

@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Duration;
 
+use fuseline_testkit::Rng;
 use fuseline_tokio::Error;
 use tokio::time::{Instant, sleep, sleep_until};
 
@@ -15,7 +16,7 @@ use crate::field::Testbed;
 use crate::fleet::{Fleet, LateItem, OperatorOutcome};
 use crate::gauges::{Lateness, Overruns, ResourceUsage};
 use crate::record::{self, Soaked};
-use crate::span::{TimeSpan, Totals};
+use crate::span::{ChaosTotals, TimeSpan};
 
 /// How many clouds there are; each operator has two of them.
 const CLOUDS: usize = 3;
@@ -50,7 +51,7 @@ pub(crate) struct Args {
 /// Whether everything held.
 pub(crate) async fn soak(args: Args) -> Result<bool, Error> {
     let sources = args.keep.as_deref().map(record::digest).transpose()?;
-    let seed = args.seed.unwrap_or_else(|| fastrand::u64(..));
+    let seed = args.seed.unwrap_or_else(|| Rng::by_chance().next_u64());
     let each = args.messages.div_ceil(args.operators.into());
     let (operators, rate) = (args.operators, args.rate);
     println!("seed {seed}: {operators} operators, {each} messages each, {rate} a second each");
@@ -64,7 +65,7 @@ pub(crate) async fn soak(args: Args) -> Result<bool, Error> {
 
     let mut observed = run(&mut field, &fleet, seed, start).await?;
     let fates = fleet.land().await?;
-    observed.left = (before, emptied(before).await?);
+    observed.before_and_after = (before, emptied(before).await?);
     let seconds = start.elapsed().as_secs();
     let checks = checks(messages, &observed, &fates, &late, &lateness);
     print!("{}", observed.table());
@@ -106,7 +107,7 @@ async fn run(
             calm(fleet, &mut observed).await?;
         }
         println!("{:6.1} s: {disruption}", start.elapsed().as_secs_f64());
-        struck(field, fleet, disruption, &mut observed.strikes).await?;
+        observe_disruption(field, fleet, disruption, &mut observed.strikes).await?;
         sleep(disruption.calm).await;
     }
     calm(fleet, &mut observed).await?;
@@ -114,7 +115,7 @@ async fn run(
 }
 
 /// Breaks something, looks and mends it.
-async fn struck(
+async fn observe_disruption(
     field: &mut Testbed,
     fleet: &Fleet,
     disruption: ScheduledDisruption,
@@ -123,9 +124,9 @@ async fn struck(
     let ends = Instant::now() + disruption.lasts;
     field.disruption(disruption)?;
     sleep(BITES).await;
-    let (from, before) = (Instant::now(), Totals::of(&fleet.tallies()));
+    let (from, before) = (Instant::now(), ChaosTotals::of(&fleet.tallies()));
     sleep_until(ends).await;
-    let now = Totals::of(&fleet.tallies());
+    let now = ChaosTotals::of(&fleet.tallies());
     field.mend(disruption)?;
     let of = (!disruption.harm.is_of_all()).then_some(disruption.cloud);
     let span = now.since(&before, of, from.elapsed());
@@ -137,15 +138,15 @@ async fn struck(
 async fn calm(fleet: &Fleet, observed: &mut ObservedRun) -> Result<(), Error> {
     sleep(SETTLES).await;
     let (from, before) = (Instant::now(), fleet.tallies());
-    let mut taken = Vec::new();
+    let mut usage = Vec::new();
     while from.elapsed() < LOOK {
-        taken.push(ResourceUsage::now()?);
+        usage.push(ResourceUsage::now()?);
         sleep(Duration::from_millis(100)).await;
     }
-    let now = Totals::of(&fleet.tallies());
-    observed.calm.add(&now.since(&Totals::of(&before), None, from.elapsed()));
-    observed.unheard.extend(fleet.unheard(&before));
-    observed.taken.push(ResourceUsage::median(&taken));
+    let now = ChaosTotals::of(&fleet.tallies());
+    observed.calm.add(&now.since(&ChaosTotals::of(&before), None, from.elapsed()));
+    observed.unanswered.extend(fleet.unanswered(&before));
+    observed.usage.push(ResourceUsage::median(&usage));
     Ok(())
 }
 
@@ -167,11 +168,11 @@ fn summed(observed: ObservedRun, fates: &[Result<OperatorOutcome, String>]) -> S
     let mut soaked = Soaked {
         strikes: observed.strikes.into_iter().map(|(harm, span)| (harm.to_owned(), span)).collect(),
         calm: observed.calm,
-        taken: observed.taken,
+        taken: observed.usage,
         ..Soaked::default()
     };
     for operator_outcome in fates.iter().flatten() {
-        for (source, count) in &operator_outcome.seen.answers {
+        for (source, count) in &operator_outcome.log.answers {
             *answers.entry(source.clone()).or_default() += count;
         }
         for (why, count) in
@@ -179,7 +180,7 @@ fn summed(observed: ObservedRun, fates: &[Result<OperatorOutcome, String>]) -> S
         {
             *failures.entry(why.to_owned()).or_default() += count;
         }
-        let longest = u64::try_from(operator_outcome.seen.longest.as_micros()).unwrap_or(u64::MAX);
+        let longest = u64::try_from(operator_outcome.log.longest.as_micros()).unwrap_or(u64::MAX);
         soaked.longest_output_us = soaked.longest_output_us.max(longest);
         soaked.trace_lines += operator_outcome.trace_lines;
         soaked.trace_bytes += operator_outcome.trace_bytes;

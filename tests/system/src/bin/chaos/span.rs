@@ -9,7 +9,7 @@ use crate::vehicle::name;
 
 /// What all operators have done so far.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Totals {
+pub(crate) struct ChaosTotals {
     outputs: BTreeMap<String, u64>,
     failed: u64,
     timed_out: u64,
@@ -29,7 +29,7 @@ pub(crate) struct TimeSpan {
     pub(crate) timed_out: u64,
 }
 
-impl Totals {
+impl ChaosTotals {
     pub(crate) fn of(tallies: &[Tally]) -> Self {
         let mut done = Self::default();
         for source in tallies.iter().flat_map(|tally| &tally.sources) {
@@ -40,8 +40,8 @@ impl Totals {
         done
     }
 
-    /// What was done since then; `struck` is one cloud, or none for all.
-    pub(crate) fn since(&self, before: &Self, struck: Option<usize>, took: Duration) -> TimeSpan {
+    /// What was done since then; `cloud` is the one disrupted, or none for all.
+    pub(crate) fn since(&self, before: &Self, cloud: Option<usize>, took: Duration) -> TimeSpan {
         let by = |name: &str| {
             let of = |done: &Self| done.outputs.get(name).copied().unwrap_or(0);
             of(self) - of(before)
@@ -52,7 +52,7 @@ impl Totals {
             times: 1,
             ms: u64::try_from(took.as_millis()).unwrap_or(u64::MAX),
             outputs,
-            of_struck: struck.map_or(outputs - of_local, |cloud| by(&name(Some(cloud)))),
+            of_struck: cloud.map_or(outputs - of_local, |cloud| by(&name(Some(cloud)))),
             of_local,
             failed: self.failed - before.failed,
             timed_out: self.timed_out - before.timed_out,

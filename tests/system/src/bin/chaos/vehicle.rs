@@ -21,7 +21,7 @@ const LOWER_ALONE: u64 = 4;
 
 /// Who computed what.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) struct Answer {
+pub(crate) struct ResultOrigin {
     pub(crate) operator: u64,
     pub(crate) message: u64,
     /// The cloud's number; none is local.
@@ -29,7 +29,7 @@ pub(crate) struct Answer {
 }
 
 /// An operator's own number, its clouds and where it reports calls.
-pub(crate) struct Vehicle {
+pub(crate) struct ChaosVehicle {
     pub(crate) number: u64,
     /// Number and connection, the lower first.
     pub(crate) clouds: [(usize, Connection); 2],
@@ -42,11 +42,11 @@ pub(crate) fn name(cloud: Option<usize>) -> String {
     cloud.map_or_else(|| "local".to_owned(), |cloud| format!("cloud-{cloud}"))
 }
 
-impl Operator for Vehicle {
+impl Operator for ChaosVehicle {
     type Input = u64;
-    type Output = Answer;
+    type Output = ResultOrigin;
 
-    fn setup(self, setup: &mut Setup<u64, Answer>) -> Local<u64, Answer> {
+    fn setup(self, setup: &mut Setup<u64, ResultOrigin>) -> Local<u64, ResultOrigin> {
         let operator = self.number;
         for (priority, (number, connection)) in (1..).zip(self.clouds) {
             let message_handler = move |message: &u64, timestamp| {
@@ -59,7 +59,7 @@ impl Operator for Vehicle {
             };
             let response_handler = move |reply: Reply| {
                 let mut payload = reply.payload;
-                let answer = Answer {
+                let answer = ResultOrigin {
                     operator: payload.try_get_u64()?,
                     message: payload.try_get_u64()?,
                     cloud: Some(usize::try_from(payload.try_get_u64()?)?),
@@ -84,7 +84,7 @@ impl Operator for Vehicle {
         }
         Local::futures(16, move |message: Arc<u64>, _| async move {
             sleep(LOCAL).await;
-            Ok::<_, Error>(Answer { operator, message: *message, cloud: None })
+            Ok::<_, Error>(ResultOrigin { operator, message: *message, cloud: None })
         })
     }
 }

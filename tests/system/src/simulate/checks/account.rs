@@ -49,7 +49,7 @@ pub(crate) fn one_account(facts: &Facts<'_>) -> Result<(), String> {
             let other = metrics.get(name).copied().unwrap_or(0);
             ensure(other == *count, || format!("{name} is {other}, the tally has {count}"))?;
         }
-        let all = metrics.iter().filter(|(name, _)| !name.contains("aside"));
+        let all = metrics.iter().filter(|(name, _)| !name.starts_with("side_"));
         let unknown = all.filter(|(name, _)| !name.starts_with("deadlines "));
         let unknown: Vec<_> =
             unknown.filter(|(name, count)| **count > 0 && !metered.contains_key(*name)).collect();
@@ -63,7 +63,7 @@ fn reported(facts: &Facts<'_>, tally: &Tally) -> Tally {
     let replay = &facts.replay;
     let mut reported = Tally { unrecorded: tally.unrecorded.clone(), ..Tally::default() };
     for message in &replay.opened {
-        match message.left.map(|left| left.how) {
+        match message.end.map(|end| end.departure) {
             Some(Departure::Refused(why)) => *reported.refused.entry(why).or_default() += 1,
             Some(Departure::Missed) => reported.missed += 1,
             Some(Departure::Forwarded(..)) | None => {}
@@ -92,7 +92,7 @@ fn source_reported(facts: &Facts<'_>, tally: &SourceTally) -> SourceTally {
         failures_dropped: BTreeMap::new(),
         timers: count(|requested| requested.fired.is_some()),
         cancelled: count(|requested| requested.cancelled.is_some()),
-        sent_bytes: facts.played.log.calls.iter().filter(|seen| seen.p == p && p > 0).count()
+        sent_bytes: facts.played.log.calls.iter().filter(|call| call.p == p && p > 0).count()
             as u64,
         lost: 0,
         ..tally.clone()
@@ -103,7 +103,7 @@ fn source_reported(facts: &Facts<'_>, tally: &SourceTally) -> SourceTally {
         }
     }
     for message in &replay.opened {
-        if let Some(Departure::Forwarded(of, trigger)) = message.left.map(|left| left.how)
+        if let Some(Departure::Forwarded(of, trigger)) = message.end.map(|end| end.departure)
             && of == p
         {
             *reported.outputs.entry(trigger).or_default() += 1;
@@ -189,21 +189,24 @@ fn sides(facts: &Facts<'_>, metrics: &BTreeMap<String, u64>) -> Result<(), Strin
         return Ok(());
     }
     let count = |outcome| {
-        let labels = [("aside", "aside-1"), ("outcome", outcome)];
-        metrics.get(&named("asides", labels.into_iter())).copied().unwrap_or(0)
+        let labels = [("side", "side-1"), ("outcome", outcome)];
+        metrics.get(&named("side_requests", labels.into_iter())).copied().unwrap_or(0)
     };
-    let [requested, refused] = ["asked", "refused"].map(count);
+    let [requested, refused] = ["requested", "refused"].map(count);
     let ended: u64 = ["answered", "failed", "expired"].map(count).into_iter().sum();
     let log = &facts.played.log;
     let wanted = facts.replay.opened.iter().filter(|message| {
         let t = usize::try_from(message.t).unwrap_or(usize::MAX);
-        let is_refused = matches!(message.left.map(|left| left.how), Some(Departure::Refused(_)));
+        let is_refused =
+            matches!(message.end.map(|end| end.departure), Some(Departure::Refused(_)));
         let frame = log.written.get(t).map(|(serial, _)| &facts.scenario.frames[*serial]);
         !is_refused && frame.is_some_and(|frame| matches!(frame.side, OfferAction::Offers(..)))
     });
     let wanted = wanted.count() as u64;
     ensure(requested + refused == wanted && ended <= requested, || {
-        format!("of {wanted} asides {requested} were asked, {refused} refused, {ended} ended")
+        format!(
+            "of {wanted} side requests {requested} were requested, {refused} refused, {ended} ended"
+        )
     })?;
     let answers = log.sides[3] as u64;
     ensure(count("answered") <= answers && answers <= ended, || {

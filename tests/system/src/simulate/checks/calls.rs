@@ -1,7 +1,7 @@
 //! Checks of calls: what is requested of sources, when it begins and when it ends (D3 to D9).
 
 use crate::simulate::checks::{Facts, ensure};
-use crate::simulate::log::{LoggedCall, Stop};
+use crate::simulate::log::{CallStop, LoggedCall};
 use crate::simulate::replay::{AdmittedRequest, Departure};
 use crate::simulate::scenario::{CallResult, Finish, OfferAction};
 
@@ -17,18 +17,18 @@ pub(crate) fn the_rules_decide(facts: &Facts<'_>) -> Result<(), String> {
     if !is_whole {
         return Ok(());
     }
-    let taken = replay.opened.iter().filter(|message| {
-        !matches!(message.left.map(|left| left.how), Some(Departure::Refused(_)))
+    let accepted = replay.opened.iter().filter(|message| {
+        !matches!(message.end.map(|end| end.departure), Some(Departure::Refused(_)))
     });
     let mut handlers = Vec::new();
     let mut offers = Vec::new();
-    for message in taken {
+    for message in accepted {
         let serial = serial(facts, message.t);
-        for (cloud, ask) in scenario.clouds.iter().zip(&scenario.frames[serial].asks) {
+        for (cloud, offer) in scenario.clouds.iter().zip(&scenario.frames[serial].offers) {
             handlers.push((cloud.p, message.t));
             // One that panics now and then makes no request then.
             let panics = cloud.policy.is_some_and(|deadline| deadline.is_zero());
-            if matches!(ask, OfferAction::Offers(..)) && !panics {
+            if matches!(offer, OfferAction::Offers(..)) && !panics {
                 offers.push((message.t, cloud.p));
             }
         }
@@ -52,8 +52,8 @@ pub(crate) fn true_backlog(facts: &Facts<'_>) -> Result<(), String> {
     let Facts { played, replay, .. } = facts;
     let wrong = replay.wrong_backlogs.first().or(replay.wrong_room.first());
     ensure(wrong.is_none(), || wrong.cloned().unwrap_or_default())?;
-    let locals = played.log.calls.iter().filter(|seen| seen.p == 0);
-    let in_order = locals.map(|seen| seen.t).is_sorted_by(|one, next| one < next);
+    let locals = played.log.calls.iter().filter(|call| call.p == 0);
+    let in_order = locals.map(|call| call.t).is_sorted_by(|one, next| one < next);
     ensure(in_order, || "local computes messages out of their order".to_owned())?;
     for requested in &replay.requested {
         let Some(started) = requested.started else { continue };
@@ -71,28 +71,29 @@ pub(crate) fn true_backlog(facts: &Facts<'_>) -> Result<(), String> {
 
 /// D5.
 pub(crate) fn time_left(facts: &Facts<'_>) -> Result<(), String> {
-    for (requested, seen) in pairs(facts)? {
-        if facts.is_after(seen.begun) {
+    for (requested, call) in pairs(facts)? {
+        if facts.is_after(call.begun) {
             continue;
         }
         let Some(started) = requested.started else {
             return Err(format!("{} was asked about {} without room", requested.p, requested.t));
         };
-        let stalled = facts.played.log.stalled(started, seen.begun);
-        ensure(seen.begun == started + stalled, || {
+        let stalled = facts.played.log.stalled(started, call.begun);
+        ensure(call.begun == started + stalled, || {
             format!(
                 "{} has room for {} at {started} and begins at {}",
-                requested.p, requested.t, seen.begun
+                requested.p, requested.t, call.begun
             )
         })?;
         let cloud = facts.scenario.clouds.iter().find(|cloud| cloud.p == requested.p);
-        let (Some(left), Some(cloud), Some(due)) = (seen.left, cloud, requested.due) else {
+        let (Some(time_left), Some(cloud), Some(due)) = (call.time_left, cloud, requested.due)
+        else {
             continue;
         };
         let until = due.saturating_add(crate::simulate::log::nanos(cloud.linger));
-        ensure(crate::simulate::log::nanos(left) == until - started, || {
+        ensure(crate::simulate::log::nanos(time_left) == until - started, || {
             format!(
-                "{} is told {left:?} for {}, due at {until} from {started}",
+                "{} is told {time_left:?} for {}, due at {until} from {started}",
                 requested.p, requested.t
             )
         })?;
@@ -103,40 +104,40 @@ pub(crate) fn time_left(facts: &Facts<'_>) -> Result<(), String> {
 /// D6, F7.
 pub(crate) fn aborted(facts: &Facts<'_>) -> Result<(), String> {
     let log = &facts.played.log;
-    for (requested, seen) in pairs(facts)? {
-        let what = || {
+    for (requested, call) in pairs(facts)? {
+        let description = || {
             format!(
                 "{} begun at {} ended {:?}, due {:?}, fired {:?}, cancelled {:?}",
                 format_args!("{} of {}", requested.t, requested.p),
-                seen.begun,
-                seen.end,
+                call.begun,
+                call.end,
                 requested.due,
                 requested.fired,
                 requested.cancelled
             )
         };
-        let Some((ended, stop)) = seen.end else {
-            return Err(format!("it was never dropped: {}", what()));
+        let Some((ended, stop)) = call.end else {
+            return Err(format!("it was never dropped: {}", description()));
         };
         let is_over = log.over.is_some_and(|over| over <= ended);
         if requested.p == 0 {
-            ensure(stop != Stop::DroppedResult || is_over, || {
-                format!("local was aborted: {}", what())
+            ensure(stop != CallStop::DroppedResult || is_over, || {
+                format!("local was aborted: {}", description())
             })?;
         } else {
             cloud_ends(facts, requested, (ended, stop))
-                .map_err(|why| format!("{why}: {}", what()))?;
+                .map_err(|why| format!("{why}: {}", description()))?;
         }
         // Its end is an input of the trace at the same instant, unless the operator has ended.
-        if stop != Stop::DroppedResult
+        if stop != CallStop::DroppedResult
             && !facts.is_after(ended)
-            && (requested.p == 0 || seen.begun < ended)
+            && (requested.p == 0 || call.begun < ended)
         {
             let reported = requested.ended;
-            let is_reported = reported == Some((ended, stop == Stop::Answered));
+            let is_reported = reported == Some((ended, stop == CallStop::Answered));
             let is_done = requested.p == 0 && log.over.is_some();
             ensure(is_reported || is_done && reported.is_none(), || {
-                format!("its word came {reported:?}: {}", what())
+                format!("its word came {reported:?}: {}", description())
             })?;
         }
     }
@@ -147,7 +148,7 @@ pub(crate) fn aborted(facts: &Facts<'_>) -> Result<(), String> {
 fn cloud_ends(
     facts: &Facts<'_>,
     requested: &AdmittedRequest,
-    (ended, stop): (u64, Stop),
+    (ended, stop): (u64, CallStop),
 ) -> Result<(), String> {
     let Facts { scenario, played, .. } = facts;
     let log = &played.log;
@@ -156,7 +157,7 @@ fn cloud_ends(
     let stopped = facts.is_after(ended) || log.over.is_some_and(|over| over <= ended);
     let Some(closed) = requested.closed() else {
         // Once all is answered nothing is under way but what lingers.
-        return ensure(stop != Stop::DroppedResult || stopped, || {
+        return ensure(stop != CallStop::DroppedResult || stopped, || {
             "it was dropped while wanted".into()
         });
     };
@@ -167,7 +168,9 @@ fn cloud_ends(
         let most = until.saturating_add(TICK + log.stalled(until, ended));
         ensure(ended <= most, || "it lingered too long".into())?;
     }
-    ensure(stop != Stop::DroppedResult || ended >= closed, || "it was dropped while wanted".into())
+    ensure(stop != CallStop::DroppedResult || ended >= closed, || {
+        "it was dropped while wanted".into()
+    })
 }
 
 /// D8.
@@ -180,28 +183,28 @@ pub(crate) fn bounded(facts: &Facts<'_>) -> Result<(), String> {
         (cloud.p, cloud.calls.max(1) * lingers)
     });
     for (p, bound) in [(0, at_once)].into_iter().chain(clouds) {
-        let most = most_at_once(log.calls.iter().filter(|seen| seen.p == p));
+        let most = most_at_once(log.calls.iter().filter(|call| call.p == p));
         ensure(most <= bound, || format!("{most} calls of {p} were under way, {bound} may be"))?;
     }
     if let Some((_, calls)) = scenario.side {
         let most = log.sides[2];
-        ensure(most <= calls, || format!("{most} asides were under way, {calls} may be"))?;
+        ensure(most <= calls, || format!("{most} side requests were under way, {calls} may be"))?;
     }
     let window = usize::from(scenario.window);
     let waiting = scenario.local.waiting.unwrap_or(window);
     let frames = scenario.input_len + waiting + at_once + 3;
     let readers = scenario.readers.len();
     let values = 2 * window + readers * (scenario.output_len + 1) + 2;
-    for (what, most, bound) in
+    for (description, most, bound) in
         [("messages", played.most[0], frames), ("values", played.most[1], values)]
     {
-        ensure(most <= bound, || format!("{most} {what} were held, {bound} may be"))?;
+        ensure(most <= bound, || format!("{most} {description} were held, {bound} may be"))?;
     }
-    let [tasks, frames, values] = played.left;
+    let [tasks, frames, values] = played.remaining;
     ensure(frames == 0 && values == 0, || format!("{frames} messages, {values} values are left"))?;
-    let hung = |seen: &&LoggedCall| {
-        let act = scenario.act(seen.serial, 0).map(|act| act.how);
-        seen.p == 0 && matches!(act, Some(CallResult::Hangs | CallResult::HangsAndPanics))
+    let hung = |call: &&LoggedCall| {
+        let act = scenario.act(call.serial, 0).map(|act| act.result);
+        call.p == 0 && matches!(act, Some(CallResult::Hangs | CallResult::HangsAndPanics))
     };
     let hung = log.calls.iter().filter(hung).count();
     let is_over = !matches!(scenario.end, Finish::Crash(_));
@@ -245,11 +248,11 @@ pub(crate) fn served_in_time(facts: &Facts<'_>) -> Result<(), String> {
 /// How many of them were under way at once.
 fn most_at_once<'a>(calls: impl Iterator<Item = &'a LoggedCall>) -> usize {
     let mut steps = Vec::new();
-    for seen in calls {
-        let ended = seen.end.map(|(ended, _)| ended);
+    for call in calls {
+        let ended = call.end.map(|(ended, _)| ended);
         // One that begins and ends at one instant does not count.
-        if ended != Some(seen.begun) {
-            steps.push((seen.begun, 1));
+        if ended != Some(call.begun) {
+            steps.push((call.begun, 1));
             steps.extend(ended.map(|ended| (ended, 0)));
         }
     }
@@ -268,15 +271,15 @@ fn pairs<'a>(facts: &'a Facts<'_>) -> Result<Vec<(&'a AdmittedRequest, &'a Logge
     ensure(calls.len() == facts.played.log.calls.len(), || "a source was asked twice".into())?;
     let mut pairs = Vec::new();
     for requested in &facts.replay.requested {
-        pairs.extend(calls.get(&(requested.p, requested.t)).map(|seen| (requested, *seen)));
+        pairs.extend(calls.get(&(requested.p, requested.t)).map(|call| (requested, *call)));
     }
     ensure(!facts.is_whole || pairs.len() == calls.len(), || {
-        let unknown = facts.played.log.calls.iter().find(|seen| {
+        let unknown = facts.played.log.calls.iter().find(|call| {
             !facts
                 .replay
                 .requested
                 .iter()
-                .any(|requested| (requested.p, requested.t) == (seen.p, seen.t))
+                .any(|requested| (requested.p, requested.t) == (call.p, call.t))
         });
         format!("it was asked without a decision: {unknown:?}")
     })?;

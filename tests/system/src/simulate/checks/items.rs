@@ -17,26 +17,26 @@ pub(crate) fn one_item(facts: &Facts<'_>) -> Result<(), String> {
     let log = &played.log;
     for (reader, items) in log.items.iter().enumerate() {
         let stays = scenario.readers[reader].leaves_after.is_none();
-        // The place where it joined.
+        // The index where it joined.
         let Some(first) = joined(facts, items) else {
             // What it read came after the end of the trace, or it read nothing.
-            let is_empty_right = items.is_empty() && (reader > 0 || replay.left.is_empty());
+            let is_empty_right = items.is_empty() && (reader > 0 || replay.ended.is_empty());
             if is_empty_right || !is_whole || !stays || !facts.runs_out() {
                 continue;
             }
             return Err(format!("reader {reader} read {items:?}"));
         };
         ensure(reader > 0 || first == 0, || format!("{first} items came before the first"))?;
-        let reported = replay.left.get(first..).unwrap_or_default();
-        for (read, place) in items.iter().zip(reported) {
-            let opened = &replay.opened[*place];
+        let reported = replay.ended.get(first..).unwrap_or_default();
+        for (read, index) in items.iter().zip(reported) {
+            let opened = &replay.opened[*index];
             let same = opened.t == read.t
                 && opened.at == read.opened
-                && opened.left.is_some_and(|left| is_same(read, left));
+                && opened.end.is_some_and(|end| is_same(read, end));
             ensure(same, || {
                 format!(
                     "reader {reader} read {read:?}, the trace says {} {:?}",
-                    opened.t, opened.left
+                    opened.t, opened.end
                 )
             })?;
         }
@@ -65,11 +65,11 @@ pub(crate) fn one_item(facts: &Facts<'_>) -> Result<(), String> {
     ensure(all, || format!("{} messages of {}", replay.opened.len(), log.written.len()))
 }
 
-/// The place in the output from which on a reader read.
+/// The index in the output from which on a reader read.
 fn joined(facts: &Facts<'_>, items: &[Read]) -> Option<usize> {
-    let Replay { left, opened, .. } = &facts.replay;
+    let Replay { ended, opened, .. } = &facts.replay;
     let first = items.first()?;
-    left.iter().position(|place| opened[*place].t == first.t)
+    ended.iter().position(|index| opened[*index].t == first.t)
 }
 
 /// Whether the stop found a reader with no room for another item, when so many had been handed out.
@@ -83,15 +83,15 @@ fn waits(facts: &Facts<'_>, handed: usize) -> bool {
     log.over == Some(stopped) || log.items.iter().zip(&log.read).any(is_full)
 }
 
-fn is_same(read: &Read, left: MessageEnd) -> bool {
-    let how = match (&read.left, left.how) {
-        (LoggedOutcome::Forwarded { p, trigger, .. }, how) => {
-            how == Departure::Forwarded(*p, *trigger)
+fn is_same(read: &Read, end: MessageEnd) -> bool {
+    let is_same = match (&read.outcome, end.departure) {
+        (LoggedOutcome::Forwarded { p, trigger, .. }, departure) => {
+            departure == Departure::Forwarded(*p, *trigger)
         }
-        (LoggedOutcome::Missed, how) => how == Departure::Missed,
-        (LoggedOutcome::Refused(why), how) => how == Departure::Refused(*why),
+        (LoggedOutcome::Missed, departure) => departure == Departure::Missed,
+        (LoggedOutcome::Refused(why), departure) => departure == Departure::Refused(*why),
     };
-    how && read.decided == left.at
+    is_same && read.decided == end.at
 }
 
 /// D2.
@@ -103,7 +103,8 @@ pub(crate) fn its_own_value(facts: &Facts<'_>) -> Result<(), String> {
         Some(reported) == serial.map(|serial| ValueLabel { p, t, serial, at })
     };
     for read in log.items.iter().flatten() {
-        let LoggedOutcome::Forwarded { reported, p, name: named, arrived, .. } = &read.left else {
+        let LoggedOutcome::Forwarded { reported, p, name: named, arrived, .. } = &read.outcome
+        else {
             continue;
         };
         ensure(is_own(*reported, *p, read.t, *arrived), || {
@@ -141,11 +142,11 @@ pub(crate) fn failures(facts: &Facts<'_>) -> Result<(), String> {
     let Facts { scenario, played, replay, .. } = facts;
     let log = &played.log;
     for read in log.items.iter().flatten() {
-        let Some(message) = replay.message(read.t).filter(|message| message.left.is_some()) else {
+        let Some(message) = replay.message(read.t).filter(|message| message.end.is_some()) else {
             continue;
         };
         let reported: Vec<u16> = read.failures.iter().map(|(p, _)| *p).collect();
-        let ended = message.left.map_or(u64::MAX, |left| left.at);
+        let ended = message.end.map_or(u64::MAX, |end| end.at);
         ensure(reported == message.failures, || {
             format!(
                 "{} left at {ended} with the failures of {reported:?}, the trace has {:?}",
@@ -153,16 +154,16 @@ pub(crate) fn failures(facts: &Facts<'_>) -> Result<(), String> {
             )
         })?;
         for (p, why) in &read.failures {
-            let Some(seen) = facts.calls.get(&(*p, read.t)) else {
+            let Some(call) = facts.calls.get(&(*p, read.t)) else {
                 ensure(*p == 0 && **why == *"too many computations wait", || {
                     format!("{p} fails {} though it was never asked: {why}", read.t)
                 })?;
                 continue;
             };
-            let reported = words(ValueLabel { p: *p, t: read.t, serial: seen.serial, at: 0 });
-            let act = scenario.act(seen.serial, *p);
+            let reported = words(ValueLabel { p: *p, t: read.t, serial: call.serial, at: 0 });
+            let act = scenario.act(call.serial, *p);
             let panics = matches!(
-                act.map(|act| act.how),
+                act.map(|act| act.result),
                 Some(CallResult::Panics | CallResult::PanicsAtOnce | CallResult::PanickingResponse)
             );
             let reported = if panics { format!("it panicked: {reported}") } else { reported };

@@ -37,22 +37,22 @@ pub(super) const CHECKS: &[Check] = &[
 pub(super) struct Finding {
     pub(super) check: &'static str,
     /// What is wrong, in words.
-    pub(super) what: String,
+    pub(super) reason: String,
 }
 
 impl Facts<'_> {
     /// Everything that does not hold.
     pub(super) fn findings(&self) -> Vec<Finding> {
         let found = |check: &Check| {
-            let what = (check.holds)(self).err()?;
-            Some(Finding { check: check.name, what })
+            let reason = (check.holds)(self).err()?;
+            Some(Finding { check: check.name, reason })
         };
         CHECKS.iter().filter_map(found).collect()
     }
 }
 
-fn ensure(holds: bool, what: impl FnOnce() -> String) -> Result<(), String> {
-    if holds { Ok(()) } else { Err(what()) }
+fn ensure(holds: bool, reason: impl FnOnce() -> String) -> Result<(), String> {
+    if holds { Ok(()) } else { Err(reason()) }
 }
 
 /// D1: each status is of another message, each message has one, and what is none has the key of one that is open.
@@ -70,10 +70,10 @@ fn one_item(facts: &Facts<'_>) -> Result<(), String> {
         format!("no input came at the instant of {next:?}, the message {}", messages.len())
     })?;
     for serial in &facts.rejected {
-        let (input, at) = (&facts.inputs[*serial], played.log.came[*serial]);
+        let (input, at) = (&facts.inputs[*serial], played.log.arrived_at[*serial]);
         let is_open = messages.iter().zip(opened).any(|(message, opened)| {
             let is_before = message.serial < *serial;
-            let is_there = opened.left.is_none_or(|(left, _)| left >= at);
+            let is_there = opened.ended.is_none_or(|(ended, _)| ended >= at);
             is_before && is_there && facts.inputs[message.serial].key == input.key
         });
         let is_inactive = facts.states(at).any(|state| !state.is_active);
@@ -82,7 +82,7 @@ fn one_item(facts: &Facts<'_>) -> Result<(), String> {
         })?;
     }
     for message in messages {
-        let at = played.log.came[message.serial];
+        let at = played.log.arrived_at[message.serial];
         ensure(facts.states(at).any(|state| state.is_active), || {
             format!("input {} was taken in though the node was not active", message.serial)
         })?;
@@ -92,35 +92,35 @@ fn one_item(facts: &Facts<'_>) -> Result<(), String> {
 
 /// D2: outputs and hints are results of their messages, of their sources.
 fn its_own_value(facts: &Facts<'_>) -> Result<(), String> {
-    let is_of = |value: super::play::Value, t: usize, place: usize| {
+    let is_of = |value: super::play::Value, t: usize, index: usize| {
         let serial = facts.messages.get(t).map(|message| message.serial);
         let key = serial.map(|serial| facts.inputs[serial].key);
         let is_same = !serial.is_some_and(|serial| facts.is_unique(serial));
         Some(value.key) == key
-            && value.place == place
+            && value.index == index
             && facts.inputs.get(value.serial).map(|input| input.key) == key
             && (is_same || Some(value.serial) == serial)
     };
     for (t, opened) in facts.opened.iter().enumerate() {
-        let Some((_, MessageOutcome::Forwarded { place, .. })) = opened.left else { continue };
+        let Some((_, MessageOutcome::Forwarded { index, .. })) = opened.ended else { continue };
         let output = facts.messages.get(t).and_then(|message| message.reported.output.as_ref());
         let value = output.and_then(|output| output.value.as_ref().ok()).copied();
-        ensure(value.is_some_and(|value| is_of(value, t, place)), || {
-            format!("{t} was forwarded from {place} as {output:?}")
+        ensure(value.is_some_and(|value| is_of(value, t, index)), || {
+            format!("{t} was forwarded from {index} as {output:?}")
         })?;
     }
     // F3: what was late, in that order, of the peers whose late results are published.
-    let hints = |place: usize| facts.played.log.hints.iter().filter(move |it| it.0 == place);
-    for (place, peer) in facts.scenario.peers.iter().enumerate() {
-        let late: Vec<_> = facts.late.iter().filter(|it| it.0 == place && peer.hints).collect();
-        let same = hints(place).count() == late.len()
-            && hints(place).zip(&late).all(|((_, value), (_, t))| {
+    let hints = |index: usize| facts.played.log.hints.iter().filter(move |it| it.0 == index);
+    for (index, peer) in facts.scenario.peers.iter().enumerate() {
+        let late: Vec<_> = facts.late.iter().filter(|it| it.0 == index && peer.hints).collect();
+        let same = hints(index).count() == late.len()
+            && hints(index).zip(&late).all(|((_, value), (_, t))| {
                 let t = usize::try_from(*t).unwrap_or(usize::MAX);
-                value.as_ref().is_ok_and(|value| is_of(*value, t, place))
+                value.as_ref().is_ok_and(|value| is_of(*value, t, index))
             });
         ensure(same, || {
-            let hints: Vec<_> = hints(place).collect();
-            format!("late were {late:?} of {place}, the hints were {hints:?}")
+            let hints: Vec<_> = hints(index).collect();
+            format!("late were {late:?} of {index}, the hints were {hints:?}")
         })?;
     }
     Ok(())
@@ -131,23 +131,23 @@ fn the_rules_decide(facts: &Facts<'_>) -> Result<(), String> {
     ensure(facts.verdict.conforms, || format!("{:?}", facts.verdict))?;
     for (t, (message, opened)) in facts.messages.iter().zip(&facts.opened).enumerate() {
         let StatusReport { at, status, output } = message.reported;
-        let Some((left, how)) = opened.left else { return Err(format!("{t} never left")) };
-        let (source, rule, is_output) = match how {
-            MessageOutcome::Forwarded { place, rule } => (Some(name(place)), Some(rule), true),
+        let Some((ended, outcome)) = opened.ended else { return Err(format!("{t} never left")) };
+        let (source, rule, is_output) = match outcome {
+            MessageOutcome::Forwarded { index, rule } => (Some(name(index)), Some(rule), true),
             MessageOutcome::Missed | MessageOutcome::Refused(_) => (None, None, false),
         };
-        let words = match how {
+        let words = match outcome {
             MessageOutcome::Forwarded { .. } => status.message.clone(),
             MessageOutcome::Missed => "missed".to_owned(),
             MessageOutcome::Refused(why) => format!("refused: {why}"),
         };
-        let is_same = *at == left
+        let is_same = *at == ended
             && message.reported.value("source").map(str::to_owned) == source
             && message.reported.value("rule") == rule
             && output.is_some() == is_output
             && status.message == words;
         ensure(is_same, || {
-            format!("{t} left as {how:?} at {left}, told was {:?}", message.reported)
+            format!("{t} left as {outcome:?} at {ended}, reported was {:?}", message.reported)
         })?;
     }
     ensure(facts.played.log.disobeyed.is_none(), || {
@@ -157,8 +157,8 @@ fn the_rules_decide(facts: &Facts<'_>) -> Result<(), String> {
 
 /// D8: no message and no result is kept.
 fn nothing_is_left(facts: &Facts<'_>) -> Result<(), String> {
-    let left = facts.played.left;
-    ensure(left == 0, || format!("{left} messages and results are still held"))
+    let held = facts.played.held;
+    ensure(held == 0, || format!("{held} messages and results are still held"))
 }
 
 /// D11: the tally has the counts of the trace, and of what was sent.
@@ -166,28 +166,28 @@ fn one_account(facts: &Facts<'_>) -> Result<(), String> {
     let Facts { played, opened, .. } = facts;
     let tally = &played.tally;
     let count = |is: &dyn Fn(MessageOutcome) -> bool| {
-        opened.iter().filter(|it| it.left.is_some_and(|(_, left)| is(left))).count() as u64
+        opened.iter().filter(|it| it.ended.is_some_and(|(_, outcome)| is(outcome))).count() as u64
     };
-    let refused = count(&|left| matches!(left, MessageOutcome::Refused(_)));
-    let missed = count(&|left| left == MessageOutcome::Missed);
+    let refused = count(&|outcome| matches!(outcome, MessageOutcome::Refused(_)));
+    let missed = count(&|outcome| outcome == MessageOutcome::Missed);
     let reported = (tally.messages, tally.missed, tally.refused.values().sum::<u64>());
     let traced = (opened.len() as u64 - refused, missed, refused);
     ensure(reported == traced, || {
         format!("messages, missed, refused: {reported:?}, traced {traced:?}")
     })?;
-    for (place, source) in tally.sources.iter().enumerate() {
-        let offers = opened.iter().filter_map(|message| message.offers.get(&place));
-        let admitted = if place == LOCAL {
+    for (index, source) in tally.sources.iter().enumerate() {
+        let offers = opened.iter().filter_map(|message| message.offers.get(&index));
+        let admitted = if index == LOCAL {
             opened.len() as u64 - refused
         } else {
             offers.clone().filter(|(_, is_refused)| !is_refused).count() as u64
         };
         let outputs = count(
-            &|left| matches!(left, MessageOutcome::Forwarded { place: of, .. } if of == place),
+            &|outcome| matches!(outcome, MessageOutcome::Forwarded { index: of, .. } if of == index),
         );
-        let is_called = facts.scenario.peers[place].is_called;
-        let sent = facts.requested(place).map(|requested| requested.bytes).sum::<u64>();
-        let of = |counts: &BTreeMap<usize, u64>| counts.get(&place).copied().unwrap_or(0);
+        let is_called = facts.scenario.peers[index].is_called;
+        let sent = facts.requested(index).map(|requested| requested.bytes).sum::<u64>();
+        let of = |counts: &BTreeMap<usize, u64>| counts.get(&index).copied().unwrap_or(0);
         let traced = [
             admitted,
             outputs,
@@ -204,7 +204,7 @@ fn one_account(facts: &Facts<'_>) -> Result<(), String> {
         ];
         ensure(reported == traced, || {
             format!(
-                "{place}: admitted, outputs, timers, cancelled, bytes {reported:?}, traced {traced:?}"
+                "{index}: admitted, outputs, timers, cancelled, bytes {reported:?}, traced {traced:?}"
             )
         })?;
     }
@@ -215,26 +215,26 @@ fn one_account(facts: &Facts<'_>) -> Result<(), String> {
 fn lost_words(facts: &Facts<'_>) -> Result<(), String> {
     let calm = facts.scenario.calm();
     let best = facts.scenario.peers.len() - 1;
-    let mut seen = 0;
+    let mut count = 0;
     for (t, (message, opened)) in facts.messages.iter().zip(&facts.opened).enumerate() {
         let input = &facts.inputs[message.serial];
         if input.at < calm {
             continue;
         }
-        seen += 1;
-        let is_best = matches!(opened.left, Some((_, MessageOutcome::Forwarded { place, rule: "F3" })) if place == best);
-        ensure(is_best, || format!("{t} of the calm left so: {:?}", opened.left))?;
-        for place in 0..=best {
+        count += 1;
+        let is_best = matches!(opened.ended, Some((_, MessageOutcome::Forwarded { index, rule: "F3" })) if index == best);
+        ensure(is_best, || format!("{t} of the calm left so: {:?}", opened.ended))?;
+        for index in 0..=best {
             let mut requested =
-                facts.requested(place).filter(|requested| requested.serial == message.serial);
+                facts.requested(index).filter(|requested| requested.serial == message.serial);
             let at: Vec<_> = requested.by_ref().map(|requested| requested.at).collect();
             ensure(at == [opened.at], || {
-                format!("{place} was asked about {t} of the calm, opened at {}: {at:?}", opened.at)
+                format!("{index} was asked about {t} of the calm, opened at {}: {at:?}", opened.at)
             })?;
         }
     }
     let all = facts.inputs.iter().filter(|input| input.at >= calm).count();
-    ensure(seen == all, || format!("{seen} of {all} messages of the calm were taken in"))
+    ensure(count == all, || format!("{count} of {all} messages of the calm were taken in"))
 }
 
 /// D14: what is no message and no result is counted as what it is.
@@ -253,7 +253,7 @@ fn its_own_topic(facts: &Facts<'_>) -> Result<(), String> {
         // At the instant of an activation it may or may not be looked at.
         let (mut least, mut most) = (0, 0);
         for serial in facts.rejected.iter().filter(|serial| facts.inputs[**serial].form == form) {
-            let at = facts.played.log.came[*serial];
+            let at = facts.played.log.arrived_at[*serial];
             least += u64::from(facts.states(at).all(|state| state.is_active));
             most += u64::from(facts.states(at).any(|state| state.is_active));
         }
@@ -310,17 +310,17 @@ fn reported(facts: &Facts<'_>) -> Result<(), String> {
     ensure(is_well, || format!("at the end they are {words:?}"))
 }
 
-/// D16: the deadlines, and who is asked, are as they were set when the message came. What is set at that instant, on several
+/// D16: the deadlines, and who gets a request, are as they were set when the message came. What is set at that instant, on several
 /// topics perhaps, may hold or not.
 fn as_set(facts: &Facts<'_>) -> Result<(), String> {
     let nanos = |duration: Duration| u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX);
     for (t, (message, opened)) in facts.messages.iter().zip(&facts.opened).enumerate() {
-        let states: Vec<_> = facts.states(facts.played.log.came[message.serial]).collect();
-        let is_refused = matches!(opened.left, Some((_, MessageOutcome::Refused(_))));
+        let states: Vec<_> = facts.states(facts.played.log.arrived_at[message.serial]).collect();
+        let is_refused = matches!(opened.ended, Some((_, MessageOutcome::Refused(_))));
         let of_local = states.iter().any(|state| opened.deadline == Some(nanos(state.local)));
-        let is_so = |place: usize| {
-            let peers = || states.iter().map(|state| state.peers[place]);
-            let Some((deadline, _)) = opened.offers.get(&place) else {
+        let is_so = |index: usize| {
+            let peers = || states.iter().map(|state| state.peers[index]);
+            let Some((deadline, _)) = opened.offers.get(&index) else {
                 return is_refused
                     || peers().any(|it| !it.is_enabled)
                     || peers().any(|it| !it.is_there);
@@ -340,6 +340,6 @@ fn as_set(facts: &Facts<'_>) -> Result<(), String> {
     Ok(())
 }
 
-fn name(place: usize) -> String {
-    if place == LOCAL { "local".into() } else { format!("cloud{place}") }
+fn name(index: usize) -> String {
+    if index == LOCAL { "local".into() } else { format!("cloud{index}") }
 }

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use fastrand::Rng;
+use fuseline_testkit::Rng;
 
 use super::scenario::{Delivery, Disturbance, DisturbanceKind, Form, Input, Peer, Reply, Scenario};
 use crate::Commit;
@@ -16,16 +16,16 @@ impl Scenario {
     pub(super) fn draw(seed: u64) -> Self {
         let mut rng = Rng::with_seed(seed);
         let rng = &mut rng;
-        let clouds = one(rng, &[0, 1, 1, 2, 2, 3]);
-        let peers: Vec<_> = (0..=clouds).map(|place| peer(rng, place)).collect();
-        let count = one(rng, &[3, 10, 30, 60, 120]);
-        let gap = one(rng, &[1, 5, 10, 33, 100]);
+        let clouds = rng.one_of(&[0, 1, 1, 2, 2, 3]);
+        let peers: Vec<_> = (0..=clouds).map(|index| peer(rng, index)).collect();
+        let count = rng.one_of(&[3, 10, 30, 60, 120]);
+        let gap = rng.one_of(&[1, 5, 10, 33, 100]);
         let inputs = inputs(rng, count, gap, peers.len());
         let span = inputs.last().map_or(Duration::ZERO, |last| last.at);
         Self {
-            window: one(rng, &[1, 2, 4, 16, 16, 64]),
-            commit: one(rng, &[Commit::Eager, Commit::Patient]),
-            waiting: one(rng, &[1, 4, 16, 64]),
+            window: rng.one_of(&[1, 2, 4, 16, 16, 64]),
+            commit: rng.one_of(&[Commit::Eager, Commit::Patient]),
+            waiting: rng.one_of(&[1, 4, 16, 64]),
             turns: turns(rng, span, peers.len()),
             peers,
             inputs,
@@ -33,14 +33,18 @@ impl Scenario {
     }
 }
 
-fn peer(rng: &mut Rng, place: usize) -> Peer {
-    let is_called = place > 0 && rng.u8(..3) == 0;
+fn peer(rng: &mut Rng, index: usize) -> Peer {
+    let is_called = index > 0 && rng.u8(0..3) == 0;
     Peer {
         // As by default, most of the time.
-        in_flight: if place == 0 { one(rng, &[1, 2, 4, 4, 4]) } else { one(rng, &[1, 2, 8, 8]) },
-        limit: one(rng, &[1, 3, 31]),
+        in_flight: if index == 0 {
+            rng.one_of(&[1, 2, 4, 4, 4])
+        } else {
+            rng.one_of(&[1, 2, 8, 8])
+        },
+        limit: rng.one_of(&[1, 3, 31]),
         is_called,
-        hints: place > 0 && !is_called && rng.bool(),
+        hints: index > 0 && !is_called && rng.bool(),
     }
 }
 
@@ -49,57 +53,57 @@ fn inputs(rng: &mut Rng, count: u64, gap: u64, peers: usize) -> Vec<Input> {
     let mut at = Duration::from_millis(1);
     let mut inputs: Vec<Input> = Vec::new();
     // How often what this peer is sent, or sends, gets lost, in percent.
-    let losses: Vec<u8> = (0..peers).map(|_| one(rng, &[0, 0, 5, 20, 60, 100])).collect();
+    let losses: Vec<u8> = (0..peers).map(|_| rng.one_of(&[0, 0, 5, 20, 60, 100])).collect();
     for number in 0..count {
-        at += Duration::from_micros(match rng.u8(..8) {
+        at += Duration::from_micros(match rng.u8(0..8) {
             0 => 0,
-            1 => gap * 1000 + rng.u64(..1000),
+            1 => gap * 1000 + rng.u64(0..1000),
             _ => gap * 1000,
         });
-        let key = match (rng.u8(..20), inputs.last()) {
+        let key = match (rng.u8(0..20), inputs.last()) {
             // The stamp of one that is open, perhaps.
             (0, Some(last)) => last.key,
-            (1, Some(_)) => inputs[rng.usize(..inputs.len())].key,
+            (1, Some(_)) => inputs[rng.usize(0..inputs.len())].key,
             _ => 10 * number + 100,
         };
-        let form = match rng.u8(..40) {
+        let form = match rng.u8(0..40) {
             0 => Form::Short,
             1 => Form::NotCdr,
             _ => Form::Whole,
         };
         let fates = losses.iter().map(|loss| delivery(rng, *loss)).collect();
-        inputs.push(Input { at, key, form, is_unsent: rng.u8(..50) == 0, fates });
+        inputs.push(Input { at, key, form, is_unsent: rng.u8(0..50) == 0, fates });
     }
     inputs
 }
 
 fn delivery(rng: &mut Rng, loss: u8) -> Delivery {
-    let is_lost = |rng: &mut Rng| rng.u8(..100) < loss;
-    let way = (!is_lost(rng)).then(|| delay(rng));
-    let took = Duration::from_micros(match rng.u8(..8) {
+    let is_lost = |rng: &mut Rng| rng.u8(0..100) < loss;
+    let transit = (!is_lost(rng)).then(|| delay(rng));
+    let took = Duration::from_micros(match rng.u8(0..8) {
         0 => 0,
-        1 => 1000 * one(rng, &DEADLINES),
+        1 => 1000 * rng.one_of(&DEADLINES),
         _ => rng.u64(1000..80_000),
     });
-    let replies = if is_lost(rng) { 0 } else { one(rng, &[1, 1, 1, 1, 1, 1, 1, 2, 3]) };
+    let replies = if is_lost(rng) { 0 } else { rng.one_of(&[1, 1, 1, 1, 1, 1, 1, 2, 3]) };
     let reply = |rng: &mut Rng| {
-        let what = match rng.u8(..40) {
+        let kind = match rng.u8(0..40) {
             0 => DisturbanceKind::Stray,
             1 => DisturbanceKind::Short,
             2 => DisturbanceKind::NotCdr,
             _ => DisturbanceKind::Result,
         };
-        Reply { way: delay(rng), what }
+        Reply { delay: delay(rng), kind }
     };
-    Delivery { way, took, replies: (0..replies).map(|_| reply(rng)).collect() }
+    Delivery { delay: transit, took, replies: (0..replies).map(|_| reply(rng)).collect() }
 }
 
 /// On the way: short mostly, long now and then, so that what is sent later may come first.
 fn delay(rng: &mut Rng) -> Duration {
-    Duration::from_micros(match rng.u8(..10) {
-        0 => rng.u64(..1_500_000),
-        1..4 => rng.u64(..40_000),
-        _ => rng.u64(..3_000),
+    Duration::from_micros(match rng.u8(0..10) {
+        0 => rng.u64(0..1_500_000),
+        1..4 => rng.u64(0..40_000),
+        _ => rng.u64(0..3_000),
     })
 }
 
@@ -108,12 +112,12 @@ fn turns(rng: &mut Rng, span: Duration, peers: usize) -> Vec<(Duration, Disturba
     let mut is_active = true;
     // One of the two ways to set it: of two that come at once either may be the last.
     let by_topic = rng.bool();
-    for _ in 0..one(rng, &[0, 1, 4, 12]) {
+    for _ in 0..rng.one_of(&[0, 1, 4, 12]) {
         let at = span.mul_f64(rng.f64());
-        let peer = rng.usize(..peers);
-        let some = Duration::from_millis(one(rng, &DEADLINES));
-        let cloud = rng.usize(..peers.max(2) - 1);
-        match rng.u8(..10) {
+        let peer = rng.usize(0..peers);
+        let some = Duration::from_millis(rng.one_of(&DEADLINES));
+        let cloud = rng.usize(0..peers.max(2) - 1);
+        match rng.u8(0..10) {
             0 if !by_topic => turns.push((at, Disturbance::Set(Change::Deadline(some)))),
             1 => turns.push((at, Disturbance::Set(Change::LocalDeadline(some)))),
             2 | 3 if peers > 1 => {
@@ -124,7 +128,7 @@ fn turns(rng: &mut Rng, span: Duration, peers: usize) -> Vec<(Duration, Disturba
                 turns.push((at, Disturbance::Set(Change::CloudEnabled(cloud, rng.bool()))));
             }
             5 if by_topic => {
-                let seconds = one(rng, &[0.05, 0.2, 1.0, 0.0, -1.0, f64::NAN, f64::INFINITY]);
+                let seconds = rng.one_of(&[0.05, 0.2, 1.0, 0.0, -1.0, f64::NAN, f64::INFINITY]);
                 turns.push((at, Disturbance::Deadline(seconds)));
             }
             6 => {
@@ -140,8 +144,4 @@ fn turns(rng: &mut Rng, span: Duration, peers: usize) -> Vec<(Duration, Disturba
     }
     turns.sort_by_key(|turn| turn.0);
     turns
-}
-
-fn one<T: Copy>(rng: &mut Rng, choices: &[T]) -> T {
-    choices[rng.usize(..choices.len())]
 }

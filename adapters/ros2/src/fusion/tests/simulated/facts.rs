@@ -36,19 +36,19 @@ pub(super) struct Facts<'a> {
     pub(super) messages: Vec<Message<'a>>,
     /// By timestamp: what the trace says.
     pub(super) opened: Vec<OpenedMessage>,
-    /// Inputs that were no messages, by their places.
+    /// Inputs that were no messages, by their indices.
     pub(super) rejected: Vec<usize>,
     /// Each state that was set, and from when on.
     pub(super) set: Vec<(u64, State)>,
     pub(super) timers: BTreeMap<usize, u64>,
     pub(super) cancelled: BTreeMap<usize, u64>,
-    /// Results that were too late or superseded: place and timestamp.
+    /// Results that were too late or superseded: index and timestamp.
     pub(super) late: Vec<(usize, u64)>,
 }
 
-/// A message that was taken in, and what was told of it.
+/// A message that was accepted, and what was reported of it.
 pub(super) struct Message<'a> {
-    /// The input's place.
+    /// The input's index.
     pub(super) serial: usize,
     pub(super) reported: &'a StatusReport,
 }
@@ -58,14 +58,14 @@ pub(super) struct Message<'a> {
 pub(super) struct OpenedMessage {
     pub(super) at: u64,
     pub(super) deadline: Option<u64>,
-    /// Each cloud that was asked, its deadline, and whether the offer was refused.
+    /// Each cloud that got an offer, its deadline, and whether the offer was refused.
     pub(super) offers: BTreeMap<usize, (u64, bool)>,
-    pub(super) left: Option<(u64, MessageOutcome)>,
+    pub(super) ended: Option<(u64, MessageOutcome)>,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum MessageOutcome {
-    Forwarded { place: usize, rule: &'static str },
+    Forwarded { index: usize, rule: &'static str },
     Missed,
     Refused(OpenRefusal),
 }
@@ -76,7 +76,7 @@ pub(super) struct State {
     pub(super) is_active: bool,
     pub(super) deadline: Duration,
     pub(super) local: Duration,
-    /// By place; local's mean nothing.
+    /// By index; local's mean nothing.
     pub(super) peers: Vec<CloudStatus>,
 }
 
@@ -116,7 +116,7 @@ impl<'a> Facts<'a> {
         Ok(facts)
     }
 
-    /// Reads what the trace tells.
+    /// Reads what the trace records.
     fn read(&mut self) -> Result<(), String> {
         let mut events = Events::new("trace", &*self.played.trace).map_err(|it| it.to_string())?;
         let mut step: Option<(Input, Vec<Decision>)> = None;
@@ -157,12 +157,12 @@ impl<'a> Facts<'a> {
                     at,
                     deadline,
                     offers: BTreeMap::new(),
-                    left: None,
+                    ended: None,
                 });
             }
             Input::Offer { t, p, deadline, .. } => {
                 let message = self.message(t);
-                message.offers.insert(place(p), (deadline, false));
+                message.offers.insert(index(p), (deadline, false));
             }
             Input::Result { .. } | Input::Fail { .. } | Input::Tick { .. } => {}
         }
@@ -171,30 +171,30 @@ impl<'a> Facts<'a> {
 
     fn decision(&mut self, decision: Decision, input: Option<Input>) {
         match decision {
-            Decision::Timer { p, .. } => *self.timers.entry(place(p)).or_default() += 1,
-            Decision::Cancel { p, .. } => *self.cancelled.entry(place(p)).or_default() += 1,
+            Decision::Timer { p, .. } => *self.timers.entry(index(p)).or_default() += 1,
+            Decision::Cancel { p, .. } => *self.cancelled.entry(index(p)).or_default() += 1,
             Decision::Emit { at, t, p } => {
                 let rule = match input {
                     Some(Input::Result { .. }) => "F3",
                     Some(Input::Fail { .. }) => "F4",
                     _ => "F5",
                 };
-                self.message(t).left =
-                    Some((at, MessageOutcome::Forwarded { place: place(p), rule }));
+                self.message(t).ended =
+                    Some((at, MessageOutcome::Forwarded { index: index(p), rule }));
             }
-            Decision::Miss { at, t } => self.message(t).left = Some((at, MessageOutcome::Missed)),
+            Decision::Miss { at, t } => self.message(t).ended = Some((at, MessageOutcome::Missed)),
             Decision::RefuseOpen { at, t, why } => {
-                self.message(t).left = Some((at, MessageOutcome::Refused(why)));
+                self.message(t).ended = Some((at, MessageOutcome::Refused(why)));
             }
             Decision::RefuseOffer { t, p, .. } => {
-                if let Some(offer) = self.message(t).offers.get_mut(&place(p)) {
+                if let Some(offer) = self.message(t).offers.get_mut(&index(p)) {
                     offer.1 = true;
                 }
             }
             Decision::Drop { t, p, why, .. } => {
                 let is_result = matches!(input, Some(Input::Result { .. }));
                 if is_result && matches!(why, DropReason::Late | DropReason::Superseded) {
-                    self.late.push((place(p), t));
+                    self.late.push((index(p), t));
                 }
             }
             Decision::Request { .. } | Decision::Hold { .. } => {}
@@ -205,7 +205,7 @@ impl<'a> Facts<'a> {
     fn assign(&mut self) {
         let mut statuses: Vec<&StatusReport> = self.played.log.statuses.iter().collect();
         statuses.sort_by_key(|reported| reported.timestamp());
-        for (serial, at) in self.played.log.came.iter().enumerate() {
+        for (serial, at) in self.played.log.arrived_at.iter().enumerate() {
             let input = &self.inputs[serial];
             let next = self.messages.len();
             let when = self.meanwhile(*at);
@@ -242,8 +242,8 @@ impl<'a> Facts<'a> {
     }
 
     /// The requests to a peer.
-    pub(super) fn requested(&self, place: usize) -> impl Iterator<Item = &SentRequest> {
-        self.played.log.requested.iter().filter(move |requested| requested.place == place)
+    pub(super) fn requested(&self, index: usize) -> impl Iterator<Item = &SentRequest> {
+        self.played.log.requested.iter().filter(move |requested| requested.index == index)
     }
 
     /// Whether no other input has this one's key.
@@ -255,35 +255,35 @@ impl<'a> Facts<'a> {
     /// What it came to.
     pub(super) fn kinds(&self) -> BTreeSet<&'static str> {
         let mut kinds = BTreeSet::new();
-        let mut saw = |is: bool, kind: usize| {
+        let mut mark = |is: bool, kind: usize| {
             if is {
                 kinds.insert(KINDS[kind]);
             }
         };
-        for OpenedMessage { left, offers, .. } in &self.opened {
-            match left {
-                Some((_, MessageOutcome::Forwarded { place: 0, rule: "F5" })) => saw(true, 1),
-                Some((_, MessageOutcome::Forwarded { place: 0, .. })) | None => {}
-                Some((_, MessageOutcome::Forwarded { .. })) => saw(true, 0),
-                Some((_, MessageOutcome::Missed)) => saw(true, 2),
-                Some((_, MessageOutcome::Refused(_))) => saw(true, 3),
+        for OpenedMessage { ended, offers, .. } in &self.opened {
+            match ended {
+                Some((_, MessageOutcome::Forwarded { index: 0, rule: "F5" })) => mark(true, 1),
+                Some((_, MessageOutcome::Forwarded { index: 0, .. })) | None => {}
+                Some((_, MessageOutcome::Forwarded { .. })) => mark(true, 0),
+                Some((_, MessageOutcome::Missed)) => mark(true, 2),
+                Some((_, MessageOutcome::Refused(_))) => mark(true, 3),
             }
-            saw(offers.values().any(|(_, is_refused)| *is_refused), 9);
+            mark(offers.values().any(|(_, is_refused)| *is_refused), 9);
         }
         let is_doubled = |serial: &usize| self.inputs[*serial].form == Form::Whole;
-        saw(self.rejected.iter().any(is_doubled), 4);
+        mark(self.rejected.iter().any(is_doubled), 4);
         let sources = &self.played.tally.sources;
-        saw(sources[0].lost > 0, 5);
+        mark(sources[0].lost > 0, 5);
         let log = &self.played.log;
-        saw(log.unmatched.iter().any(|unmatched| unmatched.unknown_stamp > 0), 6);
-        saw(!log.hints.is_empty(), 7);
+        mark(log.unmatched.iter().any(|unmatched| unmatched.unknown_stamp > 0), 6);
+        mark(!log.hints.is_empty(), 7);
         let unsent = |reported: &StatusReport| {
             reported.output.as_ref().is_some_and(|output| !output.is_sent)
         };
-        saw(log.statuses.iter().any(unsent), 8);
-        saw(sources.iter().any(|source| source.failed > 0), 10);
-        let mut came = log.came.iter();
-        saw(came.any(|at| self.states(*at).all(|state| !state.is_active)), 11);
+        mark(log.statuses.iter().any(unsent), 8);
+        mark(sources.iter().any(|source| source.failed > 0), 10);
+        let mut arrived_at = log.arrived_at.iter();
+        mark(arrived_at.any(|at| self.states(*at).all(|state| !state.is_active)), 11);
         kinds
     }
 }
@@ -321,7 +321,7 @@ fn states(
             }
             Disturbance::Activate(is_active) => state.is_active = is_active,
             Disturbance::Dies { peer, is_seen } => {
-                // Who is called is asked all the same.
+                // A request is made to a called cloud all the same.
                 state.peers[peer].is_there = !is_seen || scenario.peers[peer].is_called;
             }
             Disturbance::Lives(peer) => state.peers[peer].is_there = true,
@@ -331,7 +331,7 @@ fn states(
     states
 }
 
-fn place(p: u64) -> usize {
+fn index(p: u64) -> usize {
     usize::try_from(p).unwrap()
 }
 

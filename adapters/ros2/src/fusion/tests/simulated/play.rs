@@ -18,12 +18,12 @@ use super::scenario::{
     Delivery, Disturbance, DisturbanceKind, Form, Input, Reply, STRAY_KEYS, Scenario,
 };
 use crate::fusion::LOCAL;
-use crate::lifecycle::{LifecycleRequest, Task, TransitionResult};
-use crate::middleware::{DecodeError, Endpoint, Publish, Sample};
+use crate::lifecycle::{LifecycleRequest, LifecycleTask, TransitionResult};
+use crate::middleware::{DecodeError, Endpoint, Publish, ReceivedPayload};
 use crate::node;
 use crate::raw::Payload;
 use crate::report::DiagnosticStatus;
-use crate::source::{Handle, Route, Source, UnmatchedResults};
+use crate::source::{Handle, NodeSource, Route, UnmatchedResults};
 use crate::status_publisher::PublishStatus;
 
 /// What came of a scenario.
@@ -32,21 +32,21 @@ pub(super) struct RunResult {
     pub(super) trace: Vec<u8>,
     pub(super) tally: Tally,
     /// Messages and results that are still held.
-    pub(super) left: usize,
+    pub(super) held: usize,
 }
 
 /// What was seen of the node. Instants are nanoseconds of its clock.
 #[derive(Default, Debug)]
 pub(super) struct Log {
     /// When each input came.
-    pub(super) came: Vec<u64>,
+    pub(super) arrived_at: Vec<u64>,
     pub(super) requested: Vec<SentRequest>,
     pub(super) statuses: Vec<StatusReport>,
-    /// By place: hints as they were published.
+    /// By index: hints as they were published.
     pub(super) hints: Vec<(usize, Result<Value, Vec<u8>>)>,
     /// What else happened, and when.
     pub(super) turned: Vec<(u64, Disturbance)>,
-    /// By place: what came on its topic that is no result of a message, by key or form.
+    /// By index: what came on its topic that is no result of a message, by key or form.
     pub(super) unmatched: Vec<UnmatchedResults>,
     pub(super) diagnostics: Vec<(u64, Vec<DiagnosticStatus>)>,
     /// An order that the node did not carry out.
@@ -59,7 +59,7 @@ pub(super) struct Log {
 #[derive(Debug)]
 pub(super) struct SentRequest {
     pub(super) at: u64,
-    pub(super) place: usize,
+    pub(super) index: usize,
     pub(super) serial: usize,
     pub(super) bytes: u64,
 }
@@ -84,7 +84,7 @@ pub(super) struct Output {
 pub(super) struct Value {
     pub(super) key: u64,
     pub(super) serial: usize,
-    pub(super) place: usize,
+    pub(super) index: usize,
 }
 
 /// All that the simulated parts share.
@@ -92,7 +92,7 @@ struct SimulationState {
     inputs: Vec<Input>,
     start: Instant,
     log: Mutex<Log>,
-    /// By place: whether it is dead, and since how many deaths.
+    /// By index: whether it is dead, and since how many deaths.
     health: Mutex<Vec<Health>>,
     mouths: Publications,
     payloads: Arc<AtomicUsize>,
@@ -111,7 +111,7 @@ struct CountedBytes(Vec<u8>, Arc<AtomicUsize>);
 /// A topic's publisher: a peer's requests or hints, or the node's output.
 struct SimulatedPublisher {
     simulation: Arc<SimulationState>,
-    what: Kind,
+    kind: Kind,
     end: Arc<Endpoint>,
 }
 
@@ -152,7 +152,7 @@ pub(super) fn play(scenario: &Scenario) -> RunResult {
             mouths,
             payloads: Arc::clone(&payloads),
         });
-        let sources = (0..peers).map(|place| source(&simulation, scenario, place));
+        let sources = (0..peers).map(|index| source(&simulation, scenario, index));
         let (output, status_publisher) =
             (simulation.outlet(Kind::Output, "/output"), StatusPublisher(Arc::clone(&simulation)));
         let running = run(
@@ -167,36 +167,36 @@ pub(super) fn play(scenario: &Scenario) -> RunResult {
         feed(&simulation).await;
         turning.await.unwrap();
         sleep_until(simulation.start + scenario.end()).await;
-        simulation.publish_report(Task::CleanUp).await;
+        simulation.publish_report(LifecycleTask::CleanUp).await;
         running.await.unwrap();
         (simulation, counting.tally())
     });
     drop(runtime);
     let log = std::mem::take(&mut *simulation.log());
     drop(simulation);
-    let left = payloads.load(Ordering::Relaxed);
-    RunResult { log, trace: fs::read(path).unwrap(), tally, left }
+    let held = payloads.load(Ordering::Relaxed);
+    RunResult { log, trace: fs::read(path).unwrap(), tally, held }
 }
 
 /// A peer as the node has it.
-fn source(simulation: &Arc<SimulationState>, scenario: &Scenario, place: usize) -> Source {
-    let peer = scenario.peers[place];
-    let name = if place == LOCAL { "local".to_owned() } else { format!("cloud{place}") };
-    let way = if peer.is_called {
-        Route::Grpc(called(simulation, place))
+fn source(simulation: &Arc<SimulationState>, scenario: &Scenario, index: usize) -> NodeSource {
+    let peer = scenario.peers[index];
+    let name = if index == LOCAL { "local".to_owned() } else { format!("cloud{index}") };
+    let route = if peer.is_called {
+        Route::Grpc(called(simulation, index))
     } else {
-        let requests = simulation.outlet(Kind::Requests(place), &format!("/{name}/input"));
+        let requests = simulation.outlet(Kind::Requests(index), &format!("/{name}/input"));
         let results = Endpoint::new(&format!("/{name}/output"), "tests/msg/Text");
         results.change([7; 16], 1, None);
         Route::Topics { requests: Box::new(requests), results: Arc::new(results) }
     };
-    let hints = simulation.outlet(Kind::Hints(place), &format!("/late{place}"));
-    Source {
-        priority: u16::try_from(place).unwrap(),
+    let hints = simulation.outlet(Kind::Hints(index), &format!("/late{index}"));
+    NodeSource {
+        priority: u16::try_from(index).unwrap(),
         name,
-        way,
+        route,
         enabled: true,
-        deadline: (place == LOCAL).then_some(Duration::from_secs(1)),
+        deadline: (index == LOCAL).then_some(Duration::from_secs(1)),
         hints: peer.hints.then(|| Box::new(hints) as Box<dyn Publish>),
         unmatched: UnmatchedResults::default(),
     }
@@ -206,7 +206,7 @@ fn source(simulation: &Arc<SimulationState>, scenario: &Scenario, place: usize) 
 async fn feed(simulation: &Arc<SimulationState>) {
     for (serial, input) in simulation.inputs.iter().enumerate() {
         sleep_until(simulation.start + input.at).await;
-        simulation.log().came.push(simulation.now());
+        simulation.log().arrived_at.push(simulation.now());
         let body = match input.form {
             Form::NotCdr => None,
             Form::Short => Some(vec![1, 2, 3]),
@@ -218,7 +218,7 @@ async fn feed(simulation: &Arc<SimulationState>) {
 
 /// Whatever else happens, each at its time.
 async fn turn(simulation: Arc<SimulationState>, turns: Vec<(Duration, Disturbance)>) {
-    simulation.publish_report(Task::Activate).await;
+    simulation.publish_report(LifecycleTask::Activate).await;
     for (at, turn) in turns {
         sleep_until(simulation.start + at).await;
         simulation.log().turned.push((simulation.now(), turn));
@@ -228,8 +228,10 @@ async fn turn(simulation: Arc<SimulationState>, turns: Vec<(Duration, Disturbanc
                 let sample = simulation.sample(Some(seconds.to_le_bytes().to_vec()));
                 simulation.mouths.deadlines.send(sample).await.unwrap();
             }
-            Disturbance::Activate(true) => simulation.publish_report(Task::Activate).await,
-            Disturbance::Activate(false) => simulation.publish_report(Task::Deactivate).await,
+            Disturbance::Activate(true) => simulation.publish_report(LifecycleTask::Activate).await,
+            Disturbance::Activate(false) => {
+                simulation.publish_report(LifecycleTask::Deactivate).await;
+            }
             Disturbance::Dies { peer, is_seen } => {
                 let health = &mut simulation.health()[peer];
                 let deaths = health.deaths + 1;
@@ -245,51 +247,51 @@ async fn turn(simulation: Arc<SimulationState>, turns: Vec<(Duration, Disturbanc
 }
 
 /// A request on its way to its peer and back.
-async fn travel(simulation: Arc<SimulationState>, place: usize, serial: usize) {
+async fn travel(simulation: Arc<SimulationState>, index: usize, serial: usize) {
     let Input { key, fates, .. } = &simulation.inputs[serial];
-    let Delivery { way: Some(way), took, replies } = &fates[place] else { return };
-    sleep(*way).await;
-    let before = simulation.health()[place];
+    let Delivery { delay: Some(delay), took, replies } = &fates[index] else { return };
+    sleep(*delay).await;
+    let before = simulation.health()[index];
     sleep(*took).await;
-    let after = simulation.health()[place];
+    let after = simulation.health()[index];
     if before.is_dead || before.deaths < after.deaths {
         return;
     }
     // The later ones are sent first: they overtake nobody by that.
     let mut replies = replies.clone();
-    replies.sort_by_key(|reply| Reverse(reply.way));
-    for Reply { way, what } in replies {
+    replies.sort_by_key(|reply| Reverse(reply.delay));
+    for Reply { delay, kind } in replies {
         let (simulation, key) = (Arc::clone(&simulation), *key);
         tokio::spawn(async move {
-            sleep(way).await;
-            simulation.reply(Value { key, serial, place }, what).await;
+            sleep(delay).await;
+            simulation.reply(Value { key, serial, index }, kind).await;
         });
     }
 }
 
 /// A cloud that is called: what gets lost on topics is an answer that never comes.
-fn called(simulation: &Arc<SimulationState>, place: usize) -> Handle {
+fn called(simulation: &Arc<SimulationState>, index: usize) -> Handle {
     let simulation = Arc::clone(simulation);
     Arc::new(move |request: Payload, _: Call| {
         let simulation = Arc::clone(&simulation);
-        let serial = simulation.requested(place, &request);
+        let serial = simulation.requested(index, &request);
         drop(request);
         Box::pin(async move {
             let Input { key, fates, .. } = &simulation.inputs[serial];
-            let Delivery { way, took, replies } = &fates[place];
-            if simulation.health()[place].is_gone {
+            let Delivery { delay, took, replies } = &fates[index];
+            if simulation.health()[index].is_gone {
                 return Err("connection refused".into());
             }
-            let (Some(way), Some(reply)) = (way, replies.first()) else {
+            let (Some(delay), Some(reply)) = (delay, replies.first()) else {
                 return std::future::pending().await;
             };
-            sleep(*way + *took + reply.way).await;
-            if simulation.health()[place].is_dead {
+            sleep(*delay + *took + reply.delay).await;
+            if simulation.health()[index].is_dead {
                 return std::future::pending().await;
             }
-            match reply.what {
+            match reply.kind {
                 DisturbanceKind::Result => {
-                    let value = Value { key: *key, serial, place };
+                    let value = Value { key: *key, serial, index };
                     Ok(simulation.sample(Some(value.bytes())).unwrap())
                 }
                 DisturbanceKind::Stray | DisturbanceKind::Short | DisturbanceKind::NotCdr => {
@@ -313,13 +315,13 @@ impl SimulationState {
         self.health.lock().unwrap()
     }
 
-    fn outlet(self: &Arc<Self>, what: Kind, topic: &str) -> SimulatedPublisher {
+    fn outlet(self: &Arc<Self>, kind: Kind, topic: &str) -> SimulatedPublisher {
         let end = Arc::new(Endpoint::new(topic, "tests/msg/Text"));
-        SimulatedPublisher { simulation: Arc::clone(self), what, end }
+        SimulatedPublisher { simulation: Arc::clone(self), kind, end }
     }
 
     /// A message of these bytes, or one that cannot be read.
-    fn sample(&self, body: Option<Vec<u8>>) -> Sample {
+    fn sample(&self, body: Option<Vec<u8>>) -> ReceivedPayload {
         let body = body.ok_or_else(|| DecodeError("not CDR".into()))?;
         self.payloads.fetch_add(1, Ordering::Relaxed);
         let body = Bytes::from_owner(CountedBytes(body, Arc::clone(&self.payloads)));
@@ -327,17 +329,17 @@ impl SimulationState {
     }
 
     /// A request left.
-    fn requested(&self, place: usize, request: &Payload) -> usize {
+    fn requested(&self, index: usize, request: &Payload) -> usize {
         let serial = u64::from_le_bytes(request.body[8..].try_into().unwrap());
         let serial = usize::try_from(serial).unwrap();
         let bytes = request.body.len() as u64;
-        self.log().requested.push(SentRequest { at: self.now(), place, serial, bytes });
+        self.log().requested.push(SentRequest { at: self.now(), index, serial, bytes });
         serial
     }
 
     /// Something comes on a peer's topic.
-    async fn reply(&self, value: Value, what: DisturbanceKind) {
-        let body = match what {
+    async fn reply(&self, value: Value, kind: DisturbanceKind) {
+        let body = match kind {
             DisturbanceKind::Result => Some(value.bytes()),
             DisturbanceKind::Stray => {
                 Some(Value { key: STRAY_KEYS + value.serial as u64, ..value }.bytes())
@@ -345,19 +347,19 @@ impl SimulationState {
             DisturbanceKind::Short => Some(vec![4; 7]),
             DisturbanceKind::NotCdr => None,
         };
-        match what {
+        match kind {
             DisturbanceKind::Result => {}
-            DisturbanceKind::Stray => self.log().unmatched[value.place].unknown_stamp += 1,
+            DisturbanceKind::Stray => self.log().unmatched[value.index].unknown_stamp += 1,
             DisturbanceKind::Short | DisturbanceKind::NotCdr => {
-                self.log().unmatched[value.place].malformed += 1;
+                self.log().unmatched[value.index].malformed += 1;
             }
         }
         // The node may have ended.
-        drop(self.mouths.results.send((value.place, self.sample(body))).await);
+        drop(self.mouths.results.send((value.index, self.sample(body))).await);
     }
 
-    /// Tells the node what to do, and hears how that went.
-    async fn publish_report(&self, task: Task) {
+    /// Sends the node an order, and receives its result.
+    async fn publish_report(&self, task: LifecycleTask) {
         let (order, done) = LifecycleRequest::new(task);
         assert!(self.mouths.orders.send(order).await.is_ok(), "the node ended");
         let done = done.await.unwrap();
@@ -369,7 +371,7 @@ impl SimulationState {
 
 impl Value {
     fn bytes(self) -> Vec<u8> {
-        [self.key, self.serial as u64, self.place as u64].map(u64::to_le_bytes).concat()
+        [self.key, self.serial as u64, self.index as u64].map(u64::to_le_bytes).concat()
     }
 
     fn read(payload: &Payload) -> Result<Self, Vec<u8>> {
@@ -379,9 +381,9 @@ impl Value {
             .map(|number| u64::from_le_bytes(number.try_into().unwrap()))
             .collect();
         let value = match numbers[..] {
-            [key, serial, place] => {
-                let [serial, place] = [serial, place].map(|it| usize::try_from(it).unwrap());
-                Some(Self { key, serial, place })
+            [key, serial, index] => {
+                let [serial, index] = [serial, index].map(|it| usize::try_from(it).unwrap());
+                Some(Self { key, serial, index })
             }
             _ => None,
         };
@@ -391,15 +393,15 @@ impl Value {
 
 impl Publish for SimulatedPublisher {
     fn publish(&self, payload: Payload) -> bool {
-        let Self { simulation, what, .. } = self;
-        match *what {
-            Kind::Requests(place) => {
-                let serial = simulation.requested(place, &payload);
-                tokio::spawn(travel(Arc::clone(simulation), place, serial));
+        let Self { simulation, kind, .. } = self;
+        match *kind {
+            Kind::Requests(index) => {
+                let serial = simulation.requested(index, &payload);
+                tokio::spawn(travel(Arc::clone(simulation), index, serial));
                 true
             }
-            Kind::Hints(place) => {
-                simulation.log().hints.push((place, Value::read(&payload)));
+            Kind::Hints(index) => {
+                simulation.log().hints.push((index, Value::read(&payload)));
                 true
             }
             Kind::Output => {
@@ -414,8 +416,8 @@ impl Publish for SimulatedPublisher {
     }
 
     fn matched(&self) -> usize {
-        match self.what {
-            Kind::Requests(place) => usize::from(!self.simulation.health()[place].is_gone),
+        match self.kind {
+            Kind::Requests(index) => usize::from(!self.simulation.health()[index].is_gone),
             Kind::Hints(_) | Kind::Output => 1,
         }
     }

@@ -14,7 +14,7 @@ pub(super) struct Scenario {
     pub(super) commit: Commit,
     /// How many more messages may wait for local.
     pub(super) waiting: u16,
-    /// Local, then the clouds, whose priorities are their places.
+    /// Local, then the clouds, whose priorities are their indices.
     pub(super) peers: Vec<Peer>,
     /// In the order of their instants.
     pub(super) inputs: Vec<Input>,
@@ -28,7 +28,7 @@ pub(super) struct Peer {
     pub(super) in_flight: u16,
     /// The gate's limit; local has none.
     pub(super) limit: u16,
-    /// Whether it is called, or hears by topics as local does.
+    /// Whether it is called, or receives by topics as local does.
     pub(super) is_called: bool,
     /// Whether its late results are published.
     pub(super) hints: bool,
@@ -42,7 +42,7 @@ pub(super) struct Input {
     pub(super) form: Form,
     /// Whether its output finds a subscriber that is too far behind.
     pub(super) is_unsent: bool,
-    /// What becomes of it at each peer, if it is asked.
+    /// What becomes of it at each peer that gets a request.
     pub(super) fates: Vec<Delivery>,
 }
 
@@ -59,7 +59,7 @@ pub(super) enum Form {
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(super) struct Delivery {
     /// How long the request takes to its peer; it gets lost if not given.
-    pub(super) way: Option<Duration>,
+    pub(super) delay: Option<Duration>,
     /// How long the peer computes.
     pub(super) took: Duration,
     /// None is a result that gets lost; two are one that is doubled.
@@ -69,8 +69,8 @@ pub(super) struct Delivery {
 /// What comes back, and how long it takes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Reply {
-    pub(super) way: Duration,
-    pub(super) what: DisturbanceKind,
+    pub(super) delay: Duration,
+    pub(super) kind: DisturbanceKind,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -119,11 +119,11 @@ impl Scenario {
             format!("local.waiting:={}", self.waiting),
             format!("local.in_flight:={}", self.peers[LOCAL].in_flight),
         ];
-        for (place, peer) in self.peers.iter().enumerate().skip(1) {
-            all.push(format!("cloud{place}.in_flight:={}", peer.in_flight));
-            all.push(format!("cloud{place}.limit:={}", peer.limit));
+        for (index, peer) in self.peers.iter().enumerate().skip(1) {
+            all.push(format!("cloud{index}.in_flight:={}", peer.in_flight));
+            all.push(format!("cloud{index}.limit:={}", peer.limit));
             if peer.hints {
-                all.push(format!("cloud{place}.hints:=late{place}"));
+                all.push(format!("cloud{index}.hints:=late{index}"));
             }
         }
         all
@@ -166,7 +166,7 @@ impl Scenario {
         self.turns.iter().copied().chain(last.into_iter().map(|turn| (before, turn))).collect()
     }
 
-    /// When the node is told to end.
+    /// When the node is stopped.
     pub(super) fn end(&self) -> Duration {
         self.calm() + APART * u32::try_from(CALM).unwrap_or(0) + Duration::from_secs(2)
     }
@@ -176,8 +176,8 @@ impl fmt::Display for Scenario {
     /// The parameters, then a line for each thing that happens.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "{}", self.parameters().join(" "))?;
-        for (place, peer) in self.peers.iter().enumerate() {
-            writeln!(f, "  {place}: {peer:?}")?;
+        for (index, peer) in self.peers.iter().enumerate() {
+            writeln!(f, "  {index}: {peer:?}")?;
         }
         for (at, turn) in &self.turns {
             writeln!(f, "  at {at:?}: {turn:?}")?;
@@ -185,11 +185,18 @@ impl fmt::Display for Scenario {
         for Input { at, key, form, is_unsent, fates } in &self.inputs {
             let unsent = if *is_unsent { ", its output is not sent" } else { "" };
             writeln!(f, "  at {at:?}: input {key}, {form:?}{unsent}")?;
-            for (place, Delivery { way, took, replies }) in fates.iter().enumerate() {
-                let way = way.map_or_else(|| "is lost".to_owned(), |way| format!("{way:?} away"));
-                let came: Vec<_> =
-                    replies.iter().map(|it| format!("{:?} after {:?}", it.what, it.way)).collect();
-                writeln!(f, "    {place}: {way}, takes {took:?}, sends [{}]", came.join(", "))?;
+            for (index, Delivery { delay, took, replies }) in fates.iter().enumerate() {
+                let delay =
+                    delay.map_or_else(|| "is lost".to_owned(), |delay| format!("{delay:?} away"));
+                let results: Vec<_> = replies
+                    .iter()
+                    .map(|it| format!("{:?} after {:?}", it.kind, it.delay))
+                    .collect();
+                writeln!(
+                    f,
+                    "    {index}: {delay}, takes {took:?}, sends [{}]",
+                    results.join(", ")
+                )?;
             }
         }
         Ok(())
@@ -198,9 +205,9 @@ impl fmt::Display for Scenario {
 
 impl Delivery {
     /// What is well: the greater the priority, the later the result.
-    pub(super) fn fair(place: usize) -> Self {
-        let took = Duration::from_millis(20 + place as u64);
-        let reply = Reply { way: Duration::from_millis(2), what: DisturbanceKind::Result };
-        Self { way: Some(Duration::from_millis(2)), took, replies: vec![reply] }
+    pub(super) fn fair(index: usize) -> Self {
+        let took = Duration::from_millis(20 + index as u64);
+        let reply = Reply { delay: Duration::from_millis(2), kind: DisturbanceKind::Result };
+        Self { delay: Some(Duration::from_millis(2)), took, replies: vec![reply] }
     }
 }

@@ -1,6 +1,10 @@
 //! Makes a run smaller while it still breaks what it breaks.
 
+use std::convert::Infallible;
+use std::ops::Range;
 use std::time::{Duration, Instant};
+
+use fuseline_testkit::{Simplification, Steps, shrink};
 
 use super::scenario::{Delivery, Form, Scenario};
 
@@ -9,86 +13,42 @@ const TRIES: Duration = Duration::from_secs(20);
 
 /// The smallest run that was found of which `breaks` is true.
 pub(super) fn smallest(scenario: &Scenario, breaks: impl Fn(&Scenario) -> bool) -> Scenario {
-    let mut best = scenario.clone();
     let start = Instant::now();
-    let is_over = || start.elapsed() > TRIES;
-    loop {
-        let before = best.clone();
-        let mut chunk = best.inputs.len().max(best.turns.len()).max(1);
-        while chunk > 0 {
-            for part in [ScenarioPart::Inputs, ScenarioPart::Turns] {
-                let mut from = 0;
-                while from < part.len(&best) && !is_over() {
-                    let smaller = part.without(&best, from, chunk);
-                    if breaks(&smaller) {
-                        best = smaller;
-                    } else {
-                        from += chunk;
-                    }
-                }
-            }
-            chunk /= 2;
-        }
-        for smaller in plainer(&best) {
-            if !is_over() && breaks(&smaller) {
-                best = smaller;
-                break;
-            }
-        }
-        if best == before || is_over() {
-            return best;
-        }
+    let Ok(smallest) = shrink(scenario.clone(), simplifications, |smaller| {
+        Ok::<_, Infallible>(start.elapsed() <= TRIES && breaks(smaller))
+    });
+    smallest
+}
+
+/// The inputs, then what disturbs.
+impl Steps for Scenario {
+    fn count(&self) -> usize {
+        self.inputs.len() + self.turns.len()
+    }
+
+    fn remove(&mut self, steps: Range<usize>) {
+        let inputs = self.inputs.len();
+        self.turns.drain(steps.start.max(inputs) - inputs..steps.end.max(inputs) - inputs);
+        self.inputs.drain(steps.start.min(inputs)..steps.end.min(inputs));
     }
 }
 
-/// What a run has many of.
-#[derive(Clone, Copy)]
-enum ScenarioPart {
-    Inputs,
-    Turns,
-}
-
-impl ScenarioPart {
-    const fn len(self, scenario: &Scenario) -> usize {
-        match self {
-            Self::Inputs => scenario.inputs.len(),
-            Self::Turns => scenario.turns.len(),
+/// One thing less each.
+fn simplifications(scenario: &Scenario) -> Vec<Simplification<Scenario>> {
+    let mut all: Vec<Simplification<Scenario>> = Vec::new();
+    let inputs = 0..scenario.inputs.len().min(40);
+    for index in 0..scenario.peers.len() {
+        all.push(Box::new(move |it| it.peers[index].hints = false));
+        all.push(Box::new(move |it| it.peers[index].is_called = false));
+        for input in inputs.clone() {
+            all.push(Box::new(move |it| it.inputs[input].fates[index] = Delivery::fair(index)));
         }
     }
-
-    fn without(self, scenario: &Scenario, from: usize, count: usize) -> Scenario {
-        let mut smaller = scenario.clone();
-        let to = (from + count).min(self.len(scenario));
-        match self {
-            Self::Inputs => drop(smaller.inputs.drain(from..to)),
-            Self::Turns => drop(smaller.turns.drain(from..to)),
-        }
-        smaller
+    for input in inputs {
+        all.push(Box::new(move |it| it.inputs[input].form = Form::Whole));
+        all.push(Box::new(move |it| it.inputs[input].is_unsent = false));
     }
-}
-
-/// The same with one thing less each.
-fn plainer(scenario: &Scenario) -> Vec<Scenario> {
-    let mut all = Vec::new();
-    let mut propose = |change: &dyn Fn(&mut Scenario)| {
-        let mut smaller = scenario.clone();
-        change(&mut smaller);
-        if smaller != *scenario {
-            all.push(smaller);
-        }
-    };
-    for place in 0..scenario.peers.len() {
-        propose(&|it| it.peers[place].hints = false);
-        propose(&|it| it.peers[place].is_called = false);
-        for input in 0..scenario.inputs.len().min(40) {
-            propose(&|it| it.inputs[input].fates[place] = Delivery::fair(place));
-        }
-    }
-    for input in 0..scenario.inputs.len().min(40) {
-        propose(&|it| it.inputs[input].form = Form::Whole);
-        propose(&|it| it.inputs[input].is_unsent = false);
-    }
-    propose(&|it| it.window = 16);
-    propose(&|it| it.waiting = 64);
+    all.push(Box::new(|it| it.window = 16));
+    all.push(Box::new(|it| it.waiting = 64));
     all
 }

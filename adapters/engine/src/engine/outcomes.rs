@@ -1,0 +1,311 @@
+//! What follows from an answer of the machine: items, calls to start and to abort, counts and logs (D3).
+//!
+//! All of it is the private half of [`Engine`], in the order in which an input takes it: what comes
+//! before the answer, what fired, what became of results and failures, and what may start after it.
+
+use std::mem;
+use std::time::Duration;
+
+use fuseline_core as core;
+use fuseline_core::Outcome;
+use fuseline_deadline::End;
+use fuseline_traces::{DropReason, Input};
+use tracing::{debug, error, warn};
+
+use crate::arbiter::{Answer, drop_reason, offer_refusal, open_refusal};
+use crate::effect::{Effect, Hint};
+use crate::engine::{CLOUDS, Engine};
+use crate::event::CountedEvent;
+use crate::item::{Ending, Failure, Forwarded, Item, Trigger};
+use crate::policies::PolicyPanic;
+use crate::queue::{AbandonedRequest, Waiting};
+use crate::sources::LOCAL;
+
+impl<V, R> Engine<V, R> {
+    /// Time comes before the input that carries it.
+    pub(super) fn begin(&mut self, at: u64) {
+        if let Some(due) = self.arbiter.next_due().filter(|due| *due <= at) {
+            self.counts.meters.timer_lag.record(Duration::from_nanos(at - due));
+        }
+        for index in 0..self.sources.len() {
+            while let Some(abandoned) = self.sources[index].end_lingering(at) {
+                self.abandon(at, index, &abandoned);
+            }
+        }
+    }
+
+    /// The deadline of an offer, at most `cap`; none if the policy panics.
+    pub(super) fn deadline(
+        &mut self,
+        at: u64,
+        (t, p): (u64, u16),
+        cap: Duration,
+        backlog: u64,
+    ) -> Option<Duration> {
+        let Some(index) = self.sources.cloud(p).filter(|_| !cap.is_zero()) else {
+            return Some(cap);
+        };
+        // T6: a policy is called about what will be admitted alone, or it would count probes that never
+        // were sent.
+        if self.policies.has_policy(index)
+            && self.arbiter.offer_refusal((t, p.into()), super::nanos(cap), backlog).is_some()
+        {
+            return Some(cap);
+        }
+        let queue = &self.sources[index];
+        let Ok(chosen) = self.policies.choose(index, cap, |ages| queue.ages(at, ages)) else {
+            let (operator, source) = (&*self.operator, self.sources.name(index));
+            error!(operator, timestamp = t, source, "the policy panicked: no request is sent");
+            return None;
+        };
+        if let Some(meter) = self.counts.meters.sources.get(index) {
+            meter.chosen(&chosen);
+        }
+        if self.policies.put_in_force(index, chosen) {
+            self.counts.in_force(index, chosen);
+        }
+        Some(chosen.deadline)
+    }
+
+    /// Carries out what fired before the input (F0), and records it with the input and its answer;
+    /// returns the instant of the answer.
+    pub(super) fn conclude(&mut self, input: &Input, answer: &Answer<CLOUDS>) -> u64 {
+        let mut firings = mem::take(&mut self.firings);
+        for (at, firing) in firings.drain(..) {
+            self.fired(at, &firing);
+        }
+        self.firings = firings;
+        let now = self.arbiter.now();
+        self.recordings.record(input, now, answer);
+        now
+    }
+
+    /// F5: timers fired.
+    fn fired(&mut self, at: u64, firing: &core::Firing<CLOUDS>) {
+        self.recordings.fired(at, firing);
+        let t = firing.timestamp.as_u64();
+        for p in firing.timers.iter() {
+            let Some(index) = self.sources.index(p.as_u16()) else { continue };
+            let (operator, source) = (&*self.operator, self.sources.name(index));
+            debug!(operator, timestamp = t, source, "timer fired");
+            self.counts.source(index, CountedEvent::Timer);
+            self.close(at, t, index);
+        }
+        self.settle(at, t, Trigger::Timer, &firing.outcome);
+    }
+
+    /// F1: the message was not taken on.
+    pub(super) fn refuse(&mut self, at: u64, t: u64, why: core::OpenRefusal) {
+        let why = open_refusal(why);
+        warn!(operator = &*self.operator, timestamp = t, %why, "message refused");
+        self.counts.refused(why);
+        self.output(t, at, at, Ending::Refused(why), Vec::new());
+    }
+
+    /// F2: the request was refused.
+    pub(super) fn refuse_offer(&self, t: u64, index: Option<usize>, why: core::OfferRefusal) {
+        let why = offer_refusal(why);
+        let source = index.map(|index| self.sources.name(index));
+        debug!(operator = &*self.operator, timestamp = t, source, %why, "request refused");
+        if let Some(index) = index {
+            self.counts.source(index, CountedEvent::Refused(why));
+        }
+    }
+
+    /// F3: what became of a result.
+    pub(super) fn settle_result(
+        &mut self,
+        at: u64,
+        (t, p): (u64, u16),
+        outcome: &Outcome<CLOUDS>,
+        value: V,
+    ) {
+        let Some(index) = self.sources.index(p) else { return };
+        let (operator, source) = (&*self.operator, self.sources.name(index));
+        match outcome {
+            Outcome::Dropped(why) => {
+                let why = drop_reason(*why);
+                debug!(operator, timestamp = t, source, %why, "result dropped");
+                self.counts.source(index, CountedEvent::Dropped(why));
+                self.hint(at, t, index, value, why);
+            }
+            Outcome::Held => {
+                debug!(operator, timestamp = t, source, "result held");
+                self.counts.source(index, CountedEvent::Held);
+                self.open_messages.hold(t, p, at, value);
+            }
+            Outcome::Forwarded { .. } => {
+                self.counts.source(index, CountedEvent::Forwarded);
+                // It is the best available now, which is what is sent.
+                self.open_messages.hold(t, p, at, value);
+                self.settle(at, t, Trigger::Arrival, outcome);
+            }
+            Outcome::Waiting | Outcome::Missed => self.settle(at, t, Trigger::Arrival, outcome),
+        }
+    }
+
+    /// F4: what became of a failure; `why` in words.
+    pub(super) fn settle_failure(
+        &mut self,
+        at: u64,
+        (t, p): (u64, u16),
+        outcome: &Outcome<CLOUDS>,
+        why: &str,
+    ) {
+        let Some(index) = self.sources.index(p) else { return };
+        if let Outcome::Dropped(why) = outcome {
+            let (operator, why) = (&*self.operator, drop_reason(*why));
+            let source = self.sources.name(index);
+            debug!(operator, timestamp = t, source, %why, "failure dropped");
+            self.counts.source(index, CountedEvent::FailureDropped(why));
+            return;
+        }
+        self.counts.source(index, CountedEvent::Failed);
+        let why = self.counts.reason(index, why);
+        if let Some(open_message) = self.open_messages.find(t) {
+            let source = self.sources[index].source.clone();
+            open_message.failures.push(Failure { source, why });
+        }
+        self.settle(at, t, Trigger::Failure, outcome);
+    }
+
+    /// F6, F7: the message is answered, missed, or waits.
+    fn settle(&mut self, at: u64, t: u64, trigger: Trigger, outcome: &Outcome<CLOUDS>) {
+        match outcome {
+            Outcome::Dropped(_) | Outcome::Held | Outcome::Waiting => {}
+            Outcome::Missed => self.retire(at, t, trigger),
+            Outcome::Forwarded { cancelled, .. } => {
+                self.retire(at, t, trigger);
+                for p in cancelled.iter() {
+                    let Some(index) = self.sources.index(p.as_u16()) else { continue };
+                    self.counts.source(index, CountedEvent::Cancelled);
+                    self.close(at, t, index);
+                }
+            }
+        }
+    }
+
+    /// The message is no longer open: the best available result is sent, if there is any.
+    fn retire(&mut self, at: u64, t: u64, trigger: Trigger) {
+        if self.local.skip_answered {
+            self.sources[LOCAL].withdraw(t);
+        }
+        let Some(message) = self.open_messages.close(t) else { return };
+        let Some(held) = message.held else {
+            let why = trigger.as_str();
+            warn!(operator = &*self.operator, timestamp = t, why, "message missed");
+            self.counts.missed();
+            self.output(t, message.opened, at, Ending::Missed, message.failures);
+            return;
+        };
+        let Some(index) = self.sources.index(held.p) else { return };
+        self.counts.source(index, CountedEvent::Output(trigger));
+        if let Some(meter) = self.counts.meters.sources.get(index) {
+            meter.output.record(since(message.opened, at));
+        }
+        let source = self.sources[index].source.clone();
+        let arrived = Duration::from_nanos(held.arrived);
+        let forwarded = Forwarded { value: held.value, source, arrived, trigger };
+        self.output(t, message.opened, at, Ending::Forwarded(forwarded), message.failures);
+    }
+
+    /// D1 one item: the only way out for a message that was taken in.
+    fn output(
+        &mut self,
+        timestamp: u64,
+        opened: u64,
+        decided: u64,
+        ending: Ending<V>,
+        failures: Vec<Failure>,
+    ) {
+        let (opened, decided) = (Duration::from_nanos(opened), Duration::from_nanos(decided));
+        let item = Item { timestamp, opened, decided, ending, failures };
+        self.effects.push_back(Effect::Output(item));
+    }
+
+    /// A result that came too late may still be of use.
+    fn hint(&mut self, at: u64, timestamp: u64, index: usize, value: V, why: DropReason) {
+        if !matches!(why, DropReason::Late | DropReason::Superseded) {
+            return;
+        }
+        if let Some(opened) = self.open_messages.opened(timestamp) {
+            let (source, age) = (self.sources[index].source.clone(), since(opened, at));
+            self.effects.push_back(Effect::Hint(Hint { timestamp, source, value, age, why }));
+        }
+    }
+
+    /// A request has ended by itself, perhaps before it was sent.
+    pub(super) fn ended(&mut self, at: u64, t: u64, index: usize, end: fn(Duration) -> End) {
+        let Some(requested_at) = self.sources[index].end(t) else { return };
+        let age = since(requested_at, at);
+        if let Some(meter) = self.counts.meters.sources.get(index) {
+            meter.response.record(age);
+        }
+        self.report_end(index, end(age));
+    }
+
+    /// The request's result is no longer wanted. F7: local is never aborted.
+    fn close(&mut self, at: u64, t: u64, index: usize) {
+        if index != LOCAL
+            && let Some(abandoned) = self.sources[index].close(t)
+        {
+            self.abandon(at, index, &abandoned);
+        }
+    }
+
+    /// Nothing waits for the request any more: its call is aborted, if it was sent.
+    fn abandon(&mut self, at: u64, index: usize, abandoned: &AbandonedRequest) {
+        let AbandonedRequest { t: timestamp, requested_at, was_sent } = *abandoned;
+        if was_sent {
+            let priority = self.sources[index].source.priority;
+            self.effects.push_back(Effect::Abort { priority, timestamp });
+        }
+        self.report_end(index, End::Censored(since(requested_at, at)));
+    }
+
+    /// Reports to the policy how a request ended.
+    fn report_end(&mut self, index: usize, end: End) {
+        if let Err(PolicyPanic) = self.policies.ended(index, end) {
+            let (operator, source) = (&*self.operator, self.sources.name(index));
+            error!(operator, source, ?end, "the policy panicked");
+        }
+    }
+
+    /// Starts what waits while there is room, and updates the gauges.
+    pub(super) fn start_waiting(&mut self, now: u64) {
+        if self.local.lossy {
+            while let Some(t) = self.sources[LOCAL].remove_lost(now) {
+                warn!(operator = %self.operator, timestamp = t, "local computation lost");
+                self.counts.source(LOCAL, CountedEvent::Lost);
+            }
+        }
+        for (index, queue) in self.sources.iter_mut().enumerate() {
+            while let Some(Waiting { t, due, request, .. }) = queue.next(now) {
+                let until = due.map(|due| due.saturating_add(queue.linger));
+                let priority = queue.source.priority;
+                self.effects.push_back(Effect::Start { priority, timestamp: t, until, request });
+            }
+            let shown = (queue.backlog(), queue.in_flight());
+            if shown != queue.shown {
+                queue.shown = shown;
+                if let Some(meter) = self.counts.meters.sources.get(index) {
+                    meter.backlog.set(count(shown.0));
+                    meter.calls.set(count(shown.1));
+                }
+            }
+        }
+        if self.open_messages.len() != self.shown_open {
+            self.shown_open = self.open_messages.len();
+            self.counts.meters.open.set(count(self.shown_open));
+        }
+    }
+}
+
+fn since(then: u64, at: u64) -> Duration {
+    Duration::from_nanos(at.saturating_sub(then))
+}
+
+/// For gauges; queues hold far fewer than 2³².
+fn count(len: usize) -> f64 {
+    u32::try_from(len).unwrap_or(u32::MAX).into()
+}

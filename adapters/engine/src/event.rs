@@ -1,0 +1,25 @@
+//! What happens to the requests and results of one source, as it is counted.
+
+use fuseline_traces::{DropReason, OfferRefusal};
+
+use crate::item::Trigger;
+
+/// What is counted about one source.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum CountedEvent {
+    Admitted,
+    Refused(OfferRefusal),
+    Output(Trigger),
+    /// A result was forwarded as it came; its message is counted by `Output`.
+    Forwarded,
+    Held,
+    Dropped(DropReason),
+    Failed,
+    Lost,
+    FailureDropped(DropReason),
+    Timer,
+    Cancelled,
+    Sent {
+        bytes: u64,
+    },
+}

@@ -1,0 +1,85 @@
+//! What chooses the deadlines of offers: at most one policy a cloud, and what all of them know.
+//!
+//! Policies are code of the user's: they are never called about a request that will be refused (T6), and a panic in one costs
+//! that request alone (D7). They are defined in `fuseline-deadline`.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::time::Duration;
+
+use fuseline_deadline::{End, Policy, Situation};
+
+use crate::tally::CurrentDeadline;
+
+/// The policies of one operator, by the index of their cloud.
+pub(crate) struct Policies {
+    clouds: Vec<CloudPolicy>,
+    situation: Situation<'static>,
+    /// Ages of requests; a field so that no offer allocates.
+    ages: Vec<Duration>,
+}
+
+#[derive(Default)]
+struct CloudPolicy {
+    policy: Option<Box<dyn Policy + Send>>,
+    /// The deadline of the latest offer.
+    in_force: Option<CurrentDeadline>,
+}
+
+/// A policy panicked.
+pub(crate) struct PolicyPanic;
+
+impl Policies {
+    /// No policies, for so many sources. The situation is unknown until it is set: policies risk nothing.
+    pub(crate) fn new(sources: usize) -> Self {
+        let clouds = (0..sources).map(|_| CloudPolicy::default()).collect();
+        Self { clouds, situation: Situation::UNKNOWN, ages: Vec::new() }
+    }
+
+    pub(crate) fn set(&mut self, index: usize, policy: Box<dyn Policy + Send>) {
+        self.clouds[index].policy = Some(policy);
+    }
+
+    pub(crate) const fn set_situation(&mut self, situation: Situation<'static>) {
+        self.situation = situation;
+    }
+
+    /// The deadline of an offer, at most `cap`; `cap` itself if there is no policy. `write_ages` writes the ages of the
+    /// cloud's unanswered requests.
+    ///
+    /// # Errors
+    /// If the policy panics.
+    pub(crate) fn choose(
+        &mut self,
+        index: usize,
+        cap: Duration,
+        write_ages: impl FnOnce(&mut Vec<Duration>),
+    ) -> Result<CurrentDeadline, PolicyPanic> {
+        let Some(policy) = &mut self.clouds[index].policy else {
+            return Ok(CurrentDeadline { deadline: cap, reason: None });
+        };
+        write_ages(&mut self.ages);
+        let situation = Situation { under_way: &self.ages, ..self.situation };
+        let chosen = catch_unwind(AssertUnwindSafe(|| policy.decide(&situation, cap).into()));
+        let chosen: CurrentDeadline = chosen.map_err(|_| PolicyPanic)?;
+        // The cap holds for a policy too: what is shown is what the request gets.
+        Ok(CurrentDeadline { deadline: chosen.deadline.min(cap), ..chosen })
+    }
+
+    /// Puts a deadline in force; true if it is another one than before.
+    pub(crate) fn put_in_force(&mut self, index: usize, chosen: CurrentDeadline) -> bool {
+        self.clouds[index].in_force.replace(chosen) != Some(chosen)
+    }
+
+    /// Reports to the cloud's policy, if there is one, how a request ended.
+    ///
+    /// # Errors
+    /// If the policy panics.
+    pub(crate) fn ended(&mut self, index: usize, end: End) -> Result<(), PolicyPanic> {
+        let Some(policy) = &mut self.clouds[index].policy else { return Ok(()) };
+        catch_unwind(AssertUnwindSafe(|| policy.ended(end))).map_err(|_| PolicyPanic)
+    }
+
+    pub(crate) fn has_policy(&self, index: usize) -> bool {
+        self.clouds[index].policy.is_some()
+    }
+}

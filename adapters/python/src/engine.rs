@@ -1,0 +1,269 @@
+//! The engine of an operator: what happened goes in, what is to be done comes out.
+//!
+//! Python's operator owns the clock, the loop and the tasks; all else is the engine that every adapter has. Nothing of
+//! Python can enter the engine while it decides: message handlers and policies that try are refused.
+
+mod counting;
+mod effects;
+mod policy;
+
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
+use std::time::Duration;
+use std::{io, mem};
+
+use fuseline_engine as engine;
+use fuseline_engine::{Local, Offer, Recorder, Recording};
+use pyo3::exceptions::{PyOSError, PyRuntimeError};
+use pyo3::prelude::*;
+use pyo3::types::{PyIterator, PyTuple};
+
+pub(crate) use crate::engine::counting::PyCounting;
+use crate::engine::effects::Effects;
+use crate::engine::policy::EnginePolicy;
+use crate::fusion::{CloudEntry, WindowArgument, header};
+use crate::policy::SituationFields;
+use crate::raised::config;
+use crate::time::Nanos;
+
+/// An engine whose values and requests are Python's.
+type EngineState = engine::Engine<Py<PyAny>, Py<PyAny>>;
+
+/// The engine of one operator; instants are nanoseconds of its clock, which begins with it.
+#[pyclass(name = "Engine", module = "fuseline._fuseline", frozen)]
+pub(crate) struct PyEngine {
+    /// None once it has finished.
+    inner: Mutex<Option<EngineState>>,
+    effects: Effects,
+    counting: PyCounting,
+    interrupt: PendingException,
+    /// Whether it writes a trace.
+    #[pyo3(get)]
+    is_recording: bool,
+}
+
+/// What of Python's exceptions is no error of a handler, such as `KeyboardInterrupt`: it ends the input after its
+/// decisions.
+#[derive(Clone, Default)]
+pub(crate) struct PendingException(Arc<Mutex<Option<PyErr>>>);
+
+#[pymethods]
+impl PyEngine {
+    /// `calls` bounds the calls under way to each cloud, in the order of `clouds`; `local` is how many computations run
+    /// at once, how many may wait (by default as many as the window holds), whether one of an answered message is skipped,
+    /// and whether results can be lost.
+    #[new]
+    #[expect(clippy::needless_pass_by_value, reason = "what comes from Python is owned")]
+    fn new(
+        clouds: Vec<CloudEntry<'_>>,
+        calls: Vec<usize>,
+        local: (usize, Option<usize>, bool, bool),
+        window: WindowArgument,
+        commit: &str,
+        operator: String,
+        trace: Option<PathBuf>,
+    ) -> PyResult<Self> {
+        let header = header(clouds, window, commit, Some(operator.clone()))?;
+        let (at_once, waiting, skip_answered, lossy) = local;
+        let waiting = waiting.unwrap_or(header.window.into());
+        let local = Local { at_once, waiting, skip_answered, lossy };
+        let is_recording = trace.is_some();
+        let mut inner = EngineState::new(&header, &calls, local).map_err(config)?;
+        if let Some(path) = trace {
+            let recorder = Recorder::create(&path, &header, Recording::default());
+            recorder
+                .and_then(|recorder| inner.record(recorder))
+                .map_err(|error| unwritable(&error, path))?;
+        }
+        let counting = PyCounting::new(operator, inner.counts());
+        let effects = Effects::new(&header);
+        Ok(Self {
+            inner: Mutex::new(Some(inner)),
+            effects,
+            counting,
+            interrupt: PendingException::default(),
+            is_recording,
+        })
+    }
+
+    /// Lets a policy choose the deadlines of cloud `p`: what `fuseline.deadline.compiled` gives.
+    fn set_policy(&self, p: u16, policy: &Bound<'_, PyAny>) -> PyResult<()> {
+        let policy = EnginePolicy::new(policy, &self.interrupt)?;
+        self.with(|inner| inner.set_policy(p, Box::new(policy)))
+    }
+
+    /// Lets calls to cloud `p` run on for so long after they were due.
+    fn set_linger(&self, p: u16, linger: Nanos) -> PyResult<()> {
+        self.with(|inner| inner.set_linger(p, Duration::from_nanos(linger.0)))
+    }
+
+    /// What policies know of the vehicle from now on.
+    fn set_situation(&self, situation: SituationFields) -> PyResult<()> {
+        let (situation, _) = situation.split();
+        self.with(|inner| inner.set_situation(situation))
+    }
+
+    /// F1, F2: a message came; `offers` is iterated only if it is taken on, and gives a cloud's priority, the request and
+    /// its deadline. Returns what is to be done, as all inputs do.
+    fn open<'py>(
+        &self,
+        py: Python<'py>,
+        at: u64,
+        t: u64,
+        deadline: Option<Nanos>,
+        job: Py<PyAny>,
+        offers: &Bound<'py, PyIterator>,
+    ) -> PyResult<Vec<Bound<'py, PyTuple>>> {
+        let offers =
+            offers.try_iter()?.map_while(|offer| match offer.and_then(|it| it.extract()) {
+                Ok((priority, request, Nanos(deadline))) => {
+                    Some(Offer { priority, deadline: Duration::from_nanos(deadline), request })
+                }
+                Err(error) => {
+                    self.interrupt.set(error);
+                    None
+                }
+            });
+        let deadline = deadline.map(|Nanos(deadline)| Duration::from_nanos(deadline));
+        self.apply(py, |inner| {
+            inner.open(at, t, deadline, job, offers);
+        })
+    }
+
+    /// F3: a source's result came.
+    fn result<'py>(
+        &self,
+        py: Python<'py>,
+        at: u64,
+        t: u64,
+        p: u16,
+        value: Py<PyAny>,
+    ) -> PyResult<Vec<Bound<'py, PyTuple>>> {
+        self.apply(py, |inner| inner.result(at, t, p, value))
+    }
+
+    /// F4: a source will send no result.
+    fn fail<'py>(
+        &self,
+        py: Python<'py>,
+        at: u64,
+        t: u64,
+        p: u16,
+        why: &str,
+    ) -> PyResult<Vec<Bound<'py, PyTuple>>> {
+        self.apply(py, |inner| inner.fail(at, t, p, &why))
+    }
+
+    /// F5: time went by.
+    fn tick<'py>(&self, py: Python<'py>, at: u64) -> PyResult<Vec<Bound<'py, PyTuple>>> {
+        self.apply(py, |inner| inner.tick(at))
+    }
+
+    /// When to tick, if ever.
+    #[getter]
+    fn next_due(&self) -> PyResult<Option<u64>> {
+        self.with(|inner| inner.next_due())
+    }
+
+    /// Whether no message is open.
+    #[getter]
+    fn is_idle(&self) -> PyResult<bool> {
+        self.with(|inner| inner.is_idle())
+    }
+
+    /// The counts.
+    #[getter]
+    fn counting(&self) -> PyCounting {
+        self.counting.clone()
+    }
+
+    /// Lets go of all values and policies, and waits until the trace is written, with the interpreter released. Nothing
+    /// comes after it.
+    fn finish(&self, py: Python<'_>) -> PyResult<()> {
+        // Policies and values go after the lock: they may be anything.
+        let Some(mut inner) = mem::take(&mut *self.locked()?) else { return Ok(()) };
+        py.detach(|| inner.finish()).map_err(|error| PyOSError::new_err(error.to_string()))
+    }
+}
+
+impl PyEngine {
+    /// Applies an input; returns what is to be done.
+    fn apply<'py>(
+        &self,
+        py: Python<'py>,
+        input: impl FnOnce(&mut EngineState),
+    ) -> PyResult<Vec<Bound<'py, PyTuple>>> {
+        self.with(|inner| {
+            input(inner);
+            // What is to be done stays for the next input.
+            self.interrupt.take().map_or(Ok(()), Err)?;
+            let mut effects = Vec::new();
+            while let Some(effect) = inner.next_effect() {
+                effects.extend(self.effects.of(py, effect)?);
+            }
+            Ok(effects)
+        })?
+    }
+
+    fn with<T>(&self, apply: impl FnOnce(&mut EngineState) -> T) -> PyResult<T> {
+        match &mut *self.locked()? {
+            Some(inner) => Ok(apply(inner)),
+            None => Err(PyRuntimeError::new_err("the operator has ended")),
+        }
+    }
+
+    /// Never waits: whoever holds it may wait for the interpreter.
+    fn locked(&self) -> PyResult<MutexGuard<'_, Option<EngineState>>> {
+        match self.inner.try_lock() {
+            Ok(inner) => Ok(inner),
+            Err(TryLockError::Poisoned(poisoned)) => Ok(poisoned.into_inner()),
+            Err(TryLockError::WouldBlock) => Err(PyRuntimeError::new_err(
+                "the operator decides about a message: neither its handlers nor its policies, nor other threads, can give \
+                 it an input meanwhile",
+            )),
+        }
+    }
+}
+
+impl Drop for PyEngine {
+    fn drop(&mut self) {
+        let inner = self.inner.get_mut().unwrap_or_else(PoisonError::into_inner);
+        let Some(inner) = inner else { return };
+        // The recorder's thread may want to log an error, for which it waits for the interpreter.
+        let written = Python::try_attach(|py| py.detach(|| inner.finish()));
+        // The error was logged when it happened.
+        let _: Option<io::Result<()>> = written;
+    }
+}
+
+impl PendingException {
+    /// Keeps the first one.
+    pub(crate) fn set(&self, error: PyErr) {
+        self.locked().get_or_insert(error);
+    }
+
+    fn take(&self) -> Option<PyErr> {
+        self.locked().take()
+    }
+
+    /// Nothing of Python's runs while it is held.
+    fn locked(&self) -> MutexGuard<'_, Option<PyErr>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// With the file, as Python's own `open` has it.
+fn unwritable(error: &io::Error, path: PathBuf) -> PyErr {
+    match error.raw_os_error() {
+        Some(number) => {
+            let words = error.to_string();
+            let words = words.split(" (os error").next().unwrap_or_default().to_owned();
+            PyOSError::new_err((number, words, path.into_os_string()))
+        }
+        None => PyOSError::new_err(format!("{}: {error}", path.display())),
+    }
+}
+
+fn nanos(duration: Duration) -> u64 {
+    u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
+}

@@ -1,0 +1,107 @@
+//! The counts of an engine, as Python has them.
+
+use std::fmt::Display;
+
+use fuseline_engine as engine;
+use fuseline_engine::{SourceTally, Tally, Trigger};
+use pyo3::prelude::*;
+
+use crate::engine::nanos;
+
+/// The counts of an engine, which can be read while it decides, and after its end.
+#[pyclass(name = "Counting", module = "fuseline._fuseline", frozen)]
+#[derive(Clone)]
+pub(crate) struct PyCounting {
+    operator: String,
+    counting: engine::Counting,
+}
+
+/// The operator or a source, what is counted about it, and what became of that.
+type CountKey = (String, &'static str, String);
+
+/// Counts about one.
+struct PyCounts<'a> {
+    of: &'a str,
+    counts: &'a mut Vec<(CountKey, u64)>,
+}
+
+#[pymethods]
+impl PyCounting {
+    /// What was counted so far; what is 0 is left out.
+    fn counts(&self) -> Vec<(CountKey, u64)> {
+        let mut counts = Vec::new();
+        let tally = self.counting.tally();
+        PyCounts { of: &self.operator, counts: &mut counts }.operator(&tally);
+        for source in &tally.sources {
+            PyCounts { of: &source.source.name, counts: &mut counts }.source(source);
+        }
+        counts
+    }
+
+    /// The deadline in force of each cloud that was offered a message: its name, the nanoseconds, and why.
+    fn deadlines(&self) -> Vec<(String, u64, &'static str)> {
+        let tally = self.counting.tally();
+        let in_force = tally.sources.iter().filter_map(|source| {
+            let current = source.in_force?;
+            Some((source.source.name.to_string(), nanos(current.deadline), current.why()))
+        });
+        in_force.collect()
+    }
+
+    /// Why the recording ended early, if it did.
+    #[getter]
+    fn unrecorded(&self) -> Option<String> {
+        self.counting.tally().unrecorded.as_deref().map(str::to_owned)
+    }
+}
+
+impl PyCounting {
+    pub(crate) const fn new(operator: String, counting: engine::Counting) -> Self {
+        Self { operator, counting }
+    }
+}
+
+impl PyCounts<'_> {
+    fn operator(&mut self, tally: &Tally) {
+        self.count("message", "accepted", tally.messages);
+        self.by_reason("message", "refused ", &tally.refused);
+        self.count("message", "missed", tally.missed);
+    }
+
+    fn source(&mut self, tally: &SourceTally) {
+        self.count("request", "admitted", tally.admitted);
+        self.by_reason("request", "refused ", &tally.refused);
+        self.count("request", "cancelled", tally.cancelled);
+        self.count("request", "lost", tally.lost);
+        self.count("result", "held", tally.held);
+        // A result that is forwarded as it comes is its message's output.
+        let forwarded = tally.outputs.get(&Trigger::Arrival).copied();
+        self.count("result", "forwarded", forwarded.unwrap_or(0));
+        self.by_reason("result", "dropped ", &tally.dropped);
+        self.count("failure", "accepted", tally.failed);
+        self.by_reason("failure", "dropped ", &tally.failures_dropped);
+        for (why, count) in tally.reasons.iter() {
+            self.count("failed because", why, count);
+        }
+        self.count("failed because", "other reasons", tally.reasons.others());
+        self.count("timer", "fired", tally.timers);
+        self.by_reason("output", "", &tally.outputs);
+    }
+
+    fn by_reason<'a, K: Display + 'a>(
+        &mut self,
+        what: &'static str,
+        outcome: &str,
+        counts: impl IntoIterator<Item = (&'a K, &'a u64)>,
+    ) {
+        for (why, count) in counts {
+            self.count(what, &format!("{outcome}{why}"), *count);
+        }
+    }
+
+    fn count(&mut self, what: &'static str, outcome: &str, count: u64) {
+        if count > 0 {
+            self.counts.push(((self.of.to_owned(), what, outcome.to_owned()), count));
+        }
+    }
+}

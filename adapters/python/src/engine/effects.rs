@@ -1,0 +1,136 @@
+//! What is to be done, as Python has it.
+
+use fuseline_engine::{Effect, Ending, Forwarded, Item, Source, Trigger};
+use fuseline_traces::Header;
+use pyo3::intern;
+use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
+use pyo3::types::{PyList, PyTuple};
+
+use crate::engine::nanos;
+
+static CLASSES: PyOnceLock<ItemClasses> = PyOnceLock::new();
+
+/// Makes tuples of effects, the kind first, and an `Item` of each output.
+pub(crate) struct Effects {
+    /// Each source's priority, and its object once it was needed.
+    sources: Vec<(u16, PyOnceLock<Py<PyAny>>)>,
+}
+
+/// The package's classes of which an item consists (`_item.py`).
+struct ItemClasses {
+    item: Py<PyAny>,
+    source: Py<PyAny>,
+    failure: Py<PyAny>,
+    refusal: Py<PyAny>,
+    forwarded: Py<PyAny>,
+    missed: Py<PyAny>,
+    refused: Py<PyAny>,
+    arrival: Py<PyAny>,
+    failed: Py<PyAny>,
+    timer: Py<PyAny>,
+}
+
+impl Effects {
+    pub(crate) fn new(header: &Header) -> Self {
+        let clouds = header.clouds.iter().map(|cloud| cloud.p);
+        let sources = std::iter::once(0).chain(clouds).map(|p| (p, PyOnceLock::new()));
+        Self { sources: sources.collect() }
+    }
+
+    /// None for what nobody asked for.
+    pub(crate) fn of<'py>(
+        &self,
+        py: Python<'py>,
+        effect: Effect<Py<PyAny>, Py<PyAny>>,
+    ) -> PyResult<Option<Bound<'py, PyTuple>>> {
+        let tuple = match effect {
+            Effect::Output(item) => {
+                (intern!(py, "output"), self.item(py, item)?).into_pyobject(py)?
+            }
+            Effect::Start { priority, timestamp, until, request } => {
+                (intern!(py, "start"), priority, timestamp, until, request).into_pyobject(py)?
+            }
+            Effect::Abort { priority, timestamp } => {
+                (intern!(py, "abort"), priority, timestamp).into_pyobject(py)?
+            }
+            Effect::Hint(_) => return Ok(None),
+        };
+        Ok(Some(tuple))
+    }
+
+    fn item<'py>(&self, py: Python<'py>, item: Item<Py<PyAny>>) -> PyResult<Bound<'py, PyAny>> {
+        let classes = ItemClasses::get(py)?;
+        let Item { timestamp, opened, decided, ending, failures } = item;
+        let failures = failures.into_iter().map(|failed| {
+            let source = self.source(py, &failed.source)?;
+            classes.failure.bind(py).call1((source, &*failed.why))
+        });
+        let failures = PyList::new(py, failures.collect::<PyResult<Vec<_>>>()?)?;
+        let class = classes.item.bind(py);
+        let (opened, decided, none) = (nanos(opened), nanos(decided), py.None());
+        match ending {
+            Ending::Forwarded(Forwarded { value, source, arrived, trigger }) => {
+                let (source, arrived) = (self.source(py, &source)?, nanos(arrived));
+                let trigger = match trigger {
+                    Trigger::Arrival => &classes.arrival,
+                    Trigger::Failure => &classes.failed,
+                    Trigger::Timer => &classes.timer,
+                };
+                let ending = &classes.forwarded;
+                class.call1((
+                    timestamp, opened, decided, ending, value, source, arrived, trigger, none,
+                    failures,
+                ))
+            }
+            Ending::Missed => {
+                let ending = &classes.missed;
+                class.call1((
+                    timestamp, opened, decided, ending, &none, &none, &none, &none, &none, failures,
+                ))
+            }
+            Ending::Refused(why) => {
+                let why = classes.refusal.bind(py).call1((why.as_str(),))?;
+                let ending = &classes.refused;
+                class.call1((
+                    timestamp, opened, decided, ending, &none, &none, &none, &none, why, failures,
+                ))
+            }
+        }
+    }
+
+    fn source<'py>(&self, py: Python<'py>, source: &Source) -> PyResult<Bound<'py, PyAny>> {
+        let made = || {
+            let class = ItemClasses::get(py)?.source.bind(py);
+            Ok(class.call1((source.priority, &*source.name))?.unbind())
+        };
+        match self.sources.iter().find(|(p, _)| *p == source.priority) {
+            Some((_, cell)) => Ok(cell.get_or_try_init(py, made)?.bind(py).clone()),
+            None => made().map(|source| source.into_bound(py)),
+        }
+    }
+}
+
+impl ItemClasses {
+    fn get(py: Python<'_>) -> PyResult<&'static Self> {
+        CLASSES.get_or_try_init(py, || {
+            let items = py.import("fuseline._item")?;
+            let class = |name: &str| items.getattr(name).map(Bound::unbind);
+            let member = |class: &str, name: &str| {
+                Ok::<_, PyErr>(items.getattr(class)?.getattr(name)?.unbind())
+            };
+            Ok(Self {
+                item: class("Item")?,
+                source: class("Source")?,
+                failure: class("Failure")?,
+                refusal: class("OpenRefusal")?,
+                forwarded: member("Ending", "FORWARDED")?,
+                missed: member("Ending", "MISSED")?,
+                refused: member("Ending", "REFUSED")?,
+                arrival: member("Trigger", "ARRIVAL")?,
+                failed: member("Trigger", "FAILURE")?,
+                timer: member("Trigger", "TIMER")?,
+            })
+        })
+    }
+}

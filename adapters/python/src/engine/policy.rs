@@ -1,0 +1,190 @@
+//! The policies of an engine: the package's own, which decide without the interpreter, and any of Python's.
+
+use std::panic::resume_unwind;
+use std::sync::Arc;
+use std::time::Duration;
+
+use fuseline_deadline as deadline;
+use fuseline_deadline::{Case, Chosen, Constant, End, Policy, Reason, Situation, Span};
+use pyo3::exceptions::{PyException, PyTypeError};
+use pyo3::intern;
+use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
+use pyo3::types::{PyBool, PyFloat, PyInt, PyList, PyTuple};
+
+use crate::engine::{PendingException, nanos};
+use crate::logging;
+use crate::policy::{PyExpected, PyGuard, SharedExpected};
+use crate::time::{Nanos, Number};
+use crate::words::AnswerClasses;
+
+static CLASSES: PyOnceLock<PolicyClasses> = PyOnceLock::new();
+
+/// What chooses the deadlines of one cloud.
+pub(crate) enum EnginePolicy {
+    Constant(Constant),
+    Guard(Box<deadline::Guard>),
+    Expected(SharedExpected, PendingException),
+    /// The first is the cap of the second.
+    Capped(Box<deadline::Capped<EnginePolicy, EnginePolicy>>),
+    Python(Arc<Py<PyAny>>, PendingException),
+}
+
+/// The package's classes that policies take and give (`deadline.py`).
+struct PolicyClasses {
+    situation: Py<PyAny>,
+    answered: Py<PyAny>,
+    failed: Py<PyAny>,
+    censored: Py<PyAny>,
+}
+
+impl EnginePolicy {
+    /// A duration is a constant, a pair has the cap first, and what is none of the extension's is Python's.
+    pub(crate) fn new(policy: &Bound<'_, PyAny>, interrupt: &PendingException) -> PyResult<Self> {
+        if AnswerClasses::get(policy.py())?.is_ns(policy.as_borrowed()) {
+            let Nanos(deadline) = policy.extract()?;
+            return Ok(Self::Constant(Constant(Duration::from_nanos(deadline))));
+        }
+        if let Ok(guard) = policy.cast::<PyGuard>() {
+            return Ok(Self::Guard(Box::new(guard.get().0)));
+        }
+        if let Ok(expected) = policy.cast::<PyExpected>() {
+            return Ok(Self::Expected(expected.get().0.clone(), interrupt.clone()));
+        }
+        if let Ok(pair) = policy.cast_exact::<PyTuple>() {
+            let (cap, policy): (Bound<'_, PyAny>, Bound<'_, PyAny>) = pair.extract()?;
+            let (cap, policy) = (Self::new(&cap, interrupt)?, Self::new(&policy, interrupt)?);
+            return Ok(Self::Capped(Box::new(cap.caps(policy))));
+        }
+        Ok(Self::Python(Arc::new(policy.clone().unbind()), interrupt.clone()))
+    }
+}
+
+impl Policy for EnginePolicy {
+    fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Chosen {
+        match self {
+            Self::Constant(policy) => policy.decide(situation, cap),
+            Self::Guard(policy) => policy.decide(situation, cap),
+            Self::Capped(policy) => policy.decide(situation, cap),
+            Self::Expected(policy, interrupt) => {
+                if !policy.calls_python() {
+                    return policy
+                        .decide(situation, cap)
+                        .unwrap_or_else(|error| failed(interrupt, error));
+                }
+                called(interrupt, |py| {
+                    policy.set_situation(situation_of(py, situation)?);
+                    policy.decide(situation, cap)
+                })
+            }
+            Self::Python(policy, interrupt) => called(interrupt, |py| {
+                let cap = AnswerClasses::get(py)?.ns(py, nanos(cap))?;
+                let known = situation_of(py, situation)?;
+                chosen(&policy.bind(py).call_method1(intern!(py, "decide"), (known, cap))?)
+            }),
+        }
+    }
+
+    fn ended(&mut self, end: End) {
+        match self {
+            Self::Constant(policy) => policy.ended(end),
+            Self::Guard(policy) => policy.ended(end),
+            Self::Capped(policy) => policy.ended(end),
+            Self::Expected(policy, interrupt) => {
+                policy.ended(end).unwrap_or_else(|error| failed(interrupt, error));
+            }
+            Self::Python(policy, interrupt) => called(interrupt, |py| {
+                let classes = PolicyClasses::get(py)?;
+                let (end, age) = match end {
+                    End::Answered(age) => (&classes.answered, age),
+                    End::Failed(age) => (&classes.failed, age),
+                    End::Censored(age) => (&classes.censored, age),
+                };
+                let age = AnswerClasses::get(py)?.ns(py, nanos(age))?;
+                policy.bind(py).call_method1(intern!(py, "ended"), (end, age)).map(drop)
+            }),
+        }
+    }
+}
+
+impl PolicyClasses {
+    fn get(py: Python<'_>) -> PyResult<&'static Self> {
+        CLASSES.get_or_try_init(py, || {
+            let module = py.import("fuseline.deadline")?;
+            let end = |name: &str| Ok::<_, PyErr>(module.getattr("End")?.getattr(name)?.unbind());
+            Ok(Self {
+                situation: module.getattr("Situation")?.unbind(),
+                answered: end("ANSWERED")?,
+                failed: end("FAILED")?,
+                censored: end("CENSORED")?,
+            })
+        })
+    }
+}
+
+/// Calls Python.
+fn called<T>(interrupt: &PendingException, call: impl FnOnce(Python<'_>) -> PyResult<T>) -> T {
+    Python::attach(call).unwrap_or_else(|error| failed(interrupt, error))
+}
+
+/// Reports an error and tells the engine, as a policy that panics does: it catches that, and requests nothing.
+fn failed(interrupt: &PendingException, error: PyErr) -> ! {
+    Python::attach(|py| {
+        if error.is_instance_of::<PyException>(py) {
+            logging::exception(py, "a policy failed", error);
+        } else {
+            interrupt.set(error);
+        }
+    });
+    // Unlike a panic it prints nothing.
+    resume_unwind(Box::new("a policy failed"))
+}
+
+fn situation_of(py: Python<'_>, situation: &Situation<'_>) -> PyResult<Py<PyAny>> {
+    let Span { least, greatest } = situation.speed.map(|speed| speed.0);
+    let speed = if least.to_bits() == greatest.to_bits() {
+        PyFloat::new(py, least).into_any()
+    } else {
+        (least, greatest).into_pyobject(py)?.into_any()
+    };
+    let words = AnswerClasses::get(py)?;
+    let ages = situation.under_way.iter().map(|age| words.ns(py, nanos(*age)));
+    let ages = PyList::new(py, ages.collect::<PyResult<Vec<_>>>()?)?;
+    let reveal = situation.reveal.map(|reveal| reveal.0);
+    PolicyClasses::get(py)?.situation.call1(py, (speed, reveal, ages))
+}
+
+/// An object with the attributes of `Chosen`; a plain int is nanoseconds, since `ns` becomes one when reckoned with.
+fn chosen(object: &Bound<'_, PyAny>) -> PyResult<Chosen> {
+    let py = object.py();
+    let given = object.getattr(intern!(py, "deadline"))?;
+    let is_int = given.is_instance_of::<PyInt>() && !given.is_instance_of::<PyBool>();
+    let nanos = if is_int { given.extract::<Number>()?.0 } else { given.extract::<Nanos>()?.0 };
+    let reason = object.getattr(intern!(py, "reason"))?;
+    let word: String = reason.getattr(intern!(py, "value"))?.extract()?;
+    let reason = match &*word {
+        "constant" => Reason::Constant,
+        "guard" => Reason::Guard(case(&object.getattr(intern!(py, "case"))?)?),
+        "expected" => {
+            let loss: Option<f64> = object.getattr(intern!(py, "loss"))?.extract()?;
+            Reason::Expected { loss: loss.unwrap_or(f64::NAN) }
+        }
+        "probe" => Reason::Probe,
+        "cap" => Reason::Cap,
+        _ => return Err(PyTypeError::new_err(format!("{}: no Reason", reason.repr()?))),
+    };
+    Ok(Chosen { deadline: Duration::from_nanos(nanos), reason })
+}
+
+fn case(object: &Bound<'_, PyAny>) -> PyResult<Case> {
+    let number: Option<u8> =
+        object.getattr(intern!(object.py(), "value")).and_then(|it| it.extract()).ok();
+    match number {
+        Some(1) => Ok(Case::LocalStops),
+        Some(2) => Ok(Case::CloudAlone),
+        Some(3) => Ok(Case::Unsure),
+        _ => {
+            Err(PyTypeError::new_err(format!("{}: the guard's reason has a Case", object.repr()?)))
+        }
+    }
+}

@@ -1,0 +1,207 @@
+//! The participants that the node has in its domain of DDS, one after the other, and what it has created in them.
+//!
+//! Every endpoint is created through a factory, which is kept: when the wall clock steps back, [`rejoin`](super::rejoin)
+//! calls all of them again for a second participant. So nothing may be created in a participant by another way.
+
+use std::net::{IpAddr, Ipv4Addr};
+use std::pin::Pin;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
+
+use rustdds::dds::CreateResult;
+use rustdds::{DomainParticipant, DomainParticipantBuilder, Publisher, QosPolicies, Subscriber};
+use tokio::sync::watch;
+use tokio::task::{JoinSet, spawn_blocking};
+
+use crate::error::NodeError;
+
+/// Creates what is to exist in each participant that the node has, one after the other.
+#[derive(Clone)]
+pub(crate) struct DomainHandle(Arc<Mutex<ParticipantState>>);
+
+/// A participant, and what runs in it.
+pub(crate) struct JoinedParticipant {
+    pub(crate) participant: DomainParticipant,
+    pub(super) publisher: Publisher,
+    pub(super) subscriber: Subscriber,
+    /// The tasks that are aborted when the participant is left.
+    pub(crate) tasks: JoinSet<()>,
+    /// The tasks that take what comes: each ends by itself, with nothing half taken, once `open` is dropped.
+    pub(crate) readers: JoinSet<()>,
+    open: watch::Sender<()>,
+}
+
+/// What a factory created in a participant. It is not in use before it has taken over.
+pub(crate) struct NewEntity {
+    is_matched: Box<dyn Fn() -> bool + Send>,
+    take_over: Box<dyn FnOnce() -> Drain + Send>,
+}
+
+/// What the current participant has in use. There is one as soon as it has taken over the first time, which is at once.
+pub(crate) struct InUse<T>(RwLock<Option<T>>);
+
+/// Waits until what was replaced has nothing more to send, and then closes it.
+pub(super) type Drain = Pin<Box<dyn Future<Output = ()> + Send>>;
+
+type Factory = Box<dyn FnMut(&mut JoinedParticipant) -> Result<NewEntity, NodeError> + Send>;
+
+struct ParticipantState {
+    domain: u16,
+    localhost_only: bool,
+    /// In the order of creation: later ones rely on earlier ones.
+    factories: Vec<Factory>,
+    current: JoinedParticipant,
+}
+
+impl DomainHandle {
+    /// Joins with a first participant.
+    pub(super) fn join(domain: u16, localhost_only: bool) -> CreateResult<Self> {
+        let current = JoinedParticipant::new(domain, localhost_only)?;
+        let state = ParticipantState { domain, localhost_only, factories: Vec::new(), current };
+        Ok(Self(Arc::new(Mutex::new(state))))
+    }
+
+    /// Ends what the current participant has, readers and writers first.
+    pub(super) async fn leave(&self) {
+        let (factories, mut tasks, mut readers) = {
+            let ParticipantState { factories, current, .. } = &mut *self.locked();
+            let [tasks, readers] = [&mut current.tasks, &mut current.readers].map(std::mem::take);
+            (std::mem::take(factories), tasks, readers)
+        };
+        // They share the endpoints that they created.
+        drop(factories);
+        tasks.shutdown().await;
+        readers.shutdown().await;
+    }
+
+    /// Creates something, now and again in each later participant.
+    ///
+    /// # Errors
+    /// The factory's.
+    pub(crate) fn create(
+        &self,
+        mut factory: impl FnMut(&mut JoinedParticipant) -> Result<NewEntity, NodeError> + Send + 'static,
+    ) -> Result<(), NodeError> {
+        let mut state = self.locked();
+        let entity = factory(&mut state.current)?;
+        // There was nothing before it.
+        drop((entity.take_over)());
+        state.factories.push(Box::new(factory));
+        Ok(())
+    }
+
+    /// Joins with a second participant, and creates in it what there is in the current one.
+    ///
+    /// Blocks for some 20 ms.
+    pub(super) fn create_again(&self) -> Result<(JoinedParticipant, Vec<NewEntity>), NodeError> {
+        let mut state = self.locked();
+        let mut next = JoinedParticipant::new(state.domain, state.localhost_only)?;
+        let entities = state.factories.iter_mut().map(|factory| factory(&mut next));
+        let entities = entities.collect::<Result<_, _>>()?;
+        Ok((next, entities))
+    }
+
+    /// From now on the second participant is the current one; returns the first one, and what is to be drained of it.
+    pub(super) fn take_over(
+        &self,
+        mut next: JoinedParticipant,
+        mut entities: Vec<NewEntity>,
+    ) -> Result<(JoinedParticipant, Vec<Drain>), NodeError> {
+        let mut state = self.locked();
+        // What was created for the first time meanwhile.
+        for factory in &mut state.factories[entities.len()..] {
+            entities.push(factory(&mut next)?);
+        }
+        let drains = entities.into_iter().map(|entity| (entity.take_over)()).collect();
+        Ok((std::mem::replace(&mut state.current, next), drains))
+    }
+
+    /// Changes are made whole, so even a poisoned lock holds a sound state.
+    fn locked(&self) -> MutexGuard<'_, ParticipantState> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl JoinedParticipant {
+    fn new(domain: u16, localhost_only: bool) -> CreateResult<Self> {
+        let mut builder = DomainParticipantBuilder::new(domain);
+        if localhost_only {
+            builder = builder.with_only_networks([IpAddr::V4(Ipv4Addr::LOCALHOST)]);
+        }
+        let participant = builder.build()?;
+        let none = QosPolicies::qos_none();
+        Ok(Self {
+            publisher: participant.create_publisher(&none)?,
+            subscriber: participant.create_subscriber(&none)?,
+            participant,
+            tasks: JoinSet::new(),
+            readers: JoinSet::new(),
+            open: watch::Sender::new(()),
+        })
+    }
+
+    /// For a task of `readers`: resolves when it is to end.
+    pub(crate) fn closed(&self) -> impl Future<Output = ()> + Send + 'static {
+        let mut open = self.open.subscribe();
+        async move { while open.changed().await.is_ok() {} }
+    }
+
+    /// Leaves the domain with this participant.
+    pub(super) async fn leave(self) {
+        let Self { participant, publisher, subscriber, mut tasks, mut readers, open } = self;
+        drop(open);
+        while readers.join_next().await.is_some() {}
+        tasks.shutdown().await;
+        // It waits for its threads.
+        drop(spawn_blocking(move || drop((publisher, subscriber, participant))).await);
+    }
+}
+
+impl NewEntity {
+    /// What takes over by `take_over`, which returns what it replaced, to be closed later.
+    pub(crate) fn new<R>(take_over: impl FnOnce() -> R + Send + 'static) -> Self
+    where
+        R: Send + 'static,
+    {
+        Self::draining(|| {
+            let replaced = take_over();
+            async { drop(replaced) }
+        })
+    }
+
+    /// What takes over by `take_over`, which returns a future that ends when what it replaced may be closed.
+    pub(super) fn draining<F>(take_over: impl FnOnce() -> F + Send + 'static) -> Self
+    where
+        F: Future<Output = ()> + Send + 'static,
+    {
+        let take_over = Box::new(|| -> Drain { Box::pin(take_over()) });
+        Self { is_matched: Box::new(|| true), take_over }
+    }
+
+    /// The same, which is to take over once `is_matched`.
+    pub(super) fn once(self, is_matched: impl Fn() -> bool + Send + 'static) -> Self {
+        Self { is_matched: Box::new(is_matched), ..self }
+    }
+
+    /// Whether it has met the peers of what it is to replace.
+    pub(super) fn is_matched(&self) -> bool {
+        (self.is_matched)()
+    }
+}
+
+impl<T> InUse<T> {
+    /// Takes the next one in use, and returns the former one.
+    pub(crate) fn replace(&self, next: T) -> Option<T> {
+        self.0.write().unwrap_or_else(PoisonError::into_inner).replace(next)
+    }
+
+    /// None before there is one.
+    pub(crate) fn with<A>(&self, access: impl FnOnce(&T) -> A) -> Option<A> {
+        self.0.read().unwrap_or_else(PoisonError::into_inner).as_ref().map(access)
+    }
+}
+
+impl<T> Default for InUse<T> {
+    fn default() -> Self {
+        Self(RwLock::new(None))
+    }
+}

@@ -1,0 +1,123 @@
+//! When a connection has to be ended: it is silent, it reads nothing, or it takes back too many calls.
+//!
+//! Whoever serves the connection reports to it what the connection does; the bounds are the server's.
+
+use std::net::SocketAddr;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use tokio::sync::Notify;
+use tokio::time::{Instant, sleep};
+use tonic::Status;
+
+use crate::grpc::server::limits::{RejectReason, ServerLimits};
+
+/// What a connection did last, and what it owes.
+pub(crate) struct ConnectionWatch {
+    pub(crate) limits: Arc<ServerLimits>,
+    peer: SocketAddr,
+    has_called: AtomicBool,
+    under_way: AtomicUsize,
+    owed: AtomicUsize,
+    activity: Mutex<Activity>,
+    too_many: Notify,
+}
+
+/// When something last came to pass, and how many calls were taken back in this second.
+struct Activity {
+    moved: Instant,
+    second: Instant,
+    resets: u32,
+}
+
+impl ConnectionWatch {
+    pub(crate) fn new(limits: Arc<ServerLimits>, peer: SocketAddr, now: Instant) -> Self {
+        Self {
+            limits,
+            peer,
+            has_called: AtomicBool::new(false),
+            under_way: AtomicUsize::new(0),
+            owed: AtomicUsize::new(0),
+            activity: Mutex::new(Activity { moved: now, second: now, resets: 0 }),
+            too_many: Notify::new(),
+        }
+    }
+
+    /// Says in the log that a call was refused.
+    pub(crate) fn refused(&self, status: Status) -> Status {
+        self.limits.log(self.peer, &RejectReason::Call(status.message().to_owned()));
+        status
+    }
+
+    /// So many bytes of a reply lie ready.
+    pub(crate) fn owe(&self, bytes: usize) {
+        if self.owed.fetch_add(bytes, Ordering::Relaxed) == 0 {
+            self.moved();
+        }
+    }
+
+    /// So many were taken, or are no longer wanted.
+    pub(crate) fn paid(&self, bytes: usize) {
+        self.owed.fetch_sub(bytes, Ordering::Relaxed);
+        self.moved();
+    }
+
+    /// A call began.
+    pub(crate) fn call_began(&self) {
+        self.has_called.store(true, Ordering::Relaxed);
+        self.under_way.fetch_add(1, Ordering::Relaxed);
+        self.moved();
+    }
+
+    /// A call ended, perhaps before it was answered.
+    pub(crate) fn call_ended(&self, is_answered: bool) {
+        self.under_way.fetch_sub(1, Ordering::Relaxed);
+        self.moved();
+        if !is_answered {
+            self.taken_back();
+        }
+    }
+
+    fn moved(&self) {
+        self.activity.lock().unwrap_or_else(PoisonError::into_inner).moved = Instant::now();
+    }
+
+    /// The client no longer wants a call that is not answered.
+    pub(crate) fn taken_back(&self) {
+        let mut activity = self.activity.lock().unwrap_or_else(PoisonError::into_inner);
+        let now = Instant::now();
+        if now.duration_since(activity.second) >= Duration::from_secs(1) {
+            (activity.second, activity.resets) = (now, 0);
+        }
+        activity.resets += 1;
+        if activity.resets > self.limits.bounds.resets {
+            self.too_many.notify_one();
+        }
+    }
+
+    /// Ready once the connection has to be ended.
+    pub(crate) async fn expired(&self) -> RejectReason {
+        loop {
+            let bounds = self.limits.bounds;
+            let (has_unread, calls) =
+                (self.owed.load(Ordering::Relaxed) > 0, self.under_way.load(Ordering::Relaxed) > 0);
+            let (patience, why) = match (self.has_called.load(Ordering::Relaxed), has_unread) {
+                (false, _) => (bounds.greeting, RejectReason::Mute),
+                (true, true) => (bounds.stall, RejectReason::Unread),
+                (true, false) => (bounds.idle, RejectReason::Idle),
+            };
+            let moved = self.activity.lock().unwrap_or_else(PoisonError::into_inner).moved;
+            let remaining = patience.saturating_sub(moved.elapsed());
+            if remaining.is_zero() && (has_unread || !calls) {
+                return why;
+            }
+            // What it waits for changes without a wake-up, so it looks again soon enough for each.
+            let soon = bounds.greeting.min(bounds.stall).min(bounds.idle);
+            tokio::select! {
+                () = sleep(if remaining.is_zero() { soon } else { remaining.min(soon) }) => {}
+                () = self.too_many.notified() => return RejectReason::Resets,
+            }
+        }
+    }
+}

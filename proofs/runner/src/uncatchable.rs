@@ -1,0 +1,46 @@
+//! The seeded faults that no harness can catch, each with its reason in `proofs/uncatchable.toml`.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+
+use fuseline_evidence::SeededFault;
+use serde::Deserialize;
+
+use crate::error::Error;
+
+/// What no harness can catch, each with the reason.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct UncatchableFaults {
+    /// By the beginnings of their files' names.
+    files: BTreeMap<String, String>,
+    /// By their own names.
+    faults: BTreeMap<String, String>,
+}
+
+impl UncatchableFaults {
+    /// Those among these faults.
+    ///
+    /// # Errors
+    /// The file cannot be read, or names a fault or files that there are not.
+    pub(crate) fn load(root: &Path, faults: &[SeededFault]) -> Result<Self, Error> {
+        let path = root.join("proofs/uncatchable.toml");
+        let text = fs::read_to_string(&path).map_err(Error::file(&path))?;
+        let uncatchable: Self =
+            toml::from_str(&text).map_err(|error| Error::content(&path, &error))?;
+        let lone = |name: &&String| !faults.iter().any(|fault| fault.name == **name);
+        let empty = |start: &&String| !faults.iter().any(|fault| fault.file.starts_with(*start));
+        let stale =
+            uncatchable.faults.keys().find(lone).or_else(|| uncatchable.files.keys().find(empty));
+        match stale {
+            Some(name) => Err(Error::content(&path, &format!("there is no fault of {name}"))),
+            None => Ok(uncatchable),
+        }
+    }
+
+    pub(crate) fn holds(&self, fault: &SeededFault) -> bool {
+        self.faults.contains_key(&fault.name)
+            || self.files.keys().any(|start| fault.file.starts_with(start))
+    }
+}

@@ -1,0 +1,349 @@
+//! Any value of the machine's types, and any valid state.
+//!
+//! Harnesses start from these. States are made valid by construction, so that no harness has to assume it; `valid.rs` says what
+//! valid means. Each function draws from Kani's `any`, or where Kani is not, from its stand-in.
+
+use crate::cell_window::{self, DueKey};
+use crate::cells::Cells;
+use crate::clouds::Clouds;
+use crate::entry::Entry;
+use crate::fusion::Fusion;
+use crate::gate::Gate;
+use crate::priority::Priority;
+use crate::slot::{Commit, Slot};
+use crate::source::{Source, Sources};
+use crate::time::{Deadline, Instant, Timestamp};
+use crate::window::{Others, Window};
+
+/// The greatest window that there is.
+pub(crate) const WINDOW: usize = 1024;
+
+/// Any number below `cases`. The runner may check one case at a time: then `FUSELINE_CASE` names it at compile time, so that
+/// all that depends on it is a constant. A line `Cases:` of a harness says how many there are.
+pub(crate) fn any_case(cases: u8) -> u8 {
+    let case = kani::any_where(|case| *case < cases);
+    match option_env!("FUSELINE_CASE") {
+        None => case,
+        Some(only) => {
+            let only = only.bytes().fold(0, |number, digit| number * 10 + (digit - b'0'));
+            kani::assume(case == only);
+            only
+        }
+    }
+}
+
+pub(crate) fn any_commit() -> Commit {
+    if kani::any() { Commit::Eager } else { Commit::Patient }
+}
+
+/// Local or one of the first `clouds` clouds.
+pub(crate) fn any_source(clouds: u8) -> Source {
+    Source::new(kani::any_where(|index| *index <= clouds)).unwrap_or(Source::LOCAL)
+}
+
+/// Local and the first `clouds` clouds.
+pub(crate) const fn sources(clouds: u8) -> Sources {
+    Sources::from_bits(u16::MAX >> (15 - clouds))
+}
+
+/// Any valid state of an open timestamp for which nothing beyond the first `clouds` clouds was requested.
+pub(crate) fn any_slot(commit: Commit, clouds: u8) -> Slot {
+    let [requested, pending, cached] = kani::any();
+    slot_of(commit, clouds, requested, pending, cached, kani::any())
+}
+
+/// A valid state made from any bits. Those of a valid state stay as they are, so that none is left out.
+pub(crate) fn slot_of(
+    commit: Commit,
+    clouds: u8,
+    requested: u16,
+    pending: u16,
+    cached: u16,
+    limited: bool,
+) -> Slot {
+    let requested = requested & sources(clouds).bits() | Sources::LOCAL.bits();
+    let pending = match pending & requested {
+        0 => Sources::LOCAL.bits(),
+        pending => pending,
+    };
+    // P4: what is cached lies below the greatest pending.
+    let below = u16::MAX >> pending.leading_zeros() >> 1;
+    let cached = cached & requested & !pending & below;
+    let with_timers = match commit {
+        Commit::Eager => pending | cached,
+        Commit::Patient => pending,
+    };
+    let deadline = if limited { pending & Sources::LOCAL.bits() } else { 0 };
+    let armed = with_timers & !Sources::LOCAL.bits() | deadline;
+    let [requested, pending, armed, cached] =
+        [requested, pending, armed, cached].map(Sources::from_bits);
+    // `every_valid_state_is_generated_and_accepted` shows that it is no error.
+    Slot::from_sets(commit, requested, pending, armed, cached).unwrap_or(Slot::RETIRED)
+}
+
+pub(crate) fn any_instant() -> Instant {
+    Instant::from_nanos(kani::any())
+}
+
+pub(crate) fn any_deadline() -> Deadline {
+    Deadline::from_nanos(kani::any())
+}
+
+pub(crate) fn any_timestamp() -> Timestamp {
+    Timestamp::new(kani::any())
+}
+
+/// Any timestamp; where values are random, `own` half of the time.
+pub(crate) fn any_timestamp_or(own: Timestamp) -> Timestamp {
+    if kani::any() { own } else { any_timestamp() }
+}
+
+/// Any priority; where values are random, mostly one that is known.
+pub(crate) fn any_priority_or_registered<const CLOUDS: usize>(clouds: &Clouds<CLOUDS>) -> Priority {
+    let (known, mut priority) = (kani::any::<u8>(), Priority::new(kani::any()));
+    for (i, registered) in clouds.priorities.iter().enumerate() {
+        if usize::from(known) % 16 == i + 1 {
+            priority = *registered;
+        }
+    }
+    priority
+}
+
+/// The earliest due instant of an entry's armed timers, by looking at each.
+pub(crate) fn earliest<const CLOUDS: usize>(entry: &Entry<CLOUDS>) -> Option<Instant> {
+    let armed = entry.slot.armed().bits();
+    let mut earliest = if armed & 1 != 0 { Some(entry.local_due) } else { None };
+    let mut bit = 2;
+    for due in entry.dues {
+        if armed & bit != 0 {
+            earliest = least(earliest, Some(due));
+        }
+        bit <<= 1;
+    }
+    earliest
+}
+
+/// The earlier one; none is later than any.
+pub(crate) fn least(a: Option<Instant>, b: Option<Instant>) -> Option<Instant> {
+    match (a, b) {
+        (Some(a), Some(b)) => Some(if a <= b { a } else { b }),
+        (Some(due), None) | (None, Some(due)) => Some(due),
+        (None, None) => None,
+    }
+}
+
+/// Any open timestamp's entry.
+pub(crate) fn any_entry<const CLOUDS: usize>(commit: Commit) -> Entry<CLOUDS> {
+    any_entry_of(any_slot(commit, CLOUDS as u8))
+}
+
+/// Any with these sets. What is armed is due after the clock's start: a due instant lies after some clock's.
+pub(crate) fn any_entry_of<const CLOUDS: usize>(slot: Slot) -> Entry<CLOUDS> {
+    let mut entry = Entry { slot, ..Entry::EMPTY };
+    let armed = slot.armed().bits();
+    entry.local_due = any_due(armed & 1 != 0);
+    for (i, due) in entry.dues.iter_mut().enumerate() {
+        *due = any_due(armed >> (i + 1) & 1 != 0);
+    }
+    entry
+}
+
+/// Any due instant; that of an armed timer is after the clock's start.
+pub(crate) fn any_due(is_armed: bool) -> Instant {
+    let nanos: u64 = kani::any();
+    Instant::from_nanos(if is_armed && nanos == 0 { 1 } else { nanos })
+}
+
+/// The key of a timestamp with this earliest due instant.
+pub(crate) fn key_of(due: Option<Instant>, timestamp: Timestamp) -> DueKey {
+    match due {
+        Some(due) => DueKey { due_minus_one: due.as_nanos() - 1, timestamp },
+        None => DueKey::NEVER,
+    }
+}
+
+/// The earlier of two keys: by due instant, then by timestamp.
+pub(crate) fn earlier(a: DueKey, b: DueKey) -> DueKey {
+    let is_first = a.due_minus_one < b.due_minus_one
+        || a.due_minus_one == b.due_minus_one && a.timestamp <= b.timestamp;
+    if is_first { a } else { b }
+}
+
+/// Any key, or never.
+fn any_key() -> DueKey {
+    key_of(if kani::any() { Some(any_due(true)) } else { None }, any_timestamp())
+}
+
+/// How many keys a row has, and how many rows there are: as few of both as can be, for a power of two of keys in each row.
+pub(crate) const fn rows(capacity: usize) -> (usize, usize) {
+    let mut row = 1;
+    while row * row < capacity {
+        row *= 2;
+    }
+    (row, capacity.div_ceil(row))
+}
+
+/// The rank of own among the open timestamps, and how many are open.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct OwnPosition {
+    pub(crate) rank: usize,
+    pub(crate) len: usize,
+}
+
+/// Any number below `end`, by no division.
+pub(crate) fn any_below(end: usize) -> usize {
+    let any = usize::from(kani::any::<u16>()) & (end.next_power_of_two() - 1);
+    if any < end { any } else { any - end }
+}
+
+/// Own is open, anywhere among any number.
+pub(crate) fn any_open_position<const CAPACITY: usize>() -> OwnPosition {
+    let rank = any_below(CAPACITY);
+    let len = rank + 1 + any_below(CAPACITY);
+    OwnPosition { rank, len: if len < CAPACITY { len } else { CAPACITY } }
+}
+
+/// Own comes next, behind any number: beyond the last index if the window is full.
+pub(crate) fn any_next_position<const CAPACITY: usize>() -> OwnPosition {
+    let len = any_below(CAPACITY + 1);
+    OwnPosition { rank: len, len }
+}
+
+/// Any index of an array but own's; also its end, where there is no element.
+fn any_other_index<const CAPACITY: usize>(own: usize) -> usize {
+    let at = any_below(CAPACITY + 1);
+    if at == own { CAPACITY } else { at }
+}
+
+/// Any window in which own has this rank and this entry: any index of the entry, any other timestamp, and any first keys of the
+/// others.
+pub(crate) fn any_window<const CLOUDS: usize, const CAPACITY: usize>(
+    OwnPosition { rank, len }: OwnPosition,
+    entry: Entry<CLOUDS>,
+) -> cell_window::Window<CLOUDS, CAPACITY> {
+    let entry_index = any_below(CAPACITY);
+    let ranks = [rank, any_other_index::<CAPACITY>(rank)];
+    let indices = [entry_index, any_other_index::<CAPACITY>(entry_index)];
+    let [less, greater] = kani::any_where(|[less, greater]: &[u64; 2]| less < greater);
+    let timestamps = if ranks[0] < ranks[1] { [less, greater] } else { [greater, less] };
+    let timestamps = timestamps.map(Timestamp::new);
+    // A free entry keeps what was stored in it.
+    let key = if rank < len { key_of(earliest(&entry), timestamps[0]) } else { DueKey::NEVER };
+    let keys = [key, any_key()];
+    let row_firsts = [earlier(keys[0], keys[1]), any_key()];
+    let (of_row, rows) = const { rows(CAPACITY) };
+    cell_window::Window {
+        timestamps: Cells::new(ranks, timestamps),
+        entry_indices: Cells::new(ranks, indices.map(|entry_index| entry_index as u16)),
+        len,
+        entries: Cells::new(indices, [entry, Entry::EMPTY]),
+        keys: Cells::new(indices, keys),
+        row_firsts: Cells { rows, ..Cells::new([entry_index / of_row, CAPACITY], row_firsts) },
+        first: earlier(row_firsts[0], row_firsts[1]),
+    }
+}
+
+/// Any open timestamps but `own`, at most so many, none greater than `newest`.
+fn any_others<const CLOUDS: usize>(
+    commit: Commit,
+    own: Timestamp,
+    newest: Timestamp,
+    most: usize,
+) -> Others<CLOUDS> {
+    let len = kani::any::<u16>() as usize % WINDOW;
+    let len = if len < most { len } else { most };
+    let mut others = Others { len, greatest: newest, first: None, entry: any_entry(commit) };
+    others.first = any_first(&others, own);
+    if let Some((due, _)) = others.first {
+        // What fires has a timer that is due then, or several.
+        let timers = kani::any::<u16>() & others.entry.slot.armed().bits();
+        let timers = if timers == 0 { u16::MAX } else { timers };
+        if timers & 1 != 0 {
+            others.entry.local_due = due;
+        }
+        for i in 0..CLOUDS {
+            if timers >> (i + 1) & 1 != 0 {
+                others.entry.dues[i] = due;
+            }
+        }
+    }
+    others
+}
+
+/// Any key of the others, or none.
+fn any_first<const CLOUDS: usize>(
+    others: &Others<CLOUDS>,
+    own: Timestamp,
+) -> Option<(Instant, Timestamp)> {
+    if others.len == 0 || kani::any() {
+        return None;
+    }
+    let timestamp = kani::any_where(|t| *t <= others.greatest.as_u64() && *t != own.as_u64());
+    Some((any_due(true), Timestamp::new(timestamp)))
+}
+
+/// Any key of the others that is no earlier than `first`, or none.
+pub(crate) fn any_others_after<const CLOUDS: usize>(
+    others: &Others<CLOUDS>,
+    own: Timestamp,
+    first: (Instant, Timestamp),
+) -> Option<(Instant, Timestamp)> {
+    any_first(others, own).filter(|later| *later >= first)
+}
+
+/// A machine with the greatest window that there is, and any timestamps open in it; any clock, clouds and gates.
+pub(crate) fn any_machine<const CLOUDS: usize>() -> Fusion<CLOUDS, WINDOW> {
+    machine(kani::any())
+}
+
+/// The same, and own is open.
+pub(crate) fn any_machine_of_own<const CLOUDS: usize>() -> Fusion<CLOUDS, WINDOW> {
+    machine(true)
+}
+
+fn machine<const CLOUDS: usize>(is_open: bool) -> Fusion<CLOUDS, WINDOW> {
+    let commit = any_commit();
+    let window = 1 + kani::any::<u16>() as usize % WINDOW;
+    let (own, entry) = (any_timestamp(), any_entry(commit));
+    let due = if is_open { earliest(&entry) } else { None };
+    // F1: no later timestamp is open than the greatest ever opened.
+    let mut newest = if is_open || kani::any() { Some(any_timestamp()) } else { None };
+    if is_open && newest < Some(own) {
+        newest = Some(own);
+    }
+    let others = match newest {
+        None => Others::EMPTY,
+        Some(newest) => any_others(commit, own, newest, window - usize::from(is_open)),
+    };
+    let open = Window { own, is_open, entry, due, others };
+    Fusion { commit, window, clouds: any_clouds(), now: any_instant(), newest, open }
+}
+
+/// Any clouds, any gates; all of the capacity are registered.
+pub(crate) fn any_clouds<const CLOUDS: usize>() -> Clouds<CLOUDS> {
+    let mut priorities = [Priority::LOCAL; CLOUDS];
+    let mut below = 0;
+    for (i, priority) in priorities.iter_mut().enumerate() {
+        // Ascending, with room for those to come.
+        let most = u16::MAX - (CLOUDS - 1 - i) as u16;
+        let number = kani::any();
+        below = if number > below && number <= most { number } else { below + 1 };
+        *priority = Priority::new(below);
+    }
+    Clouds { priorities, gates: core::array::from_fn(|_| any_gate()), len: CLOUDS }
+}
+
+pub(crate) fn any_gate() -> Gate {
+    let [limit, resume] = kani::any_where(|[limit, resume]: &[u64; 2]| resume < limit);
+    Gate { limit, resume, shut: kani::any() }
+}
+
+/// A machine in which nothing is due, as it is when it takes an input: `f5_expire_by_the_rule` shows that `at` is `Ready` only then.
+pub(crate) fn with_nothing_due<const CLOUDS: usize>(
+    mut fusion: Fusion<CLOUDS, WINDOW>,
+) -> Fusion<CLOUDS, WINDOW> {
+    if let Some(due) = fusion.next_due().filter(|due| *due <= fusion.now) {
+        fusion.now = Instant::from_nanos(due.as_nanos() - 1);
+    }
+    fusion
+}

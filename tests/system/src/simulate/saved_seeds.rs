@@ -1,0 +1,29 @@
+//! The seeds that ever failed.
+
+use serde::Deserialize;
+
+/// A seed that failed once.
+#[derive(Clone, PartialEq, Eq, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct KeptSeed {
+    /// The seed.
+    pub seed: u64,
+    /// What was wrong, and what was done about it.
+    pub because: String,
+}
+
+/// All of them, in the order in which they were found.
+///
+/// # Panics
+/// If `seeds.toml` is no list of seeds with reasons; a test reads it.
+#[must_use]
+pub fn saved_seeds() -> Vec<KeptSeed> {
+    #[derive(Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct File {
+        #[serde(default)]
+        seed: Vec<KeptSeed>,
+    }
+    let file: Result<File, _> = toml::from_str(include_str!("../../simulate/seeds.toml"));
+    file.map(|file| file.seed).expect("seeds.toml is a list of seeds with reasons")
+}
