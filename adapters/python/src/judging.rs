@@ -5,7 +5,7 @@ use std::io::BufRead;
 use fuseline_engine::arbiter::Arbiter;
 use fuseline_report::{Findings, JudgeMode, PageWriter, TraceJudge};
 use fuseline_traces::observed::{self, Slack};
-use fuseline_traces::{Decision, Event, Events, Header, Input, Verdict};
+use fuseline_traces::{Annotations, Decision, Event, Events, Header, HeldValues, Input, Verdict};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
@@ -48,9 +48,12 @@ pub(crate) fn judged(
 ) -> PyResult<(Header, Findings)> {
     let mode = mode(slack);
     let mut reader = reader(mode, name, trace)?;
-    let mut judging = TraceJudge::new(mode, name, reader.header());
+    let mut judging = TraceJudge::new(mode, name, reader.header())
+        .with_header_annotations(reader.header_annotations());
     while let Some(event) = reader.next_event().map_err(unreadable)? {
-        judging.line(reader.line(), &event).map_err(|disorder| unjudged(&disorder))?;
+        judging
+            .annotated_line(reader.line(), &event, reader.annotations())
+            .map_err(|disorder| unjudged(&disorder))?;
         each(&event);
     }
     Ok((reader.header().clone(), judging.finish()))
@@ -69,11 +72,15 @@ pub(crate) fn report<'py>(
     for (trace, name) in traces {
         verdicts.push(with_trace(&trace, name, |name, trace| {
             let mut reader = reader(mode, name, trace)?;
-            let mut sheet = page.begin(mode, name, reader.header());
+            let mut trace_page = page
+                .begin(mode, name, reader.header())
+                .with_header_annotations(reader.header_annotations());
             while let Some(event) = reader.next_event().map_err(unreadable)? {
-                sheet.event(reader.line(), event).map_err(unshown)?;
+                trace_page
+                    .annotated_event(reader.line(), event, reader.annotations())
+                    .map_err(unshown)?;
             }
-            Ok(verdict_fields(sheet.finish()))
+            Ok(verdict_fields(trace_page.finish()))
         })?);
     }
     let html = py.detach(|| {
@@ -142,16 +149,22 @@ pub(crate) fn replay<'py>(
     let whole = with_trace(trace, name, |name, trace| {
         let mut reader = Events::new(name, trace).map_err(unreadable)?;
         let mut arbiter = Arbiter::<15, 1024>::new(reader.header()).map_err(config)?;
+        let (mut values, mut decisions) = (HeldValues::default(), Vec::new());
         let mut out = reader.raw().to_vec();
         out.push(b'\n');
         while let Some(event) = reader.next_event().map_err(unreadable)? {
             if let Event::Input(input) = event {
                 out.extend_from_slice(reader.raw());
                 out.push(b'\n');
-                arbiter.decide(&input, |decision| {
-                    decision.write(&mut out);
+                decisions.clear();
+                arbiter.decide(&input, |decision| decisions.push(decision));
+                // D2: an emit says of its value what the result that it sends said.
+                values.apply(&input, reader.annotations().of, decisions.iter());
+                for decision in &decisions {
+                    let sent = Annotations { of: values.of(decision), ..Annotations::NONE };
+                    Event::Decision(*decision).write_annotated(&sent, &mut out);
                     out.push(b'\n');
-                });
+                }
             }
         }
         Ok(out)

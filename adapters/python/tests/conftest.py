@@ -17,6 +17,7 @@ T = TypeVar("T")
 #: The root of the project.
 ROOT = Path(__file__).parents[3]
 CORPUS = sorted((ROOT / "traces/corpus").glob("*.jsonl"))
+ANNOTATED = sorted((ROOT / "traces/corpus/annotated").glob("*.jsonl"))
 BAD = sorted((ROOT / "traces/corpus/bad").glob("*.jsonl"))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import json
 import os
 import re
 import signal
@@ -17,7 +18,7 @@ from typing import Any, cast
 import fuseline
 import pyarrow as pa
 import pytest
-from conftest import BAD, CORPUS
+from conftest import ANNOTATED, BAD, CORPUS
 from fuseline import Trace, check, check_observed, ns, replay, report
 
 HEADER = b'{"fuseline":1,"window":16,"clouds":[{"p":1,"limit":31}]}\n'
@@ -39,6 +40,24 @@ def test_the_corpus_conforms_and_replays(path: Path) -> None:
     inputs = b"".join(path.read_bytes().splitlines(keepends=True))
     assert replay(path) == replay(inputs)
     assert check(replay(path)).conforms
+
+
+@pytest.mark.parametrize("path", ANNOTATED, ids=lambda path: path.stem)
+def test_traces_with_further_keys_are_judged_by_them(path: Path) -> None:
+    options = json.loads(path.with_suffix(".json").read_text())
+    slack = options.get("observed")
+    if slack and slack.get("tolerances"):
+        pytest.skip("tolerances by source are the command's alone")
+    expected = [(it["rule"], it["line"]) for it in options["violations"]]
+    if slack:
+        times = (ns(slack["tolerance"]), ns(slack["lateness"]))
+        verdict = check_observed(path, tolerance=times[0], lateness=times[1])
+    else:
+        verdict = check(path)
+        if not expected:
+            assert replay(path) == path.read_bytes()
+    assert sorted((it.rule, it.line) for it in verdict.violations) == sorted(expected)
+    assert verdict.judged == options["judged"]
 
 
 @pytest.mark.parametrize("path", BAD, ids=lambda path: path.stem)
