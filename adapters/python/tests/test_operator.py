@@ -742,7 +742,7 @@ def test_a_lost_computation_gives_its_place_back(
     assert run(lambda loop: main(loop, False)) == ([Ending.MISSED] * 3, 0)
     lost = [Ending.MISSED, Ending.FORWARDED, Ending.FORWARDED]
     assert run(lambda loop: main(loop, True)) == (lost, 1)
-    assert "of the local computation came (timestamp=0)" in caplog.text
+    assert "local computation lost (timestamp=0)" in caplog.text
 
 
 def test_reasons_of_failures_and_refused_messages_are_counted_as_in_rust(run: Run[Any]) -> None:
@@ -828,7 +828,7 @@ def test_a_policy_that_fails_asks_for_nothing(
     (item,) = run(main)
     assert item.value == "a"
     assert caplog.text.count("a policy failed\n") == 1
-    assert "nothing is asked (timestamp=0, source=cloud-1)" in caplog.text
+    assert "no request is sent (timestamp=0, source=cloud-1)" in caplog.text
 
 
 def test_no_handler_or_policy_can_enter_the_engine_while_it_decides(
