@@ -86,7 +86,11 @@ fn write(output: &Output, page: &PageWriter) -> Result<(), Fault> {
 }
 
 /// Reads and judges one trace, and puts it on the page.
-fn read_file(page: &mut PageWriter, options: &JudgeOptions, path: &Path) -> Result<Findings, Fault> {
+fn read_file(
+    page: &mut PageWriter,
+    options: &JudgeOptions,
+    path: &Path,
+) -> Result<Findings, Fault> {
     let (mode, end) = (options.mode()?, options.end());
     let (name, file) = open(path)?;
     let trace = unpack(BufReader::new(file))
