@@ -89,6 +89,20 @@ pub enum Outcome<const CLOUDS: usize> {
     Held,
     /// Accepted; the timestamp stays open. Never the answer to a result.
     Waiting,
+    /// Send the result of `by` downstream; the timestamp stays open for better ones (F9). Only under progressive, and only
+    /// the answer to a result.
+    Preliminary {
+        /// The source of the result; 0 is local.
+        by: Priority,
+        /// The clouds still pending that it outranks: their calls may be aborted.
+        cancelled: Priorities<CLOUDS>,
+    },
+    /// The result of `by`, sent before, was the last: the timestamp is retired (F9). Only under progressive, and never the
+    /// answer to a result.
+    Final {
+        /// The source of the result; 0 is local.
+        by: Priority,
+    },
     /// Send the result of `by` downstream; the timestamp is retired and whatever else was held for it is discarded.
     Forwarded {
         /// The source of the result; 0 is local.
@@ -111,11 +125,11 @@ pub enum Outcome<const CLOUDS: usize> {
 pub enum DropReason {
     /// No such source, or neither this timestamp nor a later one was ever opened.
     Unknown,
-    /// The timestamp is not open: forwarded, missed, or skipped.
+    /// The timestamp is not open: forwarded, missed, or skipped. Under progressive also: the last output outranks it.
     Superseded,
     /// The source was not requested for this timestamp.
     Unsolicited,
-    /// The source's result was accepted before and is held.
+    /// The source's result was accepted before, and is held or was the last output.
     Duplicate,
     /// The request was closed by its timer or by a failure.
     Late,
@@ -132,6 +146,6 @@ pub struct Firing<const CLOUDS: usize> {
     pub due: Instant,
     /// The requests that they close; 0 is local.
     pub timers: Priorities<CLOUDS>,
-    /// Waiting, forwarded or missed.
+    /// Waiting, forwarded, final or missed.
     pub outcome: Outcome<CLOUDS>,
 }

@@ -191,6 +191,11 @@ impl<const CLOUDS: usize> Clouds<CLOUDS> {
             Decision::Held => Outcome::Held,
             Decision::Waiting => Outcome::Waiting,
             Decision::Missed => Outcome::Missed,
+            Decision::Preliminary { by, cancelled } => Outcome::Preliminary {
+                by: priority_of(&self.priorities, by),
+                cancelled: Priorities::new(self.priorities, cancelled),
+            },
+            Decision::Final { by } => Outcome::Final { by: priority_of(&self.priorities, by) },
             Decision::Forwarded { by, cancelled } => Outcome::Forwarded {
                 by: priority_of(&self.priorities, by),
                 cancelled: Priorities::new(self.priorities, cancelled),

@@ -45,12 +45,15 @@ impl<V, const WINDOW: usize> Held<V, WINDOW> {
                 self.hold(HeldValue { timestamp, source, value });
                 None
             }
+            // F9: nothing is held under progressive.
+            Outcome::Preliminary { by, .. } => (*by == source).then_some(value),
             Outcome::Forwarded { by, .. } if *by == source => {
                 // F7: what else was held for it is discarded.
                 self.take(timestamp);
                 Some(value)
             }
             Outcome::Forwarded { .. }
+            | Outcome::Final { .. }
             | Outcome::Dropped(_)
             | Outcome::Waiting
             | Outcome::Missed => self.apply(timestamp, outcome),
@@ -100,7 +103,11 @@ impl<V, const WINDOW: usize> Held<V, WINDOW> {
                 self.take(timestamp);
                 None
             }
-            Outcome::Dropped(_) | Outcome::Held | Outcome::Waiting => None,
+            Outcome::Dropped(_)
+            | Outcome::Held
+            | Outcome::Waiting
+            | Outcome::Preliminary { .. }
+            | Outcome::Final { .. } => None,
         }
     }
 

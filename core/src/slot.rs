@@ -1,4 +1,4 @@
-//! The four sets of one timestamp, and the pure step that decides about it (F2–F7).
+//! The four sets of one timestamp, and the pure step that decides about it (F2–F7, F9).
 //!
 //! All decisions about results are made here, by sets of at most 16 sources. Nothing here knows the clock, a due instant, a
 //! priority's number or another timestamp: `fusion.rs` does, and calls the step.
@@ -8,7 +8,7 @@ use crate::gate::Gate;
 use crate::source::{Source, Sources};
 use crate::time::{Deadline, Instant};
 
-/// When the best available result is forwarded although something better is still pending (F6).
+/// When a result is forwarded although something better is still pending (F6, F9).
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
 #[cfg_attr(
     feature = "serde",
@@ -22,6 +22,8 @@ pub enum Commit {
     Eager,
     /// A timer closes its own request alone; the best available result is forwarded when nothing pending outranks it.
     Patient,
+    /// Each result that is better than those before it is forwarded at once, and better ones may follow it (F9).
+    Progressive,
 }
 
 /// The four sets of one timestamp. Every value is valid for the commit rule that it was made and stepped with.
@@ -56,6 +58,18 @@ pub enum Decision {
     Held,
     /// Requests were closed and something is still pending.
     Waiting,
+    /// The result of `by` is sent downstream, and better ones are still pending (F9). Progressive alone.
+    Preliminary {
+        /// Whose result it is.
+        by: Source,
+        /// The clouds that were still pending and that it outranks.
+        cancelled: Sources,
+    },
+    /// Nothing better will come than the result of `by`, which was sent before; the timestamp is retired (F9). Progressive alone.
+    Final {
+        /// Whose result it is.
+        by: Source,
+    },
     /// The result of `by` is sent downstream; the timestamp is retired.
     Forwarded {
         /// Whose result it is.
@@ -80,6 +94,8 @@ pub enum InvalidSlot {
     NothingPending,
     /// Nothing pending outranks the best available result, so it would have been forwarded (P4).
     Unforwarded,
+    /// Under progressive, the last output is not the only one cached, or outranks something pending (F9).
+    Outranked,
     /// The armed timers are not those that the commit rule keeps (P8).
     Timers,
 }
@@ -92,6 +108,7 @@ impl core::fmt::Display for InvalidSlot {
             Self::PendingAndCached => "a source is both pending and cached",
             Self::NothingPending => "nothing is pending",
             Self::Unforwarded => "nothing pending outranks the best available result",
+            Self::Outranked => "the last output is not the only one, or outranks something pending",
             Self::Timers => "the armed timers are not those that the commit rule keeps",
         })
     }
@@ -145,9 +162,13 @@ impl Slot {
         if cached.greatest().is_some_and(|best| !pending.any_above(best)) {
             return Err(InvalidSlot::Unforwarded);
         }
+        let is_last = |last| cached.without(last).is_empty() && pending == pending.above(last);
+        if commit == Commit::Progressive && !cached.greatest().is_none_or(is_last) {
+            return Err(InvalidSlot::Outranked);
+        }
         let of_clouds = match commit {
             Commit::Eager => pending.union(cached).clouds(),
-            Commit::Patient => pending.clouds(),
+            Commit::Patient | Commit::Progressive => pending.clouds(),
         };
         let limit_outlives_local =
             armed.contains(Source::LOCAL) && !pending.contains(Source::LOCAL);
@@ -240,15 +261,15 @@ impl Slot {
         self.armed
     }
 
-    /// The sources whose result arrived in time and is held.
+    /// The sources whose result arrived in time and is held; under progressive, that of the last output.
     #[must_use]
     pub const fn cached(self) -> Sources {
         self.cached
     }
 
-    /// F3: a result is dropped, forwarded, or held while something pending outranks it.
+    /// F3: a result is dropped, forwarded, or held while something pending outranks it; under progressive it is not held.
     fn result(mut self, commit: Commit, source: Source) -> (Self, Decision) {
-        if let Some(reason) = self.drop_reason(source) {
+        if let Some(reason) = self.drop_reason(commit, source) {
             return (self, Decision::Dropped(reason));
         }
         self.pending = self.pending.without(source);
@@ -256,17 +277,29 @@ impl Slot {
         if !self.pending.any_above(source) {
             return self.forward(source);
         }
-        self.cached = self.cached.with(source);
-        // F3 held: an eager cloud's timer runs on, to commit the best available; local's never commits (A3).
-        if commit == Commit::Patient || source == Source::LOCAL {
-            self.armed = self.armed.without(source);
+        match commit {
+            // F3 held: an eager cloud's timer runs on, to commit the best available; local's never commits (A3).
+            Commit::Eager if source != Source::LOCAL => {}
+            Commit::Eager | Commit::Patient => self.armed = self.armed.without(source),
+            Commit::Progressive => return self.send(source),
         }
+        self.cached = self.cached.with(source);
         (self, Decision::Held)
+    }
+
+    /// F9: a result is sent although something better is pending. What it outranks is no longer awaited.
+    fn send(mut self, by: Source) -> (Self, Decision) {
+        let better = self.pending.above(by);
+        let cancelled = self.pending.difference(better).clouds();
+        self.pending = better;
+        self.armed = self.armed.intersection(better);
+        self.cached = Sources::EMPTY.with(by);
+        (self, Decision::Preliminary { by, cancelled })
     }
 
     /// F4: a failure is dropped as a result is, or closes its request and settles as by no timer.
     fn failure(mut self, commit: Commit, source: Source) -> (Self, Decision) {
-        if let Some(reason) = self.drop_reason(source) {
+        if let Some(reason) = self.drop_reason(commit, source) {
             return (self, Decision::Dropped(reason));
         }
         self.pending = self.pending.without(source);
@@ -286,18 +319,21 @@ impl Slot {
     }
 
     /// The first reason of F3 and F4 that the sets decide, if one holds.
-    fn drop_reason(self, source: Source) -> Option<DropReason> {
+    fn drop_reason(self, commit: Commit, source: Source) -> Option<DropReason> {
         if !self.is_open() {
+            Some(DropReason::Superseded)
+        } else if self.pending.contains(source) {
+            None
+        } else if commit == Commit::Progressive && self.cached.any_above(source) {
+            // F9: outranked by the last output, requested or not.
             Some(DropReason::Superseded)
         } else if !self.requested.contains(source) {
             Some(DropReason::Unsolicited)
         } else if self.cached.contains(source) {
             Some(DropReason::Duplicate)
-        } else if !self.pending.contains(source) {
+        } else {
             // F3 late: its timer or a failure closed it, and what is closed is never forwarded (P2).
             Some(DropReason::Late)
-        } else {
-            None
         }
     }
 
@@ -309,7 +345,11 @@ impl Slot {
     fn settle(self, commit: Commit, timer: bool) -> (Self, Decision) {
         // F6: whatever the cause, the greatest available or none (P3).
         match self.cached.greatest() {
-            Some(best) if !self.pending.any_above(best) => self.forward(best),
+            Some(best) if !self.pending.any_above(best) => match commit {
+                Commit::Eager | Commit::Patient => self.forward(best),
+                // F9: it was sent before, and nothing better will come.
+                Commit::Progressive => (Self::RETIRED, Decision::Final { by: best }),
+            },
             // F6 eager: a cloud's timer commits although something better is pending (A4).
             Some(best) if timer && commit == Commit::Eager => self.forward(best),
             // F6 miss: nothing available, nothing to come (A5, A8).

@@ -113,6 +113,12 @@ impl Sources {
         self.0 > source.bit() | source.bit().wrapping_sub(1)
     }
 
+    /// The members that outrank `source`.
+    #[must_use]
+    pub const fn above(self, source: Source) -> Self {
+        Self(self.0 & !(source.bit() | source.bit().wrapping_sub(1)))
+    }
+
     /// The members in ascending order.
     pub fn iter(self) -> impl Iterator<Item = Source> {
         let mut rest = self;

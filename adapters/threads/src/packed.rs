@@ -57,7 +57,7 @@ impl<const CLOUDS: usize> PackedSlot<CLOUDS> {
         let pending = requested.difference(second);
         let of_clouds = match commit {
             Commit::Eager => pending.union(cached).clouds(),
-            Commit::Patient => pending.clouds(),
+            Commit::Patient | Commit::Progressive => pending.clouds(),
         };
         let of_local = first.difference(second).intersection(Sources::LOCAL);
         let slot = Slot::from_sets(commit, requested, pending, of_clouds.union(of_local), cached);
