@@ -32,7 +32,7 @@ pub struct Header {
     pub operator: Option<String>,
     /// How many timestamps may be open at once, 1 to 1024.
     pub window: u16,
-    /// When the best available result is forwarded (F6).
+    /// When results are forwarded (F6, F9).
     pub commit: Commit,
     /// The registered clouds, up to 15, in the order written.
     pub clouds: Vec<Cloud>,
@@ -51,7 +51,7 @@ pub struct Cloud {
     pub resume: u64,
 }
 
-/// The commit rule (F6).
+/// The commit rule (F6, F9).
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
 pub enum Commit {
     /// The first cloud's timer to fire commits the best available result.
@@ -59,6 +59,8 @@ pub enum Commit {
     Eager,
     /// A timer closes its own request alone.
     Patient,
+    /// Each better result is forwarded at once.
+    Progressive,
 }
 
 /// What happened to the operator. Instants and durations are nanoseconds.
@@ -183,6 +185,15 @@ pub enum Decision {
         /// The priority of the source whose result it is; 0 is local's.
         p: u64,
     },
+    /// The timestamp ended after its last output (F9).
+    Final {
+        /// `now`, in nanoseconds.
+        at: u64,
+        /// The timestamp that it is about.
+        t: u64,
+        /// The priority of the source of the last output; 0 is local's.
+        p: u64,
+    },
     /// The timestamp was missed.
     Miss {
         /// `now`, in nanoseconds.
@@ -202,8 +213,8 @@ pub enum Decision {
 }
 
 impl Commit {
-    /// Both rules.
-    pub const ALL: [Self; 2] = [Self::Eager, Self::Patient];
+    /// All rules.
+    pub const ALL: [Self; 3] = [Self::Eager, Self::Patient, Self::Progressive];
 
     /// The word in a trace.
     #[must_use]
@@ -211,6 +222,7 @@ impl Commit {
         match self {
             Self::Eager => "eager",
             Self::Patient => "patient",
+            Self::Progressive => "progressive",
         }
     }
 }
@@ -270,6 +282,7 @@ impl Decision {
             | Self::Hold { at, .. }
             | Self::Drop { at, .. }
             | Self::Emit { at, .. }
+            | Self::Final { at, .. }
             | Self::Miss { at, .. }
             | Self::Cancel { at, .. } => *at,
         }
@@ -286,6 +299,7 @@ impl Decision {
             | Self::Hold { at, .. }
             | Self::Drop { at, .. }
             | Self::Emit { at, .. }
+            | Self::Final { at, .. }
             | Self::Miss { at, .. }
             | Self::Cancel { at, .. } => *at = now,
         }
@@ -303,6 +317,7 @@ impl Decision {
             | Self::Hold { t, .. }
             | Self::Drop { t, .. }
             | Self::Emit { t, .. }
+            | Self::Final { t, .. }
             | Self::Miss { t, .. }
             | Self::Cancel { t, .. } => *t,
         }

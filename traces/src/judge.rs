@@ -10,7 +10,7 @@ use std::io::BufRead;
 use serde::Serialize;
 
 use crate::annotations::{Annotations, HeaderAnnotations, allowed_values};
-use crate::event::{Decision, Event, Header, Input};
+use crate::event::{Commit, Decision, Event, Header, Input};
 use crate::read::{Events, ReadError};
 use crate::reason::OfferRefusal;
 use crate::recent::RecentLines;
@@ -221,9 +221,20 @@ impl Judge {
             self.values.apply(input, of, self.demands.iter().map(|(decision, _)| decision));
         }
         for (decision, _) in &self.demands {
-            if let Decision::Emit { t, .. } | Decision::Miss { t, .. } = decision {
-                self.touched.remove(t);
-                self.verdict.judged += 1;
+            match decision {
+                // F9: more may follow.
+                Decision::Emit { .. } if self.reference.commit() == Commit::Progressive => {}
+                Decision::Emit { t, .. } | Decision::Final { t, .. } | Decision::Miss { t, .. } => {
+                    self.touched.remove(t);
+                    self.verdict.judged += 1;
+                }
+                Decision::Timer { .. }
+                | Decision::RefuseOpen { .. }
+                | Decision::RefuseOffer { .. }
+                | Decision::Request { .. }
+                | Decision::Hold { .. }
+                | Decision::Drop { .. }
+                | Decision::Cancel { .. } => {}
             }
         }
         if let Input::Result { t, .. } | Input::Fail { t, .. } = input
@@ -334,28 +345,41 @@ impl Judge {
         let input = self.input.map(|(_, input)| input);
         let of_result = matches!(input, Some(Input::Result { .. }));
         let of_failure = matches!(input, Some(Input::Fail { .. }));
+        let is_progressive = self.reference.commit() == Commit::Progressive;
         match found {
             Decision::Timer { .. } => Rule::F5,
             Decision::RefuseOpen { .. } => Rule::F1,
             Decision::RefuseOffer { .. } | Decision::Request { .. } => Rule::F2,
             Decision::Hold { .. } | Decision::Drop { .. } if of_failure => Rule::F4,
             Decision::Hold { .. } | Decision::Drop { .. } => Rule::F3,
+            Decision::Emit { .. } | Decision::Cancel { .. } if is_progressive => Rule::F9,
             Decision::Emit { .. } if of_result => Rule::F3,
             Decision::Emit { .. } | Decision::Miss { .. } => Rule::F6,
             Decision::Cancel { .. } => Rule::F7,
+            Decision::Final { .. } => Rule::F9,
         }
     }
 
-    /// Whether it forwards or misses what the trace forwarded or missed before.
+    /// P1: whether it sends or ends what the trace ended before, or under progressive sends no better result than before.
     fn is_second_end(&self, found: &Decision) -> bool {
-        let ends = |decision: &Decision| {
-            matches!(decision, Decision::Emit { .. } | Decision::Miss { .. })
-                && decision.t() == found.t()
+        let is_progressive = self.reference.commit() == Commit::Progressive;
+        let is_output = |decision: &Decision| {
+            matches!(
+                decision,
+                Decision::Emit { .. } | Decision::Final { .. } | Decision::Miss { .. }
+            )
+        };
+        let excludes = |before: &Decision| match (before, found) {
+            (Decision::Emit { p: before, .. }, Decision::Emit { p, .. }) if is_progressive => {
+                p <= before
+            }
+            (Decision::Emit { .. }, Decision::Final { .. }) if is_progressive => false,
+            _ => is_output(before),
         };
         let before = self.recent.iter().rev().skip(1);
-        ends(found)
+        is_output(found)
             && before.into_iter().any(|(_, event)| match event {
-                Event::Decision(decision) => ends(decision),
+                Event::Decision(decision) => decision.t() == found.t() && excludes(decision),
                 Event::Input(_) => false,
             })
     }

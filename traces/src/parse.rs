@@ -321,6 +321,7 @@ impl<'a> Fields<'a> {
                 Decision::Drop { at, t, p, why }
             }
             LineKind::Emit => Decision::Emit { at, t, p },
+            LineKind::Final => Decision::Final { at, t, p },
             LineKind::Miss => Decision::Miss { at, t },
             LineKind::Cancel => Decision::Cancel { at, t, p },
         };

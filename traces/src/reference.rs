@@ -159,21 +159,47 @@ impl Reference {
 
     /// F3: a result is dropped, held while something pending outranks it, or forwarded.
     fn result(&mut self, t: u64, p: u64, out: &mut ExpectedDecisions) {
-        let at = self.now;
+        let (at, commit) = (self.now, self.commit);
         let open = match self.accept(t, p) {
             Ok(open) => open,
             Err(why) => return out.push((Decision::Drop { at, t, p, why }, Rule::F3)),
         };
         open.pending.remove(&p);
+        if commit == Commit::Progressive {
+            return self.send(t, p, out);
+        }
         if open.pending.iter().any(|q| *q > p) {
             open.cached.insert(p);
             // F3 held: under eager a cloud's timer runs on, to commit (A3).
-            if self.commit == Commit::Patient || p == 0 {
+            if commit == Commit::Patient || p == 0 {
                 self.disarm(t, p);
             }
             out.push((Decision::Hold { at, t, p }, Rule::F3));
         } else {
             self.forward(t, p, Rule::F3, out);
+        }
+    }
+
+    /// F9: the result is forwarded, what it outranks is no longer awaited, and with nothing better pending it is final.
+    fn send(&mut self, t: u64, p: u64, out: &mut ExpectedDecisions) {
+        let at = self.now;
+        let Some(open) = self.open.get_mut(&t) else { return };
+        out.push((Decision::Emit { at, t, p }, Rule::F9));
+        open.cached = BTreeSet::from([p]);
+        let better = open.pending.split_off(&p);
+        let outranked = std::mem::replace(&mut open.pending, better);
+        let is_over = open.pending.is_empty();
+        self.disarm(t, p);
+        for q in outranked {
+            self.disarm(t, q);
+            // Local never is cancelled (A24).
+            if q > 0 {
+                out.push((Decision::Cancel { at, t, p: q }, Rule::F9));
+            }
+        }
+        if is_over {
+            self.retire(t);
+            out.push((Decision::Final { at, t, p }, Rule::F9));
         }
     }
 
@@ -192,12 +218,16 @@ impl Reference {
     /// F3, F4: the open timestamp, if what came for `(t, p)` is not dropped.
     fn accept(&mut self, t: u64, p: u64) -> Result<&mut OpenEntry, DropReason> {
         let known = p == 0 || self.gates.contains_key(&p);
+        let is_progressive = self.commit == Commit::Progressive;
         if !known || !self.was_reached(t) {
             return Err(DropReason::Unknown);
         }
         // F3 superseded: retired or skipped, also when it is late as well (A16).
         let open = self.open.get_mut(&t).ok_or(DropReason::Superseded)?;
-        if !open.requested.contains(&p) {
+        // F9 superseded: what was sent outranks it.
+        if is_progressive && open.cached.iter().any(|q| *q > p) {
+            Err(DropReason::Superseded)
+        } else if !open.requested.contains(&p) {
             Err(DropReason::Unsolicited)
         } else if open.cached.contains(&p) {
             Err(DropReason::Duplicate)
@@ -235,6 +265,13 @@ impl Reference {
     fn settle(&mut self, t: u64, cause: SettleCause, out: &mut ExpectedDecisions) {
         let Some(open) = self.open.get(&t) else { return };
         match open.cached.last().copied() {
+            // F9: it was sent before; with nothing better pending it is final.
+            Some(last) if self.commit == Commit::Progressive => {
+                if open.pending.is_empty() {
+                    self.retire(t);
+                    out.push((Decision::Final { at: self.now, t, p: last }, Rule::F9));
+                }
+            }
             Some(best) => {
                 let outranked = open.pending.iter().any(|q| *q > best);
                 let fired = self.commit == Commit::Eager && cause == SettleCause::CloudTimer;
@@ -284,6 +321,12 @@ impl Reference {
         if let Some(due) = self.open.get_mut(&t).and_then(|open| open.armed.remove(&p)) {
             self.timers.remove(&(due, t, p));
         }
+    }
+
+    /// The commit rule.
+    #[must_use]
+    pub const fn commit(&self) -> Commit {
+        self.commit
     }
 
     /// The earliest due instant of all live timers.

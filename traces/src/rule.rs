@@ -25,6 +25,8 @@ pub enum Rule {
     F6,
     /// Forward.
     F7,
+    /// Progressive.
+    F9,
     /// Once.
     P1,
     /// Its own value.
@@ -33,7 +35,7 @@ pub enum Rule {
 
 impl Rule {
     /// All that a violation can name.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::F0,
         Self::F1,
         Self::F2,
@@ -43,12 +45,13 @@ impl Rule {
         Self::F5,
         Self::F6,
         Self::F7,
+        Self::F9,
         Self::P1,
         Self::D2,
     ];
 
     /// Those that an input and its decisions decide, whatever values come with them.
-    pub const OF_DECISIONS: [Self; 10] = [
+    pub const OF_DECISIONS: [Self; 11] = [
         Self::F0,
         Self::F1,
         Self::F2,
@@ -58,6 +61,7 @@ impl Rule {
         Self::F5,
         Self::F6,
         Self::F7,
+        Self::F9,
         Self::P1,
     ];
 
@@ -74,6 +78,7 @@ impl Rule {
             Self::F5 => "F5",
             Self::F6 => "F6",
             Self::F7 => "F7",
+            Self::F9 => "F9",
             Self::P1 => "P1",
             Self::D2 => "D2",
         }
@@ -128,7 +133,15 @@ impl Rule {
                 "What is forwarded retires its timestamp, and each cloud still pending is \
                  cancelled, by ascending priority."
             }
-            Self::P1 => "No timestamp is forwarded twice, nor forwarded and missed.",
+            Self::F9 => {
+                "Under progressive a result that nothing sent before outranks is forwarded at \
+                 once and cancels what it outranks; with nothing better pending its timestamp is \
+                 final."
+            }
+            Self::P1 => {
+                "No timestamp is forwarded twice, nor forwarded and missed; under progressive \
+                 its outputs rise, and nothing follows the final one."
+            }
             Self::D2 => {
                 "An item bears the value that its source sent for this timestamp, or for one that \
                  is at most the cloud's max_age before it."

@@ -17,6 +17,7 @@ pub(crate) enum LineKind {
     Hold,
     Drop,
     Emit,
+    Final,
     Miss,
     Cancel,
 }
@@ -54,7 +55,7 @@ pub(crate) struct Keys(u32);
 impl LineKind {
     /// The events, for people.
     pub(crate) const EVENTS: &str =
-        "open, offer, result, fail, tick, timer, refuse, request, hold, drop, emit, miss, cancel";
+        "open, offer, result, fail, tick, timer, refuse, request, hold, drop, emit, final, miss, cancel";
 
     /// The event with this word.
     pub(crate) fn named(name: &str) -> Option<Self> {
@@ -70,6 +71,7 @@ impl LineKind {
             "hold" => Self::Hold,
             "drop" => Self::Drop,
             "emit" => Self::Emit,
+            "final" => Self::Final,
             "miss" => Self::Miss,
             "cancel" => Self::Cancel,
             _ => return None,
@@ -91,6 +93,7 @@ impl LineKind {
             Self::Hold => "hold",
             Self::Drop => "drop",
             Self::Emit => "emit",
+            Self::Final => "final",
             Self::Miss => "miss",
             Self::Cancel => "cancel",
         }
@@ -107,9 +110,13 @@ impl LineKind {
             Self::Request => Keys::of(&[Ev, At, T, P, Due]),
             Self::Drop => Keys::of(&[Ev, At, T, P, Why]),
             Self::Open | Self::Miss => Keys::of(&[Ev, At, T]),
-            Self::Result | Self::Fail | Self::Timer | Self::Hold | Self::Emit | Self::Cancel => {
-                Keys::of(&[Ev, At, T, P])
-            }
+            Self::Result
+            | Self::Fail
+            | Self::Timer
+            | Self::Hold
+            | Self::Emit
+            | Self::Final
+            | Self::Cancel => Keys::of(&[Ev, At, T, P]),
         }
     }
 
@@ -128,6 +135,7 @@ impl LineKind {
             | Self::Request
             | Self::Hold
             | Self::Drop
+            | Self::Final
             | Self::Miss
             | Self::Cancel => Keys::of(&[X]),
         };
@@ -151,6 +159,7 @@ impl LineKind {
             | Self::Hold
             | Self::Drop
             | Self::Emit
+            | Self::Final
             | Self::Miss
             | Self::Cancel => Keys(0),
         }

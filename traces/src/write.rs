@@ -144,6 +144,7 @@ impl Decision {
                 text(out, ",\"why\":", why.as_str());
             }
             Self::Emit { at, t, p } => event(out, "emit", at, &[("t", t), ("p", p)]),
+            Self::Final { at, t, p } => event(out, "final", at, &[("t", t), ("p", p)]),
             Self::Miss { at, t } => event(out, "miss", at, &[("t", t)]),
             Self::Cancel { at, t, p } => event(out, "cancel", at, &[("t", t), ("p", p)]),
         }

@@ -286,6 +286,7 @@ impl Judge {
                 Decision::Request { .. }
                 | Decision::RefuseOpen { .. }
                 | Decision::Emit { .. }
+                | Decision::Final { .. }
                 | Decision::Miss { .. },
             ) => true,
             // What is done with drops them.
@@ -476,6 +477,7 @@ const fn source(event: &Event) -> Option<u64> {
             | Decision::Hold { .. }
             | Decision::Drop { .. }
             | Decision::Emit { .. }
+            | Decision::Final { .. }
             | Decision::Miss { .. }
             | Decision::Cancel { .. },
         ) => None,

@@ -146,6 +146,7 @@ impl OpenMessageHistory {
                 Decision::Timer { .. }
                 | Decision::RefuseOffer { .. }
                 | Decision::Hold { .. }
+                | Decision::Final { .. }
                 | Decision::Cancel { .. },
             ) => {}
         }
