@@ -110,7 +110,11 @@ fn what_is_wrong_with_a_stream_is_told() {
             "output.topic:=input",
             "output.topic is /input, and so is input.topic; give each a topic of its own",
         ),
-        ("commit:=lazy", "commit is \"lazy\"; give eager or patient"),
+        ("commit:=lazy", "commit is \"lazy\"; give eager or patient or progressive"),
+        (
+            "output.revisions_topic:=better",
+            "output.revisions_topic is given without commit: progressive; give both or none",
+        ),
         ("realtime:=100", "realtime is 100; give an integer from 0 to 99"),
         ("timers:=mine", "timers is \"mine\"; give kernel or tokio"),
         ("deadline:=0", "deadline is 0.0; give seconds, more than 0 and at most 1e9"),

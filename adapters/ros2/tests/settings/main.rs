@@ -61,7 +61,7 @@ fn two_types_are_enough() {
     assert_eq!(all.input.type_name, "sensor_msgs/msg/Image");
     assert_eq!((all.input.key, all.output.key), (MessageKey::Header, MessageKey::Header));
     assert_eq!((all.output.topic.as_str(), all.silence), ("/output", None));
-    assert_eq!((all.window, all.commit), (16, Commit::Eager));
+    assert_eq!((all.window, all.commit, all.revisions), (16, Commit::Eager, None));
     let usual = if cfg!(target_os = "linux") { Timers::Kernel } else { Timers::Tokio };
     assert_eq!(all.timers, usual);
     assert_eq!(all.deadline, Duration::from_millis(500));
@@ -284,6 +284,27 @@ fn topics_are_remapped_after_they_are_named() {
     assert_eq!(all.output.topic, "/result");
     assert_eq!(all.status, "/state");
     assert!(matches!(&all.clouds[0].way, CloudConnection::Topics { input, .. } if input == "/up"));
+}
+
+/// D16.
+#[test]
+fn under_progressive_revisions_have_a_topic_of_their_own_beside_the_outputs() {
+    let topic = |args: &str| {
+        let all = with(&format!("-p commit:=progressive {args}")).unwrap();
+        assert_eq!(all.commit, Commit::Progressive);
+        let name = all.revisions.clone().unwrap();
+        let topic = all.topics.iter().find(|topic| topic.name == name).unwrap();
+        let expected = ("vision_msgs/msg/Detection2DArray", Role::Publisher);
+        assert_eq!((topic.type_name.as_str(), topic.role), expected);
+        (name.clone(), all.qos(&name, Role::Publisher).depth)
+    };
+    assert_eq!(topic(""), ("/output/revisions".into(), 5));
+    assert_eq!(topic("-r output:=/detections"), ("/detections/revisions".into(), 5));
+    assert_eq!(topic("-r output:=/a -r /a/revisions:=b"), ("/b".into(), 5));
+    let qos = "-p qos_overrides./car/better.publisher.depth:=7";
+    let named = format!("-p output.revisions_topic:=better -r __ns:=/car {qos}");
+    assert_eq!(topic(&named), ("/car/better".into(), 7));
+    assert!(with("-p commit:=patient").unwrap().revisions.is_none());
 }
 
 #[test]

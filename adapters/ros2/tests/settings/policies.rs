@@ -65,6 +65,26 @@ fn d15_figures_that_make_no_policy_are_told_where_they_are() {
     assert!(error.contains("the node's own parameters begin like that"), "{error}");
 }
 
+/// T1, T2: what the guard promises is about one output a message.
+#[test]
+fn d15_a_guard_under_progressive_is_refused_with_the_remedy() {
+    let under = |kind: &str, commit: &str| {
+        with(&format!("-p policy:={kind} -p policy.speed_topic:=odom -p commit:={commit}"))
+    };
+    for kind in ["guard", "guarded"] {
+        assert_eq!(
+            under(kind, "progressive").unwrap_err(),
+            format!(
+                "-p policy:={kind}: policy is {kind}, which promises what holds for one output a \
+                 message, and under commit: progressive there may be more; give another policy, or \
+                 commit: patient"
+            )
+        );
+        assert!(under(kind, "patient").is_ok());
+    }
+    assert!(under("expected", "progressive").is_ok() && under("set", "progressive").is_ok());
+}
+
 /// A guard for a camera of 30 Hz.
 const GUARD: &str = "-p clouds:=[west] -p policy:=guard -p policy.speed_topic:=odom \
                      -p deadline:=2.4253 -p policy.local_response:=0.3";
@@ -159,6 +179,10 @@ fn what_cannot_work_ends_the_start_and_the_check_alike_before_anything_is_starte
             format!("policy.rate is more than the node can keep up with: {SHORT} (by window,"),
         ),
         ("-p policy:=guard", "give policy.speed_topic, or another policy".into()),
+        (
+            "-p policy:=guard -p policy.speed_topic:=odom -p commit:=progressive",
+            "give another policy, or commit: patient".into(),
+        ),
         ("-p policy:=fast", "policy is \"fast\"; give set, guard, expected or guarded".into()),
         (
             "-p policy:=guard -p policy.range_cloud:=38.0",
