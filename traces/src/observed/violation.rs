@@ -1,6 +1,6 @@
 //! What to report of a timestamp that has no explanation: the rule or promise that is broken, and what was allowed.
 
-use super::open::{Output, WholeMessageHistory};
+use super::open::{ObservedOutput, WholeMessageHistory};
 use super::slack::SourceSlack;
 use super::story::{AllowedOutput, MessageHistory};
 use super::verdict::BrokenRule;
@@ -88,11 +88,11 @@ pub(super) fn of_story(
 fn of_value(
     t: u64,
     whole: &WholeMessageHistory,
-    output: &Output,
+    output: &ObservedOutput,
     annotations: &HeaderAnnotations,
     slack: &SourceSlack,
 ) -> Option<UnlocatedViolation> {
-    let Output { p: Some(p), at, of, line } = *output else { return None };
+    let ObservedOutput { p: Some(p), at, of, line } = *output else { return None };
     // What certainly came later was not sent.
     let by = at.saturating_add(slack.tolerance()).saturating_add(slack.tolerance_of(p));
     let came = whole.values.iter().filter(|(q, came, _)| *q == p && *came <= by);
