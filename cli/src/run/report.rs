@@ -138,7 +138,7 @@ impl Reading {
             Judge::new(name, reader.header()).with_header_annotations(reader.header_annotations());
         let priorities: Vec<u16> = plan.clouds.iter().map(|cloud| cloud.priority).collect();
         let mut queues = Queues::new(priorities.iter().copied(), plan.calls);
-        let mut statistics = TraceStatistics::new(priorities, false);
+        let mut statistics = TraceStatistics::new(priorities, plan.commit, false);
         while let Some(event) = reader.next_event()? {
             judge.annotated_line(reader.line(), &event, reader.annotations());
             statistics.event(&event);
