@@ -54,8 +54,7 @@ pub(crate) struct Keys(u32);
 
 impl LineKind {
     /// The events, for people.
-    pub(crate) const EVENTS: &str =
-        "open, offer, result, fail, tick, timer, refuse, request, hold, drop, emit, final, miss, cancel";
+    pub(crate) const EVENTS: &str = "open, offer, result, fail, tick, timer, refuse, request, hold, drop, emit, final, miss, cancel";
 
     /// The event with this word.
     pub(crate) fn named(name: &str) -> Option<Self> {
