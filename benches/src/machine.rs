@@ -73,8 +73,10 @@ fn count<const CLOUDS: usize>(outcome: &Outcome<CLOUDS>, tally: &mut DecisionTal
     match outcome {
         Outcome::Dropped(_) => tally.dropped += 1,
         Outcome::Held => tally.held += 1,
-        Outcome::Waiting => {}
-        Outcome::Forwarded { by, .. } => tally.forwarded += u64::from(by.as_u16()) + 1,
+        Outcome::Waiting | Outcome::Final { .. } => {}
+        Outcome::Forwarded { by, .. } | Outcome::Preliminary { by, .. } => {
+            tally.forwarded += u64::from(by.as_u16()) + 1
+        }
         Outcome::Missed => tally.missed += 1,
     }
 }

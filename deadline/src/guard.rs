@@ -149,6 +149,10 @@ impl Policy for Guard {
     }
 
     fn ended(&mut self, _: End) {}
+
+    fn assumes_one_output(&self) -> bool {
+        true
+    }
 }
 
 /// The speed, and the distance to the nearest place behind which something may be; none if either is not a number.

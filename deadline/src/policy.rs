@@ -20,6 +20,11 @@ pub trait Policy {
     /// A call has ended.
     fn ended(&mut self, end: End);
 
+    /// Whether its promise, as T1 and T2, is about one output a message: adapters refuse it under the progressive commit rule.
+    fn assumes_one_output(&self) -> bool {
+        false
+    }
+
     /// This policy's deadline as the cap of another's.
     ///
     /// The policy gets the cap rather than being cut off at it: the best deadline under a cap may be far below the best
@@ -159,6 +164,10 @@ impl<C: Policy, P: Policy> Policy for Capped<C, P> {
         self.cap.ended(end);
         self.policy.ended(end);
     }
+
+    fn assumes_one_output(&self) -> bool {
+        self.cap.assumes_one_output() || self.policy.assumes_one_output()
+    }
 }
 
 impl<P: Policy + ?Sized> Policy for &mut P {
@@ -168,6 +177,10 @@ impl<P: Policy + ?Sized> Policy for &mut P {
 
     fn ended(&mut self, end: End) {
         (**self).ended(end);
+    }
+
+    fn assumes_one_output(&self) -> bool {
+        (**self).assumes_one_output()
     }
 }
 

@@ -68,7 +68,10 @@ fn run(random: &mut Rng, outcomes: &mut Outcomes) {
                         }
                         Outcome::Missed => retire(&mut open, firing.timestamp, false, outcomes),
                         Outcome::Waiting => {}
-                        Outcome::Held | Outcome::Dropped(_) => unreachable!("no answer to timers"),
+                        Outcome::Held
+                        | Outcome::Dropped(_)
+                        | Outcome::Preliminary { .. }
+                        | Outcome::Final { .. } => unreachable!("no answer to these timers"),
                     }
                 }
             }
@@ -106,7 +109,11 @@ fn run(random: &mut Rng, outcomes: &mut Outcomes) {
                         retire(&mut open, t, true, outcomes);
                     }
                     Outcome::Missed => retire(&mut open, t, false, outcomes),
-                    Outcome::Waiting | Outcome::Held | Outcome::Dropped(_) => {}
+                    Outcome::Waiting
+                    | Outcome::Held
+                    | Outcome::Dropped(_)
+                    | Outcome::Preliminary { .. }
+                    | Outcome::Final { .. } => {}
                 }
             }
         }

@@ -226,7 +226,7 @@ impl RunContext {
         let known = (p == 0 || self.gates.contains_key(&p)) && self.was_reached(t);
         let mut reasons = holding([
             (DropReason::Unknown, !known),
-            (DropReason::Superseded, !self.open.contains(&t)),
+            (DropReason::Superseded, !self.open.contains(&t) || self.is_outranked(t, p)),
         ]);
         if let Some(history) = self.histories.get(&t) {
             let is_over = history.requested_for(p).is_some_and(|due| due <= self.now());
@@ -237,6 +237,12 @@ impl RunContext {
             ]));
         }
         reasons
+    }
+
+    /// F9: whether what was sent for a timestamp outranks `p`.
+    fn is_outranked(&self, t: u64, p: u64) -> bool {
+        let best = self.histories.get(&t).and_then(History::best);
+        self.commit == Commit::Progressive && best.is_some_and(|best| best > p)
     }
 
     /// Notes what was accepted without a decision.
@@ -275,11 +281,19 @@ impl RunContext {
             }
             Decision::RefuseOffer { p, why: OfferRefusal::Queue, .. } => self.turn_gate(p, true),
             Decision::Hold { t, p, .. } => self.take(t, p),
+            // F9: it stays open until it is final.
+            Decision::Emit { t, p, .. } if self.commit == Commit::Progressive => {
+                self.take(t, p);
+                if let Some(history) = self.histories.get_mut(&t) {
+                    let outranked: Vec<u64> = history.pending().take_while(|q| *q < p).collect();
+                    outranked.into_iter().for_each(|q| history.close(q));
+                }
+            }
             Decision::Emit { t, p, .. } => {
                 self.take(t, p);
                 self.open.remove(&t);
             }
-            Decision::Miss { t, .. } => {
+            Decision::Final { t, .. } | Decision::Miss { t, .. } => {
                 self.open.remove(&t);
             }
             Decision::RefuseOpen { .. }

@@ -70,6 +70,8 @@ pub enum Consequence {
     EmitsCloud,
     /// A pending call is cancelled.
     Cancels,
+    /// What was forwarded last is final.
+    Ends,
     /// It is missed.
     Misses,
     /// It stays open and waits.
@@ -225,7 +227,9 @@ impl Coverage {
         for effect in effects {
             self.mark(Mark::Outcome(Cause::Timer, effect));
         }
-        let settles = |d: &Decision| matches!(d, Decision::Emit { .. } | Decision::Miss { .. });
+        let settles = |d: &Decision| {
+            matches!(d, Decision::Emit { .. } | Decision::Final { .. } | Decision::Miss { .. })
+        };
         let fires = step.fired.iter().any(|(d, _)| matches!(d, Decision::Timer { .. }));
         if fires && !step.fired.iter().any(|(decision, _)| settles(decision)) {
             self.mark(Mark::Outcome(Cause::Timer, Consequence::Waits));
@@ -253,6 +257,7 @@ impl Consequence {
             Decision::Emit { p: 0, .. } => Some(Self::EmitsLocal),
             Decision::Emit { .. } => Some(Self::EmitsCloud),
             Decision::Cancel { .. } => Some(Self::Cancels),
+            Decision::Final { .. } => Some(Self::Ends),
             Decision::Miss { .. } => Some(Self::Misses),
             Decision::Timer { .. }
             | Decision::RefuseOpen { .. }
@@ -269,6 +274,7 @@ impl Consequence {
             Self::EmitsLocal => "forwards local",
             Self::EmitsCloud => "forwards a cloud",
             Self::Cancels => "cancels",
+            Self::Ends => "ends after its last output",
             Self::Misses => "misses",
             Self::Waits => "waits",
         }
@@ -320,7 +326,7 @@ impl Mark {
         ]
     }
 
-    /// What a handful of runs can come to: both commit rules, every rule and every reason.
+    /// What a handful of runs can come to: all commit rules, every rule and every reason.
     #[must_use]
     pub fn of_runs() -> Vec<Self> {
         let mut all = Vec::from(Commit::ALL.map(Self::Commit));
@@ -364,10 +370,12 @@ impl Mark {
     }
 
     fn of_outcomes() -> Vec<Self> {
-        use Consequence::{Cancels, EmitsCloud, EmitsLocal, HoldsCloud, HoldsLocal, Misses, Waits};
+        use Consequence::{
+            Cancels, EmitsCloud, EmitsLocal, Ends, HoldsCloud, HoldsLocal, Misses, Waits,
+        };
         // A result is available, so that none misses; a timer and a failure hold nothing.
-        let of_result = [HoldsLocal, HoldsCloud, EmitsLocal, EmitsCloud, Cancels];
-        let settled = [EmitsLocal, EmitsCloud, Cancels, Misses, Waits];
+        let of_result = [HoldsLocal, HoldsCloud, EmitsLocal, EmitsCloud, Cancels, Ends];
+        let settled = [EmitsLocal, EmitsCloud, Cancels, Ends, Misses, Waits];
         let mut all: Vec<_> = of_result.map(|effect| Self::Outcome(Cause::Result, effect)).into();
         for cause in [Cause::Timer, Cause::Fail] {
             all.extend(settled.map(|effect| Self::Outcome(cause, effect)));
@@ -377,9 +385,9 @@ impl Mark {
 }
 
 /// Every line, by its name.
-const LINES: [&str; 14] = [
+const LINES: [&str; 15] = [
     "header", "open", "offer", "result", "fail", "tick", "timer", "refuse", "request", "hold",
-    "drop", "emit", "miss", "cancel",
+    "drop", "emit", "final", "miss", "cancel",
 ];
 /// Every reason for which a file cannot be read.
 const DEFECTS: [&str; 7] =
@@ -402,6 +410,7 @@ const fn name_of_line(line: &Line) -> &'static str {
             Decision::Hold { .. } => "hold",
             Decision::Drop { .. } => "drop",
             Decision::Emit { .. } => "emit",
+            Decision::Final { .. } => "final",
             Decision::Miss { .. } => "miss",
             Decision::Cancel { .. } => "cancel",
         },

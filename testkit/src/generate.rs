@@ -69,7 +69,7 @@ impl Generator {
             _ if is_flood => GREATEST,
             most => u16::try_from(draw.between(1, most)).unwrap_or(GREATEST),
         };
-        let commit = draw.weighed(&[(1, Commit::Eager), (1, Commit::Patient)]);
+        let commit = draw.weighed(&Commit::ALL.map(|commit| (1, commit)));
         let most = draw.weighed(&[(1, 0), (3, 2), (7, 5), (1, 15)]).min(u64::from(self.clouds));
         let count = draw.between(most.min(1), most);
         let mut clouds: Vec<Cloud> = Vec::new();

@@ -72,14 +72,18 @@ impl Ledger {
         let mut violations = Vec::new();
         self.now = self.now.max(input.at());
         for decision in fired {
-            self.decide(decision, &mut violations);
+            if terms.is_progressive() && matches!(decision, Decision::Emit { .. }) {
+                // F9: it would have been sent when it came.
+                violate(&mut violations, Promise::P6, || format!("{decision} comes by a timer"));
+            }
+            self.decide(terms, decision, &mut violations);
         }
         if !self.is_accounted(terms, input, own) {
             violate(&mut violations, Promise::P11, || format!("{input} is answered by {own:?}"));
         }
         self.arrive(terms, input, own);
         for decision in own {
-            self.decide(decision, &mut violations);
+            self.decide(terms, decision, &mut violations);
         }
         for (_, history) in &mut self.open {
             history.forget(self.now);
@@ -136,18 +140,32 @@ impl Ledger {
                 (t, p) == (of, q)
                     && self.offer_refusal_holds(terms, (*t, *p), *deadline, *backlog, *why)
             }
-            (Input::Offer { t, p, .. }, [Decision::Request { t: of, p: q, .. }])
-            | (Input::Result { t, p, .. }, [Decision::Hold { t: of, p: q, .. }]) => {
+            (Input::Offer { t, p, .. }, [Decision::Request { t: of, p: q, .. }]) => {
                 (t, p) == (of, q)
+            }
+            (Input::Result { t, p, .. }, [Decision::Hold { t: of, p: q, .. }]) => {
+                (t, p) == (of, q) && !terms.is_progressive()
             }
             (
                 Input::Result { t, p, .. } | Input::Fail { t, p, .. },
                 [Decision::Drop { t: of, p: q, why, .. }],
             ) => (t, p) == (of, q) && self.drop_holds(terms, *t, *p, *why),
+            (Input::Result { t, p, .. }, [Decision::Emit { t: of, p: q, .. }, rest @ ..])
+                if terms.is_progressive() =>
+            {
+                let rest = match rest {
+                    [rest @ .., Decision::Final { t: of, p: q, .. }] if (t, p) == (of, q) => rest,
+                    _ => rest,
+                };
+                (t, p) == (of, q) && are_cancels(rest)
+            }
+            (Input::Fail { t, .. }, [Decision::Final { t: of, .. }]) if terms.is_progressive() => {
+                t == of
+            }
             (
                 Input::Result { t, .. } | Input::Fail { t, .. },
                 [Decision::Emit { t: of, .. }, rest @ ..],
-            ) => t == of && are_cancels(rest),
+            ) => t == of && are_cancels(rest) && !terms.is_progressive(),
             (Input::Fail { t, .. }, [Decision::Miss { t: of, .. }]) => t == of,
             _ => false,
         }
@@ -193,7 +211,9 @@ impl Ledger {
         let is_pending = history.is_some_and(|history| history.is_pending(p));
         match why {
             DropReason::Unknown => (p > 0 && terms.cloud(p).is_none()) || !self.was_reached(t),
-            DropReason::Superseded => history.is_none(),
+            DropReason::Superseded => history.is_none_or(|history| {
+                terms.is_progressive() && history.best().is_some_and(|best| best > p)
+            }),
             DropReason::Unsolicited => !is_requested,
             DropReason::Duplicate => is_held,
             DropReason::Late => is_requested && !is_held && !is_pending,
@@ -225,7 +245,7 @@ impl Ledger {
                     let is_past = history.due(p).is_some_and(|due| due <= now);
                     history.hold(p, is_past || !history.is_pending(p));
                     // P8: what being held does to the timer.
-                    if p == 0 || terms.commit == Commit::Patient {
+                    if p == 0 || terms.commit != Commit::Eager {
                         history.disarm(p);
                     }
                 }
@@ -241,7 +261,12 @@ impl Ledger {
     }
 
     /// Records a decision, and compares it with what is known of its timestamp.
-    fn decide(&mut self, decision: &Decision, violations: &mut Vec<Violation>) {
+    fn decide(
+        &mut self,
+        terms: OperatorConfig<'_>,
+        decision: &Decision,
+        violations: &mut Vec<Violation>,
+    ) {
         match *decision {
             Decision::Timer { t, p, .. } => {
                 let now = self.now;
@@ -255,6 +280,23 @@ impl Ledger {
                     });
                 }
             }
+            Decision::Emit { t, p, .. } if terms.is_progressive() => self.improve(t, p, violations),
+            Decision::Final { t, p, .. } => match self.retire(t) {
+                None => violate(violations, Promise::P1, || format!("{t} is final, not open")),
+                Some(history) => {
+                    let best = history.best();
+                    if best != Some(p) {
+                        violate(violations, Promise::P3, || {
+                            format!("{p} is final for {t}, the best output is {best:?}")
+                        });
+                    }
+                    if history.pending().next().is_some() {
+                        violate(violations, Promise::P7, || {
+                            format!("{t} is final with a better result to come")
+                        });
+                    }
+                }
+            },
             Decision::Emit { t, p, .. } => match self.retire(t) {
                 None => violate(violations, Promise::P1, || format!("{t} is forwarded, not open")),
                 Some(history) => {
@@ -307,6 +349,27 @@ impl Ledger {
             | Decision::RefuseOffer { .. }
             | Decision::Drop { .. }
             | Decision::Cancel { .. } => {}
+        }
+    }
+
+    /// F9: a result is sent while its timestamp stays open. What it outranks is no longer awaited.
+    fn improve(&mut self, t: u64, p: u64, violations: &mut Vec<Violation>) {
+        let Some(history) = self.history_mut(t) else {
+            return violate(violations, Promise::P1, || format!("{t} is forwarded, not open"));
+        };
+        if history.is_held_late(p) {
+            violate(violations, Promise::P2, || format!("({t}, {p}) came too late"));
+        }
+        let best = history.best();
+        if best != Some(p) {
+            violate(violations, Promise::P1, || {
+                format!("{p} is forwarded for {t} after {best:?}, which outranks it")
+            });
+        }
+        let outranked: Vec<u64> = history.pending().take_while(|q| *q < p).collect();
+        for q in outranked {
+            history.close(q);
+            history.disarm(q);
         }
     }
 
@@ -375,6 +438,10 @@ impl Ledger {
 }
 
 impl OperatorConfig<'_> {
+    fn is_progressive(&self) -> bool {
+        self.commit == Commit::Progressive
+    }
+
     /// The registered cloud with this priority.
     fn cloud(&self, p: u64) -> Option<&Cloud> {
         self.clouds.iter().find(|cloud| u64::from(cloud.p) == p)
@@ -423,7 +490,12 @@ const fn is_refused_or_dropped(decision: &Decision) -> bool {
 /// The decisions after an input, parted into what fired before it and what was decided about it.
 #[must_use]
 pub fn split<'a>(input: &Input, decisions: &'a [Decision]) -> (&'a [Decision], &'a [Decision]) {
-    let is_main = |decision: &Decision| !matches!(decision, Decision::Cancel { .. });
+    // F9: under progressive a result's emit may be followed by its cancels and a final.
+    let is_main = |decision: &Decision| match decision {
+        Decision::Cancel { .. } => false,
+        Decision::Final { .. } => !matches!(input, Input::Result { .. }),
+        _ => true,
+    };
     let Some(last) = decisions.iter().rposition(is_main) else { return (decisions, &[]) };
     let is_own = match input {
         Input::Offer { .. } | Input::Result { .. } => true,
@@ -431,7 +503,9 @@ pub fn split<'a>(input: &Input, decisions: &'a [Decision]) -> (&'a [Decision], &
         // Had a firing retired the timestamp, the failure would have been dropped after it.
         Input::Fail { t, .. } => match decisions[last] {
             Decision::Drop { .. } => true,
-            Decision::Emit { t: of, .. } | Decision::Miss { t: of, .. } => of == *t,
+            Decision::Emit { t: of, .. }
+            | Decision::Final { t: of, .. }
+            | Decision::Miss { t: of, .. } => of == *t,
             Decision::Timer { .. }
             | Decision::RefuseOpen { .. }
             | Decision::RefuseOffer { .. }

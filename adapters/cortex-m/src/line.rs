@@ -2,7 +2,7 @@
 
 use core::fmt::{self, Write};
 
-use fuseline_core::{Admission, Cloud, Commit, Firing, Opening, Outcome, Priority};
+use fuseline_core::{Admission, Cloud, Commit, Firing, Opening, Outcome, Priorities, Priority};
 use serde::Deserialize;
 
 /// A header or an input, whichever of its keys are there.
@@ -50,7 +50,12 @@ impl<'a> Line<'a> {
     /// What a header says of the machine.
     #[must_use]
     pub fn configuration(&self) -> Option<(usize, Commit, heapless::Vec<Cloud, 15>)> {
-        let commit = if self.commit == Some("patient") { Commit::Patient } else { Commit::Eager };
+        let commit = match self.commit {
+            None | Some("eager") => Commit::Eager,
+            Some("patient") => Commit::Patient,
+            Some("progressive") => Commit::Progressive,
+            Some(_) => return None,
+        };
         let cloud = |line: &CloudLine| {
             let cloud = Cloud::new(Priority::new(line.p), line.limit);
             Cloud { resume: line.resume.unwrap_or(cloud.resume), ..cloud }
@@ -63,6 +68,8 @@ impl<'a> Line<'a> {
 pub struct Decisions<'a, W> {
     /// Where to.
     pub out: &'a mut W,
+    /// The machine's commit rule.
+    pub commit: Commit,
     /// The machine's clock.
     pub at: u64,
 }
@@ -120,12 +127,28 @@ impl<W: Write> Decisions<'_, W> {
             Outcome::Held => self.say("hold", t, Some(p), None),
             Outcome::Waiting => Ok(()),
             Outcome::Missed => self.say("miss", t, None, None),
+            Outcome::Preliminary { by, cancelled } => self.output(t, *by, cancelled),
+            Outcome::Final { by } => self.say("final", t, Some(by.as_u16().into()), None),
             Outcome::Forwarded { by, cancelled } => {
-                self.say("emit", t, Some(by.as_u16().into()), None)?;
-                let mut cancelled = cancelled.iter().map(|p| p.as_u16().into());
-                cancelled.try_for_each(|p| self.say("cancel", t, Some(p), None))
+                self.output(t, *by, cancelled)?;
+                match self.commit {
+                    Commit::Eager | Commit::Patient => Ok(()),
+                    // F9: an output that is the last one is followed by the end.
+                    Commit::Progressive => self.say("final", t, Some(by.as_u16().into()), None),
+                }
             }
         }
+    }
+
+    fn output<const CLOUDS: usize>(
+        &mut self,
+        t: u64,
+        by: Priority,
+        cancelled: &Priorities<CLOUDS>,
+    ) -> fmt::Result {
+        self.say("emit", t, Some(by.as_u16().into()), None)?;
+        let mut cancelled = cancelled.iter().map(|p| p.as_u16().into());
+        cancelled.try_for_each(|p| self.say("cancel", t, Some(p), None))
     }
 
     fn say(

@@ -41,13 +41,14 @@ impl<V> Arrival<V> {
 pub enum Report<V, const CLOUDS: usize> {
     /// It took this in; none if only time went by.
     Took(Option<Arrival>),
-    /// Timers fired (F5). With the value to send, if a result is forwarded.
+    /// Timers fired (F5). With the value to send, if a result is forwarded, which under progressive none is.
     Fired(Firing<CLOUDS>, Option<V>),
     /// What became of a message (F1).
     Opened(Timestamp, Opening),
     /// What became of a request (F2). If it is admitted, send it.
     Offered(Timestamp, Priority, Admission),
-    /// What became of a result or a failure (F3, F4). With the value to send, if a result is forwarded.
+    /// What became of a result or a failure (F3, F4). With the value to send, if a result is forwarded; under progressive
+    /// better ones may follow a preliminary one (F9).
     Concluded(Timestamp, Priority, Outcome<CLOUDS>, Option<V>),
 }
 

@@ -1,6 +1,8 @@
 //! The operator on the host, by a clock that the test moves: its reports make a trace, and the strict judge finds
 //! nothing in it.
 
+use std::sync::{Mutex, PoisonError};
+
 use embassy_futures::block_on;
 use embassy_futures::select::select;
 use embassy_futures::yield_now;
@@ -12,7 +14,6 @@ use fuseline_embassy::{Arrival, Report, operate};
 use fuseline_engine::arbiter::{Answer, decisions_of};
 use fuseline_traces::{Decision, Input, judge};
 
-const HEADER: &str = r#"{"fuseline":1,"window":4,"commit":"eager","clouds":[{"p":1,"limit":31}]}"#;
 const CLOUD: Priority = Priority::new(1);
 
 /// A result's value that cannot be copied: of this message, from this source.
@@ -41,7 +42,7 @@ fn input(at: u64, arrival: Option<Arrival>) -> Input {
 }
 
 /// The lines that the reports make, at the end.
-fn record(trace: &mut Vec<u8>, at: u64, reported: &Report<Value, 1>) {
+fn record(trace: &mut Vec<u8>, commit: Commit, at: u64, reported: &Report<Value, 1>) {
     let mut lines = Vec::new();
     let mut decide = |decision: Decision| lines.push(decision);
     match *reported {
@@ -51,15 +52,15 @@ fn record(trace: &mut Vec<u8>, at: u64, reported: &Report<Value, 1>) {
         }
         Report::Fired(firing, _) => decisions_of(at, &firing, decide),
         Report::Opened(t, opening) => {
-            Answer::<1>::Open { t: t.as_u64(), opening }.decisions(at, &mut decide);
+            Answer::<1>::Open { t: t.as_u64(), opening }.decisions(commit, at, &mut decide);
         }
         Report::Offered(t, p, admission) => {
             let (t, p) = (t.as_u64(), p.as_u16().into());
-            Answer::<1>::Offer { t, p, admission }.decisions(at, &mut decide);
+            Answer::<1>::Offer { t, p, admission }.decisions(commit, at, &mut decide);
         }
         Report::Concluded(t, p, outcome, _) => {
             let (t, p) = (t.as_u64(), p.as_u16().into());
-            Answer::Result { t, p, outcome }.decisions(at, &mut decide);
+            Answer::Result { t, p, outcome }.decisions(commit, at, &mut decide);
         }
     }
     for line in lines {
@@ -79,14 +80,19 @@ async fn pass(millis: u64) {
     }
 }
 
-#[test]
-fn six_messages_are_decided_and_the_judge_finds_nothing() {
+/// Six messages under this rule: the trace, which conforms, and the values sent.
+fn play(commit: Commit, word: &str) -> (String, Vec<Value>) {
+    // All tests share one clock.
+    static CLOCK: Mutex<()> = Mutex::new(());
+    let _clock = CLOCK.lock().unwrap_or_else(PoisonError::into_inner);
     let inbox = Channel::<NoopRawMutex, Arrival<Value>, 8>::new();
     let clouds = [Cloud::new(CLOUD, 31)];
-    let mut fusion = Fusion::<1, 4>::new(4, Commit::Eager, &clouds).expect("a configuration");
+    let mut fusion = Fusion::<1, 4>::new(4, commit, &clouds).expect("a configuration");
     let mut held = Held::new();
     let mut sent = Vec::new();
-    let mut trace = format!("{HEADER}\n").into_bytes();
+    let header =
+        format!(r#"{{"fuseline":1,"window":4,"commit":"{word}","clouds":[{{"p":1,"limit":31}}]}}"#);
+    let mut trace = format!("{header}\n").into_bytes();
     let script = async {
         for t in (0..6).map(Timestamp::new) {
             inbox.send(Arrival::Message(t, Some(Deadline::from_millis(80)))).await;
@@ -118,7 +124,7 @@ fn six_messages_are_decided_and_the_judge_finds_nothing() {
         }
     };
     let mut reported = |at: fuseline_core::Instant, reported: Report<Value, 1>| {
-        record(&mut trace, at.as_nanos(), &reported);
+        record(&mut trace, commit, at.as_nanos(), &reported);
         if let Report::Fired(_, Some(value)) | Report::Concluded(.., Some(value)) = reported {
             sent.push(value);
         }
@@ -130,12 +136,36 @@ fn six_messages_are_decided_and_the_judge_finds_nothing() {
     let verdict = judge("operate", trace.as_slice()).expect("a trace");
     let text = String::from_utf8(trace).expect("UTF-8");
     assert!(verdict.conforms && verdict.judged == 6, "{verdict:?}\n{text}");
-    let count = |ev: &str| text.matches(&format!(r#""ev":"{ev}""#)).count();
-    assert_eq!((count("emit"), count("miss"), count("timer")), (5, 1, 4), "{text}");
     // A tick at the due instant itself, not before it nor later.
     assert!(text.contains(r#"{"ev":"tick","at":"#), "{text}");
     assert_eq!((fusion.len(), held.len()), (0, 0));
+    (text, sent)
+}
+
+fn counts<const N: usize>(trace: &str, events: [&str; N]) -> [usize; N] {
+    events.map(|ev| trace.matches(&format!(r#""ev":"{ev}""#)).count())
+}
+
+#[test]
+fn six_messages_are_decided_and_the_judge_finds_nothing() {
+    let (trace, sent) = play(Commit::Eager, "eager");
+    assert_eq!(counts(&trace, ["emit", "miss", "timer"]), [5, 1, 4], "{trace}");
     let (local, cloud) = (Priority::LOCAL, CLOUD);
     let values = [(0, cloud), (1, cloud), (2, local), (3, local), (5, local)];
+    assert_eq!(sent, values.map(|(t, source)| Value(t, source)));
+}
+
+/// F9.
+#[test]
+fn under_progressive_each_better_value_is_sent_at_once_and_what_was_sent_last_is_final() {
+    let (trace, sent) = play(Commit::Progressive, "progressive");
+    assert_eq!(
+        counts(&trace, ["emit", "final", "miss", "timer", "hold"]),
+        [7, 5, 1, 4, 0],
+        "{trace}"
+    );
+    let (local, cloud) = (Priority::LOCAL, CLOUD);
+    let values =
+        [(0, local), (0, cloud), (1, local), (1, cloud), (2, local), (3, local), (5, local)];
     assert_eq!(sent, values.map(|(t, source)| Value(t, source)));
 }

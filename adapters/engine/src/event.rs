@@ -10,8 +10,12 @@ pub(crate) enum CountedEvent {
     Admitted,
     Refused(OfferRefusal),
     Output(Trigger),
+    /// A message ended without a result better than the one that was sent before.
+    Final,
     /// A result was forwarded as it came; its message is counted by `Output`.
     Forwarded,
+    /// A result was forwarded as it came, and better ones may follow.
+    Preliminary,
     Held,
     Dropped(DropReason),
     Failed,

@@ -1,4 +1,4 @@
-//! What goes downstream: one item for each message.
+//! What goes downstream: one item for each message; under progressive one or more, the last one marked (D1).
 
 use std::fmt;
 use std::sync::Arc;
@@ -6,7 +6,11 @@ use std::time::Duration;
 
 use fuseline_traces::OpenRefusal;
 
-/// What became of one message. Every message taken in leads to exactly one item (P1, P11).
+/// What became of one message. Every message taken in leads to exactly one item (P1, P11); under progressive to one or more,
+/// each better than the one before, of which exactly one [is the last](Self::is_last) (D1, F9).
+///
+/// Items come in the order of decisions (A12): under progressive a consumer keeps the item of the greatest
+/// `(timestamp, source.priority)`, or else an old message's better result replaces a newer message's.
 ///
 /// Instants are readings of the operator's clock: time since the operator started.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -15,8 +19,10 @@ pub struct Item<V> {
     pub timestamp: u64,
     /// When the message was taken in.
     pub opened: Duration,
-    /// When its ending was decided.
+    /// When it was decided.
     pub decided: Duration,
+    /// How many items of its message came before it: 0, unless the rule is progressive.
+    pub revision: u32,
     /// How the message left.
     pub ending: Ending<V>,
     /// The sources whose failure was accepted by then, and why they failed (F4).
@@ -32,11 +38,15 @@ pub struct Failure {
     pub why: Arc<str>,
 }
 
-/// Forwarded, missed or refused.
+/// How a message was answered; preliminary and final under progressive alone.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Ending<V> {
-    /// The best available result (F7, P3).
+    /// The best result so far; a better one may follow (F9).
+    Preliminary(Forwarded<V>),
+    /// The best available result (F7, P3); nothing follows.
     Forwarded(Forwarded<V>),
+    /// No better result came than this source's, which was sent before and is the last (F9).
+    Final(Source),
     /// No result came and none will (F6).
     Missed,
     /// The message was not taken on, and nothing was computed for it (F1).
@@ -114,13 +124,32 @@ impl fmt::Display for Source {
 }
 
 impl<V> Item<V> {
-    /// The forwarded result, if there is one.
+    /// The forwarded result, preliminary or not, if there is one.
     #[must_use]
     pub const fn forwarded(&self) -> Option<&Forwarded<V>> {
         match &self.ending {
-            Ending::Forwarded(forwarded) => Some(forwarded),
-            Ending::Missed | Ending::Refused(_) => None,
+            Ending::Preliminary(forwarded) | Ending::Forwarded(forwarded) => Some(forwarded),
+            Ending::Final(_) | Ending::Missed | Ending::Refused(_) => None,
         }
+    }
+
+    /// Whether no other item of its message follows.
+    #[must_use]
+    pub const fn is_last(&self) -> bool {
+        match &self.ending {
+            Ending::Preliminary(_) => false,
+            Ending::Forwarded(_) | Ending::Final(_) | Ending::Missed | Ending::Refused(_) => true,
+        }
+    }
+
+    /// This item for whoever was not given the `earlier` one of its message: where it is final, it has the value that was
+    /// sent before.
+    #[must_use]
+    pub fn instead_of(mut self, earlier: Self) -> Self {
+        if let (Ending::Final(_), Ending::Preliminary(last)) = (&self.ending, earlier.ending) {
+            self.ending = Ending::Forwarded(last);
+        }
+        self
     }
 
     /// The time from taking the message in to the decision.

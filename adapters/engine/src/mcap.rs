@@ -14,7 +14,7 @@ use mcap::records::MessageHeader;
 const SCHEMA: &str = r#"{"title":"fuseline.Line","description":"A line of a fuseline trace: its header, an input or a decision.","type":"object","properties":{"ev":{"type":"string"},"at":{"type":"integer"},"t":{"type":"integer"},"p":{"type":"integer"},"due":{"type":"integer"},"deadline":{"type":"integer"},"backlog":{"type":"integer"},"why":{"type":"string"}}}"#;
 
 /// An MCAP file being written: the topic `/fuseline/trace` has every line, the header first, and
-/// `/fuseline/outputs` what was forwarded or missed.
+/// `/fuseline/outputs` what was forwarded, final or missed.
 pub struct Mcap<W: Write + Seek> {
     inner: mcap::Writer<W>,
     epoch: u64,
@@ -66,7 +66,10 @@ impl<W: Write + Seek> Mcap<W> {
             Event::Decision(decision) => decision.at(),
         };
         self.put(self.lines, at)?;
-        if let Event::Decision(Decision::Emit { .. } | Decision::Miss { .. }) = event {
+        if let Event::Decision(
+            Decision::Emit { .. } | Decision::Final { .. } | Decision::Miss { .. },
+        ) = event
+        {
             self.put(self.outputs, at)?;
         }
         Ok(())

@@ -23,7 +23,9 @@ pub(crate) struct SourceMeters {
     admitted: Counter,
     refused: [Counter; OfferRefusal::ALL.len()],
     outputs: [Counter; Trigger::ALL.len()],
+    finals: Counter,
     forwarded: Counter,
+    preliminary: Counter,
     held: Counter,
     dropped: [Counter; DropReason::ALL.len()],
     failed: Counter,
@@ -34,7 +36,7 @@ pub(crate) struct SourceMeters {
     sent_bytes: Counter,
     /// From the request's admission to its result.
     pub(crate) response: Histogram,
-    /// From taking the message in to the output.
+    /// From taking the message in to the output, each one under progressive.
     pub(crate) output: Histogram,
     pub(crate) backlog: Gauge,
     pub(crate) calls: Gauge,
@@ -76,12 +78,15 @@ impl SourceMeters {
         };
         let request = |outcome| by("fuseline_requests_total", outcome);
         let result = |outcome| by("fuseline_results_total", outcome);
+        let output = |outcome| by("fuseline_outputs_total", outcome);
         let failure = |outcome| by("fuseline_failures_total", outcome);
         Self {
             admitted: request("admitted"),
             refused: OfferRefusal::ALL.map(|why| request(why.as_str())),
-            outputs: Trigger::ALL.map(|trigger| by("fuseline_outputs_total", trigger.as_str())),
+            outputs: Trigger::ALL.map(|trigger| output(trigger.as_str())),
+            finals: output("final"),
             forwarded: result("forwarded"),
+            preliminary: result("preliminary"),
             held: result("held"),
             dropped: DropReason::ALL.map(|why| result(why.as_str())),
             failed: failure("accepted"),
@@ -112,7 +117,9 @@ impl SourceMeters {
             CountedEvent::Admitted => self.admitted.increment(1),
             CountedEvent::Refused(why) => increment(&self.refused, why.index()),
             CountedEvent::Output(trigger) => increment(&self.outputs, trigger as usize),
+            CountedEvent::Final => self.finals.increment(1),
             CountedEvent::Forwarded => self.forwarded.increment(1),
+            CountedEvent::Preliminary => self.preliminary.increment(1),
             CountedEvent::Held => self.held.increment(1),
             CountedEvent::Dropped(why) => increment(&self.dropped, why.index()),
             CountedEvent::Failed => self.failed.increment(1),

@@ -3,8 +3,9 @@
 //! Nothing here decides which result is sent; it follows the machine's answers.
 
 use std::collections::VecDeque;
+use std::time::Duration;
 
-use crate::item::Failure;
+use crate::item::{Ending, Failure, Item};
 
 /// The open messages, by ascending timestamp, and when the last ones were opened.
 pub(crate) struct OpenMessages<V> {
@@ -17,9 +18,11 @@ pub(crate) struct OpenMessages<V> {
 pub(crate) struct OpenMessage<V> {
     t: u64,
     pub(crate) opened: u64,
-    /// The best result held; no other can go (P3).
+    /// The best result that was not sent; no other can go (P3).
     pub(crate) held: Option<HeldValue<V>>,
     pub(crate) failures: Vec<Failure>,
+    /// How many items were made of it.
+    items: u32,
 }
 
 pub(crate) struct HeldValue<V> {
@@ -43,7 +46,8 @@ impl<V> OpenMessages<V> {
 
     /// F1: timestamps ascend.
     pub(crate) fn open(&mut self, t: u64, at: u64) {
-        self.open.push_back(OpenMessage { t, opened: at, held: None, failures: Vec::new() });
+        let (held, failures) = (None, Vec::new());
+        self.open.push_back(OpenMessage { t, opened: at, held, failures, items: 0 });
         if let Some(last) = &mut self.last {
             if last.len() == REMEMBERED {
                 last.pop_front();
@@ -66,10 +70,24 @@ impl<V> OpenMessages<V> {
         self.open.get_mut(index)
     }
 
-    /// The message is no longer open.
-    pub(crate) fn close(&mut self, t: u64) -> Option<OpenMessage<V>> {
-        let index = self.index(t)?;
-        self.open.remove(index)
+    /// The message's next item. With the last one it is no longer open.
+    pub(crate) fn item(&mut self, t: u64, decided: u64, ending: Ending<V>) -> Option<Item<V>> {
+        let message = self.find(t)?;
+        let item = Item {
+            timestamp: t,
+            opened: Duration::from_nanos(message.opened),
+            decided: Duration::from_nanos(decided),
+            revision: message.items,
+            ending,
+            failures: message.failures.clone(),
+        };
+        message.items = message.items.saturating_add(1);
+        if item.is_last()
+            && let Some(index) = self.index(t)
+        {
+            self.open.remove(index);
+        }
+        Some(item)
     }
 
     /// When the message was opened, if that is remembered.

@@ -4,7 +4,7 @@
 
 use std::io;
 
-use fuseline_core::Firing;
+use fuseline_core::{Commit, Firing};
 use fuseline_traces::{Decision, Input};
 
 use crate::arbiter::{Answer, decisions_of};
@@ -33,13 +33,13 @@ impl Recordings {
     pub(crate) fn record<const CLOUDS: usize>(
         &mut self,
         input: &Input,
-        now: u64,
+        (commit, now): (Commit, u64),
         answer: &Answer<CLOUDS>,
     ) {
         if self.writers.is_empty() {
             return;
         }
-        answer.decisions(now, |decision| self.decisions.push(decision));
+        answer.decisions(commit, now, |decision| self.decisions.push(decision));
         for writer in &mut self.writers {
             writer.record(input, &self.decisions);
         }

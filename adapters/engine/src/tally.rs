@@ -36,6 +36,10 @@ pub struct SourceTally {
     pub refused: BTreeMap<OfferRefusal, u64>,
     /// Messages answered with its result, by what made the result go (F7).
     pub outputs: BTreeMap<Trigger, u64>,
+    /// Messages answered with its preliminary result, since no better one came (F9).
+    pub finals: u64,
+    /// Results that were sent while better ones were pending (F9).
+    pub preliminary: u64,
     /// Results that were held at first (F3).
     pub held: u64,
     /// Results dropped, by reason (F3).
@@ -50,7 +54,7 @@ pub struct SourceTally {
     pub failures_dropped: BTreeMap<DropReason, u64>,
     /// Timers that fired (F5); for local, those of its deadline.
     pub timers: u64,
-    /// Requests cancelled because something better or timelier was forwarded (F7).
+    /// Requests cancelled because something better or timelier was forwarded (F7, F9).
     pub cancelled: u64,
     /// Bytes that its calls report as sent.
     pub sent_bytes: u64,
@@ -68,7 +72,7 @@ pub struct CurrentDeadline {
 }
 
 impl Tally {
-    /// Messages answered with a result.
+    /// Messages answered with a result, once the last one was sent.
     #[must_use]
     pub fn forwarded(&self) -> u64 {
         self.sources.iter().map(SourceTally::forwarded).sum()
@@ -76,10 +80,10 @@ impl Tally {
 }
 
 impl SourceTally {
-    /// Messages answered with its result.
+    /// Messages answered with its result as the last one.
     #[must_use]
     pub fn forwarded(&self) -> u64 {
-        self.outputs.values().sum()
+        self.outputs.values().sum::<u64>() + self.finals
     }
 }
 

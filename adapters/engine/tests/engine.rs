@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use fuseline_engine::{
     Cloud, Commit, DropReason, Effect, Ending, Engine, Header, Hint, Item, Local, Offer,
-    OfferRefusal, Recorder, Recording, Trigger,
+    OfferRefusal, Recorder, Recording, SourceTally, Trigger,
 };
 use fuseline_traces::judge;
 use metrics_util::debugging::{DebugValue, DebuggingRecorder};
@@ -25,8 +25,12 @@ fn header(commit: Commit) -> Header {
 }
 
 fn engine() -> Tested {
+    under(Commit::Eager)
+}
+
+fn under(commit: Commit) -> Tested {
     let local = Local { at_once: 1, waiting: 2, skip_answered: false, lossy: false };
-    Engine::new(&header(Commit::Eager), &[1, 1], local).unwrap()
+    Engine::new(&header(commit), &[1, 1], local).unwrap()
 }
 
 fn effects(engine: &mut Tested) -> Vec<String> {
@@ -42,12 +46,16 @@ fn words(effect: &Effect<&'static str, u64>) -> String {
         Effect::Hint(Hint { timestamp, source, value, age, why }) => {
             format!("hint {timestamp} {value} of {source} after {age:?}: {why}")
         }
-        Effect::Output(Item { timestamp, decided, ending, .. }) => {
+        Effect::Output(Item { timestamp, decided, revision, ending, .. }) => {
             let at = decided.as_nanos();
             match ending {
+                Ending::Preliminary(f) => {
+                    format!("{at}: {timestamp} preliminary {revision}: {} of {}", f.value, f.source)
+                }
                 Ending::Forwarded(f) => {
                     format!("{at}: {timestamp} {} of {} by {}", f.value, f.source, f.trigger)
                 }
+                Ending::Final(source) => format!("{at}: {timestamp} final {revision}: {source}"),
                 Ending::Missed => format!("{at}: {timestamp} missed"),
                 Ending::Refused(why) => format!("{at}: {timestamp} refused {why}"),
             }
@@ -162,11 +170,73 @@ fn local_beyond_its_queue_is_told_and_answered_by_a_cloud() {
     assert_eq!(effects(&mut engine), ["7: 3 refused order"]);
 }
 
+/// F9, D1.
+#[test]
+fn under_progressive_each_better_result_goes_at_once_and_aborts_what_it_outranks() {
+    let mut engine = under(Commit::Progressive);
+    assert!(engine.open(10, 0, None, 70, []));
+    engine.offer(11, 0, 1, 100 * NS, 71);
+    engine.offer(12, 0, 2, 50 * NS, 72);
+    effects(&mut engine);
+    engine.result(20, 0, 0, "local's");
+    assert_eq!(effects(&mut engine), ["20: 0 preliminary 0: local's of local"]);
+    engine.fail(25, 0, 2, &"reset");
+    engine.result(30, 0, 1, "west's");
+    let item = engine.next_effect().unwrap();
+    assert_eq!(words(&item), "30: 0 west's of west by arrival");
+    let Effect::Output(item) = item else { panic!("{item:?}") };
+    assert_eq!((item.revision, item.failures.len(), item.is_last()), (1, 1, true));
+    assert!(engine.is_idle());
+
+    assert!(engine.open(110, 1, None, 70, []));
+    engine.offer(111, 1, 1, 100 * NS, 71);
+    engine.offer(112, 1, 2, 50 * NS, 72);
+    effects(&mut engine);
+    engine.result(120, 1, 1, "west's");
+    // Nobody waits for local any more, and it is not aborted (A52).
+    assert_eq!(effects(&mut engine), ["120: 1 preliminary 0: west's of west"]);
+    engine.result(130, 1, 0, "local's");
+    assert_eq!(effects(&mut engine), [""; 0]);
+    engine.tick(162);
+    assert_eq!(effects(&mut engine), ["abort 2 1", "162: 1 final 1: west"]);
+    assert!(engine.is_idle());
+
+    assert!(engine.open(210, 2, None, 70, []));
+    for p in [1, 2] {
+        engine.offer(211, 2, p, 100 * NS, 71);
+    }
+    effects(&mut engine);
+    engine.result(220, 2, 2, "east's");
+    assert_eq!(effects(&mut engine), ["220: 2 east's of east by arrival", "abort 1 2"]);
+    engine.fail(230, 2, 0, &"as told");
+    assert!(engine.is_idle() && effects(&mut engine).is_empty());
+}
+
+/// D1: whoever was not given the preliminary item gets its value with the last one.
+#[test]
+fn a_final_item_has_the_value_for_whoever_was_not_given_the_one_before() {
+    let mut engine = under(Commit::Progressive);
+    assert!(engine.open(0, 0, None, 0, []));
+    engine.offer(0, 0, 1, 100 * NS, 0);
+    engine.result(20, 0, 0, "local's");
+    engine.tick(100);
+    let items: Vec<_> = std::iter::from_fn(|| engine.next_effect()).collect();
+    let [_, _, Effect::Output(first), _, Effect::Output(last)] = &items[..] else {
+        panic!("{items:?}")
+    };
+    assert_eq!(last.forwarded(), None);
+    let whole = last.clone().instead_of(first.clone());
+    let value = whole.forwarded().unwrap();
+    assert_eq!((value.value, &value.arrived), ("local's", &(20 * NS)));
+    assert_eq!((whole.revision, whole.decided, whole.is_last()), (1, 100 * NS, true));
+    let better = Item { revision: 7, ..first.clone() };
+    assert_eq!(better.clone().instead_of(first.clone()), better);
+}
+
 /// D11.
 #[test]
 fn meters_say_what_the_tally_says() {
     let recorder = DebuggingRecorder::new();
-    let snapshotter = recorder.snapshotter();
     let mut engine = metrics::with_local_recorder(&recorder, engine);
     let _ = engine.open(0, 0, None, 0, []);
     engine.offer(0, 0, 1, 100 * NS, 0);
@@ -179,21 +249,6 @@ fn meters_say_what_the_tally_says() {
     engine.fail(170, 1, 2, &"as told");
     engine.fail(180, 1, 0, &"as told");
     engine.fail(190, 1, 0, &"as told");
-    let mut metrics = BTreeMap::new();
-    for (key, _, _, value) in snapshotter.snapshot().into_vec() {
-        let key = key.key();
-        let labels: Vec<&str> = key.labels().map(metrics::Label::value).collect();
-        let name = format!("{} {}", key.name().trim_start_matches("fuseline_"), labels.join(" "));
-        match value {
-            DebugValue::Counter(0) | DebugValue::Gauge(_) => {}
-            DebugValue::Counter(count) => drop(metrics.insert(name, count.to_string())),
-            DebugValue::Histogram(values) if values.is_empty() => {}
-            DebugValue::Histogram(values) => {
-                let nanos: Vec<f64> = values.iter().map(|v| (v.0 * 1e9).round()).collect();
-                metrics.insert(name, format!("{nanos:?} ns"));
-            }
-        }
-    }
     let expected = [
         ("deadlines_total tested east offered", "1"),
         ("deadlines_total tested west offered", "1"),
@@ -214,8 +269,67 @@ fn meters_say_what_the_tally_says() {
         ("timer_lag_seconds tested", "[50.0] ns"),
         ("timers_total tested west", "1"),
     ];
-    let expected = expected.map(|(key, value)| (key.to_owned(), value.to_owned()));
-    assert_eq!(metrics, BTreeMap::from(expected));
+    assert_eq!(
+        metered(&recorder),
+        expected.map(|(key, value)| (key.to_owned(), value.to_owned())).into()
+    );
+}
+
+/// D11, F9.
+#[test]
+fn under_progressive_each_message_counts_once_as_answered_and_each_output_as_a_result() {
+    let recorder = DebuggingRecorder::new();
+    let mut engine = metrics::with_local_recorder(&recorder, || under(Commit::Progressive));
+    for t in 0..2 {
+        assert!(engine.open(0, t, None, 0, []));
+        engine.offer(0, t, 1, 100 * NS, 0);
+        engine.offer(0, t, 2, 100 * NS, 0);
+    }
+    for t in 0..2 {
+        engine.result(30, t, 0, "local's");
+    }
+    engine.result(40, 0, 1, "west's");
+    engine.result(50, 0, 2, "east's");
+    engine.fail(60, 1, 2, &"as told");
+    engine.fail(60, 1, 1, &"as told");
+    let tally = engine.counts().tally();
+    assert_eq!((tally.messages, tally.forwarded(), tally.missed), (2, 2, 0));
+    let [local, east, west] = &tally.sources[..] else { panic!("{tally:?}") };
+    let counts = |it: &SourceTally| (it.forwarded(), it.finals, it.preliminary, it.held);
+    assert_eq!([local, west, east].map(counts), [(1, 1, 2, 0), (0, 0, 1, 0), (1, 0, 0, 0)]);
+    let metered = metered(&recorder);
+    for (key, value) in [
+        ("outputs_total tested local final", "1"),
+        ("outputs_total tested east arrival", "1"),
+        ("results_total tested local preliminary", "2"),
+        ("results_total tested west preliminary", "1"),
+        ("results_total tested east forwarded", "1"),
+        ("output_seconds tested local", "[30.0, 30.0] ns"),
+    ] {
+        assert_eq!(metered.get(key).map(String::as_str), Some(value), "{key} in {metered:#?}");
+    }
+    assert_eq!(metered.keys().filter(|key| key.starts_with("outputs_total")).count(), 2);
+}
+
+/// What was metered, without zeros and gauges.
+fn metered(recorder: &DebuggingRecorder) -> BTreeMap<String, String> {
+    let mut metrics = BTreeMap::new();
+    let snapshotter = recorder.snapshotter();
+    for (key, _, _, value) in snapshotter.snapshot().into_vec() {
+        let key = key.key();
+        let labels: Vec<&str> = key.labels().map(metrics::Label::value).collect();
+        let name = format!("{} {}", key.name().trim_start_matches("fuseline_"), labels.join(" "));
+        match value {
+            DebugValue::Counter(0) | DebugValue::Gauge(_) => {}
+            DebugValue::Counter(count) => drop(metrics.insert(name, count.to_string())),
+            DebugValue::Histogram(values) if values.is_empty() => {}
+            DebugValue::Histogram(values) => {
+                let nanos: Vec<f64> = values.iter().map(|v| (v.0 * 1e9).round()).collect();
+                metrics.insert(name, format!("{nanos:?} ns"));
+            }
+        }
+    }
+    metrics
 }
 
 /// How many computations freed their slots without a completion.
@@ -359,6 +473,19 @@ fn with_skip_answered_what_was_answered_takes_no_room_among_what_waits() {
 }
 
 #[test]
+fn with_skip_answered_a_computation_that_an_output_outranks_takes_no_room() {
+    let local = Local { at_once: 1, waiting: 0, skip_answered: true, lossy: false };
+    let mut engine: Tested = Engine::new(&header(Commit::Progressive), &[8, 8], local).unwrap();
+    assert!(engine.open(0, 0, None, 0, []));
+    let offers = [1, 2].map(|priority| Offer { priority, deadline: 50 * NS, request: 1 });
+    assert!(engine.open(1, 1, None, 1, offers));
+    engine.result(2, 1, 1, "west's");
+    engine.result(3, 0, 0, "local's of 0");
+    assert!(engine.open(4, 2, None, 2, []));
+    assert_eq!(started(&mut engine), [0, 2]);
+}
+
+#[test]
 fn why_sources_failed_is_told_with_the_item_and_counted_by_its_words() {
     let mut engine = engine();
     for t in 0..3 {
@@ -393,13 +520,13 @@ proptest! {
     #[test]
     fn whatever_happens_calls_are_bounded_messages_answered_once_and_the_trace_conforms(
         steps in proptest::collection::vec(step(), 1..200),
-        patient in any::<bool>(),
+        commit in proptest::sample::select(&Commit::ALL[..]),
         skip_answered in any::<bool>(),
         lossy in any::<bool>(),
     ) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("trace.jsonl");
-        let header = header(if patient { Commit::Patient } else { Commit::Eager });
+        let header = header(commit);
         let local = Local { at_once: 2, waiting: 4, skip_answered, lossy };
         let mut engine: Tested = Engine::new(&header, &[2, 1], local).unwrap();
         let recorder = Recorder::create(&path, &header, Recording::default()).unwrap();
@@ -410,6 +537,9 @@ proptest! {
         let mut latest = 0;
         let mut in_flight: BTreeSet<(u16, u64)> = BTreeSet::new();
         let mut answered: BTreeSet<u64> = BTreeSet::new();
+        // The last output of each message that is open, and how many there were.
+        let mut sent: BTreeMap<u64, (u16, u32)> = BTreeMap::new();
+        let mut preliminary = 0;
         for step in steps {
             match step {
                 Step::Wait(nanos) => {
@@ -450,7 +580,28 @@ proptest! {
             latest = latest.max(now);
             while let Some(effect) = engine.next_effect() {
                 match effect {
-                    Effect::Output(item) => prop_assert!(answered.insert(item.timestamp)),
+                    Effect::Output(item) => {
+                        let before = sent.get(&item.timestamp).copied();
+                        prop_assert_eq!(item.revision, before.map_or(0, |(_, sent)| sent));
+                        match &item.ending {
+                            Ending::Final(source) => {
+                                prop_assert_eq!(before.map(|(p, _)| p), Some(source.priority));
+                            }
+                            Ending::Missed | Ending::Refused(_) => prop_assert!(before.is_none()),
+                            Ending::Preliminary(result) | Ending::Forwarded(result) => {
+                                let p = result.source.priority;
+                                prop_assert!(before.is_none_or(|(before, _)| before < p));
+                                sent.insert(item.timestamp, (p, item.revision + 1));
+                            }
+                        }
+                        if item.is_last() {
+                            prop_assert!(answered.insert(item.timestamp));
+                        } else {
+                            prop_assert_eq!(commit, Commit::Progressive);
+                            prop_assert!(!answered.contains(&item.timestamp));
+                            preliminary += 1;
+                        }
+                    }
                     Effect::Start { priority, timestamp, until, request } => {
                         prop_assert_eq!(request, timestamp);
                         prop_assert!(until.is_none_or(|until| until > latest));
@@ -473,7 +624,79 @@ proptest! {
         prop_assert_eq!(tally.messages + refused, next);
         let answers = tally.forwarded() + tally.missed + refused;
         prop_assert_eq!(answers, u64::try_from(answered.len()).unwrap());
+        prop_assert_eq!(tally.sources.iter().map(|source| source.preliminary).sum::<u64>(), preliminary);
         engine.finish().unwrap();
+        let verdict = judge("trace", BufReader::new(File::open(&path).unwrap())).unwrap();
+        prop_assert!(verdict.conforms, "{:#?}", verdict.violations);
+    }
+
+    /// P13, D2: every input is given to both, so no queue may tell them apart.
+    #[test]
+    fn the_last_outputs_of_progressive_are_those_of_patient_at_the_same_instants(
+        steps in proptest::collection::vec(step(), 1..200),
+    ) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("trace.jsonl");
+        let mut engines = [Commit::Patient, Commit::Progressive].map(|commit| {
+            let local = Local { at_once: 200, waiting: 0, skip_answered: false, lossy: false };
+            Engine::<(u64, u16), ()>::new(&header(commit), &[200, 200], local).unwrap()
+        });
+        let recorder = Recorder::create(&path, &header(Commit::Progressive), Recording::default());
+        engines[1].record(recorder.unwrap()).unwrap();
+        let (mut now, mut next) = (0_u64, 0);
+        let mut last: [BTreeMap<u64, Item<(u64, u16)>>; 2] = Default::default();
+        for step in steps {
+            for (engine, last) in engines.iter_mut().zip(&mut last) {
+                match step {
+                    Step::Wait(nanos) => engine.tick(now.saturating_add(nanos)),
+                    Step::GoBack(nanos) => engine.tick(now.saturating_sub(nanos)),
+                    Step::Open { deadline } => {
+                        engine.open(now, next, deadline.map(Duration::from_nanos), (), []);
+                    }
+                    Step::Offer { back, p, deadline } => {
+                        let t = u64::saturating_sub(next, back);
+                        engine.offer(now, t, p, Duration::from_nanos(deadline), ());
+                    }
+                    Step::End { .. } => {}
+                    Step::Stray { back, p, well } => {
+                        let t = u64::saturating_sub(next, back);
+                        if well {
+                            engine.result(now, t, p, (t, p));
+                        } else {
+                            engine.fail(now, t, p, &"as told");
+                        }
+                    }
+                }
+                while let Some(effect) = engine.next_effect() {
+                    let Effect::Output(item) = effect else { continue };
+                    let t = item.timestamp;
+                    let earlier = last.remove(&t);
+                    prop_assert!(earlier.as_ref().is_none_or(|earlier| !earlier.is_last()));
+                    let item = match earlier {
+                        Some(earlier) => item.instead_of(earlier),
+                        None => item,
+                    };
+                    let value = item.forwarded().map(|it| (it.value, (t, it.source.priority)));
+                    prop_assert!(value.is_none_or(|(value, own)| value == own));
+                    last.insert(t, item);
+                }
+            }
+            match step {
+                Step::Wait(nanos) => now = now.saturating_add(nanos),
+                Step::GoBack(nanos) => now = now.saturating_sub(nanos),
+                Step::Open { .. } => next += 1,
+                Step::Offer { .. } | Step::End { .. } | Step::Stray { .. } => {}
+            }
+        }
+        let ends = last.map(|items| {
+            let ends = items.into_values().filter(Item::is_last);
+            let end = |item: Item<(u64, u16)>| {
+                (item.timestamp, item.decided, item.forwarded().map(|it| (it.value, it.arrived)))
+            };
+            ends.map(end).collect::<Vec<_>>()
+        });
+        prop_assert_eq!(&ends[0], &ends[1]);
+        engines[1].finish().unwrap();
         let verdict = judge("trace", BufReader::new(File::open(&path).unwrap())).unwrap();
         prop_assert!(verdict.conforms, "{:#?}", verdict.violations);
     }

@@ -64,8 +64,14 @@ impl<T, const CLOUDS: usize, const WINDOW: usize> Message<'_, T, CLOUDS, WINDOW>
     /// The winner's value, if this outcome is to forward it.
     pub(crate) fn forwarded(&self, outcome: &Outcome<CLOUDS>) -> Option<T> {
         match outcome {
-            Outcome::Forwarded { by, .. } => self.cells.take(self.handle.source(*by)?),
-            Outcome::Dropped(_) | Outcome::Held | Outcome::Waiting | Outcome::Missed => None,
+            Outcome::Forwarded { by, .. } | Outcome::Preliminary { by, .. } => {
+                self.cells.take(self.handle.source(*by)?)
+            }
+            Outcome::Dropped(_)
+            | Outcome::Held
+            | Outcome::Waiting
+            | Outcome::Final { .. }
+            | Outcome::Missed => None,
         }
     }
 }

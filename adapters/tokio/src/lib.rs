@@ -5,6 +5,7 @@ pub mod drive;
 mod error_chain;
 #[cfg(feature = "grpc")]
 pub mod grpc;
+mod items;
 mod local;
 mod operator;
 mod panics;
@@ -27,8 +28,9 @@ pub use fuseline_engine::{
     Failure, Forwarded, Hint, Item, OfferRefusal, OpenRefusal, Reasons, Recording, Source,
     SourceTally, Tally, Trigger,
 };
+pub use items::Items;
 pub use local::Local;
-pub use operator::{Config, Items, JoinError, Operator, Running, SpawnError, Trace, spawn};
+pub use operator::{Config, JoinError, Operator, Running, SpawnError, Trace, spawn};
 #[cfg(feature = "prometheus")]
 pub use prometheus::prometheus;
 pub use setup::{Cloud, Setup};

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use fuseline_engine::{
-    self as shared, CapacityErrors, Commit, ConfigError, Counting, Engine, Header, Item, Recorder,
+    self as shared, CapacityErrors, Commit, ConfigError, Counting, Engine, Header, Recorder,
     Recording, Tally, Workload,
 };
 use thiserror::Error;
@@ -17,6 +17,7 @@ use tokio::task::JoinHandle;
 use tracing::{Instrument, info_span};
 
 use crate::drive::{Driver, Timers, finish};
+use crate::items::Items;
 use crate::local::{Local, Workers};
 use crate::run::{Outbox, Streams};
 use crate::setup::{Registered, Setup};
@@ -24,7 +25,8 @@ use crate::side::{SideRegistration, SideRunner};
 use crate::side_counts::{SideCounts, SideTally};
 use crate::stream::{Reader, stream};
 
-/// A typed operator: for each input message it forwards one result, the best that is in time.
+/// A typed operator: for each input message it forwards one result, the best that is in time; under progressive also each one
+/// that is better than those before it, as it comes (F9).
 pub trait Operator {
     /// A message; shared by local and the handlers.
     type Input: Send + Sync + 'static;
@@ -38,9 +40,6 @@ pub trait Operator {
     ) -> Local<Self::Input, Self::Output>;
 }
 
-/// An operator's output: one item for each message taken in.
-pub type Items<O> = Reader<Item<O>>;
-
 /// An operator's configuration.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Config {
@@ -49,7 +48,7 @@ pub struct Config {
     /// How many messages may be open at once, 1 to 1024; 16 by default. One more is refused `full`
     /// (F1).
     pub window: u16,
-    /// The commit rule (F6); eager by default.
+    /// The commit rule (F6, F9); eager by default.
     pub commit: Commit,
     /// How many items a reader of the output may lag behind; at least 1, 16 by default. While one lags
     /// further, no message is taken in; what is open goes on. So an output that is neither read nor
@@ -95,6 +94,15 @@ pub enum SpawnError {
     /// It could not keep up with its [workload](Config::workload).
     #[error("the operator could not keep up: {0}")]
     Workload(#[from] CapacityErrors),
+    /// A policy's promise is about one output a message, and under progressive there may be more.
+    #[error(
+        "the policy of {cloud} promises what holds for one output a message, and under progressive \
+         there may be more; give another policy, or commit patient"
+    )]
+    Policy {
+        /// The cloud's name.
+        cloud: String,
+    },
     /// A side request's gate could never open again.
     #[error("the gate of {name} needs a limit of at least 1 and a resume below it")]
     SideRequest {
@@ -177,6 +185,9 @@ pub fn spawn<P: Operator>(
     for Registered { priority, cloud, .. } in &mut setup.clouds {
         engine.set_linger(*priority, cloud.linger);
         if let Some(policy) = cloud.policy.take() {
+            if config.commit == Commit::Progressive && policy.assumes_one_output() {
+                return Err(SpawnError::Policy { cloud: cloud.name.clone() });
+            }
             engine.set_policy(*priority, policy);
         }
     }

@@ -49,7 +49,7 @@ pub(crate) enum Work<I, O> {
 /// The output: items are given to the readers at once, and wait here only while one lags.
 pub(crate) struct Outbox<O> {
     writer: Writer<Item<O>>,
-    /// At most one for each message that was open when the reader began to lag.
+    /// At most one for each message that was open when the reader began to lag: the newest.
     waiting: VecDeque<Item<O>>,
     /// Ready when every reader has room again.
     room: Option<BoxFuture<'static, ()>>,
@@ -163,6 +163,13 @@ impl<O: Send + Sync + 'static> Outbox<O> {
                 Err(WriteError::Full(item)) => self.waiting.push_back(item),
             }
         } else {
+            let is_same = |earlier: &Item<O>| earlier.timestamp == item.timestamp;
+            let earlier = self.waiting.iter().position(is_same);
+            let item = match earlier.and_then(|index| self.waiting.remove(index)) {
+                // F9: nobody was given it, and nobody needs it any more.
+                Some(earlier) => item.instead_of(earlier),
+                None => item,
+            };
             self.waiting.push_back(item);
         }
     }
@@ -192,20 +199,61 @@ impl<O: Send + Sync + 'static> Outbox<O> {
 mod tests {
     use super::*;
     use crate::stream::stream;
-    use fuseline_engine::Ending;
+    use fuseline_engine::{Ending, Forwarded, Source, Trigger};
+
+    fn item<O>(timestamp: u64) -> Item<O> {
+        Item {
+            timestamp,
+            opened: Duration::ZERO,
+            decided: Duration::ZERO,
+            revision: 0,
+            ending: Ending::Missed,
+            failures: Vec::new(),
+        }
+    }
+
+    /// D1, D8, F9: what waits for room is the newest of each message.
+    #[tokio::test]
+    async fn a_better_item_takes_the_place_of_one_that_waits_and_the_last_one_has_its_value() {
+        let (writer, mut reader) = stream(1);
+        let mut outbox = Outbox::new(writer);
+        let source = |priority| Source { priority, name: "a source".into() };
+        let of = |priority, value| Forwarded {
+            value,
+            source: source(priority),
+            arrived: Duration::ZERO,
+            trigger: Trigger::Arrival,
+        };
+        let endings = [
+            (0, Ending::Preliminary(of(0, "local's of 0"))),
+            (1, Ending::Preliminary(of(0, "local's of 1"))),
+            (0, Ending::Preliminary(of(1, "west's of 0"))),
+            (1, Ending::Preliminary(of(2, "east's of 1"))),
+            (1, Ending::Final(source(2))),
+            (0, Ending::Forwarded(of(2, "east's of 0"))),
+        ];
+        for (t, ending) in endings {
+            outbox.put(Item { ending, ..item(t) });
+        }
+        assert_eq!(outbox.waiting.len(), 2);
+        let mut context = Context::from_waker(std::task::Waker::noop());
+        let mut read = Vec::new();
+        while let Some(item) = reader.read().now_or_never() {
+            let item = item.unwrap();
+            let value = item.forwarded().map(|it| it.value).unwrap();
+            read.push((item.timestamp, value, item.is_last()));
+            let _ = outbox.poll_delivered(&mut context);
+        }
+        let expected =
+            [(0, "local's of 0", false), (1, "east's of 1", true), (0, "east's of 0", true)];
+        assert_eq!(read, expected);
+    }
 
     /// D8: found by the simulator.
     #[tokio::test]
     async fn an_outbox_that_was_emptied_keeps_no_place_from_the_next_items() {
         let (writer, mut reader) = stream(2);
         let mut outbox = Outbox::<()>::new(writer);
-        let item = |timestamp| Item {
-            timestamp,
-            opened: Duration::ZERO,
-            decided: Duration::ZERO,
-            ending: Ending::Missed,
-            failures: Vec::new(),
-        };
         (0..3).for_each(|t| outbox.put(item(t)));
         let mut context = Context::from_waker(std::task::Waker::noop());
         assert!(outbox.poll_delivered(&mut context).is_pending());

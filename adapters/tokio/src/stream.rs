@@ -2,10 +2,12 @@
 //!
 //! A [`Writer`] never waits for room in [`write`](Writer::write), and each [`Reader`] may lag a fixed number of messages behind.
 
+use std::fmt;
+use std::future::poll_fn;
 use std::pin::pin;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
-use std::task::{Context, Poll};
+use std::task::{Context, Poll, ready};
 
 use futures_util::{Stream, StreamExt};
 use thiserror::Error;
@@ -23,7 +25,7 @@ pub fn stream<T>(capacity: usize) -> (Writer<T>, Reader<T>) {
     let (sender, receiver) = mpsc::channel(capacity);
     let joining =
         Arc::new(NewReaders { is_any: AtomicBool::new(false), readers: Mutex::default() });
-    let reader = Reader { receiver, joining: Arc::downgrade(&joining), capacity };
+    let reader = Reader { receiver, joining: Arc::downgrade(&joining), capacity, filter: None };
     (Writer { readers: vec![sender], joining, count: 0 }, reader)
 }
 
@@ -43,14 +45,19 @@ pub struct Writer<T> {
 }
 
 /// A reading end of a stream; readers share the messages, without copies.
-#[derive(Debug)]
 pub struct Reader<T> {
     receiver: mpsc::Receiver<NumberedMessage<T>>,
     joining: Weak<NewReaders<T>>,
     capacity: usize,
+    /// Takes each message, if only some are wanted.
+    pub(crate) filter: Option<Filter<T>>,
 }
 
-type NumberedMessage<T> = (u64, Arc<T>);
+/// Keeps a message back, or gives one on.
+pub(crate) type Filter<T> =
+    Box<dyn FnMut(NumberedMessage<T>) -> Option<NumberedMessage<T>> + Send + Sync>;
+
+pub(crate) type NumberedMessage<T> = (u64, Arc<T>);
 
 /// Readers made since the last message.
 #[derive(Debug)]
@@ -159,10 +166,10 @@ impl<T> Writer<T> {
 impl<T> Reader<T> {
     /// The next message, or none when the stream has ended. Dropping the future loses no message.
     pub async fn read(&mut self) -> Option<Arc<T>> {
-        self.receiver.recv().await.map(|(_, message)| message)
+        poll_fn(|context| self.poll_numbered(context)).await.map(|(_, message)| message)
     }
 
-    /// Another reader of the stream, for messages written from now on.
+    /// Another reader of the stream, for all messages written from now on.
     #[must_use]
     pub fn another(&self) -> Self {
         let (sender, receiver) = mpsc::channel(self.capacity);
@@ -170,7 +177,8 @@ impl<T> Reader<T> {
             joining.lock().push(sender);
             joining.is_any.store(true, Ordering::Release);
         }
-        Self { receiver, joining: Weak::clone(&self.joining), capacity: self.capacity }
+        let joining = Weak::clone(&self.joining);
+        Self { receiver, joining, capacity: self.capacity, filter: None }
     }
 
     /// The next message with its timestamp.
@@ -178,7 +186,22 @@ impl<T> Reader<T> {
         &mut self,
         context: &mut Context<'_>,
     ) -> Poll<Option<(u64, Arc<T>)>> {
-        self.receiver.poll_recv(context)
+        loop {
+            let message = ready!(self.receiver.poll_recv(context));
+            let message = match (&mut self.filter, message) {
+                (Some(filter), Some(message)) => filter(message),
+                (_, message) => return Poll::Ready(message),
+            };
+            if message.is_some() {
+                return Poll::Ready(message);
+            }
+        }
+    }
+}
+
+impl<T: fmt::Debug> fmt::Debug for Reader<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Reader").field("receiver", &self.receiver).finish_non_exhaustive()
     }
 }
 

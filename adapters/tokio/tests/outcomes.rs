@@ -4,7 +4,7 @@ mod support;
 
 use std::time::Duration;
 
-use fuseline_tokio::{Commit, Config, DropReason, OfferRefusal, OpenRefusal, Trigger};
+use fuseline_tokio::{Commit, Config, DropReason, OfferRefusal, OpenRefusal, SourceTally, Trigger};
 use support::SourceAction::{Answers, Fails, Never, Panics};
 use support::{CloudScript, Script, play, play_default};
 
@@ -139,7 +139,7 @@ async fn results_go_as_they_are_decided_not_in_the_order_of_messages() {
     );
 }
 
-/// D1.
+/// D1, D11.
 #[tokio::test(start_paused = true)]
 async fn every_message_of_a_long_run_with_everything_going_wrong_is_answered_once() {
     let local = |t| match t % 11 {
@@ -152,11 +152,18 @@ async fn every_message_of_a_long_run_with_everything_going_wrong_is_answered_onc
         .cloud(9, 45, |t| if t % 5 == 0 { Fails(t * 3 % 50) } else { Answers(t * 13 % 70) })
         .cloud(2, 80, |t| if t % 7 == 0 { Panics(t % 20) } else { Answers(t * 11 % 120) });
     let messages: Vec<u64> = (0..500).map(|i| i * 7).collect();
-    for commit in [Commit::Eager, Commit::Patient] {
+    for commit in Commit::ALL {
         let script = Script { clouds: script.clouds.clone(), ..script };
         let played =
             play(script, Config { window: 6, commit, ..Config::default() }, &messages).await;
-        assert_eq!(played.items.lines().count(), 500);
+        let lines = || played.items.lines();
+        assert_eq!(lines().filter(|line| !line.contains("preliminary")).count(), 500);
+        let finals = |of: fn(&SourceTally) -> u64| played.tally.sources.iter().map(of).sum::<u64>();
+        let counted = [finals(|source| source.preliminary), finals(|source| source.finals)];
+        let items = ["preliminary", "final"]
+            .map(|ending| lines().filter(|line| line.contains(ending)).count() as u64);
+        assert_eq!(items, counted);
+        assert_eq!(items.iter().all(|count| *count > 100), commit == Commit::Progressive);
         let CountedOutcomes { forwarded, missed, refused } = tallied(&played.tally);
         assert_eq!(forwarded + missed + refused, 500);
         assert!(forwarded > 300 && missed > 0 && refused > 0, "{:?}", played.tally);

@@ -103,7 +103,8 @@ function outcomes(trace) {
       else if (kind === "n" && p[i] < 0) offered = NaN;
       // What comes after an open says that it was not refused.
       else if (Number.isNaN(opened)) opened = offered;
-      if ((kind === "e" || kind === "m") && Number.isNaN(ended)) ended = at[i];
+      // Of several outputs, as under progressive, the last one counts.
+      if (kind === "e" || (kind === "m" && Number.isNaN(ended))) ended = at[i];
       last[k] = Math.max(n > first[k] ? last[k] : -Infinity, at[i]);
     }
     if (Number.isNaN(opened)) opened = offered;

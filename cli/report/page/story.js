@@ -61,6 +61,7 @@ function words({ ev, p, a, b, sources, refusals, drops }, i) {
     case "q": return of("request", `Requested of ${name}`, a[i] < 2 ** 63 ? `due ${time(a[i])} from here` : "due at the end of time");
     case "h": return of("hold", "Held", "something better is pending");
     case "e": return of("emit", `Forwarded: ${name}`);
+    case "z": return of("emit", "Final", `nothing better than ${name} will come`);
     case "m": return of("miss", "Missed", "nothing available, nothing pending");
     case "c": return of("cancel", `Call of ${name} cancelled`, "no longer wanted");
     case "n": {

@@ -371,6 +371,7 @@ const fn letter(event: &Event) -> char {
         Event::Decision(Decision::Hold { .. }) => 'h',
         Event::Decision(Decision::Drop { .. }) => 'd',
         Event::Decision(Decision::Emit { .. }) => 'e',
+        Event::Decision(Decision::Final { .. }) => 'z',
         Event::Decision(Decision::Miss { .. }) => 'm',
         Event::Decision(Decision::Cancel { .. }) => 'c',
     }
@@ -388,6 +389,7 @@ const fn priority(event: &Event) -> Option<u64> {
             | Decision::Hold { p, .. }
             | Decision::Drop { p, .. }
             | Decision::Emit { p, .. }
+            | Decision::Final { p, .. }
             | Decision::Cancel { p, .. },
         ) => Some(*p),
     }
@@ -417,6 +419,7 @@ fn more_of(event: &Event, x: &mut Vec<i128>) {
             Decision::Timer { .. }
             | Decision::Hold { .. }
             | Decision::Emit { .. }
+            | Decision::Final { .. }
             | Decision::Miss { .. }
             | Decision::Cancel { .. },
         ) => {}

@@ -253,8 +253,14 @@ impl TraceStatistics {
                     call.end_with(RequestEnd::InTime, at);
                 });
                 let source = self.source(p);
-                self.stories.entry(t).or_default().end.get_or_insert(CallEnd { at, source });
+                let end = &mut self.stories.entry(t).or_default().end;
+                // Under progressive a better one takes its place.
+                if end.is_none_or(|end| end.source < source) {
+                    *end = Some(CallEnd { at, source });
+                }
             }
+            // The output that it names was counted.
+            Decision::Final { .. } => {}
             Decision::Miss { at, t } => {
                 let story = self.stories.entry(t).or_default();
                 story.end.get_or_insert(CallEnd { at, source: None });

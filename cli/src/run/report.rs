@@ -240,9 +240,9 @@ fn policies(
             ComparedPolicy::Fusion | ComparedPolicy::LocalOnly => false,
             ComparedPolicy::CloudOnly(source) => !is_whole(source),
             // It makes each call of which fusion may have cancelled some before they were sent.
-            ComparedPolicy::Constant(_) | ComparedPolicy::FirstWins => {
-                !(1..totals.rows.len()).all(is_whole)
-            }
+            ComparedPolicy::Constant(_)
+            | ComparedPolicy::FirstWins
+            | ComparedPolicy::Progressive(_) => !(1..totals.rows.len()).all(is_whole),
         };
         let PolicyScore { ap, in_time, quantiles, outage } = policy.score(messages, &aps, deadline);
         PolicyReport {
@@ -269,11 +269,15 @@ fn outages(messages: &[MessageRecord], deadline: Duration) -> BoundedFigure<u64>
     })
 }
 
+/// The row of the third commit rule.
+pub(crate) const PROGRESSIVE: &str = "progressive";
+
 /// The policies to compare, with their names.
 fn compared(plan: &RunPlan) -> Vec<(ComparedPolicy, String)> {
     let mut policies = vec![(ComparedPolicy::Fusion, "fusion".to_owned())];
+    let priorities: Vec<u16> = plan.clouds.iter().map(|cloud| cloud.priority).collect();
+    policies.push((ComparedPolicy::Progressive(priorities.clone()), PROGRESSIVE.to_owned()));
     if plan.policy != DeadlinePolicy::Constant {
-        let priorities = plan.clouds.iter().map(|cloud| cloud.priority).collect();
         let constant = ConstantPolicy { deadline: plan.deadline(), priorities };
         let name = format!("constant {} ms", plan.deadline_ms);
         policies.push((ComparedPolicy::Constant(constant), name));

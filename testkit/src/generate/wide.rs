@@ -52,7 +52,7 @@ impl Generator {
         });
         let clouds = clouds.collect();
         let window = draw.weighed(&[(3, 4), (3, 16), (1, 64)]);
-        let commit = draw.weighed(&[(1, Commit::Eager), (1, Commit::Patient)]);
+        let commit = draw.weighed(&Commit::ALL.map(|commit| (1, commit)));
         Header { operator: None, window, commit: self.commit.unwrap_or(commit), clouds }
     }
 }

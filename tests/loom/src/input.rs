@@ -1,8 +1,8 @@
 //! The calls on the machine and their answers, in plain values. Cloud `p` is source `p`.
 
 use fuseline_core::{
-    Admission, Decision, Firing, Instant, OfferRefusal, OpenRefusal, Outcome, Priorities, Source,
-    Sources,
+    Admission, Decision, Firing, Instant, OfferRefusal, OpenRefusal, Outcome, Priorities, Priority,
+    Source, Sources,
 };
 
 /// What a call gives. Times are in nanoseconds.
@@ -186,11 +186,18 @@ fn decision<const C: usize>(outcome: Outcome<C>) -> Decision {
         Outcome::Held => Decision::Held,
         Outcome::Waiting => Decision::Waiting,
         Outcome::Missed => Decision::Missed,
-        Outcome::Forwarded { by, cancelled } => Decision::Forwarded {
-            by: u8::try_from(by.as_u16()).ok().and_then(Source::new).expect("cloud p is source p"),
-            cancelled: sources(&cancelled),
-        },
+        Outcome::Forwarded { by, cancelled } => {
+            Decision::Forwarded { by: source(by), cancelled: sources(&cancelled) }
+        }
+        Outcome::Preliminary { by, cancelled } => {
+            Decision::Preliminary { by: source(by), cancelled: sources(&cancelled) }
+        }
+        Outcome::Final { by } => Decision::Final { by: source(by) },
     }
+}
+
+fn source(by: Priority) -> Source {
+    u8::try_from(by.as_u16()).ok().and_then(Source::new).expect("cloud p is source p")
 }
 
 fn sources<const C: usize>(priorities: &Priorities<C>) -> Sources {

@@ -5,6 +5,7 @@ use std::time::Duration;
 use fuseline_system_tests::simulate::{
     CallResult, Disk, Finish, OfferAction, Scenario, Simulator, SourceAction,
 };
+use fuseline_tokio::Commit;
 
 #[test]
 fn a_seed_played_twice_is_the_same_to_the_byte() {
@@ -68,6 +69,10 @@ fn every_kind_of_trouble_is_drawn() {
         all.iter().flat_map(|it| &it.clouds).filter(|it| !it.linger.is_zero()).count(),
     );
     drawn("an aside", all.iter().filter(|it| it.side.is_some()).count());
+    drawn(
+        "each commit rule",
+        usize::from(Commit::ALL.iter().all(|rule| all.iter().any(|it| it.commit == *rule))),
+    );
     drawn("hints", all.iter().filter(|it| it.hints.is_some()).count());
     drawn("metrics", all.iter().filter(|it| it.metered).count());
     drawn("a full disk", all.iter().filter(|it| matches!(it.disk, Disk::FullAfter(..))).count());

@@ -51,6 +51,8 @@ pub struct Judge {
     ended: RangeInclusiveSet<u64>,
     /// Those that were refused whenever they were opened.
     refused: RangeInclusiveSet<u64>,
+    /// Those of them that something came out of.
+    broken: RangeInclusiveSet<u64>,
     /// If a period is known.
     gaps: Option<Gaps>,
     recent: RecentLines,
@@ -121,6 +123,7 @@ impl Judge {
             overdue: VecDeque::new(),
             ended: RangeInclusiveSet::new(),
             refused: RangeInclusiveSet::new(),
+            broken: RangeInclusiveSet::new(),
             gaps: None,
             recent: RecentLines::default(),
             keeps_places: false,
@@ -394,7 +397,11 @@ impl Judge {
             of_again(t, whole)
         } else if Self::is_refused(whole) {
             self.refused.insert(t..=t);
-            of_refused(t, whole)
+            let unplaced = of_refused(t, whole);
+            if unplaced.is_some() {
+                self.broken.insert(t..=t);
+            }
+            unplaced
         } else if whole.is_none() {
             None
         } else {
@@ -403,7 +410,11 @@ impl Judge {
             let unplaced = self.violation(t, whole, end);
             match &mut self.verdict.unfinished {
                 // P7: what breaks nothing and is open to the end of time waits for local.
-                Some(unfinished) if unplaced.is_none() && !open.has_come_out() => *unfinished += 1,
+                Some(unfinished)
+                    if unplaced.is_none() && !open.has_come_out() && !self.broken.contains(&t) =>
+                {
+                    *unfinished += 1;
+                }
                 _ => self.verdict.judged += u64::from(whole.is_reported_of()),
             }
             unplaced

@@ -4,7 +4,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::attempts::{AttemptFailure, Request, folded_failures, folded_requests};
+use super::attempts::{AttemptFailure, RequestAttempt, folded_failures, folded_requests};
 use super::gap::Opened;
 use super::slack::SourceSlack;
 use super::story::MessageHistory;
@@ -23,13 +23,13 @@ pub(super) struct OpenMessageHistory {
     opens: Vec<OpenTimestamp>,
     /// When an open was refused.
     refusals: Vec<u64>,
-    requests: Vec<Request>,
+    requests: Vec<RequestAttempt>,
     came: BTreeSet<RequestClosing>,
     /// The drop lines: their results and failures count for nothing.
     dropped: BTreeSet<Dropped>,
-    outputs: Vec<Output>,
+    outputs: Vec<ObservedOutput>,
     /// Which of them were said to be the last (F9).
-    finals: Vec<Output>,
+    finals: Vec<ObservedOutput>,
     /// The line of a request to a cloud that is not registered, with its priority.
     stranger: Option<(u64, u64)>,
     /// The last line of it.
@@ -52,7 +52,7 @@ struct OpenTimestamp {
 
 /// What came out.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) struct Output {
+pub(super) struct ObservedOutput {
     /// Whose result was sent; none for a miss.
     pub(super) p: Option<u64>,
     pub(super) at: u64,
@@ -85,9 +85,9 @@ struct Dropped {
 pub(super) struct WholeMessageHistory {
     pub(super) story: MessageHistory,
     /// What came out, with its lines.
-    pub(super) outputs: Vec<Output>,
+    pub(super) outputs: Vec<ObservedOutput>,
     /// Which of them were said to be the last, with its lines (F9).
-    pub(super) finals: Vec<Output>,
+    pub(super) finals: Vec<ObservedOutput>,
     /// Of which timestamps the values of results are: source, instant, and none if the result does not say.
     pub(super) values: Vec<(u64, u64, Option<u64>)>,
     /// By when the message's own deadline wants an output (J2).
@@ -127,7 +127,7 @@ impl OpenMessageHistory {
                 self.comes(RequestClosing::new(known(p), at, false, attempt, None));
             }
             Event::Decision(Decision::Request { at, p, due, .. }) if is_cloud(p) => {
-                self.requests(Request { p, at, due, attempt });
+                self.requests(RequestAttempt { p, at, due, attempt });
             }
             Event::Decision(Decision::Request { p, .. }) => {
                 self.stranger.get_or_insert((line, p));
@@ -142,13 +142,13 @@ impl OpenMessageHistory {
                 | DropReason::Late => {}
             },
             Event::Decision(Decision::Emit { at, p, .. }) => {
-                keep(&mut self.outputs, most, Output { p: Some(p), at, of, line });
+                keep(&mut self.outputs, most, ObservedOutput { p: Some(p), at, of, line });
             }
             Event::Decision(Decision::Miss { at, .. }) => {
-                keep(&mut self.outputs, most, Output { p: None, at, of: None, line });
+                keep(&mut self.outputs, most, ObservedOutput { p: None, at, of: None, line });
             }
             Event::Decision(Decision::Final { at, p, .. }) => {
-                keep(&mut self.finals, 1, Output { p: Some(p), at, of: None, line });
+                keep(&mut self.finals, 1, ObservedOutput { p: Some(p), at, of: None, line });
             }
             Event::Input(Input::Offer { .. } | Input::Tick { .. })
             | Event::Decision(
@@ -169,7 +169,7 @@ impl OpenMessageHistory {
             let newest = self.newest_before(until);
             let (mut seen, mut kept) = (BTreeSet::new(), BTreeSet::new());
             self.came.retain(|came| {
-                let is_newest = came.is_result && newest.get(&came.p) == Some(&came.claim());
+                let is_newest = came.is_result && newest.get(&came.p) == Some(&came.value_order());
                 seen.insert((came.p, came.is_result, came.is_superseded, came.attempt))
                     || came.at >= until
                     || (is_newest && kept.insert(came.p))
@@ -180,12 +180,12 @@ impl OpenMessageHistory {
         }
     }
 
-    /// Of the results of each source that came before, the greatest claim to be of a late timestamp.
-    fn newest_before(&self, until: u64) -> BTreeMap<u64, Claim> {
+    /// Of the results of each source that came before, those whose values may be of the latest timestamps.
+    fn newest_before(&self, until: u64) -> BTreeMap<u64, ValueOrder> {
         let mut newest = BTreeMap::new();
         for came in self.came.iter().filter(|came| came.is_result && came.at < until) {
-            let claim = newest.entry(came.p).or_insert(came.claim());
-            *claim = came.claim().max(*claim);
+            let value_order = newest.entry(came.p).or_insert(came.value_order());
+            *value_order = came.value_order().max(*value_order);
         }
         newest
     }
@@ -335,8 +335,9 @@ impl OpenMessageHistory {
         opens
     }
 
-    fn requests(&mut self, request: Request) {
-        let is_same = |other: &&Request| (other.p, other.attempt) == (request.p, request.attempt);
+    fn requests(&mut self, request: RequestAttempt) {
+        let is_same =
+            |other: &&RequestAttempt| (other.p, other.attempt) == (request.p, request.attempt);
         // One more than there may be shows that one is requested twice.
         if self.requests.iter().filter(is_same).count() < 2 {
             self.requests.push(request);
@@ -373,21 +374,21 @@ impl OpenMessageHistory {
 }
 
 /// Keeps an output if there are not too many yet: how many more there are does not matter then.
-fn keep(outputs: &mut Vec<Output>, most: usize, output: Output) {
+fn keep(outputs: &mut Vec<ObservedOutput>, most: usize, output: ObservedOutput) {
     if outputs.len() <= most {
         outputs.push(output);
     }
 }
 
 /// How late a timestamp a result's value may be of: one that does not say may be of the latest.
-type Claim = (bool, u64);
+type ValueOrder = (bool, u64);
 
 impl RequestClosing {
     const fn new(p: u64, at: u64, is_result: bool, attempt: Option<u8>, of: Option<u64>) -> Self {
         Self { p, at, is_result, is_superseded: false, attempt, of }
     }
 
-    const fn claim(&self) -> Claim {
+    const fn value_order(&self) -> ValueOrder {
         match self.of {
             Some(of) => (false, of),
             None => (true, 0),

@@ -3,7 +3,7 @@
 mod progressive;
 
 use self::progressive::{of_disorder, of_progressive};
-use super::open::{Output, WholeMessageHistory};
+use super::open::{ObservedOutput, WholeMessageHistory};
 use super::slack::SourceSlack;
 use super::story::{AllowedOutput, MessageHistory};
 use super::verdict::BrokenRule;
@@ -108,11 +108,11 @@ pub(super) fn of_story(
 fn of_value(
     t: u64,
     whole: &WholeMessageHistory,
-    output: &Output,
+    output: &ObservedOutput,
     annotations: &HeaderAnnotations,
     slack: &SourceSlack,
 ) -> Option<UnlocatedViolation> {
-    let Output { p: Some(p), at, of, line } = *output else { return None };
+    let ObservedOutput { p: Some(p), at, of, line } = *output else { return None };
     // What certainly came later was not sent.
     let by = at.saturating_add(slack.tolerance()).saturating_add(slack.tolerance_of(p));
     let came = whole.values.iter().filter(|(q, came, _)| *q == p && *came <= by);
@@ -154,7 +154,7 @@ fn of_own_deadline(
         rule: BrokenRule::J2,
         found: first.map_or_else(
             || outputs(t, &whole.story),
-            |Output { p, at, .. }| output(t, *p, *at).to_string(),
+            |ObservedOutput { p, at, .. }| output(t, *p, *at).to_string(),
         ),
         expected: format!("an output at {by} at the latest: the message's own deadline"),
         late: Some(late),

@@ -1,6 +1,6 @@
 //! The machine's answers, and the decisions that a trace has for them.
 
-use fuseline_core::{Admission, Firing, Opening, Outcome, Priority};
+use fuseline_core::{Admission, Commit, Firing, Opening, Outcome, Priority};
 use fuseline_traces::Decision;
 
 use crate::arbiter::reason::{drop_reason, offer_refusal, open_refusal};
@@ -48,8 +48,8 @@ pub enum Answer<const CLOUDS: usize> {
 }
 
 impl<const CLOUDS: usize> Answer<CLOUDS> {
-    /// Gives the trace's decisions to `decide`, in order; `at` is the instant of the answer, in ns.
-    pub fn decisions(&self, at: u64, mut decide: impl FnMut(Decision)) {
+    /// Gives the trace's decisions under this commit rule to `decide`, in order; `at` is the instant of the answer, in ns.
+    pub fn decisions(&self, commit: Commit, at: u64, mut decide: impl FnMut(Decision)) {
         match *self {
             Self::Open { opening: Opening::Accepted, .. } | Self::Tick => {}
             Self::Open { t, opening: Opening::Refused(why) } => {
@@ -62,7 +62,11 @@ impl<const CLOUDS: usize> Answer<CLOUDS> {
                 decide(Decision::RefuseOffer { at, t, p, why: offer_refusal(why) });
             }
             Self::Result { t, p, outcome } | Self::Fail { t, p, outcome } => {
-                conclude(at, t, p, &outcome, decide);
+                conclude(at, t, p, &outcome, &mut decide);
+                // F9: an output that retires its timestamp is followed by its end.
+                if let (Commit::Progressive, Outcome::Forwarded { by, .. }) = (commit, outcome) {
+                    decide(Decision::Final { at, t, p: number(by) });
+                }
             }
         }
     }
@@ -78,7 +82,7 @@ pub fn decisions_of<const CLOUDS: usize>(
     for p in firing.timers.iter() {
         decide(Decision::Timer { at, t, p: number(p) });
     }
-    // A firing is never dropped or held, so no decision names a source.
+    // A firing is never dropped or held, so no decision names a source; nor does it send anything under progressive.
     conclude(at, t, 0, &firing.outcome, decide);
 }
 
@@ -94,7 +98,8 @@ fn conclude<const CLOUDS: usize>(
         Outcome::Held => decide(Decision::Hold { at, t, p }),
         Outcome::Waiting => {}
         Outcome::Missed => decide(Decision::Miss { at, t }),
-        Outcome::Forwarded { by, cancelled } => {
+        Outcome::Final { by } => decide(Decision::Final { at, t, p: number(*by) }),
+        Outcome::Preliminary { by, cancelled } | Outcome::Forwarded { by, cancelled } => {
             decide(Decision::Emit { at, t, p: number(*by) });
             for p in cancelled.iter() {
                 decide(Decision::Cancel { at, t, p: number(p) });

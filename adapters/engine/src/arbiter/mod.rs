@@ -50,6 +50,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Arbiter<CLOUDS, WINDOW> {
         let commit = match header.commit {
             trace::Commit::Eager => Commit::Eager,
             trace::Commit::Patient => Commit::Patient,
+            trace::Commit::Progressive => Commit::Progressive,
         };
         Ok(Self { fusion: Box::new(Fusion::new(usize::from(header.window), commit, &clouds)?) })
     }
@@ -147,7 +148,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Arbiter<CLOUDS, WINDOW> {
     /// Applies an input and gives its decisions to `decide`, in the order of the trace.
     pub fn decide(&mut self, input: &Input, mut decide: impl FnMut(Decision)) {
         let answer = self.apply(input, |at, firing| decisions_of(at, firing, &mut decide));
-        answer.decisions(self.now(), decide);
+        answer.decisions(self.fusion.commit(), self.now(), decide);
     }
 
     /// The earliest instant, in ns, at which a timer is due; none if no timer is armed. Tick then.

@@ -7,7 +7,7 @@ use std::mem;
 use std::time::Duration;
 
 use fuseline_core as core;
-use fuseline_core::Outcome;
+use fuseline_core::{Outcome, Priorities};
 use fuseline_deadline::End;
 use fuseline_traces::{DropReason, Input};
 use tracing::{debug, error, warn};
@@ -76,7 +76,7 @@ impl<V, R> Engine<V, R> {
         }
         self.firings = firings;
         let now = self.arbiter.now();
-        self.recordings.record(input, now, answer);
+        self.recordings.record(input, (self.arbiter.fusion().commit(), now), answer);
         now
     }
 
@@ -99,7 +99,10 @@ impl<V, R> Engine<V, R> {
         let why = open_refusal(why);
         warn!(operator = &*self.operator, timestamp = t, %why, "message refused");
         self.counts.refused(why);
-        self.output(t, at, at, Ending::Refused(why), Vec::new());
+        let (opened, ending) = (Duration::from_nanos(at), Ending::Refused(why));
+        let (decided, failures) = (opened, Vec::new());
+        let item = Item { timestamp: t, opened, decided, revision: 0, ending, failures };
+        self.effects.push_back(Effect::Output(item));
     }
 
     /// F2: the request was refused.
@@ -134,13 +137,20 @@ impl<V, R> Engine<V, R> {
                 self.counts.source(index, CountedEvent::Held);
                 self.open_messages.hold(t, p, at, value);
             }
+            Outcome::Preliminary { .. } => {
+                self.counts.source(index, CountedEvent::Preliminary);
+                self.open_messages.hold(t, p, at, value);
+                self.settle(at, t, Trigger::Arrival, outcome);
+            }
             Outcome::Forwarded { .. } => {
                 self.counts.source(index, CountedEvent::Forwarded);
                 // It is the best available now, which is what is sent.
                 self.open_messages.hold(t, p, at, value);
                 self.settle(at, t, Trigger::Arrival, outcome);
             }
-            Outcome::Waiting | Outcome::Missed => self.settle(at, t, Trigger::Arrival, outcome),
+            Outcome::Waiting | Outcome::Final { .. } | Outcome::Missed => {
+                self.settle(at, t, Trigger::Arrival, outcome);
+            }
         }
     }
 
@@ -169,57 +179,65 @@ impl<V, R> Engine<V, R> {
         self.settle(at, t, Trigger::Failure, outcome);
     }
 
-    /// F6, F7: the message is answered, missed, or waits.
+    /// F6, F7, F9: the message is answered, missed, or waits.
     fn settle(&mut self, at: u64, t: u64, trigger: Trigger, outcome: &Outcome<CLOUDS>) {
         match outcome {
             Outcome::Dropped(_) | Outcome::Held | Outcome::Waiting => {}
-            Outcome::Missed => self.retire(at, t, trigger),
-            Outcome::Forwarded { cancelled, .. } => {
-                self.retire(at, t, trigger);
-                for p in cancelled.iter() {
-                    let Some(index) = self.sources.index(p.as_u16()) else { continue };
-                    self.counts.source(index, CountedEvent::Cancelled);
-                    self.close(at, t, index);
+            Outcome::Preliminary { cancelled, .. } => {
+                if let Some((_, forwarded)) = self.take_best(at, t, trigger) {
+                    self.output(at, t, Ending::Preliminary(forwarded));
                 }
+                self.cancel(at, t, cancelled);
+            }
+            Outcome::Forwarded { cancelled, .. } => {
+                if let Some((index, forwarded)) = self.take_best(at, t, trigger) {
+                    self.counts.source(index, CountedEvent::Output(trigger));
+                    self.output(at, t, Ending::Forwarded(forwarded));
+                }
+                self.cancel(at, t, cancelled);
+            }
+            Outcome::Final { by } => {
+                let Some(index) = self.sources.index(by.as_u16()) else { return };
+                self.counts.source(index, CountedEvent::Final);
+                self.output(at, t, Ending::Final(self.sources[index].source.clone()));
+            }
+            Outcome::Missed => {
+                let why = trigger.as_str();
+                warn!(operator = &*self.operator, timestamp = t, why, "message missed");
+                self.counts.missed();
+                self.output(at, t, Ending::Missed);
             }
         }
     }
 
-    /// The message is no longer open: the best available result is sent, if there is any.
-    fn retire(&mut self, at: u64, t: u64, trigger: Trigger) {
-        if self.local.skip_answered {
-            self.sources[LOCAL].withdraw(t);
-        }
-        let Some(message) = self.open_messages.close(t) else { return };
-        let Some(held) = message.held else {
-            let why = trigger.as_str();
-            warn!(operator = &*self.operator, timestamp = t, why, "message missed");
-            self.counts.missed();
-            self.output(t, message.opened, at, Ending::Missed, message.failures);
-            return;
-        };
-        let Some(index) = self.sources.index(held.p) else { return };
-        self.counts.source(index, CountedEvent::Output(trigger));
+    /// The best available result, to be sent, and its source's index.
+    fn take_best(&mut self, at: u64, t: u64, trigger: Trigger) -> Option<(usize, Forwarded<V>)> {
+        let message = self.open_messages.find(t)?;
+        let (held, opened) = (message.held.take()?, message.opened);
+        let index = self.sources.index(held.p)?;
         if let Some(meter) = self.counts.meters.sources.get(index) {
-            meter.output.record(since(message.opened, at));
+            meter.output.record(since(opened, at));
         }
         let source = self.sources[index].source.clone();
         let arrived = Duration::from_nanos(held.arrived);
-        let forwarded = Forwarded { value: held.value, source, arrived, trigger };
-        self.output(t, message.opened, at, Ending::Forwarded(forwarded), message.failures);
+        Some((index, Forwarded { value: held.value, source, arrived, trigger }))
     }
 
-    /// D1 one item: the only way out for a message that was taken in.
-    fn output(
-        &mut self,
-        timestamp: u64,
-        opened: u64,
-        decided: u64,
-        ending: Ending<V>,
-        failures: Vec<Failure>,
-    ) {
-        let (opened, decided) = (Duration::from_nanos(opened), Duration::from_nanos(decided));
-        let item = Item { timestamp, opened, decided, ending, failures };
+    /// F7, F9: what was sent outranks these.
+    fn cancel(&mut self, at: u64, t: u64, cancelled: &Priorities<CLOUDS>) {
+        for p in cancelled.iter() {
+            let Some(index) = self.sources.index(p.as_u16()) else { continue };
+            self.counts.source(index, CountedEvent::Cancelled);
+            self.close(at, t, index);
+        }
+    }
+
+    /// D1: an item of a message that was taken on, which is open no more if it is the last one.
+    fn output(&mut self, at: u64, t: u64, ending: Ending<V>) {
+        if self.local.skip_answered {
+            self.sources[LOCAL].withdraw(t);
+        }
+        let Some(item) = self.open_messages.item(t, at, ending) else { return };
         self.effects.push_back(Effect::Output(item));
     }
 

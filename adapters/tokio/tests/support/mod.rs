@@ -154,6 +154,8 @@ pub(crate) fn line(item: &Item<String>) -> String {
     let (at, t) = (item.decided.as_micros(), item.timestamp);
     let at = format!("{}.{:03}", at / 1000, at % 1000);
     match &item.ending {
+        Ending::Preliminary(f) => format!("{at} ms: {t} {} preliminary {}", f.value, item.revision),
+        Ending::Final(source) => format!("{at} ms: {t} final {}: {source}", item.revision),
         Ending::Forwarded(f) => {
             format!("{at} ms: {t} {} by {} from {} ms", f.value, f.trigger, f.arrived.as_millis())
         }

@@ -35,7 +35,8 @@ pub const CHECKS: &[Check] = &[
     Check { name: "d8_everything_ends", sentence: "the operator ends, and ends well", holds: ends },
     Check {
         name: "d1_one_item",
-        sentence: "each message taken in leaves as one item, as and when the trace says",
+        sentence: "each message taken in leaves as one item, as and when the trace says; under progressive its items rise, and \
+                   the newest take the place of those that wait",
         holds: items::one_item,
     },
     Check {

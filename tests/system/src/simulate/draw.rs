@@ -51,11 +51,11 @@ impl Scenario {
         let frames = frames(rng, count, gap, &clouds, (&local, end), side.is_some());
         let readers = rng.one_of(&[1, 1, 1, 2, 3]);
         let readers = iter::repeat_with(|| audience(rng, end)).take(readers).collect();
-        Self {
+        let drawn = Self {
             seed,
             readers,
             window: rng.one_of(&[1, 2, 3, 8, 16, 64, 1024]),
-            commit: rng.one_of(&Commit::ALL),
+            commit: rng.one_of(&[Commit::Eager, Commit::Patient]),
             input_len: rng.one_of(&[1, 4, 64, 1024]),
             output_len: rng.one_of(&[1, 2, 16, 1024]),
             local,
@@ -71,7 +71,10 @@ impl Scenario {
             stalls: stalls(rng, span),
             frames,
             end,
-        }
+        };
+        // Last, so that the other runs stay as they were drawn.
+        let is_progressive = rng.u8(0..3) == 0;
+        Self { commit: if is_progressive { Commit::Progressive } else { drawn.commit }, ..drawn }
     }
 }
 

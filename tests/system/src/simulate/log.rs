@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use fuseline_engine::Trigger;
 use fuseline_tokio::deadline::End;
-use fuseline_tokio::{DropReason, Ending, Hint, Item, OpenRefusal};
+use fuseline_tokio::{DropReason, Ending, Forwarded, Hint, Item, OpenRefusal};
 use tokio::time::Instant;
 
 use crate::simulate::scenario::Scenario;
@@ -78,17 +78,31 @@ pub(crate) struct Read {
     pub(crate) at: u64,
     pub(crate) opened: u64,
     pub(crate) decided: u64,
+    pub(crate) revision: u32,
+    pub(crate) is_last: bool,
     pub(crate) outcome: LoggedOutcome,
     /// Whose failures were accepted, with the words.
     pub(crate) failures: Vec<(u16, Arc<str>)>,
 }
 
-/// How a message ended.
+/// How a message was answered.
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) enum LoggedOutcome {
-    Forwarded { reported: ValueLabel, p: u16, name: Arc<str>, arrived: u64, trigger: Trigger },
+    Preliminary(LoggedResult),
+    Forwarded(LoggedResult),
+    Final(u16),
     Missed,
     Refused(OpenRefusal),
+}
+
+/// A result that was forwarded.
+#[derive(Clone, PartialEq, Debug)]
+pub(crate) struct LoggedResult {
+    pub(crate) reported: ValueLabel,
+    pub(crate) p: u16,
+    pub(crate) name: Arc<str>,
+    pub(crate) arrived: u64,
+    pub(crate) trigger: Trigger,
 }
 
 /// A hint.
@@ -132,14 +146,17 @@ impl SimulationState {
     }
 
     pub(crate) fn read(&self, reader: usize, item: &Item<ResultValue>) {
+        let result = |forwarded: &Forwarded<ResultValue>| LoggedResult {
+            reported: forwarded.value.reported,
+            p: forwarded.source.priority,
+            name: Arc::clone(&forwarded.source.name),
+            arrived: nanos(forwarded.arrived),
+            trigger: forwarded.trigger,
+        };
         let outcome = match &item.ending {
-            Ending::Forwarded(forwarded) => LoggedOutcome::Forwarded {
-                reported: forwarded.value.reported,
-                p: forwarded.source.priority,
-                name: Arc::clone(&forwarded.source.name),
-                arrived: nanos(forwarded.arrived),
-                trigger: forwarded.trigger,
-            },
+            Ending::Preliminary(forwarded) => LoggedOutcome::Preliminary(result(forwarded)),
+            Ending::Forwarded(forwarded) => LoggedOutcome::Forwarded(result(forwarded)),
+            Ending::Final(source) => LoggedOutcome::Final(source.priority),
             Ending::Missed => LoggedOutcome::Missed,
             Ending::Refused(why) => LoggedOutcome::Refused(*why),
         };
@@ -149,6 +166,8 @@ impl SimulationState {
             at: self.now(),
             opened: nanos(item.opened),
             decided: nanos(item.decided),
+            revision: item.revision,
+            is_last: item.is_last(),
             outcome,
             failures: failures.map(|it| (it.source.priority, Arc::clone(&it.why))).collect(),
         };
@@ -165,6 +184,16 @@ impl SimulationState {
             why: hint.why,
         };
         self.log().hints.push(received);
+    }
+}
+
+impl LoggedOutcome {
+    /// The result, if it has one.
+    pub(crate) const fn result(&self) -> Option<&LoggedResult> {
+        match self {
+            Self::Preliminary(result) | Self::Forwarded(result) => Some(result),
+            Self::Final(_) | Self::Missed | Self::Refused(_) => None,
+        }
     }
 }
 

@@ -6,7 +6,9 @@ use std::collections::{BTreeMap, VecDeque};
 
 use fuseline_engine::Trigger;
 use fuseline_testkit::split;
-use fuseline_traces::{Decision, DropReason, Event, Events, Input, Judge, OpenRefusal, Verdict};
+use fuseline_traces::{
+    Commit, Decision, DropReason, Event, Events, Input, Judge, OpenRefusal, Verdict,
+};
 
 use crate::simulate::scenario::Scenario;
 
@@ -24,8 +26,8 @@ pub(crate) struct Replay {
     by_t: BTreeMap<u64, usize>,
     /// What was requested of local and the clouds, in the order in which it was admitted.
     pub(crate) requested: Vec<AdmittedRequest>,
-    /// The messages in the order in which they ended: indices in `opened`.
-    pub(crate) ended: Vec<usize>,
+    /// What was sent downstream, in the order in which it was decided.
+    pub(crate) items: Vec<DecidedItem>,
     /// Offers: timestamp, cloud, and how they were answered.
     pub(crate) offers: Vec<(u64, u16, Option<fuseline_traces::OfferRefusal>)>,
     /// Backlogs that are not the queue's length, in words.
@@ -40,21 +42,30 @@ pub(crate) struct Replay {
 pub(crate) struct OpenedMessage {
     pub(crate) t: u64,
     pub(crate) at: u64,
-    pub(crate) end: Option<MessageEnd>,
+    /// How it ended.
+    pub(crate) end: Option<Departure>,
+    /// Its items: indices in `items`.
+    pub(crate) items: Vec<usize>,
     /// Whose failures were accepted.
     pub(crate) failures: Vec<u16>,
 }
 
-/// How a message ended.
+/// An item as the trace has it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) struct MessageEnd {
+pub(crate) struct DecidedItem {
+    /// Its message: an index in `opened`.
+    pub(crate) message: usize,
     pub(crate) at: u64,
     pub(crate) departure: Departure,
+    /// How many failures were accepted by then.
+    pub(crate) failures: usize,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Departure {
+    Preliminary(u16),
     Forwarded(u16, Trigger),
+    Final(u16),
     Missed,
     Refused(OpenRefusal),
 }
@@ -154,6 +165,11 @@ impl Replay {
     pub(crate) fn message(&self, t: u64) -> Option<&OpenedMessage> {
         self.by_t.get(&t).map(|index| &self.opened[*index])
     }
+
+    /// Where in `items` the item of a message with this revision stands.
+    pub(crate) fn item(&self, t: u64, revision: u32) -> Option<usize> {
+        self.message(t)?.items.get(usize::try_from(revision).ok()?).copied()
+    }
 }
 
 impl AdmittedRequest {
@@ -181,21 +197,21 @@ impl ReplayReader<'_> {
             self.end(t, p, matches!(input, Input::Result { .. }));
         }
         for decision in fired {
-            self.decide(decision, Trigger::Timer, input);
+            self.decide(decision, Trigger::Timer, input, &[]);
         }
         let trigger = match input {
             Input::Fail { .. } => Trigger::Failure,
             _ => Trigger::Arrival,
         };
         self.open(input, own);
-        for decision in own {
-            self.decide(decision, trigger, input);
-        }
         if let Input::Fail { t, p, .. } = *input
             && !own.iter().any(|decision| matches!(decision, Decision::Drop { .. }))
             && let Some(index) = self.replay.by_t.get(&t)
         {
             self.replay.opened[*index].failures.push(short(p));
+        }
+        for decision in own {
+            self.decide(decision, trigger, input, own);
         }
         self.start();
     }
@@ -205,7 +221,8 @@ impl ReplayReader<'_> {
         let Input::Open { at, t, deadline } = *input else { return };
         let replay = &mut self.replay;
         replay.by_t.insert(t, replay.opened.len());
-        replay.opened.push(OpenedMessage { t, at, end: None, failures: Vec::new() });
+        let (items, failures) = (Vec::new(), Vec::new());
+        replay.opened.push(OpenedMessage { t, at, end: None, items, failures });
         if own.is_empty() {
             let due = deadline.map(|deadline| self.now.saturating_add(deadline));
             self.admit(0, 0, t, due);
@@ -262,7 +279,8 @@ impl ReplayReader<'_> {
         }
     }
 
-    fn decide(&mut self, decision: &Decision, trigger: Trigger, input: &Input) {
+    /// `own` are the decisions about the input itself, if this is one of them.
+    fn decide(&mut self, decision: &Decision, trigger: Trigger, input: &Input, own: &[Decision]) {
         match *decision {
             Decision::Timer { at, t, p } => {
                 if p > 0
@@ -288,8 +306,18 @@ impl ReplayReader<'_> {
                 self.replay.offers.push((t, short(p), Some(why)));
             }
             Decision::Emit { at, t, p } => {
-                self.leave(at, t, Departure::Forwarded(short(p), trigger));
+                let is_end = |it: &Decision| matches!(it, Decision::Final { .. });
+                let is_last = self.scenario.commit != Commit::Progressive || own.iter().any(is_end);
+                let departure = if is_last {
+                    Departure::Forwarded(short(p), trigger)
+                } else {
+                    Departure::Preliminary(short(p))
+                };
+                self.leave(at, t, departure);
             }
+            // It has been sent as the last one.
+            Decision::Final { .. } if own.iter().any(|it| matches!(it, Decision::Emit { .. })) => {}
+            Decision::Final { at, t, p } => self.leave(at, t, Departure::Final(short(p))),
             Decision::Miss { at, t } => self.leave(at, t, Departure::Missed),
             Decision::RefuseOpen { at, t, why } => self.leave(at, t, Departure::Refused(why)),
             Decision::Hold { p, .. } => self.replay.held.push(short(p)),
@@ -302,8 +330,13 @@ impl ReplayReader<'_> {
 
     fn leave(&mut self, at: u64, t: u64, departure: Departure) {
         let Some(index) = self.replay.by_t.get(&t).copied() else { return };
-        self.replay.opened[index].end = Some(MessageEnd { at, departure });
-        self.replay.ended.push(index);
+        let message = &mut self.replay.opened[index];
+        if !matches!(departure, Departure::Preliminary(_)) {
+            message.end = Some(departure);
+        }
+        message.items.push(self.replay.items.len());
+        let failures = message.failures.len();
+        self.replay.items.push(DecidedItem { message: index, at, departure, failures });
         let waits = |queue: &ReplayQueue, requested: &[AdmittedRequest]| {
             queue.waiting.iter().position(|index| requested[*index].t == t)
         };

@@ -5,6 +5,7 @@ use std::ops::Range;
 use std::time::Duration;
 
 use fuseline_testkit::{Simplification, Steps, shrink};
+use fuseline_tokio::Commit;
 
 use crate::simulate::scenario::{
     CallResult, Disk, Finish, OfferAction, ReaderPlan, Scenario, SourceAction,
@@ -68,6 +69,7 @@ fn simplifications(scenario: &Scenario) -> Vec<Simplification<Scenario>> {
     all.push(Box::new(|it| it.hints = None));
     all.push(Box::new(|it| it.side = None));
     all.push(Box::new(|it| it.end = Finish::Input));
+    all.push(Box::new(|it| it.commit = Commit::Eager));
     all.push(Box::new(|it| it.input_len = 1024));
     all.push(Box::new(|it| it.output_len = 1024));
     all.push(Box::new(|it| it.window = 16));

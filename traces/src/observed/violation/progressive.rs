@@ -1,7 +1,7 @@
 //! What to report of a timestamp that has no explanation under progressive (F9): of its outputs the first that does not fit, one
 //! that is missing, or its final.
 
-use super::super::open::{Output, WholeMessageHistory};
+use super::super::open::{ObservedOutput, WholeMessageHistory};
 use super::super::progressive::{ALWAYS, OutputTime, ProgressiveFacts, span};
 use super::super::slack::SourceSlack;
 use super::super::story::{AllowedOutput, MessageHistory, produced};
@@ -17,7 +17,7 @@ pub(super) fn of_disorder(
     slack: &SourceSlack,
 ) -> Option<UnlocatedViolation> {
     let until = |line: u64| {
-        let is_before = |output: &&Output| output.line <= line;
+        let is_before = |output: &&ObservedOutput| output.line <= line;
         let outputs = whole.outputs.iter().filter(is_before).map(|output| (output.p, output.at));
         let finals = whole.finals.iter().filter(is_before);
         MessageHistory {
@@ -50,7 +50,7 @@ pub(super) fn of_progressive(
     let any = ProgressiveFacts::free(&unseen.facts);
     let index = |p: u64| priorities.iter().position(|q| *q == p);
     let mut free = any.clone();
-    let mut emits: Vec<(u64, &Output)> =
+    let mut emits: Vec<(u64, &ObservedOutput)> =
         whole.outputs.iter().filter_map(|output| Some((output.p?, output))).collect();
     emits.sort_unstable_by_key(|(p, _)| *p);
     for (p, output) in &emits {
@@ -78,11 +78,11 @@ pub(super) fn of_progressive(
 fn of_emit(
     t: u64,
     whole: &WholeMessageHistory,
-    emit: &Output,
+    emit: &ObservedOutput,
     allowed: Option<AllowedOutput>,
     slack: &SourceSlack,
 ) -> UnlocatedViolation {
-    let Output { p, at, line, .. } = *emit;
+    let ObservedOutput { p, at, line, .. } = *emit;
     let allowed: Vec<_> = allowed.into_iter().collect();
     let (rule, late) = of_output(&whole.story, Commit::Progressive, (p, at), &allowed, slack);
     let expected = match (&allowed[..], p) {
@@ -134,12 +134,12 @@ fn of_missing(
 /// F9: a final that no explanation has then.
 fn of_final(
     t: u64,
-    last: &Output,
+    last: &ObservedOutput,
     facts: &ProgressiveFacts,
     priorities: &[u64],
     slack: &SourceSlack,
 ) -> UnlocatedViolation {
-    let Output { p, at, line, .. } = *last;
+    let ObservedOutput { p, at, line, .. } = *last;
     let ends = (0..priorities.len()).rev().filter_map(|q| {
         let when = span(|when| facts.ends(q, when))?;
         Some(AllowedOutput::produced(priorities.get(q).copied(), when, slack))

@@ -63,10 +63,11 @@ fn reported(facts: &Facts<'_>, tally: &Tally) -> Tally {
     let replay = &facts.replay;
     let mut reported = Tally { unrecorded: tally.unrecorded.clone(), ..Tally::default() };
     for message in &replay.opened {
-        match message.end.map(|end| end.departure) {
+        match message.end {
             Some(Departure::Refused(why)) => *reported.refused.entry(why).or_default() += 1,
             Some(Departure::Missed) => reported.missed += 1,
-            Some(Departure::Forwarded(..)) | None => {}
+            Some(Departure::Preliminary(_) | Departure::Forwarded(..) | Departure::Final(_))
+            | None => {}
         }
     }
     reported.messages = replay.opened.len() as u64 - reported.refused.values().sum::<u64>();
@@ -86,6 +87,8 @@ fn source_reported(facts: &Facts<'_>, tally: &SourceTally) -> SourceTally {
         admitted: requested.len() as u64,
         refused: BTreeMap::new(),
         outputs: BTreeMap::new(),
+        finals: 0,
+        preliminary: 0,
         held: replay.held.iter().filter(|held| **held == p).count() as u64,
         dropped: BTreeMap::new(),
         failed: 0,
@@ -102,12 +105,21 @@ fn source_reported(facts: &Facts<'_>, tally: &SourceTally) -> SourceTally {
             *reported.refused.entry(*why).or_default() += 1;
         }
     }
-    for message in &replay.opened {
-        if let Some(Departure::Forwarded(of, trigger)) = message.end.map(|end| end.departure)
-            && of == p
-        {
-            *reported.outputs.entry(trigger).or_default() += 1;
+    for item in &replay.items {
+        match item.departure {
+            Departure::Preliminary(of) if of == p => reported.preliminary += 1,
+            Departure::Forwarded(of, trigger) if of == p => {
+                *reported.outputs.entry(trigger).or_default() += 1;
+            }
+            Departure::Final(of) if of == p => reported.finals += 1,
+            Departure::Preliminary(_)
+            | Departure::Forwarded(..)
+            | Departure::Final(_)
+            | Departure::Missed
+            | Departure::Refused(_) => {}
         }
+    }
+    for message in &replay.opened {
         reported.failed += message.failures.iter().filter(|of| **of == p).count() as u64;
     }
     for dropped in replay.dropped.iter().filter(|dropped| dropped.p == p) {
@@ -144,7 +156,9 @@ fn metered(tally: &Tally) -> BTreeMap<String, u64> {
         source.refused.iter().for_each(|(why, count)| by("requests", why.as_str(), *count));
         source.outputs.iter().for_each(|(why, count)| by("outputs", why.as_str(), *count));
         let at_once = source.outputs.get(&Trigger::Arrival).copied().unwrap_or(0);
+        by("outputs", "final", source.finals);
         by("results", "forwarded", at_once);
+        by("results", "preliminary", source.preliminary);
         by("results", "held", source.held);
         source.dropped.iter().for_each(|(why, count)| by("results", why.as_str(), *count));
         by("failures", "accepted", source.failed);
@@ -197,8 +211,7 @@ fn sides(facts: &Facts<'_>, metrics: &BTreeMap<String, u64>) -> Result<(), Strin
     let log = &facts.played.log;
     let wanted = facts.replay.opened.iter().filter(|message| {
         let t = usize::try_from(message.t).unwrap_or(usize::MAX);
-        let is_refused =
-            matches!(message.end.map(|end| end.departure), Some(Departure::Refused(_)));
+        let is_refused = matches!(message.end, Some(Departure::Refused(_)));
         let frame = log.written.get(t).map(|(serial, _)| &facts.scenario.frames[*serial]);
         !is_refused && frame.is_some_and(|frame| matches!(frame.side, OfferAction::Offers(..)))
     });

@@ -17,9 +17,8 @@ pub(crate) fn the_rules_decide(facts: &Facts<'_>) -> Result<(), String> {
     if !is_whole {
         return Ok(());
     }
-    let accepted = replay.opened.iter().filter(|message| {
-        !matches!(message.end.map(|end| end.departure), Some(Departure::Refused(_)))
-    });
+    let accepted =
+        replay.opened.iter().filter(|message| !matches!(message.end, Some(Departure::Refused(_))));
     let mut handlers = Vec::new();
     let mut offers = Vec::new();
     for message in accepted {

@@ -1,10 +1,12 @@
 //! Checks of the operator's items, their values and failures, and hints (D1, D2, D7).
 
+use std::collections::BTreeSet;
+
 use crate::simulate::checks::{Facts, ensure};
-use crate::simulate::log::{LoggedOutcome, Read};
+use crate::simulate::log::{LoggedOutcome, LoggedResult, Read};
 use crate::simulate::peers::{name, words};
 use crate::simulate::play::RunResult;
-use crate::simulate::replay::{Departure, MessageEnd, Replay};
+use crate::simulate::replay::Departure;
 use crate::simulate::scenario::CallResult;
 use crate::simulate::value::ValueLabel;
 
@@ -15,83 +17,123 @@ const REMEMBERED: usize = 1024;
 pub(crate) fn one_item(facts: &Facts<'_>) -> Result<(), String> {
     let Facts { scenario, played, replay, is_whole, .. } = facts;
     let log = &played.log;
-    for (reader, items) in log.items.iter().enumerate() {
-        let stays = scenario.readers[reader].leaves_after.is_none();
-        // The index where it joined.
-        let Some(first) = joined(facts, items) else {
-            // What it read came after the end of the trace, or it read nothing.
-            let is_empty_right = items.is_empty() && (reader > 0 || replay.ended.is_empty());
-            if is_empty_right || !is_whole || !stays || !facts.runs_out() {
-                continue;
-            }
-            return Err(format!("reader {reader} read {items:?}"));
-        };
+    let read =
+        log.items.iter().map(|items| indices(facts, items)).collect::<Result<Vec<_>, _>>()?;
+    let handed: BTreeSet<usize> = read.iter().flatten().copied().collect();
+    let output = Output { read, handed };
+    for (reader, (items, indices)) in log.items.iter().zip(&output.read).enumerate() {
+        let first = indices.first().copied().unwrap_or(0);
         ensure(reader > 0 || first == 0, || format!("{first} items came before the first"))?;
-        let reported = replay.ended.get(first..).unwrap_or_default();
-        for (read, index) in items.iter().zip(reported) {
-            let opened = &replay.opened[*index];
-            let same = opened.t == read.t
-                && opened.at == read.opened
-                && opened.end.is_some_and(|end| is_same(read, end));
-            ensure(same, || {
-                format!(
-                    "reader {reader} read {read:?}, the trace says {} {:?}",
-                    opened.t, opened.end
-                )
+        for (read, index) in items.iter().zip(indices) {
+            ensure(is_same(facts, &output, (read, *index), first), || {
+                format!("reader {reader} read {read:?}, the trace has {:?}", replay.items[*index])
             })?;
         }
-        if !is_whole {
-            continue;
-        }
-        ensure(items.len() <= reported.len(), || {
-            format!("reader {reader} read more than there was")
-        })?;
-        if stays && items.len() < reported.len() {
+        skips(facts, &output, indices)?;
+        // One that read nothing may have joined after the last item.
+        let is_there = reader == 0 || !indices.is_empty();
+        let next = indices.last().map_or(0, |last| last + 1);
+        let stays = scenario.readers[reader].leaves_after.is_none();
+        if *is_whole && stays && is_there && next < replay.items.len() {
             // It read to the end: no item that it did not read was handed to anybody.
-            ensure(!facts.runs_out() && waits(facts, first + items.len()), || {
-                format!("reader {reader} read {} of {} items", items.len(), reported.len())
+            ensure(!facts.runs_out() && waits(facts, &output, next), || {
+                format!("reader {reader} read {next} of {} items", replay.items.len())
             })?;
         }
     }
     if facts.runs_out() && scenario.readers[0].leaves_after.is_none() {
-        let mut timestamps: Vec<u64> = log.items[0].iter().map(|read| read.t).collect();
+        let last = log.items[0].iter().filter(|read| read.is_last);
+        let mut timestamps: Vec<u64> = last.map(|read| read.t).collect();
         timestamps.sort_unstable();
         let all: Vec<u64> = (0..log.written.len() as u64).collect();
         ensure(timestamps == all, || {
-            format!("of {} messages came items {timestamps:?}", log.written.len())
+            format!("of {} messages came last items {timestamps:?}", log.written.len())
         })?;
     }
     let all = !is_whole || !facts.runs_out() || replay.opened.len() == log.written.len();
     ensure(all, || format!("{} messages of {}", replay.opened.len(), log.written.len()))
 }
 
-/// The index in the output from which on a reader read.
-fn joined(facts: &Facts<'_>, items: &[Read]) -> Option<usize> {
-    let Replay { ended, opened, .. } = &facts.replay;
-    let first = items.first()?;
-    ended.iter().position(|index| opened[*index].t == first.t)
+/// The output as it was read: indices in the trace's items.
+struct Output {
+    /// By each reader.
+    read: Vec<Vec<usize>>,
+    /// By anybody.
+    handed: BTreeSet<usize>,
 }
 
-/// Whether the stop found a reader with no room for another item, when so many had been handed out.
-fn waits(facts: &Facts<'_>, handed: usize) -> bool {
+/// Where in the trace the items of a reader stand, in its order; without what it read after the trace's end.
+fn indices(facts: &Facts<'_>, items: &[Read]) -> Result<Vec<usize>, String> {
+    let mut indices = Vec::with_capacity(items.len());
+    for read in items {
+        let Some(index) = facts.replay.item(read.t, read.revision) else {
+            ensure(!facts.is_whole, || format!("{read:?} is not in the trace"))?;
+            break;
+        };
+        ensure(indices.last().is_none_or(|last| *last < index), || {
+            format!("{read:?} is read after what was decided later")
+        })?;
+        indices.push(index);
+    }
+    Ok(indices)
+}
+
+/// Only a preliminary item is left out, and only while some reader has no room.
+fn skips(facts: &Facts<'_>, output: &Output, indices: &[usize]) -> Result<(), String> {
+    let Facts { scenario, played: RunResult { log, .. }, replay, .. } = facts;
+    // When a reader left is not known, nor in which order things happened at the instant of a stall.
+    let is_known = scenario.stalls.is_empty() && !log.has_left.contains(&true);
+    for pair in indices.windows(2) {
+        for skipped in pair[0] + 1..pair[1] {
+            let item = &replay.items[skipped];
+            let lags = |(indices, items): (&Vec<usize>, &Vec<Read>)| {
+                let handed = indices.partition_point(|index| *index < skipped);
+                handed >= items.partition_point(|read| read.at < item.at) + scenario.output_len
+            };
+            let is_preliminary = matches!(item.departure, Departure::Preliminary(_));
+            let is_due = !is_known || output.read.iter().zip(&log.items).any(lags);
+            ensure(is_preliminary && is_due, || format!("{item:?} was left out"))?;
+        }
+    }
+    Ok(())
+}
+
+/// Whether the stop found a reader with no room for another item, when all before this one had been handed out.
+fn waits(facts: &Facts<'_>, output: &Output, next: usize) -> bool {
     let Facts { scenario, played: RunResult { log, .. }, .. } = facts;
     let Some(stopped) = log.stopped else { return false };
-    let is_full = |(items, read): (&Vec<Read>, &Option<usize>)| {
-        let (Some(first), Some(read)) = (joined(facts, items), read) else { return false };
-        first + read + scenario.output_len <= handed
+    let is_full = |(indices, read): (&Vec<usize>, &Option<usize>)| {
+        let (Some(first), Some(read)) = (indices.first(), read) else { return false };
+        read + scenario.output_len <= output.handed.range(*first..next.max(*first)).count()
     };
-    log.over == Some(stopped) || log.items.iter().zip(&log.read).any(is_full)
+    log.over == Some(stopped) || output.read.iter().zip(&log.read).any(is_full)
 }
 
-fn is_same(read: &Read, end: MessageEnd) -> bool {
-    let is_same = match (&read.outcome, end.departure) {
-        (LoggedOutcome::Forwarded { p, trigger, .. }, departure) => {
-            departure == Departure::Forwarded(*p, *trigger)
+/// Whether an item is that of the trace, for a reader whose `first` one stands there.
+fn is_same(
+    facts: &Facts<'_>,
+    output: &Output,
+    (read, index): (&Read, usize),
+    first: usize,
+) -> bool {
+    let item = &facts.replay.items[index];
+    let message = &facts.replay.opened[item.message];
+    let earlier = message.items.iter().rev().find(|earlier| **earlier < index);
+    // Not known of what nobody read before this reader joined.
+    let was_handed = earlier.is_some_and(|earlier| output.handed.contains(earlier));
+    let may_be_handed = was_handed || earlier.is_some_and(|earlier| *earlier < first);
+    let is_same = match (&read.outcome, item.departure) {
+        (LoggedOutcome::Preliminary(it), departure) => departure == Departure::Preliminary(it.p),
+        // F9: nobody was given the result before.
+        (LoggedOutcome::Forwarded(it), Departure::Final(p)) => !was_handed && it.p == p,
+        (LoggedOutcome::Forwarded(it), departure) => {
+            departure == Departure::Forwarded(it.p, it.trigger)
         }
+        (LoggedOutcome::Final(p), departure) => may_be_handed && departure == Departure::Final(*p),
         (LoggedOutcome::Missed, departure) => departure == Departure::Missed,
         (LoggedOutcome::Refused(why), departure) => departure == Departure::Refused(*why),
     };
-    is_same && read.decided == end.at
+    is_same && (read.opened, read.decided) == (message.at, item.at)
 }
 
 /// D2.
@@ -103,7 +145,7 @@ pub(crate) fn its_own_value(facts: &Facts<'_>) -> Result<(), String> {
         Some(reported) == serial.map(|serial| ValueLabel { p, t, serial, at })
     };
     for read in log.items.iter().flatten() {
-        let LoggedOutcome::Forwarded { reported, p, name: named, arrived, .. } = &read.outcome
+        let Some(LoggedResult { reported, p, name: named, arrived, .. }) = read.outcome.result()
         else {
             continue;
         };
@@ -142,15 +184,14 @@ pub(crate) fn failures(facts: &Facts<'_>) -> Result<(), String> {
     let Facts { scenario, played, replay, .. } = facts;
     let log = &played.log;
     for read in log.items.iter().flatten() {
-        let Some(message) = replay.message(read.t).filter(|message| message.end.is_some()) else {
-            continue;
-        };
+        let Some(index) = replay.item(read.t, read.revision) else { continue };
+        let item = &replay.items[index];
+        let failures = &replay.opened[item.message].failures[..item.failures];
         let reported: Vec<u16> = read.failures.iter().map(|(p, _)| *p).collect();
-        let ended = message.end.map_or(u64::MAX, |end| end.at);
-        ensure(reported == message.failures, || {
+        ensure(reported == failures, || {
             format!(
-                "{} left at {ended} with the failures of {reported:?}, the trace has {:?}",
-                read.t, message.failures
+                "{} left at {} with the failures of {reported:?}, the trace has {failures:?}",
+                read.t, item.at
             )
         })?;
         for (p, why) in &read.failures {

@@ -1,0 +1,38 @@
+//! [`Items`], an operator's output, and what is special about reading it under progressive (F9).
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use fuseline_engine::{Ending, Item};
+
+use crate::stream::{NumberedMessage, Reader};
+
+/// An operator's output: one item for each message taken in; under progressive one or more, the last one marked.
+pub type Items<O> = Reader<Item<O>>;
+
+impl<O: Clone + Send + Sync + 'static> Reader<Item<O>> {
+    /// This reader for the last items alone: one for each message, under progressive too.
+    ///
+    /// Preliminary items are kept back, at most one for each open message. If no better one comes, the last of them is given
+    /// as forwarded once it is final; its value is copied if other readers share it. One that was read before is not given
+    /// again: its message's item is final, without a value.
+    #[must_use]
+    pub fn last_only(mut self) -> Self {
+        let mut preliminary = BTreeMap::<u64, Arc<Item<O>>>::new();
+        self.filter = Some(Box::new(move |(index, item): NumberedMessage<Item<O>>| {
+            if !item.is_last() {
+                preliminary.insert(item.timestamp, item);
+                return None;
+            }
+            let item = match (&item.ending, preliminary.remove(&item.timestamp)) {
+                (Ending::Final(_), Some(earlier)) => {
+                    let earlier = Arc::unwrap_or_clone(earlier);
+                    Arc::new(Arc::unwrap_or_clone(item).instead_of(earlier))
+                }
+                _ => item,
+            };
+            Some((index, item))
+        }));
+        self
+    }
+}

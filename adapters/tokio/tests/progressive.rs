@@ -1,0 +1,268 @@
+//! The progressive commit rule: each better result at once, the last one marked (F9, D1). Every trace is judged.
+
+mod support;
+
+use std::future::pending;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use fuseline_tokio::deadline::{Accuracy, Constant, Expected, Guard, Parameters, Policy};
+use fuseline_tokio::{
+    Commit, Config, Ending, Error, Item, Local, Operator, Reader, Recording, Setup, SpawnError,
+    Trace, spawn, stream,
+};
+use fuseline_traces::judge;
+use support::{ClosureOperator, RunResult, line, play};
+use tokio::time::sleep;
+
+const MS: Duration = Duration::from_millis(1);
+
+/// What a source does with a message.
+#[derive(Clone, Copy)]
+enum Reply {
+    After(u32),
+    Panics(u32),
+    Never,
+}
+use Reply::{After, Never, Panics};
+
+/// Its value names the source and the message.
+async fn reply(source: &str, t: u64, reply: Reply) -> Result<String, Error> {
+    match reply {
+        After(ms) => sleep(ms * MS).await,
+        Panics(ms) => {
+            sleep(ms * MS).await;
+            panic!("as told")
+        }
+        Never => pending().await,
+    }
+    Ok(format!("{source}'s of {t}"))
+}
+
+/// Local after 20 ms, and clouds from priority 1 on, each within 100 ms.
+fn operator<const N: usize>(
+    clouds: [fn(u64) -> Reply; N],
+) -> impl Operator<Input = u64, Output = String> {
+    ClosureOperator(move |setup: &mut Setup<u64, String>| {
+        for (priority, does) in (1..).zip(clouds) {
+            let handle = move |t, _| async move { reply(&format!("{priority}"), t, does(t)).await };
+            setup.use_cloud(handle, |_, t| Some((t, 100 * MS)), Ok, priority);
+        }
+        Local::futures(64, |_, t| reply("local", t, After(20)))
+    })
+}
+
+fn progressive() -> Config {
+    Config { commit: Commit::Progressive, ..Config::default() }
+}
+
+async fn played<const N: usize>(clouds: [fn(u64) -> Reply; N], messages_ms: &[u64]) -> RunResult {
+    play(operator(clouds), progressive(), messages_ms).await
+}
+
+#[tokio::test(start_paused = true)]
+async fn each_better_result_is_an_item_at_once_and_the_last_one_is_marked() {
+    let played =
+        played([|_| After(50), |_| After(40), |t| After(if t == 0 { 90 } else { 30 })], &[0, 10])
+            .await;
+    assert_eq!(
+        played.items,
+        "20.000 ms: 0 local's of 0 preliminary 0\n\
+         30.000 ms: 1 local's of 1 preliminary 0\n\
+         40.000 ms: 0 2's of 0 preliminary 1\n\
+         40.000 ms: 1 3's of 1 by arrival from 40 ms\n\
+         90.000 ms: 0 3's of 0 by arrival from 90 ms\n"
+    );
+    let counts: Vec<_> = played
+        .tally
+        .sources
+        .iter()
+        .map(|it| (it.preliminary, it.forwarded(), it.cancelled))
+        .collect();
+    assert_eq!(counts, [(2, 0, 0), (0, 0, 2), (1, 0, 1), (0, 2, 0)]);
+    assert_eq!(played.trace.matches(r#""ev":"final""#).count(), 2);
+}
+
+/// D7, F9: a peer that dies costs the wait for it alone, and what was sent is the last.
+#[tokio::test(start_paused = true)]
+async fn when_no_better_result_comes_what_was_sent_is_final_by_a_timer_or_a_failure() {
+    let played = played([|t| if t == 0 { Never } else { Panics(30) }], &[0, 200]).await;
+    assert_eq!(
+        played.items,
+        "20.000 ms: 0 local's of 0 preliminary 0\n100.000 ms: 0 final 1: local\n\
+         220.000 ms: 1 local's of 1 preliminary 0\n230.000 ms: 1 final 1: local\n"
+    );
+    assert_eq!((played.tally.forwarded(), played.tally.sources[0].finals), (2, 2));
+}
+
+/// D7.
+#[tokio::test(start_paused = true)]
+async fn a_call_that_panics_between_two_outputs_takes_none_back_and_is_told_with_the_next_one() {
+    let (mut camera, frames) = stream(8);
+    let clouds: [fn(u64) -> Reply; 2] = [|_| Panics(30), |_| After(60)];
+    let (running, mut output) = spawn(operator(clouds), progressive(), frames).unwrap();
+    camera.write(0).unwrap();
+    drop(camera);
+    let mut read = Vec::new();
+    while let Some(item) = output.read().await {
+        let failed: Vec<_> = item.failures.iter().map(|it| it.source.priority).collect();
+        read.push((line(&item), failed));
+    }
+    let expected = [
+        ("20.000 ms: 0 local's of 0 preliminary 0", vec![]),
+        ("60.000 ms: 0 2's of 0 by arrival from 60 ms", vec![1]),
+    ];
+    assert_eq!(read, expected.map(|(line, failed)| (line.to_owned(), failed)));
+    assert_eq!(running.join().await.unwrap().forwarded(), 1);
+}
+
+/// D10.
+#[tokio::test(start_paused = true)]
+async fn a_stop_between_two_outputs_leaves_the_trace_whole_and_no_item_marked_last() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("trace.jsonl");
+    let trace = Some(Trace { path: path.clone(), recording: Recording::default() });
+    let (mut camera, frames) = stream(8);
+    let config = Config { trace, ..progressive() };
+    let clouds: [fn(u64) -> Reply; 1] = [|_| Never];
+    let (running, mut output) = spawn(operator(clouds), config, frames).unwrap();
+    let mut last = output.another().last_only();
+    camera.write(0).unwrap();
+    let item = output.read().await.unwrap();
+    assert!(matches!(item.ending, Ending::Preliminary(_)) && !item.is_last());
+    running.stop();
+    assert!(output.read().await.is_none() && last.read().await.is_none());
+    let tally = running.join().await.unwrap();
+    assert_eq!((tally.messages, tally.forwarded(), tally.sources[0].preliminary), (1, 0, 1));
+    let written = std::fs::read_to_string(path).unwrap();
+    let verdict = judge("trace", written.as_bytes()).unwrap();
+    assert!(verdict.conforms && written.lines().count() == 6, "{verdict}\n{written}");
+}
+
+/// D1.
+#[tokio::test(start_paused = true)]
+async fn a_reader_of_last_items_alone_reads_one_for_each_message_with_its_value() {
+    let (mut camera, frames) = stream(8);
+    let clouds: [fn(u64) -> Reply; 2] =
+        [|t| if t == 1 { Never } else { After(50) }, |t| if t == 0 { After(70) } else { Never }];
+    let (_, output) = spawn(operator(clouds), progressive(), frames).unwrap();
+    let mut every = output.another();
+    let read = |mut reader: Reader<Item<String>>| async move {
+        let mut lines = Vec::new();
+        while let Some(item) = reader.read().await {
+            lines.push(line(&item));
+        }
+        lines
+    };
+    let last = tokio::spawn(read(output.last_only()));
+    (0..3).for_each(|t| assert_eq!(camera.write(t), Ok(t)));
+    drop(camera);
+    let mut items = 0;
+    while every.read().await.is_some() {
+        items += 1;
+    }
+    assert_eq!(items, 3 + 2 + 1 + 2);
+    let expected = [
+        "70.000 ms: 0 2's of 0 by arrival from 70 ms",
+        "100.000 ms: 1 local's of 1 by arrival from 20 ms",
+        "100.000 ms: 2 1's of 2 by arrival from 50 ms",
+    ];
+    assert_eq!(last.await.unwrap(), expected);
+}
+
+/// An operator that reads another's last items takes in one for each message.
+#[tokio::test(start_paused = true)]
+async fn last_items_alone_are_the_messages_of_the_next_operator() {
+    struct Tracker(Arc<Mutex<Vec<String>>>);
+    impl Operator for Tracker {
+        type Input = Item<String>;
+        type Output = u64;
+
+        fn setup(self, _: &mut Setup<Self::Input, u64>) -> Local<Self::Input, u64> {
+            Local::future(move |item: Arc<Item<String>>, t| {
+                self.0.lock().unwrap().push(item.forwarded().unwrap().value.clone());
+                async move { Ok(t) }
+            })
+        }
+    }
+    let (mut camera, frames) = stream(8);
+    let clouds: [fn(u64) -> Reply; 1] = [|t| if t == 0 { Never } else { After(30) }];
+    let (_, detections) = spawn(operator(clouds), progressive(), frames).unwrap();
+    let received = Arc::default();
+    let tracker = Tracker(Arc::clone(&received));
+    let (running, mut tracks) = spawn(tracker, Config::default(), detections.last_only()).unwrap();
+    camera.write(0).unwrap();
+    camera.write(1).unwrap();
+    drop(camera);
+    while tracks.read().await.is_some() {}
+    assert_eq!(running.join().await.unwrap().forwarded(), 2);
+    assert_eq!(*received.lock().unwrap(), ["1's of 1", "local's of 0"]);
+}
+
+/// D8, D1: what waits for a reader that lags is the newest of each message, in the order of decisions.
+#[tokio::test(start_paused = true)]
+async fn a_reader_that_lags_reads_the_newest_item_of_each_message_and_none_twice() {
+    let (mut camera, frames) = stream(8);
+    let config = Config { output_len: 1, window: 2, ..progressive() };
+    let clouds: [fn(u64) -> Reply; 2] = [|_| After(40), |t| if t == 0 { Never } else { After(60) }];
+    let (running, mut output) = spawn(operator(clouds), config, frames).unwrap();
+    for t in 0..2 {
+        camera.write(t).unwrap();
+    }
+    sleep(30 * MS).await;
+    camera.write(2).unwrap();
+    drop(camera);
+    sleep(1000 * MS).await;
+    // The third message was not taken in while nobody read.
+    assert_eq!(running.tally().messages, 2);
+    let mut read = Vec::new();
+    while let Some(item) = output.read().await {
+        read.push(line(&item));
+    }
+    assert_eq!(
+        read[..3],
+        [
+            "20.000 ms: 0 local's of 0 preliminary 0",
+            "60.000 ms: 1 2's of 1 by arrival from 60 ms",
+            "100.000 ms: 0 1's of 0 by arrival from 40 ms",
+        ]
+    );
+    assert!(read[3..].iter().all(|line| line.contains("of 2 ")) && read.len() > 3, "{read:?}");
+    assert!(read.last().unwrap().contains("2's of 2 by arrival"), "{read:?}");
+    let tally = running.join().await.unwrap();
+    assert_eq!(tally.sources.iter().map(|it| it.preliminary).sum::<u64>(), 6);
+}
+
+/// T1, T2: what the guard promises is about one output a message.
+#[tokio::test]
+async fn a_guard_is_refused_with_the_remedy_and_other_policies_are_not() {
+    let guard = || Guard::new(Parameters::default()).unwrap();
+    let loss = Accuracy { local: 42.0, cloud: 58.0, price_per_ms: 0.01 };
+    let expected = || Expected::<_, 16>::new(loss, 20 * MS, None).unwrap();
+    let start = |policy: Box<dyn Policy + Send>, commit| {
+        let operator = ClosureOperator(move |setup: &mut Setup<u64, String>| {
+            let cloud = setup.use_cloud(
+                |t, _| reply("west", t, After(50)),
+                |_, t| Some((t, 100 * MS)),
+                Ok,
+                1,
+            );
+            cloud.name = "west".into();
+            cloud.policy = Some(policy);
+            Local::future(|_, t| reply("local", t, After(20)))
+        });
+        spawn(operator, Config { commit, ..Config::default() }, stream(1).1).map(drop)
+    };
+    for policy in [
+        Box::new(guard()) as Box<dyn Policy + Send>,
+        Box::new(guard().caps(expected())),
+        Box::new(Constant(50 * MS).caps(guard())),
+    ] {
+        let error = start(policy, Commit::Progressive).unwrap_err();
+        assert!(matches!(error, SpawnError::Policy { .. }), "{error}");
+        assert!(error.to_string().contains("west") && error.to_string().contains("commit patient"));
+    }
+    assert!(start(Box::new(guard()), Commit::Patient).is_ok());
+    assert!(start(Box::new(expected()), Commit::Progressive).is_ok());
+    assert!(start(Box::new(Constant(50 * MS)), Commit::Progressive).is_ok());
+}
