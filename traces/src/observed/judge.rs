@@ -15,7 +15,7 @@ use super::slack::{Slack, SourceSlack};
 use super::verdict::{BrokenRule, Verdict, Violation};
 use super::violation::{UnlocatedViolation, of_again, of_refused, of_story};
 use crate::annotations::{Annotations, HeaderAnnotations};
-use crate::event::{Decision, Event, Header, Input};
+use crate::event::{Commit, Decision, Event, Header, Input};
 use crate::judge::ViolationPlace;
 use crate::read::{Events, ReadError};
 use crate::reason::DropReason;
@@ -270,11 +270,16 @@ impl Judge {
         let clouds = &self.header.clouds;
         let is_cloud = |p| clouds.iter().any(|cloud| u64::from(cloud.p) == p);
         let open = self.open.entry(t).or_default();
-        open.take(line, event, annotations, is_cloud, self.records_opens);
+        // P1: each source has one output at most.
+        let most = match self.header.commit {
+            Commit::Eager | Commit::Patient => 1,
+            Commit::Progressive => clouds.len() + 1,
+        };
+        open.take(line, event, annotations, is_cloud, self.records_opens, most);
         self.records_opens |= matches!(event, Event::Input(Input::Open { .. }));
         // No line is before that any more.
         open.compact(self.passed.saturating_sub(self.slack.greatest()));
-        open.ripe = open.ripens(&self.slack);
+        open.ripe = open.ripens(self.header.commit, &self.slack);
         if !open.is_queued {
             open.is_queued = true;
             self.ripening.push(Reverse((open.ripe, t)));
@@ -325,12 +330,18 @@ impl Judge {
             }
             open.is_queued = false;
             let whole = self.whole(t, &open);
-            if open.has_come_out() || self.is_not_open(t, &whole) {
+            if open.has_ended(self.header.commit) || self.is_not_open(t, &whole) {
                 self.close(t, &open, &whole, self.greatest);
                 continue;
             }
             let end = self.certain();
-            if !open.is_overdue && self.violation(t, &whole, end).is_some() {
+            let is_broken = !open.is_overdue && self.violation(t, &whole, end).is_some();
+            // F9: its end may be missing.
+            if open.has_come_out() && !is_broken {
+                self.close(t, &open, &whole, self.greatest);
+                continue;
+            }
+            if is_broken {
                 open.is_overdue = true;
                 self.overdue.push_back(t);
             }
@@ -409,7 +420,7 @@ impl Judge {
             unplaced
         };
         if let Some(mut unplaced) = unplaced {
-            if self.verdict.unfinished.is_some() && !open.has_come_out() {
+            if self.verdict.unfinished.is_some() && unplaced.line.is_none() {
                 // It never came.
                 unplaced.late = None;
             }

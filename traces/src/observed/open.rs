@@ -9,7 +9,7 @@ use super::gap::Opened;
 use super::slack::SourceSlack;
 use super::story::MessageHistory;
 use crate::annotations::Annotations;
-use crate::event::{Decision, Event, Input};
+use crate::event::{Commit, Decision, Event, Input};
 use crate::reason::DropReason;
 
 /// How many facts are kept before those that decide nothing are left out.
@@ -28,6 +28,8 @@ pub(super) struct OpenMessageHistory {
     /// The drop lines: their results and failures count for nothing.
     dropped: BTreeSet<Dropped>,
     outputs: Vec<ObservedOutput>,
+    /// Which of them were said to be the last (F9).
+    finals: Vec<ObservedOutput>,
     /// The line of a request to a cloud that is not registered, with its priority.
     stranger: Option<(u64, u64)>,
     /// The last line of it.
@@ -84,6 +86,8 @@ pub(super) struct WholeMessageHistory {
     pub(super) story: MessageHistory,
     /// What came out, with its lines.
     pub(super) outputs: Vec<ObservedOutput>,
+    /// Which of them were said to be the last, with its lines (F9).
+    pub(super) finals: Vec<ObservedOutput>,
     /// Of which timestamps the values of results are: source, instant, and none if the result does not say.
     pub(super) values: Vec<(u64, u64, Option<u64>)>,
     /// By when the message's own deadline wants an output (J2).
@@ -98,7 +102,8 @@ pub(super) struct WholeMessageHistory {
 }
 
 impl OpenMessageHistory {
-    /// Takes a line of the timestamp; `records_opens` says whether an open stands before it in the trace.
+    /// Takes a line of the timestamp; `records_opens` says whether an open stands before it in the trace. It has no more
+    /// than `most` outputs, or one too many.
     pub(super) fn take(
         &mut self,
         line: u64,
@@ -106,6 +111,7 @@ impl OpenMessageHistory {
         annotations: &Annotations,
         is_cloud: impl Fn(u64) -> bool,
         records_opens: bool,
+        most: usize,
     ) {
         self.line = line;
         let known = |p| if p == 0 || is_cloud(p) { p } else { STRANGER };
@@ -136,17 +142,19 @@ impl OpenMessageHistory {
                 | DropReason::Late => {}
             },
             Event::Decision(Decision::Emit { at, p, .. }) => {
-                self.comes_out(ObservedOutput { p: Some(p), at, of, line });
+                keep(&mut self.outputs, most, ObservedOutput { p: Some(p), at, of, line });
             }
             Event::Decision(Decision::Miss { at, .. }) => {
-                self.comes_out(ObservedOutput { p: None, at, of: None, line });
+                keep(&mut self.outputs, most, ObservedOutput { p: None, at, of: None, line });
+            }
+            Event::Decision(Decision::Final { at, p, .. }) => {
+                keep(&mut self.finals, 1, ObservedOutput { p: Some(p), at, of: None, line });
             }
             Event::Input(Input::Offer { .. } | Input::Tick { .. })
             | Event::Decision(
                 Decision::Timer { .. }
                 | Decision::RefuseOffer { .. }
                 | Decision::Hold { .. }
-                | Decision::Final { .. }
                 | Decision::Cancel { .. },
             ) => {}
         }
@@ -190,21 +198,33 @@ impl OpenMessageHistory {
 
     /// Whether anything came out.
     pub(super) const fn has_come_out(&self) -> bool {
-        !self.outputs.is_empty()
+        !(self.outputs.is_empty() && self.finals.is_empty())
+    }
+
+    /// Whether its end came out.
+    pub(super) fn has_ended(&self, commit: Commit) -> bool {
+        match commit {
+            Commit::Eager | Commit::Patient => self.has_come_out(),
+            // F9: more may follow an output.
+            Commit::Progressive => {
+                !self.finals.is_empty() || self.outputs.iter().any(|output| output.p.is_none())
+            }
+        }
     }
 
     /// From when on no line can change what is decided about it, unless it is a fact of its own.
     ///
-    /// A line may come `2T` after its instant's turn, and its true instant is `T` off. Where something came out, what is observed
-    /// after that comes after the retirement. Where nothing did, it is ripe when every timer must have been served
+    /// A line may come `2T` after its instant's turn, and its true instant is `T` off. Where its end came out, what is observed
+    /// after that comes after the retirement. Where it did not, it is ripe when every timer must have been served
     /// and every output must have come, so that it stays open for good or has no explanation.
-    pub(super) fn ripens(&self, slack: &SourceSlack) -> u64 {
+    pub(super) fn ripens(&self, commit: Commit, slack: &SourceSlack) -> u64 {
         let (tolerance, lateness) = (slack.greatest(), slack.lateness());
         let opens = self.opens.iter().map(|open| open.at);
         let dropped = self.dropped.iter().map(|dropped| dropped.at);
-        let settled = opens.chain(self.refusals.iter().copied()).chain(dropped);
-        let (last, ends) = if self.has_come_out() {
-            (settled.chain(self.outputs.iter().map(|output| output.at)).max(), 1)
+        let out = self.outputs.iter().chain(&self.finals).map(|output| output.at);
+        let settled = opens.chain(self.refusals.iter().copied()).chain(dropped).chain(out);
+        let (last, ends) = if self.has_ended(commit) {
+            (settled.max(), 1)
         } else {
             let dues = self.requests.iter().map(|request| request.due);
             let limits =
@@ -224,7 +244,7 @@ impl OpenMessageHistory {
         let opens = self.accepted(slack.reach());
         let requested =
             self.requests.iter().map(|request| (request.at, slack.tolerance_of(request.p)));
-        let out = self.outputs.iter().map(|output| (output.at, own));
+        let out = self.outputs.iter().chain(&self.finals).map(|output| (output.at, own));
         let known = opens.iter().map(|open| (open.at, own)).chain(requested).chain(out);
         // The earliest and the latest instant at which the first of it may have been.
         let first = known.clone().map(|(at, tolerance)| at.saturating_sub(tolerance)).min();
@@ -261,9 +281,11 @@ impl OpenMessageHistory {
                 results,
                 failures: folded_failures(&self.requests, &failures),
                 outputs: self.outputs.iter().map(|output| (output.p, output.at)).collect(),
+                finals: self.finals.iter().filter_map(|last| Some((last.p?, last.at))).collect(),
                 without_local: false,
             },
             outputs: self.outputs.clone(),
+            finals: self.finals.clone(),
             values,
             due: open.and_then(|open| open.due),
             has_failed: !failures.is_empty(),
@@ -349,12 +371,12 @@ impl OpenMessageHistory {
             }
         }
     }
+}
 
-    fn comes_out(&mut self, output: ObservedOutput) {
-        // Two are one too many; how many more there are does not matter.
-        if self.outputs.len() < 2 {
-            self.outputs.push(output);
-        }
+/// Keeps an output if there are not too many yet: how many more there are does not matter then.
+fn keep(outputs: &mut Vec<ObservedOutput>, most: usize, output: ObservedOutput) {
+    if outputs.len() <= most {
+        outputs.push(output);
     }
 }
 
@@ -377,7 +399,7 @@ impl RequestClosing {
 impl WholeMessageHistory {
     /// The line of the first output.
     pub(super) fn line(&self) -> Option<u64> {
-        self.outputs.first().map(|output| output.line)
+        self.outputs.iter().chain(&self.finals).map(|output| output.line).min()
     }
 
     /// Whether an open of it was not refused.
@@ -394,6 +416,6 @@ impl WholeMessageHistory {
     /// Whether nothing is left of it.
     pub(super) const fn is_none(&self) -> bool {
         let is_asked = !self.story.requests.is_empty() || self.stranger.is_some();
-        !(self.is_opened() || is_asked || self.is_reported_of())
+        !(self.is_opened() || is_asked || self.is_reported_of() || !self.finals.is_empty())
     }
 }
