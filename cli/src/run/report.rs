@@ -276,8 +276,8 @@ pub(crate) const PROGRESSIVE: &str = "progressive";
 fn compared(plan: &RunPlan) -> Vec<(ComparedPolicy, String)> {
     let mut policies = vec![(ComparedPolicy::Fusion, "fusion".to_owned())];
     let priorities: Vec<u16> = plan.clouds.iter().map(|cloud| cloud.priority).collect();
-    policies.push((ComparedPolicy::Progressive(priorities.clone()), PROGRESSIVE.to_owned()));
     if plan.policy != DeadlinePolicy::Constant {
+        let priorities = priorities.clone();
         let constant = ConstantPolicy { deadline: plan.deadline(), priorities };
         let name = format!("constant {} ms", plan.deadline_ms);
         policies.push((ComparedPolicy::Constant(constant), name));
@@ -288,6 +288,7 @@ fn compared(plan: &RunPlan) -> Vec<(ComparedPolicy, String)> {
         (ComparedPolicy::CloudOnly(i + 1), format!("cloud only: {}", cloud.name))
     }));
     policies.push((ComparedPolicy::FirstWins, "first response wins".to_owned()));
+    policies.push((ComparedPolicy::Progressive(priorities), PROGRESSIVE.to_owned()));
     policies
 }
 
