@@ -1,5 +1,6 @@
 //! The operator on topics: its transport.
 
+use std::collections::HashMap;
 use std::sync::Arc;
 use std::task::{Context, Poll};
 use std::time::Duration;
@@ -36,6 +37,8 @@ pub(crate) struct NodeFusion<'a> {
     /// Local, then the clouds in their order.
     pub(crate) sources: Vec<NodeSource>,
     pub(crate) output: Box<dyn Publish>,
+    /// The topic of preliminary results, under progressive.
+    pub(crate) revisions: Option<Box<dyn Publish>>,
     /// The ends of input and output, to report peers that do not fit.
     pub(crate) ends: Vec<Arc<Endpoint>>,
     pub(crate) input_key: MessageKey,
@@ -60,6 +63,8 @@ const TURNS: usize = 7;
 /// What is kept from one event to the next.
 pub(crate) struct LoopState {
     stamps: Stamps<Stamp>,
+    /// By timestamp: the preliminary result of each open message that has one.
+    preliminary: HashMap<u64, Item<Payload>>,
     /// The next message's timestamp.
     next: u64,
     intake: NodeCounts,
@@ -70,7 +75,8 @@ pub(crate) struct LoopState {
 
 impl LoopState {
     pub(crate) fn new(reporter: Reporter) -> Self {
-        Self { stamps: Stamps::new(), next: 0, intake: NodeCounts::default(), reporter, turn: 0 }
+        let (stamps, preliminary, intake) = (Stamps::new(), HashMap::new(), NodeCounts::default());
+        Self { stamps, preliminary, next: 0, intake, reporter, turn: 0 }
     }
 }
 
@@ -176,19 +182,29 @@ impl Transport for NodeFusion<'_> {
         }
     }
 
-    /// F7: what became of a message goes out.
+    /// F7, F9: what became of a message goes out; on the output's topic once, as the last one.
     fn output(&mut self, item: Item<Payload>) {
-        let stamps = &mut self.memory.stamps;
+        let LoopState { stamps, preliminary, intake, .. } = &mut self.memory;
+        let timestamp = item.timestamp;
         let key = match item.ending {
-            Ending::Refused(_) => stamps.refuse(item.timestamp),
-            Ending::Forwarded(_) | Ending::Missed => stamps.answer(item.timestamp),
+            Ending::Preliminary(_) => stamps.key(timestamp),
+            Ending::Refused(_) => stamps.refuse(timestamp),
+            Ending::Forwarded(_) | Ending::Final(_) | Ending::Missed => stamps.answer(timestamp),
         };
         let status = report::of_item(&self.node, key, &item);
-        if let Ending::Forwarded(forwarded) = item.ending
-            && !self.output.publish(forwarded.value)
+        let item = match preliminary.remove(&timestamp) {
+            Some(earlier) => item.instead_of(earlier),
+            None => item,
+        };
+        let topic = if item.is_last() { Some(&self.output) } else { self.revisions.as_ref() };
+        if let (Some(topic), Some(forwarded)) = (topic, item.forwarded())
+            && !topic.publish(forwarded.value.clone())
         {
-            error!(timestamp = item.timestamp, "output not sent: a subscriber is too far behind");
-            self.memory.intake.unsent += 1;
+            error!(timestamp, "output not sent: a subscriber is too far behind");
+            intake.unsent += 1;
+        }
+        if !item.is_last() {
+            preliminary.insert(timestamp, item);
         }
         self.status_publisher.status(status);
     }

@@ -82,6 +82,13 @@ pub(crate) fn open<'a>(
     let qos = settings.qos(&stream.topic, Role::Publisher);
     let own = settings.middleware;
     let output = graph.outlet(own, &stream.topic, &stream.type_name, qos)?;
+    let revisions = match &settings.revisions {
+        None => None,
+        Some(topic) => {
+            let qos = settings.qos(topic, Role::Publisher);
+            Some(graph.outlet(own, topic, &stream.type_name, qos)?)
+        }
+    };
     let (sender, inputs) = mpsc::channel(1);
     let input = &settings.input;
     let qos = settings.qos(&input.topic, Role::Subscription);
@@ -91,6 +98,7 @@ pub(crate) fn open<'a>(
     })?;
     input_end.patience(settings.silence);
     let mut ends = vec![input_end, Arc::clone(output.end())];
+    ends.extend(revisions.as_ref().map(|revisions| Arc::clone(revisions.end())));
     let (decided, deadlines) = mpsc::channel(1);
     if let Some(topic) = &settings.deadline_topic {
         ends.push(latest(graph, settings, topic, "std_msgs/msg/Float64", decided)?);
@@ -106,6 +114,7 @@ pub(crate) fn open<'a>(
         sources,
         ends,
         output,
+        revisions,
         input_key: settings.input.key,
         output_key: settings.output.key,
         deadline: settings.deadline,

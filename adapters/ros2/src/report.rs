@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use fuseline_engine::{Ending, Item, SourceTally, Tally, Trigger};
+use fuseline_engine::{Ending, Forwarded, Item, Source, SourceTally, Tally, Trigger};
 use serde::Serialize;
 
 use crate::key::Stamp;
@@ -206,6 +206,7 @@ impl Reporter {
             value("priority", &source.priority),
             value("requests", &now.admitted),
             value("forwarded", &now.forwarded()),
+            value("preliminary", &now.preliminary),
             value("held", &now.held),
             value("timers", &now.timers),
             value("failed", &now.failed),
@@ -257,20 +258,31 @@ impl NodeCounts {
 
 /// What became of a message, for its status.
 pub(crate) fn of_item(node: &str, key: Option<Stamp>, item: &Item<Payload>) -> DiagnosticStatus {
-    let mut values = vec![value("timestamp", &item.timestamp)];
+    let mut values = vec![value("timestamp", &item.timestamp), value("revision", &item.revision)];
     values.extend(key.map(|key| value("key", &key)));
+    let mut from = |source: &Source, rule: &str| {
+        values.push(value("source", source));
+        values.push(value("rule", &rule));
+    };
     let (level, message) = match &item.ending {
-        Ending::Forwarded(forwarded) => {
-            let (source, trigger) = (&forwarded.source, forwarded.trigger);
-            values.push(value("source", &source));
-            values.push(value("rule", &trigger.id()));
-            let arrived = forwarded.arrived.saturating_sub(item.opened);
-            values.push(seconds("arrived_s", arrived));
+        Ending::Preliminary(Forwarded { source, .. }) => {
+            from(source, "F9");
+            (OK, format!("{source}, preliminary"))
+        }
+        Ending::Forwarded(Forwarded { source, trigger, .. }) => {
+            from(source, trigger.id());
             (OK, format!("{source} by {trigger}"))
+        }
+        Ending::Final(source) => {
+            from(source, "F9");
+            (OK, format!("{source}, final"))
         }
         Ending::Missed => (WARN, "missed".to_owned()),
         Ending::Refused(why) => (WARN, format!("refused: {why}")),
     };
+    if let Some(forwarded) = item.forwarded() {
+        values.push(seconds("arrived_s", forwarded.arrived.saturating_sub(item.opened)));
+    }
     values.push(seconds("decided_s", item.took()));
     let name = format!("{node}: output");
     DiagnosticStatus { level, name, message, hardware_id: String::new(), values }
@@ -279,7 +291,7 @@ pub(crate) fn of_item(node: &str, key: Option<Stamp>, item: &Item<Payload>) -> D
 /// How many results came, in time or not.
 fn received(tally: &SourceTally) -> u64 {
     let at_once = tally.outputs.get(&Trigger::Arrival).copied().unwrap_or_default();
-    at_once + tally.held + total(&tally.dropped)
+    at_once + tally.preliminary + tally.held + total(&tally.dropped)
 }
 
 /// What is wrong with a peer of a topic.

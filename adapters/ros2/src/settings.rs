@@ -56,9 +56,11 @@ pub struct Settings {
     pub silence: Option<Duration>,
     /// Their results.
     pub output: StreamSettings,
+    /// The topic of preliminary results, under progressive.
+    pub revisions: Option<String>,
     /// How many messages may be open at once, 1 to 1024.
     pub window: u16,
-    /// The commit rule (F6).
+    /// The commit rule (F6, F9).
     pub commit: Commit,
     /// Whose timers wake the node at a due instant.
     pub timers: Timers,
@@ -266,8 +268,9 @@ fn read(r: &mut ParameterReader, node: NodeName) -> Result<Settings, SettingsErr
         "commit",
         "eager",
         "When the best available result is sent",
-        &[("eager", Commit::Eager), ("patient", Commit::Patient)],
+        &Commit::ALL.map(|rule| (rule.as_str(), rule)),
     )?;
+    let revisions = revisions(r, commit, &output)?;
     let timers = r.choice(
         "timers",
         if cfg!(target_os = "linux") { "kernel" } else { "tokio" },
@@ -288,7 +291,7 @@ fn read(r: &mut ParameterReader, node: NodeName) -> Result<Settings, SettingsErr
     let deadline = r.seconds("deadline", 0.5, "How long a cloud may take, in seconds")?;
     let about = "The topic that changes the deadline; empty for none";
     let deadline_topic = r.topic("deadline_topic", "", about, FLOAT64, Role::Subscription)?;
-    let deadlines = policy::read(r)?;
+    let deadlines = policy::read(r, commit)?;
     let types = [input.type_name.as_str(), output.type_name.as_str()];
     let local = local(r, types, window, middleware)?;
     let clouds = clouds::read(r, types, middleware)?;
@@ -311,6 +314,7 @@ fn read(r: &mut ParameterReader, node: NodeName) -> Result<Settings, SettingsErr
         input,
         silence: seconds::none_if_zero(silence),
         output,
+        revisions,
         window,
         commit,
         timers,
@@ -357,6 +361,27 @@ fn stream(
     let key = key(r, name, &type_name, &origin)?;
     let topic = r.topic(&of("topic"), name, "The topic", &type_name, role)?;
     Ok(StreamSettings { topic, type_name, key })
+}
+
+/// The topic of preliminary results, beside that of outputs.
+fn revisions(
+    r: &mut ParameterReader,
+    commit: Commit,
+    output: &StreamSettings,
+) -> Result<Option<String>, SettingsError> {
+    let name = "output.revisions_topic";
+    match (commit, r.origin(name)) {
+        (Commit::Progressive, _) => {
+            let default = format!("{}/revisions", output.topic);
+            let about = "The topic of results that better ones may follow";
+            r.topic(name, &default, about, &output.type_name, Role::Publisher).map(Some)
+        }
+        (Commit::Eager | Commit::Patient, None) => Ok(None),
+        (Commit::Eager | Commit::Patient, Some(origin)) => {
+            let other = "commit: progressive".to_owned();
+            Err(SettingsError::Alone { origin, name: name.to_owned(), other })
+        }
+    }
 }
 
 fn key(

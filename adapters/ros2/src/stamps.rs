@@ -57,6 +57,11 @@ impl<K: Copy + Eq + Ord + std::hash::Hash> Stamps<K> {
         self.newest = self.newest.max(Some(key));
     }
 
+    /// The key of an open message.
+    pub(crate) fn key(&self, t: u64) -> Option<K> {
+        self.open.get(&t).copied()
+    }
+
     /// The message was answered; returns its key, if it was open.
     pub(crate) fn answer(&mut self, t: u64) -> Option<K> {
         let key = self.open.remove(&t)?;
@@ -101,7 +106,7 @@ mod tests {
         stamps.open(7, 0);
         assert_eq!((stamps.order(7), stamps.find(7)), (KeyOrder::Taken, Some(0)));
         assert_eq!((stamps.order(6), stamps.order(8)), (KeyOrder::Backwards, KeyOrder::Forwards));
-        assert_eq!(stamps.answer(0), Some(7));
+        assert_eq!((stamps.key(0), stamps.answer(0), stamps.key(0)), (Some(7), Some(7), None));
         assert_eq!((stamps.order(7), stamps.find(7)), (KeyOrder::Backwards, Some(0)));
         stamps.open(7, 1);
         assert_eq!(stamps.find(7), Some(1));

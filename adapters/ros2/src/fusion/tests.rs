@@ -5,11 +5,12 @@ mod node;
 mod policy;
 mod simulated;
 
+use std::collections::BTreeMap;
 use std::future::pending;
 use std::sync::atomic::Ordering;
 
 use bytes::Bytes;
-use fuseline_tokio::{Config, Error, Local, Operator, Setup, spawn, stream};
+use fuseline_tokio::{Commit, Config, Error, Local, Operator, Setup, spawn, stream};
 use node::{Node, payload};
 use tokio::time::{Instant, sleep, sleep_until};
 
@@ -96,11 +97,12 @@ impl Operator for OnStreams {
     }
 }
 
-async fn on_streams(script: &Script) -> Vec<String> {
+async fn on_streams(script: &Script, commit: Commit) -> Vec<String> {
     let start = Instant::now();
     let (mut camera, frames) = stream(1024);
     let (_running, mut output) =
-        spawn(OnStreams(script.clone(), start), Config::default(), frames).unwrap();
+        spawn(OnStreams(script.clone(), start), Config { commit, ..Config::default() }, frames)
+            .unwrap();
     let messages = script.messages.clone();
     tokio::spawn(async move {
         for (t, ms) in (0..).zip(messages) {
@@ -109,9 +111,15 @@ async fn on_streams(script: &Script) -> Vec<String> {
         }
     });
     let mut lines = Vec::new();
+    let mut preliminary = BTreeMap::new();
     while let Some(item) = output.read().await {
         let (at, t) = (item.decided.as_millis(), item.timestamp);
         lines.push(match &item.ending {
+            Ending::Preliminary(it) => {
+                preliminary.insert(t, it.value.clone());
+                line(at, t, &format!("{} as revision {}", it.value, item.revision))
+            }
+            Ending::Final(_) => line(at, t, &format!("{} by F9", preliminary[&t])),
             Ending::Forwarded(it) => line(at, t, &format!("{} by {}", it.value, it.trigger.id())),
             Ending::Missed => line(at, t, "missed"),
             Ending::Refused(why) => line(at, t, &format!("refused: {why}")),
@@ -124,8 +132,9 @@ fn line(at: u128, t: u64, text: &str) -> String {
     format!("{at} ms: {t} {text}")
 }
 
-async fn on_topics(script: &Script) -> Vec<String> {
-    let node = Node::start(script.local, &script.clouds);
+async fn on_topics(script: &Script, commit: Commit) -> Vec<String> {
+    let commit = format!("commit:={commit}");
+    let node = Node::start_with(script.local, &script.clouds, &["-p", &commit]);
     node.feed(0, script.messages.iter().copied()).await;
     let last = script.messages.iter().max().unwrap();
     node.until(last + 3000).await;
@@ -134,8 +143,12 @@ async fn on_topics(script: &Script) -> Vec<String> {
 
 /// Plays it on both and compares each with what is expected.
 async fn play(script: Script, expected: &[&str]) {
-    assert_eq!(on_streams(&script).await, expected, "on streams");
-    assert_eq!(on_topics(&script).await, expected, "on topics");
+    play_under(Commit::Eager, script, expected).await;
+}
+
+async fn play_under(commit: Commit, script: Script, expected: &[&str]) {
+    assert_eq!(on_streams(&script, commit).await, expected, "on streams");
+    assert_eq!(on_topics(&script, commit).await, expected, "on topics");
 }
 
 #[tokio::test(start_paused = true)]
@@ -180,6 +193,26 @@ async fn a_panic_and_a_failure_of_a_call_let_what_is_available_go_at_once() {
 async fn local_that_says_nothing_is_missed_at_its_limit() {
     let script = Script { local: |_| Loses, clouds: Vec::new(), messages: vec![0, 5] };
     play(script, &["1000 ms: 0 missed", "1005 ms: 1 missed"]).await;
+}
+
+/// D1, F9: better ones on a topic of their own, and on the output's one for each message.
+#[tokio::test(start_paused = true)]
+async fn under_progressive_revisions_go_at_once_and_the_last_one_is_the_output() {
+    let clouds: Vec<(u64, Plan)> = vec![
+        (500, |t| if t == 1 { Panics(50) } else { Answers(60) }),
+        (500, |t| if t == 2 { Answers(40) } else { Loses }),
+    ];
+    let script = Script { local: |_| Answers(20), clouds, messages: vec![0, 10, 100] };
+    let expected = [
+        "20 ms: 0 local's of 0, asked at 0 ms as revision 0",
+        "30 ms: 1 local's of 1, asked at 10 ms as revision 0",
+        "60 ms: 0 cloud1's of 0, asked at 0 ms as revision 1",
+        "120 ms: 2 local's of 2, asked at 100 ms as revision 0",
+        "140 ms: 2 cloud2's of 2, asked at 100 ms by F3",
+        "500 ms: 0 cloud1's of 0, asked at 0 ms by F9",
+        "510 ms: 1 local's of 1, asked at 10 ms by F9",
+    ];
+    play_under(Commit::Progressive, script, &expected).await;
 }
 
 #[tokio::test(start_paused = true)]

@@ -186,7 +186,7 @@ fn a_source_is_ok_in_time_warns_when_others_stand_in_and_errs_without_a_result()
     let west = |happened: fn(&mut SourceTally, &mut NodeSource)| {
         reported_lines(2, |tally, _, sources, _| happened(&mut tally.sources[1], &mut sources[1]))
     };
-    let cases: [SourceCase; 9] = [
+    let cases: [SourceCase; 11] = [
         (|_, _| {}, OK, "in time"),
         (|_, west| west.enabled = false, OK, "not enabled"),
         (
@@ -198,6 +198,16 @@ fn a_source_is_ok_in_time_warns_when_others_stand_in_and_errs_without_a_result()
             |tally, _| (tally.admitted, tally.failed) = (3, 3),
             ERROR,
             "missing: no result to 3 requests",
+        ),
+        (
+            |tally, _| (tally.admitted, tally.timers, tally.preliminary) = (3, 2, 1),
+            WARN,
+            "falling back: 2 requests without a result in time",
+        ),
+        (
+            |tally, _| (tally.admitted, tally.timers, tally.preliminary) = (3, 3, 1),
+            WARN,
+            "falling back: 3 requests without a result in time",
         ),
         (
             |tally, _| (tally.admitted, tally.timers, tally.held) = (3, 3, 1),
@@ -234,14 +244,23 @@ fn a_source_is_ok_in_time_warns_when_others_stand_in_and_errs_without_a_result()
 fn the_status_of_a_message_names_its_source_and_warns_without_one() {
     let ms = Duration::from_millis;
     let of = |ending| {
-        let item =
-            Item { timestamp: 3, opened: ms(10), decided: ms(40), ending, failures: Vec::new() };
+        let (opened, decided, failures) = (ms(10), ms(40), Vec::new());
+        let item = Item { timestamp: 3, opened, decided, revision: 2, ending, failures };
         of_item("/fuseline", None, &item)
     };
     let source = shared::Source { priority: 1, name: "west".into() };
     let value = Payload { big_endian: false, body: bytes::Bytes::new() };
     let arrived = ms(30);
     let forwarded = Forwarded { value, source, arrived, trigger: Trigger::Arrival };
+    let preliminary = of(Ending::Preliminary(forwarded.clone()));
+    assert_eq!((preliminary.level, &*preliminary.message), (OK, "west, preliminary"));
+    let last = of(Ending::Final(forwarded.source.clone()));
+    assert_eq!((last.level, &*last.message), (OK, "west, final"));
+    for status in [preliminary, last] {
+        let reported = |key| status.values.iter().find(|pair| pair.key == key).unwrap();
+        let values = ["source", "rule", "revision"].map(|key| reported(key).value.as_str());
+        assert_eq!(values, ["west", "F9", "2"]);
+    }
     let status = of(Ending::Forwarded(forwarded));
     let reported = |key| status.values.iter().find(|pair| pair.key == key).unwrap().value.as_str();
     assert_eq!((status.level, reported("source"), reported("rule")), (OK, "west", "F3"));

@@ -58,6 +58,12 @@ pub enum SettingsError {
     /// There is no policy with these figures.
     #[error("{origin}: the policy's parameters are refused: {why}")]
     Policy { origin: ValueOrigin, why: fuseline_deadline::Invalid },
+    /// A policy that promises what holds for one output a message.
+    #[error(
+        "{origin}: policy is {policy}, which promises what holds for one output a message, and \
+         under commit: progressive there may be more; give another policy, or commit: patient"
+    )]
+    Outputs { origin: ValueOrigin, policy: &'static str },
     /// A guard that could not guard.
     #[error(
         "{origin}: policy is {policy}, which goes by the speed, and nothing tells it; give \

@@ -7,7 +7,7 @@ use fuseline_deadline::{
     Accuracy, Expected, Guard, Hazard, Impact, Invalid, Metres, MetresPerSecondSquared, Parameters,
     Span,
 };
-use fuseline_engine::{CapacityErrors, Policy, Workload};
+use fuseline_engine::{CapacityErrors, Commit, Policy, Workload};
 
 use crate::parameters::Value;
 use crate::settings::reader::{LocatedValue, ParameterReader};
@@ -134,7 +134,10 @@ impl fmt::Display for DeadlineSettings {
 }
 
 /// Reads the parameters of policies.
-pub(super) fn read(r: &mut ParameterReader) -> Result<DeadlineSettings, SettingsError> {
+pub(super) fn read(
+    r: &mut ParameterReader,
+    commit: Commit,
+) -> Result<DeadlineSettings, SettingsError> {
     let LocatedValue { value: kind, origin } = r.read(
         "policy",
         Value::String("set".to_owned()),
@@ -190,8 +193,12 @@ pub(super) fn read(r: &mut ParameterReader) -> Result<DeadlineSettings, Settings
     };
     let speed = speed(r)?;
     let deadlines = DeadlineSettings { kind, parameters, accuracy, probe_every, speed, rate };
-    if let Err(why) = deadlines.policy() {
-        return Err(SettingsError::Policy { origin, why });
+    match deadlines.policy() {
+        Err(why) => return Err(SettingsError::Policy { origin, why }),
+        Ok(Some(policy)) if commit == Commit::Progressive && policy.assumes_one_output() => {
+            return Err(SettingsError::Outputs { origin, policy: kind.as_str() });
+        }
+        Ok(_) => {}
     }
     if kind.goes_by_speed() && deadlines.speed.is_none() {
         return Err(SettingsError::Speed { origin, policy: kind.as_str() });

@@ -70,7 +70,8 @@ pub(super) struct NodeOutput {
 /// The node's ears and mouth, in a test's hands.
 struct Publication {
     reported_lines: Arc<Mutex<NodeOutput>>,
-    output: Mutex<mpsc::UnboundedReceiver<Payload>>,
+    /// Outputs, and revisions.
+    published: Mutex<[mpsc::UnboundedReceiver<Payload>; 2]>,
     start: Instant,
 }
 
@@ -80,14 +81,20 @@ impl PublishStatus for Publication {
             let found = status.values.iter().find(|value| value.key == key);
             found.map(|value| value.value.clone()).unwrap_or_default()
         };
-        let text = match self.output.lock().unwrap().try_recv() {
-            Ok(output) => {
-                assert_eq!(key(&output).to_string(), of("key"), "another message's output");
-                let text = text(&output.body);
-                assert!(text.starts_with(&format!("{}'s", of("source"))), "{text} of {status:?}");
-                format!("{text} by {}", of("rule"))
+        let published = self.published.lock().unwrap().each_mut().map(|it| it.try_recv().ok());
+        let text = |payload: &Payload| {
+            assert_eq!(key(payload).to_string(), of("key"), "another message's output");
+            let text = text(&payload.body);
+            assert!(text.starts_with(&format!("{}'s", of("source"))), "{text} of {status:?}");
+            text
+        };
+        let text = match published {
+            [None, None] => status.message.clone(),
+            [Some(output), None] => format!("{} by {}", text(&output), of("rule")),
+            [None, Some(revision)] => {
+                format!("{} as revision {}", text(&revision), of("revision"))
             }
-            Err(_) => status.message.clone(),
+            [Some(_), Some(_)] => panic!("two at once of {status:?}"),
         };
         let t = of("timestamp").parse().unwrap();
         let line = line(self.start.elapsed().as_millis(), t, &text);
@@ -178,13 +185,14 @@ pub(super) fn run(
     settings: &Settings,
     engine: Engine<Payload, Payload>,
     sources: Vec<NodeSource>,
-    output: Box<dyn Publish>,
+    [output, revisions]: [Box<dyn Publish>; 2],
     status_publisher: Box<dyn PublishStatus>,
     mut subscription: Subscription,
 ) -> tokio::task::JoinHandle<()> {
     let (deadline, node) = (settings.deadline, settings.node.full());
     let speed = settings.deadlines.speed.as_ref().map(Speed::new);
     let is_managed = settings.lifecycle;
+    let revisions = settings.revisions.is_some().then_some(revisions);
     tokio::spawn(async move {
         let mut stop = Stop::never();
         let mut reported =
@@ -195,6 +203,7 @@ pub(super) fn run(
         let fusion = NodeFusion {
             sources,
             output,
+            revisions,
             ends: Vec::new(),
             input_key: MessageKey::Integer { offset: 0, kind: IntegerKind::U64 },
             output_key: MessageKey::Integer { offset: 0, kind: IntegerKind::U64 },
@@ -309,15 +318,16 @@ impl Node {
             unmatched: UnmatchedResults::default(),
         }];
         sources.extend(called(&settings, clouds, (&dropped, &hints), start));
-        let (output, published) = topic("/output");
+        let (output, outputs) = topic("/output");
+        let (revisions, revised) = topic("/output/revisions");
         let reported_lines = Arc::<Mutex<NodeOutput>>::default();
         let publication = Publication {
             reported_lines: Arc::clone(&reported_lines),
-            output: Mutex::new(published),
+            published: Mutex::new([outputs, revised]),
             start,
         };
-        let running =
-            run(&settings, engine, sources, Box::new(output), Box::new(publication), subscription);
+        let outputs: [Box<dyn Publish>; 2] = [Box::new(output), Box::new(revisions)];
+        let running = run(&settings, engine, sources, outputs, Box::new(publication), subscription);
         let local = matched;
         let Publications { inputs, results, deadlines, speeds, changes, orders } = mouths;
         Self {

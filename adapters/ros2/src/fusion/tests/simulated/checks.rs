@@ -55,11 +55,11 @@ fn ensure(holds: bool, reason: impl FnOnce() -> String) -> Result<(), String> {
     if holds { Ok(()) } else { Err(reason()) }
 }
 
-/// D1: each status is of another message, each message has one, and what is none has the key of one that is open.
+/// D1: each message has one status that is the last, and what is none has the key of one that is open.
 fn one_item(facts: &Facts<'_>) -> Result<(), String> {
     let Facts { played, messages, opened, .. } = facts;
-    let mut reported: Vec<_> =
-        played.log.statuses.iter().filter_map(StatusReport::timestamp).collect();
+    let last = played.log.statuses.iter().filter(|it| !it.status.message.ends_with("preliminary"));
+    let mut reported: Vec<_> = last.filter_map(StatusReport::timestamp).collect();
     reported.sort_unstable();
     let all: Vec<_> = (0..opened.len() as u64).collect();
     ensure(reported == all, || {
@@ -73,7 +73,7 @@ fn one_item(facts: &Facts<'_>) -> Result<(), String> {
         let (input, at) = (&facts.inputs[*serial], played.log.arrived_at[*serial]);
         let is_open = messages.iter().zip(opened).any(|(message, opened)| {
             let is_before = message.serial < *serial;
-            let is_there = opened.ended.is_none_or(|(ended, _)| ended >= at);
+            let is_there = opened.ended().is_none_or(|(ended, _)| ended >= at);
             is_before && is_there && facts.inputs[message.serial].key == input.key
         });
         let is_inactive = facts.states(at).any(|state| !state.is_active);
@@ -102,12 +102,20 @@ fn its_own_value(facts: &Facts<'_>) -> Result<(), String> {
             && (is_same || Some(value.serial) == serial)
     };
     for (t, opened) in facts.opened.iter().enumerate() {
-        let Some((_, MessageOutcome::Forwarded { index, .. })) = opened.ended else { continue };
-        let output = facts.messages.get(t).and_then(|message| message.reported.output.as_ref());
-        let value = output.and_then(|output| output.value.as_ref().ok()).copied();
-        ensure(value.is_some_and(|value| is_of(value, t, index)), || {
-            format!("{t} was forwarded from {index} as {output:?}")
-        })?;
+        let Some(message) = facts.messages.get(t) else { continue };
+        for ((_, outcome), reported) in opened.items.iter().zip(&message.reported) {
+            let (MessageOutcome::Preliminary { index }
+            | MessageOutcome::Forwarded { index, .. }
+            | MessageOutcome::Final { index }) = *outcome
+            else {
+                continue;
+            };
+            let output = reported.output.as_ref();
+            let value = output.and_then(|output| output.value.as_ref().ok()).copied();
+            ensure(value.is_some_and(|value| is_of(value, t, index)), || {
+                format!("{t} was forwarded from {index} as {output:?}")
+            })?;
+        }
     }
     // F3: what was late, in that order, of the peers whose late results are published.
     let hints = |index: usize| facts.played.log.hints.iter().filter(move |it| it.0 == index);
@@ -130,29 +138,46 @@ fn its_own_value(facts: &Facts<'_>) -> Result<(), String> {
 fn the_rules_decide(facts: &Facts<'_>) -> Result<(), String> {
     ensure(facts.verdict.conforms, || format!("{:?}", facts.verdict))?;
     for (t, (message, opened)) in facts.messages.iter().zip(&facts.opened).enumerate() {
-        let StatusReport { at, status, output } = message.reported;
-        let Some((ended, outcome)) = opened.ended else { return Err(format!("{t} never left")) };
-        let (source, rule, is_output) = match outcome {
-            MessageOutcome::Forwarded { index, rule } => (Some(name(index)), Some(rule), true),
-            MessageOutcome::Missed | MessageOutcome::Refused(_) => (None, None, false),
-        };
-        let words = match outcome {
-            MessageOutcome::Forwarded { .. } => status.message.clone(),
-            MessageOutcome::Missed => "missed".to_owned(),
-            MessageOutcome::Refused(why) => format!("refused: {why}"),
-        };
-        let is_same = *at == ended
-            && message.reported.value("source").map(str::to_owned) == source
-            && message.reported.value("rule") == rule
-            && output.is_some() == is_output
-            && status.message == words;
-        ensure(is_same, || {
-            format!("{t} left as {outcome:?} at {ended}, reported was {:?}", message.reported)
+        let is_last = opened.items.last().copied() == opened.ended() && !opened.items.is_empty();
+        ensure(is_last && opened.items.len() == message.reported.len(), || {
+            format!("{t} left as {:?}, reported was {:?}", opened.items, message.reported)
         })?;
+        for (revision, (item, reported)) in opened.items.iter().zip(&message.reported).enumerate() {
+            ensure(is_decided(revision, *item, reported), || {
+                format!("{t} left as {item:?}, reported was {reported:?}")
+            })?;
+        }
     }
     ensure(facts.played.log.disobeyed.is_none(), || {
         format!("an order of the manager ended so: {:?}", facts.played.log.disobeyed)
     })
+}
+
+/// Whether a status, with its output on the right topic, is what the trace decided.
+fn is_decided(
+    revision: usize,
+    (decided, outcome): (u64, MessageOutcome),
+    reported: &StatusReport,
+) -> bool {
+    let (source, rule, is_revision) = match outcome {
+        MessageOutcome::Preliminary { index } => (Some(name(index)), Some("F9"), Some(true)),
+        MessageOutcome::Forwarded { index, rule } => (Some(name(index)), Some(rule), Some(false)),
+        MessageOutcome::Final { index } => (Some(name(index)), Some("F9"), Some(false)),
+        MessageOutcome::Missed | MessageOutcome::Refused(_) => (None, None, None),
+    };
+    let words = match outcome {
+        MessageOutcome::Preliminary { index } => format!("{}, preliminary", name(index)),
+        MessageOutcome::Forwarded { .. } => reported.status.message.clone(),
+        MessageOutcome::Final { index } => format!("{}, final", name(index)),
+        MessageOutcome::Missed => "missed".to_owned(),
+        MessageOutcome::Refused(why) => format!("refused: {why}"),
+    };
+    reported.at == decided
+        && reported.value("source").map(str::to_owned) == source
+        && reported.value("rule") == rule
+        && reported.value("revision") == Some(&*revision.to_string())
+        && reported.output.as_ref().map(|output| output.is_revision) == is_revision
+        && reported.status.message == words
 }
 
 /// D8: no message and no result is kept.
@@ -166,7 +191,7 @@ fn one_account(facts: &Facts<'_>) -> Result<(), String> {
     let Facts { played, opened, .. } = facts;
     let tally = &played.tally;
     let count = |is: &dyn Fn(MessageOutcome) -> bool| {
-        opened.iter().filter(|it| it.ended.is_some_and(|(_, outcome)| is(outcome))).count() as u64
+        opened.iter().filter(|it| it.ended().is_some_and(|(_, outcome)| is(outcome))).count() as u64
     };
     let refused = count(&|outcome| matches!(outcome, MessageOutcome::Refused(_)));
     let missed = count(&|outcome| outcome == MessageOutcome::Missed);
@@ -185,12 +210,17 @@ fn one_account(facts: &Facts<'_>) -> Result<(), String> {
         let outputs = count(
             &|outcome| matches!(outcome, MessageOutcome::Forwarded { index: of, .. } if of == index),
         );
+        let items = || opened.iter().flat_map(|it| &it.items).map(|(_, outcome)| *outcome);
+        let preliminary = items().filter(|it| *it == MessageOutcome::Preliminary { index }).count();
+        let finals = items().filter(|it| *it == MessageOutcome::Final { index }).count();
         let is_called = facts.scenario.peers[index].is_called;
         let sent = facts.requested(index).map(|requested| requested.bytes).sum::<u64>();
         let of = |counts: &BTreeMap<usize, u64>| counts.get(&index).copied().unwrap_or(0);
         let traced = [
             admitted,
             outputs,
+            finals as u64,
+            preliminary as u64,
             of(&facts.timers),
             of(&facts.cancelled),
             if is_called { 0 } else { sent },
@@ -198,13 +228,16 @@ fn one_account(facts: &Facts<'_>) -> Result<(), String> {
         let reported = [
             source.admitted,
             source.outputs.values().sum(),
+            source.finals,
+            source.preliminary,
             source.timers,
             source.cancelled,
             source.sent_bytes,
         ];
         ensure(reported == traced, || {
             format!(
-                "{index}: admitted, outputs, timers, cancelled, bytes {reported:?}, traced {traced:?}"
+                "{index}: admitted, outputs, final, preliminary, timers, cancelled, bytes \
+                 {reported:?}, traced {traced:?}"
             )
         })?;
     }
@@ -222,8 +255,8 @@ fn lost_words(facts: &Facts<'_>) -> Result<(), String> {
             continue;
         }
         count += 1;
-        let is_best = matches!(opened.ended, Some((_, MessageOutcome::Forwarded { index, rule: "F3" })) if index == best);
-        ensure(is_best, || format!("{t} of the calm left so: {:?}", opened.ended))?;
+        let is_best = matches!(opened.ended(), Some((_, MessageOutcome::Forwarded { index, rule: "F3" })) if index == best);
+        ensure(is_best, || format!("{t} of the calm left so: {:?}", opened.ended()))?;
         for index in 0..=best {
             let mut requested =
                 facts.requested(index).filter(|requested| requested.serial == message.serial);
@@ -316,7 +349,7 @@ fn as_set(facts: &Facts<'_>) -> Result<(), String> {
     let nanos = |duration: Duration| u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX);
     for (t, (message, opened)) in facts.messages.iter().zip(&facts.opened).enumerate() {
         let states: Vec<_> = facts.states(facts.played.log.arrived_at[message.serial]).collect();
-        let is_refused = matches!(opened.ended, Some((_, MessageOutcome::Refused(_))));
+        let is_refused = matches!(opened.ended(), Some((_, MessageOutcome::Refused(_))));
         let of_local = states.iter().any(|state| opened.deadline == Some(nanos(state.local)));
         let is_so = |index: usize| {
             let peers = || states.iter().map(|state| state.peers[index]);

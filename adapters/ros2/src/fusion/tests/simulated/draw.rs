@@ -22,14 +22,17 @@ impl Scenario {
         let gap = rng.one_of(&[1, 5, 10, 33, 100]);
         let inputs = inputs(rng, count, gap, peers.len());
         let span = inputs.last().map_or(Duration::ZERO, |last| last.at);
-        Self {
+        let drawn = Self {
             window: rng.one_of(&[1, 2, 4, 16, 16, 64]),
             commit: rng.one_of(&[Commit::Eager, Commit::Patient]),
             waiting: rng.one_of(&[1, 4, 16, 64]),
             turns: turns(rng, span, peers.len()),
             peers,
             inputs,
-        }
+        };
+        // Last, so that the other runs stay as they were drawn.
+        let is_progressive = rng.u8(0..3) == 0;
+        Self { commit: if is_progressive { Commit::Progressive } else { drawn.commit }, ..drawn }
     }
 }
 

@@ -9,10 +9,11 @@ use fuseline_traces::{Decision, DropReason, Event, Events, Input, OpenRefusal, V
 
 use super::play::{RunResult, SentRequest, StatusReport};
 use super::scenario::{Disturbance, Form, Scenario};
+use crate::Commit;
 use crate::settings::{Change, Settings};
 
 /// What a run may come to, in words.
-pub(super) const KINDS: [&str; 12] = [
+pub(super) const KINDS: [&str; 14] = [
     "an output of a cloud",
     "an output of local by a timer",
     "a missed message",
@@ -25,6 +26,8 @@ pub(super) const KINDS: [&str; 12] = [
     "an offer that was refused",
     "a failure",
     "an input while the node was inactive",
+    "a revision of a cloud",
+    "an output that was sent as a revision before",
 ];
 
 pub(super) struct Facts<'a> {
@@ -50,7 +53,8 @@ pub(super) struct Facts<'a> {
 pub(super) struct Message<'a> {
     /// The input's index.
     pub(super) serial: usize,
-    pub(super) reported: &'a StatusReport,
+    /// In their order.
+    pub(super) reported: Vec<&'a StatusReport>,
 }
 
 /// A message as the trace has it.
@@ -60,12 +64,15 @@ pub(super) struct OpenedMessage {
     pub(super) deadline: Option<u64>,
     /// Each cloud that got an offer, its deadline, and whether the offer was refused.
     pub(super) offers: BTreeMap<usize, (u64, bool)>,
-    pub(super) ended: Option<(u64, MessageOutcome)>,
+    /// What was sent of it, and when.
+    pub(super) items: Vec<(u64, MessageOutcome)>,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum MessageOutcome {
+    Preliminary { index: usize },
     Forwarded { index: usize, rule: &'static str },
+    Final { index: usize },
     Missed,
     Refused(OpenRefusal),
 }
@@ -138,11 +145,11 @@ impl<'a> Facts<'a> {
         // What fires comes before the input's own.
         let (fired, own) = split(&input, decisions);
         for decision in fired {
-            self.decision(*decision, None);
+            self.decision(*decision, None, &[]);
         }
         self.input(input)?;
         for decision in own {
-            self.decision(*decision, Some(input));
+            self.decision(*decision, Some(input), own);
         }
         Ok(())
     }
@@ -157,7 +164,7 @@ impl<'a> Facts<'a> {
                     at,
                     deadline,
                     offers: BTreeMap::new(),
-                    ended: None,
+                    items: Vec::new(),
                 });
             }
             Input::Offer { t, p, deadline, .. } => {
@@ -169,7 +176,8 @@ impl<'a> Facts<'a> {
         Ok(())
     }
 
-    fn decision(&mut self, decision: Decision, input: Option<Input>) {
+    /// `own` are the decisions about the input, if this is one of them.
+    fn decision(&mut self, decision: Decision, input: Option<Input>, own: &[Decision]) {
         match decision {
             Decision::Timer { p, .. } => *self.timers.entry(index(p)).or_default() += 1,
             Decision::Cancel { p, .. } => *self.cancelled.entry(index(p)).or_default() += 1,
@@ -179,12 +187,24 @@ impl<'a> Facts<'a> {
                     Some(Input::Fail { .. }) => "F4",
                     _ => "F5",
                 };
-                self.message(t).ended =
-                    Some((at, MessageOutcome::Forwarded { index: index(p), rule }));
+                let index = index(p);
+                let is_last = self.scenario.commit != Commit::Progressive
+                    || own.iter().any(|it| matches!(it, Decision::Final { .. }));
+                let outcome = if is_last {
+                    MessageOutcome::Forwarded { index, rule }
+                } else {
+                    MessageOutcome::Preliminary { index }
+                };
+                self.message(t).items.push((at, outcome));
             }
-            Decision::Miss { at, t } => self.message(t).ended = Some((at, MessageOutcome::Missed)),
+            // It was sent as the last one.
+            Decision::Final { .. } if own.iter().any(|it| matches!(it, Decision::Emit { .. })) => {}
+            Decision::Final { at, t, p } => {
+                self.message(t).items.push((at, MessageOutcome::Final { index: index(p) }));
+            }
+            Decision::Miss { at, t } => self.message(t).items.push((at, MessageOutcome::Missed)),
             Decision::RefuseOpen { at, t, why } => {
-                self.message(t).ended = Some((at, MessageOutcome::Refused(why)));
+                self.message(t).items.push((at, MessageOutcome::Refused(why)));
             }
             Decision::RefuseOffer { t, p, .. } => {
                 if let Some(offer) = self.message(t).offers.get_mut(&index(p)) {
@@ -203,19 +223,24 @@ impl<'a> Facts<'a> {
 
     /// Says which input is which message: they are taken in one after the other, each at the instant at which it came.
     fn assign(&mut self) {
-        let mut statuses: Vec<&StatusReport> = self.played.log.statuses.iter().collect();
-        statuses.sort_by_key(|reported| reported.timestamp());
+        let mut statuses = BTreeMap::<_, Vec<&StatusReport>>::new();
+        for reported in &self.played.log.statuses {
+            statuses.entry(reported.timestamp()).or_default().push(reported);
+        }
         for (serial, at) in self.played.log.arrived_at.iter().enumerate() {
             let input = &self.inputs[serial];
             let next = self.messages.len();
             let when = self.meanwhile(*at);
             let is_it = self.opened.get(next).is_some_and(|opened| when.contains(&opened.at))
-                && statuses.get(next).is_some_and(|reported| reported.key() == Some(input.key))
                 && input.form == Form::Whole;
-            if is_it {
-                self.messages.push(Message { serial, reported: statuses[next] });
-            } else {
-                self.rejected.push(serial);
+            let of_it = statuses.get(&Some(next as u64)).filter(|reported| {
+                is_it && reported.iter().all(|reported| reported.key() == Some(input.key))
+            });
+            match of_it {
+                Some(reported) => {
+                    self.messages.push(Message { serial, reported: reported.clone() });
+                }
+                None => self.rejected.push(serial),
             }
         }
     }
@@ -260,13 +285,16 @@ impl<'a> Facts<'a> {
                 kinds.insert(KINDS[kind]);
             }
         };
-        for OpenedMessage { ended, offers, .. } in &self.opened {
-            match ended {
-                Some((_, MessageOutcome::Forwarded { index: 0, rule: "F5" })) => mark(true, 1),
-                Some((_, MessageOutcome::Forwarded { index: 0, .. })) | None => {}
-                Some((_, MessageOutcome::Forwarded { .. })) => mark(true, 0),
-                Some((_, MessageOutcome::Missed)) => mark(true, 2),
-                Some((_, MessageOutcome::Refused(_))) => mark(true, 3),
+        for OpenedMessage { items, offers, .. } in &self.opened {
+            for (_, outcome) in items {
+                match outcome {
+                    MessageOutcome::Preliminary { index } => mark(*index > 0, 12),
+                    MessageOutcome::Forwarded { index: 0, rule } => mark(*rule == "F5", 1),
+                    MessageOutcome::Forwarded { .. } => mark(true, 0),
+                    MessageOutcome::Final { .. } => mark(true, 13),
+                    MessageOutcome::Missed => mark(true, 2),
+                    MessageOutcome::Refused(_) => mark(true, 3),
+                }
             }
             mark(offers.values().any(|(_, is_refused)| *is_refused), 9);
         }
@@ -285,6 +313,16 @@ impl<'a> Facts<'a> {
         let mut arrived_at = log.arrived_at.iter();
         mark(arrived_at.any(|at| self.states(*at).all(|state| !state.is_active)), 11);
         kinds
+    }
+}
+
+impl OpenedMessage {
+    /// How it was answered, and when.
+    pub(super) fn ended(&self) -> Option<(u64, MessageOutcome)> {
+        let is_last = |(_, outcome): &&(u64, MessageOutcome)| {
+            !matches!(outcome, MessageOutcome::Preliminary { .. })
+        };
+        self.items.iter().find(is_last).copied()
     }
 }
 

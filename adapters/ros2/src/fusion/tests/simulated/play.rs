@@ -75,6 +75,8 @@ pub(super) struct StatusReport {
 /// An output, and whether it found its subscriber in time.
 #[derive(Debug)]
 pub(super) struct Output {
+    /// Whether it is on the topic of revisions.
+    pub(super) is_revision: bool,
     pub(super) value: Result<Value, Vec<u8>>,
     pub(super) is_sent: bool,
 }
@@ -119,6 +121,7 @@ enum Kind {
     Requests(usize),
     Hints(usize),
     Output,
+    Revisions,
 }
 
 struct StatusPublisher(Arc<SimulationState>);
@@ -153,13 +156,15 @@ pub(super) fn play(scenario: &Scenario) -> RunResult {
             payloads: Arc::clone(&payloads),
         });
         let sources = (0..peers).map(|index| source(&simulation, scenario, index));
-        let (output, status_publisher) =
-            (simulation.outlet(Kind::Output, "/output"), StatusPublisher(Arc::clone(&simulation)));
+        let outputs = [(Kind::Output, "/output"), (Kind::Revisions, "/output/revisions")];
+        let outputs = outputs
+            .map(|(kind, topic)| Box::new(simulation.outlet(kind, topic)) as Box<dyn Publish>);
+        let status_publisher = StatusPublisher(Arc::clone(&simulation));
         let running = run(
             &settings,
             engine,
             sources.collect(),
-            Box::new(output),
+            outputs,
             Box::new(status_publisher),
             subscription,
         );
@@ -404,12 +409,13 @@ impl Publish for SimulatedPublisher {
                 simulation.log().hints.push((index, Value::read(&payload)));
                 true
             }
-            Kind::Output => {
+            Kind::Output | Kind::Revisions => {
+                let is_revision = matches!(kind, Kind::Revisions);
                 let value = Value::read(&payload);
                 let input =
                     value.as_ref().ok().and_then(|value| simulation.inputs.get(value.serial));
                 let is_sent = input.is_none_or(|input| !input.is_unsent);
-                simulation.log().output = Some(Output { value, is_sent });
+                simulation.log().output = Some(Output { is_revision, value, is_sent });
                 is_sent
             }
         }
@@ -418,7 +424,7 @@ impl Publish for SimulatedPublisher {
     fn matched(&self) -> usize {
         match self.kind {
             Kind::Requests(index) => usize::from(!self.simulation.health()[index].is_gone),
-            Kind::Hints(_) | Kind::Output => 1,
+            Kind::Hints(_) | Kind::Output | Kind::Revisions => 1,
         }
     }
 
