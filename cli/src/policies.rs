@@ -29,6 +29,8 @@ pub(crate) enum ComparedPolicy {
     CloudOnly(usize),
     /// Whichever result is there first.
     FirstWins,
+    /// Each better result at once, until the deadline (F9). Clouds have these priorities, in the order of the sources.
+    Progressive(Vec<u16>),
 }
 
 /// What a policy gives, as far as it is known.
@@ -66,7 +68,7 @@ impl ComparedPolicy {
             Self::Fusion | Self::Constant(_) => None,
             Self::LocalOnly => Some(0),
             Self::CloudOnly(source) => all.get(source).copied(),
-            Self::FirstWins => Some(all.iter().skip(1).sum()),
+            Self::FirstWins | Self::Progressive(_) => Some(all.iter().skip(1).sum()),
         }
     }
 
@@ -110,6 +112,10 @@ impl ComparedPolicy {
             Self::LocalOnly => alone(arrivals, 0, deadline),
             Self::CloudOnly(source) => alone(arrivals, source, deadline),
             Self::FirstWins => first(arrivals, deadline),
+            Self::Progressive(ref priorities) => PolicyChoice {
+                response: first(arrivals, deadline).response,
+                in_time: best(arrivals, priorities, deadline),
+            },
             Self::Fusion => put_out(arrivals, message.forwarded, deadline),
             Self::Constant(ref constant) => {
                 if arrivals.iter().any(|arrival| matches!(arrival, ArrivalTime::After(_))) {
@@ -170,4 +176,26 @@ fn first(arrivals: &[ArrivalTime], deadline: Duration) -> PolicyChoice {
         }
     }
     PolicyChoice { response: Response { least, most }, in_time }
+}
+
+/// Whose result may be the best of those that are there before the deadline.
+fn best(arrivals: &[ArrivalTime], priorities: &[u16], deadline: Duration) -> Vec<Option<usize>> {
+    let mut by_rank: Vec<usize> = (0..arrivals.len()).collect();
+    by_rank.sort_by_key(|source| source.checked_sub(1).map_or(0, |cloud| priorities[cloud]));
+    let mut candidates = Vec::new();
+    while let Some(source) = by_rank.pop() {
+        match arrivals[source] {
+            ArrivalTime::At(at) if at < deadline => {
+                candidates.push(Some(source));
+                return candidates;
+            }
+            ArrivalTime::After(bound) if bound < deadline => candidates.push(Some(source)),
+            ArrivalTime::At(_)
+            | ArrivalTime::After(_)
+            | ArrivalTime::Failed(_)
+            | ArrivalTime::Never => {}
+        }
+    }
+    candidates.push(None);
+    candidates
 }

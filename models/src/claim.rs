@@ -21,6 +21,7 @@ properties! {
     F5 = "F5 decides as the reference machine",
     F6 = "F6 decides as the reference machine",
     F7 = "F7 decides as the reference machine",
+    F9 = "F9 decides as the reference machine",
     F8 = "F8 every input has an outcome",
     P1 = "P1 once",
     P2 = "P2 never late",
@@ -34,6 +35,7 @@ properties! {
     P10 = "P10 deterministic",
     P11 = "P11 accounted",
     P12 = "P12 bounded wait",
+    P13 = "P13 as patient",
 }
 
 impl Claim {
@@ -57,6 +59,7 @@ impl From<Rule> for Claim {
             Rule::F6 => Self::F6,
             // No input of a model says whose value it brings, so no decision is demanded by D2; it is about what F7 sends.
             Rule::F7 | Rule::D2 => Self::F7,
+            Rule::F9 => Self::F9,
             Rule::P1 => Self::P1,
         }
     }

@@ -97,6 +97,6 @@ fn apply(machine: &mut ModelMachine, input: &Input, most: usize, answer: &mut In
         let (t, due) = (firing.timestamp.as_u64(), firing.due.as_nanos());
         answer.fired.push(FiredTimers { t, due, decisions });
     });
-    own.decisions(machine.now(), |decision| answer.own.push(decision));
+    own.decisions(machine.fusion().commit(), machine.now(), |decision| answer.own.push(decision));
     answer.end = WholeAnswer::Whole;
 }

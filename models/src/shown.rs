@@ -39,13 +39,16 @@ pub(crate) fn sightings(
     of_input(config, before, input, answer, after, &mut shown);
     let open = after.ledger.open();
     shown.insert_if(Sighting::WindowFull, open.len() == usize::from(config.window));
-    shown.insert_if(Sighting::Prompt, open.iter().any(|(_, history)| history.best().is_some()));
+    let holds = config.commit != Commit::Progressive;
+    let is_held = || open.iter().any(|(_, history)| history.best().is_some());
+    shown.insert_if(Sighting::Prompt, holds && is_held());
     shown
 }
 
 /// What the first firing of a timestamp shows.
 fn of_firing(config: &World, history: &History, fired: &FiredTimers, shown: &mut Sightings) {
     let eager = config.commit == Commit::Eager;
+    let patient = config.commit == Commit::Patient;
     let timers = || {
         fired.decisions.iter().filter_map(|decision| match decision {
             Decision::Timer { p, .. } => Some(*p),
@@ -61,11 +64,11 @@ fn of_firing(config: &World, history: &History, fired: &FiredTimers, shown: &mut
     shown.insert_if(Sighting::LimitAlone, local && !cloud);
     shown.insert_if(Sighting::LimitWithCloud, local && cloud);
     let last = history.timers().all(|(_, due)| due <= fired.due);
-    let output = fired
-        .decisions
-        .iter()
-        .find(|decision| matches!(decision, Decision::Emit { .. } | Decision::Miss { .. }));
+    let output = fired.decisions.iter().find(|decision| {
+        matches!(decision, Decision::Emit { .. } | Decision::Final { .. } | Decision::Miss { .. })
+    });
     match output {
+        Some(Decision::Final { .. }) => shown.insert(Sighting::FinalByTimer),
         Some(Decision::Emit { p, .. }) => {
             shown.insert_if(Sighting::EagerOverPending, eager && better);
             shown.insert_if(Sighting::EagerOwn, eager && timers().any(|timer| timer == *p));
@@ -77,7 +80,7 @@ fn of_firing(config: &World, history: &History, fired: &FiredTimers, shown: &mut
         None => {
             let held = history.best().is_some();
             shown.insert_if(Sighting::LimitHolds, eager && held && !cloud);
-            shown.insert_if(Sighting::PatientWaits, !eager && held && cloud);
+            shown.insert_if(Sighting::PatientWaits, patient && held && cloud);
             shown.insert_if(Sighting::TimerWaits, !held);
         }
     }
@@ -120,8 +123,11 @@ fn of_input(
         let now = after.ledger.now();
         let waited =
             |history: &History| !history.is_local_alone() && history.are_requests_over(now);
-        let ends = matches!(decision, Some(Decision::Emit { .. } | Decision::Miss { .. }));
-        let is_last = ends && before.ledger.history(t).is_some_and(waited);
+        let ends = |decision: &Decision| match decision {
+            Decision::Emit { .. } => config.commit != Commit::Progressive,
+            _ => matches!(decision, Decision::Final { .. } | Decision::Miss { .. }),
+        };
+        let is_last = answer.own.iter().any(ends) && before.ledger.history(t).is_some_and(waited);
         shown.insert_if(Sighting::LastLocal, is_last);
     }
     match *input {
@@ -142,12 +148,20 @@ fn of_input(
             let low = config.cloud(p).is_some_and(|cloud| backlog < cloud.limit);
             of_offer(before, (t, p), low, answer, after, shown);
         }
-        Input::Result { t, p, .. } => of_result(before, (t, p), answer, after, shown),
+        Input::Result { t, p, .. } if config.commit == Commit::Progressive => {
+            of_result(before, (t, p), answer, after, shown, of_output);
+        }
+        Input::Result { t, p, .. } => {
+            of_result(before, (t, p), answer, after, shown, |history, p, decisions, shown| {
+                of_emit(history, Some(p), decisions, shown);
+            });
+        }
         Input::Fail { t, p, .. } => {
             shown.insert_if(Sighting::Stranger, p > u64::from(u16::MAX));
             shown.insert(match decision {
                 Some(Decision::Drop { why, .. }) => FAIL_DROPPED[why.index()],
                 Some(Decision::Miss { .. }) => Sighting::FailMisses,
+                Some(Decision::Final { .. }) => Sighting::FinalByFailure,
                 Some(_) => Sighting::FailForwards,
                 None => Sighting::FailWaits,
             });
@@ -190,6 +204,7 @@ fn of_result(
     answer: &InputResponse,
     after: &State,
     shown: &mut Sightings,
+    of_emit: impl Fn(&History, u64, &[Decision], &mut Sightings),
 ) {
     let now = after.ledger.now();
     let history = before.ledger.history(t);
@@ -207,6 +222,9 @@ fn of_result(
     match answer.own.first() {
         Some(Decision::Drop { why, .. }) => {
             shown.insert(RESULT_DROPPED[why.index()]);
+            let is_open = history.is_some_and(|_| answer.fired.is_empty());
+            let is_outranked = is_open && *why == DropReason::Superseded;
+            shown.insert_if(Sighting::OutrankedDropped, is_outranked);
             let forwarded = answer.fired.iter().flat_map(|fired| &fired.decisions);
             let just = forwarded.filter(|d| matches!(d, Decision::Emit { .. })).any(|d| d.t() == t);
             shown.insert_if(Sighting::Once, just);
@@ -221,10 +239,22 @@ fn of_result(
             if let Some(history) = history.filter(|_| answer.fired.is_empty()) {
                 shown.insert_if(Sighting::Free, history.is_local_alone());
                 shown.insert_if(Sighting::ResultForwarded, history.best().is_some());
-                of_emit(history, Some(p), &answer.own, shown);
+                of_emit(history, p, &answer.own, shown);
             }
         }
     }
+}
+
+/// F9: what an output shows.
+fn of_output(history: &History, p: u64, decisions: &[Decision], shown: &mut Sightings) {
+    let is_final = decisions.iter().any(|decision| matches!(decision, Decision::Final { .. }));
+    let cancels = decisions.iter().any(|decision| matches!(decision, Decision::Cancel { .. }));
+    shown.insert_if(Sighting::Improved, !is_final);
+    shown.insert_if(Sighting::ImprovedAgain, history.best().is_some());
+    shown.insert_if(Sighting::Outranked, cancels && !is_final);
+    shown.insert_if(Sighting::Cancelled, cancels && is_final);
+    shown.insert_if(Sighting::LocalPending, history.is_pending(0) && p > 0);
+    shown.insert_if(Sighting::Retired, is_final && history.timers().any(|(q, _)| q != p));
 }
 
 /// The sighting of a refused open.

@@ -5,8 +5,8 @@ use std::hash::{Hash, Hasher};
 use std::sync::OnceLock;
 
 use fuseline_core::{Instant, Priority, Timestamp};
-use fuseline_testkit::{History, Ledger};
-use fuseline_traces::{Decision, ExpectedDecisions, Input, Reference, Rule};
+use fuseline_testkit::{History, Ledger, admissions_and_ends};
+use fuseline_traces::{Commit, Decision, ExpectedDecisions, Input, Reference, Rule};
 
 use crate::claim::{Claim, Claims};
 use crate::machine::{InputResponse, ModelMachine, WholeAnswer, answer, machine};
@@ -23,6 +23,8 @@ pub struct State {
     pub(crate) machine: ModelMachine,
     /// P10: made with its clouds in reverse order, and ticked at every instant on the way.
     twin: ModelMachine,
+    /// P13: under progressive, a machine of the patient rule that takes the same inputs.
+    patient: Option<ModelMachine>,
     /// The rules' own machine, until the two disagree.
     reference: Option<Reference>,
     pub(crate) ledger: Ledger,
@@ -40,8 +42,10 @@ impl State {
         let first = machine(&header)?;
         header.clouds.reverse();
         let twin = machine(&header)?;
+        header.commit = Commit::Patient;
+        let patient = (config.commit == Commit::Progressive).then(|| machine(&header)).flatten();
         let (ledger, violated, ahead) = Default::default();
-        Some(Self { machine: first, twin, reference, ledger, violated, ahead })
+        Some(Self { machine: first, twin, patient, reference, ledger, violated, ahead })
     }
 
     /// What the step that led here broke, or one before it.
@@ -70,6 +74,8 @@ impl State {
             next.compare(config, input, &answer);
             let same = next.mirror(config, input, &answer, self.ledger.now(), most);
             next.violated.insert_if(Claim::P10, !same);
+            let same = next.is_as_patient(input, &answer);
+            next.violated.insert_if(Claim::P13, !same);
         }
         (next, answer)
     }
@@ -143,6 +149,17 @@ impl State {
         let of_machine = answer_of_machine.decisions().map(|decision| decision.redated(0));
         of_machine.eq(decisions) && self.twin == self.machine
     }
+
+    /// P13: gives the input to the patient machine; whether it admits, refuses and ends the same.
+    fn is_as_patient(&mut self, input: &Input, answer_of_machine: &InputResponse) -> bool {
+        let Some(patient) = &mut self.patient else { return true };
+        let answer = answer(patient, input, usize::MAX);
+        let open =
+            |machine: &ModelMachine| machine.fusion().open().map(|(t, _)| t).collect::<Vec<_>>();
+        admissions_and_ends(Commit::Patient, answer.decisions())
+            == admissions_and_ends(Commit::Progressive, answer_of_machine.decisions())
+            && open(patient) == open(&self.machine)
+    }
 }
 
 /// The rule by which the first decision that differs is made, if one does.
@@ -157,7 +174,7 @@ fn difference(input: &Input, answer: &InputResponse, demands: &ExpectedDecisions
         (Some(found), Some((decision, _))) if found.redated(0) == decision.redated(0) => Claim::F0,
         // What a timer did without a demand stands where the input's own decision should.
         (Some(found), Some((_, rule)))
-            if index < of_firings && !matches!(rule, Rule::F5 | Rule::F6 | Rule::F7) =>
+            if index < of_firings && !matches!(rule, Rule::F5 | Rule::F6 | Rule::F7 | Rule::F9) =>
         {
             of_decision(found, input)
         }
@@ -173,6 +190,7 @@ fn of_decision(decision: &Decision, input: &Input) -> Claim {
         Decision::Timer { .. } => Claim::F5,
         Decision::Emit { .. } | Decision::Miss { .. } => Claim::F6,
         Decision::Cancel { .. } => Claim::F7,
+        Decision::Final { .. } => Claim::F9,
         Decision::RefuseOpen { .. }
         | Decision::RefuseOffer { .. }
         | Decision::Request { .. }
@@ -195,6 +213,7 @@ fn of_input(input: &Input) -> Claim {
 impl PartialEq for State {
     fn eq(&self, other: &Self) -> bool {
         self.machine == other.machine
+            && self.patient == other.patient
             && self.reference == other.reference
             && self.ledger == other.ledger
             && self.violated == other.violated
@@ -205,7 +224,7 @@ impl Eq for State {}
 
 impl Hash for State {
     fn hash<H: Hasher>(&self, hasher: &mut H) {
-        (&self.machine, &self.reference, &self.ledger, self.violated).hash(hasher);
+        (&self.machine, &self.patient, &self.reference, &self.ledger, self.violated).hash(hasher);
     }
 }
 

@@ -17,7 +17,7 @@ fn what_holds_is_told_in_a_table_and_exits_with_0() {
     let output = models(&["check", "1x2w1"]);
     let out = text(&output.stdout);
     assert_eq!(output.status.code(), Some(0), "{out}");
-    for name in ["1x2w1-eager", "1x2w1-patient"] {
+    for name in ["1x2w1-eager", "1x2w1-patient", "1x2w1-progressive"] {
         let row = out.lines().find(|line| line.contains(name)).expect("a row");
         assert!(row.trim_end().ends_with(" holds") && row.contains(" 267 "), "{row}");
     }
@@ -30,7 +30,7 @@ fn json_is_one_object_a_configuration() {
         .lines()
         .map(|line| serde_json::from_str(line).expect("an object"))
         .collect();
-    assert_eq!(lines.len(), 2);
+    assert_eq!(lines.len(), 3);
     let [first, ..] = &lines[..] else { panic!("{lines:?}") };
     assert_eq!(first["config"], "1x2w1-eager");
     assert_eq!(first["holds"], true);

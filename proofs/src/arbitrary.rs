@@ -33,7 +33,11 @@ pub(crate) fn any_case(cases: u8) -> u8 {
 }
 
 pub(crate) fn any_commit() -> Commit {
-    if kani::any() { Commit::Eager } else { Commit::Patient }
+    match kani::any_where(|rule: &u8| *rule < 3) {
+        0 => Commit::Eager,
+        1 => Commit::Patient,
+        _ => Commit::Progressive,
+    }
 }
 
 /// Local or one of the first `clouds` clouds.
@@ -69,9 +73,15 @@ pub(crate) fn slot_of(
     // P4: what is cached lies below the greatest pending.
     let below = u16::MAX >> pending.leading_zeros() >> 1;
     let cached = cached & requested & !pending & below;
-    let with_timers = match commit {
-        Commit::Eager => pending | cached,
-        Commit::Patient => pending,
+    let (pending, cached, with_timers) = match commit {
+        Commit::Eager => (pending, cached, pending | cached),
+        Commit::Patient => (pending, cached, pending),
+        Commit::Progressive => {
+            // F9: one is cached, and what is pending outranks it: the greatest pending does.
+            let outranked = u16::MAX.checked_shr(cached.leading_zeros()).unwrap_or(0);
+            let better = pending & !outranked;
+            (better, outranked ^ outranked >> 1, better)
+        }
     };
     let deadline = if limited { pending & Sources::LOCAL.bits() } else { 0 };
     let armed = with_timers & !Sources::LOCAL.bits() | deadline;

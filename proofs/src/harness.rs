@@ -26,7 +26,7 @@ pub const ALL: &[NamedHarness] = listed! {
     gate: f2g_gate p10_order_of_clouds;
     slot: every_valid_state_is_generated_and_accepted p1_once p2_never_late p3_best_available
         p4_prompt p5_local_floor p6_free_without_cloud p7_no_stall p8_timers p11_accounted
-        p12_bounded_wait
+        p12_bounded_wait p13_as_patient
         f2_offer_by_the_rule f3_result_by_the_rule f4_fail_by_the_rule f6_settle_by_the_rule;
     time: a14_due_saturates a14_deadline_saturates;
     window: p9_earliest_of_a_timestamp p9_lookup p9_next_due p9_open p9_offer p9_close p9_retire;

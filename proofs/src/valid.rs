@@ -26,13 +26,17 @@ pub(crate) fn is_valid(commit: Commit, slot: Slot) -> bool {
     let waiting = pending != 0;
     // P4: the greatest pending outranks the greatest cached. As numbers, sets without a common member compare so.
     let prompt = cached == 0 || pending > cached;
+    // F9: under progressive the source of the last output alone is cached, and what is pending outranks it.
+    let outranked = if cached == 0 { 0 } else { cached | (cached - 1) };
+    let is_last = cached.count_ones() <= 1 && pending & outranked == 0;
     // P8: what is armed, and nothing else; F3 says what the commit rule keeps armed.
-    let with_timers = match commit {
-        Commit::Eager => pending | cached,
-        Commit::Patient => pending,
+    let (with_timers, of_rule) = match commit {
+        Commit::Eager => (pending | cached, true),
+        Commit::Patient => (pending, true),
+        Commit::Progressive => (pending, is_last),
     };
     let timers = armed & !local == with_timers & !local && armed & local & !pending == 0;
-    is_requested && apart && waiting && prompt && timers
+    is_requested && apart && waiting && prompt && of_rule && timers
 }
 
 /// P7 for a timestamp opened with a deadline: until local returned, failed or was given up, the deadline is armed.
@@ -147,12 +151,21 @@ pub(crate) fn is_outcome_of_decision<const CLOUDS: usize, const WINDOW: usize>(
         (
             Outcome::Forwarded { by, cancelled },
             Decision::Forwarded { by: source, cancelled: set },
+        )
+        | (
+            Outcome::Preliminary { by, cancelled },
+            Decision::Preliminary { by: source, cancelled: set },
         ) => source_of(fusion, by) == Some(source) && cancelled.sources() == set,
+        (Outcome::Final { by }, Decision::Final { by: source }) => {
+            source_of(fusion, by) == Some(source)
+        }
         (
             Outcome::Dropped(_)
             | Outcome::Held
             | Outcome::Waiting
             | Outcome::Missed
+            | Outcome::Preliminary { .. }
+            | Outcome::Final { .. }
             | Outcome::Forwarded { .. },
             _,
         ) => false,
@@ -166,12 +179,16 @@ pub(crate) fn same_firing<const CLOUDS: usize>(a: &Firing<CLOUDS>, b: &Firing<CL
             Outcome::Forwarded { by: a, cancelled: c },
             Outcome::Forwarded { by: b, cancelled: d },
         ) => a == b && c.sources() == d.sources(),
+        (Outcome::Final { by: a }, Outcome::Final { by: b }) => a == b,
         (Outcome::Waiting, Outcome::Waiting) | (Outcome::Missed, Outcome::Missed) => true,
+        // A firing sends nothing and leaves its timestamp open (F9).
         (
             Outcome::Dropped(_)
             | Outcome::Held
             | Outcome::Waiting
             | Outcome::Missed
+            | Outcome::Preliminary { .. }
+            | Outcome::Final { .. }
             | Outcome::Forwarded { .. },
             _,
         ) => false,

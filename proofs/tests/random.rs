@@ -30,7 +30,7 @@ fn every_harness_holds_on_random_values_and_reaches_its_covers() {
 #[test]
 fn a_replay_is_recorded_in_lines_that_a_reader_of_traces_takes() {
     // `p3_best_available` when the least available result is forwarded.
-    let values = [1, 12033, 55424, 65534, 1, 2, 65535];
+    let values = [0, 12033, 55424, 65534, 1, 2, 65535];
     let harness = ALL.iter().find(|(name, _)| *name == "p3_best_available").expect("it is there").1;
     kani::native::replay(harness, &values).expect("the machine as it ships holds");
     let recorded = fuseline_proofs::take_recording();

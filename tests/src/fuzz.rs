@@ -7,9 +7,11 @@ mod bytes;
 mod edit;
 
 use fuseline_engine::arbiter::Arbiter;
-use fuseline_testkit::{Coverage, Mark, Run};
+use fuseline_testkit::{Coverage, Mark, Run, admissions_and_ends};
 use fuseline_traces as traces;
-use fuseline_traces::{Annotations, Defect, Event, Events, LINE, Line, ReadError, parse, unpack};
+use fuseline_traces::{
+    Annotations, Commit, Defect, Event, Events, Header, LINE, Line, ReadError, parse, unpack,
+};
 use serde::de::IgnoredAny;
 
 use bytes::Bytes;
@@ -95,14 +97,17 @@ pub fn run_of(bytes: &[u8]) -> Run {
     Bytes::new(bytes).run()
 }
 
-/// Runs both machines side by side: decision for decision, and the next due instant after each input.
+/// Runs both machines side by side: decision for decision, and the next due instant after each input. A progressive run
+/// admits and ends what a patient one does (P13).
 ///
 /// # Errors
 /// The first difference.
 pub fn compare(run: &Run, reach: &mut Coverage) -> FuzzResult {
-    let mut arbiter = arbiter(run)?;
+    let mut arbiter = arbiter_of(&run.header)?;
+    let mut patient = arbiter_of(&Header { commit: Commit::Patient, ..run.header.clone() })?;
+    let is_progressive = run.header.commit == Commit::Progressive;
     let mut context = reach.begin(run);
-    let mut found = Vec::new();
+    let (mut found, mut of_patient) = (Vec::new(), Vec::new());
     for (i, input) in run.inputs.iter().enumerate() {
         let step = reach.follow(&mut context, input);
         found.clear();
@@ -110,6 +115,15 @@ pub fn compare(run: &Run, reach: &mut Coverage) -> FuzzResult {
         if !found.iter().eq(step.decisions()) {
             let expected: Vec<_> = step.decisions().collect();
             return Err(format!("input {i}, {input}: {found:?}, the rules say {expected:?}"));
+        }
+        if is_progressive {
+            of_patient.clear();
+            patient.decide(input, |decision| of_patient.push(decision));
+            let found = admissions_and_ends(Commit::Progressive, &found);
+            let expected = admissions_and_ends(Commit::Patient, &of_patient);
+            if found != expected {
+                return Err(format!("input {i}, {input}: P13, {found:?}, patient {expected:?}"));
+            }
         }
         if arbiter.next_due() != context.next_due() {
             let (found, expected) = (arbiter.next_due(), context.next_due());
@@ -173,7 +187,7 @@ fn refused(error: &ReadError, line: u64, reach: &mut Coverage) -> FuzzResult {
 
 /// The run's inputs, each with what the machine that ships decides about it.
 fn replay(run: &Run) -> Result<Vec<Event>, String> {
-    let mut arbiter = arbiter(run)?;
+    let mut arbiter = arbiter_of(&run.header)?;
     let mut events = Vec::new();
     for input in &run.inputs {
         events.push(Event::Input(*input));
@@ -232,6 +246,6 @@ fn text(run: &Run, events: &[Event]) -> Vec<u8> {
     text
 }
 
-fn arbiter(run: &Run) -> Result<Arbiter, String> {
-    Arbiter::new(&run.header).map_err(|error| format!("a sound configuration is refused: {error}"))
+fn arbiter_of(header: &Header) -> Result<Arbiter, String> {
+    Arbiter::new(header).map_err(|error| format!("a sound configuration is refused: {error}"))
 }

@@ -6,9 +6,13 @@ use std::io::BufReader;
 use std::path::Path;
 
 use fuseline_engine::arbiter::Arbiter;
-use fuseline_testkit::{Coverage, Generator, Ledger, OperatorConfig, Run, split};
+use fuseline_testkit::{
+    Coverage, Generator, Ledger, OperatorConfig, Run, admissions_and_ends, split,
+};
 use fuseline_tests::fuzz::compare;
-use fuseline_traces::{Commit, Decision, Event, Events, Header, Input};
+use fuseline_traces::{
+    Commit, Decision, Event, Events, ExpectedDecisions, Header, Input, Reference,
+};
 
 /// Runs under each commit rule, enough that everything is reached; the variable `CASES` overrides it.
 const CASES: u64 = 1024;
@@ -47,13 +51,32 @@ fn check(commits: &[Commit], cases: u64, mut property: impl FnMut(&Run) -> Resul
 /// F0–F8: every decision that the rules demand, in order, and no other.
 #[test]
 fn the_core_decides_what_the_reference_machine_decides() {
-    for commit in Commit::ALL {
-        let mut reach = Coverage::default();
-        check(&[commit], CASES, |run| compare(run, &mut reach));
-        for share in reach.shares() {
-            assert!(share.missing.is_empty(), "{commit}: no run reached {:#?}", share.missing);
-        }
+    let mut reach = Coverage::default();
+    check(&Commit::ALL, CASES, |run| compare(run, &mut reach));
+    for share in reach.shares() {
+        assert!(share.missing.is_empty(), "no run reached {:#?}", share.missing);
     }
+}
+
+/// P13, of the reference machine; the core's is compared along with its decisions.
+#[test]
+fn p13_the_rules_admit_and_end_under_progressive_what_they_do_under_patient() {
+    check(&[Commit::Progressive], FEWER, |run| {
+        let patient = Header { commit: Commit::Patient, ..run.header.clone() };
+        let mut machines = [Reference::new(&run.header), Reference::new(&patient)];
+        for input in &run.inputs {
+            let [found, expected] = [0, 1].map(|index| {
+                let mut decided = ExpectedDecisions::new();
+                machines[index].apply(input, &mut decided);
+                let commit = [Commit::Progressive, Commit::Patient][index];
+                admissions_and_ends(commit, decided.iter().map(|(decision, _)| decision))
+            });
+            if found != expected {
+                return Err(format!("{input}: {found:?}, patient {expected:?}"));
+            }
+        }
+        Ok(())
+    });
 }
 
 #[test]

@@ -18,6 +18,11 @@ fn reported(outcome: Outcome<15>) -> String {
         Outcome::Held => "held".into(),
         Outcome::Waiting => "waits".into(),
         Outcome::Missed => "missed".into(),
+        Outcome::Final { by } => format!("{} is final", by.as_u16()),
+        Outcome::Preliminary { by, cancelled } => {
+            let cancelled: Vec<_> = cancelled.iter().map(Priority::as_u16).collect();
+            format!("{} goes first, cancels {cancelled:?}", by.as_u16())
+        }
         Outcome::Forwarded { by, cancelled } => {
             let cancelled: Vec<_> = cancelled.iter().map(Priority::as_u16).collect();
             format!("{} goes, cancels {cancelled:?}", by.as_u16())
@@ -190,16 +195,14 @@ fn f2_reasons_to_refuse_an_offer_come_in_order() {
 
 #[test]
 fn f2_a_request_may_join_while_a_lesser_result_is_held() {
-    for commit in BOTH {
+    for (commit, expected) in
+        [(Commit::Eager, "0: [1], 0 goes, cancels [2]"), (Commit::Patient, "0: [1], waits")]
+    {
         let mut driver = CoreDriver::new(4, commit, &[1, 2]);
         driver.opened(0, None);
         driver.requested(0, 1, 10);
         assert_eq!(reported(driver.result(0, 0)), "held");
         assert_eq!(refused(driver.offer(0, 2, 50)), None);
-        let expected = match commit {
-            Commit::Eager => "0: [1], 0 goes, cancels [2]",
-            Commit::Patient => "0: [1], waits",
-        };
         assert_eq!(reported_firings(&driver.tick(10)), [expected]);
     }
 }
@@ -340,17 +343,16 @@ fn a22_ties_close_together_so_that_none_is_cancelled() {
 
 #[test]
 fn f6_the_limit_alone_commits_nothing() {
-    for commit in BOTH {
+    for (commit, at_10, at_20) in [
+        (Commit::Eager, vec!["0: [1], 1 goes, cancels [2]"], vec![]),
+        (Commit::Patient, vec![], vec!["0: [2], 1 goes, cancels []"]),
+    ] {
         let mut driver = CoreDriver::new(4, commit, &[1, 2]);
         driver.opened(0, Some(5));
         driver.requested(0, 1, 10);
         driver.requested(0, 2, 20);
         assert_eq!(reported(driver.result(0, 1)), "held");
         assert_eq!(reported_firings(&driver.tick(5)), ["0: [0], waits"]);
-        let (at_10, at_20) = match commit {
-            Commit::Eager => (vec!["0: [1], 1 goes, cancels [2]"], vec![]),
-            Commit::Patient => (vec![], vec!["0: [2], 1 goes, cancels []"]),
-        };
         assert_eq!(reported_firings(&driver.tick(10)), at_10);
         assert_eq!(reported_firings(&driver.tick(20)), at_20);
     }
@@ -485,4 +487,46 @@ fn a10_configurations_that_could_not_decide_are_refused() {
     let sixteen: Vec<_> = (1..=16).map(|p| cloud(p, 1, 0)).collect();
     assert!(accepted(1, &sixteen[..15]));
     assert!(!accepted(1, &sixteen));
+}
+
+// F9
+
+#[test]
+fn f9_each_better_result_goes_at_once_and_the_last_one_is_final() {
+    let mut driver = driver_with(Commit::Progressive, &[(1, 10), (2, 20), (3, 30)]);
+    assert_eq!(reported(driver.result(0, 0)), "0 goes first, cancels []");
+    assert_eq!(reported(driver.result(0, 2)), "2 goes first, cancels [1]");
+    assert_eq!(reported(driver.result(0, 2)), "duplicate");
+    assert_eq!(reported(driver.result(0, 1)), "superseded");
+    assert_eq!(reported(driver.fail(0, 0)), "superseded");
+    assert_eq!(reported_firings(&driver.tick(29)), [""; 0]);
+    assert_eq!(reported_firings(&driver.tick(30)), ["0: [3], 2 is final"]);
+    assert_eq!(reported(driver.result(0, 3)), "superseded");
+}
+
+#[test]
+fn f9_nothing_better_pending_is_final_at_once() {
+    let mut driver = driver_with(Commit::Progressive, &[(1, 10), (2, 20)]);
+    assert_eq!(reported(driver.result(0, 2)), "2 goes, cancels [1]");
+    let mut driver = driver_with(Commit::Progressive, &[(1, 10)]);
+    assert_eq!(reported(driver.result(0, 0)), "0 goes first, cancels []");
+    assert_eq!(reported(driver.fail(0, 1)), "0 is final");
+}
+
+#[test]
+fn f9_what_could_not_improve_is_refused_and_what_could_may_join() {
+    let mut driver = CoreDriver::new(4, Commit::Progressive, &[1, 2, 3]);
+    driver.opened(0, None);
+    driver.requested(0, 3, 30);
+    driver.requested(0, 2, 30);
+    assert_eq!(reported(driver.result(0, 2)), "2 goes first, cancels []");
+    assert_eq!(refused(driver.offer(0, 1, 30)), Some(OfferRefusal::Outranked));
+    assert_eq!(reported(driver.result(0, 3)), "3 goes, cancels []");
+}
+
+#[test]
+fn f9_without_an_output_it_is_missed() {
+    let mut driver = driver_with(Commit::Progressive, &[(1, 10)]);
+    assert_eq!(reported(driver.fail(0, 0)), "waits");
+    assert_eq!(reported_firings(&driver.tick(10)), ["0: [1], missed"]);
 }

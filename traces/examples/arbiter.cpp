@@ -89,13 +89,14 @@ struct Message {
   std::set<u64> requested{LOCAL};  // was asked for
   std::set<u64> pending{LOCAL};    // asked for; neither result nor failure nor timer has come
   std::map<u64, u64> armed;        // whose timer is live, with its due instant
-  std::set<u64> cached;            // whose result came in time and is held
+  std::set<u64> cached;            // whose result came in time and is held; progressive: was sent last
 };
 
 class Arbiter {
  public:
   explicit Arbiter(const Json& header) : window(header.at("window")) {
     eager = !header.has("commit") || header.members.at("commit").text == "eager";
+    progressive = header.has("commit") && header.members.at("commit").text == "progressive";
     for (const Json& cloud : header.members.at("clouds").items) {
       u64 limit = cloud.at("limit");
       gates[cloud.at("p")] = Gate{limit, cloud.has("resume") ? cloud.at("resume") : limit - 1};
@@ -124,7 +125,7 @@ class Arbiter {
 
  private:
   u64 window, now = 0, newest = 0;
-  bool eager, any = false;  // any: whether a timestamp was ever opened, the newest of which is `newest`
+  bool eager, progressive, any = false;  // any: whether a timestamp was ever opened, the newest of which is `newest`
   std::map<u64, Gate> gates;
   std::map<u64, Message> open;
   std::set<std::tuple<u64, u64, u64>> timers;  // every live timer: due instant, timestamp, priority
@@ -166,6 +167,7 @@ class Arbiter {
     if ((p != LOCAL && !gates.count(p)) || !reached(t)) return "unknown";
     if (!open.count(t)) return "superseded";
     const Message& message = open[t];
+    if (progressive && outranked(p, message.cached)) return "superseded";
     if (!message.requested.count(p)) return "unsolicited";
     if (message.cached.count(p)) return "duplicate";
     return message.pending.count(p) ? nullptr : "late";
@@ -173,6 +175,7 @@ class Arbiter {
 
   // F3: a source returned. A held cloud's timer runs on under eager.
   void result(u64 t, Message& message, u64 p) {
+    if (progressive) return send(t, message, p);
     if (!outranked(p, message.pending)) return forward(t, message, p);
     message.cached.insert(p);
     if (p == LOCAL || !eager) disarm(t, message, p);
@@ -196,11 +199,11 @@ class Arbiter {
     }
   }
 
-  // F6: some requests were closed; commit, miss or wait.
+  // F6: some requests were closed; commit, miss or wait. Progressive ends or waits (F9).
   void settle(u64 t, Message& message, bool by_timer) {
     if (!message.cached.empty()) {
       u64 best = *message.cached.rbegin();
-      if (!outranked(best, message.pending) || (eager && by_timer)) forward(t, message, best);
+      if (!outranked(best, message.pending) || (eager && by_timer)) progressive ? end(t, best) : forward(t, message, best);
     } else if (message.pending.empty()) {
       open.erase(t);
       say("miss", t);
@@ -214,6 +217,26 @@ class Arbiter {
       if (cloud != LOCAL) say("cancel", t, &cloud);
     while (!message.armed.empty()) disarm(t, message, message.armed.begin()->first);
     open.erase(t);
+  }
+
+  // F9: one result goes at once, and what it outranks is not waited for any more.
+  void send(u64 t, Message& message, u64 p) {
+    message.cached = {p};
+    say("emit", t, &p);
+    disarm(t, message, p);
+    while (!message.pending.empty() && *message.pending.begin() < p) {
+      u64 worse = *message.pending.begin();
+      message.pending.erase(worse);
+      disarm(t, message, worse);
+      if (worse != LOCAL) say("cancel", t, &worse);
+    }
+    if (message.pending.empty()) end(t, p);
+  }
+
+  // F9: nothing better can come than what was sent.
+  void end(u64 t, u64 p) {
+    open.erase(t);
+    say("final", t, &p);
   }
 
   void arm(u64 t, u64 p, u64 due) { timers.insert({open[t].armed[p] = due, t, p}); }

@@ -35,7 +35,7 @@ class Message:
         self.requested = {LOCAL}  # was asked for
         self.pending = {LOCAL}  # asked for; neither result nor failure nor timer has come
         self.armed = {}  # whose timer is live, with its due instant
-        self.cached = set()  # whose result came in time and is held
+        self.cached = set()  # whose result came in time and is held; progressive: was sent last
 
 
 class Dropped(Exception):
@@ -48,6 +48,7 @@ class Arbiter:
     def __init__(self, header):
         self.window = header["window"]
         self.eager = header.get("commit", "eager") == "eager"
+        self.progressive = header.get("commit") == "progressive"
         self.gates = {
             cloud["p"]: Gate(cloud["limit"], cloud.get("resume", cloud["limit"] - 1))
             for cloud in header["clouds"]
@@ -107,7 +108,9 @@ class Arbiter:
             self.say("drop", t, p=p, why=str(dropped))
             return
         message.pending.discard(p)
-        if self.is_outranked(p, message.pending):
+        if self.progressive:
+            self.send(t, message, p)
+        elif self.is_outranked(p, message.pending):
             self.hold(t, message, p)
         else:
             self.forward(t, p)
@@ -159,6 +162,8 @@ class Arbiter:
         if t not in self.open:
             raise Dropped("superseded")
         message = self.open[t]
+        if self.progressive and self.is_outranked(p, message.cached):
+            raise Dropped("superseded")
         if p not in message.requested:
             raise Dropped("unsolicited")
         if p in message.cached:
@@ -191,11 +196,15 @@ class Arbiter:
                 self.settle(t, by_timer=any(p != LOCAL for p in fired))
 
     def settle(self, t, by_timer):
-        """F6: some requests were closed; commit, miss or wait."""
+        """F6: some requests were closed; commit, miss or wait. Progressive ends or waits (F9)."""
         message = self.open[t]
         if message.cached:
             best = self.best(message.cached)
-            if not self.is_outranked(best, message.pending) or (self.eager and by_timer):
+            if self.is_outranked(best, message.pending) and not (self.eager and by_timer):
+                return
+            if self.progressive:
+                self.end(t, best)
+            else:
                 self.forward(t, best)
         elif not message.pending:
             del self.open[t]
@@ -214,6 +223,24 @@ class Arbiter:
         self.say("emit", t, p=p)
         for cloud in sorted(message.pending - {LOCAL}):
             self.say("cancel", t, p=cloud)
+
+    def send(self, t, message, p):
+        """F9: one result goes at once, and what it outranks is not waited for any more."""
+        message.cached = {p}
+        self.say("emit", t, p=p)
+        for worse in sorted(q for q in message.pending if q < p):
+            message.pending.discard(worse)
+            message.armed.pop(worse, None)
+            if worse != LOCAL:
+                self.say("cancel", t, p=worse)
+        message.armed.pop(p, None)
+        if not message.pending:
+            self.end(t, p)
+
+    def end(self, t, p):
+        """F9: nothing better can come than what was sent."""
+        del self.open[t]
+        self.say("final", t, p=p)
 
     def is_outranked(self, p, others):
         return any(q > p for q in others)

@@ -177,6 +177,14 @@ class UnboundedWindow(Arbiter):
         return None if why == "full" else why
 
 
+class FirstOutputEnds(Arbiter):
+    """Under progressive, ends a message with its first output."""
+
+    def send(self, t, message, p):
+        message.pending.clear()
+        super().send(t, message, p)
+
+
 MISTAKES = {
     "first-response-wins": FirstResponseWins,
     "any-then-local": AnyThenLocal,
@@ -196,6 +204,7 @@ MISTAKES = {
     "clock-goes-back": ClockGoesBack,
     "gate-first": GateFirst,
     "unbounded-window": UnboundedWindow,
+    "first-output-ends": FirstOutputEnds,
 }
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ mod explain;
 mod gap;
 mod judge;
 mod open;
+mod progressive;
 mod slack;
 mod story;
 mod verdict;

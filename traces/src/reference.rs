@@ -266,11 +266,10 @@ impl Reference {
         let Some(open) = self.open.get(&t) else { return };
         match open.cached.last().copied() {
             // F9: it was sent before; with nothing better pending it is final.
+            Some(_) if self.commit == Commit::Progressive && !open.pending.is_empty() => {}
             Some(last) if self.commit == Commit::Progressive => {
-                if open.pending.is_empty() {
-                    self.retire(t);
-                    out.push((Decision::Final { at: self.now, t, p: last }, Rule::F9));
-                }
+                self.retire(t);
+                out.push((Decision::Final { at: self.now, t, p: last }, Rule::F9));
             }
             Some(best) => {
                 let outranked = open.pending.iter().any(|q| *q > best);

@@ -317,3 +317,21 @@ fn the_commit_rule_of_the_header_counts() {
         assert_eq!(verdict.violations.len(), violations, "{commit}");
     }
 }
+
+/// It broke a rule before it was opened, and so is not counted as waiting for local.
+#[test]
+fn what_came_out_of_a_refused_timestamp_does_not_leave_it_unfinished() {
+    let trace = concat!(
+        "{\"fuseline\":1,\"window\":4,\"clouds\":[]}\n",
+        "{\"ev\":\"refuse\",\"at\":22,\"t\":5,\"why\":\"order\"}\n",
+        "{\"ev\":\"miss\",\"at\":31,\"t\":5}\n",
+        "{\"ev\":\"open\",\"at\":60,\"t\":5}\n",
+    );
+    let mut events = Events::observed("trace", trace.as_bytes()).unwrap();
+    let mut judge = Judge::new("trace", events.header(), EXACT);
+    while let Some(event) = events.next_event().unwrap() {
+        judge.line(events.line(), &event).unwrap();
+    }
+    let verdict = judge.finish_ended();
+    assert_eq!((verdict.violations.len(), verdict.unfinished), (1, Some(0)));
+}

@@ -148,7 +148,7 @@ fn words_that_are_not_known_are_refused() {
             b"{\"ev\":\"opne\"}",
             7,
             "unknown ev \"opne\"; it is one of open, offer, result, fail, tick, timer, refuse, \
-             request, hold, drop, emit, miss, cancel",
+             request, hold, drop, emit, final, miss, cancel",
         ),
         (b"{\"ev\":5}", 7, "expected a word in quotes, found `5`"),
         (b"{\"ev\":null}", 7, "expected a word in quotes, found `null`"),
@@ -174,7 +174,7 @@ fn words_that_are_not_known_are_refused() {
             b"{\"ev\":\"a\\u0000very long word that nobody wants to see\"}",
             7,
             "unknown ev \"a\\0very long word that no…\"; it is one of open, offer, result, fail, \
-             tick, timer, refuse, request, hold, drop, emit, miss, cancel",
+             tick, timer, refuse, request, hold, drop, emit, final, miss, cancel",
         ),
     ]);
 }

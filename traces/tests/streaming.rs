@@ -221,7 +221,7 @@ fn failed(requests: &[RequestLine], failures: &[FailureLine]) -> Vec<(u64, u64)>
     failed
 }
 
-/// D2: whether the one output may bear the value that it says, or that the results say.
+/// D2: whether an output may bear the value that it says, or that the results say.
 fn is_value_wrong(
     terms: &Terms,
     t: u64,
@@ -284,13 +284,15 @@ fn fate(
                 sent.push((p, at, of));
             }
             Event::Decision(Decision::Miss { at, .. }) => story.outputs.push((None, at)),
+            Event::Decision(Decision::Final { at, p, .. }) => story.finals.push((p, at)),
             _ => {}
         }
     }
     let refused_from = refusals.iter().map(|(at, _)| *at).min();
     let opens = accepted(reach, &opens, &refusals);
     let opened = opens.iter().map(|(at, _)| (*at, own));
-    let out = story.outputs.iter().map(|(_, at)| (*at, own));
+    let finals = story.finals.iter().map(|(_, at)| *at);
+    let out = story.outputs.iter().map(|(_, at)| *at).chain(finals).map(|at| (at, own));
     let requested = requests.iter().map(|(p, at, ..)| (*at, terms.slack.tolerance_of(*p)));
     let known: Vec<(u64, u64)> = opened.chain(requested).chain(out).collect();
     let is_before = |at: u64, tolerance: u64| {
@@ -308,7 +310,7 @@ fn fate(
         !known.iter().any(|(known, other)| known + other + own + lateness < *refused)
     });
     if opens.is_empty() && was_refused {
-        let is_none = requests.is_empty() && story.outputs.is_empty();
+        let is_none = requests.is_empty() && story.outputs.is_empty() && story.finals.is_empty();
         return (!is_none).then_some(MessageEnding::Breaks);
     }
     if known.is_empty() && results.is_empty() && failures.is_empty() {
@@ -322,19 +324,22 @@ fn fate(
     if opens.len() > 1 || is_stranger || !is_explained {
         return Some(MessageEnding::Breaks);
     }
-    if sent.len() == 1 && is_value_wrong(terms, t, sent[0], &results) {
+    let mut sent = sent.into_iter();
+    if sent.any(|output| is_value_wrong(terms, t, output, &results)) {
         return Some(MessageEnding::Breaks);
     }
     // J2.
     let due = opens.first().and_then(|(_, (_, due))| *due);
-    let is_late = due.is_some_and(|due| match story.outputs.first() {
-        Some((_, at)) => *at > due + reach,
+    let first = story.outputs.iter().map(|(_, at)| *at).min();
+    let is_late = due.is_some_and(|due| match first {
+        Some(at) => at > due + reach,
         None => end >= due + reach,
     });
     if is_late {
         return Some(MessageEnding::Breaks);
     }
-    story.outputs.is_empty().then_some(MessageEnding::Open)
+    let is_none = story.outputs.is_empty() && story.finals.is_empty();
+    is_none.then_some(MessageEnding::Open)
 }
 
 /// What the reference machine does, with instants that are off, lines out of order and keys that are now and then wrong.
@@ -352,10 +357,9 @@ fn traces() -> impl Strategy<Value = (Terms, Vec<RecordedEvent>)> {
     let slack = (0..4_u64, 0..6_u64, option::of((0..3_u64, 0..7_u64)));
     let steps = vec((0..12_u64, input), 1..40);
     let noise = vec((0..9_u64, 0..9_u64, 0..40_u8), 160);
-    let header = (any::<bool>(), prop::bool::weighted(0.2));
+    let header = (prop::sample::select(&Commit::ALL[..]), prop::bool::weighted(0.2));
     (header, slack, steps, noise).prop_map(
-        |((eager, without_local), (tolerance, lateness, other), steps, noise)| {
-            let commit = if eager { Commit::Eager } else { Commit::Patient };
+        |((commit, without_local), (tolerance, lateness, other), steps, noise)| {
             let own = Slack { tolerance, lateness };
             let terms = Terms::new(commit, own, other, without_local);
             let events = recorded(&terms, &steps, &noise);
@@ -383,8 +387,12 @@ fn recorded(terms: &Terms, steps: &[(u64, Input)], noise: &[(u64, u64, u8)]) -> 
             if odd == 0 {
                 continue;
             }
-            let is_output =
-                matches!(event, Event::Decision(Decision::Emit { .. } | Decision::Miss { .. }));
+            let is_output = matches!(
+                event,
+                Event::Decision(
+                    Decision::Emit { .. } | Decision::Final { .. } | Decision::Miss { .. }
+                )
+            );
             let late = if is_output { late % (terms.own.lateness + 1) } else { 0 };
             let far = if odd == 1 { 25 } else { 0 };
             let at = (now + off + late + far).saturating_sub(tolerance);
@@ -537,6 +545,7 @@ fn event() -> impl Strategy<Value = Event> {
     let decision = prop_oneof![
         3 => (n(), n(), n(), n()).prop_map(|(at, t, p, due)| Decision::Request { at, t, p, due }),
         2 => (n(), n(), n()).prop_map(|(at, t, p)| Decision::Emit { at, t, p }),
+        1 => (n(), n(), n()).prop_map(|(at, t, p)| Decision::Final { at, t, p }),
         1 => (n(), n()).prop_map(|(at, t)| Decision::Miss { at, t }),
         1 => (n(), n()).prop_map(|(at, t)| Decision::RefuseOpen { at, t, why: OpenRefusal::Full }),
         1 => (n(), n(), n(), any::<bool>()).prop_map(|(at, t, p, is_unknown)| {

@@ -238,6 +238,16 @@ enum fuseline_outcome
    * Failure, timers: the timestamp stays open.
    */
   FUSELINE_OUTCOME_WAITING = 8,
+  /**
+   * Result, progressive alone: send the value of `by` downstream, and abort the calls of `cancelled` if you like. The
+   * timestamp stays open for better values, until the last is FUSELINE_OUTCOME_FORWARDED or FUSELINE_OUTCOME_FINAL comes.
+   */
+  FUSELINE_OUTCOME_PRELIMINARY = 9,
+  /**
+   * Failure, timers, progressive alone: the value of `by`, sent before, was the last. The timestamp is retired, and there
+   * is nothing to send.
+   */
+  FUSELINE_OUTCOME_FINAL = 10,
 };
 #ifndef __cplusplus
 #if __STDC_VERSION__ >= 202311L
@@ -280,11 +290,11 @@ enum fuseline_reason
    */
   FUSELINE_REASON_CLOSED = 5,
   /**
-   * The cloud was requested before; the source's result is already held.
+   * The cloud was requested before; the source's result is already held or, under progressive, was sent last.
    */
   FUSELINE_REASON_DUPLICATE = 6,
   /**
-   * Offer: a held result outranks whatever this cloud would return.
+   * Offer: a held result, or under progressive the last one sent, outranks whatever this cloud would return.
    */
   FUSELINE_REASON_OUTRANKED = 7,
   /**
@@ -292,7 +302,7 @@ enum fuseline_reason
    */
   FUSELINE_REASON_QUEUE = 8,
   /**
-   * Result, failure: the timestamp is not open.
+   * Result, failure: the timestamp is not open or, under progressive, the last result sent outranks the source's.
    */
   FUSELINE_REASON_SUPERSEDED = 9,
   /**
@@ -347,7 +357,7 @@ typedef uint32_t fuseline_capacity;
 #endif // __cplusplus
 
 /**
- * When the best available result is forwarded although a better one is pending (F6).
+ * When a result is forwarded although a better one is pending (F6, F9).
  */
 enum fuseline_commit
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -355,13 +365,18 @@ enum fuseline_commit
 #endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
  {
   /**
-   * The first cloud's timer that fires commits it.
+   * The first cloud's timer that fires commits the best available one.
    */
   FUSELINE_COMMIT_EAGER = 0,
   /**
-   * It is forwarded once nothing pending outranks it.
+   * The best available one is forwarded once nothing pending outranks it.
    */
   FUSELINE_COMMIT_PATIENT = 1,
+  /**
+   * Each result that is better than those before it is sent at once: FUSELINE_OUTCOME_PRELIMINARY while better ones may
+   * follow.
+   */
+  FUSELINE_COMMIT_PROGRESSIVE = 2,
 };
 #ifndef __cplusplus
 #if __STDC_VERSION__ >= 202311L
@@ -463,7 +478,7 @@ typedef struct fuseline_answer {
    */
   fuseline_reason why;
   /**
-   * Forwarded: whose result; 0 is local's. Else 0.
+   * Forwarded, preliminary, final: whose result; 0 is local's. Else 0.
    */
   uint32_t by;
   /**
@@ -483,7 +498,7 @@ typedef struct fuseline_answer {
    */
   uint16_t timers[FUSELINE_SOURCES];
   /**
-   * Forwarded: the clouds whose results are no longer wanted, ascending.
+   * Forwarded, preliminary: the clouds whose results are no longer wanted, ascending.
    */
   uint16_t cancelled[FUSELINE_SOURCES];
 } fuseline_answer;
@@ -551,7 +566,7 @@ typedef struct fuseline_message {
    */
   uint32_t armed;
   /**
-   * Those whose result is held.
+   * Those whose result is held; under progressive the one whose result was sent last.
    */
   uint32_t cached;
   /**
@@ -792,7 +807,8 @@ fuseline_status fuseline_shared_offer(struct fuseline_shared *machine,
 
 /**
  * F3, any thread's: the result of source `p` came. `fired` says first which of the message's timers were due by `now`,
- * several due instants as one firing. Of all callers exactly one gets FUSELINE_OUTCOME_FORWARDED.
+ * several due instants as one firing. Of all callers exactly one gets FUSELINE_OUTCOME_FORWARDED; under progressive exactly
+ * one gets each output and one the end.
  */
 FUSELINE_CHECKED
 fuseline_status fuseline_shared_result(struct fuseline_shared *machine,

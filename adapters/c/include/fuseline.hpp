@@ -115,7 +115,11 @@ struct Priority {
 };
 inline constexpr Priority local{0};
 
-enum class Commit : std::uint32_t { eager = FUSELINE_COMMIT_EAGER, patient = FUSELINE_COMMIT_PATIENT };
+enum class Commit : std::uint32_t {
+  eager = FUSELINE_COMMIT_EAGER,
+  patient = FUSELINE_COMMIT_PATIENT,
+  progressive = FUSELINE_COMMIT_PROGRESSIVE,
+};
 using Status = fuseline_status;
 using Outcome = fuseline_outcome;
 using Reason = fuseline_reason;
@@ -183,7 +187,7 @@ class Answer {
   bool is(Outcome outcome) const noexcept { return plain_.outcome == outcome; }
   // Why it was refused or dropped; FUSELINE_REASON_NONE if it was neither.
   Reason why() const noexcept { return plain_.why; }
-  // Whose result is forwarded.
+  // Whose result is forwarded, preliminary or final.
   Priority by() const noexcept { return Priority{plain_.by}; }
   // An admitted request's, or that of the timers that fired.
   Instant due() const noexcept { return Instant(detail::Nanoseconds(plain_.due)); }
@@ -338,7 +342,7 @@ class Held {
       hold(answer.timestamp(), source, std::move(value));
       return std::nullopt;
     }
-    if (answer.is(FUSELINE_OUTCOME_FORWARDED) && answer.by() == source) {
+    if (is_output(answer) && answer.by() == source) {
       static_cast<void>(take(answer.timestamp(), source));
       return std::optional<Value>(std::move(value));
     }
@@ -347,7 +351,7 @@ class Held {
 
   // A failure or a firing. Gives the value to be sent downstream, if one is.
   [[nodiscard]] std::optional<Value> settled(const Answer& answer) {
-    if (answer.is(FUSELINE_OUTCOME_FORWARDED)) {
+    if (is_output(answer)) {
       std::optional<Value> value = take(answer.timestamp(), answer.by());
       lost_ += value ? 0U : 1U;
       return value;
@@ -367,6 +371,10 @@ class Held {
   }
 
  private:
+  static bool is_output(const Answer& answer) noexcept {
+    return answer.is(FUSELINE_OUTCOME_FORWARDED) || answer.is(FUSELINE_OUTCOME_PRELIMINARY);
+  }
+
   struct Place {
     Timestamp timestamp;
     Priority source;
@@ -410,9 +418,15 @@ class Held {
 };
 
 // What an operator's sink has to have; derive from it to leave out what you do not need.
+//
+// Under Commit::progressive a sink has two more, which nothing here stands in for. Without them no such operator is made:
+// FUSELINE_STATUS_COMMIT.
+//
+//     void preliminary(Timestamp, Priority, Value);  // send it; better ones may follow, then forward or final
+//     void final(Timestamp, Priority);               // what was sent last was the last
 template <class Value>
 struct Sink {
-  // Once for each message that is forwarded: send it.
+  // Once for each message that is forwarded, the last output under progressive: send it.
   void forward(Timestamp, Priority, Value) {}
   // Once for each message for which nothing came and nothing will.
   void miss(Timestamp) {}
@@ -421,6 +435,16 @@ struct Sink {
   // Timers fired: for records. What follows is told by the others.
   void fired(const Firing&) {}
 };
+
+namespace detail {
+// Whether a sink takes outputs before the last one.
+template <class Into, class Value, class = void>
+struct TakesPreliminary : std::false_type {};
+template <class Into, class Value>
+struct TakesPreliminary<Into, Value,
+                        std::void_t<decltype(std::declval<Into&>().preliminary(Timestamp(), Priority(), std::declval<Value>())),
+                                    decltype(std::declval<Into&>().final(Timestamp(), Priority()))>> : std::true_type {};
+}  // namespace detail
 
 // An operator for one thread: the machine, the values of held results, a clock and where results go.
 //
@@ -435,10 +459,10 @@ class Operator {
  public:
   Operator(Into& sink, std::uint32_t window, Commit commit, Deadline greatest_deadline,
            std::initializer_list<Cloud> clouds)
-      : sink_(sink), machine_(window, commit, greatest_deadline, clouds) {}
+      : sink_(sink), machine_(window, taken(commit), greatest_deadline, clouds) {}
   Operator(Into& sink, std::uint32_t window, Commit commit, Deadline greatest_deadline, const Cloud* clouds,
            std::size_t size)
-      : sink_(sink), machine_(window, commit, greatest_deadline, clouds, size) {}
+      : sink_(sink), machine_(window, taken(commit), greatest_deadline, clouds, size) {}
 
   Status status() const noexcept { return machine_.status(); }
   explicit operator bool() const noexcept { return static_cast<bool>(machine_); }
@@ -487,6 +511,13 @@ class Operator {
   std::size_t held() const noexcept { return held_.size(); }
 
  private:
+  static constexpr bool takes_preliminary = detail::TakesPreliminary<Into, Value>::value;
+
+  // The commit rule, or one that no machine has if the sink does not take its outputs.
+  static constexpr Commit taken(Commit commit) noexcept {
+    return commit != Commit::progressive || takes_preliminary ? commit : static_cast<Commit>(UINT32_MAX);
+  }
+
   Instant now() const {
     const typename Clock::time_point reading = Clock::now();
     return reading < start_ ? Instant() : Instant(reading - start_);
@@ -500,11 +531,17 @@ class Operator {
   }
 
   void conclude(const Answer& answer, std::optional<Value> value) {
-    if (answer.is(FUSELINE_OUTCOME_MISSED)) sink_.miss(answer.timestamp());
-    if (!answer.is(FUSELINE_OUTCOME_FORWARDED)) return;
-    if (!value) return sink_.miss(answer.timestamp());  // cannot be; if it were, the message would not end in silence
-    sink_.forward(answer.timestamp(), answer.by(), std::move(*value));
-    for (const Priority cloud : answer.cancelled()) sink_.cancel(answer.timestamp(), cloud);
+    const Timestamp t = answer.timestamp();
+    if (answer.is(FUSELINE_OUTCOME_MISSED)) sink_.miss(t);
+    if (answer.is(FUSELINE_OUTCOME_FORWARDED)) {
+      if (!value) return sink_.miss(t);  // cannot be; if it were, the message would not end in silence
+      sink_.forward(t, answer.by(), std::move(*value));
+    }
+    if constexpr (takes_preliminary) {
+      if (answer.is(FUSELINE_OUTCOME_PRELIMINARY) && value) sink_.preliminary(t, answer.by(), std::move(*value));
+      if (answer.is(FUSELINE_OUTCOME_FINAL)) sink_.final(t, answer.by());
+    }
+    for (const Priority cloud : answer.cancelled()) sink_.cancel(t, cloud);
   }
 
   Into& sink_;

@@ -137,7 +137,7 @@ pub(crate) unsafe fn validated_config<K>(
     if config.abi != FUSELINE_ABI || config.layout != LAYOUT {
         return Err(CStatus::Abi);
     }
-    if config.commit > CCommit::Patient as u32 {
+    if config.commit > CCommit::Progressive as u32 {
         return Err(CStatus::Commit);
     }
     if config.greatest_deadline == 0 {
@@ -154,8 +154,11 @@ pub(crate) unsafe fn validated_config<K>(
 
 /// The window and the commit rule of a configuration.
 pub(crate) fn rule(config: &CConfig) -> (usize, Commit) {
-    let commit =
-        if config.commit == CCommit::Patient as u32 { Commit::Patient } else { Commit::Eager };
+    let commit = match config.commit {
+        number if number == CCommit::Progressive as u32 => Commit::Progressive,
+        number if number == CCommit::Patient as u32 => Commit::Patient,
+        _ => Commit::Eager,
+    };
     (usize::try_from(config.window).unwrap_or(usize::MAX), commit)
 }
 

@@ -181,12 +181,29 @@ pub(crate) fn write_answer<const CLOUDS: usize>(answer: &mut CAnswer, outcome: &
         Outcome::Held => answer.outcome = COutcome::Held,
         Outcome::Waiting => answer.outcome = COutcome::Waiting,
         Outcome::Missed => answer.outcome = COutcome::Missed,
-        Outcome::Forwarded { by, cancelled } => {
-            answer.outcome = COutcome::Forwarded;
+        Outcome::Final { by } => {
+            answer.outcome = COutcome::Final;
             answer.by = by.as_u16().into();
-            answer.cancelled_len = list(&mut answer.cancelled, cancelled);
+        }
+        Outcome::Preliminary { by, cancelled } => {
+            write_output(answer, COutcome::Preliminary, *by, cancelled);
+        }
+        Outcome::Forwarded { by, cancelled } => {
+            write_output(answer, COutcome::Forwarded, *by, cancelled);
         }
     }
+}
+
+/// F7, F9: a result is sent, and what is pending is cancelled.
+fn write_output<const CLOUDS: usize>(
+    answer: &mut CAnswer,
+    outcome: COutcome,
+    by: Priority,
+    cancelled: &Priorities<CLOUDS>,
+) {
+    answer.outcome = outcome;
+    answer.by = by.as_u16().into();
+    answer.cancelled_len = list(&mut answer.cancelled, cancelled);
 }
 
 /// Writes the members in ascending order and counts them.

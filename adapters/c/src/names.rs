@@ -36,7 +36,7 @@ const STATUSES: [(CStatus, &CStr); 19] = [
     (CStatus::MessageId, c"message_id"),
 ];
 
-const OUTCOMES: [(COutcome, &CStr); 9] = [
+const OUTCOMES: [(COutcome, &CStr); 11] = [
     (COutcome::Nothing, c"nothing"),
     (COutcome::Accepted, c"accepted"),
     (COutcome::Refused, c"refused"),
@@ -46,6 +46,8 @@ const OUTCOMES: [(COutcome, &CStr); 9] = [
     (COutcome::Dropped, c"dropped"),
     (COutcome::Missed, c"missed"),
     (COutcome::Waiting, c"waiting"),
+    (COutcome::Preliminary, c"preliminary"),
+    (COutcome::Final, c"final"),
 ];
 
 const REASONS: [(CReason, &CStr); 12] = [

@@ -91,14 +91,17 @@ const _: () = {
     assert!(CCapacity::C15W1024 as u32 == capacity_of(15, 1024), "its name says it");
 };
 
-/// When the best available result is forwarded although a better one is pending (F6).
+/// When a result is forwarded although a better one is pending (F6, F9).
 #[repr(u32)]
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum CCommit {
-    /// The first cloud's timer that fires commits it.
+    /// The first cloud's timer that fires commits the best available one.
     Eager = 0,
-    /// It is forwarded once nothing pending outranks it.
+    /// The best available one is forwarded once nothing pending outranks it.
     Patient = 1,
+    /// Each result that is better than those before it is sent at once: FUSELINE_OUTCOME_PRELIMINARY while better ones may
+    /// follow.
+    Progressive = 2,
 }
 
 /// What became of an input, or of timers that fired.
@@ -124,6 +127,12 @@ pub enum COutcome {
     Missed = 7,
     /// Failure, timers: the timestamp stays open.
     Waiting = 8,
+    /// Result, progressive alone: send the value of `by` downstream, and abort the calls of `cancelled` if you like. The
+    /// timestamp stays open for better values, until the last is FUSELINE_OUTCOME_FORWARDED or FUSELINE_OUTCOME_FINAL comes.
+    Preliminary = 9,
+    /// Failure, timers, progressive alone: the value of `by`, sent before, was the last. The timestamp is retired, and there
+    /// is nothing to send.
+    Final = 10,
 }
 
 /// Why an input was refused or dropped: the first reason that holds, in the order of SPEC.md.
@@ -142,13 +151,13 @@ pub enum CReason {
     Unknown = 4,
     /// Offer: the timestamp is not open.
     Closed = 5,
-    /// The cloud was requested before; the source's result is already held.
+    /// The cloud was requested before; the source's result is already held or, under progressive, was sent last.
     Duplicate = 6,
-    /// Offer: a held result outranks whatever this cloud would return.
+    /// Offer: a held result, or under progressive the last one sent, outranks whatever this cloud would return.
     Outranked = 7,
     /// Offer: the cloud's gate is shut.
     Queue = 8,
-    /// Result, failure: the timestamp is not open.
+    /// Result, failure: the timestamp is not open or, under progressive, the last result sent outranks the source's.
     Superseded = 9,
     /// Result, failure: no request was made to the source.
     Unsolicited = 10,
@@ -205,7 +214,7 @@ pub struct CAnswer {
     pub outcome: COutcome,
     /// Why it was refused or dropped.
     pub why: CReason,
-    /// Forwarded: whose result; 0 is local's. Else 0.
+    /// Forwarded, preliminary, final: whose result; 0 is local's. Else 0.
     pub by: u32,
     /// 1 if timers fired (FUSELINE_STATUS_AGAIN), else 0.
     pub fired: u32,
@@ -215,7 +224,7 @@ pub struct CAnswer {
     pub cancelled_len: u32,
     /// The priorities whose timers fired, ascending; 0 is local's.
     pub timers: [u16; FUSELINE_SOURCES],
-    /// Forwarded: the clouds whose results are no longer wanted, ascending.
+    /// Forwarded, preliminary: the clouds whose results are no longer wanted, ascending.
     pub cancelled: [u16; FUSELINE_SOURCES],
 }
 
@@ -255,7 +264,7 @@ pub struct CMessage {
     pub pending: u32,
     /// Those whose timer is live.
     pub armed: u32,
-    /// Those whose result is held.
+    /// Those whose result is held; under progressive the one whose result was sent last.
     pub cached: u32,
     /// 0.
     pub reserved: u32,

@@ -111,7 +111,8 @@ pub unsafe extern "C" fn fuseline_shared_offer(
 }
 
 /// F3, any thread's: the result of source `p` came. `fired` says first which of the message's timers were due by `now`,
-/// several due instants as one firing. Of all callers exactly one gets FUSELINE_OUTCOME_FORWARDED.
+/// several due instants as one firing. Of all callers exactly one gets FUSELINE_OUTCOME_FORWARDED; under progressive exactly
+/// one gets each output and one the end.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_shared_result(

@@ -2,6 +2,10 @@
 #include "fuseline.hpp"
 #include "fuseline.hpp"
 struct S : fuseline::Sink<int> {};
+struct R : fuseline::Sink<int> {
+  void preliminary(fuseline::Timestamp, fuseline::Priority, int) {}
+  void final(fuseline::Timestamp, fuseline::Priority) {}
+};
 int main() {
   fuseline::Machine<> m(16, fuseline::Commit::eager, std::chrono::seconds(1), {});
   S s;
@@ -14,6 +18,8 @@ int main() {
   (void)op.result(fuseline::Timestamp{1}, fuseline::Priority{1}, 1);
   (void)op.fail(fuseline::Timestamp{1}, fuseline::Priority{1});
   (void)op.next_due();
+  R r;
+  const fuseline::Operator<int, R> revised(r, 16, fuseline::Commit::progressive, std::chrono::milliseconds(1), {});
   for (auto p : op.fail(fuseline::Timestamp{1}, fuseline::Priority{1})->cancelled()) (void)p;
-  return m && m.look() && op.tick() ? 0 : 1;
+  return m && revised && m.look() && op.tick() ? 0 : 1;
 }

@@ -30,11 +30,15 @@ unsafe impl Send for Machine {}
 unsafe impl Sync for Machine {}
 
 fn make(storage: &mut Storage) -> (CStatus, Machine) {
+    under(CCommit::Eager, storage)
+}
+
+fn under(commit: CCommit, storage: &mut Storage) -> (CStatus, Machine) {
     let config = CConfig {
         abi: FUSELINE_ABI,
         layout: LAYOUT,
         capacity: CCapacity::C3W16 as u32,
-        commit: CCommit::Eager as u32,
+        commit: commit as u32,
         window: 16,
         clouds_len: 2,
         clouds: CLOUDS.as_ptr(),
@@ -107,6 +111,27 @@ fn a_held_result_goes_when_the_timer_fires() {
         assert_eq!(fuseline_shared_end(machine.0), CStatus::Done);
     }
     assert_eq!(machine.open(1, 8).0, CStatus::Foreign);
+}
+
+/// F9.
+#[test]
+fn each_output_under_progressive_is_one_callers_and_so_is_the_end() {
+    let mut storage = Box::new(Storage([0xa5; _]));
+    let (status, machine) = under(CCommit::Progressive, &mut storage);
+    assert_eq!(status, CStatus::Done);
+    let (_, _, message_id) = machine.open(0, 7);
+    for p in [1, 2] {
+        assert_eq!(machine.offer(0, message_id, p).1[1].outcome, COutcome::Admitted);
+    }
+    for p in [0, 1] {
+        let (_, [_, answer]) = machine.result(5, message_id, p);
+        assert_eq!((answer.outcome, u64::from(answer.by)), (COutcome::Preliminary, p));
+    }
+    let (_, [_, again]) = machine.result(5, message_id, 0);
+    assert_eq!((again.outcome, again.why), (COutcome::Dropped, CReason::Superseded));
+    let (_, [fired, late]) = machine.result(100, message_id, 2);
+    assert_eq!((fired.outcome, fired.by, fired.timers[0]), (COutcome::Final, 1, 2));
+    assert_eq!((late.outcome, late.why), (COutcome::Dropped, CReason::Superseded));
 }
 
 #[test]

@@ -99,7 +99,7 @@ fn each_wrong_configuration_has_its_status_and_writes_nothing() {
         (CConfig { capacity: 2 << 16 | 16, ..config() }, CStatus::Capacity),
         (CConfig { greatest_deadline: 0, ..config() }, CStatus::Deadline),
         (CConfig { capacity: CCapacity::C15W1024 as u32, ..config() }, CStatus::Size),
-        (CConfig { commit: 2, ..config() }, CStatus::Commit),
+        (CConfig { commit: 3, ..config() }, CStatus::Commit),
         (CConfig { window: 0, ..config() }, CStatus::Window),
         (CConfig { window: 17, ..config() }, CStatus::Window),
         (CConfig { clouds_len: 16, ..config() }, CStatus::Clouds),
@@ -257,7 +257,7 @@ fn every_enumerator_has_its_word() {
         assert_eq!(rest.to_lowercase(), answer_list);
         checked += 1;
     }
-    assert_eq!(checked, 19 + 9 + 12);
+    assert_eq!(checked, 19 + 11 + 12);
     assert_eq!(word(fuseline_reason_name(99)), "?");
 }
 
@@ -293,6 +293,53 @@ fn what_a_machine_knows_is_told() {
         let fired = &*answer.as_ptr();
         assert_eq!((fired.outcome, fired.by, fired.fired), (COutcome::Forwarded, 0, 1));
         assert_eq!((fired.timers_len, fired.timers[0], fired.due), (1, 2, 25));
+        assert_eq!(fuseline_tick(machine, 25, answer.as_mut_ptr()), CStatus::Done);
+    }
+}
+
+/// F9.
+#[test]
+fn an_output_under_progressive_is_preliminary_until_one_is_forwarded_or_the_last_is_final() {
+    let mut storage = storage();
+    let progressive = CConfig { commit: CCommit::Progressive as u32, ..config() };
+    let (status, machine) = init(&mut storage, &progressive);
+    assert_eq!(status, CStatus::Done);
+    let mut answer = MaybeUninit::<CAnswer>::zeroed();
+    let mut message = MaybeUninit::<CMessage>::zeroed();
+    // SAFETY: a machine, and places of this test's own.
+    unsafe {
+        for t in [1, 2] {
+            assert_eq!(fuseline_open(machine, 5, t, answer.as_mut_ptr()), CStatus::Done);
+            for p in [1, 2, 3] {
+                assert_eq!(
+                    fuseline_offer(machine, 5, t, p, 20, 0, answer.as_mut_ptr()),
+                    CStatus::Done
+                );
+            }
+        }
+        assert_eq!(fuseline_result(machine, 6, 1, 2, answer.as_mut_ptr()), CStatus::Done);
+        let sent = &*answer.as_ptr();
+        assert_eq!((sent.outcome, sent.why), (COutcome::Preliminary, CReason::None));
+        assert_eq!((sent.by, sent.cancelled_len, sent.cancelled[0]), (2, 1, 1));
+        assert_eq!(fuseline_look_at(machine, 1, message.as_mut_ptr()), CStatus::Done);
+        let known = &*message.as_ptr();
+        let sets = (known.requested, known.pending, known.armed, known.cached);
+        assert_eq!(sets, (0b1111, 0b1000, 0b1000, 0b0100));
+        for (p, why) in [(0, CReason::Superseded), (2, CReason::Duplicate)] {
+            assert_eq!(fuseline_result(machine, 6, 1, p, answer.as_mut_ptr()), CStatus::Done);
+            let dropped = &*answer.as_ptr();
+            assert_eq!((dropped.outcome, dropped.why, dropped.by), (COutcome::Dropped, why, 0));
+        }
+        assert_eq!(fuseline_result(machine, 6, 2, 0, answer.as_mut_ptr()), CStatus::Done);
+        assert_eq!((*answer.as_ptr()).outcome, COutcome::Preliminary);
+        assert_eq!(fuseline_result(machine, 7, 2, 3, answer.as_mut_ptr()), CStatus::Done);
+        let last = &*answer.as_ptr();
+        assert_eq!((last.outcome, last.by), (COutcome::Forwarded, 3));
+        assert_eq!((last.cancelled_len, &last.cancelled[..2]), (2, &[1, 2][..]));
+        assert_eq!(fuseline_tick(machine, 25, answer.as_mut_ptr()), CStatus::Again);
+        let ended = &*answer.as_ptr();
+        assert_eq!((ended.outcome, ended.t, ended.by), (COutcome::Final, 1, 2));
+        assert_eq!((ended.fired, ended.timers[0], ended.cancelled_len), (1, 3, 0));
         assert_eq!(fuseline_tick(machine, 25, answer.as_mut_ptr()), CStatus::Done);
     }
 }

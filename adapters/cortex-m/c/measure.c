@@ -79,7 +79,9 @@ static fuseline_answer tell(enum kind kind, uint64_t now, uint64_t t, uint64_t x
     was = status == FUSELINE_STATUS_AGAIN ? FIRING : kind;
     ++calls[was];
     if (took > most[was]) most[was] = took;
-    if (a.outcome == FUSELINE_OUTCOME_FORWARDED || a.outcome == FUSELINE_OUTCOME_MISSED) retired(a.t);
+    if (a.outcome == FUSELINE_OUTCOME_FORWARDED || a.outcome == FUSELINE_OUTCOME_FINAL || a.outcome == FUSELINE_OUTCOME_MISSED) {
+      retired(a.t);
+    }
   } while (was == FIRING);
   return a;
 }
@@ -180,6 +182,7 @@ int main(void) {
   nothing = count(KINDS, 0, n, &a, &status);
   inputs(FUSELINE_COMMIT_EAGER, ROUNDS);
   inputs(FUSELINE_COMMIT_PATIENT, ROUNDS);
+  inputs(FUSELINE_COMMIT_PROGRESSIVE, ROUNDS);
   printf("clouds %d window %d bytes %lu", CLOUDS, WINDOW, (unsigned long)fuseline_bytes(FUSELINE_CAPACITY));
   for (i = 0; i < KINDS; ++i) printf(" %s %lu/%lu", words[i], (unsigned long)most[i], (unsigned long)calls[i]);
   of_stack = (fuseline_config){FUSELINE_CONFIG, FUSELINE_CAPACITY, FUSELINE_COMMIT_EAGER, WINDOW, CLOUDS, NULL, UINT64_MAX};

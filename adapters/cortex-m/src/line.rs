@@ -68,10 +68,10 @@ impl<'a> Line<'a> {
 pub struct Decisions<'a, W> {
     /// Where to.
     pub out: &'a mut W,
-    /// The machine's clock.
-    pub at: u64,
     /// The machine's commit rule.
     pub commit: Commit,
+    /// The machine's clock.
+    pub at: u64,
 }
 
 impl<W: Write> Decisions<'_, W> {
@@ -127,14 +127,14 @@ impl<W: Write> Decisions<'_, W> {
             Outcome::Held => self.say("hold", t, Some(p), None),
             Outcome::Waiting => Ok(()),
             Outcome::Missed => self.say("miss", t, None, None),
+            Outcome::Preliminary { by, cancelled } => self.output(t, *by, cancelled),
             Outcome::Final { by } => self.say("final", t, Some(by.as_u16().into()), None),
-            Outcome::Preliminary { by, cancelled } => self.output(t, *by, *cancelled),
             Outcome::Forwarded { by, cancelled } => {
-                self.output(t, *by, *cancelled)?;
-                // F9: an output that retires its timestamp is followed by its end.
+                self.output(t, *by, cancelled)?;
                 match self.commit {
-                    Commit::Progressive => self.say("final", t, Some(by.as_u16().into()), None),
                     Commit::Eager | Commit::Patient => Ok(()),
+                    // F9: an output that is the last one is followed by the end.
+                    Commit::Progressive => self.say("final", t, Some(by.as_u16().into()), None),
                 }
             }
         }
@@ -144,7 +144,7 @@ impl<W: Write> Decisions<'_, W> {
         &mut self,
         t: u64,
         by: Priority,
-        cancelled: Priorities<CLOUDS>,
+        cancelled: &Priorities<CLOUDS>,
     ) -> fmt::Result {
         self.say("emit", t, Some(by.as_u16().into()), None)?;
         let mut cancelled = cancelled.iter().map(|p| p.as_u16().into());

@@ -147,6 +147,7 @@ impl TraceColumns {
             sources: BTreeMap::new(),
             statistics: TraceStatistics::new(
                 header.clouds.iter().map(|cloud| cloud.p),
+                header.commit,
                 is_observed,
             ),
             deadlines: BTreeMap::new(),

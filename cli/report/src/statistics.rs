@@ -10,7 +10,7 @@ mod tests;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use fuseline_traces::{Decision, DropReason, Event, Input};
+use fuseline_traces::{Commit, Decision, DropReason, Event, Input};
 
 use crate::quantile::{ArrivalTime, Quantile, Response, quantiles};
 use crate::statistics::history::{
@@ -47,6 +47,8 @@ pub struct TraceStatistics {
     known: usize,
     /// Whether lines of decisions may be missing.
     is_observed: bool,
+    /// Whether a `final` ends a timestamp that had an output (F9).
+    has_finals: bool,
     /// Offers refused, by source.
     refused: Vec<u64>,
     /// Opens refused.
@@ -164,7 +166,7 @@ impl RequestRow {
 
 impl TraceStatistics {
     /// Nothing yet, for clouds of these priorities.
-    pub fn new(clouds: impl IntoIterator<Item = u16>, is_observed: bool) -> Self {
+    pub fn new(clouds: impl IntoIterator<Item = u16>, commit: Commit, is_observed: bool) -> Self {
         let priorities: Vec<u64> =
             [0].into_iter().chain(clouds.into_iter().map(u64::from)).collect();
         let known = priorities.len();
@@ -173,6 +175,8 @@ impl TraceStatistics {
             priorities,
             known,
             is_observed,
+            // Observed, a `final` may be missing.
+            has_finals: commit == Commit::Progressive && !is_observed,
             turned_away: 0,
             stories: BTreeMap::new(),
             timer_lag: None,
@@ -253,14 +257,18 @@ impl TraceStatistics {
                     call.end_with(RequestEnd::InTime, at);
                 });
                 let source = self.source(p);
-                let end = &mut self.stories.entry(t).or_default().end;
+                let story = self.stories.entry(t).or_default();
+                let last = if self.has_finals { &mut story.output } else { &mut story.end };
+                let last_p = last.and_then(|last| self.priorities.get(last.source?));
                 // Under progressive a better one takes its place.
-                if end.is_none_or(|end| end.source < source) {
-                    *end = Some(CallEnd { at, source });
+                if last.is_none() || last_p.is_some_and(|last_p| *last_p < p) {
+                    *last = Some(CallEnd { at, source });
                 }
             }
-            // The output that it names was counted.
-            Decision::Final { .. } => {}
+            Decision::Final { t, .. } => {
+                let story = self.stories.entry(t).or_default();
+                story.end = story.end.or(story.output);
+            }
             Decision::Miss { at, t } => {
                 let story = self.stories.entry(t).or_default();
                 story.end.get_or_insert(CallEnd { at, source: None });

@@ -97,7 +97,7 @@ fn suite(report: &DriveReport) -> String {
         report.fixed.len(),
         env!("CARGO_PKG_VERSION"),
         generator.seed,
-        generator.commit.map_or("both", fuseline_traces::Commit::as_str),
+        generator.commit.map_or("all", fuseline_traces::Commit::as_str),
         generator.most_clouds()
     )
 }

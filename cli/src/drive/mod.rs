@@ -78,7 +78,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "N", default_value = "1")]
     seed: u64,
     /// The commit rules of generated runs.
-    #[arg(long, value_name = "RULE", default_value = "both")]
+    #[arg(long, value_name = "RULE", default_value = "all")]
     commit: CommitRules,
     /// The most clouds of a generated run, up to 15; 15 in wide runs and 4 in the others if not given.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(..=15))]
@@ -116,7 +116,8 @@ pub(crate) struct Args {
 enum CommitRules {
     Eager,
     Patient,
-    Both,
+    Progressive,
+    All,
 }
 
 fn wait(text: &str) -> Result<Duration, &'static str> {
@@ -146,7 +147,8 @@ pub(crate) fn drive(args: &Args) -> Result<Exit, Fault> {
     let commit = match args.commit {
         CommitRules::Eager => Some(Commit::Eager),
         CommitRules::Patient => Some(Commit::Patient),
-        CommitRules::Both => None,
+        CommitRules::Progressive => Some(Commit::Progressive),
+        CommitRules::All => None,
     };
     let generator = Generate { seed: args.seed, commit, clouds: args.clouds };
     let suite = if args.run.is_empty() {
@@ -381,7 +383,7 @@ impl<'a> CaseRunner<'a> {
         let mut words: Vec<OsString> = ["fuseline", "drive"].map(Into::into).into();
         if let Some(rule) = self.args.commit.to_possible_value()
             && saved.is_none()
-            && self.args.commit != CommitRules::Both
+            && self.args.commit != CommitRules::All
         {
             words.extend(["--commit".into(), rule.get_name().into()]);
         }

@@ -319,7 +319,7 @@ impl DriveReport {
                 "version": env!("CARGO_PKG_VERSION"),
                 "hash": format!("sha256:{}", self.suite.hash()),
                 "seed": generator.seed,
-                "commit": generator.commit.map_or("both", fuseline_traces::Commit::as_str),
+                "commit": generator.commit.map_or("all", fuseline_traces::Commit::as_str),
                 "clouds": generator.most_clouds(),
             },
             "fixed": self.fixed.iter().map(|(id, mark)| json!({"case": id, "result": mark.word()}))

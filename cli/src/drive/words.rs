@@ -65,6 +65,9 @@ fn decision(decision: &Decision) -> String {
         Decision::Emit { t, p, .. } => {
             format!("the result of {} is forwarded as the one for message {t}", who(p))
         }
+        Decision::Final { t, p, .. } => {
+            format!("message {t} is done: nothing better than the result of {} will come", who(p))
+        }
         Decision::Miss { t, .. } => {
             format!("message {t} is given up: nothing came and nothing will")
         }

@@ -7,7 +7,7 @@
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 
-use fuseline_traces::{Decision, Event, Header, Input};
+use fuseline_traces::{Commit, Decision, Event, Header, Input};
 use serde_json::json;
 
 use crate::export::viewer;
@@ -21,6 +21,8 @@ pub(super) struct Tracks<W> {
     out: W,
     /// By priority; all sources that are not registered share the last one.
     sources: BTreeMap<Option<u64>, SourceTrack>,
+    /// Whether an output leaves its timestamp open (F9).
+    is_progressive: bool,
     /// The slices that have not ended, by timestamp and priority.
     open: BTreeMap<(u64, u64), Slice>,
     latest: u64,
@@ -65,6 +67,7 @@ impl<W: Write> Tracks<W> {
         let source = |(p, name)| (p, SourceTrack { name, tracks: Vec::new() });
         let mut tracks = Self {
             out,
+            is_progressive: header.commit == Commit::Progressive,
             sources: named.map(source).collect(),
             open: BTreeMap::new(),
             latest: 0,
@@ -199,11 +202,10 @@ impl<W: Write> Tracks<W> {
         self.instant(at, track, t, label)
     }
 
-    /// Ends what a timestamp still has.
-    fn retire(&mut self, at: u64, t: u64) -> io::Result<()> {
-        let remaining: Vec<u64> =
-            self.open.range((t, 0)..=(t, u64::MAX)).map(|((_, p), _)| *p).collect();
-        for p in remaining {
+    /// Ends what a timestamp still has of sources up to this one.
+    fn retire(&mut self, at: u64, t: u64, last: u64) -> io::Result<()> {
+        let ended: Vec<u64> = self.open.range((t, 0)..=(t, last)).map(|((_, p), _)| *p).collect();
+        for p in ended {
             // F7: local computes on, a cloud is cancelled.
             self.end(at, t, p, if p == 0 { "no longer needed" } else { "cancelled" })?;
         }
@@ -229,11 +231,15 @@ impl<W: Write> Tracks<W> {
             Decision::Emit { at, t, p } => {
                 let name = self.sources.get(&self.source(p)).map(|source| source.name.clone());
                 self.instant(at, OUTPUTS, t, &format!("from {}", name.unwrap_or_default()))?;
-                self.retire(at, t)
+                self.retire(at, t, if self.is_progressive { p } else { u64::MAX })
+            }
+            Decision::Final { at, t, .. } => {
+                self.instant(at, OUTPUTS, t, "final")?;
+                self.retire(at, t, u64::MAX)
             }
             Decision::Miss { at, t } => {
                 self.instant(at, OUTPUTS, t, "missed")?;
-                self.retire(at, t)
+                self.retire(at, t, u64::MAX)
             }
         }
     }

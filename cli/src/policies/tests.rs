@@ -224,6 +224,15 @@ fn holds(bound: Option<Quantile>, exact: Option<Quantile>) -> bool {
     }
 }
 
+#[test]
+fn progressive_answers_with_the_first_result_and_ends_with_the_best() {
+    let progressive = ComparedPolicy::Progressive(vec![1, 2]);
+    let found = score(&progressive, &two());
+    assert!(close(found.ap, f64::midpoint(52.0, 40.0)));
+    assert_eq!(found.in_time.exact(), Some(2));
+    assert_eq!(found.quantiles[0], Some(Quantile::Exactly(ms(150))));
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 512, failure_persistence: None, ..Default::default() })]
 
@@ -238,9 +247,10 @@ proptest! {
         };
         let (censored, known) = (with(censored_arrival), with(|(arrival, _)| arrival));
         let priorities = if order { vec![1, 2] } else { vec![2, 1] };
+        let progressive = ComparedPolicy::Progressive(priorities.clone());
         let constant = ComparedPolicy::Constant(ConstantPolicy { deadline: DEADLINE, priorities });
         let others = [ComparedPolicy::LocalOnly, ComparedPolicy::CloudOnly(1), ComparedPolicy::CloudOnly(2)];
-        for policy in others.into_iter().chain([ComparedPolicy::FirstWins, constant]) {
+        for policy in others.into_iter().chain([ComparedPolicy::FirstWins, progressive, constant]) {
             let [bound, exact] = [&censored, &known].map(|messages| score(&policy, messages));
             let reported = format!("{policy:?}: {bound:?} does not hold {exact:?}");
             let (ap, exact_ap) = (bound.ap.unwrap(), exact.ap.unwrap());

@@ -48,8 +48,9 @@ fn operate(run: &Run) -> (Tally, Vec<u8>) {
 
 fn reckon(trace: &[u8]) -> TraceStatistics {
     let mut reader = Events::new("trace", trace).unwrap();
-    let clouds = reader.header().clouds.iter().map(|cloud| cloud.p);
-    let mut statistics = TraceStatistics::new(clouds, false);
+    let header = reader.header();
+    let clouds = header.clouds.iter().map(|cloud| cloud.p);
+    let mut statistics = TraceStatistics::new(clouds, header.commit, false);
     while let Some(event) = reader.next_event().unwrap() {
         statistics.event(&event);
     }
@@ -69,9 +70,9 @@ fn holds(row: &RequestRow, tally: &SourceTally, is_local: bool) {
     if !is_local {
         assert_eq!(superseded, tally.cancelled, "{row:?}");
     }
-    // Accepted results are those held and those forwarded at once; pending ones are what is left.
+    // Accepted results are those held and those sent at once; pending ones are what is left.
     let at_once = tally.outputs.get(&fuseline_engine::Trigger::Arrival).copied().unwrap_or(0);
-    let accepted = tally.held + at_once;
+    let accepted = tally.held + tally.preliminary + at_once;
     assert!(
         forwarded + discarded <= accepted && accepted <= forwarded + discarded + open,
         "{row:?}"

@@ -61,7 +61,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "AP", default_value = "10", value_parser = price,
         allow_negative_numbers = true)]
     price: f64,
-    /// When the best available result is forwarded.
+    /// When results are forwarded.
     #[arg(long, value_enum, default_value = "eager")]
     commit: CommitRule,
     /// How many messages may be open at once, 1 to 1024.
@@ -133,6 +133,8 @@ enum CommitRule {
     Eager,
     /// When nothing better can come.
     Patient,
+    /// Each better one at once.
+    Progressive,
 }
 
 /// What a run is to do.
@@ -234,6 +236,7 @@ impl RunPlan {
             commit: match args.commit {
                 CommitRule::Eager => Commit::Eager,
                 CommitRule::Patient => Commit::Patient,
+                CommitRule::Progressive => Commit::Progressive,
             },
             window: args.window,
             seed: args.seed,

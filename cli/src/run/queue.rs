@@ -38,6 +38,7 @@ impl Queues {
                 | Decision::Hold { .. }
                 | Decision::Drop { .. }
                 | Decision::Emit { .. }
+                | Decision::Final { .. }
                 | Decision::Miss { .. },
             ) => return,
         };

@@ -138,7 +138,7 @@ impl Reading {
             Judge::new(name, reader.header()).with_header_annotations(reader.header_annotations());
         let priorities: Vec<u16> = plan.clouds.iter().map(|cloud| cloud.priority).collect();
         let mut queues = Queues::new(priorities.iter().copied(), plan.calls);
-        let mut statistics = TraceStatistics::new(priorities, false);
+        let mut statistics = TraceStatistics::new(priorities, plan.commit, false);
         while let Some(event) = reader.next_event()? {
             judge.annotated_line(reader.line(), &event, reader.annotations());
             statistics.event(&event);
@@ -240,9 +240,9 @@ fn policies(
             ComparedPolicy::Fusion | ComparedPolicy::LocalOnly => false,
             ComparedPolicy::CloudOnly(source) => !is_whole(source),
             // It makes each call of which fusion may have cancelled some before they were sent.
-            ComparedPolicy::Constant(_) | ComparedPolicy::FirstWins => {
-                !(1..totals.rows.len()).all(is_whole)
-            }
+            ComparedPolicy::Constant(_)
+            | ComparedPolicy::FirstWins
+            | ComparedPolicy::Progressive(_) => !(1..totals.rows.len()).all(is_whole),
         };
         let PolicyScore { ap, in_time, quantiles, outage } = policy.score(messages, &aps, deadline);
         PolicyReport {
@@ -269,11 +269,15 @@ fn outages(messages: &[MessageRecord], deadline: Duration) -> BoundedFigure<u64>
     })
 }
 
+/// The row of the third commit rule.
+pub(crate) const PROGRESSIVE: &str = "progressive";
+
 /// The policies to compare, with their names.
 fn compared(plan: &RunPlan) -> Vec<(ComparedPolicy, String)> {
     let mut policies = vec![(ComparedPolicy::Fusion, "fusion".to_owned())];
+    let priorities: Vec<u16> = plan.clouds.iter().map(|cloud| cloud.priority).collect();
     if plan.policy != DeadlinePolicy::Constant {
-        let priorities = plan.clouds.iter().map(|cloud| cloud.priority).collect();
+        let priorities = priorities.clone();
         let constant = ConstantPolicy { deadline: plan.deadline(), priorities };
         let name = format!("constant {} ms", plan.deadline_ms);
         policies.push((ComparedPolicy::Constant(constant), name));
@@ -284,6 +288,7 @@ fn compared(plan: &RunPlan) -> Vec<(ComparedPolicy, String)> {
         (ComparedPolicy::CloudOnly(i + 1), format!("cloud only: {}", cloud.name))
     }));
     policies.push((ComparedPolicy::FirstWins, "first response wins".to_owned()));
+    policies.push((ComparedPolicy::Progressive(priorities), PROGRESSIVE.to_owned()));
     policies
 }
 

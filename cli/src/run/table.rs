@@ -115,6 +115,11 @@ impl fmt::Display for RunReport {
              more, counts 0.",
             self.deadline_ms
         )?;
+        writeln!(
+            f,
+            "Progressive answers at once and improves on it until then: its times are of the first \
+             output, its\nAP is of the last."
+        )?;
         let BoundedFigure { at_least, at_most } = self.outage_messages;
         if at_most > 0 {
             let outages = counted(at_most, "message");

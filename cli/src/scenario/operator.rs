@@ -197,6 +197,7 @@ impl ScenarioOperator {
                 | Decision::Request { .. }
                 | Decision::Hold { .. }
                 | Decision::Drop { .. }
+                | Decision::Final { .. }
                 | Decision::Cancel { .. } => {}
             }
         });

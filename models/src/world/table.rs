@@ -10,6 +10,34 @@ const EAGER: &[Sighting] =
     &[Sighting::EagerOverPending, Sighting::EagerOwn, Sighting::LimitHolds, Sighting::StaysArmed];
 /// What the eager rule has not.
 const PATIENT: &[Sighting] = &[Sighting::PatientWaits, Sighting::Disarmed];
+/// What rules that hold results have not.
+const SENT: &[Sighting] = &[
+    Sighting::Improved,
+    Sighting::ImprovedAgain,
+    Sighting::Outranked,
+    Sighting::OutrankedDropped,
+    Sighting::FinalByTimer,
+    Sighting::FinalByFailure,
+];
+/// What the progressive rule has not.
+const HELD: &[Sighting] = &[
+    Sighting::EagerOverPending,
+    Sighting::EagerOwn,
+    Sighting::LimitHolds,
+    Sighting::StaysArmed,
+    Sighting::PatientWaits,
+    Sighting::Disarmed,
+    Sighting::ResultHeld,
+    Sighting::FailForwards,
+    Sighting::TimerForwards,
+    Sighting::BestOfTwo,
+    Sighting::Prompt,
+    Sighting::Floor,
+    Sighting::Discarded,
+    Sighting::LastRequest,
+    // A timer's instant sends nothing.
+    Sighting::Once,
+];
 /// What needs backlogs about the limit of a gate.
 const GATES: &[Sighting] = &[Sighting::GateShuts, Sighting::GateStays, Sighting::GateOpens];
 /// What needs two clouds: one held, one to outrank it.
@@ -23,9 +51,10 @@ const TWO_CLOUDS: &[Sighting] = &[
     Sighting::Disarmed,
     Sighting::BestOfTwo,
     Sighting::Cancelled,
+    Sighting::OutrankedDropped,
 ];
 /// What needs three clouds: one offered, one held, one to outrank it.
-const THREE_CLOUDS: &[Sighting] = &[Sighting::OfferOutranked];
+const THREE_CLOUDS: &[Sighting] = &[Sighting::OfferOutranked, Sighting::Outranked];
 /// What needs a second timestamp.
 const TWO_TIMESTAMPS: &[Sighting] = &[Sighting::OpenFull, Sighting::OpenRoom];
 /// What needs two timestamps open at once.
@@ -68,7 +97,7 @@ const BASE: World = World {
     local_deadlines: &[None, Some(2)],
     deadlines: &[1, 2],
     backlogs: &[0],
-    absent: &[],
+    absent: &[SENT],
     states: 0,
 };
 
@@ -135,14 +164,14 @@ const BROAD: World = World {
 pub const WORLDS: &[World] = &[
     World {
         name: "1x2w1-eager",
-        absent: &[GATES, TWO_CLOUDS, THREE_CLOUDS, TWO_OPEN],
+        absent: &[SENT, GATES, TWO_CLOUDS, THREE_CLOUDS, TWO_OPEN],
         states: 267,
         ..NARROW
     },
     World {
         name: "1x2w1-patient",
         commit: Commit::Patient,
-        absent: &[GATES, TWO_CLOUDS, THREE_CLOUDS, TWO_OPEN],
+        absent: &[SENT, GATES, TWO_CLOUDS, THREE_CLOUDS, TWO_OPEN],
         states: 267,
         ..NARROW
     },
@@ -158,46 +187,67 @@ pub const WORLDS: &[World] = &[
         local_deadlines: &[None],
         deadlines: &[1],
         backlogs: &[0, 1, 2, 3],
-        absent: &[PATIENT, THREE_CLOUDS, LIMITS, LEAPS, THREE_INSTANTS, TWO_TIMESTAMPS],
+        absent: &[SENT, PATIENT, THREE_CLOUDS, LIMITS, LEAPS, THREE_INSTANTS, TWO_TIMESTAMPS],
         states: 2666,
         ..BASE
     },
     World {
         name: "2x1-eager",
-        absent: &[PATIENT, GATES, THREE_CLOUDS, TWO_TIMESTAMPS, TWO_OPEN],
+        absent: &[SENT, PATIENT, GATES, THREE_CLOUDS, TWO_TIMESTAMPS, TWO_OPEN],
         states: 1446,
         ..TALL
     },
     World {
         name: "2x1-patient",
         commit: Commit::Patient,
-        absent: &[EAGER, GATES, THREE_CLOUDS, TWO_TIMESTAMPS, TWO_OPEN],
+        absent: &[SENT, EAGER, GATES, THREE_CLOUDS, TWO_TIMESTAMPS, TWO_OPEN],
         states: 1344,
         ..TALL
     },
     World {
         name: "3x1-short-eager",
-        absent: &[PATIENT, GATES, TWO_TIMESTAMPS, TWO_OPEN],
+        absent: &[SENT, PATIENT, GATES, TWO_TIMESTAMPS, TWO_OPEN],
         states: 3596,
         ..HIGH
     },
     World {
         name: "3x1-short-patient",
         commit: Commit::Patient,
-        absent: &[EAGER, GATES, TWO_TIMESTAMPS, TWO_OPEN],
+        absent: &[SENT, EAGER, GATES, TWO_TIMESTAMPS, TWO_OPEN],
         states: 3056,
         ..HIGH
     },
     World {
+        name: "1x2w1-progressive",
+        commit: Commit::Progressive,
+        absent: &[HELD, GATES, TWO_CLOUDS, THREE_CLOUDS, TWO_OPEN],
+        states: 267,
+        ..NARROW
+    },
+    World {
+        name: "2x1-progressive",
+        commit: Commit::Progressive,
+        absent: &[HELD, GATES, THREE_CLOUDS, TWO_TIMESTAMPS, TWO_OPEN],
+        states: 1408,
+        ..TALL
+    },
+    World {
+        name: "3x1-short-progressive",
+        commit: Commit::Progressive,
+        absent: &[HELD, GATES, TWO_TIMESTAMPS, TWO_OPEN],
+        states: 3445,
+        ..HIGH
+    },
+    World {
         name: "edges-eager",
-        absent: &[GATES, TWO_CLOUDS, THREE_CLOUDS],
+        absent: &[SENT, GATES, TWO_CLOUDS, THREE_CLOUDS],
         states: 4876,
         ..EDGES
     },
     World {
         name: "edges-patient",
         commit: Commit::Patient,
-        absent: &[GATES, TWO_CLOUDS, THREE_CLOUDS],
+        absent: &[SENT, GATES, TWO_CLOUDS, THREE_CLOUDS],
         states: 4876,
         ..EDGES
     },
@@ -207,54 +257,82 @@ pub const WORLDS: &[World] = &[
         window: 3,
         timestamps: &[0, 1, 2, 3],
         local_deadlines: &[None],
-        absent: &[GATES, TWO_CLOUDS, THREE_CLOUDS, LIMITS, LEAPS, &[Sighting::TimersTogether]],
+        absent: &[
+            SENT,
+            GATES,
+            TWO_CLOUDS,
+            THREE_CLOUDS,
+            LIMITS,
+            LEAPS,
+            &[Sighting::TimersTogether],
+        ],
         states: 19_136,
         ..BASE
     },
-    World { name: "2x3w2-eager", absent: &[PATIENT, GATES, THREE_CLOUDS], states: 356_972, ..WIDE },
+    World {
+        name: "2x3w2-eager",
+        absent: &[SENT, PATIENT, GATES, THREE_CLOUDS],
+        states: 356_972,
+        ..WIDE
+    },
     World {
         name: "2x3w2-patient",
         commit: Commit::Patient,
-        absent: &[EAGER, GATES, THREE_CLOUDS],
+        absent: &[SENT, EAGER, GATES, THREE_CLOUDS],
         states: 326_300,
         ..WIDE
     },
     World {
         name: "3x1-eager",
-        absent: &[PATIENT, GATES, TWO_TIMESTAMPS, TWO_OPEN],
+        absent: &[SENT, PATIENT, GATES, TWO_TIMESTAMPS, TWO_OPEN],
         states: 37_788,
         ..HIGHER
     },
     World {
         name: "3x1-patient",
         commit: Commit::Patient,
-        absent: &[EAGER, GATES, TWO_TIMESTAMPS, TWO_OPEN],
+        absent: &[SENT, EAGER, GATES, TWO_TIMESTAMPS, TWO_OPEN],
         states: 26_508,
         ..HIGHER
     },
     World {
+        name: "3x1-progressive",
+        commit: Commit::Progressive,
+        absent: &[HELD, GATES, TWO_TIMESTAMPS, TWO_OPEN],
+        states: 29_370,
+        ..HIGHER
+    },
+    World {
+        name: "2x3w2-progressive",
+        commit: Commit::Progressive,
+        absent: &[HELD, GATES, THREE_CLOUDS],
+        size: Size::Large,
+        states: 356_972,
+        ..WIDE
+    },
+    World {
         name: "2x3w2-long-eager",
-        absent: &[PATIENT, GATES, THREE_CLOUDS],
+        absent: &[SENT, PATIENT, GATES, THREE_CLOUDS],
         states: 1_122_341,
         ..LONG
     },
     World {
         name: "2x3w2-long-patient",
         commit: Commit::Patient,
-        absent: &[EAGER, GATES, THREE_CLOUDS],
+        absent: &[SENT, EAGER, GATES, THREE_CLOUDS],
         states: 941_324,
         ..LONG
     },
     World {
         name: "3x2w2-eager",
-        absent: &[PATIENT, GATES, LIMITS, LEAPS, TWO_TIMESTAMPS],
+        absent: &[SENT, PATIENT, GATES, LIMITS, LEAPS, TWO_TIMESTAMPS],
         states: 429_065,
         ..BROAD
     },
     World {
         name: "3x2w2-patient",
         commit: Commit::Patient,
-        absent: &[EAGER, GATES, LIMITS, LEAPS, TWO_TIMESTAMPS],
+        absent: &[SENT, EAGER, GATES, LIMITS, LEAPS, TWO_TIMESTAMPS],
         states: 303_725,
         ..BROAD
     },

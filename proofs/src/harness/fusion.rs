@@ -60,7 +60,7 @@ pub fn f5_expire_by_the_rule() {
     kani::cover!(fired.is_none() && next.is_some() && now < clock, "the clock was further already");
 }
 
-/// F5, F6, F7: what a firing decides is what the step of its timestamp decides, and the machine stays valid.
+/// F5, F6, F7, F9: what a firing decides is what the step of its timestamp decides, and the machine stays valid.
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -69,6 +69,7 @@ pub fn f5_firing_is_settled() {
     let mut fusion = any_machine::<CLOUDS>();
     let (own, entry, len) = (fusion.open.own, fusion.open.entry, fusion.len());
     let mut is_retired = false;
+    let mut is_final = false;
     let mut waits = false;
     if let At::Fired(Firing { timestamp, timers, outcome, .. }) =
         steps::at(&mut fusion, any_instant())
@@ -80,6 +81,7 @@ pub fn f5_firing_is_settled() {
                 "F6: the firing's outcome is that of the step",
             );
             is_retired = !slot.is_open();
+            is_final = matches!(outcome, Outcome::Final { .. });
             waits = !is_retired;
             kani::assert(fusion.open.is_open != is_retired, "F7: what is retired is open no more");
             let same = is_retired || fusion.open.entry.slot == slot;
@@ -89,6 +91,7 @@ pub fn f5_firing_is_settled() {
     }
     kani::assert(is_machine(&fusion), "F5: the machine stays valid");
     kani::cover!(is_retired, "a firing retires the timestamp");
+    kani::cover!(is_final, "the last output is final");
     kani::cover!(waits, "it waits on");
 }
 
@@ -279,7 +282,13 @@ fn arrival<const CLOUDS: usize>(
         is_outcome_of_decision(&fusion, outcome, decision),
         "P11: the outcome is that of the rule",
     );
-    let is_retired = matches!(decision, Decision::Forwarded { .. } | Decision::Missed);
+    let is_retired = match decision {
+        Decision::Forwarded { .. } | Decision::Final { .. } | Decision::Missed => true,
+        Decision::Dropped(_)
+        | Decision::Held
+        | Decision::Waiting
+        | Decision::Preliminary { .. } => false,
+    };
     let is_open = before.open.is_open && !is_retired;
     kani::assert(
         fusion.open.is_open == is_open,
@@ -289,9 +298,9 @@ fn arrival<const CLOUDS: usize>(
     let same = is_retired || fusion.open.entry.slot == slot;
     kani::assert(same, "F3: the timestamp is as the step leaves it");
     // P2: what has a timer comes before its due instant, or is dropped.
-    if let (Outcome::Forwarded { .. } | Outcome::Held, Some(source), true) =
-        (outcome, source, is_result)
-    {
+    let is_accepted =
+        matches!(outcome, Outcome::Forwarded { .. } | Outcome::Preliminary { .. } | Outcome::Held);
+    if let (true, Some(source), true) = (is_accepted, source, is_result) {
         for i in 0..CLOUDS {
             let own = usize::from(source.index()) == i + 1;
             kani::assert(!own || now < entry.dues[i], "P2 never late: it comes before its due");
@@ -302,7 +311,7 @@ fn arrival<const CLOUDS: usize>(
     (true, outcome)
 }
 
-/// F3, P2, P11, A13, A16, A18: a result has the outcome of the rule, for any timestamp and priority, and what is held or
+/// F3, F9, P2, P11, A13, A16, A18: a result has the outcome of the rule, for any timestamp and priority, and what is held or
 /// forwarded came before its due instant. No other timestamp changes.
 ///
 /// Bounds: 15 clouds.
@@ -312,6 +321,8 @@ pub fn p2_never_late_by_the_clock() {
     let (is_own, outcome) = arrival::<CLOUDS>(Cause::Result, true);
     kani::cover!(is_own && matches!(outcome, Outcome::Forwarded { .. }), "it is forwarded");
     kani::cover!(is_own && matches!(outcome, Outcome::Held), "it is held");
+    let is_preliminary = matches!(outcome, Outcome::Preliminary { .. });
+    kani::cover!(is_own && is_preliminary, "a better one may follow it");
     let unknown = Outcome::Dropped(DropReason::Unknown);
     kani::cover!(is_own && outcome == unknown, "it is unknown");
     let superseded = Outcome::Dropped(DropReason::Superseded);
@@ -319,7 +330,7 @@ pub fn p2_never_late_by_the_clock() {
     kani::cover!(!is_own && matches!(outcome, Outcome::Held), "another's is held");
 }
 
-/// F4, P11: a failure has the outcome of the rule, for any timestamp and priority. No other timestamp changes.
+/// F4, F9, P11: a failure has the outcome of the rule, for any timestamp and priority. No other timestamp changes.
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -331,6 +342,7 @@ pub fn f4_fail_has_its_outcome() {
         "the best available is forwarded"
     );
     kani::cover!(is_own && matches!(outcome, Outcome::Missed), "it leaves nothing to wait for");
+    kani::cover!(is_own && matches!(outcome, Outcome::Final { .. }), "the last output is final");
     let unknown = Outcome::Dropped(DropReason::Unknown);
     kani::cover!(is_own && outcome == unknown, "it is unknown");
 }

@@ -1,4 +1,4 @@
-//! One timestamp: from any valid state, under either commit rule, any one cause or offer of any of 15 clouds.
+//! One timestamp: from any valid state, under each commit rule, any one cause or offer of any of 15 clouds.
 
 use crate::arbitrary::{any_commit, any_slot, any_source, slot_of};
 use crate::slot::{Cause, Commit, Decision, Slot};
@@ -34,10 +34,41 @@ fn any_cause() -> Cause {
     }
 }
 
-/// F3 and F4: why a result or a failure is dropped.
-fn reason_to_drop([requested, pending, _, cached]: Bits, source: Source) -> Option<DropReason> {
-    let of = bit(source);
-    if requested & of == 0 {
+/// Local and all up to the source.
+fn up_to(source: Source) -> u16 {
+    bit(source) | (bit(source) - 1)
+}
+
+/// Whose result is sent downstream, if one is.
+fn output(decision: Decision) -> Option<Source> {
+    match decision {
+        Decision::Preliminary { by, .. } | Decision::Forwarded { by, .. } => Some(by),
+        Decision::Dropped(_)
+        | Decision::Held
+        | Decision::Waiting
+        | Decision::Final { .. }
+        | Decision::Missed => None,
+    }
+}
+
+/// Whose result the timestamp ends with, if it is retired with one: it is sent now, or was sent before.
+fn last_output(decision: Decision) -> Option<Source> {
+    match decision {
+        Decision::Final { by } | Decision::Forwarded { by, .. } => Some(by),
+        Decision::Dropped(_)
+        | Decision::Held
+        | Decision::Waiting
+        | Decision::Preliminary { .. }
+        | Decision::Missed => None,
+    }
+}
+
+/// F3, F4 and F9: why a result or a failure is dropped.
+fn reason_to_drop(commit: Commit, sets: Bits, source: Source) -> Option<DropReason> {
+    let ([requested, pending, _, cached], of) = (sets, bit(source));
+    if commit == Commit::Progressive && outranks(cached, source) {
+        Some(DropReason::Superseded)
+    } else if requested & of == 0 {
         Some(DropReason::Unsolicited)
     } else if cached & of != 0 {
         Some(DropReason::Duplicate)
@@ -53,16 +84,29 @@ fn forwarded(by: Source, pending: u16) -> (Bits, Decision) {
     ([0; 4], Decision::Forwarded { by, cancelled: Sources::from_bits(pending & !1) })
 }
 
-/// F6, line by line.
+/// F9: what an accepted result does under progressive, the first row of F3 that differs.
+fn sent([requested, pending, armed, _]: Bits, by: Source) -> (Bits, Decision) {
+    let cancelled = Sources::from_bits(pending & up_to(by) & !bit(by) & !1);
+    match pending & !up_to(by) {
+        0 => ([0; 4], Decision::Forwarded { by, cancelled }),
+        better => (
+            [requested, better, armed & !up_to(by), bit(by)],
+            Decision::Preliminary { by, cancelled },
+        ),
+    }
+}
+
+/// F6, line by line; F9's of it.
 fn settled(commit: Commit, sets: Bits, timer: bool) -> (Bits, Decision) {
     let [_, pending, _, cached] = sets;
     let Some(best) = Sources::from_bits(cached).greatest() else {
         return if pending == 0 { ([0; 4], Decision::Missed) } else { (sets, Decision::Waiting) };
     };
-    if !outranks(pending, best) || commit == Commit::Eager && timer {
-        forwarded(best, pending)
-    } else {
-        (sets, Decision::Waiting)
+    match commit {
+        Commit::Progressive if pending == 0 => ([0; 4], Decision::Final { by: best }),
+        Commit::Eager if timer => forwarded(best, pending),
+        Commit::Eager | Commit::Patient if !outranks(pending, best) => forwarded(best, pending),
+        Commit::Eager | Commit::Patient | Commit::Progressive => (sets, Decision::Waiting),
     }
 }
 
@@ -72,8 +116,13 @@ fn settled(commit: Commit, sets: Bits, timer: bool) -> (Bits, Decision) {
 #[kani::proof]
 pub fn every_valid_state_is_generated_and_accepted() {
     let commit = any_commit();
-    let [requested, pending, armed, cached]: Bits = kani::any();
-    let made = slot_of(commit, CLOUDS, requested, pending, cached, armed & 1 != 0);
+    let made_of = |[requested, pending, armed, cached]: Bits| {
+        slot_of(commit, CLOUDS, requested, pending, cached, armed & 1 != 0)
+    };
+    let any = kani::any();
+    // Where values are random, a state half of the time.
+    let [requested, pending, armed, cached] = if kani::any() { bits(made_of(any)) } else { any };
+    let made = made_of([requested, pending, armed, cached]);
     kani::assert(is_valid(commit, made), "what is generated is valid");
     let is_made = bits(made) == [requested, pending, armed, cached];
     let sets = [requested, pending, armed, cached].map(Sources::from_bits);
@@ -92,28 +141,50 @@ pub fn every_valid_state_is_generated_and_accepted() {
         is_made && cached != 0 && commit == Commit::Patient,
         "a held result under patient"
     );
+    kani::cover!(is_made && cached > 1 && commit == Commit::Progressive, "a cloud's was sent last");
     kani::cover!(taken.is_err(), "sets that are no state");
 }
 
-/// P1, F7: what is forwarded or missed is retired with it, and a retired timestamp is never forwarded or missed.
+/// P1, F7, F9: what is forwarded or missed is retired with it, and a retired timestamp is never forwarded or missed. Under
+/// progressive the outputs rise and the last one or a final retires it, and it is missed only without an output.
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
 pub fn p1_once() {
     let commit = any_commit();
     let cause = any_cause();
-    let (after, decision) = step(any_slot(commit, CLOUDS), commit, cause);
-    let ends = matches!(decision, Decision::Forwarded { .. } | Decision::Missed);
+    let before = any_slot(commit, CLOUDS);
+    let (after, decision) = step(before, commit, cause);
+    let ends = last_output(decision).is_some() || decision == Decision::Missed;
     kani::assert(ends != after.is_open(), "P1 once: it is retired when it is forwarded or missed");
     kani::assert(after.is_open() || bits(after) == [0; 4], "P1 once: nothing of it remains");
+    let is_missed = decision == Decision::Missed;
+    let had_none = before.cached().is_empty();
+    kani::assert(!is_missed || had_none, "P1 once: it is missed with nothing available alone");
+    if commit == Commit::Progressive {
+        let last = bits(before)[3];
+        let by = output(decision);
+        kani::assert(by.is_none_or(|by| bit(by) > last), "P1 once: the outputs rise in priority");
+        let recorded = match by {
+            Some(by) => bit(by),
+            None => last,
+        };
+        let is_recorded = !after.is_open() || bits(after)[3] == recorded;
+        kani::assert(is_recorded, "P1 once: which was the last one is kept");
+    } else {
+        let is_of_progressive =
+            matches!(decision, Decision::Preliminary { .. } | Decision::Final { .. });
+        kani::assert(!is_of_progressive, "P1 once: an output of another rule is the only one");
+    }
     let (still, again) = step(Slot::RETIRED, commit, cause);
-    let ends_again = matches!(again, Decision::Forwarded { .. } | Decision::Missed);
+    let ends_again = !matches!(again, Decision::Dropped(_) | Decision::Waiting);
     kani::assert(!ends_again && still == Slot::RETIRED, "P1 once: a retired timestamp stays so");
     let (still, refusal) = offer_to(Slot::RETIRED, commit, any_source(CLOUDS));
     let is_closed = refusal == Some(OfferRefusal::Closed) && still == Slot::RETIRED;
     kani::assert(is_closed, "P1 once: no offer opens it again");
-    kani::cover!(decision == Decision::Missed, "it is missed");
-    kani::cover!(ends && decision != Decision::Missed, "it is forwarded");
+    kani::cover!(is_missed, "it is missed");
+    kani::cover!(ends && output(decision).is_some(), "it is forwarded");
+    kani::cover!(!ends && !had_none && output(decision).is_some(), "a better output follows one");
 }
 
 /// P2, F5, A1: what its timer closed is forwarded by nothing: a forwarded result was available, or comes while pending.
@@ -130,7 +201,7 @@ pub fn p2_never_late() {
         Cause::Failure(_) | Cause::Timers(_) => 0,
     };
     let in_time = bits(before)[3] | arriving;
-    if let Decision::Forwarded { by, .. } = decision {
+    if let Some(by) = output(decision) {
         kani::assert(in_time & bit(by) != 0, "P2 never late: forwarded means in time");
     }
     kani::assert(bits(after)[3] & !in_time == 0, "P2 never late: held means in time");
@@ -148,7 +219,8 @@ pub fn p2_never_late() {
     kani::cover!(dropped == Decision::Dropped(DropReason::Late), "a result is late");
 }
 
-/// P3, F6: a forwarded result outranks every other available one, and the arriving one too unless it is that.
+/// P3, F6: a forwarded result outranks every other available one, and the arriving one too unless it is that. Under
+/// progressive so does the last output, and what is superseded while its timestamp is open is outranked by an output.
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -162,16 +234,23 @@ pub fn p3_best_available() {
         available |= bit(source) & bits(before)[1];
     }
     let mut held_is_forwarded = false;
-    if let Decision::Forwarded { by, .. } = decision {
+    if let Some(by) = output(decision).or(last_output(decision)) {
         kani::assert(available & bit(by) != 0, "P3 best available: it is available");
         kani::assert(!outranks(available, by), "P3 best available: nothing available outranks it");
         held_is_forwarded = before.cached().contains(by) && available != bit(by);
     }
+    let superseded = decision == Decision::Dropped(DropReason::Superseded);
+    let is_outranked = match cause {
+        Cause::Result(source) | Cause::Failure(source) => outranks(bits(before)[3], source),
+        Cause::Timers(_) => false,
+    };
+    kani::assert(!superseded || is_outranked, "P3 best available: an output outranks it");
+    kani::cover!(superseded, "it is superseded while its timestamp is open");
     kani::cover!(held_is_forwarded, "the best of several held ones is forwarded");
 }
 
-/// P4: while anything is held, something pending outranks it. With the rest of the invariant it holds of a timestamp just
-/// opened, and after any cause or offer.
+/// P4, F9: while anything is held, something pending outranks it. With the rest of the invariant it holds of a timestamp just
+/// opened, and after any cause or offer. Under progressive each result that is accepted is forwarded at once.
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -179,18 +258,26 @@ pub fn p4_prompt() {
     let commit = any_commit();
     kani::assert(is_valid(commit, Slot::open(kani::any())), "P4 prompt: just opened it is valid");
     let before = any_slot(commit, CLOUDS);
-    let (after, _) = step(before, commit, any_cause());
+    let cause = any_cause();
+    let (after, decision) = step(before, commit, cause);
     kani::assert(!after.is_open() || is_valid(commit, after), "P4 prompt: a cause leaves it valid");
+    if let Cause::Result(source) = cause {
+        let comes = commit == Commit::Progressive && before.pending().contains(source);
+        let goes = output(decision) == Some(source);
+        kani::assert(!comes || goes, "P4 prompt: under progressive what comes is forwarded");
+    }
     let (offered, refusal) = offer_to(before, commit, any_source(CLOUDS));
     kani::assert(is_valid(commit, offered), "P4 prompt: an offer leaves it valid");
-    kani::cover!(after.is_open() && after.cached() != before.cached(), "a result is held");
+    kani::cover!(decision == Decision::Held, "a result is held");
+    kani::cover!(after.is_open() && output(decision).is_some(), "a result is forwarded at once");
     kani::cover!(refusal.is_none() && !before.cached().is_empty(), "a request joins a held result");
 }
 
 /// P5: with local's result available, a cloud's timer is armed, no cause takes the result away or misses the timestamp, each
 /// firing leaves fewer timers, and the firing of all of them forwards.
 ///
-/// So the number of armed timers ranks what remains: it falls at each firing and is never 0 while local's result waits.
+/// So the number of armed timers ranks what remains: it falls at each firing and is never 0 while local's result waits. Under
+/// progressive it was forwarded as it came, and a better output or the end of the timestamp takes its place.
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -199,10 +286,12 @@ pub fn p5_local_floor() {
     let before = any_slot(commit, CLOUDS);
     let cause = any_cause();
     let (after, decision) = step(before, commit, cause);
-    let is_forwarded = matches!(decision, Decision::Forwarded { .. });
+    let is_forwarded = last_output(decision).is_some();
     let had = before.cached().contains(Source::LOCAL);
     let has = after.cached().contains(Source::LOCAL);
-    kani::assert(!had || is_forwarded || has, "P5 local floor: what is held stays or is forwarded");
+    let is_replaced = commit == Commit::Progressive && output(decision).is_some();
+    let stays = is_forwarded || has || is_replaced;
+    kani::assert(!had || stays, "P5 local floor: what is held stays or is forwarded");
     let comes = cause == Cause::Result(Source::LOCAL) && before.pending().contains(Source::LOCAL);
     kani::assert(!comes || is_forwarded || has, "P5 local floor: what comes is held or forwarded");
     let is_awaited = !after.armed().clouds().is_empty();
@@ -231,7 +320,7 @@ pub fn p6_free_without_cloud() {
     let goes = decision == forwarded && !after.is_open();
     kani::assert(!alone || goes, "P6 free without cloud: local's result is forwarded at once");
     let waits = decision == Decision::Held;
-    let awaited = !before.pending().clouds().is_empty();
+    let awaited = !before.pending().clouds().is_empty() && commit != Commit::Progressive;
     kani::assert(!waits || awaited, "P6 free without cloud: it waits for a cloud alone");
     kani::cover!(alone && before.armed().contains(Source::LOCAL), "it had a deadline");
     kani::cover!(waits, "it waits for a cloud");
@@ -268,7 +357,8 @@ pub fn p7_no_stall() {
 }
 
 /// P12: once local arrived, an open timestamp waits for requests alone, each with an armed timer, and the firing of all of
-/// them retires it, forwarded if local's result was accepted. Local comes once: nothing makes it pending again.
+/// them retires it, forwarded if local's result was accepted. Under progressive it is final if anything was forwarded, else
+/// missed. Local comes once: nothing makes it pending again.
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -291,16 +381,24 @@ pub fn p12_bounded_wait() {
     kani::assert(!again, "P12 bounded wait: no offer makes local pending");
     let (end, last) = step(before, commit, Cause::Timers(requests));
     kani::assert(!arrived || !end.is_open(), "P12 bounded wait: the last request retires it");
-    let goes = matches!(last, Decision::Forwarded { .. });
+    let goes = last_output(last).is_some();
     let has = before.cached().contains(Source::LOCAL);
     kani::assert(!has || goes, "P12 bounded wait: local's result is forwarded");
+    let ends = match before.cached().greatest() {
+        Some(by) => Decision::Final { by },
+        None => Decision::Missed,
+    };
+    let is_progressive = arrived && commit == Commit::Progressive;
+    kani::assert(!is_progressive || last == ends, "P12 bounded wait: it is final or missed");
     kani::cover!(comes && after.is_open(), "local comes, and a request is awaited");
     kani::cover!(comes && decision == Decision::Missed, "local comes last, and it is missed");
     kani::cover!(arrived && !has && last == Decision::Missed, "the last request's timer misses it");
+    kani::cover!(has && is_progressive, "local's result was sent last");
 }
 
-/// P8, A3, F3: a timer is live from its admission until it fires, its failure is accepted, its result is held under
-/// patient or the timestamp is retired; the deadline's until local's result or failure is accepted.
+/// P8, A3, A52, F3, F9: a timer is live from its admission until it fires, its failure is accepted, its result is held under
+/// patient or the timestamp is retired; the deadline's until local's result or failure is accepted. Under progressive it also
+/// ends as a result that outranks its request is accepted.
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -313,9 +411,11 @@ pub fn p8_timers() {
     let ended = match cause {
         Cause::Timers(fired) => fired.bits(),
         Cause::Failure(source) if accepted => bit(source),
-        Cause::Result(source) if accepted && (commit == Commit::Patient || bit(source) == 1) => {
-            bit(source)
-        }
+        Cause::Result(source) if accepted => match commit {
+            Commit::Eager => bit(source) & 1,
+            Commit::Patient => bit(source),
+            Commit::Progressive => up_to(source),
+        },
         Cause::Failure(_) | Cause::Result(_) => 0,
     };
     let is_exact = !after.is_open() || bits(after)[2] == bits(before)[2] & !ended;
@@ -335,10 +435,13 @@ pub fn p8_timers() {
         decision == Decision::Held && commit == Commit::Eager && ended == 0,
         "a timer runs on"
     );
+    let outranked = bits(before)[2] & ended;
+    kani::cover!(after.is_open() && outranked.count_ones() > 1, "the timer of a lower one ends");
 }
 
-/// P11, F7, F8, A24: each result is forwarded, held or dropped, each failure accepted or dropped, a firing is never dropped; what is
-/// dropped changes nothing, and what is cancelled is exactly the clouds still pending.
+/// P11, F7, F8, F9, A24: each result is forwarded, held or dropped, each failure accepted or dropped, a firing is never dropped; what
+/// is dropped changes nothing, and what is cancelled is exactly the clouds still pending. Under progressive nothing is held, the
+/// clouds still pending that an output outranks are cancelled, and a final is of the last output.
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -353,29 +456,49 @@ pub fn p11_accounted() {
         }
         (Cause::Result(source), Decision::Held) => {
             kani::assert(after.cached().contains(source), "P11 accounted: what is held is cached");
-        }
-        (Cause::Result(source), Decision::Forwarded { by, .. }) => {
-            kani::assert(by == source, "P11 accounted: a result forwards itself");
+            let holds = commit != Commit::Progressive;
+            kani::assert(holds, "P11 accounted: under progressive nothing is held");
         }
         (
-            Cause::Failure(_) | Cause::Timers(_),
-            Decision::Forwarded { .. } | Decision::Missed | Decision::Waiting,
-        ) => {}
-        (Cause::Result(_), Decision::Waiting | Decision::Missed)
-        | (Cause::Failure(_), Decision::Held)
-        | (Cause::Timers(_), Decision::Held | Decision::Dropped(_)) => {
+            Cause::Result(source),
+            Decision::Preliminary { by, .. } | Decision::Forwarded { by, .. },
+        ) => {
+            kani::assert(by == source, "P11 accounted: a result forwards itself");
+        }
+        (Cause::Failure(_) | Cause::Timers(_), Decision::Forwarded { .. }) => {
+            let holds = commit != Commit::Progressive;
+            kani::assert(holds, "P11 accounted: under progressive a result alone is sent");
+        }
+        (Cause::Failure(_) | Cause::Timers(_), Decision::Final { by }) => {
+            let is_last = before.cached().contains(by);
+            kani::assert(is_last, "P11 accounted: the last output is final");
+        }
+        (Cause::Failure(_) | Cause::Timers(_), Decision::Missed | Decision::Waiting) => {}
+        (Cause::Result(_), Decision::Waiting | Decision::Final { .. } | Decision::Missed)
+        | (Cause::Failure(_), Decision::Held | Decision::Preliminary { .. })
+        | (
+            Cause::Timers(_),
+            Decision::Held | Decision::Dropped(_) | Decision::Preliminary { .. },
+        ) => {
             kani::assert(false, "P11 accounted: each input has an answer of its kind");
         }
     }
-    if let Decision::Forwarded { cancelled, .. } = decision {
+    if let Decision::Forwarded { by, cancelled } | Decision::Preliminary { by, cancelled } =
+        decision
+    {
         let ended = match cause {
             Cause::Result(source) | Cause::Failure(source) => bit(source),
             Cause::Timers(fired) => fired.bits() & bits(before)[2],
         };
-        let left = bits(before)[1] & !ended & !1;
+        let better = if after.is_open() { !up_to(by) } else { 0 };
+        let left = bits(before)[1] & !ended & !better & !1;
         kani::assert(cancelled.bits() == left, "P11 accounted: the pending clouds are cancelled");
     }
     kani::cover!(matches!(decision, Decision::Dropped(_)), "an input is dropped");
+    kani::cover!(
+        matches!(decision, Decision::Preliminary { cancelled, .. } if !cancelled.is_empty()),
+        "a lower cloud is cancelled"
+    );
     kani::cover!(
         matches!(cause, Cause::Failure(_)) && decision == Decision::Waiting,
         "a failure is accepted"
@@ -410,8 +533,8 @@ pub fn f2_offer_by_the_rule() {
     kani::cover!(refusal.is_none(), "it is admitted");
 }
 
-/// F3, P4: a result is dropped for the first reason that holds; in time it is held while something pending outranks it,
-/// and forwarded if nothing does. A machine that drops everything fails here.
+/// F3, F9, P4, A52: a result is dropped for the first reason that holds; in time it is held while something pending outranks
+/// it, and forwarded if nothing does, under progressive in either case. A machine that drops everything fails here.
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -422,8 +545,10 @@ pub fn f3_result_by_the_rule() {
     let (after, decision) = step(before, commit, Cause::Result(source));
     let [requested, pending, armed, cached] = bits(before);
     let others = pending & !bit(source);
-    let (sets, expected) = if let Some(reason) = reason_to_drop(bits(before), source) {
+    let (sets, expected) = if let Some(reason) = reason_to_drop(commit, bits(before), source) {
         (bits(before), Decision::Dropped(reason))
+    } else if commit == Commit::Progressive {
+        sent(bits(before), source)
     } else if outranks(others, source) {
         let disarmed = if commit == Commit::Patient || bit(source) == 1 { bit(source) } else { 0 };
         ([requested, others, armed & !disarmed, cached | bit(source)], Decision::Held)
@@ -434,12 +559,14 @@ pub fn f3_result_by_the_rule() {
     kani::assert(bits(after) == sets, "F3: the sets are those of the rule");
     kani::cover!(decision == Decision::Held, "it is held");
     kani::cover!(matches!(decision, Decision::Forwarded { .. }), "it is forwarded");
+    kani::cover!(matches!(decision, Decision::Preliminary { .. }), "a better one may follow it");
+    kani::cover!(decision == Decision::Dropped(DropReason::Superseded), "it is superseded");
     kani::cover!(decision == Decision::Dropped(DropReason::Unsolicited), "it is unsolicited");
     kani::cover!(decision == Decision::Dropped(DropReason::Duplicate), "it is a duplicate");
 }
 
-/// F4, A7, A8, A27, A36: a failure is dropped for the reasons of a result; accepted it closes its request and settles as by
-/// no timer.
+/// F4, F9, A7, A8, A27, A36, A53: a failure is dropped for the reasons of a result; accepted it closes its request and settles as
+/// by no timer.
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -449,7 +576,7 @@ pub fn f4_fail_by_the_rule() {
     let source = any_source(CLOUDS);
     let (after, decision) = step(before, commit, Cause::Failure(source));
     let [requested, pending, armed, cached] = bits(before);
-    let (sets, expected) = if let Some(reason) = reason_to_drop(bits(before), source) {
+    let (sets, expected) = if let Some(reason) = reason_to_drop(commit, bits(before), source) {
         (bits(before), Decision::Dropped(reason))
     } else {
         let closed = [requested, pending & !bit(source), armed & !bit(source), cached];
@@ -459,10 +586,11 @@ pub fn f4_fail_by_the_rule() {
     kani::assert(bits(after) == sets, "F4: the sets are those of the rule");
     kani::cover!(decision == Decision::Missed, "nothing is left to wait for");
     kani::cover!(matches!(decision, Decision::Forwarded { .. }), "the best available is forwarded");
+    kani::cover!(matches!(decision, Decision::Final { .. }), "nothing better will come");
     kani::cover!(decision == Decision::Waiting && cached != 0, "a held result waits on");
 }
 
-/// F5, F6, A4, A5, A9, A22: timers that fire together leave armed and pending and settle once, as by a timer if a cloud's
+/// F5, F6, F9, A4, A5, A9, A22: timers that fire together leave armed and pending and settle once, as by a timer if a cloud's
 /// is among them; those that are not armed count for nothing.
 ///
 /// Bounds: 15 clouds.
@@ -488,5 +616,62 @@ pub fn f6_settle_by_the_rule() {
         fired == 1 && decision == Decision::Waiting && cached != 0,
         "the deadline commits nothing"
     );
+    kani::cover!(matches!(decision, Decision::Final { .. }), "the last output is final");
     kani::cover!(decision == Decision::Missed, "nothing came");
+}
+
+/// The sets of progressive after the inputs that lead patient to these: what is pending outranks the last output, and that is the
+/// best available result.
+fn as_progressive([requested, pending, armed, cached]: Bits) -> Bits {
+    match Sources::from_bits(cached).greatest() {
+        Some(last) => [requested, pending & !up_to(last), armed & !up_to(last), bit(last)],
+        None => [requested, pending, armed, 0],
+    }
+}
+
+/// P13, F9: two timestamps that came to where they are by the same inputs, one under patient and one under progressive, are
+/// related as `as_progressive` says. An offer is refused by both for the same reason, a cause retires both or none, with the same
+/// last output, and leaves them related. An output that is not the last is the best available result of patient, as it comes.
+///
+/// Bounds: 15 clouds.
+#[kani::proof]
+pub fn p13_as_patient() {
+    let limited = kani::any();
+    let open = Slot::open(limited);
+    kani::assert(as_progressive(bits(open)) == bits(open), "P13 as patient: just opened");
+    let patient = any_slot(Commit::Patient, CLOUDS);
+    let [requested, pending, armed, cached] = as_progressive(bits(patient));
+    let progressive =
+        slot_of(Commit::Progressive, CLOUDS, requested, pending, cached, armed & 1 != 0);
+    let is_state = bits(progressive) == [requested, pending, armed, cached];
+    kani::assert(is_state, "P13 as patient: it is a state of progressive");
+    let (cause, source) = (any_cause(), any_source(CLOUDS));
+    let (offered, refusal) = offer_to(patient, Commit::Patient, source);
+    let (as_offered, same) = offer_to(progressive, Commit::Progressive, source);
+    kani::assert(refusal == same, "P13 as patient: an offer is refused for the same reason");
+    let related = bits(as_offered) == as_progressive(bits(offered));
+    kani::assert(related, "P13 as patient: an offer leaves them related");
+    let (patient_after, decided) = step(patient, Commit::Patient, cause);
+    let (after, decision) = step(progressive, Commit::Progressive, cause);
+    let related = bits(after) == as_progressive(bits(patient_after));
+    kani::assert(related, "P13 as patient: a cause retires both or leaves them related");
+    let same_last = last_output(decision) == last_output(decided);
+    kani::assert(same_last, "P13 as patient: the last output is what patient forwards");
+    let both_missed = (decision == Decision::Missed) == (decided == Decision::Missed);
+    kani::assert(both_missed, "P13 as patient: both are missed or none");
+    if let Decision::Preliminary { by, .. } = decision {
+        let is_best = patient_after.cached().greatest() == Some(by);
+        kani::assert(is_best && decided == Decision::Held, "P13 as patient: patient holds it");
+    }
+    let is_last = last_output(decision).is_some();
+    kani::cover!(is_last && output(decision).is_none(), "a final ends what patient forwards");
+    kani::cover!(
+        decided == Decision::Held && matches!(decision, Decision::Dropped(_)),
+        "patient holds a lower one"
+    );
+    kani::cover!(bits(progressive) != bits(patient) && refusal.is_none(), "a request joins both");
+    kani::cover!(
+        decided == Decision::Waiting && after == progressive && patient_after != patient,
+        "a lower request is closed"
+    );
 }

@@ -257,7 +257,7 @@ fn any_less_armed(commit: Commit, slot: Slot) -> Slot {
     let [requested, pending, cached]: [u16; 3] = kani::any();
     let cached = match commit {
         Commit::Eager => cached & armed,
-        Commit::Patient => cached,
+        Commit::Patient | Commit::Progressive => cached,
     };
     let limited = kani::any::<bool>() && slot.armed().contains(Source::LOCAL);
     slot_of(commit, CLOUDS as u8, requested, pending & armed, cached, limited)

@@ -20,6 +20,8 @@ use crate::{Admission, DropReason, OfferRefusal, OpenRefusal, Opening, Outcome};
 #[derive(Default)]
 struct Recording {
     lines: Vec<String>,
+    /// That of the last header.
+    commit: Option<Commit>,
     /// The machine's clock, with which decisions are recorded.
     now: u64,
 }
@@ -44,12 +46,14 @@ fn write(line: &trace::Line) {
     push(String::from_utf8_lossy(&out).into_owned());
 }
 
-/// Only before the first step: a harness has one machine, or several of one configuration.
+/// Before the first step, and where the commit rule is another one: else a harness has machines of one configuration.
 fn header(window: usize, commit: Commit, clouds: Vec<trace::Cloud>) {
-    if RECORDING.with_borrow(|recording| recording.lines.is_empty()) {
+    let last = RECORDING.with_borrow_mut(|recording| recording.commit.replace(commit));
+    if last != Some(commit) {
         let commit = match commit {
             Commit::Eager => trace::Commit::Eager,
             Commit::Patient => trace::Commit::Patient,
+            Commit::Progressive => trace::Commit::Progressive,
         };
         let window = u16::try_from(window).unwrap_or(u16::MAX);
         write(&trace::Line::Header(trace::Header { operator: None, window, commit, clouds }));
@@ -118,8 +122,12 @@ pub(crate) fn stepped(before: Slot, cause: Cause, decided: Decision) {
         Decision::Held => decision(trace::Decision::Hold { at: 0, t: 1, p }),
         Decision::Waiting => {}
         Decision::Missed => decision(trace::Decision::Miss { at: 0, t: 1 }),
-        Decision::Forwarded { by, cancelled } => {
+        Decision::Preliminary { by, cancelled } => {
             emit(1, of(by), cancelled.iter().map(of).collect());
+        }
+        Decision::Final { by } => decision(trace::Decision::Final { at: 0, t: 1, p: of(by) }),
+        Decision::Forwarded { by, cancelled } => {
+            emit_last(1, of(by), cancelled.iter().map(of).collect());
         }
     }
 }
@@ -252,9 +260,24 @@ pub(crate) fn arrived<const CLOUDS: usize>(
         Outcome::Held => decision(trace::Decision::Hold { at: 0, t, p }),
         Outcome::Waiting => {}
         Outcome::Missed => decision(trace::Decision::Miss { at: 0, t }),
-        Outcome::Forwarded { by, cancelled } => {
+        Outcome::Preliminary { by, cancelled } => {
             emit(t, by.as_u16().into(), cancelled.iter().map(|p| p.as_u16().into()).collect());
         }
+        Outcome::Final { by } => {
+            decision(trace::Decision::Final { at: 0, t, p: by.as_u16().into() });
+        }
+        Outcome::Forwarded { by, cancelled } => {
+            emit_last(t, by.as_u16().into(), cancelled.iter().map(|p| p.as_u16().into()).collect());
+        }
+    }
+}
+
+/// An output that retires its timestamp; under progressive a `final` follows it (F9).
+fn emit_last(t: u64, by: u64, cancelled: Vec<u64>) {
+    emit(t, by, cancelled);
+    let commit = RECORDING.with_borrow(|recording| recording.commit);
+    if commit == Some(Commit::Progressive) {
+        decision(trace::Decision::Final { at: 0, t, p: by });
     }
 }
 

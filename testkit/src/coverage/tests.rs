@@ -4,10 +4,15 @@ use crate::generate::Generator;
 #[test]
 fn a_thousand_generated_runs_reach_every_rule_reason_pair_outcome_and_edge() {
     for (seed, commit) in [(1, None), (2, Some(Commit::Eager)), (3, Some(Commit::Patient))] {
+        // What progressive alone comes to.
+        let is_absent = |name: &str| {
+            commit.is_some() && (name == "F9" || name.ends_with("ends after its last output"))
+        };
         let (generator, mut coverage) =
             (Generator { seed, commit, clouds: 4 }, Coverage::default());
         (0..1000).for_each(|number| coverage.watch(&generator.run(number)));
-        for CoverageShare { kind, missing, .. } in coverage.shares() {
+        for CoverageShare { kind, mut missing, .. } in coverage.shares() {
+            missing.retain(|name| !is_absent(name));
             assert!(missing.is_empty(), "{generator:?}, {kind}: no run reached {missing:?}");
         }
     }

@@ -1,8 +1,8 @@
 //! The calls on the machine and their answers, in plain values. Cloud `p` is source `p`.
 
 use fuseline_core::{
-    Admission, Decision, Firing, Instant, OfferRefusal, OpenRefusal, Outcome, Priorities, Source,
-    Sources,
+    Admission, Decision, Firing, Instant, OfferRefusal, OpenRefusal, Outcome, Priorities, Priority,
+    Source, Sources,
 };
 
 /// What a call gives. Times are in nanoseconds.

@@ -55,6 +55,13 @@ impl Answers {
                 self.forwarded[t_index].fetch_add(1, Ordering::Relaxed);
             }
             Outcome::Missed => drop(self.missed[t_index].fetch_add(1, Ordering::Relaxed)),
+            Outcome::Preliminary { by, .. } => {
+                let value = value.expect("whoever forwards has a value");
+                assert_eq!((value.t, value.p), (t, *by));
+            }
+            Outcome::Final { .. } => {
+                self.forwarded[t_index].fetch_add(1, Ordering::Relaxed);
+            }
             Outcome::Dropped(_) | Outcome::Held | Outcome::Waiting => {}
         }
     }

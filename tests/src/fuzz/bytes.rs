@@ -10,6 +10,8 @@ const LONG: u8 = u8::MAX;
 const FAR: i8 = i8::MIN;
 /// Set in a run's first byte under patient.
 const PATIENT: u8 = 16;
+/// Set in a run's first byte under progressive, whatever the bit of patient.
+const PROGRESSIVE: u8 = 32;
 /// The bits of a run's first byte that count the clouds.
 const CLOUDS: u8 = 15;
 /// The greatest window.
@@ -41,7 +43,11 @@ impl<'a> Bytes<'a> {
 
     fn header(&mut self) -> Header {
         let first = self.byte();
-        let commit = if first & PATIENT == 0 { Commit::Eager } else { Commit::Patient };
+        let commit = match first & (PATIENT | PROGRESSIVE) {
+            0 => Commit::Eager,
+            PATIENT => Commit::Patient,
+            _ => Commit::Progressive,
+        };
         let window = self.short() % WINDOW + 1;
         let mut clouds: Vec<Cloud> = Vec::new();
         for _ in 0..first & CLOUDS {
@@ -123,9 +129,13 @@ impl<'a> Bytes<'a> {
 /// Appends what [`Bytes::run`] reads as this run.
 pub(super) fn write(run: &Run, out: &mut Vec<u8>) {
     let Header { window, commit, clouds, .. } = &run.header;
-    let patient = if *commit == Commit::Patient { PATIENT } else { 0 };
+    let rule = match commit {
+        Commit::Eager => 0,
+        Commit::Patient => PATIENT,
+        Commit::Progressive => PROGRESSIVE,
+    };
     // A header has up to 15 clouds.
-    out.push(patient | u8::try_from(clouds.len()).unwrap_or(CLOUDS));
+    out.push(rule | u8::try_from(clouds.len()).unwrap_or(CLOUDS));
     out.extend(window.saturating_sub(1).to_le_bytes());
     for cloud in clouds {
         out.extend(cloud.p.to_le_bytes());

@@ -99,7 +99,7 @@ impl Edit {
         let of_open = OpenRefusal::ALL[turned(was.why, why, OpenRefusal::ALL.len())];
         let of_offer = OfferRefusal::ALL[turned(was.why, why, OfferRefusal::ALL.len())];
         let dropped = DropReason::ALL[turned(was.why, why, DropReason::ALL.len())];
-        Event::Decision(match turned(was.kind, kind, 9) {
+        Event::Decision(match turned(was.kind, kind, 10) {
             0 => Decision::Timer { at, t, p },
             1 => Decision::RefuseOpen { at, t, why: of_open },
             2 => Decision::RefuseOffer { at, t, p, why: of_offer },
@@ -108,6 +108,7 @@ impl Edit {
             5 => Decision::Drop { at, t, p, why: dropped },
             6 => Decision::Emit { at, t, p },
             7 => Decision::Miss { at, t },
+            8 => Decision::Final { at, t, p },
             _ => Decision::Cancel { at, t, p },
         })
     }
@@ -142,7 +143,8 @@ impl LineFields {
                 Decision::Drop { at, t, p, why } => Self { why: why.index(), ..words(5, at, t, p) },
                 Decision::Emit { at, t, p } => words(6, at, t, p),
                 Decision::Miss { at, t } => words(7, at, t, 0),
-                Decision::Cancel { at, t, p } => words(8, at, t, p),
+                Decision::Final { at, t, p } => words(8, at, t, p),
+                Decision::Cancel { at, t, p } => words(9, at, t, p),
             },
         }
     }

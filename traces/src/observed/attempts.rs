@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// One request line.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) struct Request {
+pub(super) struct RequestAttempt {
     pub(super) p: u64,
     pub(super) at: u64,
     pub(super) due: u64,
@@ -26,13 +26,13 @@ pub(super) struct AttemptFailure {
 
 /// The requests of the rules, source, instant and due instant. A source has one, or as many as there are if one attempt is
 /// requested twice, which no rule explains.
-pub(super) fn folded_requests(requests: &[Request]) -> Vec<(u64, u64, u64)> {
-    let plain = |request: &Request| (request.p, request.at, request.due);
+pub(super) fn folded_requests(requests: &[RequestAttempt]) -> Vec<(u64, u64, u64)> {
+    let plain = |request: &RequestAttempt| (request.p, request.at, request.due);
     // Without attempts, which is most often, there is nothing to fold.
     if requests.iter().all(|request| request.attempt.is_none()) {
         return requests.iter().map(plain).collect();
     }
-    let mut by_source: BTreeMap<u64, Vec<&Request>> = BTreeMap::new();
+    let mut by_source: BTreeMap<u64, Vec<&RequestAttempt>> = BTreeMap::new();
     for request in requests {
         by_source.entry(request.p).or_default().push(request);
     }
@@ -52,7 +52,7 @@ pub(super) fn folded_requests(requests: &[Request]) -> Vec<(u64, u64, u64)> {
 
 /// The failures of the rules: those of whole requests, and the last of the attempts' where each attempt has failed.
 pub(super) fn folded_failures(
-    requests: &[Request],
+    requests: &[RequestAttempt],
     failures: &[AttemptFailure],
 ) -> Vec<(u64, u64)> {
     let mut folded: Vec<(u64, u64)> = Vec::new();

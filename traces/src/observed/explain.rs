@@ -142,7 +142,7 @@ impl ObservedFacts {
     }
 
     /// The earliest instant at which everything was requested, as it must be before the retirement.
-    fn ready(&self) -> WideInstant {
+    pub(super) fn ready(&self) -> WideInstant {
         self.sources.iter().map(|source| source.requested).fold(self.open, WideInstant::max)
     }
 
@@ -290,18 +290,23 @@ impl ObservedSource {
         self.timer.map_or(NEVER, |timer| timer.by)
     }
 
+    /// Until when it may be pending.
+    pub(super) fn lasts(&self) -> WideInstant {
+        self.last.min(self.patience())
+    }
+
     /// When a result of it may close it while its timer is live.
-    fn returns(&self) -> InstantRange {
+    pub(super) fn returns(&self) -> InstantRange {
         self.closes(self.result, self.patience())
     }
 
     /// When a failure may close it.
-    fn fails(&self) -> InstantRange {
+    pub(super) fn fails(&self) -> InstantRange {
         self.closes(self.failure, self.patience())
     }
 
     /// When its timer may close it.
-    fn fires(&self) -> InstantRange {
+    pub(super) fn fires(&self) -> InstantRange {
         match self.timer {
             Some(timer) => self.closes(Some(timer.served.from), timer.served.to),
             None => InstantRange { from: NEVER, to: 0 },
@@ -327,12 +332,16 @@ impl ObservedSource {
 
 /// Whether at every instant from `from` until just before the retirement one of them is pending.
 fn covers(pending: &[InstantRange], from: WideInstant, at: WideInstant) -> bool {
+    reach(pending, from) > at
+}
+
+/// Until when at every instant from `from` on one of them is pending.
+pub(super) fn reach(pending: &[InstantRange], from: WideInstant) -> WideInstant {
     let mut reached = from;
     loop {
         let then = pending.iter().filter(|span| span.from <= reached && span.to > reached);
         match then.map(|span| span.to).max() {
-            None => return false,
-            Some(to) if to > at => return true,
+            None => return reached,
             Some(to) => reached = to,
         }
     }

@@ -15,7 +15,7 @@ use super::slack::{Slack, SourceSlack};
 use super::verdict::{BrokenRule, Verdict, Violation};
 use super::violation::{UnlocatedViolation, of_again, of_refused, of_story};
 use crate::annotations::{Annotations, HeaderAnnotations};
-use crate::event::{Decision, Event, Header, Input};
+use crate::event::{Commit, Decision, Event, Header, Input};
 use crate::judge::ViolationPlace;
 use crate::read::{Events, ReadError};
 use crate::reason::DropReason;
@@ -51,6 +51,8 @@ pub struct Judge {
     ended: RangeInclusiveSet<u64>,
     /// Those that were refused whenever they were opened.
     refused: RangeInclusiveSet<u64>,
+    /// Those of them that something came out of.
+    broken: RangeInclusiveSet<u64>,
     /// If a period is known.
     gaps: Option<Gaps>,
     recent: RecentLines,
@@ -121,6 +123,7 @@ impl Judge {
             overdue: VecDeque::new(),
             ended: RangeInclusiveSet::new(),
             refused: RangeInclusiveSet::new(),
+            broken: RangeInclusiveSet::new(),
             gaps: None,
             recent: RecentLines::default(),
             keeps_places: false,
@@ -267,11 +270,16 @@ impl Judge {
         let clouds = &self.header.clouds;
         let is_cloud = |p| clouds.iter().any(|cloud| u64::from(cloud.p) == p);
         let open = self.open.entry(t).or_default();
-        open.take(line, event, annotations, is_cloud, self.records_opens);
+        // P1: each source has one output at most.
+        let most = match self.header.commit {
+            Commit::Eager | Commit::Patient => 1,
+            Commit::Progressive => clouds.len() + 1,
+        };
+        open.take(line, event, annotations, is_cloud, self.records_opens, most);
         self.records_opens |= matches!(event, Event::Input(Input::Open { .. }));
         // No line is before that any more.
         open.compact(self.passed.saturating_sub(self.slack.greatest()));
-        open.ripe = open.ripens(&self.slack);
+        open.ripe = open.ripens(self.header.commit, &self.slack);
         if !open.is_queued {
             open.is_queued = true;
             self.ripening.push(Reverse((open.ripe, t)));
@@ -322,12 +330,18 @@ impl Judge {
             }
             open.is_queued = false;
             let whole = self.whole(t, &open);
-            if open.has_come_out() || self.is_not_open(t, &whole) {
+            if open.has_ended(self.header.commit) || self.is_not_open(t, &whole) {
                 self.close(t, &open, &whole, self.greatest);
                 continue;
             }
             let end = self.certain();
-            if !open.is_overdue && self.violation(t, &whole, end).is_some() {
+            let is_broken = !open.is_overdue && self.violation(t, &whole, end).is_some();
+            // F9: its end may be missing.
+            if open.has_come_out() && !is_broken {
+                self.close(t, &open, &whole, self.greatest);
+                continue;
+            }
+            if is_broken {
                 open.is_overdue = true;
                 self.overdue.push_back(t);
             }
@@ -383,7 +397,11 @@ impl Judge {
             of_again(t, whole)
         } else if Self::is_refused(whole) {
             self.refused.insert(t..=t);
-            of_refused(t, whole)
+            let unplaced = of_refused(t, whole);
+            if unplaced.is_some() {
+                self.broken.insert(t..=t);
+            }
+            unplaced
         } else if whole.is_none() {
             None
         } else {
@@ -392,13 +410,17 @@ impl Judge {
             let unplaced = self.violation(t, whole, end);
             match &mut self.verdict.unfinished {
                 // P7: what breaks nothing and is open to the end of time waits for local.
-                Some(unfinished) if unplaced.is_none() && !open.has_come_out() => *unfinished += 1,
+                Some(unfinished)
+                    if unplaced.is_none() && !open.has_come_out() && !self.broken.contains(&t) =>
+                {
+                    *unfinished += 1;
+                }
                 _ => self.verdict.judged += u64::from(whole.is_reported_of()),
             }
             unplaced
         };
         if let Some(mut unplaced) = unplaced {
-            if self.verdict.unfinished.is_some() && !open.has_come_out() {
+            if self.verdict.unfinished.is_some() && unplaced.line.is_none() {
                 // It never came.
                 unplaced.late = None;
             }

@@ -4,12 +4,12 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::attempts::{AttemptFailure, Request, folded_failures, folded_requests};
+use super::attempts::{AttemptFailure, RequestAttempt, folded_failures, folded_requests};
 use super::gap::Opened;
 use super::slack::SourceSlack;
 use super::story::MessageHistory;
 use crate::annotations::Annotations;
-use crate::event::{Decision, Event, Input};
+use crate::event::{Commit, Decision, Event, Input};
 use crate::reason::DropReason;
 
 /// How many facts are kept before those that decide nothing are left out.
@@ -23,11 +23,13 @@ pub(super) struct OpenMessageHistory {
     opens: Vec<OpenTimestamp>,
     /// When an open was refused.
     refusals: Vec<u64>,
-    requests: Vec<Request>,
+    requests: Vec<RequestAttempt>,
     came: BTreeSet<RequestClosing>,
     /// The drop lines: their results and failures count for nothing.
     dropped: BTreeSet<Dropped>,
-    outputs: Vec<Output>,
+    outputs: Vec<ObservedOutput>,
+    /// Which of them were said to be the last (F9).
+    finals: Vec<ObservedOutput>,
     /// The line of a request to a cloud that is not registered, with its priority.
     stranger: Option<(u64, u64)>,
     /// The last line of it.
@@ -50,7 +52,7 @@ struct OpenTimestamp {
 
 /// What came out.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) struct Output {
+pub(super) struct ObservedOutput {
     /// Whose result was sent; none for a miss.
     pub(super) p: Option<u64>,
     pub(super) at: u64,
@@ -83,7 +85,9 @@ struct Dropped {
 pub(super) struct WholeMessageHistory {
     pub(super) story: MessageHistory,
     /// What came out, with its lines.
-    pub(super) outputs: Vec<Output>,
+    pub(super) outputs: Vec<ObservedOutput>,
+    /// Which of them were said to be the last, with its lines (F9).
+    pub(super) finals: Vec<ObservedOutput>,
     /// Of which timestamps the values of results are: source, instant, and none if the result does not say.
     pub(super) values: Vec<(u64, u64, Option<u64>)>,
     /// By when the message's own deadline wants an output (J2).
@@ -98,7 +102,8 @@ pub(super) struct WholeMessageHistory {
 }
 
 impl OpenMessageHistory {
-    /// Takes a line of the timestamp; `records_opens` says whether an open stands before it in the trace.
+    /// Takes a line of the timestamp; `records_opens` says whether an open stands before it in the trace. It has no more
+    /// than `most` outputs, or one too many.
     pub(super) fn take(
         &mut self,
         line: u64,
@@ -106,6 +111,7 @@ impl OpenMessageHistory {
         annotations: &Annotations,
         is_cloud: impl Fn(u64) -> bool,
         records_opens: bool,
+        most: usize,
     ) {
         self.line = line;
         let known = |p| if p == 0 || is_cloud(p) { p } else { STRANGER };
@@ -121,7 +127,7 @@ impl OpenMessageHistory {
                 self.comes(RequestClosing::new(known(p), at, false, attempt, None));
             }
             Event::Decision(Decision::Request { at, p, due, .. }) if is_cloud(p) => {
-                self.requests(Request { p, at, due, attempt });
+                self.requests(RequestAttempt { p, at, due, attempt });
             }
             Event::Decision(Decision::Request { p, .. }) => {
                 self.stranger.get_or_insert((line, p));
@@ -136,17 +142,19 @@ impl OpenMessageHistory {
                 | DropReason::Late => {}
             },
             Event::Decision(Decision::Emit { at, p, .. }) => {
-                self.comes_out(Output { p: Some(p), at, of, line });
+                keep(&mut self.outputs, most, ObservedOutput { p: Some(p), at, of, line });
             }
             Event::Decision(Decision::Miss { at, .. }) => {
-                self.comes_out(Output { p: None, at, of: None, line });
+                keep(&mut self.outputs, most, ObservedOutput { p: None, at, of: None, line });
+            }
+            Event::Decision(Decision::Final { at, p, .. }) => {
+                keep(&mut self.finals, 1, ObservedOutput { p: Some(p), at, of: None, line });
             }
             Event::Input(Input::Offer { .. } | Input::Tick { .. })
             | Event::Decision(
                 Decision::Timer { .. }
                 | Decision::RefuseOffer { .. }
                 | Decision::Hold { .. }
-                | Decision::Final { .. }
                 | Decision::Cancel { .. },
             ) => {}
         }
@@ -161,7 +169,7 @@ impl OpenMessageHistory {
             let newest = self.newest_before(until);
             let (mut seen, mut kept) = (BTreeSet::new(), BTreeSet::new());
             self.came.retain(|came| {
-                let is_newest = came.is_result && newest.get(&came.p) == Some(&came.claim());
+                let is_newest = came.is_result && newest.get(&came.p) == Some(&came.value_order());
                 seen.insert((came.p, came.is_result, came.is_superseded, came.attempt))
                     || came.at >= until
                     || (is_newest && kept.insert(came.p))
@@ -172,12 +180,12 @@ impl OpenMessageHistory {
         }
     }
 
-    /// Of the results of each source that came before, the greatest claim to be of a late timestamp.
-    fn newest_before(&self, until: u64) -> BTreeMap<u64, Claim> {
+    /// Of the results of each source that came before, those whose values may be of the latest timestamps.
+    fn newest_before(&self, until: u64) -> BTreeMap<u64, ValueOrder> {
         let mut newest = BTreeMap::new();
         for came in self.came.iter().filter(|came| came.is_result && came.at < until) {
-            let claim = newest.entry(came.p).or_insert(came.claim());
-            *claim = came.claim().max(*claim);
+            let value_order = newest.entry(came.p).or_insert(came.value_order());
+            *value_order = came.value_order().max(*value_order);
         }
         newest
     }
@@ -190,21 +198,33 @@ impl OpenMessageHistory {
 
     /// Whether anything came out.
     pub(super) const fn has_come_out(&self) -> bool {
-        !self.outputs.is_empty()
+        !(self.outputs.is_empty() && self.finals.is_empty())
+    }
+
+    /// Whether its end came out.
+    pub(super) fn has_ended(&self, commit: Commit) -> bool {
+        match commit {
+            Commit::Eager | Commit::Patient => self.has_come_out(),
+            // F9: more may follow an output.
+            Commit::Progressive => {
+                !self.finals.is_empty() || self.outputs.iter().any(|output| output.p.is_none())
+            }
+        }
     }
 
     /// From when on no line can change what is decided about it, unless it is a fact of its own.
     ///
-    /// A line may come `2T` after its instant's turn, and its true instant is `T` off. Where something came out, what is observed
-    /// after that comes after the retirement. Where nothing did, it is ripe when every timer must have been served
+    /// A line may come `2T` after its instant's turn, and its true instant is `T` off. Where its end came out, what is observed
+    /// after that comes after the retirement. Where it did not, it is ripe when every timer must have been served
     /// and every output must have come, so that it stays open for good or has no explanation.
-    pub(super) fn ripens(&self, slack: &SourceSlack) -> u64 {
+    pub(super) fn ripens(&self, commit: Commit, slack: &SourceSlack) -> u64 {
         let (tolerance, lateness) = (slack.greatest(), slack.lateness());
         let opens = self.opens.iter().map(|open| open.at);
         let dropped = self.dropped.iter().map(|dropped| dropped.at);
-        let settled = opens.chain(self.refusals.iter().copied()).chain(dropped);
-        let (last, ends) = if self.has_come_out() {
-            (settled.chain(self.outputs.iter().map(|output| output.at)).max(), 1)
+        let out = self.outputs.iter().chain(&self.finals).map(|output| output.at);
+        let settled = opens.chain(self.refusals.iter().copied()).chain(dropped).chain(out);
+        let (last, ends) = if self.has_ended(commit) {
+            (settled.max(), 1)
         } else {
             let dues = self.requests.iter().map(|request| request.due);
             let limits =
@@ -224,7 +244,7 @@ impl OpenMessageHistory {
         let opens = self.accepted(slack.reach());
         let requested =
             self.requests.iter().map(|request| (request.at, slack.tolerance_of(request.p)));
-        let out = self.outputs.iter().map(|output| (output.at, own));
+        let out = self.outputs.iter().chain(&self.finals).map(|output| (output.at, own));
         let known = opens.iter().map(|open| (open.at, own)).chain(requested).chain(out);
         // The earliest and the latest instant at which the first of it may have been.
         let first = known.clone().map(|(at, tolerance)| at.saturating_sub(tolerance)).min();
@@ -261,9 +281,11 @@ impl OpenMessageHistory {
                 results,
                 failures: folded_failures(&self.requests, &failures),
                 outputs: self.outputs.iter().map(|output| (output.p, output.at)).collect(),
+                finals: self.finals.iter().filter_map(|last| Some((last.p?, last.at))).collect(),
                 without_local: false,
             },
             outputs: self.outputs.clone(),
+            finals: self.finals.clone(),
             values,
             due: open.and_then(|open| open.due),
             has_failed: !failures.is_empty(),
@@ -313,8 +335,9 @@ impl OpenMessageHistory {
         opens
     }
 
-    fn requests(&mut self, request: Request) {
-        let is_same = |other: &&Request| (other.p, other.attempt) == (request.p, request.attempt);
+    fn requests(&mut self, request: RequestAttempt) {
+        let is_same =
+            |other: &&RequestAttempt| (other.p, other.attempt) == (request.p, request.attempt);
         // One more than there may be shows that one is requested twice.
         if self.requests.iter().filter(is_same).count() < 2 {
             self.requests.push(request);
@@ -348,24 +371,24 @@ impl OpenMessageHistory {
             }
         }
     }
+}
 
-    fn comes_out(&mut self, output: Output) {
-        // Two are one too many; how many more there are does not matter.
-        if self.outputs.len() < 2 {
-            self.outputs.push(output);
-        }
+/// Keeps an output if there are not too many yet: how many more there are does not matter then.
+fn keep(outputs: &mut Vec<ObservedOutput>, most: usize, output: ObservedOutput) {
+    if outputs.len() <= most {
+        outputs.push(output);
     }
 }
 
 /// How late a timestamp a result's value may be of: one that does not say may be of the latest.
-type Claim = (bool, u64);
+type ValueOrder = (bool, u64);
 
 impl RequestClosing {
     const fn new(p: u64, at: u64, is_result: bool, attempt: Option<u8>, of: Option<u64>) -> Self {
         Self { p, at, is_result, is_superseded: false, attempt, of }
     }
 
-    const fn claim(&self) -> Claim {
+    const fn value_order(&self) -> ValueOrder {
         match self.of {
             Some(of) => (false, of),
             None => (true, 0),
@@ -376,7 +399,7 @@ impl RequestClosing {
 impl WholeMessageHistory {
     /// The line of the first output.
     pub(super) fn line(&self) -> Option<u64> {
-        self.outputs.first().map(|output| output.line)
+        self.outputs.iter().chain(&self.finals).map(|output| output.line).min()
     }
 
     /// Whether an open of it was not refused.
@@ -393,6 +416,6 @@ impl WholeMessageHistory {
     /// Whether nothing is left of it.
     pub(super) const fn is_none(&self) -> bool {
         let is_asked = !self.story.requests.is_empty() || self.stranger.is_some();
-        !(self.is_opened() || is_asked || self.is_reported_of())
+        !(self.is_opened() || is_asked || self.is_reported_of() || !self.finals.is_empty())
     }
 }

@@ -6,6 +6,7 @@ use super::explain::{
     InstantRange, LAST, NEVER, ObservedFacts, ObservedSource, RetirementOutput, SourceTimer,
     WideInstant,
 };
+use super::progressive::{OutputTime, ProgressiveFacts};
 use super::slack::SourceSlack;
 use crate::event::Commit;
 
@@ -22,6 +23,8 @@ pub struct MessageHistory {
     pub failures: Vec<(u64, u64)>,
     /// Whose result was sent, or none for a miss, and when.
     pub outputs: Vec<(Option<u64>, u64)>,
+    /// Whose output was said to be the last, and when (F9).
+    pub finals: Vec<(u64, u64)>,
     /// Whether the operator has no local computation: local fails then, at the latest when all is requested.
     pub without_local: bool,
 }
@@ -54,32 +57,83 @@ impl MessageHistory {
         slack: &SourceSlack,
         end: u64,
     ) -> bool {
+        if commit == Commit::Progressive {
+            return self.is_explained_progressively(slack, end);
+        }
         let Some((facts, priorities)) = self.facts(commit, slack, end) else { return false };
-        let slack = [slack.tolerance(), slack.lateness()].map(WideInstant::from);
-        match *self.outputs {
-            [] => {
-                let from = (WideInstant::from(end) + 1).saturating_sub(slack[0] + slack[1]);
-                let after = InstantRange { from, to: LAST };
+        match (&*self.outputs, &*self.finals) {
+            ([], []) => {
+                let after = InstantRange { from: unseen(slack, end), to: LAST };
                 let emits = (0..priorities.len()).map(RetirementOutput::Emit);
                 facts.stays_open()
                     || emits
                         .chain([RetirementOutput::Miss])
                         .any(|output| facts.yields(output, after))
             }
-            [(p, at)] => {
-                let at = WideInstant::from(at);
-                let when = InstantRange {
-                    from: at.saturating_sub(slack[0] + slack[1]),
-                    to: at + slack[0],
-                };
+            ([(p, at)], []) => {
                 let output = match p {
                     None => Some(RetirementOutput::Miss),
-                    Some(p) => priorities.iter().position(|q| *q == p).map(RetirementOutput::Emit),
+                    Some(p) => priorities.iter().position(|q| q == p).map(RetirementOutput::Emit),
                 };
-                output.is_some_and(|output| facts.yields(output, when))
+                output.is_some_and(|output| facts.yields(output, produced(*at, slack)))
             }
             _ => false,
         }
+    }
+
+    /// The same under progressive, where each output is produced and the last one ends it.
+    fn is_explained_progressively(&self, slack: &SourceSlack, end: u64) -> bool {
+        let Some((facts, priorities)) = self.progressive(slack, end) else { return false };
+        if !self.rises(slack) {
+            return false;
+        }
+        match (&*self.outputs, &*self.finals) {
+            ([(None, at)], []) => facts.facts.yields(RetirementOutput::Miss, produced(*at, slack)),
+            ([], []) => {
+                let after = InstantRange { from: unseen(slack, end), to: LAST };
+                facts.is_explained() || facts.facts.yields(RetirementOutput::Miss, after)
+            }
+            (_, []) => facts.is_explained(),
+            (_, [(p, at), ..]) => {
+                let last = priorities.iter().position(|q| q == p);
+                last.is_some_and(|last| facts.ends(last, produced(*at, slack)))
+            }
+        }
+    }
+
+    /// P1, A54: whether the outputs rise in priority, as far as their stamps tell, and one final or miss at most ends them.
+    pub(super) fn rises(&self, slack: &SourceSlack) -> bool {
+        let twice = slack.tolerance().saturating_mul(2);
+        let emits: Vec<_> = self.outputs.iter().filter_map(|(p, at)| Some(((*p)?, *at))).collect();
+        let misses = self.outputs.len() - emits.len();
+        let follows = |(p, at): (u64, u64), (before, then): (u64, u64)| {
+            p > before && then <= at.saturating_add(twice)
+        };
+        let rises = |(i, emit): (usize, &(u64, u64))| {
+            emits[..i].iter().all(|before| follows(*emit, *before) || follows(*before, *emit))
+        };
+        emits.iter().enumerate().all(rises)
+            && misses + self.finals.len() < 2
+            && (misses == 0 || emits.is_empty())
+            && self.finals.iter().all(|(last, _)| emits.iter().all(|(p, _)| p <= last))
+    }
+
+    /// As intervals under progressive, with when each output was produced, and the priorities of the sources; none if an output has
+    /// no source or requests contradict each other.
+    pub(super) fn progressive(
+        &self,
+        slack: &SourceSlack,
+        end: u64,
+    ) -> Option<(ProgressiveFacts, Vec<u64>)> {
+        let (facts, priorities) = self.facts(Commit::Progressive, slack, end)?;
+        let outputs = vec![OutputTime::NotBefore(unseen(slack, end)); priorities.len()];
+        let mut facts = ProgressiveFacts { facts, outputs };
+        for (p, at) in &self.outputs {
+            let Some(p) = p else { continue };
+            let q = priorities.iter().position(|q| q == p)?;
+            *facts.outputs.get_mut(q)? = OutputTime::Within(produced(*at, slack));
+        }
+        Some((facts, priorities))
     }
 
     /// What the rules can bring out of the rest of it, and between which instants it may be recorded; none at all if the rest
@@ -102,17 +156,20 @@ impl MessageHistory {
         end: u64,
     ) -> Vec<AllowedOutput> {
         let Some((facts, priorities)) = self.facts(commit, slack, end) else { return Vec::new() };
-        let [tolerance, lateness] = [slack.tolerance(), slack.lateness()].map(WideInstant::from);
-        let within = |at: WideInstant| u64::try_from(at).unwrap_or(u64::MAX);
+        // F9: others may be sent too.
+        let progressive = (commit == Commit::Progressive).then(|| ProgressiveFacts::free(&facts));
         let emits = (0..priorities.len()).rev().map(RetirementOutput::Emit);
         let outputs = emits.chain([RetirementOutput::Miss]).filter_map(|output| {
-            let InstantRange { from, to } = facts.span(output)?;
-            let p = match output {
-                RetirementOutput::Emit(q) => priorities.get(q).copied(),
-                RetirementOutput::Miss => None,
+            let (p, when) = match (output, &progressive) {
+                (RetirementOutput::Emit(q), Some(facts)) => {
+                    (priorities.get(q).copied(), facts.span(q)?)
+                }
+                (RetirementOutput::Emit(q), None) => {
+                    (priorities.get(q).copied(), facts.span(output)?)
+                }
+                (RetirementOutput::Miss, _) => (None, facts.span(output)?),
             };
-            let from = within(from.saturating_sub(tolerance));
-            Some(AllowedOutput { p, from, to: within(to + lateness + tolerance) })
+            Some(AllowedOutput::produced(p, when, slack))
         });
         outputs.collect()
     }
@@ -183,6 +240,30 @@ impl MessageHistory {
         let facts = ObservedFacts { is_eager, open, sources: sources.into_values().collect() };
         Some((facts, priorities.into_iter().collect()))
     }
+}
+
+impl AllowedOutput {
+    /// One that is produced at these instants.
+    pub(super) fn produced(p: Option<u64>, when: InstantRange, slack: &SourceSlack) -> Self {
+        let [tolerance, lateness] = [slack.tolerance(), slack.lateness()].map(WideInstant::from);
+        let within = |at: WideInstant| u64::try_from(at).unwrap_or(u64::MAX);
+        let from = within(when.from.saturating_sub(tolerance));
+        Self { p, from, to: within(when.to + lateness + tolerance) }
+    }
+}
+
+/// When an output that was recorded then was produced.
+pub(super) fn produced(at: u64, slack: &SourceSlack) -> InstantRange {
+    let [at, tolerance, lateness] =
+        [at, slack.tolerance(), slack.lateness()].map(WideInstant::from);
+    InstantRange { from: at.saturating_sub(tolerance + lateness), to: at + tolerance }
+}
+
+/// From when on what is produced may be missing in a trace that ends then.
+fn unseen(slack: &SourceSlack, end: u64) -> WideInstant {
+    let [tolerance, lateness, end] =
+        [slack.tolerance(), slack.lateness(), end].map(WideInstant::from);
+    (end + 1).saturating_sub(tolerance + lateness)
 }
 
 #[cfg(test)]

@@ -100,12 +100,16 @@ impl BrokenRule {
             Self::Rule(rule) => rule.sentence(),
             Self::P2 => "A forwarded result arrived before its due instant, if it had one.",
             Self::P3 => {
-                "A forwarded result outranks every other available result for its timestamp."
+                "A forwarded result outranks every other available result for its timestamp; under \
+                 progressive the last one outranks every other that came in time."
             }
-            Self::P4 => "While anything is held, something pending outranks all of it.",
+            Self::P4 => {
+                "While anything is held, something pending outranks all of it; under progressive \
+                 each better result is forwarded the moment it arrives."
+            }
             Self::P5 => {
                 "Once local's result was accepted, its timestamp is forwarded, at once or by the \
-                 latest due instant ever armed for it."
+                 latest due instant ever armed for it; under progressive at once."
             }
             Self::P6 => {
                 "With no request admitted for its timestamp, local's accepted result is forwarded \

@@ -1,6 +1,9 @@
 //! What to report of a timestamp that has no explanation: the rule or promise that is broken, and what was allowed.
 
-use super::open::{Output, WholeMessageHistory};
+mod progressive;
+
+use self::progressive::{of_disorder, of_progressive};
+use super::open::{ObservedOutput, WholeMessageHistory};
 use super::slack::SourceSlack;
 use super::story::{AllowedOutput, MessageHistory};
 use super::verdict::BrokenRule;
@@ -62,25 +65,42 @@ pub(super) fn of_story(
     }
     let line = whole.outputs.last().map(|output| output.line);
     let story = &whole.story;
-    if let [output] = &whole.outputs[..]
-        && let Some(violation) = of_value(t, whole, output, annotations, slack)
-    {
-        return Some(violation);
+    let is_progressive = commit == Commit::Progressive;
+    if is_progressive || whole.outputs.len() == 1 {
+        let mut outputs = whole.outputs.iter();
+        if let Some(wrong) =
+            outputs.find_map(|output| of_value(t, whole, output, annotations, slack))
+        {
+            return Some(wrong);
+        }
     }
     if story.is_explained_within(commit, slack, end) {
         return of_own_deadline(t, whole, slack, end);
     }
     let allowed = story.allowed_within(commit, slack, end);
     let found = outputs(t, story);
-    if story.outputs.len() > 1 {
+    if is_progressive {
+        if let Some(violation) = of_disorder(t, whole, slack) {
+            return Some(violation);
+        }
+    } else if let Some(last) = whole.finals.first() {
+        let expected = format!("no final: the rule is {commit}");
+        return Some(UnlocatedViolation::new(Rule::F9, last.line, found, expected));
+    } else if story.outputs.len() > 1 {
         let unplaced = UnlocatedViolation::new(Rule::P1, 0, found, reported(t, &allowed));
         return Some(UnlocatedViolation { line, ..unplaced });
     }
-    let without = MessageHistory { outputs: Vec::new(), ..story.clone() };
+    let without = MessageHistory { outputs: Vec::new(), finals: Vec::new(), ..story.clone() };
     if allowed.is_empty() && !without.is_explained_within(commit, slack, end) {
         return Some(of_contradiction(t, story, commit, slack, end));
     }
-    let (rule, late) = of_output(story, &allowed, slack, end);
+    if is_progressive && let Some(violation) = of_progressive(t, whole, slack, end) {
+        return Some(violation);
+    }
+    let (rule, late) = match story.outputs.first() {
+        Some(output) => of_output(story, commit, *output, &allowed, slack),
+        None => of_nothing(story, &allowed, end),
+    };
     Some(UnlocatedViolation { line, rule, found, expected: reported(t, &allowed), late })
 }
 
@@ -88,11 +108,11 @@ pub(super) fn of_story(
 fn of_value(
     t: u64,
     whole: &WholeMessageHistory,
-    output: &Output,
+    output: &ObservedOutput,
     annotations: &HeaderAnnotations,
     slack: &SourceSlack,
 ) -> Option<UnlocatedViolation> {
-    let Output { p: Some(p), at, of, line } = *output else { return None };
+    let ObservedOutput { p: Some(p), at, of, line } = *output else { return None };
     // What certainly came later was not sent.
     let by = at.saturating_add(slack.tolerance()).saturating_add(slack.tolerance_of(p));
     let came = whole.values.iter().filter(|(q, came, _)| *q == p && *came <= by);
@@ -124,14 +144,18 @@ fn of_own_deadline(
     end: u64,
 ) -> Option<UnlocatedViolation> {
     let by = whole.due?.saturating_add(slack.reach());
-    let late = match whole.outputs.first() {
+    let first = whole.outputs.iter().min_by_key(|output| output.at);
+    let late = match first {
         Some(output) => output.at.checked_sub(by).filter(|late| *late > 0)?,
         None => end.checked_sub(by)?,
     };
     Some(UnlocatedViolation {
-        line: whole.line(),
+        line: first.map(|output| output.line),
         rule: BrokenRule::J2,
-        found: outputs(t, &whole.story),
+        found: first.map_or_else(
+            || outputs(t, &whole.story),
+            |ObservedOutput { p, at, .. }| output(t, *p, *at).to_string(),
+        ),
         expected: format!("an output at {by} at the latest: the message's own deadline"),
         late: Some(late),
     })
@@ -191,24 +215,31 @@ fn of_contradiction(
     UnlocatedViolation { line: None, rule: BrokenRule::Rule(Rule::F1), found, expected, late: None }
 }
 
-/// The rule or promise that an output breaks, or that there is none; and by how much it came too late.
-fn of_output(
+/// The rule or promise that is broken where nothing came out; and by how much that is too late.
+fn of_nothing(
     story: &MessageHistory,
     allowed: &[AllowedOutput],
-    slack: &SourceSlack,
     end: u64,
 ) -> (BrokenRule, Option<u64>) {
-    let alone = story.requests.is_empty();
+    let by = allowed.iter().map(|allowed| allowed.to).max().unwrap_or(end);
     let has_local = story.results.iter().any(|(p, _)| *p == 0);
-    let Some((what, at)) = story.outputs.first().copied() else {
-        let by = allowed.iter().map(|allowed| allowed.to).max().unwrap_or(end);
-        let rule = match (alone, has_local) {
-            (true, true) => BrokenRule::P6,
-            (false, true) => BrokenRule::P5,
-            (_, false) => BrokenRule::P7,
-        };
-        return (rule, Some(end.saturating_sub(by)));
+    let rule = match (story.requests.is_empty(), has_local) {
+        (true, true) => BrokenRule::P6,
+        (false, true) => BrokenRule::P5,
+        (_, false) => BrokenRule::P7,
     };
+    (rule, Some(end.saturating_sub(by)))
+}
+
+/// The rule or promise that an output breaks; and by how much it came too late.
+fn of_output(
+    story: &MessageHistory,
+    commit: Commit,
+    (what, at): (Option<u64>, u64),
+    allowed: &[AllowedOutput],
+    slack: &SourceSlack,
+) -> (BrokenRule, Option<u64>) {
+    let alone = story.requests.is_empty();
     let same = allowed.iter().find(|allowed| allowed.p == what);
     if let Some(same) = same.filter(|same| at > same.to) {
         let rule = match what {
@@ -249,13 +280,19 @@ fn of_output(
     let higher = allowed.iter().filter_map(|allowed| allowed.p).filter(|q| *q > p);
     let is_outranked =
         higher.into_iter().any(|q| first(&story.results, q).is_some_and(|came| came <= at));
-    (if is_outranked { BrokenRule::P3 } else { BrokenRule::Rule(Rule::F3) }, None)
+    let rule = match commit {
+        Commit::Progressive => BrokenRule::Rule(Rule::F9),
+        Commit::Eager | Commit::Patient if is_outranked => BrokenRule::P3,
+        Commit::Eager | Commit::Patient => BrokenRule::Rule(Rule::F3),
+    };
+    (rule, None)
 }
 
 /// What came out, as it stands in the trace.
 fn outputs(t: u64, story: &MessageHistory) -> String {
-    let reported: Vec<String> =
-        story.outputs.iter().map(|(p, at)| output(t, *p, *at).to_string()).collect();
+    let outputs = story.outputs.iter().map(|(p, at)| output(t, *p, *at));
+    let finals = story.finals.iter().map(|(p, at)| Decision::Final { at: *at, t, p: *p });
+    let reported: Vec<String> = outputs.chain(finals).map(|output| output.to_string()).collect();
     if reported.is_empty() { "nothing came out".to_owned() } else { reported.join(" and ") }
 }
 
@@ -268,10 +305,15 @@ const fn output(t: u64, p: Option<u64>, at: u64) -> Decision {
 
 /// What is allowed, with its instants.
 fn reported(t: u64, allowed: &[AllowedOutput]) -> String {
+    reported_as("emit", t, allowed)
+}
+
+/// The same, an output of a source being of this kind.
+fn reported_as(kind: &str, t: u64, allowed: &[AllowedOutput]) -> String {
     let reported: Vec<String> = allowed
         .iter()
         .map(|AllowedOutput { p, from, to }| {
-            let what = p.map_or_else(|| "miss".to_owned(), |p| format!("emit p {p}"));
+            let what = p.map_or_else(|| "miss".to_owned(), |p| format!("{kind} p {p}"));
             match *to {
                 u64::MAX => format!("{what}, at {from} or later"),
                 to => format!("{what}, at {from} to {to}"),

@@ -10,7 +10,14 @@
 
 static fuseline_storage_c15w1024 storage;
 static fuseline_machine *machine;
+static uint32_t commit;
 static struct said said;
+
+static void final_of(const fuseline_answer *a) {
+  say_head(&said, "final", a->at, a->t);
+  say_member(&said, "p", a->by);
+  say_end(&said);
+}
 
 /* What a firing or an input led to. */
 static void conclude(const fuseline_answer *a, uint64_t p) {
@@ -31,6 +38,10 @@ static void conclude(const fuseline_answer *a, uint64_t p) {
       say_head(&said, "miss", a->at, a->t);
       say_end(&said);
       break;
+    case FUSELINE_OUTCOME_FINAL:
+      final_of(a);
+      break;
+    case FUSELINE_OUTCOME_PRELIMINARY:
     case FUSELINE_OUTCOME_FORWARDED:
       say_head(&said, "emit", a->at, a->t);
       say_member(&said, "p", a->by);
@@ -40,6 +51,7 @@ static void conclude(const fuseline_answer *a, uint64_t p) {
         say_member(&said, "p", a->cancelled[i]);
         say_end(&said);
       }
+      if (commit == FUSELINE_COMMIT_PROGRESSIVE && a->outcome == FUSELINE_OUTCOME_FORWARDED) final_of(a);
       break;
     case FUSELINE_OUTCOME_ADMITTED:
       say_head(&said, "request", a->at, a->t);
@@ -82,7 +94,8 @@ static fuseline_status start(const struct line *line) {
     clouds[i].limit = line->clouds[i].limit;
     clouds[i].resume = line->clouds[i].resume;
   }
-  config.commit = line->is_patient ? FUSELINE_COMMIT_PATIENT : FUSELINE_COMMIT_EAGER;
+  commit = line->commit;
+  config.commit = commit;
   config.window = line->window > 1024U ? 0U : (uint32_t)line->window;
   config.clouds_len = line->clouds_len;
   config.clouds = clouds;

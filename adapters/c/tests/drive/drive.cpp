@@ -56,6 +56,8 @@ struct Lines : fuseline::Sink<Owned> {
   // The instant of the decisions: the machine's, which does not go back.
   std::uint64_t at = 0;
 
+  void preliminary(Timestamp t, Priority by, Owned value) { forward(t, by, std::move(value)); }
+  void final(Timestamp t, Priority by) { say("final", t, by); }
   void forward(Timestamp t, Priority by, Owned value) {
     if (!value || value->t != t || value->source != by) _exit(3);
     say("emit", t, by);
@@ -95,10 +97,10 @@ class Driver {
     for (unsigned i = 0; i < line_.clouds_len; ++i) {
       clouds[i] = {Priority{line_.clouds[i].p}, line_.clouds[i].limit, line_.clouds[i].resume};
     }
-    const auto commit = line_.is_patient != 0 ? fuseline::Commit::patient : fuseline::Commit::eager;
+    commit_ = static_cast<fuseline::Commit>(line_.commit);
     Virtual::at = {};
     sink_.at = 0;
-    operator_ = std::make_unique<Operator>(sink_, static_cast<std::uint32_t>(line_.window), commit,
+    operator_ = std::make_unique<Operator>(sink_, static_cast<std::uint32_t>(line_.window), commit_,
                                            Virtual::duration::max(), clouds.data(), line_.clouds_len);
     return static_cast<bool>(*operator_);
   }
@@ -122,6 +124,11 @@ class Driver {
     }
     if (!answer) return false;
     say(*answer);
+    // F9: the end of an output that is the last; nothing is held.
+    if (commit_ == fuseline::Commit::progressive) {
+      if (answer->is(FUSELINE_OUTCOME_FORWARDED)) sink_.final(answer->timestamp(), answer->by());
+      if (operator_->held() != 0) return false;
+    }
     const auto due = operator_->next_due();
     return !due || *due > Virtual::now() || sink_.at > line_.at;
   }
@@ -145,6 +152,7 @@ class Driver {
   }
 
   line line_{};
+  fuseline::Commit commit_{};
   Lines sink_;
   std::unique_ptr<Operator> operator_;
 };

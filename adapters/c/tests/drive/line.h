@@ -20,7 +20,8 @@ struct line_cloud {
 struct line {
   enum line_kind kind;
   uint64_t at, t, p, deadline, backlog, window;
-  int has_deadline, is_patient;
+  int has_deadline;
+  uint32_t commit; /* as a fuseline_commit */
   unsigned clouds_len;
   struct line_cloud clouds[LINE_CLOUDS];
 };
@@ -138,6 +139,17 @@ static inline enum line_kind line_event(const char *word) {
   return LINE_NONE;
 }
 
+/* Null if the word is no commit rule. */
+static inline cursor line_commit(cursor c, uint32_t *commit) {
+  static const char *const words[] = {"eager", "patient", "progressive"};
+  char word[12] = "";
+  c = line_text(c, word, sizeof word);
+  for (*commit = 0; *commit < 3U; ++*commit) {
+    if (strcmp(word, words[*commit]) == 0) return c;
+  }
+  return NULL;
+}
+
 static inline cursor line_member(cursor c, const char *key, struct line *line) {
   uint64_t version = 0;
   char word[12] = "";
@@ -150,11 +162,7 @@ static inline cursor line_member(cursor c, const char *key, struct line *line) {
     line->kind = line_event(word);
     return c;
   }
-  if (strcmp(key, "commit") == 0) {
-    c = line_text(c, word, sizeof word);
-    line->is_patient = strcmp(word, "patient") == 0;
-    return c;
-  }
+  if (strcmp(key, "commit") == 0) return line_commit(c, &line->commit);
   if (strcmp(key, "deadline") == 0) {
     line->has_deadline = 1;
     return line_number(c, &line->deadline);

@@ -66,7 +66,7 @@ static fuseline_config valid(unsigned commit) {
     clouds[i].limit = 4;
     clouds[i].resume = 2;
   }
-  config.commit = commit & 1U;
+  config.commit = commit % 3U;
   return config;
 }
 
@@ -76,7 +76,7 @@ static fuseline_status spoil(fuseline_config *config, size_t *size, size_t neede
     case 0: config->abi += 1U + byte(); return FUSELINE_STATUS_ABI;
     case 1: config->layout ^= 1U << (byte() % 32U); return FUSELINE_STATUS_ABI;
     case 2: config->capacity = 5U + byte(); return FUSELINE_STATUS_CAPACITY;
-    case 3: config->commit = 2U + byte(); return FUSELINE_STATUS_COMMIT;
+    case 3: config->commit = 3U + byte(); return FUSELINE_STATUS_COMMIT;
     case 4: config->window = byte() % 2U == 0U ? 0U : 17U + byte(); return FUSELINE_STATUS_WINDOW;
     case 5: config->clouds_len = 4U + byte(); return FUSELINE_STATUS_CLOUDS;
     case 6: clouds[byte() % 3U].priority = byte() % 2U == 0U ? 0U : 65536U + number() % 1000U; return FUSELINE_STATUS_PRIORITY;

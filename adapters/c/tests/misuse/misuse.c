@@ -16,6 +16,11 @@ static void fresh(void) {
   const fuseline_config config = valid();
   HOLDS(init(&config) == FUSELINE_STATUS_DONE);
 }
+static void progressive(void) {
+  fuseline_config config = valid();
+  config.commit = FUSELINE_COMMIT_PROGRESSIVE;
+  HOLDS(init(&config) == FUSELINE_STATUS_DONE);
+}
 /* A configuration that is refused, and writes nothing. */
 static void refused(const fuseline_config *config, fuseline_status expected) {
   const fuseline_storage_c3w16 before = storage;
@@ -109,7 +114,7 @@ CASE(c_other_shape, "requests other clouds or another window than the library ha
 }
 CASE(c_unknown_commit, "gives an unknown commit rule", "status `commit`") {
   fuseline_config config = valid();
-  config.commit = 2;
+  config.commit = 3;
   refused(&config, FUSELINE_STATUS_COMMIT);
 }
 CASE(c_window_range, "gives a window of 0, negative, or above the capacity", "status `window`") {
@@ -280,6 +285,36 @@ CASE(c_failed_after_result, "reports a failure after the result", "dropped `dupl
   IS(fuseline_result(machine, 0, 1, 0, &a), FUSELINE_OUTCOME_HELD);
   DROPPED(fuseline_fail(machine, 0, 1, 0, &a), FUSELINE_REASON_DUPLICATE);
   IS(fuseline_fail(machine, 0, 1, 1, &a), FUSELINE_OUTCOME_FORWARDED);
+}
+CASE(c_first_output_for_the_last, "takes a preliminary output for the last: gives no more results, and uses the timestamp again", "refused `order`; the message counts in the window, refused `full`, until its timers end it, `final`") {
+  uint64_t t;
+  progressive();
+  opened(0, 0);
+  offered(0, 0, 1);
+  IS(fuseline_result(machine, 0, 0, 0, &a), FUSELINE_OUTCOME_PRELIMINARY);
+  REFUSED(fuseline_open(machine, 0, 0, &a), FUSELINE_REASON_ORDER);
+  for (t = 1; t < 16; ++t) opened(0, t);
+  REFUSED(fuseline_open(machine, 0, t, &a), FUSELINE_REASON_FULL);
+  HOLDS(fuseline_open(machine, 400 * ms, t, &a) == FUSELINE_STATUS_AGAIN);
+  HOLDS(a.outcome == FUSELINE_OUTCOME_FINAL && a.t == 0 && a.by == 0);
+  opened(400 * ms, t);
+}
+CASE(c_worse_after_better, "gives a worse result after a preliminary output, or the same again", "dropped `superseded`, `duplicate`") {
+  progressive();
+  opened(0, 1);
+  offered(0, 1, 1);
+  offered(0, 1, 2);
+  IS(fuseline_result(machine, 0, 1, 1, &a), FUSELINE_OUTCOME_PRELIMINARY);
+  DROPPED(fuseline_result(machine, 0, 1, 0, &a), FUSELINE_REASON_SUPERSEDED);
+  DROPPED(fuseline_result(machine, 0, 1, 1, &a), FUSELINE_REASON_DUPLICATE);
+}
+CASE(c_output_taken_back, "reports a failure of what was sent", "dropped `duplicate`; the output stands") {
+  progressive();
+  opened(0, 1);
+  offered(0, 1, 1);
+  IS(fuseline_result(machine, 0, 1, 0, &a), FUSELINE_OUTCOME_PRELIMINARY);
+  DROPPED(fuseline_fail(machine, 0, 1, 0, &a), FUSELINE_REASON_DUPLICATE);
+  IS(fuseline_fail(machine, 0, 1, 1, &a), FUSELINE_OUTCOME_FINAL);
 }
 CASE(c_again_not_repeated, "does not repeat a call after status `again`", "`fired` of the answer is 1; the input is not applied") {
   fresh();

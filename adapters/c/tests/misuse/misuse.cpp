@@ -170,6 +170,16 @@ CASE(cpp_used_though_not_made, "uses a machine that could not be made", "no call
   fuseline::Machine<> machine(17, Commit::eager, 1s, {});
   HOLDS(!machine.look() && !machine.next_due() && machine.status() == FUSELINE_STATUS_WINDOW);
 }
+CASE(cpp_sink_of_one_output, "uses `progressive` with a sink that lacks `preliminary` or `final`", "status `commit`, no machine") {
+  struct Endless : fuseline::Sink<std::string> {
+    void preliminary(Timestamp, Priority, const std::string&) {}
+  } endless;
+  Planner planner;
+  const Operator<> op(planner, 16, Commit::progressive, 1s, {{cloud, 31}});
+  HOLDS(!op && op.status() == FUSELINE_STATUS_COMMIT);
+  const fuseline::Operator<std::string, Endless> other(endless, 16, Commit::progressive, 1s, {{cloud, 31}});
+  HOLDS(!other && other.status() == FUSELINE_STATUS_COMMIT);
+}
 CASE(cpp_overwritten, "overwrites the head of the storage", "no answers; `next_due()` too gives `foreign`, not that nothing is armed") {
   alignas(fuseline::Machine<>) static unsigned char room[sizeof(fuseline::Machine<>)];
   auto* machine = new (room) fuseline::Machine<>(16, Commit::eager, 1s, {});
@@ -219,6 +229,23 @@ CASE(cpp_result_twice, "gives a result twice", "the second is dropped `supersede
   HOLDS(op.result(Timestamp{1}, fuseline::local, "boxes")->is(FUSELINE_OUTCOME_FORWARDED));
   HOLDS(op.result(Timestamp{1}, fuseline::local, "boxes")->why() == FUSELINE_REASON_SUPERSEDED);
   HOLDS(planner.forwarded == 1);
+}
+CASE(cpp_first_output_for_the_last, "takes a preliminary output for the last, and gives no more results", "the sink gets `final` at the due instant; no value is held") {
+  struct Revised : fuseline::Sink<std::string> {
+    unsigned preliminary_len = 0, final_len = 0;
+    void preliminary(Timestamp, Priority, const std::string& value) { preliminary_len += value.empty() ? 0U : 1U; }
+    void final(Timestamp, Priority by) { final_len += by == fuseline::local ? 1U : 0U; }
+    void miss(Timestamp) { HOLDS(false); }
+  } sink;
+  fuseline::Operator<std::string, Revised, fuseline::C3W16, ManualClock> op(sink, 16, Commit::progressive, 1s, {{cloud, 31}});
+  HOLDS(is_accepted(op.open(Timestamp{1})) && op.offer(Timestamp{1}, cloud, 10ms, 0).has_value());
+  HOLDS(op.result(Timestamp{1}, fuseline::local, "boxes")->is(FUSELINE_OUTCOME_PRELIMINARY));
+  HOLDS(sink.preliminary_len == 1 && sink.final_len == 0 && op.held() == 0);
+  HOLDS(is_refused(op.open(Timestamp{1}), FUSELINE_REASON_ORDER));
+  ManualClock::at = 10ms;
+  HOLDS(op.tick());
+  ManualClock::at = {};
+  HOLDS(sink.preliminary_len == 1 && sink.final_len == 1);
 }
 CASE(cpp_call_from_the_sink, "calls the operator from its own sink", "answered as any call, after what is due; an open may be refused `order`; no value is lost or repeated") {
   struct Nested : fuseline::Sink<std::string> {

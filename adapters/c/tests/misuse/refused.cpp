@@ -104,5 +104,18 @@ struct Approximate {
 #elif CASE == 24
   // case 24 | negative limit of a gate: it would never shut | narrowing|cannot be narrowed
   const Cloud wrong{cloud, -1};
+#elif CASE == 25
+  // case 25 | switch over outcomes without those of `progressive` | not handled in switch.*PRELIMINARY|PRELIMINARY.*not handled in switch
+  switch (offer->outcome()) {
+    case FUSELINE_OUTCOME_NOTHING:
+    case FUSELINE_OUTCOME_ACCEPTED:
+    case FUSELINE_OUTCOME_REFUSED:
+    case FUSELINE_OUTCOME_ADMITTED:
+    case FUSELINE_OUTCOME_HELD:
+    case FUSELINE_OUTCOME_FORWARDED:
+    case FUSELINE_OUTCOME_DROPPED:
+    case FUSELINE_OUTCOME_MISSED:
+    case FUSELINE_OUTCOME_WAITING: break;
+  }
 #endif
 }

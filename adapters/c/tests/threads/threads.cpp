@@ -1,13 +1,13 @@
 // Several threads at one machine for many threads, through the C interface: writes what they saw as an observed trace.
 //
-//     threads [eager|patient] [MESSAGES] >trace.jsonl
+//     threads [eager|patient|progressive] [MESSAGES] >trace.jsonl
 //     fuseline check --observed --tolerance 0ms --lateness 0ms trace.jsonl
 //
 // The clock is virtual: each instant is a round between two barriers, in which the owner opens and offers, each source gives
 // results and failures, and a timer lets time go by and tells failures that the sources know nothing of, all at once. So
 // instants are exact, nothing is late, and the judge needs no tolerance, however busy the machine is. A source stores
-// its value beside the machine, without a lock, before it gives its result; who is told to forward reads it: so the
-// thread sanitizer sees whether the machine orders the two.
+// its value beside the machine, without a lock, before it gives its result; who is told to forward it, or that it was the
+// last, reads it: so the thread sanitizer sees whether the machine orders the two.
 #include <atomic>
 #include <condition_variable>
 #include <cstdio>
@@ -50,6 +50,7 @@ std::uint64_t now = 0, visible = 0;
 std::uint64_t newest = 0;
 std::uint64_t messages = 10000;
 Message table[kRoom];
+std::uint32_t commit = FUSELINE_COMMIT_EAGER;
 fuseline_shared* machine = nullptr;
 std::atomic<unsigned> failures{0}, met{0};
 
@@ -150,8 +151,10 @@ class Caller {
  private:
   void heard(const Message& message, const fuseline_answer& answer) {
     if (answer.outcome == FUSELINE_OUTCOME_MISSED) fact("miss", answer.t);
-    if (answer.outcome != FUSELINE_OUTCOME_FORWARDED) return;
-    fact("emit", answer.t, "p", answer.by);
+    const bool is_last = answer.outcome == FUSELINE_OUTCOME_FORWARDED, is_final = answer.outcome == FUSELINE_OUTCOME_FINAL;
+    if (!is_last && !is_final && answer.outcome != FUSELINE_OUTCOME_PRELIMINARY) return;
+    if (!is_final) fact("emit", answer.t, "p", answer.by);
+    if (is_final || (is_last && commit == FUSELINE_COMMIT_PROGRESSIVE)) fact("final", answer.t, "p", answer.by);
     if (message.values[answer.by] != value_of(answer.t, answer.by)) ++failures;
     // Another thread's value, of this very round: nothing but the machine orders the two.
     if (message.stored_at[answer.by] == now && answer.by != who_) ++met;
@@ -220,10 +223,12 @@ alignas(64) unsigned char storage[16384];
 }  // namespace
 
 int main(int argc, char** argv) {
-  const bool is_patient = argc > 1 && std::strcmp(argv[1], "patient") == 0;
+  const char* const rules[] = {"eager", "patient", "progressive"};
+  while (argc > 1 && std::strcmp(argv[1], rules[commit]) != 0) {
+    if (++commit == 3) return 2;
+  }
   if (argc > 2) messages = std::strtoull(argv[2], nullptr, 10);
   const fuseline_cloud clouds[] = {{1, 31, 30}, {2, 31, 30}, {3, 31, 30}};
-  const std::uint32_t commit = is_patient ? FUSELINE_COMMIT_PATIENT : FUSELINE_COMMIT_EAGER;
   const fuseline_config config = {FUSELINE_CONFIG, FUSELINE_CAPACITY_C7W64, commit, kWindow, kSources - 1, clouds, UINT64_MAX};
   if (fuseline_shared_init(storage, sizeof storage, &config, &machine) != FUSELINE_STATUS_DONE) return 2;
 
@@ -246,7 +251,7 @@ int main(int argc, char** argv) {
 
   std::printf("{\"fuseline\":1,\"operator\":\"threads over C\",\"window\":%u,\"commit\":\"%s\",\"clouds\":"
               "[{\"p\":1,\"limit\":31},{\"p\":2,\"limit\":31},{\"p\":3,\"limit\":31}]}\n",
-              kWindow, is_patient ? "patient" : "eager");
+              kWindow, rules[commit]);
   std::vector<std::size_t> next(callers.size(), 0);
   for (std::uint64_t at = 0; at <= now; ++at) {
     for (std::size_t who = 0; who < callers.size(); ++who) {
@@ -254,7 +259,7 @@ int main(int argc, char** argv) {
       for (std::size_t& i = next[who]; i < lines.size() && lines[i].at == at; ++i) std::fputs(lines[i].text.c_str(), stdout);
     }
   }
-  std::fprintf(stderr, "%llu rounds; %u values of another thread's forwarded in the round they were stored in; %u wrong\n",
+  std::fprintf(stderr, "%llu rounds; %u values of another thread's sent or final in the round they were stored in; %u wrong\n",
                static_cast<unsigned long long>(now), met.load(), failures.load());
   if (fuseline_shared_end(machine) != FUSELINE_STATUS_DONE) return 2;
   return failures == 0 && met > 0 ? 0 : 1;

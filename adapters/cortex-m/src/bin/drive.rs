@@ -46,8 +46,8 @@ fn reply(machine: &mut Option<LargestFusion>, line: &Line<'_>, out: &mut AnswerT
 fn apply_line(machine: &mut LargestFusion, line: &Line<'_>, out: &mut AnswerText) -> Option<()> {
     let now = line.at?;
     // F0: decisions bear the machine's instant, which does not go back.
-    let (at, commit) = (machine.now().as_nanos().max(now), machine.commit());
-    let mut decisions = Decisions { out, at, commit };
+    let (commit, at) = (machine.commit(), machine.now().as_nanos().max(now));
+    let mut decisions = Decisions { out, commit, at };
     let mut fired = Ok(());
     let mut ready = machine.ready(Instant::from_nanos(now), |firing| {
         fired = fired.and_then(|()| decisions.firing(&firing));

@@ -102,7 +102,7 @@ async fn pass(millis: u64) {
 
 /// The lines of the trace that the reports make.
 fn say(out: &mut Console, at: u64, reported: &Report<HeldNumber, 1>) -> fmt::Result {
-    let commit = Commit::Eager;
+    let mut decisions = Decisions { out: &mut *out, commit: Commit::Eager, at };
     match *reported {
         Report::Took(None) => writeln!(out, r#"{{"ev":"tick","at":{at}}}"#),
         Report::Took(Some(Arrival::Message(t, limit))) => {
@@ -124,13 +124,13 @@ fn say(out: &mut Console, at: u64, reported: &Report<HeldNumber, 1>) -> fmt::Res
         Report::Took(Some(Arrival::Failure(t, p))) => {
             writeln!(out, r#"{{"ev":"fail","at":{at},"t":{},"p":{}}}"#, t.as_u64(), p.as_u16())
         }
-        Report::Fired(firing, _) => Decisions { out, at, commit }.firing(&firing),
-        Report::Opened(t, opening) => Decisions { out, at, commit }.opening(t.as_u64(), opening),
+        Report::Fired(firing, _) => decisions.firing(&firing),
+        Report::Opened(t, opening) => decisions.opening(t.as_u64(), opening),
         Report::Offered(t, p, admission) => {
-            Decisions { out, at, commit }.admission(t.as_u64(), p.as_u16().into(), admission)
+            decisions.admission(t.as_u64(), p.as_u16().into(), admission)
         }
         Report::Concluded(t, p, outcome, _) => {
-            Decisions { out, at, commit }.outcome(t.as_u64(), p.as_u16().into(), &outcome)
+            decisions.outcome(t.as_u64(), p.as_u16().into(), &outcome)
         }
     }
 }

@@ -8,6 +8,8 @@ pub(super) struct TimestampHistory {
     pub(super) offered: Option<u64>,
     pub(super) opened: Option<u64>,
     pub(super) end: Option<CallEnd>,
+    /// Under progressive: the last output of a timestamp that is not final yet.
+    pub(super) output: Option<CallEnd>,
     /// By source, as far as they were mentioned.
     pub(super) calls: Vec<RequestHistory>,
 }

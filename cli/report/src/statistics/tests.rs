@@ -13,8 +13,10 @@ fn statistics(inputs: &[Input]) -> TraceStatistics {
     let cloud = |p| Cloud { p, name: None, limit: 2, resume: 1 };
     let clouds = CLOUDS.map(cloud).to_vec();
     let header = Header { operator: None, window: 2, commit: Commit::Eager, clouds };
-    let (mut arbiter, mut statistics) =
-        (Arbiter::<15, 1024>::new(&header).unwrap(), TraceStatistics::new(CLOUDS, false));
+    let (mut arbiter, mut statistics) = (
+        Arbiter::<15, 1024>::new(&header).unwrap(),
+        TraceStatistics::new(CLOUDS, header.commit, false),
+    );
     for input in inputs {
         statistics.input(input);
         arbiter.decide(input, |decision| statistics.decision(&decision));
@@ -173,7 +175,7 @@ fn a_plan_stands_in_for_a_call_that_was_ended() {
 
 #[test]
 fn an_observed_trace_without_decisions_tells_each_fate_by_its_facts() {
-    let mut page_trace = TraceStatistics::new([1, 2, 3], true);
+    let mut page_trace = TraceStatistics::new([1, 2, 3], Commit::Eager, true);
     let request = |p, due| Decision::Request { at: 0, t: 0, p, due };
     page_trace.input(&Input::Open { at: 0, t: 0, deadline: None });
     for (p, due) in [(1, 10), (2, 50), (3, 50)] {

@@ -39,20 +39,25 @@ struct State {
     cached: BTreeSet<u64>,
     armed: BTreeSet<(u64, i64)>,
     is_open: bool,
-    out: ObservedOutput,
+    out: ProducedOutputs,
 }
 
-/// What came out, if anything, and at which true instant.
-type ObservedOutput = Option<(Option<u64>, i64)>;
+/// What came out, and at which true instants.
+#[derive(Clone, PartialEq, Eq, PartialOrd, Ord, Debug, Default)]
+struct ProducedOutputs {
+    outputs: Vec<(Option<u64>, i64)>,
+    /// F9: which was the last.
+    last: Option<(u64, i64)>,
+}
 
 impl Search<'_> {
     /// Whether some explanation fits.
     fn fits(&self) -> bool {
-        self.ends().iter().any(|out| self.fits_what_came_out(*out))
+        self.ends().iter().any(|out| self.fits_what_came_out(out))
     }
 
     /// What may come out and when, over all explanations.
-    fn ends(&self) -> BTreeSet<ObservedOutput> {
+    fn ends(&self) -> BTreeSet<ProducedOutputs> {
         let story = self.story;
         let mut left: BTreeSet<Fact> = story.open.iter().map(|_| Fact::Open).collect();
         left.extend((0..story.requests.len()).map(Fact::Request));
@@ -67,7 +72,7 @@ impl Search<'_> {
             cached: BTreeSet::new(),
             armed: BTreeSet::new(),
             is_open: false,
-            out: None,
+            out: ProducedOutputs::default(),
         };
         if story.open.is_none() {
             start.open(None);
@@ -82,7 +87,7 @@ impl Search<'_> {
             let is_done = state.left.is_empty()
                 || (state.left.len() == 1 && state.left.contains(&Fact::NoLocal) && !has_request);
             if state.now > self.horizon && is_done {
-                ends.insert(state.out);
+                ends.insert(state.out.clone());
             }
             todo.extend(self.next(&state));
         }
@@ -190,9 +195,14 @@ impl Search<'_> {
             Fact::Request(i) => {
                 let (p, _, due) = self.story.requests[i];
                 state.requested.insert(p);
-                state.pending.insert(p);
                 let due = i64::try_from(due).unwrap();
-                state.armed.insert((p, due));
+                // F9: what was sent outranks it.
+                let is_outranked = self.commit == Commit::Progressive
+                    && state.cached.last().is_some_and(|sent| *sent > p);
+                if !is_outranked {
+                    state.pending.insert(p);
+                    state.armed.insert((p, due));
+                }
                 state.is_open && !self.must_have_fired(p, due, state.now - 1)
             }
             Fact::Result(i) => {
@@ -235,17 +245,41 @@ impl Search<'_> {
         state.left.iter().any(is_of_p)
     }
 
-    fn fits_what_came_out(&self, out: ObservedOutput) -> bool {
+    /// Each output is an observed one or came too late to be one, and each observed one is such.
+    fn fits_what_came_out(&self, out: &ProducedOutputs) -> bool {
         let (tolerance, lateness) = self.slack();
-        match (&*self.story.outputs, out) {
-            ([], None) => true,
-            ([], Some((_, y))) => y + lateness + tolerance > i64::try_from(self.end).unwrap(),
-            ([(p, at)], Some((what, y))) => {
-                let at = i64::try_from(*at).unwrap();
-                *p == what && y - tolerance <= at && at <= y + lateness + tolerance
+        let is_it = |at: u64, y: i64| {
+            let at = i64::try_from(at).unwrap();
+            y - tolerance <= at && at <= y + lateness + tolerance
+        };
+        let MessageHistory { outputs, finals, .. } = self.story;
+        let may_be_missing = |y: i64| y + lateness + tolerance > i64::try_from(self.end).unwrap();
+        let is_seen = |(what, y): &(Option<u64>, i64)| {
+            let observed = outputs.iter().filter(|(p, _)| p == what).collect::<Vec<_>>();
+            match observed[..] {
+                [] => may_be_missing(*y),
+                [(_, at)] => is_it(*at, *y),
+                _ => false,
             }
-            _ => false,
-        }
+        };
+        let is_produced =
+            |(p, _): &(Option<u64>, u64)| out.outputs.iter().any(|(what, _)| what == p);
+        // A54.
+        let is_in_order = outputs.iter().all(|(p, at)| {
+            let mut higher = outputs.iter().filter(|(q, _)| q > p);
+            let by = |then: u64| {
+                i64::try_from(*at).unwrap() <= i64::try_from(then).unwrap() + 2 * tolerance
+            };
+            higher.all(|(_, then)| by(*then))
+        });
+        out.outputs.iter().all(is_seen)
+            && outputs.iter().all(is_produced)
+            && is_in_order
+            && match (&finals[..], out.last) {
+                ([], _) => true,
+                ([(p, at)], Some((last, y))) => *p == last && is_it(*at, y),
+                _ => false,
+            }
     }
 }
 
@@ -261,7 +295,13 @@ impl State {
         if !self.is_open || !self.pending.remove(&p) {
             return;
         }
-        if self.pending.iter().any(|q| *q > p) {
+        if commit == Commit::Progressive {
+            self.out.outputs.push((Some(p), self.now));
+            self.cached = BTreeSet::from([p]);
+            self.pending.retain(|q| *q > p);
+            self.armed.retain(|(q, _)| *q > p);
+            self.settle(commit, false);
+        } else if self.pending.iter().any(|q| *q > p) {
             self.cached.insert(p);
             if p == 0 || commit == Commit::Patient {
                 self.armed.retain(|(q, _)| *q != p);
@@ -273,6 +313,11 @@ impl State {
 
     fn settle(&mut self, commit: Commit, is_timer: bool) {
         match self.cached.last().copied() {
+            Some(_) if commit == Commit::Progressive && !self.pending.is_empty() => {}
+            Some(last) if commit == Commit::Progressive => {
+                self.out.last = Some((last, self.now));
+                self.close();
+            }
             Some(best) => {
                 let outranked = self.pending.iter().any(|q| *q > best);
                 if !outranked || (is_timer && commit == Commit::Eager) {
@@ -285,11 +330,15 @@ impl State {
     }
 
     fn retire(&mut self, what: Option<u64>) {
+        self.out.outputs.push((what, self.now));
+        self.close();
+    }
+
+    fn close(&mut self) {
         self.is_open = false;
         self.pending.clear();
         self.cached.clear();
         self.armed.clear();
-        self.out = Some((what, self.now));
     }
 }
 
@@ -309,6 +358,7 @@ fn stories() -> impl Strategy<Value = MessageHistory> {
             results,
             failures,
             outputs,
+            finals: Vec::new(),
             without_local,
         },
     )
@@ -351,7 +401,9 @@ proptest! {
         let end = end(&story, rest);
         let ends = Search { story: &story, commit, slack: &slack, end, horizon: HORIZON }.ends();
         // Before the trace's first instant there is nothing that could tell two instants apart.
-        let ends: BTreeSet<ObservedOutput> = ends.into_iter().map(|out| out.map(|(p, y)| (p, y.max(0)))).collect();
+        let ends: BTreeSet<_> = ends.into_iter().map(|out| {
+            out.outputs.first().map(|(p, y)| (*p, (*y).max(0)))
+        }).collect();
         let mut found = BTreeSet::new();
         if let Some((facts, priorities)) = story.facts(commit, &slack, end) {
             found.extend(facts.stays_open().then_some(None));
@@ -387,4 +439,144 @@ proptest! {
         let search = Search { story: &story, commit, slack: &slack, end, horizon: HORIZON };
         prop_assert_eq!(story.is_explained_within(commit, &slack, end), search.fits());
     }
+
+    #[test]
+    fn progressive_outputs_come_when_any_order_of_the_facts_brings_them_out(
+        story in stories(), slack in slacks(), end in 0..19_u64
+    ) {
+        let ends = progressive_ends(&story, &slack, end);
+        let Some((facts, priorities)) = story.facts(Commit::Progressive, &slack, end) else {
+            prop_assert_eq!(ends, []);
+            return Ok(());
+        };
+        let free = ProgressiveFacts::free(&facts);
+        let instants = |may_be: &dyn Fn(InstantRange) -> bool| -> BTreeSet<i64> {
+            let is_then = |y: &i64| {
+                let at = WideInstant::try_from(*y).unwrap();
+                may_be(InstantRange { from: at, to: at })
+            };
+            (0..=HORIZON).filter(is_then).collect()
+        };
+        let outputs = ends.iter().flat_map(|out| &out.outputs);
+        for (q, p) in priorities.iter().enumerate() {
+            let emits: BTreeSet<_> =
+                outputs.clone().filter(|(what, _)| *what == Some(*p)).map(|(_, y)| *y).collect();
+            let finals: BTreeSet<_> =
+                ends.iter().filter_map(|out| out.last).filter(|(last, _)| last == p).map(|(_, y)| y).collect();
+            prop_assert_eq!(&instants(&|when| free.with(q, when).is_explained()), &emits);
+            prop_assert_eq!(instants(&|when| free.ends(q, when)), finals);
+            let span = free.span(q).map(|span| [span.from, span.to].map(|y| i64::try_from(y).unwrap()));
+            prop_assert_eq!(span, emits.first().zip(emits.last()).map(|(from, to)| [*from, *to]));
+        }
+        let misses: BTreeSet<_> = outputs.filter(|(what, _)| what.is_none()).map(|(_, y)| *y).collect();
+        prop_assert_eq!(instants(&|when| facts.yields(RetirementOutput::Miss, when)), misses);
+    }
+
+    /// What the rules bring out of a story, recorded with all errors that there may be, some of it left out or moved.
+    #[test]
+    fn progressive_outputs_are_explained_if_any_order_of_the_facts_brings_them_out(
+        story in stories(), slack in slacks(), end in 0..19_u64, noise in vec(any::<(u8, u8, u8)>(), 64)
+    ) {
+        let ends = progressive_ends(&story, &slack, end);
+        let mut noise = noise.into_iter().cycle();
+        for i in 0..48 {
+            let (which, ..) = noise.next().unwrap();
+            let out = ends.get((usize::from(which) + i * 7) % ends.len().max(1));
+            let recorded = match out.filter(|_| i > 0) {
+                Some(out) => recorded(&story, out, &slack, &mut noise),
+                None => story.clone(),
+            };
+            let search =
+                Search { story: &recorded, commit: Commit::Progressive, slack: &slack, end, horizon: HORIZON };
+            let fits = ends.iter().any(|out| search.fits_what_came_out(out));
+            let is_explained = recorded.is_explained_within(Commit::Progressive, &slack, end);
+            prop_assert_eq!(is_explained, fits, "{:?}", recorded);
+        }
+    }
+}
+
+/// All that progressive may bring out of a story. Before the trace's first instant there is nothing that could tell two apart.
+fn progressive_ends(story: &MessageHistory, slack: &SourceSlack, end: u64) -> Vec<ProducedOutputs> {
+    let search = Search { story, commit: Commit::Progressive, slack, end, horizon: HORIZON };
+    let ends: BTreeSet<_> = search
+        .ends()
+        .into_iter()
+        .map(|ProducedOutputs { mut outputs, last }| {
+            for (_, y) in &mut outputs {
+                *y = (*y).max(0);
+            }
+            ProducedOutputs { outputs, last: last.map(|(p, y)| (p, y.max(0))) }
+        })
+        .collect();
+    ends.into_iter().collect()
+}
+
+/// A story with these outputs as they are recorded: now and then one is lost, of another source, or too early or too late.
+fn recorded(
+    story: &MessageHistory,
+    out: &ProducedOutputs,
+    slack: &SourceSlack,
+    noise: &mut impl Iterator<Item = (u8, u8, u8)>,
+) -> MessageHistory {
+    let mut recorded = MessageHistory { outputs: vec![], finals: vec![], ..story.clone() };
+    for (p, y) in &out.outputs {
+        let (what, off, odd) = noise.next().unwrap();
+        let p = if odd > 250 { Some(u64::from(what % 4)) } else { *p };
+        if odd > 20 {
+            recorded.outputs.push((p, recorded_at(*y, off, odd, slack)));
+        }
+    }
+    let (what, off, odd) = noise.next().unwrap();
+    if let Some((p, y)) = out.last.filter(|_| odd > 90) {
+        let p = if odd > 250 { u64::from(what % 4) } else { p };
+        recorded.finals.push((p, recorded_at(y, off, odd, slack)));
+    }
+    recorded
+}
+
+/// An instant within the errors of the clock, now and then one beyond, and none later than what the search sees.
+fn recorded_at(y: i64, off: u8, odd: u8, slack: &SourceSlack) -> u64 {
+    let [tolerance, reach] =
+        [slack.tolerance(), slack.reach()].map(|it| i64::try_from(it).unwrap());
+    let beyond = i64::from(odd.is_multiple_of(5));
+    let at = y - tolerance - beyond + i64::from(off) % (reach + 1 + 2 * beyond);
+    u64::try_from(at.min(HORIZON - tolerance)).unwrap_or(0)
+}
+
+/// A story of exact stamps, with what its analysis and the search find.
+fn progressive(story: &MessageHistory, end: u64) -> [bool; 2] {
+    let (commit, slack) = (Commit::Progressive, Slack { tolerance: 0, lateness: 0 }.into());
+    let search = Search { story, commit, slack: &slack, end, horizon: HORIZON };
+    [story.is_explained_within(commit, &slack, end), search.fits()]
+}
+
+#[test]
+fn a_request_that_is_outranked_is_no_later_than_its_own_timer() {
+    let story = |due| MessageHistory {
+        open: Some((0, None)),
+        requests: vec![(1, 3, due), (2, 0, 9), (3, 0, 9)],
+        results: vec![(2, 0)],
+        outputs: vec![(Some(2), 0)],
+        finals: vec![(2, 9)],
+        ..MessageHistory::default()
+    };
+    assert_eq!(progressive(&story(3), 9), [true; 2]);
+    assert_eq!(progressive(&story(2), 9), [false; 2]);
+}
+
+/// Where the trace ends before that.
+#[test]
+fn a_timer_that_need_not_be_served_lets_its_result_be_sent_unseen() {
+    let story = |came| MessageHistory {
+        open: Some((0, None)),
+        requests: vec![(1, 0, 1), (2, 2, 9)],
+        results: vec![(1, came), (2, 4)],
+        failures: vec![(0, 0)],
+        outputs: vec![(Some(2), 4)],
+        ..MessageHistory::default()
+    };
+    assert_eq!(progressive(&story(3), 0), [true; 2]);
+    // Nothing is pending between the two.
+    assert_eq!(progressive(&story(3), 1), [false; 2]);
+    assert_eq!(progressive(&story(1), 0), [false; 2]);
 }

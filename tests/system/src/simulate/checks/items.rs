@@ -20,7 +20,7 @@ pub(crate) fn one_item(facts: &Facts<'_>) -> Result<(), String> {
     let read =
         log.items.iter().map(|items| indices(facts, items)).collect::<Result<Vec<_>, _>>()?;
     let handed: BTreeSet<usize> = read.iter().flatten().copied().collect();
-    let output = Output { read, handed };
+    let output = ReadItems { read, handed };
     for (reader, (items, indices)) in log.items.iter().zip(&output.read).enumerate() {
         let first = indices.first().copied().unwrap_or(0);
         ensure(reader > 0 || first == 0, || format!("{first} items came before the first"))?;
@@ -55,7 +55,7 @@ pub(crate) fn one_item(facts: &Facts<'_>) -> Result<(), String> {
 }
 
 /// The output as it was read: indices in the trace's items.
-struct Output {
+struct ReadItems {
     /// By each reader.
     read: Vec<Vec<usize>>,
     /// By anybody.
@@ -79,7 +79,7 @@ fn indices(facts: &Facts<'_>, items: &[Read]) -> Result<Vec<usize>, String> {
 }
 
 /// Only a preliminary item is left out, and only while some reader has no room.
-fn skips(facts: &Facts<'_>, output: &Output, indices: &[usize]) -> Result<(), String> {
+fn skips(facts: &Facts<'_>, output: &ReadItems, indices: &[usize]) -> Result<(), String> {
     let Facts { scenario, played: RunResult { log, .. }, replay, .. } = facts;
     // When a reader left is not known, nor in which order things happened at the instant of a stall.
     let is_known = scenario.stalls.is_empty() && !log.has_left.contains(&true);
@@ -99,7 +99,7 @@ fn skips(facts: &Facts<'_>, output: &Output, indices: &[usize]) -> Result<(), St
 }
 
 /// Whether the stop found a reader with no room for another item, when all before this one had been handed out.
-fn waits(facts: &Facts<'_>, output: &Output, next: usize) -> bool {
+fn waits(facts: &Facts<'_>, output: &ReadItems, next: usize) -> bool {
     let Facts { scenario, played: RunResult { log, .. }, .. } = facts;
     let Some(stopped) = log.stopped else { return false };
     let is_full = |(indices, read): (&Vec<usize>, &Option<usize>)| {
@@ -112,7 +112,7 @@ fn waits(facts: &Facts<'_>, output: &Output, next: usize) -> bool {
 /// Whether an item is that of the trace, for a reader whose `first` one stands there.
 fn is_same(
     facts: &Facts<'_>,
-    output: &Output,
+    output: &ReadItems,
     (read, index): (&Read, usize),
     first: usize,
 ) -> bool {

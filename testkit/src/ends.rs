@@ -1,0 +1,30 @@
+//! P13: what a progressive run must have in common with a patient one.
+
+use fuseline_traces::{Commit, Decision};
+
+/// Of decisions made under `commit`, those that P13 is about: refusals of opens and offers, requests, and the ends of
+/// timestamps, each with its last source.
+///
+/// A progressive and a patient machine that take the same inputs have equal ones after each input.
+#[must_use]
+pub fn admissions_and_ends<'a>(
+    commit: Commit,
+    decisions: impl IntoIterator<Item = &'a Decision>,
+) -> Vec<Decision> {
+    let kept = |decision: &Decision| match *decision {
+        Decision::RefuseOpen { .. }
+        | Decision::RefuseOffer { .. }
+        | Decision::Request { .. }
+        | Decision::Final { .. }
+        | Decision::Miss { .. } => Some(*decision),
+        Decision::Emit { at, t, p } if commit != Commit::Progressive => {
+            Some(Decision::Final { at, t, p })
+        }
+        Decision::Timer { .. }
+        | Decision::Hold { .. }
+        | Decision::Drop { .. }
+        | Decision::Emit { .. }
+        | Decision::Cancel { .. } => None,
+    };
+    decisions.into_iter().filter_map(kept).collect()
+}
