@@ -89,6 +89,44 @@ def a_patient_node_waits_for_all_that_outrank_what_it_has(bench):
             assert deadline <= decided < deadline + 0.4, f"{commit}: decided after {decided} s"
 
 
+def under_progressive_each_better_result_is_a_revision_at_once_and_the_last_one_the_output(bench):
+    plans = {
+        "local=0.01 west=0.10 east=0.20": (["local", "west"], "east", "F3"),
+        "local=0.01 west=0.10": (["local", "west"], "west", "F9"),
+        "local=0.10 east=0.01": ([], "east", "F3"),
+        "local=0.01": (["local"], "local", "F9"),
+    }
+    wide = {"in_flight": 64}
+    settings = parameters(["west", "east"], commit="progressive", window=64, deadline=0.5, west=wide, east=wide)
+    node = bench.node(settings)
+    camera, listener = Camera(), Listener()
+    revisions = subscribes("/output/revisions", PointStamped)
+    models = [Model(source) for source in ("local", "west", "east")]
+    revisions.until_matched()
+    ready(camera, listener, *models)
+    run = []
+    for plan in list(plans) * 6:
+        run.append((plan, *camera.ask(plan)))
+        time.sleep(PERIOD_S)
+    listener.until_answered(stamp for _, stamp, _ in run)
+    time.sleep(DEADLINE_S)
+    assert node.ends() == 0
+    for plan, stamp, at in run:
+        before, last, rule = plans[plan]
+        results, states = listener.of(stamp), listener.status_of(stamp)
+        sent = [heard for heard in revisions.heard if heard.message.header.stamp.stamp == stamp]
+        expected = [answered(source, stamp).serialize() for source in before]
+        assert [heard.message.payload for heard in sent] == expected, f"{len(sent)} revisions of {plan}"
+        assert [result.message.payload for result in results] == [answered(last, stamp).serialize()], plan
+        if rule == "F9":
+            assert results[0].at - at >= 0.5, f"{last} is final after {results[0].at - at:.3f} s"
+            assert sent[-1].at < results[0].at
+        told = [(state["source"], state["rule"], state["revision"]) for state in states]
+        items = [(source, "F9") for source in before] + [(last, rule)]
+        assert told == [(*item, str(revision)) for revision, item in enumerate(items)], told
+    print(f"{len(run)} inputs, {len(revisions.heard)} revisions, {bench.judge(node)} timestamps judged")
+
+
 def late_results_are_dropped_and_nothing_is_sent_twice(bench):
     node = bench.node(parameters(["west"], deadline=0.3, west={"in_flight": 64}, window=64))
     camera, listener, local, west = Camera(), Listener(), Model("local"), Model("west")
