@@ -30,7 +30,7 @@ type FiredThenAnswer = (Py<PyTuple>, Py<PyAny>);
 /// Args:
 ///     clouds: Up to 15, in any order.
 ///     window: How many timestamps may be open at once, 1 to 1024.
-///     commit: When the best available result is forwarded although a better one is pending (F6).
+///     commit: When a result is forwarded although a better one is pending (F6, F9).
 ///     operator: A name, for people.
 ///     record: Whether `take_trace` gives the trace.
 ///
@@ -205,6 +205,12 @@ impl PyFusion {
         self.arbiter.fusion().newest().map(Timestamp::as_u64)
     }
 
+    /// The commit rule, as a word.
+    #[getter]
+    const fn commit(&self) -> &'static str {
+        self.header.commit.as_str()
+    }
+
     /// The header of this machine's trace, without its end of line.
     #[getter]
     fn header(&self) -> String {
@@ -284,7 +290,7 @@ impl PyFusion {
             for firing in &fired {
                 decisions_of(now, firing, &mut decide);
             }
-            answer.decisions(now, &mut decide);
+            answer.decisions(self.arbiter.fusion().commit(), now, &mut decide);
         }
         (fired, answer)
     }
@@ -333,12 +339,9 @@ pub(crate) fn header(
     let window = window
         .0
         .map_err(|window| config(format!("a window of {window}; it must be from 1 to 1024")))?;
-    let commit = match commit {
-        "eager" => trace::Commit::Eager,
-        "patient" => trace::Commit::Patient,
-        other => {
-            return Err(config(format!("a commit rule {other}; it is eager or patient")));
-        }
+    let Some(commit) = trace::Commit::ALL.into_iter().find(|rule| rule.as_str() == commit) else {
+        let words = "it is eager, patient or progressive";
+        return Err(config(format!("a commit rule {commit}; {words}")));
     };
     let clouds = clouds.into_iter().map(cloud).collect::<PyResult<_>>()?;
     Ok(Header { operator, window, commit, clouds })

@@ -36,15 +36,17 @@ pub(crate) fn check(
     name: Option<String>,
     slack: ObservedSlack,
 ) -> PyResult<VerdictFields> {
-    with_trace(trace, name, |name, trace| Ok(verdict_fields(judged(slack, name, trace, |_| {})?.1)))
+    with_trace(trace, name, |name, trace| {
+        Ok(verdict_fields(judged(slack, name, trace, |_, _| {})?.1))
+    })
 }
 
-/// Judges a trace as it is read; `each` is given every event.
+/// Judges a trace as it is read; `each` is given every event, with the header.
 pub(crate) fn judged(
     slack: ObservedSlack,
     name: &str,
     trace: impl BufRead,
-    mut each: impl FnMut(&Event),
+    mut each: impl FnMut(&Header, &Event),
 ) -> PyResult<(Header, Findings)> {
     let mode = mode(slack);
     let mut reader = reader(mode, name, trace)?;
@@ -54,7 +56,7 @@ pub(crate) fn judged(
         judging
             .annotated_line(reader.line(), &event, reader.annotations())
             .map_err(|disorder| unjudged(&disorder))?;
-        each(&event);
+        each(reader.header(), &event);
     }
     Ok((reader.header().clone(), judging.finish()))
 }
@@ -215,6 +217,7 @@ fn row(line: u64, event: &Event) -> Row {
             Decision::Hold { at, t, p } => ("hold", at, of(t, p), None),
             Decision::Drop { at, t, p, why } => ("drop", at, of(t, p), Some(why.as_str())),
             Decision::Emit { at, t, p } => ("emit", at, of(t, p), None),
+            Decision::Final { at, t, p } => ("final", at, of(t, p), None),
             Decision::Miss { at, t } => ("miss", at, (Some(t), None, None, None, None), None),
             Decision::Cancel { at, t, p } => ("cancel", at, of(t, p), None),
         },

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use fuseline_traces::{Decision, Event, Header, Input};
+use fuseline_traces::{Commit, Decision, Event, Header, Input};
 
 /// How many messages without an outcome are remembered: more than a window has.
 const OPEN: usize = 4096;
@@ -24,12 +24,14 @@ pub(crate) struct PyTally {
     refused: u64,
     /// When those messages were taken in that have no outcome yet, and how often that was tried.
     open: BTreeMap<u64, (u64, u64)>,
+    /// Of those, the last output under progressive: its source and bin.
+    preliminary: BTreeMap<u64, (u64, u64)>,
     /// Outputs by source and bin.
     outputs: BTreeMap<(u64, u64), u64>,
 }
 
 impl PyTally {
-    pub(crate) fn event(&mut self, event: &Event) {
+    pub(crate) fn event(&mut self, commit: Commit, event: &Event) {
         let at = match event {
             Event::Input(input) => input.at(),
             Event::Decision(decision) => decision.at(),
@@ -40,8 +42,10 @@ impl PyTally {
             Event::Input(Input::Open { at, t, .. }) => {
                 self.messages += 1;
                 self.open.entry(t).or_insert((at, 0)).1 += 1;
-                if self.open.len() > OPEN {
-                    self.open.pop_first();
+                if self.open.len() > OPEN
+                    && let Some((t, _)) = self.open.pop_first()
+                {
+                    self.preliminary.remove(&t);
                 }
             }
             Event::Decision(Decision::RefuseOpen { t, .. }) => {
@@ -58,9 +62,21 @@ impl PyTally {
             }
             Event::Decision(Decision::Emit { at, t, p }) => {
                 // What no message asked for is the judge's business.
-                let Some((opened, _)) = self.open.remove(&t) else { return };
-                let response = at.saturating_sub(opened);
-                *self.outputs.entry((p, bin(response))).or_default() += 1;
+                let Some((opened, _)) = self.open.get(&t) else { return };
+                let output = (p, bin(at.saturating_sub(*opened)));
+                *self.outputs.entry(output).or_default() += 1;
+                if commit != Commit::Progressive {
+                    self.open.remove(&t);
+                } else if let Some(worse) = self.preliminary.insert(t, output)
+                    && let Some(count) = self.outputs.get_mut(&worse)
+                {
+                    // F9: a better one takes its place.
+                    *count -= 1;
+                }
+            }
+            Event::Decision(Decision::Final { t, .. }) => {
+                self.open.remove(&t);
+                self.preliminary.remove(&t);
             }
             Event::Input(_) | Event::Decision(_) => {}
         }
@@ -75,7 +91,8 @@ impl PyTally {
                 None => format!("cloud-{p}"),
             }
         };
-        let outputs = self.outputs.into_iter().map(|((p, bin), count)| (p, name(p), bin, count));
+        let outputs = self.outputs.into_iter().filter(|(_, count)| *count > 0);
+        let outputs = outputs.map(|((p, bin), count)| (p, name(p), bin, count));
         let (first, last) = self.span.unwrap_or_default();
         (last - first, self.messages, self.missed, self.refused, outputs.collect())
     }

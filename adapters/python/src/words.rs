@@ -24,7 +24,9 @@ pub(crate) struct AnswerClasses {
     admitted: Py<PyAny>,
     refused: Py<PyAny>,
     dropped: Py<PyAny>,
+    preliminary: Py<PyAny>,
     forwarded: Py<PyAny>,
+    last: Py<PyAny>,
     firing: Py<PyAny>,
     open_refusal: Py<PyAny>,
     offer_refusal: Py<PyAny>,
@@ -52,7 +54,9 @@ impl AnswerClasses {
             admitted: class("Admitted")?.unbind(),
             refused: class("Refused")?.unbind(),
             dropped: class("Dropped")?.unbind(),
+            preliminary: class("Preliminary")?.unbind(),
             forwarded: class("Forwarded")?.unbind(),
+            last: class("Final")?.unbind(),
             firing: class("Firing")?.unbind(),
             open_refusal: class("OpenRefusal")?.unbind(),
             offer_refusal: class("OfferRefusal")?.unbind(),
@@ -104,10 +108,12 @@ impl AnswerClasses {
                 if *by == Priority::LOCAL && cancelled.is_empty() {
                     return Ok(self.local.clone_ref(py));
                 }
-                let cancelled =
-                    PyTuple::new(py, cancelled.iter().map(Priority::as_u16).collect::<Vec<_>>())?;
-                self.forwarded.call1(py, (by.as_u16(), cancelled))
+                self.forwarded.call1(py, (by.as_u16(), numbers(py, cancelled.iter())?))
             }
+            Outcome::Preliminary { by, cancelled } => {
+                self.preliminary.call1(py, (by.as_u16(), numbers(py, cancelled.iter())?))
+            }
+            Outcome::Final { by } => self.last.call1(py, (by.as_u16(),)),
         }
     }
 
@@ -122,13 +128,19 @@ impl AnswerClasses {
         let firings: PyResult<Vec<_>> = firings
             .iter()
             .map(|firing| {
-                let timers = firing.timers.iter().map(Priority::as_u16).collect::<Vec<_>>();
                 let outcome = self.outcome(py, &firing.outcome)?;
-                let timers = PyTuple::new(py, timers)?;
+                let timers = numbers(py, firing.timers.iter())?;
                 let (t, due) = (firing.timestamp.as_u64(), firing.due.as_nanos());
                 self.firing.call1(py, (t, due, timers, outcome))
             })
             .collect();
         Ok(PyTuple::new(py, firings?)?.unbind())
     }
+}
+
+fn numbers(
+    py: Python<'_>,
+    priorities: impl Iterator<Item = Priority>,
+) -> PyResult<Bound<'_, PyTuple>> {
+    PyTuple::new(py, priorities.map(Priority::as_u16).collect::<Vec<_>>())
 }

@@ -121,6 +121,28 @@ def test_a_message_that_is_refused_or_missed_is_counted() -> None:
     assert own.conforms
 
 
+def test_under_progressive_a_message_counts_once_by_its_last_output() -> None:
+    clouds = [fuseline.Cloud(1), fuseline.Cloud(2)]
+    fusion = fuseline.Fusion(clouds, commit="progressive", record=True)
+    for t in range(3):
+        fusion.open(0, t)
+        for p in (1, 2):
+            fusion.offer(0, t, p, fuseline.ns(9000))
+        fusion.result(1000, t, 0)
+    fusion.result(4000, 0, 1)
+    fusion.result(5000, 0, 2)
+    fusion.result(5000, 1, 1)
+    trace = fusion.header.encode() + b"\n" + fusion.take_trace().partition(b"\n")[2]
+    # The third is open at the end.
+    (own, *_) = fleet.judge("a.jsonl", open=lambda _: io.BytesIO(trace))
+    assert [(it.p, it.items) for it in own.outputs or []] == [(0, 1), (1, 1), (2, 1)]
+    assert (own.messages, own.conforms) == (3, True)
+    fusion.tick(20_000)
+    went, _, missed = fuseline.Trace(trace + fusion.take_trace())._ways()
+    points = {0: [(0.0, 0.001)], 1: [(0.0, 0.005)], 2: [(0.0, 0.005)]}
+    assert (went, missed) == (points, [])
+
+
 @pytest.mark.skipif(not COMMAND, reason="FUSELINE_COMMAND does not name the command")
 def test_rows_are_the_same_however_a_trace_is_packed(tmp_path: Path) -> None:
     assert COMMAND

@@ -17,6 +17,7 @@ from fuseline import (
     Commit,
     Dropped,
     DropReason,
+    Final,
     Firing,
     Forwarded,
     Fusion,
@@ -24,6 +25,7 @@ from fuseline import (
     Missed,
     OfferRefusal,
     OpenRefusal,
+    Preliminary,
     Refused,
     Waiting,
     ns,
@@ -67,6 +69,29 @@ def test_patient_waits_for_all_that_outranks() -> None:
     fusion.result(50, 1, 0)
     assert fusion.tick(100) == (Firing(1, 100, (9,), Waiting()),)
     assert fusion.fail(200, 1, 2) == ((), Forwarded(0, ()))
+
+
+def test_progressive_sends_each_better_result_at_once_until_one_is_final() -> None:
+    clouds = [Cloud(2), Cloud(5), Cloud(9)]
+    fusion = Fusion(clouds, commit=Commit.PROGRESSIVE, record=True)
+    assert fusion.commit == Commit.PROGRESSIVE
+    fusion.open(0, 1)
+    for p in (2, 5, 9):
+        fusion.offer(0, 1, p, ns(100))
+    assert fusion.result(10, 1, 0) == ((), Preliminary(0, ()))
+    assert fusion.result(20, 1, 5) == ((), Preliminary(5, (2,)))
+    assert fusion.result(30, 1, 2) == ((), Dropped(DropReason.SUPERSEDED))
+    assert fusion.tick(100) == (Firing(1, 100, (9,), Final(5)),)
+    fusion.open(200, 2)
+    assert fusion.result(201, 2, 0) == ((), Forwarded(0, ()))
+    fusion.open(300, 3)
+    fusion.offer(300, 3, 9, ns(100))
+    fusion.result(301, 3, 0)
+    assert fusion.fail(302, 3, 9) == ((), Final(0))
+    trace = fusion.take_trace()
+    assert trace.count(b'"ev":"final"') == 3
+    verdict = fuseline.check(fusion.header.encode() + trace[trace.index(b"\n") :])
+    assert (verdict.conforms, verdict.judged) == (True, 3), str(verdict)
 
 
 def test_local_alone_that_fails_is_a_miss() -> None:
@@ -187,7 +212,7 @@ def test_what_stands_for_an_int_is_an_instant() -> None:
         ({"window": 1025}, "a window of 1025; it must be from 1 to 1024"),
         ({"window": 10**9}, "a window of 1000000000; it must be from 1 to 1024"),
         ({"window": -1}, "a window of -1; it must be from 1 to 1024"),
-        ({"commit": "lazy"}, "a commit rule lazy; it is eager or patient"),
+        ({"commit": "lazy"}, "a commit rule lazy; it is eager, patient or progressive"),
         ({"clouds": [Cloud(0)]}, "a cloud with priority 0; it must be from 1 to 65535"),
         ({"clouds": [Cloud(65536)]}, "a cloud with priority 65536; it must be from 1 to 65535"),
         ({"clouds": [Cloud(1), Cloud(1)]}, "two clouds with priority 1"),

@@ -157,6 +157,93 @@ def test_what_is_no_longer_wanted_is_cancelled_at_once(run: Run[Any]) -> None:
     assert (item.decided, ended) == (20_000_000, {"timer": 0.02, "cancelled": 0.02})
 
 
+def test_under_progressive_each_better_result_is_an_item_at_once(
+    run: Run[Any], tmp_path: Path
+) -> None:
+    trace = tmp_path / "trace.jsonl"
+
+    async def breaks(request: Any, call: Call) -> Any:
+        await asyncio.sleep(30 * MS)
+        raise OSError("broke")
+
+    async def west(request: Any, call: Call) -> Any:
+        await asyncio.sleep((50 if request == "a" else 60) * MS)
+        return request
+
+    async def main(loop: VirtualLoop) -> tuple[list[Item[Any]], Counter[tuple[str, str, str]]]:
+        operator: Operator[Any, Any] = Operator(
+            local_after(10 * MS), commit="progressive", clock=loop.nanos, trace=trace
+        )
+        operator.use_cloud(breaks, ask(1.0), str, 1)
+        operator.use_cloud(west, ask(1.0), "{} of west".format, 2, name="west")
+        operator.use_cloud(after(9.0), lambda m, t: (m, 0.1) if t == 0 else None, str, 3)
+        return await items_of(operator, ["a", "b"]), operator.counts
+
+    items, counts = run(main)
+    told = [
+        (it.decided, it.timestamp, it.revision, it.ending, it.value, it.last, len(it.failures))
+        for it in items
+    ]
+    preliminary, forwarded, final = Ending.PRELIMINARY, Ending.FORWARDED, Ending.FINAL
+    assert told == [
+        (10_000_000, 0, 0, preliminary, "a on board", False, 0),
+        (20_000_000, 1, 0, preliminary, "b on board", False, 0),
+        (50_000_000, 0, 1, preliminary, "a of west", False, 1),
+        (60_000_000, 1, 1, forwarded, "b of west", True, 1),
+        (100_000_000, 0, 2, final, None, True, 1),
+    ]
+    assert str(items[-1].source) == "west"
+    assert counts["west", "result", "preliminary"] == counts["west", "output", "final"] == 1
+    judged(trace, 2)
+
+
+def test_a_reader_that_lags_reads_the_newest_item_of_each_message(run: Run[Any]) -> None:
+    async def main(loop: VirtualLoop) -> list[Item[Any]]:
+        local = Local.task(local_after(10 * MS), at_once=2)
+        operator: Operator[Any, Any] = Operator(local, commit="progressive", clock=loop.nanos)
+        operator.use_cloud(after(20 * MS), ask(1.0), "{} of west".format, 1)
+        operator.use_cloud(after(9.0), lambda m, t: (m, 0.1) if t == 0 else None, str, 2)
+        async with operator:
+            operator.write("a")
+            operator.write("b")
+            await asyncio.sleep(15 * MS)
+            first = [await anext(operator)]
+            await asyncio.sleep(1)
+            operator.close()
+            return first + [item async for item in operator]
+
+    items = run(main)
+    told = [(item.timestamp, item.revision, item.value, item.last) for item in items]
+    # What was read before is not given again; what was not comes with the last item.
+    assert told == [
+        (0, 0, "a on board", False),
+        (1, 1, "b of west", True),
+        (0, 2, "a of west", True),
+    ]
+
+
+def test_a_guard_under_progressive_is_refused_with_the_remedy(run: Run[Any]) -> None:
+    class MyGuard(Guard):
+        pass
+
+    expected = Expected(Accuracy(local=42.0, cloud=50.0, price_per_ms=0.01), 0.05)
+
+    async def main(loop: VirtualLoop) -> None:
+        for policy in (Guard(), MyGuard(), Guard().caps(expected)):
+            operator: Operator[Any, Any] = Operator(local_after(0), commit="progressive")
+            operator.use_cloud(after(0), ask(1.0), str, 1, name="west", policy=policy)
+            with pytest.raises(fuseline.ConfigError, match="the guard of west promises"):
+                await operator.start()
+        async with Operator[Any, Any](local_after(0), commit="progressive") as operator:
+            operator.close()
+        other: Operator[Any, Any] = Operator(local_after(0), commit="progressive")
+        other.use_cloud(after(0), ask(1.0), str, 1, policy=expected)
+        async with other:
+            other.close()
+
+    run(main)
+
+
 def test_what_an_aborted_call_returns_all_the_same_is_not_taken(run: Run[Any]) -> None:
     async def stubborn(request: Any, call: Call) -> Any:
         try:
@@ -985,7 +1072,7 @@ def test_a_guard_and_what_is_worth_it_decide_in_an_operator(run: Run[Any]) -> No
     assert expected.decide(Situation(), 2.0).deadline == 120_000_001
 
 
-@pytest.mark.parametrize("commit", ["eager", "patient"])
+@pytest.mark.parametrize("commit", ["eager", "patient", "progressive"])
 @pytest.mark.parametrize("seed", range(6))
 def test_random_load_gives_one_item_a_message_and_a_conforming_trace(
     run: Run[Any], tmp_path: Path, commit: Any, seed: int
@@ -1041,7 +1128,7 @@ def test_random_load_gives_one_item_a_message_and_a_conforming_trace(
         ends = [item.ending for item in items]
         assert counts["operator", "message", "missed"] == ends.count(Ending.MISSED)
         outputs = sum(n for (_, what, _), n in counts.items() if what == "output")
-        assert outputs == ends.count(Ending.FORWARDED)
+        assert outputs == ends.count(Ending.FORWARDED) + ends.count(Ending.FINAL)
         return items
 
     logging.getLogger("fuseline").setLevel(logging.CRITICAL)
@@ -1049,15 +1136,28 @@ def test_random_load_gives_one_item_a_message_and_a_conforming_trace(
         items = run(main)
     finally:
         logging.getLogger("fuseline").setLevel(logging.NOTSET)
-    assert sorted(item.timestamp for item in items) == list(range(messages))
+    assert sorted(item.timestamp for item in items if item.last) == list(range(messages))
     # D2: each item bears the value of its own message, by the source that the trace names.
-    emitted = {line.t: line.p for line in fuseline.Trace(trace).lines if line.ev == "emit"}
+    lines = fuseline.Trace(trace).lines
+    emitted = {(line.t, line.at, line.p) for line in lines if line.ev == "emit"}
+    best = {line.t: line.p for line in lines if line.ev == "emit"}
+    sent: dict[int, int] = {}
     for item in items:
-        if item.ending is Ending.FORWARDED:
-            assert item.source is not None
-            assert (item.value, item.source.priority) == (item.timestamp, emitted[item.timestamp])
+        if item.source is None:
+            assert item.timestamp not in best
+            continue
+        source = item.source.priority
+        if item.ending is Ending.FINAL:
+            assert (item.value, sent[item.timestamp]) == (None, source)
         else:
-            assert item.timestamp not in emitted
+            # D1: items rise.
+            assert sent.get(item.timestamp, -1) < source
+            left = item.arrived if commit == "progressive" else item.decided
+            assert (item.timestamp, left, source) in emitted
+            assert item.value == item.timestamp
+        assert not item.last or best[item.timestamp] == source
+        sent[item.timestamp] = source
+    assert any(not item.last for item in items) == (commit == "progressive")
     verdict = check(trace)
     assert verdict.conforms, str(verdict)
     assert fuseline.replay(trace) == trace.read_bytes()

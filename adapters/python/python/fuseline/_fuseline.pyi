@@ -103,7 +103,7 @@ class Fusion:
         clouds: Sequence[Cloud] = (),
         *,
         window: int = 16,
-        commit: Commit | Literal["eager", "patient"] = "eager",
+        commit: Commit | Literal["eager", "patient", "progressive"] = "eager",
         operator: str | None = None,
         record: bool = False,
     ) -> Fusion: ...
@@ -139,6 +139,8 @@ class Fusion:
     @property
     def newest(self) -> int | None: ...
     @property
+    def commit(self) -> str: ...
+    @property
     def header(self) -> str: ...
     def __len__(self) -> int: ...
     def __bool__(self) -> bool: ...
@@ -153,7 +155,7 @@ class Engine:
         calls: Sequence[int],
         local: tuple[int, int | None, bool, bool],
         window: int,
-        commit: Commit | Literal["eager", "patient"],
+        commit: Commit | Literal["eager", "patient", "progressive"],
         operator: str,
         trace: str | PathLike[str] | None,
     ) -> Engine: ...

@@ -12,10 +12,14 @@ V = TypeVar("V")
 
 
 class Ending(Enum):
-    """How a message left."""
+    """How a message was answered; preliminary and final under progressive alone."""
 
+    #: The best result so far was sent; a better one may follow (F9).
+    PRELIMINARY = "preliminary"
     #: The best available result was sent (F7, P3).
     FORWARDED = "forwarded"
+    #: No better result came than the one that was sent before, which is the last (F9).
+    FINAL = "final"
     #: No result came and none will (F6).
     MISSED = "missed"
     #: The message was not taken on, and nothing was computed for it (F1).
@@ -80,6 +84,10 @@ class CurrentDeadline(NamedTuple):
 class Item(Generic[V]):
     """What became of one message. Every message written leads to exactly one item.
 
+    Under progressive it leads to one or more, each better than the one before, of which exactly one
+    is the ``last``. They come in the order of decisions: keep the item of the greatest
+    ``(timestamp, source.priority)``, or else an old message's replaces a newer one's.
+
     Instants are nanoseconds of the operator's clock, which starts with it.
     """
 
@@ -87,13 +95,13 @@ class Item(Generic[V]):
     timestamp: int
     #: When the message was taken in.
     opened: int
-    #: When its ending was decided.
+    #: When it was decided.
     decided: int
     #: How it left.
     ending: Ending
-    #: The result, if it was forwarded.
+    #: The result, if one is sent with it.
     value: V | None = None
-    #: Whose result it is, if it was forwarded.
+    #: Whose result it is; of a final one, whose was sent before.
     source: Source | None = None
     #: When the result arrived; earlier than the decision if it was held.
     arrived: int | None = None
@@ -103,6 +111,19 @@ class Item(Generic[V]):
     refusal: OpenRefusal | None = None
     #: The sources whose failure was accepted by then (F4).
     failures: list[Failure] = field(default_factory=list)
+    #: How many items of its message were made before it: 0, unless the rule is progressive.
+    revision: int = 0
+
+    @property
+    def last(self) -> bool:
+        """Whether no other item of its message follows."""
+        return self.ending is not Ending.PRELIMINARY
+
+    def _takes_the_place_of(self, earlier: Item[V]) -> None:
+        """Nobody was given the earlier item of its message: a final one has its value."""
+        if self.ending is Ending.FINAL:
+            self.ending = Ending.FORWARDED
+            self.value, self.arrived, self.trigger = earlier.value, earlier.arrived, earlier.trigger
 
     @property
     def took(self) -> float:

@@ -26,7 +26,7 @@ from fuseline._fuseline import Engine, nanoseconds
 from fuseline._item import Call, CurrentDeadline, Item
 from fuseline._local import Local, local_of
 from fuseline._words import Cloud, Commit, ns
-from fuseline.deadline import Policy, Situation, compiled, policy_of
+from fuseline.deadline import Policy, Situation, assumes_one_output, compiled, policy_of
 
 if TYPE_CHECKING:
     from fuseline._judge import Duration
@@ -42,7 +42,8 @@ _log = logging.getLogger("fuseline")
 class Operator(Generic[M, V]):
     """Computes each message on board and in clouds, and forwards the best result that is in time.
 
-    Each message written leads to exactly one `Item`. Use it as a context manager, in one event
+    Each message written leads to exactly one `Item`; under progressive to one or more, the last one
+    marked. Use it as a context manager, in one event
     loop: at the end of the block it takes no more messages and waits until all are answered; if
     the block is left by an exception, it `stop`s. Calls that go on although they were cancelled are
     waited for no longer than a second; a line of the log says how many are left.
@@ -52,9 +53,9 @@ class Operator(Generic[M, V]):
             timestamp, or a plain function of them, which runs in a thread of its own.
         name: The operator's name in logs and traces.
         window: How many messages may be open at once, 1 to 1024; one more is refused ``full`` (F1).
-        commit: When the best available result is sent although a better one is pending (F6).
+        commit: When a result is sent although a better one is pending (F6, F9).
         output_len: How many items the reader may lag behind. While it lags further, no message is
-            taken in; what is open goes on.
+            taken in; what is open goes on. Of the items of one message it is given the newest.
         trace: The file that the run is recorded to; it is overwritten.
         clock: Reads whole nanoseconds that never go back.
 
@@ -80,7 +81,7 @@ class Operator(Generic[M, V]):
         *,
         name: str = "operator",
         window: int = 16,
-        commit: Commit | Literal["eager", "patient"] = Commit.EAGER,
+        commit: Commit | Literal["eager", "patient", "progressive"] = Commit.EAGER,
         output_len: int = 16,
         trace: str | os.PathLike[str] | None = None,
         clock: Clock = time.monotonic_ns,
@@ -204,6 +205,12 @@ class Operator(Generic[M, V]):
         for it in self._clouds:
             engine.set_linger(it.cloud.p, it.linger)
             if it.policy is not None:
+                if self._commit == Commit.PROGRESSIVE and assumes_one_output(it.policy):
+                    raise ConfigError(
+                        f"the guard of {it.cloud.name} promises what holds for one output a "
+                        "message, and under progressive there may be more; give another policy, or "
+                        "commit patient"
+                    )
                 engine.set_policy(it.cloud.p, compiled(it.policy))
         await local._start()
         self._driver = Driver(
@@ -366,6 +373,13 @@ class Operator(Generic[M, V]):
         return self._driver
 
     def _put(self, item: Item[V]) -> None:
+        if item.revision > 0:
+            for place, earlier in enumerate(self._items):
+                if earlier.timestamp == item.timestamp:
+                    # F9, D8: nobody has read it, and nobody needs it any more.
+                    item._takes_the_place_of(earlier)
+                    del self._items[place]
+                    break
         self._items.append(item)
         _wake(self._readers)
 

@@ -129,6 +129,9 @@ class Trace:
         went: dict[int, list[Point]] = {}
         waits: list[Point] = []
         missed: list[float] = []
+        # Under progressive the last output of a message that has not ended.
+        last: dict[int, tuple[int, int]] = {}
+        is_progressive = self.header.get("commit") == "progressive"
         for line in self.lines:
             t = line.t
             if t is None:
@@ -145,9 +148,12 @@ class Trace:
                 waits.append(
                     (opened[t] / 1e9, (line.at - requested.get((t, line.p), line.at)) / 1e6)
                 )
-            elif line.ev == "emit" and line.p is not None:
+            elif line.ev == "emit" and line.p is not None and is_progressive:
+                last[t] = line.p, line.at
+            elif line.ev in ("emit", "final") and line.p is not None:
+                p, left = last.pop(t, (line.p, line.at))
                 at = opened.pop(t)
-                went.setdefault(line.p, []).append((at / 1e9, (line.at - at) / 1e6))
+                went.setdefault(p, []).append((at / 1e9, (left - at) / 1e6))
             elif line.ev == "miss":
                 missed.append(opened.pop(t) / 1e9)
         return went, waits, missed

@@ -31,12 +31,14 @@ class _Word(str, Enum):
 
 
 class Commit(_Word):
-    """When the best available result is forwarded although a better one is pending (F6)."""
+    """When a result is forwarded although a better one is pending (F6, F9)."""
 
     #: With the first cloud's timer that fires.
     EAGER = "eager"
     #: When nothing better can come.
     PATIENT = "patient"
+    #: At once if it is better than those before it; better ones may follow.
+    PROGRESSIVE = "progressive"
 
 
 class OpenRefusal(_Word):
@@ -72,7 +74,8 @@ class DropReason(_Word):
 
     #: No such source, or neither this timestamp nor a later one was ever opened.
     UNKNOWN = "unknown"
-    #: The timestamp is not open: forwarded, missed, or skipped.
+    #: The timestamp is not open: forwarded, missed, or skipped; under progressive also if the last
+    #: output outranks it.
     SUPERSEDED = "superseded"
     #: The source was not asked for this timestamp.
     UNSOLICITED = "unsolicited"
@@ -176,6 +179,24 @@ class Waiting:
 
 
 @dataclass(frozen=True)
+class Preliminary:
+    """Send a result downstream; better ones may follow (F9). Only under progressive."""
+
+    #: Whose result it is; 0 is local's.
+    by: int
+    #: The clouds still pending that it outranks, in ascending order: their calls may be aborted.
+    cancelled: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Final:
+    """What was sent last is the best there is; the timestamp is retired (F9)."""
+
+    #: Whose result it is; 0 is local's.
+    by: int
+
+
+@dataclass(frozen=True)
 class Forwarded:
     """Send a result downstream; the timestamp is retired (F7)."""
 
@@ -195,7 +216,7 @@ Opening = Accepted | Refused[OpenRefusal]
 #: The answer to an offer.
 Admission = Admitted | Refused[OfferRefusal]
 #: The answer to a result or a failure, and what became of timers that fired.
-Outcome = Dropped | Held | Waiting | Forwarded | Missed
+Outcome = Dropped | Held | Waiting | Preliminary | Forwarded | Final | Missed
 
 
 @dataclass(frozen=True)
@@ -208,5 +229,5 @@ class Firing:
     due: int
     #: The requests that they close, in ascending order; 0 is local's.
     timers: tuple[int, ...]
-    #: Waiting, forwarded or missed.
-    outcome: Waiting | Forwarded | Missed
+    #: Waiting, forwarded, final or missed.
+    outcome: Waiting | Forwarded | Final | Missed

@@ -19,12 +19,14 @@ from fuseline._words import (
     Admission,
     Admitted,
     Dropped,
+    Final,
     Firing,
     Forwarded,
     Held,
     Missed,
     Opening,
     Outcome,
+    Preliminary,
     Refused,
     Waiting,
     ns,
@@ -43,6 +45,9 @@ def decisions(fusion: Fusion, event: dict[str, Any]) -> Iterator[Decision]:
         yield from _decisions_of(firing.outcome, now, {"t": firing.t})
     about: dict[str, int] = {key: event[key] for key in ("t", "p") if key in event}
     yield from _decisions_of(answer, now, about)
+    if isinstance(answer, Forwarded) and fusion.commit == "progressive":
+        # F9: an output that retires its timestamp is followed by its end.
+        yield {"ev": "final", "at": now, "t": about["t"], "p": answer.by}
 
 
 def _apply(
@@ -78,7 +83,9 @@ def _decisions_of(
             yield {"ev": "hold", "at": now, **about}
         case Missed():
             yield {"ev": "miss", "at": now, "t": about["t"]}
-        case Forwarded(by, cancelled):
+        case Final(by):
+            yield {"ev": "final", "at": now, "t": about["t"], "p": by}
+        case Preliminary(by, cancelled) | Forwarded(by, cancelled):
             yield {"ev": "emit", "at": now, "t": about["t"], "p": by}
             for p in cancelled:
                 yield {"ev": "cancel", "at": now, "t": about["t"], "p": p}

@@ -430,6 +430,13 @@ def policy_of(policy: Policy | Callable[[Situation, ns], Duration]) -> Policy:
     return Called(policy) if not hasattr(policy, "decide") else policy  # type: ignore[return-value]
 
 
+def assumes_one_output(policy: Policy) -> bool:
+    """Whether its promise (T1, T2) is about one output a message: whether it has a guard."""
+    if isinstance(policy, Capped):
+        return assumes_one_output(policy._cap) or assumes_one_output(policy._policy)
+    return isinstance(policy, Guard)
+
+
 def compiled(policy: Policy) -> Any:
     """What the engine takes: of this module's own policies what is compiled, else the policy."""
     # What is derived from them may have methods of its own.

@@ -77,6 +77,7 @@ impl PyCounts<'_> {
         // A result that is forwarded as it comes is its message's output.
         let forwarded = tally.outputs.get(&Trigger::Arrival).copied();
         self.count("result", "forwarded", forwarded.unwrap_or(0));
+        self.count("result", "preliminary", tally.preliminary);
         self.by_reason("result", "dropped ", &tally.dropped);
         self.count("failure", "accepted", tally.failed);
         self.by_reason("failure", "dropped ", &tally.failures_dropped);
@@ -86,6 +87,7 @@ impl PyCounts<'_> {
         self.count("failed because", "other reasons", tally.reasons.others());
         self.count("timer", "fired", tally.timers);
         self.by_reason("output", "", &tally.outputs);
+        self.count("output", "final", tally.finals);
     }
 
     fn by_reason<'a, K: Display + 'a>(

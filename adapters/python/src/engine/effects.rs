@@ -23,7 +23,9 @@ struct ItemClasses {
     source: Py<PyAny>,
     failure: Py<PyAny>,
     refusal: Py<PyAny>,
+    preliminary: Py<PyAny>,
     forwarded: Py<PyAny>,
+    last: Py<PyAny>,
     missed: Py<PyAny>,
     refused: Py<PyAny>,
     arrival: Py<PyAny>,
@@ -61,7 +63,7 @@ impl Effects {
 
     fn item<'py>(&self, py: Python<'py>, item: Item<Py<PyAny>>) -> PyResult<Bound<'py, PyAny>> {
         let classes = ItemClasses::get(py)?;
-        let Item { timestamp, opened, decided, ending, failures } = item;
+        let Item { timestamp, opened, decided, revision, ending, failures } = item;
         let failures = failures.into_iter().map(|failed| {
             let source = self.source(py, &failed.source)?;
             classes.failure.bind(py).call1((source, &*failed.why))
@@ -69,24 +71,34 @@ impl Effects {
         let failures = PyList::new(py, failures.collect::<PyResult<Vec<_>>>()?)?;
         let class = classes.item.bind(py);
         let (opened, decided, none) = (nanos(opened), nanos(decided), py.None());
+        let is_preliminary = matches!(ending, Ending::Preliminary(_));
         match ending {
-            Ending::Forwarded(Forwarded { value, source, arrived, trigger }) => {
+            Ending::Preliminary(forwarded) | Ending::Forwarded(forwarded) => {
+                let Forwarded { value, source, arrived, trigger } = forwarded;
                 let (source, arrived) = (self.source(py, &source)?, nanos(arrived));
                 let trigger = match trigger {
                     Trigger::Arrival => &classes.arrival,
                     Trigger::Failure => &classes.failed,
                     Trigger::Timer => &classes.timer,
                 };
-                let ending = &classes.forwarded;
+                let ending = if is_preliminary { &classes.preliminary } else { &classes.forwarded };
                 class.call1((
                     timestamp, opened, decided, ending, value, source, arrived, trigger, none,
-                    failures,
+                    failures, revision,
+                ))
+            }
+            Ending::Final(source) => {
+                let (ending, source) = (&classes.last, self.source(py, &source)?);
+                class.call1((
+                    timestamp, opened, decided, ending, &none, source, &none, &none, &none,
+                    failures, revision,
                 ))
             }
             Ending::Missed => {
                 let ending = &classes.missed;
                 class.call1((
-                    timestamp, opened, decided, ending, &none, &none, &none, &none, &none, failures,
+                    timestamp, opened, decided, ending, &none, &none, &none, &none, &none,
+                    failures, revision,
                 ))
             }
             Ending::Refused(why) => {
@@ -94,6 +106,7 @@ impl Effects {
                 let ending = &classes.refused;
                 class.call1((
                     timestamp, opened, decided, ending, &none, &none, &none, &none, why, failures,
+                    revision,
                 ))
             }
         }
@@ -124,7 +137,9 @@ impl ItemClasses {
                 source: class("Source")?,
                 failure: class("Failure")?,
                 refusal: class("OpenRefusal")?,
+                preliminary: member("Ending", "PRELIMINARY")?,
                 forwarded: member("Ending", "FORWARDED")?,
+                last: member("Ending", "FINAL")?,
                 missed: member("Ending", "MISSED")?,
                 refused: member("Ending", "REFUSED")?,
                 arrival: member("Trigger", "ARRIVAL")?,
