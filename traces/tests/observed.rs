@@ -184,7 +184,11 @@ fn a_trace_of_which_nothing_was_judged_does_not_conform() {
 
 /// A judge that has read these.
 fn read(slack: Slack, period: Option<u64>, events: &[&str]) -> Judge {
-    let trace = trace("eager", events);
+    read_under("eager", slack, period, events)
+}
+
+fn read_under(commit: &str, slack: Slack, period: Option<u64>, events: &[&str]) -> Judge {
+    let trace = trace(commit, events);
     let mut reader = Events::observed("a.jsonl", trace.as_bytes()).expect("it has a header");
     let mut judge = Judge::new("a.jsonl", reader.header(), slack);
     if let Some(period) = period {
@@ -334,4 +338,136 @@ fn what_came_out_of_a_refused_timestamp_does_not_leave_it_unfinished() {
     }
     let verdict = judge.finish_ended();
     assert_eq!((verdict.violations.len(), verdict.unfinished), (1, Some(0)));
+}
+
+/// Under progressive, exactly: the line, the rule, how late, what was expected.
+fn progressive(events: &[&str]) -> Option<(u64, String, Option<u64>, String)> {
+    let trace = trace("progressive", events);
+    let verdict = judge("a.jsonl", EXACT, trace.as_bytes()).expect("it is well formed");
+    assert!(verdict.violations.len() < 2, "{:?}", verdict.violations);
+    let found = verdict.violations.into_iter().next()?;
+    Some((found.line, found.rule.to_string(), found.late, found.expected))
+}
+
+/// Two requests, due at 10 and 20, and what comes of them from line 5 on.
+fn is_broken_progressively(events: &[&str], line: u64, rule: &str, late: Option<u64>, text: &str) {
+    let start = ["open 0 1", "request 0 1 1 10", "request 0 1 2 20"];
+    let events = [&start[..], events, &["tick 90"]].concat();
+    let found = progressive(&events);
+    assert_eq!(found, Some((line, rule.to_owned(), late, text.to_owned())), "{events:?}");
+}
+
+#[test]
+fn f9_each_better_result_comes_out_and_the_end_may_be_told() {
+    let start = ["open 0 1", "request 0 1 1 10", "request 0 1 2 20", "result 3 1 0", "emit 3 1 0"];
+    let better = ["result 5 1 2", "emit 5 1 2"];
+    for rest in [
+        &[&better[..], &["final 5 1 2"]].concat()[..],
+        // A52: what is outranked is superseded.
+        &[&better[..], &["result 7 1 1", "tick 90"]].concat(),
+        &["result 4 1 1", "emit 4 1 1", "final 20 1 1"],
+        &["fail 6 1 2", "final 10 1 0"],
+        // The trace ends before.
+        &["tick 9"],
+    ] {
+        assert_eq!(progressive(&[&start[..], rest].concat()), None, "{rest:?}");
+    }
+}
+
+#[test]
+fn p1_outputs_rise_and_one_end_follows() {
+    let text = "outputs that rise in priority, and a final after them; or one miss alone";
+    let local = ["result 3 1 0", "emit 3 1 0"];
+    for (rest, line) in [
+        (&["emit 4 1 0"][..], 7),
+        (&["miss 20 1"], 7),
+        (&["final 20 1 0", "final 20 1 0"], 8),
+        (&["final 5 1 0", "result 6 1 2", "emit 6 1 2"], 9),
+        (&["result 5 1 2", "emit 5 1 2", "result 6 1 1", "emit 6 1 1", "final 6 1 2"], 10),
+    ] {
+        is_broken_progressively(&[&local[..], rest].concat(), line, "P1", None, text);
+    }
+    // Long after nothing more of it is held.
+    let again = ["open 0 1", "result 3 1 0", "emit 3 1 0", "tick 900", "final 950 1 0"];
+    let text = "nothing more: it was forwarded or missed before".to_owned();
+    assert_eq!(progressive(&again), Some((6, "P1".to_owned(), None, text)));
+}
+
+#[test]
+fn p3_to_p6_what_is_late_or_missing_under_progressive_is_told() {
+    let local = ["result 3 1 0", "emit 3 1 0"];
+    let after_local = |rest: &[&'static str]| [&local[..], rest].concat();
+    let of_p = |p: u64, at: u64| format!("emit p {p}, at {at} to {at}");
+    let late = ["result 3 1 0", "emit 10 1 0", "final 20 1 0"];
+    is_broken_progressively(&late, 6, "P4", Some(7), &of_p(0, 3));
+    // It waits for what comes too late, and is told once.
+    let late = after_local(&["result 5 1 2", "tick 50", "emit 51 1 2"]);
+    is_broken_progressively(&late, 9, "P4", Some(46), &of_p(2, 5));
+    let better = after_local(&["result 5 1 2", "final 20 1 0"]);
+    is_broken_progressively(&better, 8, "P3", Some(85), &of_p(2, 5));
+    let between = after_local(&["result 4 1 1", "result 5 1 2", "emit 5 1 2"]);
+    is_broken_progressively(&between, 9, "P4", Some(86), &of_p(1, 4));
+    let passed_over = ["result 3 1 0", "result 5 1 2", "emit 5 1 2"];
+    is_broken_progressively(&passed_over, 7, "P5", Some(87), &of_p(0, 3));
+    is_broken_progressively(&["result 3 1 0"], 5, "P5", Some(87), &of_p(0, 3));
+    is_broken_progressively(&["result 3 1 0", "final 20 1 0"], 6, "P5", Some(87), &of_p(0, 3));
+    let several = ["result 3 1 0", "result 4 1 1", "result 5 1 2", "emit 5 1 2"];
+    let text = "emit p 0, at 3 to 3; or emit p 1, at 4 to 4";
+    is_broken_progressively(&several, 8, "P4", None, text);
+    let alone = ["open 0 1", "result 3 1 0", "emit 5 1 0"];
+    assert_eq!(progressive(&alone), Some((4, "P6".to_owned(), Some(2), of_p(0, 3))));
+}
+
+#[test]
+fn what_has_no_explanation_under_progressive_is_named() {
+    let local = ["result 3 1 0", "emit 3 1 0"];
+    for (rest, line, rule, late, text) in [
+        (&["final 5 1 0"][..], 7, "F9", None, "final p 0, at 20 to 20"),
+        (&["final 25 1 0"], 7, "F9", Some(5), "final p 0, at 20 to 20"),
+        (&["final 20 1 2"], 7, "F9", None, "final p 0, at 20 to 20"),
+        (&["result 22 1 2", "emit 22 1 2"], 8, "P2", Some(2), "no output of p 2"),
+        (&["emit 5 1 2"], 7, "P3", None, "no output of p 2"),
+        (&["emit 5 1 2", "result 7 1 2"], 7, "P3", None, "emit p 2, at 7 to 7"),
+        (&["fail 4 1 2", "result 5 1 2", "emit 5 1 2"], 9, "F4", None, "no output of p 2"),
+        (&["emit 5 1 7"], 7, "P3", None, "no output of p 7"),
+    ] {
+        is_broken_progressively(&[&local[..], rest].concat(), line, rule, late, text);
+    }
+    is_broken_progressively(&["fail 3 1 0"], 5, "P7", Some(70), "miss, at 20 to 20");
+    is_broken_progressively(&["fail 3 1 0", "miss 10 1"], 6, "F6", None, "miss, at 20 to 20");
+    is_broken_progressively(&["result 3 1 0", "miss 20 1"], 6, "F6", None, "emit p 0, at 3 to 3");
+    is_broken_progressively(&["final 20 1 0"], 5, "F9", None, "nothing yet of timestamp 1");
+    // Its last output ended it.
+    let outranked = ["result 3 1 0", "result 3 1 2", "emit 3 1 2", "request 5 1 1 10", "tick 90"];
+    let found = progressive(&[&["open 0 1", "request 0 1 2 20"][..], &outranked].concat());
+    assert_eq!(found.map(|(_, rule, ..)| rule).as_deref(), Some("F2"));
+}
+
+#[test]
+fn a44_of_an_ended_run_under_progressive_the_end_of_a_timestamp_may_be_missing() {
+    let start = ["open 0 1", "request 0 1 2 900", "result 1 1 0", "emit 1 1 0"];
+    for (rest, unfinished, broken) in [
+        (&[][..], 0, None),
+        (&["open 2 2", "request 2 2 1 900"], 1, None),
+        (&["result 3 1 2"], 0, Some("P3")),
+        (&["fail 3 1 2", "final 4 1 0"], 0, None),
+    ] {
+        let judge = read_under("progressive", LOOSE, None, &[&start[..], rest].concat());
+        let verdict = judge.finish_ended();
+        assert_eq!((verdict.judged, verdict.unfinished), (1, Some(unfinished)), "{rest:?}");
+        let found = verdict.violations.first().map(|it| (it.rule.id(), it.late));
+        // It never came: nobody knows how late that is.
+        assert_eq!(found, broken.map(|rule| (rule, None)), "{rest:?}");
+    }
+}
+
+#[test]
+fn f9_no_other_rule_has_a_final() {
+    for commit in ["eager", "patient"] {
+        let trace = trace(commit, &["open 0 1", "result 3 1 0", "emit 3 1 0", "final 3 1 0"]);
+        let verdict = judge("a.jsonl", EXACT, trace.as_bytes()).unwrap();
+        let [violation] = &verdict.violations[..] else { panic!("{verdict:?}") };
+        assert_eq!((violation.line, violation.rule.id()), (5, "F9"));
+        assert_eq!(violation.expected, format!("no final: the rule is {commit}"));
+    }
 }

@@ -11,7 +11,7 @@
 //!
 //! So from the highest source down the latest course of each is the best for all below it. What was sent last, with each
 //! instant at which something becomes possible, is tried as the retirement where a `final` was observed: for `n` clouds at most
-//! `3n + 4` instants, each in O(`n`³) steps. Where none was, one look is enough.
+//! `3n + 4` instants, each in O(`n`³) steps. Where none was, one look is enough; one a source if nothing came out.
 
 use super::explain::{InstantRange, LAST, NEVER, ObservedFacts, WideInstant, reach};
 

@@ -80,6 +80,7 @@ pub(super) fn of_story(
     let allowed = story.allowed_within(commit, slack, end);
     let found = outputs(t, story);
     if is_progressive {
+        // P1, A54: in whatever order their lines stand.
         if let Some(violation) = of_disorder(t, whole, slack) {
             return Some(violation);
         }

@@ -32,6 +32,22 @@ fn of_timestamps_done_with_only_their_range_is_held() {
     assert_eq!(judge.finish().judged, 20_000);
 }
 
+/// F9: nor by what is not said to be final.
+#[test]
+fn of_timestamps_without_a_final_only_their_range_is_held() {
+    let header = Header { operator: None, window: 4, commit: Commit::Progressive, clouds: vec![] };
+    let mut judge = Judge::new("a.jsonl", &header, SLACK);
+    for t in 0..20_000 {
+        let at = 10 * t;
+        let emit = Event::Decision(Decision::Emit { at, t, p: 0 });
+        for event in [opened(at, t), came(at, t), emit] {
+            judge.line(t, &event).expect("it is in order");
+        }
+        assert!(judge.open.len() <= 5 && judge.ripening.len() <= 5, "{}", judge.open.len());
+    }
+    assert_eq!(judge.finish().judged, 20_000);
+}
+
 #[test]
 fn of_timestamps_that_never_end_so_many_are_waited_for() {
     let mut judge = judge();
