@@ -11,6 +11,7 @@
 (declare-const u Timestamp) ; any
 (declare-const m Source) ; any
 (declare-const n Source) ; any
+(declare-const x Entry) ; any
 
 ; ---- The invariant: what holds of every state that inputs lead to
 
@@ -29,10 +30,21 @@
 (define-fun prompt ((s State) (u Timestamp)) Bool
   (=> (exists ((c Source)) (cached s u c)) (exists ((q Source)) (and (pending s u q)
     (forall ((c Source)) (=> (cached s u c) (outranks q c)))))))
+; F9: under progressive the last output is cached alone, and all that is pending outranks it.
+(define-fun one-sent ((s State) (u Timestamp)) Bool (=> (= (commit s) progressive)
+  (forall ((m Source)) (=> (cached s u m) (forall ((c Source)) (and
+    (=> (pending s u c) (outranks c m)) (=> (cached s u c) (= c m))))))))
 (define-fun timers ((s State) (u Timestamp)) Bool (and
   (= (armed s u local) (and (pending s u local) (timed s u)))
   (forall ((c Source)) (=> (not (= c local))
-    (= (armed s u c) (or (pending s u c) (and eager (cached s u c))))))))
+    (= (armed s u c) (or (pending s u c) (and (= (commit s) eager) (cached s u c))))))))
+(define-fun valid-sets ((s State) (u Timestamp)) Bool (and
+  (consistent s u) (waiting s u) (has-best s u) (prompt s u) (one-sent s u) (timers s u)))
+; What was sent ended its timestamp; under progressive what is cached was sent, and what else was sent is outranked by it.
+(define-fun rising ((s State) (u Timestamp)) Bool (forall ((c Source)) (and
+  (=> (and (sent s u c) (not (cached s u c))) (and (reached s u) (or (forwarded s u)
+    (and (= (commit s) progressive) (exists ((m Source)) (and (cached s u m) (outranks m c)))))))
+  (=> (cached s u c) (= (sent s u c) (= (commit s) progressive))))))
 (define-fun ended-once ((s State) (u Timestamp)) Bool (and
   (not (and (forwarded s u) (missed s u)))
   (=> (or (forwarded s u) (missed s u)) (and (reached s u) (not (is-open s u))))))
@@ -43,7 +55,8 @@
 (define-fun until-latest ((s State) (u Timestamp)) Bool (forall ((c Source))
   (=> (owns-due s u c) (<= (due s u c) (latest s u)))))
 (define-fun floored ((s State) (u Timestamp)) Bool (=> (local-came s u) (and
-  (reached s u) (or (forwarded s u) (cached s u local)))))
+  (reached s u) (or (forwarded s u) (cached s u local)
+    (and (= (commit s) progressive) (exists ((c Source)) (cached s u c)))))))
 (define-fun opened-ends ((s State) (u Timestamp)) Bool (and
   (=> (opened s u) (and (reached s u) (or (is-open s u) (forwarded s u) (missed s u))))
   (=> (or (is-open s u) (timed s u)) (opened s u))))
@@ -53,22 +66,21 @@
 (define-fun valid ((s State)) Bool (and
   (<= 0 (clock s) end-of-time) (has-own-entry s)
   (forall ((u Timestamp)) (and
-    (consistent s u) (waiting s u) (has-best s u) (prompt s u) (timers s u) (ended-once s u)
-    (in-time s u) (until-latest s u) (floored s u) (opened-ends s u)))))
+    (valid-sets s u) (rising s u) (ended-once s u) (in-time s u) (until-latest s u) (floored s u) (opened-ends s u)))))
 (define-fun same-of ((s State) (e State) (u Timestamp)) Bool (and
   (= (entry s u) (entry e u)) (= (opened s u) (opened e u)) (= (timed s u) (timed e u)) (= (local-came s u) (local-came e u))
   (= (forwarded s u) (forwarded e u)) (= (missed s u) (missed e u)) (= (latest s u) (latest e u))
   (forall ((c Source)) (and
     (= (requested s u c) (requested e u c)) (= (pending s u c) (pending e u c))
-    (= (armed s u c) (armed e u c)) (= (cached s u c) (cached e u c))
+    (= (armed s u c) (armed e u c)) (= (cached s u c) (cached e u c)) (= (sent s u c) (sent e u c))
     (= (due s u c) (due e u c)) (= (came s u c) (came e u c))))))
 (define-fun one-of ((a Bool) (b Bool) (c Bool) (d Bool)) Bool
   (= (+ (ite a 1 0) (ite b 1 0) (ite c 1 0) (ite d 1 0)) 1))
 (define-fun rest () Bool (and configuration (valid before) (at-rest before)))
-(define-fun step () Bool (and configuration (valid before) (may before) (becomes before after)))
+(define-fun step () Bool (and configuration (valid before) (may before) (takes-free before) (becomes before after)))
 ; Two states that differ in their clocks alone, both at or after a due instant. What is shown of one it is shown of the other:
 ; so => is = here.
-(define-fun two-clocks () Bool (and configuration (= input a-firing)
+(define-fun two-clocks () Bool (and configuration (= input a-firing) (= (commit before) (commit later))
   (passed before firing) (passed later firing) (forall ((v Timestamp)) (same-of before later v))))
 
 ;; F0: A machine that was just made is valid; from there on each obligation of a step keeps one part of that.
@@ -118,7 +130,7 @@
 
 ;; F6: Something is forwarded over a better one that is pending only under eager, and by a cloud's timer.
 (define-fun f6-patience () Bool
-  (=> (and step (forwards before m) (better-pending before m)) (and eager (a-timer before))))
+  (=> (and step (last-output before m) (better-pending before m)) (and (= (commit before) eager) (a-timer before))))
 ;; for instance: the timer of a held result commits another one
 (define-fun f6-patience.case () Bool (and (fires before n) (cached before t n) (outranks m n)))
 
@@ -137,11 +149,58 @@
 ;; for instance: one of two is forwarded, of the other a result is held
 (define-fun f8-no-other.case () Bool (and (forwards-any before) (cached before u m)))
 
+;; F9: An output that is not the last closes all up to its source, cancels the clouds among them, and is cached alone.
+(define-fun f9-output () Bool (=> (and step (sends before)) (and
+  (= (pending after t n) (and (pending before t n) (outranks n p)))
+  (= (armed after t n) (and (armed before t n) (outranks n p)))
+  (= (cached after t n) (= n p))
+  (= (cancels before n) (and (pending before t n) (not (= n local)) (outranks p n))))))
+;; for instance: a lower cloud is cancelled, and local was sent before
+(define-fun f9-output.case () Bool (and (cancels before m) (cached before t local)))
+
+;; F9: Under progressive the last output is cached alone, and all that is pending outranks it.
+(define-fun f9-one-sent () Bool (=> step (one-sent after u)))
+;; for instance: a request joins after an output
+(define-fun f9-one-sent.case () Bool (and (= t u) (= (commit before) progressive) (admits before) (cached before u m)))
+
+;; F9: A final ends its timestamp when nothing is pending any more, whatever closed it, and cancels nothing.
+(define-fun f9-final () Bool (=> (and step (finals before m)) (and
+  (not (still-pending before n)) (not (cancels before n))
+  (not (exists ((c Source)) (or (requested after t c) (pending after t c) (armed after t c) (cached after t c)))))))
+;; for instance: a failure leaves the last output
+(define-fun f9-final.case () Bool (failure-accepted before))
+
+;; F9: What an output outranks is superseded, whether it was requested or not.
+(define-fun f9-superseded () Bool (=> (and step (= (commit before) progressive) (cached before t m) (outranks m p)
+    (registered p) (or (= input a-result) (= input a-failure)))
+  (= (dropped before) superseded)))
+;; for instance: it was never requested
+(define-fun f9-superseded.case () Bool (not (requested before t p)))
+
 ;; P1 once: What is forwarded or missed was not before, and is one of the two.
 (define-fun p1-once () Bool (=> (and step (retires before)) (and
   (not (forwarded before t)) (not (missed before t)) (not (= (forwarded after t) (missed after t))))))
 ;; for instance: a timestamp is forwarded after another one was missed
 (define-fun p1-once.case () Bool (and (forwards-any before) (missed before u)))
+
+;; P1 once: What is sent was not before: once alone, or under progressive after lower ones alone.
+(define-fun p1-rises () Bool (=> (and step (outputs before m) (sent before t n))
+  (and (= (commit before) progressive) (outranks m n))))
+;; for instance: it is the third
+(define-fun p1-rises.case () Bool (exists ((c Source)) (and (sent before t c) (outranks n c))))
+
+;; P1 once: Nothing is sent of what was retired, nor better than what is cached, and what is cached was sent.
+(define-fun p1-sent () Bool (=> step (rising after u)))
+;; for instance: a better one takes the place of the last
+(define-fun p1-sent.case () Bool (and (= t u) (sends before) (cached before u m)))
+
+;; P1 once: A timestamp is missed only if nothing of it was sent; only progressive has a final, of what was sent last.
+(define-fun p1-final () Bool (=> step (and
+  (=> (misses before) (not (sent after t m)))
+  (=> (finals before m) (and (= (commit before) progressive) (sent before t m) (not (outputs before n))
+    (=> (sent before t n) (not (outranks n m))))))))
+;; for instance: a timer ends what two outputs were sent for
+(define-fun p1-final.case () Bool (and (finals before m) (sent before t n) (not (= m n)) (a-timer before)))
 
 ;; P1 once: What was forwarded or missed is not open, and never opens again.
 (define-fun p1-closed-for-ever () Bool (=> step (ended-once after u)))
@@ -150,7 +209,8 @@
 
 ;; P2 never late: A forwarded result arrived before its due instant, if it had one.
 (define-fun p2-never-late () Bool
-  (=> (and step (forwards before m) (owns-due before t m)) (< (came after t m) (due before t m))))
+  (=> (and step (or (outputs before m) (finals before m)) (owns-due before t m))
+    (< (came after t m) (due before t m))))
 ;; for instance: a held result is forwarded at a later instant
 (define-fun p2-never-late.case () Bool (and
   (= input a-firing) (not (= m local)) (< (came before t m) (clock before))))
@@ -160,8 +220,8 @@
 ;; for instance: a cloud's result is held
 (define-fun p2-held-in-time.case () Bool (and (= t u) (holds before) (not (= p local))))
 
-;; P3 best available: A forwarded result outranks every other available result for its timestamp.
-(define-fun p3-best-available () Bool (=> (and step (forwards before m)) (and
+;; P3 best available: A forwarded result, or the last output, outranks every other available result for its timestamp.
+(define-fun p3-best-available () Bool (=> (and step (or (outputs before m) (finals before m))) (and
   (=> (cached before t n) (or (= n m) (outranks m n)))
   (=> (result-accepted before) (or (= p m) (outranks m p))))))
 ;; for instance: two results are held, and one of them is forwarded
@@ -172,6 +232,13 @@
 ;; for instance: a failure leaves something to wait for
 (define-fun p4-prompt.case () Bool (and
   (= t u) (failure-accepted before) (cached after u m) (cached after u n) (outranks n m)))
+
+;; P4, P5, P6, F9: Under progressive nothing is held: a result that is accepted is sent as it comes.
+(define-fun p4-at-once () Bool (=> (and step (= (commit before) progressive)) (and
+  (=> (result-accepted before) (outputs before p)) (not (holds before)))))
+;; for instance: local's while two clouds are pending
+(define-fun p4-at-once.case () Bool (and
+  (sends before) (= p local) (pending before t m) (pending before t n) (outranks m n) (outranks n p)))
 
 ;; P5 local floor: Once local's result was accepted, its timestamp was forwarded, or the result is still held.
 (define-fun p5-floor-holds () Bool (=> step (floored after u)))
@@ -222,10 +289,11 @@
 ;; for instance: a cloud's result is held beside local's
 (define-fun p8-timers.case () Bool (and (= t u) (holds before) (cached before u local)))
 
-;; P8 timers: A timer lives until it fires, its failure is accepted, its result is held (patient or local's), or it is retired.
+;; P8 timers: A timer lives until it fires, its failure is accepted, its result is held (patient or local's), an output ends it, or it is retired.
 (define-fun p8-lives () Bool (=> (and step (armed before u m) (not (armed after u m))) (and (= u t) (or
   (fires before m) (retires before) (and (= m p) (failure-accepted before))
-  (and (= m p) (holds before) (or (not eager) (= m local)))))))
+  (and (= m p) (holds before) (or (not (= (commit before) eager)) (= m local)))
+  (and (sends before) (not (outranks m p)))))))
 ;; for instance: that of a held result ends under patient
 (define-fun p8-lives.case () Bool (and (holds before) (not (= p local))))
 
@@ -249,7 +317,8 @@
 
 ;; P10 deterministic: An input has one outcome and leads to one state.
 (define-fun p10-deterministic () Bool (=> (and step (becomes before other)) (and
-  (=> (and (forwards before m) (forwards before n)) (= m n))
+  (=> (and (outputs before m) (outputs before n)) (= m n))
+  (=> (and (last-output before m) (last-output before n)) (= m n))
   (= (clock after) (clock other)) (= (shut after m) (shut other m)) (= (entry after u) (entry other u))
   (same-of after other u))))
 ;; for instance: one of several available results is forwarded
@@ -263,7 +332,8 @@
 
 ;; P10 deterministic: What comes of a firing is the same however late the tick is.
 (define-fun p10-lateness-decides-nothing () Bool (=> two-clocks (and
-  (=> (forwards before m) (forwards later m)) (=> (misses before) (misses later))
+  (=> (forwards before m) (forwards later m)) (=> (finals before m) (finals later m))
+  (=> (misses before) (misses later))
   (=> (cancels before m) (cancels later m)))))
 ;; for instance: a firing commits one of two held results
 (define-fun p10-lateness-decides-nothing.case () Bool (and (valid before)
@@ -284,10 +354,13 @@
 (define-fun p11-one-outcome () Bool (=> step (and
   (=> (= input an-open) (xor (opens before) (not (= (open-refused before) none))))
   (=> (= input an-offer) (xor (admits before) (not (= (offer-refused before) none))))
-  (=> (= input a-result) (one-of (not (= (dropped before) none)) (holds before) (forwards-any before) false))
-  (=> (= input a-failure)
-    (one-of (not (= (dropped before) none)) (waits before) (forwards-any before) (misses before)))
-  (=> (= input a-firing) (one-of false (waits before) (forwards-any before) (misses before))))))
+  (=> (= input a-result) (and (not (finals-any before))
+    (one-of (not (= (dropped before) none)) (holds before) (forwards-any before) (sends before))))
+  (=> (= input a-failure) (one-of (not (= (dropped before) none)) (waits before)
+    (xor (forwards-any before) (finals-any before)) (misses before)))
+  (=> (= input a-firing) (one-of false (waits before)
+    (xor (forwards-any before) (finals-any before)) (misses before)))
+  (=> (and (settles before) (= (commit before) progressive)) (not (forwards-any before))))))
 ;; for instance: a failure forwards what is held
 (define-fun p11-one-outcome.case () Bool (and (failure-accepted before) (commits before m)))
 
@@ -300,9 +373,9 @@
 ;; for instance: a result is late while another one is held
 (define-fun p11-refused-changes-nothing.case () Bool (and (= t u) (= (dropped before) late) (cached before u m)))
 
-;; P11 accounted: A held result stays held until its timestamp is forwarded, by it or by a better one.
+;; P11 accounted: A held result stays held until its timestamp is forwarded, by it or by a better one; so does the last output.
 (define-fun p11-held () Bool (=> (and step (cached before u m) (not (cached after u m))) (and
-  (= u t) (exists ((b Source)) (and (forwards before b) (not (outranks m b)))))))
+  (= u t) (exists ((b Source)) (and (or (outputs before b) (finals before b)) (not (outranks m b)))))))
 ;; for instance: a result that comes replaces it
 (define-fun p11-held.case () Bool (= input a-result))
 
@@ -315,15 +388,117 @@
 (define-fun p12-bounded-wait () Bool
   (=> (and rest (opened before u) (not (pending before u local)) (forall ((c Source))
       (=> (and (requested before u c) (not (= c local))) (<= (due before u c) (clock before)))))
-    (and (or (forwarded before u) (missed before u)) (=> (local-came before u) (forwarded before u)))))
+    (and (or (forwarded before u) (missed before u)) (=> (local-came before u) (forwarded before u))
+      (=> (sent before u m) (forwarded before u)))))
 ;; for instance: beside it another one waits for a request
 (define-fun p12-bounded-wait.case () Bool (and (cached before t local) (pending before t m)))
 
 ;; P12 bounded wait: Local arrives when its result or failure is accepted or its timer fires, and never again.
 (define-fun p12-local-arrives () Bool (=> (and step (opened before u)) (and
   (=> (and (pending before u local) (not (pending after u local))) (and (= u t) (or
-    (retires before) (fires before local)
+    (retires before) (fires before local) (sends before)
     (and (= p local) (or (result-accepted before) (failure-accepted before))))))
   (=> (not (pending before u local)) (not (pending after u local))))))
 ;; for instance: its deadline has ended, a request is awaited
 (define-fun p12-local-arrives.case () Bool (and (fires before local) (waits before)))
+
+; ---- P13: before under patient and other under progressive, after the same inputs; after and later are what both become
+
+; What patient alone holds, or has pending, the last output outranks.
+(define-fun sent-for ((s State) (e State) (u Timestamp) (c Source)) Bool
+  (=> (and (or (cached s u c) (pending s u c)) (not (or (cached e u c) (pending e u c))))
+    (exists ((m Source)) (and (cached e u m) (outranks m c)))))
+(define-fun as-of-source ((s State) (e State) (u Timestamp) (c Source)) Bool (and
+  (= (requested s u c) (requested e u c)) (= (due s u c) (due e u c))
+  (=> (pending e u c) (pending s u c)) (=> (armed e u c) (armed s u c)) (=> (cached e u c) (cached s u c))
+  (sent-for s e u c)))
+(define-fun same-history ((s State) (e State) (u Timestamp)) Bool (and
+  (= (entry s u) (entry e u)) (= (opened s u) (opened e u)) (= (timed s u) (timed e u))
+  (= (forwarded s u) (forwarded e u)) (= (missed s u) (missed e u))))
+(define-fun same-clock ((s State) (e State) (c Source)) Bool (and
+  (= (clock s) (clock e)) (= (began s) (began e)) (= (newest s) (newest e)) (= (shut s c) (shut e c))))
+(define-fun as-patient ((s State) (e State)) Bool (and
+  (= (commit s) patient) (= (commit e) progressive) (forall ((c Source)) (same-clock s e c))
+  (forall ((u Timestamp)) (same-history s e u))
+  (forall ((u Timestamp) (c Source)) (as-of-source s e u c))))
+(define-fun pair () Bool (and configuration (as-patient before other)
+  (forall ((u Timestamp)) (and (valid-sets before u) (valid-sets other u)))))
+; The same input, or a firing that both have. By `p13-room` an entry is free for both or neither.
+(define-fun both () Bool (and pair (may before) (= (taken before free) (taken other free))
+  (=> (= input a-firing) (exists ((c Source)) (fires other c)))))
+; A firing that patient alone has, of what an output outranks.
+(define-fun alone () Bool (and pair (may before) (= input a-firing) (not (exists ((c Source)) (fires other c)))
+  (becomes before after)))
+
+;; P13 as patient: Two machines just made are where the same inputs lead.
+(define-fun p13-begins () Bool (=> (and (made before) (made other) (= (commit before) patient) (= (commit other) progressive)
+    (= (newest before) (newest other)) (forall ((u Timestamp)) (= (entry before u) (entry other u)))
+    (forall ((u Timestamp) (c Source)) (= (due before u c) (due other u c))))
+  (as-patient before other)))
+;; for instance: two clouds are registered
+(define-fun p13-begins.case () Bool (and (registered m) (registered n) (outranks m n)))
+
+;; P13 as patient: The same entries are taken.
+(define-fun p13-room () Bool (=> pair (= (taken before x) (taken other x))))
+;; for instance: all are
+(define-fun p13-room.case () Bool (forall ((y Entry)) (taken other y)))
+
+;; P13 as patient: What may come to patient may come to progressive, which refuses the same for the same reasons.
+(define-fun p13-refuses () Bool (=> both (and
+  (=> (at-rest before) (at-rest other)) (=> (= input a-firing) (next-firing other))
+  (=> (= input an-open) (= (open-refused before) (open-refused other)))
+  (=> (= input an-offer) (= (offer-refused before) (offer-refused other))))))
+;; for instance: a request is outranked
+(define-fun p13-refuses.case () Bool (and (= (offer-refused before) outranked) (cached before t m) (outranks p m)))
+
+;; P13 as patient: Progressive retires what patient retires, at the same input, and its last output is what patient forwards.
+(define-fun p13-retires () Bool (=> both (and
+  (= (misses before) (misses other))
+  (= (last-output before m) (last-output other m)))))
+;; for instance: a final is what patient forwards
+(define-fun p13-retires.case () Bool (and (finals other m) (cached before t n) (not (= m n))))
+
+;; P13 as patient: Each better result that patient holds is an output.
+(define-fun p13-improves () Bool (=> both (= (sends other) (and (holds before)
+  (forall ((c Source)) (=> (cached before t c) (outranks p c)))))))
+;; for instance: it is the second
+(define-fun p13-improves.case () Bool (and (sends other) (cached before t m)))
+
+; Where they lead is said by what `becomes` gives the state after; `f8-no-other` says of other timestamps that they stay.
+;; P13 as patient: What is retired under both leaves the same behind.
+(define-fun p13-ends () Bool (=> (and both
+    (or (and (last-output before m) (last-output other m)) (and (misses before) (misses other))))
+  (and (= (forwarded-then before t) (forwarded-then other t)) (= (missed-then before t) (missed-then other t))
+    (not (or (requested-then before t n) (pending-then before t n) (armed-then before t n) (cached-then before t n)))
+    (not (or (requested-then other t n) (pending-then other t n) (armed-then other t n) (cached-then other t n))))))
+;; for instance: a final
+(define-fun p13-ends.case () Bool (finals other m))
+
+;; P13 as patient: What neither retires is where the same inputs lead.
+(define-fun p13-goes-on () Bool (=> (and both (not (retires before)) (not (retires other)))
+  (and (= (requested-then before t m) (requested-then other t m))
+    (= (forwarded-then before t) (forwarded-then other t)) (= (missed-then before t) (missed-then other t))
+    (=> (pending-then other t m) (pending-then before t m)) (=> (armed-then other t m) (armed-then before t m))
+    (=> (cached-then other t m) (cached-then before t m))
+    (=> (and (or (cached-then before t m) (pending-then before t m)) (not (or (cached-then other t m) (pending-then other t m))))
+      (exists ((c Source)) (and (cached-then other t c) (outranks c m)))))))
+;; for instance: an output closes a lower request
+(define-fun p13-goes-on.case () Bool (and (sends other) (outran other m) (pending before t m)))
+
+;; P13 as patient: In either case clocks, gates and due instants stay the same.
+(define-fun p13-clock () Bool (=> both (and
+  (= (clock-then before) (clock-then other)) (= (began-then before) (began-then other)) (= (newest-then before) (newest-then other))
+  (= (gate-then before m) (gate-then other m)) (= (due-of-then before t m) (due-of-then other t m))
+  (= (entry-then before t) (entry-then other t)) (= (opened-then before t) (opened-then other t))
+  (= (timed-then before t) (timed-then other t)))))
+;; for instance: a gate shuts
+(define-fun p13-clock.case () Bool (and (admits before) (gate-then before m) (not (shut before m))))
+
+;; P13 as patient: A firing that patient alone has closes what an output outranks, and leaves both where the same inputs lead.
+(define-fun p13-waits () Bool (=> alone (and
+  (waits before) (same-clock after other n) (same-history after other u)
+  (= (requested after u n) (requested other u n)) (= (due after u n) (due other u n))
+  (=> (pending other u n) (pending after u n)) (=> (armed other u n) (armed after u n))
+  (=> (cached other u n) (cached after u n)) (sent-for after other u n))))
+;; for instance: a timer of two lower requests
+(define-fun p13-waits.case () Bool (and (fires before m) (fires before n) (not (= m n))))

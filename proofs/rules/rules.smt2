@@ -18,7 +18,7 @@
 
 ; ---- 2 Configuration and state
 
-(declare-const eager Bool) ; the commit rule; if not, it is patient
+(declare-datatype Commit ((eager) (patient) (progressive)))
 (declare-fun registered (Source) Bool)
 (declare-fun limit (Source) Int)
 (declare-fun resume (Source) Int)
@@ -32,6 +32,7 @@
     (and (<= 1 (priority c) 65535) (<= 0 (resume c)) (< (resume c) (limit c)))))))
 
 (declare-sort State 0)
+(declare-fun commit (State) Commit) ; the commit rule, which no step changes: P13 is about two states that differ in it
 (declare-fun clock (State) Int)
 (declare-fun began (State) Bool) ; something was opened
 (declare-fun newest (State) Timestamp) ; the greatest that was
@@ -39,7 +40,7 @@
 (declare-fun requested (State Timestamp Source) Bool)
 (declare-fun pending (State Timestamp Source) Bool)
 (declare-fun armed (State Timestamp Source) Bool)
-(declare-fun cached (State Timestamp Source) Bool)
+(declare-fun cached (State Timestamp Source) Bool) ; held; under progressive, forwarded last
 (declare-fun due (State Timestamp Source) Int) ; of what is or was armed
 (declare-fun entry (State Timestamp) Entry) ; of what is open
 
@@ -49,7 +50,8 @@
 (declare-fun opened (State Timestamp) Bool) ; its open was accepted
 (declare-fun timed (State Timestamp) Bool) ; and had a deadline
 (declare-fun local-came (State Timestamp) Bool) ; local's result was accepted
-(declare-fun forwarded (State Timestamp) Bool)
+(declare-fun sent (State Timestamp Source) Bool) ; this result went downstream
+(declare-fun forwarded (State Timestamp) Bool) ; it was retired with a result: under progressive it is final
 (declare-fun missed (State Timestamp) Bool)
 (declare-fun latest (State Timestamp) Int) ; the latest due instant ever armed for it
 (declare-fun came (State Timestamp Source) Int) ; the instant at which this result was accepted
@@ -59,7 +61,7 @@
   (forall ((c Source)) (not (shut s c)))
   (forall ((u Timestamp)) (not (or (opened s u) (timed s u) (local-came s u) (forwarded s u) (missed s u))))
   (forall ((u Timestamp) (c Source))
-    (not (or (requested s u c) (pending s u c) (armed s u c) (cached s u c))))))
+    (not (or (requested s u c) (pending s u c) (armed s u c) (cached s u c) (sent s u c))))))
 
 ; ---- The input: a trace's input is a tick, then firings until nothing is due, then the input itself (F0).
 
@@ -72,7 +74,7 @@
 (declare-const d Int) ; the deadline of an open or an offer
 (declare-const backlog Int) ; of an offer
 (declare-const firing Int) ; the due instant of a firing
-(declare-const free Entry) ; which an open takes, if there is one
+(declare-const free Entry) ; which an open takes; any, if all are taken
 
 (declare-datatype Why ((none) (order) (full) (deadline) (unknown) (closed) (duplicate) (outranked) (queue)
   (superseded) (unsolicited) (late)))
@@ -88,11 +90,11 @@
 
 ; F1
 (define-fun reached ((s State) (u Timestamp)) Bool (and (began s) (<= (number u) (number (newest s)))))
-(define-fun no-free-entry ((s State)) Bool
-  (forall ((x Entry)) (exists ((u Timestamp)) (and (is-open s u) (= (entry s u) x)))))
+(define-fun taken ((s State) (x Entry)) Bool
+  (exists ((u Timestamp)) (and (is-open s u) (= (entry s u) x))))
 (define-fun open-refused ((s State)) Why
   (ite (reached s t) order
-  (ite (no-free-entry s) full
+  (ite (taken s free) full
   (ite (and with-deadline (passed s (due-then s))) deadline
   none))))
 (define-fun opens ((s State)) Bool (and (= input an-open) (= (open-refused s) none)))
@@ -101,12 +103,15 @@
 (define-fun shut-then ((s State)) Bool
   (ite (shut s p) (not (<= backlog (resume p))) (>= backlog (limit p))))
 
+; F2, F9. Under progressive the greatest cached is the last output.
+(define-fun below-cached ((s State)) Bool (exists ((c Source)) (and (cached s t c) (outranks c p))))
+
 ; F2
 (define-fun offer-refused ((s State)) Why
   (ite (not (and (registered p) (reached s t))) unknown
   (ite (not (is-open s t)) closed
   (ite (requested s t p) duplicate
-  (ite (exists ((c Source)) (and (cached s t c) (outranks c p))) outranked
+  (ite (below-cached s) outranked
   (ite (passed s (due-then s)) deadline
   (ite (shut-then s) queue
   none)))))))
@@ -114,14 +119,15 @@
 (define-fun asks-gate ((s State)) Bool
   (and (= input an-offer) (or (= (offer-refused s) none) (= (offer-refused s) queue))))
 
-; F3, F4
+; F3, F4, F9
 (define-fun dropped ((s State)) Why
   (ite (not (and (or (= p local) (registered p)) (reached s t))) unknown
   (ite (not (is-open s t)) superseded
+  (ite (and (= (commit s) progressive) (below-cached s)) superseded
   (ite (not (requested s t p)) unsolicited
   (ite (cached s t p) duplicate
   (ite (not (pending s t p)) late
-  none))))))
+  none)))))))
 (define-fun result-accepted ((s State)) Bool (and (= input a-result) (= (dropped s) none)))
 (define-fun failure-accepted ((s State)) Bool (and (= input a-failure) (= (dropped s) none)))
 
@@ -135,23 +141,34 @@
   (and (= input a-firing) (armed s t c) (= (due s t c) firing)))
 (define-fun a-timer ((s State)) Bool (exists ((c Source)) (and (fires s c) (not (= c local)))))
 
+; F9: what an accepted result outranks is closed with it.
+(define-fun outran ((s State) (c Source)) Bool
+  (and (= (commit s) progressive) (result-accepted s) (outranks p c)))
+
 ; F3 to F5: what leaves pending, and what then remains.
 (define-fun closes ((s State) (c Source)) Bool
-  (or (fires s c) (and (or (result-accepted s) (failure-accepted s)) (= c p))))
+  (or (fires s c) (and (or (result-accepted s) (failure-accepted s)) (= c p)) (outran s c)))
 (define-fun still-pending ((s State) (c Source)) Bool (and (pending s t c) (not (closes s c))))
 (define-fun better-pending ((s State) (m Source)) Bool
   (exists ((c Source)) (and (still-pending s c) (outranks c m))))
 
-; F3
-(define-fun holds ((s State)) Bool (and (result-accepted s) (better-pending s p)))
+; F3, F9
+(define-fun holds ((s State)) Bool
+  (and (result-accepted s) (better-pending s p) (not (= (commit s) progressive))))
+(define-fun sends ((s State)) Bool ; and its timestamp stays open
+  (and (result-accepted s) (better-pending s p) (= (commit s) progressive)))
 (define-fun forwards-at-once ((s State)) Bool (and (result-accepted s) (not (better-pending s p))))
 
 ; F6
 (define-fun settles ((s State)) Bool (or (= input a-firing) (failure-accepted s)))
 (define-fun best-held ((s State) (m Source)) Bool
   (and (cached s t m) (forall ((c Source)) (=> (cached s t c) (not (outranks c m))))))
-(define-fun commits ((s State) (m Source)) Bool
-  (and (settles s) (best-held s m) (or (not (better-pending s m)) (and eager (a-timer s)))))
+(define-fun commits ((s State) (m Source)) Bool (and (settles s) (best-held s m)
+  (not (= (commit s) progressive))
+  (or (not (better-pending s m)) (and (= (commit s) eager) (a-timer s)))))
+(define-fun finals ((s State) (m Source)) Bool (and (settles s) (cached s t m)
+  (= (commit s) progressive)
+  (not (exists ((c Source)) (still-pending s c)))))
 (define-fun misses ((s State)) Bool (and (settles s)
   (not (exists ((c Source)) (cached s t c)))
   (not (exists ((c Source)) (still-pending s c)))))
@@ -159,10 +176,13 @@
 ; F7
 (define-fun forwards ((s State) (m Source)) Bool (or (and (forwards-at-once s) (= m p)) (commits s m)))
 (define-fun forwards-any ((s State)) Bool (exists ((m Source)) (forwards s m)))
-(define-fun retires ((s State)) Bool (or (forwards-any s) (misses s)))
+(define-fun finals-any ((s State)) Bool (exists ((m Source)) (finals s m)))
+(define-fun outputs ((s State) (m Source)) Bool (or (forwards s m) (and (sends s) (= m p))))
+(define-fun last-output ((s State) (m Source)) Bool (or (forwards s m) (finals s m)))
+(define-fun retires ((s State)) Bool (or (forwards-any s) (finals-any s) (misses s)))
 (define-fun waits ((s State)) Bool (and (settles s) (not (retires s))))
-(define-fun cancels ((s State) (c Source)) Bool
-  (and (forwards-any s) (still-pending s c) (not (= c local))))
+(define-fun cancels ((s State) (c Source)) Bool (and (not (= c local))
+  (or (and (forwards-any s) (still-pending s c)) (and (outran s c) (pending s t c)))))
 
 ; ---- The state after it, of any timestamp `u` and source `c`
 
@@ -172,7 +192,7 @@
 (define-fun arms ((s State) (u Timestamp) (c Source)) Bool
   (and (joins s u c) (or (admits s) with-deadline)))
 (define-fun disarms ((s State) (c Source)) Bool
-  (and (closes s c) (not (and (holds s) eager (not (= c local))))))
+  (and (closes s c) (not (and (holds s) (= (commit s) eager) (not (= c local))))))
 
 (define-fun clock-then ((s State)) Int (ite (and (= input a-tick) (< (clock s) now)) now (clock s)))
 (define-fun began-then ((s State)) Bool (or (began s) (opens s)))
@@ -186,7 +206,8 @@
 (define-fun armed-then ((s State) (u Timestamp) (c Source)) Bool
   (or (arms s u c) (and (armed s u c) (not (gone s u)) (not (and (= u t) (disarms s c))))))
 (define-fun cached-then ((s State) (u Timestamp) (c Source)) Bool
-  (or (and (= u t) (holds s) (= c p)) (and (cached s u c) (not (gone s u)))))
+  (or (and (= u t) (or (holds s) (sends s)) (= c p))
+    (and (cached s u c) (not (gone s u)) (not (and (= u t) (sends s))))))
 (define-fun due-of-then ((s State) (u Timestamp) (c Source)) Int
   (ite (arms s u c) (due-then s) (due s u c)))
 (define-fun entry-then ((s State) (u Timestamp)) Entry (ite (and (opens s) (= u t)) free (entry s u)))
@@ -196,8 +217,10 @@
   (or (timed s u) (and (opens s) (= u t) with-deadline)))
 (define-fun local-came-then ((s State) (u Timestamp)) Bool
   (or (local-came s u) (and (result-accepted s) (= u t) (= p local))))
+(define-fun sent-then ((s State) (u Timestamp) (c Source)) Bool
+  (or (sent s u c) (and (= u t) (outputs s c))))
 (define-fun forwarded-then ((s State) (u Timestamp)) Bool
-  (or (forwarded s u) (and (= u t) (forwards-any s))))
+  (or (forwarded s u) (and (= u t) (or (forwards-any s) (finals-any s)))))
 (define-fun missed-then ((s State) (u Timestamp)) Bool (or (missed s u) (and (= u t) (misses s))))
 (define-fun latest-then ((s State) (u Timestamp)) Int
   (ite (and (exists ((c Source)) (arms s u c)) (< (latest s u) (due-then s))) (due-then s) (latest s u)))
@@ -205,6 +228,7 @@
   (ite (and (result-accepted s) (= u t) (= c p)) (clock s) (came s u c)))
 
 (define-fun becomes ((s State) (e State)) Bool (and
+  (= (commit e) (commit s))
   (= (clock e) (clock-then s))
   (= (began e) (began-then s))
   (= (newest e) (newest-then s))
@@ -222,12 +246,13 @@
     (= (pending e u c) (pending-then s u c))
     (= (armed e u c) (armed-then s u c))
     (= (cached e u c) (cached-then s u c))
+    (= (sent e u c) (sent-then s u c))
     (= (due e u c) (due-of-then s u c))
     (= (came e u c) (came-then s u c))))))
 
-; When it may come: a firing is the next one, an input finds nothing due, and an entry that is given away is free.
+; When it may come: a firing is the next one, an input finds nothing due. An open takes a free entry, if there is one.
 (define-fun may ((s State)) Bool (and
   (<= 0 now end-of-time) (<= 0 d) (<= 0 backlog)
   (=> (= input a-firing) (next-firing s))
-  (=> (not (or (= input a-tick) (= input a-firing))) (at-rest s))
-  (=> (not (no-free-entry s)) (forall ((u Timestamp)) (=> (is-open s u) (not (= (entry s u) free)))))))
+  (=> (not (or (= input a-tick) (= input a-firing))) (at-rest s))))
+(define-fun takes-free ((s State)) Bool (=> (taken s free) (forall ((x Entry)) (taken s x))))

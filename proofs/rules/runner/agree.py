@@ -17,6 +17,7 @@ MANY_STATES = 400
 RUNS = 24
 INPUTS_OF_A_RUN = 40
 END = 2**64 - 1
+COMMITS = ("eager", "patient", "progressive")
 LIKELY = ["open"] * 4 + ["offer"] * 9 + ["result"] * 3 + ["fail", "tick"]
 
 # Answers of the core to lines.
@@ -68,8 +69,8 @@ def _steps_and_runs(script: str, seed: int, ask: Ask) -> Iterator[Agreement]:
 
 def _all_sets() -> list[Step]:
     return [
-        Step(eager, (requested, pending, armed, cached))
-        for eager in (True, False)
+        Step(commit, (requested, pending, armed, cached))
+        for commit in COMMITS
         for requested, pending, armed, cached in product(range(1 << FEW), repeat=4)
     ]
 
@@ -87,17 +88,17 @@ def _compared(
 def _steps(state: Step) -> Iterator[Step]:
     """All that can come there; a firing has at least one armed timer, an offer is a cloud's."""
     for source in range(FEW):
-        yield Step(state.eager, state.sets, "result", source)
-        yield Step(state.eager, state.sets, "failure", source)
+        yield Step(state.commit, state.sets, "result", source)
+        yield Step(state.commit, state.sets, "failure", source)
         if source:
-            yield Step(state.eager, state.sets, "offer", source)
+            yield Step(state.commit, state.sets, "offer", source)
     for fired in range(1 << FEW):
         if fired & state.armed:
-            yield Step(state.eager, state.sets, "timers", fired)
+            yield Step(state.commit, state.sets, "timers", fired)
 
 
 def _some_state(drawn: random.Random) -> Step:
-    eager = drawn.random() < 0.5
+    commit = drawn.choice(COMMITS)
     likely = drawn.choice([(1, 1, 3, 2), (6, 1, 2, 1), (1, 3, 2, 4)])
     kinds = ("not", "closed", "pending", "cached")
     states = drawn.choices(kinds, likely, k=MANY)
@@ -111,13 +112,19 @@ def _some_state(drawn: random.Random) -> Step:
         if states[source] == "cached":
             states[source] = "closed"
 
+    if commit == "progressive":
+        last = max((source for source in range(MANY) if states[source] == "cached"), default=-1)
+        for source in range(last):
+            if states[source] in ("pending", "cached"):
+                states[source] = "closed"
+
     def among(*kinds: str) -> int:
         return sum(1 << source for source in range(MANY) if states[source] in kinds)
 
-    armed = among("pending", "cached") if eager else among("pending")
+    armed = among("pending", "cached") if commit == "eager" else among("pending")
     armed = armed & ~1 | (among("pending") & drawn.getrandbits(1))
     requested = among("closed", "pending", "cached")
-    return Step(eager, (requested, among("pending"), armed, among("cached")))
+    return Step(commit, (requested, among("pending"), armed, among("cached")))
 
 
 def _some_step(drawn: random.Random, state: Step) -> Step:
@@ -125,24 +132,24 @@ def _some_step(drawn: random.Random, state: Step) -> Step:
     if kind == "timers" and state.armed:
         some = state.armed & (drawn.getrandbits(MANY) & drawn.getrandbits(MANY))
         least = state.armed & -state.armed
-        return Step(state.eager, state.sets, kind, some or least)
+        return Step(state.commit, state.sets, kind, some or least)
     kind = "result" if kind == "timers" else kind
-    return Step(state.eager, state.sets, kind, drawn.randrange(1 if kind == "offer" else 0, MANY))
+    return Step(state.commit, state.sets, kind, drawn.randrange(1 if kind == "offer" else 0, MANY))
 
 
 def _runs(script: str, drawn: random.Random, ask: Ask) -> Agreement:
     """Runs of the whole machine: clock, window, gates, the order of firings."""
     what, compared = "inputs of random runs of the whole machine", 0
     for _ in range(RUNS):
-        eager, window = drawn.random() < 0.5, drawn.randint(1, 4)
+        commit, window = drawn.choice(COMMITS), drawn.randint(1, 4)
         priorities = sorted(drawn.sample(range(1, 9), drawn.choice([0, 1, 3, 3, 3])))
         limits = [drawn.randint(1, 3) for _ in priorities]
         clouds = [Cloud(p, limit, drawn.randrange(limit)) for p, limit in zip(priorities, limits)]
         lines = list(_run(drawn, priorities))
         numbers = {int(line.split()[2]) for line in lines if len(line.split()) > 2}
-        machine = Machine(script, eager, window, clouds, sorted(numbers | {0}), [9])
+        machine = Machine(script, commit, window, clouds, sorted(numbers | {0}), [9])
         registered = " ".join(f"{c.priority} {c.limit} {c.resume}" for c in clouds)
-        made = f"machine {'eager' if eager else 'patient'} {window} {registered}".rstrip()
+        made = f"machine {commit} {window} {registered}".rstrip()
         answers = ask([made, *lines])[1:]
         for number, (line, by_core) in enumerate(zip(lines, answers), 1):
             compared += 1

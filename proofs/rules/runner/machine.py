@@ -37,7 +37,7 @@ class Machine:
     def __init__(
         self,
         script: str,
-        eager: bool,
+        commit: str,
         window: int,
         clouds: Sequence[Cloud],
         timestamps: Sequence[int],
@@ -53,7 +53,6 @@ class Machine:
         }
         self._world = World(script, domains)
         self._world.facts |= {
-            "eager": {(): eager},
             "local": {(): 0},
             "priority": {(source,): source for source in self._sources},
             "number": {(timestamp,): timestamp for timestamp in self._timestamps},
@@ -64,6 +63,7 @@ class Machine:
         every = (*OF_MACHINE, *OF_SOURCE, *OF_TIMESTAMP, *OF_REQUEST)
         self._state: State = {name: {} for name in every}
         self._state["newest"] = {(): self._timestamps[0]}
+        self._state["commit"] = {(): commit}
 
     def answer(self, line: str) -> str:
         """What comes of an input, as the program prints it."""
@@ -92,6 +92,7 @@ class Machine:
         """Puts the state after in place of the state."""
         call, state = self._world.call, self._state
         after: State = {name: {(): call(then, state)} for name, then in OF_MACHINE.items()}
+        after["commit"] = state["commit"]
         for name, then in OF_SOURCE.items():
             after[name] = {(c,): call(then, state, c) for c in self._sources}
         for name, then in OF_TIMESTAMP.items():
@@ -149,16 +150,25 @@ class Machine:
         why = call("dropped", state)
         if why != "none":
             return f"dropped {why}"
-        return "held" if call("holds", state) else self._outcome()
+        if call("holds", state):
+            return "held"
+        return self._sent(numbers[0]) if call("sends", state) else self._outcome()
 
     def _entries(self) -> Sequence[int]:
         entries: Sequence[int] = self._world.domains["Entry"]
         return entries
 
+    def _cancelled(self) -> str:
+        return " ".join(str(c) for c in self._sources if self._world.call("cancels", self._state, c))
+
+    def _sent(self, source: int) -> str:
+        return f"sent {source} [{self._cancelled()}]"
+
     def _outcome(self) -> str:
         call, state = self._world.call, self._state
-        cancelled = " ".join(str(c) for c in self._sources if call("cancels", state, c))
-        words = [f"forwarded {c} [{cancelled}]" for c in self._sources if call("forwards", state, c)]
+        forwarded = [c for c in self._sources if call("forwards", state, c)]
+        words = [f"forwarded {c} [{self._cancelled()}]" for c in forwarded]
+        words += [f"final {c}" for c in self._sources if call("finals", state, c)]
         words += ["missed"] * call("misses", state) + ["waiting"] * call("waits", state)
         return " and ".join(words)
 

@@ -41,6 +41,8 @@ def _cvc5(script: str, seconds: int) -> Reply:
     terms = cvc5.TermManager()
     solving = cvc5.Solver(terms)
     solving.setOption("tlimit-per", str(seconds * 1000))
+    # Where no term shows how to instantiate a quantifier, it goes through those that there are.
+    solving.setOption("enum-inst", "true")
     symbols = cvc5.SymbolManager(terms)
     parser = cvc5.InputParser(solving, symbols)
     parser.setStringInput(cvc5.InputLanguage.SMT_LIB_2_6, script, "rules")

@@ -18,7 +18,7 @@ NOW = 1
 class Step:
     """Four sets, as bits, and what comes; `operand` is a source, or the set of timers that fire."""
 
-    eager: bool
+    commit: str
     sets: tuple[int, int, int, int]
     kind: str = ""
     operand: int = 0
@@ -30,9 +30,8 @@ class Step:
 
     def line(self) -> str:
         """As the program reads it."""
-        rule = "eager" if self.eager else "patient"
         come = f" {self.kind} {self.operand}" if self.kind else ""
-        return f"slot {rule} {' '.join(map(str, self.sets))}{come}"
+        return f"slot {self.commit} {' '.join(map(str, self.sets))}{come}"
 
 
 class Rules:
@@ -56,11 +55,8 @@ class Rules:
         local_armed = bool(step.armed & 1)
         # Whether it was opened with a deadline is known by local's timer while local is pending.
         state["timed"] = {(T,): local_armed}
-        parts = ("consistent", "waiting", "has-best", "prompt", "timers")
         # Of a timestamp that is not open nothing but the empty sets is a state.
-        return self._world.call("is-open", state, T) and all(
-            self._world.call(part, state, T) for part in parts
-        )
+        return self._world.call("is-open", state, T) and self._world.call("valid-sets", state, T)
 
     def answer(self, step: Step) -> str:
         """The four sets after the step, and the decision, as the program prints them."""
@@ -77,6 +73,7 @@ class Rules:
         }
         fired = step.operand if step.kind == "timers" else 0
         state |= {
+            "commit": {(): step.commit},
             "clock": {(): NOW},
             "began": {(): True},
             "newest": {(): T},
@@ -84,7 +81,6 @@ class Rules:
             "due": {(T, source): NOW if fired >> source & 1 else NOW + 1 for source in self._all},
         }
         world.facts |= {
-            "eager": {(): step.eager},
             "input": {(): KINDS.get(step.kind)},
             "t": {(): T},
             "p": {(): step.operand},
@@ -103,6 +99,8 @@ class Rules:
             return f"dropped {why}"
         by = [source for source in self._all if call("forwards", state, source)]
         words = [f"forwarded {source} {self._set('cancels', state)}" for source in by]
+        words += [f"sent {step.operand} {self._set('cancels', state)}"] * call("sends", state)
+        words += [f"final {source}" for source in self._all if call("finals", state, source)]
         words += ["held"] * call("holds", state) + ["missed"] * call("misses", state)
         words += ["waiting"] * call("waits", state)
         return " and ".join(words)

@@ -89,6 +89,10 @@ fn outcome(outcome: Outcome<CLOUDS>) -> String {
         Outcome::Forwarded { by, cancelled } => {
             format!("forwarded {} [{}]", by.as_u16(), listed(&cancelled))
         }
+        Outcome::Preliminary { by, cancelled } => {
+            format!("sent {} [{}]", by.as_u16(), listed(&cancelled))
+        }
+        Outcome::Final { by } => format!("final {}", by.as_u16()),
         Outcome::Missed => "missed".to_owned(),
     }
 }

@@ -9,6 +9,7 @@ pub(crate) fn commit(word: &str) -> Result<Commit, Refusal> {
     match word {
         "eager" => Ok(Commit::Eager),
         "patient" => Ok(Commit::Patient),
+        "progressive" => Ok(Commit::Progressive),
         _ => Err(format!("{word} is no commit rule").into()),
     }
 }
@@ -41,6 +42,10 @@ pub(crate) fn answer(words: &[&str]) -> Result<String, Refusal> {
         Decision::Forwarded { by, cancelled } => {
             format!("forwarded {} {}", by.index(), cancelled.bits())
         }
+        Decision::Preliminary { by, cancelled } => {
+            format!("sent {} {}", by.index(), cancelled.bits())
+        }
+        Decision::Final { by } => format!("final {}", by.index()),
         Decision::Missed => "missed".to_owned(),
     };
     Ok(format!("{} {decision}", sets(after)))
