@@ -38,11 +38,13 @@
   (= (armed s u local) (and (pending s u local) (timed s u)))
   (forall ((c Source)) (=> (not (= c local))
     (= (armed s u c) (or (pending s u c) (and (= (commit s) eager) (cached s u c))))))))
-; What was sent ended its timestamp; under progressive what is cached was sent, and nothing better was.
+(define-fun valid-sets ((s State) (u Timestamp)) Bool (and
+  (consistent s u) (waiting s u) (has-best s u) (prompt s u) (one-sent s u) (timers s u)))
+; What was sent ended its timestamp; under progressive what is cached was sent, and what else was sent is outranked by it.
 (define-fun rising ((s State) (u Timestamp)) Bool (forall ((c Source)) (and
-  (=> (sent s u c) (and (reached s u) (or (forwarded s u) (and (= (commit s) progressive)
-    (exists ((m Source)) (and (cached s u m) (not (outranks c m))))))))
-  (=> (and (= (commit s) progressive) (cached s u c)) (sent s u c)))))
+  (=> (and (sent s u c) (not (cached s u c))) (and (reached s u) (or (forwarded s u)
+    (and (= (commit s) progressive) (exists ((m Source)) (and (cached s u m) (outranks m c)))))))
+  (=> (cached s u c) (= (sent s u c) (= (commit s) progressive))))))
 (define-fun ended-once ((s State) (u Timestamp)) Bool (and
   (not (and (forwarded s u) (missed s u)))
   (=> (or (forwarded s u) (missed s u)) (and (reached s u) (not (is-open s u))))))
@@ -64,8 +66,7 @@
 (define-fun valid ((s State)) Bool (and
   (<= 0 (clock s) end-of-time) (has-own-entry s)
   (forall ((u Timestamp)) (and
-    (consistent s u) (waiting s u) (has-best s u) (prompt s u) (one-sent s u) (timers s u)
-    (rising s u) (ended-once s u) (in-time s u) (until-latest s u) (floored s u) (opened-ends s u)))))
+    (valid-sets s u) (rising s u) (ended-once s u) (in-time s u) (until-latest s u) (floored s u) (opened-ends s u)))))
 (define-fun same-of ((s State) (e State) (u Timestamp)) Bool (and
   (= (entry s u) (entry e u)) (= (opened s u) (opened e u)) (= (timed s u) (timed e u)) (= (local-came s u) (local-came e u))
   (= (forwarded s u) (forwarded e u)) (= (missed s u) (missed e u)) (= (latest s u) (latest e u))
@@ -403,31 +404,31 @@
 
 ; ---- P13: before under patient and other under progressive, after the same inputs; after and later are what both become
 
-; What patient holds, or has pending alone, the last output outranks or is.
+; What patient alone holds, or has pending, the last output outranks.
 (define-fun sent-for ((s State) (e State) (u Timestamp) (c Source)) Bool
-  (=> (or (cached s u c) (and (pending s u c) (not (pending e u c))))
-    (exists ((m Source)) (and (cached e u m) (not (outranks c m))))))
-; Of armed timers the rest is in `timers`.
-(define-fun as-of ((s State) (e State) (u Timestamp)) Bool (and
+  (=> (and (or (cached s u c) (pending s u c)) (not (or (cached e u c) (pending e u c))))
+    (exists ((m Source)) (and (cached e u m) (outranks m c)))))
+(define-fun as-of-source ((s State) (e State) (u Timestamp) (c Source)) Bool (and
+  (= (requested s u c) (requested e u c)) (= (due s u c) (due e u c))
+  (=> (pending e u c) (pending s u c)) (=> (armed e u c) (armed s u c)) (=> (cached e u c) (cached s u c))
+  (sent-for s e u c)))
+(define-fun same-history ((s State) (e State) (u Timestamp)) Bool (and
   (= (entry s u) (entry e u)) (= (opened s u) (opened e u)) (= (timed s u) (timed e u))
-  (= (forwarded s u) (forwarded e u)) (= (missed s u) (missed e u))
-  (forall ((c Source)) (and
-    (= (requested s u c) (requested e u c)) (= (due s u c) (due e u c))
-    (=> (pending e u c) (pending s u c)) (=> (cached e u c) (cached s u c)) (sent-for s e u c)))))
+  (= (forwarded s u) (forwarded e u)) (= (missed s u) (missed e u))))
+(define-fun same-clock ((s State) (e State) (c Source)) Bool (and
+  (= (clock s) (clock e)) (= (began s) (began e)) (= (newest s) (newest e)) (= (shut s c) (shut e c))))
 (define-fun as-patient ((s State) (e State)) Bool (and
-  (= (commit s) patient) (= (commit e) progressive)
-  (= (clock s) (clock e)) (= (began s) (began e)) (= (newest s) (newest e))
-  (forall ((c Source)) (= (shut s c) (shut e c)))
-  (forall ((u Timestamp)) (as-of s e u))))
-(define-fun pair () Bool (and configuration (valid before) (valid other) (as-patient before other)))
+  (= (commit s) patient) (= (commit e) progressive) (forall ((c Source)) (same-clock s e c))
+  (forall ((u Timestamp)) (same-history s e u))
+  (forall ((u Timestamp) (c Source)) (as-of-source s e u c))))
+(define-fun pair () Bool (and configuration (as-patient before other)
+  (forall ((u Timestamp)) (and (valid-sets before u) (valid-sets other u)))))
 ; The same input, or a firing that both have. By `p13-room` an entry is free for both or neither.
 (define-fun both () Bool (and pair (may before) (= (taken before free) (taken other free))
   (=> (= input a-firing) (exists ((c Source)) (fires other c)))))
-; Both decide alike, as `p13-retires` shows.
-(define-fun alike () Bool (and (= (misses before) (misses other))
-  (forall ((c Source)) (= (last-output before c) (last-output other c)))))
 ; A firing that patient alone has, of what an output outranks.
-(define-fun alone () Bool (and pair (may before) (= input a-firing) (not (exists ((c Source)) (fires other c)))))
+(define-fun alone () Bool (and pair (may before) (= input a-firing) (not (exists ((c Source)) (fires other c)))
+  (becomes before after)))
 
 ;; P13 as patient: Two machines just made are where the same inputs lead.
 (define-fun p13-begins () Bool (=> (and (made before) (made other) (= (commit before) patient) (= (commit other) progressive)
@@ -463,20 +464,41 @@
 ;; for instance: it is the second
 (define-fun p13-improves.case () Bool (and (sends other) (cached before t m)))
 
-;; P13 as patient: After it both are where the same inputs lead.
-(define-fun p13-goes-on () Bool (=> (and both alike (becomes before after) (becomes other later)) (and
-  (= (clock after) (clock later)) (= (began after) (began later)) (= (newest after) (newest later))
-  (= (shut after m) (shut later m)) (= (entry after u) (entry later u))
-  (= (opened after u) (opened later u)) (= (timed after u) (timed later u))
-  (= (forwarded after u) (forwarded later u)) (= (missed after u) (missed later u))
-  (= (requested after u m) (requested later u m)) (= (due after u m) (due later u m))
-  (=> (pending later u m) (pending after u m)) (=> (cached later u m) (cached after u m))
-  (sent-for after later u m))))
+; Where they lead is said by what `becomes` gives the state after; `f8-no-other` says of other timestamps that they stay.
+;; P13 as patient: What is retired under both leaves the same behind.
+(define-fun p13-ends () Bool (=> (and both
+    (or (and (last-output before m) (last-output other m)) (and (misses before) (misses other))))
+  (and (= (forwarded-then before t) (forwarded-then other t)) (= (missed-then before t) (missed-then other t))
+    (not (or (requested-then before t n) (pending-then before t n) (armed-then before t n) (cached-then before t n)))
+    (not (or (requested-then other t n) (pending-then other t n) (armed-then other t n) (cached-then other t n))))))
+;; for instance: a final
+(define-fun p13-ends.case () Bool (finals other m))
+
+;; P13 as patient: What neither retires is where the same inputs lead.
+(define-fun p13-goes-on () Bool (=> (and both (not (retires before)) (not (retires other)))
+  (and (= (requested-then before t m) (requested-then other t m))
+    (= (forwarded-then before t) (forwarded-then other t)) (= (missed-then before t) (missed-then other t))
+    (=> (pending-then other t m) (pending-then before t m)) (=> (armed-then other t m) (armed-then before t m))
+    (=> (cached-then other t m) (cached-then before t m))
+    (=> (and (or (cached-then before t m) (pending-then before t m)) (not (or (cached-then other t m) (pending-then other t m))))
+      (exists ((c Source)) (and (cached-then other t c) (outranks c m)))))))
 ;; for instance: an output closes a lower request
-(define-fun p13-goes-on.case () Bool (and (= t u) (sends other) (outran other m) (pending before t m)))
+(define-fun p13-goes-on.case () Bool (and (sends other) (outran other m) (pending before t m)))
+
+;; P13 as patient: In either case clocks, gates and due instants stay the same.
+(define-fun p13-clock () Bool (=> both (and
+  (= (clock-then before) (clock-then other)) (= (began-then before) (began-then other)) (= (newest-then before) (newest-then other))
+  (= (gate-then before m) (gate-then other m)) (= (due-of-then before t m) (due-of-then other t m))
+  (= (entry-then before t) (entry-then other t)) (= (opened-then before t) (opened-then other t))
+  (= (timed-then before t) (timed-then other t)))))
+;; for instance: a gate shuts
+(define-fun p13-clock.case () Bool (and (admits before) (gate-then before m) (not (shut before m))))
 
 ;; P13 as patient: A firing that patient alone has closes what an output outranks, and leaves both where the same inputs lead.
-(define-fun p13-waits () Bool (=> (and alone (becomes before after)) (and
-  (waits before) (= (clock after) (clock other)) (= (shut after m) (shut other m)) (as-of after other u))))
+(define-fun p13-waits () Bool (=> alone (and
+  (waits before) (same-clock after other n) (same-history after other u)
+  (= (requested after u n) (requested other u n)) (= (due after u n) (due other u n))
+  (=> (pending other u n) (pending after u n)) (=> (armed other u n) (armed after u n))
+  (=> (cached other u n) (cached after u n)) (sent-for after other u n))))
 ;; for instance: a timer of two lower requests
 (define-fun p13-waits.case () Bool (and (fires before m) (fires before n) (not (= m n))))
