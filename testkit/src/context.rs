@@ -286,7 +286,9 @@ impl RunContext {
                 self.take(t, p);
                 if let Some(history) = self.histories.get_mut(&t) {
                     let outranked: Vec<u64> = history.pending().take_while(|q| *q < p).collect();
-                    outranked.into_iter().for_each(|q| history.close(q));
+                    for lower in outranked {
+                        history.close(lower);
+                    }
                 }
             }
             Decision::Emit { t, p, .. } => {

@@ -265,7 +265,7 @@ impl Reference {
     fn settle(&mut self, t: u64, cause: SettleCause, out: &mut ExpectedDecisions) {
         let Some(open) = self.open.get(&t) else { return };
         match open.cached.last().copied() {
-            // F9: it was sent before; with nothing better pending it is final.
+            // F9: it was sent before; with nothing better pending it is final, where patient forwards it (P13).
             Some(_) if self.commit == Commit::Progressive && !open.pending.is_empty() => {}
             Some(last) if self.commit == Commit::Progressive => {
                 self.retire(t);
