@@ -88,8 +88,7 @@ impl<S: BuildHasher + Default> Baseline<S> {
         match decision {
             Decision::Dropped(_) => tally.dropped += 1,
             Decision::Held => tally.held += 1,
-            Decision::Waiting => {}
-            Decision::Final { .. } => {}
+            Decision::Waiting | Decision::Final { .. } => {}
             Decision::Forwarded { by, .. } | Decision::Preliminary { by, .. } => {
                 let cloud = usize::from(by.index()).checked_sub(1);
                 tally.forwarded += cloud.map_or(0, |cloud| self.clouds[cloud].0) + 1;

@@ -75,7 +75,7 @@ fn count<const CLOUDS: usize>(outcome: &Outcome<CLOUDS>, tally: &mut DecisionTal
         Outcome::Held => tally.held += 1,
         Outcome::Waiting | Outcome::Final { .. } => {}
         Outcome::Forwarded { by, .. } | Outcome::Preliminary { by, .. } => {
-            tally.forwarded += u64::from(by.as_u16()) + 1
+            tally.forwarded += u64::from(by.as_u16()) + 1;
         }
         Outcome::Missed => tally.missed += 1,
     }
