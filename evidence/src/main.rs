@@ -8,8 +8,8 @@ use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand};
 use fuseline_evidence::{
-    Campaign, CampaignSummary, EvidenceError, EvidenceKind, KINDS, MEASURES, Matrix, Tree,
-    artefacts, load_faults,
+    Campaign, CampaignSummary, EvidenceError, EvidenceKind, KINDS, MEASURES, Matrix, McdcReport,
+    Tree, artefacts, load_faults,
 };
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -29,6 +29,15 @@ enum Command {
     Faults(Faults),
     /// Measure the tests: mutants that survive, code that never runs.
     Measure(MeasureArguments),
+    /// Measure modified condition/decision coverage of the core into evidence/mcdc.md of cargo's target folder, with the two tests
+    /// that show each condition.
+    ///
+    /// It fails if a condition is neither shown nor explained in evidence/mcdc.toml.
+    Mcdc {
+        /// Leave out tests with this in their name.
+        #[arg(long, value_name = "PART")]
+        without: Vec<String>,
+    },
     /// Write the matrix of the results into evidence/ of cargo's target folder: matrix.md, evidence.csv and evidence.json.
     ///
     /// It fails if a result is missing or older than its sources without a reason in evidence/older.toml; the files name it.
@@ -74,6 +83,7 @@ fn main() -> ExitCode {
     let done = match Cli::parse().command {
         Command::Faults(args) => faults(&tree, &args),
         Command::Measure(args) => measure(&tree, &args),
+        Command::Mcdc { without } => mcdc(&tree, &without),
         Command::Matrix { check } => matrix(&tree, check),
     };
     match done {
@@ -84,6 +94,19 @@ fn main() -> ExitCode {
             ExitCode::from(2)
         }
     }
+}
+
+/// Whether each condition is shown or explained.
+fn mcdc(tree: &Tree, without: &[String]) -> Result<bool, EvidenceError> {
+    let target = target(tree);
+    let report = McdcReport::take(tree, &target.join("mcdc"), without)?;
+    println!("{}", report.page().save(&target)?.display());
+    println!("{}", report.summary());
+    let gaps = report.gaps();
+    for gap in &gaps {
+        eprintln!("{gap}");
+    }
+    Ok(gaps.is_empty())
 }
 
 /// Whether every fault is caught.
@@ -159,14 +182,18 @@ fn measure(tree: &Tree, args: &MeasureArguments) -> Result<bool, EvidenceError> 
 fn matrix(tree: &Tree, check: bool) -> Result<bool, EvidenceError> {
     let matrix = Matrix::build(tree)?;
     if !check {
-        // As cargo does, but that a relative path begins at the root, whatever the working directory is.
-        let target = std::env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into());
+        let target = target(tree);
         for artefact in artefacts(&matrix)? {
-            println!("{}", artefact.save(&tree.path(target.as_os_str()))?.display());
+            println!("{}", artefact.save(&target)?.display());
         }
     }
     for line in &matrix.wrong {
         eprintln!("{line}");
     }
     Ok(matrix.wrong.is_empty())
+}
+
+/// Where cargo builds; a relative path begins at the root, whatever the working directory is.
+fn target(tree: &Tree) -> PathBuf {
+    tree.path(std::env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into()))
 }
