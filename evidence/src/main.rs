@@ -100,7 +100,9 @@ fn main() -> ExitCode {
 fn mcdc(tree: &Tree, without: &[String]) -> Result<bool, EvidenceError> {
     let target = target(tree);
     let report = McdcReport::take(tree, &target.join("mcdc"), without)?;
-    println!("{}", report.page().save(&target)?.display());
+    for file in [report.page(), report.json()] {
+        println!("{}", file.save(&target)?.display());
+    }
     println!("{}", report.summary());
     let gaps = report.gaps();
     for gap in &gaps {

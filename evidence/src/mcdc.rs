@@ -146,6 +146,21 @@ impl McdcReport {
         GeneratedFile { name: "mcdc.md", text }
     }
 
+    /// The same for programs: an array of decisions, each with the tests of its pairs.
+    #[must_use]
+    pub fn json(&self) -> GeneratedFile {
+        let decisions = self.decisions.iter().enumerate().map(|(i, it)| {
+            let pairs = (0..it.conditions.len()).filter_map(|c| self.pair(i, c));
+            let shown_by: Vec<[&str; 2]> = pairs.map(IndependencePair::tests).collect();
+            serde_json::json!({
+                "file": it.file, "line": it.line, "decision": it.text,
+                "conditions": it.conditions, "shown_by": shown_by,
+            })
+        });
+        let text = serde_json::Value::from(decisions.collect::<Vec<_>>()).to_string();
+        GeneratedFile { name: "mcdc.json", text: text + "\n" }
+    }
+
     /// How many conditions there are, and how many of them are shown.
     #[must_use]
     pub fn summary(&self) -> String {

@@ -39,6 +39,11 @@ impl Evaluation {
 }
 
 impl<'a> IndependencePair<'a> {
+    /// The tests that took them.
+    pub(crate) fn tests(self) -> [&'a str; 2] {
+        [&self.holds.test, &self.fails.test]
+    }
+
     /// The first pair that shows a condition, if there is one.
     pub(crate) fn find(evaluations: &'a BTreeSet<Evaluation>, condition: usize) -> Option<Self> {
         let with = |wanted: bool| {
