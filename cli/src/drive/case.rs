@@ -104,7 +104,7 @@ impl Suite {
     }
 
     pub(super) fn len(&self) -> u64 {
-        self.fixed.len() as u64 + self.generated
+        (self.fixed.len() as u64).saturating_add(self.generated)
     }
 
     /// The name of a generated case.

@@ -31,7 +31,7 @@ pub use reason::{drop_reason, offer_refusal, open_refusal};
 ///   [`offer_refusal`](Self::offer_refusal), [`fusion`](Self::fusion)
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub struct Arbiter<const CLOUDS: usize = 15, const WINDOW: usize = 1024> {
-    /// Boxed: the largest takes 185 KiB.
+    /// Boxed: the largest takes 178 KiB.
     fusion: Box<Fusion<CLOUDS, WINDOW>>,
 }
 
