@@ -37,3 +37,8 @@ fn the_digest_changes_with_the_cases() {
     assert_ne!(hash, suite(2).hash());
     assert_eq!(hash.len(), 64);
 }
+
+#[test]
+fn a_suite_that_ends_by_time_counts_without_overflow() {
+    assert_eq!(suite(u64::MAX).len(), u64::MAX);
+}
