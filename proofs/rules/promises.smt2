@@ -382,8 +382,9 @@
 (define-fun p11-refused-changes-nothing.case () Bool (and (= t u) (= (dropped before) late) (cached before u m)))
 
 ;; P11 accounted: A held result stays held until its timestamp is forwarded, by it or by a better one; so does the last output.
-(define-fun p11-held () Bool (=> (and step.part (cached before u m) (not (cached after u m))) (and
-  (= u t) (exists ((b Source)) (and (or (outputs before b) (finals before b)) (not (outranks m b)))))))
+(define-fun p11-held () Bool (=> (and step.part (cached before u m) (not (cached after u m))) (and (= u t)
+  (=> (= input a-result) (and (outputs before p) (not (outranks m p))))
+  (=> (not (= input a-result)) (exists ((b Source)) (and (last-output before b) (not (outranks m b))))))))
 ;; for instance: a result that comes replaces it
 (define-fun p11-held.case () Bool (= input a-result))
 
@@ -410,7 +411,7 @@
 ;; for instance: its deadline has ended, a request is awaited
 (define-fun p12-local-arrives.case () Bool (and (fires before local) (waits before)))
 
-; ---- P13: before under patient and other under progressive, after the same inputs; after and later are what both become
+; ---- P13: before under patient and other under progressive, after the same inputs
 
 ; What patient alone holds, or has pending, the last output outranks.
 (define-fun sent-for ((s State) (e State) (u Timestamp) (c Source)) Bool
@@ -440,11 +441,10 @@
 (define-fun both.part () Bool (both-of pair.part))
 (define-fun both () Bool (both-of pair))
 ; A firing that patient alone has, of what an output outranks.
-(define-fun alone-of ((known Bool) (led Bool)) Bool (and known (may before) (= input a-firing)
-  (not (exists ((c Source)) (fires other c))) led))
-(define-fun alone.part () Bool (alone-of pair.part
-  (and (becomes-machine before after) (becomes-of before after t) (becomes-of before after u))))
-(define-fun alone () Bool (alone-of pair (becomes before after)))
+(define-fun alone-of ((known Bool)) Bool (and known (may before) (= input a-firing)
+  (not (exists ((c Source)) (fires other c)))))
+(define-fun alone.part () Bool (alone-of pair.part))
+(define-fun alone () Bool (alone-of pair))
 
 ;; P13 as patient: Two machines just made are where the same inputs lead.
 (define-fun p13-begins () Bool (=> (and (made before) (made other) (= (commit before) patient) (= (commit other) progressive)
@@ -511,11 +511,20 @@
 ;; for instance: a gate shuts
 (define-fun p13-clock.case () Bool (and (asks-gate before) (gate-then before m) (not (shut before m))))
 
-;; P13 as patient: A firing that patient alone has closes what an output outranks, and leaves both where the same inputs lead.
-(define-fun p13-waits () Bool (=> alone.part (and
-  (waits before) (same-clock after other n) (same-history after other u)
-  (= (requested after u n) (requested other u n)) (= (due after u n) (due other u n))
-  (=> (pending other u n) (pending after u n)) (=> (armed other u n) (armed after u n))
-  (=> (cached other u n) (cached after u n)) (sent-for after other u n))))
+;; P13 as patient: A firing that patient alone has retires nothing.
+(define-fun p13-waits () Bool (=> alone.part (waits before)))
 ;; for instance: a timer of two lower requests
 (define-fun p13-waits.case () Bool (and (fires before m) (fires before n) (not (= m n))))
+
+;; P13 as patient: It closes what an output outranks, and leaves patient where the same inputs lead.
+(define-fun p13-follows () Bool (=> alone.part (and
+  (= (clock-then before) (clock other)) (= (began-then before) (began other)) (= (newest-then before) (newest other))
+  (= (gate-then before n) (shut other n)) (= (entry-then before u) (entry other u)) (= (opened-then before u) (opened other u))
+  (= (timed-then before u) (timed other u)) (= (missed-then before u) (missed other u))
+  (= (forwarded-then before u) (forwarded other u)) (= (requested-then before u n) (requested other u n))
+  (= (due-of-then before u n) (due other u n)) (=> (pending other u n) (pending-then before u n))
+  (=> (armed other u n) (armed-then before u n)) (=> (cached other u n) (cached-then before u n))
+  (=> (and (or (cached-then before u n) (pending-then before u n)) (not (or (cached other u n) (pending other u n))))
+    (exists ((c Source)) (and (cached other u c) (outranks c n)))))))
+;; for instance: what an output outranks is held
+(define-fun p13-follows.case () Bool (and (cached before t m) (not (cached other t m))))

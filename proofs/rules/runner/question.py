@@ -62,7 +62,8 @@ def questions(
             broken = fault.put_into(rules)
             for name in fault.breaks:
                 if name in by_name:
-                    case = example(broken, by_name[name], ["not", name])
+                    one = by_name[name]
+                    case = example(broken, one, ["not", ["and", *one.then]])
                     yield Question(solver, name, fault.name, case, "sat")
         for one in stated:
             case = example(rules, one, f"{one.name}.case")
