@@ -491,14 +491,19 @@
 ;; for instance: a final
 (define-fun p13-ends.case () Bool (finals other m))
 
+; Of `sent-for`: what patient alone has then.
+(define-fun patient-alone-then ((c Source)) Bool (and (or (cached-then before t c) (pending-then before t c))
+  (not (or (cached-then other t c) (pending-then other t c)))))
 ;; P13 as patient: What neither retires is where the same inputs lead.
 (define-fun p13-goes-on () Bool (=> (and both.part (not (retires before)) (not (retires other)))
   (and (= (requested-then before t m) (requested-then other t m))
     (= (forwarded-then before t) (forwarded-then other t)) (= (missed-then before t) (missed-then other t))
     (=> (pending-then other t m) (pending-then before t m)) (=> (armed-then other t m) (armed-then before t m))
     (=> (cached-then other t m) (cached-then before t m))
-    (=> (and (or (cached-then before t m) (pending-then before t m)) (not (or (cached-then other t m) (pending-then other t m))))
-      (exists ((c Source)) (and (cached-then other t c) (outranks c m)))))))
+    (=> (sends other) (cached-then other t p))
+    (=> (not (sends other)) (= (cached-then other t m) (cached other t m)))
+    (=> (and (sends other) (patient-alone-then m)) (outranks p m))
+    (=> (and (not (sends other)) (patient-alone-then m)) (exists ((c Source)) (and (cached other t c) (outranks c m)))))))
 ;; for instance: an output closes a lower request
 (define-fun p13-goes-on.case () Bool (and (sends other) (outran other m) (pending before t m)))
 
