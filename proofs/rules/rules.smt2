@@ -85,8 +85,9 @@
 (define-fun due-then ((s State)) Int
   (ite (<= (+ (clock s) d) end-of-time) (+ (clock s) d) end-of-time))
 (define-fun passed ((s State) (instant Int)) Bool (<= instant (clock s)))
-(define-fun at-rest ((s State)) Bool
-  (forall ((u Timestamp) (c Source)) (=> (armed s u c) (not (passed s (due s u c))))))
+(define-fun not-due ((s State) (u Timestamp) (c Source)) Bool
+  (=> (armed s u c) (not (passed s (due s u c)))))
+(define-fun at-rest ((s State)) Bool (forall ((u Timestamp) (c Source)) (not-due s u c)))
 
 ; F1
 (define-fun reached ((s State) (u Timestamp)) Bool (and (began s) (<= (number u) (number (newest s)))))
@@ -132,11 +133,12 @@
 (define-fun failure-accepted ((s State)) Bool (and (= input a-failure) (= (dropped s) none)))
 
 ; F5. The earliest due instant of all, and the smallest timestamp that has one then.
+(define-fun not-before ((s State) (u Timestamp) (c Source)) Bool (=> (armed s u c)
+    (or (< firing (due s u c)) (and (= firing (due s u c)) (<= (number t) (number u))))))
 (define-fun next-firing ((s State)) Bool (and
   (passed s firing)
   (exists ((c Source)) (and (armed s t c) (= (due s t c) firing)))
-  (forall ((u Timestamp) (c Source)) (=> (armed s u c)
-    (or (< firing (due s u c)) (and (= firing (due s u c)) (<= (number t) (number u))))))))
+  (forall ((u Timestamp) (c Source)) (not-before s u c))))
 (define-fun fires ((s State) (c Source)) Bool
   (and (= input a-firing) (armed s t c) (= (due s t c) firing)))
 (define-fun a-timer ((s State)) Bool (exists ((c Source)) (and (fires s c) (not (= c local)))))
@@ -227,21 +229,21 @@
 (define-fun came-then ((s State) (u Timestamp) (c Source)) Int
   (ite (and (result-accepted s) (= u t) (= c p)) (clock s) (came s u c)))
 
-(define-fun becomes ((s State) (e State)) Bool (and
+(define-fun becomes-machine ((s State) (e State)) Bool (and
   (= (commit e) (commit s))
   (= (clock e) (clock-then s))
   (= (began e) (began-then s))
   (= (newest e) (newest-then s))
-  (forall ((c Source)) (= (shut e c) (gate-then s c)))
-  (forall ((u Timestamp)) (and
-    (= (entry e u) (entry-then s u))
-    (= (opened e u) (opened-then s u))
-    (= (timed e u) (timed-then s u))
-    (= (local-came e u) (local-came-then s u))
-    (= (forwarded e u) (forwarded-then s u))
-    (= (missed e u) (missed-then s u))
-    (= (latest e u) (latest-then s u))))
-  (forall ((u Timestamp) (c Source)) (and
+  (forall ((c Source)) (= (shut e c) (gate-then s c)))))
+(define-fun becomes-of ((s State) (e State) (u Timestamp)) Bool (and
+  (= (entry e u) (entry-then s u))
+  (= (opened e u) (opened-then s u))
+  (= (timed e u) (timed-then s u))
+  (= (local-came e u) (local-came-then s u))
+  (= (forwarded e u) (forwarded-then s u))
+  (= (missed e u) (missed-then s u))
+  (= (latest e u) (latest-then s u))
+  (forall ((c Source)) (and
     (= (requested e u c) (requested-then s u c))
     (= (pending e u c) (pending-then s u c))
     (= (armed e u c) (armed-then s u c))
@@ -249,6 +251,8 @@
     (= (sent e u c) (sent-then s u c))
     (= (due e u c) (due-of-then s u c))
     (= (came e u c) (came-then s u c))))))
+(define-fun becomes ((s State) (e State)) Bool (and
+  (becomes-machine s e) (forall ((u Timestamp)) (becomes-of s e u))))
 
 ; When it may come: a firing is the next one, an input finds nothing due. An open takes a free entry, if there is one.
 (define-fun may ((s State)) Bool (and

@@ -86,8 +86,9 @@ def _options() -> argparse.Namespace:
 
 def _run(options: argparse.Namespace, run: report.Run, rules: str, promises: str) -> int:
     questions = list(question.questions(rules, promises, run.stated, run.seeded))
-    for answer in question.answers(questions, options.seconds):
+    for count, answer in enumerate(question.answers(questions, options.seconds), 1):
         run.add(answer)
+        _show_progress(count, len(questions))
     if not options.json:
         print(run.table())
     if not options.only:
@@ -110,6 +111,13 @@ def _run(options: argparse.Namespace, run: report.Run, rules: str, promises: str
         print("record.json is about other files: run proofs/rules/prove --record", file=sys.stderr)
         return 1
     return 0 if run.holds else 1
+
+
+def _show_progress(count: int, total: int) -> None:
+    """Keeps one line on a terminal up to date; a log needs none."""
+    if sys.stderr.isatty():
+        end = "\n" if count == total else ""
+        print(f"\r{count} of {total} questions answered", end=end, file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

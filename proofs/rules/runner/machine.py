@@ -159,7 +159,8 @@ class Machine:
         return entries
 
     def _cancelled(self) -> str:
-        return " ".join(str(c) for c in self._sources if self._world.call("cancels", self._state, c))
+        call, state = self._world.call, self._state
+        return " ".join(str(c) for c in self._sources if call("cancels", state, c))
 
     def _sent(self, source: int) -> str:
         return f"sent {source} [{self._cancelled()}]"

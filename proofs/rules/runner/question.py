@@ -9,9 +9,13 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 
 from .solver import SOLVERS, Reply, ask
-from .text import Fault, Form, Obligation, write
+from .text import Fault, Form, Obligation, constructors, write
 from .world import shrink
 
+# A question that a solver does not answer so soon is asked of each kind of input apart, then each
+# commit rule apart. Together these are all cases.
+SOON = 5
+APART = (("Kind", "input"), ("Commit", "(commit before)"))
 
 @dataclass(frozen=True)
 class Question:
@@ -41,10 +45,16 @@ class Answer:
 def questions(
     rules: str, promises: str, stated: list[Obligation], seeded: list[Fault]
 ) -> Iterator[Question]:
-    """All questions to both solvers; those that take longest come first."""
+    """All questions to both solvers; those that take longest come first.
+
+    Where an obligation is given no more than `NAME.part`, its case and its faults are given `NAME`.
+    """
 
     def script(rules: str, *claims: Form) -> str:
         return "\n".join((rules, promises, *(f"(assert {write(claim)})" for claim in claims)))
+
+    def example(rules: str, one: Obligation, claim: Form) -> str:
+        return shrink(script(rules, _whole(one.given), claim))
 
     by_name = {obligation.name: obligation for obligation in stated}
     for solver in SOLVERS:
@@ -52,10 +62,11 @@ def questions(
             broken = fault.put_into(rules)
             for name in fault.breaks:
                 if name in by_name:
-                    case = shrink(script(broken, ["not", name]))
+                    one = by_name[name]
+                    case = example(broken, one, ["not", ["and", *one.then]])
                     yield Question(solver, name, fault.name, case, "sat")
         for one in stated:
-            case = shrink(script(rules, one.given, f"{one.name}.case"))
+            case = example(rules, one, f"{one.name}.case")
             yield Question(solver, one.name, "case", case, "sat")
             for part in one.then:
                 claims = script(rules, one.given, ["not", part])
@@ -69,7 +80,26 @@ def answers(questions: list[Question], seconds: int) -> Iterator[Answer]:
             yield done.result()
 
 
+def _whole(given: Form) -> Form:
+    if isinstance(given, str):
+        return given.removesuffix(".part")
+    return [_whole(part) for part in given]
+
+
 def _answer(question: Question, seconds: int) -> Answer:
     begun = time.monotonic()
-    reply = ask(question.solver, question.script, seconds)
+    apart = APART if question.wants == "unsat" else ()
+    reply = _ask(question.solver, question.script, seconds, apart)
     return Answer(question, reply, time.monotonic() - begun)
+
+
+def _ask(solver: str, script: str, seconds: int, apart: tuple[tuple[str, str], ...]) -> Reply:
+    reply = ask(solver, script, min(SOON, seconds) if apart else seconds)
+    if reply != "unknown" or not apart:
+        return reply
+    (sort, term), *rest = apart
+    for case in constructors(script, sort):
+        reply = _ask(solver, f"{script}\n(assert (= {term} {case}))", seconds, tuple(rest))
+        if reply != "unsat":
+            break
+    return reply

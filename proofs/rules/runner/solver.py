@@ -26,7 +26,8 @@ def ask(solver: str, script: str, seconds: int) -> Reply:
 def _z3(script: str, seconds: int) -> Reply:
     import z3
 
-    solving = z3.Solver()
+    # What was asked before moves nothing.
+    solving = z3.Solver(ctx=z3.Context())
     solving.set("timeout", seconds * 1000)
     try:
         solving.from_string(script)
@@ -41,8 +42,12 @@ def _cvc5(script: str, seconds: int) -> Reply:
     terms = cvc5.TermManager()
     solving = cvc5.Solver(terms)
     solving.setOption("tlimit-per", str(seconds * 1000))
-    # Where no term shows how to instantiate a quantifier, it goes through those that there are.
-    solving.setOption("enum-inst", "true")
+    if "(forall " in script:
+        # Where no term shows how to instantiate a quantifier, it goes through those that there are.
+        solving.setOption("enum-inst", "true")
+    else:
+        # A small world is all truth values: its SAT solver finds the case by itself.
+        solving.setOption("decision", "internal")
     symbols = cvc5.SymbolManager(terms)
     parser = cvc5.InputParser(solving, symbols)
     parser.setStringInput(cvc5.InputLanguage.SMT_LIB_2_6, script, "rules")

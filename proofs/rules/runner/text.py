@@ -85,6 +85,12 @@ def write(form: Form) -> str:
     return form if isinstance(form, str) else f"({' '.join(map(write, form))})"
 
 
+def constructors(script: str, sort: str) -> list[str]:
+    """All members of a datatype without parameters."""
+    [members] = [form[2] for form in read(script) if form[:2] == ["declare-datatype", sort]]
+    return [name for [name] in members]
+
+
 def obligations(promises: str, spec: str) -> list[Obligation]:
     """What is to be shown, in the order of the file."""
     bodies = {form[1]: form[4] for form in read(promises) if form[0] == "define-fun"}
