@@ -29,7 +29,7 @@ pub use fault::{SeededFault, load as load_faults};
 pub use gap::CoverageGap;
 pub use kind::{EvidenceKind, KINDS};
 pub use matrix::{Matrix, MatrixRow, MeasurementRow, Seeded};
-pub use mcdc::{Decision, Evaluation, IndependencePair, McdcReport};
+pub use mcdc::{Evaluation, IndependencePair, McdcReport, SourceDecision};
 pub use measure::{MEASURES, Measure, MeasurementResult};
 pub use record::{KindRecord, folder as records};
 pub use table::{GeneratedFile, artefacts};

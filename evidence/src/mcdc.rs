@@ -15,7 +15,7 @@ use std::process::Command;
 
 use serde::Deserialize;
 
-pub use self::decision::Decision;
+pub use self::decision::SourceDecision;
 pub use self::pair::{Evaluation, IndependencePair};
 
 use crate::error::EvidenceError;
@@ -48,7 +48,7 @@ const TESTS: [&str; 9] = [
 
 /// The decisions of the core, and the evaluations of each by the tests.
 pub struct McdcReport {
-    decisions: Vec<Decision>,
+    decisions: Vec<SourceDecision>,
     evaluations: BTreeMap<usize, BTreeSet<Evaluation>>,
     explained: Vec<ExplainedCondition>,
 }
@@ -207,14 +207,14 @@ impl McdcReport {
         IndependencePair::find(self.evaluations.get(&decision)?, condition)
     }
 
-    fn reason(&self, decision: &Decision, condition: &str) -> &str {
+    fn reason(&self, decision: &SourceDecision, condition: &str) -> &str {
         let known = self.explained.iter().find(|it| it.is_of(decision, condition));
         known.map_or("NOT SHOWN", |it| &it.because)
     }
 }
 
 impl ExplainedCondition {
-    fn is_of(&self, decision: &Decision, condition: &str) -> bool {
+    fn is_of(&self, decision: &SourceDecision, condition: &str) -> bool {
         self.file == decision.file && self.decision == decision.text && self.condition == condition
     }
 }

@@ -16,7 +16,7 @@ use crate::error::EvidenceError;
 
 /// The condition of an `if`, `while` or match arm, or a tree of `&&` and `||` elsewhere.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Decision {
+pub struct SourceDecision {
     /// The file, from the root.
     pub file: String,
     /// Its line, counted from 1.
@@ -31,7 +31,7 @@ pub struct Decision {
 pub(crate) fn constant_functions(
     files: &[(String, String)],
 ) -> Result<BTreeSet<String>, EvidenceError> {
-    let mut constants = Constants::default();
+    let mut constants = ConstantCalls::default();
     for (file, text) in files {
         constants.visit_file(&parse(file, text)?);
     }
@@ -51,10 +51,10 @@ pub(crate) fn instrument(
     file: &str,
     text: &str,
     constant: &BTreeSet<String>,
-    decisions: &mut Vec<Decision>,
+    decisions: &mut Vec<SourceDecision>,
 ) -> Result<String, EvidenceError> {
     let parsed = parse(file, text)?;
-    let mut constants = Constants::default();
+    let mut constants = ConstantCalls::default();
     constants.visit_file(&parsed);
     let calls = constants.calls.into_iter().filter(|(name, _)| constant.contains(name));
     let insertions = calls.map(|(_, end)| (end, IN_CONSTANTS.to_owned())).collect();
@@ -73,7 +73,7 @@ struct Instrumenter<'a> {
     file: &'a str,
     text: &'a str,
     constant: &'a BTreeSet<String>,
-    decisions: &'a mut Vec<Decision>,
+    decisions: &'a mut Vec<SourceDecision>,
     /// What is put in where; what comes first stands before what comes later at the same place.
     insertions: Vec<(usize, String)>,
     /// The words `const` of functions with a decision: recording is nothing that a constant can do.
@@ -89,7 +89,7 @@ impl Instrumenter<'_> {
             return visit::visit_expr(self, whole);
         }
         let number = self.decisions.len();
-        self.decisions.push(Decision {
+        self.decisions.push(SourceDecision {
             file: self.file.to_owned(),
             line: whole.span().start().line,
             text: self.quote(whole.span()),
@@ -200,14 +200,14 @@ impl<'ast> Visit<'ast> for Instrumenter<'_> {
 
 /// The functions that constants call, and those that they may.
 #[derive(Default)]
-struct Constants {
+struct ConstantCalls {
     /// The name of each function that is called, and where that ends.
     calls: Vec<(String, usize)>,
     functions: BTreeSet<String>,
     is_within: bool,
 }
 
-impl Constants {
+impl ConstantCalls {
     fn within(&mut self, inner: impl FnOnce(&mut Self)) {
         self.is_within = true;
         inner(self);
@@ -215,7 +215,7 @@ impl Constants {
     }
 }
 
-impl<'ast> Visit<'ast> for Constants {
+impl<'ast> Visit<'ast> for ConstantCalls {
     fn visit_item_const(&mut self, item: &'ast ItemConst) {
         self.within(|it| visit::visit_item_const(it, item));
     }
