@@ -318,8 +318,8 @@
 
 ;; P9 bounded: An open is refused `full` only if there is an open timestamp for each entry.
 (define-fun p9-full () Bool
-  (=> (and step (= input an-open) (= (open-refused before) full)) (not (exists ((x Entry))
-    (forall ((v Timestamp)) (=> (is-open before v) (not (= (entry before v) x))))))))
+  (=> (and step.part (takes-free before) (= input an-open) (= (open-refused before) full))
+    (exists ((v Timestamp)) (and (is-open before v) (= (entry before v) x)))))
 ;; for instance: two are open
 (define-fun p9-full.case () Bool (and (is-open before u) (is-open before (newest before)) (not (= u (newest before)))))
 
