@@ -155,7 +155,7 @@ async fn a_cloud_behind_grpc_answers_and_when_it_is_gone_local_does() {
     let url = format!("west.grpc.url:=http://{}", listener.local_addr().unwrap());
     let (end, ended) = tokio::sync::oneshot::channel::<()>();
     let infer = |request: grpc::Request| async move {
-        Ok(grpc::Reply { payload: point_for(&request.payload) })
+        Ok(grpc::Reply { payload: point_for(&request.payload), of: Some(request.timestamp) })
     };
     let until = async { drop(ended.await) };
     let server = tokio::spawn(grpc::serve(infer, Server::default(), listener, until));

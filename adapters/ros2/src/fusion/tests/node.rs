@@ -206,6 +206,7 @@ pub(super) fn run(
             revisions,
             ends: Vec::new(),
             input_key: MessageKey::Integer { offset: 0, kind: IntegerKind::U64 },
+            input_topic: "camera".into(),
             output_key: MessageKey::Integer { offset: 0, kind: IntegerKind::U64 },
             deadline,
             node,
