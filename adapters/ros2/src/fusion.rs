@@ -146,16 +146,8 @@ impl Transport for NodeFusion<'_> {
         })
     }
 
-    /// The stamp's clock is the wall's, whose steps no deadline may follow (D13): its age is written in the trace and no more.
     fn lineage(&mut self, timestamp: u64, _: &Payload) -> Option<Arc<Lineage>> {
-        let stamp = self.memory.stamps.key(timestamp)?;
-        let age = match self.input_key {
-            MessageKey::Header => stamp.age(SystemTime::now()),
-            MessageKey::Integer { .. } => None,
-        };
-        let captured = age.and_then(|age| Instant::now().into_std().checked_sub(age));
-        let origin = Origin { stream: Arc::clone(&self.input_topic), seq: stamp.seq() };
-        Some(Arc::new(Lineage { origin: Some(origin), captured, within: None }))
+        self.lineage_of(timestamp)
     }
 
     fn situation(&mut self, _: u64, _: &Payload) -> Option<Situation<'static>> {
@@ -181,6 +173,7 @@ impl Transport for NodeFusion<'_> {
             }
             Route::Grpc(handle) => {
                 let call = Call::new(timestamp, left, priority, self.counting.clone());
+                let call = call.with_lineage(self.lineage_of(timestamp));
                 let handle = Arc::clone(handle);
                 let (input_key, output_key) = (self.input_key, self.output_key);
                 Sent::Call(Box::pin(async move {
@@ -232,5 +225,20 @@ impl Transport for NodeFusion<'_> {
             preliminary.insert(timestamp, item);
         }
         self.status_publisher.status(status);
+    }
+}
+
+impl NodeFusion<'_> {
+    /// What an open message comes from. The stamp's clock is the wall's, whose steps no deadline may follow (D13): the age is
+    /// written and sent, and nothing else is made of it.
+    fn lineage_of(&self, timestamp: u64) -> Option<Arc<Lineage>> {
+        let stamp = self.memory.stamps.key(timestamp)?;
+        let age = match self.input_key {
+            MessageKey::Header => stamp.age(SystemTime::now()),
+            MessageKey::Integer { .. } => None,
+        };
+        let captured = age.and_then(|age| Instant::now().into_std().checked_sub(age));
+        let origin = Origin { stream: Arc::clone(&self.input_topic), seq: stamp.seq() };
+        Some(Arc::new(Lineage { origin: Some(origin), captured, within: None }))
     }
 }

@@ -420,7 +420,7 @@ fn cloud(priority: u16, plan: Plan, dropped: Drops, start: Instant) -> Handle {
         let computing = compute(plan(t), name(priority), t, start);
         Box::pin(async move {
             let _guard = guard;
-            Ok(payload(t, &computing.await?))
+            Ok(payload(t, &computing.await?).into())
         })
     })
 }
