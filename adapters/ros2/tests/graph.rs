@@ -237,10 +237,11 @@ async fn a_cloud_behind_grpc_answers_and_when_it_is_gone_local_does() {
     }
     let seq = format!("\"seq\":{last}000000000}}");
     assert!(opens.last().unwrap().ends_with(&seq), "{opens:?}");
-    // The cloud's value is of its message by its stamp, though the reply does not say so in words.
-    for word in ["result", "emit"] {
-        let is_of = |line: &&str| line.contains(word) && line.contains("\"p\":1");
-        let line = text.lines().find(is_of).expect("the cloud answered");
+    // Values are of their messages by their stamps; the cloud's reply does not say so in words.
+    for (word, p) in [("result", 0), ("emit", 0), ("result", 1), ("emit", 1)] {
+        let p = format!("\"p\":{p}");
+        let is_of = |line: &&str| line.contains(word) && line.contains(&p);
+        let line = text.lines().find(is_of).expect("it answered");
         assert!(line.contains("\"of\":"), "{line}");
     }
     let lineage = requests.recv().await.flatten().expect("the request says what it comes from");
