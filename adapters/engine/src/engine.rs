@@ -189,12 +189,13 @@ impl<V, R> Engine<V, R> {
         let deadline = deadline.map(nanos);
         let opening =
             self.arbiter.open(at, t, deadline, |at, firing| self.firings.push((at, *firing)));
-        let annotations = match &lineage {
-            Some(lineage) if self.recordings.is_any() => lineage.annotations(self.instant(at)),
-            Some(_) | None => Annotations::NONE,
+        let instant = if lineage.is_some() { self.instant(at) } else { None };
+        let annotations = || match &lineage {
+            Some(lineage) => lineage.annotations(instant),
+            None => Annotations::NONE,
         };
         let input = Input::Open { at, t, deadline };
-        let now = self.conclude_annotated(&input, &annotations, &Answer::Open { t, opening });
+        let now = self.conclude_annotated(&input, annotations, &Answer::Open { t, opening });
         if let Opening::Refused(why) = opening {
             self.refuse(now, t, why, lineage);
             self.start_waiting(now);
@@ -266,9 +267,9 @@ impl<V, R> Engine<V, R> {
         let outcome =
             self.arbiter.result(at, (t, p.into()), |at, firing| self.firings.push((at, *firing)));
         let input = Input::Result { at, t, p: p.into() };
-        let annotations = Annotations { of, ..Annotations::NONE };
+        let annotations = || Annotations { of, ..Annotations::NONE };
         let answer = Answer::Result { t, p: p.into(), outcome };
-        let now = self.conclude_annotated(&input, &annotations, &answer);
+        let now = self.conclude_annotated(&input, annotations, &answer);
         self.settle_result(now, (t, p), &outcome, StampedValue { value, of });
         self.start_waiting(now);
     }

@@ -36,16 +36,13 @@ impl Recordings {
         }
     }
 
-    /// Records the input, what fired before it, and its answer.
+    /// Records the input, what fired before it, and its answer; called only if anything is recorded.
     pub(crate) fn record<const CLOUDS: usize>(
         &mut self,
         (input, annotations): (&Input, &Annotations),
         (commit, now): (Commit, u64),
         answer: &Answer<CLOUDS>,
     ) {
-        if self.writers.is_empty() {
-            return;
-        }
         answer.decisions(commit, now, |decision| self.decisions.push(decision));
         let Self { writers, decisions, values } = self;
         if !values.is_idle(annotations.of) {

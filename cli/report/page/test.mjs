@@ -410,5 +410,5 @@ test("a timestamp's story says what its message comes from and how old its outpu
   assert.deepEqual(toldOf(file).traces[0].lineages, [{ t: 0, age: 30000000, origin: "camera/front", seq: 41 }]);
   const page = await open(t, file, { hash: "#t=7" });
   const ending = await text(page, "#ending");
-  assert.match(ending, /The message comes from camera\/front 41; it was 30 ms old as it was opened and 50 ms as its output was sent\.$/);
+  assert.match(ending, /The message comes from camera\/front 41; it was 30.ms old as it was opened and 50.ms as its output was sent\.$/);
 });

@@ -15,7 +15,7 @@ type FrameKey = (String, u64);
 #[derive(Default)]
 pub(super) struct Frames {
     /// By their frame, the first message of each trace that comes from it: the trace, its timestamp and when it was opened.
-    frames: BTreeMap<FrameKey, Frame>,
+    frames: BTreeMap<FrameKey, SharedFrame>,
     /// How much is added to the instants of each trace.
     offsets: Vec<i128>,
     /// Whether nothing was written yet.
@@ -24,7 +24,7 @@ pub(super) struct Frames {
 
 /// One frame.
 #[derive(Default)]
-struct Frame {
+struct SharedFrame {
     /// From 1.
     number: usize,
     messages: Vec<FrameMessage>,
@@ -97,7 +97,7 @@ impl Frames {
     }
 
     fn align_next(&mut self, known: &mut [bool]) -> bool {
-        for Frame { messages, .. } in self.frames.values() {
+        for SharedFrame { messages, .. } in self.frames.values() {
             let captured = |is_known: bool| {
                 let mut of = messages.iter().filter(|it| known[it.trace] == is_known);
                 of.find_map(|it| Some((it.trace, it.captured?)))
@@ -132,7 +132,7 @@ impl TraceFrames<'_> {
     /// The number of the frame that a message comes from, and where the frame's arrow is at it; none if no other trace has it.
     pub(super) fn flow(&self, origin: &Origin, t: u64) -> Option<(usize, FlowPhase)> {
         let key = frame_key(origin)?;
-        let Frame { number, messages } = self.frames.frames.get(&key)?;
+        let SharedFrame { number, messages } = self.frames.frames.get(&key)?;
         if messages.len() < 2 {
             return None;
         }

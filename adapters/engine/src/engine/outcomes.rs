@@ -72,14 +72,14 @@ impl<V, R> Engine<V, R> {
     /// Carries out what fired before the input (F0), and records it with the input and its answer;
     /// returns the instant of the answer.
     pub(super) fn conclude(&mut self, input: &Input, answer: &Answer<CLOUDS>) -> u64 {
-        self.conclude_annotated(input, &Annotations::NONE, answer)
+        self.conclude_annotated(input, || Annotations::NONE, answer)
     }
 
-    /// The same with further keys of the input.
+    /// The same with further keys of the input, which are not made if nothing is recorded.
     pub(super) fn conclude_annotated(
         &mut self,
         input: &Input,
-        annotations: &Annotations,
+        annotations: impl FnOnce() -> Annotations,
         answer: &Answer<CLOUDS>,
     ) -> u64 {
         let mut firings = mem::take(&mut self.firings);
@@ -88,8 +88,10 @@ impl<V, R> Engine<V, R> {
         }
         self.firings = firings;
         let now = self.arbiter.now();
-        let commit = self.arbiter.fusion().commit();
-        self.recordings.record((input, annotations), (commit, now), answer);
+        if self.recordings.is_any() {
+            let commit = self.arbiter.fusion().commit();
+            self.recordings.record((input, &annotations()), (commit, now), answer);
+        }
         now
     }
 
