@@ -169,15 +169,11 @@ impl<O: Send + Sync + 'static> Outbox<O> {
         Self { writer, waiting: VecDeque::new(), room: None }
     }
 
-    /// The next operator's message comes from what this one's did.
-    fn write(&mut self, item: Item<O>) -> Result<u64, WriteError<Item<O>>> {
-        let lineage = item.lineage.clone();
-        self.writer.write_with(item, lineage)
-    }
-
     fn put(&mut self, item: Item<O>) {
         if self.waiting.is_empty() {
-            match self.write(item) {
+            // The next operator's message comes from what this one's did.
+            let lineage = item.lineage.clone();
+            match self.writer.write_with(item, lineage) {
                 // An output that nobody reads is no reason to end: traces and counts go on.
                 Ok(_) | Err(WriteError::Closed(_)) => {}
                 Err(WriteError::Full(item)) => self.waiting.push_back(item),
@@ -197,7 +193,8 @@ impl<O: Send + Sync + 'static> Outbox<O> {
     /// Hands on the items that wait while there is room.
     fn poll_delivered(&mut self, context: &mut Context<'_>) -> Poll<()> {
         while let Some(item) = self.waiting.pop_front() {
-            match self.write(item) {
+            let lineage = item.lineage.clone();
+            match self.writer.write_with(item, lineage) {
                 Ok(_) | Err(WriteError::Closed(_)) => {}
                 Err(WriteError::Full(item)) => {
                     self.waiting.push_front(item);
