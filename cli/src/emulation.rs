@@ -126,7 +126,7 @@ impl Infer for Answering {
                 Some(after) => sleep(after).await,
                 None => future::pending().await,
             }
-            Ok(Reply { payload: REPLY.as_slice().into() })
+            Ok(Reply { payload: REPLY.as_slice().into(), of: Some(request.timestamp) })
         }
     }
 

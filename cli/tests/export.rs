@@ -144,6 +144,68 @@ fn bad_input_is_one_line_and_leaves_the_output_as_it_was() {
     }
 }
 
+/// A detector and a tracker that began 1 ms after it: frame 41, which the tracker gets as its second message, and frame 40.
+#[test]
+fn a_frame_is_followed_through_several_operators_on_one_clock() {
+    let dir = tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name).display().to_string();
+    let lineage = |age: u64, seq: u64| {
+        format!(r#""within":9000000,"age":{age},"origin":"camera/front","seq":{seq}"#)
+    };
+    let header = r#"{"fuseline":1,"operator":"NAME","window":4,"clouds":[]}"#;
+    let detector = [
+        header.replace("NAME", "detector"),
+        format!(r#"{{"ev":"open","at":2000000,"t":0,{}}}"#, lineage(500_000, 40)),
+        format!(r#"{{"ev":"open","at":2100000,"t":1,{}}}"#, lineage(100_000, 41)),
+        r#"{"ev":"result","at":2200000,"t":1,"p":0,"of":1}"#.into(),
+        r#"{"ev":"emit","at":2200000,"t":1,"p":0,"of":1}"#.into(),
+        r#"{"ev":"result","at":2300000,"t":0,"p":0}"#.into(),
+        r#"{"ev":"emit","at":2300000,"t":0,"p":0}"#.into(),
+    ];
+    let tracker = [
+        header.replace("NAME", "tracker"),
+        r#"{"ev":"open","at":1,"t":0}"#.into(),
+        format!(r#"{{"ev":"open","at":1250000,"t":1,{}}}"#, lineage(250_000, 41)),
+        r#"{"ev":"result","at":1900000,"t":1,"p":0}"#.into(),
+        r#"{"ev":"emit","at":1900000,"t":1,"p":0}"#.into(),
+    ];
+    for (name, lines) in [("detector", &detector[..]), ("tracker", &tracker)] {
+        fs::write(path(name), lines.join("\n") + "\n").unwrap();
+    }
+    let traces = [path("tracker"), path("detector"), path("out.json")];
+    let [tracker, detector, out] = traces.each_ref().map(String::as_str);
+    let exported = run(&["export", "--perfetto", tracker, detector, "-o", out], "");
+    assert_eq!(exported.status.code(), Some(0), "{}", err(&exported));
+    let events: Value = serde_json::from_slice(&fs::read(out).unwrap()).unwrap();
+    let events = events["traceEvents"].as_array().unwrap();
+    // The tracker is process 1 and began 1 ms later: all are on the detector's clock.
+    let of = |ph: &str| {
+        let found = events.iter().filter(|event| event["ph"] == ph);
+        let fields =
+            |event: &Value| (event["pid"].clone(), event["ts"].clone(), event["name"].clone());
+        found.map(fields).collect::<Vec<_>>()
+    };
+    let flow = |pid: u64, ts: f64| vec![(pid.into(), ts.into(), "camera/front 41".into())];
+    assert_eq!((of("s"), of("t"), of("f")), (flow(2, 2100.0), vec![], flow(1, 2250.0)));
+    let ids =
+        events.iter().filter(|event| event["cat"] == "frame").map(|event| event["id"].as_u64());
+    assert_eq!(ids.collect::<BTreeSet<_>>().len(), 1);
+    let ages = events.iter().filter(|event| event["ph"] == "i").map(|event| &event["args"]["age"]);
+    let ages: Vec<_> = ages.map(Value::as_u64).collect();
+    assert_eq!(ages, [Some(900_000), Some(200_000), Some(800_000)]);
+    let slice = events.iter().find(|event| event["ph"] == "X" && event["args"]["seq"] == 40);
+    assert_eq!(slice.unwrap()["args"]["origin"], "camera/front");
+    for (args, why) in [
+        (["export", "--mcap", tracker, detector, "-o"], "MCAP takes one trace"),
+        (["export", "--perfetto", tracker, "-", "-o"], "read twice"),
+    ] {
+        let other = path("other");
+        let refused = run(&[&args[..], &[&other]].concat(), "");
+        assert_eq!(refused.status.code(), Some(2));
+        assert!(err(&refused).contains(why), "{}", err(&refused));
+    }
+}
+
 #[cfg(unix)]
 #[test]
 fn ctrl_c_leaves_nothing_half_written() {

@@ -143,7 +143,9 @@ fn the_tables_tell_what_a_server_says_it_serves_and_of_a_difference() {
 #[test]
 fn of_a_server_that_does_not_say_what_it_serves_the_tables_say_so() {
     let dir = tempdir().unwrap();
-    let echo = |request: grpc::Request| ready(Ok(grpc::Reply { payload: request.payload }));
+    let echo = |request: grpc::Request| {
+        ready(Ok(grpc::Reply { payload: request.payload, ..grpc::Reply::default() }))
+    };
     let runtime = Runtime::new().unwrap();
     let listener = runtime.block_on(TcpListener::bind("127.0.0.1:0")).unwrap();
     let url = format!("url=http://{}", listener.local_addr().unwrap());
@@ -173,7 +175,7 @@ fn no_more_calls_to_a_cloud_are_under_way_at_once_than_was_said() {
         async move {
             sleep(Duration::from_millis(100)).await;
             now.fetch_sub(1, Ordering::Relaxed);
-            Ok(grpc::Reply { payload: request.payload })
+            Ok(grpc::Reply { payload: request.payload, ..grpc::Reply::default() })
         }
     };
     let runtime = Runtime::new().unwrap();

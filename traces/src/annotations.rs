@@ -5,6 +5,7 @@
 //! same to the machine with and without them.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// The keys of an event beside those that the rules of the machine need; by default none.
 #[derive(Clone, PartialEq, Eq, Hash, Default, Debug)]
@@ -26,7 +27,7 @@ pub struct Annotations {
 #[derive(Clone, PartialEq, Eq, Hash, Default, Debug)]
 pub struct Origin {
     /// `origin`: the sensor's stream.
-    pub stream: String,
+    pub stream: Arc<str>,
     /// `seq`: the timestamp there.
     pub seq: Option<u64>,
 }

@@ -268,7 +268,7 @@ impl<'a> Fields<'a> {
             attempt: attempt.map(|attempt| u8::try_from(attempt).unwrap_or(u8::MAX)),
             within: given(Key::Within),
             age: given(Key::Age),
-            origin: self.origin.take().map(|stream| Origin { stream: stream.into_owned(), seq }),
+            origin: self.origin.take().map(|stream| Origin { stream: stream.as_ref().into(), seq }),
         })
     }
 

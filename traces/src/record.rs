@@ -136,12 +136,12 @@ impl Recorder {
         self.line(|out| Event::Decision(*decision).write_annotated(annotations, out));
     }
 
-    /// Records whole inputs with their decisions and writes them, all together.
-    pub fn extend(&mut self, events: impl IntoIterator<Item = Event>) {
-        for event in events {
+    /// Records whole inputs with their decisions and further keys, and writes them, all together.
+    pub fn extend<'a>(&mut self, events: impl IntoIterator<Item = (Event, &'a Annotations)>) {
+        for (event, annotations) in events {
             match event {
-                Event::Input(input) => self.begin(&input, &Annotations::NONE, GATHERED),
-                Event::Decision(decision) => self.decision(&decision),
+                Event::Input(input) => self.begin(&input, annotations, GATHERED),
+                Event::Decision(decision) => self.annotated_decision(&decision, annotations),
             }
         }
         self.flush();

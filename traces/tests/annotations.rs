@@ -132,7 +132,8 @@ fn a_message_is_due_from_its_capture_where_its_age_is_known() {
 
 fn any_annotations() -> impl Strategy<Value = (Annotations, bool)> {
     let n = || option::of(any::<u64>());
-    let origin = option::of((".{0,9}", n()).prop_map(|(stream, seq)| Origin { stream, seq }));
+    let origin =
+        option::of((".{0,9}", n()).prop_map(|(stream, seq)| Origin { stream: stream.into(), seq }));
     (n(), option::of(any::<u8>()), n(), n(), origin, any::<bool>()).prop_map(
         |(of, attempt, within, age, origin, is_open)| {
             if is_open {

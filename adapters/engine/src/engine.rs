@@ -10,11 +10,11 @@ use std::collections::VecDeque;
 use std::fmt;
 use std::io;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use fuseline_core::{Admission, ConfigError, Firing, Opening};
 use fuseline_deadline::{End, Policy, Situation};
-use fuseline_traces::{Header, Input};
+use fuseline_traces::{Annotations, Header, Input};
 use tracing::warn;
 
 use crate::arbiter::{Answer, Arbiter};
@@ -22,6 +22,7 @@ use crate::counts::{Counting, Counts};
 use crate::effect::{Effect, Local, Offer};
 use crate::event::CountedEvent;
 use crate::item::Source;
+use crate::lineage::{Lineage, StampedValue};
 use crate::open_message::OpenMessages;
 use crate::policies::Policies;
 use crate::queue::Waiting;
@@ -41,9 +42,10 @@ const CLOUDS: usize = 15;
 /// [`next_effect`](Self::next_effect) until it returns none.
 ///
 /// - before the first input: [`set_policy`](Self::set_policy), [`set_linger`](Self::set_linger),
-///   [`take_hints`](Self::take_hints), [`record`](Self::record)
-/// - inputs: [`open`](Self::open), [`offer`](Self::offer), [`result`](Self::result),
-///   [`fail`](Self::fail), [`tick`](Self::tick)
+///   [`set_max_age`](Self::set_max_age), [`set_start`](Self::set_start), [`take_hints`](Self::take_hints),
+///   [`record`](Self::record)
+/// - inputs: [`open`](Self::open), [`open_with`](Self::open_with), [`offer`](Self::offer),
+///   [`result`](Self::result), [`fail`](Self::fail), [`tick`](Self::tick)
 /// - what policies know: [`set_situation`](Self::set_situation)
 /// - effects: [`next_effect`](Self::next_effect)
 /// - questions: [`next_due`](Self::next_due), [`is_idle`](Self::is_idle), [`counts`](Self::counts)
@@ -56,6 +58,8 @@ pub struct Engine<V, R> {
     local: Local,
     policies: Policies,
     open_messages: OpenMessages<V>,
+    /// When the clock read 0.
+    start: Option<Instant>,
     counts: Arc<Counts>,
     /// How many open messages the gauge shows.
     shown_open: usize,
@@ -83,6 +87,7 @@ impl<V, R> Engine<V, R> {
             sources,
             local,
             open_messages: OpenMessages::new(),
+            start: None,
             shown_open: 0,
             recordings: Recordings::default(),
             effects: VecDeque::new(),
@@ -109,6 +114,22 @@ impl<V, R> Engine<V, R> {
         if let Some(index) = self.sources.cloud(p) {
             self.sources[index].linger = nanos(linger);
         }
+    }
+
+    /// Lets values of cloud `p` be of up to `max_age` messages before the one that they are for; 0 is the default. Does
+    /// nothing if there is no such cloud.
+    ///
+    /// A trace says so in its header, which the caller writes.
+    pub fn set_max_age(&mut self, p: u16, max_age: u64) {
+        if let Some(index) = self.sources.cloud(p) {
+            self.sources[index].max_age = max_age;
+            self.open_messages.remember_captures();
+        }
+    }
+
+    /// Says when this engine's clock reads 0; without it the age of a message is unknown.
+    pub const fn set_start(&mut self, start: Instant) {
+        self.start = Some(start);
     }
 
     /// Gives back results that came too late as [hints](Effect::Hint), if their message is one of the
@@ -151,19 +172,38 @@ impl<V, R> Engine<V, R> {
         job: R,
         offers: impl IntoIterator<Item = Offer<R>>,
     ) -> bool {
+        self.open_with(at, t, deadline, None, job, offers)
+    }
+
+    /// The same of a message with a lineage, which its items have too.
+    pub fn open_with(
+        &mut self,
+        at: u64,
+        t: u64,
+        deadline: Option<Duration>,
+        lineage: Option<Arc<Lineage>>,
+        job: R,
+        offers: impl IntoIterator<Item = Offer<R>>,
+    ) -> bool {
         self.begin(at);
         let deadline = deadline.map(nanos);
         let opening =
             self.arbiter.open(at, t, deadline, |at, firing| self.firings.push((at, *firing)));
-        let now = self.conclude(&Input::Open { at, t, deadline }, &Answer::Open { t, opening });
+        let instant = if lineage.is_some() { self.instant(at) } else { None };
+        let annotations = || match &lineage {
+            Some(lineage) => lineage.annotations(instant),
+            None => Annotations::NONE,
+        };
+        let input = Input::Open { at, t, deadline };
+        let now = self.conclude_annotated(&input, annotations, &Answer::Open { t, opening });
         if let Opening::Refused(why) = opening {
-            self.refuse(now, t, why);
+            self.refuse(now, t, why, lineage);
             self.start_waiting(now);
             return false;
         }
         self.counts.message();
         self.counts.source(LOCAL, CountedEvent::Admitted);
-        self.open_messages.open(t, now);
+        self.open_messages.open(t, now, lineage);
         let lost_after = deadline.filter(|_| self.local.lossy);
         let waiting = Waiting { t, requested_at: now, due: None, lost_after, request: job };
         self.sources[LOCAL].push(waiting);
@@ -211,16 +251,26 @@ impl<V, R> Engine<V, R> {
     }
 
     /// F3: a source's result came.
-    pub fn result(&mut self, at: u64, t: u64, p: u16, value: V) {
+    ///
+    /// D2: one that says that it is of another message than the source may send a value of is a failure (F4).
+    pub fn result(&mut self, at: u64, t: u64, p: u16, value: impl Into<StampedValue<V>>) {
+        let StampedValue { value, of } = value.into();
+        let index = self.sources.index(p);
+        let max_age = index.map_or(0, |index| self.sources[index].max_age);
+        if let Some(of) = of.filter(|of| !(t.saturating_sub(max_age)..=t).contains(of)) {
+            return self.fail(at, t, p, &format_args!("the value is of message {of}"));
+        }
         self.begin(at);
-        if let Some(index) = self.sources.index(p) {
+        if let Some(index) = index {
             self.ended(at, t, index, End::Answered);
         }
         let outcome =
             self.arbiter.result(at, (t, p.into()), |at, firing| self.firings.push((at, *firing)));
         let input = Input::Result { at, t, p: p.into() };
-        let now = self.conclude(&input, &Answer::Result { t, p: p.into(), outcome });
-        self.settle_result(now, (t, p), &outcome, value);
+        let annotations = || Annotations { of, ..Annotations::NONE };
+        let answer = Answer::Result { t, p: p.into(), outcome };
+        let now = self.conclude_annotated(&input, annotations, &answer);
+        self.settle_result(now, (t, p), &outcome, StampedValue { value, of });
         self.start_waiting(now);
     }
 
@@ -285,6 +335,6 @@ impl<V, R> Engine<V, R> {
 }
 
 /// Saturates at 2⁶⁴ − 1 ns, as due instants do (A14).
-fn nanos(duration: Duration) -> u64 {
+pub(crate) fn nanos(duration: Duration) -> u64 {
     u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
 }

@@ -6,6 +6,8 @@ use std::time::Duration;
 
 use fuseline_traces::OpenRefusal;
 
+use crate::lineage::Lineage;
+
 /// What became of one message. Every message taken in leads to exactly one item (P1, P11); under progressive to one or more,
 /// each better than the one before, of which exactly one [is the last](Self::is_last) (D1, F9).
 ///
@@ -27,6 +29,11 @@ pub struct Item<V> {
     pub ending: Ending<V>,
     /// The sources whose failure was accepted by then, and why they failed (F4).
     pub failures: Vec<Failure>,
+    /// What the message comes from, as it was written with it.
+    pub lineage: Option<Arc<Lineage>>,
+    /// The time from the capture to the decision, if it is known: of the message that the value is [of](Forwarded::of), if that
+    /// is an earlier one.
+    pub age: Option<Duration>,
 }
 
 /// A source that sent no result for a message, and why.
@@ -64,6 +71,9 @@ pub struct Forwarded<V> {
     pub arrived: Duration,
     /// What made the result go.
     pub trigger: Trigger,
+    /// Of which message the value is, if its source said so: of this one, or of one before it that is no older than the
+    /// cloud's `max_age` allows (D2).
+    pub of: Option<u64>,
 }
 
 /// Local or a cloud.
@@ -147,6 +157,9 @@ impl<V> Item<V> {
     #[must_use]
     pub fn instead_of(mut self, earlier: Self) -> Self {
         if let (Ending::Final(_), Ending::Preliminary(last)) = (&self.ending, earlier.ending) {
+            // The value has aged since.
+            let waited = self.decided.saturating_sub(earlier.decided);
+            self.age = earlier.age.map(|age| age.saturating_add(waited));
             self.ending = Ending::Forwarded(last);
         }
         self

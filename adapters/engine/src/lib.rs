@@ -11,6 +11,8 @@ mod engine;
 mod event;
 #[cfg(feature = "operator")]
 mod item;
+#[cfg(feature = "operator")]
+mod lineage;
 #[cfg(feature = "mcap")]
 mod mcap;
 #[cfg(feature = "operator")]
@@ -44,10 +46,13 @@ pub use fuseline_core::{ConfigError, Gate};
 #[cfg(feature = "operator")]
 pub use fuseline_deadline::{Policy, Situation};
 pub use fuseline_traces::{
-    Cloud, Commit, DropReason, Header, OfferRefusal, OpenRefusal, Recorder, Recording,
+    Cloud, Commit, DropReason, Header, HeaderAnnotations, OfferRefusal, OpenRefusal, Origin,
+    Recorder, Recording,
 };
 #[cfg(feature = "operator")]
 pub use item::{Ending, Failure, Forwarded, Item, Source, Trigger};
+#[cfg(feature = "operator")]
+pub use lineage::{Lineage, StampedValue};
 #[cfg(feature = "mcap")]
 pub use mcap::{Mcap, McapError};
 #[cfg(feature = "operator")]

@@ -5,13 +5,13 @@ use std::fs::File;
 use std::io::{self, BufWriter, Seek, Write};
 use std::path::Path;
 
-use fuseline_traces::{Decision, Event, Header};
+use fuseline_traces::{Annotations, Decision, Event, Header, HeaderAnnotations};
 pub use mcap::McapError;
 use mcap::WriteOptions;
 use mcap::records::MessageHeader;
 
 /// What a message holds.
-const SCHEMA: &str = r#"{"title":"fuseline.Line","description":"A line of a fuseline trace: its header, an input or a decision.","type":"object","properties":{"ev":{"type":"string"},"at":{"type":"integer"},"t":{"type":"integer"},"p":{"type":"integer"},"due":{"type":"integer"},"deadline":{"type":"integer"},"backlog":{"type":"integer"},"why":{"type":"string"}}}"#;
+const SCHEMA: &str = r#"{"title":"fuseline.Line","description":"A line of a fuseline trace: its header, an input or a decision.","type":"object","properties":{"ev":{"type":"string"},"at":{"type":"integer"},"t":{"type":"integer"},"p":{"type":"integer"},"due":{"type":"integer"},"deadline":{"type":"integer"},"backlog":{"type":"integer"},"why":{"type":"string"},"of":{"type":"integer"},"try":{"type":"integer"},"within":{"type":"integer"},"age":{"type":"integer"},"origin":{"type":"string"},"seq":{"type":"integer"}}}"#;
 
 /// An MCAP file being written: the topic `/fuseline/trace` has every line, the header first, and
 /// `/fuseline/outputs` what was forwarded, final or missed.
@@ -29,8 +29,14 @@ impl Mcap<BufWriter<File>> {
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn create(path: &Path, header: &Header, epoch: u64) -> io::Result<Self> {
-        Self::new(BufWriter::new(File::create(path)?), header, epoch).map_err(io::Error::other)
+    pub fn create(
+        path: &Path,
+        header: &Header,
+        annotations: &HeaderAnnotations,
+        epoch: u64,
+    ) -> io::Result<Self> {
+        let out = BufWriter::new(File::create(path)?);
+        Self::new(out, header, annotations, epoch).map_err(io::Error::other)
     }
 }
 
@@ -40,7 +46,12 @@ impl<W: Write + Seek> Mcap<W> {
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn new(out: W, header: &Header, epoch: u64) -> Result<Self, McapError> {
+    pub fn new(
+        out: W,
+        header: &Header,
+        annotations: &HeaderAnnotations,
+        epoch: u64,
+    ) -> Result<Self, McapError> {
         let library = format!("fuseline {}", env!("CARGO_PKG_VERSION"));
         let options = WriteOptions::new().profile("fuseline").library(library);
         let mut inner = options.create(out)?;
@@ -49,18 +60,18 @@ impl<W: Write + Seek> Mcap<W> {
         let lines = inner.add_channel(schema, "/fuseline/trace", "json", &none)?;
         let outputs = inner.add_channel(schema, "/fuseline/outputs", "json", &none)?;
         let mut mcap = Self { inner, epoch, lines, outputs, number: 0, line: Vec::new() };
-        header.write(&mut mcap.line);
+        header.write_annotated(annotations, &mut mcap.line);
         mcap.put(lines, 0)?;
         Ok(mcap)
     }
 
-    /// Writes one line; twice if it is an output, once for each topic.
+    /// Writes one line with its further keys; twice if it is an output, once for each topic.
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn event(&mut self, event: &Event) -> Result<(), McapError> {
+    pub fn event(&mut self, event: &Event, annotations: &Annotations) -> Result<(), McapError> {
         self.line.clear();
-        event.write(&mut self.line);
+        event.write_annotated(annotations, &mut self.line);
         let at = match event {
             Event::Input(input) => input.at(),
             Event::Decision(decision) => decision.at(),

@@ -3,9 +3,11 @@
 //! Nothing here decides which result is sent; it follows the machine's answers.
 
 use std::collections::VecDeque;
-use std::time::Duration;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use crate::item::{Ending, Failure, Item};
+use crate::lineage::{Lineage, StampedValue};
 
 /// The open messages, by ascending timestamp, and when the last ones were opened.
 pub(crate) struct OpenMessages<V> {
@@ -13,6 +15,8 @@ pub(crate) struct OpenMessages<V> {
     /// Timestamps and instants of the last [`REMEMBERED`] messages, answered ones too; none if the
     /// operator takes no hints.
     last: Option<VecDeque<(u64, u64)>>,
+    /// Timestamps and captures of the last [`REMEMBERED`] messages that have one; none if values are of their own messages.
+    captures: Option<VecDeque<(u64, Instant)>>,
 }
 
 pub(crate) struct OpenMessage<V> {
@@ -23,20 +27,21 @@ pub(crate) struct OpenMessage<V> {
     pub(crate) failures: Vec<Failure>,
     /// How many items were made of it.
     items: u32,
+    lineage: Option<Arc<Lineage>>,
 }
 
 pub(crate) struct HeldValue<V> {
     pub(crate) p: u16,
     pub(crate) arrived: u64,
-    pub(crate) value: V,
+    pub(crate) value: StampedValue<V>,
 }
 
-/// For how many messages the age of a result is known: the greatest window.
+/// For how many messages the age of a result or a value is known: the greatest window.
 const REMEMBERED: usize = 1024;
 
 impl<V> OpenMessages<V> {
     pub(crate) const fn new() -> Self {
-        Self { open: VecDeque::new(), last: None }
+        Self { open: VecDeque::new(), last: None, captures: None }
     }
 
     /// From now on, remembers when messages were opened.
@@ -44,20 +49,26 @@ impl<V> OpenMessages<V> {
         self.last.get_or_insert_default();
     }
 
+    /// From now on, remembers when messages were captured.
+    pub(crate) fn remember_captures(&mut self) {
+        self.captures.get_or_insert_default();
+    }
+
     /// F1: timestamps ascend.
-    pub(crate) fn open(&mut self, t: u64, at: u64) {
-        let (held, failures) = (None, Vec::new());
-        self.open.push_back(OpenMessage { t, opened: at, held, failures, items: 0 });
+    pub(crate) fn open(&mut self, t: u64, at: u64, lineage: Option<Arc<Lineage>>) {
         if let Some(last) = &mut self.last {
-            if last.len() == REMEMBERED {
-                last.pop_front();
-            }
-            last.push_back((t, at));
+            push_bounded(last, (t, at));
         }
+        let captured = lineage.as_ref().and_then(|lineage| lineage.captured);
+        if let (Some(captures), Some(captured)) = (&mut self.captures, captured) {
+            push_bounded(captures, (t, captured));
+        }
+        let (held, failures) = (None, Vec::new());
+        self.open.push_back(OpenMessage { t, opened: at, held, failures, items: 0, lineage });
     }
 
     /// F3: a result is available; it is kept if it is the best, with its own message (D2 its own value).
-    pub(crate) fn hold(&mut self, t: u64, p: u16, arrived: u64, value: V) {
+    pub(crate) fn hold(&mut self, t: u64, p: u16, arrived: u64, value: StampedValue<V>) {
         if let Some(open_message) = self.find(t)
             && open_message.held.as_ref().is_none_or(|held| held.p < p)
         {
@@ -71,8 +82,22 @@ impl<V> OpenMessages<V> {
     }
 
     /// The message's next item. With the last one it is no longer open.
-    pub(crate) fn item(&mut self, t: u64, decided: u64, ending: Ending<V>) -> Option<Item<V>> {
+    pub(crate) fn item(
+        &mut self,
+        t: u64,
+        (decided, instant): (u64, Option<Instant>),
+        ending: Ending<V>,
+    ) -> Option<Item<V>> {
+        let of = match &ending {
+            Ending::Preliminary(forwarded) | Ending::Forwarded(forwarded) => forwarded.of,
+            Ending::Final(_) | Ending::Missed | Ending::Refused(_) => None,
+        };
+        let earlier = of.filter(|of| *of != t).map(|of| self.captured(of));
         let message = self.find(t)?;
+        let lineage = message.lineage.clone();
+        // Ages never lie: a value of an earlier message is as old as that one.
+        let captured = earlier.unwrap_or_else(|| lineage.as_ref()?.captured);
+        let age = instant.zip(captured).map(|(now, then)| now.saturating_duration_since(then));
         let item = Item {
             timestamp: t,
             opened: Duration::from_nanos(message.opened),
@@ -80,6 +105,8 @@ impl<V> OpenMessages<V> {
             revision: message.items,
             ending,
             failures: message.failures.clone(),
+            lineage,
+            age,
         };
         message.items = message.items.saturating_add(1);
         if item.is_last()
@@ -101,7 +128,22 @@ impl<V> OpenMessages<V> {
         self.open.len()
     }
 
+    /// When the message was captured, if that is remembered.
+    fn captured(&self, t: u64) -> Option<Instant> {
+        let captures = self.captures.as_ref()?;
+        let index = captures.binary_search_by_key(&t, |(t, _)| *t).ok()?;
+        captures.get(index).map(|(_, captured)| *captured)
+    }
+
     fn index(&self, t: u64) -> Option<usize> {
         self.open.binary_search_by_key(&t, |open_message| open_message.t).ok()
     }
+}
+
+/// One more of the last messages.
+fn push_bounded<T>(last: &mut VecDeque<T>, entry: T) {
+    if last.len() == REMEMBERED {
+        last.pop_front();
+    }
+    last.push_back(entry);
 }

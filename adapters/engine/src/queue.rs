@@ -18,6 +18,8 @@ pub(crate) struct SourceQueue<R> {
     at_once: usize,
     /// How long a call may run on past its due instant, in ns.
     pub(crate) linger: u64,
+    /// D2: of how many messages before its own a value may be.
+    pub(crate) max_age: u64,
     /// What the gauges show: how many wait, and how many are under way.
     pub(crate) shown: (usize, usize),
 }
@@ -59,6 +61,7 @@ impl<R> SourceQueue<R> {
             lingering: VecDeque::new(),
             at_once: at_once.max(1),
             linger: 0,
+            max_age: 0,
             shown: (0, 0),
         }
     }

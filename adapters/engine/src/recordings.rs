@@ -5,7 +5,7 @@
 use std::io;
 
 use fuseline_core::{Commit, Firing};
-use fuseline_traces::{Decision, Input};
+use fuseline_traces::{Annotations, Decision, HeldValues, Input};
 
 use crate::arbiter::{Answer, decisions_of};
 use crate::writer::TraceWriter;
@@ -15,11 +15,18 @@ use crate::writer::TraceWriter;
 pub(crate) struct Recordings {
     writers: Vec<TraceWriter>,
     decisions: Vec<Decision>,
+    /// Of which messages the values are that emits send.
+    values: HeldValues,
 }
 
 impl Recordings {
     pub(crate) fn add(&mut self, writer: TraceWriter) {
         self.writers.push(writer);
+    }
+
+    /// Whether anything is recorded.
+    pub(crate) const fn is_any(&self) -> bool {
+        !self.writers.is_empty()
     }
 
     /// F5: timers fired before the current input.
@@ -29,19 +36,20 @@ impl Recordings {
         }
     }
 
-    /// Records the input, what fired before it, and its answer.
+    /// Records the input, what fired before it, and its answer; called only if anything is recorded.
     pub(crate) fn record<const CLOUDS: usize>(
         &mut self,
-        input: &Input,
+        (input, annotations): (&Input, &Annotations),
         (commit, now): (Commit, u64),
         answer: &Answer<CLOUDS>,
     ) {
-        if self.writers.is_empty() {
-            return;
-        }
         answer.decisions(commit, now, |decision| self.decisions.push(decision));
-        for writer in &mut self.writers {
-            writer.record(input, &self.decisions);
+        let Self { writers, decisions, values } = self;
+        if !values.is_idle(annotations.of) {
+            values.apply(input, annotations.of, decisions.iter());
+        }
+        for writer in writers {
+            writer.record((input, annotations), decisions, values);
         }
         self.decisions.clear();
     }

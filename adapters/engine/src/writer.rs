@@ -9,7 +9,7 @@ use std::time::Duration;
 #[cfg(feature = "mcap")]
 use std::{fs::File, io::BufWriter};
 
-use fuseline_traces::{Decision, Event, Input, Recorder};
+use fuseline_traces::{Annotations, Decision, Event, HeldValues, Input, Recorder};
 
 use crate::counts::Counts;
 #[cfg(feature = "mcap")]
@@ -48,8 +48,16 @@ pub(crate) struct TraceWriter {
 /// What is on its way to the recorder: whole inputs with their decisions.
 #[derive(Default)]
 struct PendingInputs {
-    lines: Vec<Event>,
+    lines: EventBatch,
     is_end: bool,
+}
+
+/// Events, and the further keys of those few that have any.
+#[derive(Default)]
+struct EventBatch {
+    events: Vec<Event>,
+    /// By the index of their event, ascending.
+    annotations: Vec<(usize, Annotations)>,
 }
 
 impl TraceWriter {
@@ -65,22 +73,32 @@ impl TraceWriter {
         Ok(Self { waiting, writer: Some(writer), counts, every_input, is_over: false })
     }
 
-    pub(crate) fn record(&mut self, input: &Input, decisions: &[Decision]) {
+    /// `values` says of which messages the values are that the decisions send.
+    pub(crate) fn record(
+        &mut self,
+        (input, annotations): (&Input, &Annotations),
+        decisions: &[Decision],
+        values: &HeldValues,
+    ) {
         if self.is_over {
             return;
         }
         // The writer holds the lock only while it exchanges two vectors.
         let mut waiting = lock(&self.waiting);
-        if waiting.lines.len() >= WAITING {
+        if waiting.lines.events.len() >= WAITING {
             // A gap would make the trace false: what comes later is not recorded either.
             self.is_over = true;
             self.counts.unrecorded("the disk is too slow");
             return;
         }
-        let was_few = waiting.lines.len() < LINES;
-        waiting.lines.push(Event::Input(*input));
-        waiting.lines.extend(decisions.iter().copied().map(Event::Decision));
-        let are_many = was_few && waiting.lines.len() >= LINES;
+        let was_few = waiting.lines.events.len() < LINES;
+        waiting.lines.push(Event::Input(*input), annotations);
+        for decision in decisions {
+            let of = values.of(decision);
+            let annotations = Annotations { of, ..Annotations::NONE };
+            waiting.lines.push(Event::Decision(*decision), &annotations);
+        }
+        let are_many = was_few && waiting.lines.events.len() >= LINES;
         drop(waiting);
         if self.every_input || are_many || decisions.iter().any(is_loss) {
             self.wake();
@@ -123,7 +141,7 @@ impl Drop for TraceWriter {
 
 /// Writes what comes until its end.
 fn write(mut sink: Sink, waiting: &Mutex<PendingInputs>, counts: &Counts) -> io::Result<()> {
-    let mut lines = Vec::new();
+    let mut lines = EventBatch::default();
     let mut failed = None;
     loop {
         let is_end = {
@@ -131,9 +149,9 @@ fn write(mut sink: Sink, waiting: &Mutex<PendingInputs>, counts: &Counts) -> io:
             mem::swap(&mut lines, &mut waiting.lines);
             waiting.is_end
         };
-        if !lines.is_empty()
+        if !lines.events.is_empty()
             && failed.is_none()
-            && let Err(error) = sink.write(lines.drain(..))
+            && let Err(error) = sink.write(lines.iter())
         {
             counts.unrecorded(&error.to_string());
             failed = Some(error);
@@ -157,9 +175,35 @@ fn lock(waiting: &Mutex<PendingInputs>) -> MutexGuard<'_, PendingInputs> {
     waiting.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+impl EventBatch {
+    fn push(&mut self, event: Event, annotations: &Annotations) {
+        if !annotations.is_empty() {
+            self.annotations.push((self.events.len(), annotations.clone()));
+        }
+        self.events.push(event);
+    }
+
+    fn iter(&self) -> impl Iterator<Item = (Event, &Annotations)> {
+        static NONE: Annotations = Annotations::NONE;
+        let mut annotated = self.annotations.iter().peekable();
+        self.events.iter().enumerate().map(move |(index, event)| {
+            let own = annotated.next_if(|(of, _)| *of == index);
+            (*event, own.map_or(&NONE, |(_, annotations)| annotations))
+        })
+    }
+
+    fn clear(&mut self) {
+        self.events.clear();
+        self.annotations.clear();
+    }
+}
+
 impl Sink {
     /// Writes whole inputs with their decisions, so that they are in the file.
-    fn write(&mut self, events: impl Iterator<Item = Event>) -> io::Result<()> {
+    fn write<'a>(
+        &mut self,
+        events: impl Iterator<Item = (Event, &'a Annotations)>,
+    ) -> io::Result<()> {
         match self {
             Self::Lines(recorder) => {
                 recorder.extend(events);
@@ -167,8 +211,8 @@ impl Sink {
             }
             #[cfg(feature = "mcap")]
             Self::Mcap(mcap) => {
-                for event in events {
-                    mcap.event(&event).map_err(io::Error::other)?;
+                for (event, annotations) in events {
+                    mcap.event(&event, annotations).map_err(io::Error::other)?;
                 }
                 mcap.flush().map_err(io::Error::other)
             }

@@ -9,11 +9,13 @@ mod policy;
 
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use std::{io, mem};
 
 use fuseline_engine as engine;
-use fuseline_engine::{Local, Offer, Recorder, Recording};
+use fuseline_engine::{
+    HeaderAnnotations, Lineage, Local, Offer, Origin, Recorder, Recording, StampedValue,
+};
 use pyo3::exceptions::{PyOSError, PyRuntimeError};
 use pyo3::prelude::*;
 use pyo3::types::{PyIterator, PyTuple};
@@ -29,12 +31,17 @@ use crate::time::Nanos;
 /// An engine whose values and requests are Python's.
 type EngineState = engine::Engine<Py<PyAny>, Py<PyAny>>;
 
+/// What a message comes from, as `fuseline.Lineage` has it, with its age.
+type LineageFields = (Option<String>, Option<u64>, Option<u64>, Option<u64>);
+
 /// The engine of one operator; instants are nanoseconds of its clock, which begins with it.
 #[pyclass(name = "Engine", module = "fuseline._fuseline", frozen)]
 pub(crate) struct PyEngine {
     /// None once it has finished.
     inner: Mutex<Option<EngineState>>,
     effects: Effects,
+    /// When the clock read 0, as far as ages count from it.
+    start: Instant,
     counting: PyCounting,
     interrupt: PendingException,
     /// Whether it writes a trace.
@@ -49,14 +56,14 @@ pub(crate) struct PendingException(Arc<Mutex<Option<PyErr>>>);
 
 #[pymethods]
 impl PyEngine {
-    /// `calls` bounds the calls under way to each cloud, in the order of `clouds`; `local` is how many computations run
+    /// `bounds` are of each cloud, in the order of `clouds`, how many calls may be under way and how many messages old values
+    /// may be; `local` is how many computations run
     /// at once, how many may wait (by default as many as the window holds), whether one of an answered message is skipped,
     /// and whether results can be lost.
     #[new]
-    #[expect(clippy::needless_pass_by_value, reason = "what comes from Python is owned")]
     fn new(
         clouds: Vec<CloudEntry<'_>>,
-        calls: Vec<usize>,
+        bounds: Vec<(usize, u64)>,
         local: (usize, Option<usize>, bool, bool),
         window: WindowArgument,
         commit: &str,
@@ -68,9 +75,21 @@ impl PyEngine {
         let waiting = waiting.unwrap_or(header.window.into());
         let local = Local { at_once, waiting, skip_answered, lossy };
         let is_recording = trace.is_some();
+        let calls: Vec<usize> = bounds.iter().map(|(calls, _)| *calls).collect();
         let mut inner = EngineState::new(&header, &calls, local).map_err(config)?;
+        let start = Instant::now();
+        inner.set_start(start);
+        let mut annotations = HeaderAnnotations::default();
+        for (cloud, (_, max_age)) in header.clouds.iter().zip(bounds) {
+            if max_age == 0 {
+                continue;
+            }
+            inner.set_max_age(cloud.p, max_age);
+            annotations.max_ages.insert(cloud.p.into(), max_age);
+        }
         if let Some(path) = trace {
-            let recorder = Recorder::create(&path, &header, Recording::default());
+            let recorder =
+                Recorder::create_annotated(&path, &header, &annotations, Recording::default());
             recorder
                 .and_then(|recorder| inner.record(recorder))
                 .map_err(|error| unwritable(&error, path))?;
@@ -80,6 +99,7 @@ impl PyEngine {
         Ok(Self {
             inner: Mutex::new(Some(inner)),
             effects,
+            start,
             counting,
             interrupt: PendingException::default(),
             is_recording,
@@ -104,7 +124,9 @@ impl PyEngine {
     }
 
     /// F1, F2: a message came; `offers` is iterated only if it is taken on, and gives a cloud's priority, the request and
-    /// its deadline. Returns what is to be done, as all inputs do.
+    /// its deadline. `lineage` is the sensor's stream, the timestamp there, the age and the end-to-end deadline in nanoseconds.
+    /// Returns what is to be done, as all inputs do.
+    #[expect(clippy::too_many_arguments, reason = "they are what a message comes with")]
     fn open<'py>(
         &self,
         py: Python<'py>,
@@ -113,6 +135,7 @@ impl PyEngine {
         deadline: Option<Nanos>,
         job: Py<PyAny>,
         offers: &Bound<'py, PyIterator>,
+        lineage: Option<LineageFields>,
     ) -> PyResult<Vec<Bound<'py, PyTuple>>> {
         let offers =
             offers.try_iter()?.map_while(|offer| match offer.and_then(|it| it.extract()) {
@@ -125,12 +148,13 @@ impl PyEngine {
                 }
             });
         let deadline = deadline.map(|Nanos(deadline)| Duration::from_nanos(deadline));
+        let lineage = lineage.map(|lineage| Arc::new(self.lineage(at, lineage)));
         self.apply(py, |inner| {
-            inner.open(at, t, deadline, job, offers);
+            inner.open_with(at, t, deadline, lineage, job, offers);
         })
     }
 
-    /// F3: a source's result came.
+    /// F3: a source's result came; `of` is of which message it is, if it says so.
     fn result<'py>(
         &self,
         py: Python<'py>,
@@ -138,8 +162,9 @@ impl PyEngine {
         t: u64,
         p: u16,
         value: Py<PyAny>,
+        of: Option<u64>,
     ) -> PyResult<Vec<Bound<'py, PyTuple>>> {
-        self.apply(py, |inner| inner.result(at, t, p, value))
+        self.apply(py, |inner| inner.result(at, t, p, StampedValue { value, of }))
     }
 
     /// F4: a source will send no result.
@@ -187,6 +212,15 @@ impl PyEngine {
 }
 
 impl PyEngine {
+    /// What a message that is taken in at `at` comes from.
+    fn lineage(&self, at: u64, (stream, seq, age, within): LineageFields) -> Lineage {
+        let now = self.start.checked_add(Duration::from_nanos(at));
+        let captured =
+            now.zip(age).and_then(|(now, age)| now.checked_sub(Duration::from_nanos(age)));
+        let origin = stream.map(|stream| Origin { stream: stream.into(), seq });
+        Lineage { origin, captured, within: within.map(Duration::from_nanos) }
+    }
+
     /// Applies an input; returns what is to be done.
     fn apply<'py>(
         &self,

@@ -19,8 +19,9 @@ pub(crate) fn survey(
 ) -> PyResult<TraceSummary> {
     with_trace(trace, name, |name, trace| {
         let mut tally = PyTally::default();
-        let (header, findings) =
-            judged(slack, name, trace, |header, event| tally.event(header.commit, event))?;
+        let (header, findings) = judged((slack, &Vec::new()), name, trace, |header, event| {
+            tally.event(header.commit, event);
+        })?;
         let counted = tally.counted(&header);
         Ok((header.operator, verdict_fields(findings), counted))
     })

@@ -5,7 +5,10 @@ use std::io::BufRead;
 use fuseline_engine::arbiter::Arbiter;
 use fuseline_report::{Findings, JudgeMode, PageWriter, TraceJudge};
 use fuseline_traces::observed::{self, Slack};
-use fuseline_traces::{Annotations, Decision, Event, Events, Header, HeldValues, Input, Verdict};
+use fuseline_traces::{
+    Annotations, Cloud, Decision, Event, Events, Header, HeldValues, Input, Origin, Verdict,
+};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
@@ -17,12 +20,18 @@ use crate::time::Nanos;
 pub(crate) type VerdictFields = (String, bool, u64, u64, Vec<ViolationFields>, u64);
 pub(crate) type ViolationFields =
     (u64, Option<u64>, &'static str, &'static str, String, String, Option<u64>, Vec<String>);
-/// A line's number and word, then at, t, p, deadline, backlog, due and why.
-type Row = (u64, &'static str, u64, CountFields, Option<&'static str>);
+/// A line's number and word, then at, t, p, deadline, backlog, due and why, and the further keys if it has any.
+type Row = (u64, &'static str, u64, CountFields, Option<&'static str>, Option<AnnotationFields>);
+/// `of`, `try`, `within`, `age`, `origin` and `seq`.
+type AnnotationFields =
+    (Option<u64>, Option<u8>, Option<u64>, Option<u64>, Option<String>, Option<u64>);
 type CountFields = (Option<u64>, Option<u64>, Option<u64>, Option<u64>, Option<u64>);
 
 /// A tolerance and a lateness, if a trace is to be judged as observed.
 pub(crate) type ObservedSlack = Option<(Nanos, Nanos)>;
+
+/// The tolerances of single sources of an observed trace, by their names.
+pub(crate) type SourceTolerances = Vec<(String, Nanos)>;
 
 pub(crate) fn mode(slack: ObservedSlack) -> JudgeMode {
     slack.map(|(tolerance, lateness)| Slack { tolerance: tolerance.0, lateness: lateness.0 })
@@ -30,20 +39,22 @@ pub(crate) fn mode(slack: ObservedSlack) -> JudgeMode {
 
 /// Judges a trace, strictly or as observed.
 #[pyfunction]
-#[pyo3(signature = (trace, name, slack))]
+#[pyo3(signature = (trace, name, slack, tolerances))]
+#[expect(clippy::needless_pass_by_value, reason = "what comes from Python is owned")]
 pub(crate) fn check(
     trace: &Bound<'_, PyAny>,
     name: Option<String>,
     slack: ObservedSlack,
+    tolerances: SourceTolerances,
 ) -> PyResult<VerdictFields> {
     with_trace(trace, name, |name, trace| {
-        Ok(verdict_fields(judged(slack, name, trace, |_, _| {})?.1))
+        Ok(verdict_fields(judged((slack, &tolerances), name, trace, |_, _| {})?.1))
     })
 }
 
 /// Judges a trace as it is read; `each` is given every event, with the header.
 pub(crate) fn judged(
-    slack: ObservedSlack,
+    (slack, tolerances): (ObservedSlack, &SourceTolerances),
     name: &str,
     trace: impl BufRead,
     mut each: impl FnMut(&Header, &Event),
@@ -52,6 +63,9 @@ pub(crate) fn judged(
     let mut reader = reader(mode, name, trace)?;
     let mut judging = TraceJudge::new(mode, name, reader.header())
         .with_header_annotations(reader.header_annotations());
+    for (p, tolerance) in by_priority(tolerances, name, reader.header())? {
+        judging = judging.with_tolerance_of(p, tolerance);
+    }
     while let Some(event) = reader.next_event().map_err(unreadable)? {
         judging
             .annotated_line(reader.line(), &event, reader.annotations())
@@ -63,11 +77,13 @@ pub(crate) fn judged(
 
 /// Judges traces and makes the page about them: the verdicts, and the page's HTML.
 #[pyfunction]
-#[pyo3(signature = (traces, slack))]
+#[pyo3(signature = (traces, slack, tolerances))]
+#[expect(clippy::needless_pass_by_value, reason = "what comes from Python is owned")]
 pub(crate) fn report<'py>(
     py: Python<'py>,
     traces: Vec<(Bound<'py, PyAny>, Option<String>)>,
     slack: ObservedSlack,
+    tolerances: SourceTolerances,
 ) -> PyResult<(Vec<VerdictFields>, Bound<'py, PyBytes>)> {
     let (mut page, mode) = (PageWriter::default(), mode(slack));
     let mut verdicts = Vec::with_capacity(traces.len());
@@ -77,6 +93,9 @@ pub(crate) fn report<'py>(
             let mut trace_page = page
                 .begin(mode, name, reader.header())
                 .with_header_annotations(reader.header_annotations());
+            for (p, tolerance) in by_priority(&tolerances, name, reader.header())? {
+                trace_page = trace_page.with_tolerance_of(p, tolerance);
+            }
             while let Some(event) = reader.next_event().map_err(unreadable)? {
                 trace_page
                     .annotated_event(reader.line(), event, reader.annotations())
@@ -90,6 +109,32 @@ pub(crate) fn report<'py>(
         page.write(&mut html).map(|()| html)
     })?;
     Ok((verdicts, PyBytes::new(py, &html)))
+}
+
+/// The priorities of the named sources, each with its tolerance in nanoseconds.
+fn by_priority(
+    tolerances: &SourceTolerances,
+    file: &str,
+    header: &Header,
+) -> PyResult<Vec<(u64, u64)>> {
+    let name_of = |cloud: &Cloud| match &cloud.name {
+        Some(name) => name.clone(),
+        None => format!("cloud-{}", cloud.p),
+    };
+    let clouds = header.clouds.iter().map(|cloud| (name_of(cloud), u64::from(cloud.p)));
+    let sources: Vec<_> = std::iter::once(("local".to_owned(), 0)).chain(clouds).collect();
+    let mut found = Vec::new();
+    for (wanted, tolerance) in tolerances {
+        let named = sources.iter().filter(|(name, _)| name == wanted);
+        let before = found.len();
+        found.extend(named.map(|(_, p)| (*p, tolerance.0)));
+        if found.len() == before {
+            let known = sources.iter().map(|(name, _)| &**name).collect::<Vec<_>>().join(", ");
+            let message = format!("{file}: a tolerance of {wanted:?}; the header has {known}");
+            return Err(PyValueError::new_err(message));
+        }
+    }
+    Ok(found)
 }
 
 fn reader<R: BufRead>(mode: JudgeMode, name: &str, trace: R) -> PyResult<Events<R>> {
@@ -183,16 +228,18 @@ pub(crate) fn read(
 ) -> PyResult<(String, String, Vec<Row>)> {
     with_trace(trace, name, |name, trace| {
         let mut reader = Events::observed(name, trace).map_err(unreadable)?;
-        let header = reader.header().to_string();
+        let mut header = Vec::new();
+        reader.header().write_annotated(reader.header_annotations(), &mut header);
+        let header = String::from_utf8_lossy(&header).into_owned();
         let mut rows = Vec::new();
         while let Some(event) = reader.next_event().map_err(unreadable)? {
-            rows.push(row(reader.line(), &event));
+            rows.push(row(reader.line(), &event, reader.annotations()));
         }
         Ok((name.to_owned(), header, rows))
     })
 }
 
-fn row(line: u64, event: &Event) -> Row {
+fn row(line: u64, event: &Event, annotations: &Annotations) -> Row {
     let (word, at, numbers, why) = match *event {
         Event::Input(input) => match input {
             Input::Open { at, t, deadline } => {
@@ -222,7 +269,15 @@ fn row(line: u64, event: &Event) -> Row {
             Decision::Cancel { at, t, p } => ("cancel", at, of(t, p), None),
         },
     };
-    (line, word, at, numbers, why)
+    let further = (!annotations.is_empty()).then(|| {
+        let Annotations { of, attempt, within, age, origin } = annotations.clone();
+        let (stream, seq) = match origin {
+            Some(Origin { stream, seq }) => (Some(stream.as_ref().to_owned()), seq),
+            None => (None, None),
+        };
+        (of, attempt, within, age, stream, seq)
+    });
+    (line, word, at, numbers, why, further)
 }
 
 const fn of(t: u64, p: u64) -> CountFields {

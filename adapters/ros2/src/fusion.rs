@@ -3,9 +3,11 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 use std::task::{Context, Poll};
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
-use fuseline_engine::{Counting, Ending, Hint, Item, Offer, Situation};
+use fuseline_engine::{
+    Counting, Ending, Hint, Item, Lineage, Offer, Origin, Situation, StampedValue,
+};
 use fuseline_tokio::Call;
 use fuseline_tokio::drive::{Incoming, Sent, Start, Transport};
 use tokio::time::Instant;
@@ -42,6 +44,8 @@ pub(crate) struct NodeFusion<'a> {
     /// The ends of input and output, to report peers that do not fit.
     pub(crate) ends: Vec<Arc<Endpoint>>,
     pub(crate) input_key: MessageKey,
+    /// The input's topic, which messages come from.
+    pub(crate) input_topic: Arc<str>,
     pub(crate) output_key: MessageKey,
     /// The deadline of clouds without one of their own.
     pub(crate) deadline: Duration,
@@ -142,6 +146,10 @@ impl Transport for NodeFusion<'_> {
         })
     }
 
+    fn lineage(&mut self, timestamp: u64, _: &Payload) -> Option<Arc<Lineage>> {
+        self.lineage_of(timestamp)
+    }
+
     fn situation(&mut self, _: u64, _: &Payload) -> Option<Situation<'static>> {
         Some(self.speed.as_ref()?.situation(Instant::now()))
     }
@@ -165,8 +173,18 @@ impl Transport for NodeFusion<'_> {
             }
             Route::Grpc(handle) => {
                 let call = Call::new(timestamp, left, priority, self.counting.clone());
+                let call = call.with_lineage(self.lineage_of(timestamp));
                 let handle = Arc::clone(handle);
-                Sent::Call(Box::pin(async move { handle(request, call).await }))
+                let (input_key, output_key) = (self.input_key, self.output_key);
+                Sent::Call(Box::pin(async move {
+                    let requested = input_key.read(&request.body, request.big_endian);
+                    let StampedValue { value, of: replied } = handle(request, call).await?;
+                    let stamp = output_key.read(&value.body, value.big_endian);
+                    // D2: what the reply says of itself, by its stamp if not in words.
+                    let is_same = stamp.is_ok() && stamp == requested;
+                    let of = replied.or_else(|| is_same.then_some(timestamp));
+                    Ok(StampedValue { value, of })
+                }))
             }
         }
     }
@@ -207,5 +225,20 @@ impl Transport for NodeFusion<'_> {
             preliminary.insert(timestamp, item);
         }
         self.status_publisher.status(status);
+    }
+}
+
+impl NodeFusion<'_> {
+    /// What an open message comes from. The stamp's clock is the wall's, whose steps no deadline may follow (D13): the age is
+    /// written and sent, and nothing else is made of it.
+    fn lineage_of(&self, timestamp: u64) -> Option<Arc<Lineage>> {
+        let stamp = self.memory.stamps.key(timestamp)?;
+        let age = match self.input_key {
+            MessageKey::Header => stamp.age(SystemTime::now()),
+            MessageKey::Integer { .. } => None,
+        };
+        let captured = age.and_then(|age| Instant::now().into_std().checked_sub(age));
+        let origin = Origin { stream: Arc::clone(&self.input_topic), seq: stamp.seq() };
+        Some(Arc::new(Lineage { origin: Some(origin), captured, within: None }))
     }
 }

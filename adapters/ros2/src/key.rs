@@ -1,8 +1,12 @@
 //! Keys: the part of a message that says which input a result is for (D14 its own topic).
 
 use std::fmt;
+use std::time::{Duration, SystemTime};
 
 use thiserror::Error;
+
+/// The greatest age that a stamp may have.
+const GREATEST_AGE: Duration = Duration::from_secs(3600);
 
 /// Types that begin with a `std_msgs/Header`, or are one. Sorted.
 const WITH_HEADER: &[&str] = &[
@@ -160,6 +164,22 @@ impl MessageKey {
     }
 }
 
+impl Stamp {
+    /// The time since the stamp, if it is one of this clock: a stamp of the future, or of more than an hour ago, is of another
+    /// one, as of a simulation or of a recording that is played.
+    pub(crate) fn age(self, now: SystemTime) -> Option<Duration> {
+        let now =
+            i128::try_from(now.duration_since(SystemTime::UNIX_EPOCH).ok()?.as_nanos()).ok()?;
+        let age = Duration::from_nanos(u64::try_from(now.checked_sub(self.0)?).ok()?);
+        (age <= GREATEST_AGE).then_some(age)
+    }
+
+    /// As a timestamp of a sensor's stream; none if it is negative.
+    pub(crate) fn seq(self) -> Option<u64> {
+        u64::try_from(self.0).ok()
+    }
+}
+
 impl IntegerKind {
     /// The integer's name in ROS.
     #[must_use]
@@ -263,6 +283,21 @@ mod tests {
         assert_eq!(read(999_999_999).unwrap().to_string(), "1999999999");
         assert_eq!(read(1_000_000_000), Err(KeyError::Nanosec));
         assert_eq!(MessageKey::Header.read(&header(1, u32::MAX)[..7], false), Err(KeyError::Short));
+    }
+
+    #[test]
+    fn a_stamp_of_the_future_or_of_another_clock_has_no_age() {
+        let now = SystemTime::UNIX_EPOCH + Duration::from_secs(1_700_000_000);
+        let age = |sec: i32, nanosec| {
+            MessageKey::Header.read(&header(sec, nanosec), false).unwrap().age(now)
+        };
+        assert_eq!(age(1_699_999_999, 970_000_000), Some(Duration::from_millis(30)));
+        assert_eq!(age(1_700_000_000, 0), Some(Duration::ZERO));
+        assert_eq!(age(1_699_996_400, 0), Some(GREATEST_AGE));
+        assert_eq!((age(1_700_000_000, 1), age(1_699_996_399, 999_999_999)), (None, None));
+        assert_eq!((age(12, 0), age(-1, 0)), (None, None));
+        let seq = |sec| MessageKey::Header.read(&header(sec, 0), false).unwrap().seq();
+        assert_eq!((seq(2), seq(-1)), (Some(2_000_000_000), None));
     }
 
     /// D14.

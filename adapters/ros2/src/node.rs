@@ -6,7 +6,8 @@ use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
 use fuseline_engine::{
-    self as shared, Counting, Engine, Header, Local, Mcap, Recorder, Recording, Tally,
+    self as shared, Counting, Engine, Header, HeaderAnnotations, Local, Mcap, Recorder, Recording,
+    Tally,
 };
 use fuseline_tokio::drive::{Driver, finish};
 use tokio::sync::mpsc;
@@ -116,6 +117,7 @@ pub(crate) fn open<'a>(
         output,
         revisions,
         input_key: settings.input.key,
+        input_topic: settings.input.topic.as_str().into(),
         output_key: settings.output.key,
         deadline: settings.deadline,
         memory: LoopState::new(Reporter::new(&node, counting.tally())),
@@ -277,7 +279,7 @@ fn record<V, R>(engine: &mut Engine<V, R>, settings: &Settings) -> Result<(), No
     if let Some(path) = &settings.mcap {
         let epoch = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
         let epoch = u64::try_from(epoch.as_nanos()).unwrap_or(0);
-        Mcap::create(path, &header, epoch)
+        Mcap::create(path, &header, &HeaderAnnotations::default(), epoch)
             .and_then(|mcap| engine.record(mcap))
             .map_err(wrong(path))?;
     }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use fuseline_tokio::grpc::{self, Identity, Remote, Token};
-use fuseline_tokio::{Call, Error};
+use fuseline_tokio::{Call, Error, StampedValue};
 use futures_util::future::BoxFuture;
 
 use crate::error::GrpcError;
@@ -36,8 +36,9 @@ pub(crate) enum Route {
 }
 
 /// Makes a call with a serialized message, and returns a serialized result.
-pub(crate) type Handle =
-    Arc<dyn Fn(Payload, Call) -> BoxFuture<'static, Result<Payload, Error>> + Send + Sync>;
+pub(crate) type Handle = Arc<
+    dyn Fn(Payload, Call) -> BoxFuture<'static, Result<StampedValue<Payload>, Error>> + Send + Sync,
+>;
 
 /// Counts what came on a source's topic and is no message's result.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
@@ -105,10 +106,16 @@ pub(crate) fn call(grpc: &Grpc) -> Result<Handle, GrpcError> {
     }
     let infer = grpc::infer(remote.connect()?);
     Ok(Arc::new(move |payload: Payload, call: Call| {
-        let request = grpc::Request { timestamp: call.timestamp, payload: payload.to_serialized() };
+        let request = grpc::Request {
+            timestamp: call.timestamp,
+            payload: payload.to_serialized(),
+            ..grpc::Request::default()
+        };
         let reply = infer(request, call);
         Box::pin(async move {
-            Payload::from_serialized(&reply.await?.payload).ok_or_else(|| NotCdr.into())
+            let grpc::Reply { payload, of } = reply.await?;
+            let value = Payload::from_serialized(&payload).ok_or(NotCdr)?;
+            Ok(StampedValue { value, of })
         })
     }))
 }
@@ -178,7 +185,7 @@ mod tests {
         let engine = Engine::<Payload, Payload>::new(&header, &[], local).unwrap();
         let call_of = Call::new(7, Duration::from_secs(60), 0, engine.counts());
         let message = Payload { big_endian: true, body: b"message".as_slice().into() };
-        call(grpc).unwrap()(message, call_of).await
+        Ok(call(grpc).unwrap()(message, call_of).await?.value)
     }
 
     /// D12.
@@ -187,7 +194,9 @@ mod tests {
         let secrets = CredentialFiles::new();
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let url = format!("https://localhost:{}", listener.local_addr().unwrap().port());
-        let echo = |request: grpc::Request| ready(Ok(grpc::Reply { payload: request.payload }));
+        let echo = |request: grpc::Request| {
+            ready(Ok(grpc::Reply { payload: request.payload, of: Some(request.timestamp) }))
+        };
         let server = grpc::serve(echo, secrets.server.clone(), listener, std::future::pending());
         let server = tokio::spawn(server);
         let all = Grpc {

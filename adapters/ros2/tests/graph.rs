@@ -3,8 +3,9 @@
 #[path = "../examples/demo/messages.rs"]
 mod messages;
 
+use std::future::ready;
 use std::net::Ipv4Addr;
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use bytes::Bytes;
 use fuseline_ros2::{Arguments, Payload, Settings, Stop};
@@ -154,11 +155,17 @@ async fn a_cloud_behind_grpc_answers_and_when_it_is_gone_local_does() {
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let url = format!("west.grpc.url:=http://{}", listener.local_addr().unwrap());
     let (end, ended) = tokio::sync::oneshot::channel::<()>();
-    let infer = |request: grpc::Request| async move {
-        Ok(grpc::Reply { payload: point_for(&request.payload) })
+    let (asked, mut requests) = tokio::sync::mpsc::unbounded_channel();
+    let infer = move |request: grpc::Request| {
+        let _ = asked.send(request.lineage);
+        ready(Ok(grpc::Reply { payload: point_for(&request.payload), of: None }))
     };
     let until = async { drop(ended.await) };
     let server = tokio::spawn(grpc::serve(infer, Server::default(), listener, until));
+    // Half an hour ago.
+    let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap();
+    let first = i32::try_from(now.as_secs()).unwrap() - 1800;
+    let last = first + 1000;
 
     let peers = async {
         let mut node = node_in(92, "camera")?;
@@ -180,7 +187,7 @@ async fn a_cloud_behind_grpc_answers_and_when_it_is_gone_local_does() {
 
         // The node's side of the match may come later than ours: until it did, images are lost or
         // not answered.
-        let mut sec = 0;
+        let mut sec = first;
         let mut from_cloud = None;
         let start = Instant::now();
         while from_cloud.is_none() && start.elapsed() < LONG {
@@ -197,21 +204,49 @@ async fn a_cloud_behind_grpc_answers_and_when_it_is_gone_local_does() {
         end.send(()).map_err(|()| "the server is gone")?;
         server.await??;
         while timeout(Duration::from_millis(200), requested.next()).await.is_ok() {}
-        send(&camera, 1000).await?;
+        send(&camera, last).await?;
         let image = loop {
             let (image, _) = timeout(LONG, requested.next()).await?.ok_or("no stream")??;
-            if image.header.stamp.sec == 1000 {
+            if image.header.stamp.sec == last {
                 break image;
             }
         };
         let header = Header { frame_id: "local".into(), ..image.header };
         local.publish(PointStamped { header, point: [0.0; 3] }).map_err(|e| e.to_string())?;
         let (point, _) = timeout(LONG, outputs.next()).await?.ok_or("no stream")??;
-        assert_eq!((point.header.stamp.sec, &*point.header.frame_id), (1000, "local"));
+        assert_eq!((point.header.stamp.sec, &*point.header.frame_id), (last, "local"));
         Ok(())
     };
-    beside(settings(92, &["clouds:=[west]", &url, "deadline:=5.0", "local.deadline:=20.0"]), peers)
-        .await;
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("trace.jsonl");
+    let file = format!("trace.file:={}", path.display());
+    let set = ["clouds:=[west]", &url, "deadline:=5.0", "local.deadline:=20.0", &file];
+    beside(settings(92, &set), peers).await;
+
+    // What it came from is the topic, and the stamp says how old it is.
+    let text = std::fs::read_to_string(path).unwrap();
+    let verdict = fuseline_traces::judge("trace", text.as_bytes()).unwrap();
+    assert!(verdict.conforms, "{verdict}");
+    let opens: Vec<_> = text.lines().filter(|line| line.contains("\"open\"")).collect();
+    for line in &opens {
+        let (_, age) = line.split_once("\"age\":").expect("an age");
+        let (age, origin) = age.split_once(',').expect("an origin");
+        let seconds = age.parse::<u64>().unwrap() / 1_000_000_000;
+        assert!((790..1900).contains(&seconds), "{line}");
+        assert!(origin.starts_with("\"origin\":\"/input\",\"seq\":"), "{line}");
+    }
+    let seq = format!("\"seq\":{last}000000000}}");
+    assert!(opens.last().unwrap().ends_with(&seq), "{opens:?}");
+    // Values are of their messages by their stamps; the cloud's reply does not say so in words.
+    for (word, p) in [("result", 0), ("emit", 0), ("result", 1), ("emit", 1)] {
+        let p = format!("\"p\":{p}");
+        let is_of = |line: &&str| line.contains(word) && line.contains(&p);
+        let line = text.lines().find(is_of).expect("it answered");
+        assert!(line.contains("\"of\":"), "{line}");
+    }
+    let lineage = requests.recv().await.flatten().expect("the request says what it comes from");
+    assert_eq!(lineage.origin.as_deref(), Some("/input"));
+    assert!(lineage.age_ns.unwrap() > 1_790_000_000_000, "{lineage:?}");
 }
 
 /// Tells when it is dropped.

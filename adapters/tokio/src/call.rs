@@ -5,7 +5,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use fuseline_engine::Counting;
+use fuseline_engine::{Counting, Lineage};
 
 use crate::side_counts::SideCounts;
 
@@ -16,6 +16,8 @@ pub struct Call {
     pub timestamp: u64,
     /// The time left: without what was spent in the queue, with the time to linger.
     pub deadline: Duration,
+    /// What the message comes from, if it was written with that.
+    pub lineage: Option<Arc<Lineage>>,
     pub(crate) byte_counter: ByteCounter,
 }
 
@@ -35,7 +37,15 @@ impl Call {
         priority: u16,
         counting: Counting,
     ) -> Self {
-        Self { timestamp, deadline, byte_counter: ByteCounter::Cloud(priority, counting) }
+        let byte_counter = ByteCounter::Cloud(priority, counting);
+        Self { timestamp, deadline, lineage: None, byte_counter }
+    }
+
+    /// The same about a message with this lineage.
+    #[must_use]
+    pub fn with_lineage(mut self, lineage: Option<Arc<Lineage>>) -> Self {
+        self.lineage = lineage;
+        self
     }
 
     /// Counts bytes sent, the price of speculation.

@@ -26,7 +26,7 @@ use std::sync::Arc;
 use std::task::{Context, Poll};
 use std::time::Duration;
 
-use fuseline_engine::{Effect, Engine, Hint, Item, Offer, Situation};
+use fuseline_engine::{Effect, Engine, Hint, Item, Lineage, Offer, Situation, StampedValue};
 use futures_util::future::BoxFuture;
 use futures_util::task::AtomicWaker;
 use tokio::time::Instant;
@@ -65,6 +65,12 @@ pub trait Transport {
         timestamp: u64,
         message: &Self::Message,
     ) -> impl Iterator<Item = Offer<Self::Request>>;
+
+    /// What the message comes from, if that is known.
+    fn lineage(&mut self, timestamp: u64, message: &Self::Message) -> Option<Arc<Lineage>> {
+        let _ = (timestamp, message);
+        None
+    }
 
     /// A message was taken on, and offered to all clouds.
     fn taken_on(&mut self, timestamp: u64, message: &Self::Message) {
@@ -121,7 +127,7 @@ pub struct Completion<V> {
     /// The message's timestamp.
     pub timestamp: u64,
     /// The result, or why there is none.
-    pub result: Result<V, Error>,
+    pub result: Result<StampedValue<V>, Error>,
 }
 
 /// A request to be sent.
@@ -140,7 +146,7 @@ pub struct Start<R> {
 /// What became of a request.
 pub enum Sent<V> {
     /// A call: its end is the source's result or failure. Dropping the future must abort the call.
-    Call(BoxFuture<'static, Result<V, Error>>),
+    Call(BoxFuture<'static, Result<StampedValue<V>, Error>>),
     /// It was sent; its result may come by [`Incoming::Completion`].
     Away,
     /// Why it could not be sent.
@@ -202,17 +208,19 @@ impl<T: Transport> Driver<T> {
     /// # Panics
     /// Outside of a tokio runtime, and for the kernel's timer in one without I/O.
     pub fn new(
-        engine: Engine<T::Value, T::Request>,
+        mut engine: Engine<T::Value, T::Request>,
         transport: T,
         timers: Timers,
     ) -> io::Result<Self> {
         let timer = Timer::new(timers)?;
         let waker = Arc::new(AtomicWaker::new());
         let wake_flags = [(); TURNS].map(|()| WakeFlag::new(&waker));
+        let start = Instant::now();
+        engine.set_start(start.into_std());
         Ok(Self {
             engine,
             transport,
-            start: Instant::now(),
+            start,
             now: 0,
             calls: Calls::new(wake_flags[CALLS].flag_waker()),
             timer,
@@ -293,9 +301,10 @@ impl<T: Transport> Driver<T> {
         if let Some(situation) = self.transport.situation(timestamp, message) {
             self.engine.set_situation(situation);
         }
+        let lineage = self.transport.lineage(timestamp, message);
         let (job, deadline) = self.transport.job(message);
         let offers = self.transport.offers(timestamp, message);
-        if self.engine.open(now, timestamp, deadline, job, offers) {
+        if self.engine.open_with(now, timestamp, deadline, lineage, job, offers) {
             self.transport.taken_on(timestamp, message);
         }
     }

@@ -16,7 +16,7 @@
 //!     ..grpc::Remote::new("https://west.example:50051")
 //! };
 //! let message_handler = |frame: &Vec<u8>, timestamp| {
-//!     let request = grpc::Request { timestamp, payload: frame.clone().into() };
+//!     let request = grpc::Request { timestamp, payload: frame.clone().into(), ..Default::default() };
 //!     Some((request, Duration::from_millis(500)))
 //! };
 //! let response_handler = |reply: grpc::Reply| Ok(reply.payload.to_vec());
@@ -35,7 +35,7 @@ mod token;
 
 pub use failure::CallError;
 pub use handle::{infer, unary};
-pub use infer::{Description, Infer, InferClient, InferServer, Reply, Request};
+pub use infer::{Description, Infer, InferClient, InferServer, Reply, Request, RequestLineage};
 pub use remote::{Connection, Identity, Remote, RemoteError};
 pub use server::{Bounds, ServeError, Server, serve};
 pub use token::{InvalidToken, Token};

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use fuseline_engine::{Ending, Item};
 
-use crate::stream::{NumberedMessage, Reader};
+use crate::stream::{Reader, StreamMessage};
 
 /// An operator's output: one item for each message taken in; under progressive one or more, the last one marked.
 pub type Items<O> = Reader<Item<O>>;
@@ -19,7 +19,8 @@ impl<O: Clone + Send + Sync + 'static> Reader<Item<O>> {
     #[must_use]
     pub fn last_only(mut self) -> Self {
         let mut preliminary = BTreeMap::<u64, Arc<Item<O>>>::new();
-        self.filter = Some(Box::new(move |(index, item): NumberedMessage<Item<O>>| {
+        self.filter = Some(Box::new(move |message: StreamMessage<Item<O>>| {
+            let StreamMessage { timestamp, message: item, lineage } = message;
             if !item.is_last() {
                 preliminary.insert(item.timestamp, item);
                 return None;
@@ -31,7 +32,7 @@ impl<O: Clone + Send + Sync + 'static> Reader<Item<O>> {
                 }
                 _ => item,
             };
-            Some((index, item))
+            Some(StreamMessage { timestamp, message: item, lineage })
         }));
         self
     }

@@ -25,8 +25,8 @@ pub use drive::Timers;
 pub use fuseline_deadline as deadline;
 pub use fuseline_engine::{
     CapacityError, CapacityErrors, Commit, ConfigError, CurrentDeadline, DropReason, Ending,
-    Failure, Forwarded, Hint, Item, OfferRefusal, OpenRefusal, Reasons, Recording, Source,
-    SourceTally, Tally, Trigger,
+    Failure, Forwarded, Hint, Item, Lineage, OfferRefusal, OpenRefusal, Origin, Reasons, Recording,
+    Source, SourceTally, StampedValue, Tally, Trigger,
 };
 pub use items::Items;
 pub use local::Local;

@@ -7,7 +7,8 @@ use std::thread;
 use std::time::Duration;
 use std::{io, iter};
 
-use futures_util::FutureExt;
+use fuseline_engine::StampedValue;
+use futures_util::TryFutureExt;
 use futures_util::future::BoxFuture;
 use tokio::sync::mpsc::{UnboundedReceiver, unbounded_channel};
 
@@ -39,7 +40,8 @@ pub(crate) enum LocalKind<I, O> {
     Threads(Vec<Compute<I, O>>),
 }
 
-type Spawn<I, O> = Box<dyn FnMut(Arc<I>, u64) -> BoxFuture<'static, Result<O, Error>> + Send>;
+type Spawn<I, O> =
+    Box<dyn FnMut(Arc<I>, u64) -> BoxFuture<'static, Result<StampedValue<O>, Error>> + Send>;
 type Compute<I, O> = Box<dyn FnMut(&I, u64) -> Result<O, Error> + Send>;
 
 impl<I: Send + Sync + 'static, O: Send + 'static> Local<I, O> {
@@ -63,7 +65,9 @@ impl<I: Send + Sync + 'static, O: Send + 'static> Local<I, O> {
     {
         Self::new(
             at_once,
-            LocalKind::Future(Box::new(move |message, t| compute(message, t).boxed())),
+            LocalKind::Future(Box::new(move |message, t| {
+                Box::pin(compute(message, t).map_ok(StampedValue::from))
+            })),
         )
     }
 
@@ -122,7 +126,7 @@ impl<I: Send + Sync + 'static, O: Send + 'static> Workers<I, O> {
                 loop {
                     let job = receiver.lock().unwrap_or_else(PoisonError::into_inner).recv();
                     let Ok((message, timestamp)) = job else { return };
-                    let result = guard(|| compute(&message, timestamp));
+                    let result = guard(|| compute(&message, timestamp)).map(StampedValue::from);
                     // Nobody waits for it once the operator has ended.
                     drop(completions.send(Completion { priority: 0, timestamp, result }));
                 }

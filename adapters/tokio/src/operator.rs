@@ -7,8 +7,8 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use fuseline_engine::{
-    self as shared, CapacityErrors, Commit, ConfigError, Counting, Engine, Header, Recorder,
-    Recording, Tally, Workload,
+    self as shared, CapacityErrors, Commit, ConfigError, Counting, Engine, Header,
+    HeaderAnnotations, Recorder, Recording, Tally, Workload,
 };
 use thiserror::Error;
 use tokio::runtime::Handle;
@@ -168,7 +168,7 @@ pub fn spawn<P: Operator>(
     }
     let mut setup = Setup::new();
     let local = operator.setup(&mut setup);
-    let header = header(&config, &setup.clouds);
+    let (header, annotations) = header(&config, &setup.clouds);
     let calls: Vec<usize> = setup.clouds.iter().map(|registered| registered.cloud.calls).collect();
     let bounds = shared::Local {
         at_once: local.at_once,
@@ -184,6 +184,9 @@ pub fn spawn<P: Operator>(
     }
     for Registered { priority, cloud, .. } in &mut setup.clouds {
         engine.set_linger(*priority, cloud.linger);
+        if cloud.max_age > 0 {
+            engine.set_max_age(*priority, cloud.max_age);
+        }
         if let Some(policy) = cloud.policy.take() {
             if config.commit == Commit::Progressive && policy.assumes_one_output() {
                 return Err(SpawnError::Policy { cloud: cloud.name.clone() });
@@ -197,7 +200,7 @@ pub fn spawn<P: Operator>(
     let sides = sides(&config.name, setup.sides)?;
     let workers = Workers::start(local.kind).map_err(SpawnError::Threads)?;
     if let Some(Trace { path, recording }) = config.trace {
-        Recorder::create(&path, &header, recording)
+        Recorder::create_annotated(&path, &header, &annotations, recording)
             .and_then(|recorder| engine.record(recorder))
             .map_err(|error| SpawnError::Trace { path, error })?;
     }
@@ -294,17 +297,20 @@ fn sides<I>(
 }
 
 /// The trace's header.
-fn header<I, O>(config: &Config, clouds: &[Registered<I, O>]) -> Header {
+fn header<I, O>(config: &Config, clouds: &[Registered<I, O>]) -> (Header, HeaderAnnotations) {
+    let max_ages = clouds.iter().map(|it| (u64::from(it.priority), it.cloud.max_age));
+    let max_ages = max_ages.filter(|(_, max_age)| *max_age > 0).collect();
     let clouds = clouds.iter().map(|Registered { priority, cloud, .. }| shared::Cloud {
         p: *priority,
         name: Some(cloud.name.clone()),
         limit: cloud.limit,
         resume: cloud.resume,
     });
-    Header {
+    let header = Header {
         operator: Some(config.name.clone()),
         window: config.window,
         commit: config.commit,
         clouds: clouds.collect(),
-    }
+    };
+    (header, HeaderAnnotations { max_ages, ..HeaderAnnotations::default() })
 }

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::task::{Context, Poll};
 use std::time::Duration;
 
-use fuseline_engine::{Counting, Hint, Item, Offer, Situation};
+use fuseline_engine::{Counting, Hint, Item, Lineage, Offer, Situation};
 use futures_util::FutureExt;
 use futures_util::future::BoxFuture;
 use tokio::sync::oneshot;
@@ -21,7 +21,7 @@ use crate::local::Workers;
 use crate::panics::reason;
 use crate::setup::{BoxedRequest, HintHandler, Registered, SituationSource};
 use crate::side::SideRunner;
-use crate::stream::{Reader, WriteError, Writer};
+use crate::stream::{Reader, StreamMessage, WriteError, Writer};
 
 /// What an operator reads, requests and writes.
 pub(crate) struct Streams<I, O> {
@@ -43,7 +43,7 @@ pub(crate) struct Streams<I, O> {
 /// What is sent to a source.
 pub(crate) enum Work<I, O> {
     Local(Arc<I>),
-    Call(BoxedRequest<O>),
+    Call(BoxedRequest<O>, Option<Arc<Lineage>>),
 }
 
 /// The output: items are given to the readers at once, and wait here only while one lags.
@@ -58,9 +58,9 @@ pub(crate) struct Outbox<O> {
 impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I, O> {
     type Request = Work<I, O>;
     type Value = O;
-    type Message = Arc<I>;
+    type Message = StreamMessage<I>;
 
-    fn poll_incoming(&mut self, context: &mut Context<'_>) -> Poll<Incoming<Arc<I>, O>> {
+    fn poll_incoming(&mut self, context: &mut Context<'_>) -> Poll<Incoming<StreamMessage<I>, O>> {
         if let Some(stop) = &mut self.stop
             && let Poll::Ready(reported) = Pin::new(stop).poll(context)
         {
@@ -84,33 +84,41 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
             return if was_waiting { Poll::Ready(Incoming::Last) } else { Poll::Pending };
         }
         self.input.poll_numbered(context).map(|message| {
-            if let Some((timestamp, message)) = message {
-                return Incoming::Message { timestamp, message };
+            if let Some(message) = message {
+                return Incoming::Message { timestamp: message.timestamp, message };
             }
             self.is_open = false;
             Incoming::Last
         })
     }
 
-    fn job(&mut self, message: &Arc<I>) -> (Work<I, O>, Option<Duration>) {
-        (Work::Local(Arc::clone(message)), self.deadline)
+    fn job(&mut self, message: &StreamMessage<I>) -> (Work<I, O>, Option<Duration>) {
+        (Work::Local(Arc::clone(&message.message)), self.deadline)
     }
 
     fn offers(
         &mut self,
         timestamp: u64,
-        message: &Arc<I>,
+        message: &StreamMessage<I>,
     ) -> impl Iterator<Item = Offer<Work<I, O>>> {
         self.clouds.iter_mut().filter_map(move |cloud| {
-            let (request, deadline) = cloud.request(message, timestamp)?;
-            let request = Work::Call(request);
+            let (request, deadline) = cloud.request(&message.message, timestamp)?;
+            let request = Work::Call(request, message.lineage.clone());
             Some(Offer { priority: cloud.priority, deadline, request })
         })
     }
 
-    fn situation(&mut self, timestamp: u64, message: &Arc<I>) -> Option<Situation<'static>> {
+    fn lineage(&mut self, _: u64, message: &StreamMessage<I>) -> Option<Arc<Lineage>> {
+        message.lineage.clone()
+    }
+
+    fn situation(
+        &mut self,
+        timestamp: u64,
+        message: &StreamMessage<I>,
+    ) -> Option<Situation<'static>> {
         let assess = self.situation.as_mut()?;
-        let assessed = catch_unwind(AssertUnwindSafe(|| assess(message, timestamp)));
+        let assessed = catch_unwind(AssertUnwindSafe(|| assess(&message.message, timestamp)));
         Some(assessed.unwrap_or_else(|panic| {
             let why = reason(&*panic);
             error!(timestamp, why, "the handler of situations panicked: the situation is unknown");
@@ -118,8 +126,14 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
         }))
     }
 
-    fn taken_on(&mut self, timestamp: u64, message: &Arc<I>) {
-        self.sides.iter_mut().for_each(|side| side.on_message(message, timestamp));
+    fn taken_on(
+        &mut self,
+        timestamp: u64,
+        StreamMessage { message, lineage, .. }: &StreamMessage<I>,
+    ) {
+        for side in &mut self.sides {
+            side.on_message(message, timestamp, lineage.as_ref());
+        }
     }
 
     fn hint(&mut self, hint: Hint<O>) {
@@ -134,9 +148,9 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
         let Start { priority, timestamp, left, request } = start;
         match request {
             Work::Local(message) => self.workers.compute(message, timestamp),
-            Work::Call(request) => {
+            Work::Call(request, lineage) => {
                 let call = Call::new(timestamp, left, priority, self.counting.clone());
-                Sent::Call(request(call))
+                Sent::Call(request(call.with_lineage(lineage)))
             }
         }
     }
@@ -157,7 +171,9 @@ impl<O: Send + Sync + 'static> Outbox<O> {
 
     fn put(&mut self, item: Item<O>) {
         if self.waiting.is_empty() {
-            match self.writer.write(item) {
+            // The next operator's message comes from what this one's did.
+            let lineage = item.lineage.clone();
+            match self.writer.write_with(item, lineage) {
                 // An output that nobody reads is no reason to end: traces and counts go on.
                 Ok(_) | Err(WriteError::Closed(_)) => {}
                 Err(WriteError::Full(item)) => self.waiting.push_back(item),
@@ -177,7 +193,8 @@ impl<O: Send + Sync + 'static> Outbox<O> {
     /// Hands on the items that wait while there is room.
     fn poll_delivered(&mut self, context: &mut Context<'_>) -> Poll<()> {
         while let Some(item) = self.waiting.pop_front() {
-            match self.writer.write(item) {
+            let lineage = item.lineage.clone();
+            match self.writer.write_with(item, lineage) {
                 Ok(_) | Err(WriteError::Closed(_)) => {}
                 Err(WriteError::Full(item)) => {
                     self.waiting.push_front(item);
@@ -209,6 +226,8 @@ mod tests {
             revision: 0,
             ending: Ending::Missed,
             failures: Vec::new(),
+            lineage: None,
+            age: None,
         }
     }
 
@@ -223,6 +242,7 @@ mod tests {
             source: source(priority),
             arrived: Duration::ZERO,
             trigger: Trigger::Arrival,
+            of: None,
         };
         let endings = [
             (0, Ending::Preliminary(of(0, "local's of 0"))),

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use fuseline_deadline::{Policy, Situation};
-use fuseline_engine::Hint;
+use fuseline_engine::{Hint, StampedValue};
 use futures_util::future::BoxFuture;
 use tracing::error;
 
@@ -45,6 +45,9 @@ pub struct Cloud {
     ///
     /// Up to `calls` more calls may linger; one more ends the oldest.
     pub linger: Duration,
+    /// Of how many messages before the one that it is for a value may be (D2), as its reply says; 0 by default. What is older, or of
+    /// a later message, is a failure (F4).
+    pub max_age: u64,
 }
 
 /// A cloud and how to make a call to it.
@@ -63,7 +66,7 @@ pub(crate) type MessageHandler<I, O> =
     Box<dyn FnMut(&I, u64) -> Option<(BoxedRequest<O>, Duration)> + Send>;
 /// A request that knows its handle and its response handler.
 pub(crate) type BoxedRequest<O> =
-    Box<dyn FnOnce(Call) -> BoxFuture<'static, Result<O, Error>> + Send>;
+    Box<dyn FnOnce(Call) -> BoxFuture<'static, Result<StampedValue<O>, Error>> + Send>;
 
 impl<I, O: Send + 'static> Setup<I, O> {
     pub(crate) const fn new() -> Self {
@@ -85,8 +88,29 @@ impl<I, O: Send + 'static> Setup<I, O> {
     pub fn use_cloud<Req, Res, Fut>(
         &mut self,
         handle: impl Fn(Req, Call) -> Fut + Send + Sync + 'static,
-        mut message_handler: impl FnMut(&I, u64) -> Option<(Req, Duration)> + Send + 'static,
+        message_handler: impl FnMut(&I, u64) -> Option<(Req, Duration)> + Send + 'static,
         response_handler: impl Fn(Res) -> Result<O, Error> + Send + Sync + 'static,
+        priority: u16,
+    ) -> &mut Cloud
+    where
+        Req: Send + 'static,
+        Res: Send + 'static,
+        Fut: Future<Output = Result<Res, Error>> + Send + 'static,
+    {
+        let response_handler = move |response| response_handler(response).map(StampedValue::from);
+        self.use_stamped_cloud(handle, message_handler, response_handler, priority)
+    }
+
+    /// The same for a cloud whose replies say of which message they are.
+    ///
+    /// `response_handler` reads that from the reply, as the field `of` of the output: never the timestamp of the call, which a
+    /// mixed up reply does not know. A value of another message than [`Cloud::max_age`] allows is a failure (F4). Of a blend
+    /// of values it is the oldest's.
+    pub fn use_stamped_cloud<Req, Res, Fut>(
+        &mut self,
+        handle: impl Fn(Req, Call) -> Fut + Send + Sync + 'static,
+        mut message_handler: impl FnMut(&I, u64) -> Option<(Req, Duration)> + Send + 'static,
+        response_handler: impl Fn(Res) -> Result<StampedValue<O>, Error> + Send + Sync + 'static,
         priority: u16,
     ) -> &mut Cloud
     where
@@ -110,6 +134,7 @@ impl<I, O: Send + 'static> Setup<I, O> {
             calls: 8,
             policy: None,
             linger: Duration::ZERO,
+            max_age: 0,
         };
         let message_handler = Box::new(message_handler);
         self.clouds.push(Registered { priority, cloud, message_handler });
@@ -206,7 +231,7 @@ impl<I, O> Registered<I, O> {
 
 impl fmt::Debug for Cloud {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { name, limit, resume, calls, policy, linger } = self;
+        let Self { name, limit, resume, calls, policy, linger, max_age } = self;
         f.debug_struct("Cloud")
             .field("name", name)
             .field("limit", limit)
@@ -214,6 +239,7 @@ impl fmt::Debug for Cloud {
             .field("calls", calls)
             .field("policy", &policy.as_ref().map(|_| "…"))
             .field("linger", linger)
+            .field("max_age", max_age)
             .finish()
     }
 }

@@ -7,7 +7,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::Duration;
 
-use fuseline_engine::Gate;
+use fuseline_engine::{Gate, Lineage};
 use futures_util::future::BoxFuture;
 use tokio::sync::Semaphore;
 use tokio::task::JoinSet;
@@ -78,7 +78,12 @@ impl<I> SideRunner<I> {
     }
 
     /// Sends a request about a message that was taken on, if the message handler wants one.
-    pub(crate) fn on_message(&mut self, message: &I, timestamp: u64) {
+    pub(crate) fn on_message(
+        &mut self,
+        message: &I,
+        timestamp: u64,
+        lineage: Option<&Arc<Lineage>>,
+    ) {
         while self.calls.try_join_next().is_some() {}
         let name = &self.counts.name;
         let handled = catch_unwind(AssertUnwindSafe(|| (self.message_handler)(message, timestamp)));
@@ -97,6 +102,7 @@ impl<I> SideRunner<I> {
             return;
         }
         self.counts.requested.add(1);
+        let lineage = lineage.cloned();
         let (requested, counts) = (Instant::now(), Arc::clone(&self.counts));
         // A request that gets a permit at once does not wait.
         let permit = Arc::clone(&self.permits).try_acquire_owned().ok();
@@ -110,8 +116,8 @@ impl<I> SideRunner<I> {
             drop(waits);
             let remaining = deadline.saturating_sub(requested.elapsed());
             let byte_counter = ByteCounter::SideRequest(Arc::clone(&counts));
-            let answer =
-                guarded(request(Call { timestamp, deadline: remaining, byte_counter })).await;
+            let call = Call { timestamp, deadline: remaining, lineage, byte_counter };
+            let answer = guarded(request(call)).await;
             drop(permit);
             // As everywhere, an answer at the due instant is late.
             if requested.elapsed() < deadline {

@@ -9,6 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::task::{Context, Poll, ready};
 
+use fuseline_engine::Lineage;
 use futures_util::{Stream, StreamExt};
 use thiserror::Error;
 use tokio::sync::{Semaphore, mpsc};
@@ -39,14 +40,14 @@ pub fn stream<T>(capacity: usize) -> (Writer<T>, Reader<T>) {
 /// so that it can only run beside the task that reads.
 #[derive(Debug)]
 pub struct Writer<T> {
-    readers: Vec<mpsc::Sender<NumberedMessage<T>>>,
+    readers: Vec<mpsc::Sender<StreamMessage<T>>>,
     joining: Arc<NewReaders<T>>,
     count: u64,
 }
 
 /// A reading end of a stream; readers share the messages, without copies.
 pub struct Reader<T> {
-    receiver: mpsc::Receiver<NumberedMessage<T>>,
+    receiver: mpsc::Receiver<StreamMessage<T>>,
     joining: Weak<NewReaders<T>>,
     capacity: usize,
     /// Takes each message, if only some are wanted.
@@ -55,20 +56,33 @@ pub struct Reader<T> {
 
 /// Keeps a message back, or gives one on.
 pub(crate) type Filter<T> =
-    Box<dyn FnMut(NumberedMessage<T>) -> Option<NumberedMessage<T>> + Send + Sync>;
+    Box<dyn FnMut(StreamMessage<T>) -> Option<StreamMessage<T>> + Send + Sync>;
 
-pub(crate) type NumberedMessage<T> = (u64, Arc<T>);
+/// A message on its way through a stream.
+#[derive(Debug)]
+pub(crate) struct StreamMessage<T> {
+    pub(crate) timestamp: u64,
+    pub(crate) message: Arc<T>,
+    pub(crate) lineage: Option<Arc<Lineage>>,
+}
+
+impl<T> Clone for StreamMessage<T> {
+    fn clone(&self) -> Self {
+        let Self { timestamp, message, lineage } = self;
+        Self { timestamp: *timestamp, message: Arc::clone(message), lineage: lineage.clone() }
+    }
+}
 
 /// Readers made since the last message.
 #[derive(Debug)]
 struct NewReaders<T> {
     /// Whether there are any; checked with each message.
     is_any: AtomicBool,
-    readers: Mutex<Vec<mpsc::Sender<NumberedMessage<T>>>>,
+    readers: Mutex<Vec<mpsc::Sender<StreamMessage<T>>>>,
 }
 
 impl<T> NewReaders<T> {
-    fn lock(&self) -> MutexGuard<'_, Vec<mpsc::Sender<NumberedMessage<T>>>> {
+    fn lock(&self) -> MutexGuard<'_, Vec<mpsc::Sender<StreamMessage<T>>>> {
         self.readers.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -90,6 +104,19 @@ impl<T> Writer<T> {
     /// # Errors
     /// If some reader has no room, or there is none; the message comes back.
     pub fn write(&mut self, message: T) -> Result<u64, WriteError<T>> {
+        self.write_with(message, None)
+    }
+
+    /// Writes a message with its lineage: a [`Lineage`], or what an [item](crate::Item::lineage) has. The operator that reads it
+    /// passes it on with its items.
+    ///
+    /// # Errors
+    /// As of [`write`](Self::write).
+    pub fn write_with(
+        &mut self,
+        message: T,
+        lineage: impl Into<Option<Arc<Lineage>>>,
+    ) -> Result<u64, WriteError<T>> {
         self.admit();
         if self.readers.is_empty() {
             return Err(WriteError::Closed(message));
@@ -97,11 +124,12 @@ impl<T> Writer<T> {
         if !self.has_room() {
             return Err(WriteError::Full(message));
         }
-        let (timestamp, message) = (self.count, Arc::new(message));
+        let (timestamp, message, lineage) = (self.count, Arc::new(message), lineage.into());
+        let message = StreamMessage { timestamp, message, lineage };
         self.count += 1;
         for reader in &self.readers {
             // It has room, and nobody else writes; if it closed meanwhile, nothing is lost.
-            drop(reader.try_send((timestamp, Arc::clone(&message))));
+            drop(reader.try_send(message.clone()));
         }
         Ok(timestamp)
     }
@@ -166,7 +194,7 @@ impl<T> Writer<T> {
 impl<T> Reader<T> {
     /// The next message, or none when the stream has ended. Dropping the future loses no message.
     pub async fn read(&mut self) -> Option<Arc<T>> {
-        poll_fn(|context| self.poll_numbered(context)).await.map(|(_, message)| message)
+        poll_fn(|context| self.poll_numbered(context)).await.map(|it| it.message)
     }
 
     /// Another reader of the stream, for all messages written from now on.
@@ -181,11 +209,11 @@ impl<T> Reader<T> {
         Self { receiver, joining, capacity: self.capacity, filter: None }
     }
 
-    /// The next message with its timestamp.
+    /// The next message with its timestamp and lineage.
     pub(crate) fn poll_numbered(
         &mut self,
         context: &mut Context<'_>,
-    ) -> Poll<Option<(u64, Arc<T>)>> {
+    ) -> Poll<Option<StreamMessage<T>>> {
         loop {
             let message = ready!(self.receiver.poll_recv(context));
             let message = match (&mut self.filter, message) {
@@ -209,6 +237,11 @@ impl<T: fmt::Debug> fmt::Debug for Reader<T> {
 mod tests {
     use super::*;
 
+    async fn received(reader: &mut Reader<char>) -> Option<(u64, char)> {
+        let StreamMessage { timestamp, message, .. } = reader.receiver.recv().await?;
+        Some((timestamp, *message))
+    }
+
     #[tokio::test]
     async fn every_reader_gets_every_message_in_order() {
         let (mut writer, mut one) = stream(2);
@@ -217,9 +250,9 @@ mod tests {
         assert_eq!(writer.write('b'), Ok(1));
         drop(writer);
         for reader in [&mut one, &mut other] {
-            assert_eq!(reader.receiver.recv().await, Some((0, Arc::new('a'))));
-            assert_eq!(reader.receiver.recv().await, Some((1, Arc::new('b'))));
-            assert_eq!(reader.receiver.recv().await, None);
+            assert_eq!(received(reader).await, Some((0, 'a')));
+            assert_eq!(received(reader).await, Some((1, 'b')));
+            assert_eq!(received(reader).await, None);
         }
     }
 
@@ -229,7 +262,7 @@ mod tests {
         assert_eq!(writer.write('a'), Ok(0));
         let mut late = one.another();
         assert_eq!(writer.write('b'), Ok(1));
-        assert_eq!(late.receiver.recv().await, Some((1, Arc::new('b'))));
+        assert_eq!(received(&mut late).await, Some((1, 'b')));
     }
 
     #[tokio::test]

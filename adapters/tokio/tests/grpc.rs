@@ -6,15 +6,18 @@ mod hosts;
 
 use std::future::{pending, ready};
 use std::net::SocketAddr;
-use std::sync::mpsc;
-use std::time::Duration;
+use std::sync::{Arc, mpsc};
+use std::time::{Duration, Instant};
 
 use fuseline_tokio::grpc::tonic::{self, Code, Status, transport};
 use fuseline_tokio::grpc::{
     self, CallError, Description, Identity, Infer, InferClient, InferServer, InvalidToken, Remote,
-    RemoteError, Reply, Request, ServeError, Server, Token, serve,
+    RemoteError, Reply, Request, RequestLineage, ServeError, Server, Token, serve,
 };
-use fuseline_tokio::{Config, Item, Items, Local, Operator, Setup, Trigger, Writer, spawn, stream};
+use fuseline_tokio::{
+    Config, Item, Items, Lineage, Local, Operator, Setup, SharedState, StampedValue, Trigger,
+    Writer, spawn, stream,
+};
 use hosts::{Ca, Cloud};
 use prost::Message;
 use prost_reflect::{DescriptorPool, DynamicMessage, Value};
@@ -25,7 +28,7 @@ use tokio::time::timeout;
 
 /// Answers with what came.
 fn echo(request: Request) -> impl Future<Output = Result<Reply, Status>> {
-    ready(Ok(Reply { payload: request.payload }))
+    ready(Ok(Reply { payload: request.payload, ..Reply::default() }))
 }
 
 /// Never answers.
@@ -39,7 +42,7 @@ async fn call(remote: &Remote) -> Result<Vec<u8>, Status> {
 }
 
 async fn one(client: &mut InferClient, payload: &[u8]) -> Result<Vec<u8>, Status> {
-    let request = Request { timestamp: 7, payload: payload.to_vec().into() };
+    let request = Request { timestamp: 7, payload: payload.to_vec().into(), ..Request::default() };
     let mut request = tonic::Request::new(request);
     request.set_timeout(Duration::from_secs(20));
     Ok(client.infer(request).await?.into_inner().payload.to_vec())
@@ -58,12 +61,33 @@ impl Operator for Vehicle {
     fn setup(self, setup: &mut Setup<Vec<u8>, Vec<u8>>) -> Local<Vec<u8>, Vec<u8>> {
         let message_handler = move |frame: &Vec<u8>, timestamp| {
             let payload = frame.clone().into();
-            Some((Request { timestamp, payload }, self.deadline))
+            Some((Request { timestamp, payload, ..Request::default() }, self.deadline))
         };
         let response_handler = |reply: Reply| Ok([b"cloud ", &reply.payload[..]].concat());
         let handle = grpc::infer(self.remote.connect().unwrap());
         setup.use_cloud(handle, message_handler, response_handler, 1);
         Local::blocking(|_, _| Ok(b"local".into()))
+    }
+}
+
+/// An operator whose cloud says of which message its replies are; local comes when it has failed.
+struct StampedVehicle(Remote);
+
+impl Operator for StampedVehicle {
+    type Input = Vec<u8>;
+    type Output = Vec<u8>;
+
+    fn setup(self, setup: &mut Setup<Vec<u8>, Vec<u8>>) -> Local<Vec<u8>, Vec<u8>> {
+        let message_handler = |_: &Vec<u8>, timestamp| {
+            Some((Request { timestamp, ..Request::default() }, Duration::from_secs(20)))
+        };
+        let response_handler = |reply: Reply| {
+            let StampedValue { value, of } = reply.stamped();
+            Ok(StampedValue { value: value.to_vec(), of })
+        };
+        let handle = grpc::infer(self.0.connect().unwrap());
+        setup.use_stamped_cloud(handle, message_handler, response_handler, 1);
+        Local::future(|_, _| async { Ok(b"local".to_vec()) })
     }
 }
 
@@ -417,6 +441,58 @@ fn secrets_do_not_show() {
     assert!(!format!("{remote:?}").contains(&secret[1..secret.len() - 1]));
 }
 
+/// What an operator or a cloud of before lineage sends, in bytes: a timestamp and a payload, and a payload.
+#[test]
+fn an_old_peer_is_read_and_reads_what_it_knows() {
+    let request = Request::decode(&[8, 7, 18, 1, b'x'][..]).unwrap();
+    assert_eq!(request, Request { timestamp: 7, payload: b"x".as_slice().into(), lineage: None });
+    assert_eq!(request.encode_to_vec(), [8, 7, 18, 1, b'x']);
+    let reply = Reply::decode(&[10, 1, b'y'][..]).unwrap();
+    assert_eq!(reply, Reply { payload: b"y".as_slice().into(), of: None });
+    assert_eq!(reply.encode_to_vec(), [10, 1, b'y']);
+}
+
+/// D2: the server's handler reads the lineage, and its reply says of which message it is.
+#[tokio::test]
+async fn lineage_goes_with_the_request_and_of_comes_with_the_reply() {
+    let seen = SharedState::new(Vec::new());
+    let log = seen.clone();
+    // It answers the second request with what it has of the first.
+    let server = move |request: Request| {
+        log.with(|seen: &mut Vec<Request>| seen.push(request));
+        ready(Ok(Reply { payload: b"boxes".as_slice().into(), of: Some(0) }))
+    };
+    let server = Cloud::start("127.0.0.1:0", Server::default(), server);
+    let (mut camera, frames) = stream(4);
+    let vehicle = StampedVehicle(server.http());
+    let (running, mut output) = spawn(vehicle, Config::default(), frames).unwrap();
+    let captured = Instant::now();
+    let lineage = Lineage::new("camera/front", 41, captured).within(LONG);
+    let mut told = Vec::new();
+    for lineage in [Some(Arc::new(lineage)), None] {
+        camera.write_with(Vec::new(), lineage).unwrap();
+        let item = output.read().await.unwrap();
+        let forwarded = Item::forwarded(&item).unwrap().clone();
+        told.push((forwarded.value, forwarded.of));
+    }
+    assert_eq!(told, [(b"boxes".to_vec(), Some(0)), (b"local".to_vec(), None)]);
+    let requests = seen.with(|seen| seen.clone());
+    let sent = requests[0].lineage.clone().unwrap();
+    assert_eq!((sent.origin.as_deref(), sent.seq), (Some("camera/front"), Some(41)));
+    assert_eq!(sent.within_ns, Some(u64::try_from(LONG.as_nanos()).unwrap()));
+    let now = Instant::now();
+    let read = sent.lineage(now);
+    assert_eq!(read.origin.as_ref().unwrap().seq, Some(41));
+    assert_eq!((read.age(now), read.within), (sent.age_ns.map(Duration::from_nanos), Some(LONG)));
+    assert!(read.captured.unwrap() >= captured, "the way is not counted");
+    assert!(sent.age_ns.unwrap() > 0, "it was sent after it was captured");
+    assert_eq!(requests[1].lineage, None);
+    drop(camera);
+    drop(output);
+    running.join().await.unwrap();
+    server.kill();
+}
+
 #[test]
 fn the_messages_are_those_of_the_proto_file() {
     let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/proto");
@@ -426,13 +502,29 @@ fn the_messages_are_those_of_the_proto_file() {
         DynamicMessage::decode(pool.get_message_by_name(name).unwrap(), bytes).unwrap()
     };
     let payload = prost::bytes::Bytes::from_static(b"frame");
-    let request = Request { timestamp: u64::MAX, payload: payload.clone() }.encode_to_vec();
-    let request = decode("fuseline.v1.Request", &request);
+    let lineage = RequestLineage {
+        origin: Some("camera/front".into()),
+        seq: Some(0),
+        age_ns: Some(u64::MAX),
+        within_ns: Some(7),
+    };
+    let request = Request { timestamp: u64::MAX, payload: payload.clone(), lineage: Some(lineage) };
+    let request = decode("fuseline.v1.Request", &request.encode_to_vec());
     assert_eq!(*request.get_field_by_name("timestamp").unwrap(), Value::U64(u64::MAX));
     assert_eq!(*request.get_field_by_name("payload").unwrap(), Value::Bytes(payload.clone()));
     assert_eq!(request.unknown_fields().count(), 0);
-    let reply = decode("fuseline.v1.Reply", &Reply { payload: payload.clone() }.encode_to_vec());
+    let lineage = request.get_field_by_name("lineage").unwrap().into_owned();
+    let lineage = lineage.as_message().unwrap();
+    let fields = ["origin", "seq", "age_ns", "within_ns"]
+        .map(|name| lineage.get_field_by_name(name).unwrap().into_owned());
+    let numbers = [0, u64::MAX, 7].map(Value::U64);
+    assert_eq!(fields[0], Value::String("camera/front".into()));
+    assert_eq!(fields[1..], numbers);
+    assert!(lineage.has_field_by_name("seq") && lineage.unknown_fields().count() == 0);
+    let reply = Reply { payload: payload.clone(), of: Some(0) };
+    let reply = decode("fuseline.v1.Reply", &reply.encode_to_vec());
     assert_eq!(*reply.get_field_by_name("payload").unwrap(), Value::Bytes(payload));
+    assert!(reply.has_field_by_name("of") && reply.unknown_fields().count() == 0);
     let logged = Description {
         model: "M".into(),
         runtime_ms: Some(1.5),

@@ -15,7 +15,6 @@ use std::net::{Ipv4Addr, SocketAddr};
 use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 use std::time::Duration;
 
-use bytes::Bytes;
 use fuseline_testkit::Rng;
 use fuseline_tokio::grpc::tonic::{self, Code, Status};
 use fuseline_tokio::grpc::{Bounds, InferClient, Remote, Reply, Request, Server, Token};
@@ -94,10 +93,10 @@ impl<'a> MakeWriter<'a> for Log {
 
 /// Answers with as many bytes as the timestamp says.
 fn sized(request: Request) -> impl Future<Output = Result<Reply, Status>> {
-    let Request { timestamp, payload } = request;
+    let Request { timestamp, payload, .. } = request;
     drop(payload);
     let bytes = usize::try_from(timestamp).unwrap();
-    ready(Ok(Reply { payload: vec![7; bytes].into() }))
+    ready(Ok(Reply { payload: vec![7; bytes].into(), ..Reply::default() }))
 }
 
 async fn call(remote: &Remote) -> Result<usize, Status> {
@@ -106,7 +105,7 @@ async fn call(remote: &Remote) -> Result<usize, Status> {
 }
 
 async fn one(client: &mut InferClient) -> Result<usize, Status> {
-    let mut request = tonic::Request::new(Request { timestamp: 9, payload: Bytes::new() });
+    let mut request = tonic::Request::new(Request { timestamp: 9, ..Request::default() });
     request.set_timeout(Duration::from_secs(30));
     Ok(client.infer(request).await?.into_inner().payload.len())
 }
@@ -396,7 +395,8 @@ async fn what_a_call_held_is_given_back_when_it_ends() {
     let mut client = InferClient::new(cloud.http().connect().unwrap());
     let mut holding = async |request: usize, reply: usize| {
         let payload = vec![0; request].into();
-        let request = Request { timestamp: reply.try_into().unwrap(), payload };
+        let request =
+            Request { timestamp: reply.try_into().unwrap(), payload, ..Request::default() };
         let reply = client.infer(tonic::Request::new(request)).await;
         reply.map(|reply| reply.into_inner().payload.len()).map_err(|status| status.code())
     };

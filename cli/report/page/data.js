@@ -37,6 +37,7 @@ export function decode(told, words) {
     deadlines: told.deadlines.map(Number),
     sources: told.sources.map((source, place) => ({ ...source, place, label: label(source) })),
   };
+  trace.lineages = new Map((told.lineages ?? []).map((one) => [one.t, one]));
   delete trace.x;
   delete trace.places;
   trace.violations = [...told.violations, ...undetailed(told.places)].map((violation) => ({ ...violation, instant: at[violation.line - 2] }));

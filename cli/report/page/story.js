@@ -8,7 +8,7 @@ export function showStory(trace, k) {
   const { first, events, start, violations, timestamps } = trace;
   by("story").hidden = false;
   by("story-title").textContent = `Timestamp ${timestamps[k]}`;
-  by("ending").textContent = ending(trace, k);
+  by("ending").textContent = [ending(trace, k), lineage(trace, k)].filter(Boolean).join(" ");
   const own = violations.filter((violation) => violation.t === k);
   by("breaches").replaceChildren(...own.map(breach));
   const broken = new Map(own.map(({ line, rule }) => [line, rule]));
@@ -46,6 +46,17 @@ function ending({ outcome, response, start, end, sources, observed }, k) {
   if (outcome[k] === MISSED) return `Missed ${time(end[k] - start[k])} after its message, which came ${came}: nothing was available, and nothing would come.`;
   if (outcome[k] === OPEN) return `Still open as the trace ends; its message came ${came}.`;
   return observed ? "It was not opened." : `Never opened; first heard of ${came}.`;
+}
+
+/** What the message comes from, and how old it was on its way. */
+function lineage({ lineages, outcome, response }, k) {
+  const own = lineages.get(k);
+  if (!own) return "";
+  const from = own.origin == null ? "The message" : `The message comes from ${own.origin}${own.seq == null ? "" : ` ${own.seq}`}`;
+  if (own.age == null) return own.origin == null ? "" : `${from}.`;
+  const age = Number(own.age);
+  const out = outcome[k] >= 0 && !Number.isNaN(response[k]) ? ` and ${time(age + response[k])} as its output was sent` : "";
+  return `${from}${own.origin == null ? "" : "; it"} was ${time(age)} old as it was opened${out}.`;
 }
 
 function words({ ev, p, a, b, sources, refusals, drops }, i) {

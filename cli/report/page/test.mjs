@@ -395,3 +395,20 @@ test("what 100,000 timestamps take is told", async (t) => {
   }
   await shot(page, "dark");
 });
+
+test("a timestamp's story says what its message comes from and how old its output is", async (t) => {
+  const trace = join(folder, "lineage.jsonl");
+  writeFileSync(trace, `{"fuseline":1,"operator":"tracker","window":4,"clouds":[]}
+{"ev":"open","at":5000000,"t":7,"within":90000000,"age":30000000,"origin":"camera/front","seq":41}
+{"ev":"result","at":25000000,"t":7,"p":0}
+{"ev":"emit","at":25000000,"t":7,"p":0}
+{"ev":"open","at":30000000,"t":8}
+{"ev":"result","at":31000000,"t":8,"p":0}
+{"ev":"emit","at":31000000,"t":8,"p":0}
+`);
+  const file = report("lineage", trace);
+  assert.deepEqual(toldOf(file).traces[0].lineages, [{ t: 0, age: 30000000, origin: "camera/front", seq: 41 }]);
+  const page = await open(t, file, { hash: "#t=7" });
+  const ending = await text(page, "#ending");
+  assert.match(ending, /The message comes from camera\/front 41; it was 30.ms old as it was opened and 50.ms as its output was sent\.$/);
+});

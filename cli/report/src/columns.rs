@@ -6,7 +6,7 @@
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
 
-use fuseline_traces::{Decision, Event, Header, Input, ViolationPlace};
+use fuseline_traces::{Annotations, Decision, Event, Header, Input, Origin, ViolationPlace};
 use serde::Serialize;
 use serde::ser::Serializer;
 
@@ -28,6 +28,14 @@ pub(crate) struct TraceColumns {
     statistics: TraceStatistics,
     /// How often requests had so long.
     deadlines: BTreeMap<u64, u64>,
+    /// What the messages come from that say so, by their timestamps.
+    lineages: BTreeMap<u64, MessageLineage>,
+}
+
+/// What a message comes from, and how old it was when it was opened.
+struct MessageLineage {
+    origin: Option<Origin>,
+    age: Option<u64>,
 }
 
 /// One trace as the page has it.
@@ -62,6 +70,9 @@ pub(crate) struct PageTrace {
     outcome: Vec<i64>,
     /// What became of their requests: for each timestamp a digit a source, the fate's column, or 0.
     fates: String,
+    /// What messages come from, if they say so.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    lineages: Vec<LineageRow>,
     /// A letter an event.
     ev: String,
     /// Each instant as its difference from the event's before.
@@ -72,6 +83,17 @@ pub(crate) struct PageTrace {
     p: Vec<usize>,
     /// What some events have more, in their order; see `more_of`.
     x: Vec<i128>,
+}
+
+/// What one message comes from.
+#[derive(Serialize)]
+struct LineageRow {
+    /// The timestamp's place.
+    t: usize,
+    /// How old it was when it was opened.
+    age: Option<ExactNumber>,
+    origin: Option<String>,
+    seq: Option<ExactNumber>,
 }
 
 /// Where violations are, without their details.
@@ -151,6 +173,7 @@ impl TraceColumns {
                 is_observed,
             ),
             deadlines: BTreeMap::new(),
+            lineages: BTreeMap::new(),
         };
         columns.source(0);
         let mut clouds: Vec<u64> = header.clouds.iter().map(|cloud| cloud.p.into()).collect();
@@ -161,7 +184,14 @@ impl TraceColumns {
         columns
     }
 
-    pub(crate) fn push(&mut self, event: Event) {
+    pub(crate) fn push(&mut self, event: Event, annotations: &Annotations) {
+        let Annotations { origin, age, .. } = annotations;
+        if let Event::Input(Input::Open { t, .. }) = event
+            && (origin.is_some() || age.is_some())
+        {
+            let lineage = MessageLineage { origin: origin.clone(), age: *age };
+            self.lineages.entry(t).or_insert(lineage);
+        }
         if let Some(p) = priority(&event) {
             self.source(p);
         }
@@ -213,6 +243,7 @@ impl TraceColumns {
             timestamps: differences(&timestamps),
             outcome: timestamps.iter().map(|t| self.outcome(*t)).collect(),
             fates: self.fates(&timestamps),
+            lineages: self.lineages.iter().map(|(t, it)| LineageRow::new(place(*t), it)).collect(),
             ev: self.events.iter().map(letter).collect(),
             at: Vec::with_capacity(self.events.len()),
             t: Vec::with_capacity(self.events.len()),
@@ -312,6 +343,16 @@ impl ViolationPlaces {
             columns.t.push(t.map_or(0, |t| place(t) + 1));
         }
         columns
+    }
+}
+
+impl LineageRow {
+    fn new(t: usize, MessageLineage { origin, age }: &MessageLineage) -> Self {
+        let (stream, seq) = match origin {
+            Some(Origin { stream, seq }) => (Some(stream.to_string()), *seq),
+            None => (None, None),
+        };
+        Self { t, age: age.map(ExactNumber), origin: stream, seq: seq.map(ExactNumber) }
     }
 }
 

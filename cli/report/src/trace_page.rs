@@ -104,7 +104,8 @@ impl TracePage<'_> {
         self.annotated_event(line, event, &Annotations::NONE)
     }
 
-    /// Takes the next event, with its line and its further keys, by which it is judged; the page does not show them.
+    /// Takes the next event, with its line and its further keys, by which it is judged; the page shows what a
+    /// message comes from and how old it is.
     ///
     /// # Errors
     /// If the page is full, or an observed trace is further out of order than its tolerance.
@@ -117,7 +118,7 @@ impl TracePage<'_> {
         let too_long = || PageError::TooLong { file: self.name.clone() };
         self.room = self.room.checked_sub(1).ok_or_else(too_long)?;
         self.judging.annotated_line(line, &event, annotations)?;
-        self.columns.push(event);
+        self.columns.push(event, annotations);
         Ok(())
     }
 

@@ -3,21 +3,25 @@
 use std::io::{self, Seek, Write};
 
 use fuseline_engine::{Mcap, McapError};
-use fuseline_traces::{Event, Header};
+use fuseline_traces::{Annotations, Event, Header, HeaderAnnotations};
 
 use crate::export::viewer::TraceViewer;
 
 pub(super) struct McapWriter<W: Write + Seek>(Mcap<W>);
 
 impl<W: Write + Seek> McapWriter<W> {
-    pub(super) fn new(out: W, header: &Header) -> io::Result<Self> {
-        Ok(Self(Mcap::new(out, header, 0).map_err(io_error)?))
+    pub(super) fn new(
+        out: W,
+        header: &Header,
+        annotations: &HeaderAnnotations,
+    ) -> io::Result<Self> {
+        Ok(Self(Mcap::new(out, header, annotations, 0).map_err(io_error)?))
     }
 }
 
 impl<W: Write + Seek> TraceViewer for McapWriter<W> {
-    fn event(&mut self, event: &Event) -> io::Result<()> {
-        self.0.event(event).map_err(io_error)
+    fn event(&mut self, event: &Event, annotations: &Annotations) -> io::Result<()> {
+        self.0.event(event, annotations).map_err(io_error)
     }
 
     fn finish(self: Box<Self>) -> io::Result<()> {

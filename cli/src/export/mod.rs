@@ -1,40 +1,45 @@
 //! `fuseline export`: a trace for other tools' viewers.
 
+mod frames;
 mod mcap;
 mod perfetto;
 mod viewer;
 
-use std::io::BufReader;
-use std::path::PathBuf;
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
 
-use fuseline_traces::Events;
 use fuseline_traces::packed::unpack;
+use fuseline_traces::{Annotations, Events};
 
 use crate::complain::complain;
 use crate::exit::Exit;
+use crate::export::frames::Frames;
 use crate::export::mcap::McapWriter;
 use crate::export::perfetto::Tracks;
 use crate::export::viewer::TraceViewer;
 use crate::fault::Fault;
-use crate::input::open;
+use crate::input::{is_standard, name, open};
 use crate::output::{Output, Overwrite};
 
 #[derive(clap::Args)]
 #[command(after_help = "\
 Perfetto: a JSON trace for ui.perfetto.dev with a track for local and for each cloud, more of the same
 name where calls overlap. A call is a slice from its admission to its end, named by its timestamp and by
-how it ended; what was forwarded or missed stands on a track of its own.
+how it ended; what was forwarded or missed stands on a track of its own. Several traces are several
+processes: arrows lead a frame from operator to operator, by the origin and seq of its messages, whose
+ages also say how far the operators' clocks are apart. Outputs have their ages.
 MCAP: for Foxglove; the topic /fuseline/trace has each line as a JSON message, the header first, and
 /fuseline/outputs what was forwarded or missed. `fuseline convert` reads it back.
 
 Examples:
   fuseline export --perfetto trace.jsonl -o trace.perfetto.json
+  fuseline export --perfetto detector.jsonl tracker.jsonl -o frames.perfetto.json
   fuseline export --mcap trace.jsonl -o trace.mcap")]
 #[group(skip)]
 pub(crate) struct Args {
-    /// The trace; - or none is standard input.
+    /// The traces, several for Perfetto alone; - or none is standard input.
     #[arg(value_name = "FILE", default_value = "-")]
-    file: PathBuf,
+    files: Vec<PathBuf>,
     #[command(flatten)]
     viewer: Viewer,
     /// The file to write, which appears once it is whole; - is standard output.
@@ -55,29 +60,79 @@ struct Viewer {
     mcap: bool,
 }
 
-/// Writes the trace for the viewer.
+/// Why several traces cannot be exported.
+#[derive(Debug, thiserror::Error)]
+enum SeveralTraces {
+    #[error("MCAP takes one trace; export each to a file of its own")]
+    Mcap,
+    #[error("of several traces each is read twice, which standard input cannot be; give files")]
+    Standard,
+}
+
+/// Writes the traces for the viewer.
 pub(crate) fn export(args: &Args) -> Result<Exit, Fault> {
-    let output = Output::new(&args.output, &[&args.file], args.overwrite)?;
-    let (name, file) = open(&args.file)?;
-    let trace = unpack(BufReader::new(file));
-    let trace = trace.map_err(|source| Fault::Open { name: name.clone(), source })?;
-    let mut reader = Events::observed(name.as_str(), trace)?;
-    let mut is_annotated = !reader.header_annotations().is_empty();
-    output.write(|out| {
-        let mut writer: Box<dyn TraceViewer> = if args.viewer.mcap {
-            Box::new(McapWriter::new(out, reader.header()).map_err(Fault::Output)?)
-        } else {
-            Box::new(Tracks::new(out, reader.header()).map_err(Fault::Output)?)
-        };
-        while let Some(event) = reader.next_event()? {
-            writer.event(&event).map_err(Fault::Output)?;
-            is_annotated |= !reader.annotations().is_empty();
+    let inputs: Vec<&Path> = args.files.iter().map(PathBuf::as_path).collect();
+    let output = Output::new(&args.output, &inputs, args.overwrite)?;
+    let mut frames = Frames::new(inputs.len());
+    if inputs.len() > 1 {
+        if args.viewer.mcap {
+            return Err(Fault::own(SeveralTraces::Mcap));
         }
-        writer.finish().map_err(Fault::Output)
+        if inputs.iter().any(|path| is_standard(path)) {
+            return Err(Fault::own(SeveralTraces::Standard));
+        }
+        for (trace, path) in inputs.iter().enumerate() {
+            let mut reader = reader(path)?;
+            while let Some(event) = reader.next_event()? {
+                frames.event(trace, &event, reader.annotations());
+            }
+        }
+        frames.align();
+    }
+    let mut left_out = Vec::new();
+    output.write(|mut out| {
+        if args.viewer.mcap {
+            let mut reader = reader(inputs[0])?;
+            let writer = McapWriter::new(out, reader.header(), reader.header_annotations());
+            write(Box::new(writer.map_err(Fault::Output)?), &mut reader)?;
+            return Ok(());
+        }
+        perfetto::begin(&mut out).map_err(Fault::Output)?;
+        for (trace, path) in inputs.iter().enumerate() {
+            let mut reader = reader(path)?;
+            let tracks = Tracks::new(&mut out, reader.header(), frames.of(trace));
+            if write(Box::new(tracks.map_err(Fault::Output)?), &mut reader)? {
+                left_out.push(name(path));
+            }
+        }
+        perfetto::end(&mut out).map_err(Fault::Output)
     })?;
-    if is_annotated {
-        const LEFT_OUT: &str = "of, try, within, age, origin, seq, max_age and local are left out";
+    for name in left_out {
+        const LEFT_OUT: &str = "of, try, within, max_age and local are left out";
         complain(format_args!("note: {name}: {LEFT_OUT}; the viewer's file has no place for them"));
     }
     Ok(Exit::Conforms)
+}
+
+fn reader(path: &Path) -> Result<Events<impl BufRead + use<>>, Fault> {
+    let (name, file) = open(path)?;
+    let trace = unpack(BufReader::new(file));
+    let trace = trace.map_err(|source| Fault::Open { name: name.clone(), source })?;
+    Ok(Events::observed(name.as_str(), trace)?)
+}
+
+/// Writes one trace; whether it has keys for which Perfetto's file has no place.
+fn write(
+    mut writer: Box<dyn TraceViewer + '_>,
+    reader: &mut Events<impl BufRead>,
+) -> Result<bool, Fault> {
+    let mut is_left_out = !reader.header_annotations().is_empty();
+    while let Some(event) = reader.next_event()? {
+        let annotations = reader.annotations();
+        writer.event(&event, annotations).map_err(Fault::Output)?;
+        let Annotations { of, attempt, within, age: _, origin: _ } = annotations;
+        is_left_out |= of.is_some() || attempt.is_some() || within.is_some();
+    }
+    writer.finish().map_err(Fault::Output)?;
+    Ok(is_left_out)
 }

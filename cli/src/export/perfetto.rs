@@ -3,22 +3,27 @@
 //! Slices of one track must not overlap there, and calls to one source do: a source has as many
 //! tracks as calls were ever under way at once, all with its name. Instants are microseconds there,
 //! written as decimals, so that no nanosecond is lost.
+//!
+//! Each trace is a process. What ties several together is in [`frames`](super::frames).
 
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 
-use fuseline_traces::{Commit, Decision, Event, Header, Input};
+use fuseline_traces::{Annotations, Commit, Decision, Event, Header, Input, Origin};
 use serde_json::json;
 
+use crate::export::frames::{FlowPhase, TraceFrames};
 use crate::export::viewer;
 
-/// The process of all tracks.
-const PROCESS: u32 = 1;
 /// The track of what was forwarded or missed; tracks of sources are added as they are needed.
 const OUTPUTS: u32 = 1;
 
-pub(super) struct Tracks<W> {
+pub(super) struct Tracks<'a, W> {
     out: W,
+    /// Where the frames go that this trace shares with others.
+    frames: TraceFrames<'a>,
+    /// What open messages come from, and their age when they were opened, by timestamp.
+    lineages: BTreeMap<u64, MessageOrigin>,
     /// By priority; all sources that are not registered share the last one.
     sources: BTreeMap<Option<u64>, SourceTrack>,
     /// Whether an output leaves its timestamp open (F9).
@@ -28,7 +33,13 @@ pub(super) struct Tracks<W> {
     latest: u64,
     /// The number of the latest track.
     latest_track: u32,
-    is_first: bool,
+}
+
+/// What an open message comes from.
+struct MessageOrigin {
+    opened: u64,
+    origin: Option<Origin>,
+    age: Option<u64>,
 }
 
 /// Local, a cloud, or all that is neither.
@@ -54,9 +65,19 @@ struct Slice {
     track_index: usize,
 }
 
-impl<W: Write> Tracks<W> {
-    pub(super) fn new(mut out: W, header: &Header) -> io::Result<Self> {
-        out.write_all(b"{\"displayTimeUnit\":\"ns\",\"traceEvents\":[")?;
+/// Begins the file, before its traces.
+pub(super) fn begin(out: &mut impl Write) -> io::Result<()> {
+    out.write_all(b"{\"displayTimeUnit\":\"ns\",\"traceEvents\":[")
+}
+
+/// Ends the file, after its traces.
+pub(super) fn end(out: &mut impl Write) -> io::Result<()> {
+    out.write_all(b"\n]}\n")?;
+    out.flush()
+}
+
+impl<'a, W: Write> Tracks<'a, W> {
+    pub(super) fn new(out: W, header: &Header, frames: TraceFrames<'a>) -> io::Result<Self> {
         let local = (Some(0), "local".to_owned());
         let clouds = header.clouds.iter().map(|cloud| {
             let p = u64::from(cloud.p);
@@ -67,12 +88,13 @@ impl<W: Write> Tracks<W> {
         let source = |(p, name)| (p, SourceTrack { name, tracks: Vec::new() });
         let mut tracks = Self {
             out,
+            frames,
+            lineages: BTreeMap::new(),
             is_progressive: header.commit == Commit::Progressive,
             sources: named.map(source).collect(),
             open: BTreeMap::new(),
             latest: 0,
             latest_track: OUTPUTS,
-            is_first: true,
         };
         let operator = header.operator.as_deref().unwrap_or("operator");
         tracks.reported("process_name", OUTPUTS, "name", operator)?;
@@ -99,7 +121,7 @@ impl<W: Write> Tracks<W> {
         value: impl serde::Serialize,
     ) -> io::Result<()> {
         let event = json!({
-            "ph": "M", "pid": PROCESS, "tid": number, "name": label, "args": {key: value},
+            "ph": "M", "pid": self.frames.process(), "tid": number, "name": label, "args": {key: value},
         });
         self.put("", &event)
     }
@@ -138,8 +160,7 @@ impl<W: Write> Tracks<W> {
 
     /// Appends an event; its times, exact, stand before its other keys.
     fn put(&mut self, times: &str, event: &serde_json::Value) -> io::Result<()> {
-        self.out.write_all(if self.is_first { b"\n{" } else { b",\n{" })?;
-        self.is_first = false;
+        self.out.write_all(if self.frames.take_first() { b"\n{" } else { b",\n{" })?;
         let event = event.to_string();
         write!(self.out, "{times}{}", event.trim_start_matches('{'))
     }
@@ -175,25 +196,67 @@ impl<W: Write> Tracks<W> {
         let at = at.max(began);
         let source = self.source(p);
         self.occupy(source, track_index, Some(at));
-        let times = format!("\"ts\":{},\"dur\":{},", micros(began), micros(at - began));
+        let times = format!("\"ts\":{},\"dur\":{},", self.time(began), micros(at - began));
+        let mut args = json!({"t": t, "p": p, "due": due, "end": outcome});
+        if let Some(MessageOrigin { origin: Some(origin), age, .. }) = self.lineages.get(&t)
+            && p == 0
+        {
+            args["origin"] = json!(&*origin.stream);
+            args["seq"] = json!(origin.seq);
+            args["age"] = json!(age);
+        }
         self.put(
             &times,
             &json!({
-                "ph": "X", "cat": "call", "pid": PROCESS, "tid": self.number(source, track_index),
-                "name": format!("timestamp {t}: {outcome}"),
-                "args": {"t": t, "p": p, "due": due, "end": outcome},
+                "ph": "X", "cat": "call", "pid": self.frames.process(),
+                "tid": self.number(source, track_index),
+                "name": format!("timestamp {t}: {outcome}"), "args": args,
             }),
         )
     }
 
     fn instant(&mut self, at: u64, track: u32, t: u64, label: &str) -> io::Result<()> {
+        let mut args = json!({"t": t});
+        if track == OUTPUTS
+            && let Some(MessageOrigin { opened, age: Some(age), .. }) = self.lineages.get(&t)
+        {
+            args["age"] = json!(age.saturating_add(at.saturating_sub(*opened)));
+        }
         self.put(
-            &format!("\"ts\":{},", micros(at)),
+            &format!("\"ts\":{},", self.time(at)),
             &json!({
-                "ph": "i", "s": "t", "pid": PROCESS, "tid": track,
-                "name": format!("timestamp {t}: {label}"), "args": {"t": t},
+                "ph": "i", "s": "t", "pid": self.frames.process(), "tid": track,
+                "name": format!("timestamp {t}: {label}"), "args": args,
             }),
         )
+    }
+
+    /// Ties a message to those of the other traces that come from the same frame: an arrow from local's slice to local's slice,
+    /// for each message has one.
+    fn flow(&mut self, at: u64, t: u64, origin: &Origin) -> io::Result<()> {
+        let Some((id, phase)) = self.frames.flow(origin, t) else { return Ok(()) };
+        let Some(Slice { track_index, .. }) = self.open.get(&(t, 0)).copied() else {
+            return Ok(());
+        };
+        let (ph, binding) = match phase {
+            FlowPhase::Begin => ("s", None),
+            FlowPhase::Step => ("t", None),
+            FlowPhase::End => ("f", Some("e")),
+        };
+        let seq = origin.seq.unwrap_or_default();
+        let mut event = json!({
+            "ph": ph, "cat": "frame", "id": id, "pid": self.frames.process(),
+            "tid": self.number(Some(0), track_index), "name": format!("{} {seq}", origin.stream),
+        });
+        if let Some(binding) = binding {
+            event["bp"] = json!(binding);
+        }
+        self.put(&format!("\"ts\":{},", self.time(at)), &event)
+    }
+
+    /// An instant on the clock that all traces of the file share, in microseconds.
+    fn time(&self, at: u64) -> String {
+        micros(self.frames.shared(at))
     }
 
     /// An instant on a source's track.
@@ -209,6 +272,9 @@ impl<W: Write> Tracks<W> {
             // F7: local computes on, a cloud is cancelled.
             self.end(at, t, p, if p == 0 { "no longer needed" } else { "cancelled" })?;
         }
+        if last == u64::MAX {
+            self.lineages.remove(&t);
+        }
         Ok(())
     }
 
@@ -223,7 +289,9 @@ impl<W: Write> Tracks<W> {
             }
             Decision::RefuseOpen { at, t, why } => {
                 self.of_source(at, 0, t, &format!("refused, {why}"))?;
-                self.end(at, t, 0, "refused")
+                self.end(at, t, 0, "refused")?;
+                self.lineages.remove(&t);
+                Ok(())
             }
             Decision::RefuseOffer { at, t, p, why } => {
                 self.of_source(at, p, t, &format!("refused, {why}"))
@@ -245,8 +313,8 @@ impl<W: Write> Tracks<W> {
     }
 }
 
-impl<W: Write> viewer::TraceViewer for Tracks<W> {
-    fn event(&mut self, event: &Event) -> io::Result<()> {
+impl<W: Write> viewer::TraceViewer for Tracks<'_, W> {
+    fn event(&mut self, event: &Event, annotations: &Annotations) -> io::Result<()> {
         let at = match event {
             Event::Input(input) => input.at(),
             Event::Decision(decision) => decision.at(),
@@ -255,7 +323,13 @@ impl<W: Write> viewer::TraceViewer for Tracks<W> {
         match event {
             Event::Input(Input::Open { at, t, deadline }) => {
                 let due = deadline.map(|deadline| at.saturating_add(deadline));
-                self.begin(*at, *t, 0, due)
+                let Annotations { origin, age, .. } = annotations;
+                if origin.is_some() || age.is_some() {
+                    let (origin, age) = (origin.clone(), *age);
+                    self.lineages.insert(*t, MessageOrigin { opened: *at, origin, age });
+                }
+                self.begin(*at, *t, 0, due)?;
+                origin.as_ref().map_or(Ok(()), |origin| self.flow(*at, *t, origin))
             }
             Event::Input(Input::Result { at, t, p }) => self.end(*at, *t, *p, "result"),
             Event::Input(Input::Fail { at, t, p }) => self.end(*at, *t, *p, "failure"),
@@ -269,8 +343,7 @@ impl<W: Write> viewer::TraceViewer for Tracks<W> {
         for (t, p) in remaining {
             self.end(self.latest, t, p, "still open")?;
         }
-        self.out.write_all(b"\n]}\n")?;
-        self.out.flush()
+        Ok(())
     }
 }
 

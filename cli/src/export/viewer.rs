@@ -2,10 +2,10 @@
 
 use std::io;
 
-use fuseline_traces::Event;
+use fuseline_traces::{Annotations, Event};
 
 /// Takes a trace line by line.
 pub(super) trait TraceViewer {
-    fn event(&mut self, event: &Event) -> io::Result<()>;
+    fn event(&mut self, event: &Event, annotations: &Annotations) -> io::Result<()>;
     fn finish(self: Box<Self>) -> io::Result<()>;
 }

@@ -233,7 +233,8 @@ fn remedy(is_secret: bool, why: &str) -> &'static str {
 }
 
 async fn call(mut client: InferClient, slot: u64, payload: Bytes) -> Result<(), Status> {
-    client.infer(tonic::Request::new(Request { timestamp: slot, payload })).await.map(|_| ())
+    let request = Request { timestamp: slot, payload, ..Request::default() };
+    client.infer(tonic::Request::new(request)).await.map(|_| ())
 }
 
 /// The positions as they come, if there is a source of them.

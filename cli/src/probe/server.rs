@@ -16,6 +16,7 @@ static REPLY: [u8; REPLY_BYTES] = [0; REPLY_BYTES];
 /// # Errors
 /// If it cannot listen, or a file that it is described with is of no use.
 pub(crate) async fn serve(args: &Args, interrupt: &Interrupt) -> Result<(), Fault> {
-    let answer = |_: Request| async { Ok(Reply { payload: REPLY.as_slice().into() }) };
+    let answer =
+        |_: Request| async { Ok(Reply { payload: REPLY.as_slice().into(), ..Reply::default() }) };
     listen(answer, args.server()?, args.listen, "answers to probes", interrupt).await
 }

@@ -68,11 +68,14 @@ impl Operator for Detector<'_> {
                 infer(request, call)
             };
             let message_handler = move |frame: &Picture, timestamp| {
-                Some((Request { timestamp, payload: frame.0.clone() }, deadline))
+                Some((
+                    Request { timestamp, payload: frame.0.clone(), ..Request::default() },
+                    deadline,
+                ))
             };
-            let response_handler = |reply: Reply| Ok(reply.payload);
+            let response_handler = |reply: Reply| Ok(reply.stamped());
             let registered =
-                setup.use_cloud(handle, message_handler, response_handler, cloud.priority);
+                setup.use_stamped_cloud(handle, message_handler, response_handler, cloud.priority);
             registered.name.clone_from(&cloud.name);
             registered.calls = self.plan.calls;
             if let Some(deadlines) = &deadlines {

@@ -61,7 +61,8 @@ impl Infer for LocationService {
         let location = Location::decode(request.payload)
             .map_err(|_| Status::invalid_argument("the payload is no fuseline.v1.Location"));
         let others = location.and_then(|location| self.share(location, Instant::now()));
-        ready(others.map(|others| Reply { payload: others.encode_to_vec().into() }))
+        let payload = others.map(|others| others.encode_to_vec().into());
+        ready(payload.map(|payload| Reply { payload, ..Reply::default() }))
     }
 
     fn describe(&self) -> Option<Description> {
@@ -141,7 +142,8 @@ mod tests {
             assert_eq!(sharing.share(wrong, now).unwrap_err().code(), Code::InvalidArgument);
         }
         let payload = vec![0xff; 3].into();
-        let refused = sharing.infer(Request { timestamp: 0, payload }).await.unwrap_err();
+        let request = Request { payload, ..Request::default() };
+        let refused = sharing.infer(request).await.unwrap_err();
         assert_eq!(refused.code(), Code::InvalidArgument);
         assert!(sharing.reports.lock().unwrap().is_empty());
     }

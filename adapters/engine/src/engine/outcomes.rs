@@ -4,12 +4,13 @@
 //! before the answer, what fired, what became of results and failures, and what may start after it.
 
 use std::mem;
-use std::time::Duration;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use fuseline_core as core;
 use fuseline_core::{Outcome, Priorities};
 use fuseline_deadline::End;
-use fuseline_traces::{DropReason, Input};
+use fuseline_traces::{Annotations, DropReason, Input};
 use tracing::{debug, error, warn};
 
 use crate::arbiter::{Answer, drop_reason, offer_refusal, open_refusal};
@@ -17,6 +18,7 @@ use crate::effect::{Effect, Hint};
 use crate::engine::{CLOUDS, Engine};
 use crate::event::CountedEvent;
 use crate::item::{Ending, Failure, Forwarded, Item, Trigger};
+use crate::lineage::{Lineage, StampedValue};
 use crate::policies::PolicyPanic;
 use crate::queue::{AbandonedRequest, Waiting};
 use crate::sources::LOCAL;
@@ -70,14 +72,32 @@ impl<V, R> Engine<V, R> {
     /// Carries out what fired before the input (F0), and records it with the input and its answer;
     /// returns the instant of the answer.
     pub(super) fn conclude(&mut self, input: &Input, answer: &Answer<CLOUDS>) -> u64 {
+        self.conclude_annotated(input, || Annotations::NONE, answer)
+    }
+
+    /// The same with further keys of the input, which are not made if nothing is recorded.
+    pub(super) fn conclude_annotated(
+        &mut self,
+        input: &Input,
+        annotations: impl FnOnce() -> Annotations,
+        answer: &Answer<CLOUDS>,
+    ) -> u64 {
         let mut firings = mem::take(&mut self.firings);
         for (at, firing) in firings.drain(..) {
             self.fired(at, &firing);
         }
         self.firings = firings;
         let now = self.arbiter.now();
-        self.recordings.record(input, (self.arbiter.fusion().commit(), now), answer);
+        if self.recordings.is_any() {
+            let commit = self.arbiter.fusion().commit();
+            self.recordings.record((input, &annotations()), (commit, now), answer);
+        }
         now
+    }
+
+    /// When the clock reads so much, if that is known.
+    pub(super) fn instant(&self, at: u64) -> Option<Instant> {
+        self.start?.checked_add(Duration::from_nanos(at))
     }
 
     /// F5: timers fired.
@@ -95,13 +115,21 @@ impl<V, R> Engine<V, R> {
     }
 
     /// F1: the message was not taken on.
-    pub(super) fn refuse(&mut self, at: u64, t: u64, why: core::OpenRefusal) {
+    pub(super) fn refuse(
+        &mut self,
+        at: u64,
+        t: u64,
+        why: core::OpenRefusal,
+        lineage: Option<Arc<Lineage>>,
+    ) {
         let why = open_refusal(why);
         warn!(operator = &*self.operator, timestamp = t, %why, "message refused");
         self.counts.refused(why);
         let (opened, ending) = (Duration::from_nanos(at), Ending::Refused(why));
         let (decided, failures) = (opened, Vec::new());
-        let item = Item { timestamp: t, opened, decided, revision: 0, ending, failures };
+        let age = lineage.as_ref().and_then(|lineage| lineage.age(self.instant(at)?));
+        let item =
+            Item { timestamp: t, opened, decided, revision: 0, ending, failures, lineage, age };
         self.effects.push_back(Effect::Output(item));
     }
 
@@ -121,7 +149,7 @@ impl<V, R> Engine<V, R> {
         at: u64,
         (t, p): (u64, u16),
         outcome: &Outcome<CLOUDS>,
-        value: V,
+        value: StampedValue<V>,
     ) {
         let Some(index) = self.sources.index(p) else { return };
         let (operator, source) = (&*self.operator, self.sources.name(index));
@@ -130,7 +158,7 @@ impl<V, R> Engine<V, R> {
                 let why = drop_reason(*why);
                 debug!(operator, timestamp = t, source, %why, "result dropped");
                 self.counts.source(index, CountedEvent::Dropped(why));
-                self.hint(at, t, index, value, why);
+                self.hint(at, t, index, value.value, why);
             }
             Outcome::Held => {
                 debug!(operator, timestamp = t, source, "result held");
@@ -220,7 +248,8 @@ impl<V, R> Engine<V, R> {
         }
         let source = self.sources[index].source.clone();
         let arrived = Duration::from_nanos(held.arrived);
-        Some((index, Forwarded { value: held.value, source, arrived, trigger }))
+        let StampedValue { value, of } = held.value;
+        Some((index, Forwarded { value, source, arrived, trigger, of }))
     }
 
     /// F7, F9: what was sent outranks these.
@@ -237,7 +266,8 @@ impl<V, R> Engine<V, R> {
         if self.local.skip_answered {
             self.sources[LOCAL].withdraw(t);
         }
-        let Some(item) = self.open_messages.item(t, at, ending) else { return };
+        let instant = self.instant(at);
+        let Some(item) = self.open_messages.item(t, (at, instant), ending) else { return };
         self.effects.push_back(Effect::Output(item));
     }
 

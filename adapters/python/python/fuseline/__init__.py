@@ -20,7 +20,17 @@ from fuseline._errors import (
     TraceError,
 )
 from fuseline._fuseline import Fusion, nanoseconds
-from fuseline._item import Call, CurrentDeadline, Ending, Failure, Item, Source, Trigger
+from fuseline._item import (
+    Call,
+    CurrentDeadline,
+    Ending,
+    Failure,
+    Item,
+    Lineage,
+    Source,
+    StampedValue,
+    Trigger,
+)
 from fuseline._judge import Verdict, Violation, check, check_observed, replay, report
 from fuseline._local import Local
 from fuseline._operator import Operator
@@ -73,6 +83,7 @@ __all__ = [
     "Held",
     "Item",
     "Line",
+    "Lineage",
     "Local",
     "Missed",
     "OfferRefusal",
@@ -84,6 +95,7 @@ __all__ = [
     "ReadError",
     "Refused",
     "Source",
+    "StampedValue",
     "TimeError",
     "Trace",
     "TraceError",

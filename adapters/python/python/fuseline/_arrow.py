@@ -30,6 +30,9 @@ LINES = pa.schema(
         pa.field("at", pa.uint64(), nullable=False),
         *(pa.field(name, pa.uint64()) for name in ("t", "p", "deadline", "backlog", "due")),
         pa.field("why", pa.string()),
+        *(pa.field(name, pa.uint64()) for name in ("of", "attempt", "within", "age")),
+        pa.field("origin", pa.string()),
+        pa.field("seq", pa.uint64()),
     ]
 )
 

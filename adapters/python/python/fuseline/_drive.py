@@ -13,7 +13,7 @@ from typing import Any, Generic, TypeVar
 
 from fuseline._errors import in_one_line
 from fuseline._fuseline import Engine, nanoseconds
-from fuseline._item import Call, Effect, Item
+from fuseline._item import Call, Effect, Item, Lineage, StampedValue
 from fuseline._local import Local
 from fuseline._words import Cloud, ns
 from fuseline.deadline import Policy, Situation
@@ -45,6 +45,7 @@ class RegisteredCloud:
     calls: int
     linger: ns
     policy: Policy | None
+    max_age: int
 
 
 @dataclass(slots=True)
@@ -104,6 +105,8 @@ class Driver(Generic[M, V]):
             limit = 2 * cloud.calls + OVERDUE_TASKS
             self._sources[cloud.cloud.p] = SourceTasks(limit, cloud)
         self._effects: deque[Effect] = deque()
+        #: Of the open messages that have one.
+        self._lineages: dict[int, Lineage] = {}
         self._read_clock = clock
         self._output, self._acted = output, acted
         self._loop = asyncio.get_running_loop()
@@ -131,12 +134,16 @@ class Driver(Generic[M, V]):
         if not self.is_over:
             self._engine.set_situation(situation)
 
-    def open(self, t: int, message: M) -> None:
+    def open(self, t: int, message: M, lineage: Lineage | None) -> None:
         """A message came."""
         # One instant for the open and all offers: equal deadlines end together.
         now = self._clock()
         offers = self._offers(t, message)
-        self._decide(now, self._engine.open, t, self._local.deadline, message, offers)
+        fields = None
+        if lineage is not None:
+            self._lineages[t] = lineage
+            fields = lineage.origin, lineage.seq, self._age(now, lineage), lineage.within
+        self._decide(now, self._engine.open, t, self._local.deadline, message, offers, fields)
 
     def stop(self) -> None:
         """End at once: calls are aborted, and the trace is whole up to here.
@@ -174,6 +181,17 @@ class Driver(Generic[M, V]):
             except OSError as error:
                 self._error = error
 
+    def _age(self, now: int, lineage: Lineage) -> int | None:
+        """Nanoseconds since the capture; 0 if it is still to come."""
+        captured = lineage.captured
+        return None if captured is None else max(self._start + now - captured, 0)
+
+    def _lineage_of(self, now: int, t: int) -> tuple[Lineage | None, float | None]:
+        """What an open message comes from, and how many seconds old it is."""
+        lineage = self._lineages.get(t)
+        age = None if lineage is None else self._age(now, lineage)
+        return lineage, None if age is None else age / 1e9
+
     def _clock(self) -> int:
         """Nanoseconds since the start; a clock that goes back stands still."""
         now = self._read_clock() - self._start
@@ -200,7 +218,12 @@ class Driver(Generic[M, V]):
         while effects:
             effect = effects.popleft()
             if effect[0] == "output":
-                self._output(effect[1])
+                item = effect[1]
+                if self._lineages:
+                    t = item.timestamp
+                    lineages = self._lineages
+                    item.lineage = lineages.pop(t, None) if item.last else lineages.get(t)
+                self._output(item)
             elif effect[0] == "start":
                 self._begin(now, *effect[1:])
             else:
@@ -259,7 +282,7 @@ class Driver(Generic[M, V]):
             work = self._compute(source, t, request)
         else:
             # D5: the time left, not the time given.
-            call = Call(t, max((until or 0) - now, 0) / 1e9)
+            call = Call(t, max((until or 0) - now, 0) / 1e9, *self._lineage_of(now, t))
             work = self._call(source, source.cloud, request, call)
         task = self._loop.create_task(work)
         if t in source.in_flight:
@@ -285,11 +308,14 @@ class Driver(Generic[M, V]):
         else:
             self._came(source, cloud.cloud.p, call.timestamp, value)
 
-    def _came(self, source: SourceTasks, p: int, t: int, value: V) -> None:
+    def _came(self, source: SourceTasks, p: int, t: int, value: Any) -> None:
         if t not in source.in_flight:
             return
         del source.in_flight[t]
-        self._decide(self._clock(), self._engine.result, t, p, value)
+        of = None
+        if isinstance(value, StampedValue):
+            value, of = value.value, value.of
+        self._decide(self._clock(), self._engine.result, t, p, value, of)
 
     def _failed(self, source: SourceTasks, p: int, t: int, error: BaseException) -> None:
         """D7: an error of a call or of local is a failure, and no other message notices."""

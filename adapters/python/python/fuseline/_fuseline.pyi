@@ -37,7 +37,10 @@ _Row: TypeAlias = tuple[
     int,
     tuple[int | None, int | None, int | None, int | None, int | None],
     str | None,
+    tuple[int | None, int | None, int | None, int | None, str | None, int | None] | None,
 ]
+_Lineage: TypeAlias = tuple[str | None, int | None, int | None, int | None]
+_Tolerances: TypeAlias = Sequence[tuple[str, _Duration]]
 _Survey: TypeAlias = tuple[
     str | None,
     _Verdict,
@@ -152,7 +155,7 @@ class Engine:
     def __new__(
         cls,
         clouds: Sequence[Cloud],
-        calls: Sequence[int],
+        bounds: Sequence[tuple[int, int]],
         local: tuple[int, int | None, bool, bool],
         window: int,
         commit: Commit | Literal["eager", "patient", "progressive"],
@@ -169,8 +172,9 @@ class Engine:
         deadline: _Duration | None,
         job: Any,
         offers: Iterator[tuple[int, Any, _Duration]],
+        lineage: _Lineage | None,
     ) -> list[Effect]: ...
-    def result(self, at: int, t: int, p: int, value: Any) -> list[Effect]: ...
+    def result(self, at: int, t: int, p: int, value: Any, of: int | None) -> list[Effect]: ...
     def fail(self, at: int, t: int, p: int, why: str) -> list[Effect]: ...
     def tick(self, at: int) -> list[Effect]: ...
     @property
@@ -213,11 +217,11 @@ class Observations:
     def survival(self, under_way: Sequence[_Duration]) -> list[tuple[int, float, float]]: ...
 
 def nanoseconds(duration: _Duration, /) -> ns: ...
-def check(trace: _Traced, name: str | None, slack: _Slack) -> _Verdict: ...
+def check(trace: _Traced, name: str | None, slack: _Slack, tolerances: _Tolerances) -> _Verdict: ...
 def read(trace: _Traced, name: str | None) -> tuple[str, str, list[_Row]]: ...
 def replay(trace: _Traced, name: str | None) -> bytes: ...
 def report(
-    traces: Sequence[tuple[_Traced, str | None]], slack: _Slack
+    traces: Sequence[tuple[_Traced, str | None]], slack: _Slack, tolerances: _Tolerances
 ) -> tuple[list[_Verdict], bytes]: ...
 def survey(trace: _Traced, name: str | None, slack: _Slack) -> _Survey: ...
 def loss(

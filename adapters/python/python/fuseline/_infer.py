@@ -44,8 +44,14 @@ def _messages() -> tuple[Any, Any, Any]:
         name="fuseline.proto", package="fuseline.v1", syntax="proto3"
     )
     messages = {
-        "Request": ["uint64 timestamp", "bytes payload"],
-        "Reply": ["bytes payload"],
+        "Request": ["uint64 timestamp", "bytes payload", "Lineage lineage"],
+        "Reply": ["bytes payload", "optional uint64 of"],
+        "Lineage": [
+            "optional string origin",
+            "optional uint64 seq",
+            "optional uint64 age_ns",
+            "optional uint64 within_ns",
+        ],
         "Description": [
             "string model",
             "optional double runtime_ms",
@@ -61,7 +67,8 @@ def _messages() -> tuple[Any, Any, Any]:
             added = message.field.add(
                 name=called,
                 number=number,
-                type=kinds[kind],
+                type=kinds.get(kind, field.TYPE_MESSAGE),
+                type_name=None if kind in kinds else f".fuseline.v1.{kind}",
                 label=field.LABEL_OPTIONAL,
                 json_name=None,
             )
@@ -72,7 +79,8 @@ def _messages() -> tuple[Any, Any, Any]:
     # A pool of its own: others may have generated code of the same file.
     pool = descriptor_pool.DescriptorPool()
     pool.Add(file)
-    made = (pool.FindMessageTypeByName(f"fuseline.v1.{name}") for name in messages)
+    wanted = ("Request", "Reply", "Description")
+    made = (pool.FindMessageTypeByName(f"fuseline.v1.{name}") for name in wanted)
     request, reply, description = map(message_factory.GetMessageClass, made)
     return request, reply, description
 

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any, Generic, Literal, NamedTuple, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, TypeAlias, TypeVar
 
+from fuseline._fuseline import nanoseconds
 from fuseline._words import OpenRefusal, ns
+
+if TYPE_CHECKING:
+    from fuseline._judge import Duration
 
 V = TypeVar("V")
 
@@ -61,6 +65,49 @@ class Failure:
 
 
 @dataclass(frozen=True, slots=True)
+class Lineage:
+    """What a message comes from; operators pass it on as it is, from the sensor to the last output.
+
+    >>> import time
+    >>> Lineage("camera/front", 41, captured=time.monotonic_ns(), within=0.5).seq
+    41
+    """
+
+    #: The sensor's stream.
+    origin: str | None = None
+    #: The message's timestamp there; none without an origin.
+    seq: int | None = None
+    #: When the sensor captured it, by the operators' clock in nanoseconds: ``time.monotonic_ns()``,
+    #: unless they were given another.
+    captured: int | None = None
+    #: By when after the capture the last operator's output is due. It is written in traces and
+    #: judged (J2); no operator acts on it. If the capture is unknown, each operator counts from
+    #: when it takes the message in.
+    within: Duration | None = None
+
+    def __post_init__(self) -> None:
+        if self.seq is not None and self.origin is None:
+            raise ValueError("a seq without an origin, the stream that it counts in")
+        if self.within is not None:
+            object.__setattr__(self, "within", nanoseconds(self.within))
+
+
+@dataclass(frozen=True, slots=True)
+class StampedValue(Generic[V]):
+    """A value whose source says of which message it is (D2).
+
+    A response handler may return it. A value of another message than its cloud's ``max_age`` allows
+    is a failure.
+    """
+
+    #: The value.
+    value: V
+    #: The timestamp of the message that it is of, as the reply says; of several, the oldest's.
+    #: Never copied from the call.
+    of: int | None
+
+
+@dataclass(frozen=True, slots=True)
 class Call:
     """One call to a cloud, as its handle sees it."""
 
@@ -68,6 +115,10 @@ class Call:
     timestamp: int
     #: The seconds that are left: without what was spent in the queue, with the time to linger.
     deadline: float
+    #: What the message comes from, if it was written with that.
+    lineage: Lineage | None = None
+    #: The seconds from the capture to the begin of the call, if they are known.
+    age: float | None = None
 
 
 class CurrentDeadline(NamedTuple):
@@ -113,6 +164,14 @@ class Item(Generic[V]):
     failures: list[Failure] = field(default_factory=list)
     #: How many items of its message were made before it: 0, unless the rule is progressive.
     revision: int = 0
+    #: What the message comes from, as it was written with it.
+    lineage: Lineage | None = None
+    #: The seconds from the capture to the decision, if they are known: of the message that the
+    #: value is ``of``, if that is an earlier one.
+    age: float | None = None
+    #: Of which message the value is, if its source said so: of this one, or of one before it that
+    #: is no older than the cloud's ``max_age`` allows (D2).
+    of: int | None = None
 
     @property
     def last(self) -> bool:
@@ -124,6 +183,9 @@ class Item(Generic[V]):
         if self.ending is Ending.FINAL:
             self.ending = Ending.FORWARDED
             self.value, self.arrived, self.trigger = earlier.value, earlier.arrived, earlier.trigger
+            self.of = earlier.of
+            if earlier.age is not None:
+                self.age = earlier.age + (self.decided - earlier.decided) / 1e9
 
     @property
     def took(self) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import timedelta
 from html import escape
@@ -141,7 +141,7 @@ def check(trace: Traced, *, name: str | None = None) -> Verdict:
         ReadError: if it cannot be read to its end.
         OSError: if its file cannot be opened or read.
     """
-    return _verdict(_fuseline.check(trace, name, None))
+    return _verdict(_fuseline.check(trace, name, None, ()))
 
 
 def check_observed(
@@ -149,6 +149,7 @@ def check_observed(
     *,
     tolerance: Duration,
     lateness: Duration,
+    tolerances: Mapping[str, Duration] | None = None,
     name: str | None = None,
 ) -> Verdict:
     """Judge a trace that a concurrent implementation recorded, each timestamp by itself.
@@ -158,13 +159,17 @@ def check_observed(
         tolerance: The error of every recorded instant, either way.
         lateness: How long after its due instant a timer is served, and after its decision an
             output leaves.
+        tolerances: The errors of single sources' instants, by the source's name: ``local`` or the
+            cloud's.
         name: Its name in the verdict and in errors; by default its path.
 
     Raises:
         ReadError: if it cannot be read to its end, or is further out of order than the tolerance.
         OSError: if its file cannot be opened or read.
+        ValueError: if the trace has no source of a name in ``tolerances``.
     """
-    return _verdict(_fuseline.check(trace, name, (tolerance, lateness)))
+    by_source = list((tolerances or {}).items())
+    return _verdict(_fuseline.check(trace, name, (tolerance, lateness), by_source))
 
 
 def replay(trace: Traced, *, name: str | None = None) -> bytes:
@@ -190,6 +195,7 @@ def report(
     names: Sequence[str] | None = None,
     tolerance: Duration | None = None,
     lateness: Duration | None = None,
+    tolerances: Mapping[str, Duration] | None = None,
 ) -> tuple[Verdict, ...]:
     """Judge traces and write the page about them: the page of ``fuseline report``.
 
@@ -204,6 +210,7 @@ def report(
         tolerance: The error of recorded instants. With it, and ``lateness``, the traces are judged
             as `check_observed` does, else strictly.
         lateness: How late timers and outputs may be.
+        tolerances: The errors of single sources' instants, by name, as for `check_observed`.
 
     Returns:
         A verdict for each trace.
@@ -212,7 +219,8 @@ def report(
         ReadError: if a trace cannot be read to its end.
         OSError: if a trace cannot be opened or read, or the page cannot be written.
         ValueError: if there is no trace, only one of tolerance and lateness, another number of
-            names than of traces, or more than 10,000,000 events.
+            names than of traces, more than 10,000,000 events, or tolerances of no source or without
+            a tolerance of all others.
     """
     if not traces:
         raise ValueError("report takes at least one trace")
@@ -220,7 +228,10 @@ def report(
         raise ValueError(f"there are {len(traces)} traces and {len(names)} names")
     called: Sequence[str | None] = names or [None] * len(traces)
     named = list(zip(traces, called, strict=True))
-    verdicts, html = _fuseline.report(named, slack(tolerance, lateness))
+    judged_by = slack(tolerance, lateness)
+    if tolerances and judged_by is None:
+        raise ValueError("tolerances of sources without a tolerance of all others; give it too")
+    verdicts, html = _fuseline.report(named, judged_by, list((tolerances or {}).items()))
     _replace(Path(page), html)
     return tuple(map(_verdict, verdicts))
 

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Generic, Literal, TypeVar
 from fuseline._drive import Clock, Driver, RegisteredCloud, wait_for_cancelled
 from fuseline._errors import Closed, ConfigError, Full, TraceError
 from fuseline._fuseline import Engine, nanoseconds
-from fuseline._item import Call, CurrentDeadline, Item
+from fuseline._item import Call, CurrentDeadline, Item, Lineage, StampedValue
 from fuseline._local import Local, local_of
 from fuseline._words import Cloud, Commit, ns
 from fuseline.deadline import Policy, Situation, assumes_one_output, compiled, policy_of
@@ -116,7 +116,8 @@ class Operator(Generic[M, V]):
         self,
         handle: Callable[[Req, Call], Awaitable[Res]],
         message_handler: Callable[[M, int], tuple[Req, Duration] | None],
-        response_handler: Callable[[Res], V] | Callable[[Res], Awaitable[V]],
+        response_handler: Callable[[Res], V | StampedValue[V]]
+        | Callable[[Res], Awaitable[V | StampedValue[V]]],
         priority: int,
         *,
         name: str | None = None,
@@ -125,6 +126,7 @@ class Operator(Generic[M, V]):
         calls: int = 8,
         policy: Policy | Callable[[Situation, ns], Duration] | None = None,
         linger: Duration = 0.0,
+        max_age: int = 0,
     ) -> None:
         """Register a cloud; up to 15, before the operator starts.
 
@@ -137,7 +139,8 @@ class Operator(Generic[M, V]):
                 and is no ``async def``: the offer belongs to the instant of its message, and costly
                 encoding to the handle. If it fails, the cloud is not asked.
             response_handler: Turns the response into the result, in the call's task; may be an
-                ``async def``. The result counts as arrived when it is done.
+                ``async def``. The result counts as arrived when it is done. If the response says of
+                which message it is, return a `StampedValue`.
             priority: 1 to 65535, different for each cloud; the greater wins.
             name: For people and traces; ``cloud-`` and the priority by default.
             limit: The gate shuts when this many requests wait to be sent (F2g).
@@ -148,17 +151,21 @@ class Operator(Generic[M, V]):
                 `Situation` and the most will do.
             linger: How long a call may run on after it was due, so that the policy learns how long
                 it really takes. What comes then is still dropped (F3).
+            max_age: Of how many messages before the one that it is for a `StampedValue` may be.
+                What is older, or of a later message, is a failure (F4).
 
         Durations are seconds as a float, a timedelta, or nanoseconds as `fuseline.ns`.
 
         Raises:
-            ConfigError: if the operator has started, or ``calls`` is below 1, or the message
-                handler is an ``async def``.
+            ConfigError: if the operator has started, or ``calls`` is below 1, or ``max_age`` below
+                0, or the message handler is an ``async def``.
         """
         if self._driver is not None:
             raise ConfigError("a cloud after the start; register it before")
         if calls < 1:
             raise ConfigError(f"{calls} calls at once; a cloud needs at least 1")
+        if not 0 <= max_age < 2**64:
+            raise ConfigError(f"values of {max_age} messages before; it must be 0 or more")
         if inspect.iscoroutinefunction(message_handler):
             raise ConfigError(
                 "a message handler is a plain function; costly encoding belongs in the handle"
@@ -173,6 +180,7 @@ class Operator(Generic[M, V]):
                 calls,
                 nanoseconds(linger),
                 None if policy is None else policy_of(policy),
+                max_age,
             )
         )
 
@@ -195,7 +203,7 @@ class Operator(Generic[M, V]):
         local = self._local
         engine = Engine(
             [it.cloud for it in self._clouds],
-            [it.calls for it in self._clouds],
+            [(it.calls, it.max_age) for it in self._clouds],
             (local.at_once, local.waiting, local.skip_answered, local.lossy),
             self._window,
             self._commit,
@@ -245,8 +253,12 @@ class Operator(Generic[M, V]):
 
     # Messages.
 
-    def write(self, message: M) -> int:
+    def write(self, message: M, lineage: Lineage | None = None) -> int:
         """Take a message in; return its timestamp. It never waits.
+
+        Args:
+            message: The message.
+            lineage: What it comes from: a `Lineage`, or that of another operator's item.
 
         Raises:
             Full: if the reader of the items lags by ``output_len``: the message was not taken.
@@ -267,7 +279,7 @@ class Operator(Generic[M, V]):
                 if self._is_last:
                     raise Closed("the situation's handler ended the operator")
             self._count += 1
-            driver.open(t, message)
+            driver.open(t, message, lineage)
         finally:
             self._is_handling = False
         return t

@@ -38,6 +38,18 @@ class Line(NamedTuple):
     due: int | None
     #: Why it was refused or dropped.
     why: str | None
+    #: Of which message the value is.
+    of: int | None = None
+    #: The number of the attempt that it is about, the key ``try``.
+    attempt: int | None = None
+    #: The message's own deadline, in nanoseconds.
+    within: int | None = None
+    #: How long before it was opened the message was captured, in nanoseconds.
+    age: int | None = None
+    #: The sensor's stream that the message comes from.
+    origin: str | None = None
+    #: The message's timestamp there.
+    seq: int | None = None
 
 
 class Trace:
@@ -71,8 +83,8 @@ class Trace:
         self.header: dict[str, Any] = json.loads(header)
         #: The lines after it.
         self.lines = [
-            Line(line, ev, at, t, p, deadline, backlog, due, why)
-            for line, ev, at, (t, p, deadline, backlog, due), why in rows
+            Line(line, ev, at, t, p, deadline, backlog, due, why, *(further or ()))
+            for line, ev, at, (t, p, deadline, backlog, due), why, further in rows
         ]
 
     def __repr__(self) -> str:

@@ -6,7 +6,9 @@ Both speak ``fuseline.v1.Infer``, as Rust's operators and the command ``fuseline
     async with Remote("https://west.example:50051", ca=ca, token="secret") as west:
         operator.use_cloud(west.infer, message_handler, response_handler, 1)
 
-Payloads are bytes, encoded as operator and cloud agreed. The deadline travels with each call.
+Payloads are bytes, encoded as operator and cloud agreed. The deadline travels with each call, and
+so does what its message comes from. `Remote.infer_stamped` gives with the payload what the reply
+says of which message it is.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ import asyncio
 import hmac
 import logging
 import math
+import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from types import TracebackType
@@ -22,7 +25,8 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from fuseline._errors import CallError, ConfigError, in_one_line
-from fuseline._item import Call
+from fuseline._item import Call, Lineage, StampedValue
+from fuseline._words import ns
 
 try:
     import grpc
@@ -152,9 +156,29 @@ class Remote:
         Raises:
             CallError: if the cloud or the connection to it fails, or the deadline passes.
         """
+        return (await self.infer_stamped(payload, call)).value
+
+    async def infer_stamped(self, payload: bytes, call: Call) -> StampedValue[bytes]:
+        """The same with what the reply says of which message it is, for the response handler.
+
+        Raises:
+            CallError: if the cloud or the connection to it fails, or the deadline passes.
+        """
         request = REQUEST(timestamp=call.timestamp, payload=payload)
+        lineage = call.lineage
+        if lineage is not None:
+            age = None if call.age is None else round(call.age * 1e9)
+            fields = {
+                "origin": lineage.origin,
+                "seq": lineage.seq,
+                "age_ns": age,
+                "within_ns": lineage.within,
+            }
+            for name, value in fields.items():
+                if value is not None:
+                    setattr(request.lineage, name, value)
         reply = await self._call("Infer", request, REPLY, call.deadline)
-        return bytes(reply.payload)
+        return StampedValue(bytes(reply.payload), reply.of if reply.HasField("of") else None)
 
     async def describe(self, deadline: float = 5.0) -> Description | None:
         """What the cloud serves; None if it does not say.
@@ -228,7 +252,9 @@ class Server:
 
     Args:
         infer: Computes a message: an ``async def`` of the payload and its `Call`, whose deadline
-            is the seconds left, infinite if the caller set none.
+            is the seconds left, infinite if the caller set none. Its lineage is what the request
+            has, captured by this host's ``time.monotonic_ns``; the time on the way is not known. It
+            may return a `StampedValue`, to say of which message the reply is.
         address: ``host:port``; port 0 chooses one, see `address`.
         identity: The server's certificate; with it, the server speaks TLS.
         client_ca: The CA certificates, PEM, one of which must have signed the client's (mutual
@@ -243,7 +269,7 @@ class Server:
 
     def __init__(
         self,
-        infer: Callable[[bytes, Call], Awaitable[bytes]],
+        infer: Callable[[bytes, Call], Awaitable[bytes | StampedValue[bytes]]],
         address: str = "127.0.0.1:0",
         *,
         identity: Identity | None = None,
@@ -340,9 +366,12 @@ class Server:
     async def _computes(self, request: Any, context: Any) -> Any:
         await self._admit(context)
         left = context.time_remaining()
-        call = Call(request.timestamp, math.inf if left is None else left)
+        call = Call(request.timestamp, math.inf if left is None else left, *_lineage(request))
         try:
-            return REPLY(payload=await self._infer(request.payload, call))
+            value = await self._infer(request.payload, call)
+            if isinstance(value, StampedValue):
+                return REPLY(payload=value.value, of=value.of)
+            return REPLY(payload=value)
         except asyncio.CancelledError:
             raise
         except Exception as error:
@@ -367,6 +396,25 @@ class Server:
         if not shown:
             why = "a bearer token is needed" if shown is None else "the bearer token is wrong"
             await context.abort(grpc.StatusCode.UNAUTHENTICATED, why)
+
+
+def _lineage(request: Any) -> tuple[Lineage | None, float | None]:
+    """What a request that came now comes from, and how many seconds old it says it is."""
+    if not request.HasField("lineage"):
+        return None, None
+    sent = request.lineage
+    origin, seq, age, within = (
+        getattr(sent, name) if sent.HasField(name) else None
+        for name in ("origin", "seq", "age_ns", "within_ns")
+    )
+    captured = None if age is None else time.monotonic_ns() - age
+    lineage = Lineage(
+        origin,
+        None if origin is None else seq,
+        captured,
+        None if within is None else ns(within),
+    )
+    return lineage, None if age is None else age / 1e9
 
 
 def _port(parts: Any) -> int | None:

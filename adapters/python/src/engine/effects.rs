@@ -63,7 +63,11 @@ impl Effects {
 
     fn item<'py>(&self, py: Python<'py>, item: Item<Py<PyAny>>) -> PyResult<Bound<'py, PyAny>> {
         let classes = ItemClasses::get(py)?;
-        let Item { timestamp, opened, decided, revision, ending, failures } = item;
+        let Item { timestamp, opened, decided, revision, ending, failures, age, lineage: _ } = item;
+        let of = match &ending {
+            Ending::Preliminary(forwarded) | Ending::Forwarded(forwarded) => forwarded.of,
+            Ending::Final(_) | Ending::Missed | Ending::Refused(_) => None,
+        };
         let failures = failures.into_iter().map(|failed| {
             let source = self.source(py, &failed.source)?;
             classes.failure.bind(py).call1((source, &*failed.why))
@@ -72,9 +76,9 @@ impl Effects {
         let class = classes.item.bind(py);
         let (opened, decided, none) = (nanos(opened), nanos(decided), py.None());
         let is_preliminary = matches!(ending, Ending::Preliminary(_));
-        match ending {
+        let item = match ending {
             Ending::Preliminary(forwarded) | Ending::Forwarded(forwarded) => {
-                let Forwarded { value, source, arrived, trigger } = forwarded;
+                let Forwarded { value, source, arrived, trigger, of: _ } = forwarded;
                 let (source, arrived) = (self.source(py, &source)?, nanos(arrived));
                 let trigger = match trigger {
                     Trigger::Arrival => &classes.arrival,
@@ -109,7 +113,15 @@ impl Effects {
                     revision,
                 ))
             }
+        }?;
+        // Few have them.
+        if let Some(age) = age {
+            item.setattr(intern!(py, "age"), age.as_secs_f64())?;
         }
+        if let Some(of) = of {
+            item.setattr(intern!(py, "of"), of)?;
+        }
+        Ok(item)
     }
 
     fn source<'py>(&self, py: Python<'py>, source: &Source) -> PyResult<Bound<'py, PyAny>> {

@@ -2,6 +2,7 @@
 
 use std::task::{Context, Poll};
 
+use fuseline_tokio::StampedValue;
 use fuseline_tokio::drive::{Completion, Incoming};
 use tokio::sync::mpsc;
 use tokio::time::{Instant, Interval};
@@ -98,7 +99,8 @@ impl NodeFusion<'_> {
         Some(Incoming::Completion(Completion {
             priority: source.priority,
             timestamp,
-            result: Ok(payload),
+            // D2: the stamp is the result's own.
+            result: Ok(StampedValue { value: payload, of: Some(timestamp) }),
         }))
     }
 

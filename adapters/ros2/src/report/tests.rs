@@ -245,13 +245,15 @@ fn the_status_of_a_message_names_its_source_and_warns_without_one() {
     let ms = Duration::from_millis;
     let of = |ending| {
         let (opened, decided, failures) = (ms(10), ms(40), Vec::new());
-        let item = Item { timestamp: 3, opened, decided, revision: 2, ending, failures };
+        let (lineage, age) = (None, None);
+        let item =
+            Item { timestamp: 3, opened, decided, revision: 2, ending, failures, lineage, age };
         of_item("/fuseline", None, &item)
     };
     let source = shared::Source { priority: 1, name: "west".into() };
     let value = Payload { big_endian: false, body: bytes::Bytes::new() };
     let arrived = ms(30);
-    let forwarded = Forwarded { value, source, arrived, trigger: Trigger::Arrival };
+    let forwarded = Forwarded { value, source, arrived, trigger: Trigger::Arrival, of: None };
     let preliminary = of(Ending::Preliminary(forwarded.clone()));
     assert_eq!((preliminary.level, &*preliminary.message), (OK, "west, preliminary"));
     let last = of(Ending::Final(forwarded.source.clone()));

@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::task::{Context, Poll, Wake, Waker};
 
+use fuseline_engine::StampedValue;
 use futures_util::future::BoxFuture;
 use rustc_hash::FxHashMap;
 use tokio::runtime::{Handle, RuntimeFlavor};
@@ -20,7 +21,7 @@ use crate::drive::Completion;
 use crate::drive::wake_flag::FlagWaker;
 use crate::panics::{guarded, panicked};
 
-type CallFuture<V> = BoxFuture<'static, Result<V, Error>>;
+type CallFuture<V> = BoxFuture<'static, Result<StampedValue<V>, Error>>;
 /// Priority and timestamp.
 type CallKey = (u16, u64);
 

@@ -5,8 +5,10 @@ use std::convert::Infallible;
 use std::future::{Ready, ready};
 use std::sync::Arc;
 use std::task::{Context, Poll};
+use std::time::{Duration, Instant};
 
 use bytes::Bytes;
+use fuseline_engine::{Lineage, Origin, StampedValue};
 use futures_util::future::BoxFuture;
 use http::uri::PathAndQuery;
 use tonic::body::Body;
@@ -31,6 +33,27 @@ pub struct Request {
     /// The message, encoded as operator and cloud have agreed.
     #[prost(bytes = "bytes", tag = "2")]
     pub payload: Bytes,
+    /// What the message comes from. [`infer`](crate::grpc::infer) sends what the [call](crate::Call::lineage) has, unless this
+    /// is given.
+    #[prost(message, optional, tag = "3")]
+    pub lineage: Option<RequestLineage>,
+}
+
+/// What a request's message comes from, as of when it was sent.
+#[derive(Clone, PartialEq, Eq, prost::Message)]
+pub struct RequestLineage {
+    /// The sensor's stream.
+    #[prost(string, optional, tag = "1")]
+    pub origin: Option<String>,
+    /// The timestamp there.
+    #[prost(uint64, optional, tag = "2")]
+    pub seq: Option<u64>,
+    /// The nanoseconds since the capture.
+    #[prost(uint64, optional, tag = "3")]
+    pub age_ns: Option<u64>,
+    /// The end-to-end deadline, in nanoseconds from the capture.
+    #[prost(uint64, optional, tag = "4")]
+    pub within_ns: Option<u64>,
 }
 
 /// What the cloud computed from a message.
@@ -39,6 +62,9 @@ pub struct Reply {
     /// The result, encoded as operator and cloud have agreed.
     #[prost(bytes = "bytes", tag = "1")]
     pub payload: Bytes,
+    /// The timestamp of the message that was computed, if the cloud says so; of several, the oldest's.
+    #[prost(uint64, optional, tag = "2")]
+    pub of: Option<u64>,
 }
 
 /// What a cloud says it serves.
@@ -59,6 +85,39 @@ pub struct Description {
     /// Whether the server only waits as long as the model would take.
     #[prost(bool, tag = "5")]
     pub emulated: bool,
+}
+
+impl RequestLineage {
+    /// The lineage of a message that is sent at `now`.
+    #[must_use]
+    pub fn new(lineage: &Lineage, now: Instant) -> Self {
+        let nanos = |time: Duration| u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
+        Self {
+            origin: lineage.origin.as_ref().map(|origin| origin.stream.as_ref().to_owned()),
+            seq: lineage.origin.as_ref().and_then(|origin| origin.seq),
+            age_ns: lineage.age(now).map(nanos),
+            within_ns: lineage.within.map(nanos),
+        }
+    }
+
+    /// The lineage on this host's clock, of a request that came at `now`. The time on the way is not known: the message is
+    /// older than it says by that.
+    #[must_use]
+    pub fn lineage(&self, now: Instant) -> Lineage {
+        let origin =
+            self.origin.as_deref().map(|stream| Origin { stream: stream.into(), seq: self.seq });
+        let captured = self.age_ns.and_then(|age| now.checked_sub(Duration::from_nanos(age)));
+        Lineage { origin, captured, within: self.within_ns.map(Duration::from_nanos) }
+    }
+}
+
+impl Reply {
+    /// The payload with what the cloud says of it, as a
+    /// [stamped cloud's](crate::Setup::use_stamped_cloud) response handler returns it.
+    #[must_use]
+    pub fn stamped(self) -> StampedValue<Bytes> {
+        StampedValue { value: self.payload, of: self.of }
+    }
 }
 
 /// The service's client.

@@ -48,7 +48,8 @@ pub(crate) fn header(name: &str, value: &str) -> Vec<u8> {
 
 /// A request, as gRPC frames it.
 pub(crate) fn request(timestamp: u64) -> Bytes {
-    let request = fuseline_tokio::grpc::Request { timestamp, payload: Bytes::new() };
+    let request =
+        fuseline_tokio::grpc::Request { timestamp, ..fuseline_tokio::grpc::Request::default() };
     let message = request.encode_to_vec();
     let length = u32::try_from(message.len()).unwrap().to_be_bytes();
     [&[0][..], &length, &message].concat().into()

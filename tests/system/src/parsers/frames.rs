@@ -60,7 +60,8 @@ fn infer(body: &[u8], cut: u8, ends: &mut Ends) -> ParserResult {
     let whole = split(body).map(|(message, rest)| (Request::decode(message).ok(), rest));
     match whole {
         Some((Some(request), [])) => {
-            let expected = Reply { payload: request.payload }.encode_to_vec();
+            let expected =
+                Reply { payload: request.payload, of: Some(request.timestamp) }.encode_to_vec();
             let replied = split(&replied).filter(|(_, rest)| rest.is_empty());
             if code != Code::Ok || replied.is_none_or(|(message, _)| message != expected) {
                 return Err(format!("{code:?}, {replied:?} to {body:?}"));
@@ -101,7 +102,7 @@ struct Echo;
 
 impl Infer for Echo {
     fn infer(&self, request: Request) -> impl Future<Output = Result<Reply, Status>> + Send {
-        ready(Ok(Reply { payload: request.payload }))
+        ready(Ok(Reply { payload: request.payload, of: Some(request.timestamp) }))
     }
 
     fn describe(&self) -> Option<Description> {
@@ -140,7 +141,11 @@ fn locations(mut bytes: &[u8], ends: &mut Ends) -> ParserResult {
     while let Some((len, rest)) = bytes.split_first() {
         let (payload, rest) = rest.split_at(usize::from(*len).min(rest.len()));
         bytes = rest;
-        let request = Request { timestamp: 0, payload: Bytes::copy_from_slice(payload) };
+        let request = Request {
+            timestamp: 0,
+            payload: Bytes::copy_from_slice(payload),
+            ..Request::default()
+        };
         let answer = sharing.infer(request).now_or_never().ok_or("an answer is awaited")?;
         match answer {
             Ok(reply) => {

@@ -206,6 +206,7 @@ pub(super) fn run(
             revisions,
             ends: Vec::new(),
             input_key: MessageKey::Integer { offset: 0, kind: IntegerKind::U64 },
+            input_topic: "camera".into(),
             output_key: MessageKey::Integer { offset: 0, kind: IntegerKind::U64 },
             deadline,
             node,
@@ -419,7 +420,7 @@ fn cloud(priority: u16, plan: Plan, dropped: Drops, start: Instant) -> Handle {
         let computing = compute(plan(t), name(priority), t, start);
         Box::pin(async move {
             let _guard = guard;
-            Ok(payload(t, &computing.await?))
+            Ok(payload(t, &computing.await?).into())
         })
     })
 }

@@ -54,7 +54,8 @@ impl Operator for ChaosVehicle {
                 let mut payload = BytesMut::new();
                 payload.put_u64(operator);
                 payload.put_u64(*message);
-                let request = Request { timestamp, payload: payload.freeze() };
+                let request =
+                    Request { timestamp, payload: payload.freeze(), ..Request::default() };
                 is_requested.then_some((request, DEADLINE))
             };
             let response_handler = move |reply: Reply| {

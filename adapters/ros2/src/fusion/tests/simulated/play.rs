@@ -297,7 +297,7 @@ fn called(simulation: &Arc<SimulationState>, index: usize) -> Handle {
             match reply.kind {
                 DisturbanceKind::Result => {
                     let value = Value { key: *key, serial, index };
-                    Ok(simulation.sample(Some(value.bytes())).unwrap())
+                    Ok(simulation.sample(Some(value.bytes())).unwrap().into())
                 }
                 DisturbanceKind::Stray | DisturbanceKind::Short | DisturbanceKind::NotCdr => {
                     Err("it fails".into())

@@ -1,0 +1,80 @@
+//! What a message comes from and how old it is. Operators carry it along and write it in their traces; it decides nothing (A51).
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use fuseline_traces::{Annotations, Origin};
+
+/// What a message comes from: operators pass it on as it is, from the sensor to the last output.
+///
+/// ```
+/// use fuseline_engine::Lineage;
+/// use std::time::{Duration, Instant};
+///
+/// let exposed = Instant::now();
+/// let lineage = Lineage::new("camera/front", 41, exposed).within(Duration::from_millis(500));
+/// assert_eq!(lineage.age(exposed + Duration::from_millis(30)), Some(Duration::from_millis(30)));
+/// ```
+#[derive(Clone, PartialEq, Eq, Hash, Default, Debug)]
+pub struct Lineage {
+    /// The sensor's stream and the message's timestamp there.
+    pub origin: Option<Origin>,
+    /// When the sensor captured it.
+    pub captured: Option<Instant>,
+    /// By when after the capture the last operator's output is due; if the capture is unknown, each operator counts from when
+    /// it takes the message in. It is written in traces and judged (J2); no operator acts on it.
+    pub within: Option<Duration>,
+}
+
+/// A value and, if its source says so, of which message it is (D2).
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub struct StampedValue<V> {
+    /// The value.
+    pub value: V,
+    /// The timestamp of the message that it is of, as the reply says; never copied from the request.
+    pub of: Option<u64>,
+}
+
+impl Lineage {
+    /// Of message `seq` of the sensor `stream`, captured at this instant.
+    #[must_use]
+    pub fn new(stream: impl Into<Arc<str>>, seq: u64, captured: impl Into<Instant>) -> Self {
+        let origin = Origin { stream: stream.into(), seq: Some(seq) };
+        Self { origin: Some(origin), captured: Some(captured.into()), within: None }
+    }
+
+    /// The same with an end-to-end deadline, counted from the capture.
+    #[must_use]
+    pub fn within(mut self, deadline: Duration) -> Self {
+        self.within = Some(deadline);
+        self
+    }
+
+    /// The time since the capture, if that is known; 0 if it is still to come.
+    #[must_use]
+    pub fn age(&self, now: impl Into<Instant>) -> Option<Duration> {
+        Some(now.into().saturating_duration_since(self.captured?))
+    }
+
+    /// The keys of the `open`, whose instant is `now`.
+    pub(crate) fn annotations(&self, now: Option<Instant>) -> Annotations {
+        Annotations {
+            within: self.within.map(crate::engine::nanos),
+            age: now.and_then(|now| self.age(now)).map(crate::engine::nanos),
+            origin: self.origin.clone(),
+            ..Annotations::NONE
+        }
+    }
+}
+
+impl From<Lineage> for Option<Arc<Lineage>> {
+    fn from(lineage: Lineage) -> Self {
+        Some(Arc::new(lineage))
+    }
+}
+
+impl<V> From<V> for StampedValue<V> {
+    fn from(value: V) -> Self {
+        Self { value, of: None }
+    }
+}

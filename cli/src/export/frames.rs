@@ -1,0 +1,151 @@
+//! One frame through several operators: which messages of several traces come from it, and how far apart the traces' clocks are.
+//!
+//! Each trace counts from its operator's start. A message's instant less its age is when its frame was captured, by its own
+//! trace's clock; a frame that two traces have tells how far their clocks are apart.
+
+use std::cell::Cell;
+use std::collections::BTreeMap;
+
+use fuseline_traces::{Annotations, Event, Input, Origin};
+
+/// A sensor's stream and a timestamp there.
+type FrameKey = (String, u64);
+
+/// The frames of all traces that are exported together.
+#[derive(Default)]
+pub(super) struct Frames {
+    /// By their frame, the first message of each trace that comes from it: the trace, its timestamp and when it was opened.
+    frames: BTreeMap<FrameKey, SharedFrame>,
+    /// How much is added to the instants of each trace.
+    offsets: Vec<i128>,
+    /// Whether nothing was written yet.
+    is_first: Cell<bool>,
+}
+
+/// One frame.
+#[derive(Default)]
+struct SharedFrame {
+    /// From 1.
+    number: usize,
+    messages: Vec<FrameMessage>,
+}
+
+/// One trace's message that comes from it.
+struct FrameMessage {
+    trace: usize,
+    t: u64,
+    opened: u64,
+    /// When it was captured by its trace's clock, if its age is known.
+    captured: Option<i128>,
+}
+
+/// What one trace's writer knows of them.
+pub(super) struct TraceFrames<'a> {
+    frames: &'a Frames,
+    trace: usize,
+}
+
+/// Where an arrow is at a message.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum FlowPhase {
+    Begin,
+    Step,
+    End,
+}
+
+impl Frames {
+    /// Of `traces` traces.
+    pub(super) fn new(traces: usize) -> Self {
+        Self { frames: BTreeMap::new(), offsets: vec![0; traces], is_first: Cell::new(true) }
+    }
+
+    /// Notes an event of a trace.
+    pub(super) fn event(&mut self, trace: usize, event: &Event, annotations: &Annotations) {
+        let (Event::Input(Input::Open { at, t, .. }), Some(key)) =
+            (event, annotations.origin.as_ref().and_then(frame_key))
+        else {
+            return;
+        };
+        let captured = annotations.age.map(|age| i128::from(*at) - i128::from(age));
+        let messages = &mut self.frames.entry(key).or_default().messages;
+        if messages.iter().all(|message| message.trace != trace) {
+            messages.push(FrameMessage { trace, t: *t, opened: *at, captured });
+        }
+    }
+
+    /// After all events: finds out how far the clocks are apart, and puts each frame's messages in order.
+    pub(super) fn align(&mut self) {
+        let mut known = vec![false; self.offsets.len()];
+        if let Some(first) = known.first_mut() {
+            *first = true;
+        }
+        // A trace may share frames with one that is itself known by another's alone.
+        while self.align_next(&mut known) {}
+        let least = self.offsets.iter().copied().min().unwrap_or_default();
+        for offset in &mut self.offsets {
+            *offset -= least;
+        }
+        for (number, frame) in (1..).zip(self.frames.values_mut()) {
+            frame.number = number;
+            frame.messages.sort_by_key(|it| i128::from(it.opened) + self.offsets[it.trace]);
+        }
+    }
+
+    /// One trace's view.
+    pub(super) const fn of(&self, trace: usize) -> TraceFrames<'_> {
+        TraceFrames { frames: self, trace }
+    }
+
+    fn align_next(&mut self, known: &mut [bool]) -> bool {
+        for SharedFrame { messages, .. } in self.frames.values() {
+            let captured = |is_known: bool| {
+                let mut of = messages.iter().filter(|it| known[it.trace] == is_known);
+                of.find_map(|it| Some((it.trace, it.captured?)))
+            };
+            if let (Some((from, there)), Some((to, here))) = (captured(true), captured(false)) {
+                self.offsets[to] = self.offsets[from] + there - here;
+                known[to] = true;
+                return true;
+            }
+        }
+        false
+    }
+}
+
+impl TraceFrames<'_> {
+    /// The number of this trace's process, from 1.
+    pub(super) fn process(&self) -> usize {
+        self.trace + 1
+    }
+
+    /// Whether nothing of the file's events was written before; once.
+    pub(super) fn take_first(&self) -> bool {
+        self.frames.is_first.replace(false)
+    }
+
+    /// An instant of this trace on the clock that all share.
+    pub(super) fn shared(&self, at: u64) -> u64 {
+        let offset = self.frames.offsets.get(self.trace).copied().unwrap_or_default();
+        u64::try_from(i128::from(at) + offset).unwrap_or(u64::MAX)
+    }
+
+    /// The number of the frame that a message comes from, and where the frame's arrow is at it; none if no other trace has it.
+    pub(super) fn flow(&self, origin: &Origin, t: u64) -> Option<(usize, FlowPhase)> {
+        let key = frame_key(origin)?;
+        let SharedFrame { number, messages } = self.frames.frames.get(&key)?;
+        if messages.len() < 2 {
+            return None;
+        }
+        let place = messages.iter().position(|it| it.trace == self.trace && it.t == t)?;
+        let phase = match place {
+            0 => FlowPhase::Begin,
+            place if place + 1 == messages.len() => FlowPhase::End,
+            _ => FlowPhase::Step,
+        };
+        Some((*number, phase))
+    }
+}
+
+fn frame_key(origin: &Origin) -> Option<FrameKey> {
+    Some((origin.stream.to_string(), origin.seq?))
+}
