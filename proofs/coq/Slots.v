@@ -19,6 +19,7 @@ Record fits (o : option slot) (ds : list decision) : Prop := {
   f_arms : forall d p due, In d ds -> arms t p due d ->
     p <> 0 /\ ~ says tr (requests t p) /\ forall e, In e ds -> e = d;
   f_free : forall d, In d ds -> holds t 0 d -> exists p, says tr (requests t p);
+  f_held : forall d p, In d ds -> holds t p d -> o <> None /\ forall m, ~ says (after ds tr) (emits t m);
   f_open : forall d, In d ds -> ~ opens t d
 }.
 
@@ -78,6 +79,7 @@ Proof.
   - intros d m q [<-|[]] [].
   - intros d q e [<-|[]] (_ & -> & ->). repeat split; auto. intros x [<-|[]]. reflexivity.
   - intros d [<-|[]] [].
+  - intros d q [<-|[]] [].
   - intros d [<-|[]] [].
 Qed.
 
@@ -134,7 +136,9 @@ Proof.
   - intros d m q [<-|[]] [].
   - intros d q e [<-|[]] [].
   - intros d [<-|[]] [_ ->]. exists w. assert (Rw := ok_pending _ _ O w W).
-    apply (a_requested _ _ _ _ T) in Rw as [->|R]; [lia|auto].
+    apply (a_requested _ _ _ _ T) in Rw as [->|R]; [lia|exact R].
+  - intros d q _ _. split; [discriminate|]. intros m E. apply says_after in E as [(d0 & [<-|[]] & [])|E].
+    apply sent_in in E. assert (R := a_running _ _ _ _ T). unfold running in R. rewrite NP in R. rewrite R in E. contradiction.
   - intros d [<-|[]] [].
 Qed.
 
@@ -192,6 +196,7 @@ Proof.
   - intros d m q I H. elim (NO (emits t m)); eauto.
   - intros d q e I H. elim (NO (arms t q e)); eauto.
   - intros d I H. elim (NO (holds t 0)); eauto.
+  - intros d q I H. elim (NO (holds t q)); eauto.
   - intros d I H. elim (NO (opens t)); eauto.
 Qed.
 
@@ -224,6 +229,8 @@ Proof.
   - intros d q e I H. line_by_line A; try contradiction. destruct I as [<-|I]; [contradiction|].
     apply in_map_iff in I as (? & <- & _). contradiction.
   - intros d I H. line_by_line A; try contradiction. destruct I as [<-|I]; [contradiction|].
+    apply in_map_iff in I as (? & <- & _). contradiction.
+  - intros d q I H. line_by_line A; try contradiction. destruct I as [<-|I]; [contradiction|].
     apply in_map_iff in I as (? & <- & _). contradiction.
   - intros d I H. line_by_line A; try contradiction. destruct I as [<-|I]; [contradiction|].
     apply in_map_iff in I as (? & <- & _). contradiction.
@@ -277,16 +284,13 @@ Proof.
     + intros d k q I X. line_by_line A; try contradiction. destruct I as [<-|[]]. contradiction.
     + intros d q x I X. line_by_line A; try contradiction. destruct I as [<-|[]]. contradiction.
     + intros d I X. line_by_line A; try contradiction. destruct I as [<-|[]]. contradiction.
+    + intros d q I X. line_by_line A; try contradiction. destruct I as [<-|[]]. contradiction.
     + intros d I X. line_by_line A; try contradiction. destruct I as [<-|[]]. contradiction.
   - assert (CE := closing_ends ps ds CL). destruct CL as [A _]. cbn in M.
     assert (R := a_running _ _ _ _ T). unfold running in R. rewrite Pr in R. destruct R as (l & El & Fl & Kl).
     rewrite Kl in M. destruct l as [|x l]; [contradiction|]. destruct M as [->|[]].
     assert (EM : says tr (emits t m)).
-    { clear - El. revert El. unfold says, endings. induction tr as [|y k IH]; cbn; [discriminate|]. destruct y as [n b|d].
-      - intros E. destruct (IH E) as (d & I & H). eauto.
-      - destruct d; cbn; try (intros E; destruct (IH E) as (d & I & H); eauto; fail);
-          destruct (N.eqb_spec t0 t) as [->|]; cbn; try (intros E; destruct (IH E) as (d & I & H); eauto; fail);
-          try discriminate. intros [= -> _]. eexists. split; [left; reflexivity|cbn; auto]. }
+    { apply sent_in. rewrite El. now left. }
     constructor; try discriminate.
     + intros d I. line_by_line A; try reflexivity. destruct I as [<-|[]]; reflexivity.
     + intros _. split; [|split].
@@ -298,6 +302,7 @@ Proof.
     + intros d k q I X. line_by_line A; try contradiction. destruct I as [<-|[]]. contradiction.
     + intros d q x I X. line_by_line A; try contradiction. destruct I as [<-|[]]. contradiction.
     + intros d I X. line_by_line A; try contradiction. destruct I as [<-|[]]. contradiction.
+    + intros d q I X. line_by_line A; try contradiction. destruct I as [<-|[]]. contradiction.
     + intros d I X. line_by_line A; try contradiction. destruct I as [<-|[]]. contradiction.
   - assert (X := forward_fits ps ds m (close ps sl) NP CL). rewrite <- F in X. cbn [snd] in X.
     assert (o = None) as -> by (unfold forward in F; congruence).
@@ -336,6 +341,7 @@ Proof.
     + intros d m q _ _ H. now apply NH in H.
     + intros d q e I H. final_lines I; contradiction.
     + intros d I H. final_lines I; contradiction.
+    + intros d q I H. final_lines I; contradiction.
     + intros d I H. final_lines I; contradiction.
   - assert (BI : forall q, In q (b :: bs) <-> In q (pending sl) /\ p < q) by (intros q; rewrite <- B, filter_In, N.ltb_lt; tauto).
     constructor; try discriminate.
@@ -374,6 +380,7 @@ Proof.
     + intros d m q _ _ H. now apply NH in H.
     + intros d q e [<-|I] H; [contradiction|]. apply in_map_iff in I as (? & <- & _). contradiction.
     + intros d [<-|I] H; [contradiction|]. apply in_map_iff in I as (? & <- & _). contradiction.
+    + intros d q [<-|I] H; [contradiction|]. apply in_map_iff in I as (? & <- & _). contradiction.
     + intros d [<-|I] H; [contradiction|]. apply in_map_iff in I as (? & <- & _). contradiction.
 Qed.
 End Of.

@@ -100,6 +100,14 @@ Qed.
 Lemma no_endings t ds : (forall d, In d ds -> end_of t d = []) -> flat_map (end_of t) ds = [].
 Proof. induction ds as [|d ds IH]; intros H; cbn; auto. rewrite H, IH; cbn; auto. intros; apply H; cbn; auto. Qed.
 
+Lemma sent_in t m tr : says tr (emits t m) <-> In (Sent m) (endings t tr).
+Proof.
+  unfold says, endings. rewrite in_flat_map. split.
+  - intros (d & I & H). exists (Did d). split; auto. destruct d; cbn in *; try tauto. destruct H as [-> ->].
+    rewrite N.eqb_refl. now left.
+  - intros ([n b|d] & I & H); [contradiction|]. exists d. split; auto.
+    destruct d; cbn in *; try tauto; destruct (N.eqb_spec t0 t) as [->|]; cbn in H; intuition congruence.
+Qed.
 Lemma closes_how t p d : closes t p d -> answers t p d \/ exists q, emits t q d /\ p < q.
 Proof. destruct d; cbn; try tauto. unfold outdone. intros [-> [->|[_ ?]]]; eauto. Qed.
 Lemma disarms_closes t p d : disarms t p d -> closes t p d.
