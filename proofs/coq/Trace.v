@@ -113,6 +113,35 @@ Proof. destruct d; cbn; try tauto. unfold outdone. intros [-> [->|[_ ?]]]; eauto
 Lemma disarms_closes t p d : disarms t p d -> closes t p d.
 Proof. destruct d; cbn; tauto. Qed.
 
+(** What a trace says can be read from it. *)
+Lemma retires_dec t d : {retires t d} + {~ retires t d}.
+Proof. destruct d; cbn; auto; try apply N.eq_dec. destruct (N.eq_dec t0 t), (is_progressive cfg); try tauto; right; intros [_ ?]; discriminate. Qed.
+Lemma outdone_dec p q : {outdone p q} + {~ outdone p q}.
+Proof.
+  unfold outdone. destruct (N.eq_dec q p); [left; auto|]. destruct (is_progressive cfg); [|right; intros [?|[? _]]; congruence].
+  destruct (p <? q) eqn:L; [apply N.ltb_lt in L; left; auto|apply N.ltb_ge in L; right; intros [?|[_ ?]]; [auto|lia]].
+Qed.
+Lemma disarms_dec t p d : {disarms t p d} + {~ disarms t p d}.
+Proof.
+  assert (A : forall u q (X : Prop), {X} + {~ X} -> {u = t /\ q = p /\ X} + {~ (u = t /\ q = p /\ X)}).
+  { intros u q X [?|?]; destruct (N.eq_dec u t), (N.eq_dec q p); tauto. }
+  destruct d as [? ? ?|? u q|? u q|? ? ? ?|? ? ? ?|? u q|? ? ? ?|? u q|? ? ?|? ?|? ? ?]; cbn [disarms]; auto.
+  - destruct (N.eq_dec u t), (N.eq_dec q p); tauto.
+  - destruct (N.eq_dec u t), (N.eq_dec q p); tauto.
+  - apply A. destruct (N.eq_dec p 0); [tauto|]. destruct (is_patient cfg); [tauto|right; intros [?|?]; congruence].
+  - destruct (N.eq_dec u t), (outdone_dec p q); tauto.
+Qed.
+Lemma says_dec tr (X : decision -> Prop) : (forall d, {X d} + {~ X d}) -> {says tr X} + {~ says tr X}.
+Proof.
+  intros D. induction tr as [|[n b|d] tr [H|H]].
+  - right. intros (d & [] & _).
+  - left. now apply says_got.
+  - right. now rewrite says_got.
+  - left. destruct H as (e & I & E). exists e. split; auto. now right.
+  - destruct (D d) as [E|E]; [left; exists d; split; auto; now left|right].
+    intros (e & [[= ->]|I] & F); auto. apply H. exists e. auto.
+Qed.
+
 (** ** What is kept of one open timestamp *)
 
 (** Its sets by themselves. *)
