@@ -1,6 +1,6 @@
 (** * P9 bounded and P11 accounted *)
 From Coq Require Import List NArith Bool Lia.
-From Fuseline Require Import Rules Sets Trace Slots Kept Runs.
+From Fuseline Require Import Rules Sets Trace Statements Slots Kept Runs.
 Import ListNotations.
 Open Scope N_scope.
 Arguments after : simpl never.

@@ -67,8 +67,8 @@ Qed.
 
 Section Of.
 Variables (window : N) (cs : list cloud).
-Let pat : config := {| Rules.window := window; rule := Patient; clouds := cs |}.
-Let pro : config := {| Rules.window := window; rule := Progressive; clouds := cs |}.
+Let pat : config := {| Words.window := window; rule := Patient; clouds := cs |}.
+Let pro : config := {| Words.window := window; rule := Progressive; clouds := cs |}.
 
 (** ** F4 to F6 *)
 Lemma shadow_close ps qs sl : (forall q, In q qs <-> In q ps /\ beyond (greatest (cached sl)) q = true) ->
@@ -279,7 +279,7 @@ Proof.
     destruct (mem p (pending sl)) eqn:M3; cbn [negb andb].
     + destruct (any_above p (cached sl)) eqn:A.
       * split; [discriminate|]. intros X. apply B in X. destruct X. discriminate.
-      * assert (Z : beyond (greatest (cached sl)) p = true) by (apply B; auto). rewrite Z. tauto.
+      * assert (Z : beyond (greatest (cached sl)) p = true) by (apply (proj2 B); auto). rewrite Z. tauto.
     + destruct (any_above p (cached sl)); discriminate.
 Qed.
 Lemma below_not s sl p : slot_ok pat sl -> In p (pending sl) -> beyond (greatest (cached sl)) p = false ->

@@ -1,12 +1,47 @@
-(** * The promises of SPEC.md, section 4, over the trace of any run
-
-    [tr] is the trace of any inputs under any configuration, and nothing else is spoken of: what came in, and what was
-    decided. Since each beginning of a run is a run, "by an instant" reads: whenever the clock of the trace has reached
-    it. The words are those of Trace.v. Examples.v computes a run for each hypothesis, and breaks each statement. *)
+(** * P1 to P8 and P12: the trace of any run is as Statements.v says *)
 From Coq Require Import List NArith Bool Lia Sorted.
-From Fuseline Require Import Rules Sets Trace Slots Kept Runs.
+From Fuseline Require Import Rules Sets Trace Statements Slots Kept Runs Accounts.
 Import ListNotations.
 Open Scope N_scope.
+
+Arguments after : simpl never.
+Lemma timer_at_firing cfg now t timer sl o ds : settle cfg now t timer sl = (o, ds) ->
+  forall a u p, ~ In (Timer a u p) ds.
+Proof.
+  intros H a u p I. apply settle_cases in H as [(_ & -> & _)|[(_ & -> & _)|[(_ & _ & _ & m & -> & _)|(_ & m & E & _)]]].
+  - contradiction.
+  - destruct I as [[=]|[]].
+  - destruct I as [[=]|[]].
+  - injection E as _ ->. destruct I as [[=]|I]. apply in_map_iff in I as (q & [=] & _).
+Qed.
+Lemma reach_fires cfg tr s cur : reach cfg tr s cur -> P8_fires tr.
+Proof.
+  intros R. induction R as [|tr s n b R IH|tr s b due t s' ds R IH E L U|tr s b s' ds R IH A U]; intros now u p I.
+  - contradiction.
+  - destruct I as [[=]|I]. destruct (IH now u p I) as (e & H & Le). exists e. now rewrite says_got.
+  - unfold after in I. apply in_app_or in I as [I|I].
+    2:{ destruct (IH now u p I) as (e & H & Le). exists e. rewrite says_after. auto. }
+    apply in_rev in I. apply in_map_iff in I as (d & [= ->] & I).
+    assert (G := reach_good _ _ _ _ R). destruct (due_lookup _ _ _ _ _ G E) as (sl & q & Lk & _).
+    rewrite (slot_of_open _ _ _ Lk) in U. unfold update, fire in U. destruct (settle _ _ _ _ _) as [o e] eqn:Se. injection U as <- <-.
+    apply in_app_or in I as [I|I]; [|elim (timer_at_firing _ _ _ _ _ _ _ Se _ _ _ I)].
+    apply in_map_iff in I as (x & [= <- <- <-] & I). apply fired_in in I. exists due. split; auto. apply says_after. right.
+    now apply (a_armed _ _ _ _ (g_told _ _ _ G t sl Lk)).
+  - unfold after in I. apply in_app_or in I as [I|I].
+    2:{ destruct (IH now u p I) as (e & H & Le). exists e. rewrite says_after. auto. }
+    apply in_rev in I. apply in_map_iff in I as (d & [= ->] & I). exfalso.
+    assert (O := apply_own cfg s b). rewrite U in O. cbn in O. revert I. clear - O.
+    destruct b as [t d|t q d bl|t q|t q|]; cbn in O.
+    + destruct O as [->|(w & ->)]; intros [[=]|[]].
+    + destruct O as [->|(w & ->)]; intros [[=]|[]].
+    + destruct O as [(w & ->)|[(-> & _)|(cs & last & -> & K)]]; [intros [[=]|[]]|intros [[=]|[]]|].
+      intros [[=]|I]. apply in_app_or in I as [I|I]; [apply in_map_iff in I as (x & [=] & _)|].
+      destruct K as [->|(_ & ->)]; [contradiction|destruct I as [[=]|[]]].
+    + destruct O as [(w & ->)|(last & -> & K)]; [intros [[=]|[]]|]. intros [[=]|I].
+      destruct K as [->|[->|[(_ & m & ->)|(_ & m & cs & ->)]]]; [contradiction|destruct I as [[=]|[]]|destruct I as [[=]|[]]|].
+      destruct I as [[=]|I]. apply in_map_iff in I as (x & [=] & _).
+    + subst. contradiction.
+Qed.
 
 Section Of.
 Variables (cfg : config) (ins : list input).
@@ -34,20 +69,14 @@ Proof. destruct (says_dec tr (disarms cfg t p) (disarms_dec cfg t p)); tauto. Qe
 
 (** ** P1 once *)
 
-(** Under eager and patient a timestamp is forwarded once, or missed once, or neither, but never both or again. *)
-Theorem p1_once t : is_progressive cfg = false ->
-  endings t tr = [] \/ endings t tr = [Missed] \/ exists p, endings t tr = [Sent p].
-Proof.
+Theorem p1_once : P1_once cfg tr.
+Proof. intros t.
   intros NP. destruct (lookup t (opened s)) as [sl|] eqn:L.
   - left. assert (X := a_running _ _ _ _ (g_told _ _ _ G t sl L)). unfold running in X. now rewrite NP in X.
   - destruct (g_done _ _ _ G t L) as [E|D]; auto. unfold done in D. rewrite NP in D. tauto.
 Qed.
-(** Under progressive its outputs rise strictly, a final or a miss comes at most once and last, a miss only without
-    outputs, and a final names the last of them. *)
-Theorem p1_progressive t : is_progressive cfg = true ->
-  (exists ps, endings t tr = map Sent ps /\ falling ps) \/ endings t tr = [Missed] \/
-  exists p ps, endings t tr = Ended p :: Sent p :: map Sent ps /\ falling (p :: ps).
-Proof.
+Theorem p1_progressive : P1_progressive cfg tr.
+Proof. intros t.
   intros Pr. destruct (lookup t (opened s)) as [sl|] eqn:L.
   - left. assert (X := a_running _ _ _ _ (g_told _ _ _ G t sl L)). unfold running in X. rewrite Pr in X.
     destruct X as (ps & E & F & _). eauto.
@@ -57,22 +86,18 @@ Qed.
 
 (** ** P2 never late *)
 
-(** Whatever is forwarded had been asked for, and came before the due instant of its request, or of local, if any. *)
-Theorem p2_never_late t p : says tr (emits t p) -> in_time tr t p.
-Proof. intros (d & I & E). apply (g_accepted _ _ _ G). exists d. split; auto. now right. Qed.
+Theorem p2_never_late : P2_never_late tr.
+Proof. intros t p. intros (d & I & E). apply (g_accepted _ _ _ G). exists d. split; auto. now right. Qed.
 
 (** ** P3 best available *)
 
-(** No result that was ever held for a timestamp outranks the one that is forwarded. *)
-Theorem p3_best_available t m q : says tr (emits t m) -> says tr (holds t q) -> q <= m.
-Proof. apply (g_best _ _ _ G). Qed.
+Theorem p3_best_available : P3_best_available tr.
+Proof. intros t m q. apply (g_best _ _ _ G). Qed.
 
 (** ** P4 prompt *)
 
-(** While results are held, something that was asked for and has not come outranks all of them. *)
-Theorem p4_prompt t c : says tr (holds t c) -> ~ says tr (retires cfg t) ->
-  exists q, says tr (requests t q) /\ ~ says tr (closes cfg t q) /\ forall b, says tr (holds t b) -> b < q.
-Proof.
+Theorem p4_prompt : P4_prompt cfg tr.
+Proof. intros t c.
   intros H N. assert (O : says tr (opens t)).
   { apply (g_opened _ _ _ G). destruct H as (d & I & H). exists d. split; auto. now apply holds_about in H. }
   destruct (open_slot t O N) as (sl & L & Ok & T).
@@ -87,11 +112,8 @@ Qed.
 
 (** ** P5 local floor *)
 
-(** Once any result was accepted, local's or a cloud's, its timestamp has an output by the latest due instant of its
-    requests. *)
-Theorem p5_local_floor t p : says tr (accepts t p) ->
-  (forall q due, q <> 0 -> says tr (arms t q due) -> due <= clock_of tr) -> exists m, says tr (emits t m).
-Proof.
+Theorem p5_local_floor : P5_local_floor tr.
+Proof. intros t p.
   intros A D. destruct (g_floor _ _ _ G t p A) as [L|?]; auto. destruct (lookup t (opened s)) as [sl|] eqn:E; [|now elim L].
   assert (T := g_told _ _ _ G t sl E). assert (O := g_slot _ _ _ G t sl E).
   destruct (a_got _ _ _ _ T p A) as (c & C & _). destruct (ok_prompt _ _ O c C) as (q & Q & Lq).
@@ -101,25 +123,20 @@ Qed.
 
 (** ** P6 free without cloud *)
 
-(** Local's result is held only for a timestamp for which a request was admitted. *)
-Theorem p6_free_without_cloud t : says tr (holds t 0) -> exists p, says tr (requests t p).
-Proof. apply (g_free _ _ _ G). Qed.
+Theorem p6_free_without_cloud : P6_free_without_cloud tr.
+Proof. intros t. apply (g_free _ _ _ G). Qed.
 
 (** ** P7 no stall *)
 
-(** A timestamp that was opened and is not retired waits for local, or has a live timer that is due later. *)
-Theorem p7_no_stall t : says tr (opens t) -> ~ says tr (retires cfg t) -> ~ says tr (closes cfg t 0) \/
-  exists p due, says tr (arms t p due) /\ ~ says tr (disarms cfg t p) /\ clock_of tr < due.
-Proof.
+Theorem p7_no_stall : P7_no_stall cfg tr.
+Proof. intros t.
   intros O N. destruct (open_slot t O N) as (sl & L & Ok & T). destruct (ok_waits _ _ Ok) as (p & P).
   destruct (N.eq_dec p 0) as [->|Z]; [left; now apply (a_pending _ _ _ _ T) in P|]. right.
   destruct (ok_timer _ _ Ok p P Z) as (due & I). exists p, due. assert (X := live_later t sl p due L I).
   apply (a_armed _ _ _ _ T) in I. tauto.
 Qed.
-(** One that was opened with a deadline has a live timer as long as it is open. *)
-Theorem p7_with_deadline t x : says tr (arms t 0 x) -> ~ says tr (retires cfg t) ->
-  exists p due, says tr (arms t p due) /\ ~ says tr (disarms cfg t p) /\ clock_of tr < due.
-Proof.
+Theorem p7_with_deadline : P7_with_deadline cfg tr.
+Proof. intros t x.
   intros A N. assert (O : says tr (opens t)).
   { apply (g_opened _ _ _ G). destruct A as (d & I & H). exists d. split; auto. now apply arms_about in H. }
   destruct (p7_no_stall t O N) as [W|?]; auto. destruct (open_slot t O N) as (sl & L & Ok & T).
@@ -127,26 +144,21 @@ Proof.
   { apply (a_armed _ _ _ _ T). split; auto. intros (d & I & D). apply W. exists d. split; auto. now apply disarms_closes. }
   exists 0, x. assert (X := live_later t sl 0 x L I). apply (a_armed _ _ _ _ T) in I. tauto.
 Qed.
-(** And it is retired by the latest due instant that was ever armed for it. *)
-Theorem p7_retired t x : says tr (arms t 0 x) -> (forall p due, says tr (arms t p due) -> due <= clock_of tr) ->
-  says tr (retires cfg t).
-Proof.
+Theorem p7_retired : P7_retired cfg tr.
+Proof. intros t x.
   intros A D. apply stable. intros N. destruct (p7_with_deadline t x A N) as (p & due & I & _ & L). specialize (D p due I). lia.
 Qed.
 
 (** ** P8 timers *)
 
-(** A request, and local, arms at most one due instant. *)
-Theorem p8_one_timer t p a b : says tr (arms t p a) -> says tr (arms t p b) -> a = b.
-Proof. apply (g_one _ _ _ G). Qed.
+Theorem p8_one_timer : P8_one_timer tr.
+Proof. intros t p a b. apply (g_one _ _ _ G). Qed.
 (** The live timers of an open timestamp are those that were armed and were not ended by what P8 names. *)
 Theorem p8_live t sl p due : lookup t (opened s) = Some sl ->
   (In (p, due) (armed sl) <-> says tr (arms t p due) /\ ~ says tr (disarms cfg t p)).
 Proof. intros L. exact (a_armed _ _ _ _ (g_told _ _ _ G t sl L) p due). Qed.
-(** None is overdue: an armed timer that is due has ended, or its timestamp has. *)
-Theorem p8_served t p due : says tr (arms t p due) -> due <= clock_of tr -> ~ says tr (retires cfg t) ->
-  says tr (disarms cfg t p).
-Proof.
+Theorem p8_served : P8_served cfg tr.
+Proof. intros t p due.
   intros A D N. apply stable_timer. intros Z. assert (O : says tr (opens t)).
   { apply (g_opened _ _ _ G). destruct A as (d & I & H). exists d. split; auto. now apply arms_about in H. }
   destruct (open_slot t O N) as (sl & L & _ & T).
@@ -156,10 +168,8 @@ Qed.
 
 (** ** P12 bounded wait *)
 
-(** Once local has arrived, or was outdone, and the due instants of all requests are past, a timestamp is retired. *)
-Theorem p12_bounded_wait t : says tr (opens t) -> says tr (closes cfg t 0) ->
-  (forall p due, p <> 0 -> says tr (arms t p due) -> due <= clock_of tr) -> says tr (retires cfg t).
-Proof.
+Theorem p12_bounded_wait : P12_bounded_wait cfg tr.
+Proof. intros t.
   intros O C D. apply stable. intros N. destruct (open_slot t O N) as (sl & L & Ok & T). destruct (ok_waits _ _ Ok) as (p & P).
   assert (Z : p <> 0) by (intros ->; apply (a_pending _ _ _ _ T) in P; tauto).
   destruct (ok_timer _ _ Ok p P Z) as (due & I). assert (X := live_later t sl p due L I).

@@ -1,15 +1,12 @@
-(** * The rules of SPEC.md, sections 2 and 3
+(** * The rules of SPEC.md, section 3
 
     One function, [step], that takes a configuration, a state and an input and gives the state after it and its
     decisions. Each rule stands under its identifier and reads as its text does, with the four sets of a timestamp as
     lists of priorities in ascending order. Nothing bounds the number of clouds, of timestamps or of the window. *)
 From Coq Require Import List NArith Bool.
+From Fuseline Require Export Words.
 Import ListNotations.
 Open Scope N_scope.
-
-(** ** Words (section 1) *)
-Definition end_of_time : N := 18446744073709551615.
-Definition due_at (now deadline : N) : N := N.min (now + deadline) end_of_time. (* A14 *)
 
 (** ** Sets of priorities *)
 Definition mem (p : N) (l : list N) : bool := existsb (N.eqb p) l.
@@ -23,37 +20,6 @@ Fixpoint add {A} (key : A -> N) (x : A) (l : list A) : list A :=
   end.
 Definition greatest (l : list N) : option N :=
   fold_right (fun p best => match best with Some m => Some (N.max p m) | None => Some p end) None l.
-
-(** ** Configuration and state (section 2) *)
-Inductive commit := Eager | Patient | Progressive.
-Record cloud := { priority : N; limit : N; resume : N }.
-Definition cloud_with (p limit : N) (resume : option N) : cloud :=
-  {| priority := p; limit := limit; resume := match resume with Some r => r | None => N.pred limit end |}.
-Record config := { window : N; rule : commit; clouds : list cloud }.
-
-Record slot := {
-  requested : list N;
-  pending : list N;
-  cached : list N;
-  armed : list (N * N) (* a priority and its due instant *)
-}.
-Definition empty_slot : slot := {| requested := []; pending := []; cached := []; armed := [] |}.
-Record state := { clock : N; newest : option N; shut : list N; opened : list (N * slot) }.
-Definition initial : state := {| clock := 0; newest := None; shut := []; opened := [] |}.
-
-(** ** Inputs and decisions (section 6) *)
-Inductive body :=
-| Open (t : N) (deadline : option N) | Offer (t p deadline backlog : N) | Result (t p : N) | Fail (t p : N) | Tick.
-Record input := { at_ : N; what : body }.
-Inductive reason :=
-| Order | Full | Deadline | Unknown | Closed | Duplicate | Outranked | Queue | Superseded | Unsolicited | Late.
-(** [Opened] and [Failed] tell that an open or a failure was accepted, for which a trace has no line. *)
-Inductive decision :=
-| Opened (now t : N) (due : option N) | Failed (now t p : N)
-| Timer (now t p : N) | Refuse (now t : N) (p : option N) (why : reason) | Request (now t p due : N)
-| Hold (now t p : N) | Drop (now t p : N) (why : reason) | Emit (now t p : N) | Final (now t p : N)
-| Miss (now t : N) | Cancel (now t p : N).
-Definition written (d : decision) : bool := match d with Opened _ _ _ | Failed _ _ _ => false | _ => true end.
 
 (** ** The open timestamps *)
 Fixpoint lookup (t : N) (l : list (N * slot)) : option slot :=
@@ -91,10 +57,6 @@ Fixpoint first_reason (rows : list (reason * bool)) : option reason :=
   end.
 Definition registered (cfg : config) (p : N) : option cloud := find (fun c => priority c =? p) (clouds cfg).
 Definition is_cloud (cfg : config) (p : N) : bool := match registered cfg p with Some _ => true | None => false end.
-
-Definition is_eager (cfg : config) : bool := match rule cfg with Eager => true | _ => false end.
-Definition is_patient (cfg : config) : bool := match rule cfg with Patient => true | _ => false end.
-Definition is_progressive (cfg : config) : bool := match rule cfg with Progressive => true | _ => false end.
 
 (** ** F1 Open *)
 Definition f1_reasons (cfg : config) (s : state) (t : N) (deadline : option N) : list (reason * bool) := [
@@ -241,10 +203,7 @@ Definition step (cfg : config) (s : state) (i : input) : state * list decision :
   let (s2, ds2) := apply cfg s1 (what i) in
   (s2, ds1 ++ ds2).
 
-(** ** The trace of a run, the newest line first: each input at the instant of F0, and then its decisions *)
-Inductive line := Got (now : N) (b : body) | Did (d : decision).
-Definition trace := list line.
-Definition after (ds : list decision) (tr : trace) : trace := rev (map Did ds) ++ tr.
+(** ** Runs *)
 Fixpoint run (cfg : config) (s : state) (tr : trace) (ins : list input) : state * trace :=
   match ins with
   | [] => (s, tr)
@@ -255,7 +214,3 @@ Fixpoint run (cfg : config) (s : state) (tr : trace) (ins : list input) : state 
 Definition state_after (cfg : config) (ins : list input) : state := fst (run cfg initial [] ins).
 Definition trace_of (cfg : config) (ins : list input) : trace := snd (run cfg initial [] ins).
 
-(** ** A configuration that is not refused (section 2) *)
-Definition well_made (cfg : config) : Prop :=
-  1 <= window cfg <= 1024 /\ (length (clouds cfg) <= 15)%nat /\ NoDup (map priority (clouds cfg)) /\
-  Forall (fun c => 1 <= priority c <= 65535 /\ 1 <= limit c /\ resume c < limit c) (clouds cfg).

@@ -1,14 +1,10 @@
 (** * Every run goes through the moves of Kept.v, and after each input nothing is due *)
 From Coq Require Import List NArith Bool Lia.
-From Fuseline Require Import Rules Sets Trace Slots Kept.
+From Fuseline Require Import Rules Sets Trace Statements Slots Kept.
 Import ListNotations.
 Open Scope N_scope.
 Arguments after : simpl never.
 Arguments timers : simpl never.
-
-(** The instant of the newest input. *)
-Fixpoint clock_of (tr : trace) : N :=
-  match tr with [] => 0 | Got now _ :: _ => now | Did _ :: rest => clock_of rest end.
 
 Lemma after_app a b tr : after (a ++ b) tr = after b (after a tr).
 Proof. unfold after. now rewrite map_app, rev_app_distr, app_assoc. Qed.

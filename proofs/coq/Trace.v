@@ -1,6 +1,6 @@
 (** * What a trace says of a timestamp, in words of its lines alone *)
 From Coq Require Import List NArith Bool Lia Sorted.
-From Fuseline Require Import Rules Sets.
+From Fuseline Require Import Words.
 Import ListNotations.
 Open Scope N_scope.
 
