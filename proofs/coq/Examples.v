@@ -2,26 +2,9 @@
 
     The runs are of the rules, computed. The faulty traces are written by hand, the newest line first. *)
 From Coq Require Import List NArith Bool.
-From Fuseline Require Import Rules Trace Statements Broken Ticks AsPatient.
+From Fuseline Require Import Rules Trace Statements Broken Cases Ticks AsPatient.
 Import ListNotations.
 Open Scope N_scope.
-
-Definition under (r : commit) : config :=
-  {| window := 2; rule := r; clouds := [cloud_with 1 4 None; cloud_with 2 4 (Some 0)] |}.
-Definition eager := under Eager.
-Definition progressive := under Progressive.
-Definition input_at (now : N) (b : body) : input := {| at_ := now; what := b |}.
-(** Local and the first cloud are held until that cloud's timer fires. *)
-Definition held : list input :=
-  [input_at 0 (Open 1 (Some 100)); input_at 0 (Offer 1 1 50 0); input_at 0 (Offer 1 2 80 0);
-   input_at 10 (Result 1 0); input_at 20 (Result 1 1)].
-Definition committed := held ++ [input_at 50 Tick].
-Definition over := committed ++ [input_at 100 Tick].
-(** A timer fires and its timestamp stays open. *)
-Definition waiting : list input := [input_at 0 (Open 1 (Some 100)); input_at 0 (Offer 1 1 50 0); input_at 60 Tick].
-
-Tactic Notation "breaks" uconstr(lemma) := refine (lemma _); vm_compute; reflexivity.
-Ltac happens := vm_compute; reflexivity.
 
 Example p1_happens : endings 1 (trace_of eager over) = [Sent 1]. Proof. happens. Qed.
 Example p1_can_break : ~ P1_once eager [Did (Emit 60 1 2); Did (Emit 50 1 1); Did (Opened 0 1 None)].
