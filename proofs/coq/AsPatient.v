@@ -207,12 +207,12 @@ Proof.
   - apply greatest_none in G. now subst.
 Qed.
 Lemma admit_shadow p due sl : slot_ok pat sl -> ~ In p (requested sl) -> any_above p (cached sl) = false ->
-  shadow (admit p due sl) = admit p due (shadow sl).
+  shadow (join p due sl) = join p due (shadow sl).
 Proof.
   intros O N A. assert (B : beyond (greatest (cached sl)) p = true).
   { destruct (greatest (cached sl)) as [m|] eqn:G; auto. apply greatest_some in G as [I _]. rewrite above_not in A.
     specialize (A m I). cbn. apply N.ltb_lt. assert (m <> p) by (intros ->; apply N; now apply (ok_cached _ _ O)). lia. }
-  unfold shadow, admit. cbn. f_equal.
+  unfold shadow, join. cbn. f_equal.
   - apply (filter_add id (greatest (cached sl)) p (pending sl)). exact B.
   - apply (filter_add fst (greatest (cached sl)) (p, due) (armed sl)). exact B.
 Qed.
@@ -306,7 +306,7 @@ Proof.
     destruct (gate_shut pat s p bl); [eexists; split; reflexivity|]. rewrite slot_beside, (slot_of_open _ _ _ L).
     change (set_gate p false (beside s)) with (beside (set_gate p false s)). change (clock (beside s)) with (clock s).
     rewrite <- (admit_shadow p _ sl (Ok t sl L) N A).
-    change (Some (shadow (admit p (due_at (clock s) d) sl))) with (option_map shadow (Some (admit p (due_at (clock s) d) sl))).
+    change (Some (shadow (join p (due_at (clock s) d) sl))) with (option_map shadow (Some (join p (due_at (clock s) d) sl))).
     eexists. split; [apply update_beside|reflexivity].
   - unfold arrive. assert (D := drops_shadow s t p (Ok t)). destruct (first_reason (f3_reasons pat s t p)) eqn:F.
     { destruct (first_reason (f3_reasons pro (beside s) t p)); [eexists; split; reflexivity|now elim D]. }

@@ -93,7 +93,7 @@ Definition f2_reasons (cfg : config) (s : state) (t p deadline : N) : list (reas
   (Outranked, any_above p (cached (slot_of s t)));
   (Deadline,  due_at (clock s) deadline <=? clock s)
 ].
-Definition admit (p due : N) (sl : slot) : slot :=
+Definition join (p due : N) (sl : slot) : slot :=
   {| requested := add id p (requested sl); pending := add id p (pending sl); cached := cached sl;
      armed := add fst (p, due) (armed sl) |}.
 Definition offer (cfg : config) (s : state) (t p deadline backlog : N) : state * list decision :=
@@ -105,7 +105,7 @@ Definition offer (cfg : config) (s : state) (t p deadline backlog : N) : state *
       if is_shut then (asked, [Refuse (clock s) t (Some p) Queue])
       else
         let due := due_at (clock s) deadline in
-        update asked t (Some (admit p due (slot_of s t)), [Request (clock s) t p due])
+        update asked t (Some (join p due (slot_of s t)), [Request (clock s) t p due])
   end.
 
 (** ** F7 Forward: [m] goes downstream, and its timestamp is retired *)

@@ -41,7 +41,7 @@ Proof. split; [intros (d & [<-|[]] & H); auto|]. intros H. exists d0. split; aut
 
 (** ** F2 *)
 Lemma admit_fits p due : ~ In p (requested sl) -> any_above p (cached sl) = false ->
-  fits (Some (admit p due sl)) [Request now t p due].
+  fits (Some (join p due sl)) [Request now t p due].
 Proof.
   intros N A. rewrite above_not in A.
   assert (P0 : p <> 0) by (intros ->; apply N; apply (ok_zero _ _ O)).
