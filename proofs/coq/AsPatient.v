@@ -267,15 +267,16 @@ Proof.
   assert (D : mem p (match greatest (cached sl) with Some m => [m] | None => [] end) = true -> In p (cached sl)).
   { intros D. apply mem_iff in D. destruct (greatest (cached sl)) as [m|] eqn:G; [|contradiction]. destruct D as [<-|[]].
     now apply greatest_some in G. }
+  set (twice := mem p (match greatest (cached sl) with Some m => [m] | None => [] end)) in *.
   assert (Pe : mem p (filter (beyond (greatest (cached sl))) (pending sl)) = mem p (pending sl) && beyond (greatest (cached sl)) p).
   { apply eq_true_iff_eq. rewrite andb_true_iff, !mem_iff, filter_In. tauto. }
   rewrite Pe. destruct (mem p (requested sl)) eqn:M1; cbn [negb].
   2:{ destruct (any_above p (cached sl)); discriminate. }
   destruct (mem p (cached sl)) eqn:M2.
-  - apply mem_iff in M2. destruct (any_above p (cached sl)) eqn:A; [discriminate|]. destruct (mem p (match _ with _ => _ end)); [discriminate|].
+  - apply mem_iff in M2. destruct (any_above p (cached sl)) eqn:A; [discriminate|]. destruct twice; [discriminate|].
     assert (Z : beyond (greatest (cached sl)) p = false) by (destruct (beyond _ p); auto; destruct B as [B _]; specialize (B eq_refl); tauto).
     rewrite Z, andb_false_r. discriminate.
-  - apply mem_not in M2. destruct (mem p (match _ with _ => _ end)); [now elim M2; apply D|].
+  - apply mem_not in M2. destruct twice; [now elim M2; apply D|].
     destruct (mem p (pending sl)) eqn:M3; cbn [negb andb].
     + destruct (any_above p (cached sl)) eqn:A.
       * split; [discriminate|]. intros X. apply B in X. destruct X. discriminate.

@@ -67,17 +67,29 @@ Proof. destruct (says_dec tr (retires cfg t) (retires_dec cfg t)); tauto. Qed.
 Local Lemma stable_timer t p : ~ ~ says tr (disarms cfg t p) -> says tr (disarms cfg t p).
 Proof. destruct (says_dec tr (disarms cfg t p) (disarms_dec cfg t p)); tauto. Qed.
 
-(** ** P1 once *)
+(** The four sets of an open timestamp (section 2) are what the lines of its trace say. *)
+Theorem sets_of_the_trace t sl : lookup t (opened s) = Some sl ->
+  (forall p, In p (requested sl) <-> p = 0 \/ says tr (requests t p)) /\
+  (forall p, In p (pending sl) <-> In p (requested sl) /\ ~ says tr (closes cfg t p)) /\
+  (is_progressive cfg = false -> forall p, In p (cached sl) <-> says tr (holds t p)) /\
+  (is_progressive cfg = true -> exists ps, endings t tr = map Sent ps /\ cached sl = firstn 1 ps) /\
+  (forall p due, In (p, due) (armed sl) <-> says tr (arms t p due) /\ ~ says tr (disarms cfg t p)).
+Proof.
+  intros L. assert (T := g_told _ _ _ G t sl L). split; [apply (a_requested _ _ _ _ T)|]. split; [apply (a_pending _ _ _ _ T)|].
+  split; [apply (a_cached _ _ _ _ T)|]. split; [|apply (a_armed _ _ _ _ T)].
+  intros Pr. assert (X := a_running _ _ _ _ T). unfold running in X. rewrite Pr in X. destruct X as (ps & E & _ & C). eauto.
+Qed.
 
+(** ** P1 once *)
 Theorem p1_once : P1_once cfg tr.
-Proof. intros t.
-  intros NP. destruct (lookup t (opened s)) as [sl|] eqn:L.
+Proof.
+  intros t NP. destruct (lookup t (opened s)) as [sl|] eqn:L.
   - left. assert (X := a_running _ _ _ _ (g_told _ _ _ G t sl L)). unfold running in X. now rewrite NP in X.
   - destruct (g_done _ _ _ G t L) as [E|D]; auto. unfold done in D. rewrite NP in D. tauto.
 Qed.
 Theorem p1_progressive : P1_progressive cfg tr.
-Proof. intros t.
-  intros Pr. destruct (lookup t (opened s)) as [sl|] eqn:L.
+Proof.
+  intros t Pr. destruct (lookup t (opened s)) as [sl|] eqn:L.
   - left. assert (X := a_running _ _ _ _ (g_told _ _ _ G t sl L)). unfold running in X. rewrite Pr in X.
     destruct X as (ps & E & F & _). eauto.
   - destruct (g_done _ _ _ G t L) as [E|D]; [left; exists []; split; auto; constructor|].
@@ -85,20 +97,17 @@ Proof. intros t.
 Qed.
 
 (** ** P2 never late *)
-
 Theorem p2_never_late : P2_never_late tr.
 Proof. intros t p. intros (d & I & E). apply (g_accepted _ _ _ G). exists d. split; auto. now right. Qed.
 
 (** ** P3 best available *)
-
 Theorem p3_best_available : P3_best_available tr.
 Proof. intros t m q. apply (g_best _ _ _ G). Qed.
 
 (** ** P4 prompt *)
-
 Theorem p4_prompt : P4_prompt cfg tr.
-Proof. intros t c.
-  intros H N. assert (O : says tr (opens t)).
+Proof.
+  intros t c H N. assert (O : says tr (opens t)).
   { apply (g_opened _ _ _ G). destruct H as (d & I & H). exists d. split; auto. now apply holds_about in H. }
   destruct (open_slot t O N) as (sl & L & Ok & T).
   assert (NP : is_progressive cfg = false).
@@ -111,10 +120,9 @@ Proof. intros t c.
 Qed.
 
 (** ** P5 local floor *)
-
 Theorem p5_local_floor : P5_local_floor tr.
-Proof. intros t p.
-  intros A D. destruct (g_floor _ _ _ G t p A) as [L|?]; auto. destruct (lookup t (opened s)) as [sl|] eqn:E; [|now elim L].
+Proof.
+  intros t p A D. destruct (g_floor _ _ _ G t p A) as [L|?]; auto. destruct (lookup t (opened s)) as [sl|] eqn:E; [|now elim L].
   assert (T := g_told _ _ _ G t sl E). assert (O := g_slot _ _ _ G t sl E).
   destruct (a_got _ _ _ _ T p A) as (c & C & _). destruct (ok_prompt _ _ O c C) as (q & Q & Lq).
   destruct (ok_timer _ _ O q Q) as (due & I); [lia|]. assert (X := live_later t sl q due E I).
@@ -122,22 +130,20 @@ Proof. intros t p.
 Qed.
 
 (** ** P6 free without cloud *)
-
 Theorem p6_free_without_cloud : P6_free_without_cloud tr.
 Proof. intros t. apply (g_free _ _ _ G). Qed.
 
 (** ** P7 no stall *)
-
 Theorem p7_no_stall : P7_no_stall cfg tr.
-Proof. intros t.
-  intros O N. destruct (open_slot t O N) as (sl & L & Ok & T). destruct (ok_waits _ _ Ok) as (p & P).
+Proof.
+  intros t O N. destruct (open_slot t O N) as (sl & L & Ok & T). destruct (ok_waits _ _ Ok) as (p & P).
   destruct (N.eq_dec p 0) as [->|Z]; [left; now apply (a_pending _ _ _ _ T) in P|]. right.
   destruct (ok_timer _ _ Ok p P Z) as (due & I). exists p, due. assert (X := live_later t sl p due L I).
   apply (a_armed _ _ _ _ T) in I. tauto.
 Qed.
 Theorem p7_with_deadline : P7_with_deadline cfg tr.
-Proof. intros t x.
-  intros A N. assert (O : says tr (opens t)).
+Proof.
+  intros t x A N. assert (O : says tr (opens t)).
   { apply (g_opened _ _ _ G). destruct A as (d & I & H). exists d. split; auto. now apply arms_about in H. }
   destruct (p7_no_stall t O N) as [W|?]; auto. destruct (open_slot t O N) as (sl & L & Ok & T).
   assert (I : In (0, x) (armed sl)).
@@ -145,12 +151,11 @@ Proof. intros t x.
   exists 0, x. assert (X := live_later t sl 0 x L I). apply (a_armed _ _ _ _ T) in I. tauto.
 Qed.
 Theorem p7_retired : P7_retired cfg tr.
-Proof. intros t x.
-  intros A D. apply stable. intros N. destruct (p7_with_deadline t x A N) as (p & due & I & _ & L). specialize (D p due I). lia.
+Proof.
+  intros t x A D. apply stable. intros N. destruct (p7_with_deadline t x A N) as (p & due & I & _ & L). specialize (D p due I). lia.
 Qed.
 
 (** ** P8 timers *)
-
 Theorem p8_one_timer : P8_one_timer tr.
 Proof. intros t p a b. apply (g_one _ _ _ G). Qed.
 (** The live timers of an open timestamp are those that were armed and were not ended by what P8 names. *)
@@ -158,8 +163,8 @@ Theorem p8_live t sl p due : lookup t (opened s) = Some sl ->
   (In (p, due) (armed sl) <-> says tr (arms t p due) /\ ~ says tr (disarms cfg t p)).
 Proof. intros L. exact (a_armed _ _ _ _ (g_told _ _ _ G t sl L) p due). Qed.
 Theorem p8_served : P8_served cfg tr.
-Proof. intros t p due.
-  intros A D N. apply stable_timer. intros Z. assert (O : says tr (opens t)).
+Proof.
+  intros t p due A D N. apply stable_timer. intros Z. assert (O : says tr (opens t)).
   { apply (g_opened _ _ _ G). destruct A as (d & I & H). exists d. split; auto. now apply arms_about in H. }
   destruct (open_slot t O N) as (sl & L & _ & T).
   assert (I : In (p, due) (armed sl)) by (apply (a_armed _ _ _ _ T); auto).
@@ -167,10 +172,9 @@ Proof. intros t p due.
 Qed.
 
 (** ** P12 bounded wait *)
-
 Theorem p12_bounded_wait : P12_bounded_wait cfg tr.
-Proof. intros t.
-  intros O C D. apply stable. intros N. destruct (open_slot t O N) as (sl & L & Ok & T). destruct (ok_waits _ _ Ok) as (p & P).
+Proof.
+  intros t O C D. apply stable. intros N. destruct (open_slot t O N) as (sl & L & Ok & T). destruct (ok_waits _ _ Ok) as (p & P).
   assert (Z : p <> 0) by (intros ->; apply (a_pending _ _ _ _ T) in P; tauto).
   destruct (ok_timer _ _ Ok p P Z) as (due & I). assert (X := live_later t sl p due L I).
   apply (a_armed _ _ _ _ T) in I as [I _]. specialize (D p due Z I). lia.
