@@ -33,24 +33,6 @@ Qed.
 
 (** ** P11 *)
 
-(** The decisions that an input itself has, after those of the timers that it meets. *)
-Definition own (cfg : config) (now : N) (b : body) (ds : list decision) : Prop :=
-  match b with
-  | Tick => ds = []
-  | Open t d => ds = [Opened now t (option_map (due_at now) d)] \/ exists why, ds = [Refuse now t None why]
-  | Offer t p d _ => ds = [Request now t p (due_at now d)] \/ exists why, ds = [Refuse now t (Some p) why]
-  | Result t p =>
-      (exists why, ds = [Drop now t p why]) \/ (ds = [Hold now t p] /\ is_progressive cfg = false) \/
-      exists cs last, ds = Emit now t p :: map (Cancel now t) cs ++ last /\
-        (last = [] \/ is_progressive cfg = true /\ last = [Final now t p])
-  | Fail t p =>
-      (exists why, ds = [Drop now t p why]) \/ exists last, ds = Failed now t p :: last /\
-        (last = [] \/ last = [Miss now t] \/ is_progressive cfg = true /\ (exists m, last = [Final now t m]) \/
-         is_progressive cfg = false /\ exists m cs, last = Emit now t m :: map (Cancel now t) cs)
-  end.
-Definition of_timers (d : decision) : Prop :=
-  match d with Timer _ _ _ | Emit _ _ _ | Cancel _ _ _ | Final _ _ _ | Miss _ _ => True | _ => False end.
-
 Lemma apply_own cfg s b : own cfg (clock s) b (snd (apply cfg s b)).
 Proof.
   destruct b as [t d|t p d bl|t p|t p|]; cbn [apply own]; auto.

@@ -1,27 +1,10 @@
 (** * P13 as patient *)
 From Coq Require Import List NArith Bool Lia.
-From Fuseline Require Import Rules Sets Trace Slots Kept Runs Ticks.
+From Fuseline Require Import Rules Sets Trace Statements Slots Kept Runs Ticks.
 Import ListNotations.
 Open Scope N_scope.
 Arguments after : simpl never.
 Arguments timers : simpl never.
-
-(** What both rules decide alike: what was opened, admitted and refused, and with what a timestamp ended. *)
-Inductive common := Accepted (t : N) (due : option N) | Admitted (t p due : N) | Refused (t : N) (p : option N) (why : reason)
-  | Over (t : N) (last : option N).
-(** Under patient a timestamp ends with its output, under progressive with the final that names its last one. *)
-Definition of_patient (d : decision) : list common :=
-  match d with
-  | Opened _ t due => [Accepted t due] | Request _ t p due => [Admitted t p due] | Refuse _ t p why => [Refused t p why]
-  | Emit _ t m => [Over t (Some m)] | Miss _ t => [Over t None] | _ => []
-  end.
-Definition of_progressive (d : decision) : list common :=
-  match d with
-  | Opened _ t due => [Accepted t due] | Request _ t p due => [Admitted t p due] | Refuse _ t p why => [Refused t p why]
-  | Final _ t m => [Over t (Some m)] | Miss _ t => [Over t None] | _ => []
-  end.
-Definition patient_ends (ds : list decision) : list common := flat_map of_patient ds.
-Definition progressive_ends (ds : list decision) : list common := flat_map of_progressive ds.
 
 (** ** The progressive state beside a patient one: the best that is held was sent, and what it outranks has ended *)
 Definition beyond (best : option N) (p : N) : bool := match best with Some m => m <? p | None => true end.

@@ -234,3 +234,19 @@ Proof.
   apply (says_not (retires_b cfg t)) in H0. apply H0, (P t H H2). now apply past_cloud.
 Qed.
 End Of.
+
+Lemma broken_p11_result cfg now t p ds : match ds with [] => true | _ => false end = true -> ~ own cfg now (Result t p) ds.
+Proof.
+  destruct ds as [|d ds]; [|discriminate]. intros _ [(w & E)|[(E & _)|(cs & last & E & _)]]; discriminate.
+Qed.
+(** Two lists, of which one has more of some kind. *)
+Lemma apart {A} (kind : A -> bool) (a b : list A) : negb (Nat.eqb (length (filter kind a)) (length (filter kind b))) = true -> a <> b.
+Proof. intros H ->. now rewrite PeanoNat.Nat.eqb_refl in H. Qed.
+Lemma broken_t1 tr now t : existsb (fun l => match l with Did (Hold n u q) => is t 0 u q && (n =? now) | _ => false end) tr &&
+    forallb (fun a => (snd a <=? now) || (fst a =? 0)) (armed_in t tr) = true -> ~ goes_at_once tr.
+Proof.
+  intros H P. apply andb_true_iff in H as [H F]. apply existsb_exists in H as ([n b|d] & I & E); [discriminate|].
+  destruct d; try discriminate. apply andb_true_iff in E as [E1 E2]. apply is_iff in E1 as [-> ->]. apply N.eqb_eq in E2 as ->.
+  destruct (P now t I) as (p & due & Z & A & L). apply armed_in_iff in A. rewrite forallb_forall in F. specialize (F _ A). cbn in F.
+  apply orb_true_iff in F as [F|F]; [apply N.leb_le in F; lia|]. apply N.eqb_eq in F. contradiction.
+Qed.

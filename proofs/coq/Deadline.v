@@ -9,12 +9,7 @@ Import ListNotations.
 Open Scope N_scope.
 Arguments after : simpl never.
 
-(** ** The machine's half *)
-
-(** Local's result is held only while a request is live that is due later: at or after all due instants it goes at once. *)
-Definition goes_at_once (tr : trace) : Prop := forall now t,
-  In (Did (Hold now t 0)) tr -> exists p due, p <> 0 /\ says tr (arms t p due) /\ now < due.
-
+(** ** The machine's half: local goes at once *)
 Lemma reach_at_once cfg tr s cur : reach cfg tr s cur -> goes_at_once tr.
 Proof.
   intros R. induction R as [|tr s n b R IH|tr s b due t s' ds R IH E L U|tr s b s' ds R IH AR U]; intros now u I.

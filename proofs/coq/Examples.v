@@ -82,3 +82,9 @@ Example p13_happens : patient_ends (snd (step (under Patient) (state_after (unde
   /\ progressive_ends (snd (step progressive (state_after progressive held) (input_at 80 Tick))) = [Over 1 (Some 1)].
 Proof. split; happens. Qed.
 Example p13_can_break : progressive_ends [Final 80 1 0] <> patient_ends [Emit 80 1 1]. Proof. discriminate. Qed.
+
+(** T1: local's result goes at once where the timer of its request has fired. *)
+Example t1_happens : snd (step eager (state_after eager waiting) (input_at 70 (Result 1 0))) = [Emit 70 1 0]. Proof. happens. Qed.
+Example t1_can_break : ~ goes_at_once [Did (Hold 70 1 0); Did (Request 0 1 1 50); Did (Opened 0 1 None)].
+Proof. breaks (broken_t1 _ 70 1). Qed.
+Example p11_can_break : ~ own eager 60 (Result 1 1) []. Proof. breaks (broken_p11_result _ _ _ _ _). Qed.

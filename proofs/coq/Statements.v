@@ -40,7 +40,7 @@ Definition P4_prompt : Prop := forall t c : N,
     requests. *)
 Definition P5_local_floor : Prop := forall t p : N,
   says tr (accepts t p) ->
-   (forall q due, q <> 0 -> says tr (arms t q due) -> due <= clock_of tr) -> exists m, says tr (emits t m).
+  (forall q due, q <> 0 -> says tr (arms t q due) -> due <= clock_of tr) -> exists m, says tr (emits t m).
 (** Local's result is held only for a timestamp for which a request was admitted. *)
 Definition P6_free_without_cloud : Prop := forall t : N,
   says tr (holds t 0) -> exists p, says tr (requests t p).
@@ -55,7 +55,7 @@ Definition P7_with_deadline : Prop := forall t x : N,
 (** And it is retired by the latest due instant that was ever armed for it. *)
 Definition P7_retired : Prop := forall t x : N,
   says tr (arms t 0 x) -> (forall p due, says tr (arms t p due) -> due <= clock_of tr) ->
-   says tr (retires cfg t).
+  says tr (retires cfg t).
 (** A request, and local, arms at most one due instant. *)
 Definition P8_one_timer : Prop := forall t p a b : N,
   says tr (arms t p a) -> says tr (arms t p b) -> a = b.
@@ -65,9 +65,72 @@ Definition P8_fires : Prop := forall now t p : N,
 (** None is overdue: an armed timer that is due has ended, or its timestamp has. *)
 Definition P8_served : Prop := forall t p due : N,
   says tr (arms t p due) -> due <= clock_of tr -> ~ says tr (retires cfg t) ->
-   says tr (disarms cfg t p).
+  says tr (disarms cfg t p).
 (** Once local has arrived, or was outdone, and the due instants of all requests are past, a timestamp is retired. *)
 Definition P12_bounded_wait : Prop := forall t : N,
   says tr (opens t) -> says tr (closes cfg t 0) ->
-   (forall p due, p <> 0 -> says tr (arms t p due) -> due <= clock_of tr) -> says tr (retires cfg t).
+  (forall p due, p <> 0 -> says tr (arms t p due) -> due <= clock_of tr) -> says tr (retires cfg t).
 End Of.
+
+(** ** P10: what may differ *)
+
+(** A decision apart from the [at] that it bears. *)
+Definition unstamped (d : decision) : decision :=
+  match d with
+  | Opened _ t due => Opened 0 t due | Failed _ t p => Failed 0 t p | Timer _ t p => Timer 0 t p
+  | Refuse _ t p why => Refuse 0 t p why | Request _ t p due => Request 0 t p due | Hold _ t p => Hold 0 t p
+  | Drop _ t p why => Drop 0 t p why | Emit _ t p => Emit 0 t p | Final _ t p => Final 0 t p
+  | Miss _ t => Miss 0 t | Cancel _ t p => Cancel 0 t p
+  end.
+(** All decisions of a trace, the newest first. *)
+Definition decisions (tr : trace) : list decision := flat_map (fun l => match l with Did d => [d] | Got _ _ => [] end) tr.
+(** [b] is [a] with more ticks, each at an instant no later than the input that follows it. *)
+Inductive ticked : list input -> list input -> Prop :=
+| t_end : ticked [] []
+| t_both i a b : ticked a b -> ticked (i :: a) (i :: b)
+| t_tick n i a b : ticked a (i :: b) -> n <= at_ i -> ticked a ({| at_ := n; what := Tick |} :: i :: b).
+
+(** ** P11: what an input has *)
+
+(** The decisions that an input itself has, after those of the timers that it meets. *)
+Definition own (cfg : config) (now : N) (b : body) (ds : list decision) : Prop :=
+  match b with
+  | Tick => ds = []
+  | Open t d => ds = [Opened now t (option_map (due_at now) d)] \/ exists why, ds = [Refuse now t None why]
+  | Offer t p d _ => ds = [Request now t p (due_at now d)] \/ exists why, ds = [Refuse now t (Some p) why]
+  | Result t p =>
+      (exists why, ds = [Drop now t p why]) \/ (ds = [Hold now t p] /\ is_progressive cfg = false) \/
+      exists cs last, ds = Emit now t p :: map (Cancel now t) cs ++ last /\
+        (last = [] \/ is_progressive cfg = true /\ last = [Final now t p])
+  | Fail t p =>
+      (exists why, ds = [Drop now t p why]) \/ exists last, ds = Failed now t p :: last /\
+        (last = [] \/ last = [Miss now t] \/ is_progressive cfg = true /\ (exists m, last = [Final now t m]) \/
+         is_progressive cfg = false /\ exists m cs, last = Emit now t m :: map (Cancel now t) cs)
+  end.
+Definition of_timers (d : decision) : Prop :=
+  match d with Timer _ _ _ | Emit _ _ _ | Cancel _ _ _ | Final _ _ _ | Miss _ _ => True | _ => False end.
+
+(** ** P13: what is alike *)
+
+(** What both rules decide alike: what was opened, admitted and refused, and with what a timestamp ended. *)
+Inductive common := Accepted (t : N) (due : option N) | Admitted (t p due : N) | Refused (t : N) (p : option N) (why : reason)
+  | Over (t : N) (last : option N).
+(** Under patient a timestamp ends with its output, under progressive with the final that names its last one. *)
+Definition of_patient (d : decision) : list common :=
+  match d with
+  | Opened _ t due => [Accepted t due] | Request _ t p due => [Admitted t p due] | Refuse _ t p why => [Refused t p why]
+  | Emit _ t m => [Over t (Some m)] | Miss _ t => [Over t None] | _ => []
+  end.
+Definition of_progressive (d : decision) : list common :=
+  match d with
+  | Opened _ t due => [Accepted t due] | Request _ t p due => [Admitted t p due] | Refuse _ t p why => [Refused t p why]
+  | Final _ t m => [Over t (Some m)] | Miss _ t => [Over t None] | _ => []
+  end.
+Definition patient_ends (ds : list decision) : list common := flat_map of_patient ds.
+Definition progressive_ends (ds : list decision) : list common := flat_map of_progressive ds.
+
+(** ** T1, the machine's half *)
+
+(** Local's result is held only while a request is live that is due later: at or after all due instants it goes at once. *)
+Definition goes_at_once (tr : trace) : Prop := forall now t,
+  In (Did (Hold now t 0)) tr -> exists p due, p <> 0 /\ says tr (arms t p due) /\ now < due.

@@ -1,19 +1,11 @@
 (** * P10 deterministic *)
 From Coq Require Import List NArith Bool Lia Permutation.
-From Fuseline Require Import Rules Sets Trace Slots Kept Runs.
+From Fuseline Require Import Rules Sets Trace Statements Slots Kept Runs.
 Import ListNotations.
 Open Scope N_scope.
 Arguments after : simpl never.
 Arguments timers : simpl never.
 
-(** A decision apart from the [at] that it bears. *)
-Definition unstamped (d : decision) : decision :=
-  match d with
-  | Opened _ t due => Opened 0 t due | Failed _ t p => Failed 0 t p | Timer _ t p => Timer 0 t p
-  | Refuse _ t p why => Refuse 0 t p why | Request _ t p due => Request 0 t p due | Hold _ t p => Hold 0 t p
-  | Drop _ t p why => Drop 0 t p why | Emit _ t p => Emit 0 t p | Final _ t p => Final 0 t p
-  | Miss _ t => Miss 0 t | Cancel _ t p => Cancel 0 t p
-  end.
 Definition at_clock (c : N) (s : state) : state :=
   {| clock := c; newest := newest s; shut := shut s; opened := opened s |}.
 
@@ -108,14 +100,7 @@ Fixpoint answers (cfg : config) (s : state) (ins : list input) : state * list de
   | [] => (s, [])
   | i :: rest => let (s1, ds1) := step cfg s i in let (s2, ds2) := answers cfg s1 rest in (s2, ds1 ++ ds2)
   end.
-(** [b] is [a] with more ticks, each at an instant no later than the input that follows it. *)
-Inductive ticked : list input -> list input -> Prop :=
-| t_end : ticked [] []
-| t_both i a b : ticked a b -> ticked (i :: a) (i :: b)
-| t_tick n i a b : ticked a (i :: b) -> n <= at_ i -> ticked a ({| at_ := n; what := Tick |} :: i :: b).
-
-(** However many ticks come between inputs, all decisions but their [at], and the state in the end, are the same. *)
-Theorem p10_ticks cfg a b : ticked a b ->
+Lemma ticks_change_nothing cfg a b : ticked a b ->
   fst (answers cfg initial a) = fst (answers cfg initial b) /\
   map unstamped (snd (answers cfg initial a)) = map unstamped (snd (answers cfg initial b)).
 Proof.
@@ -129,6 +114,25 @@ Proof.
     destruct (step cfg s1 i) as [s2 ds2] eqn:S2. destruct i as [c body].
     destruct (one_tick cfg tr s n c body s1 ds1 s2 ds2 R L S1 S2) as (ds & -> & U).
     destruct (answers cfg s2 b). cbn. split; auto. now rewrite app_assoc, !map_app, U, !map_app.
+Qed.
+
+Lemma decisions_of_run cfg ins : forall s tr,
+  fst (run cfg s tr ins) = fst (answers cfg s ins) /\
+  decisions (snd (run cfg s tr ins)) = rev (snd (answers cfg s ins)) ++ decisions tr.
+Proof.
+  induction ins as [|i ins IH]; intros s tr; cbn; auto. destruct (step cfg s i) as [s1 ds1].
+  destruct (IH s1 (after ds1 (Got (N.max (clock s) (at_ i)) (what i) :: tr))) as [E1 E2]. rewrite E1, E2.
+  destruct (answers cfg s1 ins) as [s2 ds2]. cbn. split; auto.
+  rewrite rev_app_distr, <- app_assoc. f_equal. unfold after, decisions. rewrite flat_map_app. cbn. f_equal.
+  clear E1 E2. induction ds1 as [|d ds1 IHd]; auto. cbn [map rev]. rewrite flat_map_app, IHd. reflexivity.
+Qed.
+(** However many ticks come between inputs, all decisions but their [at], and the state in the end, are the same. *)
+Theorem p10_ticks cfg a b : ticked a b -> state_after cfg a = state_after cfg b /\
+  map unstamped (decisions (trace_of cfg a)) = map unstamped (decisions (trace_of cfg b)).
+Proof.
+  intros T. unfold state_after, trace_of. destruct (ticks_change_nothing cfg a b T) as [E1 E2].
+  destruct (decisions_of_run cfg a initial []) as [-> ->], (decisions_of_run cfg b initial []) as [-> ->].
+  split; auto. now rewrite !map_app, !map_rev, E2.
 Qed.
 
 (** The order of the clouds in the configuration decides nothing. *)
