@@ -1,8 +1,10 @@
 """Makes each fault of faults.toml in a copy of Rules.v, and shows that it is caught as its entry says.
 
-    faults.py BUILD      BUILD has the compiled files of this folder and Corpus.v
+    faults.py BUILD             BUILD has the compiled files of this folder and Corpus.v
+    faults.py BUILD --record    writes record.json anew: by theorem, the faults that refute it
 """
 
+import json
 import re
 import subprocess
 import sys
@@ -11,6 +13,7 @@ import tomllib
 from pathlib import Path
 
 HERE = Path(__file__).parent
+OTHERS = {"local_goes_at_once": ["T1"]}
 SHARED = ["Words", "Trace", "Statements", "Broken", "Cases"]
 HEADER = """From Coq Require Import List NArith.
 From Fuseline Require Import Rules Trace Statements Broken Cases.
@@ -70,7 +73,25 @@ for fault in faults:
         lost += 1
         print(f"fault {fault['name']}: {why}")
 refuting = [fault for fault in faults if "by" in fault]
-statements = {fault.get("refutes", fault.get("theorem")) for fault in refuting}
-print(f"{len(faults)} faults of the rules: {len(refuting)} refute a theorem by a computed counterexample ({len(statements)} statements), "
+by_theorem = {}
+for fault in refuting:
+    by_theorem.setdefault(fault.get("theorem", fault.get("refutes", "").lower()), []).append(fault["name"])
+print(f"{len(faults)} faults of the rules: {len(refuting)} refute one of {len(by_theorem)} theorems by a computed counterexample, "
       f"{len(faults) - len(refuting)} are caught by the corpus alone, {lost} are not caught as said")
+
+
+def shows(theorem):
+    """The promises of a theorem: those at the head of its name."""
+    head = re.match(r"[pt]\d+", theorem)
+    return [head[0].upper()] if head else OTHERS[theorem]
+
+
+version = subprocess.run(["coqc", "--print-version"], capture_output=True, text=True, check=True).stdout.split()[0]
+obligations = [{"name": name, "shows": shows(name), "faults": by_theorem[name]} for name in sorted(by_theorem)]
+text = json.dumps({"solvers": {"Coq": version}, "obligations": obligations}, indent=1) + "\n"
+kept = HERE / "record.json"
+if "--record" in sys.argv and not lost:
+    kept.write_text(text, encoding="utf-8")
+elif not kept.exists() or json.loads(kept.read_text(encoding="utf-8"))["obligations"] != obligations:
+    sys.exit("error: record.json is older than the faults; run: proofs/coq/check --record")
 sys.exit(lost > 0)
