@@ -81,17 +81,7 @@ Theorem p11_opened cfg ins t : says (trace_of cfg ins) (opens t) ->
   lookup t (opened (state_after cfg ins)) <> None \/ says (trace_of cfg ins) (retires cfg t).
 Proof. destruct (run_reach cfg ins) as [R _]. apply (g_open _ _ _ (reach_good _ _ _ _ R)). Qed.
 
-(** A dropped result or failure has the first reason of F3 that holds, and each reason means what it says. *)
-Definition meaning (cfg : config) (tr : trace) (t p : N) (why : reason) : Prop :=
-  match why with
-  | Unknown => (p <> 0 /\ is_cloud cfg p = false) \/ forall u, t <= u -> ~ says tr (opens u)
-  | Superseded => ~ says tr (opens t) \/ says tr (retires cfg t) \/ exists q, p < q /\ says tr (emits t q)
-  | Unsolicited => p <> 0 /\ ~ says tr (requests t p)
-  | Duplicate => says tr (accepts t p)
-  | Late => ~ ~ says tr (closes cfg t p)
-  | _ => False
-  end.
-Theorem p11_reason cfg tr s t p why : good cfg tr s -> first_reason (f3_reasons cfg s t p) = Some why -> meaning cfg tr t p why.
+Lemma reason_meaning cfg tr s t p why : good cfg tr s -> first_reason (f3_reasons cfg s t p) = Some why -> meaning cfg tr t p why.
 Proof.
   intros G. cbn. destruct ((p =? 0) || is_cloud cfg p) eqn:K; cbn.
   2:{ intros [= <-]. apply orb_false_iff in K as [K1 K2]. apply N.eqb_neq in K1. left. auto. }
@@ -117,4 +107,48 @@ Proof.
     - apply (a_cached _ _ _ _ T Pr) in M2 as (d & I & H). exists d. split; auto. now left. }
   destruct (mem p (pending sl)) eqn:M3; cbn; [discriminate|]. intros [= <-]. apply mem_not in M3. cbn.
   rewrite (a_pending _ _ _ _ T) in M3. tauto.
+Qed.
+Lemma run_app cfg a b : forall s tr, run cfg s tr (a ++ b) = let (s1, tr1) := run cfg s tr a in run cfg s1 tr1 b.
+Proof.
+  induction a as [|i a IH]; intros s tr; cbn; auto. destruct (step cfg s i) as [s1 ds]. apply IH.
+Qed.
+Lemma arrive_drop cfg s t p rule now u q why : In (Drop now u q why) (snd (arrive cfg s t p rule)) ->
+  (forall sl, forall d, In d (snd (rule sl)) -> topic d <> None) ->
+  snd (arrive cfg s t p rule) = [Drop now t p why] /\ first_reason (f3_reasons cfg s t p) = Some why.
+Proof.
+  unfold arrive. destruct (first_reason _) as [w|].
+  - intros [[= <- <- <- <-]|[]] _. auto.
+  - cbn. intros I H. now apply H in I.
+Qed.
+Lemma result_topic cfg now t p sl d : In d (snd (result cfg now t p sl)) -> topic d <> None.
+Proof.
+  unfold result, improve. destruct (is_progressive cfg); [destruct (filter (N.ltb p) (pending sl))|destruct (any_above p (pending sl))];
+    cbn; rewrite ?in_app_iff, ?in_map_iff; intros I; repeat destruct I as [I|I]; try contradiction; subst; try discriminate;
+    try (destruct I as (x & <- & _); discriminate).
+Qed.
+Lemma fail_topic cfg now t p sl d : In d (snd (fail cfg now t p sl)) -> topic d <> None.
+Proof.
+  unfold fail. destruct (settle _ _ _ _ _) as [o e] eqn:S. cbn. intros [<-|I]; [discriminate|].
+  apply settle_cases in S as [(_ & -> & _)|[(_ & -> & _)|[(_ & _ & _ & m & -> & _)|(_ & m & E & _)]]].
+  - contradiction.
+  - destruct I as [<-|[]]. discriminate.
+  - destruct I as [<-|[]]. discriminate.
+  - injection E as _ ->. destruct I as [<-|I]; [discriminate|]. apply in_map_iff in I as (x & <- & _). discriminate.
+Qed.
+(** A dropped result or failure bears the first reason of F3 that holds, and of the trace until then it says the truth. *)
+Theorem p11_reason cfg ins i t p why now : what i = Result t p \/ what i = Fail t p ->
+  In (Drop now t p why) (snd (step cfg (state_after cfg ins) i)) ->
+  exists before, trace_of cfg (ins ++ [i]) = after [Drop now t p why] before /\ meaning cfg before t p why.
+Proof.
+  intros B. unfold trace_of, state_after. rewrite run_app. assert (R := proj1 (run_reach cfg ins)).
+  unfold trace_of, state_after in R. destruct (run cfg initial [] ins) as [s tr]. cbn [fst snd run] in *.
+  unfold step. assert (R0 := at_input cfg tr s (at_ i) (what i) R). set (s0 := set_clock (at_ i) s) in *.
+  destruct (expire _ cfg s0) as [s1 ds1] eqn:E.
+  destruct (expire_reach cfg _ _ s0 s1 ds1 (what i) R0 (le_n _) E) as (R1 & _ & _). assert (G := reach_good _ _ _ _ R1).
+  apply expire_of_timers in E. rewrite Forall_forall in E.
+  assert (K : In (Drop now t p why) (snd (apply cfg s1 (what i))) ->
+    snd (apply cfg s1 (what i)) = [Drop now t p why] /\ first_reason (f3_reasons cfg s1 t p) = Some why).
+  { destruct B as [B|B]; rewrite B; cbn [apply]; intros I; eapply arrive_drop; eauto using result_topic, fail_topic. }
+  destruct (apply cfg s1 (what i)) as [s2 ds2]. cbn [fst snd] in *. intros I. apply in_app_or in I as [I|I]; [now apply E in I|].
+  destruct (K I) as [-> F]. eexists. split; [apply after_app|]. eapply reason_meaning; eauto.
 Qed.

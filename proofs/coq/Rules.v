@@ -55,8 +55,6 @@ Fixpoint first_reason (rows : list (reason * bool)) : option reason :=
   | [] => None
   | (why, holds) :: rest => if holds then Some why else first_reason rest
   end.
-Definition registered (cfg : config) (p : N) : option cloud := find (fun c => priority c =? p) (clouds cfg).
-Definition is_cloud (cfg : config) (p : N) : bool := match registered cfg p with Some _ => true | None => false end.
 
 (** ** F1 Open *)
 Definition f1_reasons (cfg : config) (s : state) (t : N) (deadline : option N) : list (reason * bool) := [

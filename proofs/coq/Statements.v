@@ -110,6 +110,17 @@ Definition own (cfg : config) (now : N) (b : body) (ds : list decision) : Prop :
 Definition of_timers (d : decision) : Prop :=
   match d with Timer _ _ _ | Emit _ _ _ | Cancel _ _ _ | Final _ _ _ | Miss _ _ => True | _ => False end.
 
+(** What a reason of F3 says of the trace before a dropped result or failure. *)
+Definition meaning (cfg : config) (tr : trace) (t p : N) (why : reason) : Prop :=
+  match why with
+  | Unknown => (p <> 0 /\ is_cloud cfg p = false) \/ forall u, t <= u -> ~ says tr (opens u)
+  | Superseded => ~ says tr (opens t) \/ says tr (retires cfg t) \/ exists q, p < q /\ says tr (emits t q)
+  | Unsolicited => p <> 0 /\ ~ says tr (requests t p)
+  | Duplicate => says tr (accepts t p)
+  | Late => ~ ~ says tr (closes cfg t p)
+  | _ => False
+  end.
+
 (** ** P13: what is alike *)
 
 (** What both rules decide alike: what was opened, admitted and refused, and with what a timestamp ended. *)

@@ -29,6 +29,9 @@ Definition well_made (cfg : config) : Prop :=
   1 <= window cfg <= 1024 /\ (length (clouds cfg) <= 15)%nat /\ NoDup (map priority (clouds cfg)) /\
   Forall (fun c => 1 <= priority c <= 65535 /\ 1 <= limit c /\ resume c < limit c) (clouds cfg).
 
+Definition registered (cfg : config) (p : N) : option cloud := find (fun c => priority c =? p) (clouds cfg).
+Definition is_cloud (cfg : config) (p : N) : bool := match registered cfg p with Some _ => true | None => false end.
+
 Definition is_eager (cfg : config) : bool := match rule cfg with Eager => true | _ => false end.
 Definition is_patient (cfg : config) : bool := match rule cfg with Patient => true | _ => false end.
 Definition is_progressive (cfg : config) : bool := match rule cfg with Progressive => true | _ => false end.
