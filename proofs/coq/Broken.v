@@ -1,7 +1,9 @@
 (** * How a trace that breaks a promise is found by computing
 
-    Each lemma takes a question that Coq answers with [true] by computing, about one trace and what to look at in it, and
-    concludes that the promise does not hold of that trace. Examples.v and the seeded faults (faults.toml) use them. *)
+    Each lemma takes a question that Coq answers with [true] by computing,
+      about one trace and what to look at in it, and
+    concludes that the promise does not hold of that trace. Examples.v and the seeded faults (faults.toml) use them.
+    *)
 From Coq Require Import List NArith Bool Lia Sorted.
 From Fuseline Require Import Words Trace Statements.
 Import ListNotations.
@@ -27,7 +29,8 @@ Definition b_holds t p d := match d with Hold _ u q => is t p u q | _ => false e
 Definition b_emits t p d := match d with Emit _ u q => is t p u q | _ => false end.
 Definition b_accepts t p d := b_holds t p d || b_emits t p d.
 Definition b_retires cfg t d :=
-  match d with Miss _ u | Final _ u _ => u =? t | Emit _ u _ => (u =? t) && negb (is_progressive cfg) | _ => false end.
+  match d with Miss _ u | Final _ u _ => u =? t | Emit _ u _ => (u =? t) &&
+    negb (is_progressive cfg) | _ => false end.
 Definition b_outdone cfg p q := (q =? p) || is_progressive cfg && (p <? q).
 Definition b_closes cfg t p d :=
   match d with
@@ -38,7 +41,8 @@ Definition b_disarms cfg t p d :=
   | Timer _ u q | Failed _ u q => is t p u q | Hold _ u q => is t p u q && ((p =? 0) || is_patient cfg)
   | Emit _ u q => (u =? t) && b_outdone cfg p q | _ => false
   end.
-Ltac compute_iff := intros d; destruct d; cbn; rewrite ?andb_true_iff, ?orb_true_iff, ?negb_true_iff, <- ?is_iff, ?N.eqb_eq; try tauto;
+Ltac compute_iff := intros d; destruct d; cbn; rewrite ?andb_true_iff, ?orb_true_iff, ?negb_true_iff, <- ?is_iff,
+  ?N.eqb_eq; try tauto;
   try (split; [tauto|discriminate]).
 Lemma opens_b t d : opens t d <-> b_opens t d = true. Proof. revert d. compute_iff. Qed.
 Lemma requests_b t p d : requests t p d <-> b_requests t p d = true. Proof. revert d. compute_iff. Qed.
@@ -96,7 +100,8 @@ Definition no_live (cfg : config) (t : N) (tr : trace) : bool :=
 Lemma no_live_not cfg t tr : no_live cfg t tr = true ->
   ~ exists p due, says tr (arms t p due) /\ ~ says tr (disarms cfg t p) /\ clock_of tr < due.
 Proof.
-  unfold no_live. rewrite forallb_forall. intros H (p & due & A & D & L). apply armed_in_iff in A. apply H in A. cbn in A.
+  unfold no_live. rewrite forallb_forall. intros H (p & due & A & D & L). apply armed_in_iff in A. apply H in A.
+  cbn in A.
   apply orb_true_iff in A as [A|A]; [apply N.leb_le in A; lia|]. apply D. eapply sayb_iff; [apply disarms_b|exact A].
 Qed.
 
@@ -106,7 +111,8 @@ Local Notation says_it A := (proj2 (sayb_iff tr _ _ A)).
 Local Notation says_not A := (not_sayb tr _ _ A).
 Ltac parts H := repeat (apply andb_true_iff in H as [H ?]).
 
-Lemma broken_p1 t : negb (is_progressive cfg) && match endings t tr with [] | [Missed] | [Sent _] => false | _ => true end = true ->
+Lemma broken_p1 t : negb (is_progressive cfg) && match endings t tr with [] | [Missed] | [Sent _] => false |
+  _ => true end = true ->
   ~ P1_once cfg tr.
 Proof.
   intros H P. parts H. apply negb_true_iff in H.
@@ -118,17 +124,22 @@ Fixpoint sents (newer : option N) (l : list ending) : bool :=
   | Sent p :: rest => match newer with Some n => p <? n | None => true end && sents (Some p) rest
   | _ => false
   end.
-Lemma sents_falling ps : falling ps -> forall n, (forall p, In p ps -> p < n) -> sents (Some n) (map Sent ps) = true /\ sents None (map Sent ps) = true.
+Lemma sents_falling ps : falling ps -> forall n, (forall p, In p ps -> p < n) ->
+  sents (Some n) (map Sent ps) = true /\ sents None (map Sent ps) = true.
 Proof.
-  induction ps as [|p ps IH]; intros F n B; cbn; auto. inversion F as [|? ? F1 F2]; subst. rewrite Forall_forall in F2.
-  destruct (IH F1 p F2) as [A _]. rewrite A. assert (X := B p (or_introl eq_refl)). apply N.ltb_lt in X. now rewrite X.
+  induction ps as [|p ps IH]; intros F n B; cbn; auto. inversion F as [|? ? F1 F2]; subst.
+  rewrite Forall_forall in F2.
+  destruct (IH F1 p F2) as [A _]. rewrite A. assert (X := B p (or_introl eq_refl)). apply N.ltb_lt in X.
+  now rewrite X.
 Qed.
 Lemma falling_bound ps : exists n, forall p : N, In p ps -> p < n.
 Proof.
-  induction ps as [|x ps (n & IH)]; [exists 0; intros p []|]. exists (N.max n (x + 1)). intros p [<-|I]; [lia|]. specialize (IH p I). lia.
+  induction ps as [|x ps (n & IH)]; [exists 0; intros p []|]. exists (N.max n (x + 1)). intros p [<-|I]; [lia|].
+  specialize (IH p I). lia.
 Qed.
 Lemma broken_p1_progressive t : is_progressive cfg && negb (match endings t tr with
-    | [Missed] => true | Ended p :: Sent q :: rest => (p =? q) && sents None (Sent q :: rest) | l => sents None l end) = true ->
+    | [Missed] => true | Ended p :: Sent q :: rest => (p =? q) &&
+      sents None (Sent q :: rest) | l => sents None l end) = true ->
   ~ P1_progressive cfg tr.
 Proof.
   intros H P. parts H. destruct (P t H) as [(ps & E & F)|[E|(p & ps & E & F)]]; rewrite E in *; cbn in *.
@@ -153,7 +164,8 @@ Proof.
   { cbn. apply orb_true_iff. left. rewrite !andb_true_iff. repeat split.
     - now apply is_iff.
     - eapply sayb_iff; [apply opens_b|exact O].
-    - apply orb_true_iff. destruct (N.eq_dec p 0) as [->|Z]; [now left|right]. eapply sayb_iff; [apply requests_b|now apply R].
+    - apply orb_true_iff. destruct (N.eq_dec p 0) as [->|Z]; [now left|right].
+      eapply sayb_iff; [apply requests_b|now apply R].
     - apply forallb_forall. intros [q due] I. cbn. destruct (N.eqb_spec q p) as [->|]; cbn; auto.
       apply N.ltb_lt. apply D. now apply armed_in_iff. }
   induction y as [|[n b|d] y IH]; cbn [app b_in_time]; auto. destruct b; auto. rewrite IH. apply orb_true_r.
@@ -164,14 +176,16 @@ Proof.
 Qed.
 Lemma broken_p3 t m q : sayb tr (b_emits t m) && sayb tr (b_holds t q) && (m <? q) = true -> ~ P3_best_available tr.
 Proof.
-  intros H P. parts H. apply (says_it (emits_b t m)) in H. apply (says_it (holds_b t q)) in H1. specialize (P t m q H H1).
+  intros H P. parts H. apply (says_it (emits_b t m)) in H. apply (says_it (holds_b t q)) in H1.
+  specialize (P t m q H H1).
   apply N.ltb_lt in H0. lia.
 Qed.
 Lemma broken_p4 t c : sayb tr (b_holds t c) && negb (sayb tr (b_retires cfg t)) &&
     forallb (fun q => (q <=? c) || sayb tr (b_closes cfg t q)) (requested_in t tr) = true -> ~ P4_prompt cfg tr.
 Proof.
   intros H P. parts H. apply (says_it (holds_b t c)) in H. apply (says_not (retires_b cfg t)) in H1.
-  destruct (P t c H H1) as (q & R & C & M). specialize (M c H). apply requested_in_if in R. rewrite forallb_forall in H0.
+  destruct (P t c H H1) as (q & R & C & M). specialize (M c H). apply requested_in_if in R.
+  rewrite forallb_forall in H0.
   specialize (H0 q R). cbn in H0. apply orb_true_iff in H0 as [H0|H0]; [apply N.leb_le in H0; lia|].
   now apply C, (says_it (closes_b cfg t q)).
 Qed.
@@ -187,47 +201,57 @@ Proof.
   intros H P. parts H. apply (says_it (holds_b t 0)) in H. destruct (P t H) as (p & R). apply requested_in_if in R.
   destruct (requested_in t tr); [contradiction|discriminate].
 Qed.
-Lemma broken_p7 t : sayb tr (b_opens t) && negb (sayb tr (b_retires cfg t)) && sayb tr (b_closes cfg t 0) && no_live cfg t tr = true ->
+Lemma broken_p7 t : sayb tr (b_opens t) && negb (sayb tr (b_retires cfg t)) && sayb tr (b_closes cfg t 0) &&
+  no_live cfg t tr = true ->
   ~ P7_no_stall cfg tr.
 Proof.
   intros H P. parts H. apply (says_it (opens_b t)) in H. apply (says_not (retires_b cfg t)) in H2.
   destruct (P t H H2) as [C|L]; [now apply C, (says_it (closes_b cfg t 0))|now apply no_live_not in L].
 Qed.
-Lemma broken_p7_with_deadline t : existsb (fun a => fst a =? 0) (armed_in t tr) && negb (sayb tr (b_retires cfg t)) && no_live cfg t tr = true ->
+Lemma broken_p7_with_deadline t : existsb (fun a => fst a =? 0) (armed_in t tr) &&
+  negb (sayb tr (b_retires cfg t)) && no_live cfg t tr = true ->
   ~ P7_with_deadline cfg tr.
 Proof.
   intros H P. parts H. apply existsb_exists in H as ([p x] & I & E). apply N.eqb_eq in E. cbn in E. subst.
-  apply armed_in_iff in I. apply (says_not (retires_b cfg t)) in H1. specialize (P t x I H1). now apply no_live_not in P.
+  apply armed_in_iff in I. apply (says_not (retires_b cfg t)) in H1. specialize (P t x I H1).
+  now apply no_live_not in P.
 Qed.
-Lemma broken_p7_retired t : existsb (fun a => fst a =? 0) (armed_in t tr) && past false t tr && negb (sayb tr (b_retires cfg t)) = true ->
+Lemma broken_p7_retired t : existsb (fun a => fst a =? 0) (armed_in t tr) && past false t tr &&
+  negb (sayb tr (b_retires cfg t)) = true ->
   ~ P7_retired cfg tr.
 Proof.
   intros H P. parts H. apply existsb_exists in H as ([p x] & I & E). apply N.eqb_eq in E. cbn in E. subst.
   apply armed_in_iff in I. apply (says_not (retires_b cfg t)) in H0. apply H0, (P t x I). now apply past_all.
 Qed.
-Lemma broken_p8_one t p a b : existsb (fun x => is p a (fst x) (snd x)) (armed_in t tr) && existsb (fun x => is p b (fst x) (snd x)) (armed_in t tr) &&
+Lemma broken_p8_one t p a b : existsb (fun x => is p a (fst x) (snd x)) (armed_in t tr) &&
+  existsb (fun x => is p b (fst x) (snd x)) (armed_in t tr) &&
     negb (a =? b) = true -> ~ P8_one_timer tr.
 Proof.
   intros H P. parts H. apply negb_true_iff, N.eqb_neq in H0. apply H0, (P t p); apply armed_in_iff.
   - apply existsb_exists in H as ([q x] & I & E). apply is_iff in E as [E1 E2]. cbn in *. now subst.
   - apply existsb_exists in H1 as ([q x] & I & E). apply is_iff in E as [E1 E2]. cbn in *. now subst.
 Qed.
-Lemma broken_p8_served t p due : existsb (fun x => is p due (fst x) (snd x)) (armed_in t tr) && (due <=? clock_of tr) &&
+Lemma broken_p8_served t p due : existsb (fun x => is p due (fst x) (snd x)) (armed_in t tr) &&
+  (due <=? clock_of tr) &&
     negb (sayb tr (b_retires cfg t)) && negb (sayb tr (b_disarms cfg t p)) = true -> ~ P8_served cfg tr.
 Proof.
   intros H P. parts H. apply existsb_exists in H as ([q x] & I & E). apply is_iff in E as [E1 E2]. cbn in *. subst.
-  apply armed_in_iff in I. apply N.leb_le in H2. apply (says_not (retires_b cfg t)) in H1. apply (says_not (disarms_b cfg t p)) in H0.
+  apply armed_in_iff in I. apply N.leb_le in H2. apply (says_not (retires_b cfg t)) in H1.
+  apply (says_not (disarms_b cfg t p)) in H0.
   now apply H0, (P t p due).
 Qed.
-Lemma broken_p8_fires now t p : existsb (fun l => match l with Did (Timer n u q) => is t p u q && (n =? now) | _ => false end) tr &&
+Lemma broken_p8_fires now t p : existsb (fun l => match l with Did (Timer n u q) => is t p u q &&
+  (n =? now) | _ => false end) tr &&
     forallb (fun a => negb (fst a =? p) || (now <? snd a)) (armed_in t tr) = true -> ~ P8_fires tr.
 Proof.
   intros H P. parts H. apply existsb_exists in H as ([n b|d] & I & E); [discriminate|]. destruct d; try discriminate.
   apply andb_true_iff in E as [E1 E2]. apply is_iff in E1 as [-> ->]. apply N.eqb_eq in E2 as ->.
-  destruct (P now t p I) as (due & A & L). apply armed_in_iff in A. rewrite forallb_forall in H0. specialize (H0 _ A). cbn in H0.
+  destruct (P now t p I) as (due & A & L). apply armed_in_iff in A. rewrite forallb_forall in H0.
+  specialize (H0 _ A). cbn in H0.
   rewrite N.eqb_refl in H0. cbn in H0. apply N.ltb_lt in H0. lia.
 Qed.
-Lemma broken_p12 t : sayb tr (b_opens t) && sayb tr (b_closes cfg t 0) && past true t tr && negb (sayb tr (b_retires cfg t)) = true ->
+Lemma broken_p12 t : sayb tr (b_opens t) && sayb tr (b_closes cfg t 0) && past true t tr &&
+  negb (sayb tr (b_retires cfg t)) = true ->
   ~ P12_bounded_wait cfg tr.
 Proof.
   intros H P. parts H. apply (says_it (opens_b t)) in H. apply (says_it (closes_b cfg t 0)) in H2.
@@ -235,18 +259,23 @@ Proof.
 Qed.
 End Of.
 
-Lemma broken_p11_result cfg now t p ds : match ds with [] => true | _ => false end = true -> ~ own cfg now (Result t p) ds.
+Lemma broken_p11_result cfg now t p ds : match ds with [] => true | _ => false end = true ->
+  ~ own cfg now (Result t p) ds.
 Proof.
   destruct ds as [|d ds]; [|discriminate]. intros _ [(w & E)|[(E & _)|(cs & last & E & _)]]; discriminate.
 Qed.
 (** Two lists, of which one has more of some kind. *)
-Lemma apart {A} (kind : A -> bool) (a b : list A) : negb (Nat.eqb (length (filter kind a)) (length (filter kind b))) = true -> a <> b.
+Lemma apart {A} (kind : A -> bool) (a b : list A) : negb (Nat.eqb (length (filter kind a)) (length (filter kind b)))
+  = true -> a <> b.
 Proof. intros H ->. now rewrite PeanoNat.Nat.eqb_refl in H. Qed.
-Lemma broken_t1 tr now t : existsb (fun l => match l with Did (Hold n u q) => is t 0 u q && (n =? now) | _ => false end) tr &&
+Lemma broken_t1 tr now t : existsb (fun l => match l with Did (Hold n u q) => is t 0 u q &&
+  (n =? now) | _ => false end) tr &&
     forallb (fun a => (snd a <=? now) || (fst a =? 0)) (armed_in t tr) = true -> ~ goes_at_once tr.
 Proof.
   intros H P. apply andb_true_iff in H as [H F]. apply existsb_exists in H as ([n b|d] & I & E); [discriminate|].
-  destruct d; try discriminate. apply andb_true_iff in E as [E1 E2]. apply is_iff in E1 as [-> ->]. apply N.eqb_eq in E2 as ->.
-  destruct (P now t I) as (p & due & Z & A & L). apply armed_in_iff in A. rewrite forallb_forall in F. specialize (F _ A). cbn in F.
+  destruct d; try discriminate. apply andb_true_iff in E as [E1 E2]. apply is_iff in E1 as [-> ->].
+  apply N.eqb_eq in E2 as ->.
+  destruct (P now t I) as (p & due & Z & A & L). apply armed_in_iff in A. rewrite forallb_forall in F.
+  specialize (F _ A). cbn in F.
   apply orb_true_iff in F as [F|F]; [apply N.leb_le in F; lia|]. apply N.eqb_eq in F. contradiction.
 Qed.

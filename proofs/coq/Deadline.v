@@ -1,7 +1,9 @@
 (** * T1, and case 1 of T2: deadlines that are safe
 
-    The conditions and the proofs in prose are in the book's chapter of that name. The machine's half is about the trace of
-    any run; the vehicle's half is about frames, and takes the machine's as a hypothesis. No axiom is needed: instants are
+    The conditions and the proofs in prose are in the book's chapter of that name.
+    The machine's half is about the trace of
+    any run; the vehicle's half is about frames, and takes the machine's as a hypothesis.
+    No axiom is needed: instants are
     whole nanoseconds, and lengths, speeds and times of T2 are rationals, as every number of a computer is. *)
 From Coq Require Import List NArith Bool Lia.
 From Fuseline Require Import Rules Sets Trace Statements Slots Kept Runs Accounts Promises.
@@ -43,7 +45,8 @@ Proof.
       * destruct I as [[=]|I]. apply in_app_or in I as [I|I]; [apply in_map_iff in I as (x & [=] & _)|].
         destruct K as [->|(_ & ->)]; [contradiction|destruct I as [[=]|[]]].
     + destruct O as [(w & ->)|(last & -> & K)]; [destruct I as [[=]|[]]|]. destruct I as [[=]|I].
-      destruct K as [->|[->|[(_ & m & ->)|(_ & m & cs & ->)]]]; [contradiction|destruct I as [[=]|[]]|destruct I as [[=]|[]]|].
+      destruct K as [->|[->|[(_ & m & ->)|(_ & m & cs & ->)]]];
+        [contradiction|destruct I as [[=]|[]]|destruct I as [[=]|[]]|].
       destruct I as [[=]|I]. apply in_map_iff in I as (x & [=] & _).
     + subst. contradiction.
 Qed.
@@ -72,7 +75,8 @@ Definition alone (k now : N) : Prop := takes k /\ local_at k <= now.
 Definition alone_brakes := row alone local_reports takes.
 Definition fusion_brakes := row sent_by reports takes.
 
-(** The machine's half: with a deadline of at most local's least response, fusion's output is no later than local's. *)
+(** The machine's half: with a deadline of at most local's least response, fusion's output is no later than local's.
+    *)
 Hypothesis no_later : forall k now, takes k -> local_at k <= now -> sent_by k now.
 (** The cloud reports whatever local would report, on each frame that local takes. *)
 Hypothesis as_local : forall k, takes k -> local_reports k -> reports k.
@@ -107,9 +111,11 @@ Proof.
   - intros (frames & D & L & O & B).
     assert (Three : ~ In 3 frames /\ ~ In 1 frames) by (split; intros I; destruct (O _ I) as [_ [? ?]]; congruence).
     assert (Only : incl frames [0; 2; 4]).
-    { intros k I. destruct (O k I) as [[A _] [N3 N1]]. cbn. destruct (N.eq_dec k 0), (N.eq_dec k 2), (N.eq_dec k 4); auto. lia. }
+    { intros k I. destruct (O k I) as [[A _] [N3 N1]]. cbn. destruct (N.eq_dec k 0), (N.eq_dec k 2), (N.eq_dec k 4);
+        auto. lia. }
     assert (All : incl [0; 2; 4] frames) by (apply NoDup_length_incl; auto; rewrite L; auto).
-    destruct (B 2 4 3) as [X _]; [apply All; cbn; auto|apply All; cbn; auto|lia|unfold any_sent; lia|exact I|congruence].
+    destruct (B 2 4 3) as [X _]; [apply All; cbn; auto|apply All; cbn; auto|lia|unfold any_sent;
+      lia|exact I|congruence].
 Qed.
 
 (** ** T2, case 1: local alone stops *)
@@ -123,7 +129,8 @@ Definition budget : Q := range / v - v / (2 * a) - tau - n * P.
 (** A frame captured [t] after the obstacle came into range is the first to show it, [t] less than a period. *)
 Variable t : Q.
 Hypothesis first : t <= P.
-(** T2, case 1: what comes within the budget after capture is in time. The vehicle drives on until the [n]th frame's result
+(** T2, case 1: what comes within the budget after capture is in time.
+    The vehicle drives on until the [n]th frame's result
     and its reaction, and then needs its braking distance: less than the range in all. *)
 Theorem t2_stops r : r <= budget -> v * (t + (n - 1) * P + r + tau) + v * v / (2 * a) <= range.
 Proof.
@@ -140,7 +147,8 @@ Theorem t2_collides r : budget + P < r -> range < v * (t + (n - 1) * P + r + tau
 Proof.
   unfold budget. intros B.
   assert (X : v * (range / v - v / (2 * a) - tau - n * P + P) < v * r) by (apply Qmult_lt_l; assumption).
-  assert (Y : v * (range / v - v / (2 * a) - tau - n * P + P) == range - v * v / (2 * a) - v * tau - v * (n * P) + v * P).
+  assert (Y : v * (range / v - v / (2 * a) - tau - n * P + P) == range - v * v / (2 * a) - v * tau - v * (n * P) + v
+    * P).
   { field. split; lra. }
   assert (Z : v * 0 <= v * t) by (apply Qmult_le_l; assumption).
   rewrite Y in X. clear Y B. set (k := v * v / (2 * a)) in *. clearbody k. lra.

@@ -53,7 +53,8 @@ Ltac about_it := intros d; destruct d; unfold about; cbn; try tauto; try (intuit
 Lemma opens_about t d : opens t d -> about t d. Proof. revert d. about_it. Qed.
 Lemma requests_about t p d : requests t p d -> about t d. Proof. revert d. about_it. Qed.
 Lemma arms_about t p due d : arms t p due d -> about t d.
-Proof. revert d. intros d; destruct d as [n v [x|]|? ? ?|? ? ?|? ? ? ?|? ? ? ?|? ? ?|? ? ? ?|? ? ?|? ? ?|? ?|? ? ?]; unfold about; cbn; try tauto; intuition congruence. Qed.
+Proof. revert d. intros d; destruct d as [n v [x|]|? ? ?|? ? ?|? ? ? ?|? ? ? ?|? ? ?|? ? ? ?|? ? ?|? ? ?|? ?|? ? ?];
+  unfold about; cbn; try tauto; intuition congruence. Qed.
 Lemma holds_about t p d : holds t p d -> about t d. Proof. revert d. about_it. Qed.
 Lemma emits_about t p d : emits t p d -> about t d. Proof. revert d. about_it. Qed.
 Lemma accepts_about t p d : accepts t p d -> about t d.
@@ -106,7 +107,8 @@ Proof.
   assert (NO : forall u, u <> t -> forall d, In d ds -> ~ about u d).
   { intros u N d I. assert (X := f_about _ _ _ _ _ F d I). unfold about in *. congruence. }
   assert (Lt : lookup t (opened s') = o) by (rewrite EO; eapply lookup_replace; eauto; apply (g_nodup _ _ _ G)).
-  assert (Lu : forall u, u <> t -> lookup u (opened s') = lookup u (opened s)) by (intros; rewrite EO; now apply lookup_replace_other).
+  assert (Lu : forall u, u <> t -> lookup u (opened s') = lookup u (opened s)) by (intros; rewrite EO;
+    now apply lookup_replace_other).
   constructor.
   - rewrite EO. apply replace_nodup, (g_nodup _ _ _ G).
   - intros u I. rewrite R. rewrite EO in I. apply replace_keys in I. now apply (g_reached _ _ _ G).
@@ -123,7 +125,8 @@ Proof.
     + rewrite says_other in * by eauto using opens_about. now apply (g_opened _ _ _ G).
   - intros u H. destruct (N.eq_dec u t) as [->|N].
     + rewrite Lt. destruct o; [left; discriminate|right]. now apply (f_gone _ _ _ _ _ F).
-    + rewrite Lu by auto. rewrite says_other in * by eauto using opens_about, retires_about. now apply (g_open _ _ _ G).
+    + rewrite Lu by auto. rewrite says_other in * by eauto using opens_about, retires_about.
+      now apply (g_open _ _ _ G).
   - intros u p H. rewrite says_after in H. destruct H as [(d & I & H)|H].
     + assert (u = t) as ->.
       { destruct (N.eq_dec u t); auto. elim (NO u n d I). now apply accepts_about in H. }
@@ -141,11 +144,13 @@ Proof.
     + rewrite says_other in M, H by eauto using emits_about, holds_about. now apply (g_best _ _ _ G u).
   - intros u p a b A B. destruct (N.eq_dec u t) as [->|N].
     + assert (C : forall x, says tr (arms t p x) -> p = 0 \/ says tr (requests t p)).
-      { intros x (d & I & H). destruct d as [n v [e|]|? ? ?|? ? ?|? ? ? ?|? ? ? ?|? ? ?|? ? ? ?|? ? ?|? ? ?|? ?|? ? ?]; cbn in H; try tauto.
+      { intros x (d & I & H). destruct d as [n v [e|]|? ? ?|? ? ?|? ? ? ?|? ? ? ?|? ? ?|? ? ? ?|? ? ?|? ? ?|? ?|? ?
+          ?]; cbn in H; try tauto.
         right. eexists. split; eauto. cbn. tauto. }
       rewrite says_after in A, B. destruct A as [(d & I & A)|A], B as [(e & J & B)|B].
       * destruct (f_arms _ _ _ _ _ F d p a I A) as (_ & _ & U). rewrite (U e J) in B. clear - A B.
-        destruct d as [n v [x|]|? ? ?|? ? ?|? ? ? ?|? ? ? ?|? ? ?|? ? ? ?|? ? ?|? ? ?|? ?|? ? ?]; cbn in *; try tauto; intuition congruence.
+        destruct d as [n v [x|]|? ? ?|? ? ?|? ? ? ?|? ? ? ?|? ? ?|? ? ? ?|? ? ?|? ? ?|? ?|? ? ?]; cbn in *;
+          try tauto; intuition congruence.
       * destruct (f_arms _ _ _ _ _ F d p a I A) as (Z & Q & _). destruct (C b B); tauto.
       * destruct (f_arms _ _ _ _ _ F e p b J B) as (Z & Q & _). destruct (C a A); tauto.
       * now apply (g_one _ _ _ G t p).
@@ -180,12 +185,14 @@ Proof.
     rewrite (Q t) by abouts. auto.
   - intros t m q. rewrite !(Q t) by abouts. apply A10.
   - intros t p a b. rewrite !(Q t) by abouts. apply A11.
-  - intros t. rewrite (Q t) by abouts. intros H. destruct (A12 t H) as (p & P). exists p. rewrite (Q t) by abouts. auto.
+  - intros t. rewrite (Q t) by abouts. intros H. destruct (A12 t H) as (p & P). exists p. rewrite (Q t) by abouts.
+    auto.
   - intros t. rewrite endings_other by auto. apply A13.
 Qed.
 
 (** ** F1 *)
-Lemma new_fits cfg tr now t due : (forall X : decision -> Prop, (forall d, X d -> about t d) -> ~ says tr X) -> endings t tr = [] ->
+Lemma new_fits cfg tr now t due : (forall X : decision -> Prop, (forall d, X d -> about t d) -> ~ says tr X) ->
+  endings t tr = [] ->
   slot_ok cfg (new_slot due) /\ told cfg (after [Opened now t due] tr) t (new_slot due).
 Proof.
   intros N EN. split.
@@ -204,7 +211,8 @@ Proof.
       * split; [tauto|]. intros [[[]|X] _]. now apply N in X; [|abouts].
     + destruct H as [[[]|[]]|X]. now apply N in X; [|abouts].
     + destruct H as [[]|X]. now apply N in X; [|abouts].
-    + rewrite endings_after, EN. unfold running. cbn. destruct (is_progressive cfg); auto. exists []. repeat constructor.
+    + rewrite endings_after, EN. unfold running. cbn. destruct (is_progressive cfg); auto. exists [].
+      repeat constructor.
 Qed.
 
 Lemma good_new cfg tr s t due s' : good cfg tr s -> reached s t = false -> newest s' = Some t ->
@@ -213,7 +221,8 @@ Proof.
   intros G NR EN EO. set (ds := [Opened (clock s) t due]).
   assert (NT : ~ In t (map fst (opened s))) by (intros I; apply (g_reached _ _ _ G) in I; congruence).
   assert (NS : forall X : decision -> Prop, (forall d, X d -> about t d) -> ~ says tr X).
-  { intros X H (d & I & D). assert (says tr (about t)) as Y by (exists d; auto). apply (g_about _ _ _ G) in Y. congruence. }
+  { intros X H (d & I & D). assert (says tr (about t)) as Y by (exists d; auto). apply (g_about _ _ _ G) in Y.
+    congruence. }
   assert (NE : endings t tr = []).
   { destruct (endings t tr) as [|e l] eqn:E; auto. exfalso. assert (I : In e (endings t tr)) by (rewrite E; now left).
     unfold endings in I. apply in_flat_map in I as ([n b|d] & I & H); [contradiction|].
@@ -226,9 +235,11 @@ Proof.
   assert (Rt : reached s' t = true) by (unfold reached; rewrite EN; apply N.leb_refl).
   assert (NO : forall u, u <> t -> forall d, In d ds -> ~ about u d).
   { intros u N d [<-|[]]. unfold about. cbn. congruence. }
-  assert (Q : forall u (X : decision -> Prop), u <> t -> (forall d, X d -> about u d) -> (says (after ds tr) X <-> says tr X)).
+  assert (Q : forall u (X : decision -> Prop), u <> t -> (forall d, X d -> about u d) -> (says (after ds tr) X <->
+    says tr X)).
   { intros u X N H. apply (says_other tr ds u); auto. }
-  assert (QT : forall (X : decision -> Prop), (forall d, X d -> about t d) -> says (after ds tr) X -> X (Opened (clock s) t due)).
+  assert (QT : forall (X : decision -> Prop), (forall d, X d -> about t d) -> says (after ds tr) X ->
+    X (Opened (clock s) t due)).
   { intros X H Y. apply says_after in Y as [(d & [<-|[]] & D)|Y]; auto. now apply NS in Y. }
   assert (Lu : forall u, lookup u (opened s') = if t =? u then Some (new_slot due) else lookup u (opened s)).
   { intros u. rewrite EO. now apply lookup_app. }
@@ -236,7 +247,8 @@ Proof.
   - rewrite EO, map_app. cbn. apply (Permutation_NoDup (Permutation_cons_append _ _)). now constructor.
   - intros u I. rewrite EO, map_app in I. apply in_app_or in I as [I|[<-|[]]]; auto.
   - intros u x. rewrite Lu. destruct (t =? u); [intros [= <-]; auto|eauto].
-  - intros u x. rewrite Lu. destruct (N.eqb_spec t u) as [<-|N]; [intros [= <-]; auto|]. intros L. apply told_other; auto.
+  - intros u x. rewrite Lu. destruct (N.eqb_spec t u) as [<-|N]; [intros [= <-]; auto|]. intros L.
+    apply told_other; auto.
   - intros u H. destruct (N.eq_dec u t) as [->|N]; auto. rewrite (Q u) in H; auto.
   - intros u H. destruct (N.eq_dec u t) as [->|N]; [apply says_after; left; eexists; split; [now left|reflexivity]|].
     rewrite (Q u) in H by auto. rewrite (Q u) by (auto; abouts). auto.
@@ -255,7 +267,8 @@ Proof.
     + rewrite (Q u) in H, H2 by (auto; abouts). now apply (A11 u p).
   - intros u H. destruct (N.eq_dec u t) as [->|N]; [apply QT in H; [contradiction|abouts]|].
     rewrite (Q u) in H by (auto; abouts). destruct (A12 u H) as (p & P). exists p. apply says_after. auto.
-  - intros u. rewrite Lu. destruct (N.eqb_spec t u) as [->|N]; [discriminate|]. rewrite endings_other by (apply NO; auto). auto.
+  - intros u. rewrite Lu. destruct (N.eqb_spec t u) as [->|N]; [discriminate|].
+    rewrite endings_other by (apply NO; auto). auto.
 Qed.
 
 (** ** Where the input under way stands *)
@@ -263,7 +276,8 @@ Definition arming (d : decision) : bool := match d with Opened _ _ _ | Request _
 Definition current (tr : trace) (s : state) (b : body) : Prop := exists later earlier,
   tr = later ++ Got (clock s) b :: earlier /\ forall d, In (Did d) later -> arming d = false.
 
-Lemma settle_quiet cfg now t timer sl o ds : settle cfg now t timer sl = (o, ds) -> forall d, In d ds -> arming d = false.
+Lemma settle_quiet cfg now t timer sl o ds : settle cfg now t timer sl = (o, ds) -> forall d, In d ds ->
+  arming d = false.
 Proof.
   intros H d I. apply settle_cases in H as [(_ & -> & _)|[(_ & -> & _)|[(_ & _ & _ & m & -> & _)|(_ & m & E & _)]]].
   - contradiction.
@@ -277,7 +291,8 @@ Proof.
   - intros c [= <-]. exists [], tr. split; [reflexivity|intros d []].
   - intros c [= <-]. destruct (IH b eq_refl) as (y & x & -> & Q). unfold update, fire in U.
     destruct (settle _ _ _ _ _) as [o e] eqn:Se. injection U as <- <-. cbn.
-    exists (rev (map Did (map (Timer (clock s) t) (fired due (slot_of s t)) ++ e)) ++ y), x. split; [unfold after; now rewrite app_assoc|].
+    exists (rev (map Did (map (Timer (clock s) t) (fired due (slot_of s t)) ++ e)) ++ y), x.
+    split; [unfold after; now rewrite app_assoc|].
     intros d I. apply in_app_or in I as [I|I]; [|now apply Q]. apply in_rev, in_map_iff in I as (d0 & [= ->] & I).
     apply in_app_or in I as [I|I]; [apply in_map_iff in I as (q & <- & _); reflexivity|]. eapply settle_quiet; eauto.
 Qed.
@@ -309,13 +324,15 @@ Qed.
 Lemma slot_of_open s t sl : lookup t (opened s) = Some sl -> slot_of s t = sl.
 Proof. unfold slot_of. now intros ->. Qed.
 Lemma armed_requested cfg sl p due : slot_ok cfg sl -> In (p, due) (armed sl) -> In p (requested sl).
-Proof. intros O I. destruct (ok_armed _ _ O p due I) as [?|(? & _)]; [now apply (ok_pending _ _ O)|now apply (ok_cached _ _ O)]. Qed.
+Proof. intros O I. destruct (ok_armed _ _ O p due I) as [?|(? & _)];
+  [now apply (ok_pending _ _ O)|now apply (ok_cached _ _ O)]. Qed.
 
 Lemma good_fire cfg tr s due t s' ds : good cfg tr s -> earliest (timers (opened s)) = Some (due, t) ->
   update s t (fire cfg (clock s) t due (slot_of s t)) = (s', ds) -> good cfg (after ds tr) s'.
 Proof.
   intros G E U. destruct (due_lookup _ _ _ _ _ G E) as (sl & p & L & A). rewrite (slot_of_open _ _ _ L) in U.
-  assert (O := g_slot _ _ _ G t sl L). unfold fire in U. destruct (settle _ _ _ _ _) as [o e] eqn:Se. injection U as <- <-.
+  assert (O := g_slot _ _ _ G t sl L). unfold fire in U. destruct (settle _ _ _ _ _) as [o e] eqn:Se.
+  injection U as <- <-.
   eapply (good_fits cfg tr s t sl o); eauto; try reflexivity.
   apply (settle_fits cfg tr t (clock s) sl O (g_told _ _ _ G t sl L) _ (fired due sl) _ o e) with (4 := Se).
   - split.
@@ -336,13 +353,16 @@ Proof.
   destruct (mem p (pending sl)) eqn:M3; cbn; [|discriminate]. intros _. exists sl.
   rewrite mem_iff in M1, M3. rewrite mem_not in M2. auto.
 Qed.
-Lemma f2_none cfg s t p d : first_reason (f2_reasons cfg s t p d) = None -> exists sl, lookup t (opened s) = Some sl /\
+Lemma f2_none cfg s t p d : first_reason (f2_reasons cfg s t p d) = None ->
+  exists sl, lookup t (opened s) = Some sl /\
   ~ In p (requested sl) /\ any_above p (cached sl) = false /\ is_cloud cfg p = true /\ clock s < due_at (clock s) d.
 Proof.
   cbn. destruct (is_cloud cfg p); cbn; [|discriminate]. destruct (reached s t); cbn; [|discriminate].
   unfold is_open, slot_of. destruct (lookup t (opened s)) as [sl|]; cbn; [|discriminate].
-  destruct (mem p (requested sl)) eqn:M1; cbn; [discriminate|]. destruct (any_above p (cached sl)) eqn:M2; [discriminate|].
-  destruct (N.leb_spec (due_at (clock s) d) (clock s)); [discriminate|]. rewrite mem_not in M1. intros _. exists sl. auto.
+  destruct (mem p (requested sl)) eqn:M1; cbn; [discriminate|].
+  destruct (any_above p (cached sl)) eqn:M2; [discriminate|].
+  destruct (N.leb_spec (due_at (clock s) d) (clock s)); [discriminate|]. rewrite mem_not in M1. intros _. exists sl.
+  auto.
 Qed.
 
 Lemma good_apply cfg tr s b s' ds : good cfg tr s -> current tr s b -> at_rest s -> apply cfg s b = (s', ds) ->
@@ -364,7 +384,8 @@ Proof.
       assert (O := g_slot _ _ _ G t sl L). assert (T := g_told _ _ _ G t sl L).
       assert (I := arrives_in_time cfg tr s t p sl G C AR L P). unfold update, result.
       destruct (is_progressive cfg) eqn:Pr; [|destruct (any_above p (pending sl)) eqn:A].
-      * destruct (improve (clock s) t p sl) as [o e] eqn:Im. intros [= <- <-]. eapply (good_fits cfg tr s t sl o); eauto; try reflexivity.
+      * destruct (improve (clock s) t p sl) as [o e] eqn:Im. intros [= <- <-].
+        eapply (good_fits cfg tr s t sl o); eauto; try reflexivity.
         eapply improve_fits; eauto.
       * intros [= <- <-]. eapply (good_fits cfg tr s t sl); eauto; try reflexivity. now apply hold_fits.
       * intros [= <- <-]. eapply (good_fits cfg tr s t sl None); eauto; try reflexivity.
@@ -373,8 +394,10 @@ Proof.
   - unfold arrive. destruct (first_reason _) eqn:F.
     + intros [= <- <-]. apply (good_silent cfg tr s); auto; try reflexivity. intros e [<-|[]]. reflexivity.
     + apply f3_none in F as (sl & L & P & Rq & NC & _). rewrite (slot_of_open _ _ _ L). unfold update, fail.
-      destruct (settle _ _ _ _ _) as [o e] eqn:Se. intros [= <- <-]. eapply (good_fits cfg tr s t sl o); eauto; try reflexivity.
-      apply (settle_fits cfg tr t (clock s) sl (g_slot _ _ _ G t sl L) (g_told _ _ _ G t sl L) false [p] [Failed (clock s) t p]); auto.
+      destruct (settle _ _ _ _ _) as [o e] eqn:Se. intros [= <- <-].
+      eapply (good_fits cfg tr s t sl o); eauto; try reflexivity.
+      apply (settle_fits cfg tr t (clock s) sl (g_slot _ _ _ G t sl L) (g_told _ _ _ G t sl L) false [p] [Failed
+        (clock s) t p]); auto.
       * split; [intros x [<-|[]]; exists p; cbn; auto|]. intros q [<-|[]]. eexists. split; [now left|auto].
       * intros q [<-|[]]. auto.
       * apply (g_accepted _ _ _ G).

@@ -8,7 +8,8 @@ Arguments after : simpl never.
 Lemma timer_at_firing cfg now t timer sl o ds : settle cfg now t timer sl = (o, ds) ->
   forall a u p, ~ In (Timer a u p) ds.
 Proof.
-  intros H a u p I. apply settle_cases in H as [(_ & -> & _)|[(_ & -> & _)|[(_ & _ & _ & m & -> & _)|(_ & m & E & _)]]].
+  intros H a u p I. apply settle_cases in H as [(_ & -> & _)|[(_ & -> & _)|[(_ & _ & _ & m & ->
+    & _)|(_ & m & E & _)]]].
   - contradiction.
   - destruct I as [[=]|[]].
   - destruct I as [[=]|[]].
@@ -23,9 +24,11 @@ Proof.
     2:{ destruct (IH now u p I) as (e & H & Le). exists e. rewrite says_after. auto. }
     apply in_rev in I. apply in_map_iff in I as (d & [= ->] & I).
     assert (G := reach_good _ _ _ _ R). destruct (due_lookup _ _ _ _ _ G E) as (sl & q & Lk & _).
-    rewrite (slot_of_open _ _ _ Lk) in U. unfold update, fire in U. destruct (settle _ _ _ _ _) as [o e] eqn:Se. injection U as <- <-.
+    rewrite (slot_of_open _ _ _ Lk) in U. unfold update, fire in U. destruct (settle _ _ _ _ _) as [o e] eqn:Se.
+    injection U as <- <-.
     apply in_app_or in I as [I|I]; [|elim (timer_at_firing _ _ _ _ _ _ _ Se _ _ _ I)].
-    apply in_map_iff in I as (x & [= <- <- <-] & I). apply fired_in in I. exists due. split; auto. apply says_after. right.
+    apply in_map_iff in I as (x & [= <- <- <-] & I). apply fired_in in I. exists due. split; auto. apply says_after.
+    right.
     now apply (a_armed _ _ _ _ (g_told _ _ _ G t sl Lk)).
   - unfold after in I. apply in_app_or in I as [I|I].
     2:{ destruct (IH now u p I) as (e & H & Le). exists e. rewrite says_after. auto. }
@@ -38,7 +41,8 @@ Proof.
       intros [[=]|I]. apply in_app_or in I as [I|I]; [apply in_map_iff in I as (x & [=] & _)|].
       destruct K as [->|(_ & ->)]; [contradiction|destruct I as [[=]|[]]].
     + destruct O as [(w & ->)|(last & -> & K)]; [intros [[=]|[]]|]. intros [[=]|I].
-      destruct K as [->|[->|[(_ & m & ->)|(_ & m & cs & ->)]]]; [contradiction|destruct I as [[=]|[]]|destruct I as [[=]|[]]|].
+      destruct K as [->|[->|[(_ & m & ->)|(_ & m & cs & ->)]]];
+        [contradiction|destruct I as [[=]|[]]|destruct I as [[=]|[]]|].
       destruct I as [[=]|I]. apply in_map_iff in I as (x & [=] & _).
     + subst. contradiction.
 Qed.
@@ -56,7 +60,8 @@ Proof. exact (reach_clock _ _ _ _ R). Qed.
 Local Lemma open_slot t : says tr (opens t) -> ~ says tr (retires cfg t) ->
   exists sl, lookup t (opened s) = Some sl /\ slot_ok cfg sl /\ told cfg tr t sl.
 Proof.
-  intros O N. destruct (g_open _ _ _ G t O) as [L|]; [|contradiction]. destruct (lookup t (opened s)) as [sl|] eqn:E; [|now elim L].
+  intros O N. destruct (g_open _ _ _ G t O) as [L|]; [|contradiction].
+  destruct (lookup t (opened s)) as [sl|] eqn:E; [|now elim L].
   exists sl. split; auto. split; [now apply (g_slot _ _ _ G t)|now apply (g_told _ _ _ G)].
 Qed.
 Local Lemma live_later t sl p due : lookup t (opened s) = Some sl -> In (p, due) (armed sl) -> clock_of tr < due.
@@ -75,9 +80,11 @@ Theorem sets_of_the_trace t sl : lookup t (opened s) = Some sl ->
   (is_progressive cfg = true -> exists ps, endings t tr = map Sent ps /\ cached sl = firstn 1 ps) /\
   (forall p due, In (p, due) (armed sl) <-> says tr (arms t p due) /\ ~ says tr (disarms cfg t p)).
 Proof.
-  intros L. assert (T := g_told _ _ _ G t sl L). split; [apply (a_requested _ _ _ _ T)|]. split; [apply (a_pending _ _ _ _ T)|].
+  intros L. assert (T := g_told _ _ _ G t sl L). split; [apply (a_requested _ _ _ _ T)|].
+  split; [apply (a_pending _ _ _ _ T)|].
   split; [apply (a_cached _ _ _ _ T)|]. split; [|apply (a_armed _ _ _ _ T)].
-  intros Pr. assert (X := a_running _ _ _ _ T). unfold running in X. rewrite Pr in X. destruct X as (ps & E & _ & C). eauto.
+  intros Pr. assert (X := a_running _ _ _ _ T). unfold running in X. rewrite Pr in X.
+  destruct X as (ps & E & _ & C). eauto.
 Qed.
 
 (** ** P1 once *)
@@ -114,7 +121,8 @@ Proof.
   { destruct (is_progressive cfg) eqn:E; auto. now apply (a_never _ _ _ _ T E) in H. }
   assert (C := a_cached _ _ _ _ T NP). destruct (greatest (cached sl)) as [m|] eqn:Gr.
   - apply greatest_some in Gr as [M B]. destruct (ok_prompt _ _ Ok m M) as (q & Q & Lq). exists q.
-    assert (P := Q). apply (a_pending _ _ _ _ T) in P as [Rq Cl]. apply (a_requested _ _ _ _ T) in Rq as [->|Rq]; [lia|].
+    assert (P := Q). apply (a_pending _ _ _ _ T) in P as [Rq Cl].
+    apply (a_requested _ _ _ _ T) in Rq as [->|Rq]; [lia|].
     repeat split; auto. intros b Hb. apply C in Hb. specialize (B b Hb). lia.
   - apply greatest_none in Gr. apply C in H. rewrite Gr in H. contradiction.
 Qed.
@@ -122,7 +130,8 @@ Qed.
 (** ** P5 local floor *)
 Theorem p5_local_floor : P5_local_floor tr.
 Proof.
-  intros t p A D. destruct (g_floor _ _ _ G t p A) as [L|?]; auto. destruct (lookup t (opened s)) as [sl|] eqn:E; [|now elim L].
+  intros t p A D. destruct (g_floor _ _ _ G t p A) as [L|?]; auto.
+  destruct (lookup t (opened s)) as [sl|] eqn:E; [|now elim L].
   assert (T := g_told _ _ _ G t sl E). assert (O := g_slot _ _ _ G t sl E).
   destruct (a_got _ _ _ _ T p A) as (c & C & _). destruct (ok_prompt _ _ O c C) as (q & Q & Lq).
   destruct (ok_timer _ _ O q Q) as (due & I); [lia|]. assert (X := live_later t sl q due E I).
@@ -147,12 +156,14 @@ Proof.
   { apply (g_opened _ _ _ G). destruct A as (d & I & H). exists d. split; auto. now apply arms_about in H. }
   destruct (p7_no_stall t O N) as [W|?]; auto. destruct (open_slot t O N) as (sl & L & Ok & T).
   assert (I : In (0, x) (armed sl)).
-  { apply (a_armed _ _ _ _ T). split; auto. intros (d & I & D). apply W. exists d. split; auto. now apply disarms_closes. }
+  { apply (a_armed _ _ _ _ T). split; auto. intros (d & I & D). apply W. exists d. split; auto.
+    now apply disarms_closes. }
   exists 0, x. assert (X := live_later t sl 0 x L I). apply (a_armed _ _ _ _ T) in I. tauto.
 Qed.
 Theorem p7_retired : P7_retired cfg tr.
 Proof.
-  intros t x A D. apply stable. intros N. destruct (p7_with_deadline t x A N) as (p & due & I & _ & L). specialize (D p due I). lia.
+  intros t x A D. apply stable. intros N. destruct (p7_with_deadline t x A N) as (p & due & I & _ & L).
+  specialize (D p due I). lia.
 Qed.
 
 (** ** P8 timers *)
@@ -174,7 +185,8 @@ Qed.
 (** ** P12 bounded wait *)
 Theorem p12_bounded_wait : P12_bounded_wait cfg tr.
 Proof.
-  intros t O C D. apply stable. intros N. destruct (open_slot t O N) as (sl & L & Ok & T). destruct (ok_waits _ _ Ok) as (p & P).
+  intros t O C D. apply stable. intros N. destruct (open_slot t O N) as (sl & L & Ok & T).
+  destruct (ok_waits _ _ Ok) as (p & P).
   assert (Z : p <> 0) by (intros ->; apply (a_pending _ _ _ _ T) in P; tauto).
   destruct (ok_timer _ _ Ok p P Z) as (due & I). assert (X := live_later t sl p due L I).
   apply (a_armed _ _ _ _ T) in I as [I _]. specialize (D p due Z I). lia.

@@ -129,7 +129,8 @@ Definition settle (cfg : config) (now t : N) (timer : bool) (sl : slot) : outcom
     end
   else
     match greatest (cached sl) with
-    | Some m => if negb (any_above m (pending sl)) || (is_eager cfg && timer) then forward now t m sl else (Some sl, [])
+    | Some m =>
+        if negb (any_above m (pending sl)) || (is_eager cfg && timer) then forward now t m sl else (Some sl, [])
     | None => match pending sl with [] => (None, [Miss now t]) | _ => (Some sl, []) end
     end.
 
@@ -169,7 +170,8 @@ Definition timers (l : list (N * slot)) : list (N * N) :=
   flat_map (fun e => map (fun a => (snd a, fst e)) (armed (snd e))) l.
 Definition sooner (x y : N * N) : bool := (fst x <? fst y) || ((fst x =? fst y) && (snd x <=? snd y)).
 Definition earliest (l : list (N * N)) : option (N * N) :=
-  fold_right (fun x best => match best with Some y => if sooner x y then Some x else Some y | None => Some x end) None l.
+  fold_right (fun x best =>
+    match best with Some y => if sooner x y then Some x else Some y | None => Some x end) None l.
 Definition fired (due : N) (sl : slot) : list N := map fst (filter (fun e => snd e =? due) (armed sl)).
 Definition fire (cfg : config) (now t due : N) (sl : slot) : outcome :=
   let ps := fired due sl in

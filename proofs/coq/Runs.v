@@ -23,12 +23,15 @@ Lemma fire_fewer cfg tr s due t s' ds : good cfg tr s -> earliest (timers (opene
   update s t (fire cfg (clock s) t due (slot_of s t)) = (s', ds) ->
   (length (timers (opened s')) < length (timers (opened s)))%nat.
 Proof.
-  intros G E. destruct (due_lookup _ _ _ _ _ G E) as (sl & p & L & A). rewrite (slot_of_open _ _ _ L). unfold update, fire.
+  intros G E. destruct (due_lookup _ _ _ _ _ G E) as (sl & p & L & A). rewrite (slot_of_open _ _ _ L).
+  unfold update, fire.
   destruct (settle _ _ _ _ _) as [o e] eqn:Se. intros [= <- _]. cbn.
-  assert (R := replace_timers t o (opened s) sl L). destruct o as [x|]; [|destruct (armed sl); [contradiction|cbn in *; lia]].
+  assert (R := replace_timers t o (opened s) sl L). destruct o as [x|]; [|destruct (armed sl);
+    [contradiction|cbn in *; lia]].
   apply settle_keeps in Se as ->. cbn in R.
   assert (F := filter_fewer (fun e0 : N * N => negb (mem (fst e0) (fired due sl))) (p, due) (armed sl) A).
-  assert (M : mem p (fired due sl) = true) by now apply mem_iff, fired_in. cbn in F. rewrite M in F. specialize (F eq_refl). lia.
+  assert (M : mem p (fired due sl) = true) by now apply mem_iff, fired_in. cbn in F. rewrite M in F.
+  specialize (F eq_refl). lia.
 Qed.
 Lemma rest_if s : NoDup (map fst (opened s)) ->
   (forall due t, earliest (timers (opened s)) = Some (due, t) -> clock s < due) -> at_rest s.
@@ -49,7 +52,8 @@ Proof.
   - assert (G := reach_good _ _ _ _ R). destruct (earliest (timers (opened s))) as [[due t]|] eqn:E.
     2:{ intros [= <- <-]. repeat split; auto. apply rest_if; [apply (g_nodup _ _ _ G)|]. rewrite E. discriminate. }
     destruct (N.leb_spec due (clock s)) as [D|D].
-    2:{ intros [= <- <-]. repeat split; auto. apply rest_if; [apply (g_nodup _ _ _ G)|]. rewrite E. now intros ? ? [= <- _]. }
+    2:{ intros [= <- <-]. repeat split; auto. apply rest_if; [apply (g_nodup _ _ _ G)|]. rewrite E.
+    now intros ? ? [= <- _]. }
     destruct (update _ _ _) as [s1 ds1] eqn:U. destruct (expire n cfg s1) as [s2 ds2] eqn:Ex. intros [= <- <-].
     assert (Fw := fire_fewer cfg tr s due t s1 ds1 G E U).
     assert (C : clock s1 = clock s) by (unfold update in U; injection U as <- _; reflexivity).
@@ -66,7 +70,8 @@ Proof.
   - rewrite (lookup_replace t o _ sl (g_nodup _ _ _ G) L) in Lu. destruct (K x p due Lu I); auto. eapply AR; eauto.
   - rewrite lookup_replace_other in Lu by auto. eapply AR; eauto.
 Qed.
-Theorem a20_rest cfg tr s b s' ds : good cfg tr s -> at_rest s -> apply cfg s b = (s', ds) -> at_rest s' /\ clock s' = clock s.
+Theorem a20_rest cfg tr s b s' ds : good cfg tr s -> at_rest s -> apply cfg s b = (s', ds) ->
+  at_rest s' /\ clock s' = clock s.
 Proof.
   intros G AR. destruct b as [t d|t p d bl|t p|t p|]; cbn [apply].
   - unfold open. destruct (first_reason _) eqn:F; intros [= <- _]; auto. cbn in F.
@@ -77,17 +82,20 @@ Proof.
   - unfold offer. destruct (first_reason _) eqn:F; [intros [= <- _]; auto|].
     apply f2_none in F as (sl & L & _ & _ & _ & D). rewrite (slot_of_open _ _ _ L).
     destruct (gate_shut cfg s p bl); intros [= <- _]; [split; auto|]. split; auto.
-    eapply (rest_replace cfg tr s t sl _ _ G AR L); [reflexivity|reflexivity|]. intros x q due [= <-]. cbn. intros I. apply add_in in I as [[= -> ->]|I]; auto.
+    eapply (rest_replace cfg tr s t sl _ _ G AR L); [reflexivity|reflexivity|]. intros x q due [= <-]. cbn.
+    intros I. apply add_in in I as [[= -> ->]|I]; auto.
   - unfold arrive. destruct (first_reason _) eqn:F; [intros [= <- _]; auto|].
     apply f3_none in F as (sl & L & _). rewrite (slot_of_open _ _ _ L). unfold update. intros [= <- _]. split; auto.
-    eapply (rest_replace cfg tr s t sl _ _ G AR L); [reflexivity|reflexivity|]. intros x q due. unfold result, improve.
+    eapply (rest_replace cfg tr s t sl _ _ G AR L); [reflexivity|reflexivity|]. intros x q due.
+    unfold result, improve.
     destruct (is_progressive cfg); [|destruct (any_above p (pending sl))]; cbn; try discriminate.
     + destruct (filter _ (pending sl)); cbn; [discriminate|]. intros [= <-]. cbn. rewrite filter_In. tauto.
     + intros [= <-]. cbn. destruct (_ || _); [rewrite filter_In; tauto|auto].
   - unfold arrive. destruct (first_reason _) eqn:F; [intros [= <- _]; auto|].
     apply f3_none in F as (sl & L & _). rewrite (slot_of_open _ _ _ L). unfold update. intros [= <- _]. split; auto.
     eapply (rest_replace cfg tr s t sl _ _ G AR L); [reflexivity|reflexivity|]. intros x q due. unfold fail.
-    destruct (settle _ _ _ _ _) as [o e] eqn:Se. cbn. intros ->. apply settle_keeps in Se as ->. cbn. rewrite filter_In. tauto.
+    destruct (settle _ _ _ _ _) as [o e] eqn:Se. cbn. intros ->. apply settle_keeps in Se as ->. cbn.
+    rewrite filter_In. tauto.
   - intros [= <- _]. auto.
 Qed.
 
@@ -113,7 +121,8 @@ Proof.
 Qed.
 Lemma reach_clock cfg tr s cur : reach cfg tr s cur -> clock s = clock_of tr.
 Proof.
-  induction 1 as [|tr s n b R IH|tr s b due t s' ds R IH E L U|tr s b s' ds R IH A U]; auto; rewrite ?clock_after, <- ?IH.
+  induction 1 as [|tr s n b R IH|tr s b due t s' ds R IH E L U|tr s b s' ds R IH A U]; auto;
+    rewrite ?clock_after, <- ?IH.
   - unfold update in U. injection U as <- _. reflexivity.
   - eapply a20_rest in U as [_ ->]; eauto. eapply reach_good; eauto.
 Qed.

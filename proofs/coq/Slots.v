@@ -110,10 +110,12 @@ Proof.
         -- apply filter_In in I as [I N]. apply negb_true_iff, N.eqb_neq in N. cbn in N.
            destruct (ok_armed _ _ O q e I) as [?|(? & ? & ?)]; auto.
         -- apply orb_false_iff in D as [D1 D2]. apply N.eqb_neq in D1.
-           assert (E : is_eager cfg = true) by (clear - NP D2; unfold is_eager, is_patient, is_progressive in *; destruct (rule cfg); congruence).
+           assert (E : is_eager cfg = true) by (clear - NP D2; unfold is_eager, is_patient, is_progressive in *;
+             destruct (rule cfg); congruence).
            destruct (N.eq_dec q p) as [->|]; [right; auto|].
            destruct (ok_armed _ _ O q e I) as [?|(? & ? & ?)]; auto.
-    + constructor; cbn; intros; rewrite ?add_in, ?filter_In, ?negb_true_iff, ?N.eqb_neq, ?says_after, ?one_line in *; cbn.
+    + constructor; cbn; intros; rewrite ?add_in, ?filter_In, ?negb_true_iff, ?N.eqb_neq, ?says_after,
+        ?one_line in *; cbn.
       * right. apply (a_open _ _ _ _ T).
       * rewrite (a_requested _ _ _ _ T). tauto.
       * rewrite (a_pending _ _ _ _ T). intuition congruence.
@@ -138,7 +140,8 @@ Proof.
   - intros d [<-|[]] [_ ->]. exists w. assert (Rw := ok_pending _ _ O w W).
     apply (a_requested _ _ _ _ T) in Rw as [->|R]; [lia|exact R].
   - intros d q _ _. split; [discriminate|]. intros m E. apply says_after in E as [(d0 & [<-|[]] & [])|E].
-    apply sent_in in E. assert (R := a_running _ _ _ _ T). unfold running in R. rewrite NP in R. rewrite R in E. contradiction.
+    apply sent_in in E. assert (R := a_running _ _ _ _ T). unfold running in R. rewrite NP in R. rewrite R in E.
+    contradiction.
   - intros d [<-|[]] [].
 Qed.
 
@@ -159,13 +162,15 @@ Lemma close_fits ps ds : closing ps ds -> (forall p, In p ps -> In p (requested 
   fits (Some (close ps sl)) ds.
 Proof.
   intros CL RQ W PR. assert (S := fun X => closing_says ps ds X CL).
-  assert (NO : forall X : decision -> Prop, (forall p, ~ X (Timer now t p) /\ ~ X (Failed now t p)) -> ~ exists d, In d ds /\ X d).
+  assert (NO : forall X : decision -> Prop, (forall p, ~ X (Timer now t p) /\ ~ X (Failed now t p)) ->
+    ~ exists d, In d ds /\ X d).
   { intros X H E. destruct (S X E) as (p & _ & K). destruct (H p). tauto. }
   assert (CO : forall p X, (forall q, X (Timer now t q) <-> q = p) -> (forall q, X (Failed now t q) <-> q = p) ->
     ((exists d, In d ds /\ X d) <-> In p ps)).
   { intros p X H1 H2. split.
     - intros E. destruct (S X E) as (q & Q & [H|H]); [apply H1 in H|apply H2 in H]; congruence.
-    - intros I. destruct CL as [_ B]. destruct (B p I) as (d & D & [->| ->]); eexists; split; eauto; [now apply H1|now apply H2]. }
+    - intros I. destruct CL as [_ B]. destruct (B p I) as (d & D & [->| ->]); eexists; split; eauto;
+        [now apply H1|now apply H2]. }
   constructor.
   - intros d I. destruct CL as [A _]. destruct (A d I) as (p & _ & [->| ->]); reflexivity.
   - intros s [= <-]. split.
@@ -189,7 +194,8 @@ Proof.
         specialize (NO (arms t p due)). cbn in NO. tauto.
       * apply (a_got _ _ _ _ T). destruct H as [H|H]; auto. elim (NO (accepts t p)); auto.
         unfold accepts. cbn. tauto.
-      * destruct H as [H|H]; [|now apply (a_known _ _ _ _ T)]. apply RQ. apply (CO p (answers t p)) in H; cbn; intros; intuition congruence.
+      * destruct H as [H|H]; [|now apply (a_known _ _ _ _ T)]. apply RQ.
+        apply (CO p (answers t p)) in H; cbn; intros; intuition congruence.
       * rewrite endings_after, (closing_ends ps ds CL). exact (a_running _ _ _ _ T).
   - discriminate.
   - intros d q I H. elim (NO (accepts t q)); eauto. unfold accepts. cbn. tauto.
@@ -254,7 +260,8 @@ Proof.
     + intros [= <- <-]. left. repeat split; auto; try congruence. exists p. cbn; auto.
   - destruct (greatest (cached s)) as [m|] eqn:G.
     + destruct (any_above m (pending s)) eqn:A; cbn.
-      * destruct (is_eager cfg && timer) eqn:E; [intros H; right; right; right; split; auto; exists m; now rewrite <- H|].
+      * destruct (is_eager cfg && timer) eqn:E; [intros H; right; right; right; split; auto; exists m;
+          now rewrite <- H|].
         intros [= <- <-]. left. apply above_iff in A as (w & W & L). apply greatest_some in G as [_ M].
         repeat split; auto; [eauto| |intros E1 E2; rewrite E1, E2 in E; discriminate].
         intros _ c C. exists w. split; auto. specialize (M c C). lia.
@@ -271,12 +278,14 @@ Proof.
   intros CL RQ C H. apply settle_cases in H as
     [(-> & -> & W & B & _)|[(-> & -> & K & P)|[(-> & P & Pr & m & -> & M)|(NP & m & F & G)]]].
   - rewrite app_nil_r. apply close_fits; auto. intros c Ic. destruct (is_progressive cfg) eqn:Pr; [|now apply B].
-    destruct W as (p & W). exists p. split; auto. cbn in W. apply filter_In in W as [W _]. now apply (ok_better _ _ O).
+    destruct W as (p & W). exists p. split; auto. cbn in W. apply filter_In in W as [W _].
+    now apply (ok_better _ _ O).
   - assert (CE := closing_ends ps ds CL). destruct CL as [A _]. cbn in K. constructor; try discriminate.
     + intros d I. line_by_line A; try reflexivity. destruct I as [<-|[]]; reflexivity.
     + intros _. split; [|split].
       * apply says_after. left. exists (Miss now t). split; [apply in_or_app; cbn; auto|reflexivity].
-      * assert (R := a_running _ _ _ _ T). revert R. rewrite endings_after, flat_map_app, CE, K. cbn. rewrite N.eqb_refl.
+      * assert (R := a_running _ _ _ _ T). revert R. rewrite endings_after, flat_map_app, CE, K. cbn.
+        rewrite N.eqb_refl.
         unfold running, done. destruct (is_progressive cfg); [|intros ->; auto].
         intros (l & -> & _ & F). destruct l; [auto|discriminate].
       * intros p X. destruct (a_got _ _ _ _ T p X) as (c & Ic & _). rewrite K in Ic. contradiction.
@@ -295,7 +304,8 @@ Proof.
     + intros d I. line_by_line A; try reflexivity. destruct I as [<-|[]]; reflexivity.
     + intros _. split; [|split].
       * apply says_after. left. exists (Final now t m). split; [apply in_or_app; cbn; auto|reflexivity].
-      * rewrite endings_after, flat_map_app, CE, El. cbn. rewrite N.eqb_refl. unfold done. rewrite Pr. right. exists m, l.
+      * rewrite endings_after, flat_map_app, CE, El. cbn. rewrite N.eqb_refl. unfold done. rewrite Pr. right.
+        exists m, l.
         auto.
       * intros p _. exists m. apply says_after. auto.
     + intros d q I X. line_by_line A; try (destruct X as [[]|[]]). destruct I as [<-|[]]. destruct X as [[]|[]].
@@ -343,11 +353,13 @@ Proof.
     + intros d I H. final_lines I; contradiction.
     + intros d q I H. final_lines I; contradiction.
     + intros d I H. final_lines I; contradiction.
-  - assert (BI : forall q, In q (b :: bs) <-> In q (pending sl) /\ p < q) by (intros q; rewrite <- B, filter_In, N.ltb_lt; tauto).
+  - assert (BI : forall q, In q (b :: bs) <-> In q (pending sl) /\ p < q) by (intros q;
+      rewrite <- B, filter_In, N.ltb_lt; tauto).
     constructor; try discriminate.
     + intros d [<-|I]; [reflexivity|]. apply in_map_iff in I as (q & <- & _). reflexivity.
     + intros s [= <-]. split.
-      * constructor; cbn [requested pending cached armed]; try setoid_rewrite BI; try setoid_rewrite filter_In; try setoid_rewrite N.ltb_lt.
+      * constructor; cbn [requested pending cached armed]; try setoid_rewrite BI; try setoid_rewrite filter_In;
+          try setoid_rewrite N.ltb_lt.
         -- apply (ok_zero _ _ O).
         -- intros q [Q _]. now apply (ok_pending _ _ O).
         -- intros q [<-|[]]. now apply (ok_pending _ _ O).
@@ -359,7 +371,8 @@ Proof.
         -- intros q e [I L]. cbn in L. destruct (ok_armed _ _ O q e I) as [?|(? & E & _)]; auto.
            clear - Pr E. unfold is_eager, is_progressive in *. destruct (rule cfg); discriminate.
       * constructor; cbn [requested pending cached armed]; intros;
-          rewrite ?BI, ?filter_In, ?N.ltb_lt, ?says_after, ?ST in * by (cbn; tauto); cbn [opens requests holds arms answers closes disarms emits].
+          rewrite ?BI, ?filter_In, ?N.ltb_lt, ?says_after, ?ST in * by (cbn; tauto);
+            cbn [opens requests holds arms answers closes disarms emits].
         -- right. apply (a_open _ _ _ _ T).
         -- rewrite (a_requested _ _ _ _ T). tauto.
         -- rewrite (a_pending _ _ _ _ T). unfold outdone. rewrite Pr. split.
@@ -372,11 +385,14 @@ Proof.
            ++ intros [[I H] L]. split; auto. intros [(_ & [E|(_ & E)])|X]; auto; lia.
            ++ intros [[[]|I] H]. split; [tauto|]. apply N.nle_gt. intros L. apply H. left. split; auto.
               destruct (N.eq_dec p p0); auto. right. split; auto. lia.
-        -- rewrite ST in H by (unfold accepts; cbn; tauto). exists p. split; [now left|]. destruct H as [[[]|[_ <-]]|H]; [lia|].
+        -- rewrite ST in H by (unfold accepts; cbn; tauto). exists p. split; [now left|].
+           destruct H as [[[]|[_ <-]]|H]; [lia|].
            destruct (a_got _ _ _ _ T _ H) as (c & Ic & L). assert (c < p) by now apply (ok_better _ _ O Pr). lia.
         -- destruct H as [[_ <-]|H]; [now apply (ok_pending _ _ O)|now apply (a_known _ _ _ _ T)].
-        -- rewrite endings_after. cbn. rewrite N.eqb_refl, cancels_end, El. unfold running. rewrite Pr. exists (p :: l). auto.
-    + intros d q [<-|I] H; [destruct H as [[]|[_ <-]]; auto|]. apply in_map_iff in I as (? & <- & _). destruct H as [[]|[]].
+        -- rewrite endings_after. cbn. rewrite N.eqb_refl, cancels_end, El. unfold running. rewrite Pr.
+           exists (p :: l). auto.
+    + intros d q [<-|I] H; [destruct H as [[]|[_ <-]]; auto|]. apply in_map_iff in I as (? & <- & _).
+      destruct H as [[]|[]].
     + intros d m q _ _ H. now apply NH in H.
     + intros d q e [<-|I] H; [contradiction|]. apply in_map_iff in I as (? & <- & _). contradiction.
     + intros d [<-|I] H; [contradiction|]. apply in_map_iff in I as (? & <- & _). contradiction.

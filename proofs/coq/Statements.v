@@ -1,9 +1,9 @@
 (** * The promises of SPEC.md, section 4, as statements about a trace
 
     Each says of [tr] what came in and what was decided, in the words of Trace.v, and nothing of a state. Promises.v,
-   Accounts.v, Ticks.v and AsPatient.v prove them of the trace of any inputs under any configuration. Since each beginning
-    of a run is a run, "by an instant" reads: whenever the clock of the trace has reached it. Examples.v has for each a run
-    where its hypothesis holds, and a trace that breaks it. *)
+    Accounts.v, Ticks.v and AsPatient.v prove them of the trace of any inputs under any configuration. Since each
+    beginning of a run is a run, "by an instant" reads: whenever the clock of the trace has reached it. Examples.v has
+    for each a run where its hypothesis holds, and a trace that breaks it. *)
 From Coq Require Import List NArith Bool Sorted.
 From Fuseline Require Import Words Trace.
 Import ListNotations.
@@ -83,7 +83,8 @@ Definition unstamped (d : decision) : decision :=
   | Miss _ t => Miss 0 t | Cancel _ t p => Cancel 0 t p
   end.
 (** All decisions of a trace, the newest first. *)
-Definition decisions (tr : trace) : list decision := flat_map (fun l => match l with Did d => [d] | Got _ _ => [] end) tr.
+Definition decisions (tr : trace) : list decision :=
+  flat_map (fun l => match l with Did d => [d] | Got _ _ => [] end) tr.
 (** [b] is [a] with more ticks, each at an instant no later than the input that follows it. *)
 Inductive ticked : list input -> list input -> Prop :=
 | t_end : ticked [] []
@@ -124,17 +125,20 @@ Definition meaning (cfg : config) (tr : trace) (t p : N) (why : reason) : Prop :
 (** ** P13: what is alike *)
 
 (** What both rules decide alike: what was opened, admitted and refused, and with what a timestamp ended. *)
-Inductive common := Accepted (t : N) (due : option N) | Admitted (t p due : N) | Refused (t : N) (p : option N) (why : reason)
-  | Over (t : N) (last : option N).
+Inductive common :=
+| Accepted (t : N) (due : option N) | Admitted (t p due : N) | Refused (t : N) (p : option N) (why : reason)
+| Over (t : N) (last : option N).
 (** Under patient a timestamp ends with its output, under progressive with the final that names its last one. *)
 Definition of_patient (d : decision) : list common :=
   match d with
-  | Opened _ t due => [Accepted t due] | Request _ t p due => [Admitted t p due] | Refuse _ t p why => [Refused t p why]
+  | Opened _ t due => [Accepted t due] | Request _ t p due => [Admitted t p due]
+  | Refuse _ t p why => [Refused t p why]
   | Emit _ t m => [Over t (Some m)] | Miss _ t => [Over t None] | _ => []
   end.
 Definition of_progressive (d : decision) : list common :=
   match d with
-  | Opened _ t due => [Accepted t due] | Request _ t p due => [Admitted t p due] | Refuse _ t p why => [Refused t p why]
+  | Opened _ t due => [Accepted t due] | Request _ t p due => [Admitted t p due]
+  | Refuse _ t p why => [Refused t p why]
   | Final _ t m => [Over t (Some m)] | Miss _ t => [Over t None] | _ => []
   end.
 Definition patient_ends (ds : list decision) : list common := flat_map of_patient ds.
@@ -142,6 +146,7 @@ Definition progressive_ends (ds : list decision) : list common := flat_map of_pr
 
 (** ** T1, the machine's half *)
 
-(** Local's result is held only while a request is live that is due later: at or after all due instants it goes at once. *)
+(** Local's result is held only while a request is live that is due later: at or after all due instants it goes at
+    once. *)
 Definition goes_at_once (tr : trace) : Prop := forall now t,
   In (Did (Hold now t 0)) tr -> exists p due, p <> 0 /\ says tr (arms t p due) /\ now < due.

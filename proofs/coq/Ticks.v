@@ -20,7 +20,8 @@ Lemma expire_fires cfg n : forall tr s s' ds b, reach cfg tr s (Some b) -> (leng
   expire n cfg s = (s', ds) -> fires cfg (clock s) s s' ds.
 Proof.
   induction n as [|n IH]; intros tr s s' ds b R F; cbn [expire].
-  - intros [= <- <-]. constructor. assert (Z : timers (opened s) = []) by (destruct (timers (opened s)); [auto|cbn in F; lia]).
+  - intros [= <- <-]. constructor. assert (Z : timers (opened s) = []) by (destruct (timers (opened s));
+      [auto|cbn in F; lia]).
     rewrite Z. discriminate.
   - destruct (earliest (timers (opened s))) as [[due t]|] eqn:E.
     2:{ intros [= <- <-]. constructor. intros d0 t0 X. congruence. }
@@ -108,7 +109,8 @@ Proof.
     map unstamped (snd (answers cfg s a)) = map unstamped (snd (answers cfg s b))).
   2:{ exact (X [] initial (at_start cfg)). }
   induction T as [|i a b T IH|n i a b T IH L]; intros tr s R; auto.
-  - cbn. destruct (step cfg s i) as [s1 ds1] eqn:S. destruct (IH _ s1 (proj1 (step_reach _ _ _ _ _ _ R S))) as [E1 E2].
+  - cbn. destruct (step cfg s i) as [s1 ds1] eqn:S. destruct (IH _ s1 (proj1 (step_reach _ _ _ _ _ _ R S))) as [E1
+      E2].
     destruct (answers cfg s1 a), (answers cfg s1 b). cbn in *. rewrite !map_app, E2. auto.
   - destruct (IH tr s R) as [-> ->]. cbn. destruct (step cfg s {| at_ := n; what := Tick |}) as [s1 ds1] eqn:S1.
     destruct (step cfg s1 i) as [s2 ds2] eqn:S2. destruct i as [c body].
@@ -148,12 +150,14 @@ Qed.
 Theorem p10_order cfg other s i : window cfg = window other -> rule cfg = rule other ->
   Permutation (clouds cfg) (clouds other) -> NoDup (map priority (clouds cfg)) -> step cfg s i = step other s i.
 Proof.
-  intros W E P D. assert (C : forall p, registered cfg p = registered other p) by (intros p; now apply registered_order).
+  intros W E P D. assert (C : forall p, registered cfg p = registered other p) by (intros p;
+    now apply registered_order).
   assert (Pr : is_progressive cfg = is_progressive other) by (unfold is_progressive; now rewrite E).
   assert (Eg : is_eager cfg = is_eager other) by (unfold is_eager; now rewrite E).
   assert (Pt : is_patient cfg = is_patient other) by (unfold is_patient; now rewrite E).
   assert (K : forall p, is_cloud cfg p = is_cloud other p) by (intros p; unfold is_cloud; now rewrite C).
-  assert (S : forall now t x sl, settle cfg now t x sl = settle other now t x sl) by (intros; unfold settle; now rewrite Pr, Eg).
+  assert (S : forall now t x sl, settle cfg now t x sl = settle other now t x sl) by (intros; unfold settle;
+    now rewrite Pr, Eg).
   assert (X : forall n u, expire n cfg u = expire n other u).
   { induction n as [|n IH]; intros u; cbn [expire]; auto. destruct (earliest _) as [[d t]|]; auto.
     unfold fire. rewrite S. destruct (d <=? clock u); auto. destruct (update _ _ _). now rewrite IH. }

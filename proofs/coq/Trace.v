@@ -115,10 +115,12 @@ Proof. destruct d; cbn; tauto. Qed.
 
 (** What a trace says can be read from it. *)
 Lemma retires_dec t d : {retires t d} + {~ retires t d}.
-Proof. destruct d; cbn; auto; try apply N.eq_dec. destruct (N.eq_dec t0 t), (is_progressive cfg); try tauto; right; intros [_ ?]; discriminate. Qed.
+Proof. destruct d; cbn; auto; try apply N.eq_dec. destruct (N.eq_dec t0 t), (is_progressive cfg); try tauto; right;
+  intros [_ ?]; discriminate. Qed.
 Lemma outdone_dec p q : {outdone p q} + {~ outdone p q}.
 Proof.
-  unfold outdone. destruct (N.eq_dec q p); [left; auto|]. destruct (is_progressive cfg); [|right; intros [?|[? _]]; congruence].
+  unfold outdone. destruct (N.eq_dec q p); [left; auto|]. destruct (is_progressive cfg); [|right; intros [?|[? _]];
+    congruence].
   destruct (p <? q) eqn:L; [apply N.ltb_lt in L; left; auto|apply N.ltb_ge in L; right; intros [?|[_ ?]]; [auto|lia]].
 Qed.
 Lemma disarms_dec t p d : {disarms t p d} + {~ disarms t p d}.
