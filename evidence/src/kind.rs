@@ -39,8 +39,8 @@ pub(crate) enum RunMethod {
     /// A command of its own, which keeps its own record and holds it against the sources in each run of it. The kind has
     /// the harnesses of these files of `proofs/src/harness`, one of which catches each fault seeded in the code they are of.
     Prove { files: &'static [&'static str], of: &'static [&'static str] },
-    /// As `Prove`, with faults of its own too: each witness was refuted under one of them.
-    Solve,
+    /// As `Prove`, with faults of its own too, in this record: each witness was refuted under one of them.
+    Solve { record: &'static str, by: &'static str },
 }
 
 impl EvidenceKind {
@@ -66,7 +66,7 @@ impl EvidenceKind {
     /// Whether its witnesses were refuted under faults of their own, and not under those seeded here.
     #[must_use]
     pub fn has_own_faults(&self) -> bool {
-        matches!(self.run, RunMethod::Solve)
+        matches!(self.run, RunMethod::Solve { .. })
     }
 
     /// The one of this name.

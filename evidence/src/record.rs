@@ -64,8 +64,8 @@ struct Obligation {
 }
 
 impl RulesRecord {
-    fn load(tree: &Tree) -> Result<Self, EvidenceError> {
-        let path = tree.path(RULES);
+    fn load(tree: &Tree, record: &str) -> Result<Self, EvidenceError> {
+        let path = tree.path(record);
         let text = fs::read_to_string(&path).map_err(EvidenceError::file(&path))?;
         serde_json::from_str(&text)
             .map_err(|error| EvidenceError::content(&path, error.to_string()))
@@ -77,11 +77,21 @@ pub(crate) fn cited_by_obligation(
     tree: &Tree,
     name: &str,
 ) -> Result<BTreeSet<String>, EvidenceError> {
-    let known = RulesRecord::load(tree)?.obligations.into_iter().find(|known| known.name == name);
-    Ok(known.map(|known| known.shows).unwrap_or_default())
+    shown(tree, OBLIGATIONS, name)
 }
 
-const RULES: &str = "proofs/rules/record.json";
+/// The identifiers that a theorem of the rules cites.
+pub(crate) fn cited_by_theorem(tree: &Tree, name: &str) -> Result<BTreeSet<String>, EvidenceError> {
+    shown(tree, THEOREMS, name)
+}
+
+fn shown(tree: &Tree, record: &str, name: &str) -> Result<BTreeSet<String>, EvidenceError> {
+    let mut known = RulesRecord::load(tree, record)?.obligations.into_iter();
+    Ok(known.find(|known| known.name == name).map(|known| known.shows).unwrap_or_default())
+}
+
+pub(crate) const OBLIGATIONS: &str = "proofs/rules/record.json";
+pub(crate) const THEOREMS: &str = "proofs/coq/record.json";
 
 /// The folder of the records.
 #[must_use]
@@ -95,13 +105,13 @@ impl KindRecord {
     /// # Errors
     /// It cannot be read.
     pub fn load(tree: &Tree, kind: &EvidenceKind) -> Result<Option<Self>, EvidenceError> {
-        if kind.has_own_faults() {
-            let RulesRecord { solvers, obligations } = RulesRecord::load(tree)?;
+        if let RunMethod::Solve { record, by } = kind.run {
+            let RulesRecord { solvers, obligations } = RulesRecord::load(tree, record)?;
             let held = obligations.into_iter().filter(|known| !known.faults.is_empty());
             let solvers: Vec<_> = solvers.iter().map(|(name, of)| format!("{name} {of}")).collect();
             return Ok(Some(Self {
                 sources: kind.digest(tree)?,
-                rustc: format!("proofs/rules/prove with {}", solvers.join(" and ")),
+                rustc: format!("{by} with {}", solvers.join(" and ")),
                 held: held.map(|known| known.name).collect(),
                 faults: BTreeMap::new(),
             }));

@@ -95,7 +95,7 @@ impl WorkCopy<'_> {
                 command.args(arguments).arg("--config").arg(self.runner(by));
                 &[]
             }
-            RunMethod::Prove { .. } | RunMethod::Solve => return Ok(()),
+            RunMethod::Prove { .. } | RunMethod::Solve { .. } => return Ok(()),
         };
         command.current_dir(self.copy.root());
         // Other flags of the compiler build everything anew.

@@ -123,10 +123,32 @@ fn all_citations() -> Vec<Citation> {
             Some("rs" | "md" | "json" | "toml") => {
                 all.extend(citations(file, &fs::read_to_string(&path).expect("UTF-8")));
             }
+            Some("v") => {
+                let text = fs::read_to_string(&path).expect("UTF-8");
+                all.extend(citations(file, &comments(&text)));
+            }
             _ => {}
         }
     }
     all
+}
+
+/// The comments of a file of Coq, each in its line: what its proofs name is no identifier.
+fn comments(text: &str) -> String {
+    let mut kept = String::new();
+    let mut depth = 0_usize;
+    for word in text.split_inclusive([' ', '\n']) {
+        depth += word.matches("(*").count();
+        kept.push_str(if depth > 0 {
+            word
+        } else if word.ends_with('\n') {
+            "\n"
+        } else {
+            " "
+        });
+        depth = depth.saturating_sub(word.matches("*)").count());
+    }
+    kept
 }
 
 /// The citations of what is not defined.
@@ -222,4 +244,13 @@ fn a_rule_cited_by_its_tests_alone_counts_as_uncited_by_code() {
     assert_eq!(uncited(&spec, &cited, WitnessKind::Witness), ["F3"]);
     let elsewhere = citations(Path::new("core/src/slot/tests.rs"), "// F3");
     assert_eq!(elsewhere[0].kind, WitnessKind::Witness);
+}
+
+#[test]
+fn of_a_file_of_coq_its_comments_are_read() {
+    let text =
+        "Lemma a : T9.\n(** P2 never\n    late. *)\nProof. destruct A as [F3 D99]. Qed. (* F4 *)\n";
+    let cited = citations(Path::new("proofs/coq/A.v"), &comments(text));
+    let found: Vec<_> = cited.iter().map(|citation| (&*citation.id, &*citation.at)).collect();
+    assert_eq!(found, [("P2", "proofs/coq/A.v:2"), ("F4", "proofs/coq/A.v:4")]);
 }

@@ -1,0 +1,158 @@
+(** * T1, and case 1 of T2: deadlines that are safe
+
+    The conditions and the proofs in prose are in the book's chapter of that name.
+    The machine's half is about the trace of
+    any run; the vehicle's half is about frames, and takes the machine's as a hypothesis.
+    No axiom is needed: instants are
+    whole nanoseconds, and lengths, speeds and times of T2 are rationals, as every number of a computer is. *)
+From Coq Require Import List NArith Bool Lia.
+From Fuseline Require Import Rules Sets Trace Statements Slots Kept Runs Accounts Promises.
+Import ListNotations.
+Open Scope N_scope.
+Arguments after : simpl never.
+
+(** ** The machine's half: local goes at once *)
+Lemma reach_at_once cfg tr s cur : reach cfg tr s cur -> goes_at_once tr.
+Proof.
+  intros R. induction R as [|tr s n b R IH|tr s b due t s' ds R IH E L U|tr s b s' ds R IH AR U]; intros now u I.
+  - contradiction.
+  - destruct I as [[=]|I]. destruct (IH now u I) as (p & e & Z & A & Le). exists p, e. now rewrite says_got.
+  - unfold after in I. apply in_app_or in I as [I|I].
+    2:{ destruct (IH now u I) as (p & e & Z & A & Le). exists p, e. rewrite says_after. auto. }
+    apply in_rev, in_map_iff in I as (d & [= ->] & I). exfalso. unfold update, fire in U.
+    destruct (settle _ _ _ _ _) as [o e] eqn:Se. injection U as _ <-.
+    apply in_app_or in I as [I|I]; [apply in_map_iff in I as (x & [=] & _)|].
+    apply settle_cases in Se as [(_ & -> & _)|[(_ & -> & _)|[(_ & _ & _ & m & -> & _)|(_ & m & X & _)]]].
+    + contradiction.
+    + destruct I as [[=]|[]].
+    + destruct I as [[=]|[]].
+    + injection X as _ ->. destruct I as [[=]|I]. apply in_map_iff in I as (q & [=] & _).
+  - unfold after in I. apply in_app_or in I as [I|I].
+    2:{ destruct (IH now u I) as (p & e & Z & A & Le). exists p, e. rewrite says_after. auto. }
+    apply in_rev, in_map_iff in I as (d & [= ->] & I).
+    assert (G := reach_good _ _ _ _ R). assert (O := apply_own cfg s b). rewrite U in O. cbn in O.
+    destruct b as [t d|t q d bl|t q|t q|]; cbn in O.
+    + destruct O as [->|(w & ->)]; destruct I as [[=]|[]].
+    + destruct O as [->|(w & ->)]; destruct I as [[=]|[]].
+    + destruct O as [(w & ->)|[(-> & NP)|(cs & last & -> & K)]]; [destruct I as [[=]|[]]| |].
+      * destruct I as [[= <- <- ->]|[]]. cbn [apply] in U. unfold arrive in U.
+        destruct (first_reason _) eqn:F; [discriminate|]. apply f3_none in F as (sl & Lk & P & _).
+        rewrite (slot_of_open _ _ _ Lk) in U. unfold result in U. rewrite NP in U.
+        destruct (any_above 0 (pending sl)) eqn:A; [|discriminate]. apply above_iff in A as (x & X & Lx).
+        destruct (ok_timer _ _ (g_slot _ _ _ G t sl Lk) x X) as (due & Ar); [lia|].
+        exists x, due. split; [lia|]. split; [|exact (AR t sl x due Lk Ar)].
+        apply says_after. right. now apply (a_armed _ _ _ _ (g_told _ _ _ G t sl Lk)).
+      * destruct I as [[=]|I]. apply in_app_or in I as [I|I]; [apply in_map_iff in I as (x & [=] & _)|].
+        destruct K as [->|(_ & ->)]; [contradiction|destruct I as [[=]|[]]].
+    + destruct O as [(w & ->)|(last & -> & K)]; [destruct I as [[=]|[]]|]. destruct I as [[=]|I].
+      destruct K as [->|[->|[(_ & m & ->)|(_ & m & cs & ->)]]];
+        [contradiction|destruct I as [[=]|[]]|destruct I as [[=]|[]]|].
+      destruct I as [[=]|I]. apply in_map_iff in I as (x & [=] & _).
+    + subst. contradiction.
+Qed.
+Theorem local_goes_at_once cfg ins : goes_at_once (trace_of cfg ins).
+Proof. exact (reach_at_once _ _ _ _ (proj1 (run_reach cfg ins))). Qed.
+(** So where local's result is accepted when all due instants of its timestamp are past, an output is there. *)
+Theorem output_with_local cfg ins t : let tr := trace_of cfg ins in says tr (accepts t 0) ->
+  (forall p due, p <> 0 -> says tr (arms t p due) -> due <= clock_of tr) -> exists m, says tr (emits t m).
+Proof. exact (p5_local_floor cfg ins t 0). Qed.
+
+(** ** T1: the vehicle's half *)
+Section T1.
+(** Frames are numbered. Local takes some, has its result at an instant, and reports the obstacle or does not. *)
+Variables (takes : N -> Prop) (local_at : N -> N) (local_reports : N -> Prop).
+(** Fusion: by an instant an output for a frame was sent, and it reports the obstacle or does not. *)
+Variables (sent_by : N -> N -> Prop) (reports : N -> Prop).
+(** How many reports in a row make the vehicle brake. *)
+Variable needed : nat.
+
+(** A row by [now]: so many frames, each with an output that reports, and no frame between them that [breaks]. *)
+Definition row (out : N -> N -> Prop) (rep breaks : N -> Prop) (now : N) : Prop := exists frames,
+  NoDup frames /\ length frames = needed /\ (forall k, In k frames -> out k now /\ rep k) /\
+  forall i j k, In i frames -> In j frames -> i <= k <= j -> out k now -> breaks k -> rep k.
+Definition alone (k now : N) : Prop := takes k /\ local_at k <= now.
+(** Only a frame that local takes breaks a row. *)
+Definition alone_brakes := row alone local_reports takes.
+Definition fusion_brakes := row sent_by reports takes.
+
+(** The machine's half: with a deadline of at most local's least response, fusion's output is no later than local's.
+    *)
+Hypothesis no_later : forall k now, takes k -> local_at k <= now -> sent_by k now.
+(** The cloud reports whatever local would report, on each frame that local takes. *)
+Hypothesis as_local : forall k, takes k -> local_reports k -> reports k.
+(** Local has its results in the order of the frames. *)
+Hypothesis in_order : forall i k, takes i -> takes k -> i <= k -> local_at i <= local_at k.
+
+(** T1: whenever local alone has the row at which it brakes, fusion has it. *)
+Theorem t1_no_later_than_local now : alone_brakes now -> fusion_brakes now.
+Proof.
+  intros (frames & D & L & O & B). exists frames. repeat split; auto.
+  - destruct (O k H) as [[T A] _]. now apply no_later.
+  - destruct (O k H) as [[T A] Rp]. now apply as_local.
+  - intros i j k I J K _ T. apply as_local; auto. apply (B i j k); auto.
+    destruct (O j J) as [[Tj Aj] _]. split; auto. specialize (in_order k j T Tj). lia.
+Qed.
+End T1.
+
+(** The condition on rows is needed: local takes frames 0, 2 and 4 and reports on each; on frame 3 a lorry hides the
+    obstacle, and the cloud's honest output breaks the row, if any output may. *)
+Definition even_takes (k : N) : Prop := k = 0 \/ k = 2 \/ k = 4.
+Definition any_sent (k now : N) : Prop := k <= 4 /\ k <= now.
+Example t1_needs_the_condition :
+  row 3 (alone even_takes (fun k => k)) even_takes even_takes 4 /\
+  (forall k now, even_takes k -> k <= now -> any_sent k now) /\
+  ~ row 3 any_sent (fun k => k <> 3 /\ k <> 1) (fun _ => True) 4.
+Proof.
+  split; [|split].
+  - exists [0; 2; 4]. split; [repeat constructor; cbn; intuition discriminate|]. split; [reflexivity|]. split.
+    + intros k I. unfold alone, even_takes. cbn in I. intuition (subst; lia).
+    + intros i j k _ _ _ _ T. exact T.
+  - unfold any_sent, even_takes. intros k now T L. lia.
+  - intros (frames & D & L & O & B).
+    assert (Three : ~ In 3 frames /\ ~ In 1 frames) by (split; intros I; destruct (O _ I) as [_ [? ?]]; congruence).
+    assert (Only : incl frames [0; 2; 4]).
+    { intros k I. destruct (O k I) as [[A _] [N3 N1]]. cbn. destruct (N.eq_dec k 0), (N.eq_dec k 2), (N.eq_dec k 4);
+        auto. lia. }
+    assert (All : incl [0; 2; 4] frames) by (apply NoDup_length_incl; auto; rewrite L; auto).
+    destruct (B 2 4 3) as [X _]; [apply All; cbn; auto|apply All; cbn; auto|lia|unfold any_sent;
+      lia|exact I|congruence].
+Qed.
+
+(** ** T2, case 1: local alone stops *)
+From Coq Require Import QArith Lqa.
+Open Scope Q_scope.
+Section T2.
+(** Speed, deceleration, reaction, the frames' period, the range, and how many frames are needed. *)
+Variables (v a tau P range n : Q).
+Hypotheses (Hv : 0 < v) (Ha : 0 < a).
+Definition budget : Q := range / v - v / (2 * a) - tau - n * P.
+(** A frame captured [t] after the obstacle came into range is the first to show it, [t] less than a period. *)
+Variable t : Q.
+Hypothesis first : t <= P.
+(** T2, case 1: what comes within the budget after capture is in time.
+    The vehicle drives on until the [n]th frame's result
+    and its reaction, and then needs its braking distance: less than the range in all. *)
+Theorem t2_stops r : r <= budget -> v * (t + (n - 1) * P + r + tau) + v * v / (2 * a) <= range.
+Proof.
+  unfold budget. intros B.
+  assert (X : v * r <= v * (range / v - v / (2 * a) - tau - n * P)) by (apply Qmult_le_l; assumption).
+  assert (Y : v * (range / v - v / (2 * a) - tau - n * P) == range - v * v / (2 * a) - v * tau - v * (n * P)).
+  { field. split; lra. }
+  assert (Z : v * t <= v * P) by (apply Qmult_le_l; assumption).
+  rewrite Y in X. clear Y B. set (k := v * v / (2 * a)) in *. clearbody k. lra.
+Qed.
+(** And what comes more than a period after it is surely not, wherever the first frame lies. *)
+Hypothesis from : 0 <= t.
+Theorem t2_collides r : budget + P < r -> range < v * (t + (n - 1) * P + r + tau) + v * v / (2 * a).
+Proof.
+  unfold budget. intros B.
+  assert (X : v * (range / v - v / (2 * a) - tau - n * P + P) < v * r) by (apply Qmult_lt_l; assumption).
+  assert (Y : v * (range / v - v / (2 * a) - tau - n * P + P) == range - v * v / (2 * a) - v * tau - v * (n * P) + v
+    * P).
+  { field. split; lra. }
+  assert (Z : v * 0 <= v * t) by (apply Qmult_le_l; assumption).
+  rewrite Y in X. clear Y B. set (k := v * v / (2 * a)) in *. clearbody k. lra.
+Qed.
+End T2.
+(** Its hypotheses hold of 10 m/s, 5 m/s^2, 0.1 s, 30 Hz, 50 m and 3 frames: what comes within 3.8 s is in time. *)
+Example t2_happens : budget 10 5 (1 # 10) (1 # 30) 50 3 == 38 # 10. Proof. reflexivity. Qed.

@@ -1,0 +1,104 @@
+(** * For each promise a run where its hypothesis holds, and a trace of a faulty machine that breaks it
+
+    The runs are of the rules, computed. The faulty traces are written by hand, the newest line first. *)
+From Coq Require Import List NArith Bool.
+From Fuseline Require Import Rules Trace Statements Broken Cases Ticks AsPatient.
+Import ListNotations.
+Open Scope N_scope.
+
+Example p1_happens : endings 1 (trace_of eager over) = [Sent 1]. Proof. happens. Qed.
+Example p1_can_break : ~ P1_once eager [Did (Emit 60 1 2); Did (Emit 50 1 1); Did (Opened 0 1 None)].
+Proof. breaks (broken_p1 eager _ 1). Qed.
+Example p1_progressive_happens : endings 1 (trace_of progressive (held ++ [input_at 30 (Result 1 2)])) = [Ended 2;
+  Sent 2; Sent 1; Sent 0].
+Proof. happens. Qed.
+Example p1_progressive_can_break : ~ P1_progressive progressive [Did (Emit 20 1 0); Did (Emit 10 1 1);
+  Did (Opened 0 1 None)].
+Proof. breaks (broken_p1_progressive progressive _ 1). Qed.
+
+Example p2_happens : sayb (trace_of eager committed) (b_emits 1 1) = true. Proof. happens. Qed.
+(** At the due instant it is late. *)
+Example p2_can_break : ~ P2_never_late
+  [Did (Emit 50 1 1); Got 50 (Result 1 1); Did (Request 0 1 1 50); Did (Opened 0 1 None)].
+Proof. breaks (broken_p2 _ 1 1). Qed.
+
+Example p3_happens : sayb (trace_of eager committed) (b_emits 1 1) &&
+  sayb (trace_of eager committed) (b_holds 1 0) = true.
+Proof. happens. Qed.
+Example p3_can_break : ~ P3_best_available [Did (Emit 50 1 0); Did (Hold 20 1 1); Did (Hold 10 1 0)].
+Proof. breaks (broken_p3 _ 1 0 1). Qed.
+
+Example p4_happens : sayb (trace_of eager held) (b_holds 1 1) &&
+  negb (sayb (trace_of eager held) (b_retires eager 1)) = true.
+Proof. happens. Qed.
+Example p4_can_break : ~ P4_prompt eager [Did (Hold 20 1 1); Did (Request 0 1 1 50); Did (Opened 0 1 None)].
+Proof. breaks (broken_p4 eager _ 1 1). Qed.
+
+Example p5_happens : sayb (trace_of eager over) (b_accepts 1 0) && past true 1 (trace_of eager over) = true.
+Proof. happens. Qed.
+Example p5_can_break : ~ P5_local_floor
+  [Did (Miss 50 1); Did (Timer 50 1 1); Got 50 Tick; Did (Hold 10 1 0); Did (Request 0 1 1 50);
+    Did (Opened 0 1 None)].
+Proof. breaks (broken_p5 _ 1 0). Qed.
+
+Example p6_happens : sayb (trace_of eager held) (b_holds 1 0) = true. Proof. happens. Qed.
+Example p6_can_break : ~ P6_free_without_cloud [Did (Hold 10 1 0); Did (Opened 0 1 None)].
+Proof. breaks (broken_p6 _ 1). Qed.
+
+Example p7_happens : sayb (trace_of eager waiting) (b_opens 1) &&
+  negb (sayb (trace_of eager waiting) (b_retires eager 1)) = true.
+Proof. happens. Qed.
+Example p7_can_break : ~ P7_no_stall eager [Did (Failed 10 1 0); Got 10 (Fail 1 0); Did (Opened 0 1 None)].
+Proof. breaks (broken_p7 eager _ 1). Qed.
+Example p7_with_deadline_can_break : ~ P7_with_deadline eager [Got 120 Tick; Did (Opened 0 1 (Some 100))].
+Proof. breaks (broken_p7_with_deadline eager _ 1). Qed.
+Example p7_retired_happens : sayb (trace_of eager over) (b_retires eager 1) &&
+  past false 1 (trace_of eager over) = true.
+Proof. happens. Qed.
+Example p7_retired_can_break : ~ P7_retired eager [Got 120 Tick; Did (Opened 0 1 (Some 100))].
+Proof. breaks (broken_p7_retired eager _ 1). Qed.
+
+Example p8_one_happens : armed_in 1 (trace_of eager over) = [(2, 80); (1, 50); (0, 100)]. Proof. happens. Qed.
+Example p8_one_can_break : ~ P8_one_timer [Did (Request 5 1 1 60); Did (Request 0 1 1 50)].
+Proof. breaks (broken_p8_one _ 1 1 60 50). Qed.
+Example p8_fires_happens : In (Did (Timer 60 1 1)) (trace_of eager waiting). Proof. vm_compute. now left. Qed.
+Example p8_fires_can_break : ~ P8_fires [Did (Timer 40 1 1); Did (Request 0 1 1 50)].
+Proof. breaks (broken_p8_fires _ 40 1 1). Qed.
+Example p8_served_happens : (50 <=? clock_of (trace_of eager waiting)) &&
+  negb (sayb (trace_of eager waiting) (b_retires eager 1)) = true.
+Proof. happens. Qed.
+Example p8_served_can_break : ~ P8_served eager [Got 50 Tick; Did (Request 0 1 1 50); Did (Opened 0 1 None)].
+Proof. breaks (broken_p8_served eager _ 1 1 50). Qed.
+
+Example p12_happens : sayb (trace_of eager over) (b_closes eager 1 0) && past true 1 (trace_of eager over) = true.
+Proof. happens. Qed.
+Example p12_can_break : ~ P12_bounded_wait eager
+  [Got 50 Tick; Did (Hold 10 1 0); Did (Request 0 1 1 50); Did (Opened 0 1 None)].
+Proof. breaks (broken_p12 eager _ 1). Qed.
+
+(** P9: a window that is full. *)
+Example p9_happens : length (opened (state_after eager [input_at 0 (Open 1 None); input_at 0 (Open 2 None);
+  input_at 0 (Open 3 None)])) = 2%nat.
+Proof. happens. Qed.
+(** P10: a tick at which a timer fires comes before an input after it. *)
+Example p10_happens : ticked held (firstn 4 held ++ [input_at 15 Tick; input_at 20 (Result 1 1)]).
+Proof. repeat apply t_both. apply (t_tick 15 (input_at 20 (Result 1 1)) [input_at 20 (Result 1 1)] []);
+  [repeat constructor|discriminate]. Qed.
+Example p10_can_break : map unstamped [Timer 50 1 1; Emit 50 1 0] <> map unstamped [Emit 60 1 1]. Proof.
+discriminate. Qed.
+(** P11: a late result says so. *)
+Example p11_happens : snd (step eager (state_after eager waiting) (input_at 60 (Result 1 1))) = [Drop 60 1 1 Late].
+Proof. happens. Qed.
+(** P13: the last input ends the timestamp under both rules, with the same result. *)
+Example p13_happens : patient_ends (snd (step (under Patient) (state_after (under Patient) held) (input_at 80 Tick)))
+  = [Over 1 (Some 1)]
+  /\ progressive_ends (snd (step progressive (state_after progressive held) (input_at 80 Tick))) = [Over 1 (Some 1)].
+Proof. split; happens. Qed.
+Example p13_can_break : progressive_ends [Final 80 1 0] <> patient_ends [Emit 80 1 1]. Proof. discriminate. Qed.
+
+(** T1: local's result goes at once where the timer of its request has fired. *)
+Example t1_happens : snd (step eager (state_after eager waiting) (input_at 70 (Result 1 0))) = [Emit 70 1 0]. Proof.
+happens. Qed.
+Example t1_can_break : ~ goes_at_once [Did (Hold 70 1 0); Did (Request 0 1 1 50); Did (Opened 0 1 None)].
+Proof. breaks (broken_t1 _ 70 1). Qed.
+Example p11_can_break : ~ own eager 60 (Result 1 1) []. Proof. breaks (broken_p11_result _ _ _ _ _). Qed.

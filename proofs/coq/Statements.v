@@ -1,0 +1,152 @@
+(** * The promises of SPEC.md, section 4, as statements about a trace
+
+    Each says of [tr] what came in and what was decided, in the words of Trace.v, and nothing of a state. Promises.v,
+    Accounts.v, Ticks.v and AsPatient.v prove them of the trace of any inputs under any configuration. Since each
+    beginning of a run is a run, "by an instant" reads: whenever the clock of the trace has reached it. Examples.v has
+    for each a run where its hypothesis holds, and a trace that breaks it. *)
+From Coq Require Import List NArith Bool Sorted.
+From Fuseline Require Import Words Trace.
+Import ListNotations.
+Open Scope N_scope.
+
+(** The instant of the newest input. *)
+Fixpoint clock_of (tr : trace) : N :=
+  match tr with [] => 0 | Got now _ :: _ => now | Did _ :: rest => clock_of rest end.
+
+Section Of.
+Variables (cfg : config) (tr : trace).
+
+(** Under eager and patient a timestamp is forwarded once, or missed once, or neither, but never both or again. *)
+Definition P1_once : Prop := forall t : N,
+  is_progressive cfg = false ->
+   endings t tr = [] \/ endings t tr = [Missed] \/ exists p, endings t tr = [Sent p].
+(** Under progressive its outputs rise strictly, a final or a miss comes at most once and last, a miss only without
+    outputs, and a final names the last of them. *)
+Definition P1_progressive : Prop := forall t : N,
+  is_progressive cfg = true ->
+   (exists ps, endings t tr = map Sent ps /\ falling ps) \/ endings t tr = [Missed] \/
+  exists p ps, endings t tr = Ended p :: Sent p :: map Sent ps /\ falling (p :: ps).
+(** Whatever is forwarded had been asked for, and came before the due instant of its request, or of local, if any. *)
+Definition P2_never_late : Prop := forall t p : N,
+  says tr (emits t p) -> in_time tr t p.
+(** No result that was ever held for a timestamp outranks the one that is forwarded. *)
+Definition P3_best_available : Prop := forall t m q : N,
+  says tr (emits t m) -> says tr (holds t q) -> q <= m.
+(** While results are held, something that was asked for and has not come outranks all of them. *)
+Definition P4_prompt : Prop := forall t c : N,
+  says tr (holds t c) -> ~ says tr (retires cfg t) ->
+  exists q, says tr (requests t q) /\ ~ says tr (closes cfg t q) /\ forall b, says tr (holds t b) -> b < q.
+(** Once any result was accepted, local's or a cloud's, its timestamp has an output by the latest due instant of its
+    requests. *)
+Definition P5_local_floor : Prop := forall t p : N,
+  says tr (accepts t p) ->
+  (forall q due, q <> 0 -> says tr (arms t q due) -> due <= clock_of tr) -> exists m, says tr (emits t m).
+(** Local's result is held only for a timestamp for which a request was admitted. *)
+Definition P6_free_without_cloud : Prop := forall t : N,
+  says tr (holds t 0) -> exists p, says tr (requests t p).
+(** A timestamp that was opened and is not retired waits for local, or has a live timer that is due later. *)
+Definition P7_no_stall : Prop := forall t : N,
+  says tr (opens t) -> ~ says tr (retires cfg t) -> ~ says tr (closes cfg t 0) \/
+  exists p due, says tr (arms t p due) /\ ~ says tr (disarms cfg t p) /\ clock_of tr < due.
+(** One that was opened with a deadline has a live timer as long as it is open. *)
+Definition P7_with_deadline : Prop := forall t x : N,
+  says tr (arms t 0 x) -> ~ says tr (retires cfg t) ->
+  exists p due, says tr (arms t p due) /\ ~ says tr (disarms cfg t p) /\ clock_of tr < due.
+(** And it is retired by the latest due instant that was ever armed for it. *)
+Definition P7_retired : Prop := forall t x : N,
+  says tr (arms t 0 x) -> (forall p due, says tr (arms t p due) -> due <= clock_of tr) ->
+  says tr (retires cfg t).
+(** A request, and local, arms at most one due instant. *)
+Definition P8_one_timer : Prop := forall t p a b : N,
+  says tr (arms t p a) -> says tr (arms t p b) -> a = b.
+(** A timer fires only if it was armed, and not before its due instant. *)
+Definition P8_fires : Prop := forall now t p : N,
+  In (Did (Timer now t p)) tr -> exists due, says tr (arms t p due) /\ due <= now.
+(** None is overdue: an armed timer that is due has ended, or its timestamp has. *)
+Definition P8_served : Prop := forall t p due : N,
+  says tr (arms t p due) -> due <= clock_of tr -> ~ says tr (retires cfg t) ->
+  says tr (disarms cfg t p).
+(** Once local has arrived, or was outdone, and the due instants of all requests are past, a timestamp is retired. *)
+Definition P12_bounded_wait : Prop := forall t : N,
+  says tr (opens t) -> says tr (closes cfg t 0) ->
+  (forall p due, p <> 0 -> says tr (arms t p due) -> due <= clock_of tr) -> says tr (retires cfg t).
+End Of.
+
+(** ** P10: what may differ *)
+
+(** A decision apart from the [at] that it bears. *)
+Definition unstamped (d : decision) : decision :=
+  match d with
+  | Opened _ t due => Opened 0 t due | Failed _ t p => Failed 0 t p | Timer _ t p => Timer 0 t p
+  | Refuse _ t p why => Refuse 0 t p why | Request _ t p due => Request 0 t p due | Hold _ t p => Hold 0 t p
+  | Drop _ t p why => Drop 0 t p why | Emit _ t p => Emit 0 t p | Final _ t p => Final 0 t p
+  | Miss _ t => Miss 0 t | Cancel _ t p => Cancel 0 t p
+  end.
+(** All decisions of a trace, the newest first. *)
+Definition decisions (tr : trace) : list decision :=
+  flat_map (fun l => match l with Did d => [d] | Got _ _ => [] end) tr.
+(** [b] is [a] with more ticks, each at an instant no later than the input that follows it. *)
+Inductive ticked : list input -> list input -> Prop :=
+| t_end : ticked [] []
+| t_both i a b : ticked a b -> ticked (i :: a) (i :: b)
+| t_tick n i a b : ticked a (i :: b) -> n <= at_ i -> ticked a ({| at_ := n; what := Tick |} :: i :: b).
+
+(** ** P11: what an input has *)
+
+(** The decisions that an input itself has, after those of the timers that it meets. *)
+Definition own (cfg : config) (now : N) (b : body) (ds : list decision) : Prop :=
+  match b with
+  | Tick => ds = []
+  | Open t d => ds = [Opened now t (option_map (due_at now) d)] \/ exists why, ds = [Refuse now t None why]
+  | Offer t p d _ => ds = [Request now t p (due_at now d)] \/ exists why, ds = [Refuse now t (Some p) why]
+  | Result t p =>
+      (exists why, ds = [Drop now t p why]) \/ (ds = [Hold now t p] /\ is_progressive cfg = false) \/
+      exists cs last, ds = Emit now t p :: map (Cancel now t) cs ++ last /\
+        (last = [] \/ is_progressive cfg = true /\ last = [Final now t p])
+  | Fail t p =>
+      (exists why, ds = [Drop now t p why]) \/ exists last, ds = Failed now t p :: last /\
+        (last = [] \/ last = [Miss now t] \/ is_progressive cfg = true /\ (exists m, last = [Final now t m]) \/
+         is_progressive cfg = false /\ exists m cs, last = Emit now t m :: map (Cancel now t) cs)
+  end.
+Definition of_timers (d : decision) : Prop :=
+  match d with Timer _ _ _ | Emit _ _ _ | Cancel _ _ _ | Final _ _ _ | Miss _ _ => True | _ => False end.
+
+(** What a reason of F3 says of the trace before a dropped result or failure. *)
+Definition meaning (cfg : config) (tr : trace) (t p : N) (why : reason) : Prop :=
+  match why with
+  | Unknown => (p <> 0 /\ is_cloud cfg p = false) \/ forall u, t <= u -> ~ says tr (opens u)
+  | Superseded => ~ says tr (opens t) \/ says tr (retires cfg t) \/ exists q, p < q /\ says tr (emits t q)
+  | Unsolicited => p <> 0 /\ ~ says tr (requests t p)
+  | Duplicate => says tr (accepts t p)
+  | Late => ~ ~ says tr (closes cfg t p)
+  | _ => False
+  end.
+
+(** ** P13: what is alike *)
+
+(** What both rules decide alike: what was opened, admitted and refused, and with what a timestamp ended. *)
+Inductive common :=
+| Accepted (t : N) (due : option N) | Admitted (t p due : N) | Refused (t : N) (p : option N) (why : reason)
+| Over (t : N) (last : option N).
+(** Under patient a timestamp ends with its output, under progressive with the final that names its last one. *)
+Definition of_patient (d : decision) : list common :=
+  match d with
+  | Opened _ t due => [Accepted t due] | Request _ t p due => [Admitted t p due]
+  | Refuse _ t p why => [Refused t p why]
+  | Emit _ t m => [Over t (Some m)] | Miss _ t => [Over t None] | _ => []
+  end.
+Definition of_progressive (d : decision) : list common :=
+  match d with
+  | Opened _ t due => [Accepted t due] | Request _ t p due => [Admitted t p due]
+  | Refuse _ t p why => [Refused t p why]
+  | Final _ t m => [Over t (Some m)] | Miss _ t => [Over t None] | _ => []
+  end.
+Definition patient_ends (ds : list decision) : list common := flat_map of_patient ds.
+Definition progressive_ends (ds : list decision) : list common := flat_map of_progressive ds.
+
+(** ** T1, the machine's half *)
+
+(** Local's result is held only while a request is live that is due later: at or after all due instants it goes at
+    once. *)
+Definition goes_at_once (tr : trace) : Prop := forall now t,
+  In (Did (Hold now t 0)) tr -> exists p due, p <> 0 /\ says tr (arms t p due) /\ now < due.
