@@ -44,7 +44,8 @@ impl RecordedEngine {
 
     /// A message of the camera with its own number, captured `age` before it is taken in at `at`.
     fn lineage(&self, at: u64, seq: u64, age: u64) -> Arc<Lineage> {
-        let captured = self.start + Duration::from_nanos(at) - Duration::from_nanos(age);
+        let opened = self.start + Duration::from_nanos(at);
+        let captured = opened.checked_sub(Duration::from_nanos(age)).unwrap();
         Arc::new(Lineage::new("camera", seq, captured).within(Duration::from_nanos(500)))
     }
 
@@ -97,7 +98,10 @@ fn an_item_has_the_lineage_of_its_message_and_its_age_at_the_decision() {
     let refused = run.items().remove(0);
     assert!(matches!(refused.ending, Ending::Refused(_)), "{refused:?}");
     let origin = refused.lineage.unwrap().origin.clone().unwrap();
-    assert_eq!((&*origin.stream, origin.seq, refused.age), ("camera", Some(9), Some(0 * NS)));
+    assert_eq!(
+        (&*origin.stream, origin.seq, refused.age),
+        ("camera", Some(9), Some(Duration::ZERO))
+    );
     // Nothing is known of what was written without it.
     run.engine.open(50, 2, None, 2, []);
     run.engine.result(51, 2, 0, "boxes");

@@ -139,7 +139,7 @@ async fn parameters_are_read_and_those_that_may_are_set() {
         assert_eq!(deadline, ParameterValue::Double(0.25));
         Ok(())
     };
-    beside(settings(91, &["clouds:=[west]"]), peers).await;
+    Box::pin(beside(settings(91, &["clouds:=[west]"]), peers)).await;
 }
 
 /// A serialized `PointStamped` for a serialized `CompressedImage`: the same stamp.

@@ -27,7 +27,10 @@ impl Operator for OtherVehicles {
 
     fn setup(self, setup: &mut Setup<Location, Vec<Location>>) -> Local<Location, Vec<Location>> {
         let message_handler = |own: &Location, timestamp| {
-            Some((Request { timestamp, payload: own.encode_to_vec().into() }, DEADLINE))
+            Some((
+                Request { timestamp, payload: own.encode_to_vec().into(), lineage: None },
+                DEADLINE,
+            ))
         };
         let response_handler = |reply: Reply| Ok(Locations::decode(reply.payload)?.others);
         let handle = grpc::infer(self.connection);

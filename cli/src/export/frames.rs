@@ -15,7 +15,7 @@ type FrameKey = (String, u64);
 #[derive(Default)]
 pub(super) struct Frames {
     /// By their frame, the first message of each trace that comes from it: the trace, its timestamp and when it was opened.
-    frames: BTreeMap<FrameKey, SharedFrame>,
+    shared: BTreeMap<FrameKey, SharedFrame>,
     /// How much is added to the instants of each trace.
     offsets: Vec<i128>,
     /// Whether nothing was written yet.
@@ -56,7 +56,7 @@ pub(super) enum FlowPhase {
 impl Frames {
     /// Of `traces` traces.
     pub(super) fn new(traces: usize) -> Self {
-        Self { frames: BTreeMap::new(), offsets: vec![0; traces], is_first: Cell::new(true) }
+        Self { shared: BTreeMap::new(), offsets: vec![0; traces], is_first: Cell::new(true) }
     }
 
     /// Notes an event of a trace.
@@ -67,7 +67,7 @@ impl Frames {
             return;
         };
         let captured = annotations.age.map(|age| i128::from(*at) - i128::from(age));
-        let messages = &mut self.frames.entry(key).or_default().messages;
+        let messages = &mut self.shared.entry(key).or_default().messages;
         if messages.iter().all(|message| message.trace != trace) {
             messages.push(FrameMessage { trace, t: *t, opened: *at, captured });
         }
@@ -85,7 +85,7 @@ impl Frames {
         for offset in &mut self.offsets {
             *offset -= least;
         }
-        for (number, frame) in (1..).zip(self.frames.values_mut()) {
+        for (number, frame) in (1..).zip(self.shared.values_mut()) {
             frame.number = number;
             frame.messages.sort_by_key(|it| i128::from(it.opened) + self.offsets[it.trace]);
         }
@@ -97,7 +97,7 @@ impl Frames {
     }
 
     fn align_next(&mut self, known: &mut [bool]) -> bool {
-        for SharedFrame { messages, .. } in self.frames.values() {
+        for SharedFrame { messages, .. } in self.shared.values() {
             let captured = |is_known: bool| {
                 let mut of = messages.iter().filter(|it| known[it.trace] == is_known);
                 of.find_map(|it| Some((it.trace, it.captured?)))
@@ -132,7 +132,7 @@ impl TraceFrames<'_> {
     /// The number of the frame that a message comes from, and where the frame's arrow is at it; none if no other trace has it.
     pub(super) fn flow(&self, origin: &Origin, t: u64) -> Option<(usize, FlowPhase)> {
         let key = frame_key(origin)?;
-        let SharedFrame { number, messages } = self.frames.frames.get(&key)?;
+        let SharedFrame { number, messages } = self.frames.shared.get(&key)?;
         if messages.len() < 2 {
             return None;
         }
