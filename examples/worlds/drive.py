@@ -1,0 +1,129 @@
+"""One drive: SUMO moves the world, the operator's outputs brake the car, SUMO says what collides."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import inf
+
+from fuseline.deadline import Constant, Expected, Guard, Hazard, Impact, Parameters, Policy, Situation
+from network import Network
+from operators import Fused, Race, VirtualOperator
+from planner import Planner
+from scenes import EGO, KINDS, Scene
+from world import running
+
+#: As `fuseline scenario` has them: fitted to the paper's traffic jam.
+RANGES = (39.0, 57.0)
+DECELERATION, BRAKE_DELAY = 7.5, 0.1
+#: The paper's runtimes of the smaller detector on board and the larger one in the cloud, in s.
+LOCAL, CLOUD = 0.3017, 0.1182
+RATE = 30.0
+#: No drive is longer, in s.
+LONGEST = 40.0
+#: The calls that a policy knows of at the start, in s.
+BEFORE = 3.0
+
+PARAMETERS = Parameters(
+    deceleration=DECELERATION,
+    brake_delay=BRAKE_DELAY,
+    local_response=LOCAL,
+    hazards=(Hazard(range_local=RANGES[0], range_cloud=RANGES[1]),),
+)
+
+
+def nanos(seconds: float) -> int:
+    """Seconds in nanoseconds."""
+    return round(seconds * 1e9)
+
+
+def _expected() -> Policy:
+    guard = Guard(PARAMETERS)
+    return guard.caps(Expected(Impact(PARAMETERS), local_response=LOCAL, probe_every=None))
+
+
+#: Each approach, and how to make its operator. The first never reports anything: what it hits, somebody must brake for.
+APPROACHES: dict[str, Callable[[], VirtualOperator]] = {
+    "blind": lambda: Race(lambda _local, _cloud: None),
+    "local": lambda: Race(lambda local, _cloud: (local, 0)),
+    "cloud": lambda: Race(lambda _local, cloud: None if cloud is None else (cloud, 1)),
+    "first": lambda: Race(lambda local, cloud: min((local, 0), (inf if cloud is None else cloud, 1))),
+    "0.5 s": lambda: Fused(Constant(0.5)),
+    "guard": lambda: Fused(Guard(PARAMETERS)),
+    "expected": lambda: Fused(_expected()),
+}
+
+
+@dataclass(frozen=True)
+class Result:
+    """How a drive ended."""
+
+    #: Ego's speed where SUMO saw it collide, in m/s; None: it did not.
+    impact: float | None
+    #: When it decided to brake, in s; None: never.
+    decided: float | None
+    #: From the front to the hazard when it stood or ended, in m; None: not in view.
+    left: float | None
+
+
+def drive(
+    scene: Scene,
+    approach: str,
+    network: Network | float,
+    *,
+    offset: float = 0.0,
+    log: Callable[[str], None] | None = None,
+) -> Result:
+    """Drives a scene once. The network is a recording from `offset` on, or a response in s that never changes."""
+    operator, planner = APPROACHES[approach](), Planner()
+    begin = BEFORE if isinstance(network, Network) else 0.0
+    frames: list[float | None] = []
+    # What the cloud did before the scene begins.
+    for number in range(int(begin * RATE)):
+        at = number / RATE
+        operator.frame(nanos(at), nanos(LOCAL), _response(network, offset + at), Situation(speed=scene.speed))
+        frames.append(None)
+    decided: float | None = None
+    distance: float | None = None
+    with running(scene.network, KINDS) as world:
+        scene.place(world)
+        world.step()
+        world.require_all()
+        while world.now < LONGEST and EGO in world.names():
+            now = world.now
+            ego = world.pose(EGO)
+            scene.move(world)
+            # A frame is captured in the first step after its instant.
+            if now * RATE >= len(frames) - begin * RATE:
+                distance = scene.distance(world, ego)
+                situation = Situation(speed=ego.speed, reveal=scene.reveal(world, ego))
+                captured = begin + now
+                operator.frame(nanos(captured), nanos(LOCAL), _response(network, offset + captured), situation)
+                frames.append(distance)
+            for output in operator.until(nanos(begin + now)):
+                seen = frames[output.t]
+                reports = output.source is not None and seen is not None and seen <= RANGES[output.source]
+                if log and reports and decided is None:
+                    log(f"{now:6.2f} s  frame {output.t} at {seen:.1f} m by {('local', 'cloud')[output.source]}")
+                if planner.take(output.t, reports) and decided is None:
+                    decided = now
+                    if log:
+                        log(f"{now:6.2f} s  decides to brake")
+            if decided is not None and now >= decided + BRAKE_DELAY:
+                world.brake(EGO, DECELERATION)
+            world.step()
+            if (impact := world.collision(EGO)) is not None:
+                return Result(impact, decided, distance)
+            if decided is not None and EGO in world.names() and world.pose(EGO).speed < 0.01 and scene.is_still(world):
+                return Result(None, decided, scene.distance(world, world.pose(EGO)))
+            if EGO in world.names() and scene.is_over(world, world.pose(EGO)):
+                break
+    return Result(None, decided, distance)
+
+
+def _response(network: Network | float, at: float) -> int | None:
+    """The cloud's response to what is captured at this instant, in ns; None: none ever comes."""
+    if not isinstance(network, Network):
+        return nanos(network)
+    round_trip = network.round_trip(at)
+    return None if round_trip is None else nanos(CLOUD + round_trip)

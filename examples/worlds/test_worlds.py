@@ -1,0 +1,61 @@
+"""What the figures of the book's chapter on scenarios say, held against the software that they are of."""
+
+from __future__ import annotations
+
+import unittest
+
+import drives
+from fuseline.deadline import Situation
+from jaywalking import touches
+from operators import Race
+from planner import Planner
+from sight import sees
+
+
+class Jaywalking(unittest.TestCase):
+    """CommonRoad's car hits nobody at the book's speeds, and somebody 0.02 m/s above."""
+
+    #: Manoeuvre, steering rate in rad/s, response in s, greatest speed in m/s.
+    TABLE = (
+        (True, 0.4, 0.5, 8.11), (True, 0.4, 0.4, 9.42), (True, 1.0, 0.5, 9.86), (True, 1.0, 0.4, 11.19),
+        (False, 0.4, 0.5, 8.88), (False, 0.4, 0.4, 9.42),
+    )  # fmt: skip
+
+    def test_the_table_of_the_book(self) -> None:
+        """Each row, from both sides."""
+        for swerves, rate, response, speed in self.TABLE:
+            with self.subTest(swerves=swerves, rate=rate, response=response):
+                self.assertFalse(touches(speed - 0.02, response, swerves=swerves, steering_rate=rate))
+                self.assertTrue(touches(speed + 0.02, response, swerves=swerves, steering_rate=rate))
+
+
+class Parts(unittest.TestCase):
+    """The parts of a drive."""
+
+    def test_three_consecutive_frames_in_any_order_decide(self) -> None:
+        planner = Planner()
+        self.assertEqual([planner.take(t, True) for t in (0, 2, 1)], [False, False, True])
+        planner = Planner()
+        self.assertEqual([planner.take(t, t != 1) for t in range(5)], [False, False, False, False, True])
+
+    def test_what_stands_between_hides(self) -> None:
+        target = [(30.0, -1.0), (30.0, 1.0), (32.0, 1.0), (32.0, -1.0)]
+        wall = [(10.0, -3.0), (11.0, -3.0), (11.0, 3.0), (10.0, 3.0)]
+        self.assertAlmostEqual(sees((0.0, 0.0), 0.0, target, []) or 0.0, 30.0)
+        self.assertIsNone(sees((0.0, 0.0), 0.0, target, [wall]))
+        self.assertIsNone(sees((0.0, 0.0), 3.0, target, []))
+
+    def test_a_race_gives_what_is_first(self) -> None:
+        race = Race(lambda local, cloud: min((local, 0), (cloud or 0, 1)))
+        race.frame(0, 300, 200, Situation())
+        self.assertEqual([(it.at, it.source) for it in race.until(250)], [(200, 1)])
+
+    def test_wilson_is_that_of_the_textbooks(self) -> None:
+        # Newcombe 1998, table I: 81 of 263.
+        low, high = drives.wilson(81, 263)
+        self.assertAlmostEqual(low, 0.2553, 4)
+        self.assertAlmostEqual(high, 0.3662, 4)
+
+
+if __name__ == "__main__":
+    unittest.main()
