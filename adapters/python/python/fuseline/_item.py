@@ -194,9 +194,11 @@ class Item(Generic[V]):
 
 
 #: What the engine wants done: an item sent; a call or computation begun, by its priority and
-#: timestamp, with the instant until which it may take and its request; a call ended.
+#: timestamp, with the instant until which it may take and its request; a call ended; local
+#: made anew beside the computation of a timestamp.
 Effect: TypeAlias = (
     tuple[Literal["output"], Item[Any]]
     | tuple[Literal["start"], int, int, int | None, Any]
     | tuple[Literal["abort"], int, int]
+    | tuple[Literal["replace"], int]
 )
