@@ -121,7 +121,7 @@ def test_encoding_runs_in_a_thread_and_takes_its_part_of_the_deadline() -> None:
             operator.feed([1, 2])
             return [item async for item in operator]
 
-    assert sorted(item.value for item in asyncio.run(main())) == ["01", "02"]
+    assert sorted(str(item.value) for item in asyncio.run(main())) == ["01", "02"]
     assert threads == ["fuseline-encode"] * 2
     assert all(25.0 < seconds < 29.98 for seconds in left)
 
