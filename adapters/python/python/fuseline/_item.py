@@ -88,6 +88,8 @@ class Lineage:
     def __post_init__(self) -> None:
         if self.seq is not None and self.origin is None:
             raise ValueError("a seq without an origin, the stream that it counts in")
+        if self.captured is not None and not isinstance(self.captured, int):
+            raise TypeError(f"captured at {self.captured!r}; give nanoseconds, as monotonic_ns()")
         if self.within is not None:
             object.__setattr__(self, "within", nanoseconds(self.within))
 

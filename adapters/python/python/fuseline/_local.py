@@ -46,6 +46,8 @@ class Local(Generic[M, V]):
         check_count(at_once, 1, "local computations at once")
         if waiting is not None:
             check_count(waiting, 0, "messages that wait for local")
+        if deadline is not None and nanoseconds(deadline) == 0:
+            raise ConfigError("a deadline of 0 for local; every message would be refused")
         if lossy and deadline is None:
             raise ConfigError("a local whose results can be lost needs a deadline to tell it by")
         self._compute = compute
