@@ -1,5 +1,6 @@
 //! Settings: the arguments, files and environment of a node, resolved and checked.
 
+mod cautions;
 mod change;
 mod clouds;
 mod current;

@@ -39,9 +39,9 @@ where
         let both = Arc::clone(&both);
         Box::pin(async move {
             let begin = Instant::now();
-            let encoder = Arc::clone(&both);
-            let mut encoded = AbortedOnDrop(spawn_blocking(move || (encoder.0)(raw)));
-            let request = match (&mut encoded.0).await {
+            let shared = Arc::clone(&both);
+            let mut encoding = AbortedOnDrop(spawn_blocking(move || (shared.0)(raw)));
+            let request = match (&mut encoding.0).await {
                 Ok(request) => request?,
                 Err(error) => match error.try_into_panic() {
                     Ok(panic) => return Err(panicked(&*panic)),

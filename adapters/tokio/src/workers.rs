@@ -31,9 +31,12 @@ pub(crate) struct LocalThreads<I, O> {
     make: Option<MakeCompute<I, O>>,
 }
 
+/// Messages that are to be computed, with their timestamps.
+type LocalJobs<I> = mpsc::Receiver<(Arc<I>, u64)>;
+
 /// What each thread has.
 struct LocalWorker<I, O> {
-    jobs: Arc<Mutex<mpsc::Receiver<(Arc<I>, u64)>>>,
+    jobs: Arc<Mutex<LocalJobs<I>>>,
     completions: UnboundedSender<Completion<O>>,
     /// The timestamps that are being computed, and whether another thread took the place of theirs.
     running: Arc<Mutex<Vec<(u64, bool)>>>,
@@ -80,8 +83,8 @@ impl<I: Send + Sync + 'static, O: Send + 'static> Workers<I, O> {
         if !worker.running().iter().any(|(t, _)| *t == timestamp) {
             return;
         }
-        let made = catch_unwind(AssertUnwindSafe(make)).map_err(|panic| panicked(&*panic));
-        let started = made.and_then(|compute| worker.start(compute).map_err(Error::from));
+        let compute = catch_unwind(AssertUnwindSafe(make)).map_err(|panic| panicked(&*panic));
+        let started = compute.and_then(|compute| worker.start(compute).map_err(Error::from));
         if let Err(error) = started {
             error!(timestamp, %error, "local cannot be made anew");
             return;
