@@ -4,12 +4,14 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 use fuseline_traces::{DropReason, OfferRefusal, OpenRefusal};
 use tracing::error;
 
 use crate::event::CountedEvent;
 use crate::item::{Source, Trigger};
+use crate::lag::Lag;
 use crate::meter::Meters;
 use crate::reasons::Reasons;
 use crate::tally::{CurrentDeadline, SourceTally, Tally};
@@ -22,6 +24,8 @@ pub(crate) struct Counts {
     messages: AtomicU64,
     refused: [AtomicU64; OpenRefusal::ALL.len()],
     missed: AtomicU64,
+    handler_failures: AtomicU64,
+    pub(crate) lag: Lag,
     sources: Vec<SourceCounts>,
     unrecorded: Mutex<Option<Arc<str>>>,
     pub(crate) meters: Meters,
@@ -39,6 +43,9 @@ struct SourceCounts {
     failed: AtomicU64,
     reasons: Mutex<Reasons>,
     lost: AtomicU64,
+    handler_failures: AtomicU64,
+    policy_failures: AtomicU64,
+    held_up: AtomicU64,
     failures_dropped: [AtomicU64; DropReason::ALL.len()],
     timers: AtomicU64,
     cancelled: AtomicU64,
@@ -56,6 +63,8 @@ impl Counts {
             messages: AtomicU64::new(0),
             refused: Default::default(),
             missed: AtomicU64::new(0),
+            handler_failures: AtomicU64::new(0),
+            lag: Lag::new(operator),
             sources: sources.iter().cloned().map(SourceCounts::new).collect(),
             unrecorded: Mutex::new(None),
             meters: Meters::new(operator, sources),
@@ -67,6 +76,9 @@ impl Counts {
             messages: read(&self.messages),
             refused: by_reason(OpenRefusal::ALL, &self.refused),
             missed: read(&self.missed),
+            handler_failures: read(&self.handler_failures),
+            late_timers: self.lag.late_timers(),
+            greatest_lag: self.lag.greatest(),
             sources: self.sources.iter().map(SourceCounts::tally).collect(),
             unrecorded: lock(&self.unrecorded).clone(),
         }
@@ -87,11 +99,27 @@ impl Counts {
         self.meters.missed.increment(1);
     }
 
+    /// Counts a failure of the handler of situations, or of hints.
+    fn handler_failed(&self) {
+        add(&self.handler_failures, 1);
+        self.meters.handler_failures.increment(1);
+    }
+
+    /// A timer was served so late.
+    pub(crate) fn timer_lag(&self, lag: Duration) {
+        self.meters.timer_lag.record(lag);
+        self.lag.timer(lag);
+    }
+
     /// Counts the bytes that a call to cloud `p` sent.
     pub(crate) fn sent(&self, p: u16, bytes: u64) {
-        if let Some(at) = self.sources.iter().position(|counts| counts.source.priority == p) {
+        if let Some(at) = self.index(p) {
             self.source(at, CountedEvent::Sent { bytes });
         }
+    }
+
+    fn index(&self, p: u16) -> Option<usize> {
+        self.sources.iter().position(|counts| counts.source.priority == p)
     }
 
     /// Counts why the source at `index` sent no result.
@@ -146,6 +174,36 @@ impl Counting {
         self.0.tally()
     }
 
+    /// Counts a failure of a message handler: of cloud `p`, or without one of the handler of situations, or of hints.
+    pub fn handler_failed(&self, p: Option<u16>) {
+        match p.and_then(|p| self.0.index(p)) {
+            Some(index) => self.0.source(index, CountedEvent::HandlerFailed),
+            None => self.0.handler_failed(),
+        }
+    }
+
+    /// A handler of source `p`, or without one an operator's, ran for so long without a pause: counted, and warned of, if it
+    /// is longer than the [warning](crate::Engine::set_lag_warning) allows.
+    pub fn ran(&self, p: Option<u16>, lasted: Duration) {
+        if !self.0.lag.is_too_long(lasted) {
+            return;
+        }
+        let source = p.and_then(|p| self.0.index(p));
+        if let Some(index) = source {
+            self.0.source(index, CountedEvent::HeldUp);
+        }
+        let counts = source.and_then(|index| self.0.sources.get(index));
+        self.0
+            .lag
+            .held_up(lasted, counts.map(|counts| (&*counts.source.name, read(&counts.held_up))));
+    }
+
+    /// How long a handler may run without a pause before it is counted and warned of.
+    #[must_use]
+    pub fn lag_warning(&self) -> Duration {
+        self.0.lag.warning()
+    }
+
     /// Counts bytes that a call to cloud `p` sends; does nothing if there is no such cloud.
     pub fn sent(&self, p: u16, bytes: u64) {
         self.0.sent(p, bytes);
@@ -166,6 +224,9 @@ impl SourceCounts {
             failed: AtomicU64::new(0),
             reasons: Mutex::default(),
             lost: AtomicU64::new(0),
+            handler_failures: AtomicU64::new(0),
+            policy_failures: AtomicU64::new(0),
+            held_up: AtomicU64::new(0),
             failures_dropped: Default::default(),
             timers: AtomicU64::new(0),
             cancelled: AtomicU64::new(0),
@@ -186,6 +247,9 @@ impl SourceCounts {
             CountedEvent::Dropped(why) => add_at(&self.dropped, why.index()),
             CountedEvent::Failed => add(&self.failed, 1),
             CountedEvent::Lost => add(&self.lost, 1),
+            CountedEvent::HandlerFailed => add(&self.handler_failures, 1),
+            CountedEvent::PolicyFailed => add(&self.policy_failures, 1),
+            CountedEvent::HeldUp => add(&self.held_up, 1),
             CountedEvent::FailureDropped(why) => add_at(&self.failures_dropped, why.index()),
             CountedEvent::Timer => add(&self.timers, 1),
             CountedEvent::Cancelled => add(&self.cancelled, 1),
@@ -206,6 +270,9 @@ impl SourceCounts {
             failed: read(&self.failed),
             reasons: lock(&self.reasons).clone(),
             lost: read(&self.lost),
+            handler_failures: read(&self.handler_failures),
+            policy_failures: read(&self.policy_failures),
+            held_up: read(&self.held_up),
             failures_dropped: by_reason(DropReason::ALL, &self.failures_dropped),
             timers: read(&self.timers),
             cancelled: read(&self.cancelled),

@@ -31,6 +31,12 @@ pub enum Effect<V, R> {
         /// For which message.
         timestamp: u64,
     },
+    /// Run local anew beside this computation, which has run for longer than its message's deadline: its place
+    /// goes to another. What still comes of it counts as any result; whatever ran it is not used again.
+    Replace {
+        /// For which message.
+        timestamp: u64,
+    },
     /// A late result, for use with later messages if wanted.
     Hint(Hint<V>),
 }
@@ -75,6 +81,7 @@ pub struct Local {
     /// whether its message is open or not. If its result comes after all, the rules decide about it as
     /// about any other. Without a deadline it is waited for.
     ///
-    /// If not, a computation counts as running until it ends.
+    /// If not, a computation counts as running until it ends, unless it may be
+    /// [replaced](crate::Engine::set_replaceable). One that has run that long is counted as lost and warned of all the same.
     pub lossy: bool,
 }

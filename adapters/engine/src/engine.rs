@@ -19,6 +19,7 @@ use tracing::warn;
 
 use crate::arbiter::{Answer, Arbiter};
 use crate::counts::{Counting, Counts};
+use crate::eager_notice::EagerNotice;
 use crate::effect::{Effect, Local, Offer};
 use crate::event::CountedEvent;
 use crate::item::Source;
@@ -61,6 +62,7 @@ pub struct Engine<V, R> {
     /// When the clock read 0.
     start: Option<Instant>,
     counts: Arc<Counts>,
+    eager_notice: EagerNotice,
     /// How many open messages the gauge shows.
     shown_open: usize,
     recordings: Recordings,
@@ -88,6 +90,7 @@ impl<V, R> Engine<V, R> {
             local,
             open_messages: OpenMessages::new(),
             start: None,
+            eager_notice: EagerNotice::new(header.commit),
             shown_open: 0,
             recordings: Recordings::default(),
             effects: VecDeque::new(),
@@ -125,6 +128,18 @@ impl<V, R> Engine<V, R> {
             self.sources[index].max_age = max_age;
             self.open_messages.remember_captures();
         }
+    }
+
+    /// Lets up to `count` computations of local be replaced while they have not ended, each by an [`Effect::Replace`]
+    /// once it has run for longer than its message's deadline. By default none is: local may keep state.
+    pub fn set_replaceable(&mut self, count: usize) {
+        self.sources[LOCAL].replaceable = count;
+    }
+
+    /// How late a timer may be served, and how long a handler may run without a pause, before it is counted and warned
+    /// of; 20 ms by default.
+    pub fn set_lag_warning(&mut self, warning: Duration) {
+        self.counts.lag.set_warning(warning);
     }
 
     /// Says when this engine's clock reads 0; without it the age of a message is unknown.
@@ -204,8 +219,8 @@ impl<V, R> Engine<V, R> {
         self.counts.message();
         self.counts.source(LOCAL, CountedEvent::Admitted);
         self.open_messages.open(t, now, lineage);
-        let lost_after = deadline.filter(|_| self.local.lossy);
-        let waiting = Waiting { t, requested_at: now, due: None, lost_after, request: job };
+        let waiting =
+            Waiting { t, requested_at: now, due: None, lost_after: deadline, request: job };
         self.sources[LOCAL].push(waiting);
         self.start_waiting(now);
         for Offer { priority, deadline, request } in offers {
@@ -242,6 +257,7 @@ impl<V, R> Engine<V, R> {
             (Admission::Admitted { .. }, None) => {}
             (Admission::Admitted { due }, Some(index)) => {
                 self.counts.source(index, CountedEvent::Admitted);
+                self.notice_eager(t, index, due.as_nanos());
                 let due = Some(due.as_nanos());
                 let waiting = Waiting { t, requested_at: now, due, lost_after: None, request };
                 self.sources[index].push(waiting);
@@ -325,6 +341,12 @@ impl<V, R> Engine<V, R> {
     #[must_use]
     pub fn is_idle(&self) -> bool {
         self.arbiter.fusion().is_empty()
+    }
+
+    /// How many messages are open.
+    #[must_use]
+    pub fn open_len(&self) -> usize {
+        self.open_messages.len()
     }
 
     /// The counts, which go on counting.

@@ -20,6 +20,11 @@ pub(crate) enum CountedEvent {
     Dropped(DropReason),
     Failed,
     Lost,
+    /// A message handler failed.
+    HandlerFailed,
+    PolicyFailed,
+    /// A handler held up the thread that it ran on.
+    HeldUp,
     FailureDropped(DropReason),
     Timer,
     Cancelled,

@@ -4,6 +4,8 @@ pub mod arbiter;
 #[cfg(feature = "operator")]
 mod counts;
 #[cfg(feature = "operator")]
+mod eager_notice;
+#[cfg(feature = "operator")]
 mod effect;
 #[cfg(feature = "operator")]
 mod engine;
@@ -11,6 +13,8 @@ mod engine;
 mod event;
 #[cfg(feature = "operator")]
 mod item;
+#[cfg(feature = "operator")]
+mod lag;
 #[cfg(feature = "operator")]
 mod lineage;
 #[cfg(feature = "mcap")]

@@ -12,6 +12,7 @@ pub(crate) struct Meters {
     pub(crate) messages: Counter,
     refused: [Counter; OpenRefusal::ALL.len()],
     pub(crate) missed: Counter,
+    pub(crate) handler_failures: Counter,
     /// How late timers were served.
     pub(crate) timer_lag: Histogram,
     pub(crate) open: Gauge,
@@ -31,6 +32,9 @@ pub(crate) struct SourceMeters {
     failed: Counter,
     failures_dropped: [Counter; DropReason::ALL.len()],
     lost: Counter,
+    handler_failed: Counter,
+    policy_failed: Counter,
+    held_up: Counter,
     timers: Counter,
     cancelled: Counter,
     sent_bytes: Counter,
@@ -57,6 +61,10 @@ impl Meters {
                     "operator" => operator.clone(), "why" => why.as_str())
             }),
             missed: counter!("fuseline_missed_messages_total", "operator" => operator.clone()),
+            handler_failures: counter!(
+                "fuseline_handler_failures_total",
+                "operator" => operator.clone(), "source" => "operator", "handler" => "message"
+            ),
             timer_lag: histogram!("fuseline_timer_lag_seconds", "operator" => operator.clone()),
             open: gauge!("fuseline_open_messages", "operator" => operator.clone()),
             sources: sources.iter().map(|source| SourceMeters::new(&operator, source)).collect(),
@@ -76,6 +84,11 @@ impl SourceMeters {
             let [operator, source] = labels.clone();
             counter!(name, &[operator, source, ("outcome", outcome.to_owned())])
         };
+        let handler = |handler: &'static str| {
+            let [operator, source] = labels.clone();
+            let labels = [operator, source, ("handler", handler.to_owned())];
+            counter!("fuseline_handler_failures_total", &labels)
+        };
         let request = |outcome| by("fuseline_requests_total", outcome);
         let result = |outcome| by("fuseline_results_total", outcome);
         let output = |outcome| by("fuseline_outputs_total", outcome);
@@ -92,6 +105,9 @@ impl SourceMeters {
             failed: failure("accepted"),
             failures_dropped: DropReason::ALL.map(|why| failure(why.as_str())),
             lost: counter!("fuseline_lost_total", &labels),
+            handler_failed: handler("message"),
+            policy_failed: handler("policy"),
+            held_up: counter!("fuseline_held_up_total", &labels),
             timers: counter!("fuseline_timers_total", &labels),
             cancelled: counter!("fuseline_cancelled_total", &labels),
             sent_bytes: counter!("fuseline_sent_bytes_total", &labels),
@@ -124,6 +140,9 @@ impl SourceMeters {
             CountedEvent::Dropped(why) => increment(&self.dropped, why.index()),
             CountedEvent::Failed => self.failed.increment(1),
             CountedEvent::Lost => self.lost.increment(1),
+            CountedEvent::HandlerFailed => self.handler_failed.increment(1),
+            CountedEvent::PolicyFailed => self.policy_failed.increment(1),
+            CountedEvent::HeldUp => self.held_up.increment(1),
             CountedEvent::FailureDropped(why) => increment(&self.failures_dropped, why.index()),
             CountedEvent::Timer => self.timers.increment(1),
             CountedEvent::Cancelled => self.cancelled.increment(1),

@@ -16,6 +16,9 @@ pub(crate) struct SourceQueue<R> {
     /// Calls that nothing waits for and that run on, to see how long they really take; at most `at_once`.
     lingering: VecDeque<InFlightCall>,
     at_once: usize,
+    /// Computations that gave their place to another and have not ended, and how many there may be.
+    replaced: Vec<InFlightCall>,
+    pub(crate) replaceable: usize,
     /// How long a call may run on past its due instant, in ns.
     pub(crate) linger: u64,
     /// D2: of how many messages before its own a value may be.
@@ -29,7 +32,7 @@ pub(crate) struct Waiting<R> {
     pub(crate) t: u64,
     pub(crate) requested_at: u64,
     pub(crate) due: Option<u64>,
-    /// How long after its start it counts as lost, in ns; none if it always ends.
+    /// How long after its start it counts as lost, in ns; none if it is waited for.
     pub(crate) lost_after: Option<u64>,
     pub(crate) request: R,
 }
@@ -60,6 +63,8 @@ impl<R> SourceQueue<R> {
             in_flight: Vec::new(),
             lingering: VecDeque::new(),
             at_once: at_once.max(1),
+            replaced: Vec::new(),
+            replaceable: 0,
             linger: 0,
             max_age: 0,
             shown: (0, 0),
@@ -91,6 +96,7 @@ impl<R> SourceQueue<R> {
         self.remove_in_flight(t)
             .map(|call| call.requested_at)
             .or_else(|| self.remove_lingering(t))
+            .or_else(|| self.remove_replaced(t))
             .or_else(|| self.withdraw(t))
     }
 
@@ -135,11 +141,23 @@ impl<R> SourceQueue<R> {
         Some(self.in_flight.remove(index).t)
     }
 
-    /// When the next computation counts as lost, which makes room for one that waits; none if nothing waits.
-    pub(crate) fn next_lost(&self) -> Option<u64> {
-        if self.waiting.is_empty() {
-            return None;
+    /// Takes note of a computation that counts as lost by `now` and still runs; returns its timestamp, and whether it gave
+    /// its place to another.
+    pub(crate) fn overran(&mut self, now: u64) -> Option<(u64, bool)> {
+        let is_lost = |call: &&mut InFlightCall| call.lost.is_some_and(|lost| lost <= now);
+        let call = self.in_flight.iter_mut().find(is_lost)?;
+        call.lost = None;
+        let t = call.t;
+        if self.replaced.len() >= self.replaceable {
+            return Some((t, false));
         }
+        let replaced = self.remove_in_flight(t);
+        self.replaced.extend(replaced);
+        Some((t, true))
+    }
+
+    /// When the next computation counts as lost.
+    pub(crate) fn next_lost(&self) -> Option<u64> {
         self.in_flight.iter().filter_map(|call| call.lost).min()
     }
 
@@ -173,6 +191,16 @@ impl<R> SourceQueue<R> {
     fn remove_in_flight(&mut self, t: u64) -> Option<InFlightCall> {
         let index = self.in_flight.iter().position(|call| call.t == t)?;
         Some(self.in_flight.remove(index))
+    }
+
+    fn remove_replaced(&mut self, t: u64) -> Option<u64> {
+        let index = self.replaced.iter().position(|call| call.t == t)?;
+        Some(self.replaced.remove(index).requested_at)
+    }
+
+    /// Whether any request waits.
+    pub(crate) fn is_waiting(&self) -> bool {
+        !self.waiting.is_empty()
     }
 
     fn remove_lingering(&mut self, t: u64) -> Option<u64> {

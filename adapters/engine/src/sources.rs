@@ -17,6 +17,8 @@ pub(crate) const LOCAL: usize = 0;
 /// One queue a source.
 pub(crate) struct SourceQueues<R> {
     queues: Vec<SourceQueue<R>>,
+    /// Whether local's results can be lost on the way.
+    is_lossy: bool,
 }
 
 impl<R> SourceQueues<R> {
@@ -32,7 +34,7 @@ impl<R> SourceQueues<R> {
             let at_once = at_once.get(i).copied().unwrap_or(1);
             queues.push(SourceQueue::new(Source { priority: cloud.p, name }, at_once));
         }
-        Self { queues }
+        Self { queues, is_lossy: local.lossy }
     }
 
     pub(crate) fn iter_mut(&mut self) -> impl Iterator<Item = &mut SourceQueue<R>> {
@@ -61,10 +63,12 @@ impl<R> SourceQueues<R> {
         &self[index].source.name
     }
 
-    /// When the next call has lingered long enough, or the next lost computation makes room for one that waits.
+    /// When the next call has lingered long enough, or a computation counts as lost: of one that is lost on the way only if that
+    /// makes room for one that waits.
     pub(crate) fn next_due(&self) -> Option<u64> {
         let lingering = self.iter().filter_map(SourceQueue::next_lingering_end);
-        self[LOCAL].next_lost().into_iter().chain(lingering).min()
+        let lost = self[LOCAL].next_lost().filter(|_| !self.is_lossy || self[LOCAL].is_waiting());
+        lost.into_iter().chain(lingering).min()
     }
 }
 

@@ -21,6 +21,12 @@ pub struct Tally {
     pub missed: u64,
     /// Local first, then the clouds as they were registered.
     pub sources: Vec<SourceTally>,
+    /// Times that the handler of situations, or of hints, failed.
+    pub handler_failures: u64,
+    /// Timers that were served later than the [warning](crate::Engine::set_lag_warning) allows: something held up the event loop.
+    pub late_timers: u64,
+    /// The longest time that a timer was late, or that a handler held up its thread.
+    pub greatest_lag: Duration,
     /// Why a recording ended before the operator, if one did; the first reason.
     pub unrecorded: Option<Arc<str>>,
 }
@@ -48,8 +54,15 @@ pub struct SourceTally {
     pub failed: u64,
     /// Why they failed.
     pub reasons: Reasons,
-    /// Computations that counted as lost: no result or failure came, and others may run instead.
+    /// Computations that counted as lost: no result or failure came within their message's deadline, counted from their start.
     pub lost: u64,
+    /// Times that its message handler failed.
+    pub handler_failures: u64,
+    /// Times that its policy failed.
+    pub policy_failures: u64,
+    /// Times that its handlers held up the thread that they ran on for longer than the
+    /// [warning](crate::Engine::set_lag_warning) allows.
+    pub held_up: u64,
     /// Failures dropped, by reason (F4).
     pub failures_dropped: BTreeMap<DropReason, u64>,
     /// Timers that fired (F5); for local, those of its deadline.

@@ -43,6 +43,7 @@ fn words(effect: &Effect<&'static str, u64>) -> String {
             format!("start {priority} {timestamp} due {until:?} with {request}")
         }
         Effect::Abort { priority, timestamp } => format!("abort {priority} {timestamp}"),
+        Effect::Replace { timestamp } => format!("replace {timestamp}"),
         Effect::Hint(Hint { timestamp, source, value, age, why }) => {
             format!("hint {timestamp} {value} of {source} after {age:?}: {why}")
         }
@@ -394,7 +395,11 @@ fn over_topics() -> Tested {
 fn started(engine: &mut Tested) -> Vec<u64> {
     let starts = std::iter::from_fn(|| engine.next_effect()).filter_map(|effect| match effect {
         Effect::Start { priority: 0, timestamp, .. } => Some(timestamp),
-        Effect::Start { .. } | Effect::Abort { .. } | Effect::Output(_) | Effect::Hint(_) => None,
+        Effect::Start { .. }
+        | Effect::Abort { .. }
+        | Effect::Replace { .. }
+        | Effect::Output(_)
+        | Effect::Hint(_) => None,
     });
     starts.collect()
 }
@@ -452,9 +457,70 @@ fn a_computation_that_still_runs_keeps_its_place() {
     for t in 0..2 {
         assert!(engine.open(t, t, Some(100 * NS), t, []));
     }
+    assert_eq!(engine.next_due(), Some(100));
     engine.tick(1000);
     assert_eq!((started(&mut engine), engine.next_due()), (vec![0], None));
-    assert_eq!(engine.counts().tally().sources[0].lost, 0);
+    // It is reported once.
+    engine.tick(2000);
+    assert_eq!(engine.counts().tally().sources[0].lost, 1);
+    engine.result(2001, 0, 0, "local's of 0");
+    assert_eq!(started(&mut engine), [1]);
+}
+
+/// D13: two hang, of which one may be replaced.
+#[test]
+fn a_computation_that_hangs_gives_its_place_to_another_up_to_a_bound() {
+    let local = Local { at_once: 1, waiting: 3, skip_answered: false, lossy: false };
+    let mut engine: Tested = Engine::new(&header(Commit::Eager), &[1, 1], local).unwrap();
+    engine.set_replaceable(1);
+    for t in 0..3 {
+        assert!(engine.open(0, t, Some(100 * NS), t, []));
+    }
+    engine.tick(100);
+    let effects: Vec<_> = std::iter::from_fn(|| engine.next_effect())
+        .filter_map(|effect| match effect {
+            Effect::Start { timestamp, .. } => Some((timestamp, false)),
+            Effect::Replace { timestamp } => Some((timestamp, true)),
+            Effect::Abort { .. } | Effect::Output(_) | Effect::Hint(_) => None,
+        })
+        .collect();
+    assert_eq!(effects, [(0, false), (0, true), (1, false)]);
+    engine.tick(200);
+    assert_eq!(started(&mut engine), [0; 0], "the bound is reached");
+    assert_eq!(engine.counts().tally().sources[0].lost, 2);
+    // What was replaced ends, and frees the bound and no place.
+    engine.result(300, 0, 0, "local's of 0");
+    assert_eq!(started(&mut engine), [0; 0]);
+    engine.result(301, 1, 0, "local's of 1");
+    assert_eq!(started(&mut engine), [2]);
+    engine.tick(401);
+    assert!(engine.open(402, 3, Some(100 * NS), 3, []));
+    assert_eq!(started(&mut engine), [3]);
+}
+
+/// D9.
+#[test]
+fn a_timer_that_is_served_late_and_a_handler_that_blocks_are_counted() {
+    let local = Local { at_once: 1, waiting: 3, skip_answered: false, lossy: false };
+    let mut engine: Tested = Engine::new(&header(Commit::Eager), &[1, 1], local).unwrap();
+    engine.set_lag_warning(20 * NS);
+    let counting = engine.counts();
+    for (t, late) in [(0, 20), (1, 21), (2, 90)] {
+        let at = t * 1000;
+        assert!(engine.open(at, t, Some(100 * NS), t, []));
+        engine.tick(at + 100 + late);
+        engine.fail(at + 200, t, 0, &"hung");
+    }
+    let tally = counting.tally();
+    assert_eq!((tally.late_timers, tally.greatest_lag), (2, 90 * NS));
+    counting.ran(Some(2), 20 * NS);
+    counting.ran(Some(2), 300 * NS);
+    counting.ran(None, 40 * NS);
+    counting.handler_failed(Some(2));
+    counting.handler_failed(None);
+    let tally = counting.tally();
+    assert_eq!((tally.sources[1].held_up, tally.greatest_lag), (1, 300 * NS));
+    assert_eq!((tally.sources[1].handler_failures, tally.handler_failures), (1, 1));
 }
 
 #[test]
@@ -498,7 +564,9 @@ fn why_sources_failed_is_told_with_the_item_and_counted_by_its_words() {
     }
     let mut items = std::iter::from_fn(|| engine.next_effect()).filter_map(|effect| match effect {
         Effect::Output(item) => Some(item),
-        Effect::Start { .. } | Effect::Abort { .. } | Effect::Hint(_) => None,
+        Effect::Start { .. } | Effect::Abort { .. } | Effect::Replace { .. } | Effect::Hint(_) => {
+            None
+        }
     });
     let item = items.nth(1).unwrap();
     let why: Vec<_> = item.failures.iter().map(|f| (f.source.priority, f.why.len())).collect();
@@ -613,6 +681,9 @@ proptest! {
                     Effect::Abort { priority, timestamp } => {
                         prop_assert!(priority > 0);
                         prop_assert!(in_flight.remove(&(priority, timestamp)));
+                    }
+                    Effect::Replace { timestamp } => {
+                        prop_assert!(false, "{timestamp} is replaced");
                     }
                     Effect::Hint(hint) => prop_assert!(false, "nobody takes {hint:?}"),
                 }

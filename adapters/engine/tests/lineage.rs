@@ -59,7 +59,10 @@ impl RecordedEngine {
         let effects = std::iter::from_fn(|| self.engine.next_effect());
         let items = effects.filter_map(|effect| match effect {
             Effect::Output(item) => Some(item),
-            Effect::Start { .. } | Effect::Abort { .. } | Effect::Hint(_) => None,
+            Effect::Start { .. }
+            | Effect::Abort { .. }
+            | Effect::Replace { .. }
+            | Effect::Hint(_) => None,
         });
         items.collect()
     }

@@ -185,7 +185,7 @@ impl Run {
                     let is_wests = item.forwarded().is_some_and(|it| it.source.priority == WEST);
                     self.wests.extend(is_wests.then_some(item.timestamp));
                 }
-                Effect::Hint(_) => {}
+                Effect::Replace { .. } | Effect::Hint(_) => {}
             }
         }
     }

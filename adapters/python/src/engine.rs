@@ -117,6 +117,16 @@ impl PyEngine {
         self.with(|inner| inner.set_linger(p, Duration::from_nanos(linger.0)))
     }
 
+    /// Lets up to `count` computations that run for longer than their deadline be replaced.
+    fn set_replaceable(&self, count: usize) -> PyResult<()> {
+        self.with(|inner| inner.set_replaceable(count))
+    }
+
+    /// How long the loop may be held up before it is counted and logged.
+    fn set_lag_warning(&self, warning: Nanos) -> PyResult<()> {
+        self.with(|inner| inner.set_lag_warning(Duration::from_nanos(warning.0)))
+    }
+
     /// What policies know of the vehicle from now on.
     fn set_situation(&self, situation: SituationFields) -> PyResult<()> {
         let (situation, _) = situation.split();
@@ -194,6 +204,12 @@ impl PyEngine {
     #[getter]
     fn is_idle(&self) -> PyResult<bool> {
         self.with(|inner| inner.is_idle())
+    }
+
+    /// How many messages are open.
+    #[getter]
+    fn open_len(&self) -> PyResult<usize> {
+        self.with(|inner| inner.open_len())
     }
 
     /// The counts.

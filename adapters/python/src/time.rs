@@ -87,6 +87,10 @@ impl<'py> FromPyObject<'_, 'py> for Nanos {
         if object.is_instance_of::<PyInt>() && !object.is_instance_of::<PyBool>() {
             return if object.eq(0)? { Ok(Self(0)) } else { Err(ambiguous(object)) };
         }
+        // Another kind of float, such as numpy's of 32 bits. What has an index is a whole number.
+        if !object.hasattr("__index__")? && object.hasattr("__float__")? {
+            return seconds_of(object.call_method0("__float__")?.extract()?).map(Self);
+        }
         let message = format!(
             "a duration is seconds as a float, a timedelta, or nanoseconds as ns(…), not {}",
             kind(object)

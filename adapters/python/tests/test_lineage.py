@@ -140,7 +140,7 @@ def test_a_stamped_value_of_another_message_than_allowed_is_a_failure(
     assert [it.of for it in trace.lines if it.ev == "emit"] == [0, 0, 1, None]
     assert check(path).conforms
     other: Operator[int, Any] = Operator(local)
-    with pytest.raises(fuseline.ConfigError, match="messages before"):
+    with pytest.raises(fuseline.ConfigError, match="a max_age"):
         other.use_cloud(mixed_up, lambda m, t: None, str, 1, max_age=-1)
 
 

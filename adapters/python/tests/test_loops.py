@@ -131,7 +131,7 @@ def test_local_computes_in_processes_of_its_own() -> None:
 
 def test_a_process_that_dies_costs_its_own_message_alone() -> None:
     async def main() -> None:
-        operator: Operator[str, int] = Operator(Local.processes(process_of))
+        operator: Operator[str, int] = Operator(Local.processes(process_of, deadline=None))
         async with operator:
             operator.write("a")
             first = (await anext(operator)).value

@@ -37,7 +37,7 @@ fn main() -> ExitCode {
     };
     if arguments.action == Action::Check {
         return match check(&settings) {
-            Ok(()) => print(&format!("{settings}\n")),
+            Ok(()) => print(&format!("{settings}\n{}", warnings(&settings))),
             Err(error) => reported(&error),
         };
     }
@@ -47,6 +47,9 @@ fn main() -> ExitCode {
     }
     if settings.deadlines.kind != PolicyKind::Set && settings.deadlines.rate.is_none() {
         warn!("policy.rate is not given: whether the node keeps up with its inputs is not checked");
+    }
+    for caution in settings.cautions() {
+        warn!("{caution}");
     }
     match serve(&settings, lines) {
         Ok(code) => code,
@@ -62,6 +65,11 @@ fn main() -> ExitCode {
             ExitCode::FAILURE
         }
     }
+}
+
+/// What the start of the node would warn of, in lines.
+fn warnings(settings: &Settings) -> String {
+    settings.cautions().iter().map(|caution| format!("warning: {caution}\n")).collect()
 }
 
 /// What the start of the node would refuse.

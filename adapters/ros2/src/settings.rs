@@ -1,5 +1,6 @@
 //! Settings: the arguments, files and environment of a node, resolved and checked.
 
+mod cautions;
 mod change;
 mod clouds;
 mod current;
@@ -294,7 +295,7 @@ fn read(r: &mut ParameterReader, node: NodeName) -> Result<Settings, SettingsErr
     let deadlines = policy::read(r, commit)?;
     let types = [input.type_name.as_str(), output.type_name.as_str()];
     let local = local(r, types, window, middleware)?;
-    let clouds = clouds::read(r, types, middleware)?;
+    let clouds = clouds::read(r, types, middleware, (deadlines.rate, deadline))?;
     let (trace, mcap) = (
         r.path("trace.file", "The file to record a trace in; empty for none")?,
         r.path("trace.mcap", "The file to record a trace in, as MCAP; empty for none")?,

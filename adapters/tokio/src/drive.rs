@@ -12,10 +12,13 @@
 //! - **Calls** (D6 aborted) run in tasks of their own; on a runtime of one thread they run within the driver, which costs half.
 //!   They are aborted when they are no longer wanted, or have lingered long enough after that, and all of them when the loop
 //!   ends or is dropped. Local's computations never are (F7).
+//! - **What blocks** (D9) is reported: a call that runs for long without a pause holds up its thread, and the others on it; on a
+//!   runtime of one thread the operator. It is counted, and logged, as is a timer that is served late.
 //! - **The clock** is read once for each event. **Panics** of a call or a computation are failures (F4).
 //! - **A request that could not be sent** fails after the message was offered to every cloud (A30).
 
 mod calls;
+mod timed_call;
 mod timers;
 mod wake_flag;
 
@@ -26,13 +29,16 @@ use std::sync::Arc;
 use std::task::{Context, Poll};
 use std::time::Duration;
 
-use fuseline_engine::{Effect, Engine, Hint, Item, Lineage, Offer, Situation, StampedValue};
+use fuseline_engine::{
+    Counting, Effect, Engine, Hint, Item, Lineage, Offer, Situation, StampedValue,
+};
 use futures_util::future::BoxFuture;
 use futures_util::task::AtomicWaker;
 use tokio::time::Instant;
 
 use crate::Error;
 use crate::drive::calls::Calls;
+use crate::drive::timed_call::TimedCall;
 use crate::drive::timers::Timer;
 use crate::drive::wake_flag::WakeFlag;
 use crate::error_chain::ErrorChain;
@@ -85,6 +91,12 @@ pub trait Transport {
 
     /// Sends a request to a source.
     fn send(&mut self, start: Start<Self::Request>) -> Sent<Self::Value>;
+
+    /// Local's computation of this message has run for too long: another is to run beside it. Called only if the engine
+    /// [may replace](Engine::set_replaceable) any.
+    fn replace(&mut self, timestamp: u64) {
+        let _ = timestamp;
+    }
 
     /// Sends out what became of a message.
     fn output(&mut self, item: Item<Self::Value>);
@@ -156,6 +168,7 @@ pub enum Sent<V> {
 /// An operator with its event loop.
 pub struct Driver<T: Transport> {
     engine: Engine<T::Value, T::Request>,
+    counting: Counting,
     transport: T,
     start: Instant,
     /// The clock's reading for the current event.
@@ -218,6 +231,7 @@ impl<T: Transport> Driver<T> {
         let start = Instant::now();
         engine.set_start(start.into_std());
         Ok(Self {
+            counting: engine.counts(),
             engine,
             transport,
             start,
@@ -334,6 +348,7 @@ impl<T: Transport> Driver<T> {
                     Effect::Abort { priority, timestamp } => {
                         self.calls.abort(priority, timestamp);
                     }
+                    Effect::Replace { timestamp } => self.transport.replace(timestamp),
                     Effect::Hint(hint) => self.transport.hint(hint),
                 }
             }
@@ -351,7 +366,8 @@ impl<T: Transport> Driver<T> {
         let sent = catch_unwind(AssertUnwindSafe(|| self.transport.send(start)));
         match sent.unwrap_or_else(|panic| Sent::Failed(panicked(&*panic))) {
             Sent::Call(call) => {
-                self.calls.begin(priority, timestamp, call);
+                let counting = self.counting.clone();
+                self.calls.begin(timestamp, TimedCall { priority, call, counting });
                 self.wake_flags[CALLS].set();
             }
             Sent::Away => {}

@@ -2,6 +2,7 @@
 
 mod call;
 pub mod drive;
+mod encoding;
 mod error_chain;
 #[cfg(feature = "grpc")]
 pub mod grpc;
@@ -19,9 +20,11 @@ mod shared;
 mod side;
 mod side_counts;
 mod stream;
+mod workers;
 
 pub use call::Call;
 pub use drive::Timers;
+pub use encoding::encoding;
 pub use fuseline_deadline as deadline;
 pub use fuseline_engine::{
     CapacityError, CapacityErrors, Commit, ConfigError, CurrentDeadline, DropReason, Ending,

@@ -1,30 +1,29 @@
 //! The local computation: an async function, or a blocking one on threads of its own.
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::{Arc, Mutex, PoisonError, mpsc};
-use std::task::{Context, Poll};
-use std::thread;
+use std::iter;
+use std::sync::Arc;
 use std::time::Duration;
-use std::{io, iter};
 
 use fuseline_engine::StampedValue;
 use futures_util::TryFutureExt;
 use futures_util::future::BoxFuture;
-use tokio::sync::mpsc::{UnboundedReceiver, unbounded_channel};
 
 use crate::Error;
-use crate::drive::{Completion, Sent};
-use crate::panics::panicked;
 
 /// How messages are computed locally (priority 0). An error or a panic is a failure (F4).
 ///
 /// A computation that has begun is never aborted (F7), and each message taken on is computed, in
 /// order, unless [`skip_answered`](Self::skip_answered) says otherwise.
 pub struct Local<I, O> {
-    /// How long a computation may take, counted from when its message was taken in; none by default.
+    /// How long a computation may take, counted from when its message was taken in; a second by default.
     ///
-    /// Without it a message whose computation never ends stays open (A9).
+    /// Without it a message whose computation never ends stays open (A9). A computation that has run for longer is counted
+    /// as lost and logged. It keeps its place until it ends, unless it may be [replaced](Self::replaceable).
     pub deadline: Option<Duration>,
+    /// How many computations that have run for longer than `deadline` may be replaced while they have not ended: another thread
+    /// takes each one's place. As many as `at_once` for [`threads`](Self::threads), which can make local anew; 0 for the
+    /// others, and ignored: a local with state does not run beside itself.
+    pub replaceable: usize,
     /// How many messages may wait for a computation; by default as many as the window. For one more,
     /// local fails (F4), and only the clouds can answer it.
     pub waiting: Option<usize>,
@@ -35,14 +34,19 @@ pub struct Local<I, O> {
     pub(crate) kind: LocalKind<I, O>,
 }
 
+/// Local's deadline, unless it is set.
+const DEADLINE: Duration = Duration::from_secs(1);
+
 pub(crate) enum LocalKind<I, O> {
     Future(Spawn<I, O>),
-    Threads(Vec<Compute<I, O>>),
+    Threads(Vec<Compute<I, O>>, Option<MakeCompute<I, O>>),
 }
 
-type Spawn<I, O> =
+pub(crate) type Spawn<I, O> =
     Box<dyn FnMut(Arc<I>, u64) -> BoxFuture<'static, Result<StampedValue<O>, Error>> + Send>;
-type Compute<I, O> = Box<dyn FnMut(&I, u64) -> Result<O, Error> + Send>;
+/// Makes another of local's computations, with state of its own.
+pub(crate) type MakeCompute<I, O> = Box<dyn FnMut() -> Compute<I, O> + Send>;
+pub(crate) type Compute<I, O> = Box<dyn FnMut(&I, u64) -> Result<O, Error> + Send>;
 
 impl<I: Send + Sync + 'static, O: Send + 'static> Local<I, O> {
     /// An async function, one message at a time.
@@ -74,91 +78,39 @@ impl<I: Send + Sync + 'static, O: Send + 'static> Local<I, O> {
     /// A blocking function on a thread of its own.
     #[must_use]
     pub fn blocking(compute: impl FnMut(&I, u64) -> Result<O, Error> + Send + 'static) -> Self {
-        Self::new(1, LocalKind::Threads(vec![Box::new(compute)]))
+        Self::new(1, LocalKind::Threads(vec![Box::new(compute)], None))
     }
 
     /// A blocking function on each of `at_once` (at least 1) threads; `make` makes one for each
-    /// thread, with its own state.
+    /// thread, with its own state, and again for one that is [replaced](Self::replaceable).
     ///
     /// A computation of 300 ms needs four threads to keep pace with ten messages a second.
     #[must_use]
-    pub fn threads<F>(at_once: usize, make: impl FnMut() -> F) -> Self
+    pub fn threads<F>(at_once: usize, mut make: impl FnMut() -> F + Send + 'static) -> Self
     where
         F: FnMut(&I, u64) -> Result<O, Error> + Send + 'static,
     {
-        let computes = iter::repeat_with(make).take(at_once.max(1));
-        let computes = computes.map(|compute| Box::new(compute) as Compute<I, O>).collect();
-        Self::new(at_once, LocalKind::Threads(computes))
+        let mut make: MakeCompute<I, O> = Box::new(move || Box::new(make()));
+        let computes = iter::repeat_with(&mut make).take(at_once.max(1)).collect();
+        let local = Self::new(at_once, LocalKind::Threads(computes, Some(make)));
+        Self { replaceable: local.at_once, ..local }
     }
 
     fn new(at_once: usize, kind: LocalKind<I, O>) -> Self {
-        Self { deadline: None, waiting: None, skip_answered: false, at_once: at_once.max(1), kind }
-    }
-}
-
-/// The running local computation.
-pub(crate) enum Workers<I, O> {
-    Future(Spawn<I, O>),
-    Threads {
-        /// The threads end when this is dropped and their computations are done.
-        jobs: mpsc::Sender<(Arc<I>, u64)>,
-        /// At most one for each computation that was begun, so bounded.
-        completions: UnboundedReceiver<Completion<O>>,
-    },
-}
-
-impl<I: Send + Sync + 'static, O: Send + 'static> Workers<I, O> {
-    /// Starts what `kind` says.
-    ///
-    /// # Errors
-    /// If a thread cannot be started.
-    pub(crate) fn start(kind: LocalKind<I, O>) -> io::Result<Self> {
-        let computes = match kind {
-            LocalKind::Future(spawn) => return Ok(Self::Future(spawn)),
-            LocalKind::Threads(computes) => computes,
-        };
-        let (jobs, receiver) = mpsc::channel::<(Arc<I>, u64)>();
-        let (sender, completions) = unbounded_channel();
-        let receiver = Arc::new(Mutex::new(receiver));
-        for mut compute in computes {
-            let (receiver, completions) = (Arc::clone(&receiver), sender.clone());
-            thread::Builder::new().name("fuseline-local".into()).spawn(move || {
-                loop {
-                    let job = receiver.lock().unwrap_or_else(PoisonError::into_inner).recv();
-                    let Ok((message, timestamp)) = job else { return };
-                    let result = guard(|| compute(&message, timestamp)).map(StampedValue::from);
-                    // Nobody waits for it once the operator has ended.
-                    drop(completions.send(Completion { priority: 0, timestamp, result }));
-                }
-            })?;
-        }
-        Ok(Self::Threads { jobs, completions })
-    }
-
-    /// Computes a message.
-    pub(crate) fn compute(&mut self, message: Arc<I>, timestamp: u64) -> Sent<O> {
-        match self {
-            Self::Future(spawn) => Sent::Call(spawn(message, timestamp)),
-            Self::Threads { jobs, .. } => match jobs.send((message, timestamp)) {
-                Ok(()) => Sent::Away,
-                Err(_) => Sent::Failed("local's threads have ended".into()),
-            },
-        }
-    }
-
-    /// The next end of a computation on a thread.
-    pub(crate) fn poll_completion(&mut self, context: &mut Context<'_>) -> Poll<Completion<O>> {
-        match self {
-            Self::Future(_) => Poll::Pending,
-            Self::Threads { completions, .. } => match completions.poll_recv(context) {
-                Poll::Ready(Some(completion)) => Poll::Ready(completion),
-                Poll::Ready(None) | Poll::Pending => Poll::Pending,
-            },
+        Self {
+            deadline: Some(DEADLINE),
+            replaceable: 0,
+            waiting: None,
+            skip_answered: false,
+            at_once: at_once.max(1),
+            kind,
         }
     }
 }
 
-/// Turns a panic into an error.
-fn guard<T>(compute: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
-    catch_unwind(AssertUnwindSafe(compute)).unwrap_or_else(|panic| Err(panicked(&*panic)))
+impl<I, O> LocalKind<I, O> {
+    /// Whether a thread with a new computation can take the place of one that hangs.
+    pub(crate) const fn is_made_anew(&self) -> bool {
+        matches!(self, Self::Threads(_, Some(_)))
+    }
 }

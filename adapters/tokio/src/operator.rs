@@ -5,6 +5,7 @@
 use std::io;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
 use fuseline_engine::{
     self as shared, CapacityErrors, Commit, ConfigError, Counting, Engine, Header,
@@ -18,12 +19,13 @@ use tracing::{Instrument, info_span};
 
 use crate::drive::{Driver, Timers, finish};
 use crate::items::Items;
-use crate::local::{Local, Workers};
+use crate::local::Local;
 use crate::run::{Outbox, Streams};
 use crate::setup::{Registered, Setup};
 use crate::side::{SideRegistration, SideRunner};
 use crate::side_counts::{SideCounts, SideTally};
 use crate::stream::{Reader, stream};
+use crate::workers::Workers;
 
 /// A typed operator: for each input message it forwards one result, the best that is in time; under progressive also each one
 /// that is better than those before it, as it comes (F9).
@@ -56,6 +58,9 @@ pub struct Config {
     pub output_len: usize,
     /// Whose timers wake it at a due instant; tokio's by default.
     pub timers: Timers,
+    /// How late a timer may be served, and how long a handler may run without a pause, before it is counted and
+    /// logged as a warning; 20 ms by default.
+    pub lag_warning: Duration,
     /// Where the run is recorded; nowhere by default.
     pub trace: Option<Trace>,
     /// What the operator must keep up with; not checked by default. If given, an operator with too
@@ -178,6 +183,10 @@ pub fn spawn<P: Operator>(
         lossy: false,
     };
     let mut engine = Engine::new(&header, &calls, bounds)?;
+    engine.set_lag_warning(config.lag_warning);
+    if local.kind.is_made_anew() {
+        engine.set_replaceable(local.replaceable);
+    }
     if let Some(workload) = &config.workload {
         let clouds = setup.clouds.iter().map(|it| (&*it.cloud.name, it.cloud.calls));
         workload.check(config.window.into(), local.at_once, clouds)?;
@@ -278,6 +287,7 @@ impl Default for Config {
             commit: Commit::Eager,
             output_len: 16,
             timers: Timers::Tokio,
+            lag_warning: Duration::from_millis(20),
             trace: None,
             workload: None,
         }
@@ -303,7 +313,7 @@ fn header<I, O>(config: &Config, clouds: &[Registered<I, O>]) -> (Header, Header
     let clouds = clouds.iter().map(|Registered { priority, cloud, .. }| shared::Cloud {
         p: *priority,
         name: Some(cloud.name.clone()),
-        limit: cloud.limit,
+        limit: cloud.gate_limit(),
         resume: cloud.resume,
     });
     let header = Header {

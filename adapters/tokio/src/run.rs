@@ -13,15 +13,16 @@ use fuseline_engine::{Counting, Hint, Item, Lineage, Offer, Situation};
 use futures_util::FutureExt;
 use futures_util::future::BoxFuture;
 use tokio::sync::oneshot;
+use tokio::time::Instant;
 use tracing::error;
 
 use crate::call::Call;
 use crate::drive::{Incoming, Sent, Start, Transport};
-use crate::local::Workers;
 use crate::panics::reason;
 use crate::setup::{BoxedRequest, HintHandler, Registered, SituationSource};
 use crate::side::SideRunner;
 use crate::stream::{Reader, StreamMessage, WriteError, Writer};
+use crate::workers::Workers;
 
 /// What an operator reads, requests and writes.
 pub(crate) struct Streams<I, O> {
@@ -101,8 +102,9 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
         timestamp: u64,
         message: &StreamMessage<I>,
     ) -> impl Iterator<Item = Offer<Work<I, O>>> {
-        self.clouds.iter_mut().filter_map(move |cloud| {
-            let (request, deadline) = cloud.request(&message.message, timestamp)?;
+        let Self { clouds, counting, .. } = self;
+        clouds.iter_mut().filter_map(move |cloud| {
+            let (request, deadline) = cloud.request(&message.message, timestamp, counting)?;
             let request = Work::Call(request, message.lineage.clone());
             Some(Offer { priority: cloud.priority, deadline, request })
         })
@@ -118,10 +120,13 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
         message: &StreamMessage<I>,
     ) -> Option<Situation<'static>> {
         let assess = self.situation.as_mut()?;
+        let begin = Instant::now();
         let assessed = catch_unwind(AssertUnwindSafe(|| assess(&message.message, timestamp)));
+        self.counting.ran(None, begin.elapsed());
         Some(assessed.unwrap_or_else(|panic| {
             let why = reason(&*panic);
             error!(timestamp, why, "the handler of situations panicked: the situation is unknown");
+            self.counting.handler_failed(None);
             Situation::UNKNOWN
         }))
     }
@@ -139,9 +144,12 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
     fn hint(&mut self, hint: Hint<O>) {
         let Some(take_hint) = &mut self.hints else { return };
         let timestamp = hint.timestamp;
+        let begin = Instant::now();
         if let Err(panic) = catch_unwind(AssertUnwindSafe(|| take_hint(hint))) {
             error!(timestamp, why = reason(&*panic), "the handler of hints panicked");
+            self.counting.handler_failed(None);
         }
+        self.counting.ran(None, begin.elapsed());
     }
 
     fn send(&mut self, start: Start<Work<I, O>>) -> Sent<O> {
@@ -153,6 +161,10 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
                 Sent::Call(request(call.with_lineage(lineage)))
             }
         }
+    }
+
+    fn replace(&mut self, timestamp: u64) {
+        self.workers.replace(timestamp);
     }
 
     fn output(&mut self, item: Item<O>) {

@@ -8,8 +8,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use fuseline_deadline::{Policy, Situation};
-use fuseline_engine::{Hint, StampedValue};
+use fuseline_engine::{Counting, Hint, StampedValue};
 use futures_util::future::BoxFuture;
+use tokio::time::Instant;
 use tracing::error;
 
 use crate::Error;
@@ -29,8 +30,9 @@ pub struct Setup<I, O> {
 pub struct Cloud {
     /// For people, traces and metrics; `cloud-` and the priority by default.
     pub name: String,
-    /// The gate shuts when this many requests wait to be sent (F2g); at least 1, 31 by default.
-    pub limit: u64,
+    /// The gate shuts when this many requests wait to be sent (F2g); at least 1. By default as many as
+    /// [`calls`](Self::calls), which are answered no earlier than the next ones (A15).
+    pub limit: Option<u64>,
     /// The shut gate opens when this many or fewer wait; less than `limit`, 0 by default.
     pub resume: u64,
     /// How many calls may be under way; at least 1, 8 by default. Further requests wait.
@@ -75,14 +77,15 @@ impl<I, O: Send + 'static> Setup<I, O> {
 
     /// Registers a cloud; set its name and bounds in the [`Cloud`] returned.
     ///
-    /// - `handle` makes the call, in a task of its own. Dropping its future must abort the call:
+    /// - `handle` makes the call, in a task of its own, and must not block: it would hold up calls that share its thread, on a
+    ///   runtime of one thread the operator. [`encoding`](crate::encoding) encodes in a thread first. Dropping its future must abort the call:
     ///   that happens when its timer fires or another result is forwarded (F5, F7). An error or a
     ///   panic is a failure (F4).
     /// - `message_handler` looks at each message that was taken on, in the operator's task, and may
-    ///   keep state. It must not block; costly encoding belongs in `handle`. `None` or a
+    ///   keep state. It must not block either. `None` or a
     ///   panic makes no request to this cloud; the handler is called again with the next message.
     /// - `response_handler` turns the response into the output, in the call's task, when it
-    ///   arrives. An error or a panic is a failure (F4). The result counts as arrived when the
+    ///   arrives, and must not block either. An error or a panic is a failure (F4). The result counts as arrived when the
     ///   handler is done.
     /// - `priority` is from 1 to 65535, different for each cloud; the greater wins.
     pub fn use_cloud<Req, Res, Fut>(
@@ -129,7 +132,7 @@ impl<I, O: Send + 'static> Setup<I, O> {
         };
         let cloud = Cloud {
             name: format!("cloud-{priority}"),
-            limit: 31,
+            limit: None,
             resume: 0,
             calls: 8,
             policy: None,
@@ -194,7 +197,7 @@ impl<I, O: Send + 'static> Setup<I, O> {
             Some((request, deadline))
         };
         let name = format!("side-{}", self.sides.len() + 1);
-        let side = SideRequest { name, limit: 31, resume: 0, calls: 8 };
+        let side = SideRequest { name, limit: 8, resume: 0, calls: 8 };
         let message_handler = Box::new(message_handler);
         self.sides.push(SideRegistration { side, message_handler });
         let last = self.sides.len() - 1;
@@ -213,19 +216,30 @@ impl<I, O: Send + 'static> Setup<I, O> {
     }
 }
 
+impl Cloud {
+    /// A15: what waits behind as many calls as are under way.
+    pub(crate) fn gate_limit(&self) -> u64 {
+        self.limit.unwrap_or(self.calls as u64)
+    }
+}
+
 impl<I, O> Registered<I, O> {
     /// What the message handler wants to send; nothing if it panics.
     pub(crate) fn request(
         &mut self,
         message: &I,
         timestamp: u64,
+        counting: &Counting,
     ) -> Option<(BoxedRequest<O>, Duration)> {
-        catch_unwind(AssertUnwindSafe(|| (self.message_handler)(message, timestamp)))
-            .unwrap_or_else(|panic| {
-                let why = reason(&*panic);
-                error!(timestamp, cloud = %self.cloud.name, why, "the message handler panicked");
-                None
-            })
+        let begin = Instant::now();
+        let wanted = catch_unwind(AssertUnwindSafe(|| (self.message_handler)(message, timestamp)));
+        counting.ran(Some(self.priority), begin.elapsed());
+        wanted.unwrap_or_else(|panic| {
+            let why = reason(&*panic);
+            error!(timestamp, cloud = %self.cloud.name, why, "the message handler panicked");
+            counting.handler_failed(Some(self.priority));
+            None
+        })
     }
 }
 

@@ -25,7 +25,7 @@ use crate::side_counts::{SideCounts, WaitingGuard};
 pub struct SideRequest {
     /// For people and metrics; `side-` and its number, from 1, by default.
     pub name: String,
-    /// The gate shuts when this many requests wait to be sent (F2g); at least 1, 31 by default.
+    /// The gate shuts when this many requests wait to be sent (F2g); at least 1, 8 by default.
     pub limit: u64,
     /// The shut gate opens when this many or fewer wait; less than `limit`, 0 by default.
     pub resume: u64,

@@ -152,7 +152,8 @@ async fn a_call_is_told_the_time_left_and_one_that_waited_too_long_is_never_made
             };
             Some(((), deadline * MS))
         };
-        setup.use_cloud(handle, message_handler, Ok, 1).calls = 1;
+        let cloud = setup.use_cloud(handle, message_handler, Ok, 1);
+        (cloud.calls, cloud.limit) = (1, Some(31));
         local_after(20)
     });
     play(operator, Config::default(), &[0, 0, 10]).await;

@@ -27,7 +27,7 @@ impl<V, R> Engine<V, R> {
     /// Time comes before the input that carries it.
     pub(super) fn begin(&mut self, at: u64) {
         if let Some(due) = self.arbiter.next_due().filter(|due| *due <= at) {
-            self.counts.meters.timer_lag.record(Duration::from_nanos(at - due));
+            self.counts.timer_lag(Duration::from_nanos(at - due));
         }
         for index in 0..self.sources.len() {
             while let Some(abandoned) = self.sources[index].end_lingering(at) {
@@ -58,6 +58,7 @@ impl<V, R> Engine<V, R> {
         let Ok(chosen) = self.policies.choose(index, cap, |ages| queue.ages(at, ages)) else {
             let (operator, source) = (&*self.operator, self.sources.name(index));
             error!(operator, timestamp = t, source, "the policy panicked: no request is sent");
+            self.counts.source(index, CountedEvent::PolicyFailed);
             return None;
         };
         if let Some(meter) = self.counts.meters.sources.get(index) {
@@ -131,6 +132,21 @@ impl<V, R> Engine<V, R> {
         let item =
             Item { timestamp: t, opened, decided, revision: 0, ending, failures, lineage, age };
         self.effects.push_back(Effect::Output(item));
+    }
+
+    /// A4: warns once, if the timer of one cloud will end the wait for a better one.
+    pub(super) fn notice_eager(&mut self, t: u64, index: usize, due: u64) {
+        let p = self.sources[index].source.priority;
+        let Some((earlier, better)) = self.eager_notice.admitted(t, p, due) else { return };
+        let name = |p| self.sources.index(p).map(|index| self.sources.name(index));
+        let (operator, earlier, better) = (&*self.operator, name(earlier), name(better));
+        warn!(
+            operator,
+            earlier,
+            better,
+            "under eager, the earlier deadline of a lower cloud ends the wait for a better one (A4): \
+             give it the same or a later deadline, or commit patient"
+        );
     }
 
     /// F2: the request was refused.
@@ -316,17 +332,41 @@ impl<V, R> Engine<V, R> {
         if let Err(PolicyPanic) = self.policies.ended(index, end) {
             let (operator, source) = (&*self.operator, self.sources.name(index));
             error!(operator, source, ?end, "the policy panicked");
+            self.counts.source(index, CountedEvent::PolicyFailed);
+        }
+    }
+
+    /// D13: counts and reports computations that have not ended in time.
+    fn lose(&mut self, now: u64) {
+        let operator = &*self.operator;
+        if self.local.lossy {
+            while let Some(t) = self.sources[LOCAL].remove_lost(now) {
+                warn!(operator, timestamp = t, "local computation lost");
+                self.counts.source(LOCAL, CountedEvent::Lost);
+            }
+            return;
+        }
+        while let Some((timestamp, is_replaced)) = self.sources[LOCAL].overran(now) {
+            self.counts.source(LOCAL, CountedEvent::Lost);
+            if is_replaced {
+                warn!(
+                    operator,
+                    timestamp, "local runs for longer than its deadline: another takes its place"
+                );
+                self.effects.push_back(Effect::Replace { timestamp });
+            } else {
+                warn!(
+                    operator,
+                    timestamp,
+                    "local runs for longer than its deadline: it keeps its place until it ends"
+                );
+            }
         }
     }
 
     /// Starts what waits while there is room, and updates the gauges.
     pub(super) fn start_waiting(&mut self, now: u64) {
-        if self.local.lossy {
-            while let Some(t) = self.sources[LOCAL].remove_lost(now) {
-                warn!(operator = %self.operator, timestamp = t, "local computation lost");
-                self.counts.source(LOCAL, CountedEvent::Lost);
-            }
-        }
+        self.lose(now);
         for (index, queue) in self.sources.iter_mut().enumerate() {
             while let Some(Waiting { t, due, request, .. }) = queue.next(now) {
                 let until = due.map(|due| due.saturating_add(queue.linger));

@@ -8,6 +8,7 @@ and serves them.
 The words are those of SPEC.md.
 """
 
+from fuseline._blocking import BlockingOperator
 from fuseline._errors import (
     CallError,
     Closed,
@@ -62,6 +63,7 @@ __all__ = [
     "Accepted",
     "Admission",
     "Admitted",
+    "BlockingOperator",
     "Call",
     "CallError",
     "Closed",

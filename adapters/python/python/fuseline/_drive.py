@@ -5,16 +5,20 @@ from __future__ import annotations
 import asyncio
 import inspect
 import logging
+import os
 from collections import deque
-from collections.abc import Awaitable, Callable, Iterable, Iterator
+from collections.abc import Awaitable, Callable, Coroutine, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, Generic, TypeVar
 
 from fuseline._errors import in_one_line
 from fuseline._fuseline import Engine, nanoseconds
 from fuseline._item import Call, Effect, Item, Lineage, StampedValue
 from fuseline._local import Local
+from fuseline._threads import DaemonThreads
+from fuseline._timed import TimedSteps
 from fuseline._words import Cloud, ns
 from fuseline.deadline import Policy, Situation
 
@@ -42,6 +46,8 @@ class RegisteredCloud:
     handle: Callable[[Any, Call], Awaitable[Any]]
     message_handler: Callable[[Any, int], tuple[Any, Any] | None]
     response_handler: Callable[[Any], Any]
+    #: Makes the request of what the message handler returns, in a thread.
+    encode: Callable[[Any], Any] | None
     calls: int
     linger: ns
     policy: Policy | None
@@ -55,6 +61,8 @@ class SourceTasks:
     #: The most that may go on, those included that should have ended.
     limit: int
     cloud: RegisteredCloud | None
+    #: For requests that are to be encoded.
+    encoders: DaemonThreads | None = None
     #: By timestamp; those that linger too. None for a task that is about to be made.
     in_flight: dict[int, asyncio.Task[None] | None] = field(default_factory=dict)
     #: Those that were cancelled and have not ended.
@@ -103,7 +111,11 @@ class Driver(Generic[M, V]):
         self._sources = {0: SourceTasks(local.at_once + OVERDUE_TASKS, None)}
         for cloud in self._clouds:
             limit = 2 * cloud.calls + OVERDUE_TASKS
-            self._sources[cloud.cloud.p] = SourceTasks(limit, cloud)
+            encoders = None
+            if cloud.encode is not None:
+                threads = min(cloud.calls, os.cpu_count() or 1)
+                encoders = DaemonThreads(partial(_same, cloud.encode), threads, "fuseline-encode")
+            self._sources[cloud.cloud.p] = SourceTasks(limit, cloud, encoders)
         self._effects: deque[Effect] = deque()
         #: Of the open messages that have one.
         self._lineages: dict[int, Lineage] = {}
@@ -122,6 +134,10 @@ class Driver(Generic[M, V]):
     def is_idle(self) -> bool:
         """Whether no message is open, and nothing is being decided."""
         return self.is_over or (not self._is_deciding and self._engine.is_idle)
+
+    def has_room(self, window: int) -> bool:
+        """Whether fewer messages are open, as far as that can be known now."""
+        return self.is_over or (not self._is_deciding and self._engine.open_len < window)
 
     @property
     def unrecorded(self) -> OSError | None:
@@ -162,6 +178,8 @@ class Driver(Generic[M, V]):
         for source in self._sources.values():
             for t in list(source.in_flight):
                 source.abort(t)
+            if source.encoders is not None:
+                source.encoders.stop()
         self._local._stop()
         if not self._engine.is_recording:
             self._engine.finish()
@@ -226,6 +244,8 @@ class Driver(Generic[M, V]):
                 self._output(item)
             elif effect[0] == "start":
                 self._begin(now, *effect[1:])
+            elif effect[0] == "replace":
+                self._local._replace(effect[1])
             else:
                 self._sources[effect[1]].abort(effect[2])
         if self.is_over:
@@ -256,6 +276,7 @@ class Driver(Generic[M, V]):
     def _offers(self, t: int, message: M) -> Iterator[tuple[int, Any, ns]]:
         """What is offered to clouds for a message that was taken on."""
         for it in self._clouds:
+            begin = self._read_clock()
             try:
                 wanted = it.message_handler(message, t)
                 if wanted is None:
@@ -264,8 +285,11 @@ class Driver(Generic[M, V]):
                 offer = it.cloud.p, request, nanoseconds(deadline)
             except Exception:
                 _log.exception("%s: the message handler of %s failed", self.name, it.cloud.name)
-            else:
-                yield offer
+                self.counting.handler_failed(it.cloud.p)
+                continue
+            finally:
+                self.counting.ran(it.cloud.p, self._read_clock() - begin)
+            yield offer
 
     def _begin(self, now: int, p: int, t: int, until: int | None, request: Any) -> None:
         if self.is_over or self._is_last:
@@ -279,14 +303,17 @@ class Driver(Generic[M, V]):
         # A task may end while it is made, if the loop's tasks are eager.
         source.in_flight[t] = None
         if source.cloud is None:
-            work = self._compute(source, t, request)
+            work = partial(self._compute, source, t, request)
         else:
             # D5: the time left, not the time given.
             call = Call(t, max((until or 0) - now, 0) / 1e9, *self._lineage_of(now, t))
-            work = self._call(source, source.cloud, request, call)
-        task = self._loop.create_task(work)
+            work = partial(self._call, source, source.cloud, request, call)
+        task = self._loop.create_task(self._timed(p, work))
         if t in source.in_flight:
             source.in_flight[t] = task
+
+    async def _timed(self, p: int, work: Callable[[], Coroutine[Any, Any, None]]) -> None:
+        await TimedSteps(work(), self._read_clock, partial(self.counting.ran, p))
 
     async def _compute(self, source: SourceTasks, t: int, message: M) -> None:
         try:
@@ -300,6 +327,11 @@ class Driver(Generic[M, V]):
         self, source: SourceTasks, cloud: RegisteredCloud, request: Any, call: Call
     ) -> None:
         try:
+            if cloud.encode is not None and source.encoders is not None:
+                begin = self._read_clock()
+                request = await source.encoders.run(request)
+                took = (self._read_clock() - begin) / 1e9
+                call = replace(call, deadline=max(call.deadline - took, 0.0))
             value = cloud.response_handler(await cloud.handle(request, call))
             if inspect.isawaitable(value):
                 value = await value
@@ -328,6 +360,11 @@ class Driver(Generic[M, V]):
             raise error
         if not isinstance(error, Exception) and not is_cancelled:
             raise error
+
+
+def _same(encode: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """Encoding keeps no state: each thread has the same function."""
+    return encode
 
 
 async def wait_for_cancelled(

@@ -88,6 +88,8 @@ class Lineage:
     def __post_init__(self) -> None:
         if self.seq is not None and self.origin is None:
             raise ValueError("a seq without an origin, the stream that it counts in")
+        if self.captured is not None and not isinstance(self.captured, int):
+            raise TypeError(f"captured at {self.captured!r}; give nanoseconds, as monotonic_ns()")
         if self.within is not None:
             object.__setattr__(self, "within", nanoseconds(self.within))
 
@@ -194,9 +196,11 @@ class Item(Generic[V]):
 
 
 #: What the engine wants done: an item sent; a call or computation begun, by its priority and
-#: timestamp, with the instant until which it may take and its request; a call ended.
+#: timestamp, with the instant until which it may take and its request; a call ended; local
+#: made anew beside the computation of a timestamp.
 Effect: TypeAlias = (
     tuple[Literal["output"], Item[Any]]
     | tuple[Literal["start"], int, int, int | None, Any]
     | tuple[Literal["abort"], int, int]
+    | tuple[Literal["replace"], int]
 )

@@ -190,7 +190,7 @@ def replay(trace: Traced, *, name: str | None = None) -> bytes:
 
 
 def report(
-    *traces: Traced,
+    *traces: Traced | list[str | PathLike[str]],
     page: str | PathLike[str] = "report.html",
     names: Sequence[str] | None = None,
     tolerance: Duration | None = None,
@@ -203,7 +203,7 @@ def report(
     from the whole run down to what happened to one timestamp and why, with violations in it.
 
     Args:
-        traces: The traces, each as for `check`.
+        traces: The traces, each as for `check`, or one list of paths.
         page: Where the page goes. It is written once all traces are read; what was there before
             stays as it is until then.
         names: What the traces are called, one for each; by default their paths.
@@ -222,18 +222,33 @@ def report(
             names than of traces, more than 10,000,000 events, or tolerances of no source or without
             a tolerance of all others.
     """
-    if not traces:
+    each = _each_trace(traces)
+    if not each:
         raise ValueError("report takes at least one trace")
-    if names is not None and len(names) != len(traces):
-        raise ValueError(f"there are {len(traces)} traces and {len(names)} names")
-    called: Sequence[str | None] = names or [None] * len(traces)
-    named = list(zip(traces, called, strict=True))
+    if names is not None and len(names) != len(each):
+        raise ValueError(f"there are {len(each)} traces and {len(names)} names")
+    called: Sequence[str | None] = names or [None] * len(each)
+    named = list(zip(each, called, strict=True))
     judged_by = slack(tolerance, lateness)
     if tolerances and judged_by is None:
         raise ValueError("tolerances of sources without a tolerance of all others; give it too")
     verdicts, html = _fuseline.report(named, judged_by, list((tolerances or {}).items()))
     _replace(Path(page), html)
     return tuple(map(_verdict, verdicts))
+
+
+def _each_trace(traces: tuple[Traced | list[str | PathLike[str]], ...]) -> list[Traced]:
+    """The traces; a list of paths stands for each of them.
+
+    A list of lines is one trace, as an iterable of lines is everywhere else: its first one is a
+    header, an object of JSON.
+    """
+    if len(traces) == 1 and isinstance(traces[0], list):
+        given = traces[0]
+        first = given[0] if given else ""
+        if isinstance(first, PathLike) or (isinstance(first, str) and not first.startswith("{")):
+            return list(given)
+    return list(traces)  # type: ignore[arg-type]
 
 
 def slack(

@@ -7,12 +7,14 @@ import inspect
 import logging
 import multiprocessing
 from collections.abc import Awaitable, Callable
-from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from fuseline._errors import ConfigError
 from fuseline._fuseline import nanoseconds
+from fuseline._threads import DaemonThreads
+from fuseline._wiring import check_count, check_function, is_async
 
 if TYPE_CHECKING:
     from fuseline._judge import Duration
@@ -26,29 +28,34 @@ _log = logging.getLogger("fuseline")
 class Local(Generic[M, V]):
     """How each message is computed on board.
 
-    Make one with `task`, `threads` or `processes`. A computation is never aborted by a decision
-    (F7): it may keep state. An exception is a failure (F4).
+    Make one with `task`, `threads`, `threads_of` or `processes`. A computation is never aborted by
+    a decision (F7): it may keep state. An exception is a failure (F4).
     """
 
     def __init__(
         self,
-        compute: Callable[[M, int], Any],
-        make: Callable[[int], Executor] | None,
+        compute: Callable[..., Any],
+        make: Callable[[int], DaemonThreads | ProcessPoolExecutor] | None,
         at_once: int,
         deadline: Duration | None,
         waiting: int | None,
         skip_answered: bool,
         lossy: bool = False,
+        replaceable: int = 0,
     ) -> None:
-        if at_once < 1:
-            raise ConfigError(f"{at_once} local computations at once; there must be at least 1")
-        if waiting is not None and waiting < 0:
-            raise ConfigError(f"{waiting} messages may wait for local; it must be 0 or more")
+        check_count(at_once, 1, "local computations at once")
+        if waiting is not None:
+            check_count(waiting, 0, "messages that wait for local")
+        if deadline is not None and nanoseconds(deadline) == 0:
+            raise ConfigError("a deadline of 0 for local; every message would be refused")
         if lossy and deadline is None:
             raise ConfigError("a local whose results can be lost needs a deadline to tell it by")
         self._compute = compute
         self._make = make
-        self._pool: Executor | None = None
+        self._pool: DaemonThreads | ProcessPoolExecutor | None = None
+        #: What threads compute, by timestamp.
+        self._running: dict[int, asyncio.Future[Any]] = {}
+        self.replaceable = replaceable
         self.at_once = at_once
         self.deadline = None if deadline is None else nanoseconds(deadline)
         self.waiting = waiting
@@ -61,7 +68,7 @@ class Local(Generic[M, V]):
         compute: Callable[[M, int], Awaitable[V]],
         *,
         at_once: int = 1,
-        deadline: Duration | None = None,
+        deadline: Duration | None = 1.0,
         waiting: int | None = None,
         skip_answered: bool = False,
         lossy: bool = False,
@@ -72,7 +79,8 @@ class Local(Generic[M, V]):
             compute: Takes a message and its timestamp.
             at_once: How many computations may run at once.
             deadline: How long one may take (F1): seconds as a float, a timedelta, or nanoseconds as
-                `fuseline.ns`. Without it, a message whose computation never ends stays open.
+                `fuseline.ns`. With None, a message whose computation never ends stays open. One
+                that runs for longer is counted as lost and logged, and keeps its place.
             waiting: How many messages may wait for a computation, by default as many as the window
                 holds; for one more, local fails at once, and only clouds can answer it.
             skip_answered: Whether a computation that has not begun is skipped once its message is
@@ -81,9 +89,7 @@ class Local(Generic[M, V]):
                 that has not ended within the deadline counts as lost, and its place is free again;
                 otherwise it keeps its place until it ends.
         """
-        if not inspect.iscoroutinefunction(compute) and not inspect.iscoroutinefunction(
-            getattr(compute, "__call__", None)  # noqa: B004
-        ):
+        if not is_async(compute):
             raise ConfigError(
                 "Local.task takes an async function; give a plain one to Local.threads"
             )
@@ -95,20 +101,49 @@ class Local(Generic[M, V]):
         compute: Callable[[M, int], V],
         *,
         workers: int = 1,
-        deadline: Duration | None = None,
+        deadline: Duration | None = 1.0,
         waiting: int | None = None,
         skip_answered: bool = False,
     ) -> Local[M, V]:
         """Compute with a plain function, which may block, in threads of the operator's own.
 
-        The arguments are as for `task`; `workers` computations run at once.
+        The arguments are as for `task`; `workers` computations run at once. Python does not wait
+        for these threads when it ends.
         """
         _plain(compute, "Local.threads")
 
-        def make(workers: int) -> Executor:
-            return ThreadPoolExecutor(workers, thread_name_prefix="fuseline-local")
+        def make(workers: int) -> DaemonThreads:
+            return DaemonThreads(lambda: compute, workers, "fuseline-local")
 
         return cls(compute, make, workers, deadline, waiting, skip_answered)
+
+    @classmethod
+    def threads_of(
+        cls,
+        make: Callable[[], Callable[[M, int], V]],
+        *,
+        workers: int = 1,
+        deadline: Duration | None = 1.0,
+        waiting: int | None = None,
+        skip_answered: bool = False,
+        replaceable: int | None = None,
+    ) -> Local[M, V]:
+        """Compute in threads, each with a function of its own that `make` makes.
+
+        So each may keep state, such as a model that was loaded. The arguments are as for
+        `threads`. One that has run for longer than the deadline is replaced, by a thread with a
+        function made anew, while no more than `replaceable` such have not ended; by default as many
+        as there are workers.
+        """
+        check_function(make, "what makes local")
+        if replaceable is not None:
+            check_count(replaceable, 0, "computations that may be replaced")
+
+        def threads(workers: int) -> DaemonThreads:
+            return DaemonThreads(make, workers, "fuseline-local")
+
+        most = workers if replaceable is None else replaceable
+        return cls(make, threads, workers, deadline, waiting, skip_answered, replaceable=most)
 
     @classmethod
     def processes(
@@ -116,7 +151,7 @@ class Local(Generic[M, V]):
         compute: Callable[[M, int], V],
         *,
         workers: int = 1,
-        deadline: Duration | None = None,
+        deadline: Duration | None = 1.0,
         waiting: int | None = None,
         skip_answered: bool = False,
     ) -> Local[M, V]:
@@ -128,7 +163,7 @@ class Local(Generic[M, V]):
         """
         _plain(compute, "Local.processes")
 
-        def make(workers: int) -> Executor:
+        def make(workers: int) -> ProcessPoolExecutor:
             # A fork would take the locks of this process's threads along.
             return ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"))
 
@@ -145,15 +180,33 @@ class Local(Generic[M, V]):
             await asyncio.gather(*ready)
 
     def _stop(self) -> None:
-        if self._pool is not None:
+        if isinstance(self._pool, DaemonThreads):
+            self._pool.stop()
+        elif self._pool is not None:
             self._pool.shutdown(wait=False, cancel_futures=True)
-            self._pool = None
+        self._pool = None
+
+    def _replace(self, timestamp: int) -> None:
+        """Let another thread take the place of the one that computes this message."""
+        future = self._running.get(timestamp)
+        if future is None or not isinstance(self._pool, DaemonThreads):
+            return
+        try:
+            self._pool.replace(future)
+        except Exception:
+            _log.exception("local cannot be made anew")
 
     async def _run(self, message: M, timestamp: int) -> V:
         """Compute one message."""
         if self._make is None:
             return await self._compute(message, timestamp)  # type: ignore[no-any-return]
         loop, pool = asyncio.get_running_loop(), self._pool
+        if isinstance(pool, DaemonThreads):
+            self._running[timestamp] = future = pool.run(message, timestamp)
+            try:
+                return await future  # type: ignore[no-any-return]
+            finally:
+                self._running.pop(timestamp, None)
         try:
             return await loop.run_in_executor(pool, self._compute, message, timestamp)
         except BrokenProcessPool:
@@ -170,14 +223,15 @@ def _ready() -> None:
 
 
 def _plain(compute: Callable[..., Any], where: str) -> None:
-    if inspect.iscoroutinefunction(compute):
+    if is_async(compute):
         raise ConfigError(f"{where} takes a plain function; give an async one to Local.task")
+    check_function(compute, f"what {where} takes")
 
 
 def local_of(local: Local[M, V] | Callable[[M, int], Any]) -> Local[M, V]:
     """What was given, or a task of an async function, or a thread for a plain one."""
     if isinstance(local, Local):
         return local
-    if inspect.iscoroutinefunction(local):
+    if is_async(local) and not inspect.isclass(local):
         return Local.task(local)
     return Local.threads(local)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import inspect
 import logging
 import os
+import threading
 import time
 from collections import Counter, deque
 from collections.abc import (
@@ -17,14 +17,23 @@ from collections.abc import (
     Callable,
     Iterable,
 )
+from concurrent.futures import Future
 from types import TracebackType
-from typing import TYPE_CHECKING, Generic, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
 from fuseline._drive import Clock, Driver, RegisteredCloud, wait_for_cancelled
 from fuseline._errors import Closed, ConfigError, Full, TraceError
 from fuseline._fuseline import Engine, nanoseconds
 from fuseline._item import Call, CurrentDeadline, Item, Lineage, StampedValue
 from fuseline._local import Local, local_of
+from fuseline._wiring import (
+    check_count,
+    check_function,
+    check_handle,
+    check_policy,
+    check_priority,
+    check_response_handler,
+)
 from fuseline._words import Cloud, Commit, ns
 from fuseline.deadline import Policy, Situation, assumes_one_output, compiled, policy_of
 
@@ -58,6 +67,11 @@ class Operator(Generic[M, V]):
             taken in; what is open goes on. Of the items of one message it is given the newest.
         trace: The file that the run is recorded to; it is overwritten.
         clock: Reads whole nanoseconds that never go back.
+        lag_warning: How late a timer may be served, and how long a handler may hold up the loop,
+            before it is counted and logged as a warning.
+
+    Its methods belong to the thread of its loop, but for `write_threadsafe`; elsewhere they raise a
+    RuntimeError.
 
     Raises:
         ConfigError: if there is no such operator; when it starts, if its clouds make none.
@@ -85,16 +99,23 @@ class Operator(Generic[M, V]):
         output_len: int = 16,
         trace: str | os.PathLike[str] | None = None,
         clock: Clock = time.monotonic_ns,
+        lag_warning: Duration = 0.02,
     ) -> None:
-        if output_len < 1:
-            raise ConfigError(f"room for {output_len} items; the output needs at least 1")
+        check_count(output_len, 1, "an output_len")
+        check_function(clock, "a clock")
         self.name = name
         self._local: Local[M, V] = local_of(local)
         self._window, self._commit = window, commit
         self._output_len = output_len
         self._path = trace
-        self._clock = clock
+        self._clock, self._lag_warning = clock, nanoseconds(lag_warning)
+        #: The loop's thread, once it has started, and messages on their way to it.
+        self._thread: int | None = None
+        self._on_their_way = 0
+        self._way = threading.Lock()
+        self._not_taken = 0
         self._clouds: list[RegisteredCloud] = []
+        self._loop: asyncio.AbstractEventLoop | None = None
         self._situation: Callable[[M, int], Situation] | None = None
         self._driver: Driver[M, V] | None = None
         self._items: deque[Item[V]] = deque()
@@ -120,8 +141,9 @@ class Operator(Generic[M, V]):
         | Callable[[Res], Awaitable[V | StampedValue[V]]],
         priority: int,
         *,
+        encode: Callable[[Any], Req] | None = None,
         name: str | None = None,
-        limit: int = 31,
+        limit: int | None = None,
         resume: int = 0,
         calls: int = 8,
         policy: Policy | Callable[[Situation, ns], Duration] | None = None,
@@ -133,17 +155,20 @@ class Operator(Generic[M, V]):
         Args:
             handle: Makes the call: an ``async def`` of a request and its `Call`, in a task of its
                 own. It is cancelled when its timer fires or another result goes (F5, F7). An
-                exception is a failure (F4).
+                exception is a failure (F4). It runs on the loop and must not block.
             message_handler: Looks at each message that was taken on, and its timestamp; returns the
                 request and how long the cloud may take, or None not to ask it. It must not block
-                and is no ``async def``: the offer belongs to the instant of its message, and costly
-                encoding to the handle. If it fails, the cloud is not asked.
+                and is no ``async def``: the offer belongs to the instant of its message. If it
+                fails, the cloud is not asked.
             response_handler: Turns the response into the result, in the call's task; may be an
                 ``async def``. The result counts as arrived when it is done. If the response says of
                 which message it is, return a `StampedValue`.
+            encode: Makes the request for the handle of what the message handler returned, in a
+                thread: for costly encoding, such as JPEG. It takes its part of the deadline.
             priority: 1 to 65535, different for each cloud; the greater wins.
             name: For people and traces; ``cloud-`` and the priority by default.
-            limit: The gate shuts when this many requests wait to be sent (F2g).
+            limit: The gate shuts when this many requests wait to be sent (F2g); by default as many
+                as ``calls`` (A15).
             resume: The shut gate opens when this many or fewer wait.
             calls: How many calls may be under way; further requests wait.
             policy: Chooses how long each request may take, at most what the message handler says,
@@ -157,19 +182,22 @@ class Operator(Generic[M, V]):
         Durations are seconds as a float, a timedelta, or nanoseconds as `fuseline.ns`.
 
         Raises:
-            ConfigError: if the operator has started, or ``calls`` is below 1, or ``max_age`` below
-                0, or the message handler is an ``async def``.
+            ConfigError: if the operator has started, or what was given cannot be what it is given
+                for: a class for an instance, a handle that is not async, a number out of its range.
         """
         if self._driver is not None:
             raise ConfigError("a cloud after the start; register it before")
-        if calls < 1:
-            raise ConfigError(f"{calls} calls at once; a cloud needs at least 1")
-        if not 0 <= max_age < 2**64:
-            raise ConfigError(f"values of {max_age} messages before; it must be 0 or more")
-        if inspect.iscoroutinefunction(message_handler):
-            raise ConfigError(
-                "a message handler is a plain function; costly encoding belongs in the handle"
-            )
+        check_handle(handle)
+        check_function(message_handler, "a message handler")
+        check_response_handler(response_handler)
+        check_priority(priority, [it.cloud.p for it in self._clouds])
+        check_count(calls, 1, "calls at once")
+        check_count(max_age, 0, "a max_age")
+        if encode is not None:
+            check_function(encode, "what encodes")
+        if policy is not None:
+            check_policy(policy)
+        limit = calls if limit is None else limit
         cloud = Cloud(priority, limit, resume, name or f"cloud-{priority}")
         self._clouds.append(
             RegisteredCloud(
@@ -177,6 +205,7 @@ class Operator(Generic[M, V]):
                 handle,
                 message_handler,
                 response_handler,
+                encode,
                 calls,
                 nanoseconds(linger),
                 None if policy is None else policy_of(policy),
@@ -189,6 +218,7 @@ class Operator(Generic[M, V]):
 
         Without it they know nothing, and the guard risks nothing. If it fails, nothing is known.
         """
+        check_function(situation, "a situation's handler")
         self._situation = situation
 
     async def start(self) -> None:
@@ -210,6 +240,8 @@ class Operator(Generic[M, V]):
             self.name,
             self._path,
         )
+        engine.set_lag_warning(self._lag_warning)
+        engine.set_replaceable(local.replaceable)
         for it in self._clouds:
             engine.set_linger(it.cloud.p, it.linger)
             if it.policy is not None:
@@ -221,6 +253,8 @@ class Operator(Generic[M, V]):
                     )
                 engine.set_policy(it.cloud.p, compiled(it.policy))
         await local._start()
+        self._loop = asyncio.get_running_loop()
+        self._thread = threading.get_ident()
         self._driver = Driver(
             self.name, engine, local, self._clouds, self._clock, self._put, self._end_if_idle
         )
@@ -263,8 +297,9 @@ class Operator(Generic[M, V]):
         Raises:
             Full: if the reader of the items lags by ``output_len``: the message was not taken.
             Closed: if the operator takes no more messages.
+            RuntimeError: in another thread than the loop's: use `write_threadsafe` there.
         """
-        driver = self._running()
+        driver = self._running("write")
         if self._is_last:
             raise Closed("the operator takes no more messages")
         if len(self._items) >= self._output_len:
@@ -284,8 +319,55 @@ class Operator(Generic[M, V]):
             self._is_handling = False
         return t
 
+    def write_threadsafe(self, message: M, lineage: Lineage | None = None) -> Future[int]:
+        """Write a message from any thread, such as a camera's callback; it never waits.
+
+        The message is taken in when the loop has its next turn. As many may be on their way as the
+        window has room for.
+
+        Returns:
+            A future of the message's timestamp, or of what `write` raises. If nobody looks, it is
+            counted all the same, as ``counts[name, "message", "not taken"]``, and logged.
+
+        Raises:
+            Full: if too many are on their way, since the loop is held up: it was not taken.
+            Closed: if the operator has ended.
+        """
+        if self._driver is None or self._loop is None:
+            raise ConfigError("the operator has not started; use it with `async with`")
+        with self._way:
+            if self._on_their_way >= self._window:
+                self._not_taken += 1
+                raise Full(f"{self._on_their_way} messages are on their way; the loop is held up")
+            self._on_their_way += 1
+        future: Future[int] = Future()
+        try:
+            self._loop.call_soon_threadsafe(self._take, message, lineage, future)
+        except RuntimeError as error:
+            with self._way:
+                self._on_their_way -= 1
+                self._not_taken += 1
+            raise Closed("the operator's loop has ended") from error
+        return future
+
+    def _take(self, message: M, lineage: Lineage | None, future: Future[int]) -> None:
+        """A message came from another thread."""
+        with self._way:
+            self._on_their_way -= 1
+        try:
+            future.set_result(self.write(message, lineage))
+        except Exception as error:
+            with self._way:
+                self._not_taken += 1
+                times = self._not_taken
+            if times & (times - 1) == 0:
+                _log.warning("%s: a message was not taken: %s (%d so far)", self.name, error, times)
+            future.set_exception(error)
+
     async def write_all(self, messages: AsyncIterable[M] | Iterable[M]) -> int:
-        """Write each message as soon as the reader of the items has room; return how many.
+        """Write each message as soon as there is room; return how many.
+
+        There is room while the reader of the items does not lag and the window is not full.
 
         Raises:
             Closed: if the operator takes no more messages.
@@ -295,7 +377,7 @@ class Operator(Generic[M, V]):
             if isinstance(messages, AsyncGenerator):
                 await stack.enter_async_context(contextlib.aclosing(messages))
             async for message in _each(messages):
-                while len(self._items) >= self._output_len and not self._is_last:
+                while not self._has_room() and not self._is_last:
                     await self._writers.wait()
                 self.write(message)
                 count += 1
@@ -306,13 +388,14 @@ class Operator(Generic[M, V]):
 
         If the messages end in an exception, it is raised at the end of the operator's block.
         """
-        self._running()
+        self._running("feed")
         task = asyncio.get_running_loop().create_task(self._feed(messages))
         self._feeds.add(task)
         task.add_done_callback(self._feeds.discard)
 
     def close(self) -> None:
         """Take no more messages; the items end once all are answered."""
+        self._check_thread("close")
         self._is_last = True
         _wake(self._writers)
         self._end_if_idle()
@@ -323,6 +406,7 @@ class Operator(Generic[M, V]):
         Handlers and policies may call it too: the message or result that they are called about is
         the last that happens.
         """
+        self._check_thread("stop")
         if self._is_over or self._driver is None:
             return
         self._is_last = self._is_over = True
@@ -339,11 +423,25 @@ class Operator(Generic[M, V]):
 
     async def __anext__(self) -> Item[V]:
         """The next item; the end once no more messages come and all are answered."""
-        self._running()
-        while not self._items:
-            if self._is_over:
-                raise StopAsyncIteration
-            await self._readers.wait()
+        item = await self.read()
+        if item is None:
+            raise StopAsyncIteration
+        return item
+
+    async def read(self, timeout: float | None = None) -> Item[V] | None:
+        """The next item; None if none comes within so many seconds, or none will come any more."""
+        self._running("read")
+        loop = asyncio.get_running_loop()
+        until = None if timeout is None else loop.time() + timeout
+        timer = None if until is None else loop.call_at(until, _wake, self._readers)
+        try:
+            while not self._items:
+                if self._is_over or (until is not None and loop.time() >= until):
+                    return None
+                await self._readers.wait()
+        finally:
+            if timer is not None:
+                timer.cancel()
         item = self._items.popleft()
         if len(self._items) < self._output_len:
             _wake(self._writers)
@@ -357,14 +455,23 @@ class Operator(Generic[M, V]):
         operator's `Tally`: ``counts[name, "message", "accepted"]`` are the messages taken on,
         those refused are not among them. A source also has ``"request", "lost"``, computations
         that counted as lost, and ``"failed because"`` with each of its first eight reasons;
-        failures of other reasons are counted as ``"other reasons"``.
+        failures of other reasons are counted as ``"other reasons"``. ``"handler"`` and
+        ``"policy"`` are ``"failed"``, a handler ``"held up the loop"``, the operator's
+        ``"timer"`` is ``"late"`` and a ``"message"`` that came from another thread ``"not taken"``.
         """
         counts: Counter[tuple[str, str, str]] = Counter()
         if self._driver is not None:
             # Two sources may have one name.
             for key, count in self._driver.counting.counts():
                 counts[key] += count
+        if self._not_taken:
+            counts[self.name, "message", "not taken"] = self._not_taken
         return counts
+
+    @property
+    def greatest_lag(self) -> float:
+        """The seconds that the loop was held up at most; 0 if never longer than ``lag_warning``."""
+        return 0.0 if self._driver is None else self._driver.counting.greatest_lag / 1e9
 
     @property
     def deadlines(self) -> dict[str, CurrentDeadline]:
@@ -379,10 +486,25 @@ class Operator(Generic[M, V]):
         """The error that ended the recording early, if one did."""
         return None if self._driver is None else self._driver.unrecorded
 
-    def _running(self) -> Driver[M, V]:
+    def _running(self, method: str) -> Driver[M, V]:
         if self._driver is None:
             raise ConfigError("the operator has not started; use it with `async with`")
+        self._check_thread(method)
         return self._driver
+
+    def _check_thread(self, method: str) -> None:
+        if self._thread is None or threading.get_ident() == self._thread:
+            return
+        if method == "write":
+            remedy = "use write_threadsafe"
+        else:
+            remedy = f"let its loop do it: loop.call_soon_threadsafe(operator.{method})"
+        raise RuntimeError(f"{method} in another thread than the operator's loop; {remedy}")
+
+    def _has_room(self) -> bool:
+        driver = self._driver
+        is_open = driver is not None and driver.has_room(self._window)
+        return is_open and len(self._items) < self._output_len
 
     def _put(self, item: Item[V]) -> None:
         if item.revision > 0:
@@ -397,6 +519,8 @@ class Operator(Generic[M, V]):
 
     def _end_if_idle(self) -> None:
         driver = self._driver
+        if self._has_room():
+            _wake(self._writers)
         if self._is_last and driver is not None and driver.is_idle:
             self.stop()
 
@@ -411,6 +535,7 @@ class Operator(Generic[M, V]):
             driver.set_situation(situation(message, t))
         except Exception:
             _log.exception("%s: the situation's handler failed: nothing is known", self.name)
+            driver.counting.handler_failed(None)
             driver.set_situation(Situation())
 
     async def _feed(self, messages: AsyncIterable[M] | Iterable[M]) -> None:

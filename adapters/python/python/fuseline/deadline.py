@@ -19,7 +19,7 @@ seconds, is refused with the range that it may have.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Literal, NamedTuple, Protocol, TypeAlias
@@ -302,6 +302,9 @@ class Guard(_Capping):
         self.parameters = parameters or Parameters()
         self._guard = _fuseline.Guard(self.parameters)
 
+    def __reduce__(self) -> tuple[type[Guard], tuple[Parameters]]:
+        return Guard, (self.parameters,)
+
     def __repr__(self) -> str:
         return f"Guard({self.parameters!r})"
 
@@ -321,9 +324,10 @@ class Guard(_Capping):
 class Expected(_Capping):
     """The deadline of least mean loss, by how the last 64 calls ended (T3).
 
-    It knows nothing of safety: let a `Guard` cap it. One message in ``probe_every`` waits as long
-    as the cap allows, beginning with the first (T6). Give None if calls linger: then their true
-    ends are known, and there is nothing to probe.
+    It can be pickled, and what it knows of the cloud goes along; of that the copy forgets the
+    quickest calls first. It knows nothing of safety: let a `Guard` cap it. One message in
+    ``probe_every`` waits as long as the cap allows, beginning with the first (T6). Give None if
+    calls linger: then their true ends are known, and there is nothing to probe.
 
     Args:
         loss: What an output costs: `Impact`, `Accuracy`, or a function of the situation, the
@@ -342,6 +346,14 @@ class Expected(_Capping):
         probe_every: int | None = 16,
     ) -> None:
         self._expected = _fuseline.Expected(loss, local_response, probe_every)
+        self._made_of = loss, local_response, probe_every
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Expected, self._made_of, self.observations()
+
+    def __setstate__(self, observations: list[Observation]) -> None:
+        for end, age in _ends(observations):
+            self.ended(end, age)
 
     def decide(self, situation: Situation, cap: Duration) -> Chosen:
         """The deadline of least mean loss, at most the cap."""
@@ -371,6 +383,13 @@ class Observations:
 
     def __init__(self) -> None:
         self._observations = _fuseline.Observations()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Observations, (), self.sorted()
+
+    def __setstate__(self, observations: list[Observation]) -> None:
+        for end, age in _ends(observations):
+            self.add(end, age)
 
     def add(self, end: End, age: Duration) -> None:
         """Remember how a call ended, and forget the one 64 calls ago."""
@@ -449,6 +468,11 @@ def compiled(policy: Policy) -> Any:
     if type(policy) is Capped:
         return compiled(policy._cap), compiled(policy._policy)
     return policy
+
+
+def _ends(observations: list[Observation]) -> Iterator[tuple[End, ns]]:
+    for it in observations:
+        yield from [(End.ANSWERED if it.is_answered else End.CENSORED, it.response)] * it.count
 
 
 def _chosen(fields: tuple[int, str, int | None, float | None]) -> Chosen:

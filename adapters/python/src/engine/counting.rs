@@ -1,6 +1,7 @@
 //! The counts of an engine, as Python has them.
 
 use std::fmt::Display;
+use std::time::Duration;
 
 use fuseline_engine as engine;
 use fuseline_engine::{SourceTally, Tally, Trigger};
@@ -48,6 +49,22 @@ impl PyCounting {
         in_force.collect()
     }
 
+    /// A handler failed: of the messages to cloud `p`, or without one of situations.
+    fn handler_failed(&self, p: Option<u16>) {
+        self.counting.handler_failed(p);
+    }
+
+    /// A handler of a source, or without one another of the operator's, ran for so many nanoseconds without a pause.
+    fn ran(&self, p: Option<u16>, lasted: u64) {
+        self.counting.ran(p, Duration::from_nanos(lasted));
+    }
+
+    /// The longest that the loop was held up, in nanoseconds; 0 if it never was for longer than the warning allows.
+    #[getter]
+    fn greatest_lag(&self) -> u64 {
+        nanos(self.counting.tally().greatest_lag)
+    }
+
     /// Why the recording ended early, if it did.
     #[getter]
     fn unrecorded(&self) -> Option<String> {
@@ -66,6 +83,8 @@ impl PyCounts<'_> {
         self.count("message", "accepted", tally.messages);
         self.by_reason("message", "refused ", &tally.refused);
         self.count("message", "missed", tally.missed);
+        self.count("handler", "failed", tally.handler_failures);
+        self.count("timer", "late", tally.late_timers);
     }
 
     fn source(&mut self, tally: &SourceTally) {
@@ -73,6 +92,9 @@ impl PyCounts<'_> {
         self.by_reason("request", "refused ", &tally.refused);
         self.count("request", "cancelled", tally.cancelled);
         self.count("request", "lost", tally.lost);
+        self.count("handler", "failed", tally.handler_failures);
+        self.count("handler", "held up the loop", tally.held_up);
+        self.count("policy", "failed", tally.policy_failures);
         self.count("result", "held", tally.held);
         // A result that is forwarded as it comes is its message's output.
         let forwarded = tally.outputs.get(&Trigger::Arrival).copied();

@@ -56,6 +56,9 @@ impl Effects {
             Effect::Abort { priority, timestamp } => {
                 (intern!(py, "abort"), priority, timestamp).into_pyobject(py)?
             }
+            Effect::Replace { timestamp } => {
+                (intern!(py, "replace"), timestamp).into_pyobject(py)?
+            }
             Effect::Hint(_) => return Ok(None),
         };
         Ok(Some(tuple))

@@ -37,6 +37,7 @@ pub(super) fn read(
     r: &mut ParameterReader,
     types: [&str; 2],
     middleware: Middleware,
+    pace: (Option<f64>, Duration),
 ) -> Result<Vec<Cloud>, SettingsError> {
     let LocatedValue { value: names, origin: listed } = r.names("clouds", "The clouds' names")?;
     for (at, cloud) in names.iter().enumerate() {
@@ -64,28 +65,30 @@ pub(super) fn read(
             let origin = if origin == ValueOrigin::Default { listed } else { origin };
             return Err(SettingsError::Priority { origin, name, priority, other });
         }
-        clouds.push(cloud(r, name, priority, types, middleware)?);
+        clouds.push(cloud(r, (name, priority), types, middleware, pace)?);
     }
     Ok(clouds)
 }
 
 fn cloud(
     r: &mut ParameterReader,
-    name: String,
-    priority: u16,
+    (name, priority): (String, u16),
     types: [&str; 2],
     middleware: Middleware,
+    (rate, node_deadline): (Option<f64>, Duration),
 ) -> Result<Cloud, SettingsError> {
     let of = |part: &str| format!("{name}.{part}");
     let about = "How long the cloud may take, in seconds; 0 means deadline";
     let deadline = r.own_seconds(&of("deadline"), about, seconds::OWN_SECONDS)?;
     let enabled = r.flag(&of("enabled"), true, "Whether the cloud is asked")?;
+    let about = "How many requests may be under way";
+    let in_flight: u16 = r.integer(&of("in_flight"), 1..=1024, 8, about)?.value;
+    let given = seconds::none_if_zero(deadline).unwrap_or(node_deadline);
+    let answerable = rate.map_or(in_flight.into(), |rate| answerable(rate, given));
     let about = "The gate shuts when this many requests wait";
-    let limit: i64 = r.integer(&of("limit"), 1..=i64::MAX, 31, about)?.value;
+    let limit: i64 = r.integer(&of("limit"), 1..=i64::MAX, answerable, about)?.value;
     let about = "The shut gate opens when this many or fewer wait";
     let resume = r.integer(&of("resume"), 0..=limit - 1, 0, about)?.value;
-    let about = "How many requests may be under way";
-    let in_flight = r.integer(&of("in_flight"), 1..=1024, 8, about)?.value;
     let linger = r.own_seconds(
         &of("linger"),
         "How long a request may run on after it was due, in seconds, so that its policy learns how long it takes",
@@ -114,6 +117,12 @@ fn cloud(
         hints,
         way: connection,
     })
+}
+
+/// A15: how many messages come within a deadline; what waits behind as many is answered too late.
+#[expect(clippy::cast_possible_truncation, reason = "the cast saturates, which is what is wanted")]
+fn answerable(rate: f64, deadline: Duration) -> i64 {
+    ((rate * deadline.as_secs_f64()) as i64).max(1)
 }
 
 /// The topic of its late results, if there is to be one.

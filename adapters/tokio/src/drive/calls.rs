@@ -4,24 +4,22 @@
 
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::pin::Pin;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::task::{Context, Poll, Wake, Waker};
 
-use fuseline_engine::StampedValue;
-use futures_util::future::BoxFuture;
 use rustc_hash::FxHashMap;
 use tokio::runtime::{Handle, RuntimeFlavor};
 use tokio::sync::mpsc;
 use tokio::task::AbortHandle;
 use tracing::{Instrument, Span, debug_span};
 
-use crate::Error;
 use crate::drive::Completion;
+use crate::drive::timed_call::TimedCall;
 use crate::drive::wake_flag::FlagWaker;
 use crate::panics::{guarded, panicked};
 
-type CallFuture<V> = BoxFuture<'static, Result<StampedValue<V>, Error>>;
 /// Priority and timestamp.
 type CallKey = (u16, u64);
 
@@ -58,7 +56,7 @@ struct CallSlot<V> {
 
 struct RunningCall<V> {
     key: CallKey,
-    call: CallFuture<V>,
+    call: TimedCall<V>,
     span: Span,
 }
 
@@ -93,7 +91,8 @@ impl<V: Send + 'static> Calls<V> {
         Self::Tasks { completions, sender, under_way: FxHashMap::default() }
     }
 
-    pub(super) fn begin(&mut self, priority: u16, timestamp: u64, call: CallFuture<V>) {
+    pub(super) fn begin(&mut self, timestamp: u64, call: TimedCall<V>) {
+        let priority = call.priority;
         let span = debug_span!("call", priority, timestamp);
         match self {
             Self::InlineCalls(inline) => {
@@ -189,7 +188,7 @@ impl<V> InlineCalls<V> {
         let RunningCall { key, call, span } = call.as_mut()?;
         let entered = span.enter();
         let mut context = Context::from_waker(waker);
-        let polled = catch_unwind(AssertUnwindSafe(|| call.as_mut().poll(&mut context)));
+        let polled = catch_unwind(AssertUnwindSafe(|| Pin::new(call).poll(&mut context)));
         drop(entered);
         let result = match polled {
             Ok(Poll::Pending) => return None,

@@ -79,7 +79,7 @@ impl Operator for Script {
             let deadline = Duration::from_millis(part.deadline_ms);
             let cloud =
                 setup.use_cloud(handle, move |m, _| Some((*m, deadline)), Ok, part.priority);
-            (cloud.limit, cloud.calls) = (part.limit, part.calls);
+            (cloud.limit, cloud.calls) = (Some(part.limit), part.calls);
         }
         let local = self.local;
         let mut local = Local::futures(64, move |_, t| act(local(t), "local".into()));

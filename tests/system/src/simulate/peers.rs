@@ -68,7 +68,8 @@ impl Operator for Script {
             };
             let cloud = setup.use_cloud(handle, message_handler, CallInProgress::respond, remote.p);
             cloud.name = name(remote.p);
-            (cloud.limit, cloud.resume, cloud.calls) = (remote.limit, remote.resume, remote.calls);
+            (cloud.limit, cloud.resume, cloud.calls) =
+                (Some(remote.limit), remote.resume, remote.calls);
             cloud.linger = remote.linger;
             cloud.policy = remote.policy.map(|deadline| {
                 let simulation = Arc::clone(&simulation);

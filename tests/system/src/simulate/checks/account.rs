@@ -61,7 +61,13 @@ pub(crate) fn one_account(facts: &Facts<'_>) -> Result<(), String> {
 /// The tally by the trace; what the trace does not have is taken from the tally.
 fn reported(facts: &Facts<'_>, tally: &Tally) -> Tally {
     let replay = &facts.replay;
-    let mut reported = Tally { unrecorded: tally.unrecorded.clone(), ..Tally::default() };
+    let mut reported = Tally {
+        unrecorded: tally.unrecorded.clone(),
+        late_timers: tally.late_timers,
+        greatest_lag: tally.greatest_lag,
+        handler_failures: tally.handler_failures,
+        ..Tally::default()
+    };
     for message in &replay.opened {
         match message.end {
             Some(Departure::Refused(why)) => *reported.refused.entry(why).or_default() += 1,
@@ -97,7 +103,6 @@ fn source_reported(facts: &Facts<'_>, tally: &SourceTally) -> SourceTally {
         cancelled: count(|requested| requested.cancelled.is_some()),
         sent_bytes: facts.played.log.calls.iter().filter(|call| call.p == p && p > 0).count()
             as u64,
-        lost: 0,
         ..tally.clone()
     };
     for (_, _, why) in replay.offers.iter().filter(|(_, of, _)| *of == p) {

@@ -1,0 +1,90 @@
+//! Whether the event loop is held up: by a timer that is served late, or a handler that runs for long without a pause (D9).
+//!
+//! It counts and warns; nothing is decided by it. A warning comes with the first, second, fourth, … time.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use tracing::warn;
+
+use crate::engine::nanos;
+
+/// One operator's lag, in ns.
+pub(crate) struct Lag {
+    operator: Arc<str>,
+    warning: AtomicU64,
+    late_timers: AtomicU64,
+    /// Times that handlers of no source held up the loop.
+    held_up: AtomicU64,
+    greatest: AtomicU64,
+}
+
+/// How long is too long, unless [set](crate::Engine::set_lag_warning).
+const LAG_WARNING: Duration = Duration::from_millis(20);
+
+impl Lag {
+    pub(crate) fn new(operator: &str) -> Self {
+        Self {
+            operator: operator.into(),
+            warning: AtomicU64::new(nanos(LAG_WARNING)),
+            late_timers: AtomicU64::new(0),
+            held_up: AtomicU64::new(0),
+            greatest: AtomicU64::new(0),
+        }
+    }
+
+    pub(crate) fn set_warning(&self, warning: Duration) {
+        self.warning.store(nanos(warning), Ordering::Relaxed);
+    }
+
+    pub(crate) fn warning(&self) -> Duration {
+        Duration::from_nanos(self.warning.load(Ordering::Relaxed))
+    }
+
+    pub(crate) fn is_too_long(&self, lasted: Duration) -> bool {
+        lasted > self.warning()
+    }
+
+    /// A timer was served so late.
+    pub(crate) fn timer(&self, lag: Duration) {
+        if !self.is_too_long(lag) {
+            return;
+        }
+        self.greatest.fetch_max(nanos(lag), Ordering::Relaxed);
+        let times = self.late_timers.fetch_add(1, Ordering::Relaxed) + 1;
+        if times.is_power_of_two() {
+            warn!(
+                operator = &*self.operator,
+                ?lag,
+                times,
+                "the event loop was held up: a timer was served late"
+            );
+        }
+    }
+
+    /// A handler held up its thread; `source` has its source's name, and how often it did so.
+    pub(crate) fn held_up(&self, lasted: Duration, source: Option<(&str, u64)>) {
+        self.greatest.fetch_max(nanos(lasted), Ordering::Relaxed);
+        let (source, times) = source
+            .unwrap_or_else(|| ("operator", self.held_up.fetch_add(1, Ordering::Relaxed) + 1));
+        if times.is_power_of_two() {
+            let operator = &*self.operator;
+            warn!(
+                operator,
+                source,
+                ?lasted,
+                times,
+                "a handler held up the event loop: encode and compute in threads"
+            );
+        }
+    }
+
+    pub(crate) fn late_timers(&self) -> u64 {
+        self.late_timers.load(Ordering::Relaxed)
+    }
+
+    pub(crate) fn greatest(&self) -> Duration {
+        Duration::from_nanos(self.greatest.load(Ordering::Relaxed))
+    }
+}

@@ -1,0 +1,104 @@
+"""Threads that compute for an event loop; the interpreter does not wait for them at its end."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import threading
+from collections.abc import Callable
+from queue import SimpleQueue
+from typing import Any
+
+#: Who waits, and what is computed.
+_Job = tuple[asyncio.AbstractEventLoop, "asyncio.Future[Any]", tuple[Any, ...]]
+
+
+class DaemonThreads:
+    """So many threads, each with a function that ``make`` made for it.
+
+    Unlike those of ``concurrent.futures`` they are daemons: one that hangs does not keep the
+    program from ending.
+    """
+
+    def __init__(self, make: Callable[[], Callable[..., Any]], count: int, name: str) -> None:
+        self._make, self._name = make, name
+        self._jobs: SimpleQueue[_Job | None] = SimpleQueue()
+        self._lock = threading.Lock()
+        #: What is being computed, and whether another thread took the place of its thread.
+        self._running: dict[asyncio.Future[Any], bool] = {}
+        for _ in range(count):
+            self._start(make())
+
+    def run(self, *arguments: Any) -> asyncio.Future[Any]:
+        """Compute; a future of the running loop. If it is cancelled early, nothing is begun."""
+        loop = asyncio.get_running_loop()
+        future = loop.create_future()
+        self._jobs.put((loop, future, arguments))
+        return future
+
+    def replace(self, future: asyncio.Future[Any]) -> None:
+        """Let another thread take the place of the one that computes this, and that one end."""
+        with self._lock:
+            if future not in self._running:
+                return
+        self._start(self._make())
+        with self._lock:
+            if future in self._running:
+                self._running[future] = True
+
+    def stop(self) -> None:
+        """End each thread once it has computed what it computes."""
+        self._jobs.put(None)
+
+    def _start(self, compute: Callable[..., Any]) -> None:
+        threading.Thread(target=self._work, args=(compute,), name=self._name, daemon=True).start()
+
+    def _work(self, compute: Callable[..., Any]) -> None:
+        while True:
+            job = self._jobs.get()
+            if job is None:
+                # For the next thread.
+                self._jobs.put(None)
+                return
+            is_replaced = self._compute(compute, *job)
+            # Else it would keep the values until the next one comes.
+            del job
+            if is_replaced:
+                return
+
+    def _compute(
+        self,
+        compute: Callable[..., Any],
+        loop: asyncio.AbstractEventLoop,
+        future: asyncio.Future[Any],
+        arguments: tuple[Any, ...],
+    ) -> bool:
+        """Whether another took this thread's place meanwhile."""
+        if future.cancelled():
+            return False
+        with self._lock:
+            self._running[future] = False
+        value: Any = None
+        error: BaseException | None = None
+        try:
+            value = compute(*arguments)
+        except StopIteration as stop:
+            # A future cannot have it.
+            error = RuntimeError(f"it raised {stop!r}")
+        except BaseException as raised:
+            error = raised
+        with self._lock:
+            is_replaced = self._running.pop(future)
+        # If the loop has ended, nobody waits any more.
+        with contextlib.suppress(RuntimeError):
+            loop.call_soon_threadsafe(_settle, future, value, error)
+        return is_replaced
+
+
+def _settle(future: asyncio.Future[Any], value: Any, error: BaseException | None) -> None:
+    if future.done():
+        return
+    if error is None:
+        future.set_result(value)
+    else:
+        future.set_exception(error)

@@ -1,0 +1,92 @@
+"""Whether what an operator is made of fits where it is given: seen before the drive, not in it."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any
+
+from fuseline._errors import ConfigError
+
+
+def check_function(function: Any, what: str) -> None:
+    """A plain function, or what can be called like one.
+
+    Raises:
+        ConfigError: if it cannot be called, is a class, or is an ``async def``.
+    """
+    _check_callable(function, what)
+    if is_async(function):
+        raise ConfigError(f"{what} is a plain function, not an async def: it runs at one instant")
+
+
+def check_handle(handle: Any) -> None:
+    """An ``async def``, or what may return an awaitable.
+
+    Raises:
+        ConfigError: if it cannot be called, is a class or a generator, or is not async.
+    """
+    _check_callable(handle, "a handle")
+    if inspect.isasyncgenfunction(handle) or inspect.isgeneratorfunction(handle):
+        raise ConfigError("a handle is an async def that returns its response, and yields nothing")
+    function = inspect.unwrap(getattr(handle, "__func__", handle))
+    is_named = inspect.isfunction(function) and function.__name__ != "<lambda>"
+    if is_named and not is_async(handle):
+        raise ConfigError(
+            f"the handle {function.__qualname__} is not async: make it an async def; if it blocks, "
+            "let it await asyncio.to_thread"
+        )
+
+
+def check_response_handler(handler: Any) -> None:
+    """Anything that can be called; a class makes the output of the response."""
+    if not callable(handler):
+        raise ConfigError(f"a response handler is a function, not {handler!r}")
+
+
+def check_priority(priority: Any, others: list[int]) -> None:
+    """A whole number of its own.
+
+    Raises:
+        ConfigError: if it is none, out of range, or another cloud's.
+    """
+    if isinstance(priority, bool) or not isinstance(priority, int):
+        raise ConfigError(f"a priority of {priority!r}; it is an int from 1 to 65535")
+    if not 1 <= priority <= 65535:
+        raise ConfigError(f"a priority of {priority}; clouds have 1 to 65535, and local has 0")
+    if priority in others:
+        raise ConfigError(f"two clouds of priority {priority}; each has one of its own")
+
+
+def check_count(count: Any, least: int, what: str) -> None:
+    """A whole number of at least this."""
+    if isinstance(count, bool) or not isinstance(count, int) or count < least:
+        raise ConfigError(f"{what} of {count!r}; it is an int of at least {least}")
+
+
+def check_policy(policy: Any) -> None:
+    """An object with the methods of a policy, or a plain function.
+
+    Raises:
+        ConfigError: if it is a class, neither of both, or lacks a method.
+    """
+    if inspect.isclass(policy):
+        raise ConfigError(f"the class {policy.__name__} for a policy; give an instance")
+    has = [callable(getattr(policy, method, None)) for method in ("decide", "ended")]
+    if any(has) and not all(has):
+        raise ConfigError(f"the policy {policy!r} needs both methods, decide and ended")
+    if not any(has):
+        check_function(policy, "a policy")
+
+
+def is_async(function: Any) -> bool:
+    """Whether it is an ``async def``, or an object that is called like one."""
+    return inspect.iscoroutinefunction(function) or inspect.iscoroutinefunction(
+        getattr(function, "__call__", None)  # noqa: B004
+    )
+
+
+def _check_callable(function: Any, what: str) -> None:
+    if inspect.isclass(function):
+        raise ConfigError(f"the class {function.__name__} for {what}; give an instance")
+    if not callable(function):
+        raise ConfigError(f"{what} is a function, not {function!r}")

@@ -1,0 +1,118 @@
+"""Each check that meets a misuse is removed once from a copy of the package: its case must fail."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import fuseline
+import pytest
+
+#: A case, the file of the package, and what is written instead of what.
+GUARDS = [
+    ("fraction_of_a_nanosecond", "_words.py", 'or not hasattr(nanoseconds, "__index__")', ""),
+    ("ns_below_0", "_words.py", "if not 0 <= number < 2**64:", "if False:"),
+    ("local_deadline_of_0", "_local.py", "and nanoseconds(deadline) == 0", "and False"),
+    (
+        "offered_deadline_below_0",
+        "_drive.py",
+        "self.counting.handler_failed(it.cloud.p)",
+        "pass",
+    ),
+    (
+        "offered_int",
+        "_drive.py",
+        "request, nanoseconds(deadline)",
+        "request, nanoseconds(deadline / 1e3)",
+    ),
+    ("capture_in_seconds", "_item.py", "not isinstance(self.captured, int)", "False"),
+    ("plain_handle", "_wiring.py", "if is_named and not is_async(handle):", "if False:"),
+    ("generator_for_a_handle", "_wiring.py", "inspect.isasyncgenfunction(handle)", "False"),
+    ("class_for_a_handle", "_wiring.py", "if inspect.isclass(function):", "if False:"),
+    ("handle_that_cannot_be_called", "_wiring.py", "if not callable(function):", "if False:"),
+    ("async_message_handler", "_wiring.py", "if is_async(function):", "if False:"),
+    ("response_handler_that_cannot_be_called", "_wiring.py", "not callable(handler)", "False"),
+    ("class_for_a_policy", "_wiring.py", "if inspect.isclass(policy):", "if False:"),
+    ("half_a_policy", "_wiring.py", "if any(has) and not all(has):", "if False:"),
+    ("class_for_local", "_wiring.py", "if inspect.isclass(function):", "if False:"),
+    ("plain_local_for_tasks", "_local.py", "if not is_async(compute):", "if False:"),
+    ("one_priority_twice", "_wiring.py", "if priority in others:", "if False:"),
+    ("odd_priority", "_wiring.py", "isinstance(priority, bool) or not isinstance(", "not ("),
+    ("priority_of_local", "_wiring.py", "if not 1 <= priority <= 65535:", "if False:"),
+    ("no_calls", "_wiring.py", "or count < least", ""),
+    ("no_pair", "_drive.py", "self.counting.handler_failed(it.cloud.p)", "pass"),
+    ("situation_that_raises", "_operator.py", "driver.counting.handler_failed(None)", "pass"),
+    ("guard_under_progressive", "_operator.py", "assumes_one_output(it.policy)", "False"),
+    ("write_elsewhere", "_operator.py", "threading.get_ident() == self._thread", "True"),
+    ("stop_elsewhere", "_operator.py", "threading.get_ident() == self._thread", "True"),
+    ("too_many_on_their_way", "_operator.py", "self._on_their_way >= self._window", "False"),
+    ("ignored_future", "_operator.py", "times = self._not_taken", "times = 3"),
+    (
+        "write_after_close",
+        "_operator.py",
+        "        if self._is_last:\n            raise",
+        "        if False:\n            raise",
+    ),
+    (
+        "started_twice",
+        "_operator.py",
+        'raise ConfigError("an operator is started once',
+        'print("an operator is started once',
+    ),
+    (
+        "cloud_after_the_start",
+        "_operator.py",
+        'raise ConfigError("a cloud after',
+        'print("a cloud after',
+    ),
+    ("write_in_a_handler", "_operator.py", "if self._is_handling:", "if False:"),
+    ("front_after_its_end", "_blocking.py", "or self._loop.is_closed()", ""),
+    ("handle_that_blocks", "_timed.py", "report(clock() - begin)", "pass"),
+    (
+        "message_handler_that_blocks",
+        "_drive.py",
+        "self.counting.ran(it.cloud.p, self._read_clock() - begin)",
+        "pass",
+    ),
+    (
+        "local_that_hangs",
+        "_local.py",
+        "deadline: Duration | None = 1.0",
+        "deadline: Duration | None = None",
+    ),
+    (
+        "items_that_nobody_reads",
+        "_operator.py",
+        "if len(self._items) >= self._output_len:",
+        "if False:",
+    ),
+    ("feed_that_is_too_fast", "_operator.py", "and driver.has_room(self._window)", ""),
+    ("feed_that_fails", "_operator.py", "self._feed_error = error", "pass"),
+]
+
+
+@pytest.mark.parametrize(("case", "file", "guard", "instead"), GUARDS, ids=[it[0] for it in GUARDS])
+def test_the_case_fails_without_its_guard(
+    tmp_path: Path, case: str, file: str, guard: str, instead: str
+) -> None:
+    package = tmp_path / "fuseline"
+    shutil.copytree(Path(fuseline.__file__).parent, package)
+    text = (package / file).read_text()
+    assert guard in text, f"{file} has no {guard}"
+    (package / file).write_text(text.replace(guard, instead))
+    tests = Path(__file__).parent
+    options = ["-q", "-o", "addopts=", "-p", "no:cacheprovider", "-k", f"test_{case}"]
+    ended = subprocess.run(
+        [sys.executable, "-m", "pytest", *options, tests / "test_misuse.py"],
+        env={**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{tests}"},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert ended.returncode == 1, ended.stdout
+    assert "failed" in ended.stdout

@@ -1,0 +1,303 @@
+//! Plays scenarios on a clock that stands still, and prints what became of them: `scenarios FOLDER < scenarios`.
+//!
+//! The tests of the Python operator draw the scenarios, play them too, and compare: `adapters/python/tests/test_same.py`. The
+//! traces are written to the folder, as `NUMBER.jsonl`.
+
+use std::collections::BTreeMap;
+use std::error::Error;
+use std::future::pending;
+use std::io::stdin;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+use std::time::Duration;
+
+use fuseline_tokio::deadline::Constant;
+use fuseline_tokio::{
+    Commit, Config, Ending, Item, Local, Operator, Recording, Setup, Tally, Trace, spawn, stream,
+};
+use tokio::runtime::Builder;
+use tokio::time::{Instant, sleep, sleep_until};
+
+/// What a source does with a message, after so many milliseconds.
+#[derive(Clone, Copy)]
+enum PlayedAction {
+    Answers(u64),
+    Fails(u64),
+    Hangs,
+}
+
+/// A cloud's bounds.
+struct PlayedCloud {
+    priority: u16,
+    calls: usize,
+    limit: u64,
+    linger: Duration,
+    policy: Option<Duration>,
+}
+
+/// When a message comes, what local does, and each cloud's deadline, if it is asked, and what it does.
+#[derive(Clone)]
+struct PlayedMessage {
+    at: u64,
+    local: PlayedAction,
+    clouds: BTreeMap<u16, (Option<Duration>, PlayedAction)>,
+}
+
+/// A line `scenario COMMIT WINDOW AT_ONCE DEADLINE WAITING SKIPS`, and those after it.
+struct PlayedScenario {
+    commit: Commit,
+    window: u16,
+    at_once: usize,
+    deadline: Option<Duration>,
+    waiting: Option<usize>,
+    skips: bool,
+    clouds: Vec<PlayedCloud>,
+    messages: Vec<PlayedMessage>,
+}
+
+type Failure = Box<dyn Error>;
+
+fn main() -> Result<(), Failure> {
+    let folder = PathBuf::from(std::env::args().nth(1).ok_or("scenarios FOLDER")?);
+    let mut scenarios: Vec<PlayedScenario> = Vec::new();
+    for line in stdin().lines() {
+        let line = line?;
+        let mut words = line.split(' ');
+        match (words.next(), scenarios.last_mut()) {
+            (Some("scenario"), _) => scenarios.push(PlayedScenario::read(words)?),
+            (Some("cloud"), Some(scenario)) => scenario.clouds.push(PlayedCloud::read(words)?),
+            (Some("message"), Some(scenario)) => {
+                scenario.messages.push(PlayedMessage::read(words)?);
+            }
+            _ => return Err(format!("no scenario: {line}").into()),
+        }
+    }
+    for (number, scenario) in scenarios.into_iter().enumerate() {
+        let runtime = Builder::new_current_thread().enable_all().start_paused(true).build()?;
+        println!("scenario {number}");
+        runtime.block_on(play(scenario, &folder.join(format!("{number}.jsonl"))))?;
+    }
+    Ok(())
+}
+
+async fn play(scenario: PlayedScenario, path: &Path) -> Result<(), Failure> {
+    let config = Config {
+        window: scenario.window,
+        commit: scenario.commit,
+        output_len: 1024,
+        trace: Some(Trace { path: path.to_owned(), recording: Recording::default() }),
+        ..Config::default()
+    };
+    let messages = scenario.messages.clone();
+    let (mut writer, input) = stream(1024);
+    let start = Instant::now();
+    let (running, mut output) = spawn(scenario, config, input)?;
+    tokio::spawn(async move {
+        for message in messages {
+            sleep_until(start + Duration::from_millis(message.at)).await;
+            if writer.write(message).is_err() {
+                return;
+            }
+        }
+    });
+    while let Some(item) = output.read().await {
+        println!("{}", item_line(&item));
+    }
+    for ((of, what, outcome), count) in counts(&running.join().await?) {
+        println!("count|{of}|{what}|{outcome}|{count}");
+    }
+    Ok(())
+}
+
+impl Operator for PlayedScenario {
+    type Input = PlayedMessage;
+    type Output = String;
+
+    fn setup(self, setup: &mut Setup<PlayedMessage, String>) -> Local<PlayedMessage, String> {
+        for cloud in self.clouds {
+            let PlayedCloud { priority, calls, limit, linger, policy } = cloud;
+            let handle = move |action: PlayedAction, _| action.play(format!("of {priority}"));
+            let message_handler = move |message: &PlayedMessage, _| {
+                let (deadline, action) = message.clouds.get(&priority)?;
+                Some((*action, (*deadline)?))
+            };
+            let registered = setup.use_cloud(handle, message_handler, Ok, priority);
+            (registered.calls, registered.limit) = (calls, Some(limit));
+            registered.linger = linger;
+            registered.policy = policy.map(|deadline| Box::new(Constant(deadline)) as Box<_>);
+        }
+        let compute = |message: std::sync::Arc<PlayedMessage>, _| message.local.play("of 0".into());
+        let mut local = Local::futures(self.at_once, compute);
+        (local.deadline, local.waiting) = (self.deadline, self.waiting);
+        local.skip_answered = self.skips;
+        local
+    }
+}
+
+impl PlayedAction {
+    async fn play(self, value: String) -> Result<String, fuseline_tokio::Error> {
+        match self {
+            Self::Answers(ms) => sleep(Duration::from_millis(ms)).await,
+            Self::Fails(ms) => {
+                sleep(Duration::from_millis(ms)).await;
+                return Err("as told".into());
+            }
+            Self::Hangs => pending().await,
+        }
+        Ok(value)
+    }
+
+    fn read<'a>(mut words: impl Iterator<Item = &'a str>) -> Result<Self, Failure> {
+        let kind = words.next();
+        let ms = number(words.next())?;
+        match kind {
+            Some("answers") => Ok(Self::Answers(ms)),
+            Some("fails") => Ok(Self::Fails(ms)),
+            Some("hangs") => Ok(Self::Hangs),
+            _ => Err(format!("no action: {kind:?}").into()),
+        }
+    }
+}
+
+impl PlayedScenario {
+    fn read<'a>(mut words: impl Iterator<Item = &'a str>) -> Result<Self, Failure> {
+        let commit = words.next();
+        let commit = Commit::ALL.into_iter().find(|rule| Some(rule.as_str()) == commit);
+        Ok(Self {
+            commit: commit.ok_or("no commit rule")?,
+            window: number(words.next())?,
+            at_once: number(words.next())?,
+            deadline: millis(words.next())?,
+            waiting: optional(words.next())?,
+            skips: words.next() == Some("skips"),
+            clouds: Vec::new(),
+            messages: Vec::new(),
+        })
+    }
+}
+
+impl PlayedCloud {
+    /// `PRIORITY CALLS LIMIT LINGER POLICY`
+    fn read<'a>(mut words: impl Iterator<Item = &'a str>) -> Result<Self, Failure> {
+        Ok(Self {
+            priority: number(words.next())?,
+            calls: number(words.next())?,
+            limit: number(words.next())?,
+            linger: millis(words.next())?.unwrap_or_default(),
+            policy: millis(words.next())?,
+        })
+    }
+}
+
+impl PlayedMessage {
+    /// `AT ACTION MS`, and for each cloud `PRIORITY DEADLINE ACTION MS`
+    fn read<'a>(mut words: impl Iterator<Item = &'a str>) -> Result<Self, Failure> {
+        let at = number(words.next())?;
+        let local = PlayedAction::read(&mut words)?;
+        let mut clouds = BTreeMap::new();
+        while let Some(priority) = words.next() {
+            let deadline = millis(words.next())?;
+            clouds.insert(priority.parse()?, (deadline, PlayedAction::read(&mut words)?));
+        }
+        Ok(Self { at, local, clouds })
+    }
+}
+
+fn number<N: FromStr>(word: Option<&str>) -> Result<N, Failure>
+where
+    N::Err: Error + 'static,
+{
+    Ok(word.ok_or("a number is missing")?.parse()?)
+}
+
+/// `-` is none.
+fn optional<N: FromStr>(word: Option<&str>) -> Result<Option<N>, Failure>
+where
+    N::Err: Error + 'static,
+{
+    if word == Some("-") { Ok(None) } else { number(word).map(Some) }
+}
+
+fn millis(word: Option<&str>) -> Result<Option<Duration>, Failure> {
+    Ok(optional(word)?.map(Duration::from_millis))
+}
+
+/// An item in one line, as the Python side has it.
+fn item_line(item: &Item<String>) -> String {
+    let (ending, sent, source, arrived, trigger) = match &item.ending {
+        Ending::Preliminary(sent) | Ending::Forwarded(sent) => (
+            if item.is_last() { "forwarded" } else { "preliminary" },
+            sent.value.as_str(),
+            Some(&sent.source),
+            sent.arrived.as_nanos().to_string(),
+            sent.trigger.as_str(),
+        ),
+        Ending::Final(source) => ("final", "", Some(source), String::new(), ""),
+        Ending::Missed => ("missed", "", None, String::new(), ""),
+        Ending::Refused(why) => ("refused", why.as_str(), None, String::new(), ""),
+    };
+    let source = source.map_or("", |source| &*source.name);
+    let failures: Vec<String> =
+        item.failures.iter().map(|it| format!("{}: {}", it.source.name, it.why)).collect();
+    let (opened, decided) = (item.opened.as_nanos(), item.decided.as_nanos());
+    format!(
+        "item|{}|{opened}|{decided}|{ending}|{sent}|{source}|{arrived}|{trigger}|{}|{}",
+        item.timestamp,
+        item.revision,
+        failures.join(", ")
+    )
+}
+
+type CountKey = (String, &'static str, String);
+
+/// The tally by the names that Python has for its counts; what is 0 is left out.
+fn counts(tally: &Tally) -> BTreeMap<CountKey, u64> {
+    let mut counts = BTreeMap::new();
+    let mut put = |of: &str, what, outcome: &str, count: u64| {
+        counts.insert((of.to_owned(), what, outcome.to_owned()), count);
+    };
+    put("operator", "message", "accepted", tally.messages);
+    put("operator", "message", "missed", tally.missed);
+    for (why, count) in &tally.refused {
+        put("operator", "message", &format!("refused {}", why.as_str()), *count);
+    }
+    put("operator", "handler", "failed", tally.handler_failures);
+    put("operator", "timer", "late", tally.late_timers);
+    for source in &tally.sources {
+        let name = &*source.source.name;
+        let one = [
+            ("request", "admitted", source.admitted),
+            ("request", "cancelled", source.cancelled),
+            ("request", "lost", source.lost),
+            ("handler", "failed", source.handler_failures),
+            ("handler", "held up the loop", source.held_up),
+            ("policy", "failed", source.policy_failures),
+            ("result", "held", source.held),
+            ("result", "preliminary", source.preliminary),
+            ("failure", "accepted", source.failed),
+            ("timer", "fired", source.timers),
+            ("output", "final", source.finals),
+        ];
+        one.into_iter().for_each(|(what, outcome, count)| put(name, what, outcome, count));
+        for (why, count) in &source.refused {
+            put(name, "request", &format!("refused {}", why.as_str()), *count);
+        }
+        for (why, count) in &source.dropped {
+            put(name, "result", &format!("dropped {}", why.as_str()), *count);
+        }
+        for (why, count) in &source.failures_dropped {
+            put(name, "failure", &format!("dropped {}", why.as_str()), *count);
+        }
+        for (trigger, count) in &source.outputs {
+            put(name, "output", trigger.as_str(), *count);
+            if trigger.as_str() == "arrival" {
+                put(name, "result", "forwarded", *count);
+            }
+        }
+        for (why, count) in source.reasons.iter() {
+            put(name, "failed because", why, count);
+        }
+    }
+    counts.retain(|_, count| *count > 0);
+    counts
+}

@@ -1,0 +1,29 @@
+//! A call that is timed: how long it runs without a pause is how long it holds up its thread, and on a runtime of one thread the
+//! operator.
+
+use std::pin::Pin;
+use std::task::{Context, Poll};
+
+use fuseline_engine::{Counting, StampedValue};
+use futures_util::future::BoxFuture;
+use tokio::time::Instant;
+
+use crate::Error;
+
+/// A source's call or computation.
+pub(super) struct TimedCall<V> {
+    pub(super) priority: u16,
+    pub(super) call: BoxFuture<'static, Result<StampedValue<V>, Error>>,
+    pub(super) counting: Counting,
+}
+
+impl<V> Future for TimedCall<V> {
+    type Output = Result<StampedValue<V>, Error>;
+
+    fn poll(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Self::Output> {
+        let begin = Instant::now();
+        let polled = self.call.as_mut().poll(context);
+        self.counting.ran(Some(self.priority), begin.elapsed());
+        polled
+    }
+}

@@ -1,0 +1,175 @@
+//! Threads and blocking: what holds up an operator is counted and logged, encoding has a place of its own, and a local that
+//! hangs is replaced or reported.
+
+use std::sync::{Arc, Condvar, Mutex};
+use std::thread;
+use std::time::Duration;
+
+use fuseline_tokio::{
+    Call, Config, Ending, Error, Local, Running, Setup, Tally, Writer, encoding, spawn, stream,
+};
+use tokio::time::{advance, sleep};
+
+use crate::support::{ClosureOperator, play};
+
+mod support;
+
+const MS: Duration = Duration::from_millis(1);
+
+/// Local at once, and one cloud with this handle.
+fn with_cloud<Fut>(
+    setup: &mut Setup<u64, String>,
+    handle: impl Fn(u64, Call) -> Fut + Send + Sync + 'static,
+) -> Local<u64, String>
+where
+    Fut: Future<Output = Result<u64, Error>> + Send + 'static,
+{
+    setup.use_cloud(handle, |n, _| Some((*n, 30_000 * MS)), |n| Ok(format!("cloud {n}")), 1);
+    Local::future(|n, _| async move { Ok(format!("local {n}")) })
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_handle_that_blocks_its_thread_is_counted_and_one_that_waits_is_not() {
+    let operator = |is_blocking: bool| {
+        ClosureOperator(move |setup: &mut Setup<u64, String>| {
+            with_cloud(setup, move |n, _| async move {
+                if is_blocking {
+                    // On a clock that stands still: nothing else has a turn meanwhile.
+                    advance(400 * MS).await;
+                } else {
+                    sleep(400 * MS).await;
+                }
+                Ok(n)
+            })
+        })
+    };
+    let tally = play(operator(false), Config::default(), &[0, 1000]).await.tally;
+    assert_eq!((tally.sources[1].held_up, tally.greatest_lag), (0, Duration::ZERO));
+    let tally = play(operator(true), Config::default(), &[0, 1000]).await.tally;
+    assert_eq!((tally.sources[1].held_up, tally.greatest_lag), (2, 400 * MS));
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_message_handler_that_panics_and_a_situation_are_counted() {
+    let operator = ClosureOperator(|setup: &mut Setup<u64, String>| {
+        setup.use_situation(|_, _| panic!("as told"));
+        let handle = |n: u64, _| async move { Ok(n) };
+        setup.use_cloud(handle, |_, _| panic!("as told"), |n| Ok(format!("cloud {n}")), 1);
+        Local::future(|n, _| async move { Ok(format!("local {n}")) })
+    });
+    let tally = play(operator, Config::default(), &[0, 10]).await.tally;
+    assert_eq!((tally.handler_failures, tally.sources[1].handler_failures), (2, 2));
+}
+
+#[tokio::test]
+async fn what_blocks_the_thread_is_counted_and_encoding_is_not() {
+    let blocking = ClosureOperator(|setup: &mut Setup<u64, String>| {
+        with_cloud(setup, |n, _| async move {
+            thread::sleep(200 * MS);
+            Ok(n)
+        })
+    });
+    let warned = Config { lag_warning: 100 * MS, ..Config::default() };
+    let tally = real_time(blocking, warned.clone(), 2).await.1;
+    assert_eq!(tally.sources[1].held_up, 2);
+    assert!(tally.greatest_lag >= 200 * MS);
+
+    let (seen, left) = (Arc::new(Mutex::new(Vec::new())), Arc::new(Mutex::new(Vec::new())));
+    let (names, deadlines) = (Arc::clone(&seen), Arc::clone(&left));
+    let operator = ClosureOperator(move |setup: &mut Setup<u64, String>| {
+        let encode = move |n: u64| {
+            names.lock().unwrap().push(thread::current().id());
+            thread::sleep(200 * MS);
+            if n == 1 { Err("as told".into()) } else { Ok(n + 100) }
+        };
+        let send = move |n: u64, call: Call| {
+            deadlines.lock().unwrap().push(call.deadline);
+            async move { Ok(n) }
+        };
+        with_cloud(setup, encoding(encode, send))
+    });
+    let warned = Config { lag_warning: 30_000 * MS, ..Config::default() };
+    let (items, tally) = real_time(operator, warned, 2).await;
+    assert_eq!(items, ["cloud 100", "local 1"]);
+    assert_eq!(tally.sources[1].held_up, 0);
+    assert!(seen.lock().unwrap().iter().all(|thread| *thread != thread::current().id()));
+    assert!(left.lock().unwrap().iter().all(|left| *left <= 29_800 * MS));
+}
+
+/// Waits until it is set free.
+type Hold = Arc<(Mutex<bool>, Condvar)>;
+
+fn hold(hold: &Hold) {
+    let released = hold.0.lock().unwrap();
+    drop(hold.1.wait_timeout_while(released, Duration::from_secs(60), |it| !*it).unwrap());
+}
+
+fn release(hold: &Hold) {
+    *hold.0.lock().unwrap() = true;
+    hold.1.notify_all();
+}
+
+#[tokio::test]
+async fn a_local_that_hangs_is_reported_and_replaced_if_it_can_be_made_anew() {
+    let held = Hold::default();
+    let compute = |held: Hold| {
+        move |n: &u64, _: u64| {
+            if *n == 0 {
+                hold(&held);
+            }
+            Ok(format!("local {n}"))
+        }
+    };
+    let anew = Arc::clone(&held);
+    let mut local = Local::threads(1, move || compute(Arc::clone(&anew)));
+    local.deadline = Some(500 * MS);
+    let operator = ClosureOperator(move |_: &mut Setup<u64, String>| local);
+    let (items, tally) = real_time(operator, Config::default(), 3).await;
+    assert_eq!(items, ["missed", "local 1", "local 2"]);
+    assert_eq!(tally.sources[0].lost, 1);
+
+    // One function may keep state: it does not run beside itself.
+    let mut local = Local::blocking(compute(Arc::clone(&held)));
+    (local.deadline, local.replaceable) = (Some(500 * MS), 9);
+    let operator = ClosureOperator(move |_: &mut Setup<u64, String>| local);
+    let (items, tally) = real_time(operator, Config::default(), 3).await;
+    assert_eq!(items, ["missed"; 3]);
+    assert!(tally.sources[0].lost >= 1);
+    release(&held);
+}
+
+#[test]
+fn local_has_a_deadline_of_a_second_unless_it_is_set() {
+    let second = Some(1000 * MS);
+    assert_eq!(Local::<u64, u64>::blocking(|n, _| Ok(*n)).deadline, second);
+    assert_eq!(Local::<u64, u64>::threads(2, || |n: &u64, _| Ok(*n)).deadline, second);
+    assert_eq!(Local::<u64, u64>::future(|n, _| async move { Ok(*n) }).deadline, second);
+}
+
+/// Writes a message once the item of the one before was read; returns what became of them.
+async fn real_time<F>(
+    operator: ClosureOperator<F>,
+    config: Config,
+    len: u64,
+) -> (Vec<String>, Tally)
+where
+    F: FnOnce(&mut Setup<u64, String>) -> Local<u64, String>,
+{
+    let (mut writer, input): (Writer<u64>, _) = stream(8);
+    let (running, mut output): (Running, _) = spawn(operator, config, input).unwrap();
+    let mut items = Vec::new();
+    for n in 0..len {
+        writer.write(n).unwrap();
+        let item = output.read().await.unwrap();
+        items.push(match &item.ending {
+            Ending::Forwarded(forwarded) => forwarded.value.clone(),
+            Ending::Missed => "missed".into(),
+            other => panic!("{other:?}"),
+        });
+    }
+    let tally = running.tally();
+    drop(writer);
+    running.stop();
+    running.join().await.unwrap();
+    (items, tally)
+}
