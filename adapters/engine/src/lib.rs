@@ -1,6 +1,10 @@
 #![doc = include_str!("../README.md")]
 
+#[cfg(feature = "operator")]
+mod aligner;
 pub mod arbiter;
+#[cfg(feature = "operator")]
+mod budget;
 #[cfg(feature = "operator")]
 mod counts;
 #[cfg(feature = "operator")]
@@ -11,6 +15,8 @@ mod engine;
 mod event;
 #[cfg(feature = "operator")]
 mod item;
+#[cfg(feature = "operator")]
+mod latency;
 #[cfg(feature = "operator")]
 mod lineage;
 #[cfg(feature = "mcap")]
@@ -28,6 +34,8 @@ mod reasons;
 #[cfg(feature = "operator")]
 mod recordings;
 #[cfg(feature = "operator")]
+mod reorderer;
+#[cfg(feature = "operator")]
 mod sources;
 #[cfg(feature = "operator")]
 mod tally;
@@ -37,9 +45,11 @@ mod workload;
 mod writer;
 
 #[cfg(feature = "operator")]
+pub use aligner::{Aligner, JoinArrival, JoinBounds, JoinCause, JoinDropReason, Joined};
+#[cfg(feature = "operator")]
 pub use counts::Counting;
 #[cfg(feature = "operator")]
-pub use effect::{Effect, Hint, Local, Offer};
+pub use effect::{Effect, Hint, Local, Offer, Overflow};
 #[cfg(feature = "operator")]
 pub use engine::Engine;
 pub use fuseline_core::{ConfigError, Gate};
@@ -52,11 +62,15 @@ pub use fuseline_traces::{
 #[cfg(feature = "operator")]
 pub use item::{Ending, Failure, Forwarded, Item, Source, Trigger};
 #[cfg(feature = "operator")]
+pub use latency::Latency;
+#[cfg(feature = "operator")]
 pub use lineage::{Lineage, StampedValue};
 #[cfg(feature = "mcap")]
 pub use mcap::{Mcap, McapError};
 #[cfg(feature = "operator")]
 pub use reasons::Reasons;
+#[cfg(feature = "operator")]
+pub use reorderer::{Ordered, Reorderer};
 #[cfg(feature = "operator")]
 pub use tally::{CurrentDeadline, SourceTally, Tally};
 #[cfg(feature = "operator")]

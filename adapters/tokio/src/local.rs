@@ -7,7 +7,7 @@ use std::thread;
 use std::time::Duration;
 use std::{io, iter};
 
-use fuseline_engine::StampedValue;
+use fuseline_engine::{Overflow, StampedValue};
 use futures_util::TryFutureExt;
 use futures_util::future::BoxFuture;
 use tokio::sync::mpsc::{UnboundedReceiver, unbounded_channel};
@@ -18,16 +18,18 @@ use crate::panics::panicked;
 
 /// How messages are computed locally (priority 0). An error or a panic is a failure (F4).
 ///
-/// A computation that has begun is never aborted (F7), and each message taken on is computed, in
-/// order, unless [`skip_answered`](Self::skip_answered) says otherwise.
+/// A computation that has begun is never aborted (F7). Each message taken on is computed, in order, unless too many
+/// [wait](Self::waiting) or [`skip_answered`](Self::skip_answered) says otherwise.
 pub struct Local<I, O> {
     /// How long a computation may take, counted from when its message was taken in; none by default.
     ///
     /// Without it a message whose computation never ends stays open (A9).
     pub deadline: Option<Duration>,
     /// How many messages may wait for a computation; by default as many as the window. For one more,
-    /// local fails (F4), and only the clouds can answer it.
+    /// one is thrown out: local fails for it (F4), and only the clouds can answer it.
     pub waiting: Option<usize>,
+    /// Which one is thrown out then; by default the oldest, since a fresh message is worth more (D17).
+    pub overflow: Overflow,
     /// Whether a computation that has not begun is skipped once its message is answered. Off by
     /// default, since local may keep state.
     pub skip_answered: bool,
@@ -92,7 +94,14 @@ impl<I: Send + Sync + 'static, O: Send + 'static> Local<I, O> {
     }
 
     fn new(at_once: usize, kind: LocalKind<I, O>) -> Self {
-        Self { deadline: None, waiting: None, skip_answered: false, at_once: at_once.max(1), kind }
+        Self {
+            deadline: None,
+            waiting: None,
+            overflow: Overflow::default(),
+            skip_answered: false,
+            at_once: at_once.max(1),
+            kind,
+        }
     }
 }
 

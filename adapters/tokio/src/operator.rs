@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use fuseline_engine::{
     self as shared, CapacityErrors, Commit, ConfigError, Counting, Engine, Header,
-    HeaderAnnotations, Recorder, Recording, Tally, Workload,
+    HeaderAnnotations, Latency, Recorder, Recording, Tally, Workload,
 };
 use thiserror::Error;
 use tokio::runtime::Handle;
@@ -19,7 +19,8 @@ use tracing::{Instrument, info_span};
 use crate::drive::{Driver, Timers, finish};
 use crate::items::Items;
 use crate::local::{Local, Workers};
-use crate::run::{Outbox, Streams};
+use crate::outbox::Outbox;
+use crate::run::Streams;
 use crate::setup::{Registered, Setup};
 use crate::side::{SideRegistration, SideRunner};
 use crate::side_counts::{SideCounts, SideTally};
@@ -58,6 +59,11 @@ pub struct Config {
     pub timers: Timers,
     /// Where the run is recorded; nowhere by default.
     pub trace: Option<Trace>,
+    /// E3: how long the operators downstream take, one after the other; nothing by default. So much of a message's
+    /// [end-to-end deadline](crate::Lineage::within) is left when its requests end.
+    pub reserve: Vec<Latency>,
+    /// Where this operator records how long each message takes, for the reserve of those upstream; nowhere by default.
+    pub latency: Option<Latency>,
     /// What the operator must keep up with; not checked by default. If given, an operator with too
     /// small a window or too few calls or local computations is not started: its policies and local
     /// could not do what they promise.
@@ -197,6 +203,10 @@ pub fn spawn<P: Operator>(
     if setup.hints.is_some() {
         engine.take_hints();
     }
+    if setup.substitutes.is_some() {
+        engine.expect_substitutes();
+    }
+    engine.set_overflow(local.overflow);
     let sides = sides(&config.name, setup.sides)?;
     let workers = Workers::start(local.kind).map_err(SpawnError::Threads)?;
     if let Some(Trace { path, recording }) = config.trace {
@@ -214,9 +224,13 @@ pub fn spawn<P: Operator>(
         situation: setup.situation,
         sides,
         hints: setup.hints,
+        substitutes: setup.substitutes,
+        states: setup.states,
+        reserve: config.reserve,
+        latency: config.latency,
         workers,
         deadline: local.deadline,
-        output: Outbox::new(writer),
+        output: Outbox::new(writer, |item| item.lineage.clone()),
         counting: counting.clone(),
         stop: Some(stopped),
         is_open: true,
@@ -279,6 +293,8 @@ impl Default for Config {
             output_len: 16,
             timers: Timers::Tokio,
             trace: None,
+            reserve: Vec::new(),
+            latency: None,
             workload: None,
         }
     }

@@ -14,6 +14,8 @@ use futures_util::{Stream, StreamExt};
 use thiserror::Error;
 use tokio::sync::{Semaphore, mpsc};
 
+use crate::in_order::OrderedReading;
+
 /// A stream of `T` with one writer, each of whose readers may lag `capacity` messages behind.
 ///
 /// # Panics
@@ -26,7 +28,8 @@ pub fn stream<T>(capacity: usize) -> (Writer<T>, Reader<T>) {
     let (sender, receiver) = mpsc::channel(capacity);
     let joining =
         Arc::new(NewReaders { is_any: AtomicBool::new(false), readers: Mutex::default() });
-    let reader = Reader { receiver, joining: Arc::downgrade(&joining), capacity, filter: None };
+    let (joining_reader, filter, order) = (Arc::downgrade(&joining), None, None);
+    let reader = Reader { receiver, joining: joining_reader, capacity, filter, order };
     (Writer { readers: vec![sender], joining, count: 0 }, reader)
 }
 
@@ -52,6 +55,8 @@ pub struct Reader<T> {
     capacity: usize,
     /// Takes each message, if only some are wanted.
     pub(crate) filter: Option<Filter<T>>,
+    /// Keeps messages until it is their turn, if order is wanted.
+    pub(crate) order: Option<Box<OrderedReading<T>>>,
 }
 
 /// Keeps a message back, or gives one on.
@@ -206,7 +211,7 @@ impl<T> Reader<T> {
             joining.is_any.store(true, Ordering::Release);
         }
         let joining = Weak::clone(&self.joining);
-        Self { receiver, joining, capacity: self.capacity, filter: None }
+        Self { receiver, joining, capacity: self.capacity, filter: None, order: None }
     }
 
     /// The next message with its timestamp and lineage.
@@ -214,6 +219,13 @@ impl<T> Reader<T> {
         &mut self,
         context: &mut Context<'_>,
     ) -> Poll<Option<StreamMessage<T>>> {
+        let Some(mut order) = self.order.take() else { return self.poll_filtered(context) };
+        let polled = order.poll(context, |context| self.poll_filtered(context));
+        self.order = Some(order);
+        polled
+    }
+
+    fn poll_filtered(&mut self, context: &mut Context<'_>) -> Poll<Option<StreamMessage<T>>> {
         loop {
             let message = ready!(self.receiver.poll_recv(context));
             let message = match (&mut self.filter, message) {
