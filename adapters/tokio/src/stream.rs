@@ -158,14 +158,22 @@ impl<T> Writer<T> {
     ///
     /// # Errors
     /// Only [`WriteError::Closed`].
-    pub async fn write_all(
+    pub async fn write_all(self, messages: impl Stream<Item = T>) -> Result<u64, WriteError<T>> {
+        self.write_all_with(messages.map(|message| (message, None))).await
+    }
+
+    /// The same of messages with their lineages.
+    ///
+    /// # Errors
+    /// As of [`write_all`](Self::write_all).
+    pub async fn write_all_with<L: Into<Option<Arc<Lineage>>>>(
         mut self,
-        messages: impl Stream<Item = T>,
+        messages: impl Stream<Item = (T, L)>,
     ) -> Result<u64, WriteError<T>> {
         let mut messages = pin!(messages);
-        while let Some(message) = messages.next().await {
+        while let Some((message, lineage)) = messages.next().await {
             self.room().await;
-            self.write(message)?;
+            self.write_with(message, lineage)?;
         }
         Ok(self.count)
     }
@@ -313,6 +321,19 @@ mod tests {
         let messages = futures_util::stream::iter(0..5);
         let (written, read) = tokio::join!(writer.write_all(messages), reading);
         assert_eq!((written, read), (Ok(5), vec![0, 1, 2, 3, 4]));
+    }
+
+    #[tokio::test]
+    async fn all_are_written_with_their_lineages() {
+        let (writer, mut reader) = stream(9);
+        let now = std::time::Instant::now();
+        let messages = (0..3).map(|seq| (seq, Lineage::new("camera", 40 + seq, now)));
+        let written = writer.write_all_with(futures_util::stream::iter(messages)).await;
+        assert_eq!(written, Ok(3));
+        while let Some(StreamMessage { message, lineage, .. }) = reader.receiver.recv().await {
+            let seq = lineage.and_then(|it| it.origin.clone()?.seq);
+            assert_eq!(seq, Some(40 + *message));
+        }
     }
 
     #[tokio::test]

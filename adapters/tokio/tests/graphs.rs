@@ -122,105 +122,140 @@ impl<I: Send + Sync + 'static> Operator for Runner<I> {
     }
 }
 
-/// What is wrong with the graph of a seed.
-async fn wrongs(seed: u64) -> Vec<String> {
-    let mut rng = Rng::with_seed(seed);
-    let wrong = SharedState::<Vec<String>>::default();
-    let within = (50 + rng.u32(0..300)) * MS;
-    let sensors = 1 + rng.usize(0..3);
-    let stages = 1 + rng.u32(0..3);
-    let is_diamond = sensors == 1 && rng.u64(0..2) == 0;
-    let reader_lags = rng.u64(0..4) == 0;
-    // What is after a stage of each branch: others of it, and a join's operator.
-    let after = |stage: u32| (stages - stage) * 20 * MS;
-    let mut branches = Vec::new();
-    let mut written = Vec::new();
-    for sensor in 0..sensors {
+/// One graph, as it is drawn, and what was wrong with it.
+struct DrawnGraph {
+    rng: Rng,
+    within: Duration,
+    /// Operators of each branch.
+    stages: u32,
+    is_joined: bool,
+    /// When each frame of each sensor was captured.
+    captures: Vec<SharedState<BTreeMap<u64, Instant>>>,
+    wrong: SharedState<Vec<String>>,
+}
+
+impl DrawnGraph {
+    fn new(seed: u64) -> Self {
+        let mut rng = Rng::with_seed(seed);
+        let within = (50 + rng.u32(0..300)) * MS;
+        let stages = 1 + rng.u32(0..3);
+        let (captures, wrong) = (Vec::new(), SharedState::default());
+        Self { rng, within, stages, is_joined: false, captures, wrong }
+    }
+
+    /// The last operator's items: of a chain, of a diamond, of several sensors joined.
+    fn start(&mut self) -> Items<Work> {
+        let sensors = 1 + self.rng.usize(0..3);
+        let is_diamond = sensors == 1 && self.rng.bool();
+        let mut branches = Vec::new();
+        for sensor in 0..sensors {
+            let reader = self.film(sensor);
+            if is_diamond {
+                branches.push(self.branch(reader.another()));
+            }
+            branches.push(self.branch(reader));
+        }
+        self.is_joined = branches.len() > 1;
+        if self.is_joined { self.join(branches) } else { branches.remove(0) }
+    }
+
+    /// A sensor, which may be dead for a while, or end early.
+    fn film(&mut self, sensor: usize) -> Reader<()> {
         let (mut writer, reader) = stream(64);
-        let count = 1 + rng.u64(0..20);
-        let (period, dead_from) = (rng.u32(0..80) * MS, rng.u64(0..40));
-        let sent = SharedState::<BTreeMap<u64, Instant>>::default();
-        written.push(sent.clone());
-        let readers = if is_diamond { vec![reader.another(), reader] } else { vec![reader] };
+        let (count, dead_from) = (1 + self.rng.u64(0..20), self.rng.u64(0..40));
+        let (period, within) = (self.rng.u32(0..80) * MS, self.within);
+        let captures = SharedState::<BTreeMap<u64, Instant>>::default();
+        self.captures.push(captures.clone());
         tokio::spawn(async move {
             for seq in 0..count {
                 sleep(period).await;
-                // One that is dead says nothing for a while; another ends.
                 if seq < dead_from || seq % 3 == 0 {
                     let lineage = Lineage::new(format!("s{sensor}"), seq, Instant::now());
                     if writer.write_with((), lineage.within(within)).is_ok() {
-                        sent.with(|sent| sent.insert(seq, Instant::now()));
+                        captures.with(|captures| captures.insert(seq, Instant::now()));
                     }
                 }
             }
             sleep(10 * within).await;
         });
-        for reader in readers {
-            let mut items = Stage::draw(&mut rng, after(0), &wrong).start(reader);
-            for stage in 1..stages {
-                items = Stage::draw(&mut rng, after(stage), &wrong).start(items);
-            }
-            branches.push(items);
-        }
+        reader
     }
-    let operators = stages + 2;
-    let is_joined = branches.len() > 1;
-    let mut last = if is_joined {
-        let reserve = vec![Latency::stated(20 * MS)];
-        let wait = rng.u32(0..100) * MS;
-        let mut join = Join::<Vec<u64>>::new(JoinConfig {
-            wait,
-            reserve,
-            window: 64,
-            ..JoinConfig::default()
-        });
+
+    fn branch(&mut self, reader: Reader<()>) -> Items<Work> {
+        // Of the other operators of the branch, and of a join's.
+        let reserve = |stage: u32| (self.stages - stage) * 20 * MS;
+        let mut items = Stage::draw(&mut self.rng, reserve(0), &self.wrong).start(reader);
+        for stage in 1..self.stages {
+            items = Stage::draw(&mut self.rng, reserve(stage), &self.wrong).start(items);
+        }
+        items
+    }
+
+    fn join(&mut self, branches: Vec<Items<Work>>) -> Items<Work> {
+        let (reserve, wait) = (vec![Latency::stated(20 * MS)], self.rng.u32(0..100) * MS);
+        let config = JoinConfig { wait, reserve, window: 64, ..JoinConfig::default() };
+        let mut join = Join::<Vec<u64>>::new(config);
         for (index, items) in branches.into_iter().enumerate() {
             join.items(format!("b{index}"), items, |set, item: Arc<Item<Work>>| {
                 set.push(item.timestamp);
             });
         }
         let (_, sets) = join.spawn().unwrap();
-        Stage::draw(&mut rng, Duration::ZERO, &wrong).start(sets)
-    } else {
-        branches.remove(0)
-    };
+        Stage::draw(&mut self.rng, Duration::ZERO, &self.wrong).start(sets)
+    }
+
+    /// Checks an item as it is read; returns the message that it is of.
+    fn check(&self, item: &Item<Work>, reader_lags: bool) -> (String, u64) {
+        let lineage = item.lineage.as_ref().expect("each message has a lineage");
+        let origin = lineage.origin.as_ref().expect("an origin");
+        let (seq, within) = (origin.seq.expect("a number"), self.within);
+        let age = lineage.age(Instant::now()).expect("a capture");
+        // A timer of each operator of the branch, of the join and of its operator.
+        if !reader_lags && age > within + (self.stages + 2) * LATENESS {
+            self.tell(format!("E2: {seq} of {} is {age:?} old of {within:?}", origin.stream));
+        }
+        if !reader_lags && item.age.is_some_and(|told| told != age) {
+            self.tell(format!("E7: {seq} is {age:?} old, not {:?}", item.age));
+        }
+        let captured = lineage.captured.map(Instant::from_std);
+        let mut captures = self.captures.iter();
+        if captures.all(|it| it.with(|it| it.get(&seq).copied()) != captured) {
+            self.tell(format!("E7: {seq} was never captured then"));
+        }
+        (if self.is_joined { String::new() } else { origin.stream.to_string() }, seq)
+    }
+
+    /// Each frame led to one item, of several sensors to one together.
+    fn check_counts(&self, answered: &BTreeMap<(String, u64), u32>) {
+        for (sensor, captures) in self.captures.iter().enumerate() {
+            let stream = if self.is_joined { String::new() } else { format!("s{sensor}") };
+            for seq in captures.with(|captures| captures.keys().copied().collect::<Vec<_>>()) {
+                if answered.get(&(stream.clone(), seq)) != Some(&1) {
+                    self.tell(format!("E1, E6: {seq} of {sensor}: {answered:?}"));
+                }
+            }
+        }
+    }
+
+    fn tell(&self, wrong: String) {
+        self.wrong.with(|all| all.push(wrong));
+    }
+}
+
+/// What is wrong with the graph of a seed.
+async fn wrongs(seed: u64) -> Vec<String> {
+    let mut graph = DrawnGraph::new(seed);
+    let mut last = graph.start();
+    let reader_lags = graph.rng.one_in(4);
     let mut answered = BTreeMap::<(String, u64), u32>::new();
     while let Some(item) = last.read().await {
         if reader_lags {
             sleep(40 * MS).await;
         }
-        let lineage = item.lineage.clone().expect("each message has a lineage");
-        let origin = lineage.origin.clone().expect("an origin");
-        let seq = origin.seq.expect("a number");
-        let key = if is_joined { String::new() } else { origin.stream.to_string() };
-        *answered.entry((key, seq)).or_default() += 1;
-        let age = lineage.age(Instant::now()).expect("a capture");
-        let tell = |what: String| wrong.with(|wrong| wrong.push(what));
-        if !reader_lags && age > within + operators * LATENESS {
-            tell(format!("E2: {seq} of {} is {age:?} old, due at {within:?}", origin.stream));
-        }
-        let captured = lineage.captured.map(Instant::from_std).expect("a capture");
-        let oldest = written.iter().filter_map(|sent| sent.with(|sent| sent.get(&seq).copied()));
-        if oldest.clone().all(|sent| sent != captured) {
-            tell(format!("E7: {seq} was never captured then"));
-        }
-        if !reader_lags && item.age.is_some_and(|told| told != age) {
-            tell(format!("E7: {seq} is {age:?} old, not {:?}", item.age));
-        }
+        *answered.entry(graph.check(&item, reader_lags)).or_default() += 1;
     }
-    for (index, sent) in written.iter().enumerate() {
-        let key = if is_joined { String::new() } else { format!("s{index}") };
-        sent.with(|sent| {
-            for seq in sent.keys() {
-                if answered.get(&(key.clone(), *seq)) != Some(&1) {
-                    wrong.with(|wrong| {
-                        wrong.push(format!("E1, E6: {seq} of {index}: {answered:?}"));
-                    });
-                }
-            }
-        });
-    }
-    wrong.with(std::mem::take)
+    graph.check_counts(&answered);
+    graph.wrong.with(std::mem::take)
 }
 
 fn number(name: &str) -> Option<u64> {
