@@ -43,13 +43,13 @@ const TESTS: [&str; 9] = [
 ];
 
 static DEFINITION: LazyLock<Regex> = LazyLock::new(|| {
-    regex(r"(?m)^(?:### (F\d+g?) (.+)|\| ([PTDJ]\d+) ([^|]+) \||\| (A\d+) \| ([^|]+) \|)")
+    regex(r"(?m)^(?:### (F\d+g?) (.+)|\| ([PTDJE]\d+) ([^|]+) \||\| (A\d+) \| ([^|]+) \|)")
 });
 /// Where the harnesses of the proofs are, a file a group.
 const HARNESSES: &str = "proofs/src/harness";
 /// One identifier, or the first and the last of several.
 static WORD: LazyLock<Regex> =
-    LazyLock::new(|| regex(r"\b([FPATDJ])(\d+)(g?)(?:–([FPATDJ])(\d+))?\b"));
+    LazyLock::new(|| regex(r"\b([FPATDJE])(\d+)(g?)(?:–([FPATDJE])(\d+))?\b"));
 /// Words that look like an identifier and are none: a graphics processor, number types, percentiles.
 const OTHER_WORDS: [&str; 6] = ["A100", "F32", "F64", "P50", "P90", "P99"];
 

@@ -291,6 +291,7 @@ fn lacks(
         ("T", "4") => &[][..],
         ("T", _) => &["policy"][..],
         ("D", _) => &["operator", "grpc", "recorder", "simulation", "ros2", "command"][..],
+        ("E", _) => &["operator", "simulation"][..],
         ("J", _) => &["judge"][..],
         _ => &[][..],
     };

@@ -21,14 +21,14 @@ const OTHER_WORDS: [(&str, &str); 6] = [
 ];
 
 /// An identifier in a comment, a document or a string.
-static WORD: LazyLock<Regex> = LazyLock::new(|| regex(r"\b([FPATDJ]\d+g?)\b"));
+static WORD: LazyLock<Regex> = LazyLock::new(|| regex(r"\b([FPATDJE]\d+g?)\b"));
 /// An identifier at the head of a function's name.
-static FUNCTION: LazyLock<Regex> = LazyLock::new(|| regex(r"\bfn ([fpatdj]\d+g?)_"));
+static FUNCTION: LazyLock<Regex> = LazyLock::new(|| regex(r"\bfn ([fpatdje]\d+g?)_"));
 /// Identifiers at the head of a trace's name.
-static TRACE: LazyLock<Regex> = LazyLock::new(|| regex(r"^([fpadj]\d+g?)-"));
+static TRACE: LazyLock<Regex> = LazyLock::new(|| regex(r"^([fpadje]\d+g?)-"));
 /// Where the specification defines: a rule's heading, a promise's or an ambiguity's row.
 static DEFINITION: LazyLock<Regex> =
-    LazyLock::new(|| regex(r"(?m)^(?:### (F\d+g?) |\| ([PTDJ]\d+) |\| (A\d+) \|)"));
+    LazyLock::new(|| regex(r"(?m)^(?:### (F\d+g?) |\| ([PTDJE]\d+) |\| (A\d+) \|)"));
 
 fn regex(pattern: &str) -> Regex {
     Regex::new(pattern).expect("a sound pattern")

@@ -67,12 +67,22 @@ pub struct Offer<R> {
     pub request: R,
 }
 
+/// Which computation is thrown out when too many wait for local (D17).
+#[derive(Clone, Copy, PartialEq, Eq, Default, Debug)]
+pub enum Overflow {
+    /// The oldest: a fresh message is worth more.
+    #[default]
+    DropOldest,
+    /// The newest, for a local computation that needs each message before the next one.
+    DropNewest,
+}
+
 /// How many computations local takes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Local {
     /// How many run at once; at least one does.
     pub at_once: usize,
-    /// How many more may wait; beyond that local fails at once (F4).
+    /// How many more may wait; beyond that one [is thrown out](crate::Overflow): local fails for its message (F4).
     pub waiting: usize,
     /// Whether one that waits is skipped once its message is answered.
     pub skip_answered: bool,

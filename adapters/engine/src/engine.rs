@@ -18,9 +18,10 @@ use fuseline_traces::{Annotations, Header, Input};
 use tracing::warn;
 
 use crate::arbiter::{Answer, Arbiter};
+use crate::budget::Budget;
 use crate::counts::{Counting, Counts};
 use crate::eager_notice::EagerNotice;
-use crate::effect::{Effect, Local, Offer};
+use crate::effect::{Effect, Local, Offer, Overflow};
 use crate::event::CountedEvent;
 use crate::item::Source;
 use crate::lineage::{Lineage, StampedValue};
@@ -43,11 +44,12 @@ const CLOUDS: usize = 15;
 /// [`next_effect`](Self::next_effect) until it returns none.
 ///
 /// - before the first input: [`set_policy`](Self::set_policy), [`set_linger`](Self::set_linger),
-///   [`set_max_age`](Self::set_max_age), [`set_start`](Self::set_start), [`take_hints`](Self::take_hints),
-///   [`record`](Self::record)
+///   [`set_max_age`](Self::set_max_age), [`set_start`](Self::set_start), [`set_overflow`](Self::set_overflow),
+///   [`expect_substitutes`](Self::expect_substitutes), [`take_hints`](Self::take_hints), [`record`](Self::record)
 /// - inputs: [`open`](Self::open), [`open_with`](Self::open_with), [`offer`](Self::offer),
 ///   [`result`](Self::result), [`fail`](Self::fail), [`tick`](Self::tick)
-/// - what policies know: [`set_situation`](Self::set_situation)
+/// - what is known of the vehicle and of the operators downstream: [`set_situation`](Self::set_situation),
+///   [`set_reserve`](Self::set_reserve)
 /// - effects: [`next_effect`](Self::next_effect)
 /// - questions: [`next_due`](Self::next_due), [`is_idle`](Self::is_idle), [`counts`](Self::counts)
 pub struct Engine<V, R> {
@@ -57,6 +59,10 @@ pub struct Engine<V, R> {
     operator: Arc<str>,
     sources: SourceQueues<R>,
     local: Local,
+    overflow: Overflow,
+    /// What of an end-to-end deadline is kept for the operators downstream, in ns.
+    reserve: u64,
+    has_substitutes: bool,
     policies: Policies,
     open_messages: OpenMessages<V>,
     /// When the clock read 0.
@@ -88,6 +94,9 @@ impl<V, R> Engine<V, R> {
             policies: Policies::new(named.len()),
             sources,
             local,
+            overflow: Overflow::default(),
+            reserve: 0,
+            has_substitutes: false,
             open_messages: OpenMessages::new(),
             start: None,
             eager_notice: EagerNotice::new(header.commit),
@@ -142,6 +151,22 @@ impl<V, R> Engine<V, R> {
         self.counts.lag.set_warning(warning);
     }
 
+    /// Says which computation is thrown out when too many wait for local.
+    pub const fn set_overflow(&mut self, overflow: Overflow) {
+        self.overflow = overflow;
+    }
+
+    /// E3: keeps so much of the end-to-end deadline of messages from now on for the operators downstream; at first nothing.
+    pub fn set_reserve(&mut self, reserve: Duration) {
+        self.reserve = nanos(reserve);
+    }
+
+    /// E4: says that the adapter has a [substitute](crate::Item::substitute) for messages that are missed, so that they are missed
+    /// early enough for the operators downstream.
+    pub const fn expect_substitutes(&mut self) {
+        self.has_substitutes = true;
+    }
+
     /// Says when this engine's clock reads 0; without it the age of a message is unknown.
     pub const fn set_start(&mut self, start: Instant) {
         self.start = Some(start);
@@ -177,8 +202,8 @@ impl<V, R> Engine<V, R> {
     /// F1: a message came; true if it is taken on. Then `job` goes to local, whose deadline is `deadline`,
     /// and clouds are offered `offers` (F2), which is not looked at otherwise.
     ///
-    /// If too many computations already wait for local, local fails (F4) after the offers, and only
-    /// clouds can answer the message.
+    /// If too many computations wait for local then, one of them [is thrown out](Overflow) after the offers: local fails for
+    /// its message (F4), and only clouds can answer it.
     pub fn open(
         &mut self,
         at: u64,
@@ -201,7 +226,10 @@ impl<V, R> Engine<V, R> {
         offers: impl IntoIterator<Item = Offer<R>>,
     ) -> bool {
         self.begin(at);
-        let deadline = deadline.map(nanos);
+        let budget = lineage.as_ref().and_then(|lineage| self.budget(at, lineage));
+        // E3: local too ends with the budget.
+        let left = budget.map(|budget| budget.for_local(at, self.has_substitutes));
+        let deadline = deadline.into_iter().chain(left).min().map(nanos);
         let opening =
             self.arbiter.open(at, t, deadline, |at, firing| self.firings.push((at, *firing)));
         let instant = if lineage.is_some() { self.instant(at) } else { None };
@@ -218,16 +246,21 @@ impl<V, R> Engine<V, R> {
         }
         self.counts.message();
         self.counts.source(LOCAL, CountedEvent::Admitted);
-        self.open_messages.open(t, now, lineage);
-        let waiting =
-            Waiting { t, requested_at: now, due: None, lost_after: deadline, request: job };
+        self.open_messages.open(t, now, lineage, budget);
+        let (due, lost_after, spent, request) = (None, deadline, 0, job);
+        let waiting = Waiting { t, requested_at: now, due, lost_after, spent, request };
         self.sources[LOCAL].push(waiting);
         self.start_waiting(now);
         for Offer { priority, deadline, request } in offers {
             self.offer(at, t, priority, deadline, request);
         }
         if self.sources[LOCAL].backlog() > self.local.waiting {
-            self.fail(at, t, 0, &"too many computations wait");
+            // D17: by default the oldest, since a fresh message is worth more.
+            let thrown_out = match self.overflow {
+                Overflow::DropOldest => self.sources[LOCAL].oldest_waiting().unwrap_or(t),
+                Overflow::DropNewest => t,
+            };
+            self.fail(at, thrown_out, 0, &"too many computations wait");
         }
         true
     }
@@ -259,7 +292,9 @@ impl<V, R> Engine<V, R> {
                 self.counts.source(index, CountedEvent::Admitted);
                 self.notice_eager(t, index, due.as_nanos());
                 let due = Some(due.as_nanos());
-                let waiting = Waiting { t, requested_at: now, due, lost_after: None, request };
+                let spent = self.open_messages.budget(t).map_or(0, |budget| budget.spent());
+                let (requested_at, lost_after) = (now, None);
+                let waiting = Waiting { t, requested_at, due, lost_after, spent, request };
                 self.sources[index].push(waiting);
             }
         }
@@ -353,6 +388,12 @@ impl<V, R> Engine<V, R> {
     #[must_use]
     pub fn counts(&self) -> Counting {
         Counting::new(&self.counts)
+    }
+
+    /// What is left of a message's end-to-end deadline, if it has one.
+    fn budget(&self, at: u64, lineage: &Lineage) -> Option<Budget> {
+        lineage.within?;
+        Budget::new(lineage, (at, self.instant(at)), self.reserve)
     }
 }
 

@@ -32,8 +32,10 @@ pub struct Item<V> {
     /// What the message comes from, as it was written with it.
     pub lineage: Option<Arc<Lineage>>,
     /// The time from the capture to the decision, if it is known: of the message that the value is [of](Forwarded::of), if that
-    /// is an earlier one.
+    /// is an earlier one. Of a substitute it is unknown (E7).
     pub age: Option<Duration>,
+    /// E4: what the operator's [handler](Self::needs_substitute) gave for a message without a result. The ending stays as it is.
+    pub substitute: Option<V>,
 }
 
 /// A source that sent no result for a message, and why.
@@ -140,6 +142,24 @@ impl<V> Item<V> {
         match &self.ending {
             Ending::Preliminary(forwarded) | Ending::Forwarded(forwarded) => Some(forwarded),
             Ending::Final(_) | Ending::Missed | Ending::Refused(_) => None,
+        }
+    }
+
+    /// What a consumer goes by: the forwarded result, or else the substitute.
+    #[must_use]
+    pub const fn value(&self) -> Option<&V> {
+        match self.forwarded() {
+            Some(forwarded) => Some(&forwarded.value),
+            None => self.substitute.as_ref(),
+        }
+    }
+
+    /// Whether its message ended without a result: missed or refused.
+    #[must_use]
+    pub const fn needs_substitute(&self) -> bool {
+        match &self.ending {
+            Ending::Missed | Ending::Refused(_) => true,
+            Ending::Preliminary(_) | Ending::Forwarded(_) | Ending::Final(_) => false,
         }
     }
 

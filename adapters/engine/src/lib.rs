@@ -1,6 +1,10 @@
 #![doc = include_str!("../README.md")]
 
+#[cfg(feature = "operator")]
+mod aligner;
 pub mod arbiter;
+#[cfg(feature = "operator")]
+mod budget;
 #[cfg(feature = "operator")]
 mod counts;
 #[cfg(feature = "operator")]
@@ -15,6 +19,8 @@ mod event;
 mod item;
 #[cfg(feature = "operator")]
 mod lag;
+#[cfg(feature = "operator")]
+mod latency;
 #[cfg(feature = "operator")]
 mod lineage;
 #[cfg(feature = "mcap")]
@@ -32,6 +38,8 @@ mod reasons;
 #[cfg(feature = "operator")]
 mod recordings;
 #[cfg(feature = "operator")]
+mod reorderer;
+#[cfg(feature = "operator")]
 mod sources;
 #[cfg(feature = "operator")]
 mod tally;
@@ -41,9 +49,11 @@ mod workload;
 mod writer;
 
 #[cfg(feature = "operator")]
+pub use aligner::{Aligner, JoinArrival, JoinBounds, JoinCause, JoinDropReason, Joined};
+#[cfg(feature = "operator")]
 pub use counts::Counting;
 #[cfg(feature = "operator")]
-pub use effect::{Effect, Hint, Local, Offer};
+pub use effect::{Effect, Hint, Local, Offer, Overflow};
 #[cfg(feature = "operator")]
 pub use engine::Engine;
 pub use fuseline_core::{ConfigError, Gate};
@@ -56,11 +66,15 @@ pub use fuseline_traces::{
 #[cfg(feature = "operator")]
 pub use item::{Ending, Failure, Forwarded, Item, Source, Trigger};
 #[cfg(feature = "operator")]
+pub use latency::Latency;
+#[cfg(feature = "operator")]
 pub use lineage::{Lineage, StampedValue};
 #[cfg(feature = "mcap")]
 pub use mcap::{Mcap, McapError};
 #[cfg(feature = "operator")]
 pub use reasons::Reasons;
+#[cfg(feature = "operator")]
+pub use reorderer::{Ordered, Reorderer};
 #[cfg(feature = "operator")]
 pub use tally::{CurrentDeadline, SourceTally, Tally};
 #[cfg(feature = "operator")]

@@ -22,7 +22,7 @@ pub struct Lineage {
     /// When the sensor captured it.
     pub captured: Option<Instant>,
     /// By when after the capture the last operator's output is due; if the capture is unknown, each operator counts from when
-    /// it takes the message in. It is written in traces and judged (J2); no operator acts on it.
+    /// it takes the message in. Each operator's deadlines end with it (E3); traces have it, where it is judged (J2).
     pub within: Option<Duration>,
 }
 

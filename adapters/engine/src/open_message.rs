@@ -6,6 +6,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use crate::budget::Budget;
 use crate::item::{Ending, Failure, Item};
 use crate::lineage::{Lineage, StampedValue};
 
@@ -28,6 +29,8 @@ pub(crate) struct OpenMessage<V> {
     /// How many items were made of it.
     items: u32,
     lineage: Option<Arc<Lineage>>,
+    /// What is left of its end-to-end deadline, if it has one.
+    budget: Option<Budget>,
 }
 
 pub(crate) struct HeldValue<V> {
@@ -55,7 +58,13 @@ impl<V> OpenMessages<V> {
     }
 
     /// F1: timestamps ascend.
-    pub(crate) fn open(&mut self, t: u64, at: u64, lineage: Option<Arc<Lineage>>) {
+    pub(crate) fn open(
+        &mut self,
+        t: u64,
+        at: u64,
+        lineage: Option<Arc<Lineage>>,
+        budget: Option<Budget>,
+    ) {
         if let Some(last) = &mut self.last {
             push_bounded(last, (t, at));
         }
@@ -64,7 +73,9 @@ impl<V> OpenMessages<V> {
             push_bounded(captures, (t, captured));
         }
         let (held, failures) = (None, Vec::new());
-        self.open.push_back(OpenMessage { t, opened: at, held, failures, items: 0, lineage });
+        let items = 0;
+        let opened = at;
+        self.open.push_back(OpenMessage { t, opened, held, failures, items, lineage, budget });
     }
 
     /// F3: a result is available; it is kept if it is the best, with its own message (D2 its own value).
@@ -107,6 +118,7 @@ impl<V> OpenMessages<V> {
             failures: message.failures.clone(),
             lineage,
             age,
+            substitute: None,
         };
         message.items = message.items.saturating_add(1);
         if item.is_last()
@@ -115,6 +127,11 @@ impl<V> OpenMessages<V> {
             self.open.remove(index);
         }
         Some(item)
+    }
+
+    /// What is left of an open message's end-to-end deadline, if it has one.
+    pub(crate) fn budget(&self, t: u64) -> Option<Budget> {
+        self.open.get(self.index(t)?)?.budget
     }
 
     /// When the message was opened, if that is remembered.

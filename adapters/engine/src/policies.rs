@@ -46,12 +46,14 @@ impl Policies {
     /// The deadline of an offer, at most `cap`; `cap` itself if there is no policy. `write_ages` writes the ages of the
     /// cloud's unanswered requests.
     ///
+    /// E3: the policy's figures are of the whole way from the capture to the last output, of which `spent` is not the request's.
+    ///
     /// # Errors
     /// If the policy panics.
     pub(crate) fn choose(
         &mut self,
         index: usize,
-        cap: Duration,
+        (cap, spent): (Duration, Duration),
         write_ages: impl FnOnce(&mut Vec<Duration>),
     ) -> Result<CurrentDeadline, PolicyPanic> {
         let Some(policy) = &mut self.clouds[index].policy else {
@@ -59,10 +61,12 @@ impl Policies {
         };
         write_ages(&mut self.ages);
         let situation = Situation { under_way: &self.ages, ..self.situation };
-        let chosen = catch_unwind(AssertUnwindSafe(|| policy.decide(&situation, cap).into()));
+        let whole = cap.saturating_add(spent);
+        let chosen = catch_unwind(AssertUnwindSafe(|| policy.decide(&situation, whole).into()));
         let chosen: CurrentDeadline = chosen.map_err(|_| PolicyPanic)?;
         // The cap holds for a policy too: what is shown is what the request gets.
-        Ok(CurrentDeadline { deadline: chosen.deadline.min(cap), ..chosen })
+        let deadline = chosen.deadline.saturating_sub(spent).min(cap);
+        Ok(CurrentDeadline { deadline, ..chosen })
     }
 
     /// Puts a deadline in force; true if it is another one than before.

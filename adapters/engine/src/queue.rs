@@ -34,6 +34,8 @@ pub(crate) struct Waiting<R> {
     pub(crate) due: Option<u64>,
     /// How long after its start it counts as lost, in ns; none if it is waited for.
     pub(crate) lost_after: Option<u64>,
+    /// What policies count beside the time since the request, in ns: see [`Budget::spent`](crate::budget::Budget::spent).
+    pub(crate) spent: u64,
     pub(crate) request: R,
 }
 
@@ -44,12 +46,20 @@ struct InFlightCall {
     due: Option<u64>,
     /// When it counts as lost.
     lost: Option<u64>,
+    spent: u64,
+}
+
+/// A request that has ended by itself.
+pub(crate) struct EndedRequest {
+    pub(crate) requested_at: u64,
+    pub(crate) spent: u64,
 }
 
 /// A request that nothing waits for any more, without a result.
 pub(crate) struct AbandonedRequest {
     pub(crate) t: u64,
     pub(crate) requested_at: u64,
+    pub(crate) spent: u64,
     /// Whether it is under way and may be aborted; otherwise it was never sent.
     pub(crate) was_sent: bool,
 }
@@ -87,16 +97,17 @@ impl<R> SourceQueue<R> {
             requested_at: next.requested_at,
             due: next.due,
             lost,
+            spent: next.spent,
         });
         Some(next)
     }
 
-    /// The request has ended by itself, perhaps before it was sent; returns when it was requested.
-    pub(crate) fn end(&mut self, t: u64) -> Option<u64> {
+    /// The request has ended by itself, perhaps before it was sent.
+    pub(crate) fn end(&mut self, t: u64) -> Option<EndedRequest> {
         self.remove_in_flight(t)
-            .map(|call| call.requested_at)
             .or_else(|| self.remove_lingering(t))
             .or_else(|| self.remove_replaced(t))
+            .map(|call| EndedRequest { requested_at: call.requested_at, spent: call.spent })
             .or_else(|| self.withdraw(t))
     }
 
@@ -104,9 +115,10 @@ impl<R> SourceQueue<R> {
     /// anything does.
     pub(crate) fn close(&mut self, t: u64) -> Option<AbandonedRequest> {
         let Some(call) = self.remove_in_flight(t) else {
-            return self.withdraw(t).map(|requested_at| AbandonedRequest {
+            return self.withdraw(t).map(|EndedRequest { requested_at, spent }| AbandonedRequest {
                 t,
                 requested_at,
+                spent,
                 was_sent: false,
             });
         };
@@ -161,20 +173,27 @@ impl<R> SourceQueue<R> {
         self.in_flight.iter().filter_map(|call| call.lost).min()
     }
 
-    /// Takes the request out of the queue if it waits; returns when it was requested.
-    pub(crate) fn withdraw(&mut self, t: u64) -> Option<u64> {
+    /// Takes the request out of the queue if it waits.
+    pub(crate) fn withdraw(&mut self, t: u64) -> Option<EndedRequest> {
         let index = self.waiting.iter().position(|waiting| waiting.t == t)?;
-        self.waiting.remove(index).map(|waiting| waiting.requested_at)
+        let Waiting { requested_at, spent, .. } = self.waiting.remove(index)?;
+        Some(EndedRequest { requested_at, spent })
     }
 
-    /// The age of each unanswered request at `now`, the oldest first, with those that linger.
+    /// The message that has waited longest.
+    pub(crate) fn oldest_waiting(&self) -> Option<u64> {
+        self.waiting.front().map(|waiting| waiting.t)
+    }
+
+    /// The age of each unanswered request at `now`, as policies count it, the oldest first, with those that linger.
     pub(crate) fn ages(&self, now: u64, ages: &mut Vec<Duration>) {
-        let in_flight = self.in_flight.iter().chain(&self.lingering).map(|call| call.requested_at);
-        let requested_at = in_flight.chain(self.waiting.iter().map(|waiting| waiting.requested_at));
+        let in_flight = self.in_flight.iter().chain(&self.lingering);
+        let in_flight = in_flight.map(|call| (call.requested_at, call.spent));
+        let waiting = self.waiting.iter().map(|waiting| (waiting.requested_at, waiting.spent));
         ages.clear();
-        ages.extend(
-            requested_at.map(|requested_at| Duration::from_nanos(now.saturating_sub(requested_at))),
-        );
+        ages.extend(in_flight.chain(waiting).map(|(requested_at, spent)| {
+            Duration::from_nanos(now.saturating_sub(requested_at).saturating_add(spent))
+        }));
         ages.sort_unstable_by(|one, other| other.cmp(one));
     }
 
@@ -193,9 +212,9 @@ impl<R> SourceQueue<R> {
         Some(self.in_flight.remove(index))
     }
 
-    fn remove_replaced(&mut self, t: u64) -> Option<u64> {
+    fn remove_replaced(&mut self, t: u64) -> Option<InFlightCall> {
         let index = self.replaced.iter().position(|call| call.t == t)?;
-        Some(self.replaced.remove(index).requested_at)
+        Some(self.replaced.remove(index))
     }
 
     /// Whether any request waits.
@@ -203,9 +222,9 @@ impl<R> SourceQueue<R> {
         !self.waiting.is_empty()
     }
 
-    fn remove_lingering(&mut self, t: u64) -> Option<u64> {
+    fn remove_lingering(&mut self, t: u64) -> Option<InFlightCall> {
         let index = self.lingering.iter().position(|call| call.t == t)?;
-        self.lingering.remove(index).map(|call| call.requested_at)
+        self.lingering.remove(index)
     }
 
     fn until(&self, call: &InFlightCall) -> u64 {
@@ -215,6 +234,7 @@ impl<R> SourceQueue<R> {
 
 impl InFlightCall {
     const fn abandoned(self) -> AbandonedRequest {
-        AbandonedRequest { t: self.t, requested_at: self.requested_at, was_sent: true }
+        let Self { t, requested_at, spent, .. } = self;
+        AbandonedRequest { t, requested_at, spent, was_sent: true }
     }
 }

@@ -113,8 +113,8 @@ fn an_item_has_the_lineage_of_its_message_and_its_age_at_the_decision() {
     assert_eq!(
         run.lines(&["open"]),
         [
-            r#"{"ev":"open","at":10,"t":0,"within":500,"age":7,"origin":"camera","seq":40}"#,
-            r#"{"ev":"open","at":40,"t":1,"within":500,"age":0,"origin":"camera","seq":41}"#,
+            r#"{"ev":"open","at":10,"t":0,"deadline":493,"within":500,"age":7,"origin":"camera","seq":40}"#,
+            r#"{"ev":"open","at":40,"t":1,"deadline":500,"within":500,"age":0,"origin":"camera","seq":41}"#,
             r#"{"ev":"open","at":40,"t":1,"age":0,"origin":"camera","seq":9}"#,
             r#"{"ev":"open","at":50,"t":2}"#,
         ]
@@ -133,7 +133,8 @@ fn an_engine_that_does_not_know_its_clock_writes_no_age() {
     run.open(10, 0, 7);
     run.engine.result(30, 0, 0, "boxes");
     assert_eq!(run.items().remove(0).age, None);
-    let opened = r#"{"ev":"open","at":10,"t":0,"within":500,"origin":"camera","seq":40}"#;
+    let opened =
+        r#"{"ev":"open","at":10,"t":0,"deadline":500,"within":500,"origin":"camera","seq":40}"#;
     assert_eq!(run.lines(&["open"]), [opened]);
 }
 

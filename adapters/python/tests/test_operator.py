@@ -486,10 +486,11 @@ def test_too_many_waiting_computations_fail_at_once(run: Run[Any]) -> None:
         return await items_of(Operator(local, clock=loop.nanos), ["a", "b", "c"])
 
     items = run(main)
+    # D17: the oldest of those that wait.
     assert [(item.timestamp, item.ending) for item in items] == [
-        (2, Ending.MISSED),
+        (1, Ending.MISSED),
         (0, Ending.FORWARDED),
-        (1, Ending.FORWARDED),
+        (2, Ending.FORWARDED),
     ]
     assert items[0].failures[0].why == "too many computations wait"
 

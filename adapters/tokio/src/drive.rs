@@ -89,6 +89,11 @@ pub trait Transport {
         None
     }
 
+    /// E3: what of the end-to-end deadline of messages from now on is kept for the operators downstream.
+    fn reserve(&mut self) -> Duration {
+        Duration::ZERO
+    }
+
     /// Sends a request to a source.
     fn send(&mut self, start: Start<Self::Request>) -> Sent<Self::Value>;
 
@@ -316,6 +321,9 @@ impl<T: Transport> Driver<T> {
             self.engine.set_situation(situation);
         }
         let lineage = self.transport.lineage(timestamp, message);
+        if lineage.as_ref().is_some_and(|lineage| lineage.within.is_some()) {
+            self.engine.set_reserve(self.transport.reserve());
+        }
         let (job, deadline) = self.transport.job(message);
         let offers = self.transport.offers(timestamp, message);
         if self.engine.open_with(now, timestamp, deadline, lineage, job, offers) {

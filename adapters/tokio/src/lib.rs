@@ -1,14 +1,18 @@
 #![doc = include_str!("../README.md")]
 
 mod call;
+mod carried_state;
 pub mod drive;
 mod encoding;
 mod error_chain;
 #[cfg(feature = "grpc")]
 pub mod grpc;
+mod in_order;
 mod items;
+mod join;
 mod local;
 mod operator;
+mod outbox;
 mod panics;
 #[cfg(feature = "prometheus")]
 mod prometheus;
@@ -23,15 +27,19 @@ mod stream;
 mod workers;
 
 pub use call::Call;
+pub use carried_state::CarriedState;
 pub use drive::Timers;
 pub use encoding::encoding;
 pub use fuseline_deadline as deadline;
 pub use fuseline_engine::{
     CapacityError, CapacityErrors, Commit, ConfigError, CurrentDeadline, DropReason, Ending,
-    Failure, Forwarded, Hint, Item, Lineage, OfferRefusal, OpenRefusal, Origin, Reasons, Recording,
-    Source, SourceTally, StampedValue, Tally, Trigger,
+    Failure, Forwarded, Hint, Item, JoinCause, JoinDropReason, Joined, Latency, Lineage,
+    OfferRefusal, OpenRefusal, Origin, Overflow, Reasons, Recording, Source, SourceTally,
+    StampedValue, Tally, Trigger,
 };
+pub use in_order::OutOfOrder;
 pub use items::Items;
+pub use join::{Join, JoinConfig, JoinDrop, JoinTally, RunningJoin};
 pub use local::Local;
 pub use operator::{Config, JoinError, Operator, Running, SpawnError, Trace, spawn};
 #[cfg(feature = "prometheus")]

@@ -4,7 +4,7 @@ use std::iter;
 use std::sync::Arc;
 use std::time::Duration;
 
-use fuseline_engine::StampedValue;
+use fuseline_engine::{Overflow, StampedValue};
 use futures_util::TryFutureExt;
 use futures_util::future::BoxFuture;
 
@@ -12,8 +12,8 @@ use crate::Error;
 
 /// How messages are computed locally (priority 0). An error or a panic is a failure (F4).
 ///
-/// A computation that has begun is never aborted (F7), and each message taken on is computed, in
-/// order, unless [`skip_answered`](Self::skip_answered) says otherwise.
+/// A computation that has begun is never aborted (F7). Each message taken on is computed, in order, unless too many
+/// [wait](Self::waiting) or [`skip_answered`](Self::skip_answered) says otherwise.
 pub struct Local<I, O> {
     /// How long a computation may take, counted from when its message was taken in; a second by default.
     ///
@@ -25,8 +25,10 @@ pub struct Local<I, O> {
     /// others, and ignored: a local with state does not run beside itself.
     pub replaceable: usize,
     /// How many messages may wait for a computation; by default as many as the window. For one more,
-    /// local fails (F4), and only the clouds can answer it.
+    /// one is thrown out: local fails for it (F4), and only the clouds can answer it.
     pub waiting: Option<usize>,
+    /// Which one is thrown out then; by default the oldest, since a fresh message is worth more (D17).
+    pub overflow: Overflow,
     /// Whether a computation that has not begun is skipped once its message is answered. Off by
     /// default, since local may keep state.
     pub skip_answered: bool,
@@ -101,6 +103,7 @@ impl<I: Send + Sync + 'static, O: Send + 'static> Local<I, O> {
             deadline: Some(DEADLINE),
             replaceable: 0,
             waiting: None,
+            overflow: Overflow::default(),
             skip_answered: false,
             at_once: at_once.max(1),
             kind,

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use fuseline_engine::{
     self as shared, CapacityErrors, Commit, ConfigError, Counting, Engine, Header,
-    HeaderAnnotations, Recorder, Recording, Tally, Workload,
+    HeaderAnnotations, Latency, Recorder, Recording, Tally, Workload,
 };
 use thiserror::Error;
 use tokio::runtime::Handle;
@@ -20,7 +20,8 @@ use tracing::{Instrument, info_span};
 use crate::drive::{Driver, Timers, finish};
 use crate::items::Items;
 use crate::local::Local;
-use crate::run::{Outbox, Streams};
+use crate::outbox::Outbox;
+use crate::run::Streams;
 use crate::setup::{Registered, Setup};
 use crate::side::{SideRegistration, SideRunner};
 use crate::side_counts::{SideCounts, SideTally};
@@ -63,6 +64,11 @@ pub struct Config {
     pub lag_warning: Duration,
     /// Where the run is recorded; nowhere by default.
     pub trace: Option<Trace>,
+    /// E3: how long the operators downstream take, one after the other; nothing by default. So much of a message's
+    /// [end-to-end deadline](crate::Lineage::within) is left when its requests end.
+    pub reserve: Vec<Latency>,
+    /// Where this operator records how long each message takes, for the reserve of those upstream; nowhere by default.
+    pub latency: Option<Latency>,
     /// What the operator must keep up with; not checked by default. If given, an operator with too
     /// small a window or too few calls or local computations is not started: its policies and local
     /// could not do what they promise.
@@ -206,6 +212,10 @@ pub fn spawn<P: Operator>(
     if setup.hints.is_some() {
         engine.take_hints();
     }
+    if setup.substitutes.is_some() {
+        engine.expect_substitutes();
+    }
+    engine.set_overflow(local.overflow);
     let sides = sides(&config.name, setup.sides)?;
     let workers = Workers::start(local.kind).map_err(SpawnError::Threads)?;
     if let Some(Trace { path, recording }) = config.trace {
@@ -223,9 +233,13 @@ pub fn spawn<P: Operator>(
         situation: setup.situation,
         sides,
         hints: setup.hints,
+        substitutes: setup.substitutes,
+        states: setup.states,
+        reserve: config.reserve,
+        latency: config.latency,
         workers,
         deadline: local.deadline,
-        output: Outbox::new(writer),
+        output: Outbox::new(writer, |item| item.lineage.clone()),
         counting: counting.clone(),
         stop: Some(stopped),
         is_open: true,
@@ -289,6 +303,8 @@ impl Default for Config {
             timers: Timers::Tokio,
             lag_warning: Duration::from_millis(20),
             trace: None,
+            reserve: Vec::new(),
+            latency: None,
             workload: None,
         }
     }

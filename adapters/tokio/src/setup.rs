@@ -8,13 +8,14 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use fuseline_deadline::{Policy, Situation};
-use fuseline_engine::{Counting, Hint, StampedValue};
+use fuseline_engine::{Counting, Hint, Item, StampedValue};
 use futures_util::future::BoxFuture;
 use tokio::time::Instant;
 use tracing::error;
 
 use crate::Error;
 use crate::call::Call;
+use crate::carried_state::CarriedState;
 use crate::panics::reason;
 use crate::side::{SideCall, SideRegistration, SideRequest, SideResponse};
 
@@ -24,6 +25,8 @@ pub struct Setup<I, O> {
     pub(crate) situation: Option<SituationSource<I>>,
     pub(crate) sides: Vec<SideRegistration<I>>,
     pub(crate) hints: Option<HintHandler<O>>,
+    pub(crate) substitutes: Option<SubstituteHandler<O>>,
+    pub(crate) states: Vec<StateHandler<O>>,
 }
 
 /// A cloud's queue, bounds and deadlines, with defaults.
@@ -61,6 +64,10 @@ pub(crate) struct Registered<I, O> {
 
 /// Takes late results.
 pub(crate) type HintHandler<O> = Box<dyn FnMut(Hint<O>) + Send>;
+/// What is sent for a message without a result.
+pub(crate) type SubstituteHandler<O> = Box<dyn FnMut(&Item<O>) -> Option<O> + Send>;
+/// Takes over the state of a result that was sent for a message.
+pub(crate) type StateHandler<O> = Box<dyn FnMut(u64, &O) + Send>;
 /// Gives policies the vehicle's situation.
 pub(crate) type SituationSource<I> = Box<dyn FnMut(&I, u64) -> Situation<'static> + Send>;
 /// What to send, if anything, and how long the cloud may take.
@@ -72,7 +79,14 @@ pub(crate) type BoxedRequest<O> =
 
 impl<I, O: Send + 'static> Setup<I, O> {
     pub(crate) const fn new() -> Self {
-        Self { clouds: Vec::new(), situation: None, sides: Vec::new(), hints: None }
+        Self {
+            clouds: Vec::new(),
+            situation: None,
+            sides: Vec::new(),
+            hints: None,
+            substitutes: None,
+            states: Vec::new(),
+        }
     }
 
     /// Registers a cloud; set its name and bounds in the [`Cloud`] returned.
@@ -212,6 +226,33 @@ impl<I, O: Send + 'static> Setup<I, O> {
     /// `take_hint` is called in the operator's task and must not block.
     pub fn use_hints(&mut self, take_hint: impl FnMut(Hint<O>) + Send + 'static) -> &mut Self {
         self.hints = Some(Box::new(take_hint));
+        self
+    }
+
+    /// Takes over the state of each result that is sent, local's or a cloud's, as `state_of` reads it from the output (E10).
+    ///
+    /// It is called in the operator's task and must not block. After a panic the state stays as it was.
+    pub fn use_state<S: Clone + Send + 'static>(
+        &mut self,
+        state: &CarriedState<S>,
+        mut state_of: impl FnMut(&O) -> S + Send + 'static,
+    ) -> &mut Self {
+        let state = state.clone();
+        self.states.push(Box::new(move |t, output| state.sent(t, state_of(output))));
+        self
+    }
+
+    /// Gives what is sent for a message that is missed or refused, such as the last plan or a safe stop (E4). The item is
+    /// [marked](Item::substitute); its ending and the trace stay as they are.
+    ///
+    /// A message with an [end-to-end deadline](crate::Lineage::within) is then missed early enough to leave the
+    /// [reserve](crate::Config::reserve) to the operators downstream. `substitute` gets the item, is called in the operator's
+    /// task and must not block. `None` or a panic sends the item without a value.
+    pub fn use_substitute(
+        &mut self,
+        substitute: impl FnMut(&Item<O>) -> Option<O> + Send + 'static,
+    ) -> &mut Self {
+        self.substitutes = Some(Box::new(substitute));
         self
     }
 }

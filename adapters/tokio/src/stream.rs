@@ -14,6 +14,8 @@ use futures_util::{Stream, StreamExt};
 use thiserror::Error;
 use tokio::sync::{Semaphore, mpsc};
 
+use crate::in_order::OrderedReading;
+
 /// A stream of `T` with one writer, each of whose readers may lag `capacity` messages behind.
 ///
 /// # Panics
@@ -26,7 +28,8 @@ pub fn stream<T>(capacity: usize) -> (Writer<T>, Reader<T>) {
     let (sender, receiver) = mpsc::channel(capacity);
     let joining =
         Arc::new(NewReaders { is_any: AtomicBool::new(false), readers: Mutex::default() });
-    let reader = Reader { receiver, joining: Arc::downgrade(&joining), capacity, filter: None };
+    let (joining_reader, filter, order) = (Arc::downgrade(&joining), None, None);
+    let reader = Reader { receiver, joining: joining_reader, capacity, filter, order };
     (Writer { readers: vec![sender], joining, count: 0 }, reader)
 }
 
@@ -52,6 +55,8 @@ pub struct Reader<T> {
     capacity: usize,
     /// Takes each message, if only some are wanted.
     pub(crate) filter: Option<Filter<T>>,
+    /// Keeps messages until it is their turn, if order is wanted.
+    pub(crate) order: Option<Box<OrderedReading<T>>>,
 }
 
 /// Keeps a message back, or gives one on.
@@ -153,14 +158,22 @@ impl<T> Writer<T> {
     ///
     /// # Errors
     /// Only [`WriteError::Closed`].
-    pub async fn write_all(
+    pub async fn write_all(self, messages: impl Stream<Item = T>) -> Result<u64, WriteError<T>> {
+        self.write_all_with(messages.map(|message| (message, None))).await
+    }
+
+    /// The same of messages with their lineages.
+    ///
+    /// # Errors
+    /// As of [`write_all`](Self::write_all).
+    pub async fn write_all_with<L: Into<Option<Arc<Lineage>>>>(
         mut self,
-        messages: impl Stream<Item = T>,
+        messages: impl Stream<Item = (T, L)>,
     ) -> Result<u64, WriteError<T>> {
         let mut messages = pin!(messages);
-        while let Some(message) = messages.next().await {
+        while let Some((message, lineage)) = messages.next().await {
             self.room().await;
-            self.write(message)?;
+            self.write_with(message, lineage)?;
         }
         Ok(self.count)
     }
@@ -206,7 +219,7 @@ impl<T> Reader<T> {
             joining.is_any.store(true, Ordering::Release);
         }
         let joining = Weak::clone(&self.joining);
-        Self { receiver, joining, capacity: self.capacity, filter: None }
+        Self { receiver, joining, capacity: self.capacity, filter: None, order: None }
     }
 
     /// The next message with its timestamp and lineage.
@@ -214,6 +227,13 @@ impl<T> Reader<T> {
         &mut self,
         context: &mut Context<'_>,
     ) -> Poll<Option<StreamMessage<T>>> {
+        let Some(mut order) = self.order.take() else { return self.poll_filtered(context) };
+        let polled = order.poll(context, |context| self.poll_filtered(context));
+        self.order = Some(order);
+        polled
+    }
+
+    fn poll_filtered(&mut self, context: &mut Context<'_>) -> Poll<Option<StreamMessage<T>>> {
         loop {
             let message = ready!(self.receiver.poll_recv(context));
             let message = match (&mut self.filter, message) {
@@ -301,6 +321,19 @@ mod tests {
         let messages = futures_util::stream::iter(0..5);
         let (written, read) = tokio::join!(writer.write_all(messages), reading);
         assert_eq!((written, read), (Ok(5), vec![0, 1, 2, 3, 4]));
+    }
+
+    #[tokio::test]
+    async fn all_are_written_with_their_lineages() {
+        let (writer, mut reader) = stream(9);
+        let now = std::time::Instant::now();
+        let messages = (0..3).map(|seq| (seq, Lineage::new("camera", 40 + seq, now)));
+        let written = writer.write_all_with(futures_util::stream::iter(messages)).await;
+        assert_eq!(written, Ok(3));
+        while let Some(StreamMessage { message, lineage, .. }) = reader.receiver.recv().await {
+            let seq = lineage.and_then(|it| it.origin.clone()?.seq);
+            assert_eq!(seq, Some(40 + *message));
+        }
     }
 
     #[tokio::test]

@@ -192,7 +192,7 @@ async fn beyond_what_may_wait_local_fails_and_the_cloud_alone_answers() {
     let played = play(operator, Config::default(), &[0, 1, 2]).await;
     assert_eq!(played.items.lines().filter(|line| line.contains("cloud")).count(), 3);
     assert_eq!(played.tally.sources[0].failed, 1);
-    assert!(played.trace.contains(r#"{"ev":"fail","at":2000000,"t":2,"p":0}"#), "{}", played.trace);
+    assert!(played.trace.contains(r#"{"ev":"fail","at":2000000,"t":1,"p":0}"#), "{}", played.trace);
 }
 
 #[tokio::test(start_paused = true)]

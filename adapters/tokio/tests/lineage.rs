@@ -100,7 +100,8 @@ async fn the_last_output_of_a_chain_knows_what_it_comes_from_and_how_old_it_is()
     let (first, second) = (trace(detecting, &first).await, trace(tracking, &second).await);
     let lineage = |at: u64, t: u64, age: u64, seq: u64| {
         format!(
-            r#"{{"ev":"open","at":{at}000000,"t":{t},"deadline":1000000000,"within":500000000,"age":{age}000000,"origin":"camera/front","seq":{seq}}}"#
+            r#"{{"ev":"open","at":{at}000000,"t":{t},"deadline":{}000000,"within":500000000,"age":{age}000000,"origin":"camera/front","seq":{seq}}}"#,
+            500 - age
         )
     };
     assert_eq!(opens(&first)[1], lineage(100, 1, 30, 41));

@@ -44,6 +44,8 @@ impl<V, R> Engine<V, R> {
         cap: Duration,
         backlog: u64,
     ) -> Option<Duration> {
+        let budget = self.open_messages.budget(t);
+        let cap = budget.map_or(cap, |budget| cap.min(budget.for_cloud(at)));
         let Some(index) = self.sources.cloud(p).filter(|_| !cap.is_zero()) else {
             return Some(cap);
         };
@@ -55,7 +57,9 @@ impl<V, R> Engine<V, R> {
             return Some(cap);
         }
         let queue = &self.sources[index];
-        let Ok(chosen) = self.policies.choose(index, cap, |ages| queue.ages(at, ages)) else {
+        let spent = Duration::from_nanos(budget.map_or(0, |budget| budget.spent()));
+        let chosen = self.policies.choose(index, (cap, spent), |ages| queue.ages(at, ages));
+        let Ok(chosen) = chosen else {
             let (operator, source) = (&*self.operator, self.sources.name(index));
             error!(operator, timestamp = t, source, "the policy panicked: no request is sent");
             self.counts.source(index, CountedEvent::PolicyFailed);
@@ -129,8 +133,17 @@ impl<V, R> Engine<V, R> {
         let (opened, ending) = (Duration::from_nanos(at), Ending::Refused(why));
         let (decided, failures) = (opened, Vec::new());
         let age = lineage.as_ref().and_then(|lineage| lineage.age(self.instant(at)?));
-        let item =
-            Item { timestamp: t, opened, decided, revision: 0, ending, failures, lineage, age };
+        let item = Item {
+            timestamp: t,
+            opened,
+            decided,
+            revision: 0,
+            ending,
+            failures,
+            lineage,
+            age,
+            substitute: None,
+        };
         self.effects.push_back(Effect::Output(item));
     }
 
@@ -300,12 +313,12 @@ impl<V, R> Engine<V, R> {
 
     /// A request has ended by itself, perhaps before it was sent.
     pub(super) fn ended(&mut self, at: u64, t: u64, index: usize, end: fn(Duration) -> End) {
-        let Some(requested_at) = self.sources[index].end(t) else { return };
-        let age = since(requested_at, at);
+        let Some(request) = self.sources[index].end(t) else { return };
+        let age = since(request.requested_at, at);
         if let Some(meter) = self.counts.meters.sources.get(index) {
             meter.response.record(age);
         }
-        self.report_end(index, end(age));
+        self.report_end(index, end(age.saturating_add(Duration::from_nanos(request.spent))));
     }
 
     /// The request's result is no longer wanted. F7: local is never aborted.
@@ -319,12 +332,13 @@ impl<V, R> Engine<V, R> {
 
     /// Nothing waits for the request any more: its call is aborted, if it was sent.
     fn abandon(&mut self, at: u64, index: usize, abandoned: &AbandonedRequest) {
-        let AbandonedRequest { t: timestamp, requested_at, was_sent } = *abandoned;
+        let AbandonedRequest { t: timestamp, requested_at, spent, was_sent } = *abandoned;
         if was_sent {
             let priority = self.sources[index].source.priority;
             self.effects.push_back(Effect::Abort { priority, timestamp });
         }
-        self.report_end(index, End::Censored(since(requested_at, at)));
+        let age = since(requested_at, at).saturating_add(Duration::from_nanos(spent));
+        self.report_end(index, End::Censored(age));
     }
 
     /// Reports to the policy how a request ended.

@@ -66,7 +66,7 @@ impl Effects {
 
     fn item<'py>(&self, py: Python<'py>, item: Item<Py<PyAny>>) -> PyResult<Bound<'py, PyAny>> {
         let classes = ItemClasses::get(py)?;
-        let Item { timestamp, opened, decided, revision, ending, failures, age, lineage: _ } = item;
+        let Item { timestamp, opened, decided, revision, ending, failures, age, .. } = item;
         let of = match &ending {
             Ending::Preliminary(forwarded) | Ending::Forwarded(forwarded) => forwarded.of,
             Ending::Final(_) | Ending::Missed | Ending::Refused(_) => None,

@@ -246,8 +246,18 @@ fn the_status_of_a_message_names_its_source_and_warns_without_one() {
     let of = |ending| {
         let (opened, decided, failures) = (ms(10), ms(40), Vec::new());
         let (lineage, age) = (None, None);
-        let item =
-            Item { timestamp: 3, opened, decided, revision: 2, ending, failures, lineage, age };
+        let (timestamp, revision, substitute) = (3, 2, None);
+        let item = Item {
+            timestamp,
+            opened,
+            decided,
+            revision,
+            ending,
+            failures,
+            lineage,
+            age,
+            substitute,
+        };
         of_item("/fuseline", None, &item)
     };
     let source = shared::Source { priority: 1, name: "west".into() };

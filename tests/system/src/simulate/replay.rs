@@ -239,7 +239,9 @@ impl ReplayReader<'_> {
         self.crowded = None;
         let waiting = self.queues[0].waiting.len();
         let bound = self.scenario.local.waiting.unwrap_or(self.scenario.window.into());
-        let fails = matches!(input, Input::Fail { t: of, p: 0, .. } if *of == t);
+        // D17: the oldest is thrown out.
+        let oldest = self.queues[0].waiting.front().map(|index| self.replay.requested[*index].t);
+        let fails = matches!(input, Input::Fail { t: of, p: 0, .. } if Some(*of) == oldest);
         if waiting > bound && !fails {
             let reported = format!("{waiting} wait for local, which is bounded by {bound}");
             self.replay.wrong_room.push(reported);

@@ -1,0 +1,185 @@
+//! An end-to-end deadline at one operator: what requests and local may take, and what policies are told (E2, E3, E4).
+
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use fuseline_deadline::{Chosen, End, Policy, Reason};
+use fuseline_engine::{
+    Cloud, Commit, Effect, Ending, Engine, Header, Lineage, Local, Offer, OfferRefusal, Overflow,
+    Situation,
+};
+
+type Tested = Engine<&'static str, u64>;
+
+const MS: Duration = Duration::from_millis(1);
+
+fn engine(waiting: usize) -> (Tested, Instant) {
+    let cloud = Cloud { p: 1, name: None, limit: 9, resume: 0 };
+    let header = Header { operator: None, window: 9, commit: Commit::Eager, clouds: vec![cloud] };
+    let local = Local { at_once: 1, waiting, skip_answered: false, lossy: false };
+    let mut engine = Tested::new(&header, &[9], local).unwrap();
+    let start = Instant::now();
+    engine.set_start(start);
+    (engine, start)
+}
+
+const fn ms(ms: u64) -> u64 {
+    ms * 1_000_000
+}
+
+/// Opens a message that is `age_ms` old and due 500 ms after its capture; a cloud is offered it for 400 ms.
+fn open(engine: &mut Tested, start: Instant, at_ms: u64, t: u64, age_ms: u64) {
+    let captured =
+        (start + Duration::from_millis(at_ms)).checked_sub(Duration::from_millis(age_ms));
+    let lineage = Arc::new(Lineage::new("camera", t, captured.unwrap()).within(500 * MS));
+    let offer = Offer { priority: 1, deadline: 400 * MS, request: t };
+    engine.open_with(ms(at_ms), t, None, Some(lineage), t, [offer]);
+}
+
+/// What was started and how messages ended, in words; instants in ms.
+fn effects(engine: &mut Tested) -> Vec<String> {
+    let effects = std::iter::from_fn(|| engine.next_effect());
+    let words = effects.filter_map(|effect| match effect {
+        Effect::Start { priority, timestamp, until, .. } => {
+            let until = until.map(|until| until / ms(1));
+            Some(format!("start {priority} {timestamp} until {until:?}"))
+        }
+        Effect::Output(item) => {
+            let what = match item.ending {
+                Ending::Forwarded(it) => it.value.to_owned(),
+                Ending::Missed => "missed".to_owned(),
+                ending => format!("{ending:?}"),
+            };
+            Some(format!("{}: {} {what}", item.decided.as_millis(), item.timestamp))
+        }
+        Effect::Abort { .. } | Effect::Hint(_) => None,
+    });
+    words.collect()
+}
+
+/// E3.
+#[test]
+fn a_request_ends_where_the_reserve_of_those_downstream_begins() {
+    let (mut engine, start) = engine(9);
+    engine.set_reserve(150 * MS);
+    open(&mut engine, start, 1000, 0, 100);
+    assert_eq!(effects(&mut engine), ["start 0 0 until None", "start 1 0 until Some(1250)"]);
+    // Its own deadline is less.
+    engine.set_reserve(Duration::ZERO);
+    open(&mut engine, start, 1001, 1, 0);
+    assert_eq!(effects(&mut engine), ["start 1 1 until Some(1401)"]);
+}
+
+/// E3.
+#[test]
+fn an_operator_whose_budget_is_gone_asks_no_cloud() {
+    let (mut engine, start) = engine(9);
+    engine.set_reserve(150 * MS);
+    open(&mut engine, start, 1000, 0, 349);
+    open(&mut engine, start, 1000, 1, 350);
+    open(&mut engine, start, 1000, 2, 700);
+    let refused = &engine.counts().tally().sources[1].refused;
+    assert_eq!(refused.get(&OfferRefusal::Deadline), Some(&2));
+    assert_eq!(effects(&mut engine), ["start 0 0 until None", "start 1 0 until Some(1001)"]);
+}
+
+/// E2, E4.
+#[test]
+fn no_message_is_open_after_its_end_to_end_deadline_or_after_the_budget_if_there_is_a_substitute() {
+    for (has_substitute, due) in [(false, 1400), (true, 1250)] {
+        let (mut engine, start) = engine(9);
+        engine.set_reserve(150 * MS);
+        if has_substitute {
+            engine.expect_substitutes();
+        }
+        open(&mut engine, start, 1000, 0, 100);
+        effects(&mut engine);
+        engine.tick(ms(due) - 1);
+        assert_eq!(effects(&mut engine), [""; 0]);
+        engine.tick(ms(due));
+        assert_eq!(effects(&mut engine), [format!("{due}: 0 missed")]);
+        // What is too old when it comes is missed at once.
+        open(&mut engine, start, 2000, 1, 500);
+        engine.tick(ms(2000) + 1);
+        assert_eq!(effects(&mut engine), ["2000: 1 missed"]);
+    }
+}
+
+/// E3.
+#[test]
+fn without_an_end_to_end_deadline_nothing_ends_earlier() {
+    let (mut engine, start) = engine(9);
+    engine.set_reserve(150 * MS);
+    engine.expect_substitutes();
+    let lineage = Arc::new(Lineage::new("camera", 0, start));
+    let offer = Offer { priority: 1, deadline: 400 * MS, request: 0 };
+    engine.open_with(ms(1000), 0, None, Some(lineage), 0, [offer]);
+    assert_eq!(effects(&mut engine), ["start 0 0 until None", "start 1 0 until Some(1400)"]);
+    engine.tick(ms(1400));
+    assert_eq!(effects(&mut engine), [""; 0]);
+}
+
+/// Takes what is allowed, at most 450 ms, and keeps what it is told.
+struct EndToEnd(Arc<Mutex<Vec<String>>>);
+
+impl Policy for EndToEnd {
+    fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Chosen {
+        let ages: Vec<_> = situation.under_way.iter().map(Duration::as_millis).collect();
+        self.0.lock().unwrap().push(format!("at most {cap:?}, under way {ages:?}"));
+        Chosen { deadline: cap.min(450 * MS), reason: Reason::Constant }
+    }
+
+    fn ended(&mut self, end: End) {
+        self.0.lock().unwrap().push(format!("{end:?}"));
+    }
+}
+
+/// E3.
+#[test]
+fn a_policy_decides_about_the_whole_way_from_the_capture_to_the_last_output() {
+    let (mut engine, start) = engine(9);
+    let told = Arc::new(Mutex::new(Vec::new()));
+    engine.set_policy(1, Box::new(EndToEnd(Arc::clone(&told))));
+    engine.set_reserve(150 * MS);
+    open(&mut engine, start, 1000, 0, 100);
+    // 450 ms of which 100 are gone and 150 are kept.
+    assert_eq!(effects(&mut engine), ["start 0 0 until None", "start 1 0 until Some(1200)"]);
+    open(&mut engine, start, 1020, 1, 100);
+    engine.result(ms(1070), 0, 1, "boxes");
+    engine.fail(ms(1080), 1, 1, &"broken");
+    let expected = [
+        "at most 500ms, under way []",
+        "at most 500ms, under way [270]",
+        "Answered(320ms)",
+        "Failed(310ms)",
+    ];
+    assert_eq!(*told.lock().unwrap(), expected);
+}
+
+/// D17.
+#[test]
+fn the_oldest_waiting_computation_is_thrown_out_unless_each_message_is_needed() {
+    for (overflow, lost) in [(Overflow::DropOldest, 1), (Overflow::DropNewest, 3)] {
+        let (mut engine, _) = engine(2);
+        engine.set_overflow(overflow);
+        for t in 0..3 {
+            engine.open(t, t, None, t, []);
+        }
+        let offer = Offer { priority: 1, deadline: MS, request: 3 };
+        engine.open(3, 3, None, 3, [offer]);
+        engine.result(4, 0, 0, "boxes");
+        let mut expected =
+            vec!["start 0 0 until None".to_owned(), "start 1 3 until Some(1)".into()];
+        if lost == 1 {
+            expected.insert(1, "start 1 3 until Some(1)".into());
+            expected[2] = "0: 1 missed".into();
+        }
+        expected.push("0: 0 boxes".into());
+        let next = if lost == 1 { 2 } else { 1 };
+        expected.push(format!("start 0 {next} until None"));
+        assert_eq!(effects(&mut engine), expected);
+        // The message that lost local may still be answered by a cloud.
+        engine.result(5, 3, 1, "the cloud's");
+        assert_eq!(effects(&mut engine), ["0: 3 the cloud's"]);
+    }
+}

@@ -1,0 +1,412 @@
+//! [`Join`]: several streams as one, aligned by what their messages come from (E5, E6, E7).
+//!
+//! Which messages form a set, and when it is given, is decided by the engine's [`Aligner`]; here is its clock and its streams.
+
+use std::collections::BTreeMap;
+use std::future::poll_fn;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::pin::Pin;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::task::{Context, Poll};
+use std::time::Duration;
+
+use fuseline_engine::{
+    Aligner, Ending, Item, JoinArrival, JoinBounds, JoinCause, JoinDropReason, Joined, Latency,
+    Lineage,
+};
+use tokio::runtime::Handle;
+use tokio::task::JoinHandle;
+use tokio::time::{Instant, Sleep, sleep_until};
+use tracing::{Instrument, debug, error, info_span};
+
+use crate::items::Items;
+use crate::operator::SpawnError;
+use crate::outbox::Outbox;
+use crate::panics::reason;
+use crate::stream::{Reader, StreamMessage, stream};
+
+/// Joins several streams: their messages that come from the same origin timestamp are put into one `S`, which at first is its
+/// default.
+///
+/// ```
+/// # use fuseline_tokio::{Join, JoinConfig, Lineage, stream};
+/// # use std::time::{Duration, Instant};
+/// # #[tokio::main(flavor = "current_thread")] async fn main() {
+/// #[derive(Default)]
+/// struct Frames { left: Option<u8>, right: Option<u8> }
+///
+/// let (mut left, left_frames) = stream(4);
+/// let (mut right, right_frames) = stream(4);
+/// let mut join = Join::new(JoinConfig { wait: Duration::from_millis(20), ..JoinConfig::default() });
+/// join.aligned("left", left_frames, |frames: &mut Frames, frame, _| frames.left = Some(*frame));
+/// join.aligned("right", right_frames, |frames, frame, _| frames.right = Some(*frame));
+/// let (_running, mut sets) = join.spawn().unwrap();
+/// left.write_with(1, Lineage::new("left", 7, Instant::now())).unwrap();
+/// right.write_with(2, Lineage::new("right", 7, Instant::now())).unwrap();
+/// let set = sets.read().await.unwrap();
+/// assert_eq!((set.key, set.set.left, set.set.right), (7, Some(1), Some(2)));
+/// # }
+/// ```
+pub struct Join<S> {
+    config: JoinConfig,
+    aligned: Vec<AlignedSource<S>>,
+    latest: Vec<LatestSource<S>>,
+    on_drop: Option<DropHandler>,
+}
+
+/// How a join waits.
+#[derive(Clone, PartialEq, Debug)]
+pub struct JoinConfig {
+    /// Its name in logs; `join` by default.
+    pub name: String,
+    /// How long a set waits after its first message; 50 ms by default.
+    pub wait: Duration,
+    /// How many sets may wait; 16 by default. For one more the oldest is given as it is.
+    pub window: usize,
+    /// How long the operators downstream take: a set is given when so much is left of an end-to-end deadline; nothing by
+    /// default.
+    pub reserve: Vec<Latency>,
+    /// How many sets a reader may lag behind; at least 1, 16 by default. While one lags further, no message is taken in.
+    pub output_len: usize,
+}
+
+/// A message that a join did not use.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct JoinDrop {
+    /// The input.
+    pub input: Arc<str>,
+    /// What it would have been joined by.
+    pub key: Option<u64>,
+    /// Why not.
+    pub why: JoinDropReason,
+}
+
+/// A join that was started. Dropping it leaves the join running; it ends after its aligned inputs.
+#[derive(Debug)]
+pub struct RunningJoin {
+    task: JoinHandle<()>,
+    tally: Arc<Mutex<JoinTally>>,
+}
+
+/// The counts of a join.
+#[derive(Clone, PartialEq, Eq, Default, Debug)]
+pub struct JoinTally {
+    /// Sets that were given, by why.
+    pub given: BTreeMap<JoinCause, u64>,
+    /// Sets in which an input was missing, by input.
+    pub missing: BTreeMap<Arc<str>, u64>,
+    /// Messages that were dropped, by input and why.
+    pub dropped: BTreeMap<(Arc<str>, JoinDropReason), u64>,
+}
+
+type DropHandler = Box<dyn FnMut(&JoinDrop) + Send>;
+type PollAligned<S> = Box<dyn FnMut(&mut Context<'_>) -> Poll<Option<AlignedMessage<S>>> + Send>;
+type PollLatest<S> = Box<dyn FnMut(&mut Context<'_>) -> Poll<Option<LatestValue<S>>> + Send>;
+
+struct AlignedSource<S> {
+    name: Arc<str>,
+    poll: PollAligned<S>,
+    is_open: bool,
+}
+
+struct AlignedMessage<S> {
+    key: Option<u64>,
+    lineage: Option<Arc<Lineage>>,
+    is_last: bool,
+    put: Box<dyn FnOnce(&mut S) + Send>,
+}
+
+struct LatestSource<S> {
+    name: Arc<str>,
+    poll: PollLatest<S>,
+    max_age: Duration,
+    is_open: bool,
+    value: Option<LatestValue<S>>,
+}
+
+struct LatestValue<S> {
+    captured: Option<std::time::Instant>,
+    arrived: Instant,
+    put: Box<dyn Fn(&mut S) + Send>,
+}
+
+struct JoinTask<S> {
+    aligner: Aligner<S>,
+    aligned: Vec<AlignedSource<S>>,
+    latest: Vec<LatestSource<S>>,
+    on_drop: Option<DropHandler>,
+    reserve: Vec<Latency>,
+    output: Outbox<Joined<S>>,
+    tally: Arc<Mutex<JoinTally>>,
+    timer: Pin<Box<Sleep>>,
+    /// Whose turn it is.
+    turn: usize,
+}
+
+impl Default for JoinConfig {
+    fn default() -> Self {
+        let (wait, window, output_len) = (Duration::from_millis(50), 16, 16);
+        Self { name: "join".into(), wait, window, reserve: Vec::new(), output_len }
+    }
+}
+
+impl<S: Default + Send + Sync + 'static> Join<S> {
+    /// A join without inputs.
+    #[must_use]
+    pub const fn new(config: JoinConfig) -> Self {
+        Self { config, aligned: Vec::new(), latest: Vec::new(), on_drop: None }
+    }
+
+    /// An input whose messages are aligned by the [timestamp of their origin](crate::Origin::seq): sensors that are triggered
+    /// together number their messages alike. One without it is dropped.
+    ///
+    /// `put` puts a message into its set, and must not block.
+    pub fn aligned<T: Send + Sync + 'static>(
+        &mut self,
+        name: impl Into<Arc<str>>,
+        input: Reader<T>,
+        put: impl Fn(&mut S, Arc<T>, Option<&Lineage>) + Send + Sync + 'static,
+    ) -> &mut Self {
+        self.aligned_by(name, input, |_, lineage| lineage?.origin.as_ref()?.seq, put)
+    }
+
+    /// The same, aligned by a key of your own. A key that was given never opens a set again.
+    pub fn aligned_by<T: Send + Sync + 'static>(
+        &mut self,
+        name: impl Into<Arc<str>>,
+        mut input: Reader<T>,
+        key: impl Fn(&T, Option<&Lineage>) -> Option<u64> + Send + 'static,
+        put: impl Fn(&mut S, Arc<T>, Option<&Lineage>) + Send + Sync + 'static,
+    ) -> &mut Self {
+        let put = Arc::new(put);
+        let poll = move |context: &mut Context<'_>| {
+            let polled = input.poll_numbered(context);
+            polled.map(|message| {
+                let StreamMessage { message, lineage, .. } = message?;
+                let key = key(&message, lineage.as_deref());
+                let (put, of) = (Arc::clone(&put), lineage.clone());
+                let put = Box::new(move |set: &mut S| put(set, message, of.as_deref()));
+                Some(AlignedMessage { key, lineage, is_last: true, put })
+            })
+        };
+        self.add(name.into(), Box::new(poll))
+    }
+
+    /// An input that is an operator's output, aligned by the timestamp of its origin. A message that was missed counts as there.
+    ///
+    /// Of several items of one message the set has the last, or when it is due the last so far: `put` is called with each but
+    /// one that is [final](crate::Ending::Final).
+    pub fn items<O: Send + Sync + 'static>(
+        &mut self,
+        name: impl Into<Arc<str>>,
+        mut input: Items<O>,
+        put: impl Fn(&mut S, Arc<Item<O>>) + Send + Sync + 'static,
+    ) -> &mut Self {
+        let put = Arc::new(put);
+        let poll = move |context: &mut Context<'_>| {
+            let polled = input.poll_numbered(context);
+            polled.map(|message| {
+                let StreamMessage { message: item, lineage, .. } = message?;
+                let key = lineage.as_ref().and_then(|it| it.origin.as_ref()?.seq);
+                let (is_last, put) = (item.is_last(), Arc::clone(&put));
+                let put = Box::new(move |set: &mut S| {
+                    // Its value is there.
+                    if !matches!(item.ending, Ending::Final(_)) {
+                        put(set, item);
+                    }
+                });
+                Some(AlignedMessage { key, lineage, is_last, put })
+            })
+        };
+        self.add(name.into(), Box::new(poll))
+    }
+
+    /// An input of which each set gets the latest message, such as a localization. No set waits for it. One that is older than
+    /// `max_age`, since its capture or else since it arrived, is missing.
+    pub fn latest<T: Send + Sync + 'static>(
+        &mut self,
+        name: impl Into<Arc<str>>,
+        mut input: Reader<T>,
+        max_age: Duration,
+        put: impl Fn(&mut S, Arc<T>, Option<&Lineage>) + Send + Sync + 'static,
+    ) -> &mut Self {
+        let put = Arc::new(put);
+        let poll = move |context: &mut Context<'_>| {
+            let polled = input.poll_numbered(context);
+            polled.map(|message| {
+                let StreamMessage { message, lineage, .. } = message?;
+                let captured = lineage.as_ref().and_then(|lineage| lineage.captured);
+                let put = Arc::clone(&put);
+                let put = move |set: &mut S| put(set, Arc::clone(&message), lineage.as_deref());
+                Some(LatestValue { captured, arrived: Instant::now(), put: Box::new(put) })
+            })
+        };
+        let (name, poll) = (name.into(), Box::new(poll));
+        self.latest.push(LatestSource { name, poll, max_age, is_open: true, value: None });
+        self
+    }
+
+    /// Is called with each message that is dropped; it must not block.
+    pub fn on_drop(&mut self, on_drop: impl FnMut(&JoinDrop) + Send + 'static) -> &mut Self {
+        self.on_drop = Some(Box::new(on_drop));
+        self
+    }
+
+    /// Starts it on the current runtime; returns its sets, in the order in which they are complete or due.
+    ///
+    /// # Errors
+    /// [`NoRuntime`](SpawnError::NoRuntime) and [`NoOutput`](SpawnError::NoOutput).
+    pub fn spawn(self) -> Result<(RunningJoin, Reader<Joined<S>>), SpawnError> {
+        let runtime = Handle::try_current().map_err(|_| SpawnError::NoRuntime)?;
+        let JoinConfig { name, wait, window, reserve, output_len } = self.config;
+        if output_len == 0 {
+            return Err(SpawnError::NoOutput);
+        }
+        let bounds = JoinBounds { wait, window, reserve: Duration::ZERO };
+        let names = self.aligned.iter().map(|input| Arc::clone(&input.name));
+        let (writer, sets) = stream(output_len);
+        let tally = Arc::<Mutex<JoinTally>>::default();
+        let task = JoinTask {
+            aligner: Aligner::new(names, bounds),
+            aligned: self.aligned,
+            latest: self.latest,
+            on_drop: self.on_drop,
+            reserve,
+            output: Outbox::new(writer, |joined: &Joined<S>| joined.lineage.clone()),
+            tally: Arc::clone(&tally),
+            timer: Box::pin(sleep_until(Instant::now())),
+            turn: 0,
+        };
+        let task = runtime.spawn(task.run().instrument(info_span!("join", name)));
+        Ok((RunningJoin { task, tally }, sets))
+    }
+
+    fn add(&mut self, name: Arc<str>, poll: PollAligned<S>) -> &mut Self {
+        self.aligned.push(AlignedSource { name, poll, is_open: true });
+        self
+    }
+}
+
+impl RunningJoin {
+    /// The counts so far.
+    #[must_use]
+    pub fn tally(&self) -> JoinTally {
+        self.tally.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Waits until the aligned inputs have ended and every set was given; returns the counts.
+    pub async fn join(self) -> JoinTally {
+        // A runtime that was shut down has ended it too.
+        let _ = self.task.await;
+        let tally = self.tally.lock().unwrap_or_else(PoisonError::into_inner);
+        tally.clone()
+    }
+}
+
+impl<S: Default + Send + Sync + 'static> JoinTask<S> {
+    async fn run(mut self) {
+        loop {
+            self.give();
+            let is_over = self.aligner.is_over();
+            if is_over && self.output.is_delivered() {
+                return;
+            }
+            poll_fn(|context| self.poll_event(context, is_over)).await;
+        }
+    }
+
+    /// Takes in one message, or what is due. While a reader lags, nothing.
+    fn poll_event(&mut self, context: &mut Context<'_>, is_over: bool) -> Poll<()> {
+        let was_waiting = !self.output.is_delivered();
+        if self.output.poll_delivered(context).is_pending() {
+            return Poll::Pending;
+        }
+        if is_over || was_waiting {
+            return Poll::Ready(());
+        }
+        for latest in &mut self.latest {
+            while latest.is_open
+                && let Poll::Ready(value) = (latest.poll)(context)
+            {
+                latest.is_open = value.is_some();
+                latest.value = value.or(latest.value.take());
+            }
+        }
+        for _ in 0..self.aligned.len() {
+            let index = self.turn;
+            self.turn = (index + 1) % self.aligned.len();
+            let source = &mut self.aligned[index];
+            if source.is_open
+                && let Poll::Ready(message) = (source.poll)(context)
+            {
+                self.arrived(index, message);
+                return Poll::Ready(());
+            }
+        }
+        let Some(due) = self.aligner.next_due() else { return Poll::Pending };
+        self.timer.as_mut().reset(due.into());
+        self.timer.as_mut().poll(context).map(|()| self.aligner.tick(now()))
+    }
+
+    fn arrived(&mut self, index: usize, message: Option<AlignedMessage<S>>) {
+        let now = now();
+        let Some(AlignedMessage { key, lineage, is_last, put }) = message else {
+            self.aligned[index].is_open = false;
+            self.aligner.end(now, index);
+            return;
+        };
+        let reserve = self.reserve.iter().map(Latency::estimate);
+        self.aligner.set_reserve(reserve.fold(Duration::ZERO, Duration::saturating_add));
+        let lineage = lineage.as_ref();
+        let arrival = JoinArrival { input: index, key, lineage, is_last };
+        let joined = self.aligner.arrive(now, arrival, |set| guarded(|| put(set)));
+        let Err(why) = joined else { return };
+        let dropped = JoinDrop { input: Arc::clone(&self.aligned[index].name), key, why };
+        debug!(input = &*dropped.input, key, ?why, "message dropped");
+        self.count(|tally| {
+            *tally.dropped.entry((Arc::clone(&dropped.input), why)).or_default() += 1;
+        });
+        if let Some(on_drop) = &mut self.on_drop {
+            guarded(|| on_drop(&dropped));
+        }
+    }
+
+    /// Hands on the sets that are given, each with the latest of the other inputs.
+    fn give(&mut self) {
+        while let Some(mut joined) = self.aligner.next_set() {
+            let now = Instant::now();
+            for latest in &self.latest {
+                let is_fresh = |value: &&LatestValue<S>| {
+                    let since = value.captured.map_or(value.arrived, Instant::from_std);
+                    now.saturating_duration_since(since) <= latest.max_age
+                };
+                match latest.value.as_ref().filter(is_fresh) {
+                    Some(value) => guarded(|| (value.put)(&mut joined.set)),
+                    None => joined.missing.push(Arc::clone(&latest.name)),
+                }
+            }
+            self.count(|tally| {
+                *tally.given.entry(joined.cause).or_default() += 1;
+                for missing in &joined.missing {
+                    *tally.missing.entry(Arc::clone(missing)).or_default() += 1;
+                }
+            });
+            self.output.push(joined);
+        }
+    }
+
+    fn count(&self, count: impl FnOnce(&mut JoinTally)) {
+        count(&mut self.tally.lock().unwrap_or_else(PoisonError::into_inner));
+    }
+}
+
+fn now() -> std::time::Instant {
+    Instant::now().into_std()
+}
+
+/// D7: a handler that panics costs its own message.
+fn guarded(handler: impl FnOnce()) {
+    if let Err(panic) = catch_unwind(AssertUnwindSafe(handler)) {
+        error!(why = reason(&*panic), "a handler of the join panicked");
+    }
+}

@@ -1,0 +1,359 @@
+//! Operators as a graph under one end-to-end deadline: budgets, joins, order, substitutes (E1 to E9).
+
+mod support;
+
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use fuseline_tokio::{
+    CarriedState, Config, Ending, Item, Items, Join, JoinCause, JoinConfig, JoinDropReason, Joined,
+    Latency, Lineage, Local, Operator, OutOfOrder, Overflow, Setup, spawn, stream,
+};
+use support::ClosureOperator;
+use tokio::time::{Instant, advance, sleep};
+
+const MS: Duration = Duration::from_millis(1);
+
+/// Computes another operator's items within a time; gives a substitute for what is missed, if it is to.
+struct Next {
+    takes: Duration,
+    substitute: bool,
+}
+
+impl Operator for Next {
+    type Input = Item<String>;
+    type Output = String;
+
+    fn setup(self, setup: &mut Setup<Item<String>, String>) -> Local<Item<String>, String> {
+        let takes = self.takes;
+        if self.substitute {
+            setup.use_substitute(|item| Some(format!("instead of {}", item.timestamp)));
+        }
+        Local::futures(9, move |item: Arc<Item<String>>, _| async move {
+            sleep(takes).await;
+            let value = item.value().ok_or("nothing to work on")?;
+            Ok(format!("next of {value}"))
+        })
+    }
+}
+
+/// Local takes as many milliseconds as the message says; nothing comes of 0.
+fn takes_ms(
+    setup: impl FnOnce(&mut Setup<u64, String>),
+) -> impl Operator<Input = u64, Output = String> {
+    ClosureOperator(|registered: &mut Setup<u64, String>| {
+        setup(registered);
+        Local::futures(99, |ms: Arc<u64>, _| async move {
+            if *ms == 0 {
+                std::future::pending::<()>().await;
+            }
+            sleep(Duration::from_millis(*ms)).await;
+            Ok(format!("{ms}"))
+        })
+    })
+}
+
+fn config(reserve: impl IntoIterator<Item = Latency>) -> Config {
+    Config { reserve: reserve.into_iter().collect(), ..Config::default() }
+}
+
+async fn all<T: Clone>(mut items: fuseline_tokio::Reader<T>) -> Vec<T> {
+    let mut all = Vec::new();
+    while let Some(item) = items.read().await {
+        all.push(T::clone(&item));
+    }
+    all
+}
+
+/// E1, E2, E4: whatever hangs, each message leads to one item of the last operator, by the end-to-end deadline.
+#[tokio::test(start_paused = true)]
+async fn of_a_chain_whose_first_operator_hangs_each_message_has_its_item_by_the_deadline() {
+    let (mut camera, frames) = stream(8);
+    let first = takes_ms(|setup| {
+        setup.use_substitute(|_| Some("old boxes".into()));
+    });
+    let (_first, boxes) = spawn(first, config([Latency::stated(60 * MS)]), frames).unwrap();
+    let next = Next { takes: 40 * MS, substitute: true };
+    let (_next, plans) = spawn(next, config([]), boxes).unwrap();
+    let start = Instant::now();
+    // The second hangs; the third comes when its deadline is over.
+    for (ms, age) in [(50, 0), (0, 0), (50, 200), (0, 170)] {
+        let captured = (start - age * MS).into_std();
+        camera.write_with(ms, Lineage::new("camera", ms, captured).within(200 * MS)).unwrap();
+    }
+    drop(camera);
+    let (mut ends, mut plans) = (Vec::new(), plans);
+    while let Some(item) = plans.read().await {
+        let age = item.lineage.as_ref().and_then(|lineage| lineage.age(Instant::now())).unwrap();
+        // E7.
+        assert_eq!(item.age, item.substitute.is_none().then_some(age));
+        ends.push((age.as_millis(), item.value().cloned().unwrap()));
+    }
+    ends.sort();
+    let expected = [
+        (90, "next of 50"),
+        (180, "next of old boxes"),
+        // Each of the two timers may be 1 ms late.
+        (202, "instead of 0"),
+        (202, "instead of 1"),
+    ];
+    assert_eq!(ends.len(), 4);
+    for ((age, value), (by, expected)) in ends.iter().zip(expected) {
+        assert!(*age <= by, "{ends:?}");
+        assert_eq!(value.split(' ').next(), expected.split(' ').next(), "{ends:?}");
+    }
+}
+
+/// E4: it is marked, and the counts stay those of the machine.
+#[tokio::test(start_paused = true)]
+async fn a_substitute_is_marked_and_the_message_stays_missed() {
+    let (mut camera, frames) = stream(8);
+    let operator = ClosureOperator(|setup: &mut Setup<u64, String>| {
+        setup.use_substitute(|item| match item.timestamp {
+            0 => Some("safe stop".into()),
+            1 => None,
+            _ => panic!("no substitute"),
+        });
+        Local::future(|_, _| async { Err("broken".into()) })
+    });
+    let (running, items) = spawn(operator, Config::default(), frames).unwrap();
+    for t in 0..3 {
+        camera.write(t).unwrap();
+    }
+    drop(camera);
+    let items = all(items).await;
+    let substitutes: Vec<_> = items.iter().map(|item| item.substitute.as_deref()).collect();
+    assert_eq!(substitutes, [Some("safe stop"), None, None]);
+    assert!(items.iter().all(|item| item.ending == Ending::Missed));
+    assert_eq!(items[0].value().map(|it| &**it), Some("safe stop"));
+    assert_eq!(running.join().await.unwrap().missed, 3);
+}
+
+/// E3: a measured reserve follows what the operator downstream takes.
+#[tokio::test(start_paused = true)]
+async fn a_measured_reserve_leaves_what_the_next_operator_takes() {
+    let latency = Latency::measured(100, Duration::ZERO);
+    let (mut camera, frames) = stream(99);
+    let cloudy = takes_ms(|setup| {
+        let handle = |(), call: fuseline_tokio::Call| async move {
+            Ok(format!("left {}", call.deadline.as_millis()))
+        };
+        setup.use_cloud(handle, |_, _| Some(((), 1000 * MS)), Ok, 1);
+    });
+    let (_first, boxes) = spawn(cloudy, config([latency.clone()]), frames).unwrap();
+    let next = Next { takes: 40 * MS, substitute: false };
+    let next_config = Config { latency: Some(latency), ..Config::default() };
+    let (_next, mut plans) = spawn(next, next_config, boxes).unwrap();
+    let mut left = Vec::new();
+    for seq in 0..20 {
+        let lineage = Lineage::new("camera", seq, Instant::now()).within(200 * MS);
+        camera.write_with(9, lineage).unwrap();
+        left.push(plans.read().await.unwrap().value().unwrap().clone());
+    }
+    assert_eq!((&*left[0], &*left[19]), ("next of left 200", "next of left 160"));
+}
+
+/// E5, E7: two operators of one camera, joined again.
+#[tokio::test(start_paused = true)]
+async fn the_two_branches_of_a_diamond_meet_by_their_frame() {
+    let (mut camera, frames) = stream(9);
+    let other_frames = frames.another();
+    let (_fast, fast) = spawn(takes_ms(|_| {}), Config::default(), frames).unwrap();
+    let slow = ClosureOperator(|_: &mut _| {
+        Local::futures(9, |ms: Arc<u64>, _| async move {
+            // The last of them are missed.
+            sleep(30 * MS).await;
+            if *ms > 20 { Err("broken".into()) } else { Ok(format!("slow {ms}")) }
+        })
+    });
+    let (_slow, slow) = spawn(slow, Config::default(), other_frames).unwrap();
+    let mut join = Join::<Vec<String>>::new(JoinConfig::default());
+    let put = |set: &mut Vec<String>, item: Arc<Item<String>>| {
+        set.push(item.value().map_or("none", |value| value).to_owned());
+        set.sort();
+    };
+    join.items("fast", fast, put).items("slow", slow, put);
+    let (running, sets) = join.spawn().unwrap();
+    let start = Instant::now();
+    for (seq, ms) in [(7, 20), (8, 10), (9, 40)] {
+        camera.write_with(ms, Lineage::new("camera", seq, start)).unwrap();
+    }
+    drop(camera);
+    let sets: Vec<_> = all(sets).await.into_iter().map(|it| (it.key, it.set.join(", "))).collect();
+    let expected = [(7, "20, slow 20"), (8, "10, slow 10"), (9, "40, none")];
+    assert_eq!(sets, expected.map(|(key, set)| (key, set.to_owned())));
+    let tally = running.join().await;
+    assert_eq!(tally.given.into_iter().collect::<Vec<_>>(), [(JoinCause::Complete, 3)]);
+}
+
+/// What two cameras and a localization see.
+#[derive(Clone, Default, Debug)]
+struct Scene {
+    left: Option<u64>,
+    right: Option<u64>,
+    place: Option<u64>,
+}
+
+/// E5, E6: a sensor that dies, one that ends, one that is late, and one that is old.
+#[tokio::test(start_paused = true)]
+async fn nothing_waits_for_a_sensor_that_died_and_what_is_missing_is_said() {
+    let (mut left, left_frames) = stream(9);
+    let (mut right, right_frames) = stream(9);
+    let (mut place, places) = stream(9);
+    let wait = 20 * MS;
+    let mut join = Join::<Scene>::new(JoinConfig { wait, ..JoinConfig::default() });
+    let dropped = Arc::new(Mutex::new(Vec::new()));
+    let told = Arc::clone(&dropped);
+    join.aligned("left", left_frames, |scene: &mut Scene, frame, _| scene.left = Some(*frame))
+        .aligned("right", right_frames, |scene, frame, _| scene.right = Some(*frame))
+        .latest("place", places, 100 * MS, |scene, place, _| scene.place = Some(*place))
+        .on_drop(move |it| told.lock().unwrap().push((it.input.to_string(), it.key, it.why)));
+    let (running, mut sets) = join.spawn().unwrap();
+    let start = Instant::now();
+    let of = |stream: &str, seq| Lineage::new(stream, seq, Instant::now());
+    let told = |set: &Joined<Scene>| {
+        let missing: Vec<_> = set.missing.iter().map(ToString::to_string).collect();
+        let Scene { left, right, place } = set.set;
+        (start.elapsed().as_millis(), (left, right, place), missing.join(" "))
+    };
+    left.write_with(1, of("left", 1)).unwrap();
+    right.write_with(1, of("right", 1)).unwrap();
+    let set = sets.read().await.unwrap();
+    assert_eq!(told(&set), (0, (Some(1), Some(1), None), "place".into()));
+    place.write_with(70, of("place", 0)).unwrap();
+    // The right camera is dead for one frame, and then late.
+    left.write_with(2, of("left", 2)).unwrap();
+    let set = sets.read().await.unwrap();
+    assert_eq!(told(&set), (20, (Some(2), None, Some(70)), "right".into()));
+    right.write_with(2, of("right", 2)).unwrap();
+    right.write(3).unwrap();
+    advance(100 * MS).await;
+    right.write_with(3, of("right", 3)).unwrap();
+    left.write_with(3, of("left", 3)).unwrap();
+    let set = sets.read().await.unwrap();
+    assert_eq!(told(&set), (120, (Some(3), Some(3), None), "place".into()));
+    // The right camera ends.
+    drop(right);
+    left.write_with(4, of("left", 4)).unwrap();
+    let set = sets.read().await.unwrap();
+    assert_eq!(told(&set), (120, (Some(4), None, None), "right place".into()));
+    drop(left);
+    assert!(sets.read().await.is_none());
+    let late = ("right".to_owned(), Some(2), JoinDropReason::Late);
+    let unnumbered = ("right".to_owned(), None, JoinDropReason::NoKey);
+    assert_eq!(*dropped.lock().unwrap(), [late, unnumbered]);
+    let tally = running.join().await;
+    assert_eq!((tally.given[&JoinCause::Complete], tally.given[&JoinCause::Due]), (3, 1));
+    assert_eq!(tally.missing.values().sum::<u64>(), 5);
+}
+
+/// E8: a reader that lags holds a join back, which loses nothing of what it took in.
+#[tokio::test(start_paused = true)]
+async fn a_join_whose_reader_lags_takes_nothing_in() {
+    let (mut left, frames) = stream(4);
+    let config = JoinConfig { output_len: 1, ..JoinConfig::default() };
+    let mut join = Join::<Scene>::new(config.clone());
+    join.aligned("left", frames, |scene, frame, _| scene.left = Some(*frame));
+    let (_running, mut sets) = join.spawn().unwrap();
+    let mut written = 0;
+    for _ in 0..20 {
+        sleep(MS).await;
+        written +=
+            u64::from(left.write_with(1, Lineage::new("left", written, Instant::now())).is_ok());
+    }
+    // One is to be read, one waits for room, four are not taken in.
+    assert_eq!(written, 6);
+    drop(left);
+    for key in 0..6 {
+        assert_eq!(sets.read().await.unwrap().key, key);
+    }
+    assert!(sets.read().await.is_none());
+    assert!(Join::<Scene>::new(JoinConfig { output_len: 0, ..config }).spawn().is_err());
+}
+
+/// E9.
+#[tokio::test(start_paused = true)]
+async fn items_wait_for_earlier_ones_until_they_are_due_and_what_was_passed_over_is_told() {
+    let (mut camera, frames) = stream(9);
+    let (_running, items) = spawn(takes_ms(|_| {}), Config::default(), frames).unwrap();
+    let told = Arc::new(Mutex::new(Vec::new()));
+    let report = Arc::clone(&told);
+    let report = move |it| report.lock().unwrap().push(it);
+    let items: Items<String> = items.in_order(50 * MS, 10 * MS, report);
+    for ms in [30, 10, 90, 35] {
+        camera.write_with(ms, Lineage::new("camera", ms, Instant::now()).within(70 * MS)).unwrap();
+    }
+    drop(camera);
+    let start = Instant::now();
+    let mut items = items;
+    let mut seen = Vec::new();
+    while let Some(item) = items.read().await {
+        seen.push((item.timestamp, start.elapsed().as_millis()));
+    }
+    // The third is missed when its end-to-end deadline is over, which is too late for the fourth to wait.
+    assert_eq!(seen, [(0, 30), (1, 30), (3, 60)]);
+    assert_eq!(*told.lock().unwrap(), [OutOfOrder::PassedOver(2..3), OutOfOrder::Late(2)]);
+}
+
+/// D17.
+#[tokio::test(start_paused = true)]
+async fn a_local_that_cannot_keep_up_computes_the_freshest() {
+    for (overflow, computed) in [(Overflow::DropOldest, [0, 3]), (Overflow::DropNewest, [0, 1])] {
+        let operator = ClosureOperator(move |_: &mut _| {
+            let mut local = Local::future(|_, t| async move {
+                sleep(50 * MS).await;
+                Ok(format!("{t}"))
+            });
+            (local.waiting, local.overflow) = (Some(1), overflow);
+            local
+        });
+        let (mut camera, frames) = stream(9);
+        let (_running, items) = spawn(operator, Config::default(), frames).unwrap();
+        for t in 0..4 {
+            camera.write(t).unwrap();
+            sleep(MS).await;
+        }
+        drop(camera);
+        let items = all(items).await;
+        let forwarded = items.iter().filter(|item| item.forwarded().is_some());
+        assert_eq!(forwarded.map(|item| item.timestamp).collect::<Vec<_>>(), computed);
+    }
+}
+
+/// E10: a cloud's state is taken over by the messages that begin after its result was sent (A55).
+#[tokio::test(start_paused = true)]
+async fn what_begins_after_a_clouds_result_was_sent_is_computed_from_its_state() {
+    let operator = ClosureOperator(|setup: &mut Setup<u64, String>| {
+        let state = CarriedState::new("0".to_owned());
+        let sent_along = state.clone();
+        let handle = |state: String, _| async move {
+            sleep(30 * MS).await;
+            Ok(format!("{state}c"))
+        };
+        let message_handler =
+            move |_: &u64, t: u64| (t == 1 || t == 4).then(|| (sent_along.current(), 100 * MS));
+        setup.use_cloud(handle, message_handler, Ok, 1);
+        setup.use_state(&state, String::clone);
+        Local::future(move |_, t| {
+            let state = state.clone();
+            async move {
+                let next = format!("{}l", state.current());
+                sleep(MS).await;
+                state.computed(t, next.clone());
+                Ok(next)
+            }
+        })
+    });
+    let (mut camera, frames) = stream(9);
+    let (_running, items) = spawn(operator, Config::default(), frames).unwrap();
+    for t in 0..6 {
+        camera.write(t).unwrap();
+        // The cloud's answer for 1 comes before 2, that for 4 after 5 was computed.
+        sleep(if t == 1 { 40 * MS } else { 10 * MS }).await;
+    }
+    drop(camera);
+    let mut items = all(items).await;
+    items.sort_by_key(|item| item.timestamp);
+    let values: Vec<_> = items.iter().map(|item| item.value().unwrap().as_str()).collect();
+    assert_eq!(values, ["0l", "0lc", "0lcl", "0lcll", "0lcllc", "0lcllll"]);
+}

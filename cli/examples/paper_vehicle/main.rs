@@ -1,0 +1,113 @@
+//! The paper's vehicle: two cameras and a localization, detection with two clouds, tracking with one and a state that goes
+//! along, prediction, planning with contingency plans beside, and control at 20 Hz, under one end-to-end deadline of 500 ms.
+//!
+//! Networks are recorded ones; runtimes are emulated, and so is what is computed. Time is virtual: equal options give equal
+//! lines. Run it with `cargo run -p fuseline --example paper_vehicle -- --kill west-detector`.
+
+mod drive;
+mod operators;
+mod world;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Duration;
+
+use clap::Parser;
+use fuseline_tokio::Error;
+use tokio::runtime::Builder;
+
+use crate::drive::{Driven, Options, drive};
+use crate::operators::Mode;
+use crate::world::Part;
+
+/// Drives the paper's vehicle on board, with the cloud, and with both.
+#[derive(Parser)]
+struct Cli {
+    /// How long each drive is, in seconds.
+    #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u64).range(10..=3600))]
+    seconds: u64,
+    /// Kill this part halfway; `each` kills one after the other, in a drive of its own.
+    #[arg(long, value_name = "PART")]
+    kill: Option<String>,
+    /// Write the traces of the drive with both into this folder, one an operator.
+    #[arg(long, value_name = "FOLDER")]
+    traces: Option<PathBuf>,
+    /// Tell the life of this frame.
+    #[arg(long, default_value_t = 120)]
+    frame: u64,
+}
+
+fn main() -> ExitCode {
+    match run(&Cli::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+fn run(cli: &Cli) -> Result<(), Error> {
+    let length = Duration::from_secs(cli.seconds);
+    let kills: Vec<Option<Part>> = match cli.kill.as_deref() {
+        None => vec![None],
+        Some("each") => Part::ALL.map(Some).into(),
+        Some(name) => {
+            let part = Part::ALL.into_iter().find(|part| part.name() == name);
+            let known = Part::ALL.map(Part::name).join(", ");
+            vec![Some(part.ok_or_else(|| format!("--kill {name}: it is one of {known}, each"))?)]
+        }
+    };
+    if let Some(folder) = &cli.traces {
+        std::fs::create_dir_all(folder)?;
+    }
+    println!("runtimes and values are emulated; networks are recorded");
+    println!(
+        "{:24} {:>12} {:>11} {:>8} {:>7} {:>5} {:>5}",
+        "", "commands", "within", "age p50", "p99", "AP", "stops"
+    );
+    for kill in kills {
+        for mode in [Mode::Local, Mode::Cloud, Mode::Fusion] {
+            let kill = kill.map(|part| (part, length / 2));
+            let traces = cli.traces.as_deref().filter(|_| mode == Mode::Fusion);
+            let options = Options { mode, length, kill, traces, frame: cli.frame };
+            let runtime = Builder::new_current_thread().enable_time().start_paused(true).build()?;
+            let driven = runtime.block_on(drive(options))?;
+            let dead = kill.map_or("", |(part, _)| part.name());
+            println!("{}", row(&format!("{mode:?} {dead}"), &driven));
+            if mode == Mode::Fusion {
+                tell(cli.frame, &driven);
+            }
+        }
+    }
+    Ok(())
+}
+
+/// A line of the table.
+fn row(name: &str, driven: &Driven) -> String {
+    let plans = driven.commands.iter().filter_map(|command| command.plan);
+    let mut ages: Vec<Duration> = plans.clone().map(|(age, _)| age).collect();
+    ages.sort_unstable();
+    let at = |percent: usize| ages.get(ages.len() * percent / 100).map_or(0, Duration::as_millis);
+    let accuracy = plans.map(|(_, accuracy)| accuracy).sum::<f64>() / driven.ticks as f64;
+    let (commands, stops) = (driven.commands.len(), driven.commands.len() - ages.len());
+    let slowest = driven.commands.iter().map(|command| command.took).max();
+    let slowest = slowest.map_or(0, |took| took.as_millis());
+    let (p50, p99, ticks) = (at(50), at(99), driven.ticks);
+    format!(
+        "{name:24} {commands:4} of {ticks:4} {slowest:8} ms {p50:5} ms {p99:4} ms {accuracy:5.1} {stops:5}"
+    )
+}
+
+/// Who detected, and one frame's life.
+fn tell(frame: u64, driven: &Driven) {
+    let by: Vec<_> = driven.detected_by.iter().map(|(by, n)| format!("{by} {n}")).collect();
+    println!("  frames detected by: {}", by.join(", "));
+    for stage in &driven.life {
+        let (from, to) = (stage.taken_in.as_millis(), stage.answered.as_millis());
+        println!(
+            "  frame {frame}: {:10} from {from:3} to {to:3} ms by {}",
+            stage.operator, stage.by
+        );
+    }
+}

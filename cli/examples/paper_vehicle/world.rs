@@ -1,0 +1,112 @@
+//! What the vehicle is emulated with: parts that can be killed, and networks as they were recorded.
+
+use std::future::pending;
+use std::time::Duration;
+
+use fuseline_tokio::Error;
+use tokio::time::{Instant, sleep};
+
+/// What can be killed while the vehicle drives.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Part {
+    LeftCamera,
+    RightCamera,
+    Localization,
+    WestDetector,
+    EastDetector,
+    CloudTracker,
+    LocalDetector,
+    LocalTracker,
+    LocalPredictor,
+    LocalPlanner,
+}
+
+/// Which part dies, and when. A dead sensor sends nothing; a dead cloud or computation never answers.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Kill {
+    part: Option<Part>,
+    at: Instant,
+}
+
+/// Round trips of one network, by time; none where it was not there.
+#[derive(Clone, Debug)]
+pub(crate) struct Network {
+    round_trips: Vec<(Duration, Option<Duration>)>,
+    start: Instant,
+}
+
+impl Part {
+    pub(crate) const ALL: [Self; 10] = [
+        Self::LeftCamera,
+        Self::RightCamera,
+        Self::Localization,
+        Self::WestDetector,
+        Self::EastDetector,
+        Self::CloudTracker,
+        Self::LocalDetector,
+        Self::LocalTracker,
+        Self::LocalPredictor,
+        Self::LocalPlanner,
+    ];
+
+    pub(crate) const fn name(self) -> &'static str {
+        match self {
+            Self::LeftCamera => "left-camera",
+            Self::RightCamera => "right-camera",
+            Self::Localization => "localization",
+            Self::WestDetector => "west-detector",
+            Self::EastDetector => "east-detector",
+            Self::CloudTracker => "cloud-tracker",
+            Self::LocalDetector => "local-detector",
+            Self::LocalTracker => "local-tracker",
+            Self::LocalPredictor => "local-predictor",
+            Self::LocalPlanner => "local-planner",
+        }
+    }
+}
+
+impl Kill {
+    pub(crate) const fn new(part: Option<Part>, at: Instant) -> Self {
+        Self { part, at }
+    }
+
+    pub(crate) fn hits(&self, part: Part) -> bool {
+        self.part == Some(part) && self.at <= Instant::now()
+    }
+
+    /// A computation of `part`: it takes `runtime`, or never ends.
+    pub(crate) async fn compute<T>(
+        self,
+        part: Part,
+        runtime: Duration,
+        result: T,
+    ) -> Result<T, Error> {
+        sleep(runtime).await;
+        if self.hits(part) { pending().await } else { Ok(result) }
+    }
+}
+
+impl Network {
+    /// Of a file of `cli/data`: instants in its first column, in units of `unit`, and round trips in ms in `column`.
+    pub(crate) fn new(file: &str, unit: Duration, column: usize) -> Self {
+        let row = |line: &str| {
+            let mut fields = line.split(',');
+            let at: u32 = fields.next()?.parse().ok()?;
+            let ms: f64 = fields.nth(column - 1)?.parse().ok()?;
+            Some((at * unit, Duration::try_from_secs_f64(ms / 1000.0).ok()))
+        };
+        let round_trips = file.lines().filter_map(row).collect();
+        Self { round_trips, start: Instant::now() }
+    }
+
+    /// Takes as long as a message and its reply took when the network was recorded; where it was not there, for ever.
+    pub(crate) async fn round_trip(self) {
+        let length = self.round_trips.last().map_or(Duration::MAX, |(at, _)| *at);
+        let since = self.start.elapsed().as_nanos() % length.as_nanos().max(1);
+        let index = self.round_trips.partition_point(|(at, _)| at.as_nanos() <= since);
+        match index.checked_sub(1).and_then(|index| self.round_trips[index].1) {
+            Some(round_trip) => sleep(round_trip).await,
+            None => pending().await,
+        }
+    }
+}
