@@ -106,9 +106,22 @@ pub(crate) fn next_event<R: BufRead>(
             Ok(None)
         }
         (true, TraceEnd::Whole | TraceEnd::Ended) => Err(Fault::own(TruncatedTrace(error))),
-        (false, _) => Err(error.into()),
+        (false, _) => Err(unread(error)),
     }
 }
+
+/// Why a trace cannot be read, with the option that would help.
+fn unread(error: ReadError) -> Fault {
+    if error.to_string().ends_with("judged as observed") {
+        return Fault::own(ObservedTrace(error));
+    }
+    error.into()
+}
+
+/// A trace has keys that a strict judge does not take.
+#[derive(Debug, Error)]
+#[error("{0}; give --observed --tolerance TIME --lateness TIME")]
+struct ObservedTrace(ReadError);
 
 /// A trace ends in the midst of a line.
 #[derive(Debug, Error)]
@@ -122,7 +135,7 @@ pub(crate) fn reader<R: BufRead>(
     trace: R,
 ) -> Result<Events<R>, Fault> {
     let read = if mode.is_none() { Events::new } else { Events::observed };
-    Ok(read(name, trace)?)
+    read(name, trace).map_err(unread)
 }
 
 impl JudgeOptions {

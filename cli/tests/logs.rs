@@ -194,3 +194,30 @@ fn a_header_is_made_by_asking_what_the_file_does_not_say() {
     assert_eq!(silent.status.code(), Some(2));
     assert!(err(&silent).contains("asks for priority of east"), "{}", err(&silent));
 }
+
+/// The chapter of the book, with the log that ships.
+#[test]
+fn the_books_log_is_judged_as_its_chapter_says() {
+    let book = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/book/src/start");
+    let read = |name: &str| fs::read_to_string(format!("{book}/{name}")).unwrap();
+    let chapter = read("own-log.md");
+    let (_, names) = chapter.split_once("names=\"").unwrap();
+    let names: Vec<&str> = names.split('"').next().unwrap().split_whitespace().collect();
+    let dir = tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name).display().to_string();
+    let (log, header) = (path("robot.jsonl"), path("header.jsonl"));
+    fs::write(&log, read("robot.jsonl")).unwrap();
+    let made = run(&[&["convert", "--write-header"], &names[..], &[&log]].concat(), "1\n\n\n\n");
+    assert_eq!(made.status.code(), Some(0), "{}", err(&made));
+    fs::write(&header, out(&made)).unwrap();
+    let trace = run(&[&["convert", "--header", &header], &names[..], &[&log]].concat(), "");
+    assert_eq!(trace.status.code(), Some(0), "{}", err(&trace));
+    let judge = ["check", "--observed", "--lateness", "5ms", "--tolerance"];
+    let judged = run(&[&judge[..], &["1ms"]].concat(), out(&trace));
+    assert_eq!((judged.status.code(), err(&judged)), (Some(1), ""));
+    let verdict = out(&judged).lines().next().unwrap().replace("stdin", "robot-trace.jsonl");
+    assert!(chapter.contains(&verdict), "{verdict}");
+    let swallowed = run(&[&judge[..], &["100ms"]].concat(), out(&trace));
+    assert_eq!(swallowed.status.code(), Some(0));
+    assert!(err(&swallowed).contains("10 of 10 requests"), "{}", err(&swallowed));
+}

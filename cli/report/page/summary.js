@@ -42,7 +42,7 @@ export function showSummary(trace) {
   const columns = trace.columns.map(([word, meaning], at) => ({ word, meaning, at }))
     .filter(({ at }) => at !== OPEN || account.rows.some(({ counts }) => counts[at] > 0));
   const head = [["Source"], ["Share"], ...columns.map(({ word, meaning }) => [capital(word), meaning]), ["p50"], ["p90"], ["p99"],
-    ["Deadlines", "The least, the median and the greatest that its requests had."]];
+    ["Deadlines", "The least and the greatest that its requests had."]];
   by("sources").replaceChildren(
     el("thead", {}, el("tr", {}, ...head.map(([name, title]) => el("th", { scope: "col", title }, name)))),
     el("tbody", {}, ...account.rows.map((row) => line(trace, row, columns))),
@@ -66,12 +66,11 @@ function line({ sources, account: { messages } }, { place, counts, response, dea
     el("td", { class: "shares" }, el("span", { class: "track" }, bar), el("b", {}, share(counts[SUMMED], messages))),
     ...columns.map(({ at, word }) => el("td", { "data-of": word }, count(counts[at]))),
     ...response.map((ns) => el("td", {}, quantile(ns))),
-    el("td", {}, deadlines ? span(deadlines.map(Number)) : "–"));
+    el("td", { title: (deadlines ?? false) && `median ${time(Number(deadlines[1]))}` }, deadlines ? span(deadlines.map(Number)) : "–"));
 }
 
-/** The least, the median and the greatest; one if they are the same. */
-const span = ([least, middle, greatest]) =>
-  least === greatest ? time(least) : `${time(least)} – ${time(middle)} – ${time(greatest)}`;
+/** The least and the greatest; one if they are the same. */
+const span = ([least, , greatest]) => (least === greatest ? time(least) : `${time(least)} – ${time(greatest)}`);
 
 export function showLegend(trace) {
   const { account, sources } = trace;

@@ -152,6 +152,17 @@ struct ExtraResults {
 }
 
 impl TrafficJamResult {
+    /// Whether a cell of ours collides, and faster than local alone, which collides too.
+    fn is_harder(&self, cell: &Cell) -> bool {
+        let is_local = |other: &&Cell| {
+            (other.approach, other.speed, other.response)
+                == (Approach::Local, cell.speed, cell.response)
+        };
+        let local = self.cells.iter().find(is_local).and_then(|local| local.impact);
+        let impacts = cell.impact.zip(local);
+        cell.approach == Approach::Ours && impacts.is_some_and(|([_, own], [_, local])| own > local)
+    }
+
     /// How many cells are as in the paper, and how many it has.
     fn agreement(&self) -> (usize, usize) {
         let known = self.cells.iter().filter(|cell| cell.paper.is_some());
