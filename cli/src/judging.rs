@@ -3,7 +3,7 @@
 use std::io::{self, BufRead};
 use std::time::Duration;
 
-use fuseline_report::{Findings, JudgeMode, Part, TraceJudge, VerdictSummary};
+use fuseline_report::{Findings, JudgeMode, TraceJudge, TraceRange, VerdictSummary};
 use fuseline_traces::observed::Slack;
 use fuseline_traces::{Cloud, Event, Events, Header, ReadError};
 use thiserror::Error;
@@ -196,7 +196,7 @@ impl JudgeOptions {
     }
 
     /// The part of the trace that is meant, if it is not the whole.
-    pub(crate) fn part(&self) -> Option<Part> {
+    pub(crate) fn part(&self) -> Option<TraceRange> {
         self.part.part()
     }
 

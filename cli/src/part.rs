@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use fuseline_report::{Part, PartFilter};
+use fuseline_report::{PartFilter, TraceRange};
 use fuseline_traces::Event;
 
 /// Which messages of a trace are meant; all of it is read.
@@ -26,12 +26,12 @@ impl PartOptions {
     }
 
     /// The part, if it is not the whole.
-    pub(crate) fn part(&self) -> Option<Part> {
+    pub(crate) fn part(&self) -> Option<TraceRange> {
         let (first, last) = self.timestamps.unwrap_or((0, u64::MAX));
         let nanos = |time: Duration| u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
         let (from, to) = (self.from.map_or(0, nanos), self.to.map_or(u64::MAX, nanos));
-        let part = Part { from, to, first, last };
-        (part != Part::default()).then_some(part)
+        let part = TraceRange { from, to, first, last };
+        (part != TraceRange::default()).then_some(part)
     }
 
     /// What of a trace's events is meant, from its first one on.
@@ -51,12 +51,11 @@ fn timestamps(text: &str) -> Result<(u64, u64), &'static str> {
         "" => Ok(none),
         text => text.parse().map_err(|_| wrong),
     };
-    let (first, last) = match text.split_once("..") {
-        Some((first, last)) => (number(first, 0)?, number(last, u64::MAX)?),
-        None => {
-            let only = text.parse().map_err(|_| wrong)?;
-            (only, only)
-        }
+    let (first, last) = if let Some((first, last)) = text.split_once("..") {
+        (number(first, 0)?, number(last, u64::MAX)?)
+    } else {
+        let only = text.parse().map_err(|_| wrong)?;
+        (only, only)
     };
     (first <= last).then_some((first, last)).ok_or(wrong)
 }

@@ -46,9 +46,17 @@ fn differs(root: &Value, schema: &Value, value: &Value) -> Result<(), String> {
                     return Err(format!("{value}: {}", wrong.join("; ")));
                 }
             }
-            "const" | "enum" | "minimum" | "maximum" => {}
-            "required" | "properties" | "additionalProperties" => {}
-            "items" | "prefixItems" | "minItems" | "maxItems" => {}
+            // It holds, or is looked at below.
+            "const"
+            | "enum"
+            | "minimum"
+            | "maximum"
+            | "required"
+            | "properties"
+            | "additionalProperties"
+            | "items"
+            | "minItems"
+            | "maxItems" => {}
             unknown => return Err(format!("the keyword {unknown} is not known here")),
         }
     }
@@ -156,8 +164,9 @@ fn verdicts_are_as_their_schema_says() {
     let all: Vec<String> = folders
         .iter()
         .flat_map(|folder| fs::read_dir(folder).unwrap())
-        .map(|entry| entry.unwrap().path().display().to_string())
-        .filter(|path| path.ends_with(".jsonl"))
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| path.extension().is_some_and(|extension| extension == "jsonl"))
+        .map(|path| path.display().to_string())
         .collect();
     let files: Vec<&str> = all.iter().map(String::as_str).collect();
     let strict = conforms(dir.path(), &["check"], &[&["--json"], &files[..]].concat());
@@ -207,8 +216,8 @@ fn drives_are_as_their_schema_says() {
     let mistakes = concat!(env!("CARGO_MANIFEST_DIR"), "/../traces/examples/mistakes.py");
     let drive = ["--json", "--cases", "3", "--save", "found", "--force", "--"];
     conforms(dir.path(), &["drive"], &[&drive[..], &[COMMAND, "impl"]].concat());
-    let mistaken = ["python3", mistakes, "--mistake", "first-response-wins"];
-    let found = conforms(dir.path(), &["drive"], &[&drive[..], &mistaken].concat());
+    let faulty = ["python3", mistakes, "--mistake", "first-response-wins"];
+    let found = conforms(dir.path(), &["drive"], &[&drive[..], &faulty].concat());
     assert!(found[0]["found"][0]["violation"].is_object(), "{}", found[0]);
     let dead = conforms(dir.path(), &["drive"], &[&drive[..], &["true"]].concat());
     assert!(dead[0]["found"][0]["misbehaviour"].is_string(), "{}", dead[0]);

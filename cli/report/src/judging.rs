@@ -6,7 +6,7 @@ use fuseline_traces::{
 };
 use serde::Serialize;
 
-use crate::part::{Part, PartFilter};
+use crate::part::{PartFilter, TraceRange};
 
 /// How many violations of a part are listed in full.
 const LISTED: usize = 100;
@@ -131,7 +131,7 @@ impl TraceJudge {
 
     /// The same, whose verdict is about a part of the trace: what is counted and found there.
     #[must_use]
-    pub fn with_part(mut self, part: Part) -> Self {
+    pub fn with_part(mut self, part: TraceRange) -> Self {
         let found = match &self.judge {
             EitherJudge::Strict(judge) => Findings::Strict(judge.so_far().clone()),
             EitherJudge::Observed(judge) => Findings::Observed(judge.so_far().clone()),

@@ -13,7 +13,7 @@ mod trace_page;
 
 pub use judging::{AnyViolation, Findings, JudgeMode, TraceJudge, VerdictSummary};
 pub use notes::{PolicyScores, RunNotes};
-pub use part::{Part, PartFilter};
+pub use part::{PartFilter, TraceRange};
 pub use quantile::{ArrivalTime, NEVER, PERCENT, Quantile, Response, quantiles, quantiles_among};
 pub use statistics::{
     COLUMNS, ForwardedOutput, MessageRecord, RequestRow, TimestampOutcome, Totals, TraceStatistics,

@@ -6,7 +6,7 @@ use fuseline_traces::{Decision, Event, Input};
 
 /// Which messages of a trace are wanted. The default is all.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Part {
+pub struct TraceRange {
     /// Messages that begin so long after the trace's first instant, in nanoseconds, or later.
     pub from: u64,
     /// And before this.
@@ -20,7 +20,7 @@ pub struct Part {
 /// Decides for each event whether it is of the part. It remembers each message.
 #[derive(Clone, Debug)]
 pub struct PartFilter {
-    part: Part,
+    part: TraceRange,
     /// The first instant.
     origin: Option<u64>,
     messages: HashMap<u64, PartMessage>,
@@ -37,7 +37,7 @@ struct PartMessage {
     is_touched: bool,
 }
 
-impl Default for Part {
+impl Default for TraceRange {
     fn default() -> Self {
         Self { from: 0, to: u64::MAX, first: 0, last: u64::MAX }
     }
@@ -46,13 +46,13 @@ impl Default for Part {
 impl PartFilter {
     /// A filter for a trace from its first event on.
     #[must_use]
-    pub fn new(part: Part) -> Self {
+    pub fn new(part: TraceRange) -> Self {
         Self { part, origin: None, messages: HashMap::new(), is_inside: false }
     }
 
     /// Whether the next event is of the part: with its message, or, if it is a tick, by its instant.
     pub fn takes(&mut self, event: &Event) -> bool {
-        let Part { from, to, first, last } = self.part;
+        let TraceRange { from, to, first, last } = self.part;
         let at = match event {
             Event::Input(input) => input.at(),
             Event::Decision(decision) => decision.at(),
@@ -112,7 +112,7 @@ mod tests {
 
     #[test]
     fn a_message_is_of_the_part_in_which_it_begins() {
-        let mut filter = PartFilter::new(Part { from: 10, to: 20, ..Part::default() });
+        let mut filter = PartFilter::new(TraceRange { from: 10, to: 20, ..TraceRange::default() });
         let takes = [(100, 1), (109, 2), (110, 3), (119, 4), (120, 5)]
             .map(|(at, t)| filter.takes(&open(at, t)));
         assert_eq!(takes, [false, false, true, true, false]);
@@ -127,7 +127,7 @@ mod tests {
 
     #[test]
     fn timestamps_are_taken_from_the_first_to_the_last() {
-        let mut filter = PartFilter::new(Part { first: 2, last: 3, ..Part::default() });
+        let mut filter = PartFilter::new(TraceRange { first: 2, last: 3, ..TraceRange::default() });
         let takes = [1, 2, 3, 4].map(|t| filter.takes(&open(t, t)));
         assert_eq!(takes, [false, true, true, false]);
     }

@@ -10,7 +10,7 @@ use crate::columns::{PageTrace, TraceColumns};
 use crate::judging::{Findings, JudgeMode, TraceJudge};
 use crate::notes::RunNotes;
 use crate::page::{self, Data};
-use crate::part::{Part, PartFilter};
+use crate::part::{PartFilter, TraceRange};
 
 /// How many events a page holds; a browser takes no text much longer than theirs.
 pub const MOST_EVENTS: usize = 10_000_000;
@@ -104,7 +104,7 @@ impl TracePage<'_> {
 
     /// The same, of which the page shows a part; see [`TraceJudge::with_part`].
     #[must_use]
-    pub fn with_part(mut self, part: Part) -> Self {
+    pub fn with_part(mut self, part: TraceRange) -> Self {
         self.judging = self.judging.with_part(part).with_places();
         self.columns = self.columns.of_part();
         self.part = Some(PartFilter::new(part));

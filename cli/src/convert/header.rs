@@ -41,12 +41,11 @@ pub(super) fn ask(
     let mut clouds: Vec<Cloud> = Vec::new();
     let mut asking = HeaderQuestions { answers, prompt };
     for source in sources {
-        let (name, p) = match source.parse() {
-            Ok(p) => (asking.ask(&format!("name of the source {p}"), "", Ok)?, p),
-            Err(_) => {
-                let question = format!("priority of {source}, the greater the better");
-                (source.clone(), asking.ask(&question, "", priority)?)
-            }
+        let (name, p) = if let Ok(p) = source.parse() {
+            (asking.ask(&format!("name of the source {p}"), "", any)?, p)
+        } else {
+            let question = format!("priority of {source}, the greater the better");
+            (source.clone(), asking.ask(&question, "", priority)?)
         };
         if clouds.iter().any(|cloud| cloud.p == p) {
             let wanted = "a priority that no other source has";
@@ -55,7 +54,7 @@ pub(super) fn ask(
         let name = Some(name).filter(|name| !name.is_empty());
         clouds.push(Cloud { p, name, limit: LIMIT, resume: LIMIT - 1 });
     }
-    let operator = asking.ask("the operator's name", "", Ok)?;
+    let operator = asking.ask("the operator's name", "", any)?;
     let operator = Some(operator).filter(|name| !name.is_empty());
     let commit = asking.ask("commit rule: eager, patient or progressive", "eager", commit)?;
     let window =
@@ -75,7 +74,7 @@ impl<A: BufRead, P: Write> HeaderQuestions<'_, A, P> {
         &mut self,
         what: &str,
         default: &str,
-        read: impl FnOnce(String) -> Result<T, &'static str>,
+        read: impl FnOnce(&str) -> Result<T, &'static str>,
     ) -> Result<T, HeaderAnswerError> {
         let shown = if default.is_empty() { String::new() } else { format!(" [{default}]") };
         // Whoever sees no question still has the answer to give.
@@ -86,20 +85,25 @@ impl<A: BufRead, P: Write> HeaderQuestions<'_, A, P> {
         }
         let answer = answer.trim();
         let answer = if answer.is_empty() { default } else { answer }.to_owned();
-        read(answer.clone()).map_err(|wanted| HeaderAnswerError::Wrong { answer, wanted })
+        read(&answer).map_err(|wanted| HeaderAnswerError::Wrong { answer, wanted })
     }
 }
 
-fn priority(answer: String) -> Result<u16, &'static str> {
+#[expect(clippy::unnecessary_wraps, reason = "other answers may be wrong")]
+fn any(answer: &str) -> Result<String, &'static str> {
+    Ok(answer.to_owned())
+}
+
+fn priority(answer: &str) -> Result<u16, &'static str> {
     answer.parse().ok().filter(|p| *p > 0).ok_or("a priority from 1 to 65535")
 }
 
-fn window(answer: String) -> Result<u16, &'static str> {
+fn window(answer: &str) -> Result<u16, &'static str> {
     let window = answer.parse().ok().filter(|window| (1..=1024).contains(window));
     window.ok_or("a window from 1 to 1024")
 }
 
-fn commit(answer: String) -> Result<Commit, &'static str> {
+fn commit(answer: &str) -> Result<Commit, &'static str> {
     let rules = [Commit::Eager, Commit::Patient, Commit::Progressive];
     let rule = rules.into_iter().find(|rule| rule.as_str() == answer);
     rule.ok_or("eager, patient or progressive")

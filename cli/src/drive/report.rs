@@ -337,7 +337,7 @@ impl DriveReport {
             extent: self.extent,
             inputs: self.inputs,
             seconds: self.took.as_secs_f64(),
-            reached: self.reach.counts().map(|(mark, count)| (mark.to_owned(), count)).collect(),
+            reached: self.reach.counts().collect(),
         }
     }
 }

@@ -22,7 +22,7 @@ pub struct JsonRows<'a, R> {
 }
 
 /// One object's values by their keys, as they are written.
-type Fields<'j> = BTreeMap<Cow<'j, str>, &'j RawValue>;
+type JsonFields<'j> = BTreeMap<Cow<'j, str>, &'j RawValue>;
 
 impl<'a, R: BufRead> JsonRows<'a, R> {
     /// Reads as the columns say; nothing is read yet.
@@ -84,7 +84,7 @@ fn line_of(json: &[u8], columns: &Columns<'_>) -> Result<Option<String>, String>
 
 fn line_at(json: &[u8], at: Option<u64>, columns: &Columns<'_>) -> Result<Option<String>, String> {
     let text = str::from_utf8(json).map_err(|_| "not UTF-8".to_owned())?;
-    let fields: Fields<'_> = serde_json::from_str(text).map_err(|error| no_object(&error))?;
+    let fields: JsonFields<'_> = serde_json::from_str(text).map_err(|error| no_object(&error))?;
     let names: BTreeMap<&str, &str> = columns.keys().map(|(key, _, name, _)| (key, name)).collect();
     for (key, _, name, is_named) in columns.keys() {
         // Some keys are of some events alone.
@@ -110,12 +110,12 @@ fn line_at(json: &[u8], at: Option<u64>, columns: &Columns<'_>) -> Result<Option
 }
 
 /// What stands for a path of keys, as text.
-fn found<'j>(fields: &Fields<'j>, path: &str) -> Option<Cow<'j, str>> {
+fn found<'j>(fields: &JsonFields<'j>, path: &str) -> Option<Cow<'j, str>> {
     if let Some(value) = fields.get(path) {
         return text_of(value);
     }
     let (first, rest) = path.split_once('.')?;
-    let within: Fields<'j> = serde_json::from_str(fields.get(first)?.get()).ok()?;
+    let within: JsonFields<'j> = serde_json::from_str(fields.get(first)?.get()).ok()?;
     found(&within, rest)
 }
 
