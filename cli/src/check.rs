@@ -3,7 +3,7 @@
 //! Files are judged several at a time and reported in their order. `judging` has the judges' options, `verdict` the text.
 
 use std::fs::File;
-use std::io::{self, BufReader, IsTerminal, Read, Seek, Write};
+use std::io::{BufReader, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 
 use fuseline_report::Findings;
@@ -18,13 +18,13 @@ use crate::fault::Fault;
 use crate::input::open;
 use crate::interrupt::Interrupt;
 use crate::judging::{JudgeOptions, TraceEnd, finish, judge, next_event, reader};
+use crate::progress;
 use crate::results::{Files, Subject};
+use crate::schema::SchemaOption;
 use crate::sink::OutputSink;
 use crate::tail::Tail;
 use crate::verdict::{self, print_violation};
 
-/// Files shorter than this, in bytes, are judged before anyone could see a bar.
-const LONG: u64 = 16 << 20;
 /// How much of a file is read at once, in bytes.
 const CHUNK: usize = 64 * 1024;
 /// How many files a thread judges before their verdicts are printed.
@@ -43,6 +43,9 @@ A trace does not say whether its run is over, so an operator that hangs leaves o
 Where it is known, say so with --ended, or let the recorder write a tick last. With --period the
 operator is to open a message so often, whatever their timestamps are.
 
+With --from, --to or --timestamps the verdict is about a part: what is counted and found there. All is
+read, since what the rules demand depends on what came before.
+
 Exit code 0 if all traces conform, 1 if some do not or, with --require-judged, one has no timestamp that
 could be judged, 2 if one cannot be read. Traces in gzip, zstd
 or MCAP are unpacked as they are read; several files are judged at once.
@@ -53,6 +56,7 @@ Examples:
   fuseline check --ended --observed --tolerance 2ms --lateness 5ms --period 100ms arm.jsonl
   fuseline check --json traces/*.jsonl
   fuseline check --require-judged traces/*.jsonl
+  fuseline check --from 10m --to 12m long.jsonl
   fuseline check --sarif found.sarif traces/*.jsonl
   fuseline check --follow growing.jsonl     Ctrl-C ends it with the verdict
   fuseline check --truncated crashed.jsonl")]
@@ -65,6 +69,8 @@ pub(crate) struct Args {
     /// Print one JSON object a file: file, conforms, judged, lines, violations; with --ended, unfinished.
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    schema: SchemaOption,
     /// Write the verdicts for continuous integration, as `JUnit` XML.
     #[arg(long, value_name = "FILE")]
     junit: Option<PathBuf>,
@@ -92,6 +98,9 @@ impl From<FollowError> for Fault {
 
 /// Judges each file. A file that cannot be read decides the exit code, whatever the others' verdicts are.
 pub(crate) fn check(args: &Args) -> Result<Exit, Fault> {
+    if let Some(exit) = args.schema.print::<Findings>()? {
+        return Ok(exit);
+    }
     let mut out = OutputSink::new(anstream::stdout());
     if args.follow {
         return follow(args, &mut out);
@@ -138,15 +147,7 @@ pub(crate) fn check(args: &Args) -> Result<Exit, Fault> {
 /// Judges a file that is read to its end.
 fn judge_file(how: &JudgeOptions, path: &Path, bars: &MultiProgress) -> Result<Findings, Fault> {
     let (name, file) = open(path)?;
-    let len = path.metadata().map_or(0, |metadata| metadata.len());
-    let bar = if len >= LONG && io::stderr().is_terminal() {
-        let style =
-            ProgressStyle::with_template("{prefix:.dim} {wide_bar} {percent:>3} % {eta:>4}");
-        let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
-        bars.add(ProgressBar::new(len).with_style(style).with_prefix(name.clone()))
-    } else {
-        ProgressBar::hidden()
-    };
+    let bar = progress::bar(bars, path, &name);
     let trace = BufReader::with_capacity(CHUNK, bar.wrap_read(file));
     let trace = unpack(trace).map_err(|source| Fault::Open { name: name.clone(), source })?;
     let judged = judge(how, &name, trace);

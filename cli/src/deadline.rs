@@ -15,6 +15,7 @@ use fuseline_deadline::{
     Survival, least_loss, mean_loss,
 };
 use fuseline_traces::rows::{TableError, TableReader};
+use schemars::JsonSchema;
 use serde::Serialize;
 use thiserror::Error;
 
@@ -22,6 +23,7 @@ use crate::exit::Exit;
 use crate::fault::Fault;
 use crate::input::open;
 use crate::remedy::options;
+use crate::schema::SchemaOption;
 use crate::sink::OutputSink;
 
 /// A line below the header and no other.
@@ -100,6 +102,8 @@ pub(crate) struct Args {
     /// loss.
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    schema: SchemaOption,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -128,7 +132,7 @@ impl From<DeadlineError> for Fault {
 }
 
 /// What is shown for one speed.
-#[derive(Serialize)]
+#[derive(JsonSchema, Serialize)]
 struct SpeedRow {
     speed: f64,
     budget_local: f64,
@@ -143,6 +147,9 @@ struct SpeedRow {
 
 /// Shows a deadline for each speed.
 pub(crate) fn print_report(args: &Args) -> Result<Exit, Fault> {
+    if let Some(exit) = args.schema.print::<SpeedRow>()? {
+        return Ok(exit);
+    }
     let guard = guard(args).map_err(|invalid| {
         let options = options(invalid);
         // Classes have ranges of their own.

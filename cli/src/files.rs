@@ -42,7 +42,7 @@ impl From<FileError> for Fault {
 ///
 /// # Errors
 /// If it cannot be read or is not small.
-fn bytes(path: &Path) -> Result<Vec<u8>, FileError> {
+pub(crate) fn bytes(path: &Path) -> Result<Vec<u8>, FileError> {
     let fault = |source| FileError::Read { path: path.to_owned(), source };
     let mut bytes = Vec::new();
     File::open(path)

@@ -3,7 +3,7 @@
 use std::io::{self, BufRead};
 use std::time::Duration;
 
-use fuseline_report::{Findings, JudgeMode, TraceJudge, VerdictSummary};
+use fuseline_report::{Findings, JudgeMode, TraceJudge, TraceRange, VerdictSummary};
 use fuseline_traces::observed::Slack;
 use fuseline_traces::{Cloud, Event, Events, Header, ReadError};
 use thiserror::Error;
@@ -11,6 +11,8 @@ use thiserror::Error;
 use crate::complain::complain;
 use crate::exit::Exit;
 use crate::fault::Fault;
+use crate::hints::JudgingHints;
+use crate::part::PartOptions;
 use crate::verdict;
 
 /// How the end of a trace is judged.
@@ -57,6 +59,8 @@ pub(crate) struct JudgeOptions {
     /// Take a trace in which no timestamp could be judged for one that does not conform: exit code 1.
     #[arg(long)]
     require_judged: bool,
+    #[command(flatten)]
+    part: PartOptions,
 }
 
 /// Judges a trace to its end.
@@ -68,10 +72,13 @@ pub(crate) fn judge(
     let (mode, end) = (how.mode()?, how.end());
     let mut reader = reader(mode, name, trace)?;
     let mut judging = how.judging(name, &reader)?;
+    let mut hints = JudgingHints::new(mode);
     while let Some(event) = next_event(&mut reader, end)? {
+        hints.event(&event);
         judging.annotated_line(reader.line(), &event, reader.annotations())?;
     }
     let mut found = finish(judging, end);
+    hints.warn(&found);
     if let Findings::Observed(verdict) = &mut found {
         verdict.violations.sort_by_key(|violation| violation.line);
     }
@@ -99,9 +106,22 @@ pub(crate) fn next_event<R: BufRead>(
             Ok(None)
         }
         (true, TraceEnd::Whole | TraceEnd::Ended) => Err(Fault::own(TruncatedTrace(error))),
-        (false, _) => Err(error.into()),
+        (false, _) => Err(unread(error)),
     }
 }
+
+/// Why a trace cannot be read, with the option that would help.
+fn unread(error: ReadError) -> Fault {
+    if error.to_string().ends_with("judged as observed") {
+        return Fault::own(ObservedTrace(error));
+    }
+    error.into()
+}
+
+/// A trace has keys that a strict judge does not take.
+#[derive(Debug, Error)]
+#[error("{0}; give --observed --tolerance TIME --lateness TIME")]
+struct ObservedTrace(ReadError);
 
 /// A trace ends in the midst of a line.
 #[derive(Debug, Error)]
@@ -115,7 +135,7 @@ pub(crate) fn reader<R: BufRead>(
     trace: R,
 ) -> Result<Events<R>, Fault> {
     let read = if mode.is_none() { Events::new } else { Events::observed };
-    Ok(read(name, trace)?)
+    read(name, trace).map_err(unread)
 }
 
 impl JudgeOptions {
@@ -130,6 +150,7 @@ impl JudgeOptions {
             ended: false,
             truncated: false,
             require_judged: false,
+            part: PartOptions::all(),
         }
     }
 
@@ -165,10 +186,18 @@ impl JudgeOptions {
         for (p, tolerance) in self.tolerances(name, reader.header())? {
             judging = judging.with_tolerance_of(p, tolerance);
         }
-        Ok(match self.period() {
+        if let Some(period) = self.period() {
+            judging = judging.with_period(period);
+        }
+        Ok(match self.part() {
             None => judging,
-            Some(period) => judging.with_period(period),
+            Some(part) => judging.with_part(part),
         })
+    }
+
+    /// The part of the trace that is meant, if it is not the whole.
+    pub(crate) fn part(&self) -> Option<TraceRange> {
+        self.part.part()
     }
 
     /// The tolerances of single sources of a trace, by their priority, in nanoseconds.

@@ -15,21 +15,27 @@ mod exit;
 mod export;
 mod fault;
 mod files;
+mod help;
+mod hints;
 mod implementation;
 mod input;
 mod interrupt;
 mod judging;
 mod models;
 mod output;
+mod pages;
+mod part;
 mod plot;
 mod policies;
 mod probe;
+mod progress;
 mod remedy;
 mod replay;
 mod report;
 mod results;
 mod run;
 mod scenario;
+mod schema;
 mod seconds;
 mod serve;
 mod sink;
@@ -42,7 +48,7 @@ use std::io::{self, IsTerminal};
 use std::process::ExitCode;
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
-use clap::{Parser, Subcommand};
+use clap::{ColorChoice, CommandFactory, FromArgMatches, Parser, Subcommand};
 use tracing_subscriber::EnvFilter;
 
 use crate::complain::complain;
@@ -52,8 +58,9 @@ use crate::fault::{Fault, one_line};
 const EXITS: &str = "\
 Exit codes:
   0  done; every trace judged conforms
-  1  a trace or an implementation does not conform; or nothing could be judged, with --require-judged;
-     or a cloud answered nothing in time, with --require-clouds
+  1  a trace or an implementation does not conform; with --require-judged,
+     nothing could be judged; with --require-clouds, a cloud answered nothing
+     in time
   2  bad input; one line says where and what is wrong
 
 Set RUST_LOG, for example RUST_LOG=info, to see on standard error what happens inside.";
@@ -65,7 +72,10 @@ Set RUST_LOG, for example RUST_LOG=info, to see on standard error what happens i
 #[command(override_usage = "fuseline [COMMAND]")]
 struct Cli {
     #[command(subcommand)]
-    command: Command,
+    command: Option<Command>,
+    /// Whether to print colours: auto is where standard output is a terminal.
+    #[arg(long, global = true, value_name = "WHEN", default_value = "auto", display_order = 1000)]
+    color: ColorChoice,
 }
 
 #[derive(Subcommand)]
@@ -95,15 +105,16 @@ enum Command {
     Scenario(scenario::Args),
     /// Make a page from traces: summary, response times, and a timeline down to one timestamp.
     Report(report::Args),
+    /// Print the script that completes commands and options in a shell.
+    Completions(pages::ShellArgs),
+    /// Write the manual pages to a folder.
+    Man(pages::ManArgs),
 }
 
 fn main() -> ExitCode {
-    let mut args: Vec<OsString> = std::env::args_os().collect();
-    if args.len() < 2 {
-        args.push("run".into());
-    }
-    let command = match Cli::try_parse_from(&args) {
-        Ok(Cli { command }) => command,
+    let args: Vec<OsString> = std::env::args_os().collect();
+    let (command, color) = match parse(&args) {
+        Ok(parsed) => parsed,
         Err(help) if !help.use_stderr() => {
             // Nobody reads the help any more if this fails.
             let _ = help.print();
@@ -114,9 +125,18 @@ fn main() -> ExitCode {
             return Exit::BadInput.into();
         }
     };
+    match color {
+        ColorChoice::Auto => {}
+        ColorChoice::Always => anstream::ColorChoice::Always.write_global(),
+        ColorChoice::Never => anstream::ColorChoice::Never.write_global(),
+    }
     if let Ok(filter) = EnvFilter::try_from_default_env() {
-        // A file is to hold no colours.
-        let has_colours = io::stderr().is_terminal();
+        // A file is to hold no colours, unless they are asked for.
+        let has_colours = match color {
+            ColorChoice::Auto => io::stderr().is_terminal(),
+            ColorChoice::Always => true,
+            ColorChoice::Never => false,
+        };
         let log = tracing_subscriber::fmt().with_env_filter(filter).with_ansi(has_colours);
         log.with_writer(io::stderr).init();
     }
@@ -128,6 +148,23 @@ fn main() -> ExitCode {
             Exit::BadInput.into()
         }
     }
+}
+
+/// The command line, whose help people can read.
+fn grammar() -> clap::Command {
+    help::readable(Cli::command())
+}
+
+/// The command of these words, `run` if there is none, and whether it prints colours.
+fn parse(args: &[OsString]) -> Result<(Command, ColorChoice), clap::Error> {
+    let parsed = |args: &[OsString]| Cli::from_arg_matches(&grammar().try_get_matches_from(args)?);
+    let run = [args, &["run".into()]].concat();
+    let Cli { command, color } = match parsed(args)? {
+        Cli { command: None, .. } => parsed(&run)?,
+        parsed => parsed,
+    };
+    let command = command.ok_or_else(|| clap::Error::new(ErrorKind::MissingSubcommand))?;
+    Ok((command, color))
 }
 
 fn dispatch(command: Command) -> Result<Exit, Fault> {
@@ -145,6 +182,8 @@ fn dispatch(command: Command) -> Result<Exit, Fault> {
         Command::Deadline(args) => deadline::print_report(&args),
         Command::Scenario(args) => scenario::play(&args),
         Command::Report(args) => report::report(&args),
+        Command::Completions(args) => pages::complete(&args, grammar()),
+        Command::Man(args) => pages::manual(&args, grammar()),
     }
 }
 

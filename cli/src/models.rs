@@ -1,5 +1,6 @@
 //! Models: the detectors whose runtimes the paper measured, emulated by waiting for as long.
 
+use std::borrow::Cow;
 use std::fmt;
 use std::str::FromStr;
 use std::sync::LazyLock;
@@ -18,14 +19,14 @@ static TABLE: LazyLock<ModelTable> = LazyLock::new(|| {
 /// A detector on a device: how long it takes and how good it is.
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) struct Model {
-    /// The model's name in the paper.
-    pub(crate) name: &'static str,
-    /// What it runs on.
-    pub(crate) device: Device,
-    /// How long the paper measured it to take there.
+    /// The model's name in the paper, or the user's.
+    pub(crate) name: Cow<'static, str>,
+    /// What it runs on, if it is one of the paper's.
+    pub(crate) device: Option<Device>,
+    /// How long the paper measured it to take there, or the user says.
     pub(crate) runtime: Duration,
-    /// Box AP on COCO val2017 as published by its authors, 0 to 100; `None` where no figure was
-    /// found.
+    /// Box AP on COCO val2017 as published by its authors, or as the user says, 0 to 100; `None`
+    /// where no figure was found.
     pub(crate) ap: Option<f64>,
 }
 
@@ -41,10 +42,17 @@ pub(crate) enum Device {
 /// Why there is no such model.
 #[derive(Debug, PartialEq, Error)]
 pub(crate) enum ModelError {
-    #[error("no model {0:?}; there are {names}", names = names())]
+    #[error(
+        "no model {0:?}; there are {names}; another one needs runtime=MS, and ap=AP if it is known",
+        names = names()
+    )]
     Name(String),
     #[error("no device {0:?}; there are orin and a100")]
     Device(String),
+    #[error("{key} {value:?} is not valid; it must be {wanted}")]
+    Figure { key: &'static str, value: String, wanted: &'static str },
+    #[error("{0:?} is neither runtime=MS nor ap=AP; write MODEL[,runtime=MS][,ap=AP]")]
+    Key(String),
 }
 
 #[derive(Deserialize)]
@@ -61,6 +69,41 @@ struct ModelRow {
 }
 
 impl Model {
+    /// One of the paper's models, `DETR-ResNet-101@a100` in any case, on an `a100` unless the device is named; or
+    /// another one with its runtime. What is given replaces the paper's figure.
+    ///
+    /// # Errors
+    /// If it is unknown and has no runtime, or a figure is none.
+    pub(crate) fn with_figures(
+        text: &str,
+        runtime: Option<&str>,
+        ap: Option<&str>,
+    ) -> Result<Self, ModelError> {
+        let runtime = runtime.map(runtime_of).transpose()?;
+        let ap = ap.map(ap_of).transpose()?;
+        let model = match (Self::of_paper(text), runtime) {
+            (Err(ModelError::Name(name)), Some(runtime)) => {
+                Self { name: name.into(), device: None, runtime, ap }
+            }
+            (known, _) => known?,
+        };
+        Ok(Self { runtime: runtime.unwrap_or(model.runtime), ap: ap.or(model.ap), ..model })
+    }
+
+    fn of_paper(text: &str) -> Result<Self, ModelError> {
+        let (name, device) = text.split_once('@').unwrap_or((text, "a100"));
+        let row = TABLE.runtime_ms.iter().find(|row| row.model.eq_ignore_ascii_case(name));
+        let row = row.ok_or_else(|| ModelError::Name(text.to_owned()))?;
+        let (device, ms) = match device.to_ascii_lowercase().as_str() {
+            "orin" => (Device::Orin, row.orin),
+            "a100" => (Device::A100, row.a100),
+            _ => return Err(ModelError::Device(device.to_owned())),
+        };
+        let runtime = Duration::from_secs_f64(ms / 1000.0);
+        let name = Cow::Borrowed(row.model.as_str());
+        Ok(Self { name, device: Some(device), runtime, ap: row.coco_ap })
+    }
+
     /// The runtime for message `t`: the paper's, up to 5 % shorter or longer, the same for the same
     /// seed.
     pub(crate) fn runtime(&self, seed: u64, t: u64) -> Duration {
@@ -69,6 +112,17 @@ impl Model {
         let range = u64::try_from(greatest.abs_diff(least).as_nanos()).unwrap_or(u64::MAX);
         let strayed = mix(mix(seed ^ name) ^ t) % range.saturating_add(1);
         least + Duration::from_nanos(strayed)
+    }
+
+    /// Whether it takes as long as the paper measured.
+    pub(crate) fn has_papers_runtime(&self) -> bool {
+        let device = match self.device {
+            Some(Device::Orin) => "orin",
+            Some(Device::A100) => "a100",
+            None => return false,
+        };
+        let paper = Self::of_paper(&format!("{}@{device}", self.name));
+        paper.is_ok_and(|paper| paper.runtime == self.runtime)
     }
 
     /// The shortest and the longest that it takes.
@@ -82,35 +136,46 @@ impl Model {
 impl FromStr for Model {
     type Err = ModelError;
 
-    /// `DETR-ResNet-101@a100`, in any case; the device is `a100` unless it is named.
+    /// `MODEL[,runtime=MS][,ap=AP]`.
     fn from_str(text: &str) -> Result<Self, ModelError> {
-        let (name, device) = text.split_once('@').unwrap_or((text, "a100"));
-        let device = match device.to_ascii_lowercase().as_str() {
-            "orin" => Device::Orin,
-            "a100" => Device::A100,
-            _ => return Err(ModelError::Device(device.to_owned())),
-        };
-        let row = TABLE
-            .runtime_ms
-            .iter()
-            .find(|row| row.model.eq_ignore_ascii_case(name))
-            .ok_or_else(|| ModelError::Name(name.to_owned()))?;
-        let ms = match device {
-            Device::Orin => row.orin,
-            Device::A100 => row.a100,
-        };
-        let runtime = Duration::from_secs_f64(ms / 1000.0);
-        Ok(Self { name: &row.model, device, runtime, ap: row.coco_ap })
+        let (name, figures) = text.split_once(',').unwrap_or((text, ""));
+        let [mut runtime, mut ap] = [None; 2];
+        for figure in figures.split(',').filter(|figure| !figure.is_empty()) {
+            match figure.split_once('=') {
+                Some(("runtime", value)) if runtime.is_none() => runtime = Some(value),
+                Some(("ap", value)) if ap.is_none() => ap = Some(value),
+                _ => return Err(ModelError::Key(figure.to_owned())),
+            }
+        }
+        Self::with_figures(name, runtime, ap)
     }
+}
+
+fn runtime_of(text: &str) -> Result<Duration, ModelError> {
+    let ms = text.parse().ok().filter(|ms: &f64| *ms > 0.0 && *ms <= 60_000.0);
+    ms.map(|ms| Duration::from_secs_f64(ms / 1000.0)).ok_or_else(|| ModelError::Figure {
+        key: "runtime",
+        value: text.to_owned(),
+        wanted: "milliseconds, more than 0 and up to 60000",
+    })
+}
+
+fn ap_of(text: &str) -> Result<f64, ModelError> {
+    let ap = text.parse().ok().filter(|ap| (0.0..=100.0).contains(ap));
+    ap.ok_or_else(|| ModelError::Figure {
+        key: "ap",
+        value: text.to_owned(),
+        wanted: "points of AP, from 0 to 100",
+    })
 }
 
 impl fmt::Display for Model {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let device = match self.device {
-            Device::Orin => "Orin",
-            Device::A100 => "A100",
-        };
-        write!(f, "{} on {device}", self.name)
+        match self.device {
+            Some(Device::Orin) => write!(f, "{} on Orin", self.name),
+            Some(Device::A100) => write!(f, "{} on A100", self.name),
+            None => f.write_str(&self.name),
+        }
     }
 }
 
@@ -150,6 +215,27 @@ mod tests {
         assert!(name.to_string().contains("DETR-ResNet-50, DETR-ResNet-101"), "{name}");
         let device = "DETR-ResNet-50@tpu".parse::<Model>().unwrap_err();
         assert_eq!(device, ModelError::Device("tpu".to_owned()));
+    }
+
+    #[test]
+    fn a_model_of_ones_own_has_the_figures_that_are_given() {
+        let own = model("YOLO-NAS@thor,runtime=45.5,ap=52.2");
+        assert_eq!((own.runtime, own.ap), (Duration::from_micros(45_500), Some(52.2)));
+        assert_eq!(own.to_string(), "YOLO-NAS@thor");
+        // Half of the paper's have no AP.
+        let paper = model("DINO-SWIN-Large,ap=58");
+        assert_eq!((paper.ap, paper.runtime), (Some(58.0), model("DINO-SWIN-Large").runtime));
+        for (text, expected) in [
+            ("yolo,ap=50", "another one needs runtime=MS"),
+            ("yolo,runtime=0", "runtime \"0\" is not valid"),
+            ("yolo,runtime=nan", "runtime \"nan\" is not valid"),
+            ("yolo,runtime=45,ap=101", "ap \"101\" is not valid"),
+            ("yolo,runtime=45,ap=50,ap=51", "\"ap=51\" is neither"),
+            ("yolo,speed=45", "\"speed=45\" is neither"),
+        ] {
+            let fault = text.parse::<Model>().unwrap_err().to_string();
+            assert!(fault.contains(expected), "{text}: {fault}");
+        }
     }
 
     #[test]

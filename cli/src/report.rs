@@ -2,15 +2,25 @@
 
 use std::io::{BufReader, Write};
 use std::path::{Path, PathBuf};
+use std::thread;
+use std::time::{Duration, SystemTime};
 
-use fuseline_report::{Findings, PageError, PageWriter};
+use fuseline_report::{Findings, PageError, PageWriter, RunNotes};
 use fuseline_traces::packed::unpack;
+use fuseline_traces::{Event, Input};
+use serde::Deserialize;
+use serde_json::{Value, json};
+use thiserror::Error;
 
+use crate::complain::complain;
 use crate::exit::Exit;
 use crate::fault::Fault;
-use crate::input::open;
+use crate::hints::JudgingHints;
+use crate::input::{is_standard, open};
+use crate::interrupt::Interrupt;
 use crate::judging::{JudgeOptions, TraceEnd, next_event, noted, reader};
 use crate::output::{Output, Overwrite};
+use crate::progress::watched;
 use crate::sink::OutputSink;
 use crate::verdict;
 
@@ -24,7 +34,8 @@ pub(crate) const PAGE: &str = "report.html";
 #[command(after_help = "\
 The page is one file that needs no network: a summary by source, the response times, and a timeline
 from the whole run down to what happened to one timestamp and why. Violations stand in it with the
-rule that they break.
+rule that they break. Of what fuseline run left it also has the policies' table, the configuration and
+its caveats. Two to four traces stand side by side.
 
 Traces are judged as fuseline check does it, strictly or as observed. Exit code 0 if all conform, 1
 if some do not, 2 if one cannot be read; then there is no page.
@@ -32,6 +43,8 @@ if some do not, 2 if one cannot be read; then there is no page.
 Examples:
   fuseline report trace.jsonl
   fuseline report west.jsonl east.jsonl.gz -o drive.html
+  fuseline report --watch growing.jsonl
+  fuseline report --from 10m --to 12m long.jsonl
   fuseline report --observed --tolerance 2ms --lateness 5ms node.jsonl -o node.html")]
 pub(crate) struct Args {
     /// The traces, plain or packed (gzip, zstd, MCAP); - is standard input.
@@ -42,9 +55,15 @@ pub(crate) struct Args {
     output: Option<PathBuf>,
     #[command(flatten)]
     overwrite: Overwrite,
+    /// Make the page again whenever a trace has changed, until Ctrl-C; what is not answered by then is not judged.
+    #[arg(long, conflicts_with = "ended")]
+    watch: bool,
     #[command(flatten)]
     options: JudgeOptions,
 }
+
+/// How often traces are looked at.
+const WATCH: Duration = Duration::from_millis(500);
 
 impl From<PageError> for Fault {
     fn from(error: PageError) -> Self {
@@ -52,10 +71,52 @@ impl From<PageError> for Fault {
     }
 }
 
+/// Why pages cannot be made again and again.
+#[derive(Debug, Error)]
+#[error("--watch reads traces again and writes the page again; name files for both")]
+struct WatchError;
+
 /// Judges each trace and writes the page once all are read.
 pub(crate) fn report(args: &Args) -> Result<Exit, Fault> {
     let inputs: Vec<&Path> = args.traces.iter().map(PathBuf::as_path).collect();
     let output = Output::or_numbered(args.output.as_deref(), PAGE, &inputs, args.overwrite)?;
+    if !args.watch {
+        return make(args, &output, args.options.end());
+    }
+    if output.is_stdout() || inputs.iter().any(|path| is_standard(path)) {
+        return Err(Fault::own(WatchError));
+    }
+    let interrupt = Interrupt::watch();
+    let mut seen = state(&inputs);
+    let mut exit = make(args, &output, TraceEnd::Early)?;
+    // The page is this command's own from here on.
+    let output = Output::new(Path::new(output.name()), &inputs, Overwrite { force: true })?;
+    while !interrupt.is_set() {
+        thread::sleep(WATCH);
+        let now = state(&inputs);
+        if now != seen {
+            seen = now;
+            match make(args, &output, TraceEnd::Early) {
+                Ok(made) => exit = made,
+                // It may be in the midst of being written.
+                Err(fault) => complain(format_args!("warning: {fault}; the page stays as it is")),
+            }
+        }
+    }
+    Ok(exit)
+}
+
+/// By which it shows that a trace has changed.
+fn state(inputs: &[&Path]) -> Vec<Option<(u64, SystemTime)>> {
+    let of = |path: &&Path| {
+        let metadata = path.metadata().ok()?;
+        Some((metadata.len(), metadata.modified().ok()?))
+    };
+    inputs.iter().map(of).collect()
+}
+
+/// Makes the page once.
+fn make(args: &Args, output: &Output, end: TraceEnd) -> Result<Exit, Fault> {
     let (mut page, mut exit) = (PageWriter::default(), Exit::Conforms);
     let mut out: Box<dyn Write> = if output.is_stdout() {
         Box::new(OutputSink::new(anstream::stderr()))
@@ -63,11 +124,11 @@ pub(crate) fn report(args: &Args) -> Result<Exit, Fault> {
         Box::new(OutputSink::new(anstream::stdout()))
     };
     for path in &args.traces {
-        let findings = read_file(&mut page, &args.options, path)?;
+        let findings = read_file(&mut page, &args.options, end, path)?;
         verdict::print_summary(&findings.summary(), &mut out).map_err(Fault::Output)?;
         exit = exit.max(args.options.exit(&findings));
     }
-    write(&output, &page)?;
+    write(output, &page)?;
     if !output.is_stdout() {
         writeln!(out, "{}: the page", output.name()).map_err(Fault::Output)?;
     }
@@ -77,8 +138,23 @@ pub(crate) fn report(args: &Args) -> Result<Exit, Fault> {
 /// Makes the page of one trace, judged strictly.
 pub(crate) fn of(trace: &Path, output: &Output) -> Result<(), Fault> {
     let mut page = PageWriter::default();
-    read_file(&mut page, &JudgeOptions::strictly(), trace)?;
+    read_file(&mut page, &JudgeOptions::strictly(), TraceEnd::Whole, trace)?;
     write(output, &page)
+}
+
+/// The trace's key for what `run` knows beside it, in `x`, the writer's own key.
+pub(crate) const NOTES: &str = "fuseline_run";
+
+/// A trace's last line, a tick that changes nothing, with what `run` knows beside it.
+pub(crate) fn noted_tick(at: u64, notes: &RunNotes) -> String {
+    let line = json!({ "ev": "tick", "at": at, "x": { NOTES: notes } });
+    format!("{line}\n")
+}
+
+/// What `run` noted on a line.
+fn notes(line: &[u8]) -> Option<RunNotes> {
+    let line: Value = serde_json::from_slice(line).ok()?;
+    RunNotes::deserialize(line.get("x")?.get(NOTES)?).ok()
 }
 
 fn write(output: &Output, page: &PageWriter) -> Result<(), Fault> {
@@ -89,11 +165,12 @@ fn write(output: &Output, page: &PageWriter) -> Result<(), Fault> {
 fn read_file(
     page: &mut PageWriter,
     options: &JudgeOptions,
+    end: TraceEnd,
     path: &Path,
 ) -> Result<Findings, Fault> {
-    let (mode, end) = (options.mode()?, options.end());
+    let mode = options.mode()?;
     let (name, file) = open(path)?;
-    let trace = unpack(BufReader::new(file))
+    let trace = unpack(BufReader::new(watched(path, &name, file)))
         .map_err(|source| Fault::Open { name: name.clone(), source })?;
     let mut reader = reader(mode, &name, trace)?;
     let mut canvas = page.begin(mode, &name, reader.header());
@@ -104,12 +181,22 @@ fn read_file(
     if let Some(period) = options.period() {
         canvas = canvas.with_period(period);
     }
+    if let Some(part) = options.part() {
+        canvas = canvas.with_part(part);
+    }
+    let mut hints = JudgingHints::new(mode);
     while let Some(event) = next_event(&mut reader, end)? {
+        hints.event(&event);
+        if let (Event::Input(Input::Tick { .. }), Some(notes)) = (&event, notes(reader.raw())) {
+            canvas.add_notes(notes);
+        }
         canvas.annotated_event(reader.line(), event, reader.annotations())?;
     }
-    Ok(match end {
+    let found = match end {
         TraceEnd::Whole => canvas.finish(),
         TraceEnd::Ended => canvas.finish_ended(),
         TraceEnd::Early => noted(canvas.finish_early()),
-    })
+    };
+    hints.warn(&found);
+    Ok(found)
 }

@@ -6,6 +6,7 @@ mod locations;
 use std::io::{self, Write};
 use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -54,7 +55,8 @@ pub(crate) struct Args {
     #[arg(long, value_name = "S", default_value = "5", requires = "locations",
         value_parser = age, allow_negative_numbers = true)]
     age: Duration,
-    /// The model, as NAME@orin or NAME@a100.
+    /// The model: NAME@orin or NAME@a100; ,runtime=MS and ,ap=AP after it replace the paper's figures, or describe
+    /// a model of one's own.
     #[arg(long, value_name = "MODEL", default_value = "DETR-ResNet-101@a100")]
     model: Model,
     /// The network on the way here: a built-in drive or a CSV file (see fuseline run --help).
@@ -154,14 +156,22 @@ pub(crate) async fn listen(
     let listener = TcpListener::bind(address).await.map_err(cannot)?;
     let address = listener.local_addr().map_err(cannot)?;
     let scheme = if server.identity.is_some() { "https" } else { "http" };
+    let mut serving = pin!(grpc::serve(infer, server, listener, interrupt.wait()));
+    let ended = |ended: Result<(), ServeError>| {
+        ended.map_err(|error| Fault::from(CannotServe::Serve(error)))
+    };
+    // Certificates that are of no use show at once.
+    tokio::select! {
+        biased;
+        early = &mut serving => return ended(early),
+        () = tokio::task::yield_now() => {}
+    }
     let mut out = io::stdout();
     writeln!(out, "{description} at {scheme}://{address}")
         .and_then(|()| out.flush())
         .map_err(Fault::Output)?;
     tokio::select! {
-        ended = grpc::serve(infer, server, listener, interrupt.wait()) => {
-            ended.map_err(|error| CannotServe::Serve(error).into())
-        }
+        late = &mut serving => ended(late),
         // Calls under way may take as long as their network is away.
         () = interrupt.wait() => Ok(()),
     }

@@ -495,7 +495,6 @@ fn bad_options_are_one_line_and_exit_2_and_write_nothing() {
         (&[][..], "<URL>"),
         (&["http://127.0.0.1:9"], "http://127.0.0.1:9: connection refused; start"),
         (&["ftp://h"], "ftp://h: the cloud's URL must be http"),
-        (&["https://h"], "needs the certificate of the CA"),
         (&["http://h", "--serve"], "cannot be used with"),
         (&[&server.url, "--rate", "0"], "'--rate <HZ>': it must be from 0.1 to 1000"),
         (&[&server.url, "--seconds", "0"], "'--seconds <S>': it must be seconds"),

@@ -235,9 +235,9 @@ fn numbers_that_a_script_cannot_hold_are_texts() {
 fn a_trace_is_judged_as_observed_if_wanted() {
     let dir = tempfile::tempdir().unwrap();
     let trace = corpus("bad/f3-first-response-wins.jsonl");
-    let slack = ["--observed", "--tolerance", "2ms", "--lateness", "5ms"];
+    let slack = ["--observed", "--tolerance", "2ns", "--lateness", "5ns"];
     let (page, _) = page(&dir, &[&trace], &slack);
-    assert_eq!(data(&page)["traces"][0]["observed"], serde_json::json!([2_000_000, 5_000_000]));
+    assert_eq!(data(&page)["traces"][0]["observed"], serde_json::json!([2, 5]));
 }
 
 #[test]

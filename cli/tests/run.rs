@@ -341,7 +341,6 @@ fn bad_options_are_one_line_and_exit_2_and_write_nothing() {
         (&["--start", "west=1000000"], "beyond the drive"),
         (&["--cloud", "name=a"], "priority is missing"),
         (&["--cloud", &format!("{remote}ftp://h")], "the cloud's URL must be http"),
-        (&["--cloud", &format!("{remote}https://h")], "needs the certificate of the CA"),
         (&["--cloud", &format!("{remote}https://h,ca=none.pem")], "none.pem: No such file"),
         (&["--trace", "."], "error: .: a directory; name a file in it"),
         (&["--trace", "none/t.jsonl"], "error: none/t.jsonl: No such file or directory; "),

@@ -262,6 +262,31 @@ fn only_clients_with_certificate_and_token_are_answered() {
 
 /// D12.
 #[test]
+fn without_a_ca_the_systems_authorities_are_taken() {
+    let dir = certificates();
+    let server = Server::start(dir.path(), &["--cert", "server.pem", "--key", "server.key"]);
+    let cloud = server.cloud("https", "");
+    let forwarded = |authorities: &str| {
+        let args = ["run", "--seconds", "0.5", "--force", "--json", "--cloud", &cloud];
+        let ran = fuseline(&args)
+            .current_dir(dir.path())
+            .env("SSL_CERT_FILE", dir.path().join(authorities))
+            .output()
+            .unwrap();
+        report(&ran)["sources"][1]["requests"]["failed"].clone()
+    };
+    assert_eq!((forwarded("ca.pem"), forwarded("other.pem")), (0.into(), 5.into()));
+}
+
+#[test]
+fn a_key_of_another_certificate_is_refused_before_an_address_is_told() {
+    let dir = certificates();
+    let args = ["--listen", "127.0.0.1:0", "--cert", "server.pem", "--key", "client.key"];
+    let ended = refused(dir.path(), &args, OsStr::new(""));
+    assert_eq!((ended.status.code(), err(&ended).lines().count()), (Some(2), 1), "{}", err(&ended));
+}
+
+#[test]
 fn a_token_of_the_environment_is_asked_for() {
     use std::os::unix::ffi::OsStrExt;
 

@@ -4,7 +4,7 @@
 A thread for each cloud, one for local and one for the timers share one operator, by real clocks:
 
     python3 traces/examples/threaded.py > threaded.jsonl
-    fuseline check --observed --tolerance 50ms --lateness 50ms threaded.jsonl
+    fuseline check --observed --tolerance 1ms --lateness 20ms threaded.jsonl
 
 With --racy, a thread looks whether a timestamp is open and acts later, as such code is often
 written. A barrier holds that window open, so that a result and a timer pass it together each time.

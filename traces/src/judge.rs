@@ -51,6 +51,7 @@ pub struct Judge {
 
 /// What the judge found in one trace.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Verdict {
     /// The name that the trace was given.
     pub file: String,
@@ -89,12 +90,14 @@ pub struct ViolationPlace<R> {
 
 /// One decision that is not what the rules demand.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Violation {
     /// The line, counted from 1; where a decision is missing, the line after which it should stand.
     pub line: u64,
     /// The timestamp that it is about.
     pub t: Option<u64>,
     /// The rule that is broken.
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub rule: Rule,
     /// What was found: the decision's line, or that there is none.
     pub found: String,
@@ -180,6 +183,12 @@ impl Judge {
             Event::Decision(decision) if !self.differs => self.compare(decision, annotations.of),
             Event::Decision(_) => {}
         }
+    }
+
+    /// Takes the violations that are listed so far out of the verdict, so that it lists as many again.
+    #[must_use]
+    pub fn take_violations(&mut self) -> Vec<Violation> {
+        std::mem::take(&mut self.verdict.violations)
     }
 
     /// The verdict so far; decisions that the last input still lacks do not count yet.

@@ -5,6 +5,8 @@ import { axis, time } from "./format.js";
 
 const CELL = 2;
 const DOT = 1.6;
+/** How far labels are apart. */
+const LABEL = 12;
 
 /**
  * Draws response times and whose results were forwarded, into a box of the width and height given. Answers the labels
@@ -125,6 +127,17 @@ function density(width, height, tints) {
   };
 }
 
+/** Labels of deadlines, from the longest; lines that are too near for two of them have one. */
+function merged(deadlines, y) {
+  const groups = [];
+  for (const at of deadlines) {
+    const last = groups.at(-1);
+    if (last && y(at) - y(last[0]) < LABEL) last.push(at);
+    else groups.push([at]);
+  }
+  return groups.map((all) => ({ y: y(all[0]), text: all.length > 1 ? `${time(all.at(-1))} …` : time(all[0]), strong: true }));
+}
+
 /** Lines for the response times and the deadlines; answers their labels. */
 function grid(ctx, width, box, top, deadlines, colours) {
   const power = 10 ** Math.floor(Math.log10(top / 3));
@@ -145,7 +158,7 @@ function grid(ctx, width, box, top, deadlines, colours) {
   ctx.setLineDash([5, 4]);
   for (const at of deadlines) line(at, width);
   ctx.setLineDash([]);
-  const strong = deadlines.map((at) => ({ y: y(at), text: time(at), strong: true }));
+  const strong = merged([...deadlines].sort((a, b) => b - a), y);
   const named = axis(steps, step).map((text, n) => ({ y: y(steps[n]), text, strong: false }));
-  return [...strong, ...named.filter((one) => strong.every((other) => Math.abs(one.y - other.y) > 12))];
+  return [...strong, ...named.filter((one) => strong.every((other) => Math.abs(one.y - other.y) > LABEL))];
 }

@@ -37,10 +37,15 @@ export function decode(told, words) {
     deadlines: told.deadlines.map(Number),
     sources: told.sources.map((source, place) => ({ ...source, place, label: label(source) })),
   };
+  trace.lines = told.line && Float64Array.from(told.line, Number);
+  for (let i = 1; i < trace.lines?.length; i++) trace.lines[i] += trace.lines[i - 1];
+  /** The line of an event, and the instant of the event on a line. */
+  trace.lineOf = (i) => trace.lines?.[i] ?? i + 2;
+  const instantOn = (line) => at[trace.lines ? trace.lines.indexOf(line) : line - 2];
   trace.lineages = new Map((told.lineages ?? []).map((one) => [one.t, one]));
   delete trace.x;
   delete trace.places;
-  trace.violations = [...told.violations, ...undetailed(told.places)].map((violation) => ({ ...violation, instant: at[violation.line - 2] }));
+  trace.violations = [...told.violations, ...undetailed(told.places)].map((violation) => ({ ...violation, instant: instantOn(violation.line) }));
   trace.detailed = told.violations.length;
   group(trace);
   outcomes(trace);

@@ -2,14 +2,16 @@
 
 import "uplot/dist/uPlot.min.css";
 import "./style.css";
+import { showComparison } from "./compare.js";
 import { after, decode } from "./data.js";
 import { by, el } from "./dom.js";
 import { filters, search } from "./find.js";
 import { axis, count, counted, time } from "./format.js";
 import { overview } from "./overview.js";
+import { showPolicies } from "./policies.js";
 import { redrawSpread, resizeSpread, showSpread } from "./spread.js";
 import { breach, showStory } from "./story.js";
-import { showLegend, showSummary } from "./summary.js";
+import { showLegend, showSummary, titleOf } from "./summary.js";
 import { timeline } from "./timeline.js";
 import { markTrace, showTraces } from "./traces.js";
 
@@ -36,9 +38,11 @@ function show(which) {
   // One trace is decoded at a time.
   trace = decode(told[which], words);
   markTrace(which);
-  by("name").textContent = trace.operator ? `${trace.operator} · ${trace.file}` : trace.file;
-  document.title = `${trace.file} – Fuseline report`;
+  by("name").textContent = titleOf(trace);
+  by("name").title = trace.file;
+  document.title = `${told.length > 1 ? counted(told.length, "trace") : titleOf(trace)} – Fuseline report`;
   showSummary(trace);
+  showPolicies(trace);
   showLegend(trace);
   showSpread(trace);
   selected = -1;
@@ -212,6 +216,7 @@ const acts = { left: () => lines.pan(-PAN), right: () => lines.pan(PAN), closer:
   whole: () => lines.whole(), previous: () => neighbour(-1), next: () => neighbour(1), close: back };
 for (const [id, act] of Object.entries(acts)) by(id).addEventListener("click", act);
 
+showComparison(told);
 showTraces(told, (which) => {
   show(which);
   remember();

@@ -85,23 +85,34 @@ function drawDeadlines(self, deadlines) {
   ctx.strokeStyle = tint.ink;
   ctx.fillStyle = tint.ink;
   ctx.setLineDash([5 * ratio, 4 * ratio]);
-  let until = left + width;
-  for (const deadline of [...deadlines].sort((a, b) => b - a)) {
-    const x = self.valToPos(deadline, "x", true);
-    if (!(x >= left && x <= left + width)) continue;
+  const inside = (x) => x >= left && x <= left + width;
+  const lines = [...deadlines].sort((a, b) => a - b).map((deadline) => ({ deadline, x: self.valToPos(deadline, "x", true) }));
+  for (const { x } of lines.filter(({ x }) => inside(x))) {
     ctx.beginPath();
     ctx.moveTo(x, top - 3 * ratio);
     ctx.lineTo(x, top + height);
     ctx.stroke();
-    const text = `deadline ${time(deadline)}`;
-    const size = ctx.measureText(text).width;
-    const at = Math.min(x - size / 2, until - size);
-    if (at < left) continue;
-    ctx.textAlign = "left";
-    ctx.fillText(text, at, top - 8 * ratio);
-    until = at - 8 * ratio;
   }
+  ctx.textAlign = "left";
+  for (const { text, at } of labels(ctx, lines.filter(({ x }) => inside(x)), left, width, 8 * ratio)) ctx.fillText(text, at, top - 8 * ratio);
   ctx.restore();
+}
+
+/** A label for each line, in its middle as far as the plot allows; lines whose labels would meet have one together. */
+function labels(ctx, lines, left, width, gap) {
+  const put = (group) => {
+    const text = `${group.length > 1 ? "deadlines" : "deadline"} ${group.map(({ deadline }) => time(deadline)).join(", ")}`;
+    const size = ctx.measureText(text).width;
+    const middle = (group[0].x + group.at(-1).x) / 2;
+    return { group, text, size, at: Math.max(left, Math.min(middle - size / 2, left + width - size)) };
+  };
+  const all = [];
+  for (const line of lines) {
+    let next = put([line]);
+    while (all.length > 0 && all.at(-1).at + all.at(-1).size + gap > next.at) next = put([...all.pop().group, ...next.group]);
+    all.push(next);
+  }
+  return all;
 }
 
 const range = (at, bin, bins, tail) =>

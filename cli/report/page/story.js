@@ -15,12 +15,12 @@ export function showStory(trace, k) {
   by("events").replaceChildren(
     ...Array.from(events.subarray(first[k], first[k + 1]), (i) => {
       const { kind, what, why, place } = words(trace, i);
-      const rule = broken.get(i + 2);
+      const rule = broken.get(trace.lineOf(i));
       return el("li", { class: `${kind}${rule ? " broken" : ""}` },
         el("span", { class: "at" }, `+${time(trace.at[i] - start[k])}`.replace("+-", "−")),
         place >= 0 ? swatch(place) : el("span", { class: "swatch none" }),
         el("span", { class: "what" }, what, why ? el("span", { class: "why" }, ` – ${why}`) : "", rule ? el("strong", {}, ` breaks ${rule}`) : ""),
-        el("span", { class: "line" }, `line ${count(i + 2)}`));
+        el("span", { class: "line" }, `line ${count(trace.lineOf(i))}`));
     }),
   );
 }

@@ -6,6 +6,12 @@ import { count, counted, quantile, share, time } from "./format.js";
 const SUMMED = 1;
 const OPEN = 6;
 
+/** What a trace is called: its operator and its file, without the folders. */
+export function titleOf({ operator, file }) {
+  const name = file.slice(file.lastIndexOf("/") + 1);
+  return operator ? `${operator} · ${name}` : name;
+}
+
 export const violationsOf = ({ violations }) => violations.length;
 
 /** A verdict in words. */
@@ -35,7 +41,8 @@ export function showSummary(trace) {
   );
   const columns = trace.columns.map(([word, meaning], at) => ({ word, meaning, at }))
     .filter(({ at }) => at !== OPEN || account.rows.some(({ counts }) => counts[at] > 0));
-  const head = [["Source"], ["Share"], ...columns.map(({ word, meaning }) => [capital(word), meaning]), ["p50"], ["p90"], ["p99"]];
+  const head = [["Source"], ["Share"], ...columns.map(({ word, meaning }) => [capital(word), meaning]), ["p50"], ["p90"], ["p99"],
+    ["Deadlines", "The least and the greatest that its requests had."]];
   by("sources").replaceChildren(
     el("thead", {}, el("tr", {}, ...head.map(([name, title]) => el("th", { scope: "col", title }, name)))),
     el("tbody", {}, ...account.rows.map((row) => line(trace, row, columns))),
@@ -48,7 +55,7 @@ export function showSummary(trace) {
 
 const capital = (word) => word[0].toUpperCase() + word.slice(1);
 
-function line({ sources, account: { messages } }, { place, counts, response }, columns) {
+function line({ sources, account: { messages } }, { place, counts, response, deadlines }, columns) {
   const source = sources[place];
   const bar = el("span", { class: "share", "aria-hidden": "true" });
   bar.style.width = `${messages ? (100 * counts[SUMMED]) / messages : 0}%`;
@@ -58,8 +65,12 @@ function line({ sources, account: { messages } }, { place, counts, response }, c
     el("th", { scope: "row" }, square, `${source.p} `, el("span", { class: "label" }, source.label)),
     el("td", { class: "shares" }, el("span", { class: "track" }, bar), el("b", {}, share(counts[SUMMED], messages))),
     ...columns.map(({ at, word }) => el("td", { "data-of": word }, count(counts[at]))),
-    ...response.map((ns) => el("td", {}, quantile(ns))));
+    ...response.map((ns) => el("td", {}, quantile(ns))),
+    el("td", { title: (deadlines ?? false) && `median ${time(Number(deadlines[1]))}` }, deadlines ? span(deadlines.map(Number)) : "–"));
 }
+
+/** The least and the greatest; one if they are the same. */
+const span = ([least, , greatest]) => (least === greatest ? time(least) : `${time(least)} – ${time(greatest)}`);
 
 export function showLegend(trace) {
   const { account, sources } = trace;

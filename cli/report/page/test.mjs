@@ -76,6 +76,54 @@ const pixels = (page, colour, plot = "#timeline", to = Infinity) =>
     return n;
   }, colour, to);
 
+/** A short run's trace, with what the command notes in it. */
+function run(name, ...options) {
+  const file = join(folder, `${name}.jsonl`);
+  execFileSync(FUSELINE, ["run", "--seconds", "2", "--trace", file, ...options], { stdio: "ignore" });
+  return file;
+}
+
+test("a run's policies, configuration and caveats are told, light, dark and on a phone", async (t) => {
+  const file = report("run", run("policies"));
+  for (const [name, options] of [["run-light", {}], ["run-dark", { scheme: "dark" }], ["run-phone", { width: 390, height: 844 }]]) {
+    const page = await open(t, file, options);
+    assert.equal(await page.title(), "detector · policies.jsonl – Fuseline report");
+    assert.equal(await text(page, "h1"), "detector · policies.jsonl");
+    const rows = await page.$$eval("#scores tbody tr", (all) => all.map((row) => row.cells[0].innerText));
+    assert.deepEqual(rows, ["fusion", "constant 500 ms", "local only", "cloud only: west", "cloud only: east", "first response wins", "progressive"]);
+    assert.match(await text(page, "#caveats"), /AP is COCO's box AP/);
+    assert.match(await page.$eval("#configuration", (list) => list.textContent), /Longest deadline500 ms/);
+    assert.equal(await hidden(page, "#compared"), true);
+    assert.match(await text(page, "#sources thead"), /Deadlines/);
+    await shot(page, name);
+  }
+});
+
+test("two runs stand side by side", async (t) => {
+  const file = report("pair", run("first"), run("second", "--deadline", "300", "--policy", "constant"));
+  for (const [name, options] of [["pair-light", {}], ["pair-dark", { scheme: "dark" }], ["pair-phone", { width: 390, height: 844 }]]) {
+    const page = await open(t, file, options);
+    assert.equal(await page.title(), "2 traces – Fuseline report");
+    const cells = await page.$$eval("#comparison tbody tr", (all) => all.map((row) => [...row.cells].map((cell) => cell.innerText)));
+    const row = (name) => cells.find(([one]) => one === name)?.slice(1);
+    assert.deepEqual(row("Longest deadline"), ["500 ms", "300 ms"]);
+    assert.deepEqual(row("Messages"), ["20", "20"]);
+    assert.equal(row("Fusion: mean AP").length, 2);
+    assert.equal(row("By local").length, 2);
+    await shot(page, name);
+  }
+});
+
+test("a part of a trace keeps the file's lines", async (t) => {
+  const file = join(folder, "part.html");
+  const trace = run("part");
+  spawnSync(FUSELINE, ["report", trace, "--timestamps", "7..7", "--force", "-o", file]);
+  const page = await open(t, file, { hash: "#t=7" });
+  const line = readFileSync(trace, "utf8").split("\n").findIndex((one) => /"ev":"open",.*"t":7[,}]/.test(one)) + 1;
+  assert.ok(line > 7);
+  assert.equal(await page.$eval("#events .line", (one) => one.textContent), `line ${line}`);
+});
+
 /** What the command told the page. */
 const toldOf = (file) => JSON.parse(/id="data">(.*?)<\/script>/s.exec(readFileSync(file, "utf8"))[1]);
 const parse = (shown) => Number(shown.replaceAll(",", ""));

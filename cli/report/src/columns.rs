@@ -1,16 +1,17 @@
 //! A judged trace as columns of small numbers, for the page.
 //!
-//! Events stand in the order of the file, so that an event's line is its place plus 2. Instants are
+//! Events stand in the order of the file, so that in a whole trace an event's line is its place plus 2. Instants are
 //! differences: the page reads them as doubles, exact up to 104 days.
 
-use std::cmp::Reverse;
 use std::collections::BTreeMap;
 
 use fuseline_traces::{Annotations, Decision, Event, Header, Input, Origin, ViolationPlace};
 use serde::Serialize;
 use serde::ser::Serializer;
 
+use crate::deadlines::RequestDeadlines;
 use crate::judging::{AnyViolation, Findings, JudgeMode};
+use crate::notes::RunNotes;
 use crate::quantile::Quantile;
 use crate::reasons;
 use crate::statistics::{RequestRow, TimestampOutcome, Totals, TraceStatistics};
@@ -23,11 +24,12 @@ const DEADLINES: usize = 3;
 /// One trace while it is read.
 pub(crate) struct TraceColumns {
     events: Vec<Event>,
+    /// The events' lines, if some are left out.
+    lines: Option<Vec<u64>>,
     /// The sources in the order of their first mention: local, the header's, strangers.
     sources: BTreeMap<u64, usize>,
     statistics: TraceStatistics,
-    /// How often requests had so long.
-    deadlines: BTreeMap<u64, u64>,
+    deadlines: RequestDeadlines,
     /// What the messages come from that say so, by their timestamps.
     lineages: BTreeMap<u64, MessageLineage>,
 }
@@ -62,6 +64,9 @@ pub(crate) struct PageTrace {
     totals: Sums,
     /// How long requests had, the commonest first.
     deadlines: Vec<ExactNumber>,
+    /// What is known of the run beside its trace.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) run: Option<RunNotes>,
     /// The instant from which `at` counts.
     origin: ExactNumber,
     /// The timestamps, ascending, each as its difference from the one before.
@@ -83,6 +88,9 @@ pub(crate) struct PageTrace {
     p: Vec<usize>,
     /// What some events have more, in their order; see `more_of`.
     x: Vec<i128>,
+    /// Of a part: each event's line as its difference from the event's before. Else it is the event's place plus 2.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    line: Option<Vec<ExactNumber>>,
 }
 
 /// What one message comes from.
@@ -127,6 +135,8 @@ struct SourceRow {
     place: usize,
     counts: [u64; 8],
     response: [ResponseColumn; 3],
+    /// The least, the median and the greatest that its requests had.
+    deadlines: Option<[ExactNumber; 3]>,
 }
 
 /// A quantile of response times in nanoseconds; `never` where so many messages have no output.
@@ -166,13 +176,14 @@ impl TraceColumns {
     pub(crate) fn new(header: &Header, is_observed: bool) -> Self {
         let mut columns = Self {
             events: Vec::new(),
+            lines: None,
             sources: BTreeMap::new(),
             statistics: TraceStatistics::new(
                 header.clouds.iter().map(|cloud| cloud.p),
                 header.commit,
                 is_observed,
             ),
-            deadlines: BTreeMap::new(),
+            deadlines: RequestDeadlines::default(),
             lineages: BTreeMap::new(),
         };
         columns.source(0);
@@ -184,7 +195,16 @@ impl TraceColumns {
         columns
     }
 
-    pub(crate) fn push(&mut self, event: Event, annotations: &Annotations) {
+    /// The same, of a part of the trace.
+    pub(crate) fn of_part(mut self) -> Self {
+        self.lines = Some(Vec::new());
+        self
+    }
+
+    pub(crate) fn push(&mut self, line: u64, event: Event, annotations: &Annotations) {
+        if let Some(lines) = &mut self.lines {
+            lines.push(line);
+        }
         let Annotations { origin, age, .. } = annotations;
         if let Event::Input(Input::Open { t, .. }) = event
             && (origin.is_some() || age.is_some())
@@ -195,8 +215,8 @@ impl TraceColumns {
         if let Some(p) = priority(&event) {
             self.source(p);
         }
-        if let Event::Decision(Decision::Request { at, due, .. }) = event {
-            *self.deadlines.entry(due.saturating_sub(at)).or_default() += 1;
+        if let Event::Decision(Decision::Request { at, p, due, .. }) = event {
+            self.deadlines.add(p, due.saturating_sub(at));
         }
         self.statistics.event(&event);
         self.events.push(event);
@@ -238,7 +258,8 @@ impl TraceColumns {
                 .map(|violation| ViolationRow::new(violation, place))
                 .collect(),
             totals: self.sums(),
-            deadlines: self.deadlines(),
+            deadlines: self.deadlines.commonest(DEADLINES).into_iter().map(ExactNumber).collect(),
+            run: None,
             origin: ExactNumber(origin),
             timestamps: differences(&timestamps),
             outcome: timestamps.iter().map(|t| self.outcome(*t)).collect(),
@@ -249,6 +270,7 @@ impl TraceColumns {
             t: Vec::with_capacity(self.events.len()),
             p: Vec::with_capacity(self.events.len()),
             x: Vec::new(),
+            line: self.lines.as_deref().map(differences),
         };
         let (mut at, mut t) = (origin, 0);
         for event in &self.events {
@@ -274,18 +296,13 @@ impl TraceColumns {
             self.statistics.totals();
         let line = |RequestRow { p, counts, response }| {
             let response = response.map(ResponseColumn::new);
-            SourceRow { place: self.place(p), counts, response }
+            let deadlines = self.deadlines.spread(p).map(|spread| spread.map(ExactNumber));
+            SourceRow { place: self.place(p), counts, response, deadlines }
         };
         let mut rows: Vec<SourceRow> = rows.into_iter().map(line).collect();
         rows.sort_unstable_by_key(|line| line.place);
         let response = response.map(ResponseColumn::new);
         Sums { messages, forwarded, missed, refused, open, response, rows }
-    }
-
-    fn deadlines(&self) -> Vec<ExactNumber> {
-        let mut counted: Vec<(&u64, &u64)> = self.deadlines.iter().collect();
-        counted.sort_by_key(|(deadline, count)| (Reverse(**count), **deadline));
-        counted.into_iter().take(DEADLINES).map(|(deadline, _)| ExactNumber(*deadline)).collect()
     }
 
     fn outcome(&self, t: u64) -> i64 {

@@ -6,20 +6,41 @@ use fuseline_traces::{
 };
 use serde::Serialize;
 
+use crate::part::{PartFilter, TraceRange};
+
+/// How many violations of a part are listed in full.
+const LISTED: usize = 100;
+
 /// How a trace is judged: strictly, or as observed within this.
 pub type JudgeMode = Option<Slack>;
 
 /// A judge of one trace.
 #[derive(Debug)]
-pub enum TraceJudge {
+pub struct TraceJudge {
+    judge: EitherJudge,
+    part: Option<PartVerdict>,
+}
+
+#[derive(Debug)]
+enum EitherJudge {
     /// Every decision is the one that the rules demand.
     Strict(Judge),
     /// The rules can explain each timestamp.
     Observed(observed::Judge),
 }
 
+/// What is found in a part of the trace. All of it is judged, since what the rules demand depends on what came before.
+#[derive(Debug)]
+struct PartVerdict {
+    filter: PartFilter,
+    /// The violations of the part.
+    found: Findings,
+    keeps_places: bool,
+}
+
 /// What one of the judges found.
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(untagged)]
 pub enum Findings {
     /// The strict judge.
@@ -68,48 +89,55 @@ impl TraceJudge {
     /// A judge of the trace `name`.
     #[must_use]
     pub fn new(mode: JudgeMode, name: &str, header: &Header) -> Self {
-        match mode {
-            None => Self::Strict(Judge::new(name, header)),
-            Some(slack) => Self::Observed(observed::Judge::new(name, header, slack)),
-        }
+        let judge = match mode {
+            None => EitherJudge::Strict(Judge::new(name, header)),
+            Some(slack) => EitherJudge::Observed(observed::Judge::new(name, header, slack)),
+        };
+        Self { judge, part: None }
     }
 
     /// The same, for an operator that opens a timestamp each `period`, in nanoseconds (J1). The strict judge compares
     /// decisions alone and takes no notice of it.
     #[must_use]
     pub fn with_period(self, period: u64) -> Self {
-        match self {
-            Self::Strict(_) => self,
-            Self::Observed(judge) => Self::Observed(judge.with_period(period)),
-        }
+        self.map(|judge| judge, |judge| judge.with_period(period))
     }
 
     /// The same, of a trace whose header has these further keys.
     #[must_use]
     pub fn with_header_annotations(self, annotations: &HeaderAnnotations) -> Self {
-        match self {
-            Self::Strict(judge) => Self::Strict(judge.with_header_annotations(annotations)),
-            Self::Observed(judge) => Self::Observed(judge.with_header_annotations(annotations)),
-        }
+        self.map(
+            |judge| judge.with_header_annotations(annotations),
+            |judge| judge.with_header_annotations(annotations),
+        )
     }
 
     /// The same, where the stamps of source `p` have an error of their own, in nanoseconds; 0 is local. The strict judge
     /// takes stamps as they are.
     #[must_use]
     pub fn with_tolerance_of(self, p: u64, tolerance: u64) -> Self {
-        match self {
-            Self::Strict(_) => self,
-            Self::Observed(judge) => Self::Observed(judge.with_tolerance_of(p, tolerance)),
-        }
+        self.map(|judge| judge, |judge| judge.with_tolerance_of(p, tolerance))
     }
 
     /// The same, which also notes where each violation is beyond those that it reports in full.
     #[must_use]
-    pub fn with_places(self) -> Self {
-        match self {
-            Self::Strict(judge) => Self::Strict(judge.with_places()),
-            Self::Observed(judge) => Self::Observed(judge.with_places()),
+    pub fn with_places(mut self) -> Self {
+        if let Some(part) = &mut self.part {
+            part.keeps_places = true;
+            return self;
         }
+        self.map(Judge::with_places, observed::Judge::with_places)
+    }
+
+    /// The same, whose verdict is about a part of the trace: what is counted and found there.
+    #[must_use]
+    pub fn with_part(mut self, part: TraceRange) -> Self {
+        let found = match &self.judge {
+            EitherJudge::Strict(judge) => Findings::Strict(judge.so_far().clone()),
+            EitherJudge::Observed(judge) => Findings::Observed(judge.so_far().clone()),
+        };
+        self.part = Some(PartVerdict { filter: PartFilter::new(part), found, keeps_places: false });
+        self
     }
 
     /// Judges the next line, which has no further keys.
@@ -130,9 +158,13 @@ impl TraceJudge {
         event: &Event,
         annotations: &Annotations,
     ) -> Result<(), TimeOrderError> {
-        match self {
-            Self::Strict(judge) => judge.annotated_line(line, event, annotations),
-            Self::Observed(judge) => judge.annotated_line(line, event, annotations)?,
+        match &mut self.judge {
+            EitherJudge::Strict(judge) => judge.annotated_line(line, event, annotations),
+            EitherJudge::Observed(judge) => judge.annotated_line(line, event, annotations)?,
+        }
+        if let Some(part) = &mut self.part {
+            part.filter.takes(event);
+            part.take(&mut self.judge);
         }
         Ok(())
     }
@@ -140,47 +172,155 @@ impl TraceJudge {
     /// The violations found so far, without the first `page_trace` of them.
     #[must_use]
     pub fn since(&self, page_trace: usize) -> Vec<AnyViolation<'_>> {
-        match self {
-            Self::Strict(judge) => {
-                judge.so_far().violations.iter().skip(page_trace).map(AnyViolation::from).collect()
+        let all = match (&self.part, &self.judge) {
+            (Some(part), _) => part.found.violations(),
+            (None, EitherJudge::Strict(judge)) => {
+                judge.so_far().violations.iter().map(AnyViolation::from).collect()
             }
-            Self::Observed(judge) => {
-                judge.so_far().violations.iter().skip(page_trace).map(AnyViolation::from).collect()
+            (None, EitherJudge::Observed(judge)) => {
+                judge.so_far().violations.iter().map(AnyViolation::from).collect()
             }
-        }
+        };
+        all.into_iter().skip(page_trace).collect()
     }
 
     /// The verdict on the whole: what is not there is missing. Violations stand by their lines.
     #[must_use]
     pub fn finish(self) -> Findings {
-        match self {
-            Self::Strict(judge) => Findings::Strict(judge.finish()),
-            Self::Observed(judge) => Findings::observed(judge.finish()),
-        }
+        let found = match self.judge {
+            EitherJudge::Strict(judge) => Findings::Strict(judge.finish()),
+            EitherJudge::Observed(judge) => Findings::Observed(judge.finish()),
+        };
+        PartVerdict::of(self.part, found).sorted()
     }
 
     /// The verdict on the whole trace of a run that is known to have ended: all that it owed is overdue. Violations stand by
     /// their lines.
     #[must_use]
     pub fn finish_ended(self) -> Findings {
-        match self {
-            Self::Strict(judge) => Findings::Strict(judge.finish_ended()),
-            Self::Observed(judge) => Findings::observed(judge.finish_ended()),
-        }
+        let found = match self.judge {
+            EitherJudge::Strict(judge) => Findings::Strict(judge.finish_ended()),
+            EitherJudge::Observed(judge) => Findings::Observed(judge.finish_ended()),
+        };
+        PartVerdict::of(self.part, found).sorted()
     }
 
     /// The verdict on a trace that may go on, or was cut short: what is not there may still have come. Violations stand as
     /// they were found. Also whether decisions of the last input were missing, which are not judged.
     #[must_use]
     pub fn finish_early(self) -> (Findings, bool) {
-        match self {
-            Self::Strict(judge) => {
+        let (found, is_cut) = match self.judge {
+            EitherJudge::Strict(judge) => {
                 let (verdict, is_cut) = without_last(judge);
                 (Findings::Strict(verdict), is_cut)
             }
-            Self::Observed(judge) => (Findings::Observed(judge.finish_early()), false),
+            EitherJudge::Observed(judge) => (Findings::Observed(judge.finish_early()), false),
+        };
+        (PartVerdict::of(self.part, found), is_cut)
+    }
+
+    fn map(
+        self,
+        strict: impl FnOnce(Judge) -> Judge,
+        observed: impl FnOnce(observed::Judge) -> observed::Judge,
+    ) -> Self {
+        let judge = match self.judge {
+            EitherJudge::Strict(judge) => EitherJudge::Strict(strict(judge)),
+            EitherJudge::Observed(judge) => EitherJudge::Observed(observed(judge)),
+        };
+        Self { judge, part: self.part }
+    }
+}
+
+impl PartVerdict {
+    /// Takes what the judge has found since.
+    fn take(&mut self, judge: &mut EitherJudge) {
+        let Self { filter, found, keeps_places } = self;
+        match (judge, found) {
+            (EitherJudge::Strict(judge), Findings::Strict(verdict)) => {
+                let Verdict { violations, more, places, .. } = verdict;
+                let listed = PartList { violations, more, places, keeps_places: *keeps_places };
+                listed.extend(judge.take_violations(), filter, place_of);
+            }
+            (EitherJudge::Observed(judge), Findings::Observed(verdict)) => {
+                let observed::Verdict { violations, more, places, .. } = verdict;
+                let listed = PartList { violations, more, places, keeps_places: *keeps_places };
+                listed.extend(judge.take_violations(), filter, observed_place_of);
+            }
+            (EitherJudge::Strict(_), Findings::Observed(_))
+            | (EitherJudge::Observed(_), Findings::Strict(_)) => {}
         }
     }
+
+    /// The verdict on the part, if it is one, else on all.
+    fn of(part: Option<Self>, whole: Findings) -> Findings {
+        let Some(Self { filter, found, keeps_places }) = part else { return whole };
+        match (whole, found) {
+            (Findings::Strict(whole), Findings::Strict(mut found)) => {
+                let Verdict { violations, more, places, .. } = &mut found;
+                let listed = PartList { violations, more, places, keeps_places };
+                listed.extend(whole.violations, &filter, place_of);
+                let conforms = found.violations.is_empty();
+                let Verdict { lines, unfinished, .. } = whole;
+                Findings::Strict(Verdict {
+                    lines,
+                    unfinished,
+                    conforms,
+                    judged: filter.judged(),
+                    ..found
+                })
+            }
+            (Findings::Observed(whole), Findings::Observed(mut found)) => {
+                let observed::Verdict { violations, more, places, .. } = &mut found;
+                let listed = PartList { violations, more, places, keeps_places };
+                listed.extend(whole.violations, &filter, observed_place_of);
+                let judged = filter.judged();
+                let conforms = judged > 0 && found.violations.is_empty();
+                let observed::Verdict { lines, unfinished, .. } = whole;
+                Findings::Observed(observed::Verdict {
+                    lines,
+                    unfinished,
+                    conforms,
+                    judged,
+                    ..found
+                })
+            }
+            (whole, _) => whole,
+        }
+    }
+}
+
+/// The violations of a part: the first ones whole, then their places.
+struct PartList<'a, V, R> {
+    violations: &'a mut Vec<V>,
+    more: &'a mut u64,
+    places: &'a mut Vec<ViolationPlace<R>>,
+    keeps_places: bool,
+}
+
+impl<V, R> PartList<'_, V, R> {
+    fn extend(self, found: Vec<V>, filter: &PartFilter, place_of: fn(&V) -> ViolationPlace<R>) {
+        for violation in found {
+            let place = place_of(&violation);
+            if !filter.has(place.t) {
+                continue;
+            }
+            if self.violations.len() < LISTED {
+                self.violations.push(violation);
+            } else {
+                *self.more += 1;
+                self.places.extend(self.keeps_places.then_some(place));
+            }
+        }
+    }
+}
+
+fn place_of(violation: &Violation) -> ViolationPlace<Rule> {
+    ViolationPlace { line: violation.line, t: violation.t, rule: violation.rule }
+}
+
+fn observed_place_of(violation: &observed::Violation) -> ViolationPlace<observed::BrokenRule> {
+    ViolationPlace { line: violation.line, t: violation.t, rule: violation.rule }
 }
 
 /// The verdict without decisions that the last input still lacks, and whether there are any.
@@ -199,9 +339,12 @@ fn without_last(judge: Judge) -> (Verdict, bool) {
 }
 
 impl Findings {
-    fn observed(mut verdict: observed::Verdict) -> Self {
-        verdict.violations.sort_by_key(|violation| violation.line);
-        Self::Observed(verdict)
+    /// With the violations by their lines.
+    fn sorted(mut self) -> Self {
+        if let Self::Observed(verdict) = &mut self {
+            verdict.violations.sort_by_key(|violation| violation.line);
+        }
+        self
     }
 
     /// The verdict in short.

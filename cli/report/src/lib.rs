@@ -1,14 +1,19 @@
 #![doc = include_str!("../README.md")]
 
 mod columns;
+mod deadlines;
 mod judging;
+mod notes;
 mod page;
+mod part;
 mod quantile;
 mod reasons;
 mod statistics;
 mod trace_page;
 
 pub use judging::{AnyViolation, Findings, JudgeMode, TraceJudge, VerdictSummary};
+pub use notes::{PolicyScores, RunNotes};
+pub use part::{PartFilter, TraceRange};
 pub use quantile::{ArrivalTime, NEVER, PERCENT, Quantile, Response, quantiles, quantiles_among};
 pub use statistics::{
     COLUMNS, ForwardedOutput, MessageRecord, RequestRow, TimestampOutcome, Totals, TraceStatistics,

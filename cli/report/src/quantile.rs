@@ -1,6 +1,5 @@
 //! Response times by nearest ranks, also where some of them are not known.
 
-use std::collections::BTreeMap;
 use std::time::Duration;
 
 use serde::{Serialize, Serializer};
@@ -49,14 +48,38 @@ impl Serialize for Quantile {
     /// Milliseconds; `{"at_least":…}` where some are not known, null where it never ends.
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let ms = |at: Duration| at.as_secs_f64() * 1000.0;
-        match *self {
-            Self::Exactly(at) => serializer.serialize_f64(ms(at)),
-            Self::AtLeast(at) => {
-                [("at_least", ms(at))].into_iter().collect::<BTreeMap<_, _>>().serialize(serializer)
-            }
-            Self::Never => serializer.serialize_none(),
-        }
+        let written = match *self {
+            Self::Exactly(at) => WrittenQuantile::Exactly(ms(at)),
+            Self::AtLeast(at) => WrittenQuantile::Bound { at_least: ms(at) },
+            Self::Never => WrittenQuantile::Never,
+        };
+        written.serialize(serializer)
     }
+}
+
+#[cfg(feature = "schema")]
+impl schemars::JsonSchema for Quantile {
+    fn inline_schema() -> bool {
+        true
+    }
+
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        WrittenQuantile::schema_name()
+    }
+
+    fn json_schema(generator: &mut schemars::SchemaGenerator) -> schemars::Schema {
+        WrittenQuantile::json_schema(generator)
+    }
+}
+
+/// A quantile as it is written, in milliseconds.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(untagged)]
+enum WrittenQuantile {
+    Exactly(f64),
+    Bound { at_least: f64 },
+    Never,
 }
 
 impl Response {

@@ -8,7 +8,9 @@ use thiserror::Error;
 
 use crate::columns::{PageTrace, TraceColumns};
 use crate::judging::{Findings, JudgeMode, TraceJudge};
+use crate::notes::RunNotes;
 use crate::page::{self, Data};
+use crate::part::{PartFilter, TraceRange};
 
 /// How many events a page holds; a browser takes no text much longer than theirs.
 pub const MOST_EVENTS: usize = 10_000_000;
@@ -28,6 +30,8 @@ pub struct TracePage<'a> {
     header: Header,
     judging: TraceJudge,
     columns: TraceColumns,
+    notes: Option<RunNotes>,
+    part: Option<PartFilter>,
     room: usize,
 }
 
@@ -35,7 +39,7 @@ pub struct TracePage<'a> {
 #[derive(Debug, Error)]
 pub enum PageError {
     /// The page is full.
-    #[error("{file}: a page holds 10,000,000 events, and there are more; cut the trace")]
+    #[error("{file}: a page holds 10,000,000 events, and there are more; show a part of it")]
     TooLong {
         /// The trace.
         file: String,
@@ -62,6 +66,8 @@ impl PageWriter {
             header: header.clone(),
             judging: TraceJudge::new(mode, name, header).with_places(),
             columns: TraceColumns::new(header, mode.is_some()),
+            notes: None,
+            part: None,
         }
     }
 
@@ -96,6 +102,20 @@ impl TracePage<'_> {
         self
     }
 
+    /// The same, of which the page shows a part; see [`TraceJudge::with_part`].
+    #[must_use]
+    pub fn with_part(mut self, part: TraceRange) -> Self {
+        self.judging = self.judging.with_part(part).with_places();
+        self.columns = self.columns.of_part();
+        self.part = Some(PartFilter::new(part));
+        self
+    }
+
+    /// Shows what is known of its run beside it.
+    pub fn add_notes(&mut self, notes: RunNotes) {
+        self.notes = Some(notes);
+    }
+
     /// Takes the next event, with its line and no further keys.
     ///
     /// # Errors
@@ -116,9 +136,12 @@ impl TracePage<'_> {
         annotations: &Annotations,
     ) -> Result<(), PageError> {
         let too_long = || PageError::TooLong { file: self.name.clone() };
-        self.room = self.room.checked_sub(1).ok_or_else(too_long)?;
         self.judging.annotated_line(line, &event, annotations)?;
-        self.columns.push(event, annotations);
+        if self.part.as_mut().is_some_and(|part| !part.takes(&event)) {
+            return Ok(());
+        }
+        self.room = self.room.checked_sub(1).ok_or_else(too_long)?;
+        self.columns.push(line, event, annotations);
         Ok(())
     }
 
@@ -142,7 +165,9 @@ impl TracePage<'_> {
 
     fn end(self, finish: impl FnOnce(TraceJudge) -> (Findings, bool)) -> (Findings, bool) {
         let (found, is_cut) = finish(self.judging);
-        self.page.page_trace.push(self.columns.page_trace(&self.header, self.mode, &found));
+        let mut shown = self.columns.page_trace(&self.header, self.mode, &found);
+        shown.run = self.notes;
+        self.page.page_trace.push(shown);
         self.page.room = self.room;
         (found, is_cut)
     }

@@ -1,18 +1,20 @@
-//! `fuseline convert`: makes a trace of what other tools recorded. `csv` and `mcap` read it; nothing is judged.
+//! `fuseline convert`: makes a trace of what other tools recorded. `rows` and `mcap` read it; nothing is judged.
 
-mod csv;
+mod header;
 mod mcap;
 mod recorded;
+mod rows;
 
-use std::io::{self, BufReader, BufWriter, Write};
+use std::cell::RefCell;
+use std::io::{self, BufReader, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
+use std::rc::Rc;
 
-use clap::builder::{PossibleValuesParser, TypedValueParser};
-use fuseline_traces::rows::{self, Columns, Unit};
-use fuseline_traces::{Decision, Event, Events, Input};
+use fuseline_traces::rows::{self as table, Columns, FrameColumn, Unit};
+use fuseline_traces::{Decision, Event, Events, Header, Input};
 
-use crate::convert::csv::CsvTable;
 use crate::convert::recorded::{AnnotatedHeader, ConvertError, Recorded};
+use crate::convert::rows::MappedRows;
 use crate::exit::Exit;
 use crate::fault::Fault;
 use crate::input::{is_standard, open};
@@ -20,16 +22,27 @@ use crate::output::{Output, Overwrite, refuse_onto_stdout};
 
 #[derive(clap::Args)]
 #[command(after_help = "\
-A CSV file has a row an event and names its columns in its first row. The columns at, ev, t, p, due,
-deadline, backlog, why, of, try, within, age, origin and seq are read, those that a row's event has;
---column gives one another name. An MCAP file has a JSON channel, /fuseline/trace, each message a line of a trace; a message
-without at has its log time. Its first message may be the header.
+A CSV file has a row an event and names its columns in its first row; JSON lines have an object an event. The
+columns or keys at, ev, t, p, due, deadline, backlog, why, of, try, within, age, origin and seq are read, those
+that an event has; --column gives one another name, within objects as header.stamp. p is a source's priority, or
+its name in the header. An instant is a number or a time of day such as 2026-11-25T18:00:00.5Z; a duration is a
+number.
 
-The header is the trace's first line: it tells the clouds and the commit rule.
+With --frame a CSV file has a row a frame: the columns open, t, emit, by and miss of the frame, and request,
+deadline, result and fail of each source, as WEST.result=COLUMN. An empty cell is an event that did not happen.
+
+An MCAP file has a JSON channel, each message a line of a trace, or, with --column or --event, an object as above;
+one without at has its log time. Its first message may be the header.
+
+The header is the trace's first line: it tells the clouds and the commit rule. --write-header makes one.
 
 Examples:
+  fuseline convert --write-header events.csv -o header.jsonl
   fuseline convert --header header.jsonl --column at=stamp_ms --unit ms events.csv -o trace.jsonl
-  fuseline convert --header header.jsonl --event response=result,send=request events.csv
+  fuseline convert --header header.jsonl --event response=result,send=request,heartbeat= events.csv
+  fuseline convert --header header.jsonl --column at=header.stamp,ev=kind --unit s --unit deadline=ms log.jsonl
+  fuseline convert --header header.jsonl --unit ms --separator ';' frames.csv --frame \
+    open=recv,emit=out,by=winner,west.request=sent,west.deadline=500,west.result=done,local.result=own
   fuseline convert drive.mcap | fuseline check --observed --tolerance 2ms --lateness 5ms")]
 pub(crate) struct Args {
     /// The file to convert; - is standard input.
@@ -41,19 +54,30 @@ pub(crate) struct Args {
     /// A file whose first line is the trace's header.
     #[arg(long, value_name = "FILE")]
     header: Option<PathBuf>,
-    /// Where a key of the trace stands in a CSV file, such as at=stamp.
-    #[arg(long, value_name = "KEY=NAME", value_delimiter = ',', value_parser = rows::column)]
+    /// Make the header instead of the trace: the sources are those in the file, and what cannot be guessed is asked.
+    #[arg(long, conflicts_with_all = ["header", "sort"])]
+    write_header: bool,
+    /// Where a key of the trace stands, such as at=stamp.
+    #[arg(long, value_name = "KEY=NAME", value_delimiter = ',', value_parser = table::column)]
     column: Vec<(&'static str, String)>,
-    /// What the file calls an event, such as response=result.
-    #[arg(long, value_name = "NAME=EV", value_delimiter = ',', value_parser = rows::event)]
+    /// What the file calls an event, such as response=result; heartbeat= leaves those events out.
+    #[arg(long, value_name = "NAME=EV", value_delimiter = ',', value_parser = table::event)]
     event: Vec<(String, &'static str)>,
-    /// The unit of a CSV file's instants and durations; decimals are read exactly.
-    #[arg(long, default_value = "ns", value_parser = unit())]
-    unit: Unit,
+    /// Where the events of a frame stand in a CSV file with a row a frame, such as open=recv or west.result=done.
+    #[arg(long, value_name = "[SOURCE.]EVENT=COLUMN", value_delimiter = ',', value_parser = table::frame_column,
+        conflicts_with_all = ["column", "event"])]
+    frame: Vec<FrameColumn>,
+    /// The unit of instants and durations, or of one key's, such as deadline=ms; decimals are read exactly
+    /// [default: ns] [possible units: ns, us, ms, s].
+    #[arg(long, value_name = "[KEY=]UNIT", value_delimiter = ',', value_parser = table::unit)]
+    unit: Vec<(Option<&'static str>, Unit)>,
+    /// What stands between the cells of a CSV file: a character, or tab.
+    #[arg(long, value_name = "CHARACTER", default_value = ",", value_parser = separator)]
+    separator: u8,
     /// The MCAP file's topic.
     #[arg(long, default_value = fuseline_traces::packed::TOPIC)]
     topic: String,
-    /// Put the events in the order of their instants, holding all of them.
+    /// Put the events in the order of their instants, holding all of them; always so with --frame.
     #[arg(long)]
     sort: bool,
     /// The trace; without it, or with -, standard output.
@@ -66,6 +90,8 @@ pub(crate) struct Args {
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub(crate) enum Format {
     Csv,
+    /// A JSON object a line.
+    Jsonl,
     Mcap,
 }
 
@@ -74,6 +100,9 @@ pub(crate) fn convert(args: &Args) -> Result<Exit, Fault> {
     let name = args.file.display().to_string();
     let format = args.from.or_else(|| format_of(&args.file));
     let format = format.ok_or(ConvertError::Format { file: name })?;
+    if !args.frame.is_empty() && format != Format::Csv {
+        return Err(ConvertError::Frames.into());
+    }
     let inputs: Vec<&Path> =
         [Some(&*args.file), args.header.as_deref()].into_iter().flatten().collect();
     let named = args.output.as_deref().filter(|path| !is_standard(path));
@@ -81,42 +110,112 @@ pub(crate) fn convert(args: &Args) -> Result<Exit, Fault> {
     if output.is_none() {
         refuse_onto_stdout(&inputs)?;
     }
+    if args.write_header {
+        let header = made_header(args, format)?;
+        return put(output.as_ref(), &|out| {
+            let mut line = Vec::new();
+            header.write(&mut line);
+            line.push(b'\n');
+            out.write_all(&line).and_then(|()| out.flush()).map_err(Fault::Output)
+        });
+    }
+    let given = args.header.as_deref().map(read_header).transpose()?;
     let (name, file) = open(&args.file)?;
-    let mut recorded: Box<dyn Recorded> = match format {
-        Format::Csv => {
-            let columns = Columns::new(&args.column, &args.event, args.unit);
-            Box::new(CsvTable::new(&name, file, columns)?)
-        }
-        Format::Mcap => Box::new(mcap::McapInput::new(&name, file, &args.topic)),
-    };
+    let columns = args.columns().with_sources(given.iter().flat_map(|(header, _)| sources(header)));
+    let mut recorded = args.recorded(format, &name, file, columns)?;
     let own = recorded.header()?;
-    let header = match &args.header {
-        Some(path) => {
-            let (name, file) = open(path)?;
-            let events = Events::observed(name, BufReader::new(file))?;
-            Some((events.header().clone(), events.header_annotations().clone()))
-        }
-        None => own,
-    };
-    let header = header.ok_or_else(|| ConvertError::NoHeader { file: name.clone() })?;
-    let mut write = |out: &mut dyn Write| write(out, &header, &mut *recorded, args.sort);
-    if let Some(output) = output {
-        output.write(|out| write(out))?;
-    } else {
-        write(&mut BufWriter::new(io::stdout().lock()))?;
+    let header = given.or(own).ok_or_else(|| ConvertError::NoHeader { file: name.clone() })?;
+    let is_sorted = args.sort || !args.frame.is_empty();
+    let recorded = RefCell::new(recorded);
+    put(output.as_ref(), &|out| write(out, &header, &mut **recorded.borrow_mut(), is_sorted))
+}
+
+impl Args {
+    fn columns(&self) -> Columns<'_> {
+        let whole = self.unit.iter().rev().find(|(key, _)| key.is_none());
+        let unit = whole.map_or(Unit::Ns, |(_, unit)| *unit);
+        let units = self.unit.iter().filter_map(|(key, unit)| Some(((*key)?, *unit)));
+        Columns::new(&self.column, &self.event, unit).with_units(units)
+    }
+
+    fn recorded<'a>(
+        &'a self,
+        format: Format,
+        name: &'a str,
+        file: Box<dyn Read>,
+        columns: Columns<'a>,
+    ) -> Result<Box<dyn Recorded + 'a>, Fault> {
+        let is_mapped = !self.column.is_empty() || !self.event.is_empty();
+        Ok(match format {
+            Format::Csv if self.frame.is_empty() => {
+                Box::new(MappedRows::events(name, file, self.separator, columns)?)
+            }
+            Format::Csv => {
+                Box::new(MappedRows::frames(name, file, self.separator, &self.frame, columns)?)
+            }
+            Format::Jsonl => Box::new(MappedRows::json(name, file, columns)),
+            Format::Mcap => {
+                let columns = is_mapped.then_some(columns);
+                Box::new(mcap::McapInput::new(name, file, &self.topic, columns))
+            }
+        })
+    }
+}
+
+/// Writes to the output, or to standard output if there is none.
+fn put(
+    output: Option<&Output>,
+    write: &dyn Fn(&mut dyn Write) -> Result<(), Fault>,
+) -> Result<Exit, Fault> {
+    match output {
+        Some(output) => output.write(|out| write(out))?,
+        None => write(&mut BufWriter::new(io::stdout().lock()))?,
     }
     Ok(Exit::Conforms)
 }
 
-fn unit() -> impl TypedValueParser<Value = Unit> {
-    let named = |name: String| Unit::ALL.into_iter().find(|unit| unit.as_str() == name);
-    PossibleValuesParser::new(Unit::ALL.map(Unit::as_str))
-        .try_map(move |name| named(name).ok_or("no such unit"))
+fn read_header(path: &Path) -> Result<AnnotatedHeader, Fault> {
+    let (name, file) = open(path)?;
+    let events = Events::observed(name, BufReader::new(file))?;
+    Ok((events.header().clone(), events.header_annotations().clone()))
+}
+
+/// The sources that a header names, with their priorities.
+fn sources(header: &Header) -> impl Iterator<Item = (String, u64)> {
+    let clouds = header.clouds.iter();
+    let named = clouds.filter_map(|cloud| Some((cloud.name.clone()?, u64::from(cloud.p))));
+    [("local".to_owned(), 0)].into_iter().chain(named)
+}
+
+/// The header for a file, from its sources and what is asked.
+fn made_header(args: &Args, format: Format) -> Result<Header, Fault> {
+    if is_standard(&args.file) {
+        return Err(ConvertError::Asking.into());
+    }
+    let (name, file) = open(&args.file)?;
+    let sources = Rc::new(RefCell::new(Vec::new()));
+    let mut recorded =
+        args.recorded(format, &name, file, args.columns().gathering(Rc::clone(&sources)))?;
+    if recorded.header()?.is_some() {
+        return Err(ConvertError::HasHeader { file: name.clone() }.into());
+    }
+    while recorded.next_event()?.is_some() {}
+    let sources = sources.borrow().clone();
+    header::ask(&sources, &mut io::stdin().lock(), &mut io::stderr())
+}
+
+fn separator(text: &str) -> Result<u8, &'static str> {
+    match text.as_bytes() {
+        [byte] if byte.is_ascii() && !matches!(byte, b'"' | b'\n' | b'\r') => Ok(*byte),
+        _ if text == "tab" => Ok(b'\t'),
+        _ => Err("it must be one ASCII character, or tab"),
+    }
 }
 
 fn format_of(path: &Path) -> Option<Format> {
     match path.extension()?.to_str()? {
-        "csv" => Some(Format::Csv),
+        "csv" | "tsv" => Some(Format::Csv),
+        "jsonl" | "ndjson" | "json" => Some(Format::Jsonl),
         "mcap" => Some(Format::Mcap),
         _ => None,
     }

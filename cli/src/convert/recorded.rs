@@ -21,12 +21,19 @@ pub(super) trait Recorded {
 /// Why something recorded cannot be converted.
 #[derive(Debug, Error)]
 pub(super) enum ConvertError {
-    #[error("{file}: neither .csv nor .mcap; say which it is with --from")]
+    #[error("{file}: neither .csv, .jsonl nor .mcap; say which it is with --from")]
     Format { file: String },
     #[error(
-        "{file}: no header; give one with --header FILE, a file that begins with {{\"fuseline\":1,…}}"
+        "{file}: no header; give one with --header FILE, a file that begins with {{\"fuseline\":1,…}}; --write-header makes \
+         one"
     )]
     NoHeader { file: String },
+    #[error("--frame is for CSV files; give --column for others")]
+    Frames,
+    #[error("--write-header asks on standard input; name a file to convert")]
+    Asking,
+    #[error("{file}: it has a header, which --write-header would replace; leave that out")]
+    HasHeader { file: String },
     #[error("{file}:{line}: {message}")]
     Row { file: String, line: u64, message: String },
     #[error("{file}: {message}")]

@@ -4,10 +4,11 @@ use std::fmt;
 
 use fuseline_testkit::Run;
 use indicatif::HumanCount;
+use schemars::JsonSchema;
 use serde::Serialize;
 
 /// The greatest of each among the runs that passed.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, JsonSchema, Serialize)]
 pub(super) struct DrivenExtent {
     /// Clouds registered.
     clouds: usize,

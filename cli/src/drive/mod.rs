@@ -15,6 +15,7 @@ mod shrink;
 mod tests;
 mod trial;
 mod words;
+mod written;
 
 use std::ffi::OsString;
 use std::fs;
@@ -33,12 +34,14 @@ use self::extent::DrivenExtent;
 use self::report::{CaseOutcome, DriveReport, ReportedFinding};
 use self::shrink::{DriveFinding, FindingKind, shrink};
 use self::trial::{Bench, DriveStop};
+use self::written::WrittenReport;
 use crate::complain::complain;
 use crate::exit::Exit;
 use crate::fault::{Fault, plain};
 use crate::interrupt::Interrupt;
 use crate::output::{self, Output};
 use crate::results::Files;
+use crate::schema::SchemaOption;
 use crate::seconds::seconds;
 use crate::sink::OutputSink;
 
@@ -92,12 +95,14 @@ pub(crate) struct Args {
     /// What to call the implementation; the command if not given.
     #[arg(long)]
     name: Option<String>,
-    /// Save the smallest run of a difference as a trace in this directory.
+    /// Save the smallest run of a difference as a trace in this folder, which is made then.
     #[arg(long, value_name = "DIR")]
     save: Option<PathBuf>,
     /// Print one JSON object instead of text.
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    schema: SchemaOption,
     /// Write the results for continuous integration, as `JUnit` XML.
     #[arg(long, value_name = "FILE")]
     junit: Option<PathBuf>,
@@ -132,6 +137,8 @@ fn budget(text: &str) -> Result<Duration, &'static str> {
 /// Why a command cannot be driven.
 #[derive(Debug, Error)]
 enum CommandError {
+    #[error("--save {}: a file; name a folder", .path.display())]
+    NoFolder { path: PathBuf },
     #[error("{command:?}: {}; give a program that can be started", plain(.source))]
     Start { command: OsString, source: io::Error },
 }
@@ -144,6 +151,9 @@ impl From<CommandError> for Fault {
 
 /// Drives the command through all cases and reports the results.
 pub(crate) fn drive(args: &Args) -> Result<Exit, Fault> {
+    if let Some(exit) = args.schema.print::<WrittenReport>()? {
+        return Ok(exit);
+    }
     let commit = match args.commit {
         CommitRules::Eager => Some(Commit::Eager),
         CommitRules::Patient => Some(Commit::Patient),
@@ -156,8 +166,9 @@ pub(crate) fn drive(args: &Args) -> Result<Exit, Fault> {
     } else {
         Suite::of(&args.run, generator)?
     };
-    let created = |path: &Path| fs::create_dir_all(path).map_err(|source| create(path, source));
-    args.save.as_deref().map_or(Ok(()), created)?;
+    if let Some(folder) = args.save.as_deref().filter(|path| path.exists() && !path.is_dir()) {
+        return Err(CommandError::NoFolder { path: folder.to_owned() }.into());
+    }
     let outputs = DriveOutputs::new(args, &suite)?;
     let mut driver = CaseRunner::new(args, suite);
     match driver.all() {
@@ -171,6 +182,8 @@ pub(crate) fn drive(args: &Args) -> Result<Exit, Fault> {
     let report = driver.finish();
     for entry in &report.findings {
         if let Some(path) = &entry.saved {
+            let folder = args.save.as_deref().unwrap_or(Path::new("."));
+            fs::create_dir_all(folder).map_err(|source| create(folder, source))?;
             output::file(path, &[], args.results.overwrite)?;
             fs::write(path, entry.finding.reported.trace())
                 .map_err(|source| create(path, source))?;
@@ -187,7 +200,8 @@ pub(crate) fn drive(args: &Args) -> Result<Exit, Fault> {
     }
     let mut out = OutputSink::new(anstream::stdout());
     if args.json {
-        writeln!(out, "{}", report.json()).map_err(Fault::Output)?;
+        let written = serde_json::to_writer(&mut out, &report.json()).map_err(io::Error::from);
+        written.and_then(|()| writeln!(out)).map_err(Fault::Output)?;
     } else {
         report.print_report(&mut out).map_err(Fault::Output)?;
     }

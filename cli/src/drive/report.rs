@@ -9,7 +9,6 @@ use fuseline_report::AnyViolation;
 use fuseline_testkit::Coverage;
 use fuseline_traces::{Event, Rule, Verdict};
 use indicatif::HumanCount;
-use serde_json::{Map, Value, json};
 use textwrap::{Options, WordSplitter};
 
 use super::case::Suite;
@@ -17,6 +16,7 @@ use super::extent::DrivenExtent;
 use super::peer::ProtocolViolation;
 use super::shrink::{DriveFinding, FindingKind};
 use super::words;
+use super::written::{GeneratedRuns, WrittenCase, WrittenFinding, WrittenReport, WrittenSuite};
 use crate::exit::Exit;
 use crate::verdict::{BAD, GOOD, plain, print_violation};
 
@@ -124,8 +124,9 @@ impl ReportedFinding {
                 {
                     print_violation(&AnyViolation::from(violation), &verdict.file, out)?;
                     self.print_story(out, "in words")?;
-                    writeln!(out, "{INDENT}  found: {}", words::reported(&violation.found))?;
-                    writeln!(out, "{INDENT}  expected: {}", words::reported(&violation.expected))?;
+                    let [found, expected] = words::both(&violation.found, &violation.expected);
+                    writeln!(out, "{INDENT}  found: {found}")?;
+                    writeln!(out, "{INDENT}  expected: {expected}")?;
                 }
             }
             FindingKind::Misbehaves(misbehaviour) => {
@@ -290,7 +291,7 @@ impl DriveReport {
     }
 
     /// The report as one JSON object.
-    pub(super) fn json(&self) -> Value {
+    pub(super) fn json(&self) -> WrittenReport {
         let Suite { generator, generated, .. } = &self.suite;
         let entries = self.findings.iter().map(|entry| {
             let verdict = entry.verdict();
@@ -299,43 +300,45 @@ impl DriveReport {
                 FindingKind::Misbehaves(misbehaviour) => Some(misbehaviour.to_string()),
                 FindingKind::Breaks(_) => None,
             };
-            json!({
-                "case": entry.case,
-                "inputs": entry.finding.reported.inputs().count(),
-                "of": entry.of,
-                "violation": violation,
-                "misbehaviour": misbehaviour,
-                "trace": String::from_utf8_lossy(&entry.finding.reported.trace()),
-                "saved": entry.saved,
-                "replay": entry.replay,
-            })
+            WrittenFinding {
+                case: entry.case.clone(),
+                inputs: entry.finding.reported.inputs().count(),
+                of: entry.of,
+                violation: violation.cloned(),
+                misbehaviour,
+                trace: String::from_utf8_lossy(&entry.finding.reported.trace()).into_owned(),
+                saved: entry.saved.clone(),
+                replay: entry.replay.clone(),
+            }
         });
-        json!({
-            "name": self.name,
-            "command": self.command,
-            "conforms": self.exit() == Exit::Conforms,
-            "interrupted": self.was_interrupted,
-            "suite": {
-                "version": env!("CARGO_PKG_VERSION"),
-                "hash": format!("sha256:{}", self.suite.hash()),
-                "seed": generator.seed,
-                "commit": generator.commit.map_or("all", fuseline_traces::Commit::as_str),
-                "clouds": generator.most_clouds(),
+        let fixed = self.fixed.iter();
+        WrittenReport {
+            name: self.name.clone(),
+            command: self.command.clone(),
+            conforms: self.exit() == Exit::Conforms,
+            interrupted: self.was_interrupted,
+            suite: WrittenSuite {
+                version: env!("CARGO_PKG_VERSION"),
+                hash: format!("sha256:{}", self.suite.hash()),
+                seed: generator.seed,
+                commit: generator.commit.map_or("all", fuseline_traces::Commit::as_str),
+                clouds: generator.most_clouds(),
             },
-            "fixed": self.fixed.iter().map(|(id, mark)| json!({"case": id, "result": mark.word()}))
-                .collect::<Vec<_>>(),
-            "generated": {
-                "runs": generated,
-                "passed": self.passed,
-                "failed": self.failed.as_ref().map(|(id, _)| id),
+            fixed: fixed
+                .map(|(id, mark)| WrittenCase { case: id.clone(), result: mark.word() })
+                .collect(),
+            generated: GeneratedRuns {
+                runs: *generated,
+                passed: self.passed,
+                failed: self.failed.as_ref().map(|(id, _)| id.clone()),
             },
-            "found": entries.collect::<Vec<_>>(),
-            "at_end": self.at_end.as_ref().map(ToString::to_string),
-            "extent": self.extent,
-            "inputs": self.inputs,
-            "seconds": self.took.as_secs_f64(),
-            "reached": self.reach.counts().map(|(mark, count)| (mark, count.into())).collect::<Map<_, _>>(),
-        })
+            found: entries.collect(),
+            at_end: self.at_end.as_ref().map(ToString::to_string),
+            extent: self.extent,
+            inputs: self.inputs,
+            seconds: self.took.as_secs_f64(),
+            reached: self.reach.counts().collect(),
+        }
     }
 }
 

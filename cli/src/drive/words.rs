@@ -11,12 +11,27 @@ pub(super) fn event(event: &Event) -> String {
 }
 
 /// A decision as a judge writes it, in words.
-pub(super) fn reported(line: &str) -> String {
+fn reported(line: &str) -> String {
     match parse(line.as_bytes()) {
         Ok(Line::Event(Event::Decision(decision))) => self::decision(&decision),
         // It says that there is none.
         Ok(_) | Err(_) => "nothing more is decided".to_owned(),
     }
+}
+
+/// What was found and what was expected, in words, with their instants where nothing else differs.
+pub(super) fn both(found: &str, expected: &str) -> [String; 2] {
+    let texts = [found, expected].map(reported);
+    if texts[0] != texts[1] {
+        return texts;
+    }
+    let at = |line: &str| match parse(line.as_bytes()) {
+        Ok(Line::Event(Event::Decision(decision))) => format!(", at instant {}", decision.at()),
+        Ok(_) | Err(_) => String::new(),
+    };
+    let [of_found, of_expected] = [found, expected].map(at);
+    let [found, expected] = texts;
+    [found + &of_found, expected + &of_expected]
 }
 
 fn input(input: &Input) -> String {
@@ -82,4 +97,18 @@ fn decision(decision: &Decision) -> String {
 
 fn who(p: u64) -> String {
     if p == 0 { "local".to_owned() } else { format!("cloud {p}") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn decisions_that_differ_in_their_instant_alone_are_told_with_it() {
+        let line = |at: u64, p: u64| format!(r#"{{"ev":"hold","at":{at},"t":1,"p":{p}}}"#);
+        let [found, expected] = both(&line(7, 1), &line(8, 1));
+        assert!(found.ends_with(", at instant 7") && expected.ends_with(", at instant 8"));
+        let [found, expected] = both(&line(7, 1), &line(8, 2));
+        assert!(!found.contains("instant") && !expected.contains("instant"), "{found} {expected}");
+    }
 }

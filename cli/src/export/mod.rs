@@ -9,7 +9,7 @@ use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 
 use fuseline_traces::packed::unpack;
-use fuseline_traces::{Annotations, Events};
+use fuseline_traces::{Annotations, Event, Events};
 
 use crate::complain::complain;
 use crate::exit::Exit;
@@ -20,6 +20,8 @@ use crate::export::viewer::TraceViewer;
 use crate::fault::Fault;
 use crate::input::{is_standard, name, open};
 use crate::output::{Output, Overwrite};
+use crate::part::PartOptions;
+use crate::progress::watched;
 
 #[derive(clap::Args)]
 #[command(after_help = "\
@@ -34,6 +36,7 @@ MCAP: for Foxglove; the topic /fuseline/trace has each line as a JSON message, t
 Examples:
   fuseline export --perfetto trace.jsonl -o trace.perfetto.json
   fuseline export --perfetto detector.jsonl tracker.jsonl -o frames.perfetto.json
+  fuseline export --perfetto trace.jsonl --from 10m --to 12m -o minutes.perfetto.json
   fuseline export --mcap trace.jsonl -o trace.mcap")]
 #[group(skip)]
 pub(crate) struct Args {
@@ -42,6 +45,8 @@ pub(crate) struct Args {
     files: Vec<PathBuf>,
     #[command(flatten)]
     viewer: Viewer,
+    #[command(flatten)]
+    part: PartOptions,
     /// The file to write, which appears once it is whole; - is standard output.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
@@ -94,14 +99,15 @@ pub(crate) fn export(args: &Args) -> Result<Exit, Fault> {
         if args.viewer.mcap {
             let mut reader = reader(inputs[0])?;
             let writer = McapWriter::new(out, reader.header(), reader.header_annotations());
-            write(Box::new(writer.map_err(Fault::Output)?), &mut reader)?;
+            write(Box::new(writer.map_err(Fault::Output)?), &mut reader, args.part.filter())?;
             return Ok(());
         }
         perfetto::begin(&mut out).map_err(Fault::Output)?;
         for (trace, path) in inputs.iter().enumerate() {
             let mut reader = reader(path)?;
             let tracks = Tracks::new(&mut out, reader.header(), frames.of(trace));
-            if write(Box::new(tracks.map_err(Fault::Output)?), &mut reader)? {
+            let tracks = Box::new(tracks.map_err(Fault::Output)?);
+            if write(tracks, &mut reader, args.part.filter())? {
                 left_out.push(name(path));
             }
         }
@@ -116,7 +122,7 @@ pub(crate) fn export(args: &Args) -> Result<Exit, Fault> {
 
 fn reader(path: &Path) -> Result<Events<impl BufRead + use<>>, Fault> {
     let (name, file) = open(path)?;
-    let trace = unpack(BufReader::new(file));
+    let trace = unpack(BufReader::new(watched(path, &name, file)));
     let trace = trace.map_err(|source| Fault::Open { name: name.clone(), source })?;
     Ok(Events::observed(name.as_str(), trace)?)
 }
@@ -125,9 +131,13 @@ fn reader(path: &Path) -> Result<Events<impl BufRead + use<>>, Fault> {
 fn write(
     mut writer: Box<dyn TraceViewer + '_>,
     reader: &mut Events<impl BufRead>,
+    mut takes: impl FnMut(&Event) -> bool,
 ) -> Result<bool, Fault> {
     let mut is_left_out = !reader.header_annotations().is_empty();
     while let Some(event) = reader.next_event()? {
+        if !takes(&event) {
+            continue;
+        }
         let annotations = reader.annotations();
         writer.event(&event, annotations).map_err(Fault::Output)?;
         let Annotations { of, attempt, within, age: _, origin: _ } = annotations;

@@ -1,7 +1,7 @@
 //! A file that is written while a command runs, which no other run writes to.
 
 use std::fs::{self, File};
-use std::io;
+use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use super::{OutputError, Overwrite, numbered};
@@ -48,6 +48,16 @@ impl Growing {
     pub(crate) fn empty(&self) -> io::Result<File> {
         self.file.set_len(0)?;
         self.file.try_clone()
+    }
+
+    /// Adds to its end what the command itself has to say.
+    ///
+    /// # Errors
+    /// If that fails.
+    pub(crate) fn append(&self, line: &[u8]) -> io::Result<()> {
+        let mut file = &self.file;
+        file.seek(SeekFrom::End(0))?;
+        file.write_all(line)
     }
 
     /// Removes it, if it was not there before: nothing came of the run.

@@ -1,5 +1,8 @@
 //! Figures that are exact or between bounds.
 
+use std::borrow::Cow;
+
+use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::{Serialize, Serializer};
 
 /// A figure, as far as it is known: exact if both are the same.
@@ -44,15 +47,30 @@ impl<T: std::ops::Add<Output = T>> BoundedFigure<T> {
 impl<T: Copy + PartialOrd + Serialize> Serialize for BoundedFigure<T> {
     /// The number; `{"at_least":…,"at_most":…}` where it is not known.
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        #[derive(Serialize)]
-        struct Bounds<T> {
-            at_least: T,
-            at_most: T,
-        }
-        if let Some(value) = self.exact() {
-            return value.serialize(serializer);
-        }
         let Self { at_least, at_most } = *self;
-        Bounds { at_least, at_most }.serialize(serializer)
+        let bounds = WrittenFigure::Bounds { at_least, at_most };
+        self.exact().map_or(bounds, WrittenFigure::Exact).serialize(serializer)
     }
+}
+
+impl<T: JsonSchema> JsonSchema for BoundedFigure<T> {
+    fn inline_schema() -> bool {
+        true
+    }
+
+    fn schema_name() -> Cow<'static, str> {
+        WrittenFigure::<T>::schema_name()
+    }
+
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        WrittenFigure::<T>::json_schema(generator)
+    }
+}
+
+/// A figure as it is written.
+#[derive(JsonSchema, Serialize)]
+#[serde(untagged)]
+enum WrittenFigure<T> {
+    Exact(T),
+    Bounds { at_least: T, at_most: T },
 }

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use hdrhistogram::Histogram;
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use fuseline_report::Quantile;
@@ -20,7 +21,7 @@ pub(crate) struct Spread {
 }
 
 /// How many of what.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, JsonSchema, Serialize)]
 pub(crate) struct RequestCounts {
     /// Slots that came: sent, skipped or missed.
     pub(crate) slots: u64,
@@ -52,7 +53,7 @@ pub(crate) struct Figures {
 }
 
 /// Quantiles as they are shown.
-#[derive(Clone, Copy, Debug, Serialize)]
+#[derive(Clone, Copy, Debug, JsonSchema, Serialize)]
 pub(crate) struct QuantileRow {
     pub(crate) p50: Option<Quantile>,
     pub(crate) p90: Option<Quantile>,

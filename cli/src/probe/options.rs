@@ -9,6 +9,7 @@ use fuseline_tokio::grpc;
 use crate::fault::Fault;
 use crate::files::{self, FileError};
 use crate::output::Overwrite;
+use crate::schema::SchemaOption;
 use crate::seconds::seconds;
 
 #[derive(clap::Args)]
@@ -37,7 +38,7 @@ Examples:
   fuseline probe --plot fuseline-probe.csv -o pictures
   fuseline run --drive west=fuseline-probe.csv")]
 pub(crate) struct Args {
-    /// Where `fuseline probe --serve` listens: <http://HOST:PORT>, or https with --ca.
+    /// Where `fuseline probe --serve` listens: <http://HOST:PORT>, or https.
     #[arg(value_name = "URL", required_unless_present_any = ["serve", "plot"],
         conflicts_with_all = ["serve", "plot"])]
     pub(crate) url: Option<String>,
@@ -85,7 +86,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "MS", default_value = "500", value_parser = milliseconds,
         allow_negative_numbers = true)]
     pub(crate) deadline: f64,
-    /// The certificates, PEM, that the server's must be signed by.
+    /// The certificates, PEM, one of which must have signed the server's, instead of the system's.
     #[arg(long, value_name = "FILE", conflicts_with = "serve")]
     pub(crate) ca: Option<PathBuf>,
     /// This side's certificate, PEM.
@@ -104,6 +105,8 @@ pub(crate) struct Args {
     /// Print the summary as one JSON object.
     #[arg(long, conflicts_with = "serve")]
     pub(crate) json: bool,
+    #[command(flatten)]
+    pub(crate) schema: SchemaOption,
 }
 
 impl Args {

@@ -3,8 +3,10 @@
 use std::fmt;
 use std::path::Path;
 use std::sync::LazyLock;
+use std::time::Duration;
 
 use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::probe::figures::{Figures, QuantileRow, RequestCounts};
@@ -33,7 +35,7 @@ struct DriveSummary {
 }
 
 /// Quantiles in milliseconds.
-#[derive(Clone, Copy, Debug, Deserialize, Serialize)]
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema, Serialize)]
 pub(crate) struct PaperQuantiles {
     pub(crate) p50: f64,
     pub(crate) p90: f64,
@@ -41,7 +43,7 @@ pub(crate) struct PaperQuantiles {
 }
 
 /// What a probe came to.
-#[derive(Debug, Serialize)]
+#[derive(Debug, JsonSchema, Serialize)]
 pub(crate) struct ProbeSummary {
     url: String,
     /// Whether the user ended it.
@@ -156,14 +158,21 @@ pub(crate) fn plotted(folder: &Path, files: &[String]) -> String {
     format!("{}: index.html, and as SVG and PNG: {}\n{none}", folder.display(), names.join(", "))
 }
 
-/// A quantile in whole milliseconds.
+/// A quantile in milliseconds.
 pub(crate) fn quantile(quantile: Option<Quantile>) -> String {
     match quantile {
-        Some(Quantile::Exactly(at)) => format!("{:.0} ms", at.as_secs_f64() * 1000.0),
-        Some(Quantile::AtLeast(at)) => format!("≥ {:.0} ms", at.as_secs_f64() * 1000.0),
+        Some(Quantile::Exactly(at)) => millis(at),
+        Some(Quantile::AtLeast(at)) => format!("≥ {}", millis(at)),
         Some(Quantile::Never) => "never".to_owned(),
         None => "–".to_owned(),
     }
+}
+
+/// Whole milliseconds, and tenths below ten.
+fn millis(at: Duration) -> String {
+    let ms = at.as_secs_f64() * 1000.0;
+    let decimals = usize::from(ms < 9.95);
+    format!("{ms:.decimals$} ms")
 }
 
 pub(crate) fn counted(count: u64, noun: &str) -> String {

@@ -54,7 +54,7 @@ pub(crate) enum CloudError {
     #[error("{0:?} is not KEY=VALUE")]
     Pair(String),
     #[error(
-        "no key {0:?}; there are name, priority, model, drive, start, url, ca, cert, key, token"
+        "no key {0:?}; there are name, priority, model, runtime, ap, drive, start, url, ca, cert, key, token"
     )]
     Key(String),
     #[error("key {0:?} twice")]
@@ -91,6 +91,24 @@ pub(crate) const DEFAULTS: [&str; 2] = [
 ];
 
 impl CloudOptions {
+    /// The cloud with these keys.
+    ///
+    /// # Errors
+    /// The first that a key or all together are refused for.
+    pub(crate) fn of_pairs(
+        pairs: impl IntoIterator<Item = Result<(String, String), CloudError>>,
+    ) -> Result<Self, CloudError> {
+        let mut keys = CloudKeys::default();
+        for pair in pairs {
+            let (key, value) = pair?;
+            let field = keys.field(&key).ok_or_else(|| CloudError::Key(key.clone()))?;
+            if field.replace(value).is_some() {
+                return Err(CloudError::Twice(key));
+            }
+        }
+        keys.wanted()
+    }
+
     /// The files that its keys name, if they are given.
     pub(crate) fn files(&self) -> Vec<&Path> {
         match &self.address {
@@ -153,16 +171,12 @@ impl FromStr for CloudOptions {
     /// `name=west,priority=1,model=DETR-ResNet-101,drive=vnperf/highway:sprint,start=150`, or with
     /// `url=…` instead of a drive. Values have no commas.
     fn from_str(text: &str) -> Result<Self, CloudError> {
-        let mut keys = CloudKeys::default();
-        for pair in text.split(',') {
+        let pairs = text.split(',').map(|pair| {
             let (key, value) =
                 pair.split_once('=').ok_or_else(|| CloudError::Pair(pair.to_owned()))?;
-            let field = keys.field(key).ok_or_else(|| CloudError::Key(key.to_owned()))?;
-            if field.replace(value.to_owned()).is_some() {
-                return Err(CloudError::Twice(key.to_owned()));
-            }
-        }
-        keys.wanted()
+            Ok((key.to_owned(), value.to_owned()))
+        });
+        Self::of_pairs(pairs)
     }
 }
 
@@ -171,6 +185,8 @@ struct CloudKeys {
     name: Option<String>,
     priority: Option<String>,
     model: Option<String>,
+    runtime: Option<String>,
+    ap: Option<String>,
     drive: Option<String>,
     start: Option<String>,
     url: Option<String>,
@@ -186,6 +202,8 @@ impl CloudKeys {
             "name" => &mut self.name,
             "priority" => &mut self.priority,
             "model" => &mut self.model,
+            "runtime" => &mut self.runtime,
+            "ap" => &mut self.ap,
             "drive" => &mut self.drive,
             "start" => &mut self.start,
             "url" => &mut self.url,
@@ -211,7 +229,11 @@ impl CloudKeys {
                 return Err(CloudError::Value { key: "priority", value: priority, wanted });
             }
         };
-        let model = self.model.map(|model| model.parse()).transpose()?;
+        let (runtime, ap) = (self.runtime.as_deref(), self.ap.as_deref());
+        if self.model.is_none() && (runtime.is_some() || ap.is_some()) {
+            return Err(CloudError::Missing("model"));
+        }
+        let model = self.model.map(|model| Model::with_figures(&model, runtime, ap)).transpose()?;
         let address = if let Some(url) = self.url {
             if self.drive.is_some() || self.start.is_some() {
                 let key = if self.drive.is_some() { "drive" } else { "start" };
@@ -327,6 +349,8 @@ mod tests {
             ("name=a,priority=65536", "from 1 to 65535"),
             ("name=a,priority=1", "model or url is missing"),
             ("name=a,priority=1,model=yolo", "no model \"yolo\""),
+            ("name=a,priority=1,url=http://h,ap=50", "model is missing"),
+            ("name=a,priority=1,model=yolo,runtime=0,url=http://h", "runtime \"0\""),
             ("name=a,priority=1,model=DETR-ResNet-50", "drive or url is missing"),
             ("name=a,priority=1,model=DETR-ResNet-50,drive=x,start=-1", "start \"-1\""),
             ("name=a,priority=1,model=DETR-ResNet-50,drive=x,ca=y", "ca needs url"),

@@ -3,6 +3,7 @@
 
 mod camera;
 mod cloud;
+mod config;
 mod deadlines;
 mod driven;
 mod error;
@@ -27,7 +28,7 @@ use crate::run::error::RunError;
 use crate::run::live::RunProgress;
 use crate::run::network::Network;
 use crate::run::plan::{RunPlan, TRACE};
-use crate::run::report::Reading;
+use crate::run::report::{Reading, RunReport};
 use crate::run::table::PlanSummary;
 use crate::sink::OutputSink;
 use crate::verdict;
@@ -38,6 +39,9 @@ pub(crate) use crate::run::table::sources_table;
 
 /// Runs what the options say, reports it, and keeps its trace.
 pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
+    if let Some(exit) = args.schema.print::<RunReport>()? {
+        return Ok(exit);
+    }
     let mut plan = RunPlan::new(args)?;
     let interrupt = Interrupt::watch();
     let mut out = OutputSink::new(anstream::stdout());
@@ -65,7 +69,14 @@ pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
     runtime.shutdown_background();
 
     let reading = Reading::new(&plan.trace, &name, &plan)?;
-    let report = reading.report(&plan, &driven);
+    let ended_at = reading.ended_at;
+    let mut report = reading.report(&plan, &driven);
+    if driven.unrecorded.is_none() {
+        let notes = crate::report::noted_tick(ended_at, &report.notes(&plan));
+        own.append(notes.as_bytes())
+            .map_err(|source| Fault::Create { name: name.clone(), source })?;
+        report.count_noted_line();
+    }
     if args.json {
         serde_json::to_writer(&mut out, &report)
             .map_err(io::Error::from)

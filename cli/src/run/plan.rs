@@ -15,7 +15,9 @@ use crate::models::Model;
 use crate::output::{self, Output, Overwrite};
 use crate::report::PAGE;
 use crate::run::cloud::{self, CloudAddress, CloudOptions, CloudsError, NamedValue, RemoteServer};
+use crate::run::config::{self, CloudFileError};
 use crate::run::served::Served;
+use crate::schema::SchemaOption;
 use crate::seconds::seconds;
 
 /// What the trace is called if it has no other name.
@@ -40,7 +42,9 @@ Examples:
   fuseline run --report --open
   fuseline run --drive west=vnperf/downtown:verizon --start west=300
   fuseline run --cloud name=a,priority=1,model=DINO-SWIN-Small,drive=my.csv,start=5
-  fuseline run --cloud name=b,priority=2,model=DINO-SWIN-Tiny,url=http://10.0.0.2:50051")]
+  fuseline run --cloud name=a,priority=1,model=my-detector,runtime=45,ap=52,drive=my.csv
+  fuseline run --cloud name=b,priority=2,model=DINO-SWIN-Tiny,url=http://10.0.0.2:50051
+  fuseline run --config fuseline.toml")]
 pub(crate) struct Args {
     /// How long the camera runs, in seconds: more than 0, up to 86400.
     #[arg(long, value_name = "S", default_value = "30", value_parser = span, allow_negative_numbers = true)]
@@ -72,7 +76,8 @@ pub(crate) struct Args {
     /// The seed of the emulated runtimes' spread.
     #[arg(long, value_name = "N", default_value = "1")]
     seed: u64,
-    /// The model computed locally, as NAME@orin or NAME@a100.
+    /// The model computed locally: NAME@orin or NAME@a100; ,runtime=MS and ,ap=AP after it replace the paper's
+    /// figures, or describe a model of one's own.
     #[arg(long, value_name = "MODEL", default_value = "DETR-ResNet-50@orin")]
     local: Model,
     /// How many messages local computes at once, 1 to 1024.
@@ -83,11 +88,15 @@ pub(crate) struct Args {
     #[arg(long, value_name = "N", default_value = "8", value_parser = workers,
         allow_negative_numbers = true)]
     calls: NonZero<usize>,
-    /// A cloud, in place of the two default ones; repeatable. Keys: name, priority, and model, drive
-    /// and start for an emulated cloud, or url, ca, cert, key and token (the last four are files)
-    /// for a server elsewhere.
+    /// A cloud, in place of the two default ones; repeatable. Keys: name, priority, and model, runtime, ap, drive
+    /// and start for an emulated cloud, or url, ca, cert, key and token (the last four are files) for a server
+    /// elsewhere. A model that the paper has not needs its runtime, in milliseconds; ap is its box AP, 0 to 100.
     #[arg(long = "cloud", value_name = "KEY=VALUE,…", default_values = cloud::DEFAULTS)]
     clouds: Vec<CloudOptions>,
+    /// Take the clouds from a TOML file: a table [[cloud]] for each, with the keys of --cloud. Paths in it count
+    /// from the current folder.
+    #[arg(long, value_name = "FILE", conflicts_with = "clouds")]
+    config: Option<PathBuf>,
     /// Another drive for a cloud; repeatable.
     #[arg(long = "drive", value_name = "CLOUD=DRIVE")]
     drives: Vec<NamedValue<String>>,
@@ -114,6 +123,8 @@ pub(crate) struct Args {
     /// Print the report as one JSON object.
     #[arg(long)]
     pub(crate) json: bool,
+    #[command(flatten)]
+    pub(crate) schema: SchemaOption,
 }
 
 /// How deadlines are chosen.
@@ -187,6 +198,8 @@ pub(crate) enum CloudServer {
 pub(crate) enum PlanError {
     #[error(transparent)]
     Clouds(#[from] CloudsError),
+    #[error(transparent)]
+    File(#[from] CloudFileError),
     #[error("{frames} frames are too many; choose --seconds and --rate for at most {MESSAGES}")]
     Frames { frames: u64 },
     #[error("--report={0}: that is the trace or standard output; give the page a name of its own")]
@@ -218,7 +231,10 @@ impl RunPlan {
         if frames > MESSAGES {
             return Err(PlanError::Frames { frames }.into());
         }
-        let mut wanted = args.clouds.clone();
+        let mut wanted = match &args.config {
+            Some(file) => config::clouds(file).map_err(PlanError::from)?,
+            None => args.clouds.clone(),
+        };
         cloud::adjust(&mut wanted, &args.drives, &args.starts).map_err(PlanError::from)?;
         let trace = trace(args, &wanted)?;
         let page = args.report.as_ref();
@@ -297,7 +313,8 @@ fn trace(args: &Args, clouds: &[CloudOptions]) -> Result<PathBuf, Fault> {
     if is_standard(path) {
         return Err(PlanError::Stdout.into());
     }
-    let read: Vec<&Path> = clouds.iter().flat_map(CloudOptions::files).collect();
+    let read = clouds.iter().flat_map(CloudOptions::files);
+    let read: Vec<&Path> = read.chain(args.config.as_deref()).collect();
     output::file(path, &read, args.overwrite)?;
     Ok(path.to_owned())
 }

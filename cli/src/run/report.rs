@@ -12,7 +12,8 @@ use fuseline_report::{
     ArrivalTime, COLUMNS, Findings, MessageRecord, Quantile, RequestRow, Totals, TraceStatistics,
 };
 use fuseline_tokio::{SourceTally, grpc};
-use fuseline_traces::{Events, Judge, Verdict};
+use fuseline_traces::{Event, Events, Judge, Verdict};
+use schemars::JsonSchema;
 use serde::{Serialize, Serializer};
 
 use crate::fault::Fault;
@@ -23,7 +24,7 @@ use crate::run::queue::Queues;
 use crate::run::served::Served;
 
 /// What a run came to.
-#[derive(Debug, Serialize)]
+#[derive(Debug, JsonSchema, Serialize)]
 pub(crate) struct RunReport {
     /// Messages that came: forwarded, missed, refused or open.
     pub(crate) messages: u64,
@@ -65,7 +66,7 @@ pub(crate) struct RunReport {
 }
 
 /// One source's part in a run.
-#[derive(Debug, Serialize)]
+#[derive(Debug, JsonSchema, Serialize)]
 pub(crate) struct SourceReport {
     pub(crate) name: String,
     pub(crate) priority: u16,
@@ -93,7 +94,7 @@ pub(crate) struct SourceReport {
 }
 
 /// One policy over the run's messages.
-#[derive(Debug, Serialize)]
+#[derive(Debug, JsonSchema, Serialize)]
 pub(crate) struct PolicyReport {
     pub(crate) policy: String,
     /// None if a model has no figure.
@@ -101,6 +102,7 @@ pub(crate) struct PolicyReport {
     pub(crate) in_time: BoundedFigure<u64>,
     /// p50, p90 and p99; null without messages.
     #[serde(serialize_with = "quantiles")]
+    #[schemars(with = "ResponseQuantiles")]
     pub(crate) response_ms: [Option<Quantile>; 3],
     /// The median of those in outages; null without such.
     pub(crate) outage_response_ms: Option<Quantile>,
@@ -110,14 +112,31 @@ pub(crate) struct PolicyReport {
     pub(crate) sent_is_at_least: bool,
 }
 
+/// A policy's response times, in milliseconds.
+#[derive(JsonSchema, Serialize)]
+struct ResponseQuantiles {
+    p50: Option<Quantile>,
+    p90: Option<Quantile>,
+    p99: Option<Quantile>,
+}
+
 /// What the trace shows and what the judge says of it.
 pub(crate) struct Reading {
     pub(crate) statistics: TraceStatistics,
     pub(crate) queues: Queues,
     pub(crate) verdict: Verdict,
+    /// The instant of its last line.
+    pub(crate) ended_at: u64,
 }
 
 impl RunReport {
+    /// Counts the line with what the run notes beside its events.
+    pub(crate) const fn count_noted_line(&mut self) {
+        if let Findings::Strict(verdict) = &mut self.trace {
+            verdict.lines += 1;
+        }
+    }
+
     /// The clouds that answered no request in time.
     pub(crate) fn silent_clouds(&self) -> impl Iterator<Item = &str> {
         let clouds = self.totals.rows.iter().zip(&self.sources).skip(1);
@@ -139,12 +158,17 @@ impl Reading {
         let priorities: Vec<u16> = plan.clouds.iter().map(|cloud| cloud.priority).collect();
         let mut queues = Queues::new(priorities.iter().copied(), plan.calls);
         let mut statistics = TraceStatistics::new(priorities, plan.commit, false);
+        let mut ended_at = 0;
         while let Some(event) = reader.next_event()? {
+            ended_at = match &event {
+                Event::Input(input) => input.at(),
+                Event::Decision(decision) => decision.at(),
+            };
             judge.annotated_line(reader.line(), &event, reader.annotations());
             statistics.event(&event);
             queues.event(&event);
         }
-        Ok(Self { statistics, queues, verdict: judge.finish() })
+        Ok(Self { statistics, queues, verdict: judge.finish(), ended_at })
     }
 
     /// Puts everything together.
@@ -317,5 +341,5 @@ fn quantiles<S: Serializer>(
     [p50, p90, p99]: &[Option<Quantile>; 3],
     serializer: S,
 ) -> Result<S::Ok, S::Error> {
-    serde_json::json!({ "p50": p50, "p90": p90, "p99": p99 }).serialize(serializer)
+    ResponseQuantiles { p50: *p50, p90: *p90, p99: *p99 }.serialize(serializer)
 }

@@ -6,11 +6,15 @@ use std::time::Duration;
 use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
 
 use crate::emulation::{Outage, REPLY_BYTES, REQUEST_BYTES};
+use crate::models::Model;
 use crate::policies::BoundedFigure;
 use crate::run::plan::{CloudPlan, CloudServer, DeadlinePolicy, RunPlan};
 use crate::run::report::{PolicyReport, RunReport, SourceReport, share};
-use fuseline_report::{COLUMNS, Quantile, RequestRow, Totals};
+use fuseline_report::{COLUMNS, PolicyScores, Quantile, RequestRow, RunNotes, Totals};
 
+/// What the columns of the table of policies are called.
+const POLICY_COLUMNS: [&str; 8] =
+    ["policy", "mean AP", "in time", "p50", "p90", "p99", "in outages", "sent"];
 /// Shorter outages are not worth a word.
 const OUTAGE: Duration = Duration::from_secs(1);
 /// The column of requests that are open as the run ends.
@@ -54,14 +58,29 @@ impl fmt::Display for PlanSummary<'_> {
         }
         writeln!(
             f,
-            "Local and clouds with a drive are emulated: the paper's runtimes ±5 % (seed {}), \
-             recorded networks.\nRequests of {:.1} KB and replies of {:.1} KB are real gRPC.",
+            "Local and clouds with a drive are emulated: {} runtimes ±5 % (seed {}), recorded \
+             networks.\nRequests of {:.1} KB and replies of {:.1} KB are real gRPC.",
+            whose_runtimes(plan),
             plan.seed,
             kilobytes(REQUEST_BYTES),
             kilobytes(REPLY_BYTES),
         )?;
         f.write_str(&undescribed(plan))?;
         f.write_str(&outages(plan))
+    }
+}
+
+/// Where the emulated runtimes are from.
+fn whose_runtimes(plan: &RunPlan) -> &'static str {
+    let clouds = plan.clouds.iter().filter_map(|cloud| Some(&cloud.emulation()?.model));
+    let is_own = |model: &Model| !model.has_papers_runtime();
+    let models = [&plan.local].into_iter().chain(clouds);
+    if models.clone().all(is_own) {
+        "the given"
+    } else if models.clone().any(is_own) {
+        "the paper's and the given"
+    } else {
+        "the paper's"
     }
 }
 
@@ -109,55 +128,8 @@ impl fmt::Display for RunReport {
         f.write_str(&self.failures())?;
         writeln!(f, "{}\n", MessagesSentence(&self.totals))?;
         writeln!(f, "{}\n", self.policies_table().trim_fmt())?;
-        writeln!(
-            f,
-            "AP is COCO's box AP; a message without output, or whose result came after {} ms or \
-             more, counts 0.",
-            self.deadline_ms
-        )?;
-        writeln!(
-            f,
-            "Progressive answers at once and improves on it until then: its times are of the first \
-             output, its\nAP is of the last."
-        )?;
-        let BoundedFigure { at_least, at_most } = self.outage_messages;
-        if at_most > 0 {
-            let outages = counted(at_most, "message");
-            let outages = match at_least {
-                _ if at_least == at_most => format!("the {outages}"),
-                0 => format!("at most {outages}"),
-                _ => format!("{at_least} to {outages}"),
-            };
-            writeln!(f, "Outages are {outages} that some cloud would not have answered by then.")?;
-        }
-        let refused: u64 = self.totals.rows.iter().map(RequestRow::refused).sum();
-        if self.refused + refused > 0 {
-            writeln!(
-                f,
-                "All policies have the same limits: a window of {}, gates, {} to a cloud at once.\n\
-                 What they refused, {} and {}, no policy has.",
-                self.window,
-                counted(self.calls as u64, "call"),
-                counted(self.refused, "message"),
-                counted(refused, "request"),
-            )?;
-        }
-        if self.policies.iter().any(|policy| policy.mean_ap.is_none()) {
-            writeln!(f, "? is not known: a model has no figure.")?;
-        }
-        if self.policies.iter().any(PolicyReport::has_bounds) {
-            writeln!(
-                f,
-                "≥, ≤, – between figures, and ? in time are bounds: calls were ended before their \
-                 results came,\nor never made, so that it is not known what they would have given."
-            )?;
-        }
-        if let Some(lag) = self.timer_lag_ms {
-            writeln!(
-                f,
-                "At the deadline timers commit what is held; they were served up to {lag:.1} ms \
-                 late."
-            )?;
+        for caveat in self.caveats() {
+            writeln!(f, "{caveat}")?;
         }
         Ok(())
     }
@@ -177,6 +149,74 @@ impl fmt::Display for MessagesSentence<'_> {
 }
 
 impl RunReport {
+    /// What limits what the table of policies says, broken into lines for a terminal.
+    fn caveats(&self) -> Vec<String> {
+        let mut caveats = vec![
+            format!(
+                "AP is COCO's box AP; a message without output, or whose result came after {} ms or \
+                 more, counts 0.",
+                self.deadline_ms
+            ),
+            "Progressive answers at once and improves on it until then: its times are of the first \
+             output, its\nAP is of the last."
+                .to_owned(),
+        ];
+        let BoundedFigure { at_least, at_most } = self.outage_messages;
+        if at_most > 0 {
+            let outages = counted(at_most, "message");
+            let outages = match at_least {
+                _ if at_least == at_most => format!("the {outages}"),
+                0 => format!("at most {outages}"),
+                _ => format!("{at_least} to {outages}"),
+            };
+            caveats.push(format!(
+                "Outages are {outages} that some cloud would not have answered by then."
+            ));
+        }
+        let refused: u64 = self.totals.rows.iter().map(RequestRow::refused).sum();
+        if self.refused + refused > 0 {
+            caveats.push(format!(
+                "All policies have the same limits: a window of {}, gates, {} to a cloud at once.\n\
+                 What they refused, {} and {}, no policy has.",
+                self.window,
+                counted(self.calls as u64, "call"),
+                counted(self.refused, "message"),
+                counted(refused, "request"),
+            ));
+        }
+        if self.policies.iter().any(|policy| policy.mean_ap.is_none()) {
+            caveats.push("? is not known: a model has no figure.".to_owned());
+        }
+        if self.policies.iter().any(PolicyReport::has_bounds) {
+            caveats.push(
+                "≥, ≤, – between figures, and ? in time are bounds: calls were ended before their \
+                 results came,\nor never made, so that it is not known what they would have given."
+                    .to_owned(),
+            );
+        }
+        if let Some(lag) = self.timer_lag_ms {
+            caveats.push(format!(
+                "At the deadline timers commit what is held; they were served up to {lag:.1} ms \
+                 late."
+            ));
+        }
+        caveats
+    }
+
+    /// What the trace does not have, for its page.
+    pub(crate) fn notes(&self, plan: &RunPlan) -> RunNotes {
+        let columns = POLICY_COLUMNS.map(ToOwned::to_owned).to_vec();
+        let rows = self.policies.iter().map(|policy| self.policy_row(policy)).collect();
+        let mut caveats: Vec<String> =
+            self.caveats().iter().map(|caveat| caveat.replace('\n', " ")).collect();
+        caveats.extend(outages(plan).lines().map(ToOwned::to_owned));
+        if self.interrupted {
+            caveats.push("The run was ended early.".to_owned());
+        }
+        let policies = PolicyScores { columns, rows };
+        RunNotes { configuration: configuration(plan), policies, caveats }
+    }
+
     /// Why sources failed, a line each.
     fn failures(&self) -> String {
         let mut lines = String::new();
@@ -194,8 +234,7 @@ impl RunReport {
 
     /// What fusion bought and what it cost.
     fn policies_table(&self) -> Table {
-        let mut table =
-            table(["policy", "mean AP", "in time", "p50", "p90", "p99", "in outages", "sent"]);
+        let mut table = table(POLICY_COLUMNS);
         for policy in &self.policies {
             table.add_row(self.policy_row(policy));
         }
@@ -287,6 +326,34 @@ pub(crate) fn sources_table(totals: &Totals, name: impl Fn(&RequestRow) -> Strin
     }
     align(&mut table);
     table
+}
+
+/// The options in force.
+fn configuration(plan: &RunPlan) -> Vec<(String, String)> {
+    let policy = match plan.policy {
+        DeadlinePolicy::Expected => format!("expected, {} AP for a second", plan.price),
+        DeadlinePolicy::Constant => "constant".to_owned(),
+    };
+    let of = |name: &str, value: String| (name.to_owned(), value);
+    let mut rows = vec![
+        of("Camera", format!("{} Hz for {}", plan.rate, secs(plan.span))),
+        of("Longest deadline", format!("{} ms", plan.deadline_ms)),
+        of("Deadline policy", policy),
+        of("Commit rule", plan.commit.as_str().to_owned()),
+        of("Window", plan.window.to_string()),
+        of("Calls to a cloud at once", plan.calls.to_string()),
+        of("Seed", plan.seed.to_string()),
+        of(
+            "local",
+            format!("{}, {}, {} at once", plan.local, exact(plan.local.runtime), plan.workers),
+        ),
+    ];
+    rows.extend(plan.clouds.iter().map(|cloud| {
+        let text = cloud.to_string();
+        let words: Vec<&str> = text.split_whitespace().skip(2).collect();
+        (cloud.name.clone(), format!("priority {}, {}", cloud.priority, words.join(" ")))
+    }));
+    rows
 }
 
 /// When clouds are out of reach, in one line; nothing if none is known to be.

@@ -8,6 +8,7 @@ use fuseline_deadline::{
     Guard, Hazard, Invalid, Metres, MetresPerSecond, MetresPerSecondSquared, Parameters, Situation,
     Span,
 };
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::scenario::braking::{Brakes, DriveOutcome};
@@ -17,7 +18,7 @@ use crate::scenario::operator::{
 use crate::scenario::planner::{FrameStatus, Planner};
 
 /// The vehicle, its camera and what it computes with, in metres and seconds.
-#[derive(Clone, Copy, PartialEq, Debug, Serialize)]
+#[derive(Clone, Copy, PartialEq, Debug, JsonSchema, Serialize)]
 pub(crate) struct Vehicle {
     pub(crate) deceleration: f64,
     pub(crate) brake_delay: f64,
@@ -35,7 +36,9 @@ pub(crate) struct Vehicle {
 }
 
 /// Who answers.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug, Serialize, clap::ValueEnum)]
+#[derive(
+    Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug, JsonSchema, Serialize, clap::ValueEnum,
+)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Approach {
     /// Local alone.

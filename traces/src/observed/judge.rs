@@ -221,6 +221,12 @@ impl Judge {
         TimeOrderError { file, line, at, greatest: self.greatest, tolerance: both }
     }
 
+    /// Takes the violations that are listed so far out of the verdict, so that it lists as many again.
+    #[must_use]
+    pub fn take_violations(&mut self) -> Vec<Violation> {
+        std::mem::take(&mut self.verdict.violations)
+    }
+
     /// The verdict so far; timestamps that may still get a line do not count yet.
     #[must_use]
     pub const fn so_far(&self) -> &Verdict {

@@ -112,6 +112,18 @@ impl<'a, R: Read> Messages<'a, R> {
     /// # Errors
     /// If the file cannot be read, the topic is not JSON, or a message is no line of a trace.
     pub fn line(&mut self) -> Result<Option<Line>, MessageError> {
+        let Some((data, log_time)) = self.message()? else { return Ok(None) };
+        let line = dated(&data, log_time);
+        let line = parse_as(&line, Form::Observed, &mut self.annotations);
+        let number = self.number;
+        line.map(Some).map_err(|source| MessageError::Message { number, source })
+    }
+
+    /// The next message as it is, with its log time in nanoseconds; none at the end.
+    ///
+    /// # Errors
+    /// If the file cannot be read, or the topic is not JSON.
+    pub fn message(&mut self) -> Result<Option<(Vec<u8>, u64)>, MessageError> {
         loop {
             let (data, opcode) = match self.reader.next_event().transpose()? {
                 None => return Ok(None),
@@ -142,12 +154,7 @@ impl<'a, R: Read> Messages<'a, R> {
                 }
                 Record::Message { header, data } if self.channels.contains(&header.channel_id) => {
                     self.number += 1;
-                    let line = dated(&data, header.log_time);
-                    let line = parse_as(&line, Form::Observed, &mut self.annotations);
-                    let number = self.number;
-                    return line
-                        .map(Some)
-                        .map_err(|source| MessageError::Message { number, source });
+                    return Ok(Some((data.into_owned(), header.log_time)));
                 }
                 _ => {}
             }

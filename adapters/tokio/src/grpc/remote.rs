@@ -26,8 +26,8 @@ pub type Connection = InterceptedService<CountedBody, BearerToken>;
 pub struct Remote {
     /// `https://host:port`, or `http://host:port` without TLS.
     pub url: String,
-    /// The CA certificates, PEM, one of which must have signed the server's. Needed with `https`; the
-    /// system's own are not used.
+    /// The CA certificates, PEM, one of which must have signed the server's. Without them an `https` URL takes
+    /// the system's, if the feature `native-roots` is on, and is refused otherwise.
     pub ca: Option<Vec<u8>>,
     /// Our certificate, for servers that ask for one (mutual TLS).
     pub identity: Option<Identity>,
@@ -65,7 +65,7 @@ pub enum RemoteError {
     /// The URL is neither `http` nor `https`, or names no host.
     #[error("the cloud's URL must be http://host:port or https://host:port")]
     Scheme,
-    /// An `https` URL without a certificate to trust.
+    /// An `https` URL without a certificate to trust, where the system's are not to be taken.
     #[error("an https URL needs the certificate of the CA that signed the server's")]
     Ca,
     /// An `http` URL with certificates.
@@ -126,8 +126,10 @@ impl Remote {
     }
 
     fn tls(&self) -> Result<ClientTlsConfig, RemoteError> {
-        let ca = self.ca.as_ref().ok_or(RemoteError::Ca)?;
-        let mut tls = ClientTlsConfig::new().ca_certificate(Certificate::from_pem(ca));
+        let mut tls = match &self.ca {
+            Some(ca) => ClientTlsConfig::new().ca_certificate(Certificate::from_pem(ca)),
+            None => system_roots()?,
+        };
         if let Some(name) = &self.server_name {
             tls = tls.domain_name(name);
         }
@@ -136,6 +138,17 @@ impl Remote {
         }
         Ok(tls)
     }
+}
+
+#[cfg(feature = "native-roots")]
+#[expect(clippy::unnecessary_wraps, reason = "without the feature there are none")]
+fn system_roots() -> Result<ClientTlsConfig, RemoteError> {
+    Ok(ClientTlsConfig::new().with_native_roots())
+}
+
+#[cfg(not(feature = "native-roots"))]
+const fn system_roots() -> Result<ClientTlsConfig, RemoteError> {
+    Err(RemoteError::Ca)
 }
 
 impl fmt::Debug for Identity {

@@ -1,5 +1,6 @@
 //! A car and a person who steps onto the road, in m and s.
 
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::scenario::jaywalking::swerve::{FRONT, Swerve};
@@ -15,7 +16,7 @@ pub(crate) const ASIDE: f64 = 1.75;
 const END: f64 = 60.0;
 
 /// What the car does about the person.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, clap::ValueEnum)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, JsonSchema, Serialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Manoeuvre {
     /// To the left, with the speed kept.
@@ -24,7 +25,7 @@ pub(crate) enum Manoeuvre {
 }
 
 /// Where the person is, and what the car can do.
-#[derive(Clone, Copy, Debug, Serialize)]
+#[derive(Clone, Copy, Debug, JsonSchema, Serialize)]
 pub(crate) struct SwerveGeometry {
     /// From the car's front to the person's line at 0 s.
     pub(crate) distance: f64,

@@ -7,8 +7,8 @@ mod plots;
 mod swerve;
 mod text;
 
+use schemars::JsonSchema;
 use serde::Serialize;
-use serde_json::{Value, json};
 
 use crate::fault::Fault;
 use crate::plot::{Folder, PageContent, show};
@@ -72,7 +72,7 @@ pub(crate) struct Args {
 }
 
 /// The greatest speeds without contact, in m/s.
-#[derive(Clone, Copy, PartialEq, Debug, Serialize)]
+#[derive(Clone, Copy, PartialEq, Debug, JsonSchema, Serialize)]
 pub(crate) struct Greatest {
     response: f64,
     swerve: Option<f64>,
@@ -80,7 +80,7 @@ pub(crate) struct Greatest {
 }
 
 /// A run.
-#[derive(Clone, Copy, PartialEq, Debug, Serialize)]
+#[derive(Clone, Copy, PartialEq, Debug, JsonSchema, Serialize)]
 pub(crate) struct JaywalkingRun {
     speed: f64,
     /// What became of the call for a contingency plan.
@@ -105,21 +105,33 @@ impl Args {
     }
 }
 
+/// The parameters in force.
+#[derive(Clone, JsonSchema, Serialize)]
+struct JaywalkingParameters {
+    speed: Vec<f64>,
+    response: Vec<f64>,
+    scene: SwerveGeometry,
+}
+
 /// All that is shown.
-#[derive(Clone, Serialize)]
+#[derive(Clone, JsonSchema, Serialize)]
 pub(crate) struct JaywalkingResult {
     scenario: &'static str,
-    parameters: Value,
+    parameters: JaywalkingParameters,
     greatest: Vec<Greatest>,
     runs: Vec<JaywalkingRun>,
 }
 
 pub(crate) fn play(args: &Args) -> Result<(), Fault> {
+    if args.leave.schema.print::<JaywalkingResult>()?.is_some() {
+        return Ok(());
+    }
     let [traces, plots] = args.leave.folders()?;
     let geometry = args.geometry();
     let greatest = args.response.iter().map(|at| greatest(&geometry, *at)).collect();
     let runs = runs(args, &geometry, traces.as_ref())?;
-    let parameters = json!({"speed": args.speed, "response": args.response, "scene": geometry});
+    let (speed, response) = (args.speed.clone(), args.response.clone());
+    let parameters = JaywalkingParameters { speed, response, scene: geometry };
     let result = JaywalkingResult { scenario: "jaywalking", parameters, greatest, runs };
     let text = text::text(&result);
     if let Some(folder) = plots {

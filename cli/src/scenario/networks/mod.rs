@@ -8,8 +8,8 @@ use std::time::Duration;
 
 use fuseline_deadline::{Guard, Observation};
 use rayon::prelude::*;
+use schemars::JsonSchema;
 use serde::Serialize;
-use serde_json::{Value, json};
 
 use crate::drives::Drive;
 use crate::fault::Fault;
@@ -79,7 +79,7 @@ pub(crate) struct Args {
 }
 
 /// What a drive, a speed and a policy come to.
-#[derive(Clone, PartialEq, Debug, Serialize)]
+#[derive(Clone, PartialEq, Debug, JsonSchema, Serialize)]
 pub(crate) struct DriveRow {
     drive: String,
     speed: f64,
@@ -109,11 +109,22 @@ struct Setting<'a> {
     traces: Option<Folder>,
 }
 
+/// The parameters in force.
+#[derive(Clone, JsonSchema, Serialize)]
+struct NetworksParameters {
+    drive: Vec<String>,
+    speed: Vec<f64>,
+    policy: Vec<ResponsePolicy>,
+    starts: u32,
+    cloud_runtime: f64,
+    vehicle: Vehicle,
+}
+
 /// All that is shown.
-#[derive(Clone, Serialize)]
+#[derive(Clone, JsonSchema, Serialize)]
 pub(crate) struct NetworksResult {
     scenario: &'static str,
-    parameters: Value,
+    parameters: NetworksParameters,
     #[serde(skip)]
     drives: Vec<String>,
     #[serde(skip)]
@@ -126,6 +137,9 @@ pub(crate) struct NetworksResult {
 }
 
 pub(crate) fn play(args: &Args) -> Result<(), Fault> {
+    if args.leave.schema.print::<NetworksResult>()?.is_some() {
+        return Ok(());
+    }
     let runs = args.drive.len() * args.speed.len() * args.policy.len() * args.starts as usize;
     if args.leave.trace.is_some() && runs > TRACES {
         return Err(ScenarioError::Traces { runs, most: TRACES }.into());
@@ -161,12 +175,15 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
 }
 
 impl Args {
-    fn parameters(&self) -> Value {
-        let vehicle = self.vehicle.vehicle();
-        json!({
-            "drive": self.drive, "speed": self.speed, "policy": self.policy, "starts": self.starts,
-            "cloud_runtime": self.cloud_runtime, "vehicle": vehicle,
-        })
+    fn parameters(&self) -> NetworksParameters {
+        NetworksParameters {
+            drive: self.drive.clone(),
+            speed: self.speed.clone(),
+            policy: self.policy.clone(),
+            starts: self.starts,
+            cloud_runtime: self.cloud_runtime,
+            vehicle: self.vehicle.vehicle(),
+        }
     }
 }
 

@@ -6,6 +6,7 @@ use std::time::Duration;
 use fuseline_deadline::{
     Choice, Guard, Impact, Loss, Observation, Situation, Survival, least_loss,
 };
+use schemars::JsonSchema;
 use serde::{Serialize, Serializer};
 
 use crate::drives::Drive;
@@ -16,7 +17,8 @@ use crate::scenario::options::above_0;
 const OBSERVED: Duration = Duration::from_secs(30);
 
 /// Who answers, and by which deadline.
-#[derive(Clone, Copy, PartialEq, Debug)]
+#[derive(Clone, Copy, PartialEq, Debug, JsonSchema)]
+#[schemars(with = "String")]
 pub(crate) enum ResponsePolicy {
     Local,
     Cloud,

@@ -1,5 +1,6 @@
 //! One run: who sees the runner when, what the planner gets of it, and whether the cars touch.
 
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::fault::Fault;
@@ -21,7 +22,7 @@ const FRAMES: usize = 3;
 const DEADLINE: u64 = 500_000_000;
 
 /// How ego learns of the runner.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, JsonSchema, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum WarningSource {
     /// The detector on board.
@@ -33,7 +34,7 @@ pub(crate) enum WarningSource {
 }
 
 /// The detectors, in m and s, and the brakes.
-#[derive(Clone, Copy, Debug, Serialize)]
+#[derive(Clone, Copy, Debug, JsonSchema, Serialize)]
 pub(crate) struct Ego {
     pub(crate) range_local: f64,
     pub(crate) range_cloud: f64,

@@ -1,5 +1,6 @@
 //! The intersections: where the cars are when, and what the camera sees.
 
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::scenario::braking::Brakes;
@@ -19,7 +20,7 @@ pub(crate) const MEETING: f64 = 6.0;
 const AFTER: f64 = 10.0;
 
 /// Which intersection.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, clap::ValueEnum)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, JsonSchema, Serialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum Variant {
     /// A building at the corner hides the runner, who comes from the right.

@@ -7,8 +7,8 @@ mod sharing;
 mod text;
 
 use rayon::prelude::*;
+use schemars::JsonSchema;
 use serde::Serialize;
-use serde_json::{Value, json};
 
 use crate::fault::Fault;
 use crate::plot::{Folder, PageContent, show};
@@ -90,7 +90,7 @@ pub(crate) struct Args {
 }
 
 /// A run, as it is shown.
-#[derive(Clone, PartialEq, Debug, Serialize)]
+#[derive(Clone, PartialEq, Debug, JsonSchema, Serialize)]
 pub(crate) struct RedLightRun {
     variant: Variant,
     delta: f64,
@@ -127,11 +127,25 @@ impl Args {
     }
 }
 
+/// The parameters in force.
+#[derive(Clone, JsonSchema, Serialize)]
+struct RedLightParameters {
+    variant: Vec<Variant>,
+    /// Of each variant.
+    ego_speed: Vec<f64>,
+    /// Of each variant.
+    runner_speed: Vec<f64>,
+    delta: Vec<f64>,
+    round_trip: Vec<f64>,
+    no_occluder: bool,
+    ego: Ego,
+}
+
 /// All that is shown.
-#[derive(Clone, Serialize)]
+#[derive(Clone, JsonSchema, Serialize)]
 pub(crate) struct RedLightResult {
     scenario: &'static str,
-    parameters: Value,
+    parameters: RedLightParameters,
     runs: Vec<RedLightRun>,
     /// The detector in the cloud, if it answered after no time at all.
     at_once: Vec<RedLightRun>,
@@ -140,6 +154,9 @@ pub(crate) struct RedLightResult {
 }
 
 pub(crate) fn play(args: &Args) -> Result<(), Fault> {
+    if args.leave.schema.print::<RedLightResult>()?.is_some() {
+        return Ok(());
+    }
     let [traces, plots] = args.leave.folders()?;
     let (ego, has_occluder) = (args.ego(), !args.no_occluder);
     let at_once = Ego { cloud_runtime: 0.0, local_response: 0.0, ..ego };
@@ -167,16 +184,17 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
 }
 
 impl Args {
-    fn parameters(&self) -> Value {
-        json!({
-            "variant": self.variant,
-            "ego_speed": self.variant.iter().map(|which| self.geometry(*which, 0.0, true).ego_speed).collect::<Vec<_>>(),
-            "runner_speed": self.variant.iter().map(|which| self.geometry(*which, 0.0, true).runner_speed).collect::<Vec<_>>(),
-            "delta": self.delta,
-            "round_trip": self.round_trip,
-            "no_occluder": self.no_occluder,
-            "ego": self.ego(),
-        })
+    fn parameters(&self) -> RedLightParameters {
+        let geometries = || self.variant.iter().map(|which| self.geometry(*which, 0.0, true));
+        RedLightParameters {
+            variant: self.variant.clone(),
+            ego_speed: geometries().map(|geometry| geometry.ego_speed).collect(),
+            runner_speed: geometries().map(|geometry| geometry.runner_speed).collect(),
+            delta: self.delta.clone(),
+            round_trip: self.round_trip.clone(),
+            no_occluder: self.no_occluder,
+            ego: self.ego(),
+        }
     }
 
     /// Runs of each variant and delta, approach by approach; those with a cloud with each round trip.

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use fuseline_deadline::{Choice, Guard, Impact, Loss, Observation, Source, Survival, least_loss};
 use rayon::prelude::*;
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::fault::Fault;
@@ -35,7 +36,7 @@ pub(crate) struct Jam {
 }
 
 /// What a speed, an approach and a response come to, over all phases.
-#[derive(Clone, PartialEq, Debug, Serialize)]
+#[derive(Clone, PartialEq, Debug, JsonSchema, Serialize)]
 pub(crate) struct Cell {
     pub(crate) speed: f64,
     pub(crate) approach: Approach,
@@ -52,7 +53,7 @@ pub(crate) struct Cell {
 }
 
 /// How a cell is marked.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, JsonSchema, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Colour {
     /// No phase collides.

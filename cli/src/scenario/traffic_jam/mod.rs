@@ -9,12 +9,12 @@ mod text;
 
 use std::time::Duration;
 
+use schemars::JsonSchema;
 use serde::Serialize;
-use serde_json::{Value, json};
 
 use crate::fault::Fault;
 use crate::plot::{PageContent, show};
-use crate::scenario::approach::Approach;
+use crate::scenario::approach::{Approach, Vehicle};
 use crate::scenario::options::{OutputOptions, VehicleArgs, not_below_0, speed};
 use crate::scenario::traffic_jam::cells::{Cell, CellParameters, DeadlineChoice, Jam};
 use crate::scenario::traffic_jam::narrow::{CloudOnlySpeeds, Constants, Interval, OnBoardCells};
@@ -86,18 +86,19 @@ fn deadline(text: &str) -> Result<DeadlineChoice, String> {
 }
 
 impl Args {
-    fn parameters(&self) -> Value {
+    fn parameters(&self) -> TrafficJamParameters {
         let deadline = match self.deadline {
             DeadlineChoice::Guard => "guard".to_owned(),
             DeadlineChoice::Expected => "expected".to_owned(),
             DeadlineChoice::Constant(deadline) => deadline.as_secs_f64().to_string(),
         };
-        let (speed, response, approach) = (&self.speed, &self.response, &self.approach);
-        let vehicle = self.vehicle.vehicle();
-        json!({
-            "speed": speed, "response": response, "approach": approach, "deadline": deadline,
-            "vehicle": vehicle,
-        })
+        TrafficJamParameters {
+            speed: self.speed.clone(),
+            response: self.response.clone(),
+            approach: self.approach.clone(),
+            deadline,
+            vehicle: self.vehicle.vehicle(),
+        }
     }
 
     fn questions(&self) -> Vec<CellParameters> {
@@ -114,11 +115,21 @@ impl Args {
     }
 }
 
+/// The parameters in force.
+#[derive(Clone, JsonSchema, Serialize)]
+struct TrafficJamParameters {
+    speed: Vec<f64>,
+    response: Vec<f64>,
+    approach: Vec<Approach>,
+    deadline: String,
+    vehicle: Vehicle,
+}
+
 /// All that is shown.
-#[derive(Clone, Serialize)]
+#[derive(Clone, JsonSchema, Serialize)]
 pub(crate) struct TrafficJamResult {
     scenario: &'static str,
-    parameters: Value,
+    parameters: TrafficJamParameters,
     #[serde(skip)]
     responses: Vec<f64>,
     #[serde(skip)]
@@ -131,7 +142,7 @@ pub(crate) struct TrafficJamResult {
 }
 
 /// What is found beside the cells.
-#[derive(Clone, Serialize)]
+#[derive(Clone, JsonSchema, Serialize)]
 struct ExtraResults {
     /// None: the paper's table is not reproduced.
     narrow: Option<Vec<Interval>>,
@@ -141,6 +152,17 @@ struct ExtraResults {
 }
 
 impl TrafficJamResult {
+    /// Whether a cell of ours collides, and faster than local alone, which collides too.
+    fn is_harder(&self, cell: &Cell) -> bool {
+        let is_local = |other: &&Cell| {
+            (other.approach, other.speed, other.response)
+                == (Approach::Local, cell.speed, cell.response)
+        };
+        let local = self.cells.iter().find(is_local).and_then(|local| local.impact);
+        let impacts = cell.impact.zip(local);
+        cell.approach == Approach::Ours && impacts.is_some_and(|([_, own], [_, local])| own > local)
+    }
+
     /// How many cells are as in the paper, and how many it has.
     fn agreement(&self) -> (usize, usize) {
         let known = self.cells.iter().filter(|cell| cell.paper.is_some());
@@ -149,6 +171,9 @@ impl TrafficJamResult {
 }
 
 pub(crate) fn play(args: &Args) -> Result<(), Fault> {
+    if args.leave.schema.print::<TrafficJamResult>()?.is_some() {
+        return Ok(());
+    }
     let vehicle = args.vehicle.vehicle();
     let jam = Jam::new(vehicle, args.deadline)?;
     let [traces, plots] = args.leave.folders()?;

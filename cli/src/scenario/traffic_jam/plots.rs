@@ -27,8 +27,10 @@ pub(crate) fn plots(result: &TrafficJamResult, jam: &Jam) -> Vec<Plot> {
 
 fn table(result: &TrafficJamResult) -> Plot {
     let TrafficJamResult { responses, cells, .. } = result.clone();
+    let marked: Vec<bool> = cells.iter().map(|cell| result.is_harder(cell)).collect();
     let caption = "Where the vehicle stops, a cell has the least gap that is left, in metres; where it does not, the \
-                   greatest speed at impact. A cross in a corner marks a cell that differs from the paper's.";
+                   greatest speed at impact. A cross in a corner marks a cell that differs from the paper's; a star one in which ours hits harder \
+                   than local alone, since it waited for a cloud that came too late.";
     Plot::new("table", caption, move |theme| {
         let rows: Vec<&[Cell]> = cells
             .chunk_by(|one, next| (one.speed, one.approach) == (next.speed, next.approach))
@@ -52,7 +54,7 @@ fn table(result: &TrafficJamResult) -> Plot {
                     (160 + wide * column + wide / 2, 106),
                 );
             }
-            let (mut y, mut before) = (124, None);
+            let (mut y, mut before, mut marks) = (124, None, marked.iter());
             for row in &rows {
                 let [first, ..] = row else { continue };
                 if before != Some(first.speed) {
@@ -72,7 +74,8 @@ fn table(result: &TrafficJamResult) -> Plot {
                 );
                 for (column, cell) in (0..).zip(*row) {
                     let x = 160 + wide * column;
-                    draw(theme, canvas, cell, [(x, y), (x + wide - 3, y + high - 3)]);
+                    let place = [(x, y), (x + wide - 3, y + high - 3)];
+                    draw(theme, canvas, (cell, marks.next() == Some(&true)), place);
                 }
                 y += high;
             }
@@ -80,14 +83,23 @@ fn table(result: &TrafficJamResult) -> Plot {
     })
 }
 
-fn draw(theme: &Theme, canvas: &crate::plot::Canvas<'_>, cell: &Cell, place: [(i32, i32); 2]) {
+/// Draws a cell, with a star if it is harder than local's.
+fn draw(
+    theme: &Theme,
+    canvas: &crate::plot::Canvas<'_>,
+    (cell, is_harder): (&Cell, bool),
+    place: [(i32, i32); 2],
+) {
     let [(left, top), (right, bottom)] = place;
-    let (colour, text) = match (cell.outcome, cell.gap, cell.impact) {
+    let (colour, mut text) = match (cell.outcome, cell.gap, cell.impact) {
         (Colour::Avoids, Some([gap, _]), _) => (theme.good, format!("{gap:.1} m")),
         (Colour::Mixed, _, Some([_, impact])) => (theme.series[2], format!("~ {impact:.1} m/s")),
         (_, _, Some([_, impact])) => (theme.bad, format!("{impact:.1} m/s")),
         (_, _, None) => (theme.soft, String::new()),
     };
+    if is_harder {
+        text.push_str(" *");
+    }
     canvas.draw(&Rectangle::new(place, colour.filled())).expect(DRAWN);
     let middle = (i32::midpoint(left, right), i32::midpoint(top, bottom));
     TextLine::new(13.0, theme.on_colour).centred().put(canvas, &text, middle);

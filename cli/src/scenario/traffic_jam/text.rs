@@ -11,7 +11,14 @@ use crate::scenario::traffic_jam::narrow::{
 use crate::scenario::traffic_jam::{ExtraResults, TrafficJamResult};
 
 /// How wide a cell is.
-const CELL: usize = 7;
+const CELL: usize = 8;
+
+/// Why a cell has its mark.
+const HARDER: &str = "\
+* Ours hits harder than local alone. Local alone does not stop there either, so
+  ours gave the cloud as long as it might still stop; its result came too late,
+  and the brakes bit later than local's. The guard keeps each stop of local, not
+  the speed of an impact; --deadline expected weighs that too.";
 
 pub(crate) fn text(result: &TrafficJamResult) -> String {
     written(|text| {
@@ -36,7 +43,10 @@ fn table(text: &mut String, result: &TrafficJamResult) -> std::fmt::Result {
         let (word, deadline) = (word(first.approach), deadline(row));
         write!(text, "{speed:>4}  {word:<8} {deadline:>8} ")?;
         for cell in row {
-            let (label, colour) = shown(cell);
+            let (mut label, colour) = shown(cell);
+            if result.is_harder(cell) {
+                label.push('*');
+            }
             text.push_str(&paint(colour, &format!("{label:>CELL$}")));
         }
         text.push_str("  ");
@@ -58,7 +68,11 @@ fn table(text: &mut String, result: &TrafficJamResult) -> std::fmt::Result {
          x and the greatest speed at impact, in m/s; ~ if it collides at some only.\n\
          The columns are responses of the cloud; local alone does not depend on them.\n\
          The paper: · avoids, x collides, ? not in its table."
-    )
+    )?;
+    if cells.iter().any(|cell| result.is_harder(cell)) {
+        writeln!(text, "{HARDER}")?;
+    }
+    Ok(())
 }
 
 /// What stands in a cell.

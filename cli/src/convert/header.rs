@@ -1,0 +1,147 @@
+//! `--write-header`: the header of a trace, from what is asked.
+
+use std::io::{self, BufRead, Write};
+
+use fuseline_traces::{Cloud, Commit, Header};
+use thiserror::Error;
+
+use crate::fault::Fault;
+
+/// The queue limit of a gate where nobody says another.
+const LIMIT: u64 = 31;
+const WINDOW: u16 = 16;
+
+/// Why no header can be written.
+#[derive(Debug, Error)]
+enum HeaderAnswerError {
+    #[error("--write-header asks for {0}, and the answers have ended; answer on standard input")]
+    Ended(String),
+    #[error("--write-header: {answer:?} is not {wanted}")]
+    Wrong { answer: String, wanted: &'static str },
+    #[error("--write-header: the answers cannot be read: {0}")]
+    Read(#[from] io::Error),
+}
+
+impl From<HeaderAnswerError> for Fault {
+    fn from(error: HeaderAnswerError) -> Self {
+        Self::own(error)
+    }
+}
+
+/// A header whose clouds are `sources`, each a name or a priority, asked for what cannot be guessed. Questions are put on
+/// `prompt`; an empty answer is the default, where there is one.
+///
+/// # Errors
+/// If an answer is none, or they have ended.
+pub(super) fn ask(
+    sources: &[String],
+    answers: &mut impl BufRead,
+    prompt: &mut impl Write,
+) -> Result<Header, Fault> {
+    let mut clouds: Vec<Cloud> = Vec::new();
+    let mut asking = HeaderQuestions { answers, prompt };
+    for source in sources {
+        let (name, p) = if let Ok(p) = source.parse() {
+            (asking.ask(&format!("name of the source {p}"), "", any)?, p)
+        } else {
+            let question = format!("priority of {source}, the greater the better");
+            (source.clone(), asking.ask(&question, "", priority)?)
+        };
+        if clouds.iter().any(|cloud| cloud.p == p) {
+            let wanted = "a priority that no other source has";
+            return Err(HeaderAnswerError::Wrong { answer: p.to_string(), wanted }.into());
+        }
+        let name = Some(name).filter(|name| !name.is_empty());
+        clouds.push(Cloud { p, name, limit: LIMIT, resume: LIMIT - 1 });
+    }
+    let operator = asking.ask("the operator's name", "", any)?;
+    let operator = Some(operator).filter(|name| !name.is_empty());
+    let commit = asking.ask("commit rule: eager, patient or progressive", "eager", commit)?;
+    let window =
+        asking.ask("how many messages may be open at once", &WINDOW.to_string(), window)?;
+    clouds.sort_by_key(|cloud| cloud.p);
+    Ok(Header { operator, window, commit, clouds })
+}
+
+struct HeaderQuestions<'a, A, P> {
+    answers: &'a mut A,
+    prompt: &'a mut P,
+}
+
+impl<A: BufRead, P: Write> HeaderQuestions<'_, A, P> {
+    /// Asks, and reads the answer by `read`; an empty one is the default.
+    fn ask<T>(
+        &mut self,
+        what: &str,
+        default: &str,
+        read: impl FnOnce(&str) -> Result<T, &'static str>,
+    ) -> Result<T, HeaderAnswerError> {
+        let shown = if default.is_empty() { String::new() } else { format!(" [{default}]") };
+        // Whoever sees no question still has the answer to give.
+        let _ = write!(self.prompt, "{what}{shown}: ").and_then(|()| self.prompt.flush());
+        let mut answer = String::new();
+        if self.answers.read_line(&mut answer)? == 0 && default.is_empty() {
+            return Err(HeaderAnswerError::Ended(what.to_owned()));
+        }
+        let answer = answer.trim();
+        let answer = if answer.is_empty() { default } else { answer }.to_owned();
+        read(&answer).map_err(|wanted| HeaderAnswerError::Wrong { answer, wanted })
+    }
+}
+
+#[expect(clippy::unnecessary_wraps, reason = "other answers may be wrong")]
+fn any(answer: &str) -> Result<String, &'static str> {
+    Ok(answer.to_owned())
+}
+
+fn priority(answer: &str) -> Result<u16, &'static str> {
+    answer.parse().ok().filter(|p| *p > 0).ok_or("a priority from 1 to 65535")
+}
+
+fn window(answer: &str) -> Result<u16, &'static str> {
+    let window = answer.parse().ok().filter(|window| (1..=1024).contains(window));
+    window.ok_or("a window from 1 to 1024")
+}
+
+fn commit(answer: &str) -> Result<Commit, &'static str> {
+    let rules = [Commit::Eager, Commit::Patient, Commit::Progressive];
+    let rule = rules.into_iter().find(|rule| rule.as_str() == answer);
+    rule.ok_or("eager, patient or progressive")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn asked(sources: &[&str], answers: &str) -> Result<String, String> {
+        let sources: Vec<String> = sources.iter().map(|name| (*name).to_owned()).collect();
+        let header = ask(&sources, &mut answers.as_bytes(), &mut io::sink());
+        let header = header.map_err(|fault| fault.to_string())?;
+        let mut line = Vec::new();
+        header.write(&mut line);
+        Ok(String::from_utf8(line).unwrap())
+    }
+
+    #[test]
+    fn a_header_has_what_was_answered() {
+        let header = asked(&["west", "2"], "1\neast\ndetector\npatient\n\n").unwrap();
+        assert!(header.contains(r#""operator":"detector""#) && header.contains(r#""window":16"#));
+        assert!(header.contains(r#""commit":"patient""#), "{header}");
+        assert!(header.contains(r#"{"p":1,"name":"west","#), "{header}");
+        assert!(header.contains(r#"{"p":2,"name":"east","#), "{header}");
+    }
+
+    #[test]
+    fn a_wrong_answer_and_none_are_told() {
+        for (sources, answers, expected) in [
+            (&["west"][..], "0\n", "\"0\" is not a priority from 1 to 65535"),
+            (&["west"], "", "asks for priority of west"),
+            (&["west", "east"], "1\n1\n", "\"1\" is not a priority that no other source has"),
+            (&[], "x\nlazy\n", "\"lazy\" is not eager, patient or progressive"),
+            (&[], "x\n\n0\n", "\"0\" is not a window from 1 to 1024"),
+        ] {
+            let fault = asked(sources, answers).unwrap_err();
+            assert!(fault.contains(expected), "{answers:?}: {fault}");
+        }
+    }
+}

@@ -1,0 +1,78 @@
+//! The report as `--json` writes it.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use fuseline_traces::Violation;
+use schemars::JsonSchema;
+use serde::Serialize;
+
+use super::extent::DrivenExtent;
+
+/// What driving a command came to.
+#[derive(JsonSchema, Serialize)]
+pub(super) struct WrittenReport {
+    pub(super) name: String,
+    /// As a shell takes it.
+    pub(super) command: String,
+    pub(super) conforms: bool,
+    /// Whether Ctrl-C ended it.
+    pub(super) interrupted: bool,
+    pub(super) suite: WrittenSuite,
+    pub(super) fixed: Vec<WrittenCase>,
+    pub(super) generated: GeneratedRuns,
+    pub(super) found: Vec<WrittenFinding>,
+    /// What the command did wrong when its input ended.
+    pub(super) at_end: Option<String>,
+    pub(super) extent: DrivenExtent,
+    pub(super) inputs: u64,
+    pub(super) seconds: f64,
+    /// How often each rule, reason, pair, outcome and edge was met.
+    pub(super) reached: BTreeMap<String, u64>,
+}
+
+/// What was driven, so that it can be driven again.
+#[derive(JsonSchema, Serialize)]
+pub(super) struct WrittenSuite {
+    pub(super) version: &'static str,
+    /// Of the fixed cases.
+    pub(super) hash: String,
+    pub(super) seed: u64,
+    /// The commit rule of generated runs, or all.
+    pub(super) commit: &'static str,
+    /// The most clouds of a generated run.
+    pub(super) clouds: u8,
+}
+
+/// A fixed case.
+#[derive(JsonSchema, Serialize)]
+pub(super) struct WrittenCase {
+    pub(super) case: String,
+    /// pass, not run, or how it failed.
+    pub(super) result: String,
+}
+
+/// The generated runs.
+#[derive(JsonSchema, Serialize)]
+pub(super) struct GeneratedRuns {
+    pub(super) runs: u64,
+    pub(super) passed: u64,
+    /// The one that did not pass.
+    pub(super) failed: Option<String>,
+}
+
+/// A difference, in a smallest run.
+#[derive(JsonSchema, Serialize)]
+pub(super) struct WrittenFinding {
+    pub(super) case: String,
+    pub(super) inputs: usize,
+    /// How many inputs the run had at first.
+    pub(super) of: usize,
+    pub(super) violation: Option<Violation>,
+    /// What broke the protocol.
+    pub(super) misbehaviour: Option<String>,
+    pub(super) trace: String,
+    pub(super) saved: Option<PathBuf>,
+    /// The command line that shows it again.
+    pub(super) replay: String,
+}

@@ -1,0 +1,61 @@
+//! The options that choose a part of a trace.
+
+use std::time::Duration;
+
+use fuseline_report::{PartFilter, TraceRange};
+use fuseline_traces::Event;
+
+/// Which messages of a trace are meant; all of it is read.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub(crate) struct PartOptions {
+    /// Only messages that begin so long after the trace's first instant, such as 90s, or later.
+    #[arg(long, value_name = "TIME", value_parser = time, allow_hyphen_values = true)]
+    from: Option<Duration>,
+    /// Only messages that begin before so long after the trace's first instant, such as 2m.
+    #[arg(long, value_name = "TIME", value_parser = time, allow_hyphen_values = true)]
+    to: Option<Duration>,
+    /// Only messages with these timestamps, the first and the last included; one of them may be left out.
+    #[arg(long, value_name = "FIRST..LAST", value_parser = timestamps)]
+    timestamps: Option<(u64, u64)>,
+}
+
+impl PartOptions {
+    /// All of it.
+    pub(crate) const fn all() -> Self {
+        Self { from: None, to: None, timestamps: None }
+    }
+
+    /// The part, if it is not the whole.
+    pub(crate) fn part(&self) -> Option<TraceRange> {
+        let (first, last) = self.timestamps.unwrap_or((0, u64::MAX));
+        let nanos = |time: Duration| u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
+        let (from, to) = (self.from.map_or(0, nanos), self.to.map_or(u64::MAX, nanos));
+        let part = TraceRange { from, to, first, last };
+        (part != TraceRange::default()).then_some(part)
+    }
+
+    /// What of a trace's events is meant, from its first one on.
+    pub(crate) fn filter(&self) -> impl FnMut(&Event) -> bool + use<> {
+        let mut filter = self.part().map(PartFilter::new);
+        move |event| filter.as_mut().is_none_or(|filter| filter.takes(event))
+    }
+}
+
+fn time(text: &str) -> Result<Duration, &'static str> {
+    humantime::parse_duration(text).map_err(|_| "it must be 0 or more with a unit, such as 90s")
+}
+
+fn timestamps(text: &str) -> Result<(u64, u64), &'static str> {
+    let wrong = "write FIRST..LAST, such as 100..200, 100.. or a single one";
+    let number = |text: &str, none: u64| match text {
+        "" => Ok(none),
+        text => text.parse().map_err(|_| wrong),
+    };
+    let (first, last) = if let Some((first, last)) = text.split_once("..") {
+        (number(first, 0)?, number(last, u64::MAX)?)
+    } else {
+        let only = text.parse().map_err(|_| wrong)?;
+        (only, only)
+    };
+    (first <= last).then_some((first, last)).ok_or(wrong)
+}

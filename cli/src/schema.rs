@@ -1,0 +1,35 @@
+//! JSON Schemas of what `--json` prints, made from the types that are printed.
+
+use std::io::Write;
+
+use schemars::JsonSchema;
+use schemars::generate::SchemaSettings;
+
+use crate::exit::Exit;
+use crate::fault::Fault;
+use crate::sink::OutputSink;
+
+/// Whether the schema is wanted instead of anything else.
+#[derive(clap::Args)]
+pub(crate) struct SchemaOption {
+    /// Print the JSON Schema of what --json prints, and do nothing else.
+    #[arg(long, exclusive = true)]
+    json_schema: bool,
+}
+
+impl SchemaOption {
+    /// Prints the schema of `T`, if it is wanted.
+    ///
+    /// # Errors
+    /// If standard output cannot be written.
+    pub(crate) fn print<T: JsonSchema>(&self) -> Result<Option<Exit>, Fault> {
+        if !self.json_schema {
+            return Ok(None);
+        }
+        let settings = SchemaSettings::draft2020_12().for_serialize();
+        let schema = settings.into_generator().into_root_schema_for::<T>();
+        let mut out = OutputSink::new(anstream::stdout());
+        writeln!(out, "{:#}", schema.as_value()).map_err(Fault::Output)?;
+        Ok(Some(Exit::Conforms))
+    }
+}

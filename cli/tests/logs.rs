@@ -1,0 +1,223 @@
+//! `fuseline convert` of logs as robots leave them.
+
+mod common;
+
+use std::fs;
+
+use common::{err, out, run};
+use serde_json::{Value, json};
+use tempfile::{TempDir, tempdir};
+
+const HEADER: &str = r#"{"fuseline":1,"window":16,"clouds":[{"p":1,"name":"west","limit":31},{"p":2,"name":"east","limit":31}]}"#;
+
+/// A folder with a header and a file.
+fn folder(name: &str, text: &str) -> TempDir {
+    let dir = tempdir().unwrap();
+    fs::write(dir.path().join("header.jsonl"), format!("{HEADER}\n")).unwrap();
+    fs::write(dir.path().join(name), text).unwrap();
+    dir
+}
+
+fn convert(dir: &TempDir, name: &str, more: &[&str]) -> std::process::Output {
+    let path = |name: &str| dir.path().join(name).display().to_string();
+    let (header, file) = (path("header.jsonl"), path(name));
+    run(&[&["convert", "--header", &header, &file], more].concat(), "")
+}
+
+/// The events of a trace, without its header.
+fn events(text: &str, name: &str, more: &[&str]) -> Vec<Value> {
+    let dir = folder(name, text);
+    let done = convert(&dir, name, more);
+    assert_eq!(done.status.code(), Some(0), "{}", err(&done));
+    out(&done).lines().skip(1).map(|line| serde_json::from_str(line).unwrap()).collect()
+}
+
+fn refused(text: &str, name: &str, more: &[&str]) -> String {
+    let dir = folder(name, text);
+    let done = convert(&dir, name, more);
+    assert_eq!((done.status.code(), err(&done).lines().count()), (Some(2), 1), "{}", err(&done));
+    err(&done).to_owned()
+}
+
+#[test]
+fn json_lines_are_read_with_keys_within_others_and_sources_by_name() {
+    let log = concat!(
+        r#"{"header":{"stamp":1795629600.000000001,"seq":7},"kind":"frame"}"#,
+        "\n\n",
+        r#"{"header":{"stamp":1795629600.25,"seq":7},"kind":"sent","to":"east","budget":500}"#,
+        "\n",
+        r#"{"header":{"stamp":1795629600.3,"seq":7},"kind":"heartbeat"}"#,
+        "\n",
+        r#"{"header":{"stamp":"2026-11-25T18:00:00.4Z","seq":7},"kind":"done","to":"local"}"#,
+        "\n",
+    );
+    let mapped = [
+        "--column",
+        "at=header.stamp,t=header.seq,ev=kind,p=to,deadline=budget",
+        "--event",
+        "frame=open,sent=request,done=result,heartbeat=",
+        "--unit",
+        "s",
+        "--unit",
+        "deadline=ms",
+    ];
+    let at = 1_795_629_600_000_000_000_u64;
+    let expected = [
+        json!({"ev": "open", "at": at + 1, "t": 7}),
+        json!({"ev": "request", "at": at + 250_000_000, "t": 7, "p": 2, "due": at + 750_000_000}),
+        json!({"ev": "result", "at": at + 400_000_000, "t": 7, "p": 0}),
+    ];
+    assert_eq!(events(log, "log.jsonl", &mapped), expected);
+}
+
+#[test]
+fn a_unit_of_one_column_is_that_columns_alone() {
+    let rows = "at,ev,t,p,deadline\n1.5,open,1,,\n1.5,request,1,west,500\n";
+    let found = events(rows, "events.csv", &["--unit", "s,deadline=ms"]);
+    assert_eq!(found[1]["due"], 2_000_000_000_u64);
+    let refused = refused(rows, "events.csv", &["--unit", "t=ms"]);
+    assert!(
+        refused.contains("no time \"t\"; it is one of at, due, deadline, within, age"),
+        "{refused}"
+    );
+}
+
+#[test]
+fn cells_may_be_separated_by_anything() {
+    for (separator, text) in [("tab", "\t"), (";", ";"), ("|", "|")] {
+        let rows = "at,ev,t\n1,open,1\n".replace(',', text);
+        assert_eq!(events(&rows, "events.csv", &["--separator", separator]).len(), 1);
+    }
+    let refused = refused("at,ev,t\n", "events.csv", &["--separator", "::"]);
+    assert!(refused.contains("one ASCII character, or tab"), "{refused}");
+}
+
+#[test]
+fn a_row_a_frame_becomes_the_events_of_its_columns_in_their_order() {
+    let rows = "\
+seq;recv;sent;done;failed;own;out;winner
+7;2026-11-25T18:00:00Z;2026-11-25T18:00:00.001Z;2026-11-25T18:00:00.2Z;;2026-11-25T18:00:00.3Z;2026-11-25T18:00:00.2Z;east
+8;2026-11-25T18:00:00.1Z;2026-11-25T18:00:00.1Z;;2026-11-25T18:00:00.15Z;2026-11-25T18:00:00.4Z;2026-11-25T18:00:00.4Z;local
+";
+    let frame = "t=seq,open=recv,emit=out,by=winner,east.request=sent,east.deadline=0.5,\
+                 east.result=done,east.fail=failed,local.result=own";
+    let found = events(rows, "frames.csv", &["--separator", ";", "--unit", "s", "--frame", frame]);
+    let at = 1_795_629_600_000_000_000_u64;
+    let ms = |ms: u64| at + ms * 1_000_000;
+    let expected = [
+        json!({"ev": "open", "at": at, "t": 7}),
+        json!({"ev": "request", "at": ms(1), "t": 7, "p": 2, "due": ms(501)}),
+        json!({"ev": "open", "at": ms(100), "t": 8}),
+        json!({"ev": "request", "at": ms(100), "t": 8, "p": 2, "due": ms(600)}),
+        json!({"ev": "fail", "at": ms(150), "t": 8, "p": 2}),
+        json!({"ev": "result", "at": ms(200), "t": 7, "p": 2}),
+        json!({"ev": "emit", "at": ms(200), "t": 7, "p": 2}),
+        json!({"ev": "result", "at": ms(300), "t": 7, "p": 0}),
+        json!({"ev": "result", "at": ms(400), "t": 8, "p": 0}),
+        json!({"ev": "emit", "at": ms(400), "t": 8, "p": 0}),
+    ];
+    assert_eq!(found, expected);
+}
+
+#[test]
+fn what_is_wrong_in_a_log_is_told_with_its_line() {
+    let frames = "recv,out,winner,sent\n1,2,south,\n";
+    for (text, name, args, expected) in [
+        (
+            "{\"ev\":\"open\",\"t\":1}\n",
+            "log.jsonl",
+            &[][..],
+            "1: no key \"at\"; name it with --column at=NAME",
+        ),
+        ("\n{\"ev\":\"open\",\"at\":1\n", "log.jsonl", &[], "2: not a JSON object"),
+        (
+            "{\"ev\":\"open\",\"at\":1.5,\"t\":1}\n",
+            "log.jsonl",
+            &[],
+            "1: column \"at\": \"1.5\" is not a number that fits",
+        ),
+        ("{\"ev\":\"ping\",\"at\":1}\n", "log.jsonl", &[], "or leave it out with --event ping="),
+        (
+            "{\"ev\":\"fail\",\"at\":1,\"t\":1,\"p\":\"south\"}\n",
+            "log.jsonl",
+            &[],
+            "is no source; the header has east, local, west",
+        ),
+        (
+            frames,
+            "frames.csv",
+            &["--frame", "open=recv,emit=out,by=winner"],
+            "2: column \"winner\": \"south\" is no source",
+        ),
+        (frames, "frames.csv", &["--frame", "emit=out"], "1: no column for open"),
+        (frames, "frames.csv", &["--frame", "open=nope"], "1: no column \"nope\""),
+        (
+            frames,
+            "frames.csv",
+            &["--frame", "open=recv,emit=out"],
+            "2: an emit needs --frame by=COLUMN",
+        ),
+        (
+            "recv,sent\n1,2\n",
+            "frames.csv",
+            &["--frame", "open=recv,west.request=sent"],
+            "2: a request needs",
+        ),
+        (
+            frames,
+            "frames.csv",
+            &["--frame", "open=recv,south.result=sent"],
+            "1: \"south\" is no source",
+        ),
+        ("{}\n", "log.jsonl", &["--frame", "open=recv"], "--frame is for CSV files"),
+    ] {
+        let refused = refused(text, name, args);
+        assert!(refused.contains(expected), "{text}: {refused}");
+    }
+}
+
+#[test]
+fn a_header_is_made_by_asking_what_the_file_does_not_say() {
+    let dir =
+        folder("log.csv", "at,ev,t,p\n0,open,1,\n1,result,1,east\n2,result,1,local\n3,fail,1,3\n");
+    let file = dir.path().join("log.csv").display().to_string();
+    let answers = "2\nfar\ndetector\npatient\n32\n";
+    let done = run(&["convert", "--write-header", &file], answers);
+    assert_eq!(done.status.code(), Some(0), "{}", err(&done));
+    let header: Value = serde_json::from_str(out(&done)).unwrap();
+    assert_eq!((&header["operator"], &header["commit"]), (&"detector".into(), &"patient".into()));
+    let clouds = header["clouds"].as_array().unwrap();
+    let named: Vec<_> = clouds.iter().map(|cloud| (&cloud["p"], &cloud["name"])).collect();
+    assert_eq!(named, [(&2.into(), &"east".into()), (&3.into(), &"far".into())]);
+    assert!(err(&done).contains("priority of east, the greater the better: "), "{}", err(&done));
+    let silent = run(&["convert", "--write-header", &file], "");
+    assert_eq!(silent.status.code(), Some(2));
+    assert!(err(&silent).contains("asks for priority of east"), "{}", err(&silent));
+}
+
+/// The chapter of the book, with the log that ships.
+#[test]
+fn the_books_log_is_judged_as_its_chapter_says() {
+    let book = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/book/src/start");
+    let read = |name: &str| fs::read_to_string(format!("{book}/{name}")).unwrap();
+    let chapter = read("own-log.md");
+    let (_, names) = chapter.split_once("names=\"").unwrap();
+    let names: Vec<&str> = names.split('"').next().unwrap().split_whitespace().collect();
+    let dir = tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name).display().to_string();
+    let (log, header) = (path("robot.jsonl"), path("header.jsonl"));
+    fs::write(&log, read("robot.jsonl")).unwrap();
+    let made = run(&[&["convert", "--write-header"], &names[..], &[&log]].concat(), "1\n\n\n\n");
+    assert_eq!(made.status.code(), Some(0), "{}", err(&made));
+    fs::write(&header, out(&made)).unwrap();
+    let trace = run(&[&["convert", "--header", &header], &names[..], &[&log]].concat(), "");
+    assert_eq!(trace.status.code(), Some(0), "{}", err(&trace));
+    let judge = ["check", "--observed", "--lateness", "5ms", "--tolerance"];
+    let judged = run(&[&judge[..], &["1ms"]].concat(), out(&trace));
+    assert_eq!((judged.status.code(), err(&judged)), (Some(1), ""));
+    let verdict = out(&judged).lines().next().unwrap().replace("stdin", "robot-trace.jsonl");
+    assert!(chapter.contains(&verdict), "{verdict}");
+    let swallowed = run(&[&judge[..], &["100ms"]].concat(), out(&trace));
+    assert_eq!(swallowed.status.code(), Some(0));
+    assert!(err(&swallowed).contains("10 of 10 requests"), "{}", err(&swallowed));
+}

@@ -1,0 +1,115 @@
+//! What one expects of a command: completions, manual pages, colours, help, clouds from a file.
+#![cfg(unix)]
+
+mod common;
+
+use std::fs;
+use std::path::Path;
+
+use common::{err, fuseline, out, run};
+use tempfile::tempdir;
+
+const CORPUS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../traces/corpus");
+const COMMANDS: [&str; 14] = [
+    "run",
+    "probe",
+    "serve",
+    "replay",
+    "check",
+    "convert",
+    "export",
+    "drive",
+    "impl",
+    "deadline",
+    "report",
+    "completions",
+    "man",
+    "scenario",
+];
+
+fn printed(args: &[&str]) -> String {
+    let done = run(args, "");
+    assert_eq!(done.status.code(), Some(0), "{args:?}: {}", err(&done));
+    out(&done).to_owned()
+}
+
+#[test]
+fn each_shell_gets_a_script_that_knows_every_command() {
+    for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
+        let script = printed(&["completions", shell]);
+        for command in COMMANDS {
+            assert!(script.contains(command), "{shell}: {command}");
+        }
+        assert!(script.contains("require-judged"), "{shell}");
+    }
+}
+
+#[test]
+fn each_command_has_a_manual_page() {
+    let dir = tempdir().unwrap();
+    let folder = dir.path().join("man1");
+    printed(&["man", folder.to_str().unwrap()]);
+    for command in COMMANDS {
+        let page = fs::read_to_string(folder.join(format!("fuseline-{command}.1"))).unwrap();
+        assert!(page.contains(&format!(".TH fuseline-{command} 1")), "{command}");
+        assert!(!page.contains('`'), "{command}");
+    }
+    assert!(folder.join("fuseline.1").exists());
+    assert!(folder.join("fuseline-scenario-red-light.1").exists());
+    let again = run(&["man", folder.to_str().unwrap()], "");
+    assert_eq!(again.status.code(), Some(2), "{}", err(&again));
+}
+
+#[test]
+fn help_has_no_marks_of_rustdoc() {
+    for command in COMMANDS {
+        for flag in ["-h", "--help"] {
+            let help = printed(&[command, flag]);
+            assert!(!help.contains('`') && !help.contains("<http"), "{command} {flag}: {help}");
+        }
+    }
+    assert!(!printed(&["--help"]).contains('`'));
+}
+
+#[test]
+fn colours_are_printed_where_they_are_wanted() {
+    let trace = Path::new(CORPUS).join("f0-clock-at-its-end-stays-there.jsonl");
+    let trace = trace.to_str().unwrap();
+    for args in [["--color", "always", "check", trace], ["check", "--color", "always", trace]] {
+        assert!(printed(&args).contains("\u{1b}["), "{args:?}");
+    }
+    for args in [&["check", trace][..], &["check", "--color", "never", trace]] {
+        assert!(!printed(args).contains('\u{1b}'), "{args:?}");
+    }
+    let unknown = run(&["--color", "sometimes"], "");
+    assert_eq!(unknown.status.code(), Some(2));
+}
+
+#[test]
+fn clouds_may_stand_in_a_file() {
+    let dir = tempdir().unwrap();
+    let file = dir.path().join("fuseline.toml");
+    fs::write(
+        &file,
+        "[[cloud]]\nname = \"own\"\npriority = 3\nmodel = \"my-detector\"\nruntime = 45\nap = 52.5\n\
+         drive = \"cicv5g/rural_n8_v10\"\n",
+    )
+    .unwrap();
+    let args = ["run", "--seconds", "0.3", "--local", "mine,runtime=60,ap=40", "--config"];
+    let args = [&args[..], &[file.to_str().unwrap()]].concat();
+    let done = fuseline(&args).current_dir(dir.path()).output().unwrap();
+    assert_eq!(done.status.code(), Some(0), "{}", err(&done));
+    let told = out(&done);
+    assert!(told.contains("3 own    my-detector                 45.0 ms"), "{told}");
+    assert!(told.contains("0 local  mine                        60.0 ms"), "{told}");
+    assert!(told.contains("the given runtimes"), "{told}");
+    // Each has an AP, so that nothing is unknown.
+    assert!(!told.contains("? is not known"), "{told}");
+
+    let both = [&args[..], &["--cloud", "name=a,priority=1,url=http://h"]].concat();
+    assert_eq!(run(&both, "").status.code(), Some(2));
+    fs::write(&file, "[[cloud]]\nname = \"a\"\n").unwrap();
+    let refused = run(&args, "");
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(err(&refused).contains("fuseline.toml:1: priority is missing"), "{}", err(&refused));
+}
