@@ -115,7 +115,11 @@ Proof.
     - destruct (Em eq_refl p M2) as (d & I & H). exists d. split; auto. now right.
     - apply (a_cached _ _ _ _ T Pr) in M2 as (d & I & H). exists d. split; auto. now left. }
   destruct (mem p (pending sl)) eqn:M3; cbn; [discriminate|]. intros [= <-]. apply mem_not in M3. cbn.
-  rewrite (a_pending _ _ _ _ T) in M3. tauto.
+  rewrite (a_pending _ _ _ _ T) in M3. split; [tauto|]. intros q Lq E.
+  assert (Acc : says tr (accepts t q)) by (destruct E as (d & I & E); exists d; split; auto; now right).
+  apply (a_got _ _ _ _ T) in Acc as (c & C & Lc). unfold running in Run. destruct (is_progressive cfg); cbn in S.
+  - rewrite above_not in S. specialize (S c C). lia.
+  - apply sent_in in E. rewrite Run in E. contradiction.
 Qed.
 Lemma run_app cfg a b : forall s tr, run cfg s tr (a ++ b) = let (s1, tr1) := run cfg s tr a in run cfg s1 tr1 b.
 Proof.

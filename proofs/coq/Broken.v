@@ -105,6 +105,29 @@ Proof.
   apply orb_true_iff in A as [A|A]; [apply N.leb_le in A; lia|]. apply D. eapply sayb_iff; [apply disarms_b|exact A].
 Qed.
 
+(** Some decision, beside the trace before it. *)
+Fixpoint some_line (f : trace -> decision -> bool) (tr : trace) : bool :=
+  match tr with
+  | [] => false
+  | Got _ _ :: rest => some_line f rest
+  | Did d :: rest => f rest d || some_line f rest
+  end.
+Lemma some_line_if f tr : some_line f tr = true -> exists later d earlier, tr = later ++ Did d :: earlier /\ f earlier d = true.
+Proof.
+  induction tr as [|[n b|d] tr IH]; cbn; [discriminate| |].
+  - intros H. destruct (IH H) as (y & d & x & -> & F). exists (Got n b :: y), d, x. auto.
+  - intros H. apply orb_true_iff in H as [H|H]; [exists [], d, tr; auto|].
+    destruct (IH H) as (y & e & x & -> & F). exists (Did d :: y), e, x. auto.
+Qed.
+Definition opened_in (tr : trace) : list N :=
+  flat_map (fun l => match l with Did (Opened _ u _) => [u] | _ => [] end) tr.
+Lemma opened_in_iff u tr : says tr (opens u) <-> In u (opened_in tr).
+Proof.
+  unfold says, opened_in. rewrite in_flat_map. split.
+  - intros (d & I & O). exists (Did d). split; auto. destruct d; cbn in *; try contradiction. auto.
+  - intros ([n b|d] & I & O); [contradiction|]. exists d. split; auto. destruct d; cbn in *; try contradiction. tauto.
+Qed.
+
 Section Of.
 Variables (cfg : config) (tr : trace).
 Local Notation says_it A := (proj2 (sayb_iff tr _ _ A)).
@@ -250,6 +273,59 @@ Proof.
   specialize (H0 _ A). cbn in H0.
   rewrite N.eqb_refl in H0. cbn in H0. apply N.ltb_lt in H0. lia.
 Qed.
+Lemma broken_p8_while_live t p : some_line (fun earlier d =>
+    match d with Timer _ u q => is t p u q && sayb earlier (b_disarms cfg t p) | _ => false end) tr = true ->
+  ~ P8_while_live cfg tr.
+Proof.
+  intros H P. apply some_line_if in H as (y & d & x & E & H). destruct d; try discriminate.
+  apply andb_true_iff in H as [H D]. apply is_iff in H as [-> ->]. apply (P y x now t p E). now apply (sayb_iff x _ _ (disarms_b cfg t p)).
+Qed.
+Lemma broken_f1 : some_line (fun earlier d => match d with
+    | Opened _ t _ => existsb (N.leb t) (opened_in earlier)
+    | Refuse _ t None Order => negb (existsb (N.leb t) (opened_in earlier))
+    | _ => false end) tr = true -> ~ F1_order tr.
+Proof.
+  intros H P. apply some_line_if in H as (y & d & x & E & H).
+  destruct d as [n t due| | |n t [q|] []| | | | | | |]; try discriminate; destruct (P y _ x n t E) as [A B].
+  - apply existsb_exists in H as (u & I & L). apply opened_in_iff in I. specialize (A due eq_refl u I).
+    apply N.leb_le in L. lia.
+  - destruct (B eq_refl) as (u & L & O). apply negb_true_iff in H. apply opened_in_iff in O. apply N.leb_le in L.
+    assert (X : existsb (N.leb t) (opened_in x) = true) by (apply existsb_exists; eauto). congruence.
+Qed.
+Lemma broken_f2_registered t p : sayb tr (b_requests t p) && negb (is_cloud cfg p) = true -> ~ F2_registered cfg tr.
+Proof. intros H P. parts H. apply (says_it (requests_b t p)) in H. rewrite (P t p H) in *. discriminate. Qed.
+Lemma broken_f2_outranks t p q : some_line (fun earlier d => b_requests t p d && sayb earlier (b_accepts t q)) tr &&
+  (p <=? q) = true -> ~ F2_outranks tr.
+Proof.
+  intros H P. apply andb_true_iff in H as [H L]. apply some_line_if in H as (y & d & x & E & H).
+  apply andb_true_iff in H as [H A]. destruct d; try discriminate. apply is_iff in H as [-> ->].
+  apply N.leb_le in L. apply (sayb_iff x _ _ (accepts_b t q)) in A. specialize (P y x now t p due q E A). lia.
+Qed.
+Lemma broken_f2g : some_line (fun earlier d =>
+    match input_of earlier with
+    | Some (Offer t p _ backlog) =>
+        match registered cfg p, d with
+        | Some c, Request _ u q _ => is t p u q &&
+            negb (if gate_of p earlier then backlog <=? resume c else backlog <? limit c)
+        | Some c, Refuse _ u (Some q) Queue => is t p u q &&
+            negb (if gate_of p earlier then resume c <? backlog else limit c <=? backlog)
+        | _, _ => false
+        end
+    | _ => false end) tr = true -> ~ F2g_gate cfg tr.
+Proof.
+  intros H P. apply some_line_if in H as (y & d & x & E & H).
+  destruct (input_of x) as [[|t p z b| | |]|] eqn:I; try discriminate. destruct (registered cfg p) as [c|] eqn:C; [|discriminate].
+  destruct d as [| | |n u [q|] []|n u q due| | | | | |]; try discriminate;
+    apply andb_true_iff in H as [H H0]; apply is_iff in H as [-> ->]; destruct (P y _ x n t p z b c E I C) as [A B]; apply negb_true_iff in H0.
+  - specialize (B eq_refl). destruct (gate_of p x); [apply N.ltb_ge in H0|apply N.leb_gt in H0]; lia.
+  - specialize (A due eq_refl). destruct (gate_of p x); [apply N.leb_gt in H0|apply N.ltb_ge in H0]; lia.
+Qed.
+Lemma broken_f7 t : existsb (fun l => match l with Did (Cancel _ u q) => is t 0 u q | _ => false end) tr = true ->
+  ~ F7_local tr.
+Proof.
+  intros H P. apply existsb_exists in H as ([n b|d] & I & E); [discriminate|]. destruct d; try discriminate.
+  apply is_iff in E as [-> ->]. now apply P in I.
+Qed.
 Lemma broken_p12 t : sayb tr (b_opens t) && sayb tr (b_closes cfg t 0) && past true t tr &&
   negb (sayb tr (b_retires cfg t)) = true ->
   ~ P12_bounded_wait cfg tr.
@@ -278,4 +354,21 @@ Proof.
   destruct (P now t I) as (p & due & Z & A & L). apply armed_in_iff in A. rewrite forallb_forall in F.
   specialize (F _ A). cbn in F.
   apply orb_true_iff in F as [F|F]; [apply N.leb_le in F; lia|]. apply N.eqb_eq in F. contradiction.
+Qed.
+Lemma broken_p11_offer cfg now t p x bl ds : match ds with
+    | [Request n u q due] => negb (is t p u q && (n =? now) && (due =? due_at now x)) | [Refuse _ _ _ _] => false | _ => true
+    end = true -> ~ own cfg now (Offer t p x bl) ds.
+Proof.
+  intros H [->|(w & ->)]; [|discriminate]. unfold is in H. rewrite !N.eqb_refl in H. discriminate.
+Qed.
+(** A drop says that a result is late, and an output outranked it before. *)
+Lemma broken_p11_reason cfg tr now t p q ds :
+  existsb (fun d => match d with Drop n u r Late => is t p u r && (n =? now) | _ => false end) ds &&
+    sayb tr (b_emits t q) && (p <? q) = true ->
+  ~ forall why, In (Drop now t p why) ds -> meaning cfg tr t p why.
+Proof.
+  intros H P. apply andb_true_iff in H as [H L]. apply andb_true_iff in H as [H E]. apply N.ltb_lt in L.
+  apply existsb_exists in H as (d & I & D). destruct d as [| | | | | |n u r []| | | |]; try discriminate.
+  apply andb_true_iff in D as [D N]. apply is_iff in D as [-> ->]. apply N.eqb_eq in N as ->.
+  apply (sayb_iff tr _ _ (emits_b t q)) in E. apply P in I as [_ M]. now apply (M q).
 Qed.

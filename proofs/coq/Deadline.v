@@ -1,10 +1,7 @@
-(** * T1, and case 1 of T2: deadlines that are safe
+(** * T1: no later than local
 
-    The conditions and the proofs in prose are in the book's chapter of that name.
-    The machine's half is about the trace of
-    any run; the vehicle's half is about frames, and takes the machine's as a hypothesis.
-    No axiom is needed: instants are
-    whole nanoseconds, and lengths, speeds and times of T2 are rationals, as every number of a computer is. *)
+    The conditions and the proof in prose are in the book's chapter of safe deadlines. The machine's half is about the
+    trace of any run; the vehicle's half is about frames, and takes the machine's as a hypothesis. *)
 From Coq Require Import List NArith Bool Lia.
 From Fuseline Require Import Rules Sets Trace Statements Slots Kept Runs Accounts Promises.
 Import ListNotations.
@@ -117,42 +114,3 @@ Proof.
     destruct (B 2 4 3) as [X _]; [apply All; cbn; auto|apply All; cbn; auto|lia|unfold any_sent;
       lia|exact I|congruence].
 Qed.
-
-(** ** T2, case 1: local alone stops *)
-From Coq Require Import QArith Lqa.
-Open Scope Q_scope.
-Section T2.
-(** Speed, deceleration, reaction, the frames' period, the range, and how many frames are needed. *)
-Variables (v a tau P range n : Q).
-Hypotheses (Hv : 0 < v) (Ha : 0 < a).
-Definition budget : Q := range / v - v / (2 * a) - tau - n * P.
-(** A frame captured [t] after the obstacle came into range is the first to show it, [t] less than a period. *)
-Variable t : Q.
-Hypothesis first : t <= P.
-(** T2, case 1: what comes within the budget after capture is in time.
-    The vehicle drives on until the [n]th frame's result
-    and its reaction, and then needs its braking distance: less than the range in all. *)
-Theorem t2_stops r : r <= budget -> v * (t + (n - 1) * P + r + tau) + v * v / (2 * a) <= range.
-Proof.
-  unfold budget. intros B.
-  assert (X : v * r <= v * (range / v - v / (2 * a) - tau - n * P)) by (apply Qmult_le_l; assumption).
-  assert (Y : v * (range / v - v / (2 * a) - tau - n * P) == range - v * v / (2 * a) - v * tau - v * (n * P)).
-  { field. split; lra. }
-  assert (Z : v * t <= v * P) by (apply Qmult_le_l; assumption).
-  rewrite Y in X. clear Y B. set (k := v * v / (2 * a)) in *. clearbody k. lra.
-Qed.
-(** And what comes more than a period after it is surely not, wherever the first frame lies. *)
-Hypothesis from : 0 <= t.
-Theorem t2_collides r : budget + P < r -> range < v * (t + (n - 1) * P + r + tau) + v * v / (2 * a).
-Proof.
-  unfold budget. intros B.
-  assert (X : v * (range / v - v / (2 * a) - tau - n * P + P) < v * r) by (apply Qmult_lt_l; assumption).
-  assert (Y : v * (range / v - v / (2 * a) - tau - n * P + P) == range - v * v / (2 * a) - v * tau - v * (n * P) + v
-    * P).
-  { field. split; lra. }
-  assert (Z : v * 0 <= v * t) by (apply Qmult_le_l; assumption).
-  rewrite Y in X. clear Y B. set (k := v * v / (2 * a)) in *. clearbody k. lra.
-Qed.
-End T2.
-(** Its hypotheses hold of 10 m/s, 5 m/s^2, 0.1 s, 30 Hz, 50 m and 3 frames: what comes within 3.8 s is in time. *)
-Example t2_happens : budget 10 5 (1 # 10) (1 # 30) 50 3 == 38 # 10. Proof. reflexivity. Qed.

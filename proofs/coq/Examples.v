@@ -76,6 +76,36 @@ Example p12_can_break : ~ P12_bounded_wait eager
   [Got 50 Tick; Did (Hold 10 1 0); Did (Request 0 1 1 50); Did (Opened 0 1 None)].
 Proof. breaks (broken_p12 eager _ 1). Qed.
 
+(** A timer that has fired is live no more. *)
+Example p8_while_live_happens : sayb (trace_of eager waiting) (b_disarms eager 1 1) = true. Proof. happens. Qed.
+Example p8_while_live_can_break : ~ P8_while_live eager
+  [Did (Timer 60 1 1); Did (Timer 50 1 1); Did (Request 0 1 1 50); Did (Opened 0 1 None)].
+Proof. breaks (broken_p8_while_live eager _ 1 1). Qed.
+
+(** F1, F2, F2g, F7. The second cloud's gate shuts at a backlog of 4 and opens at 0. *)
+Definition asked : list input := [input_at 0 (Open 5 None); input_at 1 (Open 5 None); input_at 2 (Offer 5 2 50 4);
+  input_at 3 (Offer 5 2 50 1); input_at 4 (Offer 5 2 50 0)].
+Example f1_happens : In (Did (Refuse 1 5 None Order)) (trace_of eager asked). Proof. vm_compute. tauto. Qed.
+Example f1_can_break : ~ F1_order [Did (Refuse 1 4 None Order); Did (Opened 0 3 None)].
+Proof. breaks (broken_f1 _). Qed.
+Example f2_happens : sayb (trace_of eager held) (b_requests 1 2) = true. Proof. happens. Qed.
+Example f2_registered_can_break : ~ F2_registered eager [Did (Request 0 1 9 50); Did (Opened 0 1 None)].
+Proof. breaks (broken_f2_registered eager _ 1 9). Qed.
+Example f2_outranks_can_break : ~ F2_outranks
+  [Did (Request 5 1 1 50); Did (Hold 4 1 2); Did (Request 0 1 3 50); Did (Request 0 1 2 50); Did (Opened 0 1 None)].
+Proof. breaks (broken_f2_outranks _ 1 1 2). Qed.
+Example f2g_happens : filter written (rev (decisions (trace_of eager asked))) = [Refuse 1 5 None Order;
+  Refuse 2 5 (Some 2) Queue; Refuse 3 5 (Some 2) Queue; Request 4 5 2 54].
+Proof. happens. Qed.
+Example f2g_can_break : ~ F2g_gate eager [Did (Request 3 5 2 53); Got 3 (Offer 5 2 50 1);
+  Did (Refuse 2 5 (Some 2) Queue); Got 2 (Offer 5 2 50 4); Did (Opened 0 5 None)].
+Proof. breaks (broken_f2g eager _). Qed.
+(** Local is pending still when the first cloud's result is forwarded. *)
+Example f7_happens : decisions (trace_of eager [input_at 0 (Open 1 None); input_at 0 (Offer 1 1 50 0);
+  input_at 5 (Result 1 1)]) = [Emit 5 1 1; Request 0 1 1 50; Opened 0 1 None].
+Proof. happens. Qed.
+Example f7_can_break : ~ F7_local [Did (Cancel 5 1 0); Did (Emit 5 1 1)]. Proof. breaks (broken_f7 _ 1). Qed.
+
 (** P9: a window that is full. *)
 Example p9_happens : length (opened (state_after eager [input_at 0 (Open 1 None); input_at 0 (Open 2 None);
   input_at 0 (Open 3 None)])) = 2%nat.

@@ -12,6 +12,17 @@ Open Scope N_scope.
 (** The instant of the newest input. *)
 Fixpoint clock_of (tr : trace) : N :=
   match tr with [] => 0 | Got now _ :: _ => now | Did _ :: rest => clock_of rest end.
+(** The newest input. *)
+Fixpoint input_of (tr : trace) : option body :=
+  match tr with [] => None | Got _ b :: _ => Some b | Did _ :: rest => input_of rest end.
+(** Whether the gate of [p] is shut: it is if it refused what it was last asked about. *)
+Fixpoint gate_of (p : N) (tr : trace) : bool :=
+  match tr with
+  | [] => false
+  | Did (Request _ _ q _) :: rest => if q =? p then false else gate_of p rest
+  | Did (Refuse _ _ (Some q) Queue) :: rest => if q =? p then true else gate_of p rest
+  | _ :: rest => gate_of p rest
+  end.
 
 Section Of.
 Variables (cfg : config) (tr : trace).
@@ -70,6 +81,30 @@ Definition P8_served : Prop := forall t p due : N,
 Definition P12_bounded_wait : Prop := forall t : N,
   says tr (opens t) -> says tr (closes cfg t 0) ->
   (forall p due, p <> 0 -> says tr (arms t p due) -> due <= clock_of tr) -> says tr (retires cfg t).
+(** ** What a line says of the trace before it, of F1, F2, F2g, F7 and P8 *)
+
+(** Opened timestamps rise, and an open is refused for its order only if a timestamp that is as great was opened. *)
+Definition F1_order : Prop := forall later d earlier now t : _, tr = later ++ Did d :: earlier ->
+  (forall due, d = Opened now t due -> forall u, says earlier (opens u) -> u < t) /\
+  (d = Refuse now t None Order -> exists u, t <= u /\ says earlier (opens u)).
+(** A source that is asked is a registered cloud. *)
+Definition F2_registered : Prop := forall t p : N, says tr (requests t p) -> is_cloud cfg p = true.
+(** No outranked offer is admitted: a request outranks all that was accepted for its timestamp before. *)
+Definition F2_outranks : Prop := forall later earlier now t p due q,
+  tr = later ++ Did (Request now t p due) :: earlier -> says earlier (accepts t q) -> q < p.
+(** The law of the gate: if it was open when it was last asked, a request has less backlog than the limit, and what is
+    refused for the queue has not; if it was shut, a request has no more than the resume, and what is refused has. *)
+Definition F2g_gate : Prop := forall later d earlier now t p x backlog c,
+  tr = later ++ Did d :: earlier -> input_of earlier = Some (Offer t p x backlog) -> registered cfg p = Some c ->
+  (forall due, d = Request now t p due ->
+    if gate_of p earlier then backlog <= resume c else backlog < limit c) /\
+  (d = Refuse now t (Some p) Queue ->
+    if gate_of p earlier then resume c < backlog else limit c <= backlog).
+(** Local is never cancelled. *)
+Definition F7_local : Prop := forall now t : N, ~ In (Did (Cancel now t 0)) tr.
+(** A timer fires only while it is live, so once at most. *)
+Definition P8_while_live : Prop := forall later earlier now t p,
+  tr = later ++ Did (Timer now t p) :: earlier -> ~ says earlier (disarms cfg t p).
 End Of.
 
 (** ** P10: what may differ *)
@@ -118,7 +153,7 @@ Definition meaning (cfg : config) (tr : trace) (t p : N) (why : reason) : Prop :
   | Superseded => ~ says tr (opens t) \/ says tr (retires cfg t) \/ exists q, p < q /\ says tr (emits t q)
   | Unsolicited => p <> 0 /\ ~ says tr (requests t p)
   | Duplicate => says tr (accepts t p)
-  | Late => ~ ~ says tr (closes cfg t p)
+  | Late => ~ ~ says tr (closes cfg t p) /\ forall q, p < q -> ~ says tr (emits t q)
   | _ => False
   end.
 

@@ -1,5 +1,6 @@
 (* The extracted machine behind the line protocol of `fuseline drive` (SPEC.md, section 6). Nothing here is proved:
-   it turns lines into inputs and decisions into lines. *)
+   it turns lines into inputs and decisions into lines. With the argument `--batch` answers are written when the buffer
+   is full, for whoever does not wait for them. *)
 open Machine
 
 (* Numbers of 64 bits, and those of Coq *)
@@ -11,7 +12,11 @@ let rec of_positive = function
   | XH -> 1L
   | XO p -> Int64.shift_left (of_positive p) 1
   | XI p -> Int64.logor 1L (Int64.shift_left (of_positive p) 1)
-let text = function N0 -> "0" | Npos p -> Printf.sprintf "%Lu" (of_positive p)
+let text = function
+  | N0 -> "0"
+  | Npos p ->
+    let u = of_positive p in
+    if u < 0L then Printf.sprintf "%Lu" u else Int64.to_string u
 
 (* As much of JSON as the protocol needs *)
 type json = Number of n | Text of string | List of json list | Object of (string * json) list | Other
@@ -82,7 +87,8 @@ let reason = function
   | Duplicate -> "duplicate" | Outranked -> "outranked" | Queue -> "queue" | Superseded -> "superseded"
   | Unsolicited -> "unsolicited" | Late -> "late"
 let write d =
-  let line ev at t rest = Printf.printf "{\"ev\":\"%s\",\"at\":%s,\"t\":%s%s}\n" ev (text at) (text t) rest in
+  let line ev at t rest =
+    List.iter print_string ["{\"ev\":\""; ev; "\",\"at\":"; text at; ",\"t\":"; text t; rest; "}\n"] in
   let p x = ",\"p\":" ^ text x and why w = ",\"why\":\"" ^ reason w ^ "\"" in
   match d with
   | Opened _ | Failed _ -> ()
@@ -97,6 +103,7 @@ let write d =
   | Miss (a, t) -> line "miss" a t ""
   | Cancel (a, t, q) -> line "cancel" a t (p q)
 
+let waits = Sys.argv <> [| Sys.argv.(0); "--batch" |]
 let rec loop config state =
   match input_line stdin with
   | exception End_of_file -> ()
@@ -107,6 +114,6 @@ let rec loop config state =
       else let state, decisions = step config state (input o) in config, state, decisions in
     List.iter write decisions;
     print_string "{\"ev\":\"done\"}\n";
-    flush stdout;
+    if waits then flush stdout;
     loop config state
 let () = loop { window = N0; rule = Eager; clouds = [] } initial

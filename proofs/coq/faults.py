@@ -5,11 +5,13 @@
 """
 
 import json
+import os
 import re
 import subprocess
 import sys
 import tempfile
 import tomllib
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 HERE = Path(__file__).parent
@@ -65,13 +67,19 @@ def caught(fault, build, folder):
 
 build = Path(sys.argv[1])
 faults = tomllib.loads((HERE / "faults.toml").read_text(encoding="utf-8"))["fault"]
-lost = 0
-for fault in faults:
+
+
+def lost_because(fault):
     with tempfile.TemporaryDirectory() as folder:
-        why = caught(fault, build, Path(folder))
-    if why:
-        lost += 1
-        print(f"fault {fault['name']}: {why}")
+        return caught(fault, build, Path(folder))
+
+
+lost = 0
+with ThreadPoolExecutor(os.cpu_count()) as pool:
+    for fault, why in zip(faults, pool.map(lost_because, faults), strict=True):
+        if why:
+            lost += 1
+            print(f"fault {fault['name']}: {why}")
 refuting = [fault for fault in faults if "by" in fault]
 by_theorem = {}
 for fault in refuting:
@@ -81,9 +89,9 @@ print(f"{len(faults)} faults of the rules: {len(refuting)} refute one of {len(by
 
 
 def shows(theorem):
-    """The promises of a theorem: those at the head of its name."""
-    head = re.match(r"[pt]\d+", theorem)
-    return [head[0].upper()] if head else OTHERS[theorem]
+    """The rules and promises of a theorem: those at the head of its name."""
+    head = re.match(r"[fpt]\d+g?", theorem)
+    return [head[0].capitalize()] if head else OTHERS[theorem]
 
 
 version = subprocess.run(["coqc", "--print-version"], capture_output=True, text=True, check=True).stdout.split()[0]
