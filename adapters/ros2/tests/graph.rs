@@ -341,7 +341,7 @@ async fn messages_of_another_type_are_not_taken_in() {
         Ok(())
     };
     // Nobody answers, and each message may be requested all the same.
-    beside(settings(94, &["local.deadline:=0.5", "local.in_flight:=64"]), peers).await;
+    Box::pin(beside(settings(94, &["local.deadline:=0.5", "local.in_flight:=64"]), peers)).await;
 }
 
 /// A publisher of another type, once it has met the node. Participants of one process miss each other at times: then

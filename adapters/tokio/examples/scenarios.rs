@@ -278,7 +278,9 @@ fn counts(tally: &Tally) -> BTreeMap<CountKey, u64> {
             ("timer", "fired", source.timers),
             ("output", "final", source.finals),
         ];
-        one.into_iter().for_each(|(what, outcome, count)| put(name, what, outcome, count));
+        for (what, outcome, count) in one {
+            put(name, what, outcome, count);
+        }
         for (why, count) in &source.refused {
             put(name, "request", &format!("refused {}", why.as_str()), *count);
         }
