@@ -13,11 +13,11 @@ use tokio::runtime::Builder;
 
 use crate::drive::{Driven, Options};
 use crate::operators::Mode;
-use crate::world::Part;
+use crate::world::VehiclePart;
 
 const MS: Duration = Duration::from_millis(1);
 
-fn drive(mode: Mode, kill: Option<Part>) -> Driven {
+fn drive(mode: Mode, kill: Option<VehiclePart>) -> Driven {
     let kill = kill.map(|part| (part, 10_000 * MS));
     let options = Options { mode, length: 20_000 * MS, kill, traces: None, frame: 30 };
     let runtime = Builder::new_current_thread().enable_time().start_paused(true).build().unwrap();
@@ -31,7 +31,7 @@ fn accuracy(driven: &Driven) -> f64 {
 #[test]
 fn whatever_one_part_dies_control_has_an_output_at_each_tick() {
     for mode in [Mode::Local, Mode::Cloud, Mode::Fusion] {
-        for kill in [None].into_iter().chain(Part::ALL.map(Some)) {
+        for kill in [None].into_iter().chain(VehiclePart::ALL.map(Some)) {
             let driven = drive(mode, kill);
             assert_eq!(driven.ticks, 400);
             assert_eq!(driven.commands.len(), 400, "{mode:?} without {kill:?}");

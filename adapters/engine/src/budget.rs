@@ -31,7 +31,7 @@ impl Budget {
         Duration::from_nanos(self.due.saturating_sub(self.reserve).saturating_sub(at))
     }
 
-    /// What local may take, at least 1 ns, for F1 refuses less. Only if a substitute is sent for a missed message is the
+    /// E2: what local may take, at least 1 ns, for F1 refuses less. Only if a substitute is sent for a missed message is the
     /// reserve kept from it: else nothing is gained by its end.
     pub(crate) fn for_local(&self, at: u64, has_substitute: bool) -> Duration {
         let reserve = if has_substitute { self.reserve } else { 0 };

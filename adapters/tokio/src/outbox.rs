@@ -27,7 +27,7 @@ impl<T: Send + Sync + 'static> Outbox<T> {
         Self { writer, lineage_of, waiting: VecDeque::new(), room: None }
     }
 
-    /// Writes it now, or when those before it were.
+    /// E1: writes it now, or when those before it were.
     pub(crate) fn push(&mut self, message: T) {
         if self.waiting.is_empty() {
             match self.write(message) {

@@ -11,9 +11,10 @@ use fuseline_tokio::{
 use tokio::time::{Instant, interval};
 
 use crate::operators::{
-    Control, Detection, Drive, Frame, Mode, Order, Planning, Predicting, Scene, Seen, Tracking,
+    Control, Detection, Drive, Frame, Mode, Order, PerceivedScene, Planning, Predicting, Scene,
+    Tracking,
 };
-use crate::world::{Kill, Network, Part};
+use crate::world::{Kill, Network, VehiclePart};
 
 const MS: Duration = Duration::from_millis(1);
 /// From capture to control.
@@ -55,7 +56,7 @@ pub(crate) struct Stage {
 pub(crate) struct Options<'a> {
     pub(crate) mode: Mode,
     pub(crate) length: Duration,
-    pub(crate) kill: Option<(Part, Duration)>,
+    pub(crate) kill: Option<(VehiclePart, Duration)>,
     pub(crate) traces: Option<&'a Path>,
     /// The frame whose life is told.
     pub(crate) frame: u64,
@@ -81,7 +82,7 @@ pub(crate) async fn drive(options: Options<'_>) -> Result<Driven, Error> {
     let (tick, ticks) = stream(4);
     let graph = Graph::start(&drive, options, (lefts, rights, places), ticks)?;
     let ticking = tokio::spawn(tick_at_20_hz(tick, options.length));
-    let cameras = [(left, Part::LeftCamera), (right, Part::RightCamera)];
+    let cameras = [(left, VehiclePart::LeftCamera), (right, VehiclePart::RightCamera)];
     for (camera, part) in cameras {
         tokio::spawn(film(camera, part, kill, options.length));
     }
@@ -94,10 +95,10 @@ pub(crate) async fn drive(options: Options<'_>) -> Result<Driven, Error> {
 /// The operators, and readers of their items.
 struct Graph {
     running: Vec<Running>,
-    detected: Items<Seen>,
-    tracked: Items<Seen>,
-    planned: Items<Seen>,
-    commands: Items<Option<Seen>>,
+    detected: Items<PerceivedScene>,
+    tracked: Items<PerceivedScene>,
+    planned: Items<PerceivedScene>,
+    commands: Items<Option<PerceivedScene>>,
 }
 
 impl Graph {
@@ -105,7 +106,7 @@ impl Graph {
     fn start(
         drive: &Drive,
         options: Options<'_>,
-        (lefts, rights, places): (Reader<Frame>, Reader<Frame>, Reader<f64>),
+        (lefts, rights, places): (Reader<Frame>, Reader<Frame>, Reader<u64>),
         ticks: Reader<()>,
     ) -> Result<Self, Error> {
         let [tracking, predicting, planning] =
@@ -135,16 +136,16 @@ impl Graph {
             ..Config::default()
         };
         let mut running = Vec::new();
-        let detector = config("detection", after(&[&tracking, &predicting, &planning]), None);
-        let detected = start(Detection(drive.clone()), detector, scenes, &mut running)?;
-        let tracker = config("tracking", after(&[&predicting, &planning]), Some(&tracking));
+        let settings = config("detection", after(&[&tracking, &predicting, &planning]), None);
+        let detected = start(Detection(drive.clone()), settings, scenes, &mut running)?;
+        let settings = config("tracking", after(&[&predicting, &planning]), Some(&tracking));
         let in_order = detected.another().in_order(100 * MS, 200 * MS, |_| {});
-        let tracked = start(Tracking(drive.clone()), tracker, in_order, &mut running)?;
-        let predictor = config("prediction", after(&[&planning]), Some(&predicting));
+        let tracked = start(Tracking(drive.clone()), settings, in_order, &mut running)?;
+        let settings = config("prediction", after(&[&planning]), Some(&predicting));
         let predicted =
-            start(Predicting(drive.clone()), predictor, tracked.another(), &mut running)?;
-        let planner = config("planning", after_planning(), Some(&planning));
-        let planned = start(Planning(drive.clone()), planner, predicted, &mut running)?;
+            start(Predicting(drive.clone()), settings, tracked.another(), &mut running)?;
+        let settings = config("planning", after_planning(), Some(&planning));
+        let planned = start(Planning(drive.clone()), settings, predicted, &mut running)?;
 
         let mut orders = Join::new(JoinConfig { name: "orders".into(), ..JoinConfig::default() });
         orders.aligned("tick", ticks, |_: &mut Order, _, _| {});
@@ -152,7 +153,7 @@ impl Graph {
             "plan",
             planned.another(),
             1000 * MS,
-            |order, item: std::sync::Arc<Item<Seen>>, _| {
+            |order, item: std::sync::Arc<Item<PerceivedScene>>, _| {
                 order.plan = item.value().copied();
             },
         );
@@ -204,7 +205,7 @@ fn start<P: Operator>(
 /// Who answered how many messages, and how this operator answered the frame.
 async fn tell(
     operator: &'static str,
-    mut items: Items<Seen>,
+    mut items: Items<PerceivedScene>,
     frame: u64,
 ) -> (BTreeMap<String, u64>, Vec<Stage>) {
     let (mut by_source, mut stages) = (BTreeMap::new(), Vec::new());
@@ -227,7 +228,7 @@ async fn tell(
 }
 
 /// Frames at 10 Hz, each with the end-to-end deadline. Somebody walks towards the road for half of each 10 s.
-async fn film(mut camera: Writer<Frame>, part: Part, kill: Kill, length: Duration) {
+async fn film(mut camera: Writer<Frame>, part: VehiclePart, kill: Kill, length: Duration) {
     let (start, mut period) = (Instant::now(), interval(100 * MS));
     for seq in 0.. {
         let captured = period.tick().await.into_std();
@@ -243,15 +244,15 @@ async fn film(mut camera: Writer<Frame>, part: Part, kill: Kill, length: Duratio
     }
 }
 
-async fn localize(mut places: Writer<f64>, kill: Kill, length: Duration) {
+async fn localize(mut places: Writer<u64>, kill: Kill, length: Duration) {
     let (start, mut period) = (Instant::now(), interval(50 * MS));
     for seq in 0.. {
         let captured = period.tick().await;
         if start.elapsed() >= length {
             return;
         }
-        if !kill.hits(Part::Localization) {
-            let _ = places.write_with(seq as f64, Lineage::new("localization", seq, captured));
+        if !kill.hits(VehiclePart::Localization) {
+            let _ = places.write_with(seq, Lineage::new("localization", seq, captured));
         }
     }
 }

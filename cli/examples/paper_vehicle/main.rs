@@ -18,7 +18,7 @@ use tokio::runtime::Builder;
 
 use crate::drive::{Driven, Options, drive};
 use crate::operators::Mode;
-use crate::world::Part;
+use crate::world::VehiclePart;
 
 /// Drives the paper's vehicle on board, with the cloud, and with both.
 #[derive(Parser)]
@@ -49,12 +49,12 @@ fn main() -> ExitCode {
 
 fn run(cli: &Cli) -> Result<(), Error> {
     let length = Duration::from_secs(cli.seconds);
-    let kills: Vec<Option<Part>> = match cli.kill.as_deref() {
+    let kills: Vec<Option<VehiclePart>> = match cli.kill.as_deref() {
         None => vec![None],
-        Some("each") => Part::ALL.map(Some).into(),
+        Some("each") => VehiclePart::ALL.map(Some).into(),
         Some(name) => {
-            let part = Part::ALL.into_iter().find(|part| part.name() == name);
-            let known = Part::ALL.map(Part::name).join(", ");
+            let part = VehiclePart::ALL.into_iter().find(|part| part.name() == name);
+            let known = VehiclePart::ALL.map(VehiclePart::name).join(", ");
             vec![Some(part.ok_or_else(|| format!("--kill {name}: it is one of {known}, each"))?)]
         }
     };
@@ -89,7 +89,8 @@ fn row(name: &str, driven: &Driven) -> String {
     let mut ages: Vec<Duration> = plans.clone().map(|(age, _)| age).collect();
     ages.sort_unstable();
     let at = |percent: usize| ages.get(ages.len() * percent / 100).map_or(0, Duration::as_millis);
-    let accuracy = plans.map(|(_, accuracy)| accuracy).sum::<f64>() / driven.ticks as f64;
+    let accuracy = plans.map(|(_, accuracy)| accuracy).sum::<f64>()
+        / f64::from(u32::try_from(driven.ticks).unwrap_or(u32::MAX));
     let (commands, stops) = (driven.commands.len(), driven.commands.len() - ages.len());
     let slowest = driven.commands.iter().map(|command| command.took).max();
     let slowest = slowest.map_or(0, |took| took.as_millis());

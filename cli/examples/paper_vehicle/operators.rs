@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use fuseline_tokio::{CarriedState, Error, Item, Joined, Local, Operator, Setup, SharedState};
 
-use crate::world::{Kill, Network, Part};
+use crate::world::{Kill, Network, VehiclePart};
 
 const MS: Duration = Duration::from_millis(1);
 
@@ -34,7 +34,7 @@ pub(crate) struct Drive {
 pub(crate) struct Scene {
     pub(crate) left: Option<Frame>,
     pub(crate) right: Option<Frame>,
-    pub(crate) place: Option<f64>,
+    pub(crate) place: Option<u64>,
 }
 
 /// A camera's frame.
@@ -47,7 +47,7 @@ pub(crate) struct Frame {
 
 /// What was detected, tracked or planned.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub(crate) struct Seen {
+pub(crate) struct PerceivedScene {
     /// When the frame behind it was captured.
     pub(crate) captured: Instant,
     /// The box AP of the detector behind it; half with one camera.
@@ -60,7 +60,7 @@ pub(crate) struct Seen {
 /// What may happen.
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) struct Prediction {
-    seen: Seen,
+    seen: PerceivedScene,
     /// Trajectories of the walker, each with its probability.
     trajectories: [(&'static str, f64); 3],
 }
@@ -68,7 +68,7 @@ pub(crate) struct Prediction {
 /// What control needs.
 #[derive(Clone, Default, Debug)]
 pub(crate) struct Order {
-    pub(crate) plan: Option<Seen>,
+    pub(crate) plan: Option<PerceivedScene>,
 }
 
 pub(crate) struct Detection(pub(crate) Drive);
@@ -79,18 +79,21 @@ pub(crate) struct Control;
 
 impl Operator for Detection {
     type Input = Joined<Scene>;
-    type Output = Seen;
+    type Output = PerceivedScene;
 
-    fn setup(self, setup: &mut Setup<Joined<Scene>, Seen>) -> Local<Joined<Scene>, Seen> {
+    fn setup(
+        self,
+        setup: &mut Setup<Joined<Scene>, PerceivedScene>,
+    ) -> Local<Joined<Scene>, PerceivedScene> {
         let Drive { mode, kill, west, east, .. } = self.0;
         if mode != Mode::Local {
             // Frames that are not consecutive, which saves bandwidth; the two clouds alternate.
             let clouds = [
-                ("west/dino-swin-t", Part::WestDetector, west, 90.1, 51.3, 0),
-                ("east/detr-r101", Part::EastDetector, east, 118.2, 43.5, 1),
+                ("west/dino-swin-t", VehiclePart::WestDetector, west, 90.1, 51.3, 0),
+                ("east/detr-r101", VehiclePart::EastDetector, east, 118.2, 43.5, 1),
             ];
             for (priority, (name, part, network, runtime, accuracy, turn)) in (1..).zip(clouds) {
-                let handle = move |seen: Seen, _| {
+                let handle = move |seen: PerceivedScene, _| {
                     let network = network.clone();
                     async move {
                         network.round_trip().await;
@@ -108,7 +111,12 @@ impl Operator for Detection {
         setup.use_substitute(move |_| last.current());
         let mut local = Local::futures(4, move |scene: Arc<Joined<Scene>>, _| async move {
             let seen = detect(&scene, 42.0).filter(|_| mode != Mode::Cloud);
-            kill.compute(Part::LocalDetector, ms(301.7), seen.ok_or("no detection on board")?).await
+            kill.compute(
+                VehiclePart::LocalDetector,
+                ms(301.7),
+                seen.ok_or("no detection on board")?,
+            )
+            .await
         });
         local.waiting = Some(1);
         local
@@ -118,35 +126,38 @@ impl Operator for Detection {
 // ANCHOR: state
 /// It sends its state along to its cloud, and goes on with the cloud's where that result is sent.
 impl Operator for Tracking {
-    type Input = Item<Seen>;
-    type Output = Seen;
+    type Input = Item<PerceivedScene>;
+    type Output = PerceivedScene;
 
-    fn setup(self, setup: &mut Setup<Item<Seen>, Seen>) -> Local<Item<Seen>, Seen> {
+    fn setup(
+        self,
+        setup: &mut Setup<Item<PerceivedScene>, PerceivedScene>,
+    ) -> Local<Item<PerceivedScene>, PerceivedScene> {
         let Drive { mode, kill, tracking, .. } = self.0;
-        let state = CarriedState::<Option<Seen>>::new(None);
+        let state = CarriedState::<Option<PerceivedScene>>::new(None);
         setup.use_state(&state, |seen| Some(*seen));
         let along = state.clone();
-        let handle = move |next: Seen, _| {
+        let handle = move |next: PerceivedScene, _| {
             let network = tracking.clone();
             async move {
                 network.round_trip().await;
-                kill.compute(Part::CloudTracker, 5 * MS, next).await
+                kill.compute(VehiclePart::CloudTracker, 5 * MS, next).await
             }
         };
         // By content: only while there is somebody to track.
-        let message_handler = move |item: &Item<Seen>, _| {
+        let message_handler = move |item: &Item<PerceivedScene>, _| {
             let seen = item.value().filter(|seen| seen.walker && mode != Mode::Local)?;
             Some((track(along.current(), *seen), 60 * MS))
         };
         setup.use_cloud(handle, message_handler, Ok, 1).name = "tracker".into();
         let coast = state.clone();
         setup.use_substitute(move |_| coast.current());
-        Local::future(move |item: Arc<Item<Seen>>, t| {
+        Local::future(move |item: Arc<Item<PerceivedScene>>, t| {
             let state = state.clone();
             async move {
                 let seen = item.value().ok_or("nothing was detected")?;
                 let next = track(state.current(), *seen);
-                let next = kill.compute(Part::LocalTracker, 20 * MS, next).await?;
+                let next = kill.compute(VehiclePart::LocalTracker, 20 * MS, next).await?;
                 state.computed(t, Some(next));
                 Ok(next)
             }
@@ -156,25 +167,31 @@ impl Operator for Tracking {
 // ANCHOR_END: state
 
 impl Operator for Predicting {
-    type Input = Item<Seen>;
+    type Input = Item<PerceivedScene>;
     type Output = Prediction;
 
-    fn setup(self, setup: &mut Setup<Item<Seen>, Prediction>) -> Local<Item<Seen>, Prediction> {
+    fn setup(
+        self,
+        setup: &mut Setup<Item<PerceivedScene>, Prediction>,
+    ) -> Local<Item<PerceivedScene>, Prediction> {
         let kill = self.0.kill;
         let last = keep_last(setup);
         setup.use_substitute(move |_| last.current());
-        Local::future(move |item: Arc<Item<Seen>>, _| async move {
+        Local::future(move |item: Arc<Item<PerceivedScene>>, _| async move {
             let prediction = predict(*item.value().ok_or("nothing was tracked")?);
-            kill.compute(Part::LocalPredictor, 15 * MS, prediction).await
+            kill.compute(VehiclePart::LocalPredictor, 15 * MS, prediction).await
         })
     }
 }
 
 impl Operator for Planning {
     type Input = Item<Prediction>;
-    type Output = Seen;
+    type Output = PerceivedScene;
 
-    fn setup(self, setup: &mut Setup<Item<Prediction>, Seen>) -> Local<Item<Prediction>, Seen> {
+    fn setup(
+        self,
+        setup: &mut Setup<Item<Prediction>, PerceivedScene>,
+    ) -> Local<Item<Prediction>, PerceivedScene> {
         let Drive { mode, kill, tracking, .. } = self.0;
         // Plans for what is unlikely are obtained beside the outputs, the likeliest first.
         let plans = SharedState::<Vec<&'static str>>::default();
@@ -208,7 +225,7 @@ impl Operator for Planning {
                 // With a plan that was made before it only has to be checked.
                 let is_ready = plans.with(|plans| plans.contains(&"crosses"));
                 let runtime = if prediction.seen.walker && is_ready { 15 * MS } else { 40 * MS };
-                kill.compute(Part::LocalPlanner, runtime, prediction.seen).await
+                kill.compute(VehiclePart::LocalPlanner, runtime, prediction.seen).await
             }
         })
     }
@@ -216,19 +233,20 @@ impl Operator for Planning {
 
 impl Operator for Control {
     type Input = Joined<Order>;
-    type Output = Option<Seen>;
+    type Output = Option<PerceivedScene>;
 
     fn setup(
         self,
-        setup: &mut Setup<Joined<Order>, Option<Seen>>,
-    ) -> Local<Joined<Order>, Option<Seen>> {
+        setup: &mut Setup<Joined<Order>, Option<PerceivedScene>>,
+    ) -> Local<Joined<Order>, Option<PerceivedScene>> {
         // A safe stop.
         setup.use_substitute(|_| Some(None));
         Local::future(|order: Arc<Joined<Order>>, _| async move {
             tokio::time::sleep(MS).await;
             let now = tokio::time::Instant::now().into_std();
             // A substitute for a plan is the last one, as old as it is.
-            let is_fresh = |plan: &Seen| now.saturating_duration_since(plan.captured) <= 1000 * MS;
+            let is_fresh =
+                |plan: &PerceivedScene| now.saturating_duration_since(plan.captured) <= 1000 * MS;
             Ok(Some(order.set.plan.filter(is_fresh).ok_or("no plan that is fresh")?))
         })
     }
@@ -243,20 +261,20 @@ fn keep_last<I, O: Clone + Send + Sync + 'static>(
     last
 }
 
-fn detect(scene: &Joined<Scene>, accuracy: f64) -> Option<Seen> {
+fn detect(scene: &Joined<Scene>, accuracy: f64) -> Option<PerceivedScene> {
     let Scene { left, right, .. } = &scene.set;
     let frames = [left, right].into_iter().flatten();
-    let cameras = frames.clone().count() as f64;
+    let cameras = f64::from(u8::from(left.is_some()) + u8::from(right.is_some()));
     let captured = frames.clone().map(|frame| frame.captured).min()?;
     let walker = frames.clone().any(|frame| frame.walker);
-    Some(Seen { captured, accuracy: accuracy * cameras / 2.0, walker, tracked: 0 })
+    Some(PerceivedScene { captured, accuracy: accuracy * cameras / 2.0, walker, tracked: 0 })
 }
 
-fn track(state: Option<Seen>, seen: Seen) -> Seen {
-    Seen { tracked: state.map_or(0, |state| state.tracked) + 1, ..seen }
+fn track(state: Option<PerceivedScene>, seen: PerceivedScene) -> PerceivedScene {
+    PerceivedScene { tracked: state.map_or(0, |state| state.tracked) + 1, ..seen }
 }
 
-fn predict(seen: Seen) -> Prediction {
+fn predict(seen: PerceivedScene) -> Prediction {
     Prediction { seen, trajectories: [("stays", 0.8), ("crosses", 0.15), ("turns back", 0.05)] }
 }
 

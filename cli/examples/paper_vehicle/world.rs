@@ -8,7 +8,7 @@ use tokio::time::{Instant, sleep};
 
 /// What can be killed while the vehicle drives.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Part {
+pub(crate) enum VehiclePart {
     LeftCamera,
     RightCamera,
     Localization,
@@ -24,7 +24,7 @@ pub(crate) enum Part {
 /// Which part dies, and when. A dead sensor sends nothing; a dead cloud or computation never answers.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Kill {
-    part: Option<Part>,
+    part: Option<VehiclePart>,
     at: Instant,
 }
 
@@ -35,7 +35,7 @@ pub(crate) struct Network {
     start: Instant,
 }
 
-impl Part {
+impl VehiclePart {
     pub(crate) const ALL: [Self; 10] = [
         Self::LeftCamera,
         Self::RightCamera,
@@ -66,18 +66,18 @@ impl Part {
 }
 
 impl Kill {
-    pub(crate) const fn new(part: Option<Part>, at: Instant) -> Self {
+    pub(crate) const fn new(part: Option<VehiclePart>, at: Instant) -> Self {
         Self { part, at }
     }
 
-    pub(crate) fn hits(&self, part: Part) -> bool {
+    pub(crate) fn hits(&self, part: VehiclePart) -> bool {
         self.part == Some(part) && self.at <= Instant::now()
     }
 
     /// A computation of `part`: it takes `runtime`, or never ends.
     pub(crate) async fn compute<T>(
         self,
-        part: Part,
+        part: VehiclePart,
         runtime: Duration,
         result: T,
     ) -> Result<T, Error> {
