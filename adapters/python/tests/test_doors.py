@@ -219,13 +219,13 @@ def test_a_local_that_hangs_is_reported_and_replaced_up_to_a_bound(
             release.set()
             return items, operator.counts
 
-    items, counts = asyncio.run(main(Local.threads_of(make, deadline=0.5)))
+    items, counts = asyncio.run(main(Local.threads_of(make, deadline=2.0)))
     assert [item.value for item in items] == [None, "1 on board", "2 on board"]
     assert counts["local", "request", "lost"] == 1
     assert "another takes its place" in caplog.text
     # One function for all computations may have state: it does not run beside its hung self.
     release.clear()
-    items, counts = asyncio.run(main(Local.threads(make(), deadline=0.5)))
+    items, counts = asyncio.run(main(Local.threads(make(), deadline=2.0)))
     assert [item.ending for item in items] == [Ending.MISSED] * 3
     assert counts["local", "request", "lost"] >= 1
     assert "keeps its place" in caplog.text

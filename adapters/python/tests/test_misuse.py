@@ -221,10 +221,10 @@ def test_class_for_a_policy() -> None:
 
 @misuse("gives a policy without `ended`", "`ConfigError`")
 def test_half_a_policy() -> None:
-    class Half:
+    class HalfPolicy:
         def decide(self, situation: Any, cap: Any) -> Any: ...
 
-    cloud_refused("both methods", echo, ask, str, 1, policy=Half())
+    cloud_refused("both methods", echo, ask, str, 1, policy=HalfPolicy())
 
 
 @misuse("gives a class for local", "`ConfigError`: an instance")

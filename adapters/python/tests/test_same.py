@@ -25,7 +25,7 @@ MS = 0.001
 
 
 @dataclass(frozen=True)
-class Action:
+class DrawnAction:
     """What a source does with a message."""
 
     kind: str
@@ -44,16 +44,16 @@ class Action:
 
 
 @dataclass(frozen=True)
-class Message:
+class DrawnMessage:
     """When it comes, what local does, and of each cloud the deadline, if any, and what it does."""
 
     at: int
-    local: Action
-    clouds: dict[int, tuple[int | None, Action]]
+    local: DrawnAction
+    clouds: dict[int, tuple[int | None, DrawnAction]]
 
 
 @dataclass(frozen=True)
-class Scenario:
+class DrawnScenario:
     """An operator and its messages, drawn by a seed; times are milliseconds."""
 
     commit: Any
@@ -63,15 +63,15 @@ class Scenario:
     waiting: int | None
     skips: bool
     clouds: list[tuple[int, int, int, int, int | None]]
-    messages: list[Message]
+    messages: list[DrawnMessage]
 
     @classmethod
-    def drawn(cls, seed: int) -> Scenario:
+    def drawn(cls, seed: int) -> DrawnScenario:
         rng = random.Random(seed)
 
-        def action() -> Action:
+        def action() -> DrawnAction:
             kind = rng.choice(["answers"] * 7 + ["fails"] * 2 + ["hangs"])
-            return Action(kind, rng.randint(1, 9000))
+            return DrawnAction(kind, rng.randint(1, 9000))
 
         def bounds(p: int) -> tuple[int, int, int, int, int | None]:
             policy = rng.choice([None, None, rng.randint(1, 6000)])
@@ -85,7 +85,7 @@ class Scenario:
             offers = {
                 p: (rng.choice([None, *[rng.randint(1, 9000)] * 5]), action()) for p, *_ in clouds
             }
-            messages.append(Message(at, action(), offers))
+            messages.append(DrawnMessage(at, action(), offers))
         return cls(
             rng.choice(["eager", "patient", "progressive"]),
             rng.choice([1, 2, 16]),
@@ -115,7 +115,7 @@ class Scenario:
     async def play(self, loop: VirtualLoop, trace: Path) -> list[str]:
         """What became of it, in lines."""
 
-        async def local(message: Message, t: int) -> str:
+        async def local(message: DrawnMessage, t: int) -> str:
             return await message.local.play("of 0")
 
         on_board = Local.task(
@@ -125,7 +125,7 @@ class Scenario:
             waiting=self.waiting,
             skip_answered=self.skips,
         )
-        operator: Operator[Message, str] = Operator(
+        operator: Operator[DrawnMessage, str] = Operator(
             on_board,
             window=self.window,
             commit=self.commit,
@@ -135,11 +135,11 @@ class Scenario:
         )
         for p, calls, limit, linger, policy in self.clouds:
 
-            def ask(message: Message, t: int, p: int = p) -> tuple[Action, float] | None:
+            def ask(message: DrawnMessage, t: int, p: int = p) -> tuple[DrawnAction, float] | None:
                 deadline, action = message.clouds[p]
                 return None if deadline is None else (action, deadline * MS)
 
-            async def handle(action: Action, call: Call, p: int = p) -> str:
+            async def handle(action: DrawnAction, call: Call, p: int = p) -> str:
                 return await action.play(f"of {p}")
 
             operator.use_cloud(
@@ -163,7 +163,7 @@ class Scenario:
         return items + sorted(f"count|{'|'.join(key)}|{n}" for key, n in operator.counts.items())
 
 
-async def read_all(operator: Operator[Message, str]) -> list[str]:
+async def read_all(operator: Operator[DrawnMessage, str]) -> list[str]:
     return [item_line(item) async for item in operator]
 
 
@@ -210,12 +210,12 @@ def test_both_operators_do_the_same_with_scenarios_drawn_by_seed(
     python, rust = tmp_path / "python", tmp_path / "rust"
     python.mkdir()
     rust.mkdir()
-    played: list[tuple[int, Scenario, list[str]]] = []
+    played: list[tuple[int, DrawnScenario, list[str]]] = []
     seed = 0
     try:
         while len(played) < SCENARIOS:
             trace = python / f"{len(played)}.jsonl"
-            drawn = Scenario.drawn(seed)
+            drawn = DrawnScenario.drawn(seed)
             lines = run(partial(drawn.play, trace=trace))
             if not is_ambiguous(trace):
                 played.append((seed, drawn, lines))

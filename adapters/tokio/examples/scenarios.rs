@@ -55,9 +55,9 @@ struct PlayedScenario {
     messages: Vec<PlayedMessage>,
 }
 
-type Failure = Box<dyn Error>;
+type PlayError = Box<dyn Error>;
 
-fn main() -> Result<(), Failure> {
+fn main() -> Result<(), PlayError> {
     let folder = PathBuf::from(std::env::args().nth(1).ok_or("scenarios FOLDER")?);
     let mut scenarios: Vec<PlayedScenario> = Vec::new();
     for line in stdin().lines() {
@@ -80,7 +80,7 @@ fn main() -> Result<(), Failure> {
     Ok(())
 }
 
-async fn play(scenario: PlayedScenario, path: &Path) -> Result<(), Failure> {
+async fn play(scenario: PlayedScenario, path: &Path) -> Result<(), PlayError> {
     let config = Config {
         window: scenario.window,
         commit: scenario.commit,
@@ -147,7 +147,7 @@ impl PlayedAction {
         Ok(value)
     }
 
-    fn read<'a>(mut words: impl Iterator<Item = &'a str>) -> Result<Self, Failure> {
+    fn read<'a>(mut words: impl Iterator<Item = &'a str>) -> Result<Self, PlayError> {
         let kind = words.next();
         let ms = number(words.next())?;
         match kind {
@@ -160,7 +160,7 @@ impl PlayedAction {
 }
 
 impl PlayedScenario {
-    fn read<'a>(mut words: impl Iterator<Item = &'a str>) -> Result<Self, Failure> {
+    fn read<'a>(mut words: impl Iterator<Item = &'a str>) -> Result<Self, PlayError> {
         let commit = words.next();
         let commit = Commit::ALL.into_iter().find(|rule| Some(rule.as_str()) == commit);
         Ok(Self {
@@ -178,7 +178,7 @@ impl PlayedScenario {
 
 impl PlayedCloud {
     /// `PRIORITY CALLS LIMIT LINGER POLICY`
-    fn read<'a>(mut words: impl Iterator<Item = &'a str>) -> Result<Self, Failure> {
+    fn read<'a>(mut words: impl Iterator<Item = &'a str>) -> Result<Self, PlayError> {
         Ok(Self {
             priority: number(words.next())?,
             calls: number(words.next())?,
@@ -191,7 +191,7 @@ impl PlayedCloud {
 
 impl PlayedMessage {
     /// `AT ACTION MS`, and for each cloud `PRIORITY DEADLINE ACTION MS`
-    fn read<'a>(mut words: impl Iterator<Item = &'a str>) -> Result<Self, Failure> {
+    fn read<'a>(mut words: impl Iterator<Item = &'a str>) -> Result<Self, PlayError> {
         let at = number(words.next())?;
         let local = PlayedAction::read(&mut words)?;
         let mut clouds = BTreeMap::new();
@@ -203,7 +203,7 @@ impl PlayedMessage {
     }
 }
 
-fn number<N: FromStr>(word: Option<&str>) -> Result<N, Failure>
+fn number<N: FromStr>(word: Option<&str>) -> Result<N, PlayError>
 where
     N::Err: Error + 'static,
 {
@@ -211,14 +211,14 @@ where
 }
 
 /// `-` is none.
-fn optional<N: FromStr>(word: Option<&str>) -> Result<Option<N>, Failure>
+fn optional<N: FromStr>(word: Option<&str>) -> Result<Option<N>, PlayError>
 where
     N::Err: Error + 'static,
 {
     if word == Some("-") { Ok(None) } else { number(word).map(Some) }
 }
 
-fn millis(word: Option<&str>) -> Result<Option<Duration>, Failure> {
+fn millis(word: Option<&str>) -> Result<Option<Duration>, PlayError> {
     Ok(optional(word)?.map(Duration::from_millis))
 }
 
@@ -248,10 +248,10 @@ fn item_line(item: &Item<String>) -> String {
     )
 }
 
-type CountKey = (String, &'static str, String);
+type PlayedCountKey = (String, &'static str, String);
 
 /// The tally by the names that Python has for its counts; what is 0 is left out.
-fn counts(tally: &Tally) -> BTreeMap<CountKey, u64> {
+fn counts(tally: &Tally) -> BTreeMap<PlayedCountKey, u64> {
     let mut counts = BTreeMap::new();
     let mut put = |of: &str, what, outcome: &str, count: u64| {
         counts.insert((of.to_owned(), what, outcome.to_owned()), count);

@@ -18,7 +18,7 @@
 //! - **A request that could not be sent** fails after the message was offered to every cloud (A30).
 
 mod calls;
-mod timed_call;
+mod measured_call;
 mod timers;
 mod wake_flag;
 
@@ -38,7 +38,7 @@ use tokio::time::Instant;
 
 use crate::Error;
 use crate::drive::calls::Calls;
-use crate::drive::timed_call::TimedCall;
+use crate::drive::measured_call::MeasuredCall;
 use crate::drive::timers::Timer;
 use crate::drive::wake_flag::WakeFlag;
 use crate::error_chain::ErrorChain;
@@ -375,7 +375,7 @@ impl<T: Transport> Driver<T> {
         match sent.unwrap_or_else(|panic| Sent::Failed(panicked(&*panic))) {
             Sent::Call(call) => {
                 let counting = self.counting.clone();
-                self.calls.begin(timestamp, TimedCall { priority, call, counting });
+                self.calls.begin(timestamp, MeasuredCall { priority, call, counting });
                 self.wake_flags[CALLS].set();
             }
             Sent::Away => {}

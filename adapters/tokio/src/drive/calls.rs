@@ -16,7 +16,7 @@ use tokio::task::AbortHandle;
 use tracing::{Instrument, Span, debug_span};
 
 use crate::drive::Completion;
-use crate::drive::timed_call::TimedCall;
+use crate::drive::measured_call::MeasuredCall;
 use crate::drive::wake_flag::FlagWaker;
 use crate::panics::{guarded, panicked};
 
@@ -56,7 +56,7 @@ struct CallSlot<V> {
 
 struct RunningCall<V> {
     key: CallKey,
-    call: TimedCall<V>,
+    call: MeasuredCall<V>,
     span: Span,
 }
 
@@ -91,7 +91,7 @@ impl<V: Send + 'static> Calls<V> {
         Self::Tasks { completions, sender, under_way: FxHashMap::default() }
     }
 
-    pub(super) fn begin(&mut self, timestamp: u64, call: TimedCall<V>) {
+    pub(super) fn begin(&mut self, timestamp: u64, call: MeasuredCall<V>) {
         let priority = call.priority;
         let span = debug_span!("call", priority, timestamp);
         match self {

@@ -11,13 +11,13 @@ use tokio::time::Instant;
 use crate::Error;
 
 /// A source's call or computation.
-pub(super) struct TimedCall<V> {
+pub(super) struct MeasuredCall<V> {
     pub(super) priority: u16,
     pub(super) call: BoxFuture<'static, Result<StampedValue<V>, Error>>,
     pub(super) counting: Counting,
 }
 
-impl<V> Future for TimedCall<V> {
+impl<V> Future for MeasuredCall<V> {
     type Output = Result<StampedValue<V>, Error>;
 
     fn poll(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Self::Output> {
