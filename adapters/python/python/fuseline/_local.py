@@ -74,7 +74,7 @@ class Local(Generic[M, V]):
             deadline: How long one may take (F1): seconds as a float, a timedelta, or nanoseconds as
                 `fuseline.ns`. Without it, a message whose computation never ends stays open.
             waiting: How many messages may wait for a computation, by default as many as the window
-                holds; for one more, local fails at once, and only clouds can answer it.
+                holds; for one more, local fails for the oldest, which only clouds can answer (D17).
             skip_answered: Whether a computation that has not begun is skipped once its message is
                 answered.
             lossy: Whether a result can be lost on its way, as over a topic. If so, a computation
