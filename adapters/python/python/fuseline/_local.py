@@ -82,7 +82,7 @@ class Local(Generic[M, V]):
                 `fuseline.ns`. With None, a message whose computation never ends stays open. One
                 that runs for longer is counted as lost and logged, and keeps its place.
             waiting: How many messages may wait for a computation, by default as many as the window
-                holds; for one more, local fails at once, and only clouds can answer it.
+                holds; for one more, local fails for the oldest, which only clouds can answer (D17).
             skip_answered: Whether a computation that has not begun is skipped once its message is
                 answered.
             lossy: Whether a result can be lost on its way, as over a topic. If so, a computation
