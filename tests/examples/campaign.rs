@@ -59,11 +59,10 @@ fn main() -> ExitCode {
     let comparer = thread::spawn(move || compare(stdout, &expected));
     let made = send(stdin, inputs, seed, &sent);
     drop(sent);
-    let compared = comparer.join();
+    let outcome = comparer.join();
     let ended = child.wait();
-    let found = match (made, compared) {
-        (_, Ok(Err(difference))) => Err(difference),
-        (Err(difference), _) => Err(difference),
+    let found = match (made, outcome) {
+        (_, Ok(Err(difference))) | (Err(difference), _) => Err(difference),
         (_, Err(_)) => Err("the comparison panicked".to_owned()),
         (Ok(extent), Ok(Ok(()))) => Ok(extent),
     };
@@ -121,7 +120,8 @@ fn send(
                 continue;
             }
         }
-        let (answer, decisions) = decide(&run).map_err(|difference| format!("{name}: {difference}"))?;
+        let (answer, decisions) =
+            decide(&run).map_err(|difference| format!("{name}: {difference}"))?;
         text.clear();
         run.write(&mut text);
         extent.runs += 1;

@@ -52,7 +52,7 @@ fn effects(engine: &mut Tested) -> Vec<String> {
             };
             Some(format!("{}: {} {what}", item.decided.as_millis(), item.timestamp))
         }
-        Effect::Abort { .. } | Effect::Hint(_) => None,
+        Effect::Abort { .. } | Effect::Replace { .. } | Effect::Hint(_) => None,
     });
     words.collect()
 }

@@ -69,7 +69,10 @@ fn main() -> ExitCode {
 
 /// What the start of the node would warn of, in lines.
 fn warnings(settings: &Settings) -> String {
-    settings.cautions().iter().map(|caution| format!("warning: {caution}\n")).collect()
+    settings
+        .cautions()
+        .iter()
+        .fold(String::new(), |lines, caution| lines + "warning: " + caution + "\n")
 }
 
 /// What the start of the node would refuse.

@@ -218,8 +218,7 @@ impl DrawnGraph {
             self.tell(format!("E7: {seq} is {age:?} old, not {:?}", item.age));
         }
         let captured = lineage.captured.map(Instant::from_std);
-        let mut captures = self.captures.iter();
-        if captures.all(|it| it.with(|it| it.get(&seq).copied()) != captured) {
+        if self.captures.iter().all(|it| it.with(|it| it.get(&seq).copied()) != captured) {
             self.tell(format!("E7: {seq} was never captured then"));
         }
         (if self.is_joined { String::new() } else { origin.stream.to_string() }, seq)
