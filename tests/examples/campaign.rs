@@ -121,7 +121,8 @@ fn send(
                 continue;
             }
         }
-        let (answer, decisions) = decide(&run).map_err(|difference| format!("{name}: {difference}"))?;
+        let (answer, decisions) =
+            decide(&run).map_err(|difference| format!("{name}: {difference}"))?;
         text.clear();
         run.write(&mut text);
         extent.runs += 1;
