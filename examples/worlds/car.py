@@ -67,5 +67,9 @@ class Car:
         return math.hypot(max(abs(along) - LENGTH / 2, 0.0), max(abs(across) - WIDTH / 2, 0.0))
 
     def _step(self, seconds: float, steering: float, acceleration: float) -> None:
-        change: Sequence[float] = vehicle_dynamics_st(self._state, [steering, acceleration], self.figures)
-        self._state = [value + seconds * rate for value, rate in zip(self._state, change, strict=True)]
+        change: Sequence[float] = vehicle_dynamics_st(
+            self._state, [steering, acceleration], self.figures
+        )
+        self._state = [
+            value + seconds * rate for value, rate in zip(self._state, change, strict=True)
+        ]

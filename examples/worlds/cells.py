@@ -41,14 +41,20 @@ def run(cell: Cell) -> list[Result]:
     results = []
     for place in range(PLACES):
         start = 100.0 + (2 * place + 1) / (2 * PLACES) * cell.speed / RATE
-        results.append(drive(Jam(float(cell.speed), start=start), APPROACHES[cell.approach], cell.response))
+        results.append(
+            drive(Jam(float(cell.speed), start=start), APPROACHES[cell.approach], cell.response)
+        )
     return results
 
 
 def main() -> int:
     """Drives the cells."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--sample", type=int, metavar="N", help="so many cells by chance, another choice each time")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--sample", type=int, metavar="N", help="so many cells by chance, another choice each time"
+    )
     parser.add_argument("--jobs", type=int, default=2, metavar="N", help="processes [2]")
     options = parser.parse_args()
     cells = [

@@ -4,9 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import inf
 
-from fuseline.deadline import Constant, Expected, Guard, Hazard, Impact, Parameters, Policy, Situation
+from fuseline.deadline import (
+    Constant,
+    Expected,
+    Guard,
+    Hazard,
+    Impact,
+    Parameters,
+    Policy,
+    Situation,
+)
 from network import Network
 from operators import Fused, Race, VirtualOperator
 from planner import Planner
@@ -42,12 +50,16 @@ def _expected() -> Policy:
     return guard.caps(Expected(Impact(PARAMETERS), local_response=LOCAL, probe_every=None))
 
 
+def _first(local: int, cloud: int | None) -> tuple[int, int]:
+    return (local, 0) if cloud is None or local <= cloud else (cloud, 1)
+
+
 #: Each approach, and how to make its operator. The first never reports anything: what it hits, somebody must brake for.
 APPROACHES: dict[str, Callable[[], VirtualOperator]] = {
     "blind": lambda: Race(lambda _local, _cloud: None),
     "local": lambda: Race(lambda local, _cloud: (local, 0)),
     "cloud": lambda: Race(lambda _local, cloud: None if cloud is None else (cloud, 1)),
-    "first": lambda: Race(lambda local, cloud: min((local, 0), (inf if cloud is None else cloud, 1))),
+    "first": lambda: Race(_first),
     "0.5 s": lambda: Fused(Constant(0.5)),
     "guard": lambda: Fused(Guard(PARAMETERS)),
     "expected": lambda: Fused(_expected()),
@@ -81,7 +93,9 @@ def drive(
     # What the cloud did before the scene begins.
     for number in range(int(begin * RATE)):
         at = number / RATE
-        operator.frame(nanos(at), nanos(LOCAL), _response(network, offset + at), Situation(speed=scene.speed))
+        operator.frame(
+            nanos(at), nanos(LOCAL), _response(network, offset + at), Situation(speed=scene.speed)
+        )
         frames.append(None)
     decided: float | None = None
     distance: float | None = None
@@ -98,13 +112,19 @@ def drive(
                 distance = scene.distance(world, ego)
                 situation = Situation(speed=ego.speed, reveal=scene.reveal(world, ego))
                 captured = begin + now
-                operator.frame(nanos(captured), nanos(LOCAL), _response(network, offset + captured), situation)
+                operator.frame(
+                    nanos(captured), nanos(LOCAL), _response(network, offset + captured), situation
+                )
                 frames.append(distance)
             for output in operator.until(nanos(begin + now)):
                 seen = frames[output.t]
-                reports = output.source is not None and seen is not None and seen <= RANGES[output.source]
+                reports = (
+                    output.source is not None and seen is not None and seen <= RANGES[output.source]
+                )
                 if log and reports and decided is None:
-                    log(f"{now:6.2f} s  frame {output.t} at {seen:.1f} m by {('local', 'cloud')[output.source]}")
+                    log(
+                        f"{now:6.2f} s  frame {output.t} at {seen:.1f} m by {'cloud' if output.source else 'local'}"
+                    )
                 if planner.take(output.t, reports) and decided is None:
                     decided = now
                     if log:
@@ -114,7 +134,12 @@ def drive(
             world.step()
             if (impact := world.collision(EGO)) is not None:
                 return Result(impact, decided, distance)
-            if decided is not None and EGO in world.names() and world.pose(EGO).speed < 0.01 and scene.is_still(world):
+            if (
+                decided is not None
+                and EGO in world.names()
+                and world.pose(EGO).speed < 0.01
+                and scene.is_still(world)
+            ):
                 return Result(None, decided, scene.distance(world, world.pose(EGO)))
             if EGO in world.names() and scene.is_over(world, world.pose(EGO)):
                 break

@@ -47,7 +47,9 @@ def load(folder: str, name: str, column: str) -> Network:
             sent.append(float(row["second"]) if "second" in row else float(row["sent_ms"]) / 1e3)
             value = float(row[column])
             round_trips.append(value / 1e3 if value >= 0 else None)
-    return Network(f"{folder}/{name}:{column.removesuffix('_rtt_ms')}", tuple(sent), tuple(round_trips))
+    return Network(
+        f"{folder}/{name}:{column.removesuffix('_rtt_ms')}", tuple(sent), tuple(round_trips)
+    )
 
 
 def load_all() -> list[Network]:

@@ -45,7 +45,7 @@ class Race:
     def __init__(self, choose: Callable[[int, int | None], tuple[int, int] | None]) -> None:
         self._choose, self._outputs, self._t = choose, list[Output](), 0
 
-    def frame(self, at: int, local: int, cloud: int | None, situation: Situation) -> None:  # noqa: ARG002
+    def frame(self, at: int, local: int, cloud: int | None, situation: Situation) -> None:
         """See `VirtualOperator`."""
         if chosen := self._choose(local, cloud):
             response, source = chosen

@@ -9,7 +9,7 @@ class Planner:
     def __init__(self, wanted: int = 3) -> None:
         self._wanted, self._reports = wanted, dict[int, bool]()
 
-    def take(self, t: int, reports: bool) -> bool:  # noqa: FBT001
+    def take(self, t: int, reports: bool) -> bool:
         """Takes the output of frame `t`; whether it decides to brake by that."""
         self._reports[t] = reports
         if not reports:

@@ -74,8 +74,12 @@ class Jam:
     def draw(cls, rng: random.Random) -> Jam:
         """A jam by chance."""
         speed = rng.uniform(11.0, 26.0)
-        lead = (speed * rng.uniform(0.9, 2.0), rng.uniform(25.0, 60.0)) if rng.random() < 0.5 else None
-        others = tuple((rng.uniform(-60.0, 120.0), rng.uniform(10.0, 25.0)) for _ in range(rng.randrange(3)))
+        lead = (
+            (speed * rng.uniform(0.9, 2.0), rng.uniform(25.0, 60.0)) if rng.random() < 0.5 else None
+        )
+        others = tuple(
+            (rng.uniform(-60.0, 120.0), rng.uniform(10.0, 25.0)) for _ in range(rng.randrange(3))
+        )
         kind = rng.choice(["motorcycle", "car", "truck"])
         return cls(speed, kind, rng.uniform(150.0, 220.0), lead, others)
 
@@ -114,7 +118,7 @@ class Jam:
         """See `Scene`."""
         return ego.front[0] > 100.0 + self.start + 20.0
 
-    def is_still(self, world: World) -> bool:  # noqa: ARG002
+    def is_still(self, world: World) -> bool:
         """See `Scene`."""
         return True
 
@@ -143,7 +147,12 @@ class Meeting:
         """A car that runs a red light, by chance."""
         corner = (rng.uniform(5.0, 14.0), rng.uniform(4.0, 10.0))
         return cls(
-            rng.uniform(9.0, 16.0), "car", rng.uniform(9.0, 16.0), rng.uniform(-0.5, 0.5), corner, rng.random() < 0.4
+            rng.uniform(9.0, 16.0),
+            "car",
+            rng.uniform(9.0, 16.0),
+            rng.uniform(-0.5, 0.5),
+            corner,
+            rng.random() < 0.4,
         )
 
     @classmethod
@@ -151,7 +160,12 @@ class Meeting:
         """A person who steps out between what is parked, by chance."""
         corner = (rng.uniform(2.5, 4.5), rng.uniform(0.8, 2.0))
         return cls(
-            rng.uniform(6.0, 14.0), "person", rng.uniform(1.0, 2.5), rng.uniform(-0.4, 0.4), corner, rng.random() < 0.4
+            rng.uniform(6.0, 14.0),
+            "person",
+            rng.uniform(1.0, 2.5),
+            rng.uniform(-0.4, 0.4),
+            corner,
+            rng.random() < 0.4,
         )
 
     def place(self, world: World) -> None:
@@ -161,12 +175,17 @@ class Meeting:
         self._y, self._x = own[-1][1], other[-1][0]
         ego = own[-1][0] - own[0][0] + (self._x - own[-1][0]) - self.speed * self.seconds
         arrival = self.seconds + self.delay
-        hazard = other[-1][1] - other[0][1] + (self._y - other[-1][1]) - self.crossing_speed * arrival
+        hazard = (
+            other[-1][1] - other[0][1] + (self._y - other[-1][1]) - self.crossing_speed * arrival
+        )
         world.add(EGO, "car", ["WC", "CE"], ego, self.speed)
         world.add(HAZARD, self.kind, ["SC", "CN"], hazard, self.crossing_speed)
         aside, before = self.corner
         right, top = self._x - before, self._y - aside
-        world.hide("building", [(right, top), (right - 60.0, top), (right - 60.0, top - 80.0), (right, top - 80.0)])
+        world.hide(
+            "building",
+            [(right, top), (right - 60.0, top), (right - 60.0, top - 80.0), (right, top - 80.0)],
+        )
 
     def move(self, world: World) -> None:
         """See `Scene`."""
@@ -186,7 +205,7 @@ class Meeting:
         passed = hazard.front[1] - hazard.length > self._y + KINDS["car"].width / 2
         return None if passed or hazard.speed < 0.1 else _in_view(world, ego, ())
 
-    def reveal(self, world: World, ego: Pose) -> float | None:  # noqa: ARG002
+    def reveal(self, world: World, ego: Pose) -> float | None:
         """The way of whatever comes from behind the building, until ego is past it."""
         return max(0.0, self._x - ego.front[0])
 

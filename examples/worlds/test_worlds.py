@@ -25,8 +25,12 @@ class Jaywalking(unittest.TestCase):
         """Each row, from both sides."""
         for swerves, rate, response, speed in self.TABLE:
             with self.subTest(swerves=swerves, rate=rate, response=response):
-                self.assertFalse(touches(speed - 0.02, response, swerves=swerves, steering_rate=rate))
-                self.assertTrue(touches(speed + 0.02, response, swerves=swerves, steering_rate=rate))
+                self.assertFalse(
+                    touches(speed - 0.02, response, swerves=swerves, steering_rate=rate)
+                )
+                self.assertTrue(
+                    touches(speed + 0.02, response, swerves=swerves, steering_rate=rate)
+                )
 
 
 class Parts(unittest.TestCase):
@@ -36,7 +40,9 @@ class Parts(unittest.TestCase):
         planner = Planner()
         self.assertEqual([planner.take(t, True) for t in (0, 2, 1)], [False, False, True])
         planner = Planner()
-        self.assertEqual([planner.take(t, t != 1) for t in range(5)], [False, False, False, False, True])
+        self.assertEqual(
+            [planner.take(t, t != 1) for t in range(5)], [False, False, False, False, True]
+        )
 
     def test_what_stands_between_hides(self) -> None:
         target = [(30.0, -1.0), (30.0, 1.0), (32.0, 1.0), (32.0, -1.0)]

@@ -96,14 +96,25 @@ class World:
             types.setImperfection(name, 0.0)
 
     def add(
-        self, name: str, kind: str, route: Sequence[str], position: float, speed: float, lane: int = 0
+        self,
+        name: str,
+        kind: str,
+        route: Sequence[str],
+        position: float,
+        speed: float,
+        lane: int = 0,
     ) -> None:
         """A vehicle with its front at this place of its route's first edge. It keeps its speed."""
         path = "-".join(route)
         if path not in libsumo.route.getIDList():
             libsumo.route.add(path, list(route))
         libsumo.vehicle.add(
-            name, path, typeID=kind, departPos=str(position), departSpeed=str(speed), departLane=str(lane)
+            name,
+            path,
+            typeID=kind,
+            departPos=str(position),
+            departSpeed=str(speed),
+            departLane=str(lane),
         )
         # SUMO would wait for a safe gap to insert it.
         libsumo.vehicle.moveTo(name, f"{route[0]}_{lane}", position)
@@ -191,7 +202,9 @@ def running(network: str, kinds: dict[str, Kind]) -> Iterator[World]:
         "xml-validation": "never",
         "time-to-teleport": -1,
     }
-    libsumo.start(["sumo", *(str(word) for name, value in options.items() for word in (f"--{name}", value))])
+    libsumo.start(
+        ["sumo", *(str(word) for name, value in options.items() for word in (f"--{name}", value))]
+    )
     try:
         yield World(kinds)
     finally:
