@@ -11,7 +11,7 @@ use crate::scenario::traffic_jam::narrow::{
 use crate::scenario::traffic_jam::{ExtraResults, TrafficJamResult};
 
 /// How wide a cell is.
-const CELL: usize = 8;
+const CELL: usize = 7;
 
 /// Why a cell has its mark.
 const HARDER: &str = "\
@@ -45,7 +45,7 @@ fn table(text: &mut String, result: &TrafficJamResult) -> std::fmt::Result {
         for cell in row {
             let (mut label, colour) = shown(cell);
             if result.is_harder(cell) {
-                label.push('*');
+                label = label.replace(' ', "") + "*";
             }
             text.push_str(&paint(colour, &format!("{label:>CELL$}")));
         }
