@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from typing import Any
 
 from car import Car
 
@@ -51,7 +52,7 @@ def greatest(response: float, *, swerves: bool, steering_rate: float = 0.4) -> f
     return round(low, 2)
 
 
-ROWS = {
+ROWS: dict[str, dict[str, Any]] = {
     "swerve, 0.4 rad/s": {"swerves": True, "steering_rate": 0.4},
     "swerve, 1.0 rad/s": {"swerves": True, "steering_rate": 1.0},
     "brake": {"swerves": False},
