@@ -255,7 +255,7 @@ def parameters_are_listed_and_described_by_their_services(bench):
     assert (window.type, window.read_only, of_window.from_value, of_window.to_value) == (2, True, 1, 1024), window
     assert (deadline.type, deadline.read_only, of_deadline.to_value) == (3, False, 1e9), deadline
     assert "cloud may take" in deadline.description and "more than 0" in deadline.additional_constraints
-    assert (commit.type, commit.additional_constraints) == (4, "eager or patient")
+    assert (commit.type, commit.additional_constraints) == (4, "eager or patient or progressive")
     assert nonsense.type == 0
     assert node.ends() == 0
     print(len(every), "parameters;", deadline.description, "-", deadline.additional_constraints)

@@ -191,7 +191,7 @@ fn what_is_wrong_with_a_cloud_is_told() {
         ("b.priority:=1", "", "b has priority 1, and so has a; give each its own"),
         ("b.priority:=0", "", "b.priority is 0; give an integer from 1 to 65535"),
         ("b.limit:=0", "", "b.limit is 0; give an integer of at least 1"),
-        ("b.resume:=31", "", "b.resume is 31; give an integer from 0 to 30"),
+        ("b.resume:=31", "", "b.resume is 31; give an integer from 0 to 7"),
         ("b.deadline:=-1", "", "b.deadline is -1.0; give seconds, at most 1e9, or 0 for deadline"),
         ("a.grpc.ca:=f", "", "a.grpc.ca is given without a.grpc.url; give both or none"),
         (

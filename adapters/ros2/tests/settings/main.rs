@@ -169,7 +169,7 @@ fn everything_can_be_set() {
         priority: 9,
         deadline,
         enabled,
-        limit: 31,
+        limit: 8,
         resume: 0,
         in_flight: 8,
         linger,

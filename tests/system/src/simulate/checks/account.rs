@@ -149,6 +149,8 @@ fn metered(tally: &Tally) -> BTreeMap<String, u64> {
     };
     put("messages", &[], tally.messages);
     put("missed_messages", &[], tally.missed);
+    let of_operator = [("source", "operator"), ("handler", "message")];
+    put("handler_failures", &of_operator, tally.handler_failures);
     for (why, count) in &tally.refused {
         put("refused_messages", &[("why", why.as_str())], *count);
     }
@@ -173,11 +175,17 @@ fn metered(tally: &Tally) -> BTreeMap<String, u64> {
             .for_each(|(why, count)| by("failures", why.as_str(), *count));
         for (metric, count) in [
             ("lost", source.lost),
+            ("held_up", source.held_up),
             ("timers", source.timers),
             ("cancelled", source.cancelled),
             ("sent_bytes", source.sent_bytes),
         ] {
             put(metric, &[("source", name)], count);
+        }
+        for (handler, count) in
+            [("message", source.handler_failures), ("policy", source.policy_failures)]
+        {
+            put("handler_failures", &[("source", name), ("handler", handler)], count);
         }
     }
     all
