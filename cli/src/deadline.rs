@@ -15,6 +15,7 @@ use fuseline_deadline::{
     Survival, least_loss, mean_loss,
 };
 use fuseline_traces::rows::{TableError, TableReader};
+#[cfg(feature = "full")]
 use schemars::JsonSchema;
 use serde::Serialize;
 use thiserror::Error;
@@ -132,7 +133,8 @@ impl From<DeadlineError> for Fault {
 }
 
 /// What is shown for one speed.
-#[derive(JsonSchema, Serialize)]
+#[derive(Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 struct SpeedRow {
     speed: f64,
     budget_local: f64,

@@ -35,6 +35,7 @@ impl PartOptions {
     }
 
     /// What of a trace's events is meant, from its first one on.
+    #[cfg(feature = "full")]
     pub(crate) fn filter(&self) -> impl FnMut(&Event) -> bool + use<> {
         let mut filter = self.part().map(PartFilter::new);
         move |event| filter.as_mut().is_none_or(|filter| filter.takes(event))

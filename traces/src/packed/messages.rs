@@ -15,12 +15,10 @@ use serde::Deserialize;
 use serde::de::IgnoredAny;
 use thiserror::Error;
 
+use crate::packed::TOPIC;
 use crate::packed::messages::chunks::ChunkScanner;
 use crate::parse::{Form, LineAnnotations, parse_as};
 use crate::{Annotations, HeaderAnnotations, Line, ParseError};
-
-/// The topic of a trace's lines, unless another is named.
-pub const TOPIC: &str = "/fuseline/trace";
 
 /// The longest record, in bytes: an image of 4K and four channels fits. What a record in a packed chunk claims to hold takes
 /// memory before the first byte of it came, and up to three times as much while a buffer grows.

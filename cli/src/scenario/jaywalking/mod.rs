@@ -7,6 +7,7 @@ mod plots;
 mod swerve;
 mod text;
 
+#[cfg(feature = "full")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -72,7 +73,8 @@ pub(crate) struct Args {
 }
 
 /// The greatest speeds without contact, in m/s.
-#[derive(Clone, Copy, PartialEq, Debug, JsonSchema, Serialize)]
+#[derive(Clone, Copy, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct Greatest {
     response: f64,
     swerve: Option<f64>,
@@ -80,7 +82,8 @@ pub(crate) struct Greatest {
 }
 
 /// A run.
-#[derive(Clone, Copy, PartialEq, Debug, JsonSchema, Serialize)]
+#[derive(Clone, Copy, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct JaywalkingRun {
     speed: f64,
     /// What became of the call for a contingency plan.
@@ -106,7 +109,8 @@ impl Args {
 }
 
 /// The parameters in force.
-#[derive(Clone, JsonSchema, Serialize)]
+#[derive(Clone, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 struct JaywalkingParameters {
     speed: Vec<f64>,
     response: Vec<f64>,
@@ -114,7 +118,8 @@ struct JaywalkingParameters {
 }
 
 /// All that is shown.
-#[derive(Clone, JsonSchema, Serialize)]
+#[derive(Clone, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct JaywalkingResult {
     scenario: &'static str,
     parameters: JaywalkingParameters,

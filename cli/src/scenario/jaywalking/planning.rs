@@ -1,5 +1,6 @@
 //! The car's planner: an operator without clouds, and a plan that may be cached beside it.
 
+#[cfg(feature = "full")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -25,7 +26,8 @@ const VALIDITY: u64 = 5_000_000_000;
 const LIMIT: usize = 1;
 
 /// What becomes of the call for a contingency plan.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, JsonSchema, Serialize)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum PlanCallOutcome {
     /// No cloud is called.

@@ -8,6 +8,7 @@ use std::time::Duration;
 
 use fuseline_deadline::{Guard, Observation};
 use rayon::prelude::*;
+#[cfg(feature = "full")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -79,7 +80,8 @@ pub(crate) struct Args {
 }
 
 /// What a drive, a speed and a policy come to.
-#[derive(Clone, PartialEq, Debug, JsonSchema, Serialize)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct DriveRow {
     drive: String,
     speed: f64,
@@ -110,7 +112,8 @@ struct Setting<'a> {
 }
 
 /// The parameters in force.
-#[derive(Clone, JsonSchema, Serialize)]
+#[derive(Clone, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 struct NetworksParameters {
     drive: Vec<String>,
     speed: Vec<f64>,
@@ -121,7 +124,8 @@ struct NetworksParameters {
 }
 
 /// All that is shown.
-#[derive(Clone, JsonSchema, Serialize)]
+#[derive(Clone, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct NetworksResult {
     scenario: &'static str,
     parameters: NetworksParameters,

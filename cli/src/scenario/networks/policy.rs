@@ -6,6 +6,7 @@ use std::time::Duration;
 use fuseline_deadline::{
     Choice, Guard, Impact, Loss, Observation, Situation, Survival, least_loss,
 };
+#[cfg(feature = "full")]
 use schemars::JsonSchema;
 use serde::{Serialize, Serializer};
 
@@ -17,8 +18,9 @@ use crate::scenario::options::above_0;
 const OBSERVED: Duration = Duration::from_secs(30);
 
 /// Who answers, and by which deadline.
-#[derive(Clone, Copy, PartialEq, Debug, JsonSchema)]
-#[schemars(with = "String")]
+#[derive(Clone, Copy, PartialEq, Debug)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
+#[cfg_attr(feature = "full", schemars(with = "String"))]
 pub(crate) enum ResponsePolicy {
     Local,
     Cloud,

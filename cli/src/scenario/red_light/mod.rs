@@ -7,6 +7,7 @@ mod sharing;
 mod text;
 
 use rayon::prelude::*;
+#[cfg(feature = "full")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -90,7 +91,8 @@ pub(crate) struct Args {
 }
 
 /// A run, as it is shown.
-#[derive(Clone, PartialEq, Debug, JsonSchema, Serialize)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct RedLightRun {
     variant: Variant,
     delta: f64,
@@ -128,7 +130,8 @@ impl Args {
 }
 
 /// The parameters in force.
-#[derive(Clone, JsonSchema, Serialize)]
+#[derive(Clone, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 struct RedLightParameters {
     variant: Vec<Variant>,
     /// Of each variant.
@@ -142,7 +145,8 @@ struct RedLightParameters {
 }
 
 /// All that is shown.
-#[derive(Clone, JsonSchema, Serialize)]
+#[derive(Clone, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct RedLightResult {
     scenario: &'static str,
     parameters: RedLightParameters,

@@ -9,6 +9,7 @@ mod text;
 
 use std::time::Duration;
 
+#[cfg(feature = "full")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -116,7 +117,8 @@ impl Args {
 }
 
 /// The parameters in force.
-#[derive(Clone, JsonSchema, Serialize)]
+#[derive(Clone, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 struct TrafficJamParameters {
     speed: Vec<f64>,
     response: Vec<f64>,
@@ -126,7 +128,8 @@ struct TrafficJamParameters {
 }
 
 /// All that is shown.
-#[derive(Clone, JsonSchema, Serialize)]
+#[derive(Clone, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct TrafficJamResult {
     scenario: &'static str,
     parameters: TrafficJamParameters,
@@ -142,7 +145,8 @@ pub(crate) struct TrafficJamResult {
 }
 
 /// What is found beside the cells.
-#[derive(Clone, JsonSchema, Serialize)]
+#[derive(Clone, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 struct ExtraResults {
     /// None: the paper's table is not reproduced.
     narrow: Option<Vec<Interval>>,

@@ -1,0 +1,32 @@
+//! What a build without the feature `full` lacks, and the remedy.
+
+use thiserror::Error;
+
+use crate::fault::Fault;
+
+/// The commands that it lacks.
+pub(crate) const COMMANDS: [&str; 6] =
+    ["completions", "convert", "export", "man", "probe", "scenario"];
+
+/// The end of its help.
+pub(crate) const LACKS: &str = "\
+This build lacks completions, convert, export, man, probe, scenario, TLS, zstd, MCAP and
+--json-schema. `cargo install --locked --path cli --features full` builds everything.";
+
+/// Something is not in this build.
+#[derive(Debug, Error)]
+#[error("{0} is not in this build; {REMEDY}")]
+struct AbsentError(&'static str);
+
+const REMEDY: &str = "build it with --features full";
+
+/// What to print of a command that this build lacks; none of other words.
+pub(crate) fn missing(command: &str) -> Option<String> {
+    let command = COMMANDS.into_iter().find(|name| *name == command)?;
+    Some(AbsentError(command).to_string())
+}
+
+/// An option that this build lacks was given.
+pub(crate) fn absent(option: &'static str) -> Fault {
+    Fault::own(AbsentError(option))
+}
