@@ -30,3 +30,19 @@ pub(crate) fn missing(command: &str) -> Option<String> {
 pub(crate) fn absent(option: &'static str) -> Fault {
     Fault::own(AbsentError(option))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_absent_says_how_to_get_it() {
+        let message = missing("probe").expect("it is of a full build");
+        assert_eq!(message, "probe is not in this build; build it with --features full");
+        assert_eq!(
+            absent("--json-schema").to_string(),
+            format!("--json-schema is not in this build; {REMEDY}")
+        );
+        assert!(missing("check").is_none() && COMMANDS.iter().all(|name| LACKS.contains(name)));
+    }
+}

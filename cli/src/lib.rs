@@ -2,7 +2,7 @@
 //!
 //! Each subcommand is a module with its options; `exit` has the exit codes, `fault` what stops a command.
 
-#[cfg(not(feature = "full"))]
+#[cfg(any(test, not(feature = "full")))]
 mod absent;
 mod check;
 mod complain;

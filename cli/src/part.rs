@@ -2,7 +2,10 @@
 
 use std::time::Duration;
 
-use fuseline_report::{PartFilter, TraceRange};
+#[cfg(feature = "full")]
+use fuseline_report::PartFilter;
+use fuseline_report::TraceRange;
+#[cfg(feature = "full")]
 use fuseline_traces::Event;
 
 /// Which messages of a trace are meant; all of it is read.

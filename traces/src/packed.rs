@@ -92,7 +92,9 @@ pub fn unpack<'a, R: BufRead + 'a>(mut inner: R) -> io::Result<Box<dyn BufRead +
         Some(Packing::Mcap) => Box::new(messages::Lines::new(inner)),
         #[cfg(not(feature = "packed"))]
         Some(packing @ (Packing::Zstd | Packing::Mcap)) => {
-            let why = format!("packed as {packing:?}, which this build cannot read; build it with the feature packed");
+            let why = format!(
+                "packed as {packing:?}, which this build cannot read; build it with the feature packed"
+            );
             return Err(io::Error::new(io::ErrorKind::Unsupported, why));
         }
     })

@@ -421,6 +421,7 @@ async fn remotes_and_servers_that_cannot_be_are_refused() {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         match serve(echo, server, listener, pending()).await.unwrap_err() {
             ServeError::Identity => assert!(is_identity),
+            ServeError::NoTls => panic!("the tests have TLS"),
             ServeError::Tls(_) => assert!(!is_identity),
         }
     }

@@ -1,6 +1,7 @@
 //! In place of `tls` where the feature is off: certificates are refused before a connection is accepted.
 
 use std::convert::Infallible;
+use std::future::Ready;
 use std::io;
 
 use tokio::net::TcpStream;
@@ -13,7 +14,7 @@ use crate::grpc::server::ServeError;
 pub(crate) struct TlsAcceptor(Infallible);
 
 impl TlsAcceptor {
-    pub(crate) async fn accept(self, _: TcpStream) -> io::Result<TcpStream> {
+    pub(crate) fn accept(self, _: TcpStream) -> Ready<io::Result<TcpStream>> {
         match self.0 {}
     }
 }
