@@ -113,3 +113,27 @@ fn clouds_may_stand_in_a_file() {
     assert_eq!(refused.status.code(), Some(2));
     assert!(err(&refused).contains("fuseline.toml:1: priority is missing"), "{}", err(&refused));
 }
+
+/// On a terminal, which `script` makes.
+#[test]
+fn a_long_file_has_a_bar_on_a_terminal_and_no_other_has_one() {
+    let dir = tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name).display().to_string();
+    let header = "{\"fuseline\":1,\"window\":1,\"clouds\":[]}\n";
+    let ticks = |count| header.to_owned() + &"{\"ev\":\"tick\",\"at\":7}\n".repeat(count);
+    fs::write(path("long.jsonl"), ticks(700_000)).unwrap();
+    fs::write(path("short.jsonl"), ticks(7)).unwrap();
+    for (name, has_bar) in [("long.jsonl", true), ("short.jsonl", false)] {
+        for command in ["check", "report -o page.html --force", "export --mcap -o out.mcap --force"] {
+            let line = format!("'{}' {command} '{name}'", env!("CARGO_BIN_EXE_fuseline"));
+            let mut script = std::process::Command::new("script");
+            let shown = script.args(["-qec", &line, "/dev/null"]).current_dir(dir.path());
+            let shown = shown.stdin(std::process::Stdio::null()).output().unwrap();
+            let text = out(&shown);
+            assert_eq!(shown.status.code(), Some(0), "{line}: {text}");
+            assert_eq!(text.contains(" % "), has_bar, "{line}: {text}");
+        }
+    }
+    let piped = run(&["check", &path("long.jsonl")], "");
+    assert_eq!(err(&piped), "");
+}

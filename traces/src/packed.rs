@@ -24,13 +24,16 @@
 //! their verdict is that of what `fuseline convert` makes. A length that a file claims takes no memory before its bytes come;
 //! but a record in a packed chunk takes at once what it claims, and is refused beyond 40 MiB.
 //!
-//! Not provided: tar and zip, a header of one's own for an MCAP file that has none (`fuseline convert --header` does that).
+//! Not provided: tar and zip, a header of one's own for an MCAP file that has none (`fuseline convert --header` does that), other
+//! encodings than JSON ([`RawMessages`] has their bytes).
 
 mod messages;
 
 use std::io::{self, BufRead, BufReader};
 
-pub use messages::{MessageError, Messages, TOPIC};
+pub use messages::{
+    MessageError, Messages, PayloadFormat, PayloadSchema, RECORD, RawMessage, RawMessages, TOPIC,
+};
 
 /// The binary logarithm of the greatest window of a zstd frame, in bytes: what its own command takes.
 const WINDOW_LOG: u32 = 27;
