@@ -66,6 +66,16 @@ fn help_has_no_marks_of_rustdoc() {
         for flag in ["-h", "--help"] {
             let help = printed(&[command, flag]);
             assert!(!help.contains('`') && !help.contains("<http"), "{command} {flag}: {help}");
+            // An example is a line that can be copied, or ends where the shell goes on.
+            let (_, examples) = help.split_once("Examples:\n").unwrap_or_default();
+            let mut goes_on = false;
+            for line in examples.lines().take_while(|line| line.starts_with("  ")) {
+                let is_command = ["fuseline ", "man ", "some-program "]
+                    .iter()
+                    .any(|word| line.trim_start().starts_with(word));
+                assert!(is_command || goes_on, "{command} {flag}: {line}");
+                goes_on = line.ends_with('\\');
+            }
         }
     }
     assert!(!printed(&["--help"]).contains('`'));
@@ -121,7 +131,7 @@ fn a_long_file_has_a_bar_on_a_terminal_and_no_other_has_one() {
     let path = |name: &str| dir.path().join(name).display().to_string();
     let header = "{\"fuseline\":1,\"window\":1,\"clouds\":[]}\n";
     let ticks = |count| header.to_owned() + &"{\"ev\":\"tick\",\"at\":7}\n".repeat(count);
-    fs::write(path("long.jsonl"), ticks(700_000)).unwrap();
+    fs::write(path("long.jsonl"), ticks(900_000)).unwrap();
     fs::write(path("short.jsonl"), ticks(7)).unwrap();
     for (name, has_bar) in [("long.jsonl", true), ("short.jsonl", false)] {
         for command in ["check", "report -o page.html --force", "export --mcap -o out.mcap --force"] {

@@ -72,7 +72,7 @@ impl Db3Messages {
     /// # Errors
     /// If the database cannot be read.
     pub(super) fn message(&mut self) -> Result<Option<RawMessage>, Db3Error> {
-        let mut statement = self.connection.prepare_cached(&self.next)?;
+        let mut statement = self.connection.prepare(&self.next)?;
         let row = statement
             .query_row(params![self.last], |row| {
                 let id: (i64, i64) = (row.get(0)?, row.get(1)?);

@@ -50,11 +50,14 @@ Examples:
   fuseline convert --write-header events.csv -o header.jsonl
   fuseline convert --header header.jsonl --column at=stamp_ms --unit ms events.csv -o trace.jsonl
   fuseline convert --header header.jsonl --event response=result,send=request,heartbeat= events.csv
-  fuseline convert --header header.jsonl --column at=header.stamp,ev=kind --unit s --unit deadline=ms log.jsonl
-  fuseline convert --header header.jsonl --unit ms --separator ';' frames.csv --frame \
-    open=recv,emit=out,by=winner,west.request=sent,west.deadline=500,west.result=done,local.result=own
-  fuseline convert --header header.jsonl --column t=header.stamp,p=source,deadline=200ms bag.mcap --topic \
-    open=/camera,west.request=/west/image,west.result=/west/objects,local.result=/own/objects,emit=/objects
+  fuseline convert --header header.jsonl --unit s --unit deadline=ms log.jsonl \\
+    --column at=header.stamp,ev=kind
+  fuseline convert --header header.jsonl --unit ms --separator ';' frames.csv --frame \\
+    open=recv,emit=out,by=winner,local.result=own \\
+    --frame west.request=sent,west.deadline=500,west.result=done
+  fuseline convert --header header.jsonl bag.mcap \\
+    --column t=header.stamp,p=source,deadline=200ms --topic open=/camera,emit=/objects \\
+    --topic west.request=/west/image,west.result=/west/objects,local.result=/own/objects
   fuseline convert drive.mcap | fuseline check --observed --tolerance 2ms --lateness 5ms")]
 pub(crate) struct Args {
     /// The file to convert; - is standard input.
@@ -66,7 +69,8 @@ pub(crate) struct Args {
     /// A file whose first line is the trace's header.
     #[arg(long, value_name = "FILE")]
     header: Option<PathBuf>,
-    /// Make the header instead of the trace: the sources are those in the file, and what cannot be guessed is asked.
+    /// Make the header instead of the trace: the sources are those in the file; what cannot be guessed is
+    /// read from standard input.
     #[arg(long, conflicts_with_all = ["header", "sort"])]
     write_header: bool,
     /// Where a key of the trace stands, such as at=stamp.

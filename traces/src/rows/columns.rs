@@ -216,9 +216,7 @@ impl<'a> Columns<'a> {
     ) -> Result<Option<String>, String> {
         let cell = |key: &str| match self.fixed.get(key) {
             Some(text) => Some(Cow::Borrowed(&**text)),
-            None => cell(key)
-                .filter(|text| !text.is_empty())
-                .or_else(|| self.constant(key).map(Cow::Borrowed)),
+            None => cell(key).filter(|text| !text.is_empty()),
         };
         let name = cell("ev").unwrap_or_default();
         let is_own = self.fixed.contains_key("ev");
@@ -236,7 +234,10 @@ impl<'a> Columns<'a> {
         };
         let mut line = format!("{{\"ev\":\"{event}\"");
         for (key, is_time, column, _) in self.keys() {
-            let Some(text) = cell(key) else { continue };
+            // An open's deadline is local's, and no request's.
+            let is_requested = matches!(event, "offer" | "request");
+            let constant = || self.constant(key).filter(|_| is_requested).map(Cow::Borrowed);
+            let Some(text) = cell(key).or_else(constant) else { continue };
             if !(key == "at" || takes.contains(&key)) {
                 continue;
             }

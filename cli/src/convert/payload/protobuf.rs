@@ -1,11 +1,13 @@
 //! Messages in Protobuf, by the descriptors that a recording has.
 
 use fuseline_traces::rows::seconds;
-use prost_reflect::{DescriptorPool, DynamicMessage, Kind, MessageDescriptor, Value};
+use prost_reflect::{
+    DescriptorPool, DynamicMessage, Kind, MessageDescriptor, ReflectMessage, Value,
+};
 
 /// A type of messages.
 #[derive(Debug)]
-pub(super) struct MessageType(MessageDescriptor);
+pub(in crate::convert) struct MessageType(MessageDescriptor);
 
 impl MessageType {
     /// The type of this name among the descriptors, a `FileDescriptorSet`.
