@@ -134,7 +134,8 @@ fn a_long_file_has_a_bar_on_a_terminal_and_no_other_has_one() {
     fs::write(path("long.jsonl"), ticks(900_000)).unwrap();
     fs::write(path("short.jsonl"), ticks(7)).unwrap();
     for (name, has_bar) in [("long.jsonl", true), ("short.jsonl", false)] {
-        for command in ["check", "report -o page.html --force", "export --mcap -o out.mcap --force"] {
+        for command in ["check", "report -o page.html --force", "export --mcap -o out.mcap --force"]
+        {
             let line = format!("'{}' {command} '{name}'", env!("CARGO_BIN_EXE_fuseline"));
             let mut script = std::process::Command::new("script");
             let shown = script.args(["-qec", &line, "/dev/null"]).current_dir(dir.path());

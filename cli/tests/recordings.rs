@@ -49,7 +49,11 @@ fn expected() -> Vec<Value> {
     ]
 }
 
-fn mcap(encoding: &str, schema: Option<(&str, &str, &[u8])>, messages: &[RecordedMessage]) -> Vec<u8> {
+fn mcap(
+    encoding: &str,
+    schema: Option<(&str, &str, &[u8])>,
+    messages: &[RecordedMessage],
+) -> Vec<u8> {
     let mut bytes = Cursor::new(Vec::new());
     let mut writer = mcap::Writer::new(&mut bytes).unwrap();
     let add = |(name, encoding, data)| writer.add_schema(name, encoding, data).unwrap();
@@ -84,8 +88,7 @@ fn events(done: &std::process::Output) -> Vec<Value> {
     out(done).lines().skip(1).map(|line| serde_json::from_str(line).unwrap()).collect()
 }
 
-const BY_STAMP: [&str; 4] =
-    ["--topic", TOPICS, "--column", "t=header.stamp,p=source,deadline=5ms"];
+const BY_STAMP: [&str; 4] = ["--topic", TOPICS, "--column", "t=header.stamp,p=source,deadline=5ms"];
 
 #[test]
 fn topics_of_ros_2_become_events() {
@@ -249,10 +252,7 @@ mod bags {
         };
         let time = message(
             "Timestamp",
-            vec![
-                field("seconds", 1, Type::Int64, None),
-                field("nanos", 2, Type::Int32, None),
-            ],
+            vec![field("seconds", 1, Type::Int64, None), field("nanos", 2, Type::Int32, None)],
         );
         let event = message(
             "Event",
@@ -279,7 +279,8 @@ mod bags {
         let names = [&names[..], &["--event", "came=open"]].concat();
         let descriptors = descriptors();
         let schema = Some(("robot.Event", "protobuf", &descriptors[..]));
-        let done = convert_mcap(&mcap("protobuf", schema, &[RecordedMessage("/log", 1, event)]), &names);
+        let done =
+            convert_mcap(&mcap("protobuf", schema, &[RecordedMessage("/log", 1, event)]), &names);
         assert_eq!(events(&done), [json!({"ev": "open", "at": 7_500_000_000_u64, "t": 3})]);
 
         let junk = [RecordedMessage("/log", 1, vec![0xff; 9])];

@@ -15,14 +15,14 @@ use crate::convert::recorded::AnnotatedEvent;
 
 /// How the messages of a channel are decoded.
 #[derive(Debug)]
-pub(super) enum Payload {
+pub(super) enum PayloadDecoder {
     Json,
     Cdr(CdrLayout),
     #[cfg(feature = "bags")]
     Protobuf(protobuf::MessageType),
 }
 
-impl Payload {
+impl PayloadDecoder {
     /// # Errors
     /// If it is none of these, or its schema is missing or not understood.
     pub(super) fn of(format: &PayloadFormat) -> Result<Self, String> {
@@ -49,9 +49,7 @@ impl Payload {
             (encoding, Some((schema, _))) => Err(format!(
                 "it is {encoding} by a schema in {schema}; json, cdr by ros2msg and protobuf are read"
             )),
-            (encoding, None) => {
-                Err(format!("it is {encoding}; json, cdr and protobuf are read"))
-            }
+            (encoding, None) => Err(format!("it is {encoding}; json, cdr and protobuf are read")),
         }
     }
 

@@ -37,7 +37,9 @@ pub(super) enum ConvertError {
     Topics,
     #[error("{file}: a folder; name one of its .mcap or .db3 files")]
     Folder { file: String },
-    #[error("{file}: a database of rosbag2 is read from a file of its own, and not from standard input")]
+    #[error(
+        "{file}: a database of rosbag2 is read from a file of its own, and not from standard input"
+    )]
     #[cfg(feature = "bags")]
     Database { file: String },
     #[error(

@@ -9,7 +9,7 @@ use fuseline_traces::rows::Columns;
 use crate::complain::complain;
 #[cfg(feature = "bags")]
 use crate::convert::db3::Db3Messages;
-use crate::convert::payload::Payload;
+use crate::convert::payload::PayloadDecoder;
 use crate::convert::recorded::{AnnotatedEvent, AnnotatedHeader, ConvertError, Recorded};
 use crate::convert::topic::TopicChoice;
 use crate::fault::Fault;
@@ -20,7 +20,7 @@ pub(crate) struct TopicInput<'a, R> {
     messages: MessageFile<'a, R>,
     topics: Vec<MappedTopic<'a>>,
     /// How messages of the channels so far are decoded.
-    payloads: Vec<(Rc<PayloadFormat>, Payload)>,
+    payloads: Vec<(Rc<PayloadFormat>, PayloadDecoder)>,
 }
 
 /// A recording by its format.
@@ -67,7 +67,7 @@ impl<'a, R: Read> TopicInput<'a, R> {
         let place = match self.payloads.iter().position(known) {
             Some(place) => place,
             None => {
-                let payload = Payload::of(&message.format)?;
+                let payload = PayloadDecoder::of(&message.format)?;
                 self.payloads.push((Rc::clone(&message.format), payload));
                 self.payloads.len() - 1
             }
@@ -82,7 +82,9 @@ impl<'a, R: Read> TopicInput<'a, R> {
         let silent: Vec<&str> = silent.map(|topic| topic.name).collect();
         let names = silent.join(", ");
         if silent.len() == self.topics.len() {
-            return Err(self.fault(&format!("no message of topic {names}; name another with --topic")));
+            return Err(
+                self.fault(&format!("no message of topic {names}; name another with --topic"))
+            );
         }
         if !silent.is_empty() {
             complain(format_args!("warning: {}: no message of topic {names}", self.file));

@@ -144,7 +144,7 @@ fn found<'j>(fields: &JsonFields<'j>, path: &str) -> Option<Cow<'j, str>> {
 /// A text without its quotes, a number as it is written, ROS' times in seconds; nothing for null.
 fn text_of(value: &RawValue) -> Option<Cow<'_, str>> {
     #[derive(Deserialize)]
-    struct RosTime {
+    struct SecondsObject {
         sec: u64,
         #[serde(alias = "nsec")]
         nanosec: u32,
@@ -153,7 +153,7 @@ fn text_of(value: &RawValue) -> Option<Cow<'_, str>> {
         "null" => None,
         text if text.starts_with('"') => serde_json::from_str(text).ok().map(Cow::Owned),
         text => Some(match serde_json::from_str(text) {
-            Ok(RosTime { sec, nanosec }) => seconds(sec, nanosec).into(),
+            Ok(SecondsObject { sec, nanosec }) => seconds(sec, nanosec).into(),
             Err(_) => text.into(),
         }),
     }

@@ -126,7 +126,12 @@ impl FieldReader<'_> {
         Ok(())
     }
 
-    fn value(&mut self, kind: FieldKind, path: Option<String>, depth: usize) -> Result<(), CdrError> {
+    fn value(
+        &mut self,
+        kind: FieldKind,
+        path: Option<String>,
+        depth: usize,
+    ) -> Result<(), CdrError> {
         let text = match kind {
             FieldKind::Message(of) => return self.message(of, path.as_deref(), depth + 1),
             FieldKind::Text => self.cursor.text()?,

@@ -67,7 +67,8 @@ fn type_of(name: &str, text: &str, places: &BTreeMap<String, usize>) -> Result<C
             continue;
         }
         let (kind, shape) = shape_of(kind);
-        let shape = shape.ok_or_else(|| format!("{name} has a line {line:?}, which is no field"))?;
+        let shape =
+            shape.ok_or_else(|| format!("{name} has a line {line:?}, which is no field"))?;
         let kind = kind_of(kind, package, places)
             .ok_or_else(|| format!("{name} has the type {kind:?}, which has no definition"))?;
         fields.push(CdrField { name: field.to_owned(), kind, shape });

@@ -1,5 +1,5 @@
-use cdr_encoding::to_vec;
 use byteorder::{BigEndian, LittleEndian};
+use cdr_encoding::to_vec;
 use proptest::prelude::*;
 use serde::Serialize;
 
