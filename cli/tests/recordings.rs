@@ -212,7 +212,10 @@ mod bags {
         Connection::open(path("empty.db3")).unwrap().execute("CREATE TABLE a(b)", []).unwrap();
         let view = "CREATE TABLE topics(a); CREATE VIEW messages AS SELECT a FROM topics;";
         Connection::open(path("view.db3")).unwrap().execute_batch(view).unwrap();
+        let other = "CREATE TABLE topics(\"a\nb\"); CREATE TABLE messages(id);";
+        Connection::open(path("other.db3")).unwrap().execute_batch(other).unwrap();
         for (name, expected) in [
+            ("other.db3", "no such column"),
             ("old.db3", "the file has no schema of it"),
             ("junk.db3", "file is not a database"),
             ("empty.db3", "it has no table topics"),

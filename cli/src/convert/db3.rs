@@ -21,7 +21,7 @@ pub(super) struct Db3Messages {
 /// Why a database gives no more messages.
 #[derive(Debug, Error)]
 pub(super) enum Db3Error {
-    #[error("{0}")]
+    #[error("{}", .0.to_string().replace(char::is_control, "\u{fffd}"))]
     Database(#[from] rusqlite::Error),
     #[error("no recording of ROS 2: it has no table {0}")]
     Table(&'static str),
@@ -60,7 +60,7 @@ impl Db3Messages {
         drop(found);
         let ids: Vec<String> = topics.keys().map(i64::to_string).collect();
         let next = format!(
-            "SELECT id, topic_id, timestamp, CASE WHEN length(data) <= {RECORD} THEN data END
+            "SELECT id, topic_id, timestamp, CASE WHEN length(data) <= {RECORD} THEN data END \
              FROM messages WHERE id > ?1 AND topic_id IN ({}) ORDER BY id LIMIT 1",
             ids.join(", ")
         );
@@ -91,7 +91,7 @@ impl Db3Messages {
 
 /// Whether it is a table of its own, and no view or virtual one, which could compute without end.
 fn has_table(connection: &Connection, name: &str) -> Result<bool, rusqlite::Error> {
-    let stored = "SELECT 1 FROM sqlite_master
+    let stored = "SELECT 1 FROM sqlite_master \
                   WHERE type = 'table' AND name = ?1 AND sql LIKE 'CREATE TABLE %'";
     connection.query_row(stored, [name], |_| Ok(())).optional().map(|found| found.is_some())
 }

@@ -187,7 +187,10 @@ impl Args {
                 [topic] => Box::new(mcap::McapInput::new(name, file, &topic.name)),
                 _ => return Err(ConvertError::Topics.into()),
             },
-            Format::Db3 => self.database(name, file, &columns)?,
+            #[cfg(feature = "bags")]
+            Format::Db3 => self.database(name, &columns)?,
+            #[cfg(not(feature = "bags"))]
+            Format::Db3 => return Err(ConvertError::NoBags { file: name.to_owned() }.into()),
         })
     }
 
@@ -196,7 +199,6 @@ impl Args {
     fn database<'a>(
         &'a self,
         name: &'a str,
-        _: Box<dyn Read>,
         columns: &Columns<'a>,
     ) -> Result<Box<dyn Recorded + 'a>, Fault> {
         let file = name.to_owned();
@@ -208,16 +210,6 @@ impl Args {
             .map_err(|error| ConvertError::File { file, message: error.to_string() })?;
         let messages: MessageFile<'_, Box<dyn Read>> = MessageFile::Db3(messages);
         Ok(Box::new(TopicInput::new(name, messages, &self.topic, columns)))
-    }
-
-    #[cfg(not(feature = "bags"))]
-    fn database<'a>(
-        &'a self,
-        name: &'a str,
-        _: Box<dyn Read>,
-        _: &Columns<'a>,
-    ) -> Result<Box<dyn Recorded + 'a>, Fault> {
-        Err(ConvertError::NoBags { file: name.to_owned() }.into())
     }
 }
 
