@@ -53,7 +53,7 @@ m²/s². With --class it is the mean over the classes, by weight.
 --observed is CSV with the columns response_s, answered (1: the result came then; 0: the call was
 given up then, inf: it failed) and, if wanted, count. Without it every call counts as late.
 
-Exit code 0 when told, 2 if something makes no sense.
+Exit code 0 when done, 2 if something makes no sense.
 
 Examples:
   fuseline deadline --speed 11,18,20,22,24

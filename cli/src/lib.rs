@@ -101,7 +101,7 @@ enum Command {
     Replay(replay::Args),
     /// Judge traces against the rules.
     Check(check::Args),
-    /// Make a trace from what other tools recorded, as CSV or MCAP.
+    /// Make a trace from what other tools recorded: CSV, JSON lines, MCAP or a bag of ROS 2.
     #[cfg(feature = "full")]
     Convert(convert::Args),
     /// Write a trace for ui.perfetto.dev or for Foxglove.

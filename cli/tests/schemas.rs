@@ -4,7 +4,9 @@
 mod common;
 
 use std::fs;
+use std::io::{BufRead, BufReader};
 use std::path::Path;
+use std::process::Stdio;
 
 use common::{err, fuseline, out};
 use serde_json::{Map, Value};
@@ -221,4 +223,17 @@ fn drives_are_as_their_schema_says() {
     assert!(found[0]["found"][0]["violation"].is_object(), "{}", found[0]);
     let dead = conforms(dir.path(), &["drive"], &[&drive[..], &["true"]].concat());
     assert!(dead[0]["found"][0]["misbehaviour"].is_string(), "{}", dead[0]);
+}
+
+#[test]
+fn probes_are_as_their_schema_says() {
+    let dir = tempdir().unwrap();
+    let serve = ["probe", "--serve", "--listen", "127.0.0.1:0"];
+    let mut server = fuseline(&serve).stdout(Stdio::piped()).spawn().unwrap();
+    let mut printed = String::new();
+    BufReader::new(server.stdout.take().unwrap()).read_line(&mut printed).unwrap();
+    let url = printed.trim().rsplit(' ').next().unwrap();
+    conforms(dir.path(), &["probe"], &["--json", "--seconds", "0.3", "-o", "plots", url]);
+    server.kill().unwrap();
+    server.wait().unwrap();
 }

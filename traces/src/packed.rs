@@ -29,7 +29,8 @@
 //!
 //! Without the feature `packed` only gzip is unpacked.
 //!
-//! Not provided: tar and zip, a header of one's own for an MCAP file that has none (`fuseline convert --header` does that).
+//! Not provided: tar and zip, a header of one's own for an MCAP file that has none (`fuseline convert --header` does that), other
+//! encodings than JSON ([`RawMessages`] has their bytes).
 
 #[cfg(feature = "packed")]
 mod messages;
@@ -39,7 +40,9 @@ use std::io::BufReader;
 use std::io::{self, BufRead};
 
 #[cfg(feature = "packed")]
-pub use messages::{MessageError, Messages};
+pub use messages::{
+    MessageError, Messages, PayloadFormat, PayloadSchema, RECORD, RawMessage, RawMessages,
+};
 
 /// The topic of a trace's lines, unless another is named.
 pub const TOPIC: &str = "/fuseline/trace";

@@ -21,7 +21,7 @@ figure { margin: 0 0 24px; padding: 12px; background: var(--panel); border: 1px 
 figure svg { display: block; width: 100%; height: auto; }
 figcaption { color: var(--soft); font-size: 14px; padding: 8px 12px 4px; }
 pre { overflow-x: auto; padding: 14px 16px; background: var(--panel); border: 1px solid var(--line); border-radius: 10px; font: 12.5px/1.45 ui-monospace, "DejaVu Sans Mono", monospace; }
-@media (max-width: 640px) { figure > div { overflow-x: auto; } figure svg { width: 760px; max-width: none; } }
+@media (max-width: 640px) { figure > div { overflow-x: auto; } figure svg { width: 560px; max-width: none; } figure::before { content: "⇄ swipe"; display: block; text-align: right; color: var(--soft); font-size: 13px; } }
 .dark { display: none; }
 @media (prefers-color-scheme: dark) { .dark { display: block; } .light { display: none; } }
 </style>

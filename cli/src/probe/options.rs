@@ -72,10 +72,10 @@ pub(crate) struct Args {
     /// Measure nothing, but plot this recording.
     #[arg(long, value_name = "FILE", requires = "output", conflicts_with_all = ["serve", "json"])]
     pub(crate) plot: Option<PathBuf>,
-    /// A gpsd that tells positions.
+    /// A gpsd that reports positions.
     #[arg(long, value_name = "HOST:PORT", conflicts_with = "serve")]
     pub(crate) gpsd: Option<String>,
-    /// An NMEA 0183 file or device that tells positions.
+    /// An NMEA 0183 file or device that reports positions.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["gpsd", "serve"])]
     pub(crate) nmea: Option<PathBuf>,
     /// What the cloud would compute besides, in milliseconds: 0 to 60000.
