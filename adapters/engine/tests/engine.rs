@@ -209,7 +209,7 @@ fn under_progressive_each_better_result_goes_at_once_and_aborts_what_it_outranks
     effects(&mut engine);
     engine.result(220, 2, 2, "east's");
     assert_eq!(effects(&mut engine), ["220: 2 east's of east by arrival", "abort 1 2"]);
-    engine.fail(230, 2, 0, &"as told");
+    engine.fail(230, 2, 0, &"on purpose");
     assert!(engine.is_idle() && effects(&mut engine).is_empty());
 }
 
@@ -247,9 +247,9 @@ fn meters_say_what_the_tally_says() {
     engine.tick(150);
     let _ = engine.open(160, 1, None, 0, []);
     engine.offer(160, 1, 2, 100 * NS, 0);
-    engine.fail(170, 1, 2, &"as told");
-    engine.fail(180, 1, 0, &"as told");
-    engine.fail(190, 1, 0, &"as told");
+    engine.fail(170, 1, 2, &"on purpose");
+    engine.fail(180, 1, 0, &"on purpose");
+    engine.fail(190, 1, 0, &"on purpose");
     let expected = [
         ("deadlines_total tested east offered", "1"),
         ("deadlines_total tested west offered", "1"),
@@ -291,8 +291,8 @@ fn under_progressive_each_message_counts_once_as_answered_and_each_output_as_a_r
     }
     engine.result(40, 0, 1, "west's");
     engine.result(50, 0, 2, "east's");
-    engine.fail(60, 1, 2, &"as told");
-    engine.fail(60, 1, 1, &"as told");
+    engine.fail(60, 1, 2, &"on purpose");
+    engine.fail(60, 1, 1, &"on purpose");
     let tally = engine.counts().tally();
     assert_eq!((tally.messages, tally.forwarded(), tally.missed), (2, 2, 0));
     let [local, east, west] = &tally.sources[..] else { panic!("{tally:?}") };
@@ -632,7 +632,7 @@ proptest! {
                     if well {
                         engine.result(now, t, p, "boxes");
                     } else {
-                        engine.fail(now, t, p, &"as told");
+                        engine.fail(now, t, p, &"on purpose");
                     }
                 }
                 Step::Stray { back, p, well } => {
@@ -641,7 +641,7 @@ proptest! {
                     if well {
                         engine.result(now, t, p, "boxes");
                     } else {
-                        engine.fail(now, t, p, &"as told");
+                        engine.fail(now, t, p, &"on purpose");
                     }
                 }
             }
@@ -701,7 +701,7 @@ proptest! {
         prop_assert!(verdict.conforms, "{:#?}", verdict.violations);
     }
 
-    /// P13, D2: every input is given to both, so no queue may tell them apart.
+    /// P13, D2: every input is given to both, so no queue may distinguish them.
     #[test]
     fn the_last_outputs_of_progressive_are_those_of_patient_at_the_same_instants(
         steps in proptest::collection::vec(step(), 1..200),
@@ -734,7 +734,7 @@ proptest! {
                         if well {
                             engine.result(now, t, p, (t, p));
                         } else {
-                            engine.fail(now, t, p, &"as told");
+                            engine.fail(now, t, p, &"on purpose");
                         }
                     }
                 }

@@ -289,10 +289,10 @@ async fn messages_of_many_megabytes_pass_both_ways() {
 async fn the_deadline_travels_with_the_call() {
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let remote = Remote::new(format!("http://{}", listener.local_addr().unwrap()));
-    let (tell, reported) = mpsc::channel();
+    let (sender, reported) = mpsc::channel();
     let note = move |request: tonic::Request<()>| {
         let timeout = request.metadata().get("grpc-timeout").unwrap().to_str().unwrap().to_owned();
-        tell.send(timeout).unwrap();
+        sender.send(timeout).unwrap();
         Ok(request)
     };
     let service =
@@ -469,14 +469,14 @@ async fn lineage_goes_with_the_request_and_of_comes_with_the_reply() {
     let (running, mut output) = spawn(vehicle, Config::default(), frames).unwrap();
     let captured = Instant::now();
     let lineage = Lineage::new("camera/front", 41, captured).within(LONG);
-    let mut told = Vec::new();
+    let mut received = Vec::new();
     for lineage in [Some(Arc::new(lineage)), None] {
         camera.write_with(Vec::new(), lineage).unwrap();
         let item = output.read().await.unwrap();
         let forwarded = Item::forwarded(&item).unwrap().clone();
-        told.push((forwarded.value, forwarded.of));
+        received.push((forwarded.value, forwarded.of));
     }
-    assert_eq!(told, [(b"boxes".to_vec(), Some(0)), (b"local".to_vec(), None)]);
+    assert_eq!(received, [(b"boxes".to_vec(), Some(0)), (b"local".to_vec(), None)]);
     let requests = seen.with(|seen| seen.clone());
     let sent = requests[0].lineage.clone().unwrap();
     assert_eq!((sent.origin.as_deref(), sent.seq), (Some("camera/front"), Some(41)));
