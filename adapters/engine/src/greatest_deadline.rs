@@ -38,7 +38,14 @@ impl GreatestDeadline {
         }
         if !self.reported.contains(&p) {
             self.reported.push(p);
-            warn!(operator, priority = p, ?offered, greatest = ?self.limit, "deadlines above the greatest are refused");
+            let greatest = self.limit;
+            warn!(
+                operator,
+                priority = p,
+                ?offered,
+                ?greatest,
+                "the deadline is above the greatest"
+            );
         }
         Duration::ZERO
     }

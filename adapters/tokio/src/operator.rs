@@ -128,8 +128,8 @@ pub enum SpawnError {
     },
     /// Local's deadline is above the [greatest](Config::greatest_deadline).
     #[error(
-        "local's deadline of {deadline:?} is above the greatest, {greatest:?}; give a shorter one, or a greater \
-         greatest_deadline"
+        "local's deadline of {deadline:?} is above the greatest, {greatest:?}; give a shorter \
+         one, or a greater greatest_deadline"
     )]
     LocalDeadline {
         /// Local's deadline.
