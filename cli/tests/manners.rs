@@ -109,12 +109,12 @@ fn clouds_may_stand_in_a_file() {
     let args = [&args[..], &[file.to_str().unwrap()]].concat();
     let done = fuseline(&args).current_dir(dir.path()).output().unwrap();
     assert_eq!(done.status.code(), Some(0), "{}", err(&done));
-    let told = out(&done);
-    assert!(told.contains("3 own    my-detector                 45.0 ms"), "{told}");
-    assert!(told.contains("0 local  mine                        60.0 ms"), "{told}");
-    assert!(told.contains("the given runtimes"), "{told}");
+    let reported = out(&done);
+    assert!(reported.contains("3 own    my-detector                 45.0 ms"), "{reported}");
+    assert!(reported.contains("0 local  mine                        60.0 ms"), "{reported}");
+    assert!(reported.contains("the given runtimes"), "{reported}");
     // Each has an AP, so that nothing is unknown.
-    assert!(!told.contains("? is not known"), "{told}");
+    assert!(!reported.contains("? is not known"), "{reported}");
 
     let both = [&args[..], &["--cloud", "name=a,priority=1,url=http://h"]].concat();
     assert_eq!(run(&both, "").status.code(), Some(2));

@@ -1,4 +1,7 @@
-//! [`Expected`], the deadline of least mean loss, and the functions that compute it (T3, T6).
+//! [`Expected`], the deadline of least mean loss, and the functions that compute it.
+//!
+//! The book's chapter *Deadlines that are safe* derives the mean loss and where it is least (T3), and what the window and
+//! the probes give (T6).
 
 use core::time::Duration;
 

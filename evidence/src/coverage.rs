@@ -20,7 +20,7 @@ pub(crate) fn take(
 ) -> Result<BranchCounts, EvidenceError> {
     let compiler = version(
         Command::new("cargo").args(["+nightly", "--version"]).env("RUSTUP_AUTO_INSTALL", "0"),
-        "branches are told apart by the nightly compiler alone",
+        "branches are distinguished by the nightly compiler alone",
     )?;
     let tool = version(
         Command::new("cargo").args(["llvm-cov", "--version"]),

@@ -199,7 +199,7 @@ fn under_progressive_each_better_result_goes_at_once_and_aborts_what_it_outranks
     effects(&mut engine);
     engine.result(220, 2, 2, "east's");
     assert_eq!(effects(&mut engine), ["220: 2 east's of east by arrival", "abort 1 2"]);
-    engine.fail(230, 2, 0, &"as told");
+    engine.fail(230, 2, 0, &"on purpose");
     assert!(engine.is_idle() && effects(&mut engine).is_empty());
 }
 
@@ -237,9 +237,9 @@ fn meters_say_what_the_tally_says() {
     engine.tick(150);
     let _ = engine.open(160, 1, None, 0, []);
     engine.offer(160, 1, 2, 100 * NS, 0);
-    engine.fail(170, 1, 2, &"as told");
-    engine.fail(180, 1, 0, &"as told");
-    engine.fail(190, 1, 0, &"as told");
+    engine.fail(170, 1, 2, &"on purpose");
+    engine.fail(180, 1, 0, &"on purpose");
+    engine.fail(190, 1, 0, &"on purpose");
     let expected = [
         ("deadlines_total tested east offered", "1"),
         ("deadlines_total tested west offered", "1"),
@@ -281,8 +281,8 @@ fn under_progressive_each_message_counts_once_as_answered_and_each_output_as_a_r
     }
     engine.result(40, 0, 1, "west's");
     engine.result(50, 0, 2, "east's");
-    engine.fail(60, 1, 2, &"as told");
-    engine.fail(60, 1, 1, &"as told");
+    engine.fail(60, 1, 2, &"on purpose");
+    engine.fail(60, 1, 1, &"on purpose");
     let tally = engine.counts().tally();
     assert_eq!((tally.messages, tally.forwarded(), tally.missed), (2, 2, 0));
     let [local, east, west] = &tally.sources[..] else { panic!("{tally:?}") };

@@ -112,7 +112,7 @@ proptest! {
                     if well {
                         engine.result(now, t, p, "boxes");
                     } else {
-                        engine.fail(now, t, p, &"as told");
+                        engine.fail(now, t, p, &"on purpose");
                     }
                 }
                 Step::Stray { back, p, well } => {
@@ -121,7 +121,7 @@ proptest! {
                     if well {
                         engine.result(now, t, p, "boxes");
                     } else {
-                        engine.fail(now, t, p, &"as told");
+                        engine.fail(now, t, p, &"on purpose");
                     }
                 }
             }
@@ -181,7 +181,7 @@ proptest! {
         prop_assert!(verdict.conforms, "{:#?}", verdict.violations);
     }
 
-    /// P13, D2: every input is given to both, so no queue may tell them apart.
+    /// P13, D2: every input is given to both, so no queue may distinguish them.
     #[test]
     fn the_last_outputs_of_progressive_are_those_of_patient_at_the_same_instants(
         steps in proptest::collection::vec(step(), 1..200),
@@ -214,7 +214,7 @@ proptest! {
                         if well {
                             engine.result(now, t, p, (t, p));
                         } else {
-                            engine.fail(now, t, p, &"as told");
+                            engine.fail(now, t, p, &"on purpose");
                         }
                     }
                 }

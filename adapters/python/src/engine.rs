@@ -122,6 +122,11 @@ impl PyEngine {
         self.with(|inner| inner.set_replaceable(count))
     }
 
+    /// The longest deadline that may be offered; the most that a policy may choose.
+    fn set_greatest_deadline(&self, greatest: Nanos) -> PyResult<()> {
+        self.with(|inner| inner.set_greatest_deadline(Duration::from_nanos(greatest.0)))
+    }
+
     /// How long the loop may be held up before it is counted and logged.
     fn set_lag_warning(&self, warning: Nanos) -> PyResult<()> {
         self.with(|inner| inner.set_lag_warning(Duration::from_nanos(warning.0)))

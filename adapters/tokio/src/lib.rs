@@ -1,5 +1,6 @@
 #![doc = include_str!("../README.md")]
 
+mod blocking;
 mod call;
 mod carried_state;
 pub mod drive;
@@ -26,6 +27,7 @@ mod side_counts;
 mod stream;
 mod workers;
 
+pub use blocking::BlockingOperator;
 pub use call::Call;
 pub use carried_state::CarriedState;
 pub use drive::Timers;

@@ -69,6 +69,9 @@ class Operator(Generic[M, V]):
         clock: Reads whole nanoseconds that never go back.
         lag_warning: How late a timer may be served, and how long a handler may hold up the loop,
             before it is counted and logged as a warning.
+        greatest_deadline: The longest deadline that a request or local may have. A longer one, such
+            as milliseconds read as seconds, is refused: of local with a ConfigError, of an offer as
+            ``deadline``, with a warning at the first. It is the most that a policy may choose.
 
     Its methods belong to the thread of its loop, but for `write_threadsafe`; elsewhere they raise a
     RuntimeError.
@@ -100,6 +103,7 @@ class Operator(Generic[M, V]):
         trace: str | os.PathLike[str] | None = None,
         clock: Clock = time.monotonic_ns,
         lag_warning: Duration = 0.02,
+        greatest_deadline: Duration = 60.0,
     ) -> None:
         check_count(output_len, 1, "an output_len")
         check_function(clock, "a clock")
@@ -109,6 +113,13 @@ class Operator(Generic[M, V]):
         self._output_len = output_len
         self._path = trace
         self._clock, self._lag_warning = clock, nanoseconds(lag_warning)
+        self._greatest_deadline = nanoseconds(greatest_deadline)
+        deadline = self._local.deadline
+        if deadline is not None and deadline > self._greatest_deadline:
+            raise ConfigError(
+                f"local's deadline of {deadline / 1e9} s is above the greatest; give a shorter "
+                "one, or a greater greatest_deadline"
+            )
         #: The loop's thread, once it has started, and messages on their way to it.
         self._thread: int | None = None
         self._on_their_way = 0
@@ -241,6 +252,7 @@ class Operator(Generic[M, V]):
             self._path,
         )
         engine.set_lag_warning(self._lag_warning)
+        engine.set_greatest_deadline(self._greatest_deadline)
         engine.set_replaceable(local.replaceable)
         for it in self._clouds:
             engine.set_linger(it.cloud.p, it.linger)

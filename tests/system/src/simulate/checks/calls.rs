@@ -92,7 +92,7 @@ pub(crate) fn time_left(facts: &Facts<'_>) -> Result<(), String> {
         let until = due.saturating_add(crate::simulate::log::nanos(cloud.linger));
         ensure(crate::simulate::log::nanos(time_left) == until - started, || {
             format!(
-                "{} is told {time_left:?} for {}, due at {until} from {started}",
+                "{} is given {time_left:?} for {}, due at {until} from {started}",
                 requested.p, requested.t
             )
         })?;
