@@ -41,6 +41,7 @@ class Scenario:
         self.kill_at: int | None = fields.get("kill_at")
         self.signal: int = fields.get("signal", 9)
         #: What one harness alone knows.
+        self.repeats: bool = fields.get("repeats", False)
         self.chunk: int = fields.get("chunk", 1)
         self.bus: float = fields.get("bus", 0)
         self.ticks: int = fields.get("ticks", len(self.delays))
@@ -53,10 +54,12 @@ class Scenario:
 class Server:
     """A server in a process of its own, that can be killed."""
 
-    def __init__(self, kind: str, folder: str, scenario: Scenario) -> None:
+    def __init__(self, kind: str, folder: str, scenario: Scenario, port: int = 0) -> None:
         command = [sys.executable, str(Path(__file__).with_name("server.py")), kind, folder]
         self._process = subprocess.Popen(
-            [*command, scenario.text], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+            [*command, scenario.text, str(port)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
         )
         assert self._process.stdout is not None
         self.port = int(self._process.stdout.readline())

@@ -1,4 +1,4 @@
-"""A server whose replies come as late as the scenario says: python server.py KIND FOLDER SCENARIO.
+"""A server whose replies come as late as the scenario says: python server.py KIND FOLDER SCENARIO PORT.
 
 It prints its port, and records each result when it is on its way.
 """
@@ -17,11 +17,13 @@ from typing import Any
 from facts import Facts, Scenario
 
 kind, folder, scenario = sys.argv[1], sys.argv[2], Scenario(sys.argv[3])
+port = int(sys.argv[4]) if len(sys.argv) > 4 else 0
 record = Facts(folder, f"server-{time.monotonic_ns()}")
 
 
 def delay(t: int, attempt: int = 0) -> Any:
     """Of a message's attempt: seconds, None for never, "fail"."""
+    t = t % len(scenario.delays) if scenario.repeats else t
     planned = scenario.delays[t] if 0 <= t < len(scenario.delays) else 1
     if isinstance(planned, list):
         planned = planned[min(attempt, len(planned) - 1)]
@@ -43,7 +45,7 @@ def lines() -> None:
                 stream.flush()
                 record("result", t, p=1, of=t, **{"try": attempt})
 
-    listener = socket.create_server(("127.0.0.1", 0), backlog=64)
+    listener = socket.create_server(("127.0.0.1", port), backlog=64)
     print(listener.getsockname()[1], flush=True)
     while True:
         threading.Thread(target=serve, args=(listener.accept()[0],), daemon=True).start()
@@ -65,7 +67,7 @@ def openpi() -> None:
             client.send(msgpack_numpy.packb({"of": t}))
             record("result", t, p=1, of=t)
 
-    with serve(handle, "127.0.0.1", 0, compression=None) as server:
+    with serve(handle, "127.0.0.1", port, compression=None) as server:
         print(server.socket.getsockname()[1], flush=True)
         server.serve_forever()
 
@@ -91,7 +93,7 @@ def positronic() -> None:
             client.send(serialization.serialise({"result": {"of": t}}))
             record("result", t, p=1, of=t)
 
-    with serve(handle, "127.0.0.1", 0, compression=None) as server:
+    with serve(handle, "127.0.0.1", port, compression=None) as server:
         print(server.socket.getsockname()[1], flush=True)
         server.serve_forever()
 
@@ -138,7 +140,7 @@ def lerobot() -> None:
 
     server = grpc.server(futures.ThreadPoolExecutor(8))
     services_pb2_grpc.add_AsyncInferenceServicer_to_server(Policy(), server)
-    print(server.add_insecure_port("127.0.0.1:0"), flush=True)
+    print(server.add_insecure_port(f"127.0.0.1:{port}"), flush=True)
     server.start()
     server.wait_for_termination()
 
