@@ -11,6 +11,14 @@ HOSTILE = [5, 5, [300, 5], 5, None, 5, "fail", 300, [60, 5], 5, 5, 5]
 KILLED: dict[str, Any] = {"delays": HOSTILE, "kill_at": 10}
 #: Something computes for 350 ms where the operator runs, while a call is under way that ends too late.
 BLOCKED = {"delays": [5, 5, 300, 5, 5], "block_at": 2, "block": 350, "period": 600}
+#: A server that is now and then slow or does not answer; always.py also kills, restarts and stops it.
+HARMED: dict[str, Any] = {
+    "delays": [5] * 18 + ["fail", 5, 40, None, 5, 5, 8, 5, 5, 5, 60],
+    "repeats": True,
+    "period": 33,
+    "chunk": 20,
+    "ticks": 1000,
+}
 CHUNKS = {"delays": [40, 60, 80, 110], "period": 33, "chunk": 10}
 
 
@@ -19,14 +27,14 @@ class Case:
     """One run of a third party's software."""
 
     name: str
-    #: The harness's language, and its program and mode.
+    #: The harness's language (wheel: Python with the wheel of Fuseline), its program and mode.
     language: str
     harness: str
     scenario: dict[str, Any]
     #: The rules and promises that break: each of them, and none but these and `may_break`.
     breaks: frozenset[str] = frozenset()
     may_break: frozenset[str] = frozenset()
-    #: Further keys of the trace's header, `max_age` of its cloud.
+    #: Further keys of the trace's header, `max_age` and `name` of its cloud.
     header: dict[str, Any] = field(default_factory=dict)
     options: tuple[str, ...] = ("--ended",)
 
@@ -109,4 +117,13 @@ CASES = [
     ),
     Case("tenacity", "python", "tenacity_retry.py retry", {"delays": HOSTILE}, broken("P2", "P5")),
     Case("tenacity-timeout", "python", "tenacity_retry.py timeout", KILLED),
+    Case(
+        "grpc-js-spans",
+        "js",
+        "spans.cjs hedging",
+        KILLED,
+        header={"name": "grpc.infer.Model/Infer"},
+    ),
+    Case("always-openpi", "wheel", "always.py openpi", HARMED),
+    Case("always-lerobot", "wheel", "always.py lerobot", HARMED),
 ]
