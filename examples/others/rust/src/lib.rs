@@ -12,10 +12,10 @@ use tokio::io::{AsyncBufReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 
 /// Whose result it is, and of which message.
-pub type Done = (u8, usize);
+pub type AttemptDone = (u8, usize);
 
 /// One run of an operator, by the arguments `MODE FOLDER SCENARIO`.
-pub struct Harness {
+pub struct DrivenRun {
     pub mode: String,
     folder: String,
     text: String,
@@ -24,10 +24,11 @@ pub struct Harness {
     attempts: Vec<AtomicUsize>,
 }
 
-impl Harness {
+impl DrivenRun {
     pub fn new() -> Arc<Self> {
         let mut args = std::env::args().skip(1);
-        let [mode, folder, text] = std::array::from_fn(|_| args.next().expect("MODE FOLDER SCENARIO"));
+        let [mode, folder, text] =
+            std::array::from_fn(|_| args.next().expect("MODE FOLDER SCENARIO"));
         let scenario: Value = serde_json::from_str(&text).expect("a scenario");
         let messages = scenario["delays"].as_array().expect("delays").len();
         let file = Mutex::new(File::create(format!("{folder}/robot.facts")).expect("a folder"));
@@ -77,7 +78,7 @@ impl Harness {
     }
 
     /// One attempt of a message's request.
-    pub async fn call(self: Arc<Self>, port: u16, t: usize) -> Result<Done, String> {
+    pub async fn call(self: Arc<Self>, port: u16, t: usize) -> Result<AttemptDone, String> {
         let attempt = self.attempts[t].fetch_add(1, Ordering::Relaxed);
         let due = self.deadline().as_nanos();
         self.record("request", t, &format!(r#","p":1,"try":{attempt},"deadline":{due}"#));
@@ -89,8 +90,9 @@ impl Harness {
     }
 }
 
-async fn exchange(port: u16, t: usize, attempt: usize) -> Result<Done, String> {
-    let stream = TcpStream::connect(("127.0.0.1", port)).await.map_err(|error| error.to_string())?;
+async fn exchange(port: u16, t: usize, attempt: usize) -> Result<AttemptDone, String> {
+    let stream =
+        TcpStream::connect(("127.0.0.1", port)).await.map_err(|error| error.to_string())?;
     let mut stream = tokio::io::BufReader::new(stream);
     let request = format!("{t} {attempt}\n");
     stream.write_all(request.as_bytes()).await.map_err(|error| error.to_string())?;

@@ -9,11 +9,11 @@ use erdos::dataflow::context::{SetupContext, TwoInOneOutContext};
 use erdos::dataflow::operator::TwoInOneOut;
 use erdos::dataflow::stream::{IngestStream, Stream, StreamId};
 use erdos::dataflow::{Message, OperatorConfig, Timestamp, TimestampDeadline};
-use others::Harness;
+use others::DrivenRun;
 
 #[derive(Clone)]
 struct Fuse {
-    harness: Arc<Harness>,
+    harness: Arc<DrivenRun>,
     streams: [StreamId; 2],
     /// What was sent: ERDOS leaves it to its user to send once.
     sent: Arc<Mutex<HashSet<usize>>>,
@@ -48,7 +48,7 @@ impl TwoInOneOut<(), usize, usize, usize> for Fuse {
 }
 
 fn main() {
-    let harness = Harness::new();
+    let harness = DrivenRun::new();
     let port = || std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let mut config = erdos::Configuration::new(0, vec![port()], vec![port()], 4);
     config.logging_level = None;

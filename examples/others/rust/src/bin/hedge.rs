@@ -4,19 +4,19 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use others::{Done, Harness};
+use others::{AttemptDone, DrivenRun};
 use tower::util::BoxCloneService;
 use tower::{Layer, Service, ServiceExt};
 use tower_resilience::{fallback::FallbackLayer, hedge::HedgeLayer, timelimiter::TimeLimiterLayer};
 
 const HEDGE: Duration = Duration::from_millis(40);
-type Answer = Result<Done, String>;
-type Boxed = BoxCloneService<usize, Done, String>;
+type AttemptResult = Result<AttemptDone, String>;
+type BoxedService = BoxCloneService<usize, AttemptDone, String>;
 
-fn tower(harness: &Arc<Harness>, port: u16) -> Boxed {
+fn tower(harness: &Arc<DrivenRun>, port: u16) -> BoxedService {
     let own = harness.clone();
     let inner = tower::service_fn(move |t| own.clone().call(port, t));
-    let hedged: Boxed = if harness.mode == "tower-queue" {
+    let hedged: BoxedService = if harness.mode == "tower-queue" {
         BoxCloneService::new(tower::limit::ConcurrencyLimit::new(inner, 1))
     } else {
         let hedge = HedgeLayer::builder().delay(HEDGE).max_hedged_attempts(2).build();
@@ -24,12 +24,12 @@ fn tower(harness: &Arc<Harness>, port: u16) -> Boxed {
     };
     let limit = TimeLimiterLayer::builder().timeout_duration(harness.deadline()).build();
     let limited = limit.layer(hedged).map_err(|error| format!("{error:?}"));
-    let fallback = FallbackLayer::<usize, Done, String>::builder();
+    let fallback = FallbackLayer::<usize, AttemptDone, String>::builder();
     let fallback = fallback.from_request_error(|t: &usize, _: &String| (0, *t)).build();
     BoxCloneService::new(fallback.layer(limited).map_err(|error| format!("{error:?}")))
 }
 
-async fn seatbelt(harness: Arc<Harness>, port: u16, t: usize) -> Answer {
+async fn seatbelt(harness: Arc<DrivenRun>, port: u16, t: usize) -> AttemptResult {
     use layered::{Execute, Service as _, Stack};
     use seatbelt::fallback::Fallback;
     use seatbelt::hedging::Hedging;
@@ -37,15 +37,16 @@ async fn seatbelt(harness: Arc<Harness>, port: u16, t: usize) -> Answer {
     use seatbelt::{RecoveryInfo, ResilienceContext};
 
     let clock = tick::Clock::new_tokio();
-    let context: ResilienceContext<usize, Answer> = ResilienceContext::new(&clock).name("operator");
-    let recovery = |done: &Answer, _| match done {
+    let context: ResilienceContext<usize, AttemptResult> =
+        ResilienceContext::new(&clock).name("operator");
+    let recovery = |done: &AttemptResult, _| match done {
         Ok(_) => RecoveryInfo::never(),
         Err(_) => RecoveryInfo::retry(),
     };
     let stack = (
         Fallback::layer("fallback", &context)
-            .should_fallback(|done: &Answer| done.is_err())
-            .fallback(move |_: Answer, _| Ok((0, t))),
+            .should_fallback(|done: &AttemptResult| done.is_err())
+            .fallback(move |_: AttemptResult, _| Ok((0, t))),
         Timeout::layer("timeout", &context)
             .timeout_output(|_| Err("timeout".to_owned()))
             .timeout(harness.deadline()),
@@ -58,7 +59,7 @@ async fn seatbelt(harness: Arc<Harness>, port: u16, t: usize) -> Answer {
     stack.into_service().execute(t).await
 }
 
-async fn message(harness: Arc<Harness>, port: u16, mut service: Boxed, t: usize) {
+async fn message(harness: Arc<DrivenRun>, port: u16, mut service: BoxedService, t: usize) {
     harness.record("open", t, &format!(r#","within":{}"#, harness.deadline().as_nanos()));
     harness.record("result", t, r#","p":0"#);
     let done = if harness.mode == "seatbelt" {
@@ -75,7 +76,7 @@ async fn message(harness: Arc<Harness>, port: u16, mut service: Boxed, t: usize)
 
 #[tokio::main(flavor = "current_thread")]
 async fn main() {
-    let harness = Harness::new();
+    let harness = DrivenRun::new();
     let (port, mut server) = harness.serve();
     let service = tower(&harness, port);
     let mut messages = tokio::task::JoinSet::new();
