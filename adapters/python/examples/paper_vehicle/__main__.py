@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import logging
 from collections import Counter
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, suppress
@@ -196,6 +197,8 @@ def main() -> None:
         parser.error("--seconds: from 10 to 3600")
     if arguments.traces is not None:
         arguments.traces.mkdir(parents=True, exist_ok=True)
+    # What is missed and hangs is what is shown here.
+    logging.getLogger("fuseline").setLevel(logging.CRITICAL)
     kills: list[str | None] = list(PARTS) if arguments.kill == "each" else [arguments.kill]
     print("runtimes and values are emulated; networks are recorded")
     head = (f"{'':24} {'commands':>12} {'within':>11} {'age p50':>8} {'p99':>7}", "AP", "stops")
