@@ -7,7 +7,7 @@ use crate::lineage::Lineage;
 
 /// One message's end-to-end deadline on the engine's clock.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) struct Budget {
+pub struct Budget {
     due: u64,
     reserve: u64,
     /// How old the message was when it was taken in; 0 if that is unknown.
@@ -15,6 +15,12 @@ pub(crate) struct Budget {
 }
 
 impl Budget {
+    /// One that is due at `due` on a clock in nanoseconds, of which `reserve` is kept for the operators downstream.
+    #[must_use]
+    pub const fn ending_at(due: u64, reserve: u64) -> Self {
+        Self { due, reserve, age: 0 }
+    }
+
     /// Of a message that is taken in at `now`, which is `instant`; none if it has no end-to-end deadline.
     pub(crate) fn new(
         lineage: &Lineage,
@@ -27,13 +33,15 @@ impl Budget {
     }
 
     /// What a request may take at `at`: none of the reserve.
-    pub(crate) fn for_cloud(&self, at: u64) -> Duration {
+    #[must_use]
+    pub fn for_cloud(&self, at: u64) -> Duration {
         Duration::from_nanos(self.due.saturating_sub(self.reserve).saturating_sub(at))
     }
 
     /// E2: what local may take, at least 1 ns, for F1 refuses less. Only if a substitute is sent for a missed message is the
     /// reserve kept from it: else nothing is gained by its end.
-    pub(crate) fn for_local(&self, at: u64, has_substitute: bool) -> Duration {
+    #[must_use]
+    pub fn for_local(&self, at: u64, has_substitute: bool) -> Duration {
         let reserve = if has_substitute { self.reserve } else { 0 };
         Duration::from_nanos(self.due.saturating_sub(reserve).saturating_sub(at).max(1))
     }

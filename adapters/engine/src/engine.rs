@@ -65,6 +65,8 @@ pub struct Engine<V, R> {
     reserve: u64,
     has_substitutes: bool,
     greatest_deadline: GreatestDeadline,
+    /// D13: whether messages' ages are of a clock that may step.
+    has_doubtful_ages: bool,
     policies: Policies,
     open_messages: OpenMessages<V>,
     /// When the clock read 0.
@@ -100,6 +102,7 @@ impl<V, R> Engine<V, R> {
             reserve: 0,
             has_substitutes: false,
             greatest_deadline: GreatestDeadline::new(),
+            has_doubtful_ages: false,
             open_messages: OpenMessages::new(),
             start: None,
             eager_notice: EagerNotice::new(header.commit),
@@ -175,6 +178,12 @@ impl<V, R> Engine<V, R> {
         self.has_substitutes = true;
     }
 
+    /// D13: says that messages' ages are of a clock that may step. They are recorded; end-to-end deadlines count from when a
+    /// message is taken in.
+    pub const fn doubt_ages(&mut self) {
+        self.has_doubtful_ages = true;
+    }
+
     /// Says when this engine's clock reads 0; without it the age of a message is unknown.
     pub const fn set_start(&mut self, start: Instant) {
         self.start = Some(start);
@@ -241,8 +250,9 @@ impl<V, R> Engine<V, R> {
         let opening =
             self.arbiter.open(at, t, deadline, |at, firing| self.firings.push((at, *firing)));
         let instant = if lineage.is_some() { self.instant(at) } else { None };
+        let counts_from_now = self.has_doubtful_ages;
         let annotations = || match &lineage {
-            Some(lineage) => lineage.annotations(instant),
+            Some(lineage) => lineage.annotations(instant, counts_from_now),
             None => Annotations::NONE,
         };
         let input = Input::Open { at, t, deadline };
@@ -403,7 +413,8 @@ impl<V, R> Engine<V, R> {
     /// What is left of a message's end-to-end deadline, if it has one.
     fn budget(&self, at: u64, lineage: &Lineage) -> Option<Budget> {
         lineage.within?;
-        Budget::new(lineage, (at, self.instant(at)), self.reserve)
+        let instant = if self.has_doubtful_ages { None } else { self.instant(at) };
+        Budget::new(lineage, (at, instant), self.reserve)
     }
 }
 

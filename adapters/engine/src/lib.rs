@@ -53,6 +53,8 @@ mod writer;
 #[cfg(feature = "operator")]
 pub use aligner::{Aligner, JoinArrival, JoinBounds, JoinCause, JoinDropReason, Joined};
 #[cfg(feature = "operator")]
+pub use budget::Budget;
+#[cfg(feature = "operator")]
 pub use counts::Counting;
 #[cfg(feature = "operator")]
 pub use effect::{Effect, Hint, Local, Offer, Overflow};

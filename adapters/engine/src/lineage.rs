@@ -56,11 +56,14 @@ impl Lineage {
         Some(now.into().saturating_duration_since(self.captured?))
     }
 
-    /// The keys of the `open`, whose instant is `now`.
-    pub(crate) fn annotations(&self, now: Option<Instant>) -> Annotations {
+    /// The keys of the `open`, whose instant is `now`. What counts from that instant is written as if it counted from the capture.
+    pub(crate) fn annotations(&self, now: Option<Instant>, counts_from_now: bool) -> Annotations {
+        let age = now.and_then(|now| self.age(now));
+        let before = age.filter(|_| counts_from_now).unwrap_or_default();
+        let within = self.within.map(|within| within.saturating_add(before));
         Annotations {
-            within: self.within.map(crate::engine::nanos),
-            age: now.and_then(|now| self.age(now)).map(crate::engine::nanos),
+            within: within.map(crate::engine::nanos),
+            age: age.map(crate::engine::nanos),
             origin: self.origin.clone(),
             ..Annotations::NONE
         }
@@ -76,5 +79,24 @@ impl From<Lineage> for Option<Arc<Lineage>> {
 impl<V> From<V> for StampedValue<V> {
     fn from(value: V) -> Self {
         Self { value, of: None }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// J2 counts from the capture what an operator that doubts ages counts from the intake.
+    #[test]
+    fn a_deadline_that_counts_from_the_intake_is_written_with_the_age() {
+        let captured = Instant::now();
+        let lineage = Lineage::new("camera", 1, captured).within(Duration::from_nanos(500));
+        let now = Some(captured + Duration::from_nanos(30));
+        let keys = |counts_from_now| {
+            let Annotations { within, age, .. } = lineage.annotations(now, counts_from_now);
+            (within, age)
+        };
+        assert_eq!(keys(false), (Some(500), Some(30)));
+        assert_eq!(keys(true), (Some(530), Some(30)));
     }
 }

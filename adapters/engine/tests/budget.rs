@@ -57,6 +57,25 @@ fn effects(engine: &mut Tested) -> Vec<String> {
     words.collect()
 }
 
+/// D13: a wall clock may step, and moves no deadline.
+#[test]
+fn a_doubtful_age_moves_no_deadline() {
+    let (mut engine, start) = engine(9);
+    engine.doubt_ages();
+    engine.set_reserve(150 * MS);
+    open(&mut engine, start, 1000, 1, 300);
+    assert_eq!(
+        effects(&mut engine),
+        ["start 0 1 until None", "start 1 1 until Some(1350)"],
+        "the request has 500 ms less the reserve"
+    );
+    engine.tick(ms(1350));
+    engine.tick(ms(1499));
+    assert!(effects(&mut engine).is_empty());
+    engine.tick(ms(1500));
+    assert_eq!(effects(&mut engine), ["1500: 1 missed"]);
+}
+
 /// E3.
 #[test]
 fn a_request_ends_where_the_reserve_of_those_downstream_begins() {

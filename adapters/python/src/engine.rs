@@ -14,7 +14,7 @@ use std::{io, mem};
 
 use fuseline_engine as engine;
 use fuseline_engine::{
-    HeaderAnnotations, Lineage, Local, Offer, Origin, Recorder, Recording, StampedValue,
+    HeaderAnnotations, Latency, Lineage, Local, Offer, Origin, Recorder, Recording, StampedValue,
 };
 use pyo3::exceptions::{PyOSError, PyRuntimeError};
 use pyo3::prelude::*;
@@ -24,6 +24,7 @@ pub(crate) use crate::engine::counting::PyCounting;
 use crate::engine::effects::Effects;
 use crate::engine::policy::EnginePolicy;
 use crate::fusion::{CloudEntry, WindowArgument, header};
+use crate::pipeline::{PyLatency, reserve_of};
 use crate::policy::SituationFields;
 use crate::raised::config;
 use crate::time::Nanos;
@@ -44,6 +45,8 @@ pub(crate) struct PyEngine {
     start: Instant,
     counting: PyCounting,
     interrupt: PendingException,
+    /// How long the operators downstream take.
+    reserve: Vec<Latency>,
     /// Whether it writes a trace.
     #[pyo3(get)]
     is_recording: bool,
@@ -59,8 +62,9 @@ impl PyEngine {
     /// `bounds` are of each cloud, in the order of `clouds`, how many calls may be under way and how many messages old values
     /// may be; `local` is how many computations run
     /// at once, how many may wait (by default as many as the window holds), whether one of an answered message is skipped,
-    /// and whether results can be lost.
+    /// and whether results can be lost; `reserve` is how long the operators downstream take.
     #[new]
+    #[expect(clippy::too_many_arguments, reason = "they are what an operator is made of")]
     fn new(
         clouds: Vec<CloudEntry<'_>>,
         bounds: Vec<(usize, u64)>,
@@ -69,6 +73,7 @@ impl PyEngine {
         commit: &str,
         operator: String,
         trace: Option<PathBuf>,
+        reserve: Vec<PyRef<'_, PyLatency>>,
     ) -> PyResult<Self> {
         let header = header(clouds, window, commit, Some(operator.clone()))?;
         let (at_once, waiting, skip_answered, lossy) = local;
@@ -102,6 +107,7 @@ impl PyEngine {
             start,
             counting,
             interrupt: PendingException::default(),
+            reserve: reserve.iter().map(|latency| latency.latency()).collect(),
             is_recording,
         })
     }
@@ -125,6 +131,11 @@ impl PyEngine {
     /// The longest deadline that may be offered; the most that a policy may choose.
     fn set_greatest_deadline(&self, greatest: Nanos) -> PyResult<()> {
         self.with(|inner| inner.set_greatest_deadline(Duration::from_nanos(greatest.0)))
+    }
+
+    /// E4: says that there is a substitute for messages that are missed.
+    fn expect_substitutes(&self) -> PyResult<()> {
+        self.with(|inner| inner.expect_substitutes())
     }
 
     /// How long the loop may be held up before it is counted and logged.
@@ -165,6 +176,9 @@ impl PyEngine {
         let deadline = deadline.map(|Nanos(deadline)| Duration::from_nanos(deadline));
         let lineage = lineage.map(|lineage| Arc::new(self.lineage(at, lineage)));
         self.apply(py, |inner| {
+            if !self.reserve.is_empty() {
+                inner.set_reserve(reserve_of(self.reserve.iter()));
+            }
             inner.open_with(at, t, deadline, lineage, job, offers);
         })
     }
@@ -319,6 +333,6 @@ fn unwritable(error: &io::Error, path: PathBuf) -> PyErr {
     }
 }
 
-fn nanos(duration: Duration) -> u64 {
+pub(crate) fn nanos(duration: Duration) -> u64 {
     u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
 }

@@ -5,6 +5,7 @@ mod fleet;
 mod fusion;
 mod judging;
 mod logging;
+mod pipeline;
 mod policy;
 mod raised;
 mod reading;
@@ -27,6 +28,8 @@ mod _fuseline {
     use crate::fusion::PyFusion;
     #[pymodule_export]
     use crate::judging::{check, read, replay, report};
+    #[pymodule_export]
+    use crate::pipeline::{PyAligner, PyLatency, PyReorderer};
     #[pymodule_export]
     use crate::policy::{PyExpected, PyGuard, PyObservations, loss};
     #[pymodule_export]

@@ -26,7 +26,7 @@ def test_the_machines_own_example_runs() -> None:
 def test_the_documents_code_runs(tmp_path: Path) -> None:
     each = [
         re.findall(r"```python\n(.*?)```", document.read_text(), re.DOTALL)
-        for document in (README, USE / "python.md", USE / "robot.md")
+        for document in (README, USE / "python.md", USE / "pipelines.md", USE / "robot.md")
     ]
     assert all(each)
     blocks = [block for of_one in each for block in of_one]

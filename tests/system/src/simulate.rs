@@ -2,6 +2,7 @@
 
 mod checks;
 mod draw;
+mod graphs;
 mod log;
 mod peers;
 mod play;
@@ -13,6 +14,7 @@ mod simulator;
 mod value;
 
 pub use checks::{CHECKS, Check, Finding};
+pub use graphs::graph_findings;
 pub use saved_seeds::{KeptSeed, saved_seeds};
 pub use scenario::{
     CallResult, Disk, Finish, MessageScript, OfferAction, OnBoard, ReaderPlan, Scenario,

@@ -20,7 +20,7 @@ from fuseline._errors import (
     TimeError,
     TraceError,
 )
-from fuseline._fuseline import Fusion, nanoseconds
+from fuseline._fuseline import Fusion, Latency, nanoseconds
 from fuseline._item import (
     Call,
     CurrentDeadline,
@@ -32,9 +32,12 @@ from fuseline._item import (
     StampedValue,
     Trigger,
 )
+from fuseline._items import Items, OutOfOrder
+from fuseline._join import Join, JoinCause, JoinDrop, JoinDropReason, Joined, JoinInput
 from fuseline._judge import Verdict, Violation, check, check_observed, replay, report
 from fuseline._local import Local
 from fuseline._operator import Operator
+from fuseline._state import CarriedState
 from fuseline._trace import Line, Trace
 from fuseline._words import (
     Accepted,
@@ -66,6 +69,7 @@ __all__ = [
     "BlockingOperator",
     "Call",
     "CallError",
+    "CarriedState",
     "Closed",
     "Cloud",
     "Commit",
@@ -84,6 +88,14 @@ __all__ = [
     "Fusion",
     "Held",
     "Item",
+    "Items",
+    "Join",
+    "JoinCause",
+    "JoinDrop",
+    "JoinDropReason",
+    "JoinInput",
+    "Joined",
+    "Latency",
     "Line",
     "Lineage",
     "Local",
@@ -92,6 +104,7 @@ __all__ = [
     "OpenRefusal",
     "Opening",
     "Operator",
+    "OutOfOrder",
     "Outcome",
     "Preliminary",
     "ReadError",

@@ -14,9 +14,11 @@ from functools import partial
 from typing import Any, Generic, TypeVar
 
 from fuseline._errors import in_one_line
-from fuseline._fuseline import Engine, nanoseconds
-from fuseline._item import Call, Effect, Item, Lineage, StampedValue
+from fuseline._fuseline import Engine, Latency, nanoseconds
+from fuseline._item import Call, Effect, Ending, Item, Lineage, StampedValue
 from fuseline._local import Local
+from fuseline._side import SideRequest
+from fuseline._state import CarriedState
 from fuseline._threads import DaemonThreads
 from fuseline._timed import TimedSteps
 from fuseline._wiring import WiringError, check_awaitable, check_value
@@ -56,6 +58,19 @@ class RegisteredCloud:
 
 
 @dataclass(slots=True)
+class OutputHandlers:
+    """What is done with items beside sending them, and with messages beside computing them."""
+
+    #: E4: gives what is sent for a message that is missed or refused.
+    substitute: Callable[[Item[Any]], Any] | None = None
+    #: E10: states, each with what reads it from a result that is sent.
+    states: list[tuple[CarriedState[Any], Callable[[Any], Any]]] = field(default_factory=list)
+    sides: list[SideRequest] = field(default_factory=list)
+    #: What records how long messages take.
+    latency: Latency | None = None
+
+
+@dataclass(slots=True)
 class SourceTasks:
     """The calls or computations of one source."""
 
@@ -86,6 +101,7 @@ class Driver(Generic[M, V]):
         engine: The engine.
         local: What computes on board; it was started.
         clouds: Those of the engine.
+        handlers: What goes with items and messages.
         clock: Reads whole nanoseconds.
         output: Takes each item, in the order of the decisions.
         acted: Called after each input, once all that it led to is done.
@@ -97,6 +113,7 @@ class Driver(Generic[M, V]):
         engine: Engine,
         local: Local[M, V],
         clouds: Iterable[RegisteredCloud],
+        handlers: OutputHandlers,
         clock: Clock,
         output: Callable[[Item[V]], None],
         acted: Callable[[], None],
@@ -108,7 +125,9 @@ class Driver(Generic[M, V]):
         self._is_deciding = self._is_last = False
         self._engine = engine
         self._local = local
-        self._clouds = list(clouds)
+        self._clouds, self._handlers = list(clouds), handlers
+        #: The latest message that was taken on.
+        self._taken_on: int | None = None
         self._sources = {0: SourceTasks(local.at_once + OVERDUE_TASKS, None)}
         for cloud in self._clouds:
             limit = 2 * cloud.calls + OVERDUE_TASKS
@@ -163,6 +182,10 @@ class Driver(Generic[M, V]):
             self._lineages[t] = lineage
             fields = lineage.origin, lineage.seq, self._age(now, lineage), lineage.within
         self._decide(now, self._engine.open, t, self._local.deadline, message, offers, fields)
+        if self._taken_on == t and not self.is_over:
+            call = Call(t, 0.0, lineage, None if fields is None else _seconds(fields[2]))
+            for side in self._handlers.sides:
+                side.on_message(message, call)
 
     def stop(self) -> None:
         """End at once: calls are aborted, and the trace is whole up to here.
@@ -183,6 +206,8 @@ class Driver(Generic[M, V]):
                 source.abort(t)
             if source.encoders is not None:
                 source.encoders.stop()
+        for side in self._handlers.sides:
+            self._sources[0].aborted.update(side.stop())
         self._local._stop()
         if not self._engine.is_recording:
             self._engine.finish()
@@ -210,8 +235,7 @@ class Driver(Generic[M, V]):
     def _lineage_of(self, now: int, t: int) -> tuple[Lineage | None, float | None]:
         """What an open message comes from, and how many seconds old it is."""
         lineage = self._lineages.get(t)
-        age = None if lineage is None else self._age(now, lineage)
-        return lineage, None if age is None else age / 1e9
+        return lineage, None if lineage is None else _seconds(self._age(now, lineage))
 
     def _clock(self) -> int:
         """Nanoseconds since the start; a clock that goes back stands still."""
@@ -244,6 +268,7 @@ class Driver(Generic[M, V]):
                     t = item.timestamp
                     lineages = self._lineages
                     item.lineage = lineages.pop(t, None) if item.last else lineages.get(t)
+                self._complete(item)
                 self._output(item)
             elif effect[0] == "start":
                 self._begin(now, *effect[1:])
@@ -256,6 +281,26 @@ class Driver(Generic[M, V]):
         due = self._engine.next_due
         if due is not None and (self._timer is None or due < self._armed):
             self._arm(due, now)
+
+    def _complete(self, item: Item[V]) -> None:
+        """Take over the state of a result, and give what is sent without one."""
+        handlers, ending = self._handlers, item.ending
+        if handlers.latency is not None and item.last and ending is not Ending.REFUSED:
+            handlers.latency.record(ns(item.decided - item.opened))
+        try:
+            if ending is Ending.FORWARDED or ending is Ending.PRELIMINARY:
+                t = item.timestamp if item.of is None else item.of
+                for state, state_of in handlers.states:
+                    state.sent(t, state_of(item.value))
+            elif ending is not Ending.FINAL and handlers.substitute is not None:
+                # E4: something is sent for each message.
+                item.value = item.substitute = handlers.substitute(item)
+                if item.substitute is not None:
+                    # E7: how old it is only the handler knows.
+                    item.age = None
+        except Exception:
+            _log.exception("%s: a handler of message %d failed", self.name, item.timestamp)
+            self.counting.handler_failed(None)
 
     def _arm(self, due: int, now: int) -> None:
         """Set the timer; it is never moved further away, which would cost more than it saves."""
@@ -293,6 +338,7 @@ class Driver(Generic[M, V]):
             finally:
                 self.counting.ran(it.cloud.p, self._read_clock() - begin)
             yield offer
+        self._taken_on = t
 
     def _begin(self, now: int, p: int, t: int, until: int | None, request: Any) -> None:
         if self.is_over or self._is_last:
@@ -381,6 +427,10 @@ class Driver(Generic[M, V]):
             cloud = self._sources[p].cloud
             name = "local" if cloud is None else cloud.cloud.name
             _log.error("%s: %s: %s", self.name, name, error)
+
+
+def _seconds(nanos: int | None) -> float | None:
+    return None if nanos is None else nanos / 1e9
 
 
 def _same(encode: Callable[[Any], Any]) -> Callable[[Any], Any]:

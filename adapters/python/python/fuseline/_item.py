@@ -80,9 +80,9 @@ class Lineage:
     #: When the sensor captured it, by the operators' clock in nanoseconds: ``time.monotonic_ns()``,
     #: unless they were given another.
     captured: int | None = None
-    #: By when after the capture the last operator's output is due. It is written in traces and
-    #: judged (J2); no operator acts on it. If the capture is unknown, each operator counts from
-    #: when it takes the message in.
+    #: By when after the capture the last operator's output is due. Each operator's deadlines end
+    #: with it (E3); traces have it, where it is judged (J2). If the capture is unknown, each
+    #: operator counts from when it takes the message in.
     within: Duration | None = None
 
     def __post_init__(self) -> None:
@@ -92,6 +92,21 @@ class Lineage:
             raise TypeError(f"captured at {self.captured!r}; give nanoseconds, as monotonic_ns()")
         if self.within is not None:
             object.__setattr__(self, "within", nanoseconds(self.within))
+
+    @classmethod
+    def _of(cls, fields: tuple[str | None, int | None, int | None, int | None]) -> Lineage:
+        """What `fields_of` made these of."""
+        origin, seq, captured, within = fields
+        return cls(origin, seq, captured, None if within is None else ns(within))
+
+
+def fields_of(
+    lineage: Lineage | None,
+) -> tuple[str | None, int | None, int | None, Any] | None:
+    """A lineage as the extension has it."""
+    if lineage is None:
+        return None
+    return lineage.origin, lineage.seq, lineage.captured, lineage.within
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +167,7 @@ class Item(Generic[V]):
     decided: int
     #: How it left.
     ending: Ending
-    #: The result, if one is sent with it.
+    #: The result that is sent with it, or else the `substitute`.
     value: V | None = None
     #: Whose result it is; of a final one, whose was sent before.
     source: Source | None = None
@@ -174,6 +189,9 @@ class Item(Generic[V]):
     #: Of which message the value is, if its source said so: of this one, or of one before it that
     #: is no older than the cloud's ``max_age`` allows (D2).
     of: int | None = None
+    #: What the operator's handler gave for a message that was missed or refused (E4). The ending
+    #: stays as it is, and the age is unknown (E7).
+    substitute: V | None = None
 
     @property
     def last(self) -> bool:

@@ -16,16 +16,19 @@ from collections.abc import (
     Awaitable,
     Callable,
     Iterable,
+    Sequence,
 )
 from concurrent.futures import Future
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
-from fuseline._drive import Clock, Driver, RegisteredCloud, wait_for_cancelled
+from fuseline._drive import Clock, Driver, OutputHandlers, RegisteredCloud, wait_for_cancelled
 from fuseline._errors import Closed, ConfigError, Full, TraceError
-from fuseline._fuseline import Engine, nanoseconds
+from fuseline._fuseline import Engine, Latency, nanoseconds
 from fuseline._item import Call, CurrentDeadline, Item, Lineage, StampedValue
+from fuseline._join import Joined
 from fuseline._local import Local, local_of
+from fuseline._setup import PipelineSetup
 from fuseline._wiring import (
     check_count,
     check_function,
@@ -48,7 +51,7 @@ Res = TypeVar("Res")
 _log = logging.getLogger("fuseline")
 
 
-class Operator(Generic[M, V]):
+class Operator(PipelineSetup[M, V], Generic[M, V]):
     """Computes each message on board and in clouds, and forwards the best result that is in time.
 
     Each message written leads to exactly one `Item`; under progressive to one or more, the last one
@@ -72,6 +75,9 @@ class Operator(Generic[M, V]):
         greatest_deadline: The longest deadline that a request or local may have. A longer one, such
             as milliseconds read as seconds, is refused: of local with a ConfigError, of an offer as
             ``deadline``, with a warning at the first. It is the most that a policy may choose.
+        reserve: How long the operators downstream take: so much is kept of an end-to-end deadline
+            (E3).
+        latency: What records how long this operator takes, for those upstream.
 
     Its methods belong to the thread of its loop, but for `write_threadsafe`; elsewhere they raise a
     RuntimeError.
@@ -104,6 +110,8 @@ class Operator(Generic[M, V]):
         clock: Clock = time.monotonic_ns,
         lag_warning: Duration = 0.02,
         greatest_deadline: Duration = 60.0,
+        reserve: Sequence[Latency] = (),
+        latency: Latency | None = None,
     ) -> None:
         check_count(output_len, 1, "an output_len")
         check_function(clock, "a clock")
@@ -126,6 +134,8 @@ class Operator(Generic[M, V]):
         self._way = threading.Lock()
         self._not_taken = 0
         self._clouds: list[RegisteredCloud] = []
+        self._reserve = list(reserve)
+        super().__init__(OutputHandlers(latency=latency))
         self._loop: asyncio.AbstractEventLoop | None = None
         self._situation: Callable[[M, int], Situation] | None = None
         self._driver: Driver[M, V] | None = None
@@ -250,7 +260,10 @@ class Operator(Generic[M, V]):
             self._commit,
             self.name,
             self._path,
+            self._reserve,
         )
+        if self._handlers.substitute is not None:
+            engine.expect_substitutes()
         engine.set_lag_warning(self._lag_warning)
         engine.set_greatest_deadline(self._greatest_deadline)
         engine.set_replaceable(local.replaceable)
@@ -268,7 +281,14 @@ class Operator(Generic[M, V]):
         self._loop = asyncio.get_running_loop()
         self._thread = threading.get_ident()
         self._driver = Driver(
-            self.name, engine, local, self._clouds, self._clock, self._put, self._end_if_idle
+            self.name,
+            engine,
+            local,
+            self._clouds,
+            self._handlers,
+            self._clock,
+            self._put,
+            self._end_if_idle,
         )
 
     async def __aenter__(self) -> Operator[M, V]:
@@ -379,7 +399,8 @@ class Operator(Generic[M, V]):
     async def write_all(self, messages: AsyncIterable[M] | Iterable[M]) -> int:
         """Write each message as soon as there is room; return how many.
 
-        There is room while the reader of the items does not lag and the window is not full.
+        There is room while the reader of the items does not lag and the window is not full. What
+        comes from another operator or a join, its `Item`s or `Joined` sets, has its lineage.
 
         Raises:
             Closed: if the operator takes no more messages.
@@ -391,7 +412,8 @@ class Operator(Generic[M, V]):
             async for message in _each(messages):
                 while not self._has_room() and not self._is_last:
                     await self._writers.wait()
-                self.write(message)
+                lineage = message.lineage if isinstance(message, (Item, Joined)) else None
+                self.write(message, lineage)
                 count += 1
         return count
 
@@ -476,6 +498,9 @@ class Operator(Generic[M, V]):
             # Two sources may have one name.
             for key, count in self._driver.counting.counts():
                 counts[key] += count
+        for side in self._handlers.sides:
+            for outcome, count in side.counts.items():
+                counts[side.name, "side request", outcome] = count
         if self._not_taken:
             counts[self.name, "message", "not taken"] = self._not_taken
         return counts

@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 
 use clap::Parser;
 use fuseline_system_tests::simulate::{
-    Finding, KeptSeed, Scenario, Simulated, Simulator, saved_seeds,
+    Finding, KeptSeed, Scenario, Simulated, Simulator, graph_findings, saved_seeds,
 };
 use fuseline_testkit::Rng;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -38,11 +38,14 @@ struct Cli {
     /// Play this seed alone, and print its scenario.
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// The first of the fresh seeds; by chance if not given.
+    /// Play the graph of operators of this seed alone.
     #[arg(long, value_name = "N", conflicts_with = "seed")]
+    graph: Option<u64>,
+    /// The first of the fresh seeds; by chance if not given.
+    #[arg(long, value_name = "N", conflicts_with_all = ["seed", "graph"])]
     from: Option<u64>,
     /// Play so many fresh seeds instead of for some time.
-    #[arg(long, value_name = "N", conflicts_with_all = ["seed", "seconds"])]
+    #[arg(long, value_name = "N", conflicts_with_all = ["seed", "graph", "seconds"])]
     runs: Option<u64>,
     /// Write the trace of the seed to this file.
     #[arg(long, value_name = "FILE", requires = "seed")]
@@ -56,6 +59,8 @@ struct Cli {
 #[derive(Default, Serialize)]
 struct Sum {
     runs: u64,
+    /// Graphs of operators among them.
+    graphs: u64,
     messages: u64,
     /// Seconds of virtual time.
     lived: f64,
@@ -78,6 +83,8 @@ struct Failed {
     smallest: String,
 }
 
+/// After so many runs of one operator comes a graph of several.
+const RUNS_BEFORE_GRAPH: u64 = 64;
 /// A run that takes longer hangs: none takes more than a second.
 const HANGS: Duration = Duration::from_secs(120);
 
@@ -105,9 +112,10 @@ fn main() -> ExitCode {
     // Where the system refuses a handler, Ctrl-C ends the command as it does otherwise.
     let _ = ctrlc::set_handler(|| STOP.store(true, Ordering::Release));
     thread::spawn(watch);
-    let done = match cli.seed {
-        Some(seed) => replay(&cli, seed),
-        None => search(&cli),
+    let done = match (cli.seed, cli.graph) {
+        (Some(seed), _) => replay(&cli, seed),
+        (None, Some(seed)) => replay_graph(seed),
+        (None, None) => search(&cli),
     };
     match done.and_then(|sum| report(&cli, &sum)) {
         Ok(code) => code,
@@ -140,6 +148,13 @@ fn replay(cli: &Cli, seed: u64) -> io::Result<Sum> {
     Ok(sum)
 }
 
+fn replay_graph(seed: u64) -> io::Result<Sum> {
+    let (mut sum, start) = (Sum::default(), Instant::now());
+    play_graph(seed, &mut sum)?;
+    sum.end(start);
+    Ok(sum)
+}
+
 /// Plays the saved seeds, then fresh ones, until the time is up or one fails.
 fn search(cli: &Cli) -> io::Result<Sum> {
     let simulator = Simulator::new()?;
@@ -161,6 +176,13 @@ fn search(cli: &Cli) -> io::Result<Sum> {
         let run = play(&simulator, &scenario, &mut sum)?;
         if is_fresh {
             sum.seeds = Some((from, seed.wrapping_add(1)));
+        }
+        if run.findings.is_empty() && sum.runs.is_multiple_of(RUNS_BEFORE_GRAPH) {
+            play_graph(seed, &mut sum)?;
+            if sum.failed.is_some() {
+                sum.end(start);
+                break;
+            }
         }
         bar.set_position(start.elapsed().as_secs());
         if sum.runs.is_multiple_of(64) {
@@ -190,6 +212,20 @@ fn play(simulator: &Simulator, scenario: &Scenario, sum: &mut Sum) -> io::Result
     Ok(run)
 }
 
+/// Plays the graph of a seed.
+fn play_graph(seed: u64, sum: &mut Sum) -> io::Result<()> {
+    NOW[0].store(seed, Ordering::Release);
+    NOW[1].fetch_add(1, Ordering::AcqRel);
+    let findings = graph_findings(seed)?;
+    sum.runs += 1;
+    sum.graphs += 1;
+    if !findings.is_empty() {
+        let (check, smallest) = ("graph", String::new());
+        sum.failed = Some(Failed { seed, check, what: findings.join("; "), smallest });
+    }
+    Ok(())
+}
+
 fn failed(
     simulator: &Simulator,
     scenario: &Scenario,
@@ -213,19 +249,20 @@ fn report(cli: &Cli, sum: &Sum) -> io::Result<ExitCode> {
         writeln!(out)?;
     } else {
         if let Some(Failed { seed, check, what, smallest }) = &sum.failed {
-            writeln!(
-                out,
-                "seed {seed} breaks {check}: {what}\n\na smallest run that breaks it:\n{smallest}"
-            )?;
-            writeln!(out, "again: fuseline-simulate --seed {seed}")?;
+            writeln!(out, "seed {seed} breaks {check}: {what}")?;
+            if !smallest.is_empty() {
+                writeln!(out, "\na smallest run that breaks it:\n{smallest}")?;
+            }
+            let option = if *check == "graph" { "graph" } else { "seed" };
+            writeln!(out, "again: fuseline-simulate --{option} {seed}")?;
         }
         if let Some((first, end)) = sum.seeds.filter(|(first, end)| first != end) {
             writeln!(out, "fresh seeds {first} to {}", end.wrapping_sub(1))?;
         }
-        let Sum { runs, messages, lived, took, rate, .. } = sum;
+        let Sum { runs, graphs, messages, lived, took, rate, .. } = sum;
         writeln!(
             out,
-            "{runs} runs, {messages} messages, {lived:.0} s of life in {took:.1} s: {rate:.0} messages a second"
+            "{runs} runs, {graphs} of graphs, {messages} messages, {lived:.0} s of life in {took:.1} s: {rate:.0} messages a second"
         )?;
     }
     Ok(match (&sum.failed, sum.interrupted) {

@@ -1,0 +1,184 @@
+"""Reading an operator's items or a join's sets: by several readers, and in order (E9)."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+import weakref
+from collections import deque
+from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+from fuseline._fuseline import Reorderer, nanoseconds
+from fuseline._item import Item, fields_of
+from fuseline._wiring import check_count, check_function
+
+if TYPE_CHECKING:
+    from fuseline._judge import Duration
+
+T = TypeVar("T")
+V = TypeVar("V")
+
+
+@dataclass(frozen=True)
+class OutOfOrder:
+    """What a reader in order does not give, or gives without what came before."""
+
+    #: These timestamps had not ended when a later one was due; none for an item that was late.
+    passed_over: range | None
+    #: An item of this timestamp, which had been passed over, was dropped.
+    late: int | None
+
+
+class Items(Generic[T]):
+    """A reader of an operator's items, or of a join's sets; `another` shares them.
+
+    One that lags by ``output_len`` holds the others back, and by them the operator. A reader that
+    nobody refers to any more holds nobody back.
+
+    >>> import asyncio
+    >>> from fuseline import Operator
+    >>> async def main():
+    ...     async with Operator(lambda n, t: n * n) as squares:
+    ...         squares.feed([1, 2])
+    ...         one = Items(squares)
+    ...         other = one.another()
+    ...         return [(await one.read()).value, (await other.read()).value]
+    >>> asyncio.run(main())
+    [1, 1]
+    """
+
+    def __init__(self, source: AsyncIterator[T], *, output_len: int = 16) -> None:
+        check_count(output_len, 1, "an output_len")
+        self._shared = _SharedSource(source.__aiter__(), output_len)
+        self._waiting: deque[T] = deque()
+        self._shared.add(self)
+
+    def another(self) -> Items[T]:
+        """Another reader, for all that comes from now on."""
+        reader: Items[T] = object.__new__(Items)
+        reader._shared, reader._waiting = self._shared, deque()
+        self._shared.add(reader)
+        return reader
+
+    def __aiter__(self) -> AsyncIterator[T]:
+        return self
+
+    async def __anext__(self) -> T:
+        """The next one; the end once no more come."""
+        while not self._waiting:
+            await self._shared.pull(self._waiting)
+        message = self._waiting.popleft()
+        self._shared.make_room()
+        return message
+
+    async def read(self) -> T | None:
+        """The next one; None once no more come."""
+        try:
+            return await self.__anext__()
+        except StopAsyncIteration:
+            return None
+
+    def in_order(
+        self: Items[Item[V]],
+        wait: Duration,
+        reserve: Duration = 0.0,
+        report: Callable[[OutOfOrder], None] | None = None,
+        *,
+        clock: Callable[[], int] = time.monotonic_ns,
+    ) -> Items[Item[V]]:
+        """This reader in the order of timestamps. Call it before anything was read.
+
+        Args:
+            wait: How long an item waits for those of earlier messages; at most 1,024 wait. Then
+                what is not there is passed over.
+            reserve: It waits no longer than until this is left of its end-to-end deadline.
+            report: Called with what is passed over, and with what comes of it later.
+            clock: The operators' clock.
+        """
+        check_function(clock, "a clock")
+        if report is not None:
+            check_function(report, "a report")
+        reorderer = Reorderer(nanoseconds(wait), nanoseconds(reserve), clock())
+        ordered = _ordered(self, reorderer, report, clock)
+        return Items(ordered, output_len=self._shared.capacity)
+
+
+class _SharedSource(Generic[T]):
+    """What several readers read: whoever needs more takes it for all."""
+
+    def __init__(self, source: AsyncIterator[T], capacity: int) -> None:
+        self.source, self.capacity = source, capacity
+        self._readers: set[weakref.ref[Items[T]]] = set()
+        self._turn, self._room = asyncio.Lock(), asyncio.Event()
+
+    def add(self, reader: Items[T]) -> None:
+        self._readers.add(weakref.ref(reader, self._gone))
+
+    async def pull(self, waiting: deque[T]) -> None:
+        """One more for all readers, unless another reader took one meanwhile."""
+        async with self._turn:
+            if waiting:
+                return
+            # E8: the slowest reader holds the others back.
+            while any(len(it._waiting) >= self.capacity for it in self._all()):
+                self._room.clear()
+                await self._room.wait()
+            message = await self.source.__anext__()
+            for reader in self._all():
+                reader._waiting.append(message)
+
+    def make_room(self) -> None:
+        self._room.set()
+
+    def _all(self) -> list[Items[T]]:
+        readers = (it() for it in self._readers)
+        return [it for it in readers if it is not None]
+
+    def _gone(self, reader: weakref.ref[Items[T]]) -> None:
+        self._readers.discard(reader)
+        self.make_room()
+
+
+async def _ordered(
+    items: Items[Item[V]],
+    reorderer: Reorderer,
+    report: Callable[[OutOfOrder], None] | None,
+    clock: Callable[[], int],
+) -> AsyncIterator[Item[V]]:
+    reading: asyncio.Future[Item[V] | None] | None = None
+    is_over = False
+    try:
+        while True:
+            while (ready := reorderer.next_ready()) is not None:
+                _, item, passed_over = ready
+                if ready[0] == "item":
+                    yield item
+                elif report is not None:
+                    report(_out_of_order(item, passed_over))
+            if is_over:
+                return
+            if reading is None:
+                reading = asyncio.ensure_future(items.read())
+            due = reorderer.next_due
+            left = None if due is None else max(due - clock(), 0) / 1e9
+            await asyncio.wait({reading}, timeout=left)
+            if not reading.done():
+                reorderer.tick(clock())
+                continue
+            read, reading = reading.result(), None
+            if read is None:
+                is_over = True
+                reorderer.end()
+            else:
+                reorderer.arrive(clock(), read.timestamp, read.last, fields_of(read.lineage), read)
+    finally:
+        if reading is not None:
+            reading.cancel()
+
+
+def _out_of_order(item: Item[Any] | None, passed_over: tuple[int, int] | None) -> OutOfOrder:
+    if passed_over is None:
+        return OutOfOrder(None, None if item is None else item.timestamp)
+    return OutOfOrder(range(*passed_over), None)

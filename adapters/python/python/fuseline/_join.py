@@ -1,0 +1,372 @@
+"""Several streams as one, aligned by what their messages come from (E5, E6, E7)."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import time
+from collections import Counter, deque
+from collections.abc import AsyncIterator, Callable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+from fuseline._errors import Closed, ConfigError, Full
+from fuseline._fuseline import Aligner, Latency, nanoseconds
+from fuseline._item import Ending, Item, Lineage, fields_of
+from fuseline._wiring import check_count, check_function
+
+if TYPE_CHECKING:
+    from fuseline._judge import Duration
+
+T = TypeVar("T")
+
+_log = logging.getLogger("fuseline")
+#: The longest sleep, in nanoseconds: a day.
+_DAY = 86_400_000_000_000
+
+
+class JoinCause(Enum):
+    """Why a set was given."""
+
+    #: Each input that has not ended is there.
+    COMPLETE = "complete"
+    #: Its wait or the end-to-end deadline of a message was over.
+    DUE = "due"
+    #: There was no room for a new one.
+    FULL = "full"
+
+
+class JoinDropReason(Enum):
+    """Why a message was not joined."""
+
+    #: Its origin has no timestamp.
+    NO_KEY = "no key"
+    #: Its set was given before, or is older than the last 1,024 that were.
+    LATE = "late"
+    #: The input's last message of this set has come.
+    DUPLICATE = "duplicate"
+
+
+@dataclass(frozen=True)
+class Joined:
+    """A set of messages that come from one origin."""
+
+    #: What its messages have in common: the origin's timestamp, if nothing else was said.
+    key: int
+    #: The messages, by input.
+    set: dict[str, Any]
+    #: The inputs that nothing came from.
+    missing: list[str]
+    #: Why it was given.
+    cause: JoinCause
+    #: That of the first input that is there, with the oldest capture and the earliest end-to-end
+    #: deadline of all. If one capture is unknown, the set's is.
+    lineage: Lineage | None
+
+
+@dataclass(frozen=True)
+class JoinDrop:
+    """A message that a join did not use."""
+
+    #: The input.
+    input: str
+    #: What it would have been joined by.
+    key: int | None
+    #: Why not.
+    why: JoinDropReason
+
+
+class JoinInput(Generic[T]):
+    """One input of a join; `Join.aligned` and `Join.latest` make it."""
+
+    def __init__(
+        self,
+        join: Join,
+        name: str,
+        key: Callable[[T, Lineage | None], int | None] | None,
+        max_age: int | None,
+    ) -> None:
+        self.name = name
+        self.is_open = True
+        self._join, self._key, self._max_age = join, key, max_age
+        #: The latest message, when it was captured or else came, and its place among the aligned.
+        self._latest: tuple[T, int] | None = None
+        self._index: int | None = None
+
+    def write(self, message: T, lineage: Lineage | None = None) -> None:
+        """A message came. It never waits.
+
+        Raises:
+            Full: if the reader of the sets lags by ``output_len``: the message was not taken.
+            Closed: if the input takes no more messages.
+        """
+        self._join._arrived(self, message, lineage, is_last=True)
+
+    def close(self) -> None:
+        """Nothing more comes: no set waits for this input any longer."""
+        self._join._ended(self)
+
+
+class Join:
+    """Puts messages of several inputs that come from one origin timestamp into one set.
+
+    A set is given when each aligned input that has not ended is there, or when it is due, with the
+    inputs that are missing. A key that was given opens no other set. Use it as a context manager,
+    in the operators' loop; at the end of the block its inputs are closed.
+
+    Args:
+        name: Its name in logs.
+        wait: How long a set waits after its first message.
+        window: How many sets may wait; for one more the oldest is given as it is.
+        reserve: How long the operators downstream take: a set is given when so much is left of an
+            end-to-end deadline.
+        output_len: How many sets the reader may lag behind; while it lags further, no message is
+            taken in.
+        clock: The operators' clock.
+
+    >>> import asyncio
+    >>> async def main():
+    ...     join = Join(wait=0.02)
+    ...     left, right = join.aligned("left"), join.aligned("right")
+    ...     async with join:
+    ...         left.write("west", Lineage("left", 7))
+    ...         right.write("east", Lineage("right", 7))
+    ...         return (await join.read()).set
+    >>> asyncio.run(main())
+    {'left': 'west', 'right': 'east'}
+    """
+
+    def __init__(
+        self,
+        *,
+        name: str = "join",
+        wait: Duration = 0.05,
+        window: int = 16,
+        reserve: Sequence[Latency] = (),
+        output_len: int = 16,
+        clock: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        check_count(window, 1, "a window")
+        check_count(output_len, 1, "an output_len")
+        check_function(clock, "a clock")
+        self.name = name
+        #: What was given and why, what was missing in it, and what was dropped.
+        self.counts: Counter[tuple[str, str, str]] = Counter()
+        self._wait, self._window, self._reserve = nanoseconds(wait), window, list(reserve)
+        self._output_len, self._clock = output_len, clock
+        self._inputs: list[JoinInput[Any]] = []
+        self._sources: list[tuple[JoinInput[Any], AsyncIterator[Item[Any]]]] = []
+        self._on_drop: Callable[[JoinDrop], None] | None = None
+        self._aligner: Aligner | None = None
+        self._sets: deque[Joined] = deque()
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._timer: asyncio.TimerHandle | None = None
+        self._given, self._room = asyncio.Event(), asyncio.Event()
+
+    # Before the start.
+
+    def aligned(
+        self, name: str, *, key: Callable[[Any, Lineage | None], int | None] | None = None
+    ) -> JoinInput[Any]:
+        """An input whose messages are aligned by their `Lineage.seq`, or by a key of your own.
+
+        Sensors that are triggered together number their messages alike. A message without a key is
+        dropped.
+        """
+        if key is not None:
+            check_function(key, "a key")
+        return self._add(JoinInput(self, name, key, None))
+
+    def items(self, name: str, items: AsyncIterator[Item[Any]]) -> None:
+        """An input that is an operator's output, aligned by the timestamp of its origin.
+
+        The set has the `Item`, also that of a message that was missed. Of several items of one
+        message it has the last one with a value, or when it is due the last so far.
+        """
+        self._sources.append((self.aligned(name), items))
+
+    def latest(
+        self, name: str, max_age: Duration, items: AsyncIterator[Item[Any]] | None = None
+    ) -> JoinInput[Any]:
+        """An input of which each set gets the latest message, such as a localization.
+
+        No set waits for it. A message that is older than ``max_age``, since its capture or else
+        since it came, is missing. It may be an operator's output instead: then a set has the item.
+        """
+        latest: JoinInput[Any] = self._add(JoinInput(self, name, None, nanoseconds(max_age)))
+        if items is not None:
+            self._sources.append((latest, items))
+        return latest
+
+    def on_drop(self, on_drop: Callable[[JoinDrop], None]) -> None:
+        """Set what is called with each message that is dropped; it must not block."""
+        check_function(on_drop, "what is called on drops")
+        self._on_drop = on_drop
+
+    async def __aenter__(self) -> Join:
+        if self._aligner is not None:
+            raise ConfigError("a join is started once; make another")
+        aligned = [it for it in self._inputs if it._max_age is None]
+        for index, it in enumerate(aligned):
+            it._index = index
+        names = [it.name for it in aligned]
+        self._aligner = Aligner(names, self._wait, self._window, self._clock())
+        loop = asyncio.get_running_loop()
+        for it, items in self._sources:
+            task = loop.create_task(self._read_items(it, items))
+            self._tasks.add(task)
+            task.add_done_callback(self._tasks.discard)
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        where: TracebackType | None,
+    ) -> None:
+        tasks = list(self._tasks)
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        for it in self._inputs:
+            it.close()
+        if self._timer is not None:
+            self._timer.cancel()
+
+    # Sets.
+
+    def __aiter__(self) -> AsyncIterator[Joined]:
+        return self
+
+    async def __anext__(self) -> Joined:
+        """The next set; the end once the aligned inputs have ended and every set was given."""
+        while not self._sets:
+            if self._running.is_over:
+                raise StopAsyncIteration
+            await self._given.wait()
+        joined = self._sets.popleft()
+        if len(self._sets) < self._output_len:
+            _wake(self._room)
+        return joined
+
+    async def read(self) -> Joined | None:
+        """The next set; None once no more come."""
+        with contextlib.suppress(StopAsyncIteration):
+            return await self.__anext__()
+        return None
+
+    @property
+    def _running(self) -> Aligner:
+        if self._aligner is None:
+            raise ConfigError("the join has not started; use it with `async with`")
+        return self._aligner
+
+    def _add(self, joined: JoinInput[T]) -> JoinInput[T]:
+        if self._aligner is not None:
+            raise ConfigError("an input after the start; add it before")
+        if any(it.name == joined.name for it in self._inputs):
+            raise ConfigError(f"two inputs named {joined.name!r}; each has a name of its own")
+        self._inputs.append(joined)
+        return joined
+
+    def _arrived(
+        self,
+        joined: JoinInput[T],
+        message: T,
+        lineage: Lineage | None,
+        *,
+        is_last: bool,
+        has_value: bool = True,
+    ) -> None:
+        aligner, now = self._running, self._clock()
+        if not joined.is_open:
+            raise Closed(f"the input {joined.name} takes no more messages")
+        if joined._index is None:
+            captured = None if lineage is None else lineage.captured
+            joined._latest = message, now if captured is None else captured
+            return
+        if len(self._sets) >= self._output_len:
+            raise Full(f"{len(self._sets)} sets wait to be read; read them first")
+        key = None if lineage is None else lineage.seq
+        if joined._key is not None:
+            key = joined._key(message, lineage)
+        aligner.set_reserve(self._reserve)
+        value = (message,) if has_value else None
+        why = aligner.arrive(now, joined._index, key, fields_of(lineage), value, is_last)
+        self._give()
+        if why is not None:
+            self._drop(JoinDrop(joined.name, key, JoinDropReason(why)))
+
+    def _ended(self, joined: JoinInput[Any]) -> None:
+        if not joined.is_open:
+            return
+        joined.is_open = False
+        if joined._index is not None and self._aligner is not None:
+            self._aligner.end(self._clock(), joined._index)
+            self._give()
+
+    def _drop(self, dropped: JoinDrop) -> None:
+        self.counts[dropped.input, "message", f"dropped {dropped.why.value}"] += 1
+        if self._on_drop is None:
+            return
+        try:
+            self._on_drop(dropped)
+        except Exception:
+            _log.exception("%s: the handler of drops failed", self.name)
+
+    def _give(self) -> None:
+        """Hand on the sets that are given, each with the latest of the other inputs."""
+        aligner = self._running
+        while (given := aligner.next_set()) is not None:
+            key, messages, missing, cause, fields = given
+            now = self._clock()
+            for it in self._inputs:
+                if it._max_age is None:
+                    continue
+                if it._latest is not None and now - it._latest[1] <= it._max_age:
+                    messages[it.name] = it._latest[0]
+                else:
+                    missing.append(it.name)
+            self.counts[self.name, "set", cause] += 1
+            for name in missing:
+                self.counts[name, "message", "missing"] += 1
+            lineage = None if fields is None else Lineage._of(fields)
+            self._sets.append(Joined(key, messages, missing, JoinCause(cause), lineage))
+        self._arm(aligner)
+        _wake(self._given)
+
+    def _arm(self, aligner: Aligner) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        due = aligner.next_due
+        if due is not None:
+            loop = asyncio.get_running_loop()
+            left = min(max(due - self._clock(), 0), _DAY)
+            self._timer = loop.call_at(loop.time() + left / 1e9, self._tick)
+
+    def _tick(self) -> None:
+        self._running.tick(self._clock())
+        self._give()
+
+    async def _read_items(self, joined: JoinInput[Any], items: AsyncIterator[Item[Any]]) -> None:
+        try:
+            async for item in items:
+                while joined._index is not None and len(self._sets) >= self._output_len:
+                    await self._room.wait()
+                # A final item's value is there already.
+                has_value = item.ending is not Ending.FINAL
+                if joined._index is not None or has_value:
+                    lineage, is_last = item.lineage, item.last
+                    self._arrived(joined, item, lineage, is_last=is_last, has_value=has_value)
+        except Exception:
+            _log.exception("%s: the input %s ends", self.name, joined.name)
+        joined.close()
+
+
+def _wake(event: asyncio.Event) -> None:
+    """Wake all who wait for it now."""
+    event.set()
+    event.clear()

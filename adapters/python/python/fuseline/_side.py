@@ -1,0 +1,101 @@
+"""Side requests: calls whose answers change shared state and never become an output."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections import Counter
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from fuseline._errors import in_one_line
+from fuseline._fuseline import nanoseconds
+from fuseline._item import Call
+
+_log = logging.getLogger("fuseline")
+
+
+@dataclass(slots=True)
+class SideRequest:
+    """A registered side request with its calls. The machine does not know of them."""
+
+    name: str
+    handle: Callable[[Any, Call], Awaitable[Any]]
+    message_handler: Callable[[Any, int], tuple[Any, Any] | None]
+    response_handler: Callable[[Any], Any]
+    #: Of the gate, as a cloud's (F2g), and how many calls may be under way.
+    limit: int
+    resume: int
+    calls: int
+    counts: Counter[str] = field(default_factory=Counter)
+    is_shut: bool = False
+    #: How many requests wait for a call to end.
+    waiting: int = 0
+    running: asyncio.Semaphore | None = None
+    tasks: set[asyncio.Task[None]] = field(default_factory=set)
+
+    def on_message(self, message: Any, call: Call) -> None:
+        """Make a request about a message that was taken on, if the message handler wants one."""
+        try:
+            wanted = self.message_handler(message, call.timestamp)
+            if wanted is None:
+                return
+            request, deadline = wanted
+            seconds = nanoseconds(deadline) / 1e9
+        except Exception:
+            _log.exception("the message handler of %s failed", self.name)
+            self.counts["handler failed"] += 1
+            return
+        if seconds == 0 or not self._admits():
+            self.counts["refused"] += 1
+            return
+        self.counts["requested"] += 1
+        if self.running is None:
+            self.running = asyncio.Semaphore(self.calls)
+        call = replace(call, deadline=seconds)
+        task = asyncio.get_running_loop().create_task(self._ask(self.running, request, call))
+        self.tasks.add(task)
+        task.add_done_callback(self.tasks.discard)
+
+    def stop(self) -> list[asyncio.Task[None]]:
+        """Abort what is under way."""
+        tasks = list(self.tasks)
+        for task in tasks:
+            task.cancel()
+        return tasks
+
+    def _admits(self) -> bool:
+        if self.is_shut:
+            self.is_shut = self.waiting > self.resume
+        else:
+            self.is_shut = self.waiting >= self.limit
+        return not self.is_shut
+
+    async def _ask(self, running: asyncio.Semaphore, request: Any, call: Call) -> None:
+        try:
+            answer = await asyncio.wait_for(self._call(running, request, call), call.deadline)
+            self.response_handler(answer)
+        except asyncio.TimeoutError:
+            self.counts["expired"] += 1
+        except Exception as error:
+            self.counts["failed"] += 1
+            _log.warning("%s: no answer will come: %s", self.name, in_one_line(error))
+        else:
+            self.counts["answered"] += 1
+
+    async def _call(self, running: asyncio.Semaphore, request: Any, call: Call) -> Any:
+        loop = asyncio.get_running_loop()
+        begin = loop.time()
+        # A request that gets its turn at once does not wait.
+        waits = running.locked()
+        self.waiting += waits
+        try:
+            await running.acquire()
+        finally:
+            self.waiting -= waits
+        try:
+            left = max(call.deadline - (loop.time() - begin), 0.0)
+            return await self.handle(request, replace(call, deadline=left))
+        finally:
+            running.release()

@@ -1,0 +1,258 @@
+//! What stands between operators: joins, order, and how long operators take. The engine decides; the package owns clocks and streams.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use fuseline_engine::{
+    Aligner, JoinArrival, JoinBounds, JoinCause, JoinDropReason, Joined, Latency, Lineage, Ordered,
+    Origin, Reorderer,
+};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::engine::nanos;
+use crate::time::Nanos;
+
+/// What a message comes from: the sensor's stream, the timestamp there, the capture on the clock and the end-to-end deadline.
+type CapturedLineage = (Option<String>, Option<u64>, Option<u64>, Option<u64>);
+/// A set: its key, its messages by input, the inputs that are missing, why it was given, and what it comes from.
+type JoinedSet<'py> = (u64, Bound<'py, PyDict>, Vec<String>, &'static str, Option<CapturedLineage>);
+/// What a reorderer gives: `item`, `passed over` or `late`, the item, and the range that was passed over.
+type OrderedEntry = (&'static str, Option<Py<PyAny>>, Option<(u64, u64)>);
+
+/// A clock of Python's, in nanoseconds, on the system's.
+#[derive(Clone, Copy)]
+struct ClockOrigin {
+    nanos: u64,
+    instant: Instant,
+}
+
+/// Puts together what has one key; instants are nanoseconds of one clock.
+#[pyclass(name = "Aligner", module = "fuseline._fuseline")]
+pub(crate) struct PyAligner {
+    inner: Aligner<BTreeMap<usize, Py<PyAny>>>,
+    names: Vec<String>,
+    clock: ClockOrigin,
+}
+
+/// Keeps what comes before its turn, until it is its turn or it is due.
+#[pyclass(name = "Reorderer", module = "fuseline._fuseline")]
+pub(crate) struct PyReorderer {
+    inner: Reorderer<Py<PyAny>>,
+    clock: ClockOrigin,
+}
+
+/// How long an operator takes for a message: stated, or measured while it runs.
+///
+/// The operator records its messages in it; those upstream keep so much of an end-to-end deadline
+/// in reserve.
+///
+/// >>> from fuseline import Latency
+/// >>> Latency.measured(90, at_first=0.03).estimate
+/// ns(30000000)
+#[pyclass(name = "Latency", module = "fuseline", frozen)]
+pub(crate) struct PyLatency(Latency);
+
+#[pymethods]
+impl PyAligner {
+    #[new]
+    fn new(names: Vec<String>, wait: Nanos, window: usize, now: u64) -> Self {
+        let wait = Duration::from_nanos(wait.0);
+        let bounds = JoinBounds { wait, window, reserve: Duration::ZERO };
+        let inner = Aligner::new(names.iter().map(String::as_str), bounds);
+        Self { inner, names, clock: ClockOrigin::new(now) }
+    }
+
+    /// A message came; without a value it only says that nothing follows. Returns why it was dropped, if it was.
+    fn arrive(
+        &mut self,
+        at: u64,
+        index: usize,
+        key: Option<u64>,
+        lineage: Option<CapturedLineage>,
+        value: Option<(Py<PyAny>,)>,
+        is_last: bool,
+    ) -> Option<&'static str> {
+        let now = self.clock.instant(at);
+        let lineage = lineage.map(|lineage| Arc::new(self.clock.lineage(lineage)));
+        let arrival = JoinArrival { input: index, key, lineage: lineage.as_ref(), is_last };
+        let arrived = self.inner.arrive(now, arrival, |set| {
+            if let Some((value,)) = value {
+                set.insert(index, value);
+            }
+        });
+        arrived.err().map(|why| match why {
+            JoinDropReason::NoKey => "no key",
+            JoinDropReason::Late => "late",
+            JoinDropReason::Duplicate => "duplicate",
+        })
+    }
+
+    /// Nothing more comes from this input.
+    fn end(&mut self, at: u64, index: usize) {
+        self.inner.end(self.clock.instant(at), index);
+    }
+
+    /// Sets what is left of end-to-end deadlines when sets are given, as the sum of these.
+    fn set_reserve(&mut self, latencies: Vec<PyRef<'_, PyLatency>>) {
+        self.inner.set_reserve(reserve_of(latencies.iter().map(|it| &it.0)));
+    }
+
+    /// Time went by.
+    fn tick(&mut self, at: u64) {
+        self.inner.tick(self.clock.instant(at));
+    }
+
+    /// The next set that is to be given.
+    fn next_set<'py>(&mut self, py: Python<'py>) -> PyResult<Option<JoinedSet<'py>>> {
+        let Some(joined) = self.inner.next_set() else { return Ok(None) };
+        let Joined { key, set, missing, cause, lineage } = joined;
+        let by_name = PyDict::new(py);
+        for (input, value) in set {
+            by_name.set_item(&self.names[input], value)?;
+        }
+        let missing = missing.iter().map(|name| name.to_string()).collect();
+        let cause = match cause {
+            JoinCause::Complete => "complete",
+            JoinCause::Due => "due",
+            JoinCause::Full => "full",
+        };
+        let lineage = lineage.map(|lineage| self.clock.fields(&lineage));
+        Ok(Some((key, by_name, missing, cause, lineage)))
+    }
+
+    /// When the next set is due, if one waits.
+    #[getter]
+    fn next_due(&self) -> Option<u64> {
+        self.inner.next_due().map(|due| self.clock.nanos(due))
+    }
+
+    /// Whether each input has ended and every set was given.
+    #[getter]
+    fn is_over(&self) -> bool {
+        self.inner.is_over()
+    }
+}
+
+#[pymethods]
+impl PyReorderer {
+    #[new]
+    fn new(wait: Nanos, reserve: Nanos, now: u64) -> Self {
+        let [wait, reserve] = [wait, reserve].map(|Nanos(nanos)| Duration::from_nanos(nanos));
+        Self { inner: Reorderer::new(wait, reserve), clock: ClockOrigin::new(now) }
+    }
+
+    /// An item of `timestamp` came.
+    fn arrive(
+        &mut self,
+        at: u64,
+        timestamp: u64,
+        is_last: bool,
+        lineage: Option<CapturedLineage>,
+        item: Py<PyAny>,
+    ) {
+        let now = self.clock.instant(at);
+        let due = lineage.and_then(|lineage| self.clock.lineage(lineage).due(now));
+        self.inner.arrive(now, (timestamp, is_last), due, item);
+    }
+
+    /// Time went by.
+    fn tick(&mut self, at: u64) {
+        self.inner.tick(self.clock.instant(at));
+    }
+
+    /// Nothing more comes.
+    fn end(&mut self) {
+        self.inner.end();
+    }
+
+    /// The next item or report.
+    fn next_ready(&mut self) -> Option<OrderedEntry> {
+        Some(match self.inner.next_ready()? {
+            Ordered::Item(item) => ("item", Some(item), None),
+            Ordered::PassedOver(range) => ("passed over", None, Some((range.start, range.end))),
+            Ordered::Late(item) => ("late", Some(item), None),
+        })
+    }
+
+    /// When the next item is due, if one waits.
+    #[getter]
+    fn next_due(&self) -> Option<u64> {
+        self.inner.next_due().map(|due| self.clock.nanos(due))
+    }
+}
+
+#[pymethods]
+impl PyLatency {
+    /// Always so much.
+    #[staticmethod]
+    fn stated(latency: Nanos) -> Self {
+        Self(Latency::stated(Duration::from_nanos(latency.0)))
+    }
+
+    /// This percentile, of 1 to 100, of the last 256 messages; `at_first` until 16 were recorded.
+    #[staticmethod]
+    fn measured(percent: u8, at_first: Nanos) -> Self {
+        Self(Latency::measured(percent, Duration::from_nanos(at_first.0)))
+    }
+
+    /// A message took so long. Does nothing if the latency is stated.
+    fn record(&self, took: Nanos) {
+        self.0.record(Duration::from_nanos(took.0));
+    }
+
+    /// The latency now.
+    #[getter]
+    fn estimate(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
+        crate::words::AnswerClasses::get(py)?.ns(py, nanos(self.0.estimate()))
+    }
+}
+
+impl PyLatency {
+    pub(crate) fn latency(&self) -> Latency {
+        self.0.clone()
+    }
+}
+
+impl ClockOrigin {
+    /// The clock reads `nanos` now.
+    fn new(nanos: u64) -> Self {
+        Self { nanos, instant: Instant::now() }
+    }
+
+    fn instant(&self, nanos: u64) -> Instant {
+        let since = Duration::from_nanos(nanos.abs_diff(self.nanos));
+        let instant = if nanos < self.nanos {
+            self.instant.checked_sub(since)
+        } else {
+            self.instant.checked_add(since)
+        };
+        instant.unwrap_or(self.instant)
+    }
+
+    fn nanos(&self, instant: Instant) -> u64 {
+        match instant.checked_duration_since(self.instant) {
+            Some(since) => self.nanos.saturating_add(nanos(since)),
+            None => self.nanos.saturating_sub(nanos(self.instant - instant)),
+        }
+    }
+
+    fn lineage(&self, (stream, seq, captured, within): CapturedLineage) -> Lineage {
+        let origin = stream.map(|stream| Origin { stream: stream.into(), seq });
+        let captured = captured.map(|captured| self.instant(captured));
+        Lineage { origin, captured, within: within.map(Duration::from_nanos) }
+    }
+
+    fn fields(&self, lineage: &Lineage) -> CapturedLineage {
+        let Lineage { origin, captured, within } = lineage;
+        let stream = origin.as_ref().map(|origin| origin.stream.to_string());
+        let seq = origin.as_ref().and_then(|origin| origin.seq);
+        (stream, seq, captured.map(|captured| self.nanos(captured)), within.map(nanos))
+    }
+}
+
+/// How long all of these take.
+pub(crate) fn reserve_of<'a>(latencies: impl Iterator<Item = &'a Latency>) -> Duration {
+    latencies.map(Latency::estimate).fold(Duration::ZERO, Duration::saturating_add)
+}

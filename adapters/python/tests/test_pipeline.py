@@ -1,0 +1,413 @@
+"""What stands between operators: joins, budgets, order, substitutes, states and side requests."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+from typing import Any
+
+import fuseline
+import pytest
+from conftest import Run, VirtualLoop
+from fuseline import (
+    Call,
+    CarriedState,
+    Ending,
+    Full,
+    Item,
+    Items,
+    Join,
+    JoinCause,
+    JoinDrop,
+    JoinDropReason,
+    Latency,
+    Lineage,
+    Local,
+    Operator,
+    OutOfOrder,
+)
+
+MS = 0.001
+
+
+def of(loop: VirtualLoop, seq: int, within: float | None = None) -> Lineage:
+    """Of a frame that is captured now."""
+    return Lineage("camera", seq, loop.nanos(), within)
+
+
+async def hang(*_: object) -> Any:
+    await asyncio.Event().wait()
+
+
+def test_a_set_is_given_when_it_is_complete_or_due_and_says_what_is_missing(run: Run[Any]) -> None:
+    """E5, E6."""
+    drops: list[JoinDrop] = []
+
+    async def main(loop: VirtualLoop) -> None:
+        join = Join(wait=20 * MS, clock=loop.nanos)
+        left, right = join.aligned("left"), join.aligned("right")
+        places = join.latest("place", 50 * MS)
+        join.on_drop(drops.append)
+        async with join:
+            begin = loop.time()
+            left.write("west", of(loop, 7))
+            places.write("here", of(loop, 0))
+            right.write("east", of(loop, 7))
+            complete = await join.read()
+            assert complete is not None and loop.time() == begin
+            assert complete.set == {"left": "west", "right": "east", "place": "here"}
+            assert (complete.key, complete.missing) == (7, [])
+            assert complete.cause is JoinCause.COMPLETE
+            left.write("alone", of(loop, 8))
+            due = await join.read()
+            assert due is not None and loop.time() == pytest.approx(begin + 20 * MS)
+            assert (due.set, due.missing) == ({"left": "alone", "place": "here"}, ["right"])
+            assert due.cause is JoinCause.DUE
+            right.write("late", of(loop, 8))
+            right.write("nameless")
+            await asyncio.sleep(20 * MS)
+            left.write("once", of(loop, 9))
+            left.write("twice", of(loop, 9))
+            await asyncio.sleep(60 * MS)
+            old = await join.read()
+            assert old is not None and old.set == {"left": "once"}
+            left.write("last", of(loop, 10))
+            right.close()
+            ended = await join.read()
+            assert ended is not None and ended.set == {"left": "last"}
+            assert ended.missing == ["right", "place"]
+            left.close()
+            assert await join.read() is None
+        assert join.counts["right", "message", "dropped late"] == 1
+        assert join.counts["join", "set", "due"] == 2
+
+    run(main)
+    assert drops == [
+        JoinDrop("right", 8, JoinDropReason.LATE),
+        JoinDrop("right", None, JoinDropReason.NO_KEY),
+        JoinDrop("left", 9, JoinDropReason.DUPLICATE),
+    ]
+
+
+def test_a_set_is_as_old_as_its_oldest_message_and_due_with_its_most_urgent(run: Run[Any]) -> None:
+    """E5, E7."""
+
+    async def main(loop: VirtualLoop) -> None:
+        reserve = [Latency.stated(30 * MS), Latency.stated(10 * MS)]
+        join = Join(wait=1.0, reserve=reserve, clock=loop.nanos)
+        left, right, third = (join.aligned(name) for name in ("left", "right", "third"))
+        async with join:
+            now = loop.nanos()
+            left.write(1, Lineage("left", 7, now - 5_000_000, within=0.2))
+            right.write(2, Lineage("right", 7, now, within=0.1))
+            begin = loop.time()
+            joined = await join.read()
+            assert joined is not None and loop.time() - begin == pytest.approx(60 * MS)
+            lineage = joined.lineage
+            assert lineage is not None and joined.missing == ["third"]
+            assert (lineage.origin, lineage.captured) == ("left", now - 5_000_000)
+            assert lineage.within == fuseline.ns(105_000_000)
+            third.write(3, Lineage("third", 8))
+            third.close()
+
+    run(main)
+
+
+def test_sets_that_wait_are_bounded_and_a_reader_that_lags_takes_no_more(run: Run[Any]) -> None:
+    """E8."""
+
+    async def main(loop: VirtualLoop) -> None:
+        join = Join(wait=1.0, window=2, output_len=2, clock=loop.nanos)
+        left, right = join.aligned("left"), join.aligned("right", key=lambda key, _: key)
+        async with join:
+            for seq in range(4):
+                left.write(seq, of(loop, seq))
+            with pytest.raises(Full):
+                right.write(3)
+            given = [await join.read() for _ in range(2)]
+            assert [(it.key, it.cause) for it in given if it is not None] == [
+                (0, JoinCause.FULL),
+                (1, JoinCause.FULL),
+            ]
+            right.write(3)
+            third = await join.read()
+            assert third is not None and third.set == {"left": 3, "right": 3}
+
+    run(main)
+
+
+def test_an_operators_items_are_joined_with_the_last_of_their_message(run: Run[Any]) -> None:
+    """E1, E5."""
+
+    async def local(n: int, t: int) -> str:
+        return "local's"
+
+    async def handle(n: int, call: Call) -> str:
+        await asyncio.sleep(10 * MS)
+        return "the cloud's"
+
+    async def main(loop: VirtualLoop) -> None:
+        operator = Operator(Local.task(local), commit="progressive", clock=loop.nanos)
+        operator.use_cloud(handle, lambda n, t: (n, 0.1), str, 1)
+        join = Join(wait=1.0, clock=loop.nanos)
+        join.items("boxes", operator)
+        frames = join.aligned("frames")
+        async with operator, join:
+            begin = loop.time()
+            frames.write("frame", of(loop, 5))
+            operator.write(1, of(loop, 5))
+            joined = await join.read()
+            assert joined is not None and loop.time() - begin == pytest.approx(10 * MS)
+            item: Item[str] = joined.set["boxes"]
+            assert (item.value, joined.cause) == ("the cloud's", JoinCause.COMPLETE)
+
+    run(main)
+
+
+def test_deadlines_end_where_the_reserve_of_those_downstream_begins(run: Run[Any]) -> None:
+    """E2, E3."""
+    asked: list[float] = []
+
+    async def handle(n: int, call: Call) -> str:
+        asked.append(call.deadline)
+        return "the cloud's"
+
+    async def main(loop: VirtualLoop) -> None:
+        planner = Latency.measured(50, at_first=30 * MS)
+        reserve = [planner, Latency.stated(20 * MS)]
+        local: Local[int, str] = Local.task(hang, at_once=9)
+        operator = Operator(local, clock=loop.nanos, reserve=reserve)
+        operator.use_cloud(handle, lambda n, t: (n, 0.4), str, 1)
+        async with operator:
+            operator.write(0, of(loop, 0, within=0.2))
+            first = await operator.read()
+            assert first is not None and first.value == "the cloud's"
+            captured = loop.nanos() - 140_000_000
+            operator.write(1, Lineage("camera", 1, captured, within=0.2))
+            for _ in range(16):
+                planner.record(70 * MS)
+            operator.write(2, Lineage("camera", 2, captured, within=0.2))
+            begin = loop.time()
+            second, third = await operator.read(), await operator.read()
+            assert second is not None and second.value == "the cloud's"
+            assert third is not None and third.ending is Ending.MISSED
+            # Nothing is gained by an earlier end of local.
+            assert loop.time() - begin == pytest.approx(60 * MS)
+            operator.stop()
+
+    run(main)
+    assert asked == [pytest.approx(150 * MS), pytest.approx(10 * MS)]
+
+
+def test_a_substitute_is_sent_early_enough_for_those_downstream_and_is_marked(
+    run: Run[Any],
+) -> None:
+    """E4, E7."""
+
+    async def main(loop: VirtualLoop) -> None:
+        operator = Operator(
+            Local.task(hang, at_once=9),
+            clock=loop.nanos,
+            window=1,
+            reserve=[Latency.stated(0.1)],
+        )
+        operator.use_substitute(lambda item: f"instead of {item.timestamp}")
+        async with operator:
+            begin = loop.time()
+            operator.write(0, of(loop, 0, within=0.3))
+            operator.write(1, of(loop, 1, within=0.3))
+            refused = await operator.read()
+            assert refused is not None and loop.time() == begin
+            assert (refused.ending, refused.value) == (Ending.REFUSED, "instead of 1")
+            missed = await operator.read()
+            assert missed is not None and loop.time() - begin == pytest.approx(0.2)
+            assert (missed.ending, missed.substitute) == (Ending.MISSED, "instead of 0")
+            assert (missed.age, missed.source) == (None, None)
+
+    run(main)
+
+
+def test_a_handler_that_fails_costs_its_item_alone_its_value(
+    run: Run[Any], caplog: pytest.LogCaptureFixture
+) -> None:
+    """E4."""
+
+    async def fail(n: int, t: int) -> str:
+        raise RuntimeError("nothing")
+
+    async def main(loop: VirtualLoop) -> None:
+        operator = Operator(Local.task(fail), clock=loop.nanos)
+        operator.use_substitute(lambda item: str(1 // item.timestamp))
+        async with operator:
+            operator.feed([0, 1])
+            assert [item.value async for item in operator] == [None, "1"]
+            assert operator.counts["operator", "handler", "failed"] == 1
+
+    run(main)
+    assert "a handler of message 0 failed" in caplog.text
+
+
+def test_the_state_of_a_result_that_is_sent_is_taken_over(run: Run[Any]) -> None:
+    """E10."""
+    state = CarriedState(0)
+
+    async def local(n: int, t: int) -> int:
+        computed = state.current() + n
+        state.computed(t, computed)
+        return computed
+
+    async def handle(n: int, call: Call) -> int:
+        await asyncio.sleep(10 * MS)
+        return 100 + n
+
+    async def main(loop: VirtualLoop) -> None:
+        operator = Operator(Local.task(local), clock=loop.nanos)
+        operator.use_cloud(handle, lambda n, t: (n, 0.1) if n == 1 else None, int, 1)
+        operator.use_state(state, lambda output: output)
+        async with operator:
+            operator.write(1)
+            await operator.read()
+            assert state.current() == 101
+            operator.write(2)
+            await operator.read()
+            assert state.current() == 103
+            state.sent(0, -1)
+            assert state.current() == 103
+
+    run(main)
+
+
+def test_items_wait_for_earlier_ones_until_they_are_due_and_what_is_passed_over_is_reported(
+    run: Run[Any],
+) -> None:
+    """E9."""
+    reports: list[OutOfOrder] = []
+
+    async def local(ms: int, t: int) -> int:
+        await asyncio.sleep(ms * MS)
+        return ms
+
+    async def main(loop: VirtualLoop) -> list[tuple[int, int]]:
+        operator = Operator(Local.task(local, at_once=9), clock=loop.nanos)
+        items = Items(operator).in_order(50 * MS, report=reports.append, clock=loop.nanos)
+        begin = loop.time()
+        async with operator:
+            operator.feed([30, 10, 200, 20])
+            return [(it.timestamp, round((loop.time() - begin) * 1000)) async for it in items]
+
+    assert run(main) == [(0, 30), (1, 30), (3, 70)]
+    assert reports == [OutOfOrder(range(2, 3), None), OutOfOrder(None, 2)]
+
+
+def test_readers_share_the_items_and_the_slowest_holds_them_back_until_it_is_gone(
+    run: Run[Any],
+) -> None:
+    """E1, E8."""
+
+    async def main(loop: VirtualLoop) -> None:
+        operator = Operator(Local.task(_same), clock=loop.nanos)
+        async with operator:
+            one = Items(operator, output_len=2)
+            other = one.another()
+            for n in range(4):
+                operator.write(n)
+            read = [await one.read(), await one.read()]
+            third = asyncio.ensure_future(one.read())
+            await asyncio.sleep(MS)
+            assert not third.done()
+            read.append(await other.read())
+            read.append(await third)
+            assert [item.value for item in read if item is not None] == [0, 1, 0, 2]
+            fourth = asyncio.ensure_future(one.read())
+            await asyncio.sleep(MS)
+            assert not fourth.done()
+            del other
+            gc.collect()
+            last = await fourth
+            assert last is not None and last.value == 3
+
+    run(main)
+
+
+async def _same(n: int, t: int) -> int:
+    return n
+
+
+def test_a_chain_is_fed_with_its_lineages_and_answers_by_the_end_to_end_deadline(
+    run: Run[Any],
+) -> None:
+    """E1, E2, E4: whatever hangs."""
+
+    async def main(loop: VirtualLoop) -> list[tuple[int | None, str | None, float]]:
+        reserve = [Latency.stated(50 * MS)]
+        detector = Operator(Local.task(hang, at_once=9), clock=loop.nanos, reserve=reserve)
+        detector.use_substitute(lambda item: "the last boxes")
+
+        async def plan(item: Item[str], t: int) -> str:
+            await asyncio.sleep(20 * MS)
+            return f"a plan by {item.value}"
+
+        planner = Operator(Local.task(plan, at_once=9), clock=loop.nanos)
+        read = []
+        async with planner, detector:
+            planner.feed(detector)
+            for seq in range(5):
+                detector.write("frame", of(loop, seq, within=0.3))
+                await asyncio.sleep(100 * MS)
+            detector.close()
+            async for item in planner:
+                assert item.age is not None and item.lineage is not None
+                read.append((item.lineage.seq, item.value, round(item.age, 6)))
+        return read
+
+    assert run(main) == [(seq, "a plan by the last boxes", 0.27) for seq in range(5)]
+
+
+def test_side_requests_are_gated_and_their_answers_are_no_outputs(run: Run[Any]) -> None:
+    answers: list[int] = []
+
+    async def handle(n: int, call: Call) -> int:
+        await asyncio.sleep(20 * MS if n != 1 else 1.0)
+        return n
+
+    async def main(loop: VirtualLoop) -> None:
+        operator = Operator(Local.task(_same), clock=loop.nanos)
+        operator.use_side_request(
+            handle, lambda n, t: (n, 0.1), answers.append, name="plans", calls=1, limit=2
+        )
+        async with operator:
+            for n in range(4):
+                operator.write(n)
+                await asyncio.sleep(MS)
+            assert [(await operator.read() or item()).value for item in [fail] * 4] == [0, 1, 2, 3]
+            await asyncio.sleep(0.5)
+            counts = operator.counts
+            assert counts["plans", "side request", "requested"] == 3
+            assert counts["plans", "side request", "refused"] == 1
+            # The second hangs in the only place of a call until it is over.
+            assert counts["plans", "side request", "expired"] == 2
+        assert answers == [0]
+
+    def fail() -> Item[int]:
+        raise AssertionError("an item for each message")
+
+    run(main)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda join: Join(window=0),
+        lambda join: Join(output_len=0),
+        lambda join: Join(wait=1),
+        lambda join: join.aligned("left"),
+        lambda join: join.aligned("right", key=7),
+        lambda join: join.on_drop(None),
+        lambda join: join.latest("place", -1.0),
+    ],
+)
+def test_a_join_that_cannot_be_is_refused(wrong: Any) -> None:
+    join = Join()
+    join.aligned("left")
+    with pytest.raises((fuseline.ConfigError, fuseline.TimeError, TypeError)):
+        wrong(join)

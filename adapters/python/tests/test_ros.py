@@ -1,0 +1,115 @@
+"""The join for nodes of rclpy, with subscribers and a timer that stand for ROS's."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import fuseline
+import pytest
+from fuseline import JoinCause, JoinDrop, JoinDropReason, Joined
+from fuseline.ros import TimeSynchronizer
+
+MS = 1_000_000
+
+
+class Topic:
+    """A subscriber that is given its messages by the test."""
+
+    def __init__(self) -> None:
+        self.publish: Callable[[Any], None] = lambda _: None
+
+    def registerCallback(self, callback: Callable[..., Any], *arguments: Any) -> None:  # noqa: N802
+        self.publish = callback
+
+
+class Timers:
+    """A clock with at most one timer."""
+
+    now = 0
+    due: int | None = None
+    fire: Callable[[], None] | None = None
+
+    def __call__(self, seconds: float, fire: Callable[[], None]) -> Callable[[], None]:
+        assert self.due is None, "two timers at once"
+        self.due, self.fire = self.now + round(seconds * 1e9), fire
+        return self.cancel
+
+    def cancel(self) -> None:
+        self.due = None
+
+    def until(self, ms: int) -> None:
+        while self.due is not None and self.due <= ms * MS and self.fire is not None:
+            self.now = self.due
+            self.fire()
+        self.now = ms * MS
+
+
+def image(seconds: int, text: str) -> Any:
+    stamp = SimpleNamespace(sec=seconds, nanosec=5)
+    return SimpleNamespace(header=SimpleNamespace(stamp=stamp), text=text)
+
+
+def test_a_set_waits_no_longer_than_it_may_and_each_drop_is_reported() -> None:
+    """E5, E6."""
+    timers, left, right = Timers(), Topic(), Topic()
+    given: list[tuple[int, Joined]] = []
+    drops: list[JoinDrop] = []
+    joined = TimeSynchronizer(
+        None,
+        {"left": left, "right": right},
+        wait=0.02,
+        clock=lambda: timers.now,
+        timer=timers,
+    )
+    joined.registerCallback(lambda it: given.append((timers.now // MS, it)))
+    joined.on_drop(drops.append)
+    left.publish(image(7, "west"))
+    timers.until(5)
+    right.publish(image(7, "east"))
+    left.publish(image(8, "alone"))
+    timers.until(60)
+    right.publish(image(8, "late"))
+    assert [(at, it.missing, it.cause) for at, it in given] == [
+        (5, [], JoinCause.COMPLETE),
+        (25, ["right"], JoinCause.DUE),
+    ]
+    assert {name: it.text for name, it in given[0][1].set.items()} == {
+        "left": "west",
+        "right": "east",
+    }
+    assert drops == [JoinDrop("right", 8_000_000_005, JoinDropReason.LATE)]
+    assert joined.counts == {
+        ("set", "complete"): 1,
+        ("set", "due"): 1,
+        ("right", "missing"): 1,
+        ("right", "dropped late"): 1,
+    }
+    assert timers.due is None
+
+
+def test_a_callback_may_publish_what_is_joined_next() -> None:
+    timers, only = Timers(), Topic()
+    seen: list[int] = []
+    joined = TimeSynchronizer(
+        None, {"only": only}, wait=1.0, clock=lambda: timers.now, timer=timers, key=lambda it: it
+    )
+
+    def again(it: Joined) -> None:
+        seen.append(it.key)
+        if it.key < 3:
+            only.publish(it.key + 1)
+
+    joined.registerCallback(again)
+    only.publish(1)
+    assert seen == [1, 2, 3]
+
+
+def test_a_synchronizer_that_cannot_be_is_refused() -> None:
+    with pytest.raises(fuseline.ConfigError):
+        TimeSynchronizer(None, {}, wait=0.1)
+    with pytest.raises(TypeError):
+        TimeSynchronizer(None, {"left": Topic()}, wait=1)
+    with pytest.raises(fuseline.ConfigError):
+        TimeSynchronizer(None, {"left": Topic()}, wait=0.1, window=0)

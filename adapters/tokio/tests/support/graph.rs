@@ -1,0 +1,257 @@
+//! A graph of operators that a seed draws: chains, diamonds and joins, with sensors that die, sources that hang and fail, and
+//! readers that lag. `fuseline-simulate` plays it too.
+
+use std::collections::BTreeMap;
+use std::future::pending;
+use std::sync::Arc;
+use std::time::Duration;
+
+use fuseline_testkit::Rng;
+use fuseline_tokio::{
+    Call, Config, Item, Items, Join, JoinConfig, Latency, Lineage, Local, Operator, Reader, Setup,
+    SharedState, spawn, stream,
+};
+use tokio::time::{Instant, sleep};
+
+const MS: Duration = Duration::from_millis(1);
+/// The lateness of one timer of tokio.
+const LATENESS: Duration = Duration::from_millis(1);
+
+/// A source's way with each message: a time, or never.
+#[derive(Clone, Copy, Debug)]
+struct Behaviour {
+    at_most_ms: u32,
+    /// One in so many messages has no result; 0 is none.
+    hangs: u32,
+    fails: u32,
+}
+
+/// One operator of a drawn graph.
+#[derive(Clone, Debug)]
+struct Stage {
+    local: Behaviour,
+    at_once: usize,
+    clouds: Vec<Behaviour>,
+    has_substitute: bool,
+    reserve: Duration,
+    seed: u64,
+    wrong: SharedState<Vec<String>>,
+}
+
+/// A message of any stage: how many stages are behind it.
+#[derive(Clone, Default, Debug)]
+struct Work(u32);
+
+impl Behaviour {
+    fn draw(rng: &mut Rng) -> Self {
+        let at_most_ms = 1 + rng.u32(0..120);
+        let hangs = if rng.u64(0..3) == 0 { 1 + rng.u32(0..6) } else { 0 };
+        let fails = if rng.u64(0..4) == 0 { 1 + rng.u32(0..6) } else { 0 };
+        Self { at_most_ms, hangs, fails }
+    }
+
+    async fn act(self, mut rng: Rng, work: Work) -> Result<Work, fuseline_tokio::Error> {
+        sleep(rng.u32(0..self.at_most_ms) * MS).await;
+        if self.hangs > 0 && rng.u64(0..u64::from(self.hangs)) == 0 {
+            pending::<()>().await;
+        }
+        if self.fails > 0 && rng.u64(0..u64::from(self.fails)) == 0 {
+            return Err("as drawn".into());
+        }
+        Ok(Work(work.0 + 1))
+    }
+}
+
+impl Stage {
+    fn draw(rng: &mut Rng, reserve: Duration, wrong: &SharedState<Vec<String>>) -> Self {
+        let clouds = (0..rng.u64(0..3)).map(|_| Behaviour::draw(rng)).collect();
+        Self {
+            local: Behaviour::draw(rng),
+            at_once: 1 + rng.usize(0..4),
+            clouds,
+            has_substitute: rng.u64(0..2) == 0,
+            reserve,
+            seed: rng.next_u64(),
+            wrong: wrong.clone(),
+        }
+    }
+
+    fn start<I: Send + Sync + 'static>(self, input: Reader<I>) -> Items<Work>
+    where
+        Runner<I>: Operator<Input = I, Output = Work>,
+    {
+        let reserve = vec![Latency::stated(self.reserve)];
+        let config = Config { reserve, ..Config::default() };
+        spawn(Runner { stage: self, input: std::marker::PhantomData::<fn(I)> }, config, input)
+            .unwrap()
+            .1
+    }
+}
+
+struct Runner<I> {
+    stage: Stage,
+    input: std::marker::PhantomData<fn(I)>,
+}
+
+impl<I: Send + Sync + 'static> Operator for Runner<I> {
+    type Input = I;
+    type Output = Work;
+
+    fn setup(self, setup: &mut Setup<I, Work>) -> Local<I, Work> {
+        let Stage { local, at_once, clouds, has_substitute, reserve, seed, wrong } = self.stage;
+        for (priority, cloud) in (1..).zip(clouds) {
+            let wrong = wrong.clone();
+            let handle = move |(), call: Call| {
+                let left = call.lineage.as_ref().and_then(|lineage| lineage.due(Instant::now()));
+                let left = left.map(|due| due.saturating_duration_since(Instant::now().into_std()));
+                if left.is_none_or(|left| call.deadline + reserve > left) {
+                    wrong.with(|wrong| wrong.push(format!("E3: {:?} of {left:?}", call.deadline)));
+                }
+                let rng = Rng::with_seed(seed ^ (call.timestamp << 8 | u64::from(priority)));
+                cloud.act(rng, Work::default())
+            };
+            setup.use_cloud(handle, |_, _| Some(((), 150 * MS)), Ok, priority);
+        }
+        if has_substitute {
+            setup.use_substitute(|_| Some(Work::default()));
+        }
+        Local::futures(at_once, move |_, t| {
+            local.act(Rng::with_seed(seed ^ t << 8), Work::default())
+        })
+    }
+}
+
+/// One graph, as it is drawn, and what was wrong with it.
+struct DrawnGraph {
+    rng: Rng,
+    within: Duration,
+    /// Operators of each branch.
+    stages: u32,
+    is_joined: bool,
+    /// When each frame of each sensor was captured.
+    captures: Vec<SharedState<BTreeMap<u64, Instant>>>,
+    wrong: SharedState<Vec<String>>,
+}
+
+impl DrawnGraph {
+    fn new(seed: u64) -> Self {
+        let mut rng = Rng::with_seed(seed);
+        let within = (50 + rng.u32(0..300)) * MS;
+        let stages = 1 + rng.u32(0..3);
+        let (captures, wrong) = (Vec::new(), SharedState::default());
+        Self { rng, within, stages, is_joined: false, captures, wrong }
+    }
+
+    /// The last operator's items: of a chain, of a diamond, of several sensors joined.
+    fn start(&mut self) -> Items<Work> {
+        let sensors = 1 + self.rng.usize(0..3);
+        let is_diamond = sensors == 1 && self.rng.bool();
+        let mut branches = Vec::new();
+        for sensor in 0..sensors {
+            let reader = self.film(sensor);
+            if is_diamond {
+                branches.push(self.branch(reader.another()));
+            }
+            branches.push(self.branch(reader));
+        }
+        self.is_joined = branches.len() > 1;
+        if self.is_joined { self.join(branches) } else { branches.remove(0) }
+    }
+
+    /// A sensor, which may be dead for a while, or end early.
+    fn film(&mut self, sensor: usize) -> Reader<()> {
+        let (mut writer, reader) = stream(64);
+        let (count, dead_from) = (1 + self.rng.u64(0..20), self.rng.u64(0..40));
+        let (period, within) = (self.rng.u32(0..80) * MS, self.within);
+        let captures = SharedState::<BTreeMap<u64, Instant>>::default();
+        self.captures.push(captures.clone());
+        tokio::spawn(async move {
+            for seq in 0..count {
+                sleep(period).await;
+                if seq < dead_from || seq % 3 == 0 {
+                    let lineage = Lineage::new(format!("s{sensor}"), seq, Instant::now());
+                    if writer.write_with((), lineage.within(within)).is_ok() {
+                        captures.with(|captures| captures.insert(seq, Instant::now()));
+                    }
+                }
+            }
+            sleep(10 * within).await;
+        });
+        reader
+    }
+
+    fn branch(&mut self, reader: Reader<()>) -> Items<Work> {
+        // Of the other operators of the branch, and of a join's.
+        let reserve = |stage: u32| (self.stages - stage) * 20 * MS;
+        let mut items = Stage::draw(&mut self.rng, reserve(0), &self.wrong).start(reader);
+        for stage in 1..self.stages {
+            items = Stage::draw(&mut self.rng, reserve(stage), &self.wrong).start(items);
+        }
+        items
+    }
+
+    fn join(&mut self, branches: Vec<Items<Work>>) -> Items<Work> {
+        let (reserve, wait) = (vec![Latency::stated(20 * MS)], self.rng.u32(0..100) * MS);
+        let config = JoinConfig { wait, reserve, window: 64, ..JoinConfig::default() };
+        let mut join = Join::<Vec<u64>>::new(config);
+        for (index, items) in branches.into_iter().enumerate() {
+            join.items(format!("b{index}"), items, |set, item: Arc<Item<Work>>| {
+                set.push(item.timestamp);
+            });
+        }
+        let (_, sets) = join.spawn().unwrap();
+        Stage::draw(&mut self.rng, Duration::ZERO, &self.wrong).start(sets)
+    }
+
+    /// Checks an item as it is read; returns the message that it is of.
+    fn check(&self, item: &Item<Work>, reader_lags: bool) -> (String, u64) {
+        let lineage = item.lineage.as_ref().expect("each message has a lineage");
+        let origin = lineage.origin.as_ref().expect("an origin");
+        let (seq, within) = (origin.seq.expect("a number"), self.within);
+        let age = lineage.age(Instant::now()).expect("a capture");
+        // A timer of each operator of the branch, of the join and of its operator.
+        if !reader_lags && age > within + (self.stages + 2) * LATENESS {
+            self.tell(format!("E2: {seq} of {} is {age:?} old of {within:?}", origin.stream));
+        }
+        if !reader_lags && item.age.is_some_and(|told| told != age) {
+            self.tell(format!("E7: {seq} is {age:?} old, not {:?}", item.age));
+        }
+        let captured = lineage.captured.map(Instant::from_std);
+        if self.captures.iter().all(|it| it.with(|it| it.get(&seq).copied()) != captured) {
+            self.tell(format!("E7: {seq} was never captured then"));
+        }
+        (if self.is_joined { String::new() } else { origin.stream.to_string() }, seq)
+    }
+
+    /// Each frame led to one item, of several sensors to one together.
+    fn check_counts(&self, answered: &BTreeMap<(String, u64), u32>) {
+        for (sensor, captures) in self.captures.iter().enumerate() {
+            let stream = if self.is_joined { String::new() } else { format!("s{sensor}") };
+            for seq in captures.with(|captures| captures.keys().copied().collect::<Vec<_>>()) {
+                if answered.get(&(stream.clone(), seq)) != Some(&1) {
+                    self.tell(format!("E1, E6: {seq} of {sensor}: {answered:?}"));
+                }
+            }
+        }
+    }
+
+    fn tell(&self, wrong: String) {
+        self.wrong.with(|all| all.push(wrong));
+    }
+}
+
+/// What is wrong with the graph of a seed.
+pub(crate) async fn wrongs(seed: u64) -> Vec<String> {
+    let mut graph = DrawnGraph::new(seed);
+    let mut last = graph.start();
+    let reader_lags = graph.rng.one_in(4);
+    let mut answered = BTreeMap::<(String, u64), u32>::new();
+    while let Some(item) = last.read().await {
+        if reader_lags {
+            sleep(40 * MS).await;
+        }
+        *answered.entry(graph.check(&item, reader_lags)).or_default() += 1;
+    }
+    graph.check_counts(&answered);
+    graph.wrong.with(std::mem::take)
+}
