@@ -15,7 +15,7 @@ from typing import NamedTuple
 HERE = Path(__file__).resolve().parent
 
 
-class Fault(NamedTuple):
+class SeededFault(NamedTuple):
     """A line that is changed, and who must notice."""
 
     file: str
@@ -25,17 +25,17 @@ class Fault(NamedTuple):
 
 
 FAULTS = (
-    Fault("planner.py", "return row >= self._wanted", "return row >= 1", ("-m", "unittest", "test_worlds")),
-    Fault("sight.py", "if any(_crosses(eye, point, polygon)", "if False and any(_crosses(eye, point, polygon)", ("-m", "unittest", "test_worlds")),
-    Fault("jaywalking.py", "LATERAL, DECELERATION = 7.0, 7.5", "LATERAL, DECELERATION = 6.5, 7.5", ("-m", "unittest", "test_worlds")),
-    Fault("swerve.py", "nanos(response), None", "nanos(response + 0.2), None", ("-m", "unittest", "test_worlds")),
-    Fault("scenes.py", "return not stops and", "return False and", ("-m", "unittest", "test_worlds")),
-    Fault("drive.py", "RANGES = (39.0, 57.0)", "RANGES = (30.0, 40.0)", ("cells.py", "--sample", "30")),
-    Fault("drive.py", '"guard": lambda: Fused(Guard(PARAMETERS))', '"guard": lambda: Fused(Constant(3.0))', ("drives.py", "--drives", "60", "--approach", "guard")),
+    SeededFault("planner.py", "return row >= self._wanted", "return row >= 1", ("-m", "unittest", "test_worlds")),
+    SeededFault("sight.py", "if any(_crosses(eye, point, polygon)", "if False and any(_crosses(eye, point, polygon)", ("-m", "unittest", "test_worlds")),
+    SeededFault("jaywalking.py", "LATERAL, DECELERATION = 7.0, 7.5", "LATERAL, DECELERATION = 6.5, 7.5", ("-m", "unittest", "test_worlds")),
+    SeededFault("swerve.py", "nanos(response), None", "nanos(response + 0.2), None", ("-m", "unittest", "test_worlds")),
+    SeededFault("scenes.py", "return not stops and", "return False and", ("-m", "unittest", "test_worlds")),
+    SeededFault("drive.py", "RANGES = (39.0, 57.0)", "RANGES = (30.0, 40.0)", ("cells.py", "--sample", "30")),
+    SeededFault("drive.py", '"guard": lambda: Fused(Guard(PARAMETERS))', '"guard": lambda: Fused(Constant(3.0))', ("drives.py", "--drives", "60", "--approach", "guard")),
 )  # fmt: skip
 
 
-def is_noticed(fault: Fault) -> bool:
+def is_noticed(fault: SeededFault) -> bool:
     """Whether the check fails with the fault."""
     with tempfile.TemporaryDirectory(prefix="fuseline-worlds-") as folder:
         root = Path(folder)

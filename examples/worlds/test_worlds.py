@@ -37,7 +37,7 @@ class Jaywalking(unittest.TestCase):
                 )
 
 
-class Swerve(unittest.TestCase):
+class SwerveInSumo(unittest.TestCase):
     """In SUMO too only a cached plan swerves in time."""
 
     def test_only_the_cached_plan_avoids(self) -> None:
