@@ -21,6 +21,7 @@ mod implementation;
 mod input;
 mod interrupt;
 mod judging;
+mod link;
 mod models;
 mod output;
 mod pages;
