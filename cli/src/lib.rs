@@ -25,6 +25,7 @@ mod implementation;
 mod input;
 mod interrupt;
 mod judging;
+mod link;
 mod models;
 mod output;
 #[cfg(feature = "full")]

@@ -205,6 +205,8 @@ fn scenarios_are_as_their_schemas_say() {
         ("red-light", &["--variant", "skewed"]),
         ("jaywalking", &["--speed", "9,30"]),
         ("networks", &["--drive", "cicv5g/rural_n8_v10", "--speed", "22", "--starts", "4"]),
+        ("arbitrage", &["--drive", "cicv5g/rural_n8_v10"]),
+        ("link", &["--request-kb", "300", "--rate", "10", "--uplink", "10", "--seconds", "3"]),
     ] {
         let command = ["scenario", scenario];
         let lines = conforms(dir.path(), &command, &[&["--json"], args].concat());

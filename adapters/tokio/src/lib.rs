@@ -8,6 +8,7 @@ mod encoding;
 mod error_chain;
 #[cfg(feature = "grpc")]
 pub mod grpc;
+pub mod handlers;
 mod in_order;
 mod items;
 mod join;

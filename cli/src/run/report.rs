@@ -227,9 +227,10 @@ impl Reading {
 
     /// The messages with all that is known of their results.
     fn messages(&self, plan: &RunPlan) -> Vec<MessageRecord> {
-        // Local's result either came or is not known; a cloud's call may have been ended.
+        // Local's result either came or is not known; a cloud's call may have been ended. How long it would have waited
+        // for a link is not known either.
         let planned = |source: usize, opened: u64, t: u64| {
-            let index = source.checked_sub(1)?;
+            let index = source.checked_sub(1).filter(|_| !plan.is_linked())?;
             let emulation = plan.clouds.get(index)?.emulation()?;
             let sent = self.queues.sent(index, t)?;
             let waited = Duration::from_nanos(sent.saturating_sub(opened));

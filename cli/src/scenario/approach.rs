@@ -65,7 +65,7 @@ pub(crate) struct ApproachRun<'a> {
 }
 
 /// A frame's number as a figure; no drive has more frames than are exact.
-fn figure(number: u64) -> f64 {
+pub(crate) fn figure(number: u64) -> f64 {
     u32::try_from(number).map_or(f64::INFINITY, f64::from)
 }
 

@@ -6,9 +6,10 @@ use rayon::prelude::*;
 use crate::plot::{Axes, ChartLine, DRAWN, Plot, TextLine, canvas};
 use crate::scenario::jaywalking::geometry::{Manoeuvre, SwerveGeometry};
 use crate::scenario::jaywalking::{Greatest, JaywalkingResult};
+use crate::scenario::reaction;
 
 /// Responses that are shown, in fiftieths of a second.
-const SHOWN: std::ops::RangeInclusive<u32> = 0..=50;
+const SHOWN: std::ops::RangeInclusive<u32> = 0..=65;
 
 pub(crate) fn plots(result: &JaywalkingResult, geometry: SwerveGeometry) -> Vec<Plot> {
     let line = |manoeuvre: Manoeuvre| -> Vec<(f64, f64)> {
@@ -42,10 +43,12 @@ pub(crate) fn plots(result: &JaywalkingResult, geometry: SwerveGeometry) -> Vec<
                 points: points.clone(),
             };
             let lines = [of("swerve", 1, &swerve), of("brake", 2, &brake)];
+            let reactions = reaction::lines(theme, true, &(0.0..top.ceil()));
+            let lines: Vec<ChartLine> = lines.into_iter().chain(reactions).collect();
             ChartLine::keys(&lines, theme, canvas, (82, 84));
             let area = canvas.margin(104, 12, 20, 24);
             let axes = Axes {
-                x: 0.0..1.0,
+                x: 0.0..1.3,
                 y: 0.0..top.ceil(),
                 x_name: "response, s",
                 y_name: "speed, m/s",

@@ -107,22 +107,32 @@ impl CrossingOperator {
 impl Crossing<'_> {
     /// Runs it; the traces go to the folder under this name.
     pub(crate) fn run(&self, name: &str, traces: Option<&Folder>) -> Result<Crossed, Fault> {
-        let is_traced = traces.is_some();
+        let (crossed, recorded) = self.traced(name, traces.is_some());
+        for (operator, trace) in recorded {
+            if let Some(folder) = traces {
+                folder.put(&format!("{name}-{operator}.jsonl"), &trace)?;
+            }
+        }
+        Ok(crossed)
+    }
+
+    /// Runs it; returns the traces of the operators that had messages, if they are wanted.
+    pub(crate) fn traced(
+        &self,
+        name: &str,
+        is_traced: bool,
+    ) -> (Crossed, Vec<(&'static str, Vec<u8>)>) {
         let mut detections = CrossingOperator::new("detections", name, is_traced);
         let mut neighbours = CrossingOperator::new("neighbours", name, is_traced);
         let decided = self.decide(&mut detections, &mut neighbours).map(seconds);
-        for stream in [detections, neighbours] {
-            if let (Some(folder), Some(trace)) = (traces, stream.operator.into_trace())
-                && stream.messages > 0
-            {
-                folder.put(&format!("{name}-{}.jsonl", stream.name), &trace)?;
-            }
-        }
+        let had_messages = [detections, neighbours].into_iter().filter(|it| it.messages > 0);
+        let traces = had_messages.filter_map(|it| Some((it.name, it.operator.into_trace()?)));
+        let traces = traces.collect();
         let brakes = self.ego.brakes();
         let contact = self.geometry.contact(decided, &brakes);
         let bite = decided.map(|decided| decided + brakes.delay);
         let in_time = bite.filter(|bite| contact.is_none_or(|contact| *bite < contact));
-        Ok(Crossed { decided, contact, brakes_before: in_time.map(before) })
+        (Crossed { decided, contact, brakes_before: in_time.map(before) }, traces)
     }
 
     /// When ego decides to brake, by whichever of its two streams reports it first.

@@ -1,5 +1,6 @@
 //! `fuseline scenario traffic-jam`: the paper's table. `cells` computes it, `narrow` varies it, `text` and `plots` show it.
 
+mod animation;
 mod cells;
 mod narrow;
 mod plots;
@@ -198,6 +199,7 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
             &PageContent {
                 title: "Traffic jam",
                 words: &words,
+                animations: animation::animations(args, &jam),
                 plots: plots::plots(&result, &jam),
                 reported: &text,
             },
