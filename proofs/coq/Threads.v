@@ -11,6 +11,7 @@ Arguments after : simpl never.
 Arguments timers : simpl never.
 
 (** ** A call *)
+(* ANCHOR: calls *)
 (** [names] is the timestamp; an open expires nothing. A tick is for its timestamp alone. *)
 Record call := { names : N; instant : N; does : body }.
 Definition fits_call (c : call) : Prop :=
@@ -38,6 +39,7 @@ Fixpoint in_order (cfg : config) (s : state) (tr : trace) (cs : list call) : sta
   | [] => (s, tr)
   | c :: rest => let (s1, ds) := execute cfg s c in in_order cfg s1 (after ds (Got (instant c) (does c) :: tr)) rest
   end.
+(* ANCHOR_END: calls *)
 
 (** ** In the order of the calls the invariant holds: whatever instants they bear *)
 Lemma earliest_of_some sl due : earliest_of sl = Some due -> (exists p, In (p, due) (armed sl)) /\
@@ -108,6 +110,7 @@ Lemma start_good cfg : good cfg [] initial.
 Proof. exact (reach_good _ _ _ _ (at_start cfg)). Qed.
 
 (** ** What is promised of many threads *)
+(* ANCHOR: promises *)
 Section Calls.
 Variables (cfg : config) (cs : list call).
 Hypothesis F : Forall fits_call cs.
@@ -126,6 +129,7 @@ End Calls.
 (** P11: the input itself has the decisions that its kind may have. *)
 Theorem s8_p11_accounted cfg s c : exists of_due of_input, snd (execute cfg s c) = of_due ++ of_input /\
   own cfg (instant c) (does c) of_input.
+(* ANCHOR_END: promises *)
 Proof.
   unfold execute. destruct (if expires c then _ else _) as [s1 ds1] eqn:E.
   destruct (apply cfg s1 (does c)) as [s2 ds2] eqn:A. cbn. exists ds1, ds2. split; auto.
@@ -173,11 +177,13 @@ Proof.
     apply in_lookup in I; auto. congruence.
   - rewrite <- (map_id l) at 2. apply map_ext. intros [u x]. cbn. now destruct (u =? t).
 Qed.
+(* ANCHOR: order *)
 (** Any interleaving of looks and exchanges is a run of whole calls, one after the other: those whose exchanges
     succeeded, in the order of these. So all that is promised above holds of it. *)
 Theorem s8_one_order cfg acts : forall s seen tr, good cfg tr s ->
   Forall (fun a => match a with Exchange _ c => fits_call c | Look _ _ => True end) acts ->
   exists cs, Forall fits_call cs /\ interleave cfg s seen tr acts = in_order cfg s tr cs.
+(* ANCHOR_END: order *)
 Proof.
   induction acts as [|[i t|i c] acts IH]; intros s seen tr G F; cbn [interleave].
   - exists []. split; [constructor|reflexivity].
