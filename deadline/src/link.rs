@@ -80,9 +80,9 @@ impl LinkQueue {
 
     fn pass(&mut self, to: u64, rate: &impl Fn(u64) -> LinkRate) {
         while self.now < to && self.waiting > 0 {
-            let carries = rate(self.now);
-            let until = carries.until.max(self.now.saturating_add(1)).min(to);
-            let carried = carries.carried(until.saturating_sub(self.now));
+            let current = rate(self.now);
+            let until = current.until.max(self.now.saturating_add(1)).min(to);
+            let carried = current.carried(until.saturating_sub(self.now));
             self.waiting = self.waiting.saturating_sub(carried);
             self.now = until;
         }
@@ -93,11 +93,11 @@ impl LinkQueue {
     fn emptied(&self, rate: impl Fn(u64) -> LinkRate) -> u64 {
         let (mut at, mut waiting) = (self.now, self.waiting);
         while waiting > 0 && at < u64::MAX {
-            let carries = rate(at);
-            let until = carries.until.max(at.saturating_add(1));
-            let carried = carries.carried(until.saturating_sub(at));
+            let current = rate(at);
+            let until = current.until.max(at.saturating_add(1));
+            let carried = current.carried(until.saturating_sub(at));
             if carried >= waiting {
-                let bits = u128::from(carries.bits_per_second).max(1);
+                let bits = u128::from(current.bits_per_second).max(1);
                 let takes = u64::try_from(waiting.div_ceil(bits)).unwrap_or(u64::MAX);
                 return at.saturating_add(takes);
             }
