@@ -34,7 +34,8 @@ fn differs(root: &Value, schema: &Value, value: &Value) -> Result<(), String> {
             "enum" if !wanted.as_array().unwrap().contains(value) => {
                 return Err(format!("{value} is none of {wanted}"));
             }
-            "minimum" if value.as_f64() < wanted.as_f64() => {
+            // It is about numbers: null may be another type that is allowed.
+            "minimum" if value.is_number() && value.as_f64() < wanted.as_f64() => {
                 return Err(format!("{value} is below {wanted}"));
             }
             "maximum" if value.as_f64() > wanted.as_f64() => {

@@ -80,7 +80,7 @@ pub(crate) struct Args {
         default_value = "car-pulls-out=0.15,person-enters=0.1,cyclist-swerves=0.06,door-opens=0.04"
     )]
     hypothesis: Vec<UnlikelyEvent>,
-    /// How many plans the cloud may be asked for at once †.
+    /// How many plans may be requested of the cloud at once †.
     #[arg(long, value_name = "N", default_value = "1", value_parser = clap::value_parser!(u16).range(1..=64))]
     plans_at_once: u16,
     #[command(flatten)]

@@ -118,7 +118,7 @@ impl Planning {
         PlannerOutput { response, is_cached, trace: operator.into_trace() }
     }
 
-    /// The same with so many hypotheses, of which one comes true. The cloud is asked for their plans in their order, so many
+    /// The same with so many hypotheses, of which one comes true. Their plans are requested in their order, so many
     /// at once. Returns the response, and whether the plan was cached.
     pub(crate) fn with_hypotheses(
         &self,
