@@ -1,12 +1,15 @@
-//! `fuseline convert`: makes a trace of what other tools recorded. `rows` and `mcap` read it; nothing is judged.
+//! `fuseline convert`: makes a trace of what other tools recorded. `rows`, `mcap` and `spans` read it; nothing is judged.
 
 mod header;
 mod mcap;
+mod otlp;
 mod recorded;
 mod rows;
+mod spans;
 
 use std::cell::RefCell;
-use std::io::{self, BufReader, BufWriter, Read, Write};
+use std::collections::BTreeMap;
+use std::io::{self, BufRead, BufReader, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
@@ -15,6 +18,7 @@ use fuseline_traces::{Decision, Event, Events, Header, Input};
 
 use crate::convert::recorded::{AnnotatedHeader, ConvertError, Recorded};
 use crate::convert::rows::MappedRows;
+use crate::convert::spans::{SpanEvents, SpanOptions, SpanSources};
 use crate::exit::Exit;
 use crate::fault::Fault;
 use crate::input::{is_standard, open};
@@ -34,6 +38,12 @@ deadline, result and fail of each source, as WEST.result=COLUMN. An empty cell i
 An MCAP file has a JSON channel, each message a line of a trace, or, with --column or --event, an object as above;
 one without at has its log time. Its first message may be the header.
 
+An OTLP JSON file has OpenTelemetry's spans. A message's span is its open and, at its end, its emit, or its miss where
+its status is an error; each client span below it is a request to the source that it names, and a result or a failure at
+its end, but for one cancelled or out of time (gRPC's codes 1 and 4), which ends with nothing. Several client spans of one
+source are attempts, also one that is linked to another. Timestamps are the attribute's if all messages have numbers, else
+ordinals; without the attribute by an emit is of the result that came last.
+
 The header is the trace's first line: it tells the clouds and the commit rule. --write-header makes one.
 
 Examples:
@@ -43,6 +53,7 @@ Examples:
   fuseline convert --header header.jsonl --column at=header.stamp,ev=kind --unit s --unit deadline=ms log.jsonl
   fuseline convert --header header.jsonl --unit ms --separator ';' frames.csv --frame \
     open=recv,emit=out,by=winner,west.request=sent,west.deadline=500,west.result=done,local.result=own
+  fuseline convert --header header.jsonl --span message=decide,local=plan --deadline 40ms spans.json
   fuseline convert drive.mcap | fuseline check --observed --tolerance 2ms --lateness 5ms")]
 pub(crate) struct Args {
     /// The file to convert; - is standard input.
@@ -85,6 +96,8 @@ pub(crate) struct Args {
     output: Option<PathBuf>,
     #[command(flatten)]
     overwrite: Overwrite,
+    #[command(flatten)]
+    spans: SpanOptions,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -93,6 +106,8 @@ pub(crate) enum Format {
     /// A JSON object a line.
     Jsonl,
     Mcap,
+    /// OpenTelemetry's spans as JSON.
+    Otlp,
 }
 
 /// Converts a file; a named output is written only once all of the input was read.
@@ -121,8 +136,10 @@ pub(crate) fn convert(args: &Args) -> Result<Exit, Fault> {
     }
     let given = args.header.as_deref().map(read_header).transpose()?;
     let (name, file) = open(&args.file)?;
-    let columns = args.columns().with_sources(given.iter().flat_map(|(header, _)| sources(header)));
-    let mut recorded = args.recorded(format, &name, file, columns)?;
+    let known: BTreeMap<String, u64> =
+        given.iter().flat_map(|(header, _)| sources(header)).collect();
+    let columns = args.columns().with_sources(known.clone());
+    let mut recorded = args.recorded(format, &name, file, columns, SpanSources::Known(known))?;
     let own = recorded.header()?;
     let header = given.or(own).ok_or_else(|| ConvertError::NoHeader { file: name.clone() })?;
     let is_sorted = args.sort || !args.frame.is_empty();
@@ -144,7 +161,14 @@ impl Args {
         name: &'a str,
         file: Box<dyn Read>,
         columns: Columns<'a>,
+        sources: SpanSources,
     ) -> Result<Box<dyn Recorded + 'a>, Fault> {
+        let mut file = BufReader::new(file);
+        // A name in .json may be either's.
+        let is_export = format == Format::Jsonl
+            && self.from.is_none()
+            && otlp::is_export(file.fill_buf().map_err(|error| ConvertError::read(name, &error))?);
+        let format = if is_export { Format::Otlp } else { format };
         let is_mapped = !self.column.is_empty() || !self.event.is_empty();
         Ok(match format {
             Format::Csv if self.frame.is_empty() => {
@@ -157,6 +181,9 @@ impl Args {
             Format::Mcap => {
                 let columns = is_mapped.then_some(columns);
                 Box::new(mcap::McapInput::new(name, file, &self.topic, columns))
+            }
+            Format::Otlp => {
+                Box::new(SpanEvents::new(name, &otlp::read(name, file)?, &self.spans, sources)?)
             }
         })
     }
@@ -194,8 +221,9 @@ fn made_header(args: &Args, format: Format) -> Result<Header, Fault> {
     }
     let (name, file) = open(&args.file)?;
     let sources = Rc::new(RefCell::new(Vec::new()));
-    let mut recorded =
-        args.recorded(format, &name, file, args.columns().gathering(Rc::clone(&sources)))?;
+    let columns = args.columns().gathering(Rc::clone(&sources));
+    let gathered = SpanSources::Gathered(Rc::clone(&sources));
+    let mut recorded = args.recorded(format, &name, file, columns, gathered)?;
     if recorded.header()?.is_some() {
         return Err(ConvertError::HasHeader { file: name.clone() }.into());
     }
