@@ -1,17 +1,21 @@
-//! `fuseline convert`: makes a trace of what other tools recorded. `rows`, `mcap` and `topics` read it; nothing is judged.
+//! `fuseline convert`: makes a trace of what other tools recorded. `rows`, `mcap`, `topics` and `spans` read it; nothing
+//! is judged.
 
 #[cfg(feature = "bags")]
 mod db3;
 mod header;
 mod mcap;
+mod otlp;
 mod payload;
 mod recorded;
 mod rows;
+mod spans;
 mod topic;
 mod topics;
 
 use std::cell::RefCell;
-use std::io::{self, BufReader, BufWriter, Read, Write};
+use std::collections::BTreeMap;
+use std::io::{self, BufRead, BufReader, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
@@ -21,6 +25,7 @@ use fuseline_traces::{Decision, Event, Events, Header, Input};
 
 use crate::convert::recorded::{AnnotatedHeader, ConvertError, Recorded};
 use crate::convert::rows::MappedRows;
+use crate::convert::spans::{SpanEvents, SpanOptions, SpanSources};
 use crate::convert::topic::{TopicChoice, topic};
 use crate::convert::topics::{MessageFile, TopicInput};
 use crate::exit::Exit;
@@ -44,6 +49,12 @@ or Protobuf by the descriptors inside; databases and Protobuf are read if fuseli
 --topic says which topics have events, and which, where the messages do not say so. Without at they have their log
 times. A topic of JSON without --column or --event has the lines of a trace; the first may be the header.
 
+An OTLP JSON file has OpenTelemetry's spans. A message's span is its open and, at its end, its emit, or its miss where
+its status is an error; each client span below it is a request to the source that it names, and a result or a failure at
+its end, but for one cancelled or out of time (gRPC's codes 1 and 4), which ends with nothing. Several client spans of one
+source are attempts, also one that is linked to another. Timestamps are the attribute's if all messages have numbers, else
+ordinals; without the attribute by an emit is of the result that came last.
+
 The header is the trace's first line: it has the clouds and the commit rule. --write-header makes one.
 
 Examples:
@@ -58,6 +69,7 @@ Examples:
   fuseline convert --header header.jsonl bag.mcap \\
     --column t=header.stamp,p=source,deadline=200ms --topic open=/camera,emit=/objects \\
     --topic west.request=/west/image,west.result=/west/objects,local.result=/own/objects
+  fuseline convert --header header.jsonl --span message=decide,local=plan --deadline 40ms spans.json
   fuseline convert drive.mcap | fuseline check --observed --tolerance 2ms --lateness 5ms")]
 pub(crate) struct Args {
     /// The file to convert; - is standard input.
@@ -102,6 +114,8 @@ pub(crate) struct Args {
     output: Option<PathBuf>,
     #[command(flatten)]
     overwrite: Overwrite,
+    #[command(flatten)]
+    spans: SpanOptions,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -112,6 +126,8 @@ pub(crate) enum Format {
     Mcap,
     /// A database of rosbag2.
     Db3,
+    /// OpenTelemetry's spans as JSON.
+    Otlp,
 }
 
 /// Converts a file; a named output is written only once all of the input was read.
@@ -143,8 +159,10 @@ pub(crate) fn convert(args: &Args) -> Result<Exit, Fault> {
     }
     let given = args.header.as_deref().map(read_header).transpose()?;
     let (name, file) = open(&args.file)?;
-    let columns = args.columns().with_sources(given.iter().flat_map(|(header, _)| sources(header)));
-    let mut recorded = args.recorded(format, &name, file, columns)?;
+    let known: BTreeMap<String, u64> =
+        given.iter().flat_map(|(header, _)| sources(header)).collect();
+    let columns = args.columns().with_sources(known.clone());
+    let mut recorded = args.recorded(format, &name, file, columns, SpanSources::Known(known))?;
     let own = recorded.header()?;
     let header = given.or(own).ok_or_else(|| ConvertError::NoHeader { file: name.clone() })?;
     let is_sorted = args.sort || !args.frame.is_empty();
@@ -166,7 +184,14 @@ impl Args {
         name: &'a str,
         file: Box<dyn Read>,
         columns: Columns<'a>,
+        sources: SpanSources,
     ) -> Result<Box<dyn Recorded + 'a>, Fault> {
+        let mut file = BufReader::new(file);
+        // A name in .json may be either's.
+        let is_export = format == Format::Jsonl
+            && self.from.is_none()
+            && otlp::is_export(file.fill_buf().map_err(|error| ConvertError::read(name, &error))?);
+        let format = if is_export { Format::Otlp } else { format };
         let is_mapped = !self.column.is_empty()
             || !self.event.is_empty()
             || self.topic.iter().any(|topic| topic.event.is_some());
@@ -191,6 +216,9 @@ impl Args {
             Format::Db3 => self.database(name, &columns)?,
             #[cfg(not(feature = "bags"))]
             Format::Db3 => return Err(ConvertError::NoBags { file: name.to_owned() }.into()),
+            Format::Otlp => {
+                Box::new(SpanEvents::new(name, &otlp::read(name, file)?, &self.spans, sources)?)
+            }
         })
     }
 
@@ -245,8 +273,9 @@ fn made_header(args: &Args, format: Format) -> Result<Header, Fault> {
     }
     let (name, file) = open(&args.file)?;
     let sources = Rc::new(RefCell::new(Vec::new()));
-    let mut recorded =
-        args.recorded(format, &name, file, args.columns().gathering(Rc::clone(&sources)))?;
+    let columns = args.columns().gathering(Rc::clone(&sources));
+    let gathered = SpanSources::Gathered(Rc::clone(&sources));
+    let mut recorded = args.recorded(format, &name, file, columns, gathered)?;
     if recorded.header()?.is_some() {
         return Err(ConvertError::HasHeader { file: name.clone() }.into());
     }

@@ -58,6 +58,13 @@ pub(super) enum ConvertError {
     File { file: String, message: String },
 }
 
+impl ConvertError {
+    /// A file that cannot be read.
+    pub(super) fn read(file: &str, error: &std::io::Error) -> Self {
+        Self::File { file: file.to_owned(), message: format!("it cannot be read: {error}") }
+    }
+}
+
 impl From<ConvertError> for Fault {
     fn from(error: ConvertError) -> Self {
         Self::own(error)
