@@ -182,6 +182,7 @@ Qed.
 (** ** P8 timers *)
 Theorem p8_one_timer : P8_one_timer tr.
 Proof. exact (good_p8_one_timer _ _ _ G). Qed.
+Theorem p8_fires : P8_fires tr. Proof. exact (reach_fires _ _ _ _ R). Qed.
 (** The live timers of an open timestamp are those that were armed and were not ended by what P8 names. *)
 Theorem p8_live t sl p due : lookup t (opened s) = Some sl ->
   (In (p, due) (armed sl) <-> says tr (arms t p due) /\ ~ says tr (disarms cfg t p)).

@@ -44,6 +44,9 @@ def statements():
         uses = "cfg" in body
         own = parameters.strip() or f"{'(cfg : config) ' if uses else ''}(tr : trace)"
         for start, end in parts(body):
+            # Such an equation only names a line and what is before it.
+            if body[start:end].strip().startswith("tr = "):
+                continue
             yield name, own, " ".join(body[start:end].split()), f"{body[:start]} True {body[end:]}"
 
 
@@ -51,7 +54,7 @@ def theorem_file(name):
     for path in sorted(HERE.glob("*.v")):
         if path.stem not in {"Statements", "Broken", "Examples"}:
             text = path.read_text(encoding="utf-8")
-            found = re.search(rf"^ *(?:Local )?(?:Lemma|Theorem) (\w+)[^:]*: {name}\b", text, re.M)
+            found = re.search(rf"^ *(?:Local )?(?:Lemma|Theorem) (\w+)[^.]*?(?::|->) {name}\b", text, re.M)
             if found:
                 return path, text, found[1]
     sys.exit(f"error: no theorem {name}")
@@ -70,7 +73,8 @@ def outcome(build, name, parameters, hypothesis, body):
         return None
     line = int(re.search(r"line (\d+)", made.stderr)[1])
     before = "\n".join(changed.split("\n")[:line])
-    return re.findall(r"^ *(?:Local )?(?:Lemma|Theorem) (\w+)", before, re.M)[-1], theorem
+    above = re.findall(r"^ *(?:Local )?(?:Lemma|Theorem) (\w+)", before, re.M)
+    return above[-1] if above else f"nothing: {made.stderr.strip()}", theorem
 
 
 build = Path(sys.argv[1]).resolve()
