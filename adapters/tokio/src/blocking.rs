@@ -52,6 +52,9 @@ pub struct BlockingOperator<I, O> {
     running: Running,
 }
 
+/// Items that nobody read before the end.
+pub type UnreadItems<O> = Vec<Arc<Item<O>>>;
+
 /// A runtime whose end waits for nothing, so that a thread that hangs keeps no program from its end.
 #[derive(Debug)]
 struct OwnedRuntime(Option<Runtime>);
@@ -150,7 +153,7 @@ where
     ///
     /// # Panics
     /// As of [`read`](Self::read).
-    pub fn finish(self) -> Result<(Vec<Arc<Item<O>>>, Tally), JoinError> {
+    pub fn finish(self) -> Result<(UnreadItems<O>, Tally), JoinError> {
         self.close();
         let Self { runtime, output, running, .. } = self;
         let mut output = output.into_inner().unwrap_or_else(PoisonError::into_inner);

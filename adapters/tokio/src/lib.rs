@@ -28,7 +28,7 @@ mod side_counts;
 mod stream;
 mod workers;
 
-pub use blocking::BlockingOperator;
+pub use blocking::{BlockingOperator, UnreadItems};
 pub use call::Call;
 pub use carried_state::CarriedState;
 pub use drive::Timers;
