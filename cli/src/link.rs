@@ -17,10 +17,10 @@ pub(crate) const DOWNLINK: usize = 1;
 
 #[derive(Clone, Copy, clap::Args)]
 pub(crate) struct LinkArgs {
-    /// The rate of the vehicle's uplink, in Mbit/s, where the drive has no column uplink_mbps [default: no limit].
+    /// The rate of the vehicle's uplink, in Mbit/s, where the drive has no column `uplink_mbps` [default: no limit].
     #[arg(long, value_name = "MBIT/S", value_parser = mbits, allow_negative_numbers = true)]
     uplink: Option<f64>,
-    /// The rate of its downlink, in Mbit/s, where the drive has no column downlink_mbps [default: no limit].
+    /// The rate of its downlink, in Mbit/s, where the drive has no column `downlink_mbps` [default: no limit].
     #[arg(long, value_name = "MBIT/S", value_parser = mbits, allow_negative_numbers = true)]
     downlink: Option<f64>,
     /// How much may wait for each, in KB; a request that finds no room fails, a reply is lost.

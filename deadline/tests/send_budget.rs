@@ -49,6 +49,7 @@ proptest! {
     fn a_worthier_stream_is_never_worse_off_for_the_others(
         rate in 1_000..200_000_u64, bytes in 100..20_000_u64, other in 100..20_000_u64,
     ) {
+        #[expect(clippy::cast_precision_loss, reason = "some thousands of bytes")]
         let gains = (10.0 * bytes as f64, 1.0 * other as f64);
         let alone = sent(SendBudget::new(rate, LONGEST, NEVER), 10, [(bytes, gains.0)]);
         let both = sent(SendBudget::new(rate, LONGEST, NEVER), 10, [(bytes, gains.0), (other, gains.1)]);

@@ -113,6 +113,11 @@ mod tests {
 
     const DEADLINE: Duration = Duration::from_millis(500);
 
+    #[expect(
+        clippy::trivially_copy_pass_by_ref,
+        clippy::unnecessary_wraps,
+        reason = "it is a message handler"
+    )]
     fn send(message: &u64, _: u64) -> Option<(u64, Duration)> {
         Some((*message, DEADLINE))
     }

@@ -177,6 +177,7 @@ async fn a_deadline_of_local_in_a_wrong_unit() {
 
 /// misuse: offers what is left of a budget that is used up, `budget - age` | no request; counted as a failure of the handler
 #[tokio::test(start_paused = true)]
+#[expect(clippy::unchecked_time_subtraction, reason = "it is the mistake")]
 async fn a_budget_that_is_used_up() {
     let prepare = |setup: &mut Clouds| {
         let handle = |n: u64, _| async move { Ok(n) };

@@ -205,7 +205,7 @@ impl Args {
             Format::Jsonl => Box::new(MappedRows::json(name, file, columns)),
             Format::Mcap if is_mapped => {
                 let names = self.topic.iter().map(|topic| &*topic.name).collect();
-                let messages = MessageFile::Mcap(RawMessages::new(file, names));
+                let messages = MessageFile::Mcap(Box::new(RawMessages::new(file, names)));
                 Box::new(TopicInput::new(name, messages, &self.topic, &columns))
             }
             Format::Mcap => match &self.topic[..] {
@@ -222,7 +222,7 @@ impl Args {
         })
     }
 
-    /// SQLite reads the file by its name.
+    /// `SQLite` reads the file by its name.
     #[cfg(feature = "bags")]
     fn database<'a>(
         &'a self,

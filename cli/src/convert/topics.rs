@@ -25,7 +25,7 @@ pub(crate) struct TopicInput<'a, R> {
 
 /// A recording by its format.
 pub(crate) enum MessageFile<'a, R> {
-    Mcap(RawMessages<'a, R>),
+    Mcap(Box<RawMessages<'a, R>>),
     #[cfg(feature = "bags")]
     Db3(Db3Messages),
 }
@@ -64,16 +64,15 @@ impl<'a, R: Read> TopicInput<'a, R> {
     /// The message's event; none if it is to be left out.
     fn event(&mut self, message: &RawMessage) -> Result<Option<AnnotatedEvent>, String> {
         let known = |(format, _): &(Rc<PayloadFormat>, _)| Rc::ptr_eq(format, &message.format);
-        let place = match self.payloads.iter().position(known) {
-            Some(place) => place,
-            None => {
-                let payload = PayloadDecoder::of(&message.format)?;
-                self.payloads.push((Rc::clone(&message.format), payload));
-                self.payloads.len() - 1
-            }
+        let index = if let Some(index) = self.payloads.iter().position(known) {
+            index
+        } else {
+            let payload = PayloadDecoder::of(&message.format)?;
+            self.payloads.push((Rc::clone(&message.format), payload));
+            self.payloads.len() - 1
         };
         let columns = &self.topics[message.topic].columns;
-        self.payloads[place].1.event(&message.data, message.log_time, columns)
+        self.payloads[index].1.event(&message.data, message.log_time, columns)
     }
 
     /// At the end: a file without any message of the topics is an error, a topic without one may be a slip.

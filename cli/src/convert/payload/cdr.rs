@@ -1,4 +1,4 @@
-//! [`CdrLayout`]: a ROS 2 message out of its bytes, which are CDR as DDS' XTypes 1.0 has it.
+//! [`CdrLayout`]: a ROS 2 message out of its bytes, which are CDR as the DDS standard for types has it.
 
 use fuseline_traces::rows::seconds;
 use thiserror::Error;

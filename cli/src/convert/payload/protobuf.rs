@@ -41,7 +41,7 @@ pub(super) fn text(message: &DynamicMessage, path: &str) -> Option<String> {
     Some(match (&*message.get_field(&field), rest) {
         (Value::Message(inner), Some(rest)) => return text(inner, rest),
         (Value::Message(inner), None) => return time(inner),
-        (_, Some(_)) => return None,
+        (_, Some(_)) | (Value::Bytes(_) | Value::List(_) | Value::Map(_), None) => return None,
         (Value::Bool(value), _) => value.to_string(),
         (Value::I32(value), _) => value.to_string(),
         (Value::I64(value), _) => value.to_string(),
@@ -56,7 +56,6 @@ pub(super) fn text(message: &DynamicMessage, path: &str) -> Option<String> {
                 .map_or_else(|| number.to_string(), |value| value.name().to_owned()),
             _ => number.to_string(),
         },
-        (Value::Bytes(_) | Value::List(_) | Value::Map(_), _) => return None,
     })
 }
 

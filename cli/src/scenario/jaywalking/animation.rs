@@ -14,8 +14,8 @@ pub(crate) fn animations(args: &Args, geometry: &SwerveGeometry) -> Vec<Animatio
     let responses = args.response.first().copied().zip(args.response.last().copied());
     let (Some(speed), Some((planner, cached))) = (speed, responses) else { return Vec::new() };
     let run = |name: &str, cloud| {
-        let planned = Planning { cloud, planner, cached }.run(true);
-        let response = planned.response;
+        let outcome = Planning { cloud, planner, cached }.run(true);
+        let response = outcome.response;
         let contact = geometry.contact(speed, Manoeuvre::Swerve, response);
         let end = (geometry.distance + CAR.0 + 2.0) / speed;
         let car = |now: f64| {
@@ -24,7 +24,7 @@ pub(crate) fn animations(args: &Args, geometry: &SwerveGeometry) -> Vec<Animatio
         };
         let person = |now: f64| (geometry.person(now), [0.0, 1.0]);
         let enters = std::time::Duration::from_nanos(ENTERS).as_secs_f64();
-        let emitted = planned.trace.map(|trace| outputs(&trace, enters)).unwrap_or_default();
+        let emitted = outcome.trace.map(|trace| outputs(&trace, enters)).unwrap_or_default();
         let word = if contact.is_some() { "hits the person" } else { "swerves in time" };
         AnimatedRun {
             name: format!("{name}, {response} s"),

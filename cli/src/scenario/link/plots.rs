@@ -26,15 +26,15 @@ pub(crate) fn plots(result: &LinkResult) -> Vec<Plot> {
             "Messages answered by the cloud in time, mean over sizes and rates",
         );
         canvas(theme, (860, 470), words, |canvas| {
-            let line =
-                |(index, (name, points)): (usize, &(&'static str, Vec<(f64, f64)>))| ChartLine {
-                    name: (*name).to_owned(),
-                    colour: theme.series[index],
-                    width: 3,
-                    is_dashed: false,
-                    points: points.clone(),
-                };
-            let lines: Vec<ChartLine> = lines.iter().enumerate().map(line).collect();
+            let colours = theme.series.iter().copied();
+            let line = |((name, points), colour): (&(&str, Vec<_>), _)| ChartLine {
+                name: (*name).to_owned(),
+                colour,
+                width: 3,
+                is_dashed: false,
+                points: points.clone(),
+            };
+            let lines: Vec<ChartLine> = lines.iter().zip(colours).map(line).collect();
             ChartLine::keys(&lines, theme, canvas, (82, 84));
             let area = canvas.margin(104, 12, 20, 24);
             let axes = Axes {

@@ -173,16 +173,13 @@ impl<'a> LinkSimulation<'a> {
         operator.totals.requests += 1;
         operator.calls.insert(t, at);
         let rate = LinkRate::constant(self.run.uplink);
-        match self.uplink.send(at, bytes, |_| rate) {
-            Some(sent) => {
-                let replied = sent + nanos(self.run.round_trip + self.run.cloud_runtime);
-                self.events.push(Reverse((replied, LinkEvent::Replied { stream, t })));
-            }
-            None => {
-                operator.totals.dropped += 1;
-                operator.operator.fail(at, t);
-                operator.ended(t, |_| End::Failed(Duration::ZERO));
-            }
+        if let Some(sent) = self.uplink.send(at, bytes, |_| rate) {
+            let replied = sent + nanos(self.run.round_trip + self.run.cloud_runtime);
+            self.events.push(Reverse((replied, LinkEvent::Replied { stream, t })));
+        } else {
+            operator.totals.dropped += 1;
+            operator.operator.fail(at, t);
+            operator.ended(t, |_| End::Failed(Duration::ZERO));
         }
     }
 }
