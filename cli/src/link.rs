@@ -4,6 +4,7 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
 use fuseline_deadline::{LinkQueue, LinkRate};
+#[cfg(feature = "full")]
 use schemars::JsonSchema;
 use serde::Serialize;
 use tokio::time::{Instant, sleep_until};
@@ -30,7 +31,8 @@ pub(crate) struct LinkArgs {
 }
 
 /// How wide a vehicle's link is.
-#[derive(Clone, Copy, PartialEq, Debug, JsonSchema, Serialize)]
+#[derive(Clone, Copy, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct LinkWidth {
     /// Bits in a second, where the drive does not say; none: no limit.
     pub(crate) uplink: Option<u64>,

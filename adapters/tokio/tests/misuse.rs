@@ -177,8 +177,8 @@ async fn a_deadline_of_local_in_a_wrong_unit() {
 
 /// misuse: offers what is left of a budget that is used up, `budget - age` | no request; counted as a failure of the handler
 #[tokio::test(start_paused = true)]
-#[expect(clippy::unchecked_time_subtraction, reason = "it is the mistake")]
 async fn a_budget_that_is_used_up() {
+    #![expect(clippy::unchecked_time_subtraction, reason = "it is the mistake")]
     let prepare = |setup: &mut Clouds| {
         let handle = |n: u64, _| async move { Ok(n) };
         let message_handler = |n: &u64, _| Some((*n, 30 * MS - 50 * MS));
