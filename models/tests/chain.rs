@@ -47,7 +47,7 @@ struct ChainStage {
     messages: Vec<ChainMessage>,
 }
 
-#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 struct ChainMessage {
     captured: u64,
     /// When the first operator took it in.
@@ -74,10 +74,10 @@ enum Shown {
 #[derive(Clone, PartialEq, Eq, Debug)]
 enum ChainAction {
     Capture { age: u64 },
-    Offer { stage: usize, t: u64, deadline: u64 },
-    Result { stage: usize, t: u64, p: u64 },
-    Fail { stage: usize, t: u64, p: u64 },
-    Tick { stage: usize },
+    Offer { operator: usize, t: u64, deadline: u64 },
+    Result { operator: usize, t: u64, p: u64 },
+    Fail { operator: usize, t: u64, p: u64 },
+    Tick { operator: usize },
     Advance,
 }
 
@@ -88,52 +88,52 @@ impl Chain {
         Arbiter::new(&Header { operator: None, window, commit: Commit::Eager, clouds }).unwrap()
     }
 
-    fn budget(stage: usize, message: &ChainMessage) -> Budget {
-        Budget::ending_at(message.captured + WITHIN, RESERVES[stage])
+    fn budget(operator: usize, message: &ChainMessage) -> Budget {
+        Budget::ending_at(message.captured + WITHIN, RESERVES[operator])
     }
 
     /// A message comes to an operator; F1 may refuse it.
-    fn take_in(&self, state: &mut ChainState, stage: usize, message: ChainMessage) {
-        let (at, t) = (state.now, state.stages[stage].messages.len() as u64);
+    fn take_in(&self, state: &mut ChainState, operator: usize, message: ChainMessage) {
+        let (at, t) = (state.now, state.stages[operator].messages.len() as u64);
         let message = ChainMessage { taken_in: at, endings: 0, ended: None, ..message };
-        let deadline = Self::budget(stage, &message).for_local(at, self.has_substitutes);
-        state.stages[stage].messages.push(message);
-        self.apply(state, stage, &Input::Open { at, t, deadline: Some(nanos(deadline)) });
+        let deadline = Self::budget(operator, &message).for_local(at, self.has_substitutes);
+        state.stages[operator].messages.push(message);
+        self.apply(state, operator, &Input::Open { at, t, deadline: Some(nanos(deadline)) });
     }
 
-    fn apply(&self, state: &mut ChainState, stage: usize, input: &Input) {
+    fn apply(&self, state: &mut ChainState, operator: usize, input: &Input) {
         let mut decisions = Vec::new();
-        state.stages[stage].machine.decide(input, |decision| decisions.push(decision));
+        state.stages[operator].machine.decide(input, |decision| decisions.push(decision));
         for decision in decisions {
             match decision {
-                Decision::Emit { t, p, .. } => self.ended(state, stage, t, Some(p)),
+                Decision::Emit { t, p, .. } => self.ended(state, operator, t, Some(p)),
                 Decision::Miss { t, .. } | Decision::RefuseOpen { t, .. } => {
-                    self.ended(state, stage, t, None);
+                    self.ended(state, operator, t, None);
                 }
-                Decision::Request { t, due, .. } => requested(state, stage, t, due),
+                Decision::Request { t, due, .. } => requested(state, operator, t, due),
                 _ => {}
             }
         }
     }
 
     /// An operator sends the item of a message.
-    fn ended(&self, state: &mut ChainState, stage: usize, t: u64, by: Option<u64>) {
+    fn ended(&self, state: &mut ChainState, operator: usize, t: u64, by: Option<u64>) {
         let now = state.now;
-        let message = &mut state.stages[stage].messages[usize::try_from(t).unwrap()];
+        let message = &mut state.stages[operator].messages[usize::try_from(t).unwrap()];
         message.endings += 1;
         message.ended.get_or_insert(now);
-        let message = message.clone();
+        let message = *message;
         let ChainMessage { captured, written, taken_in, has_value, .. } = message;
-        let reserve_begins = captured + WITHIN - RESERVES[stage];
+        let reserve_begins = captured + WITHIN - RESERVES[operator];
         if by.is_none() && self.has_substitutes {
             if now > reserve_begins.max(taken_in + 1) + LATENESS {
                 state.broken.push("E4");
             }
-            if stage == 0 && now == reserve_begins {
+            if operator == 0 && now == reserve_begins {
                 state.shown.push(Shown::SubstituteInTime);
             }
         }
-        if stage == 0 {
+        if operator == 0 {
             self.take_in(state, 1, ChainMessage { has_value: by.is_some(), ..message });
         } else {
             if by.is_some() && !has_value {
@@ -149,16 +149,16 @@ impl Chain {
     }
 }
 
-/// E2: when the operator `stage` has answered at the latest, each on the way with the lateness of one timer and, of a message
+/// E2: when an operator has answered at the latest, each on the way with the lateness of one timer and, of a message
 /// that is over, the nanosecond that F1 takes at least.
-fn latest(captured: u64, written: u64, stage: u64) -> u64 {
-    (captured + WITHIN).max(written + 1) + LATENESS + stage * (LATENESS + 1)
+fn latest(captured: u64, written: u64, operator: u64) -> u64 {
+    (captured + WITHIN).max(written + 1) + LATENESS + operator * (LATENESS + 1)
 }
 
 /// E3: a request ends with its own deadline and where the reserve begins.
-fn requested(state: &mut ChainState, stage: usize, t: u64, due: u64) {
-    let message = &state.stages[stage].messages[usize::try_from(t).unwrap()];
-    if due > message.captured + WITHIN - RESERVES[stage] {
+fn requested(state: &mut ChainState, operator: usize, t: u64, due: u64) {
+    let message = &state.stages[operator].messages[usize::try_from(t).unwrap()];
+    if due > message.captured + WITHIN - RESERVES[operator] {
         state.broken.push("E3");
     }
 }
@@ -173,13 +173,13 @@ impl ChainState {
         let [first, second] = &self.stages;
         let items = first.messages.iter().filter(|message| message.endings > 0).count();
         items == second.messages.len()
-            && self.stages.iter().flat_map(|stage| &stage.messages).all(|it| it.endings <= 1)
+            && self.stages.iter().flat_map(|operator| &operator.messages).all(|it| it.endings <= 1)
     }
 
     /// E2.
     fn is_in_time(&self) -> bool {
-        (0..).zip(&self.stages).all(|(index, stage)| {
-            stage.messages.iter().all(|message| {
+        (0..).zip(&self.stages).all(|(index, operator)| {
+            operator.messages.iter().all(|message| {
                 message.ended.unwrap_or(self.now)
                     <= latest(message.captured, message.written, index)
             })
@@ -196,8 +196,8 @@ impl Model for Chain {
     type Action = ChainAction;
 
     fn init_states(&self) -> Vec<ChainState> {
-        let stage = || ChainStage { machine: self.machine(), messages: Vec::new() };
-        let stages = [stage(), stage()];
+        let operator = || ChainStage { machine: self.machine(), messages: Vec::new() };
+        let stages = [operator(), operator()];
         vec![ChainState { now: 0, stages, shown: Vec::new(), broken: Vec::new() }]
     }
 
@@ -206,26 +206,26 @@ impl Model for Chain {
             let ages = AGES.into_iter().filter(|age| *age <= state.now);
             actions.extend(ages.map(|age| ChainAction::Capture { age }));
         }
-        for (stage, ChainStage { machine, .. }) in state.stages.iter().enumerate() {
+        for (operator, ChainStage { machine, .. }) in state.stages.iter().enumerate() {
             for (timestamp, slot) in machine.fusion().open() {
                 let t = timestamp.as_u64();
                 let of = |p| machine.fusion().source(Priority::new(p)).unwrap();
                 if !slot.requested().contains(of(1)) {
-                    let offer = |deadline| ChainAction::Offer { stage, t, deadline };
+                    let offer = |deadline| ChainAction::Offer { operator, t, deadline };
                     actions.extend(DEADLINES.map(offer));
                 }
                 for p in [0, 1].into_iter().filter(|p| slot.pending().contains(of(*p))) {
                     let p = p.into();
-                    actions.push(ChainAction::Result { stage, t, p });
-                    actions.push(ChainAction::Fail { stage, t, p });
+                    actions.push(ChainAction::Result { operator, t, p });
+                    actions.push(ChainAction::Fail { operator, t, p });
                 }
             }
             if machine.next_due().is_some_and(|due| due <= state.now) {
-                actions.push(ChainAction::Tick { stage });
+                actions.push(ChainAction::Tick { operator });
             }
         }
-        let is_late = |stage: &ChainStage| {
-            stage.machine.next_due().is_some_and(|due| due + LATENESS <= state.now)
+        let is_late = |operator: &ChainStage| {
+            operator.machine.next_due().is_some_and(|due| due + LATENESS <= state.now)
         };
         if state.now < HORIZON && !state.stages.iter().any(is_late) {
             actions.push(ChainAction::Advance);
@@ -245,18 +245,18 @@ impl Model for Chain {
                     ChainMessage { captured, written, taken_in, has_value, endings, ended };
                 self.take_in(&mut state, 0, message);
             }
-            ChainAction::Tick { stage } => self.apply(&mut state, stage, &Input::Tick { at }),
-            ChainAction::Result { stage, t, p } => {
-                self.apply(&mut state, stage, &Input::Result { at, t, p });
+            ChainAction::Tick { operator } => self.apply(&mut state, operator, &Input::Tick { at }),
+            ChainAction::Result { operator, t, p } => {
+                self.apply(&mut state, operator, &Input::Result { at, t, p });
             }
-            ChainAction::Fail { stage, t, p } => {
-                self.apply(&mut state, stage, &Input::Fail { at, t, p });
+            ChainAction::Fail { operator, t, p } => {
+                self.apply(&mut state, operator, &Input::Fail { at, t, p });
             }
-            ChainAction::Offer { stage, t, deadline } => {
-                let message = &state.stages[stage].messages[usize::try_from(t).unwrap()];
-                let left = nanos(Self::budget(stage, message).for_cloud(at));
+            ChainAction::Offer { operator, t, deadline } => {
+                let message = &state.stages[operator].messages[usize::try_from(t).unwrap()];
+                let left = nanos(Self::budget(operator, message).for_cloud(at));
                 let is_open = |state: &ChainState| {
-                    state.stages[stage].machine.fusion().slot(Timestamp::new(t)).is_some()
+                    state.stages[operator].machine.fusion().slot(Timestamp::new(t)).is_some()
                 };
                 if is_open(&state) && left == 0 {
                     state.shown.push(Shown::NothingIsLeft);
@@ -265,7 +265,7 @@ impl Model for Chain {
                 }
                 let input =
                     Input::Offer { at, t, p: CLOUD, deadline: deadline.min(left), backlog: 0 };
-                self.apply(&mut state, stage, &input);
+                self.apply(&mut state, operator, &input);
             }
         }
         state.shown.sort_unstable();
