@@ -36,7 +36,7 @@ struct ChainState {
     now: u64,
     stages: [ChainStage; 2],
     /// What the step that led here showed.
-    shown: Vec<Shown>,
+    shown: Vec<ChainOutcome>,
     broken: Vec<&'static str>,
 }
 
@@ -61,7 +61,7 @@ struct ChainMessage {
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
-enum Shown {
+enum ChainOutcome {
     /// An item without a result led to an output.
     OutputOfNothing,
     AtTheLatest,
@@ -130,20 +130,20 @@ impl Chain {
                 state.broken.push("E4");
             }
             if operator == 0 && now == reserve_begins {
-                state.shown.push(Shown::SubstituteInTime);
+                state.shown.push(ChainOutcome::SubstituteInTime);
             }
         }
         if operator == 0 {
             self.take_in(state, 1, ChainMessage { has_value: by.is_some(), ..message });
         } else {
             if by.is_some() && !has_value {
-                state.shown.push(Shown::OutputOfNothing);
+                state.shown.push(ChainOutcome::OutputOfNothing);
             }
             if now == latest(captured, written, 1) {
-                state.shown.push(Shown::AtTheLatest);
+                state.shown.push(ChainOutcome::AtTheLatest);
             }
             if by == Some(CLOUD) {
-                state.shown.push(Shown::CloudSends);
+                state.shown.push(ChainOutcome::CloudSends);
             }
         }
     }
@@ -186,7 +186,7 @@ impl ChainState {
         })
     }
 
-    fn shows(&self, shown: Shown) -> bool {
+    fn shows(&self, shown: ChainOutcome) -> bool {
         self.shown.contains(&shown)
     }
 }
@@ -259,9 +259,9 @@ impl Model for Chain {
                     state.stages[operator].machine.fusion().slot(Timestamp::new(t)).is_some()
                 };
                 if is_open(&state) && left == 0 {
-                    state.shown.push(Shown::NothingIsLeft);
+                    state.shown.push(ChainOutcome::NothingIsLeft);
                 } else if left < deadline {
-                    state.shown.push(Shown::RequestIsCut);
+                    state.shown.push(ChainOutcome::RequestIsCut);
                 }
                 let input =
                     Input::Offer { at, t, p: CLOUD, deadline: deadline.min(left), backlog: 0 };
@@ -281,25 +281,25 @@ impl Model for Chain {
             Property::always("E4 something", |_, state: &ChainState| !state.broken.contains(&"E4")),
             Property::sometimes(
                 "E1 an output of an item without a result",
-                |_, state: &ChainState| state.shows(Shown::OutputOfNothing),
+                |_, state: &ChainState| state.shows(ChainOutcome::OutputOfNothing),
             ),
             Property::sometimes("E2 an answer at the latest instant", |_, state: &ChainState| {
-                state.shows(Shown::AtTheLatest)
+                state.shows(ChainOutcome::AtTheLatest)
             }),
             Property::sometimes("E3 a request is cut", |_, state: &ChainState| {
-                state.shows(Shown::RequestIsCut)
+                state.shows(ChainOutcome::RequestIsCut)
             }),
             Property::sometimes("E3 nothing is left for a cloud", |_, state: &ChainState| {
-                state.shows(Shown::NothingIsLeft)
+                state.shows(ChainOutcome::NothingIsLeft)
             }),
             Property::sometimes("E3 a cloud's result is sent", |_, state: &ChainState| {
-                state.shows(Shown::CloudSends)
+                state.shows(ChainOutcome::CloudSends)
             }),
         ];
         if self.has_substitutes {
             properties.push(Property::sometimes(
                 "E4 when the reserve begins",
-                |_, state: &ChainState| state.shows(Shown::SubstituteInTime),
+                |_, state: &ChainState| state.shows(ChainOutcome::SubstituteInTime),
             ));
         }
         properties

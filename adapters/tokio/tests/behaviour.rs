@@ -297,7 +297,7 @@ fn a_dropped_runtime_leaves_the_trace_whole() {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     let running = runtime.block_on(async {
         let (mut camera, frames) = stream(8);
-        let script = Script::new().cloud(1, 3_600_000, |_| Never);
+        let script = Script::new().cloud(1, 60_000, |_| Never);
         let (running, _) = spawn(script, Config { trace, ..Config::default() }, frames).unwrap();
         camera.write(0).unwrap();
         while running.tally().sources[1].admitted == 0 {
@@ -520,7 +520,8 @@ fn without_a_runtime_an_operator_is_refused() {
 #[tokio::test(start_paused = true)]
 async fn deadlines_of_nothing_and_of_ages_are_decided_by_the_rules() {
     let script = Script::new().cloud(1, 0, |_| Answers(1)).cloud(2, u64::MAX, |_| Answers(30));
-    let played = play_default(script, &[0]).await;
+    let config = Config { greatest_deadline: Duration::MAX, ..Config::default() };
+    let played = play(script, config, &[0]).await;
     assert_eq!(played.items, "30.000 ms: 0 cloud 2 by arrival from 30 ms\n");
     assert_eq!(played.tally.sources[1].refused.get(&OfferRefusal::Deadline), Some(&1));
 

@@ -28,7 +28,7 @@ impl Operator for UnansweredOperator {
 }
 
 fn config() -> Config {
-    Config { timers: Timers::Kernel, ..Config::default() }
+    Config { timers: Timers::Kernel, greatest_deadline: Duration::MAX, ..Config::default() }
 }
 
 /// P8, D9: each goes by its own timer, none before it, also after the timer was set to a nearer instant, and to

@@ -100,9 +100,9 @@ fn what_another_library_encodes_is_read_by_the_definition() {
 fn a_type_that_has_no_end_is_refused() {
     let itself = layout("a/A", "a/A[2] inner\n").unwrap();
     assert_eq!(itself.read(&[0, 1, 0, 0, 1]).unwrap_err(), CdrError::Nested);
-    let twice = |n: u32| format!("===========\nMSG: a/A{n}\nA{0} a\nA{0} b\n", n - 1);
+    let twice = |n: u32| format!("===========\nMSG: a/Twice{n}\nTwice{0} a\nTwice{0} b\n", n - 1);
     let types: String = (1..31).rev().map(twice).collect();
-    let text = format!("A30 a\n{types}==========\nMSG: a/A0\nuint8[0] none\n");
+    let text = format!("Twice30 a\n{types}==========\nMSG: a/Twice0\nuint8[0] none\n");
     let wide = layout("a/Wide", &text).unwrap();
     assert_eq!(wide.read(&[0, 1, 0, 0]).unwrap_err(), CdrError::Nested);
     // A sequence of 2³² values without bytes ends.
