@@ -202,6 +202,7 @@ impl Drive {
     }
 
     /// For how much of the drive a round trip is shorter than so many seconds.
+    #[cfg(feature = "full")]
     pub(crate) fn share_below(&self, seconds: f64) -> f64 {
         let ends = self.samples.iter().skip(1).map(|sample| sample.at).chain([self.length]);
         let is_short =
