@@ -64,7 +64,11 @@ impl PyEngine {
     /// at once, how many may wait (by default as many as the window holds), whether one of an answered message is skipped,
     /// and whether results can be lost; `reserve` is how long the operators downstream take.
     #[new]
-    #[expect(clippy::too_many_arguments, reason = "they are what an operator is made of")]
+    #[expect(
+        clippy::needless_pass_by_value,
+        clippy::too_many_arguments,
+        reason = "they are what an operator is made of"
+    )]
     fn new(
         clouds: Vec<CloudEntry<'_>>,
         bounds: Vec<(usize, u64)>,
@@ -135,7 +139,7 @@ impl PyEngine {
 
     /// E4: says that there is a substitute for messages that are missed.
     fn expect_substitutes(&self) -> PyResult<()> {
-        self.with(|inner| inner.expect_substitutes())
+        self.with(fuseline_engine::Engine::expect_substitutes)
     }
 
     /// How long the loop may be held up before it is counted and logged.

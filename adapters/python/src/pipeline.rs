@@ -95,6 +95,7 @@ impl PyAligner {
     }
 
     /// Sets what is left of end-to-end deadlines when sets are given, as the sum of these.
+    #[expect(clippy::needless_pass_by_value, reason = "it is made of a list")]
     fn set_reserve(&mut self, latencies: Vec<PyRef<'_, PyLatency>>) {
         self.inner.set_reserve(reserve_of(latencies.iter().map(|it| &it.0)));
     }
@@ -112,7 +113,7 @@ impl PyAligner {
         for (input, value) in set {
             by_name.set_item(&self.names[input], value)?;
         }
-        let missing = missing.iter().map(|name| name.to_string()).collect();
+        let missing = missing.iter().map(ToString::to_string).collect();
         let cause = match cause {
             JoinCause::Complete => "complete",
             JoinCause::Due => "due",
