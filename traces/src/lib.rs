@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 mod annotations;
+mod canonical;
 pub mod corpus;
 mod event;
 mod judge;

@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
 
 use crate::annotations::{Annotations, HeaderAnnotations, Origin};
+use crate::canonical;
 use crate::event::{Cloud, Commit, Decision, Event, Header, Input, Line, VERSION};
 use crate::reason::{DropReason, OfferRefusal, OpenRefusal};
 use crate::scan::Scan;
@@ -72,6 +73,19 @@ pub(crate) fn parse_as(
     if !annotations.event.is_empty() {
         annotations.event = Annotations::NONE;
     }
+    if let Some((event, of)) = canonical::event(line, form) {
+        annotations.event.of = of;
+        return Ok(Line::Event(event));
+    }
+    parse_any(line, form, annotations)
+}
+
+/// Reads any line, however it is written.
+fn parse_any(
+    line: &[u8],
+    form: Form,
+    annotations: &mut LineAnnotations,
+) -> Result<Line, ParseError> {
     let text = str::from_utf8(line).map_err(|error| {
         ParseError::at(error.valid_up_to(), "invalid UTF-8; a trace is UTF-8 text")
     })?;

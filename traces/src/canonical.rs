@@ -1,0 +1,231 @@
+//! Event lines exactly as they are written by [`Event::write_annotated`](crate::Event), read in one pass.
+//!
+//! Nearly all lines of a trace are such lines. Whatever differs, in the order of keys, by a blank or by a key that few
+//! lines have, is left to the parser, and so is every error.
+
+use crate::event::{Decision, Event, Input};
+use crate::parse::Form;
+use crate::reason::{DropReason, OfferRefusal, OpenRefusal};
+
+/// The event of such a line and, of a result or an emit, of which message its value is. None if it is another line.
+#[inline]
+pub(crate) fn event(line: &[u8], form: Form) -> Option<(Event, Option<u64>)> {
+    let mut rest = Rest(line);
+    rest.take(b"{\"ev\":\"")?;
+    let kind = rest.kind()?;
+    rest.take(b"\",\"at\":")?;
+    let at = rest.number()?;
+    if kind == Kind::Tick {
+        rest.end()?;
+        return Some((Event::Input(Input::Tick { at }), None));
+    }
+    rest.take(b",\"t\":")?;
+    let t = rest.number()?;
+    let mut of = None;
+    let event = match kind {
+        Kind::Open => {
+            let deadline = match rest.take(b",\"deadline\":") {
+                Some(()) if form == Form::WithoutLocal => return None,
+                Some(()) => Some(rest.number()?),
+                None => None,
+            };
+            Event::Input(Input::Open { at, t, deadline })
+        }
+        Kind::Miss => Event::Decision(Decision::Miss { at, t }),
+        _ => {
+            let Some(()) = rest.take(b",\"p\":") else { return refused_open(rest, kind, at, t) };
+            let p = rest.number()?;
+            if matches!(kind, Kind::Result | Kind::Emit) && rest.take(b",\"of\":").is_some() {
+                of = Some(rest.number()?);
+            }
+            rest.event_of_source(kind, at, t, p)?
+        }
+    };
+    rest.end()?;
+    Some((event, of))
+}
+
+/// The refusal of an open, which alone of what has a reason has no source.
+fn refused_open(mut rest: Rest<'_>, kind: Kind, at: u64, t: u64) -> Option<(Event, Option<u64>)> {
+    if kind != Kind::Refuse {
+        return None;
+    }
+    let why = rest.reason(&OpenRefusal::ALL, OpenRefusal::as_str)?;
+    rest.end()?;
+    Some((Event::Decision(Decision::RefuseOpen { at, t, why }), None))
+}
+
+/// What a line is, in the order in which the kinds are tried.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Open,
+    Offer,
+    Result,
+    Request,
+    Refuse,
+    Fail,
+    Final,
+    Tick,
+    Timer,
+    Hold,
+    Drop,
+    Emit,
+    Miss,
+    Cancel,
+}
+
+/// What is left of a line.
+#[derive(Clone, Copy)]
+struct Rest<'a>(&'a [u8]);
+
+impl Rest<'_> {
+    /// Takes a token if it comes next.
+    #[inline]
+    fn take(&mut self, token: &[u8]) -> Option<()> {
+        self.0 = self.0.strip_prefix(token)?;
+        Some(())
+    }
+
+    /// The brace that closes the line.
+    #[inline]
+    fn end(self) -> Option<()> {
+        (self.0 == b"}").then_some(())
+    }
+
+    /// The event's word.
+    #[inline]
+    fn kind(&mut self) -> Option<Kind> {
+        let (kind, rest) = match self.0 {
+            [b'o', b'p', b'e', b'n', rest @ ..] => (Kind::Open, rest),
+            [b'o', b'f', b'f', b'e', b'r', rest @ ..] => (Kind::Offer, rest),
+            [b'r', b'e', b's', b'u', b'l', b't', rest @ ..] => (Kind::Result, rest),
+            [b'r', b'e', b'q', b'u', b'e', b's', b't', rest @ ..] => (Kind::Request, rest),
+            [b'r', b'e', b'f', b'u', b's', b'e', rest @ ..] => (Kind::Refuse, rest),
+            [b'f', b'a', b'i', b'l', rest @ ..] => (Kind::Fail, rest),
+            [b'f', b'i', b'n', b'a', b'l', rest @ ..] => (Kind::Final, rest),
+            [b't', b'i', b'c', b'k', rest @ ..] => (Kind::Tick, rest),
+            [b't', b'i', b'm', b'e', b'r', rest @ ..] => (Kind::Timer, rest),
+            [b'h', b'o', b'l', b'd', rest @ ..] => (Kind::Hold, rest),
+            [b'd', b'r', b'o', b'p', rest @ ..] => (Kind::Drop, rest),
+            [b'e', b'm', b'i', b't', rest @ ..] => (Kind::Emit, rest),
+            [b'm', b'i', b's', b's', rest @ ..] => (Kind::Miss, rest),
+            [b'c', b'a', b'n', b'c', b'e', b'l', rest @ ..] => (Kind::Cancel, rest),
+            _ => return None,
+        };
+        self.0 = rest;
+        Some(kind)
+    }
+
+    /// An event that has a source, with what else stands on its line.
+    #[inline]
+    fn event_of_source(&mut self, kind: Kind, at: u64, t: u64, p: u64) -> Option<Event> {
+        let decision = match kind {
+            Kind::Offer => {
+                self.take(b",\"deadline\":")?;
+                let deadline = self.number()?;
+                self.take(b",\"backlog\":")?;
+                let backlog = self.number()?;
+                return Some(Event::Input(Input::Offer { at, t, p, deadline, backlog }));
+            }
+            Kind::Result => return Some(Event::Input(Input::Result { at, t, p })),
+            Kind::Fail => return Some(Event::Input(Input::Fail { at, t, p })),
+            Kind::Request => {
+                self.take(b",\"due\":")?;
+                Decision::Request { at, t, p, due: self.number()? }
+            }
+            Kind::Refuse => {
+                let why = self.reason(&OfferRefusal::ALL, OfferRefusal::as_str)?;
+                Decision::RefuseOffer { at, t, p, why }
+            }
+            Kind::Drop => {
+                let why = self.reason(&DropReason::ALL, DropReason::as_str)?;
+                Decision::Drop { at, t, p, why }
+            }
+            Kind::Timer => Decision::Timer { at, t, p },
+            Kind::Hold => Decision::Hold { at, t, p },
+            Kind::Emit => Decision::Emit { at, t, p },
+            Kind::Final => Decision::Final { at, t, p },
+            Kind::Cancel => Decision::Cancel { at, t, p },
+            Kind::Open | Kind::Tick | Kind::Miss => return None,
+        };
+        Some(Event::Decision(decision))
+    }
+
+    /// One of some reasons.
+    fn reason<T: Copy>(&mut self, all: &[T], name: fn(T) -> &'static str) -> Option<T> {
+        self.take(b",\"why\":\"")?;
+        let end = self.0.iter().position(|byte| *byte == b'"')?;
+        let (word, rest) = self.0.split_at_checked(end)?;
+        let why = all.iter().copied().find(|why| name(*why).as_bytes() == word)?;
+        self.0 = rest;
+        self.take(b"\"")?;
+        Some(why)
+    }
+
+    /// A whole number of at most 19 digits, which fit for sure.
+    #[inline]
+    fn number(&mut self) -> Option<u64> {
+        // Priorities and queues mostly have one digit.
+        if let [digit @ b'0'..=b'9', after, ..] = self.0
+            && !after.is_ascii_digit()
+        {
+            self.0 = self.0.get(1..)?;
+            return Some(u64::from(digit - b'0'));
+        }
+        self.long_number()
+    }
+
+    fn long_number(&mut self) -> Option<u64> {
+        let (mut bytes, mut value) = (self.0, 0_u64);
+        while let Some((eight, rest)) = bytes.split_first_chunk() {
+            let (digits, count) = leading_digits(u64::from_le_bytes(*eight));
+            value = value.wrapping_mul(*POWERS.get(count)?).wrapping_add(digits);
+            if count < 8 {
+                return self.numbered(value, bytes.get(count..)?);
+            }
+            bytes = rest;
+        }
+        // Fewer than eight bytes are left.
+        while let Some((digit @ b'0'..=b'9', rest)) = bytes.split_first() {
+            value = value.wrapping_mul(10).wrapping_add(u64::from(digit - b'0'));
+            bytes = rest;
+        }
+        self.numbered(value, bytes)
+    }
+
+    /// Takes a number up to where the rest begins, if it is written as it must be.
+    #[inline]
+    fn numbered(&mut self, value: u64, rest: &[u8]) -> Option<u64> {
+        let len = self.0.len() - rest.len();
+        let zero_led = len > 1 && self.0.first() == Some(&b'0');
+        if len == 0 || len > 19 || zero_led {
+            return None;
+        }
+        self.0 = self.0.get(len..)?;
+        Some(value)
+    }
+}
+
+/// 10 to the power of how many digits were read.
+const POWERS: [u64; 9] =
+    [1, 10, 100, 1000, 10_000, 100_000, 1_000_000, 10_000_000, 100_000_000];
+
+/// The number that the leading digits of eight bytes are, and how many these are; the first byte is the lowest one.
+///
+/// The digits are moved up so that zeros lead them. Then pairs of digits become numbers below 100, pairs of those numbers
+/// below 10,000, and so on, each in one multiplication (D. Lemire, *Quickly parsing eight digits*, 2018).
+#[inline]
+const fn leading_digits(bytes: u64) -> (u64, usize) {
+    let ones = bytes ^ 0x3030_3030_3030_3030;
+    // The high bit of each byte that is above 9; a carry reaches later bytes alone.
+    let others = (ones | ones.wrapping_add(0x7676_7676_7676_7676)) & 0x8080_8080_8080_8080;
+    let bits = others.trailing_zeros() & !7;
+    if bits == 0 {
+        return (0, 0);
+    }
+    let ones = ones << (64 - bits);
+    let pairs = ones.wrapping_mul(10).wrapping_add(ones >> 8) & 0x00FF_00FF_00FF_00FF;
+    let fours = pairs.wrapping_mul(100).wrapping_add(pairs >> 16) & 0x0000_FFFF_0000_FFFF;
+    let eight = fours.wrapping_mul(10_000).wrapping_add(fours >> 32) & 0xFFFF_FFFF;
+    (eight, (bits / 8) as usize)
+}
