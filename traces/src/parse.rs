@@ -61,7 +61,26 @@ pub struct ParseError {
 /// # Errors
 /// Whatever the format does not allow, with its column.
 pub fn parse(line: &[u8]) -> Result<Line, ParseError> {
-    parse_as(line, Form::Strict, &mut LineAnnotations::default())
+    let mut annotations = LineAnnotations::default();
+    if let Some(event) = parse_canonical(line, Form::Strict, &mut annotations) {
+        return Ok(Line::Event(event));
+    }
+    parse_as(line, Form::Strict, &mut annotations)
+}
+
+/// Reads one event exactly as it is written, in one pass; none if it is another line or written otherwise.
+#[inline]
+pub(crate) fn parse_canonical(
+    line: &[u8],
+    form: Form,
+    annotations: &mut LineAnnotations,
+) -> Option<Event> {
+    let (event, of) = canonical::event(line, form)?;
+    if !annotations.event.is_empty() {
+        annotations.event = Annotations::NONE;
+    }
+    annotations.event.of = of;
+    Some(event)
 }
 
 /// Reads one line in a form of the trace; `annotations` becomes what stands on it besides.
@@ -73,19 +92,6 @@ pub(crate) fn parse_as(
     if !annotations.event.is_empty() {
         annotations.event = Annotations::NONE;
     }
-    if let Some((event, of)) = canonical::event(line, form) {
-        annotations.event.of = of;
-        return Ok(Line::Event(event));
-    }
-    parse_any(line, form, annotations)
-}
-
-/// Reads any line, however it is written.
-fn parse_any(
-    line: &[u8],
-    form: Form,
-    annotations: &mut LineAnnotations,
-) -> Result<Line, ParseError> {
     let text = str::from_utf8(line).map_err(|error| {
         ParseError::at(error.valid_up_to(), "invalid UTF-8; a trace is UTF-8 text")
     })?;

@@ -6,7 +6,7 @@ use flate2::bufread::MultiGzDecoder;
 
 use crate::annotations::{Annotations, HeaderAnnotations};
 use crate::event::{Commit, Event, Header, Line};
-use crate::parse::{Form, LineAnnotations, ParseError, parse_as};
+use crate::parse::{Form, LineAnnotations, ParseError, parse_as, parse_canonical};
 
 /// The longest line, in bytes without its `\n`.
 pub const LINE: usize = 64 * 1024;
@@ -88,7 +88,8 @@ impl<R: BufRead> Events<R> {
             Header { operator: None, window: 0, commit: Commit::default(), clouds: vec![] };
         let annotations = LineAnnotations::default();
         let mut reader = Self { inner, file, form, header, annotations, raw: Vec::new(), line: 0 };
-        match reader.next_line()? {
+        let whole = reader.fill();
+        match reader.filled_line(whole)? {
             Some(Line::Header(header)) => {
                 reader.header = header;
                 if reader.annotations.header.without_local {
@@ -109,7 +110,15 @@ impl<R: BufRead> Events<R> {
     /// # Errors
     /// If a trace may not have such a line there.
     pub fn next_event(&mut self) -> Result<Option<Event>, ReadError> {
-        match self.next_line()? {
+        let whole = self.fill();
+        if let Ok(true) = whole
+            && self.raw.len() <= LINE
+            && let Some(event) = parse_canonical(&self.raw, self.form, &mut self.annotations)
+        {
+            self.line += 1;
+            return Ok(Some(event));
+        }
+        match self.filled_line(whole)? {
             Some(Line::Event(event)) => Ok(Some(event)),
             Some(Line::Header(_)) => Err(self.error(1, Defect::SecondHeader)),
             None => Ok(None),
@@ -152,8 +161,8 @@ impl<R: BufRead> Events<R> {
         &self.inner
     }
 
-    fn next_line(&mut self) -> Result<Option<Line>, ReadError> {
-        let whole = self.fill();
+    /// The line whose bytes were taken; `whole` as they were.
+    fn filled_line(&mut self, whole: io::Result<bool>) -> Result<Option<Line>, ReadError> {
         if let Ok(false) = whole
             && self.raw.is_empty()
         {

@@ -1,6 +1,7 @@
 //! The last lines of a trace, for the story of a violation.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
+use std::mem;
 
 use crate::annotations::Annotations;
 use crate::event::Event;
@@ -13,20 +14,25 @@ const STORY: usize = 12;
 /// The last lines with their numbers.
 #[derive(Debug, Default)]
 pub(crate) struct RecentLines {
-    lines: VecDeque<(u64, Event)>,
+    /// A ring, once it is full.
+    lines: Vec<(u64, Event)>,
+    /// Where the oldest stands.
+    first: usize,
     /// What stands on some of them besides, without the text of origins, which may be long.
     annotations: BTreeMap<u64, Annotations>,
 }
 
 impl RecentLines {
     pub(crate) fn push(&mut self, line: u64, event: &Event, annotations: &Annotations) {
-        if self.lines.len() == RECENT
-            && let Some((oldest, _)) = self.lines.pop_front()
-            && !self.annotations.is_empty()
-        {
-            self.annotations.remove(&oldest);
+        if self.lines.len() < RECENT {
+            self.lines.push((line, *event));
+        } else if let Some(place) = self.lines.get_mut(self.first) {
+            let (oldest, _) = mem::replace(place, (line, *event));
+            self.first = (self.first + 1) % RECENT;
+            if !self.annotations.is_empty() {
+                self.annotations.remove(&oldest);
+            }
         }
-        self.lines.push_back((line, *event));
         if !annotations.is_empty() {
             let Annotations { of, attempt, within, age, origin: _ } = *annotations;
             let shown = Annotations { of, attempt, within, age, origin: None };
@@ -36,13 +42,14 @@ impl RecentLines {
 
     /// From the first to the last.
     pub(crate) fn iter(&self) -> impl DoubleEndedIterator<Item = &(u64, Event)> {
-        self.lines.iter()
+        let (newer, older) = self.lines.split_at_checked(self.first).unwrap_or_default();
+        older.iter().chain(newer)
     }
 
     /// The last ones about a timestamp, and `cause`, a line whatever it is about.
     pub(crate) fn story(&self, t: u64, cause: Option<u64>) -> Vec<String> {
         let of_t = |(line, event): &&(u64, Event)| event.t() == Some(t) || Some(*line) == cause;
-        let reported: Vec<_> = self.lines.iter().filter(of_t).collect();
+        let reported: Vec<_> = self.iter().filter(of_t).collect();
         let left_out = reported.len().saturating_sub(STORY);
         let lead = (left_out > 0).then(|| format!("({left_out} earlier lines left out)"));
         let lines = reported.iter().skip(left_out).map(|(line, event)| {
