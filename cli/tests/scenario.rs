@@ -319,7 +319,7 @@ fn policies_and_deadlines_are_texts_in_json() {
     let rows = printed(&played["rows"], &["policy"]);
     assert_eq!(rows.concat(), ["local", "0.5", "guard"]);
     for (deadline, shown) in [("guard", "guard"), ("0.5", "0.5")] {
-        let played = json(&["traffic-jam", "--speed", "20", "--deadline", deadline]);
+        let played = json(&[&JAM[..], &["--speed", "20", "--deadline", deadline]].concat());
         assert_eq!(played["parameters"]["deadline"], shown, "{}", played["parameters"]);
     }
 }
