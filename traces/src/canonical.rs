@@ -207,8 +207,7 @@ impl Rest<'_> {
 }
 
 /// 10 to the power of how many digits were read.
-const POWERS: [u64; 9] =
-    [1, 10, 100, 1000, 10_000, 100_000, 1_000_000, 10_000_000, 100_000_000];
+const POWERS: [u64; 9] = [1, 10, 100, 1000, 10_000, 100_000, 1_000_000, 10_000_000, 100_000_000];
 
 /// The number that the leading digits of eight bytes are, and how many these are; the first byte is the lowest one.
 ///
