@@ -1,16 +1,16 @@
-"""A loop whose time moves only when nothing else is left to do, so that no test waits."""
+"""What the tests share: coroutines are run in virtual time, so that no test waits."""
 
 from __future__ import annotations
 
 import asyncio
 import os
-import selectors
 from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any, TypeVar
 
 import pytest
 from drives import drive, spoiled
+from fuseline.testing import VirtualLoop
 
 T = TypeVar("T")
 
@@ -19,37 +19,6 @@ ROOT = Path(__file__).parents[3]
 CORPUS = sorted((ROOT / "traces/corpus").glob("*.jsonl"))
 ANNOTATED = sorted((ROOT / "traces/corpus/annotated").glob("*.jsonl"))
 BAD = sorted((ROOT / "traces/corpus/bad").glob("*.jsonl"))
-
-
-class _Leaping(selectors.DefaultSelector):
-    """Instead of a sleep the clock leaps."""
-
-    leapt = 0.0
-
-    def select(self, timeout: float | None = None) -> list[Any]:
-        ready: list[Any] = super().select(0)
-        if ready or timeout == 0:
-            return ready
-        if timeout is None:
-            # Something outside, such as a thread: it has no time of its own here.
-            return list(super().select(5))
-        self.leapt += timeout
-        return ready
-
-
-class VirtualLoop(asyncio.SelectorEventLoop):
-    """A loop that begins at 1000 s."""
-
-    def __init__(self) -> None:
-        self._leaping = _Leaping()
-        super().__init__(self._leaping)
-
-    def time(self) -> float:
-        return 1000.0 + self._leaping.leapt
-
-    def nanos(self) -> int:
-        """The clock that operators are to read."""
-        return round(self.time() * 1e9)
 
 
 Run = Callable[[Callable[[VirtualLoop], Coroutine[Any, Any, T]]], T]

@@ -56,7 +56,7 @@ def played(
     """A message of each letter, with what was prepared."""
 
     async def main(loop: VirtualLoop) -> tuple[list[Item[Any]], Counts]:
-        operator = operator_of(clock=loop.nanos, **options)
+        operator = operator_of(clock=loop.time_ns, **options)
         prepare(operator, loop)
         async with operator:
             operator.feed(of)

@@ -163,7 +163,7 @@ def test_who_holds_up_the_loop_is_counted_and_logged(
             block("message handler")
             return message, 0.1
 
-        operator: Operator[Any, Any] = Operator(local, clock=loop.nanos)
+        operator: Operator[Any, Any] = Operator(local, clock=loop.time_ns)
         operator.use_cloud(handle, wanted, str, 1, name="west")
         async with operator:
             operator.write("a")
@@ -254,7 +254,7 @@ def test_a_feed_waits_for_room_in_the_window(run: Run[Any]) -> None:
         return message
 
     async def main(loop: VirtualLoop) -> list[Item[Any]]:
-        operator: Operator[Any, Any] = Operator(local, clock=loop.nanos)
+        operator: Operator[Any, Any] = Operator(local, clock=loop.time_ns)
         async with operator:
             operator.feed(range(100))
             return [item async for item in operator]
@@ -268,7 +268,7 @@ def test_failures_of_handlers_and_policies_are_counted(run: Run[Any]) -> None:
         raise OSError("on purpose")
 
     async def main(loop: VirtualLoop) -> Any:
-        operator: Operator[Any, Any] = Operator(at_once, clock=loop.nanos)
+        operator: Operator[Any, Any] = Operator(at_once, clock=loop.time_ns)
         operator.use_situation(fails)
         operator.use_cloud(echo, fails, str, 1, name="west")
         operator.use_cloud(echo, once(0.1), str, 2, name="east", policy=fails)
@@ -335,7 +335,7 @@ def test_an_eager_operator_that_gives_a_better_clouds_chance_away_is_reported(
     run: Run[Any], caplog: pytest.LogCaptureFixture
 ) -> None:
     async def main(loop: VirtualLoop) -> None:
-        operator: Operator[Any, Any] = Operator(at_once, clock=loop.nanos)
+        operator: Operator[Any, Any] = Operator(at_once, clock=loop.time_ns)
         operator.use_cloud(echo, once(0.1), str, 1, name="west")
         operator.use_cloud(echo, once(0.2), str, 2, name="east")
         async with operator:

@@ -55,12 +55,14 @@ def test_the_last_output_of_a_chain_knows_what_it_comes_from_and_how_old_it_is(
 
     async def main(loop: VirtualLoop) -> list[Item[str]]:
         detector = Operator(
-            fuseline.Local.task(detect, at_once=9), clock=loop.nanos, trace=traces[0]
+            fuseline.Local.task(detect, at_once=9), clock=loop.time_ns, trace=traces[0]
         )
-        tracker = Operator(fuseline.Local.task(track, at_once=9), clock=loop.nanos, trace=traces[1])
+        tracker = Operator(
+            fuseline.Local.task(track, at_once=9), clock=loop.time_ns, trace=traces[1]
+        )
         async with tracker, detector:
             await asyncio.sleep(0.1)
-            captured = loop.nanos() - 30_000_000
+            captured = loop.time_ns() - 30_000_000
             for seq in (40, 41):
                 lineage = Lineage("camera/front", seq, captured, within=0.5)
                 detector.write(f"frame {seq}", lineage)
@@ -108,7 +110,7 @@ def test_a_stamped_value_of_another_message_than_allowed_is_a_failure(
         return "local"
 
     async def main(loop: VirtualLoop) -> list[Item[Any]]:
-        operator: Operator[int, Any] = Operator(local, clock=loop.nanos, trace=path)
+        operator: Operator[int, Any] = Operator(local, clock=loop.time_ns, trace=path)
         operator.use_cloud(
             mixed_up,
             lambda message, t: (message, 0.1),
@@ -119,7 +121,7 @@ def test_a_stamped_value_of_another_message_than_allowed_is_a_failure(
         items = []
         async with operator:
             for seq in range(4):
-                operator.write(seq, Lineage("camera", seq, loop.nanos()))
+                operator.write(seq, Lineage("camera", seq, loop.time_ns()))
                 items.append(await anext(operator))
                 await asyncio.sleep(0.01)
         return items

@@ -180,7 +180,7 @@ def test_somebody_who_blocks(run: Run[Any], caplog: pytest.LogCaptureFixture) ->
         await asyncio.sleep(3600)
 
     async def main(loop: VirtualLoop) -> Counts:
-        operator = operator_of(Local.task(slow, deadline=0.1), clock=loop.nanos)
+        operator = operator_of(Local.task(slow, deadline=0.1), clock=loop.time_ns)
         async with operator:
             operator.write("a")
             loop._leaping.leapt += 0.5
@@ -220,7 +220,7 @@ def test_items_that_nobody_reads() -> None:
 @misuse("writes more than the window holds", "an item that is refused `full`")
 def test_more_than_the_window(run: Run[Any]) -> None:
     async def main(loop: VirtualLoop) -> list[Ending]:
-        operator = operator_of(window=1, clock=loop.nanos)
+        operator = operator_of(window=1, clock=loop.time_ns)
         async with operator:
             operator.write(1)
             operator.write(2)
@@ -236,7 +236,7 @@ def test_feed_that_is_too_fast(run: Run[Any]) -> None:
         await asyncio.sleep(0.01)
 
     async def main(loop: VirtualLoop) -> list[Ending]:
-        operator = operator_of(slow, clock=loop.nanos)
+        operator = operator_of(slow, clock=loop.time_ns)
         async with operator:
             operator.feed(range(100))
             return [item.ending async for item in operator]

@@ -88,7 +88,7 @@ def test_the_best_that_is_in_time_goes(run: Run[Any], tmp_path: Path) -> None:
     async def main(loop: VirtualLoop) -> list[Item[Any]]:
         trace = tmp_path / "trace.jsonl"
         operator: Operator[Any, Any] = Operator(
-            local_after(30 * MS), name="lane", clock=loop.nanos, trace=trace
+            local_after(30 * MS), name="lane", clock=loop.time_ns, trace=trace
         )
         operator.use_cloud(after(50 * MS), ask(0.1), "{} by west".format, 1, name="west")
         operator.use_cloud(after(500 * MS), ask(0.1), "{} by east".format, 2, name="east")
@@ -109,7 +109,7 @@ def test_the_best_that_is_in_time_goes(run: Run[Any], tmp_path: Path) -> None:
 
 def test_without_a_cloud_locals_result_goes_when_it_comes(run: Run[Any]) -> None:
     async def main(loop: VirtualLoop) -> list[Item[Any]]:
-        operator: Operator[Any, Any] = Operator(local_after(30 * MS), clock=loop.nanos)
+        operator: Operator[Any, Any] = Operator(local_after(30 * MS), clock=loop.time_ns)
         operator.use_cloud(after(1), lambda message, t: None, str, 1)
         return await items_of(operator, ["a"])
 
@@ -120,7 +120,7 @@ def test_without_a_cloud_locals_result_goes_when_it_comes(run: Run[Any]) -> None
 @pytest.mark.parametrize(("response", "goes"), [(99, "cloud"), (100, "local"), (101, "local")])
 def test_a_result_at_its_due_instant_is_late(run: Run[Any], response: int, goes: str) -> None:
     async def main(loop: VirtualLoop) -> list[Item[Any]]:
-        operator: Operator[Any, Any] = Operator(local_after(1 * MS), clock=loop.nanos)
+        operator: Operator[Any, Any] = Operator(local_after(1 * MS), clock=loop.time_ns)
         operator.use_cloud(after(response * MS), ask(100 * MS), str, 1, name="cloud")
         return await items_of(operator, ["a"])
 
@@ -141,7 +141,7 @@ def test_what_is_no_longer_wanted_is_cancelled_at_once(run: Run[Any]) -> None:
 
             return handle
 
-        operator: Operator[Any, Any] = Operator(local_after(1 * MS), clock=loop.nanos)
+        operator: Operator[Any, Any] = Operator(local_after(1 * MS), clock=loop.time_ns)
         operator.use_cloud(slow("timer"), ask(20 * MS), str, 1, name="timer")
         operator.use_cloud(slow("cancelled"), ask(5.0), str, 3, name="cancelled")
         operator.use_cloud(after(50 * MS), ask(5.0), str, 4)
@@ -172,7 +172,7 @@ def test_under_progressive_each_better_result_is_an_item_at_once(
 
     async def main(loop: VirtualLoop) -> tuple[list[Item[Any]], Counter[tuple[str, str, str]]]:
         operator: Operator[Any, Any] = Operator(
-            local_after(10 * MS), commit="progressive", clock=loop.nanos, trace=trace
+            local_after(10 * MS), commit="progressive", clock=loop.time_ns, trace=trace
         )
         operator.use_cloud(breaks, ask(1.0), str, 1)
         operator.use_cloud(west, ask(1.0), "{} of west".format, 2, name="west")
@@ -200,7 +200,7 @@ def test_under_progressive_each_better_result_is_an_item_at_once(
 def test_a_reader_that_lags_reads_the_newest_item_of_each_message(run: Run[Any]) -> None:
     async def main(loop: VirtualLoop) -> list[Item[Any]]:
         local = Local.task(local_after(10 * MS), at_once=2)
-        operator: Operator[Any, Any] = Operator(local, commit="progressive", clock=loop.nanos)
+        operator: Operator[Any, Any] = Operator(local, commit="progressive", clock=loop.time_ns)
         operator.use_cloud(after(20 * MS), ask(1.0), "{} of west".format, 1)
         operator.use_cloud(after(9.0), lambda m, t: (m, 0.1) if t == 0 else None, str, 2)
         async with operator:
@@ -252,7 +252,7 @@ def test_what_an_aborted_call_returns_all_the_same_is_not_taken(run: Run[Any]) -
             return "too late"
 
     async def main(loop: VirtualLoop) -> None:
-        operator: Operator[Any, Any] = Operator(local_after(0), clock=loop.nanos)
+        operator: Operator[Any, Any] = Operator(local_after(0), clock=loop.time_ns)
         operator.use_cloud(stubborn, ask(10 * MS), str, 1, name="stubborn")
         async with operator:
             operator.write("a")
@@ -267,7 +267,7 @@ def test_what_an_aborted_call_returns_all_the_same_is_not_taken(run: Run[Any]) -
 
 def test_a_reader_that_gives_up_is_forgotten(run: Run[Any]) -> None:
     async def main(loop: VirtualLoop) -> None:
-        operator: Operator[Any, Any] = Operator(local_after(0.9), clock=loop.nanos)
+        operator: Operator[Any, Any] = Operator(local_after(0.9), clock=loop.time_ns)
         async with operator:
             for _ in range(3):
                 with pytest.raises(asyncio.TimeoutError):
@@ -286,7 +286,7 @@ def test_what_was_missed_is_written_at_once(run: Run[Any], tmp_path: Path) -> No
         raise ValueError("nothing")
 
     async def main(loop: VirtualLoop) -> None:
-        operator: Operator[Any, Any] = Operator(broken, clock=loop.nanos, trace=trace)
+        operator: Operator[Any, Any] = Operator(broken, clock=loop.time_ns, trace=trace)
         async with operator:
             operator.write("a")
             assert (await anext(operator)).ending is Ending.MISSED
@@ -309,7 +309,7 @@ def test_a_policy_is_asked_about_what_is_admitted_alone(run: Run[Any]) -> None:
 
     async def main(loop: VirtualLoop) -> None:
         operator: Operator[Any, Any] = Operator(
-            Local.task(local_after(0.9), at_once=9), clock=loop.nanos
+            Local.task(local_after(0.9), at_once=9), clock=loop.time_ns
         )
         operator.use_cloud(after(1), ask(0.5), str, 1, calls=1, limit=2, policy=policy)
         async with operator:
@@ -338,7 +338,7 @@ def test_local_is_never_cancelled_by_a_decision(run: Run[Any]) -> None:
         done.append(message)
 
     async def main(loop: VirtualLoop) -> None:
-        operator: Operator[Any, Any] = Operator(local, clock=loop.nanos)
+        operator: Operator[Any, Any] = Operator(local, clock=loop.time_ns)
         operator.use_cloud(after(1 * MS), ask(1.0), str, 1)
         async with operator:
             operator.write("a")
@@ -365,7 +365,7 @@ def test_an_error_is_a_failure_of_its_message_alone(
         return message
 
     async def main(loop: VirtualLoop) -> list[Item[Any]]:
-        operator: Operator[Any, Any] = Operator(local, clock=loop.nanos)
+        operator: Operator[Any, Any] = Operator(local, clock=loop.time_ns)
         operator.use_cloud(broken, ask(1.0), str, 1, name="broken")
         operator.use_cloud(after(0), ask(1.0), response_handler, 2, name="odd")
         return await items_of(operator, [0, 1])
@@ -389,7 +389,7 @@ def test_a_message_handler_that_fails_does_not_ask(
         raise RuntimeError("no frame")
 
     async def main(loop: VirtualLoop) -> list[Item[Any]]:
-        operator: Operator[Any, Any] = Operator(local_after(0.9), clock=loop.nanos)
+        operator: Operator[Any, Any] = Operator(local_after(0.9), clock=loop.time_ns)
         operator.use_cloud(after(0), broken, str, 1)
         operator.use_cloud(after(0), lambda message, t: (message, -1.0), str, 2)
         return await items_of(operator, ["a"])
@@ -405,7 +405,7 @@ def test_the_gate_sees_the_true_length_of_the_queue(run: Run[Any], tmp_path: Pat
 
     async def main(loop: VirtualLoop) -> list[Item[Any]]:
         operator: Operator[Any, Any] = Operator(
-            Local.task(local_after(1 * MS), at_once=8), clock=loop.nanos, trace=trace
+            Local.task(local_after(1 * MS), at_once=8), clock=loop.time_ns, trace=trace
         )
         operator.use_cloud(after(10 * MS), ask(15 * MS), str, 1, calls=1, limit=2, resume=0)
         return await items_of(operator, range(6))
@@ -429,7 +429,7 @@ def test_a_request_that_waits_is_given_the_time_that_is_left(run: Run[Any]) -> N
 
     async def main(loop: VirtualLoop) -> None:
         operator: Operator[Any, Any] = Operator(
-            Local.task(local_after(0.9), at_once=9), clock=loop.nanos
+            Local.task(local_after(0.9), at_once=9), clock=loop.time_ns
         )
         operator.use_cloud(handle, ask(25 * MS), str, 1, calls=1, limit=9)
         async with operator:
@@ -447,7 +447,7 @@ def test_a_request_that_waits_is_given_the_time_that_is_left(run: Run[Any]) -> N
 def test_a_lagging_reader_holds_back_new_messages_and_loses_none(run: Run[Any]) -> None:
     async def main(loop: VirtualLoop) -> None:
         operator: Operator[Any, Any] = Operator(
-            local_after(0), clock=loop.nanos, output_len=2, window=4
+            local_after(0), clock=loop.time_ns, output_len=2, window=4
         )
         async with operator:
             assert [operator.write("a"), operator.write("b")] == [0, 1]
@@ -466,7 +466,7 @@ def test_a_lagging_reader_holds_back_new_messages_and_loses_none(run: Run[Any]) 
 
 def test_a_message_beyond_the_window_leaves_at_once_as_refused(run: Run[Any]) -> None:
     async def main(loop: VirtualLoop) -> None:
-        operator: Operator[Any, Any] = Operator(local_after(0.9), clock=loop.nanos, window=1)
+        operator: Operator[Any, Any] = Operator(local_after(0.9), clock=loop.time_ns, window=1)
         async with operator:
             operator.write("a")
             operator.write("b")
@@ -483,7 +483,7 @@ def test_a_message_beyond_the_window_leaves_at_once_as_refused(run: Run[Any]) ->
 def test_too_many_waiting_computations_fail_at_once(run: Run[Any]) -> None:
     async def main(loop: VirtualLoop) -> list[Item[Any]]:
         local = Local.task(local_after(0.4), waiting=1)
-        return await items_of(Operator(local, clock=loop.nanos), ["a", "b", "c"])
+        return await items_of(Operator(local, clock=loop.time_ns), ["a", "b", "c"])
 
     items = run(main)
     # D17: the oldest of those that wait.
@@ -505,7 +505,7 @@ def test_an_answered_message_is_skipped_by_local_if_wanted(run: Run[Any]) -> Non
 
         async def main(loop: VirtualLoop, skip: bool = skip, local: Any = local) -> None:
             operator: Operator[Any, Any] = Operator(
-                Local.task(local, skip_answered=skip), clock=loop.nanos
+                Local.task(local, skip_answered=skip), clock=loop.time_ns
             )
             operator.use_cloud(after(1 * MS), ask(1.0), str, 1)
             async with operator:
@@ -526,7 +526,7 @@ def test_locals_deadline_is_a_miss_and_its_computation_goes_on(run: Run[Any]) ->
 
     async def main(loop: VirtualLoop) -> None:
         on_board = Local.task(local, deadline=20 * MS)
-        operator: Operator[Any, Any] = Operator(on_board, clock=loop.nanos)
+        operator: Operator[Any, Any] = Operator(on_board, clock=loop.time_ns)
         async with operator:
             operator.write("a")
             item = await anext(operator)
@@ -546,7 +546,9 @@ def test_stopping_in_a_handler_ends_calls_and_items_and_leaves_the_trace_whole(
     calls: Counter[str] = Counter()
 
     async def main(loop: VirtualLoop) -> tuple[list[int], list[int]]:
-        operator: Operator[Any, Any] = Operator(local_after(30 * MS), clock=loop.nanos, trace=trace)
+        operator: Operator[Any, Any] = Operator(
+            local_after(30 * MS), clock=loop.time_ns, trace=trace
+        )
 
         def stop(at: str) -> None:
             if at == where and operator.counts["operator", "message", "accepted"] >= first:
@@ -609,7 +611,7 @@ def test_closing_in_a_handler_ends_the_operator_once_all_is_answered(
     run: Run[Any], where: str
 ) -> None:
     async def main(loop: VirtualLoop) -> list[Any]:
-        operator: Operator[Any, Any] = Operator(local_after(30 * MS), clock=loop.nanos)
+        operator: Operator[Any, Any] = Operator(local_after(30 * MS), clock=loop.time_ns)
 
         def close(at: str) -> None:
             if at == where:
@@ -645,7 +647,7 @@ def test_stopping_in_the_situations_handler_takes_no_message_more(
     trace = tmp_path / "trace.jsonl"
 
     async def main(loop: VirtualLoop) -> list[Item[Any]]:
-        operator: Operator[Any, Any] = Operator(local_after(0.9), clock=loop.nanos, trace=trace)
+        operator: Operator[Any, Any] = Operator(local_after(0.9), clock=loop.time_ns, trace=trace)
 
         def assess(message: Any, t: int) -> Situation:
             if t == 1:
@@ -677,7 +679,7 @@ def test_stopping_ends_calls_and_items_and_leaves_the_trace_whole(
 
     async def main(loop: VirtualLoop) -> None:
         operator: Operator[Any, Any] = Operator(
-            Local.task(local_after(50), deadline=None), clock=loop.nanos, trace=trace
+            Local.task(local_after(50), deadline=None), clock=loop.time_ns, trace=trace
         )
         operator.use_cloud(handle, ask(60.0), str, 1)
         with pytest.raises(KeyError, match="mine"):
@@ -702,7 +704,7 @@ def test_a_source_of_messages_that_fails_is_raised_at_the_end(run: Run[Any]) -> 
         raise OSError("no camera")
 
     async def main(loop: VirtualLoop) -> None:
-        operator: Operator[Any, Any] = Operator(local_after(0.9), clock=loop.nanos)
+        operator: Operator[Any, Any] = Operator(local_after(0.9), clock=loop.time_ns)
         items = []
         with pytest.raises(OSError, match="no camera"):
             async with operator:
@@ -734,7 +736,7 @@ def test_calls_that_will_not_end_cost_no_other_call(run: Run[Any]) -> None:
     count = [50, 0]
 
     async def main(loop: VirtualLoop) -> None:
-        operator: Operator[Any, Any] = Operator(local_after(0), clock=loop.nanos, output_len=99)
+        operator: Operator[Any, Any] = Operator(local_after(0), clock=loop.time_ns, output_len=99)
         operator.use_cloud(stubborn(60, count), ask(10 * MS), str, 1, calls=3)
         async with operator:
             for message in range(60):
@@ -758,7 +760,7 @@ def test_calls_that_will_not_end_are_bounded(
     count = [99, 0]
 
     async def main(loop: VirtualLoop) -> None:
-        operator: Operator[Any, Any] = Operator(local_after(0), clock=loop.nanos, output_len=99)
+        operator: Operator[Any, Any] = Operator(local_after(0), clock=loop.time_ns, output_len=99)
         operator.use_cloud(stubborn(5, count), ask(10 * MS), str, 1, name="west", calls=3)
         async with operator:
             for message in range(50):
@@ -784,7 +786,7 @@ def test_an_operator_ends_although_calls_do_not(
     run: Run[Any], caplog: pytest.LogCaptureFixture
 ) -> None:
     async def main(loop: VirtualLoop) -> None:
-        operator: Operator[Any, Any] = Operator(local_after(0), name="lane", clock=loop.nanos)
+        operator: Operator[Any, Any] = Operator(local_after(0), name="lane", clock=loop.time_ns)
         operator.use_cloud(stubborn(3600, [3, 0]), ask(0.5), str, 1)
 
         async def camera() -> Any:
@@ -819,7 +821,7 @@ def test_a_lost_computation_gives_its_place_back(
 
     async def main(loop: VirtualLoop, lossy: bool) -> tuple[list[Ending], int]:
         on_board = Local.task(local, deadline=50 * MS, lossy=lossy)
-        operator: Operator[Any, Any] = Operator(on_board, clock=loop.nanos)
+        operator: Operator[Any, Any] = Operator(on_board, clock=loop.time_ns)
         async with operator:
             for message in range(3):
                 operator.write(message)
@@ -841,7 +843,10 @@ def test_reasons_of_failures_and_refused_messages_are_counted_as_in_rust(run: Ru
 
     async def main(loop: VirtualLoop) -> None:
         operator: Operator[Any, Any] = Operator(
-            Local.task(local_after(1 * MS), at_once=99), clock=loop.nanos, window=30, output_len=99
+            Local.task(local_after(1 * MS), at_once=99),
+            clock=loop.time_ns,
+            window=30,
+            output_len=99,
         )
         operator.use_cloud(broken, ask(1.0), str, 1, name="west", calls=99, limit=99)
         async with operator:
@@ -870,7 +875,7 @@ def test_the_deadline_in_force_is_the_policys_under_its_cap(run: Run[Any], tmp_p
         def ended(self, end: End, age: Any) -> None: ...
 
     async def main(loop: VirtualLoop) -> None:
-        operator: Operator[Any, Any] = Operator(local_after(0), clock=loop.nanos, trace=trace)
+        operator: Operator[Any, Any] = Operator(local_after(0), clock=loop.time_ns, trace=trace)
         guard = Guard()
         operator.use_cloud(after(0), ask(0.1), str, 1, name="long", policy=Long())
         operator.use_cloud(after(0), ask(0.2), str, 2, name="plain")
@@ -907,7 +912,7 @@ def test_a_policy_that_fails_asks_for_nothing(
             raise LookupError("who ended?")
 
     async def main(loop: VirtualLoop) -> list[Item[Any]]:
-        operator: Operator[Any, Any] = Operator(local_after(20 * MS), clock=loop.nanos)
+        operator: Operator[Any, Any] = Operator(local_after(20 * MS), clock=loop.time_ns)
         operator.use_cloud(after(0), ask(1.0), str, 1, policy=Guard().caps(Failing()))
         operator.use_cloud(after(0), ask(10 * MS), str, 2, policy=Constant(1.0))
         items = await items_of(operator, ["a"])
@@ -927,7 +932,7 @@ def test_no_handler_or_policy_can_enter_the_engine_while_it_decides(
     tried: list[str] = []
 
     async def main(loop: VirtualLoop) -> list[Item[Any]]:
-        operator: Operator[Any, Any] = Operator(local_after(0), clock=loop.nanos)
+        operator: Operator[Any, Any] = Operator(local_after(0), clock=loop.time_ns)
 
         def enter() -> None:
             assert operator._driver is not None
@@ -968,7 +973,7 @@ def test_an_interrupt_in_a_policy_or_handler_is_no_failure_of_it(run: Run[Any]) 
         raise KeyboardInterrupt
 
     async def main(loop: VirtualLoop, handler: Any, policy: Any) -> None:
-        operator: Operator[Any, Any] = Operator(local_after(0), clock=loop.nanos)
+        operator: Operator[Any, Any] = Operator(local_after(0), clock=loop.time_ns)
         operator.use_cloud(after(0), handler, str, 1, policy=policy)
         async with operator:
             with pytest.raises(KeyboardInterrupt):
@@ -982,7 +987,7 @@ def test_an_interrupt_in_a_policy_or_handler_is_no_failure_of_it(run: Run[Any]) 
 def test_an_operator_that_has_ended_is_let_go(run: Run[Any], tmp_path: Path) -> None:
     async def main(loop: VirtualLoop) -> weakref.ref[Any]:
         operator: Operator[Any, Any] = Operator(
-            local_after(0), clock=loop.nanos, trace=tmp_path / "trace.jsonl"
+            local_after(0), clock=loop.time_ns, trace=tmp_path / "trace.jsonl"
         )
 
         def policy(situation: Situation, cap: Any) -> Any:
@@ -1017,7 +1022,7 @@ def test_a_policy_learns_how_each_call_ended_and_chooses(run: Run[Any]) -> None:
 
     async def main(loop: VirtualLoop) -> list[Item[Any]]:
         operator: Operator[Any, Any] = Operator(
-            Local.task(local_after(0), at_once=3), clock=loop.nanos
+            Local.task(local_after(0), at_once=3), clock=loop.time_ns
         )
         operator.use_cloud(handle, ask(1.0), str, 1, policy=Policy())
         return await items_of(operator, [0, 1, 2])
@@ -1038,7 +1043,7 @@ def test_a_call_that_lingers_shows_how_long_it_takes_and_changes_no_output(run: 
         policy = Policy(1.0)
 
         async def main(loop: VirtualLoop, linger: float = linger, policy: Any = policy) -> None:
-            operator: Operator[Any, Any] = Operator(local_after(0), clock=loop.nanos)
+            operator: Operator[Any, Any] = Operator(local_after(0), clock=loop.time_ns)
             operator.use_cloud(after(50 * MS), ask(30 * MS), str, 1, policy=policy, linger=linger)
             async with operator:
                 operator.write("a")
@@ -1056,7 +1061,7 @@ def test_a_guard_and_what_is_worth_it_decide_in_an_operator(run: Run[Any]) -> No
 
     async def main(loop: VirtualLoop) -> list[Item[Any]]:
         operator: Operator[Any, Any] = Operator(
-            Local.task(local_after(50 * MS), at_once=99), clock=loop.nanos, window=99
+            Local.task(local_after(50 * MS), at_once=99), clock=loop.time_ns, window=99
         )
         operator.use_situation(lambda message, t: Situation(speed=11.0))
         operator.use_cloud(after(120 * MS), ask(2.0), str, 1, calls=99, policy=guard.caps(expected))
@@ -1114,7 +1119,7 @@ def test_random_load_gives_one_item_a_message_and_a_conforming_trace(
             skip_answered=rng.random() < 0.5,
         )
         operator: Operator[Any, Any] = Operator(
-            on_board, window=rng.choice([2, 16]), commit=commit, clock=loop.nanos, trace=trace
+            on_board, window=rng.choice([2, 16]), commit=commit, clock=loop.time_ns, trace=trace
         )
         for p in rng.sample(range(1, 9), 3):
             operator.use_cloud(

@@ -32,7 +32,7 @@ MS = 0.001
 
 def of(loop: VirtualLoop, seq: int, within: float | None = None) -> Lineage:
     """Of a frame that is captured now."""
-    return Lineage("camera", seq, loop.nanos(), within)
+    return Lineage("camera", seq, loop.time_ns(), within)
 
 
 async def hang(*_: object) -> Any:
@@ -44,7 +44,7 @@ def test_a_set_is_given_when_it_is_complete_or_due_and_says_what_is_missing(run:
     drops: list[JoinDrop] = []
 
     async def main(loop: VirtualLoop) -> None:
-        join = Join(wait=20 * MS, clock=loop.nanos)
+        join = Join(wait=20 * MS, clock=loop.time_ns)
         left, right = join.aligned("left"), join.aligned("right")
         places = join.latest("place", 50 * MS)
         join.on_drop(drops.append)
@@ -94,10 +94,10 @@ def test_a_set_is_as_old_as_its_oldest_message_and_due_with_its_most_urgent(run:
 
     async def main(loop: VirtualLoop) -> None:
         reserve = [Latency.stated(30 * MS), Latency.stated(10 * MS)]
-        join = Join(wait=1.0, reserve=reserve, clock=loop.nanos)
+        join = Join(wait=1.0, reserve=reserve, clock=loop.time_ns)
         left, right, third = (join.aligned(name) for name in ("left", "right", "third"))
         async with join:
-            now = loop.nanos()
+            now = loop.time_ns()
             left.write(1, Lineage("left", 7, now - 5_000_000, within=0.2))
             right.write(2, Lineage("right", 7, now, within=0.1))
             begin = loop.time()
@@ -117,7 +117,7 @@ def test_sets_that_wait_are_bounded_and_a_reader_that_lags_takes_no_more(run: Ru
     """E8."""
 
     async def main(loop: VirtualLoop) -> None:
-        join = Join(wait=1.0, window=2, output_len=2, clock=loop.nanos)
+        join = Join(wait=1.0, window=2, output_len=2, clock=loop.time_ns)
         left, right = join.aligned("left"), join.aligned("right", key=lambda key, _: key)
         async with join:
             for seq in range(4):
@@ -147,9 +147,9 @@ def test_an_operators_items_are_joined_with_the_last_of_their_message(run: Run[A
         return "the cloud's"
 
     async def main(loop: VirtualLoop) -> None:
-        operator = Operator(Local.task(local), commit="progressive", clock=loop.nanos)
+        operator = Operator(Local.task(local), commit="progressive", clock=loop.time_ns)
         operator.use_cloud(handle, lambda n, t: (n, 0.1), str, 1)
-        join = Join(wait=1.0, clock=loop.nanos)
+        join = Join(wait=1.0, clock=loop.time_ns)
         join.items("boxes", operator)
         frames = join.aligned("frames")
         async with operator, join:
@@ -176,13 +176,13 @@ def test_deadlines_end_where_the_reserve_of_those_downstream_begins(run: Run[Any
         planner = Latency.measured(50, at_first=30 * MS)
         reserve = [planner, Latency.stated(20 * MS)]
         local: Local[int, str] = Local.task(hang, at_once=9)
-        operator = Operator(local, clock=loop.nanos, reserve=reserve)
+        operator = Operator(local, clock=loop.time_ns, reserve=reserve)
         operator.use_cloud(handle, lambda n, t: (n, 0.4), str, 1)
         async with operator:
             operator.write(0, of(loop, 0, within=0.2))
             first = await operator.read()
             assert first is not None and first.value == "the cloud's"
-            captured = loop.nanos() - 140_000_000
+            captured = loop.time_ns() - 140_000_000
             operator.write(1, Lineage("camera", 1, captured, within=0.2))
             for _ in range(16):
                 planner.record(70 * MS)
@@ -207,7 +207,7 @@ def test_a_substitute_is_sent_early_enough_for_those_downstream_and_is_marked(
     async def main(loop: VirtualLoop) -> None:
         operator = Operator(
             Local.task(hang, at_once=9),
-            clock=loop.nanos,
+            clock=loop.time_ns,
             window=1,
             reserve=[Latency.stated(0.1)],
         )
@@ -236,7 +236,7 @@ def test_a_handler_that_fails_costs_its_item_alone_its_value(
         raise RuntimeError("nothing")
 
     async def main(loop: VirtualLoop) -> None:
-        operator = Operator(Local.task(fail), clock=loop.nanos)
+        operator = Operator(Local.task(fail), clock=loop.time_ns)
         operator.use_substitute(lambda item: str(1 // item.timestamp))
         async with operator:
             operator.feed([0, 1])
@@ -261,7 +261,7 @@ def test_the_state_of_a_result_that_is_sent_is_taken_over(run: Run[Any]) -> None
         return 100 + n
 
     async def main(loop: VirtualLoop) -> None:
-        operator = Operator(Local.task(local), clock=loop.nanos)
+        operator = Operator(Local.task(local), clock=loop.time_ns)
         operator.use_cloud(handle, lambda n, t: (n, 0.1) if n == 1 else None, int, 1)
         operator.use_state(state, lambda output: output)
         async with operator:
@@ -288,8 +288,8 @@ def test_items_wait_for_earlier_ones_until_they_are_due_and_what_is_passed_over_
         return ms
 
     async def main(loop: VirtualLoop) -> list[tuple[int, int]]:
-        operator = Operator(Local.task(local, at_once=9), clock=loop.nanos)
-        items = Items(operator).in_order(50 * MS, report=reports.append, clock=loop.nanos)
+        operator = Operator(Local.task(local, at_once=9), clock=loop.time_ns)
+        items = Items(operator).in_order(50 * MS, report=reports.append, clock=loop.time_ns)
         begin = loop.time()
         async with operator:
             operator.feed([30, 10, 200, 20])
@@ -305,7 +305,7 @@ def test_readers_share_the_items_and_the_slowest_holds_them_back_until_it_is_gon
     """E1, E8."""
 
     async def main(loop: VirtualLoop) -> None:
-        operator = Operator(Local.task(_same), clock=loop.nanos)
+        operator = Operator(Local.task(_same), clock=loop.time_ns)
         async with operator:
             one = Items(operator, output_len=2)
             other = one.another()
@@ -340,14 +340,14 @@ def test_a_chain_is_fed_with_its_lineages_and_answers_by_the_end_to_end_deadline
 
     async def main(loop: VirtualLoop) -> list[tuple[int | None, str | None, float]]:
         reserve = [Latency.stated(50 * MS)]
-        detector = Operator(Local.task(hang, at_once=9), clock=loop.nanos, reserve=reserve)
+        detector = Operator(Local.task(hang, at_once=9), clock=loop.time_ns, reserve=reserve)
         detector.use_substitute(lambda item: "the last boxes")
 
         async def plan(item: Item[str], t: int) -> str:
             await asyncio.sleep(20 * MS)
             return f"a plan by {item.value}"
 
-        planner = Operator(Local.task(plan, at_once=9), clock=loop.nanos)
+        planner = Operator(Local.task(plan, at_once=9), clock=loop.time_ns)
         read = []
         async with planner, detector:
             planner.feed(detector)
@@ -371,7 +371,7 @@ def test_side_requests_are_gated_and_their_answers_are_no_outputs(run: Run[Any])
         return n
 
     async def main(loop: VirtualLoop) -> None:
-        operator = Operator(Local.task(_same), clock=loop.nanos)
+        operator = Operator(Local.task(_same), clock=loop.time_ns)
         operator.use_side_request(
             handle, lambda n, t: (n, 0.1), answers.append, name="plans", calls=1, limit=2
         )

@@ -130,7 +130,7 @@ class DrawnScenario:
             window=self.window,
             commit=self.commit,
             output_len=1024,
-            clock=loop.nanos,
+            clock=loop.time_ns,
             trace=trace,
         )
         for p, calls, limit, linger, policy in self.clouds:

@@ -1,0 +1,94 @@
+"""Virtual time, for tests: a loop whose clock jumps to the next timer instead of waiting for it.
+
+An operator whose ``clock`` is the loop's, with all that it calls in the loop, runs for hours in
+milliseconds, and the same each time. Threads and sockets have no virtual time: while something
+outside is awaited and no timer is set, the loop waits for it in real time.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import selectors
+from collections.abc import Callable, Coroutine
+from typing import Any, TypeVar
+
+__all__ = ["VirtualLoop", "run"]
+
+T = TypeVar("T")
+
+
+class _JumpingSelector(selectors.DefaultSelector):
+    """Where a selector would sleep until a timer, its time jumps there."""
+
+    def __init__(self, patience: float) -> None:
+        super().__init__()
+        self.jumped = 0.0
+        self._patience = patience
+
+    def select(self, timeout: float | None = None) -> list[Any]:
+        ready: list[Any] = super().select(0)
+        if ready or timeout == 0:
+            return ready
+        if timeout is None:
+            return list(super().select(self._patience))
+        self.jumped += timeout
+        return ready
+
+
+class VirtualLoop(asyncio.SelectorEventLoop):
+    """An asyncio loop in virtual time. Close it as any other; `run` does so.
+
+    Args:
+        start: What its clock shows first, in seconds.
+        patience: How long it waits at once for a thread or a socket, in real seconds, where no
+            timer is set.
+    """
+
+    def __init__(self, start: float = 1000.0, patience: float = 5.0) -> None:
+        self._start, self._jumping = start, _JumpingSelector(patience)
+        super().__init__(self._jumping)
+
+    def time(self) -> float:
+        """The loop's clock, in seconds."""
+        return self._start + self._jumping.jumped
+
+    def time_ns(self) -> int:
+        """The same in whole nanoseconds: the ``clock`` of an `fuseline.Operator`."""
+        return round(self.time() * 1e9)
+
+
+def run(main: Callable[[VirtualLoop], Coroutine[Any, Any, T]]) -> T:
+    """Run a coroutine in virtual time, as `asyncio.run` does in real time.
+
+    Tasks that it leaves are cancelled.
+
+    Args:
+        main: Makes the coroutine, given the loop, whose clock operators need.
+
+    >>> from fuseline import Call, Local, Operator
+    >>> async def slow(number: int, call: Call) -> str:
+    ...     await asyncio.sleep(3600)
+    ...     return f"{number} by the cloud"
+    >>> async def main(loop: VirtualLoop) -> tuple[str, float]:
+    ...     async def local(number: int, t: int) -> str:
+    ...         return f"{number} on board"
+    ...     operator = Operator(local, clock=loop.time_ns, greatest_deadline=7200.0)
+    ...     operator.use_cloud(slow, lambda number, t: (number, 1800.0), str, priority=1)
+    ...     async with operator:
+    ...         operator.feed([20])
+    ...         return [item.value async for item in operator][0], loop.time() - 1000.0
+    >>> run(main)  # half an hour later
+    ('20 on board', 1800.0)
+    """
+    loop = VirtualLoop()
+    try:
+        asyncio.set_event_loop(loop)
+        return loop.run_until_complete(main(loop))
+    finally:
+        left = asyncio.all_tasks(loop)
+        for task in left:
+            task.cancel()
+        loop.run_until_complete(asyncio.gather(*left, return_exceptions=True))
+        loop.run_until_complete(loop.shutdown_asyncgens())
+        asyncio.set_event_loop(None)
+        loop.close()
