@@ -2,7 +2,7 @@
 
     The runs are of the rules, computed. The faulty traces are written by hand, the newest line first. *)
 From Coq Require Import List NArith Bool.
-From Fuseline Require Import Rules Trace Statements Broken Cases Ticks AsPatient Threads.
+From Fuseline Require Import Rules Trace Statements Broken Cases Ticks AsPatient Threads Looks Names.
 Import ListNotations.
 Open Scope N_scope.
 
@@ -150,22 +150,68 @@ Example e3_can_break : ~ E3_budget [Did (Request 0 1 1 61); Got 0 (Offer 1 1 60 
 Proof. breaks (broken_e3 _ 1 0 100 40). Qed.
 
 (** Section 8: two threads look at one timestamp at once; the second's exchange fails, and its call looks again. *)
-Definition calls_at_once : list act := [Exchange 0 {| names := 1; instant := 0; does := Open 1 None |}; Look 0 1;
-  Exchange 0 {| names := 1; instant := 0; does := Offer 1 1 50 0 |}; Look 0 1;
-  Exchange 0 {| names := 1; instant := 0; does := Offer 1 2 80 0 |};
-  Look 1 1; Look 2 1;
-  Exchange 1 {| names := 1; instant := 5; does := Result 1 1 |}; Exchange 2 {| names := 1; instant := 4; does := Result 1 0 |};
-  Look 2 1; Exchange 2 {| names := 1; instant := 4; does := Result 1 0 |};
-  Look 1 1; Exchange 1 {| names := 1; instant := 6; does := Fail 1 2 |}].
-Example s8_happens : decisions (snd (interleave eager initial (fun _ => None) [] calls_at_once)) =
+Definition call_of (t now : N) (b : body) : call := {| names := t; instant := now; does := b |}.
+Definition alone (i : nat) (c : call) : list act := [Look i (names c); Exchange i c].
+Definition requested_twice : list act := alone 0 (call_of 1 0 (Open 1 None)) ++ alone 0 (call_of 1 0 (Offer 1 1 50 0)) ++
+  alone 0 (call_of 1 0 (Offer 1 2 80 0)).
+Definition calls_at_once : list act := requested_twice ++ [Look 1 1; Look 2 1;
+  Exchange 1 (call_of 1 5 (Result 1 1)); Exchange 2 (call_of 1 4 (Result 1 0))] ++
+  alone 2 (call_of 1 4 (Result 1 0)) ++ alone 1 (call_of 1 6 (Fail 1 2)).
+Example s8_happens : decisions (lines (interleave (execute eager) at_first calls_at_once)) =
   [Emit 6 1 1; Failed 6 1 2; Hold 4 1 0; Hold 5 1 1; Request 0 1 2 80; Request 0 1 1 50; Opened 0 1 None].
 Proof. happens. Qed.
 (** If an exchange did not compare, the second would undo the first: its result, that was held, would not be sent. *)
 Definition undone : trace := let seen := lookup 1 (opened (state_after eager (firstn 3 held))) in
-  let (s1, ds1) := plan eager (state_after eager (firstn 3 held)) seen {| names := 1; instant := 5; does := Result 1 1 |} in
-  let stale := with_slot s1 1 seen in
-  let (s2, ds2) := execute eager stale {| names := 1; instant := 4; does := Result 1 0 |} in
-  let (s3, ds3) := execute eager s2 {| names := 1; instant := 6; does := Fail 1 1 |} in
-  let (s4, ds4) := execute eager s3 {| names := 1; instant := 6; does := Fail 1 2 |} in
+  let (s1, ds1) := execute eager (state_after eager (firstn 3 held)) (call_of 1 5 (Result 1 1)) in
+  let (s2, ds2) := execute eager (with_slot s1 1 seen) (call_of 1 4 (Result 1 0)) in
+  let (s3, ds3) := execute eager s2 (call_of 1 6 (Fail 1 1)) in
+  let (s4, ds4) := execute eager s3 (call_of 1 6 (Fail 1 2)) in
   after (ds1 ++ ds2 ++ ds3 ++ ds4) (trace_of eager (firstn 3 held)).
 Example s8_can_break : ~ P3_best_available undone. Proof. breaks (broken_p3 _ 1 0 1). Qed.
+(** With one cloud a call that is in time for nothing fails as often as it can: the offer, both results and no more. *)
+Definition one_cloud : config := {| window := 2; rule := Eager; clouds := [cloud_with 1 4 None] |}.
+Definition opening : list act := alone 0 (call_of 1 0 (Open 1 None)).
+Definition overtaken (c : call) : list act := [Look 9 1] ++ alone 0 c ++ [Exchange 9 (call_of 1 60 Tick)].
+Definition unlucky : list act := overtaken (call_of 1 0 (Offer 1 1 50 0)) ++ overtaken (call_of 1 10 (Result 1 0)) ++
+  overtaken (call_of 1 20 (Result 1 1)) ++ overtaken (call_of 1 30 Tick).
+Example s8_looks_happens : let m := interleave (execute one_cloud) at_first opening in
+  failures (execute one_cloud) 9 1 m unlucky = 3%nat /\
+  lookup 1 (opened (machine (interleave (execute one_cloud) m unlucky))) = None.
+Proof. split; happens. Qed.
+(** A machine in which an offer after the result requests again goes on for ever. *)
+Definition again (s : state) (c : call) : state * list decision :=
+  let (s1, ds) := execute one_cloud s c in
+  match does c with
+  | Fail 1 1 => (set_opened [(1, {| requested := [0; 1]; pending := [0]; cached := []; armed := [] |})] s1, ds)
+  | Offer 1 1 _ _ => (set_opened [(1, {| requested := [0; 1]; pending := [0; 1]; cached := []; armed := [(1, 50)] |})] s1, ds)
+  | _ => (s1, ds)
+  end.
+Definition overtaken_twice := overtaken (call_of 1 0 (Offer 1 1 50 0)) ++ overtaken (call_of 1 0 (Fail 1 1)).
+Example s8_looks_can_break : ~ S8_looks one_cloud again.
+Proof.
+  intros H. destruct (H opening (overtaken_twice ++ overtaken_twice) 9%nat 1) as [L _].
+  - repeat constructor.
+  - exists (Opened 0 1 None). split; [vm_compute; tauto|reflexivity].
+  - reflexivity.
+  - revert L. vm_compute. intros L. repeat apply le_S_n in L. inversion L.
+Qed.
+(** A word whose generations last for two messages: the name of the first is taken for the third's, not for the second's. *)
+Definition three_in_a_place (n : nat) : trace := skipn (5 - n) [Did (Opened 20 3 None); Did (Miss 10 2);
+  Did (Opened 10 2 None); Did (Miss 0 1); Did (Opened 0 1 None)].
+Example s8_names_happens : map (fun n => let tr := three_in_a_place n in
+    (name (fun _ => 0) 2 tr 1 =? generation 2 (count (fun _ => 0) tr 1) (Nat.odd n), since (fun _ => 0) tr 1))
+  [1; 2; 3; 4; 5]%nat = [(true, 0); (false, 0); (false, 1); (false, 1); (true, 2)].
+Proof. happens. Qed.
+(** An owner that opens in a place that is not free: the first message's name is the second's. *)
+Example s8_names_can_break : ~ S8_old_names eager (fun _ => 0) 2 [Did (Opened 10 2 None); Did (Opened 0 1 None)].
+Proof.
+  intros H. destruct (H 2 1) as (n & E & Z).
+  - exists (Opened 10 2 None). cbn. auto.
+  - exists (Opened 0 1 None). cbn. auto.
+  - intros (d & I & R). destruct I as [[= <-]|[[= <-]|[]]]; exact R.
+  - reflexivity.
+  - reflexivity.
+  - change (0 = n * 2) in E. assert (n = 0) as -> by (destruct n; [reflexivity|discriminate]). now discriminate (Z eq_refl).
+Qed.
+Example s8_retired_happens : lookup 1 (opened (state_after eager over)) = None /\ reached (state_after eager over) 1 = true.
+Proof. split; happens. Qed.

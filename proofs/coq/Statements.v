@@ -99,7 +99,7 @@ Definition F2_outranks : Prop := forall later earlier now t p due q,
   tr = later ++ Did (Request now t p due) :: earlier -> says earlier (accepts t q) -> q < p.
 (** The law of the gate: if it was open when it was last asked, a request has less backlog than the limit, and what is
     refused for the queue has not; if it was shut, a request has no more than the resume, and what is refused has. *)
-Definition F2g_gate : Prop := forall later d earlier now t p x backlog c,
+Definition F2g_gate : Prop := forall later d earlier (now t p x backlog : N) c,
   tr = later ++ Did d :: earlier -> input_of earlier = Some (Offer t p x backlog) -> registered cfg p = Some c ->
   (forall due, d = Request now t p due ->
     if gate_of p earlier then backlog <= resume c else backlog < limit c) /\
@@ -228,7 +228,7 @@ Definition budgeted (tr : trace) (t a due reserve : N) : Prop :=
 Definition punctual (late : N) (tr : trace) : Prop := forall t p due,
   says tr (arms t p due) -> due <= clock_of tr -> exists now b, In (Got now b) tr /\ due <= now <= due + late.
 (** A request of a message is due no later than [reserve] before its end-to-end deadline is. *)
-Definition E3_budget (tr : trace) : Prop := forall t a due reserve p x,
+Definition E3_budget (tr : trace) : Prop := forall t a due reserve p x : N,
   budgeted tr t a due reserve -> p <> 0 -> says tr (arms t p x) -> x <= due - reserve.
 (** The end of a message's deadlines. *)
 Definition ends (a due reserve : N) : N := N.max (due - reserve) (a + 1).

@@ -147,28 +147,43 @@ Qed.
 
 (** A thread looks at the slot of a timestamp, computes what its call makes of it, and exchanges the one for the other;
     between the two any others may do the same. The exchange succeeds if the slot that it looked at is there, and else
-    changes nothing. [plan] goes by the slot that was looked at; the greatest timestamp and the gates are the owner's,
+    changes nothing. A call goes by the slot that was looked at; the greatest timestamp and the gates are the owner's,
     whose calls come one after the other. *)
 Definition slot_same (x y : option slot) : {x = y} + {x <> y}.
 Proof. repeat decide equality. Defined.
 Definition with_slot (s : state) (t : N) (o : option slot) : state :=
   set_opened (map (fun e => if fst e =? t then match o with Some sl => (t, sl) | None => e end else e) (opened s)) s.
-Definition plan (cfg : config) (s : state) (seen : option slot) (c : call) : state * list decision :=
-  execute cfg (with_slot s (names c) seen) c.
 Inductive act := Look (thread : nat) (t : N) | Exchange (thread : nat) (c : call).
-(** What each thread looked at last. *)
-Definition memory := nat -> option slot.
-Fixpoint interleave (cfg : config) (s : state) (seen : memory) (tr : trace) (acts : list act) : state * trace :=
-  match acts with
-  | [] => (s, tr)
-  | Look i t :: rest =>
-      interleave cfg s (fun j => if Nat.eqb j i then lookup t (opened s) else seen j) tr rest
-  | Exchange i c :: rest =>
-      if slot_same (seen i) (lookup (names c) (opened s)) then
-        let (s1, ds) := plan cfg s (seen i) c in
-        interleave cfg s1 seen (after ds (Got (instant c) (does c) :: tr)) rest
-      else interleave cfg s seen tr rest
+Record moment := {
+  machine : state;
+  seen : nat -> option (N * option slot); (* what each thread looked at last, until its exchange uses it up *)
+  lines : trace
+}.
+Definition at_first : moment := {| machine := initial; seen := fun _ => None; lines := [] |}.
+Definition remember (i : nat) (o : option (N * option slot)) (m : moment) : nat -> option (N * option slot) :=
+  fun j => if Nat.eqb j i then o else seen m j.
+(** Thread [i] looked at [t], and its slot is another one now. *)
+Definition stale (i : nat) (t : N) (m : moment) : bool :=
+  match seen m i with
+  | Some (u, o) => (u =? t) && if slot_same o (lookup t (opened (machine m))) then false else true
+  | None => false
   end.
+(** [does_call] is what a call does, as [execute] says. *)
+Definition perform (does_call : state -> call -> state * list decision) (m : moment) (a : act) : moment :=
+  match a with
+  | Look i t => {| machine := machine m; seen := remember i (Some (t, lookup t (opened (machine m)))) m; lines := lines m |}
+  | Exchange i c =>
+      match seen m i with
+      | Some (t, o) =>
+          if (t =? names c) && negb (stale i t m) then
+            let (s, ds) := does_call (with_slot (machine m) t o) c in
+            {| machine := s; seen := remember i None m; lines := after ds (Got (instant c) (does c) :: lines m) |}
+          else {| machine := machine m; seen := remember i None m; lines := lines m |}
+      | None => m
+      end
+  end.
+Definition interleave does_call (m : moment) (acts : list act) : moment := fold_left (perform does_call) acts m.
+Definition fits_act (a : act) : Prop := match a with Exchange _ c => fits_call c | Look _ _ => True end.
 Lemma with_same s t : NoDup (map fst (opened s)) -> with_slot s t (lookup t (opened s)) = s.
 Proof.
   intros D. unfold with_slot. destruct s as [c n g l]. cbn in *. unfold set_opened. cbn. f_equal.
@@ -177,20 +192,38 @@ Proof.
     apply in_lookup in I; auto. congruence.
   - rewrite <- (map_id l) at 2. apply map_ext. intros [u x]. cbn. now destruct (u =? t).
 Qed.
+Lemma fresh_same m i t o : seen m i = Some (t, o) -> stale i t m = false -> o = lookup t (opened (machine m)).
+Proof. unfold stale. intros ->. rewrite N.eqb_refl. cbn. now destruct (slot_same _ _). Qed.
+(** An act changes nothing but what its thread has seen, or does a call as a whole. *)
+Lemma perform_cases cfg m a : NoDup (map fst (opened (machine m))) -> fits_act a ->
+  machine (perform (execute cfg) m a) = machine m /\ lines (perform (execute cfg) m a) = lines m \/
+  exists i c s ds, a = Exchange i c /\ fits_call c /\ stale i (names c) m = false /\ execute cfg (machine m) c = (s, ds) /\
+    perform (execute cfg) m a = {| machine := s; seen := remember i None m;
+      lines := after ds (Got (instant c) (does c) :: lines m) |}.
+Proof.
+  intros D F. destruct a as [i t|i c]; cbn; auto. destruct (seen m i) as [[t o]|] eqn:S; auto.
+  destruct (t =? names c) eqn:E; cbn; auto. apply N.eqb_eq in E as ->.
+  destruct (stale i (names c) m) eqn:St; cbn; auto. right.
+  rewrite (fresh_same m i (names c) o S St), with_same by auto. destruct (execute cfg (machine m) c) as [s ds] eqn:X.
+  exists i, c, s, ds. auto.
+Qed.
 (* ANCHOR: order *)
 (** Any interleaving of looks and exchanges is a run of whole calls, one after the other: those whose exchanges
     succeeded, in the order of these. So all that is promised above holds of it. *)
-Theorem s8_one_order cfg acts : forall s seen tr, good cfg tr s ->
-  Forall (fun a => match a with Exchange _ c => fits_call c | Look _ _ => True end) acts ->
-  exists cs, Forall fits_call cs /\ interleave cfg s seen tr acts = in_order cfg s tr cs.
+Theorem s8_one_order cfg acts : forall m, good cfg (lines m) (machine m) -> Forall fits_act acts ->
+  exists cs, Forall fits_call cs /\
+    (machine (interleave (execute cfg) m acts), lines (interleave (execute cfg) m acts)) =
+    in_order cfg (machine m) (lines m) cs.
 (* ANCHOR_END: order *)
 Proof.
-  induction acts as [|[i t|i c] acts IH]; intros s seen tr G F; cbn [interleave].
+  induction acts as [|a acts IH]; intros m G F; cbn [interleave fold_left].
   - exists []. split; [constructor|reflexivity].
-  - inversion F; subst. apply IH; auto.
-  - inversion F as [|? ? Fc Fa]; subst. destruct (slot_same _ _) as [E|E]; [|now apply IH].
-    unfold plan. rewrite E, with_same by apply (g_nodup _ _ _ G). destruct (execute cfg s c) as [s1 ds] eqn:X.
-    destruct (IH s1 seen (after ds (Got (instant c) (does c) :: tr))) as (cs & Fs & Y); auto.
-    { eapply execute_good; eauto. }
-    exists (c :: cs). split; [constructor; auto|]. cbn. now rewrite X.
+  - inversion F as [|? ? Fa Fr]; subst.
+    destruct (perform_cases cfg m a (g_nodup _ _ _ G) Fa) as [(M & L)|(i & c & s & ds & -> & Fc & _ & X & P)].
+    + destruct (IH (perform (execute cfg) m a)) as (cs & Fs & Y); [now rewrite M, L|auto|].
+      exists cs. split; auto. unfold interleave in Y. now rewrite Y, M, L.
+    + rewrite P. destruct (IH {| machine := s; seen := remember i None m;
+        lines := after ds (Got (instant c) (does c) :: lines m) |}) as (cs & Fs & Y); auto.
+      { eapply execute_good; eauto. }
+      exists (c :: cs). split; [constructor; auto|]. unfold interleave in Y. rewrite Y. cbn. now rewrite X.
 Qed.

@@ -79,7 +79,7 @@ def outcome(build, name, parameters, hypothesis, body):
 
 build = Path(sys.argv[1]).resolve()
 wanted = [it for it in statements() if len(sys.argv) < 3 or it[0] == sys.argv[2]]
-with ThreadPoolExecutor(os.cpu_count()) as pool:
+with ThreadPoolExecutor(int(os.environ.get("JOBS", os.cpu_count() or 1))) as pool:
     outcomes = list(pool.map(lambda it: outcome(build, *it), wanted))
 wrong = 0
 for (name, _, hypothesis, _), stopped in zip(wanted, outcomes, strict=True):
