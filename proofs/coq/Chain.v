@@ -369,6 +369,7 @@ Qed.
 End Of.
 
 (** ** Two in a row *)
+(** The second of two operators in a row has one last item for a message, by the end-to-end deadline if the reserves suffice. *)
 Theorem e2_by_the_deadline cfg1 cfg2 ins1 ins2 : E2_by_the_deadline cfg1 cfg2 (trace_of cfg1 ins1) (trace_of cfg2 ins2).
 Proof.
   intros t u a b due r1 r2 late gap B1 P1 C1 H B2 P2 C2.

@@ -97,7 +97,13 @@ End T1.
     obstacle, and the cloud's honest output breaks the row, if any output may. *)
 Definition even_takes (k : N) : Prop := k = 0 \/ k = 2 \/ k = 4.
 Definition any_sent (k now : N) : Prop := k <= 4 /\ k <= now.
-Example t1_needs_the_condition :
+Example t1_no_later_than_local_happens : row 3 any_sent (fun k => k <> 3 /\ k <> 1) even_takes 4.
+Proof.
+  exists [0; 2; 4]. split; [repeat constructor; cbn; intuition discriminate|]. split; [reflexivity|]. split.
+  - intros k I. unfold any_sent. cbn in I. intuition (subst; lia).
+  - unfold even_takes. intros i j k _ _ _ _ T. lia.
+Qed.
+Example t1_no_later_than_local_can_break :
   row 3 (alone even_takes (fun k => k)) even_takes even_takes 4 /\
   (forall k now, even_takes k -> k <= now -> any_sent k now) /\
   ~ row 3 any_sent (fun k => k <> 3 /\ k <> 1) (fun _ => True) 4.

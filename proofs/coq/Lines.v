@@ -112,12 +112,10 @@ Proof.
   - rewrite lookup_replace_other in L by auto. eauto.
 Qed.
 
-Lemma lines_fire cfg tr s b due t s' ds : good cfg tr s -> lines cfg tr s (Some b) ->
-  earliest (timers (opened s)) = Some (due, t) ->
+Lemma lines_fire cfg tr s b due t sl s' ds : good cfg tr s -> lines cfg tr s (Some b) -> lookup t (opened s) = Some sl ->
   update s t (fire cfg (clock s) t due (slot_of s t)) = (s', ds) -> lines cfg (after ds tr) s' (Some b).
 Proof.
-  intros G K E U. destruct (due_lookup _ _ _ _ _ G E) as (sl & q & L & A). rewrite (slot_of_open _ _ _ L) in U.
-  unfold fire in U. destruct (settle _ _ _ _ _) as [o e] eqn:Se. injection U as <- <-.
+  intros G K L U. rewrite (slot_of_open _ _ _ L) in U. unfold fire in U. destruct (settle _ _ _ _ _) as [o e] eqn:Se. injection U as <- <-.
   assert (D := l_armed _ _ _ _ K t sl L).
   assert (Df : NoDup (fired due sl)) by now apply nodup_filter.
   assert (Q : forall d, In d (map (Timer (clock s) t) (fired due sl) ++ e) -> asks d = false).
@@ -266,27 +264,24 @@ Proof.
   - destruct IH as [K1 K2 K3 K4 _]. constructor; auto.
     + now apply each_got.
     + intros m M. apply says_got. now apply K3.
-  - eapply lines_fire; eauto. eapply reach_good; eauto.
+  - assert (G := reach_good _ _ _ _ R). destruct (due_lookup _ _ _ _ _ G E) as (sl & q & Lt & _). eapply lines_fire; eauto.
   - eapply lines_apply; eauto. eapply reach_good; eauto.
 Qed.
 
-(** ** Of any run *)
-Section Run.
-Variables (cfg : config) (ins : list input).
-Local Notation tr := (trace_of cfg ins).
-Local Lemma ok : each (line_ok cfg) tr.
-Proof. exact (l_each _ _ _ _ (reach_lines _ _ _ _ (proj1 (run_reach cfg ins)))). Qed.
-
-Theorem f1_order : F1_order tr.
+(** ** What each line says is what the statements say, of many threads too (Threads.v) *)
+Section Each.
+Variables (cfg : config) (tr : trace).
+Hypothesis ok : each (line_ok cfg) tr.
+Lemma each_f1_order : F1_order tr.
 Proof. intros y d x now t E. apply ok in E. split; [intros due ->; exact E|intros ->; exact E]. Qed.
-Theorem f2_registered : F2_registered cfg tr.
+Lemma each_f2_registered : F2_registered cfg tr.
 Proof.
   intros t p (d & I & R). apply in_split in I as (y & x & E). apply ok in E. destruct d; try contradiction.
   destruct R as [-> ->]. apply E.
 Qed.
-Theorem f2_outranks : F2_outranks tr.
+Lemma each_f2_outranks : F2_outranks tr.
 Proof. intros y x now t p due q E. apply ok in E. apply E. Qed.
-Theorem f2g_gate : F2g_gate cfg tr.
+Lemma each_f2g_gate : F2g_gate cfg tr.
 Proof.
   intros y d x now t p z b c E I C. apply ok in E. split; [intros due ->|intros ->]; cbn in E.
   - destruct E as (_ & _ & E). specialize (E z b c I C). unfold shut_by in E. destruct (gate_of p x).
@@ -296,8 +291,22 @@ Proof.
     + apply negb_true_iff in E. now apply N.leb_gt.
     + now apply N.leb_le.
 Qed.
-Theorem f7_local : F7_local tr.
+Lemma each_f7_local : F7_local tr.
 Proof. intros now t I. apply in_split in I as (y & x & E). apply ok in E. now apply E. Qed.
-Theorem p8_while_live : P8_while_live cfg tr.
+Lemma each_p8_while_live : P8_while_live cfg tr.
 Proof. intros y x now t p E. apply ok in E. exact E. Qed.
+End Each.
+
+(** ** Of any run *)
+Section Run.
+Variables (cfg : config) (ins : list input).
+Local Notation tr := (trace_of cfg ins).
+Local Lemma ok : each (line_ok cfg) tr.
+Proof. exact (l_each _ _ _ _ (reach_lines _ _ _ _ (proj1 (run_reach cfg ins)))). Qed.
+Theorem f1_order : F1_order tr. Proof. exact (each_f1_order cfg tr ok). Qed.
+Theorem f2_registered : F2_registered cfg tr. Proof. exact (each_f2_registered cfg tr ok). Qed.
+Theorem f2_outranks : F2_outranks tr. Proof. exact (each_f2_outranks cfg tr ok). Qed.
+Theorem f2g_gate : F2g_gate cfg tr. Proof. exact (each_f2g_gate cfg tr ok). Qed.
+Theorem f7_local : F7_local tr. Proof. exact (each_f7_local cfg tr ok). Qed.
+Theorem p8_while_live : P8_while_live cfg tr. Proof. exact (each_p8_while_live cfg tr ok). Qed.
 End Run.

@@ -20,7 +20,7 @@ Fixpoint failures does_call (i : nat) (t : N) (m : moment) (acts : list act) : n
 Definition S8_looks (cfg : config) does_call : Prop := forall before acts i t,
   Forall fits_act (before ++ acts) ->
   let m := interleave does_call at_first before in
-  says (lines m) (opens t) -> seen m i = None ->
+  says (history m) (opens t) -> seen m i = None ->
   (failures does_call i t m acts <= 2 * length (clouds cfg) + 1)%nat /\
   (failures does_call i t m acts = 2 * length (clouds cfg) + 1 ->
     lookup t (opened (machine (interleave does_call m acts))) = None)%nat.
@@ -203,8 +203,8 @@ Proof.
 Qed.
 Lemma bounded_at_first cfg : bounded cfg initial.
 Proof. intros t. unfold changes_left. cbn. lia. Qed.
-Lemma interleave_keeps cfg acts : forall m, good cfg (lines m) (machine m) -> bounded cfg (machine m) ->
-  Forall fits_act acts -> let e := interleave (execute cfg) m acts in good cfg (lines e) (machine e) /\ bounded cfg (machine e).
+Lemma interleave_keeps cfg acts : forall m, good cfg (history m) (machine m) -> bounded cfg (machine m) ->
+  Forall fits_act acts -> let e := interleave (execute cfg) m acts in good cfg (history e) (machine e) /\ bounded cfg (machine e).
 Proof.
   induction acts as [|a acts IH]; intros m G B F; cbn; auto. inversion F as [|? ? Fa Fr]; subst. unfold interleave in IH.
   destruct (perform_cases cfg m a (g_nodup _ _ _ G) Fa) as [(M & L)|(i & c & s & ds & -> & Fc & _ & X & P)].
@@ -212,7 +212,7 @@ Proof.
   - rewrite P. apply IH; cbn; auto; [eapply execute_good|eapply moves_bounded]; eauto.
 Qed.
 Definition owes (i : nat) (t : N) (m : moment) : nat := if stale i t m then 1%nat else 0%nat.
-Lemma failures_bound cfg i t acts : forall m, good cfg (lines m) (machine m) -> Forall fits_act acts ->
+Lemma failures_bound cfg i t acts : forall m, good cfg (history m) (machine m) -> Forall fits_act acts ->
   reached (machine m) t = true ->
   (failures (execute cfg) i t m acts + changes_left cfg t (machine (interleave (execute cfg) m acts)) <=
    changes_left cfg t (machine m) + owes i t m)%nat.
@@ -240,18 +240,18 @@ Proof.
         unfold stale at 1. rewrite M. cbn. destruct (seen m j) as [[v o]|]; [|reflexivity].
         apply not_eq_sym, PeanoNat.Nat.eqb_neq in D.
         destruct (_ && _); [destruct (execute cfg _ c)|]; cbn; unfold remember; now rewrite D.
-  - rewrite P. assert (Mv := execute_moves cfg (lines m) (machine m) c s ds Fc G X t R). destruct Mv as [R' C].
-    specialize (IH {| machine := s; seen := remember j None m; lines := after ds (Got (instant c) (does c) :: lines m) |}).
-    cbn [machine lines] in IH. specialize (IH ltac:(eapply execute_good; eauto) Fr R').
+  - rewrite P. assert (Mv := execute_moves cfg (history m) (machine m) c s ds Fc G X t R). destruct Mv as [R' C].
+    specialize (IH {| machine := s; seen := remember j None m; history := after ds (Got (instant c) (does c) :: history m) |}).
+    cbn [machine history] in IH. specialize (IH ltac:(eapply execute_good; eauto) Fr R').
     destruct (PeanoNat.Nat.eqb_spec j i) as [->|D]; cbn [andb].
     + assert (Z : owes i t {| machine := s; seen := remember i None m;
-        lines := after ds (Got (instant c) (does c) :: lines m) |} = 0%nat).
+        history := after ds (Got (instant c) (does c) :: history m) |} = 0%nat).
       { unfold owes, stale. cbn. unfold remember. now rewrite PeanoNat.Nat.eqb_refl. }
       rewrite Z in IH. assert (Q : (names c =? t) && stale i t m = false).
       { destruct (N.eqb_spec (names c) t) as [<-|]; auto. }
       rewrite Q. unfold changes_left in *. destruct C as [C|C]; [rewrite C in IH|]; lia.
     + assert (Z : (owes i t {| machine := s; seen := remember j None m;
-        lines := after ds (Got (instant c) (does c) :: lines m) |} <=
+        history := after ds (Got (instant c) (does c) :: history m) |} <=
         (if slot_same (lookup t (opened s)) (lookup t (opened (machine m))) then owes i t m else 1))%nat).
       { unfold owes, stale. cbn. unfold remember. apply not_eq_sym, PeanoNat.Nat.eqb_neq in D. rewrite D.
         destruct (seen m i) as [[u o]|]; [|destruct (slot_same _ _); cbn; lia].
@@ -260,9 +260,7 @@ Proof.
       destruct (slot_same _ _) as [E|E]; [|destruct C as [C|C]; [congruence|lia]].
       unfold changes_left in *. rewrite E in *. lia.
 Qed.
-(* ANCHOR: looked *)
 Theorem s8_looks cfg : S8_looks cfg (execute cfg).
-(* ANCHOR_END: looked *)
 Proof.
   intros before acts i t F m O S. apply Forall_app in F as [F1 F2].
   destruct (interleave_keeps cfg before at_first (start_good cfg) (bounded_at_first cfg) F1) as [G B]. fold m in G, B.

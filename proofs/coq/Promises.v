@@ -15,6 +15,20 @@ Proof.
   - destruct I as [[=]|[]].
   - injection E as _ ->. destruct I as [[=]|I]. apply in_map_iff in I as (q & [=] & _).
 Qed.
+Lemma no_timer_at_apply cfg s b now u p : ~ In (Timer now u p) (snd (apply cfg s b)).
+Proof.
+  assert (O := apply_own cfg s b). destruct b as [t d|t q d bl|t q|t q|]; cbn [own] in O.
+  - destruct O as [->|(w & ->)]; intros [[=]|[]].
+  - destruct O as [->|(w & ->)]; intros [[=]|[]].
+  - destruct O as [(w & ->)|[(-> & _)|(cs & last & -> & K)]]; [intros [[=]|[]]|intros [[=]|[]]|].
+    intros [[=]|I]. apply in_app_or in I as [I|I]; [apply in_map_iff in I as (x & [=] & _)|].
+    destruct K as [->|(_ & ->)]; [contradiction|destruct I as [[=]|[]]].
+  - destruct O as [(w & ->)|(last & -> & K)]; [intros [[=]|[]]|]. intros [[=]|I].
+    destruct K as [->|[->|[(_ & m & ->)|(_ & m & cs & ->)]]];
+      [contradiction|destruct I as [[=]|[]]|destruct I as [[=]|[]]|].
+    destruct I as [[=]|I]. apply in_map_iff in I as (x & [=] & _).
+  - rewrite O. intros [].
+Qed.
 Lemma reach_fires cfg tr s cur : reach cfg tr s cur -> P8_fires tr.
 Proof.
   intros R. induction R as [|tr s n b R IH|tr s b due t s' ds R IH E L U|tr s b s' ds R IH A U]; intros now u p I.
@@ -32,19 +46,7 @@ Proof.
     now apply (a_armed _ _ _ _ (g_told _ _ _ G t sl Lk)).
   - unfold after in I. apply in_app_or in I as [I|I].
     2:{ destruct (IH now u p I) as (e & H & Le). exists e. rewrite says_after. auto. }
-    apply in_rev in I. apply in_map_iff in I as (d & [= ->] & I). exfalso.
-    assert (O := apply_own cfg s b). rewrite U in O. cbn in O. revert I. clear - O.
-    destruct b as [t d|t q d bl|t q|t q|]; cbn in O.
-    + destruct O as [->|(w & ->)]; intros [[=]|[]].
-    + destruct O as [->|(w & ->)]; intros [[=]|[]].
-    + destruct O as [(w & ->)|[(-> & _)|(cs & last & -> & K)]]; [intros [[=]|[]]|intros [[=]|[]]|].
-      intros [[=]|I]. apply in_app_or in I as [I|I]; [apply in_map_iff in I as (x & [=] & _)|].
-      destruct K as [->|(_ & ->)]; [contradiction|destruct I as [[=]|[]]].
-    + destruct O as [(w & ->)|(last & -> & K)]; [intros [[=]|[]]|]. intros [[=]|I].
-      destruct K as [->|[->|[(_ & m & ->)|(_ & m & cs & ->)]]];
-        [contradiction|destruct I as [[=]|[]]|destruct I as [[=]|[]]|].
-      destruct I as [[=]|I]. apply in_map_iff in I as (x & [=] & _).
-    + subst. contradiction.
+    apply in_rev in I. apply in_map_iff in I as (d & [= ->] & I). elim (no_timer_at_apply cfg s b now u p). now rewrite U.
 Qed.
 
 (** ** What follows from the invariant alone, of many threads too (Threads.v) *)
