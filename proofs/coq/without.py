@@ -3,8 +3,9 @@
     without.py BUILD            BUILD has the compiled files of this folder and Corpus.v
     without.py BUILD NAME       the hypotheses of one statement or theorem
 
-In the place of a hypothesis comes that it implies True, or True twice where it is a pair. A proof that stops refutes nothing: it only says that the proof rests on the hypothesis.
-Its script stays as it was, with the same names for the same hypotheses, so it stops where the hypothesis is used and not before.
+In the place of a hypothesis comes that it implies True, or True twice where it is a pair. A proof that stops refutes nothing: it
+only says that the proof rests on the hypothesis. Its script stays as it was, with the same names for the same hypotheses, so it
+stops where the hypothesis is used and not before.
 """
 
 import os
@@ -32,7 +33,7 @@ RULES = {
     "F3": ("| Result t p => arrive cfg s t p (result cfg (clock s) t p)", "| Result t p => (s, [])"),
     "F4": ("| Fail t p => arrive cfg s t p (fail cfg (clock s) t p)", "| Fail t p => (s, [])"),
     "F5": ("if due <=? clock s then", "if false then"),
-    "F6": ("if is_progressive cfg then\n    match pending", "if true then (Some sl, []) else if is_progressive cfg then\n    match pending"),
+    "F6": ("if is_progressive cfg then\n    match pending", "if true then (Some sl, []) else if true then\n    match pending"),
     "F7": ("(None, Emit now t m :: map (Cancel now t) (clouds_of (pending sl)))", "(None, [])"),
     "F9": ("if is_progressive cfg then improve now t p sl", "if is_progressive cfg then (Some sl, [])"),
 }
@@ -145,7 +146,8 @@ def proved(build, removal):
     above = re.findall(r"^ *(?:Local )?(?:Lemma|Theorem|Example) (\w+)", before, re.M)
     stopped = above[-1] if above and before.rfind("Proof.") > before.rfind(above[-1]) else None
     if removal.theorem is None:
-        is_there = removal.text.count("\nEnd ", 0, len(before)) == removal.text.count("\nEnd ", 0, removal.text.index(f"Hypothesis {removal.of} :"))
+        assumed = removal.text.index(f"Hypothesis {removal.of} :")
+        is_there = "\nEnd " not in before[assumed:]
         return None if stopped and is_there else f"nothing of its section stops: {made.stderr.strip()}"
     return None if stopped == removal.theorem else f"it is not the proof of {removal.theorem} that stops: {made.stderr.strip()}"
 
