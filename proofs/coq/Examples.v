@@ -2,7 +2,7 @@
 
     The runs are of the rules, computed. The faulty traces are written by hand, the newest line first. *)
 From Coq Require Import List NArith Bool.
-From Fuseline Require Import Rules Trace Statements Broken Cases Accounts Ticks AsPatient Threads Looks Names.
+From Fuseline Require Import Rules Trace Statements Broken Cases Accounts Ticks AsPatient Threads Looks Names Answered.
 Import ListNotations.
 Open Scope N_scope.
 
@@ -159,6 +159,21 @@ happens. Qed.
 Example goes_at_once_can_break : ~ goes_at_once [Did (Hold 70 1 0); Did (Request 0 1 1 50); Did (Opened 0 1 None)].
 Proof. breaks (broken_t1 _ 70 1). Qed.
 Example p11_accounted_can_break : ~ own eager 60 (Result 1 1) []. Proof. breaks (broken_p11_result _ _ _ _ _). Qed.
+
+(** T1 of a run: the request is due at 50, and local's result comes at 60. *)
+Definition answered_at (now : N) : list input := [input_at 0 (Open 1 None); input_at 0 (Offer 1 1 50 0); input_at now (Result 1 0)].
+Lemma answered_came now : local_came (answered_at now) 1 eager.
+Proof.
+  exists (firstn 2 (answered_at now)), (input_at now (Result 1 0)), []. repeat split.
+  exists (Opened 0 1 None). split; [vm_compute; tauto|reflexivity].
+Qed.
+Example t1_of_a_run_happens : local_came (answered_at 60) 1 eager /\
+  sayb (trace_of eager (answered_at 60)) (b_emits 1 0) = true.
+Proof. split; [apply answered_came|happens]. Qed.
+(** With a deadline above local's response, of 10, no output is there by then. *)
+Example t1_of_a_run_can_break : local_came (answered_at 10) 1 eager /\
+  ~ exists m, says (trace_of eager (answered_at 10)) (emits 1 m).
+Proof. split; [apply answered_came|]. intros (m & E). apply sent_in in E. exact E. Qed.
 
 (** E1 to E3: each hypothesis holds, and the second's item is there at 90. *)
 Example e2_by_the_deadline_happens : let tr1 := trace_of eager first_in_row in let tr2 := trace_of progressive second_in_row in
