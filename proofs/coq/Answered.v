@@ -2,7 +2,7 @@
 
     So the machine's half of Deadline.v, of what came in alone, gives the vehicle's half its hypothesis. *)
 From Coq Require Import List NArith Bool Lia Sorted.
-From Fuseline Require Import Rules Sets Trace Statements Slots Kept Runs Accounts Promises Deadline.
+From Fuseline Require Import Rules Sets Trace Statements Slots Invariant Runs Accounts Promises Deadline.
 Import ListNotations.
 Open Scope N_scope.
 Arguments after : simpl never.
@@ -19,7 +19,7 @@ Definition local_came (ins : list input) (t : N) (cfg : config) : Prop := exists
 Lemma closed_without_output cfg tr s t sl : good cfg tr s -> lookup t (opened s) = Some sl -> cached sl = [] ->
   ~ In 0 (pending sl) -> says tr (gives_up t).
 Proof.
-  intros G L C P. assert (T := g_told _ _ _ G t sl L). assert (O := g_slot _ _ _ G t sl L).
+  intros G L C P. assert (T := g_traced _ _ _ G t sl L). assert (O := g_slot _ _ _ G t sl L).
   assert (Got_ : forall q, ~ says tr (accepts t q)).
   { intros q A. apply (a_got _ _ _ _ T) in A as (c & I & _). rewrite C in I. contradiction. }
   assert (D : forall d, {gives_up t d} + {~ gives_up t d}).

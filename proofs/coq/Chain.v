@@ -1,6 +1,6 @@
 (** * E1 to E3: two operators in a row, with a budget *)
 From Coq Require Import List NArith Bool Lia.
-From Fuseline Require Import Rules Sets Trace Statements Broken Slots Kept Runs Accounts Promises.
+From Fuseline Require Import Rules Sets Trace Statements Broken Slots Invariant Runs Accounts Promises.
 Import ListNotations.
 Open Scope N_scope.
 Arguments after : simpl never.

@@ -86,22 +86,22 @@ Example p8_while_live_can_break : ~ P8_while_live eager
 Proof. breaks (broken_p8_while_live eager _ 1 1). Qed.
 
 (** F1, F2, F2g, F7. The second cloud's gate shuts at a backlog of 4 and opens at 0. *)
-Definition asked : list input := [input_at 0 (Open 5 None); input_at 1 (Open 5 None); input_at 2 (Offer 5 2 50 4);
+Definition offers : list input := [input_at 0 (Open 5 None); input_at 1 (Open 5 None); input_at 2 (Offer 5 2 50 4);
   input_at 3 (Offer 5 2 50 1); input_at 4 (Offer 5 2 50 0)].
-Example f1_order_happens : In (Did (Refuse 1 5 None Order)) (trace_of eager asked). Proof. vm_compute. tauto. Qed.
+Example f1_order_happens : In (Did (Refuse 1 5 None Order)) (trace_of eager offers). Proof. vm_compute. tauto. Qed.
 Example f1_order_can_break : ~ F1_order [Did (Refuse 1 4 None Order); Did (Opened 0 3 None)].
 Proof. breaks (broken_f1 _). Qed.
 Example f2_registered_happens : sayb (trace_of eager held) (b_requests 1 2) = true. Proof. happens. Qed.
 Example f2_registered_can_break : ~ F2_registered eager [Did (Request 0 1 9 50); Did (Opened 0 1 None)].
 Proof. breaks (broken_f2_registered eager _ 1 9). Qed.
-(** Local's result is there already when the cloud is asked. *)
+(** Local's result is there already when the cloud is to be requested. *)
 Example f2_outranks_happens : decisions (trace_of eager [input_at 0 (Open 1 None); input_at 0 (Offer 1 2 50 0);
   input_at 5 (Result 1 0); input_at 6 (Offer 1 1 50 0)]) = [Request 6 1 1 56; Hold 5 1 0; Request 0 1 2 50; Opened 0 1 None].
 Proof. happens. Qed.
 Example f2_outranks_can_break : ~ F2_outranks
   [Did (Request 5 1 1 50); Did (Hold 4 1 2); Did (Request 0 1 3 50); Did (Request 0 1 2 50); Did (Opened 0 1 None)].
 Proof. breaks (broken_f2_outranks _ 1 1 2). Qed.
-Example f2g_gate_happens : filter written (rev (decisions (trace_of eager asked))) = [Refuse 1 5 None Order;
+Example f2g_gate_happens : filter written (rev (decisions (trace_of eager offers))) = [Refuse 1 5 None Order;
   Refuse 2 5 (Some 2) Queue; Refuse 3 5 (Some 2) Queue; Request 4 5 2 54].
 Proof. happens. Qed.
 Example f2g_gate_can_break : ~ F2g_gate eager [Did (Request 3 5 2 53); Got 3 (Offer 5 2 50 1);
@@ -127,14 +127,14 @@ Proof. repeat apply t_both. apply (t_tick 15 (input_at 20 (Result 1 1)) [input_a
 Example p10_ticks_can_break : map unstamped [Timer 50 1 1; Emit 50 1 0] <> map unstamped [Emit 60 1 1]. Proof.
 discriminate. Qed.
 Definition with_clouds (l : list cloud) : config := {| window := 2; rule := Eager; clouds := l |}.
-Definition asked_once (cfg : config) : list decision :=
+Definition offered_once (cfg : config) : list decision :=
   snd (step cfg (state_after cfg [input_at 0 (Open 1 None)]) (input_at 0 (Offer 1 1 50 2))).
 Example p10_order_happens : let (a, b) := (cloud_with 1 4 None, cloud_with 2 1 None) in
-  asked_once (with_clouds [a; b]) = [Request 0 1 1 50] /\ asked_once (with_clouds [b; a]) = [Request 0 1 1 50].
+  offered_once (with_clouds [a; b]) = [Request 0 1 1 50] /\ offered_once (with_clouds [b; a]) = [Request 0 1 1 50].
 Proof. split; happens. Qed.
 (** Of two clouds with one priority the order decides whose gate it is. *)
 Example p10_order_can_break : let (a, b) := (cloud_with 1 4 None, cloud_with 1 1 None) in
-  asked_once (with_clouds [a; b]) <> asked_once (with_clouds [b; a]).
+  offered_once (with_clouds [a; b]) <> offered_once (with_clouds [b; a]).
 Proof. vm_compute. discriminate. Qed.
 (** P11: a late result says so. *)
 Example p11_reason_happens : snd (step eager (state_after eager waiting) (input_at 60 (Result 1 1))) = [Drop 60 1 1 Late].

@@ -1,6 +1,6 @@
 (** * Section 8: how often a call looks at its timestamp (F8), and what old names name *)
 From Coq Require Import List NArith Bool Lia.
-From Fuseline Require Import Rules Sets Trace Statements Slots Kept Runs Ticks Broken Threads.
+From Fuseline Require Import Rules Sets Trace Statements Slots Invariant Runs Ticks Broken Threads.
 Import ListNotations.
 Open Scope N_scope.
 Arguments after : simpl never.

@@ -4,7 +4,7 @@
     timestamp, then its input is applied. No call sees another one half done, since what it computes from the slot that
     it looked at is exchanged for that slot if it is there still. *)
 From Coq Require Import List NArith Bool Lia.
-From Fuseline Require Import Rules Sets Trace Statements Slots Kept Runs Accounts Promises Lines Ticks.
+From Fuseline Require Import Rules Sets Trace Statements Slots Invariant Runs Accounts Promises Lines Ticks.
 Import ListNotations.
 Open Scope N_scope.
 Arguments after : simpl never.
@@ -150,7 +150,7 @@ Proof.
   rewrite (slot_of_open _ _ _ L) in U. unfold update, fire in U. destruct (settle _ _ _ _ _) as [o e] eqn:Se.
   injection U as _ <-. apply in_app_or in I as [I|I]; [|elim (timer_at_firing _ _ _ _ _ _ _ Se _ _ _ I)].
   apply in_map_iff in I as (x & [= <- <- <-] & I). apply fired_in in I. split; auto. apply says_more, says_more.
-  now apply (a_armed _ _ _ _ (g_told _ _ _ G t sl L)).
+  now apply (a_armed _ _ _ _ (g_traced _ _ _ G t sl L)).
 Qed.
 Lemma in_order_fires cfg cs : forall s tr, Forall fits_call cs -> good cfg tr s -> P8_fires tr ->
   P8_fires (snd (in_order cfg s tr cs)).
