@@ -1,6 +1,6 @@
 (** * P9 bounded and P11 accounted *)
 From Coq Require Import List NArith Bool Lia.
-From Fuseline Require Import Rules Sets Trace Statements Slots Kept Runs.
+From Fuseline Require Import Rules Sets Trace Statements Slots Invariant Runs.
 Import ListNotations.
 Open Scope N_scope.
 Arguments after : simpl never.
@@ -107,7 +107,7 @@ Proof.
   2:{ intros [= <-]. cbn. destruct (says_dec tr (opens t)) as [O|O]; auto.
       - intros d. destruct d; cbn; auto. apply N.eq_dec.
       - destruct (g_open _ _ _ G t O); [contradiction|auto]. }
-  assert (T := g_told _ _ _ G t sl L). assert (O := g_slot _ _ _ G t sl L). assert (Run := a_running _ _ _ _ T).
+  assert (T := g_traced _ _ _ G t sl L). assert (O := g_slot _ _ _ G t sl L). assert (Run := a_running _ _ _ _ T).
   assert (Em : is_progressive cfg = true -> forall q, In q (cached sl) -> says tr (emits t q)).
   { intros Pr q Q. unfold running in Run. rewrite Pr in Run. destruct Run as (ps & E & _ & C). apply sent_in.
     rewrite E.

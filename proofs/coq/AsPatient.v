@@ -1,6 +1,6 @@
 (** * P13 as patient *)
 From Coq Require Import List NArith Bool Lia.
-From Fuseline Require Import Rules Sets Trace Statements Slots Kept Runs Ticks.
+From Fuseline Require Import Rules Sets Trace Statements Slots Invariant Runs Ticks.
 Import ListNotations.
 Open Scope N_scope.
 Arguments after : simpl never.

@@ -81,7 +81,7 @@ Proof.
   intros (d & I & R). unfold requested_in. apply in_flat_map. exists (Did d). split; auto.
   destruct d; cbn in *; try contradiction. destruct R as [-> ->]. rewrite N.eqb_refl. now left.
 Qed.
-(** No due instant of [t], local's apart if so asked, is later than the clock. *)
+(** No due instant of [t], local's apart if [cloud_only], is later than the clock. *)
 Definition past (cloud_only : bool) (t : N) (tr : trace) : bool :=
   forallb (fun a => (snd a <=? clock_of tr) || cloud_only && (fst a =? 0)) (armed_in t tr).
 Lemma past_cloud t tr : past true t tr = true -> forall p due, p <> 0 -> says tr (arms t p due) -> due <= clock_of tr.

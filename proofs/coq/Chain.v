@@ -1,6 +1,6 @@
 (** * E1 to E3: two operators in a row, with a budget *)
 From Coq Require Import List NArith Bool Lia.
-From Fuseline Require Import Rules Sets Trace Statements Broken Slots Kept Runs Accounts Promises.
+From Fuseline Require Import Rules Sets Trace Statements Broken Slots Invariant Runs Accounts Promises.
 Import ListNotations.
 Open Scope N_scope.
 Arguments after : simpl never.
@@ -369,6 +369,7 @@ Qed.
 End Of.
 
 (** ** Two in a row *)
+(** The second of two operators in a row has one last item for a message, by the end-to-end deadline if the reserves suffice. *)
 Theorem e2_by_the_deadline cfg1 cfg2 ins1 ins2 : E2_by_the_deadline cfg1 cfg2 (trace_of cfg1 ins1) (trace_of cfg2 ins2).
 Proof.
   intros t u a b due r1 r2 late gap B1 P1 C1 H B2 P2 C2.

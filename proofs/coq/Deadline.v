@@ -3,7 +3,7 @@
     The conditions and the proof in prose are in the book's chapter of safe deadlines. The machine's half is about the
     trace of any run; the vehicle's half is about frames, and takes the machine's as a hypothesis. *)
 From Coq Require Import List NArith Bool Lia.
-From Fuseline Require Import Rules Sets Trace Statements Slots Kept Runs Accounts Promises.
+From Fuseline Require Import Rules Sets Trace Statements Slots Invariant Runs Accounts Promises.
 Import ListNotations.
 Open Scope N_scope.
 Arguments after : simpl never.
@@ -38,7 +38,7 @@ Proof.
         destruct (any_above 0 (pending sl)) eqn:A; [|discriminate]. apply above_iff in A as (x & X & Lx).
         destruct (ok_timer _ _ (g_slot _ _ _ G t sl Lk) x X) as (due & Ar); [lia|].
         exists x, due. split; [lia|]. split; [|exact (AR t sl x due Lk Ar)].
-        apply says_after. right. now apply (a_armed _ _ _ _ (g_told _ _ _ G t sl Lk)).
+        apply says_after. right. now apply (a_armed _ _ _ _ (g_traced _ _ _ G t sl Lk)).
       * destruct I as [[=]|I]. apply in_app_or in I as [I|I]; [apply in_map_iff in I as (x & [=] & _)|].
         destruct K as [->|(_ & ->)]; [contradiction|destruct I as [[=]|[]]].
     + destruct O as [(w & ->)|(last & -> & K)]; [destruct I as [[=]|[]]|]. destruct I as [[=]|I].
@@ -97,7 +97,13 @@ End T1.
     obstacle, and the cloud's honest output breaks the row, if any output may. *)
 Definition even_takes (k : N) : Prop := k = 0 \/ k = 2 \/ k = 4.
 Definition any_sent (k now : N) : Prop := k <= 4 /\ k <= now.
-Example t1_needs_the_condition :
+Example t1_no_later_than_local_happens : row 3 any_sent (fun k => k <> 3 /\ k <> 1) even_takes 4.
+Proof.
+  exists [0; 2; 4]. split; [repeat constructor; cbn; intuition discriminate|]. split; [reflexivity|]. split.
+  - intros k I. unfold any_sent. cbn in I. intuition (subst; lia).
+  - unfold even_takes. intros i j k _ _ _ _ T. lia.
+Qed.
+Example t1_no_later_than_local_can_break :
   row 3 (alone even_takes (fun k => k)) even_takes even_takes 4 /\
   (forall k now, even_takes k -> k <= now -> any_sent k now) /\
   ~ row 3 any_sent (fun k => k <> 3 /\ k <> 1) (fun _ => True) 4.

@@ -70,10 +70,10 @@ Proof. intros L. unfold factor, seen, came. cbn. destruct (Nat.leb_spec u g); [l
 (** Three calls are answered at 10, 30 and 40, and one is given up at 20. *)
 Definition calls_of (given : list call) : list call :=
   [{| age := 10; answered := true |}; {| age := 30; answered := true |}; {| age := 40; answered := true |}] ++ given.
-Example t5_happens : survival (calls_of [{| age := 20; answered := false |}]) 30 == 3 # 8.
+Example t5_share_happens : survival (calls_of [{| age := 20; answered := false |}]) 30 == 3 # 8.
 Proof. vm_compute. reflexivity. Qed.
 (** An estimate that takes it for fast, or for lost, or leaves it out, is another one. *)
-Example t5_can_break : map (fun given => Qeq_bool (survival (calls_of given) 30) (3 # 8))
+Example t5_share_can_break : map (fun given => Qeq_bool (survival (calls_of given) 30) (3 # 8))
   [[{| age := 20; answered := true |}]; [{| age := 1000; answered := false |}]; []] = [false; false; false].
 Proof. vm_compute. reflexivity. Qed.
 
@@ -177,8 +177,8 @@ End T3.
     each nanosecond after 20: it is worth to wait for the first, and not for the second. *)
 Definition answers_at : list (nat * Q) := [(30%nat, 1 # 2); (90%nat, 1 # 4)].
 Definition local_costs (d : nat) : Q := 4 + (1 # 10) * count (d - 20).
-Example t3_happens : chosen answers_at (fun _ => 1) local_costs 10 20 100 = 31%nat.
+Example t3_least_loss_happens : chosen answers_at (fun _ => 1) local_costs 10 20 100 = 31%nat.
 Proof. vm_compute. reflexivity. Qed.
 (** A choice that looks at an answer's own instant, at which it is late, loses more. *)
-Example t3_can_break : mean answers_at (fun _ => 1) local_costs 20 31 < mean answers_at (fun _ => 1) local_costs 20 30.
+Example t3_least_loss_can_break : mean answers_at (fun _ => 1) local_costs 20 31 < mean answers_at (fun _ => 1) local_costs 20 30.
 Proof. vm_compute. reflexivity. Qed.

@@ -144,14 +144,14 @@ Qed.
 Theorem t2_as_safe_as_local f speed reveal h v a tau period range t deadline (r fused : nat -> Q) :
   In h (classes f) -> (1 <= frames f)%nat -> 0 <= lateness f -> 0 <= margin f -> 0 < least (deceleration f) ->
   0 < v -> within v speed -> within a (deceleration f) -> within tau (brake_delay f) ->
-  0 <= period -> within period (period_local f) ->
+  within period (period_local f) ->
   0 <= range -> in_sight (least (range_local h)) reveal <= range <= greatest (range_local h) ->
   0 <= t <= period -> (forall k, within (r k) (local_response f)) -> deadline <= guard f speed reveal ->
   (forall k, deadline <= r k -> fused k <= r k) -> (forall k, r k < deadline -> fused k <= deadline + lateness f) ->
   stops v a tau period range t (frames f) r -> stops v a tau period range t (frames f) fused.
 (* ANCHOR_END: T2 *)
 Proof.
-  intros I N La M De V [V1 V2] [A1 A2] [T1 T2] P [P1 P2] R [R1 R2] [F0 F1] Re D Past Soon Alone.
+  intros I N La M De V [V1 V2] [A1 A2] [T1 T2] [P1 P2] R [R1 R2] [F0 F1] Re D Past Soon Alone.
   assert (N1 : 0 <= count (frames f) - 1) by (apply (count_less 0); lia).
   destruct (guard_cases f speed reveal h I ltac:(lra) M) as [[L G]|[[S C]|E]].
   - exists (t + (count (frames f) - 1) * period + surely f speed reveal h). split.
@@ -191,14 +191,14 @@ Definition default : figures := {|
   classes := [{| range_local := exactly 39; range_cloud := exactly 57 |}] |}.
 Definition about (x y : Q) : bool := Qle_bool (x - (1 # 20000)) y && Qle_bool y (x + (1 # 20000)).
 (** Its three cases, as the book's chapter of policies has them. *)
-Example t2_happens : map (fun x : Q * Q => about (snd x) (guard default (exactly (fst x)) None))
+Example t2_as_safe_as_local_happens : map (fun x : Q * Q => about (snd x) (guard default (exactly (fst x)) None))
   [(11, 24253 # 10000); (18, 6506 # 10000); (20, 3117 # 10000); (22, 9192 # 10000); (24, 57 # 100)]
   = [true; true; true; true; true].
 Proof. vm_compute. reflexivity. Qed.
 Example t2_unsure_happens : guard default (exactly (208 # 10)) None == 3017 # 10000. Proof. vm_compute. reflexivity. Qed.
 (** A guard that waits as long as it likes breaks it: at 18 m/s local alone stops, and after 0.7 s of waiting nobody. *)
 Ltac drives := intros k K; do 3 (destruct k; [vm_compute; discriminate|]); lia.
-Example t2_can_break : stops 18 (75 # 10) (1 # 10) (1 # 30) 39 (1 # 30) 3 (fun _ => 3017 # 10000) /\
+Example t2_as_safe_as_local_can_break : stops 18 (75 # 10) (1 # 10) (1 # 30) 39 (1 # 30) 3 (fun _ => 3017 # 10000) /\
   ~ stops 18 (75 # 10) (1 # 10) (1 # 30) 39 (1 # 30) 3 (fun _ => 9 # 10).
 Proof.
   split.
@@ -223,8 +223,9 @@ Proof.
     assert (Z : 11 * 11 / (2 * (75 # 10)) == 121 # 15) by reflexivity. rewrite Z in Y. lra.
   - vm_compute. reflexivity.
 Qed.
-(** T4, how hard: at 22 m/s local alone collides, and a vehicle that waits for a silent cloud drives faster then. *)
+(** The square of the speed at which it hits. *)
 Definition impact (v a tau range decision : Q) : Q := v * v - 2 * a * (range - v * (decision + tau)).
+(** T4, how hard: at 22 m/s local alone collides, and a vehicle that waits for a silent cloud drives faster then. *)
 Example t4_harder : impact 22 (75 # 10) (1 # 10) 39 ((2 # 30) + (3017 # 10000)) <
   impact 22 (75 # 10) (1 # 10) 39 ((2 # 30) + guard default (exactly 22) None).
 Proof. vm_compute. reflexivity. Qed.

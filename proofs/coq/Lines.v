@@ -1,6 +1,6 @@
 (** * What each line says of the trace before it: F1's order, F2 with its gate, F7, and P8's live timers *)
 From Coq Require Import List NArith Bool Lia.
-From Fuseline Require Import Rules Sets Trace Statements Slots Kept Runs.
+From Fuseline Require Import Rules Sets Trace Statements Slots Invariant Runs.
 Import ListNotations.
 Open Scope N_scope.
 Arguments after : simpl never.
@@ -48,10 +48,10 @@ Record lines (cfg : config) (tr : trace) (s : state) (cur : option body) : Prop 
   l_input : forall b, cur = Some b -> input_of tr = Some b
 }.
 
-(** Lines that no gate answers with. *)
-Definition asks (d : decision) : bool :=
+(** Whether a line moves the gate. *)
+Definition moves_gate (d : decision) : bool :=
   match d with Request _ _ _ _ => true | Refuse _ _ (Some _) Queue => true | _ => false end.
-Lemma gate_after p ds : forall tr, (forall d, In d ds -> asks d = false) -> gate_of p (after ds tr) = gate_of p tr.
+Lemma gate_after p ds : forall tr, (forall d, In d ds -> moves_gate d = false) -> gate_of p (after ds tr) = gate_of p tr.
 Proof.
   induction ds as [|d ds IH]; intros tr H; auto. rewrite after_one, IH by (intros; apply H; now right).
   specialize (H d (or_introl eq_refl)). destruct d as [| | |n t [q|] []| | | | | | |]; cbn in *; auto; discriminate.
@@ -63,7 +63,7 @@ Proof. intros H. apply says_after. auto. Qed.
 
 (** What a firing and what an accepted result or failure decide. *)
 Lemma settle_lines cfg now t timer sl o ds earlier : settle cfg now t timer sl = (o, ds) -> forall d, In d ds ->
-  asks d = false /\ line_ok cfg earlier d.
+  moves_gate d = false /\ line_ok cfg earlier d.
 Proof.
   intros H d I. apply settle_cases in H as [(_ & -> & _)|[(_ & -> & _)|[(_ & _ & _ & m & -> & _)|(_ & m & E & _)]]].
   - contradiction.
@@ -72,11 +72,11 @@ Proof.
   - injection E as _ ->. destruct I as [<-|I]; [cbn; auto|]. apply in_map_iff in I as (q & <- & I).
     apply clouds_in in I as [_ Z]. cbn. auto.
 Qed.
-Lemma result_lines cfg now t p sl earlier d : In d (snd (result cfg now t p sl)) -> asks d = false /\ line_ok cfg earlier d.
+Lemma result_lines cfg now t p sl earlier d : In d (snd (result cfg now t p sl)) -> moves_gate d = false /\ line_ok cfg earlier d.
 Proof.
-  assert (C : forall l, In d (map (Cancel now t) (clouds_of l)) -> asks d = false /\ line_ok cfg earlier d).
+  assert (C : forall l, In d (map (Cancel now t) (clouds_of l)) -> moves_gate d = false /\ line_ok cfg earlier d).
   { intros l I. apply in_map_iff in I as (q & <- & I). apply clouds_in in I as [_ Z]. cbn. auto. }
-  assert (E : forall m, Emit now t m = d -> asks d = false /\ line_ok cfg earlier d) by (intros m <-; cbn; auto).
+  assert (E : forall m, Emit now t m = d -> moves_gate d = false /\ line_ok cfg earlier d) by (intros m <-; cbn; auto).
   unfold result, improve. destruct (is_progressive cfg); [|destruct (any_above p (pending sl))]; cbn [snd fst].
   - destruct (filter (N.ltb p) (pending sl)); cbn [snd]; rewrite ?in_app_iff; cbn [In]; intros I.
     + destruct I as [[I|I]|[<-|[]]]; [eapply E; eauto|eapply C; eauto|cbn; auto].
@@ -112,15 +112,13 @@ Proof.
   - rewrite lookup_replace_other in L by auto. eauto.
 Qed.
 
-Lemma lines_fire cfg tr s b due t s' ds : good cfg tr s -> lines cfg tr s (Some b) ->
-  earliest (timers (opened s)) = Some (due, t) ->
+Lemma lines_fire cfg tr s b due t sl s' ds : good cfg tr s -> lines cfg tr s (Some b) -> lookup t (opened s) = Some sl ->
   update s t (fire cfg (clock s) t due (slot_of s t)) = (s', ds) -> lines cfg (after ds tr) s' (Some b).
 Proof.
-  intros G K E U. destruct (due_lookup _ _ _ _ _ G E) as (sl & q & L & A). rewrite (slot_of_open _ _ _ L) in U.
-  unfold fire in U. destruct (settle _ _ _ _ _) as [o e] eqn:Se. injection U as <- <-.
+  intros G K L U. rewrite (slot_of_open _ _ _ L) in U. unfold fire in U. destruct (settle _ _ _ _ _) as [o e] eqn:Se. injection U as <- <-.
   assert (D := l_armed _ _ _ _ K t sl L).
   assert (Df : NoDup (fired due sl)) by now apply nodup_filter.
-  assert (Q : forall d, In d (map (Timer (clock s) t) (fired due sl) ++ e) -> asks d = false).
+  assert (Q : forall d, In d (map (Timer (clock s) t) (fired due sl) ++ e) -> moves_gate d = false).
   { intros d I. apply in_app_or in I as [I|I]; [apply in_map_iff in I as (p & <- & _); reflexivity|].
     eapply (settle_lines _ _ _ _ _ _ _ tr Se); eauto. }
   constructor.
@@ -145,7 +143,7 @@ Proof.
           + injection Eq as <- Eq. destruct (IH a Eq) as (ps & qs & -> & ->). exists (z :: ps), qs. auto. }
       destruct S as (ps & qs & P1 & ->). apply in_map_iff in Xa as (z & <- & Z). cbn in X. destruct X as [_ ->].
       rewrite P1 in Df. apply NoDup_remove_2 in Df. apply Df, in_or_app. auto.
-    + apply fired_in in I. apply (a_armed _ _ _ _ (g_told _ _ _ G t sl L)) in I as [_ I]. contradiction.
+    + apply fired_in in I. apply (a_armed _ _ _ _ (g_traced _ _ _ G t sl L)) in I as [_ I]. contradiction.
   - intros p. rewrite gate_after by exact Q. apply (l_gate _ _ _ _ K).
   - intros n N. apply says_more. apply (l_newest _ _ _ _ K n N).
   - apply (armed_update s t o); [apply (g_nodup _ _ _ G)|reflexivity|apply (l_armed _ _ _ _ K)|].
@@ -164,8 +162,8 @@ Proof.
   destruct f; rewrite ?C, X; destruct (N.eqb_spec q p), (N.eqb_spec p q); try congruence; cbn;
     rewrite ?andb_true_r, ?andb_false_r; auto.
 Qed.
-(** An input with one decision about which no gate was asked. *)
-Lemma lines_silent cfg tr s s' d b : lines cfg tr s (Some b) -> asks d = false -> line_ok cfg tr d ->
+(** An input with one decision that moves no gate. *)
+Lemma lines_silent cfg tr s s' d b : lines cfg tr s (Some b) -> moves_gate d = false -> line_ok cfg tr d ->
   shut s' = shut s -> newest s' = newest s -> opened s' = opened s -> lines cfg (after [d] tr) s' None.
 Proof.
   intros K A L S N O. constructor.
@@ -188,7 +186,7 @@ Proof.
       repeat match type of F with (if ?b then _ else _) = _ => destruct b; try discriminate end. }
     apply (lines_silent cfg tr s s _ _ K); auto; cbn; destruct why; auto; congruence.
   - assert (R := F). apply f2_none in F as (sl & L & NR & A & C & _). rewrite (slot_of_open _ _ _ L).
-    assert (T := g_told _ _ _ G t sl L). assert (O := g_slot _ _ _ G t sl L).
+    assert (T := g_traced _ _ _ G t sl L). assert (O := g_slot _ _ _ G t sl L).
     assert (Law : gate_law cfg tr t p (gate_shut cfg s p backlog)).
     { intros y b0 c E Rc. rewrite In_ in E. injection E as <- <-. unfold gate_shut. rewrite Rc. unfold shut_then, shut_by.
       rewrite (l_gate _ _ _ _ K). assert (X := Rc). unfold registered in X. apply find_some in X as [_ X].
@@ -248,7 +246,7 @@ Proof.
     + intros [= <- <-]. apply (lines_silent cfg tr s s _ _ K); auto. cbn. auto.
     + apply f3_none in F as (sl & L & _). rewrite (slot_of_open _ _ _ L). unfold update, fail.
       destruct (settle _ _ _ _ _) as [o e] eqn:Se. intros [= <- <-].
-      assert (Q : forall earlier d, In d (Failed (clock s) t p :: e) -> asks d = false /\ line_ok cfg earlier d).
+      assert (Q : forall earlier d, In d (Failed (clock s) t p :: e) -> moves_gate d = false /\ line_ok cfg earlier d).
       { intros earlier d [<-|I]; [cbn; auto|]. eapply settle_lines; eauto. }
       constructor; try discriminate.
       * apply each_after; [|apply (l_each _ _ _ _ K)]. intros a d y E. apply Q. rewrite E. apply in_elt.
@@ -266,27 +264,24 @@ Proof.
   - destruct IH as [K1 K2 K3 K4 _]. constructor; auto.
     + now apply each_got.
     + intros m M. apply says_got. now apply K3.
-  - eapply lines_fire; eauto. eapply reach_good; eauto.
+  - assert (G := reach_good _ _ _ _ R). destruct (due_lookup _ _ _ _ _ G E) as (sl & q & Lt & _). eapply lines_fire; eauto.
   - eapply lines_apply; eauto. eapply reach_good; eauto.
 Qed.
 
-(** ** Of any run *)
-Section Run.
-Variables (cfg : config) (ins : list input).
-Local Notation tr := (trace_of cfg ins).
-Local Lemma ok : each (line_ok cfg) tr.
-Proof. exact (l_each _ _ _ _ (reach_lines _ _ _ _ (proj1 (run_reach cfg ins)))). Qed.
-
-Theorem f1_order : F1_order tr.
+(** ** What each line says is what the statements say, of many threads too (Threads.v) *)
+Section Each.
+Variables (cfg : config) (tr : trace).
+Hypothesis ok : each (line_ok cfg) tr.
+Lemma each_f1_order : F1_order tr.
 Proof. intros y d x now t E. apply ok in E. split; [intros due ->; exact E|intros ->; exact E]. Qed.
-Theorem f2_registered : F2_registered cfg tr.
+Lemma each_f2_registered : F2_registered cfg tr.
 Proof.
   intros t p (d & I & R). apply in_split in I as (y & x & E). apply ok in E. destruct d; try contradiction.
   destruct R as [-> ->]. apply E.
 Qed.
-Theorem f2_outranks : F2_outranks tr.
+Lemma each_f2_outranks : F2_outranks tr.
 Proof. intros y x now t p due q E. apply ok in E. apply E. Qed.
-Theorem f2g_gate : F2g_gate cfg tr.
+Lemma each_f2g_gate : F2g_gate cfg tr.
 Proof.
   intros y d x now t p z b c E I C. apply ok in E. split; [intros due ->|intros ->]; cbn in E.
   - destruct E as (_ & _ & E). specialize (E z b c I C). unfold shut_by in E. destruct (gate_of p x).
@@ -296,8 +291,22 @@ Proof.
     + apply negb_true_iff in E. now apply N.leb_gt.
     + now apply N.leb_le.
 Qed.
-Theorem f7_local : F7_local tr.
+Lemma each_f7_local : F7_local tr.
 Proof. intros now t I. apply in_split in I as (y & x & E). apply ok in E. now apply E. Qed.
-Theorem p8_while_live : P8_while_live cfg tr.
+Lemma each_p8_while_live : P8_while_live cfg tr.
 Proof. intros y x now t p E. apply ok in E. exact E. Qed.
+End Each.
+
+(** ** Of any run *)
+Section Run.
+Variables (cfg : config) (ins : list input).
+Local Notation tr := (trace_of cfg ins).
+Local Lemma ok : each (line_ok cfg) tr.
+Proof. exact (l_each _ _ _ _ (reach_lines _ _ _ _ (proj1 (run_reach cfg ins)))). Qed.
+Theorem f1_order : F1_order tr. Proof. exact (each_f1_order cfg tr ok). Qed.
+Theorem f2_registered : F2_registered cfg tr. Proof. exact (each_f2_registered cfg tr ok). Qed.
+Theorem f2_outranks : F2_outranks tr. Proof. exact (each_f2_outranks cfg tr ok). Qed.
+Theorem f2g_gate : F2g_gate cfg tr. Proof. exact (each_f2g_gate cfg tr ok). Qed.
+Theorem f7_local : F7_local tr. Proof. exact (each_f7_local cfg tr ok). Qed.
+Theorem p8_while_live : P8_while_live cfg tr. Proof. exact (each_p8_while_live cfg tr ok). Qed.
 End Run.

@@ -1,6 +1,6 @@
 (** * P1 to P8 and P12: the trace of any run is as Statements.v says *)
 From Coq Require Import List NArith Bool Lia Sorted.
-From Fuseline Require Import Rules Sets Trace Statements Slots Kept Runs Accounts.
+From Fuseline Require Import Rules Sets Trace Statements Slots Invariant Runs Accounts.
 Import ListNotations.
 Open Scope N_scope.
 
@@ -14,6 +14,20 @@ Proof.
   - destruct I as [[=]|[]].
   - destruct I as [[=]|[]].
   - injection E as _ ->. destruct I as [[=]|I]. apply in_map_iff in I as (q & [=] & _).
+Qed.
+Lemma no_timer_at_apply cfg s b now u p : ~ In (Timer now u p) (snd (apply cfg s b)).
+Proof.
+  assert (O := apply_own cfg s b). destruct b as [t d|t q d bl|t q|t q|]; cbn [own] in O.
+  - destruct O as [->|(w & ->)]; intros [[=]|[]].
+  - destruct O as [->|(w & ->)]; intros [[=]|[]].
+  - destruct O as [(w & ->)|[(-> & _)|(cs & last & -> & K)]]; [intros [[=]|[]]|intros [[=]|[]]|].
+    intros [[=]|I]. apply in_app_or in I as [I|I]; [apply in_map_iff in I as (x & [=] & _)|].
+    destruct K as [->|(_ & ->)]; [contradiction|destruct I as [[=]|[]]].
+  - destruct O as [(w & ->)|(last & -> & K)]; [intros [[=]|[]]|]. intros [[=]|I].
+    destruct K as [->|[->|[(_ & m & ->)|(_ & m & cs & ->)]]];
+      [contradiction|destruct I as [[=]|[]]|destruct I as [[=]|[]]|].
+    destruct I as [[=]|I]. apply in_map_iff in I as (x & [=] & _).
+  - rewrite O. intros [].
 Qed.
 Lemma reach_fires cfg tr s cur : reach cfg tr s cur -> P8_fires tr.
 Proof.
@@ -29,22 +43,10 @@ Proof.
     apply in_app_or in I as [I|I]; [|elim (timer_at_firing _ _ _ _ _ _ _ Se _ _ _ I)].
     apply in_map_iff in I as (x & [= <- <- <-] & I). apply fired_in in I. exists due. split; auto. apply says_after.
     right.
-    now apply (a_armed _ _ _ _ (g_told _ _ _ G t sl Lk)).
+    now apply (a_armed _ _ _ _ (g_traced _ _ _ G t sl Lk)).
   - unfold after in I. apply in_app_or in I as [I|I].
     2:{ destruct (IH now u p I) as (e & H & Le). exists e. rewrite says_after. auto. }
-    apply in_rev in I. apply in_map_iff in I as (d & [= ->] & I). exfalso.
-    assert (O := apply_own cfg s b). rewrite U in O. cbn in O. revert I. clear - O.
-    destruct b as [t d|t q d bl|t q|t q|]; cbn in O.
-    + destruct O as [->|(w & ->)]; intros [[=]|[]].
-    + destruct O as [->|(w & ->)]; intros [[=]|[]].
-    + destruct O as [(w & ->)|[(-> & _)|(cs & last & -> & K)]]; [intros [[=]|[]]|intros [[=]|[]]|].
-      intros [[=]|I]. apply in_app_or in I as [I|I]; [apply in_map_iff in I as (x & [=] & _)|].
-      destruct K as [->|(_ & ->)]; [contradiction|destruct I as [[=]|[]]].
-    + destruct O as [(w & ->)|(last & -> & K)]; [intros [[=]|[]]|]. intros [[=]|I].
-      destruct K as [->|[->|[(_ & m & ->)|(_ & m & cs & ->)]]];
-        [contradiction|destruct I as [[=]|[]]|destruct I as [[=]|[]]|].
-      destruct I as [[=]|I]. apply in_map_iff in I as (x & [=] & _).
-    + subst. contradiction.
+    apply in_rev in I. apply in_map_iff in I as (d & [= ->] & I). elim (no_timer_at_apply cfg s b now u p). now rewrite U.
 Qed.
 
 (** ** What follows from the invariant alone, of many threads too (Threads.v) *)
@@ -52,22 +54,22 @@ Section Invariant.
 Variables (cfg : config) (tr : trace) (s : state).
 Hypothesis G : good cfg tr s.
 Local Lemma open_slot t : says tr (opens t) -> ~ says tr (retires cfg t) ->
-  exists sl, lookup t (opened s) = Some sl /\ slot_ok cfg sl /\ told cfg tr t sl.
+  exists sl, lookup t (opened s) = Some sl /\ slot_ok cfg sl /\ traced cfg tr t sl.
 Proof.
   intros O N. destruct (g_open _ _ _ G t O) as [L|]; [|contradiction].
   destruct (lookup t (opened s)) as [sl|] eqn:E; [|now elim L].
-  exists sl. split; auto. split; [now apply (g_slot _ _ _ G t)|now apply (g_told _ _ _ G)].
+  exists sl. split; auto. split; [now apply (g_slot _ _ _ G t)|now apply (g_traced _ _ _ G)].
 Qed.
 Lemma good_p1_once : P1_once cfg tr.
 Proof.
   intros t NP. destruct (lookup t (opened s)) as [sl|] eqn:L.
-  - left. assert (X := a_running _ _ _ _ (g_told _ _ _ G t sl L)). unfold running in X. now rewrite NP in X.
+  - left. assert (X := a_running _ _ _ _ (g_traced _ _ _ G t sl L)). unfold running in X. now rewrite NP in X.
   - destruct (g_done _ _ _ G t L) as [E|D]; auto. unfold done in D. rewrite NP in D. tauto.
 Qed.
 Lemma good_p1_progressive : P1_progressive cfg tr.
 Proof.
   intros t Pr. destruct (lookup t (opened s)) as [sl|] eqn:L.
-  - left. assert (X := a_running _ _ _ _ (g_told _ _ _ G t sl L)). unfold running in X. rewrite Pr in X.
+  - left. assert (X := a_running _ _ _ _ (g_traced _ _ _ G t sl L)). unfold running in X. rewrite Pr in X.
     destruct X as (ps & E & F & _). eauto.
   - destruct (g_done _ _ _ G t L) as [E|D]; [left; exists []; split; auto; constructor|].
     unfold done in D. rewrite Pr in D. tauto.
@@ -126,7 +128,7 @@ Theorem sets_of_the_trace t sl : lookup t (opened s) = Some sl ->
   (is_progressive cfg = true -> exists ps, endings t tr = map Sent ps /\ cached sl = firstn 1 ps) /\
   (forall p due, In (p, due) (armed sl) <-> says tr (arms t p due) /\ ~ says tr (disarms cfg t p)).
 Proof.
-  intros L. assert (T := g_told _ _ _ G t sl L). split; [apply (a_requested _ _ _ _ T)|].
+  intros L. assert (T := g_traced _ _ _ G t sl L). split; [apply (a_requested _ _ _ _ T)|].
   split; [apply (a_pending _ _ _ _ T)|].
   split; [apply (a_cached _ _ _ _ T)|]. split; [|apply (a_armed _ _ _ _ T)].
   intros Pr. assert (X := a_running _ _ _ _ T). unfold running in X. rewrite Pr in X.
@@ -145,7 +147,7 @@ Theorem p5_local_floor : P5_local_floor tr.
 Proof.
   intros t p A D. destruct (g_floor _ _ _ G t p A) as [L|?]; auto.
   destruct (lookup t (opened s)) as [sl|] eqn:E; [|now elim L].
-  assert (T := g_told _ _ _ G t sl E). assert (O := g_slot _ _ _ G t sl E).
+  assert (T := g_traced _ _ _ G t sl E). assert (O := g_slot _ _ _ G t sl E).
   destruct (a_got _ _ _ _ T p A) as (c & C & _). destruct (ok_prompt _ _ O c C) as (q & Q & Lq).
   destruct (ok_timer _ _ O q Q) as (due & I); [lia|]. assert (X := live_later t sl q due E I).
   apply (a_armed _ _ _ _ T) in I as [I _]. apply D in I; lia.
@@ -186,7 +188,7 @@ Theorem p8_fires : P8_fires tr. Proof. exact (reach_fires _ _ _ _ R). Qed.
 (** The live timers of an open timestamp are those that were armed and were not ended by what P8 names. *)
 Theorem p8_live t sl p due : lookup t (opened s) = Some sl ->
   (In (p, due) (armed sl) <-> says tr (arms t p due) /\ ~ says tr (disarms cfg t p)).
-Proof. intros L. exact (a_armed _ _ _ _ (g_told _ _ _ G t sl L) p due). Qed.
+Proof. intros L. exact (a_armed _ _ _ _ (g_traced _ _ _ G t sl L) p due). Qed.
 Theorem p8_served : P8_served cfg tr.
 Proof.
   intros t p due A D N. apply stable_timer. intros Z. assert (O : says tr (opens t)).

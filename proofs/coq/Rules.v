@@ -74,7 +74,7 @@ Definition open (cfg : config) (s : state) (t : N) (deadline : option N) : state
        [Opened (clock s) t due])
   end.
 
-(** ** F2g Gate: whether that of [c] is shut once it was asked *)
+(** ** F2g Gate: whether that of [c] is shut after an offer *)
 Definition shut_then (s : state) (c : cloud) (backlog : N) : bool :=
   if mem (priority c) (shut s) then negb (backlog <=? resume c) else limit c <=? backlog.
 Definition gate_shut (cfg : config) (s : state) (p backlog : N) : bool :=
@@ -83,7 +83,7 @@ Definition set_gate (p : N) (is_shut : bool) (s : state) : state :=
   let others := filter (fun q => negb (q =? p)) (shut s) in
   set_shut (if is_shut then p :: others else others) s.
 
-(** ** F2 Offer: the gate, the last row, is asked only where no row above holds *)
+(** ** F2 Offer: the gate, the last row, is looked at only where no row above holds *)
 Definition f2_reasons (cfg : config) (s : state) (t p deadline : N) : list (reason * bool) := [
   (Unknown,   negb (is_cloud cfg p && reached s t));
   (Closed,    negb (is_open s t));
@@ -177,7 +177,7 @@ Definition fire (cfg : config) (now t due : N) (sl : slot) : outcome :=
   let ps := fired due sl in
   let (o, ds) := settle cfg now t (existsb (fun p => negb (p =? 0)) ps) (close ps sl) in
   (o, map (Timer now t) ps ++ ds).
-(** Each firing disarms a timer, so as many rounds as there are timers are enough (Kept.v). *)
+(** Each firing disarms a timer, so as many rounds as there are timers are enough (Invariant.v). *)
 Fixpoint expire (rounds : nat) (cfg : config) (s : state) : state * list decision :=
   match rounds, earliest (timers (opened s)) with
   | S n, Some (due, t) =>

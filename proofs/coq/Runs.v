@@ -1,6 +1,6 @@
-(** * Every run goes through the moves of Kept.v, and after each input nothing is due *)
+(** * Every run goes through the moves of Invariant.v, and after each input nothing is due *)
 From Coq Require Import List NArith Bool Lia.
-From Fuseline Require Import Rules Sets Trace Statements Slots Kept.
+From Fuseline Require Import Rules Sets Trace Statements Slots Invariant.
 Import ListNotations.
 Open Scope N_scope.
 Arguments after : simpl never.

@@ -11,7 +11,7 @@ Variables (cfg : config) (tr : trace) (t now : N).
 (** What a rule makes of an open timestamp, and its decisions, fit together. *)
 Record fits (o : option slot) (ds : list decision) : Prop := {
   f_about : forall d, In d ds -> about t d;
-  f_kept : forall sl, o = Some sl -> slot_ok cfg sl /\ told cfg (after ds tr) t sl;
+  f_kept : forall sl, o = Some sl -> slot_ok cfg sl /\ traced cfg (after ds tr) t sl;
   f_gone : o = None -> says (after ds tr) (retires cfg t) /\ done cfg (endings t (after ds tr)) /\
     forall p, says tr (accepts t p) -> exists m, says (after ds tr) (emits t m);
   f_came : forall d p, In d ds -> accepts t p d -> in_time tr t p;
@@ -24,10 +24,10 @@ Record fits (o : option slot) (ds : list decision) : Prop := {
 }.
 
 Variable sl : slot.
-Hypotheses (O : slot_ok cfg sl) (T : told cfg tr t sl).
+Hypotheses (O : slot_ok cfg sl) (T : traced cfg tr t sl).
 
 
-(** Nothing came of what was not asked for and outranks all outputs. *)
+(** Nothing came of what was not requested and outranks all outputs. *)
 Lemma nothing_yet p : ~ In p (requested sl) -> (forall q, In q (cached sl) -> q < p) -> ~ says tr (closes cfg t p).
 Proof.
   intros N L (d & I & C). destruct (closes_how _ _ _ _ C) as [A|(q & E & Q)].

@@ -15,7 +15,7 @@ Fixpoint clock_of (tr : trace) : N :=
 (** The newest input. *)
 Fixpoint input_of (tr : trace) : option body :=
   match tr with [] => None | Got _ b :: _ => Some b | Did _ :: rest => input_of rest end.
-(** Whether the gate of [p] is shut: it is if it refused what it was last asked about. *)
+(** Whether the gate of [p] is shut: it is if it refused the last offer that came to it. *)
 Fixpoint gate_of (p : N) (tr : trace) : bool :=
   match tr with
   | [] => false
@@ -38,13 +38,13 @@ Definition P1_progressive : Prop := forall t : N,
   is_progressive cfg = true ->
    (exists ps, endings t tr = map Sent ps /\ falling ps) \/ endings t tr = [Missed] \/
   exists p ps, endings t tr = Ended p :: Sent p :: map Sent ps /\ falling (p :: ps).
-(** Whatever is forwarded had been asked for, and came before the due instant of its request, or of local, if any. *)
+(** Whatever is forwarded had been requested, and came before the due instant of its request, or of local, if any. *)
 Definition P2_never_late : Prop := forall t p : N,
   says tr (emits t p) -> in_time tr t p.
 (** No result that was ever held for a timestamp outranks the one that is forwarded. *)
 Definition P3_best_available : Prop := forall t m q : N,
   says tr (emits t m) -> says tr (holds t q) -> q <= m.
-(** While results are held, something that was asked for and has not come outranks all of them. *)
+(** While results are held, something that was requested and has not come outranks all of them. *)
 Definition P4_prompt : Prop := forall t c : N,
   says tr (holds t c) -> ~ says tr (retires cfg t) ->
   exists q, says tr (requests t q) /\ ~ says tr (closes cfg t q) /\ forall b, says tr (holds t b) -> b < q.
@@ -92,14 +92,14 @@ Definition P12_bounded_wait : Prop := forall t : N,
 Definition F1_order : Prop := forall later d earlier now t : _, tr = later ++ Did d :: earlier ->
   (forall due, d = Opened now t due -> forall u, says earlier (opens u) -> u < t) /\
   (d = Refuse now t None Order -> exists u, t <= u /\ says earlier (opens u)).
-(** A source that is asked is a registered cloud. *)
+(** A source that is requested is a registered cloud. *)
 Definition F2_registered : Prop := forall t p : N, says tr (requests t p) -> is_cloud cfg p = true.
 (** No outranked offer is admitted: a request outranks all that was accepted for its timestamp before. *)
 Definition F2_outranks : Prop := forall later earlier now t p due q,
   tr = later ++ Did (Request now t p due) :: earlier -> says earlier (accepts t q) -> q < p.
-(** The law of the gate: if it was open when it was last asked, a request has less backlog than the limit, and what is
+(** The law of the gate: if it was open before, a request has less backlog than the limit, and what is
     refused for the queue has not; if it was shut, a request has no more than the resume, and what is refused has. *)
-Definition F2g_gate : Prop := forall later d earlier now t p x backlog c,
+Definition F2g_gate : Prop := forall later d earlier (now t p x backlog : N) c,
   tr = later ++ Did d :: earlier -> input_of earlier = Some (Offer t p x backlog) -> registered cfg p = Some c ->
   (forall due, d = Request now t p due ->
     if gate_of p earlier then backlog <= resume c else backlog < limit c) /\
@@ -228,7 +228,7 @@ Definition budgeted (tr : trace) (t a due reserve : N) : Prop :=
 Definition punctual (late : N) (tr : trace) : Prop := forall t p due,
   says tr (arms t p due) -> due <= clock_of tr -> exists now b, In (Got now b) tr /\ due <= now <= due + late.
 (** A request of a message is due no later than [reserve] before its end-to-end deadline is. *)
-Definition E3_budget (tr : trace) : Prop := forall t a due reserve p x,
+Definition E3_budget (tr : trace) : Prop := forall t a due reserve p x : N,
   budgeted tr t a due reserve -> p <> 0 -> says tr (arms t p x) -> x <= due - reserve.
 (** The end of a message's deadlines. *)
 Definition ends (a due reserve : N) : N := N.max (due - reserve) (a + 1).

@@ -4,7 +4,7 @@
     timestamp, then its input is applied. No call sees another one half done, since what it computes from the slot that
     it looked at is exchanged for that slot if it is there still. *)
 From Coq Require Import List NArith Bool Lia.
-From Fuseline Require Import Rules Sets Trace Statements Slots Kept Runs Accounts Promises Ticks.
+From Fuseline Require Import Rules Sets Trace Statements Slots Invariant Runs Accounts Promises Lines Ticks.
 Import ListNotations.
 Open Scope N_scope.
 Arguments after : simpl never.
@@ -106,8 +106,73 @@ Proof.
   induction cs as [|c cs IH]; intros s tr F G; cbn; auto. inversion F; subst.
   destruct (execute cfg s c) as [s1 ds] eqn:E. apply IH; auto. eapply execute_good; eauto.
 Qed.
+(** Each line says of the trace before it what F1, F2, F7 and P8 say of it. *)
+Lemma expire_own_lines cfg t b n : forall tr s s' ds, good cfg tr s -> lines cfg tr s (Some b) ->
+  expire_own n cfg t s = (s', ds) -> lines cfg (after ds tr) s' (Some b).
+Proof.
+  induction n as [|n IH]; intros tr s s' ds G K; cbn [expire_own]; [now intros [= <- <-]|].
+  destruct (lookup t (opened s)) as [sl|] eqn:L; cbn [option_map]; [|now intros [= <- <-]].
+  destruct (earliest_of sl) as [due|]; [|now intros [= <- <-]]. destruct (due <=? clock s); [|now intros [= <- <-]].
+  destruct (update _ _ _) as [s1 ds1] eqn:U. destruct (expire_own n cfg t s1) as [s2 ds2] eqn:X. intros [= <- <-].
+  rewrite after_app. apply (IH _ s1 s2); auto; [eapply good_fire|eapply lines_fire]; eauto.
+Qed.
+Lemma execute_lines cfg tr s c s' ds : fits_call c -> good cfg tr s -> lines cfg tr s None ->
+  execute cfg s c = (s', ds) -> lines cfg (after ds (Got (instant c) (does c) :: tr)) s' None.
+Proof.
+  intros Fit G K. unfold execute. set (s0 := at_clock (instant c) s). set (tr0 := Got (instant c) (does c) :: tr).
+  assert (G0 : good cfg tr0 s0) by now apply (good_at cfg tr s).
+  assert (C0 : current tr0 s0 (does c)) by (exists [], tr; split; [reflexivity|intros d []]).
+  assert (K0 : lines cfg tr0 s0 (Some (does c))).
+  { destruct K as [K1 K2 K3 K4 _]. constructor; auto; [now apply each_got|]. intros m M. apply says_got. now apply K3. }
+  destruct (if expires c then _ else _) as [s1 ds1] eqn:E. destruct (apply cfg s1 (does c)) as [s2 ds2] eqn:A.
+  intros [= <- <-]. rewrite after_app. destruct (expires c).
+  - apply (lines_apply cfg (after ds1 tr0) s1 (does c)); auto; [|eapply expire_own_lines; eauto].
+    eapply (expire_own_good cfg (names c) (does c) _ tr0); eauto.
+  - injection E as <- <-. eapply lines_apply; eauto.
+Qed.
+Lemma in_order_lines cfg cs : forall s tr, Forall fits_call cs -> good cfg tr s -> lines cfg tr s None ->
+  lines cfg (snd (in_order cfg s tr cs)) (fst (in_order cfg s tr cs)) None.
+Proof.
+  induction cs as [|c cs IH]; intros s tr F G K; cbn; auto. inversion F; subst.
+  destruct (execute cfg s c) as [s1 ds] eqn:E. apply IH; auto; [eapply execute_good|eapply execute_lines]; eauto.
+Qed.
+(** A timer fires only if it was armed, and not before its due instant by the clock of the caller. *)
+Lemma expire_own_fires cfg t now u p n : forall tr s s' ds, good cfg tr s -> expire_own n cfg t s = (s', ds) ->
+  In (Timer now u p) ds -> exists due, says (after ds tr) (arms u p due) /\ due <= now.
+Proof.
+  induction n as [|n IH]; intros tr s s' ds G; cbn [expire_own]; [now intros [= _ <-]|].
+  destruct (lookup t (opened s)) as [sl|] eqn:L; cbn [option_map]; [|now intros [= _ <-]].
+  destruct (earliest_of sl) as [due|]; [|now intros [= _ <-]].
+  destruct (N.leb_spec due (clock s)) as [D|]; [|now intros [= _ <-]].
+  destruct (update _ _ _) as [s1 ds1] eqn:U. destruct (expire_own n cfg t s1) as [s2 ds2] eqn:X. intros [= _ <-] I.
+  assert (G1 := good_fire cfg tr s due t sl s1 ds1 G L U). rewrite after_app.
+  apply in_app_or in I as [I|I]; [|now apply (IH _ s1 s2)]. exists due.
+  rewrite (slot_of_open _ _ _ L) in U. unfold update, fire in U. destruct (settle _ _ _ _ _) as [o e] eqn:Se.
+  injection U as _ <-. apply in_app_or in I as [I|I]; [|elim (timer_at_firing _ _ _ _ _ _ _ Se _ _ _ I)].
+  apply in_map_iff in I as (x & [= <- <- <-] & I). apply fired_in in I. split; auto. apply says_more, says_more.
+  now apply (a_armed _ _ _ _ (g_traced _ _ _ G t sl L)).
+Qed.
+Lemma in_order_fires cfg cs : forall s tr, Forall fits_call cs -> good cfg tr s -> P8_fires tr ->
+  P8_fires (snd (in_order cfg s tr cs)).
+Proof.
+  induction cs as [|c cs IH]; intros s tr F G P; cbn; auto. inversion F; subst.
+  destruct (execute cfg s c) as [s1 ds] eqn:E. apply IH; auto; [eapply execute_good; eauto|].
+  intros now u p I. unfold after in I. apply in_app_or in I as [I|[[=]|I]].
+  2:{ destruct (P now u p I) as (due & A & L). exists due. split; auto. apply says_more. now apply says_got. }
+  apply in_rev in I. apply in_map_iff in I as (d & [= ->] & I). revert E I. unfold execute.
+  set (s0 := at_clock (instant c) s). set (tr0 := Got (instant c) (does c) :: tr).
+  assert (G0 : good cfg tr0 s0) by now apply (good_at cfg tr s).
+  destruct (if expires c then _ else _) as [s2 ds1] eqn:E. destruct (apply cfg s2 (does c)) as [s3 ds2] eqn:A.
+  intros [= <- <-] I. rewrite after_app. apply in_app_or in I as [I|I].
+  - destruct (expires c); [|injection E as <- <-; contradiction].
+    destruct (expire_own_fires cfg (names c) now u p _ tr0 s0 s2 ds1 G0 E I) as (due & X & L). exists due. split; auto.
+    now apply says_more.
+  - elim (no_timer_at_apply cfg s2 (does c) now u p). now rewrite A.
+Qed.
 Lemma start_good cfg : good cfg [] initial.
 Proof. exact (reach_good _ _ _ _ (at_start cfg)). Qed.
+Lemma start_lines cfg : lines cfg [] initial None.
+Proof. exact (reach_lines _ _ _ _ (at_start cfg)). Qed.
 
 (** ** What is promised of many threads *)
 (* ANCHOR: promises *)
@@ -116,8 +181,9 @@ Variables (cfg : config) (cs : list call).
 Hypothesis F : Forall fits_call cs.
 Local Notation tr := (snd (in_order cfg initial [] cs)).
 Local Notation G := (in_order_good cfg cs initial [] F (start_good cfg)).
-(** P1 to P4, and one due instant for each timer (P8), in the order of the calls; P2 is by the clock of the caller who
-    gave the result. *)
+Local Notation K := (in_order_lines cfg cs initial [] F (start_good cfg) (start_lines cfg)).
+(** P1 to P4, P6, P8, F1, F2 and F7, in the order of the calls; P2 and P8 are by the clock of the caller who gave the
+    result or fired the timer. *)
 Theorem s8_p1_once : P1_once cfg tr. Proof. exact (good_p1_once _ _ _ G). Qed.
 Theorem s8_p1_progressive : P1_progressive cfg tr. Proof. exact (good_p1_progressive _ _ _ G). Qed.
 Theorem s8_p2_never_late : P2_never_late tr. Proof. exact (good_p2_never_late _ _ _ G). Qed.
@@ -125,6 +191,14 @@ Theorem s8_p3_best_available : P3_best_available tr. Proof. exact (good_p3_best_
 Theorem s8_p4_prompt : P4_prompt cfg tr. Proof. exact (good_p4_prompt _ _ _ G). Qed.
 Theorem s8_p6_free_without_cloud : P6_free_without_cloud tr. Proof. exact (good_p6_free_without_cloud _ _ _ G). Qed.
 Theorem s8_p8_one_timer : P8_one_timer tr. Proof. exact (good_p8_one_timer _ _ _ G). Qed.
+Theorem s8_p8_fires : P8_fires tr.
+Proof. apply in_order_fires; [exact F|exact (start_good cfg)|intros ? ? ? []]. Qed.
+Theorem s8_p8_while_live : P8_while_live cfg tr. Proof. exact (each_p8_while_live _ _ (l_each _ _ _ _ K)). Qed.
+Theorem s8_f1_order : F1_order tr. Proof. exact (each_f1_order cfg _ (l_each _ _ _ _ K)). Qed.
+Theorem s8_f2_registered : F2_registered cfg tr. Proof. exact (each_f2_registered _ _ (l_each _ _ _ _ K)). Qed.
+Theorem s8_f2_outranks : F2_outranks tr. Proof. exact (each_f2_outranks cfg _ (l_each _ _ _ _ K)). Qed.
+Theorem s8_f2g_gate : F2g_gate cfg tr. Proof. exact (each_f2g_gate _ _ (l_each _ _ _ _ K)). Qed.
+Theorem s8_f7_local : F7_local tr. Proof. exact (each_f7_local cfg _ (l_each _ _ _ _ K)). Qed.
 End Calls.
 (** P11: the input itself has the decisions that its kind may have. *)
 Theorem s8_p11_accounted cfg s c : exists of_due of_input, snd (execute cfg s c) = of_due ++ of_input /\
@@ -147,28 +221,43 @@ Qed.
 
 (** A thread looks at the slot of a timestamp, computes what its call makes of it, and exchanges the one for the other;
     between the two any others may do the same. The exchange succeeds if the slot that it looked at is there, and else
-    changes nothing. [plan] goes by the slot that was looked at; the greatest timestamp and the gates are the owner's,
+    changes nothing. A call goes by the slot that was looked at; the greatest timestamp and the gates are the owner's,
     whose calls come one after the other. *)
 Definition slot_same (x y : option slot) : {x = y} + {x <> y}.
 Proof. repeat decide equality. Defined.
 Definition with_slot (s : state) (t : N) (o : option slot) : state :=
   set_opened (map (fun e => if fst e =? t then match o with Some sl => (t, sl) | None => e end else e) (opened s)) s.
-Definition plan (cfg : config) (s : state) (seen : option slot) (c : call) : state * list decision :=
-  execute cfg (with_slot s (names c) seen) c.
 Inductive act := Look (thread : nat) (t : N) | Exchange (thread : nat) (c : call).
-(** What each thread looked at last. *)
-Definition memory := nat -> option slot.
-Fixpoint interleave (cfg : config) (s : state) (seen : memory) (tr : trace) (acts : list act) : state * trace :=
-  match acts with
-  | [] => (s, tr)
-  | Look i t :: rest =>
-      interleave cfg s (fun j => if Nat.eqb j i then lookup t (opened s) else seen j) tr rest
-  | Exchange i c :: rest =>
-      if slot_same (seen i) (lookup (names c) (opened s)) then
-        let (s1, ds) := plan cfg s (seen i) c in
-        interleave cfg s1 seen (after ds (Got (instant c) (does c) :: tr)) rest
-      else interleave cfg s seen tr rest
+Record moment := {
+  machine : state;
+  seen : nat -> option (N * option slot); (* what each thread looked at last, until its exchange uses it up *)
+  history : trace
+}.
+Definition at_first : moment := {| machine := initial; seen := fun _ => None; history := [] |}.
+Definition remember (i : nat) (o : option (N * option slot)) (m : moment) : nat -> option (N * option slot) :=
+  fun j => if Nat.eqb j i then o else seen m j.
+(** Thread [i] looked at [t], and its slot is another one now. *)
+Definition stale (i : nat) (t : N) (m : moment) : bool :=
+  match seen m i with
+  | Some (u, o) => (u =? t) && if slot_same o (lookup t (opened (machine m))) then false else true
+  | None => false
   end.
+(** [does_call] is what a call does, as [execute] says. *)
+Definition perform (does_call : state -> call -> state * list decision) (m : moment) (a : act) : moment :=
+  match a with
+  | Look i t => {| machine := machine m; seen := remember i (Some (t, lookup t (opened (machine m)))) m; history := history m |}
+  | Exchange i c =>
+      match seen m i with
+      | Some (t, o) =>
+          if (t =? names c) && negb (stale i t m) then
+            let (s, ds) := does_call (with_slot (machine m) t o) c in
+            {| machine := s; seen := remember i None m; history := after ds (Got (instant c) (does c) :: history m) |}
+          else {| machine := machine m; seen := remember i None m; history := history m |}
+      | None => m
+      end
+  end.
+Definition interleave does_call (m : moment) (acts : list act) : moment := fold_left (perform does_call) acts m.
+Definition fits_act (a : act) : Prop := match a with Exchange _ c => fits_call c | Look _ _ => True end.
 Lemma with_same s t : NoDup (map fst (opened s)) -> with_slot s t (lookup t (opened s)) = s.
 Proof.
   intros D. unfold with_slot. destruct s as [c n g l]. cbn in *. unfold set_opened. cbn. f_equal.
@@ -177,20 +266,38 @@ Proof.
     apply in_lookup in I; auto. congruence.
   - rewrite <- (map_id l) at 2. apply map_ext. intros [u x]. cbn. now destruct (u =? t).
 Qed.
+Lemma fresh_same m i t o : seen m i = Some (t, o) -> stale i t m = false -> o = lookup t (opened (machine m)).
+Proof. unfold stale. intros ->. rewrite N.eqb_refl. cbn. now destruct (slot_same _ _). Qed.
+(** An act changes nothing but what its thread has seen, or does a call as a whole. *)
+Lemma perform_cases cfg m a : NoDup (map fst (opened (machine m))) -> fits_act a ->
+  machine (perform (execute cfg) m a) = machine m /\ history (perform (execute cfg) m a) = history m \/
+  exists i c s ds, a = Exchange i c /\ fits_call c /\ stale i (names c) m = false /\ execute cfg (machine m) c = (s, ds) /\
+    perform (execute cfg) m a = {| machine := s; seen := remember i None m;
+      history := after ds (Got (instant c) (does c) :: history m) |}.
+Proof.
+  intros D F. destruct a as [i t|i c]; cbn; auto. destruct (seen m i) as [[t o]|] eqn:S; auto.
+  destruct (t =? names c) eqn:E; cbn; auto. apply N.eqb_eq in E as ->.
+  destruct (stale i (names c) m) eqn:St; cbn; auto. right.
+  rewrite (fresh_same m i (names c) o S St), with_same by auto. destruct (execute cfg (machine m) c) as [s ds] eqn:X.
+  exists i, c, s, ds. auto.
+Qed.
 (* ANCHOR: order *)
 (** Any interleaving of looks and exchanges is a run of whole calls, one after the other: those whose exchanges
     succeeded, in the order of these. So all that is promised above holds of it. *)
-Theorem s8_one_order cfg acts : forall s seen tr, good cfg tr s ->
-  Forall (fun a => match a with Exchange _ c => fits_call c | Look _ _ => True end) acts ->
-  exists cs, Forall fits_call cs /\ interleave cfg s seen tr acts = in_order cfg s tr cs.
+Theorem s8_one_order cfg acts : forall m, good cfg (history m) (machine m) -> Forall fits_act acts ->
+  exists cs, Forall fits_call cs /\
+    (machine (interleave (execute cfg) m acts), history (interleave (execute cfg) m acts)) =
+    in_order cfg (machine m) (history m) cs.
 (* ANCHOR_END: order *)
 Proof.
-  induction acts as [|[i t|i c] acts IH]; intros s seen tr G F; cbn [interleave].
+  induction acts as [|a acts IH]; intros m G F; cbn [interleave fold_left].
   - exists []. split; [constructor|reflexivity].
-  - inversion F; subst. apply IH; auto.
-  - inversion F as [|? ? Fc Fa]; subst. destruct (slot_same _ _) as [E|E]; [|now apply IH].
-    unfold plan. rewrite E, with_same by apply (g_nodup _ _ _ G). destruct (execute cfg s c) as [s1 ds] eqn:X.
-    destruct (IH s1 seen (after ds (Got (instant c) (does c) :: tr))) as (cs & Fs & Y); auto.
-    { eapply execute_good; eauto. }
-    exists (c :: cs). split; [constructor; auto|]. cbn. now rewrite X.
+  - inversion F as [|? ? Fa Fr]; subst.
+    destruct (perform_cases cfg m a (g_nodup _ _ _ G) Fa) as [(M & L)|(i & c & s & ds & -> & Fc & _ & X & P)].
+    + destruct (IH (perform (execute cfg) m a)) as (cs & Fs & Y); [now rewrite M, L|auto|].
+      exists cs. split; auto. unfold interleave in Y. now rewrite Y, M, L.
+    + rewrite P. destruct (IH {| machine := s; seen := remember i None m;
+        history := after ds (Got (instant c) (does c) :: history m) |}) as (cs & Fs & Y); auto.
+      { eapply execute_good; eauto. }
+      exists (c :: cs). split; [constructor; auto|]. unfold interleave in Y. rewrite Y. cbn. now rewrite X.
 Qed.

@@ -1,6 +1,6 @@
 (** * P10 deterministic *)
 From Coq Require Import List NArith Bool Lia Permutation.
-From Fuseline Require Import Rules Sets Trace Statements Slots Kept Runs.
+From Fuseline Require Import Rules Sets Trace Statements Slots Invariant Runs.
 Import ListNotations.
 Open Scope N_scope.
 Arguments after : simpl never.

@@ -51,7 +51,7 @@ Definition disarms (t p : N) (d : decision) : Prop :=
   | _ => False
   end.
 
-(** The result of [(t, p)] came when it had been asked for, and before its due instant, if it had one. *)
+(** The result of [(t, p)] came when it had been requested, and before its due instant, if it had one. *)
 Definition in_time (tr : trace) (t p : N) : Prop := exists later earlier now,
   tr = later ++ Got now (Result t p) :: earlier /\ says earlier (opens t) /\
   (p <> 0 -> says earlier (requests t p)) /\ forall due, says earlier (arms t p due) -> now < due.
@@ -160,7 +160,7 @@ Record slot_ok (sl : slot) : Prop := {
     In p (pending sl) \/ In p (cached sl) /\ is_eager cfg = true /\ p <> 0
 }.
 (** Its sets beside the trace: each is what the trace says. *)
-Record told (tr : trace) (t : N) (sl : slot) : Prop := {
+Record traced (tr : trace) (t : N) (sl : slot) : Prop := {
   a_open : says tr (opens t);
   a_requested : forall p, In p (requested sl) <-> p = 0 \/ says tr (requests t p);
   a_pending : forall p, In p (pending sl) <-> In p (requested sl) /\ ~ says tr (closes t p);

@@ -42,7 +42,7 @@ Inductive body :=
 Record input := { at_ : N; what : body }.
 Inductive reason :=
 | Order | Full | Deadline | Unknown | Closed | Duplicate | Outranked | Queue | Superseded | Unsolicited | Late.
-(** [Opened] and [Failed] tell that an open or a failure was accepted, for which a trace has no line. *)
+(** [Opened] and [Failed] say that an open or a failure was accepted, for which a trace has no line. *)
 Inductive decision :=
 | Opened (now t : N) (due : option N) | Failed (now t p : N)
 | Timer (now t p : N) | Refuse (now t : N) (p : option N) (why : reason) | Request (now t p due : N)

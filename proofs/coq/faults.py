@@ -75,7 +75,7 @@ def lost_because(fault):
 
 
 lost = 0
-with ThreadPoolExecutor(os.cpu_count()) as pool:
+with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
     for fault, why in zip(faults, pool.map(lost_because, faults), strict=True):
         if why:
             lost += 1

@@ -24,7 +24,7 @@ Record good (cfg : config) (tr : trace) (s : state) : Prop := {
   g_nodup : NoDup (map fst (opened s));
   g_reached : forall t, In t (map fst (opened s)) -> reached s t = true;
   g_slot : forall t sl, lookup t (opened s) = Some sl -> slot_ok cfg sl;
-  g_told : forall t sl, lookup t (opened s) = Some sl -> told cfg tr t sl;
+  g_traced : forall t sl, lookup t (opened s) = Some sl -> traced cfg tr t sl;
   g_about : forall t, says tr (about t) -> reached s t = true;
   g_opened : forall t, says tr (about t) -> says tr (opens t);
   g_open : forall t, says tr (opens t) -> lookup t (opened s) <> None \/ says tr (retires cfg t);
@@ -63,7 +63,7 @@ Lemma retires_about t d : retires cfg t d -> about t d. Proof. revert d. about_i
 Lemma closes_about t p d : closes cfg t p d -> about t d. Proof. revert d. about_it. Qed.
 Lemma disarms_about t p d : disarms cfg t p d -> about t d. Proof. revert d. about_it. Qed.
 Lemma answers_about t p d : answers t p d -> about t d. Proof. revert d. about_it. Qed.
-Lemma told_other sl : told cfg tr u sl -> told cfg (after ds tr) u sl.
+Lemma told_other sl : traced cfg tr u sl -> traced cfg (after ds tr) u sl.
 Proof.
   intros T. constructor; intros; rewrite ?says_other in * by
     (first [apply opens_about|apply requests_about|apply arms_about|apply holds_about|apply accepts_about
@@ -107,7 +107,7 @@ Lemma good_fits cfg tr s t sl o ds s' : good cfg tr s -> lookup t (opened s) = S
   opened s' = replace t o (opened s) -> newest s' = newest s -> good cfg (after ds tr) s'.
 Proof.
   intros G L F EO EN. assert (R : forall u, reached s' u = reached s u) by (intros u; unfold reached; now rewrite EN).
-  assert (Rt := slot_reached _ _ _ _ _ G L). assert (Tt := g_told _ _ _ G t sl L).
+  assert (Rt := slot_reached _ _ _ _ _ G L). assert (Tt := g_traced _ _ _ G t sl L).
   assert (NO : forall u, u <> t -> forall d, In d ds -> ~ about u d).
   { intros u N d I. assert (X := f_about _ _ _ _ _ F d I). unfold about in *. congruence. }
   assert (Lt : lookup t (opened s') = o) by (rewrite EO; eapply lookup_replace; eauto; apply (g_nodup _ _ _ G)).
@@ -121,7 +121,7 @@ Proof.
     + rewrite Lu by auto. apply (g_slot _ _ _ G).
   - intros u x. destruct (N.eq_dec u t) as [->|N].
     + rewrite Lt. intros E. now apply (f_kept _ _ _ _ _ F).
-    + rewrite Lu by auto. intros H. apply told_other; auto. now apply (g_told _ _ _ G).
+    + rewrite Lu by auto. intros H. apply told_other; auto. now apply (g_traced _ _ _ G).
   - intros u H. rewrite R. destruct (N.eq_dec u t) as [->|N]; auto. apply (g_about _ _ _ G).
     rewrite says_other in H; eauto.
   - intros u H. destruct (N.eq_dec u t) as [->|N].
@@ -197,7 +197,7 @@ Qed.
 (** ** F1 *)
 Lemma new_fits cfg tr now t due : (forall X : decision -> Prop, (forall d, X d -> about t d) -> ~ says tr X) ->
   endings t tr = [] ->
-  slot_ok cfg (new_slot due) /\ told cfg (after [Opened now t due] tr) t (new_slot due).
+  slot_ok cfg (new_slot due) /\ traced cfg (after [Opened now t due] tr) t (new_slot due).
 Proof.
   intros N EN. split.
   - constructor; cbn; try tauto; auto.
@@ -312,7 +312,7 @@ Definition rest_of (s : state) (t : N) : Prop := forall sl p due,
 Lemma arrives_in_time cfg tr s t p sl : good cfg tr s -> current tr s (Result t p) -> rest_of s t ->
   lookup t (opened s) = Some sl -> In p (pending sl) -> in_time tr t p.
 Proof.
-  intros G (y & x & E & Q) AR L P. assert (T := g_told _ _ _ G t sl L). assert (O := g_slot _ _ _ G t sl L).
+  intros G (y & x & E & Q) AR L P. assert (T := g_traced _ _ _ G t sl L). assert (O := g_slot _ _ _ G t sl L).
   assert (X : forall Y : decision -> Prop, (forall d, Y d -> arming d = true) -> says tr Y -> says x Y).
   { intros Y H (d & I & D). rewrite E in I. apply in_app_or in I as [I|[I|I]]; [|discriminate|exists d; auto].
     apply Q in I. apply H in D. congruence. }
@@ -346,7 +346,7 @@ Proof.
   assert (O := g_slot _ _ _ G t sl L). unfold fire in U. destruct (settle _ _ _ _ _) as [o e] eqn:Se.
   injection U as <- <-.
   eapply (good_fits cfg tr s t sl o); eauto; try reflexivity.
-  apply (settle_fits cfg tr t (clock s) sl O (g_told _ _ _ G t sl L) _ (fired due sl) _ o e) with (4 := Se).
+  apply (settle_fits cfg tr t (clock s) sl O (g_traced _ _ _ G t sl L) _ (fired due sl) _ o e) with (4 := Se).
   - split.
     + intros d I. apply in_map_iff in I as (q & <- & I). eauto.
     + intros q I. exists (Timer (clock s) t q). split; auto. apply in_map_iff. eauto.
@@ -389,11 +389,11 @@ Proof.
     + apply f2_none in F as (sl & L & N & A & _ & _). destruct (gate_shut cfg s p bl).
       * intros [= <- <-]. apply (good_silent cfg tr s); auto; try reflexivity. intros e [<-|[]]. reflexivity.
       * rewrite (slot_of_open _ _ _ L). intros [= <- <-]. eapply (good_fits cfg tr s t sl); eauto; try reflexivity.
-        apply (admit_fits cfg tr t (clock s) sl (g_slot _ _ _ G t sl L) (g_told _ _ _ G t sl L)); auto.
+        apply (admit_fits cfg tr t (clock s) sl (g_slot _ _ _ G t sl L) (g_traced _ _ _ G t sl L)); auto.
   - unfold arrive. destruct (first_reason _) eqn:F.
     + intros [= <- <-]. apply (good_silent cfg tr s); auto; try reflexivity. intros e [<-|[]]. reflexivity.
     + apply f3_none in F as (sl & L & P & Rq & NC & _). rewrite (slot_of_open _ _ _ L).
-      assert (O := g_slot _ _ _ G t sl L). assert (T := g_told _ _ _ G t sl L).
+      assert (O := g_slot _ _ _ G t sl L). assert (T := g_traced _ _ _ G t sl L).
       assert (I := arrives_in_time cfg tr s t p sl G C (AR t p eq_refl) L P). unfold update, result.
       destruct (is_progressive cfg) eqn:Pr; [|destruct (any_above p (pending sl)) eqn:A].
       * destruct (improve (clock s) t p sl) as [o e] eqn:Im. intros [= <- <-].
@@ -408,7 +408,7 @@ Proof.
     + apply f3_none in F as (sl & L & P & Rq & NC & _). rewrite (slot_of_open _ _ _ L). unfold update, fail.
       destruct (settle _ _ _ _ _) as [o e] eqn:Se. intros [= <- <-].
       eapply (good_fits cfg tr s t sl o); eauto; try reflexivity.
-      apply (settle_fits cfg tr t (clock s) sl (g_slot _ _ _ G t sl L) (g_told _ _ _ G t sl L) false [p] [Failed
+      apply (settle_fits cfg tr t (clock s) sl (g_slot _ _ _ G t sl L) (g_traced _ _ _ G t sl L) false [p] [Failed
         (clock s) t p]); auto.
       * split; [intros x [<-|[]]; exists p; cbn; auto|]. intros q [<-|[]]. eexists. split; [now left|auto].
       * intros q [<-|[]]. auto.
