@@ -49,7 +49,7 @@ pub(crate) struct Overwrite {
 enum OutputError {
     #[error("{0}: a directory; name a file in it")]
     Directory(String),
-    #[error("{0}: a device or a pipe; name a file, or - for standard output")]
+    #[error("{0}: a device or a pipe, which cannot be read again; name a file")]
     Special(String),
     #[error("{0}: a link to a file that is not there; name the file itself")]
     Dangling(String),

@@ -344,7 +344,10 @@ fn bad_options_are_one_line_and_exit_2_and_write_nothing() {
         (&["--cloud", &format!("{remote}https://h,ca=none.pem")], "none.pem: No such file"),
         (&["--trace", "."], "error: .: a directory; name a file in it"),
         (&["--trace", "none/t.jsonl"], "error: none/t.jsonl: No such file or directory; "),
-        (&["--trace", "/dev/null"], "error: /dev/null: a device or a pipe; "),
+        (
+            &["--trace", "/dev/null"],
+            "error: /dev/null: a device or a pipe, which cannot be read again; name a file",
+        ),
         (&["--trace", "-"], "error: --trace -: "),
     ] {
         let refused = run_in(dir.path(), args);

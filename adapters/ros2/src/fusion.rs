@@ -47,6 +47,8 @@ pub(crate) struct NodeFusion<'a> {
     /// The input's topic, which messages come from.
     pub(crate) input_topic: Arc<str>,
     pub(crate) output_key: MessageKey,
+    /// The greatest that a deadline may be.
+    pub(crate) greatest_deadline: Duration,
     /// The deadline of clouds without one of their own.
     pub(crate) deadline: Duration,
     pub(crate) node: String,

@@ -37,7 +37,10 @@ fn main() -> ExitCode {
     };
     if arguments.action == Action::Check {
         return match check(&settings) {
-            Ok(()) => print(&format!("{settings}\n{}", warnings(&settings))),
+            Ok(()) => {
+                let caution = settings.caution().map(|caution| format!("warning: {caution}\n"));
+                print(&format!("{settings}\n{}", caution.unwrap_or_default()))
+            }
             Err(error) => reported(&error),
         };
     }
@@ -48,7 +51,7 @@ fn main() -> ExitCode {
     if settings.deadlines.kind != PolicyKind::Set && settings.deadlines.rate.is_none() {
         warn!("policy.rate is not given: whether the node keeps up with its inputs is not checked");
     }
-    for caution in settings.cautions() {
+    if let Some(caution) = settings.caution() {
         warn!("{caution}");
     }
     match serve(&settings, lines) {
@@ -65,14 +68,6 @@ fn main() -> ExitCode {
             ExitCode::FAILURE
         }
     }
-}
-
-/// What the start of the node would warn of, in lines.
-fn warnings(settings: &Settings) -> String {
-    settings
-        .cautions()
-        .iter()
-        .fold(String::new(), |lines, caution| lines + "warning: " + caution + "\n")
 }
 
 /// What the start of the node would refuse.

@@ -119,6 +119,7 @@ pub(crate) fn open<'a>(
         input_key: settings.input.key,
         input_topic: settings.input.topic.as_str().into(),
         output_key: settings.output.key,
+        greatest_deadline: settings.greatest_deadline,
         deadline: settings.deadline,
         memory: LoopState::new(Reporter::new(&node, counting.tally())),
         node,

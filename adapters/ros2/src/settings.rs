@@ -69,6 +69,8 @@ pub struct Settings {
     pub realtime: u8,
     /// Whether the node is managed: it begins unconfigured, and services request its transitions.
     pub lifecycle: bool,
+    /// The greatest that any deadline may be; a longer one is refused.
+    pub greatest_deadline: Duration,
     /// How long a cloud without a deadline of its own may take.
     pub deadline: Duration,
     /// The topic that changes `deadline`, if any.
@@ -289,7 +291,8 @@ fn read(r: &mut ParameterReader, node: NodeName) -> Result<Settings, SettingsErr
         let (name, expected) = ("realtime".to_owned(), expected.to_owned());
         return Err(SettingsError::Value { origin: realtime.origin, name, value, expected });
     }
-    let deadline = r.seconds("deadline", 0.5, "How long a cloud may take, in seconds")?;
+    let greatest_deadline = r.greatest_deadline()?;
+    let deadline = r.deadline("deadline", 0.5, "How long a cloud may take, in seconds")?;
     let about = "The topic that changes the deadline; empty for none";
     let deadline_topic = r.topic("deadline_topic", "", about, FLOAT64, Role::Subscription)?;
     let deadlines = policy::read(r, commit)?;
@@ -321,6 +324,7 @@ fn read(r: &mut ParameterReader, node: NodeName) -> Result<Settings, SettingsErr
         timers,
         realtime: realtime.value,
         lifecycle,
+        greatest_deadline,
         deadline,
         deadline_topic: Some(deadline_topic).filter(|topic| !topic.is_empty()),
         deadlines,
@@ -436,7 +440,7 @@ fn local(
     let in_flight = r.integer("local.in_flight", 1..=1024, 4, about)?.value;
     let about = "How many more may wait for local";
     let waiting = r.integer("local.waiting", 0..=1024, window.into(), about)?.value;
-    let deadline = r.seconds("local.deadline", 1.0, "How long local may take, in seconds")?;
+    let deadline = r.deadline("local.deadline", 1.0, "How long local may take, in seconds")?;
     let [input, output] = topics(r, "local", types)?;
     Ok(Local { middleware, input, output, deadline, in_flight, waiting })
 }

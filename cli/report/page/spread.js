@@ -51,7 +51,7 @@ export function showSpread(trace) {
     axes: [
       { stroke: () => colours().soft, grid: { show: false }, ticks: { stroke: () => colours().line, size: 4 }, font: "12px system-ui", size: 32,
         values: (_, values) => axis(values, values[1] - values[0] || 1) },
-      { stroke: () => colours().soft, grid: { stroke: () => colours().line, width: 1 }, ticks: { show: false }, font: "12px system-ui", size: 48,
+      { stroke: () => colours().soft, grid: { stroke: () => colours().line, width: 1 }, ticks: { show: false }, font: "12px system-ui", size: 64,
         incrs: [1, 2, 5, 10, 20, 50, 100, 200, 500, 1e3, 2e3, 5e3, 1e4, 2e4, 5e4, 1e5, 1e6], values: (_, values) => values.map(count) },
     ],
     hooks: { draw: [(self) => drawDeadlines(self, trace.deadlines)] },

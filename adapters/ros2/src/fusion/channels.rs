@@ -111,10 +111,13 @@ impl NodeFusion<'_> {
             let is_big = payload.big_endian;
             seconds(if is_big { f64::from_be_bytes(bytes) } else { f64::from_le_bytes(bytes) })
         });
-        if let Some(deadline) = decided {
-            self.deadline = deadline;
-        } else {
-            warn!("a deadline that is no positive number of seconds: ignored");
+        match decided {
+            Some(deadline) if deadline <= self.greatest_deadline => self.deadline = deadline,
+            Some(deadline) => {
+                let greatest_deadline = self.greatest_deadline;
+                warn!(?deadline, ?greatest_deadline, "a deadline above greatest_deadline: ignored");
+            }
+            None => warn!("a deadline that is no positive number of seconds: ignored"),
         }
     }
 

@@ -7,7 +7,7 @@ use thiserror::Error;
 
 use crate::parameters::Value;
 use crate::settings::nearest::nearest;
-use crate::settings::seconds::{OWN_SECONDS, SECONDS, none_if_zero, own_seconds, seconds_of};
+use crate::settings::seconds::{DeadlineBound, none_if_zero};
 use crate::settings::{Parameter, Settings};
 
 /// A parameter's new value.
@@ -36,7 +36,7 @@ pub enum ChangeError {
     Fixed(String),
     /// The value is not valid.
     #[error("{0} cannot be {1}; give {2}")]
-    Value(String, Value, &'static str),
+    Value(String, Value, String),
     /// With it the node could not keep up.
     #[error("{0} cannot be {1}: {2}")]
     Workload(String, Value, CapacityErrors),
@@ -68,18 +68,22 @@ impl Settings {
                 ChangeError::Unknown(name, nearest)
             });
         };
+        let bound = DeadlineBound(self.greatest_deadline);
+        let flag = || "true or false".to_owned();
         let (change, expected) = match dynamic {
-            Dynamic::Deadline => (seconds_of(value).map(Change::Deadline), SECONDS),
-            Dynamic::LocalDeadline => (seconds_of(value).map(Change::LocalDeadline), SECONDS),
+            Dynamic::Deadline => (bound.deadline(value).map(Change::Deadline), bound.expected()),
+            Dynamic::LocalDeadline => {
+                (bound.deadline(value).map(Change::LocalDeadline), bound.expected())
+            }
             Dynamic::CloudDeadline(at) => {
-                let change =
-                    own_seconds(value).map(|time| Change::CloudDeadline(at, none_if_zero(time)));
-                (change, OWN_SECONDS)
+                let own = bound.own_deadline(value);
+                let change = own.map(|time| Change::CloudDeadline(at, none_if_zero(time)));
+                (change, bound.own_expected())
             }
             Dynamic::CloudEnabled(at) => {
-                (flag_of(value).map(|flag| Change::CloudEnabled(at, flag)), "true or false")
+                (flag_of(value).map(|flag| Change::CloudEnabled(at, flag)), flag())
             }
-            Dynamic::SimTime => (flag_of(value).map(Change::SimTime), "true or false"),
+            Dynamic::SimTime => (flag_of(value).map(Change::SimTime), flag()),
         };
         let Some(change) = change else {
             return Err(ChangeError::Value(name.to_owned(), value.clone(), expected));

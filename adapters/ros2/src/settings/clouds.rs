@@ -12,13 +12,14 @@ use crate::settings::{
 /// The most clouds, as in the core.
 const CLOUDS: usize = 15;
 /// The first parts of the node's own parameters.
-const RESERVED: [&str; 17] = [
+const RESERVED: [&str; 18] = [
     "middleware",
     "input",
     "output",
     "window",
     "commit",
     "timers",
+    "greatest_deadline",
     "deadline",
     "deadline_topic",
     "policy",
@@ -79,7 +80,7 @@ fn cloud(
 ) -> Result<Cloud, SettingsError> {
     let of = |part: &str| format!("{name}.{part}");
     let about = "How long the cloud may take, in seconds; 0 means deadline";
-    let deadline = r.own_seconds(&of("deadline"), about, seconds::OWN_SECONDS)?;
+    let deadline = r.own_deadline(&of("deadline"), about)?;
     let enabled = r.flag(&of("enabled"), true, "Whether the cloud is asked")?;
     let about = "How many requests may be under way";
     let in_flight: u16 = r.integer(&of("in_flight"), 1..=1024, 8, about)?.value;

@@ -10,7 +10,9 @@ use crate::parameters::{ParameterOverride, Value, ValueOrigin};
 use crate::settings::nearest::nearest;
 use crate::settings::parameter::{Parameter, Range, is_of_a_cloud};
 use crate::settings::qos::{Qos, Role, Topic};
-use crate::settings::seconds::{MOST_SECONDS, SECONDS, own_seconds, seconds_of};
+use crate::settings::seconds::{
+    DeadlineBound, GREATEST_DEADLINE, MOST_SECONDS, SECONDS, own_seconds, seconds_of,
+};
 use crate::settings::{SettingsError, qos};
 
 /// The parameters given and not read yet, and those read.
@@ -18,6 +20,7 @@ pub(super) struct ParameterReader<'a> {
     overrides: BTreeMap<String, ParameterOverride>,
     node: NodeName,
     remaps: &'a [Remap],
+    deadlines: DeadlineBound,
     /// What was read.
     pub(super) declared: Vec<Parameter>,
     /// The topics among it.
@@ -36,7 +39,8 @@ impl<'a> ParameterReader<'a> {
         node: NodeName,
         remaps: &'a [Remap],
     ) -> Self {
-        Self { overrides, node, remaps, declared: Vec::new(), topics: Vec::new() }
+        let deadlines = DeadlineBound(Duration::MAX);
+        Self { overrides, node, remaps, deadlines, declared: Vec::new(), topics: Vec::new() }
     }
 
     /// Reads a parameter with `convert`; the error says what is `expected`.
@@ -174,6 +178,40 @@ impl<'a> ParameterReader<'a> {
         let seconds = self.read(name, Value::Double(default), about, SECONDS, seconds_of);
         self.bound(name, MOST_SECONDS);
         seconds.map(|seconds| seconds.value)
+    }
+
+    /// The greatest deadline, which bounds those that are read after it.
+    pub(super) fn greatest_deadline(&mut self) -> Result<Duration, SettingsError> {
+        let about = "The greatest that a deadline may be, in seconds";
+        let greatest = self.seconds(GREATEST_DEADLINE, 60.0, about)?;
+        self.deadlines = DeadlineBound(greatest);
+        Ok(greatest)
+    }
+
+    pub(super) fn deadline(
+        &mut self,
+        name: &str,
+        default: f64,
+        about: &'static str,
+    ) -> Result<Duration, SettingsError> {
+        let (bound, default) = (self.deadlines, Value::Double(default));
+        let read =
+            self.read(name, default, about, &bound.expected(), |value| bound.deadline(value))?;
+        self.bound(name, bound.range());
+        Ok(read.value)
+    }
+
+    /// A cloud's own deadline, 0 by default.
+    pub(super) fn own_deadline(
+        &mut self,
+        name: &str,
+        about: &'static str,
+    ) -> Result<Duration, SettingsError> {
+        let (bound, expected) = (self.deadlines, self.deadlines.own_expected());
+        let default = Value::Double(0.0);
+        let read = self.read(name, default, about, &expected, |value| bound.own_deadline(value))?;
+        self.bound(name, bound.range());
+        Ok(read.value)
     }
 
     /// Seconds that are 0 by default, which means what `expected` says.

@@ -7,8 +7,8 @@ use crate::settings::parameter::Range;
 
 /// The words for a time that is expected.
 pub(super) const SECONDS: &str = "seconds, more than 0 and at most 1e9";
-/// The words for a time that is expected and may be left to another parameter.
-pub(super) const OWN_SECONDS: &str = "seconds, at most 1e9, or 0 for deadline";
+/// The parameter that bounds deadlines.
+pub(super) const GREATEST_DEADLINE: &str = "greatest_deadline";
 
 /// Their bounds.
 pub(super) const MOST_SECONDS: Range = Range::Double(0.0, 1e9);
@@ -30,6 +30,37 @@ pub(super) fn own_seconds(value: &Value) -> Option<Duration> {
     match value.number()? {
         0.0 => Some(Duration::ZERO),
         number => seconds(number),
+    }
+}
+
+/// The greatest that a deadline may be. A longer one is a mistake, such as milliseconds, and would hold a result as long (A14).
+#[derive(Clone, Copy)]
+pub(super) struct DeadlineBound(pub(super) Duration);
+
+impl DeadlineBound {
+    /// A deadline.
+    pub(super) fn deadline(self, value: &Value) -> Option<Duration> {
+        seconds_of(value).filter(|deadline| *deadline <= self.0)
+    }
+
+    /// A deadline, or zero for another parameter's.
+    pub(super) fn own_deadline(self, value: &Value) -> Option<Duration> {
+        own_seconds(value).filter(|deadline| *deadline <= self.0)
+    }
+
+    /// The words for a deadline that is expected.
+    pub(super) fn expected(self) -> String {
+        format!("seconds, more than 0 and at most {GREATEST_DEADLINE} ({})", self.0.as_secs_f64())
+    }
+
+    /// The words for a cloud's own deadline that is expected.
+    pub(super) fn own_expected(self) -> String {
+        format!("{}, or 0 for deadline", self.expected())
+    }
+
+    /// The bounds as a parameter's.
+    pub(super) fn range(self) -> Range {
+        Range::Double(0.0, self.0.as_secs_f64())
     }
 }
 

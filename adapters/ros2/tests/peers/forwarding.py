@@ -193,7 +193,7 @@ def a_published_deadline_counts_from_the_next_input_on(bench):
         return seconds <= float(status["decided_s"]) < 2.0
 
     again(lambda: deadline.publish(Float64(0.25)), lambda: holds(0.25), "a deadline of 0.25 s")
-    for nonsense in (-1.0, 0.0, float("nan"), float("inf"), -float("inf")):
+    for nonsense in (-1.0, 0.0, 61.0, float("nan"), float("inf"), -float("inf")):
         deadline.publish(Float64(nonsense))
     deadline.publish(Float64(0.5))
     until(lambda: holds(0.5), "a deadline of 0.5 s")

@@ -378,7 +378,7 @@ fn deadlines_and_clouds_change_at_run_time_and_nothing_else() {
         (
             "deadline",
             Value::Double(f64::INFINITY),
-            "deadline cannot be .inf; give seconds, more than 0 and at most 1e9",
+            "deadline cannot be .inf; give seconds, more than 0 and at most greatest_deadline (60)",
         ),
         ("west.enabled", Value::Integer(1), "west.enabled cannot be 1; give true or false"),
         (
