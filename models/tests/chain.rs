@@ -1,0 +1,333 @@
+//! Two chained operators under one end-to-end deadline: the shipped machine twice and the engine's budget, state by state (E1 to E4).
+//!
+//! The environment captures, offers, answers, fails, and serves each timer up to [`LATENESS`] late. The second operator takes an
+//! item in when the first sends it.
+
+use std::time::Duration;
+
+use fuseline_core::{Priority, Timestamp};
+use fuseline_engine::Budget;
+use fuseline_engine::arbiter::Arbiter;
+use fuseline_traces::{Cloud, Commit, Decision, Header, Input};
+use stateright::{Checker, Model, Property};
+
+/// From capture to the last output.
+const WITHIN: u64 = 4;
+/// Of the first operator and of the second.
+const RESERVES: [u64; 2] = [2, 0];
+/// How late each operator serves a timer at most.
+const LATENESS: u64 = 1;
+/// How long a cloud may take by its own deadline.
+const DEADLINES: [u64; 2] = [1, 5];
+/// How old a message is when the first operator takes it in.
+const AGES: [u64; 2] = [0, 3];
+const HORIZON: u64 = 9;
+const CLOUD: u64 = 1;
+
+/// The chain and its environment.
+struct Chain {
+    window: u16,
+    messages: usize,
+    has_substitutes: bool,
+}
+
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+struct ChainState {
+    now: u64,
+    stages: [ChainStage; 2],
+    /// What the step that led here showed.
+    shown: Vec<Shown>,
+    broken: Vec<&'static str>,
+}
+
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+struct ChainStage {
+    machine: Arbiter<1, 2>,
+    /// By timestamp.
+    messages: Vec<ChainMessage>,
+}
+
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+struct ChainMessage {
+    captured: u64,
+    /// When the first operator took it in.
+    written: u64,
+    taken_in: u64,
+    /// Whether there is a result to compute from.
+    has_value: bool,
+    /// How often it was answered, and when first.
+    endings: u32,
+    ended: Option<u64>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+enum Shown {
+    /// An item without a result led to an output.
+    OutputOfNothing,
+    AtTheLatest,
+    RequestIsCut,
+    NothingIsLeft,
+    SubstituteInTime,
+    CloudSends,
+}
+
+#[derive(Clone, PartialEq, Eq, Debug)]
+enum ChainAction {
+    Capture { age: u64 },
+    Offer { stage: usize, t: u64, deadline: u64 },
+    Result { stage: usize, t: u64, p: u64 },
+    Fail { stage: usize, t: u64, p: u64 },
+    Tick { stage: usize },
+    Advance,
+}
+
+impl Chain {
+    fn machine(&self) -> Arbiter<1, 2> {
+        let cloud = Cloud { p: 1, name: None, limit: 9, resume: 0 };
+        let (window, clouds) = (self.window, vec![cloud]);
+        Arbiter::new(&Header { operator: None, window, commit: Commit::Eager, clouds }).unwrap()
+    }
+
+    fn budget(stage: usize, message: &ChainMessage) -> Budget {
+        Budget::ending_at(message.captured + WITHIN, RESERVES[stage])
+    }
+
+    /// A message comes to an operator; F1 may refuse it.
+    fn take_in(&self, state: &mut ChainState, stage: usize, message: ChainMessage) {
+        let (at, t) = (state.now, state.stages[stage].messages.len() as u64);
+        let message = ChainMessage { taken_in: at, endings: 0, ended: None, ..message };
+        let deadline = Self::budget(stage, &message).for_local(at, self.has_substitutes);
+        state.stages[stage].messages.push(message);
+        self.apply(state, stage, &Input::Open { at, t, deadline: Some(nanos(deadline)) });
+    }
+
+    fn apply(&self, state: &mut ChainState, stage: usize, input: &Input) {
+        let mut decisions = Vec::new();
+        state.stages[stage].machine.decide(input, |decision| decisions.push(decision));
+        for decision in decisions {
+            match decision {
+                Decision::Emit { t, p, .. } => self.ended(state, stage, t, Some(p)),
+                Decision::Miss { t, .. } | Decision::RefuseOpen { t, .. } => {
+                    self.ended(state, stage, t, None);
+                }
+                Decision::Request { t, due, .. } => requested(state, stage, t, due),
+                _ => {}
+            }
+        }
+    }
+
+    /// An operator sends the item of a message.
+    fn ended(&self, state: &mut ChainState, stage: usize, t: u64, by: Option<u64>) {
+        let now = state.now;
+        let message = &mut state.stages[stage].messages[usize::try_from(t).unwrap()];
+        message.endings += 1;
+        message.ended.get_or_insert(now);
+        let message = message.clone();
+        let ChainMessage { captured, written, taken_in, has_value, .. } = message;
+        let reserve_begins = captured + WITHIN - RESERVES[stage];
+        if by.is_none() && self.has_substitutes {
+            if now > reserve_begins.max(taken_in + 1) + LATENESS {
+                state.broken.push("E4");
+            }
+            if stage == 0 && now == reserve_begins {
+                state.shown.push(Shown::SubstituteInTime);
+            }
+        }
+        if stage == 0 {
+            self.take_in(state, 1, ChainMessage { has_value: by.is_some(), ..message });
+        } else {
+            if by.is_some() && !has_value {
+                state.shown.push(Shown::OutputOfNothing);
+            }
+            if now == latest(captured, written, 1) {
+                state.shown.push(Shown::AtTheLatest);
+            }
+            if by == Some(CLOUD) {
+                state.shown.push(Shown::CloudSends);
+            }
+        }
+    }
+}
+
+/// E2: when the operator `stage` has answered at the latest, each on the way with the lateness of one timer and, of a message
+/// that is over, the nanosecond that F1 takes at least.
+fn latest(captured: u64, written: u64, stage: u64) -> u64 {
+    (captured + WITHIN).max(written + 1) + LATENESS + stage * (LATENESS + 1)
+}
+
+/// E3: a request ends with its own deadline and where the reserve begins.
+fn requested(state: &mut ChainState, stage: usize, t: u64, due: u64) {
+    let message = &state.stages[stage].messages[usize::try_from(t).unwrap()];
+    if due > message.captured + WITHIN - RESERVES[stage] {
+        state.broken.push("E3");
+    }
+}
+
+fn nanos(duration: Duration) -> u64 {
+    u64::try_from(duration.as_nanos()).unwrap()
+}
+
+impl ChainState {
+    /// E1: one item of each message; of the second operator one for each item of the first.
+    fn is_answered_once(&self) -> bool {
+        let [first, second] = &self.stages;
+        let items = first.messages.iter().filter(|message| message.endings > 0).count();
+        items == second.messages.len()
+            && self.stages.iter().flat_map(|stage| &stage.messages).all(|it| it.endings <= 1)
+    }
+
+    /// E2.
+    fn is_in_time(&self) -> bool {
+        (0..).zip(&self.stages).all(|(index, stage)| {
+            stage.messages.iter().all(|message| {
+                message.ended.unwrap_or(self.now)
+                    <= latest(message.captured, message.written, index)
+            })
+        })
+    }
+
+    fn shows(&self, shown: Shown) -> bool {
+        self.shown.contains(&shown)
+    }
+}
+
+impl Model for Chain {
+    type State = ChainState;
+    type Action = ChainAction;
+
+    fn init_states(&self) -> Vec<ChainState> {
+        let stage = || ChainStage { machine: self.machine(), messages: Vec::new() };
+        let stages = [stage(), stage()];
+        vec![ChainState { now: 0, stages, shown: Vec::new(), broken: Vec::new() }]
+    }
+
+    fn actions(&self, state: &ChainState, actions: &mut Vec<ChainAction>) {
+        if state.stages[0].messages.len() < self.messages {
+            let ages = AGES.into_iter().filter(|age| *age <= state.now);
+            actions.extend(ages.map(|age| ChainAction::Capture { age }));
+        }
+        for (stage, ChainStage { machine, .. }) in state.stages.iter().enumerate() {
+            for (timestamp, slot) in machine.fusion().open() {
+                let t = timestamp.as_u64();
+                let of = |p| machine.fusion().source(Priority::new(p)).unwrap();
+                if !slot.requested().contains(of(1)) {
+                    let offer = |deadline| ChainAction::Offer { stage, t, deadline };
+                    actions.extend(DEADLINES.map(offer));
+                }
+                for p in [0, 1].into_iter().filter(|p| slot.pending().contains(of(*p))) {
+                    let p = p.into();
+                    actions.push(ChainAction::Result { stage, t, p });
+                    actions.push(ChainAction::Fail { stage, t, p });
+                }
+            }
+            if machine.next_due().is_some_and(|due| due <= state.now) {
+                actions.push(ChainAction::Tick { stage });
+            }
+        }
+        let is_late = |stage: &ChainStage| {
+            stage.machine.next_due().is_some_and(|due| due + LATENESS <= state.now)
+        };
+        if state.now < HORIZON && !state.stages.iter().any(is_late) {
+            actions.push(ChainAction::Advance);
+        }
+    }
+
+    fn next_state(&self, last: &ChainState, action: ChainAction) -> Option<ChainState> {
+        let mut state = last.clone();
+        state.shown.clear();
+        let at = state.now;
+        match action {
+            ChainAction::Advance => state.now += 1,
+            ChainAction::Capture { age } => {
+                let (endings, ended, has_value) = (0, None, true);
+                let (captured, written, taken_in) = (at - age, at, at);
+                let message =
+                    ChainMessage { captured, written, taken_in, has_value, endings, ended };
+                self.take_in(&mut state, 0, message);
+            }
+            ChainAction::Tick { stage } => self.apply(&mut state, stage, &Input::Tick { at }),
+            ChainAction::Result { stage, t, p } => {
+                self.apply(&mut state, stage, &Input::Result { at, t, p });
+            }
+            ChainAction::Fail { stage, t, p } => {
+                self.apply(&mut state, stage, &Input::Fail { at, t, p });
+            }
+            ChainAction::Offer { stage, t, deadline } => {
+                let message = &state.stages[stage].messages[usize::try_from(t).unwrap()];
+                let left = nanos(Self::budget(stage, message).for_cloud(at));
+                let is_open = |state: &ChainState| {
+                    state.stages[stage].machine.fusion().slot(Timestamp::new(t)).is_some()
+                };
+                if is_open(&state) && left == 0 {
+                    state.shown.push(Shown::NothingIsLeft);
+                } else if left < deadline {
+                    state.shown.push(Shown::RequestIsCut);
+                }
+                let input =
+                    Input::Offer { at, t, p: CLOUD, deadline: deadline.min(left), backlog: 0 };
+                self.apply(&mut state, stage, &input);
+            }
+        }
+        state.shown.sort_unstable();
+        state.shown.dedup();
+        Some(state)
+    }
+
+    fn properties(&self) -> Vec<Property<Self>> {
+        let mut properties = vec![
+            Property::always("E1 one output", |_, state: &ChainState| state.is_answered_once()),
+            Property::always("E2 by the deadline", |_, state: &ChainState| state.is_in_time()),
+            Property::always("E3 budget", |_, state: &ChainState| !state.broken.contains(&"E3")),
+            Property::always("E4 something", |_, state: &ChainState| !state.broken.contains(&"E4")),
+            Property::sometimes(
+                "E1 an output of an item without a result",
+                |_, state: &ChainState| state.shows(Shown::OutputOfNothing),
+            ),
+            Property::sometimes("E2 an answer at the latest instant", |_, state: &ChainState| {
+                state.shows(Shown::AtTheLatest)
+            }),
+            Property::sometimes("E3 a request is cut", |_, state: &ChainState| {
+                state.shows(Shown::RequestIsCut)
+            }),
+            Property::sometimes("E3 nothing is left for a cloud", |_, state: &ChainState| {
+                state.shows(Shown::NothingIsLeft)
+            }),
+            Property::sometimes("E3 a cloud's result is sent", |_, state: &ChainState| {
+                state.shows(Shown::CloudSends)
+            }),
+        ];
+        if self.has_substitutes {
+            properties.push(Property::sometimes(
+                "E4 when the reserve begins",
+                |_, state: &ChainState| state.shows(Shown::SubstituteInTime),
+            ));
+        }
+        properties
+    }
+}
+
+/// Checks all states; another number of them says that the machine, the budget or the environment changed.
+#[track_caller]
+fn assert_holds(chain: Chain, states: usize) {
+    let checker = chain.checker().threads(2).spawn_bfs().join();
+    checker.assert_properties();
+    assert_eq!(checker.unique_state_count(), states);
+}
+
+/// E1 to E4.
+#[test]
+fn two_chained_operators_with_substitutes_keep_the_budget() {
+    assert_holds(Chain { window: 1, messages: 1, has_substitutes: true }, 0);
+}
+
+/// E1 to E3.
+#[test]
+fn two_chained_operators_without_substitutes_keep_the_budget() {
+    assert_holds(Chain { window: 1, messages: 1, has_substitutes: false }, 0);
+}
+
+/// E1 to E4: the second of two messages may be refused.
+#[test]
+fn two_messages_of_a_chain_keep_the_budget() {
+    assert_holds(Chain { window: 1, messages: 2, has_substitutes: true }, 0);
+}
