@@ -15,6 +15,7 @@ mod exit;
 mod export;
 mod fault;
 mod files;
+mod frame;
 mod help;
 mod hints;
 mod implementation;
@@ -105,6 +106,8 @@ enum Command {
     Scenario(scenario::Args),
     /// Make a page from traces: summary, response times, and a timeline down to one timestamp.
     Report(report::Args),
+    /// Follow one frame through the traces of a vehicle's operators, and say where its time went.
+    Frame(frame::Args),
     /// Print the script that completes commands and options in a shell.
     Completions(pages::ShellArgs),
     /// Write the manual pages to a folder.
@@ -182,6 +185,7 @@ fn dispatch(command: Command) -> Result<Exit, Fault> {
         Command::Deadline(args) => deadline::print_report(&args),
         Command::Scenario(args) => scenario::play(&args),
         Command::Report(args) => report::report(&args),
+        Command::Frame(args) => frame::follow(&args),
         Command::Completions(args) => pages::complete(&args, grammar()),
         Command::Man(args) => pages::manual(&args, grammar()),
     }
