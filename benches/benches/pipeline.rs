@@ -48,7 +48,7 @@ fn main() {
             operators.push(cost(pace, with_operators));
             by_hand.push(cost(pace, with_channels));
         }
-        let [operators, by_hand] = [median(operators), median(by_hand)];
+        let [operators, by_hand] = [median(&operators), median(&by_hand)];
         let ratio = operators.processor.as_secs_f64() / by_hand.processor.as_secs_f64();
         let name = format!("{hops} hops at {hertz} Hz");
         println!("{name:28} {} {} {ratio:>6.2}", shown(&operators), shown(&by_hand));
@@ -68,7 +68,7 @@ fn cost<F: Future<Output = Vec<Duration>>>(pace: ChainPace, run: fn(ChainPace) -
     HopCost { processor, p50: at(50), p99: at(99) }
 }
 
-fn median(turns: Vec<HopCost>) -> HopCost {
+fn median(turns: &[HopCost]) -> HopCost {
     let of = |figure: fn(&HopCost) -> Duration| {
         let mut figures: Vec<Duration> = turns.iter().map(figure).collect();
         figures.sort_unstable();

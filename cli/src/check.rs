@@ -33,11 +33,11 @@ const AT_ONCE: usize = 4;
 #[derive(clap::Args)]
 #[command(after_help = "\
 Strictly, every decision is compared with the one that the rules demand, keys and order included.
-With --observed the trace is one that several threads or machines recorded: each timestamp is judged
+With --observed the trace is one that several threads or hosts recorded: each timestamp is judged
 by itself, and conforms if the rules can explain what came out of it, given that each instant may be
 off by the tolerance and that timers and outputs may be late by the lateness. A trace in which
 nothing can be judged does not conform then. Memory grows with the timestamps that are open at
-once, not with the trace: 0.5 KB for each, up to 1 KB with what came for it.
+once, not with the trace.
 
 A trace does not say whether its run is over, so an operator that hangs leaves one that conforms.
 Where it is known, say so with --ended, or let the recorder write a tick last. With --period the

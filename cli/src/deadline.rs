@@ -15,6 +15,7 @@ use fuseline_deadline::{
     Survival, least_loss, mean_loss,
 };
 use fuseline_traces::rows::{TableError, TableReader};
+#[cfg(feature = "full")]
 use schemars::JsonSchema;
 use serde::Serialize;
 use thiserror::Error;
@@ -52,7 +53,7 @@ m²/s². With --class it is the mean over the classes, by weight.
 --observed is CSV with the columns response_s, answered (1: the result came then; 0: the call was
 given up then, inf: it failed) and, if wanted, count. Without it every call counts as late.
 
-Exit code 0 when told, 2 if something makes no sense.
+Exit code 0 when done, 2 if something makes no sense.
 
 Examples:
   fuseline deadline --speed 11,18,20,22,24
@@ -132,7 +133,8 @@ impl From<DeadlineError> for Fault {
 }
 
 /// What is shown for one speed.
-#[derive(JsonSchema, Serialize)]
+#[derive(Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 struct SpeedRow {
     speed: f64,
     budget_local: f64,

@@ -41,6 +41,8 @@ pub(crate) struct Drive {
     /// Ascending, the first at 0.
     samples: Vec<Sample>,
     length: Duration,
+    /// Which of the rates up and down are recorded.
+    has_rate: [bool; 2],
 }
 
 /// What holds for a message that was sent at `at` or later, before the next sample.
@@ -49,6 +51,8 @@ struct Sample {
     at: Duration,
     /// None: the network was unavailable.
     round_trip: Option<Duration>,
+    /// Bits a second up and down; 0 where they are not recorded.
+    rates: [u64; 2],
 }
 
 /// Why a drive cannot be used.
@@ -75,6 +79,10 @@ pub(crate) enum DriveError {
     Time { name: String, line: u64, column: String, found: String },
     #[error("{name}: fewer than two rows; a drive needs at least two")]
     TooShort { name: String },
+    #[error(
+        "{name}:{line}: {column} is {found:?}; it must be 0, or Mbit/s from 0.001 to 1000000, and not 0 in all rows"
+    )]
+    Rate { name: String, line: u64, column: String, found: String },
 }
 
 impl Drive {
@@ -98,14 +106,14 @@ impl Drive {
 
     /// A network that takes no time.
     pub(crate) fn direct() -> Self {
-        let sample = Sample { at: Duration::ZERO, round_trip: Some(Duration::ZERO) };
+        let sample = Sample { at: Duration::ZERO, round_trip: Some(Duration::ZERO), rates: [0; 2] };
         let (name, length) = ("no drive".to_owned(), Duration::from_secs(1));
-        Self { name, samples: vec![sample], length }
+        Self { name, samples: vec![sample], length, has_rate: [false; 2] }
     }
 
     /// Reads a recording: CSV with a line of column names, a time column `sent_ms` or `second`, and
-    /// one `rtt_ms`, or several `<network>_rtt_ms` of which `network` names one. Other columns are
-    /// ignored.
+    /// one `rtt_ms`, or several `<network>_rtt_ms` of which `network` names one. `uplink_mbps` and `downlink_mbps`, with
+    /// the same prefix, are the rates of the link. Other columns are ignored.
     fn read(file: &str, network: Option<&str>, text: impl Read) -> Result<Self, DriveError> {
         let owned = || file.to_owned();
         let fault = |source| csv_error(file, source);
@@ -119,9 +127,10 @@ impl Drive {
             .or_else(|| columns.iter().position(|column| column == "second").map(|i| (i, 1.0)))
             .ok_or_else(|| DriveError::NoTime { name: owned() })?;
         let round_trip = find_network(file, network, &columns)?;
+        let rates = find_rates(&columns[round_trip], &columns);
 
         let mut samples: Vec<Sample> = Vec::new();
-        let mut first = None;
+        let (mut first, mut last_line) = (None, 1);
         while let Some((line, row)) = rows.next_row().map_err(fault)? {
             let field = |i: usize| row.get(i).unwrap_or_default();
             let seconds = field(time).parse().ok().map(|time: f64| time * unit);
@@ -142,7 +151,21 @@ impl Drive {
                     column: columns[round_trip].escape_debug().to_string(),
                     found: field(round_trip).to_owned(),
                 })?;
-            samples.push(Sample { at, round_trip });
+            let bits = |rate: Option<usize>| {
+                rate.map_or(Some(0), |i| parse_rate(field(i))).ok_or_else(|| {
+                    let column = rate.map_or("", |i| &columns[i]).escape_debug().to_string();
+                    let found = rate.map_or("", field).to_owned();
+                    DriveError::Rate { name: owned(), line, column, found }
+                })
+            };
+            samples.push(Sample { at, round_trip, rates: [bits(rates[0])?, bits(rates[1])?] });
+            last_line = line;
+        }
+        for (way, rate) in rates.iter().enumerate() {
+            if let Some(i) = rate.filter(|_| samples.iter().all(|sample| sample.rates[way] == 0)) {
+                let (column, found) = (columns[i].escape_debug().to_string(), "0".to_owned());
+                return Err(DriveError::Rate { name: owned(), line: last_line, column, found });
+            }
         }
         let [.., before, last] = samples[..] else {
             return Err(DriveError::TooShort { name: owned() });
@@ -150,7 +173,22 @@ impl Drive {
         // The last sample lasts as long as the one before it.
         let length = last.at + last.at.abs_diff(before.at);
         let name = network.map_or_else(owned, |network| format!("{file}:{network}"));
-        Ok(Self { name, samples, length })
+        Ok(Self { name, samples, length, has_rate: rates.map(|rate| rate.is_some()) })
+    }
+
+    /// Whether a rate of the link, up or down, is recorded.
+    pub(crate) const fn has_rates(&self) -> bool {
+        self.has_rate[0] || self.has_rate[1]
+    }
+
+    /// What the link carries one way at `moment`, in bits a second, and for how long; none if it is not recorded.
+    pub(crate) fn rate(&self, way: usize, moment: Duration) -> Option<(u64, Duration)> {
+        self.has_rate[way].then(|| {
+            let within = nanos(moment.as_nanos() % self.length.as_nanos());
+            let next = self.samples.partition_point(|sample| sample.at <= within);
+            let until = self.samples.get(next).map_or(self.length, |sample| sample.at);
+            (self.samples[next.saturating_sub(1)].rates[way], until.saturating_sub(within))
+        })
     }
 
     /// How long the drive is before it starts again.
@@ -161,6 +199,16 @@ impl Drive {
     /// The drive's name, the network included.
     pub(crate) fn name(&self) -> &str {
         &self.name
+    }
+
+    /// For how much of the drive a round trip is shorter than so many seconds.
+    pub(crate) fn share_below(&self, seconds: f64) -> f64 {
+        let ends = self.samples.iter().skip(1).map(|sample| sample.at).chain([self.length]);
+        let is_short =
+            |sample: &Sample| sample.round_trip.is_some_and(|trip| trip.as_secs_f64() < seconds);
+        let short = self.samples.iter().zip(ends).filter(|(sample, _)| is_short(sample));
+        let short: Duration = short.map(|(sample, end)| end.saturating_sub(sample.at)).sum();
+        short.as_secs_f64() / self.length.as_secs_f64()
     }
 
     /// How long after `moment` (since the drive's beginning) a message sent then is back; none if
@@ -220,6 +268,20 @@ fn find_network(
         // In one line, whatever the columns are called.
         found: columns.iter().collect::<Vec<_>>().join(", ").escape_debug().to_string(),
     })
+}
+
+/// The columns of the link's rates beside that of a network's round trips.
+fn find_rates(round_trip: &str, columns: &csv::StringRecord) -> [Option<usize>; 2] {
+    let prefix = round_trip.strip_suffix("rtt_ms").unwrap_or_default();
+    ["uplink_mbps", "downlink_mbps"]
+        .map(|name| columns.iter().position(|column| column.strip_prefix(prefix) == Some(name)))
+}
+
+/// Mbit/s in bits a second.
+fn parse_rate(field: &str) -> Option<u64> {
+    let mbits: f64 = field.parse().ok()?;
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the range")]
+    (mbits == 0.0 || (0.001..=1e6).contains(&mbits)).then(|| (mbits * 1e6).round() as u64)
 }
 
 /// Milliseconds; −1 is no network.
@@ -357,6 +419,21 @@ mod tests {
         ] {
             assert!(fault(text).contains(expected), "{text:?}: {}", fault(text));
         }
+    }
+
+    #[test]
+    fn a_drive_may_say_what_its_link_carries() {
+        let text = "second,a_rtt_ms,b_rtt_ms,a_uplink_mbps,uplink_mbps\n0,1,1,8,9\n1,1,1,0,9\n";
+        let drive = Drive::read("d.csv", Some("a"), text.as_bytes()).unwrap();
+        assert_eq!(drive.rate(0, ms(400)), Some((8_000_000, ms(600))));
+        assert_eq!(drive.rate(0, ms(1000)), Some((0, ms(1000))));
+        assert_eq!(drive.rate(0, ms(2000)), Some((8_000_000, ms(1000))));
+        assert_eq!(drive.rate(1, ms(0)), None);
+        let other = Drive::read("d.csv", Some("b"), text.as_bytes()).unwrap();
+        assert!(drive.has_rates() && !other.has_rates());
+        let rows = "second,rtt_ms,uplink_mbps\n0,1,0\n1,1,";
+        assert!(fault(&format!("{rows}-1\n")).contains("d.csv:3: uplink_mbps is \"-1\""));
+        assert!(fault(&format!("{rows}0\n")).contains("d.csv:3: uplink_mbps is \"0\""));
     }
 
     #[test]

@@ -2,7 +2,10 @@
 
 use std::time::Duration;
 
-use fuseline_report::{PartFilter, TraceRange};
+#[cfg(feature = "full")]
+use fuseline_report::PartFilter;
+use fuseline_report::TraceRange;
+#[cfg(feature = "full")]
 use fuseline_traces::Event;
 
 /// Which messages of a trace are meant; all of it is read.
@@ -35,6 +38,7 @@ impl PartOptions {
     }
 
     /// What of a trace's events is meant, from its first one on.
+    #[cfg(feature = "full")]
     pub(crate) fn filter(&self) -> impl FnMut(&Event) -> bool + use<> {
         let mut filter = self.part().map(PartFilter::new);
         move |event| filter.as_mut().is_none_or(|filter| filter.takes(event))

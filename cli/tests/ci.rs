@@ -21,8 +21,12 @@ fn host_runs(folder: &Path, line: &str, variables: &[(&str, &str)]) -> Output {
 
 /// The line of a template that runs the script for `kind`.
 fn line(template: &str, kind: &str) -> String {
+    line_with(template, &format!(" fuseline-{kind} {kind} "))
+}
+
+fn line_with(template: &str, part: &str) -> String {
     let text = fs::read_to_string(Path::new(CLI).join("ci").join(template)).unwrap();
-    let mut lines = text.lines().filter(|line| line.contains(&format!(" fuseline-{kind} {kind} ")));
+    let mut lines = text.lines().filter(|line| line.contains(part));
     let line = lines.next().unwrap().trim().trim_start_matches("run: ").trim_start_matches("- ");
     assert_eq!(lines.next(), None);
     line.to_owned()
@@ -91,6 +95,22 @@ fn both_templates_drive_a_command() {
             let sarif = dir.path().join("fuseline-drive/fuseline.sarif");
             let sarif: Value = serde_json::from_str(&fs::read_to_string(sarif).unwrap()).unwrap();
             assert_eq!(sarif["runs"][0]["results"][0].is_object(), code == 1);
+        }
+    }
+}
+
+#[test]
+fn both_templates_fail_where_a_cloud_answers_nothing() {
+    let patient = "--seconds 0.3 --policy constant --deadline 20000 --cloud name=a,priority=1,";
+    for (template, arguments) in [("action.yml", "ARGUMENTS"), ("gitlab.yml", "RUN")] {
+        for (cloud, code) in
+            [("model=DETR-ResNet-101,drive=cicv5g/rural_n8_v10", 0), ("url=http://127.0.0.1:1", 1)]
+        {
+            let dir = tempfile::tempdir().unwrap();
+            let line = line_with(template, "fuseline run --require-clouds");
+            let ran = host_runs(dir.path(), &line, &[(arguments, &format!("{patient}{cloud}"))]);
+            let printed = String::from_utf8_lossy(&ran.stderr);
+            assert_eq!(ran.status.code(), Some(code), "{printed}");
         }
     }
 }

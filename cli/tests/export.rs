@@ -196,7 +196,7 @@ fn a_frame_is_followed_through_several_operators_on_one_clock() {
     let slice = events.iter().find(|event| event["ph"] == "X" && event["args"]["seq"] == 40);
     assert_eq!(slice.unwrap()["args"]["origin"], "camera/front");
     for (args, why) in [
-        (["export", "--mcap", tracker, detector, "-o"], "MCAP takes one trace"),
+        (["export", "--mcap", tracker, detector, "-o"], "MCAP and OTLP take one trace"),
         (["export", "--perfetto", tracker, "-", "-o"], "read twice"),
     ] {
         let other = path("other");

@@ -66,6 +66,16 @@ fn help_has_no_marks_of_rustdoc() {
         for flag in ["-h", "--help"] {
             let help = printed(&[command, flag]);
             assert!(!help.contains('`') && !help.contains("<http"), "{command} {flag}: {help}");
+            // An example is a line that can be copied, or ends where the shell goes on.
+            let (_, examples) = help.split_once("Examples:\n").unwrap_or_default();
+            let mut goes_on = false;
+            for line in examples.lines().take_while(|line| line.starts_with("  ")) {
+                let is_command = ["fuseline ", "man ", "some-program "]
+                    .iter()
+                    .any(|word| line.trim_start().starts_with(word));
+                assert!(is_command || goes_on, "{command} {flag}: {line}");
+                goes_on = line.ends_with('\\');
+            }
         }
     }
     assert!(!printed(&["--help"]).contains('`'));
@@ -99,12 +109,12 @@ fn clouds_may_stand_in_a_file() {
     let args = [&args[..], &[file.to_str().unwrap()]].concat();
     let done = fuseline(&args).current_dir(dir.path()).output().unwrap();
     assert_eq!(done.status.code(), Some(0), "{}", err(&done));
-    let told = out(&done);
-    assert!(told.contains("3 own    my-detector                 45.0 ms"), "{told}");
-    assert!(told.contains("0 local  mine                        60.0 ms"), "{told}");
-    assert!(told.contains("the given runtimes"), "{told}");
+    let reported = out(&done);
+    assert!(reported.contains("3 own    my-detector                 45.0 ms"), "{reported}");
+    assert!(reported.contains("0 local  mine                        60.0 ms"), "{reported}");
+    assert!(reported.contains("the given runtimes"), "{reported}");
     // Each has an AP, so that nothing is unknown.
-    assert!(!told.contains("? is not known"), "{told}");
+    assert!(!reported.contains("? is not known"), "{reported}");
 
     let both = [&args[..], &["--cloud", "name=a,priority=1,url=http://h"]].concat();
     assert_eq!(run(&both, "").status.code(), Some(2));
@@ -112,4 +122,29 @@ fn clouds_may_stand_in_a_file() {
     let refused = run(&args, "");
     assert_eq!(refused.status.code(), Some(2));
     assert!(err(&refused).contains("fuseline.toml:1: priority is missing"), "{}", err(&refused));
+}
+
+/// On a terminal, which `script` makes.
+#[test]
+fn a_long_file_has_a_bar_on_a_terminal_and_no_other_has_one() {
+    let dir = tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name).display().to_string();
+    let header = "{\"fuseline\":1,\"window\":1,\"clouds\":[]}\n";
+    let ticks = |count| header.to_owned() + &"{\"ev\":\"tick\",\"at\":7}\n".repeat(count);
+    fs::write(path("long.jsonl"), ticks(900_000)).unwrap();
+    fs::write(path("short.jsonl"), ticks(7)).unwrap();
+    for (name, has_bar) in [("long.jsonl", true), ("short.jsonl", false)] {
+        for command in ["check", "report -o page.html --force", "export --mcap -o out.mcap --force"]
+        {
+            let line = format!("'{}' {command} '{name}'", env!("CARGO_BIN_EXE_fuseline"));
+            let mut script = std::process::Command::new("script");
+            let shown = script.args(["-qec", &line, "/dev/null"]).current_dir(dir.path());
+            let shown = shown.stdin(std::process::Stdio::null()).output().unwrap();
+            let text = out(&shown);
+            assert_eq!(shown.status.code(), Some(0), "{line}: {text}");
+            assert_eq!(text.contains(" % "), has_bar, "{line}: {text}");
+        }
+    }
+    let piped = run(&["check", &path("long.jsonl")], "");
+    assert_eq!(err(&piped), "");
 }

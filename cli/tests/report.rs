@@ -1,9 +1,14 @@
 //! `fuseline report`, run as a user runs it. What the page does with its data is tried by `.ci/report`.
 
 mod common;
+#[path = "common/signal.rs"]
+mod signal;
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::Stdio;
+use std::thread;
+use std::time::{Duration, Instant};
 
 use common::{err, out, run};
 use serde_json::Value;
@@ -279,4 +284,32 @@ fn the_page_marks_every_violation() {
         }
         assert!(places["rules"][0][0].as_str().unwrap().starts_with(['F', 'P']), "{places}");
     }
+}
+
+#[test]
+fn a_page_is_made_again_when_its_trace_has_grown() {
+    let dir = tempfile::tempdir().unwrap();
+    let [trace, page] = ["t.jsonl", "t.html"].map(|name| dir.path().join(name));
+    let events = |count: u64| -> String {
+        let open = |t| format!("{{\"ev\":\"open\",\"at\":{t},\"t\":{t}}}\n");
+        (0..count).map(open).collect()
+    };
+    let header = "{\"fuseline\":1,\"window\":9,\"clouds\":[]}\n";
+    fs::write(&trace, format!("{header}{}", events(1))).unwrap();
+    let args = ["report", "--watch", trace.to_str().unwrap(), "-o", page.to_str().unwrap()];
+    let mut child = common::fuseline(&args).stdout(Stdio::null()).spawn().unwrap();
+    let wait_for = |lines: u64| {
+        let start = Instant::now();
+        while !fs::read_to_string(&page)
+            .is_ok_and(|page| data(&page)["traces"][0]["lines"] == lines)
+        {
+            assert!(start.elapsed() < Duration::from_secs(60), "no page with {lines} lines");
+            thread::sleep(Duration::from_millis(20));
+        }
+    };
+    wait_for(2);
+    fs::write(&trace, format!("{header}{}", events(5))).unwrap();
+    wait_for(6);
+    signal::interrupt(&child);
+    assert_eq!(child.wait().unwrap().code(), Some(0));
 }

@@ -4,7 +4,9 @@
 mod common;
 
 use std::fs;
+use std::io::{BufRead, BufReader};
 use std::path::Path;
+use std::process::Stdio;
 
 use common::{err, fuseline, out};
 use serde_json::{Map, Value};
@@ -32,7 +34,8 @@ fn differs(root: &Value, schema: &Value, value: &Value) -> Result<(), String> {
             "enum" if !wanted.as_array().unwrap().contains(value) => {
                 return Err(format!("{value} is none of {wanted}"));
             }
-            "minimum" if value.as_f64() < wanted.as_f64() => {
+            // It is about numbers: null may be another type that is allowed.
+            "minimum" if value.is_number() && value.as_f64() < wanted.as_f64() => {
                 return Err(format!("{value} is below {wanted}"));
             }
             "maximum" if value.as_f64() > wanted.as_f64() => {
@@ -203,6 +206,8 @@ fn scenarios_are_as_their_schemas_say() {
         ("red-light", &["--variant", "skewed"]),
         ("jaywalking", &["--speed", "9,30"]),
         ("networks", &["--drive", "cicv5g/rural_n8_v10", "--speed", "22", "--starts", "4"]),
+        ("arbitrage", &["--drive", "cicv5g/rural_n8_v10"]),
+        ("link", &["--request-kb", "300", "--rate", "10", "--uplink", "10", "--seconds", "3"]),
     ] {
         let command = ["scenario", scenario];
         let lines = conforms(dir.path(), &command, &[&["--json"], args].concat());
@@ -221,4 +226,17 @@ fn drives_are_as_their_schema_says() {
     assert!(found[0]["found"][0]["violation"].is_object(), "{}", found[0]);
     let dead = conforms(dir.path(), &["drive"], &[&drive[..], &["true"]].concat());
     assert!(dead[0]["found"][0]["misbehaviour"].is_string(), "{}", dead[0]);
+}
+
+#[test]
+fn probes_are_as_their_schema_says() {
+    let dir = tempdir().unwrap();
+    let serve = ["probe", "--serve", "--listen", "127.0.0.1:0"];
+    let mut server = fuseline(&serve).stdout(Stdio::piped()).spawn().unwrap();
+    let mut printed = String::new();
+    BufReader::new(server.stdout.take().unwrap()).read_line(&mut printed).unwrap();
+    let url = printed.trim().rsplit(' ').next().unwrap();
+    conforms(dir.path(), &["probe"], &["--json", "--seconds", "0.3", "-o", "plots", url]);
+    server.kill().unwrap();
+    server.wait().unwrap();
 }

@@ -1,155 +1,25 @@
-//! `fuseline replay` and `fuseline check`, run as a user runs them.
+//! `fuseline check`, run as a user runs it.
 
 mod common;
+#[path = "common/sample.rs"]
+mod sample;
 #[path = "common/signal.rs"]
 mod signal;
 
 use std::fs;
-use std::io::{BufRead, BufReader, Write};
-use std::path::{Path, PathBuf};
-use std::process::{ChildStdout, Command, Output, Stdio};
-use std::sync::mpsc::{Receiver, channel};
+use std::io::Write;
+use std::path::PathBuf;
+use std::process::{Command, Output, Stdio};
 use std::thread;
 use std::time::Duration;
 
 use common::{err, fuseline, out, run};
+use sample::{Lines, TRACE, files, text};
 use signal::interrupt;
 
 use flate2::Compression;
 use flate2::write::GzEncoder;
 use serde_json::Value;
-
-const INPUTS: &str = r#"{"fuseline":1,"window":4,"clouds":[{"p":2,"limit":31},{"p":1,"limit":31}]}
-{"ev":"open","at":0,"t":0,"x":{"camera":[1.5,null]}}
-{"ev":"offer","at":0,"t":0,"p":1,"deadline":500,"backlog":0}
-{"ev":"offer","at":1,"t":0,"p":2,"deadline":500,"backlog":0}
-{"at":150,"ev":"result","t":0,"p":1}
-{"ev":"tick","at":500}
-"#;
-
-const TRACE: &str = r#"{"fuseline":1,"window":4,"clouds":[{"p":2,"limit":31},{"p":1,"limit":31}]}
-{"ev":"open","at":0,"t":0,"x":{"camera":[1.5,null]}}
-{"ev":"offer","at":0,"t":0,"p":1,"deadline":500,"backlog":0}
-{"ev":"request","at":0,"t":0,"p":1,"due":500}
-{"ev":"offer","at":1,"t":0,"p":2,"deadline":500,"backlog":0}
-{"ev":"request","at":1,"t":0,"p":2,"due":501}
-{"at":150,"ev":"result","t":0,"p":1}
-{"ev":"hold","at":150,"t":0,"p":1}
-{"ev":"tick","at":500}
-{"ev":"timer","at":500,"t":0,"p":1}
-{"ev":"emit","at":500,"t":0,"p":1}
-{"ev":"cancel","at":500,"t":0,"p":2}
-"#;
-
-/// A directory with these files; it goes with the answer.
-fn files(named: &[(&str, &str)]) -> (tempfile::TempDir, Vec<PathBuf>) {
-    let dir = tempfile::tempdir().unwrap();
-    let paths = named.iter().map(|(name, text)| {
-        let path = dir.path().join(name);
-        fs::write(&path, text).unwrap();
-        path
-    });
-    let paths = paths.collect();
-    (dir, paths)
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().unwrap()
-}
-
-#[test]
-fn replay_echoes_the_inputs_and_answers_each() {
-    let replayed = run(&["replay"], INPUTS);
-    assert_eq!((out(&replayed), err(&replayed)), (TRACE, ""));
-    assert_eq!(replayed.status.code(), Some(0));
-}
-
-#[test]
-fn replay_of_a_whole_trace_is_that_trace() {
-    let (_dir, paths) = files(&[("trace.jsonl", TRACE)]);
-    assert_eq!(out(&run(&["replay", text(&paths[0])], "")), TRACE);
-    assert_eq!(out(&run(&["replay", "-"], TRACE)), TRACE);
-}
-
-#[test]
-fn replay_reproduces_every_conforming_trace_of_the_corpus() {
-    let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("../traces/corpus");
-    let mut replayed = 0;
-    for entry in fs::read_dir(corpus).unwrap() {
-        let path = entry.unwrap().path();
-        if path.extension().is_some_and(|extension| extension == "jsonl") {
-            let trace = fs::read_to_string(&path).unwrap();
-            assert_eq!(out(&run(&["replay", text(&path)], "")), trace, "{}", path.display());
-            replayed += 1;
-        }
-    }
-    assert!(replayed > 0);
-}
-
-/// The lines of an output as they come. Waiting for one that never comes fails.
-struct Lines(Receiver<String>);
-
-impl Lines {
-    fn of(output: ChildStdout) -> Self {
-        let (sender, lines) = channel();
-        thread::spawn(move || {
-            for line in BufReader::new(output).lines() {
-                drop(sender.send(line.unwrap()));
-            }
-        });
-        Self(lines)
-    }
-
-    fn next(&self) -> String {
-        self.0.recv_timeout(Duration::from_secs(60)).unwrap()
-    }
-}
-
-#[test]
-fn replay_answers_an_input_before_it_sees_the_next() {
-    let mut child =
-        fuseline(&["replay"]).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
-    let mut input = child.stdin.take().unwrap();
-    let answers = Lines::of(child.stdout.take().unwrap());
-    let mut trace = TRACE.lines().peekable();
-    for line in INPUTS.lines() {
-        writeln!(input, "{line}").unwrap();
-        assert_eq!(trace.next(), Some(line));
-        assert_eq!(answers.next(), line);
-        while let Some(decision) = trace.next_if(|next| !INPUTS.contains(next)) {
-            assert_eq!(answers.next(), decision);
-        }
-    }
-    drop(input);
-    assert!(child.wait().unwrap().success());
-}
-
-#[test]
-fn replay_says_line_and_column_of_bad_input_after_what_it_answered() {
-    let bad = INPUTS.replace(r#""at":500"#, r#""at":5.5"#);
-    let replayed = run(&["replay"], &bad);
-    assert_eq!(replayed.status.code(), Some(2));
-    assert!(err(&replayed).starts_with("error: stdin:6:"), "{}", err(&replayed));
-    assert_eq!(err(&replayed).lines().count(), 1);
-    assert!(TRACE.starts_with(out(&replayed)) && out(&replayed).ends_with("\"p\":1}\n"));
-}
-
-#[test]
-fn replay_is_quiet_when_its_reader_leaves() {
-    let mut child = fuseline(&["replay"])
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
-    let mut input = child.stdin.take().unwrap();
-    let answers: ChildStdout = child.stdout.take().unwrap();
-    drop(answers);
-    drop(input.write_all(INPUTS.as_bytes()));
-    drop(input);
-    let output = child.wait_with_output().unwrap();
-    assert_eq!((err(&output), output.status.code()), ("", Some(0)));
-}
 
 #[test]
 fn check_tells_a_conforming_trace_with_how_much_was_judged() {

@@ -1,4 +1,7 @@
-//! [`Expected`], the deadline of least mean loss, and the functions that compute it (T3, T6).
+//! [`Expected`], the deadline of least mean loss, and the functions that compute it.
+//!
+//! The book's chapter *Deadlines that are safe* derives the mean loss and where it is least (T3), and what the window and
+//! the probes give (T6).
 
 use core::time::Duration;
 
@@ -68,10 +71,32 @@ impl<L: Loss, const WINDOW: usize> Expected<L, WINDOW> {
         })
     }
 
+    /// What a request under `cap` is expected to gain over none, in the loss's unit: local's loss less the least mean loss.
+    ///
+    /// 0 for a cloud that is gone, or of which nothing is known. A [`SendBudget`](crate::SendBudget) weighs it.
+    #[must_use]
+    pub fn gain(&self, situation: &Situation<'_>, cap: Duration) -> f64 {
+        let local = self.loss.loss(situation, Source::Local, self.local_response.1);
+        local - self.least(situation, cap).loss
+    }
+
     /// What is known of the cloud.
     #[must_use]
     pub const fn observations(&self) -> &Observations<WINDOW> {
         &self.observations
+    }
+
+    /// What is lost.
+    #[must_use]
+    pub const fn loss(&self) -> &L {
+        &self.loss
+    }
+
+    fn least(&self, situation: &Situation<'_>, cap: Duration) -> Choice {
+        let steps = Survival::new(self.observations.sorted(), situation.under_way);
+        least_loss(steps, self.local_response, cap, |source, response| {
+            self.loss.loss(situation, source, response)
+        })
     }
 }
 
@@ -83,11 +108,7 @@ impl<L: Loss, const WINDOW: usize> Policy for Expected<L, WINDOW> {
             self.since = 0;
             return Chosen { deadline: cap, reason: Reason::Probe };
         }
-        let steps = Survival::new(self.observations.sorted(), situation.under_way);
-        let Choice { deadline, loss } =
-            least_loss(steps, self.local_response, cap, |source, response| {
-                self.loss.loss(situation, source, response)
-            });
+        let Choice { deadline, loss } = self.least(situation, cap);
         Chosen::within(cap, deadline, Reason::Expected { loss })
     }
 

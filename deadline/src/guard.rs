@@ -120,6 +120,7 @@ impl Guard {
             return HazardTimes { local: f64::NAN, lost: f64::NAN, cloud: f64::NAN };
         };
         let frames = f64::from(frames);
+        // B = R/v − v/(2a) − τ − n·P: the lemma *The budget* of the book's chapter.
         let time = |range: f64, speed: f64, deceleration: f64, brake_delay: f64, frames: f64| {
             range / speed - speed / (2.0 * deceleration) - brake_delay - frames
         };

@@ -1,4 +1,6 @@
 //! What an output costs, by its source and when it comes.
+//!
+//! The book's chapter *Deadlines* derives the formulas of [`Impact`] and [`Accuracy`].
 
 use core::time::Duration;
 

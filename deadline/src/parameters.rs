@@ -13,6 +13,13 @@ use crate::units::{Metres, MetresPerSecondSquared};
 /// vehicle of the traffic jam; each field names its figure. Of these the paper states local's response, the frames and
 /// their rate; the others are chosen so that the paper's table comes out, as the book's chapter *The paper's scenarios*
 /// says.
+///
+/// A number without a unit is no figure:
+///
+/// ```compile_fail
+/// # use fuseline_deadline::{Guard, Parameters};
+/// Guard::new(Parameters { local_response: 301.7.into(), ..Parameters::default() });
+/// ```
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Parameters {
     /// Full braking; 7.5 m/s².

@@ -1,4 +1,6 @@
-//! [`Survival`]: how long a cloud's results take, from calls of which some were given up (T5).
+//! [`Survival`]: how long a cloud's results take, from calls of which some were given up.
+//!
+//! The book's chapter *Deadlines that are safe* has the estimate's formula and its source (T5).
 
 use core::iter::Peekable;
 use core::time::Duration;

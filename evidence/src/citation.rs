@@ -169,6 +169,21 @@ pub(crate) fn has_harness(tree: &Tree, files: &[&str], name: &str) -> Result<boo
     Ok(false)
 }
 
+/// Whether a file of these folders has the function.
+pub(crate) fn has_function(
+    tree: &Tree,
+    folders: &[&str],
+    name: &str,
+) -> Result<bool, EvidenceError> {
+    for file in tree.files(folders)? {
+        let is_code = Path::new(&file).extension().is_some_and(|extension| extension == "rs");
+        if is_code && function(&tree.text(&file)?, name).is_some() {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
 /// What a harness' name, its documentation and its body cite.
 pub(crate) fn cited_by_harness(
     tree: &Tree,

@@ -1,8 +1,10 @@
-//! Coverage: lines and branches that tests never take, by cargo-llvm-cov with the nightly compiler.
+//! Coverage: lines and branches that tests never take, by the compiler's own instrumentation and LLVM's tools.
+//!
+//! The stable compiler counts branches where `RUSTC_BOOTSTRAP` allows it the option.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
-use std::process::Command;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
 
 use crate::error::EvidenceError;
 use crate::gap::CoverageGap;
@@ -18,54 +20,88 @@ pub(crate) fn take(
     files: &[&str],
     tests: &Tests,
 ) -> Result<BranchCounts, EvidenceError> {
-    let compiler = version(
-        Command::new("cargo").args(["+nightly", "--version"]).env("RUSTUP_AUTO_INSTALL", "0"),
-        "branches are told apart by the nightly compiler alone",
-    )?;
-    let tool = version(
-        Command::new("cargo").args(["llvm-cov", "--version"]),
-        "cargo install --locked cargo-llvm-cov",
-    )?;
+    let compiler = version(Command::new("rustc").arg("--version"), "install Rust")?;
     let llvm = llvm()?;
+    let remedy = format!("apt-get install llvm-{llvm}");
     let [cov, profdata] = ["llvm-cov", "llvm-profdata"].map(|tool| format!("{tool}-{llvm}"));
-    version(Command::new(&cov).arg("--version"), &format!("apt-get install llvm-{llvm}"))?;
-    let report = out.join("lcov.txt");
-    let mut command = Command::new("cargo");
-    command.args(["+nightly", "llvm-cov", "--branch", "--lcov", "--output-path"]).arg(&report);
-    command.args(tests.packages.iter().flat_map(|package| ["--package", package]));
-    command.args(tests.targets).current_dir(tree.root()).env("CARGO_TARGET_DIR", out);
-    let fixed = [
-        ("CARGO_LLVM_COV_SETUP", "no"),
-        ("LLVM_COV", &cov),
-        ("LLVM_PROFDATA", &profdata),
-        ("RUSTUP_AUTO_INSTALL", "0"),
-        ("CARGO_NET_OFFLINE", "true"),
-    ];
-    command.envs(fixed).env_remove("PROPTEST_CASES");
-    let ended = command.status().map_err(EvidenceError::file(tree.root()))?;
-    if !ended.success() {
-        return Err(EvidenceError::content(out, format!("cargo llvm-cov ended with {ended}")));
+    version(Command::new(&cov).arg("--version"), &remedy)?;
+    let counters = out.join("counters");
+    if counters.exists() {
+        std::fs::remove_dir_all(&counters).map_err(EvidenceError::file(&counters))?;
     }
-    let text = std::fs::read_to_string(&report).map_err(EvidenceError::file(&report))?;
+    let programs = test_programs(tree, out, tests)?;
+    let mut run = cargo_test(tree, out, tests);
+    run.env("LLVM_PROFILE_FILE", counters.join("%p-%m.profraw")).stdout(std::io::stderr());
+    let ended = run.status().map_err(EvidenceError::file(tree.root()))?;
+    if !ended.success() {
+        return Err(EvidenceError::content(out, format!("cargo test ended with {ended}")));
+    }
+    let merged = out.join("merged.profdata");
+    let mut merge = Command::new(&profdata);
+    merge.args(["merge", "--sparse", "--output"]).args([&merged, &counters]);
+    printed(&mut merge, &remedy)?;
+    let mut export = Command::new(&cov);
+    export.args(["export", "--format=lcov", "--instr-profile"]).arg(&merged);
+    export.args(programs.iter().flat_map(|program| [Path::new("--object"), program]));
+    let report = out.join("lcov.txt");
+    let text = printed(&mut export, &remedy)?;
+    std::fs::write(&report, &text).map_err(EvidenceError::file(&report))?;
     let (counts, gaps) = read(tree, files, &text)?;
     if counts["lines"] == 0 || counts["branches"] == 0 {
         return Err(EvidenceError::content(&report, "nothing was measured"));
     }
-    Ok((format!("{tool}, {compiler}"), counts, gaps))
+    Ok((format!("{compiler} and LLVM {llvm}"), counts, gaps))
 }
 
-/// The version of LLVM in the nightly compiler, which that of its tools must equal.
+/// `cargo test` of a build that counts, in a folder of its own.
+fn cargo_test(tree: &Tree, out: &Path, tests: &Tests) -> Command {
+    let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    command.args(["test", "--locked", "--offline", "--quiet"]);
+    command.args(tests.packages.iter().flat_map(|package| ["--package", package]));
+    command.args(tests.targets).current_dir(tree.root());
+    let fixed = [
+        ("RUSTC_BOOTSTRAP", "1"),
+        ("RUSTFLAGS", "-Cinstrument-coverage -Zcoverage-options=branch --cap-lints=allow"),
+        ("CARGO_INCREMENTAL", "0"),
+    ];
+    command.envs(fixed).env("CARGO_TARGET_DIR", out.join("built")).env_remove("PROPTEST_CASES");
+    // What the build itself runs counts too.
+    command.env("LLVM_PROFILE_FILE", out.join("built/%m.profraw"));
+    command
+}
+
+/// The programs of the tests, which have the map from counters to lines.
+fn test_programs(tree: &Tree, out: &Path, tests: &Tests) -> Result<Vec<PathBuf>, EvidenceError> {
+    let mut build = cargo_test(tree, out, tests);
+    build.args(["--no-run", "--message-format=json-render-diagnostics"]);
+    let text = printed(&mut build, "cargo test must build")?;
+    let messages = text.lines().filter_map(|line| serde_json::from_str(line).ok());
+    let programs = messages.filter_map(|message: serde_json::Value| {
+        let is_test = message["profile"]["test"].as_bool() == Some(true);
+        message["executable"].as_str().filter(|_| is_test).map(PathBuf::from)
+    });
+    Ok(programs.collect())
+}
+
+/// What a command prints, if it succeeds.
+fn printed(command: &mut Command, remedy: &str) -> Result<String, EvidenceError> {
+    let tool = command.get_program().to_string_lossy().into_owned();
+    let missing = || EvidenceError::Tool { tool: tool.clone(), remedy: remedy.to_owned() };
+    let printed = command.stderr(Stdio::inherit()).output().map_err(|_| missing())?;
+    if !printed.status.success() {
+        let why = format!("it ended with {}", printed.status);
+        return Err(EvidenceError::content(Path::new(&tool), why));
+    }
+    Ok(String::from_utf8_lossy(&printed.stdout).into_owned())
+}
+
+/// The version of LLVM in the compiler, which that of its tools must equal.
 fn llvm() -> Result<String, EvidenceError> {
-    let rustc = Path::new("rustc");
-    let printed = Command::new(rustc)
-        .args(["+nightly", "-vV"])
-        .env("RUSTUP_AUTO_INSTALL", "0")
-        .output()
-        .map_err(EvidenceError::file(rustc))?;
-    let text = String::from_utf8_lossy(&printed.stdout);
+    let text = printed(Command::new("rustc").arg("-vV"), "install Rust")?;
     let version = text.lines().find_map(|line| line.strip_prefix("LLVM version: "));
     let major = version.and_then(|version| version.split('.').next()).map(str::to_owned);
-    major.ok_or_else(|| EvidenceError::content(rustc, "it does not tell its version of LLVM"))
+    let unknown = "it does not say its version of LLVM";
+    major.ok_or_else(|| EvidenceError::content(Path::new("rustc"), unknown))
 }
 
 /// Reads a report in the format of lcov: `SF` a file, `DA` a line, `BRDA` one way of a branch, each with its count.

@@ -1,7 +1,6 @@
 //! The kinds of witness.
 
 mod all;
-mod pipelines;
 
 use std::collections::BTreeSet;
 

@@ -9,7 +9,7 @@ use std::time::Duration;
 use clap::{Args, Parser, Subcommand};
 use fuseline_evidence::{
     Campaign, CampaignSummary, EvidenceError, EvidenceKind, KINDS, MEASURES, Matrix, McdcReport,
-    Tree, artefacts, load_faults,
+    Tree, artefacts, core_coverage, load_faults,
 };
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -38,6 +38,10 @@ enum Command {
         #[arg(long, value_name = "PART")]
         without: Vec<String>,
     },
+    /// Measure which lines and branches of the core its tests reach, into evidence/coverage.md of cargo's target folder.
+    ///
+    /// It fails if one is neither reached nor explained in evidence/coverage.toml.
+    Coverage,
     /// Write the matrix of the results into evidence/ of cargo's target folder: matrix.md, evidence.csv and evidence.json.
     ///
     /// It fails if a result is missing or older than its sources without a reason in evidence/older.toml; the files name it.
@@ -84,6 +88,7 @@ fn main() -> ExitCode {
         Command::Faults(args) => faults(&tree, &args),
         Command::Measure(args) => measure(&tree, &args),
         Command::Mcdc { without } => mcdc(&tree, &without),
+        Command::Coverage => coverage(&tree),
         Command::Matrix { check } => matrix(&tree, check),
     };
     match done {
@@ -109,6 +114,18 @@ fn mcdc(tree: &Tree, without: &[String]) -> Result<bool, EvidenceError> {
         eprintln!("{gap}");
     }
     Ok(gaps.is_empty())
+}
+
+/// Whether each line and branch of the core is reached or explained.
+fn coverage(tree: &Tree) -> Result<bool, EvidenceError> {
+    let target = target(tree);
+    let report = core_coverage(tree, &target)?;
+    println!("{}", report.page().save(&target)?.display());
+    println!("{}", report.summary());
+    for line in report.wrong() {
+        eprintln!("{line}");
+    }
+    Ok(report.wrong().is_empty())
 }
 
 /// Whether every fault is caught.

@@ -1,11 +1,14 @@
-//! Measurements of the tests: mutants that they let pass, lines and branches that they never take.
+//! Measurements of the tests: mutants that they let pass, lines and branches that they never take; those of the core are
+//! measured anew each time (`reach`).
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
 use crate::error::EvidenceError;
 use crate::gap::CoverageGap;
+use crate::reach::CoverageReport;
 use crate::sources::{
     ARBITER, CORE, CORPUS, NO_LIST, NO_LIST_OF_THREADS, NO_LIST_OF_TRACES, NO_OBSERVED, NO_PACKED,
     NO_ROWS, TESTS, THREADS, TRACES,
@@ -29,7 +32,7 @@ pub struct Measure {
 enum Tool {
     /// cargo-mutants, on these files; what follows a `!` is left out.
     Mutants(&'static [&'static str]),
-    /// cargo-llvm-cov, of the files in a folder; what follows a `!` is left out.
+    /// Lines and branches of the files in a folder; what follows a `!` is left out.
     Coverage(&'static [&'static str]),
 }
 
@@ -132,13 +135,6 @@ pub const MEASURES: &[Measure] = &[
         },
     },
     Measure {
-        name: "coverage-core",
-        title: "coverage of the core",
-        sources: SOURCES_OF_CORE,
-        tool: Tool::Coverage(&[CORE]),
-        tests: TESTS_OF_CORE,
-    },
-    Measure {
         name: "mutants-threads",
         title: "mutants of the machine for many threads",
         sources: SOURCES_OF_THREADS,
@@ -153,6 +149,14 @@ pub const MEASURES: &[Measure] = &[
         tests: TESTS_OF_THREADS,
     },
 ];
+
+/// Measures which lines and branches of the core its tests reach.
+///
+/// # Errors
+/// The compiler or LLVM's tools cannot measure, or a test fails.
+pub fn core_coverage(tree: &Tree, target: &Path) -> Result<CoverageReport, EvidenceError> {
+    CoverageReport::of(tree, target, &TESTS_OF_CORE)
+}
 
 impl Measure {
     /// A digest of what its result depends on.

@@ -19,7 +19,7 @@ from network import Network
 from operators import Fused, Race, VirtualOperator
 from planner import Planner
 from scenes import EGO, KINDS, Scene
-from world import running
+from world import Pose, World, running
 
 #: As `fuseline scenario` has them: fitted to the paper's traffic jam.
 RANGES = (39.0, 57.0)
@@ -63,7 +63,36 @@ APPROACHES: dict[str, Callable[[], VirtualOperator]] = {
     "0.5 s": lambda: Fused(Constant(0.5)),
     "guard": lambda: Fused(Guard(PARAMETERS)),
     "expected": lambda: Fused(_expected()),
+    # The detector on board, and beside it what `Neighbours` brings.
+    "sharing": lambda: Race(lambda local, _cloud: (local, 0)),
 }
+
+
+class Neighbours:
+    """Shared locations: ego requests them ten times a second, with a deadline of 0.5 s.
+
+    Local answers with an empty list at once; the cloud with what the other car reported last before the request.
+    """
+
+    EVERY = 0.1
+
+    def __init__(self, scene: Scene, network: Network | float, offset: float) -> None:
+        self._scene, self._network, self._offset = scene, network, offset
+        self._operator = Fused(Constant(0.5))
+        self._reports: list[tuple[float, Pose | None]] = []
+
+    def must_brake(self, world: World, ego: Pose) -> bool:
+        """Whether what came by now makes ego brake."""
+        now = world.now
+        if now >= len(self._reports) * self.EVERY:
+            self._reports.append((now, self._scene.shared(world)))
+            trip = _round_trip(self._network, self._offset + BEFORE + now)
+            self._operator.frame(nanos(now), 0, trip, Situation())
+        for output in self._operator.until(nanos(now)):
+            at, other = self._reports[output.t]
+            if output.source and other and self._scene.must_brake(ego, other, now - at):
+                return True
+        return False
 
 
 @dataclass(frozen=True)
@@ -97,6 +126,7 @@ def drive(
             nanos(at), nanos(LOCAL), _response(network, offset + at), Situation(speed=scene.speed)
         )
         frames.append(None)
+    neighbours = Neighbours(scene, network, offset) if approach == "sharing" else None
     decided: float | None = None
     distance: float | None = None
     with running(scene.network, KINDS) as world:
@@ -129,6 +159,10 @@ def drive(
                     decided = now
                     if log:
                         log(f"{now:6.2f} s  decides to brake")
+            if neighbours and decided is None and neighbours.must_brake(world, ego):
+                decided = now
+                if log:
+                    log(f"{now:6.2f} s  decides to brake by a shared location")
             if decided is not None and now >= decided + BRAKE_DELAY:
                 world.brake(EGO, DECELERATION)
             world.step()
@@ -152,3 +186,9 @@ def _response(network: Network | float, at: float) -> int | None:
         return nanos(network)
     round_trip = network.round_trip(at)
     return None if round_trip is None else nanos(CLOUD + round_trip)
+
+
+def _round_trip(network: Network | float, at: float) -> int | None:
+    """The same for what nobody computes."""
+    response = _response(network, at)
+    return None if response is None else max(0, response - nanos(CLOUD))

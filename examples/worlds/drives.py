@@ -15,6 +15,7 @@ import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
+from functools import partial
 
 from drive import APPROACHES, BEFORE, Result, drive
 from network import Network, load_all
@@ -61,10 +62,10 @@ def _place(rng: random.Random, network: Network) -> float:
     return (rng.choice(slow) - BEFORE - rng.uniform(0.0, 10.0)) % network.length
 
 
-def run(seed: int) -> Drive:
+def run(seed: int, approaches: Sequence[str] = tuple(APPROACHES)) -> Drive:
     """Drives it once with each approach."""
     results = {}
-    for approach in APPROACHES:
+    for approach in approaches:
         situation, scene, number, offset = draw(seed)
         results[approach] = drive(scene, approach, NETWORKS[number], offset=offset)
     return Drive(seed, situation, NETWORKS[number].name, results)
@@ -104,7 +105,7 @@ def worse(drives: Sequence[Drive], approach: str) -> list[Drive]:
     ]  # fmt: skip
 
 
-def print_table(drives: Sequence[Drive]) -> None:
+def print_table(drives: Sequence[Drive], approaches: Sequence[str]) -> None:
     """The table, for all drives and for each situation."""
     groups = {"all": list(drives)}
     groups |= {name: [it for it in drives if it.situation == name] for name in SITUATIONS}
@@ -112,7 +113,7 @@ def print_table(drives: Sequence[Drive]) -> None:
         print(f"\n{group}: {len(members)} drives")
         head = ("collisions", "95 %", "m²/s² a drive", "worse than local", "brakes for nothing")
         print(f"{'':<10}{head[0]:>12}{head[1]:>18}{head[2]:>16}{head[3]:>18}{head[4]:>20}")
-        for approach in APPROACHES:
+        for approach in approaches:
             row = summary(members, approach)
             low, high = wilson(int(row["collisions"]), len(members))
             nothing = f"{row['for_nothing']} of {row['harmless']}"
@@ -145,6 +146,12 @@ def main() -> int:
     )
     parser.add_argument("--first", type=int, default=0, metavar="SEED", help="the first seed [0]")
     parser.add_argument("--jobs", type=int, default=2, metavar="N", help="processes [2]")
+    parser.add_argument(
+        "--approach",
+        metavar="A,A,…",
+        default=",".join(APPROACHES),
+        help=f"only these, beside blind and local [{','.join(APPROACHES)}]",
+    )
     parser.add_argument("--json", action="store_true", help="all drives as JSON")
     parser.add_argument(
         "--show", nargs=2, metavar=("SEED", "APPROACH"), help="one drive, output by output"
@@ -156,15 +163,20 @@ def main() -> int:
             parser.error(f"--show takes a seed and one of {', '.join(APPROACHES)}")
         show(int(seed), approach)
         return 0
+    wanted = {"blind", "local", *options.approach.split(",")}
+    if unknown := wanted - set(APPROACHES):
+        parser.error(f"--approach {', '.join(sorted(unknown))}: there are {', '.join(APPROACHES)}")
+    approaches = [name for name in APPROACHES if name in wanted]
     seeds = range(options.first, options.first + options.drives)
     with ProcessPoolExecutor(options.jobs) as pool:
-        drives = list(pool.map(run, seeds, chunksize=4))
+        drives = list(pool.map(partial(run, approaches=approaches), seeds, chunksize=4))
     if options.json:
         json.dump([asdict(it) for it in drives], sys.stdout)
         print()
     else:
-        print_table(drives)
-    unsafe = worse(drives, "guard") + worse(drives, "expected")
+        print_table(drives, approaches)
+    guarded = [name for name in ("guard", "expected") if name in approaches]
+    unsafe = [it for name in guarded for it in worse(drives, name)]
     for it in unsafe:
         print(
             f"drive {it.seed} ({it.situation}, {it.network}) hits, and local does not",

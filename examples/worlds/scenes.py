@@ -22,6 +22,8 @@ KINDS = {
     # SUMO moves it as a vehicle, as wide and long as a person.
     "person": Kind(0.6, 0.6, 3.0, "bicycle"),
 }
+#: A red light's line is so far before the middle of ego's lane, in m; who needs more than this to stop there will not, in m/s².
+LINE, HARD = 5.0, 4.0
 
 
 class Scene(Protocol):
@@ -41,6 +43,12 @@ class Scene(Protocol):
 
     def reveal(self, world: World, ego: Pose) -> float | None:
         """The distance to the nearest place from which something may come into sight."""
+
+    def shared(self, world: World) -> Pose | None:
+        """What the hazard shares of itself, if it is a vehicle that does."""
+
+    def must_brake(self, ego: Pose, other: Pose, age: float) -> bool:
+        """Whether ego brakes for what a vehicle shared so long ago, if it went on."""
 
     def is_over(self, world: World, ego: Pose) -> bool:
         """Whether ego is past it."""
@@ -113,6 +121,14 @@ class Jam:
         if abs(lead.front[1] - ego.front[1]) > 1.5:
             return None
         return max(0.0, lead.front[0] - ego.front[0])
+
+    def shared(self, world: World) -> Pose | None:
+        """What stands there shares nothing."""
+        return None
+
+    def must_brake(self, ego: Pose, other: Pose, age: float) -> bool:
+        """See `Scene`."""
+        return False
 
     def is_over(self, world: World, ego: Pose) -> bool:
         """See `Scene`."""
@@ -208,6 +224,20 @@ class Meeting:
     def reveal(self, world: World, ego: Pose) -> float | None:
         """The way of whatever comes from behind the building, until ego is past it."""
         return max(0.0, self._x - ego.front[0])
+
+    def shared(self, world: World) -> Pose | None:
+        """Cars do, persons do not."""
+        return world.pose(HAZARD) if self.kind == "car" and HAZARD in world.names() else None
+
+    def must_brake(self, ego: Pose, other: Pose, age: float) -> bool:
+        """As `fuseline scenario red-light`: it can no longer stop at its line, and both arrive together, soon."""
+        if other.speed < 0.1:
+            return False
+        distance = self._y - other.front[1] - other.speed * age
+        to_line = distance - LINE
+        stops = to_line > 0.0 and other.speed**2 / (2.0 * to_line) <= HARD
+        arrives = (self._x - ego.front[0]) / ego.speed
+        return not stops and abs(distance / other.speed - arrives) < 1.0 and 0.0 < arrives < 4.0
 
     def is_over(self, world: World, ego: Pose) -> bool:
         """See `Scene`."""

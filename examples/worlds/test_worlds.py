@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import math
 import unittest
 
 import drives
+import swerve
 from fuseline.deadline import Situation
 from jaywalking import touches
 from operators import Race
 from planner import Planner
+from scenes import Meeting
 from sight import sees
+from world import Pose
 
 
 class Jaywalking(unittest.TestCase):
@@ -31,6 +35,37 @@ class Jaywalking(unittest.TestCase):
                 self.assertTrue(
                     touches(speed + 0.02, response, swerves=swerves, steering_rate=rate)
                 )
+
+
+class SwerveInSumo(unittest.TestCase):
+    """In SUMO too only a cached plan swerves in time."""
+
+    def test_only_the_cached_plan_avoids(self) -> None:
+        for speed, response, expected in (
+            (7.8, 0.5, False), (8.7, 0.5, True), (8.7, 0.4, False), (9.9, 0.4, True)
+        ):  # fmt: skip
+            with self.subTest(speed=speed, response=response):
+                self.assertEqual(swerve.touches(speed, response), expected)
+
+
+class Sharing(unittest.TestCase):
+    """When a shared location makes ego brake."""
+
+    def test_a_runner_is_one_that_cannot_stop_and_meets_ego_soon(self) -> None:
+        scene = Meeting(12.0, "car", 14.0, 0.0, (8.0, 6.0))
+        scene._x, scene._y = 100.0, 100.0
+
+        def brakes(ahead: float, away: float, age: float = 0.0) -> bool:
+            ego = Pose((100.0 - ahead, 100.0), 0.0, 12.0, 4.7, 1.9)
+            other = Pose((100.0, 100.0 - away), math.pi / 2, 14.0, 4.7, 1.9)
+            return scene.must_brake(ego, other, age)
+
+        # 30 m before its line it needs 3.3 m/s² to stop there; 23 m before, 4.3.
+        self.assertFalse(brakes(30.0, 35.0))
+        self.assertTrue(brakes(30.0, 28.0))
+        self.assertTrue(brakes(30.0, 35.0, age=0.5), "it went on meanwhile")
+        self.assertFalse(brakes(60.0, 28.0), "ego comes three seconds later")
+        self.assertFalse(brakes(-1.0, 5.0), "ego is past it")
 
 
 class Parts(unittest.TestCase):

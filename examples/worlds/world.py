@@ -38,6 +38,19 @@ class Pose:
     length: float
     width: float
 
+    def touches(self, other: Pose) -> bool:
+        """Whether both rectangles have a point in common."""
+        ours, theirs = self.corners(), other.corners()
+        for heading in (self.heading, other.heading):
+            for x, y in (
+                (math.cos(heading), math.sin(heading)),
+                (-math.sin(heading), math.cos(heading)),
+            ):
+                our, their = ([px * x + py * y for px, py in corners] for corners in (ours, theirs))
+                if min(our) > max(their) or min(their) > max(our):
+                    return False
+        return True
+
     def corners(self) -> list[tuple[float, float]]:
         """Its corners: front left, front right, rear right, rear left."""
         along, across = math.cos(self.heading), math.sin(self.heading)
@@ -146,6 +159,11 @@ class World:
         libsumo.vehicle.setSpeedMode(name, _ONLY_LIMITS)
         libsumo.vehicle.setDecel(name, deceleration)
         libsumo.vehicle.setSpeed(name, 0.0)
+
+    def put(self, name: str, front: tuple[float, float], heading: float) -> None:
+        """Puts a vehicle where its own dynamics have it, on a lane or not."""
+        angle = 90.0 - math.degrees(heading)
+        libsumo.vehicle.moveToXY(name, "", -1, front[0], front[1], angle, keepRoute=2)
 
     def change_lane(self, name: str, lane: int, seconds: float) -> None:
         """Changes the lane at once, as SUMO's model of lanes has it."""

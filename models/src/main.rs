@@ -19,7 +19,7 @@ const EXITS: &str = "\
 Exit codes:
   0  every claim is kept, every sighting met, and there are as many states as there should be
   1  not so
-  2  bad input, told in one line";
+  2  bad input, reported in one line";
 
 /// Searches every state that the shipped machine can get into for a broken rule or promise.
 #[derive(Parser)]

@@ -7,7 +7,9 @@ Arguments after : simpl never.
 Arguments timers : simpl never.
 
 (** ** P9, the window; what an input costs is the implementation's affair and not spoken of here *)
+(* ANCHOR: window *)
 Definition fits_window (cfg : config) (s : state) : Prop := N.of_nat (length (opened s)) <= window cfg.
+(* ANCHOR_END: window *)
 Lemma update_window cfg s s0 t o : opened s0 = opened s -> fits_window cfg s -> fits_window cfg (fst (update s0 t o)).
 Proof.
   unfold fits_window, update. cbn. intros ->. assert (X := replace_length t (fst o) (opened s)). lia.
@@ -23,8 +25,10 @@ Proof.
   - unfold arrive. destruct (first_reason _); auto. now apply (update_window cfg s).
   - unfold arrive. destruct (first_reason _); auto. now apply (update_window cfg s).
 Qed.
+(* ANCHOR: P9 *)
 (** At most [window] timestamps are open. *)
 Theorem p9_window cfg ins : fits_window cfg (state_after cfg ins).
+(* ANCHOR_END: P9 *)
 Proof.
   destruct (run_reach cfg ins) as [R _]. induction R as [|tr s n b R IH|tr s b due t s' ds R IH E L U|tr s b s' ds R
     IH A U]; auto.
@@ -66,11 +70,13 @@ Proof.
     injection X as _ ->. constructor; [exact I|]. apply Forall_forall. intros d J.
     apply in_map_iff in J as (q & <- & _). exact I.
 Qed.
+(* ANCHOR: accounted *)
 (** Each input has exactly the decisions that its kind may have: an open is accepted or refused, an offer admitted or
     refused, a result forwarded, held (not under progressive) or dropped, a failure accepted or dropped,
       for a reason. *)
 Theorem p11_accounted cfg s i : exists of_due of_input, snd (step cfg s i) = of_due ++ of_input /\
   Forall of_timers of_due /\ own cfg (N.max (clock s) (at_ i)) (what i) of_input.
+(* ANCHOR_END: accounted *)
 Proof.
   unfold step. destruct (expire _ _ _) as [s1 ds1] eqn:E. destruct (apply cfg s1 (what i)) as [s2 ds2] eqn:A. cbn.
   exists ds1, ds2. split; auto. split; [eapply expire_of_timers; eauto|].
@@ -150,11 +156,13 @@ Proof.
   - destruct I as [<-|[]]. discriminate.
   - injection E as _ ->. destruct I as [<-|I]; [discriminate|]. apply in_map_iff in I as (x & <- & _). discriminate.
 Qed.
+(* ANCHOR: reason *)
 (** A dropped result or failure bears the first reason of F3 that holds,
     and of the trace until then it says the truth. *)
 Theorem p11_reason cfg ins i t p why now : what i = Result t p \/ what i = Fail t p ->
   In (Drop now t p why) (snd (step cfg (state_after cfg ins) i)) ->
   exists before, trace_of cfg (ins ++ [i]) = after [Drop now t p why] before /\ meaning cfg before t p why.
+(* ANCHOR_END: reason *)
 Proof.
   intros B. unfold trace_of, state_after. rewrite run_app. assert (R := proj1 (run_reach cfg ins)).
   unfold trace_of, state_after in R. destruct (run cfg initial [] ins) as [s tr]. cbn [fst snd run] in *.

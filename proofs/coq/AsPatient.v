@@ -401,6 +401,7 @@ Proof.
   now rewrite progressive_app, patient_app, V, V2.
 Qed.
 
+(* ANCHOR: P13 *)
 (** On the same inputs progressive decides, input by input, what patient decides: it opens,
     admits and refuses the same
     for the same reasons, and retires the same timestamps, each with the output that patient forwards as its last. *)
@@ -408,6 +409,7 @@ Theorem p13_as_patient ins : forall i,
   let s := state_after pat ins in
   state_after pro ins = beside s /\
   progressive_ends (snd (step pro (state_after pro ins) i)) = patient_ends (snd (step pat s i)).
+(* ANCHOR_END: P13 *)
 Proof.
   assert (X : forall l s tr tr2, reach pat tr s None -> reach pro tr2 (beside s) None ->
     exists tr3 tr4, fst (run pro (beside s) tr2 l) = beside (fst (run pat s tr l)) /\

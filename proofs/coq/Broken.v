@@ -372,3 +372,64 @@ Proof.
   apply andb_true_iff in D as [D N]. apply is_iff in D as [-> ->]. apply N.eqb_eq in N as ->.
   apply (sayb_iff tr _ _ (emits_b t q)) in E. apply P in I as [_ M]. now apply (M q).
 Qed.
+
+(** ** E1 to E3 *)
+Definition b_budgeted (tr : trace) (t a due reserve : N) : bool :=
+  match open_inputs t tr with [(x, Some d)] => (x =? a) && (d <=? N.max 1 (due - reserve - a)) | _ => false end &&
+  forallb (fun l => match l with Got now (Offer u _ d _) => negb (u =? t) || (d <=? due - reserve - now) | _ => true end) tr.
+Lemma budgeted_b tr t a due reserve : b_budgeted tr t a due reserve = true -> budgeted tr t a due reserve.
+Proof.
+  intros H. apply andb_true_iff in H as [O F]. split.
+  - destruct (open_inputs t tr) as [|[x [d|]] [|y l]]; try discriminate. apply andb_true_iff in O as [E L].
+    apply N.eqb_eq in E as ->. apply N.leb_le in L. eauto.
+  - intros now p d bl I. rewrite forallb_forall in F. specialize (F _ I). cbn in F. rewrite N.eqb_refl in F.
+    now apply N.leb_le in F.
+Qed.
+Definition b_punctual (late : N) (tr : trace) : bool :=
+  forallb (fun l => match l with
+    | Did (Opened _ _ (Some due)) | Did (Request _ _ _ due) => negb (due <=? clock_of tr) ||
+        existsb (fun i => match i with Got now _ => (due <=? now) && (now <=? due + late) | Did _ => false end) tr
+    | _ => true end) tr.
+Lemma punctual_b late tr : b_punctual late tr = true -> punctual late tr.
+Proof.
+  unfold b_punctual. rewrite forallb_forall. intros F t p due (d & I & A) L. apply N.leb_le in L.
+  assert (E : existsb (fun i => match i with Got now _ => (due <=? now) && (now <=? due + late) | Did _ => false end) tr
+    = true).
+  { specialize (F _ I). destruct d as [n u [e|]| | | |n u q e| | | | | |]; cbn in A; try contradiction;
+      destruct A as (_ & _ & ->); rewrite L in F; exact F. }
+  apply existsb_exists in E as ([now b|x] & J & E); [|discriminate]. apply andb_true_iff in E as [E1 E2].
+  apply N.leb_le in E1. apply N.leb_le in E2. eauto.
+Qed.
+Lemma broken_e1 cfg tr t a due reserve late : b_budgeted tr t a due reserve && b_punctual late tr &&
+  (ends a due reserve <=? clock_of tr) &&
+  negb (match last_items cfg t tr with [d] => instant_of d <=? ends a due reserve + late | _ => false end) = true ->
+  ~ E1_one_item cfg tr.
+Proof.
+  intros H P. apply andb_true_iff in H as [H N]. apply andb_true_iff in H as [H C]. apply andb_true_iff in H as [B T].
+  apply N.leb_le in C. destruct (P t a due reserve late (budgeted_b _ _ _ _ _ B) (punctual_b _ _ T) C) as (d & E & L).
+  rewrite E in N. apply N.leb_le in L. now rewrite L in N.
+Qed.
+Lemma broken_e2 cfg1 cfg2 tr1 tr2 t u a b due reserve1 reserve2 late gap :
+  b_budgeted tr1 t a due reserve1 && b_punctual late tr1 && (ends a due reserve1 <=? clock_of tr1) &&
+  match last_items cfg1 t tr1 with [d] => (instant_of d <=? b) && (b <=? instant_of d + gap) | _ => true end &&
+  b_budgeted tr2 u b due reserve2 && b_punctual late tr2 && (ends b due reserve2 <=? clock_of tr2) &&
+  negb (match last_items cfg2 u tr2 with [d] => instant_of d <=? due | _ => false end) &&
+  (late <=? reserve2) && (reserve2 + late + gap + 1 <=? reserve1) && (reserve1 + a <? due) = true ->
+  ~ E2_by_the_deadline cfg1 cfg2 tr1 tr2.
+Proof.
+  intros H P. apply andb_true_iff in H as [H L3]. apply andb_true_iff in H as [H L2]. apply andb_true_iff in H as [H L1].
+  apply andb_true_iff in H as [H N]. apply andb_true_iff in H as [H C2]. apply andb_true_iff in H as [H T2].
+  apply andb_true_iff in H as [H B2]. apply andb_true_iff in H as [H Gap]. apply andb_true_iff in H as [H C1].
+  apply andb_true_iff in H as [B1 T1]. apply N.leb_le in L1. apply N.leb_le in L2. apply N.ltb_lt in L3.
+  apply N.leb_le in C1. apply N.leb_le in C2.
+  destruct (P t u a b due reserve1 reserve2 late gap) as (d & E & _ & L); auto using budgeted_b, punctual_b.
+  - intros d E. rewrite E in Gap. apply andb_true_iff in Gap as [X1 X2]. apply N.leb_le in X1. apply N.leb_le in X2. auto.
+  - rewrite E in N. specialize (L L1 L2 L3). apply N.leb_le in L. now rewrite L in N.
+Qed.
+Lemma broken_e3 tr t a due reserve : b_budgeted tr t a due reserve &&
+  existsb (fun x => negb (fst x =? 0) && (due - reserve <? snd x)) (armed_in t tr) = true -> ~ E3_budget tr.
+Proof.
+  intros H P. apply andb_true_iff in H as [H E]. apply existsb_exists in E as ([p x] & I & E). cbn in E.
+  apply andb_true_iff in E as [Z L]. apply negb_true_iff, N.eqb_neq in Z. apply N.ltb_lt in L. apply armed_in_iff in I.
+  specialize (P t a due reserve p x (budgeted_b _ _ _ _ _ H) Z I). lia.
+Qed.

@@ -20,3 +20,8 @@ Definition waiting : list input := [input_at 0 (Open 1 (Some 100)); input_at 0 (
 
 Tactic Notation "breaks" uconstr(lemma) := refine (lemma _); vm_compute; reflexivity.
 Ltac happens := vm_compute; reflexivity.
+(** Two operators in a row: the end-to-end deadline is due at 100. The first keeps a reserve of 40, and misses its message at
+    60; the second takes that item in at 61, and keeps a reserve of 10. *)
+Definition first_in_row : list input := [input_at 0 (Open 1 (Some 60)); input_at 0 (Offer 1 1 50 0); input_at 50 Tick;
+  input_at 60 Tick].
+Definition second_in_row : list input := [input_at 61 (Open 7 (Some 29)); input_at 61 (Offer 7 2 29 0); input_at 90 Tick].

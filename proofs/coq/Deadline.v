@@ -80,8 +80,10 @@ Hypothesis as_local : forall k, takes k -> local_reports k -> reports k.
 (** Local has its results in the order of the frames. *)
 Hypothesis in_order : forall i k, takes i -> takes k -> i <= k -> local_at i <= local_at k.
 
+(* ANCHOR: T1 *)
 (** T1: whenever local alone has the row at which it brakes, fusion has it. *)
 Theorem t1_no_later_than_local now : alone_brakes now -> fusion_brakes now.
+(* ANCHOR_END: T1 *)
 Proof.
   intros (frames & D & L & O & B). exists frames. repeat split; auto.
   - destruct (O k H) as [[T A] _]. now apply no_later.

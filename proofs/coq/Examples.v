@@ -2,7 +2,7 @@
 
     The runs are of the rules, computed. The faulty traces are written by hand, the newest line first. *)
 From Coq Require Import List NArith Bool.
-From Fuseline Require Import Rules Trace Statements Broken Cases Ticks AsPatient.
+From Fuseline Require Import Rules Trace Statements Broken Cases Ticks AsPatient Threads.
 Import ListNotations.
 Open Scope N_scope.
 
@@ -132,3 +132,40 @@ happens. Qed.
 Example t1_can_break : ~ goes_at_once [Did (Hold 70 1 0); Did (Request 0 1 1 50); Did (Opened 0 1 None)].
 Proof. breaks (broken_t1 _ 70 1). Qed.
 Example p11_can_break : ~ own eager 60 (Result 1 1) []. Proof. breaks (broken_p11_result _ _ _ _ _). Qed.
+
+(** E1 to E3: each hypothesis holds, and the second's item is there at 90. *)
+Example e2_happens : let tr1 := trace_of eager first_in_row in let tr2 := trace_of progressive second_in_row in
+  (b_budgeted tr1 1 0 100 40 && b_punctual 5 tr1 && b_budgeted tr2 7 61 100 10 && b_punctual 5 tr2,
+   last_items eager 1 tr1, last_items progressive 7 tr2) = (true, [Miss 60 1], [Miss 90 7]).
+Proof. happens. Qed.
+(** The second operator answers when the end-to-end deadline is over. *)
+Example e2_can_break : ~ E2_by_the_deadline eager eager (trace_of eager first_in_row)
+  [Did (Miss 101 7); Got 101 Tick; Did (Opened 61 7 (Some 101)); Got 61 (Open 7 (Some 29))].
+Proof. breaks (broken_e2 eager eager _ _ 1 7 0 61 100 40 10 5 5). Qed.
+Example e1_can_break : ~ E1_one_item eager [Did (Miss 60 1); Did (Emit 50 1 0); Got 60 Tick;
+  Did (Opened 0 1 (Some 60)); Got 0 (Open 1 (Some 60))].
+Proof. breaks (broken_e1 eager _ 1 0 100 40 5). Qed.
+Example e3_can_break : ~ E3_budget [Did (Request 0 1 1 61); Got 0 (Offer 1 1 60 0); Did (Opened 0 1 (Some 60));
+  Got 0 (Open 1 (Some 60))].
+Proof. breaks (broken_e3 _ 1 0 100 40). Qed.
+
+(** Section 8: two threads look at one timestamp at once; the second's exchange fails, and its call looks again. *)
+Definition calls_at_once : list act := [Exchange 0 {| names := 1; instant := 0; does := Open 1 None |}; Look 0 1;
+  Exchange 0 {| names := 1; instant := 0; does := Offer 1 1 50 0 |}; Look 0 1;
+  Exchange 0 {| names := 1; instant := 0; does := Offer 1 2 80 0 |};
+  Look 1 1; Look 2 1;
+  Exchange 1 {| names := 1; instant := 5; does := Result 1 1 |}; Exchange 2 {| names := 1; instant := 4; does := Result 1 0 |};
+  Look 2 1; Exchange 2 {| names := 1; instant := 4; does := Result 1 0 |};
+  Look 1 1; Exchange 1 {| names := 1; instant := 6; does := Fail 1 2 |}].
+Example s8_happens : decisions (snd (interleave eager initial (fun _ => None) [] calls_at_once)) =
+  [Emit 6 1 1; Failed 6 1 2; Hold 4 1 0; Hold 5 1 1; Request 0 1 2 80; Request 0 1 1 50; Opened 0 1 None].
+Proof. happens. Qed.
+(** If an exchange did not compare, the second would undo the first: its result, that was held, would not be sent. *)
+Definition undone : trace := let seen := lookup 1 (opened (state_after eager (firstn 3 held))) in
+  let (s1, ds1) := plan eager (state_after eager (firstn 3 held)) seen {| names := 1; instant := 5; does := Result 1 1 |} in
+  let stale := with_slot s1 1 seen in
+  let (s2, ds2) := execute eager stale {| names := 1; instant := 4; does := Result 1 0 |} in
+  let (s3, ds3) := execute eager s2 {| names := 1; instant := 6; does := Fail 1 1 |} in
+  let (s4, ds4) := execute eager s3 {| names := 1; instant := 6; does := Fail 1 2 |} in
+  after (ds1 ++ ds2 ++ ds3 ++ ds4) (trace_of eager (firstn 3 held)).
+Example s8_can_break : ~ P3_best_available undone. Proof. breaks (broken_p3 _ 1 0 1). Qed.

@@ -35,9 +35,11 @@ Proof.
 Qed.
 Lemma seen_all calls : seen 0 calls = length calls.
 Proof. unfold seen. induction calls as [|c calls IH]; cbn; auto. Qed.
+(* ANCHOR: T5 *)
 (** Where nothing was given up by [t], the estimate is the share of the calls that were not answered by then. *)
 Theorem t5_share calls t : (forall c, In c calls -> given_up c -> (t < age c)%nat) ->
   survival calls t * count (length calls) == count (seen (S t) calls).
+(* ANCHOR_END: T5 *)
 Proof.
   intros H. assert (F : forall u, (u <= t)%nat -> factor calls u * count (seen u calls) == count (seen (S u) calls)).
   { intros u U. assert (E := seen_less u calls). specialize (E ltac:(intros c I G; specialize (H c I G); lia)).
@@ -148,9 +150,11 @@ Proof.
   - apply Forall_forall. intros d I. apply filter_In in I as [_ I]. apply andb_true_iff in I as [I _].
     now apply Nat.ltb_lt in I.
 Qed.
+(* ANCHOR: T3 *)
 (** T3: no deadline from local's least response to the cap has a lesser mean loss, and none that is shorter has as little. *)
 Theorem t3_least_loss d : (shortest <= d <= cap)%nat ->
   mean chosen <= mean d /\ (mean chosen == mean d -> (chosen <= d)%nat).
+(* ANCHOR_END: T3 *)
 Proof.
   intros L. destruct (looked_at d L) as (c & K & Le & N). assert (M := looked_mean c d Le N).
   destruct (choose_least candidates shortest candidates_sorted c) as [A B]; [destruct K as [->|K]; cbn; auto|].

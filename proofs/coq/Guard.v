@@ -137,6 +137,7 @@ Proof.
   assert (X : 0 <= margin f / greatest speed) by (apply Qle_shift_div_l; [auto|lra]). lra.
 Qed.
 
+(* ANCHOR: T2 *)
 (** T2: with the guard's deadline or any shorter one, the vehicle stops wherever local alone would. [truth] is within
     the spans that the guard was given, and so is local's response [r] for each frame. Fusion's output for a frame is
     there no later than local's result, if the deadline is past by then, else soon after the deadline (T1's lemma). *)
@@ -148,6 +149,7 @@ Theorem t2_as_safe_as_local f speed reveal h v a tau period range t deadline (r 
   0 <= t <= period -> (forall k, within (r k) (local_response f)) -> deadline <= guard f speed reveal ->
   (forall k, deadline <= r k -> fused k <= r k) -> (forall k, r k < deadline -> fused k <= deadline + lateness f) ->
   stops v a tau period range t (frames f) r -> stops v a tau period range t (frames f) fused.
+(* ANCHOR_END: T2 *)
 Proof.
   intros I N La M De V [V1 V2] [A1 A2] [T1 T2] P [P1 P2] R [R1 R2] [F0 F1] Re D Past Soon Alone.
   assert (N1 : 0 <= count (frames f) - 1) by (apply (count_less 0); lia).

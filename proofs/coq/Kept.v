@@ -84,15 +84,19 @@ Ltac abouts := first [apply opens_about|apply requests_about|apply arms_about|ap
   |(intros; assumption)].
 
 (** ** Each move keeps it *)
-Lemma good_got cfg tr s n b : good cfg tr s -> good cfg (Got (N.max (clock s) n) b :: tr) (set_clock n s).
+Lemma good_at cfg tr s now b s' : good cfg tr s -> opened s' = opened s -> newest s' = newest s ->
+  good cfg (Got now b :: tr) s'.
 Proof.
-  intros G. destruct G as [A1 A2 A3 A4 A5 A6 A7 A8 A9 A10 A11 A12 A13].
-  constructor; cbn [opened set_clock]; intros; rewrite ?says_got in *; eauto.
+  intros G Eo En. assert (Er : forall t, reached s' t = reached s t) by (intros t; unfold reached; now rewrite En).
+  destruct G as [A1 A2 A3 A4 A5 A6 A7 A8 A9 A10 A11 A12 A13].
+  constructor; rewrite ?Eo; intros; rewrite ?says_got, ?Er in *; eauto.
   - destruct (A4 t sl H) as [T1 T2 T3 T4 T5 T6 T7 T8 T9]. constructor; intros; rewrite ?says_got in *; eauto.
   - apply in_time_got. auto.
   - destruct (A9 t p H) as [?|(m & M)]; auto. right. exists m. now rewrite says_got.
   - destruct (A12 t H) as (p & P). exists p. now rewrite says_got.
 Qed.
+Lemma good_got cfg tr s n b : good cfg tr s -> good cfg (Got (N.max (clock s) n) b :: tr) (set_clock n s).
+Proof. intros G. now apply (good_at cfg tr s). Qed.
 
 Lemma slot_reached cfg tr s t sl : good cfg tr s -> lookup t (opened s) = Some sl -> reached s t = true.
 Proof.
@@ -285,19 +289,27 @@ Proof.
   - destruct I as [<-|[]]. reflexivity.
   - injection E as _ ->. destruct I as [<-|I]; [reflexivity|]. apply in_map_iff in I as (q & <- & _). reflexivity.
 Qed.
+Lemma current_fire cfg tr s b due t s' ds : current tr s b ->
+  update s t (fire cfg (clock s) t due (slot_of s t)) = (s', ds) -> current (after ds tr) s' b.
+Proof.
+  intros (y & x & -> & Q) U. unfold update, fire in U.
+  destruct (settle _ _ _ _ _) as [o e] eqn:Se. injection U as <- <-. cbn.
+  exists (rev (map Did (map (Timer (clock s) t) (fired due (slot_of s t)) ++ e)) ++ y), x.
+  split; [unfold after; now rewrite app_assoc|].
+  intros d I. apply in_app_or in I as [I|I]; [|now apply Q]. apply in_rev, in_map_iff in I as (d0 & [= ->] & I).
+  apply in_app_or in I as [I|I]; [apply in_map_iff in I as (q & <- & _); reflexivity|]. eapply settle_quiet; eauto.
+Qed.
 Lemma reach_current cfg tr s cur : reach cfg tr s cur -> forall b, cur = Some b -> current tr s b.
 Proof.
   induction 1 as [|tr s n b R IH|tr s b due t s' ds R IH E L U|tr s b s' ds R IH A U]; try discriminate.
   - intros c [= <-]. exists [], tr. split; [reflexivity|intros d []].
-  - intros c [= <-]. destruct (IH b eq_refl) as (y & x & -> & Q). unfold update, fire in U.
-    destruct (settle _ _ _ _ _) as [o e] eqn:Se. injection U as <- <-. cbn.
-    exists (rev (map Did (map (Timer (clock s) t) (fired due (slot_of s t)) ++ e)) ++ y), x.
-    split; [unfold after; now rewrite app_assoc|].
-    intros d I. apply in_app_or in I as [I|I]; [|now apply Q]. apply in_rev, in_map_iff in I as (d0 & [= ->] & I).
-    apply in_app_or in I as [I|I]; [apply in_map_iff in I as (q & <- & _); reflexivity|]. eapply settle_quiet; eauto.
+  - intros c [= <-]. eapply current_fire; eauto.
 Qed.
+(** Nothing of [t] is due. *)
+Definition rest_of (s : state) (t : N) : Prop := forall sl p due,
+  lookup t (opened s) = Some sl -> In (p, due) (armed sl) -> clock s < due.
 (** A result that is accepted is in time. *)
-Lemma arrives_in_time cfg tr s t p sl : good cfg tr s -> current tr s (Result t p) -> at_rest s ->
+Lemma arrives_in_time cfg tr s t p sl : good cfg tr s -> current tr s (Result t p) -> rest_of s t ->
   lookup t (opened s) = Some sl -> In p (pending sl) -> in_time tr t p.
 Proof.
   intros G (y & x & E & Q) AR L P. assert (T := g_told _ _ _ G t sl L). assert (O := g_slot _ _ _ G t sl L).
@@ -308,7 +320,7 @@ Proof.
   - apply X; [|apply (a_open _ _ _ _ T)]. intros d; destruct d; cbn; tauto.
   - intros Z. apply X; [intros d; destruct d; cbn; tauto|].
     apply (ok_pending _ _ O) in P. apply (a_requested _ _ _ _ T) in P as [?|?]; [contradiction|auto].
-  - intros due A. apply (AR t sl p due L). apply (a_armed _ _ _ _ T). split.
+  - intros due A. apply (AR sl p due L). apply (a_armed _ _ _ _ T). split.
     + destruct A as (d & I & A). exists d. split; auto. rewrite E. apply in_or_app. right. now right.
     + intros D. apply (a_pending _ _ _ _ T) in P as [_ P]. apply P. destruct D as (d & I & D). exists d. split; auto.
       now apply disarms_closes.
@@ -327,10 +339,10 @@ Lemma armed_requested cfg sl p due : slot_ok cfg sl -> In (p, due) (armed sl) ->
 Proof. intros O I. destruct (ok_armed _ _ O p due I) as [?|(? & _)];
   [now apply (ok_pending _ _ O)|now apply (ok_cached _ _ O)]. Qed.
 
-Lemma good_fire cfg tr s due t s' ds : good cfg tr s -> earliest (timers (opened s)) = Some (due, t) ->
+Lemma good_fire cfg tr s due t sl s' ds : good cfg tr s -> lookup t (opened s) = Some sl ->
   update s t (fire cfg (clock s) t due (slot_of s t)) = (s', ds) -> good cfg (after ds tr) s'.
 Proof.
-  intros G E U. destruct (due_lookup _ _ _ _ _ G E) as (sl & p & L & A). rewrite (slot_of_open _ _ _ L) in U.
+  intros G L U. rewrite (slot_of_open _ _ _ L) in U.
   assert (O := g_slot _ _ _ G t sl L). unfold fire in U. destruct (settle _ _ _ _ _) as [o e] eqn:Se.
   injection U as <- <-.
   eapply (good_fits cfg tr s t sl o); eauto; try reflexivity.
@@ -365,8 +377,8 @@ Proof.
   auto.
 Qed.
 
-Lemma good_apply cfg tr s b s' ds : good cfg tr s -> current tr s b -> at_rest s -> apply cfg s b = (s', ds) ->
-  good cfg (after ds tr) s'.
+Lemma good_apply cfg tr s b s' ds : good cfg tr s -> current tr s b -> (forall t p, b = Result t p -> rest_of s t) ->
+  apply cfg s b = (s', ds) -> good cfg (after ds tr) s'.
 Proof.
   intros G C AR. destruct b as [t d|t p d bl|t p|t p|]; cbn [apply].
   - unfold open. destruct (first_reason _) eqn:F.
@@ -382,7 +394,7 @@ Proof.
     + intros [= <- <-]. apply (good_silent cfg tr s); auto; try reflexivity. intros e [<-|[]]. reflexivity.
     + apply f3_none in F as (sl & L & P & Rq & NC & _). rewrite (slot_of_open _ _ _ L).
       assert (O := g_slot _ _ _ G t sl L). assert (T := g_told _ _ _ G t sl L).
-      assert (I := arrives_in_time cfg tr s t p sl G C AR L P). unfold update, result.
+      assert (I := arrives_in_time cfg tr s t p sl G C (AR t p eq_refl) L P). unfold update, result.
       destruct (is_progressive cfg) eqn:Pr; [|destruct (any_above p (pending sl)) eqn:A].
       * destruct (improve (clock s) t p sl) as [o e] eqn:Im. intros [= <- <-].
         eapply (good_fits cfg tr s t sl o); eauto; try reflexivity.
@@ -410,6 +422,6 @@ Proof.
   - constructor; cbn; try (constructor; fail); intros; try discriminate; try contradiction; auto;
       match goal with H : says [] _ |- _ => destruct H as (d & [] & _) end.
   - now apply good_got.
-  - eapply good_fire; eauto.
-  - eapply good_apply; eauto. eapply reach_current; eauto.
+  - destruct (due_lookup _ _ _ _ _ IH E) as (sl & p & X & _). eapply good_fire; eauto.
+  - eapply good_apply; eauto; [eapply reach_current; eauto|]. intros t p _ sl q due. apply A.
 Qed.

@@ -47,6 +47,58 @@ Proof.
     + subst. contradiction.
 Qed.
 
+(** ** What follows from the invariant alone, of many threads too (Threads.v) *)
+Section Invariant.
+Variables (cfg : config) (tr : trace) (s : state).
+Hypothesis G : good cfg tr s.
+Local Lemma open_slot t : says tr (opens t) -> ~ says tr (retires cfg t) ->
+  exists sl, lookup t (opened s) = Some sl /\ slot_ok cfg sl /\ told cfg tr t sl.
+Proof.
+  intros O N. destruct (g_open _ _ _ G t O) as [L|]; [|contradiction].
+  destruct (lookup t (opened s)) as [sl|] eqn:E; [|now elim L].
+  exists sl. split; auto. split; [now apply (g_slot _ _ _ G t)|now apply (g_told _ _ _ G)].
+Qed.
+Lemma good_p1_once : P1_once cfg tr.
+Proof.
+  intros t NP. destruct (lookup t (opened s)) as [sl|] eqn:L.
+  - left. assert (X := a_running _ _ _ _ (g_told _ _ _ G t sl L)). unfold running in X. now rewrite NP in X.
+  - destruct (g_done _ _ _ G t L) as [E|D]; auto. unfold done in D. rewrite NP in D. tauto.
+Qed.
+Lemma good_p1_progressive : P1_progressive cfg tr.
+Proof.
+  intros t Pr. destruct (lookup t (opened s)) as [sl|] eqn:L.
+  - left. assert (X := a_running _ _ _ _ (g_told _ _ _ G t sl L)). unfold running in X. rewrite Pr in X.
+    destruct X as (ps & E & F & _). eauto.
+  - destruct (g_done _ _ _ G t L) as [E|D]; [left; exists []; split; auto; constructor|].
+    unfold done in D. rewrite Pr in D. tauto.
+Qed.
+
+Lemma good_p2_never_late : P2_never_late tr.
+Proof. intros t p. intros (d & I & E). apply (g_accepted _ _ _ G). exists d. split; auto. now right. Qed.
+
+Lemma good_p3_best_available : P3_best_available tr.
+Proof. intros t m q. apply (g_best _ _ _ G). Qed.
+
+Lemma good_p4_prompt : P4_prompt cfg tr.
+Proof.
+  intros t c H N. assert (O : says tr (opens t)).
+  { apply (g_opened _ _ _ G). destruct H as (d & I & H). exists d. split; auto. now apply holds_about in H. }
+  destruct (open_slot t O N) as (sl & L & Ok & T).
+  assert (NP : is_progressive cfg = false).
+  { destruct (is_progressive cfg) eqn:E; auto. now apply (a_never _ _ _ _ T E) in H. }
+  assert (C := a_cached _ _ _ _ T NP). destruct (greatest (cached sl)) as [m|] eqn:Gr.
+  - apply greatest_some in Gr as [M B]. destruct (ok_prompt _ _ Ok m M) as (q & Q & Lq). exists q.
+    assert (P := Q). apply (a_pending _ _ _ _ T) in P as [Rq Cl].
+    apply (a_requested _ _ _ _ T) in Rq as [->|Rq]; [lia|].
+    repeat split; auto. intros b Hb. apply C in Hb. specialize (B b Hb). lia.
+  - apply greatest_none in Gr. apply C in H. rewrite Gr in H. contradiction.
+Qed.
+Lemma good_p6_free_without_cloud : P6_free_without_cloud tr.
+Proof. intros t. apply (g_free _ _ _ G). Qed.
+Lemma good_p8_one_timer : P8_one_timer tr.
+Proof. intros t p a b. apply (g_one _ _ _ G). Qed.
+End Invariant.
+
 Section Of.
 Variables (cfg : config) (ins : list input).
 Let tr := trace_of cfg ins.
@@ -57,13 +109,7 @@ Let G : good cfg tr s := reach_good _ _ _ _ R.
 
 Local Lemma clock_is : clock s = clock_of tr.
 Proof. exact (reach_clock _ _ _ _ R). Qed.
-Local Lemma open_slot t : says tr (opens t) -> ~ says tr (retires cfg t) ->
-  exists sl, lookup t (opened s) = Some sl /\ slot_ok cfg sl /\ told cfg tr t sl.
-Proof.
-  intros O N. destruct (g_open _ _ _ G t O) as [L|]; [|contradiction].
-  destruct (lookup t (opened s)) as [sl|] eqn:E; [|now elim L].
-  exists sl. split; auto. split; [now apply (g_slot _ _ _ G t)|now apply (g_told _ _ _ G)].
-Qed.
+Local Notation open_slot := (open_slot cfg tr s G).
 Local Lemma live_later t sl p due : lookup t (opened s) = Some sl -> In (p, due) (armed sl) -> clock_of tr < due.
 Proof. rewrite <- clock_is. apply AR. Qed.
 
@@ -87,45 +133,12 @@ Proof.
   destruct X as (ps & E & _ & C). eauto.
 Qed.
 
-(** ** P1 once *)
-Theorem p1_once : P1_once cfg tr.
-Proof.
-  intros t NP. destruct (lookup t (opened s)) as [sl|] eqn:L.
-  - left. assert (X := a_running _ _ _ _ (g_told _ _ _ G t sl L)). unfold running in X. now rewrite NP in X.
-  - destruct (g_done _ _ _ G t L) as [E|D]; auto. unfold done in D. rewrite NP in D. tauto.
-Qed.
-Theorem p1_progressive : P1_progressive cfg tr.
-Proof.
-  intros t Pr. destruct (lookup t (opened s)) as [sl|] eqn:L.
-  - left. assert (X := a_running _ _ _ _ (g_told _ _ _ G t sl L)). unfold running in X. rewrite Pr in X.
-    destruct X as (ps & E & F & _). eauto.
-  - destruct (g_done _ _ _ G t L) as [E|D]; [left; exists []; split; auto; constructor|].
-    unfold done in D. rewrite Pr in D. tauto.
-Qed.
-
-(** ** P2 never late *)
-Theorem p2_never_late : P2_never_late tr.
-Proof. intros t p. intros (d & I & E). apply (g_accepted _ _ _ G). exists d. split; auto. now right. Qed.
-
-(** ** P3 best available *)
-Theorem p3_best_available : P3_best_available tr.
-Proof. intros t m q. apply (g_best _ _ _ G). Qed.
-
-(** ** P4 prompt *)
-Theorem p4_prompt : P4_prompt cfg tr.
-Proof.
-  intros t c H N. assert (O : says tr (opens t)).
-  { apply (g_opened _ _ _ G). destruct H as (d & I & H). exists d. split; auto. now apply holds_about in H. }
-  destruct (open_slot t O N) as (sl & L & Ok & T).
-  assert (NP : is_progressive cfg = false).
-  { destruct (is_progressive cfg) eqn:E; auto. now apply (a_never _ _ _ _ T E) in H. }
-  assert (C := a_cached _ _ _ _ T NP). destruct (greatest (cached sl)) as [m|] eqn:Gr.
-  - apply greatest_some in Gr as [M B]. destruct (ok_prompt _ _ Ok m M) as (q & Q & Lq). exists q.
-    assert (P := Q). apply (a_pending _ _ _ _ T) in P as [Rq Cl].
-    apply (a_requested _ _ _ _ T) in Rq as [->|Rq]; [lia|].
-    repeat split; auto. intros b Hb. apply C in Hb. specialize (B b Hb). lia.
-  - apply greatest_none in Gr. apply C in H. rewrite Gr in H. contradiction.
-Qed.
+(** ** P1 to P4 *)
+Theorem p1_once : P1_once cfg tr. Proof. exact (good_p1_once _ _ _ G). Qed.
+Theorem p1_progressive : P1_progressive cfg tr. Proof. exact (good_p1_progressive _ _ _ G). Qed.
+Theorem p2_never_late : P2_never_late tr. Proof. exact (good_p2_never_late _ _ _ G). Qed.
+Theorem p3_best_available : P3_best_available tr. Proof. exact (good_p3_best_available _ _ _ G). Qed.
+Theorem p4_prompt : P4_prompt cfg tr. Proof. exact (good_p4_prompt _ _ _ G). Qed.
 
 (** ** P5 local floor *)
 Theorem p5_local_floor : P5_local_floor tr.
@@ -140,7 +153,7 @@ Qed.
 
 (** ** P6 free without cloud *)
 Theorem p6_free_without_cloud : P6_free_without_cloud tr.
-Proof. intros t. apply (g_free _ _ _ G). Qed.
+Proof. exact (good_p6_free_without_cloud _ _ _ G). Qed.
 
 (** ** P7 no stall *)
 Theorem p7_no_stall : P7_no_stall cfg tr.
@@ -168,7 +181,8 @@ Qed.
 
 (** ** P8 timers *)
 Theorem p8_one_timer : P8_one_timer tr.
-Proof. intros t p a b. apply (g_one _ _ _ G). Qed.
+Proof. exact (good_p8_one_timer _ _ _ G). Qed.
+Theorem p8_fires : P8_fires tr. Proof. exact (reach_fires _ _ _ _ R). Qed.
 (** The live timers of an open timestamp are those that were armed and were not ended by what P8 names. *)
 Theorem p8_live t sl p due : lookup t (opened s) = Some sl ->
   (In (p, due) (armed sl) <-> says tr (arms t p due) /\ ~ says tr (disarms cfg t p)).

@@ -27,6 +27,7 @@ Fixpoint gate_of (p : N) (tr : trace) : bool :=
 Section Of.
 Variables (cfg : config) (tr : trace).
 
+(* ANCHOR: P1-P6 *)
 (** Under eager and patient a timestamp is forwarded once, or missed once, or neither, but never both or again. *)
 Definition P1_once : Prop := forall t : N,
   is_progressive cfg = false ->
@@ -55,6 +56,8 @@ Definition P5_local_floor : Prop := forall t p : N,
 (** Local's result is held only for a timestamp for which a request was admitted. *)
 Definition P6_free_without_cloud : Prop := forall t : N,
   says tr (holds t 0) -> exists p, says tr (requests t p).
+(* ANCHOR_END: P1-P6 *)
+(* ANCHOR: P7-P12 *)
 (** A timestamp that was opened and is not retired waits for local, or has a live timer that is due later. *)
 Definition P7_no_stall : Prop := forall t : N,
   says tr (opens t) -> ~ says tr (retires cfg t) -> ~ says tr (closes cfg t 0) \/
@@ -81,8 +84,10 @@ Definition P8_served : Prop := forall t p due : N,
 Definition P12_bounded_wait : Prop := forall t : N,
   says tr (opens t) -> says tr (closes cfg t 0) ->
   (forall p due, p <> 0 -> says tr (arms t p due) -> due <= clock_of tr) -> says tr (retires cfg t).
+(* ANCHOR_END: P7-P12 *)
 (** ** What a line says of the trace before it, of F1, F2, F2g, F7 and P8 *)
 
+(* ANCHOR: F1-F7 *)
 (** Opened timestamps rise, and an open is refused for its order only if a timestamp that is as great was opened. *)
 Definition F1_order : Prop := forall later d earlier now t : _, tr = later ++ Did d :: earlier ->
   (forall due, d = Opened now t due -> forall u, says earlier (opens u) -> u < t) /\
@@ -105,10 +110,12 @@ Definition F7_local : Prop := forall now t : N, ~ In (Did (Cancel now t 0)) tr.
 (** A timer fires only while it is live, so once at most. *)
 Definition P8_while_live : Prop := forall later earlier now t p,
   tr = later ++ Did (Timer now t p) :: earlier -> ~ says earlier (disarms cfg t p).
+(* ANCHOR_END: F1-F7 *)
 End Of.
 
 (** ** P10: what may differ *)
 
+(* ANCHOR: P10 *)
 (** A decision apart from the [at] that it bears. *)
 Definition unstamped (d : decision) : decision :=
   match d with
@@ -125,9 +132,11 @@ Inductive ticked : list input -> list input -> Prop :=
 | t_end : ticked [] []
 | t_both i a b : ticked a b -> ticked (i :: a) (i :: b)
 | t_tick n i a b : ticked a (i :: b) -> n <= at_ i -> ticked a ({| at_ := n; what := Tick |} :: i :: b).
+(* ANCHOR_END: P10 *)
 
 (** ** P11: what an input has *)
 
+(* ANCHOR: P11 *)
 (** The decisions that an input itself has, after those of the timers that it meets. *)
 Definition own (cfg : config) (now : N) (b : body) (ds : list decision) : Prop :=
   match b with
@@ -156,9 +165,11 @@ Definition meaning (cfg : config) (tr : trace) (t p : N) (why : reason) : Prop :
   | Late => ~ ~ says tr (closes cfg t p) /\ forall q, p < q -> ~ says tr (emits t q)
   | _ => False
   end.
+(* ANCHOR_END: P11 *)
 
 (** ** P13: what is alike *)
 
+(* ANCHOR: P13 *)
 (** What both rules decide alike: what was opened, admitted and refused, and with what a timestamp ended. *)
 Inductive common :=
 | Accepted (t : N) (due : option N) | Admitted (t p due : N) | Refused (t : N) (p : option N) (why : reason)
@@ -178,10 +189,62 @@ Definition of_progressive (d : decision) : list common :=
   end.
 Definition patient_ends (ds : list decision) : list common := flat_map of_patient ds.
 Definition progressive_ends (ds : list decision) : list common := flat_map of_progressive ds.
+(* ANCHOR_END: P13 *)
 
 (** ** T1, the machine's half *)
 
+(* ANCHOR: T1 *)
 (** Local's result is held only while a request is live that is due later: at or after all due instants it goes at
     once. *)
 Definition goes_at_once (tr : trace) : Prop := forall now t,
   In (Did (Hold now t 0)) tr -> exists p due, p <> 0 /\ says tr (arms t p due) /\ now < due.
+(* ANCHOR_END: T1 *)
+
+(** ** E1 to E3: two operators in a row *)
+
+(* ANCHOR: E1-E3 *)
+(** The last item of a message is sent where its timestamp is retired or its open was refused (D1). *)
+Definition is_last (cfg : config) (t : N) (d : decision) : bool :=
+  match d with
+  | Miss _ u | Final _ u _ | Refuse _ u None _ => u =? t
+  | Emit _ u _ => (u =? t) && negb (is_progressive cfg)
+  | _ => false
+  end.
+Definition last_items (cfg : config) (t : N) (tr : trace) : list decision := filter (is_last cfg t) (decisions tr).
+Definition instant_of (d : decision) : N :=
+  match d with
+  | Opened n _ _ | Failed n _ _ | Timer n _ _ | Refuse n _ _ _ | Request n _ _ _ | Hold n _ _ | Drop n _ _ _
+  | Emit n _ _ | Final n _ _ | Miss n _ | Cancel n _ _ => n
+  end.
+(** When, and with which deadline of local, [t] was to be opened. *)
+Definition open_inputs (t : N) (tr : trace) : list (N * option N) :=
+  flat_map (fun l => match l with Got now (Open u d) => if u =? t then [(now, d)] else [] | _ => [] end) tr.
+(** A driver takes in message [t] at [a] once, and its deadlines end [reserve] before the end-to-end deadline, which is
+    due at [due]; that of local is at least 1 ns. *)
+Definition budgeted (tr : trace) (t a due reserve : N) : Prop :=
+  (exists d, open_inputs t tr = [(a, Some d)] /\ d <= N.max 1 (due - reserve - a)) /\
+  forall now p d backlog, In (Got now (Offer t p d backlog)) tr -> d <= due - reserve - now.
+(** An input comes at most [late] after each due instant that is past. *)
+Definition punctual (late : N) (tr : trace) : Prop := forall t p due,
+  says tr (arms t p due) -> due <= clock_of tr -> exists now b, In (Got now b) tr /\ due <= now <= due + late.
+(** A request of a message is due no later than [reserve] before its end-to-end deadline is. *)
+Definition E3_budget (tr : trace) : Prop := forall t a due reserve p x,
+  budgeted tr t a due reserve -> p <> 0 -> says tr (arms t p x) -> x <= due - reserve.
+(** The end of a message's deadlines. *)
+Definition ends (a due reserve : N) : N := N.max (due - reserve) (a + 1).
+(** One operator has exactly one last item for each message that it takes in, once its deadlines are over, and no later
+    than the lateness of its timers after that. *)
+Definition E1_one_item (cfg : config) (tr : trace) : Prop := forall t a due reserve late,
+  budgeted tr t a due reserve -> punctual late tr -> ends a due reserve <= clock_of tr ->
+  exists d, last_items cfg t tr = [d] /\ instant_of d <= ends a due reserve + late.
+(** Of two in a row the second takes in the first's last item for [t] as its message [u], at most [gap] later, with the
+    same end-to-end deadline. Then it has exactly one last item for it; and that is no later than the end-to-end deadline,
+    if each reserve covers what comes after: the second's its own lateness, the first's that, its own and the gap. *)
+Definition E2_by_the_deadline (cfg1 cfg2 : config) (tr1 tr2 : trace) : Prop := forall t u a b due reserve1 reserve2 late gap,
+  budgeted tr1 t a due reserve1 -> punctual late tr1 -> ends a due reserve1 <= clock_of tr1 ->
+  (forall d, last_items cfg1 t tr1 = [d] -> instant_of d <= b <= instant_of d + gap) ->
+  budgeted tr2 u b due reserve2 -> punctual late tr2 -> ends b due reserve2 <= clock_of tr2 ->
+  exists d, last_items cfg2 u tr2 = [d] /\
+    instant_of d <= N.max (due - reserve2) (ends a due reserve1 + late + gap + 1) + late /\
+    (late <= reserve2 -> reserve2 + late + gap + 1 <= reserve1 -> reserve1 + a < due -> instant_of d <= due).
+(* ANCHOR_END: E1-E3 *)

@@ -128,16 +128,17 @@ Proof.
   rewrite rev_app_distr, <- app_assoc. f_equal. unfold after, decisions. rewrite flat_map_app. cbn. f_equal.
   clear E1 E2. induction ds1 as [|d ds1 IHd]; auto. cbn [map rev]. rewrite flat_map_app, IHd. reflexivity.
 Qed.
+(* ANCHOR: ticks *)
 (** However many ticks come between inputs, all decisions but their [at], and the state in the end, are the same. *)
 Theorem p10_ticks cfg a b : ticked a b -> state_after cfg a = state_after cfg b /\
   map unstamped (decisions (trace_of cfg a)) = map unstamped (decisions (trace_of cfg b)).
+(* ANCHOR_END: ticks *)
 Proof.
   intros T. unfold state_after, trace_of. destruct (ticks_change_nothing cfg a b T) as [E1 E2].
   destruct (decisions_of_run cfg a initial []) as [-> ->], (decisions_of_run cfg b initial []) as [-> ->].
   split; auto. now rewrite !map_app, !map_rev, E2.
 Qed.
 
-(** The order of the clouds in the configuration decides nothing. *)
 Lemma registered_order a b p : Permutation a b -> NoDup (map priority a) ->
   find (fun c => priority c =? p) a = find (fun c => priority c =? p) b.
 Proof.
@@ -147,8 +148,11 @@ Proof.
     inversion D as [|? ? F]; subst. elim F. cbn. left. congruence.
   - rewrite IH by auto. apply IH2. eapply Permutation_NoDup; [|exact D]. now apply Permutation_map.
 Qed.
+(* ANCHOR: order *)
+(** The order of the clouds in the configuration decides nothing. *)
 Theorem p10_order cfg other s i : window cfg = window other -> rule cfg = rule other ->
   Permutation (clouds cfg) (clouds other) -> NoDup (map priority (clouds cfg)) -> step cfg s i = step other s i.
+(* ANCHOR_END: order *)
 Proof.
   intros W E P D. assert (C : forall p, registered cfg p = registered other p) by (intros p;
     now apply registered_order).

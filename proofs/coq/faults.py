@@ -90,7 +90,7 @@ print(f"{len(faults)} faults of the rules: {len(refuting)} refute one of {len(by
 
 def shows(theorem):
     """The rules and promises of a theorem: those at the head of its name."""
-    head = re.match(r"[fpt]\d+g?", theorem)
+    head = re.match(r"[fpte]\d+g?", theorem)
     return [head[0].capitalize()] if head else OTHERS[theorem]
 
 

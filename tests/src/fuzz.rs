@@ -169,7 +169,7 @@ fn unchanged_annotations(event: &Event, annotations: &Annotations) -> FuzzResult
     }
 }
 
-/// An error where line number `line` was to be read: it tells that line, fit for a terminal.
+/// An error where line number `line` was to be read: it names that line, fit for a terminal.
 fn refused(error: &ReadError, line: u64, reach: &mut Coverage) -> FuzzResult {
     reach.defect(error);
     let message = error.to_string();

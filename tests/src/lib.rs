@@ -4,8 +4,3 @@ mod driver;
 pub mod fuzz;
 
 pub use driver::{CoreDriver, Fired};
-
-/// The README's example is run as a test.
-#[cfg(doctest)]
-#[doc = include_str!("../../README.md")]
-pub struct Readme;

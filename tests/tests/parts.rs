@@ -9,17 +9,32 @@ const NEAR: Priority = Priority::new(1);
 const FAR: Priority = Priority::new(2);
 const T: Timestamp = Timestamp::new(7);
 
-/// How a machine answers that forwards the far cloud's result at once.
-fn forwarded_by_far() -> Outcome<2> {
+/// How a machine answers to a result of `source` while local and the far cloud are pending.
+fn answered(commit: Commit, source: Priority) -> Outcome<2> {
     let clouds = [NEAR, FAR].map(|cloud| Cloud::new(cloud, 31));
-    let mut fusion = Fusion::<2, 4>::new(4, Commit::Eager, &clouds).expect("a sound configuration");
+    let mut fusion = Fusion::<2, 4>::new(4, commit, &clouds).expect("a sound configuration");
     let mut ready = fusion.ready(Instant::START, |firing: Firing<2>| panic!("{firing:?}"));
     assert_eq!(ready.open(T, None), Opening::Accepted);
     let admission = ready.offer(T, FAR, Deadline::from_nanos(9), 0);
     assert!(matches!(admission, Admission::Admitted { .. }), "{admission:?}");
-    let outcome = ready.result(T, FAR);
+    ready.result(T, source)
+}
+
+/// How a machine answers that forwards the far cloud's result at once.
+fn forwarded_by_far() -> Outcome<2> {
+    let outcome = answered(Commit::Eager, FAR);
     assert!(matches!(outcome, Outcome::Forwarded { by: FAR, .. }), "{outcome:?}");
     outcome
+}
+
+/// F9.
+#[test]
+fn a_preliminary_result_is_sent_and_nothing_is_held() {
+    let outcome = answered(Commit::Progressive, Priority::LOCAL);
+    assert!(matches!(outcome, Outcome::Preliminary { .. }), "{outcome:?}");
+    let mut held: Held<&str, 4> = Held::new();
+    assert_eq!(held.result(T, Priority::LOCAL, "local", &outcome), Some("local"));
+    assert!(held.is_empty());
 }
 
 #[test]
@@ -34,7 +49,7 @@ fn what_is_held_is_forwarded_when_another_sources_result_decides() {
 
 #[test]
 fn of_two_values_of_one_source_the_first_is_kept() {
-    let mut held: Held<&str, 4> = Held::new();
+    let mut held: Held<&str, 4> = Held::default();
     for value in ["first", "second"] {
         assert_eq!(held.result::<2>(T, FAR, value, &Outcome::Held), None);
     }
@@ -61,4 +76,12 @@ fn parts_are_printed_by_what_they_have() {
     assert!(format!("{clouds:?}").contains("31"), "{clouds:?}");
     let entry = Entry::<2>::new(Slot::open(false));
     assert!(format!("{entry:?}").starts_with("Entry { slot: Slot"), "{entry:?}");
+}
+
+#[test]
+fn an_entry_has_no_due_for_a_source_beyond_its_clouds() {
+    let beyond = fuseline_core::Source::new(3).expect("it is below 16");
+    let mut entry = Entry::<2>::new(Slot::open(false));
+    entry.set_due(beyond, Instant::from_nanos(5));
+    assert_eq!(entry.due(beyond), Instant::END);
 }

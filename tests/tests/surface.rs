@@ -209,6 +209,10 @@ fn errors_say_what_is_wrong() {
         (InvalidSlot::PendingAndCached, "a source is both pending and cached"),
         (InvalidSlot::NothingPending, "nothing is pending"),
         (InvalidSlot::Unforwarded, "nothing pending outranks the best available result"),
+        (
+            InvalidSlot::Outranked,
+            "the last output is not the only one, or outranks something pending",
+        ),
         (InvalidSlot::Timers, "the armed timers are not those that the commit rule keeps"),
     ];
     for (error, text) in texts {

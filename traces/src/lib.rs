@@ -5,7 +5,6 @@ pub mod corpus;
 mod event;
 mod judge;
 pub mod observed;
-#[cfg(feature = "packed")]
 pub mod packed;
 mod parse;
 mod read;

@@ -1,6 +1,8 @@
 //! Traces as lines, however they are packed: plain, gzip, zstd or MCAP.
 //!
 //! ```
+//! # #[cfg(feature = "packed")]
+//! # {
 //! use fuseline_traces::judge;
 //! use fuseline_traces::packed::unpack;
 //!
@@ -8,6 +10,7 @@
 //! let packed = zstd::encode_all(&trace[..], 0)?;
 //! let verdict = judge("drive.jsonl.zst", unpack(&packed[..])?)?;
 //! assert!(verdict.conforms && verdict.lines == 2);
+//! # }
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
@@ -24,15 +27,28 @@
 //! their verdict is that of what `fuseline convert` makes. A length that a file claims takes no memory before its bytes come;
 //! but a record in a packed chunk takes at once what it claims, and is refused beyond 40 MiB.
 //!
-//! Not provided: tar and zip, a header of one's own for an MCAP file that has none (`fuseline convert --header` does that).
+//! Without the feature `packed` only gzip is unpacked.
+//!
+//! Not provided: tar and zip, a header of one's own for an MCAP file that has none (`fuseline convert --header` does that), other
+//! encodings than JSON ([`RawMessages`] has their bytes).
 
+#[cfg(feature = "packed")]
 mod messages;
 
-use std::io::{self, BufRead, BufReader};
+#[cfg(feature = "packed")]
+use std::io::BufReader;
+use std::io::{self, BufRead};
 
-pub use messages::{MessageError, Messages, TOPIC};
+#[cfg(feature = "packed")]
+pub use messages::{
+    MessageError, Messages, PayloadFormat, PayloadSchema, RECORD, RawMessage, RawMessages,
+};
+
+/// The topic of a trace's lines, unless another is named.
+pub const TOPIC: &str = "/fuseline/trace";
 
 /// The binary logarithm of the greatest window of a zstd frame, in bytes: what its own command takes.
+#[cfg(feature = "packed")]
 const WINDOW_LOG: u32 = 27;
 
 /// How a file's first byte says that it is packed; a trace begins with none of them.
@@ -69,11 +85,20 @@ pub fn unpack<'a, R: BufRead + 'a>(mut inner: R) -> io::Result<Box<dyn BufRead +
     Ok(match inner.fill_buf()?.first().copied().and_then(Packing::of) {
         None => Box::new(inner),
         Some(Packing::Gzip) => crate::unpack(inner)?,
+        #[cfg(feature = "packed")]
         Some(Packing::Zstd) => {
             let mut unpacked = zstd::Decoder::with_buffer(inner)?;
             unpacked.window_log_max(WINDOW_LOG)?;
             Box::new(BufReader::with_capacity(64 * 1024, unpacked))
         }
+        #[cfg(feature = "packed")]
         Some(Packing::Mcap) => Box::new(messages::Lines::new(inner)),
+        #[cfg(not(feature = "packed"))]
+        Some(packing @ (Packing::Zstd | Packing::Mcap)) => {
+            let why = format!(
+                "packed as {packing:?}, which this build cannot read; build it with the feature packed"
+            );
+            return Err(io::Error::new(io::ErrorKind::Unsupported, why));
+        }
     })
 }

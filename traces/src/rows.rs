@@ -9,7 +9,7 @@ use thiserror::Error;
 
 pub use self::columns::{Columns, Unit, column, event, unit};
 pub use self::frames::{FrameColumn, FramePart, FrameRows, frame_column};
-pub use self::json::{JsonRows, json_event};
+pub use self::json::{JsonRows, field_event, json_event, seconds};
 pub use self::table::{TableError, TableReader};
 
 use crate::parse::{Form, LineAnnotations, parse_as};
@@ -67,6 +67,7 @@ impl<'a, R: Read> Rows<'a, R> {
         for (key, _, name, is_named) in columns.keys() {
             let Some(place) = names.iter().position(|column| column == name) else {
                 let message = match key {
+                    _ if columns.is_fixed(key) => continue,
                     _ if is_named => format!("no column {name:?} for {key}"),
                     "ev" | "at" => format!("no column {key:?}; name one with --column {key}=NAME"),
                     _ => continue,

@@ -198,7 +198,7 @@ impl<R: BufRead> BufRead for Counted<R> {
     }
 }
 
-/// Fails as told, then ends.
+/// Fails on purpose, then ends.
 struct Faulty {
     faults: Vec<io::ErrorKind>,
 }

@@ -6,7 +6,7 @@
 
 static fuseline_storage_c1w4 storage;
 
-static void tell(fuseline_status status, const fuseline_answer *a) {
+static void print_answer(fuseline_status status, const fuseline_answer *a) {
   printf("%4" PRIu64 " ms  %-7s t %" PRIu64 " %s", a->at / 1000000U, status == FUSELINE_STATUS_AGAIN ? "timers" : "input",
          a->t, fuseline_outcome_name(a->outcome));
   if (a->why != FUSELINE_REASON_NONE) printf(" (%s)", fuseline_reason_name(a->why));
@@ -29,14 +29,14 @@ int main(void) {
   }
 
   /* A message comes: open its timestamp, and offer it to the cloud, which has 400 ms. */
-  do tell(status = fuseline_open(machine, 0, 7, &a), &a); while (status == FUSELINE_STATUS_AGAIN);
-  do tell(status = fuseline_offer(machine, 0, 7, 1, 400 * ms, 0, &a), &a); while (status == FUSELINE_STATUS_AGAIN);
+  do print_answer(status = fuseline_open(machine, 0, 7, &a), &a); while (status == FUSELINE_STATUS_AGAIN);
+  do print_answer(status = fuseline_offer(machine, 0, 7, 1, 400 * ms, 0, &a), &a); while (status == FUSELINE_STATUS_AGAIN);
   /* Local is ready first, and held: the cloud outranks it. */
-  do tell(status = fuseline_result(machine, 300 * ms, 7, 0, &a), &a); while (status == FUSELINE_STATUS_AGAIN);
+  do print_answer(status = fuseline_result(machine, 300 * ms, 7, 0, &a), &a); while (status == FUSELINE_STATUS_AGAIN);
   /* Nothing else comes. At the due instant the best available result is forwarded. */
   if (fuseline_next_due(machine, &due) != FUSELINE_STATUS_DONE) return 1;
-  while ((status = fuseline_tick(machine, due, &a)) == FUSELINE_STATUS_AGAIN) tell(status, &a);
+  while ((status = fuseline_tick(machine, due, &a)) == FUSELINE_STATUS_AGAIN) print_answer(status, &a);
   /* The cloud's result comes late, and is dropped. */
-  do tell(status = fuseline_result(machine, 401 * ms, 7, 1, &a), &a); while (status == FUSELINE_STATUS_AGAIN);
+  do print_answer(status = fuseline_result(machine, 401 * ms, 7, 1, &a), &a); while (status == FUSELINE_STATUS_AGAIN);
   return fuseline_end(machine) == FUSELINE_STATUS_DONE && a.why == FUSELINE_REASON_SUPERSEDED ? 0 : 1;
 }

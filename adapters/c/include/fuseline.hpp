@@ -314,7 +314,7 @@ class Machine {
     return Answer(answer);
   }
 
-  // Whether a question has an answer. That there is nothing to tell is no failure.
+  // Whether a question has an answer. That nothing is there is no failure.
   template <class Question>
   bool answered(Question question) noexcept {
     if (machine_ == nullptr) return false;
@@ -328,7 +328,7 @@ class Machine {
   Status status_ = FUSELINE_STATUS_NULL;
 };
 
-// The values of held results: of each open timestamp that of its best, for only that can be forwarded (P3). Tell it
+// The values of held results: of each open timestamp that of its best, for only that can be forwarded (P3). Give it
 // each answer and each firing, and none leaks: what is not forwarded is destroyed as soon as it cannot be. It has a
 // place for each timestamp of its machine, which it takes to be made, so that the two cannot differ.
 template <class Value, class Capacity>
@@ -361,7 +361,7 @@ class Held {
   }
 
   // How many values found no place, or were not there when they were to be sent: not 0 if an answer or a firing was not
-  // told, or one of another machine was.
+  // given, or one of another machine was.
   std::size_t lost() const noexcept { return lost_; }
 
   std::size_t size() const noexcept {
@@ -432,7 +432,7 @@ struct Sink {
   void miss(Timestamp) {}
   // The result of this cloud is no longer wanted: abort its call, if you like.
   void cancel(Timestamp, Priority) {}
-  // Timers fired: for records. What follows is told by the others.
+  // Timers fired: for records. The others report what follows.
   void fired(const Firing&) {}
 };
 

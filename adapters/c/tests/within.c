@@ -1,8 +1,8 @@
 /*
- * A call from within another, by a signal that interrupts it: it is told FUSELINE_STATUS_BUSY and changes nothing.
+ * A call from within another, by a signal that interrupts it: it gets FUSELINE_STATUS_BUSY and changes nothing.
  *
  * A timer interrupts the inputs of the main program until enough calls were caught in the midst of another. Each handler
- * ticks the same machine; what it is told must be busy or done. At the end the machine answers as one that was never
+ * ticks the same machine; what it gets must be busy or done. At the end the machine answers as one that was never
  * interrupted.
  */
 #define _GNU_SOURCE

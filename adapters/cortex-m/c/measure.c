@@ -69,7 +69,7 @@ static void retired(uint64_t t) {
 }
 
 /* One input and the firings before it. */
-static fuseline_answer tell(enum kind kind, uint64_t now, uint64_t t, uint64_t x, uint64_t y) {
+static fuseline_answer submit(enum kind kind, uint64_t now, uint64_t t, uint64_t x, uint64_t y) {
   const uint64_t n[3] = {t, x, y};
   fuseline_answer a;
   fuseline_status status;
@@ -107,19 +107,19 @@ static void inputs(uint32_t commit, unsigned rounds) {
     if (open_len < WINDOW - below(WINDOW < 3 ? 1 : 3)) {
       fuseline_answer a;
       newest += 1U + below(5);
-      a = tell(OPEN, now, newest, below(2) == 0U ? 1U + below(WINDOW * 3U) : 0U, 0);
+      a = submit(OPEN, now, newest, below(2) == 0U ? 1U + below(WINDOW * 3U) : 0U, 0);
       if (a.outcome == FUSELINE_OUTCOME_ACCEPTED) open_ts[open_len++] = newest;
     }
     t = open_len > 0U ? open_ts[below(open_len)] : newest;
     switch (below(4)) {
       case 0:
-      case 1: tell(OFFER, now, t, 1U + below(CLOUDS), 1U + below(WINDOW * 4U)); break;
-      case 2: tell(RESULT, now, t, below(CLOUDS + 1U), 0); break;
-      default: tell(FAIL, now, t, below(CLOUDS + 1U), 0); break;
+      case 1: submit(OFFER, now, t, 1U + below(CLOUDS), 1U + below(WINDOW * 4U)); break;
+      case 2: submit(RESULT, now, t, below(CLOUDS + 1U), 0); break;
+      default: submit(FAIL, now, t, below(CLOUDS + 1U), 0); break;
     }
     if (below(4) == 0U) {
       now += below(10);
-      tell(TICK, now, 0, 0, 0);
+      submit(TICK, now, 0, 0, 0);
     }
     memset(&ignored, 0, sizeof ignored);
     due = count(NEXT_DUE, 0, none, &ignored, &status) - nothing;

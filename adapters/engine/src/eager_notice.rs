@@ -2,7 +2,7 @@
 
 use fuseline_traces::Commit;
 
-/// What was admitted for one message, until it was told once.
+/// What was admitted for one message, until it was reported once.
 pub(crate) struct EagerNotice {
     is_over: bool,
     t: Option<u64>,
@@ -51,7 +51,7 @@ mod tests {
         assert_eq!([admitted(0, 1, 100), admitted(0, 2, 100), admitted(0, 3, 90)], [None; 3]);
         assert_eq!([admitted(1, 3, 200), admitted(2, 1, 150)], [None; 2], "of two messages");
         assert_eq!(admitted(2, 3, 151), Some((1, 3)));
-        assert_eq!([admitted(3, 1, 1), admitted(3, 2, 2)], [None; 2], "it was told");
+        assert_eq!([admitted(3, 1, 1), admitted(3, 2, 2)], [None; 2], "it was reported");
         let mut patient = EagerNotice::new(Commit::Patient);
         assert_eq!([patient.admitted(0, 1, 1), patient.admitted(0, 2, 2)], [None; 2]);
     }

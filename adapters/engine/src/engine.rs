@@ -23,6 +23,7 @@ use crate::counts::{Counting, Counts};
 use crate::eager_notice::EagerNotice;
 use crate::effect::{Effect, Local, Offer, Overflow};
 use crate::event::CountedEvent;
+use crate::greatest_deadline::GreatestDeadline;
 use crate::item::Source;
 use crate::lineage::{Lineage, StampedValue};
 use crate::open_message::OpenMessages;
@@ -63,6 +64,7 @@ pub struct Engine<V, R> {
     /// What of an end-to-end deadline is kept for the operators downstream, in ns.
     reserve: u64,
     has_substitutes: bool,
+    greatest_deadline: GreatestDeadline,
     /// D13: whether messages' ages are of a clock that may step.
     has_doubtful_ages: bool,
     policies: Policies,
@@ -99,6 +101,7 @@ impl<V, R> Engine<V, R> {
             overflow: Overflow::default(),
             reserve: 0,
             has_substitutes: false,
+            greatest_deadline: GreatestDeadline::new(),
             has_doubtful_ages: false,
             open_messages: OpenMessages::new(),
             start: None,
@@ -152,6 +155,11 @@ impl<V, R> Engine<V, R> {
     /// of; 20 ms by default.
     pub fn set_lag_warning(&mut self, warning: Duration) {
         self.counts.lag.set_warning(warning);
+    }
+
+    /// Refuses offers with a greater deadline, and takes it for the most where a policy chooses; without it none is refused for that.
+    pub const fn set_greatest_deadline(&mut self, greatest: Duration) {
+        self.greatest_deadline.set(greatest);
     }
 
     /// Says which computation is thrown out when too many wait for local.
@@ -287,6 +295,8 @@ impl<V, R> Engine<V, R> {
         self.begin(at);
         let index = self.sources.index(p);
         let backlog = index.map_or(0, |index| self.sources[index].backlog() as u64);
+        let is_cap = index.is_some_and(|index| self.policies.has_policy(index));
+        let deadline = self.greatest_deadline.of_offer(deadline, (&self.operator, p), is_cap);
         let Some(deadline) = self.deadline(at, (t, p), deadline, backlog) else { return };
         let (p, deadline) = (p.into(), nanos(deadline));
         let admission = self.arbiter.offer(at, (t, p), deadline, backlog, |at, firing| {

@@ -16,6 +16,8 @@ mod engine;
 #[cfg(feature = "operator")]
 mod event;
 #[cfg(feature = "operator")]
+mod greatest_deadline;
+#[cfg(feature = "operator")]
 mod item;
 #[cfg(feature = "operator")]
 mod lag;

@@ -1,4 +1,4 @@
-//! An end-to-end deadline at one operator: what requests and local may take, and what policies are told (E2, E3, E4).
+//! An end-to-end deadline at one operator: what requests and local may take, and what policies are reported (E2, E3, E4).
 
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -138,7 +138,7 @@ fn without_an_end_to_end_deadline_nothing_ends_earlier() {
     assert_eq!(effects(&mut engine), [""; 0]);
 }
 
-/// Takes what is allowed, at most 450 ms, and keeps what it is told.
+/// Takes what is allowed, at most 450 ms, and keeps what it is reported.
 struct EndToEnd(Arc<Mutex<Vec<String>>>);
 
 impl Policy for EndToEnd {
@@ -157,8 +157,8 @@ impl Policy for EndToEnd {
 #[test]
 fn a_policy_decides_about_the_whole_way_from_the_capture_to_the_last_output() {
     let (mut engine, start) = engine(9);
-    let told = Arc::new(Mutex::new(Vec::new()));
-    engine.set_policy(1, Box::new(EndToEnd(Arc::clone(&told))));
+    let reported = Arc::new(Mutex::new(Vec::new()));
+    engine.set_policy(1, Box::new(EndToEnd(Arc::clone(&reported))));
     engine.set_reserve(150 * MS);
     open(&mut engine, start, 1000, 0, 100);
     // 450 ms of which 100 are gone and 150 are kept.
@@ -172,7 +172,7 @@ fn a_policy_decides_about_the_whole_way_from_the_capture_to_the_last_output() {
         "Answered(320ms)",
         "Failed(310ms)",
     ];
-    assert_eq!(*told.lock().unwrap(), expected);
+    assert_eq!(*reported.lock().unwrap(), expected);
 }
 
 /// D17.

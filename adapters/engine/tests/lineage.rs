@@ -151,9 +151,9 @@ fn the_emit_says_of_which_message_the_value_is_that_it_sends() {
     run.engine.result(12, 2, 1, "two");
     run.engine.tick(101);
     let items = run.items();
-    let told: Vec<_> =
+    let reported: Vec<_> =
         items.iter().map(|item| (forwarded(item).value, forwarded(item).of)).collect();
-    assert_eq!(told, [("zero", Some(0)), ("two", None), ("one", Some(1))]);
+    assert_eq!(reported, [("zero", Some(0)), ("two", None), ("one", Some(1))]);
     assert_eq!(
         run.lines(&["result", "emit"]),
         [
@@ -215,7 +215,7 @@ fn a_final_item_that_takes_its_value_over_is_as_old_as_that_has_become() {
     run.open(0, 0, 3);
     run.open(10, 1, 3);
     run.engine.result(20, 1, 0, of("local's", 1));
-    run.engine.fail(50, 1, 1, &"as told");
+    run.engine.fail(50, 1, 1, &"on purpose");
     let mut items = run.items();
     let (last, first) = (items.pop().unwrap(), items.pop().unwrap());
     assert_eq!((first.age, last.age), (Some(13 * NS), Some(43 * NS)));

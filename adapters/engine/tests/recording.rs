@@ -77,7 +77,7 @@ fn a_killed_process_leaves_the_miss_that_it_died_of() {
             answer(&mut engine, t);
         }
         let _ = engine.open(30, 3, None, 3, []);
-        engine.fail(31, 3, 0, &"as told");
+        engine.fail(31, 3, 0, &"on purpose");
         until_written(Path::new(&path), r#"{"ev":"miss","at":31,"t":3}"#);
         process::abort();
     }

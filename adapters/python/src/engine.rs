@@ -128,6 +128,11 @@ impl PyEngine {
         self.with(|inner| inner.set_replaceable(count))
     }
 
+    /// The longest deadline that may be offered; the most that a policy may choose.
+    fn set_greatest_deadline(&self, greatest: Nanos) -> PyResult<()> {
+        self.with(|inner| inner.set_greatest_deadline(Duration::from_nanos(greatest.0)))
+    }
+
     /// E4: says that there is a substitute for messages that are missed.
     fn expect_substitutes(&self) -> PyResult<()> {
         self.with(|inner| inner.expect_substitutes())

@@ -6,7 +6,7 @@ use fuseline_traces::{Commit, Decision, Event, Header, Input};
 
 /// How many messages without an outcome are remembered: more than a window has.
 const OPEN: usize = 4096;
-/// How many leading bits of a response are told apart: bins are at most a 32nd wide.
+/// How many leading bits of a response are distinguished: bins are at most a 32nd wide.
 const BITS: u32 = 6;
 
 /// From the first instant to the last, in nanoseconds; messages, those missed, those refused; the outputs.
@@ -98,7 +98,7 @@ impl PyTally {
     }
 }
 
-/// The greatest response that is told from this one by no more than its lower bits.
+/// The greatest response that differs from this one in its lower bits alone.
 const fn bin(response: u64) -> u64 {
     let shift = (u64::BITS - response.leading_zeros()).saturating_sub(BITS);
     response | ((1 << shift) - 1)

@@ -11,7 +11,7 @@ from pathlib import Path
 import fuseline
 
 README = Path(__file__).parents[1] / "README.md"
-BOOK = Path(__file__).parents[3] / "docs/book/src/use"
+USE = Path(__file__).parents[3] / "docs/book/src/use"
 
 
 def test_the_machines_own_example_runs() -> None:
@@ -24,12 +24,12 @@ def test_the_machines_own_example_runs() -> None:
 
 
 def test_the_documents_code_runs(tmp_path: Path) -> None:
-    documents = [
+    each = [
         re.findall(r"```python\n(.*?)```", document.read_text(), re.DOTALL)
-        for document in (README, BOOK / "python.md", BOOK / "pipelines.md")
+        for document in (README, USE / "python.md", USE / "pipelines.md", USE / "robot.md")
     ]
-    assert all(documents)
-    blocks = [block for document in documents for block in document]
+    assert all(each)
+    blocks = [block for of_one in each for block in of_one]
     for place, block in enumerate(blocks):
         if block.startswith("# /// needs"):
             continue  # run by tests/engines

@@ -1,4 +1,4 @@
-"""Threads and loops: what a program around an operator may do, and what it is told."""
+"""Threads and loops: what a program around an operator may do, and what is reported to it."""
 
 from __future__ import annotations
 
@@ -265,7 +265,7 @@ def test_a_feed_waits_for_room_in_the_window(run: Run[Any]) -> None:
 
 def test_failures_of_handlers_and_policies_are_counted(run: Run[Any]) -> None:
     def fails(*_: Any) -> Any:
-        raise OSError("as told")
+        raise OSError("on purpose")
 
     async def main(loop: VirtualLoop) -> Any:
         operator: Operator[Any, Any] = Operator(at_once, clock=loop.nanos)
@@ -331,7 +331,7 @@ def test_a_report_takes_a_list_of_paths(tmp_path: Path) -> None:
     assert len(fuseline.report(Path(paths[0]).read_text().splitlines(True), page=page)) == 1
 
 
-def test_an_eager_operator_that_gives_a_better_clouds_chance_away_is_told(
+def test_an_eager_operator_that_gives_a_better_clouds_chance_away_is_reported(
     run: Run[Any], caplog: pytest.LogCaptureFixture
 ) -> None:
     async def main(loop: VirtualLoop) -> None:

@@ -1,4 +1,4 @@
-"""Each check that meets a misuse is removed once from a copy of the package: its case must fail."""
+"""Each check in Python that meets a misuse is removed once: its case must fail."""
 
 from __future__ import annotations
 
@@ -28,9 +28,30 @@ GUARDS = [
         "request, nanoseconds(deadline)",
         "request, nanoseconds(deadline / 1e3)",
     ),
+    (
+        "milliseconds_for_local",
+        "_operator.py",
+        "deadline is not None and deadline > self._greatest_deadline",
+        "False",
+    ),
     ("capture_in_seconds", "_item.py", "not isinstance(self.captured, int)", "False"),
     ("plain_handle", "_wiring.py", "if is_named and not is_async(handle):", "if False:"),
     ("generator_for_a_handle", "_wiring.py", "inspect.isasyncgenfunction(handle)", "False"),
+    (
+        "lambda_that_returns_a_value",
+        "_wiring.py",
+        "if not inspect.isawaitable(returned):",
+        "if False:",
+    ),
+    ("handle_that_does_not_await", "_wiring.py", "if inspect.isawaitable(value):", "if False:"),
+    (
+        "response_handler_that_does_not_await",
+        "_wiring.py",
+        "if inspect.isawaitable(value):",
+        "if False:",
+    ),
+    ("lambda_for_an_async_local", "_wiring.py", "if inspect.isawaitable(value):", "if False:"),
+    ("lambda_that_encodes_async", "_wiring.py", "if inspect.isawaitable(value):", "if False:"),
     ("class_for_a_handle", "_wiring.py", "if inspect.isclass(function):", "if False:"),
     ("handle_that_cannot_be_called", "_wiring.py", "if not callable(function):", "if False:"),
     ("async_message_handler", "_wiring.py", "if is_async(function):", "if False:"),
@@ -51,6 +72,12 @@ GUARDS = [
     ("too_many_on_their_way", "_operator.py", "self._on_their_way >= self._window", "False"),
     ("ignored_future", "_operator.py", "times = self._not_taken", "times = 3"),
     (
+        "write_before_the_start",
+        "_operator.py",
+        'raise ConfigError("the operator has not started',
+        'print("the operator has not started',
+    ),
+    (
         "write_after_close",
         "_operator.py",
         "        if self._is_last:\n            raise",
@@ -69,6 +96,12 @@ GUARDS = [
         'print("a cloud after',
     ),
     ("write_in_a_handler", "_operator.py", "if self._is_handling:", "if False:"),
+    (
+        "wait_for_oneself",
+        "_blocking.py",
+        'raise RuntimeError("a handler must not wait for its own operator")',
+        "return None",
+    ),
     ("front_after_its_end", "_blocking.py", "or self._loop.is_closed()", ""),
     ("handle_that_blocks", "_timed.py", "report(clock() - begin)", "pass"),
     (
@@ -106,7 +139,7 @@ def test_the_case_fails_without_its_guard(
     tests = Path(__file__).parent
     options = ["-q", "-o", "addopts=", "-p", "no:cacheprovider", "-k", f"test_{case}"]
     ended = subprocess.run(
-        [sys.executable, "-m", "pytest", *options, tests / "test_misuse.py"],
+        [sys.executable, "-m", "pytest", *options, *tests.glob("test_misuse*.py")],
         env={**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{tests}"},
         cwd=tmp_path,
         capture_output=True,

@@ -180,12 +180,12 @@ def test_under_progressive_each_better_result_is_an_item_at_once(
         return await items_of(operator, ["a", "b"]), operator.counts
 
     items, counts = run(main)
-    told = [
+    seen = [
         (it.decided, it.timestamp, it.revision, it.ending, it.value, it.last, len(it.failures))
         for it in items
     ]
     preliminary, forwarded, final = Ending.PRELIMINARY, Ending.FORWARDED, Ending.FINAL
-    assert told == [
+    assert seen == [
         (10_000_000, 0, 0, preliminary, "a on board", False, 0),
         (20_000_000, 1, 0, preliminary, "b on board", False, 0),
         (50_000_000, 0, 1, preliminary, "a of west", False, 1),
@@ -213,9 +213,9 @@ def test_a_reader_that_lags_reads_the_newest_item_of_each_message(run: Run[Any])
             return first + [item async for item in operator]
 
     items = run(main)
-    told = [(item.timestamp, item.revision, item.value, item.last) for item in items]
+    seen = [(item.timestamp, item.revision, item.value, item.last) for item in items]
     # What was read before is not given again; what was not comes with the last item.
-    assert told == [
+    assert seen == [
         (0, 0, "a on board", False),
         (1, 1, "b of west", True),
         (0, 2, "a of west", True),

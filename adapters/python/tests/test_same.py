@@ -36,7 +36,7 @@ class DrawnAction:
             await asyncio.Event().wait()
         await asyncio.sleep(self.ms * MS)
         if self.kind == "fails":
-            raise OSError("as told")
+            raise OSError("on purpose")
         return value
 
     def __str__(self) -> str:

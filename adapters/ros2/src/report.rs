@@ -1,4 +1,4 @@
-//! What the node reports: `/diagnostics` once a period, and a status for each message (D15 told).
+//! What the node reports: `/diagnostics` once a period, and a status for each message (D15 reported).
 
 use std::time::Duration;
 

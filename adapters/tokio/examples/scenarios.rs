@@ -140,7 +140,7 @@ impl PlayedAction {
             Self::Answers(ms) => sleep(Duration::from_millis(ms)).await,
             Self::Fails(ms) => {
                 sleep(Duration::from_millis(ms)).await;
-                return Err("as told".into());
+                return Err("on purpose".into());
             }
             Self::Hangs => pending().await,
         }

@@ -1,5 +1,6 @@
 #![doc = include_str!("../README.md")]
 
+mod blocking;
 mod call;
 mod carried_state;
 pub mod drive;
@@ -7,6 +8,7 @@ mod encoding;
 mod error_chain;
 #[cfg(feature = "grpc")]
 pub mod grpc;
+pub mod handlers;
 mod in_order;
 mod items;
 mod join;
@@ -26,6 +28,7 @@ mod side_counts;
 mod stream;
 mod workers;
 
+pub use blocking::{BlockingOperator, UnreadItems};
 pub use call::Call;
 pub use carried_state::CarriedState;
 pub use drive::Timers;

@@ -62,6 +62,10 @@ pub struct Config {
     /// How late a timer may be served, and how long a handler may run without a pause, before it is counted and
     /// logged as a warning; 20 ms by default.
     pub lag_warning: Duration,
+    /// The longest deadline that a request or local may have; a minute by default. A longer one, such as milliseconds read as
+    /// seconds, is refused: of local at the start, of an offer as `deadline`, with a warning at the first (F2, A14). Where a
+    /// policy chooses, it is the most that it may choose.
+    pub greatest_deadline: Duration,
     /// Where the run is recorded; nowhere by default.
     pub trace: Option<Trace>,
     /// E3: how long the operators downstream take, one after the other; nothing by default. So much of a message's
@@ -99,6 +103,14 @@ pub enum SpawnError {
     /// There is no tokio runtime to run it.
     #[error("an operator must be started within a tokio runtime")]
     NoRuntime,
+    /// A [`BlockingOperator`](crate::BlockingOperator) would block the runtime that it is started in.
+    #[error(
+        "a blocking operator would block the runtime that it is started in; spawn the operator"
+    )]
+    WithinRuntime,
+    /// A [`BlockingOperator`](crate::BlockingOperator) has no runtime of its own.
+    #[error("no runtime for the blocking operator: {0}")]
+    Runtime(io::Error),
     /// There is no machine with this configuration and these clouds.
     #[error("the operator's configuration is refused: {0}")]
     Config(#[from] ConfigError),
@@ -113,6 +125,17 @@ pub enum SpawnError {
     Policy {
         /// The cloud's name.
         cloud: String,
+    },
+    /// Local's deadline is above the [greatest](Config::greatest_deadline).
+    #[error(
+        "local's deadline of {deadline:?} is above the greatest, {greatest:?}; give a shorter \
+         one, or a greater greatest_deadline"
+    )]
+    LocalDeadline {
+        /// Local's deadline.
+        deadline: Duration,
+        /// The greatest.
+        greatest: Duration,
     },
     /// A side request's gate could never open again.
     #[error("the gate of {name} needs a limit of at least 1 and a resume below it")]
@@ -179,6 +202,7 @@ pub fn spawn<P: Operator>(
     }
     let mut setup = Setup::new();
     let local = operator.setup(&mut setup);
+    check_local(&config, &local)?;
     let (header, annotations) = header(&config, &setup.clouds);
     let calls: Vec<usize> = setup.clouds.iter().map(|registered| registered.cloud.calls).collect();
     let bounds = shared::Local {
@@ -190,6 +214,7 @@ pub fn spawn<P: Operator>(
     };
     let mut engine = Engine::new(&header, &calls, bounds)?;
     engine.set_lag_warning(config.lag_warning);
+    engine.set_greatest_deadline(config.greatest_deadline);
     if local.kind.is_made_anew() {
         engine.set_replaceable(local.replaceable);
     }
@@ -302,6 +327,7 @@ impl Default for Config {
             output_len: 16,
             timers: Timers::Tokio,
             lag_warning: Duration::from_millis(20),
+            greatest_deadline: Duration::from_secs(60),
             trace: None,
             reserve: Vec::new(),
             latency: None,
@@ -320,6 +346,17 @@ fn sides<I>(
         SideRunner::new(operator, beside).ok_or(SpawnError::SideRequest { name })
     };
     registered.into_iter().map(asker).collect()
+}
+
+/// A14: local's deadline bounds the wait for a message as those of requests do.
+fn check_local<I, O>(config: &Config, local: &Local<I, O>) -> Result<(), SpawnError> {
+    let greatest = config.greatest_deadline;
+    match local.deadline {
+        Some(deadline) if deadline > greatest => {
+            Err(SpawnError::LocalDeadline { deadline, greatest })
+        }
+        Some(_) | None => Ok(()),
+    }
 }
 
 /// The trace's header.

@@ -70,7 +70,7 @@ async fn a_cancelled_call_and_one_whose_timer_fired_are_dropped_at_once() {
 async fn a_message_handler_that_panics_asks_nothing_and_is_asked_again() {
     let operator = ClosureOperator(|setup: &mut Setup<u64, String>| {
         let message_handler = |message: &u64, _| {
-            assert_ne!(*message, 0, "as told");
+            assert_ne!(*message, 0, "on purpose");
             Some(((), 100 * MS))
         };
         setup.use_cloud(|(), _| after(50, "cloud"), message_handler, Ok, 1);
@@ -92,8 +92,8 @@ async fn a_response_handler_that_panics_or_errs_is_a_failure_when_the_response_a
             Ok(message)
         };
         let response_handler = |message| match message {
-            0 => panic!("as told"),
-            1 => Err("as told".into()),
+            0 => panic!("on purpose"),
+            1 => Err("on purpose".into()),
             _ => Ok("cloud".into()),
         };
         setup.use_cloud(handle, |m, _| Some((*m, 100 * MS)), response_handler, 1);
@@ -350,7 +350,7 @@ async fn on_several_threads_a_call_that_blocks_its_own_holds_up_no_message() {
                 let _guard = guard;
                 match (blocked, t) {
                     (Some(blocked), _) => blocked.recv().unwrap_err(),
-                    (None, 1) => panic!("as told"),
+                    (None, 1) => panic!("on purpose"),
                     (None, 2) => return Ok("cloud".into()),
                     (None, _) => pending().await,
                 };
@@ -473,7 +473,7 @@ async fn threads_compute_as_many_messages_at_once_as_there_are() {
 async fn a_thread_that_panics_goes_on_with_the_next_message() {
     let operator = ClosureOperator(|_: &mut Setup<u64, String>| {
         Local::blocking(|message: &u64, _| {
-            assert_ne!(*message, 0, "as told");
+            assert_ne!(*message, 0, "on purpose");
             Ok("local".into())
         })
     });

@@ -59,7 +59,7 @@ async fn does(who: &str, does: ServiceAction, t: u64, start: Instant) -> Result<
         Answers(ms) => sleep(ms * MS).await,
         Fails(ms) => {
             sleep(ms * MS).await;
-            return Err("as told".into());
+            return Err("on purpose".into());
         }
         Hangs => pending().await,
     }
@@ -218,11 +218,11 @@ async fn a_policy_that_panics_asks_nothing_and_is_asked_again() {
     struct FailingPolicy;
     impl Policy for FailingPolicy {
         fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Chosen {
-            assert!(situation.speed.greatest < MetresPerSecond(20.0), "as told");
+            assert!(situation.speed.greatest < MetresPerSecond(20.0), "on purpose");
             Constant(50 * MS).decide(situation, cap)
         }
         fn ended(&mut self, _: End) {
-            panic!("as told")
+            panic!("on purpose")
         }
     }
     let run = played(&[0, 100], |setup| {

@@ -52,9 +52,9 @@ async fn a_handle_that_blocks_its_thread_is_counted_and_one_that_waits_is_not() 
 #[tokio::test(start_paused = true)]
 async fn a_message_handler_that_panics_and_a_situation_are_counted() {
     let operator = ClosureOperator(|setup: &mut Setup<u64, String>| {
-        setup.use_situation(|_, _| panic!("as told"));
+        setup.use_situation(|_, _| panic!("on purpose"));
         let handle = |n: u64, _| async move { Ok(n) };
-        setup.use_cloud(handle, |_, _| panic!("as told"), |n| Ok(format!("cloud {n}")), 1);
+        setup.use_cloud(handle, |_, _| panic!("on purpose"), |n| Ok(format!("cloud {n}")), 1);
         Local::future(|n, _| async move { Ok(format!("local {n}")) })
     });
     let tally = play(operator, Config::default(), &[0, 10]).await.tally;
@@ -80,7 +80,7 @@ async fn what_blocks_the_thread_is_counted_and_encoding_is_not() {
         let encode = move |n: u64| {
             names.lock().unwrap().push(thread::current().id());
             thread::sleep(200 * MS);
-            if n == 1 { Err("as told".into()) } else { Ok(n + 100) }
+            if n == 1 { Err("on purpose".into()) } else { Ok(n + 100) }
         };
         let send = move |n: u64, call: Call| {
             deadlines.lock().unwrap().push(call.deadline);

@@ -14,7 +14,7 @@ async fn a_call_that_panics_when_it_is_dropped_at_the_end_costs_neither_items_no
     struct PanicsOnDrop;
     impl Drop for PanicsOnDrop {
         fn drop(&mut self) {
-            panic!("as told");
+            panic!("on purpose");
         }
     }
     let operator = ClosureOperator(|setup: &mut Setup<u64, String>| {

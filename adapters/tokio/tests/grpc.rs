@@ -91,6 +91,11 @@ impl Operator for StampedVehicle {
     }
 }
 
+/// Offers of any length.
+fn unbounded() -> Config {
+    Config { greatest_deadline: Duration::MAX, ..Config::default() }
+}
+
 /// Sends one message and waits for its item.
 async fn exchange(camera: &mut Writer<Vec<u8>>, output: &mut Items<Vec<u8>>) -> (Vec<u8>, Trigger) {
     camera.write(b"frame".into()).unwrap();
@@ -107,7 +112,7 @@ async fn a_cloud_answers_and_what_was_sent_is_counted() {
     let cloud = Cloud::start("127.0.0.1:0", Server::default(), echo);
     let (mut camera, frames) = stream(8);
     let vehicle = Vehicle { remote: cloud.http(), deadline: LONG };
-    let (running, mut output) = spawn(vehicle, Config::default(), frames).unwrap();
+    let (running, mut output) = spawn(vehicle, unbounded(), frames).unwrap();
     assert_eq!(
         exchange(&mut camera, &mut output).await,
         (b"cloud frame".to_vec(), Trigger::Arrival)
@@ -154,7 +159,7 @@ async fn what_no_connection_took_does_not_count_as_sent() {
     let (mut camera, frames) = stream(8);
     let remote = Remote::new("http://127.0.0.1:1");
     let (running, mut output) =
-        spawn(Vehicle { remote, deadline: LONG }, Config::default(), frames).unwrap();
+        spawn(Vehicle { remote, deadline: LONG }, unbounded(), frames).unwrap();
     assert_eq!(exchange(&mut camera, &mut output).await.0, b"local");
     drop((camera, output));
     let tally = running.join().await.unwrap();
@@ -195,7 +200,7 @@ async fn a_server_that_never_answers_costs_no_more_than_the_deadline() {
     let cloud = Cloud::start("127.0.0.1:0", Server::default(), silent);
     let (mut camera, frames) = stream(8);
     let vehicle = Vehicle { remote: cloud.http(), deadline: Duration::from_millis(50) };
-    let (running, mut output) = spawn(vehicle, Config::default(), frames).unwrap();
+    let (running, mut output) = spawn(vehicle, unbounded(), frames).unwrap();
     assert_eq!(exchange(&mut camera, &mut output).await.0, b"local");
     let cloud_tally = &running.tally().sources[1];
     assert_eq!((cloud_tally.timers + cloud_tally.failed, cloud_tally.forwarded()), (1, 0));
@@ -213,7 +218,7 @@ async fn a_killed_server_fails_its_calls_at_once_and_is_used_again_when_it_is_ba
     let address = cloud.address.to_string();
     let (mut camera, frames) = stream(8);
     let vehicle = Vehicle { remote: cloud.http(), deadline: LONG };
-    let (_, mut output) = spawn(vehicle, Config::default(), frames).unwrap();
+    let (_, mut output) = spawn(vehicle, unbounded(), frames).unwrap();
 
     camera.write(b"frame".into()).unwrap();
     tokio::task::spawn_blocking(move || {
@@ -289,10 +294,10 @@ async fn messages_of_many_megabytes_pass_both_ways() {
 async fn the_deadline_travels_with_the_call() {
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let remote = Remote::new(format!("http://{}", listener.local_addr().unwrap()));
-    let (tell, reported) = mpsc::channel();
+    let (sender, reported) = mpsc::channel();
     let note = move |request: tonic::Request<()>| {
         let timeout = request.metadata().get("grpc-timeout").unwrap().to_str().unwrap().to_owned();
-        tell.send(timeout).unwrap();
+        sender.send(timeout).unwrap();
         Ok(request)
     };
     let service =
@@ -301,8 +306,7 @@ async fn the_deadline_travels_with_the_call() {
     tokio::spawn(transport::Server::builder().add_service(service).serve_with_incoming(incoming));
 
     let (mut camera, frames) = stream(8);
-    let (_, mut output) =
-        spawn(Vehicle { remote, deadline: LONG }, Config::default(), frames).unwrap();
+    let (_, mut output) = spawn(Vehicle { remote, deadline: LONG }, unbounded(), frames).unwrap();
     assert_eq!(exchange(&mut camera, &mut output).await.0, b"cloud frame");
     let timeout = reported.recv().unwrap();
     let (digits, unit) = timeout.split_at(timeout.len() - 1);
@@ -421,6 +425,7 @@ async fn remotes_and_servers_that_cannot_be_are_refused() {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         match serve(echo, server, listener, pending()).await.unwrap_err() {
             ServeError::Identity => assert!(is_identity),
+            ServeError::NoTls => panic!("the tests have TLS"),
             ServeError::Tls(_) => assert!(!is_identity),
         }
     }
@@ -466,17 +471,17 @@ async fn lineage_goes_with_the_request_and_of_comes_with_the_reply() {
     let server = Cloud::start("127.0.0.1:0", Server::default(), server);
     let (mut camera, frames) = stream(4);
     let vehicle = StampedVehicle(server.http());
-    let (running, mut output) = spawn(vehicle, Config::default(), frames).unwrap();
+    let (running, mut output) = spawn(vehicle, unbounded(), frames).unwrap();
     let captured = Instant::now();
     let lineage = Lineage::new("camera/front", 41, captured).within(LONG);
-    let mut told = Vec::new();
+    let mut received = Vec::new();
     for lineage in [Some(Arc::new(lineage)), None] {
         camera.write_with(Vec::new(), lineage).unwrap();
         let item = output.read().await.unwrap();
         let forwarded = Item::forwarded(&item).unwrap().clone();
-        told.push((forwarded.value, forwarded.of));
+        received.push((forwarded.value, forwarded.of));
     }
-    assert_eq!(told, [(b"boxes".to_vec(), Some(0)), (b"local".to_vec(), None)]);
+    assert_eq!(received, [(b"boxes".to_vec(), Some(0)), (b"local".to_vec(), None)]);
     let requests = seen.with(|seen| seen.clone());
     let sent = requests[0].lineage.clone().unwrap();
     assert_eq!((sent.origin.as_deref(), sent.seq), (Some("camera/front"), Some(41)));

@@ -1,15 +1,15 @@
 //! Cases of misuse from Rust: each is refused with the remedy, or reported; none ends in silence.
 //!
 //! The line `misuse:` of each says what the caller does and what happens; `docs/safety/make` makes the book's table of them.
-//! `.ci/misuse` removes each check of `misuse.guards` once, and its case must fail.
+//! `.ci/misuse` removes each check of `docs/safety/misuse-guards` once, and its case must fail.
 
 use std::future::pending;
 use std::time::Duration;
 
 use fuseline_tokio::deadline::{Chosen, Classes, End, Guard, Parameters, Policy, Situation, Span};
 use fuseline_tokio::{
-    Commit, Config, Ending, Error, Local, OfferRefusal, OpenRefusal, Setup, SpawnError, WriteError,
-    spawn, stream,
+    BlockingOperator, Commit, Config, Ending, Error, Local, OfferRefusal, OpenRefusal, Setup,
+    SpawnError, WriteError, spawn, stream,
 };
 use tokio::time::{advance, sleep};
 
@@ -73,7 +73,7 @@ async fn a_cloud_of_priority_0() {
         },
         Config::default(),
     );
-    assert!(matches!(error, SpawnError::Config(_)), "{error}");
+    assert!(error.to_string().contains("priority 0"), "{error}");
 }
 
 /// misuse: gives a gate that never opens again | not started: `SpawnError::Config`
@@ -151,6 +151,44 @@ async fn a_deadline_of_0() {
     assert_eq!(tally.sources[1].refused.get(&OfferRefusal::Deadline), Some(&1));
 }
 
+/// misuse: offers milliseconds as seconds | refused `deadline` above `Config::greatest_deadline`, counted, and logged at the first
+#[tokio::test(start_paused = true)]
+async fn a_deadline_in_a_wrong_unit() {
+    let prepare = |setup: &mut Clouds| {
+        cloud(setup, 1, Duration::from_secs(400));
+        local()
+    };
+    let RunResult { items, tally, .. } = played(prepare, Config::default(), &[0]).await;
+    assert_eq!(tally.sources[1].refused.get(&OfferRefusal::Deadline), Some(&1));
+    assert!(items.starts_with("20.000 ms: 0 local 0"), "{items}");
+}
+
+/// misuse: gives local milliseconds as seconds | not started: `SpawnError::LocalDeadline`
+#[tokio::test]
+async fn a_deadline_of_local_in_a_wrong_unit() {
+    let operator = ClosureOperator(|_: &mut Clouds| {
+        let mut local = local();
+        local.deadline = Some(Duration::from_secs(400));
+        local
+    });
+    let error = spawn(operator, Config::default(), stream(1).1).unwrap_err();
+    assert!(matches!(error, SpawnError::LocalDeadline { .. }), "{error}");
+}
+
+/// misuse: offers what is left of a budget that is used up, `budget - age` | no request; counted as a failure of the handler
+#[tokio::test(start_paused = true)]
+#[expect(clippy::unchecked_time_subtraction, reason = "it is the mistake")]
+async fn a_budget_that_is_used_up() {
+    let prepare = |setup: &mut Clouds| {
+        let handle = |n: u64, _| async move { Ok(n) };
+        let message_handler = |n: &u64, _| Some((*n, 30 * MS - 50 * MS));
+        setup.use_cloud(handle, message_handler, |n| Ok(format!("{n}")), 1);
+        local()
+    };
+    let tally = played(prepare, Config::default(), &[0]).await.tally;
+    assert_eq!(tally.sources[1].handler_failures, 1);
+}
+
 /// misuse: gives local a deadline of 0 | each message is an item, refused `deadline`
 #[tokio::test(start_paused = true)]
 async fn a_deadline_of_0_for_local() {
@@ -193,7 +231,7 @@ async fn a_handle_that_blocks() {
 async fn a_message_handler_that_panics() {
     let prepare = |setup: &mut Clouds| {
         let handle = |n: u64, _| async move { Ok(n) };
-        setup.use_cloud(handle, |_, _| panic!("as told"), |n| Ok(format!("{n}")), 1);
+        setup.use_cloud(handle, |_, _| panic!("on purpose"), |n| Ok(format!("{n}")), 1);
         local()
     };
     let tally = played(prepare, Config::default(), &[0]).await.tally;
@@ -206,7 +244,7 @@ async fn a_policy_that_panics() {
     struct Panics;
     impl Policy for Panics {
         fn decide(&mut self, _: &Situation<'_>, _: Duration) -> Chosen {
-            panic!("as told")
+            panic!("on purpose")
         }
         fn ended(&mut self, _: End) {}
     }
@@ -221,9 +259,9 @@ async fn a_policy_that_panics() {
 /// misuse: panics in a handle or in local | a failure with the reason
 #[tokio::test(start_paused = true)]
 async fn a_computation_that_panics() {
-    let prepare = |_: &mut Clouds| Local::future(|_, _| async { panic!("as told") });
+    let prepare = |_: &mut Clouds| Local::future(|_, _| async { panic!("on purpose") });
     let tally = played(prepare, Config::default(), &[0]).await.tally;
-    assert_eq!(tally.sources[0].reasons.iter().next(), Some(("it panicked: as told", 1)));
+    assert_eq!(tally.sources[0].reasons.iter().next(), Some(("it panicked: on purpose", 1)));
 }
 
 /// misuse: writes more than the window holds | an item, refused `full`
@@ -269,4 +307,46 @@ async fn stopped_twice() {
     running.stop();
     running.stop();
     running.join().await.unwrap();
+}
+
+/// misuse: starts a `BlockingOperator` within a runtime, whose thread it would block | not started: `SpawnError::WithinRuntime`
+#[tokio::test]
+async fn a_blocking_operator_in_a_runtime() {
+    let started = BlockingOperator::start(local_alone(), Config::default());
+    assert!(matches!(started, Err(SpawnError::WithinRuntime)));
+}
+
+/// misuse: writes to a `BlockingOperator` that is closed | `WriteError::Closed`, with the message
+#[test]
+fn a_closed_blocking_operator() {
+    let operator = BlockingOperator::start(local_alone(), Config::default()).unwrap();
+    operator.close();
+    assert_eq!(operator.write(7), Err(WriteError::Closed(7)));
+}
+
+/// misuse: does not read all items of a `BlockingOperator` | `finish` returns them
+#[test]
+fn unread_items_of_a_blocking_operator() {
+    let operator = BlockingOperator::start(local_alone(), Config::default()).unwrap();
+    for n in 0..3 {
+        operator.write(n).unwrap();
+    }
+    let (unread, tally) = operator.finish().unwrap();
+    assert_eq!((unread.len(), tally.messages), (3, 3));
+}
+
+/// misuse: reads from a `BlockingOperator` of which nothing comes | `Elapsed`; an end is no item, and no error
+#[test]
+fn a_blocking_operator_of_which_nothing_comes() {
+    let never = ClosureOperator(|_: &mut Clouds| Local::future(|_, _| pending()));
+    let operator = BlockingOperator::start(never, Config::default()).unwrap();
+    operator.write(0).unwrap();
+    assert!(operator.read_within(MS).is_err());
+    operator.stop();
+    assert!(operator.read().is_none());
+}
+
+/// An operator without clouds, whose local answers at once.
+fn local_alone() -> ClosureOperator<impl FnOnce(&mut Clouds) -> Local<u64, String>> {
+    ClosureOperator(|_: &mut Clouds| Local::blocking(|n, _| Ok(format!("local {n}"))))
 }

@@ -203,15 +203,15 @@ async fn nothing_waits_for_a_sensor_that_died_and_what_is_missing_is_said() {
     let wait = 20 * MS;
     let mut join = Join::<Scene>::new(JoinConfig { wait, ..JoinConfig::default() });
     let dropped = Arc::new(Mutex::new(Vec::new()));
-    let told = Arc::clone(&dropped);
+    let reported = Arc::clone(&dropped);
     join.aligned("left", left_frames, |scene: &mut Scene, frame, _| scene.left = Some(*frame))
         .aligned("right", right_frames, |scene, frame, _| scene.right = Some(*frame))
         .latest("place", places, 100 * MS, |scene, place, _| scene.place = Some(*place))
-        .on_drop(move |it| told.lock().unwrap().push((it.input.to_string(), it.key, it.why)));
+        .on_drop(move |it| reported.lock().unwrap().push((it.input.to_string(), it.key, it.why)));
     let (running, mut sets) = join.spawn().unwrap();
     let start = Instant::now();
     let of = |stream: &str, seq| Lineage::new(stream, seq, Instant::now());
-    let told = |set: &Joined<Scene>| {
+    let reported = |set: &Joined<Scene>| {
         let missing: Vec<_> = set.missing.iter().map(ToString::to_string).collect();
         let Scene { left, right, place } = set.set;
         (start.elapsed().as_millis(), (left, right, place), missing.join(" "))
@@ -219,24 +219,24 @@ async fn nothing_waits_for_a_sensor_that_died_and_what_is_missing_is_said() {
     left.write_with(1, of("left", 1)).unwrap();
     right.write_with(1, of("right", 1)).unwrap();
     let set = sets.read().await.unwrap();
-    assert_eq!(told(&set), (0, (Some(1), Some(1), None), "place".into()));
+    assert_eq!(reported(&set), (0, (Some(1), Some(1), None), "place".into()));
     place.write_with(70, of("place", 0)).unwrap();
     // The right camera is dead for one frame, and then late.
     left.write_with(2, of("left", 2)).unwrap();
     let set = sets.read().await.unwrap();
-    assert_eq!(told(&set), (20, (Some(2), None, Some(70)), "right".into()));
+    assert_eq!(reported(&set), (20, (Some(2), None, Some(70)), "right".into()));
     right.write_with(2, of("right", 2)).unwrap();
     right.write(3).unwrap();
     advance(100 * MS).await;
     right.write_with(3, of("right", 3)).unwrap();
     left.write_with(3, of("left", 3)).unwrap();
     let set = sets.read().await.unwrap();
-    assert_eq!(told(&set), (120, (Some(3), Some(3), None), "place".into()));
+    assert_eq!(reported(&set), (120, (Some(3), Some(3), None), "place".into()));
     // The right camera ends.
     drop(right);
     left.write_with(4, of("left", 4)).unwrap();
     let set = sets.read().await.unwrap();
-    assert_eq!(told(&set), (120, (Some(4), None, None), "right place".into()));
+    assert_eq!(reported(&set), (120, (Some(4), None, None), "right place".into()));
     drop(left);
     assert!(sets.read().await.is_none());
     let late = ("right".to_owned(), Some(2), JoinDropReason::Late);
@@ -276,8 +276,8 @@ async fn a_join_whose_reader_lags_takes_nothing_in() {
 async fn items_wait_for_earlier_ones_until_they_are_due_and_what_was_passed_over_is_told() {
     let (mut camera, frames) = stream(9);
     let (_running, items) = spawn(takes_ms(|_| {}), Config::default(), frames).unwrap();
-    let told = Arc::new(Mutex::new(Vec::new()));
-    let report = Arc::clone(&told);
+    let reported = Arc::new(Mutex::new(Vec::new()));
+    let report = Arc::clone(&reported);
     let report = move |it| report.lock().unwrap().push(it);
     let items: Items<String> = items.in_order(50 * MS, 10 * MS, report);
     for ms in [30, 10, 90, 35] {
@@ -292,7 +292,7 @@ async fn items_wait_for_earlier_ones_until_they_are_due_and_what_was_passed_over
     }
     // The third is missed when its end-to-end deadline is over, which is too late for the fourth to wait.
     assert_eq!(seen, [(0, 30), (1, 30), (3, 60)]);
-    assert_eq!(*told.lock().unwrap(), [OutOfOrder::PassedOver(2..3), OutOfOrder::Late(2)]);
+    assert_eq!(*reported.lock().unwrap(), [OutOfOrder::PassedOver(2..3), OutOfOrder::Late(2)]);
 }
 
 /// D17.

@@ -32,7 +32,7 @@ async fn reply(source: &str, t: u64, reply: Reply) -> Result<String, Error> {
         After(ms) => sleep(ms * MS).await,
         Panics(ms) => {
             sleep(ms * MS).await;
-            panic!("as told")
+            panic!("on purpose")
         }
         Never => pending().await,
     }

@@ -34,11 +34,11 @@ async fn plan(does: ServiceAction, t: u64, start: Instant) -> Result<String, Err
         Answers(ms) => sleep(ms * MS).await,
         Fails(ms) => {
             sleep(ms * MS).await;
-            return Err("as told".into());
+            return Err("on purpose".into());
         }
         Panics(ms) => {
             sleep(ms * MS).await;
-            panic!("as told")
+            panic!("on purpose")
         }
         Hangs => pending().await,
     }
@@ -303,7 +303,7 @@ async fn hints_are_late_and_superseded_results_of_any_source_with_their_age() {
         setup.use_hints(move |hint| {
             let source = hint.source.to_string();
             hints.lock().unwrap().push((hint.timestamp, source, hint.value, hint.age, hint.why));
-            assert_ne!(hint.timestamp, 0, "as told");
+            assert_ne!(hint.timestamp, 0, "on purpose");
         });
         slow_cloud(setup, 50);
         let quick = |t, _: Call| async move {
@@ -340,7 +340,7 @@ fn what_is_common_outlives_a_panic() {
     let panicked = std::thread::spawn(move || {
         other.with(|number| {
             *number = 2;
-            panic!("as told");
+            panic!("on purpose");
         });
     });
     assert!(panicked.join().is_err());

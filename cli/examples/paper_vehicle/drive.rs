@@ -58,7 +58,7 @@ pub(crate) struct Options<'a> {
     pub(crate) length: Duration,
     pub(crate) kill: Option<(VehiclePart, Duration)>,
     pub(crate) traces: Option<&'a Path>,
-    /// The frame whose life is told.
+    /// The frame that is followed.
     pub(crate) frame: u64,
 }
 
@@ -168,9 +168,9 @@ impl Graph {
         let Self { running, detected, tracked, planned, mut commands } = self;
         let stages = tokio::spawn(async move {
             let (detected, tracked, planned) = tokio::join!(
-                tell("detection", detected, frame),
-                tell("tracking", tracked, frame),
-                tell("planning", planned, frame),
+                note("detection", detected, frame),
+                note("tracking", tracked, frame),
+                note("planning", planned, frame),
             );
             let life = [detected.1, tracked.1, planned.1].concat();
             (detected.0, life)
@@ -203,7 +203,7 @@ fn start<P: Operator>(
 }
 
 /// Who answered how many messages, and how this operator answered the frame.
-async fn tell(
+async fn note(
     operator: &'static str,
     mut items: Items<PerceivedScene>,
     frame: u64,

@@ -32,7 +32,7 @@ struct Cli {
     /// Write the traces of the drive with both into this folder, one an operator.
     #[arg(long, value_name = "FOLDER")]
     traces: Option<PathBuf>,
-    /// Tell the life of this frame.
+    /// Follow this frame.
     #[arg(long, default_value_t = 120)]
     frame: u64,
 }
@@ -76,7 +76,7 @@ fn run(cli: &Cli) -> Result<(), Error> {
             let dead = kill.map_or("", |(part, _)| part.name());
             println!("{}", row(&format!("{mode:?} {dead}"), &driven));
             if mode == Mode::Fusion {
-                tell(cli.frame, &driven);
+                print_frame(cli.frame, &driven);
             }
         }
     }
@@ -101,7 +101,7 @@ fn row(name: &str, driven: &Driven) -> String {
 }
 
 /// Who detected, and one frame's life.
-fn tell(frame: u64, driven: &Driven) {
+fn print_frame(frame: u64, driven: &Driven) {
     let by: Vec<_> = driven.detected_by.iter().map(|(by, n)| format!("{by} {n}")).collect();
     println!("  frames detected by: {}", by.join(", "));
     for stage in &driven.life {

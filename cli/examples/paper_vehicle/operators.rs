@@ -1,14 +1,17 @@
 //! The vehicle's operators. What they compute is emulated: runtimes are the paper's where it has them, and a value says how
 //! accurate the detector behind it is.
 
+use std::num::NonZero;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use fuseline_tokio::handlers::{by_content, every_nth};
 use fuseline_tokio::{CarriedState, Error, Item, Joined, Local, Operator, Setup, SharedState};
 
 use crate::world::{Kill, Network, VehiclePart};
 
 const MS: Duration = Duration::from_millis(1);
+const THIRD: NonZero<u64> = NonZero::new(3).unwrap();
 
 /// How the vehicle computes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -100,9 +103,9 @@ impl Operator for Detection {
                         kill.compute(part, ms(runtime), seen).await
                     }
                 };
-                let message_handler = move |scene: &Joined<Scene>, t: u64| {
-                    (t % 3 == turn).then(|| Some((detect(scene, accuracy)?, 400 * MS)))?
-                };
+                let send =
+                    move |scene: &Joined<Scene>, _| Some((detect(scene, accuracy)?, 400 * MS));
+                let message_handler = every_nth(THIRD, turn, send);
                 setup.use_cloud(handle, message_handler, Ok, priority).name = name.into();
             }
         }
@@ -144,11 +147,13 @@ impl Operator for Tracking {
                 kill.compute(VehiclePart::CloudTracker, 5 * MS, next).await
             }
         };
-        // By content: only while there is somebody to track.
-        let message_handler = move |item: &Item<PerceivedScene>, _| {
-            let seen = item.value().filter(|seen| seen.walker && mode != Mode::Local)?;
-            Some((track(along.current(), *seen), 60 * MS))
+        // Only while there is somebody to track.
+        let is_wanted = move |item: &Item<PerceivedScene>| {
+            mode != Mode::Local && item.value().is_some_and(|seen| seen.walker)
         };
+        let message_handler = by_content(is_wanted, move |item: &Item<PerceivedScene>, _| {
+            Some((track(along.current(), *item.value()?), 60 * MS))
+        });
         setup.use_cloud(handle, message_handler, Ok, 1).name = "tracker".into();
         let coast = state.clone();
         setup.use_substitute(move |_| coast.current());

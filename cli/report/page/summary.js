@@ -72,13 +72,17 @@ function line({ sources, account: { messages } }, { place, counts, response, dea
 /** The least and the greatest; one if they are the same. */
 const span = ([least, , greatest]) => (least === greatest ? time(least) : `${time(least)} – ${time(greatest)}`);
 
+/** Those that are lines, from the shortest. */
+const deadlinesOf = ({ deadlines }) =>
+  `${deadlines.length > 1 ? "deadlines" : "deadline"} ${[...deadlines].sort((a, b) => a - b).map(time).join(", ")}`;
+
 export function showLegend(trace) {
   const { account, sources } = trace;
   const item = (square, text) => el("span", {}, square, text);
   const mark = (name) => el("span", { class: `mark ${name}`, "aria-hidden": "true" });
   by("legend").replaceChildren(
     ...account.rows.map(({ place }) => item(swatch(place), sources[place].label)),
-    ...trace.deadlines.map((deadline) => item(mark("deadline"), `deadline ${time(deadline)}`)),
+    ...(trace.deadlines.length ? [item(mark("deadline"), deadlinesOf(trace))] : []),
     ...(account.missed ? [item(mark("missed"), "missed")] : []),
     ...(account.open ? [item(mark("open"), "open")] : []),
     ...(trace.violations.length ? [item(mark("violation"), "violation")] : []),

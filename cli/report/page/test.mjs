@@ -95,6 +95,8 @@ test("a run's policies, configuration and caveats are told, light, dark and on a
     assert.match(await page.$eval("#configuration", (list) => list.textContent), /Longest deadline500 ms/);
     assert.equal(await hidden(page, "#compared"), true);
     assert.match(await text(page, "#sources thead"), /Deadlines/);
+    const named = /deadlines?((?: [\d.]+\sm?s,?)+)/.exec(await text(page, "#legend"))[1].split(",").map(parseFloat);
+    assert.deepEqual(named, [...named].sort((a, b) => a - b));
     await shot(page, name);
   }
 });
@@ -110,6 +112,10 @@ test("two runs stand side by side", async (t) => {
     assert.deepEqual(row("Messages"), ["20", "20"]);
     assert.equal(row("Fusion: mean AP").length, 2);
     assert.equal(row("By local").length, 2);
+    // No word of a row's name is broken.
+    const broken = await page.$$eval("#comparison tbody th", (all) => all.filter((one) => one.scrollWidth > one.clientWidth + 1
+      || one.getBoundingClientRect().height > 14 + 22 * one.innerText.split(" ").length).map((one) => one.innerText));
+    assert.deepEqual(broken, []);
     await shot(page, name);
   }
 });

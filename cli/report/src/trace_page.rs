@@ -39,7 +39,9 @@ pub struct TracePage<'a> {
 #[derive(Debug, Error)]
 pub enum PageError {
     /// The page is full.
-    #[error("{file}: a page holds 10,000,000 events, and there are more; show a part of it")]
+    #[error(
+        "{file}: a page holds 10,000,000 events, and there are more; show a part of it (the command: --from and --to)"
+    )]
     TooLong {
         /// The trace.
         file: String,

@@ -1,10 +1,9 @@
-//! Messages of one JSON channel of an MCAP file.
+//! The lines of a trace from one JSON channel of an MCAP file.
 
 use std::io::Read;
 
 use fuseline_traces::Line;
 use fuseline_traces::packed::{MessageError, Messages};
-use fuseline_traces::rows::{Columns, json_event};
 
 use crate::convert::recorded::{AnnotatedEvent, AnnotatedHeader, ConvertError, Recorded};
 use crate::fault::Fault;
@@ -15,42 +14,11 @@ pub(crate) struct McapInput<'a, R> {
     messages: Messages<'a, R>,
     /// The first event, if it came where a header was expected.
     first: Option<AnnotatedEvent>,
-    /// How messages are read that are no lines of a trace.
-    columns: Option<Columns<'a>>,
 }
 
 impl<'a, R: Read> McapInput<'a, R> {
-    /// Lines of a trace, or JSON objects if there are columns.
-    pub(crate) fn new(
-        file: &'a str,
-        inner: R,
-        topic: &'a str,
-        columns: Option<Columns<'a>>,
-    ) -> Self {
-        Self { file, messages: Messages::new(inner, topic), first: None, columns }
-    }
-
-    /// The next object of the topic as an event.
-    fn mapped(&mut self) -> Result<Option<AnnotatedEvent>, Fault> {
-        loop {
-            let message = self.messages.message().map_err(|error| self.fault(&error))?;
-            let Some((data, log_time)) = message else {
-                return match self.messages.number() {
-                    0 => Err(self.fault(&self.messages.none()).into()),
-                    _ => Ok(None),
-                };
-            };
-            let Some(columns) = &self.columns else { return Ok(None) };
-            match json_event(&data, log_time, columns) {
-                Ok(None) => {}
-                Ok(event) => return Ok(event),
-                Err(why) => {
-                    let (file, number) = (self.file.to_owned(), self.messages.number());
-                    let message = format!("message {number}: {why}");
-                    return Err(ConvertError::File { file, message }.into());
-                }
-            }
-        }
+    pub(crate) fn new(file: &'a str, inner: R, topic: &'a str) -> Self {
+        Self { file, messages: Messages::new(inner, topic), first: None }
     }
 
     /// The next message of the topic.
@@ -61,6 +29,7 @@ impl<'a, R: Read> McapInput<'a, R> {
     fn fault(&self, error: &MessageError) -> ConvertError {
         let remedy = match error {
             MessageError::None(_) => "; name another with --topic",
+            MessageError::Encoding { .. } => "; name the fields of others with --column",
             _ => "",
         };
         ConvertError::File { file: self.file.to_owned(), message: format!("{error}{remedy}") }
@@ -69,9 +38,6 @@ impl<'a, R: Read> McapInput<'a, R> {
 
 impl<R: Read> Recorded for McapInput<'_, R> {
     fn header(&mut self) -> Result<Option<AnnotatedHeader>, Fault> {
-        if self.columns.is_some() {
-            return Ok(None);
-        }
         match self.line()? {
             Some(Line::Header(header)) => {
                 Ok(Some((header, self.messages.header_annotations().clone())))
@@ -87,9 +53,6 @@ impl<R: Read> Recorded for McapInput<'_, R> {
     fn next_event(&mut self) -> Result<Option<AnnotatedEvent>, Fault> {
         if let Some(event) = self.first.take() {
             return Ok(Some(event));
-        }
-        if self.columns.is_some() {
-            return self.mapped();
         }
         match self.line()? {
             None => Ok(None),

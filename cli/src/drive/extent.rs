@@ -4,11 +4,13 @@ use std::fmt;
 
 use fuseline_testkit::Run;
 use indicatif::HumanCount;
+#[cfg(feature = "full")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
 /// The greatest of each among the runs that passed.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, JsonSchema, Serialize)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(super) struct DrivenExtent {
     /// Clouds registered.
     clouds: usize,

@@ -55,7 +55,7 @@ const BUDGET: Duration = Duration::from_secs(30);
 The command is started once. On its standard input it gets a trace's header, then one input a line;
 after each line, the header too, it answers with its decisions, one a line, and then {\"ev\":\"done\"}.
 A further header begins the next run. It ends, with code 0, when its input ends. The corpus comes first, then
-generated runs up to the first difference, which is told in a smallest run: for 30 seconds, unless --for or
+generated runs up to the first difference, which is shown as a smallest run: for 30 seconds, unless --for or
 --cases says otherwise. Every other one is wide: up to 15 clouds, priorities up to 65535, some of them over a
 thousand inputs. The verdict says how far they went; nothing beyond was driven. What each line means is
 in SPEC.md; traces/examples has templates in Python and C++. An answer is waited for until it is there:

@@ -4,13 +4,15 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use fuseline_traces::Violation;
+#[cfg(feature = "full")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::extent::DrivenExtent;
 
 /// What driving a command came to.
-#[derive(JsonSchema, Serialize)]
+#[derive(Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(super) struct WrittenReport {
     pub(super) name: String,
     /// As a shell takes it.
@@ -32,7 +34,8 @@ pub(super) struct WrittenReport {
 }
 
 /// What was driven, so that it can be driven again.
-#[derive(JsonSchema, Serialize)]
+#[derive(Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(super) struct WrittenSuite {
     pub(super) version: &'static str,
     /// Of the fixed cases.
@@ -45,7 +48,8 @@ pub(super) struct WrittenSuite {
 }
 
 /// A fixed case.
-#[derive(JsonSchema, Serialize)]
+#[derive(Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(super) struct WrittenCase {
     pub(super) case: String,
     /// pass, not run, or how it failed.
@@ -53,7 +57,8 @@ pub(super) struct WrittenCase {
 }
 
 /// The generated runs.
-#[derive(JsonSchema, Serialize)]
+#[derive(Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(super) struct GeneratedRuns {
     pub(super) runs: u64,
     pub(super) passed: u64,
@@ -62,7 +67,8 @@ pub(super) struct GeneratedRuns {
 }
 
 /// A difference, in a smallest run.
-#[derive(JsonSchema, Serialize)]
+#[derive(Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(super) struct WrittenFinding {
     pub(super) case: String,
     pub(super) inputs: usize,

@@ -2,6 +2,7 @@
 
 mod frames;
 mod mcap;
+mod otlp;
 mod perfetto;
 mod viewer;
 
@@ -15,6 +16,7 @@ use crate::complain::complain;
 use crate::exit::Exit;
 use crate::export::frames::Frames;
 use crate::export::mcap::McapWriter;
+use crate::export::otlp::SpanWriter;
 use crate::export::perfetto::Tracks;
 use crate::export::viewer::TraceViewer;
 use crate::fault::Fault;
@@ -32,12 +34,15 @@ processes: arrows lead a frame from operator to operator, by the origin and seq 
 ages also say how far the operators' clocks are apart. Outputs have their ages.
 MCAP: for Foxglove; the topic /fuseline/trace has each line as a JSON message, the header first, and
 /fuseline/outputs what was forwarded or missed. `fuseline convert` reads it back.
+OTLP: OpenTelemetry's spans as JSON, one for each message, below it one for local and one for each request,
+whose attributes `fuseline convert` reads back. Frames of one origin and seq are one trace.
 
 Examples:
   fuseline export --perfetto trace.jsonl -o trace.perfetto.json
   fuseline export --perfetto detector.jsonl tracker.jsonl -o frames.perfetto.json
   fuseline export --perfetto trace.jsonl --from 10m --to 12m -o minutes.perfetto.json
-  fuseline export --mcap trace.jsonl -o trace.mcap")]
+  fuseline export --mcap trace.jsonl -o trace.mcap
+  fuseline export --otlp trace.jsonl -o spans.json")]
 #[group(skip)]
 pub(crate) struct Args {
     /// The traces, several for Perfetto alone; - or none is standard input.
@@ -63,13 +68,16 @@ struct Viewer {
     /// For Foxglove and everything that reads MCAP.
     #[arg(long)]
     mcap: bool,
+    /// For what reads OpenTelemetry's spans, such as Jaeger.
+    #[arg(long)]
+    otlp: bool,
 }
 
 /// Why several traces cannot be exported.
 #[derive(Debug, thiserror::Error)]
 enum SeveralTraces {
-    #[error("MCAP takes one trace; export each to a file of its own")]
-    Mcap,
+    #[error("MCAP and OTLP take one trace; export each to a file of its own")]
+    TakesOne,
     #[error("of several traces each is read twice, which standard input cannot be; give files")]
     Standard,
 }
@@ -80,8 +88,8 @@ pub(crate) fn export(args: &Args) -> Result<Exit, Fault> {
     let output = Output::new(&args.output, &inputs, args.overwrite)?;
     let mut frames = Frames::new(inputs.len());
     if inputs.len() > 1 {
-        if args.viewer.mcap {
-            return Err(Fault::own(SeveralTraces::Mcap));
+        if args.viewer.mcap || args.viewer.otlp {
+            return Err(Fault::own(SeveralTraces::TakesOne));
         }
         if inputs.iter().any(|path| is_standard(path)) {
             return Err(Fault::own(SeveralTraces::Standard));
@@ -100,6 +108,12 @@ pub(crate) fn export(args: &Args) -> Result<Exit, Fault> {
             let mut reader = reader(inputs[0])?;
             let writer = McapWriter::new(out, reader.header(), reader.header_annotations());
             write(Box::new(writer.map_err(Fault::Output)?), &mut reader, args.part.filter())?;
+            return Ok(());
+        }
+        if args.viewer.otlp {
+            let mut reader = reader(inputs[0])?;
+            let writer = SpanWriter::new(&mut out, reader.header()).map_err(Fault::Output)?;
+            write(Box::new(writer), &mut reader, args.part.filter())?;
             return Ok(());
         }
         perfetto::begin(&mut out).map_err(Fault::Output)?;

@@ -1,7 +1,9 @@
 //! Figures that are exact or between bounds.
 
+#[cfg(feature = "full")]
 use std::borrow::Cow;
 
+#[cfg(feature = "full")]
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::{Serialize, Serializer};
 
@@ -53,6 +55,7 @@ impl<T: Copy + PartialOrd + Serialize> Serialize for BoundedFigure<T> {
     }
 }
 
+#[cfg(feature = "full")]
 impl<T: JsonSchema> JsonSchema for BoundedFigure<T> {
     fn inline_schema() -> bool {
         true
@@ -68,7 +71,8 @@ impl<T: JsonSchema> JsonSchema for BoundedFigure<T> {
 }
 
 /// A figure as it is written.
-#[derive(JsonSchema, Serialize)]
+#[derive(Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 #[serde(untagged)]
 enum WrittenFigure<T> {
     Exact(T),

@@ -11,6 +11,8 @@ use crate::probe::log::ProbeLog;
 
 /// How long calls that are under way are waited for once the user ends the probe.
 const GRACE: Duration = Duration::from_secs(1);
+/// How often what is known is written, so that little is lost if the probe is killed.
+const WRITES: Duration = Duration::from_millis(500);
 
 /// When the probe sends.
 pub(crate) struct Schedule {
@@ -23,7 +25,7 @@ pub(crate) struct Schedule {
 }
 
 /// Sends by the schedule until it is done, or until `end` and a second more for what is under way.
-/// Every `look` the log is written and shown.
+/// Every `look` the log is shown.
 ///
 /// `send_request` makes the call of a slot; false is a failure.
 ///
@@ -40,9 +42,11 @@ where
     Fut: Future<Output = bool> + Send + 'static,
 {
     let start = Instant::now();
-    let (mut calls, mut looks) = (JoinSet::new(), interval(look));
-    // Its first tick comes at once.
+    let mut calls = JoinSet::new();
+    let [mut looks, mut writes] = [look, WRITES].map(interval);
+    // Their first ticks come at once.
     looks.tick().await;
+    writes.tick().await;
     let (mut slot, mut ended) = (0, None);
     tokio::pin!(end);
     loop {
@@ -75,10 +79,8 @@ where
                 }
                 slot += 1;
             }
-            _ = looks.tick() => {
-                log.write(start.elapsed())?;
-                show(log, start.elapsed());
-            }
+            _ = writes.tick() => log.write(start.elapsed())?,
+            _ = looks.tick() => show(log, start.elapsed()),
         }
     }
     log.finish(start.elapsed())

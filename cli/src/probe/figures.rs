@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use hdrhistogram::Histogram;
+#[cfg(feature = "full")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -21,7 +22,8 @@ pub(crate) struct Spread {
 }
 
 /// How many of what.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, JsonSchema, Serialize)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct RequestCounts {
     /// Slots that came: sent, skipped or missed.
     pub(crate) slots: u64,
@@ -53,7 +55,8 @@ pub(crate) struct Figures {
 }
 
 /// Quantiles as they are shown.
-#[derive(Clone, Copy, Debug, JsonSchema, Serialize)]
+#[derive(Clone, Copy, Debug, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct QuantileRow {
     pub(crate) p50: Option<Quantile>,
     pub(crate) p90: Option<Quantile>,

@@ -24,7 +24,7 @@ The recording is CSV with the columns sent_ms, rtt_ms (-1: the call failed, or a
 pause began), lat, lon, speed_mps, queued and utc_ms (milliseconds since 1970).
 fuseline run takes it as it is. Positions come from gpsd, or from the RMC
 sentences of an NMEA file; the nearest by the time of day is taken. Without one
-the cells are empty.
+within 2 s the cells are empty.
 
 Ctrl-C ends the probe: it waits up to 1 s for answers, completes the recording,
 draws the plots and prints the summary. Exit code 0 when done, also after
@@ -72,10 +72,10 @@ pub(crate) struct Args {
     /// Measure nothing, but plot this recording.
     #[arg(long, value_name = "FILE", requires = "output", conflicts_with_all = ["serve", "json"])]
     pub(crate) plot: Option<PathBuf>,
-    /// A gpsd that tells positions.
+    /// A gpsd that reports positions.
     #[arg(long, value_name = "HOST:PORT", conflicts_with = "serve")]
     pub(crate) gpsd: Option<String>,
-    /// An NMEA 0183 file or device that tells positions.
+    /// An NMEA 0183 file or device that reports positions.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["gpsd", "serve"])]
     pub(crate) nmea: Option<PathBuf>,
     /// What the cloud would compute besides, in milliseconds: 0 to 60000.

@@ -111,7 +111,10 @@ impl ProbeRecording {
 fn described(error: &TableError) -> String {
     match error.source.kind() {
         csv::ErrorKind::Io(source) => plain(source),
-        csv::ErrorKind::Deserialize { err, .. } => err.kind().to_string(),
+        csv::ErrorKind::Deserialize { err, .. } => {
+            let cell = err.field().map_or_else(String::new, |cell| format!("cell {}: ", cell + 1));
+            format!("{cell}{}", err.kind())
+        }
         _ => error.to_string(),
     }
 }

@@ -6,6 +6,7 @@ use std::sync::LazyLock;
 use std::time::Duration;
 
 use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
+#[cfg(feature = "full")]
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -35,7 +36,8 @@ struct DriveSummary {
 }
 
 /// Quantiles in milliseconds.
-#[derive(Clone, Copy, Debug, Deserialize, JsonSchema, Serialize)]
+#[derive(Clone, Copy, Debug, Deserialize, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct PaperQuantiles {
     pub(crate) p50: f64,
     pub(crate) p90: f64,
@@ -43,7 +45,8 @@ pub(crate) struct PaperQuantiles {
 }
 
 /// What a probe came to.
-#[derive(Debug, JsonSchema, Serialize)]
+#[derive(Debug, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct ProbeSummary {
     url: String,
     /// Whether the user ended it.

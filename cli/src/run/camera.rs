@@ -1,5 +1,6 @@
 //! The camera: a detector operator fed with frames, its clouds behind gRPC.
 
+use std::future;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
@@ -16,6 +17,7 @@ use tokio::time::{Instant, interval, sleep, timeout};
 use crate::emulation::{REPLY_BYTES, REQUEST_BYTES};
 use crate::fault::Fault;
 use crate::interrupt::Interrupt;
+use crate::link::{DOWNLINK, LiveLink, UPLINK};
 use crate::run::deadlines::RunDeadlines;
 use crate::run::driven::RunMetadata;
 use crate::run::error::RunError;
@@ -52,6 +54,8 @@ struct Detector<'a> {
     plan: &'a RunPlan,
     connections: Vec<Connection>,
     begun: Vec<Arc<AtomicU64>>,
+    /// What all clouds share, if it has a limit.
+    link: Option<LiveLink>,
 }
 
 impl Operator for Detector<'_> {
@@ -64,10 +68,24 @@ impl Operator for Detector<'_> {
         let deadlines = policy.then(|| RunDeadlines::new(self.plan));
         let clouds = self.plan.clouds.iter().zip(self.connections).zip(self.begun);
         for (index, ((cloud, connection), begun)) in clouds.enumerate() {
-            let infer = grpc::infer(connection);
+            let infer = Arc::new(grpc::infer(connection));
+            let link = self.link.clone();
             let handle = move |request, call| {
                 begun.fetch_add(1, Ordering::Relaxed);
-                infer(request, call)
+                let (infer, link) = (Arc::clone(&infer), link.clone());
+                async move {
+                    let Some(link) = link else { return infer(request, call).await };
+                    if !link.pass(UPLINK, REQUEST_BYTES).await {
+                        return Err("the uplink's queue is full".into());
+                    }
+                    let reply = infer(request, call).await?;
+                    // A reply that finds no room is lost.
+                    if link.pass(DOWNLINK, REPLY_BYTES).await {
+                        Ok(reply)
+                    } else {
+                        future::pending().await
+                    }
+                }
             };
             let message_handler = move |frame: &Picture, timestamp| {
                 Some((
@@ -106,7 +124,9 @@ impl Operator for Detector<'_> {
 pub(crate) fn start(plan: &RunPlan, network: Network) -> Result<Camera<'_>, Fault> {
     let Network { connections, servers, began } = network;
     let begun: Vec<Arc<AtomicU64>> = plan.clouds.iter().map(|_| Arc::default()).collect();
-    let detector = Detector { plan, connections, begun: begun.clone() };
+    let drive = plan.link_drive().map(|cloud| (cloud.drive.clone(), cloud.start));
+    let link = LiveLink::new(plan.link, drive, Arc::clone(&began));
+    let detector = Detector { plan, connections, begun: begun.clone(), link };
     let config = Config {
         name: "detector".to_owned(),
         window: plan.window,

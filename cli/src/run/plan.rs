@@ -11,6 +11,7 @@ use thiserror::Error;
 use crate::emulation::Emulation;
 use crate::fault::Fault;
 use crate::input::is_standard;
+use crate::link::{LinkArgs, LinkWidth, RecordedLink};
 use crate::models::Model;
 use crate::output::{self, Output, Overwrite};
 use crate::report::PAGE;
@@ -103,6 +104,8 @@ pub(crate) struct Args {
     /// Where a cloud's drive begins, in seconds; repeatable.
     #[arg(long = "start", value_name = "CLOUD=S")]
     starts: Vec<NamedValue<Duration>>,
+    #[command(flatten)]
+    link: LinkArgs,
     /// The trace's file, written from the start of the run [default: fuseline-trace.jsonl, or fuseline-trace-2.jsonl and
     /// so on if that exists].
     #[arg(long, value_name = "FILE")]
@@ -169,6 +172,8 @@ pub(crate) struct RunPlan {
     pub(crate) calls: usize,
     /// In the order given.
     pub(crate) clouds: Vec<CloudPlan>,
+    /// The link that all clouds share.
+    pub(crate) link: LinkWidth,
     pub(crate) trace: PathBuf,
     /// Where the trace's page is wanted.
     pub(crate) page: Option<Output>,
@@ -260,10 +265,22 @@ impl RunPlan {
             workers: args.workers.get(),
             calls: args.calls.get(),
             clouds: clouds.collect::<Result<_, CloudsError>>().map_err(PlanError::from)?,
+            link: args.link.width(),
             trace,
             page,
             open: args.open,
         })
+    }
+
+    /// Whether clouds share a link that has a rate.
+    pub(crate) fn is_linked(&self) -> bool {
+        let drive = self.link_drive().map(|cloud| (&cloud.drive, cloud.start));
+        RecordedLink { width: self.link, drive }.is_limited()
+    }
+
+    /// The drive that says what the link carries: the first cloud's whose recording has it.
+    pub(crate) fn link_drive(&self) -> Option<&Emulation> {
+        self.clouds.iter().filter_map(CloudPlan::emulation).find(|cloud| cloud.drive.has_rates())
     }
 
     /// How long a cloud may take at most.

@@ -13,6 +13,7 @@ use fuseline_report::{
 };
 use fuseline_tokio::{SourceTally, grpc};
 use fuseline_traces::{Event, Events, Judge, Verdict};
+#[cfg(feature = "full")]
 use schemars::JsonSchema;
 use serde::{Serialize, Serializer};
 
@@ -24,7 +25,8 @@ use crate::run::queue::Queues;
 use crate::run::served::Served;
 
 /// What a run came to.
-#[derive(Debug, JsonSchema, Serialize)]
+#[derive(Debug, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct RunReport {
     /// Messages that came: forwarded, missed, refused or open.
     pub(crate) messages: u64,
@@ -66,7 +68,8 @@ pub(crate) struct RunReport {
 }
 
 /// One source's part in a run.
-#[derive(Debug, JsonSchema, Serialize)]
+#[derive(Debug, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct SourceReport {
     pub(crate) name: String,
     pub(crate) priority: u16,
@@ -94,7 +97,8 @@ pub(crate) struct SourceReport {
 }
 
 /// One policy over the run's messages.
-#[derive(Debug, JsonSchema, Serialize)]
+#[derive(Debug, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct PolicyReport {
     pub(crate) policy: String,
     /// None if a model has no figure.
@@ -102,7 +106,7 @@ pub(crate) struct PolicyReport {
     pub(crate) in_time: BoundedFigure<u64>,
     /// p50, p90 and p99; null without messages.
     #[serde(serialize_with = "quantiles")]
-    #[schemars(with = "ResponseQuantiles")]
+    #[cfg_attr(feature = "full", schemars(with = "ResponseQuantiles"))]
     pub(crate) response_ms: [Option<Quantile>; 3],
     /// The median of those in outages; null without such.
     pub(crate) outage_response_ms: Option<Quantile>,
@@ -113,7 +117,8 @@ pub(crate) struct PolicyReport {
 }
 
 /// A policy's response times, in milliseconds.
-#[derive(JsonSchema, Serialize)]
+#[derive(Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 struct ResponseQuantiles {
     p50: Option<Quantile>,
     p90: Option<Quantile>,
@@ -222,9 +227,10 @@ impl Reading {
 
     /// The messages with all that is known of their results.
     fn messages(&self, plan: &RunPlan) -> Vec<MessageRecord> {
-        // Local's result either came or is not known; a cloud's call may have been ended.
+        // Local's result either came or is not known; a cloud's call may have been ended. How long it would have waited
+        // for a link is not known either.
         let planned = |source: usize, opened: u64, t: u64| {
-            let index = source.checked_sub(1)?;
+            let index = source.checked_sub(1).filter(|_| !plan.is_linked())?;
             let emulation = plan.clouds.get(index)?.emulation()?;
             let sent = self.queues.sent(index, t)?;
             let waited = Duration::from_nanos(sent.saturating_sub(opened));

@@ -6,6 +6,7 @@ use std::time::Duration;
 use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
 
 use crate::emulation::{Outage, REPLY_BYTES, REQUEST_BYTES};
+use crate::link::LinkWidth;
 use crate::models::Model;
 use crate::policies::BoundedFigure;
 use crate::run::plan::{CloudPlan, CloudServer, DeadlinePolicy, RunPlan};
@@ -65,9 +66,38 @@ impl fmt::Display for PlanSummary<'_> {
             kilobytes(REQUEST_BYTES),
             kilobytes(REPLY_BYTES),
         )?;
+        f.write_str(&link(plan))?;
         f.write_str(&undescribed(plan))?;
         f.write_str(&outages(plan))
     }
+}
+
+/// The link that all clouds share, in a line; nothing if it has no limit.
+fn link(plan: &RunPlan) -> String {
+    let LinkWidth { uplink, downlink, queue_bytes } = plan.link;
+    let recorded = plan.link_drive().map(|cloud| cloud.drive.name());
+    let ways = [("uplink", uplink), ("downlink", downlink)].into_iter().enumerate();
+    let ways: Vec<String> = ways
+        .filter_map(|(way, (name, fixed))| {
+            let is_recorded =
+                plan.link_drive().is_some_and(|cloud| cloud.drive.rate(way, cloud.start).is_some());
+            match (recorded.filter(|_| is_recorded), fixed) {
+                (Some(drive), _) => Some(format!("{name} as {drive} has it")),
+                (None, Some(rate)) => Some(format!("{name} {} Mbit/s", megabits(rate))),
+                (None, None) => None,
+            }
+        })
+        .collect();
+    if ways.is_empty() {
+        return String::new();
+    }
+    let queue = queue_bytes / 1000;
+    format!("All clouds share a link: {}, queues of {queue} KB.\n", ways.join(", "))
+}
+
+#[expect(clippy::cast_precision_loss, reason = "at most 10^12")]
+fn megabits(bits: u64) -> f64 {
+    bits as f64 / 1e6
 }
 
 /// Where the emulated runtimes are from.
@@ -348,6 +378,9 @@ fn configuration(plan: &RunPlan) -> Vec<(String, String)> {
             format!("{}, {}, {} at once", plan.local, exact(plan.local.runtime), plan.workers),
         ),
     ];
+    rows.extend(
+        link(plan).split_once(": ").map(|(_, link)| of("Link", link.trim_end().to_owned())),
+    );
     rows.extend(plan.clouds.iter().map(|cloud| {
         let text = cloud.to_string();
         let words: Vec<&str> = text.split_whitespace().skip(2).collect();

@@ -8,6 +8,7 @@ use fuseline_deadline::{
     Guard, Hazard, Invalid, Metres, MetresPerSecond, MetresPerSecondSquared, Parameters, Situation,
     Span,
 };
+#[cfg(feature = "full")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -18,7 +19,8 @@ use crate::scenario::operator::{
 use crate::scenario::planner::{FrameStatus, Planner};
 
 /// The vehicle, its camera and what it computes with, in metres and seconds.
-#[derive(Clone, Copy, PartialEq, Debug, JsonSchema, Serialize)]
+#[derive(Clone, Copy, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct Vehicle {
     pub(crate) deceleration: f64,
     pub(crate) brake_delay: f64,
@@ -36,9 +38,8 @@ pub(crate) struct Vehicle {
 }
 
 /// Who answers.
-#[derive(
-    Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug, JsonSchema, Serialize, clap::ValueEnum,
-)]
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug, Serialize, clap::ValueEnum)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Approach {
     /// Local alone.
@@ -64,7 +65,7 @@ pub(crate) struct ApproachRun<'a> {
 }
 
 /// A frame's number as a figure; no drive has more frames than are exact.
-fn figure(number: u64) -> f64 {
+pub(crate) fn figure(number: u64) -> f64 {
     u32::try_from(number).map_or(f64::INFINITY, f64::from)
 }
 

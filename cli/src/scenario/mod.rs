@@ -1,14 +1,17 @@
 //! `fuseline scenario`: the paper's evaluation in virtual time, from stated physics.
 
 mod approach;
+mod arbitrage;
 mod braking;
 mod jaywalking;
+mod link;
 mod networks;
 mod operator;
 mod options;
 mod paint;
 mod paper;
 mod planner;
+mod reaction;
 mod red_light;
 mod shape;
 #[cfg(test)]
@@ -38,6 +41,10 @@ enum ScenarioCommand {
     Jaywalking(jaywalking::Args),
     /// The vehicle of the traffic jam over recorded networks, policies side by side.
     Networks(networks::Args),
+    /// The same models on board and in the cloud: who has a result first.
+    Arbitrage(arbitrage::Args),
+    /// Requests share a link of finite width; what helps against its queue.
+    Link(link::Args),
 }
 
 /// Why a scenario cannot be played.
@@ -69,6 +76,8 @@ pub(crate) fn play(args: &Args) -> Result<Exit, Fault> {
         ScenarioCommand::RedLight(args) => red_light::play(args)?,
         ScenarioCommand::Jaywalking(args) => jaywalking::play(args)?,
         ScenarioCommand::Networks(args) => networks::play(args)?,
+        ScenarioCommand::Arbitrage(args) => arbitrage::play(args)?,
+        ScenarioCommand::Link(args) => link::play(args)?,
     }
     Ok(Exit::Conforms)
 }

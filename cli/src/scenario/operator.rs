@@ -1,7 +1,7 @@
 //! An operator in virtual time: the shipped machine decides, and nothing waits. [`ScenarioOperator::pass`] moves time on.
 
 use std::cmp::Reverse;
-use std::collections::BinaryHeap;
+use std::collections::{BTreeSet, BinaryHeap};
 
 use fuseline_engine::ConfigError;
 use fuseline_engine::arbiter::Arbiter;
@@ -32,7 +32,7 @@ pub(crate) struct ScenarioMessage {
 pub(crate) struct CloudRequest {
     /// How long it may take.
     pub(crate) deadline: u64,
-    /// How long it takes; none: no result ever comes.
+    /// How long it takes; none: no result comes unless [`ScenarioOperator::answer`] brings it.
     pub(crate) response: Option<u64>,
 }
 
@@ -52,6 +52,10 @@ pub(crate) struct ScenarioOperator {
     /// When which source's result comes; those of one instant in the order of their messages.
     arrivals: BinaryHeap<Reverse<(u64, u64, u64)>>,
     outputs: Vec<ScenarioOutput>,
+    /// Whether offers say how many requests are under way.
+    is_gated: bool,
+    /// Requests that are neither answered nor given up.
+    under_way: BTreeSet<u64>,
     is_full: bool,
     trace: Option<Vec<u8>>,
 }
@@ -94,9 +98,16 @@ impl ScenarioMachine {
 impl ScenarioOperator {
     /// An operator of this name, for about so many messages. Its trace is kept if `is_traced`.
     pub(crate) fn new(name: &str, messages: f64, is_traced: bool) -> Self {
+        Self::gated(name, messages, is_traced, None)
+    }
+
+    /// The same, with a gate that shuts when so many requests are under way.
+    pub(crate) fn gated(name: &str, messages: f64, is_traced: bool, limit: Option<u64>) -> Self {
+        let is_gated = limit.is_some();
+        let limit = limit.unwrap_or(NO_LIMIT);
         // A window that is too small refuses messages, which is reported.
         let window = if messages < 180.0 { SMALL } else { LARGE };
-        let cloud = Cloud { p: 1, name: None, limit: NO_LIMIT, resume: NO_LIMIT - 1 };
+        let cloud = Cloud { p: 1, name: None, limit, resume: limit - 1 };
         let header = Header {
             operator: is_traced.then(|| name.to_owned()),
             window: u16::try_from(window).unwrap_or(u16::MAX),
@@ -111,18 +122,21 @@ impl ScenarioOperator {
         });
         let machine = ScenarioMachine::new(&header).expect("a window of 1 to 1024 and one cloud");
         let (arrivals, outputs) = (BinaryHeap::new(), Vec::new());
-        Self { machine, messages: 0, arrivals, outputs, is_full: false, trace }
+        let under_way = BTreeSet::new();
+        Self { machine, messages: 0, arrivals, outputs, is_gated, under_way, is_full: false, trace }
     }
 
-    /// A message comes: local gets it, and the cloud if there is a request. Everything before has happened then.
-    pub(crate) fn message(&mut self, message: &ScenarioMessage) {
+    /// A message comes: local gets it, and the cloud if there is a request; returns whether that was admitted. Everything
+    /// before has happened then.
+    pub(crate) fn message(&mut self, message: &ScenarioMessage) -> bool {
         let ScenarioMessage { at, local, request } = *message;
         self.pass(at);
         let t = self.messages;
         self.messages += 1;
         self.input(Input::Open { at, t, deadline: None });
         if let Some(CloudRequest { deadline, response }) = request {
-            self.input(Input::Offer { at, t, p: CLOUD, deadline, backlog: 0 });
+            let backlog = if self.is_gated { self.under_way.len() as u64 } else { 0 };
+            self.input(Input::Offer { at, t, p: CLOUD, deadline, backlog });
             if let Some(response) = response {
                 self.arrivals.push(Reverse((at.saturating_add(response), t, CLOUD)));
             }
@@ -131,6 +145,19 @@ impl ScenarioOperator {
             Some(response) => self.arrivals.push(Reverse((at.saturating_add(response), t, 0))),
             None => self.input(Input::Fail { at, t, p: 0 }),
         }
+        self.under_way.contains(&t)
+    }
+
+    /// The cloud's result for a message comes at this instant.
+    pub(crate) fn answer(&mut self, at: u64, t: u64) {
+        self.pass(at);
+        self.input(Input::Result { at, t, p: CLOUD });
+    }
+
+    /// The request for a message could not be sent.
+    pub(crate) fn fail(&mut self, at: u64, t: u64) {
+        self.pass(at);
+        self.input(Input::Fail { at, t, p: CLOUD });
     }
 
     /// Lets time pass: whatever comes or is due until `to` happens.
@@ -175,7 +202,10 @@ impl ScenarioOperator {
     }
 
     fn input(&mut self, input: Input) {
-        let Self { machine, outputs, is_full, trace, .. } = self;
+        let Self { machine, outputs, under_way, is_full, trace, .. } = self;
+        if let Input::Result { t, p: CLOUD, .. } | Input::Fail { t, p: CLOUD, .. } = input {
+            under_way.remove(&t);
+        }
         if let Some(trace) = trace {
             input.write(trace);
             trace.push(b'\n');
@@ -192,9 +222,14 @@ impl ScenarioOperator {
                 Decision::Miss { at, t } => outputs.push(ScenarioOutput { at, t, source: None }),
                 // Timestamps rise, so that nothing else refuses one.
                 Decision::RefuseOpen { .. } => *is_full = true,
+                Decision::Request { t, .. } => {
+                    under_way.insert(t);
+                }
+                Decision::Timer { t, p: CLOUD, .. } | Decision::Cancel { t, p: CLOUD, .. } => {
+                    under_way.remove(&t);
+                }
                 Decision::Timer { .. }
                 | Decision::RefuseOffer { .. }
-                | Decision::Request { .. }
                 | Decision::Hold { .. }
                 | Decision::Drop { .. }
                 | Decision::Final { .. }

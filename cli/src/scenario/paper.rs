@@ -10,9 +10,35 @@ use crate::scenario::approach::Approach;
 /// The paper's figures that scenarios have beside theirs.
 #[derive(Deserialize)]
 pub(crate) struct Paper {
+    pub(crate) runtime_ms: Vec<ModelRuntime>,
+    /// The least and the greatest that it cites, in s.
+    pub(crate) human_reaction_s: [f64; 2],
+    pub(crate) drive_5g_san_francisco: MeasuredDrive,
     pub(crate) traffic_jam: TrafficJam,
     pub(crate) jaywalking: Jaywalking,
     pub(crate) red_light: RedLight,
+}
+
+/// A row of the table of runtimes, in ms.
+#[derive(Deserialize)]
+pub(crate) struct ModelRuntime {
+    pub(crate) model: String,
+    pub(crate) orin: f64,
+    pub(crate) a100: f64,
+}
+
+/// The 5G drive.
+#[derive(Deserialize)]
+pub(crate) struct MeasuredDrive {
+    pub(crate) rtt_ms: TripQuantiles,
+}
+
+/// Round trips in ms.
+#[derive(Deserialize)]
+pub(crate) struct TripQuantiles {
+    pub(crate) p50: f64,
+    pub(crate) p90: f64,
+    pub(crate) p99: f64,
 }
 
 /// The table of the traffic jam.

@@ -2,7 +2,6 @@
 
 use std::collections::BTreeSet;
 
-use super::pipelines::PIPELINES;
 use super::{EvidenceKind, RunMethod};
 use crate::citation::{cited_by_harness, cited_by_test, cited_by_trace, words};
 use crate::fault::SeededFault;
@@ -313,6 +312,8 @@ pub const KINDS: &[EvidenceKind] = &[
                 "--test",
                 "probes",
                 "--test",
+                "random_inputs",
+                "--test",
                 "recording",
                 "--test",
                 "side",
@@ -348,7 +349,6 @@ pub const KINDS: &[EvidenceKind] = &[
         read: read_tests,
         cites: cited_by_test,
     },
-    PIPELINES,
     EvidenceKind {
         name: "grpc",
         title: "tests of clouds over gRPC",
@@ -509,6 +509,8 @@ pub const KINDS: &[EvidenceKind] = &[
                 "--test",
                 "outputs",
                 "--test",
+                "replay",
+                "--test",
                 "report",
                 "--test",
                 "run",
@@ -543,6 +545,7 @@ pub const KINDS: &[EvidenceKind] = &[
             "cli/tests/ended.rs",
             "cli/tests/locations.rs",
             "cli/tests/outputs.rs",
+            "cli/tests/replay.rs",
             "cli/tests/report.rs",
             "cli/tests/run.rs",
             "cli/tests/serve.rs",
@@ -554,8 +557,7 @@ pub const KINDS: &[EvidenceKind] = &[
 ];
 
 /// For large crates with short tests, most of whose run is the build.
-pub(super) const QUICK: &[(&str, &str)] =
-    &[("CARGO_PROFILE_DEV_OPT_LEVEL", "0"), ("CARGO_INCREMENTAL", "1")];
+const QUICK: &[(&str, &str)] = &[("CARGO_PROFILE_DEV_OPT_LEVEL", "0"), ("CARGO_INCREMENTAL", "1")];
 
 /// Clouds over the network.
 const GRPC: &str = "adapters/tokio/src/grpc/";

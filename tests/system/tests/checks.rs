@@ -102,7 +102,7 @@ fn d10_whole_trace() {
     holds("d10_whole_trace");
 }
 
-/// D11: tally, metrics, items and trace tell the same.
+/// D11: tally, metrics, items and trace agree.
 #[test]
 fn d11_one_account() {
     holds("d11_one_account");

@@ -29,6 +29,10 @@ fn seeds_find_nothing_and_come_to_every_end() {
         let missing: Vec<_> = parser.ends.iter().filter(|end| !ends.contains(*end)).collect();
         assert!(missing.is_empty(), "no seed in {} comes to {missing:?}", folder.display());
         let unknown: Vec<_> = ends.iter().filter(|end| !parser.ends.contains(end)).collect();
-        assert!(unknown.is_empty(), "{} has ends that it does not tell: {unknown:?}", parser.name);
+        assert!(
+            unknown.is_empty(),
+            "{} has ends that it does not report: {unknown:?}",
+            parser.name
+        );
     }
 }

@@ -1,32 +1,20 @@
 //! [`Messages`]: the messages of one JSON channel of an MCAP file, as lines of a trace.
-//!
-//! The library takes memory for whatever length a file claims, so lengths are checked here first.
 
 mod chunks;
+mod raw;
 
 use std::borrow::Cow;
-use std::collections::BTreeSet;
 use std::io::{self, BufRead, Read};
 
 use mcap::McapError;
-use mcap::records::{Record, op};
-use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 use thiserror::Error;
 
-use crate::packed::messages::chunks::ChunkScanner;
+pub use self::raw::{PayloadFormat, PayloadSchema, RECORD, RawMessage, RawMessages};
+use crate::packed::TOPIC;
 use crate::parse::{Form, LineAnnotations, parse_as};
 use crate::{Annotations, HeaderAnnotations, Line, ParseError};
-
-/// The topic of a trace's lines, unless another is named.
-pub const TOPIC: &str = "/fuseline/trace";
-
-/// The longest record, in bytes: an image of 4K and four channels fits. What a record in a packed chunk claims to hold takes
-/// memory before the first byte of it came, and up to three times as much while a buffer grows.
-const RECORD: usize = 40 << 20;
-/// How much is read at once, in bytes: what a record claims to hold takes memory as it comes.
-const PIECE: usize = 64 << 10;
 
 /// Why an MCAP file gives no more lines.
 #[derive(Debug, Error)]
@@ -62,11 +50,8 @@ pub enum MessageError {
 ///
 /// After an error it yields nothing more.
 pub struct Messages<'a, R> {
-    inner: R,
-    reader: LinearReader,
-    chunks: ChunkScanner,
+    raw: RawMessages<'a, R>,
     topic: &'a str,
-    channels: BTreeSet<u16>,
     number: u64,
     annotations: LineAnnotations,
 }
@@ -74,13 +59,8 @@ pub struct Messages<'a, R> {
 impl<'a, R: Read> Messages<'a, R> {
     /// Reads the messages of `topic`; nothing is read yet.
     pub fn new(inner: R, topic: &'a str) -> Self {
-        let options = LinearReaderOptions::default()
-            .with_record_length_limit(RECORD)
-            .with_validate_chunk_crcs(true);
-        let reader = LinearReader::new_with_options(options);
-        let chunks = ChunkScanner::new();
-        let (channels, annotations) = (BTreeSet::new(), LineAnnotations::default());
-        Self { inner, reader, chunks, topic, channels, number: 0, annotations }
+        let raw = RawMessages::new(inner, vec![topic]);
+        Self { raw, topic, number: 0, annotations: LineAnnotations::default() }
     }
 
     /// What the message read last has beside what the machine's rules read, if it is an event.
@@ -112,53 +92,16 @@ impl<'a, R: Read> Messages<'a, R> {
     /// # Errors
     /// If the file cannot be read, the topic is not JSON, or a message is no line of a trace.
     pub fn line(&mut self) -> Result<Option<Line>, MessageError> {
-        let Some((data, log_time)) = self.message()? else { return Ok(None) };
-        let line = dated(&data, log_time);
+        let Some(message) = self.raw.message()? else { return Ok(None) };
+        if message.format.encoding != "json" {
+            let (topic, encoding) = (self.topic.to_owned(), message.format.encoding.clone());
+            return Err(MessageError::Encoding { topic, encoding });
+        }
+        self.number += 1;
+        let line = dated(&message.data, message.log_time);
         let line = parse_as(&line, Form::Observed, &mut self.annotations);
         let number = self.number;
         line.map(Some).map_err(|source| MessageError::Message { number, source })
-    }
-
-    /// The next message as it is, with its log time in nanoseconds; none at the end.
-    ///
-    /// # Errors
-    /// If the file cannot be read, or the topic is not JSON.
-    pub fn message(&mut self) -> Result<Option<(Vec<u8>, u64)>, MessageError> {
-        loop {
-            let (data, opcode) = match self.reader.next_event().transpose()? {
-                None => return Ok(None),
-                Some(LinearReadEvent::ReadRequest(wanted)) => {
-                    let room = self.reader.insert(wanted.min(PIECE));
-                    let read = self.inner.read(room)?;
-                    self.chunks.look(&room[..read]).map_err(|_| McapError::UnexpectedEoc)?;
-                    self.reader.notify_read(read);
-                    continue;
-                }
-                Some(LinearReadEvent::Record { data, opcode }) => (data, opcode),
-            };
-            // Others are not read, since the library takes the memory that a text in them claims
-            // to need.
-            if !matches!(opcode, op::CHANNEL | op::MESSAGE) {
-                continue;
-            }
-            if opcode == op::CHANNEL && !is_whole(data) {
-                return Err(McapError::UnexpectedEof.into());
-            }
-            match mcap::parse_record(opcode, data)? {
-                Record::Channel(channel) if channel.topic == self.topic => {
-                    if channel.message_encoding != "json" {
-                        let (topic, encoding) = (channel.topic, channel.message_encoding);
-                        return Err(MessageError::Encoding { topic, encoding });
-                    }
-                    self.channels.insert(channel.id);
-                }
-                Record::Message { header, data } if self.channels.contains(&header.channel_id) => {
-                    self.number += 1;
-                    return Ok(Some((data.into_owned(), header.log_time)));
-                }
-                _ => {}
-            }
-        }
     }
 }
 
@@ -228,29 +171,6 @@ fn io_error(error: MessageError) -> io::Error {
 /// The library's words, which may quote the file, as one line that no terminal takes for a command.
 fn plain(error: &McapError) -> String {
     error.to_string().replace(char::is_control, "\u{fffd}")
-}
-
-/// Whether the texts of a channel's record end within it: topic, encoding, and pairs of metadata. The library takes the memory that
-/// a text claims to need, and looks for the value of a last key behind the pairs.
-fn is_whole(channel: &[u8]) -> bool {
-    // The channel's and its schema's number come before.
-    let texts = channel.get(4..).and_then(after_text).and_then(after_text);
-    let Some((len, rest)) = texts.and_then(|rest| rest.split_first_chunk::<4>()) else {
-        return false;
-    };
-    // What a later version of the format adds may follow.
-    let pairs = usize::try_from(u32::from_le_bytes(*len)).ok().and_then(|len| rest.get(..len));
-    let Some(mut pairs) = pairs else { return false };
-    while let Some(rest) = after_text(pairs).and_then(after_text) {
-        pairs = rest;
-    }
-    pairs.is_empty()
-}
-
-/// What follows a text: its length in 4 bytes, then itself.
-fn after_text(bytes: &[u8]) -> Option<&[u8]> {
-    let (len, rest) = bytes.split_first_chunk::<4>()?;
-    rest.get(usize::try_from(u32::from_le_bytes(*len)).ok()?..)
 }
 
 /// A message with its log time as `at`, if it has none.

@@ -68,6 +68,8 @@ pub struct Columns<'a> {
     unit: Unit,
     /// Of some keys.
     units: BTreeMap<&'a str, Unit>,
+    /// What stands for a key wherever it is not in the file.
+    fixed: BTreeMap<&'a str, String>,
     /// The priorities of sources by their names.
     sources: BTreeMap<String, u64>,
     /// Where sources are gathered as the file calls them, instead of being looked up.
@@ -152,6 +154,7 @@ impl<'a> Columns<'a> {
             events: events.iter().map(|(name, event)| (&**name, *event)).collect(),
             unit,
             units: BTreeMap::new(),
+            fixed: BTreeMap::new(),
             sources: BTreeMap::new(),
             gathered: None,
         }
@@ -161,6 +164,13 @@ impl<'a> Columns<'a> {
     #[must_use]
     pub fn with_units(mut self, units: impl IntoIterator<Item = (&'a str, Unit)>) -> Self {
         self.units.extend(units);
+        self
+    }
+
+    /// The same, where this stands for some keys of all events.
+    #[must_use]
+    pub fn with_fixed(mut self, fixed: impl IntoIterator<Item = (&'a str, String)>) -> Self {
+        self.fixed.extend(fixed);
         self
     }
 
@@ -187,14 +197,31 @@ impl<'a> Columns<'a> {
         })
     }
 
+    /// Whether the key has a value without the file: one that was given, or a deadline that is named as a time.
+    pub(super) fn is_fixed(&self, key: &str) -> bool {
+        self.fixed.contains_key(key) || self.constant(key).is_some()
+    }
+
+    /// A deadline that the user named as a time, the same for all requests.
+    fn constant(&self, key: &str) -> Option<&str> {
+        let name = self.named.get(key).filter(|_| key == "deadline")?;
+        self.time(key, name).map(|_| *name)
+    }
+
     /// What is found in the file as a line of a trace; none if it is to be left out. `cell` has what stands for a key, or
     /// nothing.
     pub(super) fn line<'c>(
         &self,
         cell: impl Fn(&str) -> Option<Cow<'c, str>>,
     ) -> Result<Option<String>, String> {
+        let cell = |key: &str| match self.fixed.get(key) {
+            Some(text) => Some(Cow::Borrowed(&**text)),
+            None => cell(key).filter(|text| !text.is_empty()),
+        };
         let name = cell("ev").unwrap_or_default();
-        let event = self.events.get(&*name).copied().unwrap_or(&name);
+        let is_own = self.fixed.contains_key("ev");
+        let event = if is_own { None } else { self.events.get(&*name).copied() };
+        let event = event.unwrap_or(&name);
         if event.is_empty() && self.events.contains_key(&*name) {
             return Ok(None);
         }
@@ -207,7 +234,10 @@ impl<'a> Columns<'a> {
         };
         let mut line = format!("{{\"ev\":\"{event}\"");
         for (key, is_time, column, _) in self.keys() {
-            let Some(text) = cell(key).filter(|text| !text.is_empty()) else { continue };
+            // An open's deadline is local's, and no request's.
+            let is_requested = matches!(event, "offer" | "request");
+            let constant = || self.constant(key).filter(|_| is_requested).map(Cow::Borrowed);
+            let Some(text) = cell(key).or_else(constant) else { continue };
             if !(key == "at" || takes.contains(&key)) {
                 continue;
             }
@@ -231,15 +261,20 @@ impl<'a> Columns<'a> {
                 let time = self.time(key, text);
                 time.map(|nanos| nanos.to_string()).ok_or_else(no_number)
             }
+            // ROS numbers messages by their stamps.
+            "t" => {
+                let number = text.parse().ok().or_else(|| instant_of(text));
+                number.map(|number: u64| number.to_string()).ok_or_else(no_number)
+            }
             _ => text.parse().map(|number: u64| number.to_string()).map_err(|_| no_number()),
         }
     }
 
-    /// A time in nanoseconds: a number in the key's unit, or a time of day where it is an instant.
+    /// A time in nanoseconds: a number in the key's unit or its own, as 5ms, or a time of day where it is an instant.
     pub(super) fn time(&self, key: &str, text: &str) -> Option<u64> {
         let unit = self.units.get(key).copied().unwrap_or(self.unit);
         let time_of_day = || INSTANTS.contains(&key).then(|| instant::nanos(text)).flatten();
-        nanos(text, unit).or_else(time_of_day)
+        nanos(text, unit).or_else(|| with_unit(text)).or_else(time_of_day)
     }
 
     /// The priority of a source, which the file calls by that or by its name.
@@ -262,6 +297,16 @@ impl<'a> Columns<'a> {
             }
         })
     }
+}
+
+/// Nanoseconds of a time of day, or of a time with its unit.
+fn instant_of(text: &str) -> Option<u64> {
+    with_unit(text).or_else(|| instant::nanos(text))
+}
+
+/// A number with its unit, such as 0.5s.
+fn with_unit(text: &str) -> Option<u64> {
+    Unit::ALL.into_iter().find_map(|unit| nanos(text.strip_suffix(unit.as_str())?, unit))
 }
 
 /// A decimal number of units, exactly.
@@ -300,6 +345,24 @@ mod tests {
             (".5", Unit::S, None),
         ] {
             assert_eq!(nanos(text, unit), read, "{text}");
+        }
+    }
+
+    #[test]
+    fn a_time_may_have_its_own_unit() {
+        let columns = Columns::new(&[], &[], Unit::S);
+        for (text, read) in [
+            ("5ms", Some(5_000_000)),
+            ("0.5s", Some(500_000_000)),
+            ("7ns", Some(7)),
+            ("1.5us", Some(1_500)),
+            ("2", Some(2_000_000_000)),
+            ("5 m", None),
+            ("ms", None),
+            ("-5ms", None),
+            ("1.5ns", None),
+        ] {
+            assert_eq!(columns.time("deadline", text), read, "{text}");
         }
     }
 }

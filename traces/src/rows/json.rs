@@ -4,6 +4,7 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::io::BufRead;
 
+use serde::Deserialize;
 use serde_json::value::RawValue;
 
 use super::columns::{Columns, Unit};
@@ -71,7 +72,20 @@ pub fn json_event(
     log_time: u64,
     columns: &Columns<'_>,
 ) -> Result<Option<(Event, Annotations)>, String> {
-    let Some(line) = line_at(json, Some(log_time), columns)? else { return Ok(None) };
+    let fields = fields_of(json)?;
+    field_event(&|name| found(&fields, name), log_time, columns)
+}
+
+/// The same of what is no JSON: `field` has the text that stands for a path of names, such as `header.stamp`.
+///
+/// # Errors
+/// If it is no event.
+pub fn field_event<'f>(
+    field: &dyn Fn(&str) -> Option<Cow<'f, str>>,
+    log_time: u64,
+    columns: &Columns<'_>,
+) -> Result<Option<(Event, Annotations)>, String> {
+    let Some(line) = line_at(field, Some(log_time), columns)? else { return Ok(None) };
     let mut annotations = LineAnnotations::default();
     let event = event_of(&line, 0, &mut annotations).map_err(|error| error.message)?;
     Ok(Some((event, annotations.event)))
@@ -79,17 +93,25 @@ pub fn json_event(
 
 /// A line's object as a line of a trace; none if it is to be left out.
 fn line_of(json: &[u8], columns: &Columns<'_>) -> Result<Option<String>, String> {
-    line_at(json, None, columns)
+    let fields = fields_of(json)?;
+    line_at(&|name| found(&fields, name), None, columns)
 }
 
-fn line_at(json: &[u8], at: Option<u64>, columns: &Columns<'_>) -> Result<Option<String>, String> {
+fn fields_of(json: &[u8]) -> Result<JsonFields<'_>, String> {
     let text = str::from_utf8(json).map_err(|_| "not UTF-8".to_owned())?;
-    let fields: JsonFields<'_> = serde_json::from_str(text).map_err(|error| no_object(&error))?;
+    serde_json::from_str(text).map_err(|error| no_object(&error))
+}
+
+fn line_at<'f>(
+    field: &dyn Fn(&str) -> Option<Cow<'f, str>>,
+    at: Option<u64>,
+    columns: &Columns<'_>,
+) -> Result<Option<String>, String> {
     let names: BTreeMap<&str, &str> = columns.keys().map(|(key, _, name, _)| (key, name)).collect();
     for (key, _, name, is_named) in columns.keys() {
         // Some keys are of some events alone.
         let is_needed = key == "ev" || (key == "at" && (at.is_none() || is_named));
-        if is_needed && found(&fields, name).is_none() {
+        if is_needed && !columns.is_fixed(key) && field(name).is_none() {
             let remedy = if is_named {
                 String::new()
             } else {
@@ -98,7 +120,7 @@ fn line_at(json: &[u8], at: Option<u64>, columns: &Columns<'_>) -> Result<Option
             return Err(format!("no key {name:?}{remedy}"));
         }
     }
-    let own = |key: &str| found(&fields, names.get(key)?);
+    let own = |key: &str| field(names.get(key)?);
     match at.filter(|_| own("at").is_none()) {
         None => columns.line(own),
         // In nanoseconds, whatever the unit of the others is.
@@ -119,13 +141,29 @@ fn found<'j>(fields: &JsonFields<'j>, path: &str) -> Option<Cow<'j, str>> {
     found(&within, rest)
 }
 
-/// A text without its quotes, a number as it is written; nothing for null.
+/// A text without its quotes, a number as it is written, ROS' times in seconds; nothing for null.
 fn text_of(value: &RawValue) -> Option<Cow<'_, str>> {
+    #[derive(Deserialize)]
+    struct SecondsObject {
+        sec: u64,
+        #[serde(alias = "nsec")]
+        nanosec: u32,
+    }
     match value.get() {
         "null" => None,
         text if text.starts_with('"') => serde_json::from_str(text).ok().map(Cow::Owned),
-        text => Some(Cow::Borrowed(text)),
+        text => Some(match serde_json::from_str(text) {
+            Ok(SecondsObject { sec, nanosec }) => seconds(sec, nanosec).into(),
+            Err(_) => text.into(),
+        }),
     }
+}
+
+/// A time as `--unit` need not say: its seconds, with that unit.
+#[must_use]
+pub fn seconds(seconds: u64, nanoseconds: u32) -> String {
+    let carried = seconds.saturating_add(u64::from(nanoseconds / 1_000_000_000));
+    format!("{carried}.{:09}s", nanoseconds % 1_000_000_000)
 }
 
 fn no_object(error: &serde_json::Error) -> String {

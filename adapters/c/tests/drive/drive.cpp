@@ -133,7 +133,7 @@ class Driver {
     return !due || *due > Virtual::now() || sink_.at > line_.at;
   }
 
-  // What the sink was not told.
+  // What did not go to the sink.
   void say(const Answer& answer) const {
     const char* ev = nullptr;
     switch (answer.outcome()) {

@@ -102,7 +102,7 @@ int main(int argc, char **argv) {
     }
     LLVMFuzzerTestOneInput(data, sizeof data);
   }
-  printf("%ld cases: %u inputs to both machines, %u wrong uses told\n", cases, inputs, wrong_uses);
+  printf("%ld cases: %u inputs to both machines, %u wrong uses reported\n", cases, inputs, wrong_uses);
   return wrong_uses > 0U && inputs > 0U ? 0 : 1;
 }
 #endif

@@ -1,6 +1,6 @@
 /*
  * Fuzzing of the C interface with right and wrong use, mixed. Two machines get the same inputs; one of them is misused
- * in between. Each wrong call must be told by its status, and must change neither the machine nor the answer: so the
+ * in between. Each wrong call must be reported by its status, and must change neither the machine nor the answer: so the
  * two answer alike for ever.
  *
  * With libFuzzer: clang -fsanitize=fuzzer. Without: -DWITHOUT_LIBFUZZER.

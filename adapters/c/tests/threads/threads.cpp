@@ -4,9 +4,9 @@
 //     fuseline check --observed --tolerance 0ms --lateness 0ms trace.jsonl
 //
 // The clock is virtual: each instant is a round between two barriers, in which the owner opens and offers, each source gives
-// results and failures, and a timer lets time go by and tells failures that the sources know nothing of, all at once. So
+// results and failures, and a timer lets time go by and reports failures that the sources know nothing of, all at once. So
 // instants are exact, nothing is late, and the judge needs no tolerance, however busy the machine is. A source stores
-// its value beside the machine, without a lock, before it gives its result; who is told to forward it, or that it was the
+// its value beside the machine, without a lock, before it gives its result; who is to forward it, or that it was the
 // last, reads it: so the thread sanitizer sees whether the machine orders the two.
 #include <atomic>
 #include <condition_variable>

@@ -372,7 +372,7 @@ impl<V, R> Engine<V, R> {
                 warn!(
                     operator,
                     timestamp,
-                    "local runs for longer than its deadline: it keeps its place until it ends"
+                    "local runs for longer than its deadline, is not made anew and keeps its place"
                 );
             }
         }

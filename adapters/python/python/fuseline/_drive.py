@@ -21,13 +21,14 @@ from fuseline._side import SideRequest
 from fuseline._state import CarriedState
 from fuseline._threads import DaemonThreads
 from fuseline._timed import TimedSteps
+from fuseline._wiring import WiringError, check_awaitable, check_value
 from fuseline._words import Cloud, ns
 from fuseline.deadline import Policy, Situation
 
 M = TypeVar("M")
 V = TypeVar("V")
 
-#: What is asked of an operator's clock: whole nanoseconds that never go back.
+#: An operator's clock: whole nanoseconds that never go back.
 Clock = Callable[[], int]
 
 #: The longest sleep, in nanoseconds: a day.
@@ -135,6 +136,8 @@ class Driver(Generic[M, V]):
                 threads = min(cloud.calls, os.cpu_count() or 1)
                 encoders = DaemonThreads(partial(_same, cloud.encode), threads, "fuseline-encode")
             self._sources[cloud.cloud.p] = SourceTasks(limit, cloud, encoders)
+        #: The sources whose wiring was reported as wrong.
+        self._miswired_sources: set[int] = set()
         self._effects: deque[Effect] = deque()
         #: Of the open messages that have one.
         self._lineages: dict[int, Lineage] = {}
@@ -364,6 +367,7 @@ class Driver(Generic[M, V]):
     async def _compute(self, source: SourceTasks, t: int, message: M) -> None:
         try:
             value = await self._local._run(message, t)
+            check_value(value, "local", "give an async def, which awaits it")
         except BaseException as error:
             self._failed(source, 0, t, error)
         else:
@@ -376,11 +380,17 @@ class Driver(Generic[M, V]):
             if cloud.encode is not None and source.encoders is not None:
                 begin = self._read_clock()
                 request = await source.encoders.run(request)
+                check_value(request, "what encodes", "make it a plain function")
                 took = (self._read_clock() - begin) / 1e9
                 call = replace(call, deadline=max(call.deadline - took, 0.0))
-            value = cloud.response_handler(await cloud.handle(request, call))
+            returned = cloud.handle(request, call)
+            check_awaitable(returned, "the handle")
+            response = await returned
+            check_value(response, "the handle", "await it there")
+            value = cloud.response_handler(response)
             if inspect.isawaitable(value):
                 value = await value
+            check_value(value, "the response handler", "await it there")
         except BaseException as error:
             self._failed(source, cloud.cloud.p, call.timestamp, error)
         else:
@@ -398,6 +408,8 @@ class Driver(Generic[M, V]):
     def _failed(self, source: SourceTasks, p: int, t: int, error: BaseException) -> None:
         """D7: an error of a call or of local is a failure, and no other message notices."""
         is_cancelled = isinstance(error, asyncio.CancelledError)
+        if isinstance(error, WiringError):
+            self._miswired(p, error)
         if t in source.in_flight:
             del source.in_flight[t]
             why = "cancelled" if is_cancelled else in_one_line(error)
@@ -406,6 +418,15 @@ class Driver(Generic[M, V]):
             raise error
         if not isinstance(error, Exception) and not is_cancelled:
             raise error
+
+    def _miswired(self, p: int, error: WiringError) -> None:
+        """Every call will fail like that: counted, and logged at the first."""
+        self.counting.handler_failed(p)
+        if p not in self._miswired_sources:
+            self._miswired_sources.add(p)
+            cloud = self._sources[p].cloud
+            name = "local" if cloud is None else cloud.cloud.name
+            _log.error("%s: %s: %s", self.name, name, error)
 
 
 def _seconds(nanos: int | None) -> float | None:

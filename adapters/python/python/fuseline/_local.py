@@ -49,7 +49,9 @@ class Local(Generic[M, V]):
         if deadline is not None and nanoseconds(deadline) == 0:
             raise ConfigError("a deadline of 0 for local; every message would be refused")
         if lossy and deadline is None:
-            raise ConfigError("a local whose results can be lost needs a deadline to tell it by")
+            raise ConfigError(
+                "a local whose results can be lost needs a deadline, to know that it is"
+            )
         self._compute = compute
         self._make = make
         self._pool: DaemonThreads | ProcessPoolExecutor | None = None

@@ -72,6 +72,9 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         clock: Reads whole nanoseconds that never go back.
         lag_warning: How late a timer may be served, and how long a handler may hold up the loop,
             before it is counted and logged as a warning.
+        greatest_deadline: The longest deadline that a request or local may have. A longer one, such
+            as milliseconds read as seconds, is refused: of local with a ConfigError, of an offer as
+            ``deadline``, with a warning at the first. It is the most that a policy may choose.
         reserve: How long the operators downstream take: so much is kept of an end-to-end deadline
             (E3).
         latency: What records how long this operator takes, for those upstream.
@@ -106,6 +109,7 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         trace: str | os.PathLike[str] | None = None,
         clock: Clock = time.monotonic_ns,
         lag_warning: Duration = 0.02,
+        greatest_deadline: Duration = 60.0,
         reserve: Sequence[Latency] = (),
         latency: Latency | None = None,
     ) -> None:
@@ -117,6 +121,13 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         self._output_len = output_len
         self._path = trace
         self._clock, self._lag_warning = clock, nanoseconds(lag_warning)
+        self._greatest_deadline = nanoseconds(greatest_deadline)
+        deadline = self._local.deadline
+        if deadline is not None and deadline > self._greatest_deadline:
+            raise ConfigError(
+                f"local's deadline of {deadline / 1e9} s is above the greatest; give a shorter "
+                "one, or a greater greatest_deadline"
+            )
         #: The loop's thread, once it has started, and messages on their way to it.
         self._thread: int | None = None
         self._on_their_way = 0
@@ -254,6 +265,7 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         if self._handlers.substitute is not None:
             engine.expect_substitutes()
         engine.set_lag_warning(self._lag_warning)
+        engine.set_greatest_deadline(self._greatest_deadline)
         engine.set_replaceable(local.replaceable)
         for it in self._clouds:
             engine.set_linger(it.cloud.p, it.linger)

@@ -13,7 +13,7 @@ except ImportError as error:
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-#: Colours that those who see fewer can tell apart (Okabe and Ito): local's, then the clouds'.
+#: Colours that those who see fewer can distinguish (Okabe and Ito): local's, then the clouds'.
 COLOURS = ("#E69F00", "#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#F0E442", "#D55E00")
 NOTHING = "#B2182B"
 

@@ -1,4 +1,4 @@
-"""Whether what an operator is made of fits where it is given: seen before the drive, not in it."""
+"""Whether what an operator is made of fits where it is given; before the drive, if it shows."""
 
 from __future__ import annotations
 
@@ -6,6 +6,10 @@ import inspect
 from typing import Any
 
 from fuseline._errors import ConfigError
+
+
+class WiringError(ConfigError):
+    """A mistake in what an operator is made of that shows only in a call."""
 
 
 def check_function(function: Any, what: str) -> None:
@@ -35,6 +39,29 @@ def check_handle(handle: Any) -> None:
             f"the handle {function.__qualname__} is not async: make it an async def; if it blocks, "
             "let it await asyncio.to_thread"
         )
+
+
+def check_awaitable(returned: Any, what: str) -> None:
+    """What a handle returned when it was called, to be awaited.
+
+    Raises:
+        WiringError: if it is no awaitable, as of a lambda that returns a value.
+    """
+    if not inspect.isawaitable(returned):
+        kind = type(returned).__name__
+        raise WiringError(f"{what} returned {kind}, which cannot be awaited: make it an async def")
+
+
+def check_value(value: Any, what: str, remedy: str) -> None:
+    """A value that is sent on, such as a response.
+
+    Raises:
+        WiringError: if it is an awaitable that nobody would await.
+    """
+    if inspect.isawaitable(value):
+        if inspect.iscoroutine(value):
+            value.close()
+        raise WiringError(f"{what} gave an awaitable for a value: {remedy}")
 
 
 def check_response_handler(handler: Any) -> None:

@@ -127,7 +127,7 @@ fn called<T>(interrupt: &PendingException, call: impl FnOnce(Python<'_>) -> PyRe
     Python::attach(call).unwrap_or_else(|error| failed(interrupt, error))
 }
 
-/// Reports an error and tells the engine, as a policy that panics does: it catches that, and requests nothing.
+/// Reports an error, also to the engine, as a policy that panics does: it catches that, and requests nothing.
 fn failed(interrupt: &PendingException, error: PyErr) -> ! {
     Python::attach(|py| {
         if error.is_instance_of::<PyException>(py) {

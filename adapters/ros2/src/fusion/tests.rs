@@ -60,11 +60,11 @@ async fn compute(
         Answers(ms) => sleep(Duration::from_millis(ms)).await,
         Fails(ms) => {
             sleep(Duration::from_millis(ms)).await;
-            return Err("as told".into());
+            return Err("on purpose".into());
         }
         Panics(ms) => {
             sleep(Duration::from_millis(ms)).await;
-            panic!("as told")
+            panic!("on purpose")
         }
         Loses => pending().await,
     }

@@ -186,7 +186,7 @@ fn begin(span: Span) -> Position {
 
 fn syntax(error: &ScanError) -> (Position, YamlError) {
     let mark = error.marker();
-    // It may tell a character of the text.
+    // It may name a character of the text.
     let info = error.info().replace(char::is_control, "\u{fffd}");
     ((mark.line(), mark.col() + 1), YamlError::Syntax(info))
 }

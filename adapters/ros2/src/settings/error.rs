@@ -66,7 +66,7 @@ pub enum SettingsError {
     Outputs { origin: ValueOrigin, policy: &'static str },
     /// A guard that could not guard.
     #[error(
-        "{origin}: policy is {policy}, which goes by the speed, and nothing tells it; give \
+        "{origin}: policy is {policy}, which goes by the speed, and nothing reports it; give \
          policy.speed_topic, or another policy"
     )]
     Speed { origin: ValueOrigin, policy: &'static str },

@@ -254,7 +254,7 @@ impl<'a> ParameterReader<'a> {
             ValueOrigin::Default if is_remapped => ValueOrigin::Argument("--remap".to_owned()),
             origin => origin,
         };
-        // The node would receive its own messages, or could not tell whose message it received.
+        // The node would receive its own messages, or would not know whose message it received.
         if let Some(other) = self.topics.iter().find(|other| other.name == name) {
             let origin = if origin == ValueOrigin::Default { other.origin.clone() } else { origin };
             let other = other.purpose.clone();

@@ -163,8 +163,8 @@ def whatever_breaks_on_the_way_to_a_cloud_behind_grpc_costs_no_input_its_one_ans
         (result,), (status,) = listener.of(stamp), listener.status_of(stamp)
         assert result.message.payload == answered(status["source"], stamp).serialize(), "not the bytes that were sent"
         assert result.at - at < DEADLINE_S + 3.0, f"{status['source']} after {result.at - at:.3f} s"
-    told = ", ".join(f"{harm} {took:.1f}" for harm, took in back.items())
-    print(f"seed {seed}: {len(run)} inputs, {bench.judge(node)} judged; west was back after so many s: {told}")
+    reported = ", ".join(f"{harm} {took:.1f}" for harm, took in back.items())
+    print(f"seed {seed}: {len(run)} inputs, {bench.judge(node)} judged; west was back after so many s: {reported}")
 
 
 def a_disk_that_fills_ends_the_recording_and_costs_no_input_its_answer(bench):
@@ -176,7 +176,7 @@ def a_disk_that_fills_ends_the_recording_and_costs_no_input_its_answer(bench):
         camera, listener, local = Camera(), Listener(), Model("local")
         ready(camera, listener, local)
         stream = Stream(camera, "local=0.02")
-        until(lambda: "the recording has ended" in str(listener.health("fusion")), "the diagnostics to tell", cap=60)
+        until(lambda: "the recording has ended" in str(listener.health("fusion")), "the diagnostics to report it", cap=60)
         more = len(stream.run) + 50
         until(lambda: len(stream.run) > more, "some more inputs")
         stream.end()

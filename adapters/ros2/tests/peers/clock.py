@@ -31,8 +31,8 @@ def stands_off(listener, node, seconds):
     node.wall_clock(seconds)
 
     def is_told():
-        told = listener.diagnostics.heard[-1].message.header.stamp.sec
-        return abs(told - time.time() - seconds) < HOUR_S / 2
+        reported = listener.diagnostics.heard[-1].message.header.stamp.sec
+        return abs(reported - time.time() - seconds) < HOUR_S / 2
 
     until(is_told, f"a stamp {seconds} s off")
 

@@ -55,7 +55,7 @@ def the_guard_decides_by_the_speed_that_a_peer_publishes(bench):
         run = []
 
         def in_force(speed, run=run, camera=camera, listener=listener):
-            """Asks until the diagnostics tell what holds at this speed; returns whether they do."""
+            """Requests until the diagnostics report what holds at this speed; returns whether they do."""
             deadline, why = ALLOWED[speed]
             run.append((speed, *camera.ask("local=0.02")))
             time.sleep(0.1)

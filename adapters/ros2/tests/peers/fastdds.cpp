@@ -1,4 +1,4 @@
-// A peer in Fast DDS that is told what to do: a line of its input is a command, a line of its output an event.
+// A peer in Fast DDS that takes commands: a line of its input is one, a line of its output an event.
 //
 //   writer TOPIC TYPE        publishes TOPIC, reliably           matched TOPIC N   so many peers are matched now
 //   reader TOPIC TYPE        subscribes to TOPIC, reliably       heard TOPIC HEX   a payload came

@@ -1,4 +1,4 @@
-"""A peer in Fast DDS, told what to do line by line, as `fastdds.cpp` says; payloads include their encapsulation."""
+"""A peer in Fast DDS that takes commands line by line, as `fastdds.cpp` says; payloads include their encapsulation."""
 
 import subprocess
 import threading
@@ -27,21 +27,21 @@ class FastDds:
             if topic in self.then:
                 self.then[topic](payload)
 
-    def tell(self, *words):
+    def command(self, *words):
         self.process.stdin.write(" ".join(words) + "\n")
         self.process.stdin.flush()
 
     def publishes(self, topic, kind):
-        self.tell("writer", topic, kind.__idl_typename__)
+        self.command("writer", topic, kind.__idl_typename__)
 
     def subscribes(self, topic, kind, then=None):
         self.heard[topic] = []
         if then:
             self.then[topic] = then
-        self.tell("reader", topic, kind.__idl_typename__)
+        self.command("reader", topic, kind.__idl_typename__)
 
     def publish(self, topic, payload):
-        self.tell("write", topic, payload.hex())
+        self.command("write", topic, payload.hex())
 
     def until_matched(self, *topics):
         for topic in topics:

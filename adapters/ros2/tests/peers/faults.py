@@ -51,7 +51,7 @@ def a_killed_cloud_is_replaced_by_local_and_taken_again_when_it_returns(bench):
     until(lambda: has("west", "F3"), "west's results")
     os.kill(west.pid, signal.SIGKILL)
     killed = time.monotonic()
-    # Over DDS its lease must end first; Zenoh's router tells at once that its connection is gone.
+    # Over DDS its lease must end first; Zenoh's router reports at once that its connection is gone.
     if not is_over_zenoh():
         until(lambda: has("local", "F5"), "local's results at the deadline")
     fell_back = time.monotonic() - killed
@@ -344,8 +344,8 @@ def a_network_that_loses_one_packet_in_five_costs_no_input_its_one_answer(bench)
     assert node.ends() == 0
     # Over best effort an input may be lost on its way; one that was taken on may not.
     taken = [line["t"] for line in node.events("open")]
-    told = [heard.message["key"] for heard in listener.status.heard]
-    assert len(told) == len(set(told)) == len(taken), (len(told), len(set(told)), len(taken))
+    reported = [heard.message["key"] for heard in listener.status.heard]
+    assert len(reported) == len(set(reported)) == len(taken), (len(reported), len(set(reported)), len(taken))
     sources = [listener.status_of(stamp)[0].message for stamp, _ in stream.run if listener.status_of(stamp)]
     assert all(len(listener.of(stamp)) <= 1 for stamp, _ in stream.run)
     by_local = [heard for heard in listener.status.heard if heard.message["source"] == "local"]

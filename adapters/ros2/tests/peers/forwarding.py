@@ -121,9 +121,9 @@ def under_progressive_each_better_result_is_a_revision_at_once_and_the_last_one_
         if rule == "F9":
             assert results[0].at - at >= 0.5, f"{last} is final after {results[0].at - at:.3f} s"
             assert sent[-1].at < results[0].at
-        told = [(state["source"], state["rule"], state["revision"]) for state in states]
+        reported = [(state["source"], state["rule"], state["revision"]) for state in states]
         items = [(source, "F9") for source in before] + [(last, rule)]
-        assert told == [(*item, str(revision)) for revision, item in enumerate(items)], told
+        assert reported == [(*item, str(revision)) for revision, item in enumerate(items)], reported
     print(f"{len(run)} inputs, {len(revisions.heard)} revisions, {bench.judge(node)} timestamps judged")
 
 

@@ -130,7 +130,7 @@ class Receiver:
         while True:
             self.waits.wait(duration(seconds=1))
             for message in self.reader.take(N=64):
-                # A writer that went away is told as a sample without data.
+                # A writer that went away comes as a sample without data.
                 if message.sample_info.valid_data:
                     self.hear(message, time.monotonic())
 

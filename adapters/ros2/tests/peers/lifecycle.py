@@ -44,7 +44,7 @@ class Manager:
         self.events.until_matched()
 
     def does(self, label):
-        """Whether the node did what it was told, by the number of a transition or else by its label."""
+        """Whether the node made the transition, by the number of a transition or else by its label."""
         way = Transition(BY_ID[label], "") if label in BY_ID else Transition(0, label)
         return self.changing.call(ChangeStateRequest(way)).success
 
@@ -55,8 +55,8 @@ class Manager:
     def can(self):
         return [way.transition.label for way in self.ways.call(GetAvailableTransitionsRequest()).available_transitions]
 
-    def told(self):
-        """The transitions that were told."""
+    def reported(self):
+        """The transitions that were reported."""
         return [(heard.message.start_state.label, heard.message.transition.label, heard.message.goal_state.label)
                 for heard in list(self.events.heard)]
 
@@ -80,7 +80,7 @@ def a_managed_node_takes_inputs_in_only_while_it_is_active(bench):
     assert [(state.id, state.label) for state in states][:5] == [
         (0, "unknown"), (1, "unconfigured"), (2, "inactive"), (3, "active"), (4, "finalized")]
     assert not manager.does("activate"), "a node that is not configured was activated"
-    assert camera.output.matched() == 0 and not node.trace_file.exists(), "it opened something before it was told to"
+    assert camera.output.matched() == 0 and not node.trace_file.exists(), "it opened something before its transition"
 
     assert manager.does("configure") and manager.state() == (2, "inactive")
     assert manager.can() == ["cleanup", "activate", "shutdown"]
@@ -113,11 +113,11 @@ def a_managed_node_takes_inputs_in_only_while_it_is_active(bench):
     ready(camera, listener, local, west)
     assert manager.does("shutdown") and manager.state() == (4, "finalized")
     assert manager.can() == [] and not manager.does("configure")
-    until(lambda: len(manager.told()) == 18, lambda: f"every transition, not only {manager.told()}")
-    assert manager.told()[:4] == [
+    until(lambda: len(manager.reported()) == 18, lambda: f"every transition, not only {manager.reported()}")
+    assert manager.reported()[:4] == [
         ("unconfigured", "configure", "configuring"), ("configuring", "transition_success", "inactive"),
         ("inactive", "activate", "activating"), ("activating", "transition_success", "active")]
-    assert manager.told()[-2:] == [
+    assert manager.reported()[-2:] == [
         ("active", "shutdown", "shuttingdown"), ("shuttingdown", "transition_success", "finalized")]
     assert node.ends() == 0
     # What was judged first has not been written over.
@@ -150,7 +150,7 @@ def a_managed_node_that_cannot_be_configured_says_why_and_may_be_told_again(benc
     manager = Manager(bench)
     assert not manager.does("configure") and manager.state() == (1, "unconfigured")
     assert "cannot be configured" in node.log() and str(node.trace_file) in node.log()
-    until(lambda: manager.told()[-1:] == [("configuring", "transition_failure", "unconfigured")], "a failure")
+    until(lambda: manager.reported()[-1:] == [("configuring", "transition_failure", "unconfigured")], "a failure")
 
     # What is set while nothing is open is in force afterwards.
     deadline = Parameter("deadline", ParameterValue.of(0.3))

@@ -56,17 +56,17 @@ class Peers:
         self.there, end_of = set(), f"/{end.dds_type_name}/{end.type_hash}/"
         tokens = f"@ros2_lv/{end.domain_id}/*/*/*/{kind}/*/*/*/{end.topic.replace('/', '%')}/*/*/*/**"
 
-        def told(sample):
+        def reported(sample):
             token = str(sample.key_expr)
             if end_of in token:
                 (self.there.discard if sample.kind == zenoh.SampleKind.DELETE else self.there.add)(token)
 
-        self.tokens = end.session_mgr.liveliness.declare_subscriber(tokens, told, history=True)
+        self.tokens = end.session_mgr.liveliness.declare_subscriber(tokens, reported, history=True)
 
 
 @dataclass(frozen=True)
 class Seen:
-    """What a token tells of."""
+    """What a token names."""
 
     kind: str
     namespace: str
@@ -78,13 +78,13 @@ def seen():
     """What ROS's tools see: a function that returns all that is there now."""
     tokens = set()
 
-    def told(sample):
+    def reported(sample):
         token = str(sample.key_expr)
         (tokens.discard if sample.kind == zenoh.SampleKind.DELETE else tokens.add)(token)
 
     manager = session()
     domain = os.environ["ROS_DOMAIN_ID"]
-    manager.everything = manager.liveliness.declare_subscriber(f"@ros2_lv/{domain}/**", told, history=True)
+    manager.everything = manager.liveliness.declare_subscriber(f"@ros2_lv/{domain}/**", reported, history=True)
 
     def entity(token):
         parts = [part.replace("%", "/") for part in token.split("/")] + [""]

@@ -189,7 +189,7 @@ def main():
     if chosen.list:
         print("\n".join(names))
         return 0
-    # Who is told to end takes the test along that runs.
+    # Who is ended takes the test along that runs.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     prefix = network()
     arguments = ["--zenoh"] if chosen.zenoh else []

@@ -56,7 +56,7 @@ fn d15_figures_that_make_no_policy_are_told_where_they_are() {
         assert_eq!(
             error,
             format!(
-                "-p policy:={kind}: policy is {kind}, which goes by the speed, and nothing tells it; \
+                "-p policy:={kind}: policy is {kind}, which goes by the speed, and nothing reports it; \
                  give policy.speed_topic, or another policy"
             )
         );

@@ -8,7 +8,9 @@ use http::uri::{InvalidUri, Scheme};
 use thiserror::Error;
 use tokio::runtime::Handle;
 use tonic::service::interceptor::InterceptedService;
-use tonic::transport::{self, Certificate, ClientTlsConfig, Endpoint};
+use tonic::transport::{self, Endpoint};
+#[cfg(feature = "tls")]
+use tonic::transport::{Certificate, ClientTlsConfig};
 use tracing::warn;
 
 use crate::grpc::sent::CountedBody;
@@ -77,6 +79,9 @@ pub enum RemoteError {
     /// The certificates or the key cannot be used.
     #[error("the certificates for the cloud: {0}")]
     Tls(#[source] transport::Error),
+    /// An `https` URL in a build without the feature `tls`.
+    #[error("this build has no TLS for https URLs; build it with the feature tls")]
+    NoTls,
 }
 
 impl Remote {
@@ -113,7 +118,7 @@ impl Remote {
             .keep_alive_timeout(self.ping_deadline)
             .tcp_nodelay(true);
         if is_secure {
-            endpoint = endpoint.tls_config(self.tls()?).map_err(RemoteError::Tls)?;
+            endpoint = self.secure(endpoint)?;
         } else if self.ca.is_some() || self.identity.is_some() {
             return Err(RemoteError::Plain);
         } else if self.token.is_some() {
@@ -125,7 +130,14 @@ impl Remote {
         ))
     }
 
-    fn tls(&self) -> Result<ClientTlsConfig, RemoteError> {
+    #[cfg(not(feature = "tls"))]
+    #[expect(clippy::unused_self, reason = "as with TLS")]
+    fn secure(&self, _: Endpoint) -> Result<Endpoint, RemoteError> {
+        Err(RemoteError::NoTls)
+    }
+
+    #[cfg(feature = "tls")]
+    fn secure(&self, endpoint: Endpoint) -> Result<Endpoint, RemoteError> {
         let mut tls = match &self.ca {
             Some(ca) => ClientTlsConfig::new().ca_certificate(Certificate::from_pem(ca)),
             None => system_roots()?,
@@ -136,7 +148,7 @@ impl Remote {
         if let Some(Identity { certificate, key }) = &self.identity {
             tls = tls.identity(transport::Identity::from_pem(certificate, key));
         }
-        Ok(tls)
+        endpoint.tls_config(tls).map_err(RemoteError::Tls)
     }
 }
 
@@ -146,7 +158,7 @@ fn system_roots() -> Result<ClientTlsConfig, RemoteError> {
     Ok(ClientTlsConfig::new().with_native_roots())
 }
 
-#[cfg(not(feature = "native-roots"))]
+#[cfg(all(feature = "tls", not(feature = "native-roots")))]
 const fn system_roots() -> Result<ClientTlsConfig, RemoteError> {
     Err(RemoteError::Ca)
 }

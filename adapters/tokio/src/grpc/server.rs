@@ -5,6 +5,10 @@ mod connection_handler;
 mod connection_watch;
 mod held;
 mod limits;
+#[cfg(feature = "tls")]
+mod tls;
+#[cfg(not(feature = "tls"))]
+#[path = "server/without_tls.rs"]
 mod tls;
 
 use std::sync::Arc;
@@ -49,6 +53,9 @@ pub enum ServeError {
     /// The certificates or the key cannot be used.
     #[error("the server's certificates: {0}")]
     Tls(#[source] crate::Error),
+    /// A certificate in a build without the feature `tls`.
+    #[error("this build has no TLS for the server's certificates; build it with the feature tls")]
+    NoTls,
 }
 
 /// Serves `infer` on `listener` until `until` is ready, then lets the calls under way end.

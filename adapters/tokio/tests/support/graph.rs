@@ -211,14 +211,14 @@ impl DrawnGraph {
         let age = lineage.age(Instant::now()).expect("a capture");
         // A timer of each operator of the branch, of the join and of its operator.
         if !reader_lags && age > within + (self.stages + 2) * LATENESS {
-            self.tell(format!("E2: {seq} of {} is {age:?} old of {within:?}", origin.stream));
+            self.report(format!("E2: {seq} of {} is {age:?} old of {within:?}", origin.stream));
         }
-        if !reader_lags && item.age.is_some_and(|told| told != age) {
-            self.tell(format!("E7: {seq} is {age:?} old, not {:?}", item.age));
+        if !reader_lags && item.age.is_some_and(|reported| reported != age) {
+            self.report(format!("E7: {seq} is {age:?} old, not {:?}", item.age));
         }
         let captured = lineage.captured.map(Instant::from_std);
         if self.captures.iter().all(|it| it.with(|it| it.get(&seq).copied()) != captured) {
-            self.tell(format!("E7: {seq} was never captured then"));
+            self.report(format!("E7: {seq} was never captured then"));
         }
         (if self.is_joined { String::new() } else { origin.stream.to_string() }, seq)
     }
@@ -229,13 +229,13 @@ impl DrawnGraph {
             let stream = if self.is_joined { String::new() } else { format!("s{sensor}") };
             for seq in captures.with(|captures| captures.keys().copied().collect::<Vec<_>>()) {
                 if answered.get(&(stream.clone(), seq)) != Some(&1) {
-                    self.tell(format!("E1, E6: {seq} of {sensor}: {answered:?}"));
+                    self.report(format!("E1, E6: {seq} of {sensor}: {answered:?}"));
                 }
             }
         }
     }
 
-    fn tell(&self, wrong: String) {
+    fn report(&self, wrong: String) {
         self.wrong.with(|all| all.push(wrong));
     }
 }

@@ -21,13 +21,13 @@ impl Cloud {
     /// Listens at `address`; port 0 is any.
     pub(crate) fn start(address: &str, server: Server, infer: impl Infer) -> Self {
         let (kill, killed) = oneshot::channel();
-        let (tell, reported) = mpsc::channel();
+        let (sender, reported) = mpsc::channel();
         let address = address.to_owned();
         let thread = thread::spawn(move || {
             let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
             runtime.unwrap().block_on(async {
                 let listener = TcpListener::bind(address).await.unwrap();
-                tell.send(listener.local_addr().unwrap()).unwrap();
+                sender.send(listener.local_addr().unwrap()).unwrap();
                 tokio::select! {
                     ended = serve(infer, server, listener, pending()) => ended.unwrap(),
                     _ = killed => {}

@@ -105,11 +105,11 @@ async fn act(act: SourceAction, name: String) -> Result<String, Error> {
         SourceAction::Answers(ms) => sleep(Duration::from_millis(ms)).await,
         SourceAction::Fails(ms) => {
             sleep(Duration::from_millis(ms)).await;
-            return Err("as told".into());
+            return Err("on purpose".into());
         }
         SourceAction::Panics(ms) => {
             sleep(Duration::from_millis(ms)).await;
-            panic!("as told")
+            panic!("on purpose")
         }
         SourceAction::Never => pending().await,
     }

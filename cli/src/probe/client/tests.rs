@@ -92,6 +92,21 @@ async fn calls_overlap_and_quantiles_are_those_of_the_delays() {
 }
 
 #[tokio::test(start_paused = true)]
+async fn a_probe_that_is_killed_loses_the_rows_of_two_seconds() {
+    let file = Shared::default();
+    let rows = SlotRows::new(file.clone(), Fixes::default()).unwrap();
+    let mut log = ProbeLog::new(rows, Duration::from_secs(1) / 30, (ms(118), ms(500)));
+    let schedule = Schedule { rate: 30.0, slots: None, give_up: ms(20_000) };
+    let answered = |_| async { true };
+    let look = (ms(5000), |_: &ProbeLog<Shared>, _| {});
+    let probing = drive(&mut log, &schedule, answered, future::pending(), look);
+    assert!(timeout(ms(4600), probing).await.is_err());
+    let text = String::from_utf8(file.0.lock().unwrap().clone()).unwrap();
+    let last = text.lines().next_back().and_then(|row| row.split(',').next()?.parse().ok());
+    assert!(last.is_some_and(|sent: f64| sent > 2400.0), "{last:?}");
+}
+
+#[tokio::test(start_paused = true)]
 async fn a_stall_leaves_31_unanswered_and_nothing_is_sent_until_all_are_answered() {
     let under_way = Arc::new(AtomicUsize::new(0));
     let requests = Arc::new(Mutex::new(Vec::new()));

@@ -48,6 +48,7 @@ pub(crate) fn plot(
     plots.extend(places.map(route::plot));
     let files = names(&plots);
     let shown = PageContent {
+        animations: Vec::new(),
         title: "Network probe",
         words: &[WORDS],
         plots,

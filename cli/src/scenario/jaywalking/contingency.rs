@@ -8,11 +8,13 @@ pub(crate) struct Plan {
     pub(crate) validity: u64,
 }
 
-/// What might happen.
+/// What might happen, by its number in a list.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Hypothesis {
-    PersonEnters,
-    CarPullsOut,
+pub(crate) struct Hypothesis(pub(crate) usize);
+
+impl Hypothesis {
+    pub(crate) const PERSON_ENTERS: Self = Self(0);
+    pub(crate) const CAR_PULLS_OUT: Self = Self(1);
 }
 
 /// What a call will bring, and after how long, in ns.
@@ -87,7 +89,7 @@ impl ContingencyCalls {
 mod tests {
     use super::*;
 
-    const PLAN: Plan = Plan { hypothesis: Hypothesis::PersonEnters, validity: 100 };
+    const PLAN: Plan = Plan { hypothesis: Hypothesis::PERSON_ENTERS, validity: 100 };
 
     fn requested(takes: u64) -> ContingencyCalls {
         let mut contingencies = ContingencyCalls::new(1);
@@ -97,18 +99,18 @@ mod tests {
 
     #[test]
     fn an_answer_at_its_due_instant_is_late() {
-        assert!(requested(49).holds(60, Hypothesis::PersonEnters));
-        assert!(!requested(50).holds(60, Hypothesis::PersonEnters));
+        assert!(requested(49).holds(60, Hypothesis::PERSON_ENTERS));
+        assert!(!requested(50).holds(60, Hypothesis::PERSON_ENTERS));
     }
 
     #[test]
     fn a_plan_is_used_on_a_match_while_it_holds() {
         let mut contingencies = requested(40);
-        assert!(!contingencies.holds(39, Hypothesis::PersonEnters));
-        assert!(contingencies.holds(40, Hypothesis::PersonEnters));
-        assert!(!contingencies.holds(40, Hypothesis::CarPullsOut));
-        assert!(contingencies.holds(139, Hypothesis::PersonEnters));
-        assert!(!contingencies.holds(140, Hypothesis::PersonEnters));
+        assert!(!contingencies.holds(39, Hypothesis::PERSON_ENTERS));
+        assert!(contingencies.holds(40, Hypothesis::PERSON_ENTERS));
+        assert!(!contingencies.holds(40, Hypothesis::CAR_PULLS_OUT));
+        assert!(contingencies.holds(139, Hypothesis::PERSON_ENTERS));
+        assert!(!contingencies.holds(140, Hypothesis::PERSON_ENTERS));
     }
 
     #[test]

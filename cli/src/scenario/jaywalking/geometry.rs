@@ -1,5 +1,6 @@
 //! A car and a person who steps onto the road, in m and s.
 
+#[cfg(feature = "full")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -16,7 +17,8 @@ pub(crate) const ASIDE: f64 = 1.75;
 const END: f64 = 60.0;
 
 /// What the car does about the person.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, JsonSchema, Serialize, clap::ValueEnum)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, clap::ValueEnum)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Manoeuvre {
     /// To the left, with the speed kept.
@@ -25,7 +27,8 @@ pub(crate) enum Manoeuvre {
 }
 
 /// Where the person is, and what the car can do.
-#[derive(Clone, Copy, Debug, JsonSchema, Serialize)]
+#[derive(Clone, Copy, Debug, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct SwerveGeometry {
     /// From the car's front to the person's line at 0 s.
     pub(crate) distance: f64,
@@ -49,6 +52,11 @@ impl SwerveGeometry {
         let lost = speed * (acting - braking) + self.deceleration * braking * braking / 2.0;
         let (length, width) = CAR;
         Rectangle { front: [speed * now - lost, 0.0], heading: [1.0, 0.0], length, width }
+    }
+
+    /// The car at an instant, if it swerves after so long.
+    pub(crate) fn swerved(&self, now: f64, speed: f64, response: f64) -> Rectangle {
+        swerving(&self.swerve(speed), now, response)
     }
 
     pub(crate) fn person(&self, now: f64) -> [f64; 2] {

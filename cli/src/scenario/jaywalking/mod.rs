@@ -1,18 +1,22 @@
 //! `fuseline scenario jaywalking`: a person steps onto the road, and a plan for that may be cached.
 
+mod animation;
 mod contingency;
 mod geometry;
+mod hypotheses;
 mod planning;
 mod plots;
 mod swerve;
 mod text;
 
+#[cfg(feature = "full")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::fault::Fault;
 use crate::plot::{Folder, PageContent, show};
 pub(crate) use crate::scenario::jaywalking::geometry::{Manoeuvre, SwerveGeometry};
+use crate::scenario::jaywalking::hypotheses::{HypothesisRow, UnlikelyEvent};
 use crate::scenario::jaywalking::planning::{PlanCallOutcome, Planning};
 use crate::scenario::options::{OutputOptions, above_0, not_below_0, speed};
 
@@ -44,6 +48,7 @@ Exit code 0 when done, 2 if an option or a folder is of no use.
 Examples:
   fuseline scenario jaywalking
   fuseline scenario jaywalking --speed 9,10,11 --distance 12
+  fuseline scenario jaywalking --hypothesis car-pulls-out=0.2,person-enters=0.01 --plans-at-once 2
   fuseline scenario jaywalking -o pictures")]
 pub(crate) struct Args {
     /// From the car's front to the person's line as the person enters the road, in m.
@@ -67,12 +72,24 @@ pub(crate) struct Args {
     /// Speeds of the car, in m/s †.
     #[arg(long, value_name = "V,V,…", value_delimiter = ',', default_value = "9", value_parser = speed)]
     speed: Vec<f64>,
+    /// What else may happen than what the plan on board is for, with its probability; the likeliest is planned first †.
+    #[arg(
+        long,
+        value_name = "NAME=P,…",
+        value_delimiter = ',',
+        default_value = "car-pulls-out=0.15,person-enters=0.1,cyclist-swerves=0.06,door-opens=0.04"
+    )]
+    hypothesis: Vec<UnlikelyEvent>,
+    /// How many plans may be requested of the cloud at once †.
+    #[arg(long, value_name = "N", default_value = "1", value_parser = clap::value_parser!(u16).range(1..=64))]
+    plans_at_once: u16,
     #[command(flatten)]
     leave: OutputOptions,
 }
 
 /// The greatest speeds without contact, in m/s.
-#[derive(Clone, Copy, PartialEq, Debug, JsonSchema, Serialize)]
+#[derive(Clone, Copy, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct Greatest {
     response: f64,
     swerve: Option<f64>,
@@ -80,7 +97,8 @@ pub(crate) struct Greatest {
 }
 
 /// A run.
-#[derive(Clone, Copy, PartialEq, Debug, JsonSchema, Serialize)]
+#[derive(Clone, Copy, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct JaywalkingRun {
     speed: f64,
     /// What became of the call for a contingency plan.
@@ -106,7 +124,8 @@ impl Args {
 }
 
 /// The parameters in force.
-#[derive(Clone, JsonSchema, Serialize)]
+#[derive(Clone, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 struct JaywalkingParameters {
     speed: Vec<f64>,
     response: Vec<f64>,
@@ -114,12 +133,17 @@ struct JaywalkingParameters {
 }
 
 /// All that is shown.
-#[derive(Clone, JsonSchema, Serialize)]
+#[derive(Clone, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct JaywalkingResult {
     scenario: &'static str,
     parameters: JaywalkingParameters,
     greatest: Vec<Greatest>,
     runs: Vec<JaywalkingRun>,
+    /// The likeliest first.
+    hypotheses: Vec<HypothesisRow>,
+    /// The mean response to what is unlikely, by probability, in s.
+    mean_response: Option<f64>,
 }
 
 pub(crate) fn play(args: &Args) -> Result<(), Fault> {
@@ -132,14 +156,29 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
     let runs = runs(args, &geometry, traces.as_ref())?;
     let (speed, response) = (args.speed.clone(), args.response.clone());
     let parameters = JaywalkingParameters { speed, response, scene: geometry };
-    let result = JaywalkingResult { scenario: "jaywalking", parameters, greatest, runs };
+    let hypotheses = hypotheses::rows(args);
+    let mean_response = hypotheses::mean_response(&hypotheses);
+    let result = JaywalkingResult {
+        scenario: "jaywalking",
+        parameters,
+        greatest,
+        runs,
+        hypotheses,
+        mean_response,
+    };
     let text = text::text(&result);
     if let Some(folder) = plots {
         let words = [WORDS, MODEL];
         let plots = plots::plots(&result, geometry);
         show(
             &folder,
-            &PageContent { title: "Person jaywalking", words: &words, plots, reported: &text },
+            &PageContent {
+                title: "Person jaywalking",
+                words: &words,
+                animations: animation::animations(args, &geometry),
+                plots,
+                reported: &text,
+            },
         )?;
     }
     args.leave.print_report(&result, &text)

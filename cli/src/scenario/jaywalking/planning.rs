@@ -1,5 +1,6 @@
 //! The car's planner: an operator without clouds, and a plan that may be cached beside it.
 
+#[cfg(feature = "full")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -10,7 +11,7 @@ use crate::scenario::operator::{ScenarioMessage, ScenarioOperator};
 /// The planner gets a message so often, in ns.
 const EVERY: u64 = 100_000_000;
 /// When the person enters the road: messages before are without.
-const ENTERS: u64 = 20 * EVERY;
+pub(crate) const ENTERS: u64 = 20 * EVERY;
 /// The last message.
 const LAST: u64 = 30 * EVERY;
 /// When the person might enter, by the message that comes then.
@@ -25,7 +26,8 @@ const VALIDITY: u64 = 5_000_000_000;
 const LIMIT: usize = 1;
 
 /// What becomes of the call for a contingency plan.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, JsonSchema, Serialize)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum PlanCallOutcome {
     /// No cloud is called.
@@ -84,8 +86,8 @@ impl PlanCallOutcome {
 
     /// What the call brings.
     const fn answer(self) -> Option<PlanReply> {
-        let person = Plan { hypothesis: Hypothesis::PersonEnters, validity: VALIDITY };
-        let other = Plan { hypothesis: Hypothesis::CarPullsOut, validity: VALIDITY };
+        let person = Plan { hypothesis: Hypothesis::PERSON_ENTERS, validity: VALIDITY };
+        let other = Plan { hypothesis: Hypothesis::CAR_PULLS_OUT, validity: VALIDITY };
         match self {
             Self::Unasked | Self::Silent => None,
             Self::InTime => Some(PlanReply { takes: TAKES, plan: person }),
@@ -104,21 +106,61 @@ impl Planning {
         let mut operator = ScenarioOperator::new("planner", 31.0, is_traced);
         let mut contingencies = ContingencyCalls::new(LIMIT);
         let mut is_cached = false;
-        for at in (0..=LAST).step_by(usize::try_from(EVERY).unwrap_or(usize::MAX)) {
+        for at in messages() {
             if at == FORESEEN && self.cloud != PlanCallOutcome::Unasked {
                 contingencies.call(at, DEADLINE, self.cloud.answer());
             }
-            let has_plan = at >= ENTERS && contingencies.holds(at, Hypothesis::PersonEnters);
+            let has_plan = at >= ENTERS && contingencies.holds(at, Hypothesis::PERSON_ENTERS);
             is_cached |= has_plan;
-            let local = Some(nanos(if has_plan { self.cached } else { self.planner }));
-            operator.message(&ScenarioMessage { at, local, request: None });
+            self.message(&mut operator, at, has_plan);
         }
-        operator.pass(u64::MAX);
-        let outputs = operator.take_outputs();
-        let first = outputs.iter().find(|output| output.t * EVERY >= ENTERS);
-        let response = first.map_or(f64::INFINITY, |output| seconds(output.at - ENTERS));
+        let response = response(&mut operator);
         PlannerOutput { response, is_cached, trace: operator.into_trace() }
     }
+
+    /// The same with so many hypotheses, of which one comes true. Their plans are requested in their order, so many
+    /// at once. Returns the response, and whether the plan was cached.
+    pub(crate) fn with_hypotheses(
+        &self,
+        count: usize,
+        at_once: usize,
+        true_one: usize,
+    ) -> (f64, bool) {
+        let mut operator = ScenarioOperator::new("planner", 31.0, false);
+        let mut contingencies = ContingencyCalls::new(at_once);
+        let (mut requested, mut is_cached) = (0, false);
+        for at in messages() {
+            while at >= FORESEEN && requested < count {
+                let plan = Plan { hypothesis: Hypothesis(requested), validity: VALIDITY };
+                if !contingencies.call(at, DEADLINE, Some(PlanReply { takes: TAKES, plan })) {
+                    break;
+                }
+                requested += 1;
+            }
+            let has_plan = at >= ENTERS && contingencies.holds(at, Hypothesis(true_one));
+            is_cached |= has_plan && at == ENTERS;
+            self.message(&mut operator, at, has_plan);
+        }
+        (response(&mut operator), is_cached)
+    }
+
+    fn message(&self, operator: &mut ScenarioOperator, at: u64, has_plan: bool) {
+        let local = Some(nanos(if has_plan { self.cached } else { self.planner }));
+        operator.message(&ScenarioMessage { at, local, request: None });
+    }
+}
+
+/// The instants of the planner's messages.
+fn messages() -> impl Iterator<Item = u64> {
+    (0..=LAST).step_by(usize::try_from(EVERY).unwrap_or(usize::MAX))
+}
+
+/// From the event until the first plan of a message that shows it, in s.
+fn response(operator: &mut ScenarioOperator) -> f64 {
+    operator.pass(u64::MAX);
+    let outputs = operator.take_outputs();
+    let first = outputs.iter().find(|output| output.t * EVERY >= ENTERS);
+    first.map_or(f64::INFINITY, |output| seconds(output.at - ENTERS))
 }
 
 #[cfg(test)]
@@ -147,6 +189,16 @@ mod tests {
             assert_eq!((response, is_cached), (0.5, false), "{cloud:?}");
             assert!(trace == without, "{cloud:?} changed what the machine saw");
         }
+    }
+
+    #[test]
+    fn plans_come_in_the_order_of_their_hypotheses_and_some_not_in_time() {
+        let planning = Planning { cloud: PlanCallOutcome::InTime, planner: 0.5, cached: 0.4 };
+        // One call after the other from 0.5 s on, 0.4 s each: three are there at 2 s.
+        let responses: Vec<_> = (0..4).map(|it| planning.with_hypotheses(4, 1, it)).collect();
+        assert_eq!(responses, [(0.4, true), (0.4, true), (0.4, true), (0.5, false)]);
+        assert_eq!(planning.with_hypotheses(4, 2, 3), (0.4, true));
+        assert_eq!(planning.with_hypotheses(0, 2, 3), (0.5, false));
     }
 
     #[test]

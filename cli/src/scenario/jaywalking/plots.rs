@@ -6,9 +6,10 @@ use rayon::prelude::*;
 use crate::plot::{Axes, ChartLine, DRAWN, Plot, TextLine, canvas};
 use crate::scenario::jaywalking::geometry::{Manoeuvre, SwerveGeometry};
 use crate::scenario::jaywalking::{Greatest, JaywalkingResult};
+use crate::scenario::reaction;
 
 /// Responses that are shown, in fiftieths of a second.
-const SHOWN: std::ops::RangeInclusive<u32> = 0..=50;
+const SHOWN: std::ops::RangeInclusive<u32> = 0..=65;
 
 pub(crate) fn plots(result: &JaywalkingResult, geometry: SwerveGeometry) -> Vec<Plot> {
     let line = |manoeuvre: Manoeuvre| -> Vec<(f64, f64)> {
@@ -42,10 +43,12 @@ pub(crate) fn plots(result: &JaywalkingResult, geometry: SwerveGeometry) -> Vec<
                 points: points.clone(),
             };
             let lines = [of("swerve", 1, &swerve), of("brake", 2, &brake)];
+            let reactions = reaction::lines(theme, true, &(0.0..top.ceil()));
+            let lines: Vec<ChartLine> = lines.into_iter().chain(reactions).collect();
             ChartLine::keys(&lines, theme, canvas, (82, 84));
             let area = canvas.margin(104, 12, 20, 24);
             let axes = Axes {
-                x: 0.0..1.0,
+                x: 0.0..1.3,
                 y: 0.0..top.ceil(),
                 x_name: "response, s",
                 y_name: "speed, m/s",
@@ -54,18 +57,37 @@ pub(crate) fn plots(result: &JaywalkingResult, geometry: SwerveGeometry) -> Vec<
             for line in &lines {
                 line.draw(&mut chart, &axes);
             }
-            for (marks, colour, above) in
-                [(&marks, theme.series[1], -14), (&lower, theme.series[2], 16)]
+            for (marks, others, colour) in
+                [(&marks, &lower, theme.series[1]), (&lower, &marks, theme.series[2])]
             {
                 let dots = marks.iter().map(|at| Circle::new(*at, 5, colour.filled()));
                 chart.draw_series(dots).expect(DRAWN);
                 let style = TextLine::new(12.0, theme.ink).centred().style();
-                let words = marks.iter().map(|(at, speed)| {
-                    EmptyElement::at((*at, *speed))
-                        + Text::new(format!("{speed:.2}"), (0, above), style.clone())
+                let words = marks.iter().map(|mark| {
+                    let beside = if is_lower(*mark, others) { 16 } else { -14 };
+                    let text = format!("{:.2}", mark.1);
+                    EmptyElement::at(*mark) + Text::new(text, (0, beside), style.clone())
                 });
                 chart.draw_series(words).expect(DRAWN);
             }
         })
     })]
+}
+
+/// Whether another mark of the same response is above: the figure of the lower one stands below it.
+fn is_lower((response, speed): (f64, f64), others: &[(f64, f64)]) -> bool {
+    let mut same = others.iter().filter(|(other, _)| other.total_cmp(&response).is_eq());
+    same.any(|(_, other)| *other > speed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_figure_stands_on_its_marks_own_side() {
+        let (swerve, brake) = ([(0.4, 10.38), (0.5, 8.53)], [(0.4, 9.43), (0.5, 8.88)]);
+        assert_eq!(swerve.map(|mark| is_lower(mark, &brake)), [false, true]);
+        assert_eq!(brake.map(|mark| is_lower(mark, &swerve)), [true, false]);
+    }
 }

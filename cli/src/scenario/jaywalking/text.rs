@@ -11,8 +11,26 @@ use crate::scenario::paper::PAPER;
 pub(crate) fn text(result: &JaywalkingResult) -> String {
     written(|text| {
         runs(text, result)?;
-        greatest(text, result)
+        greatest(text, result)?;
+        hypotheses(text, result)
     })
+}
+
+/// What may happen, and whose plan is there.
+fn hypotheses(text: &mut String, result: &JaywalkingResult) -> std::fmt::Result {
+    let Some(mean) = result.mean_response else { return Ok(()) };
+    writeln!(text, "\nIf something else happens, with plans requested the likeliest first:")?;
+    writeln!(
+        text,
+        "  {:<24}{:>12}{:>12}{:>10}",
+        "hypothesis", "probability", "plan used", "response"
+    )?;
+    for row in &result.hypotheses {
+        let plan = if row.cached { "cached" } else { "on board" };
+        let response = format!("{:.3} s", row.response);
+        writeln!(text, "  {:<24}{:>12}{plan:>12}{response:>10}", row.name, row.probability)?;
+    }
+    writeln!(text, "The mean response by probability is {mean:.3} s.")
 }
 
 fn runs(text: &mut String, result: &JaywalkingResult) -> std::fmt::Result {

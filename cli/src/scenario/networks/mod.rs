@@ -1,5 +1,6 @@
 //! `fuseline scenario networks`: the same vehicle over recorded drives.
 
+mod linked;
 mod plots;
 mod policy;
 mod text;
@@ -8,21 +9,24 @@ use std::time::Duration;
 
 use fuseline_deadline::{Guard, Observation};
 use rayon::prelude::*;
+#[cfg(feature = "full")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::drives::Drive;
 use crate::fault::Fault;
+use crate::link::{LinkArgs, LinkWidth, RecordedLink};
 use crate::plot::{Folder, PageContent, show};
 use crate::scenario::ScenarioError;
 use crate::scenario::approach::{self, Vehicle, whole};
 use crate::scenario::braking::DriveOutcome;
-use crate::scenario::networks::policy::{ResponsePolicy, deadline, observe};
+use crate::scenario::networks::linked::LinkedResponses;
+use crate::scenario::networks::policy::{OBSERVED, ResponsePolicy, before, deadline, observe};
 use crate::scenario::operator::ScenarioOperator;
-use crate::scenario::options::{OutputOptions, VehicleArgs, not_below_0, speed};
+use crate::scenario::options::{OutputOptions, VehicleArgs, above_0, not_below_0, speed};
 
 /// All that is recorded but the wifi, which was hardly ever there.
-const DRIVES: &str = "cicv5g/arterial_n78_v80,cicv5g/rural_n8_v0,cicv5g/rural_n8_v10,\
+pub(crate) const DRIVES: &str = "cicv5g/arterial_n78_v80,cicv5g/rural_n8_v0,cicv5g/rural_n8_v10,\
     cicv5g/strong_to_weak_n8_v30,cicv5g/urban_n78_v40,cicv5g/weak_to_strong_n8_v50,\
     vnperf/downtown:verizon,vnperf/downtown:sprint,vnperf/highway:verizon,vnperf/highway:sprint";
 /// Places the obstacle between two captures, evenly however many starts there are.
@@ -47,6 +51,10 @@ whichever is first, or both with a deadline. The deadline is a constant, the
 guard's, or the one that is expected to cost least, by the calls of the 30 s
 before.
 
+With --uplink or --downlink frames take their time on a link: each waits for those
+before it, also for those of the 30 s before the start. All frames are sent; a
+request that finds no room in the queue is never answered.
+
 Figures marked † are model choices. In JSON, energy is the mean square of the
 speed at impact, in m²/s²; a start without a collision counts as 0.
 
@@ -55,6 +63,7 @@ Exit code 0 when done, 2 if an option, a drive or a folder is of no use.
 Examples:
   fuseline scenario networks
   fuseline scenario networks --drive cicv5g/rural_n8_v10 --speed 20,22 --policy local,0.5,guard
+  fuseline scenario networks --uplink 10 --downlink 50 --request-kb 33.3
   fuseline scenario networks --drive my-drive.csv --json")]
 pub(crate) struct Args {
     /// Recorded drives, or CSV files like them, as fuseline run takes them [default: the ten networks].
@@ -73,13 +82,19 @@ pub(crate) struct Args {
     #[arg(long, value_name = "S", default_value = "0.1182", value_parser = not_below_0)]
     cloud_runtime: f64,
     #[command(flatten)]
+    link: LinkArgs,
+    /// The size of a frame's request, in KB, on a link that has a rate.
+    #[arg(long, value_name = "KB", default_value = "33.3", value_parser = above_0)]
+    request_kb: f64,
+    #[command(flatten)]
     vehicle: VehicleArgs,
     #[command(flatten)]
     leave: OutputOptions,
 }
 
 /// What a drive, a speed and a policy come to.
-#[derive(Clone, PartialEq, Debug, JsonSchema, Serialize)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct DriveRow {
     drive: String,
     speed: f64,
@@ -94,6 +109,8 @@ pub(crate) struct DriveRow {
 /// A vehicle on its way, before it is known how fast.
 struct DriveStart<'a> {
     drive: &'a Drive,
+    /// When the cloud responds over a link that has a rate.
+    linked: Option<LinkedResponses>,
     start_index: u32,
     at: Duration,
     phase: f64,
@@ -110,18 +127,22 @@ struct Setting<'a> {
 }
 
 /// The parameters in force.
-#[derive(Clone, JsonSchema, Serialize)]
+#[derive(Clone, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 struct NetworksParameters {
     drive: Vec<String>,
     speed: Vec<f64>,
     policy: Vec<ResponsePolicy>,
     starts: u32,
     cloud_runtime: f64,
+    link: LinkWidth,
+    request_kb: f64,
     vehicle: Vehicle,
 }
 
 /// All that is shown.
-#[derive(Clone, JsonSchema, Serialize)]
+#[derive(Clone, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct NetworksResult {
     scenario: &'static str,
     parameters: NetworksParameters,
@@ -168,7 +189,13 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
         let plots = plots::plots(&result);
         show(
             &folder,
-            &PageContent { title: "Recorded networks", words: &words, plots, reported: &text },
+            &PageContent {
+                title: "Recorded networks",
+                words: &words,
+                animations: Vec::new(),
+                plots,
+                reported: &text,
+            },
         )?;
     }
     args.leave.print_report(&result, &text)
@@ -182,6 +209,8 @@ impl Args {
             policy: self.policy.clone(),
             starts: self.starts,
             cloud_runtime: self.cloud_runtime,
+            link: self.link.width(),
+            request_kb: self.request_kb,
             vehicle: self.vehicle.vehicle(),
         }
     }
@@ -219,10 +248,36 @@ impl Setting<'_> {
     fn start<'a>(&self, drive: &'a Drive, start_index: u32) -> DriveStart<'a> {
         let at = drive.length() * start_index / self.args.starts;
         let phase = (GOLDEN * f64::from(start_index)).fract();
+        let linked = self.linked(drive, at);
         let needs = self.args.policy.contains(&ResponsePolicy::Expected);
-        let observed =
-            if needs { observe(drive, &self.vehicle, self.runtime, at) } else { Vec::new() };
-        DriveStart { drive, start_index, at, phase, observed }
+        let observed = if needs {
+            observe(&self.vehicle, |age| match &linked {
+                Some(linked) => linked.before(age),
+                None => Some(self.runtime + drive.round_trip(before(drive, at, age))?),
+            })
+        } else {
+            Vec::new()
+        };
+        DriveStart { drive, linked, start_index, at, phase, observed }
+    }
+
+    /// What a link that has a rate makes of the frames around this start.
+    fn linked(&self, drive: &Drive, at: Duration) -> Option<LinkedResponses> {
+        let origin = before(drive, at, OBSERVED);
+        let width = self.args.link.width();
+        let link = RecordedLink { width, drive: Some((drive, origin)) };
+        let slowest = self.args.speed.iter().copied().fold(f64::INFINITY, f64::min);
+        let longest = self.vehicle.range_local.max(self.vehicle.range_cloud) / slowest;
+        link.is_limited().then(|| {
+            LinkedResponses::new(&link, self.vehicle.period(), longest, self.bytes(), |at| {
+                Some(whole(self.runtime + drive.round_trip(origin + Duration::from_nanos(at))?))
+            })
+        })
+    }
+
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 10^8")]
+    fn bytes(&self) -> u64 {
+        (self.args.request_kb * 1e3).round() as u64
     }
 }
 
@@ -260,6 +315,9 @@ impl DriveStart<'_> {
         };
         let mut operator = ScenarioOperator::new(&name, run.frames(), traced.is_some());
         let (end, _) = run.run(&mut operator, |at| {
+            if let Some(linked) = &self.linked {
+                return linked.after(at);
+            }
             let trip = self.drive.round_trip(self.at + Duration::from_nanos(at))?;
             Some(whole(setting.runtime + trip))
         });

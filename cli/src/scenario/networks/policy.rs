@@ -6,6 +6,7 @@ use std::time::Duration;
 use fuseline_deadline::{
     Choice, Guard, Impact, Loss, Observation, Situation, Survival, least_loss,
 };
+#[cfg(feature = "full")]
 use schemars::JsonSchema;
 use serde::{Serialize, Serializer};
 
@@ -14,11 +15,12 @@ use crate::scenario::approach::{Approach, Vehicle, nanos};
 use crate::scenario::options::above_0;
 
 /// How long before the first frame calls are observed.
-const OBSERVED: Duration = Duration::from_secs(30);
+pub(crate) const OBSERVED: Duration = Duration::from_secs(30);
 
 /// Who answers, and by which deadline.
-#[derive(Clone, Copy, PartialEq, Debug, JsonSchema)]
-#[schemars(with = "String")]
+#[derive(Clone, Copy, PartialEq, Debug)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
+#[cfg_attr(feature = "full", schemars(with = "String"))]
 pub(crate) enum ResponsePolicy {
     Local,
     Cloud,
@@ -78,22 +80,24 @@ impl Serialize for ResponsePolicy {
     }
 }
 
-/// How calls ended that began in the 30 s before `start`: those answered until then, and the ages of the others.
+/// Where a drive is so long before `start`: one that is over starts again, so that its end lies before its beginning.
+pub(crate) fn before(drive: &Drive, start: Duration, age: Duration) -> Duration {
+    let laps = age.as_nanos().div_ceil(drive.length().as_nanos());
+    let laps = u32::try_from(laps).unwrap_or(u32::MAX);
+    (start + drive.length() * laps).saturating_sub(age)
+}
+
+/// How calls ended that began in the 30 s before a start: those answered until then, and the ages of the others. `response`
+/// is that of the call of this age.
 pub(crate) fn observe(
-    drive: &Drive,
     vehicle: &Vehicle,
-    runtime: Duration,
-    start: Duration,
+    response: impl Fn(Duration) -> Option<Duration>,
 ) -> Vec<Observation> {
     let mut observed = Vec::new();
     let calls =
         (1_u32..).map(|call| Duration::from_nanos(nanos(f64::from(call) * vehicle.period())));
     for age in calls.take_while(|age| *age <= OBSERVED) {
-        // A drive that is over starts again, so that its end lies before its beginning.
-        let laps = age.as_nanos().div_ceil(drive.length().as_nanos());
-        let laps = u32::try_from(laps).unwrap_or(u32::MAX);
-        let sent = (start + drive.length() * laps).saturating_sub(age);
-        let response = drive.round_trip(sent).map(|trip| runtime + trip);
+        let response = response(age);
         let (response, is_answered) = match response.filter(|response| *response <= age) {
             Some(response) => (response, true),
             None => (age, false),

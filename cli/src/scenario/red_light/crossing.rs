@@ -1,5 +1,6 @@
 //! One run: who sees the runner when, what the planner gets of it, and whether the cars touch.
 
+#[cfg(feature = "full")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -22,7 +23,8 @@ const FRAMES: usize = 3;
 const DEADLINE: u64 = 500_000_000;
 
 /// How ego learns of the runner.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, JsonSchema, Serialize)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum WarningSource {
     /// The detector on board.
@@ -34,7 +36,8 @@ pub(crate) enum WarningSource {
 }
 
 /// The detectors, in m and s, and the brakes.
-#[derive(Clone, Copy, Debug, JsonSchema, Serialize)]
+#[derive(Clone, Copy, Debug, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct Ego {
     pub(crate) range_local: f64,
     pub(crate) range_cloud: f64,
@@ -104,22 +107,32 @@ impl CrossingOperator {
 impl Crossing<'_> {
     /// Runs it; the traces go to the folder under this name.
     pub(crate) fn run(&self, name: &str, traces: Option<&Folder>) -> Result<Crossed, Fault> {
-        let is_traced = traces.is_some();
+        let (crossed, recorded) = self.traced(name, traces.is_some());
+        for (operator, trace) in recorded {
+            if let Some(folder) = traces {
+                folder.put(&format!("{name}-{operator}.jsonl"), &trace)?;
+            }
+        }
+        Ok(crossed)
+    }
+
+    /// Runs it; returns the traces of the operators that had messages, if they are wanted.
+    pub(crate) fn traced(
+        &self,
+        name: &str,
+        is_traced: bool,
+    ) -> (Crossed, Vec<(&'static str, Vec<u8>)>) {
         let mut detections = CrossingOperator::new("detections", name, is_traced);
         let mut neighbours = CrossingOperator::new("neighbours", name, is_traced);
         let decided = self.decide(&mut detections, &mut neighbours).map(seconds);
-        for stream in [detections, neighbours] {
-            if let (Some(folder), Some(trace)) = (traces, stream.operator.into_trace())
-                && stream.messages > 0
-            {
-                folder.put(&format!("{name}-{}.jsonl", stream.name), &trace)?;
-            }
-        }
+        let had_messages = [detections, neighbours].into_iter().filter(|it| it.messages > 0);
+        let traces = had_messages.filter_map(|it| Some((it.name, it.operator.into_trace()?)));
+        let traces = traces.collect();
         let brakes = self.ego.brakes();
         let contact = self.geometry.contact(decided, &brakes);
         let bite = decided.map(|decided| decided + brakes.delay);
         let in_time = bite.filter(|bite| contact.is_none_or(|contact| *bite < contact));
-        Ok(Crossed { decided, contact, brakes_before: in_time.map(before) })
+        (Crossed { decided, contact, brakes_before: in_time.map(before) }, traces)
     }
 
     /// When ego decides to brake, by whichever of its two streams reports it first.

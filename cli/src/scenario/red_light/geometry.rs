@@ -1,5 +1,6 @@
 //! The intersections: where the cars are when, and what the camera sees.
 
+#[cfg(feature = "full")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -20,7 +21,8 @@ pub(crate) const MEETING: f64 = 6.0;
 const AFTER: f64 = 10.0;
 
 /// Which intersection.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, JsonSchema, Serialize, clap::ValueEnum)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, clap::ValueEnum)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum Variant {
     /// A building at the corner hides the runner, who comes from the right.

@@ -1,5 +1,6 @@
 //! `fuseline scenario red-light`: a car that runs a red light, hidden until it is late. `crossing` is one run.
 
+mod animation;
 mod crossing;
 mod geometry;
 mod plots;
@@ -7,6 +8,7 @@ mod sharing;
 mod text;
 
 use rayon::prelude::*;
+#[cfg(feature = "full")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -90,7 +92,8 @@ pub(crate) struct Args {
 }
 
 /// A run, as it is shown.
-#[derive(Clone, PartialEq, Debug, JsonSchema, Serialize)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct RedLightRun {
     variant: Variant,
     delta: f64,
@@ -128,7 +131,8 @@ impl Args {
 }
 
 /// The parameters in force.
-#[derive(Clone, JsonSchema, Serialize)]
+#[derive(Clone, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 struct RedLightParameters {
     variant: Vec<Variant>,
     /// Of each variant.
@@ -142,7 +146,8 @@ struct RedLightParameters {
 }
 
 /// All that is shown.
-#[derive(Clone, JsonSchema, Serialize)]
+#[derive(Clone, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct RedLightResult {
     scenario: &'static str,
     parameters: RedLightParameters,
@@ -177,7 +182,13 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
         let plots = plots::plots(args, &result);
         show(
             &folder,
-            &PageContent { title: "Running a red light", words: &words, plots, reported: &text },
+            &PageContent {
+                title: "Running a red light",
+                words: &words,
+                animations: animation::animations(args),
+                plots,
+                reported: &text,
+            },
         )?;
     }
     args.leave.print_report(&result, &text)

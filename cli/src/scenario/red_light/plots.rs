@@ -70,7 +70,7 @@ pub(crate) fn plots(args: &Args, result: &RedLightResult) -> Vec<Plot> {
     plots
 }
 
-fn capital(name: &str) -> String {
+pub(crate) fn capital(name: &str) -> String {
     let (first, rest) = name.split_at(1);
     first.to_uppercase() + rest
 }

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use fuseline_deadline::{Choice, Guard, Impact, Loss, Observation, Source, Survival, least_loss};
 use rayon::prelude::*;
+#[cfg(feature = "full")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -36,7 +37,8 @@ pub(crate) struct Jam {
 }
 
 /// What a speed, an approach and a response come to, over all phases.
-#[derive(Clone, PartialEq, Debug, JsonSchema, Serialize)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct Cell {
     pub(crate) speed: f64,
     pub(crate) approach: Approach,
@@ -53,7 +55,8 @@ pub(crate) struct Cell {
 }
 
 /// How a cell is marked.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, JsonSchema, Serialize)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Colour {
     /// No phase collides.

@@ -1,5 +1,6 @@
 //! `fuseline scenario traffic-jam`: the paper's table. `cells` computes it, `narrow` varies it, `text` and `plots` show it.
 
+mod animation;
 mod cells;
 mod narrow;
 mod plots;
@@ -9,6 +10,7 @@ mod text;
 
 use std::time::Duration;
 
+#[cfg(feature = "full")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -116,7 +118,8 @@ impl Args {
 }
 
 /// The parameters in force.
-#[derive(Clone, JsonSchema, Serialize)]
+#[derive(Clone, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 struct TrafficJamParameters {
     speed: Vec<f64>,
     response: Vec<f64>,
@@ -126,7 +129,8 @@ struct TrafficJamParameters {
 }
 
 /// All that is shown.
-#[derive(Clone, JsonSchema, Serialize)]
+#[derive(Clone, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct TrafficJamResult {
     scenario: &'static str,
     parameters: TrafficJamParameters,
@@ -142,7 +146,8 @@ pub(crate) struct TrafficJamResult {
 }
 
 /// What is found beside the cells.
-#[derive(Clone, JsonSchema, Serialize)]
+#[derive(Clone, Serialize)]
+#[cfg_attr(feature = "full", derive(JsonSchema))]
 struct ExtraResults {
     /// None: the paper's table is not reproduced.
     narrow: Option<Vec<Interval>>,
@@ -194,6 +199,7 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
             &PageContent {
                 title: "Traffic jam",
                 words: &words,
+                animations: animation::animations(args, &jam),
                 plots: plots::plots(&result, &jam),
                 reported: &text,
             },

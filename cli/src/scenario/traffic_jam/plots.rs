@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use crate::plot::{Axes, ChartLine, DRAWN, Plot, TextLine, Theme, canvas};
 use crate::scenario::approach::{Approach, Vehicle};
 use crate::scenario::paper::PAPER;
+use crate::scenario::reaction;
 use crate::scenario::traffic_jam::TrafficJamResult;
 use crate::scenario::traffic_jam::cells::{Cell, CellParameters, Colour, DeadlineChoice, Jam};
 use crate::scenario::traffic_jam::text::word;
@@ -167,9 +168,16 @@ fn deadlines(jam: &Jam) -> Option<Plot> {
                 };
                 chart.draw_series(bars.iter().map(bar)).expect(DRAWN);
             }
-            for line in &lines {
+            let reactions = reaction::lines(theme, false, &axes.x);
+            for line in lines.iter().chain(&reactions) {
                 line.draw(&mut chart, &axes);
             }
+            let word = TextLine::new(12.0, theme.soft).style();
+            let words = reactions.iter().map(|line| {
+                let at = line.points.first().copied().unwrap_or_default();
+                EmptyElement::at(at) + Text::new(line.name.clone(), (6, -14), word.clone())
+            });
+            chart.draw_series(words).expect(DRAWN);
             let key = Rectangle::new([(636, 78), (648, 90)], theme.good.mix(0.5).filled());
             canvas.draw(&key).expect(DRAWN);
             TextLine::new(13.0, theme.ink).put(canvas, "gives the paper's row", (655, 84));

@@ -22,7 +22,7 @@ const EXITS: &str = "\
 Exit codes:
   0  every run kept every promise
   1  one did not: its seed and a smallest run of its kind are printed
-  2  bad input, told in one line
+  2  bad input, reported in one line
   130  interrupted";
 
 /// Runs the shipped operator in virtual time, among hostile sources, readers and disks, and checks

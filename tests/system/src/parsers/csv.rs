@@ -22,6 +22,7 @@ pub(super) const ENDS: &[&str] = &[
     "no network",
     "which network",
     "bad round trip",
+    "bad rate",
     "bad time",
     "too short",
     "recording",
@@ -127,6 +128,7 @@ fn drive(path: &Path, ends: &mut Ends) -> ParserResult {
                 DriveError::NoColumn { .. } => "no network",
                 DriveError::ManyColumns { .. } => "which network",
                 DriveError::RoundTrip { .. } => "bad round trip",
+                DriveError::Rate { .. } => "bad rate",
                 DriveError::Time { .. } => "bad time",
                 DriveError::TooShort { .. } => "too short",
             });

@@ -87,7 +87,7 @@ fn describe(body: &[u8], cut: u8, ends: &mut Ends) -> ParserResult {
         ends.insert("described");
         let reported = split(&replied).map(|(message, _)| Description::decode(message));
         if !matches!(reported, Some(Ok(reported)) if reported == served()) {
-            return Err(format!("{body:?} is told {replied:?}"));
+            return Err(format!("{body:?} gets {replied:?}"));
         }
     }
     Ok(())

@@ -68,7 +68,7 @@ fn page(mode: JudgeMode, name: &str, trace: &[u8], ends: &mut Ends) -> ParserRes
         || reported["ev"].as_str().map(str::len) != Some(count)
     {
         return Err(format!(
-            "{count} events, {:?} is told as {reported}",
+            "{count} events, {:?} is reported as {reported}",
             found.summary().conforms
         ));
     }
@@ -100,7 +100,7 @@ fn names(reported: &Value, name: &str, header: &Header) -> ParserResult {
         || reported["operator"].as_str() != header.operator.as_deref()
         || !are_there
     {
-        return Err(format!("{name:?} with {header:?} is told as {reported}"));
+        return Err(format!("{name:?} with {header:?} is reported as {reported}"));
     }
     Ok(())
 }

@@ -56,7 +56,7 @@ pub const CHECKS: &[Check] = &[
     },
     Check {
         name: "d5_time_left",
-        sentence: "a call is told the time that is left when it begins",
+        sentence: "a call is given the time that is left when it begins",
         holds: calls::time_left,
     },
     Check {
@@ -81,17 +81,17 @@ pub const CHECKS: &[Check] = &[
     },
     Check {
         name: "d10_whole_trace",
-        sentence: "the trace ends with a whole input; if it ends early, that is told",
+        sentence: "the trace ends with a whole input; if it ends early, that is reported",
         holds: account::whole_trace,
     },
     Check {
         name: "d11_one_account",
-        sentence: "tally, metrics, items and trace tell the same",
+        sentence: "tally, metrics, items and trace agree",
         holds: account::one_account,
     },
     Check {
         name: "t5_every_end_is_told",
-        sentence: "a policy is told how each call ended, and when",
+        sentence: "each call's end is reported to its policy, and when",
         holds: account::every_end_is_told,
     },
 ];

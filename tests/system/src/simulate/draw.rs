@@ -8,7 +8,7 @@ use fuseline_tokio::Commit;
 
 use crate::simulate::scenario::{
     CallResult, Disk, Finish, MessageScript, OfferAction, OnBoard, ReaderPlan, Scenario,
-    ScenarioCloud, SourceAction,
+    ScenarioCloud, ScenarioLink, SourceAction,
 };
 
 /// So many lines of a trace wait for the disk in any case, which is as slow as the host that this runs on.
@@ -60,6 +60,7 @@ impl Scenario {
             output_len: rng.one_of(&[1, 2, 16, 1024]),
             local,
             clouds,
+            link: None,
             side,
             metered: rng.u8(0..8) == 0,
             hints: (rng.u8(0..4) == 0).then(|| rng.u8(0..4) == 0),
@@ -74,8 +75,20 @@ impl Scenario {
         };
         // Last, so that the other runs stay as they were drawn.
         let is_progressive = rng.u8(0..3) == 0;
-        Self { commit: if is_progressive { Commit::Progressive } else { drawn.commit }, ..drawn }
+        let commit = if is_progressive { Commit::Progressive } else { drawn.commit };
+        Self { commit, link: link(rng), ..drawn }
     }
+}
+
+/// From one that is hardly felt to one that carries nearly nothing.
+fn link(rng: &mut Rng) -> Option<ScenarioLink> {
+    let rate = |rng: &mut Rng| rng.one_of(&[1_000_000, 20_000_000, 1_000_000_000]);
+    let is_there = rng.u8(0..4) == 0;
+    is_there.then(|| ScenarioLink {
+        rates: [rate(rng), rate(rng)],
+        queue_bytes: rng.one_of(&[0, 10_000, 1_000_000]),
+        bytes: [rng.u64(1..40_000), rng.u64(1..2_000)],
+    })
 }
 
 fn local(rng: &mut Rng) -> OnBoard {

@@ -4,11 +4,11 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use fuseline_engine::Trigger;
-use fuseline_tokio::deadline::End;
+use fuseline_tokio::deadline::{End, LinkQueue, LinkRate};
 use fuseline_tokio::{DropReason, Ending, Forwarded, Hint, Item, OpenRefusal};
-use tokio::time::Instant;
+use tokio::time::{Instant, sleep_until};
 
-use crate::simulate::scenario::Scenario;
+use crate::simulate::scenario::{Scenario, ScenarioLink};
 use crate::simulate::value::{InstanceCounts, ResultValue, ValueLabel};
 
 /// All that the simulated parts share.
@@ -16,6 +16,8 @@ pub(crate) struct SimulationState {
     pub(crate) scenario: Scenario,
     start: Instant,
     log: Mutex<Log>,
+    /// What waits for the uplink and for the downlink.
+    queues: Mutex<[LinkQueue; 2]>,
     pub(crate) frames: InstanceCounts,
     pub(crate) values: InstanceCounts,
 }
@@ -38,6 +40,8 @@ pub(crate) struct Log {
     pub(crate) ends: Vec<(u16, End)>,
     /// Side requests: offered by the handler, under way now and at most, and answers that reached the response handler.
     pub(crate) sides: [usize; 4],
+    /// What was given to the link, in order: which way, when, and when it was through.
+    pub(crate) link: Vec<(usize, u64, u64)>,
     /// When the process stood still: from, to.
     pub(crate) stalls: Vec<(u64, u64)>,
     /// When the operator was stopped, or the runtime was dropped.
@@ -128,6 +132,7 @@ impl SimulationState {
             scenario: scenario.clone(),
             start: Instant::now(),
             log: Mutex::new(log),
+            queues: Mutex::new([LinkQueue::new(scenario.link.map_or(0, |it| it.queue_bytes)); 2]),
             frames: InstanceCounts::default(),
             values: InstanceCounts::default(),
         }
@@ -143,6 +148,20 @@ impl SimulationState {
 
     pub(crate) fn log(&self) -> MutexGuard<'_, Log> {
         self.log.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Waits until a request (0) or a reply (1) is through the link; whether it found room.
+    pub(crate) async fn pass(&self, way: usize) -> bool {
+        let Some(ScenarioLink { rates, bytes, .. }) = self.scenario.link else { return true };
+        let now = self.now();
+        let through = {
+            let mut queues = self.queues.lock().unwrap_or_else(PoisonError::into_inner);
+            queues[way].send(now, bytes[way], |_| LinkRate::constant(rates[way]))
+        };
+        let Some(through) = through else { return false };
+        self.log().link.push((way, now, through));
+        sleep_until(self.at(Duration::from_nanos(through))).await;
+        true
     }
 
     pub(crate) fn read(&self, reader: usize, item: &Item<ResultValue>) {

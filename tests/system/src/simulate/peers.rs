@@ -122,13 +122,20 @@ fn beside(
         (Arc::clone(simulation), Arc::clone(simulation), Arc::clone(simulation));
     let handle = move |(_, act): (usize, SourceAction), _: Call| {
         let here = ExtraCall::begin(&handling);
+        let link = Arc::clone(&handling);
         async move {
+            if !link.pass(0).await {
+                return Err("the link has no room".into());
+            }
             wait(act).await;
             let done = match act.result {
                 CallResult::Fails => Err("the side request fails".into()),
                 CallResult::Panics | CallResult::PanicsAtOnce => panic("the side request panics"),
                 CallResult::Hangs | CallResult::HangsAndPanics => pending().await,
                 CallResult::Answers | CallResult::BadResponse | CallResult::PanickingResponse => {
+                    if !link.pass(1).await {
+                        pending::<()>().await;
+                    }
                     Ok(act.result)
                 }
             };
@@ -171,6 +178,12 @@ async fn travel(
         call_in_progress.end(CallStop::Failed);
         panic(&words(call_in_progress.reported));
     }
+    let is_remote = call_in_progress.reported.p > 0;
+    let simulation = Arc::clone(&call_in_progress.simulation);
+    if is_remote && !simulation.pass(0).await {
+        call_in_progress.end(CallStop::Failed);
+        return Err(words(call_in_progress.reported).into());
+    }
     wait(act).await;
     match act.result {
         CallResult::Hangs | CallResult::HangsAndPanics => pending().await,
@@ -183,7 +196,10 @@ async fn travel(
             panic(&words(call_in_progress.reported))
         }
         CallResult::Answers | CallResult::BadResponse | CallResult::PanickingResponse => {
-            call_in_progress.reported.at = call_in_progress.simulation.now();
+            if is_remote && !simulation.pass(1).await {
+                pending::<()>().await;
+            }
+            call_in_progress.reported.at = simulation.now();
             Ok(call_in_progress)
         }
     }

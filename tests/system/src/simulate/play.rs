@@ -164,6 +164,7 @@ fn config(scenario: &Scenario, path: PathBuf) -> Config {
         window: scenario.window,
         commit: scenario.commit,
         output_len: scenario.output_len,
+        greatest_deadline: Duration::MAX,
         trace: Some(Trace { path, recording: Recording { rotate, ..Recording::default() } }),
         ..Config::default()
     }

@@ -18,7 +18,7 @@ from fuseline.fleet._summaries import FLATTEN, SUMMARIES
 #: An answer: the names of its columns, and its rows.
 Answer: TypeAlias = tuple[list[str], list[tuple[Any, ...]]]
 
-#: Colours that those who see fewer can tell apart (Okabe and Ito): local's, then the clouds'.
+#: Colours that those who see fewer can distinguish (Okabe and Ito): local's, then the clouds'.
 COLOURS = ("#E69F00", "#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#D55E00")
 
 STYLE = """

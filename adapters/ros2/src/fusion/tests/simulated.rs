@@ -152,7 +152,7 @@ fn d10_the_trace_of_a_node_is_whole() {
     holds("d10_whole_trace");
 }
 
-/// D11: tally and trace tell the same.
+/// D11: tally and trace agree.
 #[test]
 fn d11_a_node_has_one_account() {
     holds("d11_one_account");
@@ -170,7 +170,7 @@ fn d14_what_has_no_key_is_counted_and_no_more() {
     holds("d14_its_own_topic");
 }
 
-/// D15: diagnostics tell what was missed, refused and not sent with the right level, and nothing else.
+/// D15: diagnostics report what was missed, refused and not sent with the right level, and nothing else.
 #[test]
 fn d15_levels_are_those_of_what_happened() {
     holds("d15_told");

@@ -13,24 +13,24 @@ pub struct Bounds {
     pub connections: usize,
     /// Connections at once from one address, or from one /64 of IPv6; 64 by default.
     pub connections_each: usize,
-    /// Calls under way on one connection; 64 by default. A client waits before it makes more.
+    /// Calls under way on one connection; 64 by default. A client waits before it makes more; one that does not is closed.
     pub calls: u32,
     /// Calls that one connection may cancel in a second; 1000 by default. Operators cancel those that are
     /// no longer wanted (F7). A connection that cancels more is closed.
     pub resets: u32,
-    /// Bytes of a call's headers; 16 KiB by default.
+    /// Bytes of a call's headers; 16 KiB by default. A call with more gets 431, and one that goes on is closed.
     pub header_bytes: u32,
     /// Bytes of requests and replies that all connections together hold at once; 512 MiB by default.
     /// A call that would need more fails with `RESOURCE_EXHAUSTED`, a reply is cut off.
     pub held_bytes: usize,
     /// How long a connection may take from the first byte, TLS included, to the first call that is accepted;
-    /// 10 s by default.
+    /// 10 s by default. After that it is closed.
     pub greeting: Duration,
     /// How long a request may take to come whole, and a reply may wait without a byte of it being taken;
-    /// 30 s by default.
+    /// 30 s by default. Then the request fails with `DEADLINE_EXCEEDED`, and the connection of the reply is closed.
     pub stall: Duration,
-    /// How long a connection may be without a call; 5 minutes by default. A [`Connection`] connects again by
-    /// itself.
+    /// How long a connection may be without a call; 5 minutes by default. After that it is closed;
+    /// a [`Connection`] connects again by itself.
     ///
     /// [`Connection`]: crate::grpc::Connection
     pub idle: Duration,

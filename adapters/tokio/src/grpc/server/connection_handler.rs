@@ -18,7 +18,6 @@ use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpStream;
 use tokio::sync::watch;
 use tokio::time::{Instant, timeout};
-use tokio_rustls::TlsAcceptor;
 use tonic::Status;
 use tonic::body::Body;
 use tonic::codegen::Service;
@@ -27,6 +26,7 @@ use crate::grpc::infer::{Infer, InferServer};
 use crate::grpc::server::connection_watch::ConnectionWatch;
 use crate::grpc::server::held::{ReplyBody, RequestBody, RequestMemory};
 use crate::grpc::server::limits::{ConnectionPermit, RejectReason, ServerLimits};
+use crate::grpc::server::tls::TlsAcceptor;
 use crate::grpc::token::AuthCheck;
 
 /// How long a connection may be silent before it is sent a ping, and the answer may take.

@@ -102,7 +102,7 @@ fn one_account(operator_outcome: &OperatorOutcome) -> Vec<String> {
         let (reported, read) = (outputs(tally, name), log.answers.get(name).copied().unwrap_or(0));
         if reported != read {
             problems.push(format!(
-                "operator {number}: {reported} outputs of {name} are told, {read} read"
+                "operator {number}: {reported} outputs of {name} are reported, {read} read"
             ));
         }
     }

@@ -254,7 +254,9 @@ pub(crate) fn every_end_is_told(facts: &Facts<'_>) -> Result<(), String> {
         if !cloud.linger.is_zero() {
             let least = requested.len().saturating_sub(cloud.calls.max(1));
             let holds = reported.len() <= requested.len() && least <= reported.len();
-            ensure(holds, || format!("{} ends of {} were told", reported.len(), requested.len()))?;
+            ensure(holds, || {
+                format!("{} ends of {} were reported", reported.len(), requested.len())
+            })?;
             continue;
         }
         let key = |end: &End| match end {
@@ -267,7 +269,7 @@ pub(crate) fn every_end_is_told(facts: &Facts<'_>) -> Result<(), String> {
             requested.iter().map(|requested| end(requested)).map(|end| key(&end)).collect();
         reported.sort_unstable();
         due.sort_unstable();
-        ensure(reported == due, || format!("{} was told {reported:?}, not {due:?}", cloud.p))?;
+        ensure(reported == due, || format!("{} got {reported:?}, not {due:?}", cloud.p))?;
     }
     Ok(())
 }

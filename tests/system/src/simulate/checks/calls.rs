@@ -3,7 +3,7 @@
 use crate::simulate::checks::{Facts, ensure};
 use crate::simulate::log::{CallStop, LoggedCall};
 use crate::simulate::replay::{AdmittedRequest, Departure};
-use crate::simulate::scenario::{CallResult, Finish, OfferAction};
+use crate::simulate::scenario::{CallResult, Finish, OfferAction, ScenarioLink};
 
 /// tokio's timers tick once in a millisecond.
 const TICK: u64 = 1_000_000;
@@ -92,7 +92,7 @@ pub(crate) fn time_left(facts: &Facts<'_>) -> Result<(), String> {
         let until = due.saturating_add(crate::simulate::log::nanos(cloud.linger));
         ensure(crate::simulate::log::nanos(time_left) == until - started, || {
             format!(
-                "{} is told {time_left:?} for {}, due at {until} from {started}",
+                "{} is given {time_left:?} for {}, due at {until} from {started}",
                 requested.p, requested.t
             )
         })?;
@@ -189,6 +189,7 @@ pub(crate) fn bounded(facts: &Facts<'_>) -> Result<(), String> {
         let most = log.sides[2];
         ensure(most <= calls, || format!("{most} side requests were under way, {calls} may be"))?;
     }
+    link_is_shared(facts)?;
     let window = usize::from(scenario.window);
     let waiting = scenario.local.waiting.unwrap_or(window);
     let frames = scenario.input_len + waiting + at_once + 3;
@@ -210,6 +211,33 @@ pub(crate) fn bounded(facts: &Facts<'_>) -> Result<(), String> {
     ensure(!is_over || tasks <= hung, || {
         format!("{tasks} tasks are left, {hung} computations hang")
     })
+}
+
+/// What is sent over the link leaves in order, and no sooner than its rate carries all bytes of the same way; a call's request
+/// and reply take their time.
+fn link_is_shared(facts: &Facts<'_>) -> Result<(), String> {
+    let Some(ScenarioLink { rates, bytes, .. }) = facts.scenario.link else { return Ok(()) };
+    let takes = [0, 1].map(|way| (bytes[way] * 8_000_000_000).div_ceil(rates[way]));
+    for way in [0, 1] {
+        let sent = facts.played.log.link.iter().filter(|sent| sent.0 == way);
+        let mut free = 0;
+        for (_, at, through) in sent {
+            let earliest = free.max(*at) + takes[way] - 1;
+            // Within the nanosecond that is rounded up.
+            ensure((earliest..=earliest + 1).contains(through), || {
+                format!("given to way {way} at {at} it is through at {through}, not {earliest}")
+            })?;
+            free = *through;
+        }
+    }
+    let answered = facts.played.log.calls.iter().filter(|call| call.p > 0);
+    for call in answered {
+        let Some((ended, CallStop::Answered)) = call.end else { continue };
+        ensure(ended >= call.begun + takes[0] + takes[1] - 2, || {
+            format!("{} answers {} faster than the link", call.p, call.t)
+        })?;
+    }
+    Ok(())
 }
 
 /// D9.

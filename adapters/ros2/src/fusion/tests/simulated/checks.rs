@@ -335,7 +335,7 @@ fn reported(facts: &Facts<'_>) -> Result<(), String> {
     let unsent = outputs.filter(|output| !output.is_sent).count();
     let reported = value(&last[0].values, "unsent");
     ensure(reported == Some(&unsent.to_string()), || {
-        format!("{unsent} unsent, told are {reported:?}")
+        format!("{unsent} unsent, reported are {reported:?}")
     })?;
     let words: Vec<_> = last.iter().map(|status| (status.level, &*status.message)).collect();
     let is_well = words[0] == (0, "each message answered")

@@ -1,0 +1,35 @@
+//! In place of `tls` where the feature is off: certificates are refused before a connection is accepted.
+
+use std::convert::Infallible;
+use std::future::Ready;
+use std::io;
+
+use tokio::net::TcpStream;
+
+use crate::grpc::remote::Identity;
+use crate::grpc::server::ServeError;
+
+/// There is none.
+#[derive(Clone)]
+pub(crate) struct TlsAcceptor(Infallible);
+
+impl TlsAcceptor {
+    pub(crate) fn accept(self, _: TcpStream) -> Ready<io::Result<TcpStream>> {
+        match self.0 {}
+    }
+}
+
+/// No acceptor.
+///
+/// # Errors
+/// If there is an identity or a CA.
+pub(crate) const fn acceptor(
+    identity: Option<&Identity>,
+    client_ca: Option<&[u8]>,
+) -> Result<Option<TlsAcceptor>, ServeError> {
+    match (identity, client_ca) {
+        (None, None) => Ok(None),
+        (None, Some(_)) => Err(ServeError::Identity),
+        (Some(_), _) => Err(ServeError::NoTls),
+    }
+}

@@ -1,0 +1,160 @@
+//! Message handlers that send less. Each is put around a handler of your own, and nests in the others.
+//!
+//! ```
+//! # use std::{num::NonZero, time::Duration};
+//! # use fuseline_tokio::handlers::{by_content, every_nth};
+//! # struct Frame { image: Vec<u8>, people: usize }
+//! let send = |frame: &Frame, _timestamp| Some((frame.image.clone(), Duration::from_millis(500)));
+//! let message_handler = by_content(|frame: &Frame| frame.people > 0, every_nth(NonZero::new(3).unwrap(), 0, send));
+//! # let _ = message_handler;
+//! ```
+
+use std::num::NonZero;
+use std::sync::OnceLock;
+use std::time::Duration;
+
+use fuseline_deadline::{Chosen, End, Policy, SendBudget, Situation};
+use tokio::time::Instant;
+
+use crate::shared::SharedState;
+
+/// Of every `n` messages the one with the number `turn`, from 0 to `n − 1`; the others make no request.
+///
+/// Clouds alternate if each has the same `n` and its own `turn`. Messages count by their timestamps, those that the window
+/// refused among them.
+pub fn every_nth<M, R>(
+    n: NonZero<u64>,
+    turn: u64,
+    mut handler: impl FnMut(&M, u64) -> Option<(R, Duration)>,
+) -> impl FnMut(&M, u64) -> Option<(R, Duration)> {
+    move |message, timestamp| {
+        let is_its_turn = timestamp % n == turn;
+        if is_its_turn { handler(message, timestamp) } else { None }
+    }
+}
+
+/// Messages of which `is_wanted` is true; the others make no request.
+pub fn by_content<M, R>(
+    mut is_wanted: impl FnMut(&M) -> bool,
+    mut handler: impl FnMut(&M, u64) -> Option<(R, Duration)>,
+) -> impl FnMut(&M, u64) -> Option<(R, Duration)> {
+    move |message, timestamp| if is_wanted(message) { handler(message, timestamp) } else { None }
+}
+
+/// Messages that are worth their bytes: `estimate` says how many a message's request has and what its answer is expected to
+/// gain, and the budget, which all operators of a vehicle may share, decides. `stream` is this handler's number in it.
+///
+/// Make this the innermost handler: a request that another one makes void is paid for. A gain comes from a policy that the
+/// cloud shares, which a [`SharedState`] is too:
+///
+/// ```
+/// # use std::time::Duration;
+/// # use fuseline_tokio::deadline::{Accuracy, Expected, SendBudget, Situation};
+/// # use fuseline_tokio::{SharedState, handlers::within_budget};
+/// # struct Frame { image: Vec<u8> }
+/// # const DEADLINE: Duration = Duration::from_millis(500);
+/// let loss = Accuracy { local: 42.0, cloud: 51.3, price_per_ms: 0.01 };
+/// let policy: SharedState<Expected<_>> =
+///     SharedState::new(Expected::new(loss, Duration::from_millis(302), None)?);
+/// // 10 Mbit/s for two clouds; one message in 30 that are passed over is sent, to see whether that pays again.
+/// let budget = SharedState::new(SendBudget::<2>::new(1_250_000, DEADLINE, Some(30)));
+/// let estimates = policy.clone();
+/// let estimate = move |frame: &Frame, _| {
+///     let gain = estimates.with(|policy| policy.gain(&Situation::UNKNOWN, DEADLINE));
+///     (frame.image.len() as u64, gain)
+/// };
+/// let send = |frame: &Frame, _| Some((frame.image.clone(), DEADLINE));
+/// let message_handler = within_budget(budget.clone(), 0, estimate, send);
+/// // … setup.use_cloud(handle, message_handler, …).policy = Some(Box::new(policy));
+/// # let (_, _): (Box<dyn fuseline_tokio::deadline::Policy + Send>, _) = (Box::new(policy), message_handler);
+/// # Ok::<(), fuseline_tokio::deadline::Invalid>(())
+/// ```
+pub fn within_budget<M, R, const STREAMS: usize>(
+    budget: SharedState<SendBudget<STREAMS>>,
+    stream: usize,
+    mut estimate: impl FnMut(&M, u64) -> (u64, f64),
+    mut handler: impl FnMut(&M, u64) -> Option<(R, Duration)>,
+) -> impl FnMut(&M, u64) -> Option<(R, Duration)> {
+    move |message, timestamp| {
+        let (bytes, gain) = estimate(message, timestamp);
+        let now = now();
+        let is_worth_it = budget.with(|budget| budget.offer(stream, now, bytes, gain));
+        if is_worth_it { handler(message, timestamp) } else { None }
+    }
+}
+
+/// Nanoseconds of a clock that all budgets of the process share.
+fn now() -> u64 {
+    static START: OnceLock<Instant> = OnceLock::new();
+    let since = START.get_or_init(Instant::now).elapsed();
+    u64::try_from(since.as_nanos()).unwrap_or(u64::MAX)
+}
+
+/// One policy for a cloud's deadlines and for a message handler that looks at its estimates.
+impl<P: Policy> Policy for SharedState<P> {
+    fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Chosen {
+        self.with(|policy| policy.decide(situation, cap))
+    }
+
+    fn ended(&mut self, end: End) {
+        self.with(|policy| policy.ended(end));
+    }
+
+    fn assumes_one_output(&self) -> bool {
+        self.with(|policy| policy.assumes_one_output())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::iter;
+
+    use super::*;
+
+    const DEADLINE: Duration = Duration::from_millis(500);
+
+    #[expect(
+        clippy::trivially_copy_pass_by_ref,
+        clippy::unnecessary_wraps,
+        reason = "it is a message handler"
+    )]
+    fn send(message: &u64, _: u64) -> Option<(u64, Duration)> {
+        Some((*message, DEADLINE))
+    }
+
+    /// The timestamps of which a handler makes a request, of so many.
+    fn sent(mut handler: impl FnMut(&u64, u64) -> Option<(u64, Duration)>, count: u64) -> Vec<u64> {
+        (0..count).filter(|t| handler(&(t * 10), *t).is_some()).collect()
+    }
+
+    #[test]
+    fn every_third_message_is_sent_and_clouds_take_turns() {
+        let three = NonZero::new(3).unwrap();
+        assert_eq!(sent(every_nth(three, 0, send), 8), [0, 3, 6]);
+        assert_eq!(sent(every_nth(three, 2, send), 8), [2, 5]);
+        assert!(sent(every_nth(three, 3, send), 8).is_empty(), "there is no such turn");
+    }
+
+    #[test]
+    fn handlers_nest_and_the_outer_decides_first() {
+        let two = NonZero::new(2).unwrap();
+        let handler = by_content(|message: &u64| *message > 20, every_nth(two, 0, send));
+        assert_eq!(sent(handler, 8), [4, 6]);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn two_operators_share_a_budget_and_the_worthier_comes_first() {
+        // 1000 bytes a tenth of a second.
+        let budget = SharedState::new(SendBudget::<2>::new(10_000, DEADLINE, None));
+        let mut worthy = within_budget(budget.clone(), 0, |_: &u64, _| (600, 2.0), send);
+        let mut other = within_budget(budget, 1, |_: &u64, _| (600, 1.0), send);
+        let mut counts = [0, 0];
+        for t in iter::successors(Some(0), |t| Some(t + 1)).take(31) {
+            counts[0] += u32::from(worthy(&t, t).is_some());
+            counts[1] += u32::from(other(&t, t).is_some());
+            tokio::time::advance(Duration::from_millis(100)).await;
+        }
+        // The other has the 400 bytes that are left each time.
+        assert_eq!(counts, [30, 20]);
+    }
+}

@@ -1,0 +1,144 @@
+//! `fuseline scenario arbitrage`: the paper's runtimes on board, against round trip and runtime in the cloud.
+
+mod plots;
+mod text;
+
+use schemars::JsonSchema;
+use serde::Serialize;
+
+use crate::drives::Drive;
+use crate::fault::Fault;
+use crate::plot::{PageContent, show};
+use crate::scenario::networks::DRIVES;
+use crate::scenario::options::OutputOptions;
+use crate::scenario::paper::{PAPER, TripQuantiles};
+
+/// What the page says first.
+const WORDS: &str = "The same model on the vehicle's computer, and in the cloud behind a round trip. Where the cloud is first, it \
+    could as well run a larger model.";
+/// Where the figures are from.
+const MODEL: &str = "Runtimes and quantiles of the round trip are the paper's. The shares are of ten recorded networks, whose \
+    messages were small.";
+
+#[derive(clap::Args)]
+#[command(after_help = "\
+For each of the paper's models: its runtime on board, its runtime in the cloud,
+how many times faster that is, and the round trip up to which the cloud has its
+result first. The last column says for how much of the recorded networks that
+holds, each instant counting once; p50, p90 and p99 are the paper's round trips.
+
+Exit code 0 when done, 2 if an option, a drive or a folder is of no use.
+
+Examples:
+  fuseline scenario arbitrage
+  fuseline scenario arbitrage --drive my-drive.csv -o pictures")]
+pub(crate) struct Args {
+    /// Recorded drives, or CSV files like them, as fuseline run takes them [default: ten networks].
+    #[arg(long, value_name = "DRIVE,…", value_delimiter = ',', default_value = DRIVES, hide_default_value = true)]
+    drive: Vec<String>,
+    #[command(flatten)]
+    leave: OutputOptions,
+}
+
+/// A model on board and in the cloud; milliseconds.
+#[derive(Clone, PartialEq, Debug, JsonSchema, Serialize)]
+pub(crate) struct ArbitrageRow {
+    model: String,
+    on_board: f64,
+    in_cloud: f64,
+    speedup: f64,
+    /// The round trip at which both are as fast.
+    break_even: f64,
+    /// Round trip and runtime at the paper's quantiles.
+    at_p50: f64,
+    at_p90: f64,
+    at_p99: f64,
+    /// For how much of the drives the cloud is first, mean of the drives.
+    first: f64,
+}
+
+/// All that is shown.
+#[derive(Clone, JsonSchema, Serialize)]
+pub(crate) struct ArbitrageResult {
+    scenario: &'static str,
+    drives: Vec<String>,
+    rows: Vec<ArbitrageRow>,
+    /// The least and the greatest human reaction time that the paper cites, in ms.
+    human_reaction: [f64; 2],
+}
+
+pub(crate) fn play(args: &Args) -> Result<(), Fault> {
+    if args.leave.schema.print::<ArbitrageResult>()?.is_some() {
+        return Ok(());
+    }
+    let drives: Result<Vec<Drive>, _> = args.drive.iter().map(|name| Drive::load(name)).collect();
+    let drives = drives.map_err(Fault::own)?;
+    let [_, plots] = args.leave.folders()?;
+    let result = result(&drives);
+    let text = text::text(&result);
+    if let Some(folder) = plots {
+        let words = [WORDS, MODEL];
+        show(
+            &folder,
+            &PageContent {
+                title: "Arbitrage",
+                words: &words,
+                animations: Vec::new(),
+                plots: plots::plots(&result),
+                reported: &text,
+            },
+        )?;
+    }
+    args.leave.print_report(&result, &text)
+}
+
+fn result(drives: &[Drive]) -> ArbitrageResult {
+    let TripQuantiles { p50, p90, p99 } = PAPER.drive_5g_san_francisco.rtt_ms;
+    let rows = PAPER.runtime_ms.iter().map(|row| {
+        let (on_board, in_cloud) = (row.orin, row.a100);
+        let break_even = on_board - in_cloud;
+        let shares: f64 = drives.iter().map(|drive| drive.share_below(break_even / 1e3)).sum();
+        #[expect(clippy::cast_precision_loss, reason = "a few drives")]
+        let first = shares / drives.len() as f64;
+        ArbitrageRow {
+            model: row.model.clone(),
+            on_board,
+            in_cloud,
+            speedup: on_board / in_cloud,
+            break_even,
+            at_p50: p50 + in_cloud,
+            at_p90: p90 + in_cloud,
+            at_p99: p99 + in_cloud,
+            first,
+        }
+    });
+    ArbitrageResult {
+        scenario: "arbitrage",
+        drives: drives.iter().map(|drive| drive.name().to_owned()).collect(),
+        rows: rows.collect(),
+        human_reaction: PAPER.human_reaction_s.map(|seconds| seconds * 1e3),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn speedups_are_those_that_the_paper_prints() {
+        let result = result(&[Drive::direct()]);
+        let printed = [2.95, 3.45, 5.86, 8.01, 8.43, 8.46];
+        for (row, printed) in result.rows.iter().zip(printed) {
+            assert!((row.speedup - printed).abs() < 0.0101, "{}: {}", row.model, row.speedup);
+            assert!((row.first - 1.0).abs() < 1e-12, "a network that takes no time");
+        }
+        assert_eq!(result.rows.len(), printed.len());
+    }
+
+    #[test]
+    fn the_larger_detector_in_the_cloud_is_222_ms_before_it_on_board_at_the_median() {
+        let result = result(&[Drive::direct()]);
+        let row = result.rows.iter().find(|row| row.model == "DETR-ResNet-101").unwrap();
+        assert!((row.on_board - row.at_p50 - 221.5).abs() < 1e-9, "{row:?}");
+    }
+}

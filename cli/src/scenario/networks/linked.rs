@@ -1,0 +1,93 @@
+//! Frames over a link that has a rate: each waits for those before it.
+
+use std::time::Duration;
+
+use fuseline_deadline::LinkQueue;
+
+use crate::emulation::REPLY_BYTES;
+use crate::link::{DOWNLINK, RecordedLink, UPLINK};
+use crate::scenario::approach::{figure, nanos, seconds, whole};
+use crate::scenario::networks::policy::OBSERVED;
+
+/// How long the cloud takes for each frame, from 30 s before a start on. All frames are sent, so that this is the same for
+/// all policies.
+pub(crate) struct LinkedResponses {
+    /// By the frame's distance from the start, in frames: the ones before it backwards, from the last.
+    before: Vec<Option<u64>>,
+    after: Vec<Option<u64>>,
+    period: f64,
+}
+
+/// A frame's way, with instants from 30 s before the start.
+struct LinkedFrame {
+    captured: u64,
+    /// When its reply comes to the downlink.
+    replied: Option<u64>,
+}
+
+impl LinkedResponses {
+    /// Frames every `period` from 30 s before the start until `longest` after it, in s. `response` is the round trip and the
+    /// cloud's runtime for what leaves the uplink at an instant.
+    pub(crate) fn new(
+        link: &RecordedLink<'_>,
+        period: f64,
+        longest: f64,
+        bytes: u64,
+        response: impl Fn(u64) -> Option<u64>,
+    ) -> Self {
+        let origin = whole(OBSERVED);
+        let earlier = (1_u64..).map(|frame| nanos(figure(frame) * period));
+        let earlier = earlier.take_while(|age| *age <= origin).map(|age| origin - age);
+        let mut captured: Vec<u64> = earlier.collect();
+        let count = captured.len();
+        captured.reverse();
+        let later = (0_u64..).map(|frame| figure(frame) * period);
+        captured.extend(
+            later.take_while(|at| *at <= longest + 2.0 * period).map(|at| origin + nanos(at)),
+        );
+        let mut uplink = LinkQueue::new(link.width.queue_bytes);
+        let send = |captured: u64| {
+            let sent = link.send(UPLINK, &mut uplink, captured, bytes);
+            let replied = sent.and_then(|sent| Some(sent.saturating_add(response(sent)?)));
+            LinkedFrame { captured, replied }
+        };
+        let frames: Vec<LinkedFrame> = captured.into_iter().map(send).collect();
+        let mut responses = received(link, &frames);
+        let after = responses.split_off(count);
+        responses.reverse();
+        Self { before: responses, after, period }
+    }
+
+    /// The response of the frame captured so long before the start.
+    pub(crate) fn before(&self, age: Duration) -> Option<Duration> {
+        let frame = self.index(whole(age)).checked_sub(1)?;
+        self.before.get(frame).copied().flatten().map(Duration::from_nanos)
+    }
+
+    /// The response of the frame captured so long after the start, in ns.
+    pub(crate) fn after(&self, at: u64) -> Option<u64> {
+        self.after.get(self.index(at)).copied().flatten()
+    }
+
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a frame's number")]
+    fn index(&self, at: u64) -> usize {
+        (seconds(at) / self.period).round() as usize
+    }
+}
+
+/// From capture until the reply is through the downlink, frame by frame. Replies queue in the order in which they come.
+fn received(link: &RecordedLink<'_>, frames: &[LinkedFrame]) -> Vec<Option<u64>> {
+    let mut order: Vec<(u64, usize)> = frames
+        .iter()
+        .enumerate()
+        .filter_map(|(index, frame)| Some((frame.replied?, index)))
+        .collect();
+    order.sort_unstable();
+    let mut downlink = LinkQueue::new(link.width.queue_bytes);
+    let mut responses = vec![None; frames.len()];
+    for (replied, index) in order {
+        let through = link.send(DOWNLINK, &mut downlink, replied, REPLY_BYTES as u64);
+        responses[index] = through.map(|through| through.saturating_sub(frames[index].captured));
+    }
+    responses
+}

@@ -1,0 +1,191 @@
+//! OpenTelemetry's spans, to and from traces, as a user does it.
+
+mod common;
+
+use std::fs;
+
+use common::{err, out, run};
+use serde_json::{Value, json};
+use tempfile::tempdir;
+
+const HEADER: &str =
+    r#"{"fuseline":1,"window":4,"clouds":[{"p":1,"name":"infer.Model/Infer","limit":31}]}"#;
+const MS: u64 = 1_000_000;
+
+/// A span from a millisecond to another; kind 3 is a client's.
+fn span(id: &str, parent: &str, name: &str, kind: u64, ms: [u64; 2], more: &Value) -> Value {
+    let mut span = json!({
+        "traceId": "t", "spanId": id, "parentSpanId": parent, "name": name, "kind": kind,
+        "startTimeUnixNano": (ms[0] * MS).to_string(), "endTimeUnixNano": (ms[1] * MS).to_string(),
+    });
+    let more = more.as_object().unwrap().clone();
+    span.as_object_mut().unwrap().extend(more);
+    span
+}
+
+fn converted(spans: &[Value], more: &[&str]) -> std::process::Output {
+    let dir = tempdir().unwrap();
+    let (header, file) = (dir.path().join("header.jsonl"), dir.path().join("spans.json"));
+    fs::write(&header, format!("{HEADER}\n")).unwrap();
+    let export = json!({"resourceSpans": [{"scopeSpans": [{"spans": spans}]}]});
+    // As an exporter does it that writes one after the other.
+    let empty = json!({"resourceSpans": []});
+    fs::write(&file, format!("{export}\n{empty}\n")).unwrap();
+    let (header, file) = (header.to_str().unwrap(), file.to_str().unwrap());
+    let options = ["convert", "--header", header, "--span", "local=plan", file];
+    run(&[&options[..], more].concat(), "")
+}
+
+/// The lines after the header.
+fn events(spans: &[Value], more: &[&str]) -> Vec<String> {
+    let converted = converted(spans, more);
+    assert_eq!(err(&converted), "");
+    out(&converted).lines().skip(1).map(str::to_owned).collect()
+}
+
+#[test]
+fn a_message_is_opened_and_ended_by_its_span_and_requested_by_client_spans() {
+    let code = |code: u64| {
+        json!({"attributes": [{"key": "rpc.grpc.status_code", "value": {"intValue": code}}],
+            "status": {"code": 2}})
+    };
+    let spans = [
+        span("1", "", "decide", 1, [1, 41], &json!({})),
+        span("1l", "1", "plan", 1, [1, 5], &json!({})),
+        // Below another span, and out of time: no result, and no failure of the cloud.
+        span("1s", "1", "steps", 1, [1, 41], &json!({})),
+        span("1c", "1s", "infer.Model/Infer", 3, [1, 41], &code(4)),
+        // What a client span has below it is its own.
+        span("1d", "1c", "tcp.connect", 3, [1, 2], &json!({})),
+        span("2", "", "decide", 1, [51, 60], &json!({})),
+        span("2c", "2", "infer.Model/Infer", 3, [51, 60], &json!({})),
+        span("3", "", "decide", 1, [101, 110], &json!({"status": {"code": "STATUS_CODE_ERROR"}})),
+        span("3c", "3", "infer.Model/Infer", 3, [101, 109], &code(14)),
+    ];
+    let lines = events(&spans, &["--deadline", "40ms"]);
+    assert_eq!(
+        lines,
+        [
+            r#"{"ev":"open","at":1000000,"t":0}"#,
+            r#"{"ev":"request","at":1000000,"t":0,"p":1,"due":41000000}"#,
+            r#"{"ev":"result","at":5000000,"t":0,"p":0}"#,
+            r#"{"ev":"emit","at":41000000,"t":0,"p":0}"#,
+            r#"{"ev":"open","at":51000000,"t":1}"#,
+            r#"{"ev":"request","at":51000000,"t":1,"p":1,"due":91000000}"#,
+            r#"{"ev":"emit","at":60000000,"t":1,"p":1}"#,
+            r#"{"ev":"result","at":60000000,"t":1,"p":1}"#,
+            r#"{"ev":"open","at":101000000,"t":2}"#,
+            r#"{"ev":"request","at":101000000,"t":2,"p":1,"due":141000000}"#,
+            r#"{"ev":"fail","at":109000000,"t":2,"p":1}"#,
+            r#"{"ev":"miss","at":110000000,"t":2}"#,
+        ]
+    );
+}
+
+#[test]
+fn several_client_spans_are_attempts_also_one_that_is_linked() {
+    let link = json!({"links": [{"traceId": "t", "spanId": "a"}], "status": {"code": 2}});
+    let spans = [
+        span("1", "", "decide", 1, [1, 9], &json!({})),
+        span("a", "1", "infer.Model/Infer", 3, [1, 9], &json!({})),
+        span("b", "elsewhere", "infer.Model/Infer", 3, [3, 4], &link),
+    ];
+    let lines = events(&spans, &["--deadline", "40ms", "--span", "message=decide"]);
+    assert!(
+        lines.contains(
+            &r#"{"ev":"request","at":3000000,"t":0,"p":1,"due":43000000,"try":1}"#.into()
+        )
+    );
+    assert!(
+        lines.contains(&r#"{"ev":"fail","at":4000000,"t":0,"p":1,"try":1}"#.into()),
+        "{lines:?}"
+    );
+    assert!(lines.contains(&r#"{"ev":"result","at":9000000,"t":0,"p":1,"try":0}"#.into()));
+}
+
+#[test]
+fn attributes_are_named_by_options() {
+    let attributes = |pairs: &[(&str, Value)]| {
+        let pairs = pairs.iter().map(|(key, value)| json!({"key": key, "value": value}));
+        json!({"attributes": pairs.collect::<Vec<_>>()})
+    };
+    let frame = attributes(&[
+        ("frame.id", json!({"intValue": "77"})),
+        ("used", json!({"stringValue": "infer.Model/Infer"})),
+    ]);
+    let call = attributes(&[
+        ("peer", json!({"stringValue": "infer.Model/Infer"})),
+        ("budget", json!({"stringValue": "25ms"})),
+        ("reply.of", json!({"intValue": 76})),
+    ]);
+    let spans =
+        [span("1", "", "decide", 1, [1, 9], &frame), span("a", "1", "POST", 3, [1, 8], &call)];
+    let names = "t=frame.id,by=used,p=peer,deadline=budget,of=reply.of";
+    assert_eq!(
+        events(&spans, &["--attribute", names]),
+        [
+            r#"{"ev":"open","at":1000000,"t":77}"#,
+            r#"{"ev":"request","at":1000000,"t":77,"p":1,"due":26000000}"#,
+            r#"{"ev":"result","at":8000000,"t":77,"p":1,"of":76}"#,
+            r#"{"ev":"emit","at":9000000,"t":77,"p":1}"#,
+        ]
+    );
+}
+
+#[test]
+fn what_cannot_be_read_is_told_with_its_place() {
+    let message = span("1", "", "decide", 1, [1, 9], &json!({}));
+    let call = span("a", "1", "other", 3, [1, 8], &json!({}));
+    let known = span("a", "1", "infer.Model/Infer", 3, [1, 8], &json!({}));
+    let late =
+        json!({"attributes": [{"key": "fuseline.deadline", "value": {"stringValue": "soon"}}]});
+    let soon = span("a", "1", "infer.Model/Infer", 3, [1, 8], &late);
+    for (spans, expected) in [
+        (vec![], "no span is a message; name them with --span message=NAME"),
+        (vec![message.clone(), call], "\"other\" is no source of the header"),
+        (vec![message.clone(), known], "give --deadline TIME"),
+        (
+            vec![message, soon],
+            "\"soon\" is no deadline: the span \"infer.Model/Infer\" with the id a",
+        ),
+        (vec![json!({"spanId": "1"})], "missing field"),
+    ] {
+        let failed = converted(&spans, &[]);
+        assert_eq!(failed.status.code(), Some(2), "{expected}");
+        assert!(err(&failed).contains(expected), "{}", err(&failed));
+        assert_eq!(out(&failed), "");
+    }
+}
+
+#[test]
+fn an_exported_trace_comes_back_and_conforms() {
+    let dir = tempdir().unwrap();
+    let corpus = concat!(env!("CARGO_MANIFEST_DIR"), "/../traces/corpus");
+    let outputs = |text: &str| {
+        let is_kept = |line: &&str| {
+            ["open", "request", "emit", "miss"]
+                .iter()
+                .any(|ev| line.contains(&format!(r#""ev":"{ev}""#)))
+        };
+        let mut lines: Vec<String> = text.lines().filter(is_kept).map(str::to_owned).collect();
+        lines.sort();
+        lines
+    };
+    for name in [
+        "f5-coarse-tick-decides-what-fine-ticks-decide-eager",
+        "f4-failure-releases-what-is-held",
+        "f6-missed-at-the-last-timer",
+        "f7-pending-clouds-are-cancelled",
+    ] {
+        let trace = format!("{corpus}/{name}.jsonl");
+        let spans = dir.path().join(format!("{name}.json")).display().to_string();
+        let exported = run(&["export", "--otlp", &trace, "-o", &spans], "");
+        assert_eq!(err(&exported), "");
+        let back = run(&["convert", "--header", &trace, &spans], "");
+        assert_eq!(err(&back), "");
+        assert_eq!(outputs(out(&back)), outputs(&fs::read_to_string(&trace).unwrap()), "{name}");
+        let check = ["check", "--observed", "--tolerance", "1ns", "--lateness", "1s"];
+        let judged = run(&check, out(&back));
+        assert_eq!(judged.status.code(), Some(0), "{}", out(&judged));
+    }
+}
