@@ -5,12 +5,12 @@ use thiserror::Error;
 use crate::fault::Fault;
 
 /// The commands that it lacks.
-pub(crate) const COMMANDS: [&str; 6] =
-    ["completions", "convert", "export", "man", "probe", "scenario"];
+pub(crate) const COMMANDS: [&str; 7] =
+    ["completions", "convert", "export", "frame", "man", "probe", "scenario"];
 
 /// The end of its help.
 pub(crate) const LACKS: &str = "\
-This build lacks completions, convert, export, man, probe, scenario, TLS, zstd, MCAP and
+This build lacks completions, convert, export, frame, man, probe, scenario, TLS, zstd, MCAP and
 --json-schema. `cargo install --locked --path cli --features full` builds everything.";
 
 /// Something is not in this build.

@@ -135,6 +135,10 @@ fn the_tables_tell_what_the_trace_does() {
     };
     let refused = count(&|line| line["ev"] == "refuse" && line.get("p").is_none());
     let messages = count(&|line| line["ev"] == "open");
+    for (seq, open) in (0..).zip(trace.iter().filter(|line| line["ev"] == "open")) {
+        assert_eq!((&open["origin"], &open["seq"]), (&json!("camera"), &json!(seq)));
+        assert!(open["age"].is_u64(), "{open}");
+    }
     let taken_on = messages - refused;
     let printed = format!("{messages} messages: {taken_on} forwarded, 0 missed, {refused} refused");
     assert!(out(&ran).lines().any(|line| line == printed), "{printed}: {}", out(&ran));

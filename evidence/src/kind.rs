@@ -1,6 +1,7 @@
 //! The kinds of witness.
 
 mod all;
+mod pipelines;
 
 use std::collections::BTreeSet;
 

@@ -40,7 +40,7 @@ def test_both_are_better_than_on_board_and_one_frame_has_its_answers_in_order(
     accuracy = {mode: float(found) for mode, *_, found in ROW.findall(printed)}
     assert accuracy["fusion"] > accuracy["local"]
     life = re.findall(r"frame 30: (\w+) +(\d+) to +(\d+) ms", printed)
-    assert [name for name, *_ in life] == ["detection", "tracking", "planning"]
+    assert [name for name, *_ in life] == ["detection", "tracking", "prediction", "planning"]
     ends = [int(end) for _, _, end in life]
     assert ends == sorted(ends) and ends[-1] <= 500
     for trace in tmp_path.iterdir():

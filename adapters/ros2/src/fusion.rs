@@ -44,8 +44,11 @@ pub(crate) struct NodeFusion<'a> {
     /// The ends of input and output, to report peers that do not fit.
     pub(crate) ends: Vec<Arc<Endpoint>>,
     pub(crate) input_key: MessageKey,
-    /// The input's topic, which messages come from.
-    pub(crate) input_topic: Arc<str>,
+    /// The stream that messages come from.
+    pub(crate) origin: Arc<str>,
+    /// How long after their intake the last output is due, and what of that is kept for the nodes downstream.
+    pub(crate) within: Option<Duration>,
+    pub(crate) reserve: Duration,
     pub(crate) output_key: MessageKey,
     /// The greatest that a deadline may be.
     pub(crate) greatest_deadline: Duration,
@@ -152,6 +155,10 @@ impl Transport for NodeFusion<'_> {
         self.lineage_of(timestamp)
     }
 
+    fn reserve(&mut self) -> Duration {
+        self.reserve
+    }
+
     fn situation(&mut self, _: u64, _: &Payload) -> Option<Situation<'static>> {
         Some(self.speed.as_ref()?.situation(Instant::now()))
     }
@@ -232,7 +239,7 @@ impl Transport for NodeFusion<'_> {
 
 impl NodeFusion<'_> {
     /// What an open message comes from. The stamp's clock is the wall's, whose steps no deadline may follow (D13): the age is
-    /// written and sent, and nothing else is made of it.
+    /// written and sent, and nothing else is made of it. The end-to-end deadline counts from the intake.
     fn lineage_of(&self, timestamp: u64) -> Option<Arc<Lineage>> {
         let stamp = self.memory.stamps.key(timestamp)?;
         let age = match self.input_key {
@@ -240,7 +247,7 @@ impl NodeFusion<'_> {
             MessageKey::Integer { .. } => None,
         };
         let captured = age.and_then(|age| Instant::now().into_std().checked_sub(age));
-        let origin = Origin { stream: Arc::clone(&self.input_topic), seq: stamp.seq() };
-        Some(Arc::new(Lineage { origin: Some(origin), captured, within: None }))
+        let origin = Origin { stream: Arc::clone(&self.origin), seq: stamp.seq() };
+        Some(Arc::new(Lineage { origin: Some(origin), captured, within: self.within }))
     }
 }

@@ -117,7 +117,9 @@ pub(crate) fn open<'a>(
         output,
         revisions,
         input_key: settings.input.key,
-        input_topic: settings.input.topic.as_str().into(),
+        origin: settings.end_to_end.origin.as_str().into(),
+        within: settings.end_to_end.within,
+        reserve: settings.end_to_end.reserve,
         output_key: settings.output.key,
         greatest_deadline: settings.greatest_deadline,
         deadline: settings.deadline,
@@ -232,6 +234,7 @@ pub(crate) fn engine(settings: &Settings) -> Result<Engine<Payload, Payload>, No
         lossy: true,
     };
     let mut engine = Engine::new(&header(settings), &at_once, local)?;
+    engine.doubt_ages();
     for cloud in &settings.clouds {
         engine.set_linger(cloud.priority, cloud.linger);
         if let Some(policy) = settings.deadlines.policy()? {

@@ -1,5 +1,6 @@
 //! Settings: the arguments, files and environment of a node, resolved and checked.
 
+mod budget;
 mod cautions;
 mod change;
 mod clouds;
@@ -24,6 +25,7 @@ use crate::arguments::{Arguments, Level};
 use crate::key::{IntegerKind, MessageKey, has_header};
 use crate::names::{NodeName, check_type};
 use crate::parameters::{ParameterOverride, Value, ValueOrigin, given};
+pub use crate::settings::budget::EndToEndSettings;
 pub use crate::settings::change::{Change, ChangeError};
 pub(crate) use crate::settings::current::Current;
 pub use crate::settings::error::SettingsError;
@@ -75,6 +77,8 @@ pub struct Settings {
     pub deadline: Duration,
     /// The topic that changes `deadline`, if any.
     pub deadline_topic: Option<String>,
+    /// The end-to-end deadline of messages, and what they come from.
+    pub end_to_end: EndToEndSettings,
     /// How deadlines are chosen, at most `deadline`.
     pub deadlines: DeadlineSettings,
     /// The computation on this robot.
@@ -295,6 +299,7 @@ fn read(r: &mut ParameterReader, node: NodeName) -> Result<Settings, SettingsErr
     let deadline = r.deadline("deadline", 0.5, "How long a cloud may take, in seconds")?;
     let about = "The topic that changes the deadline; empty for none";
     let deadline_topic = r.topic("deadline_topic", "", about, FLOAT64, Role::Subscription)?;
+    let end_to_end = budget::read(r, &input.topic)?;
     let deadlines = policy::read(r, commit)?;
     let types = [input.type_name.as_str(), output.type_name.as_str()];
     let local = local(r, types, window, middleware)?;
@@ -327,6 +332,7 @@ fn read(r: &mut ParameterReader, node: NodeName) -> Result<Settings, SettingsErr
         greatest_deadline,
         deadline,
         deadline_topic: Some(deadline_topic).filter(|topic| !topic.is_empty()),
+        end_to_end,
         deadlines,
         local,
         clouds,

@@ -226,24 +226,23 @@ impl<S: Default + Send + Sync + 'static> Join<S> {
     pub fn latest<T: Send + Sync + 'static>(
         &mut self,
         name: impl Into<Arc<str>>,
-        mut input: Reader<T>,
+        input: Reader<T>,
         max_age: Duration,
         put: impl Fn(&mut S, Arc<T>, Option<&Lineage>) + Send + Sync + 'static,
     ) -> &mut Self {
-        let put = Arc::new(put);
-        let poll = move |context: &mut Context<'_>| {
-            let polled = input.poll_numbered(context);
-            polled.map(|message| {
-                let StreamMessage { message, lineage, .. } = message?;
-                let captured = lineage.as_ref().and_then(|lineage| lineage.captured);
-                let put = Arc::clone(&put);
-                let put = move |set: &mut S| put(set, Arc::clone(&message), lineage.as_deref());
-                Some(LatestValue { captured, arrived: Instant::now(), put: Box::new(put) })
-            })
-        };
-        let (name, poll) = (name.into(), Box::new(poll));
-        self.latest.push(LatestSource { name, poll, max_age, is_open: true, value: None });
-        self
+        self.add_latest(name.into(), input, max_age, |_| true, put)
+    }
+
+    /// The same for an operator's output: each item in turn, but one that is [final](crate::Ending::Final), whose value is there.
+    pub fn latest_items<O: Send + Sync + 'static>(
+        &mut self,
+        name: impl Into<Arc<str>>,
+        input: Items<O>,
+        max_age: Duration,
+        put: impl Fn(&mut S, Arc<Item<O>>) + Send + Sync + 'static,
+    ) -> &mut Self {
+        let has_value = |item: &Item<O>| !matches!(item.ending, Ending::Final(_));
+        self.add_latest(name.into(), input, max_age, has_value, move |set, item, _| put(set, item))
     }
 
     /// Is called with each message that is dropped; it must not block.
@@ -283,6 +282,33 @@ impl<S: Default + Send + Sync + 'static> Join<S> {
 
     fn add(&mut self, name: Arc<str>, poll: PollAligned<S>) -> &mut Self {
         self.aligned.push(AlignedSource { name, poll, is_open: true });
+        self
+    }
+
+    fn add_latest<T: Send + Sync + 'static>(
+        &mut self,
+        name: Arc<str>,
+        mut input: Reader<T>,
+        max_age: Duration,
+        is_wanted: impl Fn(&T) -> bool + Send + 'static,
+        put: impl Fn(&mut S, Arc<T>, Option<&Lineage>) + Send + Sync + 'static,
+    ) -> &mut Self {
+        let put = Arc::new(put);
+        let poll = move |context: &mut Context<'_>| loop {
+            let polled = input.poll_numbered(context);
+            if matches!(&polled, Poll::Ready(Some(it)) if !is_wanted(&it.message)) {
+                continue;
+            }
+            return polled.map(|message| {
+                let StreamMessage { message, lineage, .. } = message?;
+                let captured = lineage.as_ref().and_then(|lineage| lineage.captured);
+                let put = Arc::clone(&put);
+                let put = move |set: &mut S| put(set, Arc::clone(&message), lineage.as_deref());
+                Some(LatestValue { captured, arrived: Instant::now(), put: Box::new(put) })
+            });
+        };
+        let poll = Box::new(poll);
+        self.latest.push(LatestSource { name, poll, max_age, is_open: true, value: None });
         self
     }
 }

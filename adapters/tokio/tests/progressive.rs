@@ -8,12 +8,12 @@ use std::time::Duration;
 
 use fuseline_tokio::deadline::{Accuracy, Constant, Expected, Guard, Parameters, Policy};
 use fuseline_tokio::{
-    Commit, Config, Ending, Error, Item, Local, Operator, Reader, Recording, Setup, SpawnError,
-    Trace, spawn, stream,
+    Commit, Config, Ending, Error, Item, Items, Join, JoinConfig, JoinDropReason, Lineage, Local,
+    Operator, Reader, Recording, Setup, SpawnError, Trace, spawn, stream,
 };
 use fuseline_traces::judge;
 use support::{ClosureOperator, RunResult, line, play};
-use tokio::time::sleep;
+use tokio::time::{Instant, sleep};
 
 const MS: Duration = Duration::from_millis(1);
 
@@ -265,4 +265,53 @@ async fn a_guard_is_refused_with_the_remedy_and_other_policies_are_not() {
     assert!(start(Box::new(guard()), Commit::Patient).is_ok());
     assert!(start(Box::new(expected()), Commit::Progressive).is_ok());
     assert!(start(Box::new(Constant(50 * MS)), Commit::Progressive).is_ok());
+}
+
+/// A join of the revisions alone: the sets that it gives, and how many messages came too late.
+async fn joined(wait: Duration, revisions: Items<String>) -> (Vec<String>, u64) {
+    let mut join = Join::new(JoinConfig { wait, ..JoinConfig::default() });
+    join.items("boxes", revisions, |set: &mut Option<String>, item| *set = item.value().cloned());
+    let (running, mut sets) = join.spawn().unwrap();
+    let mut given = Vec::new();
+    while let Some(set) = sets.read().await {
+        given.push(set.set.clone().unwrap());
+    }
+    let late = ("boxes".into(), JoinDropReason::Late);
+    (given, running.join().await.dropped.remove(&late).unwrap_or_default())
+}
+
+/// E5, E6: an aligned input takes the last revision, or the last so far when its set is due; what comes then opens no other.
+#[tokio::test(start_paused = true)]
+async fn a_join_takes_the_last_revision_that_comes_before_its_set_is_due() {
+    let (mut camera, frames) = stream(9);
+    let clouds = operator([|t| After(if t == 0 { 50 } else { 10 }), |_| After(60)]);
+    let (_running, revisions) = spawn(clouds, progressive(), frames).unwrap();
+    let patient = tokio::spawn(joined(100 * MS, revisions.another()));
+    let hasty = tokio::spawn(joined(35 * MS, revisions));
+    camera.write_with(0, Lineage::new("camera", 7, Instant::now())).unwrap();
+    drop(camera);
+    assert_eq!(patient.await.unwrap(), (vec!["2's of 0".to_owned()], 0));
+    assert_eq!(hasty.await.unwrap(), (vec!["1's of 0".to_owned()], 1));
+}
+
+/// E5: an input of which only the newest is needed takes each revision, and a mark that none follows takes no value away.
+#[tokio::test(start_paused = true)]
+async fn a_latest_input_takes_each_revision_and_none_from_a_mark() {
+    let (mut camera, frames) = stream(9);
+    let broken = operator([|_| After(30), |_| Panics(50)]);
+    let (_running, revisions) = spawn(broken, progressive(), frames).unwrap();
+    let (mut clock, ticks) = stream(9);
+    let mut join = Join::<Option<String>>::new(JoinConfig::default());
+    join.aligned("tick", ticks, |_, _: Arc<()>, _| {});
+    join.latest_items("boxes", revisions, 1000 * MS, |set, item| *set = item.value().cloned());
+    let (_join, mut sets) = join.spawn().unwrap();
+    camera.write_with(0, Lineage::new("camera", 7, Instant::now())).unwrap();
+    let mut seen = Vec::new();
+    for seq in 0..4 {
+        sleep(if seq == 0 { 10 * MS } else { 15 * MS }).await;
+        clock.write_with((), Lineage::new("tick", seq, Instant::now())).unwrap();
+        let set = sets.read().await.unwrap();
+        seen.push(set.set.clone().unwrap_or_else(|| set.missing.join(", ")));
+    }
+    assert_eq!(seen, ["boxes", "local's of 0", "1's of 0", "1's of 0"]);
 }

@@ -8,8 +8,8 @@ use std::time::Duration;
 use bytes::Bytes;
 use fuseline_tokio::grpc::{self, Connection, Reply, Request};
 use fuseline_tokio::{
-    Config, Items, JoinError, Local, Operator, Recording, Running, Setup, SourceTally, SpawnError,
-    Trace, Trigger, WriteError, Writer, spawn, stream,
+    Config, Items, JoinError, Lineage, Local, Operator, Recording, Running, Setup, SourceTally,
+    SpawnError, Trace, Trigger, WriteError, Writer, spawn, stream,
 };
 use tokio::task::JoinSet;
 use tokio::time::{Instant, interval, sleep, timeout};
@@ -25,6 +25,8 @@ use crate::run::live::{RunProgress, unrecorded};
 use crate::run::network::Network;
 use crate::run::plan::{DeadlinePolicy, RunPlan};
 
+/// What its frames come from, in the trace.
+const STREAM: &str = "camera";
 /// How often it is checked whether local has caught up.
 const LOOK: Duration = Duration::from_millis(20);
 /// How often it is checked whether there is room for a frame that waits.
@@ -174,15 +176,18 @@ impl Camera<'_> {
         while shot < plan.frames {
             tokio::select! {
                 () = interrupt.wait() => return true,
-                _ = period.tick(), if waiting.is_none() => waiting = Some(Picture(image.clone())),
+                captured = period.tick(), if waiting.is_none() => {
+                    let lineage = Arc::new(Lineage::new(STREAM, shot, captured));
+                    waiting = Some((Picture(image.clone()), lineage));
+                }
                 () = sleep(ROOM), if waiting.is_some() => {}
                 Some(item) = output.read() => live.item(&item),
                 _ = looks.tick() => live.show(&running.tally()),
             }
-            if let Some(frame) = waiting.take() {
-                match frames.write(frame) {
+            if let Some((frame, lineage)) = waiting.take() {
+                match frames.write_with(frame, Arc::clone(&lineage)) {
                     Ok(_) => shot += 1,
-                    Err(WriteError::Full(frame)) => waiting = Some(frame),
+                    Err(WriteError::Full(frame)) => waiting = Some((frame, lineage)),
                     Err(WriteError::Closed(_)) => break,
                 }
             }

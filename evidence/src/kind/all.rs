@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use super::pipelines::PIPELINES;
 use super::{EvidenceKind, RunMethod};
 use crate::citation::{cited_by_harness, cited_by_test, cited_by_trace, words};
 use crate::fault::SeededFault;
@@ -349,6 +350,7 @@ pub const KINDS: &[EvidenceKind] = &[
         read: read_tests,
         cites: cited_by_test,
     },
+    PIPELINES,
     EvidenceKind {
         name: "grpc",
         title: "tests of clouds over gRPC",
@@ -557,7 +559,8 @@ pub const KINDS: &[EvidenceKind] = &[
 ];
 
 /// For large crates with short tests, most of whose run is the build.
-const QUICK: &[(&str, &str)] = &[("CARGO_PROFILE_DEV_OPT_LEVEL", "0"), ("CARGO_INCREMENTAL", "1")];
+pub(super) const QUICK: &[(&str, &str)] =
+    &[("CARGO_PROFILE_DEV_OPT_LEVEL", "0"), ("CARGO_INCREMENTAL", "1")];
 
 /// Clouds over the network.
 const GRPC: &str = "adapters/tokio/src/grpc/";

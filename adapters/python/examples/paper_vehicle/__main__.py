@@ -95,6 +95,7 @@ async def drive(vehicle: Vehicle, seconds: float, frame: int) -> Drive:
     trackers = tracking(vehicle, [predict, plan, *after], track)
     tracked = Items(trackers)
     predictors = prediction(vehicle, [plan, *after], predict)
+    predicted = Items(predictors)
     planner = planning(vehicle, after, plan)
     planned = Items(planner)
     orders = Join(name="orders", clock=clock)
@@ -110,9 +111,14 @@ async def drive(vehicle: Vehicle, seconds: float, frame: int) -> Drive:
         detecting.feed(cameras)
         trackers.feed(in_order)
         predictors.feed(tracked.another())
-        planner.feed(predictors)
+        planner.feed(predicted.another())
         controller.feed(orders)
-        watched = [("detection", detected), ("tracking", tracked), ("planning", planned)]
+        watched: list[tuple[str, Items[Item[Any]]]] = [
+            ("detection", detected),
+            ("tracking", tracked),
+            ("prediction", predicted),
+            ("planning", planned),
+        ]
         tasks = [
             asyncio.create_task(it)
             for it in (
@@ -195,8 +201,6 @@ def main() -> None:
     arguments = parser.parse_args()
     if not 10 <= arguments.seconds <= 3600:
         parser.error("--seconds: from 10 to 3600")
-    if arguments.traces is not None:
-        arguments.traces.mkdir(parents=True, exist_ok=True)
     # What is missed and hangs is what is shown here.
     logging.getLogger("fuseline").setLevel(logging.CRITICAL)
     kills: list[str | None] = list(PARTS) if arguments.kill == "each" else [arguments.kill]
@@ -204,8 +208,12 @@ def main() -> None:
     head = (f"{'':24} {'commands':>12} {'within':>11} {'age p50':>8} {'p99':>7}", "AP", "stops")
     print(f"{head[0]} {head[1]:>5} {head[2]:>5}")
     for kill in kills:
+        traces = arguments.traces
+        if traces is not None:
+            traces = traces / kill if kill is not None and len(kills) > 1 else traces
+            traces.mkdir(parents=True, exist_ok=True)
         for mode in ("local", "cloud", "fusion"):
-            driven = run(arguments.seconds, mode, kill, arguments.frame, arguments.traces)
+            driven = run(arguments.seconds, mode, kill, arguments.frame, traces)
             print(row(f"{mode} {kill or ''}", driven))
         by = ", ".join(f"{name} {count}" for name, count in sorted(driven.detected_by.items()))
         print(f"    detected by: {by}")

@@ -323,6 +323,18 @@ async fn a_local_deadline_that_is_set_holds_for_the_next_message() {
     assert_eq!(node.lines(), ["60 ms: 0 missed"]);
 }
 
+/// E2, E3.
+#[tokio::test(start_paused = true)]
+async fn a_request_ends_where_the_reserve_begins_and_local_with_the_end_to_end_deadline() {
+    let budget = ["-p", "within:=0.2", "-p", "reserve:=0.05"];
+    let local: Plan = |t| if t == 0 { Answers(10) } else { Loses };
+    let node = Node::start_with(local, &[(500, |_| Loses)], &budget);
+    node.feed(0, [0, 300]).await;
+    node.until(1500).await;
+    let expected = ["150 ms: 0 local's of 0, asked at 0 ms by F5", "500 ms: 1 missed"];
+    assert_eq!(node.lines(), expected);
+}
+
 #[tokio::test(start_paused = true)]
 async fn local_fails_at_once_while_nobody_listens_to_it() {
     let node = Node::start(|_| Answers(10), &[(500, |_| Answers(30))]);

@@ -226,6 +226,17 @@ impl<'a> ParameterReader<'a> {
         seconds.map(|seconds| seconds.value)
     }
 
+    /// What is wrong with a parameter that was read, by another one.
+    pub(super) fn out_of_range(&self, name: &str, expected: &str) -> SettingsError {
+        let read = self.declared.iter().find(|declared| declared.name == name);
+        let (value, origin) = match read {
+            Some(Parameter { value, origin, .. }) => (value.clone(), origin.clone()),
+            None => (Value::Double(0.0), ValueOrigin::Default),
+        };
+        let (name, expected) = (name.to_owned(), expected.to_owned());
+        SettingsError::Value { origin, name, value, expected }
+    }
+
     /// A file's path; an empty one is none, and the default.
     pub(super) fn path(
         &mut self,

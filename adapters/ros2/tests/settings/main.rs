@@ -428,3 +428,19 @@ fn the_check_shows_what_is_resolved() {
     }
     assert!(shown.lines().all(|line| line.trim_end() == line));
 }
+
+/// E3.
+#[test]
+fn an_end_to_end_deadline_has_more_than_its_reserve() {
+    let all = with("").unwrap();
+    assert_eq!((all.end_to_end.within, all.end_to_end.reserve), (None, Duration::ZERO));
+    assert_eq!(all.end_to_end.origin, "/input");
+    let all = with("-p within:=0.5 -p reserve:=0.1 -p origin:=/camera/left").unwrap();
+    assert_eq!(all.end_to_end.within, Some(Duration::from_millis(500)));
+    assert_eq!(all.end_to_end.reserve, Duration::from_millis(100));
+    assert_eq!(all.end_to_end.origin, "/camera/left");
+    for wrong in ["-p reserve:=0.1", "-p within:=0.5 -p reserve:=0.5"] {
+        let why = with(wrong).unwrap_err();
+        assert!(why.contains("reserve") && why.contains("less than within"), "{why}");
+    }
+}

@@ -190,6 +190,7 @@ pub(super) fn run(
     mut subscription: Subscription,
 ) -> tokio::task::JoinHandle<()> {
     let (deadline, node) = (settings.deadline, settings.node.full());
+    let end_to_end = settings.end_to_end.clone();
     let speed = settings.deadlines.speed.as_ref().map(Speed::new);
     let is_managed = settings.lifecycle;
     let revisions = settings.revisions.is_some().then_some(revisions);
@@ -206,7 +207,9 @@ pub(super) fn run(
             revisions,
             ends: Vec::new(),
             input_key: MessageKey::Integer { offset: 0, kind: IntegerKind::U64 },
-            input_topic: "camera".into(),
+            origin: end_to_end.origin.as_str().into(),
+            within: end_to_end.within,
+            reserve: end_to_end.reserve,
             output_key: MessageKey::Integer { offset: 0, kind: IntegerKind::U64 },
             deadline,
             node,

@@ -1,0 +1,38 @@
+//! The end-to-end deadline of messages: when the last node's output is due, and what is kept for the nodes downstream (E3).
+
+use std::time::Duration;
+
+use super::seconds::none_if_zero;
+use super::{ParameterReader, SettingsError};
+
+/// What a pipeline's messages have in common.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct EndToEndSettings {
+    /// The stream that messages come from; the input's topic unless it is given.
+    pub origin: String,
+    /// How long after a message was taken in the last output is due.
+    pub within: Option<Duration>,
+    /// What of that is kept for the nodes downstream.
+    pub reserve: Duration,
+}
+
+pub(super) fn read(
+    r: &mut ParameterReader,
+    topic: &str,
+) -> Result<EndToEndSettings, SettingsError> {
+    let about = "The stream that messages come from, in traces and requests; the input's topic if it is empty";
+    let origin = r.text("origin", "", about)?.value;
+    let origin = if origin.is_empty() { topic.to_owned() } else { origin };
+    let within = r.own_seconds(
+        "within",
+        "How long after a message was taken in the last output is due, in seconds; 0 for no such deadline",
+        "seconds, at most 1e9, or 0 for no end-to-end deadline",
+    )?;
+    let expected = "seconds, at most 1e9 and less than within, or 0 for nothing";
+    let about = "What of within is kept for the nodes downstream, in seconds";
+    let reserve = r.own_seconds("reserve", about, expected)?;
+    if !reserve.is_zero() && reserve >= within {
+        return Err(r.out_of_range("reserve", expected));
+    }
+    Ok(EndToEndSettings { origin, within: none_if_zero(within), reserve })
+}

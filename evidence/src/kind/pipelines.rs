@@ -1,0 +1,68 @@
+//! What stands between operators: joins, order, budgets, substitutes, states.
+
+use super::{EvidenceKind, RunMethod};
+use crate::citation::cited_by_test;
+use crate::printed::read_tests;
+
+/// The files of the parts; what they share with one operator alone is of that kind.
+const PARTS: [&str; 9] = [
+    "adapters/engine/src/aligner.rs",
+    "adapters/engine/src/budget.rs",
+    "adapters/engine/src/engine.rs",
+    "adapters/engine/src/latency.rs",
+    "adapters/engine/src/policies.rs",
+    "adapters/engine/src/reorderer.rs",
+    "adapters/tokio/src/carried_state.rs",
+    "adapters/tokio/src/join.rs",
+    "adapters/tokio/src/run.rs",
+];
+
+pub(super) const PIPELINES: EvidenceKind = EvidenceKind {
+    name: "pipeline",
+    title: "tests of pipelines",
+    applies: |id| id.starts_with('E'),
+    concerns: |fault| {
+        PARTS.contains(&&*fault.file) && fault.breaks.iter().any(|id| id.starts_with('E'))
+    },
+    run: RunMethod::Cargo {
+        arguments: &[
+            "test",
+            "-p",
+            "fuseline-engine",
+            "-p",
+            "fuseline-tokio",
+            "--lib",
+            "--test",
+            "aligner",
+            "--test",
+            "budget",
+            "--test",
+            "reorderer",
+            "--test",
+            "pipeline",
+            "--test",
+            "graphs",
+            "--no-fail-fast",
+        ],
+        variables: super::all::QUICK,
+    },
+    sources: &[
+        "adapters/engine/src/aligner.rs",
+        "adapters/engine/src/budget.rs",
+        "adapters/engine/src/engine.rs",
+        "adapters/engine/src/latency.rs",
+        "adapters/engine/src/policies.rs",
+        "adapters/engine/src/reorderer.rs",
+        "adapters/tokio/src/carried_state.rs",
+        "adapters/tokio/src/join.rs",
+        "adapters/tokio/src/run.rs",
+        "adapters/engine/tests/aligner.rs",
+        "adapters/engine/tests/budget.rs",
+        "adapters/engine/tests/reorderer.rs",
+        "adapters/tokio/tests/graphs.rs",
+        "adapters/tokio/tests/pipeline.rs",
+        "adapters/tokio/tests/support/graph.rs",
+    ],
+    read: read_tests,
+    cites: cited_by_test,
+};
