@@ -371,6 +371,15 @@ impl<V, R> Engine<V, R> {
         self.start_waiting(now);
     }
 
+    /// The run is over at `at`. If messages are open, a last `tick` in the trace says so: what was due by then is overdue (A44).
+    ///
+    /// Nothing is decided any more: the tick comes before the next timer's due instant. [Finish](Self::finish) then.
+    pub fn end(&mut self, at: u64) {
+        if !self.is_idle() {
+            self.tick(self.next_due().map_or(at, |due| at.min(due.saturating_sub(1))));
+        }
+    }
+
     /// Ends the recordings, if there are any, and waits until they are written. Dropping the engine
     /// does the same.
     ///

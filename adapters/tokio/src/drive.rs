@@ -284,6 +284,8 @@ impl<T: Transport> Driver<T> {
                 }
             }
         }
+        let over = self.clock();
+        self.engine.end(over);
         (self.transport, self.engine)
     }
 
