@@ -407,6 +407,19 @@ impl<V, R> Engine<V, R> {
         self.arbiter.fusion().is_empty()
     }
 
+    /// The operator's name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.operator
+    }
+
+    /// How long calls to cloud `p` may run on after they were due.
+    #[must_use]
+    pub fn linger(&self, p: u16) -> Duration {
+        let index = self.sources.cloud(p);
+        index.map_or(Duration::ZERO, |index| Duration::from_nanos(self.sources[index].linger))
+    }
+
     /// How many messages are open.
     #[must_use]
     pub fn open_len(&self) -> usize {
