@@ -371,6 +371,15 @@ impl<V, R> Engine<V, R> {
         self.start_waiting(now);
     }
 
+    /// The run is over at `at`. If messages are open, a last `tick` in the trace says so: what was due by then is overdue (A44).
+    ///
+    /// Nothing is decided any more: the tick comes before the next timer's due instant. [Finish](Self::finish) then.
+    pub fn end(&mut self, at: u64) {
+        if !self.is_idle() {
+            self.tick(self.next_due().map_or(at, |due| at.min(due.saturating_sub(1))));
+        }
+    }
+
     /// Ends the recordings, if there are any, and waits until they are written. Dropping the engine
     /// does the same.
     ///
@@ -396,6 +405,19 @@ impl<V, R> Engine<V, R> {
     #[must_use]
     pub fn is_idle(&self) -> bool {
         self.arbiter.fusion().is_empty()
+    }
+
+    /// The operator's name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.operator
+    }
+
+    /// How long calls to cloud `p` may run on after they were due.
+    #[must_use]
+    pub fn linger(&self, p: u16) -> Duration {
+        let index = self.sources.cloud(p);
+        index.map_or(Duration::ZERO, |index| Duration::from_nanos(self.sources[index].linger))
     }
 
     /// How many messages are open.

@@ -128,3 +128,32 @@ fn a_disk_that_fills_is_told_when_it_happens_and_the_operator_goes_on() {
     let verdict = judge("trace", &fs::read(&path).unwrap()[..]).unwrap();
     assert!(verdict.conforms && verdict.judged > 100, "{verdict}");
 }
+
+/// The lines of a run that ends at 90 with a message open.
+fn ended(deadline: Option<Duration>) -> Vec<String> {
+    let (_folder, path) = folder();
+    let mut engine = engine(&path, Recording::default());
+    answer(&mut engine, 0);
+    engine.end(5);
+    let _ = engine.open(10, 1, deadline, 1, []);
+    engine.end(90);
+    engine.finish().unwrap();
+    let text = fs::read_to_string(&path).unwrap();
+    assert!(judge("trace", text.as_bytes()).unwrap().conforms, "{text}");
+    text.lines().skip(4).map(str::to_owned).collect()
+}
+
+/// A44.
+#[test]
+fn a_run_that_ends_with_a_message_open_says_so_by_a_last_tick() {
+    let open = r#"{"ev":"open","at":10,"t":1}"#;
+    assert_eq!(ended(None), [open, r#"{"ev":"tick","at":90}"#]);
+}
+
+#[test]
+fn a_last_tick_decides_nothing() {
+    let lines = ended(Some(Duration::from_nanos(30)));
+    assert_eq!(lines.last().unwrap(), r#"{"ev":"tick","at":39}"#);
+    let lines = ended(Some(Duration::from_nanos(81)));
+    assert_eq!(lines.last().unwrap(), r#"{"ev":"tick","at":90}"#);
+}

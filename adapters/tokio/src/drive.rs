@@ -19,6 +19,7 @@
 
 mod calls;
 mod measured_call;
+mod spans;
 mod timers;
 mod wake_flag;
 
@@ -39,6 +40,7 @@ use tokio::time::Instant;
 use crate::Error;
 use crate::drive::calls::Calls;
 use crate::drive::measured_call::MeasuredCall;
+use crate::drive::spans::MessageSpans;
 use crate::drive::timers::Timer;
 use crate::drive::wake_flag::WakeFlag;
 use crate::error_chain::ErrorChain;
@@ -179,6 +181,7 @@ pub struct Driver<T: Transport> {
     /// The clock's reading for the current event.
     now: u64,
     calls: Calls<T::Value>,
+    spans: MessageSpans,
     timer: Timer,
     /// When the timer goes off, if it is set.
     armed: Option<u64>,
@@ -242,6 +245,7 @@ impl<T: Transport> Driver<T> {
             start,
             now: 0,
             calls: Calls::new(wake_flags[CALLS].flag_waker()),
+            spans: MessageSpans::default(),
             timer,
             armed: None,
             unsent: Vec::new(),
@@ -284,6 +288,8 @@ impl<T: Transport> Driver<T> {
                 }
             }
         }
+        let over = self.clock();
+        self.engine.end(over);
         (self.transport, self.engine)
     }
 
@@ -326,7 +332,9 @@ impl<T: Transport> Driver<T> {
         }
         let (job, deadline) = self.transport.job(message);
         let offers = self.transport.offers(timestamp, message);
+        let source = lineage.clone();
         if self.engine.open_with(now, timestamp, deadline, lineage, job, offers) {
+            self.spans.open(self.engine.name(), timestamp, deadline, source.as_deref());
             self.transport.taken_on(timestamp, message);
         }
     }
@@ -334,6 +342,7 @@ impl<T: Transport> Driver<T> {
     /// A result or a failure came (F3, F4).
     fn complete(&mut self, Completion { priority, timestamp, result }: Completion<T::Value>) {
         let now = self.now;
+        self.spans.complete((priority, timestamp), &result);
         match result {
             Ok(value) => self.engine.result(now, timestamp, priority, value),
             Err(error) => self.engine.fail(now, timestamp, priority, &ErrorChain(&*error)),
@@ -347,7 +356,10 @@ impl<T: Transport> Driver<T> {
                 // With a new request the transport may have something new to wait for.
                 self.wake_flags[TRANSPORT].set();
                 match effect {
-                    Effect::Output(item) => self.transport.output(item),
+                    Effect::Output(item) => {
+                        self.spans.item(&item);
+                        self.transport.output(item);
+                    }
                     Effect::Start { priority, timestamp, until, request } => {
                         let left = until.map_or(u64::MAX, |until| until.saturating_sub(self.now));
                         let left = Duration::from_nanos(left);
@@ -355,6 +367,7 @@ impl<T: Transport> Driver<T> {
                     }
                     Effect::Abort { priority, timestamp } => {
                         self.calls.abort(priority, timestamp);
+                        self.spans.abort((priority, timestamp));
                     }
                     Effect::Replace { timestamp } => self.transport.replace(timestamp),
                     Effect::Hint(hint) => self.transport.hint(hint),
@@ -370,16 +383,21 @@ impl<T: Transport> Driver<T> {
     }
 
     fn send(&mut self, start: Start<T::Request>) {
-        let Start { priority, timestamp, .. } = start;
+        let Start { priority, timestamp, left, .. } = start;
+        let deadline = left.saturating_sub(self.engine.linger(priority));
         let sent = catch_unwind(AssertUnwindSafe(|| self.transport.send(start)));
+        let mut span = self.spans.begin((priority, timestamp), deadline);
         match sent.unwrap_or_else(|panic| Sent::Failed(panicked(&*panic))) {
             Sent::Call(call) => {
                 let counting = self.counting.clone();
-                self.calls.begin(timestamp, MeasuredCall { priority, call, counting });
+                self.calls.begin(timestamp, MeasuredCall { priority, call, counting }, span);
                 self.wake_flags[CALLS].set();
             }
-            Sent::Away => {}
-            Sent::Failed(error) => self.unsent.push((priority, timestamp, error)),
+            Sent::Away => self.spans.wait((priority, timestamp), span),
+            Sent::Failed(error) => {
+                span.fail();
+                self.unsent.push((priority, timestamp, error));
+            }
         }
     }
 

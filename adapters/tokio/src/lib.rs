@@ -12,6 +12,7 @@ pub mod handlers;
 mod in_order;
 mod items;
 mod join;
+mod link;
 mod local;
 mod operator;
 mod outbox;
@@ -43,6 +44,7 @@ pub use fuseline_engine::{
 pub use in_order::OutOfOrder;
 pub use items::Items;
 pub use join::{Join, JoinConfig, JoinDrop, JoinTally, RunningJoin};
+pub use link::{EmulatedLink, LinkDirection};
 pub use local::Local;
 pub use operator::{Config, JoinError, Operator, Running, SpawnError, Trace, spawn};
 #[cfg(feature = "prometheus")]

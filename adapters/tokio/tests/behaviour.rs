@@ -283,10 +283,13 @@ async fn stopping_aborts_calls_ends_the_output_and_leaves_the_trace_whole() {
     tokio::task::yield_now().await;
     assert_eq!(shared.lock().unwrap().len(), 1);
     let written = std::fs::read_to_string(path).unwrap();
-    assert_eq!(written.lines().count(), 4, "{written}");
-    assert!(
-        written.ends_with(&"{\"ev\":\"request\",\"at\":0,\"t\":0,\"p\":1,\"due\":500000000}\n")
+    assert_eq!(written.lines().count(), 5, "{written}");
+    // A44: it says that the run is over.
+    let last = concat!(
+        "{\"ev\":\"request\",\"at\":0,\"t\":0,\"p\":1,\"due\":500000000}\n",
+        "{\"ev\":\"tick\",\"at\":10000000}\n"
     );
+    assert!(written.ends_with(last), "{written}");
 }
 
 #[test]

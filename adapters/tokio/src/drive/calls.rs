@@ -13,10 +13,11 @@ use rustc_hash::FxHashMap;
 use tokio::runtime::{Handle, RuntimeFlavor};
 use tokio::sync::mpsc;
 use tokio::task::AbortHandle;
-use tracing::{Instrument, Span, debug_span};
+use tracing::Instrument;
 
 use crate::drive::Completion;
 use crate::drive::measured_call::MeasuredCall;
+use crate::drive::spans::CallSpan;
 use crate::drive::wake_flag::FlagWaker;
 use crate::panics::{guarded, panicked};
 
@@ -57,7 +58,7 @@ struct CallSlot<V> {
 struct RunningCall<V> {
     key: CallKey,
     call: MeasuredCall<V>,
-    span: Span,
+    span: CallSpan,
 }
 
 /// Wakes the driver for one slot's call.
@@ -91,21 +92,22 @@ impl<V: Send + 'static> Calls<V> {
         Self::Tasks { completions, sender, under_way: FxHashMap::default() }
     }
 
-    pub(super) fn begin(&mut self, timestamp: u64, call: MeasuredCall<V>) {
+    pub(super) fn begin(&mut self, timestamp: u64, call: MeasuredCall<V>, mut span: CallSpan) {
         let priority = call.priority;
-        let span = debug_span!("call", priority, timestamp);
         match self {
             Self::InlineCalls(inline) => {
                 inline.begin(RunningCall { key: (priority, timestamp), call, span });
             }
             Self::Tasks { sender, under_way, .. } => {
                 let sender = sender.clone();
+                let entered = span.span().clone();
                 let task = async move {
                     let result = guarded(call).await;
+                    span.end(&result);
                     // Nobody waits for it once the driver has ended.
                     drop(sender.send(Completion { priority, timestamp, result }));
                 };
-                let task = tokio::spawn(task.instrument(span));
+                let task = tokio::spawn(task.instrument(entered));
                 // F7: local is never aborted.
                 if priority > 0 {
                     under_way.insert((priority, timestamp), task.abort_handle());
@@ -186,7 +188,7 @@ impl<V> InlineCalls<V> {
         let CallSlot { call, slot_waker, waker } = &mut self.slots[index];
         slot_waker.is_woken.store(false, Ordering::Release);
         let RunningCall { key, call, span } = call.as_mut()?;
-        let entered = span.enter();
+        let entered = span.span().enter();
         let mut context = Context::from_waker(waker);
         let polled = catch_unwind(AssertUnwindSafe(|| Pin::new(call).poll(&mut context)));
         drop(entered);
@@ -195,6 +197,7 @@ impl<V> InlineCalls<V> {
             Ok(Poll::Ready(result)) => result,
             Err(panic) => Err(panicked(&*panic)),
         };
+        span.end(&result);
         let (priority, timestamp) = *key;
         self.under_way.remove(&(priority, timestamp));
         self.clear(index);
@@ -209,8 +212,10 @@ impl<V> InlineCalls<V> {
         let runtime = Handle::try_current();
         for running in self.slots.iter_mut().filter_map(|slot| slot.call.take()) {
             match (&runtime, running) {
-                (Ok(runtime), RunningCall { key: (0, _), call, span }) => {
-                    drop(runtime.spawn(guarded(call).instrument(span)));
+                (Ok(runtime), RunningCall { key: (0, _), call, mut span }) => {
+                    let entered = span.span().clone();
+                    let task = async move { span.end(&guarded(call).await) };
+                    drop(runtime.spawn(task.instrument(entered)));
                 }
                 (_, running) => end(running),
             }

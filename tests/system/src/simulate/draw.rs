@@ -8,7 +8,7 @@ use fuseline_tokio::Commit;
 
 use crate::simulate::scenario::{
     CallResult, Disk, Finish, MessageScript, OfferAction, OnBoard, ReaderPlan, Scenario,
-    ScenarioCloud, SourceAction,
+    ScenarioCloud, ScenarioLink, SourceAction,
 };
 
 /// So many lines of a trace wait for the disk in any case, which is as slow as the host that this runs on.
@@ -51,7 +51,7 @@ impl Scenario {
         let frames = frames(rng, count, gap, &clouds, (&local, end), side.is_some());
         let readers = rng.one_of(&[1, 1, 1, 2, 3]);
         let readers = iter::repeat_with(|| audience(rng, end)).take(readers).collect();
-        let drawn = Self {
+        let mut drawn = Self {
             seed,
             readers,
             window: rng.one_of(&[1, 2, 3, 8, 16, 64, 1024]),
@@ -60,6 +60,7 @@ impl Scenario {
             output_len: rng.one_of(&[1, 2, 16, 1024]),
             local,
             clouds,
+            link: None,
             side,
             metered: rng.u8(0..8) == 0,
             hints: (rng.u8(0..4) == 0).then(|| rng.u8(0..4) == 0),
@@ -73,9 +74,37 @@ impl Scenario {
             end,
         };
         // Last, so that the other runs stay as they were drawn.
-        let is_progressive = rng.u8(0..3) == 0;
-        Self { commit: if is_progressive { Commit::Progressive } else { drawn.commit }, ..drawn }
+        if rng.u8(0..3) == 0 {
+            drawn.commit = Commit::Progressive;
+        }
+        drawn.link = link(rng);
+        if drawn.link.is_some() {
+            bound_deadlines(&mut drawn.frames);
+        }
+        drawn
     }
+}
+
+/// A reply that the link loses has no end but its deadline.
+fn bound_deadlines(frames: &mut [MessageScript]) {
+    for message in frames {
+        for offer in message.offers.iter_mut().chain([&mut message.side]) {
+            if let OfferAction::Offers(deadline, _) = offer {
+                *deadline = (*deadline).min(Duration::from_secs(5));
+            }
+        }
+    }
+}
+
+/// From one that is hardly felt to one that carries nearly nothing.
+fn link(rng: &mut Rng) -> Option<ScenarioLink> {
+    let rate = |rng: &mut Rng| rng.one_of(&[1_000_000, 20_000_000, 1_000_000_000]);
+    let is_there = rng.u8(0..4) == 0;
+    is_there.then(|| ScenarioLink {
+        rates: [rate(rng), rate(rng)],
+        queue_bytes: rng.one_of(&[0, 10_000, 1_000_000]),
+        bytes: [rng.usize(1..40_000), rng.usize(1..2_000)],
+    })
 }
 
 fn local(rng: &mut Rng) -> OnBoard {

@@ -4,11 +4,13 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use fuseline_engine::Trigger;
-use fuseline_tokio::deadline::End;
-use fuseline_tokio::{DropReason, Ending, Forwarded, Hint, Item, OpenRefusal};
+use fuseline_tokio::deadline::{End, LinkRate};
+use fuseline_tokio::{
+    DropReason, EmulatedLink, Ending, Forwarded, Hint, Item, LinkDirection, OpenRefusal,
+};
 use tokio::time::Instant;
 
-use crate::simulate::scenario::Scenario;
+use crate::simulate::scenario::{Scenario, ScenarioLink};
 use crate::simulate::value::{InstanceCounts, ResultValue, ValueLabel};
 
 /// All that the simulated parts share.
@@ -16,6 +18,7 @@ pub(crate) struct SimulationState {
     pub(crate) scenario: Scenario,
     start: Instant,
     log: Mutex<Log>,
+    link: EmulatedLink,
     pub(crate) frames: InstanceCounts,
     pub(crate) values: InstanceCounts,
 }
@@ -38,6 +41,8 @@ pub(crate) struct Log {
     pub(crate) ends: Vec<(u16, End)>,
     /// Side requests: offered by the handler, under way now and at most, and answers that reached the response handler.
     pub(crate) sides: [usize; 4],
+    /// What was given to the link, in order.
+    pub(crate) link: Vec<LinkPass>,
     /// When the process stood still: from, to.
     pub(crate) stalls: Vec<(u64, u64)>,
     /// When the operator was stopped, or the runtime was dropped.
@@ -57,8 +62,19 @@ pub(crate) struct LoggedCall {
     pub(crate) begun: u64,
     /// The time left that it was given; none for local.
     pub(crate) time_left: Option<Duration>,
+    /// The link had no room for its request.
+    pub(crate) has_no_room: bool,
     /// When and how it ended.
     pub(crate) end: Option<(u64, CallStop)>,
+}
+
+/// A request or a reply on the link.
+#[derive(PartialEq, Debug)]
+pub(crate) struct LinkPass {
+    pub(crate) direction: LinkDirection,
+    pub(crate) at: u64,
+    /// When it was through, or found no room; none if it was given up.
+    pub(crate) end: Option<(u64, bool)>,
 }
 
 /// How a call ended.
@@ -128,6 +144,7 @@ impl SimulationState {
             scenario: scenario.clone(),
             start: Instant::now(),
             log: Mutex::new(log),
+            link: link(scenario.link),
             frames: InstanceCounts::default(),
             values: InstanceCounts::default(),
         }
@@ -143,6 +160,17 @@ impl SimulationState {
 
     pub(crate) fn log(&self) -> MutexGuard<'_, Log> {
         self.log.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Waits until a request or a reply is through the link, if there is one; whether it found room.
+    pub(crate) async fn pass(&self, direction: LinkDirection) -> bool {
+        let Some(ScenarioLink { bytes, .. }) = self.scenario.link else { return true };
+        let at = self.now();
+        let index = self.log().begin_pass(LinkPass { direction, at, end: None });
+        let has_room = self.link.pass(direction, bytes[direction as usize]).await;
+        let now = self.now();
+        self.log().link[index].end = Some((now, has_room));
+        has_room
     }
 
     pub(crate) fn read(&self, reader: usize, item: &Item<ResultValue>) {
@@ -205,6 +233,12 @@ impl Log {
         self.stopped = Some(at);
     }
 
+    /// Its index.
+    fn begin_pass(&mut self, pass: LinkPass) -> usize {
+        self.link.push(pass);
+        self.link.len() - 1
+    }
+
     /// How long the process stood still between two instants.
     pub(crate) fn stalled(&self, from: u64, to: u64) -> u64 {
         let overlap = |(begun, ended): &(u64, u64)| to.min(*ended).saturating_sub(from.max(*begun));
@@ -214,4 +248,11 @@ impl Log {
 
 pub(crate) fn nanos(duration: Duration) -> u64 {
     u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
+}
+
+fn link(scenario: Option<ScenarioLink>) -> EmulatedLink {
+    let (rates, queue_bytes) = scenario.map_or(([0; 2], 0), |it| (it.rates, it.queue_bytes));
+    EmulatedLink::new(queue_bytes, move |direction, _| {
+        Some(LinkRate::constant(rates[direction as usize]))
+    })
 }

@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use fuseline_engine::{Policy, Situation};
 use fuseline_tokio::deadline::{Chosen, End, Reason};
-use fuseline_tokio::{Call, Error, Items, Local, Operator, Setup, Writer};
+use fuseline_tokio::{Call, Error, Items, LinkDirection, Local, Operator, Setup, Writer};
 use tokio::task::yield_now;
 use tokio::time::{advance, sleep, sleep_until};
 
@@ -122,13 +122,20 @@ fn beside(
         (Arc::clone(simulation), Arc::clone(simulation), Arc::clone(simulation));
     let handle = move |(_, act): (usize, SourceAction), _: Call| {
         let here = ExtraCall::begin(&handling);
+        let link = Arc::clone(&handling);
         async move {
+            if !link.pass(LinkDirection::Uplink).await {
+                return Err("the link has no room".into());
+            }
             wait(act).await;
             let done = match act.result {
                 CallResult::Fails => Err("the side request fails".into()),
                 CallResult::Panics | CallResult::PanicsAtOnce => panic("the side request panics"),
                 CallResult::Hangs | CallResult::HangsAndPanics => pending().await,
                 CallResult::Answers | CallResult::BadResponse | CallResult::PanickingResponse => {
+                    if !link.pass(LinkDirection::Downlink).await {
+                        pending::<()>().await;
+                    }
                     Ok(act.result)
                 }
             };
@@ -171,6 +178,15 @@ async fn travel(
         call_in_progress.end(CallStop::Failed);
         panic(&words(call_in_progress.reported));
     }
+    let is_remote = call_in_progress.reported.p > 0;
+    let simulation = Arc::clone(&call_in_progress.simulation);
+    if is_remote && !simulation.pass(LinkDirection::Uplink).await {
+        simulation.log().calls[call_in_progress.index].has_no_room = true;
+        // The source is not reached, and so does nothing of its own.
+        call_in_progress.result = CallResult::Fails;
+        call_in_progress.end(CallStop::Failed);
+        return Err(words(call_in_progress.reported).into());
+    }
     wait(act).await;
     match act.result {
         CallResult::Hangs | CallResult::HangsAndPanics => pending().await,
@@ -183,7 +199,10 @@ async fn travel(
             panic(&words(call_in_progress.reported))
         }
         CallResult::Answers | CallResult::BadResponse | CallResult::PanickingResponse => {
-            call_in_progress.reported.at = call_in_progress.simulation.now();
+            if is_remote && !simulation.pass(LinkDirection::Downlink).await {
+                pending::<()>().await;
+            }
+            call_in_progress.reported.at = simulation.now();
             Ok(call_in_progress)
         }
     }
@@ -212,7 +231,15 @@ impl CallInProgress {
     ) -> Self {
         let begun = simulation.now();
         let mut log = simulation.log();
-        log.calls.push(LoggedCall { p, t, serial, begun, time_left, end: None });
+        log.calls.push(LoggedCall {
+            p,
+            t,
+            serial,
+            begun,
+            time_left,
+            has_no_room: false,
+            end: None,
+        });
         let index = log.calls.len() - 1;
         drop(log);
         Self {

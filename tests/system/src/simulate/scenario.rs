@@ -22,6 +22,8 @@ pub struct Scenario {
     pub local: OnBoard,
     /// The clouds, as they are registered.
     pub clouds: Vec<ScenarioCloud>,
+    /// The link that all calls share, if it has a width.
+    pub link: Option<ScenarioLink>,
     /// Side requests, if there are any: the gate's limit and how many may be under way.
     pub side: Option<(u64, usize)>,
     /// Whether late results are handed on as hints, and whether their handler panics.
@@ -68,6 +70,17 @@ pub struct ScenarioCloud {
     pub linger: Duration,
     /// The deadline that its policy chooses, if it has one; zero is a policy that panics now and then.
     pub policy: Option<Duration>,
+}
+
+/// A link: requests wait for the uplink, replies for the downlink. A request that finds no room fails, a reply never comes.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct ScenarioLink {
+    /// Up and down, in bits a second.
+    pub rates: [u64; 2],
+    /// How many bytes may wait for each.
+    pub queue_bytes: u64,
+    /// Of a request and of a reply.
+    pub bytes: [usize; 2],
 }
 
 /// What becomes of a recording.
@@ -197,6 +210,9 @@ impl fmt::Display for Scenario {
         writeln!(f, "  local   {:?}", self.local)?;
         for cloud in &self.clouds {
             writeln!(f, "  cloud   {cloud:?}")?;
+        }
+        if let Some(link) = &self.link {
+            writeln!(f, "  link    {link:?}")?;
         }
         if let Some((limit, calls)) = self.side {
             writeln!(f, "  side    limit {limit}, {calls} calls")?;

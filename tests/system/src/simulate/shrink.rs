@@ -68,6 +68,7 @@ fn simplifications(scenario: &Scenario) -> Vec<Simplification<Scenario>> {
     all.push(Box::new(|it| it.disk = Disk::Whole(None)));
     all.push(Box::new(|it| it.hints = None));
     all.push(Box::new(|it| it.side = None));
+    all.push(Box::new(|it| it.link = None));
     all.push(Box::new(|it| it.end = Finish::Input));
     all.push(Box::new(|it| it.commit = Commit::Eager));
     all.push(Box::new(|it| it.input_len = 1024));

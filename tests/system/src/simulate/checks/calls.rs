@@ -3,7 +3,7 @@
 use crate::simulate::checks::{Facts, ensure};
 use crate::simulate::log::{CallStop, LoggedCall};
 use crate::simulate::replay::{AdmittedRequest, Departure};
-use crate::simulate::scenario::{CallResult, Finish, OfferAction};
+use crate::simulate::scenario::{CallResult, Finish, OfferAction, ScenarioLink};
 
 /// tokio's timers tick once in a millisecond.
 const TICK: u64 = 1_000_000;
@@ -189,6 +189,7 @@ pub(crate) fn bounded(facts: &Facts<'_>) -> Result<(), String> {
         let most = log.sides[2];
         ensure(most <= calls, || format!("{most} side requests were under way, {calls} may be"))?;
     }
+    link_is_shared(facts)?;
     let window = usize::from(scenario.window);
     let waiting = scenario.local.waiting.unwrap_or(window);
     let frames = scenario.input_len + waiting + at_once + 3;
@@ -210,6 +211,37 @@ pub(crate) fn bounded(facts: &Facts<'_>) -> Result<(), String> {
     ensure(!is_over || tasks <= hung, || {
         format!("{tasks} tasks are left, {hung} computations hang")
     })
+}
+
+/// Each direction of the link sends in order, no sooner than it carries all bytes before, and refuses what finds no room, by a
+/// second model of its queue.
+fn link_is_shared(facts: &Facts<'_>) -> Result<(), String> {
+    let Some(ScenarioLink { rates, queue_bytes, bytes }) = facts.scenario.link else {
+        return Ok(());
+    };
+    // In billionths of bits: what a direction would carry until it is free.
+    let mut busy = [0_u128; 2];
+    let share = |bytes| u128::from(bytes) * 8_000_000_000;
+    for sent in &facts.played.log.link {
+        let way = sent.direction as usize;
+        let (rate, len) = (u128::from(rates[way]), share(bytes[way] as u64));
+        let passed = u128::from(sent.at) * rate;
+        let waiting = busy[way].saturating_sub(passed);
+        let has_room = waiting == 0 || waiting + len <= share(queue_bytes);
+        let through = if has_room {
+            busy[way] = busy[way].max(passed) + len;
+            u64::try_from(busy[way].div_ceil(rate)).unwrap_or(u64::MAX)
+        } else {
+            sent.at
+        };
+        let Some(end) = sent.end else { continue };
+        let latest = through + TICK + facts.played.log.stalled(through, end.0);
+        let is_due = (through..=latest).contains(&end.0);
+        ensure(end.1 == has_room && is_due, || {
+            format!("the link ended {sent:?}, which is through at {through}: {has_room}")
+        })?;
+    }
+    Ok(())
 }
 
 /// D9.

@@ -206,7 +206,7 @@ pub(crate) fn failures(facts: &Facts<'_>) -> Result<(), String> {
             let panics = matches!(
                 act.map(|act| act.result),
                 Some(CallResult::Panics | CallResult::PanicsAtOnce | CallResult::PanickingResponse)
-            );
+            ) && !call.has_no_room;
             let reported = if panics { format!("it panicked: {reported}") } else { reported };
             ensure(**why == *reported, || {
                 format!("{p} fails {} with {why:?}, not {reported:?}", read.t)

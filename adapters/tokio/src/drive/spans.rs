@@ -1,0 +1,163 @@
+//! A span for each message, and below it one for each call and for local's computation, with the attributes that `fuseline
+//! convert` reads of OpenTelemetry's spans.
+
+use std::time::Duration;
+
+use fuseline_engine::{Ending, Forwarded, Item, Lineage, StampedValue};
+use rustc_hash::FxHashMap;
+use tracing::field::Empty;
+use tracing::{Span, debug_span};
+
+use crate::Error;
+
+/// The spans of the open messages, if anybody wants them.
+#[derive(Default)]
+pub(super) struct MessageSpans {
+    open: FxHashMap<u64, Span>,
+    /// Of requests whose results do not come by a call, by priority and timestamp.
+    away: FxHashMap<(u16, u64), CallSpan>,
+}
+
+/// A call's span. One that is dropped without an end was ended by its caller.
+pub(super) struct CallSpan {
+    span: Span,
+    has_ended: bool,
+}
+
+impl MessageSpans {
+    /// A message was taken on; `deadline` is local's.
+    pub(super) fn open(
+        &mut self,
+        operator: &str,
+        timestamp: u64,
+        deadline: Option<Duration>,
+        lineage: Option<&Lineage>,
+    ) {
+        let origin = lineage.and_then(|lineage| lineage.origin.as_ref());
+        // A trace of its own: the operator's span ends with the operator.
+        let span = debug_span!(
+            parent: None,
+            "message",
+            operator,
+            fuseline.t = int(timestamp),
+            fuseline.deadline = deadline.map(nanos),
+            fuseline.within = lineage.and_then(|lineage| lineage.within).map(nanos),
+            fuseline.origin = origin.map(|origin| &*origin.stream),
+            fuseline.seq = origin.and_then(|origin| origin.seq).map(int),
+            fuseline.by = Empty,
+            fuseline.of = Empty,
+            fuseline.ended = Empty,
+            otel.status_code = Empty,
+        );
+        if !span.is_disabled() {
+            self.open.insert(timestamp, span);
+        }
+    }
+
+    /// A request is sent, or local's computation begins.
+    pub(super) fn begin(&self, (priority, timestamp): (u16, u64), deadline: Duration) -> CallSpan {
+        let parent = self.open.get(&timestamp).and_then(Span::id);
+        let is_remote = priority > 0;
+        let span = debug_span!(
+            parent: parent,
+            "call",
+            priority,
+            timestamp,
+            fuseline.p = i64::from(priority),
+            fuseline.deadline = is_remote.then(|| nanos(deadline)),
+            fuseline.of = Empty,
+            fuseline.ended = Empty,
+            otel.kind = if is_remote { "client" } else { "internal" },
+            otel.status_code = Empty,
+        );
+        CallSpan { span, has_ended: false }
+    }
+
+    /// The result of this request comes otherwise than by a call.
+    pub(super) fn wait(&mut self, key: (u16, u64), span: CallSpan) {
+        if !span.span.is_disabled() {
+            self.away.insert(key, span);
+        }
+    }
+
+    /// It came.
+    pub(super) fn complete<V>(&mut self, key: (u16, u64), result: &Result<StampedValue<V>, Error>) {
+        if let Some(mut span) = self.away.remove(&key) {
+            span.end(result);
+        }
+    }
+
+    /// It is not awaited any more.
+    pub(super) fn abort(&mut self, key: (u16, u64)) {
+        self.away.remove(&key);
+    }
+
+    /// An item is sent.
+    pub(super) fn item<V>(&mut self, item: &Item<V>) {
+        if !item.is_last() {
+            return;
+        }
+        let Some(span) = self.open.remove(&item.timestamp) else { return };
+        self.abort((0, item.timestamp));
+        match &item.ending {
+            Ending::Forwarded(Forwarded { source, of, .. }) => {
+                span.record("fuseline.by", i64::from(source.priority));
+                span.record("fuseline.of", of.map(int));
+            }
+            Ending::Final(source) => {
+                span.record("fuseline.by", i64::from(source.priority));
+            }
+            Ending::Missed => {
+                span.record("otel.status_code", "ERROR");
+            }
+            Ending::Preliminary(_) | Ending::Refused(_) => {}
+        }
+    }
+}
+
+/// The run ends before these messages.
+impl Drop for MessageSpans {
+    fn drop(&mut self) {
+        for span in self.open.values() {
+            span.record("fuseline.ended", "stopped");
+        }
+    }
+}
+
+impl CallSpan {
+    pub(super) const fn span(&self) -> &Span {
+        &self.span
+    }
+
+    pub(super) fn end<V>(&mut self, result: &Result<StampedValue<V>, Error>) {
+        match result {
+            Ok(value) => {
+                self.has_ended = true;
+                self.span.record("fuseline.of", value.of.map(int));
+            }
+            Err(_) => self.fail(),
+        }
+    }
+
+    pub(super) fn fail(&mut self) {
+        self.has_ended = true;
+        self.span.record("otel.status_code", "ERROR");
+    }
+}
+
+impl Drop for CallSpan {
+    fn drop(&mut self) {
+        if !self.has_ended {
+            self.span.record("fuseline.ended", "aborted");
+        }
+    }
+}
+
+/// OpenTelemetry has no unsigned numbers.
+fn int(number: u64) -> i64 {
+    i64::try_from(number).unwrap_or(i64::MAX)
+}
+
+fn nanos(duration: Duration) -> i64 {
+    i64::try_from(duration.as_nanos()).unwrap_or(i64::MAX)
+}
