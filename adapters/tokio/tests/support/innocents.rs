@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use fuseline_testkit::Rng;
+use futures_util::future::join_all;
 use tokio::time::{Instant, sleep};
 
 use crate::memory::{CallEnd, CallPlan, Visitor};
@@ -20,6 +21,10 @@ const UNITS: [(&str, u64, u64); 6] = [
     ("u", 1_000, 90_000_000),
     ("n", 1, 99_999_999),
 ];
+
+/// None, the longest, and what cannot be read.
+const NO_DEADLINES: [Option<&str>; 6] =
+    [None, Some("99999999H"), Some("1"), Some("S"), Some("1x"), Some("123456789m")];
 
 /// Makes calls and rests until all others are done too; what went wrong, if something did.
 pub(crate) async fn stay(here: &Neighbourhood, visitor: &Visitor, rng: Rng) -> Option<String> {
@@ -41,17 +46,23 @@ async fn visit(here: &Neighbourhood, visitor: &Visitor, mut rng: Rng) -> Option<
     let bounds = here.bounds;
     while Instant::now() < here.until {
         let mut before = 3 * SECOND;
-        if rng.u8(0..6) == 0 {
-            take_back(here, visitor).await;
-        } else {
-            let (plan, expected) = draw(here, &mut rng);
-            if plan.read_pause > Duration::ZERO {
-                // For the server the call ended when the last bytes were on their way.
-                before = bounds.stall;
+        match rng.u8(0..8) {
+            0 => take_back(here, visitor).await,
+            1 => {
+                if let Some(wrong) = hurry(here, visitor).await {
+                    return Some(wrong);
+                }
             }
-            match visitor.call(&plan).await {
-                Ok(end) if is_as_expected(&plan, &end, &expected) => {}
-                end => return Some(format!("{plan:?}: {end:?}, expected {expected:?}")),
+            _ => {
+                let (plan, expected) = draw(here, &mut rng);
+                if plan.read_pause > Duration::ZERO {
+                    // For the server the call ended when the last bytes were on their way.
+                    before = bounds.stall;
+                }
+                match visitor.call(&plan).await {
+                    Ok(end) if is_as_expected(&plan, &end, &expected) => {}
+                    end => return Some(format!("{plan:?}: {end:?}, expected {expected:?}")),
+                }
             }
         }
         let rest = match rng.u8(0..3) {
@@ -89,6 +100,17 @@ async fn take_back(here: &Neighbourhood, visitor: &Visitor) {
     sleep(SECOND).await;
 }
 
+/// More calls at once than may be taken back in a second: each is answered.
+async fn hurry(here: &Neighbourhood, visitor: &Visitor) -> Option<String> {
+    for turn in 0..=here.bounds.resets / here.bounds.calls {
+        let calls = (0..here.bounds.calls).map(|_| here.answers(visitor));
+        if !join_all(calls).await.into_iter().all(|is_answered| is_answered) {
+            return Some(format!("in turn {turn} a call among several is not answered"));
+        }
+    }
+    None
+}
+
 /// A call, and how it must end.
 fn draw(here: &Neighbourhood, rng: &mut Rng) -> (CallPlan, CallEnd) {
     let (bounds, mut plan) = (here.bounds, here.plain());
@@ -103,7 +125,8 @@ fn draw(here: &Neighbourhood, rng: &mut Rng) -> (CallPlan, CallEnd) {
         0 => {}
         1 => {
             plan.compute = bounds.idle + Duration::from_secs(rng.u64(1..600));
-            plan.timeout = Some("99999999H".into());
+            // What is no deadline, or a very long one, ends nothing.
+            plan.timeout = NO_DEADLINES[rng.index(NO_DEADLINES.len())].map(str::to_owned);
             end.took = plan.compute;
         }
         // In time, and late.

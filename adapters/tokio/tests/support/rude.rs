@@ -39,12 +39,14 @@ pub(crate) enum StrangerKind {
     Garbage,
     /// Is gone with a call under way.
     Vanishes,
+    /// Falls silent after a call, without an end of its connection.
+    Dead,
     /// The system has no descriptor for it.
     NoDescriptor,
 }
 
 impl StrangerKind {
-    const ALL: [Self; 10] = [
+    const ALL: [Self; 11] = [
         Self::Mute,
         Self::Unknown,
         Self::Crowd,
@@ -54,6 +56,7 @@ impl StrangerKind {
         Self::Idles,
         Self::Garbage,
         Self::Vanishes,
+        Self::Dead,
         Self::NoDescriptor,
     ];
 
@@ -92,6 +95,7 @@ pub(crate) async fn come(
             check(end(&mut socket, here.bounds.idle).await, Duration::ZERO)
         }
         StrangerKind::Vanishes => vanishes(here, from, rng).await,
+        StrangerKind::Dead => dead(here, from).await,
         StrangerKind::NoDescriptor => {
             for _ in 0..rng.u8(1..20) {
                 here.server.fail_to_accept();
@@ -251,4 +255,29 @@ async fn vanishes(here: &Neighbourhood, from: IpAddr, rng: &mut Rng) -> Option<S
     sleep(SECOND).await;
     visitor.connection.abort();
     None
+}
+
+/// The server pings it, and closes what does not answer long before it counts as idle.
+async fn dead(here: &Neighbourhood, from: IpAddr) -> Option<String> {
+    let (send, mut connection) = h2::client::handshake(here.server.connect(from)).await.ok()?;
+    let mut send = send.ready().await.ok()?;
+    let plan = here.plain();
+    let (answer, mut body) = send.send_request(plan.head(), false).ok()?;
+    body.send_data(plan.body(), true).ok()?;
+    let call = async {
+        let mut reply = answer.await.ok()?.into_body();
+        while let Some(Ok(data)) = reply.data().await {
+            let _ = reply.flow_control().release_capacity(data.len());
+        }
+        reply.trailers().await.ok()
+    };
+    let trailers = tokio::select! {
+        trailers = call => trailers,
+        ended = &mut connection => return Some(format!("{ended:?}")),
+    };
+    // Nothing is read or written meanwhile.
+    sleep(45 * SECOND).await;
+    let is_closed = timeout(SECOND, connection).await.is_ok();
+    let wrong = (!is_closed).then(|| "a dead client has its place".to_owned());
+    wrong.or(trailers.is_none().then(|| "its call failed".to_owned()))
 }
