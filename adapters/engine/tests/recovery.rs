@@ -102,9 +102,9 @@ fn after_any_disturbance_all_gauges_are_zero_and_a_message_is_served_as_the_firs
                 _ => {}
             }
         }
-        // Every source ends what it began, if late.
+        // Local ends what it began, if late; clouds do not.
+        let mut ended = vec![(0, first)];
         loop {
-            let mut ended = Vec::new();
             while let Some(effect) = engine.next_effect() {
                 if let Effect::Start { priority, timestamp, .. } = effect {
                     ended.push((priority, timestamp));
@@ -116,7 +116,7 @@ fn after_any_disturbance_all_gauges_are_zero_and_a_message_is_served_as_the_firs
                 None => {}
             }
             engine.tick(at);
-            for (priority, t) in ended.into_iter().filter(|(priority, _)| *priority == 0) {
+            for (priority, t) in ended.drain(..).filter(|(priority, _)| *priority == 0) {
                 at += 500;
                 engine.tick(at);
                 engine.result(at, t, priority, "local's");

@@ -6,8 +6,8 @@ use fuseline_testkit::Rng;
 use futures_util::future::join_all;
 use tokio::time::{Instant, sleep};
 
-use crate::memory::{CallEnd, CallPlan, Visitor};
-use crate::visitors::{Neighbourhood, SECOND};
+use super::memory::{CallEnd, CallPlan, Visitor};
+use super::visitors::{Neighbourhood, SECOND};
 
 /// How much later than planned an answer may come: each timer rounds up to a millisecond.
 const ROUNDING: Duration = Duration::from_millis(20);

@@ -9,8 +9,8 @@ use futures_util::future::join_all;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
 use tokio::time::{Instant, sleep, timeout};
 
-use crate::memory::CallPlan;
-use crate::visitors::{Neighbourhood, SECOND};
+use super::memory::CallPlan;
+use super::visitors::{Neighbourhood, SECOND};
 
 /// How many more than may come at once.
 pub(crate) const BEYOND: usize = 3;
@@ -126,7 +126,7 @@ async fn mute(here: &Neighbourhood, from: IpAddr, rng: &mut Rng) -> Option<Strin
     if pinging == 3 {
         let (send, mut connection) = h2::client::handshake(here.server.connect(from)).await.ok()?;
         let mut pings = connection.ping_pong()?;
-        let visitor = crate::memory::Visitor { send, connection: tokio::spawn(connection) };
+        let visitor = super::memory::Visitor { send, connection: tokio::spawn(connection) };
         let pings = async move {
             while pings.ping(h2::Ping::opaque()).await.is_ok() {
                 sleep(SECOND).await;
@@ -183,7 +183,7 @@ async fn stalls(here: &Neighbourhood, from: IpAddr, takes_others: bool) -> Optio
     let mut builder = h2::client::Builder::new();
     builder.initial_connection_window_size(10 * 1024 * 1024);
     let (send, connection) = builder.handshake(here.server.connect(from)).await.ok()?;
-    let visitor = crate::memory::Visitor { send, connection: tokio::spawn(connection) };
+    let visitor = super::memory::Visitor { send, connection: tokio::spawn(connection) };
     let plan = CallPlan { reply: 300_000, ..here.plain() };
     let mut send = visitor.send.clone().ready().await.ok()?;
     let (answer, mut body) = send.send_request(plan.head(), false).ok()?;

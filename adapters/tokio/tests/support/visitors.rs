@@ -15,9 +15,9 @@ use tokio::runtime::Handle;
 use tokio::task::LocalSet;
 use tokio::time::{Instant, sleep};
 
-use crate::innocents::stay;
-use crate::memory::{CallPlan, CapturedLog, MemoryServer, Visitor};
-use crate::rude::{StrangerKind, come};
+use super::innocents::stay;
+use super::memory::{CallPlan, CapturedLog, MemoryServer, Visitor};
+use super::rude::{StrangerKind, come};
 
 pub(crate) const SECOND: Duration = Duration::from_secs(1);
 
@@ -210,7 +210,7 @@ async fn recovered(
     let guests = join_all((0..=each).map(|_| here.server.visit(from))).await;
     sleep(SECOND).await;
     expect(guests.iter().filter(|guest| guest.is_open()).count() == each, "one was to be closed");
-    let crowded = crowds * crate::rude::BEYOND + usize::from(STRANGERS) + 1;
+    let crowded = crowds * super::rude::BEYOND + usize::from(STRANGERS) + 1;
     let logged = logged(&log.text(), "its address has as many connections as it may");
     expect(logged == crowded, &format!("{crowded} were too many, the log says {logged}"));
     drop(guests);
