@@ -157,3 +157,37 @@ fn a_last_tick_decides_nothing() {
     let lines = ended(Some(Duration::from_nanos(81)));
     assert_eq!(lines.last().unwrap(), r#"{"ev":"tick","at":90}"#);
 }
+
+/// D10: what came while the disk was too slow is missing, and each reader of the trace's state is told so.
+#[test]
+fn a_disk_that_is_too_slow_ends_the_trace_and_the_end_says_so() {
+    let (_folder, path) = folder();
+    assert!(Command::new("mkfifo").arg(&path).status().unwrap().success());
+    // A pipe of which nothing is read at first, as a disk that takes no more for now.
+    let (read_on, may_read) = std::sync::mpsc::channel::<()>();
+    let slow = path.clone();
+    let reader = thread::spawn(move || {
+        let mut pipe = fs::File::open(slow).unwrap();
+        may_read.recv().unwrap();
+        let mut all = Vec::new();
+        std::io::Read::read_to_end(&mut pipe, &mut all).unwrap();
+        all
+    });
+    let mut engine = engine(&path, Recording::default());
+    let counts = engine.counts();
+    let mut t = 0;
+    while counts.tally().unrecorded.is_none() {
+        answer(&mut engine, t);
+        t += 1;
+        assert!(t < 1_000_000, "a million messages wait for the disk");
+    }
+    read_on.send(()).unwrap();
+    // Later ones would leave a gap.
+    for later in t..t + 100 {
+        answer(&mut engine, later);
+    }
+    assert_eq!(engine.finish().unwrap_err().to_string(), "the disk is too slow for the trace");
+    assert_eq!(counts.tally().unrecorded.as_deref(), Some("the disk is too slow"));
+    let verdict = judge("trace", &reader.join().unwrap()[..]).unwrap();
+    assert!(verdict.conforms && verdict.judged > 100, "{verdict}");
+}

@@ -37,7 +37,7 @@ pub use failure::CallError;
 pub use handle::{infer, unary};
 pub use infer::{Description, Infer, InferClient, InferServer, Reply, Request, RequestLineage};
 pub use remote::{Connection, Identity, Remote, RemoteError};
-pub use server::{Bounds, ServeError, Server, serve};
+pub use server::{Bounds, ServeError, Server, serve, serve_with_incoming};
 pub use token::{InvalidToken, Token};
 /// The gRPC library, for your own clients and services.
 pub use tonic;

@@ -9,6 +9,7 @@ mod play;
 mod replay;
 mod saved_seeds;
 mod scenario;
+mod servers;
 mod shrink;
 mod simulator;
 mod value;
@@ -20,4 +21,5 @@ pub use scenario::{
     CallResult, Disk, Finish, MessageScript, OfferAction, OnBoard, ReaderPlan, Scenario,
     ScenarioCloud, SourceAction,
 };
+pub use servers::server_findings;
 pub use simulator::{Simulated, Simulator};

@@ -11,10 +11,15 @@ mod tls;
 #[path = "server/without_tls.rs"]
 mod tls;
 
+use std::io;
+use std::net::SocketAddr;
+use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
 
+use futures_util::{Stream, StreamExt, stream};
 use thiserror::Error;
+use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpListener;
 use tokio::sync::watch;
 use tokio::task::JoinSet;
@@ -72,6 +77,28 @@ pub async fn serve(
     listener: TcpListener,
     until: impl Future<Output = ()>,
 ) -> Result<(), ServeError> {
+    let incoming = stream::unfold(listener, async |listener| {
+        let accepted = listener.accept().await.inspect(|(socket, _)| {
+            let _ = socket.set_nodelay(true);
+        });
+        Some((accepted, listener))
+    });
+    serve_with_incoming(infer, server, incoming, until).await
+}
+
+/// As [`serve`], on connections of any kind, each with the address that it counts for; ends with `incoming` too.
+///
+/// # Errors
+/// If certificates cannot be used.
+pub async fn serve_with_incoming<S>(
+    infer: impl Infer,
+    server: Server,
+    incoming: impl Stream<Item = io::Result<(S, SocketAddr)>>,
+    until: impl Future<Output = ()>,
+) -> Result<(), ServeError>
+where
+    S: AsyncRead + AsyncWrite + Send + Unpin + 'static,
+{
     let tls = tls::acceptor(server.identity.as_ref(), server.client_ca.as_deref())?;
     let limits = Arc::new(ServerLimits::new(server.bounds));
     let (close, closing) = watch::channel(());
@@ -83,24 +110,28 @@ pub async fn serve(
         closing,
     };
     let mut guests = JoinSet::new();
-    let mut until = std::pin::pin!(until);
-    loop {
-        tokio::select! {
-            () = &mut until => break,
-            accepted = listener.accept() => match accepted {
-                Ok((socket, peer)) => match limits.permit(peer.ip()) {
-                    Ok(permit) => drop(guests.spawn(connection_handler.clone().host(socket, peer, permit))),
-                    Err(why) => limits.log(peer, &why),
+    {
+        let (mut until, mut incoming) = (pin!(until), pin!(incoming));
+        loop {
+            tokio::select! {
+                () = &mut until => break,
+                accepted = incoming.next() => match accepted {
+                    Some(Ok((socket, peer))) => match limits.permit(peer.ip()) {
+                        Ok(permit) => {
+                            guests.spawn(connection_handler.clone().host(socket, peer, permit));
+                        }
+                        Err(why) => limits.log(peer, &why),
+                    },
+                    Some(Err(error)) => {
+                        warn!(%error, "no connection can be taken on");
+                        tokio::time::sleep(BREATH).await;
+                    }
+                    None => break,
                 },
-                Err(error) => {
-                    warn!(%error, "no connection can be taken on");
-                    tokio::time::sleep(BREATH).await;
-                }
-            },
-            Some(_) = guests.join_next() => {}
+                Some(_) = guests.join_next() => {}
+            }
         }
     }
-    drop(listener);
     let _ = close.send(());
     while guests.join_next().await.is_some() {}
     Ok(())

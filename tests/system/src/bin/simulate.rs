@@ -12,6 +12,7 @@ use std::time::{Duration, Instant};
 use clap::Parser;
 use fuseline_system_tests::simulate::{
     Finding, KeptSeed, Scenario, Simulated, Simulator, graph_findings, saved_seeds,
+    server_findings,
 };
 use fuseline_testkit::Rng;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -41,11 +42,14 @@ struct Cli {
     /// Play the graph of operators of this seed alone.
     #[arg(long, value_name = "N", conflicts_with = "seed")]
     graph: Option<u64>,
-    /// The first of the fresh seeds; by chance if not given.
+    /// Play the gRPC server of this seed alone.
     #[arg(long, value_name = "N", conflicts_with_all = ["seed", "graph"])]
+    server: Option<u64>,
+    /// The first of the fresh seeds; by chance if not given.
+    #[arg(long, value_name = "N", conflicts_with_all = ["seed", "graph", "server"])]
     from: Option<u64>,
     /// Play so many fresh seeds instead of for some time.
-    #[arg(long, value_name = "N", conflicts_with_all = ["seed", "graph", "seconds"])]
+    #[arg(long, value_name = "N", conflicts_with_all = ["seed", "graph", "server", "seconds"])]
     runs: Option<u64>,
     /// Write the trace of the seed to this file.
     #[arg(long, value_name = "FILE", requires = "seed")]
@@ -61,6 +65,8 @@ struct Sum {
     runs: u64,
     /// Graphs of operators among them.
     graphs: u64,
+    /// gRPC servers among them.
+    servers: u64,
     messages: u64,
     /// Seconds of virtual time.
     lived: f64,
@@ -85,6 +91,8 @@ struct Failed {
 
 /// After so many runs of one operator comes a graph of several.
 const RUNS_BEFORE_GRAPH: u64 = 64;
+/// And after so many a server, which takes as long as some hundred of them.
+const RUNS_BEFORE_SERVER: u64 = 1024;
 /// A run that takes longer hangs: none takes more than a second.
 const HANGS: Duration = Duration::from_secs(120);
 
@@ -112,10 +120,11 @@ fn main() -> ExitCode {
     // Where the system refuses a handler, Ctrl-C ends the command as it does otherwise.
     let _ = ctrlc::set_handler(|| STOP.store(true, Ordering::Release));
     thread::spawn(watch);
-    let done = match (cli.seed, cli.graph) {
-        (Some(seed), _) => replay(&cli, seed),
-        (None, Some(seed)) => replay_graph(seed),
-        (None, None) => search(&cli),
+    let done = match (cli.seed, cli.graph, cli.server) {
+        (Some(seed), ..) => replay(&cli, seed),
+        (None, Some(seed), _) => replay_drawn(Drawn::Graph, seed),
+        (None, None, Some(seed)) => replay_drawn(Drawn::Server, seed),
+        (None, None, None) => search(&cli),
     };
     match done.and_then(|sum| report(&cli, &sum)) {
         Ok(code) => code,
@@ -148,9 +157,9 @@ fn replay(cli: &Cli, seed: u64) -> io::Result<Sum> {
     Ok(sum)
 }
 
-fn replay_graph(seed: u64) -> io::Result<Sum> {
+fn replay_drawn(drawn: Drawn, seed: u64) -> io::Result<Sum> {
     let (mut sum, start) = (Sum::default(), Instant::now());
-    play_graph(seed, &mut sum)?;
+    play_drawn(drawn, seed, &mut sum)?;
     sum.end(start);
     Ok(sum)
 }
@@ -160,7 +169,7 @@ fn search(cli: &Cli) -> io::Result<Sum> {
     let simulator = Simulator::new()?;
     let from = cli.from.unwrap_or_else(by_chance);
     let (start, bar) = (Instant::now(), bar(cli));
-    let mut sum = Sum { seeds: Some((from, from)), ..Sum::default() };
+    let (mut sum, mut played) = (Sum { seeds: Some((from, from)), ..Sum::default() }, 0_u64);
     let saved_seeds = saved_seeds().into_iter().map(|KeptSeed { seed, .. }| (seed, false));
     let fresh = (0..).map(|next: u64| (from.wrapping_add(next), true));
     for (seed, is_fresh) in saved_seeds.chain(fresh) {
@@ -177,8 +186,15 @@ fn search(cli: &Cli) -> io::Result<Sum> {
         if is_fresh {
             sum.seeds = Some((from, seed.wrapping_add(1)));
         }
-        if run.findings.is_empty() && sum.runs.is_multiple_of(RUNS_BEFORE_GRAPH) {
-            play_graph(seed, &mut sum)?;
+        if run.findings.is_empty() {
+            played += 1;
+            for (drawn, every) in
+                [(Drawn::Graph, RUNS_BEFORE_GRAPH), (Drawn::Server, RUNS_BEFORE_SERVER)]
+            {
+                if sum.failed.is_none() && played % every == 0 {
+                    play_drawn(drawn, seed, &mut sum)?;
+                }
+            }
             if sum.failed.is_some() {
                 sum.end(start);
                 break;
@@ -212,15 +228,28 @@ fn play(simulator: &Simulator, scenario: &Scenario, sum: &mut Sum) -> io::Result
     Ok(run)
 }
 
-/// Plays the graph of a seed.
-fn play_graph(seed: u64, sum: &mut Sum) -> io::Result<()> {
+/// What is drawn beside runs of one operator.
+#[derive(Clone, Copy)]
+enum Drawn {
+    Graph,
+    Server,
+}
+
+/// Plays the graph or the server of a seed.
+fn play_drawn(drawn: Drawn, seed: u64, sum: &mut Sum) -> io::Result<()> {
     NOW[0].store(seed, Ordering::Release);
     NOW[1].fetch_add(1, Ordering::AcqRel);
-    let findings = graph_findings(seed)?;
+    let (check, findings) = match drawn {
+        Drawn::Graph => ("graph", graph_findings(seed)?),
+        Drawn::Server => ("server", server_findings(seed)?),
+    };
     sum.runs += 1;
-    sum.graphs += 1;
+    match drawn {
+        Drawn::Graph => sum.graphs += 1,
+        Drawn::Server => sum.servers += 1,
+    }
     if !findings.is_empty() {
-        let (check, smallest) = ("graph", String::new());
+        let smallest = String::new();
         sum.failed = Some(Failed { seed, check, what: findings.join("; "), smallest });
     }
     Ok(())
@@ -253,16 +282,16 @@ fn report(cli: &Cli, sum: &Sum) -> io::Result<ExitCode> {
             if !smallest.is_empty() {
                 writeln!(out, "\na smallest run that breaks it:\n{smallest}")?;
             }
-            let option = if *check == "graph" { "graph" } else { "seed" };
+            let option = if ["graph", "server"].contains(check) { check } else { "seed" };
             writeln!(out, "again: fuseline-simulate --{option} {seed}")?;
         }
         if let Some((first, end)) = sum.seeds.filter(|(first, end)| first != end) {
             writeln!(out, "fresh seeds {first} to {}", end.wrapping_sub(1))?;
         }
-        let Sum { runs, graphs, messages, lived, took, rate, .. } = sum;
+        let Sum { runs, graphs, servers, messages, lived, took, rate, .. } = sum;
         writeln!(
             out,
-            "{runs} runs, {graphs} of graphs, {messages} messages, {lived:.0} s of life in {took:.1} s: {rate:.0} messages a second"
+            "{runs} runs, {graphs} of graphs, {servers} of servers, {messages} messages, {lived:.0} s of life in {took:.1} s: {rate:.0} messages a second"
         )?;
     }
     Ok(match (&sum.failed, sum.interrupted) {

@@ -26,7 +26,7 @@ pub struct Bounds {
     /// How long a connection may take from the first byte, TLS included, to the first call that is accepted;
     /// 10 s by default. After that it is closed.
     pub greeting: Duration,
-    /// How long a request may take to come whole, and a reply may wait without a byte of it being taken;
+    /// How long a request may take to come whole, and a reply may wait until its next 64 KiB are taken;
     /// 30 s by default. Then the request fails with `DEADLINE_EXCEEDED`, and the connection of the reply is closed.
     pub stall: Duration,
     /// How long a connection may be without a call; 5 minutes by default. After that it is closed;

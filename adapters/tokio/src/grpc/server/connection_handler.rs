@@ -15,7 +15,6 @@ use hyper::server::conn::http2::Builder;
 use hyper::service::service_fn;
 use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
 use tokio::io::{AsyncRead, AsyncWrite};
-use tokio::net::TcpStream;
 use tokio::sync::watch;
 use tokio::time::{Instant, timeout};
 use tonic::Status;
@@ -65,8 +64,12 @@ impl<T> Clone for ConnectionHandler<T> {
 
 impl<T: Infer> ConnectionHandler<T> {
     /// Serves a connection until it ends, and logs why if it had to be closed.
-    pub(crate) async fn host(self, socket: TcpStream, peer: SocketAddr, permit: ConnectionPermit) {
-        let _ = socket.set_nodelay(true);
+    pub(crate) async fn host(
+        self,
+        socket: impl AsyncRead + AsyncWrite + Send + Unpin + 'static,
+        peer: SocketAddr,
+        permit: ConnectionPermit,
+    ) {
         let (limits, mut closing) = (Arc::clone(&self.limits), self.closing.clone());
         let since = Instant::now();
         let greeted = async {

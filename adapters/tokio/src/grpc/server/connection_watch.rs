@@ -2,9 +2,10 @@
 //!
 //! Whoever serves the connection reports to it what the connection does; the bounds are the server's.
 
+use std::collections::HashMap;
 use std::net::SocketAddr;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use tokio::sync::Notify;
@@ -19,16 +20,24 @@ pub(crate) struct ConnectionWatch {
     peer: SocketAddr,
     has_called: AtomicBool,
     under_way: AtomicUsize,
-    owed: AtomicUsize,
     activity: Mutex<Activity>,
     too_many: Notify,
 }
 
-/// When something last came to pass, and how many calls were taken back in this second.
+/// When something last came to pass, what was not taken, and how many calls were taken back in this second.
 struct Activity {
     moved: Instant,
     second: Instant,
     resets: u32,
+    /// By their numbers; a reply that is taken must not hide one that is not.
+    unread: HashMap<u64, UnreadReply>,
+    replies: u64,
+}
+
+/// A reply's bytes that lie ready, and when any were taken last.
+struct UnreadReply {
+    bytes: usize,
+    since: Instant,
 }
 
 impl ConnectionWatch {
@@ -38,8 +47,13 @@ impl ConnectionWatch {
             peer,
             has_called: AtomicBool::new(false),
             under_way: AtomicUsize::new(0),
-            owed: AtomicUsize::new(0),
-            activity: Mutex::new(Activity { moved: now, second: now, resets: 0 }),
+            activity: Mutex::new(Activity {
+                moved: now,
+                second: now,
+                resets: 0,
+                unread: HashMap::new(),
+                replies: 0,
+            }),
             too_many: Notify::new(),
         }
     }
@@ -50,17 +64,26 @@ impl ConnectionWatch {
         status
     }
 
-    /// So many bytes of a reply lie ready.
-    pub(crate) fn owe(&self, bytes: usize) {
-        if self.owed.fetch_add(bytes, Ordering::Relaxed) == 0 {
-            self.moved();
-        }
+    /// So many bytes of a reply lie ready; returns its number.
+    pub(crate) fn owe(&self, bytes: usize) -> u64 {
+        let (mut activity, now) = (self.activity(), Instant::now());
+        activity.replies += 1;
+        let reply = activity.replies;
+        activity.unread.insert(reply, UnreadReply { bytes, since: now });
+        reply
     }
 
-    /// So many were taken, or are no longer wanted.
-    pub(crate) fn paid(&self, bytes: usize) {
-        self.owed.fetch_sub(bytes, Ordering::Relaxed);
-        self.moved();
+    /// So many of a reply's bytes were taken, or are no longer wanted.
+    pub(crate) fn paid(&self, reply: u64, bytes: usize) {
+        let (mut activity, now) = (self.activity(), Instant::now());
+        activity.moved = now;
+        if let Some(unread) = activity.unread.get_mut(&reply) {
+            unread.since = now;
+            unread.bytes -= bytes;
+            if unread.bytes == 0 {
+                activity.unread.remove(&reply);
+            }
+        }
     }
 
     /// A call began.
@@ -80,12 +103,16 @@ impl ConnectionWatch {
     }
 
     fn moved(&self) {
-        self.activity.lock().unwrap_or_else(PoisonError::into_inner).moved = Instant::now();
+        self.activity().moved = Instant::now();
+    }
+
+    fn activity(&self) -> MutexGuard<'_, Activity> {
+        self.activity.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// The client no longer wants a call that is not answered.
     pub(crate) fn taken_back(&self) {
-        let mut activity = self.activity.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut activity = self.activity();
         let now = Instant::now();
         if now.duration_since(activity.second) >= Duration::from_secs(1) {
             (activity.second, activity.resets) = (now, 0);
@@ -100,16 +127,18 @@ impl ConnectionWatch {
     pub(crate) async fn expired(&self) -> RejectReason {
         loop {
             let bounds = self.limits.bounds;
-            let (has_unread, calls) =
-                (self.owed.load(Ordering::Relaxed) > 0, self.under_way.load(Ordering::Relaxed) > 0);
-            let (patience, why) = match (self.has_called.load(Ordering::Relaxed), has_unread) {
-                (false, _) => (bounds.greeting, RejectReason::Mute),
-                (true, true) => (bounds.stall, RejectReason::Unread),
-                (true, false) => (bounds.idle, RejectReason::Idle),
+            let calls = self.under_way.load(Ordering::Relaxed) > 0;
+            let (moved, unread) = {
+                let activity = self.activity();
+                (activity.moved, activity.unread.values().map(|reply| reply.since).min())
             };
-            let moved = self.activity.lock().unwrap_or_else(PoisonError::into_inner).moved;
-            let remaining = patience.saturating_sub(moved.elapsed());
-            if remaining.is_zero() && (has_unread || !calls) {
+            let (since, patience, why) = match (self.has_called.load(Ordering::Relaxed), unread) {
+                (false, _) => (moved, bounds.greeting, RejectReason::Mute),
+                (true, Some(since)) => (since, bounds.stall, RejectReason::Unread),
+                (true, None) => (moved, bounds.idle, RejectReason::Idle),
+            };
+            let remaining = patience.saturating_sub(since.elapsed());
+            if remaining.is_zero() && (unread.is_some() || !calls) {
                 return why;
             }
             // What it waits for changes without a wake-up, so it looks again soon enough for each.

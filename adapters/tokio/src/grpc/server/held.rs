@@ -96,7 +96,7 @@ pub(crate) struct ReplyBody {
 
 impl ReplyBody {
     pub(crate) fn new(body: Body, watch: Arc<ConnectionWatch>) -> Self {
-        let rest = UnsentBytes { bytes: Bytes::new(), watch: Arc::clone(&watch) };
+        let rest = UnsentBytes { bytes: Bytes::new(), reply: 0, watch: Arc::clone(&watch) };
         Self { body, watch, rest }
     }
 }
@@ -131,6 +131,8 @@ impl http_body::Body for ReplyBody {
 /// Bytes of a reply that the client has not taken yet.
 struct UnsentBytes {
     bytes: Bytes,
+    /// Its number for the watch.
+    reply: u64,
     watch: Arc<ConnectionWatch>,
 }
 
@@ -140,13 +142,13 @@ impl UnsentBytes {
             let why = "the server holds as many bytes as it may";
             return Err(watch.refused(Status::resource_exhausted(why)));
         }
-        watch.owe(bytes.len());
-        Ok(Self { bytes, watch: Arc::clone(watch) })
+        let reply = watch.owe(bytes.len());
+        Ok(Self { bytes, reply, watch: Arc::clone(watch) })
     }
 
     fn split(&mut self) -> Self {
         let bytes = self.bytes.split_to(self.bytes.len().min(PIECE));
-        Self { bytes, watch: Arc::clone(&self.watch) }
+        Self { bytes, reply: self.reply, watch: Arc::clone(&self.watch) }
     }
 }
 
@@ -159,6 +161,6 @@ impl AsRef<[u8]> for UnsentBytes {
 impl Drop for UnsentBytes {
     fn drop(&mut self) {
         self.watch.limits.give_back(self.bytes.len());
-        self.watch.paid(self.bytes.len());
+        self.watch.paid(self.reply, self.bytes.len());
     }
 }

@@ -153,3 +153,22 @@ fn network(address: IpAddr) -> IpAddr {
 fn lock<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
     of.lock().unwrap_or_else(PoisonError::into_inner)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// D8: an address that has gone leaves nothing, however many there are of them.
+    #[test]
+    fn after_its_last_connection_nothing_of_an_address_is_left() {
+        let limits = Arc::new(ServerLimits::new(Bounds { connections: 3, ..Bounds::default() }));
+        for host in 0..10_000_u32 {
+            let address = IpAddr::from(host.to_be_bytes());
+            let permits = [(); 3].map(|()| limits.permit(address).expect("there is room"));
+            let full = limits.permit(IpAddr::from([9, 9, 9, 9])).err().map(|why| why.to_string());
+            assert_eq!(full.as_deref(), Some("the server has as many connections as it may"));
+            drop(permits);
+        }
+        assert!(lock(&limits.seats).is_empty());
+    }
+}

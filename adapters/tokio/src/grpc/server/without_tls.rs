@@ -4,8 +4,6 @@ use std::convert::Infallible;
 use std::future::Ready;
 use std::io;
 
-use tokio::net::TcpStream;
-
 use crate::grpc::remote::Identity;
 use crate::grpc::server::ServeError;
 
@@ -14,7 +12,7 @@ use crate::grpc::server::ServeError;
 pub(crate) struct TlsAcceptor(Infallible);
 
 impl TlsAcceptor {
-    pub(crate) fn accept(self, _: TcpStream) -> Ready<io::Result<TcpStream>> {
+    pub(crate) fn accept<S>(self, _: S) -> Ready<io::Result<S>> {
         match self.0 {}
     }
 }

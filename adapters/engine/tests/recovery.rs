@@ -1,0 +1,160 @@
+//! After any disturbance the engine is as before: nothing runs, waits, is due or is shown, and the next message is served.
+
+mod tested;
+
+use std::time::Duration;
+
+use fuseline_engine::{Commit, Effect, Engine, Local, Offer};
+use metrics_util::debugging::{DebugValue, DebuggingRecorder};
+use tested::{Tested, header};
+
+const NS: Duration = Duration::from_nanos(1);
+
+fn engine() -> Tested {
+    let local = Local { at_once: 1, waiting: 2, skip_answered: false, lossy: false };
+    Engine::new(&header(Commit::Eager), &[1, 1], local).unwrap()
+}
+
+fn offer(t: u64) -> [Offer<u64>; 1] {
+    [Offer { priority: 1, deadline: 100 * NS, request: t }]
+}
+
+/// What there is to do, without the requests' order.
+fn started(engine: &mut Tested) -> Vec<(u16, u64)> {
+    let effects = std::iter::from_fn(|| engine.next_effect());
+    effects
+        .filter_map(|effect| match effect {
+            Effect::Start { priority, timestamp, .. } => Some((priority, timestamp)),
+            _ => None,
+        })
+        .collect()
+}
+
+/// D8: a call that lingers ends when it has lingered, though nothing else happens, and the next is as before.
+#[test]
+fn a_call_that_lingers_is_ended_at_its_instant_without_any_other_input() {
+    let mut engine = engine();
+    engine.set_linger(1, 50 * NS);
+    for t in 0..100 {
+        let at = t * 1000;
+        assert!(engine.open(at, t, None, t, offer(t)));
+        engine.result(at + 20, t, 0, "local's");
+        assert_eq!(started(&mut engine), [(0, t), (1, t)]);
+        assert_eq!(engine.next_due(), Some(at + 100));
+        engine.tick(at + 100);
+        assert!(matches!(engine.next_effect(), Some(Effect::Output(_))));
+        assert_eq!(engine.next_due(), Some(at + 150), "it lingers");
+        engine.tick(at + 149);
+        assert!(engine.next_effect().is_none());
+        engine.tick(at + 150);
+        let ended = engine.next_effect();
+        assert!(
+            matches!(ended, Some(Effect::Abort { priority: 1, timestamp }) if timestamp == t),
+            "{t}"
+        );
+        assert_eq!(engine.next_due(), None);
+        assert!(engine.next_effect().is_none() && engine.is_idle());
+    }
+}
+
+/// Long after the first 1024 messages too.
+#[test]
+fn each_late_result_is_a_hint_however_many_messages_there_were() {
+    let mut engine = engine();
+    engine.take_hints();
+    for t in 0..5000 {
+        let at = t * 1000;
+        assert!(engine.open(at, t, None, t, offer(t)));
+        engine.result(at + 20, t, 0, "local's");
+        engine.tick(at + 100);
+        engine.result(at + 130, t, 1, "west's");
+        let hint = std::iter::from_fn(|| engine.next_effect()).find_map(|effect| match effect {
+            Effect::Hint(hint) => Some((hint.timestamp, hint.value, hint.age)),
+            _ => None,
+        });
+        assert_eq!(hint, Some((t, "west's", 130 * NS)));
+    }
+}
+
+/// D8, D11, D13: whatever the sources do.
+#[test]
+fn after_any_disturbance_all_gauges_are_zero_and_a_message_is_served_as_the_first_was() {
+    let recorder = DebuggingRecorder::new();
+    let mut engine = metrics::with_local_recorder(&recorder, engine);
+    engine.set_linger(2, 70 * NS);
+    engine.set_replaceable(1);
+    let offers = |t| [1, 2].map(|priority| Offer { priority, deadline: 100 * NS, request: t });
+    let mut at = 0;
+    for round in 0..300_u64 {
+        // More messages than there is room for, of each of which something else becomes.
+        let first = round * 10;
+        assert!(engine.open(at, first, Some(400 * NS), first, offers(first)));
+        assert_eq!(started(&mut engine), [(0, first), (1, first), (2, first)], "round {round}");
+        for t in first + 1..first + 10 {
+            at += 7;
+            let is_taken_on = engine.open(at, t, Some(400 * NS), t, offers(t));
+            match (round + t) % 6 {
+                0 => engine.fail(at, t, 1, &"on purpose"),
+                1 => engine.result(at, t, 2, "east's"),
+                2 => engine.result(at, t, 1, "west's"),
+                3 => engine.tick(at + 90),
+                4 if is_taken_on => engine.fail(at, t, 0, &"on purpose"),
+                _ => {}
+            }
+        }
+        // Local ends what it began, if late; clouds do not.
+        let mut ended = vec![(0, first)];
+        loop {
+            while let Some(effect) = engine.next_effect() {
+                if let Effect::Start { priority, timestamp, .. } = effect {
+                    ended.push((priority, timestamp));
+                }
+            }
+            match engine.next_due() {
+                Some(due) => at = at.max(due),
+                None if ended.is_empty() => break,
+                None => {}
+            }
+            engine.tick(at);
+            for (priority, t) in ended.drain(..).filter(|(priority, _)| *priority == 0) {
+                at += 500;
+                engine.tick(at);
+                engine.result(at, t, priority, "local's");
+            }
+        }
+        assert!(engine.is_idle() && engine.open_len() == 0);
+        let snapshot = recorder.snapshotter().snapshot().into_vec();
+        for (key, _, _, value) in snapshot {
+            let name = key.key().name();
+            if let DebugValue::Gauge(value) = value
+                && name != "fuseline_deadline_seconds"
+            {
+                assert!(value.0 == 0.0, "{key:?} is {value} after round {round}");
+            }
+        }
+        at += 1000;
+    }
+}
+
+/// D11, D13: computations that hang and those of which nothing comes back.
+#[test]
+fn each_lost_computation_is_metered() {
+    for lossy in [false, true] {
+        let recorder = DebuggingRecorder::new();
+        let local = Local { at_once: 2, waiting: 2, skip_answered: false, lossy };
+        let mut engine: Tested = metrics::with_local_recorder(&recorder, || {
+            Engine::new(&header(Commit::Eager), &[1, 1], local).unwrap()
+        });
+        for t in 0..2 {
+            assert!(engine.open(1000 * t, t, Some(100 * NS), t, []));
+            engine.tick(1000 * t + 500);
+        }
+        assert_eq!(engine.counts().tally().sources[0].lost, 2);
+        let metered = recorder.snapshotter().snapshot().into_vec();
+        let lost = metered.into_iter().find_map(|(key, _, _, value)| {
+            let is_local = key.key().labels().any(|label| label.value() == "local");
+            (key.key().name() == "fuseline_lost_total" && is_local).then_some(value)
+        });
+        assert_eq!(lost, Some(DebugValue::Counter(2)), "lossy: {lossy}");
+    }
+}

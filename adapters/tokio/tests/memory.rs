@@ -1,0 +1,66 @@
+//! Memory after many calls is as it was after some, on one thread and on several.
+
+use std::alloc::System;
+use std::sync::Arc;
+use std::time::Duration;
+
+use cap::Cap;
+use fuseline_tokio::{Call, Config, Error, Items, Local, Operator, Setup, Writer, spawn, stream};
+use tokio::runtime::Builder;
+
+#[global_allocator]
+static ALLOCATED: Cap<System> = Cap::new(System, usize::MAX);
+
+/// Its cloud answers, fails, panics and is too late, by turns.
+struct ChangeableOperator;
+
+impl Operator for ChangeableOperator {
+    type Input = u64;
+    type Output = u64;
+
+    fn setup(self, setup: &mut Setup<u64, u64>) -> Local<u64, u64> {
+        let handle = |message: u64, _: Call| async move {
+            match message % 8 {
+                5 => Err(Error::from("on purpose")),
+                6 => std::future::pending().await,
+                7 => panic!("on purpose"),
+                _ => Ok(message),
+            }
+        };
+        let deadline = Duration::from_millis(2);
+        let cloud = setup.use_cloud(handle, move |message, _| Some((*message, deadline)), Ok, 1);
+        cloud.linger = deadline;
+        setup.use_hints(|_| {});
+        Local::futures(64, |message: Arc<u64>, _| async move { Ok(*message) })
+    }
+}
+
+async fn messages(writer: &mut Writer<u64>, output: &mut Items<u64>, count: u64) {
+    for message in 0..count {
+        writer.write(message).unwrap();
+        output.read().await.unwrap();
+    }
+}
+
+/// D8.
+#[test]
+fn many_calls_leave_no_memory_behind() {
+    std::panic::set_hook(Box::new(|_| {}));
+    for runtime in [Builder::new_current_thread(), Builder::new_multi_thread()].iter_mut() {
+        let runtime = runtime.enable_all().build().unwrap();
+        runtime.block_on(async {
+            let (mut writer, input) = stream(8);
+            let (running, mut output) =
+                spawn(ChangeableOperator, Config::default(), input).unwrap();
+            // What is remembered of the last 1024 messages is there by then.
+            messages(&mut writer, &mut output, 1500).await;
+            let before = ALLOCATED.allocated();
+            messages(&mut writer, &mut output, 3000).await;
+            let more = ALLOCATED.allocated().saturating_sub(before);
+            assert!(more < 3000 * 40, "{more} bytes more after 3000 messages");
+            drop(writer);
+            drop(output);
+            running.join().await.unwrap();
+        });
+    }
+}

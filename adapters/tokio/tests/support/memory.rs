@@ -1,0 +1,236 @@
+//! A server and its clients over streams in memory, so that hours of virtual time take no time.
+
+use std::io;
+use std::net::{IpAddr, SocketAddr};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use bytes::{Bytes, BytesMut};
+use fuseline_tokio::grpc::{Reply, Request, ServeError, Server, serve_with_incoming};
+use futures_util::stream;
+use h2::client::SendRequest;
+use http::HeaderMap;
+use prost::Message;
+use tokio::io::DuplexStream;
+use tokio::sync::{mpsc, oneshot};
+use tokio::task::JoinHandle;
+use tokio::time::{Instant, sleep, timeout};
+
+/// Bytes that are on their way in one direction.
+const WIRE: usize = 16 * 1024;
+
+type Arrival = io::Result<(DuplexStream, SocketAddr)>;
+
+/// A server that computes for as long as a request says, and replies with as many bytes.
+pub(crate) struct MemoryServer {
+    door: mpsc::UnboundedSender<Arrival>,
+    stop: oneshot::Sender<()>,
+    task: JoinHandle<Result<(), ServeError>>,
+    computing: Arc<AtomicUsize>,
+}
+
+/// A computation that runs.
+struct Computing(Arc<AtomicUsize>);
+
+impl Drop for Computing {
+    fn drop(&mut self) {
+        self.0.fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
+impl MemoryServer {
+    pub(crate) fn start(server: Server) -> Self {
+        let (door, arrivals) = mpsc::unbounded_channel();
+        let (stop, stopped) = oneshot::channel();
+        let computing = Arc::new(AtomicUsize::new(0));
+        let counter = Arc::clone(&computing);
+        let infer = move |request: Request| {
+            counter.fetch_add(1, Ordering::Relaxed);
+            let computing = Computing(Arc::clone(&counter));
+            async move {
+                sleep(Duration::from_millis(request.timestamp >> 32)).await;
+                drop(computing);
+                let bytes = usize::try_from(request.timestamp & 0xffff_ffff).unwrap();
+                Ok(Reply { payload: vec![7; bytes].into(), ..Reply::default() })
+            }
+        };
+        let incoming = stream::unfold(arrivals, async |mut arrivals| {
+            arrivals.recv().await.map(|arrival: Arrival| (arrival, arrivals))
+        });
+        let until = async move {
+            let _ = stopped.await;
+        };
+        let task = tokio::spawn(serve_with_incoming(infer, server, incoming, until));
+        Self { door, stop, task, computing }
+    }
+
+    /// The client's end of a new connection.
+    pub(crate) fn connect(&self, from: IpAddr) -> DuplexStream {
+        let (ours, theirs) = tokio::io::duplex(WIRE);
+        self.door.send(Ok((theirs, (from, 4711).into()))).unwrap();
+        ours
+    }
+
+    /// Accepting fails, as when no descriptor is free.
+    pub(crate) fn fail_to_accept(&self) {
+        self.door.send(Err(io::Error::from_raw_os_error(24))).unwrap();
+    }
+
+    pub(crate) async fn visit(&self, from: IpAddr) -> Visitor {
+        let (send, connection) = h2::client::handshake(self.connect(from)).await.unwrap();
+        Visitor { send, connection: tokio::spawn(connection) }
+    }
+
+    /// Computations that run now.
+    pub(crate) fn computing(&self) -> usize {
+        self.computing.load(Ordering::Relaxed)
+    }
+
+    /// Ends it; none if it does not end within this time.
+    pub(crate) async fn stop(self, within: Duration) -> Option<Duration> {
+        let since = Instant::now();
+        let _ = self.stop.send(());
+        let ended = timeout(within, self.task).await.ok()?;
+        ended.unwrap().unwrap();
+        Some(since.elapsed())
+    }
+}
+
+/// A client's connection.
+pub(crate) struct Visitor {
+    pub(crate) send: SendRequest<Bytes>,
+    pub(crate) connection: JoinHandle<Result<(), h2::Error>>,
+}
+
+/// One call, and how the client behaves in it.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct CallPlan {
+    /// How long the server computes.
+    pub(crate) compute: Duration,
+    /// The reply's bytes.
+    pub(crate) reply: usize,
+    /// The request's payload.
+    pub(crate) payload: usize,
+    /// The header `grpc-timeout`.
+    pub(crate) timeout: Option<String>,
+    pub(crate) token: Option<&'static str>,
+    /// In how many parts the request is sent, and the time between two.
+    pub(crate) upload: (usize, Duration),
+    /// The time before each of the reply's frames is taken.
+    pub(crate) read_pause: Duration,
+}
+
+/// What came of a call.
+#[derive(Debug, PartialEq, Eq)]
+pub(crate) struct CallEnd {
+    /// The gRPC status.
+    pub(crate) status: u16,
+    /// The reply's payload.
+    pub(crate) bytes: usize,
+    pub(crate) took: Duration,
+}
+
+impl CallPlan {
+    pub(crate) fn head(&self) -> http::Request<()> {
+        let mut head = http::Request::post("http://x/fuseline.v1.Infer/Infer")
+            .header("content-type", "application/grpc")
+            .header("te", "trailers");
+        if let Some(text) = &self.timeout {
+            head = head.header("grpc-timeout", text);
+        }
+        if let Some(token) = self.token {
+            head = head.header("authorization", format!("Bearer {token}"));
+        }
+        head.body(()).unwrap()
+    }
+
+    /// The request, as gRPC frames it.
+    pub(crate) fn body(&self) -> Bytes {
+        let ms = u64::try_from(self.compute.as_millis()).unwrap();
+        let timestamp = (ms << 32) | self.reply as u64;
+        let payload = vec![7; self.payload].into();
+        let message = Request { timestamp, payload, ..Request::default() }.encode_to_vec();
+        let length = u32::try_from(message.len()).unwrap().to_be_bytes();
+        [&[0][..], &length, &message].concat().into()
+    }
+}
+
+impl Visitor {
+    pub(crate) fn is_open(&self) -> bool {
+        !self.connection.is_finished()
+    }
+
+    /// Waits until the server closes the connection; none if it does not within this time.
+    pub(crate) async fn closed(self, within: Duration) -> Option<Duration> {
+        let since = Instant::now();
+        // A client that holds its end leaves the server no reason to close it.
+        let _send = self.send;
+        timeout(within, self.connection).await.ok().map(|_| since.elapsed())
+    }
+
+    /// One call from its first to its last byte.
+    pub(crate) async fn call(&self, plan: &CallPlan) -> Result<CallEnd, h2::Error> {
+        let since = Instant::now();
+        let mut send = self.send.clone().ready().await?;
+        let (answer, mut body) = send.send_request(plan.head(), false)?;
+        let (parts, gap) = (plan.upload.0.max(1), plan.upload.1);
+        let mut request = plan.body();
+        for part in 1..=parts {
+            let piece = request.split_to(request.len() / (parts + 1 - part));
+            // The call may be over by now.
+            if body.send_data(piece, part == parts).is_err() {
+                break;
+            }
+            if part < parts {
+                sleep(gap).await;
+            }
+        }
+        let (head, mut reply) = answer.await?.into_parts();
+        let mut all = BytesMut::new();
+        while let Some(data) = reply.data().await {
+            let data = data?;
+            sleep(plan.read_pause).await;
+            reply.flow_control().release_capacity(data.len())?;
+            all.extend_from_slice(&data);
+        }
+        let trailers = reply.trailers().await?;
+        let status = trailers.as_ref().and_then(status).or_else(|| status(&head.headers));
+        let bytes = all.get(5..).map_or(0, |message| {
+            Reply::decode(message).map_or(usize::MAX, |reply| reply.payload.len())
+        });
+        Ok(CallEnd { status: status.unwrap_or(u16::MAX), bytes, took: since.elapsed() })
+    }
+}
+
+fn status(headers: &HeaderMap) -> Option<u16> {
+    headers.get("grpc-status")?.to_str().ok()?.parse().ok()
+}
+
+/// The lines that the server logged on this thread.
+#[derive(Clone, Default)]
+pub(crate) struct CapturedLog(Arc<Mutex<Vec<u8>>>);
+
+impl CapturedLog {
+    /// Takes what is logged on this thread, until the guard is dropped.
+    pub(crate) fn begin(&self) -> tracing::subscriber::DefaultGuard {
+        let log = self.clone();
+        let make = move || log.clone();
+        let lines = tracing_subscriber::fmt().with_writer(make).with_ansi(false).without_time();
+        tracing::subscriber::set_default(lines.finish())
+    }
+
+    pub(crate) fn text(&self) -> String {
+        String::from_utf8_lossy(&self.0.lock().unwrap_or_else(PoisonError::into_inner)).into_owned()
+    }
+}
+
+impl io::Write for CapturedLog {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}

@@ -1,0 +1,31 @@
+//! A server among innocents and strangers, in virtual time. `VISITORS_SEED=N` runs one again, `VISITORS=N` so many.
+#![cfg(feature = "grpc")]
+
+#[path = "support/innocents.rs"]
+mod innocents;
+#[path = "support/memory.rs"]
+mod memory;
+#[path = "support/rude.rs"]
+mod rude;
+#[path = "support/visitors.rs"]
+mod visitors;
+
+use tokio::runtime::Builder;
+
+fn number(name: &str) -> Option<u64> {
+    std::env::var(name).ok().map(|number| number.parse().expect("a number"))
+}
+
+/// D6, D8, D12: as the bounds say, and after it as before.
+#[test]
+fn innocents_are_served_and_strangers_leave_nothing_behind() {
+    let seeds = match number("VISITORS_SEED") {
+        Some(seed) => seed..seed + 1,
+        None => 0..number("VISITORS").unwrap_or(8),
+    };
+    for seed in seeds {
+        let runtime = Builder::new_current_thread().enable_time().start_paused(true).build();
+        let wrong = runtime.unwrap().block_on(visitors::server_wrongs(seed));
+        assert!(wrong.is_empty(), "VISITORS_SEED={seed}: {wrong:#?}");
+    }
+}

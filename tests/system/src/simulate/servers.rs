@@ -1,0 +1,23 @@
+//! A gRPC server among innocents and strangers, as `adapters/tokio/tests/visitors.rs` draws them (D6, D8, D12).
+
+use std::io;
+
+use tokio::runtime::Builder;
+
+#[path = "../../../../adapters/tokio/tests/support/innocents.rs"]
+mod innocents;
+#[path = "../../../../adapters/tokio/tests/support/memory.rs"]
+mod memory;
+#[path = "../../../../adapters/tokio/tests/support/rude.rs"]
+mod rude;
+#[path = "../../../../adapters/tokio/tests/support/visitors.rs"]
+mod visitors;
+
+/// What is wrong with the server that this seed draws, in virtual time.
+///
+/// # Errors
+/// If there is no runtime.
+pub fn server_findings(seed: u64) -> io::Result<Vec<String>> {
+    let runtime = Builder::new_current_thread().enable_time().start_paused(true).build()?;
+    Ok(runtime.block_on(visitors::server_wrongs(seed)))
+}
