@@ -65,7 +65,7 @@ def hypotheses(body):
             found.append((start, i))
             start = i = i + 2
             continue
-        if depth == 0 and (body[i] == "," and not found or re.match(r"\sin\s", body[i:])):
+        if depth == 0 and (body[i] == "," or re.match(r"\sin\s", body[i:])):
             start = i + 1 if body[i] == "," else i + 4
         i += 1
     return found
