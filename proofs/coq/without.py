@@ -65,7 +65,7 @@ def hypotheses(body):
             found.append((start, i))
             start = i = i + 2
             continue
-        if depth == 0 and (body[i] == "," and not found or re.match(r"\sin\s", body[i:])):
+        if depth == 0 and (body[i] == "," or re.match(r"\sin\s", body[i:])):
             start = i + 1 if body[i] == "," else i + 4
         i += 1
     return found
@@ -128,16 +128,16 @@ def of_theorems(wanted):
                 yield Removal(name, what, text[:start] + rest + text[found.end(last) :], theorem)
 
 
-def compiled(folder, name, build):
-    command = ["coqc", "-q", "-R", str(folder), "Fuseline", "-Q", str(build), "Fuseline", str(folder / name)]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
+def compiled(folder, build, name):
+    command = ["coqc", "-q", "-Q", str(build), "Fuseline", name]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
 
 
 def proved(build, removal):
     """Why it is not as it should be, if so."""
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "Without.v").write_text(removal.text, encoding="utf-8")
-        made = compiled(Path(folder), "Without.v", build)
+        made = compiled(folder, build, "Without.v")
     if not made.returncode:
         return "everything is proved without it"
     line, column = map(int, re.search(r"line (\d+), characters (\d+)", made.stderr).groups())
@@ -175,8 +175,7 @@ def ruled(build, rules):
         (here / "Rules.v").write_text(rules, encoding="utf-8")
         (here / "Corpus.v").symlink_to(build / "Corpus.v")
         for name in ["Rules.v", "Corpus.v"]:
-            command = ["coqc", "-q", "-Q", ".", "Fuseline", name]
-            made = subprocess.run(command, cwd=here, capture_output=True, text=True, check=False)
+            made = compiled(here, here, name)
             if made.returncode:
                 found = "Unable to unify" in made.stderr and name == "Corpus.v"
                 return None if found else f"{name} does not compile: {made.stderr.strip()}"
