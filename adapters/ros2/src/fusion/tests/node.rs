@@ -190,6 +190,7 @@ pub(super) fn run(
     mut subscription: Subscription,
 ) -> tokio::task::JoinHandle<()> {
     let (deadline, node) = (settings.deadline, settings.node.full());
+    let greatest_deadline = settings.greatest_deadline;
     let speed = settings.deadlines.speed.as_ref().map(Speed::new);
     let is_managed = settings.lifecycle;
     let revisions = settings.revisions.is_some().then_some(revisions);
@@ -208,6 +209,7 @@ pub(super) fn run(
             input_key: MessageKey::Integer { offset: 0, kind: IntegerKind::U64 },
             input_topic: "camera".into(),
             output_key: MessageKey::Integer { offset: 0, kind: IntegerKind::U64 },
+            greatest_deadline,
             deadline,
             node,
             status_publisher,
