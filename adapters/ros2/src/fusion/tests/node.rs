@@ -191,6 +191,7 @@ pub(super) fn run(
 ) -> tokio::task::JoinHandle<()> {
     let (deadline, node) = (settings.deadline, settings.node.full());
     let end_to_end = settings.end_to_end.clone();
+    let greatest_deadline = settings.greatest_deadline;
     let speed = settings.deadlines.speed.as_ref().map(Speed::new);
     let is_managed = settings.lifecycle;
     let revisions = settings.revisions.is_some().then_some(revisions);
@@ -211,6 +212,7 @@ pub(super) fn run(
             within: end_to_end.within,
             reserve: end_to_end.reserve,
             output_key: MessageKey::Integer { offset: 0, kind: IntegerKind::U64 },
+            greatest_deadline,
             deadline,
             node,
             status_publisher,

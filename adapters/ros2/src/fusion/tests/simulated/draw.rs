@@ -131,7 +131,8 @@ fn turns(rng: &mut Rng, span: Duration, peers: usize) -> Vec<(Duration, Disturba
                 turns.push((at, Disturbance::Set(Change::CloudEnabled(cloud, rng.bool()))));
             }
             5 if by_topic => {
-                let seconds = rng.one_of(&[0.05, 0.2, 1.0, 0.0, -1.0, f64::NAN, f64::INFINITY]);
+                let seconds =
+                    rng.one_of(&[0.05, 0.2, 1.0, 0.0, -1.0, 61.0, f64::NAN, f64::INFINITY]);
                 turns.push((at, Disturbance::Deadline(seconds)));
             }
             6 => {

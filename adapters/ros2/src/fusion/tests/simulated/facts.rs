@@ -352,8 +352,8 @@ fn states(
             }
             Disturbance::Set(Change::SimTime(_)) | Disturbance::Stalls(_) => {}
             Disturbance::Deadline(seconds) => {
-                // What is no positive number of seconds is ignored.
-                if seconds.is_finite() && seconds > 0.0 {
+                // What is no positive number of seconds, or above the greatest deadline, is ignored.
+                if seconds > 0.0 && seconds <= 60.0 {
                     state.deadline = Duration::from_secs_f64(seconds);
                 }
             }
