@@ -189,7 +189,7 @@ impl Graph {
         // Control's first command after the frame's plan.
         let control = life.last().and_then(|(captured, planned)| {
             let is_after = |((end, _), command): &(&(std::time::Instant, &str), &Command)| {
-                *end - command.took >= *captured + planned.answered
+                *end >= *captured + planned.answered + command.took
             };
             let mut commands = ends.iter().zip(&driven.commands);
             let ((end, by), command) = commands.find(is_after)?;
