@@ -35,7 +35,8 @@ pub(crate) const PAGE: &str = "report.html";
 The page is one file that needs no network: a summary by source, the response times, and a timeline
 from the whole run down to what happened to one timestamp and why. Violations stand in it with the
 rule that they break. Of what fuseline run left it also has the policies' table, the configuration and
-its caveats. Two to four traces stand side by side.
+its caveats. Two to four traces stand side by side. Where traces are of operators of one vehicle, a
+timestamp shows its sensor's frame through all of them, and where its time went.
 
 Traces are judged as fuseline check does it, strictly or as observed. Exit code 0 if all conform, 1
 if some do not, 2 if one cannot be read; then there is no page.

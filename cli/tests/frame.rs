@@ -27,23 +27,38 @@ const TRACKER: &str = r#"{"fuseline":1,"operator":"tracker<1>","window":9,"commi
 #[test]
 fn a_frame_is_followed_through_the_traces_of_all_operators() {
     let dir = tempdir().unwrap();
-    let [detector, tracker, page] =
-        ["d.jsonl", "t.jsonl", "frame.html"].map(|it| dir.path().join(it));
+    let [detector, tracker] = ["d.jsonl", "t.jsonl"].map(|it| dir.path().join(it));
     fs::write(&detector, DETECTOR).unwrap();
     fs::write(&tracker, TRACKER).unwrap();
-    let [detector, tracker, page] = [&detector, &tracker, &page].map(|it| it.to_str().unwrap());
-    let followed = run(&["frame", "--seq", "41", tracker, detector, "-o", page], "");
+    let [detector, tracker] = [&detector, &tracker].map(|it| it.to_str().unwrap());
+    let followed = run(&["frame", "--seq", "41", tracker, detector], "");
     assert_eq!((followed.status.code(), err(&followed)), (Some(0), ""));
     let expected = "camera 41: 225.0 ms old at its last answer
-  detector             1.0 ms to   201.0 ms  local
-    west               1.0 ms to   201.0 ms  late
-  tracker<1>         205.0 ms to   225.0 ms  local
+  detector                 1.0 ms to   201.0 ms  local
+    local                  1.0 ms to    61.0 ms  answered
+    west                   1.0 ms to   201.0 ms  late
+  tracker<1>             205.0 ms to   225.0 ms  local
+    local                205.0 ms to   225.0 ms  answered
   most went to: detector, 200.0 ms or 89 %
 ";
     assert_eq!(out(&followed), expected);
-    let page = fs::read_to_string(page).unwrap();
-    assert!(page.contains("tracker&lt;1&gt;") && !page.contains("tracker<1>"), "{page}");
-    assert!(page.contains("<td>before tracker&lt;1&gt;<td>4.0 ms"), "{page}");
+}
+
+#[test]
+fn without_a_frame_the_one_that_most_operators_missed_is_followed() {
+    let dir = tempdir().unwrap();
+    let path = dir.path().join("d.jsonl");
+    let missed = r#"{"ev":"fail","at":90000000,"t":5,"p":0}
+{"ev":"miss","at":90000000,"t":5}
+"#;
+    fs::write(&path, DETECTOR.replace("{\"ev\":\"tick", &format!("{missed}{{\"ev\":\"tick")))
+        .unwrap();
+    let followed = run(&["frame", path.to_str().unwrap()], "");
+    let expected = "camera 42: 0.0 ms old at its last answer
+  detector                 0.0 ms to     0.0 ms  missed: a substitute, or nothing, was sent
+    local                  0.0 ms to     0.0 ms  failed
+";
+    assert!(out(&followed).starts_with(expected), "{}", out(&followed));
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! The book's vehicle: whatever one part dies, control has an output at each of its ticks (E1, E2, E4, E5).
 
+mod common;
 #[path = "../examples/paper_vehicle/drive.rs"]
 mod drive;
 #[path = "../examples/paper_vehicle/operators.rs"]
@@ -7,8 +8,11 @@ mod operators;
 #[path = "../examples/paper_vehicle/world.rs"]
 mod world;
 
+use std::path::Path;
 use std::time::Duration;
 
+use common::{err, out, run};
+use tempfile::tempdir;
 use tokio::runtime::Builder;
 
 use crate::drive::{Driven, Options};
@@ -18,8 +22,12 @@ use crate::world::VehiclePart;
 const MS: Duration = Duration::from_millis(1);
 
 fn drive(mode: Mode, kill: Option<VehiclePart>) -> Driven {
+    drive_into(None, mode, kill)
+}
+
+fn drive_into(traces: Option<&Path>, mode: Mode, kill: Option<VehiclePart>) -> Driven {
     let kill = kill.map(|part| (part, 10_000 * MS));
-    let options = Options { mode, length: 20_000 * MS, kill, traces: None, frame: 30 };
+    let options = Options { mode, length: 20_000 * MS, kill, traces, frame: 30 };
     let runtime = Builder::new_current_thread().enable_time().start_paused(true).build().unwrap();
     runtime.block_on(drive::drive(options)).unwrap()
 }
@@ -46,9 +54,65 @@ fn both_are_better_than_on_board_alone_and_one_frame_has_its_answers_in_order() 
     let (local, both) = (drive(Mode::Local, None), drive(Mode::Fusion, None));
     assert!(accuracy(&both) > accuracy(&local));
     let operators: Vec<_> = both.life.iter().map(|stage| stage.operator).collect();
-    assert_eq!(operators, ["detection", "tracking", "planning"]);
+    assert_eq!(operators, ["detection", "tracking", "prediction", "planning", "control"]);
     for pair in both.life.windows(2) {
         assert!(pair[0].answered <= pair[1].taken_in, "{:?}", both.life);
     }
-    assert!(both.life[2].answered <= 500 * MS, "{:?}", both.life);
+    assert!(both.life[4].answered <= 500 * MS, "{:?}", both.life);
+}
+
+/// What `fuseline frame` says of this operator's part in a frame, if it had one: its own line and those of its sources.
+fn life_in(folder: &Path, stream: &str, seq: u64, operator: &str) -> Option<String> {
+    let mut words = vec!["frame".to_owned(), "--seq".into(), seq.to_string()];
+    words.extend(["--stream".to_owned(), stream.into()]);
+    let traces = folder.read_dir().unwrap();
+    words.extend(traces.map(|it| it.unwrap().path().to_str().unwrap().to_owned()));
+    let words: Vec<&str> = words.iter().map(String::as_str).collect();
+    let ran = run(&words, "");
+    assert_eq!(ran.status.code(), Some(0), "{}", err(&ran));
+    let (_, life) = out(&ran).split_once(&format!("\n  {operator} "))?;
+    let own =
+        life.lines().enumerate().take_while(|(at, line)| *at == 0 || line.starts_with("    "));
+    Some(own.map(|(_, line)| line.trim_start()).collect::<Vec<_>>().join("\n"))
+}
+
+#[test]
+fn the_life_of_a_frame_shows_which_part_died() {
+    let shows = |part, stream, from: u64, operator, how: &[&str]| {
+        let folder = tempdir().unwrap();
+        drive_into(Some(folder.path()), Mode::Fusion, Some(part));
+        // Each cloud is requested for one frame of three.
+        let lives =
+            (from..from + 3).filter_map(|seq| life_in(folder.path(), stream, seq, operator));
+        let lives: Vec<String> = lives.collect();
+        let is_shown = |life: &String| {
+            how.iter().all(|words| {
+                life.lines().any(|line| {
+                    words.split(' ').all(|word| {
+                        line.split_whitespace().any(|of| word.split('|').any(|word| word == of))
+                    })
+                })
+            })
+        };
+        assert!(lives.iter().any(is_shown), "{part:?}: {how:?} in {lives:#?}");
+    };
+    let (left, right) = ("left-camera", "right-camera");
+    // The join waited 20 ms for the dead camera.
+    shows(VehiclePart::LeftCamera, right, 130, "detection", &["20.0 ms to"]);
+    shows(VehiclePart::RightCamera, left, 130, "detection", &["20.0 ms to"]);
+    shows(VehiclePart::WestDetector, left, 130, "detection", &["west/dino-swin-t late"]);
+    shows(VehiclePart::EastDetector, left, 130, "detection", &["east/detr-r101 late"]);
+    shows(VehiclePart::CloudTracker, left, 130, "tracking", &["tracker late"]);
+    shows(VehiclePart::LocalDetector, left, 130, "detection", &["missed:", "local failed|late"]);
+    for (part, operator) in [
+        (VehiclePart::LocalTracker, "tracking"),
+        (VehiclePart::LocalPredictor, "prediction"),
+        (VehiclePart::LocalPlanner, "planning"),
+    ] {
+        // Nobody walks there, so that the cloud does not track.
+        shows(part, left, 150, operator, &["missed:", "local failed|late"]);
+    }
+    // No operator waits for the localization: its sets are counted.
+    let driven = drive(Mode::Fusion, Some(VehiclePart::Localization));
+    assert!(driven.missing["localization"] >= 90, "{:?}", driven.missing);
 }

@@ -291,7 +291,7 @@ fn lacks(
         ("T", "4") => &[][..],
         ("T", _) => &["policy"][..],
         ("D", _) => &["operator", "grpc", "recorder", "simulation", "ros2", "command"][..],
-        ("E", _) => &["operator", "simulation"][..],
+        ("E", _) => &["pipeline"][..],
         ("J", _) => &["judge"][..],
         _ => &[][..],
     };

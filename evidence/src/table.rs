@@ -92,6 +92,7 @@ fn markdown(matrix: &Matrix) -> String {
         ('A', "Ambiguities"),
         ('T', "Promises of deadlines"),
         ('D', "Promises of adapters"),
+        ('E', "Promises of pipelines"),
         ('J', "Judging"),
     ] {
         let _ = writeln!(text, "\n## {title}");

@@ -2,17 +2,18 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::Arc;
 use std::time::Duration;
 
 use fuseline_tokio::{
-    Config, Ending, Error, Item, Items, Join, JoinConfig, Latency, Lineage, Operator, Reader,
-    Recording, Running, Trace, Writer, spawn, stream,
+    Config, Ending, Error, Items, Join, JoinConfig, Latency, Lineage, Operator, Reader, Recording,
+    Running, RunningJoin, Trace, Writer, spawn, stream,
 };
 use tokio::time::{Instant, interval};
 
 use crate::operators::{
-    Control, Detection, Drive, Frame, Mode, Order, PerceivedScene, Planning, Predicting, Scene,
-    Tracking,
+    Control, Detection, Drive, Frame, Mode, Order, PerceivedScene, Planning, Predicting,
+    Prediction, Scene, Tracking,
 };
 use crate::world::{Kill, Network, VehiclePart};
 
@@ -26,10 +27,12 @@ pub(crate) struct Driven {
     /// How often control was due, and its outputs.
     pub(crate) ticks: u64,
     pub(crate) commands: Vec<Command>,
-    /// How many frames each source of detection answered; `substitute` where none did.
+    /// How many frames each source of detection answered, and how often none did.
     pub(crate) detected_by: BTreeMap<String, u64>,
     /// Each operator's answer to one frame.
     pub(crate) life: Vec<Stage>,
+    /// In how many sets of a join an input was missing.
+    pub(crate) missing: BTreeMap<Arc<str>, u64>,
 }
 
 /// One output of control.
@@ -95,8 +98,10 @@ pub(crate) async fn drive(options: Options<'_>) -> Result<Driven, Error> {
 /// The operators, and readers of their items.
 struct Graph {
     running: Vec<Running>,
+    joins: [RunningJoin; 2],
     detected: Items<PerceivedScene>,
     tracked: Items<PerceivedScene>,
+    predicted: Items<Prediction>,
     planned: Items<PerceivedScene>,
     commands: Items<Option<PerceivedScene>>,
 }
@@ -122,7 +127,7 @@ impl Graph {
             .aligned("left", lefts, |scene: &mut Scene, frame, _| scene.left = Some(*frame))
             .aligned("right", rights, |scene, frame, _| scene.right = Some(*frame))
             .latest("localization", places, 200 * MS, |scene, place, _| scene.place = Some(*place));
-        let (_, scenes) = cameras.spawn()?;
+        let (joining_scenes, scenes) = cameras.spawn()?;
 
         let config = |name: &str, after: Vec<Latency>, own: Option<&Latency>| Config {
             name: name.into(),
@@ -145,46 +150,59 @@ impl Graph {
         let predicted =
             start(Predicting(drive.clone()), settings, tracked.another(), &mut running)?;
         let settings = config("planning", after_planning(), Some(&planning));
-        let planned = start(Planning(drive.clone()), settings, predicted, &mut running)?;
+        let planned = start(Planning(drive.clone()), settings, predicted.another(), &mut running)?;
 
         let mut orders = Join::new(JoinConfig { name: "orders".into(), ..JoinConfig::default() });
         orders.aligned("tick", ticks, |_: &mut Order, _, _| {});
-        orders.latest(
-            "plan",
-            planned.another(),
-            1000 * MS,
-            |order, item: std::sync::Arc<Item<PerceivedScene>>, _| {
-                order.plan = item.value().copied();
-            },
-        );
-        let (_, orders) = orders.spawn()?;
+        orders.latest_items("plan", planned.another(), 1000 * MS, |order, item| {
+            order.plan = item.value().copied();
+        });
+        let (joining_orders, orders) = orders.spawn()?;
         let commands = start(Control, config("control", Vec::new(), None), orders, &mut running)?;
-        Ok(Self { running, detected, tracked, planned, commands })
+        let joins = [joining_scenes, joining_orders];
+        Ok(Self { running, joins, detected, tracked, predicted, planned, commands })
     }
     // ANCHOR_END: graph
 
     /// Reads all outputs until they end.
     async fn watch(self, frame: u64) -> Result<Driven, Error> {
-        let Self { running, detected, tracked, planned, mut commands } = self;
+        let Self { running, joins, detected, tracked, predicted, planned, mut commands } = self;
         let stages = tokio::spawn(async move {
-            let (detected, tracked, planned) = tokio::join!(
+            let (detected, tracked, predicted, planned) = tokio::join!(
                 note("detection", detected, frame),
                 note("tracking", tracked, frame),
+                note("prediction", predicted, frame),
                 note("planning", planned, frame),
             );
-            let life = [detected.1, tracked.1, planned.1].concat();
-            (detected.0, life)
+            (detected.0, [detected.1, tracked.1, predicted.1, planned.1].concat())
         });
-        let mut driven = Driven::default();
+        let (mut driven, mut ends) = (Driven::default(), Vec::new());
         while let Some(item) = commands.read().await {
             let now = std::time::Instant::from(Instant::now());
             let plan = item.value().copied().flatten();
             let plan = plan.map(|seen| (now - seen.captured, seen.accuracy));
+            ends.push((now, if plan.is_some() { "local" } else { "safe stop" }));
             driven.commands.push(Command { took: item.took(), plan });
         }
-        (driven.detected_by, driven.life) = stages.await?;
+        let life;
+        (driven.detected_by, life) = stages.await?;
+        // Control's first command after the frame's plan.
+        let control = life.last().and_then(|(captured, planned)| {
+            let is_after = |((end, _), command): &(&(std::time::Instant, &str), &Command)| {
+                *end >= *captured + planned.answered + command.took
+            };
+            let mut commands = ends.iter().zip(&driven.commands);
+            let ((end, by), command) = commands.find(is_after)?;
+            let (answered, by) = (*end - *captured, (*by).to_owned());
+            let taken_in = answered.saturating_sub(command.took);
+            Some(Stage { operator: "control", taken_in, answered, by })
+        });
+        driven.life = life.into_iter().map(|(_, stage)| stage).chain(control).collect();
         for operator in running {
             operator.join().await?;
+        }
+        for join in joins {
+            driven.missing.extend(join.join().await.missing);
         }
         Ok(driven)
     }
@@ -202,25 +220,27 @@ fn start<P: Operator>(
     Ok(items)
 }
 
-/// Who answered how many messages, and how this operator answered the frame.
-async fn note(
+/// Who answered how many messages, and how this operator answered the frame, with its capture.
+async fn note<O: Send + Sync + 'static>(
     operator: &'static str,
-    mut items: Items<PerceivedScene>,
+    mut items: Items<O>,
     frame: u64,
-) -> (BTreeMap<String, u64>, Vec<Stage>) {
+) -> (BTreeMap<String, u64>, Vec<(std::time::Instant, Stage)>) {
     let (mut by_source, mut stages) = (BTreeMap::new(), Vec::new());
     while let Some(item) = items.read().await {
         let by = match &item.ending {
             Ending::Preliminary(it) | Ending::Forwarded(it) => it.source.name.to_string(),
             Ending::Final(source) => source.name.to_string(),
-            Ending::Missed | Ending::Refused(_) => "substitute".into(),
+            Ending::Missed => "substitute, missed".into(),
+            Ending::Refused(_) => "substitute, refused".into(),
         };
         let lineage = item.lineage.as_deref();
         if lineage.and_then(|it| it.origin.as_ref()?.seq) == Some(frame)
-            && let Some(answered) = lineage.and_then(|it| it.age(Instant::now()))
+            && let Some(captured) = lineage.and_then(|it| it.captured)
         {
+            let answered = std::time::Instant::from(Instant::now()) - captured;
             let taken_in = answered.saturating_sub(item.took());
-            stages.push(Stage { operator, taken_in, answered, by: by.clone() });
+            stages.push((captured, Stage { operator, taken_in, answered, by: by.clone() }));
         }
         *by_source.entry(by).or_default() += 1;
     }

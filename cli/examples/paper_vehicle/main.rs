@@ -29,12 +29,12 @@ struct Cli {
     /// Kill this part halfway; `each` kills one after the other, in a drive of its own.
     #[arg(long, value_name = "PART")]
     kill: Option<String>,
-    /// Write the traces of the drive with both into this folder, one an operator.
+    /// Write the traces of the drive with both into this folder, one an operator; of `each` into a folder for each part.
     #[arg(long, value_name = "FOLDER")]
     traces: Option<PathBuf>,
-    /// Follow this frame.
-    #[arg(long, default_value_t = 120)]
-    frame: u64,
+    /// Follow this frame; by default one of 12 s, or of 2 s after a part died.
+    #[arg(long)]
+    frame: Option<u64>,
 }
 
 fn main() -> ExitCode {
@@ -58,25 +58,33 @@ fn run(cli: &Cli) -> Result<(), Error> {
             vec![Some(part.ok_or_else(|| format!("--kill {name}: it is one of {known}, each"))?)]
         }
     };
-    if let Some(folder) = &cli.traces {
-        std::fs::create_dir_all(folder)?;
-    }
     println!("runtimes and values are emulated; networks are recorded");
     println!(
         "{:24} {:>12} {:>11} {:>8} {:>7} {:>5} {:>5}",
         "", "commands", "within", "age p50", "p99", "AP", "stops"
     );
-    for kill in kills {
+    let are_several = kills.len() > 1;
+    for part in kills {
+        let folder = |folder: &PathBuf| match part {
+            Some(part) if are_several => folder.join(part.name()),
+            _ => folder.clone(),
+        };
+        let traces = cli.traces.as_ref().map(folder);
+        if let Some(folder) = &traces {
+            std::fs::create_dir_all(folder)?;
+        }
+        let second_half = part.map(|_| cli.seconds * 10 / 2 + 20);
+        let frame = cli.frame.or(second_half).unwrap_or(120);
         for mode in [Mode::Local, Mode::Cloud, Mode::Fusion] {
-            let kill = kill.map(|part| (part, length / 2));
-            let traces = cli.traces.as_deref().filter(|_| mode == Mode::Fusion);
-            let options = Options { mode, length, kill, traces, frame: cli.frame };
+            let kill = part.map(|part| (part, length / 2));
+            let traces = traces.as_deref().filter(|_| mode == Mode::Fusion);
+            let options = Options { mode, length, kill, traces, frame };
             let runtime = Builder::new_current_thread().enable_time().start_paused(true).build()?;
             let driven = runtime.block_on(drive(options))?;
             let dead = kill.map_or("", |(part, _)| part.name());
             println!("{}", row(&format!("{mode:?} {dead}"), &driven));
             if mode == Mode::Fusion {
-                print_frame(cli.frame, &driven);
+                print_frame(frame, &driven);
             }
         }
     }
@@ -104,6 +112,10 @@ fn row(name: &str, driven: &Driven) -> String {
 fn print_frame(frame: u64, driven: &Driven) {
     let by: Vec<_> = driven.detected_by.iter().map(|(by, n)| format!("{by} {n}")).collect();
     println!("  frames detected by: {}", by.join(", "));
+    let missing: Vec<_> = driven.missing.iter().map(|(input, n)| format!("{input} {n}")).collect();
+    if !missing.is_empty() {
+        println!("  missing in sets: {}", missing.join(", "));
+    }
     for stage in &driven.life {
         let (from, to) = (stage.taken_in.as_millis(), stage.answered.as_millis());
         println!(

@@ -7,6 +7,7 @@ import { after, decode } from "./data.js";
 import { by, el } from "./dom.js";
 import { filters, search } from "./find.js";
 import { axis, count, counted, time } from "./format.js";
+import { showFrame } from "./frame.js";
 import { overview } from "./overview.js";
 import { showPolicies } from "./policies.js";
 import { redrawSpread, resizeSpread, showSpread } from "./spread.js";
@@ -133,7 +134,14 @@ function visit(k) {
   lines.mark({ selected });
   lines.visit(k);
   showStory(trace, k);
+  showFrame(trace.lineages.get(k), told, words, go);
   remember();
+}
+
+/** Goes to a timestamp of any trace. */
+function go(which, k) {
+  if (which !== number) show(which);
+  visit(k);
 }
 
 /** Goes to the timestamp that begins next, or before. */

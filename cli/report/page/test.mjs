@@ -465,3 +465,39 @@ test("a timestamp's story says what its message comes from and how old its outpu
   const ending = await text(page, "#ending");
   assert.match(ending, /The message comes from camera\/front 41; it was 30.ms old as it was opened and 50.ms as its output was sent\.$/);
 });
+
+test("a timestamp's story follows its frame through the traces of all operators", async (t) => {
+  const [detector, tracker] = ["detector", "tracker"].map((name) => join(folder, `${name}.jsonl`));
+  writeFileSync(detector, `{"fuseline":1,"operator":"detector","window":4,"clouds":[{"p":1,"name":"west","limit":4}]}
+{"ev":"open","at":1000000,"t":4,"deadline":200000000,"within":500000000,"age":1000000,"origin":"camera","seq":41}
+{"ev":"offer","at":1000000,"t":4,"p":1,"deadline":150000000,"backlog":0}
+{"ev":"request","at":1000000,"t":4,"p":1,"due":151000000}
+{"ev":"open","at":90000000,"t":5,"age":0,"origin":"camera","seq":42}
+{"ev":"result","at":91000000,"t":5,"p":0}
+{"ev":"emit","at":91000000,"t":5,"p":0}
+{"ev":"tick","at":151000000}
+{"ev":"timer","at":151000000,"t":4,"p":1}
+{"ev":"tick","at":201000000}
+{"ev":"timer","at":201000000,"t":4,"p":0}
+{"ev":"miss","at":201000000,"t":4}
+`);
+  writeFileSync(tracker, `{"fuseline":1,"operator":"tracker","window":4,"clouds":[]}
+{"ev":"open","at":7000000000,"t":0,"age":205000000,"origin":"camera","seq":41}
+{"ev":"result","at":7020000000,"t":0,"p":0}
+{"ev":"emit","at":7020000000,"t":0,"p":0}
+`);
+  const page = await open(t, report("frame", tracker, detector), { hash: "#t=0" });
+  assert.match(await text(page, "#frame-title"), /^camera 41 /);
+  assert.match(await text(page, "#frame-most"), /225.ms old .* most went to: detector, 200.ms or 88\.9 %\.$/);
+  const rows = await page.$$eval("#stages tbody tr", (rows) => rows.map((row) => [...row.cells].map((cell) => cell.innerText.trim().replaceAll("\u00a0", " "))));
+  assert.deepEqual(rows, [
+    ["detector", "", "1 ms", "201 ms", "missed", "local late, west late"],
+    ["tracker", "", "205 ms", "225 ms", "local", "local forwarded"],
+  ]);
+  await shot(page, "frame");
+  await page.click("#stages tbody tr button");
+  await settle(page);
+  assert.match(await text(page, "#ending"), /^Missed 200.ms after its message/);
+  await press(page, "j");
+  assert.equal(await hidden(page, "#frame"), true);
+});

@@ -2,56 +2,74 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
+use std::sync::Arc;
 use std::time::Duration;
 
-use fuseline_traces::{Annotations, Decision, Event, Header, Input};
+use fuseline_traces::{Annotations, Decision, Event, Header, Input, Origin};
 
 /// One operator's message of the frame. Times are since the capture.
 #[derive(Clone, Debug)]
 pub(super) struct FrameStage {
-    pub(super) stream: String,
     pub(super) operator: String,
     pub(super) taken_in: Duration,
     /// None if the trace ends before.
     pub(super) answered: Option<Duration>,
-    /// By whom, or that nobody did.
-    pub(super) by: String,
-    /// The calls, by cloud: from the request on, and how each ended.
+    pub(super) outcome: FrameOutcome,
+    /// Local's computation and the calls of clouds, from their beginning on, and how each ended.
     pub(super) calls: Vec<FrameCall>,
 }
 
-/// One cloud's part in a message.
+/// What an operator answered.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(super) enum FrameOutcome {
+    Open,
+    By(String),
+    Missed,
+    Refused(String),
+}
+
+/// One source's part in a message.
 #[derive(Clone, Debug)]
 pub(super) struct FrameCall {
-    pub(super) cloud: String,
-    pub(super) requested: Duration,
+    pub(super) source: String,
+    pub(super) begun: Duration,
     pub(super) ended: Option<Duration>,
     pub(super) how: &'static str,
 }
 
 /// A frame through all operators, in the order in which they took it in.
 pub(super) struct FrameLife {
-    pub(super) stream: String,
-    pub(super) seq: u64,
+    pub(super) frame: FrameId,
     pub(super) stages: Vec<FrameStage>,
 }
 
-/// Looks for a frame's messages in one trace.
+/// A sensor's message: the stream and its timestamp there.
+pub(super) type FrameId = (Arc<str>, u64);
+
+/// Looks for frames' messages in one trace.
 pub(super) struct MessageSearch<'a> {
-    seq: u64,
+    seq: Option<u64>,
     stream: Option<&'a str>,
     operator: String,
     names: BTreeMap<u64, String>,
     /// By timestamp, with when the frame was captured by the trace's clock.
-    found: BTreeMap<u64, (i128, FrameStage)>,
+    found: BTreeMap<u64, (FrameId, i128, FrameStage)>,
     /// Messages whose ages are unknown.
     pub(super) without_age: u64,
 }
 
 impl FrameLife {
-    pub(super) fn new(stream: String, seq: u64, mut stages: Vec<FrameStage>) -> Self {
+    pub(super) fn new(frame: FrameId, mut stages: Vec<FrameStage>) -> Self {
         stages.sort_by_key(|stage| (stage.taken_in, stage.answered));
-        Self { stream, seq, stages }
+        Self { frame, stages }
+    }
+
+    /// By how many operators it was missed or refused.
+    pub(super) fn unanswered(&self) -> usize {
+        let is_missed = |stage: &&FrameStage| {
+            matches!(stage.outcome, FrameOutcome::Missed | FrameOutcome::Refused(_))
+        };
+        self.stages.iter().filter(is_missed).count()
     }
 
     /// What its time went to, one after the other: in an operator, or before it.
@@ -76,13 +94,14 @@ impl FrameLife {
 
 impl fmt::Display for FrameLife {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{} {}: {} old at its last answer", self.stream, self.seq, ms(self.age()))?;
-        for FrameStage { operator, taken_in, answered, by, calls, .. } in &self.stages {
+        let (stream, seq) = &self.frame;
+        writeln!(f, "{stream} {seq}: {} old at its last answer", ms(self.age()))?;
+        for FrameStage { operator, taken_in, answered, outcome, calls } in &self.stages {
             let answered = answered.map_or_else(|| "?".to_owned(), ms);
-            writeln!(f, "  {operator:16} {:>10} to {answered:>10}  {by}", ms(*taken_in))?;
-            for FrameCall { cloud, requested, ended, how } in calls {
+            writeln!(f, "  {operator:20} {:>10} to {answered:>10}  {outcome}", ms(*taken_in))?;
+            for FrameCall { source, begun, ended, how } in calls {
                 let ended = ended.map_or_else(|| "?".to_owned(), ms);
-                writeln!(f, "    {cloud:14} {:>10} to {ended:>10}  {how}", ms(*requested))?;
+                writeln!(f, "    {source:18} {:>10} to {ended:>10}  {how}", ms(*begun))?;
             }
         }
         let spans = self.spans();
@@ -94,8 +113,24 @@ impl fmt::Display for FrameLife {
     }
 }
 
+impl fmt::Display for FrameOutcome {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Open => f.write_str("not answered in the trace"),
+            Self::By(source) => f.write_str(source),
+            Self::Missed => f.write_str("missed: a substitute, or nothing, was sent"),
+            Self::Refused(why) => write!(f, "refused {why}: a substitute, or nothing, was sent"),
+        }
+    }
+}
+
 impl<'a> MessageSearch<'a> {
-    pub(super) fn new(seq: u64, stream: Option<&'a str>, header: &Header, file: &str) -> Self {
+    pub(super) fn new(
+        seq: Option<u64>,
+        stream: Option<&'a str>,
+        header: &Header,
+        file: &str,
+    ) -> Self {
         let name = |cloud: &fuseline_traces::Cloud| {
             let name = cloud.name.clone().unwrap_or_else(|| format!("cloud-{}", cloud.p));
             (u64::from(cloud.p), name)
@@ -116,49 +151,52 @@ impl<'a> MessageSearch<'a> {
         }
     }
 
-    pub(super) fn finish(self) -> Vec<FrameStage> {
-        self.found.into_values().map(|(_, stage)| stage).collect()
+    pub(super) fn finish(self) -> impl Iterator<Item = (FrameId, FrameStage)> {
+        self.found.into_values().map(|(frame, _, stage)| (frame, stage))
     }
 
     fn opened(&mut self, at: u64, t: u64, annotations: &Annotations) {
-        let Some(origin) = &annotations.origin else { return };
-        let is_of_stream = self.stream.is_none_or(|stream| stream == &*origin.stream);
-        if origin.seq != Some(self.seq) || !is_of_stream {
+        let Some(Origin { stream, seq: Some(seq) }) = &annotations.origin else { return };
+        let is_of_stream = self.stream.is_none_or(|wanted| wanted == &**stream);
+        if self.seq.is_some_and(|wanted| wanted != *seq) || !is_of_stream {
             return;
         }
         let Some(age) = annotations.age else {
             self.without_age += 1;
             return;
         };
+        let taken_in = Duration::from_nanos(age);
         let stage = FrameStage {
-            stream: origin.stream.to_string(),
             operator: self.operator.clone(),
-            taken_in: Duration::from_nanos(age),
+            taken_in,
             answered: None,
-            by: "not answered in the trace".to_owned(),
-            calls: Vec::new(),
+            outcome: FrameOutcome::Open,
+            calls: vec![FrameCall::new(self.name(0), taken_in)],
         };
-        self.found.entry(t).or_insert((i128::from(at) - i128::from(age), stage));
+        let captured = i128::from(at) - i128::from(age);
+        self.found.entry(t).or_insert(((Arc::clone(stream), *seq), captured, stage));
     }
 
     fn decided(&mut self, decision: &Decision) {
         match decision {
             Decision::Request { at, t, p, .. } => {
                 let cloud = self.name(*p);
-                if let Some((captured, stage)) = self.found.get_mut(t) {
-                    let (requested, how) = (since(*captured, *at), "no answer in the trace");
-                    stage.calls.push(FrameCall { cloud, requested, ended: None, how });
+                if let Some((_, captured, stage)) = self.found.get_mut(t) {
+                    stage.calls.push(FrameCall::new(cloud, since(*captured, *at)));
                 }
             }
             Decision::Timer { at, t, p } => self.ended(*at, *t, *p, "late"),
             Decision::Cancel { at, t, p } => self.ended(*at, *t, *p, "not needed"),
             Decision::Emit { at, t, p } => {
-                let by = self.name(*p);
+                let by = FrameOutcome::By(self.name(*p));
                 self.answered(*at, *t, by);
             }
-            Decision::Miss { at, t } => self.answered(*at, *t, "missed".to_owned()),
+            Decision::Miss { at, t } => self.answered(*at, *t, FrameOutcome::Missed),
             Decision::RefuseOpen { at, t, why } => {
-                self.answered(*at, *t, format!("refused: {why}"));
+                self.answered(*at, *t, FrameOutcome::Refused(why.to_string()));
+                if let Some((.., stage)) = self.found.get_mut(t) {
+                    stage.calls.clear();
+                }
             }
             Decision::RefuseOffer { .. }
             | Decision::Hold { .. }
@@ -169,23 +207,29 @@ impl<'a> MessageSearch<'a> {
 
     /// A call ended; what comes of it later changes nothing.
     fn ended(&mut self, at: u64, t: u64, p: u64, how: &'static str) {
-        let cloud = self.name(p);
-        let Some((captured, stage)) = self.found.get_mut(&t) else { return };
+        let source = self.name(p);
+        let Some((_, captured, stage)) = self.found.get_mut(&t) else { return };
         let at = since(*captured, at);
         let mut open = stage.calls.iter_mut().filter(|call| call.ended.is_none());
-        if let Some(call) = open.find(|call| call.cloud == cloud) {
+        if let Some(call) = open.find(|call| call.source == source) {
             (call.ended, call.how) = (Some(at), how);
         }
     }
 
-    fn answered(&mut self, at: u64, t: u64, by: String) {
-        let Some((captured, stage)) = self.found.get_mut(&t) else { return };
+    fn answered(&mut self, at: u64, t: u64, outcome: FrameOutcome) {
+        let Some((_, captured, stage)) = self.found.get_mut(&t) else { return };
         // Under progressive the last output is the best.
-        (stage.answered, stage.by) = (Some(since(*captured, at)), by);
+        (stage.answered, stage.outcome) = (Some(since(*captured, at)), outcome);
     }
 
     fn name(&self, p: u64) -> String {
         self.names.get(&p).cloned().unwrap_or_else(|| format!("cloud-{p}"))
+    }
+}
+
+impl FrameCall {
+    fn new(source: String, begun: Duration) -> Self {
+        Self { source, begun, ended: None, how: "no answer in the trace" }
     }
 }
 
@@ -204,11 +248,10 @@ mod tests {
     fn stage(operator: &str, taken_in: u64, answered: u64) -> FrameStage {
         let of = Duration::from_millis;
         FrameStage {
-            stream: "camera".to_owned(),
             operator: operator.to_owned(),
             taken_in: of(taken_in),
             answered: Some(of(answered)),
-            by: "local".to_owned(),
+            outcome: FrameOutcome::By("local".to_owned()),
             calls: Vec::new(),
         }
     }
@@ -217,7 +260,7 @@ mod tests {
     fn what_two_operators_took_at_once_is_counted_once() {
         let stages =
             vec![stage("planner", 300, 350), stage("left", 10, 200), stage("right", 20, 250)];
-        let life = FrameLife::new("camera".to_owned(), 7, stages);
+        let life = FrameLife::new(("camera".into(), 7), stages);
         let spans: Vec<_> =
             life.spans().into_iter().map(|(what, it)| (what, it.as_millis())).collect();
         let expected = [

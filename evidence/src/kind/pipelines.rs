@@ -22,7 +22,8 @@ pub(super) const PIPELINES: EvidenceKind = EvidenceKind {
     title: "tests of pipelines",
     applies: |id| id.starts_with('E'),
     concerns: |fault| {
-        PARTS.contains(&&*fault.file) && fault.breaks.iter().any(|id| id.starts_with('E'))
+        let is_of_pipeline = |id: &String| id.starts_with('E') || id == "D17";
+        PARTS.contains(&&*fault.file) && fault.breaks.iter().any(is_of_pipeline)
     },
     run: RunMethod::Cargo {
         arguments: &[
