@@ -268,13 +268,13 @@ where
         let mut service = service.with(|service| service.clone());
         Box::pin(async move {
             let mut caller = request.caller.clone();
-            let called = async {
+            let answer = async {
                 poll_fn(|context| service.poll_ready(context)).await.map_err(Into::into)?;
                 service.call(request.request.clone()).await.map_err(Into::into)
             };
             tokio::select! {
                 biased;
-                result = called => result,
+                result = answer => result,
                 _ = caller.changed() => Err("its caller does not wait any more".into()),
             }
         })
