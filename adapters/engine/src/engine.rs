@@ -407,6 +407,15 @@ impl<V, R> Engine<V, R> {
         self.arbiter.fusion().is_empty()
     }
 
+    /// How long local may take for a message that was taken on at `at` with `deadline`: no longer than its end-to-end deadline
+    /// allows (E3).
+    #[must_use]
+    pub fn local_deadline(&self, at: u64, t: u64, deadline: Option<Duration>) -> Option<Duration> {
+        let budget = self.open_messages.budget(t);
+        let left = budget.map(|budget| budget.for_local(at, self.has_substitutes));
+        deadline.into_iter().chain(left).min()
+    }
+
     /// The operator's name.
     #[must_use]
     pub fn name(&self) -> &str {

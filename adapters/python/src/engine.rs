@@ -217,6 +217,11 @@ impl PyEngine {
         self.apply(py, |inner| inner.tick(at))
     }
 
+    /// The run is over: if messages are open, the trace says so.
+    fn end<'py>(&self, py: Python<'py>, at: u64) -> PyResult<Vec<Bound<'py, PyTuple>>> {
+        self.apply(py, |inner| inner.end(at))
+    }
+
     /// When to tick, if ever.
     #[getter]
     fn next_due(&self) -> PyResult<Option<u64>> {

@@ -2,7 +2,7 @@
 
 use pyo3::prelude::*;
 
-use crate::judging::{ObservedSlack, VerdictFields, judged, verdict_fields};
+use crate::judging::{KnownRun, ObservedSlack, VerdictFields, judged, verdict_fields};
 use crate::reading::with_trace;
 use crate::tally::{PyTally, SummaryFields};
 
@@ -19,9 +19,10 @@ pub(crate) fn survey(
 ) -> PyResult<TraceSummary> {
     with_trace(trace, name, |name, trace| {
         let mut tally = PyTally::default();
-        let (header, findings) = judged((slack, &Vec::new()), name, trace, |header, event| {
-            tally.event(header.commit, event);
-        })?;
+        let (header, findings) =
+            judged((slack, &Vec::new()), KnownRun::default(), name, trace, |header, event| {
+                tally.event(header.commit, event);
+            })?;
         let counted = tally.counted(&header);
         Ok((header.operator, verdict_fields(findings), counted))
     })

@@ -17,7 +17,7 @@ use crate::reading::with_trace;
 use crate::time::Nanos;
 
 /// A verdict's fields in the order of `fuseline.Verdict`, its violations' likewise.
-pub(crate) type VerdictFields = (String, bool, u64, u64, Vec<ViolationFields>, u64);
+pub(crate) type VerdictFields = (String, bool, u64, u64, Vec<ViolationFields>, u64, Option<u64>);
 pub(crate) type ViolationFields =
     (u64, Option<u64>, &'static str, &'static str, String, String, Option<u64>, Vec<String>);
 /// A line's number and word, then at, t, p, deadline, backlog, due and why, and the further keys if it has any.
@@ -39,22 +39,35 @@ pub(crate) fn mode(slack: ObservedSlack) -> JudgeMode {
 
 /// Judges a trace, strictly or as observed.
 #[pyfunction]
-#[pyo3(signature = (trace, name, slack, tolerances))]
+#[pyo3(signature = (trace, name, slack, tolerances, ended, period))]
 #[expect(clippy::needless_pass_by_value, reason = "what comes from Python is owned")]
 pub(crate) fn check(
     trace: &Bound<'_, PyAny>,
     name: Option<String>,
     slack: ObservedSlack,
     tolerances: SourceTolerances,
+    ended: bool,
+    period: Option<Nanos>,
 ) -> PyResult<VerdictFields> {
+    let known = KnownRun { ended, period: period.map(|Nanos(period)| period) };
     with_trace(trace, name, |name, trace| {
-        Ok(verdict_fields(judged((slack, &tolerances), name, trace, |_, _| {})?.1))
+        Ok(verdict_fields(judged((slack, &tolerances), known, name, trace, |_, _| {})?.1))
     })
+}
+
+/// What is known of a run beside its trace.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct KnownRun {
+    /// It is over: what was due is overdue.
+    ended: bool,
+    /// A message opens every so many nanoseconds (J1).
+    period: Option<u64>,
 }
 
 /// Judges a trace as it is read; `each` is given every event, with the header.
 pub(crate) fn judged(
     (slack, tolerances): (ObservedSlack, &SourceTolerances),
+    known: KnownRun,
     name: &str,
     trace: impl BufRead,
     mut each: impl FnMut(&Header, &Event),
@@ -66,13 +79,17 @@ pub(crate) fn judged(
     for (p, tolerance) in by_priority(tolerances, name, reader.header())? {
         judging = judging.with_tolerance_of(p, tolerance);
     }
+    if let Some(period) = known.period {
+        judging = judging.with_period(period);
+    }
     while let Some(event) = reader.next_event().map_err(unreadable)? {
         judging
             .annotated_line(reader.line(), &event, reader.annotations())
             .map_err(|disorder| unjudged(&disorder))?;
         each(reader.header(), &event);
     }
-    Ok((reader.header().clone(), judging.finish()))
+    let findings = if known.ended { judging.finish_ended() } else { judging.finish() };
+    Ok((reader.header().clone(), findings))
 }
 
 /// Judges traces and makes the page about them: the verdicts, and the page's HTML.
@@ -151,7 +168,7 @@ pub(crate) fn verdict_fields(findings: Findings) -> VerdictFields {
 }
 
 fn strict(verdict: Verdict) -> VerdictFields {
-    let Verdict { file, conforms, judged, lines, violations, more, .. } = verdict;
+    let Verdict { file, conforms, judged, lines, violations, more, unfinished, .. } = verdict;
     let violations = violations.into_iter().map(|violation| {
         let (rule, sentence) = (violation.rule.id(), violation.rule.sentence());
         (
@@ -165,11 +182,12 @@ fn strict(verdict: Verdict) -> VerdictFields {
             violation.story,
         )
     });
-    (file, conforms, judged, lines, violations.collect(), more)
+    (file, conforms, judged, lines, violations.collect(), more, unfinished)
 }
 
 fn observed(verdict: observed::Verdict) -> VerdictFields {
-    let observed::Verdict { file, conforms, judged, lines, violations, more, .. } = verdict;
+    let observed::Verdict { file, conforms, judged, lines, violations, more, unfinished, .. } =
+        verdict;
     let violations = violations.into_iter().map(|violation| {
         let (t, rule, sentence) = (violation.t, violation.rule.id(), violation.rule.sentence());
         (
@@ -183,7 +201,7 @@ fn observed(verdict: observed::Verdict) -> VerdictFields {
             violation.story,
         )
     });
-    (file, conforms, judged, lines, violations.collect(), more)
+    (file, conforms, judged, lines, violations.collect(), more, unfinished)
 }
 
 /// The whole trace: the inputs as they stand, and the machine's decisions.

@@ -316,3 +316,26 @@ def test_a_timeline_shows_whose_results_went() -> None:
     labels = axes.get_legend_handles_labels()[1]
     assert any(label.startswith("local (") for label in labels), labels
     matplotlib.pyplot.close(axes.figure)
+
+
+HUNG = b"""{"fuseline":1,"window":16,"clouds":[{"p":1,"limit":9}]}
+{"ev":"open","at":0,"t":1}
+{"ev":"result","at":1,"t":1,"p":0}
+{"ev":"emit","at":1,"t":1,"p":0}
+{"ev":"open","at":100,"t":2}
+{"ev":"request","at":100,"t":2,"p":1,"due":200}
+{"ev":"result","at":101,"t":2,"p":0}
+"""
+
+
+def test_a_run_that_is_over_owes_what_was_due() -> None:
+    def judged(**known: Any) -> fuseline.Verdict:
+        return fuseline.check_observed(HUNG, tolerance=ns(0), lateness=ns(10), **known)
+
+    assert judged().conforms and judged().unfinished is None
+    assert [it.rule for it in judged(ended=True).violations] == ["P5"]
+    assert judged(ended=True).unfinished == 0
+    assert judged(period=ns(200)).conforms
+    assert [it.rule for it in judged(period=ns(50)).violations] == ["J1"]
+    strict = HUNG.split(b'{"ev":"open","at":100')[0] + b'{"ev":"open","at":100,"t":2}\n'
+    assert fuseline.check(strict, ended=True).unfinished == 1

@@ -22,6 +22,7 @@ from fuseline import (
     Closed,
     Ending,
     Item,
+    Items,
     Local,
     Operator,
     Trace,
@@ -220,6 +221,37 @@ def test_a_reader_that_lags_reads_the_newest_item_of_each_message(run: Run[Any])
         (1, 1, "b of west", True),
         (0, 2, "a of west", True),
     ]
+
+
+def test_a_reader_of_last_items_alone_gets_one_with_its_value_for_each_message(
+    run: Run[Any],
+) -> None:
+    async def main(loop: VirtualLoop) -> list[list[Item[Any]]]:
+        local = Local.task(local_after(10 * MS), at_once=2)
+        operator: Operator[Any, Any] = Operator(local, commit="progressive", clock=loop.nanos)
+        operator.use_cloud(after(20 * MS), ask(1.0), "{} of west".format, 1)
+        operator.use_cloud(after(9.0), lambda m, t: (m, 0.1) if t == 0 else None, str, 2)
+        async with operator:
+            every = Items(operator)
+            last = every.another().last_only()
+            operator.write("a")
+            operator.write("b")
+            operator.close()
+
+            async def all_of(items: Items[Item[Any]]) -> list[Item[Any]]:
+                return [item async for item in items]
+
+            return list(await asyncio.gather(all_of(every), all_of(last)))
+
+    every, last = run(main)
+    forwarded, final = Ending.FORWARDED, Ending.FINAL
+    assert [(it.timestamp, it.revision, it.ending, it.value) for it in last] == [
+        (1, 1, forwarded, "b of west"),
+        (0, 2, forwarded, "a of west"),
+    ]
+    # The other reader's item is as it was.
+    assert [it.revision for it in every] == [0, 0, 1, 1, 2]
+    assert (every[-1].ending, every[-1].value) == (final, None)
 
 
 def test_a_guard_under_progressive_is_refused_with_the_remedy(run: Run[Any]) -> None:
@@ -695,7 +727,8 @@ def test_stopping_ends_calls_and_items_and_leaves_the_trace_whole(
     assert sorted(ended) == ["a", "b"]
     verdict = check(trace)
     assert verdict.conforms
-    assert verdict.lines == 7
+    # The last one says that the run is over (A44).
+    assert (verdict.lines, list(Trace(trace).lines)[-1].ev) == (8, "tick")
 
 
 def test_a_source_of_messages_that_fails_is_raised_at_the_end(run: Run[Any]) -> None:

@@ -334,6 +334,7 @@ impl<T: Transport> Driver<T> {
         let offers = self.transport.offers(timestamp, message);
         let source = lineage.clone();
         if self.engine.open_with(now, timestamp, deadline, lineage, job, offers) {
+            let deadline = self.engine.local_deadline(now, timestamp, deadline);
             self.spans.open(self.engine.name(), timestamp, deadline, source.as_deref());
             self.transport.taken_on(timestamp, message);
         }

@@ -27,6 +27,8 @@ mod shared;
 mod side;
 mod side_counts;
 mod stream;
+#[cfg(feature = "tower")]
+pub mod tower;
 mod workers;
 
 pub use blocking::{BlockingOperator, UnreadItems};

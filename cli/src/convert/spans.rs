@@ -20,7 +20,8 @@ pub(super) struct SpanOptions {
     #[arg(long, value_name = "ROLE=NAME", value_delimiter = ',', value_parser = role)]
     span: Vec<(SpanRole, String)>,
     /// Where an attribute of a span stands, such as t=frame.id; by default `t` is fuseline.t, and so on. t, within, by
-    /// (whose result was sent) and deadline (local's) are a message's, p, deadline, of and try a request's.
+    /// (whose result was sent), took (ns from its start to its output, if the span ends otherwise) and deadline (local's) are a
+    /// message's, p, deadline, of and try a request's.
     #[arg(long, value_name = "KEY=NAME", value_delimiter = ',', value_parser = attribute)]
     attribute: Vec<(&'static str, String)>,
     /// How long a request may take whose span does not say so, such as 40ms.
@@ -35,7 +36,7 @@ enum SpanRole {
     Request,
 }
 
-const KEYS: [&str; 7] = ["t", "within", "by", "p", "deadline", "of", "try"];
+const KEYS: [&str; 8] = ["t", "within", "by", "took", "p", "deadline", "of", "try"];
 /// How long after its message's end a result may seem to come: some clocks of spans have whole milliseconds.
 const CLOCK_STEP: u64 = 1_000_000;
 /// How many parents, or links of attempts, are followed.
@@ -239,9 +240,11 @@ impl<'a> SpanReader<'a> {
         let open = Event::Input(Input::Open { at, t, deadline });
         self.events.push((open, Annotations { within, ..Annotations::NONE }));
         let at = span.end_time_unix_nano;
-        if at == 0 {
-            return Ok(()); // it has not ended
+        if at == 0 || span.attributes.contains_key("fuseline.ended") {
+            return Ok(()); // it has not ended, or the run ended before it
         }
+        let took = self.options.number(span, "took");
+        let at = took.map_or(at, |took| span.start_time_unix_nano.saturating_add(took));
         let used = match self.options.value(span, "by") {
             Some(AttributeValue::Number(p)) => Some(self.priority(&p.to_string(), span)?),
             Some(AttributeValue::Text(name)) => Some(self.priority(name, span)?),

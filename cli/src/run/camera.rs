@@ -1,6 +1,5 @@
 //! The camera: a detector operator fed with frames, its clouds behind gRPC.
 
-use std::future;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
@@ -8,8 +7,8 @@ use std::time::Duration;
 use bytes::Bytes;
 use fuseline_tokio::grpc::{self, Connection, Reply, Request};
 use fuseline_tokio::{
-    Config, Items, JoinError, Lineage, Local, Operator, Recording, Running, Setup, SourceTally,
-    SpawnError, Trace, Trigger, WriteError, Writer, spawn, stream,
+    Config, EmulatedLink, Items, JoinError, Lineage, Local, Operator, Recording, Running, Setup,
+    SourceTally, SpawnError, Trace, Trigger, WriteError, Writer, spawn, stream,
 };
 use tokio::task::JoinSet;
 use tokio::time::{Instant, interval, sleep, timeout};
@@ -17,7 +16,7 @@ use tokio::time::{Instant, interval, sleep, timeout};
 use crate::emulation::{REPLY_BYTES, REQUEST_BYTES};
 use crate::fault::Fault;
 use crate::interrupt::Interrupt;
-use crate::link::{DOWNLINK, LiveLink, UPLINK};
+use crate::link;
 use crate::run::deadlines::RunDeadlines;
 use crate::run::driven::RunMetadata;
 use crate::run::error::RunError;
@@ -54,8 +53,8 @@ struct Detector<'a> {
     plan: &'a RunPlan,
     connections: Vec<Connection>,
     begun: Vec<Arc<AtomicU64>>,
-    /// What all clouds share, if it has a limit.
-    link: Option<LiveLink>,
+    /// What all clouds share.
+    link: EmulatedLink,
 }
 
 impl Operator for Detector<'_> {
@@ -68,24 +67,10 @@ impl Operator for Detector<'_> {
         let deadlines = policy.then(|| RunDeadlines::new(self.plan));
         let clouds = self.plan.clouds.iter().zip(self.connections).zip(self.begun);
         for (index, ((cloud, connection), begun)) in clouds.enumerate() {
-            let infer = Arc::new(grpc::infer(connection));
-            let link = self.link.clone();
+            let linked = self.link.handle([REQUEST_BYTES, REPLY_BYTES], grpc::infer(connection));
             let handle = move |request, call| {
                 begun.fetch_add(1, Ordering::Relaxed);
-                let (infer, link) = (Arc::clone(&infer), link.clone());
-                async move {
-                    let Some(link) = link else { return infer(request, call).await };
-                    if !link.pass(UPLINK, REQUEST_BYTES).await {
-                        return Err("the uplink's queue is full".into());
-                    }
-                    let reply = infer(request, call).await?;
-                    // A reply that finds no room is lost.
-                    if link.pass(DOWNLINK, REPLY_BYTES).await {
-                        Ok(reply)
-                    } else {
-                        future::pending().await
-                    }
-                }
+                linked(request, call)
             };
             let message_handler = move |frame: &Picture, timestamp| {
                 Some((
@@ -125,7 +110,8 @@ pub(crate) fn start(plan: &RunPlan, network: Network) -> Result<Camera<'_>, Faul
     let Network { connections, servers, began } = network;
     let begun: Vec<Arc<AtomicU64>> = plan.clouds.iter().map(|_| Arc::default()).collect();
     let drive = plan.link_drive().map(|cloud| (cloud.drive.clone(), cloud.start));
-    let link = LiveLink::new(plan.link, drive, Arc::clone(&began));
+    began.get_or_init(Instant::now);
+    let link = link::emulated(plan.link, drive);
     let detector = Detector { plan, connections, begun: begun.clone(), link };
     let config = Config {
         name: "detector".to_owned(),
@@ -136,7 +122,6 @@ pub(crate) fn start(plan: &RunPlan, network: Network) -> Result<Camera<'_>, Faul
     };
     let (frames, input) = stream(1);
     let (running, output) = spawn(detector, config, input).map_err(cannot_spawn)?;
-    began.get_or_init(Instant::now);
     Ok(Camera { plan, frames, running, output, begun, _servers: servers })
 }
 

@@ -209,6 +209,7 @@ class Driver(Generic[M, V]):
         for side in self._handlers.sides:
             self._sources[0].aborted.update(side.stop())
         self._local._stop()
+        self._engine.end(self._clock())
         if not self._engine.is_recording:
             self._engine.finish()
             return

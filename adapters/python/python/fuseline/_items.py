@@ -7,7 +7,7 @@ import time
 import weakref
 from collections import deque
 from collections.abc import AsyncIterator, Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from fuseline._fuseline import Reorderer, nanoseconds
@@ -104,6 +104,14 @@ class Items(Generic[T]):
         ordered = _ordered(self, reorderer, report, clock)
         return Items(ordered, output_len=self._shared.capacity)
 
+    def last_only(self: Items[Item[V]]) -> Items[Item[V]]:
+        """This reader for the last items alone: one for each message, under progressive too.
+
+        Each has its message's best value, also if that was preliminary; one that was read before
+        is not given again, so its message's item is final, without a value.
+        """
+        return Items(_last_only(self), output_len=self._shared.capacity)
+
 
 class _SharedSource(Generic[T]):
     """What several readers read: whoever needs more takes it for all."""
@@ -139,6 +147,23 @@ class _SharedSource(Generic[T]):
     def _gone(self, reader: weakref.ref[Items[T]]) -> None:
         self._readers.discard(reader)
         self.make_room()
+
+
+async def _last_only(items: Items[Item[V]]) -> AsyncIterator[Item[V]]:
+    #: At most one for each open message.
+    preliminary: dict[int, Item[V]] = {}
+    async for item in items:
+        if not item.last:
+            preliminary[item.timestamp] = item
+            continue
+        earlier = preliminary.pop(item.timestamp, None)
+        if earlier is None:
+            yield item
+            continue
+        # Other readers have it as it is.
+        whole = replace(item)
+        whole._takes_the_place_of(earlier)
+        yield whole
 
 
 async def _ordered(

@@ -77,6 +77,8 @@ class Verdict:
     violations: tuple[Violation, ...] = ()
     #: How many violations more there are.
     more: int = 0
+    #: Of a run that is known to have ended: for how many timestamps local still owed a result.
+    unfinished: int | None = None
 
     def __str__(self) -> str:
         word = "conforms" if self.conforms else "does not conform"
@@ -126,7 +128,7 @@ class Verdict:
         return table(rows or [(*whole, None, None, None, None, None, None)], VERDICTS)
 
 
-def check(trace: Traced, *, name: str | None = None) -> Verdict:
+def check(trace: Traced, *, name: str | None = None, ended: bool = False) -> Verdict:
     """Judge a trace strictly: every decision must be the one that the rules demand.
 
     It takes the trace's bytes, the path of its file, or an iterable of its lines, which bear
@@ -136,12 +138,14 @@ def check(trace: Traced, *, name: str | None = None) -> Verdict:
     Args:
         trace: The trace.
         name: Its name in the verdict and in errors; by default its path.
+        ended: The run is known to be over, so that what was due by the trace's end or after it is
+            overdue; what waits for local alone is ``unfinished``.
 
     Raises:
         ReadError: if it cannot be read to its end.
         OSError: if its file cannot be opened or read.
     """
-    return _verdict(_fuseline.check(trace, name, None, ()))
+    return _verdict(_fuseline.check(trace, name, None, (), ended, None))
 
 
 def check_observed(
@@ -151,6 +155,8 @@ def check_observed(
     lateness: Duration,
     tolerances: Mapping[str, Duration] | None = None,
     name: str | None = None,
+    ended: bool = False,
+    period: Duration | None = None,
 ) -> Verdict:
     """Judge a trace that a concurrent implementation recorded, each timestamp by itself.
 
@@ -162,6 +168,8 @@ def check_observed(
         tolerances: The errors of single sources' instants, by the source's name: ``local`` or the
             cloud's.
         name: Its name in the verdict and in errors; by default its path.
+        ended: The run is known to be over, as for `check`.
+        period: A message opens every so often: a longer gap is a violation (J1).
 
     Raises:
         ReadError: if it cannot be read to its end, or is further out of order than the tolerance.
@@ -169,7 +177,8 @@ def check_observed(
         ValueError: if the trace has no source of a name in ``tolerances``.
     """
     by_source = list((tolerances or {}).items())
-    return _verdict(_fuseline.check(trace, name, (tolerance, lateness), by_source))
+    slack = tolerance, lateness
+    return _verdict(_fuseline.check(trace, name, slack, by_source, ended, period))
 
 
 def replay(trace: Traced, *, name: str | None = None) -> bytes:
@@ -275,6 +284,6 @@ def _replace(path: Path, content: bytes) -> None:
 
 
 def _verdict(fields: _fuseline._Verdict) -> Verdict:
-    file, conforms, judged, lines, violations, more = fields
+    file, conforms, judged, lines, violations, more, unfinished = fields
     listed = tuple(Violation(*violation[:7], tuple(violation[7])) for violation in violations)
-    return Verdict(file, conforms, judged, lines, listed, more)
+    return Verdict(file, conforms, judged, lines, listed, more, unfinished)

@@ -17,7 +17,7 @@ use tracing::Instrument;
 
 use crate::drive::Completion;
 use crate::drive::measured_call::MeasuredCall;
-use crate::drive::spans::CallSpan;
+use crate::drive::spans::TracedCall;
 use crate::drive::wake_flag::FlagWaker;
 use crate::panics::{guarded, panicked};
 
@@ -58,7 +58,7 @@ struct CallSlot<V> {
 struct RunningCall<V> {
     key: CallKey,
     call: MeasuredCall<V>,
-    span: CallSpan,
+    span: TracedCall,
 }
 
 /// Wakes the driver for one slot's call.
@@ -92,7 +92,7 @@ impl<V: Send + 'static> Calls<V> {
         Self::Tasks { completions, sender, under_way: FxHashMap::default() }
     }
 
-    pub(super) fn begin(&mut self, timestamp: u64, call: MeasuredCall<V>, mut span: CallSpan) {
+    pub(super) fn begin(&mut self, timestamp: u64, call: MeasuredCall<V>, mut span: TracedCall) {
         let priority = call.priority;
         match self {
             Self::InlineCalls(inline) => {

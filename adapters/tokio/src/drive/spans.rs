@@ -15,11 +15,11 @@ use crate::Error;
 pub(super) struct MessageSpans {
     open: FxHashMap<u64, Span>,
     /// Of requests whose results do not come by a call, by priority and timestamp.
-    away: FxHashMap<(u16, u64), CallSpan>,
+    away: FxHashMap<(u16, u64), TracedCall>,
 }
 
 /// A call's span. One that is dropped without an end was ended by its caller.
-pub(super) struct CallSpan {
+pub(super) struct TracedCall {
     span: Span,
     has_ended: bool,
 }
@@ -44,6 +44,7 @@ impl MessageSpans {
             fuseline.within = lineage.and_then(|lineage| lineage.within).map(nanos),
             fuseline.origin = origin.map(|origin| &*origin.stream),
             fuseline.seq = origin.and_then(|origin| origin.seq).map(int),
+            fuseline.took = Empty,
             fuseline.by = Empty,
             fuseline.of = Empty,
             fuseline.ended = Empty,
@@ -55,7 +56,11 @@ impl MessageSpans {
     }
 
     /// A request is sent, or local's computation begins.
-    pub(super) fn begin(&self, (priority, timestamp): (u16, u64), deadline: Duration) -> CallSpan {
+    pub(super) fn begin(
+        &self,
+        (priority, timestamp): (u16, u64),
+        deadline: Duration,
+    ) -> TracedCall {
         let parent = self.open.get(&timestamp).and_then(Span::id);
         let is_remote = priority > 0;
         let span = debug_span!(
@@ -70,11 +75,11 @@ impl MessageSpans {
             otel.kind = if is_remote { "client" } else { "internal" },
             otel.status_code = Empty,
         );
-        CallSpan { span, has_ended: false }
+        TracedCall { span, has_ended: false }
     }
 
     /// The result of this request comes otherwise than by a call.
-    pub(super) fn wait(&mut self, key: (u16, u64), span: CallSpan) {
+    pub(super) fn wait(&mut self, key: (u16, u64), span: TracedCall) {
         if !span.span.is_disabled() {
             self.away.insert(key, span);
         }
@@ -99,6 +104,8 @@ impl MessageSpans {
         }
         let Some(span) = self.open.remove(&item.timestamp) else { return };
         self.abort((0, item.timestamp));
+        // A span ends with the last one below it, and local may compute on.
+        span.record("fuseline.took", nanos(item.took()));
         match &item.ending {
             Ending::Forwarded(Forwarded { source, of, .. }) => {
                 span.record("fuseline.by", i64::from(source.priority));
@@ -124,7 +131,7 @@ impl Drop for MessageSpans {
     }
 }
 
-impl CallSpan {
+impl TracedCall {
     pub(super) const fn span(&self) -> &Span {
         &self.span
     }
@@ -145,7 +152,7 @@ impl CallSpan {
     }
 }
 
-impl Drop for CallSpan {
+impl Drop for TracedCall {
     fn drop(&mut self) {
         if !self.has_ended {
             self.span.record("fuseline.ended", "aborted");

@@ -2,10 +2,11 @@
 
 use std::time::Duration;
 
-use fuseline_deadline::LinkQueue;
+use fuseline_tokio::LinkDirection;
+use fuseline_tokio::deadline::LinkQueue;
 
 use crate::emulation::REPLY_BYTES;
-use crate::link::{DOWNLINK, RecordedLink, UPLINK};
+use crate::link::RecordedLink;
 use crate::scenario::approach::{figure, nanos, seconds, whole};
 use crate::scenario::networks::policy::OBSERVED;
 
@@ -47,7 +48,7 @@ impl LinkedResponses {
         );
         let mut uplink = LinkQueue::new(link.width.queue_bytes);
         let send = |captured: u64| {
-            let sent = link.send(UPLINK, &mut uplink, captured, bytes);
+            let sent = link.send(LinkDirection::Uplink, &mut uplink, captured, bytes);
             let replied = sent.and_then(|sent| Some(sent.saturating_add(response(sent)?)));
             LinkedFrame { captured, replied }
         };
@@ -86,7 +87,8 @@ fn received(link: &RecordedLink<'_>, frames: &[LinkedFrame]) -> Vec<Option<u64>>
     let mut downlink = LinkQueue::new(link.width.queue_bytes);
     let mut responses = vec![None; frames.len()];
     for (replied, index) in order {
-        let through = link.send(DOWNLINK, &mut downlink, replied, REPLY_BYTES as u64);
+        let through =
+            link.send(LinkDirection::Downlink, &mut downlink, replied, REPLY_BYTES as u64);
         responses[index] = through.map(|through| through.saturating_sub(frames[index].captured));
     }
     responses
