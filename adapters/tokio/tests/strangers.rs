@@ -10,6 +10,7 @@ mod hostile;
 mod hosts;
 
 use std::future::ready;
+use std::io::Write as _;
 use std::iter;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::sync::{Arc, LazyLock, Mutex, PoisonError};
@@ -493,14 +494,17 @@ async fn knock(address: SocketAddr, host: usize) -> std::io::Result<TcpStream> {
     socket.connect(address).await
 }
 
-/// `STRANGERS` of them, 10,000 by default; as many at once as the limits on open files allow both ends of.
+/// `STRANGERS` of them, 4,000 by default, as many as a landing affords; as many at once as the limits on open files allow
+/// both ends of. The size is printed.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn connections_are_bounded_for_each_address_and_in_all() {
     let _turn = TURN.lock().await;
-    let in_all = std::env::var("STRANGERS").map_or(10_000, |count| count.parse().unwrap());
+    let in_all = std::env::var("STRANGERS").map_or(4_000, |count| count.parse().unwrap());
     let at_once = (rustix::process::getrlimit(rustix::process::Resource::Nofile).current)
         .map_or(5_000, |files| usize::try_from(files).unwrap_or(usize::MAX) / 4)
         .clamp(100, 5_000);
+    // Not captured with the rest.
+    writeln!(std::io::stderr(), "{in_all} strangers knock, {at_once} at once").unwrap();
     let bounds = Bounds { connections: 1024, connections_each: 64, ..WIDE };
     let flood = |hosts: usize, in_all: usize| {
         move |raw: Raw| async move {

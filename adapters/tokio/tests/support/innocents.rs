@@ -6,8 +6,8 @@ use fuseline_testkit::Rng;
 use futures_util::future::join_all;
 use tokio::time::{Instant, sleep};
 
-use super::memory::{CallEnd, CallPlan, Visitor};
-use super::visitors::{Neighbourhood, SECOND};
+use super::memory::{CallPlan, VisitEnd, Visitor};
+use super::visitors::{SECOND, VisitedServer};
 
 /// How much later than planned an answer may come: each timer rounds up to a millisecond.
 const ROUNDING: Duration = Duration::from_millis(20);
@@ -27,7 +27,7 @@ const NO_DEADLINES: [Option<&str>; 6] =
     [None, Some("99999999H"), Some("1"), Some("S"), Some("1x"), Some("123456789m")];
 
 /// Makes calls and rests until all others are done too; what went wrong, if something did.
-pub(crate) async fn stay(here: &Neighbourhood, visitor: &Visitor, rng: Rng) -> Option<String> {
+pub(crate) async fn stay(here: &VisitedServer, visitor: &Visitor, rng: Rng) -> Option<String> {
     let wrong = visit(here, visitor, rng).await;
     here.busy.set(here.busy.get() - 1);
     while wrong.is_none() {
@@ -42,7 +42,7 @@ pub(crate) async fn stay(here: &Neighbourhood, visitor: &Visitor, rng: Rng) -> O
     wrong
 }
 
-async fn visit(here: &Neighbourhood, visitor: &Visitor, mut rng: Rng) -> Option<String> {
+async fn visit(here: &VisitedServer, visitor: &Visitor, mut rng: Rng) -> Option<String> {
     let bounds = here.bounds;
     while Instant::now() < here.until {
         let mut before = 3 * SECOND;
@@ -78,7 +78,7 @@ async fn visit(here: &Neighbourhood, visitor: &Visitor, mut rng: Rng) -> Option<
     None
 }
 
-fn is_as_expected(plan: &CallPlan, end: &CallEnd, expected: &CallEnd) -> bool {
+fn is_as_expected(plan: &CallPlan, end: &VisitEnd, expected: &VisitEnd) -> bool {
     let least = expected.took;
     // A slow reader takes as long as it takes.
     let is_in_time = plan.read_pause > Duration::ZERO || end.took <= least + ROUNDING;
@@ -86,7 +86,7 @@ fn is_as_expected(plan: &CallPlan, end: &CallEnd, expected: &CallEnd) -> bool {
 }
 
 /// As many calls as may be taken back in a second, each while it is computed.
-async fn take_back(here: &Neighbourhood, visitor: &Visitor) {
+async fn take_back(here: &VisitedServer, visitor: &Visitor) {
     sleep(SECOND).await;
     let plan = CallPlan { compute: 1000 * SECOND, ..here.plain() };
     for _ in 0..here.bounds.resets {
@@ -101,7 +101,7 @@ async fn take_back(here: &Neighbourhood, visitor: &Visitor) {
 }
 
 /// More calls at once than may be taken back in a second: each is answered.
-async fn hurry(here: &Neighbourhood, visitor: &Visitor) -> Option<String> {
+async fn hurry(here: &VisitedServer, visitor: &Visitor) -> Option<String> {
     for turn in 0..=here.bounds.resets / here.bounds.calls {
         let calls = (0..here.bounds.calls).map(|_| here.answers(visitor));
         if !join_all(calls).await.into_iter().all(|is_answered| is_answered) {
@@ -112,7 +112,7 @@ async fn hurry(here: &Neighbourhood, visitor: &Visitor) -> Option<String> {
 }
 
 /// A call, and how it must end.
-fn draw(here: &Neighbourhood, rng: &mut Rng) -> (CallPlan, CallEnd) {
+fn draw(here: &VisitedServer, rng: &mut Rng) -> (CallPlan, VisitEnd) {
     let (bounds, mut plan) = (here.bounds, here.plain());
     plan.reply = rng.usize(1..60_000);
     plan.payload = rng.usize(0..60_000);
@@ -120,7 +120,7 @@ fn draw(here: &Neighbourhood, rng: &mut Rng) -> (CallPlan, CallEnd) {
     let (unit, nanos, most) = UNITS[rng.index(UNITS.len())];
     let count = rng.u64(1..most);
     let deadline = Duration::from_nanos(count * nanos);
-    let mut end = CallEnd { status: 0, bytes: plan.reply, took: plan.compute };
+    let mut end = VisitEnd { status: 0, bytes: plan.reply, took: plan.compute };
     match rng.u8(0..6) {
         0 => {}
         1 => {
@@ -138,7 +138,7 @@ fn draw(here: &Neighbourhood, rng: &mut Rng) -> (CallPlan, CallEnd) {
         3 => {
             plan.compute = millis(deadline * 2 + SECOND);
             plan.timeout = Some(format!("{count}{unit}"));
-            end = CallEnd { status: 4, bytes: 0, took: deadline };
+            end = VisitEnd { status: 4, bytes: 0, took: deadline };
         }
         // The reply is taken slowly.
         4 => {

@@ -20,11 +20,11 @@ use tokio::time::{Instant, sleep, timeout};
 /// Bytes that are on their way in one direction.
 const WIRE: usize = 16 * 1024;
 
-type Arrival = io::Result<(DuplexStream, SocketAddr)>;
+type IncomingStream = io::Result<(DuplexStream, SocketAddr)>;
 
 /// A server that computes for as long as a request says, and replies with as many bytes.
 pub(crate) struct MemoryServer {
-    door: mpsc::UnboundedSender<Arrival>,
+    door: mpsc::UnboundedSender<IncomingStream>,
     stop: oneshot::Sender<()>,
     task: JoinHandle<Result<(), ServeError>>,
     computing: Arc<AtomicUsize>,
@@ -56,7 +56,7 @@ impl MemoryServer {
             }
         };
         let incoming = stream::unfold(arrivals, async |mut arrivals| {
-            arrivals.recv().await.map(|arrival: Arrival| (arrival, arrivals))
+            arrivals.recv().await.map(|arrival: IncomingStream| (arrival, arrivals))
         });
         let until = async move {
             let _ = stopped.await;
@@ -123,7 +123,7 @@ pub(crate) struct CallPlan {
 
 /// What came of a call.
 #[derive(Debug, PartialEq, Eq)]
-pub(crate) struct CallEnd {
+pub(crate) struct VisitEnd {
     /// The gRPC status.
     pub(crate) status: u16,
     /// The reply's payload.
@@ -170,7 +170,7 @@ impl Visitor {
     }
 
     /// One call from its first to its last byte.
-    pub(crate) async fn call(&self, plan: &CallPlan) -> Result<CallEnd, h2::Error> {
+    pub(crate) async fn call(&self, plan: &CallPlan) -> Result<VisitEnd, h2::Error> {
         let since = Instant::now();
         let mut send = self.send.clone().ready().await?;
         let (answer, mut body) = send.send_request(plan.head(), false)?;
@@ -199,7 +199,7 @@ impl Visitor {
         let bytes = all.get(5..).map_or(0, |message| {
             Reply::decode(message).map_or(usize::MAX, |reply| reply.payload.len())
         });
-        Ok(CallEnd { status: status.unwrap_or(u16::MAX), bytes, took: since.elapsed() })
+        Ok(VisitEnd { status: status.unwrap_or(u16::MAX), bytes, took: since.elapsed() })
     }
 }
 

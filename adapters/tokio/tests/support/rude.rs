@@ -10,7 +10,7 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
 use tokio::time::{Instant, sleep, timeout};
 
 use super::memory::CallPlan;
-use super::visitors::{Neighbourhood, SECOND};
+use super::visitors::{SECOND, VisitedServer};
 
 /// How many more than may come at once.
 pub(crate) const BEYOND: usize = 3;
@@ -70,7 +70,7 @@ impl StrangerKind {
 
 /// Comes, does what it does, and goes; what went otherwise than the bounds say, if something did.
 pub(crate) async fn come(
-    here: &Neighbourhood,
+    here: &VisitedServer,
     kind: StrangerKind,
     from: IpAddr,
     rng: &mut Rng,
@@ -120,7 +120,7 @@ async fn end(socket: &mut DuplexStream, within: Duration) -> Option<Duration> {
     timeout(within, read).await.ok().map(|()| since.elapsed())
 }
 
-async fn mute(here: &Neighbourhood, from: IpAddr, rng: &mut Rng) -> Option<String> {
+async fn mute(here: &VisitedServer, from: IpAddr, rng: &mut Rng) -> Option<String> {
     let greeting = here.bounds.greeting;
     let pinging = rng.u8(0..4);
     if pinging == 3 {
@@ -144,7 +144,7 @@ async fn mute(here: &Neighbourhood, from: IpAddr, rng: &mut Rng) -> Option<Strin
 }
 
 /// Calls that are refused are no first call.
-async fn unknown(here: &Neighbourhood, from: IpAddr) -> Option<String> {
+async fn unknown(here: &VisitedServer, from: IpAddr) -> Option<String> {
     let (greeting, since) = (here.bounds.greeting, Instant::now());
     let visitor = here.server.visit(from).await;
     for token in [None, Some("wrong"), Some("righ"), Some("rightt")].into_iter().cycle() {
@@ -165,7 +165,7 @@ async fn unknown(here: &Neighbourhood, from: IpAddr) -> Option<String> {
         .then(|| format!("closed after {closed:?}, not {greeting:?}"))
 }
 
-async fn crowd(here: &Neighbourhood, from: IpAddr) -> Option<String> {
+async fn crowd(here: &VisitedServer, from: IpAddr) -> Option<String> {
     let each = here.bounds.connections_each;
     let mut sockets: Vec<_> = (0..each + BEYOND).map(|_| here.server.connect(from)).collect();
     let ends = sockets.iter_mut().map(|socket| end(socket, 2 * here.bounds.greeting));
@@ -178,7 +178,7 @@ async fn crowd(here: &Neighbourhood, from: IpAddr) -> Option<String> {
 }
 
 /// A reply of which nothing is taken; other replies may be.
-async fn stalls(here: &Neighbourhood, from: IpAddr, takes_others: bool) -> Option<String> {
+async fn stalls(here: &VisitedServer, from: IpAddr, takes_others: bool) -> Option<String> {
     let (stall, since) = (here.bounds.stall, Instant::now());
     let mut builder = h2::client::Builder::new();
     builder.initial_connection_window_size(10 * 1024 * 1024);
@@ -197,7 +197,7 @@ async fn stalls(here: &Neighbourhood, from: IpAddr, takes_others: bool) -> Optio
     (closed.is_none_or(|took| took > latest)).then(|| format!("closed after {closed:?}"))
 }
 
-async fn dribbles(here: &Neighbourhood, from: IpAddr) -> Option<String> {
+async fn dribbles(here: &VisitedServer, from: IpAddr) -> Option<String> {
     let stall = here.bounds.stall;
     let visitor = here.server.visit(from).await;
     let plan = CallPlan { payload: 1000, upload: (900, stall / 8), ..here.plain() };
@@ -219,7 +219,7 @@ async fn dribbles(here: &Neighbourhood, from: IpAddr) -> Option<String> {
 }
 
 /// One more than may be taken back in a second.
-async fn resets(here: &Neighbourhood, from: IpAddr) -> Option<String> {
+async fn resets(here: &VisitedServer, from: IpAddr) -> Option<String> {
     let visitor = here.server.visit(from).await;
     let plan = CallPlan { compute: 1000 * SECOND, ..here.plain() };
     for number in 0..=here.bounds.resets {
@@ -238,7 +238,7 @@ async fn resets(here: &Neighbourhood, from: IpAddr) -> Option<String> {
 }
 
 /// Whoever is gone leaves nothing behind, whatever it was about to do.
-async fn vanishes(here: &Neighbourhood, from: IpAddr, rng: &mut Rng) -> Option<String> {
+async fn vanishes(here: &VisitedServer, from: IpAddr, rng: &mut Rng) -> Option<String> {
     let visitor = here.server.visit(from).await;
     let plan = CallPlan { compute: 100_000 * SECOND, reply: 1_000_000, ..here.plain() };
     let mut send = visitor.send.clone().ready().await.ok()?;
@@ -258,7 +258,7 @@ async fn vanishes(here: &Neighbourhood, from: IpAddr, rng: &mut Rng) -> Option<S
 }
 
 /// The server pings it, and closes what does not answer long before it counts as idle.
-async fn dead(here: &Neighbourhood, from: IpAddr) -> Option<String> {
+async fn dead(here: &VisitedServer, from: IpAddr) -> Option<String> {
     let (send, mut connection) = h2::client::handshake(here.server.connect(from)).await.ok()?;
     let mut send = send.ready().await.ok()?;
     let plan = here.plain();

@@ -28,7 +28,7 @@ const INNOCENTS: u8 = 6;
 const STRANGERS: u8 = 24;
 
 /// What innocents and strangers share.
-pub(crate) struct Neighbourhood {
+pub(crate) struct VisitedServer {
     pub(crate) server: MemoryServer,
     pub(crate) bounds: Bounds,
     pub(crate) token: Option<&'static str>,
@@ -40,7 +40,7 @@ pub(crate) struct Neighbourhood {
     family: u8,
 }
 
-impl Neighbourhood {
+impl VisitedServer {
     fn draw(rng: &mut Rng) -> Self {
         let greeting = Duration::from_secs(rng.u64(5..20));
         let stall = greeting + Duration::from_secs(rng.u64(5..40));
@@ -97,7 +97,7 @@ async fn wrongs(seed: u64) -> Vec<String> {
     let log = CapturedLog::default();
     let _guard = log.begin();
     let (tasks_at_first, mut wrong) = (tasks(), Vec::new());
-    let here = Rc::new(Neighbourhood::draw(&mut rng));
+    let here = Rc::new(VisitedServer::draw(&mut rng));
     let mut innocents = Vec::new();
     for number in 0..INNOCENTS {
         let visitor = here.server.visit(here.address(0, number)).await;
@@ -148,7 +148,7 @@ fn tasks() -> usize {
 
 /// What is not as it was before the strangers came.
 async fn recovered(
-    here: &Neighbourhood,
+    here: &VisitedServer,
     innocents: &[Rc<Visitor>],
     tasks_before: usize,
     crowds: usize,
@@ -232,7 +232,7 @@ fn logged(log: &str, why: &str) -> usize {
 }
 
 /// What is wrong with the server's end while each innocent has a call under way.
-async fn ended_well(here: Rc<Neighbourhood>, innocents: Vec<Rc<Visitor>>) -> Vec<String> {
+async fn ended_well(here: Rc<VisitedServer>, innocents: Vec<Rc<Visitor>>) -> Vec<String> {
     let compute = here.bounds.idle + SECOND;
     let plan = CallPlan { compute, ..here.plain() };
     let calls: Vec<_> = innocents

@@ -11,8 +11,7 @@ use std::time::{Duration, Instant};
 
 use clap::Parser;
 use fuseline_system_tests::simulate::{
-    Finding, KeptSeed, Scenario, Simulated, Simulator, graph_findings, saved_seeds,
-    server_findings,
+    Finding, KeptSeed, Scenario, Simulated, Simulator, graph_findings, saved_seeds, server_findings,
 };
 use fuseline_testkit::Rng;
 use indicatif::{ProgressBar, ProgressStyle};

@@ -1,0 +1,300 @@
+"""After a disturbance of any kind everything is as before, however long it lasted."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import logging
+import math
+import threading
+from typing import Any
+
+import pytest
+from conftest import Run, VirtualLoop
+from fuseline import Call, Lineage, Local, Operator
+from fuseline.deadline import Chosen, End, Policy, Reason, Situation
+
+MS = 0.001
+#: More than calls and overdue tasks together may be.
+MANY = 1100
+
+
+async def disturbed(request: int, call: Call) -> str:
+    """Fail, never answer, be late, and answer, by turns; the first and the last answer."""
+    kind = request % 5 if 0 < request < MANY else 4
+    if kind == 0:
+        raise OSError("broke")
+    if kind == 1:
+        await asyncio.Event().wait()
+    await asyncio.sleep((300 if kind == 2 else 20) * MS)
+    if kind == 3:
+        raise ValueError("late and broken")
+    return f"{request} of the cloud"
+
+
+async def local(message: int, t: int) -> str:
+    await asyncio.sleep(5 * MS)
+    if 0 < message < MANY and message % 7 == 0:
+        raise RuntimeError("on purpose")
+    return f"{message} on board"
+
+
+def wanted(message: int, t: int) -> tuple[int, float]:
+    if 0 < message < MANY and message % 11 == 0:
+        raise KeyError("a message handler fails")
+    return message, 0.1
+
+
+def response(answer: str) -> str:
+    if answer.startswith("9 "):
+        raise KeyError("a response handler fails")
+    return answer
+
+
+def situation(message: int, t: int) -> Situation:
+    if message % 13 == 5:
+        raise KeyError("a situation's handler fails")
+    return Situation()
+
+
+async def one(operator: Operator[int, str], loop: VirtualLoop, message: int) -> tuple[Any, ...]:
+    """How a message is answered, and how long that takes."""
+    begin = loop.time()
+    operator.write(message, Lineage("camera", seq=message))
+    item = await anext(operator)
+    return str(item.source), item.value, round(loop.time() - begin, 6)
+
+
+@pytest.mark.parametrize("linger", [0.0, 50 * MS])
+def test_after_any_disturbance_a_message_is_answered_as_the_first_was(
+    run: Run[Any], linger: float
+) -> None:
+    async def main(loop: VirtualLoop) -> None:
+        operator: Operator[int, str] = Operator(
+            Local.task(local, at_once=4), window=4, clock=loop.nanos
+        )
+        operator.use_cloud(disturbed, wanted, response, 1, name="west", calls=2, linger=linger)
+        operator.use_situation(situation)
+        tasks = len(asyncio.all_tasks())
+        async with operator:
+            assert await one(operator, loop, 0) == ("west", "0 of the cloud", 0.02)
+
+            async def items() -> None:
+                while True:
+                    await operator.read()
+
+            reading = asyncio.ensure_future(items())
+            # Faster than they can be answered.
+            for message in range(1, MANY):
+                operator.write(message, Lineage("camera", seq=message))
+                await asyncio.sleep(17 * MS)
+            await asyncio.sleep(60)
+            reading.cancel()
+            await asyncio.sleep(1)
+            driver = operator._driver
+            assert driver is not None and driver.is_idle
+            for source in driver._sources.values():
+                assert not source.in_flight and not source.aborted
+            assert not driver._lineages
+            assert len(asyncio.all_tasks()) == tasks
+            last = ("west", f"{MANY} of the cloud", 0.02)
+            assert await one(operator, loop, MANY) == last
+
+    run(main)
+
+
+def test_many_messages_leave_no_objects_behind(
+    run: Run[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # What is logged is kept by whoever runs the tests.
+    monkeypatch.setattr(logging.getLogger("fuseline"), "disabled", True)
+
+    async def main(loop: VirtualLoop) -> None:
+        operator: Operator[int, str] = Operator(local, window=4, clock=loop.nanos)
+        operator.use_cloud(disturbed, wanted, response, 1, calls=2)
+
+        async def messages(first: int, last: int) -> int:
+            for message in range(first, last):
+                operator.write(message, Lineage("camera", seq=message))
+                await operator.read()
+            await asyncio.sleep(1)
+            gc.collect()
+            return len(gc.get_objects())
+
+        async with operator:
+            before = await messages(1, 300)
+            assert await messages(300, 900) - before < 300
+
+    run(main)
+
+
+@pytest.mark.parametrize("output_len", [1, 16])
+def test_a_feed_goes_on_when_its_reader_no_longer_lags(run: Run[Any], output_len: int) -> None:
+    async def main(loop: VirtualLoop) -> list[int]:
+        operator: Operator[int, str] = Operator(
+            local, window=2, output_len=output_len, clock=loop.nanos
+        )
+        read = []
+
+        async def fed() -> None:
+            async with operator:
+                operator.feed(range(100))
+                # What nobody reads yet lets messages in as far as there is room for items.
+                await asyncio.sleep(10)
+                assert operator.counts["operator", "message", "accepted"] >= output_len
+                async for item in operator:
+                    read.append(item.timestamp)
+                    if item.timestamp % 10 == 3:
+                        await asyncio.sleep(3600)
+
+        await asyncio.wait_for(fed(), 1e6)
+        return read
+
+    assert run(main) == list(range(100))
+
+
+class ApprovingPolicy(Policy):
+    """Notes what is known, and takes what may be taken."""
+
+    def __init__(self) -> None:
+        self.speeds: list[Any] = []
+
+    def decide(self, situation: Situation, cap: Any) -> Chosen:
+        self.speeds.append(situation.speed)
+        return Chosen(cap, Reason.CONSTANT)
+
+    def ended(self, end: End, age: Any) -> None:
+        pass
+
+
+def test_after_a_situations_handler_failed_no_speed_is_known(run: Run[Any]) -> None:
+    noting = ApprovingPolicy()
+
+    def at(message: int, t: int) -> Situation:
+        assert message != 1, "on purpose"
+        return Situation(7.0)
+
+    async def main(loop: VirtualLoop) -> None:
+        operator: Operator[int, str] = Operator(local, clock=loop.nanos)
+        operator.use_cloud(disturbed, wanted, response, 1, policy=noting)
+        operator.use_situation(at)
+        async with operator:
+            for message in range(3):
+                operator.write(message)
+                await operator.read()
+
+    run(main)
+    first, failed, last = noting.speeds
+    assert first == last == 7.0
+    assert math.isnan(failed)
+
+
+def test_a_call_is_given_the_time_left_with_the_time_to_linger(run: Run[Any]) -> None:
+    deadlines: list[float] = []
+
+    async def cloud(request: int, call: Call) -> str:
+        deadlines.append(call.deadline)
+        await asyncio.sleep(30 * MS)
+        return "answer"
+
+    async def main(loop: VirtualLoop) -> None:
+        operator: Operator[int, str] = Operator(Local.task(local, at_once=2), clock=loop.nanos)
+        operator.use_cloud(cloud, wanted, str, 1, calls=1, linger=0.25)
+        async with operator:
+            operator.write(1)
+            operator.write(2)
+            await operator.read()
+            await operator.read()
+
+    run(main)
+    assert deadlines == pytest.approx([0.35, 0.32])
+
+
+def test_each_timer_goes_off_at_its_own_instant_however_far(run: Run[Any]) -> None:
+    # Much further a float of seconds does not tell one nanosecond from the next.
+    days = [days * 86_400 + 1 for days in (1, 2, 7, 40)]
+
+    async def never(request: int, call: Call) -> str:
+        await asyncio.Event().wait()
+        return ""
+
+    async def main(loop: VirtualLoop) -> list[float]:
+        operator: Operator[int, str] = Operator(
+            local, clock=loop.nanos, greatest_deadline=400 * 86_400.0
+        )
+        operator.use_cloud(never, lambda message, t: (message, float(days[message])), str, 1)
+        async with operator:
+            begin = loop.time()
+            for message in reversed(range(len(days))):
+                operator.write(message)
+            ended = []
+            for _ in days:
+                await operator.read()
+                ended.append(loop.time() - begin)
+            return ended
+
+    assert run(main) == pytest.approx(days, abs=2 * MS)
+
+
+def test_side_requests_are_as_before_after_every_kind_of_end(run: Run[Any]) -> None:
+    answered: list[str] = []
+
+    async def main(loop: VirtualLoop) -> None:
+        operator: Operator[int, str] = Operator(local, window=64, clock=loop.nanos)
+        operator.use_side_request(disturbed, wanted, answered.append, name="plan", calls=1, limit=2)
+        async with operator:
+            for message in range(MANY):
+                operator.write(message)
+                await operator.read()
+            await asyncio.sleep(10)
+            before = len(answered)
+            operator.write(MANY)
+            await asyncio.sleep(1)
+            assert answered[before:] == [f"{MANY} of the cloud"]
+
+    run(main)
+
+
+def test_messages_from_another_thread_are_taken_after_any_that_were_not() -> None:
+    async def main() -> None:
+        operator: Operator[int, str] = Operator(local, window=4, output_len=1)
+        async with operator:
+            operator.write(0)
+            await asyncio.sleep(0.05)
+            # The reader lags: each is refused on its way.
+            refused = 0
+            for message in range(1, 40):
+                future = await asyncio.to_thread(operator.write_threadsafe, message)
+                with pytest.raises(Exception, match="wait to be read"):
+                    await asyncio.wrap_future(future)
+                refused += 1
+            assert operator.counts["operator", "message", "not taken"] == refused
+            await operator.read()
+            future = await asyncio.to_thread(operator.write_threadsafe, 40)
+            assert await asyncio.wrap_future(future) == 1
+            await operator.read()
+
+    asyncio.run(main())
+
+
+def test_threads_of_local_end_with_their_operator() -> None:
+    def compute(message: int, t: int) -> str:
+        if message % 3 == 1:
+            raise ValueError("on purpose")
+        return str(message)
+
+    async def main() -> None:
+        operator: Operator[int, str] = Operator(Local.threads(compute, workers=3))
+        async with operator:
+            for message in range(60):
+                operator.write(message)
+                await operator.read()
+            assert not operator._local._running
+
+    before = threading.active_count()
+    for _ in range(5):
+        asyncio.run(main())
+    for thread in threading.enumerate():
+        if thread.name == "fuseline-local":
+            thread.join(10)
+    assert threading.active_count() == before
