@@ -228,7 +228,7 @@ def test_a_reader_of_last_items_alone_gets_one_with_its_value_for_each_message(
 ) -> None:
     async def main(loop: VirtualLoop) -> list[list[Item[Any]]]:
         local = Local.task(local_after(10 * MS), at_once=2)
-        operator: Operator[Any, Any] = Operator(local, commit="progressive", clock=loop.nanos)
+        operator: Operator[Any, Any] = Operator(local, commit="progressive", clock=loop.time_ns)
         operator.use_cloud(after(20 * MS), ask(1.0), "{} of west".format, 1)
         operator.use_cloud(after(9.0), lambda m, t: (m, 0.1) if t == 0 else None, str, 2)
         async with operator:

@@ -71,7 +71,7 @@ def test_after_any_disturbance_a_message_is_answered_as_the_first_was(
 ) -> None:
     async def main(loop: VirtualLoop) -> None:
         operator: Operator[int, str] = Operator(
-            Local.task(local, at_once=4), window=4, clock=loop.nanos
+            Local.task(local, at_once=4), window=4, clock=loop.time_ns
         )
         operator.use_cloud(disturbed, wanted, response, 1, name="west", calls=2, linger=linger)
         operator.use_situation(situation)
@@ -110,7 +110,7 @@ def test_many_messages_leave_no_objects_behind(
     monkeypatch.setattr(logging.getLogger("fuseline"), "disabled", True)
 
     async def main(loop: VirtualLoop) -> None:
-        operator: Operator[int, str] = Operator(local, window=4, clock=loop.nanos)
+        operator: Operator[int, str] = Operator(local, window=4, clock=loop.time_ns)
         operator.use_cloud(disturbed, wanted, response, 1, calls=2)
 
         async def messages(first: int, last: int) -> int:
@@ -132,7 +132,7 @@ def test_many_messages_leave_no_objects_behind(
 def test_a_feed_goes_on_when_its_reader_no_longer_lags(run: Run[Any], output_len: int) -> None:
     async def main(loop: VirtualLoop) -> list[int]:
         operator: Operator[int, str] = Operator(
-            local, window=2, output_len=output_len, clock=loop.nanos
+            local, window=2, output_len=output_len, clock=loop.time_ns
         )
         read = []
 
@@ -175,7 +175,7 @@ def test_after_a_situations_handler_failed_no_speed_is_known(run: Run[Any]) -> N
         return Situation(7.0)
 
     async def main(loop: VirtualLoop) -> None:
-        operator: Operator[int, str] = Operator(local, clock=loop.nanos)
+        operator: Operator[int, str] = Operator(local, clock=loop.time_ns)
         operator.use_cloud(disturbed, wanted, response, 1, policy=noting)
         operator.use_situation(at)
         async with operator:
@@ -198,7 +198,7 @@ def test_a_call_is_given_the_time_left_with_the_time_to_linger(run: Run[Any]) ->
         return "answer"
 
     async def main(loop: VirtualLoop) -> None:
-        operator: Operator[int, str] = Operator(Local.task(local, at_once=2), clock=loop.nanos)
+        operator: Operator[int, str] = Operator(Local.task(local, at_once=2), clock=loop.time_ns)
         operator.use_cloud(cloud, wanted, str, 1, calls=1, linger=0.25)
         async with operator:
             operator.write(1)
@@ -220,7 +220,7 @@ def test_each_timer_goes_off_at_its_own_instant_however_far(run: Run[Any]) -> No
 
     async def main(loop: VirtualLoop) -> list[float]:
         operator: Operator[int, str] = Operator(
-            local, clock=loop.nanos, greatest_deadline=400 * 86_400.0
+            local, clock=loop.time_ns, greatest_deadline=400 * 86_400.0
         )
         operator.use_cloud(never, lambda message, t: (message, float(days[message])), str, 1)
         async with operator:
@@ -240,7 +240,7 @@ def test_side_requests_are_as_before_after_every_kind_of_end(run: Run[Any]) -> N
     answered: list[str] = []
 
     async def main(loop: VirtualLoop) -> None:
-        operator: Operator[int, str] = Operator(local, window=64, clock=loop.nanos)
+        operator: Operator[int, str] = Operator(local, window=64, clock=loop.time_ns)
         operator.use_side_request(disturbed, wanted, answered.append, name="plan", calls=1, limit=2)
         async with operator:
             for message in range(MANY):

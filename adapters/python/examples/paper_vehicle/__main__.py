@@ -20,8 +20,9 @@ from pathlib import Path
 from typing import Any
 
 from fuseline import Full, Item, Items, Join, JoinInput, Latency, Lineage
+from fuseline.testing import VirtualLoop
 from operators import Frame, Scene, Vehicle, control, detection, planning, prediction, tracking
-from world import PARTS, Kill, Network, VirtualLoop
+from world import PARTS, Kill, Network
 
 #: From capture to control, in seconds.
 END_TO_END = 0.5
@@ -49,7 +50,7 @@ class Drivers:
     async def film(self, camera: JoinInput[Frame], part: str) -> None:
         """Frames at 10 Hz. Somebody walks towards the road for half of each 10 s."""
         async for seq in self._every(0.1):
-            now = self._loop.nanos()
+            now = self._loop.time_ns()
             if not self._kill.hits(part):
                 # A frame that finds no room is not taken: the next one is worth more.
                 with suppress(Full):
@@ -61,13 +62,13 @@ class Drivers:
         """Places at 20 Hz."""
         async for seq in self._every(0.05):
             if not self._kill.hits("localization"):
-                places.write(seq, Lineage("localization", seq, self._loop.nanos()))
+                places.write(seq, Lineage("localization", seq, self._loop.time_ns()))
 
     async def tick(self, ticks: JoinInput[int]) -> int:
         """How many ticks there were. Each has to be answered before the next one."""
         count = 0
         async for seq in self._every(0.05):
-            ticks.write(seq, Lineage("control", seq, self._loop.nanos(), within=0.04))
+            ticks.write(seq, Lineage("control", seq, self._loop.time_ns(), within=0.04))
             count += 1
         ticks.close()
         return count
@@ -82,7 +83,7 @@ class Drivers:
 
 async def drive(vehicle: Vehicle, seconds: float, frame: int) -> Drive:
     """Drives once."""
-    clock = vehicle.loop.nanos
+    clock = vehicle.loop.time_ns
     track, predict, plan = (Latency.measured(90, ms / 1000) for ms in (30, 20, 45))
     after = [Latency.stated(0.051)]  # of control, and until its next tick
     reserve = [track, predict, plan, *after]
@@ -153,7 +154,7 @@ async def watch(
             driven.detected_by[by] += 1
         lineage = item.lineage
         if lineage is not None and lineage.seq == frame and lineage.captured is not None:
-            answered = (vehicle.loop.nanos() - lineage.captured) / 1e9
+            answered = (vehicle.loop.time_ns() - lineage.captured) / 1e9
             driven.life.append((name, answered - item.took, answered, by))
 
 

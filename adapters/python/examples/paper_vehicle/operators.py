@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from fuseline import Call, CarriedState, Item, Joined, Latency, Local, Operator
-from world import Kill, Network, VirtualLoop
+from fuseline.testing import VirtualLoop
+from world import Kill, Network
 
 #: A safe stop.
 STOP = "stop"
@@ -76,7 +77,7 @@ class Vehicle:
             local,
             name=name,
             trace=trace,
-            clock=self.loop.nanos,
+            clock=self.loop.time_ns,
             output_len=64,
             reserve=after,
             latency=own,
@@ -212,7 +213,7 @@ def control(vehicle: Vehicle) -> Operator[Joined, Scene | str]:
         plan: Item[Scene] | None = joined.set.get("plan")
         scene = None if plan is None else plan.value
         # A substitute for a plan is the last one, as old as it is.
-        if scene is None or vehicle.loop.nanos() - scene.captured > 1_000_000_000:
+        if scene is None or vehicle.loop.time_ns() - scene.captured > 1_000_000_000:
             raise RuntimeError("no plan that is fresh")
         return scene
 

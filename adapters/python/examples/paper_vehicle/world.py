@@ -1,13 +1,12 @@
-"""What the vehicle is emulated with: virtual time, parts that can die, and recorded networks."""
+"""What the vehicle is emulated with: parts that can die, and recorded networks."""
 
 from __future__ import annotations
 
 import asyncio
-import selectors
 from bisect import bisect_right
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 T = TypeVar("T")
 
@@ -25,33 +24,6 @@ PARTS = (
     "local-predictor",
     "local-planner",
 )
-
-
-class _LeapingSelector(selectors.DefaultSelector):
-    """Instead of a sleep the clock leaps."""
-
-    leapt = 0.0
-
-    def select(self, timeout: float | None = None) -> list[Any]:
-        ready: list[Any] = super().select(None if timeout is None else 0)
-        if not ready and timeout is not None:
-            self.leapt += max(timeout, 0.0)
-        return ready
-
-
-class VirtualLoop(asyncio.SelectorEventLoop):
-    """A loop whose time moves only when nothing else is left to do."""
-
-    def __init__(self) -> None:
-        self._leaping = _LeapingSelector()
-        super().__init__(self._leaping)
-
-    def time(self) -> float:
-        return 1000.0 + self._leaping.leapt
-
-    def nanos(self) -> int:
-        """The clock of operators and joins."""
-        return round(self.time() * 1e9)
 
 
 @dataclass(frozen=True)

@@ -68,7 +68,7 @@ async fn visit(here: &VisitedServer, visitor: &Visitor, mut rng: Rng) -> Option<
         let rest = match rng.u8(0..3) {
             0 => Duration::ZERO,
             1 => Duration::from_millis(rng.u64(0..20_000)),
-            _ => bounds.idle - before,
+            _ => bounds.idle.saturating_sub(before),
         };
         sleep(rest).await;
         if !visitor.is_open() {
@@ -147,7 +147,7 @@ fn draw(here: &VisitedServer, rng: &mut Rng) -> (CallPlan, VisitEnd) {
             end.bytes = plan.reply;
         }
         _ => {
-            let gap = (bounds.stall - SECOND) / 10;
+            let gap = bounds.stall.saturating_sub(SECOND) / 10;
             plan.upload = (11, gap);
             end.took = plan.compute + gap * 10;
         }

@@ -246,8 +246,8 @@ async fn vanishes(here: &VisitedServer, from: IpAddr, rng: &mut Rng) -> Option<S
     for _ in 0..rng.u8(1..4) {
         let (answer, mut body) = send.send_request(plan.head(), false).ok()?;
         let is_whole = rng.bool();
-        let sent = if is_whole { plan.body() } else { plan.body().slice(..6) };
-        body.send_data(sent, is_whole).ok()?;
+        let part = if is_whole { plan.body() } else { plan.body().slice(..6) };
+        body.send_data(part, is_whole).ok()?;
         drop(tokio::spawn(answer));
         bodies.push(body);
         send = send.ready().await.ok()?;
