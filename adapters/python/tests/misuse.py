@@ -9,8 +9,9 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 import pytest
-from conftest import Run, VirtualLoop
+from conftest import Run
 from fuseline import Call, ConfigError, Item, Operator
+from fuseline.testing import VirtualLoop
 
 Case = TypeVar("Case", bound=Callable[..., None])
 Counts = Counter[tuple[str, str, str]]

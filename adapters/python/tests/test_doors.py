@@ -15,9 +15,10 @@ from typing import Any
 
 import fuseline
 import pytest
-from conftest import Run, VirtualLoop
+from conftest import Run
 from fuseline import BlockingOperator, Call, Closed, Ending, Full, Item, Local, Operator
 from fuseline.deadline import Accuracy, Constant, End, Expected, Guard, Observations, Situation
+from fuseline.testing import VirtualLoop
 
 MS = 0.001
 
@@ -148,7 +149,7 @@ def test_who_holds_up_the_loop_is_counted_and_logged(
     async def main(loop: VirtualLoop) -> Any:
         def block(name: str) -> None:
             if name == who:
-                loop._leaping.leapt += 0.4
+                loop.block(0.4)
 
         async def local(message: Any, t: int) -> Any:
             block("local")

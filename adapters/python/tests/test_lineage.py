@@ -9,7 +9,7 @@ from typing import Any
 
 import fuseline
 import pytest
-from conftest import Run, VirtualLoop
+from conftest import Run
 from fuseline import (
     Call,
     Item,
@@ -22,6 +22,7 @@ from fuseline import (
     ns,
     report,
 )
+from fuseline.testing import VirtualLoop
 
 MS = 0.001
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy
 import pytest
-from conftest import Run, VirtualLoop
+from conftest import Run
 from fuseline import (
     Call,
     Cloud,
@@ -26,6 +26,7 @@ from fuseline import (
     ns,
 )
 from fuseline.deadline import Guard, Parameters, Situation
+from fuseline.testing import VirtualLoop
 from misuse import (
     ask,
     cloud_refused,

@@ -8,7 +8,7 @@ from typing import Any
 
 import fuseline
 import pytest
-from conftest import Run, VirtualLoop
+from conftest import Run
 from fuseline import (
     BlockingOperator,
     Call,
@@ -22,6 +22,7 @@ from fuseline import (
     Operator,
     StampedValue,
 )
+from fuseline.testing import VirtualLoop
 from misuse import Counts, ask, echo, elsewhere, misuse, operator_of, played, refused
 
 # Threads and lifetimes.
@@ -147,7 +148,7 @@ def test_front_after_its_end() -> None:
 def blocked(run: Run[Any], who: str) -> Counts:
     def prepare(operator: Operator[Any, Any], loop: VirtualLoop) -> None:
         def block(name: str) -> None:
-            loop._leaping.leapt += 0.4 if name == who else 0.0
+            loop.block(0.4 if name == who else 0.0)
 
         async def handle(request: Any, call: Call) -> Any:
             block("handle")
@@ -183,7 +184,7 @@ def test_somebody_who_blocks(run: Run[Any], caplog: pytest.LogCaptureFixture) ->
         operator = operator_of(Local.task(slow, deadline=0.1), clock=loop.time_ns)
         async with operator:
             operator.write("a")
-            loop._leaping.leapt += 0.5
+            loop.block(0.5)
             await operator.read()
             return operator.counts
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import fuseline
 import pytest
-from conftest import Run, VirtualLoop
+from conftest import Run
 from fuseline import (
     Call,
     Closed,
@@ -41,6 +41,7 @@ from fuseline.deadline import (
     Reason,
     Situation,
 )
+from fuseline.testing import VirtualLoop
 
 Handle = Callable[[Any, Call], Awaitable[Any]]
 

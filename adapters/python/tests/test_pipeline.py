@@ -8,7 +8,7 @@ from typing import Any
 
 import fuseline
 import pytest
-from conftest import Run, VirtualLoop
+from conftest import Run
 from fuseline import (
     Call,
     CarriedState,
@@ -26,6 +26,7 @@ from fuseline import (
     Operator,
     OutOfOrder,
 )
+from fuseline.testing import VirtualLoop
 
 MS = 0.001
 

@@ -10,9 +10,10 @@ import threading
 from typing import Any
 
 import pytest
-from conftest import Run, VirtualLoop
+from conftest import Run
 from fuseline import Call, Lineage, Local, Operator
 from fuseline.deadline import Chosen, End, Policy, Reason, Situation
+from fuseline.testing import VirtualLoop
 
 MS = 0.001
 #: More than calls and overdue tasks together may be.

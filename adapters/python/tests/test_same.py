@@ -15,9 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import Run, VirtualLoop
+from conftest import Run
 from fuseline import Call, Item, Local, Operator, Trace
 from fuseline.deadline import Constant
+from fuseline.testing import VirtualLoop
 
 #: How many are compared.
 SCENARIOS = int(os.environ.get("SCENARIOS", "1000"))

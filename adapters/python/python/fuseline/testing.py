@@ -56,6 +56,10 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         """The same in whole nanoseconds: the ``clock`` of an `fuseline.Operator`."""
         return round(self.time() * 1e9)
 
+    def block(self, seconds: float) -> None:
+        """Let time go by as code does that blocks the loop: nothing else runs meanwhile."""
+        self._jumping.jumped += seconds
+
 
 def run(main: Callable[[VirtualLoop], Coroutine[Any, Any, T]]) -> T:
     """Run a coroutine in virtual time, as `asyncio.run` does in real time.
