@@ -12,6 +12,7 @@ mod network;
 mod plan;
 mod queue;
 mod report;
+mod sent;
 pub(crate) mod served;
 mod table;
 

@@ -22,6 +22,7 @@ use crate::policies::{BoundedFigure, ComparedPolicy, ConstantPolicy, PolicyScore
 use crate::run::driven::RunMetadata;
 use crate::run::plan::{CloudPlan, CloudServer, DeadlinePolicy, RunPlan};
 use crate::run::queue::Queues;
+use crate::run::sent::SentBytes;
 use crate::run::served::Served;
 
 /// What a run came to.
@@ -251,29 +252,10 @@ fn policies(
     let aps: Vec<Option<f64>> =
         [plan.local.ap].into_iter().chain(plan.clouds.iter().map(|it| it.served.ap)).collect();
     let deadline = plan.deadline();
-    let tallies = &driven.tally.sources;
-    let sent: Vec<u64> = tallies.iter().map(|tally| tally.sent_bytes).collect();
-    // Had fusion cancelled none, each would have cost what those cost that were begun.
-    let needed: Vec<u64> = (totals.rows.iter().zip(&sent).enumerate())
-        .map(|(i, (row, sent))| {
-            let begun = i.checked_sub(1).and_then(|i| driven.begun.get(i)).copied();
-            (row.requests() * sent).checked_div(begun.unwrap_or(0)).unwrap_or(0)
-        })
-        .collect();
-    // What was answered was sent whole; of the rest the means may lack a part.
-    let is_whole = |i: usize| {
-        let (row, begun) = (&totals.rows[i], driven.begun.get(i - 1).copied());
-        begun == Some(row.requests()) && row.answered() == row.requests()
-    };
+    let sent: Vec<u64> = driven.tally.sources.iter().map(|tally| tally.sent_bytes).collect();
+    let sent = SentBytes::new(&totals.rows, sent, &driven.begun);
     let report = |(policy, name): (ComparedPolicy, String)| {
-        let sent_is_at_least = match policy {
-            ComparedPolicy::Fusion | ComparedPolicy::LocalOnly => false,
-            ComparedPolicy::CloudOnly(source) => !is_whole(source),
-            // It makes each call of which fusion may have cancelled some before they were sent.
-            ComparedPolicy::Constant(_)
-            | ComparedPolicy::FirstWins
-            | ComparedPolicy::Progressive(_) => !(1..totals.rows.len()).all(is_whole),
-        };
+        let (sent_bytes, sent_is_at_least) = sent.of(&policy);
         let PolicyScore { ap, in_time, quantiles, outage } = policy.score(messages, &aps, deadline);
         PolicyReport {
             policy: name,
@@ -281,7 +263,7 @@ fn policies(
             in_time,
             response_ms: quantiles,
             outage_response_ms: outage,
-            sent_bytes: policy.needs(&needed).unwrap_or_else(|| sent.iter().sum()),
+            sent_bytes,
             sent_is_at_least,
         }
     };

@@ -236,7 +236,7 @@ impl RunReport {
     /// What the trace does not have, for its page.
     pub(crate) fn notes(&self, plan: &RunPlan) -> RunNotes {
         let columns = POLICY_COLUMNS.map(ToOwned::to_owned).to_vec();
-        let rows = self.policies.iter().map(|policy| self.policy_row(policy)).collect();
+        let rows = self.policies.iter().map(|policy| policy.row(self.compared)).collect();
         let mut caveats: Vec<String> =
             self.caveats().iter().map(|caveat| caveat.replace('\n', " ")).collect();
         caveats.extend(outages(plan).lines().map(ToOwned::to_owned));
@@ -266,32 +266,33 @@ impl RunReport {
     fn policies_table(&self) -> Table {
         let mut table = table(POLICY_COLUMNS);
         for policy in &self.policies {
-            table.add_row(self.policy_row(policy));
+            table.add_row(policy.row(self.compared));
         }
         align(&mut table);
         table
     }
+}
 
-    fn policy_row(&self, policy: &PolicyReport) -> Vec<String> {
+impl PolicyReport {
+    /// Its row in the table; it is compared over so many messages.
+    fn row(&self, compared: u64) -> Vec<String> {
         let mut row = vec![
-            policy.policy.clone(),
-            policy.mean_ap.map_or_else(|| "?".to_owned(), mean_ap),
-            in_time(policy.in_time, self.compared),
+            self.policy.clone(),
+            self.mean_ap.map_or_else(|| "?".to_owned(), mean_ap),
+            in_time(self.in_time, compared),
         ];
-        let responses = policy.response_ms.iter().chain([&policy.outage_response_ms]);
+        let responses = self.response_ms.iter().chain([&self.outage_response_ms]);
         row.extend(responses.map(|quantile| match quantile {
             Some(Quantile::Exactly(at)) => millis(*at),
             Some(Quantile::AtLeast(at)) => format!("≥ {} ms", at.as_millis()),
             Some(Quantile::Never) => "never".to_owned(),
             None => "–".to_owned(),
         }));
-        let bound = if policy.sent_is_at_least { "≥ " } else { "" };
-        row.push(format!("{bound}{}", megabytes(policy.sent_bytes)));
+        let bound = if self.sent_is_at_least { "≥ " } else { "" };
+        row.push(format!("{bound}{}", megabytes(self.sent_bytes)));
         row
     }
-}
 
-impl PolicyReport {
     /// Whether some figure is a bound.
     fn has_bounds(&self) -> bool {
         let mut responses = self.response_ms.iter().chain([&self.outage_response_ms]);
@@ -480,3 +481,6 @@ fn kilobytes(bytes: usize) -> f64 {
 fn megabytes(bytes: u64) -> String {
     format!("{:.1} MB", bytes as f64 / 1e6)
 }
+
+#[cfg(test)]
+mod tests;
