@@ -175,7 +175,7 @@ fn facts(trace: &str) -> Vec<String> {
             .iter()
             .any(|ev| event["ev"] == **ev);
         let keys = ["at", "ev", "t", "p", "due", "deadline", "within"];
-        is_fact.then(|| keys.iter().map(|key| format!("{key} {} ", event[key])).collect::<String>())
+        is_fact.then(|| keys.map(|key| format!("{key} {}", event[key])).join(" "))
     };
     let mut facts: Vec<String> = trace.lines().filter_map(fact).collect();
     facts.sort();
