@@ -46,7 +46,7 @@ async fn messages(writer: &mut Writer<u64>, output: &mut Items<u64>, count: u64)
 #[test]
 fn many_calls_leave_no_memory_behind() {
     std::panic::set_hook(Box::new(|_| {}));
-    for runtime in [Builder::new_current_thread(), Builder::new_multi_thread()].iter_mut() {
+    for runtime in &mut [Builder::new_current_thread(), Builder::new_multi_thread()] {
         let runtime = runtime.enable_all().build().unwrap();
         runtime.block_on(async {
             let (mut writer, input) = stream(8);
