@@ -63,9 +63,12 @@ fn each_figure_of_a_row_that_is_a_bound_is_marked() {
         };
         assert_eq!(policy.has_bounds(), marks > 0);
         let figures = ["94 ms", "150 ms", "199 ms", "500 ms", "1.2 MB"].into_iter().zip(0..);
-        let figures = figures.map(|(figure, index)| {
-            if is_bound(index) { format!("≥ {figure}") } else { figure.to_owned() }
-        });
+        let figures =
+            figures.map(
+                |(figure, index)| {
+                    if is_bound(index) { format!("≥ {figure}") } else { figure.to_owned() }
+                },
+            );
         let expected = ["p", "40.0", "90.0 %"].map(ToOwned::to_owned).into_iter().chain(figures);
         assert_eq!(policy.row(10), expected.collect::<Vec<_>>());
     }
