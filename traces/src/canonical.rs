@@ -10,7 +10,7 @@ use crate::reason::{DropReason, OfferRefusal, OpenRefusal};
 /// The event of such a line and, of a result or an emit, of which message its value is. None if it is another line.
 #[inline]
 pub(crate) fn event(line: &[u8], form: Form) -> Option<(Event, Option<u64>)> {
-    let mut rest = Rest(line);
+    let mut rest = UnreadBytes(line);
     rest.take(b"{\"ev\":\"")?;
     let kind = rest.kind()?;
     rest.take(b"\",\"at\":")?;
@@ -46,7 +46,12 @@ pub(crate) fn event(line: &[u8], form: Form) -> Option<(Event, Option<u64>)> {
 }
 
 /// The refusal of an open, which alone of what has a reason has no source.
-fn refused_open(mut rest: Rest<'_>, kind: Kind, at: u64, t: u64) -> Option<(Event, Option<u64>)> {
+fn refused_open(
+    mut rest: UnreadBytes<'_>,
+    kind: Kind,
+    at: u64,
+    t: u64,
+) -> Option<(Event, Option<u64>)> {
     if kind != Kind::Refuse {
         return None;
     }
@@ -76,9 +81,9 @@ enum Kind {
 
 /// What is left of a line.
 #[derive(Clone, Copy)]
-struct Rest<'a>(&'a [u8]);
+struct UnreadBytes<'a>(&'a [u8]);
 
-impl Rest<'_> {
+impl UnreadBytes<'_> {
     /// Takes a token if it comes next.
     #[inline]
     fn take(&mut self, token: &[u8]) -> Option<()> {

@@ -129,7 +129,8 @@ async fn parameters_are_read_and_those_that_may_are_set() {
         let set = timeout(LONG, setter.async_call_service(request)).await?.unwrap();
         let reported: Vec<_> =
             set.results.iter().map(|set| (set.successful, &*set.reason)).collect();
-        let range = "deadline cannot be -1.0; give seconds, more than 0 and at most 1e9";
+        let range =
+            "deadline cannot be -1.0; give seconds, more than 0 and at most greatest_deadline (60)";
         let fixed = "window is fixed while the node runs; restart it with another value";
         assert_eq!(reported, [(true, ""), (false, range), (false, fixed), (true, "")]);
 
@@ -305,7 +306,13 @@ async fn a_call_that_no_longer_matters_is_aborted_long_before_its_deadline() {
         }
         Ok(())
     };
-    let set = ["clouds:=[west, east]", &url, "deadline:=600.0", "local.deadline:=900.0"];
+    let set = [
+        "clouds:=[west, east]",
+        &url,
+        "greatest_deadline:=900.0",
+        "deadline:=600.0",
+        "local.deadline:=900.0",
+    ];
     beside(settings(93, &set), peers).await;
 }
 
