@@ -1,0 +1,76 @@
+"""What the tests of operators share: clouds and local with a runtime, and a judged run."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import fuseline
+from fuseline import (
+    Call,
+    Item,
+    Operator,
+    check,
+    check_observed,
+)
+
+Handle = Callable[[Any, Call], Awaitable[Any]]
+
+MS = 0.001
+
+
+def after(seconds: float) -> Handle:
+    """A cloud that answers so long after it was called."""
+
+    async def handle(request: Any, call: Call) -> Any:
+        await asyncio.sleep(seconds)
+        return request
+
+    return handle
+
+
+def local_after(seconds: float) -> Callable[[Any, int], Awaitable[Any]]:
+    async def local(message: Any, t: int) -> Any:
+        await asyncio.sleep(seconds)
+        return f"{message} on board"
+
+    return local
+
+
+def ask(deadline: float) -> Callable[[Any, int], tuple[Any, float]]:
+    return lambda message, t: (message, deadline)
+
+
+async def items_of(operator: Operator[Any, Any], messages: Any) -> list[Item[Any]]:
+    async with operator:
+        operator.feed(messages)
+        return [item async for item in operator]
+
+
+def judged(path: Path, messages: int) -> None:
+    """The trace conforms strictly, byte for byte, and as observed without any tolerance."""
+    verdict = check(path)
+    assert verdict.conforms, str(verdict)
+    assert verdict.judged == messages
+    assert fuseline.replay(path) == path.read_bytes()
+    observed = check_observed(path, tolerance=0, lateness=0)
+    assert observed.conforms, str(observed)
+
+
+def stubborn(seconds: float, count: list[int]) -> Handle:
+    """A cloud whose first calls go on for so long after they were cancelled."""
+
+    async def handle(request: Any, call: Call) -> Any:
+        if call.timestamp >= count[0]:
+            return request
+        count[1] += 1
+        try:
+            await asyncio.sleep(1)
+        except asyncio.CancelledError:
+            await asyncio.sleep(seconds)
+        finally:
+            count[1] -= 1
+
+    return handle

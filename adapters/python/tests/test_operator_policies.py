@@ -1,0 +1,415 @@
+"""The asyncio operator, in virtual time: counts, policies, random load and configuration."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import logging
+import random
+import weakref
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import fuseline
+import pytest
+from conftest import Run
+from fuseline import (
+    Call,
+    Ending,
+    Item,
+    Local,
+    Operator,
+    Trace,
+    check,
+    check_observed,
+)
+from fuseline.deadline import (
+    Accuracy,
+    Case,
+    Chosen,
+    Constant,
+    End,
+    Expected,
+    Guard,
+    Reason,
+    Situation,
+)
+from fuseline.testing import VirtualLoop
+from operator_support import MS, after, ask, items_of, local_after
+
+
+def test_reasons_of_failures_and_refused_messages_are_counted_as_in_rust(run: Run[Any]) -> None:
+    async def broken(request: int, call: Call) -> Any:
+        raise OSError(["connection refused", *map(str, range(9))][max(0, request - 20)])
+
+    async def main(loop: VirtualLoop) -> None:
+        operator: Operator[Any, Any] = Operator(
+            Local.task(local_after(1 * MS), at_once=99),
+            clock=loop.time_ns,
+            window=30,
+            output_len=99,
+        )
+        operator.use_cloud(broken, ask(1.0), str, 1, name="west", calls=99, limit=99)
+        async with operator:
+            for message in range(32):
+                operator.write(min(message, 29))
+        counts = operator.counts
+        assert counts["operator", "message", "accepted"] == 30
+        assert counts["operator", "message", "refused full"] == 2
+        assert counts["local", "request", "admitted"] == 30
+        assert counts["west", "failed because", "connection refused"] == 21
+        assert counts["west", "failed because", "6"] == 1
+        assert counts["west", "failed because", "other reasons"] == 2
+        assert ("west", "failed because", "7") not in counts
+        assert counts["local", "result", "forwarded"] == counts["local", "output", "arrival"] == 30
+
+    run(main)
+
+
+def test_the_deadline_in_force_is_the_policys_under_its_cap(run: Run[Any], tmp_path: Path) -> None:
+    trace = tmp_path / "trace.jsonl"
+
+    class Long:
+        def decide(self, situation: Situation, cap: Any) -> Chosen:
+            return Chosen(cap + 7, Reason.GUARD, Case.UNSURE)
+
+        def ended(self, end: End, age: Any) -> None: ...
+
+    async def main(loop: VirtualLoop) -> None:
+        operator: Operator[Any, Any] = Operator(local_after(0), clock=loop.time_ns, trace=trace)
+        guard = Guard()
+        operator.use_cloud(after(0), ask(0.1), str, 1, name="long", policy=Long())
+        operator.use_cloud(after(0), ask(0.2), str, 2, name="plain")
+        operator.use_cloud(after(0), ask(9.0), str, 3, name="safe", policy=guard)
+        operator.use_cloud(after(0), ask(9.0), str, 4, policy=guard.caps(Constant(0.4)))
+        operator.use_situation(lambda message, t: Situation(speed=11.0))
+        assert operator.deadlines == {}
+        async with operator:
+            operator.write("a")
+        safe = guard.judge(Situation(speed=11.0)).deadline
+        assert operator.deadlines == {
+            "long": (100_000_000, "unsure"),
+            "plain": (200_000_000, "offered"),
+            "safe": (safe, "local-stops"),
+            "cloud-4": (400_000_000, "constant"),
+        }
+
+    run(main)
+    dues = {line.p: line.due for line in Trace(trace).lines if line.ev == "request"}
+    assert (dues[1], dues[4]) == (100_000_000, 400_000_000)
+
+
+@pytest.mark.parametrize("wrong", [RuntimeError("no idea"), None, 250, Chosen(-1, Reason.CAP)])  # type: ignore[arg-type]
+def test_a_policy_that_fails_asks_for_nothing(
+    run: Run[Any], caplog: pytest.LogCaptureFixture, wrong: Any
+) -> None:
+    class Failing:
+        def decide(self, situation: Situation, cap: Any) -> Any:
+            if isinstance(wrong, Exception):
+                raise wrong
+            return wrong
+
+        def ended(self, end: End, age: Any) -> None:
+            raise LookupError("who ended?")
+
+    async def main(loop: VirtualLoop) -> list[Item[Any]]:
+        operator: Operator[Any, Any] = Operator(local_after(20 * MS), clock=loop.time_ns)
+        operator.use_cloud(after(0), ask(1.0), str, 1, policy=Guard().caps(Failing()))
+        operator.use_cloud(after(0), ask(10 * MS), str, 2, policy=Constant(1.0))
+        items = await items_of(operator, ["a"])
+        assert operator.counts["cloud-1", "request", "admitted"] == 0
+        assert operator.counts["cloud-2", "request", "admitted"] == 1
+        return items
+
+    (item,) = run(main)
+    assert item.value == "a"
+    assert caplog.text.count("a policy failed\n") == 1
+    assert "no request is sent (timestamp=0, source=cloud-1)" in caplog.text
+
+
+def test_no_handler_or_policy_can_enter_the_engine_while_it_decides(
+    run: Run[Any], caplog: pytest.LogCaptureFixture
+) -> None:
+    tried: list[str] = []
+
+    async def main(loop: VirtualLoop) -> list[Item[Any]]:
+        operator: Operator[Any, Any] = Operator(local_after(0), clock=loop.time_ns)
+
+        def enter() -> None:
+            assert operator._driver is not None
+            with pytest.raises(RuntimeError, match="the operator decides about a message"):
+                operator._driver._engine.tick(1)
+            with pytest.raises(RuntimeError, match="a handler must not write"):
+                operator.write("b")
+            tried.append(repr(operator.counts))
+
+        class Entering:
+            def decide(self, situation: Situation, cap: Any) -> Chosen:
+                enter()
+                return Chosen(cap, Reason.CAP)
+
+            def ended(self, end: End, age: Any) -> None:
+                assert operator.counts
+
+        def handler(message: Any, t: int) -> Any:
+            enter()
+            return message, 1.0
+
+        operator.use_cloud(after(0), handler, str, 1, policy=Entering())
+        return await items_of(operator, ["a"])
+
+    (item,) = run(main)
+    assert (item.value, len(tried)) == ("a", 2)
+    assert not caplog.records
+
+
+def test_an_interrupt_in_a_policy_or_handler_is_no_failure_of_it(run: Run[Any]) -> None:
+    class Interrupted:
+        def decide(self, situation: Situation, cap: Any) -> Any:
+            raise KeyboardInterrupt
+
+        def ended(self, end: End, age: Any) -> None: ...
+
+    def handler(message: Any, t: int) -> Any:
+        raise KeyboardInterrupt
+
+    async def main(loop: VirtualLoop, handler: Any, policy: Any) -> None:
+        operator: Operator[Any, Any] = Operator(local_after(0), clock=loop.time_ns)
+        operator.use_cloud(after(0), handler, str, 1, policy=policy)
+        async with operator:
+            with pytest.raises(KeyboardInterrupt):
+                operator.write("a")
+            operator.stop()
+
+    run(lambda loop: main(loop, ask(1.0), Interrupted()))
+    run(lambda loop: main(loop, handler, None))
+
+
+def test_an_operator_that_has_ended_is_let_go(run: Run[Any], tmp_path: Path) -> None:
+    async def main(loop: VirtualLoop) -> weakref.ref[Any]:
+        operator: Operator[Any, Any] = Operator(
+            local_after(0), clock=loop.time_ns, trace=tmp_path / "trace.jsonl"
+        )
+
+        def policy(situation: Situation, cap: Any) -> Any:
+            return cap if operator.counts else 0.0
+
+        operator.use_cloud(after(0), ask(1.0), str, 1, policy=policy)
+        async with operator:
+            operator.write("a")
+        return weakref.ref(operator)
+
+    operator = run(main)
+    gc.collect()
+    assert operator() is None
+
+
+def test_a_policy_learns_how_each_call_ended_and_chooses(run: Run[Any]) -> None:
+    reported: list[tuple[End, int]] = []
+    asks: list[tuple[int, list[int]]] = []
+
+    class Policy:
+        def decide(self, situation: Situation, cap: Any) -> Any:
+            asks.append((cap, list(situation.under_way)))  # type: ignore[arg-type]
+            return Constant(30 * MS).decide(situation, cap)
+
+        def ended(self, end: End, age: Any) -> None:
+            reported.append((end, age))
+
+    async def handle(request: int, call: Call) -> Any:
+        await asyncio.sleep([10, 20, 100][request] * MS)
+        if request == 1:
+            raise OSError("broke")
+
+    async def main(loop: VirtualLoop) -> list[Item[Any]]:
+        operator: Operator[Any, Any] = Operator(
+            Local.task(local_after(0), at_once=3), clock=loop.time_ns
+        )
+        operator.use_cloud(handle, ask(1.0), str, 1, policy=Policy())
+        return await items_of(operator, [0, 1, 2])
+
+    run(main)
+    assert reported == [(End.ANSWERED, 10**7), (End.FAILED, 2 * 10**7), (End.CENSORED, 3 * 10**7)]
+    assert asks == [(10**9, []), (10**9, [0]), (10**9, [0, 0])]
+
+
+def test_a_call_that_lingers_shows_how_long_it_takes_and_changes_no_output(run: Run[Any]) -> None:
+    for linger, ages in [(0.0, (End.CENSORED, 3 * 10**7)), (0.1, (End.ANSWERED, 5 * 10**7))]:
+        reported: list[Any] = []
+
+        class Policy(Constant):
+            def ended(self, end: End, age: Any, reported: list[Any] = reported) -> None:
+                reported.append((end, age))
+
+        policy = Policy(1.0)
+
+        async def main(loop: VirtualLoop, linger: float = linger, policy: Any = policy) -> None:
+            operator: Operator[Any, Any] = Operator(local_after(0), clock=loop.time_ns)
+            operator.use_cloud(after(50 * MS), ask(30 * MS), str, 1, policy=policy, linger=linger)
+            async with operator:
+                operator.write("a")
+                item = await anext(operator)
+                assert (item.value, item.decided) == ("a on board", 3 * 10**7)
+                await asyncio.sleep(1)
+
+        run(main)
+        assert reported == [ages]
+
+
+def test_a_guard_and_what_is_worth_it_decide_in_an_operator(run: Run[Any]) -> None:
+    guard = Guard()
+    expected = Expected(Accuracy(local=42.0, cloud=50.0, price_per_ms=0.01), 0.05, probe_every=16)
+
+    async def main(loop: VirtualLoop) -> list[Item[Any]]:
+        operator: Operator[Any, Any] = Operator(
+            Local.task(local_after(50 * MS), at_once=99), clock=loop.time_ns, window=99
+        )
+        operator.use_situation(lambda message, t: Situation(speed=11.0))
+        operator.use_cloud(after(120 * MS), ask(2.0), str, 1, calls=99, policy=guard.caps(expected))
+
+        async def camera() -> Any:
+            for message in range(40):
+                yield message
+                await asyncio.sleep(0.5)
+
+        return await items_of(operator, camera())
+
+    items = run(main)
+    assert {str(item.source) for item in items} == {"cloud-1"}
+    assert {it.response for it in expected.observations()} == {120_000_000}
+    assert len(expected.observations()) == 40
+    assert expected.decide(Situation(), 2.0).deadline == 120_000_001
+
+
+@pytest.mark.parametrize("commit", ["eager", "patient", "progressive"])
+@pytest.mark.parametrize("seed", range(6))
+def test_random_load_gives_one_item_a_message_and_a_conforming_trace(
+    run: Run[Any], tmp_path: Path, commit: Any, seed: int
+) -> None:
+    trace = tmp_path / "trace.jsonl"
+    rng = random.Random(seed)
+    messages = 300
+
+    async def flaky(request: Any, call: Call) -> Any:
+        await asyncio.sleep(rng.choice([0, 1, 5, 10, 20, 20, 200]) * MS)
+        if rng.random() < 0.2:
+            raise OSError("broke")
+        return request
+
+    async def local(message: int, t: int) -> Any:
+        await asyncio.sleep(rng.choice([0, 2, 10, 10]) * MS)
+        if rng.random() < 0.1:
+            raise RuntimeError("nothing seen")
+        return message
+
+    async def camera() -> Any:
+        for message in range(messages):
+            yield message
+            await asyncio.sleep(rng.choice([0, 0, 1, 5, 30]) * MS)
+
+    def handler(message: int, t: int) -> Any:
+        assert message == t
+        return None if rng.random() < 0.1 else (message, rng.choice([0, 5, 10, 20, 50]) * MS)
+
+    async def main(loop: VirtualLoop) -> list[Item[Any]]:
+        on_board = Local.task(
+            local,
+            at_once=rng.choice([1, 3]),
+            deadline=rng.choice([None, 0.04]),
+            waiting=rng.choice([None, 2]),
+            skip_answered=rng.random() < 0.5,
+        )
+        operator: Operator[Any, Any] = Operator(
+            on_board, window=rng.choice([2, 16]), commit=commit, clock=loop.time_ns, trace=trace
+        )
+        for p in rng.sample(range(1, 9), 3):
+            operator.use_cloud(
+                flaky,
+                handler,
+                lambda it: it,
+                p,
+                calls=rng.choice([1, 4]),
+                limit=rng.choice([1, 3]),
+                linger=rng.choice([0, 0, 0.05]),
+            )
+        items = await items_of(operator, camera())
+        counts = operator.counts
+        ends = [item.ending for item in items]
+        assert counts["operator", "message", "missed"] == ends.count(Ending.MISSED)
+        outputs = sum(n for (_, what, _), n in counts.items() if what == "output")
+        assert outputs == ends.count(Ending.FORWARDED) + ends.count(Ending.FINAL)
+        return items
+
+    logging.getLogger("fuseline").setLevel(logging.CRITICAL)
+    try:
+        items = run(main)
+    finally:
+        logging.getLogger("fuseline").setLevel(logging.NOTSET)
+    assert sorted(item.timestamp for item in items if item.last) == list(range(messages))
+    # D2: each item bears the value of its own message, by the source that the trace names.
+    lines = fuseline.Trace(trace).lines
+    emitted = {(line.t, line.at, line.p) for line in lines if line.ev == "emit"}
+    best = {line.t: line.p for line in lines if line.ev == "emit"}
+    sent: dict[int, int] = {}
+    for item in items:
+        if item.source is None:
+            assert item.timestamp not in best
+            continue
+        source = item.source.priority
+        if item.ending is Ending.FINAL:
+            assert (item.value, sent[item.timestamp]) == (None, source)
+        else:
+            # D1: items rise.
+            assert sent.get(item.timestamp, -1) < source
+            left = item.arrived if commit == "progressive" else item.decided
+            assert (item.timestamp, left, source) in emitted
+            assert item.value == item.timestamp
+        assert not item.last or best[item.timestamp] == source
+        sent[item.timestamp] = source
+    assert any(not item.last for item in items) == (commit == "progressive")
+    verdict = check(trace)
+    assert verdict.conforms, str(verdict)
+    assert fuseline.replay(trace) == trace.read_bytes()
+    observed = check_observed(trace, tolerance=0, lateness=0)
+    assert observed.conforms, str(observed)
+
+
+def test_what_makes_no_operator_is_refused() -> None:
+    async def cloud(request: Any, call: Call) -> Any: ...
+
+    async def handler(message: Any, t: int) -> Any: ...
+
+    def plain(message: Any, t: int) -> Any: ...
+
+    operator: Any = Operator(plain)
+    local: Any = Local
+    cases: list[tuple[Callable[[], Any], str]] = [
+        (lambda: Operator(plain, output_len=0), "an output_len of 0"),
+        (lambda: local.threads(plain, workers=0), "local computations at once of 0"),
+        (lambda: local.task(plain), "give a plain one to Local.threads"),
+        (lambda: local.threads(cloud), "give an async one to Local.task"),
+        (lambda: operator.use_cloud(cloud, handler, str, 1), "not an async def"),
+        (lambda: operator.use_cloud(cloud, plain, str, 1, calls=0), "calls at once of 0"),
+        (lambda: operator.write(1), "has not started"),
+    ]
+    for make, message in cases:
+        with pytest.raises(fuseline.ConfigError, match=message):
+            make()
+
+
+@pytest.mark.parametrize("window", [-5, 0, 1025])
+def test_a_window_that_is_none_is_refused_at_the_start(run: Run[Any], window: int) -> None:
+    async def main(loop: VirtualLoop) -> None:
+        operator: Operator[Any, Any] = Operator(local_after(0), window=window)
+        with pytest.raises(fuseline.ConfigError, match="a window of"):
+            await operator.start()
+
+    run(main)
+
+
+def test_a_second_cloud_of_one_priority_is_refused() -> None:
+    operator: Operator[Any, Any] = Operator(local_after(0))
+    operator.use_cloud(after(0), ask(1.0), str, 7)
+    with pytest.raises(fuseline.ConfigError, match="two clouds of priority 7"):
+        operator.use_cloud(after(0), ask(1.0), str, 7)
