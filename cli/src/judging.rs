@@ -189,14 +189,14 @@ impl JudgeOptions {
         if let Some(period) = self.period() {
             judging = judging.with_period(period);
         }
-        Ok(match self.part() {
+        Ok(match self.part()? {
             None => judging,
             Some(part) => judging.with_part(part),
         })
     }
 
     /// The part of the trace that is meant, if it is not the whole.
-    pub(crate) fn part(&self) -> Option<TraceRange> {
+    pub(crate) fn part(&self) -> Result<Option<TraceRange>, Fault> {
         self.part.part()
     }
 

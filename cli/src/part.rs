@@ -7,6 +7,10 @@ use fuseline_report::PartFilter;
 use fuseline_report::TraceRange;
 #[cfg(feature = "full")]
 use fuseline_traces::Event;
+use humantime::format_duration;
+use thiserror::Error;
+
+use crate::fault::Fault;
 
 /// Which messages of a trace are meant; all of it is read.
 #[derive(Clone, Debug, Default, clap::Args)]
@@ -22,6 +26,14 @@ pub(crate) struct PartOptions {
     timestamps: Option<(u64, u64)>,
 }
 
+/// No message can be meant.
+#[derive(Debug, Error)]
+#[error("--from {} is not before --to {}: no message begins between them", format_duration(*.from), format_duration(*.to))]
+struct EmptyPartError {
+    from: Duration,
+    to: Duration,
+}
+
 impl PartOptions {
     /// All of it.
     pub(crate) const fn all() -> Self {
@@ -29,19 +41,24 @@ impl PartOptions {
     }
 
     /// The part, if it is not the whole.
-    pub(crate) fn part(&self) -> Option<TraceRange> {
+    pub(crate) fn part(&self) -> Result<Option<TraceRange>, Fault> {
+        if let (Some(from), Some(to)) = (self.from, self.to)
+            && from >= to
+        {
+            return Err(Fault::own(EmptyPartError { from, to }));
+        }
         let (first, last) = self.timestamps.unwrap_or((0, u64::MAX));
         let nanos = |time: Duration| u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
         let (from, to) = (self.from.map_or(0, nanos), self.to.map_or(u64::MAX, nanos));
         let part = TraceRange { from, to, first, last };
-        (part != TraceRange::default()).then_some(part)
+        Ok((part != TraceRange::default()).then_some(part))
     }
 
     /// What of a trace's events is meant, from its first one on.
     #[cfg(feature = "full")]
-    pub(crate) fn filter(&self) -> impl FnMut(&Event) -> bool + use<> {
-        let mut filter = self.part().map(PartFilter::new);
-        move |event| filter.as_mut().is_none_or(|filter| filter.takes(event))
+    pub(crate) fn filter(&self) -> Result<impl FnMut(&Event) -> bool + use<>, Fault> {
+        let mut filter = self.part()?.map(PartFilter::new);
+        Ok(move |event: &Event| filter.as_mut().is_none_or(|filter| filter.takes(event)))
     }
 }
 

@@ -182,7 +182,7 @@ fn read_file(
     if let Some(period) = options.period() {
         canvas = canvas.with_period(period);
     }
-    if let Some(part) = options.part() {
+    if let Some(part) = options.part()? {
         canvas = canvas.with_part(part);
     }
     let mut hints = JudgingHints::new(mode);

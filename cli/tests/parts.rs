@@ -95,3 +95,25 @@ fn what_is_no_part_is_refused() {
         assert_eq!(err(&done).lines().count(), 1, "{}", err(&done));
     }
 }
+
+#[test]
+fn a_part_that_no_message_can_be_in_is_refused() {
+    let folder = tempdir().unwrap();
+    let path = folder.path().join("t.jsonl");
+    fs::write(&path, trace()).unwrap();
+    let path = path.to_str().unwrap();
+    let page = folder.path().join("out");
+    let output = ["-o", page.to_str().unwrap()];
+    for command in [&["check"][..], &["report"], &["export", "--perfetto"]] {
+        let output = if command == ["check"] { &[][..] } else { &output };
+        for (from, to) in [("2s", "1s"), ("1s", "1s")] {
+            let args = [command, &["--from", from, "--to", to, path], output].concat();
+            let done = run(&args, "");
+            let expected = format!(
+                "error: --from {from} is not before --to {to}: no message begins between them\n"
+            );
+            assert_eq!((done.status.code(), err(&done)), (Some(2), &*expected), "{args:?}");
+            assert!(!page.exists(), "{args:?}");
+        }
+    }
+}

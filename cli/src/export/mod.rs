@@ -85,6 +85,7 @@ enum SeveralTraces {
 /// Writes the traces for the viewer.
 pub(crate) fn export(args: &Args) -> Result<Exit, Fault> {
     let inputs: Vec<&Path> = args.files.iter().map(PathBuf::as_path).collect();
+    args.part.part()?;
     let output = Output::new(&args.output, &inputs, args.overwrite)?;
     let mut frames = Frames::new(inputs.len());
     if inputs.len() > 1 {
@@ -107,13 +108,13 @@ pub(crate) fn export(args: &Args) -> Result<Exit, Fault> {
         if args.viewer.mcap {
             let mut reader = reader(inputs[0])?;
             let writer = McapWriter::new(out, reader.header(), reader.header_annotations());
-            write(Box::new(writer.map_err(Fault::Output)?), &mut reader, args.part.filter())?;
+            write(Box::new(writer.map_err(Fault::Output)?), &mut reader, args.part.filter()?)?;
             return Ok(());
         }
         if args.viewer.otlp {
             let mut reader = reader(inputs[0])?;
             let writer = SpanWriter::new(&mut out, reader.header()).map_err(Fault::Output)?;
-            write(Box::new(writer), &mut reader, args.part.filter())?;
+            write(Box::new(writer), &mut reader, args.part.filter()?)?;
             return Ok(());
         }
         perfetto::begin(&mut out).map_err(Fault::Output)?;
@@ -121,7 +122,7 @@ pub(crate) fn export(args: &Args) -> Result<Exit, Fault> {
             let mut reader = reader(path)?;
             let tracks = Tracks::new(&mut out, reader.header(), frames.of(trace));
             let tracks = Box::new(tracks.map_err(Fault::Output)?);
-            if write(tracks, &mut reader, args.part.filter())? {
+            if write(tracks, &mut reader, args.part.filter()?)? {
                 left_out.push(name(path));
             }
         }
