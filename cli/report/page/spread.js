@@ -86,7 +86,7 @@ function drawDeadlines(self, deadlines) {
   ctx.fillStyle = tint.ink;
   ctx.setLineDash([5 * ratio, 4 * ratio]);
   const inside = (x) => x >= left && x <= left + width;
-  const lines = [...deadlines].sort((a, b) => a - b).map((deadline) => ({ deadline, x: self.valToPos(deadline, "x", true) }));
+  const lines = [...deadlines].sort((a, b) => a - b).map((deadline) => ({ deadline, x: Math.round(self.valToPos(deadline, "x", true)) + 0.5 }));
   for (const { x } of lines.filter(({ x }) => inside(x))) {
     ctx.beginPath();
     ctx.moveTo(x, top - 3 * ratio);
