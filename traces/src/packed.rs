@@ -30,7 +30,7 @@
 //! Without the feature `packed` only gzip is unpacked.
 //!
 //! Not provided: tar and zip, a header of one's own for an MCAP file that has none (`fuseline convert --header` does that), other
-//! encodings than JSON ([`RawMessages`] has their bytes).
+//! encodings than JSON (`RawMessages` has their bytes).
 
 #[cfg(feature = "packed")]
 mod messages;
