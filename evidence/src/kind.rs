@@ -12,6 +12,9 @@ use crate::fault::SeededFault;
 use crate::printed::Outcomes;
 use crate::tree::Tree;
 
+/// For large crates with short tests, most of whose run is the build.
+const QUICK: &[(&str, &str)] = &[("CARGO_PROFILE_DEV_OPT_LEVEL", "0"), ("CARGO_INCREMENTAL", "1")];
+
 /// One kind of witness: how it is run, what it printed means, and what each witness cites.
 pub struct EvidenceKind {
     /// Its name, which is that of its record too.

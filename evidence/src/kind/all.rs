@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::pipelines::PIPELINES;
-use super::{EvidenceKind, RunMethod};
+use super::{EvidenceKind, QUICK, RunMethod};
 use crate::citation::{cited_by_harness, cited_by_test, cited_by_trace, words};
 use crate::fault::SeededFault;
 use crate::printed::{GENERATED, Outcomes, read_drive, read_models, read_tests};
@@ -565,10 +565,6 @@ pub const KINDS: &[EvidenceKind] = &[
         cites: cited_by_test,
     },
 ];
-
-/// For large crates with short tests, most of whose run is the build.
-pub(super) const QUICK: &[(&str, &str)] =
-    &[("CARGO_PROFILE_DEV_OPT_LEVEL", "0"), ("CARGO_INCREMENTAL", "1")];
 
 /// Clouds over the network.
 const GRPC: &str = "adapters/tokio/src/grpc/";
