@@ -330,6 +330,8 @@ def test_a_report_takes_a_list_of_paths(tmp_path: Path) -> None:
     assert page.read_bytes() == whole
     # A list of lines is still one trace.
     assert len(fuseline.report(Path(paths[0]).read_text().splitlines(True), page=page)) == 1
+    with pytest.raises(ValueError, match="where the page goes is page="):
+        fuseline.report(paths, str(page))
 
 
 def test_an_eager_operator_that_gives_a_better_clouds_chance_away_is_reported(

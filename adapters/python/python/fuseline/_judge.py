@@ -227,9 +227,9 @@ def report(
     Raises:
         ReadError: if a trace cannot be read to its end.
         OSError: if a trace cannot be opened or read, or the page cannot be written.
-        ValueError: if there is no trace, only one of tolerance and lateness, another number of
-            names than of traces, more than 10,000,000 events, or tolerances of no source or without
-            a tolerance of all others.
+        ValueError: if there is no trace, a list of paths beside others, only one of tolerance and
+            lateness, another number of names than of traces, more than 10,000,000 events, or
+            tolerances of no source or without a tolerance of all others.
     """
     each = _each_trace(traces)
     if not each:
@@ -252,12 +252,17 @@ def _each_trace(traces: tuple[Traced | list[str | PathLike[str]], ...]) -> list[
     A list of lines is one trace, as an iterable of lines is everywhere else: its first one is a
     header, an object of JSON.
     """
-    if len(traces) == 1 and isinstance(traces[0], list):
-        given = traces[0]
-        first = given[0] if given else ""
-        if isinstance(first, PathLike) or (isinstance(first, str) and not first.startswith("{")):
-            return list(given)
-    return list(traces)  # type: ignore[arg-type]
+    lists = [given for given in traces if isinstance(given, list) and _are_paths(given)]
+    if not lists:
+        return list(traces)  # type: ignore[arg-type]
+    if len(traces) > 1:
+        raise ValueError("a list of paths stands for all traces; where the page goes is page=")
+    return list(lists[0])
+
+
+def _are_paths(given: list[str | PathLike[str]]) -> bool:
+    first = given[0] if given else ""
+    return isinstance(first, PathLike) or (isinstance(first, str) and not first.startswith("{"))
 
 
 def slack(
