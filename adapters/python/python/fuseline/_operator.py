@@ -55,10 +55,9 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
     """Computes each message on board and in clouds, and forwards the best result that is in time.
 
     Each message written leads to exactly one `Item`; under progressive to one or more, the last one
-    marked. Use it as a context manager, in one event
-    loop: at the end of the block it takes no more messages and waits until all are answered; if
-    the block is left by an exception, it `stop`s. Calls that go on although they were cancelled are
-    waited for no longer than a second; a line of the log says how many are left.
+    marked. Use it as a context manager, in one event loop: the end of the block takes no more
+    messages and waits until all are answered, or `stop`s after an exception. Calls that go on
+    although they were cancelled are waited for a second at most; the log says how many are left.
 
     Args:
         local: Computes each message on board: a `Local`, an ``async def`` of a message and its
@@ -72,11 +71,10 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         clock: Reads whole nanoseconds that never go back.
         lag_warning: How late a timer may be served, and how long a handler may hold up the loop,
             before it is counted and logged as a warning.
-        greatest_deadline: The longest deadline that a request or local may have. A longer one, such
-            as milliseconds read as seconds, is refused: of local with a ConfigError, of an offer as
-            ``deadline``, with a warning at the first. It is the most that a policy may choose.
-        reserve: How long the operators downstream take: so much is kept of an end-to-end deadline
-            (E3).
+        greatest_deadline: The longest deadline of a request or of local, and the most that a policy
+            may choose. A longer one, such as milliseconds read as seconds, is refused: of local
+            with a ConfigError, of an offer as ``deadline``, with a warning at the first.
+        reserve: How long those downstream take; so much of an end-to-end deadline is kept (E3).
         latency: What records how long this operator takes, for those upstream.
 
     Its methods belong to the thread of its loop, but for `write_threadsafe`; elsewhere they raise a
@@ -174,18 +172,16 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         """Register a cloud; up to 15, before the operator starts.
 
         Args:
-            handle: Makes the call: an ``async def`` of a request and its `Call`, in a task of its
-                own. It is cancelled when its timer fires or another result goes (F5, F7). An
-                exception is a failure (F4). It runs on the loop and must not block.
+            handle: Makes the call: an ``async def`` of a request and its `Call`, in a task on the
+                loop, which it must not block. It is cancelled when its timer fires or another
+                result goes (F5, F7). An exception is a failure (F4).
             message_handler: Looks at each message that was taken on, and its timestamp; returns the
-                request and how long the cloud may take, or None not to ask it. It must not block
-                and is no ``async def``: the offer belongs to the instant of its message. If it
-                fails, the cloud is not asked.
+                request and how long the cloud may take, or None for no request, as if it fails. It
+                must not block and is no ``async def``: an offer is of its message's instant.
             response_handler: Turns the response into the result, in the call's task; may be an
-                ``async def``. The result counts as arrived when it is done. If the response says of
-                which message it is, return a `StampedValue`.
-            encode: Makes the request for the handle of what the message handler returned, in a
-                thread: for costly encoding, such as JPEG. It takes its part of the deadline.
+                ``async def``; the result arrives when it is done. It returns a `StampedValue` if
+                the response says of which message it is.
+            encode: Makes the handle's request of the message handler's in a thread, as for JPEG.
             priority: 1 to 65535, different for each cloud; the greater wins.
             name: For people and traces; ``cloud-`` and the priority by default.
             limit: The gate shuts when this many requests wait to be sent (F2g); by default as many
@@ -197,8 +193,8 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
                 `Situation` and the most will do.
             linger: How long a call may run on after it was due, so that the policy learns how long
                 it really takes. What comes then is still dropped (F3).
-            max_age: Of how many messages before the one that it is for a `StampedValue` may be.
-                What is older, or of a later message, is a failure (F4).
+            max_age: Of how many messages before its own a `StampedValue` may be; what is older, or
+                of a later message, is a failure (F4).
 
         Durations are seconds as a float, a timedelta, or nanoseconds as `fuseline.ns`.
 
