@@ -1,5 +1,7 @@
 //! The strict and the observed judge behind one interface, line by line, and the options that choose between them.
 
+mod beside;
+
 use std::io::{self, BufRead};
 use std::time::Duration;
 
@@ -71,12 +73,9 @@ pub(crate) fn judge(
 ) -> Result<Findings, Fault> {
     let (mode, end) = (how.mode()?, how.end());
     let mut reader = reader(mode, name, trace)?;
-    let mut judging = how.judging(name, &reader)?;
-    let mut hints = JudgingHints::new(mode);
-    while let Some(event) = next_event(&mut reader, end)? {
-        hints.event(&event);
-        judging.annotated_line(reader.line(), &event, reader.annotations())?;
-    }
+    let judging = how.judging(name, &reader)?;
+    let hints = JudgingHints::new(mode);
+    let (judging, hints) = beside::judge_lines(&mut reader, end, judging, hints)?;
     let mut found = finish(judging, end);
     hints.warn(&found);
     if let Findings::Observed(verdict) = &mut found {

@@ -122,6 +122,25 @@ fn a_tolerance_may_be_that_of_one_source() {
     assert_eq!(run(&report, trace).status.code(), Some(0));
 }
 
+/// Lines are read ahead of the judge.
+#[test]
+fn of_two_lines_with_something_wrong_the_earlier_one_is_reported() {
+    let trace = r#"{"fuseline":1,"window":4,"clouds":[]}
+{"ev":"open","at":100000000,"t":5}
+{"ev":"tick","at":1}
+"#;
+    let unread = format!("{trace}{{\"ev\":\"tock\"}}\n");
+    for text in [trace, &unread] {
+        let refused = run(&OBSERVED, text);
+        assert_eq!(refused.status.code(), Some(2));
+        assert!(err(&refused).starts_with("error: stdin:3:"), "{}", err(&refused));
+    }
+    let early = format!("{trace}{}", "{\"ev\":\"tick\",\"at\":1}\n".repeat(100_000));
+    assert!(err(&run(&OBSERVED, &early)).starts_with("error: stdin:3:"));
+    let unread = unread.replace("{\"ev\":\"tick\",\"at\":1}\n", "");
+    assert!(err(&run(&OBSERVED, &unread)).starts_with("error: stdin:3:"));
+}
+
 /// A49.
 #[test]
 fn an_operator_without_local_owes_no_local_result() {

@@ -298,12 +298,15 @@ fn a_page_is_made_again_when_its_trace_has_grown() {
     fs::write(&trace, format!("{header}{}", events(1))).unwrap();
     let args = ["report", "--watch", trace.to_str().unwrap(), "-o", page.to_str().unwrap()];
     let mut child = common::fuseline(&args).stdout(Stdio::null()).spawn().unwrap();
-    let wait_for = |lines: u64| {
+    let mut wait_for = |lines: u64| {
         let start = Instant::now();
         while !fs::read_to_string(&page)
             .is_ok_and(|page| data(&page)["traces"][0]["lines"] == lines)
         {
-            assert!(start.elapsed() < Duration::from_secs(60), "no page with {lines} lines");
+            if start.elapsed() > Duration::from_secs(60) {
+                child.kill().unwrap();
+                panic!("no page with {lines} lines");
+            }
             thread::sleep(Duration::from_millis(20));
         }
     };
