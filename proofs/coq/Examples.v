@@ -208,6 +208,12 @@ Definition calls_at_once : list act := requested_twice ++ [Look 1 1; Look 2 1;
 Example s8_one_order_happens : decisions (history (interleave (execute eager) at_first calls_at_once)) =
   [Emit 6 1 1; Failed 6 1 2; Hold 4 1 0; Hold 5 1 1; Request 0 1 2 80; Request 0 1 1 50; Opened 0 1 None].
 Proof. happens. Qed.
+(** These calls in their order, as section 8's statements of promises have them: the second thread's clock is behind. *)
+Definition calls_in_order : list call := [call_of 1 0 (Open 1 None); call_of 1 0 (Offer 1 1 50 0);
+  call_of 1 0 (Offer 1 2 80 0); call_of 1 5 (Result 1 1); call_of 1 4 (Result 1 0); call_of 1 6 (Fail 1 2)].
+Example s8_calls_happen : Forall fits_call calls_in_order /\
+  snd (in_order eager initial [] calls_in_order) = history (interleave (execute eager) at_first calls_at_once).
+Proof. split; [repeat constructor|happens]. Qed.
 (** If an exchange did not compare, the second would undo the first: its result, that was held, would not be sent. *)
 Definition undone : trace := let seen := lookup 1 (opened (state_after eager (firstn 3 held))) in
   let (s1, ds1) := execute eager (state_after eager (firstn 3 held)) (call_of 1 5 (Result 1 1)) in

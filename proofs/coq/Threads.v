@@ -182,22 +182,34 @@ Hypothesis F : Forall fits_call cs.
 Local Notation tr := (snd (in_order cfg initial [] cs)).
 Local Notation G := (in_order_good cfg cs initial [] F (start_good cfg)).
 Local Notation K := (in_order_lines cfg cs initial [] F (start_good cfg) (start_lines cfg)).
-(** P1 to P4, P6, P8, F1, F2 and F7, in the order of the calls; P2 and P8 are by the clock of the caller who gave the
-    result or fired the timer. *)
+(** In the order of the calls of any threads a timestamp is forwarded once at most, or missed. *)
 Theorem s8_p1_once : P1_once cfg tr. Proof. exact (good_p1_once _ _ _ G). Qed.
+(** So do the outputs of one rise strictly under progressive, with one end. *)
 Theorem s8_p1_progressive : P1_progressive cfg tr. Proof. exact (good_p1_progressive _ _ _ G). Qed.
+(** What is forwarded came in time, by the clock of the caller who gave the result. *)
 Theorem s8_p2_never_late : P2_never_late tr. Proof. exact (good_p2_never_late _ _ _ G). Qed.
+(** No result that any thread had held outranks the one that is forwarded. *)
 Theorem s8_p3_best_available : P3_best_available tr. Proof. exact (good_p3_best_available _ _ _ G). Qed.
+(** Results are held only for one that outranks them all and may still come. *)
 Theorem s8_p4_prompt : P4_prompt cfg tr. Proof. exact (good_p4_prompt _ _ _ G). Qed.
+(** Local's result is held only where the request of some thread was admitted. *)
 Theorem s8_p6_free_without_cloud : P6_free_without_cloud tr. Proof. exact (good_p6_free_without_cloud _ _ _ G). Qed.
+(** Whatever threads race, a request arms one due instant at most. *)
 Theorem s8_p8_one_timer : P8_one_timer tr. Proof. exact (good_p8_one_timer _ _ _ G). Qed.
+(** A timer fires only at its due instant or later, by the clock of the caller who fired it. *)
 Theorem s8_p8_fires : P8_fires tr.
 Proof. apply in_order_fires; [exact F|exact (start_good cfg)|intros ? ? ? []]. Qed.
+(** A timer fires only while it is live, so one of several threads fires it. *)
 Theorem s8_p8_while_live : P8_while_live cfg tr. Proof. exact (each_p8_while_live _ _ (l_each _ _ _ _ K)). Qed.
+(** The timestamps that threads open rise in the order of the calls. *)
 Theorem s8_f1_order : F1_order tr. Proof. exact (each_f1_order cfg _ (l_each _ _ _ _ K)). Qed.
+(** Whatever thread makes the offer, a source that is requested is a registered cloud. *)
 Theorem s8_f2_registered : F2_registered cfg tr. Proof. exact (each_f2_registered _ _ (l_each _ _ _ _ K)). Qed.
+(** A request outranks all that any thread had accepted for its timestamp before. *)
 Theorem s8_f2_outranks : F2_outranks tr. Proof. exact (each_f2_outranks cfg _ (l_each _ _ _ _ K)). Qed.
+(** The gates follow their law in the order of the calls that offer. *)
 Theorem s8_f2g_gate : F2g_gate cfg tr. Proof. exact (each_f2g_gate _ _ (l_each _ _ _ _ K)). Qed.
+(** Local is not cancelled, whichever thread commits. *)
 Theorem s8_f7_local : F7_local tr. Proof. exact (each_f7_local cfg _ (l_each _ _ _ _ K)). Qed.
 End Calls.
 (** P11: the input itself has the decisions that its kind may have. *)

@@ -2,10 +2,12 @@
 
     faults.py BUILD             BUILD has the compiled files of this folder and Corpus.v
     faults.py BUILD --record    writes record.json anew: by theorem, the faults that refute it
+    faults.py BUILD N           makes N of them, drawn anew
 """
 
 import json
 import os
+import random
 import re
 import subprocess
 import sys
@@ -74,9 +76,10 @@ def lost_because(fault):
         return caught(fault, build, Path(folder))
 
 
+drawn = random.sample(faults, int(sys.argv[2])) if sys.argv[2:] and sys.argv[2].isdecimal() else faults
 lost = 0
 with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
-    for fault, why in zip(faults, pool.map(lost_because, faults), strict=True):
+    for fault, why in zip(drawn, pool.map(lost_because, drawn), strict=True):
         if why:
             lost += 1
             print(f"fault {fault['name']}: {why}")
@@ -84,8 +87,11 @@ refuting = [fault for fault in faults if "by" in fault]
 by_theorem = {}
 for fault in refuting:
     by_theorem.setdefault(fault.get("theorem", fault.get("refutes", "").lower()), []).append(fault["name"])
-print(f"{len(faults)} faults of the rules: {len(refuting)} refute one of {len(by_theorem)} theorems by a computed counterexample, "
-      f"{len(faults) - len(refuting)} are caught by the corpus alone, {lost} are not caught as said")
+if drawn != faults:
+    print(f"{len(drawn)} of {len(faults)} faults, drawn anew: {', '.join(fault['name'] for fault in drawn)}; {lost} are not caught as said")
+else:
+    print(f"{len(faults)} faults of the rules: {len(refuting)} refute one of {len(by_theorem)} theorems by a computed counterexample, "
+          f"{len(faults) - len(refuting)} are caught by the corpus alone, {lost} are not caught as said")
 
 
 def shows(theorem):

@@ -13,8 +13,10 @@ from pathlib import Path
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent.parent
-# These are of traces of many threads; their statements are the promises'. Those are computed cases themselves.
-WITHOUT_CASES = re.compile(r"s8_[pf]\d|t4_")
+# These are computed cases themselves.
+WITHOUT_CASES = re.compile(r"t4_")
+# These state a promise of many threads' traces; its cases are theirs, and there is one of what they suppose.
+OF_THREADS = re.compile(r"s8_(?=[pf]\d)")
 
 
 def rows(text, heading):
@@ -30,15 +32,17 @@ def faults_of(name, text):
         yield "is not here"
         return
     above = text[: found.end()].split("\n")[:-1]
-    while above and re.match(r" *\(\* ANCHOR|Theorem s8_p", above[-1]):
+    while above and above[-1].lstrip().startswith("(* ANCHOR"):
         above.pop()
     comment = "\n".join(above)
-    sentence = comment[comment.rfind("(**") :] if comment.endswith("*)") else ""
-    if len(sentence.split()) < 6 or "." not in sentence or sentence.startswith("(** *"):
+    sentence = comment[comment.rfind("(*") :] if comment.endswith("*)") else ""
+    if len(sentence.split()) < 6 or "." not in sentence or not sentence.startswith("(** ") or sentence.startswith("(** *"):
         yield "has no sentence above it"
     if WITHOUT_CASES.match(name):
         return
-    case = name.lower()
+    case = OF_THREADS.sub("", name.lower())
+    if case != name.lower() and not re.search(r"^Example s8_calls_happen\b", text, re.M):
+        yield "has no case s8_calls_happen"
     if not re.search(rf"^Example {case}_happens\b", text, re.M):
         yield f"has no case {case}_happens"
     broken = re.search(rf"^Example {case}_can_break\b(?s:.*?)\bProof\b", text, re.M)
@@ -54,6 +58,7 @@ def main():
     wrong = []
     promises = rows(page, "promise")
     names = [name for _, statements in promises for name in re.findall(r"`(\w+)`", statements)]
+    names += sorted(set(re.findall(r"^Theorem (s8_[pf]\d\w*)", text, re.M)) - set(names))
     for name in names:
         wrong += [f"{name} {why}" for why in faults_of(name, text)]
     spec = (ROOT / "SPEC.md").read_text(encoding="utf-8")
