@@ -1,6 +1,7 @@
 //! Runs every kind of witness under every fault.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::ffi::OsStr;
 use std::path::PathBuf;
 use std::process::Command;
 use std::sync::Mutex;
@@ -55,7 +56,7 @@ impl Campaign<'_> {
         for work_copy in &lanes {
             self.tree.copy_to(&work_copy.copy)?;
         }
-        let rustc = compiler()?;
+        let rustc = version(std::env::var_os("RUSTC").unwrap_or_else(|| "rustc".into()))?;
         if self.kinds.iter().any(|kind| matches!(kind.run, RunMethod::DrivePrinted { .. })) {
             tell("the command", 0, 0);
             self.build_command()?;
@@ -128,7 +129,12 @@ impl Campaign<'_> {
             });
         }
         let held = outcomes.into_keys().collect();
-        Ok(KindRecord { sources, rustc: rustc.to_owned(), held, faults: BTreeMap::new() })
+        let rustc = if matches!(kind.run, RunMethod::Pytest { .. }) {
+            version(&work_copy.python)?
+        } else {
+            rustc.to_owned()
+        };
+        Ok(KindRecord { sources, rustc, held, faults: BTreeMap::new() })
     }
 
     fn summary(
@@ -174,16 +180,16 @@ impl Campaign<'_> {
             copy: Tree::new(folder.join("source")),
             target: folder.join("target"),
             command: self.built().join("release/fuseline"),
+            python: self.built().join("python/venv/bin/python"),
             limit: self.limit,
             stop: self.stop,
         }
     }
 }
 
-/// The compiler's version.
-fn compiler() -> Result<String, EvidenceError> {
-    let rustc = std::env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
-    let printed = Command::new(&rustc).arg("--version").output();
-    let printed = printed.map_err(EvidenceError::file(rustc.as_ref()))?;
+/// The version of a compiler or an interpreter.
+fn version(of: impl AsRef<OsStr>) -> Result<String, EvidenceError> {
+    let printed = Command::new(&of).arg("--version").output();
+    let printed = printed.map_err(EvidenceError::file(of.as_ref().as_ref()))?;
     Ok(String::from_utf8_lossy(&printed.stdout).trim().to_owned())
 }

@@ -22,13 +22,17 @@ const CODE: [&str; 9] = [
     "traces/src/reference.rs",
 ];
 /// The libraries whose own tests are witnesses, with their folders.
-const CRATES: [(&str, &str); 5] = [
+const CRATES: [(&str, &str); 7] = [
+    ("fuseline", "cli"),
     ("fuseline_core", "core"),
     ("fuseline_deadline", "deadline"),
     ("fuseline_engine", "adapters/engine"),
     ("fuseline_tokio", "adapters/tokio"),
     ("fuseline_ros2", "adapters/ros2"),
+    ("fuseline_traces", "traces"),
 ];
+/// Where tests of Python are.
+const PYTHON_TESTS: &str = "adapters/python/tests";
 /// Where other tests are.
 const TESTS: [&str; 9] = [
     "tests/tests",
@@ -124,6 +128,35 @@ pub(crate) fn cited_by_test(tree: &Tree, witness: &str) -> Result<BTreeSet<Strin
     let mut cited = named(name);
     cited.extend(words(&function));
     Ok(cited)
+}
+
+/// What the name, the documentation and the body of a test of Python cite.
+pub(crate) fn cited_by_pytest(
+    tree: &Tree,
+    witness: &str,
+) -> Result<BTreeSet<String>, EvidenceError> {
+    let (module, name) = witness.split_once("::").unwrap_or((witness, ""));
+    let file = format!("{PYTHON_TESTS}/{module}.py");
+    let text = tree.text(&file)?;
+    let Some(function) = python_function(&text, name) else {
+        return Err(EvidenceError::content(Path::new(&file), format!("no test {name} here")));
+    };
+    let mut cited = named(name);
+    cited.extend(words(&function));
+    Ok(cited)
+}
+
+/// A function of a module of Python with its decorators and the comments above it.
+fn python_function(text: &str, name: &str) -> Option<String> {
+    let lines: Vec<&str> = text.lines().collect();
+    let heads = [format!("def {name}("), format!("async def {name}(")];
+    let at = lines.iter().position(|line| heads.iter().any(|head| line.starts_with(head)))?;
+    let is_above = |line: &&&str| !line.is_empty() && !line.starts_with(' ');
+    let above = lines.iter().take(at).rev().take_while(is_above).count();
+    // Its arguments may end with a bracket at the margin.
+    let is_below = |line: &&&str| line.is_empty() || line.starts_with([' ', ')']);
+    let below = lines.iter().skip(at + 1).take_while(is_below).count();
+    Some(lines[at - above..=at + below].join("\n"))
 }
 
 /// The file of a test, known from its target and modules: a library's own test, or one in a folder of tests.
@@ -252,6 +285,15 @@ mod tests {
     fn a_word_that_only_begins_like_an_identifier_is_none() {
         assert_eq!(words("F3x XP2 f1 A A100 P99"), set([]));
         assert_eq!(named("a_fold_p_f2gg_f2h"), set([]));
+    }
+
+    #[test]
+    fn a_test_of_python_cites_by_what_is_between_its_decorators_and_the_next_one() {
+        let text = "# D8.\n@given(\n)\ndef test_a(\n    run: Run,\n) -> None:\n    \"\"\"D9.\"\"\"\n\n    # A3.\n\n\n\
+            # F8\ndef test_b() -> None:\n    pass\n";
+        let found = python_function(text, "test_a").expect("it is there");
+        assert_eq!(words(&found), set(["A3", "D8", "D9"]));
+        assert_eq!(python_function(text, "test_"), None);
     }
 
     #[test]

@@ -9,8 +9,9 @@ use sha2::{Digest, Sha256};
 use crate::error::EvidenceError;
 use crate::tree::{Tree, hex};
 
-/// Where they are kept: those of the machine, and those of what is around it.
-pub(crate) const FILES: [&str; 2] = ["tests/faults.toml", "tests/faults-around.toml"];
+/// Where they are kept: those of the machine, those of what is around it, and those of the wheel's modules in Python.
+pub(crate) const FILES: [&str; 3] =
+    ["tests/faults.toml", "tests/faults-around.toml", "tests/faults-python.toml"];
 
 /// One passage of the source with what a fault would make of it.
 #[derive(Clone, PartialEq, Eq, Debug, Deserialize)]

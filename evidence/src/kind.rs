@@ -2,6 +2,8 @@
 
 mod all;
 mod pipelines;
+mod python;
+mod servers;
 
 use std::collections::BTreeSet;
 
@@ -38,6 +40,8 @@ pub struct EvidenceKind {
 pub(crate) enum RunMethod {
     /// cargo with these arguments and variables, under every fault.
     Cargo { arguments: &'static [&'static str], variables: &'static [(&'static str, &'static str)] },
+    /// pytest with these arguments in `adapters/python`, by the interpreter that `.ci/python` installed the wheel for.
+    Pytest { arguments: &'static [&'static str] },
     /// As `Cargo`, but what cargo would run is run by the project's own command, as it is without the fault.
     DrivePrinted { arguments: &'static [&'static str], by: &'static [&'static str] },
     /// A command of its own, which keeps its own record and holds it against the sources in each run of it. The kind has
@@ -59,7 +63,12 @@ impl EvidenceKind {
     /// Whether its witnesses run under every fault by a campaign.
     #[must_use]
     pub fn is_run_here(&self) -> bool {
-        matches!(self.run, RunMethod::Cargo { .. } | RunMethod::DrivePrinted { .. })
+        match self.run {
+            RunMethod::Cargo { .. } | RunMethod::Pytest { .. } | RunMethod::DrivePrinted { .. } => {
+                true
+            }
+            RunMethod::Prove { .. } | RunMethod::Solve { .. } => false,
+        }
     }
 
     /// Whether one of its witnesses must catch this fault.

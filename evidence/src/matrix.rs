@@ -290,7 +290,9 @@ fn lacks(
     let around = match row.id.split_at(1) {
         ("T", "4") => &[][..],
         ("T", _) => &["policy"][..],
-        ("D", _) => &["operator", "grpc", "recorder", "simulation", "ros2", "command"][..],
+        ("D", _) => {
+            &{ &["operator", "grpc", "recorder", "simulation", "ros2", "command", "python"][..] }
+        }
         ("E", _) => &["pipeline"][..],
         ("J", _) => &["judge"][..],
         _ => &[][..],

@@ -31,6 +31,21 @@ pub(crate) fn read_tests(printed: &str) -> Outcomes {
     outcomes
 }
 
+/// Lines of pytest, all cases of a test as one. A test that began and never ended is red.
+pub(crate) fn read_pytest(printed: &str) -> Outcomes {
+    static CASE: LazyLock<Regex> =
+        LazyLock::new(|| regex(r"^tests/(\w+)\.py::(\w+)(?:.* (PASSED|SKIPPED|FAILED|ERROR)\b)?"));
+    let mut outcomes = Outcomes::new();
+    for found in printed.lines().filter_map(|line| CASE.captures(line)) {
+        let outcome = found.get(3).map(|outcome| outcome.as_str());
+        if outcome != Some("SKIPPED") {
+            let held = outcomes.entry(format!("{}::{}", &found[1], &found[2])).or_insert(true);
+            *held &= outcome == Some("PASSED");
+        }
+    }
+    outcomes
+}
+
 /// A JSON object a configuration: the properties that are broken there, or the configuration itself if it holds.
 pub(crate) fn read_models(printed: &str) -> Outcomes {
     #[derive(serde::Deserialize)]
@@ -97,6 +112,16 @@ mod tests {
             read_tests(printed),
             expected.map(|(name, held)| (name.to_owned(), held)).into()
         );
+    }
+
+    #[test]
+    fn a_test_of_python_held_if_each_of_its_cases_did() {
+        let printed = "tests/a.py::test_b[0.0] PASSED   [ 10%]\ntests/a.py::test_b[x-[1]] FAILED   [ 20%]\n\
+            tests/a.py::test_c PASSED   [ 40%]\ntests/a.py::test_d SKIPPED (no)   [ 50%]\n\
+            FAILED tests/a.py::test_b[x-[1]] - assert 1 == 2\ntests/a.py::test_e ";
+        let expected = [("a::test_b", false), ("a::test_c", true), ("a::test_e", false)];
+        let expected = expected.map(|(name, held)| (name.to_owned(), held));
+        assert_eq!(read_pytest(printed), expected.into());
     }
 
     #[test]

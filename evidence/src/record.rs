@@ -20,7 +20,7 @@ use crate::tree::Tree;
 pub struct KindRecord {
     /// A digest of the sources that the results depend on.
     pub sources: String,
-    /// The compiler that built them.
+    /// The compiler or interpreter.
     pub rustc: String,
     /// The witnesses that ran, and held, without a fault.
     pub held: BTreeSet<String>,

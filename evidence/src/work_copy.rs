@@ -29,6 +29,8 @@ pub(crate) struct WorkCopy<'a> {
     pub(crate) target: PathBuf,
     /// The project's own command, built without a fault, where a kind needs it.
     pub(crate) command: PathBuf,
+    /// The interpreter that has the wheel, as `.ci/python` installs it.
+    pub(crate) python: PathBuf,
     pub(crate) limit: Duration,
     pub(crate) stop: &'a AtomicBool,
 }
@@ -60,7 +62,7 @@ impl WorkCopy<'_> {
             why: why.to_owned(),
             log: log.clone(),
         };
-        self.cargo(kind, &log)?;
+        self.run_until_ended(kind, &log)?;
         let printed = fs::read(&log).map_err(EvidenceError::file(&log))?;
         let printed = String::from_utf8_lossy(&printed);
         if printed.contains("error: could not compile") {
@@ -77,30 +79,31 @@ impl WorkCopy<'_> {
         format!("target.'cfg(all())'.runner = {words:?}")
     }
 
-    /// Runs cargo until it ends or its time is up; what ended it shows in what it printed.
-    fn cargo(&self, kind: &EvidenceKind, log: &PathBuf) -> Result<(), EvidenceError> {
-        let folder = log.parent().unwrap_or(log);
-        fs::create_dir_all(folder).map_err(EvidenceError::file(folder))?;
-        let out = File::create(log).map_err(EvidenceError::file(log))?;
-        let err = out.try_clone().map_err(EvidenceError::file(log))?;
-        let mut command = Command::new("sh");
-        command.args(["-c", BOUNDED, "sh"]);
-        command.arg(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-        let variables = match kind.run {
+    /// What runs the witnesses; none for a kind that has a command of its own.
+    fn command(&self, kind: &EvidenceKind) -> Result<Option<Command>, EvidenceError> {
+        Ok(Some(match kind.run {
             RunMethod::Cargo { arguments, variables } => {
-                command.args(arguments);
-                variables
+                let mut command = self.cargo(kind.name, arguments, variables);
+                command.envs(variables.iter().copied());
+                command
             }
             RunMethod::DrivePrinted { arguments, by } => {
-                command.args(arguments).arg("--config").arg(self.runner(by));
-                &[]
+                let mut command = self.cargo(kind.name, arguments, &[]);
+                command.arg("--config").arg(self.runner(by));
+                command
             }
-            RunMethod::Prove { .. } | RunMethod::Solve { .. } => return Ok(()),
-        };
-        command.current_dir(self.copy.root());
+            RunMethod::Pytest { arguments } => self.pytest(arguments)?,
+            RunMethod::Prove { .. } | RunMethod::Solve { .. } => return Ok(None),
+        }))
+    }
+
+    fn cargo(&self, kind: &str, arguments: &[&str], variables: &[(&str, &str)]) -> Command {
+        let mut command = Command::new("sh");
+        command.args(["-c", BOUNDED, "sh"]);
+        command.arg(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into())).args(arguments);
         // Other flags of the compiler build everything anew.
         let is_apart = variables.iter().any(|(name, _)| *name == "RUSTFLAGS");
-        let target = self.target.join(if is_apart { kind.name } else { "plain" });
+        let target = self.target.join(if is_apart { kind } else { "plain" });
         let fixed = [
             ("CARGO_TARGET_DIR", target.as_os_str()),
             ("CARGO_NET_OFFLINE", "true".as_ref()),
@@ -113,10 +116,50 @@ impl WorkCopy<'_> {
             // In order, so that one that hangs is the last one named.
             ("RUST_TEST_THREADS", "1".as_ref()),
         ];
+        command.current_dir(self.copy.root()).envs(fixed).env_remove("PROPTEST_CASES");
+        command
+    }
+
+    /// pytest on the copy's package, which gets the compiled part that is installed.
+    fn pytest(&self, arguments: &[&str]) -> Result<Command, EvidenceError> {
+        let missing = |_| EvidenceError::Tool {
+            tool: self.python.display().to_string(),
+            remedy: "run .ci/python".to_owned(),
+        };
+        let installed = Command::new(&self.python)
+            .args(["-c", "import fuseline._fuseline as it; print(it.__file__, end='')"])
+            .env_remove("PYTHONPATH")
+            .current_dir(&self.target)
+            .output()
+            .map_err(missing)?;
+        let compiled = PathBuf::from(&*String::from_utf8_lossy(&installed.stdout));
+        let package = self.copy.path("adapters/python/python");
+        let there = package.join("fuseline").join(compiled.file_name().unwrap_or_default());
+        fs::copy(&compiled, there).map_err(missing)?;
+        let mut command = Command::new("sh");
+        command
+            .args(["-c", BOUNDED, "sh"])
+            .arg(&self.python)
+            .args(["-m", "pytest", "--verbose", "--no-header", "--tb=no"])
+            // Without the documentation's examples, which the project's own options add.
+            .args(["--override-ini=addopts=", "-p", "no:cacheprovider"])
+            .args(arguments)
+            .current_dir(self.copy.path("adapters/python"))
+            // The order of sets' texts is the same in each run.
+            .envs([("PYTHONHASHSEED", "0"), ("PYTHONUNBUFFERED", "1")])
+            .env("PYTHONDONTWRITEBYTECODE", "1")
+            .env("PYTHONPATH", package);
+        Ok(command)
+    }
+
+    /// Runs the witnesses until they end or their time is up; what ended them shows in what they printed.
+    fn run_until_ended(&self, kind: &EvidenceKind, log: &PathBuf) -> Result<(), EvidenceError> {
+        let folder = log.parent().unwrap_or(log);
+        fs::create_dir_all(folder).map_err(EvidenceError::file(folder))?;
+        let Some(mut command) = self.command(kind)? else { return Ok(()) };
+        let out = File::create(log).map_err(EvidenceError::file(log))?;
+        let err = out.try_clone().map_err(EvidenceError::file(log))?;
         let mut child = command
-            .envs(fixed)
-            .envs(variables.iter().copied())
-            .env_remove("PROPTEST_CASES")
             .stdin(Stdio::null())
             .stdout(Stdio::from(out))
             .stderr(Stdio::from(err))

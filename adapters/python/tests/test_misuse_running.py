@@ -62,9 +62,12 @@ def test_too_many_on_their_way() -> None:
 def test_ignored_future(caplog: pytest.LogCaptureFixture) -> None:
     async def main() -> Counts:
         async with operator_of(output_len=1) as operator:
-            for _ in range(3):
+            for number in range(3):
                 operator.write_threadsafe(1)
-                await asyncio.sleep(0.02)
+                while operator.counts["operator", "message", "not taken"] < number:
+                    await asyncio.sleep(0)
+                while not operator._items:
+                    await asyncio.sleep(0)
             operator.stop()
             return operator.counts
 
@@ -211,7 +214,8 @@ def test_items_that_nobody_reads() -> None:
     async def main() -> None:
         async with operator_of(output_len=1) as operator:
             operator.write(1)
-            await asyncio.sleep(0.01)
+            while not operator._items:
+                await asyncio.sleep(0)
             with pytest.raises(Full):
                 operator.write(2)
 

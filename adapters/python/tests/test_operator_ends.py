@@ -17,6 +17,7 @@ from fuseline import (
     Closed,
     Ending,
     Item,
+    Lineage,
     Local,
     Operator,
     Trace,
@@ -38,6 +39,7 @@ from operator_support import MS, after, ask, local_after, stubborn
 def test_stopping_in_a_handler_ends_calls_and_items_and_leaves_the_trace_whole(
     run: Run[Any], tmp_path: Path, caplog: pytest.LogCaptureFixture, where: str, first: int
 ) -> None:
+    """D6, D10."""
     trace = tmp_path / "trace.jsonl"
     calls: Counter[str] = Counter()
 
@@ -315,3 +317,20 @@ def test_a_lost_computation_gives_its_place_back(
     lost = [Ending.MISSED, Ending.FORWARDED, Ending.FORWARDED]
     assert run(lambda loop: main(loop, True)) == (lost, 1)
     assert "local computation lost (timestamp=0)" in caplog.text
+
+
+def test_a_trace_is_whole_however_long(run: Run[Any], tmp_path: Path) -> None:
+    """D10."""
+    trace = tmp_path / "trace.jsonl"
+
+    async def main(loop: VirtualLoop) -> None:
+        operator: Operator[Any, Any] = Operator(local_after(MS), clock=loop.time_ns, trace=trace)
+        async with operator:
+            for seq in range(400):
+                operator.write("a", Lineage("x" * 50_000, seq))
+                await operator.read()
+
+    run(main)
+    assert trace.stat().st_size > 19_000_000
+    verdict = check(trace)
+    assert verdict.conforms and verdict.judged == 400, str(verdict)

@@ -23,6 +23,7 @@ from fuseline import (
     Trace,
     check,
     check_observed,
+    ns,
 )
 from fuseline.deadline import (
     Accuracy,
@@ -413,3 +414,21 @@ def test_a_second_cloud_of_one_priority_is_refused() -> None:
     operator.use_cloud(after(0), ask(1.0), str, 7)
     with pytest.raises(fuseline.ConfigError, match="two clouds of priority 7"):
         operator.use_cloud(after(0), ask(1.0), str, 7)
+
+
+def test_a_policy_beyond_its_cap_is_given_the_cap_and_shown_with_it(run: Run[Any]) -> None:
+    """D11."""
+
+    async def main(loop: VirtualLoop) -> Item[Any] | None:
+        operator: Operator[Any, Any] = Operator(local_after(MS), clock=loop.time_ns)
+        operator.use_cloud(
+            after(1), ask(0.1), str, 1, policy=lambda situation, cap: ns(10 * cap), name="west"
+        )
+        async with operator:
+            operator.write("a")
+            item = await operator.read()
+            assert operator.deadlines["west"].deadline == ns(100_000_000)
+            return item
+
+    item = run(main)
+    assert item is not None and item.decided - item.opened == 100_000_000

@@ -70,6 +70,8 @@ async def one(operator: Operator[int, str], loop: VirtualLoop, message: int) -> 
 def test_after_any_disturbance_a_message_is_answered_as_the_first_was(
     run: Run[Any], linger: float
 ) -> None:
+    """D6, D7, D8: places, queues and tasks."""
+
     async def main(loop: VirtualLoop) -> None:
         operator: Operator[int, str] = Operator(
             Local.task(local, at_once=4), window=4, clock=loop.time_ns
@@ -107,6 +109,7 @@ def test_after_any_disturbance_a_message_is_answered_as_the_first_was(
 def test_many_messages_leave_no_objects_behind(
     run: Run[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """D8."""
     # What is logged is kept by whoever runs the tests.
     monkeypatch.setattr(logging.getLogger("fuseline"), "disabled", True)
 
@@ -131,6 +134,8 @@ def test_many_messages_leave_no_objects_behind(
 
 @pytest.mark.parametrize("output_len", [1, 16])
 def test_a_feed_goes_on_when_its_reader_no_longer_lags(run: Run[Any], output_len: int) -> None:
+    """D8."""
+
     async def main(loop: VirtualLoop) -> list[int]:
         operator: Operator[int, str] = Operator(
             local, window=2, output_len=output_len, clock=loop.time_ns
@@ -169,6 +174,7 @@ class ApprovingPolicy(Policy):
 
 
 def test_after_a_situations_handler_failed_no_speed_is_known(run: Run[Any]) -> None:
+    """D7."""
     noting = ApprovingPolicy()
 
     def at(message: int, t: int) -> Situation:
@@ -191,6 +197,7 @@ def test_after_a_situations_handler_failed_no_speed_is_known(run: Run[Any]) -> N
 
 
 def test_a_call_is_given_the_time_left_with_the_time_to_linger(run: Run[Any]) -> None:
+    """D5."""
     deadlines: list[float] = []
 
     async def cloud(request: int, call: Call) -> str:
@@ -212,6 +219,7 @@ def test_a_call_is_given_the_time_left_with_the_time_to_linger(run: Run[Any]) ->
 
 
 def test_each_timer_goes_off_at_its_own_instant_however_far(run: Run[Any]) -> None:
+    """D9."""
     # Much further a float of seconds does not tell one nanosecond from the next.
     days = [days * 86_400 + 1 for days in (1, 2, 7, 40)]
 
@@ -238,6 +246,7 @@ def test_each_timer_goes_off_at_its_own_instant_however_far(run: Run[Any]) -> No
 
 
 def test_side_requests_are_as_before_after_every_kind_of_end(run: Run[Any]) -> None:
+    """D8."""
     answered: list[str] = []
 
     async def main(loop: VirtualLoop) -> None:
@@ -257,11 +266,14 @@ def test_side_requests_are_as_before_after_every_kind_of_end(run: Run[Any]) -> N
 
 
 def test_messages_from_another_thread_are_taken_after_any_that_were_not() -> None:
+    """D8."""
+
     async def main() -> None:
         operator: Operator[int, str] = Operator(local, window=4, output_len=1)
         async with operator:
             operator.write(0)
-            await asyncio.sleep(0.05)
+            while not operator.counts["local", "result", "forwarded"]:
+                await asyncio.sleep(MS)
             # The reader lags: each is refused on its way.
             refused = 0
             for message in range(1, 40):
@@ -279,6 +291,8 @@ def test_messages_from_another_thread_are_taken_after_any_that_were_not() -> Non
 
 
 def test_threads_of_local_end_with_their_operator() -> None:
+    """D8."""
+
     def compute(message: int, t: int) -> str:
         if message % 3 == 1:
             raise ValueError("on purpose")

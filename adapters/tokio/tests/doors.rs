@@ -138,6 +138,45 @@ async fn a_local_that_hangs_is_reported_and_replaced_if_it_can_be_made_anew() {
     release(&held);
 }
 
+/// D8: as many threads as before, once what hung has ended.
+#[tokio::test]
+async fn a_thread_that_was_replaced_ends_with_its_computation() {
+    let (held, thread) = (Hold::default(), Arc::new(()));
+    let (hung, mine) = (Arc::clone(&held), Arc::clone(&thread));
+    // What a thread computes with is dropped when the thread ends.
+    let mut local = Local::threads(1, move || {
+        let (hung, mine) = (Arc::clone(&hung), Arc::clone(&mine));
+        move |n: &u64, _: u64| {
+            drop(Arc::clone(&mine));
+            if *n == 0 {
+                hold(&hung);
+            }
+            Ok(format!("local {n}"))
+        }
+    });
+    local.deadline = Some(200 * MS);
+    let operator = ClosureOperator(move |_: &mut Setup<u64, String>| local);
+    let (mut writer, input) = stream(8);
+    let (running, mut output) = spawn(operator, Config::default(), input).unwrap();
+    writer.write(0).unwrap();
+    assert!(matches!(output.read().await.unwrap().ending, Ending::Missed));
+    let threads = || Arc::strong_count(&thread) - 2;
+    let wait = async |count| {
+        for _ in 0..60_000 {
+            if threads() == count {
+                return;
+            }
+            sleep(MS).await;
+        }
+        panic!("{} threads, not {count}", threads());
+    };
+    wait(2).await;
+    release(&held);
+    wait(1).await;
+    running.stop();
+    running.join().await.unwrap();
+}
+
 #[test]
 fn local_has_a_deadline_of_a_second_unless_it_is_set() {
     let second = Some(1000 * MS);

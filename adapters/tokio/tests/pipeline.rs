@@ -247,6 +247,60 @@ async fn nothing_waits_for_a_sensor_that_died_and_what_is_missing_is_said() {
     assert_eq!(tally.missing.values().sum::<u64>(), 5);
 }
 
+/// D7, D11, E5: after what is old, panics, ends or comes late a join goes on, and counts it.
+#[tokio::test(start_paused = true)]
+async fn a_join_keeps_the_latest_of_an_input_that_ended_and_goes_on_after_a_handler_that_panics() {
+    let (mut left, frames) = stream(9);
+    let (mut place, places) = stream(9);
+    let mut join = Join::<Scene>::new(JoinConfig::default());
+    join.aligned("left", frames, |scene: &mut Scene, frame, _| scene.left = Some(*frame));
+    join.latest("place", places, 100 * MS, |scene, place, _| {
+        assert!(*place != 13, "on purpose");
+        scene.place = Some(*place);
+    });
+    let (running, mut sets) = join.spawn().unwrap();
+    let captured = |seq, age: u32| Lineage::new("left", seq, Instant::now() - age * MS);
+    // The age counts from the capture, not from the arrival.
+    for (key, (value, age, expected)) in
+        (0..).zip([(1, 0, Some(1)), (2, 101, None), (13, 0, None), (3, 100, Some(3))])
+    {
+        place.write_with(value, captured(key, age)).unwrap();
+        left.write_with(key, captured(key, 0)).unwrap();
+        let set = sets.read().await.unwrap().set.clone();
+        assert_eq!((set.left, set.place), (Some(key), expected));
+    }
+    drop(place);
+    for key in [0, 4] {
+        left.write_with(key, captured(key, 0)).unwrap();
+    }
+    left.write(5).unwrap();
+    assert_eq!(sets.read().await.unwrap().set.place, Some(3));
+    drop(left);
+    assert!(sets.read().await.is_none());
+    let dropped: Vec<_> = running.join().await.dropped.into_values().collect();
+    assert_eq!(dropped, [1, 1]);
+}
+
+/// E5: of two inputs with many messages none is read before the other.
+#[tokio::test(start_paused = true)]
+async fn the_inputs_of_a_join_take_turns() {
+    let (mut left, left_frames) = stream(300);
+    let (mut right, right_frames) = stream(300);
+    let mut join = Join::<Scene>::new(JoinConfig { window: 4, ..JoinConfig::default() });
+    join.aligned("left", left_frames, |scene: &mut Scene, frame, _| scene.left = Some(*frame))
+        .aligned("right", right_frames, |scene, frame, _| scene.right = Some(*frame));
+    for seq in 0..300 {
+        for writer in [&mut left, &mut right] {
+            writer.write_with(seq, Lineage::new("camera", seq, Instant::now())).unwrap();
+        }
+    }
+    drop((left, right));
+    let (running, sets) = join.spawn().unwrap();
+    assert!(all(sets).await.iter().all(|it| it.set.left == it.set.right));
+    let given = running.join().await.given;
+    assert_eq!(given.into_iter().collect::<Vec<_>>(), [(JoinCause::Complete, 300)]);
+}
+
 /// E8: a reader that lags holds a join back, which loses nothing of what it took in.
 #[tokio::test(start_paused = true)]
 async fn a_join_whose_reader_lags_takes_nothing_in() {
@@ -293,6 +347,24 @@ async fn items_wait_for_earlier_ones_until_they_are_due_and_what_was_passed_over
     // The third is missed when its end-to-end deadline is over, which is too late for the fourth to wait.
     assert_eq!(seen, [(0, 30), (1, 30), (3, 60)]);
     assert_eq!(*reported.lock().unwrap(), [OutOfOrder::PassedOver(2..3), OutOfOrder::Late(2)]);
+}
+
+/// E9.
+#[tokio::test(start_paused = true)]
+async fn what_waits_for_its_turn_is_given_when_its_operator_is_stopped() {
+    let (mut camera, frames) = stream(9);
+    let (running, items) = spawn(takes_ms(|_| {}), Config::default(), frames).unwrap();
+    let reported = Arc::new(Mutex::new(Vec::new()));
+    let report = Arc::clone(&reported);
+    let mut items = items.in_order(500 * MS, MS, move |it| report.lock().unwrap().push(it));
+    for ms in [90, 10] {
+        camera.write(ms).unwrap();
+    }
+    sleep(20 * MS).await;
+    running.stop();
+    assert_eq!(items.read().await.map(|item| item.timestamp), Some(1));
+    assert!(items.read().await.is_none());
+    assert_eq!(*reported.lock().unwrap(), [OutOfOrder::PassedOver(0..1)]);
 }
 
 /// D17.

@@ -15,7 +15,7 @@ use tokio::time::{Instant, sleep};
 const MS: Duration = Duration::from_millis(1);
 const HOUR: Duration = Duration::from_secs(3600);
 
-/// P8, F5: beyond a day, a year, and what the runtime's wheel of timers holds.
+/// P8, F5, D9: beyond a day, a year, and what the runtime's wheel of timers holds.
 #[tokio::test(start_paused = true)]
 async fn each_timer_goes_off_at_its_own_instant_however_far() {
     let days = [1, 2, 40, 366, 900].map(|days: u32| days * 24 * HOUR + days * MS);

@@ -9,6 +9,8 @@ mod memory;
 mod rude;
 #[path = "support/visitors.rs"]
 mod visitors;
+#[path = "support/years.rs"]
+mod years;
 
 use tokio::runtime::Builder;
 
@@ -28,4 +30,12 @@ fn innocents_are_served_and_strangers_leave_nothing_behind() {
         let wrong = runtime.unwrap().block_on(visitors::server_wrongs(seed));
         assert!(wrong.is_empty(), "VISITORS_SEED={seed}: {wrong:#?}");
     }
+}
+
+/// D6, D8, D9: beyond a day, a year, and what the runtime's wheel of timers holds.
+#[test]
+fn each_bound_of_a_server_ends_what_reached_it_at_its_own_instant_however_far() {
+    let runtime = Builder::new_current_thread().enable_time().start_paused(true).build();
+    let wrong = runtime.unwrap().block_on(years::years_wrongs());
+    assert!(wrong.is_empty(), "{wrong:#?}");
 }

@@ -3,6 +3,8 @@
 use std::collections::BTreeSet;
 
 use super::pipelines::PIPELINES;
+use super::python::PYTHON;
+use super::servers::{GRPC, SERVERS};
 use super::{EvidenceKind, QUICK, RunMethod};
 use crate::citation::{cited_by_harness, cited_by_test, cited_by_trace, words};
 use crate::fault::SeededFault;
@@ -356,47 +358,26 @@ pub const KINDS: &[EvidenceKind] = &[
         cites: cited_by_test,
     },
     PIPELINES,
-    EvidenceKind {
-        name: "grpc",
-        title: "tests of clouds over gRPC",
-        applies: |_| false,
-        concerns: |fault| fault.file.starts_with(GRPC),
-        run: RunMethod::Cargo {
-            arguments: &[
-                "test",
-                "-p",
-                "fuseline-tokio",
-                "--lib",
-                "--test",
-                "grpc",
-                "--test",
-                "strangers",
-                "--test",
-                "visitors",
-                "--no-fail-fast",
-            ],
-            variables: QUICK,
-        },
-        sources: &[
-            "adapters/tokio/src/grpc",
-            "adapters/tokio/tests/grpc.rs",
-            "adapters/tokio/tests/strangers.rs",
-            "adapters/tokio/tests/visitors.rs",
-            "adapters/tokio/tests/support",
-        ],
-        read: read_tests,
-        cites: cited_by_test,
-    },
+    SERVERS,
+    PYTHON,
     EvidenceKind {
         name: "recorder",
         title: "tests of the recorder",
         applies: |_| false,
         concerns: |fault| fault.file == RECORDER,
         run: RunMethod::Cargo {
-            arguments: &["test", "-p", "fuseline-traces", "--test", "record", "--no-fail-fast"],
+            arguments: &[
+                "test",
+                "-p",
+                "fuseline-traces",
+                "--lib",
+                "--test",
+                "record",
+                "--no-fail-fast",
+            ],
             variables: QUICK,
         },
-        sources: &[RECORDER, "traces/tests/record.rs"],
+        sources: &[RECORDER, "traces/src/record/tests.rs", "traces/tests/record.rs"],
         read: read_tests,
         cites: cited_by_test,
     },
@@ -510,6 +491,7 @@ pub const KINDS: &[EvidenceKind] = &[
                 "test",
                 "-p",
                 "fuseline",
+                "--lib",
                 "--test",
                 "convert",
                 "--test",
@@ -565,9 +547,6 @@ pub const KINDS: &[EvidenceKind] = &[
         cites: cited_by_test,
     },
 ];
-
-/// Clouds over the network.
-const GRPC: &str = "adapters/tokio/src/grpc/";
 
 /// What writes a trace as a run goes on.
 const RECORDER: &str = "traces/src/record.rs";

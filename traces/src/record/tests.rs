@@ -5,6 +5,7 @@ use tempfile::TempDir;
 use super::*;
 use crate::event::Commit;
 
+/// D10.
 #[test]
 fn after_its_first_error_a_recorder_does_not_grow() {
     let folder = TempDir::new().unwrap();

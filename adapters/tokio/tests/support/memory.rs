@@ -20,6 +20,9 @@ use tokio::time::{Instant, sleep, timeout};
 /// Bytes that are on their way in one direction.
 const WIRE: usize = 16 * 1024;
 
+/// How many bits of a timestamp say how long a reply is; the others say for how many milliseconds the server computes.
+const REPLY_BITS: u32 = 24;
+
 type IncomingStream = io::Result<(DuplexStream, SocketAddr)>;
 
 /// A server that computes for as long as a request says, and replies with as many bytes.
@@ -49,9 +52,9 @@ impl MemoryServer {
             counter.fetch_add(1, Ordering::Relaxed);
             let computing = Computing(Arc::clone(&counter));
             async move {
-                sleep(Duration::from_millis(request.timestamp >> 32)).await;
+                sleep(Duration::from_millis(request.timestamp >> REPLY_BITS)).await;
                 drop(computing);
-                let bytes = usize::try_from(request.timestamp & 0xffff_ffff).unwrap();
+                let bytes = usize::try_from(request.timestamp % (1 << REPLY_BITS)).unwrap();
                 Ok(Reply { payload: vec![7; bytes].into(), ..Reply::default() })
             }
         };
@@ -148,7 +151,7 @@ impl CallPlan {
     /// The request, as gRPC frames it.
     pub(crate) fn body(&self) -> Bytes {
         let ms = u64::try_from(self.compute.as_millis()).unwrap();
-        let timestamp = (ms << 32) | self.reply as u64;
+        let timestamp = (ms << REPLY_BITS) | self.reply as u64;
         let payload = vec![7; self.payload].into();
         let message = Request { timestamp, payload, ..Request::default() }.encode_to_vec();
         let length = u32::try_from(message.len()).unwrap().to_be_bytes();
@@ -203,7 +206,7 @@ impl Visitor {
     }
 }
 
-fn status(headers: &HeaderMap) -> Option<u16> {
+pub(crate) fn status(headers: &HeaderMap) -> Option<u16> {
     headers.get("grpc-status")?.to_str().ok()?.parse().ok()
 }
 

@@ -1,0 +1,46 @@
+//! Operators in Python: faults of the wheel's own modules. Its compiled part is the one that is installed, without a fault.
+
+use super::{EvidenceKind, RunMethod};
+use crate::citation::cited_by_pytest;
+use crate::printed::read_pytest;
+
+/// The wheel's modules in Python.
+const MODULES: &str = "adapters/python/python/fuseline/";
+
+pub(super) const PYTHON: EvidenceKind = EvidenceKind {
+    name: "python",
+    title: "tests of operators in Python",
+    applies: |_| false,
+    concerns: |fault| fault.file.starts_with(MODULES),
+    run: RunMethod::Pytest {
+        arguments: &[
+            "tests/test_operator.py",
+            "tests/test_operator_bounds.py",
+            "tests/test_operator_ends.py",
+            "tests/test_operator_policies.py",
+            "tests/test_pipeline.py",
+            "tests/test_recovery.py",
+        ],
+    },
+    sources: &[
+        "adapters/python/python/fuseline/_drive.py",
+        "adapters/python/python/fuseline/_join.py",
+        "adapters/python/python/fuseline/_items.py",
+        "adapters/python/python/fuseline/_local.py",
+        "adapters/python/python/fuseline/_operator.py",
+        "adapters/python/python/fuseline/_side.py",
+        "adapters/python/python/fuseline/_state.py",
+        "adapters/python/python/fuseline/_threads.py",
+        "adapters/python/python/fuseline/testing.py",
+        "adapters/python/tests/conftest.py",
+        "adapters/python/tests/operator_support.py",
+        "adapters/python/tests/test_operator.py",
+        "adapters/python/tests/test_operator_bounds.py",
+        "adapters/python/tests/test_operator_ends.py",
+        "adapters/python/tests/test_operator_policies.py",
+        "adapters/python/tests/test_pipeline.py",
+        "adapters/python/tests/test_recovery.py",
+    ],
+    read: read_pytest,
+    cites: cited_by_pytest,
+};
