@@ -39,10 +39,6 @@ async fn seatbelt(harness: Arc<DrivenRun>, port: u16, t: usize) -> AttemptResult
     let clock = tick::Clock::new_tokio();
     let context: ResilienceContext<usize, AttemptResult> =
         ResilienceContext::new(&clock).name("operator");
-    let recovery = |done: &AttemptResult, _| match done {
-        Ok(_) => RecoveryInfo::never(),
-        Err(_) => RecoveryInfo::retry(),
-    };
     let stack = (
         Fallback::layer("fallback", &context)
             .should_fallback(|done: &AttemptResult| done.is_err())
@@ -52,7 +48,10 @@ async fn seatbelt(harness: Arc<DrivenRun>, port: u16, t: usize) -> AttemptResult
             .timeout(harness.deadline()),
         Hedging::layer("hedge", &context)
             .clone_input()
-            .recovery_with(recovery)
+            .recovery_with(|done: &AttemptResult, _| match done {
+                Ok(_) => RecoveryInfo::never(),
+                Err(_) => RecoveryInfo::retry(),
+            })
             .hedging_delay(HEDGE),
         Execute::new(move |t: usize| harness.clone().call(port, t)),
     );
