@@ -56,7 +56,7 @@ class PlayedNode:
             result = {"type": "INPUT", "id": f"{source}_result", "metadata": metadata}
             event = result | {"value": f"{data} by {source}"}
             self.loop.call_later(after, self.fusion.take, event)
-        return metadata["request_id"]
+        return str(self.requests)
 
 
 def play(

@@ -91,7 +91,7 @@ class DoraSource:
             raise ConnectionError("its input is closed")
         metadata = {key: it for key, it in event["metadata"].items() if key != "request_id"}
         request = self._node.send_service_request(f"{self.name}_request", event["value"], metadata)
-        answer = asyncio.get_running_loop().create_future()
+        answer: asyncio.Future[StampedValue[Any]] = asyncio.get_running_loop().create_future()
         self._waiting[request] = answer, t
         try:
             return await answer
