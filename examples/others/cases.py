@@ -123,7 +123,7 @@ CASES = [
         "dora_fallback.py checked",
         {"delays": DORA},
         broken("F3"),
-        broken("P5"),
+        broken("P3", "P5"),
     ),
     Case("dora-rs-default", "python", "dora_fallback.py default", {"delays": DORA}, broken("P5")),
     Case("tenacity", "python", "tenacity_retry.py retry", {"delays": HOSTILE}, broken("P2", "P5")),
