@@ -19,6 +19,8 @@ HARMED: dict[str, Any] = {
     "chunk": 20,
     "ticks": 1000,
 }
+#: One stalls between two that come, then several in a row.
+DORA = [5, 5, 60, None, 5, 5, 5, None, None, None, None, 5, 5, 5]
 CHUNKS = {"delays": [40, 60, 80, 110], "period": 33, "chunk": 10}
 
 
@@ -115,6 +117,15 @@ CASES = [
     Case(
         "positronic-reopened", "python", "positronic_session.py reopen", {**KILLED, "period": 120}
     ),
+    Case(
+        "dora-rs",
+        "python",
+        "dora_fallback.py checked",
+        {"delays": DORA},
+        broken("F3"),
+        broken("P3", "P5"),
+    ),
+    Case("dora-rs-default", "python", "dora_fallback.py default", {"delays": DORA}, broken("P5")),
     Case("tenacity", "python", "tenacity_retry.py retry", {"delays": HOSTILE}, broken("P2", "P5")),
     Case("tenacity-timeout", "python", "tenacity_retry.py timeout", KILLED),
     Case(

@@ -60,6 +60,16 @@ impl DrivenRun {
         writeln!(self.file.lock().unwrap(), "{line}").expect("room for the facts");
     }
 
+    pub fn record_request(&self, t: usize, attempt: usize) {
+        let deadline = self.deadline().as_nanos();
+        self.record("request", t, &format!(r#","p":1,"try":{attempt},"deadline":{deadline}"#));
+    }
+
+    /// Whether calls wait for one another.
+    pub fn has_queue(&self) -> bool {
+        self.mode == "tower-queue"
+    }
+
     pub fn end(&self) {
         let line = format!(r#"{{"ev":"tick","at":{}}}"#, now());
         writeln!(self.file.lock().unwrap(), "{line}").expect("room for the facts");
@@ -80,8 +90,9 @@ impl DrivenRun {
     /// One attempt of a message's request.
     pub async fn call(self: Arc<Self>, port: u16, t: usize) -> Result<AttemptDone, String> {
         let attempt = self.attempts[t].fetch_add(1, Ordering::Relaxed);
-        let due = self.deadline().as_nanos();
-        self.record("request", t, &format!(r#","p":1,"try":{attempt},"deadline":{due}"#));
+        if !self.has_queue() {
+            self.record_request(t, attempt);
+        }
         let reply = exchange(port, t, attempt).await;
         if reply.is_err() {
             self.record("fail", t, &format!(r#","p":1,"try":{attempt}"#));

@@ -16,7 +16,7 @@ type BoxedService = BoxCloneService<usize, AttemptDone, String>;
 fn tower(harness: &Arc<DrivenRun>, port: u16) -> BoxedService {
     let own = harness.clone();
     let inner = tower::service_fn(move |t| own.clone().call(port, t));
-    let hedged: BoxedService = if harness.mode == "tower-queue" {
+    let hedged: BoxedService = if harness.has_queue() {
         BoxCloneService::new(tower::limit::ConcurrencyLimit::new(inner, 1))
     } else {
         let hedge = HedgeLayer::builder().delay(HEDGE).max_hedged_attempts(2).build();
@@ -39,10 +39,6 @@ async fn seatbelt(harness: Arc<DrivenRun>, port: u16, t: usize) -> AttemptResult
     let clock = tick::Clock::new_tokio();
     let context: ResilienceContext<usize, AttemptResult> =
         ResilienceContext::new(&clock).name("operator");
-    let recovery = |done: &AttemptResult, _| match done {
-        Ok(_) => RecoveryInfo::never(),
-        Err(_) => RecoveryInfo::retry(),
-    };
     let stack = (
         Fallback::layer("fallback", &context)
             .should_fallback(|done: &AttemptResult| done.is_err())
@@ -52,7 +48,10 @@ async fn seatbelt(harness: Arc<DrivenRun>, port: u16, t: usize) -> AttemptResult
             .timeout(harness.deadline()),
         Hedging::layer("hedge", &context)
             .clone_input()
-            .recovery_with(recovery)
+            .recovery_with(|done: &AttemptResult, _| match done {
+                Ok(_) => RecoveryInfo::never(),
+                Err(_) => RecoveryInfo::retry(),
+            })
             .hedging_delay(HEDGE),
         Execute::new(move |t: usize| harness.clone().call(port, t)),
     );
@@ -62,6 +61,9 @@ async fn seatbelt(harness: Arc<DrivenRun>, port: u16, t: usize) -> AttemptResult
 async fn message(harness: Arc<DrivenRun>, port: u16, mut service: BoxedService, t: usize) {
     harness.record("open", t, &format!(r#","within":{}"#, harness.deadline().as_nanos()));
     harness.record("result", t, r#","p":0"#);
+    if harness.has_queue() {
+        harness.record_request(t, 0); // as the caller sees it: it waits until the service is ready
+    }
     let done = if harness.mode == "seatbelt" {
         seatbelt(harness.clone(), port, t).await
     } else {
@@ -85,11 +87,12 @@ async fn main() {
             server.kill().expect("the server");
         }
         messages.spawn(message(harness.clone(), port, service.clone(), t));
-        tokio::time::sleep(harness.time("period", 60) / 2).await;
+        let next = tokio::time::Instant::now() + harness.time("period", 60);
         if harness.is_at("block_at", t) {
+            tokio::time::sleep(Duration::from_millis(30)).await;
             std::thread::sleep(harness.time("block", 0)); // something computes on the executor's thread
         }
-        tokio::time::sleep(harness.time("period", 60) / 2).await;
+        tokio::time::sleep_until(next).await;
     }
     let rest = async { while messages.join_next().await.is_some() {} };
     let _ = tokio::time::timeout(Duration::from_secs(1), rest).await;

@@ -1,0 +1,298 @@
+"""A node of dora that adds clouds to a dataflow: it forwards values unread, as the ROS 2 node does.
+
+What read ``camera/image`` so far reads ``fusion/local_request``, and in each cloud
+``fusion/west_request``. With its result it sends the metadata of what it read, as dora's services
+do: the ``request_id`` in it says which request a result is for.
+
+    - id: fusion
+      path: python
+      args: -m fuseline.dora --cloud west=0.2 --cloud east=0.3 --trace run.jsonl
+      inputs:
+        input: camera/image
+        local_result: detector/objects
+        west_result: west/objects
+        east_result: east/objects
+      outputs: [output, missed, local_request, west_request, east_request]
+
+Of each input there is one ``output``, with the input's metadata and the ``fuseline.source``, or one
+``missed``, with the ``fuseline.why``. Where a result's input is closed, its source fails at once
+until it is back. The node ends when ``input`` is closed or the dataflow is stopped, once all is
+answered.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import logging
+import sys
+import threading
+from collections import Counter
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, Literal, Protocol
+
+from fuseline._errors import Closed, ConfigError, Full
+from fuseline._item import Call, Item, StampedValue
+from fuseline._local import Local
+from fuseline._operator import Operator
+
+if TYPE_CHECKING:
+    from fuseline._judge import Duration
+
+__all__ = ["DoraNode", "FusionNode"]
+
+_log = logging.getLogger("fuseline")
+#: How long the thread that reads events may take to see that the node has ended, in seconds.
+READ_TIMEOUT = 0.2
+
+
+class DoraNode(Protocol):
+    """What is used of `dora.Node`."""
+
+    def next(self, timeout: float | None = None) -> dict[str, Any] | None:
+        """The next event; an error after so many seconds, None after the last one."""
+
+    def drain(self) -> list[dict[str, Any]] | None:
+        """The events that are there."""
+
+    def node_config(self) -> dict[str, Any]:
+        """Its part of the dataflow."""
+
+    def send_output(
+        self, output_id: str, data: Any, metadata: dict[str, Any] | None = None
+    ) -> None:
+        """Send a value."""
+
+    def send_service_request(
+        self, output_id: str, data: Any, metadata: dict[str, Any] | None = None
+    ) -> str:
+        """Send a request; the name by which its result is known."""
+
+
+class DoraSource:
+    """Local or a cloud: its requests that wait for a result, by dora's name for them."""
+
+    def __init__(self, node: DoraNode, name: str) -> None:
+        self._node, self.name = node, name
+        #: With the timestamps that they are of.
+        self._waiting: dict[str, tuple[asyncio.Future[StampedValue[Any]], int]] = {}
+        self._is_closed = False
+
+    async def call(self, event: dict[str, Any], call: Call) -> StampedValue[Any]:
+        """As `compute`, for a cloud."""
+        return await self._answer(event, call.timestamp)
+
+    async def compute(self, event: dict[str, Any], t: int) -> Any:
+        """Request a result for a message, and wait for it."""
+        return (await self._answer(event, t)).value
+
+    async def _answer(self, event: dict[str, Any], t: int) -> StampedValue[Any]:
+        if self._is_closed:
+            raise ConnectionError("its input is closed")
+        metadata = {key: it for key, it in event["metadata"].items() if key != "request_id"}
+        request = self._node.send_service_request(f"{self.name}_request", event["value"], metadata)
+        answer: asyncio.Future[StampedValue[Any]] = asyncio.get_running_loop().create_future()
+        self._waiting[request] = answer, t
+        try:
+            return await answer
+        finally:
+            del self._waiting[request]
+
+    def take(self, event: dict[str, Any]) -> bool:
+        """Take a result; whether its request still waits."""
+        self._is_closed = False
+        answer, t = self._waiting.get(event["metadata"].get("request_id"), (None, 0))
+        if answer is None or answer.done():
+            return False
+        answer.set_result(StampedValue(event["value"], t))
+        return True
+
+    def close(self) -> None:
+        """Its results do not come any more."""
+        self._is_closed = True
+        for answer, _ in self._waiting.values():
+            if not answer.done():
+                answer.set_exception(ConnectionError("its input was closed"))
+
+    def reopen(self) -> None:
+        """They may come again."""
+        self._is_closed = False
+
+
+class FusionNode:
+    """The node, around an `Operator`.
+
+    Args:
+        node: A `dora.Node`, or what has its methods.
+        clouds: How long each may take, in rising priority.
+        local_deadline: How long local may take (F1); what is not there by then counts as lost.
+        calls: How many requests each source has at once.
+        window: How many messages may be open at once; one more is refused ``full`` (F1).
+        commit: When a result is sent although a better one is pending (F6).
+        trace: The file that the run is recorded to.
+        clock: Reads whole nanoseconds that never go back; by default the monotonic clock.
+
+    Raises:
+        ConfigError: if the dataflow lacks one of the node's inputs or outputs, or there is no such
+            operator.
+    """
+
+    def __init__(
+        self,
+        node: DoraNode,
+        clouds: Mapping[str, Duration],
+        *,
+        local_deadline: Duration = 1.0,
+        calls: int = 8,
+        window: int = 16,
+        commit: Literal["eager", "patient"] = "eager",
+        trace: str | None = None,
+        clock: Callable[[], int] | None = None,
+    ) -> None:
+        config = node.node_config()
+        names = ["local", *clouds]
+        for direction, needed in [
+            ("inputs", ["input", *(f"{name}_result" for name in names)]),
+            ("outputs", ["output", *(f"{name}_request" for name in names)]),
+        ]:
+            if missing := [it for it in needed if it not in config.get(direction, ())]:
+                raise ConfigError(f"the node has no {', '.join(missing)} among its {direction}")
+        self._node = node
+        self._is_over = False
+        self._says_missed = "missed" in config["outputs"]
+        self._sources = {name: DoraSource(node, name) for name in names}
+        #: Inputs, by their timestamp, until their item is sent.
+        self._open: dict[int, dict[str, Any]] = {}
+        #: What was not taken: results of no request that waits, inputs for which there was no room.
+        self.dropped: Counter[str] = Counter()
+        local = Local.task(
+            self._sources["local"].compute, at_once=calls, deadline=local_deadline, lossy=True
+        )
+        times: dict[str, Any] = {} if clock is None else {"clock": clock}
+        self.operator: Operator[dict[str, Any], Any] = Operator(
+            local, name="fusion", window=window, commit=commit, trace=trace, **times
+        )
+        for priority, (name, deadline) in enumerate(clouds.items(), 1):
+            self._use(name, deadline, priority, calls)
+
+    def _use(self, name: str, deadline: Duration, priority: int, calls: int) -> None:
+        self.operator.use_cloud(
+            self._sources[name].call,
+            lambda event, _: (event, deadline),
+            lambda answer: answer,
+            priority,
+            name=name,
+            calls=calls,
+        )
+
+    async def serve(self) -> None:
+        """Read the node's events until ``input`` is closed, and send what each leads to."""
+        async with self.operator:
+            loop = asyncio.get_running_loop()
+            reader = threading.Thread(target=self._read, args=[loop])
+            reader.start()
+            try:
+                await self.send_items()
+            finally:
+                self._is_over = True
+                await asyncio.to_thread(reader.join)
+
+    async def send_items(self) -> None:
+        """Send what each input leads to, until the operator ends."""
+        async for item in self.operator:
+            self._send(item)
+
+    def take(self, event: dict[str, Any] | None) -> None:
+        """Take an event of dora's, or None after the last one."""
+        kind = "STOP" if event is None else event["type"]
+        name = "" if event is None else str(event.get("id", ""))
+        source = self._sources.get(name.removesuffix("_result"))
+        if event is not None and kind == "INPUT" and name == "input":
+            self._open_message(event)
+        elif event is not None and kind == "INPUT" and source is not None:
+            if not source.take(event):
+                self.dropped[name] += 1
+        elif kind == "STOP" or (kind == "INPUT_CLOSED" and name == "input"):
+            self.operator.close()
+            if event is None:
+                for each in self._sources.values():
+                    each.close()
+        elif kind == "INPUT_CLOSED" and source is not None:
+            _log.warning("fusion: the input %s is closed", name)
+            source.close()
+        elif kind == "INPUT_RECOVERED" and source is not None:
+            source.reopen()
+
+    def _open_message(self, event: dict[str, Any]) -> None:
+        try:
+            self._open[self.operator.write(event)] = event
+        except (Closed, Full) as error:
+            self.dropped["input"] += 1
+            _log.warning("fusion: an input was not taken: %s", error)
+
+    def _send(self, item: Item[Any]) -> None:
+        metadata = self._open.pop(item.timestamp)["metadata"]
+        if item.source is not None:
+            self._node.send_output(
+                "output", item.value, metadata | {"fuseline.source": item.source.name}
+            )
+        elif self._says_missed:
+            why = {"fuseline.why": str(item.ending.value)}
+            self._node.send_output("missed", b"", metadata | why)
+
+    def _read(self, loop: asyncio.AbstractEventLoop) -> None:
+        """In a thread: dora's events wait for no loop."""
+        event: dict[str, Any] | None = {}
+        while event is not None and not self._is_over:
+            event = self._node.next(timeout=READ_TIMEOUT)
+            events = [event]
+            if event is not None and event["type"] in ("INPUT_CLOSED", "STOP"):
+                # Dora gives these before inputs that came earlier.
+                events = sorted([*(self._node.drain() or []), event], key=_is_no_input)
+            for each in events:
+                loop.call_soon_threadsafe(self.take, each)
+
+
+def _is_no_input(event: dict[str, Any] | None) -> bool:
+    return event is None or event["type"] != "INPUT"
+
+
+def _cloud(text: str) -> tuple[str, float]:
+    name, _, seconds = text.partition("=")
+    if not name or name == "local":
+        raise ValueError
+    return name, float(seconds)
+
+
+def main() -> int:
+    """Be a node, as the arguments say."""
+    parser = argparse.ArgumentParser("python -m fuseline.dora")
+    parser.add_argument(
+        "--cloud", type=_cloud, action="append", default=[], metavar="NAME=SECONDS",
+        help="a cloud and how long it may take, in rising priority",
+    )  # fmt: skip
+    parser.add_argument("--local-deadline", type=float, default=1.0, metavar="SECONDS")
+    parser.add_argument("--calls", type=int, default=8, help="requests of a source at once")
+    parser.add_argument("--window", type=int, default=16, help="messages open at once")
+    parser.add_argument("--commit", choices=["eager", "patient"], default="eager")
+    parser.add_argument("--trace", metavar="FILE")
+    args = parser.parse_args()
+    try:
+        import dora
+
+        node = dora.Node()
+    except (ImportError, RuntimeError) as error:
+        parser.error(f"not in a dataflow of dora: {error}")
+    try:
+        fusion = FusionNode(
+            node, dict(args.cloud), local_deadline=args.local_deadline, calls=args.calls,
+            window=args.window, commit=args.commit, trace=args.trace,
+        )  # fmt: skip
+    except ConfigError as error:
+        parser.error(str(error))
+    asyncio.run(fusion.serve())
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

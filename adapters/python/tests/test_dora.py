@@ -1,0 +1,215 @@
+"""The node of dora: with a node that a test plays, and in a dataflow of dora's own daemon."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import fuseline
+import pytest
+from conftest import Run
+from fuseline import ConfigError
+from fuseline.dora import FusionNode
+from fuseline.testing import VirtualLoop
+
+#: After how many seconds a source answers a value; None if never.
+Plan = dict[str, Callable[[int], float | None]]
+INPUTS = ["input", "local_result", "west_result"]
+OUTPUTS = ["output", "missed", "local_request", "west_request"]
+
+
+class PlayedNode:
+    """Sends requests to sources that answer as planned, and keeps what else is sent."""
+
+    def __init__(self, loop: VirtualLoop, plan: Plan, outputs: list[str]) -> None:
+        self.loop, self.plan, self.outputs = loop, plan, outputs
+        self.sent: list[tuple[str, Any, dict[str, Any]]] = []
+        self.requests = 0
+        self.fusion: FusionNode
+
+    def node_config(self) -> dict[str, Any]:
+        return {"inputs": dict.fromkeys(INPUTS), "outputs": self.outputs}
+
+    def next(self, timeout: float | None = None) -> dict[str, Any] | None:
+        raise AssertionError("events are taken by hand")
+
+    def drain(self) -> list[dict[str, Any]] | None:
+        raise AssertionError("events are taken by hand")
+
+    def send_output(
+        self, output_id: str, data: Any, metadata: dict[str, Any] | None = None
+    ) -> None:
+        self.sent.append((output_id, data, metadata or {}))
+
+    def send_service_request(
+        self, output_id: str, data: Any, metadata: dict[str, Any] | None = None
+    ) -> str:
+        self.requests += 1
+        metadata = (metadata or {}) | {"request_id": str(self.requests)}
+        source = output_id.removesuffix("_request")
+        after = self.plan[source](data)
+        if after is not None:
+            result = {"type": "INPUT", "id": f"{source}_result", "metadata": metadata}
+            event = result | {"value": f"{data} by {source}"}
+            self.loop.call_later(after, self.fusion.take, event)
+        return str(self.requests)
+
+
+def play(
+    run: Run[Any], plan: Plan, steps: list[dict[str, Any] | None], trace: Path | None = None
+) -> PlayedNode:
+    """A second between two steps."""
+
+    async def main(loop: VirtualLoop) -> PlayedNode:
+        node = PlayedNode(loop, plan, OUTPUTS)
+        path = None if trace is None else str(trace)
+        node.fusion = FusionNode(node, {"west": 0.5}, trace=path, clock=loop.time_ns)
+        async with node.fusion.operator:
+            for after, step in enumerate(steps):
+                loop.call_later(after, node.fusion.take, step)
+            await node.fusion.send_items()
+        return node
+
+    played: PlayedNode = run(main)
+    return played
+
+
+def frame(value: int) -> dict[str, Any]:
+    metadata = {"seq": value, "request_id": "the camera's own"}
+    return {"type": "INPUT", "id": "input", "value": value, "metadata": metadata}
+
+
+def test_each_input_has_the_best_result_that_is_in_time(run: Run[Any], tmp_path: Path) -> None:
+    trace = tmp_path / "run.jsonl"
+    late = {0: 0.4, 1: 0.7, 2: None}
+    plan: Plan = {"local": lambda _: 0.1, "west": late.__getitem__}
+    node = play(run, plan, [frame(0), frame(1), frame(2), None], trace)
+    own = {"request_id": "the camera's own"}
+    assert node.sent == [
+        ("output", "0 by west", own | {"seq": 0, "fuseline.source": "west"}),
+        ("output", "1 by local", own | {"seq": 1, "fuseline.source": "local"}),
+        ("output", "2 by local", own | {"seq": 2, "fuseline.source": "local"}),
+    ]
+    assert node.fusion.dropped == {"west_result": 1}, "the late one was not counted"
+    verdict = fuseline.check(trace)
+    assert verdict.conforms and verdict.judged == 3
+
+
+def test_a_source_whose_input_is_closed_fails_at_once_until_it_is_back(run: Run[Any]) -> None:
+    closed = {"type": "INPUT_CLOSED", "id": "west_result"}
+    back = {"type": "INPUT_RECOVERED", "id": "west_result"}
+    plan: Plan = {"local": lambda _: None, "west": lambda value: 0.1 if value == 2 else None}
+    node = play(run, plan, [closed, frame(1), back, frame(2), None])
+    ids = [(output, metadata["seq"]) for output, _, metadata in node.sent]
+    assert ids == [("missed", 1), ("output", 2)]
+    assert node.fusion.operator.counts["west", "request", "admitted"] == 2
+    assert node.requests == 3, "one was sent to a closed input"
+
+
+def test_results_of_no_request_are_dropped(run: Run[Any]) -> None:
+    stray = {"type": "INPUT", "id": "west_result", "value": 9, "metadata": {"request_id": "7"}}
+    plan: Plan = {"local": lambda _: 0.1, "west": lambda _: None}
+    node = play(run, plan, [stray, stray | {"metadata": {}}, frame(0), None])
+    assert node.fusion.dropped == {"west_result": 2}
+    assert [data for _, data, _ in node.sent] == ["0 by local"]
+
+
+def test_a_dataflow_without_the_nodes_inputs_is_refused(run: Run[Any]) -> None:
+    async def main(loop: VirtualLoop) -> None:
+        node = PlayedNode(loop, {}, ["output"])
+        with pytest.raises(ConfigError, match="no local_request, west_request among its outputs"):
+            FusionNode(node, {"west": 0.5})
+
+    run(main)
+
+
+NODES = """
+import json, sys
+import pyarrow as pa
+from dora import Node
+
+node, kind = Node(), sys.argv[1]
+
+
+def outputs(count):
+    for _ in range(count):
+        while (event := node.next())["type"] != "INPUT":
+            pass
+        row = [event["id"], event["value"].to_pylist(), event["metadata"]["seq"]]
+        print(json.dumps([*row, event["metadata"].get("fuseline.source")]), file=sunk)
+
+
+if kind == "camera":
+    with open("sunk.jsonl", "w") as sunk:
+        for seq in range(12):
+            node.send_output("image", pa.array([seq]), {"seq": seq})
+            outputs(1 if seq in (0, 3, 6) else 0)
+        outputs(9)
+else:
+    for event in node:
+        # The cloud answers every third message; at the ninth it is gone, and what waited fails.
+        value = event["value"].to_pylist()[0] if event["type"] == "INPUT" else -1
+        if kind == "west" and value == 9:
+            sys.exit(0)
+        if value >= 0 and (kind == "local" or value % 3 == 0):
+            node.send_output("result", pa.array([f"{value} by {kind}"]), event["metadata"])
+"""
+
+DATAFLOW = """
+nodes:
+  - {id: camera, path: PYTHON, args: nodes.py camera, outputs: [image],
+     inputs: {output: fusion/output, missed: fusion/missed}}
+  - id: fusion
+    path: PYTHON
+    args: -m fuseline.dora --cloud west=30 --local-deadline 30 --trace run.jsonl
+    inputs:
+      input: {source: camera/image, queue_size: 16}
+      local_result: {source: detector/result, queue_size: 16}
+      west_result: {source: west/result, queue_size: 16}
+    outputs: [output, missed, local_request, west_request]
+  - {id: detector, path: PYTHON, args: nodes.py local, outputs: [result],
+     inputs: {image: {source: fusion/local_request, queue_size: 16}}}
+  - {id: west, path: PYTHON, args: nodes.py west, outputs: [result],
+     inputs: {image: {source: fusion/west_request, queue_size: 16}}}
+"""
+
+
+def test_in_a_dataflow_of_doras_daemon_each_input_has_one_output(tmp_path: Path) -> None:
+    pytest.importorskip("dora", reason="no package dora-rs")
+    dora = Path(sys.executable).with_name("dora")
+    if not dora.exists():
+        pytest.skip("no package dora-rs-cli")
+    (tmp_path / "nodes.py").write_text(NODES)
+    (tmp_path / "flow.yml").write_text(DATAFLOW.replace("PYTHON", sys.executable))
+    done = subprocess.run(
+        [dora, "run", "flow.yml"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    sunk = [json.loads(line) for line in (tmp_path / "sunk.jsonl").read_text().splitlines()]
+    sunk.sort(key=lambda row: row[2])
+    by = ["west" if seq in (0, 3, 6) else "local" for seq in range(12)]
+    expected = [["output", [f"{seq} by {who}"], seq, who] for seq, who in enumerate(by)]
+    assert sunk == expected, done.stdout
+    verdict = fuseline.check(tmp_path / "run.jsonl")
+    assert verdict.conforms and verdict.judged == 12
+
+
+def test_outside_a_dataflow_it_says_so() -> None:
+    command = [sys.executable, "-m", "fuseline.dora", "--cloud", "west=0.5"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 2
+    assert "not in a dataflow of dora" in done.stderr
+    done = subprocess.run(
+        [*command[:-1], "west"], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 2
+    assert "west" in done.stderr
