@@ -21,6 +21,8 @@ pub struct Annotations {
     pub age: Option<u64>,
     /// `origin` and `seq`, on an open: what the message came from.
     pub origin: Option<Origin>,
+    /// `missing`, on an open: the inputs of joins on its way that nothing came from.
+    pub missing: Vec<Arc<str>>,
 }
 
 /// The sensor's message that an operator's message came from.
@@ -43,12 +45,25 @@ pub struct HeaderAnnotations {
 
 impl Annotations {
     /// None of them.
-    pub const NONE: Self = Self { of: None, attempt: None, within: None, age: None, origin: None };
+    pub const NONE: Self = Self {
+        of: None,
+        attempt: None,
+        within: None,
+        age: None,
+        origin: None,
+        missing: Vec::new(),
+    };
 
     /// Whether there is none.
     #[must_use]
     pub const fn is_empty(&self) -> bool {
-        matches!(self, &Self { of: None, attempt: None, within: None, age: None, origin: None })
+        let Self { of, attempt, within, age, origin, missing } = self;
+        of.is_none()
+            && attempt.is_none()
+            && within.is_none()
+            && age.is_none()
+            && origin.is_none()
+            && missing.is_empty()
     }
 
     /// By when the message that is opened at `at` has its output (J2), if it has a deadline of its own.

@@ -5,6 +5,7 @@
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
+use std::sync::Arc;
 
 use crate::annotations::{Annotations, HeaderAnnotations, Origin};
 use crate::canonical;
@@ -41,7 +42,7 @@ pub(crate) struct LineAnnotations {
 
 /// The keys that become an event's [`Annotations`].
 const ANNOTATIONS: Keys =
-    Keys::of(&[Key::Of, Key::Try, Key::Within, Key::Age, Key::Origin, Key::Seq]);
+    Keys::of(&[Key::Of, Key::Try, Key::Within, Key::Age, Key::Origin, Key::Seq, Key::Missing]);
 
 /// What is wrong with a line, and where.
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
@@ -142,6 +143,7 @@ struct Fields<'a> {
     clouds: Vec<Cloud>,
     max_ages: BTreeMap<u64, u64>,
     origin: Option<Cow<'a, str>>,
+    missing: Vec<Arc<str>>,
     /// The first key that no line takes.
     stranger: Option<(usize, Cow<'a, str>)>,
 }
@@ -191,6 +193,7 @@ impl<'a> Fields<'a> {
             }
             Key::Try => self.numbers[key as usize] = within(scan, "try", 0..=u8::MAX.into())?,
             Key::Origin => self.origin = Some(scan.string("a name")?),
+            Key::Missing => self.missing = names(scan)?,
             Key::Local => {
                 let named = |word: &str| (word == "none").then_some(());
                 choice(scan, "local", named, "none; an operator with local leaves the key out")?;
@@ -289,6 +292,7 @@ impl<'a> Fields<'a> {
             within: given(Key::Within),
             age: given(Key::Age),
             origin: self.origin.take().map(|stream| Origin { stream: stream.as_ref().into(), seq }),
+            missing: std::mem::take(&mut self.missing),
         })
     }
 
@@ -366,6 +370,16 @@ impl<'a> Fields<'a> {
 
 const fn input(input: Input) -> Line {
     Line::Event(Event::Input(input))
+}
+
+/// A list of names.
+fn names(scan: &mut Scan<'_>) -> Result<Vec<Arc<str>>, ParseError> {
+    let mut names = Vec::new();
+    scan.expect(b'[', "at the start of missing")?;
+    while scan.more(names.is_empty(), b']')? {
+        names.push(scan.string("a name")?.into());
+    }
+    Ok(names)
 }
 
 /// The list of a header's clouds, and how old their values may be.

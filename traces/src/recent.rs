@@ -18,7 +18,7 @@ pub(crate) struct RecentLines {
     lines: Vec<(u64, Event)>,
     /// Where the oldest stands.
     first: usize,
-    /// What stands on some of them besides, without the text of origins, which may be long.
+    /// What stands on some of them besides, without texts, which may be long.
     annotations: BTreeMap<u64, Annotations>,
 }
 
@@ -34,8 +34,8 @@ impl RecentLines {
             }
         }
         if !annotations.is_empty() {
-            let Annotations { of, attempt, within, age, origin: _ } = *annotations;
-            let shown = Annotations { of, attempt, within, age, origin: None };
+            let &Annotations { of, attempt, within, age, origin: _, missing: _ } = annotations;
+            let shown = Annotations { of, attempt, within, age, ..Annotations::NONE };
             self.annotations.insert(line, shown);
         }
     }
@@ -53,8 +53,8 @@ impl RecentLines {
         let left_out = reported.len().saturating_sub(STORY);
         let lead = (left_out > 0).then(|| format!("({left_out} earlier lines left out)"));
         let lines = reported.iter().skip(left_out).map(|(line, event)| {
-            let annotations = self.annotations.get(line).unwrap_or(&Annotations::NONE);
-            format!("{line}: {}", event.annotated(annotations))
+            let shown = self.annotations.get(line);
+            format!("{line}: {}", shown.map_or_else(|| event.to_string(), |it| event.annotated(it)))
         });
         lead.into_iter().chain(lines).collect()
     }

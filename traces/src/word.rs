@@ -45,6 +45,7 @@ pub(crate) enum Key {
     Age,
     Origin,
     Seq,
+    Missing,
     X,
 }
 
@@ -121,10 +122,10 @@ impl LineKind {
 
     /// The keys that such a line may have: those it must have and some more.
     pub(crate) const fn keys(self, form: Form) -> Keys {
-        use Key::{Age, Commit, Deadline, Of, Operator, Origin, P, Seq, Within, X};
+        use Key::{Age, Commit, Deadline, Missing, Of, Operator, Origin, P, Seq, Within, X};
         let more = match self {
             Self::Header => Keys::of(&[Operator, Commit, X]),
-            Self::Open => Keys::of(&[Deadline, Within, Age, Origin, Seq, X]),
+            Self::Open => Keys::of(&[Deadline, Within, Age, Origin, Seq, Missing, X]),
             Self::Refuse => Keys::of(&[P, X]),
             Self::Result | Self::Emit => Keys::of(&[Of, X]),
             Self::Offer
@@ -181,7 +182,7 @@ impl Key {
     pub(crate) const COUNT: usize = Self::ALL.len();
 
     /// All keys, in the order in which they are written.
-    const ALL: [Self; 21] = [
+    const ALL: [Self; 22] = [
         Self::Fuseline,
         Self::Operator,
         Self::Window,
@@ -202,6 +203,7 @@ impl Key {
         Self::Age,
         Self::Origin,
         Self::Seq,
+        Self::Missing,
         Self::X,
     ];
 
@@ -222,6 +224,7 @@ impl Key {
             "age" => Self::Age,
             "origin" => Self::Origin,
             "seq" => Self::Seq,
+            "missing" => Self::Missing,
             "x" => Self::X,
             "fuseline" => Self::Fuseline,
             "operator" => Self::Operator,
@@ -256,6 +259,7 @@ impl Key {
             Self::Age => "age",
             Self::Origin => "origin",
             Self::Seq => "seq",
+            Self::Missing => "missing",
             Self::X => "x",
         }
     }

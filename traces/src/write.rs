@@ -32,7 +32,7 @@ impl Event {
         }
         // Before the brace that closes the line.
         out.pop();
-        let Annotations { of, attempt, within, age, origin } = annotations;
+        let Annotations { of, attempt, within, age, origin, missing } = annotations;
         let attempt = attempt.map(u64::from);
         for (key, value) in [("of", *of), ("try", attempt), ("within", *within), ("age", *age)] {
             further(out, key, value);
@@ -40,6 +40,12 @@ impl Event {
         if let Some(Origin { stream, seq }) = origin {
             text(out, ",\"origin\":", stream);
             further(out, "seq", *seq);
+        }
+        for (index, input) in missing.iter().enumerate() {
+            text(out, if index == 0 { ",\"missing\":[" } else { "," }, input);
+        }
+        if !missing.is_empty() {
+            out.push(b']');
         }
         out.push(b'}');
     }

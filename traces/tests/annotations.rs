@@ -1,6 +1,7 @@
 //! The keys beside the machine's: how they are read and written, and what is refused of them.
 
 use std::fs;
+use std::sync::Arc;
 
 use fuseline_traces::observed::{self, BrokenRule, Slack};
 use fuseline_traces::{
@@ -32,7 +33,7 @@ fn refused(is_observed: bool, header: &str, line: &str) -> String {
 fn what_stands_beside_the_rules_is_read_with_its_line() {
     let trace = [
         WITHOUT_LOCAL,
-        r#"{"ev":"open","at":9,"t":7,"within":50,"age":3,"origin":"camera/\u0066ront","seq":41}"#,
+        r#"{"ev":"open","at":9,"t":7,"within":50,"age":3,"origin":"camera/\u0066ront","seq":41,"missing":["right","p\u006cace"]}"#,
         r#"{"ev":"request","at":9,"t":7,"p":1,"due":20,"try":0}"#,
         r#"{"try":255,"of":6,"ev":"result","at":12,"t":7,"p":1}"#,
         r#"{"ev":"emit","at":12,"t":7,"p":1,"of":6}"#,
@@ -45,7 +46,9 @@ fn what_stands_beside_the_rules_is_read_with_its_line() {
     assert_eq!((header.without_local, header.values_of(7, 1)), (true, (4, 7)));
     assert_eq!((header.values_of(7, 0), header.values_of(2, 1)), ((7, 7), (0, 2)));
     let origin = Some(Origin { stream: "camera/front".into(), seq: Some(41) });
-    let opened = Annotations { within: Some(50), age: Some(3), origin, ..Annotations::NONE };
+    let missing = vec!["right".into(), "place".into()];
+    let opened =
+        Annotations { within: Some(50), age: Some(3), origin, missing, ..Annotations::NONE };
     let expected = [
         opened,
         Annotations { attempt: Some(0), ..Annotations::NONE },
@@ -57,6 +60,8 @@ fn what_stands_beside_the_rules_is_read_with_its_line() {
         reader.next_event().unwrap().unwrap();
         assert_eq!(*reader.annotations(), annotations);
     }
+    let none = r#"{"ev":"open","at":9,"t":7,"missing":[ ]}"#;
+    assert_eq!(second_line(false, HEADER, none).unwrap(), Annotations::NONE);
     // Age alone says how old the message is.
     let alone = r#"{"ev":"open","at":9,"t":7,"age":0}"#;
     assert_eq!(second_line(false, HEADER, alone).unwrap().age, Some(0));
@@ -90,6 +95,18 @@ fn what_has_no_place_there_is_refused_where_it_stands() {
             "2:27: key \"seq\" without \"origin\", the stream that it counts in",
         ),
         (r#"{"ev":"open","at":1,"t":2,"origin":7}"#, "2:36: expected a name in quotes, found `7`"),
+        (
+            r#"{"ev":"open","at":1,"t":2,"missing":"left"}"#,
+            "2:37: expected `[` at the start of missing, found `\"left\"`",
+        ),
+        (
+            r#"{"ev":"open","at":1,"t":2,"missing":["left",2]}"#,
+            "2:45: expected a name in quotes, found `2`",
+        ),
+        (
+            r#"{"ev":"open","at":1,"t":2,"missing":["left"],"missing":[]}"#,
+            "2:46: key \"missing\" a second time; write it once",
+        ),
         (
             r#"{"ev":"emit","at":1,"t":2,"p":1,"try":1}"#,
             "2:33: key \"try\" has no place in an emit line; it takes ev, at, t, p, of, x",
@@ -134,10 +151,12 @@ fn any_annotations() -> impl Strategy<Value = (Annotations, bool)> {
     let n = || option::of(any::<u64>());
     let origin =
         option::of((".{0,9}", n()).prop_map(|(stream, seq)| Origin { stream: stream.into(), seq }));
-    (n(), option::of(any::<u8>()), n(), n(), origin, any::<bool>()).prop_map(
-        |(of, attempt, within, age, origin, is_open)| {
+    let missing = proptest::collection::vec(".{0,9}".prop_map(Arc::from), 0..3);
+    (n(), option::of(any::<u8>()), n(), n(), origin, missing, any::<bool>()).prop_map(
+        |(of, attempt, within, age, origin, missing, is_open)| {
             if is_open {
-                (Annotations { of: None, attempt: None, within, age, origin }, true)
+                let opened = Annotations { within, age, origin, missing, ..Annotations::NONE };
+                (opened, true)
             } else {
                 (Annotations { of, attempt, ..Annotations::NONE }, false)
             }

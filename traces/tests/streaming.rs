@@ -536,7 +536,7 @@ fn number() -> impl Strategy<Value = u64> {
 fn any_annotations() -> impl Strategy<Value = Annotations> {
     let n = || option::weighted(0.3, number());
     (n(), option::weighted(0.3, 0..3_u8), n(), n()).prop_map(|(of, attempt, within, age)| {
-        Annotations { of, attempt, within, age, origin: None }
+        Annotations { of, attempt, within, age, ..Annotations::NONE }
     })
 }
 

@@ -272,7 +272,42 @@ impl Lineage {
         let captured = all.and_then(|all| all.into_iter().min());
         let due = known().filter_map(|lineage| lineage.due(now)).min();
         let within = due.map(|due| due.saturating_duration_since(captured.unwrap_or(now)));
-        Some(Arc::new(Self { origin: first.origin.clone(), captured, within }))
+        let mut joined = Self { origin: first.origin.clone(), captured, within, ..Self::default() };
+        known().for_each(|lineage| joined.add_missing(&lineage.missing));
+        Some(Arc::new(joined))
+    }
+
+    /// That of a set as it is given, `joined` so far, which lacks these inputs. If the set is of a latest-value input's message,
+    /// it has that message's origin and capture, and is due as before.
+    #[must_use]
+    pub fn of_set(
+        joined: Option<Arc<Self>>,
+        missing: &[Arc<str>],
+        latest: Option<&Self>,
+        now: impl Into<Instant>,
+    ) -> Option<Arc<Self>> {
+        if missing.is_empty() && latest.is_none() {
+            return joined;
+        }
+        let now = now.into();
+        let mut lineage = joined.map(Arc::unwrap_or_clone).unwrap_or_default();
+        if let Some(latest) = latest {
+            let due = lineage.due(now);
+            (lineage.origin, lineage.captured) = (latest.origin.clone(), latest.captured);
+            let start = latest.captured.unwrap_or(now);
+            lineage.within = due.map(|due| due.saturating_duration_since(start));
+            lineage.add_missing(&latest.missing);
+        }
+        lineage.add_missing(missing);
+        Some(Arc::new(lineage))
+    }
+
+    fn add_missing(&mut self, inputs: &[Arc<str>]) {
+        for input in inputs {
+            if !self.missing.contains(input) {
+                self.missing.push(Arc::clone(input));
+            }
+        }
     }
 }
 

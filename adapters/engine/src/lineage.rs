@@ -24,6 +24,8 @@ pub struct Lineage {
     /// By when after the capture the last operator's output is due; if the capture is unknown, each operator counts from when
     /// it takes the message in. Each operator's deadlines end with it (E3); traces have it, where it is judged (J2).
     pub within: Option<Duration>,
+    /// The inputs of joins on the way that nothing came from.
+    pub missing: Vec<Arc<str>>,
 }
 
 /// A value and, if its source says so, of which message it is (D2).
@@ -40,7 +42,7 @@ impl Lineage {
     #[must_use]
     pub fn new(stream: impl Into<Arc<str>>, seq: u64, captured: impl Into<Instant>) -> Self {
         let origin = Origin { stream: stream.into(), seq: Some(seq) };
-        Self { origin: Some(origin), captured: Some(captured.into()), within: None }
+        Self { origin: Some(origin), captured: Some(captured.into()), ..Self::default() }
     }
 
     /// The same with an end-to-end deadline, counted from the capture.
@@ -65,6 +67,7 @@ impl Lineage {
             within: within.map(crate::engine::nanos),
             age: age.map(crate::engine::nanos),
             origin: self.origin.clone(),
+            missing: self.missing.clone(),
             ..Annotations::NONE
         }
     }

@@ -183,6 +183,34 @@ fn a_set_is_as_old_as_its_oldest_message_and_due_with_its_most_urgent() {
     assert_eq!(run.given()[0].lineage.as_ref().unwrap().captured, None);
 }
 
+/// E7.
+#[test]
+fn a_set_names_what_is_missing_and_may_be_of_a_latest_message() {
+    let mut run = Cameras::new();
+    let without = Lineage { missing: vec!["radar".into()], ..Lineage::new("left", 1, run.start) };
+    run.message(6, LEFT, Some(without.within(100 * MS)), true).unwrap();
+    run.tick(60);
+    let Joined { lineage, missing, .. } = run.given().remove(0);
+    let names = |lineage: &Lineage| lineage.missing.join(" ");
+    let of_set = |latest: Option<&Lineage>| {
+        Lineage::of_set(lineage.clone(), &missing, latest, run.at(60)).unwrap()
+    };
+    assert_eq!(names(&of_set(None)), "radar right");
+    assert_eq!(of_set(None).captured, Some(run.start));
+    let plan = Lineage { missing: vec!["map".into()], ..Lineage::new("front", 9, run.at(20)) };
+    let of_plan = of_set(Some(&plan));
+    assert_eq!(of_plan.origin, plan.origin);
+    assert_eq!(of_plan.captured, Some(run.at(20)));
+    assert_eq!(of_plan.due(run.at(60)), Some(run.at(100)));
+    assert_eq!(names(&of_plan), "radar map right");
+    // Without a capture the end-to-end deadline counts from now.
+    let of_plan = of_set(Some(&Lineage { captured: None, ..plan }));
+    assert_eq!((of_plan.captured, of_plan.within), (None, Some(40 * MS)));
+    assert_eq!(Lineage::of_set(None, &[], None, run.start), None);
+    let alone = Lineage::of_set(None, &missing, None, run.start).unwrap();
+    assert_eq!((names(&alone), &alone.origin), ("right".into(), &None));
+}
+
 proptest! {
     /// E5, E6, E8: whatever comes in whatever order, each key is given once at most, when it is due at the latest, complete if
     /// everything came, and never more wait than there is room for.

@@ -33,7 +33,7 @@ use crate::time::Nanos;
 type EngineState = engine::Engine<Py<PyAny>, Py<PyAny>>;
 
 /// What a message comes from, as `fuseline.Lineage` has it, with its age.
-type LineageFields = (Option<String>, Option<u64>, Option<u64>, Option<u64>);
+type LineageFields = (Option<String>, Option<u64>, Option<u64>, Option<u64>, Vec<String>);
 
 /// The engine of one operator; instants are nanoseconds of its clock, which begins with it.
 #[pyclass(name = "Engine", module = "fuseline._fuseline", frozen)]
@@ -154,7 +154,7 @@ impl PyEngine {
     }
 
     /// F1, F2: a message came; `offers` is iterated only if it is taken on, and gives a cloud's priority, the request and
-    /// its deadline. `lineage` is the sensor's stream, the timestamp there, the age and the end-to-end deadline in nanoseconds.
+    /// its deadline. `lineage` is the sensor's stream, the timestamp there, the age and the end-to-end deadline in nanoseconds, and the inputs that are missing.
     /// Returns what is to be done, as all inputs do.
     #[expect(clippy::too_many_arguments, reason = "they are what a message comes with")]
     fn open<'py>(
@@ -257,12 +257,13 @@ impl PyEngine {
 
 impl PyEngine {
     /// What a message that is taken in at `at` comes from.
-    fn lineage(&self, at: u64, (stream, seq, age, within): LineageFields) -> Lineage {
+    fn lineage(&self, at: u64, (stream, seq, age, within, missing): LineageFields) -> Lineage {
         let now = self.start.checked_add(Duration::from_nanos(at));
         let captured =
             now.zip(age).and_then(|(now, age)| now.checked_sub(Duration::from_nanos(age)));
         let origin = stream.map(|stream| Origin { stream: stream.into(), seq });
-        Lineage { origin, captured, within: within.map(Duration::from_nanos) }
+        let missing = missing.into_iter().map(Into::into).collect();
+        Lineage { origin, captured, within: within.map(Duration::from_nanos), missing }
     }
 
     /// Applies an input; returns what is to be done.

@@ -22,9 +22,16 @@ pub(crate) type ViolationFields =
     (u64, Option<u64>, &'static str, &'static str, String, String, Option<u64>, Vec<String>);
 /// A line's number and word, then at, t, p, deadline, backlog, due and why, and the further keys if it has any.
 type Row = (u64, &'static str, u64, CountFields, Option<&'static str>, Option<AnnotationFields>);
-/// `of`, `try`, `within`, `age`, `origin` and `seq`.
-type AnnotationFields =
-    (Option<u64>, Option<u8>, Option<u64>, Option<u64>, Option<String>, Option<u64>);
+/// `of`, `try`, `within`, `age`, `origin`, `seq` and `missing`.
+type AnnotationFields = (
+    Option<u64>,
+    Option<u8>,
+    Option<u64>,
+    Option<u64>,
+    Option<String>,
+    Option<u64>,
+    Option<Vec<String>>,
+);
 type CountFields = (Option<u64>, Option<u64>, Option<u64>, Option<u64>, Option<u64>);
 
 /// A tolerance and a lateness, if a trace is to be judged as observed.
@@ -288,12 +295,14 @@ fn row(line: u64, event: &Event, annotations: &Annotations) -> Row {
         },
     };
     let further = (!annotations.is_empty()).then(|| {
-        let Annotations { of, attempt, within, age, origin } = annotations.clone();
+        let Annotations { of, attempt, within, age, origin, missing } = annotations.clone();
         let (stream, seq) = match origin {
             Some(Origin { stream, seq }) => (Some(stream.as_ref().to_owned()), seq),
             None => (None, None),
         };
-        (of, attempt, within, age, stream, seq)
+        let missing: Vec<String> = missing.iter().map(ToString::to_string).collect();
+        let missing = Some(missing).filter(|missing| !missing.is_empty());
+        (of, attempt, within, age, stream, seq, missing)
     });
     (line, word, at, numbers, why, further)
 }

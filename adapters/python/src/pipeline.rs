@@ -14,8 +14,9 @@ use pyo3::types::PyDict;
 use crate::engine::nanos;
 use crate::time::Nanos;
 
-/// What a message comes from: the sensor's stream, the timestamp there, the capture on the clock and the end-to-end deadline.
-type CapturedLineage = (Option<String>, Option<u64>, Option<u64>, Option<u64>);
+/// What a message comes from: the sensor's stream, the timestamp there, the capture on the clock, the end-to-end deadline, and the
+/// inputs that are missing.
+type CapturedLineage = (Option<String>, Option<u64>, Option<u64>, Option<u64>, Vec<String>);
 /// A set: its key, its messages by input, the inputs that are missing, why it was given, and what it comes from.
 type JoinedSet<'py> = (u64, Bound<'py, PyDict>, Vec<String>, &'static str, Option<CapturedLineage>);
 /// What a reorderer gives: `item`, `passed over` or `late`, the item, and the range that was passed over.
@@ -103,6 +104,21 @@ impl PyAligner {
     /// Time went by.
     fn tick(&mut self, at: u64) {
         self.inner.tick(self.clock.instant(at));
+    }
+
+    /// The lineage of a set that was given at `at`, which lacks these inputs; of a latest-value input's message, if it is of one.
+    fn lineage_of_set(
+        &self,
+        at: u64,
+        lineage: Option<CapturedLineage>,
+        missing: Vec<String>,
+        latest: Option<CapturedLineage>,
+    ) -> Option<CapturedLineage> {
+        let [lineage, latest] = [lineage, latest].map(|it| it.map(|it| self.clock.lineage(it)));
+        let missing: Vec<Arc<str>> = missing.into_iter().map(Into::into).collect();
+        let now = self.clock.instant(at);
+        let lineage = Lineage::of_set(lineage.map(Arc::new), &missing, latest.as_ref(), now);
+        lineage.map(|lineage| self.clock.fields(&lineage))
     }
 
     /// The next set that is to be given.
@@ -239,17 +255,20 @@ impl ClockOrigin {
         }
     }
 
-    fn lineage(&self, (stream, seq, captured, within): CapturedLineage) -> Lineage {
+    fn lineage(&self, (stream, seq, captured, within, missing): CapturedLineage) -> Lineage {
         let origin = stream.map(|stream| Origin { stream: stream.into(), seq });
         let captured = captured.map(|captured| self.instant(captured));
-        Lineage { origin, captured, within: within.map(Duration::from_nanos) }
+        let missing = missing.into_iter().map(Into::into).collect();
+        Lineage { origin, captured, within: within.map(Duration::from_nanos), missing }
     }
 
     fn fields(&self, lineage: &Lineage) -> CapturedLineage {
-        let Lineage { origin, captured, within } = lineage;
+        let Lineage { origin, captured, within, missing } = lineage;
         let stream = origin.as_ref().map(|origin| origin.stream.to_string());
         let seq = origin.as_ref().and_then(|origin| origin.seq);
-        (stream, seq, captured.map(|captured| self.nanos(captured)), within.map(nanos))
+        let captured = captured.map(|captured| self.nanos(captured));
+        let missing = missing.iter().map(ToString::to_string).collect();
+        (stream, seq, captured, within.map(nanos), missing)
     }
 }
 

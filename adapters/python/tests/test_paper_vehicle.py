@@ -36,17 +36,18 @@ def test_both_are_better_than_on_board_and_one_frame_has_its_answers_in_order(
     tmp_path: Path,
 ) -> None:
     """E2."""
-    printed = vehicle("--seconds", "20", "--frame", "30", "--traces", str(tmp_path))
+    printed = vehicle("--seconds", "20", "--frame", "31", "--traces", str(tmp_path))
     accuracy = {mode: float(found) for mode, *_, found in ROW.findall(printed)}
     assert accuracy["fusion"] > accuracy["local"]
-    life = re.findall(r"frame 30: (\w+) +(\d+) to +(\d+) ms", printed)
-    assert [name for name, *_ in life] == ["detection", "tracking", "prediction", "planning"]
+    life = re.findall(r"frame 31: (\w+) +(\d+) to +(\d+) ms", printed)
+    names = ["detection", "tracking", "prediction", "planning", "control"]
+    assert [name for name, *_ in life] == names
     ends = [int(end) for _, _, end in life]
     assert ends == sorted(ends) and ends[-1] <= 500
     for trace in tmp_path.iterdir():
         verdict = fuseline.check(trace)
         assert verdict.conforms, verdict
-    assert {line.seq for line in fuseline.Trace(tmp_path / "planning.jsonl").lines} >= {30}
+    assert {line.seq for line in fuseline.Trace(tmp_path / "planning.jsonl").lines} >= {31}
 
 
 def test_an_option_that_makes_no_drive_is_refused() -> None:

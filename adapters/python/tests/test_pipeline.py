@@ -64,6 +64,7 @@ def test_a_set_is_given_when_it_is_complete_or_due_and_says_what_is_missing(run:
             assert due is not None and loop.time() == pytest.approx(begin + 20 * MS)
             assert (due.set, due.missing) == ({"left": "alone", "place": "here"}, ["right"])
             assert due.cause is JoinCause.DUE
+            assert due.lineage is not None and due.lineage.missing == ("right",)
             right.write("late", of(loop, 8))
             right.write("nameless")
             await asyncio.sleep(20 * MS)
@@ -88,6 +89,31 @@ def test_a_set_is_given_when_it_is_complete_or_due_and_says_what_is_missing(run:
         JoinDrop("right", None, JoinDropReason.NO_KEY),
         JoinDrop("left", 9, JoinDropReason.DUPLICATE),
     ]
+
+
+def test_sets_may_be_of_the_latest_message_and_are_due_by_the_aligned_ones(run: Run[Any]) -> None:
+    """E7: control is as old as the frame behind its plan; without a plan it is of the tick."""
+
+    async def main(loop: VirtualLoop) -> None:
+        join = Join(clock=loop.time_ns)
+        ticks, plans = join.aligned("tick"), join.latest("plan", 80 * MS)
+        join.origin_of("plan")
+        async with join:
+            start = loop.time_ns()
+            plans.write("go", Lineage("camera", 7, start, 0.5, missing=("right",)))
+            found = []
+            for seq in range(2):
+                await asyncio.sleep(50 * MS)
+                ticks.write(seq, Lineage("control", seq, loop.time_ns(), 40 * MS))
+                joined = await join.read()
+                assert joined is not None and joined.lineage is not None
+                it = joined.lineage
+                assert it.captured is not None and it.within is not None
+                due = (it.captured + int(it.within) - start) // 1_000_000
+                found.append((it.origin, it.seq, due, it.missing))
+            assert found == [("camera", 7, 90, ("right",)), ("control", 1, 140, ("plan",))]
+
+    run(main)
 
 
 def test_a_set_is_as_old_as_its_oldest_message_and_due_with_its_most_urgent(run: Run[Any]) -> None:
@@ -405,6 +431,7 @@ def test_side_requests_are_gated_and_their_answers_are_no_outputs(run: Run[Any])
         lambda join: join.aligned("right", key=7),
         lambda join: join.on_drop(None),
         lambda join: join.latest("place", -1.0),
+        lambda join: join.origin_of("left"),
     ],
 )
 def test_a_join_that_cannot_be_is_refused(wrong: Any) -> None:

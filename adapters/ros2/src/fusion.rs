@@ -248,6 +248,11 @@ impl NodeFusion<'_> {
         };
         let captured = age.and_then(|age| Instant::now().into_std().checked_sub(age));
         let origin = Origin { stream: Arc::clone(&self.origin), seq: stamp.seq() };
-        Some(Arc::new(Lineage { origin: Some(origin), captured, within: self.within }))
+        Some(Arc::new(Lineage {
+            origin: Some(origin),
+            captured,
+            within: self.within,
+            ..Lineage::default()
+        }))
     }
 }

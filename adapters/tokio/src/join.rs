@@ -51,6 +51,7 @@ pub struct Join<S> {
     config: JoinConfig,
     aligned: Vec<AlignedSource<S>>,
     latest: Vec<LatestSource<S>>,
+    origin: Option<Arc<str>>,
     on_drop: Option<DropHandler>,
 }
 
@@ -121,11 +122,13 @@ struct LatestSource<S> {
     poll: PollLatest<S>,
     max_age: Duration,
     is_open: bool,
+    /// Whether sets are of its messages.
+    is_origin: bool,
     value: Option<LatestValue<S>>,
 }
 
 struct LatestValue<S> {
-    captured: Option<std::time::Instant>,
+    lineage: Option<Arc<Lineage>>,
     arrived: Instant,
     put: Box<dyn Fn(&mut S) + Send>,
 }
@@ -154,7 +157,7 @@ impl<S: Default + Send + Sync + 'static> Join<S> {
     /// A join without inputs.
     #[must_use]
     pub const fn new(config: JoinConfig) -> Self {
-        Self { config, aligned: Vec::new(), latest: Vec::new(), on_drop: None }
+        Self { config, aligned: Vec::new(), latest: Vec::new(), origin: None, on_drop: None }
     }
 
     /// An input whose messages are aligned by the [timestamp of their origin](crate::Origin::seq): sensors that are triggered
@@ -245,6 +248,14 @@ impl<S: Default + Send + Sync + 'static> Join<S> {
         self.add_latest(name.into(), input, max_age, has_value, move |set, item, _| put(set, item))
     }
 
+    /// Sets are of the message of this [`latest`](Self::latest) input, where it is there: their lineages have its origin and
+    /// capture, and are due as the aligned inputs' are. So what control does at a tick is of the frame behind the plan, and as
+    /// old as that.
+    pub fn origin_of(&mut self, latest: impl Into<Arc<str>>) -> &mut Self {
+        self.origin = Some(latest.into());
+        self
+    }
+
     /// Is called with each message that is dropped; it must not block.
     pub fn on_drop(&mut self, on_drop: impl FnMut(&JoinDrop) + Send + 'static) -> &mut Self {
         self.on_drop = Some(Box::new(on_drop));
@@ -254,12 +265,16 @@ impl<S: Default + Send + Sync + 'static> Join<S> {
     /// Starts it on the current runtime; returns its sets, in the order in which they are complete or due.
     ///
     /// # Errors
-    /// [`NoRuntime`](SpawnError::NoRuntime) and [`NoOutput`](SpawnError::NoOutput).
-    pub fn spawn(self) -> Result<(RunningJoin, Reader<Joined<S>>), SpawnError> {
+    /// [`NoRuntime`](SpawnError::NoRuntime), [`NoOutput`](SpawnError::NoOutput) and [`NoInput`](SpawnError::NoInput).
+    pub fn spawn(mut self) -> Result<(RunningJoin, Reader<Joined<S>>), SpawnError> {
         let runtime = Handle::try_current().map_err(|_| SpawnError::NoRuntime)?;
         let JoinConfig { name, wait, window, reserve, output_len } = self.config;
         if output_len == 0 {
             return Err(SpawnError::NoOutput);
+        }
+        if let Some(origin) = self.origin {
+            let source = self.latest.iter_mut().find(|source| source.name == origin);
+            source.ok_or(SpawnError::NoInput { name: origin.to_string() })?.is_origin = true;
         }
         let bounds = JoinBounds { wait, window, reserve: Duration::ZERO };
         let names = self.aligned.iter().map(|input| Arc::clone(&input.name));
@@ -301,14 +316,14 @@ impl<S: Default + Send + Sync + 'static> Join<S> {
             }
             return polled.map(|message| {
                 let StreamMessage { message, lineage, .. } = message?;
-                let captured = lineage.as_ref().and_then(|lineage| lineage.captured);
-                let put = Arc::clone(&put);
-                let put = move |set: &mut S| put(set, Arc::clone(&message), lineage.as_deref());
-                Some(LatestValue { captured, arrived: Instant::now(), put: Box::new(put) })
+                let (put, of) = (Arc::clone(&put), lineage.clone());
+                let put = move |set: &mut S| put(set, Arc::clone(&message), of.as_deref());
+                Some(LatestValue { lineage, arrived: Instant::now(), put: Box::new(put) })
             });
         };
         let poll = Box::new(poll);
-        self.latest.push(LatestSource { name, poll, max_age, is_open: true, value: None });
+        let (is_open, is_origin) = (true, false);
+        self.latest.push(LatestSource { name, poll, max_age, is_open, is_origin, value: None });
         self
     }
 }
@@ -400,17 +415,22 @@ impl<S: Default + Send + Sync + 'static> JoinTask<S> {
     /// Hands on the sets that are given, each with the latest of the other inputs.
     fn give(&mut self) {
         while let Some(mut joined) = self.aligner.next_set() {
-            let now = Instant::now();
+            let (now, mut of) = (Instant::now(), None);
             for latest in &self.latest {
                 let is_fresh = |value: &&LatestValue<S>| {
-                    let since = value.captured.map_or(value.arrived, Instant::from_std);
+                    let captured = value.lineage.as_ref().and_then(|lineage| lineage.captured);
+                    let since = captured.map_or(value.arrived, Instant::from_std);
                     now.saturating_duration_since(since) <= latest.max_age
                 };
                 match latest.value.as_ref().filter(is_fresh) {
-                    Some(value) => guarded(|| (value.put)(&mut joined.set)),
+                    Some(value) => {
+                        guarded(|| (value.put)(&mut joined.set));
+                        of = of.or(value.lineage.as_deref().filter(|_| latest.is_origin));
+                    }
                     None => joined.missing.push(Arc::clone(&latest.name)),
                 }
             }
+            joined.lineage = Lineage::of_set(joined.lineage, &joined.missing, of, now);
             self.count(|tally| {
                 *tally.given.entry(joined.cause).or_default() += 1;
                 for missing in &joined.missing {

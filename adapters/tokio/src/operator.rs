@@ -111,6 +111,12 @@ pub enum SpawnError {
     /// A [`BlockingOperator`](crate::BlockingOperator) has no runtime of its own.
     #[error("no runtime for the blocking operator: {0}")]
     Runtime(io::Error),
+    /// A join has no [latest-value input](crate::Join::latest) with the name that its sets are said to be of.
+    #[error("the join has no latest-value input {name:?} that its sets could be of")]
+    NoInput {
+        /// The name.
+        name: String,
+    },
     /// There is no machine with this configuration and these clouds.
     #[error("the operator's configuration is refused: {0}")]
     Config(#[from] ConfigError),

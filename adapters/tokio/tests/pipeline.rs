@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use fuseline_tokio::{
     CarriedState, Config, Ending, Item, Items, Join, JoinCause, JoinConfig, JoinDropReason, Joined,
-    Latency, Lineage, Local, Operator, OutOfOrder, Overflow, Setup, spawn, stream,
+    Latency, Lineage, Local, Operator, Origin, OutOfOrder, Overflow, Setup, spawn, stream,
 };
 use support::ClosureOperator;
 use tokio::time::{Instant, advance, sleep};
@@ -225,6 +225,7 @@ async fn nothing_waits_for_a_sensor_that_died_and_what_is_missing_is_said() {
     left.write_with(2, of("left", 2)).unwrap();
     let set = sets.read().await.unwrap();
     assert_eq!(reported(&set), (20, (Some(2), None, Some(70)), "right".into()));
+    assert_eq!(set.lineage.as_ref().unwrap().missing, set.missing);
     right.write_with(2, of("right", 2)).unwrap();
     right.write(3).unwrap();
     advance(100 * MS).await;
@@ -299,6 +300,39 @@ async fn the_inputs_of_a_join_take_turns() {
     assert!(all(sets).await.iter().all(|it| it.set.left == it.set.right));
     let given = running.join().await.given;
     assert_eq!(given.into_iter().collect::<Vec<_>>(), [(JoinCause::Complete, 300)]);
+}
+
+/// E7: control acts at each tick by the newest plan, and is as old as the frame behind that; without one it is of the tick.
+#[tokio::test(start_paused = true)]
+async fn sets_may_be_of_the_latest_message_and_are_due_by_the_aligned_ones() {
+    let (mut tick, ticks) = stream(9);
+    let (mut plan, plans) = stream(9);
+    let mut join = Join::<Scene>::new(JoinConfig::default());
+    join.aligned("tick", ticks, |_: &mut Scene, _, _: Option<&Lineage>| {})
+        .latest("plan", plans, 100 * MS, |scene, plan, _| scene.place = Some(*plan))
+        .origin_of("plan");
+    let (_running, mut sets) = join.spawn().unwrap();
+    let start = Instant::now();
+    plan.write_with(7, Lineage::new("camera", 7, start).within(500 * MS)).unwrap();
+    let mut lineages = Vec::new();
+    for seq in 0..3 {
+        advance(50 * MS).await;
+        let lineage = Lineage::new("control", seq, Instant::now()).within(40 * MS);
+        tick.write_with(seq, lineage).unwrap();
+        let set = sets.read().await.unwrap();
+        let lineage = set.lineage.clone().unwrap();
+        let Origin { stream, seq } = lineage.origin.clone().unwrap();
+        let due = lineage.due(Instant::now()).unwrap() - start.into_std();
+        let age = lineage.age(Instant::now()).unwrap().as_millis();
+        lineages.push((stream.to_string(), seq, age, due.as_millis(), lineage.missing.join(" ")));
+    }
+    let of_plan = |age, due| ("camera".to_owned(), Some(7), age, due, String::new());
+    let of_tick = ("control".to_owned(), Some(2), 0, 190, "plan".to_owned());
+    assert_eq!(lineages, [of_plan(50, 90), of_plan(100, 140), of_tick]);
+    let mut join = Join::<Scene>::new(JoinConfig::default());
+    join.aligned("tick", stream::<u8>(1).1, |_, _, _| {}).origin_of("tick");
+    let error = join.spawn().unwrap_err().to_string();
+    assert_eq!(error, "the join has no latest-value input \"tick\" that its sets could be of");
 }
 
 /// E8: a reader that lags holds a join back, which loses nothing of what it took in.

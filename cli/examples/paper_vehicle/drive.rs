@@ -6,8 +6,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use fuseline_tokio::{
-    Config, Ending, Error, Items, Join, JoinConfig, Latency, Lineage, Operator, Reader, Recording,
-    Running, RunningJoin, Trace, Writer, spawn, stream,
+    Config, Ending, Error, Item, Items, Join, JoinConfig, Latency, Lineage, Operator, Reader,
+    Recording, Running, RunningJoin, Trace, Writer, spawn, stream,
 };
 use tokio::time::{Instant, interval};
 
@@ -157,6 +157,7 @@ impl Graph {
         orders.latest_items("plan", planned.another(), 1000 * MS, |order, item| {
             order.plan = item.value().copied();
         });
+        orders.origin_of("plan");
         let (joining_orders, orders) = orders.spawn()?;
         let commands = start(Control, config("control", Vec::new(), None), orders, &mut running)?;
         let joins = [joining_scenes, joining_orders];
@@ -176,28 +177,17 @@ impl Graph {
             );
             (detected.0, [detected.1, tracked.1, predicted.1, planned.1].concat())
         });
-        let (mut driven, mut ends) = (Driven::default(), Vec::new());
+        let (mut driven, mut control) = (Driven::default(), None);
         while let Some(item) = commands.read().await {
             let now = std::time::Instant::from(Instant::now());
             let plan = item.value().copied().flatten();
+            let by = if plan.is_some() { "local" } else { "safe stop" };
+            control = control.or_else(|| Stage::of("control", &item, frame, by));
             let plan = plan.map(|seen| (now - seen.captured, seen.accuracy));
-            ends.push((now, if plan.is_some() { "local" } else { "safe stop" }));
             driven.commands.push(Command { took: item.took(), plan });
         }
-        let life;
-        (driven.detected_by, life) = stages.await?;
-        // Control's first command after the frame's plan.
-        let control = life.last().and_then(|(captured, planned)| {
-            let is_after = |((end, _), command): &(&(std::time::Instant, &str), &Command)| {
-                *end >= *captured + planned.answered + command.took
-            };
-            let mut commands = ends.iter().zip(&driven.commands);
-            let ((end, by), command) = commands.find(is_after)?;
-            let (answered, by) = (*end - *captured, (*by).to_owned());
-            let taken_in = answered.saturating_sub(command.took);
-            Some(Stage { operator: "control", taken_in, answered, by })
-        });
-        driven.life = life.into_iter().map(|(_, stage)| stage).chain(control).collect();
+        (driven.detected_by, driven.life) = stages.await?;
+        driven.life.extend(control);
         for operator in running {
             operator.join().await?;
         }
@@ -220,12 +210,12 @@ fn start<P: Operator>(
     Ok(items)
 }
 
-/// Who answered how many messages, and how this operator answered the frame, with its capture.
+/// Who answered how many messages, and how this operator answered the frame.
 async fn note<O: Send + Sync + 'static>(
     operator: &'static str,
     mut items: Items<O>,
     frame: u64,
-) -> (BTreeMap<String, u64>, Vec<(std::time::Instant, Stage)>) {
+) -> (BTreeMap<String, u64>, Vec<Stage>) {
     let (mut by_source, mut stages) = (BTreeMap::new(), Vec::new());
     while let Some(item) = items.read().await {
         let by = match &item.ending {
@@ -234,17 +224,24 @@ async fn note<O: Send + Sync + 'static>(
             Ending::Missed => "substitute, missed".into(),
             Ending::Refused(_) => "substitute, refused".into(),
         };
-        let lineage = item.lineage.as_deref();
-        if lineage.and_then(|it| it.origin.as_ref()?.seq) == Some(frame)
-            && let Some(captured) = lineage.and_then(|it| it.captured)
-        {
-            let answered = std::time::Instant::from(Instant::now()) - captured;
-            let taken_in = answered.saturating_sub(item.took());
-            stages.push((captured, Stage { operator, taken_in, answered, by: by.clone() }));
-        }
+        stages.extend(Stage::of(operator, &item, frame, &by));
         *by_source.entry(by).or_default() += 1;
     }
     (by_source, stages)
+}
+
+impl Stage {
+    /// The answer just read, if it is to this frame of a camera.
+    fn of<O>(operator: &'static str, item: &Item<O>, frame: u64, by: &str) -> Option<Self> {
+        let lineage = item.lineage.as_deref()?;
+        let origin = lineage.origin.as_ref()?;
+        if origin.seq != Some(frame) || !origin.stream.ends_with("-camera") {
+            return None;
+        }
+        let answered = std::time::Instant::from(Instant::now()) - lineage.captured?;
+        let taken_in = answered.saturating_sub(item.took());
+        Some(Self { operator, taken_in, answered, by: by.to_owned() })
+    }
 }
 
 /// Frames at 10 Hz, each with the end-to-end deadline. Somebody walks towards the road for half of each 10 s.

@@ -74,7 +74,7 @@ fn run(cli: &Cli) -> Result<(), Error> {
             std::fs::create_dir_all(folder)?;
         }
         let second_half = part.map(|_| cli.seconds * 10 / 2 + 20);
-        let frame = cli.frame.or(second_half).unwrap_or(120);
+        let frame = cli.frame.or(second_half).unwrap_or(121);
         for mode in [Mode::Local, Mode::Cloud, Mode::Fusion] {
             let kill = part.map(|part| (part, length / 2));
             let traces = traces.as_deref().filter(|_| mode == Mode::Fusion);

@@ -10,7 +10,7 @@ const QUIET = new Set(["forwarded", "discarded", "superseded", "open"]);
  * there is one in all.
  */
 export function filters(trace) {
-  const { ev, p, a, t, outcome, order, rank, sources, columns, refusals, drops, violations } = trace;
+  const { ev, p, a, t, outcome, order, rank, sources, columns, refusals, drops, violations, lineages } = trace;
   const found = new Map();
   const put = (group, label, k, title = "", quiet = false) => {
     const entry = found.get(label) ?? { group, label, title, quiet, count: 0, hits: new Set() };
@@ -28,6 +28,7 @@ export function filters(trace) {
       if (word !== "requests" && word !== "forwarded") put(4, `${word} ${label}`, k, meaning, QUIET.has(word));
     }
   }
+  for (const [k, { missing = [] }] of lineages) for (const input of missing) put(1, `without ${input}`, k, `Nothing came from ${input}, an input of a join on its way.`);
   for (let i = 0; i < ev.length; i++) {
     if (ev[i] === "d") put(5, `dropped ${drops[a[i]].word}`, t[i], drops[a[i]].sentence);
     else if (ev[i] === "n") put(6, `refused ${refusals[a[i]].word}`, t[i], refusals[a[i]].sentence);

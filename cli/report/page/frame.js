@@ -14,7 +14,7 @@ export function showFrame(own, traces, words, go) {
   if (stages.length < 2) return;
   const age = Math.max(...stages.map(({ sent }) => sent));
   const [what, most] = spans(stages).reduce((most, span) => (span[1] > most[1] ? span : most));
-  by("frame-title").textContent = `${own.origin} ${own.seq} through ${stages.length} messages`;
+  by("frame-title").textContent = `${own.origin} ${own.seq} through ${stages.length} operators`;
   by("frame-most").textContent = `It was ${time(age)} old at its last answer; most went to: ${what}, ${time(most)} or ${share(most, age)}.`;
   const head = ["Operator", "Since its capture", "Taken in", "Answered", "Answered by", "What became of all"];
   by("stages").replaceChildren(
@@ -27,8 +27,10 @@ function stagesOf({ origin, seq }, traces, words) {
   const isOfFrame = (one) => one.origin === origin && String(one.seq) === String(seq) && one.age != null;
   const stages = traces.flatMap((told, number) => {
     const messages = (told.lineages ?? []).filter(isOfFrame);
-    const trace = messages.length > 0 && decode(told, words);
-    return messages.map(({ t, age }) => stage(trace, number, t, Number(age)));
+    if (messages.length === 0) return [];
+    // Control has a message a tick of the same plan: the first one stands for all.
+    const first = messages.reduce((first, one) => (Number(one.age) < Number(first.age) ? one : first));
+    return [{ ...stage(decode(told, words), number, first.t, Number(first.age)), missing: first.missing ?? [], more: messages.length - 1 }];
   });
   return stages.sort((a, b) => a.taken - b.taken || a.sent - b.sent);
 }
@@ -52,12 +54,13 @@ function spans(stages) {
   });
 }
 
-function row({ number, k, operator, taken, sent, by, became }, age, go) {
+function row({ number, k, operator, taken, sent, by, became, missing, more }, age, go) {
+  const notes = [more > 0 && `and ${more} more of this frame`, missing.length > 0 && `without ${missing.join(" ")}`].filter(Boolean);
   const bar = el("span", { class: "share" });
   bar.style.marginLeft = `${(100 * taken) / age}%`;
   bar.style.width = `${(100 * (sent - taken)) / age}%`;
   return el("tr", { class: by === "missed" ? "bad" : "" },
     el("th", { scope: "row" }, el("button", { type: "button", onclick: () => go(number, k) }, operator)),
     el("td", {}, el("span", { class: "track", "aria-hidden": "true" }, bar)),
-    el("td", {}, time(taken)), el("td", {}, time(sent)), el("td", {}, by), el("td", {}, became || "–"));
+    el("td", {}, time(taken)), el("td", {}, time(sent)), el("td", {}, [by, ...notes].join(", ")), el("td", {}, became || "–"));
 }

@@ -53,10 +53,11 @@ function lineage({ lineages, outcome, response }, k) {
   const own = lineages.get(k);
   if (!own) return "";
   const from = own.origin == null ? "The message" : `The message comes from ${own.origin}${own.seq == null ? "" : ` ${own.seq}`}`;
-  if (own.age == null) return own.origin == null ? "" : `${from}.`;
+  const lacks = own.missing ? ` Nothing came from ${own.missing.join(" and ")}.` : "";
+  if (own.age == null) return own.origin == null ? lacks.trim() : `${from}.${lacks}`;
   const age = Number(own.age);
   const out = outcome[k] >= 0 && !Number.isNaN(response[k]) ? ` and ${time(age + response[k])} as its output was sent` : "";
-  return `${from}${own.origin == null ? "" : "; it"} was ${time(age)} old as it was opened${out}.`;
+  return `${from}${own.origin == null ? "" : "; it"} was ${time(age)} old as it was opened${out}.${lacks}`;
 }
 
 function words({ ev, p, a, b, sources, refusals, drops }, i) {

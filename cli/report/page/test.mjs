@@ -501,3 +501,25 @@ test("a timestamp's story follows its frame through the traces of all operators"
   await press(page, "j");
   assert.equal(await hidden(page, "#frame"), true);
 });
+
+test("a dead sensor is named, and a frame's life reaches control, whose ticks use its plan again", async (t) => {
+  const [detector, control] = ["cameras", "control"].map((name) => join(folder, `${name}.jsonl`));
+  const operator = (name) => `{"fuseline":1,"operator":"${name}","window":4,"clouds":[]}\n`;
+  const message = (t, at, age, seq, missing) => `{"ev":"open","at":${at},"t":${t},"age":${age},"origin":"left-camera","seq":${seq}${missing}}
+{"ev":"result","at":${at + 1e6},"t":${t},"p":0}
+{"ev":"emit","at":${at + 1e6},"t":${t},"p":0}\n`;
+  const dead = ',"missing":["right","place"]';
+  writeFileSync(detector, operator("detection") + message(0, 0, 0, 7, "") + message(1, 1e8, 2e7, 8, dead));
+  writeFileSync(control, operator("control") + message(0, 0, 3e7, 7, "") + message(1, 5e7, 4e7, 8, dead) + message(2, 1e8, 9e7, 8, dead));
+  const file = report("control", detector, control);
+  assert.deepEqual(toldOf(file).traces[0].lineages[1].missing, ["right", "place"]);
+  const page = await open(t, file, { hash: "#t=1" });
+  assert.match(await text(page, "#ending"), /\. Nothing came from right and place\.$/);
+  assert.match(await text(page, "#filters"), /without right 1/);
+  assert.equal(await text(page, "#frame-title"), "left-camera 8 through 2 operators");
+  const rows = await page.$$eval("#stages tbody tr", (rows) => rows.map((row) => [row.cells[0], row.cells[4]].map((cell) => cell.innerText.trim())));
+  assert.deepEqual(rows, [["detection", "local, without right place"], ["control", "local, and 1 more of this frame, without right place"]]);
+  await page.type("#query", "without place");
+  assert.equal(await text(page, "#hits"), "1 timestamp found");
+  await shot(page, "control");
+});

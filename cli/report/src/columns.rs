@@ -4,6 +4,7 @@
 //! differences: the page reads them as doubles, exact up to 104 days.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use fuseline_traces::{Annotations, Decision, Event, Header, Input, Origin, ViolationPlace};
 use serde::Serialize;
@@ -38,6 +39,8 @@ pub(crate) struct TraceColumns {
 struct MessageLineage {
     origin: Option<Origin>,
     age: Option<u64>,
+    /// The inputs of joins on its way that nothing came from.
+    missing: Vec<Arc<str>>,
 }
 
 /// One trace as the page has it.
@@ -102,6 +105,8 @@ struct LineageRow {
     age: Option<ExactNumber>,
     origin: Option<String>,
     seq: Option<ExactNumber>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    missing: Vec<String>,
 }
 
 /// Where violations are, without their details.
@@ -205,11 +210,12 @@ impl TraceColumns {
         if let Some(lines) = &mut self.lines {
             lines.push(line);
         }
-        let Annotations { origin, age, .. } = annotations;
+        let Annotations { origin, age, missing, .. } = annotations;
         if let Event::Input(Input::Open { t, .. }) = event
-            && (origin.is_some() || age.is_some())
+            && (origin.is_some() || age.is_some() || !missing.is_empty())
         {
-            let lineage = MessageLineage { origin: origin.clone(), age: *age };
+            let (origin, missing) = (origin.clone(), missing.clone());
+            let lineage = MessageLineage { origin, age: *age, missing };
             self.lineages.entry(t).or_insert(lineage);
         }
         if let Some(p) = priority(&event) {
@@ -364,12 +370,14 @@ impl ViolationPlaces {
 }
 
 impl LineageRow {
-    fn new(t: usize, MessageLineage { origin, age }: &MessageLineage) -> Self {
+    fn new(t: usize, MessageLineage { origin, age, missing }: &MessageLineage) -> Self {
         let (stream, seq) = match origin {
             Some(Origin { stream, seq }) => (Some(stream.to_string()), *seq),
             None => (None, None),
         };
-        Self { t, age: age.map(ExactNumber), origin: stream, seq: seq.map(ExactNumber) }
+        let [age, seq] = [*age, seq].map(|number| number.map(ExactNumber));
+        let missing = missing.iter().map(ToString::to_string).collect();
+        Self { t, age, origin: stream, seq, missing }
     }
 }
 

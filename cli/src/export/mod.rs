@@ -155,7 +155,7 @@ fn write(
         }
         let annotations = reader.annotations();
         writer.event(&event, annotations).map_err(Fault::Output)?;
-        let Annotations { of, attempt, within, age: _, origin: _ } = annotations;
+        let Annotations { of, attempt, within, .. } = annotations;
         is_left_out |= of.is_some() || attempt.is_some() || within.is_some();
     }
     writer.finish().map_err(Fault::Output)?;

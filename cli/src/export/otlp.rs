@@ -196,7 +196,7 @@ impl<W: Write> SpanWriter<W> {
 impl MessageSpan {
     fn new(operator: &str, at: u64, t: u64, annotations: &Annotations) -> Self {
         let mut attributes = vec![number("fuseline.t", t)];
-        let Annotations { within, age, origin, of: _, attempt: _ } = annotations;
+        let Annotations { within, age, origin, .. } = annotations;
         attributes.extend(within.map(|within| number("fuseline.within", within)));
         attributes.extend(age.map(|age| number("fuseline.age", age)));
         // The spans of a frame in several operators are one trace.

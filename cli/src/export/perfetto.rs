@@ -8,6 +8,7 @@
 
 use std::collections::BTreeMap;
 use std::io::{self, Write};
+use std::sync::Arc;
 
 use fuseline_traces::{Annotations, Commit, Decision, Event, Header, Input, Origin};
 use serde_json::json;
@@ -40,6 +41,7 @@ struct MessageOrigin {
     opened: u64,
     origin: Option<Origin>,
     age: Option<u64>,
+    missing: Vec<Arc<str>>,
 }
 
 /// Local, a cloud, or all that is neither.
@@ -198,12 +200,16 @@ impl<'a, W: Write> Tracks<'a, W> {
         self.occupy(source, track_index, Some(at));
         let times = format!("\"ts\":{},\"dur\":{},", self.time(began), micros(at - began));
         let mut args = json!({"t": t, "p": p, "due": due, "end": outcome});
-        if let Some(MessageOrigin { origin: Some(origin), age, .. }) = self.lineages.get(&t)
+        if let Some(MessageOrigin { origin: Some(origin), age, missing, .. }) =
+            self.lineages.get(&t)
             && p == 0
         {
             args["origin"] = json!(&*origin.stream);
             args["seq"] = json!(origin.seq);
             args["age"] = json!(age);
+            if !missing.is_empty() {
+                args["missing"] = json!(missing.join(" "));
+            }
         }
         self.put(
             &times,
@@ -323,10 +329,11 @@ impl<W: Write> viewer::TraceViewer for Tracks<'_, W> {
         match event {
             Event::Input(Input::Open { at, t, deadline }) => {
                 let due = deadline.map(|deadline| at.saturating_add(deadline));
-                let Annotations { origin, age, .. } = annotations;
+                let Annotations { origin, age, missing, .. } = annotations;
                 if origin.is_some() || age.is_some() {
-                    let (origin, age) = (origin.clone(), *age);
-                    self.lineages.insert(*t, MessageOrigin { opened: *at, origin, age });
+                    let (origin, age, missing) = (origin.clone(), *age, missing.clone());
+                    let message = MessageOrigin { opened: *at, origin, age, missing };
+                    self.lineages.insert(*t, message);
                 }
                 self.begin(*at, *t, 0, due)?;
                 origin.as_ref().map_or(Ok(()), |origin| self.flow(*at, *t, origin))

@@ -15,6 +15,10 @@ pub(super) struct FrameStage {
     /// None if the trace ends before.
     pub(super) answered: Option<Duration>,
     pub(super) outcome: FrameOutcome,
+    /// The inputs of joins on its way that nothing came from.
+    pub(super) missing: Vec<Arc<str>>,
+    /// How many more messages the operator had of the frame: control has one a tick of the same plan.
+    pub(super) more: usize,
     /// Local's computation and the calls of clouds, from their beginning on, and how each ended.
     pub(super) calls: Vec<FrameCall>,
 }
@@ -61,7 +65,14 @@ pub(super) struct MessageSearch<'a> {
 impl FrameLife {
     pub(super) fn new(frame: FrameId, mut stages: Vec<FrameStage>) -> Self {
         stages.sort_by_key(|stage| (stage.taken_in, stage.answered));
-        Self { frame, stages }
+        let mut first = Vec::<FrameStage>::new();
+        for stage in stages {
+            match first.iter_mut().find(|known| known.operator == stage.operator) {
+                Some(known) => known.more += 1,
+                None => first.push(stage),
+            }
+        }
+        Self { frame, stages: first }
     }
 
     /// By how many operators it was missed or refused.
@@ -96,9 +107,16 @@ impl fmt::Display for FrameLife {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (stream, seq) = &self.frame;
         writeln!(f, "{stream} {seq}: {} old at its last answer", ms(self.age()))?;
-        for FrameStage { operator, taken_in, answered, outcome, calls } in &self.stages {
+        for FrameStage { operator, taken_in, answered, outcome, missing, more, calls } in
+            &self.stages
+        {
             let answered = answered.map_or_else(|| "?".to_owned(), ms);
-            writeln!(f, "  {operator:20} {:>10} to {answered:>10}  {outcome}", ms(*taken_in))?;
+            write!(f, "  {operator:20} {:>10} to {answered:>10}  {outcome}", ms(*taken_in))?;
+            if *more > 0 {
+                write!(f, ", and {more} more of this frame")?;
+            }
+            let without = if missing.is_empty() { "" } else { ", without " };
+            writeln!(f, "{without}{}", missing.join(" "))?;
             for FrameCall { source, begun, ended, how } in calls {
                 let ended = ended.map_or_else(|| "?".to_owned(), ms);
                 writeln!(f, "    {source:18} {:>10} to {ended:>10}  {how}", ms(*begun))?;
@@ -171,6 +189,8 @@ impl<'a> MessageSearch<'a> {
             taken_in,
             answered: None,
             outcome: FrameOutcome::Open,
+            missing: annotations.missing.clone(),
+            more: 0,
             calls: vec![FrameCall::new(self.name(0), taken_in)],
         };
         let captured = i128::from(at) - i128::from(age);
@@ -252,6 +272,8 @@ mod tests {
             taken_in: of(taken_in),
             answered: Some(of(answered)),
             outcome: FrameOutcome::By("local".to_owned()),
+            missing: Vec::new(),
+            more: 0,
             calls: Vec::new(),
         }
     }
@@ -275,5 +297,20 @@ mod tests {
         let whole: u128 = spans.iter().map(|(_, ms)| ms).sum();
         assert_eq!(whole, life.age().as_millis());
         assert!(life.to_string().ends_with("most went to: left, 190.0 ms or 54 %\n"), "{life}");
+    }
+
+    #[test]
+    fn a_plan_that_control_uses_again_is_counted_and_a_dead_camera_is_named() {
+        let mut stages = vec![stage("control", 100, 101), stage("planner", 40, 60)];
+        stages.extend([stage("control", 50, 51), stage("control", 150, 151)]);
+        stages[1].missing = vec!["left".into(), "place".into()];
+        let life = FrameLife::new(("camera".into(), 7), stages);
+        let lines = [
+            "camera 7: 60.0 ms old at its last answer",
+            "  planner                 40.0 ms to    60.0 ms  local, without left place",
+            "  control                 50.0 ms to    51.0 ms  local, and 2 more of this frame",
+            "  most went to: before planner, 40.0 ms or 67 %",
+        ];
+        assert_eq!(life.to_string(), lines.map(|line| format!("{line}\n")).concat());
     }
 }

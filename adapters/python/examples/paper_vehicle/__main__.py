@@ -102,6 +102,7 @@ async def drive(vehicle: Vehicle, seconds: float, frame: int) -> Drive:
     orders = Join(name="orders", clock=clock)
     ticks = orders.aligned("tick")
     orders.latest("plan", 1.0, planned.another())
+    orders.origin_of("plan")
     controller = control(vehicle)
     driven, sensors = Drive(), Drivers(vehicle, seconds)
     async with AsyncExitStack() as stack:
@@ -138,6 +139,8 @@ async def drive(vehicle: Vehicle, seconds: float, frame: int) -> Drive:
                 else None
             )
             driven.commands.append((item.took, plan_of))
+            if all(name != "control" for name, *_ in driven.life):
+                note(vehicle, "control", item, frame, driven)
         await asyncio.gather(*tasks)
         driven.ticks = await ticking
     driven.life.sort(key=lambda stage: stage[2])
@@ -152,10 +155,18 @@ async def watch(
         by = "substitute" if item.source is None else item.source.name
         if name == "detection":
             driven.detected_by[by] += 1
-        lineage = item.lineage
-        if lineage is not None and lineage.seq == frame and lineage.captured is not None:
-            answered = (vehicle.loop.time_ns() - lineage.captured) / 1e9
-            driven.life.append((name, answered - item.took, answered, by))
+        note(vehicle, name, item, frame, driven)
+
+
+def note(vehicle: Vehicle, name: str, item: Item[Any], frame: int, driven: Drive) -> None:
+    """How this operator answered the frame, if the item is of that."""
+    lineage = item.lineage
+    if lineage is None or lineage.seq != frame or not str(lineage.origin).endswith("-camera"):
+        return
+    if lineage.captured is not None:
+        by = "substitute" if item.source is None else item.source.name
+        answered = (vehicle.loop.time_ns() - lineage.captured) / 1e9
+        driven.life.append((name, answered - item.took, answered, by))
 
 
 def row(name: str, driven: Drive) -> str:
@@ -197,7 +208,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--seconds", type=int, default=60, help="how long each drive is")
     parser.add_argument("--kill", choices=(*PARTS, "each"), help="this part dies halfway")
-    parser.add_argument("--frame", type=int, default=120, help="tell the life of this frame")
+    parser.add_argument("--frame", type=int, default=121, help="tell the life of this frame")
     parser.add_argument("--traces", type=Path, help="a folder for the traces of the last drive")
     arguments = parser.parse_args()
     if not 10 <= arguments.seconds <= 3600:

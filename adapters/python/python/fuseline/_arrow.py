@@ -33,6 +33,7 @@ LINES = pa.schema(
         *(pa.field(name, pa.uint64()) for name in ("of", "attempt", "within", "age")),
         pa.field("origin", pa.string()),
         pa.field("seq", pa.uint64()),
+        pa.field("missing", pa.list_(pa.string())),
     ]
 )
 

@@ -180,7 +180,8 @@ class Driver(Generic[M, V]):
         fields = None
         if lineage is not None:
             self._lineages[t] = lineage
-            fields = lineage.origin, lineage.seq, self._age(now, lineage), lineage.within
+            age, missing = self._age(now, lineage), list(lineage.missing)
+            fields = lineage.origin, lineage.seq, age, lineage.within, missing
         self._decide(now, self._engine.open, t, self._local.deadline, message, offers, fields)
         if self._taken_on == t and not self.is_over:
             call = Call(t, 0.0, lineage, None if fields is None else _seconds(fields[2]))

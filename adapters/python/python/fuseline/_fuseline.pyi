@@ -40,10 +40,11 @@ _Row: TypeAlias = tuple[
     int,
     tuple[int | None, int | None, int | None, int | None, int | None],
     str | None,
-    tuple[int | None, int | None, int | None, int | None, str | None, int | None] | None,
+    tuple[int | None, int | None, int | None, int | None, str | None, int | None, list[str] | None]
+    | None,
 ]
-_Lineage: TypeAlias = tuple[str | None, int | None, int | None, int | None]
-_Captured: TypeAlias = tuple[str | None, int | None, int | None, int | None]
+_Lineage: TypeAlias = tuple[str | None, int | None, int | None, int | None, list[str]]
+_Captured: TypeAlias = tuple[str | None, int | None, int | None, int | None, list[str]]
 _Tolerances: TypeAlias = Sequence[tuple[str, _Duration]]
 _Survey: TypeAlias = tuple[
     str | None,
@@ -225,6 +226,13 @@ class Aligner:
     def end(self, at: int, index: int) -> None: ...
     def set_reserve(self, latencies: Sequence[Latency]) -> None: ...
     def tick(self, at: int) -> None: ...
+    def lineage_of_set(
+        self,
+        at: int,
+        lineage: _Captured | None,
+        missing: Sequence[str],
+        latest: _Captured | None,
+    ) -> _Captured | None: ...
     def next_set(
         self,
     ) -> tuple[int, dict[str, Any], list[str], str, _Captured | None] | None: ...

@@ -14,6 +14,9 @@ if TYPE_CHECKING:
 
 V = TypeVar("V")
 
+#: A lineage as the extension has it.
+_Fields: TypeAlias = "tuple[str | None, int | None, int | None, Any, list[str]]"
+
 
 class Ending(Enum):
     """How a message was answered; preliminary and final under progressive alone."""
@@ -84,6 +87,8 @@ class Lineage:
     #: with it (E3); traces have it, where it is judged (J2). If the capture is unknown, each
     #: operator counts from when it takes the message in.
     within: Duration | None = None
+    #: The inputs of joins on the way that nothing came from.
+    missing: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.seq is not None and self.origin is None:
@@ -94,19 +99,18 @@ class Lineage:
             object.__setattr__(self, "within", nanoseconds(self.within))
 
     @classmethod
-    def _of(cls, fields: tuple[str | None, int | None, int | None, int | None]) -> Lineage:
+    def _of(cls, fields: _Fields) -> Lineage:
         """What `fields_of` made these of."""
-        origin, seq, captured, within = fields
-        return cls(origin, seq, captured, None if within is None else ns(within))
+        origin, seq, captured, within, missing = fields
+        return cls(origin, seq, captured, None if within is None else ns(within), tuple(missing))
 
 
-def fields_of(
-    lineage: Lineage | None,
-) -> tuple[str | None, int | None, int | None, Any] | None:
+def fields_of(lineage: Lineage | None) -> _Fields | None:
     """A lineage as the extension has it."""
     if lineage is None:
         return None
-    return lineage.origin, lineage.seq, lineage.captured, lineage.within
+    own = lineage.origin, lineage.seq, lineage.captured, lineage.within
+    return *own, list(lineage.missing)
 
 
 @dataclass(frozen=True, slots=True)

@@ -92,8 +92,8 @@ class JoinInput(Generic[T]):
         self.name = name
         self.is_open = True
         self._join, self._key, self._max_age = join, key, max_age
-        #: The latest message, when it was captured or else came, and its place among the aligned.
-        self._latest: tuple[T, int] | None = None
+        #: The latest message with its lineage and when it came, and its place among the aligned.
+        self._latest: tuple[T, Lineage | None, int] | None = None
         self._index: int | None = None
 
     def write(self, message: T, lineage: Lineage | None = None) -> None:
@@ -108,6 +108,15 @@ class JoinInput(Generic[T]):
     def close(self) -> None:
         """Nothing more comes: no set waits for this input any longer."""
         self._join._ended(self)
+
+    def _fresh(self, now: int) -> tuple[T, Lineage | None] | None:
+        """The latest message, unless it is too old since its capture or else since it came."""
+        if self._latest is None or self._max_age is None:
+            return None
+        message, lineage, since = self._latest
+        if lineage is not None and lineage.captured is not None:
+            since = lineage.captured
+        return (message, lineage) if now - since <= self._max_age else None
 
 
 class Join:
@@ -159,6 +168,7 @@ class Join:
         self._output_len, self._clock = output_len, clock
         self._inputs: list[JoinInput[Any]] = []
         self._sources: list[tuple[JoinInput[Any], AsyncIterator[Item[Any]]]] = []
+        self._origin: str | None = None
         self._on_drop: Callable[[JoinDrop], None] | None = None
         self._aligner: Aligner | None = None
         self._sets: deque[Joined] = deque()
@@ -200,6 +210,16 @@ class Join:
         if items is not None:
             self._sources.append((latest, items))
         return latest
+
+    def origin_of(self, latest: str) -> None:
+        """Sets are of the message of this latest-value input, where it is there.
+
+        Their lineages have its origin and capture, and are due as the aligned inputs' are. So what
+        control does at a tick is of the frame behind the plan, and as old as that.
+        """
+        if not any(it.name == latest and it._max_age is not None for it in self._inputs):
+            raise ConfigError(f"no latest-value input {latest!r} that sets could be of")
+        self._origin = latest
 
     def on_drop(self, on_drop: Callable[[JoinDrop], None]) -> None:
         """Set what is called with each message that is dropped; it must not block."""
@@ -285,8 +305,7 @@ class Join:
         if not joined.is_open:
             raise Closed(f"the input {joined.name} takes no more messages")
         if joined._index is None:
-            captured = None if lineage is None else lineage.captured
-            joined._latest = message, now if captured is None else captured
+            joined._latest = message, lineage, now
             return
         if len(self._sets) >= self._output_len:
             raise Full(f"{len(self._sets)} sets wait to be read; read them first")
@@ -322,14 +341,17 @@ class Join:
         aligner = self._running
         while (given := aligner.next_set()) is not None:
             key, messages, missing, cause, fields = given
-            now = self._clock()
+            now, of = self._clock(), None
             for it in self._inputs:
                 if it._max_age is None:
                     continue
-                if it._latest is not None and now - it._latest[1] <= it._max_age:
-                    messages[it.name] = it._latest[0]
-                else:
+                if (latest := it._fresh(now)) is None:
                     missing.append(it.name)
+                    continue
+                messages[it.name], lineage = latest
+                if it.name == self._origin:
+                    of = fields_of(lineage)
+            fields = aligner.lineage_of_set(now, fields, missing, of)
             self.counts[self.name, "set", cause] += 1
             for name in missing:
                 self.counts[name, "message", "missing"] += 1

@@ -50,6 +50,8 @@ class Line(NamedTuple):
     origin: str | None = None
     #: The message's timestamp there.
     seq: int | None = None
+    #: The inputs of joins on its way that nothing came from.
+    missing: list[str] | None = None
 
 
 class Trace:

@@ -107,7 +107,8 @@ impl RequestLineage {
         let origin =
             self.origin.as_deref().map(|stream| Origin { stream: stream.into(), seq: self.seq });
         let captured = self.age_ns.and_then(|age| now.checked_sub(Duration::from_nanos(age)));
-        Lineage { origin, captured, within: self.within_ns.map(Duration::from_nanos) }
+        let within = self.within_ns.map(Duration::from_nanos);
+        Lineage { origin, captured, within, ..Lineage::default() }
     }
 }
 

@@ -1,5 +1,5 @@
 //! A graph of operators that a seed draws: chains, diamonds and joins, with sensors that die, sources that hang and fail, and
-//! readers that lag. `fuseline-simulate` plays it too.
+//! readers that lag, and in half of them with one link for all calls. `fuseline-simulate` plays it too.
 
 use std::collections::BTreeMap;
 use std::future::pending;
@@ -7,9 +7,10 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use fuseline_testkit::Rng;
+use fuseline_tokio::deadline::LinkRate;
 use fuseline_tokio::{
-    Call, Config, Item, Items, Join, JoinConfig, Latency, Lineage, Local, Operator, Reader, Setup,
-    SharedState, spawn, stream,
+    Call, Config, EmulatedLink, Error, Item, Items, Join, JoinConfig, Latency, Lineage, Local,
+    Operator, Reader, Setup, SharedState, spawn, stream,
 };
 use tokio::time::{Instant, sleep};
 
@@ -35,7 +36,16 @@ struct Stage {
     has_substitute: bool,
     reserve: Duration,
     seed: u64,
+    link: DrawnLink,
     wrong: SharedState<Vec<String>>,
+}
+
+/// The vehicle's link, if it has a width, and how many requests found no room in it.
+#[derive(Clone, Debug)]
+struct DrawnLink {
+    link: Option<EmulatedLink>,
+    request_bytes: usize,
+    refused: SharedState<u64>,
 }
 
 /// A message of any stage: how many stages are behind it.
@@ -50,7 +60,7 @@ impl Behaviour {
         Self { at_most_ms, hangs, fails }
     }
 
-    async fn act(self, mut rng: Rng, work: Work) -> Result<Work, fuseline_tokio::Error> {
+    async fn act(self, mut rng: Rng, work: Work) -> Result<Work, Error> {
         sleep(rng.u32(0..self.at_most_ms) * MS).await;
         if self.hangs > 0 && rng.u64(0..u64::from(self.hangs)) == 0 {
             pending::<()>().await;
@@ -62,8 +72,44 @@ impl Behaviour {
     }
 }
 
+impl DrawnLink {
+    /// The draws are apart from those of the graph.
+    fn draw(seed: u64) -> Self {
+        let mut rng = Rng::with_seed(!seed);
+        let (rate, queue) = (rng.u64(1..20) * 1_000_000, rng.u64(10..400) * 1_000);
+        let link = rng
+            .bool()
+            .then(|| EmulatedLink::new(queue, move |_, _| Some(LinkRate::constant(rate))));
+        let request_bytes = rng.usize(1_000..100_000);
+        Self { link, request_bytes, refused: SharedState::default() }
+    }
+
+    /// A call over the link, which it shares with those of all operators.
+    async fn call<F>(
+        self,
+        call: Call,
+        act: impl FnOnce() -> F + Clone + Send + Sync + 'static,
+    ) -> Result<Work, Error>
+    where
+        F: Future<Output = Result<Work, Error>> + Send + 'static,
+    {
+        let Some(link) = self.link else { return act().await };
+        let answered = link.handle([self.request_bytes, 1_000], move |(), _| act.clone()());
+        let answer = answered((), call).await;
+        if answer.as_ref().is_err_and(|error| error.to_string().contains("queue is full")) {
+            self.refused.with(|refused| *refused += 1);
+        }
+        answer
+    }
+}
+
 impl Stage {
-    fn draw(rng: &mut Rng, reserve: Duration, wrong: &SharedState<Vec<String>>) -> Self {
+    fn draw(
+        rng: &mut Rng,
+        reserve: Duration,
+        link: &DrawnLink,
+        wrong: &SharedState<Vec<String>>,
+    ) -> Self {
         let clouds = (0..rng.u64(0..3)).map(|_| Behaviour::draw(rng)).collect();
         Self {
             local: Behaviour::draw(rng),
@@ -72,6 +118,7 @@ impl Stage {
             has_substitute: rng.u64(0..2) == 0,
             reserve,
             seed: rng.next_u64(),
+            link: link.clone(),
             wrong: wrong.clone(),
         }
     }
@@ -98,9 +145,10 @@ impl<I: Send + Sync + 'static> Operator for Runner<I> {
     type Output = Work;
 
     fn setup(self, setup: &mut Setup<I, Work>) -> Local<I, Work> {
-        let Stage { local, at_once, clouds, has_substitute, reserve, seed, wrong } = self.stage;
+        let Stage { local, at_once, clouds, has_substitute, reserve, seed, link, wrong } =
+            self.stage;
         for (priority, cloud) in (1..).zip(clouds) {
-            let wrong = wrong.clone();
+            let (wrong, link) = (wrong.clone(), link.clone());
             let handle = move |(), call: Call| {
                 let left = call.lineage.as_ref().and_then(|lineage| lineage.due(Instant::now()));
                 let left = left.map(|due| due.saturating_duration_since(Instant::now().into_std()));
@@ -108,7 +156,7 @@ impl<I: Send + Sync + 'static> Operator for Runner<I> {
                     wrong.with(|wrong| wrong.push(format!("E3: {:?} of {left:?}", call.deadline)));
                 }
                 let rng = Rng::with_seed(seed ^ (call.timestamp << 8 | u64::from(priority)));
-                cloud.act(rng, Work::default())
+                link.clone().call(call, move || cloud.act(rng.clone(), Work::default()))
             };
             setup.use_cloud(handle, |_, _| Some(((), 150 * MS)), Ok, priority);
         }
@@ -130,6 +178,7 @@ struct DrawnGraph {
     is_joined: bool,
     /// When each frame of each sensor was captured.
     captures: Vec<SharedState<BTreeMap<u64, Instant>>>,
+    link: DrawnLink,
     wrong: SharedState<Vec<String>>,
 }
 
@@ -139,7 +188,8 @@ impl DrawnGraph {
         let within = (50 + rng.u32(0..300)) * MS;
         let stages = 1 + rng.u32(0..3);
         let (captures, wrong) = (Vec::new(), SharedState::default());
-        Self { rng, within, stages, is_joined: false, captures, wrong }
+        let link = DrawnLink::draw(seed);
+        Self { rng, within, stages, is_joined: false, captures, link, wrong }
     }
 
     /// The last operator's items: of a chain, of a diamond, of several sensors joined.
@@ -183,9 +233,11 @@ impl DrawnGraph {
     fn branch(&mut self, reader: Reader<()>) -> Items<Work> {
         // Of the other operators of the branch, and of a join's.
         let reserve = |stage: u32| (self.stages - stage) * 20 * MS;
-        let mut items = Stage::draw(&mut self.rng, reserve(0), &self.wrong).start(reader);
+        let mut items =
+            Stage::draw(&mut self.rng, reserve(0), &self.link, &self.wrong).start(reader);
         for stage in 1..self.stages {
-            items = Stage::draw(&mut self.rng, reserve(stage), &self.wrong).start(items);
+            items =
+                Stage::draw(&mut self.rng, reserve(stage), &self.link, &self.wrong).start(items);
         }
         items
     }
@@ -200,7 +252,7 @@ impl DrawnGraph {
             });
         }
         let (_, sets) = join.spawn().unwrap();
-        Stage::draw(&mut self.rng, Duration::ZERO, &self.wrong).start(sets)
+        Stage::draw(&mut self.rng, Duration::ZERO, &self.link, &self.wrong).start(sets)
     }
 
     /// Checks an item as it is read; returns the message that it is of.
@@ -240,8 +292,8 @@ impl DrawnGraph {
     }
 }
 
-/// What is wrong with the graph of a seed.
-pub(crate) async fn wrongs(seed: u64) -> Vec<String> {
+/// What is wrong with the graph of a seed, and how many requests its link refused.
+pub(crate) async fn wrongs(seed: u64) -> (Vec<String>, u64) {
     let mut graph = DrawnGraph::new(seed);
     let mut last = graph.start();
     let reader_lags = graph.rng.one_in(4);
@@ -253,5 +305,5 @@ pub(crate) async fn wrongs(seed: u64) -> Vec<String> {
         *answered.entry(graph.check(&item, reader_lags)).or_default() += 1;
     }
     graph.check_counts(&answered);
-    graph.wrong.with(std::mem::take)
+    (graph.wrong.with(std::mem::take), graph.link.refused.with(|refused| *refused))
 }

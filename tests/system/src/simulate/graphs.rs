@@ -13,5 +13,5 @@ mod drawn;
 /// If there is no runtime.
 pub fn graph_findings(seed: u64) -> io::Result<Vec<String>> {
     let runtime = Builder::new_current_thread().enable_time().start_paused(true).build()?;
-    Ok(runtime.block_on(drawn::wrongs(seed)))
+    Ok(runtime.block_on(drawn::wrongs(seed)).0)
 }
