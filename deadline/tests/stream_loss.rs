@@ -50,9 +50,9 @@ fn a_world_that_stands_still_is_worth_the_wait_and_one_that_moves_is_not() {
 
 #[test]
 fn old_speeds_are_forgotten_and_what_is_no_speed_is_ignored() {
-    let mut speeds = vec![2.0; 8];
-    speeds.extend([0.0; 8]);
-    assert_eq!(deadline_ms(&speeds, 300), 300);
+    let change = |from, to| deadline_ms(&[[from; 8], [to; 8]].concat(), 300);
+    assert_eq!(change(2.0, 0.0), 300);
+    assert_eq!(change(0.0, 2.0), 15);
     assert_eq!(deadline_ms(&[0.0, f64::NAN, -3.0, f64::INFINITY], 300), 300);
     assert_eq!(loss_of(&[0.4, f64::NAN]), loss_of(&[0.4]));
 }

@@ -48,6 +48,12 @@ def test_two_who_cross_are_followed_by_where_they_should_be() -> None:
     assert left[0] == pytest.approx(90)
 
 
+def test_one_who_speeds_up_is_followed_beyond_where_the_boxes_still_overlap() -> None:
+    forecast = Forecast(weight=1.0)
+    for k in range(8):
+        assert len(forecast.update(k / 10, [box(100 + 2 * k * k)])) == min(k, 1)
+
+
 def test_a_revision_takes_the_place_of_what_it_revises_and_keeps_its_speed() -> None:
     forecast = Forecast()
     forecast.update(0.0, [box(100)])
