@@ -19,7 +19,8 @@ pub(crate) const fn options(invalid: Invalid) -> &'static str {
             | Figure::Margin
             | Figure::AccuracyLocal
             | Figure::AccuracyCloud
-            | Figure::Price => "the options",
+            | Figure::Price
+            | Figure::Overlap => "the options",
         },
         Invalid::CloudSeesLess => "--range-local or --range-cloud",
         Invalid::Classes(_) => "--class",

@@ -92,6 +92,11 @@ impl<L: Loss, const WINDOW: usize> Expected<L, WINDOW> {
         &self.loss
     }
 
+    /// The same, for a loss that learns.
+    pub const fn loss_mut(&mut self) -> &mut L {
+        &mut self.loss
+    }
+
     fn least(&self, situation: &Situation<'_>, cap: Duration) -> Choice {
         let steps = Survival::new(self.observations.sorted(), situation.under_way);
         least_loss(steps, self.local_response, cap, |source, response| {

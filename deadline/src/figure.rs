@@ -39,6 +39,8 @@ pub enum Figure {
     AccuracyCloud,
     /// What a millisecond of waiting costs.
     Price,
+    /// By how much a detector's right boxes overlap (IoU).
+    Overlap,
 }
 
 impl Figure {
@@ -59,6 +61,7 @@ impl Figure {
             Self::Speed => (0.0, 150.0),
             Self::Reveal => (0.0, f64::INFINITY),
             Self::AccuracyLocal | Self::AccuracyCloud => (-1e6, 1e6),
+            Self::Overlap => (0.5, 1.0),
         }
     }
 
@@ -74,7 +77,11 @@ impl Figure {
             | Self::PeriodCloud
             | Self::LocalResponse
             | Self::Lateness => "s",
-            Self::Weight | Self::AccuracyLocal | Self::AccuracyCloud | Self::Price => "",
+            Self::Weight
+            | Self::AccuracyLocal
+            | Self::AccuracyCloud
+            | Self::Price
+            | Self::Overlap => "",
         }
     }
 
@@ -110,6 +117,7 @@ impl Display for Figure {
             Self::AccuracyLocal => "local's accuracy",
             Self::AccuracyCloud => "the cloud's accuracy",
             Self::Price => "price of a millisecond",
+            Self::Overlap => "overlap of right boxes",
         })
     }
 }

@@ -24,6 +24,7 @@ mod parameters;
 mod policy;
 mod send_budget;
 mod span;
+mod streaming;
 mod survival;
 mod units;
 
@@ -38,5 +39,6 @@ pub use parameters::{Classes, Hazard, Parameters};
 pub use policy::{Capped, Case, Chosen, Constant, End, Policy, Reason, Situation};
 pub use send_budget::SendBudget;
 pub use span::Span;
+pub use streaming::{BoxDetector, StreamLoss, Streaming};
 pub use survival::{Observation, Step, Survival};
 pub use units::{Metres, MetresPerSecond, MetresPerSecondSquared};

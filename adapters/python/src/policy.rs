@@ -5,9 +5,9 @@ use std::time::Duration;
 
 use fuseline_deadline as deadline;
 use fuseline_deadline::{
-    Accuracy, Assessment, Chosen, Classes, End, Hazard, Impact, Invalid, Loss, Metres,
+    Accuracy, Assessment, BoxDetector, Chosen, Classes, End, Hazard, Impact, Invalid, Loss, Metres,
     MetresPerSecond, MetresPerSecondSquared, Parameters, Policy, Reason, Situation, Source, Span,
-    Survival,
+    StreamLoss, Survival,
 };
 use pyo3::exceptions::{PyRuntimeError, PyTypeError};
 use pyo3::prelude::*;
@@ -40,7 +40,14 @@ pub(crate) struct SituationFields {
 pub(crate) enum LossFields {
     Impact { vehicle: VehicleArgument },
     Accuracy { local: Plain, cloud: Plain, price_per_ms: Plain },
+    Stream { local: DetectorFields, cloud: DetectorFields, period: Nanos },
     Function(Py<PyAny>),
+}
+
+/// How well a detector does: an object with these attributes.
+pub(crate) struct DetectorFields {
+    accuracy: Plain,
+    overlap: Plain,
 }
 
 /// A class of hazards: an object with these attributes.
@@ -86,6 +93,7 @@ pub(crate) struct PyObservations(deadline::Observations<WINDOW>);
 enum AnyLoss {
     Impact(Box<Impact>),
     Accuracy(Accuracy),
+    Stream(Box<StreamLoss<WINDOW>>),
     Function(Arc<LossFunction>),
 }
 
@@ -132,7 +140,7 @@ impl PyExpected {
         let loss = AnyLoss::try_from(loss)?;
         let function = match &loss {
             AnyLoss::Function(function) => Some(Arc::clone(function)),
-            AnyLoss::Impact(_) | AnyLoss::Accuracy(_) => None,
+            AnyLoss::Impact(_) | AnyLoss::Accuracy(_) | AnyLoss::Stream(_) => None,
         };
         let local_response = local_response.times();
         let policy = deadline::Expected::new(loss, local_response, probe_every).map_err(invalid)?;
@@ -149,6 +157,14 @@ impl PyExpected {
 
     fn ended(&self, end: &str, age: Nanos) -> PyResult<()> {
         self.0.ended(end_of(end, age)?)
+    }
+
+    /// How fast boxes moved; only a loss in a stream learns from it.
+    fn moved(&self, speeds: Vec<Plain>) -> PyResult<()> {
+        if let AnyLoss::Stream(loss) = self.0.locked()?.loss_mut() {
+            speeds.iter().for_each(|Plain(speed)| loss.moved(*speed));
+        }
+        Ok(())
     }
 
     /// What is known of the cloud.
@@ -208,6 +224,7 @@ impl Loss for AnyLoss {
         match self {
             Self::Impact(loss) => loss.loss(situation, source, response),
             Self::Accuracy(loss) => loss.loss(situation, source, response),
+            Self::Stream(loss) => loss.loss(situation, source, response),
             Self::Function(function) => function.loss(source, response),
         }
     }
@@ -216,6 +233,7 @@ impl Loss for AnyLoss {
         match self {
             Self::Impact(loss) => loss.check(),
             Self::Accuracy(loss) => loss.check(),
+            Self::Stream(loss) => loss.check(),
             Self::Function(_) => Ok(()),
         }
     }
@@ -232,6 +250,10 @@ impl TryFrom<LossFields> for AnyLoss {
             LossFields::Accuracy { local, cloud, price_per_ms } => {
                 let [local, cloud, price_per_ms] = [local.0, cloud.0, price_per_ms.0];
                 Self::Accuracy(Accuracy { local, cloud, price_per_ms })
+            }
+            LossFields::Stream { local, cloud, period: Nanos(period) } => {
+                let period = Duration::from_nanos(period);
+                Self::Stream(Box::new(StreamLoss::new(local.into(), cloud.into(), period)))
             }
             LossFields::Function(function) => {
                 let (situation, raised) = (Mutex::new(None), Mutex::new(None));
@@ -351,11 +373,26 @@ impl<'py> FromPyObject<'_, 'py> for LossFields {
                 price_per_ms: field(object, "price_per_ms")?,
             });
         }
+        if object.hasattr("period")? {
+            return Ok(Self::Stream {
+                local: field(object, "local")?,
+                cloud: field(object, "cloud")?,
+                period: field(object, "period")?,
+            });
+        }
         if !object.is_callable() {
             let message = format!("{}: a loss is Impact, Accuracy or a function", object.repr()?);
             return Err(PyTypeError::new_err(message));
         }
         Ok(Self::Function(object.to_owned().unbind()))
+    }
+}
+
+impl<'py> FromPyObject<'_, 'py> for DetectorFields {
+    type Error = PyErr;
+
+    fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        Ok(Self { accuracy: field(object, "accuracy")?, overlap: field(object, "overlap")? })
     }
 }
 
@@ -410,6 +447,13 @@ impl FigureArgument<Nanos> {
 impl FigureArgument<Plain> {
     fn numbers<T>(self, unit: impl FnMut(f64) -> T) -> Span<T> {
         self.0.map(|Plain(number)| number).map(unit)
+    }
+}
+
+impl From<DetectorFields> for BoxDetector {
+    fn from(fields: DetectorFields) -> Self {
+        let DetectorFields { accuracy: Plain(accuracy), overlap: Plain(overlap) } = fields;
+        Self { accuracy, overlap }
     }
 }
 

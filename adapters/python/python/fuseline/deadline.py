@@ -19,7 +19,8 @@ seconds, is refused with the range that it may have.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Literal, NamedTuple, Protocol, TypeAlias
@@ -36,6 +37,7 @@ Time: TypeAlias = Duration | tuple[Duration, Duration]
 __all__ = [
     "Accuracy",
     "Assessment",
+    "BoxDetector",
     "Case",
     "Chosen",
     "Constant",
@@ -53,6 +55,7 @@ __all__ = [
     "Reason",
     "Situation",
     "Step",
+    "Streaming",
     "Time",
     "Whose",
 ]
@@ -214,6 +217,23 @@ class Accuracy(_Priced):
 
 
 @dataclass(frozen=True)
+class BoxDetector:
+    """How well a detector of boxes does on single frames."""
+
+    #: Its accuracy where a box counts that overlaps by half, such as its AP50.
+    accuracy: float
+    #: By how much its boxes that count overlap in the mean (IoU), 0.5 to 1.
+    overlap: float
+
+
+@dataclass(frozen=True)
+class _StreamLoss(_Priced):
+    local: BoxDetector
+    cloud: BoxDetector
+    period: Duration
+
+
+@dataclass(frozen=True)
 class Assessment:
     """What the guard found for a situation."""
 
@@ -371,6 +391,67 @@ class Expected(_Capping):
         ]
 
 
+class Streaming(Expected):
+    """The deadline of least mean loss in a stream of outputs, of which the newest is in force.
+
+    An output costs accuracy, and what the world moves until the next one: by the last 64 speeds of
+    boxes, given to `moved`. While no speed is known, nothing moves. The derivation is that of
+    `fuseline_deadline::Streaming`.
+
+    Args:
+        local: How well what is sent otherwise does: the computation on board, or, under patient, a
+            cloud of a lower priority.
+        cloud: How well the cloud does.
+        period: The time between two frames.
+        local_response: How long what is sent otherwise takes.
+        probe_every: 1 to 64, or None.
+
+    Raises:
+        DeadlineError: for a figure that makes no sense.
+
+    >>> detectors = BoxDetector(70.0, 0.7), BoxDetector(95.0, 0.85)
+    >>> policy = Streaming(*detectors, period=0.14, local_response=0.015, probe_every=None)
+    >>> policy.ended(End.ANSWERED, 0.3)
+    >>> policy.decide(Situation(), cap=0.5).deadline  # nothing moves: it is worth the wait
+    ns(300000001)
+    >>> policy.moved([2.0, 1.5])
+    >>> policy.decide(Situation(), cap=0.5).deadline
+    ns(15000000)
+    """
+
+    def __init__(
+        self,
+        local: BoxDetector,
+        cloud: BoxDetector,
+        period: Duration,
+        local_response: Time,
+        probe_every: int | None = 16,
+    ) -> None:
+        super().__init__(_StreamLoss(local, cloud, period), local_response, probe_every)
+        self._detectors = local, cloud, period
+        self._speeds = deque[float](maxlen=64)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        _, local_response, probe_every = self._made_of
+        made_of = (*self._detectors, local_response, probe_every)
+        return Streaming, made_of, (self.observations(), list(self._speeds))
+
+    def __setstate__(self, state: Any) -> None:
+        observations, speeds = state
+        super().__setstate__(observations)
+        self.moved(speeds)
+
+    def moved(self, speeds: Iterable[float]) -> None:
+        """Learn how fast boxes moved, as `fuseline.forecast.Forecast.update` returns it.
+
+        A speed is in sizes of the box a second: ``|vx| / width + |vy| / height``. What is no speed
+        is ignored.
+        """
+        speeds = list(speeds)
+        self._expected.moved(speeds)
+        self._speeds.extend(speeds)
+
+
 class Observations:
     """The ends of the last 64 calls of one cloud.
 
@@ -463,7 +544,7 @@ def compiled(policy: Policy) -> Any:
         return policy.deadline
     if type(policy) is Guard:
         return policy._guard
-    if type(policy) is Expected:
+    if type(policy) is Expected or type(policy) is Streaming:
         return policy._expected
     if type(policy) is Capped:
         return compiled(policy._cap), compiled(policy._policy)

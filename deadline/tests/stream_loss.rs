@@ -1,0 +1,113 @@
+//! The deadline of least loss in a stream of outputs.
+
+use std::time::Duration;
+
+use fuseline_deadline::{
+    BoxDetector, End, Figure, Invalid, Loss, Policy, Situation, Source, StreamLoss, Streaming,
+};
+use proptest::prelude::*;
+
+const LOCAL: BoxDetector = BoxDetector { accuracy: 70.0, overlap: 0.7 };
+const CLOUD: BoxDetector = BoxDetector { accuracy: 95.0, overlap: 0.85 };
+const PERIOD_MS: u64 = 140;
+
+fn ms(millis: u64) -> Duration {
+    Duration::from_millis(millis)
+}
+
+fn loss_of(speeds: &[f64]) -> StreamLoss<8> {
+    let mut loss = StreamLoss::new(LOCAL, CLOUD, ms(PERIOD_MS));
+    speeds.iter().for_each(|speed| loss.moved(*speed));
+    loss
+}
+
+/// The deadline in a world of such speeds, of a cloud that answers after so many ms.
+fn deadline_ms(speeds: &[f64], response: u64) -> u128 {
+    let mut policy = Streaming::<8>::new(loss_of(&[]), ms(15), None).unwrap();
+    speeds.iter().for_each(|speed| policy.moved(*speed));
+    (0..8).for_each(|_| policy.ended(End::Answered(ms(response))));
+    policy.decide(&Situation::UNKNOWN, ms(500)).deadline.as_millis()
+}
+
+/// How far a box may move, by trying: the overlap of two boxes of width 1 whose offset is this.
+fn slack_by_trying(overlap: f64) -> f64 {
+    let offset = |least: f64| {
+        (0..=1_000_000)
+            .map(|it| f64::from(it) * 1e-6)
+            .take_while(move |q| (1.0 - q) / (1.0 + q) >= least)
+    };
+    offset(0.5).last().unwrap() - offset(overlap).last().unwrap()
+}
+
+/// T3.
+#[test]
+fn a_world_that_stands_still_is_worth_the_wait_and_one_that_moves_is_not() {
+    assert_eq!(deadline_ms(&[0.0], 300), 300);
+    assert_eq!(deadline_ms(&[2.0], 300), 15);
+    assert_eq!(deadline_ms(&[], 300), 300, "nothing is known to move");
+    assert_eq!(deadline_ms(&[0.8], 60), 60, "what comes soon is worth it all the same");
+}
+
+#[test]
+fn old_speeds_are_forgotten_and_what_is_no_speed_is_ignored() {
+    let change = |from, to| deadline_ms(&[[from; 8], [to; 8]].concat(), 300);
+    assert_eq!(change(2.0, 0.0), 300);
+    assert_eq!(change(0.0, 2.0), 15);
+    assert_eq!(deadline_ms(&[0.0, f64::NAN, -3.0, f64::INFINITY], 300), 300);
+    assert_eq!(loss_of(&[0.4, f64::NAN]), loss_of(&[0.4]));
+}
+
+#[test]
+fn a_box_counts_until_it_has_moved_on_by_its_slack() {
+    for (source, detector) in [(Source::Local, LOCAL), (Source::Cloud, CLOUD)] {
+        let slack = slack_by_trying(detector.overlap);
+        for speed in [0.1, 0.3, 0.7, 1.5] {
+            for response in [10, 80, 200, 450] {
+                // By the definition: the share of instants in force at which the box still counts.
+                let counts = |at: &u64| speed * ((response + at) as f64) / 1e3 <= slack;
+                let share = (0..PERIOD_MS).filter(counts).count() as f64 / PERIOD_MS as f64;
+                let loss = loss_of(&[speed]).loss(&Situation::UNKNOWN, source, ms(response));
+                let expected = CLOUD.accuracy - detector.accuracy * share;
+                assert!(
+                    (loss - expected).abs() < 1.0,
+                    "{source:?} {speed} {response}: {loss}, {expected}"
+                );
+            }
+        }
+    }
+}
+
+/// T7.
+#[test]
+fn a_detector_that_could_not_be_is_refused() {
+    let made = |local: BoxDetector, period| {
+        Streaming::<8>::new(StreamLoss::new(local, CLOUD, period), ms(15), None).err()
+    };
+    let implausible = |figure, value| Some(Invalid::Implausible { figure, value });
+    assert_eq!(made(LOCAL, ms(140)), None);
+    let overlap = BoxDetector { overlap: 0.4, ..LOCAL };
+    assert_eq!(made(overlap, ms(140)), implausible(Figure::Overlap, 0.4));
+    let accuracy = BoxDetector { accuracy: f64::INFINITY, ..LOCAL };
+    assert_eq!(made(accuracy, ms(140)), implausible(Figure::AccuracyLocal, f64::INFINITY));
+    assert_eq!(made(LOCAL, Duration::ZERO), implausible(Figure::PeriodLocal, 0.0));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 500, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn waiting_never_costs_less_nor_does_a_faster_world(
+        speeds in prop::collection::vec(0.0..3.0_f64, 0..12),
+        (response, more) in (0..600_u64, 0..600_u64),
+        faster in 1.0..3.0_f64,
+    ) {
+        let cost = |speeds: &[f64], response| {
+            loss_of(speeds).loss(&Situation::UNKNOWN, Source::Cloud, ms(response))
+        };
+        let now = cost(&speeds, response);
+        prop_assert!((0.0..=CLOUD.accuracy).contains(&now));
+        prop_assert!(cost(&speeds, response + more) >= now);
+        let scaled: Vec<f64> = speeds.iter().map(|speed| speed * faster).collect();
+        prop_assert!(cost(&scaled, response) >= now - 1e-9);
+    }
+}

@@ -1,0 +1,48 @@
+"""The frames of OpenCV's sample `vtest.avi`, as JPEGs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+#: How a camera would encode them.
+QUALITY = 80
+#: Frames a second, by the speed of those who walk.
+RATE = 7.0
+
+
+def extract(video: Path, folder: Path) -> list[Path]:
+    """Each frame as a file; those that are there stay."""
+    folder.mkdir(parents=True, exist_ok=True)
+    if files := jpegs(folder):
+        return files
+    capture = cv2.VideoCapture(str(video))
+    number = 0
+    while True:
+        is_there, image = capture.read()
+        if not is_there:
+            break
+        is_encoded, jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+        if not is_encoded:
+            raise OSError(f"{video}: frame {number} cannot be encoded")
+        (folder / f"{number:04}.jpg").write_bytes(jpeg.tobytes())
+        number += 1
+    if not number:
+        raise OSError(f"{video}: OpenCV reads no frame of it")
+    return jpegs(folder)
+
+
+def jpegs(folder: Path) -> list[Path]:
+    """The frames of a folder, in order."""
+    return sorted(folder.glob("[0-9]*.jpg"))
+
+
+def decode(jpeg: bytes) -> NDArray[np.uint8]:
+    """The image of a JPEG."""
+    image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+    if image is None:
+        raise ValueError("not a JPEG")
+    return np.asarray(image, np.uint8)

@@ -1,0 +1,186 @@
+"""Policies over kept detections in virtual time: the wheel's own operator decides."""
+
+from __future__ import annotations
+
+import asyncio
+import statistics
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from fuseline import Call, Local, Operator, testing
+from fuseline.deadline import Accuracy, BoxDetector, Expected, Policy, Streaming
+from fuseline.forecast import Forecast
+
+from detections import SOURCES, KeptDetections
+from emulation import delay, typical_delay
+from metrics import match, mean_overlap, precision
+
+#: How long a result may take, in seconds.
+DEADLINE = 0.5
+#: How long a call may run on, so that a policy learns how long it really takes.
+LINGER = 30.0
+#: What waiting costs `Expected`, in points of AP50 a millisecond.
+PRICE_PER_MS = 0.1
+CLOUDS = SOURCES[1:]
+
+
+@dataclass(frozen=True, order=True)
+class SentBoxes:
+    """An output: whose boxes of which frame were sent when."""
+
+    #: Seconds after the first frame.
+    at: float
+    frame: int
+    source: str = field(compare=False)
+
+
+@dataclass(frozen=True)
+class Playthrough:
+    """What came of one approach from one start."""
+
+    #: In the order in which they were sent.
+    outputs: list[SentBoxes]
+    #: What was sent to clouds.
+    byte_count: int
+
+
+class Drive:
+    """The kept detections over the networks from one start."""
+
+    def __init__(self, kept: KeptDetections, start: int) -> None:
+        self.kept, self.start = kept, start
+
+    def captured(self, frame: int) -> float:
+        """When a frame is captured."""
+        return frame / self.kept.rate
+
+    def response(self, source: str, frame: int) -> float:
+        """How long after its capture a source's result is there."""
+        taken = self.kept.seconds[source][frame]
+        if source == "local":
+            return taken
+        return delay(source, self.start, self.captured(frame)) + taken
+
+    def alone(self, source: str) -> Playthrough:
+        """One source's results, each when it comes."""
+        outputs = [
+            SentBoxes(self.captured(frame) + self.response(source, frame), frame, source)
+            for frame in range(len(self.kept))
+        ]
+        return Playthrough(sorted(outputs), 0 if source == "local" else sum(self.kept.jpeg_bytes))
+
+    def first_response(self) -> Playthrough:
+        """Whichever result of a frame is first."""
+        choices = zip(*(self._by_frame(source) for source in SOURCES), strict=True)
+        return Playthrough(
+            sorted(min(each) for each in choices), len(CLOUDS) * sum(self.kept.jpeg_bytes)
+        )
+
+    def _by_frame(self, source: str) -> list[SentBoxes]:
+        return sorted(self.alone(source).outputs, key=lambda it: it.frame)
+
+    def fused(
+        self, commit: str, policy: Callable[[str], Policy] | None = None, trace: str | None = None
+    ) -> Playthrough:
+        """What an operator sends, with a policy for each cloud or else a constant deadline."""
+        return testing.run(lambda loop: self._fuse(loop, commit, policy, trace))
+
+    async def _fuse(
+        self,
+        loop: testing.VirtualLoop,
+        commit: str,
+        policy: Callable[[str], Policy] | None,
+        trace: str | None,
+    ) -> Playthrough:
+        sent = [0]
+        policies = {cloud: policy(cloud) for cloud in CLOUDS} if policy else {}
+
+        async def local(frame: int, _: int) -> str:
+            await asyncio.sleep(self.response("local", frame))
+            return "local"
+
+        operator = Operator(
+            Local.task(local), name="camera", window=64, commit=commit, trace=trace,  # type: ignore[arg-type]
+            clock=loop.time_ns,
+        )  # fmt: skip
+        for priority, cloud in enumerate(CLOUDS, 1):
+            operator.use_cloud(
+                self._cloud(cloud, sent),
+                lambda frame, _: (frame, DEADLINE),
+                lambda source: source,
+                priority,
+                name=cloud,
+                calls=64,
+                policy=policies.get(cloud),
+                linger=LINGER if policies else 0.0,
+            )
+        outputs, forecast = [], Forecast()
+        begin = loop.time()
+        async with operator:
+            operator.feed(self._camera(loop, begin))
+            async for item in operator:
+                if item.value is None:
+                    continue
+                outputs.append(SentBoxes(item.decided / 1e9, item.timestamp, item.value))
+                boxes = self.kept.found[item.value][item.timestamp]
+                speeds = forecast.update(self.captured(item.timestamp), boxes.tolist())
+                for it in policies.values():
+                    if isinstance(it, Streaming):
+                        it.moved(speeds)
+        return Playthrough(outputs, sent[0])
+
+    def _cloud(self, cloud: str, sent: list[int]) -> Callable[[int, Call], Awaitable[str]]:
+        async def infer(frame: int, _: Call) -> str:
+            sent[0] += self.kept.jpeg_bytes[frame]
+            await asyncio.sleep(self.response(cloud, frame))
+            return cloud
+
+        return infer
+
+    async def _camera(self, loop: testing.VirtualLoop, begin: float) -> AsyncIterator[int]:
+        for frame in range(len(self.kept)):
+            await asyncio.sleep(max(0.0, begin + self.captured(frame) - loop.time()))
+            yield frame
+
+
+class Policies:
+    """Policies made of how well the sources do on these frames."""
+
+    def __init__(self, kept: KeptDetections) -> None:
+        self._kept = kept
+
+    @cached_property
+    def detectors(self) -> dict[str, BoxDetector]:
+        """How well each source does."""
+        kept = self._kept
+        return {
+            source: BoxDetector(
+                precision(map(match, kept.found[source], kept.reference)).ap50,
+                mean_overlap(kept.found[source], kept.reference),
+            )
+            for source in SOURCES
+        }
+
+    def response(self, source: str) -> float:
+        """How long a source usually takes, in seconds."""
+        computes = statistics.median(self._kept.seconds[source])
+        return computes + (typical_delay(source) if source in CLOUDS else 0.0)
+
+    def expected(self, cloud: str) -> Expected:
+        """By accuracy and a price of waiting, against the source below."""
+        below = SOURCES[SOURCES.index(cloud) - 1]
+        accuracies = (self.detectors[it].accuracy for it in (below, cloud))
+        return Expected(Accuracy(*accuracies, PRICE_PER_MS), self.response(below), None)
+
+    def streaming(self, cloud: str) -> Streaming:
+        """By accuracy and what the world moves, against the source below."""
+        below = SOURCES[SOURCES.index(cloud) - 1]
+        detectors = (self.detectors[it] for it in (below, cloud))
+        return Streaming(*detectors, 1 / self._kept.rate, self.response(below), None)
+
+    def named(self) -> Iterator[tuple[str, Callable[[str], Policy] | None]]:
+        """Each with its name."""
+        yield f"{DEADLINE * 1e3:.0f} ms", None
+        yield "Expected", self.expected
+        yield "Streaming", self.streaming

@@ -1,0 +1,75 @@
+"""Runs each network over the frames once, and keeps what it found and how long it took.
+
+    python record.py FRAMES MODELS [OUT.npz.xz]
+
+Time is processor time of one thread, so that other work on the host does not count.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from detections import KEPT, SOURCES, KeptDetections
+from frames import RATE, decode, jpegs
+from metrics import Boxes
+from models import SIZES, NanoDet, average, on_tiles, words
+from reference import reference
+
+#: How many frames are kept: almost a minute.
+COUNT = 400
+#: Of every such frame tiles are looked at, too.
+TILE_STEP = 4
+
+
+def network(folder: Path, source: str) -> NanoDet:
+    """A source's network."""
+    height, width = SIZES[source]
+    return NanoDet(folder / f"nanodet-{width}x{height}.onnx")
+
+
+def offline(east: NanoDet, images: list[NDArray[np.uint8]], whole: list[Boxes]) -> list[Boxes]:
+    """What the largest network finds in all of an image, and of some in their tiles, too."""
+    opinions = list(whole)
+    for number in range(0, len(images), TILE_STEP):
+        opinions[number] = np.concatenate([whole[number], on_tiles(east, images[number])])
+    return [average(it) for it in opinions]
+
+
+def main() -> int:
+    """Records."""
+    if len(sys.argv) not in (3, 4):
+        print(__doc__, file=sys.stderr)
+        return 2
+    files, models = jpegs(Path(sys.argv[1]))[:COUNT], Path(sys.argv[2])
+    images = [decode(file.read_bytes()) for file in files]
+    found, seconds = {}, {}
+    for source in SOURCES:
+        model = network(models, source)
+        model.detect(images[0])  # the first is slower
+        pairs = [model.timed(image) for image in images]
+        found[source] = [boxes for boxes, _ in pairs]
+        seconds[source] = [taken for _, taken in pairs]
+        print(
+            f"{source}: {words(source)}, {sorted(seconds[source])[len(images) // 2] * 1e3:.1f} ms"
+        )
+    people = reference(offline(network(models, "east"), images, found["east"]))
+    kept = KeptDetections(
+        RATE,
+        [file.stat().st_size for file in files],
+        {source: words(source) for source in SOURCES},
+        seconds,
+        found,
+        people,
+    )
+    out = Path(sys.argv[3]) if len(sys.argv) == 4 else KEPT
+    kept.save(out)
+    print(f"{out}: {len(kept)} frames, {sum(map(len, people))} people, {out.stat().st_size} bytes")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,130 @@
+"""What the book says of the example, held against the kept detections; and the metrics, by hand."""
+
+from __future__ import annotations
+
+import tempfile
+import unittest
+from pathlib import Path
+
+import fuseline
+import numpy as np
+
+from detections import SOURCES, load
+from emulation import NETWORKS, STARTS, delay, delay_at
+from emulation import load as load_network
+from metrics import Boxes, match, mean_overlap, overlaps, precision
+from play import Drive, Policies
+from reference import reference
+from table import compare, mean
+
+KEPT = load()
+
+
+def boxes(*rows: tuple[float, ...]) -> Boxes:
+    """Rows as boxes."""
+    return np.array(rows, np.float64)
+
+
+class Metrics(unittest.TestCase):
+    """Worked out by hand."""
+
+    def test_overlap_is_common_by_all(self) -> None:
+        shared = overlaps(
+            boxes((0, 0, 10, 10)), boxes((0, 0, 10, 10), (5, 0, 15, 10), (20, 0, 30, 10))
+        )
+        np.testing.assert_allclose(shared, [[1.0, 1 / 3, 0.0]])
+
+    def test_a_person_is_found_once_by_the_better_score(self) -> None:
+        person = boxes((0, 0, 10, 10))
+        found = boxes((0, 0, 10, 9, 0.4), (0, 0, 10, 8, 0.9))
+        scores, hits, people = match(found, person)
+        self.assertEqual((scores.tolist(), people), ([0.9, 0.4], 1))
+        # At 0.85 the first is no hit any more, and the second finds the person.
+        self.assertEqual(hits[:, 0].tolist(), [True, False])
+        self.assertEqual(hits[:, 7].tolist(), [False, True])
+
+    def test_precision_of_a_half_found_world(self) -> None:
+        """Two of four people, then a wrong box: precision 1 up to recall 0.5, 0 beyond."""
+        people = boxes((0, 0, 10, 10), (20, 0, 30, 10), (40, 0, 50, 10), (60, 0, 70, 10))
+        found = boxes((0, 0, 10, 10, 0.9), (20, 0, 30, 10, 0.8), (80, 0, 90, 10, 0.7))
+        self.assertAlmostEqual(precision([match(found, people)]).ap50, 51 / 101 * 100)
+        nothing = match(np.zeros((0, 5)), people)
+        self.assertEqual(precision([nothing]), (0.0, 0.0))
+
+    def test_overlap_of_right_boxes_alone(self) -> None:
+        people = [boxes((0, 0, 10, 10), (20, 0, 30, 10))]
+        found = [boxes((0, 0, 10, 8, 0.9), (23, 0, 33, 4, 0.8))]
+        self.assertAlmostEqual(mean_overlap(found, people), 0.8)
+
+    def test_the_reference_fills_gaps_and_leaves_out_what_is_short(self) -> None:
+        walker = [boxes((10 + 4 * k, 0, 30 + 4 * k, 50, 0.6)) for k in range(40)]
+        walker[3] = np.zeros((0, 5))
+        walker[5] = np.concatenate([walker[5], boxes((300, 0, 320, 50, 0.9))])
+        sign = boxes((200, 0, 210, 40, 0.8))
+        people = reference([np.concatenate([it, sign]) for it in walker])
+        self.assertEqual([len(it) for it in people], [1] * 40)
+        np.testing.assert_allclose(people[3], [[22, 0, 42, 50]])
+
+
+class Networks(unittest.TestCase):
+    """The recorded networks, as `fuseline run` has them."""
+
+    def test_what_is_sent_in_an_outage_waits_for_its_end(self) -> None:
+        wifi = load_network("vnperf", "downtown", "wifi_rtt_ms")
+        gone = next(k for k, it in enumerate(wifi.round_trips) if it is None)
+        back = next(k for k in range(gone, len(wifi.sent)) if wifi.round_trips[k] is not None)
+        round_trip = wifi.round_trips[back]
+        assert round_trip is not None
+        waited = wifi.sent[back] - wifi.sent[gone]
+        self.assertAlmostEqual(delay_at(wifi, wifi.sent[gone]), waited + round_trip)
+        self.assertAlmostEqual(delay_at(wifi, wifi.sent[gone] + 0.25), waited - 0.25 + round_trip)
+
+    def test_a_drive_that_is_over_starts_again(self) -> None:
+        for cloud, network in NETWORKS.items():
+            self.assertAlmostEqual(delay(cloud, 3, 1.0), delay(cloud, 3, 1.0 + network.length))
+
+
+class Comparison(unittest.TestCase):
+    """Ten starts of each drive."""
+
+    def test_progressive_is_as_fresh_as_first_response_and_as_good_as_fusion(self) -> None:
+        names = ["local alone", "first response", "patient, 500 ms", "progressive, 500 ms"]
+        rows = compare(KEPT, STARTS, names)
+        local, first, fusion, progressive = (rows[name] for name in names)
+        for one, other in zip(progressive, first, strict=True):
+            self.assertGreaterEqual(one.sap50, other.sap50 - 1.0)
+            self.assertGreaterEqual(one.sap, other.sap - 1.0)
+        for one, other in zip(progressive, fusion, strict=True):
+            self.assertGreaterEqual(one.ap50, other.ap50 - 1.0)
+        self.assertGreater(mean(fusion, "ap50"), mean(local, "ap50") + 5.0)
+        self.assertLess(mean(fusion, "sap50"), mean(local, "sap50"))
+
+    def test_traces_conform(self) -> None:
+        for commit in ("eager", "progressive"):
+            with self.subTest(commit=commit), tempfile.TemporaryDirectory() as folder:
+                trace = Path(folder) / "run.jsonl"
+                Drive(KEPT, 2).fused(commit, Policies(KEPT).streaming, str(trace))
+                verdict = fuseline.check(trace)
+                self.assertTrue(verdict.conforms, verdict)
+                self.assertEqual(verdict.judged, len(KEPT))
+
+
+class KeptFile(unittest.TestCase):
+    """The kept detections themselves."""
+
+    def test_they_are_small_and_come_back_as_they_were(self) -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            again = Path(folder) / "again.npz.xz"
+            KEPT.save(again)
+            self.assertLessEqual(again.stat().st_size, 100_000)
+            copy = load(again)
+        for source in SOURCES:
+            self.assertEqual(copy.seconds[source], KEPT.seconds[source])
+            for one, other in zip(copy.found[source], KEPT.found[source], strict=True):
+                np.testing.assert_array_equal(one, other)
+        for one, other in zip(copy.reference, KEPT.reference, strict=True):
+            np.testing.assert_array_equal(one, other)
+
+
+if __name__ == "__main__":
+    unittest.main()
