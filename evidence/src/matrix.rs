@@ -291,7 +291,7 @@ fn lacks(
         ("T", "4") => &[][..],
         ("T", _) => &["policy"][..],
         ("D", _) => {
-            &{ &["operator", "grpc", "recorder", "simulation", "ros2", "command", "python"][..] }
+            &["operator", "grpc", "recorder", "simulation", "ros2", "command", "python"][..]
         }
         ("E", _) => &["pipeline"][..],
         ("J", _) => &["judge"][..],

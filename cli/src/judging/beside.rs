@@ -76,9 +76,10 @@ fn judge_batches(
     mut hints: JudgingHints,
     lines: &Receiver<Vec<LineRead>>,
 ) -> Result<(TraceJudge, JudgingHints), TimeOrderError> {
+    let none = Annotations::NONE;
     for LineRead { line, event, annotations } in lines.iter().flatten() {
         hints.event(&event);
-        let annotations = annotations.as_deref().unwrap_or(&Annotations::NONE);
+        let annotations = annotations.as_deref().unwrap_or(&none);
         judging.annotated_line(line, &event, annotations)?;
     }
     Ok((judging, hints))
