@@ -17,14 +17,18 @@ fn ms(millis: u64) -> Duration {
 
 fn loss_of(speeds: &[f64]) -> StreamLoss<8> {
     let mut loss = StreamLoss::new(LOCAL, CLOUD, ms(PERIOD_MS));
-    speeds.iter().for_each(|speed| loss.moved(*speed));
+    for speed in speeds {
+        loss.moved(*speed);
+    }
     loss
 }
 
 /// The deadline in a world of such speeds, of a cloud that answers after so many ms.
 fn deadline_ms(speeds: &[f64], response: u64) -> u128 {
     let mut policy = Streaming::<8>::new(loss_of(&[]), ms(15), None).unwrap();
-    speeds.iter().for_each(|speed| policy.moved(*speed));
+    for speed in speeds {
+        policy.moved(*speed);
+    }
     (0..8).for_each(|_| policy.ended(End::Answered(ms(response))));
     policy.decide(&Situation::UNKNOWN, ms(500)).deadline.as_millis()
 }
@@ -58,6 +62,7 @@ fn old_speeds_are_forgotten_and_what_is_no_speed_is_ignored() {
 }
 
 #[test]
+#[expect(clippy::cast_precision_loss, reason = "numbers of milliseconds")]
 fn a_box_counts_until_it_has_moved_on_by_its_slack() {
     for (source, detector) in [(Source::Local, LOCAL), (Source::Cloud, CLOUD)] {
         let slack = slack_by_trying(detector.overlap);

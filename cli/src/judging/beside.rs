@@ -38,7 +38,9 @@ pub(super) fn judge_lines(
     let (lines, waiting) = sync_channel(WAITING);
     let (read, judged) = thread::scope(|scope| {
         let judge = scope.spawn(move || judge_batches(judging, hints, &waiting));
-        (read_batches(reader, end, lines), judge.join())
+        let read = read_batches(reader, end, &lines);
+        drop(lines);
+        (read, judge.join())
     });
     // A line that cannot be judged stands before one that cannot be read.
     let judged = judged.unwrap_or_else(|panic| resume_unwind(panic))?;
@@ -48,7 +50,7 @@ pub(super) fn judge_lines(
 fn read_batches(
     reader: &mut Events<impl BufRead>,
     end: TraceEnd,
-    lines: SyncSender<Vec<LineRead>>,
+    lines: &SyncSender<Vec<LineRead>>,
 ) -> Result<(), Fault> {
     loop {
         let mut batch = Vec::with_capacity(BATCH);
