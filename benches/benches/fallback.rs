@@ -148,7 +148,7 @@ fn shown(turns: &mut [AnswerFigures]) -> String {
     let [late, calls] = [100.0 * count(late) / frames, count(*calls) / frames];
     let micros = processor.as_secs_f64() * 1e6 / frames;
     let [p50, p99] = [at(50), at(99)];
-    format!("{ap:6.1} {p50:7.0} {p99:7.0} {late:4.1}% {calls:6.2} {micros:5.1}")
+    format!("{ap:6.2} {p50:7.0} {p99:7.0} {late:4.1}% {calls:6.2} {micros:5.1}")
 }
 
 fn process_time() -> Duration {

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use fuseline_tokio::tower::{FallbackLayer, FallbackService};
 use fuseline_tokio::{Config, Error};
-use tokio::time::{Instant, sleep, timeout};
+use tokio::time::{Instant, advance, sleep, timeout};
 use tower_layer::Layer;
 use tower_service::Service;
 
@@ -118,6 +118,17 @@ async fn a_request_that_is_given_up_ends_its_calls() {
     assert!(timeout(21 * MS, service.call(8)).await.is_err());
     sleep(MS).await;
     assert_eq!(under_way(), [0, 0]);
+}
+
+#[tokio::test(start_paused = true)]
+async fn what_ends_while_the_executor_is_blocked_is_late() {
+    let mut service = service(model("nearby", 25), model("cloud", 60));
+    let computing = async {
+        sleep(10 * MS).await;
+        advance(100 * MS).await; // nothing else runs meanwhile
+    };
+    let (answer, ()) = tokio::join!(service.call(7), computing);
+    assert_eq!(answer.unwrap(), "on board of 7");
 }
 
 #[tokio::test(start_paused = true)]
