@@ -285,7 +285,9 @@ def main() -> int:
         graph = TfjsGraph(Path(sys.argv[1]))
         for height, width in SIZES.values():
             path = folder / f"nanodet-{width}x{height}.onnx"
-            onnx.save(Converter(graph, height, width).convert(), path)
+            part = path.with_suffix(".part")
+            onnx.save(Converter(graph, height, width).convert(), part)
+            part.rename(path)
             print(path)
     except (OSError, ValueError) as error:
         print(f"error: {error}", file=sys.stderr)

@@ -16,9 +16,10 @@ RATE = 7.0
 
 def extract(video: Path, folder: Path) -> list[Path]:
     """Each frame as a file; those that are there stay."""
-    folder.mkdir(parents=True, exist_ok=True)
     if files := jpegs(folder):
         return files
+    part = folder.with_name(f"{folder.name}.part")
+    part.mkdir(parents=True, exist_ok=True)
     capture = cv2.VideoCapture(str(video))
     number = 0
     while True:
@@ -28,10 +29,11 @@ def extract(video: Path, folder: Path) -> list[Path]:
         is_encoded, jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
         if not is_encoded:
             raise OSError(f"{video}: frame {number} cannot be encoded")
-        (folder / f"{number:04}.jpg").write_bytes(jpeg.tobytes())
+        (part / f"{number:04}.jpg").write_bytes(jpeg.tobytes())
         number += 1
     if not number:
         raise OSError(f"{video}: OpenCV reads no frame of it")
+    part.rename(folder)
     return jpegs(folder)
 
 

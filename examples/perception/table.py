@@ -47,8 +47,8 @@ class Scores:
 class Scorer:
     """Scores outputs against the reference."""
 
-    def __init__(self, kept: KeptDetections) -> None:
-        self._kept = kept
+    def __init__(self, kept: KeptDetections, deadline: float = DEADLINE) -> None:
+        self._kept, self._deadline = kept, deadline
         self._known: dict[tuple[str, int, int], BoxMatches] = {}
 
     def score(self, played: Playthrough) -> Scores:
@@ -76,7 +76,7 @@ class Scorer:
         for it in played.outputs:
             took = it.at - it.frame / self._kept.rate
             first.setdefault(it.frame, took)
-            if took <= DEADLINE + 1e-6:
+            if took <= self._deadline + 1e-6:
                 last[it.frame] = (it.source, it.frame)
         return last, first
 

@@ -25,6 +25,13 @@ def boxes(*rows: tuple[float, ...]) -> Boxes:
     return np.array(rows, np.float64)
 
 
+def _row_of_the_book(name: str) -> list[str]:
+    """The figures of an approach in the book's table."""
+    book = Path(__file__).resolve().parents[2] / "docs/book/src/use/perception.md"
+    row = next(it for it in book.read_text().splitlines() if it.startswith(f"| {name} |"))
+    return [it.strip() for it in row.split("|")[2:]]
+
+
 class Metrics(unittest.TestCase):
     """Worked out by hand."""
 
@@ -98,6 +105,11 @@ class Comparison(unittest.TestCase):
             self.assertGreaterEqual(one.ap50, other.ap50 - 1.0)
         self.assertGreater(mean(fusion, "ap50"), mean(local, "ap50") + 5.0)
         self.assertLess(mean(fusion, "sap50"), mean(local, "sap50"))
+
+        for name, scores in rows.items():
+            with self.subTest(name):
+                figures = [f"{mean(scores, it):.1f}" for it in ("ap50", "ap", "sap50", "sap")]
+                self.assertEqual(figures, _row_of_the_book(name)[:4])
 
     def test_traces_conform(self) -> None:
         for commit in ("eager", "progressive"):

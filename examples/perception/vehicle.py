@@ -1,7 +1,8 @@
 """A vehicle that detects people on board, and with two clouds behind recorded networks, live.
 
     python vehicle.py FRAMES MODELS [--commit RULE] [--frames N] [--rate HZ]
-                      [--start K] [--kill CLOUD SECONDS] [--strip FILE] [--trace FILE]
+                      [--deadline SECONDS] [--start K] [--kill CLOUD SECONDS]
+                      [--strip FILE] [--trace FILE]
 
 The small network runs in the vehicle, the larger ones in processes of their own behind gRPC; JPEGs
 travel. Prints a row of the table of table.py for this run, judges its trace, and draws a strip of
@@ -74,7 +75,7 @@ class LiveRun:
         """Drive to the last frame."""
         remotes = [Remote(url_of(cloud, server)) for cloud, server in servers.items()]
         operator = Operator(
-            Local.threads(self._detect, waiting=2),
+            Local.threads(self._detect, waiting=2, deadline=max(1.0, self._options.deadline)),
             name="camera",
             window=64,
             commit=self._options.commit,
@@ -95,7 +96,7 @@ class LiveRun:
 
     def _offer(self, jpeg: bytes, _: int) -> tuple[bytes, float]:
         self._bytes += len(jpeg)
-        return jpeg, DEADLINE
+        return jpeg, self._options.deadline
 
     async def _camera(self, servers: dict[str, subprocess.Popen[str]]) -> AsyncIterator[bytes]:
         loop = asyncio.get_running_loop()
@@ -154,6 +155,8 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--commit", choices=COMMITS, default="progressive")
     parser.add_argument("--frames", type=int, default=140, metavar="N", help="so many [140]")
     parser.add_argument("--rate", type=float, metavar="HZ", help="frames a second [the video's]")
+    seconds = {"type": float, "metavar": "SECONDS"}
+    parser.add_argument("--deadline", **seconds, default=DEADLINE, help="of a cloud [0.5]")
     parser.add_argument("--start", type=int, default=0, metavar="K", help="of the drives [0]")
     parser.add_argument("--kill", nargs=2, metavar=("CLOUD", "SECONDS"))
     parser.add_argument("--strip", type=Path, default=Path("perception.png"), metavar="FILE")
@@ -161,6 +164,8 @@ def parse() -> argparse.Namespace:
     options = parser.parse_args()
     if options.rate is not None and not 0.1 <= options.rate <= 100:
         parser.error("--rate is from 0.1 to 100 Hz")
+    if not 0.001 <= options.deadline <= 60:
+        parser.error("--deadline is from 0.001 to 60 s")
     if options.frames < 1 or not 0 <= options.start < STARTS:
         parser.error(f"--frames is at least 1, --start from 0 to {STARTS - 1}")
     if options.kill and (options.kill[0] not in CLOUDS or not _is_number(options.kill[1])):
@@ -183,7 +188,7 @@ def main() -> int:
             server.kill()
             server.wait()
     kept, played = run.played()
-    scores = Scorer(kept).score(played)
+    scores = Scorer(kept, options.deadline).score(played)
     print_table({f"live, {options.commit}": [scores]})
     last = Counter(str(it.source) for it in run.items if it.last)
     print(f"last outputs: {dict(last)}, frames: {len(kept)}")
