@@ -188,7 +188,7 @@ async fn a_thread_that_was_replaced_ends_with_its_computation() {
     assert!(matches!(output.read().await.unwrap().ending, Ending::Missed));
     let threads = || Arc::strong_count(&thread) - 2;
     let wait = async |count| {
-        for _ in 0..60_000 {
+        for _ in 0..20_000 {
             if threads() == count {
                 return;
             }
