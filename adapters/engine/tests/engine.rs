@@ -443,7 +443,7 @@ fn a_timer_that_is_served_late_and_a_handler_that_blocks_are_counted() {
     let mut engine: Tested = Engine::new(&header(Commit::Eager), &[1, 1], local).unwrap();
     engine.set_lag_warning(20 * NS);
     let counting = engine.counts();
-    for (t, late) in [(0, 20), (1, 21), (2, 90)] {
+    for (t, late) in [(0, 20), (1, 90), (2, 21)] {
         let at = t * 1000;
         assert!(engine.open(at, t, Some(100 * NS), t, []));
         engine.tick(at + 100 + late);

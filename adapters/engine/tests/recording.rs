@@ -129,6 +129,32 @@ fn a_disk_that_fills_is_told_when_it_happens_and_the_operator_goes_on() {
     assert!(verdict.conforms && verdict.judged > 100, "{verdict}");
 }
 
+/// D10.
+#[test]
+fn the_error_of_each_recording_is_reported_and_the_others_are_whole() {
+    for broken in [0, 1] {
+        let folders = [folder(), folder()];
+        let local = Local { at_once: 1, waiting: 4, skip_answered: false, lossy: false };
+        let mut engine: Tested = Engine::new(&header(), &[], local).unwrap();
+        for (_, path) in &folders {
+            let recording = Recording { rotate: Some(1 << 12), ..Recording::default() };
+            engine.record(Recorder::create(path, &header(), recording).unwrap()).unwrap();
+        }
+        // The second part cannot be made: a folder is in its place.
+        fs::create_dir(Recorder::part(&folders[broken].1, 1)).unwrap();
+        for t in 0..100 {
+            answer(&mut engine, t);
+        }
+        assert!(engine.finish().is_err());
+        let lines = |index: usize| {
+            let parts =
+                (0..9).map(|part| fs::read_to_string(Recorder::part(&folders[index].1, part)));
+            parts.flatten().map(|part| part.lines().count()).sum::<usize>()
+        };
+        assert!(lines(1 - broken) >= 1 + 3 * 100 && lines(broken) < 1 + 3 * 100);
+    }
+}
+
 /// The lines of a run that ends at 90 with a message open.
 fn ended(deadline: Option<Duration>) -> Vec<String> {
     let (_folder, path) = folder();

@@ -1,6 +1,7 @@
 //! Threads and blocking: what holds up an operator is counted and logged, encoding has a place of its own, and a local that
 //! hangs is replaced or reported.
 
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Condvar, Mutex};
 use std::thread;
 use std::time::Duration;
@@ -8,6 +9,8 @@ use std::time::Duration;
 use fuseline_tokio::{
     Call, Config, Ending, Error, Local, Running, Setup, Tally, Writer, encoding, spawn, stream,
 };
+use tokio::runtime::Builder;
+use tokio::task::spawn_blocking;
 use tokio::time::{advance, sleep};
 
 use crate::support::{ClosureOperator, play};
@@ -96,6 +99,29 @@ async fn what_blocks_the_thread_is_counted_and_encoding_is_not() {
     assert!(left.lock().unwrap().iter().all(|left| *left <= 29_800 * MS));
 }
 
+/// D6: the one thread for blocking work is busy until the call was aborted.
+#[test]
+fn an_encoding_does_not_begin_once_its_call_was_aborted() {
+    let runtime = Builder::new_current_thread().enable_all().max_blocking_threads(1).build();
+    let (held, begun) = (Hold::default(), Arc::new(AtomicUsize::new(0)));
+    runtime.unwrap().block_on(async {
+        let (busy, count) = (Arc::clone(&held), Arc::clone(&begun));
+        let blocked = spawn_blocking(move || hold(&busy));
+        let operator = ClosureOperator(move |setup: &mut Setup<u64, String>| {
+            let encode = move |n: u64| Ok(n + count.fetch_add(1, Ordering::Relaxed) as u64);
+            let handle = encoding(encode, |n: u64, _| async move { Ok(n) });
+            setup.use_cloud(handle, |n, _| Some((*n, 50 * MS)), |n| Ok(n.to_string()), 1);
+            Local::future(|n, _| async move { Ok(format!("local {n}")) })
+        });
+        assert_eq!(real_time(operator, Config::default(), 1).await.0, ["local 0"]);
+        release(&held);
+        blocked.await.unwrap();
+        // What waited before it has had its turn.
+        spawn_blocking(|| ()).await.unwrap();
+    });
+    assert_eq!(begun.load(Ordering::Relaxed), 0);
+}
+
 /// Waits until it is set free.
 type Hold = Arc<(Mutex<bool>, Condvar)>;
 
@@ -162,7 +188,7 @@ async fn a_thread_that_was_replaced_ends_with_its_computation() {
     assert!(matches!(output.read().await.unwrap().ending, Ending::Missed));
     let threads = || Arc::strong_count(&thread) - 2;
     let wait = async |count| {
-        for _ in 0..60_000 {
+        for _ in 0..20_000 {
             if threads() == count {
                 return;
             }

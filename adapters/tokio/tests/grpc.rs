@@ -5,6 +5,7 @@
 mod hosts;
 
 use std::future::{pending, ready};
+use std::io;
 use std::net::SocketAddr;
 use std::sync::{Arc, mpsc};
 use std::time::{Duration, Instant};
@@ -124,6 +125,9 @@ async fn a_cloud_answers_and_what_was_sent_is_counted() {
     // Timestamp 0 is not encoded, 1 takes two bytes; the payload takes two more than it has, and
     // gRPC puts five before all.
     assert_eq!(running.tally().sources[1].sent_bytes, 12 + 14);
+    camera.write(vec![7; 100_000]).unwrap();
+    output.read().await.unwrap();
+    assert_eq!(running.tally().sources[1].sent_bytes, 12 + 14 + 100_011);
     cloud.kill();
 }
 
@@ -152,6 +156,19 @@ async fn a_call_that_came_to_nothing_says_why_in_plain_words() {
     let expired = failure(&old.https(&ca)).await;
     assert_eq!(expired, "invalid peer certificate: certificate expired");
     [plain, secure, old, locked].into_iter().for_each(Cloud::kill);
+}
+
+/// D15: which error of the system it is that breaks a connection is chance.
+#[test]
+fn a_connection_that_broke_is_one_reason_and_one_that_is_refused_another() {
+    use io::ErrorKind::{BrokenPipe, ConnectionAborted, ConnectionReset, UnexpectedEof};
+    let why = |kind: io::ErrorKind| {
+        CallError::from(Status::from_error(Box::new(io::Error::from(kind)))).to_string()
+    };
+    for kind in [BrokenPipe, ConnectionAborted, ConnectionReset, UnexpectedEof] {
+        assert_eq!(why(kind), CallError::BROKE);
+    }
+    assert_eq!(why(io::ErrorKind::ConnectionRefused), "connection refused");
 }
 
 #[tokio::test]

@@ -125,3 +125,20 @@ async fn what_a_queue_has_taken_is_sent_though_its_call_is_given_up() {
     assert!(link.pass(LinkDirection::Uplink, 1_000).await);
     assert_eq!(start.elapsed(), 50 * MS);
 }
+
+#[tokio::test(start_paused = true)]
+async fn a_reply_that_finds_no_room_does_not_come() {
+    let link = EmulatedLink::new(50_000, |_, _| Some(LinkRate::constant(8_000_000)));
+    let (mut camera, _running, mut items, _) = operator(&link, 1_000);
+    for value in ["local", "cloud"] {
+        let full = tokio::spawn({
+            let (link, bytes) = (link.clone(), if value == "local" { 100_000 } else { 1_000 });
+            async move { link.pass(LinkDirection::Downlink, bytes).await }
+        });
+        camera.write(0).unwrap();
+        let item = items.read().await.unwrap();
+        assert_eq!(item.value().map(String::as_str), Some(value));
+        assert_eq!(item.took(), if value == "local" { DEADLINE } else { 12 * MS });
+        assert!(full.await.unwrap());
+    }
+}

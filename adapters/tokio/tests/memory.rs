@@ -1,12 +1,17 @@
 //! Memory after many calls is as it was after some, on one thread and on several.
 
 use std::alloc::System;
+use std::future::{Ready, ready};
 use std::sync::Arc;
+use std::task::{Context, Poll};
 use std::time::Duration;
 
 use cap::Cap;
+use fuseline_tokio::tower::{FallbackLayer, FallbackService};
 use fuseline_tokio::{Call, Config, Error, Items, Local, Operator, Setup, Writer, spawn, stream};
 use tokio::runtime::Builder;
+use tower_layer::Layer;
+use tower_service::Service;
 
 #[global_allocator]
 static ALLOCATED: Cap<System> = Cap::new(System, usize::MAX);
@@ -48,6 +53,30 @@ async fn messages(writer: &mut Writer<u64>, output: &mut Items<u64>, count: u64)
     }
 }
 
+/// Answers at once.
+#[derive(Clone)]
+struct EchoService;
+
+impl Service<u64> for EchoService {
+    type Response = u64;
+    type Error = Error;
+    type Future = Ready<Result<u64, Error>>;
+
+    fn poll_ready(&mut self, _: &mut Context<'_>) -> Poll<Result<(), Error>> {
+        Poll::Ready(Ok(()))
+    }
+
+    fn call(&mut self, request: u64) -> Self::Future {
+        ready(Ok(request))
+    }
+}
+
+async fn requests(service: &mut FallbackService<u64, u64>, count: u64) {
+    for request in 0..count {
+        service.call(request).await.unwrap();
+    }
+}
+
 /// D8.
 #[test]
 fn many_calls_leave_no_memory_behind() {
@@ -67,11 +96,17 @@ fn many_calls_leave_no_memory_behind() {
             let before = ALLOCATED.allocated();
             messages(&mut writer, &mut output, 3000).await;
             let more = ALLOCATED.allocated().saturating_sub(before);
-            println!("{more} bytes more after 3000 messages");
             assert!(more < 3000 * 12, "{more} bytes more after 3000 messages");
             drop(writer);
             drop(output);
             running.join().await.unwrap();
+
+            let mut service = FallbackLayer::new(EchoService).layer(EchoService);
+            requests(&mut service, 1500).await;
+            let before = ALLOCATED.allocated();
+            requests(&mut service, 3000).await;
+            let more = ALLOCATED.allocated().saturating_sub(before);
+            assert!(more < 3000 * 12, "{more} bytes more after 3000 requests");
         });
     }
 }

@@ -383,6 +383,24 @@ async fn items_wait_for_earlier_ones_until_they_are_due_and_what_was_passed_over
     assert_eq!(*reported.lock().unwrap(), [OutOfOrder::PassedOver(2..3), OutOfOrder::Late(2)]);
 }
 
+/// D8: no reader, the first or another, is passed over.
+#[tokio::test(start_paused = true)]
+async fn all_are_written_as_the_slowest_reader_makes_room() {
+    let (writer, reader) = stream(1);
+    let slow = reader.another();
+    let read = async |mut reader: fuseline_tokio::Reader<u64>, pause: Duration| {
+        let mut count = 0;
+        while reader.read().await.is_some() {
+            sleep(pause).await;
+            count += 1;
+        }
+        count
+    };
+    let messages = futures_util::stream::iter(0..20);
+    let ends = tokio::join!(writer.write_all(messages), read(reader, MS), read(slow, 7 * MS));
+    assert_eq!(ends, (Ok(20), 20, 20));
+}
+
 /// E9.
 #[tokio::test(start_paused = true)]
 async fn what_waits_for_its_turn_is_given_when_its_operator_is_stopped() {

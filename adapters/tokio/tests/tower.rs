@@ -132,6 +132,16 @@ async fn what_ends_while_the_executor_is_blocked_is_late() {
 }
 
 #[tokio::test(start_paused = true)]
+async fn the_service_on_board_ends_once_its_request_is_answered() {
+    let on_board = model("on board", 500);
+    let under_way = Arc::clone(&on_board.under_way);
+    let mut service = FallbackLayer::new(on_board).deadline(50 * MS).layer(model("cloud", 20));
+    assert_eq!(service.call(1).await.unwrap(), "cloud of 1");
+    sleep(MS).await;
+    assert_eq!(under_way.load(Ordering::Relaxed), 0);
+}
+
+#[tokio::test(start_paused = true)]
 async fn requests_are_answered_one_by_one_and_one_too_many_is_an_error() {
     let layer = FallbackLayer::new(model("on board", 5)).deadline(50 * MS);
     let config = Config { window: 2, ..Config::default() };
