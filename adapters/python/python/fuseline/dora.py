@@ -280,7 +280,7 @@ def main() -> int:
     try:
         import dora
 
-        node = dora.Node()
+        node: Any = dora.Node()  # its stubs lack some methods
     except (ImportError, RuntimeError) as error:
         parser.error(f"not in a dataflow of dora: {error}")
     try:
