@@ -39,7 +39,7 @@ pub enum Figure {
     AccuracyCloud,
     /// What a millisecond of waiting costs.
     Price,
-    /// By how much a detector's right boxes overlap (IoU).
+    /// By how much a detector's right boxes overlap (`IoU`).
     Overlap,
 }
 

@@ -17,7 +17,7 @@ pub type Streaming<const WINDOW: usize = 64> = Expected<StreamLoss<WINDOW>, WIND
 pub struct BoxDetector {
     /// Its accuracy where a box counts that overlaps by half, such as its AP50.
     pub accuracy: f64,
-    /// By how much its boxes that count overlap in the mean (IoU), 0.5 to 1.
+    /// By how much its boxes that count overlap in the mean (`IoU`), 0.5 to 1.
     pub overlap: f64,
 }
 
@@ -32,7 +32,7 @@ pub struct BoxDetector {
 /// force from the age `r` until the next one is sent, at the age `r + P`. So waiting costs twice: the output is older when it is
 /// sent, and the one before it stays for longer.
 ///
-/// Boxes that move by the share `q` of their size overlap what they were by `(1 − q) / (1 + q)` (IoU), as far as they move along
+/// Boxes that move by the share `q` of their size overlap what they were by `(1 − q) / (1 + q)` (`IoU`), as far as they move along
 /// one side; along both, `q` is the sum of the shares and the overlap no less than that. A box counts while it overlaps by half,
 /// so while `q ≤ 1/3`. A detector whose right boxes overlap by `o` has used `(1 − o) / (1 + o)` of that, if its error lies along
 /// the movement; the rest, its *slack*, is `s = 1/3 − (1 − o) / (1 + o)`. So what moves at `v` sizes a second counts until the
