@@ -9,14 +9,14 @@ use proptest::prelude::*;
 
 const LOCAL: BoxDetector = BoxDetector { accuracy: 70.0, overlap: 0.7 };
 const CLOUD: BoxDetector = BoxDetector { accuracy: 95.0, overlap: 0.85 };
-const PERIOD_MS: u64 = 140;
+const PERIOD_MS: u32 = 140;
 
 fn ms(millis: u64) -> Duration {
     Duration::from_millis(millis)
 }
 
 fn loss_of(speeds: &[f64]) -> StreamLoss<8> {
-    let mut loss = StreamLoss::new(LOCAL, CLOUD, ms(PERIOD_MS));
+    let mut loss = StreamLoss::new(LOCAL, CLOUD, ms(PERIOD_MS.into()));
     for speed in speeds {
         loss.moved(*speed);
     }
@@ -62,16 +62,16 @@ fn old_speeds_are_forgotten_and_what_is_no_speed_is_ignored() {
 }
 
 #[test]
-#[expect(clippy::cast_precision_loss, reason = "numbers of milliseconds")]
 fn a_box_counts_until_it_has_moved_on_by_its_slack() {
     for (source, detector) in [(Source::Local, LOCAL), (Source::Cloud, CLOUD)] {
         let slack = slack_by_trying(detector.overlap);
         for speed in [0.1, 0.3, 0.7, 1.5] {
-            for response in [10, 80, 200, 450] {
+            for response in [10, 80, 200, 450_u32] {
                 // By the definition: the share of instants in force at which the box still counts.
-                let counts = |at: &u64| speed * ((response + at) as f64) / 1e3 <= slack;
-                let share = (0..PERIOD_MS).filter(counts).count() as f64 / PERIOD_MS as f64;
-                let loss = loss_of(&[speed]).loss(&Situation::UNKNOWN, source, ms(response));
+                let counts = |at: &u32| speed * f64::from(response + at) / 1e3 <= slack;
+                let count: f64 = (0..PERIOD_MS).filter(counts).map(|_| 1.0).sum();
+                let share = count / f64::from(PERIOD_MS);
+                let loss = loss_of(&[speed]).loss(&Situation::UNKNOWN, source, ms(response.into()));
                 let expected = CLOUD.accuracy - detector.accuracy * share;
                 assert!(
                     (loss - expected).abs() < 1.0,

@@ -162,7 +162,9 @@ impl PyExpected {
     /// How fast boxes moved; only a loss in a stream learns from it.
     fn moved(&self, speeds: Vec<Plain>) -> PyResult<()> {
         if let AnyLoss::Stream(loss) = self.0.locked()?.loss_mut() {
-            speeds.iter().for_each(|Plain(speed)| loss.moved(*speed));
+            for Plain(speed) in speeds {
+                loss.moved(speed);
+            }
         }
         Ok(())
     }
