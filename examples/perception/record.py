@@ -26,9 +26,16 @@ TILE_STEP = 4
 
 
 def network(folder: Path, source: str) -> NanoDet:
-    """A source's network."""
+    """A source's network.
+
+    Raises:
+        FileNotFoundError: if it is not there.
+    """
     height, width = SIZES[source]
-    return NanoDet(folder / f"nanodet-{width}x{height}.onnx")
+    path = folder / f"nanodet-{width}x{height}.onnx"
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: no network; `run` makes it")
+    return NanoDet(path)
 
 
 def offline(east: NanoDet, images: list[NDArray[np.uint8]], whole: list[Boxes]) -> list[Boxes]:
@@ -44,7 +51,21 @@ def main() -> int:
     if len(sys.argv) not in (3, 4):
         print(__doc__, file=sys.stderr)
         return 2
-    files, models = jpegs(Path(sys.argv[1]))[:COUNT], Path(sys.argv[2])
+    try:
+        return record(Path(sys.argv[1]), Path(sys.argv[2]), Path((*sys.argv, KEPT)[3]))
+    except OSError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+
+
+def record(folder: Path, models: Path, out: Path) -> int:
+    """Record what each network finds.
+
+    Raises:
+        OSError: if there are no frames or no network, or the file cannot be written.
+    """
+    if not (files := jpegs(folder)[:COUNT]):
+        raise FileNotFoundError(f"{folder}: no frames; `run` makes them")
     images = [decode(file.read_bytes()) for file in files]
     found, seconds = {}, {}
     for source in SOURCES:
@@ -65,7 +86,6 @@ def main() -> int:
         found,
         people,
     )
-    out = Path(sys.argv[3]) if len(sys.argv) == 4 else KEPT
     kept.save(out)
     print(f"{out}: {len(kept)} frames, {sum(map(len, people))} people, {out.stat().st_size} bytes")
     return 0

@@ -178,11 +178,14 @@ def parse() -> argparse.Namespace:
 def main() -> int:
     """Drives."""
     options = parse()
-    kept = load(KEPT)
-    run = LiveRun(options, replace(kept, rate=options.rate or kept.rate))
-    servers = start_servers(options.models, options.start)
+    kept, servers = load(KEPT), {}
     try:
+        run = LiveRun(options, replace(kept, rate=options.rate or kept.rate))
+        servers = start_servers(options.models, options.start)
         asyncio.run(run.drive(servers))
+    except OSError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
     finally:
         for server in servers.values():
             server.kill()
