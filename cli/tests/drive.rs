@@ -261,18 +261,18 @@ const DONE: &str = r#"while read -r line; do echo '{"ev":"done"}'; done"#;
 
 #[test]
 fn each_way_to_misbehave_has_its_words() {
-    let garbage = r#"read -r line; echo '{"ev":"dne"}'; sleep 60"#;
+    let garbage = r#"read -r line; echo '{"ev":"dne"}'; sleep 600"#;
     let echo = r#"read -r line; echo "$line""#;
     let endless = r#"read -r line; yes '{"ev":"miss","at":0,"t":0}'"#;
-    let long = "read -r line; head -c 100000 /dev/zero | tr '\\0' x; sleep 60";
+    let long = "read -r line; head -c 100000 /dev/zero | tr '\\0' x; sleep 600";
     let twice = r#"while read -r line; do echo '{"ev":"done"}'; echo '{"ev":"done"}'; done"#;
-    let closes = "read -r line; exec >&-; sleep 60";
-    let lingers = &format!("{DONE}; sleep 60");
+    let closes = "read -r line; exec >&-; sleep 600";
+    let lingers = &format!("{DONE}; sleep 600");
     let fails = &format!("{DONE}; exit 3");
     let crashes = &format!("{DONE}; kill -ABRT $$");
     let dies = r#"read -r line; echo '{"ev":"done"}'; kill -9 $$"#;
     for (script, words) in [
-        ("sleep 60", "it did not answer within 0.5 s; an output that is not flushed"),
+        ("sleep 600", "it did not answer within 0.5 s; an output that is not flushed"),
         ("exit 3", "it ended before it answered: exit status: 3"),
         (dies, "it ended before it answered: signal: 9"),
         (closes, "it closed its output before it answered"),
@@ -294,7 +294,7 @@ fn each_way_to_misbehave_has_its_words() {
         let driven = run(&args, inputs);
         assert_eq!(driven.status.code(), Some(1), "{script}: {}", err(&driven));
         assert!(out(&driven).contains(words), "{script}: {words} is not in\n{}", out(&driven));
-        let waits_less = since.elapsed() < Duration::from_secs(50);
+        let waits_less = since.elapsed() < Duration::from_secs(300);
         assert!(waits_less, "{script}: it was waited for");
     }
 }
@@ -311,11 +311,11 @@ fn a_command_that_dies_complains_once_and_every_case_of_the_corpus_is_tried() {
 #[test]
 fn a_command_that_answers_nothing_is_given_five_seconds() {
     let since = Instant::now();
-    let driven = drive(&[], &["sh", "-c", "sleep 60"]);
+    let driven = drive(&[], &["sh", "-c", "sleep 600"]);
     assert_eq!(driven.status.code(), Some(1));
     assert!(out(&driven).contains("it did not answer within 5 s"), "{}", out(&driven));
     assert!(out(&driven).contains("sent last {\"fuseline\":1"), "{}", out(&driven));
-    assert!((5..30).contains(&since.elapsed().as_secs()));
+    assert!((5..300).contains(&since.elapsed().as_secs()));
 }
 
 #[test]

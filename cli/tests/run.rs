@@ -12,7 +12,7 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::channel;
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use common::{err, fuseline, out, run};
 use running::{adds_up, report, run_in, sum};
@@ -379,17 +379,43 @@ fn a_failed_run_leaves_an_earlier_trace_as_it_was() {
     assert_eq!(fs::read_to_string(&trace).unwrap(), "earlier");
 }
 
+/// A run of one frame a second: what is gathered takes minutes to be as much as is written at once.
+#[cfg(unix)]
+fn slow_run(directory: &Path) -> Child {
+    fuseline(&["run", "--seconds", "3600", "--rate", "1", "--trace", "t.jsonl"])
+        .current_dir(directory)
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap()
+}
+
+/// Waits until so many messages are answered in a trace; returns how many bytes it has then.
+#[cfg(unix)]
+fn until_recorded(trace: &Path, messages: usize) -> usize {
+    let mut text = String::new();
+    until(|| {
+        text = fs::read_to_string(trace).unwrap_or_default();
+        text.matches(r#""ev":"emit""#).count() >= messages
+    });
+    text.len()
+}
+
+#[cfg(unix)]
+fn until(mut is_so: impl FnMut() -> bool) {
+    let start = Instant::now();
+    while !is_so() {
+        assert!(start.elapsed() < Duration::from_secs(60), "it never is");
+        thread::sleep(Duration::from_millis(20));
+    }
+}
+
 #[cfg(unix)]
 #[test]
 fn what_is_lost_when_a_run_is_killed_is_its_last_second() {
     let dir = tempdir().unwrap();
-    let mut child = fuseline(&["run", "--seconds", "3600", "--trace", "t.jsonl"])
-        .current_dir(dir.path())
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .spawn()
-        .unwrap();
-    thread::sleep(Duration::from_secs(4));
+    let mut child = slow_run(dir.path());
+    until_recorded(&dir.path().join("t.jsonl"), 4);
     child.kill().unwrap();
     child.wait().unwrap();
     assert_eq!(names(dir.path()), ["t.jsonl"]);
@@ -397,34 +423,37 @@ fn what_is_lost_when_a_run_is_killed_is_its_last_second() {
     let checked = run(&["check", "--truncated", "--json", trace.to_str().unwrap()], "");
     assert_eq!(checked.status.code(), Some(0), "{}", err(&checked));
     let verdict: Value = serde_json::from_str(out(&checked)).unwrap();
-    // Ten frames a second; the machine may be slow to start it.
-    assert!(verdict["judged"].as_u64().unwrap() >= 10, "{verdict}");
+    assert!(verdict["judged"].as_u64().unwrap() >= 4, "{verdict}");
 }
 
-#[cfg(unix)]
+#[cfg(target_os = "linux")]
 #[test]
 fn a_run_under_way_is_followed() {
     let dir = tempdir().unwrap();
-    let mut run = fuseline(&["run", "--seconds", "3600", "--trace", "t.jsonl"])
-        .current_dir(dir.path())
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .spawn()
-        .unwrap();
-    thread::sleep(Duration::from_secs(1));
+    let trace = dir.path().join("t.jsonl");
+    let mut run = slow_run(dir.path());
+    until_recorded(&trace, 1);
     let follower = fuseline(&["check", "--follow", "--json", "t.jsonl"])
         .current_dir(dir.path())
         .stdout(Stdio::piped())
         .spawn()
         .unwrap();
-    thread::sleep(Duration::from_secs(3));
+    let recorded = until_recorded(&trace, 3);
+    let positions = format!("/proc/{}/fdinfo", follower.id());
+    until(|| {
+        let files = fs::read_dir(&positions).unwrap().flatten();
+        let known = files.filter_map(|file| fs::read_to_string(file.path()).ok());
+        let read =
+            known.filter_map(|file| file.strip_prefix("pos:\t")?.lines().next()?.parse().ok());
+        read.max() >= Some(recorded)
+    });
     interrupt(&follower);
     let printed = follower.wait_with_output().unwrap();
     interrupt(&run);
     run.wait().unwrap();
     assert_eq!(printed.status.code(), Some(0), "{}", out(&printed));
     let verdict: Value = serde_json::from_str(out(&printed)).unwrap();
-    assert!(verdict["judged"].as_u64().unwrap() >= 5, "{verdict}");
+    assert!(verdict["judged"].as_u64().unwrap() >= 3, "{verdict}");
 }
 
 /// D10, D15: no file may be longer than 16 KiB here, so that the disk is full then.
