@@ -99,7 +99,7 @@ fn main() {
         "AP and latency of answers, calls of clouds; processor time: medians of {turns} turns"
     );
     println!("{:52} AP  p50 ms  p99 ms  late  calls  µs", "");
-    let before_on_board = WANTED_WITHIN - Duration::from_micros(ON_BOARD.0);
+    let before_on_board = WANTED_WITHIN.saturating_sub(Duration::from_micros(ON_BOARD.0));
     let uses = [
         ("hedge, limit 500 ms, then on board", DetectorUse::HedgeThenOnBoard(WANTED_WITHIN)),
         ("hedge, limit 198 ms, then on board", DetectorUse::HedgeThenOnBoard(before_on_board)),
