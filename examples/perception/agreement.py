@@ -24,7 +24,7 @@ ANNOTATIONS = Path(__file__).with_name("annotations.json")
 Annotations: TypeAlias = dict[int, Boxes]
 
 
-class Agreement(NamedTuple):
+class BoxAgreement(NamedTuple):
     """How two sets of boxes agree."""
 
     #: Pairs that overlap by half.
@@ -45,7 +45,7 @@ def read(path: Path = ANNOTATIONS) -> tuple[Annotations, Annotations]:
     return _pass(passes["first"]), _pass(passes["again"])
 
 
-def agreement(one: Annotations, other: Annotations) -> Agreement:
+def agreement(one: Annotations, other: Annotations) -> BoxAgreement:
     """How two sets agree on the frames that the second has; who overlaps most is who."""
     shared: list[float] = []
     counts = [0, 0]
@@ -57,7 +57,7 @@ def agreement(one: Annotations, other: Annotations) -> Agreement:
             i, j = np.unravel_index(np.argmax(pairs), pairs.shape)
             shared.append(float(pairs[i, j]))
             pairs[i], pairs[:, j] = -1.0, -1.0
-    return Agreement(len(shared), (counts[0], counts[1]), float(np.mean(shared or [0.0])))
+    return BoxAgreement(len(shared), (counts[0], counts[1]), float(np.mean(shared or [0.0])))
 
 
 def _pass(frames: dict[str, list[list[float]]]) -> Annotations:
@@ -70,7 +70,7 @@ def _pass(frames: dict[str, list[list[float]]]) -> Annotations:
     return annotations
 
 
-def _print(words: str, found: Agreement) -> None:
+def _print(words: str, found: BoxAgreement) -> None:
     one, other = found.counts
     print(f"{words}: {found.agreed} agree of {one} and {other}, overlap {found.overlap:.2f}")
 

@@ -26,7 +26,7 @@ FROZEN = 416
 CHANNELS_FIRST = (0, 2, 3, 1)
 
 
-class Tensor(NamedTuple):
+class OnnxValue(NamedTuple):
     """A value of the ONNX graph."""
 
     name: str
@@ -42,7 +42,7 @@ class Converter:
         self._graph, self._size = graph, (height, width)
         self._nodes: list[onnx.NodeProto] = []
         self._constants: list[onnx.TensorProto] = []
-        self._tensors: dict[str, Tensor] = {}
+        self._tensors: dict[str, OnnxValue] = {}
 
     def convert(self) -> onnx.ModelProto:
         """The model: image in, all outputs of the graph out."""
@@ -59,13 +59,13 @@ class Converter:
         onnx.checker.check_model(model)
         return model
 
-    def _tensor(self, name: str) -> Tensor:
+    def _tensor(self, name: str) -> OnnxValue:
         name = name.removesuffix(":0")
         if name not in self._tensors:
             value = self._graph.constant(name)
             node = self._graph.nodes[name.split(":")[0]]
             if value is not None:
-                self._tensors[name] = Tensor(self._constant(value), value.shape, False)
+                self._tensors[name] = OnnxValue(self._constant(value), value.shape, False)
             elif method := getattr(self, f"_{node.op.strip('_').lower()}", None):
                 self._tensors[node.name] = method(node)
             else:
@@ -79,17 +79,17 @@ class Converter:
         shape: Sequence[int],
         is_image: bool,
         **attributes: object,
-    ) -> Tensor:
+    ) -> OnnxValue:
         name = f"value{len(self._nodes)}"
         self._nodes.append(helper.make_node(op, inputs, [name], **attributes))
-        return Tensor(name, tuple(int(it) for it in shape), is_image)
+        return OnnxValue(name, tuple(int(it) for it in shape), is_image)
 
     def _constant(self, value: Constant) -> str:
         name = f"constant{len(self._constants)}"
         self._constants.append(numpy_helper.from_array(np.ascontiguousarray(value), name))
         return name
 
-    def _image(self, name: str) -> Tensor:
+    def _image(self, name: str) -> OnnxValue:
         """A value with channels first."""
         tensor = self._tensor(name)
         if tensor.is_image:
@@ -97,7 +97,7 @@ class Converter:
         shape = [tensor.shape[it] for it in (0, 3, 1, 2)]
         return self._emit("Transpose", [tensor.name], shape, True, perm=(0, 3, 1, 2))
 
-    def _plain(self, name: str) -> Tensor:
+    def _plain(self, name: str) -> OnnxValue:
         """A value as TensorFlow has it."""
         tensor = self._tensor(name)
         if not tensor.is_image:
@@ -107,13 +107,13 @@ class Converter:
 
     # What each operation becomes.
 
-    def _placeholder(self, node: GraphNode) -> Tensor:
-        return Tensor("image", (1, 3, *self._size), node.sizes("shape")[3] == 3)
+    def _placeholder(self, node: GraphNode) -> OnnxValue:
+        return OnnxValue("image", (1, 3, *self._size), node.sizes("shape")[3] == 3)
 
-    def _identity(self, node: GraphNode) -> Tensor:
+    def _identity(self, node: GraphNode) -> OnnxValue:
         return self._tensor(node.inputs[0])
 
-    def _transpose(self, node: GraphNode) -> Tensor:
+    def _transpose(self, node: GraphNode) -> OnnxValue:
         order = [int(it) for it in self._graph.known(node.inputs[1])]
         tensor = self._tensor(node.inputs[0])
         if (order == [0, 3, 1, 2] and tensor.is_image) or (
@@ -124,12 +124,12 @@ class Converter:
         shape = [tensor.shape[it] for it in order]
         return self._emit("Transpose", [tensor.name], shape, False, perm=order)
 
-    def _conv2d(self, node: GraphNode) -> Tensor:
+    def _conv2d(self, node: GraphNode) -> OnnxValue:
         weights = self._graph.known(node.inputs[1]).transpose(3, 2, 0, 1)
         groups = self._image(node.inputs[0]).shape[1] // weights.shape[1]
         return self._convolve(node, weights, groups)
 
-    def _depthwiseconv2dnative(self, node: GraphNode) -> Tensor:
+    def _depthwiseconv2dnative(self, node: GraphNode) -> OnnxValue:
         weights = self._graph.known(node.inputs[1])
         height, width, channels, times = weights.shape
         weights = weights.transpose(2, 3, 0, 1).reshape(channels * times, 1, height, width)
@@ -137,7 +137,7 @@ class Converter:
 
     _fusedconv2d, _fuseddepthwiseconv2dnative = _conv2d, _depthwiseconv2dnative
 
-    def _convolve(self, node: GraphNode, weights: Constant, groups: int) -> Tensor:
+    def _convolve(self, node: GraphNode, weights: Constant, groups: int) -> OnnxValue:
         image, fused = self._image(node.inputs[0]), node.words("fused_ops")
         strides = node.integers("strides")[1:3]
         dilations = (node.integers("dilations") or [1] * 4)[1:3]
@@ -167,7 +167,7 @@ class Converter:
                 raise ValueError(f"{node.name}: a fused {op} is not converted")
         return tensor
 
-    def _maxpool(self, node: GraphNode) -> Tensor:
+    def _maxpool(self, node: GraphNode) -> OnnxValue:
         image = self._image(node.inputs[0])
         spans, strides = node.integers("ksize")[1:3], node.integers("strides")[1:3]
         pads, sizes = padding(image.shape[2:], spans, strides, node.word("padding"))
@@ -176,7 +176,7 @@ class Converter:
             "MaxPool", [image.name], shape, True, kernel_shape=spans, strides=strides, pads=pads
         )
 
-    def _pad(self, node: GraphNode) -> Tensor:
+    def _pad(self, node: GraphNode) -> OnnxValue:
         tensor, pads = self._tensor(node.inputs[0]), self._graph.known(node.inputs[1])
         if tensor.is_image:
             pads = pads[[0, 3, 1, 2]]
@@ -192,38 +192,38 @@ class Converter:
 
     _padv2 = _pad
 
-    def _leakyrelu(self, node: GraphNode) -> Tensor:
+    def _leakyrelu(self, node: GraphNode) -> OnnxValue:
         tensor = self._tensor(node.inputs[0])
         slope = node.number("alpha", 0.2)
         return self._emit("LeakyRelu", [tensor.name], tensor.shape, tensor.is_image, alpha=slope)
 
-    def _sigmoid(self, node: GraphNode) -> Tensor:
+    def _sigmoid(self, node: GraphNode) -> OnnxValue:
         tensor = self._tensor(node.inputs[0])
         return self._emit("Sigmoid", [tensor.name], tensor.shape, tensor.is_image)
 
-    def _add(self, node: GraphNode) -> Tensor:
+    def _add(self, node: GraphNode) -> OnnxValue:
         return self._pairwise("Add", node)
 
     _addv2 = _add
 
-    def _mul(self, node: GraphNode) -> Tensor:
+    def _mul(self, node: GraphNode) -> OnnxValue:
         return self._pairwise("Mul", node)
 
-    def _pairwise(self, op: str, node: GraphNode) -> Tensor:
+    def _pairwise(self, op: str, node: GraphNode) -> OnnxValue:
         is_image = any(self._tensor(it).is_image for it in node.inputs)
         sides = [self._side(it) if is_image else self._tensor(it) for it in node.inputs]
         shape = np.broadcast_shapes(*(it.shape for it in sides))
         return self._emit(op, [it.name for it in sides], shape, is_image)
 
-    def _side(self, name: str) -> Tensor:
+    def _side(self, name: str) -> OnnxValue:
         """An image, or a constant that is broadcast to one."""
         value = self._graph.constant(name)
         if value is None:
             return self._image(name)
         value = value.reshape((1,) * (4 - value.ndim) + value.shape).transpose(0, 3, 1, 2)
-        return Tensor(self._constant(value), value.shape, True)
+        return OnnxValue(self._constant(value), value.shape, True)
 
-    def _concatv2(self, node: GraphNode) -> Tensor:
+    def _concatv2(self, node: GraphNode) -> OnnxValue:
         *parts, axis = node.inputs
         number = int(self._graph.known(axis).ravel()[0])
         is_image = any(self._tensor(it).is_image for it in parts)
@@ -234,7 +234,7 @@ class Converter:
         shape[number] = sum(it.shape[number] for it in tensors)
         return self._emit("Concat", [it.name for it in tensors], shape, is_image, axis=number)
 
-    def _splitv(self, node: GraphNode) -> Tensor:
+    def _splitv(self, node: GraphNode) -> OnnxValue:
         tensor = self._tensor(node.inputs[0])
         sizes = [int(it) for it in self._graph.known(node.inputs[1])]
         axis = int(self._graph.known(node.inputs[2]).ravel()[0]) % len(tensor.shape)
@@ -244,10 +244,10 @@ class Converter:
         self._nodes.append(helper.make_node("Split", inputs, names, axis=axis))
         for name, size in zip(names, sizes, strict=True):
             shape = (*tensor.shape[:axis], size, *tensor.shape[axis + 1 :])
-            self._tensors[name] = Tensor(name, shape, tensor.is_image)
+            self._tensors[name] = OnnxValue(name, shape, tensor.is_image)
         return self._tensors[names[0]]
 
-    def _resizebilinear(self, node: GraphNode) -> Tensor:
+    def _resizebilinear(self, node: GraphNode) -> OnnxValue:
         image = self._image(node.inputs[0])
         # By what it grows is the same at each size.
         target = int(self._graph.known(node.inputs[1]).ravel()[0])
@@ -260,7 +260,7 @@ class Converter:
             mode="linear", coordinate_transformation_mode=mode,
         )  # fmt: skip
 
-    def _reshape(self, node: GraphNode) -> Tensor:
+    def _reshape(self, node: GraphNode) -> OnnxValue:
         tensor = self._plain(node.inputs[0])
         shape = [int(it) for it in self._graph.known(node.inputs[1])]
         if len(shape) == 3 and len(tensor.shape) == 4:  # a head: its cells in a row

@@ -45,7 +45,7 @@ class Playthrough:
     byte_count: int
 
 
-class Drive:
+class KeptDrive:
     """The kept detections over the networks from one start."""
 
     def __init__(self, kept: KeptDetections, start: int) -> None:
@@ -144,7 +144,7 @@ class Drive:
             yield frame
 
 
-class Policies:
+class MeasuredPolicies:
     """Policies made of how well the sources do on these frames."""
 
     def __init__(self, kept: KeptDetections) -> None:

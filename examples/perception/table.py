@@ -22,7 +22,7 @@ from fuseline.forecast import Forecast
 from detections import KEPT, SOURCES, KeptDetections, load
 from emulation import STARTS
 from metrics import BoxMatches, match, precision
-from play import DEADLINE, Drive, Playthrough, Policies
+from play import DEADLINE, KeptDrive, MeasuredPolicies, Playthrough
 
 COMMITS = ("eager", "patient", "progressive")
 NO_BOXES = np.zeros((0, 5))
@@ -110,12 +110,12 @@ class Scorer:
         return self._known[key]
 
 
-def approaches(kept: KeptDetections) -> Iterable[tuple[str, Callable[[Drive], Playthrough]]]:
+def approaches(kept: KeptDetections) -> Iterable[tuple[str, Callable[[KeptDrive], Playthrough]]]:
     """Each with its name."""
     for source in SOURCES:
         yield f"{source} alone", lambda drive, source=source: drive.alone(source)  # type: ignore[misc]
-    yield "first response", Drive.first_response
-    for name, policy in Policies(kept).named():
+    yield "first response", KeptDrive.first_response
+    for name, policy in MeasuredPolicies(kept).named():
         for commit in COMMITS:
             yield (
                 f"{commit}, {name}",
@@ -130,7 +130,7 @@ def compare(
     scorer = Scorer(kept)
     wanted = None if names is None else set(names)
     return {
-        name: [scorer.score(play(Drive(kept, start))) for start in range(starts)]
+        name: [scorer.score(play(KeptDrive(kept, start))) for start in range(starts)]
         for name, play in approaches(kept)
         if wanted is None or name in wanted
     }

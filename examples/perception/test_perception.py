@@ -13,7 +13,7 @@ from detections import SOURCES, load
 from emulation import NETWORKS, STARTS, delay, delay_at
 from emulation import load as load_network
 from metrics import Boxes, match, mean_overlap, overlaps, precision
-from play import Drive, Policies
+from play import KeptDrive, MeasuredPolicies
 from reference import reference
 from table import compare, mean
 
@@ -115,7 +115,7 @@ class Comparison(unittest.TestCase):
         for commit in ("eager", "progressive"):
             with self.subTest(commit=commit), tempfile.TemporaryDirectory() as folder:
                 trace = Path(folder) / "run.jsonl"
-                Drive(KEPT, 2).fused(commit, Policies(KEPT).streaming, str(trace))
+                KeptDrive(KEPT, 2).fused(commit, MeasuredPolicies(KEPT).streaming, str(trace))
                 verdict = fuseline.check(trace)
                 self.assertTrue(verdict.conforms, verdict)
                 self.assertEqual(verdict.judged, len(KEPT))
