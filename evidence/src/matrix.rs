@@ -272,6 +272,10 @@ fn row(
     }
 }
 
+/// The kinds of what is promised of adapters.
+const AROUND: [&str; 7] =
+    ["operator", "grpc", "recorder", "simulation", "ros2", "command", "python"];
+
 /// What a rule or promise must have and has not, by the results that are not older. An ambiguity is a reading of one and
 /// needs nothing of its own.
 fn lacks(
@@ -290,9 +294,7 @@ fn lacks(
     let around = match row.id.split_at(1) {
         ("T", "4") => &[][..],
         ("T", _) => &["policy"][..],
-        ("D", _) => {
-            &["operator", "grpc", "recorder", "simulation", "ros2", "command", "python"][..]
-        }
+        ("D", _) => &AROUND[..],
         ("E", _) => &["pipeline"][..],
         ("J", _) => &["judge"][..],
         _ => &[][..],
