@@ -151,7 +151,7 @@ fn the_error_of_each_recording_is_reported_and_the_others_are_whole() {
                 (0..9).map(|part| fs::read_to_string(Recorder::part(&folders[index].1, part)));
             parts.flatten().map(|part| part.lines().count()).sum::<usize>()
         };
-        assert!(lines(1 - broken) > 3 * 100 && lines(broken) <= 3 * 100);
+        assert!(lines(1 - broken) > 300 && lines(broken) <= 300);
     }
 }
 
