@@ -168,6 +168,19 @@ fn only_a_cached_plan_is_fast_enough_for_the_person() {
 }
 
 #[test]
+fn of_several_hypotheses_the_likeliest_is_planned_first_and_the_last_comes_late() {
+    let all = ["jaywalking", "--hypothesis", "door=0.1,car=0.4,cyclist=0.2,person=0.3"];
+    let printed = json(&all);
+    let rows = printed["hypotheses"].as_array().unwrap();
+    let names: Vec<&Value> = rows.iter().map(|row| &row["name"]).collect();
+    assert_eq!(names, ["car", "person", "cyclist", "door"]);
+    let cached: Vec<&Value> = rows.iter().map(|row| &row["cached"]).collect();
+    assert_eq!(cached, [true, true, true, false]);
+    let text = scenario(&all);
+    assert!(text.ends_with("The mean response by probability is 0.410 s.\n"), "{text}");
+}
+
+#[test]
 fn recorded_networks_give_the_table_of_the_specification() {
     let printed = json(&["networks", "--speed", "20,22", "--starts", "100"]);
     let rows = printed["rows"].as_array().unwrap();

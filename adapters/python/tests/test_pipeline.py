@@ -108,8 +108,8 @@ def test_sets_may_be_of_the_latest_message_and_are_due_by_the_aligned_ones(run: 
                 joined = await join.read()
                 assert joined is not None and joined.lineage is not None
                 it = joined.lineage
-                assert it.captured is not None and isinstance(it.within, int)
-                due = (it.captured + it.within - start) // 1_000_000
+                assert it.captured is not None and isinstance(it.within, fuseline.ns)
+                due = (it.captured + int(it.within) - start) // 1_000_000
                 found.append((it.origin, it.seq, due, it.missing))
             assert found == [("camera", 7, 90, ("right",)), ("control", 1, 140, ("plan",))]
 
