@@ -128,6 +128,7 @@ struct LatestSource<S> {
 }
 
 struct LatestValue<S> {
+    captured: Option<std::time::Instant>,
     lineage: Option<Arc<Lineage>>,
     arrived: Instant,
     put: Box<dyn Fn(&mut S) + Send>,
@@ -318,7 +319,9 @@ impl<S: Default + Send + Sync + 'static> Join<S> {
                 let StreamMessage { message, lineage, .. } = message?;
                 let (put, of) = (Arc::clone(&put), lineage.clone());
                 let put = move |set: &mut S| put(set, Arc::clone(&message), of.as_deref());
-                Some(LatestValue { lineage, arrived: Instant::now(), put: Box::new(put) })
+                let captured = lineage.as_ref().and_then(|lineage| lineage.captured);
+                let (arrived, put) = (Instant::now(), Box::new(put));
+                Some(LatestValue { captured, lineage, arrived, put })
             });
         };
         let poll = Box::new(poll);
@@ -418,16 +421,16 @@ impl<S: Default + Send + Sync + 'static> JoinTask<S> {
             let (now, mut of) = (Instant::now(), None);
             for latest in &self.latest {
                 let is_fresh = |value: &&LatestValue<S>| {
-                    let captured = value.lineage.as_ref().and_then(|lineage| lineage.captured);
-                    let since = captured.map_or(value.arrived, Instant::from_std);
+                    let since = value.captured.map_or(value.arrived, Instant::from_std);
                     now.saturating_duration_since(since) <= latest.max_age
                 };
                 match latest.value.as_ref().filter(is_fresh) {
-                    Some(value) => {
-                        guarded(|| (value.put)(&mut joined.set));
-                        of = of.or(value.lineage.as_deref().filter(|_| latest.is_origin));
-                    }
+                    Some(value) => guarded(|| (value.put)(&mut joined.set)),
                     None => joined.missing.push(Arc::clone(&latest.name)),
+                }
+                if latest.is_origin {
+                    let value = latest.value.as_ref().filter(is_fresh);
+                    of = value.and_then(|value| value.lineage.as_deref());
                 }
             }
             joined.lineage = Lineage::of_set(joined.lineage, &joined.missing, of, now);
