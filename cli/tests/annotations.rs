@@ -47,7 +47,7 @@ fn a_replay_copies_of_and_the_judge_finds_the_value_of_another_message() {
 
 /// J2, with its name and rule wherever verdicts are written.
 #[test]
-fn an_output_after_the_messages_own_deadline_is_told_as_observed() {
+fn an_output_after_the_messages_own_deadline_is_reported_as_observed() {
     let late = r#"{"fuseline":1,"window":4,"clouds":[]}
 {"ev":"open","at":0,"t":5,"within":50000000}
 {"ev":"result","at":90000000,"t":5,"p":0}

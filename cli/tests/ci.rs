@@ -116,7 +116,7 @@ fn both_templates_fail_where_a_cloud_answers_nothing() {
 }
 
 #[test]
-fn an_earlier_runs_results_do_not_stay_and_wrong_use_is_told() {
+fn an_earlier_runs_results_do_not_stay_and_wrong_use_is_reported() {
     let dir = tempfile::tempdir().unwrap();
     let judge = format!("'{CLI}/ci/judge'");
     let good = corpus("f5-same-due-fires-together.jsonl");

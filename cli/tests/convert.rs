@@ -86,7 +86,7 @@ fn rows_of_one_instant_keep_their_order_when_they_are_sorted() {
 
 /// D10.
 #[test]
-fn a_row_that_is_none_is_told_with_its_line_and_writes_nothing() {
+fn a_row_that_is_none_is_reported_with_its_line_and_writes_nothing() {
     for (row, line, printed) in [
         ("40,answer,7,0,,", 4, "unknown event \"answer\""),
         ("40,result,7,,,", 4, "key \"p\" is missing"),
@@ -200,7 +200,7 @@ fn messages_become_a_trace_however_they_are_packed() {
 }
 
 #[test]
-fn a_message_that_is_none_and_a_file_cut_short_are_told() {
+fn a_message_that_is_none_and_a_file_cut_short_are_reported() {
     let refused = |bytes: &[u8], more: &[&str]| {
         let dir = tempdir().unwrap();
         let path = dir.path().join("drive.mcap");

@@ -81,7 +81,7 @@ fn a_table_says_why() {
 }
 
 #[test]
-fn what_makes_no_sense_is_told_in_one_line_with_a_remedy() {
+fn what_makes_no_sense_is_reported_in_one_line_with_a_remedy() {
     let observed = &["--speed", "20", "--observed", "-"];
     let cases: [(&[&str], &str, &str); 14] = [
         (&[], "", "--speed <V,V,…>; see --help"),

@@ -105,7 +105,7 @@ fn the_example_in_cpp_conforms() {
 }
 
 #[test]
-fn each_mistake_is_found_and_told_in_a_few_inputs() {
+fn each_mistake_is_found_and_reported_in_a_few_inputs() {
     if !has("python3") {
         return;
     }
@@ -131,7 +131,7 @@ fn each_mistake_is_found_and_told_in_a_few_inputs() {
 }
 
 #[test]
-fn a_difference_is_told_saved_judged_and_shown_again() {
+fn a_difference_is_reported_saved_judged_and_shown_again() {
     if !has("python3") {
         return;
     }
@@ -338,7 +338,7 @@ fn what_cannot_be_started_or_read_is_one_line_and_exit_2() {
 }
 
 #[test]
-fn a_command_without_its_dashes_is_told_what_to_type() {
+fn a_command_without_its_dashes_has_a_remedy() {
     for (args, typed) in [
         (&["drive", "python3", "my arbiter.py"][..], "drive -- python3 'my arbiter.py'"),
         (&["drive", "--cases", "7", "./arbiter"], "drive --cases 7 -- ./arbiter"),
@@ -370,7 +370,7 @@ fn results_do_not_go_onto_what_is_driven() {
 }
 
 #[test]
-fn ctrl_c_kills_the_command_with_its_children_and_tells_the_verdict_so_far() {
+fn ctrl_c_kills_the_command_with_its_children_and_reports_the_verdict_so_far() {
     let dir = tempfile::tempdir().unwrap();
     let pids = dir.path().join("pids");
     let script = format!("sleep 600 & echo $$ $! > {0}.new; mv {0}.new {0}; wait", pids.display());

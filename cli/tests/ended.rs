@@ -75,7 +75,7 @@ fn a_hang_is_seen_strictly_too() {
 
 /// J1.
 #[test]
-fn gaps_between_opens_are_told_where_a_period_is() {
+fn gaps_between_opens_are_reported_where_a_period_is() {
     let answered = format!("{HANG}{{\"ev\":\"emit\",\"at\":140000000,\"t\":1,\"p\":0}}\n");
     assert_eq!(observed(&["--period", "93ms"], &answered).0, Some(0));
     let (code, printed) = observed(&["--period", "92ms"], &answered);
@@ -100,7 +100,7 @@ fn gaps_between_opens_are_told_where_a_period_is() {
 }
 
 #[test]
-fn files_for_other_tools_and_the_page_tell_both() {
+fn files_for_other_tools_and_the_page_report_both() {
     let dir = tempdir().unwrap();
     let hang: String = HANG.split_inclusive('\n').take(6).collect();
     fs::write(dir.path().join("t.jsonl"), hang).unwrap();

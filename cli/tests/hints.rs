@@ -34,7 +34,7 @@ fn a_tolerance_that_swallows_deadlines_is_warned_of() {
 }
 
 #[test]
-fn strictly_an_observed_trace_is_told_how_to_be_judged() {
+fn strictly_an_observed_trace_has_a_remedy() {
     let judged = run(&["check"], RECORDED);
     assert_eq!(judged.status.code(), Some(1));
     assert!(err(&judged).contains("judge that with --observed --tolerance"), "{}", err(&judged));

@@ -120,7 +120,7 @@ seq;recv;sent;done;failed;own;out;winner
 }
 
 #[test]
-fn what_is_wrong_in_a_log_is_told_with_its_line() {
+fn what_is_wrong_in_a_log_is_reported_with_its_line() {
     let frames = "recv,out,winner,sent\n1,2,south,\n";
     for (text, name, args, expected) in [
         (

@@ -133,7 +133,7 @@ fn attributes_are_named_by_options() {
 }
 
 #[test]
-fn what_cannot_be_read_is_told_with_its_place() {
+fn what_cannot_be_read_is_reported_with_its_place() {
     let message = span("1", "", "decide", 1, [1, 9], &json!({}));
     let call = span("a", "1", "other", 3, [1, 8], &json!({}));
     let known = span("a", "1", "infer.Model/Infer", 3, [1, 8], &json!({}));

@@ -151,7 +151,7 @@ fn a_link_as_output_is_followed_and_stays() {
 
 /// D10.
 #[test]
-fn what_cannot_be_written_is_told_by_its_own_name_and_a_plain_cause() {
+fn what_cannot_be_written_is_reported_by_its_own_name_and_a_plain_cause() {
     let dir = directory();
     for (output, expected) in [
         ("none/x.json", "none/x.json: No such file or directory; "),
@@ -189,7 +189,7 @@ fn what_cannot_be_written_is_told_by_its_own_name_and_a_plain_cause() {
 
 /// D10.
 #[test]
-fn what_standard_output_does_not_take_is_told() {
+fn what_standard_output_does_not_take_is_reported() {
     let dir = directory();
     for command in [
         &["check", "t.jsonl"][..],

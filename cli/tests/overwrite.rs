@@ -74,7 +74,7 @@ fn a_file_that_is_named_and_exists_is_replaced_by_force_alone() {
 }
 
 #[test]
-fn a_name_that_is_not_given_is_numbered_and_told() {
+fn a_name_that_is_not_given_is_numbered_and_reported() {
     let dir = folder();
     let names = ["report.html", "report-2.html", "report-3.html"];
     for name in names {

@@ -243,7 +243,7 @@ fn bands(svg: &str) -> Vec<f64> {
 }
 
 #[test]
-fn a_recording_is_plotted_again_with_its_route_and_a_wrong_one_is_told() {
+fn a_recording_is_plotted_again_with_its_route_and_a_wrong_one_is_reported() {
     let dir = tempdir().unwrap();
     let mut text = "sent_ms,rtt_ms,lat,lon,queued\n".to_owned();
     for slot in 0..40_u32 {
@@ -401,7 +401,7 @@ fn ctrl_c_ends_a_probe_with_its_summary_and_a_whole_recording() {
 }
 
 #[test]
-fn a_token_is_asked_for_and_borne() {
+fn a_token_is_required_and_sent() {
     let dir = tempdir().unwrap();
     fs::write(dir.path().join("token"), "open-sesame\n").unwrap();
     let server = Server::start(dir.path(), &["--token-file", "token"]);
@@ -468,7 +468,7 @@ fn over_tls_only_the_right_certificates_and_token_are_answered() {
 
 #[cfg(target_os = "linux")]
 #[test]
-fn a_folder_that_takes_no_files_is_told_before_anything_is_measured() {
+fn a_folder_that_takes_no_files_is_reported_before_anything_is_measured() {
     let dir = tempdir().unwrap();
     let server = Server::start(dir.path(), &[]);
     fs::write(dir.path().join("file"), "").unwrap();

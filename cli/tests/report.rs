@@ -105,7 +105,7 @@ fn a_violation_stands_in_the_page_with_its_rule() {
 }
 
 #[test]
-fn a_failure_that_comes_after_its_timer_is_told_as_late() {
+fn a_failure_that_comes_after_its_timer_is_reported_as_late() {
     let dir = tempfile::tempdir().unwrap();
     let inputs = r#"{"fuseline":1,"window":2,"clouds":[{"p":1,"limit":9},{"p":2,"limit":9}]}
 {"ev":"open","at":0,"t":0}

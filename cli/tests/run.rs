@@ -100,7 +100,7 @@ fn deadlines(trace: &[Value]) -> Vec<u64> {
 }
 
 #[test]
-fn the_constant_is_told_beside_what_is_expected() {
+fn the_constant_is_reported_beside_what_is_expected() {
     let dir = tempdir().unwrap();
     let ran = run_in(dir.path(), &[&LOST[..], &["--deadline", "2000"]].concat());
     let report = report(&ran);
@@ -126,7 +126,7 @@ fn what_a_full_window_refuses_is_counted() {
 
 /// D11.
 #[test]
-fn the_tables_tell_what_the_trace_does() {
+fn the_tables_report_what_the_trace_does() {
     let dir = tempdir().unwrap();
     let ran = run_in(dir.path(), &["--seconds", "1", "--window", "1", "--trace", "t.jsonl"]);
     let trace = lines(&dir.path().join("t.jsonl"));
@@ -459,7 +459,7 @@ fn a_run_under_way_is_followed() {
 /// D10, D15: no file may be longer than 16 KiB here, so that the disk is full then.
 #[cfg(unix)]
 #[test]
-fn a_full_disk_is_told_and_the_run_goes_on_to_its_tables() {
+fn a_full_disk_is_reported_and_the_run_goes_on_to_its_tables() {
     let dir = tempdir().unwrap();
     let script = "trap '' XFSZ; ulimit -f 32; exec \"$0\" \"$@\"";
     let ran = Command::new("sh")

@@ -46,7 +46,7 @@ fn traces(folder: &Path) -> usize {
 const JAM: [&str; 2] = ["traffic-jam", "--cells-only"];
 
 #[test]
-fn the_cells_of_the_traffic_jam_are_told_with_their_parameters() {
+fn the_cells_of_the_traffic_jam_are_reported_with_their_parameters() {
     let printed = json(&[&JAM[..], &["--speed", "11,22", "--response", "0.75,1"]].concat());
     assert_eq!(printed["scenario"], "traffic-jam");
     assert_eq!(printed["parameters"]["vehicle"]["deceleration"], 7.5);
@@ -254,7 +254,7 @@ fn plots_and_a_page_are_left_whole_and_the_same_each_time() {
 }
 
 #[test]
-fn a_folder_that_takes_no_files_is_told_before_the_work() {
+fn a_folder_that_takes_no_files_is_reported_before_the_work() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("file").display().to_string();
     fs::write(&file, "").unwrap();
@@ -300,7 +300,7 @@ fn tables_stand_beside_the_papers_and_without_colours_in_a_pipe() {
 }
 
 #[test]
-fn what_makes_no_sense_is_told_in_one_line_with_a_remedy() {
+fn what_makes_no_sense_is_reported_in_one_line_with_a_remedy() {
     let cases: [(&[&str], &str); 12] = [
         (&["traffic-jam", "--speed", "0"], "write a number of m/s from 0.1 to 150; see --help"),
         (&["traffic-jam", "--deadline", "soon"], "write guard, expected or a number of seconds"),

@@ -109,7 +109,7 @@ fn a_server_elsewhere_answers_a_run() {
 
 /// D15.
 #[test]
-fn the_tables_tell_what_a_server_says_it_serves_and_of_a_difference() {
+fn the_tables_report_what_a_server_says_it_serves_and_of_a_difference() {
     let dir = tempdir().unwrap();
     let args = ["--model", "DETR-ResNet-101", "--drive", "vnperf/highway:sprint", "--start", "1"];
     let server = Server::start(dir.path(), &args);
@@ -279,7 +279,7 @@ fn without_a_ca_the_systems_authorities_are_taken() {
 }
 
 #[test]
-fn a_key_of_another_certificate_is_refused_before_an_address_is_told() {
+fn a_key_of_another_certificate_is_refused_before_an_address_is_reported() {
     let dir = certificates();
     let args = ["--listen", "127.0.0.1:0", "--cert", "server.pem", "--key", "client.key"];
     let ended = refused(dir.path(), &args, OsStr::new(""));
@@ -287,7 +287,7 @@ fn a_key_of_another_certificate_is_refused_before_an_address_is_told() {
 }
 
 #[test]
-fn a_token_of_the_environment_is_asked_for() {
+fn a_token_of_the_environment_is_required() {
     use std::os::unix::ffi::OsStrExt;
 
     let dir = tempdir().unwrap();
@@ -307,7 +307,7 @@ fn a_token_of_the_environment_is_asked_for() {
 }
 
 #[test]
-fn a_file_without_what_a_cloud_is_told_with_is_refused_at_the_start() {
+fn a_file_without_what_a_cloud_has_is_refused_at_the_start() {
     let dir = certificates();
     fs::write(dir.path().join("empty"), "\n").unwrap();
     for (files, expected) in [

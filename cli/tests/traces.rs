@@ -22,7 +22,7 @@ use flate2::write::GzEncoder;
 use serde_json::Value;
 
 #[test]
-fn check_tells_a_conforming_trace_with_how_much_was_judged() {
+fn check_reports_a_conforming_trace_with_how_much_was_judged() {
     let (_dir, paths) = files(&[("trace.jsonl", TRACE)]);
     let checked = run(&["check", text(&paths[0])], "");
     assert!(out(&checked).ends_with("conforms, 1 timestamp judged in 12 lines\n"));
@@ -32,7 +32,7 @@ fn check_tells_a_conforming_trace_with_how_much_was_judged() {
 }
 
 #[test]
-fn check_tells_a_violation_with_line_rule_and_story() {
+fn check_reports_a_violation_with_line_rule_and_story() {
     let (_dir, paths) = files(&[("bad.jsonl", &TRACE.replace("\"emit\"", "\"hold\""))]);
     let checked = run(&["check", text(&paths[0])], "");
     assert_eq!(checked.status.code(), Some(1));
@@ -106,7 +106,7 @@ const OBSERVED: &str = r#"{"fuseline":1,"window":4,"clouds":[{"p":1,"limit":31}]
 
 /// D16.
 #[test]
-fn check_observed_judges_within_the_tolerance_and_tells_how_late_it_was() {
+fn check_observed_judges_within_the_tolerance_and_reports_how_late_it_was() {
     let check = |tolerance: &str, lateness: &str, json: &[&str]| {
         let args = ["check", "--observed", "--tolerance", tolerance, "--lateness", lateness];
         run(&[&args[..], json].concat(), OBSERVED)
@@ -184,7 +184,7 @@ fn threads_that_take_turns_conform_as_observed_and_those_that_race_do_not() {
 
 /// D11: the exit code is that of the worst of them.
 #[test]
-fn many_files_are_judged_at_once_and_told_in_their_order() {
+fn many_files_are_judged_at_once_and_reported_in_their_order() {
     let bad = TRACE.replace("\"emit\"", "\"hold\"");
     let names: Vec<String> = (0..40).map(|i| format!("{i:02}.jsonl")).collect();
     let files: Vec<(&str, &str)> = (names.iter().enumerate())
@@ -206,7 +206,7 @@ fn many_files_are_judged_at_once_and_told_in_their_order() {
 /// D11.
 #[cfg(unix)]
 #[test]
-fn the_exit_code_tells_the_verdict_that_nobody_reads() {
+fn the_exit_code_reports_the_verdict_that_nobody_reads() {
     let bad = TRACE.replace("\"emit\"", "\"hold\"");
     let (_dir, paths) = files(&[("good.jsonl", TRACE), ("bad.jsonl", &bad)]);
     let page = paths[0].with_extension("html");
@@ -268,7 +268,7 @@ fn packed(text: &str) -> Vec<u8> {
 
 /// D10.
 #[test]
-fn what_a_crash_cut_off_is_judged_as_far_as_it_goes_if_that_is_asked_for() {
+fn what_a_crash_cut_off_is_judged_as_far_as_it_goes_if_that_is_requested() {
     let ends: Vec<usize> = TRACE.match_indices('\n').map(|(at, _)| at + 1).collect();
     for end in &ends[..ends.len() - 1] {
         let cut = &TRACE[..end + 5];
@@ -307,7 +307,7 @@ mod follow {
     use super::*;
 
     #[test]
-    fn a_violation_is_told_while_the_file_grows_and_ctrl_c_gives_the_verdict() {
+    fn a_violation_is_reported_while_the_file_grows_and_ctrl_c_gives_the_verdict() {
         let (_dir, paths) = files(&[("growing.jsonl", "")]);
         let mut file = fs::OpenOptions::new().append(true).open(&paths[0]).unwrap();
         let mut child = fuseline(&["check", "--follow", text(&paths[0])])

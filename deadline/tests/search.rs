@@ -194,7 +194,7 @@ const DEADLINES: [Deadline; 4] = [
 ];
 const T1: usize = 0;
 const GUARD: usize = 1;
-const GUARD_THAT_IS_TOLD: usize = 2;
+const GUARD_THAT_KNOWS: usize = 2;
 const HALF_A_SECOND: usize = 3;
 
 static IN_SIGHT: LazyLock<Search> = LazyLock::new(|| search(View::Free));
@@ -257,9 +257,9 @@ fn t2_the_guard_is_never_worse_for_what_is_in_sight_from_locals_range_on() {
 }
 
 #[test]
-fn t2_the_guard_is_never_worse_for_what_comes_into_sight_where_it_was_told() {
-    assert_eq!(HIDDEN.results[GUARD_THAT_IS_TOLD].worse, 0, "{HIDDEN:?}");
-    assert_eq!(IN_SIGHT.results[GUARD_THAT_IS_TOLD].worse, 0, "{IN_SIGHT:?}");
+fn t2_the_guard_is_never_worse_for_what_comes_into_sight_where_it_was_given() {
+    assert_eq!(HIDDEN.results[GUARD_THAT_KNOWS].worse, 0, "{HIDDEN:?}");
+    assert_eq!(IN_SIGHT.results[GUARD_THAT_KNOWS].worse, 0, "{IN_SIGHT:?}");
 }
 
 #[test]

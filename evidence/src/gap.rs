@@ -78,7 +78,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_of_brackets_alone_is_told_with_what_stands_before_it() {
+    fn a_line_of_brackets_alone_is_reported_with_what_stands_before_it() {
         let text = "fn f() {\n    loop {\n        g();\n    }\n}\n";
         let reported = |line| CoverageGap::at("f.rs", text, line, "never runs").line;
         assert_eq!(reported(3), "g();");

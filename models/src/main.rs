@@ -41,7 +41,7 @@ enum Command {
 
 #[derive(clap::Args)]
 #[command(after_help = "\
-A broken claim is told with a short run that breaks it, as a trace: `fuseline replay` shows what the
+A broken claim is printed with a short run that breaks it, as a trace: `fuseline replay` shows what the
 machine that it is built with does, `fuseline check` what it should do.
 
 Examples:

@@ -13,7 +13,7 @@ fn text(bytes: &[u8]) -> String {
 }
 
 #[test]
-fn what_holds_is_told_in_a_table_and_exits_with_0() {
+fn what_holds_is_reported_in_a_table_and_exits_with_0() {
     let output = models(&["check", "1x2w1"]);
     let out = text(&output.stdout);
     assert_eq!(output.status.code(), Some(0), "{out}");
@@ -40,7 +40,7 @@ fn json_is_one_object_a_configuration() {
 }
 
 #[test]
-fn an_unknown_configuration_is_told_in_one_line_and_exits_with_2() {
+fn an_unknown_configuration_is_reported_in_one_line_and_exits_with_2() {
     for args in [&["check", "1x"][..], &["explore", "1x2w1"], &["check", "--what"], &["prove"]] {
         let output = models(args);
         let message = text(&output.stderr);
@@ -51,7 +51,7 @@ fn an_unknown_configuration_is_told_in_one_line_and_exits_with_2() {
 }
 
 #[test]
-fn an_address_that_is_taken_is_told_in_one_line_and_exits_with_2() {
+fn an_address_that_is_taken_is_reported_in_one_line_and_exits_with_2() {
     let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
     let address = listener.local_addr().expect("an address").to_string();
     let output = models(&["explore", "1x2w1-eager", "--listen", &address]);

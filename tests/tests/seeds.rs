@@ -73,7 +73,7 @@ proptest! {
     }
 
     #[test]
-    fn any_bytes_are_a_run_that_its_own_bytes_tell(bytes in any::<Vec<u8>>()) {
+    fn any_bytes_are_a_run_that_its_own_bytes_report(bytes in any::<Vec<u8>>()) {
         let run = run_of(&bytes);
         prop_assert_eq!(run_of(&bytes_of(&run)), run);
     }

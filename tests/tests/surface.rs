@@ -54,7 +54,7 @@ fn sources(members: &[u8]) -> Sources {
 }
 
 #[test]
-fn a_machine_tells_how_it_was_made_and_where_it_stands() {
+fn a_machine_reports_how_it_was_made_and_where_it_stands() {
     let fresh = machine();
     assert_eq!((fresh.window(), fresh.commit()), (2, Commit::Patient));
     assert_eq!(fresh.clouds(), sources(&[1, 2]));
@@ -126,7 +126,7 @@ fn deadlines_convert_and_saturate() {
 }
 
 #[test]
-fn there_are_sixteen_sources_and_sets_tell_their_members() {
+fn there_are_sixteen_sources_and_sets_report_their_members() {
     assert_eq!(Source::new(15).map(Source::index), Some(15));
     assert_eq!(Source::new(16), None);
     let set = sources(&[0, 2, 15]);

@@ -217,7 +217,7 @@ fn a_recorder_writes_them() {
 
 /// D2 in its own words, and not in those of P3, where no result is recorded at all.
 #[test]
-fn a_value_of_another_message_is_told_as_that() {
+fn a_value_of_another_message_is_reported_as_that() {
     let trace = [
         r#"{"fuseline":1,"window":4,"clouds":[{"p":1,"limit":9,"max_age":2}]}"#,
         r#"{"ev":"open","at":0,"t":5}"#,
@@ -233,7 +233,7 @@ fn a_value_of_another_message_is_told_as_that() {
     assert_eq!(violation.found, r#"{"ev":"emit","at":9,"t":5,"p":1,"of":1}"#);
 }
 
-/// What a message held back for its own deadline is told by: how late it is, and by when it had to come.
+/// What a message held back for its own deadline is described by: how late it is, and by when it had to come.
 #[test]
 fn j2_says_by_how_much_an_output_is_late() {
     let trace = [

@@ -15,7 +15,7 @@ fn header() -> Header {
     Header { operator: None, window: 4, commit: Commit::Eager, clouds: vec![cloud] }
 }
 
-/// Judges a trace whose events are told in a few words: `open 0 1` and so on, values in the
+/// Judges a trace whose events are written in a few words: `open 0 1` and so on, values in the
 /// format's order.
 fn verdict(events: &[&str]) -> Verdict {
     let mut trace = HEADER.to_owned();
@@ -82,7 +82,7 @@ fn a_verdict_in_json_has_the_keys_of_the_format() {
 }
 
 #[test]
-fn a_missing_decision_is_told_at_the_line_after_which_it_should_stand() {
+fn a_missing_decision_is_reported_at_the_line_after_which_it_should_stand() {
     let verdict = verdict(&["open 0 1", "result 1 1 0", "tick 2", "tick 3"]);
     let [violation] = &verdict.violations[..] else { panic!("{verdict}") };
     assert_eq!((violation.line, violation.rule), (3, Rule::F3));
@@ -105,7 +105,7 @@ fn after_a_violation_it_goes_on_with_the_next_input() {
         "open 0 1",
         "result 1 1 0",
         "hold 1 1 0", // it should be emitted
-        "miss 1 1",   // and so is this wrong, but told already
+        "miss 1 1",   // and so is this wrong, but reported already
         "open 2 2",
         "result 3 2 0",
         "emit 3 2 0",
@@ -242,7 +242,7 @@ fn violations_beyond_a_hundred_are_counted() {
 }
 
 #[test]
-fn a_long_story_tells_its_last_lines() {
+fn a_long_story_reports_its_last_lines() {
     let mut events = vec!["open 0 1", "offer 0 1 1 100 0", "request 0 1 1 100"];
     let drops: Vec<_> = (0..20).map(|_| "fail 1 1 9").collect();
     events.extend(&drops);

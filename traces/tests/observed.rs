@@ -10,7 +10,7 @@ use serde_json::json;
 const EXACT: Slack = Slack { tolerance: 0, lateness: 0 };
 const LOOSE: Slack = Slack { tolerance: 2, lateness: 5 };
 
-/// A trace whose events are told in a few words: `open 0 1` and so on, values in the format's order.
+/// A trace whose events are written in a few words: `open 0 1` and so on, values in the format's order.
 fn trace(commit: &str, events: &[&str]) -> String {
     let mut trace = format!(
         "{{\"fuseline\":1,\"window\":4,\"commit\":\"{commit}\",\"clouds\":[{{\"p\":1,\"limit\":9}},{{\"p\":2,\"limit\":9}}]}}\n"
@@ -109,7 +109,7 @@ fn f3_nothing_goes_while_something_pending_outranks_it() {
 }
 
 #[test]
-fn p4_p6_p7_what_comes_too_late_is_told_by_how_much() {
+fn p4_p6_p7_what_comes_too_late_is_reported_by_how_much() {
     let requested = ["open 0 1", "request 0 1 1 10", "result 3 1 0"];
     is_broken(&[&requested[..], &["emit 17 1 0"]].concat(), 5, "P4", Some(7));
     is_broken(&["open 0 1", "result 3 1 0", "emit 5 1 0"], 4, "P6", Some(2));
@@ -232,7 +232,7 @@ fn a44_what_an_ended_run_owes_is_overdue_but_for_locals_result_without_a_deadlin
 }
 
 #[test]
-fn j1_gaps_between_opens_and_at_the_end_are_told() {
+fn j1_gaps_between_opens_and_at_the_end_are_reported() {
     // At most 100 + 5 + 2 · 2 apart.
     let period = |events: &[&str]| {
         let verdict = read(LOOSE, Some(100), events).finish();
@@ -266,7 +266,7 @@ fn j1_gaps_between_opens_and_at_the_end_are_told() {
 }
 
 #[test]
-fn j1_a_gap_is_told_as_soon_as_it_is_certain_and_with_its_length() {
+fn j1_a_gap_is_reported_as_soon_as_it_is_certain_and_with_its_length() {
     let judge = read(LOOSE, Some(100), &["open 0 1", "open 1000 2", "tick 1014"]);
     let [violation] = &judge.so_far().violations[..] else { panic!("{judge:?}") };
     assert_eq!(violation.found, "no open for 1000 ns after that of timestamp 1, at 0");
@@ -293,7 +293,7 @@ fn lines_are_out_of_order_by_twice_the_tolerance_at_most() {
 }
 
 #[test]
-fn a_violation_tells_what_was_allowed_and_the_story() {
+fn a_violation_reports_what_was_allowed_and_the_story() {
     let events = ["open 0 1", "request 0 1 1 10", "hold 3 1 0", "result 3 1 0", "emit 17 1 0"];
     let verdict = verdict(EXACT, &events);
     let violation = &verdict.violations[0];
@@ -358,7 +358,7 @@ fn is_broken_progressively(events: &[&str], line: u64, rule: &str, late: Option<
 }
 
 #[test]
-fn f9_each_better_result_comes_out_and_the_end_may_be_told() {
+fn f9_each_better_result_comes_out_and_the_end_may_be_reported() {
     let start = ["open 0 1", "request 0 1 1 10", "request 0 1 2 20", "result 3 1 0", "emit 3 1 0"];
     let better = ["result 5 1 2", "emit 5 1 2"];
     for rest in [
@@ -394,13 +394,13 @@ fn p1_outputs_rise_and_one_end_follows() {
 }
 
 #[test]
-fn p3_to_p6_what_is_late_or_missing_under_progressive_is_told() {
+fn p3_to_p6_what_is_late_or_missing_under_progressive_is_reported() {
     let local = ["result 3 1 0", "emit 3 1 0"];
     let after_local = |rest: &[&'static str]| [&local[..], rest].concat();
     let of_p = |p: u64, at: u64| format!("emit p {p}, at {at} to {at}");
     let late = ["result 3 1 0", "emit 10 1 0", "final 20 1 0"];
     is_broken_progressively(&late, 6, "P4", Some(7), &of_p(0, 3));
-    // It waits for what comes too late, and is told once.
+    // It waits for what comes too late, and is reported once.
     let late = after_local(&["result 5 1 2", "tick 50", "emit 51 1 2"]);
     is_broken_progressively(&late, 9, "P4", Some(46), &of_p(2, 5));
     let better = after_local(&["result 5 1 2", "final 20 1 0"]);

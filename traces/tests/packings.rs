@@ -1,4 +1,4 @@
-//! A trace says the same however it is packed, and one that is cut short is told.
+//! A trace says the same however it is packed, and one that is cut short is reported.
 
 use std::collections::BTreeMap;
 use std::io::{self, Cursor, Read, Write};
@@ -76,7 +76,7 @@ fn messages_are_written_as_lines_of_a_trace() {
 }
 
 #[test]
-fn a_file_cut_short_is_told_wherever_it_is_cut() {
+fn a_file_cut_short_is_reported_wherever_it_is_cut() {
     for whole in [
         gzip(TRACE.as_bytes()),
         zstd(TRACE.as_bytes()),
@@ -99,7 +99,7 @@ fn a_file_cut_short_is_told_wherever_it_is_cut() {
 }
 
 #[test]
-fn what_no_trace_can_be_made_of_is_told() {
+fn what_no_trace_can_be_made_of_is_reported() {
     let reported = |packed: &[u8]| read(packed).unwrap_err().to_string();
     let strange = mcap("/camera", "json", &lines(), None);
     assert_eq!(reported(&strange), "no message of topic /fuseline/trace");

@@ -112,7 +112,7 @@ fn an_endless_line_is_refused_without_being_held() {
 }
 
 #[test]
-fn an_error_of_the_source_is_told_and_an_interruption_is_not() {
+fn an_error_of_the_source_is_reported_and_an_interruption_is_not() {
     let trace = format!("{HEADER}\n{TICK}\n");
     let interrupted = Faulty { faults: vec![io::ErrorKind::Interrupted] };
     let mut reader =

@@ -3,7 +3,7 @@
 use fuseline_traces::{Cloud, Commit, Header, Input, Reference};
 
 #[test]
-fn it_tells_its_clock_its_next_timer_and_what_is_open() {
+fn it_reports_its_clock_its_next_timer_and_what_is_open() {
     let clouds = vec![Cloud { p: 1, name: None, limit: 31, resume: 30 }];
     let header = Header { operator: None, window: 4, commit: Commit::Eager, clouds };
     let mut reference = Reference::new(&header);

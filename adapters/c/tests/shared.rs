@@ -135,7 +135,7 @@ fn each_output_under_progressive_is_one_callers_and_so_is_the_end() {
 }
 
 #[test]
-fn wrong_use_of_it_is_told() {
+fn wrong_use_of_it_is_reported() {
     let mut storage = Box::new(Storage([0xa5; _]));
     let (_, machine) = make(&mut storage);
     let (_, _, message_id) = machine.open(0, 1);
@@ -196,7 +196,7 @@ fn a_deadline_above_the_greatest_is_refused() {
 }
 
 #[test]
-fn of_threads_that_race_exactly_one_is_told_to_forward() {
+fn of_threads_that_race_exactly_one_is_to_forward() {
     let mut storage = Box::new(Storage([0; _]));
     let (_, machine) = make(&mut storage);
     let mut fired_too = 0;

@@ -122,7 +122,7 @@ fn each_wrong_configuration_has_its_status_and_writes_nothing() {
 }
 
 #[test]
-fn wrong_pointers_are_told() {
+fn wrong_pointers_are_reported() {
     let mut storage = storage();
     let mut machine = null_mut();
     let address = (&raw mut *storage).cast::<c_void>();
@@ -262,7 +262,7 @@ fn every_enumerator_has_its_word() {
 }
 
 #[test]
-fn what_a_machine_knows_is_told() {
+fn what_a_machine_knows_is_reported() {
     let mut storage = storage();
     let (_, machine) = init(&mut storage, &config());
     let mut answer = MaybeUninit::<CAnswer>::zeroed();

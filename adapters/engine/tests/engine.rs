@@ -145,7 +145,7 @@ fn the_gate_sees_the_true_length_of_the_queue() {
 }
 
 #[test]
-fn local_beyond_its_queue_is_told_and_answered_by_a_cloud() {
+fn local_beyond_its_queue_is_reported_and_answered_by_a_cloud() {
     let mut engine = engine();
     for t in 0..3 {
         assert!(engine.open(t, t, None, t, []));
@@ -490,7 +490,7 @@ fn with_skip_answered_a_computation_that_an_output_outranks_takes_no_room() {
 }
 
 #[test]
-fn why_sources_failed_is_told_with_the_item_and_counted_by_its_words() {
+fn why_sources_failed_is_reported_with_the_item_and_counted_by_its_words() {
     let mut engine = engine();
     for t in 0..3 {
         assert!(engine.open(t, t, None, t, []));

@@ -8,7 +8,7 @@ use fuseline_engine::{Cloud, Commit, Engine, Header, Local};
 
 /// D15.
 #[test]
-fn logs_tell_every_refusal_drop_failure_and_miss_with_its_reason() {
+fn logs_report_every_refusal_drop_failure_and_miss_with_its_reason() {
     let log = Log::default();
     let writer = log.clone();
     let subscriber = tracing_subscriber::fmt()

@@ -67,7 +67,7 @@ fn noting<P: Policy>(policy: P) -> (RecordingPolicy<P>, Arc<Mutex<Vec<Reason>>>)
 
 /// T6.
 #[test]
-fn a_policy_is_not_asked_about_what_will_be_refused() {
+fn a_policy_is_not_called_for_what_will_be_refused() {
     let (policy, reasons) = noting(Constant(CAP));
     let mut engine = engine(policy);
     // One is sent, one waits, two find the gate shut; then it is offered again, for nothing, and too late.
@@ -221,7 +221,7 @@ fn a_cloud_that_returns_is_found_though_the_gate_refuses_half_of_the_messages() 
 
 /// T6, F0: what is due comes before the offer, so that its message is closed when the policy would be consulted.
 #[test]
-fn a_policy_is_not_asked_about_a_message_that_a_timer_due_then_closes() {
+fn a_policy_is_not_called_for_a_message_that_a_timer_due_then_closes() {
     for late_by in [0, 1] {
         let (policy, reasons) = noting(Constant(CAP));
         let mut engine = beside(&header(&[WEST, EAST]), policy);

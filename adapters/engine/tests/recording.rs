@@ -94,9 +94,9 @@ fn a_killed_process_leaves_the_miss_that_it_died_of() {
 
 /// D10.
 #[test]
-fn a_disk_that_fills_is_told_when_it_happens_and_the_operator_goes_on() {
+fn a_disk_that_fills_is_reported_when_it_happens_and_the_operator_goes_on() {
     const SMALL_DISK: &str = "RECORDING_TEST_SMALL_DISK";
-    const NAME: &str = "a_disk_that_fills_is_told_when_it_happens_and_the_operator_goes_on";
+    const NAME: &str = "a_disk_that_fills_is_reported_when_it_happens_and_the_operator_goes_on";
     if env::var_os(SMALL_DISK).is_none() {
         // A process that may write no file of more than 16 KiB.
         let ended = Command::new("sh")
@@ -184,7 +184,7 @@ fn a_last_tick_decides_nothing() {
     assert_eq!(lines.last().unwrap(), r#"{"ev":"tick","at":90}"#);
 }
 
-/// D10: what came while the disk was too slow is missing, and each reader of the trace's state is told so.
+/// D10: what came while the disk was too slow is missing, and each reader of the trace's state learns so.
 #[test]
 fn a_disk_that_is_too_slow_ends_the_trace_and_the_end_says_so() {
     let (_folder, path) = folder();

@@ -13,7 +13,8 @@ fn workload(longest_s: f64, local_s: f64) -> Workload {
 }
 
 #[test]
-fn the_defaults_at_11_metres_a_second_fall_short_of_everything_and_each_is_told_with_a_remedy() {
+fn the_defaults_at_11_metres_a_second_fall_short_of_everything_and_each_is_reported_with_a_remedy()
+{
     let error = workload(2.4253, 0.3).check(16, 4, [("west", 8), ("east", 80)]).unwrap_err();
     assert_eq!(
         error.to_string(),

@@ -280,7 +280,7 @@ def test_what_was_missed_is_written_at_once(run: Run[Any], tmp_path: Path) -> No
     run(main)
 
 
-def test_a_policy_is_asked_about_what_is_admitted_alone(run: Run[Any]) -> None:
+def test_a_policy_is_made_for_what_is_admitted_alone(run: Run[Any]) -> None:
     asks: list[int] = []
 
     def policy(situation: Situation, cap: int) -> int:

@@ -267,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_told_with_the_argument() {
+    fn what_is_wrong_is_reported_with_the_argument() {
         let cases: [(&[&str], &str); 13] = [
             (
                 &["input:=/image"],

@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn types_with_a_header_are_told_from_those_without() {
+    fn types_with_a_header_differ_from_those_without() {
         for name in ["sensor_msgs/msg/Image", "std_msgs/msg/Header", "vision_msgs/msg/Detection2D"]
         {
             assert!(has_header(name), "{name}");

@@ -67,7 +67,7 @@ async fn a_cancelled_call_and_one_whose_timer_fired_are_dropped_at_once() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_message_handler_that_panics_asks_nothing_and_is_asked_again() {
+async fn a_message_handler_that_panics_makes_no_request_and_is_called_again() {
     let operator = ClosureOperator(|setup: &mut Setup<u64, String>| {
         let message_handler = |message: &u64, _| {
             assert_ne!(*message, 0, "on purpose");
@@ -135,7 +135,7 @@ async fn a_result_whose_response_handler_takes_until_it_is_due_is_late() {
 
 /// D5.
 #[tokio::test(start_paused = true)]
-async fn a_call_is_told_the_time_left_and_one_that_waited_too_long_is_never_made() {
+async fn a_call_has_the_time_left_and_one_that_waited_too_long_is_never_made() {
     let reported = Arc::new(Mutex::new(Vec::new()));
     let shared = Arc::clone(&reported);
     let operator = ClosureOperator(move |setup: &mut Setup<u64, String>| {
@@ -196,7 +196,7 @@ async fn beyond_what_may_wait_local_fails_and_the_cloud_alone_answers() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn answered_messages_are_computed_unless_told_to_skip_them() {
+async fn answered_messages_are_computed_unless_set_to_skip_them() {
     for (skip_answered, expected) in [(false, vec![0, 1, 2, 3]), (true, vec![0, 3])] {
         let computed = Arc::new(Mutex::new(Vec::new()));
         let shared = Arc::clone(&computed);

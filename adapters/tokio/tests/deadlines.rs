@@ -133,7 +133,7 @@ fn ends(log: &Log) -> Vec<String> {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_policy_is_told_how_each_call_ended_and_at_which_age() {
+async fn a_policy_learns_how_each_call_ended_and_at_which_age() {
     let log = Log::default();
     let run = played(&[0, 200, 400, 600, 800], |setup| {
         cloud(setup, 1, fates, 100 * MS).policy = Some(noting(&log, &[100]));
@@ -214,7 +214,7 @@ async fn a_request_that_was_never_sent_is_censored_too() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_policy_that_panics_asks_nothing_and_is_asked_again() {
+async fn a_policy_that_panics_makes_no_request_and_is_called_again() {
     struct FailingPolicy;
     impl Policy for FailingPolicy {
         fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Chosen {

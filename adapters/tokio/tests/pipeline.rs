@@ -361,7 +361,7 @@ async fn a_join_whose_reader_lags_takes_nothing_in() {
 
 /// E9.
 #[tokio::test(start_paused = true)]
-async fn items_wait_for_earlier_ones_until_they_are_due_and_what_was_passed_over_is_told() {
+async fn items_wait_for_earlier_ones_until_they_are_due_and_what_was_passed_over_is_reported() {
     let (mut camera, frames) = stream(9);
     let (_running, items) = spawn(takes_ms(|_| {}), Config::default(), frames).unwrap();
     let reported = Arc::new(Mutex::new(Vec::new()));

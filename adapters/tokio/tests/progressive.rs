@@ -97,7 +97,8 @@ async fn when_no_better_result_comes_what_was_sent_is_final_by_a_timer_or_a_fail
 
 /// D7.
 #[tokio::test(start_paused = true)]
-async fn a_call_that_panics_between_two_outputs_takes_none_back_and_is_told_with_the_next_one() {
+async fn a_call_that_panics_between_two_outputs_takes_none_back_and_is_reported_with_the_next_one()
+{
     let (mut camera, frames) = stream(8);
     let clouds: [fn(u64) -> Reply; 2] = [|_| Panics(30), |_| After(60)];
     let (running, mut output) = spawn(operator(clouds), progressive(), frames).unwrap();

@@ -16,7 +16,7 @@ fn scheduling() -> (u8, u8) {
 }
 
 #[test]
-fn a_thread_has_the_priority_that_it_asked_for_or_is_told_what_would_grant_it() {
+fn a_thread_has_the_priority_that_it_requested_or_reports_what_would_grant_it() {
     let reported = thread::spawn(|| (schedule(7), scheduling())).join().unwrap();
     match reported {
         (Ok(()), scheduled) => assert_eq!(scheduled, (7, 1)),
@@ -40,7 +40,7 @@ fn what_is_no_priority_is_refused() {
 }
 
 #[test]
-fn memory_is_locked_or_the_limit_is_told() {
+fn memory_is_locked_or_the_limit_is_reported() {
     let locked = || {
         let status = fs::read_to_string("/proc/self/status").unwrap();
         let line = status.lines().find_map(|line| line.strip_prefix("VmLck:")).unwrap();

@@ -95,7 +95,7 @@ async fn after_any_disturbance_a_message_is_answered_as_the_first_was() {
     assert_eq!(tasks(), before, "tasks are left");
 }
 
-/// Notes what it is told, and gives each request as long as may be.
+/// Notes how calls ended, and gives each request as long as may be.
 struct NotingPolicy(Arc<Mutex<Vec<Option<f64>>>>);
 
 impl Policy for NotingPolicy {

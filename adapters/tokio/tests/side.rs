@@ -150,7 +150,7 @@ async fn what_fails_panics_or_comes_when_it_is_due_changes_nothing() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_plan_asked_as_of_a_cloud_would_hold_locals_output_back() {
+async fn a_plan_requested_as_of_a_cloud_would_hold_locals_output_back() {
     let start = Instant::now();
     let operator = ClosureOperator(move |setup: &mut Setup<u64, String>| {
         let handle = move |t, _: Call| plan(Hangs, t, start);
@@ -210,7 +210,7 @@ async fn a_service_that_is_gone_for_a_while_costs_no_output_and_serves_again_whe
 }
 
 #[tokio::test(start_paused = true)]
-async fn no_aside_is_asked_about_a_message_that_was_refused() {
+async fn no_aside_is_made_for_a_message_that_was_refused() {
     let setup = |setup: &mut Setup<u64, String>| {
         let last_plan = Plan::new("none".into());
         planner(setup, &last_plan, |_| Answers(5));

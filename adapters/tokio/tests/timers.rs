@@ -71,7 +71,7 @@ fn on_several_threads_the_timer_goes_off_at_each_due_instant_and_not_before() {
 
 #[test]
 #[should_panic(expected = "enable_io")]
-fn a_runtime_without_io_is_told_at_the_start() {
+fn a_runtime_without_io_is_reported_at_the_start() {
     let runtime = Builder::new_current_thread().enable_time().build().unwrap();
     runtime.block_on(async {
         let (_, input) = stream(1);

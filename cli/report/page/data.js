@@ -11,11 +11,11 @@ const MORE = { o: 1, f: 2, q: 1, n: 1, d: 1 };
  * Decodes a trace of the page; all instants count from its origin, in nanoseconds. `words` has the columns and the
  * reasons, each with its word and its meaning.
  */
-export function decode(told, words) {
-  const length = told.ev.length;
-  const at = Float64Array.from(told.at);
-  const t = Int32Array.from(told.t);
-  const p = Int32Array.from(told.p, (source) => source - 1);
+export function decode(stored, words) {
+  const length = stored.ev.length;
+  const at = Float64Array.from(stored.at);
+  const t = Int32Array.from(stored.t);
+  const p = Int32Array.from(stored.p, (source) => source - 1);
   const a = new Float64Array(length);
   const b = new Float64Array(length);
   let x = 0;
@@ -24,29 +24,29 @@ export function decode(told, words) {
       at[i] += at[i - 1];
       t[i] += t[i - 1];
     }
-    const more = MORE[told.ev[i]] ?? 0;
-    if (more > 0) a[i] = Number(told.x[x]);
-    if (more > 1) b[i] = Number(told.x[x + 1]);
+    const more = MORE[stored.ev[i]] ?? 0;
+    if (more > 0) a[i] = Number(stored.x[x]);
+    if (more > 1) b[i] = Number(stored.x[x + 1]);
     x += more;
   }
-  const timestamps = BigUint64Array.from(told.timestamps, BigInt);
+  const timestamps = BigUint64Array.from(stored.timestamps, BigInt);
   for (let i = 1; i < timestamps.length; i++) timestamps[i] += timestamps[i - 1];
   const trace = {
-    ...told, ...words, at, t, p, a, b, timestamps, length,
-    outcome: Int32Array.from(told.outcome),
-    deadlines: told.deadlines.map(Number),
-    sources: told.sources.map((source, place) => ({ ...source, place, label: label(source) })),
+    ...stored, ...words, at, t, p, a, b, timestamps, length,
+    outcome: Int32Array.from(stored.outcome),
+    deadlines: stored.deadlines.map(Number),
+    sources: stored.sources.map((source, place) => ({ ...source, place, label: label(source) })),
   };
-  trace.lines = told.line && Float64Array.from(told.line, Number);
+  trace.lines = stored.line && Float64Array.from(stored.line, Number);
   for (let i = 1; i < trace.lines?.length; i++) trace.lines[i] += trace.lines[i - 1];
   /** The line of an event, and the instant of the event on a line. */
   trace.lineOf = (i) => trace.lines?.[i] ?? i + 2;
   const instantOn = (line) => at[trace.lines ? trace.lines.indexOf(line) : line - 2];
-  trace.lineages = new Map((told.lineages ?? []).map((one) => [one.t, one]));
+  trace.lineages = new Map((stored.lineages ?? []).map((one) => [one.t, one]));
   delete trace.x;
   delete trace.places;
-  trace.violations = [...told.violations, ...undetailed(told.places)].map((violation) => ({ ...violation, instant: instantOn(violation.line) }));
-  trace.detailed = told.violations.length;
+  trace.violations = [...stored.violations, ...undetailed(stored.places)].map((violation) => ({ ...violation, instant: instantOn(violation.line) }));
+  trace.detailed = stored.violations.length;
   group(trace);
   outcomes(trace);
   return trace;

@@ -25,12 +25,12 @@ export function showFrame(own, traces, words, go) {
 /** The messages of this origin in all traces, in the order in which they were taken in. */
 function stagesOf({ origin, seq }, traces, words) {
   const isOfFrame = (one) => one.origin === origin && String(one.seq) === String(seq) && one.age != null;
-  const stages = traces.flatMap((told, number) => {
-    const messages = (told.lineages ?? []).filter(isOfFrame);
+  const stages = traces.flatMap((stored, number) => {
+    const messages = (stored.lineages ?? []).filter(isOfFrame);
     if (messages.length === 0) return [];
     // Control has a message a tick of the same plan: the first one stands for all.
     const first = messages.reduce((first, one) => (Number(one.age) < Number(first.age) ? one : first));
-    return [{ ...stage(decode(told, words), number, first.t, Number(first.age)), missing: first.missing ?? [], more: messages.length - 1 }];
+    return [{ ...stage(decode(stored, words), number, first.t, Number(first.age)), missing: first.missing ?? [], more: messages.length - 1 }];
   });
   return stages.sort((a, b) => a.taken - b.taken || a.sent - b.sent);
 }

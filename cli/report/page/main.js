@@ -18,7 +18,7 @@ import { markTrace, showTraces } from "./traces.js";
 
 const PAN = 0.2;
 
-const { traces: told, ...words } = JSON.parse(by("data").textContent);
+const { traces: stored, ...words } = JSON.parse(by("data").textContent);
 by("data").remove();
 
 let number = -1;
@@ -37,11 +37,11 @@ function show(which) {
   strip?.destroy();
   number = which;
   // One trace is decoded at a time.
-  trace = decode(told[which], words);
+  trace = decode(stored[which], words);
   markTrace(which);
   by("name").textContent = titleOf(trace);
   by("name").title = trace.file;
-  document.title = `${told.length > 1 ? counted(told.length, "trace") : titleOf(trace)} – Fuseline report`;
+  document.title = `${stored.length > 1 ? counted(stored.length, "trace") : titleOf(trace)} – Fuseline report`;
   showSummary(trace);
   showPolicies(trace);
   showLegend(trace);
@@ -134,7 +134,7 @@ function visit(k) {
   lines.mark({ selected });
   lines.visit(k);
   showStory(trace, k);
-  showFrame(trace.lineages.get(k), told, words, go);
+  showFrame(trace.lineages.get(k), stored, words, go);
   remember();
 }
 
@@ -224,15 +224,15 @@ const acts = { left: () => lines.pan(-PAN), right: () => lines.pan(PAN), closer:
   whole: () => lines.whole(), previous: () => neighbour(-1), next: () => neighbour(1), close: back };
 for (const [id, act] of Object.entries(acts)) by(id).addEventListener("click", act);
 
-showComparison(told);
-showTraces(told, (which) => {
+showComparison(stored);
+showTraces(stored, (which) => {
   show(which);
   remember();
 });
 
 const address = new URLSearchParams(location.hash.slice(1));
 const wanted = Number(address.get("trace") ?? 0);
-show(told[wanted] ? wanted : 0);
+show(stored[wanted] ? wanted : 0);
 if (address.has("q")) {
   by("query").value = address.get("q");
   look(by("query").value);

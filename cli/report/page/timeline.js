@@ -29,7 +29,7 @@ function labels(self, values) {
   });
 }
 
-/** A timeline of a trace; it tells which timestamp was chosen, and each new view. */
+/** A timeline of a trace; it reports which timestamp was chosen, and each new view. */
 export function timeline(trace, { choose, seen }) {
   const host = by("timeline");
   const least = Math.max(4, Math.min(1000, trace.duration / 1e5));

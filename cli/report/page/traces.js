@@ -4,7 +4,7 @@ import { by, el, swatch } from "./dom.js";
 import { count, quantile, share } from "./format.js";
 import { verdictOf, violationsOf } from "./summary.js";
 
-/** Of a longer path the end is told. */
+/** Of a longer path the end is shown. */
 const LONG = 36;
 
 /** Shows the rows; `choose` takes the number of a trace. */
@@ -51,7 +51,7 @@ function common([first, ...others]) {
   return at;
 }
 
-/** The one that is latest, if lateness is told; else the first, from which others may follow. */
+/** The one that is latest, if lateness is stated; else the first, from which others may follow. */
 function worst(violations) {
   return violations.reduce((worst, one) => (worst && (one.late ?? 0) <= (worst.late ?? 0) ? worst : one), undefined);
 }

@@ -132,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wrong_answer_and_none_are_told() {
+    fn a_wrong_answer_and_none_are_reported() {
         for (sources, answers, expected) in [
             (&["west"][..], "0\n", "\"0\" is not a priority from 1 to 65535"),
             (&["west"], "", "asks for priority of west"),

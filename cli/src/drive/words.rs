@@ -104,7 +104,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn decisions_that_differ_in_their_instant_alone_are_told_with_it() {
+    fn decisions_that_differ_in_their_instant_alone_are_reported_with_it() {
         let line = |at: u64, p: u64| format!(r#"{{"ev":"hold","at":{at},"t":1,"p":{p}}}"#);
         let [found, expected] = both(&line(7, 1), &line(8, 1));
         assert!(found.ends_with(", at instant 7") && expected.ends_with(", at instant 8"));

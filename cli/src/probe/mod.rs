@@ -60,7 +60,7 @@ enum ProbeError {
     Gpsd { address: String, source: io::Error },
     #[error("--plot -: it is read twice; name a file")]
     Stdin,
-    #[error("--csv -: the rows are told as they come; name a file")]
+    #[error("--csv -: the rows are printed as they come; name a file")]
     Stdout,
     #[error("{file}: {}; make room, or name another --csv", plain(.source))]
     Write { file: String, source: csv::Error },

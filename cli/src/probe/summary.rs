@@ -182,7 +182,7 @@ pub(crate) fn counted(count: u64, noun: &str) -> String {
     if count == 1 { format!("1 {noun}") } else { format!("{count} {noun}s") }
 }
 
-#[expect(clippy::cast_precision_loss, reason = "told to a tenth of a percent")]
+#[expect(clippy::cast_precision_loss, reason = "given to a tenth of a percent")]
 fn percent(part: u64, whole: u64) -> String {
     if whole == 0 {
         return "–".to_owned();

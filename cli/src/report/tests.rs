@@ -85,7 +85,7 @@ fn numbers(line: &str) -> Vec<u64> {
 }
 
 #[test]
-fn run_and_page_tell_what_the_operator_counted() {
+fn run_and_page_report_what_the_operator_counted() {
     let generator = Generator { seed: 1, commit: None, clouds: 15 };
     // Two of them fill the greatest window, ten are long.
     for number in 0..500 {

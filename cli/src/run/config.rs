@@ -96,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mistake_is_told_with_its_line() {
+    fn a_mistake_is_reported_with_its_line() {
         for (text, expected) in [
             ("cloud = 3", "1: "),
             ("[[cloud]]\nname = \"a\"\n[[cloud]]\nname = \"b\"", "1: priority is missing"),

@@ -477,7 +477,7 @@ fn kilobytes(bytes: usize) -> f64 {
     bytes as f64 / 1000.0
 }
 
-#[expect(clippy::cast_precision_loss, reason = "told to a tenth of a megabyte")]
+#[expect(clippy::cast_precision_loss, reason = "given to a tenth of a megabyte")]
 fn megabytes(bytes: u64) -> String {
     format!("{:.1} MB", bytes as f64 / 1e6)
 }

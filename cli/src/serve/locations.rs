@@ -103,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn each_is_told_the_last_reports_of_the_others() {
+    fn each_has_the_last_reports_of_the_others() {
         let (sharing, now) = (LocationService::new(9, AGE), Instant::now());
         assert_eq!(reported(&sharing, "ego", 1.0, now), []);
         assert_eq!(reported(&sharing, "runner", 1.1, now), [("ego".to_owned(), 1.0)]);

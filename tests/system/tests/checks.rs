@@ -110,8 +110,8 @@ fn d11_one_account() {
 
 /// T5: a policy gets how each call ended, and when.
 #[test]
-fn t5_every_end_is_told() {
-    holds("t5_every_end_is_told");
+fn t5_every_end_is_reported() {
+    holds("t5_every_end_is_reported");
 }
 
 /// No check is without its test here.

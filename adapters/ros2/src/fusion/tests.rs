@@ -216,7 +216,7 @@ async fn under_progressive_revisions_go_at_once_and_the_last_one_is_the_output()
 }
 
 #[tokio::test(start_paused = true)]
-async fn local_is_asked_again_after_all_that_it_was_asked_got_lost() {
+async fn local_is_given_messages_again_after_all_of_its_own_got_lost() {
     // Local is killed at 1 s and back at 2 s; what it was sent meanwhile is gone. Four are at once,
     // as by default. The cloud answers all the same, so that no timer of the rules shows it.
     let node = Node::start(|_| Answers(10), &[(500, |_| Answers(15))]);

@@ -19,7 +19,7 @@ fn error_with(args: &str) -> String {
 }
 
 #[test]
-fn what_is_wrong_in_a_file_is_told_with_its_place() {
+fn what_is_wrong_in_a_file_is_reported_with_its_place() {
     let cases = [
         ("window: 0", "0.yaml:3:5: window is 0; give an integer from 1 to 1024"),
         (
@@ -101,7 +101,7 @@ fn files_are_bounded_and_must_be_there() {
 }
 
 #[test]
-fn what_is_wrong_with_a_stream_is_told() {
+fn what_is_wrong_with_a_stream_is_reported() {
     let error = settings(&[], "-p input.type:=a/msg/B").unwrap_err();
     assert_eq!(
         error,
@@ -191,7 +191,7 @@ fn what_is_wrong_with_a_stream_is_told() {
 }
 
 #[test]
-fn what_is_wrong_with_a_cloud_is_told() {
+fn what_is_wrong_with_a_cloud_is_reported() {
     let cases = [
         (
             "clouds:=[a__b]",

@@ -308,7 +308,7 @@ fn under_progressive_revisions_have_a_topic_of_their_own_beside_the_outputs() {
 }
 
 #[test]
-fn the_environment_is_asked_last() {
+fn the_environment_comes_last() {
     let domain = [("ROS_DOMAIN_ID", "42"), ("ROS_LOCALHOST_ONLY", "1")];
     let all = settings_in(&[], TYPES, &domain).unwrap();
     assert_eq!((all.domain, all.localhost_only), (42, true));
@@ -342,7 +342,7 @@ fn the_level_of_the_own_logger_wins() {
 }
 
 #[test]
-fn what_other_nodes_get_too_is_ignored_and_told() {
+fn what_other_nodes_get_too_is_ignored_and_reported() {
     let file = "
 /**:
   ros__parameters:

@@ -42,7 +42,7 @@ fn d16_policies_are_made_of_their_parameters() {
 }
 
 #[test]
-fn d15_figures_that_make_no_policy_are_told_where_they_are() {
+fn d15_figures_that_make_no_policy_are_reported_where_they_are() {
     let error = with("-p policy:=guard -p policy.range_cloud:=38.0").unwrap_err();
     assert!(error.contains("sees less far than local"), "{error}");
     let error = with("-p policy:=guard -p policy.deceleration:=0.0").unwrap_err();
@@ -96,7 +96,7 @@ const SHORT: &str = "a window of 16 for 30 messages a second that are open for u
 const ENOUGH: &str = "-p window:=75 -p west.in_flight:=73 -p local.in_flight:=10";
 
 #[test]
-fn d15_what_cannot_keep_up_is_told_with_a_remedy() {
+fn d15_what_cannot_keep_up_is_reported_with_a_remedy() {
     let unknown = with(GUARD).unwrap().to_string();
     let line = "deadlines: guard by the speed on /odom; whether the node keeps up is not checked \
                 without policy.rate\n";
@@ -133,7 +133,7 @@ fn d15_a_deadline_that_the_node_cannot_keep_up_with_is_not_set_while_it_runs() {
 }
 
 #[test]
-fn hints_of_calls_that_end_when_they_are_due_are_told_to_be_none() {
+fn hints_of_calls_that_end_when_they_are_due_are_none() {
     let args = "-p clouds:=[west] -p west.grpc.url:=http://a:1 -p west.hints:=late";
     assert_eq!(
         with(args).unwrap_err(),

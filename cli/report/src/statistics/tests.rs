@@ -174,7 +174,7 @@ fn a_plan_stands_in_for_a_call_that_was_ended() {
 }
 
 #[test]
-fn an_observed_trace_without_decisions_tells_each_fate_by_its_facts() {
+fn an_observed_trace_without_decisions_reports_each_fate_by_its_facts() {
     let mut page_trace = TraceStatistics::new([1, 2, 3], Commit::Eager, true);
     let request = |p, due| Decision::Request { at: 0, t: 0, p, due };
     page_trace.input(&Input::Open { at: 0, t: 0, deadline: None });

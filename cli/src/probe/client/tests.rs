@@ -184,7 +184,7 @@ async fn ended_by_the_user_the_recording_is_whole() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn slots_that_were_overslept_are_told_and_not_made_up() {
+async fn slots_that_were_overslept_are_reported_and_not_made_up() {
     let send_request = |slot| async move {
         if slot == 9 {
             // As if the host stood still.

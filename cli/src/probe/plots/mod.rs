@@ -16,7 +16,7 @@ use crate::probe::plots::series::Series;
 use crate::probe::recording::ProbeRecording;
 
 /// What the page says first.
-const WORDS: &str = "A message of 33.3 KB was due at each slot, 30 times a second unless told otherwise, and \
+const WORDS: &str = "A message of 33.3 KB was due at each slot, 30 times a second unless stated otherwise, and \
     a reply of 1 KB came back. With more than 30 unanswered the sending paused until none was. The paper's figures \
     are those of its 5G drive through San Francisco.";
 

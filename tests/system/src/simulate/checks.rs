@@ -90,9 +90,9 @@ pub const CHECKS: &[Check] = &[
         holds: account::one_account,
     },
     Check {
-        name: "t5_every_end_is_told",
+        name: "t5_every_end_is_reported",
         sentence: "each call's end is reported to its policy, and when",
-        holds: account::every_end_is_told,
+        holds: account::every_end_is_reported,
     },
 ];
 

@@ -11,7 +11,8 @@ fn values_of(node: &Node, part: &str) -> Vec<(String, String)> {
 }
 
 #[tokio::test(start_paused = true)]
-async fn d16_the_guard_decides_by_the_speed_of_a_topic_and_diagnostics_tell_the_deadline_and_why() {
+async fn d16_the_guard_decides_by_the_speed_of_a_topic_and_diagnostics_report_the_deadline_and_why()
+{
     let more = ["-p", "policy:=guard", "-p", "policy.speed_topic:=speed", "-p"];
     let more = [&more[..], &["policy.speed_type:=std_msgs/msg/Float64"]].concat();
     let node = Node::start_with(|_| Answers(300), &[(2000, |_| Loses)], &more);

@@ -136,7 +136,7 @@ fn d3_the_rules_decide_on_topics() {
 
 /// D8: the node ends when it is stopped, and answers what is open before.
 #[test]
-fn d8_a_node_that_is_told_to_end_ends() {
+fn d8_a_node_that_is_to_end_ends() {
     holds("d8_everything_ends");
 }
 

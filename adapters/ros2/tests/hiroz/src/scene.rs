@@ -30,7 +30,7 @@ const IMAGES: usize = 100;
 /// How long anything may take.
 const LONG: Duration = Duration::from_secs(30);
 /// How many errors are reported.
-const TOLD: usize = 10;
+const SHOWN: usize = 10;
 
 const MEETING: &str = "all meet";
 const LIVES: &str = "west lives";
@@ -106,8 +106,8 @@ pub(crate) fn play(node: &str, fuseline: &str, folder: &Path) -> Result<(), Any>
         println!("each image has its one answer, byte for byte, and a status that says whose");
         return Ok(());
     }
-    if wrong.len() > TOLD {
-        let left_out = wrong.split_off(TOLD).len();
+    if wrong.len() > SHOWN {
+        let left_out = wrong.split_off(SHOWN).len();
         wrong.push(format!("and {left_out} more"));
     }
     Err(wrong.join("\n       ").into())

@@ -23,7 +23,7 @@ use crate::vehicle::{ChaosVehicle, DEADLINE, ResultOrigin, name};
 const ENDS: Duration = Duration::from_secs(30);
 
 /// How many wrong items of an operator are reported.
-const TOLD: usize = 3;
+const SHOWN: usize = 3;
 
 /// What was over after its deadline.
 pub(crate) struct LateItem {
@@ -248,7 +248,7 @@ async fn see(
 impl ReaderLog {
     fn wrong(&mut self, operator: u64, item: &Item<ResultOrigin>) {
         self.wrong.0 += 1;
-        if self.wrong.1.len() < TOLD {
+        if self.wrong.1.len() < SHOWN {
             let Item { timestamp, ending, .. } = item;
             self.wrong.1.push(format!("operator {operator}, message {timestamp}: {ending:?}"));
         }

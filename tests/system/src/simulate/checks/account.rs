@@ -241,7 +241,7 @@ fn sides(facts: &Facts<'_>, metrics: &BTreeMap<String, u64>) -> Result<(), Strin
 }
 
 /// T5, D3: a policy gets each end, once.
-pub(crate) fn every_end_is_told(facts: &Facts<'_>) -> Result<(), String> {
+pub(crate) fn every_end_is_reported(facts: &Facts<'_>) -> Result<(), String> {
     let Facts { scenario, played, replay, is_whole, .. } = facts;
     if !is_whole || !facts.runs_out() {
         return Ok(());
