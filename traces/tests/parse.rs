@@ -127,7 +127,7 @@ fn keys_that_do_not_fit_the_event_are_refused() {
             b"{\"ev\":\"open\",\"at\":1}",
             20,
             "key \"t\" is missing in an open line; it takes ev, at, t, deadline, within, \
-             age, origin, seq, x",
+             age, origin, seq, missing, x",
         ),
         (
             b"{\"ev\":\"refuse\",\"at\":1,\"t\":2,\"p\":1}",
