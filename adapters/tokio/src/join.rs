@@ -424,12 +424,12 @@ impl<S: Default + Send + Sync + 'static> JoinTask<S> {
                     let since = value.captured.map_or(value.arrived, Instant::from_std);
                     now.saturating_duration_since(since) <= latest.max_age
                 };
-                match latest.value.as_ref().filter(is_fresh) {
+                let value = latest.value.as_ref().filter(is_fresh);
+                match value {
                     Some(value) => guarded(|| (value.put)(&mut joined.set)),
                     None => joined.missing.push(Arc::clone(&latest.name)),
                 }
                 if latest.is_origin {
-                    let value = latest.value.as_ref().filter(is_fresh);
                     of = value.and_then(|value| value.lineage.as_deref());
                 }
             }
