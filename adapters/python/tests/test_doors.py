@@ -199,7 +199,7 @@ def test_local_has_a_deadline_of_a_second_unless_it_is_given() -> None:
 def test_a_local_that_hangs_is_reported_and_replaced_up_to_a_bound(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    """One of three hangs; others answer, and the last thread ends with its computation."""
+    """One of several hangs; others answer, and the last thread ends with its computation."""
     release = threading.Event()
 
     def make() -> Any:
@@ -213,22 +213,21 @@ def test_a_local_that_hangs_is_reported_and_replaced_up_to_a_bound(
     async def main(local: Local[int, str]) -> tuple[list[Item[str]], Any]:
         operator: Operator[int, str] = Operator(local, window=16)
         async with operator:
-            operator.write(0)
-            items = [await operator.__anext__()]
-            for message in (1, 2):
-                operator.write(message)
+            items: list[Item[str]] = []
+            # On a busy host others may be late, but not for ever.
+            while len(items) < 100 and (not items or items[-1].ending is Ending.MISSED):
+                operator.write(len(items))
                 items.append(await operator.__anext__())
             release.set()
             return items, operator.counts
 
-    items, counts = asyncio.run(main(Local.threads_of(make, deadline=2.0)))
-    assert [item.value for item in items] == [None, "1 on board", "2 on board"]
-    assert counts["local", "request", "lost"] == 1
+    items, counts = asyncio.run(main(Local.threads_of(make, deadline=0.2)))
+    assert items[0].value is None and items[-1].value == f"{len(items) - 1} on board"
     assert "another takes its place" in caplog.text
     # One function for all computations may have state: it does not run beside its hung self.
     release.clear()
-    items, counts = asyncio.run(main(Local.threads(make(), deadline=2.0)))
-    assert [item.ending for item in items] == [Ending.MISSED] * 3
+    items, counts = asyncio.run(main(Local.threads(make(), deadline=0.02)))
+    assert [item.ending for item in items] == [Ending.MISSED] * 100
     assert counts["local", "request", "lost"] >= 1
     assert "keeps its place" in caplog.text
 

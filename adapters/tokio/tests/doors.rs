@@ -148,15 +148,17 @@ async fn a_local_that_hangs_is_reported_and_replaced_if_it_can_be_made_anew() {
     };
     let anew = Arc::clone(&held);
     let mut local = Local::threads(1, move || compute(Arc::clone(&anew)));
-    local.deadline = Some(2000 * MS);
+    local.deadline = Some(200 * MS);
     let operator = ClosureOperator(move |_: &mut Setup<u64, String>| local);
-    let (items, tally) = real_time(operator, Config::default(), 3).await;
-    assert_eq!(items, ["missed", "local 1", "local 2"]);
-    assert_eq!(tally.sources[0].lost, 1);
+    // On a busy host others may be late, but not for ever.
+    let is_over = |items: &[String]| items.len() == 100 || items.iter().any(|it| it != "missed");
+    let (items, _) = real_time_until(operator, Config::default(), is_over).await;
+    assert_eq!(items[0], "missed");
+    assert!(items.len() < 100, "no thread took the place of the one that hangs");
 
     // One function may keep state: it does not run beside itself.
     let mut local = Local::blocking(compute(Arc::clone(&held)));
-    (local.deadline, local.replaceable) = (Some(2000 * MS), 9);
+    (local.deadline, local.replaceable) = (Some(200 * MS), 9);
     let operator = ClosureOperator(move |_: &mut Setup<u64, String>| local);
     let (items, tally) = real_time(operator, Config::default(), 2).await;
     assert_eq!(items, ["missed"; 2]);
@@ -211,11 +213,23 @@ fn local_has_a_deadline_of_a_second_unless_it_is_set() {
     assert_eq!(Local::<u64, u64>::future(|n, _| async move { Ok(*n) }).deadline, second);
 }
 
-/// Writes a message once the item of the one before was read; returns what became of them.
+/// Writes so many messages, each once the item of the one before was read; returns what became of them.
 async fn real_time<F>(
     operator: ClosureOperator<F>,
     config: Config,
-    len: u64,
+    len: usize,
+) -> (Vec<String>, Tally)
+where
+    F: FnOnce(&mut Setup<u64, String>) -> Local<u64, String>,
+{
+    real_time_until(operator, config, |items| items.len() == len).await
+}
+
+/// The same, until their items are enough.
+async fn real_time_until<F>(
+    operator: ClosureOperator<F>,
+    config: Config,
+    is_over: impl Fn(&[String]) -> bool,
 ) -> (Vec<String>, Tally)
 where
     F: FnOnce(&mut Setup<u64, String>) -> Local<u64, String>,
@@ -223,8 +237,8 @@ where
     let (mut writer, input): (Writer<u64>, _) = stream(8);
     let (running, mut output): (Running, _) = spawn(operator, config, input).unwrap();
     let mut items = Vec::new();
-    for n in 0..len {
-        writer.write(n).unwrap();
+    while !is_over(&items) {
+        writer.write(items.len() as u64).unwrap();
         let item = output.read().await.unwrap();
         items.push(match &item.ending {
             Ending::Forwarded(forwarded) => forwarded.value.clone(),

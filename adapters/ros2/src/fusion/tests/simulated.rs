@@ -173,7 +173,7 @@ fn d14_what_has_no_key_is_counted_and_no_more() {
 /// D15: diagnostics report what was missed, refused and not sent with the right level, and nothing else.
 #[test]
 fn d15_levels_are_those_of_what_happened() {
-    holds("d15_told");
+    holds("d15_reported");
 }
 
 /// D16: deadlines, clouds that are enabled, and the state of a managed node are as they were set when a message came.

@@ -28,7 +28,7 @@ pub(super) const CHECKS: &[Check] = &[
     Check { name: "d11_one_account", holds: one_account },
     Check { name: "d13_lost_words", holds: lost_words },
     Check { name: "d14_its_own_topic", holds: its_own_topic },
-    Check { name: "d15_told", holds: reported },
+    Check { name: "d15_reported", holds: reported },
     Check { name: "d16_as_set", holds: as_set },
 ];
 
