@@ -113,8 +113,18 @@ fn an_encoding_does_not_begin_once_its_call_was_aborted() {
             setup.use_cloud(handle, |n, _| Some((*n, 50 * MS)), |n| Ok(n.to_string()), 1);
             Local::future(|n, _| async move { Ok(format!("local {n}")) })
         });
-        assert_eq!(real_time(operator, Config::default(), 1).await.0, ["local 0"]);
+        let (mut writer, input) = stream(8);
+        let (running, mut output) = spawn(operator, Config::default(), input).unwrap();
+        writer.write(0).unwrap();
+        let item = output.read().await.unwrap();
+        assert_eq!(item.forwarded().unwrap().value, "local 0");
+        // What was aborted is dropped on this thread.
+        for _ in 0..100 {
+            tokio::task::yield_now().await;
+        }
         release(&held);
+        running.stop();
+        running.join().await.unwrap();
         blocked.await.unwrap();
         // What waited before it has had its turn.
         spawn_blocking(|| ()).await.unwrap();
