@@ -201,7 +201,7 @@ fn deadlines_are_as_their_schema_says() {
 fn scenarios_are_as_their_schemas_say() {
     let dir = tempdir().unwrap();
     for (scenario, args) in [
-        ("traffic-jam", &[][..]),
+        ("traffic-jam", &["--speed", "22", "--rate", "2"][..]),
         ("traffic-jam", &["--cells-only", "--speed", "23"]),
         ("red-light", &["--variant", "skewed"]),
         ("jaywalking", &["--speed", "9,30"]),
