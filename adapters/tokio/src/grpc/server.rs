@@ -34,7 +34,7 @@ use crate::grpc::server::limits::ServerLimits;
 use crate::grpc::token::{AuthCheck, Token};
 
 /// How long no connection is accepted after the system had no room for one more.
-const BREATH: Duration = Duration::from_millis(100);
+const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
 
 /// Whom a server accepts, and what they may take; by default everybody, without TLS.
 #[derive(Clone, Debug, Default)]
@@ -109,7 +109,7 @@ where
         tls,
         closing,
     };
-    let mut guests = JoinSet::new();
+    let mut connections = JoinSet::new();
     {
         let (mut until, mut incoming) = (pin!(until), pin!(incoming));
         loop {
@@ -118,21 +118,21 @@ where
                 accepted = incoming.next() => match accepted {
                     Some(Ok((socket, peer))) => match limits.permit(peer.ip()) {
                         Ok(permit) => {
-                            guests.spawn(connection_handler.clone().host(socket, peer, permit));
+                            connections.spawn(connection_handler.clone().run(socket, peer, permit));
                         }
                         Err(why) => limits.log(peer, &why),
                     },
                     Some(Err(error)) => {
                         warn!(%error, "no connection can be taken on");
-                        tokio::time::sleep(BREATH).await;
+                        tokio::time::sleep(ACCEPT_PAUSE).await;
                     }
                     None => break,
                 },
-                Some(_) = guests.join_next() => {}
+                Some(_) = connections.join_next() => {}
             }
         }
     }
     let _ = close.send(());
-    while guests.join_next().await.is_some() {}
+    while connections.join_next().await.is_some() {}
     Ok(())
 }

@@ -168,26 +168,29 @@ async fn recovered(
     let each = here.bounds.connections_each;
     for number in 0..STRANGERS {
         let from = here.address(9, number);
-        let mut guests = Vec::new();
+        let mut connections = Vec::new();
         for _ in 0..each {
-            guests.push(here.server.visit(from).await);
-            let is_served = here.answers(guests.last().unwrap()).await;
-            expect(is_served, &format!("{from} is let in {} times of {each}", guests.len() - 1));
+            connections.push(here.server.visit(from).await);
+            let is_served = here.answers(connections.last().unwrap()).await;
+            expect(
+                is_served,
+                &format!("{from} is let in {} times of {each}", connections.len() - 1),
+            );
         }
         let beyond = here.server.visit(from).await;
         expect(!here.answers(&beyond).await, &format!("{from} is let in beyond {each}"));
     }
     sleep(SECOND).await;
-    let mut guests = Vec::new();
+    let mut connections = Vec::new();
     for number in 0..=u8::try_from(here.bounds.connections).unwrap() {
-        let guest = here.server.visit(here.address(8, number)).await;
-        if here.answers(&guest).await {
-            guests.push(guest);
+        let connection = here.server.visit(here.address(8, number)).await;
+        if here.answers(&connection).await {
+            connections.push(connection);
         }
     }
     let places = here.bounds.connections - innocents.len();
-    expect(guests.len() == places, &format!("{} of {places} places", guests.len()));
-    drop(guests);
+    expect(connections.len() == places, &format!("{} of {places} places", connections.len()));
+    drop(connections);
     // All bytes there are, and one more, in a request and in a reply.
     let Some(visitor) = innocents.first() else { return wrong };
     for (what, excess, status) in [("all bytes", 0, 0), ("a byte too many", 1, 8)] {
@@ -207,13 +210,16 @@ async fn recovered(
     // So that the log says how many it left out.
     sleep(2 * SECOND).await;
     let from = here.address(9, 0);
-    let guests = join_all((0..=each).map(|_| here.server.visit(from))).await;
+    let connections = join_all((0..=each).map(|_| here.server.visit(from))).await;
     sleep(SECOND).await;
-    expect(guests.iter().filter(|guest| guest.is_open()).count() == each, "one was to be closed");
+    expect(
+        connections.iter().filter(|connection| connection.is_open()).count() == each,
+        "one was to be closed",
+    );
     let crowded = crowds * super::rude::BEYOND + usize::from(STRANGERS) + 1;
     let logged = logged(&log.text(), "its address has as many connections as it may");
     expect(logged == crowded, &format!("{crowded} were too many, the log says {logged}"));
-    drop(guests);
+    drop(connections);
     let blamed = (0..INNOCENTS).map(|number| here.address(0, number));
     let blamed = blamed.filter(|from| {
         let peer = format!("peer={}", std::net::SocketAddr::from((*from, 4711)));

@@ -64,7 +64,7 @@ impl<T> Clone for ConnectionHandler<T> {
 
 impl<T: Infer> ConnectionHandler<T> {
     /// Serves a connection until it ends, and logs why if it had to be closed.
-    pub(crate) async fn host(
+    pub(crate) async fn run(
         self,
         socket: impl AsyncRead + AsyncWrite + Send + Unpin + 'static,
         peer: SocketAddr,

@@ -20,7 +20,7 @@ const EVERY: Duration = Duration::from_secs(1);
 /// What all connections share (D8 bounded).
 pub(crate) struct ServerLimits {
     pub(crate) bounds: Bounds,
-    seats: Mutex<HashMap<IpAddr, usize>>,
+    by_address: Mutex<HashMap<IpAddr, usize>>,
     connections_open: AtomicUsize,
     held: AtomicUsize,
     reported: Mutex<HashMap<Discriminant<RejectReason>, SuppressedLog>>,
@@ -59,7 +59,7 @@ impl ServerLimits {
     pub(crate) fn new(bounds: Bounds) -> Self {
         Self {
             bounds,
-            seats: Mutex::default(),
+            by_address: Mutex::default(),
             connections_open: AtomicUsize::new(0),
             held: AtomicUsize::new(0),
             reported: Mutex::default(),
@@ -72,11 +72,11 @@ impl ServerLimits {
         address: IpAddr,
     ) -> Result<ConnectionPermit, RejectReason> {
         let from = network(address);
-        let mut seats = lock(&self.seats);
+        let mut by_address = lock(&self.by_address);
         if self.connections_open.load(Ordering::Relaxed) >= self.bounds.connections {
             return Err(RejectReason::Full);
         }
-        let count = seats.entry(from).or_default();
+        let count = by_address.entry(from).or_default();
         if *count >= self.bounds.connections_each {
             return Err(RejectReason::Crowd);
         }
@@ -128,12 +128,12 @@ pub(crate) struct ConnectionPermit {
 
 impl Drop for ConnectionPermit {
     fn drop(&mut self) {
-        let mut seats = lock(&self.limits.seats);
+        let mut by_address = lock(&self.limits.by_address);
         self.limits.connections_open.fetch_sub(1, Ordering::Relaxed);
-        if let Some(count) = seats.get_mut(&self.from) {
+        if let Some(count) = by_address.get_mut(&self.from) {
             *count -= 1;
             if *count == 0 {
-                seats.remove(&self.from);
+                by_address.remove(&self.from);
             }
         }
     }
@@ -169,6 +169,6 @@ mod tests {
             assert_eq!(full.as_deref(), Some("the server has as many connections as it may"));
             drop(permits);
         }
-        assert!(lock(&limits.seats).is_empty());
+        assert!(lock(&limits.by_address).is_empty());
     }
 }
