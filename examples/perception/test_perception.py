@@ -10,6 +10,7 @@ from typing import ClassVar
 import fuseline
 import numpy as np
 
+from agreement import agreement, by_source, read
 from detections import SOURCES, load
 from emulation import NETWORKS, STARTS, delay, delay_at
 from emulation import load as load_network
@@ -137,6 +138,29 @@ class Comparison(unittest.TestCase):
                 verdict = fuseline.check(trace)
                 self.assertTrue(verdict.conforms, verdict)
                 self.assertEqual(verdict.judged, len(KEPT))
+
+
+class ByHand(unittest.TestCase):
+    """The boxes that were drawn by hand."""
+
+    def test_the_book_says_how_well_they_agree(self) -> None:
+        first, again = read()
+        self.assertGreaterEqual((len(first), len(again)), (60, 10))
+        twice = agreement(first, again)
+        found = agreement(first, {frame: KEPT.reference[frame] for frame in first})
+        wrong = found.counts[1] - found.agreed
+        text = " ".join(BOOK.split())
+        for words in (
+            f"{len(first)} frames, {len(again)} of them twice",
+            f"{twice.agreed} of {twice.counts[1]} boxes agree",
+            f"overlap (IoU) of {twice.overlap:.2f}",
+            f"Of {found.counts[0]} people by hand, {found.agreed} are in the reference",
+            f"overlap of {found.overlap:.2f}; {wrong} of its {found.counts[1]} boxes",
+        ):
+            self.assertTrue(words in text, words)
+        for source, by_hand, by_reference in by_source(KEPT, first):
+            figures = (by_hand.ap50, by_reference.ap50, by_hand.ap, by_reference.ap)
+            self.assertEqual([f"{it:.1f}" for it in figures], _row_of_the_book(source))
 
 
 class KeptFile(unittest.TestCase):
