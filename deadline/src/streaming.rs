@@ -46,7 +46,8 @@ pub struct BoxDetector {
 /// [`Expected`] finds the deadline of least mean loss (T3).
 ///
 /// That the next output is sent at the same age is an assumption: with mixed sources some are sent earlier, some later, and the
-/// loss is right in the mean. If the consumer moves boxes on, only what that misses counts as speed.
+/// loss is right in the mean. If the consumer moves boxes on, only what that misses counts as speed. Under the commit rule
+/// *progressive* local's output is sent at once, whatever the deadline: waiting costs nothing, so give no speeds.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct StreamLoss<const WINDOW: usize = 64> {
     local: BoxDetector,

@@ -11,13 +11,14 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from detections import KEPT, SOURCES, load
-from metrics import THRESHOLDS, Boxes, match, overlaps, precision
+from detections import KEPT, SOURCES, KeptDetections, load
+from metrics import THRESHOLDS, Boxes, Precision, match, overlaps, precision
 
 ANNOTATIONS = Path(__file__).with_name("annotations.json")
 #: Boxes by frame.
@@ -60,6 +61,17 @@ def agreement(one: Annotations, other: Annotations) -> BoxAgreement:
     return BoxAgreement(len(shared), (counts[0], counts[1]), float(np.mean(shared or [0.0])))
 
 
+def by_source(
+    kept: KeptDetections, first: Annotations
+) -> Iterator[tuple[str, Precision, Precision]]:
+    """How good each source is on these frames: by hand, and by the reference."""
+    for source in SOURCES:
+        found = [kept.found[source][frame] for frame in first]
+        by_hand = precision(map(match, found, first.values()))
+        reference = (kept.reference[frame] for frame in first)
+        yield source, by_hand, precision(map(match, found, reference))
+
+
 def _pass(frames: dict[str, list[list[float]]]) -> Annotations:
     annotations = {}
     for frame, rows in frames.items():
@@ -93,10 +105,7 @@ def main() -> int:
     _print("by hand, first and again", agreement(first, again))
     reference = {frame: kept.reference[frame] for frame in first}
     _print("by hand and the reference", agreement(first, reference))
-    for source in SOURCES:
-        found = [kept.found[source][frame] for frame in first]
-        by_hand = precision(map(match, found, first.values()))
-        by_reference = precision(map(match, found, reference.values()))
+    for source, by_hand, by_reference in by_source(kept, first):
         print(
             f"{source}: AP50 {by_hand.ap50:.1f} by hand, {by_reference.ap50:.1f} by the reference;"
             f" AP {by_hand.ap:.1f}, {by_reference.ap:.1f}"

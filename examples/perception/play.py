@@ -46,10 +46,14 @@ class Playthrough:
 
 
 class KeptDrive:
-    """The kept detections over the networks from one start."""
+    """The kept detections over the networks from one start.
 
-    def __init__(self, kept: KeptDetections, start: int) -> None:
-        self.kept, self.start = kept, start
+    `speed_share` is how much of the boxes' speeds `Streaming` learns: less than all if the consumer
+    moves boxes on.
+    """
+
+    def __init__(self, kept: KeptDetections, start: int, speed_share: float = 1.0) -> None:
+        self.kept, self.start, self.speed_share = kept, start, speed_share
 
     def captured(self, frame: int) -> float:
         """When a frame is captured."""
@@ -116,6 +120,8 @@ class KeptDrive:
                 linger=LINGER if policies else 0.0,
             )
         outputs, forecast = [], Forecast()
+        # Under progressive no output is older for waiting.
+        speed_share = 0.0 if commit == "progressive" else self.speed_share
         begin = loop.time()
         async with operator:
             operator.feed(self._camera(loop, begin))
@@ -127,7 +133,7 @@ class KeptDrive:
                 speeds = forecast.update(self.captured(item.timestamp), boxes.tolist())
                 for it in policies.values():
                     if isinstance(it, Streaming):
-                        it.moved(speeds)
+                        it.moved(speed_share * speed for speed in speeds)
         return Playthrough(outputs, sent[0])
 
     def _cloud(self, cloud: str, sent: list[int]) -> Callable[[int, Call], Awaitable[str]]:

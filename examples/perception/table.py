@@ -1,6 +1,6 @@
 """Compares approaches on kept detections, over recorded networks from ten starts.
 
-    python table.py [--detections FILE] [--starts N]
+    python table.py [--detections FILE] [--starts N] [--speed-share SHARE]
 
 AP50 and AP are by frame: the last output that was sent for it in time, and nothing if none was.
 sAP is streaming: at the instant of each frame, the newest output sent by then; fsAP the same with
@@ -124,13 +124,13 @@ def approaches(kept: KeptDetections) -> Iterable[tuple[str, Callable[[KeptDrive]
 
 
 def compare(
-    kept: KeptDetections, starts: int, names: Iterable[str] | None = None
+    kept: KeptDetections, starts: int, names: Iterable[str] | None = None, speed_share: float = 1.0
 ) -> dict[str, list[Scores]]:
     """The scores of each approach from each start."""
     scorer = Scorer(kept)
     wanted = None if names is None else set(names)
     return {
-        name: [scorer.score(play(KeptDrive(kept, start))) for start in range(starts)]
+        name: [scorer.score(play(KeptDrive(kept, it, speed_share))) for it in range(starts)]
         for name, play in approaches(kept)
         if wanted is None or name in wanted
     }
@@ -174,16 +174,25 @@ def main() -> int:
     )
     parser.add_argument("--detections", type=Path, default=KEPT, metavar="FILE")
     parser.add_argument("--starts", type=int, default=STARTS, metavar="N", help="[10]")
+    parser.add_argument(
+        "--speed-share",
+        type=float,
+        default=1.0,
+        metavar="SHARE",
+        help="of the boxes' speeds that Streaming learns [1]",
+    )
     options = parser.parse_args()
     if options.starts < 1:
         parser.error(f"--starts {options.starts}: at least 1")
+    if not 0.0 <= options.speed_share <= 1.0:
+        parser.error(f"--speed-share {options.speed_share}: from 0 to 1")
     try:
         kept = load(options.detections)
     except (OSError, ValueError, KeyError, LZMAError) as error:
         parser.error(f"{options.detections}: {error}")
     networks = ", ".join(f"{source} {network}" for source, network in kept.networks.items())
     print(f"{len(kept)} frames at {kept.rate:g} Hz, {options.starts} starts; {networks}\n")
-    print_table(compare(kept, options.starts))
+    print_table(compare(kept, options.starts, speed_share=options.speed_share))
     return 0
 
 

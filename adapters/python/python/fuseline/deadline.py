@@ -395,8 +395,8 @@ class Streaming(Expected):
     """The deadline of least mean loss in a stream of outputs, of which the newest is in force.
 
     An output costs accuracy, and what the world moves until the next one: by the last 64 speeds of
-    boxes, given to `moved`. While no speed is known, nothing moves. The derivation is that of
-    `fuseline_deadline::Streaming`.
+    boxes, given to `moved`. While no speed is known, nothing moves. Under progressive waiting costs
+    nothing, so give no speeds. The derivation is that of `fuseline_deadline::Streaming`.
 
     Args:
         local: How well what is sent otherwise does: the computation on board, or, under patient, a
