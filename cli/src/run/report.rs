@@ -8,6 +8,7 @@ use std::io::BufReader;
 use std::path::Path;
 use std::time::Duration;
 
+use fuseline_report::policies::{BoundedFigure, ComparedPolicy, ConstantPolicy, PolicyScore};
 use fuseline_report::{
     ArrivalTime, COLUMNS, Findings, MessageRecord, Quantile, RequestRow, Totals, TraceStatistics,
 };
@@ -18,7 +19,6 @@ use schemars::JsonSchema;
 use serde::{Serialize, Serializer};
 
 use crate::fault::Fault;
-use crate::policies::{BoundedFigure, ComparedPolicy, ConstantPolicy, PolicyScore};
 use crate::run::driven::RunMetadata;
 use crate::run::plan::{CloudPlan, CloudServer, DeadlinePolicy, RunPlan};
 use crate::run::queue::Queues;

@@ -8,9 +8,9 @@ use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
 use crate::emulation::{Outage, REPLY_BYTES, REQUEST_BYTES};
 use crate::link::LinkWidth;
 use crate::models::Model;
-use crate::policies::BoundedFigure;
 use crate::run::plan::{CloudPlan, CloudServer, DeadlinePolicy, RunPlan};
 use crate::run::report::{PolicyReport, RunReport, SourceReport, share};
+use fuseline_report::policies::BoundedFigure;
 use fuseline_report::{COLUMNS, PolicyScores, Quantile, RequestRow, RunNotes, Totals};
 
 /// What the columns of the table of policies are called.

@@ -1,4 +1,7 @@
-//! Drives: recorded round-trip times of a moving vehicle, built in or read from CSV, by the moment of sending.
+//! Recorded networks: round-trip times of a moving vehicle by the moment of sending, built in or read from CSV.
+//!
+//! A [`Drive`] takes the time as an argument, so that a test in virtual time, a simulation and a proxy can use it. For calls on
+//! tokio it goes into `fuseline_tokio::EmulatedNetwork`, which waits; `fuseline serve --forward` puts it before a server.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -20,7 +23,7 @@ macro_rules! built_in {
     };
 }
 
-/// The drives inside the binary, by name.
+/// The drives inside the library, by name.
 const BUILT_IN: &[(&str, &str)] = built_in![
     "cicv5g/arterial_n78_v80",
     "cicv5g/rural_n8_v0",
@@ -35,8 +38,17 @@ const BUILT_IN: &[(&str, &str)] = built_in![
 /// One recorded drive through one network, as round-trip times by the moment of sending.
 ///
 /// A drive that is over starts again from its beginning.
+///
+/// ```
+/// use core::time::Duration;
+/// use fuseline_testkit::networks::Drive;
+///
+/// let drive = Drive::load("cicv5g/rural_n8_v10")?;
+/// assert_eq!(drive.round_trip(Duration::from_millis(55)), Some(Duration::from_millis(25)));
+/// # Ok::<(), fuseline_testkit::networks::DriveError>(())
+/// ```
 #[derive(Clone, PartialEq, Debug)]
-pub(crate) struct Drive {
+pub struct Drive {
     name: String,
     /// Ascending, the first at 0.
     samples: Vec<Sample>,
@@ -55,30 +67,41 @@ struct Sample {
     rates: [u64; 2],
 }
 
-/// Why a drive cannot be used.
+/// Why a drive cannot be used; the words say where.
 #[derive(Debug, Error)]
-pub(crate) enum DriveError {
+#[expect(missing_docs, reason = "the fields are what the words say")]
+pub enum DriveError {
+    /// There is no such drive.
     #[error("no built-in drive and no readable file {name:?} ({source}); built in are {}", names())]
     Open { name: String, source: io::Error },
+    /// The file is too long.
     #[error("{name}: more than 64 MiB; give a shorter recording")]
     TooLarge { name: String },
+    /// The file is no CSV.
     #[error("{name}:{}: {source}; a drive is CSV with a line of column names first", source.line)]
     Csv { name: String, source: TableError },
+    /// It has no column of times.
     #[error("{name}:1: no time column; name one `sent_ms` or `second`")]
     NoTime { name: String },
+    /// It has no such network.
     #[error("{name}:1: no column {wanted:?}; it has {found}")]
     NoColumn { name: String, wanted: String, found: String },
+    /// It has several networks, and none is named.
     #[error("{name}:1: which network? write {name}:{}", .found.join(&format!(" or {name}:")))]
     ManyColumns { name: String, found: Vec<String> },
+    /// A round trip is none.
     #[error("{name}:{line}: {column} is {found:?}; it must be milliseconds from 0 to a day, or -1")]
     RoundTrip { name: String, line: u64, column: String, found: String },
+    /// An instant is not after the one before.
     #[error(
         "{name}:{line}: {column} is {found:?}; it must be a number greater than the line before, \
          within a year of the first"
     )]
     Time { name: String, line: u64, column: String, found: String },
+    /// It is too short.
     #[error("{name}: fewer than two rows; a drive needs at least two")]
     TooShort { name: String },
+    /// A rate is none.
     #[error(
         "{name}:{line}: {column} is {found:?}; it must be 0, or Mbit/s from 0.001 to 1000000, and not 0 in all rows"
     )]
@@ -91,7 +114,7 @@ impl Drive {
     ///
     /// # Errors
     /// The first [`DriveError`] that holds.
-    pub(crate) fn load(name: &str) -> Result<Self, DriveError> {
+    pub fn load(name: &str) -> Result<Self, DriveError> {
         let (file, network) = match name.rsplit_once(':') {
             Some((file, network)) if !network.contains(['/', '\\']) => (file, Some(network)),
             Some(_) | None => (name, None),
@@ -105,7 +128,8 @@ impl Drive {
     }
 
     /// A network that takes no time.
-    pub(crate) fn direct() -> Self {
+    #[must_use]
+    pub fn direct() -> Self {
         let sample = Sample { at: Duration::ZERO, round_trip: Some(Duration::ZERO), rates: [0; 2] };
         let (name, length) = ("no drive".to_owned(), Duration::from_secs(1));
         Self { name, samples: vec![sample], length, has_rate: [false; 2] }
@@ -114,7 +138,12 @@ impl Drive {
     /// Reads a recording: CSV with a line of column names, a time column `sent_ms` or `second`, and
     /// one `rtt_ms`, or several `<network>_rtt_ms` of which `network` names one. `uplink_mbps` and `downlink_mbps`, with
     /// the same prefix, are the rates of the link. Other columns are ignored.
-    fn read(file: &str, network: Option<&str>, text: impl Read) -> Result<Self, DriveError> {
+    ///
+    /// `file` is the name in errors.
+    ///
+    /// # Errors
+    /// The first [`DriveError`] that holds.
+    pub fn read(file: &str, network: Option<&str>, text: impl Read) -> Result<Self, DriveError> {
         let owned = || file.to_owned();
         let fault = |source| csv_error(file, source);
         let text = SizeLimit { text, remaining: FILE_BYTES };
@@ -176,13 +205,20 @@ impl Drive {
         Ok(Self { name, samples, length, has_rate: rates.map(|rate| rate.is_some()) })
     }
 
+    /// From when on which round trip holds, if there is one: until the next, or the drive's end.
+    pub fn samples(&self) -> impl ExactSizeIterator<Item = (Duration, Option<Duration>)> {
+        self.samples.iter().map(|sample| (sample.at, sample.round_trip))
+    }
+
     /// Whether a rate of the link, up or down, is recorded.
-    pub(crate) const fn has_rates(&self) -> bool {
+    #[must_use]
+    pub const fn has_rates(&self) -> bool {
         self.has_rate[0] || self.has_rate[1]
     }
 
     /// What the link carries one way at `moment`, in bits a second, and for how long; none if it is not recorded.
-    pub(crate) fn rate(&self, way: usize, moment: Duration) -> Option<(u64, Duration)> {
+    #[must_use]
+    pub fn rate(&self, way: usize, moment: Duration) -> Option<(u64, Duration)> {
         self.has_rate[way].then(|| {
             let within = nanos(moment.as_nanos() % self.length.as_nanos());
             let next = self.samples.partition_point(|sample| sample.at <= within);
@@ -192,18 +228,20 @@ impl Drive {
     }
 
     /// How long the drive is before it starts again.
-    pub(crate) const fn length(&self) -> Duration {
+    #[must_use]
+    pub const fn length(&self) -> Duration {
         self.length
     }
 
     /// The drive's name, the network included.
-    pub(crate) fn name(&self) -> &str {
+    #[must_use]
+    pub fn name(&self) -> &str {
         &self.name
     }
 
     /// For how much of the drive a round trip is shorter than so many seconds.
-    #[cfg(feature = "full")]
-    pub(crate) fn share_below(&self, seconds: f64) -> f64 {
+    #[must_use]
+    pub fn share_below(&self, seconds: f64) -> f64 {
         let ends = self.samples.iter().skip(1).map(|sample| sample.at).chain([self.length]);
         let is_short =
             |sample: &Sample| sample.round_trip.is_some_and(|trip| trip.as_secs_f64() < seconds);
@@ -217,7 +255,8 @@ impl Drive {
     ///
     /// It is the round trip of the latest sample at that moment. While the network was unavailable
     /// (`-1`) a message waits until a sample has one again and then takes that sample's round trip.
-    pub(crate) fn round_trip(&self, moment: Duration) -> Option<Duration> {
+    #[must_use]
+    pub fn round_trip(&self, moment: Duration) -> Option<Duration> {
         let within = nanos(moment.as_nanos() % self.length.as_nanos());
         let sent = self.samples.partition_point(|sample| sample.at <= within).saturating_sub(1);
         let (later, earlier) = (self.samples.get(sent..)?, self.samples.get(..sent)?);
@@ -233,8 +272,13 @@ impl Drive {
     }
 }
 
-pub(crate) fn names() -> String {
-    let names: Vec<&str> = BUILT_IN.iter().map(|(name, _)| *name).collect();
+/// The names of the built-in drives.
+pub fn built_in() -> impl Iterator<Item = &'static str> {
+    BUILT_IN.iter().map(|(name, _)| *name)
+}
+
+fn names() -> String {
+    let names: Vec<&str> = built_in().collect();
     names.join(", ")
 }
 
