@@ -39,8 +39,8 @@ pub(crate) struct RunReport {
     pub(crate) deadline_ms: u64,
     /// How each message's is chosen.
     pub(crate) policy: &'static str,
-    /// What a second of waiting was worth to it, in points of AP; none if it has no price.
-    pub(crate) price: Option<f64>,
+    /// What a millisecond of waiting was worth to it, in points of AP; none if it has no price.
+    pub(crate) price_per_ms: Option<f64>,
     pub(crate) commit: &'static str,
     pub(crate) window: u16,
     /// Calls at once to one cloud.
@@ -208,7 +208,7 @@ impl Reading {
             rate: plan.rate,
             deadline_ms: plan.deadline_ms,
             policy: plan.policy.as_str(),
-            price: (plan.policy == DeadlinePolicy::Expected).then_some(plan.price),
+            price_per_ms: (plan.policy == DeadlinePolicy::Expected).then_some(plan.price_per_ms),
             commit: plan.commit.as_str(),
             window: plan.window,
             calls: plan.calls,

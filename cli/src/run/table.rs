@@ -362,7 +362,7 @@ pub(crate) fn sources_table(totals: &Totals, name: impl Fn(&RequestRow) -> Strin
 /// The options in force.
 fn configuration(plan: &RunPlan) -> Vec<(String, String)> {
     let policy = match plan.policy {
-        DeadlinePolicy::Expected => format!("expected, {} AP for a second", plan.price),
+        DeadlinePolicy::Expected => format!("expected, {} AP a millisecond", plan.price_per_ms),
         DeadlinePolicy::Constant => "constant".to_owned(),
     };
     let of = |name: &str, value: String| (name.to_owned(), value);
