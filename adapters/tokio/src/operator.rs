@@ -136,6 +136,15 @@ pub enum SpawnError {
     #[error(
         "local's deadline of {deadline:?} is above the greatest, {greatest:?}; give a shorter \
          one, or a greater greatest_deadline"
+    /// A policy neither probes nor sees calls that linger, so that it would never wait for a cloud again that was gone.
+    #[error(
+        "the policy of {cloud} does not probe, and its calls do not linger, so that it would never wait for a cloud \
+         again that was gone; give it probe_every, or the cloud a linger"
+    )]
+    Linger {
+        /// The cloud's name.
+        cloud: String,
+    },
     )]
     LocalDeadline {
         /// Local's deadline.
@@ -241,6 +250,9 @@ pub fn spawn<P: Operator>(
         }
     }
     if setup.hints.is_some() {
+            if cloud.linger.is_zero() && policy.needs_linger() {
+                return Err(SpawnError::Linger { cloud: cloud.name.clone() });
+            }
         engine.take_hints();
     }
     if setup.substitutes.is_some() {

@@ -34,6 +34,7 @@ from fuseline._wiring import (
     check_function,
     check_handle,
     check_policy,
+    check_linger,
     check_priority,
     check_response_handler,
 )
@@ -215,10 +216,13 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         if policy is not None:
             check_policy(policy)
         limit = calls if limit is None else limit
-        cloud = Cloud(priority, limit, resume, name or f"cloud-{priority}")
+        cloud = Cloud(priority, limit, resume, name)
+        name = name or f"cloud-{priority}"
         self._clouds.append(
             RegisteredCloud(
                 cloud,
+            policy = policy_of(policy)
+            check_linger(policy, nanoseconds(linger), name)
                 handle,
                 message_handler,
                 response_handler,
