@@ -32,6 +32,8 @@ mod meter;
 #[cfg(feature = "operator")]
 mod open_message;
 #[cfg(feature = "operator")]
+mod outage;
+#[cfg(feature = "operator")]
 mod policies;
 #[cfg(feature = "operator")]
 mod queue;
