@@ -70,7 +70,7 @@ pub use fuseline_traces::{
     Recorder, Recording,
 };
 #[cfg(feature = "operator")]
-pub use item::{Ending, Failure, Forwarded, Item, Source, Trigger};
+pub use item::{CarriedMessage, Ending, Failure, Forwarded, Item, Source, Trigger};
 #[cfg(feature = "operator")]
 pub use latency::Latency;
 #[cfg(feature = "operator")]

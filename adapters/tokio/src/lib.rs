@@ -35,12 +35,12 @@ pub use blocking::{BlockingOperator, UnreadItems};
 pub use call::Call;
 pub use carried_state::CarriedState;
 pub use drive::Timers;
-pub use encoding::encoding;
+pub use encoding::{EncodeOnce, EncodedRequest, encoding};
 pub use fuseline_deadline as deadline;
 pub use fuseline_engine::{
-    CapacityError, CapacityErrors, Commit, ConfigError, CurrentDeadline, DropReason, Ending,
-    Failure, Forwarded, Hint, Item, JoinCause, JoinDropReason, Joined, Latency, Lineage,
-    OfferRefusal, OpenRefusal, Origin, Overflow, Reasons, Recording, Source, SourceTally,
+    CapacityError, CapacityErrors, CarriedMessage, Commit, ConfigError, CurrentDeadline,
+    DropReason, Ending, Failure, Forwarded, Hint, Item, JoinCause, JoinDropReason, Joined, Latency,
+    Lineage, OfferRefusal, OpenRefusal, Origin, Overflow, Reasons, Recording, Source, SourceTally,
     StampedValue, Tally, Trigger,
 };
 pub use in_order::OutOfOrder;

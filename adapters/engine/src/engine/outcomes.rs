@@ -179,6 +179,7 @@ impl<V, R> Engine<V, R> {
             lineage,
             age,
             substitute: None,
+            carried: None,
         };
         self.effects.push_back(Effect::Output(item));
     }
