@@ -14,6 +14,7 @@ mod items;
 mod join;
 mod link;
 mod local;
+mod network;
 mod operator;
 mod outbox;
 mod panics;
@@ -48,6 +49,7 @@ pub use items::Items;
 pub use join::{Join, JoinConfig, JoinDrop, JoinTally, RunningJoin};
 pub use link::{EmulatedLink, LinkDirection};
 pub use local::Local;
+pub use network::EmulatedNetwork;
 pub use operator::{Config, JoinError, Operator, Running, SpawnError, Trace, spawn};
 #[cfg(feature = "prometheus")]
 pub use prometheus::prometheus;
