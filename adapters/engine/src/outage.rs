@@ -7,7 +7,7 @@ const TIMERS: u64 = 16;
 
 /// The requests of one source that ended without a result since its last one.
 #[derive(Clone, Copy, Default)]
-pub(crate) struct Outage {
+pub(crate) struct OutageLog {
     count: u64,
     /// When the first of them ended.
     began: u64,
@@ -26,7 +26,7 @@ pub(crate) struct OutageLine {
     pub(crate) lasts: u64,
 }
 
-impl Outage {
+impl OutageLog {
     /// F4: a request failed; what to log of it, if anything.
     pub(crate) fn failed(&mut self, at: u64) -> Option<OutageLine> {
         self.add(at);
@@ -74,7 +74,7 @@ mod tests {
 
     #[test]
     fn failures_are_logged_at_first_and_every_ten_seconds_and_their_end_once() {
-        let mut outage = Outage::default();
+        let mut outage = OutageLog::default();
         let tenths = |from: u64, to: u64| (from..to).map(|tenth| tenth * S / 10);
         assert_eq!(
             lines(tenths(0, 251).map(|at| outage.failed(at))),
@@ -86,7 +86,7 @@ mod tests {
 
     #[test]
     fn a_source_that_fails_now_and_then_is_logged_every_ten_seconds_too() {
-        let mut outage = Outage::default();
+        let mut outage = OutageLog::default();
         let mut log = Vec::new();
         for at in (0..300).map(|tenth| tenth * S / 10) {
             log.push(outage.failed(at));
@@ -97,7 +97,7 @@ mod tests {
 
     #[test]
     fn timers_alone_are_an_outage_once_many_fired_in_a_row() {
-        let mut outage = Outage::default();
+        let mut outage = OutageLog::default();
         for _ in 0..3 {
             assert!((1..TIMERS).all(|at| outage.timed_out(at * S).is_none()));
             assert_eq!(outage.answered(TIMERS * S), None);

@@ -29,7 +29,7 @@ async fn a_cloud_that_is_gone_is_logged_at_first_every_ten_seconds_and_once_it_i
             if (5..605).contains(&t) { Err("refused".into()) } else { Ok(format!("of {t}")) }
         };
         let hangs = |t: u64, _: Call| async move {
-            sleep(if (5..605).contains(&t) { 10_000 * MS } else { 5 * MS }).await;
+            sleep(if (5..605).contains(&t) { 10_000 * MS } else { 20 * MS }).await;
             Ok::<_, Error>(format!("of {t}"))
         };
         let send = |t: &u64, _| Some((*t, 80 * MS));
