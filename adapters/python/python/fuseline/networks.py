@@ -14,7 +14,7 @@ a test in `fuseline.testing`'s virtual time drives for hours in milliseconds.
 ...         operator.feed(["frame"])
 ...         return [(item.value, round(item.took, 3)) async for item in operator]
 >>> testing.run(main)
-[('frame by the cloud', 0.12)]
+[('frame by the cloud', 0.117)]
 
 Between processes ``fuseline serve --forward URL --drive DRIVE`` puts a drive before a server.
 """

@@ -18,6 +18,7 @@ pub struct BoundedFigure<T> {
 
 impl<T: Copy + PartialOrd> BoundedFigure<T> {
     /// A figure that is known.
+    #[must_use]
     pub const fn exactly(value: T) -> Self {
         Self { at_least: value, at_most: value }
     }
@@ -26,6 +27,7 @@ impl<T: Copy + PartialOrd> BoundedFigure<T> {
     ///
     /// # Panics
     /// If there is none.
+    #[must_use]
     pub fn spanning(values: impl IntoIterator<Item = T>) -> Self {
         let wider = |one: Self, other: Self| Self {
             at_least: if other.at_least < one.at_least { other.at_least } else { one.at_least },
