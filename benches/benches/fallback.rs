@@ -124,7 +124,7 @@ fn drive_all(detectors: DetectorUse, longest: Duration) -> AnswerFigures {
     for (name, columns) in DRIVES {
         let runtime =
             Builder::new_current_thread().enable_time().start_paused(true).build().expect("time");
-        let file = format!("{}/../cli/data/{name}.csv", env!("CARGO_MANIFEST_DIR"));
+        let file = format!("{}/../testkit/data/{name}.csv", env!("CARGO_MANIFEST_DIR"));
         let text = fs::read_to_string(file).expect("a recorded drive");
         let networks = columns.map(|column| samples(&text, column));
         let before = process_time();

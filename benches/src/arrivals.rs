@@ -9,9 +9,9 @@ use crate::machine::{DecisionTally, Machine};
 
 /// Round trips of three drives, a cloud each: good coverage, coverage lost, outages of seconds.
 const DRIVES: [&str; 3] = [
-    include_str!("../../cli/data/cicv5g/urban_n78_v40.csv"),
-    include_str!("../../cli/data/cicv5g/strong_to_weak_n8_v30.csv"),
-    include_str!("../../cli/data/cicv5g/rural_n8_v10.csv"),
+    include_str!("../../testkit/data/cicv5g/urban_n78_v40.csv"),
+    include_str!("../../testkit/data/cicv5g/strong_to_weak_n8_v30.csv"),
+    include_str!("../../testkit/data/cicv5g/rural_n8_v10.csv"),
 ];
 
 /// How long the models take (DETR-ResNet-101, DETR-ResNet-101-DC and DINO-SWIN-Tiny on an A100), in ns.

@@ -4,11 +4,11 @@ use std::future;
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
+use fuseline_testkit::networks::{Drive, DriveError};
 use fuseline_tokio::grpc::tonic::Status;
 use fuseline_tokio::grpc::{Description, Infer, Reply, Request};
 use tokio::time::{Instant, sleep};
 
-use crate::drives::{Drive, DriveError};
 use crate::fault::Fault;
 use crate::models::Model;
 

@@ -12,7 +12,6 @@ mod deadline;
 mod decide;
 #[cfg(unix)]
 mod drive;
-mod drives;
 mod emulation;
 mod exit;
 #[cfg(feature = "full")]
@@ -35,7 +34,6 @@ mod pages;
 mod part;
 #[cfg(feature = "full")]
 mod plot;
-mod policies;
 #[cfg(feature = "full")]
 mod probe;
 mod progress;

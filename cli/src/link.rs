@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use fuseline_testkit::networks::Drive;
 #[cfg(any(feature = "full", test))]
 use fuseline_tokio::deadline::LinkQueue;
 use fuseline_tokio::deadline::LinkRate;
@@ -9,8 +10,6 @@ use fuseline_tokio::{EmulatedLink, LinkDirection};
 #[cfg(feature = "full")]
 use schemars::JsonSchema;
 use serde::Serialize;
-
-use crate::drives::Drive;
 
 #[derive(Clone, Copy, clap::Args)]
 pub(crate) struct LinkArgs {

@@ -1,4 +1,5 @@
-//! `fuseline serve`: one emulated cloud for operators elsewhere, or the service that shares locations.
+//! `fuseline serve`: one emulated cloud for operators elsewhere, a recorded network before a real server, or the service that
+//! shares locations.
 
 mod location;
 mod locations;
@@ -10,7 +11,8 @@ use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
 
-use fuseline_tokio::grpc::{self, Infer, ServeError, Token};
+use fuseline_tokio::EmulatedNetwork;
+use fuseline_tokio::grpc::{self, Infer, Remote, RemoteError, ServeError, Token};
 use thiserror::Error;
 use tokio::net::TcpListener;
 use tokio::runtime::Runtime;
@@ -29,6 +31,10 @@ use crate::serve::locations::LocationService;
 A reply takes the round trip that the drive had at that moment plus the runtime that the paper
 measured, up to 5 % more or less as the seed says. The drive begins with the first request.
 
+With --forward it puts the drive before a real gRPC server, whatever its service:
+calls are passed on unread, each half of the round trip late on its way there and
+half on its way back. Clients use this address without TLS in place of the server's.
+
 With --locations it keeps each vehicle's last report and answers at once with the
 others'. Payloads are the protobuf messages fuseline.v1.Location and
 fuseline.v1.Locations of cli/proto/locations.proto.
@@ -36,6 +42,7 @@ fuseline.v1.Locations of cli/proto/locations.proto.
 Examples:
   fuseline serve --listen 0.0.0.0:50051 --model DINO-SWIN-Tiny
   fuseline serve --drive vnperf/highway:sprint --start 150
+  fuseline serve --forward http://127.0.0.1:8001 --drive vnperf/highway:sprint
   fuseline serve --locations --age 2
   fuseline serve --cert server.pem --key server.key --client-ca ca.pem --token-file secret
   fuseline run --cloud name=east,priority=2,model=DINO-SWIN-Tiny,url=http://10.0.0.2:50051")]
@@ -43,6 +50,10 @@ pub(crate) struct Args {
     /// The address and port to listen on; port 0 chooses one.
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:50051")]
     listen: SocketAddr,
+    /// Forward calls to this server, http://HOST:PORT or https://HOST:PORT, instead of emulating a model.
+    #[arg(long, value_name = "URL", requires = "drive",
+        conflicts_with_all = ["locations", "model", "seed", "cert", "client_ca", "token_file"])]
+    forward: Option<String>,
     /// Share vehicles' locations instead of emulating a model.
     #[arg(long, conflicts_with_all = ["model", "drive", "seed"])]
     locations: bool,
@@ -101,6 +112,8 @@ enum CannotServe {
     Listen { address: SocketAddr, source: io::Error },
     #[error("{}", chain(.0))]
     Serve(ServeError),
+    #[error("--forward {url}: {}", chain(.source))]
+    Forward { url: String, source: RemoteError },
 }
 
 impl From<CannotServe> for Fault {
@@ -122,6 +135,9 @@ pub(crate) fn serve(args: &Args) -> Result<Exit, Fault> {
         }
         None => Emulation::direct(args.model.clone(), args.seed),
     };
+    if let Some(url) = &args.forward {
+        return forwarding(args.listen, url, emulation);
+    }
     let description = format!("{} (emulated) behind {}", emulation.model, emulation.drive.name());
     answering(args, answer(emulation, Arc::default()), &description)
 }
@@ -141,6 +157,23 @@ fn answering(args: &Args, infer: impl Infer, description: &str) -> Result<Exit, 
     ended.map(|()| Exit::Conforms)
 }
 
+/// Forwards calls to `url` behind the emulation's network.
+fn forwarding(address: SocketAddr, url: &str, emulation: Emulation) -> Result<Exit, Fault> {
+    let description = format!("{url} behind {}", emulation.drive.name());
+    let Emulation { drive, start, .. } = emulation;
+    let network = EmulatedNetwork::new(move |moment| drive.round_trip(start + moment));
+    let remote = Remote::new(url);
+    let interrupt = Interrupt::watch();
+    let runtime = Runtime::new().map_err(Fault::Runtime)?;
+    let forward = async |listener| {
+        let forwarded = grpc::forward(&remote, network, listener, interrupt.wait()).await;
+        forwarded.map_err(|source| CannotServe::Forward { url: url.to_owned(), source })
+    };
+    let ended = runtime.block_on(listening(address, "http", &description, &interrupt, forward));
+    runtime.shutdown_background();
+    ended.map(|()| Exit::Conforms)
+}
+
 /// Listens at `address`, says so, and answers by `infer` until Ctrl-C.
 ///
 /// # Errors
@@ -152,18 +185,30 @@ pub(crate) async fn listen(
     description: &str,
     interrupt: &Interrupt,
 ) -> Result<(), Fault> {
+    let scheme = if server.identity.is_some() { "https" } else { "http" };
+    let serve = async |listener| {
+        let served = grpc::serve(infer, server, listener, interrupt.wait()).await;
+        served.map_err(CannotServe::Serve)
+    };
+    listening(address, scheme, description, interrupt, serve).await
+}
+
+/// Listens at `address`, says so, and serves until Ctrl-C.
+async fn listening(
+    address: SocketAddr,
+    scheme: &str,
+    description: &str,
+    interrupt: &Interrupt,
+    serve: impl AsyncFnOnce(TcpListener) -> Result<(), CannotServe>,
+) -> Result<(), Fault> {
     let cannot = |source| CannotServe::Listen { address, source };
     let listener = TcpListener::bind(address).await.map_err(cannot)?;
     let address = listener.local_addr().map_err(cannot)?;
-    let scheme = if server.identity.is_some() { "https" } else { "http" };
-    let mut serving = pin!(grpc::serve(infer, server, listener, interrupt.wait()));
-    let ended = |ended: Result<(), ServeError>| {
-        ended.map_err(|error| Fault::from(CannotServe::Serve(error)))
-    };
-    // Certificates that are of no use show at once.
+    let mut serving = pin!(serve(listener));
+    // What is of no use, such as certificates or a URL, shows at once.
     tokio::select! {
         biased;
-        early = &mut serving => return ended(early),
+        early = &mut serving => return early.map_err(Fault::from),
         () = tokio::task::yield_now() => {}
     }
     let mut out = io::stdout();
@@ -171,7 +216,7 @@ pub(crate) async fn listen(
         .and_then(|()| out.flush())
         .map_err(Fault::Output)?;
     tokio::select! {
-        late = &mut serving => ended(late),
+        late = &mut serving => late.map_err(Fault::from),
         // Calls under way may take as long as their network is away.
         () = interrupt.wait() => Ok(()),
     }

@@ -333,7 +333,7 @@ fn bad_options_are_one_line_and_exit_2_and_write_nothing() {
         (&["--seconds", "86400", "--rate", "1000"], "86400000 frames are too many"),
         (&["--deadline", "0"], "--deadline"),
         (&["--policy", "guard"], "[possible values: expected, constant]"),
-        (&["--price", "-1"], "'--price <AP>': it must be from 0 to 1000"),
+        (&["--price-per-ms", "-1"], "'--price-per-ms <AP>': it must be from 0 to 1"),
         (&["--window", "1025"], "--window"),
         (&["--commit", "lazy"], "--commit"),
         (&["--local", "yolo"], "no model \"yolo\""),

@@ -107,6 +107,49 @@ fn a_server_elsewhere_answers_a_run() {
     assert_eq!(requests(dir.path(), &server.cloud("http", ""))["forwarded"], 5);
 }
 
+#[test]
+fn a_recorded_network_is_put_before_a_server() {
+    let dir = tempdir().unwrap();
+    fs::write(dir.path().join("drive.csv"), "sent_ms,rtt_ms\n0,40\n60000,40\n").unwrap();
+    let server = Server::start(dir.path(), &["--model", "DINO-SWIN-Tiny"]);
+    let behind = format!("http://127.0.0.1:{}", server.port);
+    let network = Server::start(dir.path(), &["--forward", &behind, "--drive", "drive.csv"]);
+    assert_eq!(requests(dir.path(), &network.cloud("http", ""))["forwarded"], 5);
+    drop(server);
+    // What is behind it is gone, and then back again.
+    assert_eq!(requests(dir.path(), &network.cloud("http", ""))["failed"], 5);
+    let port = behind.rsplit_once(':').unwrap().1;
+    let again = ["--listen", &format!("127.0.0.1:{port}"), "--model", "DINO-SWIN-Tiny"];
+    let (mut again, _) = begun(dir.path(), &again, "".as_ref());
+    assert_eq!(requests(dir.path(), &network.cloud("http", ""))["forwarded"], 5);
+    again.kill().unwrap();
+    again.wait().unwrap();
+}
+
+#[test]
+fn a_server_that_cannot_be_behind_a_network_is_one_line_and_exit_2() {
+    let dir = tempdir().unwrap();
+    let drive = ["--drive", "cicv5g/urban_n78_v40"];
+    let url = ["--forward", "http://127.0.0.1:1"];
+    for (args, expected) in [
+        (
+            &["--forward", "localhost:50051"][..],
+            "--forward localhost:50051: the cloud's URL must be",
+        ),
+        (&["--forward", "http://a b"], "--forward http://a b: the cloud's URL"),
+        (&[&url[..], &["--model", "DETR-ResNet-50"]].concat(), "cannot be used with"),
+        (&[&url[..], &["--start", "86400"]].concat(), "beyond the drive"),
+    ] {
+        let refused = refused(dir.path(), &[args, &drive].concat(), "".as_ref());
+        assert_eq!(refused.status.code(), Some(2), "{args:?}");
+        let err = err(&refused);
+        assert!(err.lines().count() == 1 && err.contains(expected), "{args:?}: {err}");
+    }
+    let refused = refused(dir.path(), &url, "".as_ref());
+    assert!(err(&refused).contains("--drive"), "{}", err(&refused));
+    assert_eq!(refused.status.code(), Some(2));
+}
+
 /// D15.
 #[test]
 fn the_tables_report_what_a_server_says_it_serves_and_of_a_difference() {

@@ -44,7 +44,8 @@ impl<L: Loss, const WINDOW: usize> Expected<L, WINDOW> {
     /// A policy that has seen no call yet; `local_response` is how long local takes.
     ///
     /// One message in `probe_every` is a probe, beginning with the first. Give none if the driver lets calls run on
-    /// past their due instants and reports their true ends: then there is nothing to probe.
+    /// past their due instants and reports their true ends: then there is nothing to probe. Without either, a cloud that was
+    /// slow or gone for a while is never waited for again; [adapters refuse that](Policy::needs_linger).
     ///
     /// # Errors
     /// If local's response or a figure of the loss is not plausible, or `probe_every` is 0 or greater than `WINDOW`.
@@ -119,6 +120,10 @@ impl<L: Loss, const WINDOW: usize> Policy for Expected<L, WINDOW> {
 
     fn ended(&mut self, end: End) {
         self.observations.add(end);
+    }
+
+    fn needs_linger(&self) -> bool {
+        self.probe_every.is_none()
     }
 }
 

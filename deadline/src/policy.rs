@@ -25,6 +25,12 @@ pub trait Policy {
         false
     }
 
+    /// Whether it learns of longer deadlines only from calls that run on past their due instants: adapters refuse it for a
+    /// cloud whose calls do not linger.
+    fn needs_linger(&self) -> bool {
+        false
+    }
+
     /// This policy's deadline as the cap of another's.
     ///
     /// The policy gets the cap rather than being cut off at it: the best deadline under a cap may be far below the best
@@ -168,6 +174,10 @@ impl<C: Policy, P: Policy> Policy for Capped<C, P> {
     fn assumes_one_output(&self) -> bool {
         self.cap.assumes_one_output() || self.policy.assumes_one_output()
     }
+
+    fn needs_linger(&self) -> bool {
+        self.cap.needs_linger() || self.policy.needs_linger()
+    }
 }
 
 impl<P: Policy + ?Sized> Policy for &mut P {
@@ -181,6 +191,10 @@ impl<P: Policy + ?Sized> Policy for &mut P {
 
     fn assumes_one_output(&self) -> bool {
         (**self).assumes_one_output()
+    }
+
+    fn needs_linger(&self) -> bool {
+        (**self).needs_linger()
     }
 }
 

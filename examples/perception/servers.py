@@ -2,8 +2,8 @@
 
     python servers.py CLOUD MODELS START
 
-It prints its URL, and serves until it is killed. The recorded round trip is waited for here, from
-the first call on; the JPEG's way through the host comes on top.
+It prints its URL, and serves until it is killed. The recorded round trip is waited for here, half
+of it before the network computes and half after; the JPEG's way through the host comes on top.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from __future__ import annotations
 import asyncio
 import json
 import sys
-import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -19,7 +18,7 @@ import numpy as np
 from fuseline import Call
 from fuseline.grpc import Description, Server
 
-from emulation import delay
+from emulation import network_from
 from frames import decode
 from metrics import Boxes
 from models import words
@@ -41,7 +40,6 @@ async def serve(cloud: str, models: Path, start: int) -> None:
     """Serve until the process ends."""
     model = network(models, cloud)
     model.detect(np.zeros((576, 768, 3), np.uint8))  # the first is slower
-    begin: list[float] = []
     # One at a time: a call that is given up while it waits is not computed.
     worker = ThreadPoolExecutor(1)
 
@@ -49,13 +47,11 @@ async def serve(cloud: str, models: Path, start: int) -> None:
         return model.detect(decode(jpeg))
 
     async def infer(jpeg: bytes, _: Call) -> bytes:
-        begin.append(time.monotonic())
-        await asyncio.sleep(delay(cloud, start, begin[-1] - begin[0]))
-        del begin[1:]
         computed = asyncio.get_running_loop().run_in_executor(worker, compute, jpeg)
         return encode(await computed)
 
-    async with Server(infer, description=Description(words(cloud), drive=cloud)) as server:
+    behind = network_from(cloud, start).handle(infer)
+    async with Server(behind, description=Description(words(cloud), drive=cloud)) as server:
         print(server.url, flush=True)
         await asyncio.Event().wait()
 

@@ -12,8 +12,7 @@ import numpy as np
 
 from agreement import agreement, by_source, read
 from detections import SOURCES, load
-from emulation import NETWORKS, STARTS, delay, delay_at
-from emulation import load as load_network
+from emulation import STARTS
 from metrics import Boxes, match, mean_overlap, overlaps, precision
 from play import KeptDrive, MeasuredPolicies
 from reference import reference
@@ -75,24 +74,6 @@ class Metrics(unittest.TestCase):
         people = reference([np.concatenate([it, sign]) for it in walker])
         self.assertEqual([len(it) for it in people], [1] * 40)
         np.testing.assert_allclose(people[3], [[22, 0, 42, 50]])
-
-
-class Networks(unittest.TestCase):
-    """The recorded networks, as `fuseline run` has them."""
-
-    def test_what_is_sent_in_an_outage_waits_for_its_end(self) -> None:
-        wifi = load_network("vnperf", "downtown", "wifi_rtt_ms")
-        gone = next(k for k, it in enumerate(wifi.round_trips) if it is None)
-        back = next(k for k in range(gone, len(wifi.sent)) if wifi.round_trips[k] is not None)
-        round_trip = wifi.round_trips[back]
-        assert round_trip is not None
-        waited = wifi.sent[back] - wifi.sent[gone]
-        self.assertAlmostEqual(delay_at(wifi, wifi.sent[gone]), waited + round_trip)
-        self.assertAlmostEqual(delay_at(wifi, wifi.sent[gone] + 0.25), waited - 0.25 + round_trip)
-
-    def test_a_drive_that_is_over_starts_again(self) -> None:
-        for cloud, network in NETWORKS.items():
-            self.assertAlmostEqual(delay(cloud, 3, 1.0), delay(cloud, 3, 1.0 + network.length))
 
 
 class Comparison(unittest.TestCase):

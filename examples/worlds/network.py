@@ -7,8 +7,8 @@ from bisect import bisect_right
 from dataclasses import dataclass
 from pathlib import Path
 
-DRIVES = Path(__file__).resolve().parents[2] / "cli/data"
-#: The columns of `cli/data`, but for a wifi that was hardly ever there.
+DRIVES = Path(__file__).resolve().parents[2] / "testkit/data"
+#: The columns of `testkit/data`, but for a wifi that was hardly ever there.
 NETWORKS = (
     *(("cicv5g", name, "rtt_ms") for name in (
         "arterial_n78_v80", "rural_n8_v0", "rural_n8_v10", "strong_to_weak_n8_v30",
@@ -40,7 +40,7 @@ class Network:
 
 
 def load(folder: str, name: str, column: str) -> Network:
-    """One column of one file of `cli/data`."""
+    """One column of one file of `testkit/data`."""
     sent, round_trips = [], []
     with (DRIVES / folder / f"{name}.csv").open(newline="") as text:
         for row in csv.DictReader(text):

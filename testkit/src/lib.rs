@@ -8,6 +8,8 @@ mod ends;
 mod generate;
 mod history;
 mod ledger;
+#[cfg(feature = "networks")]
+pub mod networks;
 mod rng;
 mod run;
 mod shrink;

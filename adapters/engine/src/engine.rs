@@ -15,7 +15,6 @@ use std::time::{Duration, Instant};
 use fuseline_core::{Admission, ConfigError, Firing, Opening};
 use fuseline_deadline::{End, Policy, Situation};
 use fuseline_traces::{Annotations, Header, Input};
-use tracing::warn;
 
 use crate::arbiter::{Answer, Arbiter};
 use crate::budget::Budget;
@@ -333,6 +332,7 @@ impl<V, R> Engine<V, R> {
         }
         self.begin(at);
         if let Some(index) = index {
+            self.log_recovery(at, index);
             self.ended(at, t, index, End::Answered);
         }
         let outcome =
@@ -345,13 +345,13 @@ impl<V, R> Engine<V, R> {
         self.start_waiting(now);
     }
 
-    /// F4: a source will send no result; `why` is logged, counted, and given with the message's item.
+    /// F4: a source will send no result; `why` is counted, given with the message's item, and logged: as a warning at first and
+    /// every ten seconds while no result comes, else at level debug.
     pub fn fail(&mut self, at: u64, t: u64, p: u16, why: &dyn fmt::Display) {
         self.begin(at);
         let index = self.sources.index(p);
         let why = words(why);
-        let source = index.map(|index| self.sources.name(index));
-        warn!(operator = %self.operator, timestamp = t, source, %why, "no result will come");
+        self.log_failure(at, t, index, &why);
         if let Some(index) = index {
             self.ended(at, t, index, End::Failed);
         }

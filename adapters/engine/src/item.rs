@@ -1,5 +1,6 @@
 //! What goes downstream: one item for each message; under progressive one or more, the last one marked (D1).
 
+use std::any::Any;
 use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
@@ -36,7 +37,13 @@ pub struct Item<V> {
     pub age: Option<Duration>,
     /// E4: what the operator's [handler](Self::needs_substitute) gave for a message without a result. The ending stays as it is.
     pub substitute: Option<V>,
+    /// The message itself, if the operator was to keep it; read it by [`message`](Self::message).
+    pub carried: Option<CarriedMessage>,
 }
+
+/// A message that an item carries, shared with whoever computes it.
+#[derive(Clone)]
+pub struct CarriedMessage(pub Arc<dyn Any + Send + Sync>);
 
 /// A source that sent no result for a message, and why.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -135,7 +142,28 @@ impl fmt::Display for Source {
     }
 }
 
+/// The same message, not an equal one.
+impl PartialEq for CarriedMessage {
+    fn eq(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.0, &other.0)
+    }
+}
+
+impl Eq for CarriedMessage {}
+
+impl fmt::Debug for CarriedMessage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("CarriedMessage(…)")
+    }
+}
+
 impl<V> Item<V> {
+    /// The message that it is of, if the operator was to keep it and it is of type `M`, the operator's input.
+    #[must_use]
+    pub fn message<M: Send + Sync + 'static>(&self) -> Option<Arc<M>> {
+        Arc::downcast(Arc::clone(&self.carried.as_ref()?.0)).ok()
+    }
+
     /// The forwarded result, preliminary or not, if there is one.
     #[must_use]
     pub const fn forwarded(&self) -> Option<&Forwarded<V>> {

@@ -32,6 +32,8 @@ mod meter;
 #[cfg(feature = "operator")]
 mod open_message;
 #[cfg(feature = "operator")]
+mod outage;
+#[cfg(feature = "operator")]
 mod policies;
 #[cfg(feature = "operator")]
 mod queue;
@@ -68,7 +70,7 @@ pub use fuseline_traces::{
     Recorder, Recording,
 };
 #[cfg(feature = "operator")]
-pub use item::{Ending, Failure, Forwarded, Item, Source, Trigger};
+pub use item::{CarriedMessage, Ending, Failure, Forwarded, Item, Source, Trigger};
 #[cfg(feature = "operator")]
 pub use latency::Latency;
 #[cfg(feature = "operator")]

@@ -119,6 +119,7 @@ impl<V> OpenMessages<V> {
             lineage,
             age,
             substitute: None,
+            carried: None,
         };
         message.items = message.items.saturating_add(1);
         if item.is_last()

@@ -7,6 +7,7 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use crate::item::Source;
+use crate::outage::OutageLog;
 
 /// One source's outgoing queue and its calls, in the order of admission.
 pub(crate) struct SourceQueue<R> {
@@ -25,6 +26,8 @@ pub(crate) struct SourceQueue<R> {
     pub(crate) max_age: u64,
     /// What the gauges show: how many wait, and how many are under way.
     pub(crate) shown: (usize, usize),
+    /// Whether it is logged that no results come.
+    pub(crate) outage: OutageLog,
 }
 
 /// A request that was admitted and not yet sent.
@@ -78,6 +81,7 @@ impl<R> SourceQueue<R> {
             linger: 0,
             max_age: 0,
             shown: (0, 0),
+            outage: OutageLog::default(),
         }
     }
 

@@ -40,7 +40,7 @@ fn logs_report_every_refusal_drop_failure_and_miss_with_its_reason() {
         "DEBUG fuseline_engine::engine::outcomes: request refused operator=\"tested\" timestamp=0 \
          source=\"west\" why=deadline",
         "result dropped operator=\"tested\" timestamp=0 source=\"west\" why=unsolicited",
-        "WARN fuseline_engine::engine: no result will come operator=tested timestamp=0 \
+        "WARN fuseline_engine::engine::outcomes: no result will come operator=\"tested\" timestamp=0 \
          source=\"local\" why=out of memory",
         "WARN fuseline_engine::engine::outcomes: message missed operator=\"tested\" timestamp=0",
         "failure dropped operator=\"tested\" timestamp=0 source=\"local\" why=superseded",

@@ -5,6 +5,7 @@ mod fleet;
 mod fusion;
 mod judging;
 mod logging;
+mod networks;
 mod pipeline;
 mod policy;
 mod raised;
@@ -28,6 +29,8 @@ mod _fuseline {
     use crate::fusion::PyFusion;
     #[pymodule_export]
     use crate::judging::{check, read, replay, report};
+    #[pymodule_export]
+    use crate::networks::{PyDrive, compare_responses, compare_trace, drives};
     #[pymodule_export]
     use crate::pipeline::{PyAligner, PyLatency, PyReorderer};
     #[pymodule_export]

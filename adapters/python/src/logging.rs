@@ -12,7 +12,7 @@ use tracing::{Event, Level, Metadata, Subscriber};
 
 static LOGGER: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
 
-/// Forwards warnings and errors of the engine to Python, from the recorder's thread too.
+/// Forwards errors, warnings and recoveries of the engine to Python, from the recorder's thread too.
 ///
 /// Whoever waits for that thread must let go of the interpreter.
 struct PythonSubscriber;
@@ -39,17 +39,21 @@ pub(crate) fn exception(py: Python<'_>, message: &str, error: PyErr) {
 
 impl Subscriber for PythonSubscriber {
     fn enabled(&self, metadata: &Metadata<'_>) -> bool {
-        metadata.is_event() && *metadata.level() <= Level::WARN
+        metadata.is_event() && *metadata.level() <= Level::INFO
     }
 
     fn max_level_hint(&self) -> Option<LevelFilter> {
-        Some(LevelFilter::WARN)
+        Some(LevelFilter::INFO)
     }
 
     fn event(&self, event: &Event<'_>) {
         let mut line = PyLogLine::default();
         event.record(&mut line);
-        let level = if *event.metadata().level() == Level::ERROR { "error" } else { "warning" };
+        let level = match *event.metadata().level() {
+            Level::ERROR => "error",
+            Level::WARN => "warning",
+            _ => "info",
+        };
         // None at the interpreter's end, when nobody reads logs any more.
         Python::try_attach(|py| write(py, level, &line.to_string(), None));
     }

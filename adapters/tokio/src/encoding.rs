@@ -1,8 +1,12 @@
-//! [`encoding`]: a handle that encodes on a thread where blocking is allowed, before it calls.
+//! [`encoding`] and [`EncodeOnce`]: handles that encode on a thread where blocking is allowed, before they call.
 
-use std::sync::Arc;
+use std::error;
+use std::fmt;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
-use futures_util::future::BoxFuture;
+use futures_util::FutureExt;
+use futures_util::future::{BoxFuture, Shared, WeakShared};
 use tokio::task::{JoinHandle, spawn_blocking};
 use tokio::time::Instant;
 
@@ -15,7 +19,7 @@ use crate::panics::panicked;
 ///
 /// Encoding holds up neither the operator nor other calls. It takes its part of the deadline: `handle` is given the time that
 /// is left. An error or a panic is a failure (F4). A call that is aborted before its encoding began does not begin it; one that
-/// has begun runs on to its end, and the runtime waits for it when it is shut down.
+/// has begun runs on to its end, and the runtime waits for it when it is shut down. For several clouds there is [`EncodeOnce`].
 ///
 /// ```
 /// # use fuseline_tokio::{Call, Error, encoding};
@@ -40,17 +44,171 @@ where
         Box::pin(async move {
             let begin = Instant::now();
             let shared = Arc::clone(&both);
-            let mut encoding = AbortedOnDrop(spawn_blocking(move || (shared.0)(raw)));
-            let request = match (&mut encoding.0).await {
-                Ok(request) => request?,
-                Err(error) => match error.try_into_panic() {
-                    Ok(panic) => return Err(panicked(&*panic)),
-                    Err(error) => return Err(error.into()),
-                },
-            };
-            call.deadline = call.deadline.saturating_sub(begin.elapsed());
+            let request = on_thread(move || (shared.0)(raw)).await?;
+            take_time(&mut call, begin);
             (both.1)(request, call).await
         })
+    }
+}
+
+/// Encodes each message once for several clouds of an operator, as [`encoding`] does for one; clones are the same one.
+///
+/// The first call of a message begins the encoding, the others wait for it and get clones of the request. It goes on while one
+/// of them waits.
+///
+/// ```
+/// # use std::{sync::Arc, time::Duration};
+/// # use fuseline_tokio::{Call, EncodeOnce, Error, Setup};
+/// # struct Frame { pixels: Arc<[u8]> }
+/// # fn jpeg(pixels: &[u8]) -> Result<Vec<u8>, Error> { Ok(pixels.to_vec()) }
+/// # async fn west(_: Arc<Vec<u8>>, _: Call) -> Result<u8, Error> { Ok(1) }
+/// # async fn east(_: Arc<Vec<u8>>, _: Call) -> Result<u8, Error> { Ok(2) }
+/// # fn setup(setup: &mut Setup<Frame, u8>) {
+/// let once = EncodeOnce::new(|pixels: Arc<[u8]>| jpeg(&pixels).map(Arc::new));
+/// let send = |frame: &Frame, _| Some((Arc::clone(&frame.pixels), Duration::from_millis(500)));
+/// setup.use_cloud(once.handle(west), once.message_handler(send), Ok, 1);
+/// setup.use_cloud(once.handle(east), once.message_handler(send), Ok, 2);
+/// # }
+/// ```
+pub struct EncodeOnce<Raw, Req>(Arc<EncodeOnceState<Raw, Req>>);
+
+/// A request that is encoded once, for all calls of its message; it goes from [`EncodeOnce::message_handler`] to
+/// [`EncodeOnce::handle`].
+#[derive(Clone)]
+pub struct EncodedRequest<Req>(SharedEncoding<Req>);
+
+struct EncodeOnceState<Raw, Req> {
+    encode: Encode<Raw, Req>,
+    latest: Mutex<Option<LatestEncoding<Req>>>,
+}
+
+type Encode<Raw, Req> = Arc<dyn Fn(Raw) -> Result<Req, Error> + Send + Sync>;
+type SharedEncoding<Req> = Shared<BoxFuture<'static, Result<Req, SharedError>>>;
+
+/// That of the latest message, while a request has it.
+struct LatestEncoding<Req> {
+    /// The timestamp, and where the message is: another operator's of the same timestamp is elsewhere.
+    message: (u64, usize),
+    encoding: WeakShared<BoxFuture<'static, Result<Req, SharedError>>>,
+}
+
+/// An error of an encoding, for each call that waited for it.
+#[derive(Clone, Debug)]
+struct SharedError(Arc<dyn error::Error + Send + Sync>);
+
+impl<Raw: Send + 'static, Req: Clone + Send + Sync + 'static> EncodeOnce<Raw, Req> {
+    /// Encodes by `encode`; make its requests cheap to clone, as an `Arc` or `Bytes` is.
+    pub fn new(encode: impl Fn(Raw) -> Result<Req, Error> + Send + Sync + 'static) -> Self {
+        Self(Arc::new(EncodeOnceState { encode: Arc::new(encode), latest: Mutex::new(None) }))
+    }
+
+    /// A message handler around one that returns what is to be encoded. Of one message that of the first cloud is, so the
+    /// handlers of all clouds return the same.
+    pub fn message_handler<M, Handler>(
+        &self,
+        mut handler: Handler,
+    ) -> impl FnMut(&M, u64) -> Option<(EncodedRequest<Req>, Duration)> + Send + use<Raw, Req, M, Handler>
+    where
+        Handler: FnMut(&M, u64) -> Option<(Raw, Duration)> + Send + 'static,
+    {
+        let once = self.clone();
+        move |message, timestamp| {
+            let (raw, deadline) = handler(message, timestamp)?;
+            let address = std::ptr::from_ref(message).addr();
+            Some((EncodedRequest(once.encoding_of((timestamp, address), raw)), deadline))
+        }
+    }
+
+    /// A handle that waits for the request and calls `handle` with it and the time that is left. An error or a panic of the
+    /// encoding is a failure of each call (F4).
+    #[expect(clippy::unused_self, reason = "it says what is encoded")]
+    pub fn handle<Res, Fut, Handle>(
+        &self,
+        handle: Handle,
+    ) -> impl Fn(EncodedRequest<Req>, Call) -> BoxFuture<'static, Result<Res, Error>>
+    + Send
+    + Sync
+    + use<Raw, Req, Res, Fut, Handle>
+    where
+        Handle: Fn(Req, Call) -> Fut + Send + Sync + 'static,
+        Fut: Future<Output = Result<Res, Error>> + Send + 'static,
+    {
+        let handle = Arc::new(handle);
+        move |EncodedRequest(encoding), mut call| {
+            let handle = Arc::clone(&handle);
+            Box::pin(async move {
+                let begin = Instant::now();
+                let request = encoding.await?;
+                take_time(&mut call, begin);
+                handle(request, call).await
+            })
+        }
+    }
+
+    /// The encoding of a message, begun when it is first waited for.
+    fn encoding_of(&self, message: (u64, usize), raw: Raw) -> SharedEncoding<Req> {
+        let mut latest = self.0.latest.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = latest.as_ref().filter(|latest| latest.message == message);
+        if let Some(encoding) = known.and_then(|latest| latest.encoding.upgrade()) {
+            return encoding;
+        }
+        let encode = Arc::clone(&self.0.encode);
+        let encoding = async move {
+            let encoded = on_thread(move || encode(raw)).await;
+            encoded.map_err(|error| SharedError(error.into()))
+        };
+        let encoding = encoding.boxed().shared();
+        *latest = encoding.downgrade().map(|encoding| LatestEncoding { message, encoding });
+        encoding
+    }
+}
+
+impl<Raw, Req> Clone for EncodeOnce<Raw, Req> {
+    fn clone(&self) -> Self {
+        Self(Arc::clone(&self.0))
+    }
+}
+
+impl<Raw, Req> fmt::Debug for EncodeOnce<Raw, Req> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("EncodeOnce").finish_non_exhaustive()
+    }
+}
+
+impl<Req> fmt::Debug for EncodedRequest<Req> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("EncodedRequest").finish_non_exhaustive()
+    }
+}
+
+impl fmt::Display for SharedError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.fmt(f)
+    }
+}
+
+impl error::Error for SharedError {
+    fn source(&self) -> Option<&(dyn error::Error + 'static)> {
+        self.0.source()
+    }
+}
+
+/// Takes the time since then from the time that a call has.
+fn take_time(call: &mut Call, begin: Instant) {
+    call.deadline = call.deadline.saturating_sub(begin.elapsed());
+}
+
+/// Encodes on a thread for blocking work.
+async fn on_thread<Req: Send + 'static>(
+    encode: impl FnOnce() -> Result<Req, Error> + Send + 'static,
+) -> Result<Req, Error> {
+    let mut encoding = AbortedOnDrop(spawn_blocking(encode));
+    match (&mut encoding.0).await {
+        Ok(request) => request,
+        Err(error) => match error.try_into_panic() {
+            Ok(panic) => Err(panicked(&*panic)),
+            Err(error) => Err(error.into()),
+        },
     }
 }
 

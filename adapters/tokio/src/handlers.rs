@@ -65,7 +65,8 @@ pub fn by_content<M, R>(
 /// };
 /// let send = |frame: &Frame, _| Some((frame.image.clone(), DEADLINE));
 /// let message_handler = within_budget(budget.clone(), 0, estimate, send);
-/// // … setup.use_cloud(handle, message_handler, …).policy = Some(Box::new(policy));
+/// // let cloud = setup.use_cloud(handle, message_handler, …);
+/// // (cloud.policy, cloud.linger) = (Some(Box::new(policy)), DEADLINE);
 /// # let (_, _): (Box<dyn fuseline_tokio::deadline::Policy + Send>, _) = (Box::new(policy), message_handler);
 /// # Ok::<(), fuseline_tokio::deadline::Invalid>(())
 /// ```
@@ -102,6 +103,10 @@ impl<P: Policy> Policy for SharedState<P> {
 
     fn assumes_one_output(&self) -> bool {
         self.with(|policy| policy.assumes_one_output())
+    }
+
+    fn needs_linger(&self) -> bool {
+        self.with(|policy| policy.needs_linger())
     }
 }
 

@@ -14,6 +14,7 @@ mod items;
 mod join;
 mod link;
 mod local;
+mod network;
 mod operator;
 mod outbox;
 mod panics;
@@ -35,12 +36,12 @@ pub use blocking::{BlockingOperator, UnreadItems};
 pub use call::Call;
 pub use carried_state::CarriedState;
 pub use drive::Timers;
-pub use encoding::encoding;
+pub use encoding::{EncodeOnce, EncodedRequest, encoding};
 pub use fuseline_deadline as deadline;
 pub use fuseline_engine::{
-    CapacityError, CapacityErrors, Commit, ConfigError, CurrentDeadline, DropReason, Ending,
-    Failure, Forwarded, Hint, Item, JoinCause, JoinDropReason, Joined, Latency, Lineage,
-    OfferRefusal, OpenRefusal, Origin, Overflow, Reasons, Recording, Source, SourceTally,
+    CapacityError, CapacityErrors, CarriedMessage, Commit, ConfigError, CurrentDeadline,
+    DropReason, Ending, Failure, Forwarded, Hint, Item, JoinCause, JoinDropReason, Joined, Latency,
+    Lineage, OfferRefusal, OpenRefusal, Origin, Overflow, Reasons, Recording, Source, SourceTally,
     StampedValue, Tally, Trigger,
 };
 pub use in_order::OutOfOrder;
@@ -48,6 +49,7 @@ pub use items::Items;
 pub use join::{Join, JoinConfig, JoinDrop, JoinTally, RunningJoin};
 pub use link::{EmulatedLink, LinkDirection};
 pub use local::Local;
+pub use network::EmulatedNetwork;
 pub use operator::{Config, JoinError, Operator, Running, SpawnError, Trace, spawn};
 #[cfg(feature = "prometheus")]
 pub use prometheus::prometheus;

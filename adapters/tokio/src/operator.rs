@@ -2,6 +2,7 @@
 //!
 //! What it does with messages is in `run`, the event loop in [`drive`](crate::drive), the decisions in the core.
 
+use std::collections::VecDeque;
 use std::io;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -73,6 +74,9 @@ pub struct Config {
     pub reserve: Vec<Latency>,
     /// Where this operator records how long each message takes, for the reserve of those upstream; nowhere by default.
     pub latency: Option<Latency>,
+    /// Whether each item carries its message, for [`Item::message`](crate::Item::message); not by default: a message is then
+    /// let go of once local and the handlers are done with it.
+    pub carry_messages: bool,
     /// What the operator must keep up with; not checked by default. If given, an operator with too
     /// small a window or too few calls or local computations is not started: its policies and local
     /// could not do what they promise.
@@ -129,6 +133,15 @@ pub enum SpawnError {
          there may be more; give another policy, or commit patient"
     )]
     Policy {
+        /// The cloud's name.
+        cloud: String,
+    },
+    /// A policy neither probes nor sees calls that linger, so that it would never wait for a cloud again that was gone.
+    #[error(
+        "the policy of {cloud} does not probe, and its calls do not linger, so that it would never wait for a cloud \
+         again that was gone; give it probe_every, or the cloud a linger"
+    )]
+    Linger {
         /// The cloud's name.
         cloud: String,
     },
@@ -237,6 +250,9 @@ pub fn spawn<P: Operator>(
             if config.commit == Commit::Progressive && policy.assumes_one_output() {
                 return Err(SpawnError::Policy { cloud: cloud.name.clone() });
             }
+            if cloud.linger.is_zero() && policy.needs_linger() {
+                return Err(SpawnError::Linger { cloud: cloud.name.clone() });
+            }
             engine.set_policy(*priority, policy);
         }
     }
@@ -268,6 +284,7 @@ pub fn spawn<P: Operator>(
         states: setup.states,
         reserve: config.reserve,
         latency: config.latency,
+        carried: config.carry_messages.then(VecDeque::new),
         workers,
         deadline: local.deadline,
         output: Outbox::new(writer, |item| item.lineage.clone()),
@@ -337,6 +354,7 @@ impl Default for Config {
             trace: None,
             reserve: Vec::new(),
             latency: None,
+            carry_messages: false,
             workload: None,
         }
     }

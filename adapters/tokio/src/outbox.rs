@@ -101,6 +101,7 @@ mod tests {
             lineage: None,
             age: None,
             substitute: None,
+            carried: None,
         }
     }
 

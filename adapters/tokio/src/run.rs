@@ -2,13 +2,16 @@
 //!
 //! While a reader lags it takes in no new message; what is open goes on (D8).
 
+use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::Pin;
 use std::sync::Arc;
 use std::task::{Context, Poll};
 use std::time::Duration;
 
-use fuseline_engine::{Counting, Ending, Hint, Item, Latency, Lineage, Offer, Situation};
+use fuseline_engine::{
+    CarriedMessage, Counting, Ending, Hint, Item, Latency, Lineage, Offer, Situation,
+};
 use tokio::sync::oneshot;
 use tokio::time::Instant;
 use tracing::error;
@@ -35,6 +38,8 @@ pub(crate) struct Streams<I, O> {
     pub(crate) states: Vec<StateHandler<O>>,
     pub(crate) reserve: Vec<Latency>,
     pub(crate) latency: Option<Latency>,
+    /// Messages without a last item and their timestamps, which ascend, if items carry them.
+    pub(crate) carried: Option<VecDeque<(u64, Arc<I>)>>,
     pub(crate) workers: Workers<I, O>,
     /// Local's deadline.
     pub(crate) deadline: Option<Duration>,
@@ -89,6 +94,9 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
     }
 
     fn job(&mut self, message: &StreamMessage<I>) -> (Work<I, O>, Option<Duration>) {
+        if let Some(carried) = &mut self.carried {
+            carried.push_back((message.timestamp, Arc::clone(&message.message)));
+        }
         (Work::Local(Arc::clone(&message.message)), self.deadline)
     }
 
@@ -167,6 +175,7 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
     }
 
     fn output(&mut self, mut item: Item<O>) {
+        item.carried = self.carry(item.timestamp, item.is_last());
         let is_computed = item.is_last() && !matches!(item.ending, Ending::Refused(_));
         if let Some(latency) = self.latency.as_ref().filter(|_| is_computed) {
             latency.record(item.took());
@@ -196,5 +205,19 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
 
     fn is_delivered(&self) -> bool {
         self.output.is_delivered()
+    }
+}
+
+impl<I: Send + Sync + 'static, O> Streams<I, O> {
+    /// The message of an item, which is let go of with the last one.
+    fn carry(&mut self, t: u64, is_last: bool) -> Option<CarriedMessage> {
+        let carried = self.carried.as_mut()?;
+        let index = carried.binary_search_by_key(&t, |(t, _)| *t).ok()?;
+        let message = if is_last {
+            carried.remove(index).map(|(_, message)| message)
+        } else {
+            carried.get(index).map(|(_, message)| Arc::clone(message))
+        };
+        Some(CarriedMessage(message?))
     }
 }

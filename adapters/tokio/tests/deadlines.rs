@@ -10,7 +10,7 @@ use fuseline_tokio::deadline::{
     Accuracy, Chosen, Constant, End, Expected, Guard, MetresPerSecond, Parameters, Policy, Reason,
     Situation,
 };
-use fuseline_tokio::{Call, Config, Error, Local, Setup, spawn, stream};
+use fuseline_tokio::{Call, Config, Error, Local, Setup, SharedState, SpawnError, spawn, stream};
 use support::{ClosureOperator, RunResult, line, play};
 use tokio::time::{Instant, sleep};
 
@@ -269,6 +269,32 @@ async fn the_guard_waits_as_long_as_the_speed_allows_and_risks_nothing_without_o
     let expected = ["650555", "230170", "431166"].map(|due| Some(due.to_owned()));
     assert_eq!(dues, expected, "{}", run.trace);
     assert_eq!(run.tally.sources[1].in_force.unwrap().why(), "local-stops");
+}
+
+#[tokio::test]
+async fn a_policy_that_neither_probes_nor_sees_calls_linger_is_refused_with_the_remedy() {
+    let loss = Accuracy { local: 42.0, cloud: 58.0, price_per_ms: 0.01 };
+    let expected = |every| Expected::<_, 16>::new(loss, 20 * MS, every).unwrap();
+    let start = |policy: Box<dyn Policy + Send>, linger| {
+        let operator = ClosureOperator(move |setup: &mut Setup<u64, String>| {
+            let west = cloud(setup, 1, |_| Hangs, Duration::MAX);
+            (west.name, west.policy, west.linger) = ("west".into(), Some(policy), linger);
+            local(20)
+        });
+        spawn(operator, Config::default(), stream(1).1).map(drop)
+    };
+    let shared = SharedState::new(expected(None));
+    for policy in [
+        Box::new(expected(None)) as Box<dyn Policy + Send>,
+        Box::new(Constant(50 * MS).caps(expected(None))),
+        Box::new(shared),
+    ] {
+        let error = start(policy, Duration::ZERO).unwrap_err();
+        assert!(matches!(error, SpawnError::Linger { .. }), "{error}");
+        assert!(error.to_string().contains("west") && error.to_string().contains("probe_every"));
+    }
+    assert!(start(Box::new(expected(None)), 400 * MS).is_ok());
+    assert!(start(Box::new(expected(Some(16))), Duration::ZERO).is_ok());
 }
 
 #[tokio::test(start_paused = true)]

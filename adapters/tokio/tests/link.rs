@@ -7,8 +7,8 @@ use std::time::Duration;
 
 use fuseline_tokio::deadline::LinkRate;
 use fuseline_tokio::{
-    Call, Config, EmulatedLink, Error, Items, LinkDirection, Local, Running, SourceTally, Writer,
-    spawn, stream,
+    Call, Config, EmulatedLink, EmulatedNetwork, Error, Items, LinkDirection, Local, Running,
+    SourceTally, Writer, spawn, stream,
 };
 use support::ClosureOperator;
 use tokio::time::{Instant, sleep};
@@ -47,6 +47,35 @@ fn operator(
     let (writer, frames) = stream(8);
     let (running, items) = spawn(detector, Config::default(), frames).unwrap();
     (writer, running, items, times_left)
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_call_takes_the_round_trip_of_its_moment_and_waits_where_there_is_no_network() {
+    let network = EmulatedNetwork::new(|moment| (moment < 250 * MS).then_some(40 * MS));
+    let times_left = TimesLeft::default();
+    let seen = Arc::clone(&times_left);
+    let handle = network.handle(move |(), call: Call| {
+        seen.lock().unwrap().push(call.deadline);
+        async {
+            sleep(10 * MS).await;
+            Ok::<_, Error>(())
+        }
+    });
+    let detector = ClosureOperator(move |setup: &mut fuseline_tokio::Setup<u64, String>| {
+        setup.use_cloud(handle, |_, _| Some(((), DEADLINE)), |()| Ok("cloud".into()), 1);
+        Local::futures(4, |_, _| async { Ok("local".into()) })
+    });
+    let (camera, frames) = stream(8);
+    let (_running, mut items) = spawn(detector, Config::default(), frames).unwrap();
+    tokio::spawn(film(camera));
+    for serial in 0..10 {
+        let item = items.read().await.unwrap();
+        let (whose, took) = if serial < 3 { ("cloud", 50 * MS) } else { ("local", DEADLINE) };
+        assert_eq!(item.value().map(String::as_str), Some(whose));
+        // Timers are served by the millisecond.
+        assert!((took..took + 4 * MS).contains(&item.took()), "{serial}: {:?}", item.took());
+    }
+    assert_eq!(*times_left.lock().unwrap(), [70 * MS; 3]);
 }
 
 async fn film(mut camera: Writer<u64>) {

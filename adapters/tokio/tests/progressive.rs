@@ -239,7 +239,7 @@ async fn a_reader_that_lags_reads_the_newest_item_of_each_message_and_none_twice
 async fn a_guard_is_refused_with_the_remedy_and_other_policies_are_not() {
     let guard = || Guard::new(Parameters::default()).unwrap();
     let loss = Accuracy { local: 42.0, cloud: 58.0, price_per_ms: 0.01 };
-    let expected = || Expected::<_, 16>::new(loss, 20 * MS, None).unwrap();
+    let expected = || Expected::<_, 16>::new(loss, 20 * MS, Some(16)).unwrap();
     let start = |policy: Box<dyn Policy + Send>, commit| {
         let operator = ClosureOperator(move |setup: &mut Setup<u64, String>| {
             let cloud = setup.use_cloud(

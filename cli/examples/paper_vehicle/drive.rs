@@ -75,9 +75,13 @@ pub(crate) async fn drive(options: Options<'_>) -> Result<Driven, Error> {
     let drive = Drive {
         mode: options.mode,
         kill,
-        west: Network::new(include_str!("../../data/vnperf/highway.csv"), 1000 * MS, 2),
-        east: Network::new(include_str!("../../data/cicv5g/rural_n8_v10.csv"), MS, 1),
-        tracking: Network::new(include_str!("../../data/cicv5g/urban_n78_v40.csv"), MS, 1),
+        west: Network::new(include_str!("../../../testkit/data/vnperf/highway.csv"), 1000 * MS, 2),
+        east: Network::new(include_str!("../../../testkit/data/cicv5g/rural_n8_v10.csv"), MS, 1),
+        tracking: Network::new(
+            include_str!("../../../testkit/data/cicv5g/urban_n78_v40.csv"),
+            MS,
+            1,
+        ),
     };
     let (left, lefts) = stream(4);
     let (right, rights) = stream(4);

@@ -87,7 +87,7 @@ impl Kill {
 }
 
 impl Network {
-    /// Of a file of `cli/data`: instants in its first column, in units of `unit`, and round trips in ms in `column`.
+    /// Of a file of `testkit/data`: instants in its first column, in units of `unit`, and round trips in ms in `column`.
     pub(crate) fn new(file: &str, unit: Duration, column: usize) -> Self {
         let row = |line: &str| {
             let mut fields = line.split(',');

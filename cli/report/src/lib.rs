@@ -6,6 +6,7 @@ mod judging;
 mod notes;
 mod page;
 mod part;
+pub mod policies;
 mod quantile;
 mod reasons;
 mod statistics;

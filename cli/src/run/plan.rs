@@ -62,10 +62,10 @@ pub(crate) struct Args {
     /// How much of that a request gets.
     #[arg(long, value_enum, default_value = "expected")]
     policy: DeadlinePolicy,
-    /// What a second of waiting costs, in points of AP, where --policy expected weighs it: 0 to 1000.
-    #[arg(long, value_name = "AP", default_value = "10", value_parser = price,
+    /// What a millisecond of waiting costs, in points of AP, where --policy expected weighs it: 0 to 1.
+    #[arg(long, value_name = "AP", default_value = "0.01", value_parser = price,
         allow_negative_numbers = true)]
-    price: f64,
+    price_per_ms: f64,
     /// When results are forwarded.
     #[arg(long, value_enum, default_value = "eager")]
     commit: CommitRule,
@@ -161,8 +161,8 @@ pub(crate) struct RunPlan {
     /// The longest.
     pub(crate) deadline_ms: u64,
     pub(crate) policy: DeadlinePolicy,
-    /// Points of AP for a second.
-    pub(crate) price: f64,
+    /// Points of AP for a millisecond of waiting.
+    pub(crate) price_per_ms: f64,
     pub(crate) commit: Commit,
     pub(crate) window: u16,
     pub(crate) seed: u64,
@@ -253,7 +253,7 @@ impl RunPlan {
             frames,
             deadline_ms: args.deadline,
             policy: args.policy,
-            price: args.price,
+            price_per_ms: args.price_per_ms,
             commit: match args.commit {
                 CommitRule::Eager => Commit::Eager,
                 CommitRule::Patient => Commit::Patient,
@@ -364,8 +364,8 @@ fn rate(text: &str) -> Result<f64, &'static str> {
 }
 
 fn price(text: &str) -> Result<f64, &'static str> {
-    let price = text.parse().ok().filter(|price| (0.0..=1000.0).contains(price));
-    price.ok_or("it must be from 0 to 1000")
+    let price = text.parse().ok().filter(|price| (0.0..=1.0).contains(price));
+    price.ok_or("it must be from 0 to 1")
 }
 
 fn workers(text: &str) -> Result<NonZero<usize>, &'static str> {

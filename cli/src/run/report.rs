@@ -8,6 +8,7 @@ use std::io::BufReader;
 use std::path::Path;
 use std::time::Duration;
 
+use fuseline_report::policies::{BoundedFigure, ComparedPolicy, ConstantPolicy, PolicyScore};
 use fuseline_report::{
     ArrivalTime, COLUMNS, Findings, MessageRecord, Quantile, RequestRow, Totals, TraceStatistics,
 };
@@ -18,7 +19,6 @@ use schemars::JsonSchema;
 use serde::{Serialize, Serializer};
 
 use crate::fault::Fault;
-use crate::policies::{BoundedFigure, ComparedPolicy, ConstantPolicy, PolicyScore};
 use crate::run::driven::RunMetadata;
 use crate::run::plan::{CloudPlan, CloudServer, DeadlinePolicy, RunPlan};
 use crate::run::queue::Queues;
@@ -39,8 +39,8 @@ pub(crate) struct RunReport {
     pub(crate) deadline_ms: u64,
     /// How each message's is chosen.
     pub(crate) policy: &'static str,
-    /// What a second of waiting was worth to it, in points of AP; none if it has no price.
-    pub(crate) price: Option<f64>,
+    /// What a millisecond of waiting was worth to it, in points of AP; none if it has no price.
+    pub(crate) price_per_ms: Option<f64>,
     pub(crate) commit: &'static str,
     pub(crate) window: u16,
     /// Calls at once to one cloud.
@@ -208,7 +208,7 @@ impl Reading {
             rate: plan.rate,
             deadline_ms: plan.deadline_ms,
             policy: plan.policy.as_str(),
-            price: (plan.policy == DeadlinePolicy::Expected).then_some(plan.price),
+            price_per_ms: (plan.policy == DeadlinePolicy::Expected).then_some(plan.price_per_ms),
             commit: plan.commit.as_str(),
             window: plan.window,
             calls: plan.calls,

@@ -1,8 +1,7 @@
 //! What each policy sends of the same requests.
 
 use fuseline_report::RequestRow;
-
-use crate::policies::ComparedPolicy;
+use fuseline_report::policies::ComparedPolicy;
 
 /// Bytes by source; local's are none.
 pub(super) struct SentBytes {
@@ -48,7 +47,7 @@ mod tests {
     use fuseline_report::COLUMNS;
 
     use super::*;
-    use crate::policies::ConstantPolicy;
+    use fuseline_report::policies::ConstantPolicy;
 
     /// So many requests, of which so many were answered and the rest cancelled.
     fn row(p: u64, answered: u64, cancelled: u64) -> RequestRow {

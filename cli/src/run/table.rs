@@ -8,9 +8,9 @@ use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
 use crate::emulation::{Outage, REPLY_BYTES, REQUEST_BYTES};
 use crate::link::LinkWidth;
 use crate::models::Model;
-use crate::policies::BoundedFigure;
 use crate::run::plan::{CloudPlan, CloudServer, DeadlinePolicy, RunPlan};
 use crate::run::report::{PolicyReport, RunReport, SourceReport, share};
+use fuseline_report::policies::BoundedFigure;
 use fuseline_report::{COLUMNS, PolicyScores, Quantile, RequestRow, RunNotes, Totals};
 
 /// What the columns of the table of policies are called.
@@ -362,7 +362,7 @@ pub(crate) fn sources_table(totals: &Totals, name: impl Fn(&RequestRow) -> Strin
 /// The options in force.
 fn configuration(plan: &RunPlan) -> Vec<(String, String)> {
     let policy = match plan.policy {
-        DeadlinePolicy::Expected => format!("expected, {} AP for a second", plan.price),
+        DeadlinePolicy::Expected => format!("expected, {} AP a millisecond", plan.price_per_ms),
         DeadlinePolicy::Constant => "constant".to_owned(),
     };
     let of = |name: &str, value: String| (name.to_owned(), value);

@@ -493,12 +493,14 @@ pub const KINDS: &[EvidenceKind] = &[
         name: "command",
         title: "tests of the command",
         applies: |_| false,
-        concerns: |fault| fault.file.starts_with("cli/src/"),
+        concerns: |fault| fault.file.starts_with("cli/src/") || fault.file.starts_with(POLICIES),
         run: RunMethod::Cargo {
             arguments: &[
                 "test",
                 "-p",
                 "fuseline",
+                "-p",
+                "fuseline-report",
                 "--lib",
                 "--test",
                 "convert",
@@ -534,6 +536,8 @@ pub const KINDS: &[EvidenceKind] = &[
         },
         sources: &[
             "cli/src",
+            POLICIES,
+            "cli/report/src/policies.rs",
             "!cli/src/deadline.rs",
             "!cli/src/drive/",
             "!cli/src/plot/",
@@ -555,6 +559,9 @@ pub const KINDS: &[EvidenceKind] = &[
         cites: cited_by_test,
     },
 ];
+
+/// What rival policies would have made of a run.
+const POLICIES: &str = "cli/report/src/policies";
 
 /// What writes a trace as a run goes on.
 const RECORDER: &str = "traces/src/record.rs";

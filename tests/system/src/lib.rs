@@ -18,9 +18,6 @@ pub mod simulate;
 #[path = "../../../cli/src/deadline.rs"]
 mod deadline;
 #[cfg(feature = "parsers")]
-#[path = "../../../cli/src/drives.rs"]
-mod drives;
-#[cfg(feature = "parsers")]
 #[path = "../../../cli/src/exit.rs"]
 mod exit;
 #[cfg(feature = "parsers")]

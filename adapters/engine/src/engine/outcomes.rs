@@ -11,7 +11,7 @@ use fuseline_core as core;
 use fuseline_core::{Outcome, Priorities};
 use fuseline_deadline::End;
 use fuseline_traces::{Annotations, DropReason, Input};
-use tracing::{debug, error, warn};
+use tracing::{debug, error, info, warn};
 
 use crate::arbiter::{Answer, drop_reason, offer_refusal, open_refusal};
 use crate::effect::{Effect, Hint};
@@ -19,6 +19,7 @@ use crate::engine::{CLOUDS, Engine};
 use crate::event::CountedEvent;
 use crate::item::{Ending, Failure, Forwarded, Item, Trigger};
 use crate::lineage::{Lineage, StampedValue};
+use crate::outage::OutageLine;
 use crate::policies::PolicyPanic;
 use crate::queue::{AbandonedRequest, Waiting};
 use crate::sources::LOCAL;
@@ -114,9 +115,44 @@ impl<V, R> Engine<V, R> {
             let (operator, source) = (&*self.operator, self.sources.name(index));
             debug!(operator, timestamp = t, source, "timer fired");
             self.counts.source(index, CountedEvent::Timer);
+            self.log_timer(at, index);
             self.close(at, t, index);
         }
         self.settle(at, t, Trigger::Timer, &firing.outcome);
+    }
+
+    /// F4: warns of a failure unless one of this source was warned of just before.
+    pub(super) fn log_failure(&mut self, at: u64, t: u64, index: Option<usize>, why: &str) {
+        let line = index.map(|index| self.sources[index].outage.failed(at));
+        let (operator, source) = (&*self.operator, index.map(|index| self.sources.name(index)));
+        match line {
+            Some(None) => debug!(operator, timestamp = t, source, %why, "no result will come"),
+            Some(Some(OutageLine { count: 1, .. })) | None => {
+                warn!(operator, timestamp = t, source, %why, "no result will come");
+            }
+            Some(Some(OutageLine { count: requests, lasts })) => {
+                let seconds = lasts / 1_000_000_000;
+                warn!(operator, source, %why, requests, seconds, "still no result");
+            }
+        }
+    }
+
+    /// F5: warns of a source of which many timers in a row fired.
+    fn log_timer(&mut self, at: u64, index: usize) {
+        if let Some(OutageLine { count, lasts }) = self.sources[index].outage.timed_out(at) {
+            let (operator, source) = (&*self.operator, self.sources.name(index));
+            let seconds = lasts / 1_000_000_000;
+            warn!(operator, source, requests = count, seconds, "no result in time");
+        }
+    }
+
+    /// F3: a source that was warned of has a result again.
+    pub(super) fn log_recovery(&mut self, at: u64, index: usize) {
+        if let Some(OutageLine { count, lasts }) = self.sources[index].outage.answered(at) {
+            let (operator, source) = (&*self.operator, self.sources.name(index));
+            let seconds = lasts / 1_000_000_000;
+            info!(operator, source, requests = count, seconds, "results come again");
+        }
     }
 
     /// F1: the message was not taken on.
@@ -143,6 +179,7 @@ impl<V, R> Engine<V, R> {
             lineage,
             age,
             substitute: None,
+            carried: None,
         };
         self.effects.push_back(Effect::Output(item));
     }

@@ -10,7 +10,7 @@ from typing import TypeVar
 
 T = TypeVar("T")
 
-DATA = Path(__file__).parents[4] / "cli/data"
+DATA = Path(__file__).parents[4] / "testkit/data"
 #: What can be killed while the vehicle drives.
 PARTS = (
     "left-camera",
@@ -46,7 +46,7 @@ class Kill:
 
 
 class Network:
-    """Round trips of a file of `cli/data`, by time: none where the network was not there."""
+    """Round trips of a file of `testkit/data`, by time: none where the network was not there."""
 
     def __init__(self, file: str, unit: float, column: int, start: float) -> None:
         self._at: list[float] = []

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Generic, TypeVar
 
+from fuseline._encoding import EncodedRequest
 from fuseline._errors import in_one_line
 from fuseline._fuseline import Engine, Latency, nanoseconds
 from fuseline._item import Call, Effect, Ending, Item, Lineage, StampedValue
@@ -68,6 +69,8 @@ class OutputHandlers:
     sides: list[SideRequest] = field(default_factory=list)
     #: What records how long messages take.
     latency: Latency | None = None
+    #: Whether items carry their messages.
+    carry_messages: bool = False
 
 
 @dataclass(slots=True)
@@ -126,6 +129,8 @@ class Driver(Generic[M, V]):
         self._engine = engine
         self._local = local
         self._clouds, self._handlers = list(clouds), handlers
+        #: The open messages, if items carry them.
+        self._messages: dict[int, M] | None = {} if handlers.carry_messages else None
         #: The latest message that was taken on.
         self._taken_on: int | None = None
         self._sources = {0: SourceTasks(local.at_once + OVERDUE_TASKS, None)}
@@ -178,6 +183,8 @@ class Driver(Generic[M, V]):
         now = self._clock()
         offers = self._offers(t, message)
         fields = None
+        if self._messages is not None:
+            self._messages[t] = message
         if lineage is not None:
             self._lineages[t] = lineage
             age, missing = self._age(now, lineage), list(lineage.missing)
@@ -270,6 +277,9 @@ class Driver(Generic[M, V]):
                     t = item.timestamp
                     lineages = self._lineages
                     item.lineage = lineages.pop(t, None) if item.last else lineages.get(t)
+                if (messages := self._messages) is not None:
+                    t = item.timestamp
+                    item.message = messages.pop(t, None) if item.last else messages.get(t)
                 self._complete(item)
                 self._output(item)
             elif effect[0] == "start":
@@ -325,6 +335,7 @@ class Driver(Generic[M, V]):
 
     def _offers(self, t: int, message: M) -> Iterator[tuple[int, Any, ns]]:
         """What is offered to clouds for a message that was taken on."""
+        encoded: list[EncodedRequest] = []
         for it in self._clouds:
             begin = self._read_clock()
             try:
@@ -332,6 +343,8 @@ class Driver(Generic[M, V]):
                 if wanted is None:
                     continue
                 request, deadline = wanted
+                if it.encode is not None:
+                    request = _to_encode(it.encode, request, encoded)
                 offer = it.cloud.p, request, nanoseconds(deadline)
             except Exception:
                 _log.exception("%s: the message handler of %s failed", self.name, it.cloud.name)
@@ -381,7 +394,7 @@ class Driver(Generic[M, V]):
         try:
             if cloud.encode is not None and source.encoders is not None:
                 begin = self._read_clock()
-                request = await source.encoders.run(request)
+                request = await request.get(source.encoders)
                 check_value(request, "what encodes", "make it a plain function")
                 took = (self._read_clock() - begin) / 1e9
                 call = replace(call, deadline=max(call.deadline - took, 0.0))
@@ -433,6 +446,17 @@ class Driver(Generic[M, V]):
 
 def _seconds(nanos: int | None) -> float | None:
     return None if nanos is None else nanos / 1e9
+
+
+def _to_encode(
+    encode: Callable[[Any], Any], raw: Any, encoded: list[EncodedRequest]
+) -> EncodedRequest:
+    """That of another cloud of the message, if it is the same."""
+    for other in encoded:
+        if other.is_of(encode, raw):
+            return other.share()
+    encoded.append(EncodedRequest(encode, raw))
+    return encoded[-1]
 
 
 def _same(encode: Callable[[Any], Any]) -> Callable[[Any], Any]:

@@ -11,6 +11,7 @@ from fuseline._words import Admission, Cloud, Commit, Firing, OfferRefusal, Open
 __all__ = [
     "Aligner",
     "Counting",
+    "Drive",
     "Engine",
     "Expected",
     "Fusion",
@@ -19,6 +20,9 @@ __all__ = [
     "Observations",
     "Reorderer",
     "check",
+    "compare_responses",
+    "compare_trace",
+    "drives",
     "loss",
     "nanoseconds",
     "read",
@@ -53,6 +57,13 @@ _Survey: TypeAlias = tuple[
 ]
 _Chosen: TypeAlias = tuple[int, str, int | None, float | None]
 _Seen: TypeAlias = tuple[int, bool, int]
+
+_PolicyRow: TypeAlias = tuple[
+    str,
+    tuple[float, float] | None,
+    tuple[int, int],
+    list[tuple[Literal["exactly", "at least", "never"], int] | None],
+]
 
 class _Situation(Protocol):
     @property
@@ -321,3 +332,23 @@ def survey(trace: _Traced, name: str | None, slack: _Slack) -> _Survey: ...
 def loss(
     loss: _Impact | _Accuracy | _Stream, known: _Situation, source: str, response: _Duration
 ) -> float: ...
+
+@final
+class Drive:
+    def __new__(cls, name: str) -> Drive: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def length(self) -> int: ...
+    def samples(self) -> list[tuple[int, int | None]]: ...
+    def round_trip(self, at: _Duration) -> int | None: ...
+
+def drives() -> list[str]: ...
+def compare_trace(
+    trace: _Traced, name: str | None, deadline: _Duration, accuracies: Sequence[tuple[str, float]]
+) -> list[_PolicyRow]: ...
+def compare_responses(
+    sources: Sequence[tuple[str, int, float | None]],
+    messages: Sequence[Sequence[_Duration | None]],
+    deadline: _Duration,
+) -> list[_PolicyRow]: ...

@@ -196,6 +196,8 @@ class Item(Generic[V]):
     #: What the operator's handler gave for a message that was missed or refused (E4). The ending
     #: stays as it is, and the age is unknown (E7).
     substitute: V | None = None
+    #: The message itself, if the operator was made with ``carry_messages``.
+    message: Any = None
 
     @property
     def last(self) -> bool:

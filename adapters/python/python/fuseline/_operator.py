@@ -28,11 +28,13 @@ from fuseline._fuseline import Engine, Latency, nanoseconds
 from fuseline._item import Call, CurrentDeadline, Item, Lineage, StampedValue
 from fuseline._join import Joined
 from fuseline._local import Local, local_of
+from fuseline._loop import each, wake
 from fuseline._setup import PipelineSetup
 from fuseline._wiring import (
     check_count,
     check_function,
     check_handle,
+    check_linger,
     check_policy,
     check_priority,
     check_response_handler,
@@ -76,6 +78,7 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
             with a ConfigError, of an offer as ``deadline``, with a warning at the first.
         reserve: How long those downstream take; so much of an end-to-end deadline is kept (E3).
         latency: What records how long this operator takes, for those upstream.
+        carry_messages: Whether each item carries its message, as ``item.message``.
 
     Its methods belong to the thread of its loop, but for `write_threadsafe`; elsewhere they raise a
     RuntimeError.
@@ -110,6 +113,7 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         greatest_deadline: Duration = 60.0,
         reserve: Sequence[Latency] = (),
         latency: Latency | None = None,
+        carry_messages: bool = False,
     ) -> None:
         check_count(output_len, 1, "an output_len")
         check_function(clock, "a clock")
@@ -133,7 +137,7 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         self._not_taken = 0
         self._clouds: list[RegisteredCloud] = []
         self._reserve = list(reserve)
-        super().__init__(OutputHandlers(latency=latency))
+        super().__init__(OutputHandlers(latency=latency, carry_messages=carry_messages))
         self._loop: asyncio.AbstractEventLoop | None = None
         self._situation: Callable[[M, int], Situation] | None = None
         self._driver: Driver[M, V] | None = None
@@ -181,7 +185,8 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
             response_handler: Turns the response into the result, in the call's task; may be an
                 ``async def``; the result arrives when it is done. It returns a `StampedValue` if
                 the response says of which message it is.
-            encode: Makes the handle's request of the message handler's in a thread, as for JPEG.
+            encode: Makes the handle's request of the message handler's in a thread, as for JPEG;
+                once for all clouds whose handlers return the same object to the same function.
             priority: 1 to 65535, different for each cloud; the greater wins.
             name: For people and traces; ``cloud-`` and the priority by default.
             limit: The gate shuts when this many requests wait to be sent (F2g); by default as many
@@ -212,10 +217,13 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         check_count(max_age, 0, "a max_age")
         if encode is not None:
             check_function(encode, "what encodes")
+        name = name or f"cloud-{priority}"
         if policy is not None:
             check_policy(policy)
+            policy = policy_of(policy)
+            check_linger(policy, nanoseconds(linger), name)
         limit = calls if limit is None else limit
-        cloud = Cloud(priority, limit, resume, name or f"cloud-{priority}")
+        cloud = Cloud(priority, limit, resume, name)
         self._clouds.append(
             RegisteredCloud(
                 cloud,
@@ -225,7 +233,7 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
                 encode,
                 calls,
                 nanoseconds(linger),
-                None if policy is None else policy_of(policy),
+                policy,
                 max_age,
             )
         )
@@ -405,7 +413,7 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         async with contextlib.AsyncExitStack() as stack:
             if isinstance(messages, AsyncGenerator):
                 await stack.enter_async_context(contextlib.aclosing(messages))
-            async for message in _each(messages):
+            async for message in each(messages):
                 while not self._has_room() and not self._is_last:
                     await self._writers.wait()
                 lineage = message.lineage if isinstance(message, (Item, Joined)) else None
@@ -427,7 +435,7 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         """Take no more messages; the items end once all are answered."""
         self._check_thread("close")
         self._is_last = True
-        _wake(self._writers)
+        wake(self._writers)
         self._end_if_idle()
 
     def stop(self) -> None:
@@ -443,8 +451,8 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         for task in self._feeds:
             task.cancel()
         self._driver.stop()
-        _wake(self._writers)
-        _wake(self._readers)
+        wake(self._writers)
+        wake(self._readers)
 
     # Items.
 
@@ -463,7 +471,7 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         self._running("read")
         loop = asyncio.get_running_loop()
         until = None if timeout is None else loop.time() + timeout
-        timer = None if until is None else loop.call_at(until, _wake, self._readers)
+        timer = None if until is None else loop.call_at(until, wake, self._readers)
         try:
             while not self._items:
                 if self._is_over or (until is not None and loop.time() >= until):
@@ -474,7 +482,7 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
                 timer.cancel()
         item = self._items.popleft()
         if len(self._items) < self._output_len:
-            _wake(self._writers)
+            wake(self._writers)
         return item
 
     @property
@@ -548,12 +556,12 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
                     del self._items[place]
                     break
         self._items.append(item)
-        _wake(self._readers)
+        wake(self._readers)
 
     def _end_if_idle(self) -> None:
         driver = self._driver
         if self._has_room():
-            _wake(self._writers)
+            wake(self._writers)
         if self._is_last and driver is not None and driver.is_idle:
             self.stop()
 
@@ -582,20 +590,3 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         except Exception as error:
             self._feed_error = error
         self.close()
-
-
-def _wake(event: asyncio.Event) -> None:
-    """Wake all who wait for it now."""
-    event.set()
-    event.clear()
-
-
-async def _each(messages: AsyncIterable[M] | Iterable[M]) -> AsyncIterator[M]:
-    """Messages of either kind, with a turn for others between two of a plain one."""
-    if isinstance(messages, AsyncIterable):
-        async for message in messages:
-            yield message
-        return
-    for message in messages:
-        yield message
-        await asyncio.sleep(0)

@@ -6,6 +6,7 @@ import inspect
 from typing import Any
 
 from fuseline._errors import ConfigError
+from fuseline.deadline import Policy, needs_linger
 
 
 class WiringError(ConfigError):
@@ -103,6 +104,19 @@ def check_policy(policy: Any) -> None:
         raise ConfigError(f"the policy {policy!r} needs both methods, decide and ended")
     if not any(has):
         check_function(policy, "a policy")
+
+
+def check_linger(policy: Policy, linger: int, name: str) -> None:
+    """A policy that would learn nothing of longer deadlines.
+
+    Raises:
+        ConfigError: if it does not probe, and calls do not linger.
+    """
+    if not linger and needs_linger(policy):
+        raise ConfigError(
+            f"the policy of {name} does not probe, and its calls do not linger, so that it would "
+            "never wait for a cloud again that was gone; give it probe_every, or the cloud a linger"
+        )
 
 
 def is_async(function: Any) -> bool:

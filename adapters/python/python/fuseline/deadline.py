@@ -347,7 +347,8 @@ class Expected(_Capping):
     It can be pickled, and what it knows of the cloud goes along; of that the copy forgets the
     quickest calls first. It knows nothing of safety: let a `Guard` cap it. One message in
     ``probe_every`` waits as long as the cap allows, beginning with the first (T6). Give None if
-    calls linger: then their true ends are known, and there is nothing to probe.
+    calls linger: then their true ends are known, and there is nothing to probe. An operator refuses
+    None without a ``linger``: it would never wait for a cloud again that was gone.
 
     Args:
         loss: What an output costs: `Impact`, `Accuracy`, or a function of the situation, the
@@ -374,6 +375,11 @@ class Expected(_Capping):
     def __setstate__(self, observations: list[Observation]) -> None:
         for end, age in _ends(observations):
             self.ended(end, age)
+
+    @property
+    def probe_every(self) -> int | None:
+        """One message in so many is a probe."""
+        return self._made_of[2]
 
     def decide(self, situation: Situation, cap: Duration) -> Chosen:
         """The deadline of least mean loss, at most the cap."""
@@ -535,6 +541,13 @@ def assumes_one_output(policy: Policy) -> bool:
     if isinstance(policy, Capped):
         return assumes_one_output(policy._cap) or assumes_one_output(policy._policy)
     return isinstance(policy, Guard)
+
+
+def needs_linger(policy: Policy) -> bool:
+    """Whether it learns of longer deadlines only from calls that run on past their due instants."""
+    if isinstance(policy, Capped):
+        return needs_linger(policy._cap) or needs_linger(policy._policy)
+    return isinstance(policy, Expected) and policy.probe_every is None
 
 
 def compiled(policy: Policy) -> Any:

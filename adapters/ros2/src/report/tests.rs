@@ -257,6 +257,7 @@ fn the_status_of_a_message_names_its_source_and_warns_without_one() {
             lineage,
             age,
             substitute,
+            carried: None,
         };
         of_item("/fuseline", None, &item)
     };

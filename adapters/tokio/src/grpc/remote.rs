@@ -8,7 +8,7 @@ use http::uri::{InvalidUri, Scheme};
 use thiserror::Error;
 use tokio::runtime::Handle;
 use tonic::service::interceptor::InterceptedService;
-use tonic::transport::{self, Endpoint};
+use tonic::transport::{self, Channel, Endpoint};
 #[cfg(feature = "tls")]
 use tonic::transport::{Certificate, ClientTlsConfig};
 use tracing::warn;
@@ -105,6 +105,17 @@ impl Remote {
     /// # Errors
     /// If these settings cannot work. A server that does not answer shows only in the calls.
     pub fn connect(&self) -> Result<Connection, RemoteError> {
+        let channel = self.channel()?;
+        if self.token.is_some()
+            && self.url.get(..5).is_some_and(|it| !it.eq_ignore_ascii_case("https"))
+        {
+            warn!(url = self.url, "the token can be read on the way, for the URL is not https");
+        }
+        Ok(InterceptedService::new(CountedBody(channel), BearerToken(self.token.clone())))
+    }
+
+    /// The same without counts and token.
+    pub(crate) fn channel(&self) -> Result<Channel, RemoteError> {
         Handle::try_current().map_err(|_| RemoteError::NoRuntime)?;
         let uri: Uri = self.url.parse()?;
         let is_secure = match uri.scheme() {
@@ -121,13 +132,8 @@ impl Remote {
             endpoint = self.secure(endpoint)?;
         } else if self.ca.is_some() || self.identity.is_some() {
             return Err(RemoteError::Plain);
-        } else if self.token.is_some() {
-            warn!(url = self.url, "the token can be read on the way, for the URL is not https");
         }
-        Ok(InterceptedService::new(
-            CountedBody(endpoint.connect_lazy()),
-            BearerToken(self.token.clone()),
-        ))
+        Ok(endpoint.connect_lazy())
     }
 
     #[cfg(not(feature = "tls"))]

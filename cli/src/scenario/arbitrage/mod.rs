@@ -6,12 +6,12 @@ mod text;
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::drives::Drive;
 use crate::fault::Fault;
 use crate::plot::{PageContent, show};
 use crate::scenario::networks::DRIVES;
 use crate::scenario::options::OutputOptions;
 use crate::scenario::paper::{PAPER, TripQuantiles};
+use fuseline_testkit::networks::Drive;
 
 /// What the page says first.
 const WORDS: &str = "The same model on the vehicle's computer, and in the cloud behind a round trip. Where the cloud is first, it \

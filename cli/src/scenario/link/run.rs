@@ -19,8 +19,8 @@ pub(crate) const OPERATORS: usize = 4;
 const OBSERVED: usize = 16;
 /// One message in so many that are not worth their bytes shows whether they would be by now.
 const PROBE_EVERY: Option<u32> = Some(30);
-/// What a second of waiting costs, in points of AP: as `fuseline run` has it.
-const PRICE: f64 = 10.0;
+/// What a millisecond of waiting costs, in points of AP: as `fuseline run` has it.
+const PRICE_PER_MS: f64 = 0.01;
 
 /// An operator: what it sends, and how good its results are.
 #[derive(Clone, Copy, Debug)]
@@ -187,7 +187,7 @@ impl<'a> LinkSimulation<'a> {
 impl LinkedOperator {
     fn new(stream: &RequestStream, run: &LinkRun<'_>) -> Self {
         let [local, cloud] = stream.ap;
-        let loss = Accuracy { local, cloud, price_per_ms: PRICE / 1000.0 };
+        let loss = Accuracy { local, cloud, price_per_ms: PRICE_PER_MS };
         let response = Duration::from_secs_f64(run.local_response);
         // Calls run on past their due instants, so that nothing is probed.
         let policy = Expected::new(loss, response, None).expect("plausible options");

@@ -8,12 +8,12 @@ mod text;
 use std::time::Duration;
 
 use fuseline_deadline::{Guard, Observation};
+use fuseline_testkit::networks::Drive;
 use rayon::prelude::*;
 #[cfg(feature = "full")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::drives::Drive;
 use crate::fault::Fault;
 use crate::link::{LinkArgs, LinkWidth, RecordedLink};
 use crate::plot::{Folder, PageContent, show};

@@ -6,11 +6,11 @@ use std::time::Duration;
 use fuseline_deadline::{
     Choice, Guard, Impact, Loss, Observation, Situation, Survival, least_loss,
 };
+use fuseline_testkit::networks::Drive;
 #[cfg(feature = "full")]
 use schemars::JsonSchema;
 use serde::{Serialize, Serializer};
 
-use crate::drives::Drive;
 use crate::scenario::approach::{Approach, Vehicle, nanos};
 use crate::scenario::options::above_0;
 

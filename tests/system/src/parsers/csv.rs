@@ -5,10 +5,10 @@ use std::time::Duration;
 
 use ::csv::{ReaderBuilder, Trim};
 use fuseline_deadline::Observation;
+use fuseline_testkit::networks::{Drive, DriveError};
 use fuseline_traces::rows::{Columns, RowError, Rows, Unit};
 use serde_json::{Map, Value};
 
-use crate::drives::{Drive, DriveError};
 use crate::parsers::held::as_file;
 use crate::parsers::{Ends, ParserResult, fit};
 use crate::probe::recording::ProbeRecording;

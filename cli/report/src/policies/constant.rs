@@ -5,17 +5,19 @@ use std::time::Duration;
 use fuseline_engine::arbiter::Arbiter;
 use fuseline_traces::{Cloud, Commit, Decision, Header, Input};
 
-use fuseline_report::{ArrivalTime, ForwardedOutput, Response};
+use crate::quantile::{ArrivalTime, Response};
+use crate::statistics::ForwardedOutput;
 
 /// The one timestamp of each run.
 const T: u64 = 0;
 
 /// Fusion with one deadline for all requests.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub(crate) struct ConstantPolicy {
-    pub(crate) deadline: Duration,
+pub struct ConstantPolicy {
+    /// The deadline.
+    pub deadline: Duration,
     /// The clouds' priorities, in the order of the sources; no two are the same.
-    pub(crate) priorities: Vec<u16>,
+    pub priorities: Vec<u16>,
 }
 
 impl ConstantPolicy {

@@ -1,26 +1,34 @@
 //! Figures that are exact or between bounds.
 
-#[cfg(feature = "full")]
+#[cfg(feature = "schema")]
 use std::borrow::Cow;
 
-#[cfg(feature = "full")]
+#[cfg(feature = "schema")]
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::{Serialize, Serializer};
 
 /// A figure, as far as it is known: exact if both are the same.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) struct BoundedFigure<T> {
-    pub(crate) at_least: T,
-    pub(crate) at_most: T,
+pub struct BoundedFigure<T> {
+    /// It is no less.
+    pub at_least: T,
+    /// It is no more.
+    pub at_most: T,
 }
 
 impl<T: Copy + PartialOrd> BoundedFigure<T> {
-    pub(crate) const fn exactly(value: T) -> Self {
+    /// A figure that is known.
+    #[must_use]
+    pub const fn exactly(value: T) -> Self {
         Self { at_least: value, at_most: value }
     }
 
     /// Any of these, of which there is at least one.
-    pub(crate) fn spanning(values: impl IntoIterator<Item = T>) -> Self {
+    ///
+    /// # Panics
+    /// If there is none.
+    #[must_use]
+    pub fn spanning(values: impl IntoIterator<Item = T>) -> Self {
         let wider = |one: Self, other: Self| Self {
             at_least: if other.at_least < one.at_least { other.at_least } else { one.at_least },
             at_most: if other.at_most > one.at_most { other.at_most } else { one.at_most },
@@ -30,18 +38,26 @@ impl<T: Copy + PartialOrd> BoundedFigure<T> {
     }
 
     /// The value, if it is known.
-    pub(crate) fn exact(self) -> Option<T> {
+    #[must_use]
+    pub fn exact(self) -> Option<T> {
         (self.at_least == self.at_most).then_some(self.at_least)
     }
 
     /// The bounds mapped, by what keeps their order.
-    pub(crate) fn map<U>(self, map: impl Fn(T) -> U) -> BoundedFigure<U> {
+    #[must_use]
+    pub fn map<U>(self, map: impl Fn(T) -> U) -> BoundedFigure<U> {
         BoundedFigure { at_least: map(self.at_least), at_most: map(self.at_most) }
     }
 }
 
 impl<T: std::ops::Add<Output = T>> BoundedFigure<T> {
-    pub(crate) fn add(self, other: Self) -> Self {
+    /// The sum of two.
+    #[must_use]
+    #[expect(
+        clippy::should_implement_trait,
+        reason = "bounds add up as numbers do, and nothing else is wanted of them"
+    )]
+    pub fn add(self, other: Self) -> Self {
         Self { at_least: self.at_least + other.at_least, at_most: self.at_most + other.at_most }
     }
 }
@@ -55,7 +71,7 @@ impl<T: Copy + PartialOrd + Serialize> Serialize for BoundedFigure<T> {
     }
 }
 
-#[cfg(feature = "full")]
+#[cfg(feature = "schema")]
 impl<T: JsonSchema> JsonSchema for BoundedFigure<T> {
     fn inline_schema() -> bool {
         true
@@ -72,7 +88,7 @@ impl<T: JsonSchema> JsonSchema for BoundedFigure<T> {
 
 /// A figure as it is written.
 #[derive(Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
+#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(untagged)]
 enum WrittenFigure<T> {
     Exact(T),

@@ -1,4 +1,10 @@
-//! Drives: recorded round-trip times of a moving vehicle, built in or read from CSV, by the moment of sending.
+//! Recorded networks: round-trip times of a moving vehicle by the moment of sending, built in or read from CSV.
+//!
+//! A [`Drive`] takes the time as an argument, so that a test in virtual time, a simulation and a proxy can use it. For calls on
+//! tokio it goes into `fuseline_tokio::EmulatedNetwork`, which waits; `fuseline serve --forward` puts it before a server.
+
+#[cfg(test)]
+mod tests;
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -20,7 +26,7 @@ macro_rules! built_in {
     };
 }
 
-/// The drives inside the binary, by name.
+/// The drives inside the library, by name.
 const BUILT_IN: &[(&str, &str)] = built_in![
     "cicv5g/arterial_n78_v80",
     "cicv5g/rural_n8_v0",
@@ -35,8 +41,17 @@ const BUILT_IN: &[(&str, &str)] = built_in![
 /// One recorded drive through one network, as round-trip times by the moment of sending.
 ///
 /// A drive that is over starts again from its beginning.
+///
+/// ```
+/// use core::time::Duration;
+/// use fuseline_testkit::networks::Drive;
+///
+/// let drive = Drive::load("cicv5g/rural_n8_v10")?;
+/// assert_eq!(drive.round_trip(Duration::from_millis(55)), Some(Duration::from_millis(25)));
+/// # Ok::<(), fuseline_testkit::networks::DriveError>(())
+/// ```
 #[derive(Clone, PartialEq, Debug)]
-pub(crate) struct Drive {
+pub struct Drive {
     name: String,
     /// Ascending, the first at 0.
     samples: Vec<Sample>,
@@ -55,30 +70,41 @@ struct Sample {
     rates: [u64; 2],
 }
 
-/// Why a drive cannot be used.
+/// Why a drive cannot be used; the words say where.
 #[derive(Debug, Error)]
-pub(crate) enum DriveError {
+#[expect(missing_docs, reason = "the fields are what the words say")]
+pub enum DriveError {
+    /// There is no such drive.
     #[error("no built-in drive and no readable file {name:?} ({source}); built in are {}", names())]
     Open { name: String, source: io::Error },
+    /// The file is too long.
     #[error("{name}: more than 64 MiB; give a shorter recording")]
     TooLarge { name: String },
+    /// The file is no CSV.
     #[error("{name}:{}: {source}; a drive is CSV with a line of column names first", source.line)]
     Csv { name: String, source: TableError },
+    /// It has no column of times.
     #[error("{name}:1: no time column; name one `sent_ms` or `second`")]
     NoTime { name: String },
+    /// It has no such network.
     #[error("{name}:1: no column {wanted:?}; it has {found}")]
     NoColumn { name: String, wanted: String, found: String },
+    /// It has several networks, and none is named.
     #[error("{name}:1: which network? write {name}:{}", .found.join(&format!(" or {name}:")))]
     ManyColumns { name: String, found: Vec<String> },
+    /// A round trip is none.
     #[error("{name}:{line}: {column} is {found:?}; it must be milliseconds from 0 to a day, or -1")]
     RoundTrip { name: String, line: u64, column: String, found: String },
+    /// An instant is not after the one before.
     #[error(
         "{name}:{line}: {column} is {found:?}; it must be a number greater than the line before, \
          within a year of the first"
     )]
     Time { name: String, line: u64, column: String, found: String },
+    /// It is too short.
     #[error("{name}: fewer than two rows; a drive needs at least two")]
     TooShort { name: String },
+    /// A rate is none.
     #[error(
         "{name}:{line}: {column} is {found:?}; it must be 0, or Mbit/s from 0.001 to 1000000, and not 0 in all rows"
     )]
@@ -91,7 +117,7 @@ impl Drive {
     ///
     /// # Errors
     /// The first [`DriveError`] that holds.
-    pub(crate) fn load(name: &str) -> Result<Self, DriveError> {
+    pub fn load(name: &str) -> Result<Self, DriveError> {
         let (file, network) = match name.rsplit_once(':') {
             Some((file, network)) if !network.contains(['/', '\\']) => (file, Some(network)),
             Some(_) | None => (name, None),
@@ -105,7 +131,8 @@ impl Drive {
     }
 
     /// A network that takes no time.
-    pub(crate) fn direct() -> Self {
+    #[must_use]
+    pub fn direct() -> Self {
         let sample = Sample { at: Duration::ZERO, round_trip: Some(Duration::ZERO), rates: [0; 2] };
         let (name, length) = ("no drive".to_owned(), Duration::from_secs(1));
         Self { name, samples: vec![sample], length, has_rate: [false; 2] }
@@ -114,7 +141,12 @@ impl Drive {
     /// Reads a recording: CSV with a line of column names, a time column `sent_ms` or `second`, and
     /// one `rtt_ms`, or several `<network>_rtt_ms` of which `network` names one. `uplink_mbps` and `downlink_mbps`, with
     /// the same prefix, are the rates of the link. Other columns are ignored.
-    fn read(file: &str, network: Option<&str>, text: impl Read) -> Result<Self, DriveError> {
+    ///
+    /// `file` is the name in errors.
+    ///
+    /// # Errors
+    /// The first [`DriveError`] that holds.
+    pub fn read(file: &str, network: Option<&str>, text: impl Read) -> Result<Self, DriveError> {
         let owned = || file.to_owned();
         let fault = |source| csv_error(file, source);
         let text = SizeLimit { text, remaining: FILE_BYTES };
@@ -176,13 +208,20 @@ impl Drive {
         Ok(Self { name, samples, length, has_rate: rates.map(|rate| rate.is_some()) })
     }
 
+    /// From when on which round trip holds, if there is one: until the next, or the drive's end.
+    pub fn samples(&self) -> impl ExactSizeIterator<Item = (Duration, Option<Duration>)> {
+        self.samples.iter().map(|sample| (sample.at, sample.round_trip))
+    }
+
     /// Whether a rate of the link, up or down, is recorded.
-    pub(crate) const fn has_rates(&self) -> bool {
+    #[must_use]
+    pub const fn has_rates(&self) -> bool {
         self.has_rate[0] || self.has_rate[1]
     }
 
     /// What the link carries one way at `moment`, in bits a second, and for how long; none if it is not recorded.
-    pub(crate) fn rate(&self, way: usize, moment: Duration) -> Option<(u64, Duration)> {
+    #[must_use]
+    pub fn rate(&self, way: usize, moment: Duration) -> Option<(u64, Duration)> {
         self.has_rate[way].then(|| {
             let within = nanos(moment.as_nanos() % self.length.as_nanos());
             let next = self.samples.partition_point(|sample| sample.at <= within);
@@ -192,18 +231,20 @@ impl Drive {
     }
 
     /// How long the drive is before it starts again.
-    pub(crate) const fn length(&self) -> Duration {
+    #[must_use]
+    pub const fn length(&self) -> Duration {
         self.length
     }
 
     /// The drive's name, the network included.
-    pub(crate) fn name(&self) -> &str {
+    #[must_use]
+    pub fn name(&self) -> &str {
         &self.name
     }
 
     /// For how much of the drive a round trip is shorter than so many seconds.
-    #[cfg(feature = "full")]
-    pub(crate) fn share_below(&self, seconds: f64) -> f64 {
+    #[must_use]
+    pub fn share_below(&self, seconds: f64) -> f64 {
         let ends = self.samples.iter().skip(1).map(|sample| sample.at).chain([self.length]);
         let is_short =
             |sample: &Sample| sample.round_trip.is_some_and(|trip| trip.as_secs_f64() < seconds);
@@ -217,7 +258,8 @@ impl Drive {
     ///
     /// It is the round trip of the latest sample at that moment. While the network was unavailable
     /// (`-1`) a message waits until a sample has one again and then takes that sample's round trip.
-    pub(crate) fn round_trip(&self, moment: Duration) -> Option<Duration> {
+    #[must_use]
+    pub fn round_trip(&self, moment: Duration) -> Option<Duration> {
         let within = nanos(moment.as_nanos() % self.length.as_nanos());
         let sent = self.samples.partition_point(|sample| sample.at <= within).saturating_sub(1);
         let (later, earlier) = (self.samples.get(sent..)?, self.samples.get(..sent)?);
@@ -233,8 +275,13 @@ impl Drive {
     }
 }
 
-pub(crate) fn names() -> String {
-    let names: Vec<&str> = BUILT_IN.iter().map(|(name, _)| *name).collect();
+/// The names of the built-in drives.
+pub fn built_in() -> impl Iterator<Item = &'static str> {
+    BUILT_IN.iter().map(|(name, _)| *name)
+}
+
+fn names() -> String {
+    let names: Vec<&str> = built_in().collect();
     names.join(", ")
 }
 
@@ -329,132 +376,5 @@ impl<R: Read> Read for SizeLimit<R> {
             .checked_sub(len as u64)
             .ok_or_else(|| io::Error::from(io::ErrorKind::FileTooLarge))?;
         Ok(len)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    const GAP: &str = "second,rtt_ms\n10,100\n11,-1\n12,-1\n13,50\n14,-1\n";
-
-    fn read(text: &str) -> Result<Drive, DriveError> {
-        Drive::read("d.csv", None, text.as_bytes())
-    }
-
-    fn fault(text: &str) -> String {
-        read(text).unwrap_err().to_string()
-    }
-
-    fn ms(ms: u64) -> Duration {
-        Duration::from_millis(ms)
-    }
-
-    #[test]
-    fn every_built_in_drive_is_readable() {
-        for (name, text) in BUILT_IN {
-            let network = name.starts_with("vnperf").then_some("sprint");
-            let drive = Drive::read(name, network, text.as_bytes()).unwrap();
-            assert_eq!(drive.samples.len(), text.lines().count() - 1, "{name}");
-            assert_eq!(drive.samples[0].at, Duration::ZERO, "{name}");
-        }
-    }
-
-    #[test]
-    fn a_sample_holds_until_the_next() {
-        let drive = Drive::load("cicv5g/rural_n8_v10").unwrap();
-        assert_eq!(drive.round_trip(ms(0)), Some(ms(48)));
-        assert_eq!(drive.round_trip(ms(54)), Some(ms(48)));
-        assert_eq!(drive.round_trip(ms(55)), Some(ms(25)));
-    }
-
-    #[test]
-    fn a_drive_starts_again_after_its_last_sample() {
-        let drive = read("sent_ms,rtt_ms\n0,1\n50,2\n").unwrap();
-        assert_eq!(drive.length(), ms(100));
-        assert_eq!(drive.round_trip(ms(99)), Some(ms(2)));
-        assert_eq!(drive.round_trip(ms(100)), Some(ms(1)));
-    }
-
-    #[test]
-    fn without_network_a_message_waits_for_the_next_sample_that_has_one() {
-        let drive = read(GAP).unwrap();
-        assert_eq!(drive.round_trip(ms(999)), Some(ms(100)));
-        assert_eq!(drive.round_trip(ms(1000)), Some(ms(2050)));
-        assert_eq!(drive.round_trip(ms(2900)), Some(ms(150)));
-        // The last row's wait goes on into the next lap.
-        assert_eq!(drive.round_trip(ms(4400)), Some(ms(700)));
-    }
-
-    #[test]
-    fn a_network_that_never_is_there_never_replies() {
-        let drive = Drive::load("vnperf/highway:wifi").unwrap();
-        assert_eq!(drive.round_trip(ms(12_345)), None);
-    }
-
-    #[test]
-    fn several_networks_must_be_told_apart() {
-        let fault = Drive::load("vnperf/highway").unwrap_err().to_string();
-        assert!(fault.contains("vnperf/highway:verizon or vnperf/highway:sprint"), "{fault}");
-        let fault = Drive::load("vnperf/highway:nokia").unwrap_err().to_string();
-        assert!(fault.contains("no column \"nokia_rtt_ms\""), "{fault}");
-    }
-
-    #[test]
-    fn bad_recordings_name_the_line_and_the_column() {
-        for (text, expected) in [
-            ("sent_ms,rtt_ms\n0,1\n", "fewer than two rows"),
-            ("ms,rtt_ms\n0,1\n1,1\n", "d.csv:1: no time column"),
-            ("sent_ms,delay\n0,1\n1,1\n", "d.csv:1: no column \"rtt_ms\"; it has sent_ms, delay"),
-            ("sent_ms,rtt_ms\n0,1\n50,x\n", "d.csv:3: rtt_ms is \"x\""),
-            ("sent_ms,rtt_ms\n0,1\n50,-2\n", "d.csv:3: rtt_ms is \"-2\""),
-            ("sent_ms,rtt_ms\n0,1\n50,NaN\n", "d.csv:3: rtt_ms is \"NaN\""),
-            ("sent_ms,rtt_ms\n0,1\n50,86400001\n", "d.csv:3: rtt_ms is \"86400001\""),
-            ("sent_ms,rtt_ms\n0,1\n0,1\n", "d.csv:3: sent_ms is \"0\""),
-            ("second,rtt_ms\n0,1\n31536000,1\n31536001,1\n", "d.csv:4: second is \"31536001\""),
-            ("second,rtt_ms\n0,1\n1e19,1\n", "d.csv:3: second is \"1e19\""),
-            ("sent_ms,rtt_ms\nx,1\n1,1\n", "d.csv:2: sent_ms is \"x\""),
-            ("sent_ms,rtt_ms\n0,1\ninf,1\n", "d.csv:3: sent_ms is \"inf\""),
-            ("sent_ms,rtt_ms\n0,1\n2\n", "d.csv:3: 1 cells, where the first row has 2"),
-            ("", "d.csv:1: no time column"),
-        ] {
-            assert!(fault(text).contains(expected), "{text:?}: {}", fault(text));
-        }
-    }
-
-    #[test]
-    fn a_drive_may_say_what_its_link_carries() {
-        let text = "second,a_rtt_ms,b_rtt_ms,a_uplink_mbps,uplink_mbps\n0,1,1,8,9\n1,1,1,0,9\n";
-        let drive = Drive::read("d.csv", Some("a"), text.as_bytes()).unwrap();
-        assert_eq!(drive.rate(0, ms(400)), Some((8_000_000, ms(600))));
-        assert_eq!(drive.rate(0, ms(1000)), Some((0, ms(1000))));
-        assert_eq!(drive.rate(0, ms(2000)), Some((8_000_000, ms(1000))));
-        assert_eq!(drive.rate(1, ms(0)), None);
-        let other = Drive::read("d.csv", Some("b"), text.as_bytes()).unwrap();
-        assert!(drive.has_rates() && !other.has_rates());
-        let rows = "second,rtt_ms,uplink_mbps\n0,1,0\n1,1,";
-        assert!(fault(&format!("{rows}-1\n")).contains("d.csv:3: uplink_mbps is \"-1\""));
-        assert!(fault(&format!("{rows}0\n")).contains("d.csv:3: uplink_mbps is \"0\""));
-    }
-
-    #[test]
-    fn an_endless_recording_is_refused() {
-        let endless = io::repeat(b'1');
-        let fault = Drive::read("d.csv", None, endless).unwrap_err();
-        assert!(matches!(fault, DriveError::TooLarge { .. }), "{fault}");
-    }
-
-    #[test]
-    fn the_default_drives_lose_their_networks_apart_and_together() {
-        let west = Drive::load("cicv5g/rural_n8_v10").unwrap();
-        let east = Drive::load("vnperf/highway:sprint").unwrap();
-        let lost = |drive: &Drive, start, at: u64| {
-            drive.round_trip(ms(start + at)).is_none_or(|round_trip| round_trip > ms(1000))
-        };
-        let at = |at| (lost(&west, 62_000, at), lost(&east, 150_000, at));
-        assert_eq!(at(5_000), (false, false));
-        assert_eq!(at(13_000), (true, false));
-        assert_eq!(at(18_000), (true, true));
-        assert_eq!(at(24_000), (false, true));
     }
 }

@@ -1,5 +1,24 @@
-//! Policies: the same arrivals under fusion, fusion with one deadline, local only, cloud only and
-//! first response wins. What a trace does not show, since a call was ended early, gives bounds.
+//! Rival policies, offline: the same arrivals under fusion, fusion with one deadline, local only, cloud only and first
+//! response wins. What a trace does not show, since a call was ended early, gives bounds.
+//!
+//! [`TraceStatistics::messages`](crate::TraceStatistics::messages) has the arrivals of a trace; others are made by hand:
+//!
+//! ```
+//! use std::time::Duration;
+//! use fuseline_report::policies::ComparedPolicy;
+//! use fuseline_report::{ArrivalTime, MessageRecord};
+//!
+//! let at = |ms| ArrivalTime::At(Duration::from_millis(ms));
+//! // Local after 300 ms, the cloud after 170 and 900 ms.
+//! let arrivals = [vec![at(300), at(170)], vec![at(310), at(900)]];
+//! let messages = arrivals.map(|arrivals| MessageRecord { arrivals, forwarded: None });
+//! let (aps, deadline) = ([Some(43.5), Some(51.3)], Duration::from_millis(500));
+//! let score = |policy: ComparedPolicy| policy.score(&messages, &aps, deadline);
+//! assert_eq!(score(ComparedPolicy::LocalOnly).in_time.exact(), Some(2));
+//! assert_eq!(score(ComparedPolicy::CloudOnly(1)).in_time.exact(), Some(1));
+//! let first = score(ComparedPolicy::FirstWins).ap.and_then(|ap| ap.exact());
+//! assert_eq!(first, Some((51.3 + 43.5) / 2.0));
+//! ```
 
 mod constant;
 mod figure;
@@ -8,17 +27,15 @@ mod tests;
 
 use std::time::Duration;
 
-use fuseline_report::{
-    ArrivalTime, ForwardedOutput, MessageRecord, NEVER, Quantile, Response, quantiles,
-    quantiles_among,
-};
+use crate::quantile::{ArrivalTime, NEVER, Quantile, Response, quantiles, quantiles_among};
+use crate::statistics::{ForwardedOutput, MessageRecord};
 
-pub(crate) use constant::ConstantPolicy;
-pub(crate) use figure::BoundedFigure;
+pub use constant::ConstantPolicy;
+pub use figure::BoundedFigure;
 
 /// A way to choose one result for each message.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub(crate) enum ComparedPolicy {
+pub enum ComparedPolicy {
     /// What the operator did.
     Fusion,
     /// What the operator would have done with one deadline for all requests.
@@ -38,18 +55,18 @@ pub(crate) enum ComparedPolicy {
 /// Where calls were ended before their results, each figure is a bound that holds whatever those
 /// results would have been.
 #[derive(Clone, PartialEq, Debug)]
-pub(crate) struct PolicyScore {
+pub struct PolicyScore {
     /// Mean COCO AP, where an output that is missing or whose result came too late counts 0. None
     /// if some model has no figure.
-    pub(crate) ap: Option<BoundedFigure<f64>>,
+    pub ap: Option<BoundedFigure<f64>>,
     /// Outputs whose result was there before the deadline.
-    pub(crate) in_time: BoundedFigure<u64>,
+    pub in_time: BoundedFigure<u64>,
     /// Response times that half, 90 % and 99 % of the messages do not exceed. None without
     /// messages.
-    pub(crate) quantiles: [Option<Quantile>; 3],
+    pub quantiles: [Option<Quantile>; 3],
     /// The response time that half of the messages in outages do not exceed. None without such; a
     /// bound where there may be none.
-    pub(crate) outage: Option<Quantile>,
+    pub outage: Option<Quantile>,
 }
 
 /// What a policy does with one message, as far as it is known.
@@ -63,7 +80,8 @@ struct PolicyChoice {
 impl ComparedPolicy {
     /// How much the policy needs of what all requests admitted need, by source; none for fusion,
     /// which cancels some before they are sent, whatever its deadlines.
-    pub(crate) fn needs(&self, all: &[u64]) -> Option<u64> {
+    #[must_use]
+    pub fn needs(&self, all: &[u64]) -> Option<u64> {
         match *self {
             Self::Fusion | Self::Constant(_) => None,
             Self::LocalOnly => Some(0),
@@ -76,7 +94,11 @@ impl ComparedPolicy {
     /// beat.
     ///
     /// A result at its deadline is late (A1).
-    pub(crate) fn score(
+    ///
+    /// # Panics
+    /// If a message has more sources than `aps`, or a policy a source that there is not.
+    #[must_use]
+    pub fn score(
         &self,
         messages: &[MessageRecord],
         aps: &[Option<f64>],

@@ -1,0 +1,169 @@
+//! [`forward`]: an emulated network before a real server.
+//!
+//! It reads HTTP/2 and nothing of gRPC: headers, data and trailers are passed on as they come, each as late as the network has
+//! it. What ends a call on one side ends it on the other.
+
+use std::convert::Infallible;
+use std::future::poll_fn;
+use std::pin::{Pin, pin};
+use std::task::{Context, Poll, ready};
+use std::time::Duration;
+
+use bytes::Bytes;
+use http::{Request, Response};
+use http_body::Frame;
+use hyper::body::Incoming;
+use hyper::server::conn::http2::Builder;
+use hyper::service::service_fn;
+use hyper_util::rt::{TokioExecutor, TokioIo};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::mpsc;
+use tokio::task::JoinSet;
+use tokio::time::{Instant, Sleep, sleep, sleep_until};
+use tonic::Status;
+use tonic::body::Body;
+use tonic::codegen::Service;
+use tonic::transport::Channel;
+use tracing::{debug, warn};
+
+use crate::Error;
+use crate::grpc::remote::{Remote, RemoteError};
+use crate::network::EmulatedNetwork;
+
+/// How many frames of a call may be on their way; then its sender waits.
+const FRAMES: usize = 1024;
+/// How long no connection is accepted after the system had no room for one more.
+const BREATH: Duration = Duration::from_millis(100);
+
+/// Forwards each call that comes to `listener` to `remote`, behind `network`, until `until` is ready.
+///
+/// A call takes the round trip of the moment at which it comes: each part of its request half of it on the way there, each part
+/// of its response the other half. Metadata, deadlines, statuses and the ends of calls pass through, whatever service it is;
+/// `:authority` becomes the remote's, and the remote's token is not added. If the remote cannot be reached, calls fail
+/// `UNAVAILABLE`. It is for tests: clients are not bounded as [`serve`](crate::grpc::serve) bounds them.
+///
+/// # Errors
+/// If the remote's settings cannot work.
+pub async fn forward(
+    remote: &Remote,
+    network: EmulatedNetwork,
+    listener: TcpListener,
+    until: impl Future<Output = ()>,
+) -> Result<(), RemoteError> {
+    let channel = remote.channel()?;
+    let mut connections = JoinSet::new();
+    let mut until = pin!(until);
+    loop {
+        tokio::select! {
+            () = &mut until => return Ok(()),
+            accepted = listener.accept() => match accepted {
+                Ok((socket, _)) => {
+                    let _ = socket.set_nodelay(true);
+                    connections.spawn(forward_connection(socket, channel.clone(), network.clone()));
+                }
+                Err(error) => {
+                    warn!(%error, "no connection can be taken on");
+                    sleep(BREATH).await;
+                }
+            },
+            Some(_) = connections.join_next() => {}
+        }
+    }
+}
+
+async fn forward_connection(socket: TcpStream, channel: Channel, network: EmulatedNetwork) {
+    let service = service_fn(move |request| {
+        let (channel, network) = (channel.clone(), network.clone());
+        async move { Ok::<_, Infallible>(forward_call(request, channel, network).await) }
+    });
+    let builder = Builder::new(TokioExecutor::new());
+    if let Err(error) = builder.serve_connection(TokioIo::new(socket), service).await {
+        debug!(%error, "a connection broke");
+    }
+}
+
+/// One call; a caller that gives it up drops it, and with it the call behind.
+async fn forward_call(
+    request: Request<Incoming>,
+    mut channel: Channel,
+    network: EmulatedNetwork,
+) -> Response<Body> {
+    let [there, back] = network.ways().await;
+    let (head, body) = request.into_parts();
+    let body = on_the_way(body, there);
+    sleep(there).await;
+    let called = async {
+        // The cause is kept.
+        poll_fn(|context| channel.poll_ready(context)).await?;
+        channel.call(Request::from_parts(head, body)).await
+    };
+    match called.await {
+        Ok(response) => {
+            let (head, body) = response.into_parts();
+            let body = on_the_way(body, back);
+            sleep(back).await;
+            Response::from_parts(head, body)
+        }
+        Err(error) => {
+            sleep(back).await;
+            Status::from_error(error.into()).into_http()
+        }
+    }
+}
+
+/// A body each of whose frames, and the end, are that late.
+fn on_the_way<B>(mut body: B, late: Duration) -> Body
+where
+    B: http_body::Body<Data = Bytes> + Send + Unpin + 'static,
+    B::Error: Into<Error>,
+{
+    // What ends with its headers does so on the other side too: so it is with an error of gRPC without a message.
+    if body.is_end_stream() {
+        return Body::empty();
+    }
+    let (sender, frames) = mpsc::channel(FRAMES);
+    tokio::spawn(async move {
+        loop {
+            let frame = tokio::select! {
+                frame = poll_fn(|context| Pin::new(&mut body).poll_frame(context)) => frame,
+                () = sender.closed() => return,
+            };
+            let frame = frame.map(|it| it.map_err(|error| Status::from_error(error.into())));
+            let is_last = frame.as_ref().is_none_or(Result::is_err);
+            if sender.send((Instant::now() + late, frame)).await.is_err() || is_last {
+                return;
+            }
+        }
+    });
+    Body::new(DelayedBody { frames, next: None })
+}
+
+/// What is on its way: the instant of its arrival, and a frame or the end.
+type DelayedFrame = (Instant, Option<Result<Frame<Bytes>, Status>>);
+
+/// The other end of [`on_the_way`].
+struct DelayedBody {
+    frames: mpsc::Receiver<DelayedFrame>,
+    next: Option<(Pin<Box<Sleep>>, Option<Result<Frame<Bytes>, Status>>)>,
+}
+
+impl http_body::Body for DelayedBody {
+    type Data = Bytes;
+    type Error = Status;
+
+    fn poll_frame(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+    ) -> Poll<Option<Result<Frame<Bytes>, Status>>> {
+        if self.next.is_none() {
+            let Some((due, frame)) = ready!(self.frames.poll_recv(context)) else {
+                return Poll::Ready(None);
+            };
+            self.next = Some((Box::pin(sleep_until(due)), frame));
+        }
+        if let Some((arrival, _)) = &mut self.next {
+            ready!(arrival.as_mut().poll(context));
+        }
+        Poll::Ready(self.next.take().and_then(|(_, frame)| frame))
+    }
+}
