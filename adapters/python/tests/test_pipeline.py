@@ -191,6 +191,25 @@ def test_an_operators_items_are_joined_with_the_last_of_their_message(run: Run[A
     run(main)
 
 
+def test_items_are_joined_as_before_once_the_reader_of_the_sets_lags_no_longer(
+    run: Run[Any],
+) -> None:
+    """D8, E8."""
+
+    async def main(loop: VirtualLoop) -> None:
+        operator = Operator(Local.task(_same), clock=loop.time_ns)
+        join = Join(wait=1.0, output_len=1, clock=loop.time_ns)
+        join.items("numbers", operator)
+        async with operator, join:
+            for n in range(6):
+                operator.write(n, of(loop, n))
+            await asyncio.sleep(MS)
+            sets = [await asyncio.wait_for(join.read(), 1.0) for _ in range(6)]
+            assert [it.key for it in sets if it is not None] == list(range(6))
+
+    run(main)
+
+
 def test_deadlines_end_where_the_reserve_of_those_downstream_begins(run: Run[Any]) -> None:
     """E2, E3."""
     asked: list[float] = []
