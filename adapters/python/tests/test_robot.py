@@ -105,9 +105,9 @@ def test_a_server_that_never_answers_costs_no_tick() -> None:
 def test_a_policy_whose_calls_failed_is_called_again_and_its_last_action_is_held_meanwhile(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """D7: as before after more ended connections than threads may hang."""
+    """D2, D7: as before after more ended connections than threads may hang."""
 
-    class Connection:
+    class RestartingServer:
         def infer(self, tick: int) -> int:
             if tick % 2:
                 raise ConnectionError("it is being started again")
@@ -118,7 +118,7 @@ def test_a_policy_whose_calls_failed_is_called_again_and_its_last_action_is_held
 
     monkeypatch.setattr(_remote, "PAUSE", 0.0)
     ticks = range(6 * _remote.HUNG_THREADS)
-    with Always(Connection, Hold(-1), deadline=5.0) as policy:
+    with Always(RestartingServer, Hold(-1), deadline=5.0) as policy:
         assert [policy.infer(tick) for tick in ticks] == [tick - tick % 2 for tick in ticks]
 
 
