@@ -386,8 +386,10 @@ async fn only_the_right_token_is_let_in_and_it_can_be_replaced() {
     assert_eq!(call(&cloud.http()).await.unwrap_err().code(), Code::Unauthenticated);
     shown.replace("right").unwrap();
     assert_eq!(call(&remote).await.unwrap(), b"frame");
+    let mut client = InferClient::new(remote.connect().unwrap());
+    assert_eq!(one(&mut client, b"frame").await.unwrap(), b"frame");
     shown.replace("righ").unwrap();
-    assert_eq!(call(&remote).await.unwrap_err().code(), Code::Unauthenticated);
+    assert_eq!(one(&mut client, b"frame").await.unwrap_err().code(), Code::Unauthenticated);
     ours.replace("next").unwrap();
     shown.replace("next").unwrap();
     assert_eq!(call(&remote).await.unwrap(), b"frame");
