@@ -144,6 +144,38 @@ fn bad_input_is_one_line_and_leaves_the_output_as_it_was() {
     }
 }
 
+/// F1: a timestamp that comes once more is refused, and what is shown of the message that is open stays.
+#[test]
+fn a_repeated_timestamp_leaves_the_slices_of_the_open_message_as_they_are() {
+    let dir = tempdir().unwrap();
+    let (path, out) = (dir.path().join("trace.jsonl"), dir.path().join("out.json"));
+    let trace = |repeated: &str| {
+        [
+            r#"{"fuseline":1,"window":4,"clouds":[]}"#,
+            r#"{"ev":"open","at":1000,"t":7,"age":300,"origin":"camera","seq":41}"#,
+            repeated,
+            r#"{"ev":"result","at":9000,"t":7,"p":0}"#,
+            r#"{"ev":"emit","at":9000,"t":7,"p":0}"#,
+        ]
+        .map(|line| format!("{line}\n"))
+        .concat()
+    };
+    let shown = |trace: String| -> Vec<Value> {
+        fs::write(&path, trace.replace("\n\n", "\n")).unwrap();
+        let (trace, out) = (path.to_str().unwrap(), out.to_str().unwrap());
+        let exported = run(&["export", "--force", "--perfetto", trace, "-o", out], "");
+        assert_eq!(exported.status.code(), Some(0), "{}", err(&exported));
+        let events: Value = serde_json::from_slice(&fs::read(out).unwrap()).unwrap();
+        events["traceEvents"].as_array().unwrap().clone()
+    };
+    let repeated = "{\"ev\":\"open\",\"at\":5000,\"t\":7,\"origin\":\"other\",\"seq\":1}\n\
+                    {\"ev\":\"refuse\",\"at\":5000,\"t\":7,\"why\":\"order\"}";
+    let (mut with, without) = (shown(trace(repeated)), shown(trace("")));
+    let refusals: Vec<_> =
+        with.extract_if(.., |event| event["name"] == "timestamp 7: refused, order").collect();
+    assert_eq!((refusals.len(), with), (1, without));
+}
+
 /// A detector and a tracker that began 1 ms after it: frame 41, which the tracker gets as its second message, and frame 40.
 #[test]
 fn a_frame_is_followed_through_several_operators_on_one_clock() {

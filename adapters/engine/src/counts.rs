@@ -99,7 +99,7 @@ impl Counts {
         self.meters.missed.increment(1);
     }
 
-    /// Counts a failure of the handler of situations, or of hints.
+    /// Counts a failure of a handler of the operator's own.
     fn handler_failed(&self) {
         add(&self.handler_failures, 1);
         self.meters.handler_failures.increment(1);
@@ -174,7 +174,7 @@ impl Counting {
         self.0.tally()
     }
 
-    /// Counts a failure of a message handler: of cloud `p`, or without one of the handler of situations, or of hints.
+    /// Counts a failure of a message handler: of cloud `p`, or without one of a handler of the operator's own.
     pub fn handler_failed(&self, p: Option<u16>) {
         match p.and_then(|p| self.0.index(p)) {
             Some(index) => self.0.source(index, CountedEvent::HandlerFailed),

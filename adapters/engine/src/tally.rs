@@ -21,7 +21,7 @@ pub struct Tally {
     pub missed: u64,
     /// Local first, then the clouds as they were registered.
     pub sources: Vec<SourceTally>,
-    /// Times that the handler of situations, or of hints, failed.
+    /// Times that a handler of the operator's own failed: of situations, hints, states or substitutes.
     pub handler_failures: u64,
     /// Timers that were served later than the [warning](crate::Engine::set_lag_warning) allows: something held up the event loop.
     pub late_timers: u64,

@@ -116,7 +116,7 @@ def test_local_computes_in_threads_of_its_own(make: Make) -> None:
 
 def test_local_computes_in_processes_of_its_own() -> None:
     async def main() -> None:
-        operator: Operator[int, int] = Operator(Local.processes(square))
+        operator: Operator[int, int] = Operator(Local.processes(square, deadline=None))
         async with operator:
             operator.feed(range(4))
             assert sorted([item.value async for item in operator if item.value is not None]) == [

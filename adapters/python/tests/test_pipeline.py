@@ -191,6 +191,44 @@ def test_an_operators_items_are_joined_with_the_last_of_their_message(run: Run[A
     run(main)
 
 
+def test_a_value_ages_until_it_is_known_to_be_final(run: Run[Any]) -> None:
+    """E7."""
+
+    async def local(n: int, t: int) -> str:
+        return "local's"
+
+    async def main(loop: VirtualLoop) -> None:
+        operator = Operator(Local.task(local), commit="progressive", clock=loop.time_ns)
+        operator.use_cloud(hang, lambda n, t: (n, 100 * MS), str, 1)
+        async with operator:
+            operator.write(1, of(loop, 0))
+            await asyncio.sleep(1.0)
+            item = await operator.read()
+            assert item is not None and item.ending is Ending.FORWARDED
+            assert item.age == pytest.approx(100 * MS)
+
+    run(main)
+
+
+def test_items_are_joined_as_before_once_the_reader_of_the_sets_lags_no_longer(
+    run: Run[Any],
+) -> None:
+    """D8, E8."""
+
+    async def main(loop: VirtualLoop) -> None:
+        operator = Operator(Local.task(_same), clock=loop.time_ns)
+        join = Join(wait=1.0, output_len=1, clock=loop.time_ns)
+        join.items("numbers", operator)
+        async with operator, join:
+            for n in range(6):
+                operator.write(n, of(loop, n))
+            await asyncio.sleep(MS)
+            sets = [await asyncio.wait_for(join.read(), 1.0) for _ in range(6)]
+            assert [it.key for it in sets if it is not None] == list(range(6))
+
+    run(main)
+
+
 def test_deadlines_end_where_the_reserve_of_those_downstream_begins(run: Run[Any]) -> None:
     """E2, E3."""
     asked: list[float] = []

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 from conftest import Run
 from fuseline import Call, Lineage, Local, Operator
+from fuseline._threads import DaemonThreads
 from fuseline.deadline import Chosen, End, Policy, Reason, Situation
 from fuseline.testing import VirtualLoop
 
@@ -288,6 +289,28 @@ def test_messages_from_another_thread_are_taken_after_any_that_were_not() -> Non
             await operator.read()
 
     asyncio.run(main())
+
+
+def test_a_job_that_was_cancelled_is_not_begun() -> None:
+    """D6."""
+    begun: list[int] = []
+    go_on = threading.Event()
+
+    def compute(n: int) -> int:
+        begun.append(n)
+        go_on.wait(60)
+        return n
+
+    async def main() -> None:
+        threads = DaemonThreads(lambda: compute, 1, "test")
+        first, cancelled = threads.run(0), threads.run(1)
+        cancelled.cancel()
+        go_on.set()
+        assert [await first, await threads.run(2)] == [0, 2]
+        threads.stop()
+
+    asyncio.run(main())
+    assert begun == [0, 2]
 
 
 def test_threads_of_local_end_with_their_operator() -> None:

@@ -10,7 +10,7 @@ from typing import Any
 
 import fuseline
 import pytest
-from fuseline import ConfigError, StampedValue
+from fuseline import ConfigError, StampedValue, _remote
 from fuseline._chunks import ArrivedChunk, ChunkPlan
 from fuseline._remote import RemoteThread
 from fuseline.robot import Always, Chunk, Hold, fade
@@ -100,6 +100,26 @@ def test_a_server_that_never_answers_costs_no_tick() -> None:
     server = HostileServer(3, never=True)
     with Always(server.connect, Hold(HELD), deadline=0.001, linger=0.001) as policy:
         assert [policy.infer({"t": t}) for t in range(300)] == [HELD] * 300
+
+
+def test_a_policy_whose_calls_failed_is_called_again_and_its_last_action_is_held_meanwhile(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """D2, D7: as before after more ended connections than threads may hang."""
+
+    class RestartingServer:
+        def infer(self, tick: int) -> int:
+            if tick % 2:
+                raise ConnectionError("it is being started again")
+            return tick
+
+        def close(self) -> None:
+            pass
+
+    monkeypatch.setattr(_remote, "PAUSE", 0.0)
+    ticks = range(6 * _remote.HUNG_THREADS)
+    with Always(RestartingServer, Hold(-1), deadline=5.0) as policy:
+        assert [policy.infer(tick) for tick in ticks] == [tick - tick % 2 for tick in ticks]
 
 
 def test_no_action_jumps_further_than_stated() -> None:

@@ -43,6 +43,23 @@ fn a_value_that_was_discarded_is_dropped_when_its_place_is_used_again() {
     assert!(opened.is_ok() && Arc::strong_count(&discarded) == 1, "it is still kept");
 }
 
+/// F3 superseded.
+#[test]
+fn a_late_value_leaves_that_of_the_next_message_in_its_place() {
+    let mut shared = shared();
+    let mut intake = ValueOwner::<&str, 1, 1>::new(&mut shared);
+    let (message, late) = intake.open(START, Timestamp::new(0), None).expect("it is new");
+    let (_, asked) = intake.offer(START, &message, WEST, Deadline::from_nanos(10), 0);
+    let (west, _) = asked.expect("the gate is open");
+    assert_eq!(west.result(START, "west").forwarded, Some("west"));
+    let (message, local) = intake.open(START, Timestamp::new(1), None).expect("it is new");
+    let (_, asked) = intake.offer(START, &message, WEST, Deadline::from_nanos(10), 0);
+    assert!(asked.is_ok() && local.result(START, "local").outcome == Outcome::Held);
+    assert_eq!(late.result(START, "late").unused, Some("late"));
+    let (_, value) = message.expire(TEN).expect("it is due");
+    assert_eq!(value, Some("local"));
+}
+
 #[test]
 fn messages_and_calls_are_printed_by_their_tickets() {
     let mut shared = shared();

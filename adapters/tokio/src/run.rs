@@ -123,15 +123,10 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
         message: &StreamMessage<I>,
     ) -> Option<Situation<'static>> {
         let assess = self.situation.as_mut()?;
-        let begin = Instant::now();
-        let assessed = catch_unwind(AssertUnwindSafe(|| assess(&message.message, timestamp)));
-        self.counting.ran(None, begin.elapsed());
-        Some(assessed.unwrap_or_else(|panic| {
-            let why = reason(&*panic);
-            error!(timestamp, why, "the handler of situations panicked: the situation is unknown");
-            self.counting.handler_failed(None);
-            Situation::UNKNOWN
-        }))
+        let assessed = handled(&self.counting, "situations", timestamp, || {
+            assess(&message.message, timestamp)
+        });
+        Some(assessed.unwrap_or(Situation::UNKNOWN))
     }
 
     fn taken_on(
@@ -147,12 +142,7 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
     fn hint(&mut self, hint: Hint<O>) {
         let Some(take_hint) = &mut self.hints else { return };
         let timestamp = hint.timestamp;
-        let begin = Instant::now();
-        if let Err(panic) = catch_unwind(AssertUnwindSafe(|| take_hint(hint))) {
-            error!(timestamp, why = reason(&*panic), "the handler of hints panicked");
-            self.counting.handler_failed(None);
-        }
-        self.counting.ran(None, begin.elapsed());
+        handled(&self.counting, "hints", timestamp, || take_hint(hint));
     }
 
     fn send(&mut self, start: Start<Work<I, O>>) -> Sent<O> {
@@ -183,20 +173,14 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
         if let Some(forwarded) = item.forwarded() {
             let t = forwarded.of.unwrap_or(item.timestamp);
             for take_over in &mut self.states {
-                let taken = catch_unwind(AssertUnwindSafe(|| take_over(t, &forwarded.value)));
-                if let Err(panic) = taken {
-                    error!(timestamp = t, why = reason(&*panic), "the handler of states panicked");
-                }
+                handled(&self.counting, "states", t, || take_over(t, &forwarded.value));
             }
         }
         // E4: something is sent for each message.
         if let Some(substitute) = self.substitutes.as_mut().filter(|_| item.needs_substitute()) {
-            let given = catch_unwind(AssertUnwindSafe(|| substitute(&item)));
-            item.substitute = given.unwrap_or_else(|panic| {
-                let (timestamp, why) = (item.timestamp, reason(&*panic));
-                error!(timestamp, why, "the handler of substitutes panicked");
-                None
-            });
+            let timestamp = item.timestamp;
+            let given = handled(&self.counting, "substitutes", timestamp, || substitute(&item));
+            item.substitute = given.flatten();
             // E7: how old it is only the handler knows.
             item.age = item.age.filter(|_| item.substitute.is_none());
         }
@@ -220,4 +204,21 @@ impl<I: Send + Sync + 'static, O> Streams<I, O> {
         };
         Some(CarriedMessage(message?))
     }
+}
+
+/// D11: what a handler of the operator's own returns; a panic in it is counted and logged, and so is one that runs for long.
+fn handled<R>(
+    counting: &Counting,
+    handler: &'static str,
+    timestamp: u64,
+    call: impl FnOnce() -> R,
+) -> Option<R> {
+    let begin = Instant::now();
+    let called = catch_unwind(AssertUnwindSafe(call));
+    counting.ran(None, begin.elapsed());
+    let logged = called.map_err(|panic| {
+        error!(timestamp, handler, why = reason(&*panic), "a handler of the operator's panicked");
+        counting.handler_failed(None);
+    });
+    logged.ok()
 }

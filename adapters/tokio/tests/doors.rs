@@ -7,7 +7,8 @@ use std::thread;
 use std::time::Duration;
 
 use fuseline_tokio::{
-    Call, Config, Ending, Error, Local, Running, Setup, Tally, Writer, encoding, spawn, stream,
+    Call, CarriedState, Config, Ending, Error, Local, Running, Setup, Tally, Writer, encoding,
+    spawn, stream,
 };
 use tokio::runtime::Builder;
 use tokio::task::spawn_blocking;
@@ -62,6 +63,27 @@ async fn a_message_handler_that_panics_and_a_situation_are_counted() {
     });
     let tally = play(operator, Config::default(), &[0, 10]).await.tally;
     assert_eq!((tally.handler_failures, tally.sources[1].handler_failures), (2, 2));
+}
+
+/// D11.
+#[tokio::test(start_paused = true)]
+async fn handlers_of_states_substitutes_and_hints_that_panic_are_counted() {
+    let operator = ClosureOperator(|setup: &mut Setup<u64, String>| {
+        setup.use_state(&CarriedState::new(()), |_| panic!("on purpose"));
+        setup.use_substitute(|_| panic!("on purpose"));
+        setup.use_hints(|_| panic!("on purpose"));
+        let mut local = Local::future(|n, _| async move {
+            if *n == 1 {
+                sleep(20 * MS).await;
+            }
+            Ok(format!("local {n}"))
+        });
+        local.deadline = Some(10 * MS);
+        local
+    });
+    // One result is sent, one message is missed, and its result is late.
+    let tally = play(operator, Config::default(), &[0, 10, 50]).await.tally;
+    assert_eq!((tally.forwarded(), tally.missed, tally.handler_failures), (2, 1, 4));
 }
 
 #[tokio::test]

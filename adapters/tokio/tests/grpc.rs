@@ -10,13 +10,14 @@ use std::net::SocketAddr;
 use std::sync::{Arc, mpsc};
 use std::time::{Duration, Instant};
 
+use fuseline_engine::{self as engine, Commit, Engine, Header};
 use fuseline_tokio::grpc::tonic::{self, Code, Status, transport};
 use fuseline_tokio::grpc::{
     self, CallError, Description, Identity, Infer, InferClient, InferServer, InvalidToken, Remote,
     RemoteError, Reply, Request, RequestLineage, ServeError, Server, Token, serve,
 };
 use fuseline_tokio::{
-    Config, Item, Items, Lineage, Local, Operator, Setup, SharedState, StampedValue, Trigger,
+    Call, Config, Item, Items, Lineage, Local, Operator, Setup, SharedState, StampedValue, Trigger,
     Writer, spawn, stream,
 };
 use hosts::{Ca, Cloud};
@@ -385,8 +386,10 @@ async fn only_the_right_token_is_let_in_and_it_can_be_replaced() {
     assert_eq!(call(&cloud.http()).await.unwrap_err().code(), Code::Unauthenticated);
     shown.replace("right").unwrap();
     assert_eq!(call(&remote).await.unwrap(), b"frame");
+    let mut client = InferClient::new(remote.connect().unwrap());
+    assert_eq!(one(&mut client, b"frame").await.unwrap(), b"frame");
     shown.replace("righ").unwrap();
-    assert_eq!(call(&remote).await.unwrap_err().code(), Code::Unauthenticated);
+    assert_eq!(one(&mut client, b"frame").await.unwrap_err().code(), Code::Unauthenticated);
     ours.replace("next").unwrap();
     shown.replace("next").unwrap();
     assert_eq!(call(&remote).await.unwrap(), b"frame");
@@ -514,6 +517,27 @@ async fn lineage_goes_with_the_request_and_of_comes_with_the_reply() {
     drop(output);
     running.join().await.unwrap();
     server.kill();
+}
+
+/// E7: a request that is of something else than its message says so itself.
+#[tokio::test]
+async fn a_requests_own_lineage_is_sent_as_it_is() {
+    let own = RequestLineage { seq: Some(9), age_ns: Some(5), ..RequestLineage::default() };
+    let sent = own.clone();
+    let server = move |request: Request| {
+        let of = (request.lineage.as_ref() == Some(&sent)).then_some(request.timestamp);
+        ready(Ok(Reply { payload: request.payload, of }))
+    };
+    let cloud = Cloud::start("127.0.0.1:0", Server::default(), server);
+    let header = Header { operator: None, window: 1, commit: Commit::Eager, clouds: Vec::new() };
+    let local = engine::Local { at_once: 1, waiting: 0, skip_answered: false, lossy: false };
+    let counting = Engine::<(), ()>::new(&header, &[], local).unwrap().counts();
+    let operators = Arc::new(Lineage::new("camera", 41, Instant::now()));
+    let call = Call::new(7, LONG, 1, counting).with_lineage(Some(operators));
+    let request = Request { timestamp: 7, lineage: Some(own), ..Request::default() };
+    let reply = grpc::infer(cloud.http().connect().unwrap())(request, call).await;
+    assert_eq!(reply.unwrap().of, Some(7));
+    cloud.kill();
 }
 
 #[test]

@@ -4,7 +4,9 @@ mod support;
 
 use std::time::Duration;
 
-use fuseline_tokio::{Commit, Config, DropReason, OfferRefusal, OpenRefusal, SourceTally, Trigger};
+use fuseline_tokio::{
+    Commit, Config, DropReason, Latency, OfferRefusal, OpenRefusal, SourceTally, Trigger,
+};
 use support::SourceAction::{Answers, Fails, Never, Panics};
 use support::{CloudScript, Script, play, play_default};
 
@@ -179,4 +181,16 @@ struct CountedOutcomes {
 fn tallied(tally: &fuseline_tokio::Tally) -> CountedOutcomes {
     let refused = tally.refused.values().sum();
     CountedOutcomes { forwarded: tally.forwarded(), missed: tally.missed, refused }
+}
+
+/// E3: what was refused was not computed.
+#[tokio::test(start_paused = true)]
+async fn a_latency_is_measured_of_the_messages_that_were_taken_on() {
+    let latency = Latency::measured(1, Duration::ZERO);
+    let config = Config { window: 1, latency: Some(latency.clone()), ..Config::default() };
+    // Of each pair the second one comes before the first is answered.
+    let messages: Vec<u64> = (0..16).flat_map(|pair| [100 * pair, 100 * pair + 5]).collect();
+    let played = play(Script::new(), config, &messages).await;
+    assert_eq!(played.tally.refused, [(OpenRefusal::Full, 16)].into());
+    assert_eq!(latency.estimate(), Duration::from_millis(20));
 }

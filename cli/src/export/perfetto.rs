@@ -6,7 +6,7 @@
 //!
 //! Each trace is a process. What ties several together is in [`frames`](super::frames).
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Write};
 use std::sync::Arc;
 
@@ -23,8 +23,10 @@ pub(super) struct Tracks<'a, W> {
     out: W,
     /// Where the frames go that this trace shares with others.
     frames: TraceFrames<'a>,
-    /// What open messages come from, and their age when they were opened, by timestamp.
-    lineages: BTreeMap<u64, MessageOrigin>,
+    /// The open messages, by timestamp.
+    messages: BTreeMap<u64, MessageOrigin>,
+    /// Those of them that were opened once more, which is about to be refused (F1).
+    repeated: BTreeSet<u64>,
     /// By priority; all sources that are not registered share the last one.
     sources: BTreeMap<Option<u64>, SourceTrack>,
     /// Whether an output leaves its timestamp open (F9).
@@ -91,7 +93,8 @@ impl<'a, W: Write> Tracks<'a, W> {
         let mut tracks = Self {
             out,
             frames,
-            lineages: BTreeMap::new(),
+            messages: BTreeMap::new(),
+            repeated: BTreeSet::new(),
             is_progressive: header.commit == Commit::Progressive,
             sources: named.map(source).collect(),
             open: BTreeMap::new(),
@@ -201,7 +204,7 @@ impl<'a, W: Write> Tracks<'a, W> {
         let times = format!("\"ts\":{},\"dur\":{},", self.time(began), micros(at - began));
         let mut args = json!({"t": t, "p": p, "due": due, "end": outcome});
         if let Some(MessageOrigin { origin: Some(origin), age, missing, .. }) =
-            self.lineages.get(&t)
+            self.messages.get(&t)
             && p == 0
         {
             args["origin"] = json!(&*origin.stream);
@@ -224,7 +227,7 @@ impl<'a, W: Write> Tracks<'a, W> {
     fn instant(&mut self, at: u64, track: u32, t: u64, label: &str) -> io::Result<()> {
         let mut args = json!({"t": t});
         if track == OUTPUTS
-            && let Some(MessageOrigin { opened, age: Some(age), .. }) = self.lineages.get(&t)
+            && let Some(MessageOrigin { opened, age: Some(age), .. }) = self.messages.get(&t)
         {
             args["age"] = json!(age.saturating_add(at.saturating_sub(*opened)));
         }
@@ -279,7 +282,7 @@ impl<'a, W: Write> Tracks<'a, W> {
             self.end(at, t, p, if p == 0 { "no longer needed" } else { "cancelled" })?;
         }
         if last == u64::MAX {
-            self.lineages.remove(&t);
+            self.messages.remove(&t);
         }
         Ok(())
     }
@@ -295,8 +298,12 @@ impl<'a, W: Write> Tracks<'a, W> {
             }
             Decision::RefuseOpen { at, t, why } => {
                 self.of_source(at, 0, t, &format!("refused, {why}"))?;
+                // The message that is open stays as it is.
+                if self.repeated.remove(&t) {
+                    return Ok(());
+                }
                 self.end(at, t, 0, "refused")?;
-                self.lineages.remove(&t);
+                self.messages.remove(&t);
                 Ok(())
             }
             Decision::RefuseOffer { at, t, p, why } => {
@@ -328,13 +335,19 @@ impl<W: Write> viewer::TraceViewer for Tracks<'_, W> {
         self.latest = self.latest.max(at);
         match event {
             Event::Input(Input::Open { at, t, deadline }) => {
+                if self.messages.contains_key(t) {
+                    self.repeated.insert(*t);
+                    return Ok(());
+                }
                 let due = deadline.map(|deadline| at.saturating_add(deadline));
                 let Annotations { origin, age, missing, .. } = annotations;
-                if origin.is_some() || age.is_some() {
-                    let (origin, age, missing) = (origin.clone(), *age, missing.clone());
-                    let message = MessageOrigin { opened: *at, origin, age, missing };
-                    self.lineages.insert(*t, message);
-                }
+                let message = MessageOrigin {
+                    opened: *at,
+                    origin: origin.clone(),
+                    age: *age,
+                    missing: missing.clone(),
+                };
+                self.messages.insert(*t, message);
                 self.begin(*at, *t, 0, due)?;
                 origin.as_ref().map_or(Ok(()), |origin| self.flow(*at, *t, origin))
             }

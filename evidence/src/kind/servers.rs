@@ -19,6 +19,8 @@ pub(super) const SERVERS: EvidenceKind = EvidenceKind {
             "fuseline-tokio",
             "--lib",
             "--test",
+            "connections",
+            "--test",
             "grpc",
             "--test",
             "strangers",
@@ -30,6 +32,7 @@ pub(super) const SERVERS: EvidenceKind = EvidenceKind {
     },
     sources: &[
         "adapters/tokio/src/grpc",
+        "adapters/tokio/tests/connections.rs",
         "adapters/tokio/tests/grpc.rs",
         "adapters/tokio/tests/strangers.rs",
         "adapters/tokio/tests/visitors.rs",

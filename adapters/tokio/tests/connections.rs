@@ -1,0 +1,62 @@
+//! How long a connection may take: a client's attempt to reach a host, and a stranger's greeting.
+#![cfg(feature = "grpc")]
+
+use std::future::{self, ready};
+use std::net::SocketAddr;
+use std::time::Duration;
+
+use fuseline_tokio::grpc::{
+    Bounds, CallError, Identity, InferClient, Remote, Reply, Request, Server, serve_with_incoming,
+    tonic,
+};
+use futures_util::{StreamExt, stream};
+use tokio::io::AsyncReadExt;
+use tokio::net::{TcpSocket, TcpStream};
+use tokio::time::{Instant, timeout};
+
+/// D13: an attempt to reach a host that is away ends, so that the next one finds it when it is back.
+#[cfg(target_os = "linux")]
+#[tokio::test]
+async fn an_attempt_to_connect_ends_with_its_deadline() {
+    let socket = TcpSocket::new_v4().unwrap();
+    socket.bind(SocketAddr::from(([127, 0, 0, 1], 0))).unwrap();
+    let listener = socket.listen(0).unwrap();
+    let address = listener.local_addr().unwrap();
+    // With its queue full the system drops what comes, as if the host were away.
+    let mut queued = Vec::new();
+    let more = || timeout(Duration::from_millis(300), TcpStream::connect(address));
+    while let Ok(connected) = more().await {
+        queued.push(connected.unwrap());
+    }
+    let connect_deadline = Duration::from_millis(100);
+    let remote = Remote { connect_deadline, ..Remote::new(format!("http://{address}")) };
+    let mut client = InferClient::new(remote.connect().unwrap());
+    let call = client.infer(tonic::Request::new(Request::default()));
+    let failed = timeout(Duration::from_secs(20), call).await.expect("the attempt goes on");
+    let why = CallError::from(failed.unwrap_err()).to_string();
+    assert_eq!(why, "no connection in time");
+}
+
+/// D8: TLS included, a place is given back when the greeting is over.
+#[tokio::test(start_paused = true)]
+async fn who_says_nothing_over_tls_is_closed_when_its_greeting_is_over() {
+    let greeting = Duration::from_secs(7);
+    let bounds = Bounds { greeting, ..Bounds::default() };
+    let own = rcgen::generate_simple_self_signed(["localhost".to_owned()]).unwrap();
+    let (certificate, key) = (own.cert.pem().into(), own.signing_key.serialize_pem().into());
+    let identity = Some(Identity { certificate, key });
+    let server = Server { identity, bounds, ..Server::default() };
+    let (mut silent, socket) = tokio::io::duplex(1024);
+    let peer = SocketAddr::from(([10, 0, 0, 1], 1));
+    let incoming = stream::iter([Ok((socket, peer))]).chain(stream::pending());
+    let infer = |_: Request| ready(Ok(Reply::default()));
+    let serving = serve_with_incoming(infer, server, incoming, future::pending());
+    let (begin, mut read) = (Instant::now(), Vec::new());
+    tokio::select! {
+        ended = serving => panic!("{ended:?}"),
+        closed = timeout(10 * greeting, silent.read_to_end(&mut read)) => {
+            assert_eq!(closed.expect("it keeps its place").unwrap(), 0);
+        }
+    }
+    assert_eq!(begin.elapsed().as_secs(), greeting.as_secs());
+}
