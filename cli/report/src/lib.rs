@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 mod columns;
+mod counts;
 mod deadlines;
 mod judging;
 mod notes;
@@ -9,6 +10,8 @@ mod part;
 mod quantile;
 mod reasons;
 mod statistics;
+mod thinned;
+mod tiles;
 mod trace_page;
 
 pub use judging::{AnyViolation, Findings, JudgeMode, TraceJudge, VerdictSummary};
@@ -18,4 +21,4 @@ pub use quantile::{ArrivalTime, NEVER, PERCENT, Quantile, Response, quantiles, q
 pub use statistics::{
     COLUMNS, ForwardedOutput, MessageRecord, RequestRow, TimestampOutcome, Totals, TraceStatistics,
 };
-pub use trace_page::{MOST_EVENTS, PageError, PageWriter, TracePage};
+pub use trace_page::{MOST_EVENTS, PageWriter, TracePage};

@@ -16,7 +16,7 @@ use super::verdict::{BrokenRule, Verdict, Violation};
 use super::violation::{UnlocatedViolation, of_again, of_refused, of_story};
 use crate::annotations::{Annotations, HeaderAnnotations};
 use crate::event::{Commit, Decision, Event, Header, Input};
-use crate::judge::ViolationPlace;
+use crate::judge::{PLACES, ViolationPlace};
 use crate::read::{Events, ReadError};
 use crate::reason::DropReason;
 use crate::recent::RecentLines;
@@ -140,7 +140,7 @@ impl Judge {
         }
     }
 
-    /// The same judge, which also notes where each violation is beyond the first 100. Its memory grows with their number.
+    /// The same judge, which also notes where the violations beyond the first 100 are, a million of them at most.
     #[must_use]
     pub const fn with_places(mut self) -> Self {
         self.keeps_places = true;
@@ -474,7 +474,7 @@ impl Judge {
         self.verdict.conforms = false;
         if self.verdict.violations.len() == VIOLATIONS {
             self.verdict.more += 1;
-            if self.keeps_places {
+            if self.keeps_places && self.verdict.places.len() < PLACES {
                 let Violation { line, t, rule, .. } = violation;
                 self.verdict.places.push(ViolationPlace { line, t, rule });
             }
