@@ -285,10 +285,10 @@ impl Judge {
         self.records_opens |= matches!(event, Event::Input(Input::Open { .. }));
         // No line is before that any more.
         open.compact(self.passed.saturating_sub(self.slack.greatest()));
-        open.ripe = open.ripens(self.header.commit, &self.slack);
         if !open.is_queued {
             open.is_queued = true;
-            self.ripening.push(Reverse((open.ripe, t)));
+            let ripe = open.ripens(self.header.commit, &self.slack);
+            self.ripening.push(Reverse((ripe, t)));
         }
     }
 
@@ -327,13 +327,14 @@ impl Judge {
                 break;
             }
             self.ripening.pop();
-            let Some(mut open) = self.open.remove(&t) else { continue };
-            if open.ripe >= self.greatest {
+            let Some(open) = self.open.get(&t) else { continue };
+            let ripe = open.ripens(self.header.commit, &self.slack);
+            if ripe >= self.greatest {
                 // It got a line since.
-                self.ripening.push(Reverse((open.ripe, t)));
-                self.open.insert(t, open);
+                self.ripening.push(Reverse((ripe, t)));
                 continue;
             }
+            let Some(mut open) = self.open.remove(&t) else { continue };
             open.is_queued = false;
             let whole = self.whole(t, &open);
             if open.has_ended(self.header.commit) || self.is_not_open(t, &whole) {
