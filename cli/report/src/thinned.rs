@@ -221,7 +221,9 @@ impl ThinnedTrace {
         self.next = self.events + self.part();
         let mut counted = Vec::new();
         statistics.fold(|t, waits| self.is_settled(t, waits), |one| counted.push(one));
-        counted.into_iter().for_each(|one| self.count_settled(one, sources));
+        for one in counted {
+            self.count_settled(one, sources);
+        }
         // Of some there is nothing but refusals.
         let others: Vec<u64> = self.recent.keys().copied().collect();
         for t in others {

@@ -81,15 +81,13 @@ struct UnpackedPieces {
 impl BufRead for UnpackedPieces {
     fn fill_buf(&mut self) -> io::Result<&[u8]> {
         while self.taken == self.piece.len() {
-            match self.unpacked.recv() {
-                Ok(piece) => (self.piece, self.taken) = (piece?, 0),
-                Err(_) => {
-                    // One that has panicked has not come to the end.
-                    let ended = self.thread.take().map_or(Ok(()), JoinHandle::join);
-                    ended.unwrap_or_else(|panic| resume_unwind(panic));
-                    break;
-                }
-            }
+            let Ok(piece) = self.unpacked.recv() else {
+                // One that has panicked has not come to the end.
+                let ended = self.thread.take().map_or(Ok(()), JoinHandle::join);
+                ended.unwrap_or_else(|panic| resume_unwind(panic));
+                break;
+            };
+            (self.piece, self.taken) = (piece?, 0);
         }
         Ok(self.piece.get(self.taken..).unwrap_or_default())
     }

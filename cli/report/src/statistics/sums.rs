@@ -99,7 +99,9 @@ impl ResponseTimes {
             }
             Self::Counted(times) => {
                 let mut all = bounded();
-                times.iter().for_each(|times| all.extend(times));
+                for times in times {
+                    all.extend(times);
+                }
                 counted(&all, never)
             }
         }
