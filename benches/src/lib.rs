@@ -4,4 +4,5 @@ pub mod arrivals;
 pub mod baseline;
 pub mod beside;
 pub mod machine;
+pub mod trace;
 pub mod window;

@@ -7,7 +7,7 @@ use std::io::{BufReader, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 
 use fuseline_report::Findings;
-use fuseline_traces::packed::{Packing, unpack};
+use fuseline_traces::packed::{Packing, unpack_beside};
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use rayon::prelude::*;
 use thiserror::Error;
@@ -149,7 +149,8 @@ fn judge_file(how: &JudgeOptions, path: &Path, bars: &MultiProgress) -> Result<F
     let (name, file) = open(path)?;
     let bar = progress::bar(bars, path, &name);
     let trace = BufReader::with_capacity(CHUNK, bar.wrap_read(file));
-    let trace = unpack(trace).map_err(|source| Fault::Open { name: name.clone(), source })?;
+    let trace =
+        unpack_beside(trace).map_err(|source| Fault::Open { name: name.clone(), source })?;
     let judged = judge(how, &name, trace);
     bar.finish_and_clear();
     judged

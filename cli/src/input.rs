@@ -7,7 +7,7 @@ use std::path::Path;
 use crate::fault::Fault;
 
 /// Opens a file, or standard input for `-`, with the name to call it.
-pub(crate) fn open(path: &Path) -> Result<(String, Box<dyn Read>), Fault> {
+pub(crate) fn open(path: &Path) -> Result<(String, Box<dyn Read + Send>), Fault> {
     if is_standard(path) {
         return Ok((name(path), Box::new(io::stdin())));
     }

@@ -2,6 +2,8 @@
 
 mod beside;
 
+pub(crate) use self::beside::judge_lines;
+
 use std::io::{self, BufRead};
 use std::time::Duration;
 
@@ -73,9 +75,17 @@ pub(crate) fn judge(
 ) -> Result<Findings, Fault> {
     let (mode, end) = (how.mode()?, how.end());
     let mut reader = reader(mode, name, trace)?;
-    let judging = how.judging(name, &reader)?;
-    let hints = JudgingHints::new(mode);
-    let (judging, hints) = beside::judge_lines(&mut reader, end, judging, hints)?;
+    let mut judging = how.judging(name, &reader)?;
+    let mut hints = JudgingHints::new(mode);
+    judge_lines(
+        &mut reader,
+        end,
+        |_, _| (),
+        |line, event, annotations| {
+            hints.event(&event);
+            judging.annotated_line(line, &event, annotations)
+        },
+    )?;
     let mut found = finish(judging, end);
     hints.warn(&found);
     if let Findings::Observed(verdict) = &mut found {

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::{Duration, SystemTime};
 
-use fuseline_report::{Findings, PageError, PageWriter, RunNotes};
-use fuseline_traces::packed::unpack;
+use fuseline_report::{Findings, PageWriter, RunNotes};
+use fuseline_traces::packed::unpack_beside;
 use fuseline_traces::{Event, Input};
 use serde::Deserialize;
 use serde_json::{Value, json};
@@ -18,7 +18,7 @@ use crate::fault::Fault;
 use crate::hints::JudgingHints;
 use crate::input::{is_standard, open};
 use crate::interrupt::Interrupt;
-use crate::judging::{JudgeOptions, TraceEnd, next_event, noted, reader};
+use crate::judging::{JudgeOptions, TraceEnd, judge_lines, noted, reader};
 use crate::output::{Output, Overwrite};
 use crate::progress::watched;
 use crate::sink::OutputSink;
@@ -65,12 +65,6 @@ pub(crate) struct Args {
 
 /// How often traces are looked at.
 const WATCH: Duration = Duration::from_millis(500);
-
-impl From<PageError> for Fault {
-    fn from(error: PageError) -> Self {
-        Self::own(error)
-    }
-}
 
 /// Why pages cannot be made again and again.
 #[derive(Debug, Error)]
@@ -154,6 +148,8 @@ pub(crate) fn noted_tick(at: u64, notes: &RunNotes) -> String {
 
 /// What `run` noted on a line.
 fn notes(line: &[u8]) -> Option<RunNotes> {
+    // Nearly no tick has any.
+    line.windows(NOTES.len()).find(|key| *key == NOTES.as_bytes())?;
     let line: Value = serde_json::from_slice(line).ok()?;
     RunNotes::deserialize(line.get("x")?.get(NOTES)?).ok()
 }
@@ -171,7 +167,7 @@ fn read_file(
 ) -> Result<Findings, Fault> {
     let mode = options.mode()?;
     let (name, file) = open(path)?;
-    let trace = unpack(BufReader::new(watched(path, &name, file)))
+    let trace = unpack_beside(BufReader::new(watched(path, &name, file)))
         .map_err(|source| Fault::Open { name: name.clone(), source })?;
     let mut reader = reader(mode, &name, trace)?;
     let mut canvas = page.begin(mode, &name, reader.header());
@@ -185,13 +181,20 @@ fn read_file(
     if let Some(part) = options.part()? {
         canvas = canvas.with_part(part);
     }
-    let mut hints = JudgingHints::new(mode);
-    while let Some(event) = next_event(&mut reader, end)? {
-        hints.event(&event);
-        if let (Event::Input(Input::Tick { .. }), Some(notes)) = (&event, notes(reader.raw())) {
-            canvas.add_notes(notes);
+    let (mut hints, mut noted_last) = (JudgingHints::new(mode), None);
+    let seen = |event: &Event, line: &[u8]| {
+        if let Event::Input(Input::Tick { .. }) = event
+            && let Some(notes) = notes(line)
+        {
+            noted_last = Some(notes);
         }
-        canvas.annotated_event(reader.line(), event, reader.annotations())?;
+    };
+    judge_lines(&mut reader, end, seen, |line, event, annotations| {
+        hints.event(&event);
+        canvas.annotated_event(line, event, annotations)
+    })?;
+    if let Some(notes) = noted_last {
+        canvas.add_notes(notes);
     }
     let found = match end {
         TraceEnd::Whole => canvas.finish(),

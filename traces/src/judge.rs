@@ -20,6 +20,8 @@ use crate::values::HeldValues;
 
 /// How many violations a verdict lists; it counts the rest.
 const VIOLATIONS: usize = 100;
+/// Of how many others it may have the places.
+pub(crate) const PLACES: usize = 1 << 20;
 
 /// Judges one trace, line after line.
 ///
@@ -152,7 +154,7 @@ impl Judge {
         }
     }
 
-    /// The same judge, which also notes where each violation is beyond the first 100. Its memory grows with their number.
+    /// The same judge, which also notes where the violations beyond the first 100 are, a million of them at most.
     #[must_use]
     pub const fn with_places(mut self) -> Self {
         self.keeps_places = true;
@@ -310,7 +312,7 @@ impl Judge {
         let line = self.verdict.lines;
         if self.verdict.violations.len() == VIOLATIONS {
             self.verdict.more += 1;
-            if self.keeps_places {
+            if self.keeps_places && self.verdict.places.len() < PLACES {
                 self.verdict.places.push(ViolationPlace { line, t, rule });
             }
             return;

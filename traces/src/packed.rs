@@ -32,6 +32,7 @@
 //! Not provided: tar and zip, a header of one's own for an MCAP file that has none (`fuseline convert --header` does that), other
 //! encodings than JSON (`RawMessages` has their bytes).
 
+mod beside;
 #[cfg(feature = "packed")]
 mod messages;
 
@@ -39,6 +40,7 @@ mod messages;
 use std::io::BufReader;
 use std::io::{self, BufRead};
 
+pub use beside::unpack_beside;
 #[cfg(feature = "packed")]
 pub use messages::{
     MessageError, Messages, PayloadFormat, PayloadSchema, RECORD, RawMessage, RawMessages,

@@ -1,10 +1,10 @@
 //! A trace says the same however it is packed, and one that is cut short is reported.
 
 use std::collections::BTreeMap;
-use std::io::{self, Cursor, Read, Write};
+use std::io::{self, BufReader, Cursor, Read, Write};
 
 use flate2::write::GzEncoder;
-use fuseline_traces::packed::unpack;
+use fuseline_traces::packed::{unpack, unpack_beside};
 use fuseline_traces::{Defect, Events, judge};
 use mcap::records::MessageHeader;
 use mcap::{Compression, WriteOptions};
@@ -45,9 +45,44 @@ fn lines() -> Vec<&'static str> {
 }
 
 fn read(packed: &[u8]) -> io::Result<String> {
+    let (mut text, mut beside) = (Vec::new(), Vec::new());
+    let read = unpack(packed).and_then(|mut trace| trace.read_to_end(&mut text));
+    let unpacked = unpack_beside(Cursor::new(packed.to_vec()));
+    let read_beside = unpacked.and_then(|mut trace| trace.read_to_end(&mut beside));
+    // What comes before an error is the same too.
+    let said = |read: &io::Result<usize>| read.as_ref().map_err(ToString::to_string).copied();
+    assert_eq!((said(&read), &text), (said(&read_beside), &beside));
+    read?;
+    String::from_utf8(text).map_err(io::Error::other)
+}
+
+#[test]
+fn what_is_unpacked_beside_comes_whole_and_in_order() {
+    let (header, lines) = TRACE.split_once('\n').unwrap();
+    let long = format!("{header}\n{}", lines.repeat(30_000));
+    for packed in [gzip(long.as_bytes()), zstd(long.as_bytes())] {
+        assert_eq!(read(&packed).unwrap(), long);
+        // Who stops reading does not wait for the rest.
+        let mut first = [0; 10];
+        unpack_beside(Cursor::new(packed)).unwrap().read_exact(&mut first).unwrap();
+        assert_eq!(first, TRACE.as_bytes()[..10]);
+    }
+}
+
+#[test]
+#[should_panic(expected = "the file is gone")]
+fn a_panic_beside_is_no_end_of_a_trace() {
+    struct Gone(bool);
+    impl Read for Gone {
+        fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+            assert!(!self.0, "the file is gone");
+            self.0 = true;
+            buffer[..2].copy_from_slice(&[0x1f, 0x8b]);
+            Ok(2)
+        }
+    }
     let mut text = String::new();
-    unpack(packed)?.read_to_string(&mut text)?;
-    Ok(text)
+    let _ = unpack_beside(BufReader::new(Gone(false))).unwrap().read_to_string(&mut text);
 }
 
 #[test]

@@ -13,6 +13,9 @@ use mcap::records::MessageHeader;
 /// What a message holds.
 const SCHEMA: &str = r#"{"title":"fuseline.Line","description":"A line of a fuseline trace: its header, an input or a decision.","type":"object","properties":{"ev":{"type":"string"},"at":{"type":"integer"},"t":{"type":"integer"},"p":{"type":"integer"},"due":{"type":"integer"},"deadline":{"type":"integer"},"backlog":{"type":"integer"},"why":{"type":"string"},"of":{"type":"integer"},"try":{"type":"integer"},"within":{"type":"integer"},"age":{"type":"integer"},"origin":{"type":"string"},"seq":{"type":"integer"}}}"#;
 
+/// How hard zstd packs: the quickest level, whose files are hardly larger.
+const PACKING: u32 = 1;
+
 /// An MCAP file being written: the topic `/fuseline/trace` has every line, the header first, and
 /// `/fuseline/outputs` what was forwarded, final or missed.
 pub struct Mcap<W: Write + Seek> {
@@ -53,7 +56,9 @@ impl<W: Write + Seek> Mcap<W> {
         epoch: u64,
     ) -> Result<Self, McapError> {
         let library = format!("fuseline {}", env!("CARGO_PKG_VERSION"));
-        let options = WriteOptions::new().profile("fuseline").library(library);
+        // Lines come in many small writes: handing each to a thread costs more than packing it here.
+        let options = WriteOptions::new().compression_threads(0).compression_level(PACKING);
+        let options = options.profile("fuseline").library(library);
         let mut inner = options.create(out)?;
         let schema = inner.add_schema("fuseline.Line", "jsonschema", SCHEMA.as_bytes())?;
         let none = BTreeMap::new();

@@ -12,7 +12,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
-use crate::raised::{config, unjudged, unreadable, unshown};
+use crate::raised::{config, unjudged, unreadable};
 use crate::reading::with_trace;
 use crate::time::Nanos;
 
@@ -123,7 +123,7 @@ pub(crate) fn report<'py>(
             while let Some(event) = reader.next_event().map_err(unreadable)? {
                 trace_page
                     .annotated_event(reader.line(), event, reader.annotations())
-                    .map_err(unshown)?;
+                    .map_err(|error| unjudged(&error))?;
             }
             Ok(verdict_fields(trace_page.finish()))
         })?);

@@ -2,10 +2,8 @@
 
 use std::fmt::Display;
 
-use fuseline_report::PageError;
 use fuseline_traces::Defect;
 use fuseline_traces::observed::TimeOrderError;
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 pyo3::import_exception!(fuseline._errors, ConfigError);
@@ -31,14 +29,6 @@ pub(crate) fn unjudged(error: &TimeOrderError) -> PyErr {
     let place = format!("{}:{}:1: ", error.file, error.line);
     let what = message.strip_prefix(&place).unwrap_or(&message).to_owned();
     read_error((error.file.clone(), error.line, 1, what))
-}
-
-/// A trace that a page cannot show.
-pub(crate) fn unshown(error: PageError) -> PyErr {
-    match error {
-        PageError::TimeOrderError(error) => unjudged(&error),
-        PageError::TooLong { .. } => PyValueError::new_err(error.to_string()),
-    }
 }
 
 /// A configuration that the machine refuses.

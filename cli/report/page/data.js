@@ -41,15 +41,38 @@ export function decode(stored, words) {
   for (let i = 1; i < trace.lines?.length; i++) trace.lines[i] += trace.lines[i - 1];
   /** The line of an event, and the instant of the event on a line. */
   trace.lineOf = (i) => trace.lines?.[i] ?? i + 2;
-  const instantOn = (line) => at[trace.lines ? trace.lines.indexOf(line) : line - 2];
+  const instantOn = (line) => {
+    if (!trace.lines) return at[line - 2];
+    const i = upTo(trace.lines, line);
+    // Where a line is left out, what is shown before it stands for it.
+    return trace.thinned || trace.lines[i] === line ? at[Math.max(i, 0)] : undefined;
+  };
   trace.lineages = new Map((stored.lineages ?? []).map((one) => [one.t, one]));
   delete trace.x;
   delete trace.places;
   trace.violations = [...stored.violations, ...undetailed(stored.places)].map((violation) => ({ ...violation, instant: instantOn(violation.line) }));
   trace.detailed = stored.violations.length;
+  if (trace.thinned) trace.thinned = { ...trace.thinned, tiles: tiles(trace.thinned.tiles) };
   group(trace);
   outcomes(trace);
   return trace;
+}
+
+/** The place of the last of ascending numbers that is at most this; −1 if none is. */
+function upTo(numbers, most) {
+  let [low, high] = [0, numbers.length];
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (numbers[middle] <= most) low = middle + 1;
+    else high = middle;
+  }
+  return low - 1;
+}
+
+/** What became of all timestamps of a long trace, by when they began: each tile with its beginning. */
+function tiles({ width, first, tile, counts }) {
+  let number = 0;
+  return { width, counts, begin: Float64Array.from(tile, (step) => first + (number += step) * width) };
 }
 
 /** The violations of which the page knows the place and the rule alone. */
@@ -129,7 +152,10 @@ function outcomes(trace) {
   for (const violation of trace.violations) if (violation.t !== null) broken[violation.t] = 1;
   const row = rows(order, start, end);
   Object.assign(trace, { start, end, last, response, order, rank, broken, row, span, longest });
-  trace.duration = Math.max(finish, 1);
+  trace.duration = Math.max(finish, trace.thinned?.finish ?? 0, 1);
+  // Those that are shown beside every so many-th one would stand for too many in a picture of all.
+  trace.besides = new Uint8Array(size);
+  for (const k of trace.thinned?.besides ?? []) trace.besides[k] = 1;
   // One that is far beyond all responses would press them into a line.
   trace.deadlines = trace.deadlines.filter((deadline) => deadline <= 4 * (longest || deadline));
 }

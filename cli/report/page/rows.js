@@ -3,6 +3,8 @@
 import { MISSED, after } from "./data.js";
 
 const GAP = 5;
+/** A lane as high as this has room for words; the events below the timeline say them anyway. */
+const ROOMY = 48;
 
 /** The blocks that can be seen, each with its place; undefined if they are too many to be told apart. */
 export function layout(trace, view, width, height, selected) {
@@ -51,6 +53,7 @@ function drawBlock(ctx, trace, { k, top, height, story }, x, width, { selected, 
   const lanes = lanesOf(trace, k);
   const shown = trace.sources.filter(({ known, place }) => known || (story && lanes.has(place)));
   const each = (height - head) / shown.length;
+  if (story && outcome[k] === MISSED) drawMiss(ctx, x(end[k]), top, height, width, colours);
   // The best source stands on top.
   [...shown].reverse().forEach(({ place, label }, n) => {
     const middle = top + head + (n + (story ? 0.58 : 0.5)) * each;
@@ -63,10 +66,15 @@ function drawBlock(ctx, trace, { k, top, height, story }, x, width, { selected, 
     }
     if (lane) drawLane(ctx, lane, { x, middle, each, end: end[k], width, story, colour: colours.source(place) }, colours);
   });
-  if (story && outcome[k] === MISSED) {
-    mark(ctx, x(end[k]), top + height / 2, 6, "cross", colours.bad);
-    note(ctx, "missed", x(end[k]), top + height / 2 + 20, width, colours.bad);
-  }
+}
+
+/** Where a message was missed, through all lanes: its name stands above what they say of that instant. */
+function drawMiss(ctx, at, top, height, width, colours) {
+  ctx.fillStyle = colours.bad;
+  ctx.globalAlpha = 0.5;
+  ctx.fillRect(at - 1, top + 18, 2, height - 18);
+  ctx.globalAlpha = 1;
+  note(ctx, "✕ missed", at, top + 13, width, colours.bad, colours.ground);
 }
 
 /** What happened to each source's result for one timestamp. */
@@ -128,7 +136,7 @@ function drawLane(ctx, lane, { x, middle, each, end, width, story, colour }, col
     ctx.moveTo(x(lane.due), middle - 12);
     ctx.lineTo(x(lane.due), middle + 12);
     ctx.stroke();
-    note(ctx, "due", x(lane.due), middle - 15, width, colours.soft);
+    if (each >= ROOMY) note(ctx, "due", x(lane.due), middle - 15, width, colours.soft, colours.ground);
   }
   const size = story ? 5.5 : Math.max(1.5, Math.min(4, each * 0.3));
   const notes = new Map();
@@ -138,7 +146,7 @@ function drawLane(ctx, lane, { x, middle, each, end, width, story, colour }, col
     if (shape !== "none") mark(ctx, x(at), middle, shape === "disc" ? size * 1.25 : size, shape, tint, colours.ground);
     notes.set(at, [...(notes.get(at) ?? []), text]);
   }
-  if (story) spread([...notes], x, (texts, at, step) => note(ctx, texts.join(", "), at, middle + 22 + step * 13, width, colours.ink), ctx);
+  if (story && each >= ROOMY) spread([...notes], x, (texts, at, step) => note(ctx, texts.join(", "), at, middle + 22 + step * 13, width, colours.ink, colours.ground), ctx);
 }
 
 /** Notes one below the other where they would run into each other. */
@@ -154,13 +162,18 @@ function spread(notes, x, put, ctx) {
 }
 
 /** A text about a place, kept within the box. */
-function note(ctx, text, at, y, width, colour) {
+function note(ctx, text, at, y, width, colour, ground) {
   if (at < -40 || at > width + 40) return;
   ctx.font = "12px system-ui";
   ctx.textBaseline = "alphabetic";
   ctx.fillStyle = colour;
   const size = ctx.measureText(text).width;
-  ctx.fillText(text, Math.max(2, Math.min(width - size - 2, at - size / 2)), y);
+  const left = Math.max(2, Math.min(width - size - 2, at - size / 2));
+  // Lines that cross it stay behind.
+  ctx.strokeStyle = ground;
+  ctx.lineWidth = 3;
+  ctx.strokeText(text, left, y);
+  ctx.fillText(text, left, y);
 }
 
 function mark(ctx, x, y, size, shape, colour, ground) {

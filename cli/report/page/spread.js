@@ -2,7 +2,7 @@
 
 import uPlot from "uplot";
 import { by, colours } from "./dom.js";
-import { axis, count, counted, time } from "./format.js";
+import { axis, count, counted as plural, time } from "./format.js";
 
 const BINS = 60;
 const HEIGHT = 220;
@@ -11,23 +11,23 @@ const STEPS = [1, 2, 2.5, 5, 10];
 let plot;
 
 export function showSpread(trace) {
-  const { tally, all } = times(trace);
+  const { tally, all } = trace.thinned ? counted(trace) : times(trace);
   const host = by("spread");
   plot?.destroy();
   plot = undefined;
   host.replaceChildren();
-  host.parentElement.hidden = all.length === 0;
-  if (all.length === 0) return;
+  host.parentElement.hidden = all.total === 0;
+  if (all.total === 0) return;
   // A long tail goes into the last bin, so that the rest can be seen.
-  const longest = all[all.length - 1];
+  const longest = all.times[all.times.length - 1];
   const top = Math.max(Math.min(longest, 3 * part(all, 0.99)), 1, ...trace.deadlines);
   const bin = step(top / BINS);
   const bins = Math.floor(top / bin) + 1;
   const tail = longest >= bins * bin;
-  const shown = tally.filter((of) => of.times.length > 0);
-  const counts = shown.map(({ times }) => {
+  const shown = tally.filter((of) => of.total > 0);
+  const counts = shown.map(({ times, often }) => {
     const bars = new Float64Array(bins);
-    for (const response of times) bars[Math.min(bins - 1, Math.max(0, Math.floor(response / bin)))]++;
+    times.forEach((response, n) => (bars[Math.min(bins - 1, Math.max(0, Math.floor(response / bin)))] += often ? often[n] : 1));
     return bars;
   });
   // Stacked: each series is drawn from 0 over those before it, the whole first.
@@ -35,7 +35,7 @@ export function showSpread(trace) {
   const centres = Float64Array.from({ length: bins }, (_, i) => (i + 0.5) * bin);
   const order = shown.map((_, i) => i).reverse();
   const tint = (place) => () => colours().source(place);
-  const legend = (i) => (self, _, __, at) => count(at == null ? shown[i].times.length : counts[i][at]);
+  const legend = (i) => (self, _, __, at) => count(at == null ? shown[i].total : counts[i][at]);
   plot = new uPlot({
     width: host.clientWidth, height: HEIGHT, padding: [20, 24, 0, 0],
     scales: { x: { time: false, range: [0, bins * bin] }, y: { range: (_, __, max) => [0, Math.max(1, max * 1.08)] } },
@@ -56,21 +56,39 @@ export function showSpread(trace) {
     ],
     hooks: { draw: [(self) => drawDeadlines(self, trace.deadlines)] },
   }, [centres, ...order.map((i) => stacked[i])], host);
-  host.setAttribute("aria-label", `Histogram of ${counted(all.length, "response time")}: half within ${time(part(all, 0.5))}, `
+  host.setAttribute("aria-label", `Histogram of ${plural(all.total, "response time")}: half within ${time(part(all, 0.5))}, `
     + `99 % within ${time(part(all, 0.99))}, the longest ${time(longest)}.`);
 }
 
 export const resizeSpread = () => plot?.setSize({ width: by("spread").clientWidth, height: HEIGHT });
 export const redrawSpread = () => plot?.redraw(false);
 
-/** The p-th part of sorted numbers, by the nearest rank. */
-const part = (sorted, p) => sorted[Math.max(0, Math.ceil(p * sorted.length) - 1)] ?? NaN;
+/** The p-th part of sorted times, by the nearest rank. */
+function part({ times, often, total }, p) {
+  const rank = Math.max(1, Math.ceil(p * total));
+  if (!often) return times[rank - 1] ?? NaN;
+  let passed = 0;
+  return times[often.findIndex((n) => (passed += n) >= rank)] ?? NaN;
+}
 
 /** The response times that each source's results had, and all, sorted. */
 function times({ sources, outcome, response }) {
   const tally = sources.map((source) => ({ source, times: [] }));
   for (let k = 0; k < outcome.length; k++) if (outcome[k] >= 0 && !Number.isNaN(response[k])) tally[outcome[k]].times.push(response[k]);
-  return { tally, all: Float64Array.from(tally.flatMap(({ times }) => times)).sort() };
+  const all = Float64Array.from(tally.flatMap(({ times }) => times)).sort();
+  return { tally: tally.map((of) => ({ ...of, total: of.times.length })), all: { times: all, total: all.length } };
+}
+
+/** The same of a long trace, of which each time comes with how often it occurs. */
+function counted({ sources, thinned }) {
+  const sum = (all) => all.reduce((sum, n) => sum + n, 0);
+  const tally = sources.map((source, place) => {
+    const [, steps, often] = thinned.responses.find(([of]) => of === place) ?? [place, [], []];
+    let time = 0;
+    return { source, times: steps.map((step) => (time += step)), often, total: sum(often) };
+  });
+  const pairs = tally.flatMap(({ times, often }) => times.map((time, n) => [time, often[n]])).sort(([a], [b]) => a - b);
+  return { tally, all: { times: pairs.map(([time]) => time), often: pairs.map(([, n]) => n), total: sum(tally.map(({ total }) => total)) } };
 }
 
 /** A line for each deadline, named above the plot. */

@@ -12,7 +12,7 @@ export function titleOf({ operator, file }) {
   return operator ? `${operator} · ${name}` : name;
 }
 
-export const violationsOf = ({ violations }) => violations.length;
+export const violationsOf = ({ violations, places, thinned }) => thinned?.violations ?? violations.length + (places?.line.length ?? 0);
 
 /** A verdict in words. */
 export const verdictOf = (trace) =>

@@ -136,13 +136,13 @@ const parse = (shown) => Number(shown.replaceAll(",", ""));
 const bad = () => report("bad", join(CORPUS, "bad/f3-first-response-wins.jsonl"));
 
 /** A camera's run; both clouds lose their networks by turns. */
-let long;
-function camera() {
-  if (long) return long;
+const runs = new Map();
+function camera(messages = MESSAGES) {
+  if (runs.has(messages)) return runs.get(messages);
   let seed = 1;
   const random = () => (seed = (seed * 48271) % 2147483647) / 2147483647;
   const events = [];
-  for (let t = 0; t < MESSAGES; t++) {
+  for (let t = 0; t < messages; t++) {
     const at = t * 100_000;
     events.push([at, `"ev":"open","at":${at},"t":${t}`]);
     for (const p of [1, 2]) {
@@ -159,7 +159,8 @@ function camera() {
   const inputs = `${header}\n${events.map(([, event]) => `{${event}}\n`).join("")}`;
   const trace = join(folder, "camera.jsonl");
   writeFileSync(trace, execFileSync(FUSELINE, ["replay"], { input: inputs, maxBuffer: 1 << 30 }));
-  return (long = report("camera", trace));
+  runs.set(messages, report(`camera-${messages}`, trace));
+  return runs.get(messages);
 }
 
 test("the summary counts what came out of the run", async (t) => {
@@ -447,6 +448,69 @@ test("what 100,000 timestamps take is told", async (t) => {
     console.log(`${where}: a frame in ${frames[30].toFixed(1)} ms at the median, ${frames[59].toFixed(1)} ms at worst`);
   }
   await shot(page, "dark");
+});
+
+test("a trace too long for a page is counted whole and shown in part", async (t) => {
+  const messages = 150_000;
+  const file = camera(messages);
+  const { traces: [{ account, thinned, ev }] } = toldOf(file);
+  assert.equal(account.messages, messages);
+  assert.ok(ev.length < 1_250_000 && thinned.every > 1);
+  for (const [name, options] of [["long-light", {}], ["long-dark", { scheme: "dark" }], ["long-phone", { width: 390, height: 844 }]]) {
+    const page = await open(t, file, options);
+    const note = await text(page, "#thinned");
+    assert.match(note, new RegExp(`of 150,000 timestamps are judged and counted.* one timestamp in ${thinned.every}, .* more that were missed\\.`));
+    assert.match(await text(page, "#view"), /shown of [\d,]+; the trace has 150,000$/);
+    const chips = Object.fromEntries(await page.$$eval("#filters button", (all) => all.map((one) => [one.dataset.label, one.querySelector("span").innerText])));
+    assert.equal(parse(chips.missed), account.missed);
+    assert.equal(parse(chips["forwarded east"]), account.rows[2].counts[1]);
+    for (const source of [0, 1, 2]) assert.ok((await pixels(page, `--source-${source}`)) > 300, `source ${source}`);
+    assert.match(await page.$eval("#spread", (one) => one.getAttribute("aria-label")), new RegExp(`^Histogram of ${account.forwarded.toLocaleString("en-GB")} `));
+    await shot(page, name);
+  }
+  const page = await open(t, file);
+  await page.type("#query", "missed");
+  await press(page, "Enter");
+  assert.match(await text(page, "#ending"), /^Missed/);
+  await shot(page, "long-missed");
+});
+
+test("words of one instant stand apart", async (t) => {
+  const request = `{"ev":"offer","at":0,"t":1,"p":1,"deadline":200000000,"backlog":0}
+{"ev":"request","at":0,"t":1,"p":1,"due":200000000}
+`;
+  const trace = (clouds) => {
+    const file = join(folder, `instant-${clouds}.jsonl`);
+    writeFileSync(file, `{"fuseline":1,"operator":"tracker","window":4,"clouds":[${clouds ? '{"p":1,"name":"west","limit":4}' : ""}]}
+{"ev":"open","at":0,"t":1,"deadline":200000000}
+${clouds ? request : ""}{"ev":"tick","at":200000000}
+{"ev":"timer","at":200000000,"t":1,"p":0}
+${clouds ? '{"ev":"timer","at":200000000,"t":1,"p":1}\n' : ""}{"ev":"miss","at":200000000,"t":1}
+`);
+    return file;
+  };
+  for (const [name, width, clouds] of [["instant-local", 1180, 0], ["instant", 1180, 1], ["instant-phone", 390, 1]]) {
+    const page = await open(t, report("instant", trace(clouds)), { width, hash: "#t=1" });
+    const words = await page.evaluate(async () => {
+      const words = [];
+      const draw = CanvasRenderingContext2D.prototype.fillText;
+      CanvasRenderingContext2D.prototype.fillText = function (text, x, y, ...more) {
+        const { e, f, a } = this.getTransform();
+        const { width } = this.measureText(text);
+        if (this.textAlign === "left") words.push([text, e + a * x, e + a * (x + width), f + a * (y - 9), f + a * y]);
+        draw.call(this, text, x, y, ...more);
+      };
+      document.dispatchEvent(new KeyboardEvent("keydown", { key: "-" }));
+      await new Promise((done) => setTimeout(done, 400));
+      return words;
+    });
+    const said = [...new Map(words.map((word) => [String(word), word])).values()];
+    assert.ok(["due", "timer"].every((text) => said.filter((word) => word[0] === text).length > clouds), JSON.stringify(said));
+    const over = (a, b) => a !== b && a[1] < b[2] && b[1] < a[2] && a[3] < b[4] && b[3] < a[4];
+    const clash = said.flatMap((a) => said.filter((b) => over(a, b)).map((b) => `${a[0]} on ${b[0]}`));
+    assert.deepEqual(clash, []);
+    await shot(page, name);
+  }
 });
 
 test("a timestamp's story says what its message comes from and how old its output is", async (t) => {

@@ -1,7 +1,8 @@
 //! A judged trace as columns of small numbers, for the page.
 //!
 //! Events stand in the order of the file, so that in a whole trace an event's line is its place plus 2. Instants are
-//! differences: the page reads them as doubles, exact up to 104 days.
+//! differences: the page reads them as doubles, exact up to 104 days. Of a trace with too many events some are shown, and sums of
+//! all: see [`thinned`](crate::thinned).
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -16,17 +17,23 @@ use crate::notes::RunNotes;
 use crate::quantile::Quantile;
 use crate::reasons;
 use crate::statistics::{RequestRow, TimestampOutcome, Totals, TraceStatistics};
+use crate::thinned::{SpecialCause, ThinnedColumns, ThinnedTotals, ThinnedTrace};
 
 /// The greatest number up to which a script's numbers are exact.
 const EXACT: u64 = (1 << 53) - 1;
 /// How many of the deadlines that requests had are drawn.
 const DEADLINES: usize = 3;
+/// How many violations beyond the listed ones a thinned trace marks.
+const MARKS: usize = 1 << 16;
 
 /// One trace while it is read.
 pub(crate) struct TraceColumns {
-    events: Vec<Event>,
-    /// The events' lines, if some are left out.
-    lines: Option<Vec<u64>>,
+    /// With their lines; empty once the trace is thinned.
+    events: Vec<(u64, Event)>,
+    is_part: bool,
+    /// How many events are shown whole.
+    most: usize,
+    thinned: Option<ThinnedTrace>,
     /// The sources in the order of their first mention: local, the header's, strangers.
     sources: BTreeMap<u64, usize>,
     statistics: TraceStatistics,
@@ -91,9 +98,12 @@ pub(crate) struct PageTrace {
     p: Vec<usize>,
     /// What some events have more, in their order; see `more_of`.
     x: Vec<i128>,
-    /// Of a part: each event's line as its difference from the event's before. Else it is the event's place plus 2.
+    /// Of some events: each one's line as its difference from the event's before. Else it is the event's place plus 2.
     #[serde(skip_serializing_if = "Option::is_none")]
     line: Option<Vec<ExactNumber>>,
+    /// If events are left out for their number.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    thinned: Option<ThinnedColumns>,
 }
 
 /// What one message comes from.
@@ -121,6 +131,9 @@ struct ViolationPlaces {
     /// The timestamp's place plus 1, or 0.
     t: Vec<usize>,
 }
+
+/// A violation's place, with its rule's identifier and sentence.
+type RulePlace = ViolationPlace<(&'static str, &'static str)>;
 
 /// What the trace comes to; the page counts nothing itself.
 #[derive(Serialize)]
@@ -178,10 +191,13 @@ struct ViolationRow {
 struct ExactNumber(u64);
 
 impl TraceColumns {
-    pub(crate) fn new(header: &Header, is_observed: bool) -> Self {
+    /// Those of a trace of which so many events are shown at most.
+    pub(crate) fn new(header: &Header, is_observed: bool, most: usize) -> Self {
         let mut columns = Self {
             events: Vec::new(),
-            lines: None,
+            is_part: false,
+            most,
+            thinned: None,
             sources: BTreeMap::new(),
             statistics: TraceStatistics::new(
                 header.clouds.iter().map(|cloud| cloud.p),
@@ -201,15 +217,12 @@ impl TraceColumns {
     }
 
     /// The same, of a part of the trace.
-    pub(crate) fn of_part(mut self) -> Self {
-        self.lines = Some(Vec::new());
+    pub(crate) const fn of_part(mut self) -> Self {
+        self.is_part = true;
         self
     }
 
     pub(crate) fn push(&mut self, line: u64, event: Event, annotations: &Annotations) {
-        if let Some(lines) = &mut self.lines {
-            lines.push(line);
-        }
         let Annotations { origin, age, missing, .. } = annotations;
         if let Event::Input(Input::Open { t, .. }) = event
             && (origin.is_some() || age.is_some() || !missing.is_empty())
@@ -224,8 +237,51 @@ impl TraceColumns {
         if let Event::Decision(Decision::Request { at, p, due, .. }) = event {
             self.deadlines.add(p, due.saturating_sub(at));
         }
-        self.statistics.event(&event);
-        self.events.push(event);
+        let Some(thinned) = &mut self.thinned else {
+            self.statistics.event(&event);
+            return self.events.push((line, event));
+        };
+        // A refusal is counted whatever it is about.
+        let is_refusal = matches!(
+            event,
+            Event::Decision(Decision::RefuseOpen { .. } | Decision::RefuseOffer { .. })
+        );
+        if thinned.push(line, event) || is_refusal {
+            self.statistics.event(&event);
+        }
+    }
+
+    /// Whether there are more events than are shown, so that [`thin`](Self::thin) is to be called after each.
+    pub(crate) const fn is_long(&self) -> bool {
+        self.thinned.is_some() || self.events.len() >= self.most
+    }
+
+    /// Leaves events out if there are too many, but not those of timestamps that `broken` names if there is room.
+    pub(crate) fn thin(&mut self, broken: impl IntoIterator<Item = u64>) {
+        let thinned = self.thinned.get_or_insert_with(|| {
+            let mut thinned = ThinnedTrace::new(self.most);
+            for (line, event) in std::mem::take(&mut self.events) {
+                thinned.push(line, event);
+            }
+            self.deadlines.bound();
+            thinned
+        });
+        broken.into_iter().for_each(|t| thinned.show(t, SpecialCause::Broken));
+        if thinned.is_due() {
+            thinned.settle(&mut self.statistics, &self.sources);
+            self.lineages.retain(|t, _| thinned.holds(*t));
+        }
+    }
+
+    /// Leaves to the page what it shows in the end. Answers how many events these are.
+    pub(crate) fn settle(&mut self, broken: impl IntoIterator<Item = u64>) -> usize {
+        if self.is_long() {
+            self.thin(broken);
+        }
+        if let Some(thinned) = &mut self.thinned {
+            self.events = thinned.finish(&mut self.statistics, &self.sources);
+        }
+        self.events.len()
     }
 
     fn source(&mut self, p: u64) {
@@ -240,11 +296,13 @@ impl TraceColumns {
         mode: JudgeMode,
         verdict: &Findings,
     ) -> PageTrace {
-        let mut timestamps: Vec<u64> = self.events.iter().filter_map(Event::t).collect();
+        let events = || self.events.iter().map(|(_, event)| event);
+        let mut timestamps: Vec<u64> = events().filter_map(Event::t).collect();
         timestamps.sort_unstable();
         timestamps.dedup();
-        let place = |t: u64| timestamps.binary_search(&t).unwrap_or_default();
-        let origin = self.events.iter().map(instant).min().unwrap_or_default();
+        let place = |t: u64| timestamps.binary_search(&t).ok();
+        let origin = self.thinned.as_ref().map(ThinnedTrace::origin);
+        let origin = origin.or(events().map(instant).min()).unwrap_or_default();
         let summary = verdict.summary();
         let mut page_trace = PageTrace {
             file: summary.file.to_owned(),
@@ -257,7 +315,7 @@ impl TraceColumns {
             judged: summary.judged,
             unfinished: summary.unfinished,
             lines: summary.lines,
-            places: ViolationPlaces::new(&verdict.places(), place),
+            places: ViolationPlaces::new(self.marked(&verdict.places()), place),
             violations: verdict
                 .violations()
                 .iter()
@@ -270,19 +328,32 @@ impl TraceColumns {
             timestamps: differences(&timestamps),
             outcome: timestamps.iter().map(|t| self.outcome(*t)).collect(),
             fates: self.fates(&timestamps),
-            lineages: self.lineages.iter().map(|(t, it)| LineageRow::new(place(*t), it)).collect(),
-            ev: self.events.iter().map(letter).collect(),
+            lineages: self
+                .lineages
+                .iter()
+                .filter_map(|(t, it)| Some(LineageRow::new(place(*t)?, it)))
+                .collect(),
+            ev: events().map(letter).collect(),
             at: Vec::with_capacity(self.events.len()),
             t: Vec::with_capacity(self.events.len()),
             p: Vec::with_capacity(self.events.len()),
             x: Vec::new(),
-            line: self.lines.as_deref().map(differences),
+            line: (self.is_part || self.thinned.is_some()).then(|| {
+                let lines: Vec<u64> = self.events.iter().map(|(line, _)| *line).collect();
+                differences(&lines)
+            }),
+            thinned: self
+                .thinned
+                .as_ref()
+                .map(|it| it.columns(self.totals(origin, verdict), place)),
         };
         let (mut at, mut t) = (origin, 0);
-        for event in &self.events {
+        for event in events() {
             page_trace.at.push(i128::from(instant(event)) - i128::from(at));
             at = instant(event);
-            let next = event.t().map_or(t, |t| i64::try_from(place(t)).unwrap_or(i64::MAX));
+            let next = event
+                .t()
+                .map_or(t, |t| i64::try_from(place(t).unwrap_or_default()).unwrap_or(i64::MAX));
             page_trace.t.push(next - t);
             t = next;
             let source = priority(event).and_then(|p| self.sources.get(&p));
@@ -290,6 +361,33 @@ impl TraceColumns {
             more_of(event, &mut page_trace.x);
         }
         page_trace
+    }
+
+    /// The violations that are marked beside those listed.
+    fn marked<'a>(&self, places: &'a [RulePlace]) -> &'a [RulePlace] {
+        let most = if self.thinned.is_some() { MARKS } else { usize::MAX };
+        &places[..places.len().min(most)]
+    }
+
+    /// What the page says of a long trace beside what it shows.
+    fn totals(&self, origin: u64, verdict: &Findings) -> ThinnedTotals {
+        let mut rules: Vec<(&'static str, &'static str, u64)> = Vec::new();
+        let listed = verdict.violations();
+        let places = verdict.places();
+        let broken = listed.iter().map(|violation| violation.rule);
+        for (id, sentence) in broken.chain(places.iter().map(|place| place.rule)) {
+            match rules.iter_mut().find(|(known, ..)| *known == id) {
+                Some((.., count)) => *count += 1,
+                None => rules.push((id, sentence, 1)),
+            }
+        }
+        let responses = self.statistics.response_counts().into_iter();
+        ThinnedTotals {
+            origin,
+            responses: responses.map(|(p, counts)| (self.place(p), counts)).collect(),
+            violations: verdict.summary().violations,
+            rules,
+        }
     }
 
     /// The place of a source that the trace mentions.
@@ -312,7 +410,8 @@ impl TraceColumns {
     }
 
     fn outcome(&self, t: u64) -> i64 {
-        match self.statistics.outcome(t) {
+        let settled = self.thinned.as_ref().and_then(|thinned| thinned.end_of(t));
+        match settled.map_or_else(|| self.statistics.outcome(t), |(outcome, _)| outcome) {
             TimestampOutcome::Forwarded { p } => i64::try_from(self.place(p)).unwrap_or(i64::MAX),
             TimestampOutcome::Missed => -1,
             TimestampOutcome::Open => -2,
@@ -324,9 +423,13 @@ impl TraceColumns {
         let mut sources: Vec<(usize, u64)> =
             self.sources.iter().map(|(p, place)| (*place, *p)).collect();
         sources.sort_unstable();
-        let fates = timestamps.iter().flat_map(|t| {
-            sources.iter().map(|(_, p)| self.statistics.request_outcome(*t, *p).unwrap_or_default())
-        });
+        let fate = |t: u64, p: u64| {
+            let settled = self.thinned.as_ref().and_then(|thinned| thinned.end_of(t));
+            let of = |(_, fates)| Some(self.statistics.fate(fates, p));
+            settled.map_or_else(|| self.statistics.request_outcome(t, p), of).unwrap_or_default()
+        };
+        let fate = &fate;
+        let fates = timestamps.iter().flat_map(|t| sources.iter().map(move |(_, p)| fate(*t, *p)));
         fates
             .filter_map(|request_outcome| {
                 char::from_digit(u32::try_from(request_outcome).ok()?, 10)
@@ -350,10 +453,7 @@ impl TraceColumns {
 }
 
 impl ViolationPlaces {
-    fn new(
-        places: &[ViolationPlace<(&'static str, &'static str)>],
-        place: impl Fn(u64) -> usize,
-    ) -> Self {
+    fn new(places: &[RulePlace], place: impl Fn(u64) -> Option<usize>) -> Self {
         let (mut columns, mut before) = (Self::default(), 0);
         for ViolationPlace { line, t, rule } in places {
             let known = columns.rules.iter().position(|known| known == rule);
@@ -363,7 +463,7 @@ impl ViolationPlaces {
             }
             columns.line.push(i128::from(*line) - before);
             before = i128::from(*line);
-            columns.t.push(t.map_or(0, |t| place(t) + 1));
+            columns.t.push(t.and_then(&place).map_or(0, |place| place + 1));
         }
         columns
     }
@@ -394,11 +494,11 @@ impl ResponseColumn {
 }
 
 impl ViolationRow {
-    fn new(violation: &AnyViolation<'_>, place: impl Fn(u64) -> usize) -> Self {
+    fn new(violation: &AnyViolation<'_>, place: impl Fn(u64) -> Option<usize>) -> Self {
         let AnyViolation { line, t, rule: (rule, sentence), found, expected, late, story: _ } =
             *violation;
         let (found, expected) = (found.to_owned(), expected.to_owned());
-        Self { line, t: t.map(place), rule, sentence, found, expected, late }
+        Self { line, t: t.and_then(place), rule, sentence, found, expected, late }
     }
 }
 

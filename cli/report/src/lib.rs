@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 mod columns;
+mod counts;
 mod deadlines;
 mod judging;
 mod notes;
@@ -10,6 +11,8 @@ pub mod policies;
 mod quantile;
 mod reasons;
 mod statistics;
+mod thinned;
+mod tiles;
 mod trace_page;
 
 pub use judging::{AnyViolation, Findings, JudgeMode, TraceJudge, VerdictSummary};
@@ -19,4 +22,4 @@ pub use quantile::{ArrivalTime, NEVER, PERCENT, Quantile, Response, quantiles, q
 pub use statistics::{
     COLUMNS, ForwardedOutput, MessageRecord, RequestRow, TimestampOutcome, Totals, TraceStatistics,
 };
-pub use trace_page::{MOST_EVENTS, PageError, PageWriter, TracePage};
+pub use trace_page::{MOST_EVENTS, PageWriter, TracePage};

@@ -4,6 +4,7 @@
 //! words of [`COLUMNS`].
 
 mod history;
+mod sums;
 #[cfg(test)]
 mod tests;
 
@@ -12,10 +13,12 @@ use std::time::Duration;
 
 use fuseline_traces::{Commit, Decision, DropReason, Event, Input};
 
-use crate::quantile::{ArrivalTime, Quantile, Response, quantiles};
+use crate::counts::ValueCounts;
+use crate::quantile::{ArrivalTime, Quantile};
 use crate::statistics::history::{
     CallEnd, OutcomeColumn, RequestEnd, RequestHistory, TimestampHistory,
 };
+use crate::statistics::sums::{MessageSums, ResponseTimes};
 
 /// What is counted about a source's requests, each with its meaning. Local has a request for each
 /// message that was taken on. The first is the sum of the next six.
@@ -54,7 +57,26 @@ pub struct TraceStatistics {
     /// Opens refused.
     turned_away: u64,
     stories: BTreeMap<u64, TimestampHistory>,
+    /// Sums over the timestamps that are looked at no more; none while all are.
+    folded: Option<MessageSums>,
     timer_lag: Option<Duration>,
+}
+
+/// A timestamp as it is counted.
+pub(crate) struct CountedTimestamp {
+    pub(crate) t: u64,
+    /// When its message came, else when it ended; none of what is no message.
+    pub(crate) begin: Option<u64>,
+    pub(crate) outcome: TimestampOutcome,
+    /// What became of each source's request: see [`TraceStatistics::fate`].
+    pub(crate) fates: Vec<u8>,
+}
+
+impl CountedTimestamp {
+    /// One of which there is no more than a refusal.
+    pub(crate) const fn unopened(t: u64) -> Self {
+        Self { t, begin: None, outcome: TimestampOutcome::Unopened, fates: Vec::new() }
+    }
 }
 
 /// What a trace comes to.
@@ -179,6 +201,7 @@ impl TraceStatistics {
             has_finals: commit == Commit::Progressive && !is_observed,
             turned_away: 0,
             stories: BTreeMap::new(),
+            folded: None,
             timer_lag: None,
         }
     }
@@ -288,14 +311,8 @@ impl TraceStatistics {
     /// What became of a timestamp.
     #[must_use]
     pub fn outcome(&self, t: u64) -> TimestampOutcome {
-        match self.stories.get(&t) {
-            Some(TimestampHistory { end: Some(CallEnd { source: Some(source), .. }), .. }) => {
-                TimestampOutcome::Forwarded { p: self.priorities[*source] }
-            }
-            Some(TimestampHistory { end: Some(_), .. }) => TimestampOutcome::Missed,
-            Some(story) if story.is_message() => TimestampOutcome::Open,
-            Some(_) | None => TimestampOutcome::Unopened,
-        }
+        let story = self.stories.get(&t);
+        story.map_or(TimestampOutcome::Unopened, |story| outcome(story, &self.priorities))
     }
 
     /// What became of the request for a timestamp, as its index in [`COLUMNS`]; none if there is
@@ -309,52 +326,76 @@ impl TraceStatistics {
     /// What it all comes to.
     #[must_use]
     pub fn totals(&self) -> Totals {
+        let sums = self.sums();
         let row = |(source, p): (usize, &u64)| {
-            let refused = self.refused.get(source).copied().unwrap_or_default();
-            (
-                RequestRow { p: *p, counts: [0, 0, 0, 0, 0, 0, 0, refused], response: [None; 3] },
-                Vec::new(),
-            )
+            let mut counts = sums.rows.get(source).copied().unwrap_or_default();
+            counts[7] = self.refused.get(source).copied().unwrap_or_default();
+            RequestRow { p: *p, counts, response: sums.responses.of(source) }
         };
-        let mut rows: Vec<(RequestRow, Vec<Response>)> =
-            self.priorities.iter().enumerate().map(row).collect();
-        let (mut forwarded, mut missed, mut open) = (0, 0, 0);
-        let never = Response::exactly(None);
-        let mut responses = vec![never; usize::try_from(self.turned_away).unwrap_or(0)];
-        for story in self.stories.values().filter(|story| story.is_message()) {
-            match story.end {
-                Some(end @ CallEnd { source: Some(source), .. }) => {
-                    forwarded += 1;
-                    if let Some(response) = story.response(end) {
-                        let response = Response::exactly(Some(response));
-                        responses.push(response);
-                        rows[source].1.push(response);
-                    }
-                }
-                Some(CallEnd { source: None, .. }) => {
-                    missed += 1;
-                    responses.push(never);
-                }
-                None => open += 1,
-            }
-            for (source, (row, _)) in rows.iter_mut().enumerate() {
-                if let Some(request_outcome) = story.request_outcome(source, self.is_observed) {
-                    row.counts[0] += 1;
-                    row.counts[request_outcome as usize] += 1;
-                }
-            }
-        }
-        let rows = rows
-            .into_iter()
-            .map(|(row, responses)| RequestRow { response: quantiles(&responses), ..row });
+        let rows = self.priorities.iter().enumerate().map(row).collect();
+        let MessageSums { forwarded, missed, open, .. } = sums;
         Totals {
             messages: forwarded + missed + open + self.turned_away,
             forwarded,
             missed,
             refused: self.turned_away,
             open,
-            response: quantiles(&responses),
-            rows: rows.collect(),
+            response: sums.responses.all(missed + self.turned_away),
+            rows,
+        }
+    }
+
+    fn sums(&self) -> MessageSums {
+        let mut sums = self.folded.clone().unwrap_or_default();
+        for story in self.stories.values() {
+            sums.add(story, &story.fates(self.priorities.len(), self.is_observed));
+        }
+        sums
+    }
+
+    /// Bounds memory: looks no more at the timestamps that `is_settled` names, given whether each waits for something yet.
+    /// They stay in the sums; what comes for them later must not be taken.
+    pub(crate) fn fold(
+        &mut self,
+        is_settled: impl Fn(u64, bool) -> bool,
+        mut each: impl FnMut(CountedTimestamp),
+    ) {
+        let Self { stories, folded, priorities, is_observed, .. } = self;
+        let sums = folded.get_or_insert_with(MessageSums::bounded);
+        stories.retain(|t, story| {
+            let waits = story.is_message() && story.end.is_none();
+            let is_settled = is_settled(*t, waits);
+            if is_settled {
+                let one = counted(*t, story, priorities, *is_observed);
+                sums.add(story, &one.fates);
+                each(one);
+            }
+            !is_settled
+        });
+    }
+
+    /// Whether a timestamp is still looked at.
+    pub(crate) fn has(&self, t: u64) -> bool {
+        self.stories.contains_key(&t)
+    }
+
+    /// The timestamps that are still looked at.
+    pub(crate) fn counted(&self) -> impl Iterator<Item = CountedTimestamp> {
+        let counted =
+            |(t, story): (&u64, _)| counted(*t, story, &self.priorities, self.is_observed);
+        self.stories.iter().map(counted)
+    }
+
+    /// What became of the request to a source of a timestamp that was counted, as its index in [`COLUMNS`]; 0 if there is none.
+    pub(crate) fn fate(&self, fates: &[u8], p: u64) -> usize {
+        self.source(p).and_then(|source| fates.get(source)).copied().map_or(0, usize::from)
+    }
+
+    /// The response times that each source's results had, by its priority, once they are counted in bounded memory.
+    pub(crate) fn response_counts(&self) -> Vec<(u64, ValueCounts)> {
+        match self.sums().responses {
+            ResponseTimes::Exact(_) => Vec::new(),
+            ResponseTimes::Counted(times) => self.priorities.iter().copied().zip(times).collect(),
         }
     }
 
@@ -412,4 +453,26 @@ impl TraceStatistics {
     fn source(&self, p: u64) -> Option<usize> {
         self.priorities.iter().position(|known| *known == p)
     }
+}
+
+fn outcome(story: &TimestampHistory, priorities: &[u64]) -> TimestampOutcome {
+    match story.end {
+        Some(CallEnd { source: Some(source), .. }) => {
+            TimestampOutcome::Forwarded { p: priorities[source] }
+        }
+        Some(_) => TimestampOutcome::Missed,
+        None if story.is_message() => TimestampOutcome::Open,
+        None => TimestampOutcome::Unopened,
+    }
+}
+
+fn counted(
+    t: u64,
+    story: &TimestampHistory,
+    priorities: &[u64],
+    is_observed: bool,
+) -> CountedTimestamp {
+    let begin = story.begin().or(story.end.map(|end| end.at));
+    let fates = story.fates(priorities.len(), is_observed);
+    CountedTimestamp { t, begin, outcome: outcome(story, priorities), fates }
 }

@@ -4,7 +4,6 @@ use std::io::{self, Write};
 
 use fuseline_traces::observed::TimeOrderError;
 use fuseline_traces::{Annotations, Event, Header, HeaderAnnotations};
-use thiserror::Error;
 
 use crate::columns::{PageTrace, TraceColumns};
 use crate::judging::{Findings, JudgeMode, TraceJudge};
@@ -12,8 +11,11 @@ use crate::notes::RunNotes;
 use crate::page::{self, Data};
 use crate::part::{PartFilter, TraceRange};
 
-/// How many events a page holds; a browser takes no text much longer than theirs.
-pub const MOST_EVENTS: usize = 10_000_000;
+/// How many events a page of one trace holds. Of a longer trace it holds those of each so many-th timestamp, of the first that break
+/// a rule and of the first that are missed, and sums of all.
+pub const MOST_EVENTS: usize = 1_250_000;
+/// A trace takes such a part of what a page can hold of several, which so never is full.
+const PART: usize = 8;
 
 /// A page about traces.
 pub struct PageWriter {
@@ -26,50 +28,39 @@ pub struct PageWriter {
 pub struct TracePage<'a> {
     page: &'a mut PageWriter,
     mode: JudgeMode,
-    name: String,
     header: Header,
     judging: TraceJudge,
     columns: TraceColumns,
     notes: Option<RunNotes>,
     part: Option<PartFilter>,
-    room: usize,
-}
-
-/// Why a trace cannot be shown.
-#[derive(Debug, Error)]
-pub enum PageError {
-    /// The page is full.
-    #[error(
-        "{file}: a page holds 10,000,000 events, and there are more; show a part of it (the command: --from and --to)"
-    )]
-    TooLong {
-        /// The trace.
-        file: String,
-    },
-    /// It cannot be judged as observed.
-    #[error(transparent)]
-    TimeOrderError(#[from] TimeOrderError),
+    /// How many violations the columns know.
+    broken: usize,
 }
 
 impl Default for PageWriter {
     fn default() -> Self {
-        Self { page_trace: Vec::new(), room: MOST_EVENTS }
+        Self::with_most_events(MOST_EVENTS)
     }
 }
 
 impl PageWriter {
+    /// A page that holds so many events of a first trace, and fewer of those that follow long ones.
+    #[must_use]
+    pub const fn with_most_events(most: usize) -> Self {
+        Self { page_trace: Vec::new(), room: most.saturating_mul(PART) }
+    }
+
     /// Begins a trace, which is called `name`.
     pub fn begin(&mut self, mode: JudgeMode, name: &str, header: &Header) -> TracePage<'_> {
         TracePage {
-            room: self.room,
-            page: self,
             mode,
-            name: name.to_owned(),
             header: header.clone(),
             judging: TraceJudge::new(mode, name, header).with_places(),
-            columns: TraceColumns::new(header, mode.is_some()),
+            columns: TraceColumns::new(header, mode.is_some(), self.room / PART),
+            broken: 0,
             notes: None,
             part: None,
+            page: self,
         }
     }
 
@@ -121,8 +112,8 @@ impl TracePage<'_> {
     /// Takes the next event, with its line and no further keys.
     ///
     /// # Errors
-    /// If the page is full, or an observed trace is further out of order than its tolerance.
-    pub fn event(&mut self, line: u64, event: Event) -> Result<(), PageError> {
+    /// If an observed trace is further out of order than its tolerance.
+    pub fn event(&mut self, line: u64, event: Event) -> Result<(), TimeOrderError> {
         self.annotated_event(line, event, &Annotations::NONE)
     }
 
@@ -130,20 +121,21 @@ impl TracePage<'_> {
     /// message comes from and how old it is.
     ///
     /// # Errors
-    /// If the page is full, or an observed trace is further out of order than its tolerance.
+    /// If an observed trace is further out of order than its tolerance.
     pub fn annotated_event(
         &mut self,
         line: u64,
         event: Event,
         annotations: &Annotations,
-    ) -> Result<(), PageError> {
-        let too_long = || PageError::TooLong { file: self.name.clone() };
+    ) -> Result<(), TimeOrderError> {
         self.judging.annotated_line(line, &event, annotations)?;
         if self.part.as_mut().is_some_and(|part| !part.takes(&event)) {
             return Ok(());
         }
-        self.room = self.room.checked_sub(1).ok_or_else(too_long)?;
         self.columns.push(line, event, annotations);
+        if self.columns.is_long() {
+            self.columns.thin(self.judging.broken_since(&mut self.broken));
+        }
         Ok(())
     }
 
@@ -165,12 +157,13 @@ impl TracePage<'_> {
         self.end(TraceJudge::finish_early)
     }
 
-    fn end(self, finish: impl FnOnce(TraceJudge) -> (Findings, bool)) -> (Findings, bool) {
+    fn end(mut self, finish: impl FnOnce(TraceJudge) -> (Findings, bool)) -> (Findings, bool) {
         let (found, is_cut) = finish(self.judging);
+        let events = self.columns.settle(found.broken());
         let mut shown = self.columns.page_trace(&self.header, self.mode, &found);
         shown.run = self.notes;
         self.page.page_trace.push(shown);
-        self.page.room = self.room;
+        self.page.room = self.page.room.saturating_sub(events);
         (found, is_cut)
     }
 }

@@ -9,7 +9,7 @@ mod viewer;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 
-use fuseline_traces::packed::unpack;
+use fuseline_traces::packed::unpack_beside;
 use fuseline_traces::{Annotations, Event, Events};
 
 use crate::complain::complain;
@@ -137,7 +137,7 @@ pub(crate) fn export(args: &Args) -> Result<Exit, Fault> {
 
 fn reader(path: &Path) -> Result<Events<impl BufRead + use<>>, Fault> {
     let (name, file) = open(path)?;
-    let trace = unpack(BufReader::new(watched(path, &name, file)));
+    let trace = unpack_beside(BufReader::new(watched(path, &name, file)));
     let trace = trace.map_err(|source| Fault::Open { name: name.clone(), source })?;
     Ok(Events::observed(name.as_str(), trace)?)
 }

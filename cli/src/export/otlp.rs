@@ -1,12 +1,14 @@
 //! A trace as OpenTelemetry's spans, in OTLP JSON: a message's span, below it one for local and one for each request.
+//!
+//! They are written as text, each key in its place by the alphabet: as values of a JSON library they took most of the time.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 use std::fmt::Write as _;
 use std::io::{self, Write};
 
 use fuseline_traces::{Annotations, Commit, Decision, Event, Header, Input};
-use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 
 use crate::export::viewer::TraceViewer;
@@ -14,8 +16,11 @@ use crate::export::viewer::TraceViewer;
 /// Spans are written when they end, so what is held is bounded by the window.
 pub(super) struct SpanWriter<W> {
     out: W,
-    header: Header,
+    commit: Commit,
     operator: String,
+    /// The names of operator, local and clouds, as JSON has them.
+    operator_name: String,
+    names: BTreeMap<u64, String>,
     open: BTreeMap<u64, MessageSpan>,
     /// Opened last, and perhaps refused.
     opened: Option<u64>,
@@ -27,7 +32,7 @@ struct MessageSpan {
     trace_id: String,
     span_id: String,
     start: u64,
-    attributes: Vec<Value>,
+    attributes: SpanAttributes,
     /// Of the last output under progressive.
     by: Option<u64>,
     /// Local and the requests that have not ended, by their priority and attempt.
@@ -36,7 +41,26 @@ struct MessageSpan {
 
 struct CallSpan {
     start: u64,
-    attributes: Vec<Value>,
+    attributes: SpanAttributes,
+}
+
+/// What stands in a span's list of attributes.
+#[derive(Default)]
+struct SpanAttributes(String);
+
+/// A span that has ended.
+struct EndedSpan<'a> {
+    trace_id: &'a str,
+    span_id: &'a str,
+    /// None of a message's span.
+    parent: Option<&'a str>,
+    /// As JSON has it.
+    name: &'a str,
+    kind: u8,
+    start: u64,
+    end: u64,
+    code: u8,
+    attributes: &'a SpanAttributes,
 }
 
 /// How a span ended.
@@ -53,11 +77,25 @@ enum SpanEnd {
 impl<W: Write> SpanWriter<W> {
     pub(super) fn new(mut out: W, header: &Header) -> io::Result<Self> {
         let operator = header.operator.clone().unwrap_or_else(|| "operator".to_owned());
-        let resource = json!({"attributes": [text("service.name", &operator)]});
-        write!(out, r#"{{"resourceSpans":[{{"resource":{resource},"scopeSpans":[{{"#)?;
-        write!(out, r#""scope":{{"name":"fuseline"}},"spans":["#)?;
-        let open = BTreeMap::new();
-        Ok(Self { out, header: header.clone(), operator, open, opened: None, is_first: true })
+        let mut service = SpanAttributes::default();
+        service.text("service.name", &operator);
+        let SpanAttributes(service) = service;
+        write!(out, r#"{{"resourceSpans":[{{"resource":{{"attributes":[{service}]}},"#)?;
+        write!(out, r#""scopeSpans":[{{"scope":{{"name":"fuseline"}},"spans":["#)?;
+        let clouds = header
+            .clouds
+            .iter()
+            .filter_map(|cloud| Some((u64::from(cloud.p), in_json(cloud.name.as_deref()?))));
+        Ok(Self {
+            out,
+            commit: header.commit,
+            operator_name: in_json(&operator),
+            operator,
+            names: clouds.chain([(0, in_json("local"))]).collect(),
+            open: BTreeMap::new(),
+            opened: None,
+            is_first: true,
+        })
     }
 
     fn input(&mut self, input: &Input, annotations: &Annotations) -> io::Result<()> {
@@ -67,7 +105,7 @@ impl<W: Write> SpanWriter<W> {
                 // One that is refused leaves the message that is open as it is.
                 if let Entry::Vacant(place) = self.open.entry(t) {
                     let mut message = MessageSpan::new(&self.operator, at, t, annotations);
-                    message.attributes.extend(deadline.map(|it| number("fuseline.deadline", it)));
+                    message.attributes.optional("fuseline.deadline", deadline);
                     place.insert(message);
                     self.opened = Some(t);
                 }
@@ -87,12 +125,11 @@ impl<W: Write> SpanWriter<W> {
         match *decision {
             Decision::Request { at, t, p, due } => {
                 if let Some(message) = self.open.get_mut(&t) {
-                    let mut attributes = vec![
-                        number("fuseline.p", p),
-                        number("fuseline.deadline", due - at.min(due)),
-                    ];
                     let attempt = annotations.attempt;
-                    attributes.extend(attempt.map(|it| number("fuseline.try", it.into())));
+                    let mut attributes = SpanAttributes::default();
+                    attributes.number("fuseline.p", p);
+                    attributes.number("fuseline.deadline", due - at.min(due));
+                    attributes.optional("fuseline.try", attempt.map(u64::from));
                     message.calls.insert((p, attempt), CallSpan { start: at, attributes });
                 }
                 Ok(())
@@ -101,7 +138,7 @@ impl<W: Write> SpanWriter<W> {
             Decision::Cancel { at, t, p } => {
                 self.end_calls(at, t, p, SpanEnd::EndedByCaller("cancelled"))
             }
-            Decision::Emit { t, p, .. } if self.header.commit == Commit::Progressive => {
+            Decision::Emit { t, p, .. } if self.commit == Commit::Progressive => {
                 if let Some(message) = self.open.get_mut(&t) {
                     message.by = Some(p);
                 }
@@ -136,47 +173,55 @@ impl<W: Write> SpanWriter<W> {
     ) -> io::Result<()> {
         let Some(message) = self.open.get_mut(&t) else { return Ok(()) };
         let Some(call) = message.calls.remove(&(p, attempt)) else { return Ok(()) };
-        let (trace_id, parent) = (message.trace_id.clone(), message.span_id.clone());
         let CallSpan { start, mut attributes } = call;
-        let (code, at) = match end {
+        let (code, end) = match end {
             SpanEnd::Result(of) => {
-                attributes.extend(of.map(|of| number("fuseline.of", of)));
+                attributes.optional("fuseline.of", of);
                 (1, at)
             }
             SpanEnd::Failed => (2, at),
             SpanEnd::EndedByCaller(how) => {
-                attributes.push(text("fuseline.ended", how));
+                attributes.text("fuseline.ended", how);
                 (0, at)
             }
             SpanEnd::Open => (0, 0),
         };
+        let MessageSpan { trace_id, span_id: parent, .. } = &*message;
         let span_id = digest(&format!("{parent}/{p}/{attempt:?}"), 8);
-        let named = self.header.clouds.iter().find(|cloud| u64::from(cloud.p) == p);
-        let name = match named.and_then(|cloud| cloud.name.clone()) {
-            _ if p == 0 => "local".to_owned(),
-            Some(name) => name,
-            None => format!("cloud-{p}"),
+        let unnamed = || in_json(&format!("cloud-{p}"));
+        let name = self.names.get(&p).map_or_else(|| Cow::Owned(unnamed()), Cow::from);
+        let span = EndedSpan {
+            trace_id,
+            span_id: &span_id,
+            parent: Some(parent),
+            name: &name,
+            kind: if p == 0 { 1 } else { 3 },
+            start,
+            end,
+            code,
+            attributes: &attributes,
         };
-        self.span(&json!({
-            "traceId": trace_id, "spanId": span_id, "parentSpanId": parent, "name": name,
-            "kind": if p == 0 { 1 } else { 3 }, "startTimeUnixNano": start.to_string(),
-            "endTimeUnixNano": at.to_string(), "attributes": attributes, "status": {"code": code},
-        }))
+        span.write(&mut self.out, &mut self.is_first)
     }
 
     fn end_message(&mut self, at: u64, t: u64, by: Option<u64>, of: Option<u64>) -> io::Result<()> {
         self.end_open_calls(at, t)?;
         let Some(message) = self.open.remove(&t) else { return Ok(()) };
         let MessageSpan { trace_id, span_id, start, mut attributes, .. } = message;
-        attributes.extend(by.map(|by| number("fuseline.by", by)));
-        attributes.extend(of.map(|of| number("fuseline.of", of)));
-        let code = if by.is_some() || at == 0 { 1 } else { 2 };
-        let name = self.operator.clone();
-        self.span(&json!({
-            "traceId": trace_id, "spanId": span_id, "name": name, "kind": 1,
-            "startTimeUnixNano": start.to_string(), "endTimeUnixNano": at.to_string(),
-            "attributes": attributes, "status": {"code": code},
-        }))
+        attributes.optional("fuseline.by", by);
+        attributes.optional("fuseline.of", of);
+        let span = EndedSpan {
+            trace_id: &trace_id,
+            span_id: &span_id,
+            parent: None,
+            name: &self.operator_name,
+            kind: 1,
+            start,
+            end: at,
+            code: if by.is_some() || at == 0 { 1 } else { 2 },
+            attributes: &attributes,
+        };
+        span.write(&mut self.out, &mut self.is_first)
     }
 
     /// What is not awaited any more when its message ends; at 0 the trace ends first.
@@ -186,32 +231,73 @@ impl<W: Write> SpanWriter<W> {
         let end = if at == 0 { SpanEnd::Open } else { SpanEnd::EndedByCaller("retired") };
         calls.into_iter().try_for_each(|(p, attempt)| self.end_call(at, t, p, attempt, end))
     }
+}
 
-    fn span(&mut self, span: &Value) -> io::Result<()> {
-        let comma = if std::mem::take(&mut self.is_first) { "" } else { "," };
-        write!(self.out, "{comma}\n{span}")
+impl EndedSpan<'_> {
+    fn write(&self, out: &mut impl Write, is_first: &mut bool) -> io::Result<()> {
+        let comma = if std::mem::take(is_first) { "" } else { "," };
+        let Self { attributes: SpanAttributes(attributes), end, kind, name, .. } = self;
+        write!(out, "{comma}\n{{\"attributes\":[{attributes}],\"endTimeUnixNano\":\"{end}\",")?;
+        write!(out, "\"kind\":{kind},\"name\":{name},")?;
+        if let Some(parent) = self.parent {
+            write!(out, "\"parentSpanId\":\"{parent}\",")?;
+        }
+        let Self { span_id, start, code, trace_id, .. } = self;
+        write!(out, "\"spanId\":\"{span_id}\",\"startTimeUnixNano\":\"{start}\",")?;
+        write!(out, "\"status\":{{\"code\":{code}}},\"traceId\":\"{trace_id}\"}}")
+    }
+}
+
+impl SpanAttributes {
+    fn number(&mut self, key: &str, value: u64) {
+        self.separate();
+        // Writing to a text cannot fail.
+        let _ = write!(self.0, r#"{{"key":"{key}","value":{{"intValue":"{value}"}}}}"#);
+    }
+
+    fn optional(&mut self, key: &str, value: Option<u64>) {
+        if let Some(value) = value {
+            self.number(key, value);
+        }
+    }
+
+    fn text(&mut self, key: &str, value: &str) {
+        self.separate();
+        let value = in_json(value);
+        let _ = write!(self.0, r#"{{"key":"{key}","value":{{"stringValue":{value}}}}}"#);
+    }
+
+    fn separate(&mut self) {
+        if !self.0.is_empty() {
+            self.0.push(',');
+        }
     }
 }
 
 impl MessageSpan {
     fn new(operator: &str, at: u64, t: u64, annotations: &Annotations) -> Self {
-        let mut attributes = vec![number("fuseline.t", t)];
+        let mut attributes = SpanAttributes::default();
+        attributes.number("fuseline.t", t);
         let Annotations { within, age, origin, .. } = annotations;
-        attributes.extend(within.map(|within| number("fuseline.within", within)));
-        attributes.extend(age.map(|age| number("fuseline.age", age)));
+        attributes.optional("fuseline.within", *within);
+        attributes.optional("fuseline.age", *age);
         // The spans of a frame in several operators are one trace.
-        let mut frame = format!("{operator}/{t}");
+        let own = digest(&format!("{operator}/{t}"), 16);
+        let mut span_id = own.clone();
+        span_id.truncate(16);
+        let mut trace_id = own;
         if let Some(origin) = origin {
-            attributes.push(text("fuseline.origin", &origin.stream));
+            attributes.text("fuseline.origin", &origin.stream);
             if let Some(seq) = origin.seq {
-                attributes.push(number("fuseline.seq", seq));
-                frame = format!("{}/{seq}", origin.stream);
+                attributes.number("fuseline.seq", seq);
+                trace_id = digest(&format!("{}/{seq}", origin.stream), 16);
             }
         }
-        let local = CallSpan { start: at, attributes: vec![number("fuseline.p", 0)] };
+        let mut local = CallSpan { start: at, attributes: SpanAttributes::default() };
+        local.attributes.number("fuseline.p", 0);
         Self {
-            trace_id: digest(&frame, 16),
-            span_id: digest(&format!("{operator}/{t}"), 8),
+            trace_id,
+            span_id,
             start: at,
             attributes,
             by: None,
@@ -241,16 +327,13 @@ impl<W: Write> TraceViewer for SpanWriter<W> {
 
 /// So many bytes of a text's digest, in hexadecimal.
 fn digest(text: &str, bytes: usize) -> String {
-    Sha256::digest(text.as_bytes()).iter().take(bytes).fold(String::new(), |mut hex, byte| {
-        let _ = write!(hex, "{byte:02x}");
-        hex
-    })
+    const DIGITS: &[u8; 16] = b"0123456789abcdef";
+    let digest = Sha256::digest(text.as_bytes());
+    let digits = digest.iter().take(bytes).flat_map(|byte| [byte >> 4, byte & 15]);
+    digits.map(|digit| char::from(DIGITS[usize::from(digit)])).collect()
 }
 
-fn number(key: &str, value: u64) -> Value {
-    json!({"key": key, "value": {"intValue": value.to_string()}})
-}
-
-fn text(key: &str, value: &str) -> Value {
-    json!({"key": key, "value": {"stringValue": value}})
+/// A text as JSON has it, in quotes.
+fn in_json(text: &str) -> String {
+    serde_json::Value::from(text).to_string()
 }

@@ -11,6 +11,7 @@ use std::io::{self, Write};
 use std::sync::Arc;
 
 use fuseline_traces::{Annotations, Commit, Decision, Event, Header, Input, Origin};
+use serde::Serialize;
 use serde_json::json;
 
 use crate::export::frames::{FlowPhase, TraceFrames};
@@ -21,6 +22,8 @@ const OUTPUTS: u32 = 1;
 
 pub(super) struct Tracks<'a, W> {
     out: W,
+    /// The event that is being written.
+    event: Vec<u8>,
     /// Where the frames go that this trace shares with others.
     frames: TraceFrames<'a>,
     /// The open messages, by timestamp.
@@ -69,6 +72,51 @@ struct Slice {
     track_index: usize,
 }
 
+/// A slice or an instant as the file has it, but for its times; its keys stand by the alphabet.
+#[derive(Serialize)]
+struct TraceEvent<'a, A> {
+    args: A,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    cat: Option<&'static str>,
+    name: EventName<'a>,
+    ph: &'static str,
+    pid: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    s: Option<&'static str>,
+    tid: u32,
+}
+
+/// What an event is called.
+struct EventName<'a> {
+    t: u64,
+    label: &'a str,
+}
+
+/// What a call's slice says.
+#[derive(Serialize)]
+struct CallArgs<'a> {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    age: Option<Option<u64>>,
+    due: Option<u64>,
+    end: &'a str,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    missing: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    origin: Option<&'a str>,
+    p: u64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    seq: Option<Option<u64>>,
+    t: u64,
+}
+
+/// What an instant says.
+#[derive(Serialize)]
+struct InstantArgs {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    age: Option<u64>,
+    t: u64,
+}
+
 /// Begins the file, before its traces.
 pub(super) fn begin(out: &mut impl Write) -> io::Result<()> {
     out.write_all(b"{\"displayTimeUnit\":\"ns\",\"traceEvents\":[")
@@ -92,6 +140,7 @@ impl<'a, W: Write> Tracks<'a, W> {
         let source = |(p, name)| (p, SourceTrack { name, tracks: Vec::new() });
         let mut tracks = Self {
             out,
+            event: Vec::new(),
             frames,
             messages: BTreeMap::new(),
             repeated: BTreeSet::new(),
@@ -164,10 +213,8 @@ impl<'a, W: Write> Tracks<'a, W> {
     }
 
     /// Appends an event; its times, exact, stand before its other keys.
-    fn put(&mut self, times: &str, event: &serde_json::Value) -> io::Result<()> {
-        self.out.write_all(if self.frames.take_first() { b"\n{" } else { b",\n{" })?;
-        let event = event.to_string();
-        write!(self.out, "{times}{}", event.trim_start_matches('{'))
+    fn put(&mut self, times: &str, event: &impl Serialize) -> io::Result<()> {
+        put(&mut self.out, &self.frames, &mut self.event, times, event)
     }
 
     fn begin(&mut self, at: u64, t: u64, p: u64, due: Option<u64>) -> io::Result<()> {
@@ -202,42 +249,35 @@ impl<'a, W: Write> Tracks<'a, W> {
         let source = self.source(p);
         self.occupy(source, track_index, Some(at));
         let times = format!("\"ts\":{},\"dur\":{},", self.time(began), micros(at - began));
-        let mut args = json!({"t": t, "p": p, "due": due, "end": outcome});
+        let tid = self.number(source, track_index);
+        let mut args =
+            CallArgs { age: None, due, end: outcome, missing: None, origin: None, p, seq: None, t };
         if let Some(MessageOrigin { origin: Some(origin), age, missing, .. }) =
             self.messages.get(&t)
             && p == 0
         {
-            args["origin"] = json!(&*origin.stream);
-            args["seq"] = json!(origin.seq);
-            args["age"] = json!(age);
-            if !missing.is_empty() {
-                args["missing"] = json!(missing.join(" "));
-            }
+            args.origin = Some(&origin.stream);
+            args.seq = Some(origin.seq);
+            args.age = Some(*age);
+            args.missing = (!missing.is_empty()).then(|| missing.join(" "));
         }
-        self.put(
-            &times,
-            &json!({
-                "ph": "X", "cat": "call", "pid": self.frames.process(),
-                "tid": self.number(source, track_index),
-                "name": format!("timestamp {t}: {outcome}"), "args": args,
-            }),
-        )
+        let name = EventName { t, label: outcome };
+        let (cat, pid) = (Some("call"), self.frames.process());
+        let event = TraceEvent { args, cat, name, ph: "X", pid, s: None, tid };
+        put(&mut self.out, &self.frames, &mut self.event, &times, &event)
     }
 
     fn instant(&mut self, at: u64, track: u32, t: u64, label: &str) -> io::Result<()> {
-        let mut args = json!({"t": t});
+        let mut args = InstantArgs { age: None, t };
         if track == OUTPUTS
             && let Some(MessageOrigin { opened, age: Some(age), .. }) = self.messages.get(&t)
         {
-            args["age"] = json!(age.saturating_add(at.saturating_sub(*opened)));
+            args.age = Some(age.saturating_add(at.saturating_sub(*opened)));
         }
-        self.put(
-            &format!("\"ts\":{},", self.time(at)),
-            &json!({
-                "ph": "i", "s": "t", "pid": self.frames.process(), "tid": track,
-                "name": format!("timestamp {t}: {label}"), "args": args,
-            }),
-        )
+        let times = format!("\"ts\":{},", self.time(at));
+        let (name, pid) = (EventName { t, label }, self.frames.process());
+        let event = TraceEvent { args, cat: None, name, ph: "i", pid, s: Some("t"), tid: track };
+        self.put(&times, &event)
     }
 
     /// Ties a message to those of the other traces that come from the same frame: an arrow from local's slice to local's slice,
@@ -365,6 +405,30 @@ impl<W: Write> viewer::TraceViewer for Tracks<'_, W> {
         }
         Ok(())
     }
+}
+
+impl Serialize for EventName<'_> {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let Self { t, label } = self;
+        serializer.collect_str(&format_args!("timestamp {t}: {label}"))
+    }
+}
+
+/// Appends an event to the file, by way of `line`.
+fn put(
+    out: &mut impl Write,
+    frames: &TraceFrames<'_>,
+    line: &mut Vec<u8>,
+    times: &str,
+    event: &impl Serialize,
+) -> io::Result<()> {
+    line.clear();
+    line.extend_from_slice(if frames.take_first() { b"\n{" } else { b",\n{" });
+    line.extend_from_slice(times.as_bytes());
+    let brace = line.len();
+    serde_json::to_writer(&mut *line, event)?;
+    line.remove(brace);
+    out.write_all(line)
 }
 
 /// Microseconds, exactly.

@@ -7,7 +7,7 @@ use std::io::{BufReader, Write};
 use std::path::{Path, PathBuf};
 
 use fuseline_traces::Events;
-use fuseline_traces::packed::unpack;
+use fuseline_traces::packed::unpack_beside;
 
 use crate::complain::complain;
 use crate::exit::Exit;
@@ -67,7 +67,7 @@ pub(crate) fn follow(args: &Args) -> Result<Exit, Fault> {
 /// Finds frames' messages in one trace.
 fn read(args: &Args, path: &Path, stages: &mut FrameStages) -> Result<(), Fault> {
     let (name, file) = open(path)?;
-    let trace = unpack(BufReader::new(watched(path, &name, file)))
+    let trace = unpack_beside(BufReader::new(watched(path, &name, file)))
         .map_err(|source| Fault::Open { name: name.clone(), source })?;
     let mut reader = Events::observed(name.as_str(), trace)?;
     let mut search = MessageSearch::new(args.seq, args.stream.as_deref(), reader.header(), &name);

@@ -5,12 +5,10 @@ use std::panic::resume_unwind;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread;
 
-use fuseline_report::TraceJudge;
 use fuseline_traces::observed::TimeOrderError;
 use fuseline_traces::{Annotations, Event, Events};
 
 use crate::fault::Fault;
-use crate::hints::JudgingHints;
 use crate::judging::{TraceEnd, next_event};
 
 /// How many lines pass from one thread to the other at once.
@@ -25,39 +23,46 @@ struct LineRead {
     annotations: Option<Box<Annotations>>,
 }
 
-/// Reads a trace to its end, and judges it meanwhile.
+type LineBatch = Vec<LineRead>;
+
+/// Reads a trace to its end, and judges it meanwhile by `judge`, which takes each line's number and what it says. `read` takes each
+/// line's bytes too, in the reading thread.
 ///
 /// # Errors
 /// Of the earliest line with which something is wrong.
-pub(super) fn judge_lines(
+pub(crate) fn judge_lines(
     reader: &mut Events<impl BufRead>,
     end: TraceEnd,
-    judging: TraceJudge,
-    hints: JudgingHints,
-) -> Result<(TraceJudge, JudgingHints), Fault> {
+    read: impl FnMut(&Event, &[u8]),
+    judge: impl FnMut(u64, Event, &Annotations) -> Result<(), TimeOrderError> + Send,
+) -> Result<(), Fault> {
     let (lines, waiting) = sync_channel(WAITING);
+    let (judged, spare) = sync_channel(WAITING + 2);
     let (read, judged) = thread::scope(|scope| {
-        let judge = scope.spawn(move || judge_batches(judging, hints, &waiting));
-        let read = read_batches(reader, end, &lines);
+        let judge = scope.spawn(move || judge_batches(judge, &waiting, &judged));
+        let read = read_batches(reader, end, read, (&lines, &spare));
         drop(lines);
         (read, judge.join())
     });
     // A line that cannot be judged stands before one that cannot be read.
-    let judged = judged.unwrap_or_else(|panic| resume_unwind(panic))?;
-    read.map(|()| judged)
+    judged.unwrap_or_else(|panic| resume_unwind(panic))?;
+    read
 }
 
 fn read_batches(
     reader: &mut Events<impl BufRead>,
     end: TraceEnd,
-    lines: &SyncSender<Vec<LineRead>>,
+    mut seen: impl FnMut(&Event, &[u8]),
+    (lines, spare): (&SyncSender<LineBatch>, &Receiver<LineBatch>),
 ) -> Result<(), Fault> {
     loop {
-        let mut batch = Vec::with_capacity(BATCH);
+        // Memory that was used before needs no pages of the system.
+        let mut batch = spare.try_recv().unwrap_or_else(|_| Vec::with_capacity(BATCH));
         let mut read = Ok(true);
         while read.as_ref().is_ok_and(|goes_on| *goes_on) && batch.len() < BATCH {
             read = next_event(reader, end).map(|event| {
                 let Some(event) = event else { return false };
+                seen(&event, reader.raw());
                 let annotations = reader.annotations();
                 let has_some = *annotations != Annotations::NONE;
                 let annotations = has_some.then(|| Box::new(annotations.clone()));
@@ -74,15 +79,17 @@ fn read_batches(
 }
 
 fn judge_batches(
-    mut judging: TraceJudge,
-    mut hints: JudgingHints,
-    lines: &Receiver<Vec<LineRead>>,
-) -> Result<(TraceJudge, JudgingHints), TimeOrderError> {
+    mut judge: impl FnMut(u64, Event, &Annotations) -> Result<(), TimeOrderError>,
+    lines: &Receiver<LineBatch>,
+    judged: &SyncSender<LineBatch>,
+) -> Result<(), TimeOrderError> {
     let none = Annotations::NONE;
-    for LineRead { line, event, annotations } in lines.iter().flatten() {
-        hints.event(&event);
-        let annotations = annotations.as_deref().unwrap_or(&none);
-        judging.annotated_line(line, &event, annotations)?;
+    for mut batch in lines {
+        for LineRead { line, event, annotations } in batch.drain(..) {
+            judge(line, event, annotations.as_deref().unwrap_or(&none))?;
+        }
+        // Where there is no room for it, it is not needed.
+        drop(judged.try_send(batch));
     }
-    Ok((judging, hints))
+    Ok(())
 }

@@ -16,7 +16,7 @@ use super::verdict::{BrokenRule, Verdict, Violation};
 use super::violation::{UnlocatedViolation, of_again, of_refused, of_story};
 use crate::annotations::{Annotations, HeaderAnnotations};
 use crate::event::{Commit, Decision, Event, Header, Input};
-use crate::judge::ViolationPlace;
+use crate::judge::{PLACES, ViolationPlace};
 use crate::read::{Events, ReadError};
 use crate::reason::DropReason;
 use crate::recent::RecentLines;
@@ -140,7 +140,7 @@ impl Judge {
         }
     }
 
-    /// The same judge, which also notes where each violation is beyond the first 100. Its memory grows with their number.
+    /// The same judge, which also notes where the violations beyond the first 100 are, a million of them at most.
     #[must_use]
     pub const fn with_places(mut self) -> Self {
         self.keeps_places = true;
@@ -285,10 +285,10 @@ impl Judge {
         self.records_opens |= matches!(event, Event::Input(Input::Open { .. }));
         // No line is before that any more.
         open.compact(self.passed.saturating_sub(self.slack.greatest()));
-        open.ripe = open.ripens(self.header.commit, &self.slack);
         if !open.is_queued {
             open.is_queued = true;
-            self.ripening.push(Reverse((open.ripe, t)));
+            let ripe = open.ripens(self.header.commit, &self.slack);
+            self.ripening.push(Reverse((ripe, t)));
         }
     }
 
@@ -327,13 +327,14 @@ impl Judge {
                 break;
             }
             self.ripening.pop();
-            let Some(mut open) = self.open.remove(&t) else { continue };
-            if open.ripe >= self.greatest {
+            let Some(open) = self.open.get(&t) else { continue };
+            let ripe = open.ripens(self.header.commit, &self.slack);
+            if ripe >= self.greatest {
                 // It got a line since.
-                self.ripening.push(Reverse((open.ripe, t)));
-                self.open.insert(t, open);
+                self.ripening.push(Reverse((ripe, t)));
                 continue;
             }
+            let Some(mut open) = self.open.remove(&t) else { continue };
             open.is_queued = false;
             let whole = self.whole(t, &open);
             if open.has_ended(self.header.commit) || self.is_not_open(t, &whole) {
@@ -474,7 +475,7 @@ impl Judge {
         self.verdict.conforms = false;
         if self.verdict.violations.len() == VIOLATIONS {
             self.verdict.more += 1;
-            if self.keeps_places {
+            if self.keeps_places && self.verdict.places.len() < PLACES {
                 let Violation { line, t, rule, .. } = violation;
                 self.verdict.places.push(ViolationPlace { line, t, rule });
             }

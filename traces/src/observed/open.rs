@@ -34,8 +34,7 @@ pub(super) struct OpenMessageHistory {
     stranger: Option<(u64, u64)>,
     /// The last line of it.
     pub(super) line: u64,
-    /// When it can be judged, whatever else comes.
-    pub(super) ripe: u64,
+    /// Whether it waits for when it can be judged, whatever else comes.
     pub(super) is_queued: bool,
     /// Whether it is known to break the rules, and waits for what may come out too late.
     pub(super) is_overdue: bool,

@@ -13,7 +13,7 @@ use thiserror::Error;
 
 pub use self::raw::{PayloadFormat, PayloadSchema, RECORD, RawMessage, RawMessages};
 use crate::packed::TOPIC;
-use crate::parse::{Form, LineAnnotations, parse_as};
+use crate::parse::{Form, LineAnnotations, parse_as, parse_canonical};
 use crate::{Annotations, HeaderAnnotations, Line, ParseError};
 
 /// Why an MCAP file gives no more lines.
@@ -98,6 +98,10 @@ impl<'a, R: Read> Messages<'a, R> {
             return Err(MessageError::Encoding { topic, encoding });
         }
         self.number += 1;
+        // Nearly all are as they are written.
+        if let Some(event) = parse_canonical(&message.data, Form::Observed, &mut self.annotations) {
+            return Ok(Some(Line::Event(event)));
+        }
         let line = dated(&message.data, message.log_time);
         let line = parse_as(&line, Form::Observed, &mut self.annotations);
         let number = self.number;

@@ -86,6 +86,13 @@ impl TimestampHistory {
         source == 0 || self.calls.get(source).is_some_and(|call| call.is_requested)
     }
 
+    /// What became of each source's request, as its index in [`COLUMNS`](super::COLUMNS); 0 of one that got none.
+    pub(super) fn fates(&self, sources: usize, is_observed: bool) -> Vec<u8> {
+        let is_message = self.is_message();
+        let fate = |source| self.request_outcome(source, is_observed).filter(|_| is_message);
+        (0..sources).map(|source| fate(source).map_or(0, |fate| fate as u8)).collect()
+    }
+
     /// What became of the source's request, if it got one.
     pub(super) fn request_outcome(
         &self,
