@@ -2,11 +2,13 @@
 
 `Operator` does that within asyncio; `Fusion` is the machine that decides, without a clock or a
 network, for loops of your own. `check`, `check_observed` and `replay` judge what either recorded,
-and `report` shows it on a page. `fuseline.deadline` chooses deadlines, `fuseline.grpc` asks clouds
+and `report` shows it on a page. `fuseline.deadline` chooses deadlines, `fuseline.grpc` calls clouds
 and serves them.
 
 The words are those of SPEC.md.
 """
+
+from importlib.metadata import version as _version
 
 from fuseline._blocking import BlockingOperator
 from fuseline._errors import (
@@ -61,6 +63,9 @@ from fuseline._words import (
     Waiting,
     ns,
 )
+
+#: Of the installed wheel.
+__version__: str = _version("fuseline")
 
 __all__ = [
     "Accepted",
