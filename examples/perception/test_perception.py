@@ -98,7 +98,7 @@ class Comparison(unittest.TestCase):
         local, streaming = self.rows["local alone"], self.rows["progressive, Streaming"]
         for figure in ("sap50", "sap", "fsap50", "fsap"):
             self.assertGreaterEqual(least_gain(streaming, local, figure), 0.0, figure)
-        self.assertGreaterEqual(mean(streaming, "ap50"), 85.0)
+        self.assertGreaterEqual(min(it.ap50 for it in streaming), 85.0)
         self.assertGreaterEqual(least_gain(streaming, self.rows["patient, 500 ms"], "ap50"), -1.0)
 
     def test_the_book_has_these_figures(self) -> None:
