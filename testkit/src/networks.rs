@@ -209,6 +209,7 @@ impl Drive {
     }
 
     /// From when on which round trip holds, if there is one: until the next, or the drive's end.
+    #[must_use]
     pub fn samples(&self) -> impl ExactSizeIterator<Item = (Duration, Option<Duration>)> {
         self.samples.iter().map(|sample| (sample.at, sample.round_trip))
     }

@@ -121,7 +121,6 @@ impl<Raw: Send + 'static, Req: Clone + Send + Sync + 'static> EncodeOnce<Raw, Re
 
     /// A handle that waits for the request and calls `handle` with it and the time that is left. An error or a panic of the
     /// encoding is a failure of each call (F4).
-    #[expect(clippy::unused_self, reason = "it says what is encoded")]
     pub fn handle<Res, Fut, Handle>(
         &self,
         handle: Handle,

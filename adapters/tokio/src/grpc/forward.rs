@@ -138,13 +138,15 @@ where
     Body::new(DelayedBody { frames, next: None })
 }
 
-/// What is on its way: the instant of its arrival, and a frame or the end.
-type DelayedFrame = (Instant, Option<Result<Frame<Bytes>, Status>>);
+/// A frame or the end.
+type FrameOrEnd = Option<Result<Frame<Bytes>, Status>>;
+/// One that is on its way, with the instant of its arrival.
+type DelayedFrame = (Instant, FrameOrEnd);
 
 /// The other end of [`on_the_way`].
 struct DelayedBody {
     frames: mpsc::Receiver<DelayedFrame>,
-    next: Option<(Pin<Box<Sleep>>, Option<Result<Frame<Bytes>, Status>>)>,
+    next: Option<(Pin<Box<Sleep>>, FrameOrEnd)>,
 }
 
 impl http_body::Body for DelayedBody {
