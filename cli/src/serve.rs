@@ -186,11 +186,11 @@ pub(crate) async fn listen(
     interrupt: &Interrupt,
 ) -> Result<(), Fault> {
     let scheme = if server.identity.is_some() { "https" } else { "http" };
-    let serve = async |listener| {
+    let until_interrupted = async |listener| {
         let served = grpc::serve(infer, server, listener, interrupt.wait()).await;
         served.map_err(CannotServe::Serve)
     };
-    listening(address, scheme, description, interrupt, serve).await
+    listening(address, scheme, description, interrupt, until_interrupted).await
 }
 
 /// Listens at `address`, says so, and serves until Ctrl-C.

@@ -92,11 +92,15 @@ struct EventName<'a> {
     label: &'a str,
 }
 
+/// A number that may be `null`, where the member itself may be left out.
+#[derive(Serialize)]
+struct OrNull(Option<u64>);
+
 /// What a call's slice says.
 #[derive(Serialize)]
 struct CallArgs<'a> {
     #[serde(skip_serializing_if = "Option::is_none")]
-    age: Option<Option<u64>>,
+    age: Option<OrNull>,
     due: Option<u64>,
     end: &'a str,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -105,7 +109,7 @@ struct CallArgs<'a> {
     origin: Option<&'a str>,
     p: u64,
     #[serde(skip_serializing_if = "Option::is_none")]
-    seq: Option<Option<u64>>,
+    seq: Option<OrNull>,
     t: u64,
 }
 
@@ -257,8 +261,8 @@ impl<'a, W: Write> Tracks<'a, W> {
             && p == 0
         {
             args.origin = Some(&origin.stream);
-            args.seq = Some(origin.seq);
-            args.age = Some(*age);
+            args.seq = Some(OrNull(origin.seq));
+            args.age = Some(OrNull(*age));
             args.missing = (!missing.is_empty()).then(|| missing.join(" "));
         }
         let name = EventName { t, label: outcome };
