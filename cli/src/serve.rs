@@ -187,8 +187,8 @@ pub(crate) async fn listen(
 ) -> Result<(), Fault> {
     let scheme = if server.identity.is_some() { "https" } else { "http" };
     let until_interrupted = async |listener| {
-        let served = grpc::serve(infer, server, listener, interrupt.wait()).await;
-        served.map_err(CannotServe::Serve)
+        let ended = grpc::serve(infer, server, listener, interrupt.wait()).await;
+        ended.map_err(CannotServe::Serve)
     };
     listening(address, scheme, description, interrupt, until_interrupted).await
 }
