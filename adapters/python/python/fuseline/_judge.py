@@ -228,8 +228,8 @@ def report(
         ReadError: if a trace cannot be read to its end.
         OSError: if a trace cannot be opened or read, or the page cannot be written.
         ValueError: if there is no trace, a list of paths beside others, only one of tolerance and
-            lateness, another number of names than of traces, or tolerances of no source or without a
-            tolerance of all others.
+            lateness, another number of names than of traces, or tolerances of no source or without
+            a tolerance of all others.
     """
     each = _each_trace(traces)
     if not each:
