@@ -14,10 +14,10 @@ from concurrent.futures import ProcessPoolExecutor
 from typing import NamedTuple
 
 from drive import RATE, Result, drive
-from network import DRIVES
+from network import ROOT
 from scenes import Jam
 
-PAPER = json.loads((DRIVES / "paper.json").read_text())["traffic_jam"]
+PAPER = json.loads((ROOT / "cli/data/paper.json").read_text())["traffic_jam"]
 APPROACHES = {"local": "local", "cloud": "cloud", "ours": "guard"}
 PLACES = 8
 

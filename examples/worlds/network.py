@@ -7,7 +7,8 @@ from bisect import bisect_right
 from dataclasses import dataclass
 from pathlib import Path
 
-DRIVES = Path(__file__).resolve().parents[2] / "testkit/data"
+ROOT = Path(__file__).resolve().parents[2]
+DRIVES = ROOT / "testkit/data"
 #: The columns of `testkit/data`, but for a wifi that was hardly ever there.
 NETWORKS = (
     *(("cicv5g", name, "rtt_ms") for name in (
