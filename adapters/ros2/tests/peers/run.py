@@ -183,8 +183,8 @@ def main():
         alone(chosen.alone, programs)
     names = [name for name in cases() if not chosen.names or any(part in name for part in chosen.names)]
     if chosen.sample:
-        # Those that break things or step the clock need a computer of their own.
-        calm = [name for name in names if name not in vars(chaos) and name not in vars(clock)]
+        # Those that break things, step the clock or stream images need a computer of their own.
+        calm = [name for name in names if not any(name in vars(module) for module in (chaos, clock, images))]
         names = sorted(random.sample(calm, min(chosen.sample, len(calm))), key=calm.index)
     if chosen.list:
         print("\n".join(names))
