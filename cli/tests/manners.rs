@@ -130,8 +130,10 @@ fn a_long_file_has_a_bar_on_a_terminal_and_no_other_has_one() {
     let dir = tempdir().unwrap();
     let path = |name: &str| dir.path().join(name).display().to_string();
     let header = "{\"fuseline\":1,\"window\":1,\"clouds\":[]}\n";
-    let ticks = |count| header.to_owned() + &"{\"ev\":\"tick\",\"at\":7}\n".repeat(count);
-    fs::write(path("long.jsonl"), ticks(900_000)).unwrap();
+    // Of long lines, so that they are few.
+    let tick = format!("{{\"ev\":\"tick\",\"at\":7,\"x\":\"{}\"}}\n", "x".repeat(500));
+    let ticks = |count| header.to_owned() + &tick.repeat(count);
+    fs::write(path("long.jsonl"), ticks(40_000)).unwrap();
     fs::write(path("short.jsonl"), ticks(7)).unwrap();
     for (name, has_bar) in [("long.jsonl", true), ("short.jsonl", false)] {
         for command in ["check", "report -o page.html --force", "export --mcap -o out.mcap --force"]
