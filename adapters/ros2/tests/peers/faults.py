@@ -113,7 +113,8 @@ def until_local_answers(camera, listener):
     def is_answered():
         stamp, _ = camera.ask("local=0.02")
         (status,) = until(lambda: listener.status_of(stamp), "a status")
-        return status.message != "missed"
+        # While the window is full of what local lost, messages are refused.
+        return status["source"] == "local"
 
     until(is_answered, "an input that local answers")
     run = []
