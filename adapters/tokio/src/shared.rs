@@ -47,6 +47,6 @@ impl<T: Default> Default for SharedState<T> {
 /// Does not show the state, since reading it might wait.
 impl<T> fmt::Debug for SharedState<T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("Common(…)")
+        f.write_str("SharedState(…)")
     }
 }
