@@ -24,8 +24,10 @@ const CLOUDS: usize = 3;
 /// After so long of calm nothing is left of what was before: pings and connecting again included.
 const SETTLES: Duration = Duration::from_secs(4);
 
-/// How long a calm is looked at.
+/// How long a calm is looked at, and at most, until each operator has had results of each of its clouds again: a busy host
+/// gives some of them no time for seconds.
 const LOOK: Duration = Duration::from_secs(3);
+const LONGEST_LOOK: Duration = Duration::from_secs(60);
 
 /// After so long of a disruption, what came before it is over.
 const BITES: Duration = Duration::from_millis(500);
@@ -139,7 +141,11 @@ async fn calm(fleet: &Fleet, observed: &mut ObservedRun) -> Result<(), Error> {
     sleep(SETTLES).await;
     let (from, before) = (Instant::now(), fleet.tallies());
     let mut usage = Vec::new();
-    while from.elapsed() < LOOK {
+    let goes_on = |elapsed: Duration| {
+        let more = elapsed < LONGEST_LOOK && fleet.remains() > LOOK;
+        elapsed < LOOK || more && !fleet.unanswered(&before).is_empty()
+    };
+    while goes_on(from.elapsed()) {
         usage.push(ResourceUsage::now()?);
         sleep(Duration::from_millis(100)).await;
     }
