@@ -14,13 +14,15 @@ from typing import Any
 import fuseline
 import pytest
 from conftest import Run, open_files
-from fuseline import BlockingOperator, Call, Items, Join, Lineage, Local, Operator
+from fuseline import BlockingOperator, Call, Items, Join, Latency, Lineage, Local, Operator
 from fuseline.testing import VirtualLoop
 from operator_support import MS, ask, local_after
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_each_side_request_ends_once_and_gives_its_place_back(run: Run[Any], seed: int) -> None:
+def test_each_side_request_ends_once_and_gives_its_place_back(
+    run: Run[Any], seed: int, caplog: pytest.LogCaptureFixture
+) -> None:
     """D8, D11: against what the handlers saw."""
     rng, seen = random.Random(seed), Counter[str]()
     running: set[int] = set()
@@ -72,6 +74,7 @@ def test_each_side_request_ends_once_and_gives_its_place_back(run: Run[Any], see
         assert counts["requested"] + counts["refused"] == seen["wanted"]
         ended = counts["answered"] + counts["failed"] + counts["expired"]
         assert ended == counts["requested"] and counts["expired"] > 0 and counts["refused"] > 0
+        assert caplog.text.count("no answer will come") == seen["failed"]
 
     run(main)
 
@@ -308,3 +311,125 @@ def test_an_operator_that_is_stopped_in_the_midst_gives_everything_back(
     run(main)
     verdict = fuseline.check(tmp_path / "trace.jsonl")
     assert verdict.conforms, str(verdict)
+
+
+def test_a_clock_that_goes_back_stands_still(run: Run[Any], tmp_path: Path) -> None:
+    """D9."""
+    back = [0.0]
+
+    async def main(loop: VirtualLoop) -> list[tuple[int, float]]:
+        operator = Operator(
+            Local.task(local_after(0), deadline=None),
+            clock=lambda: round((loop.time() - back[0]) * 1e9),
+            trace=tmp_path / "trace.jsonl",
+        )
+        items = []
+        async with operator:
+            for seconds in (0.0, 0.0, 7.0, 0.0):
+                back[0] += seconds
+                operator.write(0)
+                item = await operator.read()
+                assert item is not None
+                items.append((round(item.opened / 1e9), item.took))
+                await asyncio.sleep(5)
+        return items
+
+    # The third is taken in at what the clock showed before, and so is the fourth, 2 s too early.
+    assert run(main) == [(0, 0.0), (5, 0.0), (5, 0.0), (8, 0.0)]
+    assert fuseline.check(tmp_path / "trace.jsonl").conforms
+
+
+def test_an_operators_latency_is_how_long_its_own_messages_took(run: Run[Any]) -> None:
+    """E3: of those that were taken on, whenever they came."""
+
+    async def main(loop: VirtualLoop) -> None:
+        latency = Latency.measured(90, 0.5)
+        operator = Operator(
+            Local.task(local_after(30 * MS), deadline=0.04),
+            window=1,
+            clock=loop.time_ns,
+            latency=latency,
+        )
+        async with operator:
+            for n in range(200):
+                operator.write(n)
+                # There is no room for it: it took no time, which is of no use to others.
+                operator.write(n)
+                assert await operator.read() is not None and await operator.read() is not None
+                await asyncio.sleep(1)
+        assert latency.estimate / 1e9 == pytest.approx(0.03, rel=0.1)
+
+    run(main)
+
+
+def test_a_thread_whose_operator_has_ended_learns_of_it(caplog: pytest.LogCaptureFixture) -> None:
+    """D8: each message from another thread is taken or counted."""
+    operator = Operator(local_after(0), window=2)
+    with pytest.raises(fuseline.ConfigError, match="has not started"):
+        operator.feed([1])
+
+    async def main() -> None:
+        async with operator:
+            operator.write(0)
+            with pytest.raises(RuntimeError, match="feed in another thread"):
+                await asyncio.to_thread(operator.feed, [1])
+
+    asyncio.run(main())
+    # Its loop is closed; more than the window has room for.
+    for _ in range(5):
+        with pytest.raises(fuseline.Closed, match="loop has ended"):
+            operator.write_threadsafe(1)
+    assert operator.counts["operator", "message", "not taken"] == 5
+
+
+def test_a_join_with_handlers_that_fail_goes_on_and_reports_them(
+    run: Run[Any], caplog: pytest.LogCaptureFixture
+) -> None:
+    """D7, E5."""
+
+    def fails(drop: Any) -> None:
+        raise KeyError("on purpose")
+
+    async def broken() -> AsyncIterator[Any]:
+        raise OSError("the objects are gone")
+        yield
+
+    async def main(loop: VirtualLoop) -> None:
+        join = Join(wait=1.0, clock=loop.time_ns)
+        left = join.aligned("left")
+        with pytest.raises(fuseline.ConfigError, match="not started"):
+            left.write(1)
+        join.items("objects", broken())
+        join.on_drop(fails)
+        async with join:
+            with pytest.raises(fuseline.ConfigError, match="started once"):
+                await join.__aenter__()
+            with pytest.raises(fuseline.ConfigError, match="after the start"):
+                join.aligned("right")
+            left.write("no key")
+            # Nothing waits for the input that ended.
+            left.write("west", Lineage("left", 0))
+            joined = await join.read()
+            assert joined is not None and joined.set == {"left": "west"}
+            left.write("west", Lineage("left", 0))
+        assert join.counts["left", "message", "dropped no key"] == 1
+        assert join.counts["left", "message", "dropped late"] == 1
+        assert join.counts["join", "set", "complete"] == 1
+
+    run(main)
+    assert caplog.text.count("the handler of drops failed") == 2
+    assert caplog.text.count("the input objects ends") == 1
+
+
+def test_timers_of_one_instant_go_off_in_the_order_in_which_they_were_set(run: Run[Any]) -> None:
+    """So equal runs give equal outputs, in Rust too."""
+
+    async def main(loop: VirtualLoop) -> list[int]:
+        fired: list[int] = []
+        for n in range(50):
+            loop.call_at(loop.time() + 1.0, fired.append, n)
+        loop.call_at(loop.time() + 1.0, fired.append, -1).cancel()
+        await asyncio.sleep(2)
+        return fired
+
+    assert run(main) == list(range(50))

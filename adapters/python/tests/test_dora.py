@@ -120,6 +120,29 @@ def test_a_source_whose_input_is_closed_fails_at_once_until_it_is_back(run: Run[
     assert node.requests == 3, "one was sent to a closed input"
 
 
+def test_what_waits_when_its_input_is_closed_fails_at_once(run: Run[Any]) -> None:
+    plan: Plan = {"local": lambda _: 0.6, "west": lambda value: 0.1 if value == 2 else None}
+
+    async def main(loop: VirtualLoop) -> list[tuple[Any, float]]:
+        node = PlayedNode(loop, plan, OUTPUTS)
+        node.fusion = FusionNode(node, {"west": 0.9}, clock=loop.time_ns)
+        closed = {"type": "INPUT_CLOSED", "id": "west_result"}
+        steps = [(0.0, frame(1)), (0.2, closed), (2.0, frame(2)), (3.0, None)]
+        took = []
+        async with node.fusion.operator:
+            for after, step in steps:
+                loop.call_later(after, node.fusion.take, step)
+            async for item in node.fusion.operator:
+                took.append((str(item.source), round(item.took, 3)))
+                node.fusion._send(item)
+        nothing_waits(node.fusion)
+        # A result that comes although the input was closed opens it.
+        assert node.requests == 3
+        return took
+
+    assert run(main) == [("local", 0.6), ("local", 0.6)]
+
+
 def test_results_of_no_request_are_dropped(run: Run[Any]) -> None:
     stray = {"type": "INPUT", "id": "west_result", "value": 9, "metadata": {"request_id": "7"}}
     plan: Plan = {"local": lambda _: 0.1, "west": lambda _: None}

@@ -6,6 +6,7 @@ import asyncio
 import random
 import threading
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -307,6 +308,58 @@ def test_a_chunk_that_skips_nothing_begins_with_its_first_action(run: Run[Any]) 
         plan.close()
 
     run(main)
+
+
+def test_a_tick_without_an_action_says_so_and_a_new_episode_forgets_the_old_one() -> None:
+    def on_board(observation: int) -> Any:
+        raise KeyError("nothing seen")
+
+    class ListingServer:
+        def infer(self, tick: int) -> list[str]:
+            return [f"{tick} for {tick + k}" for k in range(3)]
+
+        def close(self) -> None:
+            pass
+
+    def refused() -> Any:
+        raise ConnectionRefusedError
+
+    with Always(refused, on_board, deadline=0.01) as policy:
+        with pytest.raises(RuntimeError, match="no action for tick 0: missed"):
+            policy.infer(0)
+        assert policy.item is not None and policy.item.source is None
+    chunk = Chunk(every=100, max_age=100, within=60.0)
+    with Always(ListingServer, Hold("held"), deadline=5.0, chunk=chunk) as policy:
+        while policy._plan is not None and not policy._plan._chunks:
+            assert policy.infer(0) in ("held", "0 for 0")
+        assert len(policy._plan._chunks if policy._plan else ()) == 1
+        policy.reset()
+        assert policy.infer(1) == policy._last
+        assert policy.item is not None and str(policy.item.source) == "local"
+    with pytest.raises(ConfigError, match="does not run"):
+        policy.infer(2)
+    with pytest.raises(ConfigError, match="skip is"):
+        ChunkPlan(RemoteThread(refused), Chunk(1, 1, skip="some"))  # type: ignore[arg-type]
+
+
+def test_a_blend_that_changes_nothing_is_of_its_own_message() -> None:
+    arrays = pytest.importorskip("numpy")
+    forms: list[Callable[[float], Any]] = [
+        lambda x: x,
+        lambda x: [0.0, x],
+        lambda x: {"a": 0.0, "b": x},
+        lambda x: arrays.array([0.0, x]),
+        lambda x: {"a": arrays.array([0.0, x]), "b": 1.0},
+    ]
+    for form in forms:
+        for later, of in ((1.0, 1), (2.0, 0)):
+            plan = ChunkPlan(RemoteThread(DeafServer().connect), Chunk(1, 9, blend=fade(2)))
+            plan._chunks.extend([ArrivedChunk(0, 0, [form(1.0)] * 9)])
+            plan._chunks.extend([ArrivedChunk(1, 1, [form(later)] * 9)])
+            planned = plan.planned(1, None)
+            assert planned is not None and planned.of == of, (form(0.0), later)
+    far = fade(1, max_jump=0.5)(None, arrays.array([3.0, -3.0, 0.1]), 5, arrays.zeros(3))
+    assert list(far) == [0.5, -0.5, 0.1]
 
 
 def test_replies_are_split_by_what_they_are_made_of() -> None:
