@@ -33,6 +33,8 @@ def run() -> Run[Any]:
         files = open_files()
         loop = VirtualLoop()
         loop.set_debug(False)
+        errors: list[Any] = []
+        loop.set_exception_handler(lambda _, context: errors.append(context))
         try:
             result = loop.run_until_complete(main(loop))
             timers = [it for it in loop._scheduled if not it.cancelled()]  # type: ignore[attr-defined]
@@ -41,6 +43,7 @@ def run() -> Run[Any]:
             loop.run_until_complete(loop.shutdown_asyncgens())
             loop.close()
             assert not left, f"tasks were left behind: {left}"
+        assert not errors, f"callbacks failed: {errors}"
         assert not timers, f"timers were left behind: {timers}"
         for thread in threading.enumerate():
             if thread.name.startswith("fuseline-"):

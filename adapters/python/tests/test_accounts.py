@@ -433,3 +433,118 @@ def test_timers_of_one_instant_go_off_in_the_order_in_which_they_were_set(run: R
         return fired
 
     assert run(main) == list(range(50))
+
+
+def test_no_side_request_is_made_for_a_message_whose_handler_stops_the_operator(
+    run: Run[Any],
+) -> None:
+    """D10."""
+    asked: list[int] = []
+
+    async def side(n: int, call: Call) -> None:
+        asked.append(n)
+
+    async def main(loop: VirtualLoop) -> None:
+        operator = Operator(local_after(0), clock=loop.time_ns)
+
+        def stops(n: int, t: int) -> None:
+            operator.stop()
+
+        operator.use_cloud(side, stops, str, 1)
+        operator.use_side_request(side, ask(1.0), lambda _: None, name="plan")
+        async with operator:
+            operator.write(0)
+            await asyncio.sleep(1)
+        assert operator.counts["plan", "side request", "requested"] == 0
+
+    run(main)
+    assert not asked
+
+
+def test_the_latest_message_is_as_old_as_its_capture_and_a_lagging_reader_holds_none_back(
+    run: Run[Any],
+) -> None:
+    """E7, E8."""
+
+    async def main(loop: VirtualLoop) -> None:
+        operator = Operator(local_after(0), clock=loop.time_ns)
+        join = Join(output_len=1, clock=loop.time_ns)
+        ticks, place = join.aligned("tick"), join.latest("place", 0.2)
+        join.latest("plan", 0.2, operator)
+
+        async def at_tick(seq: int) -> tuple[list[str], int | None]:
+            ticks.write(seq, Lineage("control", seq))
+            joined = await join.read()
+            assert joined is not None
+            return joined.missing, joined.set["plan"].timestamp if "plan" in joined.set else None
+
+        async with operator, join:
+            place.write("here", Lineage("place", 0, loop.time_ns() - 190_000_000))
+            operator.write(0)
+            await asyncio.sleep(0.01)
+            assert await at_tick(0) == ([], 0)
+            await asyncio.sleep(0.01)
+            # It came 20 ms ago, and was captured 210 ms ago.
+            assert await at_tick(1) == (["place"], 0)
+            ticks.write(2, Lineage("control", 2))
+            # While that set waits to be read, the plan goes on.
+            for _ in range(3):
+                operator.write(0)
+                await asyncio.sleep(0.01)
+            assert (await join.read() or ticks) is not None
+            assert await at_tick(3) == (["place"], 3)
+            operator.close()
+            await asyncio.sleep(0.01)
+            assert not join._tasks, "one that has ended is let go"
+
+    run(main)
+
+
+@pytest.mark.parametrize(("warning", "late"), [(0.05, 1), (0.2, 0)])
+def test_who_holds_up_the_loop_is_counted_from_the_warning_on(
+    run: Run[Any], warning: float, late: int
+) -> None:
+    async def main(loop: VirtualLoop) -> None:
+        operator = Operator(local_after(0), clock=loop.time_ns, lag_warning=warning)
+
+        def blocks(n: int, t: int) -> None:
+            loop.block(0.1)
+
+        operator.use_cloud(local_after(0), blocks, str, 1, name="west")  # type: ignore[arg-type]
+        async with operator:
+            operator.write(0)
+            await asyncio.sleep(1)
+            await operator.read()
+        assert operator.counts["west", "handler", "held up the loop"] == late
+        assert operator.greatest_lag == pytest.approx(0.1 * late)
+
+    run(main)
+
+
+def test_a_source_of_messages_is_closed_however_its_operator_ends(run: Run[Any]) -> None:
+    """D8."""
+    closed: list[str] = []
+
+    async def source(name: str) -> AsyncIterator[int]:
+        try:
+            while True:
+                yield 0
+        finally:
+            closed.append(name)
+
+    async def main(loop: VirtualLoop) -> None:
+        for name in ("close", "stop"):
+            operator = Operator(local_after(0.01), window=1, clock=loop.time_ns)
+            async with operator:
+                operator.feed(source(name))
+                for _ in range(3):
+                    await operator.read()
+                getattr(operator, name)()
+                await asyncio.sleep(0)
+                await asyncio.sleep(0)
+            assert closed[-1:] == [name] and not operator._feeds
+
+    run(main)
+    operator = Operator(local_after(0))
+    with pytest.raises(fuseline.ConfigError, match="a substitute's handler"):
+        operator.use_substitute(local_after(0))  # type: ignore[arg-type]

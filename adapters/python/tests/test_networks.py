@@ -166,6 +166,7 @@ def test_rival_policies_over_a_trace(run: Run[Any], tmp_path: Path) -> None:
     assert by_name["local only"].accuracy == (40.0, 40.0)
     assert by_name["cloud only: west"].in_time == (1, 1)
     assert by_name["cloud only: west"].p99 == Quantile(0.5, is_bound=True)
+    assert compare(trace, deadline=0.5)[0].accuracy is None
     with pytest.raises(ValueError, match="local, west"):
         compare(trace, deadline=0.5, accuracies={"east": 1.0})
 
