@@ -58,7 +58,8 @@ def match(found: Boxes, truth: Boxes) -> BoxMatches:
     # Whom a box may take at all: hardly ever more than one.
     candidates = [
         sorted(
-            ((shared[i, j], j) for j in np.flatnonzero(shared[i] >= THRESHOLDS[0])), reverse=True
+            ((shared[i, j], int(j)) for j in np.flatnonzero(shared[i] >= THRESHOLDS[0])),
+            reverse=True,
         )
         for i in range(len(found))
     ]

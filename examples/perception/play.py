@@ -176,14 +176,14 @@ class MeasuredPolicies:
     def expected(self, cloud: str) -> Expected:
         """By accuracy and a price of waiting, against the source below."""
         below = SOURCES[SOURCES.index(cloud) - 1]
-        accuracies = (self.detectors[it].accuracy for it in (below, cloud))
-        return Expected(Accuracy(*accuracies, PRICE_PER_MS), self.response(below), None)
+        local, better = (self.detectors[it].accuracy for it in (below, cloud))
+        return Expected(Accuracy(local, better, PRICE_PER_MS), self.response(below), None)
 
     def streaming(self, cloud: str) -> Streaming:
         """By accuracy and what the world moves, against the source below."""
         below = SOURCES[SOURCES.index(cloud) - 1]
-        detectors = (self.detectors[it] for it in (below, cloud))
-        return Streaming(*detectors, 1 / self._kept.rate, self.response(below), None)
+        local, better = (self.detectors[it] for it in (below, cloud))
+        return Streaming(local, better, 1 / self._kept.rate, self.response(below), None)
 
     def named(self) -> Iterator[tuple[str, Callable[[str], Policy] | None]]:
         """Each with its name."""

@@ -52,7 +52,8 @@ def main() -> int:
         print(__doc__, file=sys.stderr)
         return 2
     try:
-        return record(Path(sys.argv[1]), Path(sys.argv[2]), Path((*sys.argv, KEPT)[3]))
+        kept = Path(sys.argv[3]) if len(sys.argv) == 4 else KEPT
+        return record(Path(sys.argv[1]), Path(sys.argv[2]), kept)
     except OSError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

@@ -72,7 +72,8 @@ class Scorer:
 
     def _by_frame(self, played: Playthrough) -> tuple[dict[int, tuple[str, int]], dict[int, float]]:
         """The last output in time of each frame, and how long the first took."""
-        last, first = {}, {}
+        last: dict[int, tuple[str, int]] = {}
+        first: dict[int, float] = {}
         for it in played.outputs:
             took = it.at - it.frame / self._kept.rate
             first.setdefault(it.frame, took)
@@ -144,7 +145,7 @@ def mean(scores: list[Scores], figure: str) -> float:
 def least_gain(scores: list[Scores], against: list[Scores], figure: str) -> float:
     """By how much a figure is above another approach's at the start where that is least."""
     pairs = zip(scores, against, strict=True)
-    return min(getattr(one, figure) - getattr(other, figure) for one, other in pairs)
+    return min(float(getattr(one, figure) - getattr(other, figure)) for one, other in pairs)
 
 
 def print_table(rows: dict[str, list[Scores]]) -> None:
@@ -162,8 +163,9 @@ def print_table(rows: dict[str, list[Scores]]) -> None:
             f"{values['p99']:.0f} ms",
         ]
         cells.append(f"{values['megabytes']:.1f} MB")
-        for figure in ("sap50", "fsap50") if local else ():
-            cells.append(f"{least_gain(scores, local, figure):+.1f}")
+        if local:
+            gains = [least_gain(scores, local, it) for it in ("sap50", "fsap50")]
+            cells += [f"{gain:+.1f}" for gain in gains]
         print(f"| {name} | {' | '.join(cells)} |")
 
 

@@ -155,8 +155,9 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--commit", choices=COMMITS, default="progressive")
     parser.add_argument("--frames", type=int, default=140, metavar="N", help="so many [140]")
     parser.add_argument("--rate", type=float, metavar="HZ", help="frames a second [the video's]")
-    seconds = {"type": float, "metavar": "SECONDS"}
-    parser.add_argument("--deadline", **seconds, default=DEADLINE, help="of a cloud [0.5]")
+    parser.add_argument(
+        "--deadline", type=float, metavar="SECONDS", default=DEADLINE, help="of a cloud [0.5]"
+    )
     parser.add_argument("--start", type=int, default=0, metavar="K", help="of the drives [0]")
     parser.add_argument("--kill", nargs=2, metavar=("CLOUD", "SECONDS"))
     parser.add_argument("--strip", type=Path, default=Path("perception.png"), metavar="FILE")

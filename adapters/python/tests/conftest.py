@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import threading
 from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any, TypeVar
@@ -26,20 +27,38 @@ Run = Callable[[Callable[[VirtualLoop], Coroutine[Any, Any, T]]], T]
 
 @pytest.fixture
 def run() -> Run[Any]:
-    """Runs a test's coroutine in virtual time."""
+    """Runs a test's coroutine in virtual time; no task, timer, thread or file is left behind."""
 
     def run(main: Callable[[VirtualLoop], Coroutine[Any, Any, T]]) -> T:
+        files = open_files()
         loop = VirtualLoop()
         loop.set_debug(False)
+        errors: list[Any] = []
+        loop.set_exception_handler(lambda _, context: errors.append(context))
         try:
-            return loop.run_until_complete(main(loop))
+            result = loop.run_until_complete(main(loop))
+            timers = [it for it in loop._scheduled if not it.cancelled()]  # type: ignore[attr-defined]
         finally:
             left = asyncio.all_tasks(loop)
             loop.run_until_complete(loop.shutdown_asyncgens())
             loop.close()
             assert not left, f"tasks were left behind: {left}"
+        assert not errors, f"callbacks failed: {errors}"
+        assert not timers, f"timers were left behind: {timers}"
+        for thread in threading.enumerate():
+            if thread.name.startswith("fuseline-"):
+                thread.join(30)
+                assert not thread.is_alive(), f"{thread.name} was left behind"
+        assert open_files() <= files, "files were left open"
+        return result
 
     return run
+
+
+def open_files() -> int:
+    """How many descriptors this process has."""
+    files = Path("/proc/self/fd")
+    return len(list(files.iterdir())) if files.is_dir() else 0
 
 
 @pytest.fixture(scope="session")

@@ -11,7 +11,9 @@ import pytest
 from fuseline import DeadlineError, TimeError, ns
 from fuseline.deadline import (
     Accuracy,
+    Capped,
     Case,
+    Chosen,
     Constant,
     End,
     Expected,
@@ -20,6 +22,7 @@ from fuseline.deadline import (
     Hazard,
     Impact,
     Parameters,
+    Policy,
     Reason,
     Situation,
     Time,
@@ -79,6 +82,30 @@ def test_what_a_loss_raises_is_raised_and_the_policy_goes_on() -> None:
     assert policy.decide(Situation(), 1.0).reason is Reason.EXPECTED
     with pytest.raises(TypeError):
         seen(lambda situation, source, response: "much", [0.02]).decide(Situation(), 1.0)
+
+
+class LearningPolicy(Policy):
+    """Chooses a deadline, and keeps what it learns."""
+
+    def __init__(self, deadline: float) -> None:
+        self.deadline, self.learnt = deadline, list[tuple[End, Any]]()
+
+    def decide(self, situation: Situation, cap: Any) -> Chosen:
+        return Constant(self.deadline).decide(situation, cap)
+
+    def ended(self, end: End, age: Any) -> None:
+        self.learnt.append((end, age))
+
+
+def test_of_a_policy_under_the_cap_of_another_both_learn() -> None:
+    least, other = LearningPolicy(0.2), LearningPolicy(0.3)
+    capped = Capped(least, other)
+    assert capped.decide(Situation(), 1.0) == Chosen(ns(200_000_000), Reason.CONSTANT)
+    assert capped.decide(Situation(), 0.1) == Chosen(ns(100_000_000), Reason.CAP)
+    other.deadline = 0.05
+    assert capped.decide(Situation(), 0.1) == Chosen(ns(50_000_000), Reason.CONSTANT)
+    capped.ended(End.FAILED, 0.4)
+    assert least.learnt == other.learnt == [(End.FAILED, 0.4)]
 
 
 def test_durations_that_come_out_can_go_in() -> None:

@@ -310,14 +310,16 @@ def test_policies_can_be_pickled() -> None:
         expected.ended(End.ANSWERED, age)
     expected.ended(End.CENSORED, 0.05)
     observations = Observations()
-    observations.add(End.FAILED, 0.2)
+    for end, age in ((End.ANSWERED, 0.3), (End.CENSORED, 0.1), (End.FAILED, 0.2)):
+        observations.add(end, age)
     policy = Guard().caps(expected)
     copies = pickle.loads(pickle.dumps((policy, expected, Constant(0.5), observations)))
     situation = Situation(speed=11.0)
     assert copies[0].decide(situation, 5.0) == policy.decide(situation, 5.0)
     assert copies[1].observations() == expected.observations()
     assert copies[2].deadline == 500_000_000
-    assert copies[3].survival() == observations.survival()
+    assert copies[3].survival() == observations.survival() != []
+    assert copies[3].sorted() == observations.sorted()
 
 
 def test_a_report_takes_a_list_of_paths(tmp_path: Path) -> None:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import subprocess
 import sys
+import threading
 from collections.abc import Callable
 from pathlib import Path
+from queue import Empty, SimpleQueue
 from typing import Any
 
 import fuseline
@@ -75,7 +78,14 @@ def play(
         return node
 
     played: PlayedNode = run(main)
+    nothing_waits(played.fusion)
     return played
+
+
+def nothing_waits(fusion: FusionNode) -> None:
+    """D8: all that was taken was answered."""
+    assert not fusion._open
+    assert not any(source._waiting for source in fusion._sources.values())
 
 
 def frame(value: int) -> dict[str, Any]:
@@ -110,12 +120,110 @@ def test_a_source_whose_input_is_closed_fails_at_once_until_it_is_back(run: Run[
     assert node.requests == 3, "one was sent to a closed input"
 
 
+def test_what_waits_when_its_input_is_closed_fails_at_once(run: Run[Any]) -> None:
+    plan: Plan = {"local": lambda _: 0.6, "west": lambda value: 0.1 if value == 2 else None}
+
+    async def main(loop: VirtualLoop) -> list[tuple[Any, float]]:
+        node = PlayedNode(loop, plan, OUTPUTS)
+        node.fusion = FusionNode(node, {"west": 0.9}, clock=loop.time_ns)
+        closed = {"type": "INPUT_CLOSED", "id": "west_result"}
+        steps = [(0.0, frame(1)), (0.2, closed), (2.0, frame(2)), (3.0, None)]
+        took = []
+        async with node.fusion.operator:
+            for after, step in steps:
+                loop.call_later(after, node.fusion.take, step)
+            async for item in node.fusion.operator:
+                took.append((str(item.source), round(item.took, 3)))
+                node.fusion._send(item)
+        nothing_waits(node.fusion)
+        # A result that comes although the input was closed opens it.
+        assert node.requests == 3
+        return took
+
+    assert run(main) == [("local", 0.6), ("local", 0.6)]
+
+
 def test_results_of_no_request_are_dropped(run: Run[Any]) -> None:
     stray = {"type": "INPUT", "id": "west_result", "value": 9, "metadata": {"request_id": "7"}}
     plan: Plan = {"local": lambda _: 0.1, "west": lambda _: None}
     node = play(run, plan, [stray, stray | {"metadata": {}}, frame(0), None])
     assert node.fusion.dropped == {"west_result": 2}
     assert [data for _, data, _ in node.sent] == ["0 by local"]
+
+
+def test_after_inputs_that_found_no_room_the_next_is_answered_as_before(run: Run[Any]) -> None:
+    """D8: each input is answered, missed or counted as dropped."""
+
+    async def main(loop: VirtualLoop) -> PlayedNode:
+        node = PlayedNode(loop, {"local": lambda _: 0.1, "west": lambda _: None}, OUTPUTS)
+        node.fusion = FusionNode(node, {"west": 0.5}, clock=loop.time_ns)
+
+        def burst() -> None:
+            for value in range(40):
+                node.fusion.take(frame(value))
+
+        async with node.fusion.operator:
+            loop.call_later(0, burst)
+            loop.call_later(10, node.fusion.take, frame(40))
+            loop.call_later(20, node.fusion.take, None)
+            await node.fusion.send_items()
+        return node
+
+    node = run(main)
+    nothing_waits(node.fusion)
+    assert node.fusion.dropped == {"input": 8}
+    missed = [metadata for output, _, metadata in node.sent if output == "missed"]
+    assert [it["seq"] for it in missed] == list(range(16, 32))
+    assert {it["fuseline.why"] for it in missed} == {"refused"}
+    outputs = [value for output, value, _ in node.sent if output == "output"]
+    assert sorted(outputs) == sorted(f"{value} by local" for value in [*range(16), 40])
+
+
+class QueuedNode(PlayedNode):
+    """Its events wait in a queue, as dora's do; each source answers at once."""
+
+    def __init__(self, events: list[dict[str, Any]]) -> None:
+        self.events: SimpleQueue[dict[str, Any]] = SimpleQueue()
+        for event in events:
+            self.events.put(event)
+        self.outputs, self.sent, self.requests = OUTPUTS, [], 0
+
+    def next(self, timeout: float | None = None) -> dict[str, Any] | None:
+        try:
+            return self.events.get(timeout=timeout)
+        except Empty:
+            return {"type": "ERROR", "error": "nothing came"}
+
+    def drain(self) -> list[dict[str, Any]] | None:
+        return [self.events.get() for _ in range(self.events.qsize())]
+
+    def send_service_request(
+        self, output_id: str, data: Any, metadata: dict[str, Any] | None = None
+    ) -> str:
+        self.requests += 1
+        metadata = (metadata or {}) | {"request_id": str(self.requests)}
+        result = f"{output_id.removesuffix('_request')}_result"
+        self.events.put({"type": "INPUT", "id": result, "metadata": metadata, "value": data})
+        return str(self.requests)
+
+
+def test_what_came_before_the_end_is_answered_and_the_reader_ends_with_the_node() -> None:
+    # Dora gives the end of an input before what came earlier.
+    events = [frame(0), {"type": "INPUT_CLOSED", "id": "input"}, frame(1), frame(2)]
+    node = QueuedNode(events)
+    threads = threading.active_count()
+
+    async def main() -> None:
+        await asyncio.wait_for(node.fusion.serve(), 60)
+
+    node.fusion = FusionNode(node, {"west": 30.0}, local_deadline=30.0)
+    asyncio.run(main())
+    nothing_waits(node.fusion)
+    assert sorted((output, value) for output, value, _ in node.sent) == [
+        ("output", value) for value in range(3)
+    ]
+    assert not node.fusion.dropped["input"]
+    assert threading.active_count() == threads
 
 
 def test_a_dataflow_without_the_nodes_inputs_is_refused(run: Run[Any]) -> None:

@@ -226,6 +226,17 @@ def test_settings_that_cannot_work_are_refused(certificates: Certificates) -> No
             make()
 
 
+def test_a_certificate_that_cannot_be_used_is_reported(certificates: Certificates) -> None:
+    broken = Identity(certificates.server.certificate, b"no key")
+    assert "no key" not in repr(broken)
+
+    async def main() -> None:
+        with pytest.raises(fuseline.ConfigError, match="certificate or key cannot be used"):
+            await Server(upper, identity=broken).start()
+
+    run(main)
+
+
 def test_an_address_that_is_taken_is_reported() -> None:
     async def main() -> None:
         with socket.socket() as taken:

@@ -153,6 +153,7 @@ def test_a_lineage_that_makes_no_sense_is_refused() -> None:
     with pytest.raises(TypeError, match="ns"):
         Lineage("camera", within=5)
     assert Lineage("camera", within=0.5).within == ns(500_000_000)
+    assert Lineage(captured=5) == Lineage(None, None, 5)
 
 
 def test_the_further_keys_are_fields_of_lines_and_columns_of_their_table() -> None:

@@ -132,6 +132,8 @@ def test_rival_policies_over_responses() -> None:
     assert first.accuracy == pytest.approx((124 / 3, 124 / 3))
     assert progressive.accuracy == pytest.approx((44.0, 44.0))
     assert first.p50 == progressive.p50 == Quantile(0.3)
+    nothing = compare_responses({"local": Responses([], 0)}, deadline=0.5)
+    assert nothing[0].p50 is None and nothing[0].in_time == (0, 0)
     for sources, why in (
         ({"west": west}, "local"),
         ({"local": local, "other": Responses([0.1], 1)}, "different numbers"),
@@ -164,6 +166,7 @@ def test_rival_policies_over_a_trace(run: Run[Any], tmp_path: Path) -> None:
     assert by_name["local only"].accuracy == (40.0, 40.0)
     assert by_name["cloud only: west"].in_time == (1, 1)
     assert by_name["cloud only: west"].p99 == Quantile(0.5, is_bound=True)
+    assert compare(trace, deadline=0.5)[0].accuracy is None
     with pytest.raises(ValueError, match="local, west"):
         compare(trace, deadline=0.5, accuracies={"east": 1.0})
 

@@ -25,6 +25,7 @@ from fuseline import (
     Local,
     Operator,
     OutOfOrder,
+    StampedValue,
 )
 from fuseline.testing import VirtualLoop
 
@@ -197,17 +198,26 @@ def test_a_value_ages_until_it_is_known_to_be_final(run: Run[Any]) -> None:
     async def local(n: int, t: int) -> str:
         return "local's"
 
+    async def tracker(n: int, call: Call) -> StampedValue[str]:
+        return StampedValue("the tracker's", 0)
+
     async def main(loop: VirtualLoop) -> None:
         operator = Operator(Local.task(local), commit="progressive", clock=loop.time_ns)
-        operator.use_cloud(hang, lambda n, t: (n, 100 * MS), str, 1)
+        operator.use_cloud(hang, lambda n, t: (n, 100 * MS), str, 2)
+        operator.use_cloud(tracker, lambda n, t: (n, 50 * MS), _as_it_is, 1)
         async with operator:
             operator.write(1, of(loop, 0))
             await asyncio.sleep(1.0)
             item = await operator.read()
             assert item is not None and item.ending is Ending.FORWARDED
             assert item.age == pytest.approx(100 * MS)
+            assert (item.value, item.of) == ("the tracker's", 0)
 
     run(main)
+
+
+def _as_it_is(value: StampedValue[str]) -> StampedValue[str]:
+    return value
 
 
 def test_items_are_joined_as_before_once_the_reader_of_the_sets_lags_no_longer(

@@ -335,4 +335,4 @@ def test_threads_of_local_end_with_their_operator() -> None:
     for thread in threading.enumerate():
         if thread.name == "fuseline-local":
             thread.join(10)
-    assert threading.active_count() == before
+    assert threading.active_count() <= before

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import asyncio
 import random
 import threading
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import fuseline
 import pytest
+from conftest import Run
 from fuseline import ConfigError, StampedValue, _remote
-from fuseline._chunks import ArrivedChunk, ChunkPlan
+from fuseline._chunks import ArrivedChunk, ChunkPlan, _split
 from fuseline._remote import RemoteThread
 from fuseline.robot import Always, Chunk, Hold, fade
+from fuseline.testing import VirtualLoop
 
 HELD = {"of": -1}
 
@@ -120,6 +124,285 @@ def test_a_policy_whose_calls_failed_is_called_again_and_its_last_action_is_held
     ticks = range(6 * _remote.HUNG_THREADS)
     with Always(RestartingServer, Hold(-1), deadline=5.0) as policy:
         assert [policy.infer(tick) for tick in ticks] == [tick - tick % 2 for tick in ticks]
+
+
+@pytest.mark.parametrize("chunk", [None, Chunk(every=1, max_age=1, within=60.0)])
+def test_a_policy_that_is_closed_ends_its_connection_and_its_threads(chunk: Chunk | None) -> None:
+    """D8."""
+    threads = threading.active_count()
+    server = HostileServer(4, chunk=2, never=True)
+    with Always(server.connect, Hold(HELD), deadline=0.001, linger=60.0, chunk=chunk) as policy:
+        while not server.connections or not server.connections[-1].calls:
+            assert policy.infer({"t": 0}) == HELD
+        assert threading.active_count() > threads
+    for thread in threading.enumerate():
+        if thread.name.startswith("fuseline-"):
+            thread.join(30)
+            assert not thread.is_alive()
+    assert all(it.closed.is_set() for it in server.connections)
+    assert threading.active_count() <= threads
+
+
+class DeafServer:
+    """Its calls go on although their connection was closed."""
+
+    def __init__(self) -> None:
+        self.connections: list[DeafServer] = []
+        self.ends = threading.Event()
+        self.is_closed = False
+
+    def connect(self) -> DeafServer:
+        self.connections.append(DeafServer())
+        return self.connections[-1]
+
+    def infer(self, observation: Any) -> Any:
+        self.ends.wait(60)
+        return observation
+
+    def close(self) -> None:
+        self.is_closed = True
+
+
+def test_after_calls_that_hung_one_that_ends_lets_the_next_be_made(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """D7, D8: as before once their threads have ended, and a pause after each connection."""
+    monkeypatch.setattr(_remote, "PAUSE", 0.0)
+    server, errors = DeafServer(), list[Any]()
+
+    async def main() -> None:
+        asyncio.get_running_loop().set_exception_handler(lambda _, context: errors.append(context))
+        remote = RemoteThread(server.connect)
+        for n in range(_remote.HUNG_THREADS):
+            assert remote.is_ready()
+            call = asyncio.ensure_future(remote.infer(n))
+            while len(server.connections) <= n:
+                await asyncio.sleep(0.001)
+            call.cancel()
+            await asyncio.wait([call])
+        assert not remote.is_ready(), "more threads hang than may"
+        threads = [it for it in threading.enumerate() if it.name == "fuseline-remote"]
+        assert len(threads) == _remote.HUNG_THREADS
+        server.connections[0].ends.set()
+        while sum(it.is_alive() for it in threads) == len(threads):
+            await asyncio.sleep(0.001)
+        assert remote.is_ready()
+        call = asyncio.ensure_future(remote.infer("again"))
+        while len(server.connections) <= _remote.HUNG_THREADS:
+            await asyncio.sleep(0.001)
+        server.connections[-1].ends.set()
+        assert await call == "again"
+        monkeypatch.setattr(_remote, "PAUSE", 3600.0)
+        assert remote.is_ready(), "for a connection that is there"
+        remote.close()
+        assert not remote.is_ready(), "just after a connection ended"
+        for connection in server.connections:
+            connection.ends.set()
+        for thread in threading.enumerate():
+            if thread.name == "fuseline-remote":
+                thread.join(30)
+                assert not thread.is_alive()
+
+    asyncio.run(main())
+    assert all(it.is_closed for it in server.connections)
+    assert not errors, "a reply came for a call that was given up"
+
+
+def test_a_policy_that_was_closed_while_it_connected_is_closed_once_it_is_there() -> None:
+    connecting, go_on = threading.Event(), threading.Event()
+    server = DeafServer()
+
+    def connect() -> DeafServer:
+        connecting.set()
+        go_on.wait(60)
+        return server.connect()
+
+    async def main() -> None:
+        remote = RemoteThread(connect)
+        call = asyncio.ensure_future(remote.infer(0))
+        await asyncio.to_thread(connecting.wait, 60)
+        call.cancel()
+        await asyncio.wait([call])
+        (thread,) = (it for it in threading.enumerate() if it.name == "fuseline-remote")
+        go_on.set()
+        thread.join(30)
+        assert not thread.is_alive(), "it called a server that nobody waits for"
+
+    asyncio.run(main())
+    assert [it.is_closed for it in server.connections] == [True]
+
+
+class PlannedRemote:
+    """Answers with chunks of three ticks, when the test says so, or fails."""
+
+    def __init__(self) -> None:
+        self.requested: list[int] = []
+        self.answers: dict[int, asyncio.Future[Any]] = {}
+        self.ready = True
+
+    def is_ready(self) -> bool:
+        return self.ready
+
+    async def infer(self, observation: int) -> Any:
+        self.requested.append(observation)
+        self.answers[observation] = asyncio.get_running_loop().create_future()
+        return await self.answers[observation]
+
+
+async def settled() -> None:
+    for _ in range(5):
+        await asyncio.sleep(0)
+
+
+def test_chunks_are_requested_in_time_and_again_after_each_kind_of_end(run: Run[Any]) -> None:
+    """D2, D7."""
+
+    async def main(loop: VirtualLoop) -> None:
+        remote: Any = PlannedRemote()
+        plan = ChunkPlan(remote, Chunk(every=4, max_age=5, within=1.0))
+
+        async def tick(t: int) -> Any:
+            plan.request(t, t)
+            await settled()
+            planned = plan.planned(t, None)
+            return None if planned is None else (planned.value, planned.of)
+
+        async def answer(t: int) -> None:
+            remote.answers[t].set_result([f"{t} for {t + k}" for k in range(3)])
+            await settled()
+
+        assert await tick(0) is None and await tick(1) is None
+        await answer(0)
+        assert [await tick(t) for t in (1, 2, 3)] == [("0 for 1", 0), ("0 for 2", 0), None]
+        assert remote.requested == [0], "not before every fourth tick"
+        assert await tick(4) is None
+        assert await tick(9) is None
+        assert remote.requested == [0, 4], "none while one is under way"
+        await answer(4)
+        assert await tick(9) is None, "its actions were for ticks that have passed"
+        assert remote.requested == [0, 4, 9]
+        # One that fails, and one that takes too long, are followed by one of the next tick.
+        remote.answers[9].set_exception(ConnectionError("broke"))
+        await settled()
+        assert await tick(9) is None and remote.requested == [0, 4, 9]
+        assert await tick(10) is None and remote.requested == [0, 4, 9, 10]
+        await asyncio.sleep(0.99)
+        assert not remote.answers[10].done()
+        await asyncio.sleep(0.02)
+        assert remote.answers[10].cancelled()
+        remote.ready = False
+        assert await tick(11) is None and remote.requested[-1] == 10
+        remote.ready = True
+        await tick(12)
+        assert remote.requested[-1] == 12
+        # What is forgotten never acts, also if it was under way.
+        await answer(12)
+        assert await tick(12) == ("12 for 12", 12)
+        plan.clear()
+        assert await tick(13) is None
+        assert await tick(16) is None and remote.requested[-1] == 16
+        plan.clear()
+        await answer(16)
+        assert await tick(17) is None
+        assert await tick(20) is None and remote.requested[-1] == 20
+        plan.close()
+        await settled()
+        assert remote.answers[20].cancelled()
+
+    run(main)
+
+
+def test_a_chunk_that_skips_nothing_begins_with_its_first_action(run: Run[Any]) -> None:
+    async def main(loop: VirtualLoop) -> None:
+        remote: Any = PlannedRemote()
+        plan = ChunkPlan(remote, Chunk(every=1, max_age=4, skip="none"))
+        plan.request(0, 0)
+        await settled()
+        plan.request(2, 2)
+        remote.answers[0].set_result(["first", "second", "third"])
+        await settled()
+        planned = [plan.planned(t, None) for t in range(2, 6)]
+        # The third would be for tick 5, five after its observation.
+        assert planned == [None, StampedValue("first", 0), StampedValue("second", 0), None]
+        plan.close()
+
+    run(main)
+
+
+def test_a_tick_without_an_action_says_so_and_a_new_episode_forgets_the_old_one() -> None:
+    def on_board(observation: int) -> Any:
+        raise KeyError("nothing seen")
+
+    class ListingServer:
+        def infer(self, tick: int) -> list[str]:
+            return [f"{tick} for {tick + k}" for k in range(3)]
+
+        def close(self) -> None:
+            pass
+
+    def refused() -> Any:
+        raise ConnectionRefusedError
+
+    with Always(refused, on_board, deadline=0.01) as policy:
+        with pytest.raises(RuntimeError, match="no action for tick 0: missed"):
+            policy.infer(0)
+        assert policy.item is not None and policy.item.source is None
+    chunk = Chunk(every=100, max_age=100, within=60.0)
+    with Always(ListingServer, Hold("held"), deadline=5.0, chunk=chunk) as policy:
+        while policy._plan is not None and not policy._plan._chunks:
+            assert str(policy.infer(0)).startswith(("held", "0 for"))
+        assert len(policy._plan._chunks if policy._plan else ()) == 1
+        policy.reset()
+        assert policy.infer(1) == policy._last
+        assert policy.item is not None and str(policy.item.source) == "local"
+    with pytest.raises(ConfigError, match="does not run"):
+        policy.infer(2)
+    with pytest.raises(ConfigError, match="skip is"):
+        ChunkPlan(RemoteThread(refused), Chunk(1, 1, skip="some"))  # type: ignore[arg-type]
+
+
+def test_a_blend_that_changes_nothing_is_of_its_own_message() -> None:
+    arrays = pytest.importorskip("numpy")
+    forms: list[Callable[[float], Any]] = [
+        lambda x: x,
+        lambda x: [0.0, x],
+        lambda x: {"a": 0.0, "b": x},
+        lambda x: arrays.array([0.0, x]),
+        lambda x: {"a": arrays.array([0.0, x]), "b": 1.0},
+    ]
+    for form in forms:
+        for later, of in ((1.0, 1), (2.0, 0)):
+            plan = ChunkPlan(RemoteThread(DeafServer().connect), Chunk(1, 9, blend=fade(2)))
+            plan._chunks.extend([ArrivedChunk(0, 0, [form(1.0)] * 9)])
+            plan._chunks.extend([ArrivedChunk(1, 1, [form(later)] * 9)])
+            planned = plan.planned(1, None)
+            assert planned is not None and planned.of == of, (form(0.0), later)
+    far = fade(1, max_jump=0.5)(None, arrays.array([3.0, -3.0, 0.1]), 5, arrays.zeros(3))
+    assert list(far) == [0.5, -0.5, 0.1]
+
+
+def test_replies_are_split_by_what_they_are_made_of() -> None:
+    assert _split([1, 2]) == [1, 2]
+    reply = {"arm": [1, 2, 3], "gripper": [7, 8], "server": "west"}
+    assert _split(reply) == [
+        {"arm": 1, "gripper": 7, "server": "west"},
+        {"arm": 2, "gripper": 8, "server": "west"},
+    ]
+    with pytest.raises(ConfigError, match="without arrays"):
+        _split({"server": "west"})
+    arrays = pytest.importorskip("numpy")
+    ticks = _split({"arm": arrays.arange(6).reshape(3, 2), "scale": arrays.float64(2)})
+    assert [list(it["arm"]) for it in ticks] == [[0, 1], [2, 3], [4, 5]]
+
+
+def test_actions_of_one_form_are_blended_number_by_number() -> None:
+    blend = fade(2)
+    earlier = {"arm": (0.0, 0.0), "is_open": True, "name": "a"}
+    later = {"arm": (4.0, 8.0), "is_open": False, "name": "b", "new": 1.0}
+    assert blend(earlier, later, 0, None) == {
+        "arm": (2.0, 4.0), "is_open": False, "name": "b", "new": 1.0,
+    }  # fmt: skip
+    assert blend(earlier, later, 1, None) == blend(None, later, 0, None) == later
 
 
 def test_no_action_jumps_further_than_stated() -> None:

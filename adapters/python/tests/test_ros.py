@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import sys
+import threading
+from collections import Counter
 from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
@@ -104,6 +107,61 @@ def test_a_callback_may_publish_what_is_joined_next() -> None:
     joined.registerCallback(again)
     only.publish(1)
     assert seen == [1, 2, 3]
+
+
+class GuardedCounts(Counter[tuple[str, str]]):
+    """Counts that change only while the lock of their synchronizer is held."""
+
+    def __init__(self, lock: threading.Lock) -> None:
+        self._held = lock
+        super().__init__()
+
+    def __setitem__(self, key: tuple[str, str], count: int) -> None:
+        assert self._held.locked(), f"{key} is counted outside the lock"
+        super().__setitem__(key, count)
+
+
+def test_an_executor_with_several_threads_loses_no_count_and_no_timer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Each thing is counted under the lock, and a timer of the node's is destroyed with its set."""
+    clocks = SimpleNamespace(Clock=SimpleNamespace, ClockType=SimpleNamespace(STEADY_TIME="steady"))
+    monkeypatch.setitem(sys.modules, "rclpy.clock", clocks)
+    set_timers: list[SimpleNamespace] = []
+    after: list[float] = []
+
+    class Node:
+        def create_timer(self, seconds: float, fire: Callable[[], None], clock: Any) -> Any:
+            assert clock.clock_type == "steady"
+            after.append(seconds)
+            set_timers.append(SimpleNamespace(fire=fire, cancel=lambda: ended.append("cancel")))
+            return set_timers[-1]
+
+        def destroy_timer(self, timer: SimpleNamespace) -> None:
+            set_timers.remove(timer)
+            ended.append("destroy")
+
+    ended: list[str] = []
+    now, left, right = [0], Topic(), Topic()
+    joined = TimeSynchronizer(
+        Node(), {"left": left, "right": right}, wait=0.02, clock=lambda: now[0]
+    )
+    joined.counts = GuardedCounts(joined._lock)
+    given: list[Joined] = []
+    joined.registerCallback(given.append)
+    left.publish(image(1, "west"))
+    now[0] = 15 * MS
+    left.publish(image(2, "west"))  # the timer is of the first one still
+    right.publish(image(1, "east"))
+    now[0] = 35 * MS
+    (timer,) = set_timers
+    timer.fire()
+    right.publish(image(2, "late"))
+    left.publish(image(2, "late again"))
+    assert [it.missing for it in given] == [[], ["right"]]
+    assert (joined.counts["right", "dropped late"], joined.counts["left", "dropped late"]) == (1, 1)
+    assert after == pytest.approx([0.02, 0.005, 0.02])
+    assert not set_timers and ended == ["cancel", "destroy"] * 3
 
 
 def test_a_synchronizer_that_cannot_be_is_refused() -> None:

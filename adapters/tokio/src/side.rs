@@ -93,6 +93,7 @@ impl<I> SideRunner<I> {
             Err(panic) => {
                 let why = reason(&*panic);
                 error!(timestamp, side = name, why, "the message handler panicked");
+                self.counts.handler_failed.add(1);
                 return;
             }
         };

@@ -21,6 +21,8 @@ pub struct SideTally {
     pub failed: u64,
     /// Requests that were due before an answer came.
     pub expired: u64,
+    /// Times that its message handler failed.
+    pub handler_failed: u64,
     /// Bytes that its calls report as sent.
     pub sent_bytes: u64,
 }
@@ -35,6 +37,7 @@ pub(crate) struct SideCounts {
     pub(crate) answered: Count,
     pub(crate) failed: Count,
     pub(crate) expired: Count,
+    pub(crate) handler_failed: Count,
     sent_bytes: Count,
 }
 
@@ -51,6 +54,11 @@ impl SideCounts {
             let labels = [operator, side, ("outcome", outcome.to_owned())];
             Count(AtomicU64::new(0), counter!("fuseline_side_requests_total", &labels))
         };
+        let of_handler = [
+            ("operator", operator.to_owned()),
+            ("source", name.clone()),
+            ("handler", "message".to_owned()),
+        ];
         Self {
             waiting: AtomicU64::new(0),
             requested: by("requested"),
@@ -58,6 +66,10 @@ impl SideCounts {
             answered: by("answered"),
             failed: by("failed"),
             expired: by("expired"),
+            handler_failed: Count(
+                AtomicU64::new(0),
+                counter!("fuseline_handler_failures_total", &of_handler),
+            ),
             sent_bytes: Count(
                 AtomicU64::new(0),
                 counter!("fuseline_side_sent_bytes_total", &labels),
@@ -83,6 +95,7 @@ impl SideCounts {
             answered: self.answered.read(),
             failed: self.failed.read(),
             expired: self.expired.read(),
+            handler_failed: self.handler_failed.read(),
             sent_bytes: self.sent_bytes.read(),
         }
     }

@@ -119,6 +119,7 @@ async fn an_answer_serves_later_messages_and_is_no_output() {
         answered: 3,
         failed: 0,
         expired: 0,
+        handler_failed: 0,
         sent_bytes: 30,
     };
     assert_eq!(sides, [expected]);
@@ -207,6 +208,22 @@ async fn a_service_that_is_gone_for_a_while_costs_no_output_and_serves_again_whe
     }
     let SideTally { requested, answered, expired, .. } = sides[0];
     assert_eq!((items.len(), requested, answered, expired), (60, 60, 30, 30));
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_message_handler_that_panics_is_counted_and_the_next_message_has_its_request() {
+    let setup = |setup: &mut Setup<u64, String>| {
+        let handler = |_: &u64, t: u64| {
+            assert_ne!(t, 1, "on purpose");
+            Some(((), 100 * MS))
+        };
+        setup.use_side_request(|(), _| async { Ok(()) }, handler, Ok);
+        local(&Plan::new("none".into()))
+    };
+    let (items, sides) = watched(&[0, 30, 60], Config::default(), setup).await;
+    assert_eq!(items.len(), 3);
+    let SideTally { requested, answered, failed, handler_failed, .. } = sides[0];
+    assert_eq!((requested, answered, failed, handler_failed), (2, 2, 0, 1));
 }
 
 #[tokio::test(start_paused = true)]

@@ -215,7 +215,10 @@ class Driver(Generic[M, V]):
             if source.encoders is not None:
                 source.encoders.stop()
         for side in self._handlers.sides:
-            self._sources[0].aborted.update(side.stop())
+            for task in side.stop():
+                aborted = self._sources[0].aborted
+                aborted.add(task)
+                task.add_done_callback(aborted.discard)
         self._local._stop()
         self._engine.end(self._clock())
         if not self._engine.is_recording:

@@ -325,6 +325,8 @@ class Server:
         try:
             port = self._bind(server)
         except RuntimeError as error:
+            if self._identity is not None and self._is_free(options):
+                raise ConfigError("the server's certificate or key cannot be used") from error
             raise OSError(
                 f"{self._wanted} cannot be listened on; choose an address of this machine and a "
                 "free port"
@@ -362,6 +364,13 @@ class Server:
             self._client_ca is not None,
         )
         return int(server.add_secure_port(self._wanted, credentials))
+
+    def _is_free(self, options: Any) -> bool:
+        """Whether the address could be listened on without TLS."""
+        try:
+            return bool(grpc.aio.server(options=options).add_insecure_port(self._wanted))
+        except RuntimeError:
+            return False
 
     async def _computes(self, request: Any, context: Any) -> Any:
         await self._admit(context)

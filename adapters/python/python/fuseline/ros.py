@@ -98,12 +98,12 @@ class TimeSynchronizer:
             now = self._clock()
             lineage = fields_of(Lineage(name, key, now))
             why = self._aligner.arrive(now, index, key, lineage, (message,), True)
+            if why is not None:
+                self.counts[name, f"dropped {why}"] += 1
             given = self._take()
         self._give(given)
-        if why is not None:
-            self.counts[name, f"dropped {why}"] += 1
-            if self._on_drop is not None:
-                self._on_drop(JoinDrop(name, key, JoinDropReason(why)))
+        if why is not None and self._on_drop is not None:
+            self._on_drop(JoinDrop(name, key, JoinDropReason(why)))
 
     def _tick(self) -> None:
         with self._lock:

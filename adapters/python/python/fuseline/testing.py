@@ -8,8 +8,10 @@ outside is awaited and no timer is set, the loop waits for it in real time.
 from __future__ import annotations
 
 import asyncio
+import heapq
 import selectors
 from collections.abc import Callable, Coroutine
+from itertools import count
 from typing import Any, TypeVar
 
 __all__ = ["VirtualLoop", "run"]
@@ -35,8 +37,21 @@ class _JumpingSelector(selectors.DefaultSelector):
         return ready
 
 
+class _OrderedTimer(asyncio.TimerHandle):
+    """Of two of one instant the one that was set first goes off first."""
+
+    __slots__ = ("number",)
+
+    number: int
+
+    def __lt__(self, other: Any) -> bool:
+        return bool((self.when(), self.number) < (other.when(), other.number))
+
+
 class VirtualLoop(asyncio.SelectorEventLoop):
     """An asyncio loop in virtual time. Close it as any other; `run` does so.
+
+    Timers of one instant go off in the order in which they were set.
 
     Args:
         start: What its clock shows first, in seconds.
@@ -46,6 +61,7 @@ class VirtualLoop(asyncio.SelectorEventLoop):
 
     def __init__(self, start: float = 1000.0, patience: float = 5.0) -> None:
         self._start, self._jumping = start, _JumpingSelector(patience)
+        self._timers = count()
         super().__init__(self._jumping)
 
     def time(self) -> float:
@@ -55,6 +71,17 @@ class VirtualLoop(asyncio.SelectorEventLoop):
     def time_ns(self) -> int:
         """The same in whole nanoseconds: the ``clock`` of an `fuseline.Operator`."""
         return round(self.time() * 1e9)
+
+    def call_at(  # type: ignore[override]
+        self, when: float, callback: Callable[..., Any], *args: Any, context: Any = None
+    ) -> asyncio.TimerHandle:
+        """Call something at an instant of `time`."""
+        self._check_closed()  # type: ignore[attr-defined]
+        timer = _OrderedTimer(when, callback, args, self, context)
+        timer.number = next(self._timers)
+        heapq.heappush(self._scheduled, timer)  # type: ignore[attr-defined]
+        timer._scheduled = True  # type: ignore[attr-defined]
+        return timer
 
     def block(self, seconds: float) -> None:
         """Let time go by as code does that blocks the loop: nothing else runs meanwhile."""

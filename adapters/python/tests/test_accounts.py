@@ -1,0 +1,550 @@
+"""What is counted adds up, and what was taken is given back, of each part of an operator."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import random
+import threading
+from collections import Counter
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import fuseline
+import pytest
+from conftest import Run, open_files
+from fuseline import BlockingOperator, Call, Items, Join, Latency, Lineage, Local, Operator
+from fuseline.testing import VirtualLoop
+from operator_support import MS, ask, local_after
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_each_side_request_ends_once_and_gives_its_place_back(
+    run: Run[Any], seed: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    """D8, D11: against what the handlers saw."""
+    rng, seen = random.Random(seed), Counter[str]()
+    running: set[int] = set()
+
+    async def handle(n: int, call: Call) -> int:
+        assert 0.0 < call.deadline <= 0.1
+        running.add(n)
+        assert len(running) <= 2, "more calls than may be"
+        try:
+            await asyncio.sleep(rng.choice([0, 10, 60, 200]) * MS)
+        finally:
+            running.remove(n)
+        if rng.random() < 0.2:
+            seen["failed"] += 1
+            raise OSError("broke")
+        return n
+
+    def wanted(n: int, t: int) -> tuple[int, float] | None:
+        if n % 17 == 3:
+            seen["handler failed"] += 1
+            raise KeyError(n)
+        if n % 17 == 4:
+            return None
+        seen["wanted"] += 1
+        return n, 0.0 if n % 17 == 5 else 0.1
+
+    def answered(n: int) -> None:
+        if n % 13 == 1:
+            seen["failed"] += 1
+            raise ValueError(n)
+        seen["answered"] += 1
+
+    async def main(loop: VirtualLoop) -> None:
+        operator = Operator(local_after(0), window=64, clock=loop.time_ns)
+        operator.use_side_request(handle, wanted, answered, name="plan", calls=2, limit=3, resume=1)
+        async with operator:
+            for n in range(400):
+                operator.write(n)
+                await operator.read()
+                await asyncio.sleep(rng.choice([0, 5, 20]) * MS)
+            await asyncio.sleep(1)
+            counts = Counter({what: n for (who, _, what), n in operator.counts.items()
+                              if who == "plan"})  # fmt: skip
+            (side,) = operator._handlers.sides
+            assert (side.waiting, side.tasks, running) == (0, set(), set())
+            assert side.running is not None and side.running._value == 2
+        for what in ("answered", "failed", "handler failed"):
+            assert counts[what] == seen[what] > 0, what
+        assert counts["requested"] + counts["refused"] == seen["wanted"]
+        ended = counts["answered"] + counts["failed"] + counts["expired"]
+        assert ended == counts["requested"] and counts["expired"] > 0 and counts["refused"] > 0
+        assert caplog.text.count("no answer will come") == seen["failed"]
+
+    run(main)
+
+
+def test_a_side_gate_shuts_and_opens_at_its_bounds(run: Run[Any]) -> None:
+    """F2g."""
+    calls: list[tuple[int, float]] = []
+
+    async def handle(n: int, call: Call) -> None:
+        calls.append((n, round(call.deadline, 6)))
+        await asyncio.sleep(60 * MS)
+
+    async def main(loop: VirtualLoop) -> None:
+        operator = Operator(local_after(0), window=64, clock=loop.time_ns)
+        operator.use_side_request(
+            handle, ask(0.5), lambda _: None, name="plan", calls=1, limit=3, resume=1
+        )
+        refused = []
+        async with operator:
+            # One is called and three wait; then none until one waits.
+            for n, at in enumerate([0, 1, 2, 3, 4, 59, 61, 119, 121, 122]):
+                await asyncio.sleep(1000.0 + at * MS - loop.time())
+                before = operator.counts["plan", "side request", "refused"]
+                operator.write(n)
+                if operator.counts["plan", "side request", "refused"] > before:
+                    refused.append(n)
+                await operator.read()
+            await asyncio.sleep(1)
+        # At 119 ms two wait, at 121 one does.
+        assert refused == [4, 5, 6, 7]
+        assert [n for n, _ in calls] == [0, 1, 2, 3, 8, 9]
+        assert [left for _, left in calls[:4]] == [0.5, 0.441, 0.382, 0.323]
+
+    run(main)
+
+
+def test_readers_that_come_and_go_leave_no_trace_and_hold_nobody_back(run: Run[Any]) -> None:
+    """E8."""
+
+    async def main(loop: VirtualLoop) -> None:
+        operator = Operator(local_after(0), clock=loop.time_ns)
+        async with operator:
+            first = Items(operator, output_len=2)
+            for n in range(12):
+                other = first.another()
+                operator.write(n)
+                one = await first.read()
+                # It waits with the others for the next one, and takes what one of them took.
+                assert one is not None and one.timestamp == n
+                if n % 3 == 0:
+                    two = await other.read()
+                    assert two is one
+                del other
+                gc.collect()
+            assert len(first._shared._readers) == 1
+            waiting = [asyncio.ensure_future(it.read()) for it in (first, first.another())]
+            await asyncio.sleep(MS)
+            operator.write(12)
+            read = await asyncio.gather(*waiting)
+            assert [it.timestamp for it in read if it is not None] == [12, 12]
+
+    run(main)
+
+
+def test_a_reader_in_order_that_is_given_up_leaves_no_read_behind(run: Run[Any]) -> None:
+    """E9."""
+
+    async def main(loop: VirtualLoop) -> None:
+        operator = Operator(Local.task(local_after(0), at_once=4), clock=loop.time_ns)
+        async with operator:
+            tasks = len(asyncio.all_tasks())
+            ordered = Items(operator).in_order(50 * MS, clock=loop.time_ns)
+            reading = asyncio.ensure_future(ordered.read())
+            await asyncio.sleep(MS)
+            reading.cancel()
+            await asyncio.wait([reading])
+            await asyncio.sleep(MS)
+            assert len(asyncio.all_tasks()) == tasks
+            assert await ordered.read() is None
+
+    run(main)
+
+
+def test_a_blocking_operator_leaves_no_thread_loop_or_file(tmp_path: Path) -> None:
+    """D8: however its block ends."""
+
+    async def local(message: int, t: int) -> int:
+        return message
+
+    def once(number: int) -> None:
+        operator: Operator[int, int] = Operator(local, trace=tmp_path / f"{number % 3}.jsonl")
+        try:
+            with BlockingOperator(operator) as blocking:
+                assert blocking.write(number) == 0
+                item = blocking.read()
+                assert item is not None and item.value == number
+                with pytest.raises(fuseline.ConfigError, match="started once"):
+                    blocking.__enter__()
+                if number % 3 == 1:
+                    raise KeyError(number)
+        except KeyError:
+            assert number % 3 == 1
+        assert blocking._loop is not None and blocking._loop.is_closed()
+        with pytest.raises(fuseline.ConfigError, match="does not run"):
+            blocking.write(1)
+
+    once(0)
+    threads, files = threading.active_count(), open_files()
+    for number in range(12):
+        once(number)
+        # One that cannot start ends its thread too.
+        nowhere: Operator[int, int] = Operator(local, trace=tmp_path / "nowhere" / "trace.jsonl")
+        with pytest.raises(OSError, match="nowhere"), BlockingOperator(nowhere):
+            pass
+    # The writer of the last trace may be about to end.
+    for thread in threading.enumerate():
+        if thread.name.startswith("fuseline-"):
+            thread.join(30)
+    assert threading.active_count() <= threads
+    gc.collect()
+    assert open_files() <= files
+
+
+def test_places_of_calls_that_ended_in_any_way_are_free_again_over_grpc() -> None:
+    """D8, D12: at a server that takes two calls at once."""
+    grpc = pytest.importorskip("fuseline.grpc")
+
+    async def infer(payload: bytes, call: Call) -> bytes:
+        if payload == b"hang":
+            await asyncio.Event().wait()
+        if payload == b"fail":
+            raise OSError("broke")
+        return payload
+
+    async def main() -> None:
+        async with (
+            grpc.Server(infer, calls=2) as server,
+            grpc.Remote(server.url) as remote,
+        ):
+            for n in range(12):
+                words = (b"hang", b"fail") if n % 2 else (b"late", b"hang")
+                deadline = 0.05 if n % 3 else 30.0
+                calls = [asyncio.ensure_future(remote.infer(it, Call(n, deadline))) for it in words]
+                await asyncio.sleep(0.01)
+                calls[words.index(b"hang")].cancel()
+                await asyncio.gather(*calls, return_exceptions=True)
+                assert all(it.done() for it in calls)
+                # The server learns of it a moment later.
+                while True:
+                    both = [remote.infer(it, Call(n, 30.0)) for it in (b"a", b"b")]
+                    if await asyncio.gather(*both, return_exceptions=True) == [b"a", b"b"]:
+                        break
+
+    asyncio.run(asyncio.wait_for(main(), 120))
+
+
+def test_a_join_that_ends_early_lets_its_inputs_and_timers_go(run: Run[Any]) -> None:
+    """E5, E8."""
+
+    async def main(loop: VirtualLoop) -> None:
+        operator = Operator(local_after(0), clock=loop.time_ns)
+        join = Join(wait=1.0, output_len=1, clock=loop.time_ns)
+        camera = join.aligned("camera")
+        join.items("objects", operator)
+        async with operator:
+            tasks = len(asyncio.all_tasks())
+            async with join:
+                for seq in range(3):
+                    operator.write(seq, Lineage("camera", seq))
+                    await asyncio.sleep(MS)
+                camera.write(0, Lineage("camera", 0))
+                joined = await join.read()
+                assert joined is not None and joined.key == 0 and not joined.missing
+                camera.write(1, Lineage("camera", 1))
+                # The next set waits to be read; another message finds no room.
+                with pytest.raises(fuseline.Full):
+                    camera.write(2, Lineage("camera", 2))
+            assert len(asyncio.all_tasks()) == tasks
+            for late in (camera.write, camera.write):
+                with pytest.raises(fuseline.Closed):
+                    late(3, Lineage("camera", 3))
+            rest = [joined async for joined in join]
+            assert [it.key for it in rest] == [1, 2]
+            assert [it.missing for it in rest] == [[], ["camera"]]
+
+    run(main)
+
+
+async def camera(frames: int) -> AsyncIterator[int]:
+    for frame in range(frames):
+        yield frame
+        await asyncio.sleep(10 * MS)
+
+
+def test_an_operator_that_is_stopped_in_the_midst_gives_everything_back(
+    run: Run[Any], tmp_path: Path
+) -> None:
+    """D8, D10: its feed, calls, side requests, encoders, timers and its trace."""
+    calls = [0, 0]
+
+    async def hang(request: Any, call: Call) -> Any:
+        calls[0] += 1
+        try:
+            await asyncio.Event().wait()
+        finally:
+            calls[1] += 1
+
+    async def main(loop: VirtualLoop) -> None:
+        operator = Operator(
+            Local.task(local_after(3600), at_once=4, deadline=7200.0),
+            clock=loop.time_ns,
+            trace=tmp_path / "trace.jsonl",
+            greatest_deadline=7200.0,
+            carry_messages=True,
+        )
+        operator.use_cloud(hang, ask(50.0), str, 1, encode=lambda it: it)
+        operator.use_side_request(hang, ask(50.0), lambda _: None)
+        async with operator:
+            operator.feed(camera(1000))
+            await asyncio.sleep(0.035)
+            operator.stop()
+            operator.stop()
+            assert await operator.read() is None
+            with pytest.raises(fuseline.Closed):
+                operator.write(1)
+        # Those whose request is still encoded have not begun.
+        assert 4 <= calls[0] == calls[1]
+        driver = operator._driver
+        assert driver is not None and driver.is_idle and not operator._feeds
+        for source in driver._sources.values():
+            assert not source.in_flight and not source.aborted
+        assert len(asyncio.all_tasks()) == 1
+
+    run(main)
+    verdict = fuseline.check(tmp_path / "trace.jsonl")
+    assert verdict.conforms, str(verdict)
+
+
+def test_a_clock_that_goes_back_stands_still(run: Run[Any], tmp_path: Path) -> None:
+    """D9."""
+    back = [0.0]
+
+    async def main(loop: VirtualLoop) -> list[tuple[int, float]]:
+        operator = Operator(
+            Local.task(local_after(0), deadline=None),
+            clock=lambda: round((loop.time() - back[0]) * 1e9),
+            trace=tmp_path / "trace.jsonl",
+        )
+        items = []
+        async with operator:
+            for seconds in (0.0, 0.0, 7.0, 0.0):
+                back[0] += seconds
+                operator.write(0)
+                item = await operator.read()
+                assert item is not None
+                items.append((round(item.opened / 1e9), item.took))
+                await asyncio.sleep(5)
+        return items
+
+    # The third is taken in at what the clock showed before, and so is the fourth, 2 s too early.
+    assert run(main) == [(0, 0.0), (5, 0.0), (5, 0.0), (8, 0.0)]
+    assert fuseline.check(tmp_path / "trace.jsonl").conforms
+
+
+def test_an_operators_latency_is_how_long_its_own_messages_took(run: Run[Any]) -> None:
+    """E3: of those that were taken on, whenever they came."""
+
+    async def main(loop: VirtualLoop) -> None:
+        latency = Latency.measured(90, 0.5)
+        operator = Operator(
+            Local.task(local_after(30 * MS), deadline=0.04),
+            window=1,
+            clock=loop.time_ns,
+            latency=latency,
+        )
+        async with operator:
+            for n in range(200):
+                operator.write(n)
+                # There is no room for it: it took no time, which is of no use to others.
+                operator.write(n)
+                assert await operator.read() is not None and await operator.read() is not None
+                await asyncio.sleep(1)
+        assert latency.estimate / 1e9 == pytest.approx(0.03, rel=0.1)
+
+    run(main)
+
+
+def test_a_thread_whose_operator_has_ended_learns_of_it(caplog: pytest.LogCaptureFixture) -> None:
+    """D8: each message from another thread is taken or counted."""
+    operator = Operator(local_after(0), window=2)
+    with pytest.raises(fuseline.ConfigError, match="has not started"):
+        operator.feed([1])
+
+    async def main() -> None:
+        async with operator:
+            operator.write(0)
+            with pytest.raises(RuntimeError, match="feed in another thread"):
+                await asyncio.to_thread(operator.feed, [1])
+
+    asyncio.run(main())
+    # Its loop is closed; more than the window has room for.
+    for _ in range(5):
+        with pytest.raises(fuseline.Closed, match="loop has ended"):
+            operator.write_threadsafe(1)
+    assert operator.counts["operator", "message", "not taken"] == 5
+
+
+def test_a_join_with_handlers_that_fail_goes_on_and_reports_them(
+    run: Run[Any], caplog: pytest.LogCaptureFixture
+) -> None:
+    """D7, E5."""
+
+    def fails(drop: Any) -> None:
+        raise KeyError("on purpose")
+
+    async def broken() -> AsyncIterator[Any]:
+        raise OSError("the objects are gone")
+        yield
+
+    async def main(loop: VirtualLoop) -> None:
+        join = Join(wait=1.0, clock=loop.time_ns)
+        left = join.aligned("left")
+        with pytest.raises(fuseline.ConfigError, match="not started"):
+            left.write(1)
+        join.items("objects", broken())
+        join.on_drop(fails)
+        async with join:
+            with pytest.raises(fuseline.ConfigError, match="started once"):
+                await join.__aenter__()
+            with pytest.raises(fuseline.ConfigError, match="after the start"):
+                join.aligned("right")
+            left.write("no key")
+            # Nothing waits for the input that ended.
+            left.write("west", Lineage("left", 0))
+            joined = await join.read()
+            assert joined is not None and joined.set == {"left": "west"}
+            left.write("west", Lineage("left", 0))
+        assert join.counts["left", "message", "dropped no key"] == 1
+        assert join.counts["left", "message", "dropped late"] == 1
+        assert join.counts["join", "set", "complete"] == 1
+
+    run(main)
+    assert caplog.text.count("the handler of drops failed") == 2
+    assert caplog.text.count("the input objects ends") == 1
+
+
+def test_timers_of_one_instant_go_off_in_the_order_in_which_they_were_set(run: Run[Any]) -> None:
+    """So equal runs give equal outputs, in Rust too."""
+
+    async def main(loop: VirtualLoop) -> list[int]:
+        fired: list[int] = []
+        for n in range(50):
+            loop.call_at(loop.time() + 1.0, fired.append, n)
+        loop.call_at(loop.time() + 1.0, fired.append, -1).cancel()
+        await asyncio.sleep(2)
+        return fired
+
+    assert run(main) == list(range(50))
+
+
+def test_no_side_request_is_made_for_a_message_whose_handler_stops_the_operator(
+    run: Run[Any],
+) -> None:
+    """D10."""
+    asked: list[int] = []
+
+    async def side(n: int, call: Call) -> None:
+        asked.append(n)
+
+    async def main(loop: VirtualLoop) -> None:
+        operator = Operator(local_after(0), clock=loop.time_ns)
+
+        def stops(n: int, t: int) -> None:
+            operator.stop()
+
+        operator.use_cloud(side, stops, str, 1)
+        operator.use_side_request(side, ask(1.0), lambda _: None, name="plan")
+        async with operator:
+            operator.write(0)
+            await asyncio.sleep(1)
+        assert operator.counts["plan", "side request", "requested"] == 0
+
+    run(main)
+    assert not asked
+
+
+def test_the_latest_message_is_as_old_as_its_capture_and_a_lagging_reader_holds_none_back(
+    run: Run[Any],
+) -> None:
+    """E7, E8."""
+
+    async def main(loop: VirtualLoop) -> None:
+        operator = Operator(local_after(0), clock=loop.time_ns)
+        join = Join(output_len=1, clock=loop.time_ns)
+        ticks, place = join.aligned("tick"), join.latest("place", 0.2)
+        join.latest("plan", 0.2, operator)
+
+        async def at_tick(seq: int) -> tuple[list[str], int | None]:
+            ticks.write(seq, Lineage("control", seq))
+            joined = await join.read()
+            assert joined is not None
+            return joined.missing, joined.set["plan"].timestamp if "plan" in joined.set else None
+
+        async with operator, join:
+            place.write("here", Lineage("place", 0, loop.time_ns() - 190_000_000))
+            operator.write(0)
+            await asyncio.sleep(0.01)
+            assert await at_tick(0) == ([], 0)
+            await asyncio.sleep(0.01)
+            # It came 20 ms ago, and was captured 210 ms ago.
+            assert await at_tick(1) == (["place"], 0)
+            ticks.write(2, Lineage("control", 2))
+            # While that set waits to be read, the plan goes on.
+            for _ in range(3):
+                operator.write(0)
+                await asyncio.sleep(0.01)
+            assert (await join.read() or ticks) is not None
+            assert await at_tick(3) == (["place"], 3)
+            operator.close()
+            await asyncio.sleep(0.01)
+            assert not join._tasks, "one that has ended is let go"
+
+    run(main)
+
+
+@pytest.mark.parametrize(("warning", "late"), [(0.05, 1), (0.2, 0)])
+def test_who_holds_up_the_loop_is_counted_from_the_warning_on(
+    run: Run[Any], warning: float, late: int
+) -> None:
+    async def main(loop: VirtualLoop) -> None:
+        operator = Operator(local_after(0), clock=loop.time_ns, lag_warning=warning)
+
+        def blocks(n: int, t: int) -> None:
+            loop.block(0.1)
+
+        operator.use_cloud(local_after(0), blocks, str, 1, name="west")  # type: ignore[arg-type]
+        async with operator:
+            operator.write(0)
+            await asyncio.sleep(1)
+            await operator.read()
+        assert operator.counts["west", "handler", "held up the loop"] == late
+        assert operator.greatest_lag == pytest.approx(0.1 * late)
+
+    run(main)
+
+
+def test_a_source_of_messages_is_closed_however_its_operator_ends(run: Run[Any]) -> None:
+    """D8."""
+    closed: list[str] = []
+
+    async def source(name: str) -> AsyncIterator[int]:
+        try:
+            while True:
+                yield 0
+        finally:
+            closed.append(name)
+
+    async def main(loop: VirtualLoop) -> None:
+        for name in ("close", "stop"):
+            operator = Operator(local_after(0.01), window=1, clock=loop.time_ns)
+            async with operator:
+                operator.feed(source(name))
+                for _ in range(3):
+                    await operator.read()
+                getattr(operator, name)()
+                await asyncio.sleep(0)
+                await asyncio.sleep(0)
+            assert closed[-1:] == [name] and not operator._feeds
+
+    run(main)
+    operator = Operator(local_after(0))
+    with pytest.raises(fuseline.ConfigError, match="a substitute's handler"):
+        operator.use_substitute(local_after(0))  # type: ignore[arg-type]
