@@ -118,6 +118,7 @@ pub const MEASURES: &[Measure] = &[
             "fuzz/seeds",
         ],
         tool: Tool::Mutants(&[
+            "traces/src/compact.rs",
             "traces/src/judge.rs",
             "traces/src/reference.rs",
             "traces/src/rule.rs",

@@ -7,57 +7,67 @@ use crate::event::{Decision, Event, Input};
 use crate::parse::Form;
 use crate::reason::{DropReason, OfferRefusal, OpenRefusal};
 
-/// The event of such a line and, of a result or an emit, of which message its value is. None if it is another line.
-#[inline]
-pub(crate) fn event(line: &[u8], form: Form) -> Option<(Event, Option<u64>)> {
-    let mut rest = UnreadBytes(line);
-    rest.take(b"{\"ev\":\"")?;
-    let kind = rest.kind()?;
-    rest.take(b"\",\"at\":")?;
-    let at = rest.number()?;
-    if kind == Kind::Tick {
-        rest.end()?;
-        return Some((Event::Input(Input::Tick { at }), None));
-    }
-    rest.take(b",\"t\":")?;
-    let t = rest.number()?;
-    let mut of = None;
-    let event = match kind {
-        Kind::Open => {
-            let deadline = match rest.take(b",\"deadline\":") {
-                Some(()) if form == Form::WithoutLocal => return None,
-                Some(()) => Some(rest.number()?),
-                None => None,
-            };
-            Event::Input(Input::Open { at, t, deadline })
-        }
-        Kind::Miss => Event::Decision(Decision::Miss { at, t }),
-        _ => {
-            let Some(()) = rest.take(b",\"p\":") else { return refused_open(rest, kind, at, t) };
-            let p = rest.number()?;
-            if matches!(kind, Kind::Result | Kind::Emit) && rest.take(b",\"of\":").is_some() {
-                of = Some(rest.number()?);
-            }
-            rest.event_of_source(kind, at, t, p)?
-        }
-    };
-    rest.end()?;
-    Some((event, of))
-}
+/// How long the instant and the timestamp of a line are at most, with the key between them.
+const STAMP: usize = 19 + 5 + 19;
 
-/// The refusal of an open, which alone of what has a reason has no source.
-fn refused_open(
-    mut rest: UnreadBytes<'_>,
-    kind: Kind,
+/// The instant and the timestamp of the line before, as they were written. Most lines have the same: decisions have
+/// those of their input.
+#[derive(Debug)]
+pub(crate) struct StampBefore {
+    bytes: [u8; STAMP],
+    /// How many of the bytes it has; none at the first line.
+    len: usize,
     at: u64,
     t: u64,
-) -> Option<(Event, Option<u64>)> {
-    if kind != Kind::Refuse {
-        return None;
-    }
-    let why = rest.reason(&OpenRefusal::ALL, OpenRefusal::as_str)?;
-    rest.end()?;
-    Some((Event::Decision(Decision::RefuseOpen { at, t, why }), None))
+}
+
+/// An event as it was written.
+pub(crate) struct CanonicalLine {
+    pub(crate) event: Event,
+    /// Of a result or an emit: of which message its value is.
+    pub(crate) of: Option<u64>,
+    /// How many bytes the line has, without its end.
+    pub(crate) len: usize,
+}
+
+/// The event of the line that `bytes` begin with. None if it is another line, or is not there to its brace.
+#[inline]
+pub(crate) fn event(bytes: &[u8], form: Form, before: &mut StampBefore) -> Option<CanonicalLine> {
+    let mut rest = UnreadBytes(bytes);
+    rest.take(b"{\"ev\":\"")?;
+    let kind = rest.kind()?;
+    let mut of = None;
+    let event = if kind == Kind::Tick {
+        Event::Input(Input::Tick { at: rest.number()? })
+    } else {
+        let (at, t) = rest.stamp(before)?;
+        match kind {
+            Kind::Open => {
+                let deadline = match rest.take(b",\"deadline\":") {
+                    Some(()) if form == Form::WithoutLocal => return None,
+                    Some(()) => Some(rest.number()?),
+                    None => None,
+                };
+                Event::Input(Input::Open { at, t, deadline })
+            }
+            Kind::Miss => Event::Decision(Decision::Miss { at, t }),
+            _ if rest.take(b",\"p\":").is_some() => {
+                let p = rest.number()?;
+                if matches!(kind, Kind::Result | Kind::Emit) && rest.take(b",\"of\":").is_some() {
+                    of = Some(rest.number()?);
+                }
+                rest.event_of_source(kind, at, t, p)?
+            }
+            // Of what has a reason, an open alone has no source.
+            Kind::Refuse => {
+                let why = rest.reason(&OpenRefusal::ALL, OpenRefusal::as_str)?;
+                Event::Decision(Decision::RefuseOpen { at, t, why })
+            }
+            _ => return None,
+        }
+    };
+    rest.take(b"}")?;
+    Some(CanonicalLine { event, of, len: bytes.len() - rest.0.len() })
 }
 
 /// What a line is, in the order in which the kinds are tried.
@@ -83,42 +93,68 @@ enum Kind {
 #[derive(Clone, Copy)]
 struct UnreadBytes<'a>(&'a [u8]);
 
+impl Default for StampBefore {
+    fn default() -> Self {
+        Self { bytes: [0; STAMP], len: 0, at: 0, t: 0 }
+    }
+}
+
 impl UnreadBytes<'_> {
     /// Takes a token if it comes next.
     #[inline]
-    fn take(&mut self, token: &[u8]) -> Option<()> {
-        self.0 = self.0.strip_prefix(token)?;
+    fn take<const N: usize>(&mut self, token: &[u8; N]) -> Option<()> {
+        let (next, rest) = self.0.split_first_chunk()?;
+        if next != token {
+            return None;
+        }
+        self.0 = rest;
         Some(())
     }
 
-    /// The brace that closes the line.
-    #[inline]
-    fn end(self) -> Option<()> {
-        (self.0 == b"}").then_some(())
-    }
-
-    /// The event's word.
+    /// The event's word, and the key of the instant.
     #[inline]
     fn kind(&mut self) -> Option<Kind> {
-        let (kind, rest) = match self.0 {
-            [b'o', b'p', b'e', b'n', rest @ ..] => (Kind::Open, rest),
-            [b'o', b'f', b'f', b'e', b'r', rest @ ..] => (Kind::Offer, rest),
-            [b'r', b'e', b's', b'u', b'l', b't', rest @ ..] => (Kind::Result, rest),
-            [b'r', b'e', b'q', b'u', b'e', b's', b't', rest @ ..] => (Kind::Request, rest),
-            [b'r', b'e', b'f', b'u', b's', b'e', rest @ ..] => (Kind::Refuse, rest),
-            [b'f', b'a', b'i', b'l', rest @ ..] => (Kind::Fail, rest),
-            [b'f', b'i', b'n', b'a', b'l', rest @ ..] => (Kind::Final, rest),
-            [b't', b'i', b'c', b'k', rest @ ..] => (Kind::Tick, rest),
-            [b't', b'i', b'm', b'e', b'r', rest @ ..] => (Kind::Timer, rest),
-            [b'h', b'o', b'l', b'd', rest @ ..] => (Kind::Hold, rest),
-            [b'd', b'r', b'o', b'p', rest @ ..] => (Kind::Drop, rest),
-            [b'e', b'm', b'i', b't', rest @ ..] => (Kind::Emit, rest),
-            [b'm', b'i', b's', b's', rest @ ..] => (Kind::Miss, rest),
-            [b'c', b'a', b'n', b'c', b'e', b'l', rest @ ..] => (Kind::Cancel, rest),
-            _ => return None,
-        };
+        let (word, rest) = self.0.split_first_chunk()?;
         self.0 = rest;
-        Some(kind)
+        match word {
+            b"open" => self.take(b"\",\"at\":").map(|()| Kind::Open),
+            b"offe" => self.take(b"r\",\"at\":").map(|()| Kind::Offer),
+            b"resu" => self.take(b"lt\",\"at\":").map(|()| Kind::Result),
+            b"requ" => self.take(b"est\",\"at\":").map(|()| Kind::Request),
+            b"refu" => self.take(b"se\",\"at\":").map(|()| Kind::Refuse),
+            b"fail" => self.take(b"\",\"at\":").map(|()| Kind::Fail),
+            b"fina" => self.take(b"l\",\"at\":").map(|()| Kind::Final),
+            b"tick" => self.take(b"\",\"at\":").map(|()| Kind::Tick),
+            b"time" => self.take(b"r\",\"at\":").map(|()| Kind::Timer),
+            b"hold" => self.take(b"\",\"at\":").map(|()| Kind::Hold),
+            b"drop" => self.take(b"\",\"at\":").map(|()| Kind::Drop),
+            b"emit" => self.take(b"\",\"at\":").map(|()| Kind::Emit),
+            b"miss" => self.take(b"\",\"at\":").map(|()| Kind::Miss),
+            b"canc" => self.take(b"el\",\"at\":").map(|()| Kind::Cancel),
+            _ => None,
+        }
+    }
+
+    /// The instant, the timestamp and the key between them.
+    #[inline]
+    fn stamp(&mut self, before: &mut StampBefore) -> Option<(u64, u64)> {
+        if let Some((stamp, rest)) = self.0.split_at_checked(before.len)
+            && let Some(next) = rest.first()
+            && !next.is_ascii_digit()
+            && Some(stamp) == before.bytes.get(..before.len)
+            && before.len > 0
+        {
+            self.0 = rest;
+            return Some((before.at, before.t));
+        }
+        let all = self.0;
+        let at = self.number()?;
+        self.take(b",\"t\":")?;
+        let t = self.number()?;
+        let stamp = all.get(..all.len() - self.0.len())?;
+        before.bytes.get_mut(..stamp.len())?.copy_from_slice(stamp);
+        (before.len, before.at, before.t) = (stamp.len(), at, t);
+        Some((at, t))
     }
 
     /// An event that has a source, with what else stands on its line.

@@ -1,20 +1,20 @@
 //! The strict judge: a trace against the reference machine, decision by decision.
 //!
-//! [`Judge`] applies each input to a [`Reference`] and compares the recorded decisions with the demanded ones. Traces of
-//! concurrent implementations, whose lines have no one order, are for [`observed`](crate::observed).
+//! [`Judge`] applies each input to the reference machine, whose sets are bits here, and compares the recorded decisions with
+//! the demanded ones. Traces of concurrent implementations, whose lines have no one order, are for [`observed`](crate::observed).
 
-use std::collections::BTreeSet;
 use std::fmt;
 use std::io::BufRead;
 
 use serde::Serialize;
 
 use crate::annotations::{Annotations, HeaderAnnotations, allowed_values};
+use crate::compact::CompactReference;
 use crate::event::{Commit, Decision, Event, Header, Input};
 use crate::read::{Events, ReadError};
 use crate::reason::OfferRefusal;
 use crate::recent::RecentLines;
-use crate::reference::{ExpectedDecisions, Reference};
+use crate::reference::ExpectedDecisions;
 use crate::rule::Rule;
 use crate::values::HeldValues;
 
@@ -31,7 +31,7 @@ pub(crate) const PLACES: usize = 1 << 20;
 /// by the window, not by the trace's length.
 #[derive(Debug)]
 pub struct Judge {
-    reference: Reference,
+    reference: CompactReference,
     /// What the rules demand of the input read last.
     demands: ExpectedDecisions,
     /// How many of them were met.
@@ -40,8 +40,6 @@ pub struct Judge {
     input: Option<(u64, Input)>,
     /// Whether this input has its violation.
     differs: bool,
-    /// The timestamps that have a result or failure and are still open.
-    touched: BTreeSet<u64>,
     /// Of which timestamps the values of held results are.
     values: HeldValues,
     annotations: HeaderAnnotations,
@@ -131,12 +129,11 @@ impl Judge {
     pub fn new(file: impl Into<String>, header: &Header) -> Self {
         let file = file.into();
         Self {
-            reference: Reference::new(header),
+            reference: CompactReference::new(header),
             demands: ExpectedDecisions::new(),
             met: 0,
             input: None,
             differs: false,
-            touched: BTreeSet::new(),
             values: HeldValues::default(),
             annotations: HeaderAnnotations::default(),
             recent: RecentLines::default(),
@@ -203,7 +200,7 @@ impl Judge {
     #[must_use]
     pub fn finish(mut self) -> Verdict {
         self.close("no decision; the trace ends");
-        self.verdict.judged += self.touched.len() as u64;
+        self.verdict.judged += self.reference.touched_len() as u64;
         self.verdict
     }
 
@@ -235,8 +232,7 @@ impl Judge {
             match decision {
                 // F9: more may follow.
                 Decision::Emit { .. } if self.reference.commit() == Commit::Progressive => {}
-                Decision::Emit { t, .. } | Decision::Final { t, .. } | Decision::Miss { t, .. } => {
-                    self.touched.remove(t);
+                Decision::Emit { .. } | Decision::Final { .. } | Decision::Miss { .. } => {
                     self.verdict.judged += 1;
                 }
                 Decision::Timer { .. }
@@ -248,10 +244,8 @@ impl Judge {
                 | Decision::Cancel { .. } => {}
             }
         }
-        if let Input::Result { t, .. } | Input::Fail { t, .. } = input
-            && self.reference.is_open(*t)
-        {
-            self.touched.insert(*t);
+        if let Input::Result { t, .. } | Input::Fail { t, .. } = input {
+            self.reference.touch(*t);
         }
     }
 

@@ -2,6 +2,7 @@
 
 mod annotations;
 mod canonical;
+mod compact;
 pub mod corpus;
 mod event;
 mod judge;

@@ -8,7 +8,7 @@ use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 use crate::annotations::{Annotations, HeaderAnnotations, Origin};
-use crate::canonical;
+use crate::canonical::{self, CanonicalLine, StampBefore};
 use crate::event::{Cloud, Commit, Decision, Event, Header, Input, Line, VERSION};
 use crate::reason::{DropReason, OfferRefusal, OpenRefusal};
 use crate::scan::Scan;
@@ -70,18 +70,25 @@ pub fn parse(line: &[u8]) -> Result<Line, ParseError> {
 }
 
 /// Reads one event exactly as it is written, in one pass; none if it is another line or written otherwise.
-#[inline]
 pub(crate) fn parse_canonical(
     line: &[u8],
     form: Form,
     annotations: &mut LineAnnotations,
 ) -> Option<Event> {
-    let (event, of) = canonical::event(line, form)?;
-    if !annotations.event.is_empty() {
-        annotations.event = Annotations::NONE;
+    let read = canonical::event(line, form, &mut StampBefore::default())?;
+    (read.len == line.len()).then(|| annotations.take(&read))
+}
+
+impl LineAnnotations {
+    /// Has what stands on a line exactly as it is written; answers with its event.
+    #[inline]
+    pub(crate) fn take(&mut self, line: &CanonicalLine) -> Event {
+        if !self.event.is_empty() {
+            self.event = Annotations::NONE;
+        }
+        self.event.of = line.of;
+        line.event
     }
-    annotations.event.of = of;
-    Some(event)
 }
 
 /// Reads one line in a form of the trace; `annotations` becomes what stands on it besides.

@@ -5,6 +5,7 @@ use std::io::{self, BufRead};
 use flate2::bufread::MultiGzDecoder;
 
 use crate::annotations::{Annotations, HeaderAnnotations};
+use crate::canonical::{self, StampBefore};
 use crate::event::{Commit, Event, Header, Line};
 use crate::parse::{Form, LineAnnotations, ParseError, parse_as, parse_canonical};
 
@@ -61,6 +62,7 @@ pub struct Events<R> {
     form: Form,
     header: Header,
     annotations: LineAnnotations,
+    before: StampBefore,
     raw: Vec<u8>,
     line: u64,
 }
@@ -87,7 +89,8 @@ impl<R: BufRead> Events<R> {
         let header =
             Header { operator: None, window: 0, commit: Commit::default(), clouds: vec![] };
         let annotations = LineAnnotations::default();
-        let mut reader = Self { inner, file, form, header, annotations, raw: Vec::new(), line: 0 };
+        let (before, raw) = (StampBefore::default(), Vec::new());
+        let mut reader = Self { inner, file, form, header, annotations, before, raw, line: 0 };
         let whole = reader.fill();
         match reader.filled_line(whole)? {
             Some(Line::Header(header)) => {
@@ -110,7 +113,26 @@ impl<R: BufRead> Events<R> {
     /// # Errors
     /// If a trace may not have such a line there.
     pub fn next_event(&mut self) -> Result<Option<Event>, ReadError> {
-        let whole = self.fill();
+        let whole = match self.inner.fill_buf() {
+            Ok(bytes) => {
+                // Nearly all lines are as they are written, and buffered to their end.
+                if let Some(read) = canonical::event(bytes, self.form, &mut self.before)
+                    && let Some((line, [b'\n', ..])) = bytes.split_at_checked(read.len)
+                {
+                    self.raw.clear();
+                    self.raw.extend_from_slice(line);
+                    self.inner.consume(read.len + 1);
+                    self.line += 1;
+                    return Ok(Some(self.annotations.take(&read)));
+                }
+                self.fill()
+            }
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => self.fill(),
+            Err(error) => {
+                self.raw.clear();
+                Err(error)
+            }
+        };
         if let Ok(true) = whole
             && self.raw.len() <= LINE
             && let Some(event) = parse_canonical(&self.raw, self.form, &mut self.annotations)

@@ -1,7 +1,6 @@
 //! The last lines of a trace, for the story of a violation.
 
 use std::collections::BTreeMap;
-use std::mem;
 
 use crate::annotations::Annotations;
 use crate::event::Event;
@@ -27,7 +26,8 @@ impl RecentLines {
         if self.lines.len() < RECENT {
             self.lines.push((line, *event));
         } else if let Some(place) = self.lines.get_mut(self.first) {
-            let (oldest, _) = mem::replace(place, (line, *event));
+            let oldest = place.0;
+            *place = (line, *event);
             self.first = (self.first + 1) % RECENT;
             if !self.annotations.is_empty() {
                 self.annotations.remove(&oldest);

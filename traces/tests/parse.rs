@@ -1,8 +1,8 @@
 //! The parser: what it refuses, where and why, and that it takes back what the writer wrote.
 
 use fuseline_traces::{
-    Cloud, Commit, Decision, DropReason, Event, Header, Input, Line, OfferRefusal, OpenRefusal,
-    parse,
+    Cloud, Commit, Decision, Defect, DropReason, Event, Events, Header, Input, Line, OfferRefusal,
+    OpenRefusal, parse,
 };
 use proptest::collection::vec;
 use proptest::option;
@@ -319,14 +319,17 @@ fn changed_lines_say_in_one_pass_what_the_parser_says() {
             .iter()
             .fold((*line).to_string(), |line, (name, shift)| line.replace(name, &number(*shift)));
         let bytes = line.as_bytes();
-        agrees(bytes);
+        agrees_after(&line, bytes);
         for at in 1..=bytes.len() {
             let (before, after) = bytes.split_at(at);
             for byte in written {
-                agrees(&[before, &[*byte], after].concat());
-                agrees(&[before, &[*byte], after.get(1..).unwrap_or_default()].concat());
+                agrees_after(&line, &[before, &[*byte], after].concat());
+                agrees_after(
+                    &line,
+                    &[before, &[*byte], after.get(1..).unwrap_or_default()].concat(),
+                );
             }
-            agrees(&[before, after.get(1..).unwrap_or_default()].concat());
+            agrees_after(&line, &[before, after.get(1..).unwrap_or_default()].concat());
         }
     }
 }
@@ -337,6 +340,22 @@ fn agrees(bytes: &[u8]) {
     let spaced = parse(&spaced).map_err(|error| (error.column - 1, error.message));
     let said = parse(bytes).map_err(|error| (error.column, error.message));
     assert_eq!(said, spaced, "{}", bytes.escape_ascii());
+}
+
+/// The same, and what is said of it after another event of its trace.
+fn agrees_after(before: &str, bytes: &[u8]) {
+    agrees(bytes);
+    let header = "{\"fuseline\":1,\"window\":1,\"clouds\":[]}";
+    let trace = [header.as_bytes(), before.as_bytes(), bytes, b""].join(&b'\n');
+    let mut events = Events::new("trace", &trace[..]).expect("a header");
+    assert!(events.next_event().is_ok_and(|event| event.is_some()));
+    let read = events.next_event().map_err(|error| match error.defect {
+        Defect::Line(why) => (error.column, why.message),
+        defect => panic!("{defect}"),
+    });
+    let read = read.map(|event| event.map(Line::Event));
+    let said = parse(bytes).map(Some).map_err(|error| (error.column, error.message));
+    assert_eq!(read, said, "{}", bytes.escape_ascii());
 }
 
 proptest! {

@@ -23,6 +23,9 @@ pub(super) const NEVER: WideInstant = WideInstant::MAX;
 /// No instant of a trace, with all that may be added to it, comes after this.
 pub(super) const LAST: WideInstant = 1 << 67;
 
+/// Local and as many clouds as a header may have.
+pub(super) const SOURCES: usize = 16;
+
 /// From the first instant to the last.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct InstantRange {
@@ -90,13 +93,6 @@ enum SourceRole {
     Live,
     NotHeld,
     Any,
-}
-
-/// What a source is just before the retirement, and until when it was pending.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-struct SourceTimeline {
-    is_held: bool,
-    until: WideInstant,
 }
 
 impl ObservedFacts {
@@ -227,60 +223,61 @@ impl ObservedFacts {
         turn: WideInstant,
         role: impl Fn(usize) -> SourceRole,
     ) -> bool {
-        // By the time that they are pending, from the highest source down.
-        let mut pending: Vec<InstantRange> = Vec::with_capacity(self.sources.len());
-        for (q, source) in self.sources.iter().enumerate().rev() {
-            let courses = self.courses(q, at, turn, role(q));
-            // P4: something pending outranks it from then on.
-            let possible = courses
-                .into_iter()
-                .flatten()
-                .filter(|timeline| !timeline.is_held || covers(&pending, timeline.until, at));
-            let Some(timeline) = possible.max_by_key(|timeline| timeline.until) else {
+        // When each is pending, from the highest source down.
+        let (mut few, mut many) = ([InstantRange { from: 0, to: 0 }; SOURCES], Vec::new());
+        let pending = match few.get_mut(..self.sources.len()) {
+            Some(few) => few,
+            None => {
+                many.resize(self.sources.len(), InstantRange { from: 0, to: 0 });
+                &mut many[..]
+            }
+        };
+        for (known, (q, source)) in self.sources.iter().enumerate().rev().enumerate() {
+            let Some(until) = self.lasts(q, at, turn, role(q), &pending[..known]) else {
                 return false;
             };
-            pending.push(InstantRange { from: source.requested, to: timeline.until });
+            pending[known] = InstantRange { from: source.requested, to: until };
         }
         // P7: something always is pending.
-        covers(&pending, self.open, at)
+        covers(pending, self.open, at)
     }
 
-    /// The courses of a source that are possible, each as late as it may be.
-    fn courses(
+    /// Until when a source can be pending at the latest, as far as those above it are `pending`; none if it cannot be what it
+    /// must be.
+    fn lasts(
         &self,
         q: usize,
         at: WideInstant,
         turn: WideInstant,
         role: SourceRole,
-    ) -> [Option<SourceTimeline>; 4] {
+        pending: &[InstantRange],
+    ) -> Option<WideInstant> {
+        use SourceRole::{Any, Closed, Held, Live, NotHeld, Pending};
         let source = &self.sources[q];
-        let within = |span: InstantRange| (span.from <= span.to).then_some(span.to);
-        let before = |span: InstantRange| within(InstantRange { to: span.to.min(at), ..span });
-        let outlasts = at <= source.patience();
-
-        let stays = (outlasts && at <= source.last).then_some(NEVER);
-        let mut held = before(source.returns()).filter(|until| *until >= turn || !self.is_eager);
-        let mut fired = source.fires();
-        // A cloud's timer that finds something available commits it.
-        if self.is_eager && q > 0 {
-            held = held.filter(|_| outlasts);
-            fired.to = fired.to.min(turn);
-        }
-        let [stays, held, failed, fired] = match role {
-            SourceRole::Pending => [stays, None, None, None],
-            SourceRole::Held => [None, held, None, None],
-            SourceRole::Closed => [None, None, before(source.fails()), before(fired)],
-            SourceRole::Live => [stays, held, None, None],
-            SourceRole::NotHeld => [stays, None, before(source.fails()), before(fired)],
-            SourceRole::Any => [stays, held, before(source.fails()), before(fired)],
+        let before = |span: InstantRange| {
+            let to = span.to.min(at);
+            (span.from <= to).then_some(to)
         };
-        let timeline = |is_held| move |until| SourceTimeline { is_held, until };
-        [
-            stays.map(timeline(false)),
-            held.map(timeline(true)),
-            failed.map(timeline(false)),
-            fired.map(timeline(false)),
-        ]
+        let outlasts = at <= source.patience();
+        if matches!(role, Pending | Live | NotHeld | Any) && outlasts && at <= source.last {
+            return Some(NEVER);
+        }
+        // A cloud's timer that finds something available commits it.
+        let commits = self.is_eager && q > 0;
+        let mut latest = None;
+        if matches!(role, Held | Live | Any) && (outlasts || !commits) {
+            let held = before(source.returns()).filter(|until| *until >= turn || !self.is_eager);
+            // P4: something pending outranks it from then on.
+            latest = held.filter(|until| covers(pending, *until, at));
+        }
+        if matches!(role, Closed | NotHeld | Any) {
+            let mut fired = source.fires();
+            if commits {
+                fired.to = fired.to.min(turn);
+            }
+            latest = latest.max(before(source.fails())).max(before(fired));
+        }
+        latest
     }
 }
 

@@ -42,7 +42,7 @@ pub struct Judge {
     greatest: u64,
     /// The greatest instant that certainly has passed.
     passed: u64,
-    open: BTreeMap<u64, OpenMessageHistory>,
+    open: BTreeMap<u64, Box<OpenMessageHistory>>,
     /// When each can be judged, or could before it got another line.
     ripening: BinaryHeap<Reverse<(u64, u64)>>,
     /// Of those open, the ones that broke the rules.
@@ -270,12 +270,15 @@ impl Judge {
 
     /// Notes a line of a timestamp.
     fn take(&mut self, t: u64, line: u64, event: &Event, annotations: &Annotations) {
-        if !self.open.contains_key(&t) && !self.begins(t, event) {
+        let open = if let Some(open) = self.open.get_mut(&t) {
+            open
+        } else if self.begins(t, event) {
+            self.open.entry(t).or_default()
+        } else {
             return;
-        }
+        };
         let clouds = &self.header.clouds;
         let is_cloud = |p| clouds.iter().any(|cloud| u64::from(cloud.p) == p);
-        let open = self.open.entry(t).or_default();
         // P1: each source has one output at most.
         let most = match self.header.commit {
             Commit::Eager | Commit::Patient => 1,
@@ -443,7 +446,7 @@ impl Judge {
         {
             let Opened { line, t, .. } = opened;
             // One that is done with has reported what was refused.
-            let open = self.open.get(&t).filter(|open| open.has_open(line));
+            let open = self.open.get(&t).map(Box::as_ref).filter(|open| open.has_open(line));
             let may_change = |open: &OpenMessageHistory| {
                 greatest.is_some_and(|it| open.opens_by(&self.slack) >= it)
             };

@@ -345,6 +345,10 @@ impl OpenMessageHistory {
 
     fn comes(&mut self, came: RequestClosing) {
         let RequestClosing { p, at, .. } = came;
+        if self.dropped.is_empty() {
+            self.came.insert(came);
+            return;
+        }
         let [first, last] = [false, true].map(|is_unknown| Dropped { p, at, is_unknown });
         let mut drops = self.dropped.range(first..=last).peekable();
         let is_superseded = drops.peek().is_some();

@@ -1,10 +1,8 @@
 //! What was observed of one timestamp, and whether the rules can explain it.
 
-use std::collections::{BTreeMap, BTreeSet};
-
 use super::explain::{
-    InstantRange, LAST, NEVER, ObservedFacts, ObservedSource, RetirementOutput, SourceTimer,
-    WideInstant,
+    InstantRange, LAST, NEVER, ObservedFacts, ObservedSource, RetirementOutput, SOURCES,
+    SourceTimer, WideInstant,
 };
 use super::progressive::{OutputTime, ProgressiveFacts};
 use super::slack::SourceSlack;
@@ -204,7 +202,11 @@ impl MessageHistory {
             failure: None,
             last: NEVER,
         };
-        let mut sources = BTreeMap::from([(0, local)]);
+        // In ascending priority, each beside its own.
+        let (mut priorities, mut sources) =
+            (Vec::with_capacity(SOURCES), Vec::with_capacity(SOURCES));
+        priorities.push(0);
+        sources.push(local);
         for (p, at, due) in &self.requests {
             let tolerance = slack.tolerance_of(*p);
             let requested = span(*at, tolerance);
@@ -213,32 +215,32 @@ impl MessageHistory {
             }
             let timer = Some(timer(WideInstant::from(*due), tolerance));
             let source = ObservedSource { requested: requested.from.max(open), timer, ..local };
-            if sources.insert(*p, source).is_some() {
-                return None;
-            }
+            let place = priorities.binary_search(p).err()?;
+            priorities.insert(place, *p);
+            sources.insert(place, source);
         }
         let events = self.results.iter().map(|event| (event, true));
         for ((p, at), is_result) in events.chain(self.failures.iter().map(|event| (event, false))) {
             let came = span(*at, slack.tolerance_of(*p));
-            if came.to < sources.get(p).map_or(open, |source| source.requested) {
+            let known = priorities.binary_search(p).ok();
+            let mut source = known.and_then(|place| sources.get_mut(place));
+            if came.to < source.as_ref().map_or(open, |source| source.requested) {
                 return None;
             }
             // Of a cloud without a request, or of local where there is none: a drop.
             let is_source = *p > 0 || !self.without_local;
-            let Some(source) = sources.get_mut(p).filter(|_| is_source) else { continue };
+            let Some(source) = source.as_mut().filter(|_| is_source) else { continue };
             source.last = source.last.min(came.to);
             let kind = if is_result { &mut source.result } else { &mut source.failure };
             *kind = Some(kind.map_or(came.from, |from| from.min(came.from)));
         }
         if self.without_local {
-            let all_requested = sources.values().skip(1).map(|source| source.requested).max();
+            let all_requested = sources.iter().skip(1).map(|source| source.requested).max();
             let last = all_requested.unwrap_or(NEVER);
-            sources.insert(0, ObservedSource { timer: None, failure: Some(open), last, ..local });
+            sources[0] = ObservedSource { timer: None, failure: Some(open), last, ..local };
         }
-        let priorities: BTreeSet<u64> = sources.keys().copied().collect();
         let is_eager = commit == Commit::Eager;
-        let facts = ObservedFacts { is_eager, open, sources: sources.into_values().collect() };
-        Some((facts, priorities.into_iter().collect()))
+        Some((ObservedFacts { is_eager, open, sources }, priorities))
     }
 }
 

@@ -70,7 +70,7 @@ fn what_comes_again_and_again_for_one_timestamp_is_held_once() {
         let drop = Decision::Drop { at, t: 1, p: 7, why: DropReason::Superseded };
         judge.line(1, &Event::Decision(drop)).expect("it is in order");
     }
-    let held = judge.open.get(&1).map_or(0, OpenMessageHistory::len);
+    let held = judge.open.get(&1).map_or(0, |open| open.len());
     assert!(held < 300, "{held} facts are held");
 }
 
@@ -86,7 +86,7 @@ fn what_comes_again_and_again_leaves_the_latest_value() {
         let mut line = |event, of| {
             let annotations = Annotations { of, ..Annotations::NONE };
             judge.annotated_line(1, &event, &annotations).expect("it is in order");
-            judge.open.get(&1000).map_or(0, OpenMessageHistory::len)
+            judge.open.get(&1000).map_or(0, |open| open.len())
         };
         line(opened(0, 1000), None);
         line(Event::Decision(Decision::Request { at: 0, t: 1000, p: 1, due: 9_000 }), None);
