@@ -11,26 +11,37 @@ use tokio::time::timeout;
 /// D7, D10: a call that lingers is dropped when the operator ends; found by the simulator.
 #[tokio::test(start_paused = true)]
 async fn a_call_that_panics_when_it_is_dropped_at_the_end_costs_neither_items_nor_trace() {
+    play_with_calls_that_panic_on_drop(Duration::from_millis(1000)).await;
+}
+
+/// D6, D7.
+#[tokio::test(start_paused = true)]
+async fn a_call_that_panics_when_it_is_aborted_costs_neither_items_nor_trace() {
+    play_with_calls_that_panic_on_drop(Duration::ZERO).await;
+}
+
+async fn play_with_calls_that_panic_on_drop(linger: Duration) {
     struct PanicsOnDrop;
     impl Drop for PanicsOnDrop {
         fn drop(&mut self) {
             panic!("on purpose");
         }
     }
-    let operator = ClosureOperator(|setup: &mut Setup<u64, String>| {
+    let operator = ClosureOperator(move |setup: &mut Setup<u64, String>| {
         let handle = |_: u64, _: Call| async {
             let _bomb = PanicsOnDrop;
             std::future::pending::<Result<String, Error>>().await
         };
         let deadline = Duration::from_millis(30);
         let cloud = setup.use_cloud(handle, move |m, _| Some((*m, deadline)), Ok, 1);
-        cloud.linger = Duration::from_millis(100);
+        (cloud.linger, cloud.calls) = (linger, 2);
         Local::future(|_, _| async { Ok("local".to_owned()) })
     });
-    let played = play(operator, Config::default(), &[0]);
+    let played = play(operator, Config::default(), &[0, 100]);
     let played = timeout(Duration::from_secs(60), played).await.expect("its output ends");
-    assert_eq!(played.items, "30.000 ms: 0 local by timer from 0 ms\n");
-    assert_eq!(played.trace.lines().count(), 9);
+    let items = "30.000 ms: 0 local by timer from 0 ms\n130.000 ms: 1 local by timer from 100 ms\n";
+    assert_eq!(played.items, items);
+    assert_eq!(played.trace.matches(r#""ev":"emit""#).count(), 2);
 }
 
 /// D1: found by the simulator.

@@ -13,10 +13,12 @@ use tokio::runtime::Builder;
 use tower_layer::Layer;
 use tower_service::Service;
 
+const SECOND: Duration = Duration::from_secs(1);
+
 #[global_allocator]
 static ALLOCATED: Cap<System> = Cap::new(System, usize::MAX);
 
-/// Its cloud answers, fails, panics and is too late, by turns; local computes in tasks or in threads.
+/// Its cloud answers, fails, panics and is too late, by turns; local computes in tasks or in threads. A side request each.
 struct ChangeableOperator {
     has_threads: bool,
 }
@@ -38,6 +40,8 @@ impl Operator for ChangeableOperator {
         let cloud = setup.use_cloud(handle, move |message, _| Some((*message, deadline)), Ok, 1);
         cloud.linger = deadline;
         setup.use_hints(|_| {});
+        let answer = |message: u64, _: Call| async move { Ok::<_, Error>(message) };
+        setup.use_side_request(answer, |message, _| Some((*message, SECOND)), |_| Ok(()));
         if self.has_threads {
             Local::threads(2, || |message: &u64, _| Ok(*message))
         } else {

@@ -76,11 +76,10 @@ impl ServerLimits {
         if self.connections_open.load(Ordering::Relaxed) >= self.bounds.connections {
             return Err(RejectReason::Full);
         }
-        let count = by_address.entry(from).or_default();
-        if *count >= self.bounds.connections_each {
+        if by_address.get(&from).map_or(0, |count| *count) >= self.bounds.connections_each {
             return Err(RejectReason::Crowd);
         }
-        *count += 1;
+        *by_address.entry(from).or_default() += 1;
         self.connections_open.fetch_add(1, Ordering::Relaxed);
         Ok(ConnectionPermit { limits: Arc::clone(self), from })
     }
@@ -169,6 +168,16 @@ mod tests {
             assert_eq!(full.as_deref(), Some("the server has as many connections as it may"));
             drop(permits);
         }
+        assert!(lock(&limits.by_address).is_empty());
+    }
+
+    /// D8: one that was let in never leaves nothing either.
+    #[test]
+    fn an_address_that_may_have_no_connection_leaves_nothing() {
+        let bounds = Bounds { connections_each: 0, ..Bounds::default() };
+        let limits = Arc::new(ServerLimits::new(bounds));
+        let refused = limits.permit(IpAddr::from([10, 0, 0, 1])).err().map(|why| why.to_string());
+        assert_eq!(refused.as_deref(), Some("its address has as many connections as it may"));
         assert!(lock(&limits.by_address).is_empty());
     }
 }
