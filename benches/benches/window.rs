@@ -1,13 +1,13 @@
 //! Time per input, by kind of input, in full windows of 4 to 1024 (P9): the worst of dense, strided and random
-//! timestamps, touched in random order.
+//! timestamps, touched in random order, and of dense ones, the oldest first.
 
 use fuseline_benches::beside::{in_turns, passes};
 use fuseline_benches::window::{BenchKind, INPUTS, Load, Spacing, flat};
 
-/// ns an input by the median and by the best pass; each the worst of the three spacings.
+/// ns an input by the median and by the best pass; each the worst of the four loads.
 fn measure<const WINDOW: usize>(kind: BenchKind) -> [f64; 2] {
     let mut worst = [0.0_f64; 2];
-    for spacing in [Spacing::Dense, Spacing::Strided, Spacing::Random] {
+    for spacing in Spacing::ALL {
         let load = Load::new(WINDOW, spacing);
         let [times] = in_turns(passes(150), [&mut || flat::<WINDOW>(&load, kind)]);
         let (median, best) = times.an_input(INPUTS);
