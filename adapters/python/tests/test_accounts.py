@@ -317,7 +317,8 @@ def test_a_clock_that_goes_back_stands_still(run: Run[Any], tmp_path: Path) -> N
     """D9."""
     back = [0.0]
 
-    async def main(loop: VirtualLoop) -> list[tuple[int, float]]:
+    async def main(loop: VirtualLoop) -> list[tuple[int, int, float]]:
+        start = loop.time_ns()
         operator = Operator(
             Local.task(local_after(0), deadline=None),
             clock=lambda: round((loop.time() - back[0]) * 1e9),
@@ -327,15 +328,15 @@ def test_a_clock_that_goes_back_stands_still(run: Run[Any], tmp_path: Path) -> N
         async with operator:
             for seconds in (0.0, 0.0, 7.0, 0.0):
                 back[0] += seconds
-                operator.write(0)
+                operator.write(0, Lineage("camera", 0, start))
                 item = await operator.read()
-                assert item is not None
-                items.append((round(item.opened / 1e9), item.took))
+                assert item is not None and item.age is not None
+                items.append((round(item.opened / 1e9), round(item.age), item.took))
                 await asyncio.sleep(5)
         return items
 
     # The third is taken in at what the clock showed before, and so is the fourth, 2 s too early.
-    assert run(main) == [(0, 0.0), (5, 0.0), (5, 0.0), (8, 0.0)]
+    assert run(main) == [(0, 0, 0.0), (5, 5, 0.0), (5, 5, 0.0), (8, 8, 0.0)]
     assert fuseline.check(tmp_path / "trace.jsonl").conforms
 
 
