@@ -549,3 +549,25 @@ def test_a_source_of_messages_is_closed_however_its_operator_ends(run: Run[Any])
     operator = Operator(local_after(0))
     with pytest.raises(fuseline.ConfigError, match="a substitute's handler"):
         operator.use_substitute(local_after(0))  # type: ignore[arg-type]
+
+
+def test_a_reader_in_order_gives_what_waits_when_nothing_more_comes(run: Run[Any]) -> None:
+    """E9."""
+
+    async def main(loop: VirtualLoop) -> list[int]:
+        async def local(n: int, t: int) -> int:
+            await asyncio.sleep(0.1 if t else 3600)
+            return n
+
+        on_board = Local.task(local, at_once=3, deadline=7200.0)
+        operator = Operator(on_board, clock=loop.time_ns, greatest_deadline=7200.0)
+        async with operator:
+            items = Items(operator).in_order(1000.0, clock=loop.time_ns)
+            for n in range(3):
+                operator.write(n)
+            loop.call_later(1.0, operator.stop)
+            given = [item.timestamp async for item in items]
+            assert loop.time() == pytest.approx(1001.0)
+        return given
+
+    assert run(main) == [1, 2]
