@@ -317,7 +317,8 @@ def test_a_clock_that_goes_back_stands_still(run: Run[Any], tmp_path: Path) -> N
     """D9."""
     back = [0.0]
 
-    async def main(loop: VirtualLoop) -> list[tuple[int, float]]:
+    async def main(loop: VirtualLoop) -> list[tuple[int, int, float]]:
+        start = loop.time_ns()
         operator = Operator(
             Local.task(local_after(0), deadline=None),
             clock=lambda: round((loop.time() - back[0]) * 1e9),
@@ -327,15 +328,15 @@ def test_a_clock_that_goes_back_stands_still(run: Run[Any], tmp_path: Path) -> N
         async with operator:
             for seconds in (0.0, 0.0, 7.0, 0.0):
                 back[0] += seconds
-                operator.write(0)
+                operator.write(0, Lineage("camera", 0, start))
                 item = await operator.read()
-                assert item is not None
-                items.append((round(item.opened / 1e9), item.took))
+                assert item is not None and item.age is not None
+                items.append((round(item.opened / 1e9), round(item.age), item.took))
                 await asyncio.sleep(5)
         return items
 
     # The third is taken in at what the clock showed before, and so is the fourth, 2 s too early.
-    assert run(main) == [(0, 0.0), (5, 0.0), (5, 0.0), (8, 0.0)]
+    assert run(main) == [(0, 0, 0.0), (5, 5, 0.0), (5, 5, 0.0), (8, 8, 0.0)]
     assert fuseline.check(tmp_path / "trace.jsonl").conforms
 
 
@@ -548,3 +549,25 @@ def test_a_source_of_messages_is_closed_however_its_operator_ends(run: Run[Any])
     operator = Operator(local_after(0))
     with pytest.raises(fuseline.ConfigError, match="a substitute's handler"):
         operator.use_substitute(local_after(0))  # type: ignore[arg-type]
+
+
+def test_a_reader_in_order_gives_what_waits_when_nothing_more_comes(run: Run[Any]) -> None:
+    """E9."""
+
+    async def main(loop: VirtualLoop) -> list[int]:
+        async def local(n: int, t: int) -> int:
+            await asyncio.sleep(0.1 if t else 3600)
+            return n
+
+        on_board = Local.task(local, at_once=3, deadline=7200.0)
+        operator = Operator(on_board, clock=loop.time_ns, greatest_deadline=7200.0)
+        async with operator:
+            items = Items(operator).in_order(1000.0, clock=loop.time_ns)
+            for n in range(3):
+                operator.write(n)
+            loop.call_later(1.0, operator.stop)
+            given = [item.timestamp async for item in items]
+            assert loop.time() == pytest.approx(1001.0)
+        return given
+
+    assert run(main) == [1, 2]

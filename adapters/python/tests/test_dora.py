@@ -143,6 +143,27 @@ def test_what_waits_when_its_input_is_closed_fails_at_once(run: Run[Any]) -> Non
     assert run(main) == [("local", 0.6), ("local", 0.6)]
 
 
+def test_what_waits_when_the_dataflow_ends_is_missed_at_once(
+    run: Run[Any], caplog: pytest.LogCaptureFixture
+) -> None:
+    async def main(loop: VirtualLoop) -> float:
+        plan: Plan = {"local": lambda _: None, "west": lambda _: None}
+        node = PlayedNode(loop, plan, OUTPUTS)
+        node.fusion = FusionNode(node, {"west": 0.9}, clock=loop.time_ns)
+        async with node.fusion.operator:
+            loop.call_later(0.0, node.fusion.take, frame(1))
+            loop.call_later(0.2, node.fusion.take, None)
+            loop.call_later(0.2, node.fusion.take, frame(2))
+            item = await anext(node.fusion.operator)
+            node.fusion._send(item)
+        nothing_waits(node.fusion)
+        assert node.fusion.dropped == {"input": 1}
+        return item.took
+
+    assert run(main) == pytest.approx(0.2)
+    assert "an input was not taken" in caplog.text
+
+
 def test_results_of_no_request_are_dropped(run: Run[Any]) -> None:
     stray = {"type": "INPUT", "id": "west_result", "value": 9, "metadata": {"request_id": "7"}}
     plan: Plan = {"local": lambda _: 0.1, "west": lambda _: None}

@@ -138,6 +138,7 @@ def test_rival_policies_over_responses() -> None:
         ({"west": west}, "local"),
         ({"local": local, "other": Responses([0.1], 1)}, "different numbers"),
         ({"local": local, "other": local}, "priorities"),
+        ({"local": local, "other": Responses(west.seconds, 65536)}, "priorities"),
     ):
         with pytest.raises(ValueError, match=why):
             compare_responses(sources, deadline=0.5)

@@ -205,13 +205,14 @@ def test_a_value_ages_until_it_is_known_to_be_final(run: Run[Any]) -> None:
         operator = Operator(Local.task(local), commit="progressive", clock=loop.time_ns)
         operator.use_cloud(hang, lambda n, t: (n, 100 * MS), str, 2)
         operator.use_cloud(tracker, lambda n, t: (n, 50 * MS), _as_it_is, 1)
+        operator.use_substitute(lambda item: "a substitute")
         async with operator:
             operator.write(1, of(loop, 0))
             await asyncio.sleep(1.0)
             item = await operator.read()
             assert item is not None and item.ending is Ending.FORWARDED
             assert item.age == pytest.approx(100 * MS)
-            assert (item.value, item.of) == ("the tracker's", 0)
+            assert (item.value, item.of, item.substitute) == ("the tracker's", 0, None)
 
     run(main)
 

@@ -14,6 +14,7 @@ pub(super) const PYTHON: EvidenceKind = EvidenceKind {
     concerns: |fault| fault.file.starts_with(MODULES),
     run: RunMethod::Pytest {
         arguments: &[
+            "tests/test_accounts.py",
             "tests/test_operator.py",
             "tests/test_operator_bounds.py",
             "tests/test_operator_ends.py",
@@ -38,6 +39,7 @@ pub(super) const PYTHON: EvidenceKind = EvidenceKind {
         "adapters/python/python/fuseline/testing.py",
         "adapters/python/tests/conftest.py",
         "adapters/python/tests/operator_support.py",
+        "adapters/python/tests/test_accounts.py",
         "adapters/python/tests/test_operator.py",
         "adapters/python/tests/test_operator_bounds.py",
         "adapters/python/tests/test_operator_ends.py",
