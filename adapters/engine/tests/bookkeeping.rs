@@ -38,6 +38,8 @@ impl Policy for LoggingPolicy {
 #[derive(Clone, Debug)]
 enum EngineStep {
     Wait(u64),
+    /// So much later the next input comes, without a tick before.
+    Pass(u64),
     /// Until something is due.
     ToNextDue,
     GoBack(u64),
@@ -65,20 +67,21 @@ enum EngineStep {
 }
 
 fn step() -> impl Strategy<Value = EngineStep> {
-    let offers = proptest::collection::vec((1..=2_u16, 1..60_u64), 0..3);
+    let offers = proptest::collection::vec((1..=3_u16, 1..60_u64), 0..3);
     let (deadline, within) =
         (proptest::option::of(0..60_u64), proptest::option::weighted(0.3, 1..90_u64));
     prop_oneof![
-        6 => (0..20_u64).prop_map(EngineStep::Wait),
+        4 => (0..20_u64).prop_map(EngineStep::Wait),
+        4 => (0..40_u64).prop_map(EngineStep::Pass),
         4 => Just(EngineStep::ToNextDue),
         1 => (0..100_u64).prop_map(EngineStep::GoBack),
         12 => (deadline, within, offers)
             .prop_map(|(deadline, within, offers)| EngineStep::Open { deadline, within, offers }),
-        6 => (0..4_u64, 0..=3_u16, 0..60_u64)
+        6 => (0..4_u64, 0..=4_u16, 0..60_u64)
             .prop_map(|(back, p, deadline)| EngineStep::Offer { back, p, deadline }),
         12 => (0..8_usize, proptest::bool::weighted(0.7))
             .prop_map(|(nth, well)| EngineStep::End { nth, well }),
-        4 => (0..6_u64, 0..=3_u16, any::<bool>())
+        4 => (0..6_u64, 0..=4_u16, any::<bool>())
             .prop_map(|(back, p, well)| EngineStep::Any { back, p, well }),
     ]
 }
@@ -90,16 +93,15 @@ fn settings() -> impl Strategy<Value = EngineSettings> {
     );
     let commit = proptest::sample::select(&Commit::ALL[..]);
     let overflow = proptest::sample::select(&[Overflow::DropOldest, Overflow::DropNewest][..]);
-    (commit, local, overflow, 0..3_usize, [cloud(), cloud()], 0..30_u64, 1..6_u16).prop_map(
-        |(commit, local, overflow, replaceable, clouds, reserve, window)| {
+    (commit, local, overflow, 0..3_usize, [cloud(), cloud(), cloud()], 0..30_u64, 1..6_u16)
+        .prop_map(|(commit, local, overflow, replaceable, clouds, reserve, window)| {
             let cloud = |p, name: &str| Cloud { p, name: Some(name.into()), limit: 3, resume: 1 };
-            let named = vec![cloud(2, "east"), cloud(1, "west")];
+            let named = vec![cloud(2, "east"), cloud(1, "west"), cloud(3, "north")];
             let operator = Some("tested".into());
             let header = Header { operator, window, commit, clouds: named };
             let clouds = clouds.to_vec();
             EngineSettings { header, local, overflow, replaceable, clouds, reserve }
-        },
-    )
+        })
 }
 
 fn engine(settings: &EngineSettings, log: &Arc<Mutex<Vec<String>>>) -> Engine<MarkedValue, u64> {
@@ -223,6 +225,7 @@ impl EnginePair {
         let (now, next) = (self.now, self.next);
         match step {
             EngineStep::Wait(nanos) => self.tick(now + nanos),
+            EngineStep::Pass(nanos) => self.now += nanos,
             EngineStep::ToNextDue => self.tick(now.max(self.naive.next_due().unwrap_or(now))),
             EngineStep::GoBack(nanos) => self.tick(now.saturating_sub(*nanos)),
             EngineStep::Open { deadline, within, offers } => {
