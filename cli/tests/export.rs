@@ -176,6 +176,36 @@ fn a_repeated_timestamp_leaves_the_slices_of_the_open_message_as_they_are() {
     assert_eq!((refusals.len(), with), (1, without));
 }
 
+/// Calls one after the other are on one track, those at once on one each, and both are used again.
+#[test]
+fn perfetto_has_as_many_tracks_of_a_source_as_calls_were_under_way_at_once() {
+    let dir = tempdir().unwrap();
+    let path = dir.path().join("trace.jsonl");
+    let mut trace =
+        r#"{"fuseline":1,"window":4,"clouds":[{"p":1,"limit":4,"resume":0}]}"#.to_owned();
+    for t in 0..40_u64 {
+        let (at, due) = (500 * t, 500 * t + 1200);
+        for line in [
+            format!(r#"{{"ev":"open","at":{at},"t":{t}}}"#),
+            format!(r#"{{"ev":"request","at":{at},"t":{t},"p":1,"due":{due}}}"#),
+        ] {
+            trace.extend(["\n", line.as_str()]);
+        }
+        // Two messages are open at once: this one, and the one before until now.
+        if let Some(t) = t.checked_sub(1) {
+            for ev in ["result", "emit"] {
+                trace.extend(["\n", &format!(r#"{{"ev":"{ev}","at":{at},"t":{t},"p":1}}"#)]);
+            }
+        }
+    }
+    fs::write(&path, trace + "\n").unwrap();
+    let exported: Value = serde_json::from_slice(&export("--perfetto", &path)).unwrap();
+    let events = exported["traceEvents"].as_array().unwrap();
+    let names = events.iter().filter(|event| event["name"] == "thread_name");
+    let names: Vec<_> = names.map(|event| event["args"]["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["outputs", "local", "cloud 1", "local (2)", "cloud 1 (2)"]);
+}
+
 /// A detector and a tracker that began 1 ms after it: frame 41, which the tracker gets as its second message, and frame 40.
 #[test]
 fn a_frame_is_followed_through_several_operators_on_one_clock() {

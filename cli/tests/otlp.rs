@@ -189,3 +189,42 @@ fn an_exported_trace_comes_back_and_conforms() {
         assert_eq!(judged.status.code(), Some(0), "{}", out(&judged));
     }
 }
+
+/// A trace's clock may begin with its first message: instant 0 is one as any other.
+#[test]
+fn what_ends_at_instant_0_is_not_taken_for_what_the_trace_leaves_open() {
+    let dir = tempdir().unwrap();
+    let (trace, spans) = (dir.path().join("trace.jsonl"), dir.path().join("spans.json"));
+    let shown = |lines: &[&str]| {
+        let header = r#"{"fuseline":1,"window":4,"clouds":[{"p":1,"limit":4,"resume":0}]}"#;
+        let open = r#"{"ev":"open","at":0,"t":0}"#;
+        let request = r#"{"ev":"request","at":0,"t":0,"p":1,"due":9}"#;
+        let lines = [&[header, open, request], lines].concat();
+        fs::write(&trace, lines.join("\n") + "\n").unwrap();
+        let (trace, spans) = (trace.to_str().unwrap(), spans.to_str().unwrap());
+        let exported = run(&["export", "--force", "--otlp", trace, "-o", spans], "");
+        assert_eq!((exported.status.code(), err(&exported)), (Some(0), ""));
+        let exported: Value = serde_json::from_slice(&fs::read(spans).unwrap()).unwrap();
+        let spans = exported["resourceSpans"][0]["scopeSpans"][0]["spans"].as_array().unwrap();
+        let ended = |span: &Value| {
+            let attributes = span["attributes"].as_array().unwrap();
+            attributes
+                .iter()
+                .find(|it| it["key"] == "fuseline.ended")
+                .map_or("", |it| it["value"]["stringValue"].as_str().unwrap())
+                .to_owned()
+        };
+        let one = |span: &Value| (span["status"]["code"].as_u64().unwrap(), ended(span));
+        spans.iter().map(one).collect::<Vec<_>>()
+    };
+    let retired = || (0, "retired".to_owned());
+    let open = || (0, String::new());
+    // Local, the cloud, the message.
+    let emitted = [r#"{"ev":"result","at":0,"t":0,"p":1}"#, r#"{"ev":"emit","at":0,"t":0,"p":1}"#];
+    assert_eq!(shown(&emitted), [(1, String::new()), retired(), (1, String::new())]);
+    assert_eq!(
+        shown(&[r#"{"ev":"miss","at":0,"t":0}"#]),
+        [retired(), retired(), (2, String::new())]
+    );
+    assert_eq!(shown(&[]), [open(), open(), (1, String::new())]);
+}

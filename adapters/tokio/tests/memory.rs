@@ -18,7 +18,8 @@ const SECOND: Duration = Duration::from_secs(1);
 #[global_allocator]
 static ALLOCATED: Cap<System> = Cap::new(System, usize::MAX);
 
-/// Its cloud answers, fails, panics and is too late, by turns; local computes in tasks or in threads. A side request each.
+/// Its cloud answers, fails, panics and is too late, by turns; local computes in tasks or in threads. Every fourth message
+/// has a side request.
 struct ChangeableOperator {
     has_threads: bool,
 }
@@ -41,7 +42,8 @@ impl Operator for ChangeableOperator {
         cloud.linger = deadline;
         setup.use_hints(|_| {});
         let answer = |message: u64, _: Call| async move { Ok::<_, Error>(message) };
-        setup.use_side_request(answer, |message, _| Some((*message, SECOND)), |_| Ok(()));
+        let wanted = |message: &u64, _| (message % 4 == 0).then_some((*message, SECOND));
+        setup.use_side_request(answer, wanted, |_| Ok(()));
         if self.has_threads {
             Local::threads(2, || |message: &u64, _| Ok(*message))
         } else {

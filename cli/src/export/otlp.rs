@@ -144,9 +144,9 @@ impl<W: Write> SpanWriter<W> {
                 }
                 Ok(())
             }
-            Decision::Emit { at, t, p } => self.end_message(at, t, Some(p), annotations.of),
-            Decision::Final { at, t, p } => self.end_message(at, t, Some(p), None),
-            Decision::Miss { at, t } => self.end_message(at, t, None, None),
+            Decision::Emit { at, t, p } => self.end_message(Some(at), t, Some(p), annotations.of),
+            Decision::Final { at, t, p } => self.end_message(Some(at), t, Some(p), None),
+            Decision::Miss { at, t } => self.end_message(Some(at), t, None, None),
             Decision::RefuseOpen { t, .. } => {
                 if self.opened.take() == Some(t) {
                     self.open.remove(&t);
@@ -204,7 +204,14 @@ impl<W: Write> SpanWriter<W> {
         span.write(&mut self.out, &mut self.is_first)
     }
 
-    fn end_message(&mut self, at: u64, t: u64, by: Option<u64>, of: Option<u64>) -> io::Result<()> {
+    /// The end's instant is none where the trace ends first.
+    fn end_message(
+        &mut self,
+        at: Option<u64>,
+        t: u64,
+        by: Option<u64>,
+        of: Option<u64>,
+    ) -> io::Result<()> {
         self.end_open_calls(at, t)?;
         let Some(message) = self.open.remove(&t) else { return Ok(()) };
         let MessageSpan { trace_id, span_id, start, mut attributes, .. } = message;
@@ -217,18 +224,19 @@ impl<W: Write> SpanWriter<W> {
             name: &self.operator_name,
             kind: 1,
             start,
-            end: at,
-            code: if by.is_some() || at == 0 { 1 } else { 2 },
+            end: at.unwrap_or(0),
+            code: if by.is_some() || at.is_none() { 1 } else { 2 },
             attributes: &attributes,
         };
         span.write(&mut self.out, &mut self.is_first)
     }
 
-    /// What is not awaited any more when its message ends; at 0 the trace ends first.
-    fn end_open_calls(&mut self, at: u64, t: u64) -> io::Result<()> {
+    /// What is not awaited any more when its message ends; without an instant the trace ends first.
+    fn end_open_calls(&mut self, at: Option<u64>, t: u64) -> io::Result<()> {
         let Some(message) = self.open.get(&t) else { return Ok(()) };
         let calls: Vec<_> = message.calls.keys().copied().collect();
-        let end = if at == 0 { SpanEnd::Open } else { SpanEnd::EndedByCaller("retired") };
+        let end = if at.is_none() { SpanEnd::Open } else { SpanEnd::EndedByCaller("retired") };
+        let at = at.unwrap_or(0);
         calls.into_iter().try_for_each(|(p, attempt)| self.end_call(at, t, p, attempt, end))
     }
 }
@@ -318,7 +326,7 @@ impl<W: Write> TraceViewer for SpanWriter<W> {
         let open: Vec<u64> = self.open.keys().copied().collect();
         for t in open {
             let by = self.open.get(&t).and_then(|message| message.by);
-            self.end_message(0, t, by, None)?;
+            self.end_message(None, t, by, None)?;
         }
         self.out.write_all(b"\n]}]}]}\n")?;
         self.out.flush()

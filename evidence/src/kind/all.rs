@@ -317,6 +317,8 @@ pub const KINDS: &[EvidenceKind] = &[
                 "--test",
                 "random_inputs",
                 "--test",
+                "bookkeeping",
+                "--test",
                 "recording",
                 "--test",
                 "side",

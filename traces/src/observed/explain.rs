@@ -225,12 +225,11 @@ impl ObservedFacts {
     ) -> bool {
         // When each is pending, from the highest source down.
         let (mut few, mut many) = ([InstantRange { from: 0, to: 0 }; SOURCES], Vec::new());
-        let pending = match few.get_mut(..self.sources.len()) {
-            Some(few) => few,
-            None => {
-                many.resize(self.sources.len(), InstantRange { from: 0, to: 0 });
-                &mut many[..]
-            }
+        let pending = if let Some(few) = few.get_mut(..self.sources.len()) {
+            few
+        } else {
+            many.resize(self.sources.len(), InstantRange { from: 0, to: 0 });
+            &mut many[..]
         };
         for (known, (q, source)) in self.sources.iter().enumerate().rev().enumerate() {
             let Some(until) = self.lasts(q, at, turn, role(q), &pending[..known]) else {

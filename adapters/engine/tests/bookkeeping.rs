@@ -1,0 +1,310 @@
+//! The engine beside a naive one: effects, items, what policies are given, gauges, metrics and tally are the same.
+
+mod naive;
+
+use std::collections::BTreeMap;
+use std::mem;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use fuseline_deadline::{Chosen, End, Reason};
+use fuseline_engine::{
+    Cloud, Commit, Effect, Engine, Header, Lineage, Local, Offer, Overflow, Policy, Situation,
+    Tally,
+};
+use metrics_util::debugging::{DebugValue, DebuggingRecorder, Snapshotter};
+use naive::{EngineSettings, MarkedValue, NaiveEngine, choice, shown};
+use proptest::prelude::*;
+
+/// Writes what it is given where the test reads it.
+struct LoggingPolicy {
+    p: u16,
+    log: Arc<Mutex<Vec<String>>>,
+}
+
+impl Policy for LoggingPolicy {
+    fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Chosen {
+        let Self { p, log } = self;
+        log.lock().unwrap().push(format!("{p} decide {:?} {cap:?}", situation.under_way));
+        Chosen { deadline: choice(situation.under_way, cap), reason: Reason::Constant }
+    }
+
+    fn ended(&mut self, end: End) {
+        self.log.lock().unwrap().push(format!("{} {end:?}", self.p));
+    }
+}
+
+/// What is done to the engine next.
+#[derive(Clone, Debug)]
+enum EngineStep {
+    Wait(u64),
+    /// So much later the next input comes, without a tick before.
+    Pass(u64),
+    /// Until something is due.
+    ToNextDue,
+    GoBack(u64),
+    Open {
+        deadline: Option<u64>,
+        within: Option<u64>,
+        offers: Vec<(u16, u64)>,
+    },
+    Offer {
+        back: u64,
+        p: u16,
+        deadline: u64,
+    },
+    /// Of what runs, the `nth` ends, well or not.
+    End {
+        nth: usize,
+        well: bool,
+    },
+    /// A completion of any kind.
+    Any {
+        back: u64,
+        p: u16,
+        well: bool,
+    },
+}
+
+fn step() -> impl Strategy<Value = EngineStep> {
+    let offers = proptest::collection::vec((1..=3_u16, 1..60_u64), 0..3);
+    let (deadline, within) =
+        (proptest::option::of(0..60_u64), proptest::option::weighted(0.3, 1..90_u64));
+    prop_oneof![
+        4 => (0..20_u64).prop_map(EngineStep::Wait),
+        4 => (0..40_u64).prop_map(EngineStep::Pass),
+        4 => Just(EngineStep::ToNextDue),
+        1 => (0..100_u64).prop_map(EngineStep::GoBack),
+        12 => (deadline, within, offers)
+            .prop_map(|(deadline, within, offers)| EngineStep::Open { deadline, within, offers }),
+        6 => (0..4_u64, 0..=4_u16, 0..60_u64)
+            .prop_map(|(back, p, deadline)| EngineStep::Offer { back, p, deadline }),
+        12 => (0..8_usize, proptest::bool::weighted(0.7))
+            .prop_map(|(nth, well)| EngineStep::End { nth, well }),
+        4 => (0..6_u64, 0..=4_u16, any::<bool>())
+            .prop_map(|(back, p, well)| EngineStep::Any { back, p, well }),
+    ]
+}
+
+fn settings() -> impl Strategy<Value = EngineSettings> {
+    let cloud = || (1..3_usize, prop_oneof![Just(0), 1..60_u64], any::<bool>());
+    let local = (1..3_usize, 0..4_usize, any::<bool>(), any::<bool>()).prop_map(
+        |(at_once, waiting, skip_answered, lossy)| Local { at_once, waiting, skip_answered, lossy },
+    );
+    let commit = proptest::sample::select(&Commit::ALL[..]);
+    let overflow = proptest::sample::select(&[Overflow::DropOldest, Overflow::DropNewest][..]);
+    (commit, local, overflow, 0..3_usize, [cloud(), cloud(), cloud()], 0..30_u64, 1..6_u16)
+        .prop_map(|(commit, local, overflow, replaceable, clouds, reserve, window)| {
+            let cloud = |p, name: &str| Cloud { p, name: Some(name.into()), limit: 3, resume: 1 };
+            let named = vec![cloud(2, "east"), cloud(1, "west"), cloud(3, "north")];
+            let operator = Some("tested".into());
+            let header = Header { operator, window, commit, clouds: named };
+            let clouds = clouds.to_vec();
+            EngineSettings { header, local, overflow, replaceable, clouds, reserve }
+        })
+}
+
+fn engine(settings: &EngineSettings, log: &Arc<Mutex<Vec<String>>>) -> Engine<MarkedValue, u64> {
+    let at_once: Vec<usize> = settings.clouds.iter().map(|(at_once, ..)| *at_once).collect();
+    let mut engine = Engine::new(&settings.header, &at_once, settings.local).unwrap();
+    engine.set_overflow(settings.overflow);
+    engine.set_replaceable(settings.replaceable);
+    engine.set_reserve(Duration::from_nanos(settings.reserve));
+    engine.take_hints();
+    for (cloud, (_, linger, has_policy)) in settings.header.clouds.iter().zip(&settings.clouds) {
+        engine.set_linger(cloud.p, Duration::from_nanos(*linger));
+        if *has_policy {
+            let policy = LoggingPolicy { p: cloud.p, log: Arc::clone(log) };
+            engine.set_policy(cloud.p, Box::new(policy));
+        }
+    }
+    engine
+}
+
+fn effects(engine: &mut Engine<MarkedValue, u64>) -> Vec<String> {
+    let effects = std::iter::from_fn(|| engine.next_effect());
+    let shown = |effect| match effect {
+        Effect::Output(item) => shown(&item),
+        Effect::Start { priority, timestamp, until, request } => {
+            assert_eq!(request, timestamp);
+            format!("start {priority} {timestamp} until {until:?}")
+        }
+        Effect::Abort { priority, timestamp } => format!("abort {priority} {timestamp}"),
+        Effect::Replace { timestamp } => format!("replace {timestamp}"),
+        Effect::Hint(hint) => {
+            assert_eq!(hint.value, (hint.timestamp, hint.source.priority));
+            let (t, p) = hint.value;
+            format!("hint {t} {p} {} {}", hint.age.as_nanos(), hint.why.as_str())
+        }
+    };
+    effects.map(shown).collect()
+}
+
+/// The gauges but for deadlines in force, and the counters, by metric and labels without the operator's.
+fn metered(snapshotter: &Snapshotter) -> (BTreeMap<String, usize>, BTreeMap<String, u64>) {
+    let (mut gauges, mut counters) = (BTreeMap::new(), BTreeMap::new());
+    for (key, _, _, value) in snapshotter.snapshot().into_vec() {
+        let name = key.key().name().strip_prefix("fuseline_").unwrap();
+        let labels = key.key().labels().filter(|label| label.key() != "operator");
+        let labels = labels.map(|label| format!(" {}", label.value())).collect::<String>();
+        let name = format!("{}{labels}", name.strip_suffix("_total").unwrap_or(name));
+        match value {
+            DebugValue::Gauge(value) if !name.starts_with("deadline_seconds") => {
+                #[expect(
+                    clippy::cast_possible_truncation,
+                    clippy::cast_sign_loss,
+                    reason = "a count"
+                )]
+                gauges.insert(name, value.0 as usize);
+            }
+            DebugValue::Counter(count) if count > 0 => {
+                counters.insert(name, count);
+            }
+            _ => {}
+        }
+    }
+    (gauges, counters)
+}
+
+/// The tally in the words of the metrics, but for what only those have.
+fn tallied(tally: &Tally) -> BTreeMap<String, u64> {
+    let mut all =
+        vec![("messages".to_owned(), tally.messages), ("missed_messages".into(), tally.missed)];
+    let refused = tally.refused.iter();
+    all.extend(refused.map(|(why, count)| (format!("refused_messages {}", why.as_str()), *count)));
+    for source in &tally.sources {
+        let name = &source.source.name;
+        let mut put = |metric: &str, outcome: &str, count: u64| {
+            all.push((format!("{metric} {name}{outcome}"), count));
+        };
+        put("requests", " admitted", source.admitted);
+        source
+            .refused
+            .iter()
+            .for_each(|(why, n)| put("requests", &format!(" {}", why.as_str()), *n));
+        source.outputs.iter().for_each(|(why, n)| put("outputs", &format!(" {why}"), *n));
+        put("outputs", " final", source.finals);
+        put("results", " preliminary", source.preliminary);
+        put("results", " held", source.held);
+        source
+            .dropped
+            .iter()
+            .for_each(|(why, n)| put("results", &format!(" {}", why.as_str()), *n));
+        put("failures", " accepted", source.failed);
+        let dropped = source.failures_dropped.iter();
+        dropped.for_each(|(why, n)| put("failures", &format!(" {}", why.as_str()), *n));
+        put("lost", "", source.lost);
+        put("timers", "", source.timers);
+        put("cancelled", "", source.cancelled);
+        let reasons: u64 = source.reasons.iter().map(|(_, count)| count).sum();
+        assert_eq!(reasons + source.reasons.others(), source.failed);
+    }
+    all.into_iter().filter(|(_, count)| *count > 0).collect()
+}
+
+/// Both engines.
+struct EnginePair {
+    engine: Engine<MarkedValue, u64>,
+    naive: NaiveEngine,
+    log: Arc<Mutex<Vec<String>>>,
+    snapshotter: Snapshotter,
+    now: u64,
+    next: u64,
+}
+
+impl EnginePair {
+    fn new(settings: &EngineSettings) -> Self {
+        let recorder = DebuggingRecorder::new();
+        let log = Arc::default();
+        let engine = metrics::with_local_recorder(&recorder, || engine(settings, &log));
+        let (snapshotter, naive) = (recorder.snapshotter(), NaiveEngine::new(settings));
+        Self { engine, naive, log, snapshotter, now: 1000, next: 0 }
+    }
+
+    fn step(&mut self, step: &EngineStep) {
+        let (now, next) = (self.now, self.next);
+        match step {
+            EngineStep::Wait(nanos) => self.tick(now + nanos),
+            EngineStep::Pass(nanos) => self.now += nanos,
+            EngineStep::ToNextDue => self.tick(now.max(self.naive.next_due().unwrap_or(now))),
+            EngineStep::GoBack(nanos) => self.tick(now.saturating_sub(*nanos)),
+            EngineStep::Open { deadline, within, offers } => {
+                let of = |nanos| Arc::new(Lineage::default().within(Duration::from_nanos(nanos)));
+                let to = |(priority, deadline): &(u16, u64)| Offer {
+                    priority: *priority,
+                    deadline: Duration::from_nanos(*deadline),
+                    request: next,
+                };
+                let (limit, offered) = (deadline.map(Duration::from_nanos), offers.iter().map(to));
+                self.engine.open_with(now, next, limit, within.map(of), next, offered);
+                self.naive.open(now, next, *deadline, *within, offers);
+                self.next += 1;
+            }
+            EngineStep::Offer { back, p, deadline } => {
+                let t = next.saturating_sub(*back);
+                self.engine.offer(now, t, *p, Duration::from_nanos(*deadline), t);
+                self.naive.offer(now, t, *p, *deadline);
+            }
+            EngineStep::End { nth, well } => {
+                if let Some((p, t)) = self.naive.running().into_iter().nth(*nth) {
+                    self.complete(t, p, *well);
+                }
+            }
+            EngineStep::Any { back, p, well } => {
+                self.complete(next.saturating_sub(*back), *p, *well);
+            }
+        }
+    }
+
+    fn tick(&mut self, now: u64) {
+        self.now = now;
+        self.engine.tick(now);
+        self.naive.tick(now);
+    }
+
+    fn complete(&mut self, t: u64, p: u16, well: bool) {
+        if well {
+            self.engine.result(self.now, t, p, (t, p));
+            self.naive.result(self.now, t, p);
+        } else {
+            self.engine.fail(self.now, t, p, &"on purpose");
+            self.naive.fail(self.now, t, p, "on purpose");
+        }
+    }
+
+    fn compare(&mut self, step: &EngineStep) -> Result<(), TestCaseError> {
+        let expected = mem::take(&mut self.naive.effects);
+        prop_assert_eq!(effects(&mut self.engine), expected, "{:?}", step);
+        let expected = mem::take(&mut self.naive.reports);
+        prop_assert_eq!(mem::take(&mut *self.log.lock().unwrap()), expected, "{:?}", step);
+        prop_assert_eq!(self.engine.next_due(), self.naive.next_due(), "{:?}", step);
+        Ok(())
+    }
+}
+
+proptest! {
+    /// D3, D5, D8, D11, D13, D17, T5, T6.
+    #[test]
+    fn whatever_happens_the_engine_does_and_counts_what_a_naive_one_does(
+        settings in settings(),
+        steps in proptest::collection::vec(step(), 1..120),
+    ) {
+        let mut pair = EnginePair::new(&settings);
+        for step in &steps {
+            pair.step(step);
+            pair.compare(step)?;
+        }
+        let EnginePair { engine, naive, snapshotter, .. } = pair;
+        // A snapshot takes what was counted.
+        let (gauges, counters) = metered(&snapshotter);
+        prop_assert_eq!(gauges, naive.gauges());
+        prop_assert_eq!(&counters, &naive.counts);
+        let mut tallied = tallied(&engine.counts().tally());
+        for (name, count) in counters {
+            if name.starts_with("deadlines ") || name.ends_with(" forwarded") {
+                tallied.insert(name, count);
+            }
+        }
+        prop_assert_eq!(&tallied, &naive.counts);
+    }
+}
