@@ -162,6 +162,19 @@ async fn a_plan_requested_as_of_a_cloud_would_hold_locals_output_back() {
     assert_eq!(played.items, "100.000 ms: 0 local's of 0 by none by timer from 20 ms\n");
 }
 
+/// F2: what is due at once is refused, as a cloud's request is.
+#[tokio::test(start_paused = true)]
+async fn a_side_request_without_time_is_refused() {
+    let setup = |setup: &mut Setup<u64, String>| {
+        let answer = |t: u64, _: Call| async move { Ok::<_, Error>(t) };
+        setup.use_side_request(answer, |_, t| Some((t, Duration::ZERO)), |_| Ok(()));
+        local(&Plan::new("none".into()))
+    };
+    let (_, sides) = watched(&[0, 30], Config::default(), setup).await;
+    let SideTally { requested, refused, answered, expired, .. } = sides[0];
+    assert_eq!((requested, refused, answered, expired), (0, 2, 0, 0));
+}
+
 #[tokio::test(start_paused = true)]
 async fn asides_wait_for_a_place_and_beyond_the_gates_limit_they_are_refused_until_it_opens() {
     let reported = Arc::new(Mutex::new(Vec::new()));

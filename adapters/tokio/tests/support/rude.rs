@@ -79,7 +79,7 @@ pub(crate) async fn come(
         StrangerKind::Mute => mute(here, from, rng).await,
         StrangerKind::Unknown => unknown(here, from).await,
         StrangerKind::Crowd => crowd(here, from).await,
-        StrangerKind::Stalls => stalls(here, from, rng.bool()).await,
+        StrangerKind::Stalls => stalls(here, from, [rng.bool(), rng.bool()]).await,
         StrangerKind::Dribbles => dribbles(here, from).await,
         StrangerKind::Resets => resets(here, from).await,
         StrangerKind::Idles => {
@@ -177,8 +177,12 @@ async fn crowd(here: &VisitedServer, from: IpAddr) -> Option<String> {
         .or_else(|| beyond.iter().find_map(|end| check(*end, Duration::ZERO)))
 }
 
-/// A reply of which nothing is taken; other replies may be.
-async fn stalls(here: &VisitedServer, from: IpAddr, takes_others: bool) -> Option<String> {
+/// A reply of which nothing is taken; other replies may be, and another call may go on.
+async fn stalls(
+    here: &VisitedServer,
+    from: IpAddr,
+    [takes_others, has_long_call]: [bool; 2],
+) -> Option<String> {
     let (stall, since) = (here.bounds.stall, Instant::now());
     let mut builder = h2::client::Builder::new();
     builder.initial_connection_window_size(10 * 1024 * 1024);
@@ -186,9 +190,14 @@ async fn stalls(here: &VisitedServer, from: IpAddr, takes_others: bool) -> Optio
     let visitor = super::memory::Visitor { send, connection: tokio::spawn(connection) };
     let plan = CallPlan { reply: 300_000, ..here.plain() };
     let mut send = visitor.send.clone().ready().await.ok()?;
-    let (answer, mut body) = send.send_request(plan.head(), false).ok()?;
-    body.send_data(plan.body(), true).ok()?;
-    let _reply = answer.await.ok()?;
+    let mut begin = |plan: &CallPlan| {
+        let (answer, mut body) = send.send_request(plan.head(), false).ok()?;
+        body.send_data(plan.body(), true).ok()?;
+        Some(answer)
+    };
+    let long = CallPlan { compute: 8 * stall, ..here.plain() };
+    let _long_call = if has_long_call { Some(begin(&long)?) } else { None };
+    let _reply = begin(&plan)?.await.ok()?;
     while takes_others && since.elapsed() < 4 * stall && here.answers(&visitor).await {
         sleep(stall / 5).await;
     }
