@@ -1,5 +1,6 @@
 #![doc = include_str!("../README.md")]
 
+mod beside;
 mod columns;
 mod counts;
 mod deadlines;
@@ -13,6 +14,7 @@ mod reasons;
 mod statistics;
 mod thinned;
 mod tiles;
+mod timestamps;
 mod trace_page;
 
 pub use judging::{AnyViolation, Findings, JudgeMode, TraceJudge, VerdictSummary};

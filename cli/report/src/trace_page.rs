@@ -5,6 +5,7 @@ use std::io::{self, Write};
 use fuseline_traces::observed::TimeOrderError;
 use fuseline_traces::{Annotations, Event, Header, HeaderAnnotations};
 
+use crate::beside::ColumnsBeside;
 use crate::columns::{PageTrace, TraceColumns};
 use crate::judging::{Findings, JudgeMode, TraceJudge};
 use crate::notes::RunNotes;
@@ -30,7 +31,7 @@ pub struct TracePage<'a> {
     mode: JudgeMode,
     header: Header,
     judging: TraceJudge,
-    columns: TraceColumns,
+    columns: ColumnsBeside,
     notes: Option<RunNotes>,
     part: Option<PartFilter>,
     /// How many violations the columns know.
@@ -56,7 +57,11 @@ impl PageWriter {
             mode,
             header: header.clone(),
             judging: TraceJudge::new(mode, name, header).with_places(),
-            columns: TraceColumns::new(header, mode.is_some(), self.room / PART),
+            columns: ColumnsBeside::new(TraceColumns::new(
+                header,
+                mode.is_some(),
+                self.room / PART,
+            )),
             broken: 0,
             notes: None,
             part: None,
@@ -132,10 +137,8 @@ impl TracePage<'_> {
         if self.part.as_mut().is_some_and(|part| !part.takes(&event)) {
             return Ok(());
         }
-        self.columns.push(line, event, annotations);
-        if self.columns.is_long() {
-            self.columns.thin(self.judging.broken_since(&mut self.broken));
-        }
+        let broken = self.judging.broken_since(&mut self.broken);
+        self.columns.push(line, event, annotations, broken);
         Ok(())
     }
 
@@ -157,10 +160,11 @@ impl TracePage<'_> {
         self.end(TraceJudge::finish_early)
     }
 
-    fn end(mut self, finish: impl FnOnce(TraceJudge) -> (Findings, bool)) -> (Findings, bool) {
+    fn end(self, finish: impl FnOnce(TraceJudge) -> (Findings, bool)) -> (Findings, bool) {
         let (found, is_cut) = finish(self.judging);
-        let events = self.columns.settle(found.broken());
-        let mut shown = self.columns.page_trace(&self.header, self.mode, &found);
+        let mut columns = self.columns.finish();
+        let events = columns.settle(found.broken());
+        let mut shown = columns.page_trace(&self.header, self.mode, &found);
         shown.run = self.notes;
         self.page.page_trace.push(shown);
         self.page.room = self.page.room.saturating_sub(events);
