@@ -1,6 +1,5 @@
 #![doc = include_str!("../README.md")]
 
-mod beside;
 mod columns;
 mod counts;
 mod deadlines;
@@ -14,7 +13,6 @@ mod reasons;
 mod statistics;
 mod thinned;
 mod tiles;
-mod timestamps;
 mod trace_page;
 
 pub use judging::{AnyViolation, Findings, JudgeMode, TraceJudge, VerdictSummary};

@@ -1,6 +1,6 @@
 //! The page: its text, the built script and style, and the data, in one file.
 
-use std::io::{self, BufWriter, Write};
+use std::io::{self, Write};
 
 use serde::Serialize;
 
@@ -14,9 +14,6 @@ const PAGE: &str = include_str!("../page/page.html");
 const SCRIPT: &str = include_str!("../page/dist/report.js");
 const STYLE: &str = include_str!("../page/dist/report.css");
 const LICENSES: &str = include_str!("../page/dist/LICENSES.txt");
-
-/// How much of the data is written at once, in bytes.
-const BUFFER: usize = 64 * 1024;
 
 /// All of the page's data; it has no words of its own for these.
 #[derive(Serialize)]
@@ -41,12 +38,7 @@ pub(crate) fn write(out: &mut impl Write, data: &Data<'_>) -> io::Result<()> {
             (1, "licenses") => out.write_all(LICENSES.as_bytes())?,
             (1, "style") => out.write_all(STYLE.as_bytes())?,
             (1, "script") => out.write_all(SCRIPT.as_bytes())?,
-            (1, "data") => {
-                // Its numbers come one by one.
-                let mut inline = BufWriter::with_capacity(BUFFER, Inline(&mut *out));
-                serde_json::to_writer(&mut inline, data)?;
-                inline.flush()?;
-            }
+            (1, "data") => serde_json::to_writer(Inline(&mut *out), data)?,
             (_, text) => out.write_all(text.as_bytes())?,
         }
     }

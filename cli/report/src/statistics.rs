@@ -8,6 +8,7 @@ mod sums;
 #[cfg(test)]
 mod tests;
 
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 use fuseline_traces::{Commit, Decision, DropReason, Event, Input};
@@ -18,7 +19,6 @@ use crate::statistics::history::{
     CallEnd, OutcomeColumn, RequestEnd, RequestHistory, TimestampHistory,
 };
 use crate::statistics::sums::{MessageSums, ResponseTimes};
-use crate::timestamps::TimestampMap;
 
 /// What is counted about a source's requests, each with its meaning. Local has a request for each
 /// message that was taken on. The first is the sum of the next six.
@@ -56,7 +56,7 @@ pub struct TraceStatistics {
     refused: Vec<u64>,
     /// Opens refused.
     turned_away: u64,
-    stories: TimestampMap<TimestampHistory>,
+    stories: BTreeMap<u64, TimestampHistory>,
     /// Sums over the timestamps that are looked at no more; none while all are.
     folded: Option<MessageSums>,
     timer_lag: Option<Duration>,
@@ -200,7 +200,7 @@ impl TraceStatistics {
             // Observed, a `final` may be missing.
             has_finals: commit == Commit::Progressive && !is_observed,
             turned_away: 0,
-            stories: TimestampMap::default(),
+            stories: BTreeMap::new(),
             folded: None,
             timer_lag: None,
         }
@@ -217,7 +217,7 @@ impl TraceStatistics {
     fn input(&mut self, input: &Input) {
         match *input {
             Input::Open { at, t, deadline } => {
-                let story = self.story(t);
+                let story = self.stories.entry(t).or_default();
                 // No refusal came between.
                 story.accept();
                 story.offered = Some(at);
@@ -251,7 +251,7 @@ impl TraceStatistics {
             }
             Decision::RefuseOpen { t, .. } => {
                 self.turned_away += 1;
-                if let Some(story) = self.stories.get_mut(t) {
+                if let Some(story) = self.stories.get_mut(&t) {
                     story.offered = None;
                 }
             }
@@ -280,7 +280,7 @@ impl TraceStatistics {
                     call.end_with(RequestEnd::InTime, at);
                 });
                 let source = self.source(p);
-                let story = self.stories.get_or_insert_with(t, TimestampHistory::default);
+                let story = self.stories.entry(t).or_default();
                 let last = if self.has_finals { &mut story.output } else { &mut story.end };
                 let last_p = last.and_then(|last| self.priorities.get(last.source?));
                 // Under progressive a better one takes its place.
@@ -289,11 +289,11 @@ impl TraceStatistics {
                 }
             }
             Decision::Final { t, .. } => {
-                let story = self.story(t);
+                let story = self.stories.entry(t).or_default();
                 story.end = story.end.or(story.output);
             }
             Decision::Miss { at, t } => {
-                let story = self.story(t);
+                let story = self.stories.entry(t).or_default();
                 story.end.get_or_insert(CallEnd { at, source: None });
             }
             Decision::Cancel { at, t, p } => {
@@ -311,7 +311,7 @@ impl TraceStatistics {
     /// What became of a timestamp.
     #[must_use]
     pub fn outcome(&self, t: u64) -> TimestampOutcome {
-        let story = self.stories.get(t);
+        let story = self.stories.get(&t);
         story.map_or(TimestampOutcome::Unopened, |story| outcome(story, &self.priorities))
     }
 
@@ -319,7 +319,7 @@ impl TraceStatistics {
     /// none.
     #[must_use]
     pub fn request_outcome(&self, t: u64, p: u64) -> Option<usize> {
-        let story = self.stories.get(t).filter(|story| story.is_message())?;
+        let story = self.stories.get(&t).filter(|story| story.is_message())?;
         Some(story.request_outcome(self.source(p)?, self.is_observed)? as usize)
     }
 
@@ -347,7 +347,7 @@ impl TraceStatistics {
 
     fn sums(&self) -> MessageSums {
         let mut sums = self.folded.clone().unwrap_or_default();
-        for (_, story) in self.stories.iter() {
+        for story in self.stories.values() {
             sums.add(story, &story.fates(self.priorities.len(), self.is_observed));
         }
         sums
@@ -364,9 +364,9 @@ impl TraceStatistics {
         let sums = folded.get_or_insert_with(MessageSums::bounded);
         stories.retain(|t, story| {
             let waits = story.is_message() && story.end.is_none();
-            let is_settled = is_settled(t, waits);
+            let is_settled = is_settled(*t, waits);
             if is_settled {
-                let one = counted(t, story, priorities, *is_observed);
+                let one = counted(*t, story, priorities, *is_observed);
                 sums.add(story, &one.fates);
                 each(one);
             }
@@ -376,12 +376,13 @@ impl TraceStatistics {
 
     /// Whether a timestamp is still looked at.
     pub(crate) fn has(&self, t: u64) -> bool {
-        self.stories.get(t).is_some()
+        self.stories.contains_key(&t)
     }
 
     /// The timestamps that are still looked at.
     pub(crate) fn counted(&self) -> impl Iterator<Item = CountedTimestamp> {
-        let counted = |(t, story)| counted(t, story, &self.priorities, self.is_observed);
+        let counted =
+            |(t, story): (&u64, _)| counted(*t, story, &self.priorities, self.is_observed);
         self.stories.iter().map(counted)
     }
 
@@ -406,7 +407,7 @@ impl TraceStatistics {
         &self,
         planned: impl Fn(usize, u64, u64) -> Option<ArrivalTime>,
     ) -> Vec<MessageRecord> {
-        let ended = |(t, story): (u64, &TimestampHistory)| {
+        let ended = |(t, story): (&u64, &TimestampHistory)| {
             if story.begin().is_some() && story.end.is_none() {
                 return None;
             }
@@ -422,7 +423,7 @@ impl TraceStatistics {
                     (None, Some(OutcomeColumn::Failed)) => {
                         ArrivalTime::Failed(since(call.failing.or(bound).unwrap_or(opened)))
                     }
-                    (None, _) => planned(source, opened, t)
+                    (None, _) => planned(source, opened, *t)
                         .unwrap_or(ArrivalTime::After(since(bound.unwrap_or(opened)))),
                 }
             });
@@ -431,13 +432,13 @@ impl TraceStatistics {
             });
             Some(MessageRecord { arrivals: arrivals.collect(), forwarded })
         };
-        self.stories.sorted().into_iter().filter_map(ended).collect()
+        self.stories.iter().filter_map(ended).collect()
     }
 
     /// The source's call for a timestamp, if the source is known.
     fn with(&mut self, t: u64, p: u64, act: impl FnOnce(&mut RequestHistory)) {
         if let Some(source) = self.source(p) {
-            act(self.story(t).call(source));
+            act(self.stories.entry(t).or_default().call(source));
         }
     }
 
@@ -447,10 +448,6 @@ impl TraceStatistics {
             self.priorities.push(p);
         }
         self.with(t, p, act);
-    }
-
-    fn story(&mut self, t: u64) -> &mut TimestampHistory {
-        self.stories.get_or_insert_with(t, TimestampHistory::default)
     }
 
     fn source(&self, p: u64) -> Option<usize> {

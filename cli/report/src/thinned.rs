@@ -3,7 +3,8 @@
 //! Those of each 2^k-th timestamp by its first line, of the first timestamps that break a rule and of the first that are missed;
 //! `k` grows with the trace. What is open, and what the last lines are about, may still change; all else is settled.
 
-use std::collections::BTreeMap;
+use std::collections::hash_map::Entry;
+use std::collections::{BTreeMap, HashMap};
 
 use fuseline_traces::{Decision, DropReason, Event, OfferRefusal, OpenRefusal};
 use serde::Serialize;
@@ -12,7 +13,6 @@ use crate::counts::ValueCounts;
 use crate::reasons;
 use crate::statistics::{CountedTimestamp, TimestampOutcome, TraceStatistics};
 use crate::tiles::{TileColumns, TileOutcome, TimeTiles};
-use crate::timestamps::TimestampMap;
 
 /// A timestamp may still get a line, or be found to break a rule, within such a part of the events that a page has.
 const RECENT: usize = 64;
@@ -20,8 +20,6 @@ const RECENT: usize = 64;
 const OPEN: u64 = 1 << 18;
 /// How many events a timestamp often has.
 const EVENTS: usize = 16;
-/// For how many timestamps there is room that was used before.
-const SPARE: usize = 4096;
 const DROPS: usize = DropReason::ALL.len();
 const REFUSALS: usize = OpenRefusal::ALL.len() + OfferRefusal::ALL.len();
 /// How many values a source's histogram has at most.
@@ -34,14 +32,12 @@ pub(crate) struct ThinnedTrace {
     /// Each timestamp whose rank is a multiple of 2 to this is shown.
     log: u32,
     /// The timestamps that may still change.
-    recent: TimestampMap<HeldTimestamp>,
+    recent: HashMap<u64, HeldTimestamp>,
     /// At how many events these are looked through again.
     next: u64,
     /// The timestamps that are settled and shown, and how many events they have.
     shown: BTreeMap<u64, ShownTimestamp>,
     held: usize,
-    /// Room for the events of timestamps to come.
-    spare: Vec<Vec<(u64, Event)>>,
     /// How many timestamps there were.
     ranks: u64,
     /// How many events there were.
@@ -122,11 +118,10 @@ impl ThinnedTrace {
         Self {
             most,
             log: 0,
-            recent: TimestampMap::default(),
+            recent: HashMap::new(),
             next: 0,
             shown: BTreeMap::new(),
             held: 0,
-            spare: Vec::new(),
             ranks: 0,
             events: 0,
             settled: None,
@@ -144,38 +139,33 @@ impl ThinnedTrace {
         self.events += 1;
         self.count(&event);
         let Some(t) = event.t() else { return true };
-        if self.recent.get_mut(t).is_none() {
+        let held = match self.recent.entry(t) {
+            Entry::Occupied(held) => held.into_mut(),
             // F1: what is opened is later than all before.
-            if self.settled.is_some_and(|settled| t <= settled) {
+            Entry::Vacant(_) if self.settled.is_some_and(|settled| t <= settled) => {
                 if let Some(shown) = self.shown.get_mut(&t) {
                     shown.held.events.push((line, event));
                     self.held += 1;
                 }
                 return false;
             }
-            let begun = self.begun(t);
-            self.recent.get_or_insert_with(t, || begun);
-        }
-        if let Some(held) = self.recent.get_mut(t) {
-            held.events.push((line, event));
-            held.last = self.events;
-        }
+            Entry::Vacant(place) => {
+                if let Some(shown) = self.shown.remove(&t) {
+                    self.held -= shown.held.events.len();
+                    place.insert(shown.held)
+                } else {
+                    let (rank, events) = (self.ranks, Vec::with_capacity(EVENTS));
+                    self.ranks += 1;
+                    place.insert(HeldTimestamp { rank, events, last: 0, is_special: false })
+                }
+            }
+        };
+        held.events.push((line, event));
+        held.last = self.events;
         if let Event::Decision(Decision::Miss { .. }) = event {
             self.show(t, SpecialCause::Missed);
         }
         true
-    }
-
-    /// What is held of a timestamp that gets a line.
-    fn begun(&mut self, t: u64) -> HeldTimestamp {
-        if let Some(shown) = self.shown.remove(&t) {
-            self.held -= shown.held.events.len();
-            return shown.held;
-        }
-        let events = self.spare.pop().unwrap_or_else(|| Vec::with_capacity(EVENTS));
-        let rank = self.ranks;
-        self.ranks += 1;
-        HeldTimestamp { rank, events, last: 0, is_special: false }
     }
 
     fn count(&mut self, event: &Event) {
@@ -209,7 +199,7 @@ impl ThinnedTrace {
     /// Shows a timestamp besides the others while there is room.
     pub(crate) fn show(&mut self, t: u64, cause: SpecialCause) {
         let settled = self.shown.get_mut(&t).map(|shown| &mut shown.held);
-        let Some(held) = self.recent.get_mut(t).or(settled) else { return };
+        let Some(held) = self.recent.get_mut(&t).or(settled) else { return };
         let room = &mut self.room[cause as usize];
         if !held.is_special && held.events.len() <= *room {
             held.is_special = true;
@@ -235,7 +225,7 @@ impl ThinnedTrace {
             self.count_settled(one, sources);
         }
         // Of some there is nothing but refusals.
-        let others: Vec<u64> = self.recent.iter().map(|(t, _)| t).collect();
+        let others: Vec<u64> = self.recent.keys().copied().collect();
         for t in others {
             if !statistics.has(t) && self.is_settled(t, false) {
                 self.count_settled(CountedTimestamp::unopened(t), sources);
@@ -258,7 +248,7 @@ impl ThinnedTrace {
         for one in statistics.counted().collect::<Vec<_>>() {
             self.count_settled(one, sources);
         }
-        for t in self.recent.iter().map(|(t, _)| t).collect::<Vec<_>>() {
+        for t in self.recent.keys().copied().collect::<Vec<_>>() {
             self.count_settled(CountedTimestamp::unopened(t), sources);
         }
         let shown =
@@ -270,7 +260,7 @@ impl ThinnedTrace {
 
     /// Whether a timestamp's events may be shown.
     pub(crate) fn holds(&self, t: u64) -> bool {
-        self.recent.get(t).is_some() || self.shown.contains_key(&t)
+        self.recent.contains_key(&t) || self.shown.contains_key(&t)
     }
 
     /// What became of a timestamp that is shown and of its requests.
@@ -299,19 +289,15 @@ impl ThinnedTrace {
         if tile.is_some() {
             self.settled = self.settled.max(Some(t));
         }
-        let Some(mut held) = self.recent.remove(t) else { return };
-        if held.is_shown(self.log) {
+        if let Some(held) = self.recent.remove(&t).filter(|held| held.is_shown(self.log)) {
             self.held += held.events.len();
             self.shown.insert(t, ShownTimestamp { held, outcome, fates });
-        } else if self.spare.len() < SPARE {
-            held.events.clear();
-            self.spare.push(held.events);
         }
     }
 
     /// Whether a timestamp will change no more; `waits` says whether it is open.
     fn is_settled(&self, t: u64, waits: bool) -> bool {
-        let Some(held) = self.recent.get(t) else { return true };
+        let Some(held) = self.recent.get(&t) else { return true };
         let may_end = waits && held.rank + OPEN > self.ranks;
         held.last + self.part() < self.events && !may_end
     }

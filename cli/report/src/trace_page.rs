@@ -5,7 +5,6 @@ use std::io::{self, Write};
 use fuseline_traces::observed::TimeOrderError;
 use fuseline_traces::{Annotations, Event, Header, HeaderAnnotations};
 
-use crate::beside::ColumnsBeside;
 use crate::columns::{PageTrace, TraceColumns};
 use crate::judging::{Findings, JudgeMode, TraceJudge};
 use crate::notes::RunNotes;
@@ -31,7 +30,7 @@ pub struct TracePage<'a> {
     mode: JudgeMode,
     header: Header,
     judging: TraceJudge,
-    columns: ColumnsBeside,
+    columns: TraceColumns,
     notes: Option<RunNotes>,
     part: Option<PartFilter>,
     /// How many violations the columns know.
@@ -57,11 +56,7 @@ impl PageWriter {
             mode,
             header: header.clone(),
             judging: TraceJudge::new(mode, name, header).with_places(),
-            columns: ColumnsBeside::new(TraceColumns::new(
-                header,
-                mode.is_some(),
-                self.room / PART,
-            )),
+            columns: TraceColumns::new(header, mode.is_some(), self.room / PART),
             broken: 0,
             notes: None,
             part: None,
@@ -137,8 +132,10 @@ impl TracePage<'_> {
         if self.part.as_mut().is_some_and(|part| !part.takes(&event)) {
             return Ok(());
         }
-        let broken = self.judging.broken_since(&mut self.broken);
-        self.columns.push(line, event, annotations, broken);
+        self.columns.push(line, event, annotations);
+        if self.columns.is_long() {
+            self.columns.thin(self.judging.broken_since(&mut self.broken));
+        }
         Ok(())
     }
 
@@ -160,11 +157,10 @@ impl TracePage<'_> {
         self.end(TraceJudge::finish_early)
     }
 
-    fn end(self, finish: impl FnOnce(TraceJudge) -> (Findings, bool)) -> (Findings, bool) {
+    fn end(mut self, finish: impl FnOnce(TraceJudge) -> (Findings, bool)) -> (Findings, bool) {
         let (found, is_cut) = finish(self.judging);
-        let mut columns = self.columns.finish();
-        let events = columns.settle(found.broken());
-        let mut shown = columns.page_trace(&self.header, self.mode, &found);
+        let events = self.columns.settle(found.broken());
+        let mut shown = self.columns.page_trace(&self.header, self.mode, &found);
         shown.run = self.notes;
         self.page.page_trace.push(shown);
         self.page.room = self.page.room.saturating_sub(events);

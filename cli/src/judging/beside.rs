@@ -64,7 +64,7 @@ fn read_batches(
                 let Some(event) = event else { return false };
                 seen(&event, reader.raw());
                 let annotations = reader.annotations();
-                let has_some = !annotations.is_empty();
+                let has_some = *annotations != Annotations::NONE;
                 let annotations = has_some.then(|| Box::new(annotations.clone()));
                 batch.push(LineRead { line: reader.line(), event, annotations });
                 true
