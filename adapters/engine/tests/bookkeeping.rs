@@ -146,8 +146,8 @@ fn metered(snapshotter: &Snapshotter) -> (BTreeMap<String, usize>, BTreeMap<Stri
     for (key, _, _, value) in snapshotter.snapshot().into_vec() {
         let name = key.key().name().strip_prefix("fuseline_").unwrap();
         let labels = key.key().labels().filter(|label| label.key() != "operator");
-        let labels = labels.map(|label| format!(" {}", label.value())).collect::<String>();
-        let name = format!("{}{labels}", name.strip_suffix("_total").unwrap_or(name));
+        let labels: Vec<&str> = labels.flat_map(|label| [" ", label.value()]).collect();
+        let name = format!("{}{}", name.strip_suffix("_total").unwrap_or(name), labels.concat());
         match value {
             DebugValue::Gauge(value) if !name.starts_with("deadline_seconds") => {
                 #[expect(

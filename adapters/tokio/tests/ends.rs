@@ -11,7 +11,7 @@ use tokio::time::timeout;
 /// D7, D10: a call that lingers is dropped when the operator ends; found by the simulator.
 #[tokio::test(start_paused = true)]
 async fn a_call_that_panics_when_it_is_dropped_at_the_end_costs_neither_items_nor_trace() {
-    play_with_calls_that_panic_on_drop(Duration::from_millis(1000)).await;
+    play_with_calls_that_panic_on_drop(Duration::from_secs(1)).await;
 }
 
 /// D6, D7.

@@ -42,7 +42,7 @@ impl Operator for ChangeableOperator {
         cloud.linger = deadline;
         setup.use_hints(|_| {});
         let answer = |message: u64, _: Call| async move { Ok::<_, Error>(message) };
-        let wanted = |message: &u64, _| (message % 4 == 0).then_some((*message, SECOND));
+        let wanted = |message: &u64, _| message.is_multiple_of(4).then_some((*message, SECOND));
         setup.use_side_request(answer, wanted, |_| Ok(()));
         if self.has_threads {
             Local::threads(2, || |message: &u64, _| Ok(*message))

@@ -169,7 +169,9 @@ fn each_count_share_and_quantile_is_that_of_a_recount() {
             let events = events(&run);
             let clouds: Vec<u16> = run.header.clouds.iter().map(|cloud| cloud.p).collect();
             let mut statistics = TraceStatistics::new(clouds.clone(), commit, false);
-            events.iter().for_each(|event| statistics.event(event));
+            for event in &events {
+                statistics.event(event);
+            }
             compare(&statistics, &Recount::of(&events, commit), &clouds);
         }
     }

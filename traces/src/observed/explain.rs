@@ -24,7 +24,7 @@ pub(super) const NEVER: WideInstant = WideInstant::MAX;
 pub(super) const LAST: WideInstant = 1 << 67;
 
 /// Local and as many clouds as a header may have.
-pub(super) const SOURCES: usize = 16;
+const SOURCES: usize = 16;
 
 /// From the first instant to the last.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

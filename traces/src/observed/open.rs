@@ -2,6 +2,7 @@
 //!
 //! Facts that no longer decide anything are left out, so that memory is bounded.
 
+use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::attempts::{AttemptFailure, RequestAttempt, folded_failures, folded_requests};
@@ -321,7 +322,10 @@ impl OpenMessageHistory {
 
     /// A42: the opens that were not refused. A refusal takes away the nearest open, if two errors of the clock and the lateness
     /// reach from the one to the other.
-    fn accepted(&self, reach: u64) -> Vec<OpenTimestamp> {
+    fn accepted(&self, reach: u64) -> Cow<'_, [OpenTimestamp]> {
+        if self.refusals.is_empty() {
+            return Cow::Borrowed(&self.opens);
+        }
         let (mut opens, mut refusals) = (self.opens.clone(), self.refusals.clone());
         refusals.sort_unstable();
         for refused in refusals {
@@ -331,7 +335,7 @@ impl OpenMessageHistory {
                 opens.remove(place);
             }
         }
-        opens
+        Cow::Owned(opens)
     }
 
     fn requests(&mut self, request: RequestAttempt) {

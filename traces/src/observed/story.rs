@@ -1,8 +1,8 @@
 //! What was observed of one timestamp, and whether the rules can explain it.
 
 use super::explain::{
-    InstantRange, LAST, NEVER, ObservedFacts, ObservedSource, RetirementOutput, SOURCES,
-    SourceTimer, WideInstant,
+    InstantRange, LAST, NEVER, ObservedFacts, ObservedSource, RetirementOutput, SourceTimer,
+    WideInstant,
 };
 use super::progressive::{OutputTime, ProgressiveFacts};
 use super::slack::SourceSlack;
@@ -203,8 +203,8 @@ impl MessageHistory {
             last: NEVER,
         };
         // In ascending priority, each beside its own.
-        let (mut priorities, mut sources) =
-            (Vec::with_capacity(SOURCES), Vec::with_capacity(SOURCES));
+        let most = self.requests.len() + 1;
+        let (mut priorities, mut sources) = (Vec::with_capacity(most), Vec::with_capacity(most));
         priorities.push(0);
         sources.push(local);
         for (p, at, due) in &self.requests {

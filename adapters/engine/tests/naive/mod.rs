@@ -138,7 +138,7 @@ impl NaiveEngine {
         let deadline = deadline.into_iter().chain(end.map(|end| (end - at).max(1))).min();
         let decided = self.decide(at, &Input::Open { at, t, deadline });
         let now = self.reference.now();
-        for decision in decided {
+        if let Some(decision) = decided.into_iter().next() {
             let Decision::RefuseOpen { why, .. } = decision else { panic!("{decision:?}") };
             self.count(&format!("refused_messages {}", why.as_str()));
             let (times, ending) = ([now.into(); 2], format!("refused {}", why.as_str()));
