@@ -12,6 +12,9 @@ use crate::simulate::play::OperatorEnd;
 use crate::simulate::replay::{AdmittedRequest, Departure};
 use crate::simulate::scenario::{Disk, OfferAction};
 
+/// The labels of failures of the side requests' message handler.
+const SIDE_HANDLER: [(&str, &str); 2] = [("source", "side-1"), ("handler", "message")];
+
 /// D10.
 pub(crate) fn whole_trace(facts: &Facts<'_>) -> Result<(), String> {
     let Facts { scenario, played, replay, .. } = facts;
@@ -49,7 +52,9 @@ pub(crate) fn one_account(facts: &Facts<'_>) -> Result<(), String> {
             let other = metrics.get(name).copied().unwrap_or(0);
             ensure(other == *count, || format!("{name} is {other}, the tally has {count}"))?;
         }
-        let all = metrics.iter().filter(|(name, _)| !name.starts_with("side_"));
+        let of_sides = named("handler_failures", SIDE_HANDLER.into_iter());
+        let all =
+            metrics.iter().filter(|(name, _)| !name.starts_with("side_") && **name != of_sides);
         let unknown = all.filter(|(name, _)| !name.starts_with("deadlines "));
         let unknown: Vec<_> =
             unknown.filter(|(name, count)| **count > 0 && !metered.contains_key(*name)).collect();
@@ -222,13 +227,21 @@ fn sides(facts: &Facts<'_>, metrics: &BTreeMap<String, u64>) -> Result<(), Strin
     let [requested, refused] = ["requested", "refused"].map(count);
     let ended: u64 = ["answered", "failed", "expired"].map(count).into_iter().sum();
     let log = &facts.played.log;
-    let wanted = facts.replay.opened.iter().filter(|message| {
-        let t = usize::try_from(message.t).unwrap_or(usize::MAX);
-        let is_refused = matches!(message.end, Some(Departure::Refused(_)));
-        let frame = log.written.get(t).map(|(serial, _)| &facts.scenario.frames[*serial]);
-        !is_refused && frame.is_some_and(|frame| matches!(frame.side, OfferAction::Offers(..)))
-    });
-    let wanted = wanted.count() as u64;
+    let handled = |is: fn(&OfferAction) -> bool| {
+        let handled = facts.replay.opened.iter().filter(|message| {
+            let t = usize::try_from(message.t).unwrap_or(usize::MAX);
+            let is_refused = matches!(message.end, Some(Departure::Refused(_)));
+            let frame = log.written.get(t).map(|(serial, _)| &facts.scenario.frames[*serial]);
+            !is_refused && frame.is_some_and(|frame| is(&frame.side))
+        });
+        handled.count() as u64
+    };
+    let panicked = handled(|action| matches!(action, OfferAction::Panics));
+    let counted = metrics.get(&named("handler_failures", SIDE_HANDLER.into_iter())).copied();
+    ensure(counted.unwrap_or(0) == panicked, || {
+        format!("the side requests' message handler panicked {panicked} times, {counted:?} counted")
+    })?;
+    let wanted = handled(|action| matches!(action, OfferAction::Offers(..)));
     ensure(requested + refused == wanted && ended <= requested, || {
         format!(
             "of {wanted} side requests {requested} were requested, {refused} refused, {ended} ended"
