@@ -13,6 +13,7 @@ mod reasons;
 mod statistics;
 mod thinned;
 mod tiles;
+mod timestamp_map;
 mod trace_page;
 
 pub use judging::{AnyViolation, Findings, JudgeMode, TraceJudge, VerdictSummary};

@@ -8,7 +8,6 @@ mod sums;
 #[cfg(test)]
 mod tests;
 
-use std::collections::BTreeMap;
 use std::time::Duration;
 
 use fuseline_traces::{Commit, Decision, DropReason, Event, Input};
@@ -19,6 +18,7 @@ use crate::statistics::history::{
     CallEnd, OutcomeColumn, RequestEnd, RequestHistory, TimestampHistory,
 };
 use crate::statistics::sums::{MessageSums, ResponseTimes};
+use crate::timestamp_map::TimestampMap;
 
 /// What is counted about a source's requests, each with its meaning. Local has a request for each
 /// message that was taken on. The first is the sum of the next six.
@@ -56,7 +56,7 @@ pub struct TraceStatistics {
     refused: Vec<u64>,
     /// Opens refused.
     turned_away: u64,
-    stories: BTreeMap<u64, TimestampHistory>,
+    stories: TimestampMap<TimestampHistory>,
     /// Sums over the timestamps that are looked at no more; none while all are.
     folded: Option<MessageSums>,
     timer_lag: Option<Duration>,
@@ -200,7 +200,7 @@ impl TraceStatistics {
             // Observed, a `final` may be missing.
             has_finals: commit == Commit::Progressive && !is_observed,
             turned_away: 0,
-            stories: BTreeMap::new(),
+            stories: TimestampMap::default(),
             folded: None,
             timer_lag: None,
         }
@@ -217,7 +217,7 @@ impl TraceStatistics {
     fn input(&mut self, input: &Input) {
         match *input {
             Input::Open { at, t, deadline } => {
-                let story = self.stories.entry(t).or_default();
+                let story = self.story(t);
                 // No refusal came between.
                 story.accept();
                 story.offered = Some(at);
@@ -251,7 +251,7 @@ impl TraceStatistics {
             }
             Decision::RefuseOpen { t, .. } => {
                 self.turned_away += 1;
-                if let Some(story) = self.stories.get_mut(&t) {
+                if let Some(story) = self.stories.get_mut(t) {
                     story.offered = None;
                 }
             }
@@ -279,21 +279,22 @@ impl TraceStatistics {
                     call.is_requested = true;
                     call.end_with(RequestEnd::InTime, at);
                 });
-                let source = self.source(p);
-                let story = self.stories.entry(t).or_default();
-                let last = if self.has_finals { &mut story.output } else { &mut story.end };
-                let last_p = last.and_then(|last| self.priorities.get(last.source?));
+                let (source, has_finals) = (self.source(p), self.has_finals);
+                let Self { stories, priorities, .. } = self;
+                let story = stories.or_insert_with(t, || TimestampHistory::of(priorities.len()));
+                let last = if has_finals { &mut story.output } else { &mut story.end };
+                let last_p = last.and_then(|last| priorities.get(last.source?));
                 // Under progressive a better one takes its place.
                 if last.is_none() || last_p.is_some_and(|last_p| *last_p < p) {
                     *last = Some(CallEnd { at, source });
                 }
             }
             Decision::Final { t, .. } => {
-                let story = self.stories.entry(t).or_default();
+                let story = self.story(t);
                 story.end = story.end.or(story.output);
             }
             Decision::Miss { at, t } => {
-                let story = self.stories.entry(t).or_default();
+                let story = self.story(t);
                 story.end.get_or_insert(CallEnd { at, source: None });
             }
             Decision::Cancel { at, t, p } => {
@@ -311,7 +312,7 @@ impl TraceStatistics {
     /// What became of a timestamp.
     #[must_use]
     pub fn outcome(&self, t: u64) -> TimestampOutcome {
-        let story = self.stories.get(&t);
+        let story = self.stories.get(t);
         story.map_or(TimestampOutcome::Unopened, |story| outcome(story, &self.priorities))
     }
 
@@ -319,7 +320,7 @@ impl TraceStatistics {
     /// none.
     #[must_use]
     pub fn request_outcome(&self, t: u64, p: u64) -> Option<usize> {
-        let story = self.stories.get(&t).filter(|story| story.is_message())?;
+        let story = self.stories.get(t).filter(|story| story.is_message())?;
         Some(story.request_outcome(self.source(p)?, self.is_observed)? as usize)
     }
 
@@ -347,7 +348,7 @@ impl TraceStatistics {
 
     fn sums(&self) -> MessageSums {
         let mut sums = self.folded.clone().unwrap_or_default();
-        for story in self.stories.values() {
+        for (_, story) in self.stories.iter() {
             sums.add(story, &story.fates(self.priorities.len(), self.is_observed));
         }
         sums
@@ -364,9 +365,9 @@ impl TraceStatistics {
         let sums = folded.get_or_insert_with(MessageSums::bounded);
         stories.retain(|t, story| {
             let waits = story.is_message() && story.end.is_none();
-            let is_settled = is_settled(*t, waits);
+            let is_settled = is_settled(t, waits);
             if is_settled {
-                let one = counted(*t, story, priorities, *is_observed);
+                let one = counted(t, story, priorities, *is_observed);
                 sums.add(story, &one.fates);
                 each(one);
             }
@@ -376,13 +377,12 @@ impl TraceStatistics {
 
     /// Whether a timestamp is still looked at.
     pub(crate) fn has(&self, t: u64) -> bool {
-        self.stories.contains_key(&t)
+        self.stories.has(t)
     }
 
     /// The timestamps that are still looked at.
     pub(crate) fn counted(&self) -> impl Iterator<Item = CountedTimestamp> {
-        let counted =
-            |(t, story): (&u64, _)| counted(*t, story, &self.priorities, self.is_observed);
+        let counted = |(t, story): (u64, _)| counted(t, story, &self.priorities, self.is_observed);
         self.stories.iter().map(counted)
     }
 
@@ -407,7 +407,7 @@ impl TraceStatistics {
         &self,
         planned: impl Fn(usize, u64, u64) -> Option<ArrivalTime>,
     ) -> Vec<MessageRecord> {
-        let ended = |(t, story): (&u64, &TimestampHistory)| {
+        let ended = |(t, story): (u64, &TimestampHistory)| {
             if story.begin().is_some() && story.end.is_none() {
                 return None;
             }
@@ -423,7 +423,7 @@ impl TraceStatistics {
                     (None, Some(OutcomeColumn::Failed)) => {
                         ArrivalTime::Failed(since(call.failing.or(bound).unwrap_or(opened)))
                     }
-                    (None, _) => planned(source, opened, *t)
+                    (None, _) => planned(source, opened, t)
                         .unwrap_or(ArrivalTime::After(since(bound.unwrap_or(opened)))),
                 }
             });
@@ -435,10 +435,15 @@ impl TraceStatistics {
         self.stories.iter().filter_map(ended).collect()
     }
 
+    fn story(&mut self, t: u64) -> &mut TimestampHistory {
+        let sources = self.priorities.len();
+        self.stories.or_insert_with(t, || TimestampHistory::of(sources))
+    }
+
     /// The source's call for a timestamp, if the source is known.
     fn with(&mut self, t: u64, p: u64, act: impl FnOnce(&mut RequestHistory)) {
         if let Some(source) = self.source(p) {
-            act(self.stories.entry(t).or_default().call(source));
+            act(self.story(t).call(source));
         }
     }
 

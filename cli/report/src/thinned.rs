@@ -3,8 +3,7 @@
 //! Those of each 2^k-th timestamp by its first line, of the first timestamps that break a rule and of the first that are missed;
 //! `k` grows with the trace. What is open, and what the last lines are about, may still change; all else is settled.
 
-use std::collections::hash_map::Entry;
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 
 use fuseline_traces::{Decision, DropReason, Event, OfferRefusal, OpenRefusal};
 use serde::Serialize;
@@ -13,6 +12,7 @@ use crate::counts::ValueCounts;
 use crate::reasons;
 use crate::statistics::{CountedTimestamp, TimestampOutcome, TraceStatistics};
 use crate::tiles::{TileColumns, TileOutcome, TimeTiles};
+use crate::timestamp_map::TimestampMap;
 
 /// A timestamp may still get a line, or be found to break a rule, within such a part of the events that a page has.
 const RECENT: usize = 64;
@@ -32,7 +32,7 @@ pub(crate) struct ThinnedTrace {
     /// Each timestamp whose rank is a multiple of 2 to this is shown.
     log: u32,
     /// The timestamps that may still change.
-    recent: HashMap<u64, HeldTimestamp>,
+    recent: TimestampMap<HeldTimestamp>,
     /// At how many events these are looked through again.
     next: u64,
     /// The timestamps that are settled and shown, and how many events they have.
@@ -54,6 +54,7 @@ pub(crate) struct ThinnedTrace {
 }
 
 /// A timestamp of which events are held.
+#[derive(Default)]
 struct HeldTimestamp {
     /// Which one it is, by its first line.
     rank: u64,
@@ -118,7 +119,7 @@ impl ThinnedTrace {
         Self {
             most,
             log: 0,
-            recent: HashMap::new(),
+            recent: TimestampMap::default(),
             next: 0,
             shown: BTreeMap::new(),
             held: 0,
@@ -139,27 +140,26 @@ impl ThinnedTrace {
         self.events += 1;
         self.count(&event);
         let Some(t) = event.t() else { return true };
-        let held = match self.recent.entry(t) {
-            Entry::Occupied(held) => held.into_mut(),
+        if self.recent.get_mut(t).is_none() {
             // F1: what is opened is later than all before.
-            Entry::Vacant(_) if self.settled.is_some_and(|settled| t <= settled) => {
+            if self.settled.is_some_and(|settled| t <= settled) {
                 if let Some(shown) = self.shown.get_mut(&t) {
                     shown.held.events.push((line, event));
                     self.held += 1;
                 }
                 return false;
             }
-            Entry::Vacant(place) => {
-                if let Some(shown) = self.shown.remove(&t) {
-                    self.held -= shown.held.events.len();
-                    place.insert(shown.held)
-                } else {
-                    let (rank, events) = (self.ranks, Vec::with_capacity(EVENTS));
-                    self.ranks += 1;
-                    place.insert(HeldTimestamp { rank, events, last: 0, is_special: false })
-                }
+            if let Some(shown) = self.shown.remove(&t) {
+                self.held -= shown.held.events.len();
+                self.recent.insert(t, shown.held);
             }
-        };
+        }
+        let ranks = &mut self.ranks;
+        let held = self.recent.or_insert_with(t, || {
+            let rank = *ranks;
+            *ranks += 1;
+            HeldTimestamp { rank, events: Vec::with_capacity(EVENTS), last: 0, is_special: false }
+        });
         held.events.push((line, event));
         held.last = self.events;
         if let Event::Decision(Decision::Miss { .. }) = event {
@@ -199,7 +199,7 @@ impl ThinnedTrace {
     /// Shows a timestamp besides the others while there is room.
     pub(crate) fn show(&mut self, t: u64, cause: SpecialCause) {
         let settled = self.shown.get_mut(&t).map(|shown| &mut shown.held);
-        let Some(held) = self.recent.get_mut(&t).or(settled) else { return };
+        let Some(held) = self.recent.get_mut(t).or(settled) else { return };
         let room = &mut self.room[cause as usize];
         if !held.is_special && held.events.len() <= *room {
             held.is_special = true;
@@ -225,7 +225,7 @@ impl ThinnedTrace {
             self.count_settled(one, sources);
         }
         // Of some there is nothing but refusals.
-        let others: Vec<u64> = self.recent.keys().copied().collect();
+        let others: Vec<u64> = self.recent.iter().map(|(t, _)| t).collect();
         for t in others {
             if !statistics.has(t) && self.is_settled(t, false) {
                 self.count_settled(CountedTimestamp::unopened(t), sources);
@@ -248,7 +248,7 @@ impl ThinnedTrace {
         for one in statistics.counted().collect::<Vec<_>>() {
             self.count_settled(one, sources);
         }
-        for t in self.recent.keys().copied().collect::<Vec<_>>() {
+        for t in self.recent.iter().map(|(t, _)| t).collect::<Vec<_>>() {
             self.count_settled(CountedTimestamp::unopened(t), sources);
         }
         let shown =
@@ -260,7 +260,7 @@ impl ThinnedTrace {
 
     /// Whether a timestamp's events may be shown.
     pub(crate) fn holds(&self, t: u64) -> bool {
-        self.recent.contains_key(&t) || self.shown.contains_key(&t)
+        self.recent.has(t) || self.shown.contains_key(&t)
     }
 
     /// What became of a timestamp that is shown and of its requests.
@@ -289,7 +289,7 @@ impl ThinnedTrace {
         if tile.is_some() {
             self.settled = self.settled.max(Some(t));
         }
-        if let Some(held) = self.recent.remove(&t).filter(|held| held.is_shown(self.log)) {
+        if let Some(held) = self.recent.remove(t).filter(|held| held.is_shown(self.log)) {
             self.held += held.events.len();
             self.shown.insert(t, ShownTimestamp { held, outcome, fates });
         }
@@ -297,7 +297,7 @@ impl ThinnedTrace {
 
     /// Whether a timestamp will change no more; `waits` says whether it is open.
     fn is_settled(&self, t: u64, waits: bool) -> bool {
-        let Some(held) = self.recent.get(&t) else { return true };
+        let Some(held) = self.recent.get(t) else { return true };
         let may_end = waits && held.rank + OPEN > self.ranks;
         held.last + self.part() < self.events && !may_end
     }
