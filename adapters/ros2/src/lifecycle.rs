@@ -293,4 +293,25 @@ mod tests {
         );
         assert_eq!(Inactive.ended(TransitionResult::Success), None);
     }
+
+    #[test]
+    fn messages_are_taken_in_from_activation_until_deactivation_or_the_end() {
+        let (_sender, reported) = mpsc::channel(1);
+        let mut requests = LifecycleRequests { reported, is_active: false, last: None };
+        for (task, is_active, closes, result) in [
+            (LifecycleTask::Activate, true, false, Some(TransitionResult::Success)),
+            (LifecycleTask::Configure, true, false, Some(TransitionResult::Failure)),
+            (LifecycleTask::Deactivate, false, false, Some(TransitionResult::Success)),
+            (LifecycleTask::Activate, true, false, Some(TransitionResult::Success)),
+            // Whoever closes what is open says how that went.
+            (LifecycleTask::CleanUp, false, true, None),
+            (LifecycleTask::Activate, true, false, Some(TransitionResult::Success)),
+            (LifecycleTask::ShutDown, false, true, None),
+        ] {
+            let (order, mut done) = LifecycleRequest::new(task);
+            assert_eq!((requests.obey(order), requests.is_active), (closes, is_active), "{task:?}");
+            assert_eq!(done.try_recv().ok(), result, "{task:?}");
+            assert_eq!(requests.last.take().map(|order| order.task), closes.then_some(task));
+        }
+    }
 }

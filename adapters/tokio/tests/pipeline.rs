@@ -359,6 +359,29 @@ async fn a_join_whose_reader_lags_takes_nothing_in() {
     assert!(Join::<Scene>::new(JoinConfig { output_len: 0, ..config }).spawn().is_err());
 }
 
+/// E8: what is given at the end waits for a reader that lags.
+#[tokio::test(start_paused = true)]
+async fn the_sets_that_a_join_gives_at_its_end_reach_a_reader_that_lags() {
+    let (mut left, frames) = stream(4);
+    let (right, others) = stream(4);
+    let config = JoinConfig { output_len: 1, wait: 3_600_000 * MS, ..JoinConfig::default() };
+    let mut join = Join::<Scene>::new(config);
+    join.aligned("left", frames, |scene, frame, _| scene.left = Some(*frame)).aligned(
+        "right",
+        others,
+        |scene, frame, _| scene.right = Some(*frame),
+    );
+    let (running, sets) = join.spawn().unwrap();
+    for seq in 0..4 {
+        left.write_with(seq, Lineage::new("camera", seq, Instant::now())).unwrap();
+    }
+    drop((left, right));
+    sleep(MS).await;
+    let read: Vec<u64> = all(sets).await.iter().map(|set| set.key).collect();
+    assert_eq!(read, [0, 1, 2, 3]);
+    assert_eq!(running.join().await.given.into_values().sum::<u64>(), 4);
+}
+
 /// E9.
 #[tokio::test(start_paused = true)]
 async fn items_wait_for_earlier_ones_until_they_are_due_and_what_was_passed_over_is_reported() {

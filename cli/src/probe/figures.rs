@@ -146,4 +146,20 @@ mod tests {
             [Some(Quantile::Exactly(Duration::from_millis(1))), Some(Quantile::Never)]
         );
     }
+
+    #[test]
+    fn a_curve_leads_from_the_least_to_the_greatest_in_that_many_steps() {
+        let mut spread = Spread::new();
+        assert!(spread.curve(4).is_empty());
+        (1..=100).for_each(|ms| spread.add(Duration::from_millis(ms)));
+        // More than an hour counts as one.
+        spread.add(Duration::from_secs(86_400));
+        let expected = [(1.0, 0.0), (26.0, 25.0), (51.0, 50.0), (76.0, 75.0), (3_600_000.0, 100.0)];
+        let curve = spread.curve(4);
+        assert_eq!(curve.len(), expected.len());
+        for ((time, share), (expected_time, expected_share)) in curve.into_iter().zip(expected) {
+            assert!((time / expected_time - 1.0).abs() < 1e-3, "{time} for {expected_time}");
+            assert!((share - expected_share).abs() < 1e-9, "{share} for {expected_share}");
+        }
+    }
 }

@@ -77,3 +77,35 @@ fn state<W: Write>(log: &ProbeLog<W>) -> String {
         "{state}{sent} sent, {queued} unanswered, {failed} failed, {pauses}; p50 {median}{latest}"
     )
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::probe::position::Fixes;
+    use crate::probe::row::SlotRows;
+
+    #[test]
+    fn the_state_is_that_of_the_log() {
+        let ms = Duration::from_millis;
+        let rows = SlotRows::new(Vec::new(), Fixes::default()).unwrap();
+        let mut log = ProbeLog::new(rows, ms(10), (Duration::ZERO, ms(100)));
+        assert_eq!(state(&log), "0 sent, 0 unanswered, 0 failed, 0 pauses; p50 –");
+        for slot in 0..32 {
+            log.slot(ms(10 * slot), ms(10 * slot), 0);
+        }
+        log.ended(0, Some(ms(20)), ms(320));
+        log.ended(1, Some(ms(40)), ms(330));
+        log.ended(2, None, ms(330));
+        let paused = "paused, 31 sent, 28 unanswered, 1 failed, 1 pause; p50 20 ms, latest 40 ms";
+        assert_eq!(state(&log), paused);
+    }
+
+    #[test]
+    fn the_time_is_of_the_whole_where_that_is_known() {
+        let time = |span: Option<u64>| {
+            let span = span.map(Duration::from_secs);
+            ProbeProgress { bar: None, span }.time(Duration::from_millis(5900))
+        };
+        assert_eq!([time(Some(60)), time(None)], ["5 of 60 s", "5 s"]);
+    }
+}

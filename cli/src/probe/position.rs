@@ -239,6 +239,64 @@ mod tests {
         assert_eq!(fixes.nearest(9000), None);
     }
 
+    /// Waits for one; where it never comes, that fails.
+    async fn near(fixes: &Fixes, utc_ms: i64) -> Fix {
+        let found = async {
+            loop {
+                match fixes.nearest(utc_ms) {
+                    Some(fix) => break fix,
+                    None => sleep(Duration::from_millis(5)).await,
+                }
+            }
+        };
+        tokio::time::timeout(Duration::from_secs(60), found).await.unwrap()
+    }
+
+    #[tokio::test]
+    async fn gpsd_is_connected_to_again_and_a_report_without_end_is_left() {
+        let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let address = listener.local_addr().unwrap().to_string();
+        let fixes = Fixes::default();
+        let stream = connect(&address).await.unwrap();
+        let following = tokio::spawn(follow(stream, address, fixes.clone()));
+        for second in 0..3_i64 {
+            let (mut stream, _) = listener.accept().await.unwrap();
+            let time = 1_777_896_000_000 + 10_000 * second;
+            let since = Duration::from_millis(time.cast_unsigned());
+            let since = humantime::format_rfc3339_millis(std::time::UNIX_EPOCH + since);
+            let fix = format!("{{\"class\":\"TPV\",\"time\":\"{since}\",\"lat\":1,\"lon\":2}}\n");
+            stream.write_all(fix.as_bytes()).await.unwrap();
+            near(&fixes, time).await;
+            if second % 2 == 1 {
+                // It stays connected, so that only the length can end this.
+                stream.write_all(&vec![b' '; usize::try_from(LINE).unwrap()]).await.unwrap();
+                std::mem::forget(stream);
+            }
+        }
+        following.abort();
+    }
+
+    #[tokio::test]
+    async fn sentences_are_taken_as_a_file_grows_and_one_without_end_is_left() {
+        use std::io::Write as _;
+
+        let mut file = tempfile::NamedTempFile::new().unwrap();
+        let fixes = Fixes::default();
+        read(file.path(), fixes.clone()).unwrap();
+        assert!(read(Path::new("/no/such/file"), fixes.clone()).is_err());
+        let sentence =
+            "$GPRMC,225446.33,A,4916.45,N,12311.12,W,000.5,054.7,191194,020.3,E,A*2B\r\n";
+        let (one, rest) = sentence.split_at(30);
+        file.write_all(&vec![b'x'; usize::try_from(LINE).unwrap()]).unwrap();
+        file.write_all(one.as_bytes()).unwrap();
+        file.flush().unwrap();
+        // Longer than it waits where nothing comes.
+        sleep(AGAIN + AGAIN / 2).await;
+        file.write_all(rest.as_bytes()).unwrap();
+        file.flush().unwrap();
+        assert_eq!(near(&fixes, 785_285_686_330).await.utc_ms, 785_285_686_330);
+    }
+
     #[test]
     fn only_so_many_fixes_are_remembered() {
         let fixes = Fixes::default();

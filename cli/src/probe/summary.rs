@@ -199,4 +199,80 @@ mod tests {
         let PaperQuantiles { p50, p90, p99 } = *PAPER;
         assert_eq!([p50, p90, p99].map(|ms| format!("{ms}")), ["68", "336", "3027"]);
     }
+
+    /// Each figure is another one, so that none can stand in another's place.
+    #[test]
+    fn each_count_share_and_quantile_stands_where_it_belongs() {
+        let ms = |ms: f64| Some(Quantile::Exactly(Duration::from_secs_f64(ms / 1e3)));
+        let counts = RequestCounts {
+            slots: 1000,
+            sent: 800,
+            answered: 600,
+            failed: 150,
+            unanswered: 50,
+            in_time: 300,
+            pauses: 1,
+            skipped: 190,
+            missed: 10,
+        };
+        let mut summary = ProbeSummary {
+            url: "http://h".to_owned(),
+            interrupted: true,
+            rate: 30.5,
+            runtime_ms: 118.0,
+            deadline_ms: 500.0,
+            counts,
+            paused_ms: 2340.0,
+            answers_ms: QuantileRow { p50: ms(9.94), p90: ms(9.96), p99: ms(3027.4), max: None },
+            slots_ms: QuantileRow {
+                p50: ms(12.0),
+                p90: Some(Quantile::AtLeast(Duration::from_millis(40))),
+                p99: Some(Quantile::Never),
+                max: Some(Quantile::Never),
+            },
+            paper_ms: *PAPER,
+            csv: "drive.csv".to_owned(),
+            plots: Vec::new(),
+        };
+        let text = summary.to_string();
+        let words = |line: &str| line.split_whitespace().collect::<Vec<_>>().join(" ");
+        let lines: Vec<String> = text.lines().map(words).collect();
+        assert_eq!(
+            lines,
+            [
+                "Ended early; this is the probe so far.",
+                "1000 slots at 30.5 a second.",
+                "800 sent: 600 answered, 150 failed, 50 unanswered at the end.",
+                "1 pause, 2.3 s in all; 190 slots skipped.",
+                "This machine was busy elsewhere and missed 10 slots.",
+                "",
+                "round trip p50 p90 p99 max in time",
+                lines[7].as_str(),
+                "answers 9.9 ms 10 ms 3027 ms – 50.0 %",
+                "slots 12 ms ≥ 40 ms never never 30.3 %",
+                "paper's 5G drive 68 ms 336 ms 3027 ms – –",
+                "",
+                "Slots: a skipped one counts until its pause ends, and a failed one never ends.",
+                "In time: 118 ms are left to compute within 500 ms. Lost: 25.0 % of what was sent.",
+                "drive.csv: the recording, for fuseline run --drive west=drive.csv",
+            ]
+        );
+        assert!(lines[7].starts_with('─'));
+        summary.interrupted = false;
+        summary.counts = RequestCounts { slots: 1, skipped: 1, ..RequestCounts::default() };
+        let text = summary.to_string();
+        assert!(text.starts_with("1 slot at 30.5 a second.\n0 sent: "), "{text}");
+        assert!(text.contains("\n0 pauses, 2.3 s in all; 1 slot skipped.\n\n"), "{text}");
+        assert!(text.contains("Lost: – of what was sent."), "{text}");
+    }
+
+    #[test]
+    fn what_was_plotted_is_named_once_and_a_missing_route_is_reported() {
+        let files = ["a.svg", "a-dark.svg", "a.png", "route.svg"].map(ToOwned::to_owned);
+        let some = plotted(Path::new("plots"), &files[..3]);
+        let none = "There are no positions, so there is no route.\n";
+        assert_eq!(some, format!("plots: index.html, and as SVG and PNG: a\n{none}"));
+        let all = plotted(Path::new("plots"), &files);
+        assert_eq!(all, "plots: index.html, and as SVG and PNG: a, route\n");
+    }
 }

@@ -87,3 +87,47 @@ impl From<Description> for Served {
         Self { model: text(model), runtime, ap, drive: text(drive), emulated, describe_error: None }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_server_says_is_taken_as_far_as_it_can_be_so() {
+        let said = Description {
+            model: "my\nmodel".to_owned(),
+            runtime_ms: Some(1.5),
+            ap: Some(100.0),
+            drive: String::new(),
+            emulated: true,
+        };
+        let served = Served::from(said.clone());
+        let expected = Served {
+            model: Some("my model".to_owned()),
+            runtime: Some(Duration::from_micros(1500)),
+            ap: Some(100.0),
+            emulated: true,
+            ..Served::default()
+        };
+        assert_eq!(served, expected);
+        for (ap, is_taken) in [(0.0, true), (-0.1, false), (100.1, false), (f64::NAN, false)] {
+            let served = Served::from(Description { ap: Some(ap), ..said.clone() });
+            assert_eq!(served.ap, Some(ap).filter(|_| is_taken));
+        }
+        for runtime in [-1.0, f64::INFINITY, f64::NAN] {
+            let said = Description { runtime_ms: Some(runtime), ..said.clone() };
+            assert_eq!(Served::from(said).runtime, None);
+        }
+    }
+
+    #[test]
+    fn what_is_computed_here_is_emulated_and_what_is_elsewhere_is_not_known_to_be() {
+        let model: Model = "DINO-SWIN-Tiny@orin".parse().unwrap();
+        let named = Served::reported(Some(&model));
+        assert_eq!(named.model.as_deref(), Some("DINO-SWIN-Tiny on Orin"));
+        assert_eq!((named.runtime, named.ap), (Some(model.runtime), model.ap));
+        assert_eq!((named.emulated, Served::local(&model).emulated), (false, true));
+        assert_eq!(Served { emulated: false, ..Served::local(&model) }, named);
+        assert_eq!(Served::reported(None), Served::default());
+    }
+}

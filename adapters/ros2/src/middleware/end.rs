@@ -190,4 +190,32 @@ mod tests {
     fn names_of_types_are_those_of_dds() {
         assert_eq!(dds_type("sensor_msgs/msg/Image"), "sensor_msgs::msg::dds_::Image_");
     }
+
+    /// D15.
+    #[tokio::test(start_paused = true)]
+    async fn a_publisher_that_comes_again_is_silent_only_once_it_had_time_to_begin() {
+        let second = std::time::Duration::from_secs(1);
+        let (end, peer) = (Endpoint::new("/input", "a_msgs/msg/A"), [7; 16]);
+        end.change(peer, 1, None);
+        for _ in 0..2 {
+            end.received(Instant::now());
+            tokio::time::advance(second).await;
+        }
+        tokio::time::advance(60 * second).await;
+        assert_eq!(end.silence(), Some(61 * second));
+        end.change(peer, -1, None);
+        assert_eq!(end.silence(), None);
+        end.change(peer, 1, None);
+        assert_eq!(end.silence(), None);
+        tokio::time::advance(11 * second).await;
+        // One that was known is no publisher that comes.
+        end.change(peer, 1, None);
+        assert_eq!(end.silence(), Some(11 * second));
+        end.patience(Some(20 * second));
+        end.received(Instant::now());
+        tokio::time::advance(20 * second).await;
+        assert_eq!(end.silence(), None);
+        tokio::time::advance(second).await;
+        assert_eq!(end.silence(), Some(21 * second));
+    }
 }

@@ -199,3 +199,33 @@ impl Drop for UnderWay {
         self.watch.call_ended(self.is_answered);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_timeout_is_up_to_eight_digits_and_a_unit() {
+        let read = |text: &str| {
+            let mut headers = HeaderMap::new();
+            headers.insert("grpc-timeout", text.parse().unwrap());
+            deadline(&headers)
+        };
+        for (text, nanos) in [
+            ("7H", 25_200_000_000_000),
+            ("7M", 420_000_000_000),
+            ("7S", 7_000_000_000),
+            ("7m", 7_000_000),
+            ("7u", 7_000),
+            ("7n", 7),
+            ("00000000S", 0),
+            ("99999999n", 99_999_999),
+        ] {
+            assert_eq!(read(text), Some(Duration::from_nanos(nanos)), "{text}");
+        }
+        for text in ["", "S", "7", "+7S", "-7S", "7s", "7 S", " 7S", "100000000n", "7.5S"] {
+            assert_eq!(read(text), None, "{text}");
+        }
+        assert_eq!(deadline(&HeaderMap::new()), None);
+    }
+}
