@@ -105,10 +105,11 @@ def drawn(chance: random.Random, drives: int, sources: int = 4) -> list[Row]:
             ]
             broken = chance.randint(0, 3) if chance.random() < 0.3 else 0
             first = (file, named, operator, not broken, manner, judge, None)
-            counts = [chance.choice([0, 0, 1, 23]) for _ in "mr"]
+            missed, refused = (chance.choice([0, 0, 1, 23]) for _ in "mr")
             span, messages = 360.0 * chance.randint(0, 40), chance.randint(0, 5000)
             more = chance.randint(0, 2) if broken else 0
-            rows.append(Row(*first, 9, 4000, span, messages, *counts, outputs, broken + more))
+            own = Row(*first, 9, 4000, span, messages, missed, refused, outputs)
+            rows.append(own._replace(violations=broken + more))
             for line in range(broken):
                 late = chance.choice([None, 0.0251, 1.5])
                 rule = chance.choice(["F5", "P2", "J<1>"])
