@@ -359,6 +359,7 @@ def test_a_tick_without_an_action_says_so_and_a_new_episode_forgets_the_old_one(
         policy.reset()
         assert policy.infer(1) == policy._last
         assert policy.item is not None and str(policy.item.source) == "local"
+    policy.close()
     with pytest.raises(ConfigError, match="does not run"):
         policy.infer(2)
     with pytest.raises(ConfigError, match="skip is"):
