@@ -165,7 +165,9 @@ def test_a_forecast_is_that_of_tracks_followed_one_by_one(least: float) -> None:
                 if rng.random() < 0.7:
                     it[0], it[1] = it[0] + rng.uniform(-6, 9), it[1] + rng.uniform(-9, 6)
             seen = [it for it in here if rng.random() < 0.85]
-            boxes = [(x, y, x + rng.uniform(18, 22), y + rng.uniform(18, 22), 0.9) for x, y in seen]
+            boxes: list[tuple[float, ...]] = [
+                (x, y, x + rng.uniform(18, 22), y + rng.uniform(18, 22), 0.9) for x, y in seen
+            ]
             speeds = forecast.update(at, boxes)
             assert sorted(speeds) == pytest.approx(sorted(reference.update(at, boxes)))
             for later in (at, at + 0.7):
