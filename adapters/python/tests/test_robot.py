@@ -167,6 +167,20 @@ class DeafServer:
         self.is_closed = True
 
 
+def test_a_chunk_under_way_is_given_up_at_the_end_though_its_call_hangs() -> None:
+    """D6."""
+    server = DeafServer()
+    chunk = Chunk(every=1, max_age=1, within=60.0)
+    with Always(server.connect, Hold("held"), deadline=0.01, chunk=chunk) as policy:
+        while not server.connections:
+            policy.infer(0)
+        assert policy._plan is not None
+        request = policy._plan._request
+        assert request is not None and not request.done()
+    assert request.cancelled()
+    server.connections[0].ends.set()
+
+
 def test_after_calls_that_hung_one_that_ends_lets_the_next_be_made(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -1,0 +1,351 @@
+"""What an operator, a join, a thread or a connection does before, beside and after its work."""
+
+from __future__ import annotations
+
+import asyncio
+import copy
+import gc
+import logging
+import pickle
+import threading
+import time
+import weakref
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import grpc
+import pytest
+from conftest import Run
+from fuseline import (
+    BlockingOperator,
+    Call,
+    Closed,
+    ConfigError,
+    Ending,
+    Full,
+    Join,
+    Lineage,
+    Local,
+    Operator,
+)
+from fuseline._remote import RemoteThread
+from fuseline._threads import DaemonThreads
+from fuseline.deadline import End, Observations
+from fuseline.grpc import _plain
+from fuseline.testing import VirtualLoop
+from misuse import elsewhere
+from operator_support import MS, after, ask, local_after
+
+NOT_STARTED = "the operator has not started; use it with `async with`"
+
+
+def test_an_operator_before_its_start_and_in_another_thread() -> None:
+    operator: Operator[int, Any] = Operator(local_after(0), name="lane")
+    operator.use_cloud(after(0), ask(0.1), str, 1, name="west")
+    assert (operator.counts, operator.deadlines, operator.unrecorded) == ({}, {}, None)
+    assert operator.greatest_lag == 0.0
+    assert repr(operator) == "<Operator 'lane' clouds=['west'] not started, 0 messages>"
+    operator.stop()
+
+    async def early() -> None:
+        await operator.read()
+
+    calls: list[Callable[[], Any]] = [
+        lambda: operator.write(1),
+        lambda: operator.write_threadsafe(1),
+        lambda: operator.feed([1]),
+        lambda: asyncio.run(early()),
+    ]
+    for call in calls:
+        with pytest.raises(ConfigError, match=NOT_STARTED):
+            call()
+
+    async def main() -> None:
+        async with operator:
+            assert repr(operator) == "<Operator 'lane' clouds=['west'] running, 0 messages>"
+            for method, call in (("feed", calls[2]), ("close", operator.close)):
+                error = elsewhere(call)
+                assert isinstance(error, RuntimeError)
+                where, _, remedy = str(error).partition("; ")
+                assert where == f"{method} in another thread than the operator's loop"
+                assert remedy == (
+                    f"let its loop do it: loop.call_soon_threadsafe(operator.{method})"
+                )
+            with pytest.raises(ConfigError, match="a side request after the start"):
+                operator.use_side_request(after(0), ask(0.1), print)
+            assert operator.write(1) == 0
+            assert repr(operator) == "<Operator 'lane' clouds=['west'] running, 1 messages>"
+
+    asyncio.run(main())
+    with pytest.raises(Closed, match="the operator's loop has ended"):
+        operator.write_threadsafe(2)
+    assert operator.counts["lane", "message", "not taken"] == 1
+    # Else as many as the window holds would fill it for good.
+    for _ in range(20):
+        with pytest.raises(Closed):
+            operator.write_threadsafe(2)
+
+
+def test_a_feed_that_is_closed_meanwhile_ends_quietly(run: Run[Any]) -> None:
+    async def main(loop: VirtualLoop) -> list[Any]:
+        async def camera() -> Any:
+            for n in range(9):
+                yield n
+                await asyncio.sleep(1)
+
+        async with Operator(local_after(0), clock=loop.time_ns) as operator:
+            operator.feed(camera())
+            loop.call_later(2.5, operator.close)
+            return [item.timestamp async for item in operator]
+
+    assert run(main) == [0, 1, 2]
+
+
+def test_a_blocking_operator_is_entered_once() -> None:
+    with BlockingOperator(Operator(local_after(0))) as operator:
+        with pytest.raises(ConfigError, match="started once"):
+            operator.__enter__()
+        assert operator.write(1) == 0
+
+    def without_a_directory() -> BlockingOperator[Any, Any]:
+        return BlockingOperator(Operator(local_after(0), trace="/nowhere/run.jsonl"))
+
+    threads = threading.active_count()
+    with pytest.raises(FileNotFoundError), without_a_directory():
+        pass
+    assert threading.active_count() == threads
+
+
+def test_a_join_before_its_start_after_it_and_after_its_inputs(run: Run[Any]) -> None:
+    async def main(loop: VirtualLoop) -> None:
+        join = Join(clock=loop.time_ns, output_len=1)
+        left, place = join.aligned("left"), join.latest("place", 1.0)
+        for call in (lambda: left.write(1), lambda: place.write(1)):
+            with pytest.raises(ConfigError, match="the join has not started"):
+                call()
+        with pytest.raises(ConfigError, match="the join has not started"):
+            await join.read()
+        async with join:
+            with pytest.raises(ConfigError, match="a join is started once"):
+                await join.__aenter__()
+            adds: list[Callable[[str], Any]] = [join.aligned, lambda name: join.latest(name, 1.0)]
+            for add in adds:
+                with pytest.raises(ConfigError, match="an input after the start"):
+                    add("right")
+            left.write("a", Lineage("camera", 1))
+            with pytest.raises(Full, match="1 sets wait to be read"):
+                left.write("b", Lineage("camera", 2))
+            joined = await join.read()
+            assert joined is not None and (joined.set, joined.missing) == ({"left": "a"}, ["place"])
+            place.close()
+            with pytest.raises(Closed, match="the input place takes no more"):
+                place.write(1)
+            left.close()
+            left.close()
+            with pytest.raises(Closed, match="the input left takes no more"):
+                left.write("c", Lineage("camera", 3))
+            assert await join.read() is None
+
+    run(main)
+
+
+def test_a_final_item_needs_no_substitute(run: Run[Any]) -> None:
+    """E4: something was sent for its message."""
+
+    async def main(loop: VirtualLoop) -> list[Any]:
+        operator = Operator(local_after(MS), clock=loop.time_ns, commit="progressive")
+        operator.use_cloud(after(1.0), ask(0.1), str, 1)
+        operator.use_substitute(lambda item: "a substitute")
+        async with operator:
+            operator.write("a")
+            preliminary = await operator.read()
+            assert preliminary is not None and preliminary.value == "a on board"
+            operator.close()
+            return [(it.ending, it.value, it.substitute) async for it in operator]
+
+    assert run(main) == [(Ending.FINAL, None, None)]
+
+
+def test_a_side_request_without_time_is_refused_and_a_failure_reported(
+    run: Run[Any], caplog: pytest.LogCaptureFixture
+) -> None:
+    async def breaks(message: Any, call: Call) -> None:
+        raise OSError("no\nroute")
+
+    async def main(loop: VirtualLoop) -> Any:
+        operator = Operator(local_after(0), clock=loop.time_ns)
+        operator.use_side_request(breaks, lambda m, t: (m, 0.1 * t), print)
+        async with operator:
+            for n in range(2):
+                operator.write(n)
+                await operator.read()
+            await asyncio.sleep(1)
+        return {what: n for (who, _, what), n in operator.counts.items() if who == "side-1"}
+
+    assert run(main) == {"refused": 1, "requested": 1, "failed": 1}
+    assert "side-1: no answer will come: no route" in caplog.text
+
+
+@pytest.mark.parametrize("ends", [SystemExit, KeyboardInterrupt])
+def test_what_ends_the_program_in_a_call_ends_it(ends: type[BaseException]) -> None:
+    async def handle(message: Any, call: Call) -> Any:
+        raise ends("on purpose")
+
+    async def main() -> None:
+        operator = Operator(local_after(0))
+        operator.use_cloud(handle, ask(5.0), str, 1)
+        async with operator:
+            operator.write(1)
+            await asyncio.sleep(60)
+
+    with pytest.raises(ends, match="on purpose"):
+        asyncio.run(main())
+
+
+def hangs_once(release: threading.Event, made: list[Any]) -> Callable[[], Any]:
+    def make() -> Any:
+        made.append(None)
+        if len(made) > 2:
+            raise MemoryError("no room for another model")
+
+        def compute(message: int, t: int) -> int:
+            if message == 0:
+                release.wait(30)
+            return message
+
+        return compute
+
+    return make
+
+
+@pytest.mark.parametrize(
+    ("options", "words", "models"),
+    [
+        ({"replaceable": 0}, "keeps its place", 1),
+        ({"replaceable": 1}, "another takes its place", 2),
+        ({"workers": 2}, "local cannot be made anew", 3),
+    ],
+)
+def test_a_thread_that_hangs_is_replaced_as_often_as_allowed(
+    caplog: pytest.LogCaptureFixture, options: dict[str, Any], words: str, models: int
+) -> None:
+    release, made = threading.Event(), list[Any]()
+
+    async def main() -> None:
+        local = Local.threads_of(hangs_once(release, made), deadline=0.05, **options)
+        operator = Operator(local)
+        async with operator:
+            operator.write(0)
+            lost = await operator.read()
+            assert lost is not None and lost.ending is Ending.MISSED
+            until = time.monotonic() + 30
+            while words not in caplog.text and time.monotonic() < until:
+                await asyncio.sleep(0.001)
+            local._replace(99)
+            release.set()
+            operator.write(7)
+            while (item := await operator.read()) is not None and item.value is None:
+                operator.write(7)
+            assert item is not None and item.value == 7
+
+    asyncio.run(main())
+    assert words in caplog.text
+    assert len(made) == models
+    assert caplog.text.count("local cannot be made anew") == words.startswith("local")
+
+
+def test_threads_keep_nothing_and_are_replaced_only_in_a_computation() -> None:
+    made: list[Any] = []
+
+    class Frame:
+        pass
+
+    def make() -> Any:
+        made.append(None)
+
+        def compute(job: Any) -> Any:
+            if job == "stop":
+                raise StopIteration(job)
+            return job
+
+        return compute
+
+    async def main() -> None:
+        threads = DaemonThreads(make, 1, "test")
+        frame = Frame()
+        alive = weakref.ref(frame)
+        assert await threads.run(frame) is frame
+        future = threads.run("a")
+        assert await future == "a"
+        del frame
+        gc.collect()
+        assert alive() is None, "a thread that waits keeps what it computed"
+        threads.replace(future)
+        assert len(made) == 1, "nothing was being computed"
+        with pytest.raises(RuntimeError, match="it raised StopIteration"):
+            await threads.run("stop")
+        assert await threads.run("b") == "b"
+        frame = Frame()
+        alive = weakref.ref(frame)
+        await threads.run(frame)
+        del frame
+        until = time.monotonic() + 10
+        while alive() is not None and time.monotonic() < until:
+            await asyncio.sleep(0.001)
+        assert alive() is None, "a thread that waits keeps what it computed"
+        threads.stop()
+
+    asyncio.run(main())
+
+
+def test_a_connection_that_cannot_be_closed_is_reported(caplog: pytest.LogCaptureFixture) -> None:
+    class Stuck:
+        def infer(self, observation: Any) -> Any:
+            return observation
+
+        def close(self) -> None:
+            raise OSError("it is stuck")
+
+    async def main() -> None:
+        remote = RemoteThread(Stuck)
+        assert await remote.infer(7) == 7
+        remote.close()
+
+    with caplog.at_level(logging.DEBUG, "fuseline"):
+        asyncio.run(main())
+    assert "a remote policy could not be closed: it is stuck" in caplog.text
+
+
+def test_what_is_observed_of_a_cloud_goes_along_with_a_copy() -> None:
+    seen = Observations()
+    for end, age in ((End.ANSWERED, 0.02), (End.CENSORED, 0.05), (End.ANSWERED, 0.02)):
+        seen.add(end, age)
+    for copied in (pickle.loads(pickle.dumps(seen)), copy.deepcopy(seen)):
+        assert copied.sorted() == seen.sorted()
+        assert copied.survival() == seen.survival()
+
+
+@pytest.mark.parametrize(
+    ("code", "details", "words"),
+    [
+        ("UNAVAILABLE", "failed: Connection refused (111)", "connection refused"),
+        ("DEADLINE_EXCEEDED", "connection refused", "connection refused"),
+        ("DEADLINE_EXCEEDED", "Deadline Exceeded", "no answer in time"),
+        ("UNAVAILABLE", "Socket closed", "the connection broke"),
+        ("UNAVAILABLE", "Connection reset by peer", "the connection broke"),
+        ("UNAVAILABLE", "GOAWAY received", "the connection broke"),
+        ("UNAVAILABLE", "Broken pipe", "the connection broke"),
+        ("UNAVAILABLE", "Ssl handshake failed: x", "no TLS connection: Ssl handshake failed: x"),
+        ("UNAVAILABLE", "SSL_ERROR_SSL: y", "no TLS connection: SSL_ERROR_SSL: y"),
+        ("UNAVAILABLE", "a Certificate of none", "no TLS connection: a Certificate of none"),
+        ("INTERNAL", "it\n  broke " + "x" * 300, "it broke " + "x" * 191),
+        ("RESOURCE_EXHAUSTED", None, "resource_exhausted"),
+        ("INTERNAL", "", "internal"),
+    ],
+)
+def test_why_a_call_failed_is_said_in_plain_words(
+    code: str, details: str | None, words: str
+) -> None:
+    status = getattr(grpc.StatusCode, code)
+    assert _plain(SimpleNamespace(details=lambda: details, code=lambda: status)) == words
