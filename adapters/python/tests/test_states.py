@@ -121,9 +121,9 @@ def test_a_join_before_its_start_after_it_and_after_its_inputs(run: Run[Any]) ->
     async def main(loop: VirtualLoop) -> None:
         join = Join(clock=loop.time_ns, output_len=1)
         left, place = join.aligned("left"), join.latest("place", 1.0)
-        for call in (lambda: left.write(1), lambda: place.write(1)):
+        for it in (left, place):
             with pytest.raises(ConfigError, match="the join has not started"):
-                call()
+                it.write(1)
         with pytest.raises(ConfigError, match="the join has not started"):
             await join.read()
         async with join:
