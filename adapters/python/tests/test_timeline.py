@@ -78,7 +78,7 @@ def test_a_timeline_is_an_account_of_its_trace(commit: str, seed: int) -> None:
     trace = random_trace(random.Random(seed), commit)
     went, waits, missed = account(trace.lines, commit)
     assert went and waits and missed
-    axes = trace.timeline()
+    axes: Any = trace.timeline()
     try:
         shown = list(axes.collections)
         names = {0: "local", 2: "cloud 2", 3: "cloud-3", 9: "cloud 9"}
@@ -117,6 +117,7 @@ def test_a_timeline_of_little_has_what_there_is() -> None:
     assert (given.get_title(loc="left"), list(given.collections)) == ("empty.jsonl", [])
     assert given.get_legend() is None
     other, axes = subplots()
+    points: Any
     # A source that the header does not have is in the colour of what is wrong.
     strange = b'{"ev":"open","at":0,"t":1}\n{"ev":"emit","at":5000000,"t":1,"p":7}\n'
     Trace(header + strange).timeline(axes)
