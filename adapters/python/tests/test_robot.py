@@ -400,6 +400,20 @@ def test_a_blend_that_changes_nothing_is_of_its_own_message() -> None:
     assert list(far) == [0.5, -0.5, 0.1]
 
 
+def test_a_reply_may_be_split_by_a_function(run: Run[Any]) -> None:
+    async def main(loop: VirtualLoop) -> None:
+        remote: Any = PlannedRemote()
+        plan = ChunkPlan(remote, Chunk(every=9, max_age=9, split=lambda reply: reply["steps"][1:]))
+        plan.request(0, 0)
+        await settled()
+        remote.answers[0].set_result({"steps": ["a header", 1.0, 2.0], "arm": [0, 0, 0]})
+        await settled()
+        planned = [plan.planned(t, None) for t in range(3)]
+        assert planned == [StampedValue(1.0, 0), StampedValue(2.0, 0), None]
+
+    run(main)
+
+
 def test_replies_are_split_by_what_they_are_made_of() -> None:
     assert _split([1, 2]) == [1, 2]
     reply = {"arm": [1, 2, 3], "gripper": [7, 8], "server": "west"}
@@ -416,10 +430,10 @@ def test_replies_are_split_by_what_they_are_made_of() -> None:
 
 def test_actions_of_one_form_are_blended_number_by_number() -> None:
     blend = fade(2)
-    earlier = {"arm": (0.0, 0.0), "is_open": True, "name": "a"}
-    later = {"arm": (4.0, 8.0), "is_open": False, "name": "b", "new": 1.0}
+    earlier = {"arm": (0.0, 0.0), "is_open": True, "name": "a", "grip": 1.0}
+    later = {"arm": (4.0, 8.0), "is_open": False, "name": "b", "grip": None, "new": 1.0}
     assert blend(earlier, later, 0, None) == {
-        "arm": (2.0, 4.0), "is_open": False, "name": "b", "new": 1.0,
+        "arm": (2.0, 4.0), "is_open": False, "name": "b", "grip": None, "new": 1.0,
     }  # fmt: skip
     assert blend(earlier, later, 1, None) == blend(None, later, 0, None) == later
 

@@ -187,6 +187,28 @@ def test_a_side_request_without_time_is_refused_and_a_failure_reported(
     assert "side-1: no answer will come: no route" in caplog.text
 
 
+def test_a_side_call_is_given_the_time_that_its_turn_has_left(run: Run[Any]) -> None:
+    given: list[tuple[int, float]] = []
+
+    async def handle(message: int, call: Call) -> None:
+        given.append((message, round(call.deadline, 6)))
+        await asyncio.sleep(0.03)
+
+    async def main(loop: VirtualLoop) -> Any:
+        operator = Operator(local_after(0), clock=loop.time_ns)
+        operator.use_side_request(handle, ask(0.1), print, calls=1, name="plan")
+        async with operator:
+            for n in range(5):
+                operator.write(n)
+            await asyncio.sleep(1)
+            operator.stop()
+        return operator.counts["plan", "side request", "expired"]
+
+    # The fourth begins with 10 ms left and is ended; nothing is left for the fifth.
+    assert run(main) == 2
+    assert given == [(0, 0.1), (1, 0.07), (2, 0.04), (3, 0.01)]
+
+
 @pytest.mark.parametrize("ends", [SystemExit, KeyboardInterrupt])
 def test_what_ends_the_program_in_a_call_ends_it(ends: type[BaseException]) -> None:
     async def handle(message: Any, call: Call) -> Any:
