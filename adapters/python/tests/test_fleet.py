@@ -24,6 +24,7 @@ from drives import drive, spoiled
 from fuseline import fleet
 from fuseline.fleet import ray as on_ray
 from fuseline.fleet import spark as on_spark
+from fuseline.fleet.__main__ import main as page_program
 
 COMMAND = os.environ.get("FUSELINE_COMMAND")
 #: A trace with a violation, of the greatest timestamp.
@@ -459,3 +460,24 @@ def test_a_violation_of_an_observed_trace_is_late_by_so_many_seconds() -> None:
     assert not own.conforms and own.late is None
     assert [it.late for it in found if it.late is not None] == [0.25]
     assert own.manner == "observed, tolerance 0 ns, lateness 250000000 ns"
+
+
+def test_the_program_for_a_page_has_defaults_and_says_them(
+    rows: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["fleet", str(rows)])
+    assert page_program() == 0
+    assert "<h1>Fleet</h1>" in (tmp_path / "fleet.html").read_text()
+    monkeypatch.setattr(sys, "argv", ["fleet", "--help"])
+    with pytest.raises(SystemExit, match="0"):
+        page_program()
+    said = " ".join(capsys.readouterr().out.split())
+    for words in (
+        "usage: python -m fuseline.fleet",
+        "Makes a page of the rows of a fleet that are kept in Parquet.",
+        "rows a Parquet file, a folder of them, or a pattern",
+        "the page (fleet.html)",
+        "--title TITLE its title",
+    ):
+        assert words in said
