@@ -25,6 +25,7 @@ from fuseline import (
     Ending,
     Full,
     Join,
+    Latency,
     Lineage,
     Local,
     Operator,
@@ -150,6 +151,29 @@ def test_a_join_before_its_start_after_it_and_after_its_inputs(run: Run[Any]) ->
     run(main)
 
 
+def test_a_latest_message_is_used_up_to_its_age_and_no_longer(run: Run[Any]) -> None:
+    """E7: by its capture, or else since it came."""
+
+    async def main(loop: VirtualLoop) -> list[list[str]]:
+        now = [loop.time_ns()]
+        join = Join(clock=lambda: now[0])
+        frames = join.aligned("frames")
+        captured, came = join.latest("captured", 1.0), join.latest("came", 1.0)
+        missing = []
+        async with join:
+            captured.write("a", Lineage("gps", captured=now[0] + 1))
+            came.write("b", Lineage("map"))
+            for seq, after in enumerate((1_000_000_000, 1, 1)):
+                now[0] += after
+                frames.write(seq, Lineage("camera", seq))
+                joined = await join.read()
+                assert joined is not None
+                missing.append(joined.missing)
+        return missing
+
+    assert run(main) == [[], ["came"], ["captured", "came"]]
+
+
 def test_a_final_item_needs_no_substitute(run: Run[Any]) -> None:
     """E4: something was sent for its message."""
 
@@ -165,6 +189,24 @@ def test_a_final_item_needs_no_substitute(run: Run[Any]) -> None:
             return [(it.ending, it.value, it.substitute) async for it in operator]
 
     assert run(main) == [(Ending.FINAL, None, None)]
+
+
+def test_under_progressive_the_latency_is_that_of_the_last_item(run: Run[Any]) -> None:
+    """E3."""
+
+    async def main(loop: VirtualLoop) -> float:
+        latency = Latency.measured(10, 0.5)
+        operator = Operator(
+            local_after(30 * MS), clock=loop.time_ns, commit="progressive", latency=latency
+        )
+        operator.use_cloud(after(60 * MS), ask(0.5), str, 1)
+        async with operator:
+            for n in range(100):
+                operator.write(n)
+                assert await operator.read() is not None and await operator.read() is not None
+        return latency.estimate / 1e9
+
+    assert run(main) == pytest.approx(0.06, rel=0.05)
 
 
 def test_a_side_request_without_time_is_refused_and_a_failure_reported(
