@@ -212,6 +212,8 @@ def test_under_progressive_the_latency_is_that_of_the_last_item(run: Run[Any]) -
 def test_a_side_request_without_time_is_refused_and_a_failure_reported(
     run: Run[Any], caplog: pytest.LogCaptureFixture
 ) -> None:
+    """D11."""
+
     async def breaks(message: Any, call: Call) -> None:
         raise OSError("no\nroute")
 
@@ -230,6 +232,7 @@ def test_a_side_request_without_time_is_refused_and_a_failure_reported(
 
 
 def test_a_side_call_is_given_the_time_that_its_turn_has_left(run: Run[Any]) -> None:
+    """D5."""
     given: list[tuple[int, float]] = []
 
     async def handle(message: int, call: Call) -> None:
@@ -294,6 +297,7 @@ def hangs_once(release: threading.Event, made: list[Any]) -> Callable[[], Any]:
 def test_a_thread_that_hangs_is_replaced_as_often_as_allowed(
     caplog: pytest.LogCaptureFixture, options: dict[str, Any], words: str, models: int
 ) -> None:
+    """D8, D15."""
     release, made = threading.Event(), list[Any]()
 
     async def main() -> None:
@@ -320,6 +324,7 @@ def test_a_thread_that_hangs_is_replaced_as_often_as_allowed(
 
 
 def test_threads_keep_nothing_and_are_replaced_only_in_a_computation() -> None:
+    """D8."""
     made: list[Any] = []
 
     class Frame:
