@@ -457,6 +457,46 @@ def test_a_blend_is_of_the_oldest_message() -> None:
     assert planned == [StampedValue(3.0, 0), StampedValue(6.0, 0), StampedValue(9.0, 2)]
 
 
+@pytest.mark.parametrize(
+    ("options", "deadline"), [({"period": 8.0}, 6.0), ({"period": 8.0, "deadline": 5.0}, 5.0)]
+)
+def test_a_deadline_is_three_quarters_of_the_period_unless_it_is_given(
+    tmp_path: Path, options: dict[str, Any], deadline: float
+) -> None:
+    class Server:
+        def infer(self, tick: int) -> int:
+            return -tick
+
+        def close(self) -> None:
+            pass
+
+    trace = tmp_path / "run.jsonl"
+    with Always(Server, Hold(0), trace=trace, name="arm", **options) as policy:
+        assert policy.infer(7) == -7
+    run = fuseline.Trace(trace)
+    assert run.header["operator"] == "arm"
+    assert [it.deadline for it in run.lines if it.ev == "offer"] == [deadline * 1e9]
+
+
+def test_a_tick_that_waits_when_the_operator_is_stopped_says_so() -> None:
+    go_on = threading.Event()
+
+    def on_board(observation: int) -> int:
+        loop = policy._operator._loop
+        assert loop is not None
+        loop.call_soon_threadsafe(policy._operator.operator.stop)
+        go_on.wait(30)
+        return observation
+
+    def refused() -> Any:
+        raise ConnectionRefusedError
+
+    with Always(refused, on_board, deadline=5.0) as policy:
+        with pytest.raises(RuntimeError, match="the policy was closed"):
+            policy.infer(1)
+        go_on.set()
+
+
 def test_a_policy_on_board_acts_where_the_server_does_not() -> None:
     class OnBoard:
         def infer(self, obs: int) -> int:
