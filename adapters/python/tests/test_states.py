@@ -29,7 +29,10 @@ from fuseline import (
     Lineage,
     Local,
     Operator,
+    ReadError,
+    check,
 )
+from fuseline._loop import each
 from fuseline._remote import RemoteThread
 from fuseline._threads import DaemonThreads
 from fuseline.deadline import End, Observations
@@ -86,6 +89,43 @@ def test_an_operator_before_its_start_and_in_another_thread() -> None:
     for _ in range(20):
         with pytest.raises(Closed):
             operator.write_threadsafe(2)
+
+
+def test_an_operator_that_is_closed_before_its_start_takes_nothing() -> None:
+    async def main() -> None:
+        operator = Operator(local_after(0))
+        operator.close()
+        async with operator:
+            with pytest.raises(Closed, match="takes no more messages"):
+                operator.write(1)
+        assert await operator.read() is None
+
+    asyncio.run(main())
+
+
+def test_between_two_plain_messages_others_have_a_turn() -> None:
+    async def main() -> list[int]:
+        turns = [0]
+
+        async def other() -> None:
+            while True:
+                turns[0] += 1
+                await asyncio.sleep(0)
+
+        task = asyncio.create_task(other())
+        seen = [turns[0] async for _ in each("abc")]
+        task.cancel()
+        return seen
+
+    assert asyncio.run(main()) == [0, 1, 2]
+
+
+def test_an_error_in_a_trace_goes_from_process_to_process() -> None:
+    with pytest.raises(ReadError) as raised:
+        check(b"{}", name="run.jsonl")
+    copied = pickle.loads(pickle.dumps(raised.value))
+    assert str(copied) == str(raised.value)
+    assert (copied.file, copied.line, copied.column) == ("run.jsonl", 1, 3)
 
 
 def test_a_feed_that_is_closed_meanwhile_ends_quietly(run: Run[Any]) -> None:
