@@ -20,6 +20,7 @@ from conftest import Run
 from fuseline import (
     BlockingOperator,
     Call,
+    CarriedState,
     Closed,
     ConfigError,
     Ending,
@@ -135,15 +136,75 @@ def test_a_feed_that_is_closed_meanwhile_ends_quietly(run: Run[Any]) -> None:
                 yield n
                 await asyncio.sleep(1)
 
-        async with Operator(local_after(0), clock=loop.time_ns) as operator:
+        local = Local.task(local_after(2.0), at_once=3, deadline=5.0)
+        async with Operator(local, clock=loop.time_ns) as operator:
             operator.feed(camera())
             loop.call_later(2.5, operator.close)
             return [item.timestamp async for item in operator]
 
+    # The fourth comes while the third is open.
     assert run(main) == [0, 1, 2]
 
 
+def test_who_waits_for_room_learns_at_once_that_the_operator_is_closed(run: Run[Any]) -> None:
+    async def main(loop: VirtualLoop) -> float:
+        local = Local.task(local_after(30.0), deadline=50.0)
+        async with Operator(local, window=1, clock=loop.time_ns) as operator:
+            begin = loop.time()
+            loop.call_later(1.0, operator.close)
+            with pytest.raises(Closed):
+                await operator.write_all([1, 2, 3])
+            return loop.time() - begin
+
+    assert run(main) == pytest.approx(1.0)
+
+
+def test_what_an_aborted_call_raises_is_nobodys_concern(run: Run[Any]) -> None:
+    """D6, D7."""
+
+    async def handle(message: Any, call: Call) -> Any:
+        try:
+            await asyncio.sleep(60)
+        except asyncio.CancelledError:
+            raise OSError("it could not be closed") from None
+
+    async def main(loop: VirtualLoop) -> Any:
+        operator = Operator(local_after(0), clock=loop.time_ns)
+        operator.use_cloud(handle, ask(0.1), str, 1, name="west")
+        async with operator:
+            operator.write(1)
+            item = await operator.read()
+            await asyncio.sleep(1)
+            gc.collect()
+        assert item is not None and not item.failures
+        return operator.counts["west", "failure", "accepted"]
+
+    # The loop's own handler is given no error, which the fixture sees.
+    assert run(main) == 0
+
+
+def test_of_several_results_of_a_message_the_last_that_was_sent_has_the_state() -> None:
+    """E10."""
+    state = CarriedState("none")
+    steps: list[tuple[str, int, str, str]] = [
+        ("computed", 1, "a", "a"),
+        ("computed", 1, "b", "b"),
+        ("sent", 1, "c", "c"),
+        ("sent", 1, "d", "d"),
+        ("computed", 1, "late", "d"),
+        ("sent", 0, "old", "d"),
+        ("computed", 2, "e", "e"),
+        ("sent", 1, "old", "e"),
+    ]
+    for method, timestamp, given, current in steps:
+        getattr(state, method)(timestamp, given)
+        assert state.current() == current, given
+
+
 def test_a_blocking_operator_is_entered_once() -> None:
+    early: BlockingOperator[int, Any] = BlockingOperator(Operator(local_after(0)))
+    with pytest.raises(ConfigError, match="does not run"):
+        early.write(1)
     with BlockingOperator(Operator(local_after(0))) as operator:
         with pytest.raises(ConfigError, match="started once"):
             operator.__enter__()
@@ -294,6 +355,22 @@ def test_a_side_call_is_given_the_time_that_its_turn_has_left(run: Run[Any]) -> 
     assert given == [(0, 0.1), (1, 0.07), (2, 0.04), (3, 0.01)]
 
 
+def test_an_error_without_words_is_its_type(run: Run[Any]) -> None:
+    async def breaks(message: Any, call: Call) -> Any:
+        raise ConnectionResetError
+
+    async def main(loop: VirtualLoop) -> str:
+        operator = Operator(local_after(MS), clock=loop.time_ns)
+        operator.use_cloud(breaks, ask(5.0), str, 1)
+        async with operator:
+            operator.write(1)
+            item = await operator.read()
+            assert item is not None
+            return item.failures[0].why
+
+    assert run(main) == "ConnectionResetError"
+
+
 @pytest.mark.parametrize("ends", [SystemExit, KeyboardInterrupt])
 def test_what_ends_the_program_in_a_call_ends_it(ends: type[BaseException]) -> None:
     async def handle(message: Any, call: Call) -> Any:
@@ -366,6 +443,7 @@ def test_a_thread_that_hangs_is_replaced_as_often_as_allowed(
 def test_threads_keep_nothing_and_are_replaced_only_in_a_computation() -> None:
     """D8."""
     made: list[Any] = []
+    go_on = threading.Event()
 
     class Frame:
         pass
@@ -376,6 +454,8 @@ def test_threads_keep_nothing_and_are_replaced_only_in_a_computation() -> None:
         def compute(job: Any) -> Any:
             if job == "stop":
                 raise StopIteration(job)
+            if job is go_on:
+                go_on.wait(30)
             return job
 
         return compute
@@ -403,6 +483,16 @@ def test_threads_keep_nothing_and_are_replaced_only_in_a_computation() -> None:
         while alive() is not None and time.monotonic() < until:
             await asyncio.sleep(0.001)
         assert alive() is None, "a thread that waits keeps what it computed"
+        # What is given up while it is computed ends without a word.
+        errors: list[Any] = []
+        asyncio.get_running_loop().set_exception_handler(lambda _, error: errors.append(error))
+        given_up = threads.run(go_on)
+        while given_up not in threads._running:
+            await asyncio.sleep(0)
+        given_up.cancel()
+        go_on.set()
+        assert await threads.run("c") == "c"
+        assert not errors
         threads.stop()
 
     asyncio.run(main())
