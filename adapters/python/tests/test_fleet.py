@@ -366,7 +366,7 @@ def test_ray_is_given_the_files_in_tasks_and_its_own_options(
     assert played.options == {"num_cpus": 0.5}
     assert (played.blocks, on_ray.judge([]).num_rows) == (1, 0)
     with pytest.raises(ValueError, match="go together"):
-        on_ray.judge(paths, tolerance=0.1)
+        on_ray.judge([], tolerance=0.1)
 
 
 class PlayedSpark:
@@ -410,7 +410,7 @@ def test_spark_is_given_the_files_in_tasks_and_timestamps_as_decimals(
     on_spark.judge(played, [])
     assert played.tasks == 1
     with pytest.raises(ValueError, match="go together"):
-        on_spark.judge(played, paths, tolerance=0.1)
+        on_spark.judge(played, [], tolerance=0.1)
 
 
 @pytest.mark.parametrize(

@@ -291,6 +291,16 @@ def test_a_verdict_is_shown_in_a_notebook_without_its_own_markup() -> None:
     assert "<table" not in check(GOOD)._repr_html_()
 
 
+def test_a_list_of_paths_stands_for_its_traces_and_one_of_lines_is_a_trace(tmp_path: Path) -> None:
+    paths, page = CORPUS[:2], tmp_path / "page.html"
+    lists: list[Any] = [paths, list(map(str, paths))]
+    for given in lists:
+        assert [it.file for it in report(given, page=page)] == list(map(str, paths))
+    lines = paths[0].read_text().splitlines(keepends=True)
+    (verdict,) = report(lines, page=page, names=["lines"])
+    assert (verdict.file, verdict.lines) == ("lines", len(lines))
+
+
 def test_a_verdict_in_words_and_for_a_notebook_has_each_figure() -> None:
     whole = (9, 4, "P2", "No late result leaves.", "<late>", "a miss")
     first = Violation(*whole, late=5, story=("3 | open", '4 "emit"'))

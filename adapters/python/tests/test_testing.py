@@ -103,6 +103,16 @@ def test_time_jumps_to_timers_alone() -> None:
     theirs.close()
 
 
+def test_timers_that_were_cancelled_are_forgotten() -> None:
+    async def main(loop: VirtualLoop) -> int:
+        for _ in range(2000):
+            loop.call_later(1e6, print).cancel()
+        await asyncio.sleep(1)
+        return len(loop._scheduled)  # type: ignore[attr-defined]
+
+    assert testing.run(main) < 200
+
+
 def test_a_loop_without_timers_waits_no_longer_than_its_patience() -> None:
     loop = VirtualLoop(start=5.0, patience=0.001)
     assert loop.time() == 5.0
