@@ -271,7 +271,7 @@ class QueuedNode(PlayedNode):
             return {"type": "ERROR", "error": "nothing came"}
 
     def drain(self) -> list[dict[str, Any]] | None:
-        return [self.events.get() for _ in range(self.events.qsize())]
+        return [self.events.get() for _ in range(self.events.qsize())] or None
 
     def send_service_request(
         self, output_id: str, data: Any, metadata: dict[str, Any] | None = None
@@ -300,6 +300,13 @@ def test_what_came_before_the_end_is_answered_and_the_reader_ends_with_the_node(
     ]
     assert not node.fusion.dropped["input"]
     assert threading.active_count() == threads
+
+
+def test_a_node_that_is_given_nothing_ends_with_its_input() -> None:
+    node = QueuedNode([{"type": "INPUT_CLOSED", "id": "input"}])
+    node.fusion = FusionNode(node, {"west": 30.0})
+    asyncio.run(asyncio.wait_for(node.fusion.serve(), 60))
+    assert (node.sent, node.requests) == ([], 0)
 
 
 def test_a_dataflow_without_the_nodes_inputs_is_refused(run: Run[Any]) -> None:

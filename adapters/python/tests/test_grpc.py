@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import fuseline
+import grpc
 import pytest
 import trustme
 from conftest import ROOT
@@ -211,8 +212,9 @@ def test_a_server_that_is_away_describes_nothing_and_a_connection_is_ended() -> 
         remote = Remote(server.url)
         async with remote:
             assert (await remote.describe() or Description()).model == "DINO"
-            assert remote._channel is not None
+            channel = remote._channel
         assert remote._channel is None
+        assert channel.get_state() is grpc.ChannelConnectivity.SHUTDOWN
         # It connects anew when it is used again.
         assert await remote.infer(b"x", call()) == b"X"
         await server.stop()
