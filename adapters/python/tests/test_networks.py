@@ -118,6 +118,27 @@ def test_a_networks_time_begins_with_its_first_call_or_when_one_says(
     ]
 
 
+@pytest.mark.parametrize("fails", [False, True])
+def test_a_reply_and_an_error_take_the_way_back(run: Run[Any], gap: Path, fails: bool) -> None:
+    async def main(loop: VirtualLoop) -> list[float]:
+        at: list[float] = []
+
+        async def cloud(request: int, call: Call) -> int:
+            at.append(loop.time() - 1000)
+            if fails:
+                raise OSError("gone")
+            return request
+
+        handle = RecordedNetwork(gap).handle(cloud)
+        try:
+            assert await handle(7, Call(0, 1.0)) == 7
+        except OSError:
+            assert fails
+        return [*at, loop.time() - 1000]
+
+    assert run(main) == pytest.approx([0.05, 0.1])
+
+
 def test_a_call_without_a_network_waits_until_it_is_cancelled(run: Run[list[Item[Any]]]) -> None:
     async def main(loop: VirtualLoop) -> list[Item[Any]]:
         async def cloud(t: int, call: Call) -> str:
