@@ -462,6 +462,16 @@ def test_a_violation_of_an_observed_trace_is_late_by_so_many_seconds() -> None:
     assert own.manner == "observed, tolerance 0 ns, lateness 250000000 ns"
 
 
+def test_violations_without_a_row_are_counted() -> None:
+    """More than 100 in a trace."""
+    opens = b"".join(b'{"ev":"open","at":%d,"t":%d}\n' % (at, at) for at in range(1, 131))
+    lines = b'{"fuseline":1,"window":1,"clouds":[]}\n' + opens
+    own, *found = fleet.judge("a.jsonl", open=lambda _: io.BytesIO(lines))
+    verdict = fuseline.check(lines)
+    assert verdict.more > 0 and len(found) == 100
+    assert own.violations == 100 + verdict.more
+
+
 def test_the_program_for_a_page_has_defaults_and_says_them(
     rows: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

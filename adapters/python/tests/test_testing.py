@@ -105,12 +105,21 @@ def test_time_jumps_to_timers_alone() -> None:
 
 def test_timers_that_were_cancelled_are_forgotten() -> None:
     async def main(loop: VirtualLoop) -> int:
+        earlier = loop.call_later(1e5, print)
         for _ in range(2000):
             loop.call_later(1e6, print).cancel()
         await asyncio.sleep(1)
+        earlier.cancel()
         return len(loop._scheduled)  # type: ignore[attr-defined]
 
     assert testing.run(main) < 200
+
+
+def test_a_loop_that_is_closed_sets_no_timer() -> None:
+    loop = VirtualLoop()
+    loop.close()
+    with pytest.raises(RuntimeError, match="Event loop is closed"):
+        loop.call_later(1.0, print)
 
 
 def test_a_loop_without_timers_waits_no_longer_than_its_patience() -> None:
