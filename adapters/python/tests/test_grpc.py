@@ -352,7 +352,7 @@ def test_a_certificate_that_cannot_be_used_is_reported(certificates: Certificate
     run(main)
 
 
-def test_an_address_that_is_taken_is_reported() -> None:
+def test_an_address_that_is_taken_is_reported(certificates: Certificates) -> None:
     async def main() -> None:
         with socket.socket() as taken:
             taken.bind(("127.0.0.1", 0))
@@ -360,6 +360,9 @@ def test_an_address_that_is_taken_is_reported() -> None:
             address = f"127.0.0.1:{taken.getsockname()[1]}"
             with pytest.raises(OSError, match=f"{address} cannot be listened on"):
                 await Server(upper, address).start()
+            # It is not the certificate's fault.
+            with pytest.raises(OSError, match=f"{address} cannot be listened on"):
+                await Server(upper, address, identity=certificates.server).start()
         async with Server(upper) as server:
             with pytest.raises(OSError, match="cannot be listened on"):
                 await Server(upper, server.address).start()

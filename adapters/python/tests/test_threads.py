@@ -18,6 +18,7 @@ from fuseline import (
     Ending,
     Local,
     Operator,
+    _remote,
 )
 from fuseline._remote import RemoteThread
 from fuseline._threads import DaemonThreads
@@ -52,6 +53,10 @@ def test_a_thread_that_hangs_is_replaced_as_often_as_allowed(
 ) -> None:
     """D8, D15."""
     release, made = threading.Event(), list[Any]()
+    others = set(threading.enumerate())
+
+    def computing() -> int:
+        return sum(it.name == "fuseline-local" for it in set(threading.enumerate()) - others)
 
     async def main() -> None:
         local = Local.threads_of(hangs_once(release, made), deadline=0.05, **options)
@@ -69,6 +74,11 @@ def test_a_thread_that_hangs_is_replaced_as_often_as_allowed(
             while (item := await operator.read()) is not None and item.value is None:
                 operator.write(7)
             assert item is not None and item.value == 7
+            # One that was replaced ends with what it computed: no more are left than workers.
+            until = time.monotonic() + 30
+            while computing() > local.at_once and time.monotonic() < until:
+                await asyncio.sleep(0.001)
+            assert computing() == local.at_once
 
     asyncio.run(main())
     assert words in caplog.text
@@ -173,7 +183,9 @@ def test_threads_keep_nothing_and_are_replaced_only_in_a_computation() -> None:
     asyncio.run(main())
 
 
-def test_a_connection_that_cannot_be_closed_is_reported(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_connection_that_cannot_be_closed_is_reported_and_the_next_waits(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
     class Stuck:
         def infer(self, observation: Any) -> Any:
             return observation
@@ -185,6 +197,9 @@ def test_a_connection_that_cannot_be_closed_is_reported(caplog: pytest.LogCaptur
         remote = RemoteThread(Stuck)
         assert await remote.infer(7) == 7
         remote.close()
+        for pause, ready in ((3600.0, False), (0.0, True)):
+            monkeypatch.setattr(_remote, "PAUSE", pause)
+            assert remote.is_ready() == ready
 
     with caplog.at_level(logging.DEBUG, "fuseline"):
         asyncio.run(main())
