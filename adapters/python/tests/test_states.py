@@ -178,6 +178,33 @@ def test_what_an_aborted_call_raises_is_nobodys_concern(run: Run[Any]) -> None:
     assert run(main) == 0
 
 
+def test_a_call_that_only_gives_others_a_turn_is_aborted_too(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """D6."""
+    ends: list[type[BaseException]] = []
+
+    async def spins(message: Any, call: Call) -> Any:
+        try:
+            for _ in range(100_000):
+                await asyncio.sleep(0)
+        except BaseException as error:
+            ends.append(type(error))
+            raise
+
+    async def main() -> None:
+        operator = Operator(local_after(0))
+        operator.use_cloud(spins, ask(0.01), str, 1)
+        async with operator:
+            operator.write(1)
+            assert await operator.read() is not None
+            operator.stop()
+
+    asyncio.run(main())
+    assert ends == [asyncio.CancelledError]
+    assert "have not ended" not in caplog.text
+
+
 def test_of_several_results_of_a_message_the_last_that_was_sent_has_the_state() -> None:
     """E10."""
     state = CarriedState("none")
