@@ -344,7 +344,7 @@ def test_an_operators_latency_is_how_long_its_own_messages_took(run: Run[Any]) -
     """E3: of those that were taken on, whenever they came."""
 
     async def main(loop: VirtualLoop) -> None:
-        latency = Latency.measured(90, 0.5)
+        latency = Latency.measured(10, 0.5)
         operator = Operator(
             Local.task(local_after(30 * MS), deadline=0.04),
             window=1,

@@ -11,6 +11,7 @@ import pytest
 from fuseline import DeadlineError, TimeError, ns
 from fuseline.deadline import (
     Accuracy,
+    BoxDetector,
     Capped,
     Case,
     Chosen,
@@ -25,8 +26,13 @@ from fuseline.deadline import (
     Policy,
     Reason,
     Situation,
+    Streaming,
     Time,
     Whose,
+    assumes_one_output,
+    compiled,
+    needs_linger,
+    policy_of,
 )
 
 
@@ -95,6 +101,43 @@ class LearningPolicy(Policy):
 
     def ended(self, end: End, age: Any) -> None:
         self.learnt.append((end, age))
+
+
+def test_what_is_compiled_of_policies_is_given_to_the_engine_and_all_else_as_it_is() -> None:
+    class OwnConstant(Constant):
+        """May decide otherwise."""
+
+    guard, expected = Guard(), Expected(Accuracy(0.3, 0.5, 0.001), 0.3)
+    streaming = Streaming(BoxDetector(70.0, 0.7), BoxDetector(95.0, 0.85), 0.14, 0.015)
+    own = OwnConstant(0.2)
+    assert compiled(Constant(0.2)) == ns(200_000_000)
+    assert compiled(guard) is guard._guard
+    assert compiled(expected) is expected._expected
+    assert compiled(streaming) is streaming._expected
+    assert compiled(own) is own
+    capped = guard.caps(expected)
+    assert compiled(capped) == (guard._guard, expected._expected)
+    assert (assumes_one_output(capped), needs_linger(capped)) == (True, False)
+    lingering = Expected(Accuracy(0.3, 0.5, 0.001), 0.3, probe_every=None)
+    for policy in (own.caps(lingering), lingering.caps(own)):
+        assert (assumes_one_output(policy), needs_linger(policy)) == (False, True)
+    assert assumes_one_output(own.caps(guard)) and not needs_linger(own)
+
+
+def test_a_function_is_given_the_cap_in_nanoseconds_and_a_cap_that_is_met_is_none() -> None:
+    caps: list[Any] = []
+
+    def function(situation: Situation, cap: ns) -> float:
+        caps.append(cap)
+        return 0.3
+
+    policy = policy_of(function)
+    assert policy.decide(Situation(), 0.3) == Chosen(ns(300_000_000), Reason.CONSTANT)
+    assert policy.decide(Situation(), ns(299_999_999)) == Chosen(ns(299_999_999), Reason.CAP)
+    assert [(type(it), it) for it in caps] == [(ns, 300_000_000), (ns, 299_999_999)]
+    policy.ended(End.ANSWERED, 0.1)
+    constant = Constant(0.3)
+    assert policy_of(constant) is constant
 
 
 def test_of_a_policy_under_the_cap_of_another_both_learn() -> None:

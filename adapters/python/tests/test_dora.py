@@ -10,12 +10,13 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 from queue import Empty, SimpleQueue
+from types import SimpleNamespace
 from typing import Any
 
 import fuseline
 import pytest
 from conftest import Run
-from fuseline import ConfigError
+from fuseline import ConfigError, dora
 from fuseline.dora import FusionNode
 from fuseline.testing import VirtualLoop
 
@@ -200,6 +201,60 @@ def test_after_inputs_that_found_no_room_the_next_is_answered_as_before(run: Run
     assert sorted(outputs) == sorted(f"{value} by local" for value in [*range(16), 40])
 
 
+def test_events_of_no_concern_change_nothing(
+    run: Run[Any], caplog: pytest.LogCaptureFixture
+) -> None:
+    """Of inputs that the node does not have, of a kind to come, and of its own input's return."""
+    kinds = ("INPUT", "INPUT_CLOSED", "INPUT_RECOVERED", "STOPPED", "ERROR")
+    other = [{"type": kind, "id": "lidar_result", "value": 0, "metadata": {}} for kind in kinds]
+    own = [{"type": kind, "id": "input"} for kind in ("INPUT_RECOVERED", "ERROR")]
+    closed = {"type": "INPUT_CLOSED", "id": "west_result"}
+    error: dict[str, Any] = {
+        "type": "ERROR",
+        "id": "west_result",
+        "value": 9,
+        "metadata": {"request_id": "1"},
+    }
+    plan: Plan = {"local": lambda _: 0.1, "west": lambda _: 0.2}
+    stop = {"type": "STOP", "id": "a signal"}
+    steps: list[dict[str, Any] | None] = [
+        *other,
+        *own,
+        {"type": "ERROR"},
+        frame(1),
+        error,
+        closed,
+        frame(2),
+        stop,
+    ]
+    node = play(run, plan, steps)
+    assert [(value, it["seq"]) for _, value, it in node.sent] == [
+        ("1 by west", 1),
+        ("2 by local", 2),
+    ]
+    assert not node.fusion.dropped
+    said = [it.getMessage() for it in caplog.records]
+    assert [it for it in said if "input" in it and "why=" not in it] == [
+        "fusion: the input west_result is closed"
+    ]
+
+
+def test_a_node_without_the_output_sends_nothing_for_what_is_missed(run: Run[Any]) -> None:
+    async def main(loop: VirtualLoop) -> PlayedNode:
+        node = PlayedNode(loop, {"local": lambda _: None}, ["output", "local_request"])
+        node.fusion = FusionNode(node, {}, local_deadline=0.5, clock=loop.time_ns)
+        async with node.fusion.operator:
+            loop.call_later(0, node.fusion.take, frame(1))
+            loop.call_later(2, node.fusion.take, None)
+            await node.fusion.send_items()
+        return node
+
+    node = run(main)
+    nothing_waits(node.fusion)
+    assert node.sent == []
+    assert node.fusion.operator.counts["fusion", "message", "missed"] == 1
+
+
 class QueuedNode(PlayedNode):
     """Its events wait in a queue, as dora's do; each source answers at once."""
 
@@ -216,7 +271,7 @@ class QueuedNode(PlayedNode):
             return {"type": "ERROR", "error": "nothing came"}
 
     def drain(self) -> list[dict[str, Any]] | None:
-        return [self.events.get() for _ in range(self.events.qsize())]
+        return [self.events.get() for _ in range(self.events.qsize())] or None
 
     def send_service_request(
         self, output_id: str, data: Any, metadata: dict[str, Any] | None = None
@@ -245,6 +300,13 @@ def test_what_came_before_the_end_is_answered_and_the_reader_ends_with_the_node(
     ]
     assert not node.fusion.dropped["input"]
     assert threading.active_count() == threads
+
+
+def test_a_node_that_is_given_nothing_ends_with_its_input() -> None:
+    node = QueuedNode([{"type": "INPUT_CLOSED", "id": "input"}])
+    node.fusion = FusionNode(node, {"west": 30.0})
+    asyncio.run(asyncio.wait_for(node.fusion.serve(), 60))
+    assert (node.sent, node.requests) == ([], 0)
 
 
 def test_a_dataflow_without_the_nodes_inputs_is_refused(run: Run[Any]) -> None:
@@ -355,6 +417,75 @@ def test_in_a_dataflow_of_doras_daemon_each_input_has_one_output(tmp_path: Path)
             return
         incomplete.append(sunk)
     pytest.fail(f"no run of five was whole: {incomplete}")
+
+
+def main_of(
+    monkeypatch: pytest.MonkeyPatch, *options: str, node: Any = None
+) -> tuple[int | str | None, QueuedNode]:
+    """The program with dora's package replaced; how it ended, and its node."""
+    node = QueuedNode([frame(0), {"type": "INPUT_CLOSED", "id": "input"}]) if node is None else node
+    monkeypatch.setitem(sys.modules, "dora", SimpleNamespace(Node=lambda: node))
+    monkeypatch.setattr(sys, "argv", ["fuseline.dora", *options])
+    try:
+        return dora.main(), node
+    except SystemExit as end:
+        return end.code, node
+
+
+def test_its_options_are_those_of_the_node(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    class TwoClouds(QueuedNode):
+        def node_config(self) -> dict[str, Any]:
+            return {
+                "inputs": ["input", "local_result", "west_result", "east_result"],
+                "outputs": ["output", "local_request", "west_request", "east_request"],
+            }
+
+    traces = []
+    clouds = ["--cloud", "west=20.5", "--cloud", "east=30"]
+    for options in (
+        clouds,
+        [*clouds, "--local-deadline", "25", "--calls", "3", "--window", "5", "--commit", "patient"],
+    ):
+        trace = str(tmp_path / "run.jsonl")
+        node = TwoClouds([frame(0), {"type": "INPUT_CLOSED", "id": "input"}])
+        assert main_of(monkeypatch, *options, "--trace", trace, node=node) == (0, node)
+        assert [it[0] for it in node.sent] == ["output"]
+        traces.append(fuseline.Trace(trace))
+    headers = [it.header for it in traces]
+    assert [(it["window"], it["commit"]) for it in headers] == [(16, "eager"), (5, "patient")]
+    gates = [[(it["p"], it["name"], it["limit"]) for it in header["clouds"]] for header in headers]
+    assert gates == [[(1, "west", it), (2, "east", it)] for it in (8, 3)]
+    deadlines = [
+        {(it.p or 0): it.deadline for it in trace.lines if it.ev in ("open", "offer")}
+        for trace in traces
+    ]
+    assert deadlines == [
+        {0: local * 10**9, 1: 20_500_000_000, 2: 30_000_000_000} for local in (1, 25)
+    ]
+
+
+@pytest.mark.parametrize("cloud", ["west", "=0.5", "local=0.5", "west=soon", "west="])
+def test_a_cloud_that_is_none_is_refused_with_its_words(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], cloud: str
+) -> None:
+    assert main_of(monkeypatch, "--cloud", cloud)[0] == 2
+    assert f"argument --cloud: '{cloud}': give NAME=SECONDS, and no" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("cloud", "words"),
+    [
+        ("east=0.5", "the node has no east_result among its inputs"),
+        ("west=-1", "a duration of -1 s; it must be 0 or more"),
+        ("west=nan", "a duration of NaN s; it must be 0 or more"),
+    ],
+)
+def test_a_cloud_that_the_node_cannot_have_is_refused_by_the_program(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], cloud: str, words: str
+) -> None:
+    code, node = main_of(monkeypatch, "--cloud", cloud)
+    assert (code, node.sent) == (2, [])
+    assert f"error: {words}" in capsys.readouterr().err
 
 
 def test_outside_a_dataflow_it_says_so() -> None:

@@ -11,6 +11,7 @@ import subprocess
 import sys
 from collections import Counter
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, BinaryIO
 
 import duckdb
@@ -21,8 +22,16 @@ import pytest
 from conftest import BAD, CORPUS
 from drives import drive, spoiled
 from fuseline import fleet
+from fuseline.fleet import ray as on_ray
+from fuseline.fleet import spark as on_spark
+from fuseline.fleet.__main__ import main as page_program
 
 COMMAND = os.environ.get("FUSELINE_COMMAND")
+#: A trace with a violation, of the greatest timestamp.
+FAR = b"""{"fuseline":1,"window":1,"clouds":[]}
+{"ev":"open","at":0,"t":18446744073709551615}
+{"ev":"miss","at":0,"t":18446744073709551615}
+"""
 CHAPTER = Path(__file__).parents[3] / "docs/book/src/use/python.md"
 
 
@@ -228,12 +237,8 @@ def test_the_schema_is_that_of_the_rows_and_of_the_chapter() -> None:
 
 
 def test_the_table_keeps_every_row_and_number(tmp_path: Path) -> None:
-    lines = b"""{"fuseline":1,"window":1,"clouds":[]}
-{"ev":"open","at":0,"t":18446744073709551615}
-{"ev":"miss","at":0,"t":18446744073709551615}
-"""
     path = tmp_path / "far.jsonl"
-    path.write_bytes(lines)
+    path.write_bytes(FAR)
     table = fleet.judge_all([path, *CORPUS, *BAD])
     assert table.schema == fleet.schema()
     assert table.column("t").to_pylist()[1] == 2**64 - 1
@@ -318,3 +323,171 @@ def test_a_page_of_nothing_is_refused(tmp_path: Path) -> None:
         assert ran.returncode == 2
         assert ran.stderr.startswith(f"error: {rows}: no rows of a fleet: ")
         assert not (tmp_path / "none.html").exists()
+
+
+class PlayedRay:
+    """Stands for Ray's data sets: files in so many blocks, each judged by a task."""
+
+    def __init__(self) -> None:
+        self.blocks = 0
+        self.options: dict[str, Any] = {}
+
+    def from_arrow(self, table: pa.Table) -> pa.Table:
+        return table
+
+    def from_items(self, items: list[dict[str, Any]], *, override_num_blocks: int) -> PlayedRay:
+        self.items, self.blocks = items, override_num_blocks
+        return self
+
+    def map_batches(
+        self, judge: Any, *, batch_size: None, batch_format: str, **options: Any
+    ) -> pa.Table:
+        assert (batch_size, batch_format) == (None, "pyarrow"), "a block is a task"
+        self.options = options
+        blocks = [self.items[k :: self.blocks] for k in range(self.blocks)]
+        return pa.concat_tables(judge(pa.Table.from_pylist(block)) for block in blocks)
+
+
+def test_ray_is_given_the_files_in_tasks_and_its_own_options(
+    logs: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    played = PlayedRay()
+    monkeypatch.setitem(sys.modules, "ray", SimpleNamespace(data=played))
+    paths = sorted(logs.glob("*.jsonl"))
+    how: dict[str, Any] = {"tolerance": 0.1, "lateness": 0.1}
+    alone = fleet.judge_all(paths, **how).sort_by("file")
+    for files_per_task, tasks in ((1, 6), (4, 2), (5, 2), (6, 1), (16, 1)):
+        rows = on_ray.judge(paths, files_per_task=files_per_task, **how)
+        assert played.blocks == tasks
+        assert rows.sort_by("file").select(["file", "line"]) == alone.select(["file", "line"])
+    assert set(rows.column("manner").to_pylist()) == set(alone.column("manner").to_pylist())
+    assert played.options == {}
+    on_ray.judge(paths, remote={"num_cpus": 0.5})
+    assert played.options == {"num_cpus": 0.5}
+    assert (played.blocks, on_ray.judge([]).num_rows) == (1, 0)
+    with pytest.raises(ValueError, match="go together"):
+        on_ray.judge([], tolerance=0.1)
+
+
+class PlayedSpark:
+    """Stands for a session of Spark and its frames."""
+
+    def __init__(self) -> None:
+        self.sparkContext = self
+        self.tasks = 0
+
+    def parallelize(self, items: list[tuple[str]], tasks: int) -> PlayedSpark:
+        self.items, self.tasks = items, tasks
+        return self
+
+    def toDF(self, columns: str) -> PlayedSpark:  # noqa: N802
+        assert columns == "file string"
+        return self
+
+    def mapInArrow(self, judge: Any, columns: str) -> tuple[list[Any], str]:  # noqa: N802
+        files = [pa.array([it for (it,) in self.items], pa.string())]
+        return list(judge(iter([pa.record_batch(files, names=["file"])]))), columns
+
+
+def test_spark_is_given_the_files_in_tasks_and_timestamps_as_decimals(
+    logs: Path, tmp_path: Path
+) -> None:
+    far = tmp_path / "far.jsonl"
+    far.write_bytes(FAR)
+    paths = [*sorted(logs.glob("*.jsonl")), far]
+    played: Any = PlayedSpark()
+    for files_per_task, tasks in ((1, 7), (3, 3), (7, 1), (16, 1)):
+        batches, columns = on_spark.judge(played, paths, files_per_task=files_per_task)
+        assert played.tasks == tasks
+    table = pa.Table.from_batches(batches)
+    assert [it.split(":")[0].split()[0] for it in columns.split(", ")[:7]] == table.column_names[:7]
+    assert table.column("t").type == pa.decimal128(20, 0)
+    assert table.column("t").to_pylist()[-1] == 2**64 - 1
+    alone = fleet.judge_all(paths)
+    names = [name for name in alone.column_names if name != "t"]
+    assert table.column_names == alone.column_names
+    assert table.select(names).to_pylist() == alone.select(names).to_pylist()
+    on_spark.judge(played, [])
+    assert played.tasks == 1
+    with pytest.raises(ValueError, match="go together"):
+        on_spark.judge(played, [], tolerance=0.1)
+
+
+@pytest.mark.parametrize(
+    ("path", "named"),
+    [("a/drive-7.2.jsonl", "drive-7"), ("a/.jsonl", "a/.jsonl"), ("", ""), ("x", "x")],
+)
+def test_a_drive_is_named_by_its_file_or_by_a_function(path: str, named: str) -> None:
+    opened: list[str] = []
+
+    def empty(file: str) -> BinaryIO:
+        opened.append(file)
+        return io.BytesIO(FAR)
+
+    own, found = fleet.judge(path, open=empty)
+    assert (own.file, own.drive, found.drive) == (path, named, named)
+    assert fleet.judge(path, open=empty, drive=lambda file: f"{file}!")[0].drive == f"{path}!"
+    assert opened == [path, path]
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (FileNotFoundError(2, "No such file or directory"), "No such file or directory"),
+        (ConnectionError("the store is away"), "the store is away"),
+        (EOFError(), "EOFError"),
+        (ValueError(), "ValueError"),
+    ],
+)
+def test_what_a_store_raises_is_a_row_with_its_words(error: Exception, words: str) -> None:
+    def away(file: str) -> BinaryIO:
+        raise error
+
+    (row,) = fleet.judge("s3://a", open=away)
+    assert (row.error, row.conforms) == (f"s3://a: {words}", False)
+
+
+def test_a_violation_of_an_observed_trace_is_late_by_so_many_seconds() -> None:
+    late = b"""{"fuseline":1,"window":1,"clouds":[{"p":1,"limit":9}]}
+{"ev":"open","at":0,"t":1}
+{"ev":"request","at":0,"t":1,"p":1,"due":1000000000}
+{"ev":"result","at":1000,"t":1,"p":0}
+{"ev":"timer","at":1750000000,"t":1,"p":1}
+{"ev":"emit","at":1750000000,"t":1,"p":0}
+"""
+    how: dict[str, Any] = {"tolerance": 0.0, "lateness": 0.25}
+    own, *found = fleet.judge("a.jsonl", open=lambda _: io.BytesIO(late), **how)
+    assert not own.conforms and own.late is None
+    assert [it.late for it in found if it.late is not None] == [0.25]
+    assert own.manner == "observed, tolerance 0 ns, lateness 250000000 ns"
+
+
+def test_violations_without_a_row_are_counted() -> None:
+    """More than 100 in a trace."""
+    opens = b"".join(b'{"ev":"open","at":%d,"t":%d}\n' % (at, at) for at in range(1, 131))
+    lines = b'{"fuseline":1,"window":1,"clouds":[]}\n' + opens
+    own, *found = fleet.judge("a.jsonl", open=lambda _: io.BytesIO(lines))
+    verdict = fuseline.check(lines)
+    assert verdict.more > 0 and len(found) == 100
+    assert own.violations == 100 + verdict.more
+
+
+def test_the_program_for_a_page_has_defaults_and_says_them(
+    rows: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["fleet", str(rows)])
+    assert page_program() == 0
+    assert "<h1>Fleet</h1>" in (tmp_path / "fleet.html").read_text()
+    monkeypatch.setattr(sys, "argv", ["fleet", "--help"])
+    with pytest.raises(SystemExit, match="0"):
+        page_program()
+    said = " ".join(capsys.readouterr().out.split())
+    for words in (
+        "usage: python -m fuseline.fleet",
+        "Makes a page of the rows of a fleet that are kept in Parquet.",
+        "rows a Parquet file, a folder of them, or a pattern",
+        "the page (fleet.html)",
+        "--title TITLE its title",
+    ):
+        assert words in said

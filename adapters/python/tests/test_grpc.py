@@ -11,10 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import fuseline
+import grpc
 import pytest
 import trustme
 from conftest import ROOT
-from fuseline import Call, CallError, Item, Local, Operator
+from fuseline import Call, CallError, Item, Lineage, Local, Operator
 from fuseline.grpc import Description, Identity, Remote, Server, Token
 
 DAY = 86_400.0
@@ -83,8 +84,8 @@ def test_a_payload_goes_there_and_back_with_its_timestamp() -> None:
 
     run(main)
     assert [it.timestamp for it in seen] == [7, 7, 7, 2**64 - 1]
-    # The deadline travels; without one there is none.
-    assert DAY - 60 < seen[0].deadline <= DAY
+    # The deadline travels, of which gRPC rounds the third digit up; without one there is none.
+    assert DAY - 60 < seen[0].deadline < 1.01 * DAY
     assert seen[3].deadline == float("inf")
 
 
@@ -191,6 +192,120 @@ def test_whoever_is_not_trusted_is_not_served(certificates: Certificates) -> Non
     run(main)
 
 
+def test_a_token_that_can_be_read_on_the_way_is_reported(caplog: pytest.LogCaptureFixture) -> None:
+    Remote("https://west:1", ca=b"", token="secret")
+    Remote("http://west:1")
+    assert not caplog.records
+    Remote("http://west:1", token=Token("secret"))
+    assert [it.getMessage() for it in caplog.records] == [
+        "the token can be read on the way, for http://west:1 is not https"
+    ]
+
+
+def test_a_server_that_is_away_describes_nothing_and_a_connection_is_ended() -> None:
+    async def main() -> None:
+        server = Server(upper, description=Description("DINO"))
+        assert server.address == "127.0.0.1:0"
+        await server.start()
+        host, _, port = server.address.partition(":")
+        assert host == "127.0.0.1" and int(port) > 0
+        remote = Remote(server.url)
+        async with remote:
+            assert (await remote.describe() or Description()).model == "DINO"
+            channel = remote._channel
+        assert remote._channel is None
+        assert channel.get_state() is grpc.ChannelConnectivity.SHUTDOWN
+        # It connects anew when it is used again.
+        assert await remote.infer(b"x", call()) == b"X"
+        await server.stop()
+        await server.stop()
+        with pytest.raises(CallError, match=r"^(connection refused|the connection broke)$"):
+            await remote.describe(5.0)
+        await remote.close()
+        await remote.close()
+
+    run(main)
+
+
+def test_calls_under_way_get_the_grace_and_no_more() -> None:
+    async def main() -> None:
+        begun, go_on = asyncio.Event(), asyncio.Event()
+
+        async def infer(payload: bytes, call: Call) -> bytes:
+            begun.set()
+            await go_on.wait()
+            return payload
+
+        for grace, answered in ((60.0, True), (0.0, False)):
+            server = Server(infer)
+            await server.start()
+            async with Remote(server.url) as remote:
+                calling = asyncio.create_task(remote.infer(b"x", call()))
+                await begun.wait()
+                stopping = asyncio.create_task(server.stop(grace))
+                if answered:
+                    await asyncio.sleep(0.01)
+                    go_on.set()
+                    assert await calling == b"x"
+                else:
+                    with pytest.raises(CallError):
+                        await calling
+                await stopping
+            begun.clear()
+            go_on.clear()
+
+    run(main)
+
+
+def test_what_fails_in_the_server_is_logged_with_its_message(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    async def infer(payload: bytes, call: Call) -> bytes:
+        raise OSError("no\nmodel")
+
+    async def main() -> None:
+        async with Server(infer) as server, Remote(server.url) as remote:
+            with pytest.raises(CallError, match=r"^no model$"):
+                await remote.infer(b"x", call())
+
+    run(main)
+    assert "message 7 was not computed: no model" in caplog.text
+
+
+@pytest.mark.parametrize(
+    "lineage",
+    [
+        Lineage(),
+        Lineage("camera"),
+        Lineage("camera", 5),
+        Lineage(within=0.25),
+        Lineage("camera", 2**64 - 1, within=1.5),
+    ],
+)
+@pytest.mark.parametrize("age", [None, 0.0, 0.5])
+def test_each_part_of_a_lineage_comes_as_it_was_sent(lineage: Lineage, age: float | None) -> None:
+    seen: list[Call] = []
+
+    async def infer(payload: bytes, call: Call) -> bytes:
+        seen.append(call)
+        return payload
+
+    async def main() -> None:
+        async with Server(infer) as server, Remote(server.url) as remote:
+            await remote.infer(b"x", Call(7, DAY, lineage, age))
+
+    run(main)
+    (came,) = seen
+    if lineage == Lineage() and age is None:
+        assert (came.lineage, came.age) == (None, None)
+        return
+    assert came.lineage is not None
+    own = came.lineage.origin, came.lineage.seq, came.lineage.within
+    assert own == (lineage.origin, lineage.seq, lineage.within)
+    assert came.age == age
+    assert (came.lineage.captured is None) == (age is None)
+
+
 def test_a_token_can_be_replaced_while_it_is_used() -> None:
     token = Token("old")
     assert "old" not in repr(token)
@@ -237,7 +352,7 @@ def test_a_certificate_that_cannot_be_used_is_reported(certificates: Certificate
     run(main)
 
 
-def test_an_address_that_is_taken_is_reported() -> None:
+def test_an_address_that_is_taken_is_reported(certificates: Certificates) -> None:
     async def main() -> None:
         with socket.socket() as taken:
             taken.bind(("127.0.0.1", 0))
@@ -245,6 +360,9 @@ def test_an_address_that_is_taken_is_reported() -> None:
             address = f"127.0.0.1:{taken.getsockname()[1]}"
             with pytest.raises(OSError, match=f"{address} cannot be listened on"):
                 await Server(upper, address).start()
+            # It is not the certificate's fault.
+            with pytest.raises(OSError, match=f"{address} cannot be listened on"):
+                await Server(upper, address, identity=certificates.server).start()
         async with Server(upper) as server:
             with pytest.raises(OSError, match="cannot be listened on"):
                 await Server(upper, server.address).start()

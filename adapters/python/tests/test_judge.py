@@ -19,7 +19,7 @@ import fuseline
 import pyarrow as pa
 import pytest
 from conftest import ANNOTATED, BAD, CORPUS
-from fuseline import Trace, check, check_observed, ns, replay, report
+from fuseline import Trace, Verdict, Violation, check, check_observed, ns, replay, report
 
 HEADER = b'{"fuseline":1,"window":16,"clouds":[{"p":1,"limit":31}]}\n'
 GOOD = (
@@ -289,6 +289,51 @@ def test_a_verdict_is_shown_in_a_notebook_without_its_own_markup() -> None:
     assert "<b>late" not in html
     assert len(re.findall("<tr", html)) == 2
     assert "<table" not in check(GOOD)._repr_html_()
+
+
+def test_a_list_of_paths_stands_for_its_traces_and_one_of_lines_is_a_trace(tmp_path: Path) -> None:
+    paths, page = CORPUS[:2], tmp_path / "page.html"
+    lists: list[Any] = [paths, list(map(str, paths))]
+    for given in lists:
+        assert [it.file for it in report(given, page=page)] == list(map(str, paths))
+    lines = paths[0].read_text().splitlines(keepends=True)
+    (verdict,) = report(lines, page=page, names=["lines"])
+    assert (verdict.file, verdict.lines) == ("lines", len(lines))
+
+
+def test_a_verdict_in_words_and_for_a_notebook_has_each_figure() -> None:
+    whole = (9, 4, "P2", "No late result leaves.", "<late>", "a miss")
+    first = Violation(*whole, late=5, story=("3 | open", '4 "emit"'))
+    violations = (first, Violation(7, None, *whole[2:]))
+    verdict = Verdict("run.jsonl", False, 1234, 56789, violations, more=1001)
+    assert (
+        str(verdict)
+        == """run.jsonl: does not conform; 1234 timestamps judged in 56789 lines
+run.jsonl:9: timestamp 4 breaks P2: No late result leaves.
+  found    <late>
+  expected a miss
+  | 3 | open
+  | 4 "emit"
+run.jsonl:7: breaks P2: No late result leaves.
+  found    <late>
+  expected a miss
+1001 more violations"""
+    )
+    html = verdict._repr_html_()
+    head, *rows = html.split("<tr")
+    assert "#cf222e" in head and "1,234 timestamps judged in 56,789 lines" in head
+    cells = [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row) for row in rows]
+    breaks = ["P2: No late result leaves.", "&lt;late&gt;", "a miss"]
+    assert cells == [
+        ["line", "timestamp", "rule", "found", "expected"],
+        ["9", "4", *breaks],
+        ["7", "", *breaks],
+    ]
+    assert 'title="3 | open\n4 &quot;emit&quot;"' in rows[1] and 'title=""' in rows[2]
+    assert html.endswith("</table><p>1,001 more violations</p>")
+    short = Verdict("run.jsonl", True, 1, 2, violations)
+    assert "more violations" not in short._repr_html_() + str(short)
+    assert "#1a7f37" in short._repr_html_()
 
 
 def test_verdicts_are_tables() -> None:

@@ -129,7 +129,7 @@ def test_local_computes_in_processes_of_its_own() -> None:
     run(asyncio.SelectorEventLoop, main)
 
 
-def test_a_process_that_dies_costs_its_own_message_alone() -> None:
+def test_a_process_that_dies_costs_its_own_message_alone(caplog: pytest.LogCaptureFixture) -> None:
     async def main() -> None:
         operator: Operator[str, int] = Operator(Local.processes(process_of, deadline=None))
         async with operator:
@@ -147,6 +147,7 @@ def test_a_process_that_dies_costs_its_own_message_alone() -> None:
             assert second not in (None, first, os.getpid())
 
     run(asyncio.SelectorEventLoop, main)
+    assert caplog.text.count("a process of local's died; others take over") == 1
 
 
 FULL_DISK = """

@@ -95,6 +95,50 @@ def test_calls_take_the_round_trip_of_their_moment(run: Run[list[Item[Any]]], ga
     assert lefts == [2.45, 2.45, 1.475]
 
 
+def test_a_networks_time_begins_with_its_first_call_or_when_one_says(
+    run: Run[Any], gap: Path
+) -> None:
+    async def main(loop: VirtualLoop) -> list[list[float | None]]:
+        drive = Drive(gap)
+        networks = [RecordedNetwork(drive), RecordedNetwork(gap), RecordedNetwork(drive, start=2.5)]
+        assert networks[0].drive is drive
+        networks[0].begin()
+        trips = []
+        for _ in range(3):
+            await asyncio.sleep(0.75)
+            networks[0].begin()
+            trips.append([network.round_trip() for network in networks])
+        return trips
+
+    trips = run(main)
+    assert trips == [
+        [0.1, 0.1, pytest.approx(0.55)],
+        [pytest.approx(1.55), 0.1, 0.05],
+        [pytest.approx(0.8), pytest.approx(1.55), pytest.approx(1.1)],
+    ]
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_a_reply_and_an_error_take_the_way_back(run: Run[Any], gap: Path, fails: bool) -> None:
+    async def main(loop: VirtualLoop) -> list[float]:
+        at: list[float] = []
+
+        async def cloud(request: int, call: Call) -> int:
+            at.append(loop.time() - 1000)
+            if fails:
+                raise OSError("gone")
+            return request
+
+        handle = RecordedNetwork(gap).handle(cloud)
+        try:
+            assert await handle(7, Call(0, 1.0)) == 7
+        except OSError:
+            assert fails
+        return [*at, loop.time() - 1000]
+
+    assert run(main) == pytest.approx([0.05, 0.1])
+
+
 def test_a_call_without_a_network_waits_until_it_is_cancelled(run: Run[list[Item[Any]]]) -> None:
     async def main(loop: VirtualLoop) -> list[Item[Any]]:
         async def cloud(t: int, call: Call) -> str:

@@ -266,7 +266,9 @@ def test_side_requests_are_as_before_after_every_kind_of_end(run: Run[Any]) -> N
     run(main)
 
 
-def test_messages_from_another_thread_are_taken_after_any_that_were_not() -> None:
+def test_messages_from_another_thread_are_taken_after_any_that_were_not(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     """D8."""
 
     async def main() -> None:
@@ -289,6 +291,10 @@ def test_messages_from_another_thread_are_taken_after_any_that_were_not() -> Non
             await operator.read()
 
     asyncio.run(main())
+    said = [it.getMessage() for it in caplog.records if "was not taken" in it.getMessage()]
+    assert [it.rpartition("(")[2] for it in said] == [
+        f"{times} so far)" for times in (1, 2, 4, 8, 16, 32)
+    ]
 
 
 def test_a_job_that_was_cancelled_is_not_begun() -> None:

@@ -167,6 +167,20 @@ class DeafServer:
         self.is_closed = True
 
 
+def test_a_chunk_under_way_is_given_up_at_the_end_though_its_call_hangs() -> None:
+    """D6."""
+    server = DeafServer()
+    chunk = Chunk(every=1, max_age=1, within=60.0)
+    with Always(server.connect, Hold("held"), deadline=0.01, chunk=chunk) as policy:
+        while not server.connections:
+            policy.infer(0)
+        assert policy._plan is not None
+        request = policy._plan._request
+        assert request is not None and not request.done()
+    assert request.cancelled()
+    server.connections[0].ends.set()
+
+
 def test_after_calls_that_hung_one_that_ends_lets_the_next_be_made(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -359,6 +373,7 @@ def test_a_tick_without_an_action_says_so_and_a_new_episode_forgets_the_old_one(
         policy.reset()
         assert policy.infer(1) == policy._last
         assert policy.item is not None and str(policy.item.source) == "local"
+    policy.close()
     with pytest.raises(ConfigError, match="does not run"):
         policy.infer(2)
     with pytest.raises(ConfigError, match="skip is"):
@@ -385,6 +400,20 @@ def test_a_blend_that_changes_nothing_is_of_its_own_message() -> None:
     assert list(far) == [0.5, -0.5, 0.1]
 
 
+def test_a_reply_may_be_split_by_a_function(run: Run[Any]) -> None:
+    async def main(loop: VirtualLoop) -> None:
+        remote: Any = PlannedRemote()
+        plan = ChunkPlan(remote, Chunk(every=9, max_age=9, split=lambda reply: reply["steps"][1:]))
+        plan.request(0, 0)
+        await settled()
+        remote.answers[0].set_result({"steps": ["a header", 1.0, 2.0], "arm": [0, 0, 0]})
+        await settled()
+        planned = [plan.planned(t, None) for t in range(3)]
+        assert planned == [StampedValue(1.0, 0), StampedValue(2.0, 0), None]
+
+    run(main)
+
+
 def test_replies_are_split_by_what_they_are_made_of() -> None:
     assert _split([1, 2]) == [1, 2]
     reply = {"arm": [1, 2, 3], "gripper": [7, 8], "server": "west"}
@@ -401,10 +430,10 @@ def test_replies_are_split_by_what_they_are_made_of() -> None:
 
 def test_actions_of_one_form_are_blended_number_by_number() -> None:
     blend = fade(2)
-    earlier = {"arm": (0.0, 0.0), "is_open": True, "name": "a"}
-    later = {"arm": (4.0, 8.0), "is_open": False, "name": "b", "new": 1.0}
+    earlier = {"arm": (0.0, 0.0), "is_open": True, "name": "a", "grip": 1.0}
+    later = {"arm": (4.0, 8.0), "is_open": False, "name": "b", "grip": None, "new": 1.0}
     assert blend(earlier, later, 0, None) == {
-        "arm": (2.0, 4.0), "is_open": False, "name": "b", "new": 1.0,
+        "arm": (2.0, 4.0), "is_open": False, "name": "b", "grip": None, "new": 1.0,
     }  # fmt: skip
     assert blend(earlier, later, 1, None) == blend(None, later, 0, None) == later
 
@@ -426,6 +455,46 @@ def test_a_blend_is_of_the_oldest_message() -> None:
     plan._chunks.extend([ArrivedChunk(0, 0, [0.0] * 9), ArrivedChunk(2, 2, [9.0] * 9)])
     planned = [plan.planned(t, None) for t in range(2, 5)]
     assert planned == [StampedValue(3.0, 0), StampedValue(6.0, 0), StampedValue(9.0, 2)]
+
+
+@pytest.mark.parametrize(
+    ("options", "deadline"), [({"period": 8.0}, 6.0), ({"period": 8.0, "deadline": 5.0}, 5.0)]
+)
+def test_a_deadline_is_three_quarters_of_the_period_unless_it_is_given(
+    tmp_path: Path, options: dict[str, Any], deadline: float
+) -> None:
+    class Server:
+        def infer(self, tick: int) -> int:
+            return -tick
+
+        def close(self) -> None:
+            pass
+
+    trace = tmp_path / "run.jsonl"
+    with Always(Server, Hold(0), trace=trace, name="arm", **options) as policy:
+        assert policy.infer(7) == -7
+    run = fuseline.Trace(trace)
+    assert run.header["operator"] == "arm"
+    assert [it.deadline for it in run.lines if it.ev == "offer"] == [deadline * 1e9]
+
+
+def test_a_tick_that_waits_when_the_operator_is_stopped_says_so() -> None:
+    go_on = threading.Event()
+
+    def on_board(observation: int) -> int:
+        loop = policy._operator._loop
+        assert loop is not None
+        loop.call_soon_threadsafe(policy._operator.operator.stop)
+        go_on.wait(30)
+        return observation
+
+    def refused() -> Any:
+        raise ConnectionRefusedError
+
+    with Always(refused, on_board, deadline=5.0) as policy:
+        with pytest.raises(RuntimeError, match="the policy was closed"):
+            policy.infer(1)
+        go_on.set()
 
 
 def test_a_policy_on_board_acts_where_the_server_does_not() -> None:

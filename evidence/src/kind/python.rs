@@ -22,6 +22,8 @@ pub(super) const PYTHON: EvidenceKind = EvidenceKind {
             "tests/test_pipeline.py",
             "tests/test_recovery.py",
             "tests/test_robot.py",
+            "tests/test_states.py",
+            "tests/test_threads.py",
         ],
     },
     sources: &[
@@ -47,6 +49,8 @@ pub(super) const PYTHON: EvidenceKind = EvidenceKind {
         "adapters/python/tests/test_pipeline.py",
         "adapters/python/tests/test_recovery.py",
         "adapters/python/tests/test_robot.py",
+        "adapters/python/tests/test_states.py",
+        "adapters/python/tests/test_threads.py",
     ],
     read: read_pytest,
     cites: cited_by_pytest,

@@ -70,7 +70,6 @@ class ChunkPlan:
 
     def __init__(self, remote: RemoteThread, chunk: Chunk) -> None:
         check_count(chunk.every, 1, "ticks between chunks")
-        check_count(chunk.max_age, 0, "a max_age")
         if chunk.skip not in ("executed", "none"):
             raise ConfigError(f"skip is 'executed' or 'none', not {chunk.skip!r}")
         self.chunk = chunk

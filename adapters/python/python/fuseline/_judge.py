@@ -242,7 +242,7 @@ def report(
     if tolerances and judged_by is None:
         raise ValueError("tolerances of sources without a tolerance of all others; give it too")
     verdicts, html = _fuseline.report(named, judged_by, list((tolerances or {}).items()))
-    _replace(Path(page), html)
+    replace_file(Path(page), html)
     return tuple(map(_verdict, verdicts))
 
 
@@ -276,7 +276,7 @@ def slack(
     return tolerance, lateness
 
 
-def _replace(path: Path, content: bytes) -> None:
+def replace_file(path: Path, content: bytes) -> None:
     """Write a file whole or not at all."""
     beside = path.with_name(f"{path.name}.{os.getpid()}.part")
     try:

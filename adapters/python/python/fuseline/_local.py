@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import inspect
 import logging
 import multiprocessing
 from collections.abc import Awaitable, Callable
@@ -234,6 +233,6 @@ def local_of(local: Local[M, V] | Callable[[M, int], Any]) -> Local[M, V]:
     """What was given, or a task of an async function, or a thread for a plain one."""
     if isinstance(local, Local):
         return local
-    if is_async(local) and not inspect.isclass(local):
+    if is_async(local):
         return Local.task(local)
     return Local.threads(local)

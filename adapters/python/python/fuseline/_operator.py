@@ -117,6 +117,8 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
     ) -> None:
         check_count(output_len, 1, "an output_len")
         check_function(clock, "a clock")
+        if latency is not None and not isinstance(latency, Latency):
+            raise ConfigError(f"a latency is a Latency, not {latency!r}")
         self.name = name
         self._local: Local[M, V] = local_of(local)
         self._window, self._commit = window, commit

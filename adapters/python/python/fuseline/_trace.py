@@ -140,34 +140,39 @@ class Trace:
         """What each source's messages took, where clouds were waited for in vain, what missed."""
         opened: dict[int, int] = {}
         requested: dict[tuple[int, int], int] = {}
-        went: dict[int, list[Point]] = {}
         waits: list[Point] = []
         missed: list[float] = []
-        # Under progressive the last output of a message that has not ended.
-        last: dict[int, tuple[int, int]] = {}
+        # The latest output of each message, and those that have ended with it.
+        outputs: dict[int, tuple[int, int]] = {}
+        ended: dict[int, None] = {}
         is_progressive = self.header.get("commit") == "progressive"
         for line in self.lines:
-            t = line.t
+            t, p = line.t, line.p
             if t is None:
                 continue
             if line.ev == "open":
                 opened[t] = line.at
-            elif line.ev == "refuse" and line.p is None and t in opened:
-                missed.append(opened.pop(t) / 1e9)
             elif t not in opened:
                 continue
-            elif line.ev == "request" and line.p is not None:
-                requested[t, line.p] = line.at
-            elif line.ev in ("timer", "cancel") and line.p:
-                waits.append(
-                    (opened[t] / 1e9, (line.at - requested.get((t, line.p), line.at)) / 1e6)
-                )
-            elif line.ev == "emit" and line.p is not None and is_progressive:
-                last[t] = line.p, line.at
-            elif line.ev in ("emit", "final") and line.p is not None:
-                p, left = last.pop(t, (line.p, line.at))
-                at = opened.pop(t)
-                went.setdefault(p, []).append((at / 1e9, (left - at) / 1e6))
-            elif line.ev == "miss":
-                missed.append(opened.pop(t) / 1e9)
+            elif p is None:
+                if line.ev == "refuse":
+                    missed.append(opened.pop(t) / 1e9)
+                elif line.ev == "miss":
+                    missed.append(opened[t] / 1e9)
+            elif line.ev == "request":
+                requested[t, p] = line.at
+            elif line.ev in ("timer", "cancel") and p > 0:
+                took = line.at - requested.get((t, p), line.at)
+                waits.append((opened[t] / 1e9, took / 1e6))
+            elif line.ev == "emit":
+                outputs[t] = p, line.at
+                if not is_progressive:
+                    ended[t] = None
+            elif line.ev == "final":
+                outputs.setdefault(t, (p, line.at))
+                ended[t] = None
+        went: dict[int, list[Point]] = {}
+        for t in ended:
+            p, at = outputs[t]
+            went.setdefault(p, []).append((opened[t] / 1e9, (at - opened[t]) / 1e6))
         return went, waits, missed

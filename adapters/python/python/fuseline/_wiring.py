@@ -120,10 +120,9 @@ def check_linger(policy: Policy, linger: int, name: str) -> None:
 
 
 def is_async(function: Any) -> bool:
-    """Whether it is an ``async def``, or an object that is called like one."""
-    return inspect.iscoroutinefunction(function) or inspect.iscoroutinefunction(
-        getattr(function, "__call__", None)  # noqa: B004
-    )
+    """Whether it is an ``async def``, or an object, not its class, that is called like one."""
+    called = None if inspect.isclass(function) else getattr(function, "__call__", None)  # noqa: B004
+    return inspect.iscoroutinefunction(function) or inspect.iscoroutinefunction(called)
 
 
 def _check_callable(function: Any, what: str) -> None:

@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import contextlib
 import logging
 import sys
 import threading
@@ -31,7 +32,8 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
-from fuseline._errors import Closed, ConfigError, Full
+from fuseline._errors import Closed, ConfigError, Full, TimeError
+from fuseline._fuseline import nanoseconds
 from fuseline._item import Call, Item, StampedValue
 from fuseline._local import Local
 from fuseline._operator import Operator
@@ -135,6 +137,7 @@ class FusionNode:
     Raises:
         ConfigError: if the dataflow lacks one of the node's inputs or outputs, or there is no such
             operator.
+        TimeError: if a duration is none.
     """
 
     def __init__(
@@ -176,9 +179,10 @@ class FusionNode:
             self._use(name, deadline, priority, calls)
 
     def _use(self, name: str, deadline: Duration, priority: int, calls: int) -> None:
+        within = nanoseconds(deadline)
         self.operator.use_cloud(
             self._sources[name].call,
-            lambda event, _: (event, deadline),
+            lambda event, _: (event, within),
             lambda answer: answer,
             priority,
             name=name,
@@ -245,23 +249,22 @@ class FusionNode:
         event: dict[str, Any] | None = {}
         while event is not None and not self._is_over:
             event = self._node.next(timeout=READ_TIMEOUT)
-            events = [event]
+            events: list[dict[str, Any] | None] = [event]
             if event is not None and event["type"] in ("INPUT_CLOSED", "STOP"):
                 # Dora gives these before inputs that came earlier.
-                events = sorted([*(self._node.drain() or []), event], key=_is_no_input)
+                given = [*(self._node.drain() or []), event]
+                given.sort(key=lambda it: it["type"] != "INPUT")
+                events = [*given]
             for each in events:
                 loop.call_soon_threadsafe(self.take, each)
 
 
-def _is_no_input(event: dict[str, Any] | None) -> bool:
-    return event is None or event["type"] != "INPUT"
-
-
 def _cloud(text: str) -> tuple[str, float]:
     name, _, seconds = text.partition("=")
-    if not name or name == "local":
-        raise ValueError
-    return name, float(seconds)
+    if name and name != "local":
+        with contextlib.suppress(ValueError):
+            return name, float(seconds)
+    raise argparse.ArgumentTypeError(f"{text!r}: give NAME=SECONDS, and no cloud is named local")
 
 
 def main() -> int:
@@ -288,7 +291,7 @@ def main() -> int:
             node, dict(args.cloud), local_deadline=args.local_deadline, calls=args.calls,
             window=args.window, commit=args.commit, trace=args.trace,
         )  # fmt: skip
-    except ConfigError as error:
+    except (ConfigError, TimeError) as error:
         parser.error(str(error))
     asyncio.run(fusion.serve())
     return 0

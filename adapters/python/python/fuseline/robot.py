@@ -148,6 +148,7 @@ class Always:
                 max_age=self._plan.chunk.max_age,
             )
         self._operator = BlockingOperator(operator).__enter__()
+        self._is_closed = False
 
     def infer(self, obs: Any) -> Any:
         """The action for an observation, at the latest at the deadline.
@@ -174,7 +175,10 @@ class Always:
             self._plan.clear()
 
     def close(self) -> None:
-        """End the remote call and the trace."""
+        """End the remote call and the trace, unless that was done."""
+        if self._is_closed:
+            return
+        self._is_closed = True
         if self._plan is not None:
             self._plan.close()
         self._remote.close()

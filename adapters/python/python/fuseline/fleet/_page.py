@@ -13,6 +13,7 @@ try:
 except ImportError as error:
     raise ImportError("a page needs duckdb: pip install fuseline[fleet]") from error
 
+from fuseline._judge import replace_file
 from fuseline.fleet._summaries import FLATTEN, SUMMARIES
 
 #: An answer: the names of its columns, and its rows.
@@ -39,11 +40,7 @@ svg { width: 100%; height: auto; display: block } svg text { font-size: 11px; fi
 
 def write(rows: str, page: Path, title: str) -> None:
     """Ask the summaries of the rows, and write the page once all are answered."""
-    answers = ask(rows)
-    whole = _page(answers, title)
-    half = page.with_name(page.name + ".tmp")
-    half.write_text(whole, encoding="utf-8")
-    half.replace(page)
+    replace_file(page, _page(ask(rows), title).encode())
 
 
 def ask(rows: str) -> dict[str, Answer]:
