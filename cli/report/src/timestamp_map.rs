@@ -31,11 +31,10 @@ impl<T: Default> TimestampMap<T> {
 
     /// Puts in a value.
     pub(crate) fn insert(&mut self, t: u64, value: T) {
-        match self.find(t) {
-            Some(index) => self.values[index] = value,
-            None => {
-                self.insert_new(t, value);
-            }
+        if let Some(index) = self.find(t) {
+            self.values[index] = value;
+        } else {
+            self.insert_new(t, value);
         }
     }
 
@@ -87,15 +86,12 @@ impl<T: Default> TimestampMap<T> {
     }
 
     fn insert_new(&mut self, t: u64, value: T) -> usize {
-        let index = match self.free.pop() {
-            Some(index) => {
-                self.values[index] = value;
-                index
-            }
-            None => {
-                self.values.push(value);
-                self.values.len() - 1
-            }
+        let index = if let Some(index) = self.free.pop() {
+            self.values[index] = value;
+            index
+        } else {
+            self.values.push(value);
+            self.values.len() - 1
         };
         self.indices.insert(t, index);
         index
