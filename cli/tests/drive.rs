@@ -352,6 +352,13 @@ fn a_command_without_its_dashes_has_a_remedy() {
             err(&refused)
         );
     }
+    // A mistaken option is no command.
+    let mistaken = run(&["drive", "--sed", "2"], "");
+    assert!(
+        err(&mistaken).ends_with("a similar argument exists: '--seed'\n"),
+        "{}",
+        err(&mistaken)
+    );
 }
 
 #[test]
