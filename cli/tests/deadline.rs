@@ -83,7 +83,7 @@ fn a_table_says_why() {
 #[test]
 fn what_makes_no_sense_is_reported_in_one_line_with_a_remedy() {
     let observed = &["--speed", "20", "--observed", "-"];
-    let cases: [(&[&str], &str, &str); 14] = [
+    let cases: [(&[&str], &str, &str); 16] = [
         (&[], "", "--speed <V,V,…>; see --help"),
         (&["--speed", "20,0"], "", "write a number of m/s above 0; see --help"),
         (&["--speed", "20", "--rate", "0"], "", "write a number of Hz above 0; see --help"),
@@ -106,6 +106,13 @@ fn what_makes_no_sense_is_reported_in_one_line_with_a_remedy() {
             "no deadline is safe; change --range-local",
         ),
         (&["--speed", "20", "--class", "1,2"], "", "such as 1,39,57; see --help"),
+        // Classes have ranges of their own, and nothing else.
+        (&["--speed", "20", "--class", "1,57,39"], "", "; change --class"),
+        (
+            &["--speed", "20", "--class", "1,39,57", "--deceleration", "-1"],
+            "",
+            "; change --deceleration",
+        ),
         (observed, "response_s\n0.1\n", "stdin:1: no column \"answered\""),
         (observed, "response_s,answered\n0.1,1\n0.2,x\n", "stdin:3: column \"answered\": \"x\""),
         (observed, "response_s,answered\ninf,1\n", "stdin:2: column \"response_s\": \"inf\""),

@@ -352,6 +352,10 @@ fn a_command_without_its_dashes_has_a_remedy() {
             err(&refused)
         );
     }
+    // A mistaken option is no command.
+    let mistaken = run(&["drive", "--sed", "2"], "");
+    let printed = err(&mistaken);
+    assert!(printed.contains("; a similar argument exists: '--seed' tip: "), "{printed}");
 }
 
 #[test]

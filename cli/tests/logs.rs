@@ -195,6 +195,34 @@ fn a_header_is_made_by_asking_what_the_file_does_not_say() {
     assert!(err(&silent).contains("asks for priority of east"), "{}", err(&silent));
 }
 
+#[test]
+fn times_of_day_are_taken_up_to_their_bounds_and_no_further() {
+    let log = |at: &str| format!("{{\"ev\":\"tick\",\"at\":\"{at}\"}}\n");
+    for (at, seconds) in [
+        ("1970-01-01T23:59:59Z", 86_399_u64),
+        // A leap second is the next one.
+        ("1970-01-31T23:59:60Z", 31 * 86_400),
+        ("1970-12-31 00:00:00", 364 * 86_400),
+        ("1972-02-29T00:00:00+00", 789 * 86_400),
+    ] {
+        let found = events(&log(at), "log.jsonl", &[]);
+        assert_eq!(found, [json!({"ev": "tick", "at": seconds * 1_000_000_000})], "{at}");
+    }
+    for at in [
+        "2026-11-25T18:60:00Z",
+        "2026-11-25T18:00:61Z",
+        "2026-11-25T18:00:00:00Z",
+        "2026-11-31T18:00:00Z",
+        "2026-12-32T18:00:00Z",
+        "2026-11-00T18:00:00Z",
+        "2026-00-25T18:00:00Z",
+        "2100-02-29T18:00:00Z",
+    ] {
+        let refused = refused(&log(at), "log.jsonl", &[]);
+        assert!(refused.contains("is not a number that fits"), "{at}: {refused}");
+    }
+}
+
 /// The chapter of the book, with the log that ships.
 #[test]
 fn the_books_log_is_judged_as_its_chapter_says() {

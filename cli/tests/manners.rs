@@ -150,3 +150,29 @@ fn a_long_file_has_a_bar_on_a_terminal_and_no_other_has_one() {
     let piped = run(&["check", &path("long.jsonl")], "");
     assert_eq!(err(&piped), "");
 }
+
+/// A browser of one's own notes what it is to open.
+#[test]
+fn a_page_is_opened_where_that_is_wanted_and_no_other_is() {
+    use std::os::unix::fs::PermissionsExt as _;
+    use std::time::{Duration, Instant};
+
+    let dir = tempdir().unwrap();
+    let (browser, opened) = (dir.path().join("xdg-open"), dir.path().join("opened"));
+    fs::write(&browser, format!("#!/bin/sh\necho \"$1\" >> '{}'\n", opened.display())).unwrap();
+    fs::set_permissions(&browser, fs::Permissions::from_mode(0o755)).unwrap();
+    for (page, more) in [("unseen.html", &[][..]), ("seen.html", &["--open"])] {
+        let report = format!("--report={page}");
+        let args = ["run", "--seconds", "0.2", "--force", "--trace", "t.jsonl", &report];
+        let mut command = fuseline(&[&args[..], more].concat());
+        let ran = command.current_dir(dir.path()).env("PATH", dir.path()).output().unwrap();
+        assert_eq!(ran.status.code(), Some(0), "{}", err(&ran));
+        assert!(dir.path().join(page).is_file());
+    }
+    let start = Instant::now();
+    while !fs::read_to_string(&opened).is_ok_and(|text| text.ends_with('\n')) {
+        assert!(start.elapsed() < Duration::from_secs(60), "nothing was opened");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    assert_eq!(fs::read_to_string(&opened).unwrap(), "seen.html\n");
+}

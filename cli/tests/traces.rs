@@ -331,6 +331,14 @@ mod follow {
         assert_eq!((output.status.code(), err(&output)), (Some(1), ""));
     }
 
+    #[test]
+    fn in_json_a_followed_file_has_its_verdict_alone() {
+        let found = followed(&TRACE.replace("\"hold\"", "\"emit\""), &["--json"]);
+        assert_eq!((found.status.code(), out(&found).lines().count()), (Some(1), 1));
+        let verdict: serde_json::Value = serde_json::from_str(out(&found)).unwrap();
+        assert_eq!(verdict["violations"][0]["rule"], "F3");
+    }
+
     /// Follows a file with this text until it was read, and gives the verdict.
     fn followed(text_so_far: &str, args: &[&str]) -> Output {
         let (_dir, paths) = files(&[("growing.jsonl", text_so_far)]);

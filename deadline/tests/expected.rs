@@ -191,6 +191,20 @@ fn a_constant_caps_a_guard_that_caps_what_is_expected() {
     assert_eq!((decision.deadline, decision.reason), (ms(800), Reason::Probe));
 }
 
+/// T3: a cap that learns gets each end.
+#[test]
+fn a_cap_learns_from_the_calls_that_it_caps() {
+    let learns = || Expected::<_, 16>::new(ACCURACY, ms(LOCAL_MS), None).unwrap();
+    let (mut alone, mut capped) = (learns(), learns().caps(Constant(ms(800))));
+    let decide = |policy: &mut dyn Policy| policy.decide(&Situation::UNKNOWN, ms(1000)).deadline;
+    let before = decide(&mut capped);
+    for policy in [&mut alone as &mut dyn Policy, &mut capped] {
+        (0..16).for_each(|_| policy.ended(End::Answered(ms(400))));
+    }
+    assert_eq!(decide(&mut capped), decide(&mut alone));
+    assert_ne!(decide(&mut capped), before);
+}
+
 #[test]
 fn a_loss_that_is_no_number_decides_nothing() {
     let calls = [observation(200, true, 3), observation(350, true, 3)];

@@ -233,6 +233,25 @@ fn a_value_of_another_message_is_reported_as_that() {
     assert_eq!(violation.found, r#"{"ev":"emit","at":9,"t":5,"p":1,"of":1}"#);
 }
 
+/// D2: what may have come before an output says whose value it can be, and what certainly came later does not.
+#[test]
+fn a_value_is_none_of_a_result_that_came_by_then() {
+    let slack = Slack { tolerance: 1, lateness: 2 };
+    for (came, rule) in [(11, BrokenRule::Rule(Rule::D2)), (12, BrokenRule::P3)] {
+        let trace = [
+            r#"{"fuseline":1,"window":4,"clouds":[{"p":1,"limit":9,"max_age":2}]}"#.to_owned(),
+            r#"{"ev":"open","at":0,"t":5}"#.to_owned(),
+            r#"{"ev":"request","at":0,"t":5,"p":1,"due":40}"#.to_owned(),
+            r#"{"ev":"emit","at":9,"t":5,"p":1,"of":5}"#.to_owned(),
+            format!(r#"{{"ev":"result","at":{came},"t":5,"p":1,"of":3}}"#),
+            String::new(),
+        ];
+        let verdict = observed::judge("a.jsonl", slack, trace.join("\n").as_bytes()).unwrap();
+        let [violation] = &verdict.violations[..] else { panic!("{verdict:?}") };
+        assert_eq!(violation.rule, rule, "{came}");
+    }
+}
+
 /// What a message held back for its own deadline is described by: how late it is, and by when it had to come.
 #[test]
 fn j2_says_by_how_much_an_output_is_late() {

@@ -53,15 +53,15 @@ class PlainObject:
         return message
 
 
-class HalfPolicy:
+class UnlearningPolicy:
     def decide(self, situation: Any, cap: Any) -> Any: ...
 
 
-class OtherHalf:
+class UndecidedPolicy:
     def ended(self, end: Any, age: Any) -> None: ...
 
 
-class Subscriber:
+class SilentSubscriber:
     def registerCallback(self, callback: Any, *arguments: Any) -> Any:  # noqa: N802
         pass
 
@@ -215,8 +215,8 @@ OPERATOR_CASES: dict[str, Arguments] = {
             "calls": count("calls at once"),
             "policy": [
                 (Guard, ConfigError, "the class Guard for a policy; give an instance"),
-                (HalfPolicy(), ConfigError, "needs both methods, decide and ended"),
-                (OtherHalf(), ConfigError, "needs both methods, decide and ended"),
+                (UnlearningPolicy(), ConfigError, "needs both methods, decide and ended"),
+                (UndecidedPolicy(), ConfigError, "needs both methods, decide and ended"),
                 (7, ConfigError, "a policy is a function, not 7"),
                 (echo, ConfigError, "a policy is a plain function, not an async def"),
                 (Expected(lambda *_: 0.0, 0.1, None), ConfigError, "the policy of cloud-1 does"),

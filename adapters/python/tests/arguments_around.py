@@ -13,7 +13,7 @@ from arguments import (
     TRACE,
     Arguments,
     PlainObject,
-    Subscriber,
+    SilentSubscriber,
     but_none,
     count,
     echo,
@@ -159,7 +159,7 @@ CASES_AROUND: dict[str, Arguments] = {
     ),
     "TimeSynchronizer": Arguments(
         synchronizer,
-        {"subscribers": {"left": Subscriber()}, "wait": 0.1},
+        {"subscribers": {"left": SilentSubscriber()}, "wait": 0.1},
         {
             "subscribers": [({}, ConfigError, "a synchronizer of no topics; give at least one")],
             "wait": DURATION,
@@ -172,14 +172,15 @@ CASES_AROUND: dict[str, Arguments] = {
     ),
     "TimeSynchronizer.registerCallback": Arguments(
         method(
-            lambda: synchronizer(subscribers={"left": Subscriber()}, wait=0.1), "registerCallback"
+            lambda: synchronizer(subscribers={"left": SilentSubscriber()}, wait=0.1),
+            "registerCallback",
         ),
         {"callback": plain},
         {"callback": function("a callback")},
         of=TimeSynchronizer.registerCallback,
     ),
     "TimeSynchronizer.on_drop": Arguments(
-        method(lambda: synchronizer(subscribers={"left": Subscriber()}, wait=0.1), "on_drop"),
+        method(lambda: synchronizer(subscribers={"left": SilentSubscriber()}, wait=0.1), "on_drop"),
         {"on_drop": plain},
         {"on_drop": function("what is called on drops")},
         of=TimeSynchronizer.on_drop,

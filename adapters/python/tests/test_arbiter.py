@@ -15,22 +15,22 @@ INPUTS = {"open", "offer", "result", "fail", "tick"}
 
 def test_each_input_of_the_corpus_is_answered_with_its_decisions() -> None:
     """One process decides about all traces; a header starts afresh."""
-    asked: list[bytes] = []
+    given: list[bytes] = []
     expected: list[list[dict[str, Any]]] = []
     kinds: Counter[str] = Counter()
     for path in CORPUS:
         for line in path.read_bytes().splitlines(keepends=True):
             event = json.loads(line)
             if "fuseline" in event or event["ev"] in INPUTS:
-                asked.append(line)
+                given.append(line)
                 expected.append([])
             else:
                 kinds[event["ev"]] += 1
                 expected[-1].append(event)
     assert not {"refuse", "request", "drop", "hold", "miss", "emit", "final", "cancel"} - set(kinds)
-    assert any("deadline" in it for it in map(json.loads, asked) if it.get("ev") == "open")
-    out = Flushed()
-    arbiter.serve(io.BytesIO(b"".join(asked)), out)
+    assert any("deadline" in it for it in map(json.loads, given) if it.get("ev") == "open")
+    out = FlushedAnswers()
+    arbiter.serve(io.BytesIO(b"".join(given)), out)
     answers: list[list[dict[str, Any]]] = [[]]
     for decision in map(json.loads, out.getvalue().splitlines()):
         if decision == {"ev": "done"}:
@@ -38,10 +38,10 @@ def test_each_input_of_the_corpus_is_answered_with_its_decisions() -> None:
         else:
             answers[-1].append(decision)
     assert answers == [*expected, []]
-    assert out.flushed == len(out.getvalue()), "who asks would wait for ever"
+    assert out.flushed == len(out.getvalue()), "who waits for it would wait for ever"
 
 
-class Flushed(io.BytesIO):
+class FlushedAnswers(io.BytesIO):
     """Knows how much of it was flushed, whole answers each time."""
 
     flushed = 0

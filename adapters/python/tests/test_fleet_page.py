@@ -25,19 +25,19 @@ TEXT = {"drive", "file", "error", "rule", "source", "operator"}
 MS = {"p50": "median", "p90": "90 %", "p99": "99 %", "greatest": "greatest", "latest": "latest by"}
 
 
-class Element:
+class PageElement:
     """An element of a page, with what it contains."""
 
     def __init__(self, tag: str, attributes: dict[str, str | None]) -> None:
         self.tag, self.attributes = tag, attributes
         #: Texts among them.
-        self.parts: list[Element | str] = []
+        self.parts: list[PageElement | str] = []
 
     @property
-    def children(self) -> list[Element]:
-        return [it for it in self.parts if isinstance(it, Element)]
+    def children(self) -> list[PageElement]:
+        return [it for it in self.parts if isinstance(it, PageElement)]
 
-    def all(self, tag: str) -> Iterator[Element]:
+    def all(self, tag: str) -> Iterator[PageElement]:
         for child in self.children:
             if child.tag == tag:
                 yield child
@@ -56,7 +56,7 @@ class PageReader(HTMLParser):
 
     def __init__(self, path: Path) -> None:
         super().__init__()
-        self.open = [Element("", {})]
+        self.open = [PageElement("", {})]
         self.feed(path.read_text(encoding="utf-8"))
         assert len(self.open) == 1, f"{self.open[-1].tag} is not closed"
         self.body = next(self.open[0].all("body"))
@@ -67,7 +67,7 @@ class PageReader(HTMLParser):
             self.open.append(self.open[-1].children[-1])
 
     def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.open[-1].parts.append(Element(tag, dict(attrs)))
+        self.open[-1].parts.append(PageElement(tag, dict(attrs)))
 
     def handle_endtag(self, tag: str) -> None:
         assert self.open.pop().tag == tag
@@ -75,7 +75,7 @@ class PageReader(HTMLParser):
     def handle_data(self, data: str) -> None:
         self.open[-1].parts.append(data)
 
-    def section(self, heading: str) -> Element | None:
+    def section(self, heading: str) -> PageElement | None:
         """What follows a heading."""
         children = self.body.children
         places = [i for i, it in enumerate(children) if it.tag == "h2" and it.text == heading]
@@ -268,7 +268,7 @@ def shown(
     assert cells[1:] == expected, heading
 
 
-def cell(it: Element) -> Cell:
+def cell(it: PageElement) -> Cell:
     """Its class and its text; what is unknown is dimmed."""
     for child in it.children:
         assert (child.tag, child.attributes["class"], child.text) == ("span", "dim", "–")
@@ -285,7 +285,7 @@ def in_words(name: str, value: Any) -> str:
     return f"{value:,}" if isinstance(value, int) else value
 
 
-def labels(svg: Element, anchor: str | None) -> list[tuple[float, float, str]]:
+def labels(svg: PageElement, anchor: str | None) -> list[tuple[float, float, str]]:
     texts = [it for it in svg.all("text") if it.attributes.get("text-anchor") == anchor]
     return [(it.number("x"), it.number("y"), it.text) for it in texts]
 

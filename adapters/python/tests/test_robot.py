@@ -463,7 +463,7 @@ def test_a_blend_is_of_the_oldest_message() -> None:
 def test_a_deadline_is_three_quarters_of_the_period_unless_it_is_given(
     tmp_path: Path, options: dict[str, Any], deadline: float
 ) -> None:
-    class Server:
+    class NegatingServer:
         def infer(self, tick: int) -> int:
             return -tick
 
@@ -471,7 +471,7 @@ def test_a_deadline_is_three_quarters_of_the_period_unless_it_is_given(
             pass
 
     trace = tmp_path / "run.jsonl"
-    with Always(Server, Hold(0), trace=trace, name="arm", **options) as policy:
+    with Always(NegatingServer, Hold(0), trace=trace, name="arm", **options) as policy:
         assert policy.infer(7) == -7
     run = fuseline.Trace(trace)
     assert run.header["operator"] == "arm"

@@ -130,7 +130,7 @@ def test_threads_keep_nothing_and_are_replaced_only_in_a_computation() -> None:
     made: list[Any] = []
     go_on = threading.Event()
 
-    class Frame:
+    class WeakFrame:
         pass
 
     def make() -> Any:
@@ -147,7 +147,7 @@ def test_threads_keep_nothing_and_are_replaced_only_in_a_computation() -> None:
 
     async def main() -> None:
         threads = DaemonThreads(make, 1, "test")
-        frame = Frame()
+        frame = WeakFrame()
         alive = weakref.ref(frame)
         assert await threads.run(frame) is frame
         future = threads.run("a")
@@ -160,7 +160,7 @@ def test_threads_keep_nothing_and_are_replaced_only_in_a_computation() -> None:
         with pytest.raises(RuntimeError, match="it raised StopIteration"):
             await threads.run("stop")
         assert await threads.run("b") == "b"
-        frame = Frame()
+        frame = WeakFrame()
         alive = weakref.ref(frame)
         await threads.run(frame)
         del frame
@@ -186,7 +186,7 @@ def test_threads_keep_nothing_and_are_replaced_only_in_a_computation() -> None:
 def test_a_connection_that_cannot_be_closed_is_reported_and_the_next_waits(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    class Stuck:
+    class StuckPolicy:
         def infer(self, observation: Any) -> Any:
             return observation
 
@@ -194,7 +194,7 @@ def test_a_connection_that_cannot_be_closed_is_reported_and_the_next_waits(
             raise OSError("it is stuck")
 
     async def main() -> None:
-        remote = RemoteThread(Stuck)
+        remote = RemoteThread(StuckPolicy)
         assert await remote.infer(7) == 7
         remote.close()
         for pause, ready in ((3600.0, False), (0.0, True)):

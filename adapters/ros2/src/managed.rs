@@ -144,3 +144,35 @@ fn numbered(mut settings: Settings, time: u32) -> Settings {
     }
     settings
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::arguments::Arguments;
+
+    #[test]
+    fn each_configuration_after_the_first_has_traces_of_its_own() {
+        let settings = |trace: &str, mcap: &str| {
+            let names = [("trace.file", trace), ("trace.mcap", mcap)];
+            let names = names.map(|(name, path)| format!("{name}:={path}"));
+            let [trace, mcap] = &names;
+            let types = ["input.type:=a/msg/A", "output.type:=a/msg/A"];
+            let keys = ["input.key:=uint64", "output.key:=uint64"];
+            let more = types.into_iter().chain(keys).chain([&**trace, &**mcap]);
+            let more = more.flat_map(|value| ["-p".to_owned(), value.to_owned()]);
+            let args = ["--ros-args".to_owned()].into_iter().chain(more);
+            let arguments = Arguments::parse(args.map(Into::into)).unwrap();
+            Settings::from(&arguments, |_| None).unwrap()
+        };
+        for (trace, mcap, time, expected) in [
+            ("/log/a.jsonl", "b.mcap", 1, ["/log/a.jsonl", "b.mcap"]),
+            ("/log/a.jsonl", "b.mcap", 2, ["/log/a-2.jsonl", "b-2.mcap"]),
+            ("/log.d/a", "b.x.mcap", 13, ["/log.d/a-13", "b-13.x.mcap"]),
+        ] {
+            let Settings { trace, mcap, .. } = numbered(settings(trace, mcap), time);
+            assert_eq!([trace, mcap], expected.map(|path| Some(path.into())));
+        }
+        let Settings { trace, mcap, .. } = numbered(settings("''", "''"), 2);
+        assert_eq!((trace, mcap), (None, None));
+    }
+}

@@ -349,3 +349,24 @@ fn histogram((place, mut counts): (usize, ValueCounts)) -> (usize, Vec<u64>, Vec
     let differences = counts.iter().map(|(value, _)| value - std::mem::replace(&mut before, value));
     (place, differences.collect(), counts.iter().map(|(_, times)| times).collect())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_histogram_has_no_more_values_than_a_page_can_hold() {
+        let of = |values: u64| {
+            let mut counts = ValueCounts::default();
+            (0..values).for_each(|value| counts.add(3 * value, 1));
+            let (place, differences, times) = histogram((7, counts));
+            assert_eq!((place, times.iter().sum::<u64>()), (7, values));
+            assert_eq!(differences.len(), times.len());
+            differences
+        };
+        let most = VALUES as u64;
+        assert_eq!(of(most)[..3], [0, 3, 3]);
+        assert_eq!(of(most).len(), VALUES);
+        assert!(of(most + 1).len() < VALUES);
+    }
+}

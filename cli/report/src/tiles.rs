@@ -122,17 +122,27 @@ mod tests {
     #[test]
     fn tiles_widen_so_that_they_are_few_and_count_all() {
         let mut tiles = TimeTiles::default();
-        let instants = (0..50_000_u64).map(|n| 1_000_000 + n * 1_000_003).chain([5, 7, u64::MAX]);
-        for (n, at) in (0..).zip(instants) {
-            tiles.add(
-                at,
-                [TileOutcome::Missed, TileOutcome::Open, TileOutcome::Forwarded(3)][n % 3],
-            );
+        let instants = (0..50_000_u64).map(|n| 1_000_000 + n * 1_000_003);
+        let instants: Vec<u64> = instants.chain([5, 7, u64::MAX]).collect();
+        let outcomes = [TileOutcome::Missed, TileOutcome::Open, TileOutcome::Forwarded(3)];
+        for (at, outcome) in instants.iter().zip(outcomes.into_iter().cycle()) {
+            tiles.add(*at, outcome);
+            let (first, last) = (tiles.tiles.keys().next(), tiles.tiles.keys().next_back());
+            assert!(last.zip(first).is_some_and(|(last, first)| last - first < MOST));
         }
         let columns = tiles.columns(5);
-        assert!(columns.tile.len() as u64 <= MOST);
-        let total: u64 = columns.counts.iter().flatten().sum();
-        assert_eq!(total, 50_003);
+        let mut expected = BTreeMap::<u64, Vec<u64>>::new();
+        for (n, at) in instants.iter().enumerate() {
+            let counts = expected.entry(at / columns.width).or_insert_with(|| vec![0; 6]);
+            counts[[0, 1, 5][n % 3]] += 1;
+        }
+        let mut number = expected.keys().next().copied().unwrap();
+        assert_eq!(columns.tile.len(), expected.len());
+        for (step, mut counts) in columns.tile.iter().zip(columns.counts) {
+            number += step;
+            counts.resize(6, 0);
+            assert_eq!(expected.get(&number), Some(&counts), "{number}");
+        }
         // The first begins at a multiple of the width, at or before the first instant.
         assert!(columns.first <= 0 && i128::from(columns.width) + columns.first > 0);
     }

@@ -35,6 +35,7 @@ pub(super) enum FrameOutcome {
 /// One source's part in a message.
 #[derive(Clone, Debug)]
 pub(super) struct FrameCall {
+    p: u64,
     pub(super) source: String,
     pub(super) begun: Duration,
     pub(super) ended: Option<Duration>,
@@ -58,6 +59,10 @@ pub(super) struct MessageSearch<'a> {
     names: BTreeMap<u64, String>,
     /// By timestamp, with when the frame was captured by the trace's clock.
     found: BTreeMap<u64, (FrameId, i128, FrameStage)>,
+    /// Those that were refused.
+    refused: Vec<(FrameId, FrameStage)>,
+    /// Whether the latest open is of a timestamp that was found before: it is about to be refused (F1).
+    is_repeated: bool,
     /// Messages whose ages are unknown.
     pub(super) without_age: u64,
 }
@@ -117,7 +122,7 @@ impl fmt::Display for FrameLife {
             }
             let without = if missing.is_empty() { "" } else { ", without " };
             writeln!(f, "{without}{}", missing.join(" "))?;
-            for FrameCall { source, begun, ended, how } in calls {
+            for FrameCall { source, begun, ended, how, .. } in calls {
                 let ended = ended.map_or_else(|| "?".to_owned(), ms);
                 writeln!(f, "    {source:18} {:>10} to {ended:>10}  {how}", ms(*begun))?;
             }
@@ -156,7 +161,16 @@ impl<'a> MessageSearch<'a> {
         let clouds = header.clouds.iter().map(name);
         let names = clouds.chain([(0, "local".to_owned())]).collect();
         let operator = header.operator.clone().unwrap_or_else(|| file.to_owned());
-        Self { seq, stream, operator, names, found: BTreeMap::new(), without_age: 0 }
+        Self {
+            seq,
+            stream,
+            operator,
+            names,
+            found: BTreeMap::new(),
+            refused: Vec::new(),
+            is_repeated: false,
+            without_age: 0,
+        }
     }
 
     pub(super) fn event(&mut self, event: &Event, annotations: &Annotations) {
@@ -170,10 +184,15 @@ impl<'a> MessageSearch<'a> {
     }
 
     pub(super) fn finish(self) -> impl Iterator<Item = (FrameId, FrameStage)> {
-        self.found.into_values().map(|(frame, _, stage)| (frame, stage))
+        let found = self.found.into_values().map(|(frame, _, stage)| (frame, stage));
+        found.chain(self.refused)
     }
 
     fn opened(&mut self, at: u64, t: u64, annotations: &Annotations) {
+        self.is_repeated = self.found.contains_key(&t);
+        if self.is_repeated {
+            return;
+        }
         let Some(Origin { stream, seq: Some(seq) }) = &annotations.origin else { return };
         let is_of_stream = self.stream.is_none_or(|wanted| wanted == &**stream);
         if self.seq.is_some_and(|wanted| wanted != *seq) || !is_of_stream {
@@ -191,10 +210,10 @@ impl<'a> MessageSearch<'a> {
             outcome: FrameOutcome::Open,
             missing: annotations.missing.clone(),
             more: 0,
-            calls: vec![FrameCall::new(self.name(0), taken_in)],
+            calls: vec![FrameCall::new(0, self.name(0), taken_in)],
         };
         let captured = i128::from(at) - i128::from(age);
-        self.found.entry(t).or_insert(((Arc::clone(stream), *seq), captured, stage));
+        self.found.insert(t, ((Arc::clone(stream), *seq), captured, stage));
     }
 
     fn decided(&mut self, decision: &Decision) {
@@ -202,7 +221,7 @@ impl<'a> MessageSearch<'a> {
             Decision::Request { at, t, p, .. } => {
                 let cloud = self.name(*p);
                 if let Some((_, captured, stage)) = self.found.get_mut(t) {
-                    stage.calls.push(FrameCall::new(cloud, since(*captured, *at)));
+                    stage.calls.push(FrameCall::new(*p, cloud, since(*captured, *at)));
                 }
             }
             Decision::Timer { at, t, p } => self.ended(*at, *t, *p, "late"),
@@ -213,9 +232,13 @@ impl<'a> MessageSearch<'a> {
             }
             Decision::Miss { at, t } => self.answered(*at, *t, FrameOutcome::Missed),
             Decision::RefuseOpen { at, t, why } => {
+                if self.is_repeated {
+                    return;
+                }
                 self.answered(*at, *t, FrameOutcome::Refused(why.to_string()));
-                if let Some((.., stage)) = self.found.get_mut(t) {
+                if let Some((frame, _, mut stage)) = self.found.remove(t) {
                     stage.calls.clear();
+                    self.refused.push((frame, stage));
                 }
             }
             Decision::RefuseOffer { .. }
@@ -227,11 +250,10 @@ impl<'a> MessageSearch<'a> {
 
     /// A call ended; what comes of it later changes nothing.
     fn ended(&mut self, at: u64, t: u64, p: u64, how: &'static str) {
-        let source = self.name(p);
         let Some((_, captured, stage)) = self.found.get_mut(&t) else { return };
         let at = since(*captured, at);
         let mut open = stage.calls.iter_mut().filter(|call| call.ended.is_none());
-        if let Some(call) = open.find(|call| call.source == source) {
+        if let Some(call) = open.find(|call| call.p == p) {
             (call.ended, call.how) = (Some(at), how);
         }
     }
@@ -248,8 +270,8 @@ impl<'a> MessageSearch<'a> {
 }
 
 impl FrameCall {
-    fn new(source: String, begun: Duration) -> Self {
-        Self { source, begun, ended: None, how: "no answer in the trace" }
+    const fn new(p: u64, source: String, begun: Duration) -> Self {
+        Self { p, source, begun, ended: None, how: "no answer in the trace" }
     }
 }
 

@@ -141,31 +141,4 @@ impl<W: Write> ProbeLog<W> {
 }
 
 #[cfg(test)]
-mod tests {
-    use fuseline_report::Quantile;
-
-    use super::*;
-    use crate::probe::position::Fixes;
-
-    #[test]
-    fn slots_of_a_pause_are_skipped_and_each_takes_until_its_end_also_if_it_was_overslept() {
-        let ms = Duration::from_millis;
-        let rows = SlotRows::new(Vec::new(), Fixes::default()).unwrap();
-        let mut log = ProbeLog::new(rows, ms(10), (Duration::ZERO, ms(100)));
-        let numbers: Vec<u64> =
-            (0..32).filter_map(|slot| log.slot(ms(10 * slot), ms(10 * slot), 0)).collect();
-        log.overslept(5);
-        for number in numbers {
-            log.ended(number, Some(ms(1)), ms(1000));
-        }
-        log.overslept(2);
-        let Figures { counts, slots, paused, .. } = log.figures;
-        let counted = (counts.slots, counts.sent, counts.skipped, counts.missed, counts.pauses);
-        assert_eq!((counted, paused), ((39, 31, 6, 2, 1), ms(690)));
-        let quantiles = [83, 86, 100].map(|percent| match slots.quantile(percent) {
-            Some(Quantile::Exactly(time)) => Some((time + Duration::from_micros(500)).as_millis()),
-            _ => None,
-        });
-        assert_eq!(quantiles, [1, 640, 690].map(Some));
-    }
-}
+mod tests;

@@ -171,3 +171,75 @@ impl<R: Read> Read for BoundedLines<R> {
         Ok(read)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::io::Write;
+
+    use super::*;
+
+    fn recording(text: &str) -> ProbeRecording {
+        let mut file = tempfile::tempfile().unwrap();
+        file.write_all(text.as_bytes()).unwrap();
+        ProbeRecording { name: "drive.csv".to_owned(), file }
+    }
+
+    const COLUMNS: &str = "sent_ms,rtt_ms,lat,lon,queued\n";
+
+    fn each(recording: &mut ProbeRecording, most: u64) -> Result<Vec<PlotRow>, String> {
+        let mut rows = Vec::new();
+        recording.each(most, |row| rows.push(row)).map_err(|fault| fault.to_string())?;
+        Ok(rows)
+    }
+
+    #[test]
+    fn cells_may_be_what_their_bounds_are_and_no_more() {
+        for (fits, beyond) in [
+            ("1e12,0,,,", "1000000000001,0,,,"),
+            ("-1e12,0,,,", "-1000000000001,0,,,"),
+            ("5,0,,,", "5,-0.1,,,"),
+            ("5,-1,,,", "5,-1.1,,,"),
+            ("5,86400000,,,", "5,86400001,,,"),
+            ("5,1,90,180,", "5,1,90.1,180,"),
+            ("5,1,-90,-180,", "5,1,-90,-180.1,"),
+            ("5,1,0,0,30", "5,1,0,0,-1"),
+        ] {
+            let one = each(&mut recording(&format!("{COLUMNS}{fits}\n")), 9);
+            assert_eq!(one.map(|rows| rows.len()), Ok(1), "{fits}");
+            let found = each(&mut recording(&format!("{COLUMNS}{beyond}\n")), 9).unwrap_err();
+            assert!(found.starts_with("drive.csv:2: "), "{found}");
+        }
+        let falls = each(&mut recording(&format!("{COLUMNS}5,1,,,\n6,1,,,\n6,1,,,\n")), 9);
+        assert!(falls.unwrap_err().starts_with("drive.csv:4: sent_ms is 6; "));
+    }
+
+    #[test]
+    fn rows_are_read_as_often_as_wanted_and_no_further_than_wanted() {
+        // Nothing was sent with 31 unanswered: a pause. With 30 it was sent and lost.
+        let text = format!("{COLUMNS}5,1.5,2,3,31\n250,-1,2,,30\n300,-1,,3,31\n");
+        let mut recording = recording(&text);
+        for most in [3, 2, 9, 0] {
+            let rows = each(&mut recording, most).unwrap();
+            let cells: Vec<_> = rows
+                .iter()
+                .map(|row| (row.sent, row.round_trip, row.position, row.is_pause))
+                .collect();
+            let all = [
+                (0.005, Some(1.5), Some((2.0, 3.0)), false),
+                (0.25, None, None, false),
+                (0.3, None, None, true),
+            ];
+            assert_eq!(cells, all[..all.len().min(usize::try_from(most).unwrap())]);
+        }
+    }
+
+    #[test]
+    fn a_line_is_bounded_and_a_recording_is_not() {
+        let row = |number: usize, width: usize| format!("{number},{}1,,,\n", "0".repeat(width));
+        let long: String = (1..40).map(|number| row(number, 60_000)).collect();
+        let rows = each(&mut recording(&format!("{COLUMNS}{long}")), 99).unwrap();
+        assert_eq!(rows.len(), 39);
+        let longer = each(&mut recording(&format!("{COLUMNS}{}", row(1, LINE + 8_192))), 99);
+        assert!(longer.unwrap_err().contains("a line of more than 64 KiB"));
+    }
+}

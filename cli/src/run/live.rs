@@ -71,8 +71,11 @@ impl<'a> RunProgress<'a> {
                     line.set_message(self.source(i, elapsed, source));
                 }
             }
-            View::Plain if elapsed.is_zero() || tally.messages == 0 => {}
-            View::Plain => complain(self.plain(elapsed, tally)),
+            View::Plain => {
+                if let Some(line) = self.plain(elapsed, tally) {
+                    complain(line);
+                }
+            }
         }
     }
 
@@ -119,14 +122,18 @@ impl<'a> RunProgress<'a> {
         line
     }
 
-    fn plain(&self, elapsed: Duration, tally: &Tally) -> String {
+    /// Nothing as it begins.
+    fn plain(&self, elapsed: Duration, tally: &Tally) -> Option<String> {
+        if elapsed.is_zero() || tally.messages == 0 {
+            return None;
+        }
         let forwarded = tally
             .sources
             .iter()
             .map(|source| format!("{} {}", source.source, source.forwarded()))
             .collect::<Vec<_>>()
             .join(", ");
-        format!("{}; forwarded {forwarded}", self.time(elapsed, tally))
+        Some(format!("{}; forwarded {forwarded}", self.time(elapsed, tally)))
     }
 }
 
@@ -160,4 +167,52 @@ fn terminal(plan: &RunPlan) -> View {
     });
     let sources = sources.collect();
     View::Terminal { all: view, time, sources }
+}
+
+#[cfg(test)]
+mod tests {
+    use fuseline_traces::OpenRefusal;
+
+    use super::*;
+    use crate::run::table::tests::plan;
+
+    #[test]
+    fn a_line_has_the_time_and_all_that_came() {
+        let plan = plan(&["--seconds", "30"]);
+        let (view, latest) = (View::Plain, vec![None; 3]);
+        let progress =
+            RunProgress { plan: &plan, began: Instant::now(), view, latest, is_warned: false };
+        let refused = [(OpenRefusal::Full, 2), (OpenRefusal::Order, 1)].into();
+        let tally = Tally { messages: 5, missed: 4, refused, ..Tally::default() };
+        let time = |ms| progress.time(Duration::from_millis(ms), &tally);
+        assert_eq!(time(2900), "2 s of 30 s: 8 messages, 4 missed, 3 refused");
+        assert!(time(31_000).starts_with("30 s of 30 s: "));
+        let plain = |ms, tally: &Tally| progress.plain(Duration::from_millis(ms), tally);
+        let line = plain(2900, &tally).unwrap();
+        assert_eq!(line, "2 s of 30 s: 8 messages, 4 missed, 3 refused; forwarded ");
+        assert_eq!((plain(0, &tally), plain(2900, &Tally::default())), (None, None));
+    }
+
+    #[test]
+    fn the_network_is_that_of_the_drive_at_this_moment() {
+        let plan = plan(&["--start", "west=0"]);
+        let at = |cloud: usize, ms| {
+            let emulation = plan.clouds[cloud].emulation().unwrap();
+            network(emulation, Duration::from_millis(ms), Duration::from_millis(500))
+        };
+        assert_eq!(at(0, 0), "network 48 ms");
+        assert_eq!(at(0, 55), "network 25 ms");
+        assert!(at(1, 15_000).starts_with("network lost for "), "{}", at(1, 15_000));
+        let emulation = plan.clouds[0].emulation().unwrap();
+        let exactly = network(emulation, Duration::ZERO, Duration::from_millis(48));
+        assert!(exactly.starts_with("network lost for "), "{exactly}");
+    }
+
+    #[test]
+    fn a_trace_that_ended_is_reported_without_its_name_and_the_systems_number() {
+        let why = |why| unrecorded(Path::new("t.jsonl"), why);
+        assert_eq!(why("t.jsonl: no space left (os error 28)"), "no space left");
+        assert_eq!(why("t.jsonlx: no space left"), "t.jsonlx: no space left");
+        assert_eq!(why("it is full"), "it is full");
+    }
 }

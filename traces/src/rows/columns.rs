@@ -27,7 +27,7 @@ const KEYS: [(&str, bool); 14] = [
 ];
 
 /// Events, with the keys that each may have beside `ev` and `at`.
-const EVENTS: [(&str, &[&str]); 13] = [
+const EVENTS: [(&str, &[&str]); 14] = [
     ("open", &["t", "deadline", "within", "age", "origin", "seq"]),
     ("offer", &["t", "p", "deadline", "backlog"]),
     ("result", &["t", "p", "of", "try"]),
@@ -39,6 +39,7 @@ const EVENTS: [(&str, &[&str]); 13] = [
     ("hold", &["t", "p"]),
     ("drop", &["t", "p", "why"]),
     ("emit", &["t", "p", "of"]),
+    ("final", &["t", "p"]),
     ("miss", &["t"]),
     ("cancel", &["t", "p"]),
 ];

@@ -277,3 +277,48 @@ proptest! {
         prop_assert_eq!(constant.bounds(&arrivals, DEADLINE).0, response);
     }
 }
+
+/// D11: what may be in time is what some arrival makes so that the trace leaves open, and nothing else.
+#[test]
+fn what_may_be_in_time_is_what_some_arrival_makes_so() {
+    const TIMES: [u64; 3] = [300, 500, 700];
+    let known = TIMES.map(at).into_iter().chain([ArrivalTime::Never]);
+    let all = known.chain(TIMES.map(|time| ArrivalTime::After(ms(time)))).collect::<Vec<_>>();
+    let possible = |arrival: ArrivalTime| match arrival {
+        // Just later, between all others, and never.
+        ArrivalTime::After(bound) => {
+            let later = [301, 400, 501, 600, 701].map(ms).into_iter().filter(|it| *it > bound);
+            later.map(ArrivalTime::At).chain([ArrivalTime::Never]).collect()
+        }
+        arrival => vec![arrival],
+    };
+    let policies = [
+        ComparedPolicy::LocalOnly,
+        ComparedPolicy::CloudOnly(1),
+        ComparedPolicy::CloudOnly(2),
+        ComparedPolicy::FirstWins,
+        ComparedPolicy::Progressive(vec![1, 2]),
+        ComparedPolicy::Progressive(vec![2, 1]),
+        ComparedPolicy::Constant(ConstantPolicy { deadline: ms(350), priorities: vec![1, 2] }),
+        ComparedPolicy::Constant(ConstantPolicy { deadline: ms(650), priorities: vec![2, 1] }),
+    ];
+    let chosen = |policy: &ComparedPolicy, arrivals| {
+        let PolicyChoice { in_time, .. } = policy.choose(&message(arrivals, None), DEADLINE);
+        in_time.into_iter().collect::<std::collections::BTreeSet<_>>()
+    };
+    for [a, b, c] in all.iter().flat_map(|a| {
+        let pairs = all.iter().flat_map(|b| all.iter().map(move |c| [*b, *c]));
+        pairs.map(move |[b, c]| [*a, b, c]).collect::<Vec<_>>()
+    }) {
+        for policy in &policies {
+            let mut expected = std::collections::BTreeSet::new();
+            for a in possible(a) {
+                for b in possible(b) {
+                    expected
+                        .extend(possible(c).into_iter().flat_map(|c| chosen(policy, [a, b, c])));
+                }
+            }
+            assert_eq!(chosen(policy, [a, b, c]), expected, "{policy:?} of {a:?}, {b:?}, {c:?}");
+        }
+    }
+}

@@ -1,0 +1,307 @@
+//! The columns of a page, read back beside the trace that they are of.
+
+#[path = "../../tests/common/drawn.rs"]
+mod drawn;
+#[path = "../../tests/common/recount.rs"]
+mod recount;
+
+use std::cmp::Reverse;
+use std::collections::BTreeMap;
+
+use drawn::DrawnTrace;
+use fuseline_report::PageWriter;
+use fuseline_traces::{Annotations, Decision, Event, Events, Input, OpenRefusal, Origin};
+use recount::RecountedSpan;
+use serde_json::{Value, json};
+
+const TRACES: u64 = 60;
+
+/// What a page has of a trace for its script.
+fn data_of(trace: &DrawnTrace, most: usize) -> Value {
+    let text = trace.text();
+    let mut events = Events::observed("trace", text.as_bytes()).unwrap();
+    let mut page = PageWriter::with_most_events(most);
+    let mut canvas = page.begin(None, "trace", events.header());
+    while let Some(event) = events.next_event().unwrap() {
+        canvas.annotated_event(events.line(), event, events.annotations()).unwrap();
+    }
+    let _ = canvas.finish();
+    let mut html = Vec::new();
+    page.write(&mut html).unwrap();
+    let html = String::from_utf8(html).unwrap();
+    let (_, rest) = html.rsplit_once("type=\"application/json\" id=\"data\">").unwrap();
+    serde_json::from_str(rest.split_once("</script>").unwrap().0).unwrap()
+}
+
+/// A number, which is a text where a script could not hold it.
+fn exact(value: &Value) -> i128 {
+    let text = value.as_str().map_or_else(|| value.to_string(), ToOwned::to_owned);
+    text.parse().unwrap()
+}
+
+fn exacts(column: &Value) -> Vec<i128> {
+    column.as_array().unwrap().iter().map(exact).collect()
+}
+
+fn sums(column: &Value) -> Vec<i128> {
+    let sum = |sum: &mut i128, step: i128| {
+        *sum += step;
+        Some(*sum)
+    };
+    exacts(column).into_iter().scan(0, sum).collect()
+}
+
+fn instant(event: &Event) -> u64 {
+    match event {
+        Event::Input(input) => input.at(),
+        Event::Decision(decision) => decision.at(),
+    }
+}
+
+/// An event's letter, its source, and what it has more.
+fn parts(event: &Event) -> (char, Option<u64>, Vec<Value>) {
+    match *event {
+        Event::Input(input) => match input {
+            Input::Open { deadline, .. } => {
+                ('o', None, vec![deadline.map_or(json!(-1), |it| json!(it))])
+            }
+            Input::Offer { p, deadline, backlog, .. } => {
+                ('f', Some(p), vec![json!(deadline), json!(backlog)])
+            }
+            Input::Result { p, .. } => ('r', Some(p), vec![]),
+            Input::Fail { p, .. } => ('x', Some(p), vec![]),
+            Input::Tick { .. } => ('.', None, vec![]),
+        },
+        Event::Decision(decision) => match decision {
+            Decision::Timer { p, .. } => ('t', Some(p), vec![]),
+            Decision::RefuseOpen { why, .. } => ('n', None, vec![json!(why.as_str())]),
+            Decision::RefuseOffer { p, why, .. } => ('n', Some(p), vec![json!(why.as_str())]),
+            Decision::Request { at, p, due, .. } => ('q', Some(p), vec![json!(due - at)]),
+            Decision::Hold { p, .. } => ('h', Some(p), vec![]),
+            Decision::Drop { p, why, .. } => ('d', Some(p), vec![json!(why.as_str())]),
+            Decision::Emit { p, .. } => ('e', Some(p), vec![]),
+            Decision::Final { p, .. } => ('z', Some(p), vec![]),
+            Decision::Miss { .. } => ('m', None, vec![]),
+            Decision::Cancel { p, .. } => ('c', Some(p), vec![]),
+        },
+    }
+}
+
+/// D11.
+#[test]
+fn each_event_is_read_back_with_all_that_it_says() {
+    for number in 0..TRACES {
+        let trace = DrawnTrace::draw(number);
+        let page = data_of(&trace, 1 << 20);
+        let shown = &page["traces"][0];
+        let sources = shown["sources"].as_array().unwrap();
+        for source in sources {
+            let p = u64::try_from(exact(&source["p"])).unwrap();
+            let is_registered = trace.header.clouds.iter().any(|cloud| u64::from(cloud.p) == p);
+            assert_eq!(source["known"], p == 0 || is_registered);
+            if let Some(name) = source["name"].as_str() {
+                assert_eq!(name, trace.name(p, ""));
+            }
+        }
+        let (timestamps, places) = (sums(&shown["timestamps"]), sums(&shown["t"]));
+        let (instants, origin) = (sums(&shown["at"]), exact(&shown["origin"]));
+        let mut more = shown["x"].as_array().unwrap().iter();
+        let letters = shown["ev"].as_str().unwrap();
+        assert_eq!(letters.len(), trace.events.len());
+        for (index, (letter, (event, _))) in letters.chars().zip(&trace.events).enumerate() {
+            let (own, p, extra) = parts(event);
+            assert_eq!((letter, instants[index] + origin), (own, instant(event).into()));
+            if let Some(t) = event.t() {
+                let place = usize::try_from(places[index]).unwrap();
+                assert_eq!(timestamps[place], t.into(), "{event:?}");
+            }
+            let source = shown["p"][index].as_u64().unwrap().checked_sub(1);
+            let source = source.map(|place| &sources[usize::try_from(place).unwrap()]["p"]);
+            assert_eq!(source.map(exact), p.map(i128::from), "{event:?}");
+            let words = &page[if own == 'd' { "drops" } else { "refusals" }];
+            for extra in extra {
+                let more = more.next().unwrap();
+                if extra.is_string() {
+                    let place = usize::try_from(exact(more)).unwrap();
+                    assert_eq!(words[place]["word"], extra, "{event:?}");
+                } else {
+                    assert_eq!(exact(more), exact(&extra), "{event:?}");
+                }
+            }
+        }
+        assert_eq!(more.next(), None);
+        lineages(&trace, shown, &timestamps);
+        deadlines(&trace, shown);
+    }
+}
+
+/// What messages come from stands with the first open of each timestamp.
+fn lineages(trace: &DrawnTrace, shown: &Value, timestamps: &[i128]) {
+    let mut expected = BTreeMap::new();
+    for (event, annotations) in &trace.events {
+        let Event::Input(Input::Open { t, .. }) = event else { continue };
+        let Annotations { age, origin, missing, .. } = annotations;
+        if age.is_some() || origin.is_some() || !missing.is_empty() {
+            let (stream, seq) = match origin {
+                Some(Origin { stream, seq }) => (Some(stream.to_string()), *seq),
+                None => (None, None),
+            };
+            let missing: Vec<String> = missing.iter().map(ToString::to_string).collect();
+            expected.entry(i128::from(*t)).or_insert((age.map(i128::from), stream, seq, missing));
+        }
+    }
+    let rows = shown["lineages"].as_array().map_or(&[][..], Vec::as_slice);
+    let read = rows.iter().map(|row| {
+        let place = usize::try_from(exact(&row["t"])).unwrap();
+        let missing = row["missing"].as_array().into_iter().flatten();
+        let missing = missing.map(|input| input.as_str().unwrap().to_owned()).collect();
+        let age = Some(&row["age"]).filter(|age| !age.is_null()).map(exact);
+        let origin = row["origin"].as_str().map(ToOwned::to_owned);
+        (timestamps[place], (age, origin, row["seq"].as_u64(), missing))
+    });
+    assert_eq!(read.collect::<BTreeMap<_, _>>(), expected);
+    assert_eq!(rows.len(), expected.len());
+}
+
+/// The commonest deadlines of requests, and the least, the median and the greatest of each source.
+fn deadlines(trace: &DrawnTrace, shown: &Value) {
+    let requests = trace.events.iter().filter_map(|(event, _)| match *event {
+        Event::Decision(Decision::Request { at, p, due, .. }) => Some((p, due - at)),
+        _ => None,
+    });
+    let (mut counts, mut of) = (BTreeMap::<u64, u64>::new(), BTreeMap::<u64, Vec<u64>>::new());
+    for (p, deadline) in requests {
+        *counts.entry(deadline).or_default() += 1;
+        of.entry(p).or_default().push(deadline);
+    }
+    let mut commonest: Vec<(u64, u64)> = counts.into_iter().collect();
+    commonest.sort_by_key(|(deadline, count)| (Reverse(*count), *deadline));
+    let commonest: Vec<i128> = commonest.iter().take(3).map(|(it, _)| i128::from(*it)).collect();
+    assert_eq!(exacts(&shown["deadlines"]), commonest);
+    for row in shown["account"]["rows"].as_array().unwrap() {
+        let source = &shown["sources"][usize::try_from(exact(&row["place"])).unwrap()];
+        let own = of.get_mut(&u64::try_from(exact(&source["p"])).unwrap());
+        let expected = own.map(|own| {
+            own.sort_unstable();
+            let median = own.len().div_ceil(2) - 1;
+            [own[0], own[median], own[own.len() - 1]].map(i128::from).to_vec()
+        });
+        let spread = Some(&row["deadlines"]).filter(|it| !it.is_null()).map(exacts);
+        assert_eq!(spread, expected);
+    }
+}
+
+/// D11: what a page says of a whole trace of which it shows a part.
+#[test]
+fn the_sums_of_a_thinned_page_are_those_of_a_recount() {
+    let mut thinned = 0;
+    for number in 0..TRACES {
+        let trace = DrawnTrace::draw(number);
+        let page = data_of(&trace, 32);
+        let shown = &page["traces"][0];
+        let Value::Object(sums_of_all) = &shown["thinned"] else { continue };
+        thinned += 1;
+        let instants = trace.events.iter().map(|(event, _)| i128::from(instant(event)));
+        let (first, last) = (instants.clone().min().unwrap(), instants.max().unwrap());
+        assert_eq!(exact(&shown["origin"]), first);
+        assert_eq!(exact(&sums_of_all["finish"]), last - first);
+        assert!(sums_of_all["error"].as_f64().is_some_and(|error| error == 0.0));
+        for (kind, letter) in [("drops", 'd'), ("refusals", 'n')] {
+            let words = page[kind].as_array().unwrap().iter().enumerate();
+            for ((index, word), count) in words.zip(sums_of_all[kind].as_array().unwrap()) {
+                // An open's and an offer's reasons may have one word.
+                let is_of_open = letter == 'n' && index < OpenRefusal::ALL.len();
+                let has = |event: &Event| {
+                    let (own, p, extra) = parts(event);
+                    own == letter && extra[0] == word["word"] && p.is_none() == is_of_open
+                };
+                let expected = trace.events.iter().filter(|(event, _)| has(event)).count();
+                assert_eq!(*count, expected, "{kind} {}", word["word"]);
+            }
+        }
+        let (messages, _) = trace.recount(|_, _| false);
+        let places = shown["sources"].as_array().unwrap().iter().map(|source| exact(&source["p"]));
+        let places: Vec<i128> = places.collect();
+        let place = |p: u64| places.iter().position(|other| *other == p.into()).unwrap();
+        tiles(&sums_of_all["tiles"], &messages, first, place);
+        responses(&trace, &sums_of_all["responses"], &messages, place);
+    }
+    assert!(thinned > 10, "{thinned}");
+}
+
+/// How many messages of each span of time were missed, are open and were forwarded by each source.
+fn tiles(shown: &Value, messages: &[RecountedSpan], origin: i128, place: impl Fn(u64) -> usize) {
+    let width = exact(&shown["width"]);
+    let mut expected = BTreeMap::<i128, Vec<u64>>::new();
+    for RecountedSpan { opened, by, end, .. } in messages {
+        let column = match (end, by) {
+            (None, _) => 1,
+            (Some(_), None) => 0,
+            (Some(_), Some(p)) => 2 + place(*p),
+        };
+        let tile = expected.entry(i128::from(*opened) / width).or_insert_with(|| vec![0; 2]);
+        tile.resize(tile.len().max(column + 1), 0);
+        tile[column] += 1;
+    }
+    let first = exact(&shown["first"]) + origin;
+    let read = sums(&shown["tile"]).into_iter().zip(shown["counts"].as_array().unwrap());
+    let read = read.map(|(number, counts)| {
+        let counts = counts.as_array().unwrap().iter().map(|count| count.as_u64().unwrap());
+        (first / width + number, counts.collect::<Vec<_>>())
+    });
+    assert_eq!(read.collect::<BTreeMap<_, _>>(), expected);
+}
+
+/// The response times of each source's results that answered messages.
+fn responses(
+    trace: &DrawnTrace,
+    shown: &Value,
+    messages: &[RecountedSpan],
+    place: impl Fn(u64) -> usize,
+) {
+    let mut expected = BTreeMap::<usize, BTreeMap<i128, u64>>::new();
+    for RecountedSpan { t, opened, by, .. } in messages.iter().filter(|it| it.end.is_some()) {
+        let sent = trace.events.iter().rev().find_map(|(event, _)| match event {
+            Event::Decision(Decision::Emit { at, t: of, .. }) if of == t => Some(*at),
+            _ => None,
+        });
+        if let (Some(sent), Some(p)) = (sent, by) {
+            let times = expected.entry(place(*p)).or_default();
+            *times.entry(i128::from(sent.saturating_sub(*opened))).or_default() += 1;
+        }
+    }
+    let read = shown.as_array().unwrap().iter().map(|row| {
+        let times = sums(&row[1]).into_iter().zip(row[2].as_array().unwrap());
+        let times = times.map(|(time, count)| (time, count.as_u64().unwrap()));
+        (usize::try_from(exact(&row[0])).unwrap(), times.collect::<BTreeMap<_, _>>())
+    });
+    let read: BTreeMap<usize, BTreeMap<i128, u64>> =
+        read.filter(|(_, times)| !times.is_empty()).collect();
+    assert_eq!(read, expected);
+}
+
+/// D2: which values a source may send is for the header to say.
+#[test]
+fn a_page_is_judged_with_the_further_keys_of_its_header() {
+    let header = r#"{"fuseline":1,"window":4,"clouds":[{"p":1,"limit":9,"max_age":2}]}"#;
+    let events = [
+        r#"{"ev":"open","at":0,"t":5}"#,
+        r#"{"ev":"offer","at":0,"t":5,"p":1,"deadline":40,"backlog":0}"#,
+        r#"{"ev":"request","at":0,"t":5,"p":1,"due":40}"#,
+        r#"{"ev":"result","at":9,"t":5,"p":1,"of":3}"#,
+        r#"{"ev":"emit","at":9,"t":5,"p":1,"of":3}"#,
+    ];
+    let text = events.iter().fold(header.to_owned() + "\n", |text, line| text + line + "\n");
+    for with in [true, false] {
+        let mut events = Events::new("trace", text.as_bytes()).unwrap();
+        let mut page = PageWriter::default();
+        let mut canvas = page.begin(None, "trace", events.header());
+        if with {
+            canvas = canvas.with_header_annotations(events.header_annotations());
+        }
+        while let Some(event) = events.next_event().unwrap() {
+            canvas.annotated_event(events.line(), event, events.annotations()).unwrap();
+        }
+        assert_eq!(canvas.finish().summary().conforms, with);
+    }
+}

@@ -1,0 +1,75 @@
+//! The exit code of `fuseline check` for several files, and what stands where.
+
+mod common;
+
+use std::fs;
+use std::path::Path;
+
+use common::{err, out, run};
+use tempfile::tempdir;
+
+/// What becomes of a file: the exit code that it asks for, and what is printed of it.
+struct CheckedFile {
+    name: &'static str,
+    text: String,
+    /// Without options, with `--require-judged`, with `--truncated`, and as observed.
+    codes: [i32; 4],
+}
+
+const OPTIONS: [&[&str]; 4] = [
+    &[],
+    &["--require-judged"],
+    &["--truncated"],
+    &["--observed", "--tolerance", "0s", "--lateness", "0s"],
+];
+
+fn files() -> [CheckedFile; 4] {
+    let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("../traces/corpus");
+    let read = |name: &str| fs::read_to_string(corpus.join(name)).unwrap();
+    let good = read("f3-forwarded-at-once.jsonl");
+    let cut = good.trim_end().to_owned();
+    let header = good.lines().next().unwrap().to_owned() + "\n";
+    let bad = read("bad/f3-first-response-wins.jsonl");
+    [
+        CheckedFile { name: "good", text: good, codes: [0; 4] },
+        CheckedFile { name: "bad", text: bad, codes: [1; 4] },
+        CheckedFile { name: "cut", text: cut, codes: [2, 2, 0, 2] },
+        CheckedFile { name: "empty", text: header, codes: [0, 1, 0, 1] },
+    ]
+}
+
+#[test]
+fn the_exit_code_is_the_greatest_of_all_files_whatever_their_order() {
+    let (dir, files) = (tempdir().unwrap(), files());
+    for CheckedFile { name, text, .. } in &files {
+        fs::write(dir.path().join(name), text).unwrap();
+    }
+    for (option, more) in OPTIONS.iter().enumerate() {
+        for first in 0..files.len() {
+            for second in 0..files.len() {
+                let mut some = vec![&files[first], &files[second]];
+                // One file alone, too.
+                some.truncate(if first == second { 1 } else { 2 });
+                let paths = some.iter().map(|file| dir.path().join(file.name));
+                let paths: Vec<String> = paths.map(|path| path.display().to_string()).collect();
+                let mut args = [&["check"], *more].concat();
+                args.extend(paths.iter().map(String::as_str));
+                let checked = run(&args, "");
+                let codes = some.iter().map(|file| file.codes[option]);
+                assert_eq!(checked.status.code(), codes.max(), "{args:?}: {}", err(&checked));
+                // Verdicts stand in the order of the files, and of what cannot be read there is one error.
+                let of = |file: &&&CheckedFile| file.codes[option] < 2;
+                let verdicts = out(&checked).lines().filter(|line| line.contains("judged in"));
+                let named = some.iter().filter(of).map(|file| dir.path().join(file.name));
+                let named: Vec<String> =
+                    named.map(|path| format!("{}: ", path.display())).collect();
+                assert_eq!(verdicts.clone().count(), named.len(), "{}", out(&checked));
+                assert!(verdicts.zip(&named).all(|(line, name)| line.starts_with(name)));
+                let errors = err(&checked).lines().filter(|line| line.starts_with("error: "));
+                let of_reading = some.iter().filter(|file| file.codes[option] == 2).count();
+                let of_judging = some.iter().filter(|it| it.name == "empty" && option == 1).count();
+                assert_eq!(errors.count(), of_reading + of_judging, "{}", err(&checked));
+            }
+        }
+    }
+}
