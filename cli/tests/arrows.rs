@@ -3,6 +3,7 @@
 mod common;
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write as _;
 use std::fs;
 
 use common::{err, run};
@@ -38,7 +39,7 @@ fn vehicle(rng: &mut Rng) -> Vec<(u64, Vec<FrameVisit>)> {
         (0..count).map(|_| (rng.u64(0..5_000_000_000), Vec::new())).collect();
     let mut order: Vec<usize> = (0..count).collect();
     for last in (1..count).rev() {
-        order.swap(last, rng.usize(0..last + 1));
+        order.swap(last, rng.usize(..=last));
     }
     let mut see = |of: &[usize], stream: String, seq: u64, knows_age: bool| {
         let captured = 6_000_000_000 + rng.u64(0..3_000_000_000);
@@ -76,9 +77,9 @@ fn trace((start, visits): &(u64, Vec<FrameVisit>)) -> String {
         let age = if *knows_age { format!("\"age\":{age},") } else { String::new() };
         let (at, end) = (opened - start, opened - start + RESPONSE);
         let origin = format!("\"origin\":\"{stream}\",\"seq\":{seq}");
-        text += &format!("{{\"ev\":\"open\",\"at\":{at},\"t\":{t},{age}{origin}}}\n");
+        writeln!(text, "{{\"ev\":\"open\",\"at\":{at},\"t\":{t},{age}{origin}}}").unwrap();
         for ev in ["result", "emit"] {
-            text += &format!("{{\"ev\":\"{ev}\",\"at\":{end},\"t\":{t},\"p\":0}}\n");
+            writeln!(text, "{{\"ev\":\"{ev}\",\"at\":{end},\"t\":{t},\"p\":0}}").unwrap();
         }
     }
     text
