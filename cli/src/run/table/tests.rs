@@ -388,6 +388,7 @@ fn a_page_has_the_options_in_force_and_all_caveats() {
         ]
     );
     assert_eq!(notes.policies.columns.len(), notes.policies.rows[0].len());
+    assert!(notes.caveats.iter().all(|caveat| !caveat.contains("ended early")));
     let default = RunReport { interrupted: true, ..reported() }.notes(&plan(&[]));
     assert!(
         default.configuration.contains(&(
