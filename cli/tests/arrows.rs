@@ -76,9 +76,9 @@ fn trace((start, visits): &(u64, Vec<FrameVisit>)) -> String {
         let age = if *knows_age { format!("\"age\":{age},") } else { String::new() };
         let (at, end) = (opened - start, opened - start + RESPONSE);
         let origin = format!("\"origin\":\"{stream}\",\"seq\":{seq}");
-        text += &format!("{{\"ev\":\"open\",\"at\":{at},\"t\":{t},{age}{origin}}}\n");
+        text.extend([format!("{{\"ev\":\"open\",\"at\":{at},\"t\":{t},{age}{origin}}}\n")]);
         for ev in ["result", "emit"] {
-            text += &format!("{{\"ev\":\"{ev}\",\"at\":{end},\"t\":{t},\"p\":0}}\n");
+            text.extend([format!("{{\"ev\":\"{ev}\",\"at\":{end},\"t\":{t},\"p\":0}}\n")]);
         }
     }
     text

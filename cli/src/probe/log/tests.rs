@@ -133,7 +133,7 @@ impl RecountedProbe {
             let sent = last.map_or(0, |last| last + 1).max(row.sent.as_micros());
             last = Some(sent);
             let end = row.end.flatten().map_or("-1".to_owned(), |time| millis(time.as_micros()));
-            text += &format!("{},{end},,,,{},7\n", millis(sent), row.queued);
+            text.extend([format!("{},{end},,,,{},7\n", millis(sent), row.queued)]);
         }
         text
     }
