@@ -100,3 +100,25 @@ pub(crate) fn chain(error: &dyn Error) -> String {
     }
     one_line(&text)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Debug, Error)]
+    #[error("{text}")]
+    struct CausedError {
+        text: &'static str,
+        source: Option<Box<Self>>,
+    }
+
+    #[test]
+    fn an_error_names_each_of_its_causes_once() {
+        let caused =
+            |text, source: Option<CausedError>| CausedError { text, source: source.map(Box::new) };
+        let full = caused("disk full", None);
+        let write = caused("cannot write: disk full", Some(full));
+        assert_eq!(chain(&write), "cannot write: disk full");
+        assert_eq!(chain(&caused("no page", Some(write))), "no page: cannot write: disk full");
+    }
+}

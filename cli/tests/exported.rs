@@ -131,9 +131,9 @@ fn recounted_for_perfetto(trace: &DrawnTrace, pid: u64) -> Vec<ShownEvent> {
             open.insert(*t, message.next().unwrap());
         }
         let Event::Decision(decision) = event else { continue };
-        let Some((at, t, track, label)) = instant(trace, decision) else { continue };
+        let Some((at, t, row, label)) = instant(trace, decision) else { continue };
         let mut args = json!({"t": t});
-        if track == "outputs" {
+        if row == "outputs" {
             let RecountedSpan { opened, annotations, .. } = open[&t];
             if let Some(age) = annotations.age {
                 args["age"] = json!(age.saturating_add(at.saturating_sub(*opened)));
@@ -144,7 +144,7 @@ fn recounted_for_perfetto(trace: &DrawnTrace, pid: u64) -> Vec<ShownEvent> {
         }
         let event =
             json!({"ph": "i", "s": "t", "name": format!("timestamp {t}: {label}"), "args": args});
-        events.push(shown(pid, &track, &micros(at), &event));
+        events.push(shown(pid, &row, &micros(at), &event));
     }
     events
 }
@@ -187,7 +187,7 @@ fn perfetto_shows_each_call_and_each_decision_of_several_traces_once() {
         .map(|(number, trace): (u64, _)| file(dir.path(), &number.to_string(), &trace.text()))
         .collect();
     let files: Vec<&str> = files.iter().map(String::as_str).collect();
-    let (text, notes) = exported("--perfetto", &files);
+    let (text, noted) = exported("--perfetto", &files);
     let (events, processes) = of_perfetto(&text);
     let mut expected = Vec::new();
     for (trace, pid) in traces.iter().zip(1..) {
@@ -207,8 +207,8 @@ fn perfetto_shows_each_call_and_each_decision_of_several_traces_once() {
     };
     let with_more =
         traces.iter().zip(&files).filter(|(trace, _)| trace.events.iter().any(has_more));
-    let noted = notes.lines().map(|line| line.split(": ").nth(1).unwrap());
-    assert!(noted.eq(with_more.map(|(_, file)| *file)), "{notes}");
+    let noted_files = noted.lines().map(|line| line.split(": ").nth(1).unwrap());
+    assert!(noted_files.eq(with_more.map(|(_, file)| *file)), "{noted}");
 }
 
 #[test]

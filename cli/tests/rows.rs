@@ -201,7 +201,7 @@ impl DrawnFormat {
                     self.name(key).split('.').fold(&mut object, |within, key| &mut within[key]);
                 *place = value;
             }
-            text += &format!("{object}\n\n");
+            text.extend([format!("{object}\n\n")]);
         }
         text
     }
@@ -298,7 +298,7 @@ fn frames_have_an_event_for_each_cell() {
             }
             let line =
                 columns.iter().map(|column| cells.get(&**column).cloned().unwrap_or_default());
-            rows += &format!("\n{}", line.collect::<Vec<_>>().join(","));
+            rows.extend([format!("\n{}", line.collect::<Vec<_>>().join(","))]);
             let order = ["open", "request", "result", "fail", "emit", "miss"];
             events.extend(order.iter().flat_map(|part| events_of(t, part, &columns, &cells)));
         }

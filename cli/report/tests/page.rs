@@ -106,6 +106,8 @@ fn each_event_is_read_back_with_all_that_it_says() {
         let (timestamps, places) = (sums(&shown["timestamps"]), sums(&shown["t"]));
         let (instants, origin) = (sums(&shown["at"]), exact(&shown["origin"]));
         let mut more = shown["x"].as_array().unwrap().iter();
+        // All lines are there, so that none needs its number.
+        assert!(shown["line"].is_null());
         let letters = shown["ev"].as_str().unwrap();
         assert_eq!(letters.len(), trace.events.len());
         for (index, (letter, (event, _))) in letters.chars().zip(&trace.events).enumerate() {

@@ -216,7 +216,7 @@ mod tests {
     #[test]
     fn rows_are_read_as_often_as_wanted_and_no_further_than_wanted() {
         // Nothing was sent with 31 unanswered: a pause. With 30 it was sent and lost.
-        let text = format!("{COLUMNS}5,1.5,2,3,31\n250,-1,2,,30\n300,-1,,3,31\n");
+        let text = format!("{COLUMNS}5,0,2,3,31\n250,-1,2,,30\n300,-1,,3,31\n");
         let mut recording = recording(&text);
         for most in [3, 2, 9, 0] {
             let rows = each(&mut recording, most).unwrap();
@@ -225,7 +225,7 @@ mod tests {
                 .map(|row| (row.sent, row.round_trip, row.position, row.is_pause))
                 .collect();
             let all = [
-                (0.005, Some(1.5), Some((2.0, 3.0)), false),
+                (0.005, Some(0.0), Some((2.0, 3.0)), false),
                 (0.25, None, None, false),
                 (0.3, None, None, true),
             ];

@@ -187,10 +187,10 @@ mod tests {
         let time = |ms| progress.time(Duration::from_millis(ms), &tally);
         assert_eq!(time(2900), "2 s of 30 s: 8 messages, 4 missed, 3 refused");
         assert!(time(31_000).starts_with("30 s of 30 s: "));
-        let plain = |ms, tally: &Tally| progress.plain(Duration::from_millis(ms), tally);
-        let line = plain(2900, &tally).unwrap();
+        let line_at = |ms, tally: &Tally| progress.plain(Duration::from_millis(ms), tally);
+        let line = line_at(2900, &tally).unwrap();
         assert_eq!(line, "2 s of 30 s: 8 messages, 4 missed, 3 refused; forwarded ");
-        assert_eq!((plain(0, &tally), plain(2900, &Tally::default())), (None, None));
+        assert_eq!((line_at(0, &tally), line_at(2900, &Tally::default())), (None, None));
     }
 
     #[test]

@@ -15,7 +15,7 @@ impl DrawnTrace {
     pub(crate) fn draw(number: u64) -> Self {
         let run = Generator { seed: 71, commit: None, clouds: 5 }.run(number);
         let (mut header, mut rng) = (run.header, Rng::with_seed(number));
-        header.operator = (number % 3 > 0).then(|| format!("operator \"{number}\""));
+        header.operator = (!number.is_multiple_of(3)).then(|| format!("operator \"{number}\""));
         for cloud in header.clouds.iter_mut().step_by(2) {
             cloud.name = Some(format!("\"cloud\" of {}", cloud.p));
         }

@@ -53,8 +53,9 @@ impl Write for WrittenRows {
 struct RecountedRow {
     sent: Duration,
     queued: usize,
-    /// None while it is under way; then none of a failure.
-    end: Option<Option<Duration>>,
+    has_ended: bool,
+    /// None of a failure, and while it is under way.
+    round_trip: Option<Duration>,
 }
 
 /// What happened, in plain lists.
@@ -87,19 +88,20 @@ impl RecountedProbe {
             self.counts.pauses += u64::from(!is_paused);
             self.pause.push(due);
             if !is_paused {
-                self.rows.push(RecountedRow { sent, queued, end: Some(None) });
+                self.rows.push(RecountedRow { sent, queued, has_ended: true, round_trip: None });
             }
             return false;
         }
         self.counts.sent += 1;
         self.under_way.push(self.rows.len());
-        self.rows.push(RecountedRow { sent, queued, end: None });
+        self.rows.push(RecountedRow { sent, queued, has_ended: false, round_trip: None });
         true
     }
 
     fn ended(&mut self, row: usize, round_trip: Option<Duration>, now: Duration) {
         self.under_way.retain(|other| *other != row);
-        self.rows[row].end = Some(round_trip);
+        self.rows[row].has_ended = true;
+        self.rows[row].round_trip = round_trip;
         self.slots.push(round_trip);
         match round_trip {
             Some(time) => {
@@ -110,14 +112,16 @@ impl RecountedProbe {
             None => self.counts.failed += 1,
         }
         if self.under_way.is_empty() {
-            self.paused += self.pause.first().map_or(Duration::ZERO, |first| now - *first);
+            self.paused +=
+                self.pause.first().map_or(Duration::ZERO, |first| now.saturating_sub(*first));
             self.slots.extend(self.pause.drain(..).map(|due| Some(now.saturating_sub(due))));
         }
     }
 
     fn finish(&mut self, now: Duration) {
         self.counts.unanswered = self.under_way.len() as u64;
-        self.paused += self.pause.first().map_or(Duration::ZERO, |first| now - *first);
+        self.paused +=
+            self.pause.first().map_or(Duration::ZERO, |first| now.saturating_sub(*first));
         self.slots.extend(self.under_way.drain(..).map(|_| None));
         self.slots.extend(self.pause.drain(..).map(|_| None));
     }
@@ -125,15 +129,15 @@ impl RecountedProbe {
     /// The rows that are known, in the order of sending; of `now` those that were held back long enough.
     fn known(&self, now: Option<Duration>) -> String {
         let is_known = |row: &&RecountedRow| {
-            now.is_none_or(|now| row.end.is_some() && row.sent + HELD_BACK <= now)
+            now.is_none_or(|now| row.has_ended && row.sent + HELD_BACK <= now)
         };
         let (mut text, mut last) = (String::new(), None);
         let millis = |micros: u128| format!("{}.{:03}", micros / 1000, micros % 1000);
         for row in self.rows.iter().take_while(is_known) {
             let sent = last.map_or(0, |last| last + 1).max(row.sent.as_micros());
             last = Some(sent);
-            let end = row.end.flatten().map_or("-1".to_owned(), |time| millis(time.as_micros()));
-            text += &format!("{},{end},,,,{},7\n", millis(sent), row.queued);
+            let end = row.round_trip.map_or("-1".to_owned(), |time| millis(time.as_micros()));
+            text.extend([format!("{},{end},,,,{},7\n", millis(sent), row.queued)]);
         }
         text
     }

@@ -328,12 +328,13 @@ fn each_figure_of_a_report_stands_where_it_belongs() {
 
 #[test]
 fn each_caveat_stands_where_it_is_one() {
-    let caveats = |change: fn(&mut RunReport)| {
+    type ReportChange = fn(&mut RunReport);
+    let caveats = |change: ReportChange| {
         let mut report = reported();
         change(&mut report);
         report.caveats().join(" ").replace('\n', " ")
     };
-    let cases: [(fn(&mut RunReport), &str); 7] = [
+    let cases: [(ReportChange, &str); 7] = [
         (
             |report| report.outage_messages = BoundedFigure::exactly(1),
             "Outages are the 1 message that some cloud would not have answered by then.",
@@ -388,6 +389,7 @@ fn a_page_has_the_options_in_force_and_all_caveats() {
         ]
     );
     assert_eq!(notes.policies.columns.len(), notes.policies.rows[0].len());
+    assert!(notes.caveats.iter().all(|caveat| !caveat.contains("ended early")));
     let default = RunReport { interrupted: true, ..reported() }.notes(&plan(&[]));
     assert!(
         default.configuration.contains(&(
