@@ -38,7 +38,7 @@ fn vehicle(rng: &mut Rng) -> Vec<(u64, Vec<FrameVisit>)> {
         (0..count).map(|_| (rng.u64(0..5_000_000_000), Vec::new())).collect();
     let mut order: Vec<usize> = (0..count).collect();
     for last in (1..count).rev() {
-        order.swap(last, rng.usize(..=last));
+        order.swap(last, rng.usize(0..last + 1));
     }
     let mut see = |of: &[usize], stream: String, seq: u64, knows_age: bool| {
         let captured = 6_000_000_000 + rng.u64(0..3_000_000_000);
