@@ -8,7 +8,7 @@ use std::path::Path;
 use common::{err, out, run};
 use tempfile::tempdir;
 
-/// What becomes of a file: the exit code that it asks for, and what is printed of it.
+/// What becomes of a file: the exit code that it leads to, and what is printed of it.
 struct CheckedFile {
     name: &'static str,
     text: String,
