@@ -222,7 +222,7 @@ async fn a_cloud_behind_grpc_answers_and_when_it_is_gone_local_does() {
     let path = folder.path().join("trace.jsonl");
     let file = format!("trace.file:={}", path.display());
     let set = ["clouds:=[west]", &url, "deadline:=5.0", "local.deadline:=20.0", &file];
-    beside(settings(92, &set), peers).await;
+    Box::pin(beside(settings(92, &set), peers)).await;
 
     // What it came from is the topic, and the stamp says how old it is.
     let text = std::fs::read_to_string(path).unwrap();
