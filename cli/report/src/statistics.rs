@@ -281,7 +281,7 @@ impl TraceStatistics {
                 });
                 let (source, has_finals) = (self.source(p), self.has_finals);
                 let Self { stories, priorities, .. } = self;
-                let story = stories.or_insert_with(t, || TimestampHistory::of(priorities.len()));
+                let story = stories.or_insert_with(t, TimestampHistory::default);
                 let last = if has_finals { &mut story.output } else { &mut story.end };
                 let last_p = last.and_then(|last| priorities.get(last.source?));
                 // Under progressive a better one takes its place.
@@ -436,8 +436,7 @@ impl TraceStatistics {
     }
 
     fn story(&mut self, t: u64) -> &mut TimestampHistory {
-        let sources = self.priorities.len();
-        self.stories.or_insert_with(t, || TimestampHistory::of(sources))
+        self.stories.or_insert_with(t, TimestampHistory::default)
     }
 
     /// The source's call for a timestamp, if the source is known.

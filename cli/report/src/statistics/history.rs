@@ -56,11 +56,6 @@ pub(super) enum OutcomeColumn {
 }
 
 impl TimestampHistory {
-    /// Nothing yet, with room for this many sources.
-    pub(super) fn of(sources: usize) -> Self {
-        Self { calls: Vec::with_capacity(sources), ..Self::default() }
-    }
-
     pub(super) fn call(&mut self, source: usize) -> &mut RequestHistory {
         if self.calls.len() <= source {
             self.calls.resize(source + 1, RequestHistory::default());
