@@ -69,16 +69,32 @@ impl<const CLOUDS: usize> Entry<CLOUDS> {
         }
     }
 
+    // Both below look at every timer, armed or not: without branches that is less than to look for the armed ones.
+
     /// The armed timers that are due exactly at `due`: they fire together (F5).
     #[must_use]
     pub fn armed_at(&self, due: Instant) -> Sources {
-        self.slot.armed().iter().filter(|source| self.due(*source) == due).collect()
+        let mut due_then = u16::from(self.local_due == due);
+        for (own, number) in self.dues.iter().zip(1..) {
+            due_then |= u16::from(*own == due).wrapping_shl(number);
+        }
+        self.slot.armed().intersection(Sources::from_bits(due_then))
     }
 
     /// The earliest due instant of the armed timers, if there is one.
     #[must_use]
     pub fn next_due(&self) -> Option<Instant> {
-        self.slot.armed().iter().map(|source| self.due(source)).min()
+        let armed = self.slot.armed();
+        // What is not armed is due at the end of time.
+        let if_armed = |number, due| match armed.bits().wrapping_shr(number) & 1 {
+            0 => Instant::END,
+            _ => due,
+        };
+        let mut first = if_armed(0, self.local_due);
+        for (due, number) in self.dues.iter().zip(1..) {
+            first = first.min(if_armed(number, *due));
+        }
+        (!armed.is_empty()).then_some(first)
     }
 }
 

@@ -72,8 +72,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
     /// Call it until it is [`At::Ready`], at most once for each armed timer and once more.
     /// A tick is such a call with no input after it.
     pub fn at(&mut self, now: Instant) -> At<'_, CLOUDS, WINDOW> {
-        match self.fire_next(now) {
-            Some(firing) => At::Fired(firing),
+        match self.first_due(now) {
+            Some((index, due)) => At::Fired(self.fire(index, due)),
             None => At::Ready(Ready { fusion: self }),
         }
     }
@@ -87,8 +87,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
         now: Instant,
         mut fired: impl FnMut(Firing<CLOUDS>),
     ) -> Ready<'_, CLOUDS, WINDOW> {
-        while let Some(firing) = self.fire_next(now) {
-            fired(firing);
+        while let Some((index, due)) = self.first_due(now) {
+            fired(self.fire(index, due));
         }
         Ready { fusion: self }
     }
@@ -206,13 +206,12 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
         self.commit
     }
 
-    /// F0: moves the clock and fires the earliest timers due by then, if any.
-    fn fire_next(&mut self, now: Instant) -> Option<Firing<CLOUDS>> {
+    /// F0: moves the clock. The first timestamp with a timer that is due by then, and when it is.
+    fn first_due(&mut self, now: Instant) -> Option<(OpenIndex, Instant)> {
         self.now = self.now.max(now);
         // F5 due: the due instant itself is past (A1).
         let due = self.open.next_due().filter(|due| *due <= self.now)?;
-        let index = self.open.first_due()?;
-        Some(self.fire(index, due))
+        Some((self.open.first_due()?, due))
     }
 
     /// F5 for one timestamp at one due instant.

@@ -1,9 +1,10 @@
 //! The open timestamps in ascending order, and which of them fires first (P9).
 //!
-//! An entry stays where it is until its timestamp is retired. Each open timestamp has the index of its entry, and those
-//! behind a retired timestamp move up, ten bytes each. Each entry has a key for the order of firing (F5). The keys are
-//! divided into rows, at most 32 rows of at most 32 keys; the first key of each row is stored, and the first of all. An
-//! earlier key is compared with these two. Where a key becomes later, the keys of its row are read, and those of the rows.
+//! An entry stays where it is until its timestamp is retired. Each open timestamp has the index of its entry. Those before
+//! or those behind a retired timestamp move by one place, whichever are fewer, ten bytes each; at the end of the arrays all
+//! move to their start, at most once in as many openings as the capacity. Each entry has a key for the order of firing
+//! (F5). The first key of each four is stored, of each four of those, and so on up to the first of all. Where a key changes,
+//! it is compared with the three beside it, then their first with the three beside that, until one stays as it was.
 //!
 //! Every access is checked: a read beyond an array yields nothing and a write changes nothing, so this cannot panic. The
 //! machine that uses the window is in `fusion.rs`.
@@ -13,11 +14,11 @@ use crate::slot::Slot;
 use crate::source::Source;
 use crate::time::{Instant, Timestamp};
 
-/// Where an open timestamp is. Valid until a timestamp is retired.
+/// Where an open timestamp is. Valid until one is opened or retired.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct OpenIndex {
-    /// How many of the open timestamps are less.
-    pub(crate) rank: u16,
+    /// Its own place in the arrays of open timestamps.
+    pub(crate) place: u16,
     /// Which entry is its own.
     pub(crate) entry: u16,
 }
@@ -53,58 +54,64 @@ impl DueKey {
             |key: Self| u128::from(key.due_minus_one) << 64 | u128::from(key.timestamp.as_u64());
         if number(other) < number(self) { other } else { self }
     }
-
-    fn first(keys: &[Self]) -> Self {
-        keys.iter().copied().fold(Self::NEVER, Self::earlier)
-    }
 }
 
 #[derive(Clone)]
 pub(crate) struct Window<const CLOUDS: usize, const CAPACITY: usize> {
-    /// Ascending; from `len` on they mean nothing.
-    pub(crate) timestamps: [Timestamp; CAPACITY],
-    /// The index of the entry of each; from `len` on, those of the free entries.
-    pub(crate) entry_indices: [u16; CAPACITY],
+    /// Ascending, `len` of them from `start` on; the others mean nothing.
+    pub(crate) timestamps: [[Timestamp; CAPACITY]; 2],
+    /// The index of the entry of each.
+    pub(crate) entry_indices: [[u16; CAPACITY]; 2],
+    pub(crate) start: usize,
     pub(crate) len: usize,
+    /// The indices of the free entries, as many as are not open; the others mean nothing.
+    pub(crate) free: [u16; CAPACITY],
     /// By index.
     pub(crate) entries: [Entry<CLOUDS>; CAPACITY],
     /// By index of the entry.
     pub(crate) keys: [DueKey; CAPACITY],
-    /// The first key of each row; those beyond the last row mean nothing.
-    pub(crate) row_firsts: [DueKey; CAPACITY],
+    /// The first key of each four, of each four of those, and so on, one level behind the other.
+    pub(crate) firsts: [DueKey; CAPACITY],
     /// The first key of all.
     pub(crate) first: DueKey,
 }
 
 impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
-    /// A row has the least power of two of keys whose square is no less than the capacity.
-    const ROW_BITS: u32 = CAPACITY.next_power_of_two().trailing_zeros().div_ceil(2);
-    pub(crate) const ROW: usize = 1 << Self::ROW_BITS;
-    pub(crate) const ROWS: usize = CAPACITY.div_ceil(Self::ROW);
+    /// How often four become one, until one is left.
+    pub(crate) const LEVELS: u32 = CAPACITY.next_power_of_two().trailing_zeros().div_ceil(2);
 
     pub(crate) fn new() -> Self {
-        let mut entry_indices = [0; CAPACITY];
-        for (index, number) in entry_indices.iter_mut().zip(0..) {
+        let mut free = [0; CAPACITY];
+        for (index, number) in free.iter_mut().zip(0..) {
             *index = number;
         }
         Self {
-            timestamps: [Timestamp::new(0); CAPACITY],
-            entry_indices,
+            timestamps: [[Timestamp::new(0); CAPACITY]; 2],
+            entry_indices: [[0; CAPACITY]; 2],
+            start: 0,
             len: 0,
+            free,
             entries: [Entry::EMPTY; CAPACITY],
             keys: [DueKey::NEVER; CAPACITY],
-            row_firsts: [DueKey::NEVER; CAPACITY],
+            firsts: [DueKey::NEVER; CAPACITY],
             first: DueKey::NEVER,
         }
     }
 
     /// Adds a timestamp greater than all present; false if there is no room.
     pub(crate) fn push(&mut self, timestamp: Timestamp, entry: Entry<CLOUDS>) -> bool {
-        let Some(last) = self.timestamps.get_mut(self.len) else { return false };
-        let Some(entry_index) = self.entry_indices.get(self.len).copied() else { return false };
+        let Some(last_free) = CAPACITY.wrapping_sub(self.len).checked_sub(1) else { return false };
+        let Some(entry_index) = self.free.get(last_free).copied() else { return false };
         let Some(stored) = self.entries.get_mut(usize::from(entry_index)) else { return false };
-        *last = timestamp;
         *stored = entry;
+        if self.end() >= CAPACITY.wrapping_mul(2) {
+            self.move_to_start();
+        }
+        let end = self.end();
+        let Some(place) = self.timestamps.as_flattened_mut().get_mut(end) else { return false };
+        *place = timestamp;
+        let Some(place) = self.entry_indices.as_flattened_mut().get_mut(end) else { return false };
+        *place = entry_index;
         self.len = self.len.saturating_add(1);
         if let Some(due) = entry.next_due() {
             self.set_earlier_key(entry_index, DueKey::new(Some(due), timestamp));
@@ -137,42 +144,85 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
         }
     }
 
-    /// Removes a timestamp: those behind it move up, and its entry is the first of the free ones.
+    /// Removes a timestamp: those before it move up or those behind it down, and its entry is free.
     pub(crate) fn remove(&mut self, index: OpenIndex) {
-        let behind = usize::from(index.rank)..self.len;
-        let Some(timestamps) = self.timestamps.get_mut(behind.clone()) else { return };
-        let Some(indices) = self.entry_indices.get_mut(behind).filter(|own| !own.is_empty()) else {
-            return;
-        };
-        timestamps.copy_within(1.., 0);
-        indices.copy_within(1.., 0);
-        if let Some(last) = indices.last_mut() {
-            *last = index.entry;
+        let (place, end) = (usize::from(index.place), self.end());
+        let before = place.wrapping_sub(self.start);
+        let timestamps = self.timestamps.as_flattened_mut();
+        let indices = self.entry_indices.as_flattened_mut();
+        if before < self.len >> 1 {
+            if before > 0 {
+                let part = self.start..place.wrapping_add(1);
+                let Some(timestamps) = timestamps.get_mut(part.clone()) else { return };
+                let Some(indices) = indices.get_mut(part) else { return };
+                if let Some(last) = timestamps.len().checked_sub(1) {
+                    timestamps.copy_within(..last, 1);
+                }
+                if let Some(last) = indices.len().checked_sub(1) {
+                    indices.copy_within(..last, 1);
+                }
+            }
+            self.start = self.start.wrapping_add(1);
+        } else if place.wrapping_add(1) < end {
+            let Some(timestamps) = timestamps.get_mut(place..end) else { return };
+            let Some(indices) = indices.get_mut(place..end) else { return };
+            timestamps.copy_within(1.., 0);
+            indices.copy_within(1.., 0);
+        }
+        if let Some(free) = self.free.get_mut(CAPACITY.wrapping_sub(self.len)) {
+            *free = index.entry;
         }
         self.len = self.len.saturating_sub(1);
         self.set_key(index.entry, DueKey::NEVER);
     }
 
+    /// Makes room behind the last. All that is open is in the second half of the arrays.
+    #[cold]
+    fn move_to_start(&mut self) {
+        let Some((to, from)) = self.timestamps.as_flattened_mut().split_at_mut_checked(self.start)
+        else {
+            return;
+        };
+        let Some((to, from)) = to.get_mut(..self.len).zip(from.get(..self.len)) else { return };
+        to.copy_from_slice(from);
+        let Some((to, from)) =
+            self.entry_indices.as_flattened_mut().split_at_mut_checked(self.start)
+        else {
+            return;
+        };
+        let Some((to, from)) = to.get_mut(..self.len).zip(from.get(..self.len)) else { return };
+        to.copy_from_slice(from);
+        self.start = 0;
+    }
+
+    /// The place behind the last.
+    const fn end(&self) -> usize {
+        self.start.wrapping_add(self.len)
+    }
+
     pub(crate) fn find(&self, timestamp: Timestamp) -> Option<OpenIndex> {
-        let open = self.timestamps.get(..self.len)?;
-        // What comes late is mostly older than all that are open, and offers follow their message's open.
-        if timestamp < *open.first()? {
+        let open = self.timestamps.as_flattened().get(self.start..self.end())?;
+        // What comes late is mostly older than all that are open, or the oldest, and offers follow their message's open.
+        let first = *open.first()?;
+        if timestamp < first {
             return None;
         }
-        let rank = if timestamp == *open.last()? {
+        let before = if timestamp == first {
+            0
+        } else if timestamp == *open.last()? {
             self.len.wrapping_sub(1)
         } else {
             open.binary_search(&timestamp).ok()?
         };
-        Some(OpenIndex {
-            rank: u16::try_from(rank).ok()?,
-            entry: self.entry_indices.get(rank).copied()?,
-        })
+        let place = self.start.wrapping_add(before);
+        let entry = self.entry_indices.as_flattened().get(place).copied()?;
+        Some(OpenIndex { place: u16::try_from(place).ok()?, entry })
     }
 
     /// The open timestamps in ascending order.
     pub(crate) fn iter(&self) -> impl Iterator<Item = (Timestamp, &Entry<CLOUDS>)> {
-        let open = self.timestamps.iter().zip(&self.entry_indices).take(self.len);
+        let open = self.timestamps.as_flattened().iter().zip(self.entry_indices.as_flattened());
+        let open = open.skip(self.start).take(self.len);
         open.map(|(timestamp, entry_index)| (*timestamp, self.entry_at(*entry_index)))
     }
 
@@ -191,7 +241,8 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
     }
 
     pub(crate) fn timestamp(&self, index: OpenIndex) -> Timestamp {
-        self.timestamps.get(usize::from(index.rank)).copied().unwrap_or(Timestamp::new(0))
+        let place = usize::from(index.place);
+        self.timestamps.as_flattened().get(place).copied().unwrap_or(Timestamp::new(0))
     }
 
     pub(crate) const fn len(&self) -> usize {
@@ -202,28 +253,50 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
         self.entries.get(usize::from(entry_index)).unwrap_or(&Entry::EMPTY)
     }
 
-    /// Stores a key earlier than the entry's: the first of its row and of all become earlier with it, or stay.
+    /// Stores a key earlier than the entry's: the first of each four that it is in becomes earlier with it, or stays.
     fn set_earlier_key(&mut self, entry_index: u16, key: DueKey) {
-        let entry_index = usize::from(entry_index);
-        let Some(own) = self.keys.get_mut(entry_index) else { return };
-        let Some(first) = self.row_firsts.get_mut(entry_index >> Self::ROW_BITS) else { return };
+        let mut at = usize::from(entry_index);
+        let Some(own) = self.keys.get_mut(at) else { return };
         *own = key;
-        *first = first.earlier(key);
-        self.first = self.first.earlier(key);
+        let (mut len, mut above) = (CAPACITY, self.firsts.as_mut_slice());
+        for _ in 0..Self::LEVELS {
+            at >>= 2;
+            len = len.wrapping_add(3) >> 2;
+            let Some((level, rest)) = above.split_at_mut_checked(len) else { return };
+            let Some(first) = level.get_mut(at) else { return };
+            if first.earlier(key) == *first {
+                return;
+            }
+            *first = key;
+            above = rest;
+        }
+        self.first = key;
     }
 
-    /// Stores an entry's key, and finds the first of its row and of all rows again.
+    /// Stores an entry's key, and finds the first of each four that it is in again, until one stays.
     fn set_key(&mut self, entry_index: u16, key: DueKey) {
-        let entry_index = usize::from(entry_index);
-        let Some(own) = self.keys.get_mut(entry_index) else { return };
+        let mut at = usize::from(entry_index);
+        let Some(own) = self.keys.get_mut(at) else { return };
         if *own == key {
             return;
         }
         *own = key;
-        let row = entry_index >> Self::ROW_BITS;
-        let Some(first) = self.row_firsts.get_mut(row) else { return };
-        *first = DueKey::first(self.keys.chunks(Self::ROW).nth(row).unwrap_or_default());
-        self.first = DueKey::first(self.row_firsts.get(..Self::ROWS).unwrap_or_default());
+        let mut first = key;
+        let (mut below, mut above) = (self.keys.as_slice(), self.firsts.as_mut_slice());
+        for _ in 0..Self::LEVELS {
+            let beside = |n: usize| below.get(at ^ n).copied().unwrap_or(DueKey::NEVER);
+            first = first.earlier(beside(1).earlier(beside(2)).earlier(beside(3)));
+            at >>= 2;
+            let len = below.len().wrapping_add(3) >> 2;
+            let Some((level, rest)) = above.split_at_mut_checked(len) else { return };
+            let Some(own) = level.get_mut(at) else { return };
+            if *own == first {
+                return;
+            }
+            *own = first;
+            (below, above) = (level, rest);
+        }
+        self.first = first;
     }
 }
 

@@ -9,6 +9,7 @@ use crate::clouds::Clouds;
 use crate::entry::Entry;
 use crate::fusion::Fusion;
 use crate::gate::Gate;
+use crate::levels::{Group, Levels, MOST_LEVELS};
 use crate::priority::Priority;
 use crate::slot::{Commit, Slot};
 use crate::source::{Source, Sources};
@@ -180,24 +181,38 @@ pub(crate) fn earlier(a: DueKey, b: DueKey) -> DueKey {
 }
 
 /// Any key, or never.
-fn any_key() -> DueKey {
+pub(crate) fn any_key() -> DueKey {
     key_of(if kani::any() { Some(any_due(true)) } else { None }, any_timestamp())
 }
 
-/// How many keys a row has, and how many rows there are: as few of both as can be, for a power of two of keys in each row.
-pub(crate) const fn rows(capacity: usize) -> (usize, usize) {
-    let mut row = 1;
-    while row * row < capacity {
-        row *= 2;
-    }
-    (row, capacity.div_ceil(row))
+/// The first of four keys.
+pub(crate) fn first_of(keys: &[DueKey; 4]) -> DueKey {
+    // In the order in which the window compares them, which is easier to prove.
+    earlier(keys[0], earlier(earlier(keys[1], keys[2]), keys[3]))
 }
 
-/// The rank of own among the open timestamps, and how many are open.
+/// How many levels there are above the keys: a quarter of the keys, of those, and so on, rounded up, until one is left.
+pub(crate) const fn levels(capacity: usize) -> usize {
+    let (mut len, mut levels) = (capacity, 0);
+    while len > 1 {
+        len = len.div_ceil(4);
+        levels += 1;
+    }
+    levels
+}
+
+/// Where own is in the arrays of open timestamps, the first place that is used, and how many are open.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct OwnPosition {
-    pub(crate) rank: usize,
+    pub(crate) place: usize,
+    pub(crate) start: usize,
     pub(crate) len: usize,
+}
+
+impl OwnPosition {
+    pub(crate) const fn is_open(self) -> bool {
+        self.place < self.start + self.len
+    }
 }
 
 /// Any number below `end`, by no division.
@@ -208,49 +223,100 @@ pub(crate) fn any_below(end: usize) -> usize {
 
 /// Own is open, anywhere among any number.
 pub(crate) fn any_open_position<const CAPACITY: usize>() -> OwnPosition {
-    let rank = any_below(CAPACITY);
-    let len = rank + 1 + any_below(CAPACITY);
-    OwnPosition { rank, len: if len < CAPACITY { len } else { CAPACITY } }
+    let before = any_below(CAPACITY);
+    let len = before + 1 + any_below(CAPACITY);
+    let len = if len < CAPACITY { len } else { CAPACITY };
+    let start = any_start::<CAPACITY>(len);
+    OwnPosition { place: start + before, start, len }
 }
 
-/// Own comes next, behind any number: beyond the last index if the window is full.
+/// Own comes next, behind any number: the window may be full.
 pub(crate) fn any_next_position<const CAPACITY: usize>() -> OwnPosition {
     let len = any_below(CAPACITY + 1);
-    OwnPosition { rank: len, len }
+    let start = any_start::<CAPACITY>(len);
+    OwnPosition { place: start + len, start, len }
 }
 
-/// Any index of an array but own's; also its end, where there is no element.
-fn any_other_index<const CAPACITY: usize>(own: usize) -> usize {
-    let at = any_below(CAPACITY + 1);
-    if at == own { CAPACITY } else { at }
+/// Any first place of so many; where values are random, the last one half of the time.
+fn any_start<const CAPACITY: usize>(len: usize) -> usize {
+    let last = 2 * CAPACITY - len;
+    let start = any_below(2 * CAPACITY + 1);
+    if kani::any() || start > last { last } else { start }
 }
 
-/// Any window in which own has this rank and this entry: any index of the entry, any other timestamp, and any first keys of the
-/// others.
+/// Any index of an array of this length but own's; also its end, where there is no element.
+pub(crate) fn any_other_index(own: usize, size: usize) -> usize {
+    let at = any_below(size + 1);
+    if at == own { size } else { at }
+}
+
+/// Any window in which own has this place and this entry: any index of the entry, any other timestamp and any other free entry, and
+/// any keys beside.
 pub(crate) fn any_window<const CLOUDS: usize, const CAPACITY: usize>(
-    OwnPosition { rank, len }: OwnPosition,
+    position: OwnPosition,
     entry: Entry<CLOUDS>,
 ) -> cell_window::Window<CLOUDS, CAPACITY> {
+    let OwnPosition { place, start, len } = position;
+    let is_open = position.is_open();
     let entry_index = any_below(CAPACITY);
-    let ranks = [rank, any_other_index::<CAPACITY>(rank)];
-    let indices = [entry_index, any_other_index::<CAPACITY>(entry_index)];
+    let places = [place, any_other_index(place, 2 * CAPACITY)];
+    let free_len = CAPACITY - len;
+    let free = if is_open { free_len } else { free_len.wrapping_sub(1) };
     let [less, greater] = kani::any_where(|[less, greater]: &[u64; 2]| less < greater);
-    let timestamps = if ranks[0] < ranks[1] { [less, greater] } else { [greater, less] };
+    let timestamps = if places[0] < places[1] { [less, greater] } else { [greater, less] };
     let timestamps = timestamps.map(Timestamp::new);
+    let index_beside = || any_other_index(entry_index, CAPACITY) as u16;
+    let (own, meaningless) = (entry_index as u16, kani::any());
+    let (indices, frees) = if is_open { (own, meaningless) } else { (meaningless, own) };
     // A free entry keeps what was stored in it.
-    let key = if rank < len { key_of(earliest(&entry), timestamps[0]) } else { DueKey::NEVER };
-    let keys = [key, any_key()];
-    let row_firsts = [earlier(keys[0], keys[1]), any_key()];
-    let (of_row, rows) = const { rows(CAPACITY) };
+    let key = if is_open { key_of(earliest(&entry), timestamps[0]) } else { DueKey::NEVER };
+    let (keys, firsts, first) = any_levels::<CAPACITY>(entry_index, key);
     cell_window::Window {
-        timestamps: Cells::new(ranks, timestamps),
-        entry_indices: Cells::new(ranks, indices.map(|entry_index| entry_index as u16)),
+        timestamps: Cells::new(places, timestamps, 2 * CAPACITY),
+        entry_indices: Cells::new(places, [indices, index_beside()], 2 * CAPACITY),
+        start,
         len,
-        entries: Cells::new(indices, [entry, Entry::EMPTY]),
-        keys: Cells::new(indices, keys),
-        row_firsts: Cells { rows, ..Cells::new([entry_index / of_row, CAPACITY], row_firsts) },
-        first: earlier(row_firsts[0], row_firsts[1]),
+        free: Cells::new(
+            [free, any_other_index(free, CAPACITY)],
+            [frees, index_beside()],
+            CAPACITY,
+        ),
+        entries: Cells::new([entry_index, CAPACITY], [entry, Entry::EMPTY], CAPACITY),
+        keys,
+        firsts,
+        first,
     }
+}
+
+/// The keys with this one at this index and any others beside it; above it any keys, but on one level the first of four; and the key
+/// of the last level.
+fn any_levels<const CAPACITY: usize>(index: usize, key: DueKey) -> (Levels, Levels, DueKey) {
+    let groups = || [(); MOST_LEVELS].map(|()| Group::none());
+    let mut keys = Levels { groups: groups(), count: 1, right: 0 };
+    let right = usize::from(kani::any_where(|level: &u8| usize::from(*level) < MOST_LEVELS));
+    let mut firsts = Levels { groups: groups(), count: const { levels(CAPACITY) }, right };
+    let mut four = any_group(index, CAPACITY, key);
+    keys.groups[0] = four.clone();
+    for (i, level) in firsts.groups[..const { levels(CAPACITY) }].iter_mut().enumerate() {
+        let any = any_key();
+        let own = if i == right { first_of(&four.keys) } else { any };
+        four = any_group(four.at / 4, four.len.div_ceil(4), own);
+        *level = four.clone();
+    }
+    (keys, firsts, four.keys[0])
+}
+
+/// Own's key at this place of a level of so many, and any keys beside it.
+fn any_group(at: usize, len: usize, own: DueKey) -> Group {
+    let mut group = Group { at, len, ..Group::none() };
+    group.keys[0] = own;
+    for beside in 1..4 {
+        let any = any_key();
+        if at ^ beside < len {
+            group.keys[beside] = any;
+        }
+    }
+    group
 }
 
 /// Any open timestamps but `own`, at most so many, none greater than `newest`.

@@ -1,47 +1,77 @@
 //! Cells that replace the arrays of the shipped window in proofs, so that these may have any length and any content.
 //!
 //! An array of a harness has two cells. *Own's* is the one that the call is about; it is anywhere, and nothing else may be read
-//! or written, which is asserted. The *other* one is anywhere else and anything. Where all of an array is read, the other
-//! has the first of all keys but own's. So what is shown of the two holds of each cell of an array.
+//! or written, which is asserted. The *other* one is anywhere else and anything. So what is shown of the two holds of each cell of
+//! an array. The keys are in `levels.rs`.
 //!
 //! The functions here are those of arrays that `core/src/window.rs` calls, and do to the two cells what the standard library says that
 //! they do to each. `tests/window.rs` compares them with arrays.
 
-use core::cell::Cell;
 use core::ops::{Range, RangeFrom, RangeTo};
 
 use crate::cell_window::DueKey;
+use crate::entry::Entry;
+use crate::levels::Levels;
 use crate::time::Timestamp;
 
+/// What is in an array.
+pub(crate) trait Element {
+    /// What replaces the array.
+    type Cells: Clone;
+}
+
+pub(crate) type CellsOf<T> = <T as Element>::Cells;
+
+impl Element for Timestamp {
+    type Cells = Cells<Self>;
+}
+
+impl Element for u16 {
+    type Cells = Cells<Self>;
+}
+
+impl<const CLOUDS: usize> Element for Entry<CLOUDS> {
+    type Cells = Cells<Self>;
+}
+
+impl Element for DueKey {
+    type Cells = Levels;
+}
+
 #[derive(Clone)]
-pub(crate) struct Cells<T, const N: usize> {
-    /// Where own's cell is, and the other.
+pub(crate) struct Cells<T> {
+    /// Where own's cell is, and the other. At the array's length there is none.
     pub(crate) at: [usize; 2],
     pub(crate) values: [T; 2],
-    /// How many cells mean something, where the window does not say.
-    pub(crate) rows: usize,
+    /// The array's length.
+    pub(crate) size: usize,
     /// The part that was last taken by `get_mut`.
     pub(crate) part: Range<usize>,
     /// What is in no cell.
     pub(crate) absent: Option<T>,
-    /// How many cells were read so far where all of a part is read.
-    pub(crate) reads: Cell<usize>,
 }
 
-impl<T, const N: usize> Cells<T, N> {
-    pub(crate) fn new(at: [usize; 2], values: [T; 2]) -> Self {
-        Self { at, values, rows: 0, part: 0..0, absent: None, reads: Cell::new(0) }
+impl<T> Cells<T> {
+    pub(crate) const fn new(at: [usize; 2], values: [T; 2], size: usize) -> Self {
+        Self { at, values, size, part: 0..0, absent: None }
+    }
+
+    pub(crate) const fn as_flattened(&self) -> &Self {
+        self
+    }
+
+    pub(crate) const fn as_flattened_mut(&mut self) -> &mut Self {
+        self
+    }
+
+    /// That of the part.
+    pub(crate) fn len(&self) -> usize {
+        self.part.len()
     }
 
     fn is_own(&self, at: usize) -> bool {
         kani::assert(at == self.at[0], "P9: nothing but its own is looked at");
-        at < N
-    }
-
-    /// All of a part that has own's: own's, and the first of all others.
-    fn read_all(&self, cells: usize) -> &[T] {
-        self.reads.set(self.reads.get() + cells);
-        &self.values
+        at < self.size
     }
 }
 
@@ -53,7 +83,7 @@ pub(crate) trait Get<I> {
     fn get(&self, at: I) -> Option<Self::Item<'_>>;
 }
 
-impl<T, const N: usize> Get<usize> for Cells<T, N> {
+impl<T> Get<usize> for Cells<T> {
     type Item<'a>
         = &'a T
     where
@@ -72,7 +102,7 @@ pub(crate) trait GetMut<I> {
     fn get_mut(&mut self, at: I) -> Option<Self::Item<'_>>;
 }
 
-impl<T, const N: usize> GetMut<usize> for Cells<T, N> {
+impl<T> GetMut<usize> for Cells<T> {
     type Item<'a>
         = &'a mut T
     where
@@ -83,92 +113,62 @@ impl<T, const N: usize> GetMut<usize> for Cells<T, N> {
     }
 }
 
-// The rows' first keys.
-impl<const N: usize> Get<RangeTo<usize>> for Cells<DueKey, N> {
-    type Item<'a> = &'a [DueKey];
-
-    fn get(&self, to: RangeTo<usize>) -> Option<&[DueKey]> {
-        kani::assert(to.end == self.rows, "P9: all rows are looked at, and nothing beyond");
-        (to.end <= N).then_some(self.read_all(to.end))
-    }
-}
-
-/// The rows.
-pub(crate) struct Chunks<'a, const N: usize> {
-    keys: &'a Cells<DueKey, N>,
-    of: usize,
-}
-
-impl<const N: usize> Cells<DueKey, N> {
-    pub(crate) fn chunks(&self, of: usize) -> Chunks<'_, N> {
-        Chunks { keys: self, of }
-    }
-}
-
-impl<'a, const N: usize> Chunks<'a, N> {
-    pub(crate) fn nth(&mut self, row: usize) -> Option<&'a [DueKey]> {
-        let (from, own) = (row * self.of, self.keys.at[0]);
-        let is_own = from <= own && own < from + self.of;
-        kani::assert(is_own, "P9: no row but its own is read");
-        (from < N).then_some(self.keys.read_all(self.of))
-    }
-}
-
 /// The open timestamps. They ascend.
-pub(crate) struct Open<'a, const N: usize> {
-    cells: &'a Cells<Timestamp, N>,
-    len: usize,
+pub(crate) struct Open<'a> {
+    cells: &'a Cells<Timestamp>,
+    places: Range<usize>,
     first: Timestamp,
     last: Timestamp,
 }
 
-impl<const N: usize> Get<RangeTo<usize>> for Cells<Timestamp, N> {
-    type Item<'a> = Open<'a, N>;
+impl Get<Range<usize>> for Cells<Timestamp> {
+    type Item<'a> = Open<'a>;
 
-    fn get(&self, to: RangeTo<usize>) -> Option<Open<'_, N>> {
+    fn get(&self, places: Range<usize>) -> Option<Open<'_>> {
         let (at, own) = (self.at[0], self.values[0].as_u64());
         let [mut first, mut last]: [u64; 2] = kani::any();
-        if at < to.end {
+        if places.contains(&at) {
             // Those before it are less, those behind it greater.
-            let (is_first, is_last) = (at == 0, at + 1 == to.end);
+            let (is_first, is_last) = (at == places.start, at + 1 == places.end);
             kani::assume((is_first || own > 0) && (is_last || own < u64::MAX));
             first = if is_first { own } else { first.min(own.wrapping_sub(1)) };
             last = if is_last { own } else { last.max(own.wrapping_add(1)) };
         }
         let [first, last] = [first, last].map(Timestamp::new);
         kani::assume(self.absent != Some(first) && self.absent != Some(last));
-        (to.end <= N).then_some(Open { cells: self, len: to.end, first, last })
+        let fits = places.start <= places.end && places.end <= self.size;
+        fits.then_some(Open { cells: self, places, first, last })
     }
 }
 
-impl<const N: usize> Open<'_, N> {
+impl Open<'_> {
     pub(crate) fn first(&self) -> Option<&Timestamp> {
-        (self.len > 0).then_some(&self.first)
+        (!self.places.is_empty()).then_some(&self.first)
     }
 
     pub(crate) fn last(&self) -> Option<&Timestamp> {
-        (self.len > 0).then_some(&self.last)
+        (!self.places.is_empty()).then_some(&self.last)
     }
 
     #[expect(clippy::trivially_copy_pass_by_ref, reason = "so the slice's function takes it")]
     pub(crate) fn binary_search(&self, timestamp: &Timestamp) -> Result<usize, usize> {
         let (at, own) = (self.cells.at[0], self.cells.values[0]);
-        let (is_own, is_absent) =
-            (at < self.len && *timestamp == own, self.cells.absent == Some(*timestamp));
+        let is_own = self.places.contains(&at) && *timestamp == own;
+        let is_absent = self.cells.absent == Some(*timestamp);
         kani::assert(is_own || is_absent, "P9: nothing but what is sought is looked for");
-        if is_own { Ok(at) } else { Err(kani::any::<u16>().into()) }
+        if is_own { Ok(at - self.places.start) } else { Err(kani::any::<u16>().into()) }
     }
 }
 
 // A part, to be changed.
-impl<T, const N: usize> GetMut<Range<usize>> for Cells<T, N> {
+impl<T> GetMut<Range<usize>> for Cells<T> {
     type Item<'a>
         = &'a mut Self
     where
         T: 'a;
 
     fn get_mut(&mut self, part: Range<usize>) -> Option<&mut Self> {
-        if part.start > part.end || part.end > N {
+        if part.start > part.end || part.end > self.size {
             return None;
         }
         self.part = part;
@@ -176,7 +176,7 @@ impl<T, const N: usize> GetMut<Range<usize>> for Cells<T, N> {
     }
 }
 
-/// A type of the values that `copy_within` moves.
+/// A type of the values that are moved.
 pub(crate) trait AnyValue: Copy {
     fn any() -> Self;
 }
@@ -193,30 +193,85 @@ impl AnyValue for Timestamp {
     }
 }
 
-impl<T: AnyValue, const N: usize> Cells<T, N> {
-    pub(crate) fn is_empty(&self) -> bool {
-        self.part.is_empty()
-    }
+/// A slice's `copy_within`.
+pub(crate) trait CopyWithin<R> {
+    fn copy_within(&mut self, from: R, to: usize);
+}
 
-    /// Each value behind the first moves one cell down; the last is in two cells then.
-    pub(crate) fn copy_within(&mut self, from: RangeFrom<usize>, to: usize) {
-        kani::assert(from.start == 1 && to == 0, "P9: what is behind it moves by one rank");
-        kani::assert(!self.is_empty(), "P9: there is something to move");
+/// Each value behind the first moves one cell down; the last is in two cells then.
+impl<T: AnyValue> CopyWithin<RangeFrom<usize>> for Cells<T> {
+    fn copy_within(&mut self, from: RangeFrom<usize>, to: usize) {
+        kani::assert(from.start == 1 && to == 0, "P9: what is behind it moves by one place");
+        kani::assert(!self.part.is_empty(), "P9: there is something to move");
         kani::assert(self.at[0] == self.part.start, "P9: what is removed is its own");
-        // The last keeps what it has, which is now in the cell before it as well.
-        let last = self.part.end - 1;
-        if self.at[0] != last {
-            self.values[0] = if self.at[1] == last { self.values[1] } else { T::any() };
-            self.at[0] = last;
-        }
         if self.part.contains(&self.at[1]) {
             self.at[1] -= 1;
         }
+        self.move_own(self.part.end - 1);
+    }
+}
+
+/// Each value before the last moves one cell up; the first is in two cells then.
+impl<T: AnyValue> CopyWithin<RangeTo<usize>> for Cells<T> {
+    fn copy_within(&mut self, from: RangeTo<usize>, to: usize) {
+        let moves = from.end + 1 == self.part.len() && to == 1;
+        kani::assert(moves, "P9: what is before it moves by one place");
+        kani::assert(self.at[0] == self.part.end - 1, "P9: what is removed is its own");
+        if self.part.contains(&self.at[1]) {
+            self.at[1] += 1;
+        }
+        self.move_own(self.part.start);
+    }
+}
+
+impl<T: AnyValue> Cells<T> {
+    /// Own's is another cell, of which nothing is known.
+    fn move_own(&mut self, to: usize) {
+        self.at[0] = to;
+        self.values[0] = T::any();
     }
 
-    pub(crate) fn last_mut(&mut self) -> Option<&mut T> {
-        let is_own = self.at[0] + 1 == self.part.end;
-        kani::assert(is_own, "P9: what is at the end is put there");
-        (!self.is_empty()).then_some(&mut self.values[0])
+    pub(crate) fn split_at_mut_checked(
+        &mut self,
+        at: usize,
+    ) -> Option<(FirstCells<'_, T>, LastCells)> {
+        let tail = LastCells(at..self.size);
+        (at <= self.size).then_some((FirstCells { cells: self, len: at }, tail))
+    }
+}
+
+/// The first cells of an array.
+pub(crate) struct FirstCells<'a, T> {
+    cells: &'a mut Cells<T>,
+    len: usize,
+}
+
+/// Cells behind those.
+pub(crate) struct LastCells(Range<usize>);
+
+impl LastCells {
+    pub(crate) fn get(&self, to: RangeTo<usize>) -> Option<Self> {
+        let from = self.0.start;
+        (to.end <= self.0.len()).then_some(Self(from..from + to.end))
+    }
+}
+
+impl<T: AnyValue> FirstCells<'_, T> {
+    pub(crate) fn get_mut(self, to: RangeTo<usize>) -> Option<Self> {
+        (to.end <= self.len).then_some(Self { len: to.end, ..self })
+    }
+
+    /// Own's is the cell behind them, before and afterwards.
+    pub(crate) fn copy_from_slice(self, from: LastCells) {
+        let (cells, LastCells(places)) = (self.cells, from);
+        kani::assert(places.len() == self.len, "P9: as many are taken as are written");
+        kani::assert(cells.at[0] == places.end, "P9: all that are open move, and nothing else");
+        if places.contains(&cells.at[1]) {
+            cells.at[1] -= places.start;
+        } else if cells.at[1] <= self.len {
+            // It is written over or own's, and was not open.
+            cells.at[1] = cells.size;
+        }
+        cells.move_own(self.len);
     }
 }

@@ -5,10 +5,11 @@
 
 use crate::Entry;
 use crate::arbitrary::{
-    any_below, any_commit, any_due, any_entry, any_source, any_timestamp, rows,
+    any_below, any_commit, any_due, any_entry, any_other_index, any_source, any_timestamp, levels,
 };
 use crate::cell_window;
 use crate::cells::Cells;
+use crate::levels::{Group, Levels, MOST_LEVELS};
 use crate::shipped::window::{self as shipped, DueKey};
 use crate::slot::{Cause, Slot};
 use crate::source::Source;
@@ -41,38 +42,59 @@ fn key(of: DueKey) -> cell_window::DueKey {
     cell_window::DueKey { due_minus_one: of.due_minus_one, timestamp: of.timestamp }
 }
 
-/// The first of these keys but for the `own`th.
-fn first_except(own: usize, keys: &[DueKey]) -> cell_window::DueKey {
-    let others = keys.iter().enumerate().filter(|(at, _)| *at != own).map(|(_, key)| key);
-    key(*others.min_by_key(|key| (key.due_minus_one, key.timestamp)).unwrap_or(&DueKey::NEVER))
+/// The four keys of a level that own's is among.
+fn group(at: usize, level: &[DueKey]) -> Group {
+    let at_index =
+        |index: usize| level.get(index).map_or(cell_window::DueKey::NEVER, |own| key(*own));
+    Group {
+        at,
+        len: level.len(),
+        keys: [0, 1, 2, 3].map(|beside| at_index(at ^ beside)),
+        ..Group::none()
+    }
 }
 
-/// The window over cells that two ranks and an entry of a window over arrays make.
+/// The window over cells that two places, two free entries and an entry of a window over arrays make.
 fn over_cells<const CAPACITY: usize>(
     window: &shipped::Window<CLOUDS, CAPACITY>,
-    ranks: [usize; 2],
+    places: [usize; 2],
+    frees: [usize; 2],
     entry_index: usize,
 ) -> cell_window::Window<CLOUDS, CAPACITY> {
-    let timestamps = ranks.map(|rank| *window.timestamps.get(rank).unwrap_or(&Timestamp::new(0)));
-    let indices = ranks.map(|rank| *window.entry_indices.get(rank).unwrap_or(&u16::MAX));
-    let (of_row, rows) = rows(CAPACITY);
-    let row = entry_index / of_row;
-    let from = row * of_row;
-    let in_row = &window.keys[from..CAPACITY.min(from + of_row)];
-    let keys = [key(window.keys[entry_index]), first_except(entry_index - from, in_row)];
-    let row_firsts = [key(window.row_firsts[row]), first_except(row, &window.row_firsts[..rows])];
+    let timestamps = window.timestamps.as_flattened();
+    let timestamps = places.map(|place| *timestamps.get(place).unwrap_or(&Timestamp::new(0)));
+    let indices = window.entry_indices.as_flattened();
+    let indices = places.map(|place| *indices.get(place).unwrap_or(&u16::MAX));
+    let free = frees.map(|at| *window.free.get(at).unwrap_or(&u16::MAX));
+    let groups = || [(); MOST_LEVELS].map(|()| Group::none());
+    let mut keys = Levels { groups: groups(), count: 1, right: 0 };
+    let right = any_below(MOST_LEVELS);
+    let mut firsts = Levels { groups: groups(), count: levels(CAPACITY), right };
+    keys.groups[0] = group(entry_index, &window.keys);
+    let (mut at, mut len, mut above) = (entry_index, CAPACITY, &window.firsts[..]);
+    for level in &mut firsts.groups[..levels(CAPACITY)] {
+        (at, len) = (at / 4, len.div_ceil(4));
+        *level = group(at, &above[..len]);
+        above = &above[len..];
+    }
     cell_window::Window {
-        timestamps: Cells::new(ranks, timestamps),
-        entry_indices: Cells::new(ranks, indices),
+        timestamps: Cells::new(places, timestamps, 2 * CAPACITY),
+        entry_indices: Cells::new(places, indices, 2 * CAPACITY),
+        start: window.start,
         len: window.len,
-        entries: Cells::new([entry_index; 2], [window.entries[entry_index], Entry::EMPTY]),
-        keys: Cells::new([entry_index; 2], keys),
-        row_firsts: Cells { rows, ..Cells::new([row; 2], row_firsts) },
+        free: Cells::new(frees, free, CAPACITY),
+        entries: Cells::new(
+            [entry_index; 2],
+            [window.entries[entry_index], Entry::EMPTY],
+            CAPACITY,
+        ),
+        keys,
+        firsts,
         first: key(window.first),
     }
 }
 
-/// Whether both show the same; of what is not open, a timestamp means nothing.
+/// Whether both show the same; of what is not open, a timestamp and an index mean nothing.
 fn same<const CAPACITY: usize>(
     a: &cell_window::Window<CLOUDS, CAPACITY>,
     b: &cell_window::Window<CLOUDS, CAPACITY>,
@@ -81,17 +103,20 @@ fn same<const CAPACITY: usize>(
         let entry = &window.entries.values[0];
         (entry.slot, entry.local_due, entry.dues)
     };
-    let open = [0, 1].map(|cell| a.timestamps.at[cell] < a.len);
-    let timestamps =
-        [0, 1].iter().all(|c| !open[*c] || a.timestamps.values[*c] == b.timestamps.values[*c]);
-    let same_entries = a.entry_indices.at == b.entry_indices.at
-        && a.entry_indices.values == b.entry_indices.values;
-    let keys = a.keys.values == b.keys.values && a.row_firsts.values == b.row_firsts.values;
-    a.len == b.len
-        && timestamps
-        && same_entries
-        && keys
-        && a.first == b.first
+    let open = a.start..a.start + a.len;
+    let same_open = [0, 1].iter().all(|c| {
+        !open.contains(&a.timestamps.at[*c])
+            || a.timestamps.values[*c] == b.timestamps.values[*c]
+                && a.entry_indices.values[*c] == b.entry_indices.values[*c]
+    });
+    let levels = |window: &cell_window::Window<CLOUDS, CAPACITY>| {
+        let all = window.keys.groups.iter().chain(&window.firsts.groups);
+        all.map(|four| (four.at, four.len, four.keys)).collect::<std::vec::Vec<_>>()
+    };
+    (a.start, a.len, a.first) == (b.start, b.len, b.first)
+        && same_open
+        && a.free.values == b.free.values
+        && levels(a) == levels(b)
         && entry(a) == entry(b)
 }
 
@@ -106,10 +131,16 @@ fn compare<const CAPACITY: usize>() {
     }
     for _ in 0..=any_below(16) {
         let is_open = window.len > 0 && kani::any();
-        let rank = if is_open { any_below(window.len) } else { window.len };
-        let Some(entry_index) = window.entry_indices.get(rank).copied() else { break };
-        let other = any_below(CAPACITY + 1);
-        let ranks = [rank, if other == rank { CAPACITY } else { other }];
+        let place = window.start + if is_open { any_below(window.len) } else { window.len };
+        let free = (CAPACITY - window.len).wrapping_sub(usize::from(!is_open));
+        let index = if is_open {
+            window.entry_indices.as_flattened().get(place)
+        } else {
+            window.free.get(free)
+        };
+        let Some(entry_index) = index.copied() else { break };
+        let places = [place, any_other_index(place, 2 * CAPACITY)];
+        let frees = [free, any_other_index(free, CAPACITY)];
         let current = window.entries[usize::from(entry_index)].slot;
         let source = any_source(CLOUDS as u8);
         let call = if is_open {
@@ -122,23 +153,28 @@ fn compare<const CAPACITY: usize>() {
             newest += 1 + u64::from(kani::any::<u8>());
             Call::Push(Timestamp::new(newest), any_entry(commit))
         };
-        let mut cells = over_cells(&window, ranks, usize::from(entry_index));
+        let mut cells = over_cells(&window, places, frees, usize::from(entry_index));
         kani::assert(is_window(&cells), "it is a window that harnesses start from");
-        let sought = if is_open { window.timestamps[rank] } else { any_timestamp() };
-        let found = window.find(sought).map(|index| (index.rank, index.entry));
+        let own = cells.timestamps.values[0];
+        let sought = if is_open { own } else { any_timestamp() };
+        let found = window.find(sought).map(|index| (index.place, index.entry));
         if is_open || found.is_none() {
             cells.timestamps.absent = if is_open { None } else { Some(sought) };
-            let by_cells = cells.find(sought).map(|index| (index.rank, index.entry));
+            let by_cells = cells.find(sought).map(|index| (index.place, index.entry));
             kani::assert(found == by_cells, "cells find what arrays find");
         }
-        let rank = rank as u16;
-        call!(window, call, shipped::OpenIndex { rank, entry: entry_index });
-        call!(cells, call, cell_window::OpenIndex { rank, entry: entry_index });
-        let after = over_cells(&window, cells.timestamps.at, usize::from(entry_index));
+        let (place, entry) = (place as u16, entry_index);
+        let before = window.start;
+        call!(window, call, shipped::OpenIndex { place, entry });
+        call!(cells, call, cell_window::OpenIndex { place, entry });
+        let after = over_cells(&window, cells.timestamps.at, frees, usize::from(entry_index));
         kani::assert(same(&cells, &after), "cells do what arrays do");
         kani::assert(is_window(&after), "it still holds");
         kani::cover!(matches!(call, Call::Arm(..)), "a timer is armed");
-        kani::cover!(matches!(call, Call::Remove) && ranks[0] < ranks[1], "another moves up");
+        let moves = matches!(call, Call::Remove) && cells.timestamps.at[1] != places[1];
+        kani::cover!(moves && places[0] < places[1], "another moves down");
+        kani::cover!(moves && places[0] > places[1], "another moves up");
+        kani::cover!(matches!(call, Call::Push(..)) && window.start < before, "all move");
     }
 }
 
@@ -154,12 +190,16 @@ pub fn cells_do_what_arrays_do() {
     }
 }
 
-/// Whether the code takes from a capacity what the harnesses take from it.
+/// Whether the code takes from a capacity what the harnesses take from it, and there is room for all levels.
 #[must_use]
-pub const fn has_its_rows<const CAPACITY: usize>() -> bool {
-    let (of_row, rows) = rows(CAPACITY);
-    // P9: at most 2√(2 · capacity) of them are looked through.
-    let few = (of_row + rows) * (of_row + rows) <= 8 * CAPACITY;
-    few && shipped::Window::<CLOUDS, CAPACITY>::ROW == of_row
-        && shipped::Window::<CLOUDS, CAPACITY>::ROWS == rows
+pub const fn has_its_levels<const CAPACITY: usize>() -> bool {
+    let (mut len, mut all) = (CAPACITY, 0);
+    while len > 1 {
+        len = len.div_ceil(4);
+        all += len;
+    }
+    // P9: at most three keys are read on each, 15 at 1024.
+    let few = levels(CAPACITY) <= MOST_LEVELS && CAPACITY <= 1 << (2 * levels(CAPACITY));
+    few && all <= CAPACITY
+        && shipped::Window::<CLOUDS, CAPACITY>::LEVELS as usize == levels(CAPACITY)
 }

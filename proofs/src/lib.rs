@@ -37,10 +37,11 @@ mod time;
 // The harnesses of `fusion.rs` have a window of their own. The shipped one is proved by itself, over cells in the place of its
 // arrays; natively it is also there as it is, to compare.
 mod cells;
+mod levels;
 mod window;
 #[rustfmt::skip]
 mod cell_window {
-    use crate::cells::{Cells, Get, GetMut};
+    use crate::cells::{CellsOf as Cells, CopyWithin, Get, GetMut};
     fuseline_proof_macros::over_cells!("core/src/window.rs" without "fn new()" "fn iter(");
 }
 #[cfg(not(any(kani, target_arch = "wasm32")))]
@@ -65,6 +66,7 @@ mod arbitrary;
 #[cfg(not(any(kani, target_arch = "wasm32")))]
 pub mod comparison;
 pub mod harness;
+mod rules;
 mod steps;
 mod valid;
 #[cfg(not(any(kani, target_arch = "wasm32")))]

@@ -2,7 +2,7 @@
 //!
 //! It is written from the words of `SPEC.md` and not from the core, so that it can disagree with the core.
 
-use crate::arbitrary::{earlier, earliest, key_of, rows};
+use crate::arbitrary::{earliest, first_of, key_of, levels};
 use crate::cell_window::{self, DueKey};
 use crate::entry::Entry;
 use crate::fusion::Fusion;
@@ -49,36 +49,52 @@ pub(crate) fn same_key(a: DueKey, b: DueKey) -> bool {
     a.due_minus_one == b.due_minus_one && a.timestamp == b.timestamp
 }
 
-/// What holds of the window: the timestamps ascend, no two have the same entry, and the key of each entry, the first of each row
-/// and the first of all are right. Own and the other one are any two timestamps and any two entries.
+/// What holds of the window: the timestamps ascend, no two have the same entry, and the key of each entry and the first of each
+/// four are right. Own and the other one are any two timestamps, or any two that are free.
 pub(crate) fn is_window<const CLOUDS: usize, const CAPACITY: usize>(
     window: &cell_window::Window<CLOUDS, CAPACITY>,
 ) -> bool {
-    let (timestamps, indices) = (&window.timestamps, &window.entry_indices);
+    let (timestamps, indices, free) = (&window.timestamps, &window.entry_indices, &window.free);
+    let open = window.start..window.start + window.len;
     let [own, other] = timestamps.at;
-    let both_open = own < window.len && other < window.len;
+    let (own_open, other_open) = (open.contains(&own), open.contains(&other));
     let ascend = (own < other) == (timestamps.values[0] < timestamps.values[1]);
-    let entry_index = usize::from(indices.values[0]);
-    let (of_row, _) = const { rows(CAPACITY) };
-    let apart = own != other && indices.values[0] != indices.values[1] || other >= CAPACITY;
+    let entry_index = if own_open { indices.values[0] } else { free.values[0] };
+    let free_len = CAPACITY - window.len;
+    // What is opened next has the last of the free entries; what is retired gives back its own behind them.
+    let first_free = if own_open { free_len } else { free_len.wrapping_sub(1) };
+    let other_free = free.at[1] < free_len && free.at[1] != free.at[0];
+    let apart = (!other_open || indices.values[1] != entry_index)
+        && (!other_free || free.values[1] != entry_index);
     let same_indices = indices.at == timestamps.at
-        && window.entries.at[0] == entry_index
-        && window.keys.at[0] == entry_index
-        && window.row_firsts.at[0] == entry_index / of_row;
+        && free.at[0] == first_free
+        && window.entries.at[0] == usize::from(entry_index)
+        && window.keys.groups[0].at == usize::from(entry_index);
     // F2: a due instant lies after some clock's.
     let due = earliest(&window.entries.values[0]);
-    let is_open = own < window.len;
-    let key = if is_open { key_of(due, timestamps.values[0]) } else { DueKey::NEVER };
-    let row = earlier(window.keys.values[0], window.keys.values[1]);
-    let all = earlier(window.row_firsts.values[0], window.row_firsts.values[1]);
+    let key = if own_open { key_of(due, timestamps.values[0]) } else { DueKey::NEVER };
     window.len <= CAPACITY
-        && (!both_open || ascend)
+        && open.end <= 2 * CAPACITY
+        && (own != other || other >= 2 * CAPACITY)
+        && (!(own_open && other_open) || ascend)
         && apart
         && same_indices
-        && (!is_open || due != Some(Instant::START))
-        && same_key(window.keys.values[0], key)
-        && same_key(window.row_firsts.values[0], row)
-        && same_key(window.first, all)
+        && (!own_open || due != Some(Instant::START))
+        && same_key(window.keys.groups[0].keys[0], key)
+        && has_firsts(window)
+}
+
+/// Whether, on the level that is to be right, own's key is the first of the four below it; the first of all is that of the last level.
+fn has_firsts<const CLOUDS: usize, const CAPACITY: usize>(
+    window: &cell_window::Window<CLOUDS, CAPACITY>,
+) -> bool {
+    let (mut four, mut are_first) = (&window.keys.groups[0], true);
+    for (i, level) in window.firsts.groups[..const { levels(CAPACITY) }].iter().enumerate() {
+        let is_first = i != window.firsts.right || same_key(level.keys[0], first_of(&four.keys));
+        are_first &= is_first && level.at == four.at / 4;
+        four = level;
+    }
+    are_first && same_key(window.first, four.keys[0])
 }
 
 /// What holds of the machine between two inputs, and between two firings, as far as `own` and the window go.

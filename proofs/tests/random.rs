@@ -90,6 +90,8 @@ fn the_modules_are_those_of_the_core() {
             "mod arbitrary;",
             "mod cell_window {",
             "mod cells;",
+            "mod levels;",
+            "mod rules;",
             "mod shipped {",
             "mod steps;",
             "mod valid;",

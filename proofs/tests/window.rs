@@ -1,7 +1,7 @@
 //! The window of the proofs, compared with the one that ships.
 
 use fuseline_proofs::Sources;
-use fuseline_proofs::comparison::{cells_do_what_arrays_do, has_its_rows};
+use fuseline_proofs::comparison::{cells_do_what_arrays_do, has_its_levels};
 
 /// What the cells of `src/cells.rs` do, the arrays of the shipped window do, and what harnesses start from holds of it.
 #[test]
@@ -17,14 +17,14 @@ fn cells_do_what_arrays_do_on_random_windows() {
 
 /// A harness of the window has a few capacities. What the code takes from one is looked at for all.
 #[test]
-fn every_capacity_has_its_rows() {
-    macro_rules! have_rows {
-        ($($high:literal)+; $low:tt) => { $(have_rows!(@ $high $low);)+ };
+fn every_capacity_has_its_levels() {
+    macro_rules! have_levels {
+        ($($high:literal)+; $low:tt) => { $(have_levels!(@ $high $low);)+ };
         (@ $high:literal ($($low:literal)+)) => {
-            $(assert!(const { has_its_rows::<{ $high * 32 + $low + 1 }>() }, "{}", $high * 32 + $low + 1);)+
+            $(assert!(const { has_its_levels::<{ $high * 32 + $low + 1 }>() }, "{}", $high * 32 + $low + 1);)+
         };
     }
-    have_rows!(0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20 21 22 23 24 25 26 27 28 29 30 31;
+    have_levels!(0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20 21 22 23 24 25 26 27 28 29 30 31;
         (0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20 21 22 23 24 25 26 27 28 29 30 31));
 }
 

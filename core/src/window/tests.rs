@@ -23,27 +23,30 @@ fn due_at(nanos: u64) -> Entry<1> {
 const UNARMED: Entry<1> = Entry { slot: Slot::open(false), ..Entry::EMPTY };
 
 /// Checks that the index of each entry is there once, that each entry has the key of its timestamp, and that the first key of
-/// each row and of all is no later than any.
+/// each four and of all is no later than any.
 fn check<const CAPACITY: usize>(window: &Window<1, CAPACITY>) {
-    let mut indices = window.entry_indices;
+    let open = &window.entry_indices.as_flattened()[window.start..window.end()];
+    let empty = &window.free[..CAPACITY - window.len];
+    let mut indices: std::vec::Vec<u16> = open.iter().chain(empty).copied().collect();
     indices.sort_unstable();
     assert!(indices.iter().copied().eq(0..u16::try_from(CAPACITY).unwrap()), "{indices:?}");
-    let (open, empty) = window.entry_indices.split_at(window.len);
-    for (index, timestamp) in open.iter().zip(window.timestamps) {
+    for (index, timestamp) in open.iter().zip(&window.timestamps.as_flattened()[window.start..]) {
         let due = window.entry_at(*index).next_due();
-        assert_eq!(window.keys[usize::from(*index)], DueKey::new(due, timestamp));
+        assert_eq!(window.keys[usize::from(*index)], DueKey::new(due, *timestamp));
     }
     for index in empty {
         assert_eq!(window.keys[usize::from(*index)], DueKey::NEVER);
     }
     let first =
         |keys: &[DueKey]| keys.iter().copied().min_by_key(|key| (key.due_minus_one, key.timestamp));
-    let rows = window.keys.chunks(Window::<1, CAPACITY>::ROW);
-    assert!(rows.len() <= 32 && Window::<1, CAPACITY>::ROW <= 32);
-    assert!(
-        rows.map(first)
-            .eq(window.row_firsts[..Window::<1, CAPACITY>::ROWS].iter().map(|key| Some(*key)))
-    );
+    let (mut below, mut above) = (&window.keys[..], &window.firsts[..]);
+    for _ in 0..Window::<1, CAPACITY>::LEVELS {
+        let (level, rest) = above.split_at(below.len().div_ceil(4));
+        assert!(below.chunks(4).map(first).eq(level.iter().map(|key| Some(*key))));
+        (below, above) = (level, rest);
+    }
+    assert_eq!(below.len(), 1);
+    assert_eq!(below[0], window.first);
     assert_eq!(first(&window.keys), Some(window.first));
 }
 

@@ -38,8 +38,8 @@ pub fn solver(_name: TokenStream, harness: TokenStream) -> TokenStream {
     harness
 }
 
-/// The text of a file of the core with three changes: a field `[T; CAPACITY]` is a `Cells<T, CAPACITY>`, the functions
-/// that begin so are left out, and the file's own documentation is.
+/// The text of a file of the core with three changes: a field `[T; CAPACITY]` or `[[T; CAPACITY]; 2]` is a `Cells<T>`, the
+/// functions that begin so are left out, and the file's own documentation is.
 ///
 /// ```text
 /// over_cells!("core/src/window.rs" without "fn new()" "fn iter(");
@@ -77,9 +77,10 @@ fn over(text: &str, without: &[String]) -> String {
                 until = None;
             }
         } else if !line.starts_with("//!") {
-            let array = line.strip_suffix("; CAPACITY],").and_then(|line| line.split_once(": ["));
+            let array = |begin, end| line.strip_suffix(end)?.split_once(begin);
+            let array = array(": [[", "; CAPACITY]; 2],").or_else(|| array(": [", "; CAPACITY],"));
             match array {
-                Some((field, of)) => out.extend([field, ": Cells<", of, ", CAPACITY>,\n"]),
+                Some((field, of)) => out.extend([field, ": Cells<", of, ">,\n"]),
                 None => out.extend([line, "\n"]),
             }
         }

@@ -1,6 +1,10 @@
 //! One timestamp: from any valid state, under each commit rule, any one cause or offer of any of 15 clouds.
 
 use crate::arbitrary::{any_commit, any_slot, any_source, slot_of};
+use crate::rules::{
+    Bits, as_progressive, bit, bits, forwarded, last_output, output, outranks, reason_to_drop,
+    sent, settled, up_to,
+};
 use crate::slot::{Cause, Commit, Decision, Slot};
 use crate::source::{Source, Sources};
 use crate::steps::{offer_to, step};
@@ -10,103 +14,11 @@ use crate::{DropReason, OfferRefusal};
 /// All that a set of sources has room for.
 const CLOUDS: u8 = Source::COUNT - 1;
 
-/// Four sets as bits: requested, pending, armed, cached.
-type Bits = [u16; 4];
-
-fn bits(slot: Slot) -> Bits {
-    [slot.requested(), slot.pending(), slot.armed(), slot.cached()].map(Sources::bits)
-}
-
-fn bit(source: Source) -> u16 {
-    1 << source.index()
-}
-
-/// Whether a member of the set outranks the source.
-fn outranks(set: u16, source: Source) -> bool {
-    set >> source.index() >> 1 != 0
-}
-
 fn any_cause() -> Cause {
     match kani::any_where(|kind: &u8| *kind < 3) {
         0 => Cause::Result(any_source(CLOUDS)),
         1 => Cause::Failure(any_source(CLOUDS)),
         _ => Cause::Timers(Sources::from_bits(kani::any())),
-    }
-}
-
-/// Local and all up to the source.
-fn up_to(source: Source) -> u16 {
-    bit(source) | (bit(source) - 1)
-}
-
-/// Whose result is sent downstream, if one is.
-fn output(decision: Decision) -> Option<Source> {
-    match decision {
-        Decision::Preliminary { by, .. } | Decision::Forwarded { by, .. } => Some(by),
-        Decision::Dropped(_)
-        | Decision::Held
-        | Decision::Waiting
-        | Decision::Final { .. }
-        | Decision::Missed => None,
-    }
-}
-
-/// Whose result the timestamp ends with, if it is retired with one: it is sent now, or was sent before.
-fn last_output(decision: Decision) -> Option<Source> {
-    match decision {
-        Decision::Final { by } | Decision::Forwarded { by, .. } => Some(by),
-        Decision::Dropped(_)
-        | Decision::Held
-        | Decision::Waiting
-        | Decision::Preliminary { .. }
-        | Decision::Missed => None,
-    }
-}
-
-/// F3, F4 and F9: why a result or a failure is dropped.
-fn reason_to_drop(commit: Commit, sets: Bits, source: Source) -> Option<DropReason> {
-    let ([requested, pending, _, cached], of) = (sets, bit(source));
-    if commit == Commit::Progressive && outranks(cached, source) {
-        Some(DropReason::Superseded)
-    } else if requested & of == 0 {
-        Some(DropReason::Unsolicited)
-    } else if cached & of != 0 {
-        Some(DropReason::Duplicate)
-    } else if pending & of == 0 {
-        Some(DropReason::Late)
-    } else {
-        None
-    }
-}
-
-/// F7: what a forwarded timestamp leaves behind.
-fn forwarded(by: Source, pending: u16) -> (Bits, Decision) {
-    ([0; 4], Decision::Forwarded { by, cancelled: Sources::from_bits(pending & !1) })
-}
-
-/// F9: what an accepted result does under progressive, the first row of F3 that differs.
-fn sent([requested, pending, armed, _]: Bits, by: Source) -> (Bits, Decision) {
-    let cancelled = Sources::from_bits(pending & up_to(by) & !bit(by) & !1);
-    match pending & !up_to(by) {
-        0 => ([0; 4], Decision::Forwarded { by, cancelled }),
-        better => (
-            [requested, better, armed & !up_to(by), bit(by)],
-            Decision::Preliminary { by, cancelled },
-        ),
-    }
-}
-
-/// F6, line by line; F9's of it.
-fn settled(commit: Commit, sets: Bits, timer: bool) -> (Bits, Decision) {
-    let [_, pending, _, cached] = sets;
-    let Some(best) = Sources::from_bits(cached).greatest() else {
-        return if pending == 0 { ([0; 4], Decision::Missed) } else { (sets, Decision::Waiting) };
-    };
-    match commit {
-        Commit::Progressive if pending == 0 => ([0; 4], Decision::Final { by: best }),
-        Commit::Eager if timer => forwarded(best, pending),
-        Commit::Eager | Commit::Patient if !outranks(pending, best) => forwarded(best, pending),
-        Commit::Eager | Commit::Patient | Commit::Progressive => (sets, Decision::Waiting),
     }
 }
 
@@ -618,15 +530,6 @@ pub fn f6_settle_by_the_rule() {
     );
     kani::cover!(matches!(decision, Decision::Final { .. }), "the last output is final");
     kani::cover!(decision == Decision::Missed, "nothing came");
-}
-
-/// The sets of progressive after the inputs that lead patient to these: what is pending outranks the last output, and that is the
-/// best available result.
-fn as_progressive([requested, pending, armed, cached]: Bits) -> Bits {
-    match Sources::from_bits(cached).greatest() {
-        Some(last) => [requested, pending & !up_to(last), armed & !up_to(last), bit(last)],
-        None => [requested, pending, armed, 0],
-    }
 }
 
 /// P13, F9: two timestamps that came to where they are by the same inputs, one under patient and one under progressive, are

@@ -1,19 +1,21 @@
 //! The window of open timestamps, of any size: from any window, each way to change it and each question to it.
 //!
 //! The shipped `window.rs` runs over cells in the place of its arrays (`src/cells.rs`). *Own* is the timestamp that a call is
-//! about, at any rank and with any entry of any row, among any number; the *other* one is any of the others. What is shown here is
-//! the table of `src/window.rs`.
+//! about, at any place and with any entry, among any number; the *other* one is any of the others. What is shown here is the table of
+//! `src/window.rs`.
 //!
 //! A capacity is a constant of the code. Each harness takes the least and the greatest, and some between; what else the code
 //! takes from it, `tests/window.rs` shows of all of them. Of a timestamp's entry a window uses the earliest due instant alone, which
 //! is shown by itself.
 
 use crate::arbitrary::{
-    any_case, any_commit, any_due, any_entry, any_entry_of, any_next_position, any_open_position,
-    any_source, any_timestamp, any_window, earlier, earliest, key_of, rows, slot_of,
+    any_case, any_commit, any_due, any_entry, any_entry_of, any_key, any_next_position,
+    any_open_position, any_source, any_timestamp, any_window, earlier, earliest, key_of, levels,
+    slot_of,
 };
 use crate::cell_window::{DueKey, OpenIndex, Window};
 use crate::entry::Entry;
+use crate::levels::Group;
 use crate::slot::{Commit, Slot};
 use crate::source::{Source, Sources};
 use crate::valid::{is_window, same_key};
@@ -37,7 +39,7 @@ macro_rules! of_capacity {
 
 /// Where own is.
 fn own_index<const CAPACITY: usize>(window: &Window<CLOUDS, CAPACITY>) -> OpenIndex {
-    OpenIndex { rank: window.timestamps.at[0] as u16, entry: window.entry_indices.values[0] }
+    OpenIndex { place: window.timestamps.at[0] as u16, entry: window.entry_indices.values[0] }
 }
 
 fn same_entry(a: &Entry<CLOUDS>, b: &Entry<CLOUDS>) -> bool {
@@ -48,35 +50,48 @@ fn same_entry(a: &Entry<CLOUDS>, b: &Entry<CLOUDS>) -> bool {
     same
 }
 
-/// Whether the other timestamp, the index of its entry, and the first keys of all others are as before. It may have moved to `rank`.
+/// Whether the other timestamp, the index of its entry, the other free entry and the keys beside own's are as before. The other
+/// timestamp may have moved to `place`.
 fn others_stay<const CAPACITY: usize>(
     before: &Window<CLOUDS, CAPACITY>,
     after: &Window<CLOUDS, CAPACITY>,
-    rank: usize,
+    place: usize,
 ) -> bool {
-    after.timestamps.at[1] == rank
-        && after.entry_indices.at[1] == rank
+    let mut same = after.timestamps.at[1] == place
+        && after.entry_indices.at[1] == place
         && after.timestamps.values[1] == before.timestamps.values[1]
         && after.entry_indices.values[1] == before.entry_indices.values[1]
-        && same_key(after.keys.values[1], before.keys.values[1])
-        && same_key(after.row_firsts.values[1], before.row_firsts.values[1])
+        && after.free.at[1] == before.free.at[1]
+        && after.free.values[1] == before.free.values[1];
+    for (now, then) in fours(after).zip(fours(before)) {
+        for beside in 1..4 {
+            same &= same_key(now.keys[beside], then.keys[beside]);
+        }
+    }
+    same
 }
 
-/// Whether the same timestamps are open, with the same ranks and entries.
+/// The fours that own's key is in.
+fn fours<const CAPACITY: usize>(window: &Window<CLOUDS, CAPACITY>) -> impl Iterator<Item = &Group> {
+    let above = &window.firsts.groups[..const { levels(CAPACITY) }];
+    window.keys.groups[..1].iter().chain(above)
+}
+
+/// Whether the same timestamps are open, at the same places and with the same entries.
 fn same_order<const CAPACITY: usize>(
     before: &Window<CLOUDS, CAPACITY>,
     after: &Window<CLOUDS, CAPACITY>,
 ) -> bool {
-    after.len == before.len
+    (after.start, after.len) == (before.start, before.len)
         && after.timestamps.at == before.timestamps.at
         && after.timestamps.values[0] == before.timestamps.values[0]
         && after.entry_indices.values[0] == before.entry_indices.values[0]
         && others_stay(before, after, before.timestamps.at[1])
 }
 
-/// How many keys were read: P9 allows those of a row and of the rows, or none.
+/// How many keys were read besides own's. P9 allows three on each level, or none.
 fn reads<const CAPACITY: usize>(window: &Window<CLOUDS, CAPACITY>) -> usize {
-    window.keys.reads.get() + window.row_firsts.reads.get()
+    fours(window).map(|four| four.reads.get()).sum()
 }
 
 /// P9: the earliest due instant of a timestamp is that of one of its armed timers, and none of them is due before.
@@ -119,7 +134,7 @@ fn found<const CAPACITY: usize>() -> (bool, bool) {
         kani::assert(is_there, "P9: its entry is there");
         kani::assert(window.timestamp(index) == sought, "P9: it is of that timestamp");
     }
-    (is_open, position.rank > 0)
+    (is_open, position.place > position.start)
 }
 
 /// P9, F8: lookup finds what is open and nothing else.
@@ -134,6 +149,10 @@ pub fn p9_lookup() {
     kani::cover!(!found, "there is none");
 }
 
+fn no_later(a: DueKey, b: DueKey) -> bool {
+    same_key(earlier(a, b), a)
+}
+
 fn next<const CAPACITY: usize>() -> (bool, bool) {
     let entry = any_entry(any_commit());
     let window = any_window::<CLOUDS, CAPACITY>(any_open_position::<CAPACITY>(), entry);
@@ -142,8 +161,18 @@ fn next<const CAPACITY: usize>() -> (bool, bool) {
     // The first key is that of one of them.
     let is_first = same_key(window.first, own);
     let is_armed = !same_key(own, DueKey::NEVER);
-    let no_later = same_key(earlier(window.first, own), window.first);
-    kani::assert(no_later, "P9: no timer is due before the next due instant");
+    // On each level by itself: so no key is before the first of all, since what precedes one that precedes another precedes it.
+    let mut below = &window.keys.groups[0];
+    for (i, level) in window.firsts.groups[..const { levels(CAPACITY) }].iter().enumerate() {
+        let precedes = i != window.firsts.right || no_later(level.keys[0], below.keys[0]);
+        kani::assert(precedes, "P9: no timer is due before the first of its four");
+        below = level;
+    }
+    let is_last = same_key(window.first, below.keys[0]);
+    kani::assert(is_last, "P9: the next due instant is that of the last level");
+    let [a, b, c] = [any_key(), any_key(), any_key()];
+    let is_order = no_later(a, c) || !no_later(a, b) || !no_later(b, c);
+    kani::assert(is_order, "P9: so no timer is due before the next due instant");
     kani::assert(reads(&window) == 0, "P9: the next due instant takes one look");
     let is_none = same_key(window.first, DueKey::NEVER);
     kani::assert(due.is_none() == is_none, "P9: nothing is due if nothing is armed");
@@ -157,7 +186,7 @@ fn next<const CAPACITY: usize>() -> (bool, bool) {
         found == Some(own_index(&window)),
         "F5: of those due then the least timestamp fires",
     );
-    (false, window.row_firsts.values[1].due_minus_one == own.due_minus_one)
+    (false, window.keys.groups[0].keys[1].due_minus_one == own.due_minus_one)
 }
 
 /// P9, F5, A23: the next due instant is the least armed one, and the least timestamp that is due then fires.
@@ -172,25 +201,31 @@ pub fn p9_next_due() {
     kani::cover!(is_tie, "two are due at one instant");
 }
 
-fn pushed<const CAPACITY: usize>() -> (usize, bool) {
+fn pushed<const CAPACITY: usize>() -> (usize, bool, bool) {
     let position = any_next_position::<CAPACITY>();
     let before = any_window::<CLOUDS, CAPACITY>(position, any_entry(any_commit()));
     let (timestamp, entry) = (any_timestamp(), any_entry(any_commit()));
-    let is_behind = before.timestamps.at[1] >= before.len;
-    kani::assume(is_behind || before.timestamps.values[1] < timestamp);
+    let other = before.timestamps.at[1];
+    let is_open = before.start <= other && other < position.place;
+    kani::assume(!is_open || before.timestamps.values[1] < timestamp);
     let mut after = before.clone();
     let added = after.push(timestamp, entry);
     kani::assert(added == (position.len < CAPACITY), "P9: there is room for the capacity");
     kani::assert(after.len == position.len + usize::from(added), "P9: it is one more");
     kani::assert(is_window(&after), "P9: it is a window");
-    let same = others_stay(&before, &after, before.timestamps.at[1]) && reads(&after) == 0;
+    let moved = added && position.place == 2 * CAPACITY;
+    kani::assert(after.start == if moved { 0 } else { before.start }, "P9: all move at the end");
+    // What is not open may be written over.
+    let place = if moved && !is_open { after.timestamps.at[1] } else { other };
+    let place = if moved && is_open { other - before.start } else { place };
+    let same = others_stay(&before, &after, place) && reads(&after) == 0;
     kani::assert(same, "P9: only its own timestamp changes, and no other is looked at");
     if added {
         let is_there = after.timestamps.values[0] == timestamp;
         let is_stored = same_entry(&after.entries.values[0], &entry);
         kani::assert(is_there && is_stored, "P9: it is there with its entry");
     }
-    (position.len, added)
+    (position.len, added, moved && is_open)
 }
 
 /// P9, F1, F8: opening adds the timestamp and changes no other.
@@ -202,9 +237,10 @@ fn pushed<const CAPACITY: usize>() -> (usize, bool) {
 #[kani::proof]
 #[kani::unwind(18)]
 pub fn p9_open() {
-    let (len, added) = of_capacity!(pushed);
+    let (len, added, moved) = of_capacity!(pushed);
     kani::cover!(len == 0 && added, "it is the first");
     kani::cover!(!added, "it is full");
+    kani::cover!(moved, "all move to the start");
 }
 
 /// Any sets of a timestamp for which this source was not requested, or that was opened just now.
@@ -272,8 +308,8 @@ fn set<const CAPACITY: usize>() -> (bool, bool) {
     after.set(own_index(&before), slot);
     kani::assert(is_window(&after), "P9: it is a window");
     kani::assert(same_order(&before, &after), "P9: only its own timestamp changes");
-    let (of_row, rows) = const { rows(CAPACITY) };
-    kani::assert(reads(&after) <= of_row + rows, "P9: the keys of a row are read, and of the rows");
+    let most = const { 3 * levels(CAPACITY) };
+    kani::assert(reads(&after) <= most, "P9: at most three keys are read on each level");
     let wanted = Entry { slot, ..entry };
     kani::assert(same_entry(&after.entries.values[0], &wanted), "P9: it has the new state");
     let fewer = entry.slot.armed() != slot.armed();
@@ -292,23 +328,35 @@ pub fn p9_close() {
     kani::cover!(is_other, "the next due is another");
 }
 
-fn removed<const CAPACITY: usize>() -> (bool, bool) {
+fn removed<const CAPACITY: usize>() -> (bool, bool, bool) {
     let entry = any_entry(any_commit());
     let before = any_window::<CLOUDS, CAPACITY>(any_open_position::<CAPACITY>(), entry);
-    let [rank, other] = before.timestamps.at;
+    let [own, other] = before.timestamps.at;
+    let open = before.start..before.start + before.len;
     let mut after = before.clone();
     after.remove(own_index(&before));
     kani::assert(is_window(&after), "P9: it is a window");
     kani::assert(after.len + 1 == before.len, "P9: it is one less");
-    let is_free = after.entry_indices.at[0] == after.len
-        && after.entry_indices.values[0] == before.entry_indices.values[0];
-    kani::assert(is_free, "P9: it is open no more, and its entry is the first of the free ones");
-    let is_behind = rank < other && other < before.len;
-    let moved = others_stay(&before, &after, other - usize::from(is_behind));
-    kani::assert(moved, "P9: those behind it move up by one rank, their entries stay");
-    let (of_row, rows) = const { rows(CAPACITY) };
-    kani::assert(reads(&after) <= of_row + rows, "P9: the keys of a row are read, and of the rows");
-    (is_behind, !same_key(after.first, before.first))
+    let places = after.start..after.start + after.len;
+    let is_free = !places.contains(&after.timestamps.at[0])
+        && after.free.values[0] == before.entry_indices.values[0];
+    kani::assert(is_free, "P9: it is open no more, and its entry is the last of the free ones");
+    // Of those that are open each has as many before it as it had, own not counted.
+    let is_behind = own < other && open.contains(&other);
+    let place = if open.contains(&other) {
+        after.start + (other - before.start) - usize::from(is_behind)
+    } else {
+        after.timestamps.at[1]
+    };
+    let moved = others_stay(&before, &after, place);
+    kani::assert(moved, "P9: those before it or behind it move by one place, their entries stay");
+    let move_up = after.start > before.start;
+    let move_count = if move_up { own - open.start } else { open.end - 1 - own };
+    kani::assert(2 * move_count < before.len, "P9: less than half of them move");
+    let most = const { 3 * levels(CAPACITY) };
+    kani::assert(reads(&after) <= most, "P9: at most three keys are read on each level");
+    let changes_place = open.contains(&other) && after.timestamps.at[1] != other;
+    (is_behind && changes_place, !is_behind && changes_place, !same_key(after.first, before.first))
 }
 
 /// P9, F7: retiring a timestamp changes no other, leaves a window, and its entry is free again.
@@ -318,7 +366,8 @@ fn removed<const CAPACITY: usize>() -> (bool, bool) {
 #[kani::proof]
 #[kani::unwind(18)]
 pub fn p9_retire() {
-    let (is_behind, is_other) = of_capacity!(removed);
-    kani::cover!(is_behind, "another moves up");
+    let (down, up, is_other) = of_capacity!(removed);
+    kani::cover!(down, "one behind it moves down");
+    kani::cover!(up, "one before it moves up");
     kani::cover!(is_other, "the next due is another");
 }
