@@ -95,7 +95,7 @@ impl<V, R> Engine<V, R> {
         self.firings = firings;
         let now = self.arbiter.now();
         if self.recordings.is_any() {
-            let commit = self.arbiter.fusion().commit();
+            let commit = self.arbiter.commit();
             self.recordings.record((input, &annotations()), (commit, now), answer);
         }
         now
