@@ -12,7 +12,7 @@ use std::io;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use fuseline_core::{Admission, ConfigError, Firing, Opening};
+use fuseline_core::{Admission, ConfigError, Opening};
 use fuseline_deadline::{End, Policy, Situation};
 use fuseline_traces::{Annotations, Header, Input};
 
@@ -129,7 +129,7 @@ impl<V, R> Engine<V, R> {
     /// one more ends the oldest.
     pub fn set_linger(&mut self, p: u16, linger: Duration) {
         if let Some(index) = self.sources.cloud(p) {
-            self.sources[index].linger = nanos(linger);
+            self.sources.set_linger(index, nanos(linger));
         }
     }
 
@@ -314,7 +314,7 @@ impl<V, R> Engine<V, R> {
                 self.sources[index].push(waiting);
             }
         }
-        self.start_waiting(now);
+        self.start_offered(now, index);
     }
 
     /// F3: a source's result came.
