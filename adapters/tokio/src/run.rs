@@ -20,9 +20,8 @@ use crate::call::Call;
 use crate::drive::{Incoming, Sent, Start, Transport};
 use crate::outbox::Outbox;
 use crate::panics::reason;
-use crate::setup::{
-    BoxedRequest, HintHandler, Registered, SituationSource, StateHandler, SubstituteHandler,
-};
+use crate::pending_call::BoxedRequest;
+use crate::setup::{HintHandler, Registered, SituationSource, StateHandler, SubstituteHandler};
 use crate::side::SideRunner;
 use crate::stream::{Reader, StreamMessage};
 use crate::workers::Workers;
@@ -149,9 +148,10 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
         let Start { priority, timestamp, left, request } = start;
         match request {
             Work::Local(message) => self.workers.compute(message, timestamp),
-            Work::Call(request, lineage) => {
+            Work::Call(mut request, lineage) => {
                 let call = Call::new(timestamp, left, priority, self.counting.clone());
-                Sent::Call(request(call.with_lineage(lineage)))
+                request.as_mut().begin(call.with_lineage(lineage));
+                Sent::Call(request)
             }
         }
     }

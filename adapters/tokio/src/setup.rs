@@ -9,7 +9,6 @@ use std::time::Duration;
 
 use fuseline_deadline::{Policy, Situation};
 use fuseline_engine::{Counting, Hint, Item, StampedValue};
-use futures_util::future::BoxFuture;
 use tokio::time::Instant;
 use tracing::error;
 
@@ -17,6 +16,7 @@ use crate::Error;
 use crate::call::Call;
 use crate::carried_state::CarriedState;
 use crate::panics::reason;
+use crate::pending_call::{self, BoxedRequest};
 use crate::side::{SideCall, SideRegistration, SideRequest, SideResponse};
 
 /// Registers an operator's clouds, up to 15, and what goes with them.
@@ -73,9 +73,6 @@ pub(crate) type SituationSource<I> = Box<dyn FnMut(&I, u64) -> Situation<'static
 /// What to send, if anything, and how long the cloud may take.
 pub(crate) type MessageHandler<I, O> =
     Box<dyn FnMut(&I, u64) -> Option<(BoxedRequest<O>, Duration)> + Send>;
-/// A request that knows its handle and its response handler.
-pub(crate) type BoxedRequest<O> =
-    Box<dyn FnOnce(Call) -> BoxFuture<'static, Result<StampedValue<O>, Error>> + Send>;
 
 impl<I, O: Send + 'static> Setup<I, O> {
     pub(crate) const fn new() -> Self {
@@ -139,10 +136,8 @@ impl<I, O: Send + 'static> Setup<I, O> {
         let message_handler = move |message: &I, timestamp| {
             let (request, deadline) = message_handler(message, timestamp)?;
             let handlers = Arc::clone(&handlers);
-            let request: BoxedRequest<O> = Box::new(move |call| {
-                Box::pin(async move { (handlers.1)((handlers.0)(request, call).await?) })
-            });
-            Some((request, deadline))
+            let make = move |call| async move { (handlers.1)((handlers.0)(request, call).await?) };
+            Some((pending_call::request(make), deadline))
         };
         let cloud = Cloud {
             name: format!("cloud-{priority}"),
