@@ -30,6 +30,8 @@ use crate::workers::Workers;
 pub(crate) struct Streams<I, O> {
     pub(crate) input: Reader<I>,
     pub(crate) clouds: Vec<Registered<I, O>>,
+    /// Whether policies run between the message handlers.
+    pub(crate) has_policies: bool,
     pub(crate) situation: Option<SituationSource<I>>,
     pub(crate) sides: Vec<SideRunner<I>>,
     pub(crate) hints: Option<HintHandler<O>>,
@@ -104,9 +106,12 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
         timestamp: u64,
         message: &StreamMessage<I>,
     ) -> impl Iterator<Item = Offer<Work<I, O>>> {
-        let Self { clouds, counting, .. } = self;
+        let Self { clouds, has_policies, counting, .. } = self;
+        let mut ended = None;
         clouds.iter_mut().filter_map(move |cloud| {
-            let (request, deadline) = cloud.request(&message.message, timestamp, counting)?;
+            ended = ended.filter(|_| !*has_policies);
+            let requested = cloud.request(&message.message, timestamp, counting, &mut ended);
+            let (request, deadline) = requested?;
             let request = Work::Call(request, message.lineage.clone());
             Some(Offer { priority: cloud.priority, deadline, request })
         })

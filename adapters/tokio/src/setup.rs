@@ -260,16 +260,19 @@ impl Cloud {
 }
 
 impl<I, O> Registered<I, O> {
-    /// What the message handler wants to send; nothing if it panics.
+    /// What the message handler wants to send; nothing if it panics. `ended` is when the handler before it did, if nothing of the
+    /// user's has run since, and then when this one does.
     pub(crate) fn request(
         &mut self,
         message: &I,
         timestamp: u64,
         counting: &Counting,
+        ended: &mut Option<Instant>,
     ) -> Option<(BoxedRequest<O>, Duration)> {
-        let begin = Instant::now();
+        let begin = ended.unwrap_or_else(Instant::now);
         let wanted = catch_unwind(AssertUnwindSafe(|| (self.message_handler)(message, timestamp)));
-        counting.ran(Some(self.priority), begin.elapsed());
+        let end = *ended.insert(Instant::now());
+        counting.ran(Some(self.priority), end.saturating_duration_since(begin));
         wanted.unwrap_or_else(|panic| {
             let why = reason(&*panic);
             error!(timestamp, cloud = %self.cloud.name, why, "the message handler panicked");

@@ -30,11 +30,8 @@ impl WakeFlag {
         Arc::clone(&self.flag_waker)
     }
 
-    /// Polls if the flag is set; it stays set unless nothing was ready.
+    /// Polls whose flag is set; it stays set unless nothing was ready.
     pub(super) fn poll<T>(&self, poll: impl FnOnce(&mut Context<'_>) -> Poll<T>) -> Poll<T> {
-        if !self.is_set() {
-            return Poll::Pending;
-        }
         self.flag_waker.is_set.store(false, Ordering::Release);
         let polled = poll(&mut Context::from_waker(&self.waker));
         if polled.is_ready() {
