@@ -33,14 +33,13 @@ use std::time::Duration;
 
 use fuseline_engine::{Effect, Engine, Hint, Item, Lineage, Offer, Situation, StampedValue};
 use futures_util::future::BoxFuture;
-use futures_util::task::AtomicWaker;
 
 use crate::Error;
 use crate::drive::calls::Calls;
 use crate::drive::clock::DriverClock;
 use crate::drive::spans::MessageSpans;
 use crate::drive::timers::Timer;
-use crate::drive::wake_flag::WakeFlag;
+use crate::drive::wake_flag::WakeFlags;
 use crate::error_chain::ErrorChain;
 use crate::panics::panicked;
 
@@ -187,8 +186,7 @@ pub struct Driver<T: Transport> {
     /// Who has the next turn.
     turn: usize,
     /// Of calls, transport and timer.
-    wake_flags: [WakeFlag; TURNS],
-    waker: Arc<AtomicWaker>,
+    wake_flags: WakeFlags,
     is_last: bool,
 }
 
@@ -231,12 +229,11 @@ impl<T: Transport> Driver<T> {
         timers: Timers,
     ) -> io::Result<Self> {
         let timer = Timer::new(timers)?;
-        let waker = Arc::new(AtomicWaker::new());
-        let wake_flags = [(); TURNS].map(|()| WakeFlag::new(&waker));
+        let wake_flags = WakeFlags::new();
         let clock = DriverClock::new();
         engine.set_start(clock.start());
         Ok(Self {
-            calls: Calls::new(wake_flags[CALLS].flag_waker(), engine.counts()),
+            calls: Calls::new(wake_flags.driver(), engine.counts()),
             engine,
             transport,
             clock,
@@ -247,7 +244,6 @@ impl<T: Transport> Driver<T> {
             unsent: Vec::new(),
             turn: 0,
             wake_flags,
-            waker,
             is_last: false,
         })
     }
@@ -265,7 +261,7 @@ impl<T: Transport> Driver<T> {
             {
                 self.timer.set(self.clock.instant(due));
                 self.armed = Some(due);
-                self.wake_flags[TIMER].set();
+                self.wake_flags.set(TIMER);
             }
             let turn = poll_fn(|context| self.poll_turn(context)).await;
             match turn {
@@ -295,10 +291,10 @@ impl<T: Transport> Driver<T> {
         for _ in 0..TURNS {
             let turn = *next;
             *next = if turn + 1 < TURNS { turn + 1 } else { 0 };
-            if !wake_flags[turn].is_set() {
+            if !wake_flags.is_set(turn) {
                 continue;
             }
-            let ready = wake_flags[turn].poll(|context| match turn {
+            let ready = wake_flags.poll(turn, |context| match turn {
                 CALLS => calls.poll_completion(*clock, context).map(|(completion, ended)| {
                     (PollTurn::Transport(Incoming::Completion(completion)), ended)
                 }),
@@ -315,11 +311,7 @@ impl<T: Transport> Driver<T> {
                 return Poll::Ready(ready);
             }
         }
-        self.waker.register(context.waker());
-        // One may have been set before the waker was registered.
-        if wake_flags.iter().any(WakeFlag::is_set) {
-            context.waker().wake_by_ref();
-        }
+        wake_flags.wait(context);
         Poll::Pending
     }
 
@@ -378,7 +370,7 @@ impl<T: Transport> Driver<T> {
                 }
                 // With a new request the transport may have something new to wait for, or with an output that waits.
                 if !is_output || !self.transport.is_delivered() {
-                    self.wake_flags[TRANSPORT].set();
+                    self.wake_flags.set(TRANSPORT);
                 }
             }
             if self.unsent.is_empty() {
@@ -398,7 +390,7 @@ impl<T: Transport> Driver<T> {
         match sent.unwrap_or_else(|panic| Sent::Failed(panicked(&*panic))) {
             Sent::Call(call) => {
                 self.calls.begin((priority, timestamp), call, span);
-                self.wake_flags[CALLS].set();
+                self.wake_flags.set(CALLS);
             }
             Sent::Away => self.spans.wait((priority, timestamp), span),
             Sent::Failed(error) => {

@@ -4,8 +4,8 @@
 
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
 use std::task::{Context, Poll, Wake, Waker};
 use std::time::Duration;
 
@@ -22,7 +22,7 @@ use crate::drive::Completion;
 use crate::drive::clock::DriverClock;
 use crate::drive::measured_call::MeasuredCall;
 use crate::drive::spans::TracedCall;
-use crate::drive::wake_flag::FlagWaker;
+use crate::drive::wake_flag::DriverWaker;
 use crate::panics::{guarded, panicked};
 
 /// Priority and timestamp.
@@ -52,7 +52,7 @@ pub(super) struct InlineCalls<V> {
     under_way: FxHashMap<CallKey, usize>,
     /// The slots that were woken, in that order.
     turns: VecDeque<usize>,
-    woken: Arc<WokenSlots>,
+    driver: Arc<DriverWaker>,
     counting: Counting,
 }
 
@@ -71,21 +71,15 @@ struct RunningCall<V> {
 
 /// Wakes the driver for one slot's call.
 struct SlotWaker {
-    woken: Arc<WokenSlots>,
+    driver: Arc<DriverWaker>,
     index: usize,
     /// Whether the slot is already among the woken.
     is_woken: AtomicBool,
 }
 
-/// The slots that were woken since the driver looked.
-struct WokenSlots {
-    slots: Mutex<Vec<usize>>,
-    flag_waker: Arc<FlagWaker>,
-}
-
 impl<V: Send + 'static> Calls<V> {
-    /// No calls, on the current runtime; `flag_waker` wakes the driver for them, and what blocks is counted by `counting`.
-    pub(super) fn new(flag_waker: Arc<FlagWaker>, counting: Counting) -> Self {
+    /// No calls, on the current runtime; `driver` wakes the driver for them, and what blocks is counted by `counting`.
+    pub(super) fn new(driver: Arc<DriverWaker>, counting: Counting) -> Self {
         let flavor = Handle::try_current().map(|runtime| runtime.runtime_flavor());
         if matches!(flavor, Ok(RuntimeFlavor::CurrentThread)) {
             return Self::InlineCalls(InlineCalls {
@@ -93,7 +87,7 @@ impl<V: Send + 'static> Calls<V> {
                 free: Vec::new(),
                 under_way: FxHashMap::default(),
                 turns: VecDeque::new(),
-                woken: Arc::new(WokenSlots { slots: Mutex::default(), flag_waker }),
+                driver,
                 counting,
             });
         }
@@ -163,8 +157,9 @@ impl<V: Send + 'static> Calls<V> {
 impl<V> InlineCalls<V> {
     fn begin(&mut self, running: RunningCall<V>) {
         let index = self.free.pop().unwrap_or_else(|| {
-            let (index, woken) = (self.slots.len(), Arc::clone(&self.woken));
-            let slot_waker = Arc::new(SlotWaker { woken, index, is_woken: AtomicBool::new(false) });
+            let (index, driver) = (self.slots.len(), Arc::clone(&self.driver));
+            let slot_waker =
+                Arc::new(SlotWaker { driver, index, is_woken: AtomicBool::new(false) });
             let waker = Waker::from(Arc::clone(&slot_waker));
             self.slots.push(CallSlot { call: None, slot_waker, waker });
             index
@@ -182,9 +177,7 @@ impl<V> InlineCalls<V> {
         clock: DriverClock,
         context: &mut Context<'_>,
     ) -> Poll<(Completion<V>, u64)> {
-        let mut woken = self.woken.slots.lock().unwrap_or_else(PoisonError::into_inner);
-        self.turns.extend(woken.drain(..));
-        drop(woken);
+        self.turns.extend(self.driver.woken().drain(..));
         // Where one call's poll ends the next one's begins.
         let mut ended = None;
         // A call that wakes itself again and again waits until others have had their turns.
@@ -285,10 +278,7 @@ impl Wake for SlotWaker {
 
     fn wake_by_ref(self: &Arc<Self>) {
         if !self.is_woken.swap(true, Ordering::AcqRel) {
-            let mut slots = self.woken.slots.lock().unwrap_or_else(PoisonError::into_inner);
-            slots.push(self.index);
-            drop(slots);
-            self.woken.flag_waker.wake_by_ref();
+            self.driver.wake_slot(self.index);
         }
     }
 }
