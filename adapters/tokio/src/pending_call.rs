@@ -26,24 +26,24 @@ where
     M: FnOnce(Call) -> F + Send + 'static,
     F: Future<Output = Result<StampedValue<O>, Error>> + Send + 'static,
 {
-    Box::pin(CloudRequest::Waiting { make: Some(make) })
+    Box::pin(PinnedRequest::Waiting { make: Some(make) })
 }
 
 pin_project! {
-    #[project = CloudRequestStage]
-    enum CloudRequest<M, F> {
+    #[project = PinnedRequestStage]
+    enum PinnedRequest<M, F> {
         Waiting { make: Option<M> },
         Begun { #[pin] call: F },
     }
 }
 
-impl<O, M, F> PendingCall<O> for CloudRequest<M, F>
+impl<O, M, F> PendingCall<O> for PinnedRequest<M, F>
 where
     M: FnOnce(Call) -> F + Send,
     F: Future<Output = Result<StampedValue<O>, Error>> + Send,
 {
     fn begin(mut self: Pin<&mut Self>, call: Call) {
-        if let CloudRequestStage::Waiting { make } = self.as_mut().project()
+        if let PinnedRequestStage::Waiting { make } = self.as_mut().project()
             && let Some(make) = make.take()
         {
             self.set(Self::Begun { call: make(call) });
@@ -51,13 +51,13 @@ where
     }
 }
 
-impl<M, F: Future> Future for CloudRequest<M, F> {
+impl<M, F: Future> Future for PinnedRequest<M, F> {
     type Output = F::Output;
 
     fn poll(self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<F::Output> {
         match self.project() {
-            CloudRequestStage::Begun { call } => call.poll(context),
-            CloudRequestStage::Waiting { .. } => Poll::Pending,
+            PinnedRequestStage::Begun { call } => call.poll(context),
+            PinnedRequestStage::Waiting { .. } => Poll::Pending,
         }
     }
 }
