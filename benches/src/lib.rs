@@ -1,5 +1,6 @@
 //! What the benches share: the machines compared and the arrivals they are given.
 
+pub mod adapter;
 pub mod arrivals;
 pub mod baseline;
 pub mod beside;

@@ -101,7 +101,7 @@ impl Counts {
 
     /// Counts a failure of a handler of the operator's own.
     fn handler_failed(&self) {
-        add(&self.handler_failures, 1);
+        add_shared(&self.handler_failures, 1);
         self.meters.handler_failures.increment(1);
     }
 
@@ -247,13 +247,13 @@ impl SourceCounts {
             CountedEvent::Dropped(why) => add_at(&self.dropped, why.index()),
             CountedEvent::Failed => add(&self.failed, 1),
             CountedEvent::Lost => add(&self.lost, 1),
-            CountedEvent::HandlerFailed => add(&self.handler_failures, 1),
+            CountedEvent::HandlerFailed => add_shared(&self.handler_failures, 1),
             CountedEvent::PolicyFailed => add(&self.policy_failures, 1),
-            CountedEvent::HeldUp => add(&self.held_up, 1),
+            CountedEvent::HeldUp => add_shared(&self.held_up, 1),
             CountedEvent::FailureDropped(why) => add_at(&self.failures_dropped, why.index()),
             CountedEvent::Timer => add(&self.timers, 1),
             CountedEvent::Cancelled => add(&self.cancelled, 1),
-            CountedEvent::Sent { bytes } => add(&self.sent_bytes, bytes),
+            CountedEvent::Sent { bytes } => add_shared(&self.sent_bytes, bytes),
         }
     }
 
@@ -282,7 +282,13 @@ impl SourceCounts {
     }
 }
 
+/// Only for what the engine alone counts, one input after the other: no other addition can come between.
 fn add(cell: &AtomicU64, count: u64) {
+    cell.store(read(cell).wrapping_add(count), Ordering::Relaxed);
+}
+
+/// For what calls and handlers count, in any thread.
+fn add_shared(cell: &AtomicU64, count: u64) {
     cell.fetch_add(count, Ordering::Relaxed);
 }
 

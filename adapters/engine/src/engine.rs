@@ -1,7 +1,7 @@
 //! One operator without its clock, its threads and its network: inputs are methods, and what is to be
 //! done comes out as effects.
 //!
-//! Each input is one call of the [`Arbiter`], which decides. What follows from its answers is in
+//! Each input is one call of the [`SizedArbiter`], which decides. What follows from its answers is in
 //! [`outcomes`]; nothing here or there decides anything about time or rank.
 
 mod outcomes;
@@ -12,11 +12,11 @@ use std::io;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use fuseline_core::{Admission, ConfigError, Firing, Opening};
+use fuseline_core::{Admission, ConfigError, Opening};
 use fuseline_deadline::{End, Policy, Situation};
 use fuseline_traces::{Annotations, Header, Input};
 
-use crate::arbiter::{Answer, Arbiter};
+use crate::arbiter::Answer;
 use crate::budget::Budget;
 use crate::counts::{Counting, Counts};
 use crate::eager_notice::EagerNotice;
@@ -30,11 +30,12 @@ use crate::policies::Policies;
 use crate::queue::Waiting;
 use crate::reasons::words;
 use crate::recordings::Recordings;
+use crate::sized_arbiter::{ServedFirings, SizedArbiter};
 use crate::sources::{LOCAL, SourceQueues};
 use crate::writer::{Sink, TraceWriter};
 
 /// The most clouds that a header may have.
-const CLOUDS: usize = 15;
+pub(crate) const CLOUDS: usize = 15;
 
 /// One operator: the core, the values it holds, the queues to its sources, its counts and its
 /// recordings.
@@ -53,9 +54,8 @@ const CLOUDS: usize = 15;
 /// - effects: [`next_effect`](Self::next_effect)
 /// - questions: [`next_due`](Self::next_due), [`is_idle`](Self::is_idle), [`counts`](Self::counts)
 pub struct Engine<V, R> {
-    arbiter: Arbiter<CLOUDS>,
-    /// What fired before the current input, and when it was served.
-    firings: Vec<(u64, Firing<CLOUDS>)>,
+    arbiter: SizedArbiter,
+    firings: ServedFirings,
     operator: Arc<str>,
     sources: SourceQueues<R>,
     local: Local,
@@ -85,7 +85,7 @@ impl<V, R> Engine<V, R> {
     /// # Errors
     /// The first [`ConfigError`] that holds.
     pub fn new(header: &Header, at_once: &[usize], local: Local) -> Result<Self, ConfigError> {
-        let arbiter = Arbiter::new(header)?;
+        let arbiter = SizedArbiter::new(header)?;
         let operator: Arc<str> = header.operator.as_deref().unwrap_or("operator").into();
         let sources = SourceQueues::new(header, at_once, local);
         let named: Vec<Source> = sources.iter().map(|queue| queue.source.clone()).collect();
@@ -129,7 +129,7 @@ impl<V, R> Engine<V, R> {
     /// one more ends the oldest.
     pub fn set_linger(&mut self, p: u16, linger: Duration) {
         if let Some(index) = self.sources.cloud(p) {
-            self.sources[index].linger = nanos(linger);
+            self.sources.set_linger(index, nanos(linger));
         }
     }
 
@@ -246,8 +246,7 @@ impl<V, R> Engine<V, R> {
         // E3: local too ends with the budget.
         let left = budget.map(|budget| budget.for_local(at, self.has_substitutes));
         let deadline = deadline.into_iter().chain(left).min().map(nanos);
-        let opening =
-            self.arbiter.open(at, t, deadline, |at, firing| self.firings.push((at, *firing)));
+        let opening = self.arbiter.open(at, t, deadline, &mut self.firings);
         let instant = if lineage.is_some() { self.instant(at) } else { None };
         let counts_from_now = self.has_doubtful_ages;
         let annotations = || match &lineage {
@@ -298,9 +297,7 @@ impl<V, R> Engine<V, R> {
         let deadline = self.greatest_deadline.of_offer(deadline, (&self.operator, p), is_cap);
         let Some(deadline) = self.deadline(at, (t, p), deadline, backlog) else { return };
         let (p, deadline) = (p.into(), nanos(deadline));
-        let admission = self.arbiter.offer(at, (t, p), deadline, backlog, |at, firing| {
-            self.firings.push((at, *firing));
-        });
+        let admission = self.arbiter.offer(at, (t, p), deadline, backlog, &mut self.firings);
         let input = Input::Offer { at, t, p, deadline, backlog };
         let now = self.conclude(&input, &Answer::Offer { t, p, admission });
         match (admission, index) {
@@ -317,7 +314,7 @@ impl<V, R> Engine<V, R> {
                 self.sources[index].push(waiting);
             }
         }
-        self.start_waiting(now);
+        self.start_offered(now, index);
     }
 
     /// F3: a source's result came.
@@ -335,8 +332,7 @@ impl<V, R> Engine<V, R> {
             self.log_recovery(at, index);
             self.ended(at, t, index, End::Answered);
         }
-        let outcome =
-            self.arbiter.result(at, (t, p.into()), |at, firing| self.firings.push((at, *firing)));
+        let outcome = self.arbiter.result(at, (t, p.into()), &mut self.firings);
         let input = Input::Result { at, t, p: p.into() };
         let annotations = || Annotations { of, ..Annotations::NONE };
         let answer = Answer::Result { t, p: p.into(), outcome };
@@ -355,8 +351,7 @@ impl<V, R> Engine<V, R> {
         if let Some(index) = index {
             self.ended(at, t, index, End::Failed);
         }
-        let outcome =
-            self.arbiter.fail(at, (t, p.into()), |at, firing| self.firings.push((at, *firing)));
+        let outcome = self.arbiter.fail(at, (t, p.into()), &mut self.firings);
         let input = Input::Fail { at, t, p: p.into() };
         let now = self.conclude(&input, &Answer::Fail { t, p: p.into(), outcome });
         self.settle_failure(now, (t, p), &outcome, &why);
@@ -366,7 +361,7 @@ impl<V, R> Engine<V, R> {
     /// F5: time went by.
     pub fn tick(&mut self, at: u64) {
         self.begin(at);
-        self.arbiter.tick(at, |at, firing| self.firings.push((at, *firing)));
+        self.arbiter.tick(at, &mut self.firings);
         let now = self.conclude(&Input::Tick { at }, &Answer::Tick);
         self.start_waiting(now);
     }
@@ -404,7 +399,7 @@ impl<V, R> Engine<V, R> {
     /// Whether no message is open.
     #[must_use]
     pub fn is_idle(&self) -> bool {
-        self.arbiter.fusion().is_empty()
+        self.arbiter.is_idle()
     }
 
     /// How long local may take for a message that was taken on at `at` with `deadline`: no longer than its end-to-end deadline

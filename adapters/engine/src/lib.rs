@@ -44,6 +44,8 @@ mod recordings;
 #[cfg(feature = "operator")]
 mod reorderer;
 #[cfg(feature = "operator")]
+mod sized_arbiter;
+#[cfg(feature = "operator")]
 mod sources;
 #[cfg(feature = "operator")]
 mod tally;

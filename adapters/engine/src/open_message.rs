@@ -18,6 +18,8 @@ pub(crate) struct OpenMessages<V> {
     last: Option<VecDeque<(u64, u64)>>,
     /// Timestamps and captures of the last [`REMEMBERED`] messages that have one; none if values are of their own messages.
     captures: Option<VecDeque<(u64, Instant)>>,
+    /// Whether any message had an end-to-end deadline.
+    has_budgets: bool,
 }
 
 pub(crate) struct OpenMessage<V> {
@@ -44,7 +46,7 @@ const REMEMBERED: usize = 1024;
 
 impl<V> OpenMessages<V> {
     pub(crate) const fn new() -> Self {
-        Self { open: VecDeque::new(), last: None, captures: None }
+        Self { open: VecDeque::new(), last: None, captures: None, has_budgets: false }
     }
 
     /// From now on, remembers when messages were opened.
@@ -72,6 +74,7 @@ impl<V> OpenMessages<V> {
         if let (Some(captures), Some(captured)) = (&mut self.captures, captured) {
             push_bounded(captures, (t, captured));
         }
+        self.has_budgets |= budget.is_some();
         let (held, failures) = (None, Vec::new());
         let items = 0;
         let opened = at;
@@ -132,6 +135,9 @@ impl<V> OpenMessages<V> {
 
     /// What is left of an open message's end-to-end deadline, if it has one.
     pub(crate) fn budget(&self, t: u64) -> Option<Budget> {
+        if !self.has_budgets {
+            return None;
+        }
         self.open.get(self.index(t)?)?.budget
     }
 

@@ -9,7 +9,7 @@ use fuseline_traces::Header;
 
 use crate::effect::Local;
 use crate::item::Source;
-use crate::queue::SourceQueue;
+use crate::queue::{AbandonedRequest, SourceQueue};
 
 /// Local's index.
 pub(crate) const LOCAL: usize = 0;
@@ -19,6 +19,8 @@ pub(crate) struct SourceQueues<R> {
     queues: Vec<SourceQueue<R>>,
     /// Whether local's results can be lost on the way.
     is_lossy: bool,
+    /// Whether calls to any cloud may linger.
+    may_linger: bool,
 }
 
 impl<R> SourceQueues<R> {
@@ -34,15 +36,26 @@ impl<R> SourceQueues<R> {
             let at_once = at_once.get(i).copied().unwrap_or(1);
             queues.push(SourceQueue::new(Source { priority: cloud.p, name }, at_once));
         }
-        Self { queues, is_lossy: local.lossy }
-    }
-
-    pub(crate) fn iter_mut(&mut self) -> impl Iterator<Item = &mut SourceQueue<R>> {
-        self.queues.iter_mut()
+        Self { queues, is_lossy: local.lossy, may_linger: false }
     }
 
     pub(crate) fn iter(&self) -> impl Iterator<Item = &SourceQueue<R>> {
         self.queues.iter()
+    }
+
+    /// Lets calls to a cloud run on for so long, in ns, after they were due.
+    pub(crate) fn set_linger(&mut self, index: usize, linger: u64) {
+        self.queues[index].linger = linger;
+        self.may_linger |= linger > 0;
+    }
+
+    /// Ends a call that has lingered long enough by `now`, if there is one; returns its source's index too.
+    pub(crate) fn end_lingering(&mut self, now: u64) -> Option<(usize, AbandonedRequest)> {
+        if !self.may_linger {
+            return None;
+        }
+        let mut queues = self.queues.iter_mut().enumerate();
+        queues.find_map(|(index, queue)| Some((index, queue.end_lingering(now)?)))
     }
 
     pub(crate) const fn len(&self) -> usize {
@@ -66,7 +79,8 @@ impl<R> SourceQueues<R> {
     /// When the next call has lingered long enough, or a computation counts as lost: of one that is lost on the way only if that
     /// makes room for one that waits.
     pub(crate) fn next_due(&self) -> Option<u64> {
-        let lingering = self.iter().filter_map(SourceQueue::next_lingering_end);
+        let lingering = self.queues.iter().filter(|_| self.may_linger);
+        let lingering = lingering.filter_map(SourceQueue::next_lingering_end);
         let lost = self[LOCAL].next_lost().filter(|_| !self.is_lossy || self[LOCAL].is_waiting());
         lost.into_iter().chain(lingering).min()
     }

@@ -14,10 +14,11 @@
 //!   ends or is dropped. Local's computations never are (F7).
 //! - **What blocks** (D9) is reported: a call that runs for long without a pause holds up its thread, and the others on it; on a
 //!   runtime of one thread the operator. It is counted, and logged, as is a timer that is served late.
-//! - **The clock** is read once for each event. **Panics** of a call or a computation are failures (F4).
+//! - **The clock** is read once for each event, and between two calls that are polled one after the other. **Panics** of a call or a computation are failures (F4).
 //! - **A request that could not be sent** fails after the message was offered to every cloud (A30).
 
 mod calls;
+mod clock;
 mod measured_call;
 mod spans;
 mod timers;
@@ -30,19 +31,15 @@ use std::sync::Arc;
 use std::task::{Context, Poll};
 use std::time::Duration;
 
-use fuseline_engine::{
-    Counting, Effect, Engine, Hint, Item, Lineage, Offer, Situation, StampedValue,
-};
+use fuseline_engine::{Effect, Engine, Hint, Item, Lineage, Offer, Situation, StampedValue};
 use futures_util::future::BoxFuture;
-use futures_util::task::AtomicWaker;
-use tokio::time::Instant;
 
 use crate::Error;
 use crate::drive::calls::Calls;
-use crate::drive::measured_call::MeasuredCall;
+use crate::drive::clock::DriverClock;
 use crate::drive::spans::MessageSpans;
 use crate::drive::timers::Timer;
-use crate::drive::wake_flag::WakeFlag;
+use crate::drive::wake_flag::WakeFlags;
 use crate::error_chain::ErrorChain;
 use crate::panics::panicked;
 
@@ -175,9 +172,8 @@ pub enum Sent<V> {
 /// An operator with its event loop.
 pub struct Driver<T: Transport> {
     engine: Engine<T::Value, T::Request>,
-    counting: Counting,
     transport: T,
-    start: Instant,
+    clock: DriverClock,
     /// The clock's reading for the current event.
     now: u64,
     calls: Calls<T::Value>,
@@ -190,8 +186,7 @@ pub struct Driver<T: Transport> {
     /// Who has the next turn.
     turn: usize,
     /// Of calls, transport and timer.
-    wake_flags: [WakeFlag; TURNS],
-    waker: Arc<AtomicWaker>,
+    wake_flags: WakeFlags,
     is_last: bool,
 }
 
@@ -234,24 +229,21 @@ impl<T: Transport> Driver<T> {
         timers: Timers,
     ) -> io::Result<Self> {
         let timer = Timer::new(timers)?;
-        let waker = Arc::new(AtomicWaker::new());
-        let wake_flags = [(); TURNS].map(|()| WakeFlag::new(&waker));
-        let start = Instant::now();
-        engine.set_start(start.into_std());
+        let wake_flags = WakeFlags::new();
+        let clock = DriverClock::new();
+        engine.set_start(clock.start());
         Ok(Self {
-            counting: engine.counts(),
+            calls: Calls::new(wake_flags.driver(), engine.counts()),
             engine,
             transport,
-            start,
+            clock,
             now: 0,
-            calls: Calls::new(wake_flags[CALLS].flag_waker()),
             spans: MessageSpans::default(),
             timer,
             armed: None,
             unsent: Vec::new(),
             turn: 0,
             wake_flags,
-            waker,
             is_last: false,
         })
     }
@@ -267,12 +259,11 @@ impl<T: Transport> Driver<T> {
             if let Some(due) = self.engine.next_due()
                 && self.armed.is_none_or(|armed| due < armed)
             {
-                self.timer.set(self.instant(due));
+                self.timer.set(self.clock.instant(due));
                 self.armed = Some(due);
-                self.wake_flags[TIMER].set();
+                self.wake_flags.set(TIMER);
             }
             let turn = poll_fn(|context| self.poll_turn(context)).await;
-            self.now = self.clock();
             match turn {
                 PollTurn::Transport(Incoming::Message { timestamp, message }) => {
                     self.message(timestamp, &message);
@@ -288,34 +279,39 @@ impl<T: Transport> Driver<T> {
                 }
             }
         }
-        let over = self.clock();
+        let over = self.clock.now();
         self.engine.end(over);
         (self.transport, self.engine)
     }
 
-    /// The next party that is ready, starting after the last one. Only those that were woken are polled.
+    /// The next party that is ready, starting after the last one, with the clock read after it. Only those that were woken are
+    /// polled.
     fn poll_turn(&mut self, context: &mut Context<'_>) -> Poll<PollTurn<T::Message, T::Value>> {
-        let Self { calls, transport, timer, wake_flags, armed, .. } = self;
+        let Self { calls, transport, timer, wake_flags, armed, clock, now, turn: next, .. } = self;
         for _ in 0..TURNS {
-            let turn = self.turn;
-            self.turn = (turn + 1) % TURNS;
-            let ready = wake_flags[turn].poll(|context| match turn {
-                CALLS => calls
-                    .poll_completion(context)
-                    .map(|completion| PollTurn::Transport(Incoming::Completion(completion))),
-                TIMER if armed.is_some() => timer.poll(context).map(|()| PollTurn::Timer),
+            let turn = *next;
+            *next = if turn + 1 < TURNS { turn + 1 } else { 0 };
+            if !wake_flags.is_set(turn) {
+                continue;
+            }
+            let ready = wake_flags.poll(turn, |context| match turn {
+                CALLS => calls.poll_completion(*clock, context).map(|(completion, ended)| {
+                    (PollTurn::Transport(Incoming::Completion(completion)), ended)
+                }),
+                TIMER if armed.is_some() => {
+                    timer.poll(context).map(|()| (PollTurn::Timer, clock.now()))
+                }
                 TIMER => Poll::Pending,
-                _ => transport.poll_incoming(context).map(PollTurn::Transport),
+                _ => transport
+                    .poll_incoming(context)
+                    .map(|incoming| (PollTurn::Transport(incoming), clock.now())),
             });
-            if ready.is_ready() {
-                return ready;
+            if let Poll::Ready((ready, at)) = ready {
+                *now = at;
+                return Poll::Ready(ready);
             }
         }
-        self.waker.register(context.waker());
-        // One may have been set before the waker was registered.
-        if wake_flags.iter().any(WakeFlag::is_set) {
-            context.waker().wake_by_ref();
-        }
+        wake_flags.wait(context);
         Poll::Pending
     }
 
@@ -354,8 +350,7 @@ impl<T: Transport> Driver<T> {
     fn act(&mut self) {
         loop {
             while let Some(effect) = self.engine.next_effect() {
-                // With a new request the transport may have something new to wait for.
-                self.wake_flags[TRANSPORT].set();
+                let is_output = matches!(effect, Effect::Output(_));
                 match effect {
                     Effect::Output(item) => {
                         self.spans.item(&item);
@@ -372,6 +367,10 @@ impl<T: Transport> Driver<T> {
                     }
                     Effect::Replace { timestamp } => self.transport.replace(timestamp),
                     Effect::Hint(hint) => self.transport.hint(hint),
+                }
+                // With a new request the transport may have something new to wait for, or with an output that waits.
+                if !is_output || !self.transport.is_delivered() {
+                    self.wake_flags.set(TRANSPORT);
                 }
             }
             if self.unsent.is_empty() {
@@ -390,9 +389,8 @@ impl<T: Transport> Driver<T> {
         let mut span = self.spans.begin((priority, timestamp), deadline);
         match sent.unwrap_or_else(|panic| Sent::Failed(panicked(&*panic))) {
             Sent::Call(call) => {
-                let counting = self.counting.clone();
-                self.calls.begin(timestamp, MeasuredCall { priority, call, counting }, span);
-                self.wake_flags[CALLS].set();
+                self.calls.begin((priority, timestamp), call, span);
+                self.wake_flags.set(CALLS);
             }
             Sent::Away => self.spans.wait((priority, timestamp), span),
             Sent::Failed(error) => {
@@ -400,17 +398,5 @@ impl<T: Transport> Driver<T> {
                 self.unsent.push((priority, timestamp, error));
             }
         }
-    }
-
-    /// The operator's clock: nanoseconds since its start.
-    fn clock(&self) -> u64 {
-        u64::try_from(self.start.elapsed().as_nanos()).unwrap_or(u64::MAX)
-    }
-
-    /// When the clock reads `nanos`, but at most a day from now: the system's clock may end before.
-    fn instant(&self, nanos: u64) -> Instant {
-        let day = Duration::from_secs(24 * 60 * 60);
-        let far = self.start.elapsed() + day;
-        self.start + Duration::from_nanos(nanos).min(far)
     }
 }

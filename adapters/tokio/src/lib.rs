@@ -18,6 +18,7 @@ mod network;
 mod operator;
 mod outbox;
 mod panics;
+mod pending_call;
 #[cfg(feature = "prometheus")]
 mod prometheus;
 #[cfg(target_os = "linux")]

@@ -241,6 +241,7 @@ pub fn spawn<P: Operator>(
         let clouds = setup.clouds.iter().map(|it| (&*it.cloud.name, it.cloud.calls));
         workload.check(config.window.into(), local.at_once, clouds)?;
     }
+    let has_policies = setup.clouds.iter().any(|registered| registered.cloud.policy.is_some());
     for Registered { priority, cloud, .. } in &mut setup.clouds {
         engine.set_linger(*priority, cloud.linger);
         if cloud.max_age > 0 {
@@ -277,6 +278,7 @@ pub fn spawn<P: Operator>(
     let streams = Streams {
         input,
         clouds: setup.clouds,
+        has_policies,
         situation: setup.situation,
         sides,
         hints: setup.hints,

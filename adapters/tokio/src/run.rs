@@ -20,9 +20,8 @@ use crate::call::Call;
 use crate::drive::{Incoming, Sent, Start, Transport};
 use crate::outbox::Outbox;
 use crate::panics::reason;
-use crate::setup::{
-    BoxedRequest, HintHandler, Registered, SituationSource, StateHandler, SubstituteHandler,
-};
+use crate::pending_call::BoxedRequest;
+use crate::setup::{HintHandler, Registered, SituationSource, StateHandler, SubstituteHandler};
 use crate::side::SideRunner;
 use crate::stream::{Reader, StreamMessage};
 use crate::workers::Workers;
@@ -31,6 +30,8 @@ use crate::workers::Workers;
 pub(crate) struct Streams<I, O> {
     pub(crate) input: Reader<I>,
     pub(crate) clouds: Vec<Registered<I, O>>,
+    /// Whether policies run between the message handlers.
+    pub(crate) has_policies: bool,
     pub(crate) situation: Option<SituationSource<I>>,
     pub(crate) sides: Vec<SideRunner<I>>,
     pub(crate) hints: Option<HintHandler<O>>,
@@ -105,9 +106,12 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
         timestamp: u64,
         message: &StreamMessage<I>,
     ) -> impl Iterator<Item = Offer<Work<I, O>>> {
-        let Self { clouds, counting, .. } = self;
+        let Self { clouds, has_policies, counting, .. } = self;
+        let mut ended = None;
         clouds.iter_mut().filter_map(move |cloud| {
-            let (request, deadline) = cloud.request(&message.message, timestamp, counting)?;
+            ended = ended.filter(|_| !*has_policies);
+            let requested = cloud.request(&message.message, timestamp, counting, &mut ended);
+            let (request, deadline) = requested?;
             let request = Work::Call(request, message.lineage.clone());
             Some(Offer { priority: cloud.priority, deadline, request })
         })
@@ -149,9 +153,10 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
         let Start { priority, timestamp, left, request } = start;
         match request {
             Work::Local(message) => self.workers.compute(message, timestamp),
-            Work::Call(request, lineage) => {
+            Work::Call(mut request, lineage) => {
                 let call = Call::new(timestamp, left, priority, self.counting.clone());
-                Sent::Call(request(call.with_lineage(lineage)))
+                request.as_mut().begin(call.with_lineage(lineage));
+                Sent::Call(request)
             }
         }
     }

@@ -9,7 +9,6 @@ use std::time::Duration;
 
 use fuseline_deadline::{Policy, Situation};
 use fuseline_engine::{Counting, Hint, Item, StampedValue};
-use futures_util::future::BoxFuture;
 use tokio::time::Instant;
 use tracing::error;
 
@@ -17,6 +16,7 @@ use crate::Error;
 use crate::call::Call;
 use crate::carried_state::CarriedState;
 use crate::panics::reason;
+use crate::pending_call::{self, BoxedRequest};
 use crate::side::{SideCall, SideRegistration, SideRequest, SideResponse};
 
 /// Registers an operator's clouds, up to 15, and what goes with them.
@@ -73,9 +73,6 @@ pub(crate) type SituationSource<I> = Box<dyn FnMut(&I, u64) -> Situation<'static
 /// What to send, if anything, and how long the cloud may take.
 pub(crate) type MessageHandler<I, O> =
     Box<dyn FnMut(&I, u64) -> Option<(BoxedRequest<O>, Duration)> + Send>;
-/// A request that knows its handle and its response handler.
-pub(crate) type BoxedRequest<O> =
-    Box<dyn FnOnce(Call) -> BoxFuture<'static, Result<StampedValue<O>, Error>> + Send>;
 
 impl<I, O: Send + 'static> Setup<I, O> {
     pub(crate) const fn new() -> Self {
@@ -139,10 +136,8 @@ impl<I, O: Send + 'static> Setup<I, O> {
         let message_handler = move |message: &I, timestamp| {
             let (request, deadline) = message_handler(message, timestamp)?;
             let handlers = Arc::clone(&handlers);
-            let request: BoxedRequest<O> = Box::new(move |call| {
-                Box::pin(async move { (handlers.1)((handlers.0)(request, call).await?) })
-            });
-            Some((request, deadline))
+            let make = move |call| async move { (handlers.1)((handlers.0)(request, call).await?) };
+            Some((pending_call::request(make), deadline))
         };
         let cloud = Cloud {
             name: format!("cloud-{priority}"),
@@ -265,16 +260,19 @@ impl Cloud {
 }
 
 impl<I, O> Registered<I, O> {
-    /// What the message handler wants to send; nothing if it panics.
+    /// What the message handler wants to send; nothing if it panics. `ended` is when the handler before it did, if nothing of the
+    /// user's has run since, and then when this one does.
     pub(crate) fn request(
         &mut self,
         message: &I,
         timestamp: u64,
         counting: &Counting,
+        ended: &mut Option<Instant>,
     ) -> Option<(BoxedRequest<O>, Duration)> {
-        let begin = Instant::now();
+        let begin = ended.unwrap_or_else(Instant::now);
         let wanted = catch_unwind(AssertUnwindSafe(|| (self.message_handler)(message, timestamp)));
-        counting.ran(Some(self.priority), begin.elapsed());
+        let end = *ended.insert(Instant::now());
+        counting.ran(Some(self.priority), end.saturating_duration_since(begin));
         wanted.unwrap_or_else(|panic| {
             let why = reason(&*panic);
             error!(timestamp, cloud = %self.cloud.name, why, "the message handler panicked");

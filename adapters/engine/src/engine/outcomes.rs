@@ -30,10 +30,8 @@ impl<V, R> Engine<V, R> {
         if let Some(due) = self.arbiter.next_due().filter(|due| *due <= at) {
             self.counts.timer_lag(Duration::from_nanos(at - due));
         }
-        for index in 0..self.sources.len() {
-            while let Some(abandoned) = self.sources[index].end_lingering(at) {
-                self.abandon(at, index, &abandoned);
-            }
+        while let Some((index, abandoned)) = self.sources.end_lingering(at) {
+            self.abandon(at, index, &abandoned);
         }
     }
 
@@ -95,7 +93,7 @@ impl<V, R> Engine<V, R> {
         self.firings = firings;
         let now = self.arbiter.now();
         if self.recordings.is_any() {
-            let commit = self.arbiter.fusion().commit();
+            let commit = self.arbiter.commit();
             self.recordings.record((input, &annotations()), (commit, now), answer);
         }
         now
@@ -387,18 +385,21 @@ impl<V, R> Engine<V, R> {
         }
     }
 
-    /// D13: counts and reports computations that have not ended in time.
-    fn lose(&mut self, now: u64) {
+    /// D13: counts and reports computations that have not ended in time; true if there are any.
+    fn lose(&mut self, now: u64) -> bool {
         let operator = &*self.operator;
+        let mut are_any = false;
         if self.local.lossy {
             while let Some(t) = self.sources[LOCAL].remove_lost(now) {
                 warn!(operator, timestamp = t, "local computation lost");
                 self.counts.source(LOCAL, CountedEvent::Lost);
+                are_any = true;
             }
-            return;
+            return are_any;
         }
         while let Some((timestamp, is_replaced)) = self.sources[LOCAL].overran(now) {
             self.counts.source(LOCAL, CountedEvent::Lost);
+            are_any = true;
             if is_replaced {
                 warn!(
                     operator,
@@ -413,29 +414,50 @@ impl<V, R> Engine<V, R> {
                 );
             }
         }
+        are_any
     }
 
     /// Starts what waits while there is room, and updates the gauges.
     pub(super) fn start_waiting(&mut self, now: u64) {
         self.lose(now);
-        for (index, queue) in self.sources.iter_mut().enumerate() {
-            while let Some(Waiting { t, due, request, .. }) = queue.next(now) {
-                let until = due.map(|due| due.saturating_add(queue.linger));
-                let priority = queue.source.priority;
-                self.effects.push_back(Effect::Start { priority, timestamp: t, until, request });
-            }
-            let shown = (queue.backlog(), queue.in_flight());
-            if shown != queue.shown {
-                queue.shown = shown;
-                if let Some(meter) = self.counts.meters.sources.get(index) {
-                    meter.backlog.set(count(shown.0));
-                    meter.calls.set(count(shown.1));
-                }
+        self.start_all(now);
+    }
+
+    /// The same after an offer to this source, which changes no other's queue.
+    pub(super) fn start_offered(&mut self, now: u64, index: Option<usize>) {
+        if self.lose(now) {
+            self.start_all(now);
+        } else if let Some(index) = index {
+            self.start(now, index);
+        }
+    }
+
+    fn start_all(&mut self, now: u64) {
+        for index in 0..self.sources.len() {
+            if !self.sources[index].is_settled() {
+                self.start(now, index);
             }
         }
         if self.open_messages.len() != self.shown_open {
             self.shown_open = self.open_messages.len();
             self.counts.meters.open.set(count(self.shown_open));
+        }
+    }
+
+    fn start(&mut self, now: u64, index: usize) {
+        let queue = &mut self.sources[index];
+        while let Some(Waiting { t, due, request, .. }) = queue.next(now) {
+            let until = due.map(|due| due.saturating_add(queue.linger));
+            let priority = queue.source.priority;
+            self.effects.push_back(Effect::Start { priority, timestamp: t, until, request });
+        }
+        let shown = (queue.backlog(), queue.in_flight());
+        if shown != queue.shown {
+            queue.shown = shown;
+            if let Some(meter) = self.counts.meters.sources.get(index) {
+                meter.backlog.set(count(shown.0));
+                meter.calls.set(count(shown.1));
+            }
         }
     }
 }

@@ -4,25 +4,31 @@
 
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::pin::Pin;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
 use std::task::{Context, Poll, Wake, Waker};
+use std::time::Duration;
 
+use fuseline_engine::{Counting, StampedValue};
+use futures_util::future::BoxFuture;
 use rustc_hash::FxHashMap;
 use tokio::runtime::{Handle, RuntimeFlavor};
 use tokio::sync::mpsc;
 use tokio::task::AbortHandle;
 use tracing::Instrument;
 
+use crate::Error;
 use crate::drive::Completion;
+use crate::drive::clock::DriverClock;
 use crate::drive::measured_call::MeasuredCall;
 use crate::drive::spans::TracedCall;
-use crate::drive::wake_flag::FlagWaker;
+use crate::drive::wake_flag::DriverWaker;
 use crate::panics::{guarded, panicked};
 
 /// Priority and timestamp.
 type CallKey = (u16, u64);
+/// A source's call or computation.
+type CallFuture<V> = BoxFuture<'static, Result<StampedValue<V>, Error>>;
 
 /// The calls under way, aborted when this is dropped; local's computations never are (F7).
 ///
@@ -34,6 +40,7 @@ pub(super) enum Calls<V: Send + 'static> {
         completions: mpsc::UnboundedReceiver<Completion<V>>,
         sender: mpsc::UnboundedSender<Completion<V>>,
         under_way: FxHashMap<CallKey, AbortHandle>,
+        counting: Counting,
     },
     InlineCalls(InlineCalls<V>),
 }
@@ -45,7 +52,8 @@ pub(super) struct InlineCalls<V> {
     under_way: FxHashMap<CallKey, usize>,
     /// The slots that were woken, in that order.
     turns: VecDeque<usize>,
-    woken: Arc<WokenSlots>,
+    driver: Arc<DriverWaker>,
+    counting: Counting,
 }
 
 /// Room for one call, with a waker for every call that it ever has.
@@ -57,27 +65,21 @@ struct CallSlot<V> {
 
 struct RunningCall<V> {
     key: CallKey,
-    call: MeasuredCall<V>,
+    call: CallFuture<V>,
     span: TracedCall,
 }
 
 /// Wakes the driver for one slot's call.
 struct SlotWaker {
-    woken: Arc<WokenSlots>,
+    driver: Arc<DriverWaker>,
     index: usize,
     /// Whether the slot is already among the woken.
     is_woken: AtomicBool,
 }
 
-/// The slots that were woken since the driver looked.
-struct WokenSlots {
-    slots: Mutex<Vec<usize>>,
-    flag_waker: Arc<FlagWaker>,
-}
-
 impl<V: Send + 'static> Calls<V> {
-    /// No calls, on the current runtime; `flag_waker` wakes the driver for them.
-    pub(super) fn new(flag_waker: Arc<FlagWaker>) -> Self {
+    /// No calls, on the current runtime; `driver` wakes the driver for them, and what blocks is counted by `counting`.
+    pub(super) fn new(driver: Arc<DriverWaker>, counting: Counting) -> Self {
         let flavor = Handle::try_current().map(|runtime| runtime.runtime_flavor());
         if matches!(flavor, Ok(RuntimeFlavor::CurrentThread)) {
             return Self::InlineCalls(InlineCalls {
@@ -85,20 +87,20 @@ impl<V: Send + 'static> Calls<V> {
                 free: Vec::new(),
                 under_way: FxHashMap::default(),
                 turns: VecDeque::new(),
-                woken: Arc::new(WokenSlots { slots: Mutex::default(), flag_waker }),
+                driver,
+                counting,
             });
         }
         let (sender, completions) = mpsc::unbounded_channel();
-        Self::Tasks { completions, sender, under_way: FxHashMap::default() }
+        Self::Tasks { completions, sender, under_way: FxHashMap::default(), counting }
     }
 
-    pub(super) fn begin(&mut self, timestamp: u64, call: MeasuredCall<V>, mut span: TracedCall) {
-        let priority = call.priority;
+    pub(super) fn begin(&mut self, key: CallKey, call: CallFuture<V>, mut span: TracedCall) {
         match self {
-            Self::InlineCalls(inline) => {
-                inline.begin(RunningCall { key: (priority, timestamp), call, span });
-            }
-            Self::Tasks { sender, under_way, .. } => {
+            Self::InlineCalls(inline) => inline.begin(RunningCall { key, call, span }),
+            Self::Tasks { sender, under_way, counting, .. } => {
+                let (priority, timestamp) = key;
+                let call = MeasuredCall { priority, call, counting: counting.clone() };
                 let sender = sender.clone();
                 let entered = span.span().clone();
                 let task = async move {
@@ -110,7 +112,7 @@ impl<V: Send + 'static> Calls<V> {
                 let task = tokio::spawn(task.instrument(entered));
                 // F7: local is never aborted.
                 if priority > 0 {
-                    under_way.insert((priority, timestamp), task.abort_handle());
+                    under_way.insert(key, task.abort_handle());
                 }
             }
         }
@@ -132,18 +134,22 @@ impl<V: Send + 'static> Calls<V> {
         }
     }
 
-    /// The next end of a call.
-    pub(super) fn poll_completion(&mut self, context: &mut Context<'_>) -> Poll<Completion<V>> {
+    /// The next end of a call, and the clock's reading after it.
+    pub(super) fn poll_completion(
+        &mut self,
+        clock: DriverClock,
+        context: &mut Context<'_>,
+    ) -> Poll<(Completion<V>, u64)> {
         match self {
             Self::Tasks { completions, under_way, .. } => match completions.poll_recv(context) {
                 Poll::Ready(Some(completion)) => {
                     under_way.remove(&(completion.priority, completion.timestamp));
-                    Poll::Ready(completion)
+                    Poll::Ready((completion, clock.now()))
                 }
                 // `self` holds a sender: the channel does not end.
                 Poll::Ready(None) | Poll::Pending => Poll::Pending,
             },
-            Self::InlineCalls(inline) => inline.poll_completion(context),
+            Self::InlineCalls(inline) => inline.poll_completion(clock, context),
         }
     }
 }
@@ -151,8 +157,9 @@ impl<V: Send + 'static> Calls<V> {
 impl<V> InlineCalls<V> {
     fn begin(&mut self, running: RunningCall<V>) {
         let index = self.free.pop().unwrap_or_else(|| {
-            let (index, woken) = (self.slots.len(), Arc::clone(&self.woken));
-            let slot_waker = Arc::new(SlotWaker { woken, index, is_woken: AtomicBool::new(false) });
+            let (index, driver) = (self.slots.len(), Arc::clone(&self.driver));
+            let slot_waker =
+                Arc::new(SlotWaker { driver, index, is_woken: AtomicBool::new(false) });
             let waker = Waker::from(Arc::clone(&slot_waker));
             self.slots.push(CallSlot { call: None, slot_waker, waker });
             index
@@ -165,14 +172,18 @@ impl<V> InlineCalls<V> {
         self.turns.push_back(index);
     }
 
-    fn poll_completion(&mut self, context: &mut Context<'_>) -> Poll<Completion<V>> {
-        let mut woken = self.woken.slots.lock().unwrap_or_else(PoisonError::into_inner);
-        self.turns.extend(woken.drain(..));
-        drop(woken);
+    fn poll_completion(
+        &mut self,
+        clock: DriverClock,
+        context: &mut Context<'_>,
+    ) -> Poll<(Completion<V>, u64)> {
+        self.turns.extend(self.driver.woken().drain(..));
+        // Where one call's poll ends the next one's begins.
+        let mut ended = None;
         // A call that wakes itself again and again waits until others have had their turns.
         for _ in 0..self.turns.len() {
             if let Some(index) = self.turns.pop_front()
-                && let Some(completion) = self.poll_slot(index)
+                && let Some(completion) = self.poll_slot(index, clock, &mut ended)
             {
                 return Poll::Ready(completion);
             }
@@ -183,25 +194,40 @@ impl<V> InlineCalls<V> {
         Poll::Pending
     }
 
-    /// Polls the call in this slot, if there is one: a waker may outlive its call.
-    fn poll_slot(&mut self, index: usize) -> Option<Completion<V>> {
+    /// Polls the call in this slot, if there is one: a waker may outlive its call. `ended` is when the poll before it did, if
+    /// there was one, and then when this one does.
+    fn poll_slot(
+        &mut self,
+        index: usize,
+        clock: DriverClock,
+        ended: &mut Option<u64>,
+    ) -> Option<(Completion<V>, u64)> {
         let CallSlot { call, slot_waker, waker } = &mut self.slots[index];
         slot_waker.is_woken.store(false, Ordering::Release);
         let RunningCall { key, call, span } = call.as_mut()?;
+        let begin = ended.unwrap_or_else(|| clock.now());
         let entered = span.span().enter();
         let mut context = Context::from_waker(waker);
-        let polled = catch_unwind(AssertUnwindSafe(|| Pin::new(call).poll(&mut context)));
+        let polled = catch_unwind(AssertUnwindSafe(|| call.as_mut().poll(&mut context)));
         drop(entered);
+        // F0: read after the response handler, which is part of the call, and before anything else is done: it is the result's
+        // instant too.
+        let end = *ended.insert(clock.now());
+        let (priority, timestamp) = *key;
+        if polled.is_ok() {
+            self.counting.ran(Some(priority), Duration::from_nanos(end.saturating_sub(begin)));
+        }
         let result = match polled {
             Ok(Poll::Pending) => return None,
             Ok(Poll::Ready(result)) => result,
             Err(panic) => Err(panicked(&*panic)),
         };
         span.end(&result);
-        let (priority, timestamp) = *key;
-        self.under_way.remove(&(priority, timestamp));
+        if priority > 0 {
+            self.under_way.remove(&(priority, timestamp));
+        }
         self.clear(index);
-        Some(Completion { priority, timestamp, result })
+        Some((Completion { priority, timestamp, result }, end))
     }
 
     /// F7: local's computations go on in tasks of their own, if the runtime does; all others end.
@@ -210,10 +236,12 @@ impl<V> InlineCalls<V> {
         V: Send + 'static,
     {
         let runtime = Handle::try_current();
+        let counting = &self.counting;
         for running in self.slots.iter_mut().filter_map(|slot| slot.call.take()) {
             match (&runtime, running) {
                 (Ok(runtime), RunningCall { key: (0, _), call, mut span }) => {
                     let entered = span.span().clone();
+                    let call = MeasuredCall { priority: 0, call, counting: counting.clone() };
                     let task = async move { span.end(&guarded(call).await) };
                     drop(runtime.spawn(task.instrument(entered)));
                 }
@@ -250,10 +278,7 @@ impl Wake for SlotWaker {
 
     fn wake_by_ref(self: &Arc<Self>) {
         if !self.is_woken.swap(true, Ordering::AcqRel) {
-            let mut slots = self.woken.slots.lock().unwrap_or_else(PoisonError::into_inner);
-            slots.push(self.index);
-            drop(slots);
-            self.woken.flag_waker.wake_by_ref();
+            self.driver.wake_slot(self.index);
         }
     }
 }

@@ -1,66 +1,112 @@
 //! Wakes the driver, and flags which of its parties is to be polled.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::task::{Context, Poll, Wake, Waker};
 
 use futures_util::task::AtomicWaker;
 
-/// The waker of one party that takes turns: without it, the party need not be polled.
-pub(super) struct WakeFlag {
-    flag_waker: Arc<FlagWaker>,
-    waker: Waker,
+use crate::drive::{CALLS, TURNS};
+
+/// Flags of the parties that take turns: without its flag, a party need not be polled.
+pub(super) struct WakeFlags {
+    driver: Arc<DriverWaker>,
+    wakers: [Waker; TURNS],
+}
+
+/// Wakes one driver. All that is needed for it is in one place: of one operator among thousands nothing is in the processor's
+/// cache when it is woken.
+#[derive(Default)]
+pub(super) struct DriverWaker {
+    task: AtomicWaker,
+    are_set: [AtomicBool; TURNS],
+    /// The slots of calls that were woken since the driver looked.
+    woken: Mutex<Vec<usize>>,
 }
 
 /// Sets one party's flag and wakes the driver.
-pub(super) struct FlagWaker {
-    is_set: AtomicBool,
-    driver: Arc<AtomicWaker>,
+struct PartyWaker {
+    driver: Arc<DriverWaker>,
+    party: usize,
 }
 
-impl WakeFlag {
-    /// A flag that is set, so that all parties are polled at first.
-    pub(super) fn new(driver: &Arc<AtomicWaker>) -> Self {
-        let flag_waker =
-            Arc::new(FlagWaker { is_set: AtomicBool::new(true), driver: Arc::clone(driver) });
-        Self { waker: Waker::from(Arc::clone(&flag_waker)), flag_waker }
+impl WakeFlags {
+    /// All are set, so that each party is polled at first.
+    pub(super) fn new() -> Self {
+        let driver = Arc::new(DriverWaker::default());
+        let wakers = std::array::from_fn(|party| {
+            driver.set(party);
+            Waker::from(Arc::new(PartyWaker { driver: Arc::clone(&driver), party }))
+        });
+        Self { driver, wakers }
     }
 
-    pub(super) fn flag_waker(&self) -> Arc<FlagWaker> {
-        Arc::clone(&self.flag_waker)
+    pub(super) fn driver(&self) -> Arc<DriverWaker> {
+        Arc::clone(&self.driver)
     }
 
-    /// Polls if the flag is set; it stays set unless nothing was ready.
-    pub(super) fn poll<T>(&self, poll: impl FnOnce(&mut Context<'_>) -> Poll<T>) -> Poll<T> {
-        if !self.is_set() {
-            return Poll::Pending;
-        }
-        self.flag_waker.is_set.store(false, Ordering::Release);
-        let polled = poll(&mut Context::from_waker(&self.waker));
+    /// Polls a party whose flag is set; it stays set unless nothing was ready.
+    pub(super) fn poll<T>(
+        &self,
+        party: usize,
+        poll: impl FnOnce(&mut Context<'_>) -> Poll<T>,
+    ) -> Poll<T> {
+        self.driver.are_set[party].store(false, Ordering::Release);
+        let polled = poll(&mut Context::from_waker(&self.wakers[party]));
         if polled.is_ready() {
-            self.flag_waker.is_set.store(true, Ordering::Release);
+            self.driver.set(party);
         }
         polled
     }
 
-    pub(super) fn is_set(&self) -> bool {
-        self.flag_waker.is_set.load(Ordering::Acquire)
+    /// The driver is to be woken when a flag is set.
+    pub(super) fn wait(&self, context: &Context<'_>) {
+        self.driver.task.register(context.waker());
+        // One may have been set before the waker was registered.
+        if (0..TURNS).any(|party| self.is_set(party)) {
+            context.waker().wake_by_ref();
+        }
     }
 
-    /// Sets the flag without a waker; for the driver itself.
-    pub(super) fn set(&self) {
-        self.flag_waker.is_set.store(true, Ordering::Release);
+    pub(super) fn is_set(&self, party: usize) -> bool {
+        self.driver.are_set[party].load(Ordering::Acquire)
+    }
+
+    /// Sets a flag without a waker; for the driver itself.
+    pub(super) fn set(&self, party: usize) {
+        self.driver.set(party);
     }
 }
 
-impl Wake for FlagWaker {
+impl DriverWaker {
+    /// A call's slot was woken.
+    pub(super) fn wake_slot(&self, index: usize) {
+        self.woken().push(index);
+        self.wake(CALLS);
+    }
+
+    /// Nothing panics while it is held.
+    pub(super) fn woken(&self) -> MutexGuard<'_, Vec<usize>> {
+        self.woken.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn set(&self, party: usize) {
+        self.are_set[party].store(true, Ordering::Release);
+    }
+
+    fn wake(&self, party: usize) {
+        if !self.are_set[party].swap(true, Ordering::AcqRel) {
+            self.task.wake();
+        }
+    }
+}
+
+impl Wake for PartyWaker {
     fn wake(self: Arc<Self>) {
         self.wake_by_ref();
     }
 
     fn wake_by_ref(self: &Arc<Self>) {
-        if !self.is_set.swap(true, Ordering::AcqRel) {
-            self.driver.wake();
-        }
+        self.driver.wake(self.party);
     }
 }

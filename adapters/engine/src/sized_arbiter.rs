@@ -1,0 +1,167 @@
+//! The machine of an operator, with room for hardly more timestamps than its window.
+//!
+//! A machine's memory, and how many keys it reads where a timer changes, follow from its capacity and not from the window
+//! that it is given. What it answers does not.
+
+use fuseline_core::{Admission, Commit, ConfigError, Firing, OfferRefusal, Opening, Outcome};
+use fuseline_traces::Header;
+
+use crate::arbiter::Arbiter;
+use crate::engine::CLOUDS;
+
+/// What fired before the current input, and when it was served.
+pub(crate) type ServedFirings = Vec<(u64, Firing<CLOUDS>)>;
+
+/// The smallest [`Arbiter`] of three that has room for the window: of 3, 22 or 178 KiB.
+pub(crate) enum SizedArbiter {
+    Small(Arbiter<CLOUDS, SMALL>),
+    Middle(Arbiter<CLOUDS, MIDDLE>),
+    Large(Arbiter<CLOUDS, LARGE>),
+}
+
+/// The default window.
+const SMALL: usize = 16;
+const MIDDLE: usize = 128;
+/// The greatest window.
+const LARGE: usize = 1024;
+
+/// The same call of whichever it is.
+macro_rules! of_any_size {
+    ($sized:expr, $arbiter:ident => $call:expr) => {
+        match $sized {
+            SizedArbiter::Small($arbiter) => $call,
+            SizedArbiter::Middle($arbiter) => $call,
+            SizedArbiter::Large($arbiter) => $call,
+        }
+    };
+}
+
+impl SizedArbiter {
+    /// # Errors
+    /// The first [`ConfigError`] that holds; that of a window says that 1024 is the greatest.
+    pub(crate) fn new(header: &Header) -> Result<Self, ConfigError> {
+        Ok(match usize::from(header.window) {
+            1..=SMALL => Self::Small(Arbiter::new(header)?),
+            17..=MIDDLE => Self::Middle(Arbiter::new(header)?),
+            _ => Self::Large(Arbiter::new(header)?),
+        })
+    }
+
+    pub(crate) fn open(
+        &mut self,
+        at: u64,
+        t: u64,
+        deadline: Option<u64>,
+        fired: &mut ServedFirings,
+    ) -> Opening {
+        let fired = |at, firing: &_| fired.push((at, *firing));
+        of_any_size!(self, arbiter => arbiter.open(at, t, deadline, fired))
+    }
+
+    pub(crate) fn offer(
+        &mut self,
+        at: u64,
+        source: (u64, u64),
+        deadline: u64,
+        backlog: u64,
+        fired: &mut ServedFirings,
+    ) -> Admission {
+        let fired = |at, firing: &_| fired.push((at, *firing));
+        of_any_size!(self, arbiter => arbiter.offer(at, source, deadline, backlog, fired))
+    }
+
+    pub(crate) fn result(
+        &mut self,
+        at: u64,
+        source: (u64, u64),
+        fired: &mut ServedFirings,
+    ) -> Outcome<CLOUDS> {
+        let fired = |at, firing: &_| fired.push((at, *firing));
+        of_any_size!(self, arbiter => arbiter.result(at, source, fired))
+    }
+
+    pub(crate) fn fail(
+        &mut self,
+        at: u64,
+        source: (u64, u64),
+        fired: &mut ServedFirings,
+    ) -> Outcome<CLOUDS> {
+        let fired = |at, firing: &_| fired.push((at, *firing));
+        of_any_size!(self, arbiter => arbiter.fail(at, source, fired))
+    }
+
+    pub(crate) fn tick(&mut self, at: u64, fired: &mut ServedFirings) {
+        let fired = |at, firing: &_| fired.push((at, *firing));
+        of_any_size!(self, arbiter => arbiter.tick(at, fired));
+    }
+
+    pub(crate) fn next_due(&self) -> Option<u64> {
+        of_any_size!(self, arbiter => arbiter.next_due())
+    }
+
+    pub(crate) fn now(&self) -> u64 {
+        of_any_size!(self, arbiter => arbiter.now())
+    }
+
+    pub(crate) fn offer_refusal(
+        &self,
+        source: (u64, u64),
+        deadline: u64,
+        backlog: u64,
+    ) -> Option<OfferRefusal> {
+        of_any_size!(self, arbiter => arbiter.offer_refusal(source, deadline, backlog))
+    }
+
+    pub(crate) fn commit(&self) -> Commit {
+        of_any_size!(self, arbiter => arbiter.fusion().commit())
+    }
+
+    /// Whether no message is open.
+    pub(crate) fn is_idle(&self) -> bool {
+        of_any_size!(self, arbiter => arbiter.fusion().is_empty())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use fuseline_core::OpenRefusal;
+
+    fn sized(window: u16) -> Result<SizedArbiter, ConfigError> {
+        let commit = fuseline_traces::Commit::Eager;
+        SizedArbiter::new(&Header { operator: None, window, commit, clouds: Vec::new() })
+    }
+
+    /// F1 full.
+    #[test]
+    fn each_window_has_room_for_as_many_messages_as_it_says() {
+        for window in [1, 15, 16, 17, 128, 129, 1024] {
+            let mut arbiter = sized(window).unwrap();
+            let fired = &mut ServedFirings::new();
+            for t in 0..window.into() {
+                assert_eq!(arbiter.open(t, t, None, fired), Opening::Accepted, "{t} of {window}");
+            }
+            let refused = Opening::Refused(OpenRefusal::Full);
+            assert_eq!(arbiter.open(2000, 2000, None, fired), refused, "{window}");
+        }
+    }
+
+    #[test]
+    fn the_machine_is_the_smallest_that_has_room() {
+        assert!(matches!(sized(16), Ok(SizedArbiter::Small(_))));
+        assert!(matches!(
+            [sized(17), sized(128)],
+            [Ok(SizedArbiter::Middle(_)), Ok(SizedArbiter::Middle(_))]
+        ));
+        assert!(matches!(sized(129), Ok(SizedArbiter::Large(_))));
+    }
+
+    #[test]
+    fn a_window_without_a_machine_is_refused_with_the_greatest() {
+        for window in [0, 1025] {
+            let refused = sized(window).err();
+            let window = window.into();
+            assert_eq!(refused, Some(ConfigError::Window { window, capacity: LARGE }));
+        }
+    }
+}

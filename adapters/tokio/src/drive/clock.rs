@@ -1,0 +1,34 @@
+//! The operator's clock. An event's instant is read after it (F0), so a reading is handed on only where nothing but the loop's
+//! own steps lies between: to read the clock costs as much as to answer an input.
+
+use std::time::Duration;
+
+use tokio::time::Instant;
+
+/// Nanoseconds since the operator's start.
+#[derive(Clone, Copy)]
+pub(super) struct DriverClock {
+    start: Instant,
+}
+
+impl DriverClock {
+    /// One that reads 0 now.
+    pub(super) fn new() -> Self {
+        Self { start: Instant::now() }
+    }
+
+    pub(super) fn start(self) -> std::time::Instant {
+        self.start.into_std()
+    }
+
+    pub(super) fn now(self) -> u64 {
+        u64::try_from(self.start.elapsed().as_nanos()).unwrap_or(u64::MAX)
+    }
+
+    /// When it reads `nanos`, but at most a day from now: the system's clock may end before.
+    pub(super) fn instant(self, nanos: u64) -> Instant {
+        let day = Duration::from_secs(24 * 60 * 60);
+        let far = self.start.elapsed() + day;
+        self.start + Duration::from_nanos(nanos).min(far)
+    }
+}
