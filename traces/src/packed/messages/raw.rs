@@ -146,9 +146,10 @@ impl<'a> RawMessages<'a> {
             return Err(McapError::UnexpectedEoc.into());
         };
         let (opcode, len) = split_head(*head);
-        let len = usize::try_from(len).ok().filter(|len| *len <= rest.len());
+        let fits = usize::try_from(len).ok().filter(|len| *len <= rest.len());
+        let Some(len) = fits else { return Err(McapError::UnexpectedEoc.into()) };
         let start = self.block.len() - rest.len();
-        let end = start + len.ok_or(McapError::UnexpectedEoc)?;
+        let end = start + len;
         self.at = end;
         Ok(Some((opcode, start..end)))
     }

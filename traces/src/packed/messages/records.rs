@@ -155,7 +155,6 @@ impl<R: Read> RecordBlocks<R> {
         match opcode {
             op::SCHEMA | op::CHANNEL | op::MESSAGE => {
                 block.extend_from_slice(&head);
-                // One without anything is whole.
                 return Ok(FilePlace::Taken(len));
             }
             op::DATA_END | op::FOOTER => {
@@ -289,7 +288,7 @@ fn whole_records(block: &[u8], whole: &mut usize) -> Result<(), McapError> {
     while let Some((head, rest)) = block.get(*whole..).and_then(|rest| rest.split_first_chunk()) {
         let (opcode, len) = split_head(*head);
         let fits = usize::try_from(len).ok().filter(|len| *len <= RECORD);
-        let len = fits.ok_or(McapError::RecordTooLarge { opcode, len })?;
+        let len = fits.ok_or_else(|| McapError::RecordTooLarge { opcode, len })?;
         if rest.len() < len {
             break;
         }
