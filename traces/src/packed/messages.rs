@@ -14,9 +14,9 @@ use thiserror::Error;
 use self::raw::LentMessage;
 pub use self::raw::{PayloadFormat, PayloadSchema, RECORD, RawMessage, RawMessages};
 use self::records::RecordBlocks;
-use crate::canonical::{self, StampBefore};
+use crate::canonical::StampBefore;
 use crate::packed::{PIECE, TOPIC};
-use crate::parse::{Form, LineAnnotations, parse_as};
+use crate::parse::{Form, LineAnnotations, parse_as, parse_canonical};
 use crate::{Annotations, HeaderAnnotations, Line, ParseError};
 
 /// Why an MCAP file gives no more lines.
@@ -104,9 +104,7 @@ impl<'a> Messages<'a> {
         check_encoding(self.topic, &message)?;
         self.number += 1;
         // Nearly all are as they are written.
-        if let Some(read) = canonical::event(message.data, Form::Observed, &mut self.before)
-            && read.len == message.data.len()
-        {
+        if let Some(read) = parse_canonical(message.data, Form::Observed, &mut self.before) {
             return Ok(Some(Line::Event(self.annotations.take(&read))));
         }
         parse_dated(&message, self.number, &mut self.annotations).map(Some)
@@ -117,8 +115,7 @@ impl<'a> Messages<'a> {
         let Some(message) = self.raw.lend()? else { return Ok(false) };
         check_encoding(self.topic, &message)?;
         self.number += 1;
-        let read = canonical::event(message.data, Form::Observed, &mut self.before);
-        if read.is_some_and(|read| read.len == message.data.len()) {
+        if parse_canonical(message.data, Form::Observed, &mut self.before).is_some() {
             text.extend_from_slice(message.data);
         } else {
             match parse_dated(&message, self.number, &mut self.annotations)? {
