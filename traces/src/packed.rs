@@ -21,11 +21,11 @@
 //! |---|---|
 //! | gzip, several members too | 32 KiB |
 //! | zstd, several frames too | the frame's window, at most 128 MiB |
-//! | MCAP, its chunks plain, lz4 or zstd | its largest record or chunk, at most 40 MiB |
+//! | MCAP, its chunks plain, lz4 or zstd | its largest record, at most 40 MiB |
 //!
 //! Of an MCAP file the messages of the topic `/fuseline/trace` are the lines. They are written anew in the form of a trace, so that
 //! their verdict is that of what `fuseline convert` makes. A length that a file claims takes no memory before its bytes come;
-//! but a record in a packed chunk takes at once what it claims, and is refused beyond 40 MiB.
+//! but a record in a chunk of lz4 takes at once what it claims, and any is refused beyond 40 MiB.
 //!
 //! Without the feature `packed` only gzip is unpacked.
 //!
@@ -35,16 +35,23 @@
 mod beside;
 #[cfg(feature = "packed")]
 mod messages;
+mod pieces;
 
-#[cfg(feature = "packed")]
-use std::io::BufReader;
-use std::io::{self, BufRead};
+use std::io::{self, BufRead, BufReader, Read};
+
+use flate2::bufread::MultiGzDecoder;
 
 pub use beside::unpack_beside;
 #[cfg(feature = "packed")]
 pub use messages::{
     MessageError, Messages, PayloadFormat, PayloadSchema, RECORD, RawMessage, RawMessages,
 };
+
+#[cfg(feature = "packed")]
+use self::messages::MessageLines;
+use self::pieces::PIECE;
+#[cfg(feature = "packed")]
+use self::pieces::PieceReader;
 
 /// The topic of a trace's lines, unless another is named.
 pub const TOPIC: &str = "/fuseline/trace";
@@ -86,17 +93,30 @@ impl Packing {
 pub fn unpack<'a, R: BufRead + 'a>(mut inner: R) -> io::Result<Box<dyn BufRead + 'a>> {
     Ok(match inner.fill_buf()?.first().copied().and_then(Packing::of) {
         None => Box::new(inner),
-        Some(Packing::Gzip) => crate::unpack(inner)?,
         #[cfg(feature = "packed")]
-        Some(Packing::Zstd) => {
+        Some(Packing::Mcap) => {
+            let mut lines = MessageLines::new(inner);
+            Box::new(PieceReader::new(move |piece: &mut Vec<u8>| lines.fill(piece)))
+        }
+        Some(packing) => Box::new(BufReader::with_capacity(PIECE, decoder(inner, packing)?)),
+    })
+}
+
+/// Unpacks bytes that are packed as gzip or zstd.
+fn decoder<'a, R: BufRead + 'a>(inner: R, packing: Packing) -> io::Result<Box<dyn Read + 'a>> {
+    Ok(match packing {
+        Packing::Gzip => Box::new(MultiGzDecoder::new(inner)),
+        #[cfg(feature = "packed")]
+        Packing::Zstd => {
             let mut unpacked = zstd::Decoder::with_buffer(inner)?;
             unpacked.window_log_max(WINDOW_LOG)?;
-            Box::new(BufReader::with_capacity(64 * 1024, unpacked))
+            Box::new(unpacked)
         }
+        // MCAP is no stream of bytes.
         #[cfg(feature = "packed")]
-        Some(Packing::Mcap) => Box::new(messages::Lines::new(inner)),
+        Packing::Mcap => Box::new(inner),
         #[cfg(not(feature = "packed"))]
-        Some(packing @ (Packing::Zstd | Packing::Mcap)) => {
+        Packing::Zstd | Packing::Mcap => {
             let why = format!(
                 "packed as {packing:?}, which this build cannot read; build it with the feature packed"
             );

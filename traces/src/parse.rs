@@ -63,8 +63,8 @@ pub struct ParseError {
 /// Whatever the format does not allow, with its column.
 pub fn parse(line: &[u8]) -> Result<Line, ParseError> {
     let mut annotations = LineAnnotations::default();
-    if let Some(event) = parse_canonical(line, Form::Strict, &mut annotations) {
-        return Ok(Line::Event(event));
+    if let Some(read) = parse_canonical(line, Form::Strict, &mut StampBefore::default()) {
+        return Ok(Line::Event(annotations.take(&read)));
     }
     parse_as(line, Form::Strict, &mut annotations)
 }
@@ -73,10 +73,9 @@ pub fn parse(line: &[u8]) -> Result<Line, ParseError> {
 pub(crate) fn parse_canonical(
     line: &[u8],
     form: Form,
-    annotations: &mut LineAnnotations,
-) -> Option<Event> {
-    let read = canonical::event(line, form, &mut StampBefore::default())?;
-    (read.len == line.len()).then(|| annotations.take(&read))
+    before: &mut StampBefore,
+) -> Option<CanonicalLine> {
+    canonical::event(line, form, before).filter(|read| read.len == line.len())
 }
 
 impl LineAnnotations {

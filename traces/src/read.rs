@@ -135,10 +135,10 @@ impl<R: BufRead> Events<R> {
         };
         if let Ok(true) = whole
             && self.raw.len() <= LINE
-            && let Some(event) = parse_canonical(&self.raw, self.form, &mut self.annotations)
+            && let Some(read) = parse_canonical(&self.raw, self.form, &mut self.before)
         {
             self.line += 1;
-            return Ok(Some(event));
+            return Ok(Some(self.annotations.take(&read)));
         }
         match self.filled_line(whole)? {
             Some(Line::Event(event)) => Ok(Some(event)),

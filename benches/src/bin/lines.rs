@@ -3,9 +3,12 @@
 //! `benches/worst-case` runs it. Prints how many lines the trace has.
 
 use std::hint::black_box;
+use std::io::{self, Cursor};
 
 use fuseline_benches::trace::trace;
+use fuseline_engine::Mcap;
 use fuseline_traces::observed::{self, Slack};
+use fuseline_traces::packed::unpack;
 use fuseline_traces::{Events, judge};
 
 /// How many lines it has at least: enough that the judges' sets have their usual size.
@@ -18,6 +21,13 @@ fn lines_read(trace: &[u8]) {
     while let Some(event) = reader.next_event().expect("it can be read") {
         black_box(event);
     }
+}
+
+/// From MCAP to lines, which are not read.
+#[inline(never)]
+fn lines_unpacked(packed: &[u8]) {
+    let mut lines = unpack(black_box(packed)).expect("it can be read");
+    io::copy(&mut lines, &mut io::sink()).expect("it can be read");
 }
 
 #[inline(never)]
@@ -38,10 +48,26 @@ fn lines_done() {
     black_box(());
 }
 
+/// The trace as MCAP with zstd.
+fn mcap(trace: &[u8]) -> Vec<u8> {
+    let mut reader = Events::new("trace", trace).expect("a header");
+    let mut packed = Cursor::new(Vec::new());
+    let (header, annotations) = (reader.header(), reader.header_annotations());
+    let mut mcap = Mcap::new(&mut packed, header, annotations, 0).expect("memory takes all");
+    while let Some(event) = reader.next_event().expect("it can be read") {
+        mcap.event(&event, reader.annotations()).expect("memory takes all");
+    }
+    mcap.finish().expect("memory takes all");
+    packed.into_inner()
+}
+
 fn main() {
     let (trace, lines) = trace(LINES);
+    let packed = mcap(&trace);
     println!("{lines}");
     lines_read(&trace);
+    lines_done();
+    lines_unpacked(&packed);
     lines_done();
     lines_strict(&trace);
     lines_done();

@@ -9,15 +9,15 @@ use crate::convert::recorded::{AnnotatedEvent, AnnotatedHeader, ConvertError, Re
 use crate::fault::Fault;
 
 /// An MCAP file that is being read.
-pub(crate) struct McapInput<'a, R> {
+pub(crate) struct McapInput<'a> {
     file: &'a str,
-    messages: Messages<'a, R>,
+    messages: Messages<'a>,
     /// The first event, if it came where a header was expected.
     first: Option<AnnotatedEvent>,
 }
 
-impl<'a, R: Read> McapInput<'a, R> {
-    pub(crate) fn new(file: &'a str, inner: R, topic: &'a str) -> Self {
+impl<'a> McapInput<'a> {
+    pub(crate) fn new(file: &'a str, inner: impl Read + 'a, topic: &'a str) -> Self {
         Self { file, messages: Messages::new(inner, topic), first: None }
     }
 
@@ -36,7 +36,7 @@ impl<'a, R: Read> McapInput<'a, R> {
     }
 }
 
-impl<R: Read> Recorded for McapInput<'_, R> {
+impl Recorded for McapInput<'_> {
     fn header(&mut self) -> Result<Option<AnnotatedHeader>, Fault> {
         match self.line()? {
             Some(Line::Header(header)) => {

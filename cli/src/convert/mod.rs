@@ -236,7 +236,7 @@ impl Args {
         let names: Vec<&str> = self.topic.iter().map(|topic| &*topic.name).collect();
         let messages = db3::Db3Messages::open(&self.file, &names)
             .map_err(|error| ConvertError::File { file, message: error.to_string() })?;
-        let messages: MessageFile<'_, Box<dyn Read>> = MessageFile::Db3(messages);
+        let messages = MessageFile::Db3(messages);
         Ok(Box::new(TopicInput::new(name, messages, &self.topic, columns)))
     }
 }

@@ -1,6 +1,5 @@
 //! Messages of topics of a recording, mapped by the user's names: MCAP, or rosbag2's database.
 
-use std::io::Read;
 use std::rc::Rc;
 
 use fuseline_traces::packed::{PayloadFormat, RawMessage, RawMessages};
@@ -15,17 +14,17 @@ use crate::convert::topic::TopicChoice;
 use crate::fault::Fault;
 
 /// A recording that is being read; it has no header of its own.
-pub(crate) struct TopicInput<'a, R> {
+pub(crate) struct TopicInput<'a> {
     file: &'a str,
-    messages: MessageFile<'a, R>,
+    messages: MessageFile<'a>,
     topics: Vec<MappedTopic<'a>>,
     /// How messages of the channels so far are decoded.
     payloads: Vec<(Rc<PayloadFormat>, PayloadDecoder)>,
 }
 
 /// A recording by its format.
-pub(crate) enum MessageFile<'a, R> {
-    Mcap(Box<RawMessages<'a, R>>),
+pub(crate) enum MessageFile<'a> {
+    Mcap(Box<RawMessages<'a>>),
     #[cfg(feature = "bags")]
     Db3(Db3Messages),
 }
@@ -37,10 +36,10 @@ struct MappedTopic<'a> {
     number: u64,
 }
 
-impl<'a, R: Read> TopicInput<'a, R> {
+impl<'a> TopicInput<'a> {
     pub(crate) fn new(
         file: &'a str,
-        messages: MessageFile<'a, R>,
+        messages: MessageFile<'a>,
         topics: &'a [TopicChoice],
         columns: &Columns<'a>,
     ) -> Self {
@@ -98,7 +97,7 @@ impl<'a, R: Read> TopicInput<'a, R> {
     }
 }
 
-impl<R: Read> Recorded for TopicInput<'_, R> {
+impl Recorded for TopicInput<'_> {
     fn header(&mut self) -> Result<Option<AnnotatedHeader>, Fault> {
         Ok(None)
     }

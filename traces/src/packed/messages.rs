@@ -1,18 +1,21 @@
 //! [`Messages`]: the messages of one JSON channel of an MCAP file, as lines of a trace.
 
-mod chunks;
 mod raw;
+mod records;
 
 use std::borrow::Cow;
-use std::io::{self, BufRead, Read};
+use std::io::{self, Read};
 
 use mcap::McapError;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 use thiserror::Error;
 
+use self::raw::LentMessage;
 pub use self::raw::{PayloadFormat, PayloadSchema, RECORD, RawMessage, RawMessages};
-use crate::packed::TOPIC;
+use self::records::RecordBlocks;
+use crate::canonical::StampBefore;
+use crate::packed::{PIECE, TOPIC};
 use crate::parse::{Form, LineAnnotations, parse_as, parse_canonical};
 use crate::{Annotations, HeaderAnnotations, Line, ParseError};
 
@@ -24,7 +27,7 @@ pub enum MessageError {
     File(#[from] McapError),
     /// The bytes could not be read.
     #[error("{0}")]
-    Io(#[from] io::Error),
+    Io(#[source] io::Error),
     /// The topic's messages are of another encoding.
     #[error("topic {topic} is encoded as {encoding:?}; a trace's is json")]
     Encoding {
@@ -49,18 +52,23 @@ pub enum MessageError {
 /// The messages of one topic of an MCAP file, as lines of a trace.
 ///
 /// After an error it yields nothing more.
-pub struct Messages<'a, R> {
-    raw: RawMessages<'a, R>,
+pub struct Messages<'a> {
+    raw: RawMessages<'a>,
     topic: &'a str,
     number: u64,
     annotations: LineAnnotations,
+    before: StampBefore,
 }
 
-impl<'a, R: Read> Messages<'a, R> {
+impl<'a> Messages<'a> {
     /// Reads the messages of `topic`; nothing is read yet.
-    pub fn new(inner: R, topic: &'a str) -> Self {
-        let raw = RawMessages::new(inner, vec![topic]);
-        Self { raw, topic, number: 0, annotations: LineAnnotations::default() }
+    pub fn new(inner: impl Read + 'a, topic: &'a str) -> Self {
+        Self::of(RawMessages::new(inner, vec![topic]), topic)
+    }
+
+    fn of(raw: RawMessages<'a>, topic: &'a str) -> Self {
+        let (annotations, before) = (LineAnnotations::default(), StampBefore::default());
+        Self { raw, topic, number: 0, annotations, before }
     }
 
     /// What the message read last has beside what the machine's rules read, if it is an event.
@@ -92,83 +100,115 @@ impl<'a, R: Read> Messages<'a, R> {
     /// # Errors
     /// If the file cannot be read, the topic is not JSON, or a message is no line of a trace.
     pub fn line(&mut self) -> Result<Option<Line>, MessageError> {
-        let Some(message) = self.raw.message()? else { return Ok(None) };
-        if message.format.encoding != "json" {
-            let (topic, encoding) = (self.topic.to_owned(), message.format.encoding.clone());
-            return Err(MessageError::Encoding { topic, encoding });
-        }
+        let Some(message) = self.raw.lend()? else { return Ok(None) };
+        check_encoding(self.topic, &message)?;
         self.number += 1;
         // Nearly all are as they are written.
-        if let Some(event) = parse_canonical(&message.data, Form::Observed, &mut self.annotations) {
-            return Ok(Some(Line::Event(event)));
+        if let Some(read) = parse_canonical(message.data, Form::Observed, &mut self.before) {
+            return Ok(Some(Line::Event(self.annotations.take(&read))));
         }
-        let line = dated(&message.data, message.log_time);
-        let line = parse_as(&line, Form::Observed, &mut self.annotations);
-        let number = self.number;
-        line.map(Some).map_err(|source| MessageError::Message { number, source })
+        parse_dated(&message, self.number, &mut self.annotations).map(Some)
     }
+
+    /// Appends the next message as a line with its end; false at the end of the file.
+    fn append_line(&mut self, text: &mut Vec<u8>) -> Result<bool, MessageError> {
+        let Some(message) = self.raw.lend()? else { return Ok(false) };
+        check_encoding(self.topic, &message)?;
+        self.number += 1;
+        if parse_canonical(message.data, Form::Observed, &mut self.before).is_some() {
+            text.extend_from_slice(message.data);
+        } else {
+            match parse_dated(&message, self.number, &mut self.annotations)? {
+                Line::Header(header) => header.write_annotated(&self.annotations.header, text),
+                Line::Event(event) => event.write_annotated(&self.annotations.event, text),
+            }
+        }
+        text.push(b'\n');
+        Ok(true)
+    }
+}
+
+fn check_encoding(topic: &str, message: &LentMessage<'_>) -> Result<(), MessageError> {
+    if message.format.encoding == "json" {
+        return Ok(());
+    }
+    let (topic, encoding) = (topic.to_owned(), message.format.encoding.clone());
+    Err(MessageError::Encoding { topic, encoding })
+}
+
+fn parse_dated(
+    message: &LentMessage<'_>,
+    number: u64,
+    annotations: &mut LineAnnotations,
+) -> Result<Line, MessageError> {
+    let line = dated(message.data, message.log_time);
+    let line = parse_as(&line, Form::Observed, annotations);
+    line.map_err(|source| MessageError::Message { number, source })
 }
 
 /// The messages as the bytes of a trace.
-pub(crate) struct Lines<R> {
-    messages: Messages<'static, R>,
-    line: Vec<u8>,
-    taken: usize,
+pub(super) struct MessageLines<'a> {
+    messages: Messages<'a>,
+    /// What is reported once all lines before it were handed over.
+    error: Option<MessageError>,
 }
 
-impl<R: Read> Lines<R> {
-    pub(crate) fn new(inner: R) -> Self {
-        Self { messages: Messages::new(inner, TOPIC), line: Vec::new(), taken: 0 }
+impl<'a> MessageLines<'a> {
+    pub(super) fn new(inner: impl Read + 'a) -> Self {
+        Self { messages: Messages::new(inner, TOPIC), error: None }
     }
 
-    fn next_line(&mut self) -> Result<(), MessageError> {
-        match self.messages.line()? {
-            Some(Line::Header(header)) => {
-                header.write_annotated(self.messages.header_annotations(), &mut self.line);
+    /// The messages in blocks of whole records.
+    pub(super) fn of_blocks(records: impl FnMut(&mut Vec<u8>) -> io::Result<bool> + 'a) -> Self {
+        let raw = RawMessages::of_blocks(records, vec![TOPIC]);
+        Self { messages: Messages::of(raw, TOPIC), error: None }
+    }
+
+    /// Puts whole lines into a piece; false at the end.
+    pub(super) fn fill(&mut self, piece: &mut Vec<u8>) -> io::Result<bool> {
+        piece.clear();
+        while self.error.is_none() && piece.len() < PIECE {
+            match self.messages.append_line(piece) {
+                Ok(true) => {}
+                Ok(false) if self.messages.number() == 0 => self.error = Some(self.messages.none()),
+                Ok(false) => break,
+                Err(error) => self.error = Some(error),
             }
-            Some(Line::Event(event)) => {
-                event.write_annotated(self.messages.annotations(), &mut self.line);
-            }
-            None if self.messages.number() == 0 => {
-                return Err(self.messages.none());
-            }
-            None => return Ok(()),
         }
-        self.line.push(b'\n');
-        Ok(())
-    }
-}
-
-impl<R: Read> BufRead for Lines<R> {
-    fn fill_buf(&mut self) -> io::Result<&[u8]> {
-        if self.taken == self.line.len() {
-            self.line.clear();
-            self.taken = 0;
-            self.next_line().map_err(io_error)?;
+        match self.error.take_if(|_| piece.is_empty()) {
+            Some(error) => Err(message_error(error)),
+            None => Ok(!piece.is_empty()),
         }
-        Ok(self.line.get(self.taken..).unwrap_or_default())
-    }
-
-    fn consume(&mut self, amount: usize) {
-        self.taken = self.line.len().min(self.taken + amount);
     }
 }
 
-impl<R: Read> Read for Lines<R> {
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        let len = self.fill_buf()?.read(buffer)?;
-        self.consume(len);
-        Ok(len)
-    }
+/// The records of an MCAP file in blocks.
+pub(super) fn blocks(inner: impl Read) -> impl FnMut(&mut Vec<u8>) -> io::Result<bool> {
+    let mut records = RecordBlocks::new(inner);
+    move |block| records.fill(block).map_err(io_error)
 }
 
-fn io_error(error: MessageError) -> io::Error {
+fn message_error(error: MessageError) -> io::Error {
     match error {
         MessageError::Io(error) | MessageError::File(McapError::Io(error)) => error,
         MessageError::File(McapError::UnexpectedEof) => {
             io::Error::new(io::ErrorKind::UnexpectedEof, error)
         }
         error => io::Error::new(io::ErrorKind::InvalidData, error),
+    }
+}
+
+/// The library's error, to be found again in [`MessageError`].
+fn io_error(error: McapError) -> io::Error {
+    match error {
+        McapError::Io(error) => error,
+        error => io::Error::other(error),
+    }
+}
+
+impl From<io::Error> for MessageError {
+    fn from(error: io::Error) -> Self {
+        error.downcast().map_or_else(Self::Io, Self::File)
     }
 }
 

@@ -3,22 +3,22 @@
 //! The library takes memory for whatever length a file claims, so lengths are checked here first.
 
 use std::collections::BTreeMap;
-use std::io::Read;
+use std::io::{self, Read};
+use std::ops::Range;
 use std::rc::Rc;
 
 use mcap::McapError;
 use mcap::records::{Record, op};
-use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
-use super::MessageError;
-use super::chunks::ChunkScanner;
+use super::records::split_head;
+use super::{MessageError, blocks};
 
-/// The longest record, in bytes: an image of 4K and four channels fits. What a record in a packed chunk claims to hold takes
-/// memory before the first byte of it came, and up to three times as much while a buffer grows. All schemas together
+/// The longest record, in bytes: an image of 4K and four channels fits. What a record in a chunk of lz4 claims to hold takes
+/// memory before the first byte of it came, and any up to three times as much while a buffer grows. All schemas together
 /// may take as much.
 pub const RECORD: usize = 40 << 20;
-/// How much is read at once, in bytes: what a record claims to hold takes memory as it comes.
-const PIECE: usize = 64 << 10;
+/// What a message begins with: its channel, a number, two instants.
+const MESSAGE: usize = 22;
 
 /// A message as it was recorded.
 #[derive(Clone, Debug)]
@@ -56,10 +56,12 @@ pub struct PayloadSchema {
 /// The messages of some topics of an MCAP file, in the order of the file.
 ///
 /// After an error it yields nothing more.
-pub struct RawMessages<'a, R> {
-    inner: R,
-    reader: LinearReader,
-    chunks: ChunkScanner,
+pub struct RawMessages<'a> {
+    /// Puts the next records of the file, each of them whole, into a block.
+    records: Box<dyn FnMut(&mut Vec<u8>) -> io::Result<bool> + 'a>,
+    block: Vec<u8>,
+    /// Where the next record of the block begins.
+    at: usize,
     topics: Vec<&'a str>,
     schemas: BTreeMap<u16, Rc<PayloadSchema>>,
     /// How many bytes the schemas have.
@@ -67,16 +69,28 @@ pub struct RawMessages<'a, R> {
     channels: BTreeMap<u16, (usize, Rc<PayloadFormat>)>,
 }
 
-impl<'a, R: Read> RawMessages<'a, R> {
+/// A message where it was read.
+pub(super) struct LentMessage<'m> {
+    pub(super) topic: usize,
+    pub(super) log_time: u64,
+    pub(super) format: &'m Rc<PayloadFormat>,
+    pub(super) data: &'m [u8],
+}
+
+impl<'a> RawMessages<'a> {
     /// Reads the messages of these topics; nothing is read yet.
-    pub fn new(inner: R, topics: Vec<&'a str>) -> Self {
-        let options = LinearReaderOptions::default()
-            .with_record_length_limit(RECORD)
-            .with_validate_chunk_crcs(true);
-        let reader = LinearReader::new_with_options(options);
+    pub fn new(inner: impl Read + 'a, topics: Vec<&'a str>) -> Self {
+        Self::of_blocks(blocks(inner), topics)
+    }
+
+    /// Reads them from blocks of whole records.
+    pub(super) fn of_blocks(
+        records: impl FnMut(&mut Vec<u8>) -> io::Result<bool> + 'a,
+        topics: Vec<&'a str>,
+    ) -> Self {
         let (schemas, channels) = (BTreeMap::new(), BTreeMap::new());
-        let chunks = ChunkScanner::new();
-        Self { inner, reader, chunks, topics, schemas, schemas_len: 0, channels }
+        let (records, block) = (Box::new(records), Vec::new());
+        Self { records, block, at: 0, topics, schemas, schemas_len: 0, channels }
     }
 
     /// The next message of the topics; none at the end.
@@ -84,54 +98,91 @@ impl<'a, R: Read> RawMessages<'a, R> {
     /// # Errors
     /// If the file cannot be read.
     pub fn message(&mut self) -> Result<Option<RawMessage>, MessageError> {
-        loop {
-            let (data, opcode) = match self.reader.next_event().transpose()? {
-                None => return Ok(None),
-                Some(LinearReadEvent::ReadRequest(wanted)) => {
-                    let room = self.reader.insert(wanted.min(PIECE));
-                    let read = self.inner.read(room)?;
-                    self.chunks.look(&room[..read]).map_err(|_| McapError::UnexpectedEoc)?;
-                    self.reader.notify_read(read);
-                    continue;
-                }
-                Some(LinearReadEvent::Record { data, opcode }) => (data, opcode),
-            };
-            match opcode {
-                op::SCHEMA => {
-                    let room = RECORD - self.schemas_len;
-                    if let Some((id, schema)) = schema_of(data, room) {
-                        self.schemas_len += schema.data.len();
-                        self.schemas.insert(id, Rc::new(schema));
-                    }
-                    continue;
-                }
-                op::CHANNEL if !is_whole_channel(data) => {
-                    return Err(McapError::UnexpectedEof.into());
-                }
-                op::CHANNEL | op::MESSAGE => {}
-                // Others are not read, since the library takes the memory that a text in them
-                // claims to need.
-                _ => continue,
+        Ok(self.lend()?.map(|message| {
+            let LentMessage { topic, log_time, format, data } = message;
+            RawMessage { topic, log_time, format: Rc::clone(format), data: data.to_vec() }
+        }))
+    }
+
+    /// The same, where it was read.
+    pub(super) fn lend(&mut self) -> Result<Option<LentMessage<'_>>, MessageError> {
+        let (channel_id, log_time, data) = loop {
+            let Some((opcode, record)) = self.record()? else { return Ok(None) };
+            if opcode != op::MESSAGE {
+                self.describe(opcode, record)?;
+                continue;
             }
-            match mcap::parse_record(opcode, data)? {
-                Record::Channel(channel) => {
-                    let topic = self.topics.iter().position(|topic| *topic == channel.topic);
-                    if let Some(topic) = topic {
-                        let schema = self.schemas.get(&channel.schema_id).cloned();
-                        let format = PayloadFormat { encoding: channel.message_encoding, schema };
-                        self.channels.insert(channel.id, (topic, Rc::new(format)));
-                    }
-                }
-                Record::Message { header, data } => {
-                    if let Some((topic, format)) = self.channels.get(&header.channel_id) {
-                        let (topic, format) = (*topic, Rc::clone(format));
-                        let (data, log_time) = (data.into_owned(), header.log_time);
-                        return Ok(Some(RawMessage { topic, log_time, format, data }));
-                    }
-                }
-                _ => {}
+            let bytes = &self.block[record.clone()];
+            let Some(head) = bytes.first_chunk::<MESSAGE>() else {
+                // It is reported as the library does.
+                mcap::parse_record(opcode, bytes)?;
+                continue;
+            };
+            let [low, high, _, _, _, _, log_time @ .., _, _, _, _, _, _, _, _] = head;
+            let channel_id = u16::from_le_bytes([*low, *high]);
+            if self.channels.contains_key(&channel_id) {
+                break (
+                    channel_id,
+                    u64::from_le_bytes(*log_time),
+                    record.start + MESSAGE..record.end,
+                );
+            }
+        };
+        let data = &self.block[data];
+        let channel = self.channels.get(&channel_id);
+        Ok(channel.map(|(topic, format)| LentMessage { topic: *topic, log_time, format, data }))
+    }
+
+    /// The next record: its code, and where its bytes are in the block.
+    fn record(&mut self) -> Result<Option<(u8, Range<usize>)>, MessageError> {
+        while self.at == self.block.len() {
+            self.at = 0;
+            if !(self.records)(&mut self.block)? {
+                self.block.clear();
+                return Ok(None);
             }
         }
+        let Some((head, rest)) = self.block[self.at..].split_first_chunk() else {
+            return Err(McapError::UnexpectedEoc.into());
+        };
+        let (opcode, len) = split_head(*head);
+        let fits = usize::try_from(len).ok().filter(|len| *len <= rest.len());
+        let Some(len) = fits else { return Err(McapError::UnexpectedEoc.into()) };
+        let start = self.block.len() - rest.len();
+        let end = start + len;
+        self.at = end;
+        Ok(Some((opcode, start..end)))
+    }
+
+    /// Takes a record that is no message.
+    fn describe(&mut self, opcode: u8, record: Range<usize>) -> Result<(), MessageError> {
+        let data = &self.block[record];
+        match opcode {
+            op::SCHEMA => {
+                let room = RECORD - self.schemas_len;
+                if let Some((id, schema)) = schema_of(data, room) {
+                    self.schemas_len += schema.data.len();
+                    self.schemas.insert(id, Rc::new(schema));
+                }
+            }
+            op::CHANNEL => {
+                if !is_whole_channel(data) {
+                    return Err(McapError::UnexpectedEof.into());
+                }
+                let Record::Channel(channel) = mcap::parse_record(opcode, data)? else {
+                    return Ok(());
+                };
+                let topic = self.topics.iter().position(|topic| *topic == channel.topic);
+                if let Some(topic) = topic {
+                    let schema = self.schemas.get(&channel.schema_id).cloned();
+                    let format = PayloadFormat { encoding: channel.message_encoding, schema };
+                    self.channels.insert(channel.id, (topic, Rc::new(format)));
+                }
+            }
+            // Others are not read, since the library takes the memory that a text in them claims to need.
+            _ => {}
+        }
+        Ok(())
     }
 }
 

@@ -1,0 +1,329 @@
+//! [`RecordBlocks`]: the records of an MCAP file one behind the other, those of its chunks unpacked.
+//!
+//! The library would yield a record at a time, and unpack as much as that record needs. Here a chunk is unpacked and its
+//! checksum computed in large pieces. What is neither plain nor zstd, and a chunk whose head is not right, is the library's.
+
+mod foreign;
+
+use std::io::{self, BufRead, BufReader, Read};
+
+use flate2::Crc;
+use mcap::records::op;
+use mcap::{MAGIC, McapError};
+use zstd::stream::raw::{Decoder, InBuffer, Operation, OutBuffer};
+
+use self::foreign::ForeignChunk;
+use super::raw::RECORD;
+
+/// How many bytes of records a block has, unless one record is longer.
+const BLOCK: usize = 256 << 10;
+/// How much is read and unpacked at once, in bytes: what a record claims to hold takes memory as it comes.
+const PIECE: usize = 64 << 10;
+/// A record's code and the length of what follows.
+const HEAD: usize = 9;
+/// What a chunk begins with: two instants, a size, a checksum, the length of the packing's name.
+const CHUNK: usize = 32;
+/// And behind the name: the size of what is packed.
+const SIZE: usize = 8;
+/// The name of the packing that is unpacked here.
+const ZSTD: &[u8] = b"zstd";
+
+/// An MCAP file that is being read.
+pub(super) struct RecordBlocks<R> {
+    inner: BufReader<R>,
+    place: FilePlace,
+    zstd: Option<Decoder<'static>>,
+    /// The beginning of a record that the last block had no room for.
+    cut: Vec<u8>,
+    /// What is reported once all that came before was handed over.
+    error: Option<McapError>,
+}
+
+/// What comes next in the file.
+enum FilePlace {
+    Magic,
+    Record,
+    /// So many bytes of a record that is handed over.
+    Taken(u64),
+    /// So many bytes that are passed over.
+    Skipped(u64),
+    Chunk(ChunkRest),
+    Foreign(Box<ForeignChunk>),
+    EndMagic,
+    End,
+}
+
+/// What is left of a chunk.
+struct ChunkRest {
+    is_packed: bool,
+    /// In the file.
+    len: u64,
+    /// Unpacked, if it is packed.
+    unpacked_len: u64,
+    /// What follows in the chunk's record.
+    padding: u64,
+    /// None if it has none.
+    checksum: Option<(u32, Crc)>,
+}
+
+impl<R: Read> RecordBlocks<R> {
+    /// Nothing is read yet.
+    pub(super) fn new(inner: R) -> Self {
+        let inner = BufReader::with_capacity(PIECE, inner);
+        Self { inner, place: FilePlace::Magic, zstd: None, cut: Vec::new(), error: None }
+    }
+
+    /// Puts whole records into a block; false at the end of the file. What comes before an error counts.
+    ///
+    /// # Errors
+    /// If the file cannot be read; nothing follows then.
+    pub(super) fn fill(&mut self, block: &mut Vec<u8>) -> Result<bool, McapError> {
+        block.clear();
+        block.append(&mut self.cut);
+        let mut whole = 0;
+        while self.error.is_none() && (whole == 0 || block.len() < BLOCK) {
+            match self.advance(block, &mut whole) {
+                Ok(()) if matches!(self.place, FilePlace::End) => break,
+                Ok(()) => {}
+                Err(error) => self.error = Some(error),
+            }
+        }
+        self.cut.extend_from_slice(&block[whole..]);
+        block.truncate(whole);
+        if whole == 0
+            && let Some(error) = self.error.take()
+        {
+            self.place = FilePlace::End;
+            self.cut.clear();
+            return Err(error);
+        }
+        Ok(whole > 0)
+    }
+
+    /// Goes on by a few bytes of the file. `whole` is where the last whole record of the block ends.
+    fn advance(&mut self, block: &mut Vec<u8>, whole: &mut usize) -> Result<(), McapError> {
+        match &mut self.place {
+            FilePlace::Magic => {
+                self.magic()?;
+                self.place = FilePlace::Record;
+            }
+            FilePlace::Record => self.place = self.record(block)?,
+            FilePlace::Taken(left) => {
+                let bytes = buffered(&mut self.inner, *left)?;
+                block.extend_from_slice(bytes);
+                let len = bytes.len();
+                self.inner.consume(len);
+                *left -= len as u64;
+                if *left == 0 {
+                    self.place = FilePlace::Record;
+                    *whole = block.len();
+                }
+            }
+            FilePlace::Skipped(0) => self.place = FilePlace::Record,
+            FilePlace::Skipped(left) => {
+                let len = buffered(&mut self.inner, *left)?.len();
+                self.inner.consume(len);
+                *left -= len as u64;
+            }
+            FilePlace::Chunk(_) => self.chunk(block, whole)?,
+            FilePlace::Foreign(chunk) => {
+                if !chunk.advance(&mut self.inner, block)? {
+                    self.place = FilePlace::Record;
+                }
+                *whole = block.len();
+            }
+            FilePlace::EndMagic => {
+                self.magic()?;
+                self.place = FilePlace::End;
+            }
+            FilePlace::End => {}
+        }
+        Ok(())
+    }
+
+    /// The next record of the file, up to what is in it.
+    fn record(&mut self, block: &mut Vec<u8>) -> Result<FilePlace, McapError> {
+        let mut head = [0; HEAD];
+        self.exactly(&mut head)?;
+        let (opcode, len) = split_head(head);
+        if opcode == op::CHUNK {
+            return self.chunk_head(head, len);
+        }
+        if len > RECORD as u64 {
+            return Err(McapError::RecordTooLarge { opcode, len });
+        }
+        match opcode {
+            op::SCHEMA | op::CHANNEL | op::MESSAGE => {
+                block.extend_from_slice(&head);
+                return Ok(FilePlace::Taken(len));
+            }
+            op::DATA_END | op::FOOTER => {
+                let mut bytes = Vec::new();
+                let read = self.inner.by_ref().take(len).read_to_end(&mut bytes)?;
+                if (read as u64) < len {
+                    return Err(McapError::UnexpectedEof);
+                }
+                mcap::parse_record(opcode, &bytes)?;
+                let is_last = opcode == op::FOOTER;
+                return Ok(if is_last { FilePlace::EndMagic } else { FilePlace::Record });
+            }
+            _ => {}
+        }
+        Ok(FilePlace::Skipped(len))
+    }
+
+    /// A chunk of `len` bytes, up to its records.
+    fn chunk_head(&mut self, record: [u8; HEAD], len: u64) -> Result<FilePlace, McapError> {
+        let mut head = [0; CHUNK + SIZE];
+        self.exactly(&mut head)?;
+        let (unpacked_len, name_len) = (number(&head[16..]), u64::from(short(&head[28..])));
+        let head_len = head.len() as u64 + name_len;
+        if len < head_len {
+            return Err(McapError::BadChunkLength { header: head_len, available: len });
+        }
+        let mut read = [&record[..], &head].concat();
+        let mut left = len - head.len() as u64;
+        if name_len == ZSTD.len() as u64 {
+            // What the size has pushed back.
+            let mut rest = [0; ZSTD.len()];
+            self.exactly(&mut rest)?;
+            read.extend_from_slice(&rest);
+            left -= rest.len() as u64;
+        }
+        let (size, name) =
+            (number(&read[read.len() - SIZE..]), &read[HEAD + CHUNK..read.len() - SIZE]);
+        let padding = left.checked_sub(size).filter(|padding| *padding <= RECORD as u64);
+        let is_packed = name == ZSTD;
+        let is_known = name_len == 0 || is_packed;
+        let (true, Some(padding)) = (is_known, padding) else {
+            return Ok(FilePlace::Foreign(Box::new(ForeignChunk::new(&read, left))));
+        };
+        let checksum = short(&head[24..]);
+        let checksum = (checksum != 0).then(|| (checksum, Crc::new()));
+        if let Some(zstd) = self.zstd.as_mut().filter(|_| is_packed) {
+            zstd.reinit()?;
+        }
+        Ok(FilePlace::Chunk(ChunkRest { is_packed, len: size, unpacked_len, padding, checksum }))
+    }
+
+    /// Some more of a chunk, or its end.
+    fn chunk(&mut self, block: &mut Vec<u8>, whole: &mut usize) -> Result<(), McapError> {
+        let FilePlace::Chunk(chunk) = &mut self.place else { return Ok(()) };
+        let left = if chunk.is_packed { chunk.unpacked_len } else { chunk.len };
+        if left == 0 {
+            if *whole < block.len() {
+                return Err(McapError::UnexpectedEoc);
+            }
+            if let Some((saved, crc)) = &chunk.checksum
+                && *saved != crc.sum()
+            {
+                return Err(McapError::BadChunkCrc { saved: *saved, calculated: crc.sum() });
+            }
+            self.place = FilePlace::Skipped(chunk.len + chunk.padding);
+            return Ok(());
+        }
+        let before = block.len();
+        if chunk.is_packed {
+            let zstd = match &mut self.zstd {
+                Some(zstd) => zstd,
+                none => none.insert(Decoder::new()?),
+            };
+            unpack(&mut self.inner, zstd, chunk, block)?;
+        } else {
+            let bytes = buffered(&mut self.inner, chunk.len)?;
+            block.extend_from_slice(bytes);
+            let len = bytes.len();
+            self.inner.consume(len);
+            chunk.len -= len as u64;
+        }
+        if let Some((_, crc)) = &mut chunk.checksum {
+            crc.update(&block[before..]);
+        }
+        whole_records(block, whole)
+    }
+
+    fn magic(&mut self) -> Result<(), McapError> {
+        let mut magic = [0; MAGIC.len()];
+        self.exactly(&mut magic)?;
+        if magic == *MAGIC { Ok(()) } else { Err(McapError::BadMagic) }
+    }
+
+    /// These bytes, or the file was cut short.
+    fn exactly(&mut self, bytes: &mut [u8]) -> Result<(), McapError> {
+        self.inner.read_exact(bytes).map_err(|error| match error.kind() {
+            io::ErrorKind::UnexpectedEof => McapError::UnexpectedEof,
+            _ => error.into(),
+        })
+    }
+}
+
+/// Unpacks more of a chunk into a block.
+fn unpack(
+    inner: &mut impl BufRead,
+    zstd: &mut Decoder<'_>,
+    chunk: &mut ChunkRest,
+    block: &mut Vec<u8>,
+) -> Result<(), McapError> {
+    let packed = if chunk.len == 0 { &[] } else { buffered(inner, chunk.len)? };
+    block.reserve(PIECE);
+    let before = block.len();
+    let (mut from, mut to) = (InBuffer::around(packed), OutBuffer::around_pos(block, before));
+    let unpacked = zstd.run(&mut from, &mut to);
+    unpacked.map_err(|error| McapError::DecompressionError(error.to_string()))?;
+    let (read, wrote) = (from.pos(), to.pos() - before);
+    inner.consume(read);
+    if read == 0 && wrote == 0 {
+        return Err(McapError::DecompressionError("decompressor made no progress".to_owned()));
+    }
+    chunk.len -= read as u64;
+    // What is more than the chunk is to hold is none of its records.
+    let most = usize::try_from(chunk.unpacked_len).unwrap_or(usize::MAX);
+    block.truncate(before.saturating_add(most));
+    chunk.unpacked_len -= (block.len() - before) as u64;
+    Ok(())
+}
+
+/// Moves `whole` behind the last whole record of a block.
+fn whole_records(block: &[u8], whole: &mut usize) -> Result<(), McapError> {
+    while let Some((head, rest)) = block.get(*whole..).and_then(|rest| rest.split_first_chunk()) {
+        let (opcode, len) = split_head(*head);
+        let fits = usize::try_from(len).ok().filter(|len| *len <= RECORD);
+        let len = fits.ok_or_else(|| McapError::RecordTooLarge { opcode, len })?;
+        if rest.len() < len {
+            break;
+        }
+        *whole += HEAD + len;
+    }
+    Ok(())
+}
+
+/// At most so many bytes of the file, at least one.
+fn buffered(inner: &mut impl BufRead, most: u64) -> Result<&[u8], McapError> {
+    while let Err(error) = inner.fill_buf() {
+        if error.kind() != io::ErrorKind::Interrupted {
+            return Err(error.into());
+        }
+    }
+    let bytes = inner.fill_buf()?;
+    let most = usize::try_from(most).unwrap_or(usize::MAX);
+    let bytes = bytes.get(..most).unwrap_or(bytes);
+    if bytes.is_empty() && most > 0 { Err(McapError::UnexpectedEof) } else { Ok(bytes) }
+}
+
+/// A record's code and length.
+pub(super) const fn split_head(head: [u8; HEAD]) -> (u8, u64) {
+    let [opcode, a, b, c, d, e, f, g, h] = head;
+    (opcode, u64::from_le_bytes([a, b, c, d, e, f, g, h]))
+}
+
+/// The number that eight bytes begin with.
+fn number(bytes: &[u8]) -> u64 {
+    bytes.first_chunk().map_or(0, |bytes| u64::from_le_bytes(*bytes))
+}
+
+fn short(bytes: &[u8]) -> u32 {
+    bytes.first_chunk().map_or(0, |bytes| u32::from_le_bytes(*bytes))
+}
+
+#[cfg(test)]
+mod tests;
