@@ -103,7 +103,7 @@ GUARDS = [
         "return None",
     ),
     ("front_after_its_end", "_blocking.py", "or self._loop.is_closed()", ""),
-    ("handle_that_blocks", "_timed.py", "self._report(took)", "pass"),
+    ("handle_that_blocks", "_drive.py", "self._lag_warning, self.counting", "2**62, self.counting"),
     (
         "message_handler_that_blocks",
         "_drive.py",

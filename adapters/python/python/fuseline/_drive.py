@@ -15,14 +15,19 @@ from typing import Any, Generic, TypeVar
 
 from fuseline._encoding import EncodedRequest
 from fuseline._errors import in_one_line
-from fuseline._fuseline import Engine, Latency, nanoseconds
+from fuseline._fuseline import Engine, Latency, TimedSteps, nanoseconds
 from fuseline._item import Call, Effect, Ending, Item, Lineage, StampedValue
 from fuseline._local import Local
 from fuseline._side import SideRequest
 from fuseline._state import CarriedState
 from fuseline._threads import DaemonThreads
-from fuseline._timed import TimedSteps
-from fuseline._wiring import WiringError, check_awaitable, check_value, is_awaitable
+from fuseline._wiring import (
+    PLAIN_TYPES,
+    WiringError,
+    check_awaitable,
+    check_value,
+    is_awaitable,
+)
 from fuseline._words import Cloud, ns
 from fuseline.deadline import Policy, Situation
 
@@ -96,8 +101,6 @@ class SourceTasks:
     #: The most that may go on, those included that should have ended.
     limit: int
     cloud: RegisteredCloud | None
-    #: Learns how many nanoseconds each step of a task took.
-    report: Callable[[int], None]
     #: For requests that are to be encoded.
     encoders: DaemonThreads | None = None
     #: By timestamp; those that linger too. None for a task that is about to be made.
@@ -153,16 +156,14 @@ class Driver(Generic[M, V]):
         self._messages: dict[int, M] | None = {} if handlers.carry_messages else None
         #: The latest message that was taken on.
         self._taken_on: int | None = None
-        ran = partial(self.counting.ran, 0)
-        self._sources = {0: SourceTasks(local.at_once + OVERDUE_TASKS, None, ran)}
+        self._sources = {0: SourceTasks(local.at_once + OVERDUE_TASKS, None)}
         for cloud in self._clouds:
             limit = 2 * cloud.calls + OVERDUE_TASKS
             encoders = None
             if cloud.encode is not None:
                 threads = min(cloud.calls, os.cpu_count() or 1)
                 encoders = DaemonThreads(partial(_same, cloud.encode), threads, "fuseline-encode")
-            ran = partial(self.counting.ran, cloud.cloud.p)
-            self._sources[cloud.cloud.p] = SourceTasks(limit, cloud, ran, encoders)
+            self._sources[cloud.cloud.p] = SourceTasks(limit, cloud, encoders)
         #: The sources whose wiring was reported as wrong.
         self._miswired_sources: set[int] = set()
         self._effects: deque[Effect] = deque()
@@ -171,7 +172,7 @@ class Driver(Generic[M, V]):
         self._read_clock, self._lag_warning = clock, lag_warning
         self._output, self._acted = output, acted
         self._loop = asyncio.get_running_loop()
-        self._create_task = self._loop.create_task
+        self._create_task: Callable[..., asyncio.Task[None]] = self._loop.create_task
         self._start, self._now = clock(), 0
         self._timer: asyncio.TimerHandle | None = None
         #: What the timer is set to.
@@ -403,7 +404,7 @@ class Driver(Generic[M, V]):
             call = Call(t, left, *self._lineage_of(now, t)) if self._lineages else Call(t, left)
             work = self._call(source, source.cloud, request, call)
         task = self._create_task(
-            TimedSteps(work, self._read_clock, self._lag_warning, source.report)
+            TimedSteps(work, self._read_clock, self._lag_warning, self.counting, p)
         )
         if t in source.in_flight:
             source.in_flight[t] = task
@@ -411,7 +412,8 @@ class Driver(Generic[M, V]):
     async def _compute(self, source: SourceTasks, t: int, message: M) -> None:
         try:
             value = await self._local._run(message, t)
-            check_value(value, "local", "give an async def, which awaits it")
+            if type(value) not in PLAIN_TYPES:
+                check_value(value, "local", "give an async def, which awaits it")
         except BaseException as error:
             self._failed(source, 0, t, error)
         else:
@@ -431,9 +433,10 @@ class Driver(Generic[M, V]):
             if type(returned) is not CoroutineType:
                 check_awaitable(returned, "the handle")
             response = await returned
-            check_value(response, "the handle", "await it there")
+            if type(response) not in PLAIN_TYPES:
+                check_value(response, "the handle", "await it there")
             value = cloud.response_handler(response)
-            if is_awaitable(value):
+            if type(value) not in PLAIN_TYPES and is_awaitable(value):
                 value = await value
                 check_value(value, "the response handler", "await it there")
         except BaseException as error:
