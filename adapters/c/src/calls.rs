@@ -8,11 +8,29 @@
 
 use core::ffi::{c_char, c_void};
 
-use crate::header::answer_target;
-use crate::inputs::{AnswerPointer, Inputs, MessageInput, OfferArguments};
+use crate::header::{StorageHeader, answer_target};
+use crate::inputs::{MessageInput, OfferArguments};
 use crate::names;
 use crate::plain::{CAnswer, CConfig, CMessage, CState, CStatus, FUSELINE_ABI};
-use crate::storage::{self, CMachine};
+use crate::storage::{self, CMachine, IdleStorage, Storage, with_room};
+
+/// Makes a call of an idle machine, if there is one and the answer can be written; returns from the function if not. One call
+/// for each capacity, so that the compiler joins each with the machine's code.
+macro_rules! call {
+    ($machine:ident, $answer:ident, $method:ident($($argument:expr),*)) => {{
+        // SAFETY: as the header requires.
+        let header = match unsafe { StorageHeader::of($machine, &[answer_target($answer)]) } {
+            Ok(header) => header,
+            Err(status) => return status,
+        };
+        with_room!(header.idle_capacity(), R = Storage => {
+            // SAFETY: the seal says that a storage of this capacity was written here, and it is idle.
+            let storage = unsafe { IdleStorage::new($machine.cast::<R>()) };
+            // SAFETY: not null, aligned, outside the machine, and the header requires that it may be written.
+            storage.$method($($argument,)* unsafe { &mut *$answer.cast() })
+        }, else header.refusal())
+    }};
+}
 
 /// The version of the library: FUSELINE_ABI where its header fits.
 #[unsafe(no_mangle)]
@@ -97,8 +115,7 @@ pub unsafe extern "C" fn fuseline_open(
     t: u64,
     answer: *mut CAnswer,
 ) -> CStatus {
-    // SAFETY: as the header requires.
-    unsafe { with(machine, answer, |room, answer| room.submit(now, t, MessageInput::Open, answer)) }
+    call!(machine, answer, submit(now, t, MessageInput::Open))
 }
 
 /// F1: a message with timestamp `t` came, and local may take `deadline` nanoseconds for it.
@@ -111,12 +128,7 @@ pub unsafe extern "C" fn fuseline_open_within(
     deadline: u64,
     answer: *mut CAnswer,
 ) -> CStatus {
-    // SAFETY: as the header requires.
-    unsafe {
-        with(machine, answer, |room, answer| {
-            room.submit(now, t, MessageInput::OpenWithin(deadline), answer)
-        })
-    }
+    call!(machine, answer, submit(now, t, MessageInput::OpenWithin(deadline)))
 }
 
 /// F2: may message `t` be sent to cloud `p`, which may take `deadline` nanoseconds and in whose outgoing queue
@@ -132,17 +144,11 @@ pub unsafe extern "C" fn fuseline_offer(
     backlog: u64,
     answer: *mut CAnswer,
 ) -> CStatus {
-    // SAFETY: as the header requires.
-    unsafe {
-        with(machine, answer, |room, answer| {
-            room.submit(
-                now,
-                t,
-                MessageInput::Offer(&OfferArguments { p, deadline, backlog }),
-                answer,
-            )
-        })
-    }
+    call!(
+        machine,
+        answer,
+        submit(now, t, MessageInput::Offer(&OfferArguments { p, deadline, backlog }))
+    )
 }
 
 /// F3: the result of source `p` came; 0 is local.
@@ -155,10 +161,7 @@ pub unsafe extern "C" fn fuseline_result(
     p: u64,
     answer: *mut CAnswer,
 ) -> CStatus {
-    // SAFETY: as the header requires.
-    unsafe {
-        with(machine, answer, |room, answer| room.submit(now, t, MessageInput::Result(p), answer))
-    }
+    call!(machine, answer, submit(now, t, MessageInput::Result(p)))
 }
 
 /// F4: no result will come from source `p`; 0 is local.
@@ -171,10 +174,7 @@ pub unsafe extern "C" fn fuseline_fail(
     p: u64,
     answer: *mut CAnswer,
 ) -> CStatus {
-    // SAFETY: as the header requires.
-    unsafe {
-        with(machine, answer, |room, answer| room.submit(now, t, MessageInput::Fail(p), answer))
-    }
+    call!(machine, answer, submit(now, t, MessageInput::Fail(p)))
 }
 
 /// F0: time went by. Call it at the next due instant, and as often besides as you like (P10).
@@ -185,24 +185,21 @@ pub unsafe extern "C" fn fuseline_tick(
     now: u64,
     answer: *mut CAnswer,
 ) -> CStatus {
-    // SAFETY: as the header requires.
-    unsafe { with(machine, answer, |room, answer| room.submit(now, 0, MessageInput::Tick, answer)) }
+    call!(machine, answer, submit(now, 0, MessageInput::Tick))
 }
 
 /// Question: the earliest instant at which a timer is due, or FUSELINE_STATUS_NONE if none is armed.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_next_due(machine: *mut CMachine, due: *mut u64) -> CStatus {
-    // SAFETY: as the header requires.
-    unsafe { with(machine, due, |room, due| room.next_due(due)) }
+    call!(machine, due, next_due())
 }
 
 /// Question: the state of the machine as a whole.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_look(machine: *mut CMachine, state: *mut CState) -> CStatus {
-    // SAFETY: as the header requires.
-    unsafe { with(machine, state, |room, state| room.look(state)) }
+    call!(machine, state, look())
 }
 
 /// Question: the state of timestamp `t`, or FUSELINE_STATUS_NONE if it is not open.
@@ -213,8 +210,7 @@ pub unsafe extern "C" fn fuseline_look_at(
     t: u64,
     message: *mut CMessage,
 ) -> CStatus {
-    // SAFETY: as the header requires.
-    unsafe { with(machine, message, |room, message| room.look_at(t, message)) }
+    call!(machine, message, look_at(t))
 }
 
 /// Question: 1 if the gate of cloud `p` was left shut, else 0; FUSELINE_STATUS_NONE if there is no such cloud.
@@ -225,8 +221,7 @@ pub unsafe extern "C" fn fuseline_gate_is_shut(
     p: u64,
     is_shut: *mut u32,
 ) -> CStatus {
-    // SAFETY: as the header requires.
-    unsafe { with(machine, is_shut, |room, is_shut| room.gate_is_shut(p, is_shut)) }
+    call!(machine, is_shut, gate_is_shut(p))
 }
 
 /// The word for a fuseline_status; "?" for another number.
@@ -248,21 +243,4 @@ pub extern "C" fn fuseline_outcome_name(outcome: u32) -> *const c_char {
 #[unsafe(no_mangle)]
 pub extern "C" fn fuseline_reason_name(reason: u32) -> *const c_char {
     names::reason(reason)
-}
-
-/// Makes a call of the machine, if there is one and the answer can be written.
-///
-/// # Safety
-/// As the header requires of a machine and of where an answer is written.
-unsafe fn with<T>(
-    machine: *mut CMachine,
-    answer: *mut T,
-    call: impl FnOnce(&dyn Inputs, AnswerPointer<T>) -> CStatus,
-) -> CStatus {
-    // SAFETY: as the header requires.
-    match unsafe { storage::room(machine, &[answer_target(answer)]) } {
-        // SAFETY: not null, aligned, outside the machine, and the header requires that it may be written.
-        Ok(room) => call(room, unsafe { &mut *answer.cast() }),
-        Err(status) => status,
-    }
 }

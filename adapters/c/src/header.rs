@@ -4,7 +4,7 @@
 
 use core::ffi::c_void;
 use core::ptr::addr_of_mut;
-use core::sync::atomic::AtomicU32;
+use core::sync::atomic::{AtomicU32, Ordering, compiler_fence};
 
 use fuseline_core::{Cloud, Commit, ConfigError, Deadline, Gate, Priority};
 
@@ -15,6 +15,9 @@ pub(crate) const MOST_CLOUDS: usize = 15;
 /// Where the clouds of a configuration are read to.
 pub(crate) const NO_CLOUDS: [Cloud; MOST_CLOUDS] = [Cloud::new(Priority::LOCAL, 1); MOST_CLOUDS];
 
+/// Is no bit of a capacity.
+const BUSY: u32 = 1 << 31;
+
 /// The first bytes of a storage.
 #[repr(C)]
 #[derive(Debug)]
@@ -23,9 +26,8 @@ pub(crate) struct StorageHeader {
     close: u64,
     /// The bytes that belong to it.
     bytes: usize,
-    pub(crate) capacity: u32,
-    /// 1 while a call is under way.
-    pub(crate) busy: AtomicU32,
+    /// The capacity, with [`BUSY`] while a call is under way: one comparison finds both.
+    state: AtomicU32,
     /// In nanoseconds. A greater one is refused.
     greatest_deadline: u64,
 }
@@ -50,8 +52,7 @@ impl StorageHeader {
         Self {
             close: close::<K>(storage.addr()),
             bytes: size_of::<T>(),
-            capacity: config.capacity,
-            busy: AtomicU32::new(0),
+            state: AtomicU32::new(config.capacity),
             greatest_deadline: config.greatest_deadline,
         }
     }
@@ -86,6 +87,45 @@ impl StorageHeader {
             }
         }
         Ok(header)
+    }
+
+    /// The capacity.
+    #[cfg(feature = "threads")]
+    pub(crate) fn capacity(&self) -> u32 {
+        self.state.load(Ordering::Relaxed) & !BUSY
+    }
+
+    /// The capacity if no call is under way, else no capacity.
+    pub(crate) fn idle_capacity(&self) -> u32 {
+        // Acquire, and Release where a call ends: what the last one wrote, should the caller go from thread to thread.
+        self.state.load(Ordering::Acquire)
+    }
+
+    /// What is wrong with a machine whose [`idle_capacity`](Self::idle_capacity) the library does not hold.
+    #[cold]
+    pub(crate) fn refusal(&self) -> CStatus {
+        if self.idle_capacity() & BUSY == 0 { CStatus::Foreign } else { CStatus::Busy }
+    }
+
+    /// Begins a call of an idle machine. A load and a store are enough for whoever interrupts: between the two its whole
+    /// call fits.
+    pub(crate) fn begin(&self, capacity: u32) {
+        self.state.store(capacity | BUSY, Ordering::Relaxed);
+        compiler_fence(Ordering::SeqCst);
+    }
+
+    /// Begins a call, if none is under way: two threads may come at once.
+    #[cfg(feature = "threads")]
+    pub(crate) fn begin_alone(&self) -> Result<(), CStatus> {
+        match self.state.fetch_or(BUSY, Ordering::Acquire) & BUSY {
+            0 => Ok(()),
+            _ => Err(CStatus::Busy),
+        }
+    }
+
+    /// Ends the call.
+    pub(crate) fn done(&self, capacity: u32) {
+        self.state.store(capacity, Ordering::Release);
     }
 
     /// Makes a machine no machine.

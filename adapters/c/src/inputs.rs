@@ -1,6 +1,4 @@
-//! [`Inputs`]: the inputs and queries of a machine of any capacity, in the plain data of the interface.
-//!
-//! What cannot be a priority is answered `unknown` here; everything else is decided by the core.
+//! Answers of a machine of any capacity, in the plain data of the interface.
 
 use core::mem::MaybeUninit;
 
@@ -37,28 +35,6 @@ pub(crate) struct OfferArguments {
     pub(crate) p: u64,
     pub(crate) deadline: u64,
     pub(crate) backlog: u64,
-}
-
-/// The inputs of SPEC.md and the questions, to a machine of whatever capacity.
-pub(crate) trait Inputs {
-    /// One firing (F5), or the input's own answer.
-    fn submit(
-        &self,
-        now: u64,
-        t: u64,
-        input: MessageInput,
-        answer: AnswerPointer<CAnswer>,
-    ) -> CStatus;
-    /// Whether a call is under way.
-    fn is_busy(&self) -> bool;
-    /// The next due instant.
-    fn next_due(&self, due: AnswerPointer<u64>) -> CStatus;
-    /// What the machine knows of itself.
-    fn look(&self, state: AnswerPointer<CState>) -> CStatus;
-    /// What it knows of an open timestamp.
-    fn look_at(&self, t: u64, message: AnswerPointer<CMessage>) -> CStatus;
-    /// Whether a cloud's gate was left shut.
-    fn gate_is_shut(&self, p: u64, is_shut: AnswerPointer<u32>) -> CStatus;
 }
 
 pub(crate) fn apply<const CLOUDS: usize, const WINDOW: usize>(
@@ -168,7 +144,7 @@ pub(crate) fn write_firing<const CLOUDS: usize>(answer: &mut CAnswer, firing: &F
     answer.fired = 1;
     answer.t = firing.timestamp.as_u64();
     answer.due = firing.due.as_nanos();
-    answer.timers_len = list(&mut answer.timers, &firing.timers);
+    answer.timers_len = list(&mut answer.timers, firing.timers);
     write_answer(answer, &firing.outcome);
 }
 
@@ -203,13 +179,13 @@ fn write_output<const CLOUDS: usize>(
 ) {
     answer.outcome = outcome;
     answer.by = by.as_u16().into();
-    answer.cancelled_len = list(&mut answer.cancelled, cancelled);
+    answer.cancelled_len = list(&mut answer.cancelled, *cancelled);
 }
 
 /// Writes the members in ascending order and counts them.
 fn list<const CLOUDS: usize>(
     places: &mut [u16; FUSELINE_SOURCES],
-    members: &Priorities<CLOUDS>,
+    members: Priorities<CLOUDS>,
 ) -> u32 {
     let mut len = 0;
     for ((target, member), counted) in places.iter_mut().zip(members.iter()).zip(1..) {

@@ -7,7 +7,6 @@
 use core::ffi::c_void;
 use core::mem::transmute;
 use core::ptr::addr_of_mut;
-use core::sync::atomic::Ordering;
 
 use fuseline_core::{Deadline, DropReason, Firing, Instant, Outcome, Priority, Timestamp};
 use fuseline_threads::{MessageId, Owner, Shared, SharedHandle};
@@ -222,7 +221,7 @@ pub(crate) unsafe fn handle<A>(
 ) -> Result<A, CStatus> {
     // SAFETY: by the caller's promise.
     let header = unsafe { StorageHeader::of(machine, answers) }?;
-    with_room!(header.capacity, R = SharedStorage => {
+    with_room!(header.capacity(), R = SharedStorage => {
         // SAFETY: the seal says that a storage of this capacity was written here. The shared handle takes calls of any threads.
         Ok(call(unsafe { (*machine.cast::<R>()).handle }))
     }, else Err(CStatus::Foreign))
@@ -239,17 +238,14 @@ pub(crate) unsafe fn owner<A>(
 ) -> Result<A, CStatus> {
     // SAFETY: by the caller's promise.
     let header = unsafe { StorageHeader::of(machine, answers) }?;
-    // An exchange: here two threads may well come at once.
-    if header.busy.swap(1, Ordering::Acquire) != 0 {
-        return Err(CStatus::Busy);
-    }
-    let answer_list = with_room!(header.capacity, R = SharedStorage => {
+    header.begin_alone()?;
+    let answer_list = with_room!(header.capacity(), R = SharedStorage => {
         // SAFETY: the seal says that a storage of this capacity was written here.
         let owner = unsafe { addr_of_mut!((*machine.cast::<R>()).owner) };
         // SAFETY: as above, and `busy` says that no other call uses the owner's half.
         Ok(call(unsafe { &mut *owner }, header))
     }, else Err(CStatus::Foreign));
-    header.busy.store(0, Ordering::Release);
+    header.done(header.capacity());
     answer_list
 }
 

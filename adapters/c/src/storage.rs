@@ -1,23 +1,19 @@
 //! A machine for one thread in its caller's storage: how it is made, reached and ended.
 //!
-//! [`Storage::enter`] is the only access to the machine; it refuses a call that interrupts another.
+//! [`IdleStorage`] is the only access to the machine.
 
 use core::cell::UnsafeCell;
 use core::ffi::c_void;
-use core::sync::atomic::{Ordering, compiler_fence};
 
 use fuseline_core::{At, Cloud, Fusion, Instant, Timestamp};
 
-use crate::header::{
-    AnswerTarget, NO_CLOUDS, StorageHeader, StorageKind, rule, status_of, validated_config, wrong,
-};
+use crate::header::{NO_CLOUDS, StorageHeader, StorageKind, rule, status_of, validated_config};
 use crate::inputs::{
-    AnswerPointer, Inputs, MessageInput, answer_list, apply, looked, looked_at, priority,
-    write_firing,
+    AnswerPointer, MessageInput, answer_list, apply, looked, looked_at, priority, write_firing,
 };
 use crate::plain::{
     CAnswer, CConfig, CMessage, CState, CStatus, FUSELINE_BYTES, FUSELINE_BYTES_A_CLOUD,
-    FUSELINE_BYTES_A_TIMER, FUSELINE_BYTES_A_TIMESTAMP,
+    FUSELINE_BYTES_A_TIMER, FUSELINE_BYTES_A_TIMESTAMP, capacity_of,
 };
 
 /// What a machine's storage begins with. Opaque to the caller.
@@ -93,7 +89,6 @@ macro_rules! with_room {
         }
     };
 }
-#[cfg(feature = "threads")]
 pub(crate) use with_room;
 
 impl<const CLOUDS: usize, const WINDOW: usize> Storage<CLOUDS, WINDOW> {
@@ -117,48 +112,57 @@ impl<const CLOUDS: usize, const WINDOW: usize> Storage<CLOUDS, WINDOW> {
         unsafe { storage.write(Self { header, fusion: UnsafeCell::new(fusion) }) };
         Ok(())
     }
-
-    /// What the storage begins with.
-    pub(crate) const fn header(&self) -> &StorageHeader {
-        &self.header.header
-    }
-
-    /// Whether a call is under way.
-    pub(crate) fn is_busy(&self) -> bool {
-        // Acquire, and Release where it ends: what the last call wrote, should the caller go from thread to thread.
-        self.header().busy.load(Ordering::Acquire) != 0
-    }
-
-    /// Runs `call` with the machine, unless another call is under way.
-    #[expect(unsafe_code, reason = "the machine is behind a shared reference")]
-    pub(crate) fn enter(
-        &self,
-        call: impl FnOnce(&mut Fusion<CLOUDS, WINDOW>) -> CStatus,
-    ) -> CStatus {
-        // A load and a store are enough for whoever interrupts: between the two its whole call fits.
-        if self.is_busy() {
-            return wrong(CStatus::Busy);
-        }
-        let busy = &self.header().busy;
-        busy.store(1, Ordering::Relaxed);
-        compiler_fence(Ordering::SeqCst);
-        // SAFETY: the caller's thread is the only one, as it promised, and `busy` says that no call of it was
-        // interrupted.
-        let status = call(unsafe { &mut *self.fusion.get() });
-        busy.store(0, Ordering::Release);
-        status
-    }
 }
 
-impl<const CLOUDS: usize, const WINDOW: usize> Inputs for Storage<CLOUDS, WINDOW> {
-    fn submit(
-        &self,
+/// The storage of a machine of which no call is under way: takes one call.
+pub(crate) struct IdleStorage<'a, const CLOUDS: usize, const WINDOW: usize>(
+    &'a Storage<CLOUDS, WINDOW>,
+);
+
+impl<const CLOUDS: usize, const WINDOW: usize> IdleStorage<'_, CLOUDS, WINDOW> {
+    const CAPACITY: u32 = capacity_of(CLOUDS, WINDOW);
+
+    /// # Safety
+    /// A storage of this capacity was written here, no call is under way, and no other thread calls at the same time.
+    #[expect(unsafe_code, reason = "reads the caller's storage")]
+    pub(crate) unsafe fn new(storage: *mut Storage<CLOUDS, WINDOW>) -> Self {
+        // SAFETY: by the caller's promise.
+        Self(unsafe { &*storage })
+    }
+
+    /// The next due instant.
+    pub(crate) fn next_due(self, due: AnswerPointer<u64>) -> CStatus {
+        self.enter(|fusion, _| answer_list(fusion.next_due().map(Instant::as_nanos), due))
+    }
+
+    /// What the machine knows of itself.
+    pub(crate) fn look(self, state: AnswerPointer<CState>) -> CStatus {
+        self.enter(|fusion, _| answer_list(Some(looked(fusion)), state))
+    }
+
+    /// What it knows of an open timestamp.
+    pub(crate) fn look_at(self, t: u64, message: AnswerPointer<CMessage>) -> CStatus {
+        self.enter(|fusion, _| answer_list(looked_at(fusion, Timestamp::new(t)), message))
+    }
+
+    /// Whether a cloud's gate was left shut.
+    pub(crate) fn gate_is_shut(self, p: u64, is_shut: AnswerPointer<u32>) -> CStatus {
+        self.enter(|fusion, _| {
+            let gate = priority(p).and_then(|cloud| fusion.gate(cloud));
+            answer_list(gate.map(|gate| gate.is_shut().into()), is_shut)
+        })
+    }
+
+    /// One firing (F5), or the input's own answer. Not inlined, so that there is one of each capacity.
+    #[inline(never)]
+    pub(crate) fn submit(
+        self,
         now: u64,
         t: u64,
         input: MessageInput,
         answer: AnswerPointer<CAnswer>,
     ) -> CStatus {
-        self.enter(|fusion| {
+        self.enter(|fusion, header| {
             let at = fusion.now().as_nanos().max(now);
             let answer = answer.write(CAnswer { at, t, ..CAnswer::EMPTY });
             match fusion.at(Instant::from_nanos(now)) {
@@ -167,34 +171,25 @@ impl<const CLOUDS: usize, const WINDOW: usize> Inputs for Storage<CLOUDS, WINDOW
                     CStatus::Again
                 }
                 At::Ready(ready) => {
-                    apply(ready, Timestamp::new(t), input, self.header(), answer);
+                    apply(ready, Timestamp::new(t), input, header, answer);
                     CStatus::Done
                 }
             }
         })
     }
 
-    fn is_busy(&self) -> bool {
-        self.is_busy()
-    }
-
-    fn next_due(&self, due: AnswerPointer<u64>) -> CStatus {
-        self.enter(|fusion| answer_list(fusion.next_due().map(Instant::as_nanos), due))
-    }
-
-    fn look(&self, state: AnswerPointer<CState>) -> CStatus {
-        self.enter(|fusion| answer_list(Some(looked(fusion)), state))
-    }
-
-    fn look_at(&self, t: u64, message: AnswerPointer<CMessage>) -> CStatus {
-        self.enter(|fusion| answer_list(looked_at(fusion, Timestamp::new(t)), message))
-    }
-
-    fn gate_is_shut(&self, p: u64, is_shut: AnswerPointer<u32>) -> CStatus {
-        self.enter(|fusion| {
-            let gate = priority(p).and_then(|cloud| fusion.gate(cloud));
-            answer_list(gate.map(|gate| gate.is_shut().into()), is_shut)
-        })
+    /// Runs `call` with the machine; whatever interrupts it finds it busy.
+    #[expect(unsafe_code, reason = "the machine is behind a shared reference")]
+    fn enter(
+        self,
+        call: impl FnOnce(&mut Fusion<CLOUDS, WINDOW>, &StorageHeader) -> CStatus,
+    ) -> CStatus {
+        let header = &self.0.header.header;
+        header.begin(Self::CAPACITY);
+        // SAFETY: no other call uses it, by the promise of `new`, and from now on `header` says that one does.
+        let status = call(unsafe { &mut *self.0.fusion.get() }, header);
+        header.done(Self::CAPACITY);
+        status
     }
 }
 
@@ -228,32 +223,16 @@ pub(crate) unsafe fn make(
     Ok(())
 }
 
-/// The storage of a machine, if there is one and the answers lie outside of it.
-///
-/// # Safety
-/// `machine` came from [`make`] or may be read as a [`CMachine`] at least; no other thread calls at the same time.
-#[expect(unsafe_code, reason = "reads the caller's storage")]
-pub(crate) unsafe fn room<'a>(
-    machine: *mut CMachine,
-    answers: &[AnswerTarget],
-) -> Result<&'a dyn Inputs, CStatus> {
-    // SAFETY: by the caller's promise.
-    let header = unsafe { StorageHeader::of(machine, answers) }?;
-    with_room!(header.capacity, R = Storage => {
-        // SAFETY: the seal says that a storage of this capacity was written here.
-        Ok(unsafe { &*machine.cast::<R>() })
-    }, else Err(wrong(CStatus::Foreign)))
-}
-
 /// Ends a machine: from now on it is foreign.
 ///
 /// # Safety
-/// As for [`room`], and no other call follows at the same time.
-#[expect(unsafe_code, reason = "writes to the caller's storage")]
+/// `machine` came from [`make`] or may be read as a [`CMachine`] at least; no other call comes at the same time.
+#[expect(unsafe_code, reason = "reads and writes the caller's storage")]
 pub(crate) unsafe fn end(machine: *mut CMachine) -> Result<(), CStatus> {
     // SAFETY: as the caller promised.
-    if unsafe { room(machine, &[]) }?.is_busy() {
-        return Err(CStatus::Busy);
+    let header = unsafe { StorageHeader::of(machine, &[]) }?;
+    if bytes(header.idle_capacity()) == 0 {
+        return Err(header.refusal());
     }
     // SAFETY: it is one, and no other call uses it.
     unsafe { StorageHeader::end(machine) };

@@ -12,6 +12,7 @@ mod raised;
 mod reading;
 mod tally;
 mod time;
+mod timed;
 mod words;
 
 use pyo3::prelude::*;
@@ -37,6 +38,8 @@ mod _fuseline {
     use crate::policy::{PyExpected, PyGuard, PyObservations, loss};
     #[pymodule_export]
     use crate::time::nanoseconds;
+    #[pymodule_export]
+    use crate::timed::TimedSteps;
 
     #[pymodule_init]
     #[expect(clippy::unnecessary_wraps, reason = "the macro asks for it")]

@@ -25,8 +25,8 @@ GUARDS = [
     (
         "offered_int",
         "_drive.py",
-        "request, nanoseconds(deadline)",
-        "request, nanoseconds(deadline / 1e3)",
+        "request, it.deadline_of(deadline)",
+        "request, it.deadline_of(deadline / 1e3)",
     ),
     (
         "milliseconds_for_local",
@@ -40,18 +40,18 @@ GUARDS = [
     (
         "lambda_that_returns_a_value",
         "_wiring.py",
-        "if not inspect.isawaitable(returned):",
+        "if not is_awaitable(returned):",
         "if False:",
     ),
-    ("handle_that_does_not_await", "_wiring.py", "if inspect.isawaitable(value):", "if False:"),
+    ("handle_that_does_not_await", "_wiring.py", "if is_awaitable(value):", "if False:"),
     (
         "response_handler_that_does_not_await",
         "_wiring.py",
-        "if inspect.isawaitable(value):",
+        "if is_awaitable(value):",
         "if False:",
     ),
-    ("lambda_for_an_async_local", "_wiring.py", "if inspect.isawaitable(value):", "if False:"),
-    ("lambda_that_encodes_async", "_wiring.py", "if inspect.isawaitable(value):", "if False:"),
+    ("lambda_for_an_async_local", "_wiring.py", "if is_awaitable(value):", "if False:"),
+    ("lambda_that_encodes_async", "_wiring.py", "if is_awaitable(value):", "if False:"),
     ("class_for_a_handle", "_wiring.py", "if inspect.isclass(function):", "if False:"),
     ("handle_that_cannot_be_called", "_wiring.py", "if not callable(function):", "if False:"),
     ("async_message_handler", "_wiring.py", "if is_async(function):", "if False:"),
@@ -103,11 +103,11 @@ GUARDS = [
         "return None",
     ),
     ("front_after_its_end", "_blocking.py", "or self._loop.is_closed()", ""),
-    ("handle_that_blocks", "_timed.py", "report(clock() - begin)", "pass"),
+    ("handle_that_blocks", "_drive.py", "self._lag_warning, self.counting", "2**62, self.counting"),
     (
         "message_handler_that_blocks",
         "_drive.py",
-        "self.counting.ran(it.cloud.p, self._read_clock() - begin)",
+        "self.counting.ran(it.cloud.p, took)",
         "pass",
     ),
     (

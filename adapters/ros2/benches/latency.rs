@@ -1,13 +1,21 @@
 //! What the node in the path costs: `cargo bench -p fuseline-ros2 --profile release`; with `--features zenoh` over Zenoh too,
 //! in the same run, through a router.
 //!
-//! A camera and a cloud that answers at once, on loopback: first joined directly, then by the node,
-//! in one run. The node's own part is from the moment when the cloud's result comes in, as seen by
-//! another subscriber, to the publication of the output, as its source timestamp says. Camera,
-//! cloud, subscriber and node are processes of their own.
+//! A camera and a cloud that answers at once, on loopback: joined directly, by a relay and by the node, in turns in one run.
+//! What the node adds is beyond the relay, which publishes images and results again as they come. Camera, cloud, subscriber,
+//! relay and node are processes of their own.
 
 #[path = "../examples/demo/messages.rs"]
 mod messages;
+#[expect(
+    dead_code,
+    unreachable_pub,
+    unused_imports,
+    reason = "the node's own: the relay uses a part"
+)]
+#[path = "../src/raw.rs"]
+mod raw;
+mod relay;
 #[path = "../examples/demo/ros.rs"]
 mod ros;
 
@@ -25,31 +33,33 @@ use messages::{Any, CompressedImage, Header, PointStamped, Time};
 use ros::{Publisher, Subscription, is_over_zenoh, node_in, publisher, subscription};
 
 const DOMAIN: u16 = 88;
-const MESSAGES: u32 = 1000;
-const WARM_UP: u32 = 50;
-const RATE_HZ: u32 = 50;
-const SIZES: [usize; 3] = [100, 33_000, 300_000];
+/// A turn is so many messages by each way, the first of which are to warm up.
+const TURNS: usize = 6;
+const MESSAGES: usize = 150;
+const WARM_UP: usize = 30;
+const RATE_HZ: u32 = 30;
+const SIZES: [usize; 2] = [100, 300_000];
 /// Longer than anything takes on the way.
 const REST: Duration = Duration::from_secs(2);
+const PAUSE: Duration = Duration::from_millis(300);
 
 const IMAGE: &str = "sensor_msgs/CompressedImage";
 const POINT: &str = "geometry_msgs/PointStamped";
-/// What the subscriber listens to: the cloud's results for the node, the node's outputs, and the
-/// cloud's results for the camera itself.
-const HEARD: [&str; 3] = ["west/output", "output", "direct/output"];
+/// Where images go: to the cloud itself, to the relay, and to the node.
+const INPUTS: [&str; 3] = ["direct/input", "relay/input", "input"];
+/// What the subscriber listens to, in the same order.
+const OUTPUTS: [&str; 3] = ["direct/output", "relay/output", "output"];
+/// The relay's.
+const HOPS: [relay::Hop; 2] = [
+    ["relay/input", "relayed/input", "sensor_msgs::msg::dds_::CompressedImage_"],
+    ["relayed/output", "relay/output", "geometry_msgs::msg::dds_::PointStamped_"],
+];
 
 /// A process of this bench, killed with this.
 struct ChildProcess(Child);
 
-/// When a message was published and received, in nanoseconds since 1970.
-#[derive(Clone, Copy)]
-struct Instants {
-    published: i64,
-    received: i64,
-}
-
-/// By the stamp of the image that it answers, which is when that was sent.
-type ReceivedAt = BTreeMap<i64, Instants>;
+/// When results came, by when their images were sent: nanoseconds since 1970.
+type ReceivedAt = BTreeMap<i64, i64>;
 
 fn main() -> Result<(), Any> {
     let role = std::env::args().nth(1).unwrap_or_default();
@@ -58,14 +68,19 @@ fn main() -> Result<(), Any> {
     match role.as_str() {
         // `cargo test` runs benches once, to see that they build.
         "--test" => Ok(()),
-        "cloud" => runtime.block_on(async { tokio::try_join!(echo("west"), echo("direct")) }).map(drop),
+        "cloud" => runtime
+            .block_on(async { tokio::try_join!(echo("west"), echo("relayed"), echo("direct")) })
+            .map(drop),
+        #[cfg(feature = "zenoh")]
+        "relay" if is_over_zenoh() => runtime.block_on(relay::over_zenoh(DOMAIN, HOPS)),
+        "relay" => runtime.block_on(relay::over_dds(DOMAIN, HOPS)),
         "subscriber" => runtime.block_on(listen()),
         #[cfg(feature = "zenoh")]
         "router" => runtime.block_on(ros::over_zenoh::route()),
         _ => runtime.block_on(async {
             println!("over {}", if is_over_zenoh() { "Zenoh" } else { "DDS" });
-            println!("  input     without the node      with the node         the node's part       its processor");
-            println!("            p50        p99        p50        p99        p50        p99        time a message");
+            println!("  input     directly              by a relay            by the node           the node adds         its processor");
+            println!("            p50        p99        p50        p99        p50        p99        p50        p99        time a message");
             for bytes in SIZES {
                 measure(bytes).await?;
             }
@@ -81,34 +96,49 @@ async fn measure(bytes: usize) -> Result<(), Any> {
     let _router = is_over_zenoh().then(|| ChildProcess::of_this(&["router"])).transpose()?;
     let fusion = ChildProcess::fusion()?;
     let _cloud = ChildProcess::of_this(&["cloud"])?;
+    let _relay = ChildProcess::of_this(&["relay"])?;
     let subscriber = ChildProcess::of_this(&["subscriber"])?;
     let mut node = node_in(DOMAIN, "camera")?;
-    let direct: Publisher<CompressedImage> = publisher(&mut node, "direct/input", IMAGE)?;
-    let through: Publisher<CompressedImage> = publisher(&mut node, "input", IMAGE)?;
-    for camera in [&direct, &through] {
-        camera.subscribed(&node).await;
+    let mut cameras = Vec::new();
+    for input in INPUTS {
+        let camera: Publisher<CompressedImage> = publisher(&mut node, input, IMAGE)?;
+        // Over Zenoh the relay does not show itself.
+        if !is_over_zenoh() || input != INPUTS[1] {
+            camera.subscribed(&node).await;
+        }
+        cameras.push(camera);
     }
     sleep(REST).await;
-    send(&direct, bytes).await?;
     let cpu = fusion.cpu()?;
-    send(&through, bytes).await?;
-    let cpu = fusion.cpu()?.saturating_sub(cpu) / (MESSAGES + WARM_UP);
-    let [west, output, direct] = subscriber.received_by_stamp()?;
-
-    let without = percentiles(direct.iter().map(|(sent, result)| result.received - sent));
-    let with = percentiles(output.iter().map(|(sent, result)| result.received - sent));
-    let part =
-        output.iter().filter_map(|(sent, out)| Some(out.published - west.get(sent)?.received));
-    let columns = [without, with, percentiles(part)];
-    let [a, b, c] = columns.map(|[p50, p99]| format!("{p50:6.2} ms  {p99:6.2} ms  "));
-    println!("{bytes:7} B {a} {b} {c}      {:.2} ms", cpu.as_secs_f64() * 1e3);
+    let mut counted = Vec::new();
+    for _ in 0..TURNS {
+        for camera in &cameras {
+            counted.extend(send(camera, bytes).await?.into_iter().skip(WARM_UP));
+            sleep(PAUSE).await;
+        }
+    }
+    sleep(REST).await;
+    let cpu = fusion.cpu()?.as_secs_f64() - cpu.as_secs_f64();
+    let mut ways = [[0.0; 2]; 3];
+    let received = subscriber.received_by_stamp()?;
+    for ((way, received), output) in ways.iter_mut().zip(received).zip(OUTPUTS) {
+        let took = counted.iter().filter_map(|sent| Some(received.get(sent)? - sent)).collect();
+        *way = percentiles(took).map_err(|error| format!("{output}: {error}"))?;
+    }
+    let [directly, relayed, fused] = ways;
+    let added = [fused[0] - relayed[0], fused[1] - relayed[1]];
+    let columns = [directly, relayed, fused, added];
+    let columns = columns.map(|[p50, p99]| format!("{p50:6.2} ms  {p99:6.2} ms  ")).join(" ");
+    let messages = u32::try_from(TURNS * MESSAGES)?;
+    println!("{bytes:7} B {columns}      {:.2} ms", cpu * 1e3 / f64::from(messages));
     Ok(())
 }
 
-/// The camera: stamps are the time of day.
-async fn send(camera: &Publisher<CompressedImage>, bytes: usize) -> Result<(), Any> {
+/// The camera: stamps are the time of day. Returns them.
+async fn send(camera: &Publisher<CompressedImage>, bytes: usize) -> Result<Vec<i64>, Any> {
     let mut frames = interval(Duration::from_secs(1) / RATE_HZ);
-    for _ in 0..MESSAGES + WARM_UP {
+    let mut sent = Vec::with_capacity(MESSAGES);
+    for _ in 0..MESSAGES {
         frames.tick().await;
         let now = SystemTime::now().to_nanos();
         let stamp = Time {
@@ -118,9 +148,9 @@ async fn send(camera: &Publisher<CompressedImage>, bytes: usize) -> Result<(), A
         let header = Header { stamp, frame_id: String::new() };
         let image = CompressedImage { header, format: String::new(), data: vec![0; bytes] };
         camera.publish(image).await?;
+        sent.push(now);
     }
-    sleep(REST).await;
-    Ok(())
+    Ok(sent)
 }
 
 /// The cloud: answers each image at once.
@@ -138,7 +168,7 @@ async fn echo(name: &str) -> Result<(), Any> {
 /// The subscriber: when its input ends, it writes what it received.
 async fn listen() -> Result<(), Any> {
     let mut node = node_in(DOMAIN, "subscriber")?;
-    let topics: Vec<Subscription<PointStamped>> = HEARD
+    let topics: Vec<Subscription<PointStamped>> = OUTPUTS
         .iter()
         .map(|topic| subscription(&mut node, topic, POINT))
         .collect::<Result<_, _>>()?;
@@ -152,9 +182,8 @@ async fn listen() -> Result<(), Any> {
                 // Zenoh does not say when it came.
                 let now = SystemTime::now().to_nanos();
                 let sent = i64::from(stamp.sec) * 1_000_000_000 + i64::from(stamp.nanosec);
-                let published = info.source_timestamp().map_or(0, |time| time.to_nanos());
                 let received = info.received_timestamp().map_or(now, |time| time.to_nanos());
-                writeln!(lines, "{index} {sent} {published} {received}")?;
+                writeln!(lines, "{index} {sent} {received}")?;
             }
         }
     }
@@ -170,13 +199,21 @@ async fn any_of(
     (index, next)
 }
 
-/// The median and the 99th percentile, in milliseconds, without the first.
-fn percentiles(nanos: impl Iterator<Item = i64>) -> [f64; 2] {
-    let mut nanos: Vec<i64> = nanos.skip(WARM_UP as usize).collect();
+/// The median and the 99th percentile, in milliseconds, of what came.
+///
+/// # Errors
+/// If one in ten or more did not come.
+fn percentiles(mut nanos: Vec<i64>) -> Result<[f64; 2], Any> {
+    let sent = TURNS * (MESSAGES - WARM_UP);
+    let lost = sent.saturating_sub(nanos.len());
+    if lost >= sent / 10 {
+        return Err(format!("{lost} of {sent} results did not come").into());
+    }
+    if lost > 0 {
+        eprintln!("{lost} of {sent} results did not come");
+    }
     nanos.sort_unstable();
-    [50, 99].map(|percent| {
-        nanos.get(nanos.len() * percent / 100).copied().map_or(f64::NAN, milliseconds)
-    })
+    Ok([50, 99].map(|percent| milliseconds(nanos[nanos.len() * percent / 100])))
 }
 
 #[expect(clippy::cast_precision_loss, reason = "nanoseconds of less than a second")]
@@ -217,7 +254,7 @@ impl ChildProcess {
         Ok(Self(command.spawn()?))
     }
 
-    /// What the subscriber received, in the order of [`HEARD`].
+    /// What the subscriber received, in the order of [`OUTPUTS`].
     fn received_by_stamp(mut self) -> Result<[ReceivedAt; 3], Any> {
         drop(self.0.stdin.take());
         let mut lines = String::new();
@@ -225,9 +262,8 @@ impl ChildProcess {
         let mut received_by_stamp = [ReceivedAt::new(), ReceivedAt::new(), ReceivedAt::new()];
         for line in lines.lines() {
             let numbers: Vec<i64> = line.split(' ').map(str::parse).collect::<Result<_, _>>()?;
-            let [index, sent, published, received] = numbers[..] else { return Err(line.into()) };
-            received_by_stamp[usize::try_from(index)?]
-                .insert(sent, Instants { published, received });
+            let [index, sent, received] = numbers[..] else { return Err(line.into()) };
+            received_by_stamp[usize::try_from(index)?].insert(sent, received);
         }
         Ok(received_by_stamp)
     }

@@ -38,12 +38,14 @@ impl Payload {
     /// The message with its encapsulation header, as `rmw_serialize` has it.
     #[must_use]
     pub fn to_serialized(&self) -> Bytes {
+        [&self.encapsulation()[..], &self.body].concat().into()
+    }
+
+    /// The encapsulation header.
+    pub(crate) fn encapsulation(&self) -> [u8; ENCAPSULATION] {
         let encoding = if self.big_endian { Encoding::CDR_BE } else { Encoding::CDR_LE };
-        let mut bytes = Vec::with_capacity(ENCAPSULATION + self.body.len());
-        bytes.extend_from_slice(&encoding.to_bytes());
-        bytes.extend_from_slice(&[0, 0]);
-        bytes.extend_from_slice(&self.body);
-        bytes.into()
+        let [first, second] = encoding.to_bytes();
+        [first, second, 0, 0]
     }
 
     /// The message behind an encapsulation header; none if the header is missing or not plain CDR.

@@ -3,26 +3,31 @@
 from __future__ import annotations
 
 import asyncio
-import inspect
 import logging
 import os
 from collections import deque
-from collections.abc import Awaitable, Callable, Coroutine, Iterable, Iterator
+from collections.abc import Awaitable, Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
+from types import CoroutineType
 from typing import Any, Generic, TypeVar
 
 from fuseline._encoding import EncodedRequest
 from fuseline._errors import in_one_line
-from fuseline._fuseline import Engine, Latency, nanoseconds
+from fuseline._fuseline import Engine, Latency, TimedSteps, nanoseconds
 from fuseline._item import Call, Effect, Ending, Item, Lineage, StampedValue
 from fuseline._local import Local
 from fuseline._side import SideRequest
 from fuseline._state import CarriedState
 from fuseline._threads import DaemonThreads
-from fuseline._timed import TimedSteps
-from fuseline._wiring import WiringError, check_awaitable, check_value
+from fuseline._wiring import (
+    PLAIN_TYPES,
+    WiringError,
+    check_awaitable,
+    check_value,
+    is_awaitable,
+)
 from fuseline._words import Cloud, ns
 from fuseline.deadline import Policy, Situation
 
@@ -31,6 +36,10 @@ V = TypeVar("V")
 
 #: An operator's clock: whole nanoseconds that never go back.
 Clock = Callable[[], int]
+
+# An enumeration takes several times as long to give a member as a module.
+_FORWARDED, _PRELIMINARY = Ending.FORWARDED, Ending.PRELIMINARY
+_FINAL, _REFUSED = Ending.FINAL, Ending.REFUSED
 
 #: The longest sleep, in nanoseconds: a day.
 _DAY = 86_400_000_000_000
@@ -56,6 +65,18 @@ class RegisteredCloud:
     linger: ns
     policy: Policy | None
     max_age: int
+    #: The last deadline that was a float, and its nanoseconds: mostly it is the same object.
+    last_deadline: tuple[float, ns] = (0.0, ns(0))
+
+    def deadline_of(self, deadline: Any) -> ns:
+        """What the message handler returned for a deadline, in nanoseconds."""
+        last = self.last_deadline
+        if deadline is last[0]:
+            return last[1]
+        nanos = nanoseconds(deadline)
+        if type(deadline) is float:
+            self.last_deadline = deadline, nanos
+        return nanos
 
 
 @dataclass(slots=True)
@@ -107,7 +128,8 @@ class Driver(Generic[M, V]):
         handlers: What goes with items and messages.
         clock: Reads whole nanoseconds.
         output: Takes each item, in the order of the decisions.
-        acted: Called after each input, once all that it led to is done.
+        acted: Called after each input that led to something, once that is done.
+        lag_warning: How many nanoseconds a handler may hold up the loop and is not counted.
     """
 
     def __init__(
@@ -120,6 +142,7 @@ class Driver(Generic[M, V]):
         clock: Clock,
         output: Callable[[Item[V]], None],
         acted: Callable[[], None],
+        lag_warning: int,
     ) -> None:
         self.name = name
         self.counting = engine.counting
@@ -146,9 +169,10 @@ class Driver(Generic[M, V]):
         self._effects: deque[Effect] = deque()
         #: Of the open messages that have one.
         self._lineages: dict[int, Lineage] = {}
-        self._read_clock = clock
+        self._read_clock, self._lag_warning = clock, lag_warning
         self._output, self._acted = output, acted
         self._loop = asyncio.get_running_loop()
+        self._create_task: Callable[..., asyncio.Task[None]] = self._loop.create_task
         self._start, self._now = clock(), 0
         self._timer: asyncio.TimerHandle | None = None
         #: What the timer is set to.
@@ -274,7 +298,10 @@ class Driver(Generic[M, V]):
         effects = self._effects
         while effects:
             effect = effects.popleft()
-            if effect[0] == "output":
+            if effect[0] == "start":
+                _, p, t, until, request = effect
+                self._begin(now, p, t, until, request)
+            elif effect[0] == "output":
                 item = effect[1]
                 if self._lineages:
                     t = item.timestamp
@@ -285,8 +312,6 @@ class Driver(Generic[M, V]):
                     item.message = messages.pop(t, None) if item.last else messages.get(t)
                 self._complete(item)
                 self._output(item)
-            elif effect[0] == "start":
-                self._begin(now, *effect[1:])
             elif effect[0] == "replace":
                 self._local._replace(effect[1])
             else:
@@ -300,14 +325,14 @@ class Driver(Generic[M, V]):
     def _complete(self, item: Item[V]) -> None:
         """Take over the state of a result, and give what is sent without one."""
         handlers, ending = self._handlers, item.ending
-        if handlers.latency is not None and item.last and ending is not Ending.REFUSED:
+        if handlers.latency is not None and item.last and ending is not _REFUSED:
             handlers.latency.record(ns(item.decided - item.opened))
         try:
-            if ending is Ending.FORWARDED or ending is Ending.PRELIMINARY:
+            if ending is _FORWARDED or ending is _PRELIMINARY:
                 t = item.timestamp if item.of is None else item.of
                 for state, state_of in handlers.states:
                     state.sent(t, state_of(item.value))
-            elif ending is not Ending.FINAL and handlers.substitute is not None:
+            elif ending is not _FINAL and handlers.substitute is not None:
                 # E4: something is sent for each message.
                 item.value = item.substitute = handlers.substitute(item)
                 if item.substitute is not None:
@@ -348,13 +373,15 @@ class Driver(Generic[M, V]):
                 request, deadline = wanted
                 if it.encode is not None:
                     request = _to_encode(it.encode, request, encoded)
-                offer = it.cloud.p, request, nanoseconds(deadline)
+                offer = it.cloud.p, request, it.deadline_of(deadline)
             except Exception:
                 _log.exception("%s: the message handler of %s failed", self.name, it.cloud.name)
                 self.counting.handler_failed(it.cloud.p)
                 continue
             finally:
-                self.counting.ran(it.cloud.p, self._read_clock() - begin)
+                took = self._read_clock() - begin
+                if took > self._lag_warning:
+                    self.counting.ran(it.cloud.p, took)
             yield offer
         self._taken_on = t
 
@@ -370,22 +397,23 @@ class Driver(Generic[M, V]):
         # A task may end while it is made, if the loop's tasks are eager.
         source.in_flight[t] = None
         if source.cloud is None:
-            work = partial(self._compute, source, t, request)
+            work = self._compute(source, t, request)
         else:
             # D5: the time left, not the time given.
-            call = Call(t, max((until or 0) - now, 0) / 1e9, *self._lineage_of(now, t))
-            work = partial(self._call, source, source.cloud, request, call)
-        task = self._loop.create_task(self._timed(p, work))
+            left = max((until or 0) - now, 0) / 1e9
+            call = Call(t, left, *self._lineage_of(now, t)) if self._lineages else Call(t, left)
+            work = self._call(source, source.cloud, request, call)
+        task = self._create_task(
+            TimedSteps(work, self._read_clock, self._lag_warning, self.counting, p)
+        )
         if t in source.in_flight:
             source.in_flight[t] = task
-
-    async def _timed(self, p: int, work: Callable[[], Coroutine[Any, Any, None]]) -> None:
-        await TimedSteps(work(), self._read_clock, partial(self.counting.ran, p))
 
     async def _compute(self, source: SourceTasks, t: int, message: M) -> None:
         try:
             value = await self._local._run(message, t)
-            check_value(value, "local", "give an async def, which awaits it")
+            if type(value) not in PLAIN_TYPES:
+                check_value(value, "local", "give an async def, which awaits it")
         except BaseException as error:
             self._failed(source, 0, t, error)
         else:
@@ -402,13 +430,15 @@ class Driver(Generic[M, V]):
                 took = (self._read_clock() - begin) / 1e9
                 call = replace(call, deadline=max(call.deadline - took, 0.0))
             returned = cloud.handle(request, call)
-            check_awaitable(returned, "the handle")
+            if type(returned) is not CoroutineType:
+                check_awaitable(returned, "the handle")
             response = await returned
-            check_value(response, "the handle", "await it there")
+            if type(response) not in PLAIN_TYPES:
+                check_value(response, "the handle", "await it there")
             value = cloud.response_handler(response)
-            if inspect.isawaitable(value):
+            if type(value) not in PLAIN_TYPES and is_awaitable(value):
                 value = await value
-            check_value(value, "the response handler", "await it there")
+                check_value(value, "the response handler", "await it there")
         except BaseException as error:
             self._failed(source, cloud.cloud.p, call.timestamp, error)
         else:
@@ -421,7 +451,20 @@ class Driver(Generic[M, V]):
         of = None
         if isinstance(value, StampedValue):
             value, of = value.value, value.of
-        self._decide(self._clock(), self._engine.result, t, p, value, of)
+        now = self._clock()
+        self._is_deciding = True
+        try:
+            effects = self._engine.result(now, t, p, value, of)
+            # Without any nothing is due earlier than before.
+            if effects:
+                self._effects.extend(effects)
+                self._act(now)
+        finally:
+            self._is_deciding = False
+            if self._is_last:
+                self.stop()
+        if effects:
+            self._acted()
 
     def _failed(self, source: SourceTasks, p: int, t: int, error: BaseException) -> None:
         """D7: an error of a call or of local is a failure, and no other message notices."""

@@ -1,6 +1,6 @@
 """The extension: what of the package is compiled."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Coroutine, Generator, Iterable, Iterator, Sequence
 from datetime import timedelta
 from os import PathLike
 from typing import Any, BinaryIO, Literal, NoReturn, Protocol, SupportsIndex, TypeAlias, final
@@ -19,6 +19,7 @@ __all__ = [
     "Latency",
     "Observations",
     "Reorderer",
+    "TimedSteps",
     "check",
     "compare_responses",
     "compare_trace",
@@ -235,6 +236,23 @@ class Counting:
     def greatest_lag(self) -> int: ...
     @property
     def unrecorded(self) -> str | None: ...
+
+@final
+class TimedSteps(Coroutine[Any, Any, None]):
+    def __new__(
+        cls,
+        coroutine: Coroutine[Any, Any, None],
+        clock: Callable[[], int],
+        longest: int,
+        counting: Counting,
+        p: int,
+    ) -> TimedSteps: ...
+    def __next__(self) -> Any: ...
+    def __iter__(self) -> TimedSteps: ...
+    def __await__(self) -> Generator[Any, Any]: ...
+    def send(self, _value: Any) -> Any: ...
+    def throw(self, *error: Any) -> Any: ...
+    def close(self) -> None: ...
 
 @final
 class Aligner:

@@ -128,7 +128,7 @@ class StampedValue(Generic[V]):
     of: int | None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, init=False)
 class Call:
     """One call to a cloud, as its handle sees it."""
 
@@ -140,6 +140,24 @@ class Call:
     lineage: Lineage | None = None
     #: The seconds from the capture to the begin of the call, if they are known.
     age: float | None = None
+
+    def __init__(
+        self,
+        timestamp: int,
+        deadline: float,
+        lineage: Lineage | None = None,
+        age: float | None = None,
+    ) -> None:
+        # Twice as fast as what `dataclass` writes for a frozen class: there is one for each call.
+        _set_timestamp(self, timestamp)
+        _set_deadline(self, deadline)
+        _set_lineage(self, lineage)
+        _set_age(self, age)
+
+
+_set_timestamp, _set_deadline, _set_lineage, _set_age = (
+    Call.__dict__[name].__set__ for name in ("timestamp", "deadline", "lineage", "age")
+)
 
 
 class CurrentDeadline(NamedTuple):

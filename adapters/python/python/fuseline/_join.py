@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from fuseline._errors import Closed, ConfigError, Full
 from fuseline._fuseline import Aligner, Latency, nanoseconds
 from fuseline._item import Ending, Item, Lineage, fields_of
+from fuseline._loop import WaiterList
 from fuseline._wiring import check_count, check_function
 
 if TYPE_CHECKING:
@@ -174,7 +175,7 @@ class Join:
         self._sets: deque[Joined] = deque()
         self._tasks: set[asyncio.Task[None]] = set()
         self._timer: asyncio.TimerHandle | None = None
-        self._given, self._room = asyncio.Event(), asyncio.Event()
+        self._given, self._room = WaiterList(), WaiterList()
 
     # Before the start.
 
@@ -269,7 +270,7 @@ class Join:
             await self._given.wait()
         joined = self._sets.popleft()
         if len(self._sets) < self._output_len:
-            _wake(self._room)
+            self._room.wake()
         return joined
 
     async def read(self) -> Joined | None:
@@ -358,7 +359,7 @@ class Join:
             lineage = None if fields is None else Lineage._of(fields)
             self._sets.append(Joined(key, messages, missing, JoinCause(cause), lineage))
         self._arm(aligner)
-        _wake(self._given)
+        self._given.wake()
 
     def _arm(self, aligner: Aligner) -> None:
         if self._timer is not None:
@@ -386,9 +387,3 @@ class Join:
         except Exception:
             _log.exception("%s: the input %s ends", self.name, joined.name)
         joined.close()
-
-
-def _wake(event: asyncio.Event) -> None:
-    """Wake all who wait for it now."""
-    event.set()
-    event.clear()

@@ -53,6 +53,8 @@ class Local(Generic[M, V]):
             )
         self._compute = compute
         self._make = make
+        #: Computes one message; what runs on the loop is not wrapped.
+        self._run: Callable[[M, int], Awaitable[V]] = compute if make is None else self._run_apart
         self._pool: DaemonThreads | ProcessPoolExecutor | None = None
         #: What threads compute, by timestamp.
         self._running: dict[int, asyncio.Future[Any]] = {}
@@ -197,10 +199,8 @@ class Local(Generic[M, V]):
         except Exception:
             _log.exception("local cannot be made anew")
 
-    async def _run(self, message: M, timestamp: int) -> V:
-        """Compute one message."""
-        if self._make is None:
-            return await self._compute(message, timestamp)  # type: ignore[no-any-return]
+    async def _run_apart(self, message: M, timestamp: int) -> V:
+        """Compute one message in a thread or a process."""
         loop, pool = asyncio.get_running_loop(), self._pool
         if isinstance(pool, DaemonThreads):
             self._running[timestamp] = future = pool.run(message, timestamp)
@@ -212,7 +212,7 @@ class Local(Generic[M, V]):
             return await loop.run_in_executor(pool, self._compute, message, timestamp)
         except BrokenProcessPool:
             # Whoever sees it first makes another.
-            if self._pool is pool and pool is not None:
+            if self._pool is pool and pool is not None and self._make is not None:
                 _log.error("a process of local's died; others take over")
                 pool.shutdown(wait=False)
                 self._pool = self._make(self.at_once)

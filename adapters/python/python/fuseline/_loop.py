@@ -9,10 +9,36 @@ from typing import TypeVar
 T = TypeVar("T")
 
 
-def wake(event: asyncio.Event) -> None:
-    """Wake all who wait for it now."""
-    event.set()
-    event.clear()
+class WaiterList:
+    """Coroutines that wait to be woken. It costs nothing while nobody waits."""
+
+    __slots__ = ("_waiters",)
+
+    def __init__(self) -> None:
+        self._waiters: list[asyncio.Future[None]] = []
+
+    def __bool__(self) -> bool:
+        """Whether somebody waits."""
+        return bool(self._waiters)
+
+    async def wait(self) -> None:
+        """Wait for the next `wake`."""
+        waiter = asyncio.get_running_loop().create_future()
+        self._waiters.append(waiter)
+        try:
+            await waiter
+        except BaseException:
+            # Nobody wakes it.
+            if waiter in self._waiters:
+                self._waiters.remove(waiter)
+            raise
+
+    def wake(self) -> None:
+        """Wake all who wait now."""
+        waiters, self._waiters = self._waiters, []
+        for waiter in waiters:
+            if not waiter.done():
+                waiter.set_result(None)
 
 
 async def each(messages: AsyncIterable[T] | Iterable[T]) -> AsyncIterator[T]:

@@ -28,7 +28,7 @@ from fuseline._fuseline import Engine, Latency, nanoseconds
 from fuseline._item import Call, CurrentDeadline, Item, Lineage, StampedValue
 from fuseline._join import Joined
 from fuseline._local import Local, local_of
-from fuseline._loop import each, wake
+from fuseline._loop import WaiterList, each
 from fuseline._setup import PipelineSetup
 from fuseline._wiring import (
     check_count,
@@ -144,8 +144,8 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         self._situation: Callable[[M, int], Situation] | None = None
         self._driver: Driver[M, V] | None = None
         self._items: deque[Item[V]] = deque()
-        #: Who waits for an item, and who waits for room; each is set and cleared at once.
-        self._readers, self._writers = asyncio.Event(), asyncio.Event()
+        #: Who waits for an item, and who waits for room.
+        self._readers, self._writers = WaiterList(), WaiterList()
         self._feeds: set[asyncio.Task[None]] = set()
         self._feed_error: Exception | None = None
         self._count = 0
@@ -295,6 +295,7 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
             self._clock,
             self._put,
             self._end_if_idle,
+            self._lag_warning,
         )
 
     async def __aenter__(self) -> Operator[M, V]:
@@ -337,7 +338,9 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
             Closed: if the operator takes no more messages.
             RuntimeError: in another thread than the loop's: use `write_threadsafe` there.
         """
-        driver = self._running("write")
+        driver = self._driver
+        if driver is None or threading.get_ident() != self._thread:
+            driver = self._running("write")
         if self._is_last:
             raise Closed("the operator takes no more messages")
         if len(self._items) >= self._output_len:
@@ -437,7 +440,7 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         """Take no more messages; the items end once all are answered."""
         self._check_thread("close")
         self._is_last = True
-        wake(self._writers)
+        self._writers.wake()
         self._end_if_idle()
 
     def stop(self) -> None:
@@ -453,8 +456,8 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         for task in self._feeds:
             task.cancel()
         self._driver.stop()
-        wake(self._writers)
-        wake(self._readers)
+        self._writers.wake()
+        self._readers.wake()
 
     # Items.
 
@@ -463,17 +466,20 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
 
     async def __anext__(self) -> Item[V]:
         """The next item; the end once no more messages come and all are answered."""
-        item = await self.read()
-        if item is None:
-            raise StopAsyncIteration
-        return item
+        if self._driver is None or threading.get_ident() != self._thread:
+            self._running("read")
+        while not self._items:
+            if self._is_over:
+                raise StopAsyncIteration
+            await self._readers.wait()
+        return self._take_item()
 
     async def read(self, timeout: float | None = None) -> Item[V] | None:
         """The next item; None if none comes within so many seconds, or none will come any more."""
         self._running("read")
         loop = asyncio.get_running_loop()
         until = None if timeout is None else loop.time() + timeout
-        timer = None if until is None else loop.call_at(until, wake, self._readers)
+        timer = None if until is None else loop.call_at(until, self._readers.wake)
         try:
             while not self._items:
                 if self._is_over or (until is not None and loop.time() >= until):
@@ -482,9 +488,12 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         finally:
             if timer is not None:
                 timer.cancel()
+        return self._take_item()
+
+    def _take_item(self) -> Item[V]:
         item = self._items.popleft()
-        if len(self._items) < self._output_len:
-            wake(self._writers)
+        if self._writers and len(self._items) < self._output_len:
+            self._writers.wake()
         return item
 
     @property
@@ -558,12 +567,12 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
                     del self._items[place]
                     break
         self._items.append(item)
-        wake(self._readers)
+        self._readers.wake()
 
     def _end_if_idle(self) -> None:
         driver = self._driver
-        if self._has_room():
-            wake(self._writers)
+        if self._writers and self._has_room():
+            self._writers.wake()
         if self._is_last and driver is not None and driver.is_idle:
             self.stop()
 

@@ -76,6 +76,10 @@ impl PyCounting {
     pub(crate) const fn new(operator: String, counting: engine::Counting) -> Self {
         Self { operator, counting }
     }
+
+    pub(crate) const fn counting(&self) -> &engine::Counting {
+        &self.counting
+    }
 }
 
 impl PyCounts<'_> {

@@ -156,7 +156,7 @@ pub(crate) mod over_zenoh {
         ("ZENOH_CONFIG_OVERRIDE", format!("connect/endpoints={ROUTER}"))
     }
 
-    fn config(mode: &str, endpoints: &str) -> Result<Config, Any> {
+    pub(crate) fn config(mode: &str, endpoints: &str) -> Result<Config, Any> {
         let mut config = Config::default();
         config.insert_json5("mode", &format!("\"{mode}\""))?;
         config.insert_json5(endpoints, ROUTER)?;

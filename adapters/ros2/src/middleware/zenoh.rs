@@ -16,6 +16,7 @@ use tokio::sync::oneshot;
 use tokio::task::JoinSet;
 use tokio::time::Instant;
 use tracing::{info, warn};
+use zenoh::bytes::ZBytes;
 use zenoh::handlers::{RingChannel, RingChannelHandler};
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Publisher;
@@ -380,13 +381,13 @@ impl TypedPublisher {
     fn publish(&self, payload: &Payload) -> zenoh::Result<()> {
         let sequence = self.sequence.fetch_add(1, Ordering::Relaxed);
         let attachment = Attachment { sequence, sent: time_of_day(), source: self.source };
-        let (bytes, attachment) = (payload.to_serialized(), attachment.to_bytes());
+        let (bytes, attachment) = (zbytes(payload), attachment.to_bytes());
         match &self.writer {
             PublisherLink::Volatile(publisher) => {
-                publisher.put(&bytes[..]).attachment(attachment).wait()
+                publisher.put(bytes).attachment(attachment).wait()
             }
             PublisherLink::TransientLocal(transient_local) => {
-                transient_local.put(&bytes[..]).attachment(attachment).wait()
+                transient_local.put(bytes).attachment(attachment).wait()
             }
         }
     }
@@ -410,6 +411,14 @@ impl Publish for SerializedPublisher {
     fn end(&self) -> &Arc<Endpoint> {
         &self.end
     }
+}
+
+/// The message with its encapsulation header; the body is not copied.
+fn zbytes(payload: &Payload) -> ZBytes {
+    let mut bytes = ZBytes::writer();
+    bytes.append(payload.encapsulation().to_vec().into());
+    bytes.append(payload.body.clone().into());
+    bytes.finish()
 }
 
 /// Now, in nanoseconds.
