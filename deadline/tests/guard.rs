@@ -1,16 +1,14 @@
 //! What the guard allows: the specification's figures, its cases, and whatever figures it is made of.
 
-mod vehicle;
-
 use std::borrow::Borrow;
 use std::time::Duration;
 
+use crate::vehicle::{Drive, Frame};
 use fuseline_deadline::{
     Case, Classes, Constant, Guard, Hazard, Invalid, Metres, MetresPerSecond,
     MetresPerSecondSquared, Parameters, Policy, Reason, Situation, Span,
 };
 use proptest::prelude::*;
-use vehicle::{Drive, Frame};
 
 fn guard(parameters: impl Borrow<Parameters>) -> Guard {
     Guard::new(*parameters.borrow()).unwrap()

@@ -125,14 +125,7 @@ pub const MEASURES: &[Measure] = &[
         ]),
         tests: Tests {
             packages: &["fuseline-traces", "fuseline-tests"],
-            targets: &[
-                "--lib",
-                "--test=corpus",
-                "--test=judge",
-                "--test=reference",
-                "--test=seeds",
-                "--test=differential",
-            ],
+            targets: &["--lib", "--test=all_traces", "--test=seeds", "--test=differential"],
         },
     },
     Measure {

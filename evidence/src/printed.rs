@@ -11,7 +11,8 @@ pub(crate) type Outcomes = BTreeMap<String, bool>;
 /// The witness that all generated runs of a drive are.
 pub(crate) const GENERATED: &str = "generated runs";
 
-/// Lines of the test harness. A test that began and never ended is red.
+/// Lines of the test harness. A test that began and never ended is red. In a program `all_…` a module is a file of tests,
+/// whose name stands for the program's.
 pub(crate) fn read_tests(printed: &str) -> Outcomes {
     static BINARY: LazyLock<Regex> =
         LazyLock::new(|| regex(r"^ +Running .*/deps/(\w+)-[0-9a-f]+\)"));
@@ -20,7 +21,8 @@ pub(crate) fn read_tests(printed: &str) -> Outcomes {
     let mut binary = String::new();
     for line in printed.lines() {
         if let Some(found) = BINARY.captures(line) {
-            binary = format!("{}::", &found[1]);
+            let is_of_many = found[1].starts_with("all_");
+            binary = if is_of_many { String::new() } else { format!("{}::", &found[1]) };
         } else if let Some(found) = TEST.captures(line) {
             let outcome = found.get(2).map(|outcome| outcome.as_str());
             if outcome != Some("ignored") {
@@ -112,6 +114,13 @@ mod tests {
             read_tests(printed),
             expected.map(|(name, held)| (name.to_owned(), held)).into()
         );
+    }
+
+    #[test]
+    fn in_a_program_of_many_files_each_module_is_a_program() {
+        let printed =
+            "     Running tests/main.rs (/x/deps/all_tokio-0a1b)\ntest link::f1_a ... ok\n";
+        assert_eq!(read_tests(printed), [("link::f1_a".to_owned(), true)].into());
     }
 
     #[test]

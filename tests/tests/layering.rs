@@ -1,6 +1,8 @@
 //! Arrows point inward: who may depend on whom.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::PathBuf;
 
 use cargo_lock::Lockfile;
 use cargo_metadata::{DependencyKind, MetadataCommand, Package};
@@ -34,8 +36,8 @@ fn reached_from(from: &str, graph: &Graph) -> BTreeSet<String> {
     reached
 }
 
-/// What a member's manifest says.
-fn member(name: &str) -> Package {
+/// What the members' manifests say.
+fn members() -> Vec<Package> {
     let metadata = MetadataCommand::new()
         .cargo_path(env!("CARGO"))
         .manifest_path(format!("{ROOT}/Cargo.toml"))
@@ -43,8 +45,36 @@ fn member(name: &str) -> Package {
         .no_deps()
         .exec()
         .expect("cargo reads the workspace");
-    let mut packages = metadata.packages.into_iter();
+    metadata.packages
+}
+
+fn member(name: &str) -> Package {
+    let mut packages = members().into_iter();
     packages.find(|package| package.name.as_str() == name).expect("it is a member")
+}
+
+/// Cargo finds no tests by itself in a folder whose files are modules of one program.
+#[test]
+fn each_file_of_tests_is_a_program_or_a_module_of_one() {
+    let targets = members().into_iter().flat_map(|package| package.targets);
+    let programs: BTreeSet<PathBuf> =
+        targets.filter_map(|target| fs::canonicalize(target.src_path).ok()).collect();
+    let of_many: Vec<_> = programs.iter().filter(|path| path.ends_with("tests/main.rs")).collect();
+    assert!(of_many.len() > 3, "only {of_many:?} have modules");
+    for program in of_many {
+        let modules = fs::read_to_string(program).expect("UTF-8");
+        let files = fs::read_dir(program.parent().expect("a folder")).expect("a readable folder");
+        for file in files.map(|file| file.expect("a readable folder").path()) {
+            let name = file.file_stem().expect("a name").to_string_lossy();
+            let is_module = modules.contains(&format!("\nmod {name};"));
+            let is_source = file.extension().is_some_and(|extension| extension == "rs");
+            assert!(
+                !is_source || is_module || programs.contains(&file),
+                "{} is not run",
+                file.display()
+            );
+        }
+    }
 }
 
 #[test]

@@ -197,7 +197,7 @@ fn on_a_small_disk(test: &str) {
     let ended = Command::new("sh")
         .args(["-c", "trap '' XFSZ; ulimit -f 32; exec \"$@\"", "sh"])
         .arg(env::current_exe().unwrap())
-        .args(["--exact", test])
+        .arg(test)
         .env(SMALL_DISK, "")
         .output()
         .unwrap();

@@ -1,19 +1,17 @@
 //! The engine beside a naive one: effects, items, what policies are given, gauges, metrics and tally are the same.
 
-mod naive;
-
 use std::collections::BTreeMap;
 use std::mem;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use crate::naive::{EngineSettings, MarkedValue, NaiveEngine, choice, shown};
 use fuseline_deadline::{Chosen, End, Reason};
 use fuseline_engine::{
     Cloud, Commit, Effect, Engine, Header, Lineage, Local, Offer, Overflow, Policy, Situation,
     Tally,
 };
 use metrics_util::debugging::{DebugValue, DebuggingRecorder, Snapshotter};
-use naive::{EngineSettings, MarkedValue, NaiveEngine, choice, shown};
 use proptest::prelude::*;
 
 /// Writes what it is given where the test reads it.

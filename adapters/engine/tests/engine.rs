@@ -1,16 +1,14 @@
 //! The engine by hand: inputs at chosen instants, effects looked at one by one.
 
-mod tested;
-
 use std::collections::BTreeMap;
 use std::time::Duration;
 
+use crate::tested::{Tested, header};
 use fuseline_engine::{
     Commit, DropReason, Effect, Ending, Engine, Hint, Item, Local, Offer, OfferRefusal,
     SourceTally, Trigger,
 };
 use metrics_util::debugging::{DebugValue, DebuggingRecorder};
-use tested::{Tested, header};
 
 const NS: Duration = Duration::from_nanos(1);
 

@@ -1,16 +1,14 @@
 //! The engine under random inputs: bounds, one answer a message, a trace that conforms.
 
-mod tested;
-
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::BufReader;
 use std::time::Duration;
 
+use crate::tested::{Tested, header};
 use fuseline_engine::{Commit, Effect, Ending, Engine, Item, Local, Recorder, Recording};
 use fuseline_traces::judge;
 use proptest::prelude::*;
-use tested::{Tested, header};
 
 /// How many computations freed their slots without a completion.
 fn lost(engine: &Tested) -> usize {

@@ -95,7 +95,7 @@ fn a_killed_process_leaves_the_miss_that_it_died_of() {
     }
     let (_folder, path) = folder();
     let killed = Command::new(env::current_exe().unwrap())
-        .args(["--exact", "a_killed_process_leaves_the_miss_that_it_died_of"])
+        .arg("a_killed_process_leaves_the_miss_that_it_died_of")
         .env(PATH, &path)
         .output()
         .unwrap();
@@ -114,7 +114,7 @@ fn a_disk_that_fills_is_reported_when_it_happens_and_the_operator_goes_on() {
         let ended = Command::new("sh")
             .args(["-c", "trap '' XFSZ; ulimit -f 32; exec \"$@\"", "sh"])
             .arg(env::current_exe().unwrap())
-            .args(["--exact", NAME])
+            .arg(NAME)
             .env(SMALL_DISK, "")
             .output()
             .unwrap();

@@ -1,12 +1,10 @@
 //! After any disturbance the engine is as before: nothing runs, waits, is due or is shown, and the next message is served.
 
-mod tested;
-
 use std::time::Duration;
 
+use crate::tested::{Tested, header};
 use fuseline_engine::{Commit, Effect, Engine, Local, Offer};
 use metrics_util::debugging::{DebugValue, DebuggingRecorder};
-use tested::{Tested, header};
 
 const NS: Duration = Duration::from_nanos(1);
 

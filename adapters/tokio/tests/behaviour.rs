@@ -1,19 +1,17 @@
 //! What operators do with calls, handlers, threads and one another.
 
-mod support;
-
 use std::future::pending;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Barrier, Mutex};
 use std::time::Duration;
 
+use crate::support::SourceAction::{Answers, Never};
+use crate::support::{ClosureOperator, Script, line, play, play_default};
 use fuseline_tokio::{
     Call, Config, Ending, Error, Item, Local, OfferRefusal, Operator, Setup, SpawnError, Trace,
     WriteError, spawn, stream,
 };
 use futures_util::{FutureExt, StreamExt};
-use support::SourceAction::{Answers, Never};
-use support::{ClosureOperator, Script, line, play, play_default};
 use tokio::time::{Instant, advance, sleep};
 
 const MS: Duration = Duration::from_millis(1);

@@ -12,8 +12,6 @@ use fuseline_traces::judge;
 
 use crate::support::ClosureOperator;
 
-mod support;
-
 const MS: Duration = Duration::from_millis(1);
 
 /// Local at once, and a cloud that answers at once.

@@ -1,17 +1,15 @@
 //! Which deadlines clouds get, and what is reported to their policies.
 
-mod support;
-
 use std::future::pending;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use crate::support::{ClosureOperator, RunResult, line, play};
 use fuseline_tokio::deadline::{
     Accuracy, Chosen, Constant, End, Expected, Guard, MetresPerSecond, Parameters, Policy, Reason,
     Situation,
 };
 use fuseline_tokio::{Call, Config, Error, Local, Setup, SharedState, SpawnError, spawn, stream};
-use support::{ClosureOperator, RunResult, line, play};
 use tokio::time::{Instant, sleep};
 
 const MS: Duration = Duration::from_millis(1);

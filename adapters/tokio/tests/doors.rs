@@ -16,8 +16,6 @@ use tokio::time::{advance, sleep};
 
 use crate::support::{ClosureOperator, play};
 
-mod support;
-
 const MS: Duration = Duration::from_millis(1);
 
 /// Local at once, and one cloud with this handle.

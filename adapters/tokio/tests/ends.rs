@@ -1,11 +1,9 @@
 //! How an operator ends, whatever is still under way or waits to be read.
 
-mod support;
-
 use std::time::Duration;
 
+use crate::support::{ClosureOperator, play};
 use fuseline_tokio::{Call, Config, Error, Local, Setup, spawn, stream};
-use support::{ClosureOperator, play};
 use tokio::time::timeout;
 
 /// D7, D10: a call that lingers is dropped when the operator ends; found by the simulator.

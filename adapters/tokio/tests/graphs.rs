@@ -1,9 +1,8 @@
 //! Graphs of operators drawn by seed, in virtual time (E1 to E7). `GRAPH_SEED=N` runs one again, `GRAPHS=N` so many.
 
-#[path = "support/graph.rs"]
-mod graph;
-
 use tokio::runtime::Builder;
+
+use crate::graph;
 
 fn number(name: &str) -> Option<u64> {
     std::env::var(name).ok().map(|number| number.parse().expect("a number"))

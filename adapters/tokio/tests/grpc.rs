@@ -1,15 +1,13 @@
 //! Clouds over real sockets on loopback.
 #![cfg(feature = "grpc")]
 
-#[path = "support/hosts.rs"]
-mod hosts;
-
 use std::future::{pending, ready};
 use std::io;
 use std::net::SocketAddr;
 use std::sync::{Arc, mpsc};
 use std::time::{Duration, Instant};
 
+use crate::hosts::{Ca, Cloud};
 use fuseline_engine::{self as engine, Commit, Engine, Header};
 use fuseline_tokio::grpc::tonic::{self, Code, Status, transport};
 use fuseline_tokio::grpc::{
@@ -20,7 +18,6 @@ use fuseline_tokio::{
     Call, Config, Item, Items, Lineage, Local, Operator, Setup, SharedState, StampedValue, Trigger,
     Writer, spawn, stream,
 };
-use hosts::{Ca, Cloud};
 use prost::Message;
 use prost_reflect::{DescriptorPool, DynamicMessage, Value};
 use tokio::io::copy_bidirectional;
@@ -279,7 +276,7 @@ async fn a_connection_that_falls_silent_is_lost_once_a_ping_has_no_answer() {
     let door = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let remote = Remote {
         ping_after: Duration::from_millis(200),
-        ping_deadline: Duration::from_millis(200),
+        ping_deadline: Duration::from_secs(2),
         ..Remote::new(format!("http://{}", door.local_addr().unwrap()))
     };
     let (fall_silent, reported) = oneshot::channel();

@@ -1,18 +1,16 @@
 //! Lineage through operators: what an output comes from, how old it is, and of which message its value is (A51, D2).
 
-mod support;
-
 use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use crate::support::ClosureOperator;
 use fuseline_tokio::{
     Call, Config, Error, Item, Items, Lineage, Local, Operator, Recording, Running, SharedState,
     StampedValue, Trace, spawn, stream,
 };
 use fuseline_traces::judge;
-use support::ClosureOperator;
 use tokio::time::{Instant, sleep};
 
 const MS: Duration = Duration::from_millis(1);

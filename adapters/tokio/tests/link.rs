@@ -1,16 +1,14 @@
 //! The operators of a vehicle on one emulated link, in virtual time.
 
-mod support;
-
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use crate::support::ClosureOperator;
 use fuseline_tokio::deadline::LinkRate;
 use fuseline_tokio::{
     Call, Config, EmulatedLink, EmulatedNetwork, Error, Items, LinkDirection, Local, Running,
     SourceTally, Writer, spawn, stream,
 };
-use support::ClosureOperator;
 use tokio::time::{Instant, sleep};
 
 const MS: Duration = Duration::from_millis(1);

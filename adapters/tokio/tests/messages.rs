@@ -1,15 +1,13 @@
 //! Messages: one encoding for several clouds, and items that carry them.
 
-mod support;
-
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
+use crate::support::ClosureOperator;
 use fuseline_tokio::{
     Call, Commit, Config, EncodeOnce, Ending, Error, Items, Local, Setup, spawn, stream,
 };
-use support::ClosureOperator;
 use tokio::time::sleep;
 
 const MS: Duration = Duration::from_millis(1);

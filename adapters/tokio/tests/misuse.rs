@@ -15,6 +15,7 @@ use tokio::time::{advance, sleep};
 
 use crate::support::{ClosureOperator, RunResult, play};
 
+#[expect(dead_code, reason = "it is of the other tests too")]
 mod support;
 
 const MS: Duration = Duration::from_millis(1);

@@ -1,5 +1,6 @@
 //! What is logged of clouds that are gone. One test, since a program has one cache of who listens to which event.
 
+#[expect(dead_code, reason = "it is of the other tests too")]
 mod support;
 
 use std::io::Write;

@@ -1,14 +1,12 @@
 //! What becomes of messages, to the millisecond. Every run's trace is judged too.
 
-mod support;
-
 use std::time::Duration;
 
+use crate::support::SourceAction::{Answers, Fails, Never, Panics};
+use crate::support::{CloudScript, Script, play, play_default};
 use fuseline_tokio::{
     Commit, Config, DropReason, Latency, OfferRefusal, OpenRefusal, SourceTally, Trigger,
 };
-use support::SourceAction::{Answers, Fails, Never, Panics};
-use support::{CloudScript, Script, play, play_default};
 
 #[tokio::test(start_paused = true)]
 async fn local_alone_is_forwarded_when_it_arrives() {

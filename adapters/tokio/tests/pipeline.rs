@@ -1,15 +1,13 @@
 //! Operators as a graph under one end-to-end deadline: budgets, joins, order, substitutes (E1 to E9).
 
-mod support;
-
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use crate::support::ClosureOperator;
 use fuseline_tokio::{
     CarriedState, Config, Ending, Item, Items, Join, JoinCause, JoinConfig, JoinDropReason, Joined,
     Latency, Lineage, Local, Operator, Origin, OutOfOrder, Overflow, Setup, spawn, stream,
 };
-use support::ClosureOperator;
 use tokio::time::{Instant, advance, sleep};
 
 const MS: Duration = Duration::from_millis(1);

@@ -1,18 +1,16 @@
 //! The progressive commit rule: each better result at once, the last one marked (F9, D1). Every trace is judged.
 
-mod support;
-
 use std::future::pending;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use crate::support::{ClosureOperator, RunResult, line, play};
 use fuseline_tokio::deadline::{Accuracy, Constant, Expected, Guard, Parameters, Policy};
 use fuseline_tokio::{
     Commit, Config, Ending, Error, Item, Items, Join, JoinConfig, JoinDropReason, Lineage, Local,
     Operator, Reader, Recording, Setup, SpawnError, Trace, spawn, stream,
 };
 use fuseline_traces::judge;
-use support::{ClosureOperator, RunResult, line, play};
 use tokio::time::{Instant, sleep};
 
 const MS: Duration = Duration::from_millis(1);

@@ -1,14 +1,12 @@
 //! After a disturbance of any kind an operator is as before, and however long it waits, each timer goes off at its own instant.
 
-mod support;
-
 use std::future::pending;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use crate::support::{ClosureOperator, CloudScript, Script, SourceAction, play};
 use fuseline_tokio::deadline::{Chosen, End, MetresPerSecond, Policy, Reason, Situation};
 use fuseline_tokio::{Call, Config, Error, Local, Setup, spawn, stream};
-use support::{ClosureOperator, CloudScript, Script, SourceAction, play};
 use tokio::runtime::Handle;
 use tokio::time::{Instant, sleep};
 

@@ -1,16 +1,14 @@
 //! What helps local with later messages: side requests, hints, and what they share with it.
 
-mod support;
-
 use std::future::pending;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use crate::support::{ClosureOperator, line, play};
 use fuseline_tokio::{
     Call, Config, DropReason, Error, Local, Running, Setup, SharedState, SideTally, SpawnError,
     spawn, stream,
 };
-use support::{ClosureOperator, line, play};
 use tokio::time::{Instant, sleep, sleep_until};
 
 const MS: Duration = Duration::from_millis(1);

@@ -1,7 +1,5 @@
 //! Operators that follow a script, on a clock that stands still until everybody sleeps.
 
-#![expect(dead_code, reason = "each test file uses a part")]
-
 use std::fmt::Write as _;
 use std::fs::File;
 use std::future::pending;

@@ -1,0 +1,28 @@
+//! One program of all tests that need no process of their own: it is built once, and what waits overlaps.
+
+#[path = "support/graph.rs"]
+mod graph;
+#[cfg(feature = "grpc")]
+#[path = "support/hosts.rs"]
+mod hosts;
+mod support;
+
+mod behaviour;
+mod blocking;
+mod connections;
+mod deadlines;
+mod doors;
+mod ends;
+mod forward;
+mod graphs;
+mod grpc;
+mod lineage;
+mod link;
+mod messages;
+mod outcomes;
+mod pipeline;
+mod progressive;
+mod recovery;
+mod side;
+mod timers;
+mod tower;
