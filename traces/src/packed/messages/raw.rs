@@ -53,12 +53,14 @@ pub struct PayloadSchema {
     pub data: Vec<u8>,
 }
 
+/// Puts the next records of the file, each of them whole, into a block.
+type NextRecords<'a> = dyn FnMut(&mut Vec<u8>) -> io::Result<bool> + 'a;
+
 /// The messages of some topics of an MCAP file, in the order of the file.
 ///
 /// After an error it yields nothing more.
 pub struct RawMessages<'a> {
-    /// Puts the next records of the file, each of them whole, into a block.
-    records: Box<dyn FnMut(&mut Vec<u8>) -> io::Result<bool> + 'a>,
+    records: Box<NextRecords<'a>>,
     block: Vec<u8>,
     /// Where the next record of the block begins.
     at: usize,

@@ -312,8 +312,8 @@ fn buffered(inner: &mut impl BufRead, most: u64) -> Result<&[u8], McapError> {
 
 /// A record's code and length.
 pub(super) const fn split_head(head: [u8; HEAD]) -> (u8, u64) {
-    let [opcode, a, b, c, d, e, f, g, h] = head;
-    (opcode, u64::from_le_bytes([a, b, c, d, e, f, g, h]))
+    let [opcode, len @ ..] = head;
+    (opcode, u64::from_le_bytes(len))
 }
 
 /// The number that eight bytes begin with.
