@@ -42,12 +42,12 @@ struct Cli {
     /// Search again for the harnesses, or those named, that catch each fault, and record them.
     #[arg(long)]
     search: bool,
-    /// With --search, only these faults.
+    /// With --search, only these faults; with --mutants, only those with this in their names.
     #[arg(long, value_name = "NAME")]
     fault: Vec<String>,
-    /// Try each mutant of the façade and of its window that `cargo mutants` lists, and record which harness catches it. A run
-    /// that was interrupted goes on where it was.
-    #[arg(long, conflicts_with_all = ["harness", "keep", "sample", "search"])]
+    /// Try each mutant of the façade and of its window that `cargo mutants` lists, and record which harness catches it; with
+    /// --harness by those alone. A run that was interrupted goes on where it was.
+    #[arg(long, conflicts_with_all = ["keep", "sample", "search"])]
     mutants: bool,
     /// Record the harnesses, assertions and covers that there are now.
     #[arg(long)]
@@ -137,7 +137,7 @@ fn act(cli: &Cli) -> Result<bool, Error> {
         return run.search(&mut record, &cli.fault, &cli.harness);
     }
     if cli.mutants {
-        return run.mutants();
+        return run.mutants(&cli.harness, &cli.fault);
     }
     if cli.kani {
         let names: Vec<&str> = sources.harnesses.iter().map(|h| h.name.as_str()).collect();

@@ -214,16 +214,20 @@ impl ProofRun<'_> {
         Ok(found.values().chain(busy.values()).all(|good| *good))
     }
 
-    /// Looks for a harness that catches each mutant of façade and window, and records it.
+    /// Looks for a harness, of those named or of all, that catches each mutant of façade and window, and records it. What those
+    /// named do not catch is not missed: others may.
     ///
     /// # Errors
     /// As for [`harnesses`](Self::harnesses), or there is no list of them.
-    pub(crate) fn mutants(&self) -> Result<bool, Error> {
+    pub(crate) fn mutants(&self, named: &[String], parts: &[String]) -> Result<bool, Error> {
         let (listed, by) = Mutant::list(self.tree)?;
         let mut mutants = Mutants::current(self.tree, by, ledger::digest(self.tree)?)?;
         mutants.of.retain(|name, _| listed.iter().any(|mutant| mutant.name == *name));
         let open = listed.iter().enumerate().filter(|(_, one)| !mutants.of.contains_key(&one.name));
-        let open: Vec<(usize, &Mutant)> = open.collect();
+        let is_wanted = |one: &&Mutant| {
+            parts.is_empty() || parts.iter().any(|part| one.name.contains(part.as_str()))
+        };
+        let open: Vec<(usize, &Mutant)> = open.filter(|(_, one)| is_wanted(one)).collect();
         let tools = Tools::new(self.root)?;
         let copy = Copy::new(&tools, self.tree)?;
         let ledger = VerdictLedger::load(self.tree)?;
@@ -245,7 +249,11 @@ impl ProofRun<'_> {
                 }
                 let first = lock().catchers(&listed, mutant);
                 let place = (format!("mutant-{at}"), first);
-                let outcome = self.outcome(&tools, &copy, &ledger, (&place.0, &place.1), mutant)?;
+                let place = (place.0.as_str(), &place.1);
+                let outcome = self.outcome(&tools, &copy, (&ledger, named), place, mutant)?;
+                if outcome == MutantOutcome::Missed && !named.is_empty() {
+                    return Ok((mutant.name.clone(), outcome));
+                }
                 keep(mutant, outcome)
             },
         )?;
@@ -262,7 +270,7 @@ impl ProofRun<'_> {
         &self,
         tools: &Tools,
         copy: &Copy,
-        ledger: &VerdictLedger,
+        (ledger, named): (&VerdictLedger, &[String]),
         (folder, first): (&str, &BTreeSet<String>),
         mutant: &Mutant,
     ) -> Result<MutantOutcome, Error> {
@@ -272,7 +280,9 @@ impl ProofRun<'_> {
         let group = mutants::FILES.iter().find(|(file, _)| *file == mutant.file);
         let group = group.map_or("", |(_, group)| group);
         let harnesses = self.sources.harnesses.iter();
-        let mut able: Vec<&Harness> = harnesses.filter(|of| of.group == group).collect();
+        let is_able =
+            |of: &&Harness| of.group == group && (named.is_empty() || named.contains(&of.name));
+        let mut able: Vec<&Harness> = harnesses.filter(is_able).collect();
         able.sort_by(|a, b| ledger.seconds(&a.name).total_cmp(&ledger.seconds(&b.name)));
         // What caught one mutant of a function mostly catches the next.
         able.sort_by_key(|harness| !first.contains(&harness.name));
