@@ -28,12 +28,12 @@ impl TimedSteps {
         coroutine: &Bound<'_, PyAny>,
         clock: Py<PyAny>,
         longest: u64,
-        counting: PyRef<'_, PyCounting>,
+        counting: &Bound<'_, PyCounting>,
         p: u16,
     ) -> PyResult<Self> {
         let steps = coroutine.call_method0(intern!(coroutine.py(), "__await__"))?;
         let steps = steps.cast_into::<PyIterator>()?.unbind();
-        Ok(Self { steps, clock, longest, counting: counting.clone(), p })
+        Ok(Self { steps, clock, longest, counting: counting.borrow().clone(), p })
     }
 
     /// Runs it to its next pause.
