@@ -12,7 +12,7 @@ use crate::engine::CLOUDS;
 /// What fired before the current input, and when it was served.
 pub(crate) type ServedFirings = Vec<(u64, Firing<CLOUDS>)>;
 
-/// The smallest [`Arbiter`] of three that has room for the window: of 3, 22 or 178 KiB.
+/// The smallest [`Arbiter`] of three that has room for the window: of 3, 24 or 190 KiB.
 pub(crate) enum SizedArbiter {
     Small(Arbiter<CLOUDS, SMALL>),
     Middle(Arbiter<CLOUDS, MIDDLE>),
