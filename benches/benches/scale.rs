@@ -5,17 +5,23 @@
 //! on one thread. An output is late if it comes more than 5 ms after its cloud answered: that is the
 //! lateness that the guard counts on by default.
 //!
+//! Beside it stands what one would write by hand: a task for each message that waits for the best with a `select!`, and a
+//! channel. It has no window, queue, gate, counts or reasons.
+//!
 //! With the feature `virtual-time` no host is too slow: what is found is how many operators the processor time of one
 //! core is enough for.
 
 use std::fs;
+use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
 
 use fuseline_tokio::{Config, Error, Local, Operator, Setup, Writer, spawn, stream};
 use rustix::time::{ClockId, clock_gettime};
 use tokio::runtime::Builder;
-use tokio::time::{Instant, MissedTickBehavior, interval_at, sleep};
+use tokio::sync::mpsc;
+use tokio::task::JoinHandle;
+use tokio::time::{Instant, Interval, MissedTickBehavior, interval_at, sleep};
 
 /// From one message of an operator to the next.
 const PERIOD: Duration = Duration::from_nanos(1_000_000_000 / 30);
@@ -47,36 +53,45 @@ impl Operator for Small {
     }
 }
 
+/// Who feeds an operator, and who reads how late its outputs were.
+type Ends = (JoinHandle<()>, JoinHandle<Vec<Duration>>);
+
 fn main() {
-    println!(
-        "{:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9}",
-        "operators", "busy", "a message", "p50", "p99", "late", "memory"
-    );
     // `scale 1000`: so many alone, whose memory nothing has taken before.
     let mut arguments = std::env::args().skip(1).filter_map(|argument| argument.parse().ok());
-    if let Some(operators) = arguments.next() {
-        carries(operators);
-        return;
+    let only: Option<usize> = arguments.next();
+    for (name, spawn) in [("Fuseline", with_adapter as fn(Instant) -> Ends), ("by hand", by_hand)] {
+        println!(
+            "{name:<9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9}",
+            "busy", "a message", "p50", "p99", "late", "memory"
+        );
+        if let Some(operators) = only {
+            carries(operators, spawn);
+            continue;
+        }
+        let most = most(spawn);
+        let messages = 30 * most;
+        println!("{most} of 30 messages a second on one core, {messages} messages a second");
     }
+}
+
+/// Doubles until it is too much, then halves the gap.
+fn most(spawn: fn(Instant) -> Ends) -> usize {
     let mut operators = 1;
     let (mut most, mut least) = (0, usize::MAX);
-    // Doubles until it is too much, then halves the gap.
     while least - most > most / 16 + 1 {
-        if carries(operators) {
+        if carries(operators, spawn) {
             most = operators;
         } else {
             least = operators;
         }
         operators = if least == usize::MAX { 2 * most.max(1) } else { most.midpoint(least) };
     }
-    println!(
-        "{most} operators of 30 messages a second on one core, {} messages a second",
-        30 * most
-    );
+    most
 }
 
 /// Runs so many for three seconds; whether outputs were in time.
-fn carries(operators: usize) -> bool {
+fn carries(operators: usize, spawn: fn(Instant) -> Ends) -> bool {
     let mut builder = Builder::new_current_thread();
     #[cfg(feature = "virtual-time")]
     builder.start_paused(true);
@@ -87,18 +102,11 @@ fn carries(operators: usize) -> bool {
         let mut feeders = Vec::new();
         let began = Instant::now() + PERIOD;
         for index in 0..operators {
-            let (writer, input) = stream(64);
-            let (_, mut output) = spawn(Small, Config::default(), input).expect("it is configured");
             // All cameras have phases of their own.
             let share = u32::try_from(index * 1000 / operators).unwrap_or(0);
-            feeders.push(tokio::spawn(feed(writer, began + PERIOD * share / 1000)));
-            readers.push(tokio::spawn(async move {
-                let mut late = Vec::new();
-                while let Some(item) = output.read().await {
-                    late.push(item.took().saturating_sub(ANSWERS));
-                }
-                late
-            }));
+            let (feeder, reader) = spawn(began + PERIOD * share / 1000);
+            feeders.push(feeder);
+            readers.push(reader);
         }
         let spent = process_time();
         for feeder in feeders {
@@ -132,9 +140,71 @@ fn carries(operators: usize) -> bool {
     is_in_time
 }
 
-async fn feed(mut writer: Writer<u64>, first: Instant) {
+/// An operator whose first message comes at `first`.
+fn with_adapter(first: Instant) -> Ends {
+    let (writer, input) = stream(64);
+    let (_, mut output) = spawn(Small, Config::default(), input).expect("it is configured");
+    let reader = tokio::spawn(async move {
+        let mut late = Vec::new();
+        while let Some(item) = output.read().await {
+            late.push(item.took().saturating_sub(ANSWERS));
+        }
+        late
+    });
+    (tokio::spawn(feed(writer, first)), reader)
+}
+
+/// The same by hand.
+fn by_hand(first: Instant) -> Ends {
+    let (sender, mut output) = mpsc::channel(64);
+    let reader = tokio::spawn(async move {
+        let mut late = Vec::new();
+        while let Some(took) = output.recv().await {
+            late.push(Duration::saturating_sub(took, ANSWERS));
+        }
+        late
+    });
+    let feeder = tokio::spawn(async move {
+        let mut ticks = ticks(first);
+        for t in 0..MESSAGES {
+            ticks.tick().await;
+            tokio::spawn(best(t, sender.clone()));
+        }
+    });
+    (feeder, reader)
+}
+
+/// Waits for the best of one message, with one deadline for both clouds.
+async fn best(message: u64, output: mpsc::Sender<Duration>) {
+    let source = |ms| async move {
+        sleep(Duration::from_millis(ms)).await;
+        message
+    };
+    let began = Instant::now();
+    let mut local = pin!(source(20));
+    let mut one = pin!(source(30));
+    let mut two = pin!(source(40));
+    let mut timer = pin!(sleep(Duration::from_millis(500)));
+    let (mut has_local, mut has_one) = (false, false);
+    loop {
+        tokio::select! {
+            _ = &mut two => break,
+            _ = &mut one, if !has_one => has_one = true,
+            _ = &mut local, if !has_local => has_local = true,
+            () = &mut timer, if has_local || has_one => break,
+        }
+    }
+    output.send(began.elapsed()).await.expect("somebody waits for it");
+}
+
+fn ticks(first: Instant) -> Interval {
     let mut ticks = interval_at(first, PERIOD);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Burst);
+    ticks
+}
+
+async fn feed(mut writer: Writer<u64>, first: Instant) {
+    let mut ticks = ticks(first);
     for t in 0..MESSAGES {
         ticks.tick().await;
         // Who lags this far is seen to by what it answers.

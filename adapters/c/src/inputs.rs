@@ -140,11 +140,13 @@ pub(crate) fn write_admission(answer: &mut CAnswer, admission: Admission) {
     }
 }
 
+// Inlined, so that what fired goes from registers into the answer.
+#[inline]
 pub(crate) fn write_firing<const CLOUDS: usize>(answer: &mut CAnswer, firing: &Firing<CLOUDS>) {
     answer.fired = 1;
     answer.t = firing.timestamp.as_u64();
     answer.due = firing.due.as_nanos();
-    answer.timers_len = list(&mut answer.timers, firing.timers);
+    answer.timers_len = list(&mut answer.timers, &firing.timers);
     write_answer(answer, &firing.outcome);
 }
 
@@ -179,13 +181,13 @@ fn write_output<const CLOUDS: usize>(
 ) {
     answer.outcome = outcome;
     answer.by = by.as_u16().into();
-    answer.cancelled_len = list(&mut answer.cancelled, *cancelled);
+    answer.cancelled_len = list(&mut answer.cancelled, cancelled);
 }
 
 /// Writes the members in ascending order and counts them.
 fn list<const CLOUDS: usize>(
     places: &mut [u16; FUSELINE_SOURCES],
-    members: Priorities<CLOUDS>,
+    members: &Priorities<CLOUDS>,
 ) -> u32 {
     let mut len = 0;
     for ((target, member), counted) in places.iter_mut().zip(members.iter()).zip(1..) {
