@@ -228,6 +228,7 @@ impl Slot {
     }
 
     /// The pure step: closes requests and decides (F3–F7).
+    #[inline]
     #[must_use]
     pub fn step(self, commit: Commit, cause: Cause) -> (Self, Decision) {
         match cause {
@@ -268,6 +269,7 @@ impl Slot {
     }
 
     /// F3: a result is dropped, forwarded, or held while something pending outranks it; under progressive it is not held.
+    #[inline]
     fn result(mut self, commit: Commit, source: Source) -> (Self, Decision) {
         if let Some(reason) = self.drop_reason(commit, source) {
             return (self, Decision::Dropped(reason));
@@ -288,6 +290,7 @@ impl Slot {
     }
 
     /// F9: a result is sent although something better is pending. What it outranks is no longer awaited.
+    #[inline]
     fn send(mut self, by: Source) -> (Self, Decision) {
         let better = self.pending.above(by);
         let cancelled = self.pending.difference(better).clouds();
@@ -298,6 +301,7 @@ impl Slot {
     }
 
     /// F4: a failure is dropped as a result is, or closes its request and settles as by no timer.
+    #[inline]
     fn failure(mut self, commit: Commit, source: Source) -> (Self, Decision) {
         if let Some(reason) = self.drop_reason(commit, source) {
             return (self, Decision::Dropped(reason));
@@ -308,6 +312,7 @@ impl Slot {
     }
 
     /// F5, for the armed timers of one instant.
+    #[inline]
     fn timers(mut self, commit: Commit, fired: Sources) -> (Self, Decision) {
         if fired.is_empty() {
             return (self, Decision::Waiting);
@@ -342,6 +347,7 @@ impl Slot {
     /// Once the last timer has fired, nothing pending outranks what is available: so local's result is forwarded by then
     /// (P5), and a timestamp opened with a deadline is retired by then (P7). Once local has arrived, only clouds are awaited
     /// (P12).
+    #[inline]
     fn settle(self, commit: Commit, timer: bool) -> (Self, Decision) {
         // F6: whatever the cause, the greatest available or none (P3).
         match self.cached.greatest() {
@@ -359,6 +365,7 @@ impl Slot {
     }
 
     /// F7: the result is sent, what is pending is cancelled. The timestamp is retired with it, so that this happens once (P1).
+    #[inline]
     fn forward(self, by: Source) -> (Self, Decision) {
         (Self::RETIRED, Decision::Forwarded { by, cancelled: self.pending.clouds() })
     }

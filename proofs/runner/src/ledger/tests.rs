@@ -83,3 +83,12 @@ fn a_sample_is_of_about_the_time_it_may_take_and_each_is_drawn_at_some_time() {
     let (all, _) = ledger.sample(&questions, Duration::from_secs(200));
     assert_eq!(all.len(), names.len());
 }
+
+#[test]
+fn comments_and_inline_change_no_digest() {
+    let code = b"fn step() {\n    a();\n}\n";
+    let said = b"/// Steps.\n#[inline]\nfn step() {\n    // First.\n    a();\n}\n";
+    assert_eq!(meaning(said), meaning(code));
+    assert_eq!(meaning(b"#[inline(never)] fn f() {}\n"), b"#[inline(never)] fn f() {}\n");
+    assert_ne!(meaning(b"a(); // first\n"), meaning(b"b(); // first\n"));
+}
