@@ -102,9 +102,10 @@ async def by_hand(sources: Sources, message: int) -> int:
             task.cancel()
 
 
-def operator(sources: Sources) -> Operator[int, int]:
+def operator(sources: Sources, lag_warning: float = 0.02) -> Operator[int, int]:
     """An operator with two clouds."""
-    made: Operator[int, int] = Operator(Local.task(sources.local, at_once=16), output_len=64)
+    local = Local.task(sources.local, at_once=16)
+    made: Operator[int, int] = Operator(local, output_len=64, lag_warning=lag_warning)
     for priority, handle in [(1, sources.west), (2, sources.east)]:
         made.use_cloud(handle, lambda m, t: (m, DEADLINE), lambda it: it, priority)
     return made

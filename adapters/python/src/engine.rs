@@ -10,7 +10,7 @@ mod policy;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 use std::time::{Duration, Instant};
-use std::{io, mem};
+use std::{io, iter, mem};
 
 use fuseline_engine as engine;
 use fuseline_engine::{
@@ -18,7 +18,7 @@ use fuseline_engine::{
 };
 use pyo3::exceptions::{PyOSError, PyRuntimeError};
 use pyo3::prelude::*;
-use pyo3::types::{PyIterator, PyTuple};
+use pyo3::types::PyIterator;
 
 pub(crate) use crate::engine::counting::PyCounting;
 use crate::engine::effects::Effects;
@@ -31,9 +31,12 @@ use crate::time::Nanos;
 
 /// An engine whose values and requests are Python's.
 type EngineState = engine::Engine<Py<PyAny>, Py<PyAny>>;
+/// What it wants done.
+pub(crate) type EngineEffect = engine::Effect<Py<PyAny>, Py<PyAny>>;
 
 /// What a message comes from, as `fuseline.Lineage` has it, with its age.
-type LineageFields = (Option<String>, Option<u64>, Option<u64>, Option<u64>, Vec<String>);
+pub(crate) type LineageFields =
+    (Option<String>, Option<u64>, Option<u64>, Option<u64>, Vec<String>);
 
 /// The engine of one operator; instants are nanoseconds of its clock, which begins with it.
 #[pyclass(name = "Engine", module = "fuseline._fuseline", frozen)]
@@ -153,91 +156,14 @@ impl PyEngine {
         self.with(|inner| inner.set_situation(situation))
     }
 
-    /// F1, F2: a message came; `offers` is iterated only if it is taken on, and gives a cloud's priority, the request and
-    /// its deadline. `lineage` is the sensor's stream, the timestamp there, the age and the end-to-end deadline in nanoseconds, and the inputs that are missing.
-    /// Returns what is to be done, as all inputs do.
-    #[expect(clippy::too_many_arguments, reason = "they are what a message comes with")]
-    fn open<'py>(
-        &self,
-        py: Python<'py>,
-        at: u64,
-        t: u64,
-        deadline: Option<Nanos>,
-        job: Py<PyAny>,
-        offers: &Bound<'py, PyIterator>,
-        lineage: Option<LineageFields>,
-    ) -> PyResult<Vec<Bound<'py, PyTuple>>> {
-        let offers =
-            offers.try_iter()?.map_while(|offer| match offer.and_then(|it| it.extract()) {
-                Ok((priority, request, Nanos(deadline))) => {
-                    Some(Offer { priority, deadline: Duration::from_nanos(deadline), request })
-                }
-                Err(error) => {
-                    self.interrupt.set(error);
-                    None
-                }
-            });
-        let deadline = deadline.map(|Nanos(deadline)| Duration::from_nanos(deadline));
-        let lineage = lineage.map(|lineage| Arc::new(self.lineage(at, lineage)));
-        self.apply(py, |inner| {
-            if !self.reserve.is_empty() {
-                inner.set_reserve(reserve_of(self.reserve.iter()));
-            }
-            inner.open_with(at, t, deadline, lineage, job, offers);
-        })
-    }
-
-    /// F3: a source's result came; `of` is of which message it is, if it says so.
-    fn result<'py>(
-        &self,
-        py: Python<'py>,
-        at: u64,
-        t: u64,
-        p: u16,
-        value: Py<PyAny>,
-        of: Option<u64>,
-    ) -> PyResult<Vec<Bound<'py, PyTuple>>> {
-        self.apply(py, |inner| inner.result(at, t, p, StampedValue { value, of }))
-    }
-
-    /// F4: a source will send no result.
-    fn fail<'py>(
-        &self,
-        py: Python<'py>,
-        at: u64,
-        t: u64,
-        p: u16,
-        why: &str,
-    ) -> PyResult<Vec<Bound<'py, PyTuple>>> {
-        self.apply(py, |inner| inner.fail(at, t, p, &why))
-    }
-
-    /// F5: time went by.
-    fn tick<'py>(&self, py: Python<'py>, at: u64) -> PyResult<Vec<Bound<'py, PyTuple>>> {
-        self.apply(py, |inner| inner.tick(at))
-    }
-
     /// The run is over: if messages are open, the trace says so.
-    fn end<'py>(&self, py: Python<'py>, at: u64) -> PyResult<Vec<Bound<'py, PyTuple>>> {
-        self.apply(py, |inner| inner.end(at))
-    }
-
-    /// When to tick, if ever.
-    #[getter]
-    fn next_due(&self) -> PyResult<Option<u64>> {
-        self.with(|inner| inner.next_due())
-    }
-
-    /// Whether no message is open.
-    #[getter]
-    fn is_idle(&self) -> PyResult<bool> {
-        self.with(|inner| inner.is_idle())
-    }
-
-    /// How many messages are open.
-    #[getter]
-    fn open_len(&self) -> PyResult<usize> {
-        self.with(|inner| inner.open_len())
+    fn end(&self, at: u64) -> PyResult<()> {
+        let left = self.with(|inner| {
+            inner.end(at);
+            iter::from_fn(|| inner.next_effect()).collect::<Vec<_>>()
+        });
+        // Nothing is begun any more.
+        left.map(drop)
     }
 
     /// The counts.
@@ -266,21 +192,105 @@ impl PyEngine {
         Lineage { origin, captured, within: within.map(Duration::from_nanos), missing }
     }
 
-    /// Applies an input; returns what is to be done.
-    fn apply<'py>(
+    /// F1, F2: a message came; `offers` is iterated only if it is taken on.
+    pub(crate) fn open(
+        &self,
+        at: u64,
+        t: u64,
+        deadline: Option<Duration>,
+        job: Py<PyAny>,
+        offers: &Bound<'_, PyIterator>,
+        lineage: Option<LineageFields>,
+    ) -> PyResult<Option<EngineEffect>> {
+        let offers =
+            offers.try_iter()?.map_while(|offer| match offer.and_then(|it| it.extract()) {
+                Ok((priority, request, Nanos(deadline))) => {
+                    Some(Offer { priority, deadline: Duration::from_nanos(deadline), request })
+                }
+                Err(error) => {
+                    self.interrupt.set(error);
+                    None
+                }
+            });
+        let lineage = lineage.map(|lineage| Arc::new(self.lineage(at, lineage)));
+        self.apply(|inner| {
+            if !self.reserve.is_empty() {
+                inner.set_reserve(reserve_of(self.reserve.iter()));
+            }
+            inner.open_with(at, t, deadline, lineage, job, offers);
+        })
+    }
+
+    /// F3: a source's result came; `of` is of which message it is, if it says so.
+    pub(crate) fn result(
+        &self,
+        at: u64,
+        t: u64,
+        p: u16,
+        value: Py<PyAny>,
+        of: Option<u64>,
+    ) -> PyResult<Option<EngineEffect>> {
+        self.apply(|inner| inner.result(at, t, p, StampedValue { value, of }))
+    }
+
+    /// F4: a source will send no result.
+    pub(crate) fn fail(
+        &self,
+        at: u64,
+        t: u64,
+        p: u16,
+        why: &str,
+    ) -> PyResult<Option<EngineEffect>> {
+        self.apply(|inner| inner.fail(at, t, p, &why))
+    }
+
+    /// As `fail`; what is to be done comes after what is left to do.
+    pub(crate) fn fail_later(&self, at: u64, t: u64, p: u16, why: &str) -> PyResult<()> {
+        self.with(|inner| inner.fail(at, t, p, &why))?;
+        self.interrupt.take().map_or(Ok(()), Err)
+    }
+
+    /// F5: time went by.
+    pub(crate) fn tick(&self, at: u64) -> PyResult<Option<EngineEffect>> {
+        self.apply(|inner| inner.tick(at))
+    }
+
+    /// What is to be done next; nothing once it has finished.
+    pub(crate) fn next_effect(&self) -> PyResult<Option<EngineEffect>> {
+        Ok(self.locked()?.as_mut().and_then(next_wanted))
+    }
+
+    /// The package's item.
+    pub(crate) fn item<'py>(
         &self,
         py: Python<'py>,
-        input: impl FnOnce(&mut EngineState),
-    ) -> PyResult<Vec<Bound<'py, PyTuple>>> {
+        item: engine::Item<Py<PyAny>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        self.effects.item(py, item)
+    }
+
+    /// When to tick, if ever.
+    pub(crate) fn next_due(&self) -> PyResult<Option<u64>> {
+        self.with(|inner| inner.next_due())
+    }
+
+    /// Whether no message is open.
+    pub(crate) fn is_idle(&self) -> PyResult<bool> {
+        self.with(|inner| inner.is_idle())
+    }
+
+    /// How many messages are open.
+    pub(crate) fn open_len(&self) -> PyResult<usize> {
+        self.with(|inner| inner.open_len())
+    }
+
+    /// Applies an input; returns the first thing that is to be done.
+    fn apply(&self, input: impl FnOnce(&mut EngineState)) -> PyResult<Option<EngineEffect>> {
         self.with(|inner| {
             input(inner);
             // What is to be done stays for the next input.
             self.interrupt.take().map_or(Ok(()), Err)?;
-            let mut effects = Vec::new();
-            while let Some(effect) = inner.next_effect() {
-                effects.extend(self.effects.of(py, effect)?);
-            }
-            Ok(effects)
+            Ok(next_wanted(inner))
         })?
     }
 
@@ -329,6 +339,11 @@ impl PendingException {
     fn locked(&self) -> MutexGuard<'_, Option<PyErr>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
+}
+
+/// Nobody asked for hints.
+fn next_wanted(inner: &mut EngineState) -> Option<EngineEffect> {
+    iter::from_fn(|| inner.next_effect()).find(|effect| !matches!(effect, EngineEffect::Hint(_)))
 }
 
 /// With the file, as Python's own `open` has it.

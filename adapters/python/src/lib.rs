@@ -1,5 +1,6 @@
 //! The extension module `fuseline._fuseline`. What users meet is the package around it, in `python/fuseline`.
 
+mod calls;
 mod engine;
 mod fleet;
 mod fusion;
@@ -12,7 +13,6 @@ mod raised;
 mod reading;
 mod tally;
 mod time;
-mod timed;
 mod words;
 
 use pyo3::prelude::*;
@@ -22,6 +22,8 @@ use pyo3::prelude::*;
 mod _fuseline {
     use pyo3::prelude::*;
 
+    #[pymodule_export]
+    use crate::calls::PyCalls;
     #[pymodule_export]
     use crate::engine::{PyCounting, PyEngine};
     #[pymodule_export]
@@ -38,8 +40,6 @@ mod _fuseline {
     use crate::policy::{PyExpected, PyGuard, PyObservations, loss};
     #[pymodule_export]
     use crate::time::nanoseconds;
-    #[pymodule_export]
-    use crate::timed::TimedSteps;
 
     #[pymodule_init]
     #[expect(clippy::unnecessary_wraps, reason = "the macro asks for it")]

@@ -103,7 +103,12 @@ GUARDS = [
         "return None",
     ),
     ("front_after_its_end", "_blocking.py", "or self._loop.is_closed()", ""),
-    ("handle_that_blocks", "_drive.py", "self._lag_warning, self.counting", "2**62, self.counting"),
+    (
+        "handle_that_blocks",
+        "_drive.py",
+        "self._lag_warning,\n            self.counting",
+        "2**62,\n            self.counting",
+    ),
     (
         "message_handler_that_blocks",
         "_drive.py",

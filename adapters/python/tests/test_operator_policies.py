@@ -142,7 +142,7 @@ def test_no_handler_or_policy_can_enter_the_engine_while_it_decides(
         def enter() -> None:
             assert operator._driver is not None
             with pytest.raises(RuntimeError, match="the operator decides about a message"):
-                operator._driver._engine.tick(1)
+                operator._driver._calls.wake_up()
             with pytest.raises(RuntimeError, match="a handler must not write"):
                 operator.write("b")
             tried.append(repr(operator.counts))

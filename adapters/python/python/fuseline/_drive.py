@@ -5,34 +5,32 @@ from __future__ import annotations
 import asyncio
 import logging
 import os
-from collections import deque
-from collections.abc import Awaitable, Callable, Iterable, Iterator
+from collections.abc import Awaitable, Callable, Coroutine, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
-from types import CoroutineType
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeAlias, TypeVar
 
 from fuseline._encoding import EncodedRequest
 from fuseline._errors import in_one_line
-from fuseline._fuseline import Engine, Latency, TimedSteps, nanoseconds
-from fuseline._item import Call, Effect, Ending, Item, Lineage, StampedValue
+from fuseline._fuseline import Calls, Engine, Latency, nanoseconds
+from fuseline._item import Call, Ending, Item, Lineage
 from fuseline._local import Local
 from fuseline._side import SideRequest
 from fuseline._state import CarriedState
 from fuseline._threads import DaemonThreads
-from fuseline._wiring import (
-    PLAIN_TYPES,
-    WiringError,
-    check_awaitable,
-    check_value,
-    is_awaitable,
-)
+from fuseline._wiring import WiringError, check_awaitable, check_value, is_awaitable
 from fuseline._words import Cloud, ns
 from fuseline.deadline import Policy, Situation
 
 M = TypeVar("M")
 V = TypeVar("V")
+
+#: A source as the extension has it: its priority, its tasks, the most of them, its handle, its
+#: response handler, and whether its requests are encoded.
+_Source: TypeAlias = (
+    "tuple[int, SourceTasks, int, Callable[..., Any], Callable[[Any], Any] | None, bool]"
+)
 
 #: An operator's clock: whole nanoseconds that never go back.
 Clock = Callable[[], int]
@@ -128,7 +126,9 @@ class Driver(Generic[M, V]):
         handlers: What goes with items and messages.
         clock: Reads whole nanoseconds.
         output: Takes each item, in the order of the decisions.
-        acted: Called after each input that led to something, once that is done.
+        acted: Called after each input that led to something, once that is done, while anybody is
+            in `waiting` and after `close`.
+        waiting: Who waits for room.
         lag_warning: How many nanoseconds a handler may hold up the loop and is not counted.
     """
 
@@ -142,13 +142,11 @@ class Driver(Generic[M, V]):
         clock: Clock,
         output: Callable[[Item[V]], None],
         acted: Callable[[], None],
+        waiting: list[Any],
         lag_warning: int,
     ) -> None:
         self.name = name
         self.counting = engine.counting
-        self.is_over = False
-        #: Whether an input is being decided about or carried out, and whether it is the last one.
-        self._is_deciding = self._is_last = False
         self._engine = engine
         self._local = local
         self._clouds, self._handlers = list(clouds), handlers
@@ -166,17 +164,28 @@ class Driver(Generic[M, V]):
             self._sources[cloud.cloud.p] = SourceTasks(limit, cloud, encoders)
         #: The sources whose wiring was reported as wrong.
         self._miswired_sources: set[int] = set()
-        self._effects: deque[Effect] = deque()
         #: Of the open messages that have one.
         self._lineages: dict[int, Lineage] = {}
         self._read_clock, self._lag_warning = clock, lag_warning
-        self._output, self._acted = output, acted
+        self._output = output
         self._loop = asyncio.get_running_loop()
-        self._create_task: Callable[..., asyncio.Task[None]] = self._loop.create_task
-        self._start, self._now = clock(), 0
         self._timer: asyncio.TimerHandle | None = None
-        #: What the timer is set to.
-        self._armed = 0
+        self._calls = Calls(
+            engine,
+            self,
+            clock,
+            self._lag_warning,
+            self.counting,
+            local.deadline,
+            [self._source_of(p, source) for p, source in self._sources.items()],
+            self._loop.create_task,
+            output,
+            acted,
+            waiting,
+            self._lineages,
+            handlers.states,
+            handlers.latency is not None or handlers.carry_messages,
+        )
         #: Done once the trace is written.
         self._finished: asyncio.Future[None] | None = None
         self._error: OSError | None = None
@@ -184,11 +193,15 @@ class Driver(Generic[M, V]):
     @property
     def is_idle(self) -> bool:
         """Whether no message is open, and nothing is being decided."""
-        return self.is_over or (not self._is_deciding and self._engine.is_idle)
+        return self._calls.is_idle
 
     def has_room(self, window: int) -> bool:
         """Whether fewer messages are open, as far as that can be known now."""
-        return self.is_over or (not self._is_deciding and self._engine.open_len < window)
+        return self._calls.has_room(window)
+
+    def close(self) -> None:
+        """No more messages come."""
+        self._calls.close()
 
     @property
     def unrecorded(self) -> OSError | None:
@@ -198,14 +211,14 @@ class Driver(Generic[M, V]):
 
     def set_situation(self, situation: Situation) -> None:
         """Set what policies know of the vehicle from now on."""
-        if not self.is_over:
+        if not self._calls.is_over:
             self._engine.set_situation(situation)
 
     def open(self, t: int, message: M, lineage: Lineage | None) -> None:
         """A message came."""
         # One instant for the open and all offers: equal deadlines end together.
-        now = self._clock()
-        offers = self._offers(t, message)
+        calls = self._calls
+        now = calls.now()
         fields = None
         if self._messages is not None:
             self._messages[t] = message
@@ -213,8 +226,8 @@ class Driver(Generic[M, V]):
             self._lineages[t] = lineage
             age, missing = self._age(now, lineage), list(lineage.missing)
             fields = lineage.origin, lineage.seq, age, lineage.within, missing
-        self._decide(now, self._engine.open, t, self._local.deadline, message, offers, fields)
-        if self._taken_on == t and not self.is_over:
+        calls.open(now, t, message, self._offers(t, message), fields)
+        if self._handlers.sides and self._taken_on == t and not calls.is_over:
             call = Call(t, 0.0, lineage, None if fields is None else _seconds(fields[2]))
             for side in self._handlers.sides:
                 side.on_message(message, call)
@@ -225,12 +238,8 @@ class Driver(Generic[M, V]):
         A handler or a policy may call it in the midst of an input: then that is the last one, and
         no call begins of it.
         """
-        if self.is_over:
+        if not self._calls.stop():
             return
-        if self._is_deciding:
-            self._is_last = True
-            return
-        self.is_over = True
         if self._timer is not None:
             self._timer.cancel()
         for source in self._sources.values():
@@ -244,7 +253,7 @@ class Driver(Generic[M, V]):
                 aborted.add(task)
                 task.add_done_callback(aborted.discard)
         self._local._stop()
-        self._engine.end(self._clock())
+        self._engine.end(self._calls.now())
         if not self._engine.is_recording:
             self._engine.finish()
             return
@@ -266,61 +275,41 @@ class Driver(Generic[M, V]):
     def _age(self, now: int, lineage: Lineage) -> int | None:
         """Nanoseconds since the capture; 0 if it is still to come."""
         captured = lineage.captured
-        return None if captured is None else max(self._start + now - captured, 0)
+        return None if captured is None else max(self._calls.start + now - captured, 0)
 
-    def _lineage_of(self, now: int, t: int) -> tuple[Lineage | None, float | None]:
-        """What an open message comes from, and how many seconds old it is."""
+    def _source_of(self, p: int, source: SourceTasks) -> _Source:
+        """A source as the extension has it."""
+        cloud = source.cloud
+        if cloud is None:
+            return p, source, source.limit, self._local._run, None, False
+        encodes = source.encoders is not None
+        return p, source, source.limit, cloud.handle, cloud.response_handler, encodes
+
+    # What the extension calls.
+
+    def _call_of(self, now: int, t: int, left: float) -> Call:
+        """The call of a message that may have a lineage."""
         lineage = self._lineages.get(t)
-        return lineage, None if lineage is None else _seconds(self._age(now, lineage))
+        return Call(
+            t, left, lineage, None if lineage is None else _seconds(self._age(now, lineage))
+        )
 
-    def _clock(self) -> int:
-        """Nanoseconds since the start; a clock that goes back stands still."""
-        now = self._read_clock() - self._start
-        if now < self._now:
-            return self._now
-        self._now = now
-        return now
+    def _abort(self, p: int, t: int) -> None:
+        self._sources[p].abort(t)
 
-    def _decide(self, now: int, apply: Callable[..., list[Effect]], *of: Any) -> None:
-        """Apply an input, and do what the engine says."""
-        self._is_deciding = True
-        try:
-            self._effects.extend(apply(now, *of))
-            self._act(now)
-        finally:
-            self._is_deciding = False
-            if self._is_last:
-                self.stop()
-        self._acted()
+    def _replace(self, t: int) -> None:
+        self._local._replace(t)
 
-    def _act(self, now: int) -> None:
-        """Do what the engine says."""
-        effects = self._effects
-        while effects:
-            effect = effects.popleft()
-            if effect[0] == "start":
-                _, p, t, until, request = effect
-                self._begin(now, p, t, until, request)
-            elif effect[0] == "output":
-                item = effect[1]
-                if self._lineages:
-                    t = item.timestamp
-                    lineages = self._lineages
-                    item.lineage = lineages.pop(t, None) if item.last else lineages.get(t)
-                if (messages := self._messages) is not None:
-                    t = item.timestamp
-                    item.message = messages.pop(t, None) if item.last else messages.get(t)
-                self._complete(item)
-                self._output(item)
-            elif effect[0] == "replace":
-                self._local._replace(effect[1])
-            else:
-                self._sources[effect[1]].abort(effect[2])
-        if self.is_over:
-            return
-        due = self._engine.next_due
-        if due is not None and (self._timer is None or due < self._armed):
-            self._arm(due, now)
+    def _give(self, item: Item[V]) -> None:
+        """Complete an item, and give it."""
+        t = item.timestamp
+        if self._lineages:
+            lineages = self._lineages
+            item.lineage = lineages.pop(t, None) if item.last else lineages.get(t)
+        if (messages := self._messages) is not None:
+            item.message = messages.pop(t, None) if item.last else messages.get(t)
+        self._complete(item)
+        self._output(item)
 
     def _complete(self, item: Item[V]) -> None:
         """Take over the state of a result, and give what is sent without one."""
@@ -348,18 +337,10 @@ class Driver(Generic[M, V]):
             self._timer.cancel()
         left = min(max(due - now, 0), _DAY)
         self._timer = self._loop.call_at(self._loop.time() + left / 1e9, self._wake_up)
-        self._armed = due
 
     def _wake_up(self) -> None:
         self._timer = None
-        if self.is_over:
-            return
-        now = self._clock()
-        due = self._engine.next_due
-        if due is not None and due <= now:
-            self._decide(now, self._engine.tick)
-        else:
-            self._act(now)
+        self._calls.wake_up()
 
     def _offers(self, t: int, message: M) -> Iterator[tuple[int, Any, ns]]:
         """What is offered to clouds for a message that was taken on."""
@@ -385,96 +366,48 @@ class Driver(Generic[M, V]):
             yield offer
         self._taken_on = t
 
-    def _begin(self, now: int, p: int, t: int, until: int | None, request: Any) -> None:
-        if self.is_over or self._is_last:
-            return
+    def _awaiting(self, p: int, t: int, returned: Any) -> Coroutine[Any, Any, None]:
+        """What a handle or local returned, if it is no coroutine."""
+        cloud = self._sources[p].cloud
+        work = _value(returned) if cloud is None else _response(cloud, returned)
+        return self._settled(p, t, work)
+
+    def _encoded(self, p: int, request: EncodedRequest, call: Call) -> Coroutine[Any, Any, None]:
+        """A call whose request is to be encoded."""
+        return self._settled(p, call.timestamp, self._encode_and_call(p, request, call))
+
+    def _value_later(self, p: int, t: int, value: Awaitable[Any]) -> Coroutine[Any, Any, None]:
+        """What a response handler gave, if that is to be awaited."""
+        return self._settled(p, t, _awaited_value(value))
+
+    async def _settled(self, p: int, t: int, work: Awaitable[Any]) -> None:
+        try:
+            value = await work
+        except BaseException as error:
+            self._failed(p, t, error)
+        else:
+            self._calls.came(p, t, value)
+
+    async def _encode_and_call(self, p: int, request: EncodedRequest, call: Call) -> Any:
         source = self._sources[p]
-        overdue = len(source.in_flight) + len(source.aborted)
-        if overdue >= source.limit:
-            why = f"{overdue} calls have not ended, though they should have"
-            self._effects.extend(self._engine.fail(now, t, p, why))
-            return
-        # A task may end while it is made, if the loop's tasks are eager.
-        source.in_flight[t] = None
-        if source.cloud is None:
-            work = self._compute(source, t, request)
-        else:
-            # D5: the time left, not the time given.
-            left = max((until or 0) - now, 0) / 1e9
-            call = Call(t, left, *self._lineage_of(now, t)) if self._lineages else Call(t, left)
-            work = self._call(source, source.cloud, request, call)
-        task = self._create_task(
-            TimedSteps(work, self._read_clock, self._lag_warning, self.counting, p)
-        )
-        if t in source.in_flight:
-            source.in_flight[t] = task
+        assert source.cloud is not None and source.encoders is not None
+        begin = self._read_clock()
+        encoded = await request.get(source.encoders)
+        check_value(encoded, "what encodes", "make it a plain function")
+        took = (self._read_clock() - begin) / 1e9
+        call = replace(call, deadline=max(call.deadline - took, 0.0))
+        return await _response(source.cloud, source.cloud.handle(encoded, call))
 
-    async def _compute(self, source: SourceTasks, t: int, message: M) -> None:
-        try:
-            value = await self._local._run(message, t)
-            if type(value) not in PLAIN_TYPES:
-                check_value(value, "local", "give an async def, which awaits it")
-        except BaseException as error:
-            self._failed(source, 0, t, error)
-        else:
-            self._came(source, 0, t, value)
-
-    async def _call(
-        self, source: SourceTasks, cloud: RegisteredCloud, request: Any, call: Call
-    ) -> None:
-        try:
-            if cloud.encode is not None and source.encoders is not None:
-                begin = self._read_clock()
-                request = await request.get(source.encoders)
-                check_value(request, "what encodes", "make it a plain function")
-                took = (self._read_clock() - begin) / 1e9
-                call = replace(call, deadline=max(call.deadline - took, 0.0))
-            returned = cloud.handle(request, call)
-            if type(returned) is not CoroutineType:
-                check_awaitable(returned, "the handle")
-            response = await returned
-            if type(response) not in PLAIN_TYPES:
-                check_value(response, "the handle", "await it there")
-            value = cloud.response_handler(response)
-            if type(value) not in PLAIN_TYPES and is_awaitable(value):
-                value = await value
-                check_value(value, "the response handler", "await it there")
-        except BaseException as error:
-            self._failed(source, cloud.cloud.p, call.timestamp, error)
-        else:
-            self._came(source, cloud.cloud.p, call.timestamp, value)
-
-    def _came(self, source: SourceTasks, p: int, t: int, value: Any) -> None:
-        if t not in source.in_flight:
-            return
-        del source.in_flight[t]
-        of = None
-        if isinstance(value, StampedValue):
-            value, of = value.value, value.of
-        now = self._clock()
-        self._is_deciding = True
-        try:
-            effects = self._engine.result(now, t, p, value, of)
-            # Without any nothing is due earlier than before.
-            if effects:
-                self._effects.extend(effects)
-                self._act(now)
-        finally:
-            self._is_deciding = False
-            if self._is_last:
-                self.stop()
-        if effects:
-            self._acted()
-
-    def _failed(self, source: SourceTasks, p: int, t: int, error: BaseException) -> None:
+    def _failed(self, p: int, t: int, error: BaseException) -> None:
         """D7: an error of a call or of local is a failure, and no other message notices."""
         is_cancelled = isinstance(error, asyncio.CancelledError)
         if isinstance(error, WiringError):
             self._miswired(p, error)
-        if t in source.in_flight:
-            del source.in_flight[t]
+        in_flight = self._sources[p].in_flight
+        if t in in_flight:
+            del in_flight[t]
             why = "cancelled" if is_cancelled else in_one_line(error)
-            self._decide(self._clock(), self._engine.fail, t, p, why)
+            self._calls.fail(self._calls.now(), t, p, why)
         elif is_cancelled:
             raise error
         if not isinstance(error, Exception) and not is_cancelled:
@@ -488,6 +421,29 @@ class Driver(Generic[M, V]):
             cloud = self._sources[p].cloud
             name = "local" if cloud is None else cloud.cloud.name
             _log.error("%s: %s: %s", self.name, name, error)
+
+
+async def _value(returned: Any) -> Any:
+    """Local's result."""
+    value = await returned
+    check_value(value, "local", "give an async def, which awaits it")
+    return value
+
+
+async def _response(cloud: RegisteredCloud, returned: Any) -> Any:
+    """The result of what a handle returned."""
+    check_awaitable(returned, "the handle")
+    response = await returned
+    check_value(response, "the handle", "await it there")
+    value = cloud.response_handler(response)
+    return await _awaited_value(value) if is_awaitable(value) else value
+
+
+async def _awaited_value(value: Awaitable[Any]) -> Any:
+    """The result of a response handler's awaitable."""
+    awaited = await value
+    check_value(awaited, "the response handler", "await it there")
+    return awaited
 
 
 def _seconds(nanos: int | None) -> float | None:

@@ -1,15 +1,16 @@
 """The extension: what of the package is compiled."""
 
-from collections.abc import Callable, Coroutine, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from datetime import timedelta
 from os import PathLike
 from typing import Any, BinaryIO, Literal, NoReturn, Protocol, SupportsIndex, TypeAlias, final
 
-from fuseline._item import Effect
+from fuseline._item import Item, Lineage
 from fuseline._words import Admission, Cloud, Commit, Firing, OfferRefusal, Opening, Outcome, ns
 
 __all__ = [
     "Aligner",
+    "Calls",
     "Counting",
     "Drive",
     "Engine",
@@ -19,7 +20,6 @@ __all__ = [
     "Latency",
     "Observations",
     "Reorderer",
-    "TimedSteps",
     "check",
     "compare_responses",
     "compare_trace",
@@ -48,7 +48,7 @@ _Row: TypeAlias = tuple[
     tuple[int | None, int | None, int | None, int | None, str | None, int | None, list[str] | None]
     | None,
 ]
-_Lineage: TypeAlias = tuple[str | None, int | None, int | None, int | None, list[str]]
+_Lineage: TypeAlias = tuple[str | None, int | None, int | None, _Duration | None, list[str]]
 _Captured: TypeAlias = tuple[str | None, int | None, int | None, int | None, list[str]]
 _Tolerances: TypeAlias = Sequence[tuple[str, _Duration]]
 _Survey: TypeAlias = tuple[
@@ -201,25 +201,7 @@ class Engine:
     def set_greatest_deadline(self, greatest: _Duration) -> None: ...
     def set_lag_warning(self, warning: _Duration) -> None: ...
     def set_situation(self, situation: _Situation) -> None: ...
-    def open(
-        self,
-        at: int,
-        t: int,
-        deadline: _Duration | None,
-        job: Any,
-        offers: Iterator[tuple[int, Any, _Duration]],
-        lineage: _Lineage | None,
-    ) -> list[Effect]: ...
-    def result(self, at: int, t: int, p: int, value: Any, of: int | None) -> list[Effect]: ...
-    def fail(self, at: int, t: int, p: int, why: str) -> list[Effect]: ...
-    def tick(self, at: int) -> list[Effect]: ...
-    def end(self, at: int) -> list[Effect]: ...
-    @property
-    def next_due(self) -> int | None: ...
-    @property
-    def is_idle(self) -> bool: ...
-    @property
-    def open_len(self) -> int: ...
+    def end(self, at: int) -> None: ...
     @property
     def counting(self) -> Counting: ...
     @property
@@ -238,21 +220,47 @@ class Counting:
     def unrecorded(self) -> str | None: ...
 
 @final
-class TimedSteps(Coroutine[Any, Any, None]):
+class Calls:
     def __new__(
         cls,
-        coroutine: Coroutine[Any, Any, None],
+        engine: Engine,
+        driver: Any,
         clock: Callable[[], int],
-        longest: int,
+        longest_step: int,
         counting: Counting,
-        p: int,
-    ) -> TimedSteps: ...
-    def __next__(self) -> Any: ...
-    def __iter__(self) -> TimedSteps: ...
-    def __await__(self) -> Generator[Any, Any]: ...
-    def send(self, _value: Any) -> Any: ...
-    def throw(self, *error: Any) -> Any: ...
+        local_deadline: _Duration | None,
+        sources: Sequence[
+            tuple[int, Any, int, Callable[..., Any], Callable[[Any], Any] | None, bool]
+        ],
+        create_task: Callable[..., Any],
+        output: Callable[[Item[Any]], None],
+        acted: Callable[[], None],
+        waiting: list[Any],
+        lineages: dict[int, Lineage],
+        states: list[Any],
+        handles_items: bool,
+    ) -> Calls: ...
+    def now(self) -> int: ...
+    def open(
+        self,
+        at: int,
+        t: int,
+        job: Any,
+        offers: Iterator[tuple[int, Any, _Duration]],
+        lineage: _Lineage | None,
+    ) -> None: ...
+    def came(self, p: int, t: int, value: Any) -> None: ...
+    def fail(self, at: int, t: int, p: int, why: str) -> None: ...
+    def wake_up(self) -> None: ...
     def close(self) -> None: ...
+    def stop(self) -> bool: ...
+    def has_room(self, window: int) -> bool: ...
+    @property
+    def start(self) -> int: ...
+    @property
+    def is_over(self) -> bool: ...
+    @property
+    def is_idle(self) -> bool: ...
 
 @final
 class Aligner:

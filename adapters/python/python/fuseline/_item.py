@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeAlias, TypeVar
 
 from fuseline._fuseline import nanoseconds
 from fuseline._words import OpenRefusal, ns
@@ -235,14 +235,3 @@ class Item(Generic[V]):
     def took(self) -> float:
         """The seconds from taking the message in to the decision."""
         return (self.decided - self.opened) / 1e9
-
-
-#: What the engine wants done: an item sent; a call or computation begun, by its priority and
-#: timestamp, with the instant until which it may take and its request; a call ended; local
-#: made anew beside the computation of a timestamp.
-Effect: TypeAlias = (
-    tuple[Literal["output"], Item[Any]]
-    | tuple[Literal["start"], int, int, int | None, Any]
-    | tuple[Literal["abort"], int, int]
-    | tuple[Literal["replace"], int]
-)

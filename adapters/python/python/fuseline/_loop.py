@@ -12,33 +12,30 @@ T = TypeVar("T")
 class WaiterList:
     """Coroutines that wait to be woken. It costs nothing while nobody waits."""
 
-    __slots__ = ("_waiters",)
+    __slots__ = ("waiters",)
 
     def __init__(self) -> None:
-        self._waiters: list[asyncio.Future[None]] = []
-
-    def __bool__(self) -> bool:
-        """Whether somebody waits."""
-        return bool(self._waiters)
+        #: Who waits: always the same list.
+        self.waiters: list[asyncio.Future[None]] = []
 
     async def wait(self) -> None:
         """Wait for the next `wake`."""
         waiter = asyncio.get_running_loop().create_future()
-        self._waiters.append(waiter)
+        self.waiters.append(waiter)
         try:
             await waiter
         except BaseException:
             # Nobody wakes it.
-            if waiter in self._waiters:
-                self._waiters.remove(waiter)
+            if waiter in self.waiters:
+                self.waiters.remove(waiter)
             raise
 
     def wake(self) -> None:
         """Wake all who wait now."""
-        waiters, self._waiters = self._waiters, []
-        for waiter in waiters:
+        for waiter in self.waiters:
             if not waiter.done():
                 waiter.set_result(None)
+        self.waiters.clear()
 
 
 async def each(messages: AsyncIterable[T] | Iterable[T]) -> AsyncIterator[T]:

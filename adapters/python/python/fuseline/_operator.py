@@ -295,6 +295,7 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
             self._clock,
             self._put,
             self._end_if_idle,
+            self._writers.waiters,
             self._lag_warning,
         )
 
@@ -440,6 +441,8 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         """Take no more messages; the items end once all are answered."""
         self._check_thread("close")
         self._is_last = True
+        if self._driver is not None:
+            self._driver.close()
         self._writers.wake()
         self._end_if_idle()
 
@@ -492,7 +495,7 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
 
     def _take_item(self) -> Item[V]:
         item = self._items.popleft()
-        if self._writers and len(self._items) < self._output_len:
+        if self._writers.waiters and len(self._items) < self._output_len:
             self._writers.wake()
         return item
 
@@ -567,11 +570,12 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
                     del self._items[place]
                     break
         self._items.append(item)
-        self._readers.wake()
+        if self._readers.waiters:
+            self._readers.wake()
 
     def _end_if_idle(self) -> None:
         driver = self._driver
-        if self._writers and self._has_room():
+        if self._writers.waiters and self._has_room():
             self._writers.wake()
         if self._is_last and driver is not None and driver.is_idle:
             self.stop()

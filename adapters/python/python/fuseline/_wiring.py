@@ -9,9 +9,6 @@ from typing import Any
 from fuseline._errors import ConfigError
 from fuseline.deadline import Policy, needs_linger
 
-#: Types of values that nobody need look at: what is of them cannot be awaited.
-PLAIN_TYPES = frozenset({bool, bytes, dict, float, int, list, str, tuple, type(None)})
-
 
 class WiringError(ConfigError):
     """A mistake in what an operator is made of that shows only in a call."""

@@ -1,17 +1,17 @@
-//! What is to be done, as Python has it.
+//! Items, as Python has them.
 
-use fuseline_engine::{Effect, Ending, Forwarded, Item, Source, Trigger};
+use fuseline_engine::{Ending, Forwarded, Item, Source, Trigger};
 use fuseline_traces::Header;
 use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
-use pyo3::types::{PyList, PyTuple};
+use pyo3::types::PyList;
 
 use crate::engine::nanos;
 
 static CLASSES: PyOnceLock<ItemClasses> = PyOnceLock::new();
 
-/// Makes tuples of effects, the kind first, and an `Item` of each output.
+/// Makes an `Item` of each output.
 pub(crate) struct Effects {
     /// Each source's priority, and its object once it was needed.
     sources: Vec<(u16, PyOnceLock<Py<PyAny>>)>,
@@ -40,31 +40,11 @@ impl Effects {
         Self { sources: sources.collect() }
     }
 
-    /// None for what nobody asked for.
-    pub(crate) fn of<'py>(
+    pub(crate) fn item<'py>(
         &self,
         py: Python<'py>,
-        effect: Effect<Py<PyAny>, Py<PyAny>>,
-    ) -> PyResult<Option<Bound<'py, PyTuple>>> {
-        let tuple = match effect {
-            Effect::Output(item) => {
-                (intern!(py, "output"), self.item(py, item)?).into_pyobject(py)?
-            }
-            Effect::Start { priority, timestamp, until, request } => {
-                (intern!(py, "start"), priority, timestamp, until, request).into_pyobject(py)?
-            }
-            Effect::Abort { priority, timestamp } => {
-                (intern!(py, "abort"), priority, timestamp).into_pyobject(py)?
-            }
-            Effect::Replace { timestamp } => {
-                (intern!(py, "replace"), timestamp).into_pyobject(py)?
-            }
-            Effect::Hint(_) => return Ok(None),
-        };
-        Ok(Some(tuple))
-    }
-
-    fn item<'py>(&self, py: Python<'py>, item: Item<Py<PyAny>>) -> PyResult<Bound<'py, PyAny>> {
+        item: Item<Py<PyAny>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
         let classes = ItemClasses::get(py)?;
         let Item { timestamp, opened, decided, revision, ending, failures, age, .. } = item;
         let of = match &ending {

@@ -1,0 +1,409 @@
+//! What an operator does of what its engine decides: calls begun and ended, items given.
+//!
+//! It stands between the engine and the package's `Driver`, which does what is seldom.
+
+mod source;
+mod task;
+
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+use fuseline_engine::{Ending, Item};
+use pyo3::gc::{PyTraverseError, PyVisit};
+use pyo3::intern;
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyIterator, PyList};
+
+use crate::calls::source::{CallClasses, SourceArgument, SourceEntry};
+use crate::calls::task::SourceCall;
+use crate::engine::{EngineEffect, LineageFields, PyCounting, PyEngine};
+use crate::time::Nanos;
+
+/// Nothing is due.
+const NEVER: u64 = u64::MAX;
+
+/// The calls of one operator; instants are nanoseconds since it started.
+#[pyclass(name = "Calls", module = "fuseline._fuseline", frozen)]
+pub(crate) struct PyCalls {
+    engine: Py<PyEngine>,
+    /// The package's `Driver`.
+    driver: Py<PyAny>,
+    clock: Py<PyAny>,
+    /// Whether the clock is `time.monotonic_ns`, so that durations can be measured without it.
+    is_monotonic: bool,
+    start: u64,
+    now: AtomicU64,
+    /// How many nanoseconds a step may take and is not counted.
+    longest_step: u64,
+    counting: PyCounting,
+    local_deadline: Option<Duration>,
+    sources: Vec<SourceEntry>,
+    /// The loop's.
+    create_task: Py<PyAny>,
+    output: Py<PyAny>,
+    /// Called after an input if somebody waits for room, or no more messages come.
+    acted: Py<PyAny>,
+    waiting: Py<PyList>,
+    lineages: Py<PyDict>,
+    states: Py<PyList>,
+    /// Whether each item goes through the driver.
+    handles_items: bool,
+    is_deciding: AtomicBool,
+    is_closed: AtomicBool,
+    is_last: AtomicBool,
+    is_over: AtomicBool,
+    /// What the timer is set to.
+    armed: AtomicU64,
+}
+
+#[pymethods]
+impl PyCalls {
+    /// `handles_items` says whether the driver looks at each item; else at those that have a lineage or no result, and at
+    /// all once there are `states`. `acted` is called after an input while anybody is in `waiting`.
+    #[new]
+    #[expect(clippy::too_many_arguments, reason = "they are what a driver is made of")]
+    fn new(
+        py: Python<'_>,
+        engine: Py<PyEngine>,
+        driver: Py<PyAny>,
+        clock: Bound<'_, PyAny>,
+        longest_step: u64,
+        counting: &Bound<'_, PyCounting>,
+        local_deadline: Option<Nanos>,
+        sources: Vec<SourceArgument<'_>>,
+        create_task: Py<PyAny>,
+        output: Py<PyAny>,
+        acted: Py<PyAny>,
+        waiting: Py<PyList>,
+        lineages: Py<PyDict>,
+        states: Py<PyList>,
+        handles_items: bool,
+    ) -> PyResult<Self> {
+        let monotonic = py.import("time")?.getattr("monotonic_ns")?;
+        let sources = sources.into_iter().map(SourceEntry::new).collect::<PyResult<_>>()?;
+        Ok(Self {
+            engine,
+            driver,
+            is_monotonic: clock.is(&monotonic),
+            start: clock.call0()?.extract()?,
+            clock: clock.unbind(),
+            now: AtomicU64::new(0),
+            longest_step,
+            counting: counting.get().clone(),
+            local_deadline: local_deadline.map(|Nanos(deadline)| Duration::from_nanos(deadline)),
+            sources,
+            create_task,
+            output,
+            acted,
+            waiting,
+            lineages,
+            states,
+            handles_items,
+            is_deciding: AtomicBool::new(false),
+            is_closed: AtomicBool::new(false),
+            is_last: AtomicBool::new(false),
+            is_over: AtomicBool::new(false),
+            armed: AtomicU64::new(NEVER),
+        })
+    }
+
+    /// What the clock read at the start.
+    #[getter]
+    fn start(&self) -> u64 {
+        self.start
+    }
+
+    /// Nanoseconds since the start; a clock that goes back stands still.
+    fn now(&self, py: Python<'_>) -> PyResult<u64> {
+        let read: u64 = self.clock.bind(py).call0()?.extract()?;
+        let last = self.now.load(Ordering::Relaxed);
+        let now = read.saturating_sub(self.start).max(last);
+        self.now.store(now, Ordering::Relaxed);
+        Ok(now)
+    }
+
+    /// F1, F2: a message came; `offers` is iterated only if it is taken on, and gives a cloud's priority, the request and
+    /// its deadline. `lineage` is the sensor's stream, the timestamp there, the age and the end-to-end deadline in
+    /// nanoseconds, and the inputs that are missing.
+    fn open(
+        this: &Bound<'_, Self>,
+        at: u64,
+        t: u64,
+        job: Py<PyAny>,
+        offers: &Bound<'_, PyIterator>,
+        lineage: Option<LineageFields>,
+    ) -> PyResult<()> {
+        let it = this.get();
+        let deadline = it.local_deadline;
+        it.decide(this, at, true, |engine| engine.open(at, t, deadline, job, offers, lineage))
+    }
+
+    /// F3: a source's result came, unless it was aborted.
+    fn came(
+        this: &Bound<'_, Self>,
+        p: u16,
+        t: &Bound<'_, PyAny>,
+        value: Bound<'_, PyAny>,
+    ) -> PyResult<()> {
+        let source = this.get().source(p)?;
+        this.get().result(this, source, t, value)
+    }
+
+    /// F4: a source will send no result.
+    fn fail(this: &Bound<'_, Self>, at: u64, t: u64, p: u16, why: &str) -> PyResult<()> {
+        this.get().decide(this, at, true, |engine| engine.fail(at, t, p, why))
+    }
+
+    /// F5: the timer fired, which may be early.
+    fn wake_up(this: &Bound<'_, Self>) -> PyResult<()> {
+        let it = this.get();
+        it.armed.store(NEVER, Ordering::Relaxed);
+        if it.is_over() {
+            return Ok(());
+        }
+        let now = it.now(this.py())?;
+        match it.engine.get().next_due()? {
+            Some(due) if due <= now => it.decide(this, now, true, |engine| engine.tick(now)),
+            _ => it.act(this, now, None),
+        }
+    }
+
+    /// No more messages come: `acted` is called after each input.
+    fn close(&self) {
+        self.is_closed.store(true, Ordering::Relaxed);
+    }
+
+    /// Whether it ends now: not if it has ended, nor in the midst of an input, which then is the last one.
+    fn stop(&self) -> bool {
+        if self.is_deciding.load(Ordering::Relaxed) {
+            self.is_last.fetch_or(!self.is_over(), Ordering::Relaxed);
+            return false;
+        }
+        !self.is_over.swap(true, Ordering::Relaxed)
+    }
+
+    /// Whether it has ended.
+    #[getter]
+    fn is_over(&self) -> bool {
+        self.is_over.load(Ordering::Relaxed)
+    }
+
+    /// Whether no message is open, and nothing is being decided.
+    #[getter]
+    fn is_idle(&self) -> PyResult<bool> {
+        Ok(self.is_over()
+            || (!self.is_deciding.load(Ordering::Relaxed) && self.engine.get().is_idle()?))
+    }
+
+    /// Whether fewer messages are open, as far as that can be known now.
+    fn has_room(&self, window: usize) -> PyResult<bool> {
+        Ok(self.is_over()
+            || (!self.is_deciding.load(Ordering::Relaxed)
+                && self.engine.get().open_len()? < window))
+    }
+
+    fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
+        for it in [&self.driver, &self.clock, &self.create_task, &self.output, &self.acted] {
+            visit.call(it)?;
+        }
+        visit.call(&self.engine)?;
+        visit.call(&self.waiting)?;
+        visit.call(&self.lineages)?;
+        visit.call(&self.states)?;
+        for source in &self.sources {
+            visit.call(&source.in_flight)?;
+            visit.call(&source.aborted)?;
+            visit.call(&source.handle)?;
+            if let Some(handler) = &source.response_handler {
+                visit.call(handler)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+impl PyCalls {
+    fn source(&self, p: u16) -> PyResult<&SourceEntry> {
+        let found = self.sources.iter().find(|source| source.p == p);
+        found.ok_or_else(|| pyo3::exceptions::PyKeyError::new_err(p))
+    }
+
+    /// F3: a result came.
+    fn result(
+        &self,
+        this: &Bound<'_, Self>,
+        source: &SourceEntry,
+        t: &Bound<'_, PyAny>,
+        value: Bound<'_, PyAny>,
+    ) -> PyResult<()> {
+        let py = this.py();
+        let in_flight = source.in_flight.bind(py);
+        if !in_flight.contains(t)? {
+            return Ok(());
+        }
+        in_flight.del_item(t)?;
+        let (value, of) = if task::is_plain(&value) {
+            (value, None)
+        } else if value.is_instance(CallClasses::get(py)?.stamped.bind(py))? {
+            let of: Option<u64> = value.getattr(intern!(py, "of"))?.extract()?;
+            (value.getattr(intern!(py, "value"))?, of)
+        } else {
+            (value, None)
+        };
+        let (now, t) = (self.now(py)?, t.extract()?);
+        // Without anything to do nothing is due earlier than before.
+        self.decide(this, now, false, |engine| engine.result(now, t, source.p, value.unbind(), of))
+    }
+
+    /// Applies an input, and does what the engine says.
+    fn decide(
+        &self,
+        this: &Bound<'_, Self>,
+        now: u64,
+        always: bool,
+        input: impl FnOnce(&PyEngine) -> PyResult<Option<EngineEffect>>,
+    ) -> PyResult<()> {
+        let py = this.py();
+        self.is_deciding.store(true, Ordering::Relaxed);
+        let first = input(self.engine.get());
+        let done = first.and_then(|first| {
+            let acts = always || first.is_some();
+            if acts {
+                self.act(this, now, first)?;
+            }
+            Ok(acts)
+        });
+        self.is_deciding.store(false, Ordering::Relaxed);
+        if self.is_last.load(Ordering::Relaxed) {
+            self.driver.bind(py).call_method0(intern!(py, "stop"))?;
+        }
+        let acted = done?;
+        if acted && (self.is_closed.load(Ordering::Relaxed) || !self.waiting.bind(py).is_empty()) {
+            self.acted.bind(py).call0()?;
+        }
+        Ok(())
+    }
+
+    /// Does what the engine says.
+    fn act(&self, this: &Bound<'_, Self>, now: u64, first: Option<EngineEffect>) -> PyResult<()> {
+        let py = this.py();
+        let mut next = first;
+        loop {
+            let effect = match next.take() {
+                Some(effect) => effect,
+                None => match self.engine.get().next_effect()? {
+                    Some(effect) => effect,
+                    None => break,
+                },
+            };
+            match effect {
+                EngineEffect::Start { priority, timestamp, until, request } => {
+                    self.begin(this, now, priority, timestamp, until, request)?;
+                }
+                EngineEffect::Output(item) => self.give(py, item)?,
+                EngineEffect::Abort { priority, timestamp } => {
+                    let abort = intern!(py, "_abort");
+                    self.driver.bind(py).call_method1(abort, (priority, timestamp))?;
+                }
+                EngineEffect::Replace { timestamp } => {
+                    self.driver.bind(py).call_method1(intern!(py, "_replace"), (timestamp,))?;
+                }
+                EngineEffect::Hint(_) => {}
+            }
+        }
+        if self.is_over() { Ok(()) } else { self.arm(py, now) }
+    }
+
+    fn give(&self, py: Python<'_>, item: Item<Py<PyAny>>) -> PyResult<()> {
+        let is_result = !matches!(item.ending, Ending::Missed | Ending::Refused(_));
+        let item = self.engine.get().item(py, item)?;
+        let is_plain = is_result
+            && !self.handles_items
+            && self.lineages.bind(py).is_empty()
+            && self.states.bind(py).is_empty();
+        if is_plain {
+            self.output.bind(py).call1((item,))?;
+        } else {
+            self.driver.bind(py).call_method1(intern!(py, "_give"), (item,))?;
+        }
+        Ok(())
+    }
+
+    fn begin(
+        &self,
+        this: &Bound<'_, Self>,
+        now: u64,
+        p: u16,
+        t: u64,
+        until: Option<u64>,
+        request: Py<PyAny>,
+    ) -> PyResult<()> {
+        if self.is_over() || self.is_last.load(Ordering::Relaxed) {
+            return Ok(());
+        }
+        let (py, source) = (this.py(), self.source(p)?);
+        let (in_flight, aborted) = (source.in_flight.bind(py), source.aborted.bind(py));
+        let overdue = in_flight.len() + aborted.len();
+        if overdue >= source.limit {
+            let why = format!("{overdue} calls have not ended, though they should have");
+            return self.engine.get().fail_later(now, t, p, &why);
+        }
+        let timestamp = t.into_pyobject(py)?.into_any();
+        // A task may end while it is made, if the loop's tasks are eager.
+        in_flight.set_item(&timestamp, py.None())?;
+        // D5: the time left, not the time given.
+        let left = until.map(|until| seconds(until.saturating_sub(now)));
+        let work = match left {
+            None => SourceCall::new(this, p, &timestamp, request.into_bound(py), &timestamp),
+            Some(left) => {
+                let class = CallClasses::get(py)?.call.bind(py);
+                let call = if self.lineages.bind(py).is_empty() {
+                    class.call1((&timestamp, left))?
+                } else {
+                    let driver = self.driver.bind(py);
+                    driver.call_method1(intern!(py, "_call_of"), (now, &timestamp, left))?
+                };
+                SourceCall::new(this, p, &timestamp, request.into_bound(py), &call)
+            }
+        };
+        let task = self.create_task.bind(py).call1((work,))?;
+        if in_flight.contains(&timestamp)? {
+            in_flight.set_item(timestamp, task)?;
+        }
+        Ok(())
+    }
+
+    /// Sets the timer, if it is to fire earlier.
+    fn arm(&self, py: Python<'_>, now: u64) -> PyResult<()> {
+        let Some(due) = self.engine.get().next_due()? else { return Ok(()) };
+        if due < self.armed.load(Ordering::Relaxed) {
+            self.driver.bind(py).call_method1(intern!(py, "_arm"), (due, now))?;
+            self.armed.store(due, Ordering::Relaxed);
+        }
+        Ok(())
+    }
+
+    /// Counts a step of a source if it takes too long.
+    fn timed<T>(&self, py: Python<'_>, p: u16, step: impl FnOnce() -> T) -> PyResult<T> {
+        let (stepped, took) = if self.is_monotonic {
+            let begin = Instant::now();
+            let stepped = step();
+            (stepped, begin.elapsed())
+        } else {
+            let read = || self.clock.bind(py).call0()?.extract::<u64>();
+            let begin = read()?;
+            let stepped = step();
+            (stepped, Duration::from_nanos(read()?.saturating_sub(begin)))
+        };
+        if took > Duration::from_nanos(self.longest_step) {
+            self.counting.counting().ran(Some(p), took);
+        }
+        Ok(stepped)
+    }
+}
+
+/// As Python divides: the nearest float of the quotient.
+#[expect(clippy::cast_precision_loss, reason = "Python's division rounds as well")]
+fn seconds(nanos: u64) -> f64 {
+    nanos as f64 / 1e9
+}

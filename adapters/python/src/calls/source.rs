@@ -1,0 +1,63 @@
+//! What a source's calls need.
+
+use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
+use pyo3::types::{PyDict, PySet, PyType};
+
+static CLASSES: PyOnceLock<CallClasses> = PyOnceLock::new();
+
+/// Local or a cloud.
+pub(super) struct SourceEntry {
+    pub(super) p: u16,
+    pub(super) in_flight: Py<PyDict>,
+    pub(super) aborted: Py<PySet>,
+    pub(super) limit: usize,
+    pub(super) handle: Py<PyAny>,
+    /// None of local.
+    pub(super) response_handler: Option<Py<PyAny>>,
+    pub(super) encodes: bool,
+}
+
+/// A source as the package gives it: its priority, its tasks, the most of them, its handle, its response handler, and
+/// whether its requests are encoded.
+pub(super) type SourceArgument<'py> =
+    (u16, Bound<'py, PyAny>, usize, Py<PyAny>, Option<Py<PyAny>>, bool);
+
+/// Classes that are compared with, or made, for each call.
+pub(super) struct CallClasses {
+    pub(super) coroutine: Py<PyType>,
+    pub(super) generator: Py<PyType>,
+    pub(super) call: Py<PyAny>,
+    pub(super) stamped: Py<PyAny>,
+    pub(super) check_value: Py<PyAny>,
+    pub(super) is_awaitable: Py<PyAny>,
+}
+
+impl SourceEntry {
+    pub(super) fn new(
+        (p, tasks, limit, handle, response_handler, encodes): SourceArgument<'_>,
+    ) -> PyResult<Self> {
+        let in_flight = tasks.getattr("in_flight")?.cast_into::<PyDict>()?.unbind();
+        let aborted = tasks.getattr("aborted")?.cast_into::<PySet>()?.unbind();
+        Ok(Self { p, in_flight, aborted, limit, handle, response_handler, encodes })
+    }
+}
+
+impl CallClasses {
+    pub(super) fn get(py: Python<'_>) -> PyResult<&'static Self> {
+        CLASSES.get_or_try_init(py, || {
+            let kind = |name: &str| {
+                Ok::<_, PyErr>(py.import("types")?.getattr(name)?.cast_into::<PyType>()?.unbind())
+            };
+            let (items, wiring) = (py.import("fuseline._item")?, py.import("fuseline._wiring")?);
+            Ok(Self {
+                coroutine: kind("CoroutineType")?,
+                generator: kind("GeneratorType")?,
+                call: items.getattr("Call")?.unbind(),
+                stamped: items.getattr("StampedValue")?.unbind(),
+                check_value: wiring.getattr("check_value")?.unbind(),
+                is_awaitable: wiring.getattr("is_awaitable")?.unbind(),
+            })
+        })
+    }
+}

@@ -1,0 +1,286 @@
+//! A call or computation as what a task runs.
+
+use std::mem;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use pyo3::exceptions::{PyGeneratorExit, PyStopIteration};
+use pyo3::gc::{PyTraverseError, PyVisit};
+use pyo3::intern;
+use pyo3::prelude::*;
+use pyo3::types::iterator::PySendResult;
+use pyo3::types::{
+    PyBool, PyBytes, PyDict, PyFloat, PyInt, PyIterator, PyList, PyNone, PyString, PyTuple,
+};
+
+use crate::calls::PyCalls;
+use crate::calls::source::{CallClasses, SourceEntry};
+
+/// A call or computation of one message, whose result goes to the engine. It calls the handle at its first step; a step
+/// that takes too long is counted.
+#[pyclass(module = "fuseline._fuseline", frozen)]
+pub(crate) struct SourceCall {
+    calls: Py<PyCalls>,
+    p: u16,
+    t: Py<PyAny>,
+    stage: Mutex<Stage>,
+}
+
+/// How far it is.
+enum Stage {
+    /// What the handle is called with: the request and its call, or the message and its timestamp.
+    New(Py<PyAny>, Py<PyAny>),
+    /// What the handle's coroutine is awaited by.
+    Handle(Py<PyIterator>),
+    /// A coroutine of the driver's, which does all that is left.
+    Driver(Py<PyIterator>),
+    Over,
+}
+
+/// What a step came to: a pause, or the end.
+type Step<'py> = PyResult<Option<Bound<'py, PyAny>>>;
+
+#[pymethods]
+impl SourceCall {
+    /// Runs it to its next pause.
+    fn __next__<'py>(&self, py: Python<'py>) -> Step<'py> {
+        self.calls.get().timed(py, self.p, || self.step(py))?
+    }
+
+    /// As `__next__`: nothing is sent to what a task runs.
+    fn send<'py>(
+        &self,
+        py: Python<'py>,
+        _value: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        self.__next__(py)?.ok_or_else(|| PyStopIteration::new_err(()))
+    }
+
+    /// Runs it to its next pause from an exception, such as its cancellation.
+    #[pyo3(signature = (*error))]
+    fn throw<'py>(
+        &self,
+        py: Python<'py>,
+        error: &Bound<'py, PyTuple>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let thrown = self.calls.get().timed(py, self.p, || self.step_from(py, error))?;
+        thrown?.ok_or_else(|| PyStopIteration::new_err(()))
+    }
+
+    /// Ends it where it is.
+    fn close(&self, py: Python<'_>) -> PyResult<()> {
+        let (steps, is_handle) = match mem::replace(&mut *self.stage(), Stage::Over) {
+            Stage::New(..) | Stage::Over => return Ok(()),
+            Stage::Handle(steps) => (steps, true),
+            Stage::Driver(steps) => (steps, false),
+        };
+        steps.bind(py).call_method0(intern!(py, "close"))?;
+        if !is_handle {
+            return Ok(());
+        }
+        match self.failed(py, PyGeneratorExit::new_err(())) {
+            Err(error) if error.is_instance_of::<PyGeneratorExit>(py) => Ok(()),
+            other => other.map(drop),
+        }
+    }
+
+    fn __iter__(slf: Py<Self>) -> Py<Self> {
+        slf
+    }
+
+    fn __await__(slf: Py<Self>) -> Py<Self> {
+        slf
+    }
+
+    fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
+        visit.call(&self.calls)?;
+        // Held, it is in the midst of a step.
+        let Ok(stage) = self.stage.try_lock() else { return Ok(()) };
+        match &*stage {
+            Stage::New(request, call) => {
+                visit.call(request)?;
+                visit.call(call)
+            }
+            Stage::Handle(steps) | Stage::Driver(steps) => visit.call(steps),
+            Stage::Over => Ok(()),
+        }
+    }
+}
+
+impl SourceCall {
+    pub(super) fn new(
+        calls: &Bound<'_, PyCalls>,
+        p: u16,
+        t: &Bound<'_, PyAny>,
+        request: Bound<'_, PyAny>,
+        call: &Bound<'_, PyAny>,
+    ) -> Self {
+        let stage = Mutex::new(Stage::New(request.unbind(), call.clone().unbind()));
+        Self { calls: calls.clone().unbind(), p, t: t.clone().unbind(), stage }
+    }
+
+    fn step<'py>(&self, py: Python<'py>) -> Step<'py> {
+        // None of Python's runs while the stage is held.
+        let stage = mem::replace(&mut *self.stage(), Stage::Over);
+        let (steps, is_handle) = match stage {
+            Stage::New(request, call) => match self.begin(py, request, call) {
+                Ok(begun) => begun,
+                Err(error) => return self.failed(py, error),
+            },
+            Stage::Handle(steps) => (steps.into_bound(py), true),
+            Stage::Driver(steps) => (steps.into_bound(py), false),
+            Stage::Over => return Ok(None),
+        };
+        let sent = steps.send(&PyNone::get(py));
+        self.went(py, steps, is_handle, sent)
+    }
+
+    fn step_from<'py>(&self, py: Python<'py>, error: &Bound<'py, PyTuple>) -> Step<'py> {
+        let stage = mem::replace(&mut *self.stage(), Stage::Over);
+        let (steps, is_handle) = match stage {
+            // As a coroutine that has not begun.
+            Stage::New(..) | Stage::Over => return Err(PyErr::from_value(error.get_item(0)?)),
+            Stage::Handle(steps) => (steps.into_bound(py), true),
+            Stage::Driver(steps) => (steps.into_bound(py), false),
+        };
+        let sent = match steps.call_method1(intern!(py, "throw"), error.clone()) {
+            Ok(pause) => Ok(PySendResult::Next(pause)),
+            Err(error) if error.is_instance_of::<PyStopIteration>(py) => {
+                error.value(py).getattr(intern!(py, "value")).map(PySendResult::Return)
+            }
+            Err(error) => Err(error),
+        };
+        self.went(py, steps, is_handle, sent)
+    }
+
+    /// What a step came to.
+    fn went<'py>(
+        &self,
+        py: Python<'py>,
+        steps: Bound<'py, PyIterator>,
+        is_handle: bool,
+        sent: PyResult<PySendResult<'py>>,
+    ) -> Step<'py> {
+        match sent {
+            Ok(PySendResult::Next(pause)) => {
+                let steps = steps.unbind();
+                *self.stage() = if is_handle { Stage::Handle(steps) } else { Stage::Driver(steps) };
+                Ok(Some(pause))
+            }
+            Ok(PySendResult::Return(response)) if is_handle => self.returned(py, response),
+            Ok(PySendResult::Return(_)) => Ok(None),
+            Err(error) if is_handle => self.failed(py, error),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Calls the handle; what it is awaited by, and whether that is its own coroutine.
+    fn begin<'py>(
+        &self,
+        py: Python<'py>,
+        request: Py<PyAny>,
+        call: Py<PyAny>,
+    ) -> PyResult<(Bound<'py, PyIterator>, bool)> {
+        let source = self.source()?;
+        if source.encodes {
+            let encoded =
+                self.driver(py).call_method1(intern!(py, "_encoded"), (self.p, request, call))?;
+            return Ok((steps_of(&encoded)?, false));
+        }
+        let returned = source.handle.bind(py).call1((request, call))?;
+        if returned.get_type().is(&CallClasses::get(py)?.coroutine) {
+            return Ok((steps_of(&returned)?, true));
+        }
+        let awaiting =
+            self.driver(py).call_method1(intern!(py, "_awaiting"), (self.p, &self.t, returned))?;
+        Ok((steps_of(&awaiting)?, false))
+    }
+
+    /// The handle returned this.
+    fn returned<'py>(&self, py: Python<'py>, response: Bound<'py, PyAny>) -> Step<'py> {
+        let value = match self.value_of(py, response) {
+            Ok((value, false)) => value,
+            Ok((value, true)) => {
+                let arguments = (self.p, &self.t, value);
+                let later = self.driver(py).call_method1(intern!(py, "_value_later"), arguments)?;
+                *self.stage() = Stage::Driver(steps_of(&later)?.unbind());
+                return self.step(py);
+            }
+            Err(error) => return self.failed(py, error),
+        };
+        let calls = self.calls.bind(py);
+        calls.get().result(calls, self.source()?, self.t.bind(py), value)?;
+        Ok(None)
+    }
+
+    /// The result, and whether it is to be awaited.
+    fn value_of<'py>(
+        &self,
+        py: Python<'py>,
+        response: Bound<'py, PyAny>,
+    ) -> PyResult<(Bound<'py, PyAny>, bool)> {
+        let classes = CallClasses::get(py)?;
+        let check = |who: &str, remedy: &str| {
+            classes.check_value.bind(py).call1((&response, who, remedy)).map(drop)
+        };
+        let Some(response_handler) = &self.source()?.response_handler else {
+            if may_be_awaitable(&response, classes)? {
+                check("local", "give an async def, which awaits it")?;
+            }
+            return Ok((response, false));
+        };
+        if may_be_awaitable(&response, classes)? {
+            check("the handle", "await it there")?;
+        }
+        let value = response_handler.bind(py).call1((response,))?;
+        let is_awaitable = may_be_awaitable(&value, classes)?
+            && classes.is_awaitable.bind(py).call1((&value,))?.is_truthy()?;
+        Ok((value, is_awaitable))
+    }
+
+    /// D7: an error of a call or of local is a failure, and no other message notices.
+    fn failed<'py>(&self, py: Python<'py>, error: PyErr) -> Step<'py> {
+        let arguments = (self.p, &self.t, error.into_value(py));
+        self.driver(py).call_method1(intern!(py, "_failed"), arguments)?;
+        Ok(None)
+    }
+
+    fn source(&self) -> PyResult<&SourceEntry> {
+        self.calls.get().source(self.p)
+    }
+
+    fn driver<'py>(&self, py: Python<'py>) -> &Bound<'py, PyAny> {
+        self.calls.get().driver.bind(py)
+    }
+
+    fn stage(&self) -> MutexGuard<'_, Stage> {
+        self.stage.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// What a coroutine is awaited by.
+fn steps_of<'py>(coroutine: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyIterator>> {
+    let steps = coroutine.call_method0(intern!(coroutine.py(), "__await__"))?;
+    Ok(steps.cast_into::<PyIterator>()?)
+}
+
+/// Whether it is of a type that nobody need look at.
+pub(super) fn is_plain(value: &Bound<'_, PyAny>) -> bool {
+    value.is_none()
+        || value.is_exact_instance_of::<PyInt>()
+        || value.is_exact_instance_of::<PyString>()
+        || value.is_exact_instance_of::<PyList>()
+        || value.is_exact_instance_of::<PyDict>()
+        || value.is_exact_instance_of::<PyTuple>()
+        || value.is_exact_instance_of::<PyBytes>()
+        || value.is_exact_instance_of::<PyFloat>()
+        || value.is_exact_instance_of::<PyBool>()
+}
+
+/// Whether it has what an awaitable has.
+fn may_be_awaitable(value: &Bound<'_, PyAny>, classes: &CallClasses) -> PyResult<bool> {
+    if is_plain(value) {
+        return Ok(false);
+    }
+    let kind = value.get_type();
+    Ok(kind.is(&classes.generator) || kind.hasattr(intern!(value.py(), "__await__"))?)
+}
