@@ -1,10 +1,8 @@
 //! Keys of a trace beside the machine's, on the command line: whose value, which attempt, own deadlines, clocks that differ.
 
-mod common;
-
 use std::fs;
 
-use common::{err, out, run};
+use crate::common::{err, out, run};
 use serde_json::Value;
 use tempfile::tempdir;
 

@@ -1,11 +1,9 @@
 //! Arrows of `fuseline export --perfetto`, from operator to operator, for drawn operators whose clocks begin at different instants.
 
-mod common;
-
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 
-use common::{err, run};
+use crate::common::{err, run};
 use fuseline_testkit::Rng;
 use serde_json::Value;
 use tempfile::tempdir;

@@ -1,9 +1,5 @@
 //! `fuseline convert`, run as a user runs it.
 
-mod common;
-#[path = "common/signal.rs"]
-mod signal;
-
 use std::collections::BTreeMap;
 use std::fs;
 use std::io::{Cursor, Write};
@@ -11,10 +7,10 @@ use std::process::Stdio;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use common::{err, fuseline, out, run};
+use crate::common::signal::interrupt;
+use crate::common::{err, fuseline, out, run};
 use mcap::records::MessageHeader;
 use mcap::{Compression, WriteOptions};
-use signal::interrupt;
 use tempfile::{TempDir, tempdir};
 
 const HEADER: &str = r#"{"fuseline":1,"window":4,"clouds":[{"p":1,"name":"west","limit":31}]}"#;

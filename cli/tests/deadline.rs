@@ -1,10 +1,8 @@
 //! `fuseline deadline`, run as a user runs it.
 
-mod common;
-
 use std::process::Output;
 
-use common::{err, out, run};
+use crate::common::{err, out, run};
 use serde_json::Value;
 
 const SPEEDS: &str = "11,18,20,22,24";

@@ -1,18 +1,14 @@
 //! `fuseline drive` and `fuseline impl`, run as a user runs them.
 #![cfg(unix)]
 
-mod common;
-#[path = "common/signal.rs"]
-mod signal;
-
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use common::{err, fuseline, out, run};
-use signal::interrupt;
+use crate::common::signal::interrupt;
+use crate::common::{err, fuseline, out, run};
 
 use serde_json::Value;
 

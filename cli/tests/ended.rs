@@ -1,10 +1,8 @@
 //! `fuseline check` and `fuseline report` where more is known of a run than its trace: that it has ended, its period.
 
-mod common;
-
 use std::fs;
 
-use common::{err, fuseline, out, run};
+use crate::common::{err, fuseline, out, run};
 use serde_json::Value;
 use tempfile::tempdir;
 

@@ -1,11 +1,9 @@
 //! The exit code of `fuseline check` for several files, and what stands where.
 
-mod common;
-
 use std::fs;
 use std::path::Path;
 
-use common::{err, out, run};
+use crate::common::{err, out, run};
 use tempfile::tempdir;
 
 /// What becomes of a file: the exit code that it leads to, and what is printed of it.

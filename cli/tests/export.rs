@@ -1,17 +1,13 @@
 //! `fuseline export`, run as a user runs it.
 
-mod common;
-#[path = "common/signal.rs"]
-mod signal;
-
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use common::{err, fuseline, out, run};
+use crate::common::signal::interrupt;
+use crate::common::{err, fuseline, out, run};
 use fuseline_traces::parse;
 use serde_json::Value;
-use signal::interrupt;
 use tempfile::tempdir;
 
 fn corpus() -> Vec<PathBuf> {

@@ -1,19 +1,13 @@
 //! What `fuseline export` shows, beside a recount of the same traces with plain lists.
 
-mod common;
-#[path = "common/drawn.rs"]
-mod drawn;
-#[path = "common/recount.rs"]
-mod recount;
-
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
 
-use common::{err, out, run};
-use drawn::DrawnTrace;
+use crate::common::drawn::DrawnTrace;
+use crate::common::recount::{RecountedCall, RecountedEnd, RecountedSpan};
+use crate::common::{err, out, run};
 use fuseline_traces::{Annotations, Decision, Event, Input};
-use recount::{RecountedCall, RecountedEnd, RecountedSpan};
 use serde_json::{Value, json};
 use tempfile::tempdir;
 

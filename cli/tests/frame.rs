@@ -1,19 +1,13 @@
 //! `fuseline frame`, run as a user runs it.
 
-mod common;
-#[path = "common/drawn.rs"]
-mod drawn;
-#[path = "common/recount.rs"]
-mod recount;
-
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::fs;
 
-use common::{err, out, run};
-use drawn::DrawnTrace;
+use crate::common::drawn::DrawnTrace;
+use crate::common::recount::{RecountedCall, RecountedEnd, RecountedSpan};
+use crate::common::{err, out, run};
 use fuseline_traces::{Annotations, Decision, Event, Input};
-use recount::{RecountedCall, RecountedEnd, RecountedSpan};
 use tempfile::tempdir;
 
 const DETECTOR: &str = r#"{"fuseline":1,"operator":"detector","window":9,"commit":"eager","clouds":[{"p":1,"name":"west","limit":9}]}

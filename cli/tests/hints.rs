@@ -1,10 +1,8 @@
 //! What `check` and `report` say of a trace beside their verdict.
 
-mod common;
-
 use std::fs;
 
-use common::{err, run};
+use crate::common::{err, run};
 use tempfile::tempdir;
 
 /// As several threads record it: requests without offers, decisions without holds and timers.

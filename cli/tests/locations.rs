@@ -1,6 +1,5 @@
 //! Two vehicles share their locations through `fuseline serve --locations`.
 
-mod common;
 #[path = "../src/serve/location.rs"]
 mod location;
 #[path = "../examples/two_vehicles/vehicle.rs"]
@@ -9,7 +8,7 @@ mod vehicle;
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Stdio};
 
-use common::{err, fuseline, out, run};
+use crate::common::{err, fuseline, out, run};
 use location::Location;
 use tempfile::tempdir;
 use tokio::time::{Duration, timeout};

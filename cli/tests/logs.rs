@@ -1,10 +1,8 @@
 //! `fuseline convert` of logs as robots leave them.
 
-mod common;
-
 use std::fs;
 
-use common::{err, out, run};
+use crate::common::{err, out, run};
 use serde_json::{Value, json};
 use tempfile::{TempDir, tempdir};
 

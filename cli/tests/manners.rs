@@ -1,12 +1,10 @@
 //! What one expects of a command: completions, manual pages, colours, help, clouds from a file.
 #![cfg(unix)]
 
-mod common;
-
 use std::fs;
 use std::path::Path;
 
-use common::{err, fuseline, out, run};
+use crate::common::{err, fuseline, out, run};
 use tempfile::tempdir;
 
 const CORPUS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../traces/corpus");

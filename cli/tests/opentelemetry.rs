@@ -1,15 +1,13 @@
 //! The spans of an operator on tokio through `tracing-opentelemetry` and the OTLP JSON of OpenTelemetry's own types: `convert`
 //! makes of them what the operator's trace says, and it is judged.
 
-mod common;
-
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use common::{err, out, run};
+use crate::common::{err, out, run};
 use fuseline_tokio::{
     Call, Config, Error, Local, Operator, Recording, Setup, Trace, spawn, stream,
 };

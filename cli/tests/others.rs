@@ -1,10 +1,8 @@
 //! The smallest traces of other people's systems still break what the book says they break.
 
-mod common;
-
 use std::fs;
 
-use common::{err, out, run};
+use crate::common::{err, out, run};
 use serde_json::Value;
 
 #[test]

@@ -1,10 +1,8 @@
 //! OpenTelemetry's spans, to and from traces, as a user does it.
 
-mod common;
-
 use std::fs;
 
-use common::{err, out, run};
+use crate::common::{err, out, run};
 use serde_json::{Value, json};
 use tempfile::tempdir;
 

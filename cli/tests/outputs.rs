@@ -1,15 +1,13 @@
 //! Where commands write: never onto what they read, whole or not at all, reported by the user's names.
 #![cfg(unix)]
 
-mod common;
-
 use std::fmt::Write as _;
 use std::fs::{self, File, OpenOptions};
 use std::os::unix::fs::symlink;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
-use common::{err, fuseline, out, run};
+use crate::common::{err, fuseline, out, run};
 use tempfile::{TempDir, tempdir};
 
 const TRACE: &str = "{\"fuseline\":1,\"window\":1,\"clouds\":[]}\n{\"ev\":\"tick\",\"at\":7}\n";

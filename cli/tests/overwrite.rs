@@ -1,15 +1,13 @@
 //! No file that exists is replaced without a message.
 #![cfg(unix)]
 
-mod common;
-
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::thread::sleep;
 use std::time::Duration;
 
-use common::{err, out};
+use crate::common::{err, fuseline, out};
 
 const TRACE: &str = "\
 {\"fuseline\":1,\"window\":4,\"clouds\":[]}
@@ -20,7 +18,7 @@ const TRACE: &str = "\
 const EVENTS: &str = "at,ev,t\n0,open,1\n";
 
 fn command(dir: &Path, args: &[&str]) -> Command {
-    let mut command = common::fuseline(args);
+    let mut command = fuseline(args);
     command.current_dir(dir);
     command
 }

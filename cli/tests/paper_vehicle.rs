@@ -1,6 +1,5 @@
 //! The book's vehicle: whatever one part dies, control has an output at each of its ticks (E1, E2, E4, E5).
 
-mod common;
 #[path = "../examples/paper_vehicle/drive.rs"]
 mod drive;
 #[path = "../examples/paper_vehicle/operators.rs"]
@@ -11,13 +10,13 @@ mod world;
 use std::path::Path;
 use std::time::Duration;
 
-use common::{err, out, run};
+use crate::common::{err, out, run};
 use tempfile::tempdir;
 use tokio::runtime::Builder;
 
-use crate::drive::{Driven, Options};
-use crate::operators::Mode;
-use crate::world::VehiclePart;
+use drive::{Driven, Options};
+use operators::Mode;
+use world::VehiclePart;
 
 const MS: Duration = Duration::from_millis(1);
 

@@ -1,11 +1,9 @@
 //! A part of a trace: `--from`, `--to` and `--timestamps`.
 
-mod common;
-
 use std::fmt::Write as _;
 use std::fs;
 
-use common::{err, out, run};
+use crate::common::{err, out, run};
 use serde_json::Value;
 use tempfile::tempdir;
 

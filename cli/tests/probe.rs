@@ -1,13 +1,5 @@
 //! `fuseline probe`, run as a user runs it, against its server behind a relay of known delays.
 
-#[path = "common/certificates.rs"]
-mod certificates;
-mod common;
-#[path = "common/running.rs"]
-mod running;
-#[path = "common/signal.rs"]
-mod signal;
-
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
 use std::net::TcpListener as Blocking;
@@ -17,12 +9,12 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use certificates::certificates;
-use common::{err, fuseline, out, run};
+use crate::common::certificates::certificates;
+use crate::common::running::{adds_up, report, run_in};
+use crate::common::signal::interrupt;
+use crate::common::{err, fuseline, out, run};
 use fuseline_tokio::grpc::{self, InferClient, Request, tonic};
-use running::{adds_up, report, run_in};
 use serde_json::Value;
-use signal::interrupt;
 use tempfile::tempdir;
 use tokio::net::TcpListener;
 use tokio::runtime::Runtime;

@@ -1,14 +1,12 @@
 //! `fuseline convert` of recordings of ROS 2 and others: an event is a message of a topic.
 
-mod common;
-
 use std::collections::BTreeMap;
 use std::fs;
 use std::io::Cursor;
 use std::path::Path;
 
+use crate::common::{err, out, run};
 use byteorder::LittleEndian;
-use common::{err, out, run};
 use mcap::records::MessageHeader;
 use serde_json::{Value, json};
 use tempfile::tempdir;

@@ -1,16 +1,12 @@
 //! `fuseline replay`, run as a user runs it.
 
-mod common;
-#[path = "common/sample.rs"]
-mod sample;
-
 use std::fs;
 use std::io::Write;
 use std::path::Path;
 use std::process::{ChildStdout, Stdio};
 
-use common::{err, fuseline, out, run};
-use sample::{Lines, TRACE, files, text};
+use crate::common::sample::{Lines, TRACE, files, text};
+use crate::common::{err, fuseline, out, run};
 
 const INPUTS: &str = r#"{"fuseline":1,"window":4,"clouds":[{"p":2,"limit":31},{"p":1,"limit":31}]}
 {"ev":"open","at":0,"t":0,"x":{"camera":[1.5,null]}}

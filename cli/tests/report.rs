@@ -1,16 +1,13 @@
 //! `fuseline report`, run as a user runs it. What the page does with its data is tried by `.ci/report`.
 
-mod common;
-#[path = "common/signal.rs"]
-mod signal;
-
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use common::{err, out, run};
+use crate::common::signal::interrupt;
+use crate::common::{err, fuseline, out, run};
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -297,7 +294,7 @@ fn a_page_is_made_again_when_its_trace_has_grown() {
     let header = "{\"fuseline\":1,\"window\":9,\"clouds\":[]}\n";
     fs::write(&trace, format!("{header}{}", events(1))).unwrap();
     let args = ["report", "--watch", trace.to_str().unwrap(), "-o", page.to_str().unwrap()];
-    let mut child = common::fuseline(&args).stdout(Stdio::null()).spawn().unwrap();
+    let mut child = fuseline(&args).stdout(Stdio::null()).spawn().unwrap();
     let mut wait_for = |lines: u64| {
         let start = Instant::now();
         while !fs::read_to_string(&page)
@@ -313,6 +310,6 @@ fn a_page_is_made_again_when_its_trace_has_grown() {
     wait_for(2);
     fs::write(&trace, format!("{header}{}", events(5))).unwrap();
     wait_for(6);
-    signal::interrupt(&child);
+    interrupt(&child);
     assert_eq!(child.wait().unwrap().code(), Some(0));
 }

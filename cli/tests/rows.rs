@@ -1,15 +1,11 @@
 //! Rows of CSV, and the lines that errors name, of every command that reads them; drawn traces as rows and objects.
 
-mod common;
-#[path = "common/drawn.rs"]
-mod drawn;
-
 use std::collections::BTreeMap;
 use std::fs;
 use std::time::{Duration, UNIX_EPOCH};
 
-use common::{err, out, run};
-use drawn::DrawnTrace;
+use crate::common::drawn::DrawnTrace;
+use crate::common::{err, out, run};
 use fuseline_testkit::Rng;
 use serde_json::{Value, json};
 

@@ -1,11 +1,5 @@
 //! `fuseline run`, run as a user runs it: real sockets, real time.
 
-mod common;
-#[path = "common/running.rs"]
-mod running;
-#[path = "common/signal.rs"]
-mod signal;
-
 use std::fs;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
@@ -14,10 +8,10 @@ use std::sync::mpsc::channel;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use common::{err, fuseline, out, run};
-use running::{adds_up, report, run_in, sum};
+use crate::common::running::{adds_up, report, run_in, sum};
+use crate::common::signal::{self, interrupt};
+use crate::common::{err, fuseline, out, run};
 use serde_json::{Value, json};
-use signal::interrupt;
 use tempfile::tempdir;
 
 /// The names in a directory.

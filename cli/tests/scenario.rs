@@ -1,12 +1,10 @@
 //! `fuseline scenario`, run as a user runs it.
 
-mod common;
-
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 
-use common::{err, out, run};
+use crate::common::{err, out, run};
 use resvg::tiny_skia::Pixmap;
 use resvg::usvg::{Options, Tree};
 use serde_json::Value;

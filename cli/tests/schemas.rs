@@ -1,14 +1,12 @@
 //! What `--json` prints is as `--json-schema` says, no less and no more.
 #![cfg(unix)]
 
-mod common;
-
 use std::fs;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::Stdio;
 
-use common::{err, fuseline, out};
+use crate::common::{err, fuseline, out};
 use serde_json::{Map, Value};
 use tempfile::tempdir;
 

@@ -1,13 +1,5 @@
 //! `fuseline serve` and `fuseline run` against it, run as a user runs them.
 
-#[path = "common/certificates.rs"]
-mod certificates;
-mod common;
-#[path = "common/running.rs"]
-mod running;
-#[path = "common/signal.rs"]
-mod signal;
-
 use std::ffi::OsStr;
 use std::fs;
 use std::future::{pending, ready};
@@ -18,12 +10,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
-use certificates::certificates;
-use common::{err, fuseline, out, run};
+use crate::common::certificates::certificates;
+use crate::common::running::{adds_up, report, run_in};
+use crate::common::signal::interrupt;
+use crate::common::{err, fuseline, out, run};
 use fuseline_tokio::grpc;
-use running::{adds_up, report, run_in};
 use serde_json::Value;
-use signal::interrupt;
 use tempfile::tempdir;
 use tokio::net::TcpListener;
 use tokio::runtime::Runtime;

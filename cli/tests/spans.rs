@@ -1,7 +1,5 @@
 //! The spans of an operator on tokio, exported as `tracing-opentelemetry` does it, come back as its trace.
 
-mod common;
-
 use std::collections::BTreeMap;
 use std::fmt::Debug;
 use std::fs;
@@ -9,7 +7,7 @@ use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use common::{err, out, run};
+use crate::common::{err, out, run};
 use fuseline_tokio::{
     Call, Config, Error, Lineage, Local, Operator, Recording, Setup, Trace, spawn, stream,
 };

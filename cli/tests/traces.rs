@@ -1,11 +1,5 @@
 //! `fuseline check`, run as a user runs it.
 
-mod common;
-#[path = "common/sample.rs"]
-mod sample;
-#[path = "common/signal.rs"]
-mod signal;
-
 use std::fs;
 use std::io::Write;
 use std::path::PathBuf;
@@ -13,9 +7,9 @@ use std::process::{Command, Output, Stdio};
 use std::thread;
 use std::time::Duration;
 
-use common::{err, fuseline, out, run};
-use sample::{Lines, TRACE, files, text};
-use signal::interrupt;
+use crate::common::sample::{Lines, TRACE, files, text};
+use crate::common::signal::interrupt;
+use crate::common::{err, fuseline, out, run};
 
 use flate2::Compression;
 use flate2::write::GzEncoder;

@@ -2,10 +2,11 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use cargo_lock::Lockfile;
-use cargo_metadata::{DependencyKind, MetadataCommand, Package};
+use cargo_metadata::{DependencyKind, MetadataCommand, Package, Target};
+use ignore::WalkBuilder;
 
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 
@@ -74,6 +75,46 @@ fn each_file_of_tests_is_a_program_or_a_module_of_one() {
                 file.display()
             );
         }
+    }
+}
+
+/// Whether one of the files of Rust at or below a folder is so.
+fn has_file(folder: &Path, is_so: impl Fn(&str) -> bool) -> bool {
+    let files = WalkBuilder::new(folder).build().map(|file| file.expect("a readable folder"));
+    let mut files = files.filter(|file| file.path().extension().is_some_and(|it| it == "rs"));
+    files.any(|file| is_so(&fs::read_to_string(file.path()).expect("UTF-8")))
+}
+
+fn has_test(text: &str) -> bool {
+    let mut lines = text.lines().map(str::trim_start);
+    lines.any(|line| line.starts_with("#[test]") || line.starts_with("#[tokio::test"))
+}
+
+/// Whether a block of code in the documentation names no other language.
+fn has_example(text: &str) -> bool {
+    let lines = text.lines().map(str::trim_start);
+    let fences = lines
+        .filter_map(|line| line.strip_prefix("/// ```").or_else(|| line.strip_prefix("//! ```")));
+    let mut begins = fences.step_by(2);
+    begins.any(|language| ["", "rust", "no_run", "should_panic"].contains(&language))
+}
+
+/// Cargo is told of some libraries and programs that they have no tests, or no examples, so that it builds nothing in vain.
+#[test]
+fn what_is_said_to_have_no_tests_has_none() {
+    let targets: Vec<_> = members().into_iter().flat_map(|package| package.targets).collect();
+    let made = || targets.iter().filter(|target| target.is_lib() || target.is_bin());
+    let folder = |target: &Target| target.src_path.parent().expect("a folder").to_owned();
+    let tested: BTreeSet<_> = made().filter(|target| target.test).map(folder).collect();
+    let untested: Vec<_> = made().filter(|target| !tested.contains(&folder(target))).collect();
+    assert!(untested.len() > 5, "only {untested:?} have no tests");
+    for target in untested {
+        let has = has_file(folder(target).as_std_path(), has_test);
+        assert!(!has, "the tests of {} do not run", target.name);
+    }
+    for target in made().filter(|target| target.is_lib() && !target.doctest) {
+        let has = has_file(folder(target).as_std_path(), has_example);
+        assert!(!has, "the examples of {} do not run", target.name);
     }
 }
 

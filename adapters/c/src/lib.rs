@@ -1,9 +1,6 @@
 #![doc = include_str!("../README.md")]
 #![no_std]
 
-#[cfg(test)]
-extern crate std;
-
 mod header;
 mod inputs;
 mod names;

@@ -221,6 +221,17 @@ pub fn spawn<P: Operator>(
     }
     let mut setup = Setup::new();
     let local = operator.setup(&mut setup);
+    start(&runtime, config, setup, local, input)
+}
+
+/// Knows the operator's messages and not its type, so that all with the same ones have one copy of it and of the task.
+fn start<I: Send + Sync + 'static, O: Send + Sync + 'static>(
+    runtime: &Handle,
+    config: Config,
+    mut setup: Setup<I, O>,
+    local: Local<I, O>,
+    input: Reader<I>,
+) -> Result<(Running, Items<O>), SpawnError> {
     check_local(&config, &local)?;
     let (header, annotations) = header(&config, &setup.clouds);
     let calls: Vec<usize> = setup.clouds.iter().map(|registered| registered.cloud.calls).collect();

@@ -11,11 +11,11 @@ use fuseline_tokio::{
 };
 use tokio::time::{Instant, interval};
 
-use crate::operators::{
+use super::operators::{
     Control, Detection, Drive, Frame, Mode, Order, PerceivedScene, Planning, Predicting,
     Prediction, Scene, Tracking,
 };
-use crate::world::{Kill, Network, VehiclePart};
+use super::world::{Kill, Network, VehiclePart};
 
 const MS: Duration = Duration::from_millis(1);
 /// From capture to control.

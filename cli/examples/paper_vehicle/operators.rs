@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use fuseline_tokio::handlers::{by_content, every_nth};
 use fuseline_tokio::{CarriedState, Error, Item, Joined, Local, Operator, Setup, SharedState};
 
-use crate::world::{Kill, Network, VehiclePart};
+use super::world::{Kill, Network, VehiclePart};
 
 const MS: Duration = Duration::from_millis(1);
 const THIRD: NonZero<u64> = NonZero::new(3).unwrap();

@@ -8,7 +8,7 @@ use fuseline_tokio::grpc::{self, Connection, Reply, Request};
 use fuseline_tokio::{Config, Local, Operator, Recording, Setup, Trace, spawn, stream};
 use prost::Message;
 
-use crate::location::{Location, Locations};
+use super::location::{Location, Locations};
 use tokio::time::{Instant, interval};
 
 /// How often a vehicle reports.

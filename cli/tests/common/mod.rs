@@ -1,5 +1,12 @@
 //! The built command, run as a user runs it.
 
+pub(crate) mod certificates;
+pub(crate) mod drawn;
+pub(crate) mod recount;
+pub(crate) mod running;
+pub(crate) mod sample;
+pub(crate) mod signal;
+
 use std::io::Write;
 use std::process::{Command, Output, Stdio};
 
@@ -11,7 +18,6 @@ pub(crate) fn fuseline(args: &[&str]) -> Command {
 }
 
 /// Runs it to its end with this standard input.
-#[allow(dead_code, reason = "not every test gives any")]
 pub(crate) fn run(args: &[&str], input: &str) -> Output {
     let mut command = fuseline(args);
     let piped = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
@@ -22,7 +28,6 @@ pub(crate) fn run(args: &[&str], input: &str) -> Output {
 }
 
 /// What it printed.
-#[allow(dead_code, reason = "not every test reads it")]
 pub(crate) fn out(output: &Output) -> &str {
     str::from_utf8(&output.stdout).unwrap()
 }

@@ -2,7 +2,7 @@
 
 use fuseline_traces::{Annotations, Commit, Decision, Event, Input};
 
-use crate::drawn::DrawnTrace;
+use super::drawn::DrawnTrace;
 
 /// Local's computation or a request, from its begin to its end.
 #[derive(Debug)]

@@ -5,7 +5,7 @@ use std::process::Output;
 
 use serde_json::Value;
 
-use crate::common::{err, fuseline, out};
+use super::{err, fuseline, out};
 
 /// Runs it in a directory of its own.
 pub(crate) fn run_in(directory: &Path, args: &[&str]) -> Output {

@@ -4,10 +4,12 @@ use std::fmt::Write as _;
 use std::fs::File;
 use std::future::pending;
 use std::io::BufReader;
+use std::path::Path;
 use std::time::Duration;
 
 use fuseline_tokio::{
-    Call, Config, Ending, Error, Item, Local, Operator, Setup, Tally, Trace, spawn, stream,
+    Call, Config, Ending, Error, Item, Items, Local, Operator, Running, Setup, Tally, Trace,
+    Writer, spawn, stream,
 };
 use fuseline_traces::judge;
 use tokio::time::{Instant, sleep, sleep_until};
@@ -122,10 +124,19 @@ where
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("trace.jsonl");
     let trace = Some(Trace { path: path.clone(), recording: fuseline_tokio::Recording::default() });
-    let (mut writer, input) = stream(1024);
+    let (writer, input) = stream(1024);
     let start = Instant::now();
-    let (running, mut output) = spawn(operator, Config { trace, ..config }, input).unwrap();
-    let messages_ms = messages_ms.to_vec();
+    let (running, output) = spawn(operator, Config { trace, ..config }, input).unwrap();
+    played((writer, start), messages_ms.to_vec(), (running, output), &path).await
+}
+
+/// The rest of it, whatever the operator is.
+async fn played(
+    (mut writer, start): (Writer<u64>, Instant),
+    messages_ms: Vec<u64>,
+    (running, mut output): (Running, Items<String>),
+    path: &Path,
+) -> RunResult {
     tokio::spawn(async move {
         for (i, ms) in messages_ms.into_iter().enumerate() {
             sleep_until(start + Duration::from_millis(ms)).await;
@@ -137,7 +148,7 @@ where
         writeln!(items, "{}", line(&item)).unwrap();
     }
     let tally = running.join().await.unwrap();
-    let verdict = judge("trace", BufReader::new(File::open(&path).unwrap())).unwrap();
+    let verdict = judge("trace", BufReader::new(File::open(path).unwrap())).unwrap();
     assert!(verdict.conforms, "{:#?}", verdict.violations);
     RunResult { items, tally, trace: std::fs::read_to_string(path).unwrap() }
 }

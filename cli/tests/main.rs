@@ -1,0 +1,37 @@
+//! One program of the tests: it is built once, and what waits overlaps. Each runs the command in processes of its own.
+
+mod common;
+
+mod annotations;
+mod arrows;
+mod ci;
+mod convert;
+mod deadline;
+mod drive;
+mod ended;
+mod exits;
+mod export;
+mod exported;
+mod frame;
+mod hints;
+mod locations;
+mod logs;
+mod manners;
+mod opentelemetry;
+mod others;
+mod otlp;
+mod outputs;
+mod overwrite;
+mod paper_vehicle;
+mod parts;
+mod probe;
+mod recordings;
+mod replay;
+mod report;
+mod rows;
+mod run;
+mod scenario;
+mod schemas;
+mod serve;
+mod spans;
+mod traces;
