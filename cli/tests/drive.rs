@@ -234,9 +234,13 @@ fn faults_that_need_many_clouds_long_runs_or_refusals_are_found() {
         assert!(report["generated"]["failed"].is_string(), "{fault}: {}", report["generated"]);
     }
     let right = ["python3", script.to_str().unwrap(), &examples, "Arbiter"];
-    let report = report(&["--for", "2s"], &right);
-    assert_eq!(report["conforms"], true, "{report}");
-    assert!(report["generated"]["passed"].as_u64().unwrap() > 0, "{report}");
+    // A busy host may get to no generated run in the shorter ones.
+    let mut reports = [2, 8, 32, 128].into_iter().map(|seconds| {
+        let report = report(&["--for", &format!("{seconds}s")], &right);
+        assert_eq!(report["conforms"], true, "{report}");
+        report
+    });
+    assert!(reports.any(|report| report["generated"]["passed"].as_u64().unwrap() > 0));
 }
 
 #[test]
@@ -268,7 +272,7 @@ fn each_way_to_misbehave_has_its_words() {
     let crashes = &format!("{DONE}; kill -ABRT $$");
     let dies = r#"read -r line; echo '{"ev":"done"}'; kill -9 $$"#;
     for (script, words) in [
-        ("sleep 600", "it did not answer within 0.5 s; an output that is not flushed"),
+        ("sleep 600", "it did not answer within 2 s; an output that is not flushed"),
         ("exit 3", "it ended before it answered: exit status: 3"),
         (dies, "it ended before it answered: signal: 9"),
         (closes, "it closed its output before it answered"),
@@ -277,12 +281,13 @@ fn each_way_to_misbehave_has_its_words() {
         (endless, "it answered more than 1000 lines without {\"ev\":\"done\"}"),
         (long, "it answered a line over 64 KiB"),
         (twice, "it wrote \"{\\\"ev\\\":\\\"done\\\"}\" after {\"ev\":\"done\"}"),
-        (lingers, "it ran on for 0.5 s after its input ended"),
+        (lingers, "it ran on for 2 s after its input ended"),
         (fails, "it failed at its end: exit status: 3"),
         (crashes, "it failed at its end: signal: 6"),
     ] {
-        // Nothing is demanded of an open that is accepted, so `done` alone can conform.
-        let options = ["--wait", "0.5", "--run", "-"];
+        // A shell begins in so long on a busy host too. Nothing is demanded of an open that is
+        // accepted, so `done` alone can conform.
+        let options = ["--wait", "2", "--run", "-"];
         let inputs =
             "{\"fuseline\":1,\"window\":4,\"clouds\":[]}\n{\"ev\":\"open\",\"at\":0,\"t\":0}\n";
         let args = [&["drive"], &options[..], &["--", "sh", "-c", script]].concat();

@@ -35,11 +35,12 @@ impl Rectangle {
 
     /// The distance to a point; 0 inside.
     pub(crate) fn distance_to(&self, point: Point) -> f64 {
-        let corners = self.corners();
-        if is_inside(&corners, point) {
-            return 0.0;
-        }
-        edges(&corners).map(|edge| to_segment(point, edge)).fold(f64::INFINITY, f64::min)
+        let ([x, y], [along, across]) = (self.front, self.heading);
+        let apart = [point[0] - x, point[1] - y];
+        let before = apart[0] * along + apart[1] * across;
+        let aside = (apart[1] * along - apart[0] * across).abs();
+        let beyond = before.max(-self.length - before).max(0.0);
+        beyond.hypot((aside - self.width / 2.0).max(0.0))
     }
 
     /// The distance to another; 0 if they overlap.
@@ -89,24 +90,11 @@ fn side([first, second]: [Point; 2], third: Point) -> f64 {
     (second[0] - first[0]) * (third[1] - first[1]) - (second[1] - first[1]) * (third[0] - first[0])
 }
 
-fn is_inside(corners: &[Point; 4], point: Point) -> bool {
-    edges(corners).all(|edge| side(edge, point) >= 0.0)
-        || edges(corners).all(|edge| side(edge, point) <= 0.0)
-}
-
 /// Whether two ways cross, each between its ends. What only touches does not: then an end lies on the other way.
 fn do_cross(one: [Point; 2], other: [Point; 2]) -> bool {
     let is_between =
         |line: [Point; 2], [from, to]: [Point; 2]| side(line, from) * side(line, to) < 0.0;
     is_between(one, other) && is_between(other, one)
-}
-
-fn to_segment(point: Point, [from, to]: [Point; 2]) -> f64 {
-    let segment = [to[0] - from[0], to[1] - from[1]];
-    let apart = [point[0] - from[0], point[1] - from[1]];
-    let length = segment[0] * segment[0] + segment[1] * segment[1];
-    let part = ((apart[0] * segment[0] + apart[1] * segment[1]) / length).clamp(0.0, 1.0);
-    (apart[0] - part * segment[0]).hypot(apart[1] - part * segment[1])
 }
 
 #[cfg(test)]
