@@ -22,11 +22,11 @@ pub(crate) struct SourceCall {
     calls: Py<PyCalls>,
     p: u16,
     t: Py<PyAny>,
-    stage: Mutex<Stage>,
+    stage: Mutex<CallStage>,
 }
 
 /// How far it is.
-enum Stage {
+enum CallStage {
     /// What the handle is called with: the request and its call, or the message and its timestamp.
     New(Py<PyAny>, Py<PyAny>),
     /// What the handle's coroutine is awaited by.
@@ -37,12 +37,12 @@ enum Stage {
 }
 
 /// What a step came to: a pause, or the end.
-type Step<'py> = PyResult<Option<Bound<'py, PyAny>>>;
+type StepResult<'py> = PyResult<Option<Bound<'py, PyAny>>>;
 
 #[pymethods]
 impl SourceCall {
     /// Runs it to its next pause.
-    fn __next__<'py>(&self, py: Python<'py>) -> Step<'py> {
+    fn __next__<'py>(&self, py: Python<'py>) -> StepResult<'py> {
         self.calls.get().timed(py, self.p, || self.step(py))?
     }
 
@@ -68,10 +68,10 @@ impl SourceCall {
 
     /// Ends it where it is.
     fn close(&self, py: Python<'_>) -> PyResult<()> {
-        let (steps, is_handle) = match mem::replace(&mut *self.stage(), Stage::Over) {
-            Stage::New(..) | Stage::Over => return Ok(()),
-            Stage::Handle(steps) => (steps, true),
-            Stage::Driver(steps) => (steps, false),
+        let (steps, is_handle) = match mem::replace(&mut *self.stage(), CallStage::Over) {
+            CallStage::New(..) | CallStage::Over => return Ok(()),
+            CallStage::Handle(steps) => (steps, true),
+            CallStage::Driver(steps) => (steps, false),
         };
         steps.bind(py).call_method0(intern!(py, "close"))?;
         if !is_handle {
@@ -96,12 +96,12 @@ impl SourceCall {
         // Held, it is in the midst of a step.
         let Ok(stage) = self.stage.try_lock() else { return Ok(()) };
         match &*stage {
-            Stage::New(request, call) => {
+            CallStage::New(request, call) => {
                 visit.call(request)?;
                 visit.call(call)
             }
-            Stage::Handle(steps) | Stage::Driver(steps) => visit.call(steps),
-            Stage::Over => Ok(()),
+            CallStage::Handle(steps) | CallStage::Driver(steps) => visit.call(steps),
+            CallStage::Over => Ok(()),
         }
     }
 }
@@ -114,33 +114,35 @@ impl SourceCall {
         request: Bound<'_, PyAny>,
         call: &Bound<'_, PyAny>,
     ) -> Self {
-        let stage = Mutex::new(Stage::New(request.unbind(), call.clone().unbind()));
+        let stage = Mutex::new(CallStage::New(request.unbind(), call.clone().unbind()));
         Self { calls: calls.clone().unbind(), p, t: t.clone().unbind(), stage }
     }
 
-    fn step<'py>(&self, py: Python<'py>) -> Step<'py> {
+    fn step<'py>(&self, py: Python<'py>) -> StepResult<'py> {
         // None of Python's runs while the stage is held.
-        let stage = mem::replace(&mut *self.stage(), Stage::Over);
+        let stage = mem::replace(&mut *self.stage(), CallStage::Over);
         let (steps, is_handle) = match stage {
-            Stage::New(request, call) => match self.begin(py, request, call) {
+            CallStage::New(request, call) => match self.begin(py, request, call) {
                 Ok(begun) => begun,
                 Err(error) => return self.failed(py, error),
             },
-            Stage::Handle(steps) => (steps.into_bound(py), true),
-            Stage::Driver(steps) => (steps.into_bound(py), false),
-            Stage::Over => return Ok(None),
+            CallStage::Handle(steps) => (steps.into_bound(py), true),
+            CallStage::Driver(steps) => (steps.into_bound(py), false),
+            CallStage::Over => return Ok(None),
         };
         let sent = steps.send(&PyNone::get(py));
         self.went(py, steps, is_handle, sent)
     }
 
-    fn step_from<'py>(&self, py: Python<'py>, error: &Bound<'py, PyTuple>) -> Step<'py> {
-        let stage = mem::replace(&mut *self.stage(), Stage::Over);
+    fn step_from<'py>(&self, py: Python<'py>, error: &Bound<'py, PyTuple>) -> StepResult<'py> {
+        let stage = mem::replace(&mut *self.stage(), CallStage::Over);
         let (steps, is_handle) = match stage {
             // As a coroutine that has not begun.
-            Stage::New(..) | Stage::Over => return Err(PyErr::from_value(error.get_item(0)?)),
-            Stage::Handle(steps) => (steps.into_bound(py), true),
-            Stage::Driver(steps) => (steps.into_bound(py), false),
+            CallStage::New(..) | CallStage::Over => {
+                return Err(PyErr::from_value(error.get_item(0)?));
+            }
+            CallStage::Handle(steps) => (steps.into_bound(py), true),
+            CallStage::Driver(steps) => (steps.into_bound(py), false),
         };
         let sent = match steps.call_method1(intern!(py, "throw"), error.clone()) {
             Ok(pause) => Ok(PySendResult::Next(pause)),
@@ -159,11 +161,12 @@ impl SourceCall {
         steps: Bound<'py, PyIterator>,
         is_handle: bool,
         sent: PyResult<PySendResult<'py>>,
-    ) -> Step<'py> {
+    ) -> StepResult<'py> {
         match sent {
             Ok(PySendResult::Next(pause)) => {
                 let steps = steps.unbind();
-                *self.stage() = if is_handle { Stage::Handle(steps) } else { Stage::Driver(steps) };
+                *self.stage() =
+                    if is_handle { CallStage::Handle(steps) } else { CallStage::Driver(steps) };
                 Ok(Some(pause))
             }
             Ok(PySendResult::Return(response)) if is_handle => self.returned(py, response),
@@ -196,13 +199,13 @@ impl SourceCall {
     }
 
     /// The handle returned this.
-    fn returned<'py>(&self, py: Python<'py>, response: Bound<'py, PyAny>) -> Step<'py> {
+    fn returned<'py>(&self, py: Python<'py>, response: Bound<'py, PyAny>) -> StepResult<'py> {
         let value = match self.value_of(py, response) {
             Ok((value, false)) => value,
             Ok((value, true)) => {
                 let arguments = (self.p, &self.t, value);
                 let later = self.driver(py).call_method1(intern!(py, "_value_later"), arguments)?;
-                *self.stage() = Stage::Driver(steps_of(&later)?.unbind());
+                *self.stage() = CallStage::Driver(steps_of(&later)?.unbind());
                 return self.step(py);
             }
             Err(error) => return self.failed(py, error),
@@ -238,7 +241,7 @@ impl SourceCall {
     }
 
     /// D7: an error of a call or of local is a failure, and no other message notices.
-    fn failed<'py>(&self, py: Python<'py>, error: PyErr) -> Step<'py> {
+    fn failed<'py>(&self, py: Python<'py>, error: PyErr) -> StepResult<'py> {
         let arguments = (self.p, &self.t, error.into_value(py));
         self.driver(py).call_method1(intern!(py, "_failed"), arguments)?;
         Ok(None)
@@ -252,7 +255,7 @@ impl SourceCall {
         self.calls.get().driver.bind(py)
     }
 
-    fn stage(&self) -> MutexGuard<'_, Stage> {
+    fn stage(&self) -> MutexGuard<'_, CallStage> {
         self.stage.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
