@@ -120,22 +120,27 @@ impl WorkCopy<'_> {
         command
     }
 
-    /// pytest on the copy's package, which gets the compiled part that is installed.
+    /// pytest on the copy's package, which gets the compiled part that is built of the copy.
     fn pytest(&self, arguments: &[&str]) -> Result<Command, EvidenceError> {
-        let missing = |_| EvidenceError::Tool {
-            tool: self.python.display().to_string(),
-            remedy: "run .ci/python".to_owned(),
-        };
-        let installed = Command::new(&self.python)
-            .args(["-c", "import fuseline._fuseline as it; print(it.__file__, end='')"])
-            .env_remove("PYTHONPATH")
-            .current_dir(&self.target)
-            .output()
-            .map_err(missing)?;
-        let compiled = PathBuf::from(&*String::from_utf8_lossy(&installed.stdout));
-        let package = self.copy.path("adapters/python/python");
-        let there = package.join("fuseline").join(compiled.file_name().unwrap_or_default());
-        fs::copy(&compiled, there).map_err(missing)?;
+        let folder = self.copy.path("adapters/python");
+        let package = folder.join("python");
+        let target = self.target.join("python");
+        let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+        let mut build = Command::new(cargo);
+        build
+            .args(["build", "--locked", "--quiet", "--profile", "landing", "--target-dir"])
+            .arg(&target)
+            .current_dir(&folder)
+            .envs([("CARGO_NET_OFFLINE", "true"), ("PYO3_BUILD_EXTENSION_MODULE", "1")])
+            .env("PYO3_PYTHON", &self.python);
+        let ended = build.status().map_err(EvidenceError::file(&folder))?;
+        if !ended.success() {
+            let why = format!("the compiled part does not build: {ended}; run .ci/python");
+            return Err(EvidenceError::content(&folder, why));
+        }
+        let there = package.join("fuseline/_fuseline.abi3.so");
+        let built = target.join("landing/lib_fuseline.so");
+        fs::copy(&built, there).map_err(EvidenceError::file(&built))?;
         let mut command = Command::new("sh");
         command
             .args(["-c", BOUNDED, "sh"])

@@ -1,17 +1,17 @@
-//! Operators in Python: faults of the wheel's own modules. Its compiled part is the one that is installed, without a fault.
+//! Operators in Python: faults of the wheel, in its modules and in its compiled part.
 
 use super::{EvidenceKind, RunMethod};
 use crate::citation::cited_by_pytest;
 use crate::printed::read_pytest;
 
-/// The wheel's modules in Python.
-const MODULES: &str = "adapters/python/python/fuseline/";
+/// The wheel's modules in Python, and what is compiled.
+const WHEEL: [&str; 2] = ["adapters/python/python/fuseline/", "adapters/python/src/"];
 
 pub(super) const PYTHON: EvidenceKind = EvidenceKind {
     name: "python",
     title: "tests of operators in Python",
     applies: |_| false,
-    concerns: |fault| fault.file.starts_with(MODULES),
+    concerns: |fault| WHEEL.iter().any(|folder| fault.file.starts_with(folder)),
     run: RunMethod::Pytest {
         arguments: &[
             "tests/test_accounts.py",
@@ -23,6 +23,7 @@ pub(super) const PYTHON: EvidenceKind = EvidenceKind {
             "tests/test_recovery.py",
             "tests/test_robot.py",
             "tests/test_states.py",
+            "tests/test_tasks.py",
             "tests/test_threads.py",
         ],
     },
@@ -39,6 +40,9 @@ pub(super) const PYTHON: EvidenceKind = EvidenceKind {
         "adapters/python/python/fuseline/_threads.py",
         "adapters/python/python/fuseline/robot.py",
         "adapters/python/python/fuseline/testing.py",
+        "adapters/python/src/calls.rs",
+        "adapters/python/src/calls/source.rs",
+        "adapters/python/src/calls/task.rs",
         "adapters/python/tests/conftest.py",
         "adapters/python/tests/operator_support.py",
         "adapters/python/tests/test_accounts.py",
@@ -50,6 +54,7 @@ pub(super) const PYTHON: EvidenceKind = EvidenceKind {
         "adapters/python/tests/test_recovery.py",
         "adapters/python/tests/test_robot.py",
         "adapters/python/tests/test_states.py",
+        "adapters/python/tests/test_tasks.py",
         "adapters/python/tests/test_threads.py",
     ],
     read: read_pytest,
