@@ -139,8 +139,8 @@ impl WorkCopy<'_> {
             return Err(EvidenceError::content(&folder, why));
         }
         let there = package.join("fuseline/_fuseline.abi3.so");
-        let built = target.join("landing/lib_fuseline.so");
-        fs::copy(&built, there).map_err(EvidenceError::file(&built))?;
+        let library = target.join("landing/lib_fuseline.so");
+        fs::copy(&library, there).map_err(EvidenceError::file(&library))?;
         let mut command = Command::new("sh");
         command
             .args(["-c", BOUNDED, "sh"])
