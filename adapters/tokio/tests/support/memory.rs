@@ -31,6 +31,8 @@ pub(crate) struct MemoryServer {
     stop: oneshot::Sender<()>,
     task: JoinHandle<Result<(), ServeError>>,
     computing: Arc<AtomicUsize>,
+    /// Failures to accept after which the server has not tried again.
+    failures: Arc<AtomicUsize>,
 }
 
 /// A computation that runs.
@@ -58,14 +60,19 @@ impl MemoryServer {
                 Ok(Reply { payload: vec![7; bytes].into(), ..Reply::default() })
             }
         };
-        let incoming = stream::unfold(arrivals, async |mut arrivals| {
-            arrivals.recv().await.map(|arrival: IncomingStream| (arrival, arrivals))
+        let failures = Arc::new(AtomicUsize::new(0));
+        let state = (arrivals, Arc::clone(&failures), false);
+        let incoming = stream::unfold(state, async |(mut arrivals, failures, has_failed)| {
+            failures.fetch_sub(usize::from(has_failed), Ordering::Relaxed);
+            let arrival: IncomingStream = arrivals.recv().await?;
+            let has_failed = arrival.is_err();
+            Some((arrival, (arrivals, failures, has_failed)))
         });
         let until = async move {
             let _ = stopped.await;
         };
         let task = tokio::spawn(serve_with_incoming(infer, server, incoming, until));
-        Self { door, stop, task, computing }
+        Self { door, stop, task, computing, failures }
     }
 
     /// The client's end of a new connection.
@@ -77,7 +84,15 @@ impl MemoryServer {
 
     /// Accepting fails, as when no descriptor is free.
     pub(crate) fn fail_to_accept(&self) {
+        self.failures.fetch_add(1, Ordering::Relaxed);
         self.door.send(Err(io::Error::from_raw_os_error(24))).unwrap();
+    }
+
+    /// Until whoever comes is let in at once.
+    pub(crate) async fn accepts(&self) {
+        while self.failures.load(Ordering::Relaxed) > 0 {
+            sleep(Duration::from_millis(10)).await;
+        }
     }
 
     pub(crate) async fn visit(&self, from: IpAddr) -> Visitor {

@@ -75,6 +75,10 @@ pub(crate) async fn come(
     from: IpAddr,
     rng: &mut Rng,
 ) -> Option<String> {
+    // Its bounds count from when it is let in.
+    if kind != StrangerKind::NoDescriptor {
+        here.server.accepts().await;
+    }
     match kind {
         StrangerKind::Mute => mute(here, from, rng).await,
         StrangerKind::Unknown => unknown(here, from).await,
