@@ -71,6 +71,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
     ///
     /// Call it until it is [`At::Ready`], at most once for each armed timer and once more.
     /// A tick is such a call with no input after it.
+    #[inline]
     pub fn at(&mut self, now: Instant) -> At<'_, CLOUDS, WINDOW> {
         match self.first_due(now) {
             Some((index, due)) => At::Fired(self.fire(index, due)),
@@ -207,6 +208,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
     }
 
     /// F0: moves the clock. The first timestamp with a timer that is due by then, and when it is.
+    #[inline]
     fn first_due(&mut self, now: Instant) -> Option<(OpenIndex, Instant)> {
         self.now = self.now.max(now);
         // F5 due: the due instant itself is past (A1).
