@@ -9,7 +9,6 @@
 use core::ffi::{c_char, c_void};
 
 use crate::header::{StorageHeader, answer_target};
-use crate::inputs::{MessageInput, OfferArguments};
 use crate::names;
 use crate::plain::{CAnswer, CConfig, CMessage, CState, CStatus, FUSELINE_ABI};
 use crate::storage::{self, CMachine, IdleStorage, Storage, with_room};
@@ -115,7 +114,7 @@ pub unsafe extern "C" fn fuseline_open(
     t: u64,
     answer: *mut CAnswer,
 ) -> CStatus {
-    call!(machine, answer, submit(now, t, MessageInput::Open))
+    call!(machine, answer, open(now, t))
 }
 
 /// F1: a message with timestamp `t` came, and local may take `deadline` nanoseconds for it.
@@ -128,7 +127,7 @@ pub unsafe extern "C" fn fuseline_open_within(
     deadline: u64,
     answer: *mut CAnswer,
 ) -> CStatus {
-    call!(machine, answer, submit(now, t, MessageInput::OpenWithin(deadline)))
+    call!(machine, answer, open_within(now, t, deadline))
 }
 
 /// F2: may message `t` be sent to cloud `p`, which may take `deadline` nanoseconds and in whose outgoing queue
@@ -144,11 +143,7 @@ pub unsafe extern "C" fn fuseline_offer(
     backlog: u64,
     answer: *mut CAnswer,
 ) -> CStatus {
-    call!(
-        machine,
-        answer,
-        submit(now, t, MessageInput::Offer(&OfferArguments { p, deadline, backlog }))
-    )
+    call!(machine, answer, offer(now, t, p, deadline, backlog))
 }
 
 /// F3: the result of source `p` came; 0 is local.
@@ -161,7 +156,7 @@ pub unsafe extern "C" fn fuseline_result(
     p: u64,
     answer: *mut CAnswer,
 ) -> CStatus {
-    call!(machine, answer, submit(now, t, MessageInput::Result(p)))
+    call!(machine, answer, result(now, t, p))
 }
 
 /// F4: no result will come from source `p`; 0 is local.
@@ -174,7 +169,7 @@ pub unsafe extern "C" fn fuseline_fail(
     p: u64,
     answer: *mut CAnswer,
 ) -> CStatus {
-    call!(machine, answer, submit(now, t, MessageInput::Fail(p)))
+    call!(machine, answer, fail(now, t, p))
 }
 
 /// F0: time went by. Call it at the next due instant, and as often besides as you like (P10).
@@ -185,7 +180,7 @@ pub unsafe extern "C" fn fuseline_tick(
     now: u64,
     answer: *mut CAnswer,
 ) -> CStatus {
-    call!(machine, answer, submit(now, 0, MessageInput::Tick))
+    call!(machine, answer, tick(now))
 }
 
 /// Question: the earliest instant at which a timer is due, or FUSELINE_STATUS_NONE if none is armed.

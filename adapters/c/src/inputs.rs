@@ -4,69 +4,13 @@ use core::mem::MaybeUninit;
 
 use fuseline_core::{
     Admission, DropReason, Firing, Fusion, Instant, OfferRefusal, OpenRefusal, Opening, Outcome,
-    Priorities, Priority, Ready, Source, Timestamp,
+    Priorities, Priority, Source, Timestamp,
 };
 
-use crate::header::StorageHeader;
 use crate::plain::{CAnswer, CMessage, COutcome, CReason, CState, CStatus, FUSELINE_SOURCES};
 
 /// Where an answer will be written.
 pub(crate) type AnswerPointer<'a, T> = &'a mut MaybeUninit<T>;
-
-/// An input of SPEC.md, for one timestamp.
-#[derive(Clone, Copy)]
-pub(crate) enum MessageInput<'a> {
-    /// F1: a message came.
-    Open,
-    /// F1: a message came, and local has this deadline.
-    OpenWithin(u64),
-    /// F2.
-    Offer(&'a OfferArguments),
-    /// F3: of this source.
-    Result(u64),
-    /// F4: of this source.
-    Fail(u64),
-    /// F0.
-    Tick,
-}
-
-/// F2: the cloud, its deadline and the length of its queue.
-pub(crate) struct OfferArguments {
-    pub(crate) p: u64,
-    pub(crate) deadline: u64,
-    pub(crate) backlog: u64,
-}
-
-pub(crate) fn apply<const CLOUDS: usize, const WINDOW: usize>(
-    mut ready: Ready<'_, CLOUDS, WINDOW>,
-    t: Timestamp,
-    input: MessageInput,
-    header: &StorageHeader,
-    answer: &mut CAnswer,
-) {
-    // F3 unknown, F4 unknown: what does not fit 16 bits cannot be registered (A18).
-    let unknown = Outcome::Dropped(DropReason::Unknown);
-    match input {
-        MessageInput::Open => write_opening(answer, ready.open(t, None)),
-        MessageInput::OpenWithin(deadline) => {
-            write_opening(answer, ready.open(t, Some(header.deadline(deadline))));
-        }
-        MessageInput::Offer(&OfferArguments { p, deadline, backlog }) => {
-            // F2 unknown: as for a result.
-            let admission = priority(p).map_or(Admission::Refused(OfferRefusal::Unknown), |p| {
-                ready.offer(t, p, header.deadline(deadline), backlog)
-            });
-            write_admission(answer, admission);
-        }
-        MessageInput::Result(p) => {
-            write_answer(answer, &priority(p).map_or(unknown, |p| ready.result(t, p)));
-        }
-        MessageInput::Fail(p) => {
-            write_answer(answer, &priority(p).map_or(unknown, |p| ready.fail(t, p)));
-        }
-        MessageInput::Tick => {}
-    }
-}
 
 /// What is requested, or [`CStatus::None`], which writes nothing.
 pub(crate) fn answer_list<T>(value: Option<T>, target: AnswerPointer<T>) -> CStatus {

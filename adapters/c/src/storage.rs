@@ -5,11 +5,14 @@
 use core::cell::UnsafeCell;
 use core::ffi::c_void;
 
-use fuseline_core::{At, Cloud, Fusion, Instant, Timestamp};
+use fuseline_core::{
+    Admission, At, Cloud, DropReason, Fusion, Instant, OfferRefusal, Outcome, Ready, Timestamp,
+};
 
 use crate::header::{NO_CLOUDS, StorageHeader, StorageKind, rule, status_of, validated_config};
 use crate::inputs::{
-    AnswerPointer, MessageInput, answer_list, apply, looked, looked_at, priority, write_firing,
+    AnswerPointer, answer_list, looked, looked_at, priority, write_admission, write_answer,
+    write_firing, write_opening,
 };
 use crate::plain::{
     CAnswer, CConfig, CMessage, CState, CStatus, FUSELINE_BYTES, FUSELINE_BYTES_A_CLOUD,
@@ -119,8 +122,11 @@ pub(crate) struct IdleStorage<'a, const CLOUDS: usize, const WINDOW: usize>(
     &'a Storage<CLOUDS, WINDOW>,
 );
 
+// The inputs are not inlined, so that there is one of each for each capacity, with the arguments where the caller put them.
 impl<const CLOUDS: usize, const WINDOW: usize> IdleStorage<'_, CLOUDS, WINDOW> {
     const CAPACITY: u32 = capacity_of(CLOUDS, WINDOW);
+    /// F3 unknown, F4 unknown: what does not fit 16 bits cannot be registered (A18).
+    const UNKNOWN: Outcome<CLOUDS> = Outcome::Dropped(DropReason::Unknown);
 
     /// # Safety
     /// A storage of this capacity was written here, no call is under way, and no other thread calls at the same time.
@@ -153,33 +159,101 @@ impl<const CLOUDS: usize, const WINDOW: usize> IdleStorage<'_, CLOUDS, WINDOW> {
         })
     }
 
-    /// One firing (F5), or the input's own answer. Not inlined, so that there is one of each capacity.
+    /// F1.
     #[inline(never)]
-    pub(crate) fn submit(
+    pub(crate) fn open(self, now: u64, t: u64, answer: AnswerPointer<CAnswer>) -> CStatus {
+        self.submit(now, t, answer, |mut ready, _, answer| {
+            write_opening(answer, ready.open(Timestamp::new(t), None));
+        })
+    }
+
+    /// F1: with this deadline.
+    #[inline(never)]
+    pub(crate) fn open_within(
         self,
         now: u64,
         t: u64,
-        input: MessageInput,
+        deadline: u64,
         answer: AnswerPointer<CAnswer>,
     ) -> CStatus {
+        self.submit(now, t, answer, |mut ready, header, answer| {
+            let deadline = Some(header.deadline(deadline));
+            write_opening(answer, ready.open(Timestamp::new(t), deadline));
+        })
+    }
+
+    /// F2: of a cloud with this priority.
+    #[inline(never)]
+    pub(crate) fn offer(
+        self,
+        now: u64,
+        t: u64,
+        p: u64,
+        deadline: u64,
+        backlog: u64,
+        answer: AnswerPointer<CAnswer>,
+    ) -> CStatus {
+        self.submit(now, t, answer, |mut ready, header, answer| {
+            // F2 unknown: what does not fit 16 bits cannot be registered (A18).
+            let admission = priority(p).map_or(Admission::Refused(OfferRefusal::Unknown), |p| {
+                ready.offer(Timestamp::new(t), p, header.deadline(deadline), backlog)
+            });
+            write_admission(answer, admission);
+        })
+    }
+
+    /// F3: of this source.
+    #[inline(never)]
+    pub(crate) fn result(
+        self,
+        now: u64,
+        t: u64,
+        p: u64,
+        answer: AnswerPointer<CAnswer>,
+    ) -> CStatus {
+        self.submit(now, t, answer, |mut ready, _, answer| {
+            let result = |p| ready.result(Timestamp::new(t), p);
+            write_answer(answer, &priority(p).map_or(Self::UNKNOWN, result));
+        })
+    }
+
+    /// F4: of this source.
+    #[inline(never)]
+    pub(crate) fn fail(self, now: u64, t: u64, p: u64, answer: AnswerPointer<CAnswer>) -> CStatus {
+        self.submit(now, t, answer, |mut ready, _, answer| {
+            let fail = |p| ready.fail(Timestamp::new(t), p);
+            write_answer(answer, &priority(p).map_or(Self::UNKNOWN, fail));
+        })
+    }
+
+    /// F0.
+    #[inline(never)]
+    pub(crate) fn tick(self, now: u64, answer: AnswerPointer<CAnswer>) -> CStatus {
+        self.submit(now, 0, answer, |_, _, _| ())
+    }
+
+    /// One firing (F5), or the input's own answer.
+    #[inline]
+    fn submit(
+        self,
+        now: u64,
+        t: u64,
+        answer: AnswerPointer<CAnswer>,
+        input: impl FnOnce(Ready<'_, CLOUDS, WINDOW>, &StorageHeader, &mut CAnswer),
+    ) -> CStatus {
         self.enter(|fusion, header| {
-            let at = fusion.now().as_nanos().max(now);
-            let answer = answer.write(CAnswer { at, t, ..CAnswer::EMPTY });
-            match fusion.at(Instant::from_nanos(now)) {
-                At::Fired(ref firing) => {
-                    write_firing(answer, firing);
-                    CStatus::Again
-                }
-                At::Ready(ready) => {
-                    apply(ready, Timestamp::new(t), input, header, answer);
-                    CStatus::Done
-                }
+            let now = Instant::from_nanos(now).max(fusion.now());
+            let answer = answer.write(CAnswer { at: now.as_nanos(), t, ..CAnswer::EMPTY });
+            if fusion.next_due().is_some_and(|due| due <= now) {
+                return fire(fusion, now, answer);
             }
+            fire_or(fusion, now, answer, |ready, answer| input(ready, header, answer))
         })
     }
 
     /// Runs `call` with the machine; whatever interrupts it finds it busy.
     #[expect(unsafe_code, reason = "the machine is behind a shared reference")]
+    #[inline]
     fn enter(
         self,
         call: impl FnOnce(&mut Fusion<CLOUDS, WINDOW>, &StorageHeader) -> CStatus,
@@ -190,6 +264,36 @@ impl<const CLOUDS: usize, const WINDOW: usize> IdleStorage<'_, CLOUDS, WINDOW> {
         let status = call(unsafe { &mut *self.0.fusion.get() }, header);
         header.done(Self::CAPACITY);
         status
+    }
+}
+
+/// One firing. Not inlined, so that an input of which nothing fires needs few registers.
+#[inline(never)]
+fn fire<const CLOUDS: usize, const WINDOW: usize>(
+    fusion: &mut Fusion<CLOUDS, WINDOW>,
+    now: Instant,
+    answer: &mut CAnswer,
+) -> CStatus {
+    fire_or(fusion, now, answer, |_, _| ())
+}
+
+/// One firing, or `input` if nothing is due.
+#[inline]
+fn fire_or<const CLOUDS: usize, const WINDOW: usize>(
+    fusion: &mut Fusion<CLOUDS, WINDOW>,
+    now: Instant,
+    answer: &mut CAnswer,
+    input: impl FnOnce(Ready<'_, CLOUDS, WINDOW>, &mut CAnswer),
+) -> CStatus {
+    match fusion.at(now) {
+        At::Fired(ref firing) => {
+            write_firing(answer, firing);
+            CStatus::Again
+        }
+        At::Ready(ready) => {
+            input(ready, answer);
+            CStatus::Done
+        }
     }
 }
 
