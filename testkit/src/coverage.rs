@@ -434,6 +434,3 @@ fn ordered<T: Copy>(of: &[T]) -> impl Iterator<Item = (T, T)> {
     let after = |i: usize| of.iter().skip(i + 1);
     of.iter().enumerate().flat_map(move |(i, first)| after(i).map(|second| (*first, *second)))
 }
-
-#[cfg(test)]
-mod tests;

@@ -400,6 +400,3 @@ impl InputGenerator {
         len.saturating_sub(1).saturating_sub(back)
     }
 }
-
-#[cfg(test)]
-mod tests;

@@ -521,6 +521,3 @@ pub fn split<'a>(input: &Input, decisions: &'a [Decision]) -> (&'a [Decision], &
 fn violate(violations: &mut Vec<Violation>, promise: Promise, what: impl FnOnce() -> String) {
     violations.push(Violation { promise, what: what() });
 }
-
-#[cfg(test)]
-mod tests;

@@ -3,9 +3,6 @@
 //! A [`Drive`] takes the time as an argument, so that a test in virtual time, a simulation and a proxy can use it. For calls on
 //! tokio it goes into `fuseline_tokio::EmulatedNetwork`, which waits; `fuseline serve --forward` puts it before a server.
 
-#[cfg(test)]
-mod tests;
-
 use std::fs::File;
 use std::io::{self, Read};
 use std::time::Duration;

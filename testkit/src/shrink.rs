@@ -100,6 +100,3 @@ fn simplify<T: Steps + PartialEq, E>(
     }
     Ok(is_simpler)
 }
-
-#[cfg(test)]
-mod tests;

@@ -1,4 +1,4 @@
-use super::*;
+use fuseline_testkit::Rng;
 
 /// The streams of fastrand 2.5, as it drew them.
 #[test]

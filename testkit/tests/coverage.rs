@@ -1,5 +1,5 @@
-use super::*;
-use crate::generate::Generator;
+use fuseline_testkit::{Coverage, CoverageShare, Generator, Mark};
+use fuseline_traces::Commit;
 
 #[test]
 fn a_thousand_generated_runs_reach_every_rule_reason_pair_outcome_and_edge() {

@@ -1,8 +1,9 @@
 //! Each promise is violated when a machine breaks it; the wrong decisions are made up here.
 
-use fuseline_traces::Reference;
-
-use super::*;
+use fuseline_testkit::{Ledger, OperatorConfig, Promise, split};
+use fuseline_traces::{
+    Cloud, Commit, Decision, DropReason, Header, Input, OfferRefusal, OpenRefusal, Reference,
+};
 
 /// The ledger of an operator whose decisions are given.
 struct FaultyOperator {

@@ -1,6 +1,9 @@
 //! Drives that are read, refused and followed.
 
-use super::*;
+use std::time::Duration;
+use std::{fs, io};
+
+use fuseline_testkit::networks::{Drive, DriveError, built_in};
 
 const GAP: &str = "second,rtt_ms\n10,100\n11,-1\n12,-1\n13,50\n14,-1\n";
 
@@ -18,11 +21,12 @@ fn ms(ms: u64) -> Duration {
 
 #[test]
 fn every_built_in_drive_is_readable() {
-    for (name, text) in BUILT_IN {
-        let network = name.starts_with("vnperf").then_some("sprint");
-        let drive = Drive::read(name, network, text.as_bytes()).unwrap();
-        assert_eq!(drive.samples.len(), text.lines().count() - 1, "{name}");
-        assert_eq!(drive.samples[0].at, Duration::ZERO, "{name}");
+    for name in built_in() {
+        let network = if name.starts_with("vnperf") { ":sprint" } else { "" };
+        let drive = Drive::load(&format!("{name}{network}")).unwrap();
+        let text = fs::read_to_string(format!("../testkit/data/{name}.csv")).unwrap();
+        assert_eq!(drive.samples().len(), text.lines().count() - 1, "{name}");
+        assert_eq!(drive.samples().next().unwrap().0, Duration::ZERO, "{name}");
     }
 }
 

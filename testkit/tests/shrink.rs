@@ -1,6 +1,6 @@
 use std::convert::Infallible;
 
-use super::*;
+use fuseline_testkit::{Simplification, Steps, shrink};
 
 fn none<T>(_: &T) -> Vec<Simplification<T>> {
     Vec::new()
