@@ -37,7 +37,7 @@ impl Operator for ChangeableOperator {
                 _ => Ok(message),
             }
         };
-        let deadline = Duration::from_millis(2);
+        let deadline = Duration::from_millis(1);
         let cloud = setup.use_cloud(handle, move |message, _| Some((*message, deadline)), Ok, 1);
         cloud.linger = deadline;
         setup.use_hints(|_| {});

@@ -459,17 +459,20 @@ async fn garbage_on_the_port_is_closed_and_named() {
         .await;
         LOG.wait_for_log("HTTP/2: ").await;
     }
-    // Nothing, half of the preface, and a greeting without a call.
+    // Nothing, half of the preface, and a greeting without a call, at the same time: the log names one and counts the others.
     let bounds = Bounds { greeting: Duration::from_secs(2), ..WIDE };
-    for garbage in [&b""[..], b"PRI * HTTP/2", &hostile::GREETING] {
-        under(bounds, async |mut raw: Raw| {
+    under(bounds, async |known: Raw| {
+        let silent = [&b""[..], b"PRI * HTTP/2", &hostile::GREETING];
+        join_all(silent.map(async |garbage| {
+            let mut raw = Raw::new(known.address);
             raw.open().await;
             raw.bytes(garbage).await;
             raw.ended().await;
-        })
+        }))
         .await;
-        LOG.wait_for_log("it made no call in time").await;
-    }
+    })
+    .await;
+    LOG.wait_for_log("it made no call in time").await;
     // The same before a handshake of TLS.
     let identity = Some(Ca::new().sign("localhost"));
     let cloud =
@@ -514,8 +517,9 @@ async fn a_call_ends_with_its_deadline_though_the_client_goes_on() {
     cloud.kill();
 }
 
-/// How many connect at the same time.
-const TURNS: usize = 500;
+/// How many connect at the same time: fewer than the 128 that std's listener has in its queue, since who finds it full tries
+/// again after a second.
+const TURNS: usize = 50;
 
 /// Connects from one of 200 addresses.
 async fn knock(address: SocketAddr, host: usize) -> std::io::Result<TcpStream> {
