@@ -2,7 +2,6 @@
 
 mod coverage;
 mod generate;
-mod ledger;
 mod networks;
 mod promises;
 mod rng;

@@ -228,3 +228,31 @@ fn a_failed_request_binds_p12_until_its_due_instant_and_a_deadline_of_local_does
     assert!(!liar.fire(2, &[]).contains(&Promise::P12));
     assert!(liar.fire(3, &[]).contains(&Promise::P12));
 }
+
+#[test]
+fn a_timer_that_was_never_armed_breaks_p8() {
+    let mut liar = FaultyOperator::with_request(Commit::Eager);
+    assert_eq!(liar.fire(1, &[Decision::Timer { at: 1, t: 0, p: 2 }]), [Promise::P8]);
+}
+
+#[test]
+fn a_request_with_another_due_instant_breaks_p8() {
+    let mut liar = FaultyOperator::with_request(Commit::Eager);
+    let offer = Input::Offer { at: 0, t: 0, p: 2, deadline: 3, backlog: 0 };
+    assert_eq!(liar.lie(&offer, &[Decision::Request { at: 0, t: 0, p: 2, due: 4 }]), [Promise::P8]);
+}
+
+#[test]
+fn a_miss_while_a_result_may_still_come_breaks_p7() {
+    let mut liar = FaultyOperator::with_request(Commit::Eager);
+    liar.honest(&Input::Fail { at: 1, t: 0, p: 0 });
+    assert!(liar.fire(2, &[Decision::Miss { at: 2, t: 0 }]).contains(&Promise::P7));
+}
+
+#[test]
+fn a_timestamp_that_outlives_its_latest_due_instant_breaks_p7() {
+    let mut liar = FaultyOperator::new(Commit::Eager);
+    liar.honest(&Input::Open { at: 0, t: 0, deadline: Some(2) });
+    liar.honest(&Input::Offer { at: 0, t: 0, p: 5, deadline: 3, backlog: 0 });
+    assert!(liar.fire(3, &[]).contains(&Promise::P7));
+}
