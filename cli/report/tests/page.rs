@@ -3,6 +3,7 @@
 #[path = "../../tests/common/drawn.rs"]
 mod drawn;
 #[path = "../../tests/common/recount.rs"]
+#[expect(dead_code, reason = "what is exported of calls is of no page")]
 mod recount;
 
 use std::cmp::Reverse;

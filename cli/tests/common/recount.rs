@@ -6,7 +6,6 @@ use super::drawn::DrawnTrace;
 
 /// Local's computation or a request, from its begin to its end.
 #[derive(Debug)]
-#[allow(dead_code, reason = "not every test reads each")]
 pub(crate) struct RecountedCall {
     pub(crate) t: u64,
     pub(crate) p: u64,
@@ -29,7 +28,6 @@ pub(crate) enum RecountedEnd {
 }
 
 /// An accepted message.
-#[allow(dead_code, reason = "not every test reads each")]
 pub(crate) struct RecountedSpan {
     /// Which event opens it.
     pub(crate) index: usize,
