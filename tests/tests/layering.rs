@@ -4,22 +4,36 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use cargo_lock::Lockfile;
 use cargo_metadata::{DependencyKind, MetadataCommand, Package, Target};
 use ignore::WalkBuilder;
+use serde::Deserialize;
 
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 
 /// Every package that each package depends on, by whatever kind of dependency, feature and target.
 type Graph = BTreeMap<String, BTreeSet<String>>;
 
+#[derive(Deserialize)]
+struct Lockfile {
+    package: Vec<LockedPackage>,
+}
+
+#[derive(Deserialize)]
+struct LockedPackage {
+    name: String,
+    /// Names, each with a version behind it where two are locked.
+    #[serde(default)]
+    dependencies: Vec<String>,
+}
+
 /// The graph as locked: unlike cargo's own it needs no package of another platform to be there.
 fn graph() -> Graph {
-    let lock = Lockfile::load(format!("{ROOT}/Cargo.lock")).expect("the workspace is locked");
+    let lock = fs::read_to_string(format!("{ROOT}/Cargo.lock")).expect("the workspace is locked");
+    let lock: Lockfile = toml::from_str(&lock).expect("cargo wrote it");
     let mut graph = Graph::new();
-    for package in lock.packages {
-        let to = package.dependencies.iter().map(|dependency| dependency.name.to_string());
-        graph.entry(package.name.to_string()).or_default().extend(to);
+    for package in lock.package {
+        let to = package.dependencies.iter().filter_map(|dependency| dependency.split(' ').next());
+        graph.entry(package.name).or_default().extend(to.map(str::to_owned));
     }
     graph
 }
@@ -52,6 +66,38 @@ fn members() -> Vec<Package> {
 fn member(name: &str) -> Package {
     let mut packages = members().into_iter();
     packages.find(|package| package.name.as_str() == name).expect("it is a member")
+}
+
+/// Cargo builds no program for tests of a target that says so, and would pass over tests in it.
+#[test]
+fn a_target_without_tests_has_none() {
+    let mut untested = 0;
+    for target in
+        members().into_iter().flat_map(|package| package.targets).filter(|target| !target.test)
+    {
+        let is_bench_or_build =
+            target.is_bench() || target.is_custom_build() || target.is_example();
+        if is_bench_or_build {
+            continue;
+        }
+        untested += 1;
+        let root = target.src_path.into_std_path_buf();
+        let is_lib = root.ends_with("lib.rs");
+        let files: Vec<PathBuf> = match root.parent().filter(|_| is_lib) {
+            Some(folder) => WalkBuilder::new(folder)
+                .build()
+                .map(|file| file.expect("a readable folder").into_path())
+                .collect(),
+            None => vec![root],
+        };
+        for file in
+            files.iter().filter(|file| file.is_file() && !(is_lib && file.ends_with("main.rs")))
+        {
+            let text = fs::read_to_string(file).expect("UTF-8");
+            assert!(!text.contains("#[test]"), "{} has tests that are not run", file.display());
+        }
+    }
+    assert!(untested > 10, "only {untested} targets say that they have no tests");
 }
 
 /// Cargo finds no tests by itself in a folder whose files are modules of one program.
