@@ -71,7 +71,16 @@ impl Exploration {
 pub fn check(
     config: &'static World,
     effort: CheckOptions,
-    progress: impl FnMut(usize),
+    mut progress: impl FnMut(usize),
+) -> Result<Exploration, CheckError> {
+    // So that the search is compiled here, and not by each caller.
+    check_all_states(config, effort, &mut progress)
+}
+
+fn check_all_states(
+    config: &'static World,
+    effort: CheckOptions,
+    progress: &mut dyn FnMut(usize),
 ) -> Result<Exploration, CheckError> {
     let operator = Operator::new(config);
     if operator.init_states().is_empty() {
@@ -90,7 +99,7 @@ fn search(
     config: &'static World,
     effort: CheckOptions,
     mut checker: impl Checker<Operator>,
-    mut progress: impl FnMut(usize),
+    progress: &mut dyn FnMut(usize),
 ) -> Result<Exploration, CheckError> {
     let begin = Instant::now();
     let workers = checker.handles();
