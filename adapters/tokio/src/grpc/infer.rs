@@ -2,6 +2,7 @@
 //! that no code generator is needed to build it.
 
 use std::convert::Infallible;
+use std::fmt;
 use std::future::{Ready, ready};
 use std::sync::Arc;
 use std::task::{Context, Poll};
@@ -196,45 +197,67 @@ where
     }
 }
 
-/// The service's server side, for `tonic::transport::Server::add_service`.
-#[derive(Debug)]
-pub struct InferServer<T>(Arc<T>);
+/// An [`Infer`] of whatever type, so that a server is compiled once and not for each.
+trait BoxedInfer: Send + Sync {
+    fn infer(
+        self: Arc<Self>,
+        request: Request,
+    ) -> BoxFuture<'static, Result<Response<Reply>, Status>>;
 
-impl<T: Infer> InferServer<T> {
+    fn describe(&self) -> Option<Description>;
+}
+
+impl<T: Infer> BoxedInfer for T {
+    fn infer(
+        self: Arc<Self>,
+        request: Request,
+    ) -> BoxFuture<'static, Result<Response<Reply>, Status>> {
+        Box::pin(async move { Infer::infer(&*self, request).await.map(Response::new) })
+    }
+
+    fn describe(&self) -> Option<Description> {
+        Infer::describe(self)
+    }
+}
+
+/// The service's server side, for `tonic::transport::Server::add_service`.
+#[derive(Clone)]
+pub struct InferServer(Arc<dyn BoxedInfer>);
+
+impl InferServer {
     /// A service that answers with `infer`.
     #[must_use]
-    pub fn new(infer: T) -> Self {
+    pub fn new(infer: impl Infer) -> Self {
         Self(Arc::new(infer))
     }
 }
 
-impl<T> Clone for InferServer<T> {
-    fn clone(&self) -> Self {
-        Self(Arc::clone(&self.0))
+impl fmt::Debug for InferServer {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("InferServer").finish_non_exhaustive()
     }
 }
 
-impl<T> NamedService for InferServer<T> {
+impl NamedService for InferServer {
     const NAME: &'static str = "fuseline.v1.Infer";
 }
 
 /// Computes messages.
-struct ComputeService<T>(Arc<T>);
+struct ComputeService(Arc<dyn BoxedInfer>);
 
 /// Sends the description of what is served.
-struct DescribeService<T>(Arc<T>);
+struct DescribeService(Arc<dyn BoxedInfer>);
 
-impl<T: Infer> UnaryService<Request> for ComputeService<T> {
+impl UnaryService<Request> for ComputeService {
     type Response = Reply;
     type Future = BoxFuture<'static, Result<Response<Reply>, Status>>;
 
     fn call(&mut self, request: tonic::Request<Request>) -> Self::Future {
-        let infer = Arc::clone(&self.0);
-        Box::pin(async move { infer.infer(request.into_inner()).await.map(Response::new) })
+        Arc::clone(&self.0).infer(request.into_inner())
     }
 }
 
-impl<T: Infer> UnaryService<()> for DescribeService<T> {
+impl UnaryService<()> for DescribeService {
     type Response = Description;
     type Future = Ready<Result<Response<Description>, Status>>;
 
@@ -244,7 +267,7 @@ impl<T: Infer> UnaryService<()> for DescribeService<T> {
     }
 }
 
-impl<T: Infer> Service<http::Request<Body>> for InferServer<T> {
+impl Service<http::Request<Body>> for InferServer {
     type Response = http::Response<Body>;
     type Error = Infallible;
     type Future = BoxFuture<'static, Result<Self::Response, Infallible>>;

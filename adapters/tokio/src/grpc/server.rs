@@ -118,7 +118,7 @@ where
                 accepted = incoming.next() => match accepted {
                     Some(Ok((socket, peer))) => match limits.permit(peer.ip()) {
                         Ok(permit) => {
-                            connections.spawn(connection_handler.clone().run(socket, peer, permit));
+                            connections.spawn(connection_handler.clone().run(Box::new(socket), peer, permit));
                         }
                         Err(why) => limits.log(peer, &why),
                     },

@@ -21,7 +21,7 @@ use tonic::Status;
 use tonic::body::Body;
 use tonic::codegen::Service;
 
-use crate::grpc::infer::{Infer, InferServer};
+use crate::grpc::infer::InferServer;
 use crate::grpc::server::connection_watch::ConnectionWatch;
 use crate::grpc::server::held::{ReplyBody, RequestBody, RequestMemory};
 use crate::grpc::server::limits::{ConnectionPermit, RejectReason, ServerLimits};
@@ -40,33 +40,27 @@ const BROKEN: usize = 256;
 /// Bytes of a stream's replies that HTTP/2 holds besides what it was given.
 const SENDING: usize = 64 * 1024;
 
+/// A connection of whatever type, or what TLS makes of it, so that a server is compiled once and not for each.
+pub(crate) trait Socket: AsyncRead + AsyncWrite + Send + Unpin {}
+
+impl<S: AsyncRead + AsyncWrite + Send + Unpin> Socket for S {}
+
 /// What each connection is served with.
-pub(crate) struct ConnectionHandler<T> {
+#[derive(Clone)]
+pub(crate) struct ConnectionHandler {
     pub(crate) limits: Arc<ServerLimits>,
-    pub(crate) infer: InferServer<T>,
+    pub(crate) infer: InferServer,
     pub(crate) auth: AuthCheck,
     pub(crate) tls: Option<TlsAcceptor>,
     /// Ready when no more calls are taken on.
     pub(crate) closing: watch::Receiver<()>,
 }
 
-impl<T> Clone for ConnectionHandler<T> {
-    fn clone(&self) -> Self {
-        Self {
-            limits: Arc::clone(&self.limits),
-            infer: self.infer.clone(),
-            auth: self.auth.clone(),
-            tls: self.tls.clone(),
-            closing: self.closing.clone(),
-        }
-    }
-}
-
-impl<T: Infer> ConnectionHandler<T> {
+impl ConnectionHandler {
     /// Serves a connection until it ends, and logs why if it had to be closed.
     pub(crate) async fn run(
         self,
-        socket: impl AsyncRead + AsyncWrite + Send + Unpin + 'static,
+        socket: Box<dyn Socket>,
         peer: SocketAddr,
         permit: ConnectionPermit,
     ) {
@@ -80,7 +74,7 @@ impl<T: Infer> ConnectionHandler<T> {
                 _ = closing.changed() => return Ok(()),
             };
             let socket = greeting.map_err(|_| RejectReason::Mute)?.map_err(RejectReason::Tls)?;
-            self.serve(socket, peer, since).await
+            self.serve(Box::new(socket), peer, since).await
         };
         if let Err(why) = greeted.await {
             limits.log(peer, &why);
@@ -90,7 +84,7 @@ impl<T: Infer> ConnectionHandler<T> {
 
     async fn serve(
         self,
-        socket: impl AsyncRead + AsyncWrite + Send + Unpin + 'static,
+        socket: Box<dyn Socket>,
         peer: SocketAddr,
         since: Instant,
     ) -> Result<(), RejectReason> {
