@@ -15,7 +15,7 @@ use super::trial::{Bench, Comparison, DriveStop, Transcript};
 /// The most runs that are tried.
 const TRIES: u32 = 4000;
 /// The longest that the search may take.
-const LONGEST: Duration = Duration::from_secs(10);
+const LONGEST: Duration = Duration::from_secs(5);
 
 /// What a run shows, with what was sent and answered.
 pub(super) struct DriveFinding {
