@@ -7,7 +7,7 @@ use std::thread::{self, JoinHandle};
 use fuseline_tokio::grpc::{Identity, Infer, Remote, Server, serve};
 use rcgen::{BasicConstraints, CertificateParams, IsCa, Issuer, KeyPair};
 use std::future::pending;
-use tokio::net::TcpListener;
+use tokio::net::TcpSocket;
 use tokio::sync::oneshot;
 
 /// A server with a runtime of its own, so that it can be killed with all its connections.
@@ -22,11 +22,15 @@ impl Cloud {
     pub(crate) fn start(address: &str, server: Server, infer: impl Infer) -> Self {
         let (kill, killed) = oneshot::channel();
         let (sender, reported) = mpsc::channel();
-        let address = address.to_owned();
+        let address = address.parse().unwrap();
         let thread = thread::spawn(move || {
             let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
             runtime.unwrap().block_on(async {
-                let listener = TcpListener::bind(address).await.unwrap();
+                let socket = TcpSocket::new_v4().unwrap();
+                socket.set_reuseaddr(true).unwrap();
+                socket.bind(address).unwrap();
+                // Who finds the queue full tries again after a second.
+                let listener = socket.listen(4096).unwrap();
                 sender.send(listener.local_addr().unwrap()).unwrap();
                 tokio::select! {
                     ended = serve(infer, server, listener, pending()) => ended.unwrap(),
