@@ -34,6 +34,8 @@ function report(name, ...traces) {
 /** Opens it; whatever it asks for but itself, and whatever goes wrong in it, fails the test. */
 async function open(t, file, { hash = "", scheme = "light", width = 1180, height = 1500 } = {}) {
   const page = await browser.newPage();
+  // On a busy host a page may take half a minute.
+  page.setDefaultTimeout(180_000);
   const wrong = [];
   page.on("pageerror", (error) => wrong.push(error.stack ?? error.message));
   page.on("console", (message) => wrong.push(message.text()));
