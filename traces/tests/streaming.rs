@@ -356,15 +356,12 @@ fn traces() -> impl Strategy<Value = (Terms, Vec<RecordedEvent>)> {
     ];
     let slack = (0..4_u64, 0..6_u64, option::of((0..3_u64, 0..7_u64)));
     let steps = vec((0..12_u64, input), 1..40);
-    // Of 9, 9 and 40 values, drawn as one number, which takes a third of the time.
-    let noise = vec(0..9 * 9 * 40_u64, 160);
+    let noise = vec((0..9_u64, 0..9_u64, 0..40_u8), 160);
     let header = (prop::sample::select(&Commit::ALL[..]), prop::bool::weighted(0.2));
     (header, slack, steps, noise).prop_map(
         |((commit, without_local), (tolerance, lateness, other), steps, noise)| {
             let own = Slack { tolerance, lateness };
             let terms = Terms::new(commit, own, other, without_local);
-            let odd = |n: u64| u8::try_from(n / 81).expect("at most 39");
-            let noise: Vec<_> = noise.into_iter().map(|n| (n % 9, n / 9 % 9, odd(n))).collect();
             let events = recorded(&terms, &steps, &noise);
             (terms, events)
         },

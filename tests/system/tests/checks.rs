@@ -13,19 +13,12 @@ const SEEDS: u64 = 300;
 static BROKEN: LazyLock<BTreeMap<&'static str, (u64, String)>> = LazyLock::new(|| {
     let saved = saved_seeds().into_iter().map(|KeptSeed { seed, .. }| seed);
     let seeds: Vec<u64> = saved.chain(0..SEEDS).collect();
-    let [mut broken, others] = thread::scope(|scope| {
-        [0, 1]
-            .map(|first| {
-                scope.spawn({
-                    let seeds = &seeds;
-                    move || broken_of(seeds.iter().skip(first).step_by(2))
-                })
-            })
-            .map(|half| half.join().expect("no panic"))
+    let half = |first| broken_of(seeds.iter().skip(first).step_by(2));
+    let (mut broken, others) = thread::scope(|scope| {
+        let others = scope.spawn(|| half(1));
+        (half(0), others.join().expect("no panic"))
     });
-    for (check, found) in others {
-        broken.entry(check).or_insert(found);
-    }
+    broken.extend(others);
     broken
 });
 
