@@ -314,7 +314,7 @@ impl<V, R> Engine<V, R> {
                 self.sources[index].push(waiting);
             }
         }
-        self.start_offered(now, index);
+        self.start_waiting(now);
     }
 
     /// F3: a source's result came.

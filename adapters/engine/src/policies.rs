@@ -13,6 +13,8 @@ use crate::tally::CurrentDeadline;
 /// The policies of one operator, by the index of their cloud.
 pub(crate) struct Policies {
     clouds: Vec<CloudPolicy>,
+    /// The indices that have a policy, a bit each: mostly none, and then nothing else is read.
+    with_policy: u16,
     situation: Situation<'static>,
     /// Ages of requests; a field so that no offer allocates.
     ages: Vec<Duration>,
@@ -32,11 +34,12 @@ impl Policies {
     /// No policies, for so many sources. The situation is unknown until it is set: policies risk nothing.
     pub(crate) fn new(sources: usize) -> Self {
         let clouds = (0..sources).map(|_| CloudPolicy::default()).collect();
-        Self { clouds, situation: Situation::UNKNOWN, ages: Vec::new() }
+        Self { clouds, with_policy: 0, situation: Situation::UNKNOWN, ages: Vec::new() }
     }
 
     pub(crate) fn set(&mut self, index: usize, policy: Box<dyn Policy + Send>) {
         self.clouds[index].policy = Some(policy);
+        self.with_policy |= 1 << index;
     }
 
     pub(crate) const fn set_situation(&mut self, situation: Situation<'static>) {
@@ -79,11 +82,14 @@ impl Policies {
     /// # Errors
     /// If the policy panics.
     pub(crate) fn ended(&mut self, index: usize, end: End) -> Result<(), PolicyPanic> {
+        if !self.has_policy(index) {
+            return Ok(());
+        }
         let Some(policy) = &mut self.clouds[index].policy else { return Ok(()) };
         catch_unwind(AssertUnwindSafe(|| policy.ended(end))).map_err(|_| PolicyPanic)
     }
 
-    pub(crate) fn has_policy(&self, index: usize) -> bool {
-        self.clouds[index].policy.is_some()
+    pub(crate) const fn has_policy(&self, index: usize) -> bool {
+        self.with_policy & (1 << index) != 0
     }
 }

@@ -89,12 +89,6 @@ impl<R> SourceQueue<R> {
         self.waiting.push_back(waiting);
     }
 
-    /// Whether nothing that waits can be sent, and the gauges show what there is.
-    pub(crate) fn is_settled(&self) -> bool {
-        (self.waiting.is_empty() || self.in_flight.len() >= self.at_once)
-            && self.shown == (self.backlog(), self.in_flight())
-    }
-
     /// The next request to send at `now`, if one waits and there is room.
     pub(crate) fn next(&mut self, now: u64) -> Option<Waiting<R>> {
         if self.in_flight.len() >= self.at_once {

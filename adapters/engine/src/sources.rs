@@ -8,15 +8,26 @@ use std::ops::{Index, IndexMut};
 use fuseline_traces::Header;
 
 use crate::effect::Local;
+use crate::engine::CLOUDS;
 use crate::item::Source;
 use crate::queue::{AbandonedRequest, SourceQueue};
 
 /// Local's index.
 pub(crate) const LOCAL: usize = 0;
 
-/// One queue a source.
+/// Local and all clouds.
+const SOURCES: usize = CLOUDS + 1;
+
+/// One queue a source. What is asked of all of them is kept beside them: of one operator among thousands no queue is in the
+/// processor's caches.
 pub(crate) struct SourceQueues<R> {
     queues: Vec<SourceQueue<R>>,
+    /// By index; 0, which is local's, where there is no source.
+    priorities: [u16; SOURCES],
+    /// The indices of the queues that may have changed since they were [settled](Self::settle), a bit each.
+    changed: u16,
+    /// When local's next computation counts as lost, as its queue was when it was settled.
+    next_lost: Option<u64>,
     /// Whether local's results can be lost on the way.
     is_lossy: bool,
     /// Whether calls to any cloud may linger.
@@ -36,7 +47,12 @@ impl<R> SourceQueues<R> {
             let at_once = at_once.get(i).copied().unwrap_or(1);
             queues.push(SourceQueue::new(Source { priority: cloud.p, name }, at_once));
         }
-        Self { queues, is_lossy: local.lossy, may_linger: false }
+        let mut priorities = [0; SOURCES];
+        for (priority, queue) in priorities.iter_mut().zip(&queues) {
+            *priority = queue.source.priority;
+        }
+        let (changed, next_lost) = (0, None);
+        Self { queues, priorities, changed, next_lost, is_lossy: local.lossy, may_linger: false }
     }
 
     pub(crate) fn iter(&self) -> impl Iterator<Item = &SourceQueue<R>> {
@@ -58,13 +74,23 @@ impl<R> SourceQueues<R> {
         queues.find_map(|(index, queue)| Some((index, queue.end_lingering(now)?)))
     }
 
-    pub(crate) const fn len(&self) -> usize {
-        self.queues.len()
+    /// The indices of the queues that may have changed since they were settled.
+    pub(crate) fn changed(&self) -> impl Iterator<Item = usize> + use<R> {
+        let changed = self.changed;
+        (0..SOURCES).filter(move |index| changed & (1 << index) != 0)
+    }
+
+    /// What could start of this queue has been started.
+    pub(crate) fn settle(&mut self, index: usize) {
+        if index == LOCAL {
+            self.next_lost = self[LOCAL].next_lost();
+        }
+        self.changed &= !(1 << index);
     }
 
     /// The index of the source with priority `p`.
     pub(crate) fn index(&self, p: u16) -> Option<usize> {
-        self.iter().position(|queue| queue.source.priority == p)
+        self.priorities.iter().position(|priority| *priority == p)
     }
 
     /// The index of cloud `p`.
@@ -81,8 +107,14 @@ impl<R> SourceQueues<R> {
     pub(crate) fn next_due(&self) -> Option<u64> {
         let lingering = self.queues.iter().filter(|_| self.may_linger);
         let lingering = lingering.filter_map(SourceQueue::next_lingering_end);
-        let lost = self[LOCAL].next_lost().filter(|_| !self.is_lossy || self[LOCAL].is_waiting());
+        let lost = self.next_lost().filter(|_| !self.is_lossy || self[LOCAL].is_waiting());
         lost.into_iter().chain(lingering).min()
+    }
+
+    /// When local's next computation counts as lost.
+    pub(crate) fn next_lost(&self) -> Option<u64> {
+        let has_changed = self.changed & (1 << LOCAL) != 0;
+        if has_changed { self[LOCAL].next_lost() } else { self.next_lost }
     }
 }
 
@@ -96,6 +128,7 @@ impl<R> Index<usize> for SourceQueues<R> {
 
 impl<R> IndexMut<usize> for SourceQueues<R> {
     fn index_mut(&mut self, index: usize) -> &mut SourceQueue<R> {
+        self.changed |= 1 << index;
         &mut self.queues[index]
     }
 }

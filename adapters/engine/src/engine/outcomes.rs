@@ -385,21 +385,21 @@ impl<V, R> Engine<V, R> {
         }
     }
 
-    /// D13: counts and reports computations that have not ended in time; true if there are any.
-    fn lose(&mut self, now: u64) -> bool {
+    /// D13: counts and reports computations that have not ended in time.
+    fn lose(&mut self, now: u64) {
+        if self.sources.next_lost().is_none_or(|lost| lost > now) {
+            return;
+        }
         let operator = &*self.operator;
-        let mut are_any = false;
         if self.local.lossy {
             while let Some(t) = self.sources[LOCAL].remove_lost(now) {
                 warn!(operator, timestamp = t, "local computation lost");
                 self.counts.source(LOCAL, CountedEvent::Lost);
-                are_any = true;
             }
-            return are_any;
+            return;
         }
         while let Some((timestamp, is_replaced)) = self.sources[LOCAL].overran(now) {
             self.counts.source(LOCAL, CountedEvent::Lost);
-            are_any = true;
             if is_replaced {
                 warn!(
                     operator,
@@ -414,29 +414,13 @@ impl<V, R> Engine<V, R> {
                 );
             }
         }
-        are_any
     }
 
     /// Starts what waits while there is room, and updates the gauges.
     pub(super) fn start_waiting(&mut self, now: u64) {
         self.lose(now);
-        self.start_all(now);
-    }
-
-    /// The same after an offer to this source, which changes no other's queue.
-    pub(super) fn start_offered(&mut self, now: u64, index: Option<usize>) {
-        if self.lose(now) {
-            self.start_all(now);
-        } else if let Some(index) = index {
+        for index in self.sources.changed() {
             self.start(now, index);
-        }
-    }
-
-    fn start_all(&mut self, now: u64) {
-        for index in 0..self.sources.len() {
-            if !self.sources[index].is_settled() {
-                self.start(now, index);
-            }
         }
         if self.open_messages.len() != self.shown_open {
             self.shown_open = self.open_messages.len();
@@ -459,6 +443,7 @@ impl<V, R> Engine<V, R> {
                 meter.calls.set(count(shown.1));
             }
         }
+        self.sources.settle(index);
     }
 }
 
