@@ -16,18 +16,30 @@ pub(crate) struct Meters {
     /// How late timers were served.
     pub(crate) timer_lag: Histogram,
     pub(crate) open: Gauge,
-    pub(crate) sources: Vec<SourceMeters>,
 }
 
-/// One source's meters.
+/// One source's meters, in the order of how many messages need them, as [the counts](crate::counts) are.
+#[repr(C)]
 pub(crate) struct SourceMeters {
     admitted: Counter,
-    refused: [Counter; OfferRefusal::ALL.len()],
-    outputs: [Counter; Trigger::ALL.len()],
-    finals: Counter,
-    forwarded: Counter,
-    preliminary: Counter,
     held: Counter,
+    /// From the request's admission to its result.
+    pub(crate) response: Histogram,
+    pub(crate) calls: Gauge,
+    pub(crate) backlog: Gauge,
+    forwarded: Counter,
+    outputs: [Counter; Trigger::ALL.len()],
+    /// From taking the message in to the output, each one under progressive.
+    pub(crate) output: Histogram,
+    deadlines: [Counter; CurrentDeadline::WHYS.len()],
+    /// The deadline of the latest offer.
+    pub(crate) deadline: Gauge,
+    sent_bytes: Counter,
+    preliminary: Counter,
+    cancelled: Counter,
+    timers: Counter,
+    finals: Counter,
+    refused: [Counter; OfferRefusal::ALL.len()],
     dropped: [Counter; DropReason::ALL.len()],
     failed: Counter,
     failures_dropped: [Counter; DropReason::ALL.len()],
@@ -35,24 +47,12 @@ pub(crate) struct SourceMeters {
     handler_failed: Counter,
     policy_failed: Counter,
     held_up: Counter,
-    timers: Counter,
-    cancelled: Counter,
-    sent_bytes: Counter,
-    /// From the request's admission to its result.
-    pub(crate) response: Histogram,
-    /// From taking the message in to the output, each one under progressive.
-    pub(crate) output: Histogram,
-    pub(crate) backlog: Gauge,
-    pub(crate) calls: Gauge,
-    /// The deadline of the latest offer.
-    pub(crate) deadline: Gauge,
-    deadlines: [Counter; CurrentDeadline::WHYS.len()],
 }
 
 impl Meters {
     /// Registers with the recorder installed now; without one, counting costs next to
     /// nothing.
-    pub(crate) fn new(operator: &str, sources: &[Source]) -> Self {
+    pub(crate) fn new(operator: &str) -> Self {
         let operator = operator.to_owned();
         Self {
             messages: counter!("fuseline_messages_total", "operator" => operator.clone()),
@@ -66,8 +66,7 @@ impl Meters {
                 "operator" => operator.clone(), "source" => "operator", "handler" => "message"
             ),
             timer_lag: histogram!("fuseline_timer_lag_seconds", "operator" => operator.clone()),
-            open: gauge!("fuseline_open_messages", "operator" => operator.clone()),
-            sources: sources.iter().map(|source| SourceMeters::new(&operator, source)).collect(),
+            open: gauge!("fuseline_open_messages", "operator" => operator),
         }
     }
 
@@ -77,7 +76,7 @@ impl Meters {
 }
 
 impl SourceMeters {
-    fn new(operator: &str, source: &Source) -> Self {
+    pub(crate) fn new(operator: &str, source: &Source) -> Self {
         let labels =
             [("operator", operator.to_owned()), ("source", source.name.as_ref().to_owned())];
         let by = |name: &'static str, outcome: &'static str| {

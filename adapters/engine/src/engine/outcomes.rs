@@ -64,7 +64,7 @@ impl<V, R> Engine<V, R> {
             self.counts.source(index, CountedEvent::PolicyFailed);
             return None;
         };
-        if let Some(meter) = self.counts.meters.sources.get(index) {
+        if let Some(meter) = self.counts.meters(index) {
             meter.chosen(&chosen);
         }
         if self.policies.put_in_force(index, chosen) {
@@ -307,7 +307,7 @@ impl<V, R> Engine<V, R> {
         let message = self.open_messages.find(t)?;
         let (held, opened) = (message.held.take()?, message.opened);
         let index = self.sources.index(held.p)?;
-        if let Some(meter) = self.counts.meters.sources.get(index) {
+        if let Some(meter) = self.counts.meters(index) {
             meter.output.record(since(opened, at));
         }
         let source = self.sources[index].source.clone();
@@ -350,7 +350,7 @@ impl<V, R> Engine<V, R> {
     pub(super) fn ended(&mut self, at: u64, t: u64, index: usize, end: fn(Duration) -> End) {
         let Some(request) = self.sources[index].end(t) else { return };
         let age = since(request.requested_at, at);
-        if let Some(meter) = self.counts.meters.sources.get(index) {
+        if let Some(meter) = self.counts.meters(index) {
             meter.response.record(age);
         }
         self.report_end(index, end(age.saturating_add(Duration::from_nanos(request.spent))));
@@ -438,7 +438,7 @@ impl<V, R> Engine<V, R> {
         let shown = (queue.backlog(), queue.in_flight());
         if shown != queue.shown {
             queue.shown = shown;
-            if let Some(meter) = self.counts.meters.sources.get(index) {
+            if let Some(meter) = self.counts.meters(index) {
                 meter.backlog.set(count(shown.0));
                 meter.calls.set(count(shown.1));
             }
