@@ -9,25 +9,26 @@ use std::time::Duration;
 use crate::item::Source;
 use crate::outage::OutageLog;
 
-/// One source's outgoing queue and its calls, in the order of admission.
+/// One source's outgoing queue and its calls, in the order of admission. What every message needs comes first.
+#[repr(C, align(64))]
 pub(crate) struct SourceQueue<R> {
-    pub(crate) source: Source,
     waiting: VecDeque<Waiting<R>>,
     in_flight: Vec<InFlightCall>,
-    /// Calls that nothing waits for and that run on, to see how long they really take; at most `at_once`.
-    lingering: VecDeque<InFlightCall>,
     at_once: usize,
-    /// Computations that gave their place to another and have not ended, and how many there may be.
-    replaced: Vec<InFlightCall>,
-    pub(crate) replaceable: usize,
+    /// What the gauges show: how many wait, and how many are under way.
+    pub(crate) shown: (usize, usize),
     /// How long a call may run on past its due instant, in ns.
     pub(crate) linger: u64,
     /// D2: of how many messages before its own a value may be.
     pub(crate) max_age: u64,
-    /// What the gauges show: how many wait, and how many are under way.
-    pub(crate) shown: (usize, usize),
+    pub(crate) source: Source,
     /// Whether it is logged that no results come.
     pub(crate) outage: OutageLog,
+    /// Calls that nothing waits for and that run on, to see how long they really take; at most `at_once`.
+    lingering: VecDeque<InFlightCall>,
+    /// Computations that gave their place to another and have not ended, and how many there may be.
+    replaced: Vec<InFlightCall>,
+    pub(crate) replaceable: usize,
 }
 
 /// A request that was admitted and not yet sent.
@@ -71,17 +72,17 @@ impl<R> SourceQueue<R> {
     /// An empty queue for up to `at_once` calls at a time, at least one.
     pub(crate) fn new(source: Source, at_once: usize) -> Self {
         Self {
-            source,
             waiting: VecDeque::new(),
             in_flight: Vec::new(),
-            lingering: VecDeque::new(),
             at_once: at_once.max(1),
-            replaced: Vec::new(),
-            replaceable: 0,
+            shown: (0, 0),
             linger: 0,
             max_age: 0,
-            shown: (0, 0),
+            source,
             outage: OutageLog::default(),
+            lingering: VecDeque::new(),
+            replaced: Vec::new(),
+            replaceable: 0,
         }
     }
 

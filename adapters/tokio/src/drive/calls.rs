@@ -2,7 +2,6 @@
 //!
 //! They are started and aborted here; when to do so is decided by the engine.
 
-use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -48,10 +47,10 @@ pub(super) enum Calls<V: Send + 'static> {
 /// Calls that run within the driver's task.
 pub(super) struct InlineCalls<V> {
     slots: Vec<CallSlot<V>>,
-    free: Vec<usize>,
-    under_way: FxHashMap<CallKey, usize>,
-    /// The slots that were woken, in that order.
-    turns: VecDeque<usize>,
+    /// The first free slot, if there is one.
+    free: Option<usize>,
+    /// The bits of the slots whose turn it is: those of an index modulo 64 share one.
+    turns: u64,
     driver: Arc<DriverWaker>,
     counting: Counting,
 }
@@ -61,6 +60,8 @@ struct CallSlot<V> {
     call: Option<RunningCall<V>>,
     slot_waker: Arc<SlotWaker>,
     waker: Waker,
+    /// The next free slot, if this is one.
+    next_free: Option<usize>,
 }
 
 struct RunningCall<V> {
@@ -73,7 +74,7 @@ struct RunningCall<V> {
 struct SlotWaker {
     driver: Arc<DriverWaker>,
     index: usize,
-    /// Whether the slot is already among the woken.
+    /// Whether it is this slot's turn too, among those that share its bit.
     is_woken: AtomicBool,
 }
 
@@ -84,9 +85,8 @@ impl<V: Send + 'static> Calls<V> {
         if matches!(flavor, Ok(RuntimeFlavor::CurrentThread)) {
             return Self::InlineCalls(InlineCalls {
                 slots: Vec::new(),
-                free: Vec::new(),
-                under_way: FxHashMap::default(),
-                turns: VecDeque::new(),
+                free: None,
+                turns: 0,
                 driver,
                 counting,
             });
@@ -127,7 +127,13 @@ impl<V: Send + 'static> Calls<V> {
                 }
             }
             Self::InlineCalls(inline) => {
-                if let Some(index) = inline.under_way.remove(&(priority, timestamp)) {
+                let key = Some((priority, timestamp));
+                let is_it =
+                    |slot: &CallSlot<V>| slot.call.as_ref().map(|running| running.key) == key;
+                // F7: local is never aborted.
+                if priority > 0
+                    && let Some(index) = inline.slots.iter().position(is_it)
+                {
                     inline.clear(index);
                 }
             }
@@ -149,47 +155,44 @@ impl<V: Send + 'static> Calls<V> {
                 // `self` holds a sender: the channel does not end.
                 Poll::Ready(None) | Poll::Pending => Poll::Pending,
             },
-            Self::InlineCalls(inline) => inline.poll_completion(clock, context),
+            Self::InlineCalls(inline) => inline.poll_completion(clock),
         }
     }
 }
 
 impl<V> InlineCalls<V> {
     fn begin(&mut self, running: RunningCall<V>) {
-        let index = self.free.pop().unwrap_or_else(|| {
+        let index = self.free.take().unwrap_or_else(|| {
             let (index, driver) = (self.slots.len(), Arc::clone(&self.driver));
             let slot_waker =
                 Arc::new(SlotWaker { driver, index, is_woken: AtomicBool::new(false) });
             let waker = Waker::from(Arc::clone(&slot_waker));
-            self.slots.push(CallSlot { call: None, slot_waker, waker });
+            self.slots.push(CallSlot { call: None, slot_waker, waker, next_free: None });
             index
         });
-        if running.key.0 > 0 {
-            self.under_way.insert(running.key, index);
-        }
-        self.slots[index].call = Some(running);
+        let slot = &mut self.slots[index];
+        self.free = slot.next_free.take();
+        slot.call = Some(running);
         // The driver polls it before it sleeps.
-        self.turns.push_back(index);
+        slot.slot_waker.is_woken.store(true, Ordering::Release);
+        self.driver.set_slot(index);
     }
 
-    fn poll_completion(
-        &mut self,
-        clock: DriverClock,
-        context: &mut Context<'_>,
-    ) -> Poll<(Completion<V>, u64)> {
-        self.turns.extend(self.driver.woken().drain(..));
+    fn poll_completion(&mut self, clock: DriverClock) -> Poll<(Completion<V>, u64)> {
+        // A call that wakes itself again and again has its next turn once others have had theirs.
+        self.turns |= self.driver.take_woken();
         // Where one call's poll ends the next one's begins.
         let mut ended = None;
-        // A call that wakes itself again and again waits until others have had their turns.
-        for _ in 0..self.turns.len() {
-            if let Some(index) = self.turns.pop_front()
-                && let Some(completion) = self.poll_slot(index, clock, &mut ended)
-            {
-                return Poll::Ready(completion);
+        while self.turns != 0 {
+            let first = self.turns.trailing_zeros() as usize;
+            for index in (first..self.slots.len()).step_by(64) {
+                if self.slots[index].slot_waker.is_woken.swap(false, Ordering::AcqRel)
+                    && let Some(completion) = self.poll_slot(index, clock, &mut ended)
+                {
+                    return Poll::Ready(completion);
+                }
             }
-        }
-        if !self.turns.is_empty() {
-            context.waker().wake_by_ref();
+            self.turns &= self.turns - 1;
         }
         Poll::Pending
     }
@@ -202,8 +205,7 @@ impl<V> InlineCalls<V> {
         clock: DriverClock,
         ended: &mut Option<u64>,
     ) -> Option<(Completion<V>, u64)> {
-        let CallSlot { call, slot_waker, waker } = &mut self.slots[index];
-        slot_waker.is_woken.store(false, Ordering::Release);
+        let CallSlot { call, waker, .. } = &mut self.slots[index];
         let RunningCall { key, call, span } = call.as_mut()?;
         let begin = ended.unwrap_or_else(|| clock.now());
         let entered = span.span().enter();
@@ -223,9 +225,6 @@ impl<V> InlineCalls<V> {
             Err(panic) => Err(panicked(&*panic)),
         };
         span.end(&result);
-        if priority > 0 {
-            self.under_way.remove(&(priority, timestamp));
-        }
         self.clear(index);
         Some((Completion { priority, timestamp, result }, end))
     }
@@ -251,8 +250,9 @@ impl<V> InlineCalls<V> {
     }
 
     fn clear(&mut self, index: usize) {
-        let call = self.slots[index].call.take();
-        self.free.push(index);
+        let slot = &mut self.slots[index];
+        let call = slot.call.take();
+        slot.next_free = self.free.replace(index);
         end(call);
     }
 }

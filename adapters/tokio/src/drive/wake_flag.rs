@@ -1,7 +1,7 @@
 //! Wakes the driver, and flags which of its parties is to be polled.
 
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::task::{Context, Poll, Wake, Waker};
 
 use futures_util::task::AtomicWaker;
@@ -17,11 +17,12 @@ pub(super) struct WakeFlags {
 /// Wakes one driver. All that is needed for it is in one place: of one operator among thousands nothing is in the processor's
 /// cache when it is woken.
 #[derive(Default)]
+#[repr(C)]
 pub(super) struct DriverWaker {
-    task: AtomicWaker,
     are_set: [AtomicBool; TURNS],
-    /// The slots of calls that were woken since the driver looked.
-    woken: Mutex<Vec<usize>>,
+    /// Among which slots of calls some were woken since the driver looked: the bit of a slot is its index modulo 64.
+    woken: AtomicU64,
+    task: AtomicWaker,
 }
 
 /// Sets one party's flag and wakes the driver.
@@ -81,13 +82,18 @@ impl WakeFlags {
 impl DriverWaker {
     /// A call's slot was woken.
     pub(super) fn wake_slot(&self, index: usize) {
-        self.woken().push(index);
+        self.set_slot(index);
         self.wake(CALLS);
     }
 
-    /// Nothing panics while it is held.
-    pub(super) fn woken(&self) -> MutexGuard<'_, Vec<usize>> {
-        self.woken.lock().unwrap_or_else(PoisonError::into_inner)
+    /// The same for the driver itself.
+    pub(super) fn set_slot(&self, index: usize) {
+        self.woken.fetch_or(1 << (index % 64), Ordering::AcqRel);
+    }
+
+    /// The bits of the slots that were woken.
+    pub(super) fn take_woken(&self) -> u64 {
+        self.woken.swap(0, Ordering::AcqRel)
     }
 
     fn set(&self, party: usize) {
