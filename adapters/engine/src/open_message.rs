@@ -11,15 +11,16 @@ use crate::item::{Ending, Failure, Item};
 use crate::lineage::{Lineage, StampedValue};
 
 /// The open messages, by ascending timestamp, and when the last ones were opened.
+#[repr(C)]
 pub(crate) struct OpenMessages<V> {
     open: VecDeque<OpenMessage<V>>,
+    /// Whether any message had an end-to-end deadline.
+    has_budgets: bool,
     /// Timestamps and instants of the last [`REMEMBERED`] messages, answered ones too; none if the
     /// operator takes no hints.
     last: Option<VecDeque<(u64, u64)>>,
     /// Timestamps and captures of the last [`REMEMBERED`] messages that have one; none if values are of their own messages.
     captures: Option<VecDeque<(u64, Instant)>>,
-    /// Whether any message had an end-to-end deadline.
-    has_budgets: bool,
 }
 
 pub(crate) struct OpenMessage<V> {
@@ -46,7 +47,7 @@ const REMEMBERED: usize = 1024;
 
 impl<V> OpenMessages<V> {
     pub(crate) const fn new() -> Self {
-        Self { open: VecDeque::new(), last: None, captures: None, has_budgets: false }
+        Self { open: VecDeque::new(), has_budgets: false, last: None, captures: None }
     }
 
     /// From now on, remembers when messages were opened.

@@ -11,10 +11,11 @@ use fuseline_deadline::{End, Policy, Situation};
 use crate::tally::CurrentDeadline;
 
 /// The policies of one operator, by the index of their cloud.
+#[repr(C)]
 pub(crate) struct Policies {
-    clouds: Vec<CloudPolicy>,
     /// The indices that have a policy, a bit each: mostly none, and then nothing else is read.
     with_policy: u16,
+    clouds: Vec<CloudPolicy>,
     situation: Situation<'static>,
     /// Ages of requests; a field so that no offer allocates.
     ages: Vec<Duration>,
@@ -34,7 +35,7 @@ impl Policies {
     /// No policies, for so many sources. The situation is unknown until it is set: policies risk nothing.
     pub(crate) fn new(sources: usize) -> Self {
         let clouds = (0..sources).map(|_| CloudPolicy::default()).collect();
-        Self { clouds, with_policy: 0, situation: Situation::UNKNOWN, ages: Vec::new() }
+        Self { with_policy: 0, clouds, situation: Situation::UNKNOWN, ages: Vec::new() }
     }
 
     pub(crate) fn set(&mut self, index: usize, policy: Box<dyn Policy + Send>) {
