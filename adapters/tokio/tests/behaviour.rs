@@ -64,6 +64,30 @@ async fn a_cancelled_call_and_one_whose_timer_fired_are_dropped_at_once() {
     assert_eq!(shared, [(1, 30 * MS), (2, 10 * MS), (3, 30 * MS)]);
 }
 
+/// D6: of 250 calls at once each is woken and aborted on its own.
+#[tokio::test(start_paused = true)]
+async fn of_many_calls_at_once_each_ends_for_its_own_message() {
+    let operator = ClosureOperator(|setup: &mut Setup<u64, String>| {
+        let all = |_: &u64, _| Some(((), 100 * MS));
+        setup.use_cloud(|(), _| after(50, "second"), all, Ok, 1).calls = 100;
+        let even = |message: &u64, _| message.is_multiple_of(2).then_some(((), 100 * MS));
+        setup.use_cloud(|(), _| after(30, "best"), even, Ok, 2).calls = 100;
+        Local::futures(100, |_, _| after(20, "local"))
+    });
+    let config = Config { window: 100, ..Config::default() };
+    let played = play(operator, config, &[0; 100]).await;
+    let mut items: Vec<_> = played.items.lines().collect();
+    items.sort_unstable();
+    let mut expected: Vec<_> = (0..100)
+        .map(|t| match t % 2 {
+            0 => format!("30.000 ms: {t} best by arrival from 30 ms"),
+            _ => format!("50.000 ms: {t} second by arrival from 50 ms"),
+        })
+        .collect();
+    expected.sort_unstable();
+    assert_eq!(items, expected);
+}
+
 #[tokio::test(start_paused = true)]
 async fn a_message_handler_that_panics_makes_no_request_and_is_called_again() {
     let operator = ClosureOperator(|setup: &mut Setup<u64, String>| {
