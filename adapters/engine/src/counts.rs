@@ -20,6 +20,7 @@ use crate::tally::{CurrentDeadline, SourceTally, Tally};
 ///
 /// Each count is a word of its own: a tally read during an input may show one of its counts and not
 /// the next. What changes seldom and is not a number is behind a lock.
+// What most messages count comes first.
 #[repr(C)]
 pub(crate) struct Counts {
     sources: Vec<SourceCounts>,

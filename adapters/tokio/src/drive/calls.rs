@@ -179,7 +179,7 @@ impl<V> InlineCalls<V> {
     }
 
     fn poll_completion(&mut self, clock: DriverClock) -> Poll<(Completion<V>, u64)> {
-        // A call that wakes itself again and again has its next turn once others have had theirs.
+        // A call that wakes itself again and again is polled once each time, and keeps no other from its turn.
         self.turns |= self.driver.take_woken();
         // Where one call's poll ends the next one's begins.
         let mut ended = None;
