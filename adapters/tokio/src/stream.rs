@@ -123,19 +123,20 @@ impl<T> Writer<T> {
         lineage: impl Into<Option<Arc<Lineage>>>,
     ) -> Result<u64, WriteError<T>> {
         self.admit();
-        if self.readers.is_empty() {
+        let Some((last, others)) = self.readers.split_last() else {
             return Err(WriteError::Closed(message));
-        }
+        };
         if !self.has_room() {
             return Err(WriteError::Full(message));
         }
         let (timestamp, message, lineage) = (self.count, Arc::new(message), lineage.into());
         let message = StreamMessage { timestamp, message, lineage };
         self.count += 1;
-        for reader in &self.readers {
-            // It has room, and nobody else writes; if it closed meanwhile, nothing is lost.
+        // Each has room, and nobody else writes; if one closed meanwhile, nothing is lost.
+        for reader in others {
             drop(reader.try_send(message.clone()));
         }
+        drop(last.try_send(message));
         Ok(timestamp)
     }
 
@@ -194,7 +195,9 @@ impl<T> Writer<T> {
     /// Removes readers that closed and adds those that joined.
     fn admit(&mut self) {
         self.readers.retain(|reader| !reader.is_closed());
-        if self.joining.is_any.swap(false, Ordering::Acquire) {
+        // Mostly none joined, and a read leaves the line to those who share it.
+        if self.joining.is_any.load(Ordering::Acquire) {
+            self.joining.is_any.store(false, Ordering::Relaxed);
             self.readers.append(&mut self.joining.lock());
         }
     }
