@@ -4,7 +4,6 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::task::{Context, Poll, Wake, Waker};
 use std::time::Duration;
 
@@ -48,20 +47,20 @@ pub(super) enum Calls<V: Send + 'static> {
 pub(super) struct InlineCalls<V> {
     slots: Vec<CallSlot<V>>,
     /// The first free slot, if there is one.
-    free: Option<usize>,
-    /// The bits of the slots whose turn it is: those of an index modulo 64 share one.
+    free: Option<u32>,
+    /// The bits of the slots whose turn it is: those of an index modulo 64 share one, and are polled together.
     turns: u64,
     driver: Arc<DriverWaker>,
     counting: Counting,
 }
 
-/// Room for one call, with a waker for every call that it ever has.
+/// Room for one call, with a waker for every call that it ever has. It has a line of the processor's caches to itself.
+#[repr(align(64))]
 struct CallSlot<V> {
     call: Option<RunningCall<V>>,
-    slot_waker: Arc<SlotWaker>,
     waker: Waker,
     /// The next free slot, if this is one.
-    next_free: Option<usize>,
+    next_free: Option<u32>,
 }
 
 struct RunningCall<V> {
@@ -73,9 +72,7 @@ struct RunningCall<V> {
 /// Wakes the driver for one slot's call.
 struct SlotWaker {
     driver: Arc<DriverWaker>,
-    index: usize,
-    /// Whether it is this slot's turn too, among those that share its bit.
-    is_woken: AtomicBool,
+    index: u32,
 }
 
 impl<V: Send + 'static> Calls<V> {
@@ -102,7 +99,7 @@ impl<V: Send + 'static> Calls<V> {
                 let (priority, timestamp) = key;
                 let call = MeasuredCall { priority, call, counting: counting.clone() };
                 let sender = sender.clone();
-                let entered = span.span().clone();
+                let entered = span.span();
                 let task = async move {
                     let result = guarded(call).await;
                     span.end(&result);
@@ -163,19 +160,16 @@ impl<V: Send + 'static> Calls<V> {
 impl<V> InlineCalls<V> {
     fn begin(&mut self, running: RunningCall<V>) {
         let index = self.free.take().unwrap_or_else(|| {
-            let (index, driver) = (self.slots.len(), Arc::clone(&self.driver));
-            let slot_waker =
-                Arc::new(SlotWaker { driver, index, is_woken: AtomicBool::new(false) });
-            let waker = Waker::from(Arc::clone(&slot_waker));
-            self.slots.push(CallSlot { call: None, slot_waker, waker, next_free: None });
+            let (index, driver) = (slot_index(self.slots.len()), Arc::clone(&self.driver));
+            let waker = Waker::from(Arc::new(SlotWaker { driver, index }));
+            self.slots.push(CallSlot { call: None, waker, next_free: None });
             index
         });
-        let slot = &mut self.slots[index];
+        let slot = &mut self.slots[index as usize];
         self.free = slot.next_free.take();
         slot.call = Some(running);
         // The driver polls it before it sleeps.
-        slot.slot_waker.is_woken.store(true, Ordering::Release);
-        self.driver.set_slot(index);
+        self.turns |= slot_bit(index);
     }
 
     fn poll_completion(&mut self, clock: DriverClock) -> Poll<(Completion<V>, u64)> {
@@ -186,9 +180,7 @@ impl<V> InlineCalls<V> {
         while self.turns != 0 {
             let first = self.turns.trailing_zeros() as usize;
             for index in (first..self.slots.len()).step_by(64) {
-                if self.slots[index].slot_waker.is_woken.swap(false, Ordering::AcqRel)
-                    && let Some(completion) = self.poll_slot(index, clock, &mut ended)
-                {
+                if let Some(completion) = self.poll_slot(index, clock, &mut ended) {
                     return Poll::Ready(completion);
                 }
             }
@@ -208,7 +200,7 @@ impl<V> InlineCalls<V> {
         let CallSlot { call, waker, .. } = &mut self.slots[index];
         let RunningCall { key, call, span } = call.as_mut()?;
         let begin = ended.unwrap_or_else(|| clock.now());
-        let entered = span.span().enter();
+        let entered = span.enter();
         let mut context = Context::from_waker(waker);
         let polled = catch_unwind(AssertUnwindSafe(|| call.as_mut().poll(&mut context)));
         drop(entered);
@@ -239,7 +231,7 @@ impl<V> InlineCalls<V> {
         for running in self.slots.iter_mut().filter_map(|slot| slot.call.take()) {
             match (&runtime, running) {
                 (Ok(runtime), RunningCall { key: (0, _), call, mut span }) => {
-                    let entered = span.span().clone();
+                    let entered = span.span();
                     let call = MeasuredCall { priority: 0, call, counting: counting.clone() };
                     let task = async move { span.end(&guarded(call).await) };
                     drop(runtime.spawn(task.instrument(entered)));
@@ -252,9 +244,18 @@ impl<V> InlineCalls<V> {
     fn clear(&mut self, index: usize) {
         let slot = &mut self.slots[index];
         let call = slot.call.take();
-        slot.next_free = self.free.replace(index);
+        slot.next_free = self.free.replace(slot_index(index));
         end(call);
     }
+}
+
+/// Far fewer calls than 2³² fit into any memory.
+fn slot_index(index: usize) -> u32 {
+    u32::try_from(index).unwrap_or(u32::MAX)
+}
+
+const fn slot_bit(index: u32) -> u64 {
+    1 << (index % 64)
 }
 
 /// Drops a call. A panic in the future's drop changes nothing else (D7 failures).
@@ -277,8 +278,6 @@ impl Wake for SlotWaker {
     }
 
     fn wake_by_ref(self: &Arc<Self>) {
-        if !self.is_woken.swap(true, Ordering::AcqRel) {
-            self.driver.wake_slot(self.index);
-        }
+        self.driver.wake_slot(slot_bit(self.index));
     }
 }

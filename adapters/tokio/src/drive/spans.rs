@@ -6,6 +6,7 @@ use std::time::Duration;
 use fuseline_engine::{Ending, Forwarded, Item, Lineage, StampedValue};
 use rustc_hash::FxHashMap;
 use tracing::field::Empty;
+use tracing::span::Entered;
 use tracing::{Span, debug_span};
 
 use crate::Error;
@@ -18,8 +19,10 @@ pub(super) struct MessageSpans {
     away: FxHashMap<(u16, u64), TracedCall>,
 }
 
-/// A call's span. One that is dropped without an end was ended by its caller.
-pub(super) struct TracedCall {
+/// A call's span; none if nobody listens. One that is dropped without an end was ended by its caller.
+pub(super) struct TracedCall(Option<Box<OpenCall>>);
+
+struct OpenCall {
     span: Span,
     has_ended: bool,
 }
@@ -75,12 +78,13 @@ impl MessageSpans {
             otel.kind = if is_remote { "client" } else { "internal" },
             otel.status_code = Empty,
         );
-        TracedCall { span, has_ended: false }
+        let is_open = !span.is_disabled();
+        TracedCall(is_open.then(|| Box::new(OpenCall { span, has_ended: false })))
     }
 
     /// The result of this request comes otherwise than by a call.
     pub(super) fn wait(&mut self, key: (u16, u64), span: TracedCall) {
-        if !span.span.is_disabled() {
+        if span.0.is_some() {
             self.away.insert(key, span);
         }
     }
@@ -132,27 +136,35 @@ impl Drop for MessageSpans {
 }
 
 impl TracedCall {
-    pub(super) const fn span(&self) -> &Span {
-        &self.span
+    pub(super) fn span(&self) -> Span {
+        self.0.as_ref().map_or_else(Span::none, |call| call.span.clone())
+    }
+
+    /// Enters the span until what this returns is dropped.
+    pub(super) fn enter(&self) -> Option<Entered<'_>> {
+        self.0.as_ref().map(|call| call.span.enter())
     }
 
     pub(super) fn end<V>(&mut self, result: &Result<StampedValue<V>, Error>) {
-        match result {
-            Ok(value) => {
-                self.has_ended = true;
-                self.span.record("fuseline.of", value.of.map(int));
+        match (result, &mut self.0) {
+            (Ok(value), Some(call)) => {
+                call.has_ended = true;
+                call.span.record("fuseline.of", value.of.map(int));
             }
-            Err(_) => self.fail(),
+            (Ok(_), None) => {}
+            (Err(_), _) => self.fail(),
         }
     }
 
     pub(super) fn fail(&mut self) {
-        self.has_ended = true;
-        self.span.record("otel.status_code", "ERROR");
+        if let Some(call) = &mut self.0 {
+            call.has_ended = true;
+            call.span.record("otel.status_code", "ERROR");
+        }
     }
 }
 
-impl Drop for TracedCall {
+impl Drop for OpenCall {
     fn drop(&mut self) {
         if !self.has_ended {
             self.span.record("fuseline.ended", "aborted");

@@ -71,6 +71,7 @@ impl WakeFlags {
 
     pub(super) fn is_set(&self, party: usize) -> bool {
         self.driver.are_set[party].load(Ordering::Acquire)
+            || party == CALLS && self.driver.woken.load(Ordering::Acquire) != 0
     }
 
     /// Sets a flag without a waker; for the driver itself.
@@ -80,15 +81,11 @@ impl WakeFlags {
 }
 
 impl DriverWaker {
-    /// A call's slot was woken.
-    pub(super) fn wake_slot(&self, index: usize) {
-        self.set_slot(index);
-        self.wake(CALLS);
-    }
-
-    /// The same for the driver itself.
-    pub(super) fn set_slot(&self, index: usize) {
-        self.woken.fetch_or(1 << (index % 64), Ordering::AcqRel);
+    /// Slots with these bits were woken. Unless it has yet to look at earlier ones, the driver is woken too.
+    pub(super) fn wake_slot(&self, bits: u64) {
+        if self.woken.fetch_or(bits, Ordering::AcqRel) == 0 {
+            self.task.wake();
+        }
     }
 
     /// The bits of the slots that were woken.
