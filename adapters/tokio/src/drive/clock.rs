@@ -22,7 +22,9 @@ impl DriverClock {
     }
 
     pub(super) fn now(self) -> u64 {
-        u64::try_from(self.start.elapsed().as_nanos()).unwrap_or(u64::MAX)
+        let now = self.start.elapsed();
+        // In 64 bits: `as_nanos` counts in 128.
+        now.as_secs().saturating_mul(1_000_000_000).saturating_add(now.subsec_nanos().into())
     }
 
     /// When it reads `nanos`, but at most a day from now: the system's clock may end before.
