@@ -267,7 +267,7 @@ impl<V, R> Engine<V, R> {
         self.open_messages.open(t, now, lineage, budget);
         let (due, lost_after, spent, request) = (None, deadline, 0, job);
         let waiting = Waiting { t, requested_at: now, due, lost_after, spent, request };
-        self.sources[LOCAL].push(waiting);
+        self.admit(now, LOCAL, waiting);
         self.start_waiting(now);
         for Offer { priority, deadline, request } in offers {
             self.offer(at, t, priority, deadline, request);
@@ -313,7 +313,7 @@ impl<V, R> Engine<V, R> {
                 let spent = self.open_messages.budget(t).map_or(0, |budget| budget.spent());
                 let (requested_at, lost_after) = (now, None);
                 let waiting = Waiting { t, requested_at, due, lost_after, spent, request };
-                self.sources[index].push(waiting);
+                self.admit(now, index, waiting);
             }
         }
         self.start_waiting(now);

@@ -6,6 +6,7 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
+use crate::effect::Effect;
 use crate::item::Source;
 use crate::outage::OutageLog;
 
@@ -86,25 +87,46 @@ impl<R> SourceQueue<R> {
         }
     }
 
-    pub(crate) fn push(&mut self, waiting: Waiting<R>) {
-        self.waiting.push_back(waiting);
+    /// A request was admitted, and waits.
+    pub(crate) fn push(&mut self, request: Waiting<R>) {
+        self.waiting.push_back(request);
+    }
+
+    /// A request was admitted: it comes back if it is to be sent now, and else waits.
+    pub(crate) fn admit(&mut self, now: u64, request: Waiting<R>) -> Option<Waiting<R>> {
+        if self.waiting.is_empty() && self.has_room() {
+            self.begin(now, &request);
+            return Some(request);
+        }
+        self.waiting.push_back(request);
+        None
     }
 
     /// The next request to send at `now`, if one waits and there is room.
     pub(crate) fn next(&mut self, now: u64) -> Option<Waiting<R>> {
-        if self.in_flight.len() >= self.at_once {
+        if !self.has_room() {
             return None;
         }
         let next = self.waiting.pop_front()?;
-        let lost = next.lost_after.map(|after| now.saturating_add(after));
-        self.in_flight.push(InFlightCall {
-            t: next.t,
-            requested_at: next.requested_at,
-            due: next.due,
-            lost,
-            spent: next.spent,
-        });
+        self.begin(now, &next);
         Some(next)
+    }
+
+    /// What sends the request.
+    pub(crate) fn start<V>(&self, request: Waiting<R>) -> Effect<V, R> {
+        let Waiting { t, due, request, .. } = request;
+        let until = due.map(|due| due.saturating_add(self.linger));
+        Effect::Start { priority: self.source.priority, timestamp: t, until, request }
+    }
+
+    fn has_room(&self) -> bool {
+        self.in_flight.len() < self.at_once
+    }
+
+    fn begin(&mut self, now: u64, request: &Waiting<R>) {
+        let Waiting { t, requested_at, due, lost_after, spent, .. } = *request;
+        let lost = lost_after.map(|after| now.saturating_add(after));
+        self.in_flight.push(InFlightCall { t, requested_at, due, lost, spent });
     }
 
     /// The request has ended by itself, perhaps before it was sent.

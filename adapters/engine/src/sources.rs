@@ -3,6 +3,7 @@
 //! Everywhere in the engine a source is named by its index here; only inputs and effects carry priorities. What a queue does is
 //! in [`queue`](crate::queue).
 
+use std::iter;
 use std::ops::{Index, IndexMut};
 
 use fuseline_traces::Header;
@@ -76,8 +77,17 @@ impl<R> SourceQueues<R> {
 
     /// The indices of the queues that may have changed since they were settled.
     pub(crate) fn changed(&self) -> impl Iterator<Item = usize> + use<R> {
-        let changed = self.changed;
-        (0..SOURCES).filter(move |index| changed & (1 << index) != 0)
+        let mut changed = self.changed;
+        iter::from_fn(move || {
+            let lowest = changed.trailing_zeros();
+            changed &= changed.checked_sub(1)?;
+            Some(lowest as usize)
+        })
+    }
+
+    /// Whether none may have changed.
+    pub(crate) const fn is_settled(&self) -> bool {
+        self.changed == 0
     }
 
     /// What could start of this queue has been started.

@@ -428,12 +428,23 @@ impl<V, R> Engine<V, R> {
         }
     }
 
+    /// A request was admitted: it is sent now or waits.
+    pub(super) fn admit(&mut self, now: u64, index: usize, request: Waiting<R>) {
+        // What makes room comes first. If another queue changed, what may start does so in the order of the sources.
+        self.lose(now);
+        let is_settled = self.sources.is_settled();
+        let queue = &mut self.sources[index];
+        if !is_settled {
+            queue.push(request);
+        } else if let Some(request) = queue.admit(now, request) {
+            self.effects.push_back(queue.start(request));
+        }
+    }
+
     fn start(&mut self, now: u64, index: usize) {
         let queue = &mut self.sources[index];
-        while let Some(Waiting { t, due, request, .. }) = queue.next(now) {
-            let until = due.map(|due| due.saturating_add(queue.linger));
-            let priority = queue.source.priority;
-            self.effects.push_back(Effect::Start { priority, timestamp: t, until, request });
+        while let Some(request) = queue.next(now) {
+            self.effects.push_back(queue.start(request));
         }
         let shown = (queue.backlog(), queue.in_flight());
         if shown != queue.shown {
