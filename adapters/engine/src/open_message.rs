@@ -23,6 +23,8 @@ pub(crate) struct OpenMessages<V> {
     captures: Option<VecDeque<(u64, Instant)>>,
 }
 
+// Of one operator among thousands it is in none of the processor's caches: aligned, it takes a line less.
+#[repr(align(64))]
 pub(crate) struct OpenMessage<V> {
     t: u64,
     pub(crate) opened: u64,
@@ -161,6 +163,10 @@ impl<V> OpenMessages<V> {
     }
 
     fn index(&self, t: u64) -> Option<usize> {
+        // Mostly it is the oldest.
+        if self.open.front()?.t == t {
+            return Some(0);
+        }
         self.open.binary_search_by_key(&t, |open_message| open_message.t).ok()
     }
 }
