@@ -11,8 +11,10 @@
 //! With the feature `virtual-time` no host is too slow: what is found is how many operators the processor time of one
 //! core is enough for.
 
+use std::env;
 use std::fs;
 use std::pin::pin;
+use std::process::{self, Command};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -57,30 +59,52 @@ impl Operator for Small {
 type Ends = (JoinHandle<()>, JoinHandle<Vec<Duration>>);
 
 fn main() {
-    // `scale 1000`: so many alone, whose memory nothing has taken before.
-    let mut arguments = std::env::args().skip(1).filter_map(|argument| argument.parse().ok());
-    let only: Option<usize> = arguments.next();
-    for (name, spawn) in [("Fuseline", with_adapter as fn(Instant) -> Ends), ("by hand", by_hand)] {
-        println!(
-            "{name:<9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9}",
-            "busy", "a message", "p50", "p99", "late", "memory"
-        );
-        if let Some(operators) = only {
-            carries(operators, spawn);
-            continue;
+    // `scale 1000`: so many alone; `scale 1000 Fuseline`: of one contestant, which fails if they are too many.
+    let mut arguments = env::args().skip(1).filter(|argument| argument != "--bench");
+    let only: Option<usize> = arguments.next().and_then(|argument| argument.parse().ok());
+    let of = arguments.next();
+    let contestants = [("Fuseline", with_adapter as fn(Instant) -> Ends), ("by hand", by_hand)];
+    for (name, spawn) in contestants {
+        match (only, &of) {
+            (Some(operators), Some(of)) if of == name => {
+                process::exit(i32::from(!carries(operators, spawn)));
+            }
+            (Some(_), Some(_)) => {}
+            (Some(operators), None) => {
+                header(name);
+                carries(operators, spawn);
+            }
+            (None, _) => {
+                header(name);
+                let most = most(name);
+                let messages = 30 * most;
+                println!(
+                    "{most} of 30 messages a second on one core, {messages} messages a second"
+                );
+            }
         }
-        let most = most(spawn);
-        let messages = 30 * most;
-        println!("{most} of 30 messages a second on one core, {messages} messages a second");
     }
 }
 
-/// Doubles until it is too much, then halves the gap.
-fn most(spawn: fn(Instant) -> Ends) -> usize {
+fn header(name: &str) {
+    println!(
+        "{name:<9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9}",
+        "busy", "a message", "p50", "p99", "late", "memory"
+    );
+}
+
+/// Doubles until it is too much, then halves the gap. Each number has a process of its own, whose memory nothing has taken
+/// before.
+fn most(name: &str) -> usize {
+    let program = env::current_exe().expect("this program");
+    let carries = |operators: usize| {
+        let status = Command::new(&program).args([&operators.to_string(), name]).status();
+        status.expect("it starts").success()
+    };
     let mut operators = 1;
     let (mut most, mut least) = (0, usize::MAX);
     while least - most > most / 16 + 1 {
-        if carries(operators, spawn) {
+        if carries(operators) {
             most = operators;
         } else {
             least = operators;
@@ -112,7 +136,6 @@ fn carries(operators: usize, spawn: fn(Instant) -> Ends) -> bool {
         for feeder in feeders {
             feeder.await.expect("it does not panic");
         }
-        // What an earlier round took and gave back is taken again first.
         let memory = resident().saturating_sub(before) / operators;
         let busy = process_time().saturating_sub(spent);
         let busy = busy.as_secs_f64() / began.elapsed().as_secs_f64();
