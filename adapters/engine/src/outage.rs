@@ -41,6 +41,9 @@ impl OutageLog {
 
     /// F3: a result came, in time or late; the outage that it ends, if that was logged and more than one request.
     pub(crate) fn answered(&mut self, at: u64) -> Option<OutageLine> {
+        if self.count == 0 {
+            return None;
+        }
         let ended = Self { logged: self.logged, ..Self::default() };
         let Self { count, began, is_logged, .. } = std::mem::replace(self, ended);
         (is_logged && count > 1).then(|| OutageLine { count, lasts: at.saturating_sub(began) })

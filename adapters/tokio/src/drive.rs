@@ -186,8 +186,8 @@ pub struct Driver<T: Transport> {
     is_last: bool,
     /// Requests of the current message that could not be sent.
     unsent: Vec<(u16, u64, Error)>,
-    engine: Engine<T::Value, T::Request>,
     spans: MessageSpans,
+    engine: Engine<T::Value, T::Request>,
     timer: Timer,
     transport: T,
 }
