@@ -6,7 +6,6 @@
 
 mod outcomes;
 
-use std::collections::VecDeque;
 use std::fmt;
 use std::io;
 use std::sync::Arc;
@@ -21,6 +20,7 @@ use crate::budget::Budget;
 use crate::counts::{Counting, Counts};
 use crate::eager_notice::EagerNotice;
 use crate::effect::{Effect, Local, Offer, Overflow};
+use crate::effect_queue::EffectQueue;
 use crate::event::CountedEvent;
 use crate::greatest_deadline::GreatestDeadline;
 use crate::item::Source;
@@ -60,12 +60,13 @@ pub struct Engine<V, R> {
     counts: Arc<Counts>,
     sources: SourceQueues<R>,
     open_messages: OpenMessages<V>,
-    effects: VecDeque<Effect<V, R>>,
+    effects: EffectQueue<V, R>,
     firings: ServedFirings,
     /// How many open messages the gauge shows.
     shown_open: usize,
     recordings: Recordings,
     policies: Policies,
+    eager_notice: EagerNotice,
     operator: Arc<str>,
     local: Local,
     overflow: Overflow,
@@ -77,7 +78,6 @@ pub struct Engine<V, R> {
     has_doubtful_ages: bool,
     /// When the clock read 0.
     start: Option<Instant>,
-    eager_notice: EagerNotice,
 }
 
 impl<V, R> Engine<V, R> {
@@ -109,7 +109,7 @@ impl<V, R> Engine<V, R> {
             eager_notice: EagerNotice::new(header.commit),
             shown_open: 0,
             recordings: Recordings::default(),
-            effects: VecDeque::new(),
+            effects: EffectQueue::new(),
         })
     }
 
@@ -388,7 +388,7 @@ impl<V, R> Engine<V, R> {
 
     /// The next thing to do, in the order of the decisions.
     pub fn next_effect(&mut self) -> Option<Effect<V, R>> {
-        self.effects.pop_front()
+        self.effects.pop()
     }
 
     /// The earliest instant, in ns, at which a timer is due, a call has lingered long enough, or a lost

@@ -12,6 +12,8 @@ mod eager_notice;
 #[cfg(feature = "operator")]
 mod effect;
 #[cfg(feature = "operator")]
+mod effect_queue;
+#[cfg(feature = "operator")]
 mod engine;
 #[cfg(feature = "operator")]
 mod event;

@@ -6,6 +6,8 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
+use smallvec::SmallVec;
+
 use crate::effect::Effect;
 use crate::item::Source;
 use crate::outage::OutageLog;
@@ -14,17 +16,17 @@ use crate::outage::OutageLog;
 #[repr(C, align(64))]
 pub(crate) struct SourceQueue<R> {
     waiting: VecDeque<Waiting<R>>,
-    in_flight: Vec<InFlightCall>,
+    in_flight: SmallVec<[InFlightCall; 2]>,
     at_once: usize,
     /// What the gauges show: how many wait, and how many are under way.
-    pub(crate) shown: (usize, usize),
+    pub(crate) shown: (u32, u32),
     /// How long a call may run on past its due instant, in ns.
     pub(crate) linger: u64,
     /// D2: of how many messages before its own a value may be.
     pub(crate) max_age: u64,
-    pub(crate) source: Source,
     /// Whether it is logged that no results come.
     pub(crate) outage: OutageLog,
+    pub(crate) source: Source,
     /// Calls that nothing waits for and that run on, to see how long they really take; at most `at_once`.
     lingering: VecDeque<InFlightCall>,
     /// Computations that gave their place to another and have not ended, and how many there may be.
@@ -48,9 +50,10 @@ pub(crate) struct Waiting<R> {
 struct InFlightCall {
     t: u64,
     requested_at: u64,
-    due: Option<u64>,
-    /// When it counts as lost.
-    lost: Option<u64>,
+    /// 2⁶⁴ − 1 if it has no timer.
+    due: u64,
+    /// When it counts as lost; 2⁶⁴ − 1 if it is waited for, or the clock ends before.
+    lost: u64,
     spent: u64,
 }
 
@@ -74,7 +77,7 @@ impl<R> SourceQueue<R> {
     pub(crate) fn new(source: Source, at_once: usize) -> Self {
         Self {
             waiting: VecDeque::new(),
-            in_flight: Vec::new(),
+            in_flight: SmallVec::new(),
             at_once: at_once.max(1),
             shown: (0, 0),
             linger: 0,
@@ -125,7 +128,8 @@ impl<R> SourceQueue<R> {
 
     fn begin(&mut self, now: u64, request: &Waiting<R>) {
         let Waiting { t, requested_at, due, lost_after, spent, .. } = *request;
-        let lost = lost_after.map(|after| now.saturating_add(after));
+        let due = due.unwrap_or(u64::MAX);
+        let lost = lost_after.map_or(u64::MAX, |after| now.saturating_add(after));
         self.in_flight.push(InFlightCall { t, requested_at, due, lost, spent });
     }
 
@@ -175,17 +179,15 @@ impl<R> SourceQueue<R> {
 
     /// Removes a computation that counts as lost by `now`, if there is one; returns its timestamp.
     pub(crate) fn remove_lost(&mut self, now: u64) -> Option<u64> {
-        let is_lost = |call: &InFlightCall| call.lost.is_some_and(|lost| lost <= now);
-        let index = self.in_flight.iter().position(is_lost)?;
+        let index = self.in_flight.iter().position(|call| call.is_lost(now))?;
         Some(self.in_flight.remove(index).t)
     }
 
     /// Takes note of a computation that counts as lost by `now` and still runs; returns its timestamp, and whether it gave
     /// its place to another.
     pub(crate) fn overran(&mut self, now: u64) -> Option<(u64, bool)> {
-        let is_lost = |call: &&mut InFlightCall| call.lost.is_some_and(|lost| lost <= now);
-        let call = self.in_flight.iter_mut().find(is_lost)?;
-        call.lost = None;
+        let call = self.in_flight.iter_mut().find(|call| call.is_lost(now))?;
+        call.lost = u64::MAX;
         let t = call.t;
         if self.replaced.len() >= self.replaceable {
             return Some((t, false));
@@ -197,7 +199,7 @@ impl<R> SourceQueue<R> {
 
     /// When the next computation counts as lost.
     pub(crate) fn next_lost(&self) -> Option<u64> {
-        self.in_flight.iter().filter_map(|call| call.lost).min()
+        self.in_flight.iter().map(|call| call.lost).min().filter(|lost| *lost < u64::MAX)
     }
 
     /// Takes the request out of the queue if it waits.
@@ -224,14 +226,15 @@ impl<R> SourceQueue<R> {
         ages.sort_unstable_by(|one, other| other.cmp(one));
     }
 
+    /// What the gauges are to show; far fewer than 2³².
+    pub(crate) fn to_show(&self) -> (u32, u32) {
+        let count = |len| u32::try_from(len).unwrap_or(u32::MAX);
+        (count(self.waiting.len()), count(self.in_flight.len()))
+    }
+
     /// D4, F2: the length of the outgoing queue, calls under way not counted.
     pub(crate) fn backlog(&self) -> usize {
         self.waiting.len()
-    }
-
-    /// Calls under way, those that linger not counted.
-    pub(crate) fn in_flight(&self) -> usize {
-        self.in_flight.len()
     }
 
     fn remove_in_flight(&mut self, t: u64) -> Option<InFlightCall> {
@@ -255,11 +258,15 @@ impl<R> SourceQueue<R> {
     }
 
     fn until(&self, call: &InFlightCall) -> u64 {
-        call.due.unwrap_or(u64::MAX).saturating_add(self.linger)
+        call.due.saturating_add(self.linger)
     }
 }
 
 impl InFlightCall {
+    const fn is_lost(&self, now: u64) -> bool {
+        self.lost <= now && self.lost < u64::MAX
+    }
+
     const fn abandoned(self) -> AbandonedRequest {
         let Self { t, requested_at, spent, .. } = self;
         AbandonedRequest { t, requested_at, spent, was_sent: true }

@@ -179,7 +179,7 @@ impl<V, R> Engine<V, R> {
             substitute: None,
             carried: None,
         };
-        self.effects.push_back(Effect::Output(item));
+        self.effects.push(Effect::Output(item));
     }
 
     /// A4: warns once, if the timer of one cloud will end the wait for a better one.
@@ -332,7 +332,7 @@ impl<V, R> Engine<V, R> {
         }
         let instant = self.instant(at);
         let Some(item) = self.open_messages.item(t, (at, instant), ending) else { return };
-        self.effects.push_back(Effect::Output(item));
+        self.effects.push(Effect::Output(item));
     }
 
     /// A result that came too late may still be of use.
@@ -342,7 +342,7 @@ impl<V, R> Engine<V, R> {
         }
         if let Some(opened) = self.open_messages.opened(timestamp) {
             let (source, age) = (self.sources[index].source.clone(), since(opened, at));
-            self.effects.push_back(Effect::Hint(Hint { timestamp, source, value, age, why }));
+            self.effects.push(Effect::Hint(Hint { timestamp, source, value, age, why }));
         }
     }
 
@@ -370,7 +370,7 @@ impl<V, R> Engine<V, R> {
         let AbandonedRequest { t: timestamp, requested_at, spent, was_sent } = *abandoned;
         if was_sent {
             let priority = self.sources[index].source.priority;
-            self.effects.push_back(Effect::Abort { priority, timestamp });
+            self.effects.push(Effect::Abort { priority, timestamp });
         }
         let age = since(requested_at, at).saturating_add(Duration::from_nanos(spent));
         self.report_end(index, End::Censored(age));
@@ -405,7 +405,7 @@ impl<V, R> Engine<V, R> {
                     operator,
                     timestamp, "local runs for longer than its deadline: another takes its place"
                 );
-                self.effects.push_back(Effect::Replace { timestamp });
+                self.effects.push(Effect::Replace { timestamp });
             } else {
                 warn!(
                     operator,
@@ -437,21 +437,21 @@ impl<V, R> Engine<V, R> {
         if !is_settled {
             queue.push(request);
         } else if let Some(request) = queue.admit(now, request) {
-            self.effects.push_back(queue.start(request));
+            self.effects.push(queue.start(request));
         }
     }
 
     fn start(&mut self, now: u64, index: usize) {
         let queue = &mut self.sources[index];
         while let Some(request) = queue.next(now) {
-            self.effects.push_back(queue.start(request));
+            self.effects.push(queue.start(request));
         }
-        let shown = (queue.backlog(), queue.in_flight());
+        let shown = queue.to_show();
         if shown != queue.shown {
             queue.shown = shown;
             if let Some(meter) = self.counts.meters(index) {
-                meter.backlog.set(count(shown.0));
-                meter.calls.set(count(shown.1));
+                meter.backlog.set(shown.0);
+                meter.calls.set(shown.1);
             }
         }
         self.sources.settle(index);
