@@ -39,6 +39,8 @@ export const drive = async (server, message) => {
   });
   await Promise.race([Promise.all(all), sleep(scenario.period * all.length + 1000)]);
   record('tick');
+  // The server may have yet to record the last reply.
+  await sleep(200);
   server.kill();
   process.exit(0);
 };

@@ -72,5 +72,6 @@ class Server:
 
     def end(self) -> None:
         """Leave nothing behind."""
+        time.sleep(0.2)  # It may have yet to record the last reply.
         self._process.kill()
         self._process.wait()
