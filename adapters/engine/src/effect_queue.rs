@@ -4,8 +4,8 @@ use std::collections::VecDeque;
 
 use crate::effect::Effect;
 
-/// Effects in the order of the decisions. Those with a value are four times as large as the others and lie beside them, since most
-/// have none and of one operator among thousands nothing is in the processor's caches.
+/// Effects in the order of the decisions. Those with a value are more than three times as large as the others and lie beside them, since
+/// most have none and of one operator among thousands nothing is in the processor's caches.
 pub(crate) struct EffectQueue<V, R> {
     order: VecDeque<QueuedEffect<R>>,
     with_value: VecDeque<Effect<V, R>>,
