@@ -80,6 +80,32 @@ fn a_message_is_opened_and_ended_by_its_span_and_requested_by_client_spans() {
     );
 }
 
+/// The attribute has had several names; the stable one is `rpc.status_code`.
+#[test]
+fn cancelled_call_is_no_failure_of_the_cloud() {
+    let call = |key: &str, code: Value| {
+        let value = if code.is_u64() { "intValue" } else { "stringValue" };
+        json!({"attributes": [{"key": key, "value": {value: code}}], "status": {"code": 2}})
+    };
+    for (key, code, failures) in [
+        ("rpc.status_code", json!("CANCELLED"), 0),
+        ("rpc.status_code", json!("DEADLINE_EXCEEDED"), 0),
+        ("rpc.response.status_code", json!("CANCELLED"), 0),
+        ("rpc.grpc.status_code", json!(1), 0),
+        ("rpc.connect_rpc.error_code", json!("canceled"), 0),
+        ("rpc.status_code", json!("UNAVAILABLE"), 1),
+    ] {
+        let spans = [
+            span("1", "", "decide", 1, [1, 21], &json!({})),
+            span("1l", "1", "plan", 1, [1, 5], &json!({})),
+            span("1c", "1", "infer.Model/Infer", 3, [1, 20], &call(key, code.clone())),
+        ];
+        let lines = events(&spans, &["--deadline", "40ms"]);
+        let failed = lines.iter().filter(|line| line.contains(r#""ev":"fail""#)).count();
+        assert_eq!(failed, failures, "{key} {code}: {lines:?}");
+    }
+}
+
 #[test]
 fn several_client_spans_are_attempts_also_one_that_is_linked() {
     let link = json!({"links": [{"traceId": "t", "spanId": "a"}], "status": {"code": 2}});

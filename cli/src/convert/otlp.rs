@@ -75,6 +75,14 @@ enum NumberOrText {
     Text(String),
 }
 
+/// Where RPC clients put the status of a call: the stable attribute, and the older ones of gRPC and Connect.
+const STATUS_CODES: [&str; 4] = [
+    "rpc.status_code",
+    "rpc.response.status_code",
+    "rpc.grpc.status_code",
+    "rpc.connect_rpc.error_code",
+];
+
 /// All spans of a file, which is one export or several, one after the other.
 pub(super) fn read(file: &str, inner: impl Read) -> Result<Vec<SpanRecord>, ConvertError> {
     let exports = serde_json::Deserializer::from_reader(inner).into_iter::<OtlpExport>();
@@ -109,11 +117,13 @@ impl SpanRecord {
         if self.attributes.contains_key("fuseline.ended") {
             return true;
         }
-        let codes = ["rpc.grpc.status_code", "rpc.response.status_code"];
-        codes.iter().filter_map(|key| self.attributes.get(*key)).any(|code| match code {
+        STATUS_CODES.iter().filter_map(|key| self.attributes.get(*key)).any(|code| match code {
             AttributeValue::Number(code) => matches!(code, 1 | 4),
             AttributeValue::Text(code) => {
-                matches!(code.as_str(), "1" | "4" | "CANCELLED" | "DEADLINE_EXCEEDED")
+                matches!(
+                    &*code.to_lowercase(),
+                    "1" | "4" | "cancelled" | "canceled" | "deadline_exceeded"
+                )
             }
         })
     }
