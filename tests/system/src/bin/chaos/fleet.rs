@@ -68,8 +68,6 @@ pub(crate) struct OperatorOutcome {
     pub(crate) tally: Tally,
     /// Messages that the judge found in the trace.
     pub(crate) judged: u64,
-    pub(crate) trace_lines: u64,
-    pub(crate) trace_bytes: u64,
     /// The judge's first finding.
     pub(crate) finding: Option<String>,
 }
@@ -172,20 +170,17 @@ impl Fleet {
             };
             let trace = subject.trace;
             let judged = move || {
-                let trace_bytes = trace.metadata()?.len();
                 let verdict = judge("trace", BufReader::new(File::open(&trace)?))?;
                 std::fs::remove_file(&trace)?;
-                Ok::<_, Error>((verdict, trace_bytes))
+                Ok::<_, Error>(verdict)
             };
-            let (verdict, trace_bytes) = tokio::task::spawn_blocking(judged).await??;
+            let verdict = tokio::task::spawn_blocking(judged).await??;
             let finding = verdict.violations.first().map(|finding| format!("{finding:?}"));
             fates.push(Ok(OperatorOutcome {
                 number,
                 log,
                 tally,
                 judged: verdict.judged,
-                trace_lines: verdict.lines,
-                trace_bytes,
                 finding: finding.or_else(|| (!verdict.conforms).then(|| "cut off".to_owned())),
             }));
         }

@@ -14,7 +14,7 @@ use tokio::time::{Instant, sleep_until};
 static ALLOCATED: Cap<System> = Cap::new(System, usize::MAX);
 
 /// What the process takes at one moment.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(crate) struct ResourceUsage {
     /// What the system holds for the process, freed and not given back included.
     pub(crate) resident_kib: u64,

@@ -9,12 +9,11 @@ mod disruption;
 mod field;
 mod fleet;
 mod gauges;
-mod record;
 mod soak;
 mod span;
+mod summary;
 mod vehicle;
 
-use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Parser;
@@ -30,12 +29,6 @@ enum Args {
     /// One cloud, for the soak; it ends with its standard input.
     #[command(hide = true)]
     Cloud(cloud::Args),
-    /// Fails unless the kept record of a soak is of these sources, or `older.toml` says why not.
-    Record {
-        /// The project.
-        #[arg(long, default_value = ".")]
-        root: PathBuf,
-    },
 }
 
 fn main() -> ExitCode {
@@ -43,7 +36,6 @@ fn main() -> ExitCode {
     let ended: Result<bool, Error> = match Args::parse() {
         Args::Soak(args) => runtime.block_on(soak::soak(args)),
         Args::Cloud(args) => runtime.block_on(cloud::cloud(args)).map(|()| true),
-        Args::Record { root } => record::shown(&root),
     };
     runtime.shutdown_background();
     match ended {

@@ -3,20 +3,19 @@
 //! `disruption` has what breaks and when, `field` breaks it, and `checks` has what must hold.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 use std::time::Duration;
 
 use fuseline_testkit::Rng;
 use fuseline_tokio::Error;
 use tokio::time::{Instant, sleep, sleep_until};
 
-use crate::checks::{ObservedRun, checks};
+use crate::checks::{ChaosCheck, ObservedRun, checks};
 use crate::disruption::{Disruption, ScheduledDisruption, schedule};
 use crate::field::Testbed;
 use crate::fleet::{Fleet, LateItem, OperatorOutcome};
 use crate::gauges::{Lateness, Overruns, ResourceUsage};
-use crate::record::{self, Soaked};
 use crate::span::{ChaosTotals, TimeSpan};
+use crate::summary::Summary;
 
 /// How many clouds there are; each operator has two of them.
 const CLOUDS: usize = 3;
@@ -45,14 +44,10 @@ pub(crate) struct Args {
     /// Decides what breaks when; by default one that was never played.
     #[arg(long)]
     seed: Option<u64>,
-    /// Keeps the record in the project at this path.
-    #[arg(long, value_name = "ROOT")]
-    keep: Option<PathBuf>,
 }
 
 /// Whether everything held.
 pub(crate) async fn soak(args: Args) -> Result<bool, Error> {
-    let sources = args.keep.as_deref().map(record::digest).transpose()?;
     let seed = args.seed.unwrap_or_else(|| Rng::by_chance().next_u64());
     let each = args.messages.div_ceil(args.operators.into());
     let (operators, rate) = (args.operators, args.rate);
@@ -74,21 +69,18 @@ pub(crate) async fn soak(args: Args) -> Result<bool, Error> {
     for check in &checks {
         println!("{check}");
     }
-    let soaked = Soaked {
-        sources: sources.unwrap_or_default(),
+    let summary = Summary {
         seed,
         operators,
         messages,
         seconds,
+        strikes: observed.strikes.values().map(|span| span.times).sum(),
+        longest_output_us: longest_output_us(&fates),
         greatest_timer_lateness_us: u64::try_from(lateness.greatest().as_micros())?,
-        broken: checks.iter().filter(|check| !check.holds()).map(ToString::to_string).collect(),
-        ..summed(observed, &fates)
+        taken: observed.usage,
     };
-    println!("{soaked}");
-    if let Some(root) = &args.keep {
-        record::keep(root, &soaked)?;
-    }
-    Ok(soaked.broken.is_empty())
+    println!("{summary}");
+    Ok(checks.iter().all(ChaosCheck::holds))
 }
 
 /// Rounds of every disruption, each with a calm after it, as many as there is time for, and a calm.
@@ -168,28 +160,8 @@ async fn emptied(before: ResourceUsage) -> Result<ResourceUsage, Error> {
     }
 }
 
-/// The sums over all operators; the rest is the caller's.
-fn summed(observed: ObservedRun, fates: &[Result<OperatorOutcome, String>]) -> Soaked {
-    let (mut answers, mut failures) = (BTreeMap::new(), BTreeMap::new());
-    let mut soaked = Soaked {
-        strikes: observed.strikes.into_iter().map(|(harm, span)| (harm.to_owned(), span)).collect(),
-        calm: observed.calm,
-        taken: observed.usage,
-        ..Soaked::default()
-    };
-    for operator_outcome in fates.iter().flatten() {
-        for (source, count) in &operator_outcome.log.answers {
-            *answers.entry(source.clone()).or_default() += count;
-        }
-        for (why, count) in
-            operator_outcome.tally.sources.iter().flat_map(|source| source.reasons.iter())
-        {
-            *failures.entry(why.to_owned()).or_default() += count;
-        }
-        let longest = u64::try_from(operator_outcome.log.longest.as_micros()).unwrap_or(u64::MAX);
-        soaked.longest_output_us = soaked.longest_output_us.max(longest);
-        soaked.trace_lines += operator_outcome.trace_lines;
-        soaked.trace_bytes += operator_outcome.trace_bytes;
-    }
-    Soaked { answers, failures, ..soaked }
+/// The longest output of any operator.
+fn longest_output_us(fates: &[Result<OperatorOutcome, String>]) -> u64 {
+    let longest = fates.iter().flatten().map(|outcome| outcome.log.longest.as_micros()).max();
+    u64::try_from(longest.unwrap_or_default()).unwrap_or(u64::MAX)
 }

@@ -16,7 +16,7 @@ pub(crate) struct ChaosTotals {
 }
 
 /// What they did in a stretch of time, or in several.
-#[derive(Clone, Debug, Default, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct TimeSpan {
     pub(crate) times: u64,
     pub(crate) ms: u64,
