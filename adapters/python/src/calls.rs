@@ -17,7 +17,7 @@ use pyo3::types::{PyDict, PyIterator, PyList};
 use crate::calls::source::{CallClasses, SourceArgument, SourceEntry};
 use crate::calls::task::SourceCall;
 use crate::engine::{EngineEffect, LineageFields, PyCounting, PyEngine};
-use crate::time::Nanos;
+use crate::time::{Nanos, Number};
 
 /// Nothing is due.
 const NEVER: u64 = u64::MAX;
@@ -241,15 +241,19 @@ impl PyCalls {
         if !in_flight.contains(t)? {
             return Ok(());
         }
-        in_flight.del_item(t)?;
-        let (value, of) = if task::is_plain(&value) {
-            (value, None)
-        } else if value.is_instance(CallClasses::get(py)?.stamped.bind(py))? {
-            let of: Option<u64> = value.getattr(intern!(py, "of"))?.extract()?;
-            (value.getattr(intern!(py, "value"))?, of)
-        } else {
-            (value, None)
+        let (value, of) = match stamped(py, value) {
+            Ok(stamped) => stamped,
+            Err(error) => {
+                // D7: what cannot be read is a failure.
+                let arguments = (source.p, t, error.into_value(py));
+                return self
+                    .driver
+                    .bind(py)
+                    .call_method1(intern!(py, "_failed"), arguments)
+                    .map(drop);
+            }
         };
+        in_flight.del_item(t)?;
         let (now, t) = (self.now(py)?, t.extract()?);
         // Without anything to do nothing is due earlier than before.
         self.decide(this, now, false, |engine| engine.result(now, t, source.p, value.unbind(), of))
@@ -400,6 +404,18 @@ impl PyCalls {
         }
         Ok(stepped)
     }
+}
+
+/// A value, and of which message it is, if it says so.
+fn stamped<'py>(
+    py: Python<'py>,
+    value: Bound<'py, PyAny>,
+) -> PyResult<(Bound<'py, PyAny>, Option<u64>)> {
+    if task::is_plain(&value) || !value.is_instance(CallClasses::get(py)?.stamped.bind(py))? {
+        return Ok((value, None));
+    }
+    let of: Option<Number> = value.getattr(intern!(py, "of"))?.extract()?;
+    Ok((value.getattr(intern!(py, "value"))?, of.map(|Number(of)| of)))
 }
 
 /// As Python divides: the nearest float of the quotient.

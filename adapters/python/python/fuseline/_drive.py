@@ -401,15 +401,19 @@ class Driver(Generic[M, V]):
     def _failed(self, p: int, t: int, error: BaseException) -> None:
         """D7: an error of a call or of local is a failure, and no other message notices."""
         is_cancelled = isinstance(error, asyncio.CancelledError)
-        if isinstance(error, WiringError):
-            self._miswired(p, error)
         in_flight = self._sources[p].in_flight
         if t in in_flight:
             del in_flight[t]
-            why = "cancelled" if is_cancelled else in_one_line(error)
-            self._calls.fail(self._calls.now(), t, p, why)
+            why = "cancelled" if is_cancelled else type(error).__name__
+            try:
+                why = why if is_cancelled else in_one_line(error)
+            finally:
+                # Whatever the error does when it is asked for its text, it is a failure.
+                self._calls.fail(self._calls.now(), t, p, why)
         elif is_cancelled:
             raise error
+        if isinstance(error, WiringError):
+            self._miswired(p, error)
         if not isinstance(error, Exception) and not is_cancelled:
             raise error
 

@@ -61,6 +61,23 @@ class CallError(Error):
     """Why a call to a cloud failed, in a few plain words."""
 
 
+#: How many characters of what an exception says are looked at.
+_SAID_LEN = 2000
+
+
 def in_one_line(error: BaseException) -> str:
-    """What an exception says, or its type."""
-    return " ".join(str(error).split()) or type(error).__name__
+    """Returns what an exception says as one line of valid text, or its type if it says nothing.
+
+    An exception whose text cannot be read is a failure like any other (D7), so this does not raise.
+    """
+    kind = type(error).__name__
+    try:
+        said = " ".join(str(error)[:_SAID_LEN].split())
+    except Exception as raised:
+        return f"{kind}, whose text cannot be read ({type(raised).__name__})"
+    return as_text(said) or kind
+
+
+def as_text(said: str) -> str:
+    """Escapes what no encoding of text has, such as half of a surrogate pair."""
+    return said.encode("utf-8", "backslashreplace").decode()

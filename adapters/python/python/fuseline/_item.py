@@ -127,6 +127,11 @@ class StampedValue(Generic[V]):
     #: Never copied from the call.
     of: int | None
 
+    def __post_init__(self) -> None:
+        of = self.of
+        if of is not None and (isinstance(of, bool) or not hasattr(of, "__index__")):
+            raise TypeError(f"a value of {of!r}; give the timestamp in the reply, an int, or None")
+
 
 @dataclass(frozen=True, slots=True, init=False)
 class Call:

@@ -23,7 +23,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
 from fuseline._drive import Clock, Driver, OutputHandlers, RegisteredCloud, wait_for_cancelled
-from fuseline._errors import Closed, ConfigError, Full, TraceError
+from fuseline._errors import Closed, ConfigError, Full, TraceError, in_one_line
 from fuseline._fuseline import Engine, Latency, nanoseconds
 from fuseline._item import Call, CurrentDeadline, Item, Lineage, StampedValue
 from fuseline._join import Joined
@@ -402,9 +402,10 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
             with self._way:
                 self._not_taken += 1
                 times = self._not_taken
-            if times & (times - 1) == 0:
-                _log.warning("%s: a message was not taken: %s (%d so far)", self.name, error, times)
             future.set_exception(error)
+            if times & (times - 1) == 0:
+                why = in_one_line(error)
+                _log.warning("%s: a message was not taken: %s (%d so far)", self.name, why, times)
 
     async def write_all(self, messages: AsyncIterable[M] | Iterable[M]) -> int:
         """Write each message as soon as there is room; return how many.

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from fuseline._errors import CallError
+from fuseline._errors import CallError, in_one_line
 
 _log = logging.getLogger("fuseline")
 
@@ -122,13 +122,15 @@ class PolicyConnection:
         return self._policy.infer(observation)
 
     def _answer(self, future: asyncio.Future[Any], reply: Any, error: BaseException | None) -> None:
+        why = "" if error is None else f"{type(error).__name__}: {in_one_line(error)}"
+
         def settle() -> None:
             if future.done():
                 return
             if error is None:
                 future.set_result(reply)
             else:
-                future.set_exception(CallError(f"{type(error).__name__}: {error}"))
+                future.set_exception(CallError(why))
 
         with contextlib.suppress(RuntimeError):  # the loop has ended
             self._loop.call_soon_threadsafe(settle)
