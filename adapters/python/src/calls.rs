@@ -253,6 +253,14 @@ impl PyCalls {
                     .map(drop);
             }
         };
+        if value.is_none() {
+            let arguments = (source.p, t);
+            return self
+                .driver
+                .bind(py)
+                .call_method1(intern!(py, "_without_value"), arguments)
+                .map(drop);
+        }
         in_flight.del_item(t)?;
         let (now, t) = (self.now(py)?, t.extract()?);
         // Without anything to do nothing is due earlier than before.
@@ -370,7 +378,7 @@ impl PyCalls {
                 SourceCall::new(this, p, &timestamp, request.into_bound(py), &call)
             }
         };
-        let task = self.create_task.bind(py).call1((work,))?;
+        let task = self.create_task.bind(py).call((work,), Some(source.named.bind(py)))?;
         if in_flight.contains(&timestamp)? {
             in_flight.set_item(timestamp, task)?;
         }

@@ -6,7 +6,7 @@ use fuseline_traces as trace;
 use fuseline_traces::{Header, Input, Line};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
-use pyo3::types::{PyBytes, PyTuple};
+use pyo3::types::{PyBool, PyBytes, PyTuple};
 
 use crate::raised::config;
 use crate::time::{Nanos, Number};
@@ -300,7 +300,8 @@ impl<'py> FromPyObject<'_, 'py> for WindowArgument {
     type Error = PyErr;
 
     fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
-        Ok(Self(object.extract::<u16>().map_err(|_| object.to_string())))
+        let window = if object.is_instance_of::<PyBool>() { None } else { object.extract().ok() };
+        Ok(Self(window.ok_or_else(|| object.to_string())))
     }
 }
 

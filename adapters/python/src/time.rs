@@ -60,7 +60,12 @@ impl<'py> FromPyObject<'_, 'py> for Plain {
         if object.is_instance_of::<PyBool>() {
             return Err(PyTypeError::new_err("a number, not bool"));
         }
-        object.extract().map(Self)
+        object.extract().map(Self).map_err(|_| {
+            let kind = kind(object);
+            PyTypeError::new_err(format!(
+                "a number in m, m/s or m/s² as a float, not {kind}; what is not known is math.nan"
+            ))
+        })
     }
 }
 

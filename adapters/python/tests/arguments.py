@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import functools
+import io
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -11,6 +12,7 @@ from typing import Any
 from fuseline import (
     BlockingOperator,
     Call,
+    CarriedState,
     ConfigError,
     Local,
     Operator,
@@ -94,6 +96,17 @@ HANDLE: Bad = [
     (many, ConfigError, "yields nothing"),
     (yields, ConfigError, "yields nothing"),
 ]
+RESERVE: Bad = [
+    (7, ConfigError, "a reserve of 7; it is a list of Latency"),
+    ([7], ConfigError, "a reserve of [7]"),
+    ("half a second", ConfigError, "it is a list of Latency"),
+]
+NAME: Bad = [
+    ("", ConfigError, "a name is a str that is not empty"),
+    (7, ConfigError, "named 7"),
+    ("local", ConfigError, "as what computes on board is"),
+    ("w\udc80st", ConfigError, "not valid text"),
+]
 RESPONSE_HANDLER: Bad = [(7, ConfigError, "a response handler is a function, not 7")]
 SKIPPED = "skip is 'executed' or 'none', not 'all'"
 PRIORITY = "a priority of {!r}; it is an int from 1 to 65535"
@@ -175,28 +188,34 @@ OPERATOR_CASES: dict[str, Arguments] = {
             "clock": function("a clock"),
             "lag_warning": DURATION,
             "greatest_deadline": [(0.9, ConfigError, "above the greatest"), *DURATION],
-            "reserve": [(7, TypeError, "not iterable")],
+            "name": NAME,
+            "window": [
+                *count("a window"),
+                (1025, ConfigError, "a window of 1025; it is at most 1024"),
+            ],
+            "trace": [(it, ConfigError, "give the path") for it in (7, True, io.StringIO())],
+            "reserve": RESERVE,
             "latency": [(7, ConfigError, "a latency is a Latency, not 7")],
         },
         {
             "local": [AsyncObject(), PlainObject(), Local.task(echo, deadline=60.0)],
             "output_len": [1],
             "greatest_deadline": [1.0],
+            "window": [1, 1024],
+            "copy_messages": [False],
         },
-        free="name window commit trace carry_messages",
+        free="commit carry_messages copy_messages",
         of=Operator,
     ),
     "Operator.start": Arguments(
         started,
         {"local": plain},
         {
-            "window": [(it, ConfigError, f"a window of {it}") for it in (0, 1025, 1.5)],
             "commit": [("never", ConfigError, "it is eager, patient or progressive")],
-            "reserve": [([7], TypeError, "Latency")],
         },
-        {"window": [1, 1024], "commit": ["eager", "patient", "progressive"]},
-        free="local name output_len trace clock lag_warning greatest_deadline latency "
-        "carry_messages",
+        {"commit": ["eager", "patient", "progressive"]},
+        free="local name window output_len trace clock lag_warning greatest_deadline reserve "
+        "latency carry_messages copy_messages",
         of=Operator,
     ),
     "Operator.use_cloud": Arguments(
@@ -259,9 +278,11 @@ OPERATOR_CASES: dict[str, Arguments] = {
     ),
     "Operator.use_state": Arguments(
         method(operator, "use_state"),
-        {"state": None, "state_of": plain},
-        {"state_of": function("what reads a state")},
-        free="state",
+        {"state": CarriedState(None), "state_of": plain},
+        {
+            "state": [(7, ConfigError, "a state is a CarriedState, not 7")],
+            "state_of": function("what reads a state"),
+        },
         of=Operator.use_state,
     ),
     "Operator.use_side_request": Arguments(

@@ -9,6 +9,7 @@ from typing import Any
 from arguments import (
     DRIVE,
     DURATION,
+    RESERVE,
     SKIPPED,
     TRACE,
     Arguments,
@@ -79,7 +80,7 @@ CASES_AROUND: dict[str, Arguments] = {
         {
             "wait": DURATION,
             "window": count("a window"),
-            "reserve": [(7, TypeError, "not iterable")],
+            "reserve": RESERVE,
             "output_len": count("an output_len"),
             "clock": function("a clock"),
         },

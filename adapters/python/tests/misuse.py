@@ -60,7 +60,7 @@ def played(
         operator = operator_of(clock=loop.time_ns, **options)
         prepare(operator, loop)
         async with operator:
-            operator.feed(of)
+            operator.feed(list(of))
             return [item async for item in operator], operator.counts
 
     return run(main)  # type: ignore[no-any-return]

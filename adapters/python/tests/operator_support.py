@@ -45,7 +45,7 @@ def ask(deadline: float) -> Callable[[Any, int], tuple[Any, float]]:
 
 async def items_of(operator: Operator[Any, Any], messages: Any) -> list[Item[Any]]:
     async with operator:
-        operator.feed(messages)
+        operator.feed(list(messages) if isinstance(messages, str) else messages)
         return [item async for item in operator]
 
 

@@ -239,6 +239,7 @@ def test_more_than_the_window(run: Run[Any]) -> None:
 def test_feed_that_is_too_fast(run: Run[Any]) -> None:
     async def slow(message: Any, t: int) -> Any:
         await asyncio.sleep(0.01)
+        return message
 
     async def main(loop: VirtualLoop) -> list[Ending]:
         operator = operator_of(slow, clock=loop.time_ns)

@@ -316,6 +316,7 @@ def test_local_is_never_cancelled_by_a_decision(run: Run[Any]) -> None:
     async def local(message: Any, t: int) -> Any:
         await asyncio.sleep(1)
         done.append(message)
+        return message
 
     async def main(loop: VirtualLoop) -> None:
         operator: Operator[Any, Any] = Operator(local, clock=loop.time_ns)

@@ -415,13 +415,9 @@ def test_what_makes_no_operator_is_refused() -> None:
 
 
 @pytest.mark.parametrize("window", [-5, 0, 1025])
-def test_a_window_that_is_none_is_refused_at_the_start(run: Run[Any], window: int) -> None:
-    async def main(loop: VirtualLoop) -> None:
-        operator: Operator[Any, Any] = Operator(local_after(0), window=window)
-        with pytest.raises(fuseline.ConfigError, match="a window of"):
-            await operator.start()
-
-    run(main)
+def test_refuses_a_window_that_is_none(window: int) -> None:
+    with pytest.raises(fuseline.ConfigError, match="a window of"):
+        Operator(local_after(0), window=window)
 
 
 def test_a_second_cloud_of_one_priority_is_refused() -> None:

@@ -14,12 +14,19 @@ from typing import Any, Generic, TypeAlias, TypeVar
 from fuseline._encoding import EncodedRequest
 from fuseline._errors import in_one_line
 from fuseline._fuseline import Calls, Engine, Latency, nanoseconds
-from fuseline._item import Call, Ending, Item, Lineage
+from fuseline._item import Call, Ending, Item, Lineage, check_capture
 from fuseline._local import Local
 from fuseline._side import SideRequest
 from fuseline._state import CarriedState
 from fuseline._threads import DaemonThreads
-from fuseline._wiring import WiringError, check_awaitable, check_value, is_awaitable
+from fuseline._wiring import (
+    WiringError,
+    check_awaitable,
+    check_read,
+    check_value,
+    is_awaitable,
+    no_value,
+)
 from fuseline._words import Cloud, ns
 from fuseline.deadline import Policy, Situation
 
@@ -27,10 +34,13 @@ M = TypeVar("M")
 V = TypeVar("V")
 
 #: A source as the extension has it: its priority, its tasks, the most of them, its handle, its
-#: response handler, and whether its requests are encoded.
+#: response handler, whether its requests are encoded, and what its tasks are called.
 _Source: TypeAlias = (
-    "tuple[int, SourceTasks, int, Callable[..., Any], Callable[[Any], Any] | None, bool]"
+    "tuple[int, SourceTasks, int, Callable[..., Any], Callable[[Any], Any] | None, bool, str]"
 )
+
+#: A lineage as the engine takes it: with its age instead of the capture.
+LineageFields: TypeAlias = "tuple[str | None, int | None, int | None, Any, list[str]]"
 
 #: An operator's clock: whole nanoseconds that never go back.
 Clock = Callable[[], int]
@@ -214,18 +224,30 @@ class Driver(Generic[M, V]):
         if not self._calls.is_over:
             self._engine.set_situation(situation)
 
-    def open(self, t: int, message: M, lineage: Lineage | None) -> None:
-        """A message came."""
-        # One instant for the open and all offers: equal deadlines end together.
+    def now(self) -> int:
+        """The instant, in nanoseconds since the start."""
+        return self._calls.now()
+
+    def fields_of(self, now: int, lineage: Lineage) -> LineageFields:
+        """What the engine is given of a lineage.
+
+        Raises:
+            TimeError: if the capture is of another clock.
+        """
+        if (captured := lineage.captured) is not None:
+            check_capture(captured, self._calls.start + now)
+        age, missing = self._age(now, lineage), list(lineage.missing)
+        return lineage.origin, lineage.seq, age, lineage.within, missing
+
+    def open(
+        self, now: int, t: int, message: M, lineage: Lineage | None, fields: LineageFields | None
+    ) -> None:
+        """A message came. It and all offers have one instant: equal deadlines end together."""
         calls = self._calls
-        now = calls.now()
-        fields = None
         if self._messages is not None:
             self._messages[t] = message
         if lineage is not None:
             self._lineages[t] = lineage
-            age, missing = self._age(now, lineage), list(lineage.missing)
-            fields = lineage.origin, lineage.seq, age, lineage.within, missing
         calls.open(now, t, message, self._offers(t, message), fields)
         if self._handlers.sides and self._taken_on == t and not calls.is_over:
             call = Call(t, 0.0, lineage, None if fields is None else _seconds(fields[2]))
@@ -281,9 +303,10 @@ class Driver(Generic[M, V]):
         """A source as the extension has it."""
         cloud = source.cloud
         if cloud is None:
-            return p, source, source.limit, self._local._run, None, False
-        encodes = source.encoders is not None
-        return p, source, source.limit, cloud.handle, cloud.response_handler, encodes
+            named = f"{self.name}: local"
+            return p, source, source.limit, self._local._run, None, False, named
+        encodes, named = source.encoders is not None, f"{self.name}: {cloud.cloud.name}"
+        return p, source, source.limit, cloud.handle, cloud.response_handler, encodes, named
 
     # What the extension calls.
 
@@ -320,10 +343,14 @@ class Driver(Generic[M, V]):
             if ending is _FORWARDED or ending is _PRELIMINARY:
                 t = item.timestamp if item.of is None else item.of
                 for state, state_of in handlers.states:
-                    state.sent(t, state_of(item.value))
+                    read = state_of(item.value)
+                    check_read(read, "what reads a state")
+                    state.sent(t, read)
             elif ending is not _FINAL and handlers.substitute is not None:
                 # E4: something is sent for each message.
-                item.value = item.substitute = handlers.substitute(item)
+                substitute = handlers.substitute(item)
+                check_value(substitute, "the substitute's handler", "make it a plain function")
+                item.value = item.substitute = substitute
                 if item.substitute is not None:
                     # E7: how old it is only the handler knows.
                     item.age = None
@@ -393,10 +420,16 @@ class Driver(Generic[M, V]):
         assert source.cloud is not None and source.encoders is not None
         begin = self._read_clock()
         encoded = await request.get(source.encoders)
-        check_value(encoded, "what encodes", "make it a plain function")
+        check_read(encoded, "what encodes")
         took = (self._read_clock() - begin) / 1e9
         call = replace(call, deadline=max(call.deadline - took, 0.0))
         return await _response(source.cloud, source.cloud.handle(encoded, call))
+
+    def _without_value(self, p: int, t: int) -> None:
+        """A result of None: most likely nobody returned one."""
+        cloud = self._sources[p].cloud
+        what = "local" if cloud is None else "the handle or the response handler"
+        self._failed(p, t, no_value(what))
 
     def _failed(self, p: int, t: int, error: BaseException) -> None:
         """D7: an error of a call or of local is a failure, and no other message notices."""
@@ -440,7 +473,10 @@ async def _response(cloud: RegisteredCloud, returned: Any) -> Any:
     response = await returned
     check_value(response, "the handle", "await it there")
     value = cloud.response_handler(response)
-    return await _awaited_value(value) if is_awaitable(value) else value
+    if is_awaitable(value):
+        return await _awaited_value(value)
+    check_value(value, "the response handler", "await it there")
+    return value
 
 
 async def _awaited_value(value: Awaitable[Any]) -> Any:

@@ -11,7 +11,7 @@ class ConfigError(Error, ValueError):
     """A configuration that no machine or operator can have."""
 
 
-class TimeError(Error, ValueError):
+class TimeError(Error, ValueError, OverflowError):
     """An instant, a duration or another number out of its range."""
 
 

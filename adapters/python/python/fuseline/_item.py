@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeAlias, TypeVar
 
+from fuseline._errors import TimeError, as_text
 from fuseline._fuseline import nanoseconds
 from fuseline._words import OpenRefusal, ns
 
@@ -13,6 +14,9 @@ if TYPE_CHECKING:
     from fuseline._judge import Duration
 
 V = TypeVar("V")
+
+#: By how many nanoseconds a capture may seem to come after the operator's clock.
+CAPTURE_SLACK = 1_000_000_000
 
 #: A lineage as the extension has it.
 _Fields: TypeAlias = "tuple[str | None, int | None, int | None, Any, list[str]]"
@@ -91,10 +95,17 @@ class Lineage:
     missing: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        if self.seq is not None and self.origin is None:
-            raise ValueError("a seq without an origin, the stream that it counts in")
-        if self.captured is not None and not isinstance(self.captured, int):
-            raise TypeError(f"captured at {self.captured!r}; give nanoseconds, as monotonic_ns()")
+        if isinstance(self.missing, (str, bytes)):
+            raise TypeError(f"missing {self.missing!r}; give a tuple of names")
+        for name in (self.origin, *self.missing):
+            if name is not None and (not isinstance(name, str) or name != as_text(name)):
+                raise TypeError(f"an origin of {name!r}; give the stream's name as text")
+        if self.seq is not None:
+            _check_number(self.seq, "a seq", "give the message's number in its stream, an int")
+            if self.origin is None:
+                raise ValueError("a seq without an origin, the stream that it counts in")
+        if self.captured is not None:
+            _check_number(self.captured, "captured at", "give nanoseconds, as monotonic_ns()")
         if self.within is not None:
             object.__setattr__(self, "within", nanoseconds(self.within))
 
@@ -103,6 +114,27 @@ class Lineage:
         """What `fields_of` made these of."""
         origin, seq, captured, within, missing = fields
         return cls(origin, seq, captured, None if within is None else ns(within), tuple(missing))
+
+
+def _check_number(number: Any, what: str, remedy: str) -> None:
+    if isinstance(number, bool) or not hasattr(number, "__index__"):
+        raise TypeError(f"{what} {number!r}; {remedy}")
+    if not 0 <= number < 2**64:
+        raise TimeError(f"{what} {number!r}, which is not from 0 to 2**64 - 1; {remedy}")
+
+
+def check_capture(captured: int, now: int) -> None:
+    """A capture that is not to come, by the operators' clock.
+
+    Raises:
+        TimeError: if it is, by more than a second: then it was read from another clock, and each
+            age would be 0.
+    """
+    if captured > now + CAPTURE_SLACK:
+        raise TimeError(
+            f"captured {(captured - now) / 1e9:.3f} s from now, by another clock than the "
+            "operator's: give time.monotonic_ns(), or the operator the clock of the stamps"
+        )
 
 
 def fields_of(lineage: Lineage | None) -> _Fields | None:

@@ -5,9 +5,12 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import threading
 import time
 from collections import Counter, deque
 from collections.abc import AsyncIterator, Callable, Sequence
+from concurrent.futures import Future
+from concurrent.futures import TimeoutError as FutureTimeoutError
 from dataclasses import dataclass
 from enum import Enum
 from types import TracebackType
@@ -15,9 +18,10 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from fuseline._errors import Closed, ConfigError, Full
 from fuseline._fuseline import Aligner, Latency, nanoseconds
-from fuseline._item import Ending, Item, Lineage, fields_of
+from fuseline._item import Ending, Item, Lineage, check_capture, fields_of
 from fuseline._loop import WaiterList
-from fuseline._wiring import check_count, check_function
+from fuseline._snapshot import snapshot
+from fuseline._wiring import check_clock, check_count, check_function, check_reserve, check_value
 
 if TYPE_CHECKING:
     from fuseline._judge import Duration
@@ -27,6 +31,8 @@ T = TypeVar("T")
 _log = logging.getLogger("fuseline")
 #: The longest sleep, in nanoseconds: a day.
 _DAY = 86_400_000_000_000
+#: How many seconds a message from another thread may wait for the loop.
+HANDOVER = 1.0
 
 
 class JoinCause(Enum):
@@ -98,17 +104,23 @@ class JoinInput(Generic[T]):
         self._index: int | None = None
 
     def write(self, message: T, lineage: Lineage | None = None) -> None:
-        """A message came. It never waits.
+        """A message came. In another thread it waits until the loop takes it, else it never waits.
+
+        A message is copied as `Operator` copies those that are written to it.
 
         Raises:
-            Full: if the reader of the sets lags by ``output_len``: the message was not taken.
+            Full: if the reader of the sets lags by ``output_len``, or the loop is held up for a
+                second: the message was not taken.
             Closed: if the input takes no more messages.
+            TimeError: if the lineage's capture is to come, by more than a second: it is of another
+                clock, and the message was not taken.
         """
-        self._join._arrived(self, message, lineage, is_last=True)
+        message = snapshot(message)
+        self._join._in_loop(lambda: self._join._written(self, message, lineage))
 
     def close(self) -> None:
         """Nothing more comes: no set waits for this input any longer."""
-        self._join._ended(self)
+        self._join._in_loop(lambda: self._join._ended(self))
 
     def _fresh(self, now: int) -> tuple[T, Lineage | None] | None:
         """The latest message, unless it is too old since its capture or else since it came."""
@@ -161,7 +173,8 @@ class Join:
     ) -> None:
         check_count(window, 1, "a window")
         check_count(output_len, 1, "an output_len")
-        check_function(clock, "a clock")
+        check_clock(clock)
+        check_reserve(reserve)
         self.name = name
         #: What was given and why, what was missing in it, and what was dropped.
         self.counts: Counter[tuple[str, str, str]] = Counter()
@@ -176,6 +189,10 @@ class Join:
         self._tasks: set[asyncio.Task[None]] = set()
         self._timer: asyncio.TimerHandle | None = None
         self._given, self._room = WaiterList(), WaiterList()
+        #: The loop and its thread, once it has started.
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._thread: int | None = None
+        self._is_ending = False
 
     # Before the start.
 
@@ -235,7 +252,8 @@ class Join:
             it._index = index
         names = [it.name for it in aligned]
         self._aligner = Aligner(names, self._wait, self._window, self._clock())
-        loop = asyncio.get_running_loop()
+        self._loop = loop = asyncio.get_running_loop()
+        self._thread = threading.get_ident()
         for it, items in self._sources:
             task = loop.create_task(self._read_items(it, items))
             self._tasks.add(task)
@@ -248,12 +266,12 @@ class Join:
         error: BaseException | None,
         where: TracebackType | None,
     ) -> None:
-        tasks = list(self._tasks)
+        tasks, self._is_ending = list(self._tasks), True
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
         for it in self._inputs:
-            it.close()
+            self._ended(it)
         if self._timer is not None:
             self._timer.cancel()
 
@@ -293,6 +311,31 @@ class Join:
         self._inputs.append(joined)
         return joined
 
+    def _in_loop(self, step: Callable[[], None]) -> None:
+        """Do something in the loop's thread, and wait until it is done."""
+        if self._thread is None or threading.get_ident() == self._thread or self._loop is None:
+            step()
+            return
+        done: Future[None] = Future()
+        try:
+            self._loop.call_soon_threadsafe(_settle, done, step)
+        except RuntimeError as error:
+            raise Closed("the join's loop has ended") from error
+        try:
+            done.result(HANDOVER)
+        except (TimeoutError, FutureTimeoutError) as error:
+            if done.cancel():
+                raise Full(f"the loop has not taken it for {HANDOVER} s; it is held up") from error
+            done.result()
+
+    def _written(self, joined: JoinInput[T], message: T, lineage: Lineage | None) -> None:
+        if lineage is not None:
+            if not isinstance(lineage, Lineage):
+                raise ConfigError(f"a lineage is a Lineage, not {lineage!r}")
+            if lineage.captured is not None:
+                check_capture(lineage.captured, self._clock())
+        self._arrived(joined, message, lineage, is_last=True)
+
     def _arrived(
         self,
         joined: JoinInput[T],
@@ -313,6 +356,7 @@ class Join:
         key = None if lineage is None else lineage.seq
         if joined._key is not None:
             key = joined._key(message, lineage)
+            check_value(key, f"the key of {joined.name}", "make it a plain function")
         aligner.set_reserve(self._reserve)
         value = (message,) if has_value else None
         why = aligner.arrive(now, joined._index, key, fields_of(lineage), value, is_last)
@@ -333,8 +377,8 @@ class Join:
         if self._on_drop is None:
             return
         try:
-            self._on_drop(dropped)
-        except Exception:
+            check_value(self._on_drop(dropped), "what is called on drops", "make it plain")
+        except (Exception, asyncio.CancelledError):
             _log.exception("%s: the handler of drops failed", self.name)
 
     def _give(self) -> None:
@@ -384,6 +428,25 @@ class Join:
                 if joined._index is not None or has_value:
                     lineage, is_last = item.lineage, item.last
                     self._arrived(joined, item, lineage, is_last=is_last, has_value=has_value)
+        except asyncio.CancelledError:
+            if self._is_ending:
+                raise
+            # The items ended so: a task of theirs was cancelled, not this one.
+            _log.exception("%s: the input %s ends", self.name, joined.name)
         except Exception:
             _log.exception("%s: the input %s ends", self.name, joined.name)
-        joined.close()
+        finally:
+            # Whatever ended it, no set waits for it any longer.
+            joined.close()
+
+
+def _settle(done: Future[None], step: Callable[[], None]) -> None:
+    """Do what another thread waits for, unless it has given up."""
+    if not done.set_running_or_notify_cancel():
+        return
+    try:
+        step()
+    except BaseException as error:
+        done.set_exception(error)
+    else:
+        done.set_result(None)

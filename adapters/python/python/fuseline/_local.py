@@ -175,6 +175,8 @@ class Local(Generic[M, V]):
     async def _start(self) -> None:
         if self._make is None:
             return
+        if self._pool is not None:
+            raise ConfigError("one Local for two operators at once; make one for each")
         self._pool = pool = self._make(self.at_once)
         if isinstance(pool, ProcessPoolExecutor):
             # Else the first messages would wait until the processes are there.

@@ -30,14 +30,22 @@ from fuseline._join import Joined
 from fuseline._local import Local, local_of
 from fuseline._loop import WaiterList, each
 from fuseline._setup import PipelineSetup
+from fuseline._snapshot import UNCHANGEABLE, snapshot
 from fuseline._wiring import (
+    check_clock,
     check_count,
     check_function,
     check_handle,
     check_linger,
+    check_messages,
+    check_name,
+    check_own_policy,
     check_policy,
     check_priority,
+    check_range,
+    check_reserve,
     check_response_handler,
+    check_trace,
 )
 from fuseline._words import Cloud, Commit, ns
 from fuseline.deadline import Policy, Situation, assumes_one_output, compiled, policy_of
@@ -79,6 +87,10 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         reserve: How long those downstream take; so much of an end-to-end deadline is kept (E3).
         latency: What records how long this operator takes, for those upstream.
         carry_messages: Whether each item carries its message, as ``item.message``.
+        copy_messages: Whether each message is copied when it is written, so that a buffer that is
+            used again changes no message that waits. What is copied are arrays, Python's
+            containers, dataclasses and what is in them; an object of another class is shared and
+            must not be changed. False saves the copy where nobody changes a message.
 
     Its methods belong to the thread of its loop, but for `write_threadsafe`; elsewhere they raise a
     RuntimeError.
@@ -114,9 +126,14 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         reserve: Sequence[Latency] = (),
         latency: Latency | None = None,
         carry_messages: bool = False,
+        copy_messages: bool = True,
     ) -> None:
+        check_name(name, "an operator")
+        check_range(window, 1, 1024, "a window")
         check_count(output_len, 1, "an output_len")
-        check_function(clock, "a clock")
+        check_trace(trace)
+        check_reserve(reserve)
+        check_clock(clock)
         if latency is not None and not isinstance(latency, Latency):
             raise ConfigError(f"a latency is a Latency, not {latency!r}")
         self.name = name
@@ -142,6 +159,7 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         super().__init__(OutputHandlers(latency=latency, carry_messages=carry_messages))
         self._loop: asyncio.AbstractEventLoop | None = None
         self._situation: Callable[[M, int], Situation] | None = None
+        self._copies = copy_messages
         self._driver: Driver[M, V] | None = None
         self._items: deque[Item[V]] = deque()
         #: Who waits for an item, and who waits for room.
@@ -190,14 +208,15 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
             encode: Makes the handle's request of the message handler's in a thread, as for JPEG;
                 once for all clouds whose handlers return the same object to the same function.
             priority: 1 to 65535, different for each cloud; the greater wins.
-            name: For people and traces; ``cloud-`` and the priority by default.
+            name: For people, counts and traces; no two clouds have one name. By default it is
+                ``cloud-`` and the priority.
             limit: The gate shuts when this many requests wait to be sent (F2g); by default as many
                 as ``calls`` (A15).
             resume: The shut gate opens when this many or fewer wait.
             calls: How many calls may be under way; further requests wait.
             policy: Chooses how long each request may take, at most what the message handler says,
-                and learns how each ended: see `fuseline.deadline`. A plain function of a
-                `Situation` and the most will do.
+                and learns how each ended: see `fuseline.deadline`. Each cloud has a policy of its
+                own. A plain function of a `Situation` and the most will do.
             linger: How long a call may run on after it was due, so that the policy learns how long
                 it really takes. What comes then is still dropped (F3).
             max_age: Of how many messages before its own a `StampedValue` may be; what is older, or
@@ -209,22 +228,25 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
             ConfigError: if the operator has started, or what was given cannot be what it is given
                 for: a class for an instance, a handle that is not async, a number out of its range.
         """
-        if self._driver is not None:
-            raise ConfigError("a cloud after the start; register it before")
+        self._check_not_started("a cloud")
         check_handle(handle)
         check_function(message_handler, "a message handler")
         check_response_handler(response_handler)
         check_priority(priority, [it.cloud.p for it in self._clouds])
+        name = f"cloud-{priority}" if name is None else name
+        check_name(name, "a cloud", self._names())
         check_count(calls, 1, "calls at once")
+        limit = calls if limit is None else limit
+        check_count(limit, 1, "a limit")
+        check_count(resume, 0, "a resume")
         check_count(max_age, 0, "a max_age")
         if encode is not None:
             check_function(encode, "what encodes")
-        name = name or f"cloud-{priority}"
         if policy is not None:
             check_policy(policy)
             policy = policy_of(policy)
+            check_own_policy(policy, [it.policy for it in self._clouds], name)
             check_linger(policy, nanoseconds(linger), name)
-        limit = calls if limit is None else limit
         cloud = Cloud(priority, limit, resume, name)
         self._clouds.append(
             RegisteredCloud(
@@ -337,6 +359,8 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         Raises:
             Full: if the reader of the items lags by ``output_len``: the message was not taken.
             Closed: if the operator takes no more messages.
+            TimeError: if the lineage's capture is to come, by more than a second: it is of another
+                clock, and the message was not taken.
             RuntimeError: in another thread than the loop's: use `write_threadsafe` there.
         """
         driver = self._driver
@@ -348,6 +372,10 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
             raise Full(f"{len(self._items)} items wait to be read; read them first")
         if self._is_handling:
             raise RuntimeError("a handler must not write to its own operator")
+        if lineage is not None and not isinstance(lineage, Lineage):
+            raise ConfigError(f"a lineage is a Lineage, not {lineage!r}")
+        if self._copies and type(message) not in UNCHANGEABLE:
+            message = snapshot(message)
         t = self._count
         self._is_handling = True
         try:
@@ -355,8 +383,11 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
                 self._assess(driver, self._situation, message, t)
                 if self._is_last:
                     raise Closed("the situation's handler ended the operator")
+            now = driver.now()
+            fields = None if lineage is None else driver.fields_of(now, lineage)
+            # From here on the message has its timestamp.
             self._count += 1
-            driver.open(t, message, lineage)
+            driver.open(now, t, message, lineage, fields)
         finally:
             self._is_handling = False
         return t
@@ -415,7 +446,9 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
 
         Raises:
             Closed: if the operator takes no more messages.
+            ConfigError: if these are no messages, such as a str.
         """
+        check_messages(messages)
         count = 0
         async with contextlib.AsyncExitStack() as stack:
             if isinstance(messages, AsyncGenerator):
@@ -434,6 +467,7 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         If the messages end in an exception, it is raised at the end of the operator's block.
         """
         self._running("feed")
+        check_messages(messages)
         task = asyncio.get_running_loop().create_task(self._feed(messages))
         self._feeds.add(task)
         task.add_done_callback(self._feeds.discard)
@@ -556,6 +590,11 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         else:
             remedy = f"let its loop do it: loop.call_soon_threadsafe(operator.{method})"
         raise RuntimeError(f"{method} in another thread than the operator's loop; {remedy}")
+
+    def _names(self) -> list[str]:
+        """What has a name of its own in counts."""
+        sides = [side.name for side in self._handlers.sides]
+        return [self.name, *sides, *(it.cloud.name or "" for it in self._clouds)]
 
     def _has_room(self) -> bool:
         driver = self._driver

@@ -14,6 +14,7 @@ from fuseline._wiring import (
     check_count,
     check_function,
     check_handle,
+    check_name,
     check_response_handler,
 )
 
@@ -42,11 +43,17 @@ class PipelineSetup(Generic[M, V]):
         message with an end-to-end deadline is then missed early enough to leave the ``reserve`` to
         the operators downstream. The handler gets the item; None sends it without a value.
         """
+        self._check_not_started("a substitute")
         check_function(substitute, "a substitute's handler")
+        if self._handlers.substitute is not None:
+            raise ConfigError("a second substitute; an operator has one handler for all")
         self._handlers.substitute = substitute
 
     def use_state(self, state: CarriedState[S], state_of: Callable[[V], S]) -> None:
         """Take over the state of each result that is sent, local's or a cloud's (E10)."""
+        self._check_not_started("a state")
+        if not isinstance(state, CarriedState):
+            raise ConfigError(f"a state is a CarriedState, not {state!r}")
         check_function(state_of, "what reads a state")
         self._handlers.states.append((state, state_of))
 
@@ -67,15 +74,22 @@ class PipelineSetup(Generic[M, V]):
         output. The message handler looks at each message that was taken on; the response handler
         gets each answer that comes in time. They are gated and bounded as a cloud's requests are.
         """
-        if self._driver is not None:
-            raise ConfigError("a side request after the start; register it before")
+        self._check_not_started("a side request")
         check_handle(handle)
         check_function(message_handler, "a message handler")
         check_response_handler(response_handler)
         check_count(resume, 0, "a resume")
         check_count(limit, resume + 1, "a limit")
         check_count(calls, 1, "calls at once")
-        name = name or f"side-{len(self._handlers.sides) + 1}"
+        name = f"side-{len(self._handlers.sides) + 1}" if name is None else name
+        check_name(name, "a side request", self._names())
         self._handlers.sides.append(
             SideRequest(name, handle, message_handler, response_handler, limit, resume, calls)
         )
+
+    def _check_not_started(self, what: str) -> None:
+        if self._driver is not None:
+            raise ConfigError(f"{what} after the start; register it before")
+
+    def _names(self) -> list[str]:
+        raise NotImplementedError

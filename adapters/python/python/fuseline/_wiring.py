@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import inspect
-from types import GeneratorType
+import os
+from collections.abc import AsyncIterable, Iterable, Mapping
+from types import AsyncGeneratorType, GeneratorType
 from typing import Any
 
-from fuseline._errors import ConfigError
-from fuseline.deadline import Policy, needs_linger
+from fuseline._errors import ConfigError, as_text
+from fuseline._fuseline import Latency
+from fuseline.deadline import Policy, learners, needs_linger
 
 
 class WiringError(ConfigError):
@@ -18,9 +21,11 @@ def check_function(function: Any, what: str) -> None:
     """A plain function, or what can be called like one.
 
     Raises:
-        ConfigError: if it cannot be called, is a class, or is an ``async def``.
+        ConfigError: if it cannot be called, is a class, yields, or is an ``async def``.
     """
     _check_callable(function, what)
+    if inspect.isgeneratorfunction(function) or inspect.isasyncgenfunction(function):
+        raise ConfigError(f"{what} is a function that returns; this one yields")
     if is_async(function):
         raise ConfigError(f"{what} is a plain function, not an async def: it runs at one instant")
 
@@ -36,7 +41,8 @@ def check_handle(handle: Any) -> None:
         raise ConfigError("a handle is an async def that returns its response, and yields nothing")
     function = inspect.unwrap(getattr(handle, "__func__", handle))
     is_named = inspect.isfunction(function) and function.__name__ != "<lambda>"
-    if is_named and not is_async(handle):
+    # A plain decorator of an async function returns what that returns.
+    if is_named and not is_async(handle) and not is_async(function):
         raise ConfigError(
             f"the handle {function.__qualname__} is not async: make it an async def; if it blocks, "
             "let it await asyncio.to_thread"
@@ -58,15 +64,39 @@ def check_value(value: Any, what: str, remedy: str) -> None:
     """A value that is sent on, such as a response.
 
     Raises:
-        WiringError: if it is an awaitable that nobody would await.
+        WiringError: if it is an awaitable that nobody would await, or a generator.
     """
     kind = type(value)
-    if not hasattr(kind, "__await__") and kind is not GeneratorType:
+    is_generator = kind is GeneratorType or kind is AsyncGeneratorType
+    if not hasattr(kind, "__await__") and not is_generator:
         return
     if is_awaitable(value):
         if inspect.iscoroutine(value):
             value.close()
         raise WiringError(f"{what} gave an awaitable for a value: {remedy}")
+    if is_generator:
+        raise WiringError(
+            f"{what} gave a generator for a value: return the value, and do not yield"
+        )
+
+
+def no_value(what: str) -> WiringError:
+    """Where None is returned for a value: nearly always a ``return`` is missing."""
+    return WiringError(
+        f"{what} returned None, which is no value: add the return, or return an empty value that "
+        "is not None"
+    )
+
+
+def check_read(value: Any, what: str) -> None:
+    """A value that a plain handler returned, and that must be there.
+
+    Raises:
+        WiringError: if it is None, an awaitable or a generator.
+    """
+    check_value(value, what, "make it a plain function")
+    if value is None:
+        raise no_value(what)
 
 
 def check_response_handler(handler: Any) -> None:
@@ -95,6 +125,91 @@ def check_count(count: Any, least: int, what: str) -> None:
         raise ConfigError(f"{what} of {count!r}; it is an int of at least {least}")
 
 
+def check_range(count: Any, least: int, most: int, what: str) -> None:
+    """A whole number from this to that."""
+    check_count(count, least, what)
+    if count > most:
+        raise ConfigError(f"{what} of {count}; it is at most {most}")
+
+
+def check_name(name: Any, what: str, others: Iterable[str] = ()) -> None:
+    """A name of its own, which counts, logs and traces are read by.
+
+    Raises:
+        ConfigError: if it is no text, empty, or taken.
+    """
+    if not isinstance(name, str) or not name:
+        raise ConfigError(f"{what} named {name!r}; a name is a str that is not empty")
+    if name != as_text(name):
+        raise ConfigError(f"{what} named {name!r}, which is not valid text; give another name")
+    if name == "local":
+        raise ConfigError(f"{what} named 'local', as what computes on board is; give another name")
+    if name in others:
+        raise ConfigError(
+            f"{what} named {name!r}, as another one is; counts and logs could not tell them apart: "
+            "give another name"
+        )
+
+
+def check_clock(clock: Any) -> None:
+    """A function that reads whole nanoseconds.
+
+    Raises:
+        ConfigError: if it is none, or reads something else, such as seconds as a float.
+    """
+    check_function(clock, "a clock")
+    try:
+        now = clock()
+    except Exception as error:
+        raise ConfigError(f"a clock that raises {error!r}; give time.monotonic_ns") from error
+    if isinstance(now, bool) or not hasattr(now, "__index__") or not 0 <= now < 2**64:
+        raise ConfigError(
+            f"a clock that reads {now!r}; it reads whole nanoseconds from 0, as time.monotonic_ns"
+        )
+
+
+def check_trace(path: Any) -> None:
+    """The path of a file.
+
+    Raises:
+        ConfigError: if it is none, such as an open file.
+    """
+    if path is not None and not isinstance(path, (str, bytes, os.PathLike)):
+        raise ConfigError(f"a trace of {path!r}; give the path of the file that it is written to")
+
+
+def check_reserve(reserve: Any) -> None:
+    """A list of `Latency`.
+
+    Raises:
+        ConfigError: if it is none.
+    """
+    is_list = isinstance(reserve, Iterable) and not isinstance(reserve, (str, bytes))
+    if not is_list or not all(isinstance(it, Latency) for it in reserve):
+        raise ConfigError(
+            f"a reserve of {reserve!r}; it is a list of Latency, such as [Latency.stated(0.05)]"
+        )
+
+
+def check_messages(messages: Any) -> None:
+    """A stream of messages.
+
+    Raises:
+        ConfigError: if it is none, or most likely one message, such as a text or a dictionary.
+    """
+    if isinstance(messages, (str, bytes, bytearray, memoryview, Mapping)):
+        kind = type(messages).__name__
+        raise ConfigError(
+            f"a {kind} for messages, which would be fed part by part; give an iterable of "
+            "messages, such as a list with it or a reader of the file that it names"
+        )
+    if not isinstance(messages, (AsyncIterable, Iterable)) and not hasattr(messages, "__getitem__"):
+        if inspect.iscoroutine(messages):
+            messages.close()
+        remedy = "; call the function" if callable(messages) else ""
+        raise ConfigError(f"messages are an iterable, plain or async, not {messages!r}{remedy}")
+
+
 def check_policy(policy: Any) -> None:
     """An object with the methods of a policy, or a plain function.
 
@@ -108,6 +223,20 @@ def check_policy(policy: Any) -> None:
         raise ConfigError(f"the policy {policy!r} needs both methods, decide and ended")
     if not any(has):
         check_function(policy, "a policy")
+
+
+def check_own_policy(policy: Policy, others: Iterable[Policy | None], name: str) -> None:
+    """A policy that learns of one cloud alone.
+
+    Raises:
+        ConfigError: if another cloud has it, or a part of it, too.
+    """
+    own = learners(policy)
+    if any(a is b for other in others if other is not None for b in learners(other) for a in own):
+        raise ConfigError(
+            f"the policy of {name} is another cloud's too, and would learn of both as of one; make "
+            "one for each cloud"
+        )
 
 
 def check_linger(policy: Policy, linger: int, name: str) -> None:

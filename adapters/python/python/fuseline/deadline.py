@@ -550,6 +550,13 @@ def needs_linger(policy: Policy) -> bool:
     return isinstance(policy, Expected) and policy.probe_every is None
 
 
+def learners(policy: Policy) -> list[Policy]:
+    """The policies of which it is made that learn how calls ended."""
+    if isinstance(policy, Capped):
+        return [*learners(policy._cap), *learners(policy._policy)]
+    return [] if type(policy) in (Constant, Guard, Called) else [policy]
+
+
 def compiled(policy: Policy) -> Any:
     """What the engine takes: of this module's own policies what is compiled, else the policy."""
     # What is derived from them may have methods of its own.

@@ -2,7 +2,7 @@
 
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
-use pyo3::types::{PyDict, PySet, PyType};
+use pyo3::types::{IntoPyDict, PyDict, PySet, PyType};
 
 static CLASSES: PyOnceLock<CallClasses> = PyOnceLock::new();
 
@@ -16,17 +16,20 @@ pub(super) struct SourceEntry {
     /// None of local.
     pub(super) response_handler: Option<Py<PyAny>>,
     pub(super) encodes: bool,
+    /// What its tasks are called, as `create_task` takes it.
+    pub(super) named: Py<PyDict>,
 }
 
 /// A source as the package gives it: its priority, its tasks, the most of them, its handle, its response handler, and
-/// whether its requests are encoded.
+/// whether its requests are encoded, and what its tasks are called.
 pub(super) type SourceArgument<'py> =
-    (u16, Bound<'py, PyAny>, usize, Py<PyAny>, Option<Py<PyAny>>, bool);
+    (u16, Bound<'py, PyAny>, usize, Py<PyAny>, Option<Py<PyAny>>, bool, Bound<'py, PyAny>);
 
 /// Classes that are compared with, or made, for each call.
 pub(super) struct CallClasses {
     pub(super) coroutine: Py<PyType>,
     pub(super) generator: Py<PyType>,
+    pub(super) async_generator: Py<PyType>,
     pub(super) call: Py<PyAny>,
     pub(super) stamped: Py<PyAny>,
     pub(super) check_value: Py<PyAny>,
@@ -35,11 +38,12 @@ pub(super) struct CallClasses {
 
 impl SourceEntry {
     pub(super) fn new(
-        (p, tasks, limit, handle, response_handler, encodes): SourceArgument<'_>,
+        (p, tasks, limit, handle, response_handler, encodes, name): SourceArgument<'_>,
     ) -> PyResult<Self> {
         let in_flight = tasks.getattr("in_flight")?.cast_into::<PyDict>()?.unbind();
         let aborted = tasks.getattr("aborted")?.cast_into::<PySet>()?.unbind();
-        Ok(Self { p, in_flight, aborted, limit, handle, response_handler, encodes })
+        let named = [("name", name)].into_py_dict(tasks.py())?.unbind();
+        Ok(Self { p, in_flight, aborted, limit, handle, response_handler, encodes, named })
     }
 }
 
@@ -53,6 +57,7 @@ impl CallClasses {
             Ok(Self {
                 coroutine: kind("CoroutineType")?,
                 generator: kind("GeneratorType")?,
+                async_generator: kind("AsyncGeneratorType")?,
                 call: items.getattr("Call")?.unbind(),
                 stamped: items.getattr("StampedValue")?.unbind(),
                 check_value: wiring.getattr("check_value")?.unbind(),

@@ -222,21 +222,26 @@ impl SourceCall {
         response: Bound<'py, PyAny>,
     ) -> PyResult<(Bound<'py, PyAny>, bool)> {
         let classes = CallClasses::get(py)?;
-        let check = |who: &str, remedy: &str| {
-            classes.check_value.bind(py).call1((&response, who, remedy)).map(drop)
+        let check = |value: &Bound<'py, PyAny>, who: &str, remedy: &str| {
+            classes.check_value.bind(py).call1((value, who, remedy)).map(drop)
         };
         let Some(response_handler) = &self.source()?.response_handler else {
             if may_be_awaitable(&response, classes)? {
-                check("local", "give an async def, which awaits it")?;
+                check(&response, "local", "give an async def, which awaits it")?;
             }
             return Ok((response, false));
         };
         if may_be_awaitable(&response, classes)? {
-            check("the handle", "await it there")?;
+            check(&response, "the handle", "await it there")?;
         }
         let value = response_handler.bind(py).call1((response,))?;
-        let is_awaitable = may_be_awaitable(&value, classes)?
-            && classes.is_awaitable.bind(py).call1((&value,))?.is_truthy()?;
+        if !may_be_awaitable(&value, classes)? {
+            return Ok((value, false));
+        }
+        let is_awaitable = classes.is_awaitable.bind(py).call1((&value,))?.is_truthy()?;
+        if !is_awaitable {
+            check(&value, "the response handler", "await it there")?;
+        }
         Ok((value, is_awaitable))
     }
 
@@ -279,11 +284,13 @@ pub(super) fn is_plain(value: &Bound<'_, PyAny>) -> bool {
         || value.is_exact_instance_of::<PyBool>()
 }
 
-/// Whether it has what an awaitable has.
+/// Whether it has what an awaitable has, or is a generator.
 fn may_be_awaitable(value: &Bound<'_, PyAny>, classes: &CallClasses) -> PyResult<bool> {
     if is_plain(value) {
         return Ok(false);
     }
     let kind = value.get_type();
-    Ok(kind.is(&classes.generator) || kind.hasattr(intern!(value.py(), "__await__"))?)
+    Ok(kind.is(&classes.generator)
+        || kind.is(&classes.async_generator)
+        || kind.hasattr(intern!(value.py(), "__await__"))?)
 }
