@@ -180,7 +180,10 @@ async fn under<F: Future>(bounds: Bounds, flood: impl FnOnce(Raw) -> F) -> F::Ou
     let (served, most) = good.await.unwrap();
     println!("{served} calls served; {} MiB more memory at most", (most - before.min(most)) / MIB);
     assert!(most < before + bounds.held_bytes * 3 + 32 * MIB, "{before} {most}");
-    assert!(call(&cloud.http()).await.is_ok(), "a new client is served too");
+    // The places of those who hung up are free once the server has got to it.
+    let served = async { while call(&cloud.http()).await.is_err() {} };
+    let soon = tokio::time::timeout(Duration::from_secs(60), served).await;
+    soon.expect("a new client is served too");
     cloud.kill();
     out
 }
@@ -520,6 +523,9 @@ async fn a_call_ends_with_its_deadline_though_the_client_goes_on() {
 /// How many connect at the same time.
 const TURNS: usize = 50;
 
+/// From how many addresses they come at most.
+const ADDRESSES: usize = 200;
+
 /// Connects from one of 200 addresses.
 async fn knock(address: SocketAddr, host: usize) -> std::io::Result<TcpStream> {
     let from = Ipv4Addr::new(127, 0, 1, 1 + u8::try_from(host).unwrap());
@@ -530,33 +536,41 @@ async fn knock(address: SocketAddr, host: usize) -> std::io::Result<TcpStream> {
     socket.connect(address).await
 }
 
-/// `STRANGERS` of them, 4,000 by default, as many as a landing affords; as many at once as the limits on open files allow
-/// both ends of. The size is printed.
+/// `STRANGERS` of them, 4,000 by default, as many as a landing affords. As many hold their connections at once as the
+/// limits on open files allow both ends of, and the bounds are a part of that. The size is printed.
+///
+/// The system completes a connection before the server gets to it. On a busy host all strangers could come and go before
+/// the server looks, and it would never have more than it may. So they hang up only after it reported that it has.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn connections_are_bounded_for_each_address_and_in_all() {
+async fn connections_are_bounded_by_address_and_in_all() {
     let _turn = TURN.lock().await;
     let in_all = std::env::var("STRANGERS").map_or(4_000, |count| count.parse().unwrap());
     let at_once = (rustix::process::getrlimit(rustix::process::Resource::Nofile).current)
         .map_or(5_000, |files| usize::try_from(files).unwrap_or(usize::MAX) / 4)
-        .clamp(100, 5_000);
+        .clamp(100, 5_000)
+        .min(in_all / 2);
     // Not captured with the rest.
     writeln!(std::io::stderr(), "{in_all} strangers knock, {at_once} at once").unwrap();
-    let bounds = Bounds { connections: 1024, connections_each: 64, ..WIDE };
-    let flood = |hosts: usize, in_all: usize| {
+    let bounds = Bounds {
+        connections: at_once / 2,
+        connections_each: (at_once / ADDRESSES + 1) * 2,
+        ..WIDE
+    };
+    let flood = |addresses: usize, words: &'static str| {
         move |raw: Raw| async move {
             let mut held: Vec<TcpStream> = Vec::new();
-            for first in (0..in_all).step_by(TURNS) {
-                let turn = (first..first + TURNS).map(|n| knock(raw.address, n % hosts));
+            for first in (0..in_all / 2).step_by(TURNS) {
+                let turn = (first..first + TURNS).map(|n| knock(raw.address, n % addresses));
                 // The system may refuse what the server has not got to yet.
                 held.extend(join_all(turn).await.into_iter().flatten());
                 if held.len() >= at_once {
+                    LOG.wait_for_log(words).await;
                     held.clear();
                 }
             }
+            LOG.wait_for_log(words).await;
         }
     };
-    under(bounds, flood(10, in_all / 2)).await;
-    LOG.wait_for_log("its address has as many connections as it may").await;
-    under(bounds, flood(200, in_all / 2)).await;
-    LOG.wait_for_log("the server has as many connections as it may").await;
+    under(bounds, flood(10, "its address has as many connections as it may")).await;
+    under(bounds, flood(ADDRESSES, "the server has as many connections as it may")).await;
 }
