@@ -162,6 +162,11 @@ impl MessageKey {
         };
         Ok(Stamp(stamp))
     }
+
+    /// Whether the key is a header's stamp that nobody set: ROS leaves it 0.
+    pub(crate) fn is_unset(self, stamp: Stamp) -> bool {
+        matches!(self, Self::Header) && stamp.0 == 0
+    }
 }
 
 impl Stamp {
@@ -298,6 +303,17 @@ mod tests {
         assert_eq!((age(12, 0), age(-1, 0)), (None, None));
         let seq = |sec| MessageKey::Header.read(&header(sec, 0), false).unwrap().seq();
         assert_eq!((seq(2), seq(-1)), (Some(2_000_000_000), None));
+    }
+
+    /// D2.
+    #[test]
+    fn only_a_header_has_an_unset_stamp() {
+        let is_unset =
+            |key: MessageKey, body: [u8; 8]| key.is_unset(key.read(&body, false).unwrap());
+        let counter = integer(0, IntegerKind::U64);
+        assert!(is_unset(MessageKey::Header, [0; 8]));
+        assert!(!is_unset(MessageKey::Header, [0, 0, 0, 0, 1, 0, 0, 0]));
+        assert!(!is_unset(counter, [0; 8]));
     }
 
     /// D14.

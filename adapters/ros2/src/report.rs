@@ -9,6 +9,7 @@ use crate::key::Stamp;
 use crate::middleware::Endpoint;
 use crate::raw::Payload;
 use crate::source::{NodeSource, UnmatchedResults};
+use crate::stamps::ANSWERED;
 
 /// `diagnostic_msgs/msg/DiagnosticArray`.
 #[derive(Clone, Debug, Serialize)]
@@ -72,8 +73,10 @@ pub(crate) struct NodeCounts {
     pub(crate) nanosec: u64,
     /// Inputs that are not plain CDR.
     pub(crate) encoding: u64,
-    /// Inputs with the stamp of an open message.
+    /// Inputs with the stamp of a message that is open or among those answered last.
     pub(crate) duplicate_stamp: u64,
+    /// Those of them whose header has no stamp.
+    pub(crate) stamp_zero: u64,
     /// Messages taken on whose stamp is not greater than all before.
     pub(crate) stamp_backwards: u64,
     /// Outputs not sent because a reliable subscriber was too far behind.
@@ -128,7 +131,6 @@ impl Reporter {
     ) -> DiagnosticStatus {
         let missed = tally.missed - self.reported.missed;
         let refused = total(&tally.refused) - total(&self.reported.refused);
-        let unread = intake.unread() - self.intake.unread();
         let unsent = intake.unsent - self.intake.unsent;
         let unfit = ends.iter().find_map(|end| unfit(end));
         let silent = ends.iter().find_map(|end| silent(end));
@@ -141,8 +143,8 @@ impl Reporter {
             (ERROR, format!("the recording has ended: {why}"))
         } else if refused > 0 {
             (WARN, format!("{refused} messages refused"))
-        } else if unread > 0 {
-            (WARN, format!("{unread} inputs not taken in: no key, or an open message's key"))
+        } else if let Some(unread) = self.unread(intake) {
+            (WARN, unread)
         } else if let Some(unfit) = unfit {
             (WARN, unfit)
         } else if let Some(silent) = silent {
@@ -165,6 +167,34 @@ impl Reporter {
         self.status("fusion", level, message, values)
     }
 
+    /// Says why inputs of the present period were not taken in, if there are any.
+    pub(crate) fn unread(&self, now: NodeCounts) -> Option<String> {
+        let before = self.intake;
+        let keyless = now.keyless() - before.keyless();
+        let repeated = now.duplicate_stamp - before.duplicate_stamp;
+        let zero = now.stamp_zero - before.stamp_zero;
+        let mut why = Vec::new();
+        if keyless > 0 {
+            why.push(format!(
+                "{keyless} inputs not taken in: too short for their key, an invalid stamp, or not plain CDR"
+            ));
+        }
+        if zero > 0 {
+            why.push(format!(
+                "{zero} inputs not taken in: header.stamp is 0, as in an earlier message; let the publisher set it, \
+                 or give input.key"
+            ));
+        }
+        if repeated > zero {
+            why.push(format!(
+                "{} inputs not taken in: one of the last {ANSWERED} messages has the same stamp, as when a bag is \
+                 played in a loop or two publishers send the same",
+                repeated - zero
+            ));
+        }
+        (!why.is_empty()).then(|| why.join("; "))
+    }
+
     fn source(
         &self,
         source: &NodeSource,
@@ -176,8 +206,7 @@ impl Reporter {
         let without = (now.timers + now.failed) - (before.timers + before.failed);
         let refused = total(&now.refused) - total(&before.refused);
         let lost = now.lost - before.lost;
-        let strange = (source.unmatched.unknown_stamp + source.unmatched.malformed)
-            - (stray.unknown_stamp + stray.malformed);
+        let strange = source.unmatched.since(stray);
         let received = received(now) - received(before);
         let unfit = source.ends().find_map(unfit);
         let (level, message) = if !source.enabled {
@@ -186,17 +215,17 @@ impl Reporter {
             let unfit = unfit.map(|unfit| format!(" ({unfit})")).unwrap_or_default();
             (ERROR, format!("missing: {who}{unfit}"))
         } else if requested > 0 && without >= requested && received == 0 {
-            (ERROR, format!("missing: no result to {without} requests"))
+            (ERROR, and(format!("missing: no result to {without} requests"), strange.as_deref()))
         } else if lost > 0 && received == 0 {
-            (ERROR, format!("missing: nothing from {lost} computations"))
+            (ERROR, and(format!("missing: nothing from {lost} computations"), strange.as_deref()))
         } else if without > 0 {
             (WARN, format!("falling back: {without} requests without a result in time"))
         } else if lost > 0 {
             (WARN, format!("nothing from {lost} computations"))
         } else if refused > 0 {
             (WARN, format!("falling back: {refused} requests refused"))
-        } else if strange > 0 {
-            (WARN, format!("{strange} results that match no message"))
+        } else if let Some(strange) = strange {
+            (WARN, strange)
         } else if let Some(unfit) = unfit {
             (WARN, unfit)
         } else {
@@ -240,19 +269,44 @@ impl Reporter {
 }
 
 impl NodeCounts {
-    const fn unread(&self) -> u64 {
-        self.short + self.nanosec + self.encoding + self.duplicate_stamp
+    const fn keyless(&self) -> u64 {
+        self.short + self.nanosec + self.encoding
     }
 
-    fn values(&self) -> [KeyValue; 6] {
+    fn values(&self) -> [KeyValue; 7] {
         [
             value("malformed short", &self.short),
             value("malformed nanosec", &self.nanosec),
             value("malformed encoding", &self.encoding),
             value("duplicate_stamp", &self.duplicate_stamp),
+            value("stamp_zero", &self.stamp_zero),
             value("stamp_backwards", &self.stamp_backwards),
             value("unsent", &self.unsent),
         ]
+    }
+}
+
+impl UnmatchedResults {
+    /// Says what came since then that is no message's result, if anything did.
+    fn since(&self, before: Self) -> Option<String> {
+        let unknown = self.unknown_stamp - before.unknown_stamp;
+        let malformed = self.malformed - before.malformed;
+        let zero = self.stamp_zero - before.stamp_zero;
+        let remedy = match (zero, malformed) {
+            (0, 0) => "",
+            (0, _) => ": too short for their key, an invalid stamp, or not plain CDR",
+            _ => ": header.stamp is 0; copy the input's header",
+        };
+        let all = unknown + malformed;
+        (all > 0).then(|| format!("{all} results that match no message{remedy}"))
+    }
+}
+
+/// A state in words, and what else happened.
+fn and(state: String, more: Option<&str>) -> String {
+    match more {
+        Some(more) => format!("{state}; {more}"),
+        None => state,
     }
 }
 

@@ -45,6 +45,8 @@ pub(crate) type Handle = Arc<
 pub(crate) struct UnmatchedResults {
     /// Those whose key is of no remembered message.
     pub(crate) unknown_stamp: u64,
+    /// Those of them whose header has no stamp.
+    pub(crate) stamp_zero: u64,
     /// Those without a key.
     pub(crate) malformed: u64,
 }

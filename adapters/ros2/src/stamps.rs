@@ -2,18 +2,20 @@
 
 use std::collections::{HashMap, VecDeque};
 
-/// How many answered messages are remembered, so that their late results differ from results of no message.
-const ANSWERED: usize = 1024;
+/// How many answered messages are remembered. Their late results differ from results of no message, and no other
+/// message is accepted under their keys.
+pub(crate) const ANSWERED: usize = 1024;
 
 /// The timestamps of the open messages and of those answered last, by key.
 ///
-/// `K` is the key that inputs and results have in common: the stamp, or an integer.
+/// `K` is the key that inputs and results have in common: the stamp, or an integer. A key stands for one message at
+/// most: a source that answers late would otherwise give a message the value of an earlier one (D2).
 #[derive(Debug)]
 pub(crate) struct Stamps<K> {
     by_key: HashMap<K, u64>,
     open: HashMap<u64, K>,
     /// In the order of their answers.
-    answered: VecDeque<(K, u64)>,
+    answered: VecDeque<K>,
     /// The greatest key so far.
     newest: Option<K>,
 }
@@ -23,9 +25,9 @@ pub(crate) struct Stamps<K> {
 pub(crate) enum KeyOrder {
     /// Greater than all before.
     Forwards,
-    /// Not greater; the message is taken on all the same.
+    /// Not greater, but of no remembered message: the message is accepted.
     Backwards,
-    /// An open message has this key: their results could not be distinguished.
+    /// A remembered message has this key, so the results of both could not be distinguished.
     Taken,
 }
 
@@ -41,7 +43,7 @@ impl<K: Copy + Eq + Ord + std::hash::Hash> Stamps<K> {
 
     /// How this key would compare.
     pub(crate) fn order(&self, key: K) -> KeyOrder {
-        if self.by_key.get(&key).is_some_and(|t| self.open.contains_key(t)) {
+        if self.by_key.contains_key(&key) {
             KeyOrder::Taken
         } else if self.newest.is_some_and(|newest| key <= newest) {
             KeyOrder::Backwards
@@ -50,7 +52,7 @@ impl<K: Copy + Eq + Ord + std::hash::Hash> Stamps<K> {
         }
     }
 
-    /// A message with this key is open now. If an answered one had the key, it is now the new one's.
+    /// Opens a message under a key that is not taken.
     pub(crate) fn open(&mut self, key: K, t: u64) {
         self.by_key.insert(key, t);
         self.open.insert(t, key);
@@ -65,11 +67,11 @@ impl<K: Copy + Eq + Ord + std::hash::Hash> Stamps<K> {
     /// The message was answered; returns its key, if it was open.
     pub(crate) fn answer(&mut self, t: u64) -> Option<K> {
         let key = self.open.remove(&t)?;
-        self.answered.push_back((key, t));
+        self.answered.push_back(key);
         if self.answered.len() > ANSWERED
-            && let Some((key, t)) = self.answered.pop_front()
+            && let Some(oldest) = self.answered.pop_front()
         {
-            self.forget(key, t);
+            self.by_key.remove(&oldest);
         }
         Some(key)
     }
@@ -77,7 +79,7 @@ impl<K: Copy + Eq + Ord + std::hash::Hash> Stamps<K> {
     /// The message was not taken on; returns its key, if it was open.
     pub(crate) fn refuse(&mut self, t: u64) -> Option<K> {
         let key = self.open.remove(&t)?;
-        self.forget(key, t);
+        self.by_key.remove(&key);
         Some(key)
     }
 
@@ -85,38 +87,42 @@ impl<K: Copy + Eq + Ord + std::hash::Hash> Stamps<K> {
     pub(crate) fn find(&self, key: K) -> Option<u64> {
         self.by_key.get(&key).copied()
     }
-
-    /// Forgets the key unless another message has it by now.
-    fn forget(&mut self, key: K, t: u64) {
-        if self.by_key.get(&key) == Some(&t) {
-            self.by_key.remove(&key);
-        }
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// D1.
+    /// D2.
     #[test]
-    fn a_key_is_taken_while_its_message_is_open_and_anew_after() {
+    fn key_is_taken_while_it_is_remembered() {
         let mut stamps = Stamps::new();
         assert_eq!(stamps.order(7), KeyOrder::Forwards);
         stamps.open(7, 0);
         assert_eq!((stamps.order(7), stamps.find(7)), (KeyOrder::Taken, Some(0)));
         assert_eq!((stamps.order(6), stamps.order(8)), (KeyOrder::Backwards, KeyOrder::Forwards));
         assert_eq!((stamps.key(0), stamps.answer(0), stamps.key(0)), (Some(7), Some(7), None));
-        assert_eq!((stamps.order(7), stamps.find(7)), (KeyOrder::Backwards, Some(0)));
-        stamps.open(7, 1);
-        assert_eq!(stamps.find(7), Some(1));
-        assert_eq!(stamps.refuse(1), Some(7));
-        assert_eq!(stamps.find(7), None);
+        assert_eq!((stamps.order(7), stamps.find(7)), (KeyOrder::Taken, Some(0)));
+        for t in 1..=ANSWERED as u64 {
+            assert_eq!(stamps.order(7), KeyOrder::Taken, "after {t} messages");
+            stamps.open(t + 10, t);
+            stamps.answer(t);
+        }
+        assert_eq!((stamps.order(7), stamps.find(7)), (KeyOrder::Backwards, None));
+    }
+
+    /// D1: no source was asked, so no result can be another message's.
+    #[test]
+    fn key_of_a_refused_message_is_free() {
+        let mut stamps = Stamps::new();
+        stamps.open(7, 0);
+        assert_eq!((stamps.refuse(0), stamps.find(7)), (Some(7), None));
+        assert_eq!(stamps.order(7), KeyOrder::Backwards);
     }
 
     /// D8.
     #[test]
-    fn so_many_answered_ones_are_remembered_and_all_open_ones() {
+    fn remembers_1024_answered_and_all_open() {
         let mut stamps = Stamps::new();
         stamps.open(0, 0);
         for i in 1..=ANSWERED as u64 + 1 {
@@ -125,19 +131,5 @@ mod tests {
         }
         assert_eq!((stamps.find(0), stamps.find(1), stamps.find(2)), (Some(0), None, Some(2)));
         assert_eq!(stamps.by_key.len(), ANSWERED + 1);
-    }
-
-    /// D1.
-    #[test]
-    fn a_key_that_was_given_away_is_not_forgotten_with_its_first_message() {
-        let mut stamps = Stamps::new();
-        stamps.open(5, 0);
-        stamps.answer(0);
-        stamps.open(5, 1);
-        for i in 2..ANSWERED as u64 + 3 {
-            stamps.open(i + 10, i);
-            stamps.answer(i);
-        }
-        assert_eq!(stamps.find(5), Some(1));
     }
 }

@@ -42,7 +42,7 @@ impl NodeFusion<'_> {
             .map(|order| orders.obey(order).then_some(Incoming::Last))
     }
 
-    /// Something came on the input topic: a message, if it has a key that no open message has.
+    /// Something came on the input topic: a message, if it has a key that no remembered message has.
     pub(super) fn take(&mut self, sample: ReceivedPayload) -> Option<Incoming<Payload, Payload>> {
         let LoopState { stamps, next, intake, .. } = &mut self.memory;
         let Ok(message) = sample.inspect_err(|error| debug!(%error, "input not read")) else {
@@ -62,8 +62,9 @@ impl NodeFusion<'_> {
         };
         match stamps.order(key) {
             KeyOrder::Taken => {
-                warn!(%key, "an open message has this stamp: not taken in");
+                debug!(%key, "a remembered message has this stamp: not taken in");
                 intake.duplicate_stamp += 1;
+                intake.stamp_zero += u64::from(self.input_key.is_unset(key));
                 return None;
             }
             KeyOrder::Backwards => intake.stamp_backwards += 1,
@@ -94,6 +95,7 @@ impl NodeFusion<'_> {
         let Some(timestamp) = self.memory.stamps.find(key) else {
             debug!(source = source.name, %key, "result of no message");
             source.unmatched.unknown_stamp += 1;
+            source.unmatched.stamp_zero += u64::from(self.output_key.is_unset(key));
             return None;
         };
         Some(Incoming::Completion(Completion {
@@ -148,6 +150,10 @@ impl NodeFusion<'_> {
 
     pub(crate) fn report(&mut self) {
         let LoopState { intake, reporter, .. } = &mut self.memory;
+        // Once a period: a camera that sets no stamp would fill the log.
+        if let Some(why) = reporter.unread(*intake) {
+            warn!("{why}");
+        }
         let ends: Vec<&Endpoint> = self.ends.iter().map(|end| &**end).collect();
         let blind = self.speed.as_ref().and_then(|speed| speed.missing(Instant::now()));
         let statuses = reporter.period(self.counting.tally(), *intake, &self.sources, &ends, blind);

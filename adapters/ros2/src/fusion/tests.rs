@@ -265,24 +265,32 @@ async fn a_call_is_dropped_when_its_timer_fires_when_it_is_cancelled_and_at_the_
     assert_eq!(node.dropped.lock().unwrap().len(), 6, "calls outlive the loop");
 }
 
+/// D2: the first message is missed at 50 ms, and local's result for it comes at 60 ms. A message of 55 ms under the same
+/// key would be sent that value.
 #[tokio::test(start_paused = true)]
-async fn a_message_with_the_stamp_of_an_open_one_is_not_taken_in() {
-    let node = Node::start(|_| Answers(20), &[]);
+async fn repeated_stamp_gets_no_stale_value() {
+    let more = ["-p", "local.deadline:=0.05"];
+    let node = Node::start_with(|t| if t == 7 { Answers(60) } else { Answers(20) }, &[], &more);
     node.feed(7, [0]).await;
     node.feed(7, [5]).await;
-    node.feed(7, [100]).await;
-    node.until(1500).await;
-    assert_eq!(
-        node.lines(),
-        [
-            "20 ms: 0 local's of 7, asked at 0 ms by F3",
-            "120 ms: 1 local's of 7, asked at 100 ms by F3"
-        ]
-    );
+    node.feed(7, [55]).await;
+    node.feed(8, [100, 1100]).await;
+    node.feed(8, [1200]).await;
+    node.until(2500).await;
+    let expected = [
+        "50 ms: 0 missed",
+        "120 ms: 1 local's of 8, asked at 100 ms by F3",
+        "1120 ms: 2 local's of 9, asked at 1100 ms by F3",
+    ];
+    assert_eq!(node.lines(), expected);
     let reported_lines = node.reported_lines();
-    let values = &reported_lines.diagnostics.last().unwrap()[0].values;
-    let count = values.iter().find(|value| value.key == "duplicate_stamp").unwrap();
-    assert_eq!(count.value, "1");
+    let fusion = &reported_lines.diagnostics.last().unwrap()[0];
+    let count = fusion.values.iter().find(|value| value.key == "duplicate_stamp").unwrap();
+    assert_eq!(count.value, "3");
+    let periods = reported_lines.diagnostics.iter().map(|statuses| &statuses[0]);
+    let warned: Vec<_> = periods.filter(|it| it.message.contains("has the same stamp")).collect();
+    assert_eq!(warned.len(), 1);
+    assert_eq!(warned[0].level, 1);
 }
 
 #[tokio::test(start_paused = true)]

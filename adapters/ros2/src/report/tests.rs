@@ -16,6 +16,9 @@ type NodeCase = (fn(&mut Tally, &mut NodeCounts), u8, &'static str);
 /// The same of a source.
 type SourceCase = (fn(&mut SourceTally, &mut NodeSource), u8, &'static str);
 
+const UNREADABLE: &str =
+    "1 inputs not taken in: too short for their key, an invalid stamp, or not plain CDR";
+
 /// The counts of a node with one cloud, at its start.
 fn none() -> Tally {
     let west = shared::Cloud { p: 1, name: Some("west".into()), limit: 31, resume: 0 };
@@ -82,7 +85,7 @@ fn the_node_is_ok_warns_and_errs_by_what_became_of_messages() {
     let fusion = |happened: fn(&mut Tally, &mut NodeCounts)| {
         reported_lines(0, |tally, intake, _, _| happened(tally, intake))
     };
-    let cases: [NodeCase; 9] = [
+    let cases: [NodeCase; 11] = [
         (|tally, _| tally.messages = 5, OK, "each message answered"),
         (|tally, _| tally.missed = 2, ERROR, "2 messages missed"),
         (
@@ -91,25 +94,27 @@ fn the_node_is_ok_warns_and_errs_by_what_became_of_messages() {
             "3 outputs not sent: a subscriber is too far behind",
         ),
         (|tally, _| tally.refused = [(OpenRefusal::Full, 4)].into(), WARN, "4 messages refused"),
+        (|_, intake| intake.short = 1, WARN, UNREADABLE),
+        (|_, intake| intake.nanosec = 1, WARN, UNREADABLE),
+        (|_, intake| intake.encoding = 1, WARN, UNREADABLE),
         (
-            |_, intake| intake.short = 1,
+            |_, intake| intake.duplicate_stamp = 3,
             WARN,
-            "1 inputs not taken in: no key, or an open message's key",
+            "3 inputs not taken in: one of the last 1024 messages has the same stamp, as when a bag is played in a \
+             loop or two publishers send the same",
         ),
         (
-            |_, intake| intake.nanosec = 1,
+            |_, intake| (intake.duplicate_stamp, intake.stamp_zero) = (3, 3),
             WARN,
-            "1 inputs not taken in: no key, or an open message's key",
+            "3 inputs not taken in: header.stamp is 0, as in an earlier message; let the publisher set it, or give \
+             input.key",
         ),
         (
-            |_, intake| intake.encoding = 1,
+            |_, intake| (intake.duplicate_stamp, intake.stamp_zero) = (3, 2),
             WARN,
-            "1 inputs not taken in: no key, or an open message's key",
-        ),
-        (
-            |_, intake| intake.duplicate_stamp = 1,
-            WARN,
-            "1 inputs not taken in: no key, or an open message's key",
+            "2 inputs not taken in: header.stamp is 0, as in an earlier message; let the publisher set it, or give \
+             input.key; 1 inputs not taken in: one of the last 1024 messages has the same stamp, as when a bag is \
+             played in a loop or two publishers send the same",
         ),
         (|_, intake| intake.stamp_backwards = 1, OK, "each message answered"),
     ];
@@ -186,7 +191,7 @@ fn a_source_is_ok_in_time_warns_when_others_stand_in_and_errs_without_a_result()
     let west = |happened: fn(&mut SourceTally, &mut NodeSource)| {
         reported_lines(2, |tally, _, sources, _| happened(&mut tally.sources[1], &mut sources[1]))
     };
-    let cases: [SourceCase; 11] = [
+    let cases: [SourceCase; 13] = [
         (|_, _| {}, OK, "in time"),
         (|_, west| west.enabled = false, OK, "not enabled"),
         (
@@ -233,6 +238,20 @@ fn a_source_is_ok_in_time_warns_when_others_stand_in_and_errs_without_a_result()
             "falling back: 2 requests refused",
         ),
         (|_, west| west.unmatched.unknown_stamp = 2, WARN, "2 results that match no message"),
+        (
+            |tally, west| {
+                (tally.admitted, tally.timers) = (3, 3);
+                (west.unmatched.unknown_stamp, west.unmatched.stamp_zero) = (3, 3);
+            },
+            ERROR,
+            "missing: no result to 3 requests; 3 results that match no message: header.stamp is 0; copy the input's \
+             header",
+        ),
+        (
+            |_, west| west.unmatched.malformed = 1,
+            WARN,
+            "1 results that match no message: too short for their key, an invalid stamp, or not plain CDR",
+        ),
     ];
     for (happened, level, message) in cases {
         assert_eq!(west(happened), (level, message.to_owned()));

@@ -271,10 +271,25 @@ impl<'a> Facts<'a> {
         self.played.log.requested.iter().filter(move |requested| requested.index == index)
     }
 
-    /// Whether no other input has this one's key.
-    pub(super) fn is_unique(&self, serial: usize) -> bool {
-        let key = self.inputs[serial].key;
-        self.inputs.iter().filter(|input| input.key == key).count() == 1
+    /// Whether a message before this input has its key. One that was refused counts only if `is_there` at its end.
+    pub(super) fn has_remembered(&self, serial: usize, is_there: impl Fn(u64) -> bool) -> bool {
+        self.messages.iter().zip(&self.opened).any(|(message, opened)| {
+            let is_before = message.serial < serial;
+            let was_refused = |(ended, outcome): &(u64, MessageOutcome)| {
+                matches!(outcome, MessageOutcome::Refused(_)) && !is_there(*ended)
+            };
+            let is_remembered = !opened.items.last().is_some_and(was_refused);
+            is_before && is_remembered && self.inputs[message.serial].key == self.inputs[serial].key
+        })
+    }
+
+    /// Whether another input with this one's key came at the same instant.
+    pub(super) fn is_doubled_at_once(&self, serial: usize) -> bool {
+        let at = &self.played.log.arrived_at;
+        let is_same = |other: &usize| {
+            self.inputs[*other].key == self.inputs[serial].key && at[*other] == at[serial]
+        };
+        (0..at.len()).filter(is_same).count() > 1
     }
 
     /// What it came to.
