@@ -13,7 +13,7 @@ use sha2::{Digest, Sha256};
 use crate::error::Error;
 use crate::line::LedgerLine;
 use crate::record;
-use crate::source::HarnessSources;
+use crate::source::{Harness, HarnessSources};
 use crate::tools::Tools;
 use crate::translate;
 
@@ -34,7 +34,6 @@ pub(crate) struct VerdictLedger {
 
 #[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
 struct Proof {
-    bounds: String,
     solver: String,
     verdict: String,
     seconds: f64,
@@ -46,6 +45,9 @@ struct Proof {
 /// What a verdict depends on: the same verdict would be given again while this is the same.
 #[derive(Clone, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct Provenance {
+    /// What the harness is bounded to, and how far its loops are unwound.
+    #[serde(default)]
+    bounds: String,
     /// A digest of the sources, of those that run the checker among them.
     sources: String,
     /// The checker and the compiler, with their versions.
@@ -56,12 +58,17 @@ pub(crate) struct Provenance {
 }
 
 impl Provenance {
-    /// The sources as they are, without a fault.
+    /// The sources as they are, without a fault and for no harness yet.
     ///
     /// # Errors
     /// A file cannot be read, or a tool does not tell its version.
     pub(crate) fn now(root: &Path, tools: &Tools) -> Result<Self, Error> {
-        Ok(Self { sources: digest(root)?, tools: tools.versions()?, change: String::new() })
+        Ok(Self { sources: digest(root)?, tools: tools.versions()?, ..Self::default() })
+    }
+
+    /// The same sources for a harness.
+    pub(crate) fn about(&self, harness: &Harness) -> Self {
+        Self { bounds: harness.stated_bounds(), ..self.clone() }
     }
 
     /// The same sources with a fault in them.
@@ -93,9 +100,9 @@ impl VerdictLedger {
             .retain(|question, _| harnesses.iter().any(|of| of.name == harness_of(question)));
         for harness in harnesses {
             self.proved.entry(harness.name.clone()).or_insert_with(|| Proof {
-                bounds: harness.bounds.clone(),
                 solver: harness.solver.clone(),
                 verdict: NOT_YET.to_owned(),
+                provenance: Provenance::default().about(harness),
                 ..Proof::default()
             });
         }
@@ -118,7 +125,6 @@ impl VerdictLedger {
         let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
         self.machine = format!("{cores} cores, {}", std::env::consts::ARCH.replace('_', "-"));
         let proof = Proof {
-            bounds: line.bounds.clone(),
             solver: line.solver.clone(),
             verdict: line.verdict.clone(),
             seconds: line.seconds,
@@ -231,12 +237,12 @@ pub(crate) fn digest(root: &Path) -> Result<String, Error> {
     Ok(hex(&digest.finalize()))
 }
 
-/// The lines that are neither comments nor `#[inline]`.
+/// The lines that are neither comments nor `#[inline]` nor bounds of loops, which have a field of their own.
 fn meaning(content: &[u8]) -> Vec<u8> {
     let lines = content.split_inclusive(|byte| *byte == b'\n');
     let is_silent = |line: &[u8]| {
         let line = line.trim_ascii();
-        line.starts_with(b"//") || line == b"#[inline]"
+        line.starts_with(b"//") || line == b"#[inline]" || line.starts_with(b"#[kani::unwind(")
     };
     lines.filter(|line| !is_silent(line)).flatten().copied().collect()
 }

@@ -139,11 +139,13 @@ fn act(cli: &Cli) -> Result<bool, Error> {
     if cli.mutants {
         return run.mutants(&cli.harness, &cli.fault);
     }
-    if cli.kani {
-        let names: Vec<&str> = sources.harnesses.iter().map(|h| h.name.as_str()).collect();
-        return kani_engine::run(tree, &names, &cli.harness, cli.time);
-    }
     let whole = cli.harness.is_empty();
+    if cli.kani {
+        let wrong = if whole { record.shrunk(&sources) } else { Vec::new() };
+        wrong.iter().for_each(|wrong| eprintln!("{wrong}"));
+        let chosen = kani_engine::Chosen::new(&sources, &record, &cli.harness)?;
+        return Ok(chosen.prove(tree, cli.jobs, cli.time)? && wrong.is_empty());
+    }
     if whole {
         let mut wrong = record.shrunk(&sources);
         let ledger = ledger::VerdictLedger::load(tree)?;

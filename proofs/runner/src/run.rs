@@ -54,7 +54,7 @@ impl ProofRun<'_> {
         let ledger = Mutex::new(VerdictLedger::load(self.tree)?);
         let provenance = Provenance::now(self.tree, &tools)?;
         self.draw(&ledger, &mut harnesses, |harness| {
-            Ok((harness.name.clone(), provenance.clone()))
+            Ok((harness.name.clone(), provenance.about(harness)))
         })?;
         let lines = self.all(
             "harnesses",
@@ -63,7 +63,7 @@ impl ProofRun<'_> {
             |harness| {
                 let checked = check::prove(&tools, &copy, harness, self.limits)?;
                 let line = line(harness, None, checked);
-                self.keep(&ledger, &line, &provenance)?;
+                self.keep(&ledger, &line, &provenance.about(harness))?;
                 Ok((harness.name.clone(), line))
             },
         )?;
@@ -106,7 +106,8 @@ impl ProofRun<'_> {
             fault.ok_or_else(|| none("fault", name))
         };
         self.draw(&ledger, &mut pairs, |(fault, name)| {
-            Ok((under(fault, name), provenance.with(known(fault)?.digest())))
+            let provenance = provenance.about(self.harness(name)?).with(known(fault)?.digest());
+            Ok((under(fault, name), provenance))
         })?;
         let lines = self.all(
             "faults",
@@ -116,7 +117,7 @@ impl ProofRun<'_> {
                 let (harness, fault) = (self.harness(name)?, known(fault)?);
                 let checked = self.under(&tools, &copy, fault, harness)?;
                 let line = line(harness, Some(fault), checked);
-                self.keep(&ledger, &line, &provenance.with(fault.digest()))?;
+                self.keep(&ledger, &line, &provenance.about(harness).with(fault.digest()))?;
                 Ok((line.name(), line))
             },
         )?;
@@ -451,7 +452,7 @@ fn line(harness: &Harness, fault: Option<&SeededFault>, checked: CheckResult) ->
         harness: harness.name.clone(),
         fault: fault.map(|fault| fault.name.clone()),
         engine: "cbmc".to_owned(),
-        bounds: format!("{}; unwind {}", harness.bounds, harness.unwind),
+        bounds: harness.stated_bounds(),
         solver: harness.solver.clone(),
         verdict,
         good,

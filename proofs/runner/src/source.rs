@@ -96,6 +96,16 @@ impl HarnessSources {
 }
 
 impl Harness {
+    /// The name by which Kani selects it with `--exact`.
+    pub(crate) fn path(&self) -> String {
+        format!("harness::{}::{}", self.group, self.name)
+    }
+
+    /// What it is bounded to, and how far its loops are unwound.
+    pub(crate) fn stated_bounds(&self) -> String {
+        format!("{}; unwind {}", self.bounds, self.unwind)
+    }
+
     fn new(
         group: &str,
         name: &str,
@@ -119,7 +129,8 @@ impl Harness {
         }
         let number = |line: &&str| line.trim_start_matches("Cases: ").trim_end_matches('.').parse();
         let cases = cases.first().map(number).transpose().map_err(|_| lacks("number of cases"))?;
-        let unwind = attribute("unwind").unwrap_or("20");
+        // Kani has no default, so a bound that only this runner knew would not be Kani's.
+        let unwind = attribute("unwind").ok_or_else(|| lacks("bound: write #[kani::unwind(N)]"))?;
         Ok(Self {
             name: name.to_owned(),
             group: group.to_owned(),
@@ -159,6 +170,12 @@ mod tests {
         sources.add("slot", &text).expect("it is complete");
         assert_eq!(sources.harnesses[0].cases, Some(9));
         assert_eq!(sources.harnesses[0].says, "P1: once.");
+    }
+
+    #[test]
+    fn harness_without_a_bound_of_its_loops_is_refused() {
+        let text = TEXT.replace("#[kani::unwind(7)]\n", "");
+        assert!(HarnessSources::default().add("slot", &text).is_err());
     }
 
     #[test]

@@ -10,6 +10,7 @@ use crate::priority::Priority;
 ///
 /// Bounds: none.
 #[kani::proof]
+#[kani::unwind(20)]
 pub fn f2g_gate() {
     let [limit, resume]: [u64; 2] = kani::any();
     let made = Gate::new(limit, resume);
@@ -42,6 +43,7 @@ fn any_cloud() -> Cloud {
 ///
 /// Bounds: 2 clouds.
 #[kani::proof]
+#[kani::unwind(20)]
 pub fn p10_order_of_clouds() {
     let [a, b] = [any_cloud(), any_cloud()];
     let local = [a, b].iter().any(|cloud| cloud.priority == Priority::LOCAL);

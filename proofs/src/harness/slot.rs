@@ -26,6 +26,7 @@ fn any_cause() -> Cause {
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
+#[kani::unwind(20)]
 pub fn every_valid_state_is_generated_and_accepted() {
     let commit = any_commit();
     let made_of = |[requested, pending, armed, cached]: Bits| {
@@ -62,6 +63,7 @@ pub fn every_valid_state_is_generated_and_accepted() {
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
+#[kani::unwind(20)]
 pub fn p1_once() {
     let commit = any_commit();
     let cause = any_cause();
@@ -103,6 +105,7 @@ pub fn p1_once() {
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
+#[kani::unwind(20)]
 pub fn p2_never_late() {
     let commit = any_commit();
     let before = any_slot(commit, CLOUDS);
@@ -136,6 +139,7 @@ pub fn p2_never_late() {
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
+#[kani::unwind(20)]
 pub fn p3_best_available() {
     let commit = any_commit();
     let before = any_slot(commit, CLOUDS);
@@ -166,6 +170,7 @@ pub fn p3_best_available() {
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
+#[kani::unwind(20)]
 pub fn p4_prompt() {
     let commit = any_commit();
     kani::assert(is_valid(commit, Slot::open(kani::any())), "P4 prompt: just opened it is valid");
@@ -193,6 +198,7 @@ pub fn p4_prompt() {
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
+#[kani::unwind(20)]
 pub fn p5_local_floor() {
     let commit = any_commit();
     let before = any_slot(commit, CLOUDS);
@@ -223,6 +229,7 @@ pub fn p5_local_floor() {
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
+#[kani::unwind(20)]
 pub fn p6_free_without_cloud() {
     let commit = any_commit();
     let before = any_slot(commit, CLOUDS);
@@ -243,6 +250,7 @@ pub fn p6_free_without_cloud() {
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
+#[kani::unwind(20)]
 pub fn p7_no_stall() {
     let commit = any_commit();
     kani::assert(is_limited(Slot::open(true)), "P7 no stall: a deadline is armed");
@@ -274,6 +282,7 @@ pub fn p7_no_stall() {
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
+#[kani::unwind(20)]
 pub fn p12_bounded_wait() {
     let commit = any_commit();
     let before = any_slot(commit, CLOUDS);
@@ -314,6 +323,7 @@ pub fn p12_bounded_wait() {
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
+#[kani::unwind(20)]
 pub fn p8_timers() {
     let commit = any_commit();
     let before = any_slot(commit, CLOUDS);
@@ -357,6 +367,7 @@ pub fn p8_timers() {
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
+#[kani::unwind(20)]
 pub fn p11_accounted() {
     let commit = any_commit();
     let before = any_slot(commit, CLOUDS);
@@ -421,6 +432,7 @@ pub fn p11_accounted() {
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
+#[kani::unwind(20)]
 pub fn f2_offer_by_the_rule() {
     let commit = any_commit();
     let before = any_slot(commit, CLOUDS);
@@ -450,6 +462,7 @@ pub fn f2_offer_by_the_rule() {
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
+#[kani::unwind(20)]
 pub fn f3_result_by_the_rule() {
     let commit = any_commit();
     let before = any_slot(commit, CLOUDS);
@@ -482,6 +495,7 @@ pub fn f3_result_by_the_rule() {
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
+#[kani::unwind(20)]
 pub fn f4_fail_by_the_rule() {
     let commit = any_commit();
     let before = any_slot(commit, CLOUDS);
@@ -507,6 +521,7 @@ pub fn f4_fail_by_the_rule() {
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
+#[kani::unwind(20)]
 pub fn f6_settle_by_the_rule() {
     let commit = any_commit();
     let before = any_slot(commit, CLOUDS);
@@ -538,6 +553,7 @@ pub fn f6_settle_by_the_rule() {
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
+#[kani::unwind(20)]
 pub fn p13_as_patient() {
     let limited = kani::any();
     let open = Slot::open(limited);

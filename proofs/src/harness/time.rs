@@ -7,6 +7,7 @@ use crate::time::{Deadline, Instant};
 ///
 /// Bounds: none.
 #[kani::proof]
+#[kani::unwind(20)]
 pub fn a14_due_saturates() {
     let (now, deadline) = (any_instant(), any_deadline());
     let due = now.saturating_add(deadline);
@@ -30,6 +31,7 @@ pub fn a14_due_saturates() {
 ///
 /// Bounds: none.
 #[kani::proof]
+#[kani::unwind(20)]
 pub fn a14_deadline_saturates() {
     // 2⁶⁴ − 1 ns are 18,446,744,073,709 whole milliseconds; the product of the greatest that fits is the last one.
     const FITTING: u64 = 18_446_744_073_709;

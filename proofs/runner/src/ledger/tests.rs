@@ -17,7 +17,8 @@ fn the_committed_ledger_has_the_harnesses_that_there_are() {
 }
 
 fn provenance(sources: &str, change: &str) -> Provenance {
-    Provenance { sources: sources.to_owned(), tools: "c 1".to_owned(), change: change.to_owned() }
+    let (sources, change) = (sources.to_owned(), change.to_owned());
+    Provenance { bounds: "1 cloud; unwind 20".to_owned(), sources, tools: "c 1".to_owned(), change }
 }
 
 fn ledger_of(lines: &[(&str, f64, Provenance)]) -> VerdictLedger {
@@ -64,6 +65,10 @@ fn what_the_ledger_does_not_answer_about_the_very_same_is_checked() {
     }
     let (chosen, _) = ledger.sample(&questions(&other_tools), Duration::ZERO);
     assert_eq!(chosen.len(), 6);
+    let other_bounds =
+        Provenance { bounds: "1 cloud; unwind 21".to_owned(), ..provenance("now", "") };
+    let (chosen, _) = ledger.sample(&questions(&other_bounds), Duration::ZERO);
+    assert_eq!(chosen.len(), 6);
 }
 
 #[test]
@@ -85,9 +90,10 @@ fn a_sample_is_of_about_the_time_it_may_take_and_each_is_drawn_at_some_time() {
 }
 
 #[test]
-fn comments_and_inline_change_no_digest() {
+fn comments_inline_and_unwind_keep_the_digest() {
     let code = b"fn step() {\n    a();\n}\n";
-    let said = b"/// Steps.\n#[inline]\nfn step() {\n    // First.\n    a();\n}\n";
+    let said =
+        b"/// Steps.\n#[inline]\n#[kani::unwind(20)]\nfn step() {\n    // First.\n    a();\n}\n";
     assert_eq!(meaning(said), meaning(code));
     assert_eq!(meaning(b"#[inline(never)] fn f() {}\n"), b"#[inline(never)] fn f() {}\n");
     assert_ne!(meaning(b"a(); // first\n"), meaning(b"b(); // first\n"));
