@@ -87,11 +87,10 @@ proptest! {
     /// P1–P4, P8, P11, F0–F7: whatever threads do, some order of the pure step answers it.
     #[test]
     fn f8_every_race_is_some_order_of_the_pure_step(
-        is_eager in any::<bool>(),
+        commit in prop::sample::select(&[Commit::Eager, Commit::Patient, Commit::Progressive][..]),
         before in vec(by_the_owner(), 0..6),
         parts in (part(by_the_owner()), vec(part(by_any_thread()), 1..3)),
     ) {
-        let commit = if is_eager { Commit::Eager } else { Commit::Patient };
         let before = [&[open(0, 0), open(0, 1)], &*before].concat();
         let threads = [&[parts.0], &*parts.1].concat();
         let history = race(commit, &before, &threads);

@@ -1,5 +1,5 @@
 //! All interleavings of few threads at the machine, with at most three preemptions: each is some order of the pure
-//! step. Run with `RUSTFLAGS="--cfg loom"`.
+//! step, and each order of the calls occurs. Run with `RUSTFLAGS="--cfg loom"`.
 #![cfg(loom)]
 
 use std::collections::HashSet;
@@ -10,8 +10,8 @@ use fuseline_core::{
     Admission, Cloud, Commit, Deadline, Gate, Instant, Outcome, Priority, Timestamp,
 };
 use fuseline_loom::{
-    CallAnswer, CallHistory, CallOrder, Sequential, ThreadHandle, Timed, fail, limited, next_due,
-    offer, open, queued, result, tick,
+    CallAnswer, CallHistory, CallInput, CallOrder, Sequential, ThreadHandle, Timed, fail, limited,
+    next_due, offer, open, queued, result, tick,
 };
 use fuseline_threads::Shared;
 use loom::model::Builder;
@@ -26,14 +26,46 @@ struct Race {
 }
 
 impl Race {
-    /// Explores it under a commit rule; answers how many different lists of answers there were.
-    fn ends<const CLOUDS: usize, const WINDOW: usize>(&'static self, commit: Commit) -> usize {
-        let ends: Arc<Mutex<HashSet<Vec<CallAnswer>>>> = Arc::default();
-        let results = Arc::clone(&ends);
-        explore(move || {
-            results.lock().unwrap().insert(self.run::<CLOUDS, WINDOW>(commit));
-        });
-        ends.lock().unwrap().len()
+    /// Explores it under each commit rule. Every order of the pure step must occur, and nothing else.
+    fn check<const CLOUDS: usize, const WINDOW: usize>(&'static self) {
+        for commit in EVERY_RULE {
+            let ends: Arc<Mutex<HashSet<Vec<CallAnswer>>>> = Arc::default();
+            let results = Arc::clone(&ends);
+            explore(move || {
+                results.lock().unwrap().insert(self.run::<CLOUDS, WINDOW>(commit));
+            });
+            let gates = vec![Gate::new(2, 0).unwrap(); CLOUDS];
+            let orders = self.orders(&Sequential::new(commit, WINDOW, gates));
+            assert!(orders.len() > 1, "nothing races under {commit:?}");
+            assert_eq!(*ends.lock().unwrap(), orders, "under {commit:?}");
+        }
+    }
+
+    /// The answers in every order of the calls, one call after the other.
+    fn orders(&self, machine: &Sequential) -> HashSet<Vec<CallAnswer>> {
+        let mut alone = Order::new(machine, self.threads.len());
+        self.before.iter().for_each(|call| alone.make(0, *call));
+        let opened = alone.opened[0].clone();
+        alone.opened.fill(opened);
+        let mut ends = HashSet::new();
+        let mut left = vec![alone];
+        while let Some(mut order) = left.pop() {
+            let mut is_over = true;
+            for (thread, calls) in self.threads.iter().enumerate() {
+                if let Some(call) = calls.get(order.made[thread]) {
+                    let mut next = order.clone();
+                    next.made[thread] += 1;
+                    next.make(thread, *call);
+                    left.push(next);
+                    is_over = false;
+                }
+            }
+            if is_over {
+                self.after.iter().for_each(|call| order.make(0, *call));
+                ends.insert(answers(order.calls));
+            }
+        }
+        ends
     }
 
     fn run<const CLOUDS: usize, const WINDOW: usize>(&self, commit: Commit) -> Vec<CallAnswer> {
@@ -62,11 +94,49 @@ impl Race {
         let gates = vec![Gate::new(2, 0).unwrap(); CLOUDS];
         let explained = history.is_explained_by(&Sequential::new(commit, WINDOW, gates));
         assert!(explained, "no order of the pure step explains {:#?}", history.calls());
-        let mut calls = history.calls();
-        calls.sort_by_key(|call| format!("{:?}", call.input));
-        calls.iter().map(|call| call.answer).collect()
+        answers(history.calls().iter().map(|call| (call.input, call.answer)).collect())
     }
 }
+
+/// Calls that were made one after the other.
+#[derive(Clone)]
+struct Order {
+    machine: Sequential,
+    /// By thread, how many of its calls were made.
+    made: Vec<usize>,
+    /// By thread, the timestamps that it knows an open of.
+    opened: Vec<HashSet<u64>>,
+    calls: Vec<(Timed, CallAnswer)>,
+}
+
+impl Order {
+    fn new(machine: &Sequential, threads: usize) -> Self {
+        let (made, opened) = (vec![0; threads], vec![HashSet::new(); threads]);
+        Self { machine: machine.clone(), made, opened, calls: Vec::new() }
+    }
+
+    /// A call on what the thread knows no open of is left out, as [`ThreadHandle::make`] leaves it out.
+    fn make(&mut self, thread: usize, call: Timed) {
+        let (now, input) = call;
+        let t = input.timestamp();
+        if !matches!(input, CallInput::Open { .. }) && !self.opened[thread].contains(&t) {
+            return;
+        }
+        let answer = self.machine.apply(now, input);
+        if answer == CallAnswer::Opened(Ok(())) {
+            self.opened[thread].insert(t);
+        }
+        self.calls.push((call, answer));
+    }
+}
+
+/// The answers, by their calls.
+fn answers(mut calls: Vec<(Timed, CallAnswer)>) -> Vec<CallAnswer> {
+    calls.sort_by_key(|(call, _)| format!("{call:?}"));
+    calls.into_iter().map(|(_, answer)| answer).collect()
+}
+
+const EVERY_RULE: [Commit; 3] = [Commit::Eager, Commit::Patient, Commit::Progressive];
 
 fn explore(run: impl Fn() + Sync + Send + 'static) {
     let mut builder = Builder::new();
@@ -82,8 +152,7 @@ fn p1_two_clouds_race() {
         threads: &[&[result(5, 0, 1)], &[result(5, 0, 2)]],
         after: &[tick(20, 0)],
     };
-    assert_eq!(RACE.ends::<2, 1>(Commit::Eager), 2);
-    assert_eq!(RACE.ends::<2, 1>(Commit::Patient), 2);
+    RACE.check::<2, 1>();
 }
 
 /// P2, A1: in time by the clock of its caller, or late by that of the timer's.
@@ -94,8 +163,7 @@ fn p2_a_result_races_its_own_timer() {
         threads: &[&[tick(10, 0), next_due(0)], &[result(9, 0, 1)]],
         after: &[tick(20, 0)],
     };
-    assert_eq!(RACE.ends::<2, 1>(Commit::Eager), 2);
-    assert_eq!(RACE.ends::<2, 1>(Commit::Patient), 2);
+    RACE.check::<2, 1>();
 }
 
 /// P5–P7 for one timestamp: local's result goes, with the timer or with itself.
@@ -106,8 +174,7 @@ fn f6_local_races_the_last_timer() {
         threads: &[&[tick(10, 0)], &[result(9, 0, 0)]],
         after: &[tick(30, 0)],
     };
-    assert_eq!(RACE.ends::<1, 1>(Commit::Eager), 2);
-    assert_eq!(RACE.ends::<1, 1>(Commit::Patient), 2);
+    RACE.check::<1, 1>();
 }
 
 /// P1, F3 duplicate and superseded.
@@ -118,8 +185,7 @@ fn f3_a_forward_races_a_late_duplicate() {
         threads: &[&[result(9, 0, 1)], &[result(10, 0, 1)], &[result(9, 0, 2)]],
         after: &[tick(20, 0)],
     };
-    assert_eq!(RACE.ends::<2, 1>(Commit::Eager), 5);
-    assert_eq!(RACE.ends::<2, 1>(Commit::Patient), 5);
+    RACE.check::<2, 1>();
 }
 
 /// F4, F5: either closes the request, never both.
@@ -130,8 +196,7 @@ fn f4_a_failure_races_the_timer() {
         threads: &[&[fail(9, 0, 1)], &[tick(10, 0)], &[result(9, 0, 0)]],
         after: &[tick(20, 0)],
     };
-    assert_eq!(RACE.ends::<2, 1>(Commit::Eager), 3);
-    assert_eq!(RACE.ends::<2, 1>(Commit::Patient), 2);
+    RACE.check::<2, 1>();
 }
 
 /// F3 superseded, F5: what comes for a message meets no later one in its slot.
@@ -146,8 +211,7 @@ fn f3_a_stale_result_and_a_stale_tick_race_the_reuse_of_their_place() {
         ],
         after: &[result(20, 0, 0), tick(65, 1), result(65, 1, 1)],
     };
-    assert_eq!(RACE.ends::<1, 1>(Commit::Eager), 3);
-    assert_eq!(RACE.ends::<1, 1>(Commit::Patient), 3);
+    RACE.check::<1, 1>();
 }
 
 /// P11: even an input that changes nothing is answered from what its own message had.
@@ -162,8 +226,7 @@ fn p11_a_drop_races_the_reuse_of_its_place() {
         ],
         after: &[tick(65, 1), result(65, 1, 1)],
     };
-    assert_eq!(RACE.ends::<2, 1>(Commit::Eager), 4);
-    assert_eq!(RACE.ends::<2, 1>(Commit::Patient), 4);
+    RACE.check::<2, 1>();
 }
 
 /// F2, P8: the request's timer is live from the instant at which it counts, with its own due instant.
@@ -178,8 +241,7 @@ fn p8_an_offer_races_a_tick() {
         ],
         after: &[tick(10, 0)],
     };
-    assert_eq!(RACE.ends::<1, 1>(Commit::Eager), 6);
-    assert_eq!(RACE.ends::<1, 1>(Commit::Patient), 6);
+    RACE.check::<1, 1>();
 }
 
 /// F2: what comes meanwhile outranks the offer, closes it or is held for it.
@@ -194,8 +256,7 @@ fn f2_offers_race_results_and_a_failure() {
         ],
         after: &[tick(30, 0)],
     };
-    assert_eq!(RACE.ends::<4, 1>(Commit::Eager), 7);
-    assert_eq!(RACE.ends::<4, 1>(Commit::Patient), 7);
+    RACE.check::<4, 1>();
 }
 
 /// F2g: an offer that comes to find its message retired has not changed the gate.
@@ -206,8 +267,7 @@ fn f2g_an_offer_races_what_retires_its_message() {
         threads: &[&[queued(0, 0, 1, 10, 2), queued(0, 1, 1, 10, 1)], &[result(0, 0, 0)]],
         after: &[],
     };
-    assert_eq!(RACE.ends::<1, 2>(Commit::Eager), 2);
-    assert_eq!(RACE.ends::<1, 2>(Commit::Patient), 2);
+    RACE.check::<1, 2>();
 }
 
 /// F1: an open is refused only if no slot was free when it began.
@@ -222,8 +282,7 @@ fn f1_opens_race_what_frees_their_places() {
         ],
         after: &[tick(10, 0), tick(10, 1), tick(20, 2)],
     };
-    assert_eq!(RACE.ends::<1, 2>(Commit::Eager), 5);
-    assert_eq!(RACE.ends::<1, 2>(Commit::Patient), 5);
+    RACE.check::<1, 2>();
 }
 
 /// F8: a caller whose timestamp changes as often as it can still gets its answer.
@@ -234,8 +293,29 @@ fn f8_a_failure_meets_every_change_of_its_timestamp() {
         threads: &[&[offer(0, 0, 1, 10)], &[fail(1, 0, 1)], &[result(2, 0, 0)], &[result(3, 0, 1)]],
         after: &[tick(10, 0)],
     };
-    assert_eq!(RACE.ends::<1, 1>(Commit::Eager), 14);
-    assert_eq!(RACE.ends::<1, 1>(Commit::Patient), 14);
+    RACE.check::<1, 1>();
+}
+
+/// F9: an output races a better one and the timer that makes the last one final.
+#[test]
+fn f9_outputs_race_what_makes_them_final() {
+    static RACE: Race = Race {
+        before: &[open(0, 0), offer(0, 0, 1, 10), offer(0, 0, 2, 10)],
+        threads: &[&[result(5, 0, 0)], &[result(9, 0, 1)], &[tick(10, 0)]],
+        after: &[result(9, 0, 2)],
+    };
+    RACE.check::<2, 1>();
+}
+
+/// F9, F4: with the last failure the last output is final, whoever sent it.
+#[test]
+fn f9_failures_race_an_output() {
+    static RACE: Race = Race {
+        before: &[open(0, 0), offer(0, 0, 1, 20), offer(0, 0, 2, 20)],
+        threads: &[&[fail(5, 0, 1)], &[fail(5, 0, 2)], &[result(5, 0, 0), next_due(0)]],
+        after: &[tick(20, 0)],
+    };
+    RACE.check::<2, 1>();
 }
 
 /// P1: what was kept beside the machine before a result was held is there for whoever forwards it.

@@ -144,7 +144,7 @@ fn owner<'a>(
 /// P1, P11: forwarded or missed, once.
 #[test]
 fn p1_thousands_of_messages_are_each_answered_once() {
-    for commit in [Commit::Eager, Commit::Patient] {
+    for commit in [Commit::Eager, Commit::Patient, Commit::Progressive] {
         let alive = AtomicU32::new(0);
         let zeros = || (0..MESSAGES).map(|_| AtomicU32::new(0)).collect();
         let answers = Answers { clock: AtomicU64::new(0), forwarded: zeros(), missed: zeros() };

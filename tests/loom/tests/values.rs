@@ -2,6 +2,8 @@
 //! gets the winner's value, and no value is lost. Run with `RUSTFLAGS="--cfg loom"`.
 #![cfg(loom)]
 
+use std::sync::atomic::{AtomicBool as Flag, Ordering};
+
 use fuseline_core::{Cloud, Commit, Deadline, Instant, Outcome, Priority, Timestamp};
 use fuseline_loom::CallOrder;
 use fuseline_threads::{CallOutcome, Shared, ValueOwner};
@@ -10,8 +12,12 @@ use loom::thread;
 
 const CLOUD: Priority = Priority::new(1);
 
-fn explore(run: impl Fn(Commit) + Sync + Send + Copy + 'static) {
-    for commit in [Commit::Eager, Commit::Patient] {
+/// Rules that send one output.
+const ONE_OUTPUT: &[Commit] = &[Commit::Eager, Commit::Patient];
+const PROGRESSIVE: &[Commit] = &[Commit::Progressive];
+
+fn explore(rules: &[Commit], run: impl Fn(Commit) + Sync + Send + Copy + 'static) {
+    for commit in rules.iter().copied() {
         let mut builder = Builder::new();
         builder.preemption_bound = Some(3);
         builder.check(move || run(commit));
@@ -28,7 +34,7 @@ const fn at(nanos: u64) -> Instant {
 }
 
 fn is_forwarded<const CLOUDS: usize>(outcome: &Outcome<CLOUDS>) -> bool {
-    matches!(outcome, Outcome::Forwarded { .. })
+    matches!(outcome, Outcome::Forwarded { .. } | Outcome::Preliminary { .. })
 }
 
 /// Who forwards has a value, and who was dropped has its own back.
@@ -42,7 +48,7 @@ fn is_complete(reply: &CallOutcome<&'static str, 1>) -> bool {
 /// P1, F7: local's value is forwarded by the timer, or with its own call.
 #[test]
 fn p1_the_timer_forwards_the_value_that_was_held() {
-    explore(|commit| {
+    explore(ONE_OUTPUT, |commit| {
         let mut intake = intake(commit);
         let (message, local) = intake.open(at(0), Timestamp::new(0), None).unwrap();
         let (_, call) = intake.offer(at(0), &message, CLOUD, Deadline::from_nanos(10), 0);
@@ -66,7 +72,7 @@ fn p1_the_timer_forwards_the_value_that_was_held() {
 /// P3: the cloud's value goes if it is there, and each other one comes back or stays in its cell.
 #[test]
 fn p3_local_and_a_cloud_race_with_their_values() {
-    explore(|commit| {
+    explore(ONE_OUTPUT, |commit| {
         let mut intake = intake(commit);
         let (message, local) = intake.open(at(0), Timestamp::new(0), None).unwrap();
         let (_, call) = intake.offer(at(0), &message, CLOUD, Deadline::from_nanos(10), 0);
@@ -89,7 +95,7 @@ fn p3_local_and_a_cloud_race_with_their_values() {
 /// F3 superseded: a value that comes for a retired message meets none of its slot's next one.
 #[test]
 fn f3_a_stale_value_races_the_reuse_of_its_place() {
-    explore(|commit| {
+    explore(ONE_OUTPUT, |commit| {
         let mut intake = intake(commit);
         let (message, local) = intake.open(at(0), Timestamp::new(0), None).unwrap();
         let (_, call) = intake.offer(at(0), &message, CLOUD, Deadline::from_nanos(10), 0);
@@ -112,4 +118,60 @@ fn f3_a_stale_value_races_the_reuse_of_its_place() {
         assert!(is_complete(&first) && is_complete(&second) && is_complete(&stale));
         assert_eq!(stale.forwarded, None);
     });
+}
+
+/// P1 under progressive: local's value is sent with its own call, and the timer sends nothing.
+#[test]
+fn p1_progressive_timer_sends_no_value() {
+    static BY_TIMER: Flag = Flag::new(false);
+    explore(PROGRESSIVE, |commit| {
+        let mut intake = intake(commit);
+        let (message, local) = intake.open(at(0), Timestamp::new(0), None).unwrap();
+        let (_, call) = intake.offer(at(0), &message, CLOUD, Deadline::from_nanos(10), 0);
+        let turn = CallOrder::default();
+        let their_turn = turn.clone();
+        let other = thread::spawn(move || {
+            their_turn.take();
+            local.result(at(9), "local")
+        });
+        turn.take();
+        let (firing, by_timer) = message.expire(at(10)).expect("nobody else ticks");
+        let reply = other.join().unwrap();
+        assert!(is_complete(&reply));
+        assert_eq!((by_timer, reply.forwarded), (None, Some("local")));
+        // Whoever comes second retires the message.
+        let is_final = matches!(firing.outcome, Outcome::Final { .. });
+        assert_eq!(is_final, matches!(reply.outcome, Outcome::Preliminary { .. }));
+        BY_TIMER.fetch_or(is_final, Ordering::Relaxed);
+        let late = call.unwrap().0.result(at(10), "cloud");
+        assert!(is_complete(&late) && late.unused == Some("cloud"));
+    });
+    assert!(BY_TIMER.load(Ordering::Relaxed), "the timer never made it final");
+}
+
+/// P3 under progressive: the cloud's value is always sent, and local's if it came first.
+#[test]
+fn p3_progressive_sends_rising_values() {
+    static BOTH: Flag = Flag::new(false);
+    explore(PROGRESSIVE, |commit| {
+        let mut intake = intake(commit);
+        let (message, local) = intake.open(at(0), Timestamp::new(0), None).unwrap();
+        let (_, call) = intake.offer(at(0), &message, CLOUD, Deadline::from_nanos(10), 0);
+        let (call, _) = call.unwrap();
+        let turn = CallOrder::default();
+        let their_turn = turn.clone();
+        let other = thread::spawn(move || {
+            their_turn.take();
+            local.result(at(9), "local")
+        });
+        turn.take();
+        let cloud = call.result(at(9), "cloud");
+        let local = other.join().unwrap();
+        assert!(is_complete(&cloud) && is_complete(&local));
+        assert_eq!(cloud.forwarded, Some("cloud"));
+        assert!(matches!(cloud.outcome, Outcome::Forwarded { .. }), "nothing outranks it");
+        assert_eq!(local.forwarded.xor(local.unused), Some("local"));
+        BOTH.fetch_or(local.forwarded.is_some(), Ordering::Relaxed);
+    });
+    assert!(BOTH.load(Ordering::Relaxed), "local never came first");
 }
