@@ -277,23 +277,24 @@ impl PyCalls {
     ) -> PyResult<()> {
         let py = this.py();
         self.is_deciding.store(true, Ordering::Relaxed);
-        let first = input(self.engine.get());
-        let done = first.and_then(|first| {
-            let acts = always || first.is_some();
-            if acts {
-                self.act(this, now, first)?;
-            }
-            Ok(acts)
-        });
+        // What a handler raised that is no error is raised once all is done that was decided.
+        let (first, raised) = match input(self.engine.get()) {
+            Ok(first) => (first, None),
+            Err(raised) => (None, Some(raised)),
+        };
+        let acts = always || first.is_some() || raised.is_some();
+        let done = if acts { self.act(this, now, first) } else { Ok(()) };
         self.is_deciding.store(false, Ordering::Relaxed);
         if self.is_last.load(Ordering::Relaxed) {
             self.driver.bind(py).call_method0(intern!(py, "stop"))?;
         }
-        let acted = done?;
-        if acted && (self.is_closed.load(Ordering::Relaxed) || !self.waiting.bind(py).is_empty()) {
-            self.acted.bind(py).call0()?;
-        }
-        Ok(())
+        let is_awaited =
+            self.is_closed.load(Ordering::Relaxed) || !self.waiting.bind(py).is_empty();
+        let done = done.and_then(|()| match acts && is_awaited {
+            true => self.acted.bind(py).call0().map(drop),
+            false => Ok(()),
+        });
+        raised.map_or(done, Err)
     }
 
     /// Does what the engine says.

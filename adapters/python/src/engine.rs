@@ -288,7 +288,6 @@ impl PyEngine {
     fn apply(&self, input: impl FnOnce(&mut EngineState)) -> PyResult<Option<EngineEffect>> {
         self.with(|inner| {
             input(inner);
-            // What is to be done stays for the next input.
             self.interrupt.take().map_or(Ok(()), Err)?;
             Ok(next_wanted(inner))
         })?

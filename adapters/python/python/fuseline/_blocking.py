@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import logging
+import os
 import threading
 from collections.abc import Coroutine, Iterator
 from concurrent.futures import Future
 from types import TracebackType
 from typing import Any, Generic, TypeVar
 
-from fuseline._errors import ConfigError
+from fuseline._errors import ConfigError, in_one_line
 from fuseline._item import Item, Lineage
 from fuseline._operator import Operator
 
 M = TypeVar("M")
 V = TypeVar("V")
 T = TypeVar("T")
+
+_log = logging.getLogger("fuseline")
 
 
 class BlockingOperator(Generic[M, V]):
@@ -38,13 +43,18 @@ class BlockingOperator(Generic[M, V]):
         self.operator = operator
         self._loop: asyncio.AbstractEventLoop | None = None
         self._thread: threading.Thread | None = None
+        self._process = os.getpid()
+        self._has_ended = threading.Event()
 
     def __enter__(self) -> BlockingOperator[M, V]:
         if self._thread is not None:
             raise ConfigError("an operator is started once; make another")
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(
-            target=_run, args=(self._loop,), name="fuseline-operator", daemon=True
+            target=_run,
+            args=(self._loop, self.operator.name, self._has_ended),
+            name="fuseline-operator",
+            daemon=True,
         )
         self._thread.start()
         try:
@@ -75,8 +85,19 @@ class BlockingOperator(Generic[M, V]):
         return self._call(self._write(message, lineage))
 
     def read(self, timeout: float | None = None) -> Item[V] | None:
-        """The next item; None if none comes within so many seconds, or none will come any more."""
-        return self._call(self.operator.read(timeout))
+        """The next item; None if none comes within so many seconds, or none will come any more.
+
+        If it is interrupted, as by Ctrl-C, the next call gets the item.
+        """
+        handover: _Handover[V] = _Handover()
+        try:
+            return self._call(self._read(timeout, handover))
+        except BaseException:
+            item = handover.abandon()
+            if item is not None and self._loop is not None:
+                with contextlib.suppress(RuntimeError):
+                    self._loop.call_soon_threadsafe(self.operator._give_back, item)
+            raise
 
     def __iter__(self) -> Iterator[Item[V]]:
         """The items, until the operator is closed and all are read."""
@@ -93,6 +114,13 @@ class BlockingOperator(Generic[M, V]):
     async def _write(self, message: M, lineage: Lineage | None) -> int:
         return self.operator.write(message, lineage)
 
+    async def _read(self, timeout: float | None, handover: _Handover[V]) -> Item[V] | None:
+        item = await self.operator.read(timeout)
+        if item is not None and not handover.take(item):
+            self.operator._give_back(item)
+            return None
+        return item
+
     async def _close(self) -> None:
         self.operator.close()
 
@@ -104,20 +132,61 @@ class BlockingOperator(Generic[M, V]):
         if threading.current_thread() is self._thread:
             coroutine.close()
             raise RuntimeError("a handler must not wait for its own operator")
+        if os.getpid() != self._process:
+            coroutine.close()
+            raise RuntimeError("the operator runs in the process that was forked; make one here")
         future: Future[T] = asyncio.run_coroutine_threadsafe(coroutine, self._loop)
-        return future.result()
+        try:
+            return future.result()
+        except BaseException:
+            # Interrupted, nobody waits for it any more.
+            future.cancel()
+            raise
 
     def _end(self) -> None:
         loop, thread = self._loop, self._thread
         assert loop is not None and thread is not None
+        self._has_ended.set()
         loop.call_soon_threadsafe(loop.stop)
         thread.join()
 
 
-def _run(loop: asyncio.AbstractEventLoop) -> None:
+class _Handover(Generic[V]):
+    """An item on its way to a thread that may be interrupted meanwhile."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._item: Item[V] | None = None
+        self._is_abandoned = False
+
+    def take(self, item: Item[V]) -> bool:
+        """Whether somebody still waits for it."""
+        with self._lock:
+            self._item = item
+            return not self._is_abandoned
+
+    def abandon(self) -> Item[V] | None:
+        """Nobody waits any more; the item that was on its way, if one was."""
+        with self._lock:
+            self._is_abandoned = True
+            return self._item
+
+
+def _run(loop: asyncio.AbstractEventLoop, name: str, has_ended: threading.Event) -> None:
     asyncio.set_event_loop(loop)
     try:
-        loop.run_forever()
+        while not has_ended.is_set():
+            _run_on(loop, name)
         loop.run_until_complete(loop.shutdown_asyncgens())
     finally:
         loop.close()
+
+
+def _run_on(loop: asyncio.AbstractEventLoop, name: str) -> None:
+    """Run the loop until it is stopped, or until a call raises what ends a program."""
+    try:
+        loop.run_forever()
+    except BaseException as error:
+        # As in any thread but the first, it ends no program; here it ends its call.
+        what = f"{type(error).__name__}: {in_one_line(error)}"
+        _log.error("%s: %s in a call, which is a failure; the operator goes on", name, what)

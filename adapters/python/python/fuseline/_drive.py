@@ -354,7 +354,7 @@ class Driver(Generic[M, V]):
                 if item.substitute is not None:
                     # E7: how old it is only the handler knows.
                     item.age = None
-        except Exception:
+        except (Exception, asyncio.CancelledError):
             _log.exception("%s: a handler of message %d failed", self.name, item.timestamp)
             self.counting.handler_failed(None)
 
@@ -382,7 +382,7 @@ class Driver(Generic[M, V]):
                 if it.encode is not None:
                     request = _to_encode(it.encode, request, encoded)
                 offer = it.cloud.p, request, it.deadline_of(deadline)
-            except Exception:
+            except (Exception, asyncio.CancelledError):
                 _log.exception("%s: the message handler of %s failed", self.name, it.cloud.name)
                 self.counting.handler_failed(it.cloud.p)
                 continue

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import time
 import weakref
 from collections import deque
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from fuseline._fuseline import Reorderer, nanoseconds
 from fuseline._item import Item, fields_of
-from fuseline._wiring import check_count, check_function
+from fuseline._wiring import check_clock, check_count, check_function
 
 if TYPE_CHECKING:
     from fuseline._judge import Duration
@@ -97,7 +98,7 @@ class Items(Generic[T]):
             report: Called with what is passed over, and with what comes of it later.
             clock: The operators' clock.
         """
-        check_function(clock, "a clock")
+        check_clock(clock)
         if report is not None:
             check_function(report, "a report")
         reorderer = Reorderer(nanoseconds(wait), nanoseconds(reserve), clock())
@@ -120,6 +121,10 @@ class _SharedSource(Generic[T]):
         self.source, self.capacity = source, capacity
         self._readers: set[weakref.ref[Items[T]]] = set()
         self._turn, self._room = asyncio.Lock(), asyncio.Event()
+        #: A read that has begun, and how the source has ended.
+        self._reading: asyncio.Future[tuple[T] | None] | None = None
+        self._is_over = False
+        self._error: BaseException | None = None
 
     def add(self, reader: Items[T]) -> None:
         self._readers.add(weakref.ref(reader, self._gone))
@@ -133,9 +138,33 @@ class _SharedSource(Generic[T]):
             while any(len(it._waiting) >= self.capacity for it in self._all()):
                 self._room.clear()
                 await self._room.wait()
-            message = await self.source.__anext__()
+            read = await self._read()
             for reader in self._all():
-                reader._waiting.append(message)
+                reader._waiting.append(read)
+
+    async def _read(self) -> T:
+        """The next one. A reader that gives up leaves what it began to the next reader."""
+        if self._error is not None:
+            raise self._error
+        if self._is_over:
+            raise StopAsyncIteration
+        if self._reading is None:
+            self._reading = asyncio.ensure_future(_next(self.source))
+        await asyncio.wait({self._reading})
+        reading, self._reading = self._reading, None
+        try:
+            read = reading.result()
+        except asyncio.CancelledError as error:
+            # It is the source that was cancelled, not this reader.
+            self._error = RuntimeError("what is read ended in CancelledError")
+            raise self._error from error
+        except BaseException as error:
+            self._error = error
+            raise
+        if read is None:
+            self._is_over = True
+            raise StopAsyncIteration
+        return read[0]
 
     def make_room(self) -> None:
         self._room.set()
@@ -147,6 +176,17 @@ class _SharedSource(Generic[T]):
     def _gone(self, reader: weakref.ref[Items[T]]) -> None:
         self._readers.discard(reader)
         self.make_room()
+        if not self._readers and self._reading is not None:
+            # Else it would take a message that nobody gets.
+            with contextlib.suppress(RuntimeError):
+                self._reading.cancel()
+
+
+async def _next(source: AsyncIterator[T]) -> tuple[T] | None:
+    try:
+        return (await source.__anext__(),)
+    except StopAsyncIteration:
+        return None
 
 
 async def _last_only(items: Items[Item[V]]) -> AsyncIterator[Item[V]]:

@@ -17,6 +17,7 @@ from collections.abc import (
     Callable,
     Iterable,
     Sequence,
+    Sized,
 )
 from concurrent.futures import Future
 from types import TracebackType
@@ -45,6 +46,7 @@ from fuseline._wiring import (
     check_range,
     check_reserve,
     check_response_handler,
+    check_timeout,
     check_trace,
 )
 from fuseline._words import Cloud, Commit, ns
@@ -59,6 +61,11 @@ Req = TypeVar("Req")
 Res = TypeVar("Res")
 
 _log = logging.getLogger("fuseline")
+
+#: After how many seconds it is reported that nobody reads the items, and messages wait.
+UNREAD_SECONDS = 5.0
+#: What to do about it.
+_UNREAD = "and nobody has read one: read them within the block, `async for item in operator`"
 
 
 class Operator(PipelineSetup[M, V], Generic[M, V]):
@@ -164,10 +171,16 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         self._items: deque[Item[V]] = deque()
         #: Who waits for an item, and who waits for room.
         self._readers, self._writers = WaiterList(), WaiterList()
-        self._feeds: set[asyncio.Task[None]] = set()
-        self._feed_error: Exception | None = None
+        #: What writes messages, and whether it is known to end.
+        self._feeds: dict[asyncio.Task[None], bool] = {}
+        self._feed_error: BaseException | None = None
         self._count = 0
-        self._is_last = self._is_over = self._is_handling = False
+        #: How many items were read, and how many of them when the output was last found full.
+        self._read_count = self._read_before = 0
+        self._unread_timer: asyncio.TimerHandle | None = None
+        self._is_last = self._is_over = self._is_handling = self._is_ending = False
+        #: Whether `stop` ended it.
+        self._is_stopped = False
 
     def __repr__(self) -> str:
         clouds = [it.cloud.name for it in self._clouds]
@@ -333,15 +346,21 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
     ) -> None:
         try:
             if error is None:
+                await self._end_feeds()
                 self.close()
                 while not self._is_over:
                     await self._readers.wait()
         finally:
             self.stop()
-            await wait_for_cancelled(self.name, "feeds", self._feeds)
+            await wait_for_cancelled(self.name, "feeds", list(self._feeds))
             if self._driver is not None:
                 await self._driver.finish()
         if error is None:
+            if isinstance(self._feed_error, asyncio.CancelledError):
+                raise RuntimeError(
+                    "the messages that were fed ended in CancelledError: something that they wait "
+                    "for was cancelled"
+                ) from self._feed_error
             if self._feed_error is not None:
                 raise self._feed_error
             if self.unrecorded is not None:
@@ -449,28 +468,43 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
             ConfigError: if these are no messages, such as a str.
         """
         check_messages(messages)
-        count = 0
+        return await self._write_each(messages, [0])
+
+    async def _write_each(
+        self, messages: AsyncIterable[M] | Iterable[M], written: list[int]
+    ) -> int:
         async with contextlib.AsyncExitStack() as stack:
             if isinstance(messages, AsyncGenerator):
                 await stack.enter_async_context(contextlib.aclosing(messages))
             async for message in each(messages):
                 while not self._has_room() and not self._is_last:
+                    self._watch_unread()
                     await self._writers.wait()
                 lineage = message.lineage if isinstance(message, (Item, Joined)) else None
                 self.write(message, lineage)
-                count += 1
-        return count
+                written[0] += 1
+        return written[0]
 
     def feed(self, messages: AsyncIterable[M] | Iterable[M]) -> None:
-        """Write each message in a task of the operator's own, then `close`.
+        """Write each message in a task of the operator's own; `close` once all that is fed ended.
 
-        If the messages end in an exception, it is raised at the end of the operator's block.
+        Several streams may be fed at once. If one ends in an exception, the operator is closed, and
+        the exception is raised at the end of its block. If the block ends first, a list is fed to
+        its end as long as there is room for its items, and any other stream is cut off, which is
+        logged; it is an error if nobody has read an item by then.
+
+        Raises:
+            Closed: if the operator takes no more messages.
+            ConfigError: if these are no messages, such as a str.
         """
         self._running("feed")
         check_messages(messages)
+        if self._is_last:
+            raise Closed("the operator takes no more messages; feed all streams before one ends")
         task = asyncio.get_running_loop().create_task(self._feed(messages))
-        self._feeds.add(task)
-        task.add_done_callback(self._feeds.discard)
+        task.set_name(f"{self.name}: feed")
+        self._feeds[task] = isinstance(messages, Sized)
+        task.add_done_callback(self._fed)
 
     def close(self) -> None:
         """Take no more messages; the items end once all are answered."""
@@ -488,9 +522,15 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         the last that happens.
         """
         self._check_thread("stop")
+        self._is_stopped = self._is_stopped or not self._is_over
+        self._end()
+
+    def _end(self) -> None:
         if self._is_over or self._driver is None:
             return
         self._is_last = self._is_over = True
+        if self._unread_timer is not None:
+            self._unread_timer.cancel()
         for task in self._feeds:
             task.cancel()
         self._driver.stop()
@@ -515,6 +555,7 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
     async def read(self, timeout: float | None = None) -> Item[V] | None:
         """The next item; None if none comes within so many seconds, or none will come any more."""
         self._running("read")
+        timeout = check_timeout(timeout)
         loop = asyncio.get_running_loop()
         until = None if timeout is None else loop.time() + timeout
         timer = None if until is None else loop.call_at(until, self._readers.wake)
@@ -530,9 +571,16 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
 
     def _take_item(self) -> Item[V]:
         item = self._items.popleft()
+        self._read_count += 1
         if self._writers.waiters and len(self._items) < self._output_len:
             self._writers.wake()
         return item
+
+    def _give_back(self, item: Item[V]) -> None:
+        """An item that whoever read it did not get."""
+        self._items.appendleft(item)
+        self._read_count -= 1
+        self._readers.wake()
 
     @property
     def counts(self) -> Counter[tuple[str, str, str]]:
@@ -612,13 +660,16 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         self._items.append(item)
         if self._readers.waiters:
             self._readers.wake()
+        elif self._is_ending and self._writers.waiters:
+            # What is fed may have to give up.
+            self._writers.wake()
 
     def _end_if_idle(self) -> None:
         driver = self._driver
         if self._writers.waiters and self._has_room():
             self._writers.wake()
         if self._is_last and driver is not None and driver.is_idle:
-            self.stop()
+            self._end()
 
     def _assess(
         self,
@@ -629,19 +680,78 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
     ) -> None:
         try:
             driver.set_situation(situation(message, t))
-        except Exception:
+        except (Exception, asyncio.CancelledError):
             _log.exception("%s: the situation's handler failed: nothing is known", self.name)
             driver.counting.handler_failed(None)
             driver.set_situation(Situation())
 
     async def _feed(self, messages: AsyncIterable[M] | Iterable[M]) -> None:
+        written = [0]
         try:
-            await self.write_all(messages)
-        except asyncio.CancelledError:
-            raise
+            await self._write_each(messages, written)
         except Closed:
-            # Somebody closed it meanwhile.
+            self._cut_off(messages, written[0])
+        except BaseException as error:
+            # Whatever ends the stream, also the cancellation of a task that it waits for, nobody
+            # is to wait for its messages.
+            if not self._is_over:
+                self._feed_error = self._feed_error or error
+                self.close()
+            elif not self._is_stopped:
+                self._cut_off(messages, written[0])
+            if not isinstance(error, Exception):
+                raise
+
+    def _fed(self, task: asyncio.Task[None]) -> None:
+        """A stream has ended; with the last one no more messages come."""
+        del self._feeds[task]
+        if not task.cancelled():
+            # It is raised at the end of the block.
+            task.exception()
+        if not self._feeds and not self._is_last:
+            self.close()
+
+    def _cut_off(self, messages: AsyncIterable[M] | Iterable[M], written: int) -> None:
+        """The operator was closed while messages were fed, so many of which were written."""
+        if not isinstance(messages, Sized):
+            _log.info("%s: closed while a stream was fed, after %d messages", self.name, written)
+        elif (left := len(messages) - written) > 0:
+            with self._way:
+                self._not_taken += left
+            _log.warning(
+                "%s: closed while messages were fed: %d were taken, %d were not",
+                self.name,
+                written,
+                left,
+            )
+
+    async def _end_feeds(self) -> None:
+        """The block ends while messages are fed: if nobody read an item, that is a mistake."""
+        if not self._feeds or self._is_last or self._read_count or self._readers.waiters:
             return
-        except Exception as error:
-            self._feed_error = error
-        self.close()
+        self._is_ending = True
+        self._writers.wake()
+        if finite := [task for task, is_finite in self._feeds.items() if is_finite]:
+            await asyncio.wait(finite)
+        if self._feeds and self._feed_error is None:
+            self._feed_error = Closed(f"the block ended while messages were fed, {_UNREAD}")
+
+    def _watch_unread(self) -> None:
+        """A stream waits for room: if nobody reads the items, that is reported."""
+        if len(self._items) < self._output_len or self._loop is None:
+            return
+        if self._is_ending and not self._readers.waiters:
+            raise Full(f"{len(self._items)} items wait to be read, {_UNREAD}")
+        if self._unread_timer is None:
+            self._read_before = self._read_count
+            self._unread_timer = self._loop.call_later(UNREAD_SECONDS, self._report_unread)
+
+    def _report_unread(self) -> None:
+        self._unread_timer = None
+        if self._writers.waiters and self._read_count == self._read_before:
+            _log.warning(
+                "%s: %d items wait to be read, and none was read for %s s: no message is taken",
+                self.name,
+                len(self._items),
+                UNREAD_SECONDS,
+            )

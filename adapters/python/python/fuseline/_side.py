@@ -43,7 +43,7 @@ class SideRequest:
                 return
             request, deadline = wanted
             seconds = nanoseconds(deadline) / 1e9
-        except Exception:
+        except (Exception, asyncio.CancelledError):
             _log.exception("the message handler of %s failed", self.name)
             self.counts["handler failed"] += 1
             return

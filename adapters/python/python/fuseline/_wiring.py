@@ -5,11 +5,13 @@ from __future__ import annotations
 import inspect
 import os
 from collections.abc import AsyncIterable, Iterable, Mapping
+from datetime import timedelta
 from types import AsyncGeneratorType, GeneratorType
 from typing import Any
 
 from fuseline._errors import ConfigError, as_text
 from fuseline._fuseline import Latency
+from fuseline._words import ns
 from fuseline.deadline import Policy, learners, needs_linger
 
 
@@ -208,6 +210,25 @@ def check_messages(messages: Any) -> None:
             messages.close()
         remedy = "; call the function" if callable(messages) else ""
         raise ConfigError(f"messages are an iterable, plain or async, not {messages!r}{remedy}")
+
+
+def check_timeout(timeout: Any) -> float | None:
+    """How long to wait, in seconds; None for ever.
+
+    Raises:
+        TypeError: if it is no duration.
+    """
+    if timeout is None:
+        return None
+    if isinstance(timeout, ns):
+        return timeout / 1e9
+    if isinstance(timeout, timedelta):
+        return timeout.total_seconds()
+    if isinstance(timeout, bool) or not hasattr(timeout, "__float__") or timeout != timeout:
+        raise TypeError(
+            f"a timeout of {timeout!r}; it is seconds as a number, a timedelta, or None"
+        )
+    return float(timeout)
 
 
 def check_policy(policy: Any) -> None:

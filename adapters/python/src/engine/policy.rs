@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use fuseline_deadline as deadline;
 use fuseline_deadline::{Case, Chosen, Constant, End, Policy, Reason, Situation, Span};
+use pyo3::exceptions::asyncio::CancelledError;
 use pyo3::exceptions::{PyException, PyTypeError};
 use pyo3::intern;
 use pyo3::prelude::*;
@@ -130,7 +131,8 @@ fn called<T>(interrupt: &PendingException, call: impl FnOnce(Python<'_>) -> PyRe
 /// Reports an error, also to the engine, as a policy that panics does: it catches that, and requests nothing.
 fn failed(interrupt: &PendingException, error: PyErr) -> ! {
     Python::attach(|py| {
-        if error.is_instance_of::<PyException>(py) {
+        // Nothing of a policy's can be cancelled: it asked for the result of something that was.
+        if error.is_instance_of::<PyException>(py) || error.is_instance_of::<CancelledError>(py) {
             logging::exception(py, "a policy failed", error);
         } else {
             interrupt.set(error);
