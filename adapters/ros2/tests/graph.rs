@@ -29,7 +29,7 @@ use tokio::time::{Instant, timeout};
 use messages::{Any, CompressedImage, Header, PointStamped, Time};
 
 /// How long anything may take.
-const LONG: Duration = Duration::from_secs(20);
+const LONG: Duration = Duration::from_secs(60);
 const TYPES: [&str; 2] =
     ["input.type:=sensor_msgs/msg/CompressedImage", "output.type:=geometry_msgs/msg/PointStamped"];
 
@@ -80,6 +80,20 @@ fn settings(domain: u16, set: &[&str]) -> Settings {
     Settings::from(&Arguments::parse(args).unwrap(), |_| None).unwrap()
 }
 
+/// A domain of the test's own, also beside another run of the tests. Greater ones need ports that the system gives away.
+fn domain(test: u32) -> u16 {
+    u16::try_from(40 + (std::process::id() * 4 + test) % 60).unwrap()
+}
+
+/// Waits for a peer.
+///
+/// `ros2-client` queues eight events of discovery for who waits, and drops the others: on a busy host the one that matters
+/// may be among them. A new wait looks at first who is there.
+async fn met<F: Future<Output = ()>>(wait: impl Fn() -> F) -> Result<(), Any> {
+    let again = async { while timeout(Duration::from_millis(200), wait()).await.is_err() {} };
+    Ok(timeout(LONG, again).await?)
+}
+
 /// Runs the node until `peers` are done.
 async fn beside(settings: Settings, peers: impl Future<Output = Result<(), Any>>) {
     let mut stop = Stop::never();
@@ -103,13 +117,13 @@ fn client<Q: Message + Clone + 'static, A: Message + 'static>(
 #[tokio::test]
 async fn parameters_are_read_and_those_that_may_are_set() {
     let peers = async {
-        let mut node = node_in(91, "operator")?;
+        let mut node = node_in(domain(0), "operator")?;
         let reader: Client<GetParametersRequest, GetParametersResponse> =
             client(&mut node, "get_parameters", "GetParameters");
         let setter: Client<SetParametersRequest, SetParametersResponse> =
             client(&mut node, "set_parameters", "SetParameters");
-        timeout(LONG, reader.wait_for_service(&node)).await?;
-        timeout(LONG, setter.wait_for_service(&node)).await?;
+        met(|| reader.wait_for_service(&node)).await?;
+        met(|| setter.wait_for_service(&node)).await?;
         let names = ["deadline", "window", "clouds"].map(str::to_owned).to_vec();
         let request = GetParametersRequest { names: names.clone() };
         let read = timeout(LONG, reader.async_call_service(request)).await?.unwrap();
@@ -140,7 +154,7 @@ async fn parameters_are_read_and_those_that_may_are_set() {
         assert_eq!(deadline, ParameterValue::Double(0.25));
         Ok(())
     };
-    Box::pin(beside(settings(91, &["clouds:=[west]"]), peers)).await;
+    Box::pin(beside(settings(domain(0), &["clouds:=[west]"]), peers)).await;
 }
 
 /// A serialized `PointStamped` for a serialized `CompressedImage`: the same stamp.
@@ -169,7 +183,7 @@ async fn a_cloud_behind_grpc_answers_and_when_it_is_gone_local_does() {
     let last = first + 1000;
 
     let peers = async {
-        let mut node = node_in(92, "camera")?;
+        let mut node = node_in(domain(1), "camera")?;
         let camera: Publisher<CompressedImage> =
             publisher(&mut node, "input", "sensor_msgs/CompressedImage")?;
         let output: Subscription<PointStamped> =
@@ -179,10 +193,10 @@ async fn a_cloud_behind_grpc_answers_and_when_it_is_gone_local_does() {
         let local: Publisher<PointStamped> =
             publisher(&mut node, "local/output", "geometry_msgs/PointStamped")?;
         for topic in ["/output", "/local/input"] {
-            timeout(LONG, node.wait_for_publisher(topic)).await?;
+            met(|| node.wait_for_publisher(topic)).await?;
         }
-        timeout(LONG, camera.wait_for_subscription(&node)).await?;
-        timeout(LONG, local.wait_for_subscription(&node)).await?;
+        met(|| camera.wait_for_subscription(&node)).await?;
+        met(|| local.wait_for_subscription(&node)).await?;
         let (mut outputs, mut requested) =
             (Box::pin(output.async_stream()), Box::pin(requested.async_stream()));
 
@@ -200,7 +214,10 @@ async fn a_cloud_behind_grpc_answers_and_when_it_is_gone_local_does() {
             }
         }
         let point = from_cloud.ok_or("no output of the cloud")?;
-        assert_eq!((point.header.stamp.sec, &*point.header.frame_id), (sec, ""));
+        // The answer to an earlier one, if the host is busy.
+        let Header { stamp, frame_id } = point.header;
+        assert!((first + 1..=sec).contains(&stamp.sec), "{} of {sec}", stamp.sec);
+        assert_eq!(frame_id, "");
 
         end.send(()).map_err(|()| "the server is gone")?;
         server.await??;
@@ -222,7 +239,7 @@ async fn a_cloud_behind_grpc_answers_and_when_it_is_gone_local_does() {
     let path = folder.path().join("trace.jsonl");
     let file = format!("trace.file:={}", path.display());
     let set = ["clouds:=[west]", &url, "deadline:=5.0", "local.deadline:=20.0", &file];
-    Box::pin(beside(settings(92, &set), peers)).await;
+    Box::pin(beside(settings(domain(1), &set), peers)).await;
 
     // What it came from is the topic, and the stamp says how old it is.
     let text = std::fs::read_to_string(path).unwrap();
@@ -275,16 +292,16 @@ async fn a_call_that_no_longer_matters_is_aborted_long_before_its_deadline() {
     tokio::spawn(grpc::serve(infer, Server::default(), listener, std::future::pending()));
 
     let peers = async {
-        let mut node = node_in(93, "camera")?;
+        let mut node = node_in(domain(2), "camera")?;
         let camera: Publisher<CompressedImage> =
             publisher(&mut node, "input", "sensor_msgs/CompressedImage")?;
         let requested: Subscription<CompressedImage> =
             subscription(&mut node, "east/input", "sensor_msgs/CompressedImage")?;
         let east: Publisher<PointStamped> =
             publisher(&mut node, "east/output", "geometry_msgs/PointStamped")?;
-        timeout(LONG, node.wait_for_publisher("/east/input")).await?;
-        timeout(LONG, camera.wait_for_subscription(&node)).await?;
-        timeout(LONG, east.wait_for_subscription(&node)).await?;
+        met(|| node.wait_for_publisher("/east/input")).await?;
+        met(|| camera.wait_for_subscription(&node)).await?;
+        met(|| east.wait_for_subscription(&node)).await?;
         let mut requested = Box::pin(requested.async_stream());
 
         // West gets a request and never answers; east, which outranks it, does.
@@ -313,23 +330,22 @@ async fn a_call_that_no_longer_matters_is_aborted_long_before_its_deadline() {
         "deadline:=600.0",
         "local.deadline:=900.0",
     ];
-    beside(settings(93, &set), peers).await;
+    beside(settings(domain(2), &set), peers).await;
 }
 
 #[tokio::test]
 async fn messages_of_another_type_are_not_taken_in() {
     let peers = async {
-        let mut node = node_in(94, "camera")?;
+        let mut node = node_in(domain(3), "camera")?;
         // RustDDS sends to a subscriber whatever the type's name there is; others do not.
-        let (_stranger, image) = stranger(94).await?;
+        let (_stranger, image) = stranger(domain(3)).await?;
         let requested: Subscription<CompressedImage> =
             subscription(&mut node, "local/input", "sensor_msgs/CompressedImage")?;
-        // One that came before is waited for in vain; the loop below sees to it that all have met.
-        let _ = timeout(Duration::from_secs(2), node.wait_for_publisher("/local/input")).await;
+        met(|| node.wait_for_publisher("/local/input")).await?;
         let mut requested = Box::pin(requested.async_stream());
         let camera: Publisher<CompressedImage> =
             publisher(&mut node, "input", "sensor_msgs/CompressedImage")?;
-        let _ = timeout(Duration::from_secs(2), camera.wait_for_subscription(&node)).await;
+        met(|| camera.wait_for_subscription(&node)).await?;
         let start = Instant::now();
         for sec in 1000.. {
             assert!(start.elapsed() < LONG, "local was not asked");
@@ -348,20 +364,16 @@ async fn messages_of_another_type_are_not_taken_in() {
         Ok(())
     };
     // Nobody answers, and each message may be requested all the same.
-    Box::pin(beside(settings(94, &["local.deadline:=0.5", "local.in_flight:=64"]), peers)).await;
+    Box::pin(beside(settings(domain(3), &["local.deadline:=0.5", "local.in_flight:=64"]), peers))
+        .await;
 }
 
-/// A publisher of another type, once it has met the node. Participants of one process miss each other at times: then
-/// another one tries.
+/// A publisher of another type, once it has met the node.
 async fn stranger(domain: u16) -> Result<(Node, Publisher<CompressedImage>), Any> {
-    loop {
-        let mut stranger = node_in(domain, "stranger")?;
-        let image = publisher(&mut stranger, "input", "sensor_msgs/Image")?;
-        let matched = timeout(Duration::from_secs(4), image.wait_for_subscription(&stranger)).await;
-        if matched.is_ok() {
-            return Ok((stranger, image));
-        }
-    }
+    let mut stranger = node_in(domain, "stranger")?;
+    let image = publisher(&mut stranger, "input", "sensor_msgs/Image")?;
+    met(|| image.wait_for_subscription(&stranger)).await?;
+    Ok((stranger, image))
 }
 
 async fn send(camera: &Publisher<CompressedImage>, sec: i32) -> Result<(), Any> {

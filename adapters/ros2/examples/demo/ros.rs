@@ -1,6 +1,7 @@
 //! ROS nodes of this machine alone, over DDS or over Zenoh.
 
 use std::net::Ipv4Addr;
+use std::time::Duration;
 
 use ros2_client::dds;
 use ros2_client::qos::{History, WhenFull};
@@ -8,8 +9,12 @@ use ros2_client::{MessageInfo, MessageTypeName, Name, NodeName, NodeOptions, Qos
 use rustdds::DomainParticipantBuilder;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+use tokio::time::timeout;
 
 use crate::messages::Any;
+
+/// How long a peer is waited for until it is looked for again.
+const AGAIN: Duration = Duration::from_millis(200);
 
 /// A ROS node of this machine alone.
 #[cfg_attr(feature = "zenoh", expect(clippy::large_enum_variant, reason = "a process has few"))]
@@ -105,7 +110,10 @@ impl<M: Serialize> Publisher<M> {
     /// Waits until somebody subscribes.
     pub(crate) async fn subscribed(&self, node: &Node) {
         match (self, node) {
-            (Self::Dds(publisher), Node::Dds(node)) => publisher.wait_for_subscription(node).await,
+            // It may miss who comes while the host is busy; a new wait looks at first who is there.
+            (Self::Dds(publisher), Node::Dds(node)) => {
+                while timeout(AGAIN, publisher.wait_for_subscription(node)).await.is_err() {}
+            }
             #[cfg(feature = "zenoh")]
             (Self::Zenoh(publisher), Node::Zenoh(node)) => {
                 publisher.wait_for_subscription(node).await;
