@@ -42,9 +42,9 @@ fn example(name: &str) -> String {
     format!("{}/../traces/examples/{name}", env!("CARGO_MANIFEST_DIR"))
 }
 
-/// Drives a command with these options.
+/// Drives a command with these options. It may answer as late as on a busy host: what is wrong with it is not that.
 fn drive(options: &[&str], command: &[&str]) -> Output {
-    run(&[&["drive"], options, &["--"], command].concat(), "")
+    run(&[&["drive", "--wait", "120"], options, &["--"], command].concat(), "")
 }
 
 /// Drives a command and reads the report.
@@ -110,12 +110,13 @@ fn each_mistake_is_found_and_reported_in_a_few_inputs() {
     let listed = out(&listed).lines().filter_map(|line| line.split_whitespace().next());
     assert!(listed.eq(MISTAKES.iter().map(|(name, _)| *name)), "the list has changed");
     for (mistake, rule) in MISTAKES {
-        let report = report(&[], &["python3", &script, "--mistake", mistake]);
+        // A busy host gets to few runs in the 30 s of the default.
+        let report = report(&["--for", "10m"], &["python3", &script, "--mistake", mistake]);
         assert_eq!(report["conforms"], false, "{mistake}");
         let failed =
             report["fixed"].as_array().unwrap().iter().any(|case| case["result"] != "pass");
         assert!(failed, "{mistake}: the corpus passes");
-        assert!(report["generated"]["failed"].is_string(), "{mistake}: a thousand runs pass");
+        assert!(report["generated"]["failed"].is_string(), "{mistake}: all runs pass");
         let findings = report["found"].as_array().unwrap();
         assert_eq!(findings.len(), 2, "{mistake}");
         assert_eq!(findings[0]["violation"]["rule"], rule, "{mistake}: {}", findings[0]);
@@ -312,7 +313,7 @@ fn a_command_that_dies_complains_once_and_every_case_of_the_corpus_is_tried() {
 #[test]
 fn a_command_that_answers_nothing_is_given_five_seconds() {
     let since = Instant::now();
-    let driven = drive(&[], &["sh", "-c", "sleep 600"]);
+    let driven = run(&["drive", "--", "sh", "-c", "sleep 600"], "");
     assert_eq!(driven.status.code(), Some(1));
     assert!(out(&driven).contains("it did not answer within 5 s"), "{}", out(&driven));
     assert!(out(&driven).contains("sent last {\"fuseline\":1"), "{}", out(&driven));

@@ -217,7 +217,7 @@ fn scenarios_are_as_their_schemas_say() {
 fn drives_are_as_their_schema_says() {
     let dir = tempdir().unwrap();
     let mistakes = concat!(env!("CARGO_MANIFEST_DIR"), "/../traces/examples/mistakes.py");
-    let drive = ["--json", "--cases", "3", "--save", "found", "--force", "--"];
+    let drive = ["--json", "--wait", "120", "--cases", "3", "--save", "found", "--force", "--"];
     conforms(dir.path(), &["drive"], &[&drive[..], &[COMMAND, "impl"]].concat());
     let faulty = ["python3", mistakes, "--mistake", "first-response-wins"];
     let found = conforms(dir.path(), &["drive"], &[&drive[..], &faulty].concat());
