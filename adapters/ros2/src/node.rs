@@ -1,14 +1,10 @@
 //! A plain node: what it opens, and its end. A managed one opens the same, in
 //! [`managed`](crate::managed).
 
-use std::path::Path;
 use std::sync::Arc;
-use std::time::{Duration, SystemTime};
+use std::time::Duration;
 
-use fuseline_engine::{
-    self as shared, Counting, Engine, Header, HeaderAnnotations, Local, Mcap, Recorder, Recording,
-    Tally,
-};
+use fuseline_engine::{self as shared, Counting, Engine, Header, Local, Tally};
 use fuseline_tokio::drive::{Driver, finish};
 use tokio::sync::mpsc;
 use tokio::time::{MissedTickBehavior, interval};
@@ -19,6 +15,7 @@ use crate::fusion::{InputChannels, LoopState, NodeFusion};
 use crate::lifecycle::LifecycleRequests;
 use crate::middleware::{Endpoint, Graph, ReceivedPayload};
 use crate::raw::Payload;
+use crate::recordings::{self, CreatedFiles};
 use crate::report::Reporter;
 use crate::rosout::PendingLogs;
 use crate::settings::{self, Change, Middleware, Role, Settings, SpeedTopic};
@@ -42,12 +39,13 @@ pub(crate) async fn run(
     // What is refused is refused before anybody notices the node.
     check(settings)?;
     realtime(settings.realtime)?;
-    let engine = recorded(settings)?;
+    let (engine, created) = recorded(settings)?;
     let mut graph = Graph::join(settings, |it| settings.needs(it)).await?;
     let NodeInterface { status_publisher, mut changes, mut tasks, .. } =
         StatusPublisher::join(settings, &graph, lines)?;
     let outside = ExternalInputs { changes: &mut changes, orders: None, stop };
     let open = open(settings, engine, &mut graph, status_publisher, outside)?;
+    created.keep();
     let ended = open.run().await;
     tasks.shutdown().await;
     graph.leave().await;
@@ -263,31 +261,12 @@ fn header(settings: &Settings) -> Header {
 }
 
 /// The operator with its recordings, whose files are made.
-pub(crate) fn recorded(settings: &Settings) -> Result<Engine<Payload, Payload>, NodeError> {
+pub(crate) fn recorded(
+    settings: &Settings,
+) -> Result<(Engine<Payload, Payload>, CreatedFiles), NodeError> {
     let mut engine = engine(settings)?;
-    record(&mut engine, settings)?;
-    Ok(engine)
-}
-
-fn record<V, R>(engine: &mut Engine<V, R>, settings: &Settings) -> Result<(), NodeError> {
-    let header = header(settings);
-    let wrong = |path: &Path| {
-        let path = path.to_owned();
-        move |error| NodeError::Recording { path, error }
-    };
-    if let Some(path) = &settings.trace {
-        Recorder::create(path, &header, Recording::default())
-            .and_then(|recorder| engine.record(recorder))
-            .map_err(wrong(path))?;
-    }
-    if let Some(path) = &settings.mcap {
-        let epoch = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
-        let epoch = u64::try_from(epoch.as_nanos()).unwrap_or(0);
-        Mcap::create(path, &header, &HeaderAnnotations::default(), epoch)
-            .and_then(|mcap| engine.record(mcap))
-            .map_err(wrong(path))?;
-    }
-    Ok(())
+    let created = recordings::record(&mut engine, settings, &header(settings))?;
+    Ok((engine, created))
 }
 
 /// Local and the clouds, with their topics or their servers.

@@ -140,7 +140,8 @@ pub(super) fn play(scenario: &Scenario) -> RunResult {
     let runtime = Builder::new_current_thread().enable_time().start_paused(true).build().unwrap();
     let payloads = Arc::<AtomicUsize>::default();
     let (simulation, tally) = runtime.block_on(async {
-        let engine = node::recorded(&settings).unwrap();
+        let (engine, created) = node::recorded(&settings).unwrap();
+        created.keep();
         let counting = engine.counts();
         let (mouths, subscription) = mouths();
         let peers = scenario.peers.len();
