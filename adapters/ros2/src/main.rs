@@ -38,8 +38,10 @@ fn main() -> ExitCode {
     if arguments.action == Action::Check {
         return match check(&settings) {
             Ok(()) => {
-                let caution = settings.caution().map(|caution| format!("warning: {caution}\n"));
-                print(&format!("{settings}\n{}", caution.unwrap_or_default()))
+                let cautions = settings.cautions();
+                let cautions: String =
+                    cautions.iter().map(|caution| format!("warning: {caution}\n")).collect();
+                print(&format!("{settings}\n{cautions}"))
             }
             Err(error) => reported(&error),
         };
@@ -51,7 +53,7 @@ fn main() -> ExitCode {
     if settings.deadlines.kind != PolicyKind::Set && settings.deadlines.rate.is_none() {
         warn!("policy.rate is not given: whether the node keeps up with its inputs is not checked");
     }
-    if let Some(caution) = settings.caution() {
+    for caution in settings.cautions() {
         warn!("{caution}");
     }
     match serve(&settings, lines) {

@@ -5,6 +5,7 @@ mod cautions;
 mod change;
 mod clouds;
 mod current;
+mod environment;
 mod error;
 mod middleware;
 mod nearest;
@@ -28,6 +29,7 @@ use crate::parameters::{ParameterOverride, Value, ValueOrigin, given};
 pub use crate::settings::budget::EndToEndSettings;
 pub use crate::settings::change::{Change, ChangeError};
 pub(crate) use crate::settings::current::Current;
+use crate::settings::environment::Environment;
 pub use crate::settings::error::SettingsError;
 pub use crate::settings::middleware::Middleware;
 pub use crate::settings::parameter::{Parameter, Range};
@@ -107,6 +109,8 @@ pub struct Settings {
     pub declared: Vec<Parameter>,
     /// What was given to all or several nodes and is no parameter of this one.
     pub ignored: Vec<ParameterOverride>,
+    /// What the environment says and the node does not do; each in a sentence.
+    pub unheeded: Vec<String>,
 }
 
 /// One side of the node.
@@ -211,12 +215,8 @@ impl Settings {
         let node = NodeName { namespace: "/".to_owned(), name: "fuseline".to_owned() };
         let node = node.remapped(&arguments.remaps);
         let mut overrides = given(&arguments.files, &arguments.assignments, &node)?;
-        let from_environment = [
-            domain(&environment),
-            localhost_only(&environment),
-            middleware::from_rmw(&environment),
-        ];
-        for from in from_environment.into_iter().flatten() {
+        let environment = Environment(environment);
+        for from in environment.overrides()? {
             overrides.entry(from.name.clone()).or_insert(from);
         }
         let log_level = log_level(arguments, &node);
@@ -227,6 +227,7 @@ impl Settings {
         settings.declared = reader.declared;
         settings.log_level = log_level;
         settings.rosout = arguments.rosout;
+        settings.unheeded = environment.cautions(&settings);
         if let Err(why) = settings.keep_pace() {
             let origin = settings.origin("policy.rate");
             return Err(SettingsError::Workload { origin, why });
@@ -347,6 +348,7 @@ fn read(r: &mut ParameterReader, node: NodeName) -> Result<Settings, SettingsErr
         topics: Vec::new(),
         declared: Vec::new(),
         ignored: Vec::new(),
+        unheeded: Vec::new(),
     })
 }
 
@@ -464,24 +466,6 @@ fn topics(
     let about = "The topic on which it sends results";
     let output = topic("output", about, types[1], Role::Subscription)?;
     Ok([input, output])
-}
-
-fn domain(environment: impl Fn(&str) -> Option<String>) -> Option<ParameterOverride> {
-    let text = environment("ROS_DOMAIN_ID").filter(|text| !text.is_empty())?;
-    let value = text.parse().map_or(Value::String(text), Value::Integer);
-    Some(from_environment("domain_id", value, "ROS_DOMAIN_ID"))
-}
-
-fn localhost_only(environment: impl Fn(&str) -> Option<String>) -> Option<ParameterOverride> {
-    let variables = [("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST"), ("ROS_LOCALHOST_ONLY", "1")];
-    let is_set = |(variable, value): &(&str, &str)| environment(variable).as_deref() == Some(value);
-    let (variable, _) = variables.into_iter().find(is_set)?;
-    Some(from_environment("localhost_only", Value::Bool(true), variable))
-}
-
-fn from_environment(name: &str, value: Value, variable: &'static str) -> ParameterOverride {
-    let origin = ValueOrigin::Environment(variable);
-    ParameterOverride { name: name.to_owned(), value, origin, is_shared: false }
 }
 
 /// The last level for this node's logger, or else for all.

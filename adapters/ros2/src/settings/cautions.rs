@@ -5,9 +5,14 @@ use fuseline_engine::Commit;
 use crate::settings::{Cloud, PolicyKind, Settings};
 
 impl Settings {
-    /// A4: a lower cloud's timer sends what is available, though a better cloud has time left; in a sentence with its remedy.
+    /// Each in a sentence.
     #[must_use]
-    pub fn caution(&self) -> Option<String> {
+    pub fn cautions(&self) -> Vec<String> {
+        self.unheeded.iter().cloned().chain(self.given_away()).collect()
+    }
+
+    /// A4: a lower cloud's timer sends what is available, though a better cloud has time left; with its remedy.
+    fn given_away(&self) -> Option<String> {
         if self.commit != Commit::Eager || self.deadlines.kind != PolicyKind::Set {
             return None;
         }

@@ -82,6 +82,12 @@ pub enum SettingsError {
          {linger}, too"
     )]
     Hints { origin: ValueOrigin, name: String, linger: String },
+    /// Security that the node does not have.
+    #[error(
+        "{enable} is true and {strategy} is Enforce, but this node has no DDS security (SROS2), and would join unsecured; unset \
+         {enable} for it and protect the network, or use Zenoh with certificates"
+    )]
+    Security { enable: &'static str, strategy: &'static str },
     /// A parameter of a cloud that is not there.
     #[error("{origin}: {name} is given, but there is no cloud {cloud}; add it to clouds")]
     NoCloud { origin: ValueOrigin, name: String, cloud: String },

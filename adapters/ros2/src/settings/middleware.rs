@@ -2,9 +2,9 @@
 
 use std::fmt;
 
-use crate::parameters::{ParameterOverride, Value};
+use crate::parameters::Value;
 use crate::settings::reader::ParameterReader;
-use crate::settings::{CloudConnection, SettingsError, from_environment};
+use crate::settings::{CloudConnection, SettingsError};
 
 /// What carries a topic's messages.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -14,9 +14,6 @@ pub enum Middleware {
     /// Zenoh, as `rmw_zenoh` uses it.
     Zenoh,
 }
-
-/// The variable by which ROS 2 chooses a middleware, and the value that chooses Zenoh.
-const VARIABLE: (&str, &str) = ("RMW_IMPLEMENTATION", "rmw_zenoh_cpp");
 
 impl Middleware {
     const fn name(self) -> &'static str {
@@ -31,14 +28,6 @@ impl fmt::Display for Middleware {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.name())
     }
-}
-
-/// What the environment says.
-pub(super) fn from_rmw(environment: impl Fn(&str) -> Option<String>) -> Option<ParameterOverride> {
-    let (variable, zenoh) = VARIABLE;
-    let is_zenoh = environment(variable)? == zenoh;
-    let chosen = if is_zenoh { Middleware::Zenoh } else { Middleware::Dds };
-    Some(from_environment("middleware", Value::String(chosen.name().to_owned()), variable))
 }
 
 /// Reads which one is meant; one that is not built in is refused.

@@ -328,6 +328,71 @@ fn the_environment_comes_last() {
     }
 }
 
+/// The warnings about the environment.
+fn unheeded(args: &str, environment: &[(&str, &str)]) -> String {
+    settings_in(&[], &format!("{TYPES} {args}"), environment).unwrap().unheeded.join("\n")
+}
+
+#[test]
+fn enforced_security_is_refused() {
+    let enable = ("ROS_SECURITY_ENABLE", "true");
+    for strategy in ["Enforce", "enforce"] {
+        let environment = [enable, ("ROS_SECURITY_STRATEGY", strategy)];
+        let error = settings_in(&[], TYPES, &environment).unwrap_err();
+        assert!(error.contains("Enforce, but this node has no DDS security (SROS2)"), "{error}");
+        assert!(error.contains("unset ROS_SECURITY_ENABLE"), "{error}");
+    }
+    for environment in [&[enable][..], &[enable, ("ROS_SECURITY_STRATEGY", "Permissive")]] {
+        assert!(unheeded("", environment).contains("it joins unsecured"));
+    }
+    let unclear =
+        unheeded("", &[("ROS_SECURITY_ENABLE", "1"), ("ROS_SECURITY_STRATEGY", "Enforce")]);
+    assert!(unclear.contains("is \"1\": ROS 2 takes anything but true for false"), "{unclear}");
+    assert_eq!(unheeded("", &[("ROS_SECURITY_ENABLE", "false")]), "");
+    assert_eq!(unheeded("", &[("ROS_SECURITY_ENABLE", "")]), "");
+}
+
+#[test]
+fn ranges_of_discovery_are_kept_or_reported() {
+    const RANGE: &str = "ROS_AUTOMATIC_DISCOVERY_RANGE";
+    for (range, is_near, words) in [
+        ("LOCALHOST", true, ""),
+        ("SUBNET", false, ""),
+        ("SYSTEM_DEFAULT", false, ""),
+        ("", false, ""),
+        ("OFF", true, "finds its peers by discovery alone"),
+        ("localhost", true, "is no range; LOCALHOST is assumed"),
+    ] {
+        let all = settings_in(&[], TYPES, &[(RANGE, range)]).unwrap();
+        let warnings = all.unheeded.join("\n");
+        assert_eq!(all.localhost_only, is_near, "{range}");
+        assert!(warnings.contains(words) && warnings.is_empty() == words.is_empty(), "{warnings}");
+    }
+    let yes = unheeded("", &[("ROS_LOCALHOST_ONLY", "true")]);
+    assert!(yes.contains("is \"true\": ROS 2 takes anything but 1 for 0"), "{yes}");
+}
+
+#[test]
+fn what_is_not_read_is_reported() {
+    for (variable, value, words) in [
+        ("ROS_STATIC_PEERS", "10.0.0.2;10.0.0.3", "reach others over Zenoh"),
+        ("ROS_DISCOVERY_SERVER", "10.0.0.2:11811", "may meet none"),
+        ("CYCLONEDDS_URI", "file:///etc/cyclonedds.xml", "this node does not read it"),
+        ("FASTRTPS_DEFAULT_PROFILES_FILE", "/etc/profiles.xml", "this node does not read it"),
+        ("FASTDDS_DEFAULT_PROFILES_FILE", "/etc/profiles.xml", "this node does not read it"),
+        ("RMW_IMPLEMENTATION", "rmw_connextdds", "which this node does not know"),
+    ] {
+        let warnings = unheeded("", &[(variable, value)]);
+        assert!(warnings.starts_with(&format!("{variable} is ")), "{warnings}");
+        assert!(warnings.contains(words), "{warnings}");
+        assert_eq!(unheeded("", &[(variable, "")]), "");
+    }
+    assert_eq!(unheeded("-p middleware:=dds", &[("RMW_IMPLEMENTATION", "rmw_connextdds")]), "");
+    for known in ["rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp", "rmw_cyclonedds_cpp"] {
+        assert_eq!(unheeded("", &[("RMW_IMPLEMENTATION", known)]), "");
+    }
+}
+
 #[test]
 fn the_level_of_the_own_logger_wins() {
     let level = |args: &str| with(args).unwrap().log_level;

@@ -1,0 +1,148 @@
+//! What ROS 2's variables of the environment say: domain, middleware, whom to meet, and security.
+//!
+//! Each is honoured, or the node says that it is not. A node that is to be secured and cannot be does not start.
+
+use crate::parameters::{ParameterOverride, Value, ValueOrigin};
+use crate::settings::{Middleware, Settings, SettingsError};
+
+const DOMAIN: &str = "ROS_DOMAIN_ID";
+const RMW: &str = "RMW_IMPLEMENTATION";
+const RANGE: &str = "ROS_AUTOMATIC_DISCOVERY_RANGE";
+const LOCALHOST: &str = "ROS_LOCALHOST_ONLY";
+const PEERS: &str = "ROS_STATIC_PEERS";
+const SECURITY: &str = "ROS_SECURITY_ENABLE";
+const STRATEGY: &str = "ROS_SECURITY_STRATEGY";
+
+/// The middlewares with which the node is tested, as ROS 2 names them, and which of its own speaks with each.
+const KNOWN: [(&str, Middleware); 4] = [
+    ("rmw_fastrtps_cpp", Middleware::Dds),
+    ("rmw_fastrtps_dynamic_cpp", Middleware::Dds),
+    ("rmw_cyclonedds_cpp", Middleware::Dds),
+    ("rmw_zenoh_cpp", Middleware::Zenoh),
+];
+
+/// What configures other implementations of DDS, and what of it the node misses.
+const OTHERS: [(&str, &str); 4] = [
+    ("ROS_DISCOVERY_SERVER", "it does not ask that server for peers, and may meet none"),
+    ("CYCLONEDDS_URI", "its interfaces and peers are those of localhost_only and domain_id"),
+    ("FASTRTPS_DEFAULT_PROFILES_FILE", "its transports and peers are not those of the profiles"),
+    ("FASTDDS_DEFAULT_PROFILES_FILE", "its transports and peers are not those of the profiles"),
+];
+
+/// Looks up a variable; an empty one counts as not set, as in rcl.
+pub(super) struct Environment<F>(pub(super) F);
+
+impl<F: Fn(&str) -> Option<String>> Environment<F> {
+    fn get(&self, variable: &str) -> Option<String> {
+        (self.0)(variable).filter(|value| !value.is_empty())
+    }
+
+    /// The parameters that variables stand for.
+    ///
+    /// # Errors
+    /// If security is to be enforced, which the node does not have.
+    pub(super) fn overrides(&self) -> Result<Vec<ParameterOverride>, SettingsError> {
+        if self.is_secured()
+            && self.get(STRATEGY).is_some_and(|it| it.eq_ignore_ascii_case("Enforce"))
+        {
+            return Err(SettingsError::Security { enable: SECURITY, strategy: STRATEGY });
+        }
+        let all = [self.domain(), self.localhost_only(), self.middleware()];
+        Ok(all.into_iter().flatten().collect())
+    }
+
+    fn domain(&self) -> Option<ParameterOverride> {
+        let text = self.get(DOMAIN)?;
+        let value = text.parse().map_or(Value::String(text), Value::Integer);
+        Some(given("domain_id", value, DOMAIN))
+    }
+
+    fn localhost_only(&self) -> Option<ParameterOverride> {
+        // As rcl has it: what is no range counts as LOCALHOST. Without discovery there is no node, so OFF is the least that there is.
+        let is_near = |range: String| !matches!(&*range, "SUBNET" | "SYSTEM_DEFAULT" | "NOT_SET");
+        let variable = if self.get(RANGE).is_some_and(is_near) {
+            RANGE
+        } else if self.get(LOCALHOST)? == "1" {
+            LOCALHOST
+        } else {
+            return None;
+        };
+        Some(given("localhost_only", Value::Bool(true), variable))
+    }
+
+    fn middleware(&self) -> Option<ParameterOverride> {
+        let name = self.get(RMW)?;
+        let known = KNOWN.into_iter().find(|(known, _)| *known == name);
+        let chosen = known.map_or(Middleware::Dds, |(_, middleware)| middleware);
+        Some(given("middleware", Value::String(chosen.to_string()), RMW))
+    }
+
+    /// Whether ROS 2 turns security on.
+    fn is_secured(&self) -> bool {
+        self.get(SECURITY).is_some_and(|value| value == "true")
+    }
+
+    /// What is set and not honoured, or not as it reads; each in a sentence.
+    pub(super) fn cautions(&self, settings: &Settings) -> Vec<String> {
+        let mut all = Vec::new();
+        match self.get(SECURITY) {
+            Some(value) if value == "true" => all.push(format!(
+                "{SECURITY} is true, but this node has no DDS security (SROS2): it joins unsecured, and secured peers may refuse it"
+            )),
+            Some(value) if value != "false" => {
+                all.push(format!("{SECURITY} is {value:?}: ROS 2 takes anything but true for false"));
+            }
+            Some(_) | None => {}
+        }
+        let of_rmw = settings.origin("middleware") == ValueOrigin::Environment(RMW);
+        if let Some(name) = self.get(RMW).filter(|name| of_rmw && !is_known(name)) {
+            all.push(format!(
+                "{RMW} is {name}, which this node does not know: it speaks DDS by itself, as rmw_fastrtps and rmw_cyclonedds do; \
+                 give middleware"
+            ));
+        }
+        if settings.needs(Middleware::Dds) {
+            all.extend(self.of_discovery());
+            let set = OTHERS.into_iter().filter(|(variable, _)| self.get(variable).is_some());
+            all.extend(set.map(|(variable, what)| {
+                format!("{variable} is set, and this node does not read it: {what}")
+            }));
+        }
+        all
+    }
+
+    fn of_discovery(&self) -> Vec<String> {
+        let mut all = Vec::new();
+        match self.get(RANGE).as_deref() {
+            Some("OFF") => all.push(format!(
+                "{RANGE} is OFF, but this node finds its peers by discovery alone: it looks for them on this computer only, as for LOCALHOST"
+            )),
+            Some("LOCALHOST" | "SUBNET" | "SYSTEM_DEFAULT" | "NOT_SET") | None => {}
+            Some(other) => {
+                all.push(format!("{RANGE} is {other:?}, which is no range; LOCALHOST is assumed, as in rcl"));
+            }
+        }
+        match self.get(LOCALHOST).as_deref() {
+            Some("0" | "1") | None => {}
+            Some(other) => {
+                all.push(format!("{LOCALHOST} is {other:?}: ROS 2 takes anything but 1 for 0"));
+            }
+        }
+        if let Some(peers) = self.get(PEERS) {
+            all.push(format!(
+                "{PEERS} is {peers:?}, and this node does not read it: it finds peers by multicast and on this computer; reach \
+                 others over Zenoh"
+            ));
+        }
+        all
+    }
+}
+
+fn is_known(name: &str) -> bool {
+    KNOWN.iter().any(|(known, _)| *known == name)
+}
+
+fn given(name: &str, value: Value, variable: &'static str) -> ParameterOverride {
+    let origin = ValueOrigin::Environment(variable);
+    ParameterOverride { name: name.to_owned(), value, origin, is_shared: false }
+}
