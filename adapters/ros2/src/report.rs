@@ -134,6 +134,7 @@ impl Reporter {
         let unsent = intake.unsent - self.intake.unsent;
         let unfit = ends.iter().find_map(|end| unfit(end));
         let silent = ends.iter().find_map(|end| silent(end));
+        let rival = ends.iter().find_map(|end| rival(end));
         let nobody = ends.iter().find(|end| end.matched() == 0);
         let (level, message) = if missed > 0 {
             (ERROR, format!("{missed} messages missed"))
@@ -145,6 +146,8 @@ impl Reporter {
             (WARN, format!("{refused} messages refused"))
         } else if let Some(unread) = self.unread(intake) {
             (WARN, unread)
+        } else if let Some(rival) = rival {
+            (WARN, rival)
         } else if let Some(unfit) = unfit {
             (WARN, unfit)
         } else if let Some(silent) = silent {
@@ -228,6 +231,8 @@ impl Reporter {
             (WARN, strange)
         } else if let Some(unfit) = unfit {
             (WARN, unfit)
+        } else if let Some(rival) = source.ends().find_map(rival) {
+            (WARN, rival)
         } else {
             (OK, "in time".to_owned())
         };
@@ -356,6 +361,17 @@ fn unfit(end: &Endpoint) -> Option<String> {
     quality.or_else(|| Some(format!("another type on {topic}: {}", end.other_type()?)))
 }
 
+/// Who else publishes what the node does, in words, if somebody does.
+fn rival(end: &Endpoint) -> Option<String> {
+    let (topic, others) = (&end.topic, end.rivals());
+    (others > 0).then(|| {
+        format!(
+            "others publish on {topic}, too ({others}): a message may have two results; is there a second node of this name, \
+             or one that is not remapped?"
+        )
+    })
+}
+
 /// A topic's silence in words, if messages have stopped coming.
 fn silent(end: &Endpoint) -> Option<String> {
     let (topic, silence) = (&end.topic, end.silence()?);
@@ -368,6 +384,9 @@ fn end_values(end: &Endpoint) -> Vec<KeyValue> {
     if let Some(unfit) = end.incompatible() {
         let reported_lines = format!("{} peers, {}", unfit.count, unfit.policy);
         values.push(value(&format!("incompatible {}", end.topic), &reported_lines));
+    }
+    if end.rivals() > 0 {
+        values.push(value(&format!("others on {}", end.topic), &end.rivals()));
     }
     values
 }

@@ -1,5 +1,6 @@
 //! Ends of topics over DDS: serialized messages in and out.
 
+mod census;
 mod domain;
 mod participants;
 mod recent;
@@ -95,6 +96,7 @@ impl Domain {
             let dds = joined.topic(&topic, &ty, &qos)?;
             let next = joined.publisher.create_datawriter_no_key(&dds, Some(qos.clone()))?;
             let (next, next_end) = (SharedWriter::new(next), Arc::new(end.in_new_participant()));
+            joined.census.add(Arc::clone(&next_end));
             let (watched, its_end) = (Arc::clone(&next), Arc::clone(&next_end));
             let participant = joined.participant.clone();
             joined.tasks.spawn(async move {

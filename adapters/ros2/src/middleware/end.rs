@@ -30,6 +30,8 @@ struct Peers {
     /// Peers with messages of another type, which no middleware checks.
     strangers: BTreeMap<Gid, String>,
     incompatible: Option<Incompatible>,
+    /// Others that publish on the topic, where the node does.
+    rivals: BTreeSet<Gid>,
 }
 
 /// Peers whose quality of service does not fit.
@@ -97,6 +99,36 @@ impl Endpoint {
     /// The message type of a peer that has another one, if there is such a peer.
     pub(crate) fn other_type(&self) -> Option<String> {
         self.peers(|peers| peers.strangers.values().next().cloned())
+    }
+
+    /// How many others publish on a topic on which the node publishes.
+    pub(crate) fn rivals(&self) -> usize {
+        self.peers(|peers| peers.rivals.len())
+    }
+
+    /// These are the others now that publish on the topic.
+    pub(crate) fn set_rivals(&self, rivals: BTreeSet<Gid>) {
+        let others = rivals.len();
+        let is_new = self.peers(|peers| {
+            let is_new = !rivals.is_subset(&peers.rivals);
+            peers.rivals = rivals;
+            is_new
+        });
+        if is_new {
+            warn!(topic = self.topic, others, "somebody else publishes on it, too");
+        }
+    }
+
+    /// Another publisher of the topic came or left.
+    #[cfg(feature = "zenoh")]
+    pub(super) fn rival(&self, other: Gid, is_there: bool) {
+        let mut rivals = self.peers(|peers| peers.rivals.clone());
+        if is_there {
+            rivals.insert(other);
+        } else {
+            rivals.remove(&other);
+        }
+        self.set_rivals(rivals);
     }
 
     pub(super) fn is_strange(&self, peer: Gid) -> bool {

@@ -142,6 +142,7 @@ impl ZenohSession {
         qos: Qos,
     ) -> Result<SerializedPublisher, NodeError> {
         let end = self.end(topic, ty, TokenKind::Subscription)?;
+        self.watch_rivals(&end)?;
         let (queue, payloads) = mpsc::channel::<Payload>();
         let waiting = Arc::new(PublishBacklog::default());
         let status_publisher: Arc<OnceLock<TypedPublisher>> = Arc::default();
@@ -279,6 +280,25 @@ impl ZenohSession {
             .wait()?;
         self.held.push(Box::new(tokens));
         Ok(end)
+    }
+
+    /// Reports who else publishes on the end's topic.
+    fn watch_rivals(&mut self, end: &Arc<Endpoint>) -> Result<(), NodeError> {
+        let SharedSession { session, owner, .. } = &*self.shared;
+        let (endpoint, ours) = (Arc::clone(end), owner.clone());
+        let tokens = session
+            .liveliness()
+            .declare_subscriber(owner.tokens_of_topic(TokenKind::Publisher, &end.topic))
+            .history(true)
+            .callback(move |token| {
+                let key = token.key_expr().as_str();
+                if !ours.owns(key) {
+                    endpoint.rival(gid(key), token.kind() == SampleKind::Put);
+                }
+            })
+            .wait()?;
+        self.held.push(Box::new(tokens));
+        Ok(())
     }
 
     fn when_known(

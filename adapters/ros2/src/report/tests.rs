@@ -72,7 +72,7 @@ fn reported_lines(
     let (status, next) = (first.swap_remove(part), next.swap_remove(part));
     assert_eq!(status.name, format!("/fuseline: {}", ["fusion", "local", "west"][part]));
     assert_eq!(status.values, next.values, "counts are since the start");
-    let lasts = ["not enabled", "nobody", "another type", "incompatible"];
+    let lasts = ["not enabled", "nobody", "another type", "incompatible", "others publish"];
     if !lasts.iter().any(|state| status.message.starts_with(state)) {
         assert_eq!(next.level, OK, "{}", next.message);
     }
@@ -128,6 +128,10 @@ fn the_node_warns_of_topics_that_do_not_fit_and_names_those_without_peers() {
     let ends = |happened: fn(&[Endpoint; 2])| reported_lines(0, |_, _, _, ends| happened(ends));
     let unsubscribed = ends(|ends| ends[1].change([7; 16], -1, None));
     assert_eq!(unsubscribed, (OK, "nobody on /output".to_owned()));
+    let rivals = "others publish on /output, too (2): a message may have two results; is there a second node of this name, \
+                  or one that is not remapped?";
+    let others = ends(|ends| ends[1].set_rivals([[1; 16], [2; 16]].into()));
+    assert_eq!(others, (WARN, rivals.to_owned()));
     let other = ends(|ends| {
         ends[0].change([7; 16], -1, None);
         ends[0].change([7; 16], 1, Some(&"other".to_owned()));

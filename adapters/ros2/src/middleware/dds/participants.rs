@@ -12,6 +12,7 @@ use rustdds::{DomainParticipant, DomainParticipantBuilder, Publisher, QosPolicie
 use tokio::sync::watch;
 use tokio::task::{JoinSet, spawn_blocking};
 
+use super::census::Census;
 use crate::error::NodeError;
 
 /// Creates what is to exist in each participant that the node has, one after the other.
@@ -20,6 +21,8 @@ pub(crate) struct DomainHandle(Arc<Mutex<ParticipantState>>);
 
 /// A participant, and what runs in it.
 pub(crate) struct JoinedParticipant {
+    /// Of who else publishes on its topics. It has a part in the participant, so it ends first.
+    pub(super) census: Census,
     pub(crate) participant: DomainParticipant,
     pub(super) publisher: Publisher,
     pub(super) subscriber: Subscriber,
@@ -130,6 +133,7 @@ impl JoinedParticipant {
         let participant = builder.build()?;
         let none = QosPolicies::qos_none();
         Ok(Self {
+            census: Census::begin(participant.clone()),
             publisher: participant.create_publisher(&none)?,
             subscriber: participant.create_subscriber(&none)?,
             participant,
@@ -147,12 +151,13 @@ impl JoinedParticipant {
 
     /// Leaves the domain with this participant.
     pub(super) async fn leave(self) {
-        let Self { participant, publisher, subscriber, mut tasks, mut readers, open } = self;
+        let Self { census, participant, publisher, subscriber, mut tasks, mut readers, open } =
+            self;
         drop(open);
         while readers.join_next().await.is_some() {}
         tasks.shutdown().await;
         // It waits for its threads.
-        drop(spawn_blocking(move || drop((publisher, subscriber, participant))).await);
+        drop(spawn_blocking(move || drop((census, publisher, subscriber, participant))).await);
     }
 }
 

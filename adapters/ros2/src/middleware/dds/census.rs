@@ -1,0 +1,90 @@
+//! Who else publishes on the topics of this node.
+//!
+//! DDS matches a writer with readers alone. That somebody else writes what the node writes, such as a second node of its name or a
+//! model whose output was not remapped, is known from discovery only.
+
+use std::collections::{BTreeSet, VecDeque};
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+use rustdds::discovery::DiscoveredWriterData;
+use rustdds::{DomainParticipant, RTPSEntity};
+use tracing::warn;
+
+use crate::middleware::end::{Endpoint, Gid};
+
+/// How often it is counted.
+const PERIOD: Duration = Duration::from_secs(1);
+
+/// What the identifiers of all ends of one participant begin with.
+const PREFIX: usize = 12;
+
+/// The last participants of this process: during a rejoin there are two, and peers forget the former one later.
+static OWN: Mutex<VecDeque<Gid>> = Mutex::new(VecDeque::new());
+const OWN_MOST: usize = 64;
+
+/// Counts the publishers of a participant's topics that are not this process's own, in a thread of its own.
+pub(super) struct Census {
+    outlets: Arc<Mutex<Vec<Arc<Endpoint>>>>,
+    stop: Option<mpsc::Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Census {
+    pub(super) fn begin(participant: DomainParticipant) -> Self {
+        let mut own = locked(&OWN);
+        own.push_back(participant.guid().to_bytes());
+        if own.len() > OWN_MOST {
+            own.pop_front();
+        }
+        drop(own);
+        let outlets = Arc::<Mutex<Vec<Arc<Endpoint>>>>::default();
+        let (stop, stopped) = mpsc::channel();
+        let counted = Arc::clone(&outlets);
+        let count = move || {
+            while stopped.recv_timeout(PERIOD) == Err(RecvTimeoutError::Timeout) {
+                let writers = participant.discovered_writers();
+                for end in locked(&counted).iter() {
+                    end.set_rivals(rivals(&writers, &end.topic));
+                }
+            }
+        };
+        let thread = thread::Builder::new().name("census".into()).spawn(count);
+        let thread = thread
+            .inspect_err(|error| warn!(%error, "other publishers of its topics are not reported"));
+        Self { outlets, stop: Some(stop), thread: thread.ok() }
+    }
+
+    /// Counts the other publishers of this end's topic from now on.
+    pub(super) fn add(&self, outlet: Arc<Endpoint>) {
+        locked(&self.outlets).push(outlet);
+    }
+}
+
+/// The thread has a part in the participant, which is to be left by who drops this.
+impl Drop for Census {
+    fn drop(&mut self) {
+        drop(self.stop.take());
+        if let Some(thread) = self.thread.take() {
+            drop(thread.join());
+        }
+    }
+}
+
+/// Whoever else publishes on a topic.
+fn rivals(writers: &[DiscoveredWriterData], topic: &str) -> BTreeSet<Gid> {
+    let own = locked(&OWN);
+    let of_topic = writers
+        .iter()
+        .map(|writer| &writer.publication_topic_data)
+        .filter(|data| data.topic_name.strip_prefix("rt").is_some_and(|name| name == topic));
+    let is_ours = |gid: &Gid| own.iter().any(|own| own[..PREFIX] == gid[..PREFIX]);
+    of_topic.map(|data| data.key.to_bytes()).filter(|gid| !is_ours(gid)).collect()
+}
+
+/// Changes are made whole, so even a poisoned lock holds a sound state.
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
