@@ -4,9 +4,10 @@ import signal
 import time
 
 from forwarding import check
-from graph import is_over_zenoh, publishes, quality, subscribes, until
+from graph import again, is_over_zenoh, publishes, quality, subscribes, until
 from messages import (
     ERROR,
+    OK,
     WARN,
     DescribeParametersRequest,
     DescribeParametersResponse,
@@ -187,6 +188,60 @@ def a_secret_that_is_set_and_cannot_be_read_ends_the_start(bench):
         node = bench.refused(parameters(["west"], west={"grpc": grpc}), name=f"refused{number}")
         assert node.until_exit() == 2, f"exit {node.code}"
         assert f"the cloud west: {path} {what}" in node.log(), node.log()
+
+
+def an_earlier_trace_is_kept(bench):
+    """Also that of a node that was killed, as a launch file with respawn would start it anew."""
+    trace = bench.folder / "trace.jsonl"
+    mcap = bench.folder / "trace.mcap"
+    settings = parameters(trace={"file": str(trace), "mcap": str(mcap)})
+    killed = bench.node(settings)
+    camera, listener, local = Camera(), Listener(), Model("local")
+    ready(camera, listener, local)
+    killed.kill()
+    bench.nodes.remove(killed)
+    earlier = trace.read_bytes(), mcap.read_bytes()
+    assert earlier[0]
+    node = bench.refused(settings, name="next")
+    node.trace_file = bench.folder / "trace-2.jsonl"
+    node.until_running()
+    assert node.ends() == 0
+    assert "an earlier recording is there" in node.log(), node.log()
+    assert (trace.read_bytes(), mcap.read_bytes()) == earlier
+    assert (bench.folder / "trace-2.mcap").stat().st_size > 0
+
+
+def two_nodes_of_one_name_are_reported(bench):
+    first, second = (bench.node(parameters(), name=name) for name in ("first", "second"))
+    camera, listener = Camera(), Listener()
+    Model("local")
+    camera.output.until_matched(2)
+
+    def reported():
+        for part in ("fusion", "local"):
+            status = listener.health(part)
+            if not status or status.level == OK or "is there a second node of this name" not in status.message:
+                return False
+        return True
+
+    def asks():
+        camera.ask("local=0")
+
+    again(asks, reported, lambda: f"a warning of both, last {listener.health('fusion')}")
+    words = "somebody else publishes on it"
+    until(lambda: words in first.log() and words in second.log(), "a line in the log of both")
+    # The other one leaves; the first is alone again.
+    assert second.ends() == 0
+    again(asks, lambda: listener.health("fusion").level == OK, lambda: f"no warning, last {listener.health('fusion')}")
+    assert first.ends() == 0
+
+
+def enforced_security_keeps_the_node_from_starting(bench):
+    enforced = {"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce"}
+    node = bench.refused(parameters(), environment=enforced)
+    assert node.until_exit() == 2, f"exit {node.code}"
+    assert "has no DDS security" in node.log(), node.log()
+    assert not node.trace_file.exists()
 
 
 def names_and_parameters_of_the_command_line_go_before_those_of_files(bench):
