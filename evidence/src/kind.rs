@@ -47,8 +47,6 @@ pub(crate) enum RunMethod {
     /// A command of its own, which keeps its own record and holds it against the sources in each run of it. The kind has
     /// the harnesses of these files of `proofs/src/harness`, one of which catches each fault seeded in the code they are of.
     Prove { files: &'static [&'static str], of: &'static [&'static str] },
-    /// As `Prove`, with faults of its own too, in this record: each witness was refuted under one of them.
-    Solve { record: &'static str, by: &'static str },
 }
 
 impl EvidenceKind {
@@ -67,19 +65,13 @@ impl EvidenceKind {
             RunMethod::Cargo { .. } | RunMethod::Pytest { .. } | RunMethod::DrivePrinted { .. } => {
                 true
             }
-            RunMethod::Prove { .. } | RunMethod::Solve { .. } => false,
+            RunMethod::Prove { .. } => false,
         }
     }
 
     /// Whether one of its witnesses must catch this fault.
     pub(crate) fn must_catch(&self, fault: &SeededFault) -> bool {
         matches!(self.run, RunMethod::Prove { of, .. } if of.contains(&&*fault.file))
-    }
-
-    /// Whether its witnesses were refuted under faults of their own, and not under those seeded here.
-    #[must_use]
-    pub fn has_own_faults(&self) -> bool {
-        matches!(self.run, RunMethod::Solve { .. })
     }
 
     /// The one of this name.

@@ -119,17 +119,7 @@ impl Matrix {
                 wrong.push(format!("nothing catches the fault {}", fault.name));
             }
         }
-        let mut shown = shown(tree, &seeded, &known, &stale, &mut wrong)?;
-        for (kind, record) in records.iter().filter(|(kind, _)| kind.has_own_faults()) {
-            for witness in &record.held {
-                let cited = (kind.cites)(tree, witness)?;
-                wrong.extend(unknown(witness, cited.iter(), &known));
-                for id in cited {
-                    let of_id = shown.entry(id).or_default();
-                    of_id.entry(kind.name).or_default().insert(witness.clone());
-                }
-            }
-        }
+        let shown = shown(tree, &seeded, &known, &stale, &mut wrong)?;
         let mut rows = Vec::new();
         for (id, title) in &defined {
             let row = row(id, title, &code, &seeded, &shown);

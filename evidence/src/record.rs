@@ -46,53 +46,6 @@ struct Proofs {
     faults: BTreeMap<String, FaultResult>,
 }
 
-/// What the rules keep of themselves, as far as it is of use here.
-#[derive(Deserialize)]
-struct RulesRecord {
-    /// The solvers' versions by their names.
-    solvers: BTreeMap<String, String>,
-    obligations: Vec<Obligation>,
-}
-
-#[derive(Deserialize)]
-struct Obligation {
-    name: String,
-    /// The identifiers that it cites.
-    shows: BTreeSet<String>,
-    /// The faults of the rules under which it was refuted.
-    faults: Vec<String>,
-}
-
-impl RulesRecord {
-    fn load(tree: &Tree, record: &str) -> Result<Self, EvidenceError> {
-        let path = tree.path(record);
-        let text = fs::read_to_string(&path).map_err(EvidenceError::file(&path))?;
-        serde_json::from_str(&text)
-            .map_err(|error| EvidenceError::content(&path, error.to_string()))
-    }
-}
-
-/// The identifiers that an obligation of the rules cites.
-pub(crate) fn cited_by_obligation(
-    tree: &Tree,
-    name: &str,
-) -> Result<BTreeSet<String>, EvidenceError> {
-    shown(tree, OBLIGATIONS, name)
-}
-
-/// The identifiers that a theorem of the rules cites.
-pub(crate) fn cited_by_theorem(tree: &Tree, name: &str) -> Result<BTreeSet<String>, EvidenceError> {
-    shown(tree, THEOREMS, name)
-}
-
-fn shown(tree: &Tree, record: &str, name: &str) -> Result<BTreeSet<String>, EvidenceError> {
-    let mut known = RulesRecord::load(tree, record)?.obligations.into_iter();
-    Ok(known.find(|known| known.name == name).map(|known| known.shows).unwrap_or_default())
-}
-
-pub(crate) const OBLIGATIONS: &str = "proofs/rules/record.json";
-pub(crate) const THEOREMS: &str = "proofs/coq/record.json";
-
 /// The folder of the records.
 #[must_use]
 pub fn folder(tree: &Tree) -> PathBuf {
@@ -105,17 +58,6 @@ impl KindRecord {
     /// # Errors
     /// It cannot be read.
     pub fn load(tree: &Tree, kind: &EvidenceKind) -> Result<Option<Self>, EvidenceError> {
-        if let RunMethod::Solve { record, by } = kind.run {
-            let RulesRecord { solvers, obligations } = RulesRecord::load(tree, record)?;
-            let held = obligations.into_iter().filter(|known| !known.faults.is_empty());
-            let solvers: Vec<_> = solvers.iter().map(|(name, of)| format!("{name} {of}")).collect();
-            return Ok(Some(Self {
-                sources: kind.digest(tree)?,
-                rustc: format!("{by} with {}", solvers.join(" and ")),
-                held: held.map(|known| known.name).collect(),
-                faults: BTreeMap::new(),
-            }));
-        }
         let path = path(tree, kind);
         if !path.exists() {
             return Ok(None);

@@ -93,7 +93,7 @@ impl WorkCopy<'_> {
                 command
             }
             RunMethod::Pytest { arguments } => self.pytest(arguments)?,
-            RunMethod::Prove { .. } | RunMethod::Solve { .. } => return Ok(None),
+            RunMethod::Prove { .. } => return Ok(None),
         }))
     }
 

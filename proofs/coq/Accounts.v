@@ -89,92 +89,43 @@ Proof.
     apply IH in X. rewrite X. unfold update in U. injection U as <- _. reflexivity. }
   rewrite <- C. change ds2 with (snd (s2, ds2)). rewrite <- A. apply apply_own.
 Qed.
-(** What was opened is open, or its output, its final or its miss was decided. *)
-Theorem p11_opened cfg ins t : says (trace_of cfg ins) (opens t) ->
-  lookup t (opened (state_after cfg ins)) <> None \/ says (trace_of cfg ins) (retires cfg t).
-Proof. destruct (run_reach cfg ins) as [R _]. apply (g_open _ _ _ (reach_good _ _ _ _ R)). Qed.
-
-Lemma reason_meaning cfg tr s t p why : good cfg tr s -> first_reason (f3_reasons cfg s t p) = Some why ->
-  meaning cfg tr t p why.
-Proof.
-  intros G. cbn. destruct ((p =? 0) || is_cloud cfg p) eqn:K; cbn.
-  2:{ intros [= <-]. apply orb_false_iff in K as [K1 K2]. apply N.eqb_neq in K1. left. auto. }
-  destruct (reached s t) eqn:Re; cbn.
-  2:{ intros [= <-]. right. intros u Lu (d & I & O). assert (reached s u = true) as X.
-      { apply (g_about _ _ _ G). exists d. split; auto. now apply opens_about in O. }
-      unfold reached in *. destruct (newest s); [|discriminate]. apply N.leb_le in X. apply N.leb_gt in Re. lia. }
-  unfold is_open, slot_of. destruct (lookup t (opened s)) as [sl|] eqn:L; cbn.
-  2:{ intros [= <-]. cbn. destruct (says_dec tr (opens t)) as [O|O]; auto.
-      - intros d. destruct d; cbn; auto. apply N.eq_dec.
-      - destruct (g_open _ _ _ G t O); [contradiction|auto]. }
-  assert (T := g_traced _ _ _ G t sl L). assert (O := g_slot _ _ _ G t sl L). assert (Run := a_running _ _ _ _ T).
-  assert (Em : is_progressive cfg = true -> forall q, In q (cached sl) -> says tr (emits t q)).
-  { intros Pr q Q. unfold running in Run. rewrite Pr in Run. destruct Run as (ps & E & _ & C). apply sent_in.
-    rewrite E.
-    rewrite C in Q. destruct ps as [|x ps]; [contradiction|]. destruct Q as [->|[]]. now left. }
-  destruct (is_progressive cfg && any_above p (cached sl)) eqn:S.
-  { intros [= <-]. apply andb_true_iff in S as [Pr A]. apply above_iff in A as (q & Q & Lq). right. right. eauto. }
-  destruct (mem p (requested sl)) eqn:M1; cbn.
-  2:{ intros [= <-]. apply mem_not in M1. cbn. rewrite (a_requested _ _ _ _ T) in M1. tauto. }
-  apply mem_iff in M1. destruct (mem p (cached sl)) eqn:M2.
-  { intros [= <-]. apply mem_iff in M2. cbn. destruct (is_progressive cfg) eqn:Pr.
-    - destruct (Em eq_refl p M2) as (d & I & H). exists d. split; auto. now right.
-    - apply (a_cached _ _ _ _ T Pr) in M2 as (d & I & H). exists d. split; auto. now left. }
-  destruct (mem p (pending sl)) eqn:M3; cbn; [discriminate|]. intros [= <-]. apply mem_not in M3. cbn.
-  rewrite (a_pending _ _ _ _ T) in M3. split; [tauto|]. intros q Lq E.
-  assert (Acc : says tr (accepts t q)) by (destruct E as (d & I & E); exists d; split; auto; now right).
-  apply (a_got _ _ _ _ T) in Acc as (c & C & Lc). unfold running in Run. destruct (is_progressive cfg); cbn in S.
-  - rewrite above_not in S. specialize (S c C). lia.
-  - apply sent_in in E. rewrite Run in E. contradiction.
-Qed.
 Lemma run_app cfg a b : forall s tr, run cfg s tr (a ++ b) = let (s1, tr1) := run cfg s tr a in run cfg s1 tr1 b.
 Proof.
   induction a as [|i a IH]; intros s tr; cbn; auto. destruct (step cfg s i) as [s1 ds]. apply IH.
 Qed.
-Lemma arrive_drop cfg s t p rule now u q why : In (Drop now u q why) (snd (arrive cfg s t p rule)) ->
-  (forall sl, forall d, In d (snd (rule sl)) -> topic d <> None) ->
-  snd (arrive cfg s t p rule) = [Drop now t p why] /\ first_reason (f3_reasons cfg s t p) = Some why.
+
+(** One more input, and the trace until it. *)
+Lemma trace_snoc cfg ins i : trace_of cfg (ins ++ [i]) =
+  after (snd (step cfg (state_after cfg ins) i))
+    (Got (N.max (clock (state_after cfg ins)) (at_ i)) (what i) :: trace_of cfg ins).
 Proof.
-  unfold arrive. destruct (first_reason _) as [w|].
-  - intros [[= <- <- <- <-]|[]] _. auto.
-  - cbn. intros I H. now apply H in I.
+  unfold trace_of, state_after. rewrite run_app. destruct (run cfg initial [] ins) as [s tr]. cbn.
+  destruct (step cfg s i). reflexivity.
 Qed.
-Lemma result_topic cfg now t p sl d : In d (snd (result cfg now t p sl)) -> topic d <> None.
+
+(** ** Each decision bears the instant of its input *)
+Lemma settle_instant cfg now t timer sl o ds : settle cfg now t timer sl = (o, ds) -> forall d, In d ds ->
+  instant_of d = now.
 Proof.
-  unfold result, improve. destruct (is_progressive cfg); [destruct (filter (N.ltb p) (pending sl))|destruct
-    (any_above p (pending sl))];
-    cbn; rewrite ?in_app_iff, ?in_map_iff; intros I; repeat destruct I as [I|I]; try contradiction; subst;
-      try discriminate;
-    try (destruct I as (x & <- & _); discriminate).
-Qed.
-Lemma fail_topic cfg now t p sl d : In d (snd (fail cfg now t p sl)) -> topic d <> None.
-Proof.
-  unfold fail. destruct (settle _ _ _ _ _) as [o e] eqn:S. cbn. intros [<-|I]; [discriminate|].
-  apply settle_cases in S as [(_ & -> & _)|[(_ & -> & _)|[(_ & _ & _ & m & -> & _)|(_ & m & E & _)]]].
+  intros H d I. apply settle_cases in H as [(_ & -> & _)|[(_ & -> & _)|[(_ & _ & _ & m & -> & _)|(_ & m & E & _)]]].
   - contradiction.
-  - destruct I as [<-|[]]. discriminate.
-  - destruct I as [<-|[]]. discriminate.
-  - injection E as _ ->. destruct I as [<-|I]; [discriminate|]. apply in_map_iff in I as (x & <- & _). discriminate.
+  - destruct I as [<-|[]]. reflexivity.
+  - destruct I as [<-|[]]. reflexivity.
+  - injection E as _ ->. destruct I as [<-|I]; [reflexivity|]. apply in_map_iff in I as (q & <- & _). reflexivity.
 Qed.
-(* ANCHOR: reason *)
-(** A dropped result or failure bears the first reason of F3 that holds,
-    and of the trace until then it says the truth. *)
-Theorem p11_reason cfg ins i t p why now : what i = Result t p \/ what i = Fail t p ->
-  In (Drop now t p why) (snd (step cfg (state_after cfg ins) i)) ->
-  exists before, trace_of cfg (ins ++ [i]) = after [Drop now t p why] before /\ meaning cfg before t p why.
-(* ANCHOR_END: reason *)
+Lemma own_instant cfg now b ds : own cfg now b ds -> forall d, In d ds -> instant_of d = now.
 Proof.
-  intros B. unfold trace_of, state_after. rewrite run_app. assert (R := proj1 (run_reach cfg ins)).
-  unfold trace_of, state_after in R. destruct (run cfg initial [] ins) as [s tr]. cbn [fst snd run] in *.
-  unfold step. assert (R0 := at_input cfg tr s (at_ i) (what i) R). set (s0 := set_clock (at_ i) s) in *.
-  destruct (expire _ cfg s0) as [s1 ds1] eqn:E.
-  destruct (expire_reach cfg _ _ s0 s1 ds1 (what i) R0 (le_n _) E) as (R1 & _ & _).
-  assert (G := reach_good _ _ _ _ R1).
-  apply expire_of_timers in E. rewrite Forall_forall in E.
-  assert (K : In (Drop now t p why) (snd (apply cfg s1 (what i))) ->
-    snd (apply cfg s1 (what i)) = [Drop now t p why] /\ first_reason (f3_reasons cfg s1 t p) = Some why).
-  { destruct B as [B|B]; rewrite B; cbn [apply]; intros I; eapply arrive_drop; eauto using result_topic, fail_topic. }
-  destruct (apply cfg s1 (what i)) as [s2 ds2]. cbn [fst snd] in *. intros I.
-  apply in_app_or in I as [I|I]; [now apply E in I|].
-  destruct (K I) as [-> F]. eexists. split; [apply after_app|]. eapply reason_meaning; eauto.
+  assert (C : forall t cs d, In d (map (Cancel now t) cs) -> instant_of d = now).
+  { intros t cs d I. apply in_map_iff in I as (q & <- & _). reflexivity. }
+  destruct b as [t d0|t p d0 bl|t p|t p|]; cbn.
+  - intros [->|(w & ->)] d [<-|[]]; reflexivity.
+  - intros [->|(w & ->)] d [<-|[]]; reflexivity.
+  - intros [(w & ->)|[(-> & _)|(cs & last & -> & K)]] d I; [destruct I as [<-|[]]; reflexivity..|].
+    destruct I as [<-|I]; [reflexivity|]. apply in_app_or in I as [I|I]; [eapply C; eauto|].
+    destruct K as [->|(_ & ->)]; [contradiction|]. destruct I as [<-|[]]. reflexivity.
+  - intros [(w & ->)|(last & -> & K)] d I; [destruct I as [<-|[]]; reflexivity|].
+    destruct I as [<-|I]; [reflexivity|].
+    destruct K as [->|[->|[(_ & m & ->)|(_ & m & cs & ->)]]]; [contradiction|destruct I as [<-|[]]; reflexivity..|].
+    destruct I as [<-|I]; [reflexivity|]. eapply C; eauto.
+  - intros -> d [].
 Qed.

@@ -2,7 +2,7 @@
 
     So the machine's half of Deadline.v, of what came in alone, gives the vehicle's half its hypothesis. *)
 From Coq Require Import List NArith Bool Lia Sorted.
-From Fuseline Require Import Rules Sets Trace Statements Slots Invariant Runs Accounts Promises Deadline.
+From Fuseline Require Import Rules Sets Trace Statements Slots Invariant Runs Accounts Lines Promises Deadline.
 Import ListNotations.
 Open Scope N_scope.
 Arguments after : simpl never.
@@ -97,17 +97,16 @@ Proof.
     cbn [fst snd run] in *. destruct (step cfg s i) as [s1 ds]. cbn [snd] in *. subst ds. unfold after.
     apply in_or_app. left. apply -> in_rev. apply in_map. apply in_or_app. auto. }
   destruct Own as [(why & E)|[(E & _)|(cs & last & E & _)]].
-  - assert (D : In (Drop (N.max (clock (state_after cfg before)) (at_ i)) t 0 why) (snd (step cfg (state_after cfg before) i))).
-    { rewrite S, E. apply in_or_app. right. now left. }
-    destruct (p11_reason cfg before i t 0 why _ (or_introl W) D) as (x & Ex & M). fold tr in Ex.
-    assert (Old : forall X : decision -> Prop, (forall n p w, ~ X (Drop n t p w)) -> says tr X -> says x X).
-    { intros X NX H. rewrite Ex in H. apply says_after in H as [(d & [<-|[]] & H)|H]; auto. elim (NX _ _ _ H). }
-    assert (New : forall X, says x X -> says tr X) by (intros X H; rewrite Ex; apply says_after; auto).
-    assert (Ox : says x (opens t)) by (apply Old; auto).
-    destruct why; cbn in M; try contradiction.
-    + destruct M as [[[] _]|M]; auto. elim (M t); [apply N.le_refl|exact Ox].
-    + left. now apply New.
-    + destruct M as [M|[M|(q & _ & M)]]; [contradiction| |right; exists q; auto]. right.
+  - set (now := N.max (clock (state_after cfg before)) (at_ i)) in *.
+    assert (Ex : exists x, tr = after [Drop now t 0 why] x).
+    { eexists. unfold tr. rewrite trace_snoc, S, E, after_app. reflexivity. }
+    destruct Ex as (x & Ex). assert (New : forall X, says x X -> says tr X) by (intros X H; rewrite Ex; apply says_after; auto).
+    assert (Ox : says x (opens t)) by (rewrite Ex in O1; apply says_after in O1 as [(d & [<-|[]] & [])|O1]; exact O1).
+    destruct (f3_arrival cfg (before ++ [i]) [] (Drop now t 0 why) x Ex) as [_ An]. cbn in An.
+    destruct An as [[[[Z _]|U] _]|[_ [[M _]|[_ [[U _]|[_ [[U _]|[_ [[U _]|[_ [=]]]]]]]]]]].
+    + contradiction.
+    + elim (U t); [apply N.le_refl|exact Ox].
+    + destruct M as [M|[M|(_ & q & _ & M)]]; [contradiction| |right; exists q; auto]. right.
       apply New in M. destruct M as (d & I & M). destruct d as [| | | | | | |n u q|n u q|n u|]; cbn in M; try contradiction.
       * destruct M as [-> _]. exists q, (Emit n t q). split; [exact I|cbn; auto].
       * subst u. assert (In (Ended q) (endings t tr)) as J.
@@ -122,22 +121,10 @@ Proof.
              [contradiction|destruct J as [[=]|[]]|destruct J as [[=]|[]]].
       * subst u. elim NG1. eapply missed_given_up; [exact (proj1 (run_reach cfg (before ++ [i])))|].
         exists (Miss n t). split; eauto.
-    + destruct M as [M _]. now elim M.
-    + destruct M as [M _].
-      assert (C : ~ says x (gives_up t)) by (intros H; now apply NG1, New).
-      destruct (says_dec tr (accepts t 0)) as [|NA]; auto.
-      { intros d. unfold accepts. destruct d as [| | | | |n u q| |n u q| | |]; cbn; try (right; tauto);
-          destruct (N.eq_dec u t), (N.eq_dec q 0); tauto. }
-      destruct (says_dec tr (fun d => exists m, emits t m d)) as [H|NE].
-      { intros d. destruct d as [| | | | |n u q| |n u q| | |]; try (right; intros (m & []); fail).
-        destruct (N.eq_dec u t) as [->|]; [left; exists q; cbn; auto|right; intros (m & ? & _); contradiction]. }
-      { destruct H as (d & I & m & H). right. exists m, d. auto. }
-      exfalso. apply M. intros (d & I & H). assert (J : In (Did d) tr) by (rewrite Ex; apply in_or_app; right; exact I).
-      destruct d as [? ? ?|n u q|n u q| | |n u q| |n u q| | |]; cbn in H; try contradiction; destruct H as [-> H].
-      * subst q. apply C. exists (Failed n t 0). split; auto. reflexivity.
-      * subst q. apply C. exists (Timer n t 0). split; auto. reflexivity.
-      * subst q. apply NA. exists (Hold n t 0). split; auto. left. cbn. auto.
-      * apply NE. exists (Emit n t q). split; auto. exists q. cbn. auto.
+    + elim U. now left.
+    + left. now apply New.
+    + elim NG1. apply New in U as (d & I & H). exists d. split; auto.
+      destruct d as [|n u q|n u q| | | | | | | |]; cbn in H; try contradiction; destruct H as [-> ->]; reflexivity.
   - left. exists (Hold (N.max (clock (state_after cfg before)) (at_ i)) t 0). split; [apply In_; rewrite E; now left|].
     left. cbn. auto.
   - right. exists 0, (Emit (N.max (clock (state_after cfg before)) (at_ i)) t 0). split; [apply In_; rewrite E; now left|].

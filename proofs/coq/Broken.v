@@ -41,6 +41,9 @@ Definition b_disarms cfg t p d :=
   | Timer _ u q | Failed _ u q => is t p u q | Hold _ u q => is t p u q && ((p =? 0) || is_patient cfg)
   | Emit _ u q => (u =? t) && b_outdone cfg p q | _ => false
   end.
+Definition b_gives_out t p d := match d with Timer _ u q | Failed _ u q => is t p u q | _ => false end.
+Definition b_answers t p d :=
+  match d with Timer _ u q | Hold _ u q | Failed _ u q | Emit _ u q => is t p u q | _ => false end.
 Ltac compute_iff := intros d; destruct d; cbn; rewrite ?andb_true_iff, ?orb_true_iff, ?negb_true_iff, <- ?is_iff,
   ?N.eqb_eq; try tauto;
   try (split; [tauto|discriminate]).
@@ -51,6 +54,8 @@ Lemma emits_b t p d : emits t p d <-> b_emits t p d = true. Proof. revert d. com
 Lemma accepts_b t p d : accepts t p d <-> b_accepts t p d = true.
 Proof. unfold accepts, b_accepts. now rewrite orb_true_iff, holds_b, emits_b. Qed.
 Lemma retires_b cfg t d : retires cfg t d <-> b_retires cfg t d = true. Proof. revert d. compute_iff. Qed.
+Lemma gives_out_b t p d : gives_out t p d <-> b_gives_out t p d = true. Proof. revert d. compute_iff. Qed.
+Lemma answers_b t p d : answers t p d <-> b_answers t p d = true. Proof. revert d. compute_iff. Qed.
 Lemma outdone_b cfg p q : outdone cfg p q <-> b_outdone cfg p q = true.
 Proof. unfold outdone, b_outdone. now rewrite orb_true_iff, andb_true_iff, N.eqb_eq, N.ltb_lt. Qed.
 Lemma closes_b cfg t p d : closes cfg t p d <-> b_closes cfg t p d = true.
@@ -128,11 +133,245 @@ Proof.
   - intros ([n b|d] & I & O); [contradiction|]. exists d. split; auto. destruct d; cbn in *; try contradiction. tauto.
 Qed.
 
+(** Some line, beside what follows it and the trace before it. *)
+Fixpoint some_split (f : trace -> line -> trace -> bool) (later tr : trace) : bool :=
+  match tr with [] => false | l :: rest => f later l rest || some_split f (later ++ [l]) rest end.
+Lemma some_split_if f tr : forall before, some_split f before tr = true -> exists later l earlier,
+  before ++ tr = later ++ l :: earlier /\ f later l earlier = true.
+Proof.
+  induction tr as [|l tr IH]; cbn; [discriminate|]. intros before H. apply orb_true_iff in H as [H|H]; [eauto|].
+  destruct (IH _ H) as (y & k & x & E & F). exists y, k, x. rewrite <- E, <- app_assoc. auto.
+Qed.
+(** The decisions before the next input. *)
+Fixpoint next_run (found : list decision) (later : trace) : list decision :=
+  match later with [] => found | Got _ _ :: rest => next_run [] rest | Did d :: rest => next_run (found ++ [d]) rest end.
+Lemma next_run_app a b : forall found, next_run found (a ++ b) = next_run (next_run found a) b.
+Proof. induction a as [|[n x|d] a IH]; intros found; cbn; auto. Qed.
+Lemma next_run_did ds : forall found, next_run found (map Did ds) = found ++ ds.
+Proof. induction ds as [|d ds IH]; intros found; cbn; [now rewrite app_nil_r|]. now rewrite IH, <- app_assoc. Qed.
+Lemma soon_run later X : soon later X -> exists d, In d (next_run [] later) /\ X d.
+Proof.
+  intros (y & d & ds & -> & H). exists d. split; auto. change (Did d :: map Did ds) with (map Did (d :: ds)).
+  rewrite next_run_app, next_run_did. apply in_elt.
+Qed.
+
+(** ** In time, computed *)
+Definition b_comes (earlier : trace) (now t p : N) : bool :=
+  sayb earlier (b_opens t) && ((p =? 0) || sayb earlier (b_requests t p)) &&
+  forallb (fun a => negb (fst a =? p) || (now <? snd a)) (armed_in t earlier) && negb (sayb earlier (b_gives_out t p)).
+Lemma comes_b earlier now t p : comes_in_time earlier now t p <-> b_comes earlier now t p = true.
+Proof.
+  unfold comes_in_time, b_comes. rewrite !andb_true_iff, orb_true_iff, N.eqb_eq, negb_true_iff, <- not_true_iff_false, forallb_forall.
+  rewrite <- !(sayb_iff earlier _ _ (opens_b t)), <- !(sayb_iff earlier _ _ (requests_b t p)),
+    <- !(sayb_iff earlier _ _ (gives_out_b t p)).
+  assert (D : (forall due, says earlier (arms t p due) -> now < due) <->
+    forall a, In a (armed_in t earlier) -> negb (fst a =? p) || (now <? snd a) = true).
+  { split.
+    - intros H [q due] I. cbn. destruct (N.eqb_spec q p) as [->|]; cbn; auto. apply N.ltb_lt, H. now apply armed_in_iff.
+    - intros H due A. apply armed_in_iff in A. apply H in A. cbn in A. rewrite N.eqb_refl in A. now apply N.ltb_lt. }
+  rewrite D. destruct (N.eq_dec p 0); tauto.
+Qed.
+Fixpoint b_arrives (t p : N) (l : trace) : bool :=
+  match l with
+  | Did _ :: rest => b_arrives t p rest
+  | Got now (Result u q) :: earlier => is t p u q && b_comes earlier now t p
+  | _ => false
+  end.
+Lemma arrives_b tr t p : arrives tr t p -> b_arrives t p tr = true.
+Proof.
+  intros (ds & x & now & -> & C). induction ds as [|d ds IH]; cbn; auto. apply comes_b in C. rewrite C.
+  unfold is. now rewrite !N.eqb_refl.
+Qed.
+Fixpoint b_in_time (t p : N) (l : trace) : bool :=
+  match l with
+  | [] => false
+  | Got now (Result u q) :: earlier => is t p u q && b_comes earlier now t p || b_in_time t p earlier
+  | _ :: earlier => b_in_time t p earlier
+  end.
+Lemma in_time_b tr t p : b_in_time t p tr = true -> in_time tr t p.
+Proof.
+  assert (More : forall l tr, in_time tr t p -> in_time (l :: tr) t p).
+  { intros l x (y & z & now & -> & C). exists (l :: y), z, now. auto. }
+  induction tr as [|[now b|d] tr IH]; cbn; [discriminate| |auto]. destruct b; auto. intros H.
+  apply orb_true_iff in H as [H|H]; auto. apply andb_true_iff in H as [H C]. apply is_iff in H as [-> ->].
+  exists [], tr, now. split; auto. now apply comes_b.
+Qed.
+
+(** ** The tables, computed *)
+
+(** Row by row, as far as none above it holds. *)
+Fixpoint same (rows : list (reason * Prop)) (computed : list (reason * bool)) : Prop :=
+  match rows, computed with
+  | [], [] => True
+  | (why, P) :: rest, (w, b) :: more => why = w /\ (P <-> b = true) /\ (b = false -> same rest more)
+  | _, _ => False
+  end.
+Fixpoint first_of (rows : list (reason * bool)) : option reason :=
+  match rows with [] => None | (why, holds) :: rest => if holds then Some why else first_of rest end.
+Lemma answer_first rows : forall computed o, same rows computed -> (answer rows o <-> first_of computed = o).
+Proof.
+  induction rows as [|[why P] rows IH]; intros [|[w b] computed] o H; try contradiction; cbn in *.
+  - split; congruence.
+  - destruct H as (-> & E & R). destruct b.
+    + split; [intros [[_ ->]|[N _]]; [reflexivity|elim N; now apply E]|]. intros <-. left. split; auto. now apply E.
+    + rewrite <- (IH computed o (R eq_refl)). assert (N : ~ P) by (rewrite E; discriminate). tauto.
+Qed.
+Definition open_now (cfg : config) (tr : trace) : list N :=
+  nodup N.eq_dec (filter (fun u => negb (sayb tr (b_retires cfg u))) (opened_in tr)).
+Lemma open_now_in cfg tr u : In u (open_now cfg tr) <-> says tr (opens u) /\ ~ says tr (retires cfg u).
+Proof.
+  unfold open_now. rewrite nodup_In, filter_In, <- opened_in_iff, negb_true_iff.
+  rewrite (sayb_iff tr _ _ (retires_b cfg u)). destruct (sayb tr _); intuition congruence.
+Qed.
+Section Tables.
+Variables (cfg : config) (tr : trace).
+Definition b_reached t := existsb (N.leb t) (opened_in tr).
+Definition b_f1_rows now t (deadline : option N) : list (reason * bool) := [
+  (Order, b_reached t); (Full, window cfg <=? N.of_nat (length (open_now cfg tr)));
+  (Deadline, match deadline with Some d => due_at now d <=? now | None => false end)].
+Definition b_closed t := negb (sayb tr (b_opens t)) || sayb tr (b_retires cfg t).
+Definition b_asked t p := (p =? 0) || sayb tr (b_requests t p).
+Definition said_above (emitted : bool) t p :=
+  sayb tr (fun d => match d with Emit _ u q => (u =? t) && (p <? q) | Hold _ u q => negb emitted && ((u =? t) && (p <? q)) | _ => false end).
+Definition b_shuts p backlog :=
+  match registered cfg p with Some c => if gate_of p tr then resume c <? backlog else limit c <=? backlog | None => false end.
+Definition b_f2_rows now t p deadline backlog : list (reason * bool) := [
+  (Unknown, negb (is_cloud cfg p) || negb (b_reached t)); (Closed, b_closed t); (Duplicate, b_asked t p);
+  (Outranked, said_above false t p); (Deadline, due_at now deadline <=? now); (Queue, b_shuts p backlog)].
+Definition b_f3_rows t p : list (reason * bool) := [
+  (Unknown, negb (p =? 0) && negb (is_cloud cfg p) || negb (b_reached t));
+  (Superseded, b_closed t || is_progressive cfg && said_above true t p); (Unsolicited, negb (b_asked t p));
+  (Duplicate, sayb tr (b_accepts t p)); (Late, sayb tr (b_gives_out t p))].
+Lemma reached_b t : (exists u, t <= u /\ says tr (opens u)) <-> b_reached t = true.
+Proof.
+  unfold b_reached. rewrite existsb_exists. split; intros (u & A & B).
+  - exists u. split; [now apply opened_in_iff|now apply N.leb_le].
+  - exists u. split; [now apply N.leb_le|now apply opened_in_iff].
+Qed.
+Lemma not_reached_b t : not_reached tr t <-> b_reached t = false.
+Proof.
+  rewrite <- not_true_iff_false, <- reached_b. unfold not_reached. split; [intros H (u & L & O); now apply (H u)|].
+  intros H u L O. apply H. eauto.
+Qed.
+Lemma closed_b t : ~ says tr (opens t) \/ says tr (retires cfg t) <-> b_closed t = true.
+Proof.
+  unfold b_closed. rewrite orb_true_iff, negb_true_iff, <- not_true_iff_false.
+  now rewrite (sayb_iff tr _ _ (opens_b t)), (sayb_iff tr _ _ (retires_b cfg t)).
+Qed.
+Lemma asked_b t p : asked tr t p <-> b_asked t p = true.
+Proof. unfold asked, b_asked. now rewrite orb_true_iff, N.eqb_eq, (sayb_iff tr _ _ (requests_b t p)). Qed.
+Lemma above_b t p : (exists q, p < q /\ says tr (accepts t q)) <-> said_above false t p = true.
+Proof.
+  unfold said_above. rewrite <- (sayb_iff tr (fun d => exists q, p < q /\ accepts t q d)).
+  - split; [intros (q & L & d & I & A); exists d; eauto|intros (d & I & q & L & A); exists q; split; auto; exists d; auto].
+  - intros d. unfold accepts. split.
+    + intros (q & L & A). apply N.ltb_lt in L. destruct d; destruct A as [A|A]; try contradiction; destruct A as [-> ->];
+        cbn; now rewrite N.eqb_refl, L.
+    + destruct d; cbn; try discriminate; intros H; apply andb_true_iff in H as [E L]; apply N.eqb_eq in E as ->;
+        apply N.ltb_lt in L; eexists; split; eauto.
+Qed.
+Lemma outdone_above_b t p : (exists q, p < q /\ says tr (emits t q)) <-> said_above true t p = true.
+Proof.
+  unfold said_above. rewrite <- (sayb_iff tr (fun d => exists q, p < q /\ emits t q d)).
+  - split; [intros (q & L & d & I & A); exists d; eauto|intros (d & I & q & L & A); exists q; split; auto; exists d; auto].
+  - intros d. split.
+    + intros (q & L & A). apply N.ltb_lt in L. destruct d; try contradiction; destruct A as [-> ->]. cbn. now rewrite N.eqb_refl, L.
+    + destruct d; cbn; try discriminate. intros H; apply andb_true_iff in H as [E L]; apply N.eqb_eq in E as ->;
+        apply N.ltb_lt in L; eexists; split; eauto.
+Qed.
+Lemma full_b n : at_least_open cfg tr n <-> (n <=? N.of_nat (length (open_now cfg tr))) = true.
+Proof.
+  rewrite N.leb_le. split.
+  - intros (ts & D & L & H). assert (X := NoDup_incl_length (l' := open_now cfg tr) D).
+    enough (incl ts (open_now cfg tr)) as I by (specialize (X I); lia). intros u I. now apply open_now_in, H.
+  - intros L. exists (open_now cfg tr). split; [apply NoDup_nodup|]. split; auto. intros u I. now apply open_now_in.
+Qed.
+Lemma shuts_b p backlog : shuts cfg tr p backlog <-> b_shuts p backlog = true.
+Proof.
+  unfold shuts, b_shuts. destruct (registered cfg p) as [c|]; [|split; [intros (c & [=] & _)|discriminate]].
+  destruct (gate_of p tr); rewrite ?N.ltb_lt, ?N.leb_le;
+    (split; [intros (d & [= <-] & L); exact L|intros L; exists c; auto]).
+Qed.
+Lemma f1_rows_b now t deadline : same (f1_rows cfg tr now t deadline) (b_f1_rows now t deadline).
+Proof.
+  cbn. split; [auto|]. split; [apply reached_b|]. intros _. split; [auto|]. split; [apply full_b|]. intros _. split; [auto|].
+  split; [|auto]. split; [intros (d & -> & L); now apply N.leb_le|]. destruct deadline as [d|]; [|discriminate].
+  intros L. exists d. split; auto. now apply N.leb_le.
+Qed.
+Lemma f2_rows_b now t p deadline backlog : same (f2_rows cfg tr now t p deadline backlog) (b_f2_rows now t p deadline backlog).
+Proof.
+  cbn. repeat (split; [auto|]; split; [|intros _]); [|apply closed_b|apply asked_b|apply above_b|symmetry; apply N.leb_le|
+    apply shuts_b|auto]. now rewrite not_reached_b, orb_true_iff, !negb_true_iff.
+Qed.
+Lemma f3_rows_b t p : same (f3_rows cfg tr t p) (b_f3_rows t p).
+Proof.
+  cbn. repeat (split; [auto|]; split; [|intros _]); [| | | |apply (sayb_iff tr _ _ (gives_out_b t p))|auto].
+  - now rewrite not_reached_b, orb_true_iff, andb_true_iff, !negb_true_iff, N.eqb_neq.
+  - now rewrite <- or_assoc, closed_b, orb_true_iff, andb_true_iff, outdone_above_b.
+  - now rewrite asked_b, negb_true_iff, not_true_iff_false.
+  - apply (sayb_iff tr _ _ (accepts_b t p)).
+Qed.
+Definition reason_dec (a b : option reason) : {a = b} + {a <> b}. Proof. repeat decide equality. Defined.
+Definition due_dec (a b : option N) : {a = b} + {a <> b}. Proof. repeat decide equality. Defined.
+Definition is_answer (rows : list (reason * bool)) (o : option reason) : bool := if reason_dec (first_of rows) o then true else false.
+Lemma answer_b rows computed o : same rows computed -> answer rows o -> is_answer computed o = true.
+Proof. intros S A. unfold is_answer. apply (answer_first rows computed o S) in A. now destruct (reason_dec _ _). Qed.
+Definition b_f1_line (d : decision) : bool :=
+  match d with
+  | Opened now t due => match input_of tr with
+      | Some (Open u x) => (u =? t) && (if due_dec due (option_map (due_at now) x) then true else false) &&
+          is_answer (b_f1_rows now t x) None
+      | _ => false end
+  | Refuse now t None why => match input_of tr with
+      | Some (Open u x) => (u =? t) && is_answer (b_f1_rows now t x) (Some why) | _ => false end
+  | _ => true
+  end.
+Definition b_f2_line (d : decision) : bool :=
+  match d with
+  | Request now t p due => match input_of tr with
+      | Some (Offer u q x bl) => is t p u q && (due =? due_at now x) && is_answer (b_f2_rows now t p x bl) None | _ => false end
+  | Refuse now t (Some p) why => match input_of tr with
+      | Some (Offer u q x bl) => is t p u q && is_answer (b_f2_rows now t p x bl) (Some why) | _ => false end
+  | _ => true
+  end.
+Definition b_came (results failures : bool) t p : bool :=
+  match input_of tr with Some (Result u q) => results && is t p u q | Some (Fail u q) => failures && is t p u q | _ => false end.
+Definition b_f3_line (d : decision) : bool :=
+  match d with
+  | Drop _ t p why => b_came true true t p && is_answer (b_f3_rows t p) (Some why)
+  | Hold _ t p => negb (is_progressive cfg) && b_came true false t p && is_answer (b_f3_rows t p) None
+  | Failed _ t p => b_came false true t p && is_answer (b_f3_rows t p) None
+  | Emit _ t p => sayb tr (b_holds t p) || b_came true false t p && is_answer (b_f3_rows t p) None
+  | _ => true
+  end.
+Lemma f1_line_b d : f1_line cfg tr d -> b_f1_line d = true.
+Proof.
+  destruct d as [now t due| | |now t [|] why| | | | | | |]; cbn [f1_line b_f1_line]; auto.
+  - intros (x & -> & -> & A). rewrite N.eqb_refl, (answer_b _ _ _ (f1_rows_b now t x) A). now destruct (due_dec _ _).
+  - intros (x & -> & A). now rewrite N.eqb_refl, (answer_b _ _ _ (f1_rows_b now t x) A).
+Qed.
+Lemma f2_line_b d : f2_line cfg tr d -> b_f2_line d = true.
+Proof.
+  destruct d as [| | |now t [p|] why|now t p due| | | | | |]; cbn [f2_line b_f2_line]; auto; unfold is.
+  - intros (x & bl & -> & A). now rewrite !N.eqb_refl, (answer_b _ _ _ (f2_rows_b now t p x bl) A).
+  - intros (x & bl & -> & -> & A). now rewrite !N.eqb_refl, (answer_b _ _ _ (f2_rows_b now t p x bl) A).
+Qed.
+Lemma f3_line_b d : f3_line cfg tr d -> b_f3_line d = true.
+Proof.
+  destruct d as [|now t p| | | |now t p|now t p why|now t p| | |]; cbn [f3_line b_f3_line]; auto; unfold b_came, is.
+  - intros [-> A]. now rewrite !N.eqb_refl, (answer_b _ _ _ (f3_rows_b t p) A).
+  - intros (-> & -> & A). now rewrite !N.eqb_refl, (answer_b _ _ _ (f3_rows_b t p) A).
+  - intros [[-> | ->] A]; now rewrite !N.eqb_refl, (answer_b _ _ _ (f3_rows_b t p) A).
+  - intros [H|[-> A]]; [now rewrite (proj1 (sayb_iff tr _ _ (holds_b t p)) H)|].
+    rewrite !N.eqb_refl, (answer_b _ _ _ (f3_rows_b t p) A). apply orb_true_r.
+Qed.
+End Tables.
+
 Section Of.
 Variables (cfg : config) (tr : trace).
 Local Notation says_it A := (proj2 (sayb_iff tr _ _ A)).
 Local Notation says_not A := (not_sayb tr _ _ A).
-Ltac parts H := repeat (apply andb_true_iff in H as [H ?]).
+Ltac parts H := repeat lazymatch type of H with is _ _ _ _ = true => fail | _ => apply andb_true_iff in H as [H ?] end.
 
 Lemma broken_p1 t : negb (is_progressive cfg) && match endings t tr with [] | [Missed] | [Sent _] => false |
   _ => true end = true ->
@@ -172,36 +411,38 @@ Proof.
   - destruct (falling_bound (p :: ps)) as (n & B). destruct (sents_falling (p :: ps) F n B) as [_ S]. cbn in S.
     rewrite N.eqb_refl, S in H0. discriminate.
 Qed.
-Fixpoint b_in_time (t p : N) (l : trace) : bool :=
-  match l with
-  | [] => false
-  | Got now (Result u q) :: earlier =>
-      is t p u q && sayb earlier (b_opens t) && ((p =? 0) || sayb earlier (b_requests t p)) &&
-      forallb (fun a => negb (fst a =? p) || (now <? snd a)) (armed_in t earlier) || b_in_time t p earlier
-  | _ :: earlier => b_in_time t p earlier
-  end.
-Lemma in_time_b t p : in_time tr t p -> b_in_time t p tr = true.
+Lemma broken_p2 t p : some_line (fun earlier d => b_holds t p d && negb (b_arrives t p earlier) ||
+  b_emits t p d && negb (b_arrives t p earlier) && negb (sayb earlier (b_holds t p))) tr = true -> ~ P2_never_late tr.
 Proof.
-  intros (y & x & now & -> & O & R & D).
-  assert (B : b_in_time t p (Got now (Result t p) :: x) = true).
-  { cbn. apply orb_true_iff. left. rewrite !andb_true_iff. repeat split.
-    - now apply is_iff.
-    - eapply sayb_iff; [apply opens_b|exact O].
-    - apply orb_true_iff. destruct (N.eq_dec p 0) as [->|Z]; [now left|right].
-      eapply sayb_iff; [apply requests_b|now apply R].
-    - apply forallb_forall. intros [q due] I. cbn. destruct (N.eqb_spec q p) as [->|]; cbn; auto.
-      apply N.ltb_lt. apply D. now apply armed_in_iff. }
-  induction y as [|[n b|d] y IH]; cbn [app b_in_time]; auto. destruct b; auto. rewrite IH. apply orb_true_r.
+  intros H P. apply some_line_if in H as (y & d & x & E & H). destruct (P y d x t p E) as [A B].
+  apply orb_true_iff in H as [H|H]; parts H.
+  - apply holds_b, A, arrives_b in H. rewrite H in *. discriminate.
+  - apply emits_b, B in H as [H|H]; [apply arrives_b in H|apply (sayb_iff x _ _ (holds_b t p)) in H]; rewrite H in *; discriminate.
 Qed.
-Lemma broken_p2 t p : sayb tr (b_emits t p) && negb (b_in_time t p tr) = true -> ~ P2_never_late tr.
+Lemma broken_p2_late t p : some_split (fun later l earlier => match l with
+    | Got now (Result u q) => is t p u q && existsb (fun a => (fst a =? p) && (snd a <=? now)) (armed_in t earlier) &&
+        forallb (fun d => match d with Drop n v r _ => negb (is t p v r && (n =? now)) | _ => true end) (next_run [] later)
+    | _ => false end) [] tr = true -> ~ P2_late_dropped tr.
 Proof.
-  intros H P. parts H. apply (says_it (emits_b t p)) in H. apply P, in_time_b in H. rewrite H in *. discriminate.
+  intros H P. apply some_split_if in H as (y & l & x & E & H). destruct l as [now [| |u q| |]|]; try discriminate.
+  parts H. apply is_iff in H as [-> ->]. apply existsb_exists in H1 as ([q due] & I & H). apply andb_true_iff in H as [Eq L].
+  apply N.eqb_eq in Eq. cbn in Eq, L. subst q. apply N.leb_le in L. apply armed_in_iff in I.
+  destruct (soon_run _ _ (P y now t p x due E I L)) as (d & J & why & ->). rewrite forallb_forall in H0.
+  specialize (H0 _ J). cbn in H0. unfold is in H0. rewrite !N.eqb_refl in H0. discriminate.
 Qed.
-Lemma broken_p3 t m q : sayb tr (b_emits t m) && sayb tr (b_holds t q) && (m <? q) = true -> ~ P3_best_available tr.
+Lemma broken_p3 t m q : some_line (fun earlier d => b_emits t m d &&
+  (sayb earlier (b_holds t q) || b_in_time t q (before_input earlier))) tr && (m <? q) = true -> ~ P3_best_available tr.
 Proof.
-  intros H P. parts H. apply (says_it (emits_b t m)) in H. apply (says_it (holds_b t q)) in H1.
-  specialize (P t m q H H1).
-  apply N.ltb_lt in H0. lia.
+  intros H P. apply andb_true_iff in H as [H L]. apply some_line_if in H as (y & d & x & E & H). parts H.
+  destruct d; try discriminate. apply is_iff in H as [-> ->]. apply N.ltb_lt in L.
+  assert (X : says x (holds t q) \/ in_time (before_input x) t q); [|specialize (P y _ t m x q E X); lia].
+  apply orb_true_iff in H0 as [H0|H0]; [left; now apply (sayb_iff x _ _ (holds_b t q))|right; now apply in_time_b].
+Qed.
+Lemma broken_p3_progressive t q : is_progressive cfg && b_in_time t q tr &&
+  forallb (fun e => match e with Sent m => m <? q | _ => true end) (endings t tr) = true -> ~ P3_progressive cfg tr.
+Proof.
+  intros H P. parts H. apply in_time_b in H1. destruct (P t q H H1) as (m & L & E). apply sent_in in E.
+  rewrite forallb_forall in H0. specialize (H0 _ E). apply N.ltb_lt in H0. lia.
 Qed.
 Lemma broken_p4 t c : sayb tr (b_holds t c) && negb (sayb tr (b_retires cfg t)) &&
     forallb (fun q => (q <=? c) || sayb tr (b_closes cfg t q)) (requested_in t tr) = true -> ~ P4_prompt cfg tr.
@@ -224,12 +465,11 @@ Proof.
   intros H P. parts H. apply (says_it (holds_b t 0)) in H. destruct (P t H) as (p & R). apply requested_in_if in R.
   destruct (requested_in t tr); [contradiction|discriminate].
 Qed.
-Lemma broken_p7 t : sayb tr (b_opens t) && negb (sayb tr (b_retires cfg t)) && sayb tr (b_closes cfg t 0) &&
-  no_live cfg t tr = true ->
+Lemma broken_p7 t : negb (sayb tr (b_retires cfg t)) && sayb tr (b_closes cfg t 0) && no_live cfg t tr = true ->
   ~ P7_no_stall cfg tr.
 Proof.
-  intros H P. parts H. apply (says_it (opens_b t)) in H. apply (says_not (retires_b cfg t)) in H2.
-  destruct (P t H H2) as [C|L]; [now apply C, (says_it (closes_b cfg t 0))|now apply no_live_not in L].
+  intros H P. parts H. apply (says_not (retires_b cfg t)) in H.
+  destruct (P t H) as [C|L]; [now apply C, (says_it (closes_b cfg t 0))|now apply no_live_not in L].
 Qed.
 Lemma broken_p7_with_deadline t : existsb (fun a => fst a =? 0) (armed_in t tr) &&
   negb (sayb tr (b_retires cfg t)) && no_live cfg t tr = true ->
@@ -263,75 +503,79 @@ Proof.
   apply (says_not (disarms_b cfg t p)) in H0.
   now apply H0, (P t p due).
 Qed.
-Lemma broken_p8_fires now t p : existsb (fun l => match l with Did (Timer n u q) => is t p u q &&
-  (n =? now) | _ => false end) tr &&
-    forallb (fun a => negb (fst a =? p) || (now <? snd a)) (armed_in t tr) = true -> ~ P8_fires tr.
+Lemma broken_p8_fires t p : some_line (fun earlier d => match d with
+    | Timer _ u q => is t p u q && forallb (fun a => negb (fst a =? p) || (clock_of earlier <? snd a)) (armed_in t earlier)
+    | _ => false end) tr = true -> ~ P8_fires tr.
 Proof.
-  intros H P. parts H. apply existsb_exists in H as ([n b|d] & I & E); [discriminate|]. destruct d; try discriminate.
-  apply andb_true_iff in E as [E1 E2]. apply is_iff in E1 as [-> ->]. apply N.eqb_eq in E2 as ->.
-  destruct (P now t p I) as (due & A & L). apply armed_in_iff in A. rewrite forallb_forall in H0.
-  specialize (H0 _ A). cbn in H0.
-  rewrite N.eqb_refl in H0. cbn in H0. apply N.ltb_lt in H0. lia.
+  intros H P. apply some_line_if in H as (y & d & x & E & H). destruct d; try discriminate. parts H.
+  apply is_iff in H as [-> ->]. destruct (P y now t p x E) as (due & A & L). apply armed_in_iff in A.
+  rewrite forallb_forall in H0. specialize (H0 _ A). cbn in H0. rewrite N.eqb_refl in H0. cbn in H0. apply N.ltb_lt in H0. lia.
 Qed.
-Lemma broken_p8_while_live t p : some_line (fun earlier d =>
-    match d with Timer _ u q => is t p u q && sayb earlier (b_disarms cfg t p) | _ => false end) tr = true ->
-  ~ P8_while_live cfg tr.
+Lemma broken_p8_while_live t p : some_line (fun earlier d => match d with
+    | Timer _ u q => is t p u q && (sayb earlier (b_disarms cfg t p) || sayb earlier (b_retires cfg t))
+    | _ => false end) tr = true -> ~ P8_while_live cfg tr.
 Proof.
   intros H P. apply some_line_if in H as (y & d & x & E & H). destruct d; try discriminate.
-  apply andb_true_iff in H as [H D]. apply is_iff in H as [-> ->]. apply (P y x now t p E). now apply (sayb_iff x _ _ (disarms_b cfg t p)).
+  apply andb_true_iff in H as [H D]. apply is_iff in H as [-> ->]. destruct (P y now t p x E) as [A B].
+  apply orb_true_iff in D as [D|D]; [apply A; now apply (sayb_iff x _ _ (disarms_b cfg t p))|].
+  apply B. now apply (sayb_iff x _ _ (retires_b cfg t)).
 Qed.
-Lemma broken_f1 : some_line (fun earlier d => match d with
-    | Opened _ t _ => existsb (N.leb t) (opened_in earlier)
-    | Refuse _ t None Order => negb (existsb (N.leb t) (opened_in earlier))
-    | _ => false end) tr = true -> ~ F1_order tr.
+Lemma broken_f0 : some_line (fun earlier d => negb (instant_of d =? clock_of earlier)) tr = true -> ~ F0_instants tr.
 Proof.
-  intros H P. apply some_line_if in H as (y & d & x & E & H).
-  destruct d as [n t due| | |n t [q|] []| | | | | | |]; try discriminate; destruct (P y _ x n t E) as [A B].
-  - apply existsb_exists in H as (u & I & L). apply opened_in_iff in I. specialize (A due eq_refl u I).
-    apply N.leb_le in L. lia.
-  - destruct (B eq_refl) as (u & L & O). apply negb_true_iff in H. apply opened_in_iff in O. apply N.leb_le in L.
-    assert (X : existsb (N.leb t) (opened_in x) = true) by (apply existsb_exists; eauto). congruence.
+  intros H P. apply some_line_if in H as (y & d & x & E & H). rewrite (P y d x E), N.eqb_refl in H. discriminate.
 Qed.
-Lemma broken_f2_registered t p : sayb tr (b_requests t p) && negb (is_cloud cfg p) = true -> ~ F2_registered cfg tr.
-Proof. intros H P. parts H. apply (says_it (requests_b t p)) in H. rewrite (P t p H) in *. discriminate. Qed.
-Lemma broken_f2_outranks t p q : some_line (fun earlier d => b_requests t p d && sayb earlier (b_accepts t q)) tr &&
-  (p <=? q) = true -> ~ F2_outranks tr.
+Lemma broken_f1 : some_line (fun earlier d => negb (b_f1_line cfg earlier d)) tr = true -> ~ F1_open cfg tr.
 Proof.
-  intros H P. apply andb_true_iff in H as [H L]. apply some_line_if in H as (y & d & x & E & H).
-  apply andb_true_iff in H as [H A]. destruct d; try discriminate. apply is_iff in H as [-> ->].
-  apply N.leb_le in L. apply (sayb_iff x _ _ (accepts_b t q)) in A. specialize (P y x now t p due q E A). lia.
+  intros H P. apply some_line_if in H as (y & d & x & E & H). rewrite (f1_line_b cfg x d (P y d x E)) in H. discriminate.
 Qed.
-Lemma broken_f2g : some_line (fun earlier d =>
-    match input_of earlier with
-    | Some (Offer t p _ backlog) =>
-        match registered cfg p, d with
-        | Some c, Request _ u q _ => is t p u q &&
-            negb (if gate_of p earlier then backlog <=? resume c else backlog <? limit c)
-        | Some c, Refuse _ u (Some q) Queue => is t p u q &&
-            negb (if gate_of p earlier then resume c <? backlog else limit c <=? backlog)
-        | _, _ => false
-        end
-    | _ => false end) tr = true -> ~ F2g_gate cfg tr.
+Lemma broken_f2 : some_line (fun earlier d => negb (b_f2_line cfg earlier d)) tr = true -> ~ F2_offer cfg tr.
 Proof.
-  intros H P. apply some_line_if in H as (y & d & x & E & H).
-  destruct (input_of x) as [[|t p z b| | |]|] eqn:I; try discriminate. destruct (registered cfg p) as [c|] eqn:C; [|discriminate].
-  destruct d as [| | |n u [q|] []|n u q due| | | | | |]; try discriminate;
-    apply andb_true_iff in H as [H H0]; apply is_iff in H as [-> ->]; destruct (P y _ x n t p z b c E I C) as [A B]; apply negb_true_iff in H0.
-  - specialize (B eq_refl). destruct (gate_of p x); [apply N.ltb_ge in H0|apply N.leb_gt in H0]; lia.
-  - specialize (A due eq_refl). destruct (gate_of p x); [apply N.leb_gt in H0|apply N.ltb_ge in H0]; lia.
+  intros H P. apply some_line_if in H as (y & d & x & E & H). rewrite (f2_line_b cfg x d (P y d x E)) in H. discriminate.
 Qed.
-Lemma broken_f7 t : existsb (fun l => match l with Did (Cancel _ u q) => is t 0 u q | _ => false end) tr = true ->
-  ~ F7_local tr.
+Lemma broken_f3 : some_line (fun earlier d => negb (b_f3_line cfg earlier d)) tr = true -> ~ F3_arrival cfg tr.
 Proof.
-  intros H P. apply existsb_exists in H as ([n b|d] & I & E); [discriminate|]. destruct d; try discriminate.
-  apply is_iff in E as [-> ->]. now apply P in I.
+  intros H P. apply some_line_if in H as (y & d & x & E & H). rewrite (f3_line_b cfg x d (P y d x E)) in H. discriminate.
 Qed.
-Lemma broken_p12 t : sayb tr (b_opens t) && sayb tr (b_closes cfg t 0) && past true t tr &&
-  negb (sayb tr (b_retires cfg t)) = true ->
+Lemma broken_f6 t m q : some_line (fun earlier d => match d with
+    | Emit now u k => is t m u k && sayb earlier (b_requests t q) && negb (sayb earlier (b_closes cfg t q)) &&
+        (negb (is_eager cfg) || forallb (fun e => match e with Timer n v r => negb (is t r v r && (n =? now)) || (r =? 0) | _ => true end)
+          (since_input earlier))
+    | _ => false end) tr && negb (is_progressive cfg) && (m <? q) = true -> ~ F6_commits cfg tr.
+Proof.
+  intros H P. parts H. apply some_line_if in H as (y & d & x & E & H). destruct d as [| | | | | | |now u k| | |]; try discriminate.
+  parts H. apply is_iff in H as [-> ->]. apply (sayb_iff x _ _ (requests_b t q)) in H4. apply (not_sayb x _ _ (closes_b cfg t q)) in H3.
+  apply negb_true_iff in H1. apply N.ltb_lt in H0. destruct (P y now t m x q E H1 H0 H4 H3) as (Ea & p & Z & I).
+  rewrite Ea in H2. cbn [negb orb] in H2. rewrite forallb_forall in H2. specialize (H2 _ I). cbn in H2. unfold is in H2.
+  rewrite !N.eqb_refl in H2. now apply N.eqb_eq in H2.
+Qed.
+Lemma broken_f7 t q : some_line (fun earlier d => match d with
+    | Cancel _ u r => is t q u r && ((q =? 0) || negb (sayb earlier (b_requests t q)) || sayb earlier (b_answers t q))
+    | _ => false end) tr = true -> ~ F7_cancelled tr.
+Proof.
+  intros H P. apply some_line_if in H as (y & d & x & E & H). destruct d; try discriminate.
+  apply andb_true_iff in H as [H D]. apply is_iff in H as [-> ->]. destruct (P y now t q x E) as (Z & R & A).
+  apply orb_true_iff in D as [D|D]; [apply orb_true_iff in D as [D|D]; [now apply N.eqb_eq in D|]|].
+  - now rewrite (proj1 (sayb_iff x _ _ (requests_b t q)) R) in D.
+  - apply A. now apply (sayb_iff x _ _ (answers_b t q)).
+Qed.
+Lemma broken_f7_cancels t m q : some_split (fun later l earlier => match l with
+    | Did (Emit now u k) => is t m u k && sayb earlier (b_requests t q) && negb (sayb earlier (b_closes cfg t q)) &&
+        forallb (fun d => match d with Cancel n v r => negb (is t q v r && (n =? now)) | _ => true end) (next_run [] later)
+    | _ => false end) [] tr && negb (q =? m) && (negb (is_progressive cfg) || (q <? m)) = true -> ~ F7_cancels cfg tr.
+Proof.
+  intros H P. parts H. apply some_split_if in H as (y & l & x & E & H).
+  destruct l as [|[| | | | | | |now u k| | |]]; try discriminate. parts H. apply is_iff in H as [-> ->].
+  apply (sayb_iff x _ _ (requests_b t q)) in H4. apply (not_sayb x _ _ (closes_b cfg t q)) in H3.
+  apply negb_true_iff, N.eqb_neq in H1. assert (L : is_progressive cfg = true -> q < m).
+  { intros Pr. rewrite Pr in H0. now apply N.ltb_lt. }
+  destruct (soon_run _ _ (P y now t m x q E H4 H3 H1 L)) as (d & J & ->). rewrite forallb_forall in H2.
+  specialize (H2 _ J). cbn in H2. unfold is in H2. rewrite !N.eqb_refl in H2. discriminate.
+Qed.
+Lemma broken_p12 t : sayb tr (b_closes cfg t 0) && past true t tr && negb (sayb tr (b_retires cfg t)) = true ->
   ~ P12_bounded_wait cfg tr.
 Proof.
-  intros H P. parts H. apply (says_it (opens_b t)) in H. apply (says_it (closes_b cfg t 0)) in H2.
-  apply (says_not (retires_b cfg t)) in H0. apply H0, (P t H H2). now apply past_cloud.
+  intros H P. parts H. apply (says_it (closes_b cfg t 0)) in H.
+  apply (says_not (retires_b cfg t)) in H0. apply H0, (P t H). now apply past_cloud.
 Qed.
 End Of.
 
@@ -346,7 +590,7 @@ Lemma apart {A} (kind : A -> bool) (a b : list A) : negb (Nat.eqb (length (filte
 Proof. intros H ->. now rewrite PeanoNat.Nat.eqb_refl in H. Qed.
 Lemma broken_t1 tr now t : existsb (fun l => match l with Did (Hold n u q) => is t 0 u q &&
   (n =? now) | _ => false end) tr &&
-    forallb (fun a => (snd a <=? now) || (fst a =? 0)) (armed_in t tr) = true -> ~ goes_at_once tr.
+    forallb (fun a => (snd a <=? now) || (fst a =? 0)) (armed_in t tr) = true -> ~ Local_goes_at_once tr.
 Proof.
   intros H P. apply andb_true_iff in H as [H F]. apply existsb_exists in H as ([n b|d] & I & E); [discriminate|].
   destruct d; try discriminate. apply andb_true_iff in E as [E1 E2]. apply is_iff in E1 as [-> ->].
@@ -355,24 +599,6 @@ Proof.
   specialize (F _ A). cbn in F.
   apply orb_true_iff in F as [F|F]; [apply N.leb_le in F; lia|]. apply N.eqb_eq in F. contradiction.
 Qed.
-Lemma broken_p11_offer cfg now t p x bl ds : match ds with
-    | [Request n u q due] => negb (is t p u q && (n =? now) && (due =? due_at now x)) | [Refuse _ _ _ _] => false | _ => true
-    end = true -> ~ own cfg now (Offer t p x bl) ds.
-Proof.
-  intros H [->|(w & ->)]; [|discriminate]. unfold is in H. rewrite !N.eqb_refl in H. discriminate.
-Qed.
-(** A drop says that a result is late, and an output outranked it before. *)
-Lemma broken_p11_reason cfg tr now t p q ds :
-  existsb (fun d => match d with Drop n u r Late => is t p u r && (n =? now) | _ => false end) ds &&
-    sayb tr (b_emits t q) && (p <? q) = true ->
-  ~ forall why, In (Drop now t p why) ds -> meaning cfg tr t p why.
-Proof.
-  intros H P. apply andb_true_iff in H as [H L]. apply andb_true_iff in H as [H E]. apply N.ltb_lt in L.
-  apply existsb_exists in H as (d & I & D). destruct d as [| | | | | |n u r []| | | |]; try discriminate.
-  apply andb_true_iff in D as [D N]. apply is_iff in D as [-> ->]. apply N.eqb_eq in N as ->.
-  apply (sayb_iff tr _ _ (emits_b t q)) in E. apply P in I as [_ M]. now apply (M q).
-Qed.
-
 (** ** E1 to E3 *)
 Definition b_budgeted (tr : trace) (t a due reserve : N) : bool :=
   match open_inputs t tr with [(x, Some d)] => (x =? a) && (d <=? N.max 1 (due - reserve - a)) | _ => false end &&

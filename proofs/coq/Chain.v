@@ -1,21 +1,12 @@
 (** * E1 to E3: two operators in a row, with a budget *)
 From Coq Require Import List NArith Bool Lia.
-From Fuseline Require Import Rules Sets Trace Statements Broken Slots Invariant Runs Accounts Promises.
+From Fuseline Require Import Rules Sets Trace Statements Broken Slots Invariant Runs Accounts Lines Promises.
 Import ListNotations.
 Open Scope N_scope.
 Arguments after : simpl never.
 Arguments timers : simpl never.
 
 (** ** Each decision bears the instant of its input *)
-Lemma settle_instant cfg now t timer sl o ds : settle cfg now t timer sl = (o, ds) -> forall d, In d ds ->
-  instant_of d = now.
-Proof.
-  intros H d I. apply settle_cases in H as [(_ & -> & _)|[(_ & -> & _)|[(_ & _ & _ & m & -> & _)|(_ & m & E & _)]]].
-  - contradiction.
-  - destruct I as [<-|[]]. reflexivity.
-  - destruct I as [<-|[]]. reflexivity.
-  - injection E as _ ->. destruct I as [<-|I]; [reflexivity|]. apply in_map_iff in I as (q & <- & _). reflexivity.
-Qed.
 Lemma expire_instant cfg n : forall s s' ds, expire n cfg s = (s', ds) -> clock s' = clock s /\
   forall d, In d ds -> instant_of d = clock s.
 Proof.
@@ -27,23 +18,6 @@ Proof.
   cbn in C, E. split; auto. intros d I. apply in_app_or in I as [I|I]; auto.
   apply in_app_or in I as [I|I]; [apply in_map_iff in I as (q & <- & _); reflexivity|]. eapply settle_instant; eauto.
 Qed.
-Lemma own_instant cfg now b ds : own cfg now b ds -> forall d, In d ds -> instant_of d = now.
-Proof.
-  assert (C : forall t cs d, In d (map (Cancel now t) cs) -> instant_of d = now).
-  { intros t cs d I. apply in_map_iff in I as (q & <- & _). reflexivity. }
-  destruct b as [t d0|t p d0 bl|t p|t p|]; cbn.
-  - intros [->|(w & ->)] d [<-|[]]; reflexivity.
-  - intros [->|(w & ->)] d [<-|[]]; reflexivity.
-  - intros [(w & ->)|[(-> & _)|(cs & last & -> & K)]] d I; [destruct I as [<-|[]]; reflexivity..|].
-    destruct I as [<-|I]; [reflexivity|]. apply in_app_or in I as [I|I]; [eapply C; eauto|].
-    destruct K as [->|(_ & ->)]; [contradiction|]. destruct I as [<-|[]]. reflexivity.
-  - intros [(w & ->)|(last & -> & K)] d I; [destruct I as [<-|[]]; reflexivity|].
-    destruct I as [<-|I]; [reflexivity|].
-    destruct K as [->|[->|[(_ & m & ->)|(_ & m & cs & ->)]]]; [contradiction|destruct I as [<-|[]]; reflexivity..|].
-    destruct I as [<-|I]; [reflexivity|]. eapply C; eauto.
-  - intros -> d [].
-Qed.
-
 (** ** What each line of a trace says of the inputs *)
 Definition is_opening (t : N) (d : decision) : bool :=
   match d with Opened _ u _ => u =? t | Refuse _ u None _ => u =? t | _ => false end.
@@ -98,14 +72,6 @@ Proof.
   - intros [(w & ->)|(last & -> & K)]; [reflexivity|]. cbn.
     destruct K as [->|[->|[(_ & m & ->)|(_ & m & cs & ->)]]]; [reflexivity..|]. cbn. now rewrite C0.
   - intros ->. reflexivity.
-Qed.
-(** One more input, and the trace until it. *)
-Lemma trace_snoc cfg ins i : trace_of cfg (ins ++ [i]) =
-  after (snd (step cfg (state_after cfg ins) i))
-    (Got (N.max (clock (state_after cfg ins)) (at_ i)) (what i) :: trace_of cfg ins).
-Proof.
-  unfold trace_of, state_after. rewrite run_app. destruct (run cfg initial [] ins) as [s tr]. cbn.
-  destruct (step cfg s i). reflexivity.
 Qed.
 Lemma clock_trace cfg ins : clock_of (trace_of cfg ins) = clock (state_after cfg ins).
 Proof. symmetry. exact (reach_clock _ _ _ _ (proj1 (run_reach cfg ins))). Qed.

@@ -9,7 +9,7 @@ Open Scope N_scope.
 Arguments after : simpl never.
 
 (** ** The machine's half: local goes at once *)
-Lemma reach_at_once cfg tr s cur : reach cfg tr s cur -> goes_at_once tr.
+Lemma reach_at_once cfg tr s cur : reach cfg tr s cur -> Local_goes_at_once tr.
 Proof.
   intros R. induction R as [|tr s n b R IH|tr s b due t s' ds R IH E L U|tr s b s' ds R IH AR U]; intros now u I.
   - contradiction.
@@ -47,7 +47,7 @@ Proof.
       destruct I as [[=]|I]. apply in_map_iff in I as (x & [=] & _).
     + subst. contradiction.
 Qed.
-Theorem local_goes_at_once cfg ins : goes_at_once (trace_of cfg ins).
+Theorem local_goes_at_once cfg ins : Local_goes_at_once (trace_of cfg ins).
 Proof. exact (reach_at_once _ _ _ _ (proj1 (run_reach cfg ins))). Qed.
 (** So where local's result is accepted when all due instants of its timestamp are past, an output is there. *)
 Theorem output_with_local cfg ins t : let tr := trace_of cfg ins in says tr (accepts t 0) ->

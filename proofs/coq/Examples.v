@@ -21,12 +21,42 @@ Example p2_never_late_happens : sayb (trace_of eager committed) (b_emits 1 1) = 
 Example p2_never_late_can_break : ~ P2_never_late
   [Did (Emit 50 1 1); Got 50 (Result 1 1); Did (Request 0 1 1 50); Did (Opened 0 1 None)].
 Proof. breaks (broken_p2 _ 1 1). Qed.
+(** A first copy comes in time and nothing is made of it; a second one comes late and is forwarded. *)
+Definition second_copy : trace := [Did (Emit 60 1 1); Got 60 (Result 1 1); Got 10 (Result 1 1); Did (Request 0 1 1 50);
+  Got 0 (Offer 1 1 50 0); Did (Opened 0 1 None); Got 0 (Open 1 None)].
+Example second_copy_breaks_p2 : ~ P2_never_late second_copy. Proof. breaks (broken_p2 _ 1 1). Qed.
+(** Or the first copy is held, so that the line of the output might be its. *)
+Definition held_copy : trace := [Did (Emit 60 1 1); Got 60 (Result 1 1); Did (Hold 10 1 1); Got 10 (Result 1 1);
+  Did (Request 0 1 2 80); Got 0 (Offer 1 2 80 0); Did (Request 0 1 1 50); Got 0 (Offer 1 1 50 0); Did (Opened 0 1 None); Got 0 (Open 1 None)].
+Example held_copy_breaks_p2 : ~ P2_late_dropped held_copy. Proof. breaks (broken_p2_late _ 1 1). Qed.
+Example p2_late_dropped_happens : armed_in 1 (trace_of eager waiting) = [(1, 50); (0, 100)] /\
+  snd (step eager (state_after eager waiting) (input_at 60 (Result 1 1))) = [Drop 60 1 1 Late].
+Proof. split; happens. Qed.
+Example p2_late_dropped_can_break : ~ P2_late_dropped second_copy. Proof. breaks (broken_p2_late _ 1 1). Qed.
 
 Example p3_best_available_happens : sayb (trace_of eager committed) (b_emits 1 1) &&
   sayb (trace_of eager committed) (b_holds 1 0) = true.
 Proof. happens. Qed.
 Example p3_best_available_can_break : ~ P3_best_available [Did (Emit 50 1 0); Did (Hold 20 1 1); Did (Hold 10 1 0)].
 Proof. breaks (broken_p3 _ 1 0 1). Qed.
+(** Nor may it be passed over by a machine that drops it. *)
+Example passed_over_breaks_p3 : ~ P3_best_available [Did (Emit 50 1 0); Got 50 (Result 1 0); Did (Drop 20 1 1 Late);
+  Got 20 (Result 1 1); Did (Request 0 1 1 50); Did (Opened 0 1 None)].
+Proof. breaks (broken_p3 _ 1 0 1). Qed.
+(** The second cloud's result comes in time, and is an output; a machine that ends with local's breaks it. *)
+Definition first_failed : list input := [input_at 0 (Open 1 None); input_at 0 (Offer 1 1 50 0); input_at 10 (Result 1 0);
+  input_at 20 (Fail 1 1); input_at 30 (Result 1 1)].
+Example p3_progressive_happens : let tr := trace_of progressive (held ++ [input_at 30 (Result 1 2)]) in
+  b_in_time 1 1 tr && b_in_time 1 2 tr = true.
+Proof. happens. Qed.
+Example p3_progressive_can_break : ~ P3_progressive progressive [Did (Drop 30 1 1 Superseded); Got 30 (Result 1 1);
+  Did (Final 10 1 0); Did (Emit 10 1 0); Got 10 (Result 1 0); Did (Request 0 1 1 50); Did (Opened 0 1 None)].
+Proof. breaks (broken_p3_progressive progressive _ 1 1). Qed.
+(** After its failure a result is not in time (section 1), although its due instant is later: local's output was final. *)
+Example failed_is_not_in_time : let tr := trace_of progressive first_failed in
+  (decisions tr, b_in_time 1 1 tr) = ([Drop 30 1 1 Superseded; Final 20 1 0; Failed 20 1 1; Emit 10 1 0; Request 0 1 1 50;
+    Opened 0 1 None], false).
+Proof. happens. Qed.
 
 Example p4_prompt_happens : sayb (trace_of eager held) (b_holds 1 1) &&
   negb (sayb (trace_of eager held) (b_retires eager 1)) = true.
@@ -65,8 +95,8 @@ Example p8_one_timer_happens : armed_in 1 (trace_of eager over) = [(2, 80); (1, 
 Example p8_one_timer_can_break : ~ P8_one_timer [Did (Request 5 1 1 60); Did (Request 0 1 1 50)].
 Proof. breaks (broken_p8_one _ 1 1 60 50). Qed.
 Example p8_fires_happens : In (Did (Timer 60 1 1)) (trace_of eager waiting). Proof. vm_compute. now left. Qed.
-Example p8_fires_can_break : ~ P8_fires [Did (Timer 40 1 1); Did (Request 0 1 1 50)].
-Proof. breaks (broken_p8_fires _ 40 1 1). Qed.
+Example p8_fires_can_break : ~ P8_fires [Did (Timer 40 1 1); Got 40 Tick; Did (Request 0 1 1 50)].
+Proof. breaks (broken_p8_fires _ 1 1). Qed.
 Example p8_served_happens : (50 <=? clock_of (trace_of eager waiting)) &&
   negb (sayb (trace_of eager waiting) (b_retires eager 1)) = true.
 Proof. happens. Qed.
@@ -84,34 +114,59 @@ Example p8_while_live_happens : sayb (trace_of eager waiting) (b_disarms eager 1
 Example p8_while_live_can_break : ~ P8_while_live eager
   [Did (Timer 60 1 1); Did (Timer 50 1 1); Did (Request 0 1 1 50); Did (Opened 0 1 None)].
 Proof. breaks (broken_p8_while_live eager _ 1 1). Qed.
+(** The timer of the first cloud fires after the second one's result was forwarded, which retired the timestamp. *)
+Definition timer_of_retired : trace := [Did (Timer 60 0 1); Got 60 Tick; Did (Emit 20 0 2); Got 20 (Result 0 2);
+  Did (Request 0 0 2 80); Got 0 (Offer 0 2 80 0); Did (Request 0 0 1 60); Got 0 (Offer 0 1 60 0); Did (Opened 0 0 None);
+  Got 0 (Open 0 None)].
+Example timer_of_retired_breaks_p8 : ~ P8_while_live eager timer_of_retired /\ ~ P8_while_live (under Patient) timer_of_retired.
+Proof. split; breaks (broken_p8_while_live _ _ 0 1). Qed.
 
-(** F1, F2, F2g, F7. The second cloud's gate shuts at a backlog of 4 and opens at 0. *)
+(** F0 to F3. The second cloud's gate shuts at a backlog of 4 and opens at 0. *)
 Definition offers : list input := [input_at 0 (Open 5 None); input_at 1 (Open 5 None); input_at 2 (Offer 5 2 50 4);
   input_at 3 (Offer 5 2 50 1); input_at 4 (Offer 5 2 50 0)].
-Example f1_order_happens : In (Did (Refuse 1 5 None Order)) (trace_of eager offers). Proof. vm_compute. tauto. Qed.
-Example f1_order_can_break : ~ F1_order [Did (Refuse 1 4 None Order); Did (Opened 0 3 None)].
-Proof. breaks (broken_f1 _). Qed.
-Example f2_registered_happens : sayb (trace_of eager held) (b_requests 1 2) = true. Proof. happens. Qed.
-Example f2_registered_can_break : ~ F2_registered eager [Did (Request 0 1 9 50); Did (Opened 0 1 None)].
-Proof. breaks (broken_f2_registered eager _ 1 9). Qed.
-(** Local's result is there already when the cloud is to be requested. *)
-Example f2_outranks_happens : decisions (trace_of eager [input_at 0 (Open 1 None); input_at 0 (Offer 1 2 50 0);
-  input_at 5 (Result 1 0); input_at 6 (Offer 1 1 50 0)]) = [Request 6 1 1 56; Hold 5 1 0; Request 0 1 2 50; Opened 0 1 None].
+Example f0_instants_happens : decisions (trace_of eager [input_at 5 (Open 5 None); input_at 1 (Open 5 None)]) =
+  [Refuse 5 5 None Order; Opened 5 5 None].
 Proof. happens. Qed.
-Example f2_outranks_can_break : ~ F2_outranks
-  [Did (Request 5 1 1 50); Did (Hold 4 1 2); Did (Request 0 1 3 50); Did (Request 0 1 2 50); Did (Opened 0 1 None)].
-Proof. breaks (broken_f2_outranks _ 1 1 2). Qed.
-Example f2g_gate_happens : filter written (rev (decisions (trace_of eager offers))) = [Refuse 1 5 None Order;
+Example f0_instants_can_break : ~ F0_instants [Did (Opened 1 5 None); Got 5 (Open 5 None)]. Proof. breaks (broken_f0 _). Qed.
+Example f1_open_happens : In (Did (Refuse 1 5 None Order)) (trace_of eager offers). Proof. vm_compute. tauto. Qed.
+Example f1_open_can_break : ~ F1_open eager [Did (Refuse 1 4 None Full); Got 1 (Open 4 None); Did (Opened 0 3 None); Got 0 (Open 3 None)].
+Proof. breaks (broken_f1 eager _). Qed.
+Example f2_offer_happens : filter written (rev (decisions (trace_of eager offers))) = [Refuse 1 5 None Order;
   Refuse 2 5 (Some 2) Queue; Refuse 3 5 (Some 2) Queue; Request 4 5 2 54].
 Proof. happens. Qed.
-Example f2g_gate_can_break : ~ F2g_gate eager [Did (Request 3 5 2 53); Got 3 (Offer 5 2 50 1);
-  Did (Refuse 2 5 (Some 2) Queue); Got 2 (Offer 5 2 50 4); Did (Opened 0 5 None)].
-Proof. breaks (broken_f2g eager _). Qed.
-(** Local is pending still when the first cloud's result is forwarded. *)
-Example f7_local_happens : decisions (trace_of eager [input_at 0 (Open 1 None); input_at 0 (Offer 1 1 50 0);
+(** A machine that refuses every offer as closed. *)
+Example f2_offer_can_break : ~ F2_offer eager [Did (Refuse 2 5 (Some 2) Closed); Got 2 (Offer 5 2 50 0);
+  Did (Opened 0 5 None); Got 0 (Open 5 None)].
+Proof. breaks (broken_f2 eager _). Qed.
+(** One that opens a gate whose backlog is above the resume. *)
+Example gate_breaks_f2 : ~ F2_offer eager [Did (Request 3 5 2 53); Got 3 (Offer 5 2 50 1);
+  Did (Refuse 2 5 (Some 2) Queue); Got 2 (Offer 5 2 50 4); Did (Opened 0 5 None); Got 0 (Open 5 None)].
+Proof. breaks (broken_f2 eager _). Qed.
+Example f3_arrival_happens : snd (step eager (state_after eager waiting) (input_at 60 (Result 1 1))) = [Drop 60 1 1 Late] /\
+  snd (step eager (state_after eager waiting) (input_at 60 (Fail 1 2))) = [Drop 60 1 2 Unsolicited].
+Proof. split; happens. Qed.
+(** No request was made, says a machine that forgets. *)
+Example f3_arrival_can_break : ~ F3_arrival eager (Did (Drop 60 1 1 Unsolicited) :: Got 60 (Result 1 1) :: trace_of eager waiting).
+Proof. breaks (broken_f3 eager _). Qed.
+(** F6. The first cloud's timer commits its own result, though the second's is awaited; a failure does not. *)
+Example f6_commits_happens : since_input (trace_of eager committed) = [Cancel 50 1 2; Emit 50 1 1; Timer 50 1 1].
+Proof. happens. Qed.
+Example f6_commits_can_break : ~ F6_commits eager (Did (Emit 30 1 0) :: Did (Failed 30 1 1) :: Got 30 (Fail 1 1) ::
+  trace_of eager (firstn 4 held)).
+Proof. breaks (broken_f6 eager _ 1 0 2). Qed.
+(** F7. Local is pending still when the first cloud's result is forwarded. *)
+Example f7_cancelled_happens : decisions (trace_of eager [input_at 0 (Open 1 None); input_at 0 (Offer 1 1 50 0);
   input_at 5 (Result 1 1)]) = [Emit 5 1 1; Request 0 1 1 50; Opened 0 1 None].
 Proof. happens. Qed.
-Example f7_local_can_break : ~ F7_local [Did (Cancel 5 1 0); Did (Emit 5 1 1)]. Proof. breaks (broken_f7 _ 1). Qed.
+Example f7_cancelled_can_break : ~ F7_cancelled [Did (Cancel 5 1 0); Did (Emit 5 1 1)]. Proof. breaks (broken_f7 _ 1 0). Qed.
+Definition two_clouds : list input := [input_at 0 (Open 1 None); input_at 0 (Offer 1 1 50 0); input_at 0 (Offer 1 2 50 0);
+  input_at 5 (Result 1 2)].
+Example f7_cancels_happens : map (fun r => decisions (trace_of (under r) two_clouds)) [Eager; Progressive] =
+  [[Cancel 5 1 1; Emit 5 1 2; Request 0 1 2 50; Request 0 1 1 50; Opened 0 1 None];
+   [Final 5 1 2; Cancel 5 1 1; Emit 5 1 2; Request 0 1 2 50; Request 0 1 1 50; Opened 0 1 None]].
+Proof. happens. Qed.
+Example f7_cancels_can_break : ~ F7_cancels eager [Did (Emit 5 1 2); Did (Request 0 1 2 50); Did (Request 0 1 1 50); Did (Opened 0 1 None)].
+Proof. breaks (broken_f7_cancels eager _ 1 2 1). Qed.
 
 (** P9: a window that is full. *)
 Example p9_window_happens : length (opened (state_after eager [input_at 0 (Open 1 None); input_at 0 (Open 2 None);
@@ -136,12 +191,6 @@ Proof. split; happens. Qed.
 Example p10_order_can_break : let (a, b) := (cloud_with 1 4 None, cloud_with 1 1 None) in
   offered_once (with_clouds [a; b]) <> offered_once (with_clouds [b; a]).
 Proof. vm_compute. discriminate. Qed.
-(** P11: a late result says so. *)
-Example p11_reason_happens : snd (step eager (state_after eager waiting) (input_at 60 (Result 1 1))) = [Drop 60 1 1 Late].
-Proof. happens. Qed.
-(** No request was made, says a machine that forgets. *)
-Example p11_reason_can_break : ~ meaning eager (trace_of eager waiting) 1 1 Unsolicited.
-Proof. intros [_ N]. apply N. apply (sayb_iff _ _ _ (requests_b 1 1)). happens. Qed.
 (** A timer comes first, with what it decides, then the result that it made late. *)
 Example p11_accounted_happens : snd (step eager (state_after eager held) (input_at 60 (Result 1 2))) =
   [Timer 60 1 1; Emit 60 1 1; Cancel 60 1 2] ++ [Drop 60 1 2 Superseded].
@@ -154,9 +203,9 @@ Proof. split; happens. Qed.
 Example p13_as_patient_can_break : progressive_ends [Final 80 1 0] <> patient_ends [Emit 80 1 1]. Proof. discriminate. Qed.
 
 (** T1: local's result goes at once where the timer of its request has fired. *)
-Example goes_at_once_happens : snd (step eager (state_after eager waiting) (input_at 70 (Result 1 0))) = [Emit 70 1 0]. Proof.
+Example local_goes_at_once_happens : snd (step eager (state_after eager waiting) (input_at 70 (Result 1 0))) = [Emit 70 1 0]. Proof.
 happens. Qed.
-Example goes_at_once_can_break : ~ goes_at_once [Did (Hold 70 1 0); Did (Request 0 1 1 50); Did (Opened 0 1 None)].
+Example local_goes_at_once_can_break : ~ Local_goes_at_once [Did (Hold 70 1 0); Did (Request 0 1 1 50); Did (Opened 0 1 None)].
 Proof. breaks (broken_t1 _ 70 1). Qed.
 Example p11_accounted_can_break : ~ own eager 60 (Result 1 1) []. Proof. breaks (broken_p11_result _ _ _ _ _). Qed.
 

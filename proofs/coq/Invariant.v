@@ -6,9 +6,10 @@ Open Scope N_scope.
 Arguments after : simpl never.
 Arguments timers : simpl never.
 
-(** Nothing is due. *)
-Definition at_rest (s : state) : Prop := forall t sl p due,
+(** Nothing of [t] is due; nothing at all is. *)
+Definition rest_of (s : state) (t : N) : Prop := forall sl p due,
   lookup t (opened s) = Some sl -> In (p, due) (armed sl) -> clock s < due.
+Definition at_rest (s : state) : Prop := forall t, rest_of s t.
 
 (** The moves of a run, with the input that is under way. *)
 Inductive reach (cfg : config) : trace -> state -> option body -> Prop :=
@@ -28,8 +29,9 @@ Record good (cfg : config) (tr : trace) (s : state) : Prop := {
   g_about : forall t, says tr (about t) -> reached s t = true;
   g_opened : forall t, says tr (about t) -> says tr (opens t);
   g_open : forall t, says tr (opens t) -> lookup t (opened s) <> None \/ says tr (retires cfg t);
-  g_accepted : forall t p, says tr (accepts t p) -> in_time tr t p;
   g_floor : forall t p, says tr (accepts t p) -> lookup t (opened s) <> None \/ exists m, says tr (emits t m);
+  g_drained : forall t, is_progressive cfg = true -> says tr (opens t) -> lookup t (opened s) = None ->
+    forall q, q = 0 \/ says tr (requests t q) -> says tr (closes cfg t q);
   g_best : forall t m q, says tr (emits t m) -> says tr (holds t q) -> q <= m;
   g_one : forall t p a b, says tr (arms t p a) -> says tr (arms t p b) -> a = b;
   g_free : forall t, says tr (holds t 0) -> exists p, says tr (requests t p);
@@ -88,10 +90,9 @@ Lemma good_at cfg tr s now b s' : good cfg tr s -> opened s' = opened s -> newes
   good cfg (Got now b :: tr) s'.
 Proof.
   intros G Eo En. assert (Er : forall t, reached s' t = reached s t) by (intros t; unfold reached; now rewrite En).
-  destruct G as [A1 A2 A3 A4 A5 A6 A7 A8 A9 A10 A11 A12 A13].
+  destruct G as [A1 A2 A3 A4 A5 A6 A7 A9 A8 A10 A11 A12 A13].
   constructor; rewrite ?Eo; intros; rewrite ?says_got, ?Er in *; eauto.
   - destruct (A4 t sl H) as [T1 T2 T3 T4 T5 T6 T7 T8 T9]. constructor; intros; rewrite ?says_got in *; eauto.
-  - apply in_time_got. auto.
   - destruct (A9 t p H) as [?|(m & M)]; auto. right. exists m. now rewrite says_got.
   - destruct (A12 t H) as (p & P). exists p. now rewrite says_got.
 Qed.
@@ -103,13 +104,13 @@ Proof.
   intros G L. apply (g_reached _ _ _ G). change t with (fst (t, sl)). apply in_map. now apply lookup_in.
 Qed.
 
-Lemma good_fits cfg tr s t sl o ds s' : good cfg tr s -> lookup t (opened s) = Some sl -> fits cfg tr t o ds ->
+Lemma good_fits cfg tr s t sl o ds s' : good cfg tr s -> lookup t (opened s) = Some sl -> fits cfg tr t sl o ds ->
   opened s' = replace t o (opened s) -> newest s' = newest s -> good cfg (after ds tr) s'.
 Proof.
   intros G L F EO EN. assert (R : forall u, reached s' u = reached s u) by (intros u; unfold reached; now rewrite EN).
   assert (Rt := slot_reached _ _ _ _ _ G L). assert (Tt := g_traced _ _ _ G t sl L).
   assert (NO : forall u, u <> t -> forall d, In d ds -> ~ about u d).
-  { intros u N d I. assert (X := f_about _ _ _ _ _ F d I). unfold about in *. congruence. }
+  { intros u N d I. assert (X := f_about _ _ _ _ _ _ F d I). unfold about in *. congruence. }
   assert (Lt : lookup t (opened s') = o) by (rewrite EO; eapply lookup_replace; eauto; apply (g_nodup _ _ _ G)).
   assert (Lu : forall u, u <> t -> lookup u (opened s') = lookup u (opened s)) by (intros; rewrite EO;
     now apply lookup_replace_other).
@@ -117,10 +118,10 @@ Proof.
   - rewrite EO. apply replace_nodup, (g_nodup _ _ _ G).
   - intros u I. rewrite R. rewrite EO in I. apply replace_keys in I. now apply (g_reached _ _ _ G).
   - intros u x. destruct (N.eq_dec u t) as [->|N].
-    + rewrite Lt. intros E. now apply (f_kept _ _ _ _ _ F).
+    + rewrite Lt. intros E. now apply (f_kept _ _ _ _ _ _ F).
     + rewrite Lu by auto. apply (g_slot _ _ _ G).
   - intros u x. destruct (N.eq_dec u t) as [->|N].
-    + rewrite Lt. intros E. now apply (f_kept _ _ _ _ _ F).
+    + rewrite Lt. intros E. now apply (f_kept _ _ _ _ _ _ F).
     + rewrite Lu by auto. intros H. apply told_other; auto. now apply (g_traced _ _ _ G).
   - intros u H. rewrite R. destruct (N.eq_dec u t) as [->|N]; auto. apply (g_about _ _ _ G).
     rewrite says_other in H; eauto.
@@ -128,23 +129,26 @@ Proof.
     + apply says_after. right. apply (a_open _ _ _ _ Tt).
     + rewrite says_other in * by eauto using opens_about. now apply (g_opened _ _ _ G).
   - intros u H. destruct (N.eq_dec u t) as [->|N].
-    + rewrite Lt. destruct o; [left; discriminate|right]. now apply (f_gone _ _ _ _ _ F).
+    + rewrite Lt. destruct o; [left; discriminate|right]. now apply (f_gone _ _ _ _ _ _ F).
     + rewrite Lu by auto. rewrite says_other in * by eauto using opens_about, retires_about.
       now apply (g_open _ _ _ G).
-  - intros u p H. rewrite says_after in H. destruct H as [(d & I & H)|H].
-    + assert (u = t) as ->.
-      { destruct (N.eq_dec u t); auto. elim (NO u n d I). now apply accepts_about in H. }
-      apply in_time_app. eapply (f_came _ _ _ _ _ F); eauto.
-    + apply in_time_app. now apply (g_accepted _ _ _ G).
   - intros u p H. destruct (N.eq_dec u t) as [->|N].
-    + rewrite Lt. destruct o; [left; discriminate|right]. destruct (f_gone _ _ _ _ _ F eq_refl) as (_ & _ & Fl).
+    + rewrite Lt. destruct o; [left; discriminate|right]. destruct (f_gone _ _ _ _ _ _ F eq_refl) as (_ & _ & Fl).
       rewrite says_after in H. destruct H as [(d & I & [H|H])|H]; [|exists p; apply says_after; eauto|eauto].
-      now destruct (f_held _ _ _ _ _ F d p I H).
+      now destruct (f_held _ _ _ _ _ _ F d p I H).
     + rewrite Lu by auto. rewrite says_other in H by eauto using accepts_about.
       destruct (g_floor _ _ _ G u p H) as [?|(m & M)]; auto. right. exists m. apply says_after. auto.
+  - intros u Pr Ou. destruct (N.eq_dec u t) as [->|N].
+    + rewrite Lt. intros -> q Q. apply (f_drained _ _ _ _ _ _ F eq_refl Pr). apply (a_requested _ _ _ _ Tt).
+      destruct Q as [Q|Q]; auto. right. apply says_after in Q as [(d & I & Q)|Q]; auto.
+      exfalso. destruct d; try contradiction. destruct Q as [-> ->].
+      destruct (f_arms _ _ _ _ _ _ F _ q due I) as (_ & _ & _ & X); [cbn; auto|congruence].
+    + rewrite Lu by auto. rewrite says_other in Ou by eauto using opens_about. intros L0 q Q.
+      rewrite says_other by eauto using closes_about. apply (g_drained _ _ _ G u Pr Ou L0).
+      destruct Q as [Q|Q]; auto. right. rewrite says_other in Q by eauto using requests_about. auto.
   - intros u m q M H. destruct (N.eq_dec u t) as [->|N].
-    + apply says_after in H as [(d & I & H)|H]; [now destruct (f_held _ _ _ _ _ F d q I H) as [_ Z]; elim (Z m)|].
-      apply says_after in M as [(d & I & M)|M]; [eapply (f_best _ _ _ _ _ F); eauto|now apply (g_best _ _ _ G t)].
+    + apply says_after in H as [(d & I & H)|H]; [now destruct (f_held _ _ _ _ _ _ F d q I H) as [_ Z]; elim (Z m)|].
+      apply says_after in M as [(d & I & M)|M]; [eapply (f_best _ _ _ _ _ _ F); eauto|now apply (g_best _ _ _ G t)].
     + rewrite says_other in M, H by eauto using emits_about, holds_about. now apply (g_best _ _ _ G u).
   - intros u p a b A B. destruct (N.eq_dec u t) as [->|N].
     + assert (C : forall x, says tr (arms t p x) -> p = 0 \/ says tr (requests t p)).
@@ -152,20 +156,20 @@ Proof.
           ?]; cbn in H; try tauto.
         right. eexists. split; eauto. cbn. tauto. }
       rewrite says_after in A, B. destruct A as [(d & I & A)|A], B as [(e & J & B)|B].
-      * destruct (f_arms _ _ _ _ _ F d p a I A) as (_ & _ & U). rewrite (U e J) in B. clear - A B.
+      * destruct (f_arms _ _ _ _ _ _ F d p a I A) as (_ & _ & U & _). rewrite (U e J) in B. clear - A B.
         destruct d as [n v [x|]|? ? ?|? ? ?|? ? ? ?|? ? ? ?|? ? ?|? ? ? ?|? ? ?|? ? ?|? ?|? ? ?]; cbn in *;
           try tauto; intuition congruence.
-      * destruct (f_arms _ _ _ _ _ F d p a I A) as (Z & Q & _). destruct (C b B); tauto.
-      * destruct (f_arms _ _ _ _ _ F e p b J B) as (Z & Q & _). destruct (C a A); tauto.
+      * destruct (f_arms _ _ _ _ _ _ F d p a I A) as (Z & Q & _). destruct (C b B); tauto.
+      * destruct (f_arms _ _ _ _ _ _ F e p b J B) as (Z & Q & _). destruct (C a A); tauto.
       * now apply (g_one _ _ _ G t p).
     + rewrite says_other in A, B by eauto using arms_about. now apply (g_one _ _ _ G u p).
   - intros u H. rewrite says_after in H. destruct H as [(d & I & H)|H].
     + assert (u = t) as ->.
       { destruct (N.eq_dec u t); auto. elim (NO u n d I). now apply holds_about in H. }
-      destruct (f_free _ _ _ _ _ F d I H) as (p & P). exists p. apply says_after. auto.
+      destruct (f_free _ _ _ _ _ _ F d I H) as (p & P). exists p. apply says_after. auto.
     + destruct (g_free _ _ _ G u H) as (p & P). exists p. apply says_after. auto.
   - intros u. destruct (N.eq_dec u t) as [->|N].
-    + rewrite Lt. intros ->. right. now apply (f_gone _ _ _ _ _ F).
+    + rewrite Lt. intros ->. right. now apply (f_gone _ _ _ _ _ _ F).
     + rewrite Lu by auto. rewrite endings_other by eauto. apply (g_done _ _ _ G).
 Qed.
 
@@ -178,15 +182,16 @@ Proof.
   assert (R : forall u, reached s' u = reached s u) by (intros u; unfold reached; now rewrite EN).
   assert (Q : forall u (X : decision -> Prop), (forall d, X d -> about u d) -> (says (after ds tr) X <-> says tr X)).
   { intros u X H. apply (says_other tr ds u); auto. }
-  destruct G as [A1 A2 A3 A4 A5 A6 A7 A8 A9 A10 A11 A12 A13]. constructor; rewrite ?EO; auto.
+  destruct G as [A1 A2 A3 A4 A5 A6 A7 A9 A8 A10 A11 A12 A13]. constructor; rewrite ?EO; auto.
   - intros t I. rewrite R. auto.
   - intros t sl L. apply told_other; auto.
   - intros t. rewrite R, (Q t) by abouts. auto.
   - intros t. rewrite !(Q t) by abouts. auto.
   - intros t. rewrite !(Q t) by abouts. auto.
-  - intros t p. rewrite (Q t) by abouts. intros H. apply in_time_app. auto.
   - intros t p. rewrite (Q t) by abouts. intros H. destruct (A9 t p H) as [?|(m & M)]; auto. right. exists m.
     rewrite (Q t) by abouts. auto.
+  - intros t Pr Ot L q Rq. rewrite (Q t) in Ot by abouts. rewrite (Q t) by abouts. apply (A8 t Pr Ot L).
+    destruct Rq as [?|Rq]; auto. right. rewrite (Q t) in Rq by abouts. auto.
   - intros t m q. rewrite !(Q t) by abouts. apply A10.
   - intros t p a b. rewrite !(Q t) by abouts. apply A11.
   - intros t. rewrite (Q t) by abouts. intros H. destruct (A12 t H) as (p & P). exists p. rewrite (Q t) by abouts.
@@ -247,7 +252,7 @@ Proof.
   { intros X H Y. apply says_after in Y as [(d & [<-|[]] & D)|Y]; auto. now apply NS in Y. }
   assert (Lu : forall u, lookup u (opened s') = if t =? u then Some (new_slot due) else lookup u (opened s)).
   { intros u. rewrite EO. now apply lookup_app. }
-  destruct G as [A1 A2 A3 A4 A5 A6 A7 A8 A9 A10 A11 A12 A13]. constructor.
+  destruct G as [A1 A2 A3 A4 A5 A6 A7 A9 A8 A10 A11 A12 A13]. constructor.
   - rewrite EO, map_app. cbn. apply (Permutation_NoDup (Permutation_cons_append _ _)). now constructor.
   - intros u I. rewrite EO, map_app in I. apply in_app_or in I as [I|[<-|[]]]; auto.
   - intros u x. rewrite Lu. destruct (t =? u); [intros [= <-]; auto|eauto].
@@ -259,10 +264,11 @@ Proof.
   - intros u H. rewrite Lu. destruct (N.eqb_spec t u) as [->|N]; [left; discriminate|].
     rewrite (Q u) in * by (auto; abouts). auto.
   - intros u p H. destruct (N.eq_dec u t) as [->|N]; [apply QT in H as [[]|[]]; abouts|].
-    rewrite (Q u) in H by (auto; abouts). apply in_time_app. auto.
-  - intros u p H. destruct (N.eq_dec u t) as [->|N]; [apply QT in H as [[]|[]]; abouts|].
     rewrite (Q u) in H by (auto; abouts). rewrite Lu. apply not_eq_sym, N.eqb_neq in N. rewrite N.
     destruct (A9 u p H) as [?|(m & M)]; auto. right. exists m. apply says_after. auto.
+  - intros u Pr Ou. rewrite Lu. destruct (N.eqb_spec t u) as [->|N]; [discriminate|]. intros L q Rq.
+    rewrite (Q u) in Ou by (auto; abouts). rewrite (Q u) by (auto; abouts). apply (A8 u Pr Ou L).
+    destruct Rq as [?|Rq]; auto. right. rewrite (Q u) in Rq by (auto; abouts). auto.
   - intros u m q H H2. destruct (N.eq_dec u t) as [->|N]; [apply QT in H; [contradiction|abouts]|].
     rewrite (Q u) in H, H2 by (auto; abouts). now apply (A10 u).
   - intros u p a b H H2. destruct (N.eq_dec u t) as [->|N].
@@ -277,8 +283,8 @@ Qed.
 
 (** ** Where the input under way stands *)
 Definition arming (d : decision) : bool := match d with Opened _ _ _ | Request _ _ _ _ => true | _ => false end.
-Definition current (tr : trace) (s : state) (b : body) : Prop := exists later earlier,
-  tr = later ++ Got (clock s) b :: earlier /\ forall d, In (Did d) later -> arming d = false.
+Definition current (tr : trace) (s : state) (b : body) : Prop := exists ds earlier,
+  tr = map Did ds ++ Got (clock s) b :: earlier /\ forall d, In d ds -> arming d = false.
 
 Lemma settle_quiet cfg now t timer sl o ds : settle cfg now t timer sl = (o, ds) -> forall d, In d ds ->
   arming d = false.
@@ -294,9 +300,9 @@ Lemma current_fire cfg tr s b due t s' ds : current tr s b ->
 Proof.
   intros (y & x & -> & Q) U. unfold update, fire in U.
   destruct (settle _ _ _ _ _) as [o e] eqn:Se. injection U as <- <-. cbn.
-  exists (rev (map Did (map (Timer (clock s) t) (fired due (slot_of s t)) ++ e)) ++ y), x.
-  split; [unfold after; now rewrite app_assoc|].
-  intros d I. apply in_app_or in I as [I|I]; [|now apply Q]. apply in_rev, in_map_iff in I as (d0 & [= ->] & I).
+  exists (rev (map (Timer (clock s) t) (fired due (slot_of s t)) ++ e) ++ y), x.
+  split; [unfold after; now rewrite (map_app Did (rev _)), map_rev, app_assoc|].
+  intros d I. apply in_app_or in I as [I|I]; [|now apply Q]. apply in_rev in I.
   apply in_app_or in I as [I|I]; [apply in_map_iff in I as (q & <- & _); reflexivity|]. eapply settle_quiet; eauto.
 Qed.
 Lemma reach_current cfg tr s cur : reach cfg tr s cur -> forall b, cur = Some b -> current tr s b.
@@ -305,25 +311,24 @@ Proof.
   - intros c [= <-]. exists [], tr. split; [reflexivity|intros d []].
   - intros c [= <-]. eapply current_fire; eauto.
 Qed.
-(** Nothing of [t] is due. *)
-Definition rest_of (s : state) (t : N) : Prop := forall sl p due,
-  lookup t (opened s) = Some sl -> In (p, due) (armed sl) -> clock s < due.
 (** A result that is accepted is in time. *)
-Lemma arrives_in_time cfg tr s t p sl : good cfg tr s -> current tr s (Result t p) -> rest_of s t ->
-  lookup t (opened s) = Some sl -> In p (pending sl) -> in_time tr t p.
+Lemma pending_arrives cfg tr s t p sl : good cfg tr s -> current tr s (Result t p) -> rest_of s t ->
+  lookup t (opened s) = Some sl -> In p (pending sl) -> arrives tr t p.
 Proof.
   intros G (y & x & E & Q) AR L P. assert (T := g_traced _ _ _ G t sl L). assert (O := g_slot _ _ _ G t sl L).
   assert (X : forall Y : decision -> Prop, (forall d, Y d -> arming d = true) -> says tr Y -> says x Y).
   { intros Y H (d & I & D). rewrite E in I. apply in_app_or in I as [I|[I|I]]; [|discriminate|exists d; auto].
-    apply Q in I. apply H in D. congruence. }
+    apply in_map_iff in I as (d' & [= ->] & I). apply Q in I. apply H in D. congruence. }
+  assert (Old : forall Y, says x Y -> says tr Y).
+  { intros Y (d & I & D). exists d. split; auto. rewrite E. apply in_or_app. right. now right. }
+  assert (NC := proj2 (proj1 (a_pending _ _ _ _ T p) P)).
   exists y, x, (clock s). repeat split; auto.
   - apply X; [|apply (a_open _ _ _ _ T)]. intros d; destruct d; cbn; tauto.
   - intros Z. apply X; [intros d; destruct d; cbn; tauto|].
     apply (ok_pending _ _ O) in P. apply (a_requested _ _ _ _ T) in P as [?|?]; [contradiction|auto].
-  - intros due A. apply (AR sl p due L). apply (a_armed _ _ _ _ T). split.
-    + destruct A as (d & I & A). exists d. split; auto. rewrite E. apply in_or_app. right. now right.
-    + intros D. apply (a_pending _ _ _ _ T) in P as [_ P]. apply P. destruct D as (d & I & D). exists d. split; auto.
-      now apply disarms_closes.
+  - intros due A. apply (AR sl p due L). apply (a_armed _ _ _ _ T). split; auto.
+    intros (d & I & D). apply NC. exists d. split; auto. now apply disarms_closes.
+  - intros A. apply Old in A as (d & I & D). apply NC. exists d. split; auto. destruct d; cbn in *; tauto.
 Qed.
 
 (** ** Every run *)
@@ -346,12 +351,11 @@ Proof.
   assert (O := g_slot _ _ _ G t sl L). unfold fire in U. destruct (settle _ _ _ _ _) as [o e] eqn:Se.
   injection U as <- <-.
   eapply (good_fits cfg tr s t sl o); eauto; try reflexivity.
-  apply (settle_fits cfg tr t (clock s) sl O (g_traced _ _ _ G t sl L) _ (fired due sl) _ o e) with (4 := Se).
+  apply (settle_fits cfg tr t (clock s) sl O (g_traced _ _ _ G t sl L) _ (fired due sl) _ o e) with (3 := Se).
   - split.
     + intros d I. apply in_map_iff in I as (q & <- & I). eauto.
     + intros q I. exists (Timer (clock s) t q). split; auto. apply in_map_iff. eauto.
   - intros q I. apply fired_in in I. eapply armed_requested; eauto.
-  - apply (g_accepted _ _ _ G).
 Qed.
 
 (** What the tables leave over. *)
@@ -377,10 +381,9 @@ Proof.
   auto.
 Qed.
 
-Lemma good_apply cfg tr s b s' ds : good cfg tr s -> current tr s b -> (forall t p, b = Result t p -> rest_of s t) ->
-  apply cfg s b = (s', ds) -> good cfg (after ds tr) s'.
+Lemma good_apply cfg tr s b s' ds : good cfg tr s -> apply cfg s b = (s', ds) -> good cfg (after ds tr) s'.
 Proof.
-  intros G C AR. destruct b as [t d|t p d bl|t p|t p|]; cbn [apply].
+  intros G. destruct b as [t d|t p d bl|t p|t p|]; cbn [apply].
   - unfold open. destruct (first_reason _) eqn:F.
     + intros [= <- <-]. apply (good_silent cfg tr s); auto; try reflexivity. intros e [<-|[]]. reflexivity.
     + intros [= <- <-]. apply good_new; auto. cbn in F. destruct (reached s t); [discriminate|auto].
@@ -394,7 +397,7 @@ Proof.
     + intros [= <- <-]. apply (good_silent cfg tr s); auto; try reflexivity. intros e [<-|[]]. reflexivity.
     + apply f3_none in F as (sl & L & P & Rq & NC & _). rewrite (slot_of_open _ _ _ L).
       assert (O := g_slot _ _ _ G t sl L). assert (T := g_traced _ _ _ G t sl L).
-      assert (I := arrives_in_time cfg tr s t p sl G C (AR t p eq_refl) L P). unfold update, result.
+      unfold update, result.
       destruct (is_progressive cfg) eqn:Pr; [|destruct (any_above p (pending sl)) eqn:A].
       * destruct (improve (clock s) t p sl) as [o e] eqn:Im. intros [= <- <-].
         eapply (good_fits cfg tr s t sl o); eauto; try reflexivity.
@@ -412,7 +415,6 @@ Proof.
         (clock s) t p]); auto.
       * split; [intros x [<-|[]]; exists p; cbn; auto|]. intros q [<-|[]]. eexists. split; [now left|auto].
       * intros q [<-|[]]. auto.
-      * apply (g_accepted _ _ _ G).
   - intros [= <- <-]. apply (good_silent cfg tr s); auto; try reflexivity. intros e [].
 Qed.
 
@@ -423,5 +425,5 @@ Proof.
       match goal with H : says [] _ |- _ => destruct H as (d & [] & _) end.
   - now apply good_got.
   - destruct (due_lookup _ _ _ _ _ IH E) as (sl & p & X & _). eapply good_fire; eauto.
-  - eapply good_apply; eauto; [eapply reach_current; eauto|]. intros t p _ sl q due. apply A.
+  - eapply good_apply; eauto.
 Qed.

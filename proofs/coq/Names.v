@@ -61,7 +61,7 @@ Variables (cfg : config) (place : N -> N) (m : N) (tr : trace).
 Hypothesis Some_bits : 1 <= m.
 Lemma in_messages t : says tr (opens t) -> In t (messages place tr (place t)).
 Proof. intros O. apply filter_In. split; [now apply opened_in_iff|apply N.eqb_refl]. Qed.
-Theorem s8_free_place : S8_free_place place m tr.
+Lemma old_free_place : S8_free_place place m tr.
 Proof.
   intros t O. unfold name, generation. assert (L := newer_less _ _ (in_messages t O)). fold (since place tr t) in L.
   fold (count place tr t) in L. set (n := count place tr t) in *. set (d := since place tr t) in *. intros E.
@@ -80,7 +80,7 @@ Proof.
   destruct (Free later earlier now v due E u (eq_sym V)) as (d & D & X); [now apply opened_in_iff|].
   exists d. split; auto. rewrite E. apply in_or_app. right. now right.
 Qed.
-Theorem s8_old_names : S8_old_names cfg place m tr.
+Lemma old_names : S8_old_names cfg place m tr.
 Proof.
   intros t u Ot Ou N P E. unfold name, generation in E. assert (L := newer_less _ _ (in_messages t Ot)).
   assert (Z := newer_none _ _ (in_messages t Ot)).
@@ -100,5 +100,5 @@ Theorem s8_names cfg place c tr : free_places cfg place tr ->
 (* ANCHOR_END: named *)
 Proof.
   intros F. assert (L : 1 <= lasts c) by (unfold lasts; assert (2 ^ (61 - 2 * c) <> 0) by (apply N.pow_nonzero; lia); lia).
-  split; [now apply s8_old_names|now apply s8_free_place].
+  split; [now apply old_names|now apply old_free_place].
 Qed.

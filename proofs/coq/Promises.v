@@ -1,6 +1,6 @@
-(** * P1 to P8 and P12: the trace of any run is as Statements.v says *)
+(** * P1 to P8, P12 and F7: the trace of any run is as Statements.v says *)
 From Coq Require Import List NArith Bool Lia Sorted.
-From Fuseline Require Import Rules Sets Trace Statements Slots Invariant Runs Accounts.
+From Fuseline Require Import Rules Sets Trace Statements Slots Invariant Runs Accounts Tables Lines Arrivals.
 Import ListNotations.
 Open Scope N_scope.
 
@@ -29,26 +29,6 @@ Proof.
     destruct I as [[=]|I]. apply in_map_iff in I as (x & [=] & _).
   - rewrite O. intros [].
 Qed.
-Lemma reach_fires cfg tr s cur : reach cfg tr s cur -> P8_fires tr.
-Proof.
-  intros R. induction R as [|tr s n b R IH|tr s b due t s' ds R IH E L U|tr s b s' ds R IH A U]; intros now u p I.
-  - contradiction.
-  - destruct I as [[=]|I]. destruct (IH now u p I) as (e & H & Le). exists e. now rewrite says_got.
-  - unfold after in I. apply in_app_or in I as [I|I].
-    2:{ destruct (IH now u p I) as (e & H & Le). exists e. rewrite says_after. auto. }
-    apply in_rev in I. apply in_map_iff in I as (d & [= ->] & I).
-    assert (G := reach_good _ _ _ _ R). destruct (due_lookup _ _ _ _ _ G E) as (sl & q & Lk & _).
-    rewrite (slot_of_open _ _ _ Lk) in U. unfold update, fire in U. destruct (settle _ _ _ _ _) as [o e] eqn:Se.
-    injection U as <- <-.
-    apply in_app_or in I as [I|I]; [|elim (timer_at_firing _ _ _ _ _ _ _ Se _ _ _ I)].
-    apply in_map_iff in I as (x & [= <- <- <-] & I). apply fired_in in I. exists due. split; auto. apply says_after.
-    right.
-    now apply (a_armed _ _ _ _ (g_traced _ _ _ G t sl Lk)).
-  - unfold after in I. apply in_app_or in I as [I|I].
-    2:{ destruct (IH now u p I) as (e & H & Le). exists e. rewrite says_after. auto. }
-    apply in_rev in I. apply in_map_iff in I as (d & [= ->] & I). elim (no_timer_at_apply cfg s b now u p). now rewrite U.
-Qed.
-
 (** ** What follows from the invariant alone, of many threads too (Threads.v) *)
 Section Invariant.
 Variables (cfg : config) (tr : trace) (s : state).
@@ -75,12 +55,6 @@ Proof.
     unfold done in D. rewrite Pr in D. tauto.
 Qed.
 
-Lemma good_p2_never_late : P2_never_late tr.
-Proof. intros t p. intros (d & I & E). apply (g_accepted _ _ _ G). exists d. split; auto. now right. Qed.
-
-Lemma good_p3_best_available : P3_best_available tr.
-Proof. intros t m q. apply (g_best _ _ _ G). Qed.
-
 Lemma good_p4_prompt : P4_prompt cfg tr.
 Proof.
   intros t c H N. assert (O : says tr (opens t)).
@@ -99,6 +73,67 @@ Lemma good_p6_free_without_cloud : P6_free_without_cloud tr.
 Proof. intros t. apply (g_free _ _ _ G). Qed.
 Lemma good_p8_one_timer : P8_one_timer tr.
 Proof. intros t p a b. apply (g_one _ _ _ G). Qed.
+
+(** ** What follows for a timestamp of which nothing is due *)
+Variable t : N.
+Hypotheses (Rest : rest_of s t) (Clock : clock s = clock_of tr).
+Local Lemma live_later sl p due : lookup t (opened s) = Some sl -> In (p, due) (armed sl) -> clock_of tr < due.
+Proof. rewrite <- Clock. apply Rest. Qed.
+Local Lemma stable : ~ ~ says tr (retires cfg t) -> says tr (retires cfg t).
+Proof. destruct (says_dec tr (retires cfg t) (retires_dec cfg t)); tauto. Qed.
+Lemma rest_p5 : P5_output tr t.
+Proof.
+  intros p A D. destruct (g_floor _ _ _ G t p A) as [L|?]; auto.
+  destruct (lookup t (opened s)) as [sl|] eqn:E; [|now elim L].
+  assert (T := g_traced _ _ _ G t sl E). assert (O := g_slot _ _ _ G t sl E).
+  destruct (a_got _ _ _ _ T p A) as (c & C & _). destruct (ok_prompt _ _ O c C) as (q & Q & Lq).
+  destruct (ok_timer _ _ O q Q) as (due & I); [lia|]. assert (X := live_later sl q due E I).
+  apply (a_armed _ _ _ _ T) in I as [I _]. apply D in I; lia.
+Qed.
+Lemma rest_p7 : P7_waits cfg tr t.
+Proof.
+  intros N. destruct (says_dec tr (opens t) (opens_dec t)) as [O|O].
+  2:{ left. intros (d & I & C). apply O, (g_opened _ _ _ G). exists d. split; auto. now apply closes_about in C. }
+  destruct (open_slot t O N) as (sl & L & Ok & T). destruct (ok_waits _ _ Ok) as (p & P).
+  destruct (N.eq_dec p 0) as [->|Z]; [left; now apply (a_pending _ _ _ _ T) in P|]. right.
+  destruct (ok_timer _ _ Ok p P Z) as (due & I). exists p, due. assert (X := live_later sl p due L I).
+  apply (a_armed _ _ _ _ T) in I. tauto.
+Qed.
+Lemma rest_p7_timed : P7_timed cfg tr t.
+Proof.
+  intros x A N. assert (O : says tr (opens t)).
+  { apply (g_opened _ _ _ G). destruct A as (d & I & H). exists d. split; auto. now apply arms_about in H. }
+  destruct (rest_p7 N) as [W|?]; auto. destruct (open_slot t O N) as (sl & L & Ok & T).
+  assert (I : In (0, x) (armed sl)).
+  { apply (a_armed _ _ _ _ T). split; auto. intros (d & I & D). apply W. exists d. split; auto.
+    now apply disarms_closes. }
+  exists 0, x. assert (X := live_later sl 0 x L I). apply (a_armed _ _ _ _ T) in I. tauto.
+Qed.
+Lemma rest_p7_ends : P7_ends cfg tr t.
+Proof.
+  intros x A D. apply stable. intros N. destruct (rest_p7_timed x A N) as (p & due & I & _ & L).
+  specialize (D p due I). lia.
+Qed.
+Lemma rest_p8 : P8_punctual cfg tr t.
+Proof.
+  intros p due A D N. destruct (says_dec tr (disarms cfg t p) (disarms_dec cfg t p)) as [|Z]; auto. exfalso.
+  assert (O : says tr (opens t)).
+  { apply (g_opened _ _ _ G). destruct A as (d & I & H). exists d. split; auto. now apply arms_about in H. }
+  destruct (open_slot t O N) as (sl & L & _ & T).
+  assert (I : In (p, due) (armed sl)) by (apply (a_armed _ _ _ _ T); auto).
+  assert (X := live_later sl p due L I). lia.
+Qed.
+Lemma rest_p12 : P12_over cfg tr t.
+Proof.
+  intros C D. apply stable. intros N. destruct (rest_p7 N) as [W|(p & due & A & Z & L)]; [contradiction|].
+  destruct (N.eq_dec p 0) as [->|Ne]; [|specialize (D p due Ne A); lia].
+  assert (O : says tr (opens t)).
+  { apply (g_opened _ _ _ G). destruct C as (d & I & H). exists d. split; auto. now apply closes_about in H. }
+  destruct (open_slot t O N) as (sl & Lk & Ok & T). destruct (ok_waits _ _ Ok) as (q & P).
+  assert (Y : q <> 0) by (intros ->; apply (a_pending _ _ _ _ T) in P; tauto).
+  destruct (ok_timer _ _ Ok q P Y) as (e & I). assert (X := live_later sl q e Lk I).
+  apply (a_armed _ _ _ _ T) in I as [I _]. specialize (D q e Y I). lia.
+Qed.
 End Invariant.
 
 Section Of.
@@ -109,16 +144,7 @@ Let R : reach cfg tr s None := proj1 (run_reach cfg ins).
 Let AR : at_rest s := proj2 (run_reach cfg ins).
 Let G : good cfg tr s := reach_good _ _ _ _ R.
 
-Local Lemma clock_is : clock s = clock_of tr.
-Proof. exact (reach_clock _ _ _ _ R). Qed.
-Local Notation open_slot := (open_slot cfg tr s G).
-Local Lemma live_later t sl p due : lookup t (opened s) = Some sl -> In (p, due) (armed sl) -> clock_of tr < due.
-Proof. rewrite <- clock_is. apply AR. Qed.
-
-Local Lemma stable t : ~ ~ says tr (retires cfg t) -> says tr (retires cfg t).
-Proof. destruct (says_dec tr (retires cfg t) (retires_dec cfg t)); tauto. Qed.
-Local Lemma stable_timer t p : ~ ~ says tr (disarms cfg t p) -> says tr (disarms cfg t p).
-Proof. destruct (says_dec tr (disarms cfg t p) (disarms_dec cfg t p)); tauto. Qed.
+Let Ck : clock s = clock_of tr := reach_clock _ _ _ _ R.
 
 (** The four sets of an open timestamp (section 2) are what the lines of its trace say. *)
 Theorem sets_of_the_trace t sl : lookup t (opened s) = Some sl ->
@@ -135,76 +161,43 @@ Proof.
   destruct X as (ps & E & _ & C). eauto.
 Qed.
 
+(** Each beginning of a run is a run. *)
+Lemma reach_beginnings tr0 s0 cur : reach cfg tr0 s0 cur -> forall later now b earlier,
+  tr0 = later ++ Got now b :: earlier -> settled cfg earlier.
+Proof.
+  assert (Same : forall ds x, (forall later now b earlier, x = later ++ Got now b :: earlier -> settled cfg earlier) ->
+    forall later now b earlier, after ds x = later ++ Got now b :: earlier -> settled cfg earlier).
+  { intros ds x H later now b earlier E. unfold after in E. rewrite <- map_rev in E.
+    apply got_after_split in E as (y & E & _). eapply H; eauto. }
+  induction 1 as [|x s1 n b R1 IH|x s1 b due t s' ds R1 IH E L U|x s1 b s' ds R1 IH A U]; eauto.
+  - intros later now b earlier E. destruct later; discriminate.
+  - intros [|l later] now c earlier E.
+    + injection E as _ _ <-. exact (proj2 (reach_settled cfg x s1 None R1)).
+    + injection E as _ E. eapply IH; eauto.
+Qed.
+
 (** ** P1 to P4 *)
 Theorem p1_once : P1_once cfg tr. Proof. exact (good_p1_once _ _ _ G). Qed.
 Theorem p1_progressive : P1_progressive cfg tr. Proof. exact (good_p1_progressive _ _ _ G). Qed.
-Theorem p2_never_late : P2_never_late tr. Proof. exact (good_p2_never_late _ _ _ G). Qed.
-Theorem p3_best_available : P3_best_available tr. Proof. exact (good_p3_best_available _ _ _ G). Qed.
+Theorem p2_late_dropped : P2_late_dropped tr.
+Proof. exact (c_late _ _ (proj2 (reach_settled cfg tr s None R))). Qed.
+Theorem p3_best_available : P3_best_available tr.
+Proof.
+  exact (settled_best cfg tr (reach_beginnings tr s None R) (l_each _ _ _ _ (reach_lines _ _ _ _ R)) p1_once
+    p1_progressive (g_best _ _ _ G)).
+Qed.
+Theorem p3_progressive : P3_progressive cfg tr.
+Proof. exact (settled_progressive cfg tr (l_each _ _ _ _ (reach_lines _ _ _ _ R)) (proj2 (reach_settled cfg tr s None R))). Qed.
 Theorem p4_prompt : P4_prompt cfg tr. Proof. exact (good_p4_prompt _ _ _ G). Qed.
+Theorem f7_cancels : F7_cancels cfg tr. Proof. exact (proj1 (reach_settled cfg tr s None R)). Qed.
 
-(** ** P5 local floor *)
-Theorem p5_local_floor : P5_local_floor tr.
-Proof.
-  intros t p A D. destruct (g_floor _ _ _ G t p A) as [L|?]; auto.
-  destruct (lookup t (opened s)) as [sl|] eqn:E; [|now elim L].
-  assert (T := g_traced _ _ _ G t sl E). assert (O := g_slot _ _ _ G t sl E).
-  destruct (a_got _ _ _ _ T p A) as (c & C & _). destruct (ok_prompt _ _ O c C) as (q & Q & Lq).
-  destruct (ok_timer _ _ O q Q) as (due & I); [lia|]. assert (X := live_later t sl q due E I).
-  apply (a_armed _ _ _ _ T) in I as [I _]. apply D in I; lia.
-Qed.
-
-(** ** P6 free without cloud *)
-Theorem p6_free_without_cloud : P6_free_without_cloud tr.
-Proof. exact (good_p6_free_without_cloud _ _ _ G). Qed.
-
-(** ** P7 no stall *)
-Theorem p7_no_stall : P7_no_stall cfg tr.
-Proof.
-  intros t O N. destruct (open_slot t O N) as (sl & L & Ok & T). destruct (ok_waits _ _ Ok) as (p & P).
-  destruct (N.eq_dec p 0) as [->|Z]; [left; now apply (a_pending _ _ _ _ T) in P|]. right.
-  destruct (ok_timer _ _ Ok p P Z) as (due & I). exists p, due. assert (X := live_later t sl p due L I).
-  apply (a_armed _ _ _ _ T) in I. tauto.
-Qed.
-Theorem p7_with_deadline : P7_with_deadline cfg tr.
-Proof.
-  intros t x A N. assert (O : says tr (opens t)).
-  { apply (g_opened _ _ _ G). destruct A as (d & I & H). exists d. split; auto. now apply arms_about in H. }
-  destruct (p7_no_stall t O N) as [W|?]; auto. destruct (open_slot t O N) as (sl & L & Ok & T).
-  assert (I : In (0, x) (armed sl)).
-  { apply (a_armed _ _ _ _ T). split; auto. intros (d & I & D). apply W. exists d. split; auto.
-    now apply disarms_closes. }
-  exists 0, x. assert (X := live_later t sl 0 x L I). apply (a_armed _ _ _ _ T) in I. tauto.
-Qed.
-Theorem p7_retired : P7_retired cfg tr.
-Proof.
-  intros t x A D. apply stable. intros N. destruct (p7_with_deadline t x A N) as (p & due & I & _ & L).
-  specialize (D p due I). lia.
-Qed.
-
-(** ** P8 timers *)
-Theorem p8_one_timer : P8_one_timer tr.
-Proof. exact (good_p8_one_timer _ _ _ G). Qed.
-Theorem p8_fires : P8_fires tr. Proof. exact (reach_fires _ _ _ _ R). Qed.
-(** The live timers of an open timestamp are those that were armed and were not ended by what P8 names. *)
-Theorem p8_live t sl p due : lookup t (opened s) = Some sl ->
-  (In (p, due) (armed sl) <-> says tr (arms t p due) /\ ~ says tr (disarms cfg t p)).
-Proof. intros L. exact (a_armed _ _ _ _ (g_traced _ _ _ G t sl L) p due). Qed.
-Theorem p8_served : P8_served cfg tr.
-Proof.
-  intros t p due A D N. apply stable_timer. intros Z. assert (O : says tr (opens t)).
-  { apply (g_opened _ _ _ G). destruct A as (d & I & H). exists d. split; auto. now apply arms_about in H. }
-  destruct (open_slot t O N) as (sl & L & _ & T).
-  assert (I : In (p, due) (armed sl)) by (apply (a_armed _ _ _ _ T); auto).
-  assert (X := live_later t sl p due L I). lia.
-Qed.
-
-(** ** P12 bounded wait *)
-Theorem p12_bounded_wait : P12_bounded_wait cfg tr.
-Proof.
-  intros t O C D. apply stable. intros N. destruct (open_slot t O N) as (sl & L & Ok & T).
-  destruct (ok_waits _ _ Ok) as (p & P).
-  assert (Z : p <> 0) by (intros ->; apply (a_pending _ _ _ _ T) in P; tauto).
-  destruct (ok_timer _ _ Ok p P Z) as (due & I). assert (X := live_later t sl p due L I).
-  apply (a_armed _ _ _ _ T) in I as [I _]. specialize (D p due Z I). lia.
-Qed.
+(** ** P5 to P8, P12 *)
+Theorem p5_local_floor : P5_local_floor tr. Proof. intros t. exact (rest_p5 _ _ _ G t (AR t) Ck). Qed.
+Theorem p6_free_without_cloud : P6_free_without_cloud tr. Proof. exact (good_p6_free_without_cloud _ _ _ G). Qed.
+Theorem p7_no_stall : P7_no_stall cfg tr. Proof. intros t. exact (rest_p7 _ _ _ G t (AR t) Ck). Qed.
+Theorem p7_with_deadline : P7_with_deadline cfg tr. Proof. intros t. exact (rest_p7_timed _ _ _ G t (AR t) Ck). Qed.
+Theorem p7_retired : P7_retired cfg tr. Proof. intros t. exact (rest_p7_ends _ _ _ G t (AR t) Ck). Qed.
+Theorem p8_one_timer : P8_one_timer tr. Proof. exact (good_p8_one_timer _ _ _ G). Qed.
+Theorem p8_served : P8_served cfg tr. Proof. intros t. exact (rest_p8 _ _ _ G t (AR t) Ck). Qed.
+Theorem p12_bounded_wait : P12_bounded_wait cfg tr. Proof. intros t. exact (rest_p12 _ _ _ G t (AR t) Ck). Qed.
 End Of.

@@ -62,38 +62,38 @@ Proof.
 Qed.
 
 (** ** A20: what an input arms is due later *)
-Lemma rest_replace cfg tr s t sl o s' : good cfg tr s -> at_rest s -> lookup t (opened s) = Some sl ->
+Lemma rest_replace cfg tr s u t sl o s' : good cfg tr s -> rest_of s u -> lookup t (opened s) = Some sl ->
   opened s' = replace t o (opened s) -> clock s' = clock s ->
-  (forall x p due, o = Some x -> In (p, due) (armed x) -> In (p, due) (armed sl) \/ clock s < due) -> at_rest s'.
+  (forall x p due, o = Some x -> In (p, due) (armed x) -> In (p, due) (armed sl) \/ clock s < due) -> rest_of s' u.
 Proof.
-  intros G AR L EO EC K u x p due Lu I. rewrite EC. rewrite EO in Lu. destruct (N.eq_dec u t) as [->|N].
+  intros G AR L EO EC K x p due Lu I. rewrite EC. rewrite EO in Lu. destruct (N.eq_dec u t) as [->|N].
   - rewrite (lookup_replace t o _ sl (g_nodup _ _ _ G) L) in Lu. destruct (K x p due Lu I); auto. eapply AR; eauto.
   - rewrite lookup_replace_other in Lu by auto. eapply AR; eauto.
 Qed.
-Theorem a20_rest cfg tr s b s' ds : good cfg tr s -> at_rest s -> apply cfg s b = (s', ds) ->
-  at_rest s' /\ clock s' = clock s.
+Theorem a20_rest cfg tr s u b s' ds : good cfg tr s -> rest_of s u -> apply cfg s b = (s', ds) ->
+  rest_of s' u /\ clock s' = clock s.
 Proof.
   intros G AR. destruct b as [t d|t p d bl|t p|t p|]; cbn [apply].
   - unfold open. destruct (first_reason _) eqn:F; intros [= <- _]; auto. cbn in F.
     destruct (reached s t) eqn:Re; [discriminate|]. destruct (window cfg <=? _); [discriminate|].
-    split; auto. intros u x p due. cbn. rewrite lookup_app by (intros I; apply (g_reached _ _ _ G) in I; congruence).
-    destruct (t =? u); [|intros L I; eapply AR; eauto]. intros [= <-]. cbn. destruct d as [e|]; cbn; [|intros []].
+    split; auto. intros x p due. cbn. rewrite lookup_app by (intros I; apply (g_reached _ _ _ G) in I; congruence).
+    destruct (t =? u); [|apply AR]. intros [= <-]. cbn. destruct d as [e|]; cbn; [|intros []].
     intros [[= <- <-]|[]]. destruct (N.leb_spec (due_at (clock s) e) (clock s)); [discriminate|auto].
   - unfold offer. destruct (first_reason _) eqn:F; [intros [= <- _]; auto|].
     apply f2_none in F as (sl & L & _ & _ & _ & D). rewrite (slot_of_open _ _ _ L).
     destruct (gate_shut cfg s p bl); intros [= <- _]; [split; auto|]. split; auto.
-    eapply (rest_replace cfg tr s t sl _ _ G AR L); [reflexivity|reflexivity|]. intros x q due [= <-]. cbn.
+    eapply (rest_replace cfg tr s u t sl _ _ G AR L); [reflexivity|reflexivity|]. intros x q due [= <-]. cbn.
     intros I. apply add_in in I as [[= -> ->]|I]; auto.
   - unfold arrive. destruct (first_reason _) eqn:F; [intros [= <- _]; auto|].
     apply f3_none in F as (sl & L & _). rewrite (slot_of_open _ _ _ L). unfold update. intros [= <- _]. split; auto.
-    eapply (rest_replace cfg tr s t sl _ _ G AR L); [reflexivity|reflexivity|]. intros x q due.
+    eapply (rest_replace cfg tr s u t sl _ _ G AR L); [reflexivity|reflexivity|]. intros x q due.
     unfold result, improve.
     destruct (is_progressive cfg); [|destruct (any_above p (pending sl))]; cbn; try discriminate.
     + destruct (filter _ (pending sl)); cbn; [discriminate|]. intros [= <-]. cbn. rewrite filter_In. tauto.
     + intros [= <-]. cbn. destruct (_ || _); [rewrite filter_In; tauto|auto].
   - unfold arrive. destruct (first_reason _) eqn:F; [intros [= <- _]; auto|].
     apply f3_none in F as (sl & L & _). rewrite (slot_of_open _ _ _ L). unfold update. intros [= <- _]. split; auto.
-    eapply (rest_replace cfg tr s t sl _ _ G AR L); [reflexivity|reflexivity|]. intros x q due. unfold fail.
+    eapply (rest_replace cfg tr s u t sl _ _ G AR L); [reflexivity|reflexivity|]. intros x q due. unfold fail.
     destruct (settle _ _ _ _ _) as [o e] eqn:Se. cbn. intros ->. apply settle_keeps in Se as ->. cbn.
     rewrite filter_In. tauto.
   - intros [= <- _]. auto.
@@ -106,7 +106,7 @@ Proof.
   intros R. unfold step. assert (R0 := at_input cfg tr s (at_ i) (what i) R). set (s0 := set_clock (at_ i) s) in *.
   destruct (expire _ cfg s0) as [s1 ds1] eqn:E. destruct (apply cfg s1 (what i)) as [s2 ds2] eqn:A. intros [= <- <-].
   destruct (expire_reach cfg _ _ s0 s1 ds1 (what i) R0 (le_n _) E) as (R1 & AR & _).
-  rewrite after_app. split; [eapply at_apply; eauto|]. eapply a20_rest; eauto. eapply reach_good; eauto.
+  rewrite after_app. split; [eapply at_apply; eauto|]. intros u. eapply a20_rest; [eapply reach_good; exact R1|apply AR|exact A].
 Qed.
 Lemma run_reach_from cfg ins : forall tr s, reach cfg tr s None -> at_rest s ->
   let (s', tr') := run cfg s tr ins in reach cfg tr' s' None /\ at_rest s'.
@@ -124,5 +124,5 @@ Proof.
   induction 1 as [|tr s n b R IH|tr s b due t s' ds R IH E L U|tr s b s' ds R IH A U]; auto;
     rewrite ?clock_after, <- ?IH.
   - unfold update in U. injection U as <- _. reflexivity.
-  - eapply a20_rest in U as [_ ->]; eauto. eapply reach_good; eauto.
+  - eapply (a20_rest _ _ _ 0) in U as [_ ->]; [reflexivity|eapply reach_good; exact R|apply A].
 Qed.

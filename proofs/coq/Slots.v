@@ -8,22 +8,22 @@ Section Of.
 Arguments after : simpl never.
 Variables (cfg : config) (tr : trace) (t now : N).
 
+Variable sl : slot.
 (** What a rule makes of an open timestamp, and its decisions, fit together. *)
 Record fits (o : option slot) (ds : list decision) : Prop := {
   f_about : forall d, In d ds -> about t d;
   f_kept : forall sl, o = Some sl -> slot_ok cfg sl /\ traced cfg (after ds tr) t sl;
   f_gone : o = None -> says (after ds tr) (retires cfg t) /\ done cfg (endings t (after ds tr)) /\
     forall p, says tr (accepts t p) -> exists m, says (after ds tr) (emits t m);
-  f_came : forall d p, In d ds -> accepts t p d -> in_time tr t p;
+  f_drained : o = None -> is_progressive cfg = true -> forall q, In q (requested sl) -> says (after ds tr) (closes cfg t q);
   f_best : forall d m q, In d ds -> emits t m d -> says tr (holds t q) -> q <= m;
   f_arms : forall d p due, In d ds -> arms t p due d ->
-    p <> 0 /\ ~ says tr (requests t p) /\ forall e, In e ds -> e = d;
+    p <> 0 /\ ~ says tr (requests t p) /\ (forall e, In e ds -> e = d) /\ o <> None;
   f_free : forall d, In d ds -> holds t 0 d -> exists p, says tr (requests t p);
   f_held : forall d p, In d ds -> holds t p d -> o <> None /\ forall m, ~ says (after ds tr) (emits t m);
   f_open : forall d, In d ds -> ~ opens t d
 }.
 
-Variable sl : slot.
 Hypotheses (O : slot_ok cfg sl) (T : traced cfg tr t sl).
 
 
@@ -75,9 +75,9 @@ Proof.
       * right. apply (a_known _ _ _ _ T). destruct H as [[]|H]; auto.
       * rewrite endings_after. exact (a_running _ _ _ _ T).
   - discriminate.
-  - intros d q [<-|[]] [[]|[]].
+  - discriminate.
   - intros d m q [<-|[]] [].
-  - intros d q e [<-|[]] (_ & -> & ->). repeat split; auto. intros x [<-|[]]. reflexivity.
+  - intros d q e [<-|[]] (_ & -> & ->). split; auto. split; auto. split; [intros x [<-|[]]; reflexivity|discriminate].
   - intros d [<-|[]] [].
   - intros d q [<-|[]] [].
   - intros d [<-|[]] [].
@@ -85,9 +85,9 @@ Qed.
 
 (** ** F3, held *)
 Lemma hold_fits p : is_progressive cfg = false -> In p (pending sl) -> any_above p (pending sl) = true ->
-  in_time tr t p -> fits (Some (hold cfg p sl)) [Hold now t p].
+  fits (Some (hold cfg p sl)) [Hold now t p].
 Proof.
-  intros NP P A C. apply above_iff in A as (w & W & PW).
+  intros NP P A. apply above_iff in A as (w & W & PW).
   assert (AP : ~ says tr (closes cfg t p)) by now apply (a_pending _ _ _ _ T).
   constructor.
   - intros d [<-|[]]. reflexivity.
@@ -134,7 +134,7 @@ Proof.
       * destruct H as [[_ <-]|H]; [now apply (ok_pending _ _ O)|now apply (a_known _ _ _ _ T)].
       * rewrite endings_after. assert (R := a_running _ _ _ _ T). revert R. unfold running. rewrite NP. cbn. auto.
   - discriminate.
-  - intros d q [<-|[]] [[_ <-]|[]]. auto.
+  - discriminate.
   - intros d m q [<-|[]] [].
   - intros d q e [<-|[]] [].
   - intros d [<-|[]] [_ ->]. exists w. assert (Rw := ok_pending _ _ O w W).
@@ -198,7 +198,7 @@ Proof.
         apply (CO p (answers t p)) in H; cbn; intros; intuition congruence.
       * rewrite endings_after, (closing_ends ps ds CL). exact (a_running _ _ _ _ T).
   - discriminate.
-  - intros d q I H. elim (NO (accepts t q)); eauto. unfold accepts. cbn. tauto.
+  - discriminate.
   - intros d m q I H. elim (NO (emits t m)); eauto.
   - intros d q e I H. elim (NO (arms t q e)); eauto.
   - intros d I H. elim (NO (holds t 0)); eauto.
@@ -213,10 +213,10 @@ Ltac line_by_line A :=
 Lemma cancels_end cs : flat_map (end_of t) (map (Cancel now t) cs) = [].
 Proof. apply no_endings. intros d I. apply in_map_iff in I as (q & <- & _). reflexivity. Qed.
 
-Lemma forward_fits ps ds m s : is_progressive cfg = false -> closing ps ds -> in_time tr t m ->
+Lemma forward_fits ps ds m s : is_progressive cfg = false -> closing ps ds ->
   (forall q, In q (cached sl) -> q <= m) -> fits None (ds ++ snd (forward now t m s)).
 Proof.
-  intros NP CL C B. assert (CE := closing_ends ps ds CL). destruct CL as [A _]. unfold forward. cbn [snd].
+  intros NP CL B. assert (CE := closing_ends ps ds CL). destruct CL as [A _]. unfold forward. cbn [snd].
   assert (E : says (after (ds ++ Emit now t m :: map (Cancel now t) (clouds_of (pending s))) tr) (emits t m)).
   { apply says_after. left. eexists. split; [apply in_or_app; right; left; reflexivity|]. cbn. auto. }
   constructor; try discriminate.
@@ -226,9 +226,7 @@ Proof.
     + destruct E as (d & I & H). exists d. split; auto. destruct d; cbn in *; tauto.
     + assert (R := a_running _ _ _ _ T). revert R. rewrite endings_after, flat_map_app, CE. cbn.
       rewrite N.eqb_refl, cancels_end. unfold running, done. rewrite NP. cbn. intros ->. right. eauto.
-  - intros d q I H. line_by_line A; try (destruct H as [[]|[]]). destruct I as [<-|I].
-    + destruct H as [[]|[_ <-]]. auto.
-    + apply in_map_iff in I as (? & <- & _). destruct H as [[]|[]].
+  - congruence.
   - intros d k q I H Hq. line_by_line A; try contradiction. destruct I as [<-|I].
     + destruct H as [_ <-]. apply B. now apply (a_cached _ _ _ _ T NP).
     + apply in_map_iff in I as (? & <- & _). contradiction.
@@ -271,16 +269,26 @@ Proof.
       * left. repeat split; auto; [exists p; cbn; auto|]. rewrite G. intros _ c [].
 Qed.
 
+(** Where nothing is pending, all that was requested was closed. *)
+Lemma drained ps ds e : closing ps ds -> pending (close ps sl) = [] -> forall q, In q (requested sl) ->
+  says (after (ds ++ e) tr) (closes cfg t q).
+Proof.
+  intros [_ CL] P q Q. apply says_after. destruct (in_dec N.eq_dec q ps) as [I|I].
+  - left. destruct (CL q I) as (d & J & [->| ->]); eexists; (split; [apply in_or_app; left; exact J|cbn; auto]).
+  - right. destruct (says_dec tr (closes cfg t q) (closes_dec cfg t q)) as [C|C]; auto. exfalso.
+    assert (X : In q (pending (close ps sl))).
+    { apply filter_In. split; [now apply (a_pending _ _ _ _ T)|]. now apply negb_true_iff, mem_not. }
+    rewrite P in X. contradiction.
+Qed.
 Lemma settle_fits timer ps ds o e : closing ps ds -> (forall p, In p ps -> In p (requested sl)) ->
-  (forall p, says tr (accepts t p) -> in_time tr t p) ->
   settle cfg now t timer (close ps sl) = (o, e) -> fits o (ds ++ e).
 Proof.
-  intros CL RQ C H. apply settle_cases in H as
+  intros CL RQ H. apply settle_cases in H as
     [(-> & -> & W & B & _)|[(-> & -> & K & P)|[(-> & P & Pr & m & -> & M)|(NP & m & F & G)]]].
   - rewrite app_nil_r. apply close_fits; auto. intros c Ic. destruct (is_progressive cfg) eqn:Pr; [|now apply B].
     destruct W as (p & W). exists p. split; auto. cbn in W. apply filter_In in W as [W _].
     now apply (ok_better _ _ O).
-  - assert (CE := closing_ends ps ds CL). destruct CL as [A _]. cbn in K. constructor; try discriminate.
+  - assert (CE := closing_ends ps ds CL). assert (Dr := fun e => drained ps ds e CL P). destruct CL as [A _]. cbn in K. constructor; try discriminate.
     + intros d I. line_by_line A; try reflexivity. destruct I as [<-|[]]; reflexivity.
     + intros _. split; [|split].
       * apply says_after. left. exists (Miss now t). split; [apply in_or_app; cbn; auto|reflexivity].
@@ -289,13 +297,13 @@ Proof.
         unfold running, done. destruct (is_progressive cfg); [|intros ->; auto].
         intros (l & -> & _ & F). destruct l; [auto|discriminate].
       * intros p X. destruct (a_got _ _ _ _ T p X) as (c & Ic & _). rewrite K in Ic. contradiction.
-    + intros d q I X. line_by_line A; try (destruct X as [[]|[]]). destruct I as [<-|[]]. destruct X as [[]|[]].
+    + intros _ _ q Q. now apply Dr.
     + intros d k q I X. line_by_line A; try contradiction. destruct I as [<-|[]]. contradiction.
     + intros d q x I X. line_by_line A; try contradiction. destruct I as [<-|[]]. contradiction.
     + intros d I X. line_by_line A; try contradiction. destruct I as [<-|[]]. contradiction.
     + intros d q I X. line_by_line A; try contradiction. destruct I as [<-|[]]. contradiction.
     + intros d I X. line_by_line A; try contradiction. destruct I as [<-|[]]. contradiction.
-  - assert (CE := closing_ends ps ds CL). destruct CL as [A _]. cbn in M.
+  - assert (CE := closing_ends ps ds CL). assert (Dr := fun e => drained ps ds e CL P). destruct CL as [A _]. cbn in M.
     assert (R := a_running _ _ _ _ T). unfold running in R. rewrite Pr in R. destruct R as (l & El & Fl & Kl).
     rewrite Kl in M. destruct l as [|x l]; [contradiction|]. destruct M as [->|[]].
     assert (EM : says tr (emits t m)).
@@ -308,7 +316,7 @@ Proof.
         exists m, l.
         auto.
       * intros p _. exists m. apply says_after. auto.
-    + intros d q I X. line_by_line A; try (destruct X as [[]|[]]). destruct I as [<-|[]]. destruct X as [[]|[]].
+    + intros _ _ q Q. now apply Dr.
     + intros d k q I X. line_by_line A; try contradiction. destruct I as [<-|[]]. contradiction.
     + intros d q x I X. line_by_line A; try contradiction. destruct I as [<-|[]]. contradiction.
     + intros d I X. line_by_line A; try contradiction. destruct I as [<-|[]]. contradiction.
@@ -316,16 +324,15 @@ Proof.
     + intros d I X. line_by_line A; try contradiction. destruct I as [<-|[]]. contradiction.
   - assert (X := forward_fits ps ds m (close ps sl) NP CL). rewrite <- F in X. cbn [snd] in X.
     assert (o = None) as -> by (unfold forward in F; congruence).
-    apply greatest_some in G as [G M]. apply X; auto. apply C.
-    apply (a_cached _ _ _ _ T NP) in G as (d & I & H). exists d. split; auto. now left.
+    apply greatest_some in G as [_ M]. now apply X.
 Qed.
 
 Ltac final_lines I :=
   destruct I as [<-|I]; [|apply in_app_or in I as [I|[<-|[]]]; [apply in_map_iff in I as (? & <- & _)|]].
-Lemma improve_fits p o ds : is_progressive cfg = true -> In p (pending sl) -> in_time tr t p ->
+Lemma improve_fits p o ds : is_progressive cfg = true -> In p (pending sl) ->
   improve now t p sl = (o, ds) -> fits o ds.
 Proof.
-  intros Pr P C. unfold improve. set (cs := clouds_of _).
+  intros Pr P. unfold improve. set (cs := clouds_of _).
   assert (R := a_running _ _ _ _ T). unfold running in R. rewrite Pr in R. destruct R as (l & El & Fl & Kl).
   assert (F : falling (p :: l)).
   { constructor; auto. destruct l as [|x l]; constructor.
@@ -347,7 +354,12 @@ Proof.
       * rewrite endings_after, flat_map_app. cbn. rewrite N.eqb_refl, cancels_end, El. unfold done. rewrite Pr. right.
         exists p, l. auto.
       * intros q _. exists p. apply says_after. left. exists (Emit now t p). cbn. auto.
-    + intros d q I H. final_lines I; destruct H as [[]|H]; try contradiction. destruct H as [_ <-]. auto.
+    + intros _ _ q Q. apply says_after. destruct (says_dec tr (closes cfg t q) (closes_dec cfg t q)) as [C|C]; auto.
+      left. exists (Emit now t p). split; [now left|]. cbn. split; auto. unfold outdone.
+      destruct (N.eq_dec p q); auto. right. split; auto. apply N.nle_gt. intros Le.
+      assert (X : In q (filter (N.ltb p) (pending sl))).
+      { apply filter_In. split; [now apply (a_pending _ _ _ _ T)|apply N.ltb_lt; lia]. }
+      rewrite B in X. contradiction.
     + intros d m q _ _ H. now apply NH in H.
     + intros d q e I H. final_lines I; contradiction.
     + intros d I H. final_lines I; contradiction.
@@ -391,8 +403,6 @@ Proof.
         -- destruct H as [[_ <-]|H]; [now apply (ok_pending _ _ O)|now apply (a_known _ _ _ _ T)].
         -- rewrite endings_after. cbn. rewrite N.eqb_refl, cancels_end, El. unfold running. rewrite Pr.
            exists (p :: l). auto.
-    + intros d q [<-|I] H; [destruct H as [[]|[_ <-]]; auto|]. apply in_map_iff in I as (? & <- & _).
-      destruct H as [[]|[]].
     + intros d m q _ _ H. now apply NH in H.
     + intros d q e [<-|I] H; [contradiction|]. apply in_map_iff in I as (? & <- & _). contradiction.
     + intros d [<-|I] H; [contradiction|]. apply in_map_iff in I as (? & <- & _). contradiction.

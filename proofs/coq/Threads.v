@@ -4,7 +4,7 @@
     timestamp, then its input is applied. No call sees another one half done, since what it computes from the slot that
     it looked at is exchanged for that slot if it is there still. *)
 From Coq Require Import List NArith Bool Lia.
-From Fuseline Require Import Rules Sets Trace Statements Slots Invariant Runs Accounts Promises Lines Ticks.
+From Fuseline Require Import Rules Sets Trace Statements Slots Invariant Runs Accounts Tables Lines Arrivals Promises Ticks.
 Import ListNotations.
 Open Scope N_scope.
 Arguments after : simpl never.
@@ -84,95 +84,114 @@ Proof.
     assert (M : mem p (fired due sl) = true) by now apply mem_iff, fired_in. cbn in Fw. rewrite M in Fw.
     specialize (Fw eq_refl). cbn. lia.
 Qed.
+Lemma expire_own_clock cfg t n : forall s s' ds, expire_own n cfg t s = (s', ds) -> clock s' = clock s.
+Proof.
+  induction n as [|n IH]; intros s s' ds; cbn [expire_own]; [now intros [= <- _]|].
+  destruct (option_map _ _) as [[due|]|]; try now intros [= <- _].
+  destruct (due <=? clock s); [|now intros [= <- _]]. destruct (update _ _ _) as [s1 ds1] eqn:U.
+  destruct (expire_own n cfg t s1) as [s2 ds2] eqn:X. intros [= <- _]. apply IH in X. rewrite X.
+  unfold update in U. injection U as <- _. reflexivity.
+Qed.
+Lemma apply_clock cfg s b s' ds : apply cfg s b = (s', ds) -> clock s' = clock s.
+Proof.
+  destruct b as [t d|t p d bl|t p|t p|]; cbn [apply]; unfold open, offer, arrive; try (now intros [= <- _]);
+    destruct (first_reason _); try (now intros [= <- _]). destruct (gate_shut cfg s p bl); now intros [= <- _].
+Qed.
+(** What is kept of each call, beside the invariant. *)
+Record kept (cfg : config) (tr : trace) (s : state) : Prop := {
+  k_good : good cfg tr s;
+  k_lines : lines cfg tr s None;
+  k_cancels : F7_cancels cfg tr;
+  k_settled : settled cfg tr;
+  k_beginnings : forall later now b earlier, tr = later ++ Got now b :: earlier -> settled cfg earlier
+}.
+(** A call, from where its input is to be applied. *)
+Lemma execute_begins cfg tr s c s1 ds1 : fits_call c -> good cfg tr s -> let s0 := at_clock (instant c) s in
+  let tr0 := Got (instant c) (does c) :: tr in
+  (if expires c then expire_own (length (armed (slot_of s0 (names c)))) cfg (names c) s0 else (s0, [])) = (s1, ds1) ->
+  good cfg (after ds1 tr0) s1 /\ current (after ds1 tr0) s1 (does c) /\
+  (expires c = true -> rest_of s1 (names c)) /\ forall t p, does c = Result t p -> rest_of s1 t.
+Proof.
+  intros Fit G s0 tr0 E. assert (G0 : good cfg tr0 s0) by now apply (good_at cfg tr s).
+  assert (C0 : current tr0 s0 (does c)) by (exists [], tr; split; [reflexivity|intros d []]).
+  destruct (expires c) eqn:X.
+  - apply (expire_own_good cfg (names c) (does c) _ tr0) in E as (A1 & A2 & A3); auto. split; [exact A1|split; [exact A2|]].
+    split; auto. intros t p B. unfold fits_call in Fit. rewrite B in Fit. now rewrite <- Fit.
+  - injection E as <- <-. split; [exact G0|split; [exact C0|]]. split; [discriminate|].
+    intros t p B. unfold expires in X. rewrite B in X. discriminate.
+Qed.
 Lemma execute_good cfg tr s c s' ds : fits_call c -> good cfg tr s -> execute cfg s c = (s', ds) ->
-  good cfg (after ds (Got (instant c) (does c) :: tr)) s'.
+  good cfg (after ds (Got (instant c) (does c) :: tr)) s' /\ (expires c = true -> rest_of s' (names c)) /\ clock s' = instant c.
 Proof.
-  intros Fit G. unfold execute. set (s0 := at_clock (instant c) s). set (tr0 := Got (instant c) (does c) :: tr).
-  assert (G0 : good cfg tr0 s0) by now apply (good_at cfg tr s).
-  assert (C0 : current tr0 s0 (does c)) by (exists [], tr; split; [reflexivity|intros d []]).
-  destruct (if expires c then _ else _) as [s1 ds1] eqn:E. destruct (apply cfg s1 (does c)) as [s2 ds2] eqn:A.
-  intros [= <- <-]. rewrite after_app.
-  assert (K : good cfg (after ds1 tr0) s1 /\ current (after ds1 tr0) s1 (does c) /\
-    (forall t p, does c = Result t p -> rest_of s1 t)).
-  { destruct (expires c) eqn:X.
-    - apply (expire_own_good cfg (names c) (does c) _ tr0) in E as (A1 & A2 & A3); auto. split; [exact A1|split; [exact A2|]].
-      intros t p B. unfold fits_call in Fit. rewrite B in Fit. now rewrite <- Fit.
-    - injection E as <- <-. split; [exact G0|split; [exact C0|]]. intros t p B. unfold expires in X. rewrite B in X. discriminate. }
-  destruct K as (K1 & K2 & K3). eapply good_apply; eauto.
+  intros Fit G. unfold execute. destruct (if expires c then _ else _) as [s1 ds1] eqn:E.
+  destruct (apply cfg s1 (does c)) as [s2 ds2] eqn:A. intros [= <- <-]. rewrite after_app.
+  destruct (execute_begins cfg tr s c s1 ds1 Fit G E) as (G1 & _ & Re & _).
+  assert (Cl : clock s1 = instant c).
+  { destruct (expires c); [|now injection E as <- _]. apply expire_own_clock in E. exact E. }
+  split; [eapply good_apply; eauto|]. split; [intros X; eapply a20_rest; eauto|]. rewrite <- Cl.
+  now apply (apply_clock cfg s1 (does c) s2 ds2).
 Qed.
-Lemma in_order_good cfg cs : forall s tr, Forall fits_call cs -> good cfg tr s ->
-  good cfg (snd (in_order cfg s tr cs)) (fst (in_order cfg s tr cs)).
+Lemma expire_own_more cfg t b n : forall tr s s' ds, good cfg tr s -> lines cfg tr s (Some b) -> F7_cancels cfg tr ->
+  begun cfg tr s b -> expire_own n cfg t s = (s', ds) ->
+  lines cfg (after ds tr) s' (Some b) /\ F7_cancels cfg (after ds tr) /\ begun cfg (after ds tr) s' b.
 Proof.
-  induction cs as [|c cs IH]; intros s tr F G; cbn; auto. inversion F; subst.
-  destruct (execute cfg s c) as [s1 ds] eqn:E. apply IH; auto. eapply execute_good; eauto.
-Qed.
-(** Each line says of the trace before it what F1, F2, F7 and P8 say of it. *)
-Lemma expire_own_lines cfg t b n : forall tr s s' ds, good cfg tr s -> lines cfg tr s (Some b) ->
-  expire_own n cfg t s = (s', ds) -> lines cfg (after ds tr) s' (Some b).
-Proof.
-  induction n as [|n IH]; intros tr s s' ds G K; cbn [expire_own]; [now intros [= <- <-]|].
+  induction n as [|n IH]; intros tr s s' ds G K F B; cbn [expire_own]; [now intros [= <- <-]|].
   destruct (lookup t (opened s)) as [sl|] eqn:L; cbn [option_map]; [|now intros [= <- <-]].
-  destruct (earliest_of sl) as [due|]; [|now intros [= <- <-]]. destruct (due <=? clock s); [|now intros [= <- <-]].
+  destruct (earliest_of sl) as [due|]; [|now intros [= <- <-]]. destruct (N.leb_spec due (clock s)); [|now intros [= <- <-]].
   destruct (update _ _ _) as [s1 ds1] eqn:U. destruct (expire_own n cfg t s1) as [s2 ds2] eqn:X. intros [= <- <-].
-  rewrite after_app. apply (IH _ s1 s2); auto; [eapply good_fire|eapply lines_fire]; eauto.
+  rewrite after_app. apply (IH _ s1 s2); auto; [eapply good_fire|eapply lines_fire|eapply cancels_fire|eapply begun_fire]; eauto.
+  apply (l_each _ _ _ _ K).
 Qed.
-Lemma execute_lines cfg tr s c s' ds : fits_call c -> good cfg tr s -> lines cfg tr s None ->
-  execute cfg s c = (s', ds) -> lines cfg (after ds (Got (instant c) (does c) :: tr)) s' None.
+Lemma execute_keeps cfg tr s c s' ds : fits_call c -> kept cfg tr s -> execute cfg s c = (s', ds) ->
+  kept cfg (after ds (Got (instant c) (does c) :: tr)) s'.
 Proof.
-  intros Fit G K. unfold execute. set (s0 := at_clock (instant c) s). set (tr0 := Got (instant c) (does c) :: tr).
-  assert (G0 : good cfg tr0 s0) by now apply (good_at cfg tr s).
-  assert (C0 : current tr0 s0 (does c)) by (exists [], tr; split; [reflexivity|intros d []]).
+  intros Fit K X. assert (G := k_good _ _ _ K). assert (G' := proj1 (execute_good cfg tr s c s' ds Fit G X)). revert X.
+  unfold execute. destruct (if expires c then _ else _) as [s1 ds1] eqn:E.
+  destruct (apply cfg s1 (does c)) as [s2 ds2] eqn:A. intros [= <- <-].
+  destruct (execute_begins cfg tr s c s1 ds1 Fit G E) as (G1 & C1 & _ & Re). set (s0 := at_clock (instant c) s) in *.
+  set (tr0 := Got (instant c) (does c) :: tr) in *. assert (G0 : good cfg tr0 s0) by now apply (good_at cfg tr s).
   assert (K0 : lines cfg tr0 s0 (Some (does c))).
-  { destruct K as [K1 K2 K3 K4 _]. constructor; auto; [now apply each_got|]. intros m M. apply says_got. now apply K3. }
-  destruct (if expires c then _ else _) as [s1 ds1] eqn:E. destruct (apply cfg s1 (does c)) as [s2 ds2] eqn:A.
-  intros [= <- <-]. rewrite after_app. destruct (expires c).
-  - apply (lines_apply cfg (after ds1 tr0) s1 (does c)); auto; [|eapply expire_own_lines; eauto].
-    eapply (expire_own_good cfg (names c) (does c) _ tr0); eauto.
-  - injection E as <- <-. eapply lines_apply; eauto.
+  { destruct (k_lines _ _ _ K) as [K1 K2 K3 K4 K5 _]. constructor; auto; [now apply each_got|].
+    intros m M. apply says_got. now apply K4. }
+  assert (F0 : F7_cancels cfg tr0).
+  { intros [|l later] now t m earlier q Y; [discriminate|]. injection Y as <- Y. intros. apply (soon_more [_]).
+    eapply (k_cancels _ _ _ K); eauto. }
+  assert (B0 : begun cfg tr0 s0 (does c)).
+  { exists [], tr. split; [reflexivity|split; [intros d []|apply (k_settled _ _ _ K)]]. }
+  assert (M : lines cfg (after ds1 tr0) s1 (Some (does c)) /\ F7_cancels cfg (after ds1 tr0) /\
+    begun cfg (after ds1 tr0) s1 (does c)).
+  { destruct (expires c); [eapply expire_own_more; eauto|injection E as <- <-; auto]. }
+  destruct M as (K1 & F1 & B1). rewrite after_app in *. constructor; auto.
+  - now apply (lines_apply cfg (after ds1 tr0) s1 (does c)).
+  - exact (cancels_apply cfg _ s1 _ s2 ds2 G1 (l_each _ _ _ _ K1) A F1).
+  - exact (settled_apply cfg _ s1 _ s2 ds2 G1 K1 B1 Re A).
+  - intros later now b earlier Y. rewrite <- after_app in Y. unfold after in Y. rewrite <- map_rev in Y.
+    apply got_after_split in Y as ([|l y] & Y & _).
+    + injection Y as _ _ <-. apply (k_settled _ _ _ K).
+    + injection Y as _ Y. eapply (k_beginnings _ _ _ K); eauto.
 Qed.
-Lemma in_order_lines cfg cs : forall s tr, Forall fits_call cs -> good cfg tr s -> lines cfg tr s None ->
-  lines cfg (snd (in_order cfg s tr cs)) (fst (in_order cfg s tr cs)) None.
+Lemma in_order_keeps cfg cs : forall s tr, Forall fits_call cs -> kept cfg tr s ->
+  kept cfg (snd (in_order cfg s tr cs)) (fst (in_order cfg s tr cs)).
 Proof.
-  induction cs as [|c cs IH]; intros s tr F G K; cbn; auto. inversion F; subst.
-  destruct (execute cfg s c) as [s1 ds] eqn:E. apply IH; auto; [eapply execute_good|eapply execute_lines]; eauto.
+  induction cs as [|c cs IH]; intros s tr F K; cbn; auto. inversion F; subst.
+  destruct (execute cfg s c) as [s1 ds] eqn:E. apply IH; auto. eapply execute_keeps; eauto.
 Qed.
-(** A timer fires only if it was armed, and not before its due instant by the clock of the caller. *)
-Lemma expire_own_fires cfg t now u p n : forall tr s s' ds, good cfg tr s -> expire_own n cfg t s = (s', ds) ->
-  In (Timer now u p) ds -> exists due, says (after ds tr) (arms u p due) /\ due <= now.
+(** After the last call nothing of its timestamp is due by its caller's clock. *)
+Lemma in_order_last cfg c cs : forall s tr, Forall fits_call (cs ++ [c]) -> good cfg tr s -> expires c = true ->
+  let (s', tr') := in_order cfg s tr (cs ++ [c]) in rest_of s' (names c) /\ clock s' = clock_of tr'.
 Proof.
-  induction n as [|n IH]; intros tr s s' ds G; cbn [expire_own]; [now intros [= _ <-]|].
-  destruct (lookup t (opened s)) as [sl|] eqn:L; cbn [option_map]; [|now intros [= _ <-]].
-  destruct (earliest_of sl) as [due|]; [|now intros [= _ <-]].
-  destruct (N.leb_spec due (clock s)) as [D|]; [|now intros [= _ <-]].
-  destruct (update _ _ _) as [s1 ds1] eqn:U. destruct (expire_own n cfg t s1) as [s2 ds2] eqn:X. intros [= _ <-] I.
-  assert (G1 := good_fire cfg tr s due t sl s1 ds1 G L U). rewrite after_app.
-  apply in_app_or in I as [I|I]; [|now apply (IH _ s1 s2)]. exists due.
-  rewrite (slot_of_open _ _ _ L) in U. unfold update, fire in U. destruct (settle _ _ _ _ _) as [o e] eqn:Se.
-  injection U as _ <-. apply in_app_or in I as [I|I]; [|elim (timer_at_firing _ _ _ _ _ _ _ Se _ _ _ I)].
-  apply in_map_iff in I as (x & [= <- <- <-] & I). apply fired_in in I. split; auto. apply says_more, says_more.
-  now apply (a_armed _ _ _ _ (g_traced _ _ _ G t sl L)).
-Qed.
-Lemma in_order_fires cfg cs : forall s tr, Forall fits_call cs -> good cfg tr s -> P8_fires tr ->
-  P8_fires (snd (in_order cfg s tr cs)).
-Proof.
-  induction cs as [|c cs IH]; intros s tr F G P; cbn; auto. inversion F; subst.
-  destruct (execute cfg s c) as [s1 ds] eqn:E. apply IH; auto; [eapply execute_good; eauto|].
-  intros now u p I. unfold after in I. apply in_app_or in I as [I|[[=]|I]].
-  2:{ destruct (P now u p I) as (due & A & L). exists due. split; auto. apply says_more. now apply says_got. }
-  apply in_rev in I. apply in_map_iff in I as (d & [= ->] & I). revert E I. unfold execute.
-  set (s0 := at_clock (instant c) s). set (tr0 := Got (instant c) (does c) :: tr).
-  assert (G0 : good cfg tr0 s0) by now apply (good_at cfg tr s).
-  destruct (if expires c then _ else _) as [s2 ds1] eqn:E. destruct (apply cfg s2 (does c)) as [s3 ds2] eqn:A.
-  intros [= <- <-] I. rewrite after_app. apply in_app_or in I as [I|I].
-  - destruct (expires c); [|injection E as <- <-; contradiction].
-    destruct (expire_own_fires cfg (names c) now u p _ tr0 s0 s2 ds1 G0 E I) as (due & X & L). exists due. split; auto.
-    now apply says_more.
-  - elim (no_timer_at_apply cfg s2 (does c) now u p). now rewrite A.
+  induction cs as [|b cs IH]; intros s tr F G X; cbn; inversion F; subst.
+  - destruct (execute cfg s c) as [s1 ds] eqn:E. destruct (execute_good cfg tr s c s1 ds) as (_ & Re & Cl); auto.
+    split; auto. now rewrite clock_after.
+  - destruct (execute cfg s b) as [s1 ds] eqn:E. apply IH; auto. eapply execute_good; eauto.
 Qed.
 Lemma start_good cfg : good cfg [] initial.
 Proof. exact (reach_good _ _ _ _ (at_start cfg)). Qed.
-Lemma start_lines cfg : lines cfg [] initial None.
-Proof. exact (reach_lines _ _ _ _ (at_start cfg)). Qed.
+Lemma start_kept cfg : kept cfg [] initial.
+Proof.
+  assert (R := at_start cfg). constructor; [apply start_good|now apply reach_lines|apply (reach_settled cfg [] initial None R)|
+    apply settled_start|]. intros later now b earlier E. destruct later; discriminate.
+Qed.
 
 (** ** What is promised of many threads *)
 (* ANCHOR: promises *)
@@ -180,16 +199,22 @@ Section Calls.
 Variables (cfg : config) (cs : list call).
 Hypothesis F : Forall fits_call cs.
 Local Notation tr := (snd (in_order cfg initial [] cs)).
-Local Notation G := (in_order_good cfg cs initial [] F (start_good cfg)).
-Local Notation K := (in_order_lines cfg cs initial [] F (start_good cfg) (start_lines cfg)).
+Local Notation Kept := (in_order_keeps cfg cs initial [] F (start_kept cfg)).
+Local Notation G := (k_good _ _ _ Kept).
+Local Notation Ok := (l_each _ _ _ _ (k_lines _ _ _ Kept)).
 (** In the order of the calls of any threads a timestamp is forwarded once at most, or missed. *)
 Theorem s8_p1_once : P1_once cfg tr. Proof. exact (good_p1_once _ _ _ G). Qed.
 (** So do the outputs of one rise strictly under progressive, with one end. *)
 Theorem s8_p1_progressive : P1_progressive cfg tr. Proof. exact (good_p1_progressive _ _ _ G). Qed.
 (** What is forwarded came in time, by the clock of the caller who gave the result. *)
-Theorem s8_p2_never_late : P2_never_late tr. Proof. exact (good_p2_never_late _ _ _ G). Qed.
-(** No result that any thread had held outranks the one that is forwarded. *)
-Theorem s8_p3_best_available : P3_best_available tr. Proof. exact (good_p3_best_available _ _ _ G). Qed.
+Theorem s8_p2_never_late : P2_never_late tr. Proof. exact (each_p2_never_late cfg tr Ok). Qed.
+(** And each copy that is late by that clock is dropped. *)
+Theorem s8_p2_late_dropped : P2_late_dropped tr. Proof. exact (c_late _ _ (k_settled _ _ _ Kept)). Qed.
+(** No result that any thread had held or given in time outranks the one that is forwarded. *)
+Theorem s8_p3_best_available : P3_best_available tr.
+Proof. exact (settled_best cfg tr (k_beginnings _ _ _ Kept) Ok s8_p1_once s8_p1_progressive (g_best _ _ _ G)). Qed.
+(** Under progressive what any thread gave in time is an output, or a better one is. *)
+Theorem s8_p3_progressive : P3_progressive cfg tr. Proof. exact (settled_progressive cfg tr Ok (k_settled _ _ _ Kept)). Qed.
 (** Results are held only for one that outranks them all and may still come. *)
 Theorem s8_p4_prompt : P4_prompt cfg tr. Proof. exact (good_p4_prompt _ _ _ G). Qed.
 (** Local's result is held only where the request of some thread was admitted. *)
@@ -197,21 +222,50 @@ Theorem s8_p6_free_without_cloud : P6_free_without_cloud tr. Proof. exact (good_
 (** Whatever threads race, a request arms one due instant at most. *)
 Theorem s8_p8_one_timer : P8_one_timer tr. Proof. exact (good_p8_one_timer _ _ _ G). Qed.
 (** A timer fires only at its due instant or later, by the clock of the caller who fired it. *)
-Theorem s8_p8_fires : P8_fires tr.
-Proof. apply in_order_fires; [exact F|exact (start_good cfg)|intros ? ? ? []]. Qed.
+Theorem s8_p8_fires : P8_fires tr. Proof. exact (each_p8_fires cfg tr Ok). Qed.
 (** A timer fires only while it is live, so one of several threads fires it. *)
-Theorem s8_p8_while_live : P8_while_live cfg tr. Proof. exact (each_p8_while_live _ _ (l_each _ _ _ _ K)). Qed.
-(** The timestamps that threads open rise in the order of the calls. *)
-Theorem s8_f1_order : F1_order tr. Proof. exact (each_f1_order cfg _ (l_each _ _ _ _ K)). Qed.
-(** Whatever thread makes the offer, a source that is requested is a registered cloud. *)
-Theorem s8_f2_registered : F2_registered cfg tr. Proof. exact (each_f2_registered _ _ (l_each _ _ _ _ K)). Qed.
-(** A request outranks all that any thread had accepted for its timestamp before. *)
-Theorem s8_f2_outranks : F2_outranks tr. Proof. exact (each_f2_outranks cfg _ (l_each _ _ _ _ K)). Qed.
-(** The gates follow their law in the order of the calls that offer. *)
-Theorem s8_f2g_gate : F2g_gate cfg tr. Proof. exact (each_f2g_gate _ _ (l_each _ _ _ _ K)). Qed.
-(** Local is not cancelled, whichever thread commits. *)
-Theorem s8_f7_local : F7_local tr. Proof. exact (each_f7_local cfg _ (l_each _ _ _ _ K)). Qed.
+Theorem s8_p8_while_live : P8_while_live cfg tr. Proof. exact (each_p8_while_live cfg tr Ok). Qed.
+(** A decision bears the instant of the call that made it. *)
+Theorem s8_f0_instants : F0_instants tr. Proof. exact (each_f0_instants cfg tr Ok). Qed.
+(** Opens are accepted and refused by the table of F1, in the order of the calls. *)
+Theorem s8_f1_open : F1_open cfg tr. Proof. exact (each_f1_open cfg tr Ok). Qed.
+(** Offers are admitted and refused by the table of F2 and the gates, in the order of the calls. *)
+Theorem s8_f2_offer : F2_offer cfg tr. Proof. exact (each_f2_offer cfg tr Ok). Qed.
+(** Results and failures of any threads are accepted and dropped by the table of F3. *)
+Theorem s8_f3_arrival : F3_arrival cfg tr. Proof. exact (each_f3_arrival cfg tr Ok). Qed.
+(** A worse result goes early only under eager, and by the call that fired a cloud's timer. *)
+Theorem s8_f6_commits : F6_commits cfg tr. Proof. exact (each_f6_commits cfg tr Ok). Qed.
+(** Neither local nor what has ended is cancelled, whichever thread commits. *)
+Theorem s8_f7_cancelled : F7_cancelled tr. Proof. exact (each_f7_cancelled cfg tr Ok). Qed.
+(** And what is pending then is cancelled by the call that forwards. *)
+Theorem s8_f7_cancels : F7_cancels cfg tr. Proof. exact (k_cancels _ _ _ Kept). Qed.
 End Calls.
+(** ** What holds as far as somebody ticks *)
+Section Last.
+(** The last call so far, which is no open: by its instant, of the timestamp that it names. *)
+Variables (cfg : config) (cs : list call) (c : call).
+Hypotheses (F : Forall fits_call (cs ++ [c])) (X : expires c = true).
+Local Notation tr := (snd (in_order cfg initial [] (cs ++ [c]))).
+Local Notation G := (k_good _ _ _ (in_order_keeps cfg (cs ++ [c]) initial [] F (start_kept cfg))).
+Local Lemma rests : rest_of (fst (in_order cfg initial [] (cs ++ [c]))) (names c) /\
+  clock (fst (in_order cfg initial [] (cs ++ [c]))) = clock_of tr.
+Proof.
+  assert (L := in_order_last cfg c cs initial [] F (start_good cfg) X). now destruct (in_order _ _ _ _).
+Qed.
+(** Once any result was accepted, an output is there at the latest at the first call for its timestamp at or after the
+    latest due instant of its requests. *)
+Theorem s8_p5_local_floor : P5_output tr (names c). Proof. exact (rest_p5 _ _ _ G _ (proj1 rests) (proj2 rests)). Qed.
+(** After a call its timestamp is retired, or waits for local, or has a timer that is due later by its instant. *)
+Theorem s8_p7_no_stall : P7_waits cfg tr (names c). Proof. exact (rest_p7 _ _ _ G _ (proj1 rests) (proj2 rests)). Qed.
+(** With a deadline it has such a timer as long as it is open. *)
+Theorem s8_p7_with_deadline : P7_timed cfg tr (names c). Proof. exact (rest_p7_timed _ _ _ G _ (proj1 rests) (proj2 rests)). Qed.
+(** And is retired by the first call for it at or after its latest due instant. *)
+Theorem s8_p7_retired : P7_ends cfg tr (names c). Proof. exact (rest_p7_ends _ _ _ G _ (proj1 rests) (proj2 rests)). Qed.
+(** After a call no timer of its timestamp is overdue by its instant. *)
+Theorem s8_p8_served : P8_punctual cfg tr (names c). Proof. exact (rest_p8 _ _ _ G _ (proj1 rests) (proj2 rests)). Qed.
+(** Where local arrived and all due instants of requests are past, a call retires its timestamp. *)
+Theorem s8_p12_bounded_wait : P12_over cfg tr (names c). Proof. exact (rest_p12 _ _ _ G _ (proj1 rests) (proj2 rests)). Qed.
+End Last.
 (** P11: the input itself has the decisions that its kind may have. *)
 Theorem s8_p11_accounted cfg s c : exists of_due of_input, snd (execute cfg s c) = of_due ++ of_input /\
   own cfg (instant c) (does c) of_input.
@@ -219,13 +273,7 @@ Theorem s8_p11_accounted cfg s c : exists of_due of_input, snd (execute cfg s c)
 Proof.
   unfold execute. destruct (if expires c then _ else _) as [s1 ds1] eqn:E.
   destruct (apply cfg s1 (does c)) as [s2 ds2] eqn:A. cbn. exists ds1, ds2. split; auto.
-  assert (Cl : forall n s0 s3 ds3, expire_own n cfg (names c) s0 = (s3, ds3) -> clock s3 = clock s0).
-  { induction n as [|n IH]; intros s0 s3 ds3; cbn [expire_own]; [now intros [= <- _]|].
-    destruct (option_map _ _) as [[due|]|]; try now intros [= <- _].
-    destruct (due <=? clock s0); [|now intros [= <- _]]. destruct (update _ _ _) as [s4 ds4] eqn:U.
-    destruct (expire_own n cfg (names c) s4) as [s5 ds5] eqn:X. intros [= <- _]. apply IH in X. rewrite X.
-    unfold update in U. injection U as <- _. reflexivity. }
-  assert (C : clock s1 = instant c) by (destruct (expires c); [now apply Cl in E|now injection E as <- _]).
+  assert (C : clock s1 = instant c) by (destruct (expires c); [now apply expire_own_clock in E|now injection E as <- _]).
   rewrite <- C. change ds2 with (snd (s2, ds2)). rewrite <- A. apply apply_own.
 Qed.
 

@@ -4,6 +4,7 @@ From Fuseline Require Import Words.
 Import ListNotations.
 Open Scope N_scope.
 
+(* ANCHOR: words *)
 (** Some decision of the trace is one of [X]. *)
 Definition says (tr : trace) (X : decision -> Prop) : Prop := exists d, In (Did d) tr /\ X d.
 
@@ -51,11 +52,25 @@ Definition disarms (t p : N) (d : decision) : Prop :=
   | _ => False
   end.
 
-(** The result of [(t, p)] came when it had been requested, and before its due instant, if it had one. *)
+(** The timer of [(t, p)] fired, or its failure was accepted. *)
+Definition gives_out (t p : N) (d : decision) : Prop :=
+  match d with Timer _ u q | Failed _ u q => u = t /\ q = p | _ => False end.
+(** A result of [(t, p)] that comes [now], after [earlier], is in time (section 1): its timestamp was opened, it had been
+    requested, its due instant is later, if it has one, and neither its timer nor a failure of it has closed it. *)
+Definition comes_in_time (earlier : trace) (now t p : N) : Prop :=
+  says earlier (opens t) /\ (p <> 0 -> says earlier (requests t p)) /\
+  (forall due, says earlier (arms t p due) -> now < due) /\ ~ says earlier (gives_out t p).
+(** Some copy of it came in time. *)
 Definition in_time (tr : trace) (t p : N) : Prop := exists later earlier now,
-  tr = later ++ Got now (Result t p) :: earlier /\ says earlier (opens t) /\
-  (p <> 0 -> says earlier (requests t p)) /\ forall due, says earlier (arms t p due) -> now < due.
+  tr = later ++ Got now (Result t p) :: earlier /\ comes_in_time earlier now t p.
+(** The input under way is such a copy. *)
+Definition arrives (tr : trace) (t p : N) : Prop := exists ds earlier now,
+  tr = map Did ds ++ Got now (Result t p) :: earlier /\ comes_in_time earlier now t p.
+(** Before the next input comes some decision that is one of [X]; [later] is what follows an input or a decision. *)
+Definition soon (later : trace) (X : decision -> Prop) : Prop := exists newer d ds,
+  later = newer ++ Did d :: map Did ds /\ X d.
 
+(* ANCHOR_END: words *)
 (** What a timestamp sent and how it ended. *)
 Inductive ending := Sent (p : N) | Ended (p : N) | Missed.
 Definition end_of (t : N) (d : decision) : list ending :=
@@ -86,10 +101,31 @@ Proof.
 Qed.
 Lemma says_got now b tr X : says (Got now b :: tr) X <-> says tr X.
 Proof. split; intros (d & I & H); exists d; split; auto; [destruct I as [[=]|I]; auto|right; auto]. Qed.
-Lemma in_time_app later tr t p : in_time tr t p -> in_time (later ++ tr) t p.
-Proof. intros (y & x & now & -> & H). exists (later ++ y), x, now. rewrite app_assoc. auto. Qed.
-Lemma in_time_got now b tr t p : in_time tr t p -> in_time (Got now b :: tr) t p.
-Proof. apply (in_time_app [_]). Qed.
+Lemma arrives_after ds tr t p : arrives tr t p -> arrives (after ds tr) t p.
+Proof.
+  intros (y & x & now & -> & H). exists (rev ds ++ y), x, now. unfold after. rewrite map_app, <- map_rev, app_assoc. auto.
+Qed.
+Lemma soon_more newer later X : soon later X -> soon (newer ++ later) X.
+Proof. intros (y & d & ds & -> & H). exists (newer ++ y), d, ds. rewrite app_assoc. auto. Qed.
+(** Where a line of a longer trace stands. *)
+Lemma in_after_split d ds tr later earlier : after ds tr = later ++ Did d :: earlier ->
+  (exists a b, ds = a ++ d :: b /\ earlier = after a tr /\ later = map Did (rev b)) \/
+  exists y, tr = y ++ Did d :: earlier /\ later = rev (map Did ds) ++ y.
+Proof.
+  revert later. induction ds as [|e ds IH] using rev_ind; intros later E; [right; exists later; auto|].
+  unfold after in E. rewrite map_app, rev_app_distr in E. cbn in E. destruct later as [|l later].
+  - injection E as -> <-. left. exists ds, []. auto.
+  - injection E as <- E. destruct (IH later E) as [(a & b & -> & -> & ->)|(y & -> & ->)].
+    + left. exists a, (b ++ [e]). rewrite <- app_assoc, rev_app_distr. auto.
+    + right. exists y. rewrite map_app, rev_app_distr. auto.
+Qed.
+Lemma got_after_split now b ds tr later earlier : map Did ds ++ tr = later ++ Got now b :: earlier ->
+  exists y, tr = y ++ Got now b :: earlier /\ later = map Did ds ++ y.
+Proof.
+  revert later. induction ds as [|d ds IH]; intros later E; [exists later; auto|].
+  destruct later as [|l later]; [discriminate|]. injection E as <- E. destruct (IH later E) as (y & -> & ->).
+  exists y. auto.
+Qed.
 Lemma end_of_short t d : rev (end_of t d) = end_of t d.
 Proof. destruct d; cbn; auto; destruct (_ =? _); auto. Qed.
 Lemma endings_after t ds tr : endings t (after ds tr) = rev (flat_map (end_of t) ds) ++ endings t tr.
@@ -114,6 +150,8 @@ Lemma disarms_closes t p d : disarms t p d -> closes t p d.
 Proof. destruct d; cbn; tauto. Qed.
 
 (** What a trace says can be read from it. *)
+Lemma opens_dec t d : {opens t d} + {~ opens t d}.
+Proof. destruct d; cbn; auto. apply N.eq_dec. Qed.
 Lemma retires_dec t d : {retires t d} + {~ retires t d}.
 Proof. destruct d; cbn; auto; try apply N.eq_dec. destruct (N.eq_dec t0 t), (is_progressive cfg); try tauto; right;
   intros [_ ?]; discriminate. Qed.
@@ -132,6 +170,11 @@ Proof.
   - destruct (N.eq_dec u t), (N.eq_dec q p); tauto.
   - apply A. destruct (N.eq_dec p 0); [tauto|]. destruct (is_patient cfg); [tauto|right; intros [?|?]; congruence].
   - destruct (N.eq_dec u t), (outdone_dec p q); tauto.
+Qed.
+Lemma closes_dec t p d : {closes t p d} + {~ closes t p d}.
+Proof.
+  destruct d as [? ? ?|? u q|? u q|? ? ? ?|? ? ? ?|? u q|? ? ? ?|? u q|? ? ?|? ?|? ? ?]; cbn [closes]; auto;
+    destruct (N.eq_dec u t); try tauto; [destruct (N.eq_dec q p); tauto..|destruct (outdone_dec p q); tauto].
 Qed.
 Lemma says_dec tr (X : decision -> Prop) : (forall d, {X d} + {~ X d}) -> {says tr X} + {~ says tr X}.
 Proof.

@@ -1,11 +1,13 @@
-"""Removes each hypothesis, each row of the tables of reasons and each rule in a copy, and shows that a proof or the corpus stops.
+"""Removes each hypothesis in a copy, and runs the proof scripts; removes each row of the tables of reasons and each rule, and runs
+the corpus.
 
     without.py BUILD            BUILD has the compiled files of this folder and Corpus.v
     without.py BUILD NAME       the hypotheses of one statement or theorem
 
-In the place of a hypothesis comes that it implies True, or True twice where it is a pair. A proof that stops refutes nothing: it
-only says that the proof rests on the hypothesis. Its script stays as it was, with the same names for the same hypotheses, so it
-stops where the hypothesis is used and not before.
+In the place of a hypothesis comes that it implies True, or True twice where it is a pair, so that the scripts find as many
+hypotheses under the same names. Where a script stops, that script uses the hypothesis. This does not show that the statement is
+false without it, for another script might prove it; a script that does not stop shows that the hypothesis can go. Where a trace of
+the corpus fails without a row or a rule, the corpus tells the rules with it from those without it.
 """
 
 import os
@@ -18,12 +20,15 @@ from pathlib import Path
 from typing import NamedTuple
 
 HERE = Path(__file__).parent
-STATEMENT = re.compile(r"^Definition ([A-Z]\w*_\w+|goes_at_once) ?(.*?): Prop :=(.*?)\.\n(?=\n|\(\*|Definition|End|\Z)", re.M | re.S)
+STATEMENT = re.compile(r"^Definition ([A-Z]\w*_\w+) ?(.*?): Prop :=(.*?)\.\n(?=\n|\(\*|Definition|End|\Z)", re.M | re.S)
 # A theorem whose statement has no name of its own.
 THEOREM = re.compile(r"^Theorem ([epst]\d+_\w+)(.*?)\.\s+(?:\(\* ANCHOR_END.*?\n)?Proof", re.M | re.S)
 ASSUMED = re.compile(r"^Hypothesis (\w+) : (.*?)\.$", re.M)
+IMPORTS = re.compile(r"^From Fuseline Require (?:Import|Export) ([^.]*)\.", re.M)
 # These are two by their definition, and taken apart as two.
 PAIR = re.compile(r"within |.* <= .* <= ")
+# They only compute; no theorem is proved in them.
+COMPUTING = {"Statements", "Broken", "Cases", "Examples"}
 # What each rule of Rules.v does, and how it does nothing.
 RULES = {
     "F0": ("let s0 := set_clock (at_ i) s in", "let s0 := s in"),
@@ -38,20 +43,24 @@ RULES = {
     "F9": ("if is_progressive cfg then improve now t p sl", "if is_progressive cfg then (Some sl, [])"),
 }
 ROW = re.compile(r"^  \((\w+), .*?\)(;?)$", re.M)
+TEXTS = {path.stem: path.read_text(encoding="utf-8") for path in sorted(HERE.glob("*.v"))}
+NEEDS = {name: {it for found in IMPORTS.findall(text) for it in found.split()} for name, text in TEXTS.items()}
 
 
 class Removal(NamedTuple):
-    """A file without something, and the theorem that should stop."""
+    """Files without something, in the order in which they are compiled."""
 
     of: str
     what: str
-    text: str
-    theorem: str | None
-    """Without one, any of its section."""
+    files: list[tuple[str, str]]
 
 
-def source(name):
-    return (HERE / name).read_text(encoding="utf-8")
+def above(name):
+    """All that a file rests on."""
+    found = set(NEEDS[name])
+    for it in NEEDS[name]:
+        found |= above(it)
+    return found
 
 
 def hypotheses(body):
@@ -80,25 +89,40 @@ def without(body):
             yield what, f"{body[:start]} {nothing} {body[end:]}"
 
 
+def parameters(own, body):
+    """Those of a definition of Statements.v outside of its section."""
+    if "tr" in own:
+        return own.strip()
+    return f"{'(cfg : config) ' if 'cfg' in body else ''}(tr : trace) {own.strip()}".strip()
+
+
+def redefined(name, own, rest, statements):
+    """The statement without a hypothesis, and the statements that rest on it."""
+    text = f"Definition {name} {parameters(own, rest)} : Prop :={rest}.\n"
+    arguments = "cfg tr" if "cfg" in rest else "tr"
+    for other, params, body in statements:
+        if other != name and re.search(rf"\b{name}\b", body):
+            used = re.sub(rf"\b{name}\b", f"{name} {arguments}", body)
+            text += f"Definition {other} {parameters(params, used)} : Prop :={used}.\n"
+    return text
+
+
 def of_statements(wanted):
-    for name, parameters, body in STATEMENT.findall(source("Statements.v")):
+    statements = STATEMENT.findall(TEXTS["Statements"])
+    imports = TEXTS["Statements"][: TEXTS["Statements"].index("Open Scope N_scope.")].split("*)")[-1]
+    header = f"{imports}From Fuseline Require Import Statements.\nOpen Scope N_scope.\n"
+    for name, own, body in statements:
         if wanted not in {None, name}:
             continue
-        own = parameters.strip() or f"{'(cfg : config) ' if 'cfg' in body else ''}(tr : trace)"
-        text, theorem = proof_of(name)
-        imports = text.index("Open Scope N_scope.\n") + len("Open Scope N_scope.\n")
         for what, rest in without(body):
-            yield Removal(name, what, f"{text[:imports]}Definition {name} {own} : Prop :={rest}.\n{text[imports:]}", theorem)
-
-
-def proof_of(name):
-    for path in sorted(HERE.glob("*.v")):
-        if path.stem not in {"Statements", "Broken", "Examples"}:
-            text = source(path.name)
-            found = re.search(rf"^ *(?:Local )?(?:Lemma|Theorem) (\w+)[^.]*?(?::|->) {name}\b", text, re.M)
-            if found:
-                return text, found[1]
-    sys.exit(f"error: no theorem {name}")
+            text = redefined(name, own, rest, statements)
+            names = "|".join(re.findall(r"^Definition (\w+)", text, re.M))
+            proving = [it for it in TEXTS if it not in COMPUTING and re.search(rf"\b(?:{names})\b", TEXTS[it])]
+            between = [it for it in TEXTS if above(it) & set(proving) and any(it in above(last) for last in proving)]
+            files = sorted({*proving, *between}, key=lambda it: (len(above(it)), it))
+            imported = r"\g<0>\nFrom Fuseline Require Import Without."
+            changed = [(it, re.sub(r"(?s)\A.*^From Fuseline[^.]*\.$", imported, TEXTS[it], count=1, flags=re.M)) for it in files]
+            yield Removal(name, what, [("Without", header + text), *changed])
 
 
 def body_at(text, i):
@@ -111,50 +135,51 @@ def body_at(text, i):
 
 
 def of_theorems(wanted):
-    for path in sorted(HERE.glob("*.v")):
-        text = source(path.name)
-        if path.stem == "Statements":
+    for path, text in TEXTS.items():
+        if path == "Statements":
             continue
         for found in [*STATEMENT.finditer(text), *THEOREM.finditer(text), *ASSUMED.finditer(text)]:
             name, last = found[1], found.lastindex
             if wanted not in {None, name}:
                 continue
             if found.re is ASSUMED:
-                yield Removal(name, found[2], f"{text[: found.start(2)]}True{text[found.end(2) :]}", None)
+                yield Removal(name, found[2], [(path, f"{text[: found.start(2)]}True{text[found.end(2) :]}")])
                 continue
             start = found.start(last) if found.re is STATEMENT else body_at(text, found.start(2))
-            theorem = proof_of(name)[1] if found.re is STATEMENT else name
             for what, rest in without(text[start : found.end(last)]):
-                yield Removal(name, what, text[:start] + rest + text[found.end(last) :], theorem)
+                yield Removal(name, what, [(path, text[:start] + rest + text[found.end(last) :])])
 
 
-def compiled(folder, build, name):
-    command = ["coqc", "-q", "-Q", str(build), "Fuseline", name]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+def linked(folder, build, names):
+    """Links to what is compiled, so that a file compiled here comes before that of the same name there."""
+    for it in build.glob("*.vo"):
+        if it.stem not in names:
+            (folder / it.name).symlink_to(it)
 
 
-def proved(build, removal):
-    """Why it is not as it should be, if so."""
-    with tempfile.TemporaryDirectory() as folder:
-        (Path(folder) / "Without.v").write_text(removal.text, encoding="utf-8")
-        made = compiled(folder, build, "Without.v")
-    if not made.returncode:
-        return "everything is proved without it"
-    line, column = map(int, re.search(r"line (\d+), characters (\d+)", made.stderr).groups())
-    lines = removal.text.split("\n")
-    before = "\n".join([*lines[: line - 1], lines[line - 1][:column]])
-    above = re.findall(r"^ *(?:Local )?(?:Lemma|Theorem|Example) (\w+)", before, re.M)
-    stopped = above[-1] if above and before.rfind("Proof.") > before.rfind(above[-1]) else None
-    if removal.theorem is None:
-        assumed = removal.text.index(f"Hypothesis {removal.of} :")
-        is_there = "\nEnd " not in before[assumed:]
-        return None if stopped and is_there else f"nothing of its section stops: {made.stderr.strip()}"
-    return None if stopped == removal.theorem else f"it is not the proof of {removal.theorem} that stops: {made.stderr.strip()}"
+def compiled(folder, name):
+    return subprocess.run(["coqc", "-q", "-Q", ".", "Fuseline", name], cwd=folder, capture_output=True, text=True, check=False)
+
+
+def unused(build, removal):
+    """Why no script uses it, if so."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        linked(folder, build, {file for file, _ in removal.files})
+        for file, text in removal.files:
+            (folder / f"{file}.v").write_text(text, encoding="utf-8")
+            made = compiled(folder, f"{file}.v")
+            if made.returncode:
+                line = int(re.search(r"line (\d+), characters", made.stderr)[1])
+                before = "\n".join(text.split("\n")[:line])
+                is_proof = before.rfind("Proof.") > max(before.rfind("\nDefinition "), before.rfind("\nFrom "))
+                return None if file != "Without" and is_proof else f"{file}.v does not compile: {made.stderr.strip()}"
+    return "no script stops without it: it can go"
 
 
 def of_rules():
     """Each row of a table and each rule, with the rules that lack it."""
-    text = source("Rules.v")
+    text = TEXTS["Rules"]
     headings = set(re.findall(r"^\(\*\* \*\* (F\d+g?)\b", text, re.M))
     if headings != set(RULES):
         sys.exit(f"error: Rules.v and RULES differ in {', '.join(headings ^ set(RULES))}")
@@ -175,7 +200,7 @@ def ruled(build, rules):
         (here / "Rules.v").write_text(rules, encoding="utf-8")
         (here / "Corpus.v").symlink_to(build / "Corpus.v")
         for name in ["Rules.v", "Corpus.v"]:
-            made = compiled(here, here, name)
+            made = compiled(here, name)
             if made.returncode:
                 found = "Unable to unify" in made.stderr and name == "Corpus.v"
                 return None if found else f"{name} does not compile: {made.stderr.strip()}"
@@ -189,14 +214,14 @@ def main():
     rules = [] if wanted else [*of_rules()]
     wrong = 0
     with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
-        jobs = [(f"{it.of}, {it.what}", pool.submit(proved, build, it)) for it in removals]
+        jobs = [(f"{it.of}, {it.what}", pool.submit(unused, build, it)) for it in removals]
         jobs += [(name, pool.submit(ruled, build, text)) for name, text in rules]
         for name, job in jobs:
             if why := job.result():
                 wrong += 1
                 print(f"{name}: {why}", flush=True)
-    print(f"{len(removals)} hypotheses of {len({it.of for it in removals})} statements, {len(rules)} rules and reasons removed: "
-          f"{len(jobs) - wrong} are needed, {wrong} are not")
+    print(f"{len(removals)} hypotheses of {len({it.of for it in removals})} statements removed one at a time: the proof scripts use each, "
+          f"but for those above; {len(rules)} rules and reasons removed: a trace of the corpus fails without each, but for those above")
     sys.exit(wrong > 0 or not jobs)
 
 

@@ -9,7 +9,6 @@ use super::{EvidenceKind, QUICK, RunMethod};
 use crate::citation::{cited_by_harness, cited_by_test, cited_by_trace, words};
 use crate::fault::SeededFault;
 use crate::printed::{GENERATED, Outcomes, read_drive, read_models, read_tests};
-use crate::record::{OBLIGATIONS, THEOREMS, cited_by_obligation, cited_by_theorem};
 use crate::sources::{
     ARBITER, CORE, CORPUS, KIT, NO_LIST, NO_LIST_OF_KIT, NO_LIST_OF_THREADS, NO_LIST_OF_TRACES,
     NO_OBSERVED, NO_PACKED, NO_ROWS, TESTS, THREADS, TRACES,
@@ -183,30 +182,6 @@ pub const KINDS: &[EvidenceKind] = &[
         sources: &[CORE, NO_LIST, "proofs/src"],
         read: |_| Outcomes::new(),
         cites: cited_by_harness,
-    },
-    EvidenceKind {
-        name: "rules",
-        title: "obligations of the rules, of any size",
-        applies: |id| id.starts_with('P'),
-        concerns: |_| false,
-        run: RunMethod::Solve { record: OBLIGATIONS, by: "proofs/rules/prove" },
-        sources: &[
-            "proofs/rules/rules.smt2",
-            "proofs/rules/promises.smt2",
-            "proofs/rules/faults.toml",
-        ],
-        read: |_| Outcomes::new(),
-        cites: cited_by_obligation,
-    },
-    EvidenceKind {
-        name: "theorem",
-        title: "theorems of the rules, over traces",
-        applies: |id| id.starts_with('P'),
-        concerns: |_| false,
-        run: RunMethod::Solve { record: THEOREMS, by: "proofs/coq/check" },
-        sources: &["proofs/coq"],
-        read: |_| Outcomes::new(),
-        cites: cited_by_theorem,
     },
     EvidenceKind {
         name: "drive",
