@@ -7,6 +7,7 @@ mod arrows;
 mod ci;
 mod convert;
 mod deadline;
+mod dirty;
 mod drive;
 mod ended;
 mod exits;

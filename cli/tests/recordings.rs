@@ -41,7 +41,7 @@ fn expected() -> Vec<Value> {
     let t = 7_000_000_001_u64;
     vec![
         json!({"ev": "open", "at": 10, "t": t}),
-        json!({"ev": "request", "at": 20, "t": t, "p": 1, "due": 5_000_020}),
+        json!({"ev": "request", "at": 20, "t": t, "p": 1, "due": 40}),
         json!({"ev": "result", "at": 30, "t": t, "p": 1}),
         json!({"ev": "emit", "at": 40, "t": t, "p": 1}),
     ]
@@ -86,7 +86,8 @@ fn events(done: &std::process::Output) -> Vec<Value> {
     out(done).lines().skip(1).map(|line| serde_json::from_str(line).unwrap()).collect()
 }
 
-const BY_STAMP: [&str; 4] = ["--topic", TOPICS, "--column", "t=header.stamp,p=source,deadline=5ms"];
+const BY_STAMP: [&str; 4] =
+    ["--topic", TOPICS, "--column", "t=header.stamp,p=source,deadline=20ns"];
 
 #[test]
 fn topics_of_ros_2_become_events() {
@@ -98,7 +99,7 @@ fn topics_of_ros_2_become_events() {
     let more = [&BY_STAMP[..], &["--topic", "west.fail=/west/failures"]].concat();
     let done = convert_mcap(&bytes, &more);
     assert_eq!(events(&done), expected());
-    assert!(err(&done).contains("no message of topic /west/failures"), "{}", err(&done));
+    assert!(err(&done).contains("no message of topic: /west/failures"), "{}", err(&done));
 }
 
 #[test]
@@ -138,7 +139,7 @@ fn a_recording_that_is_not_understood_is_refused_in_one_line() {
     }
     let dir = tempdir().unwrap();
     let refused = run(&["convert", dir.path().to_str().unwrap()], "");
-    assert!(err(&refused).contains("a folder; name one of its"), "{}", err(&refused));
+    assert!(err(&refused).contains("a folder without metadata.yaml"), "{}", err(&refused));
 }
 
 #[cfg(not(feature = "bags"))]

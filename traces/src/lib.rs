@@ -25,7 +25,7 @@ mod write;
 pub use annotations::{Annotations, HeaderAnnotations, Origin};
 pub use event::{Cloud, Commit, Decision, Event, Header, Input, Line, VERSION};
 pub use judge::{Judge, Verdict, Violation, ViolationPlace, judge};
-pub use parse::{ParseError, parse};
+pub use parse::{ParseError, observed_line, parse};
 pub use read::{Defect, Events, LINE, ReadError, unpack};
 pub use reason::{DropReason, OfferRefusal, OpenRefusal};
 pub use record::{Recorder, Recording};

@@ -60,6 +60,9 @@ pub const TOPIC: &str = "/fuseline/trace";
 #[cfg(feature = "packed")]
 const WINDOW_LOG: u32 = 27;
 
+/// What a zstd frame begins with.
+const ZSTD: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
+
 /// How a file's first byte says that it is packed; a trace begins with none of them.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Packing {
@@ -100,6 +103,38 @@ pub fn unpack<'a, R: BufRead + 'a>(mut inner: R) -> io::Result<Box<dyn BufRead +
         }
         Some(packing) => Box::new(BufReader::with_capacity(PIECE, decoder(inner, packing)?)),
     })
+}
+
+/// Reads bytes, unpacked if they are packed as gzip or zstd; everything else comes as it is.
+///
+/// What is packed and not whole gives an error of the kind `UnexpectedEof` where it ends.
+///
+/// # Errors
+/// If the first bytes cannot be read.
+pub fn unpack_bytes<'a, R: BufRead + 'a>(mut inner: R) -> io::Result<Box<dyn BufRead + 'a>> {
+    let start = inner.fill_buf()?;
+    let packing = if start.starts_with(&[0x1f, 0x8b]) {
+        Packing::Gzip
+    } else if start.starts_with(&ZSTD) {
+        Packing::Zstd
+    } else {
+        return Ok(Box::new(inner));
+    };
+    Ok(Box::new(BufReader::with_capacity(PIECE, decoder(inner, packing)?)))
+}
+
+/// Unpacks a message that is compressed alone, as rosbag2 does in its mode `message`; none if it is not, or has more than
+/// [`RECORD`] bytes.
+#[cfg(feature = "packed")]
+#[must_use]
+pub fn unpack_message(data: &[u8]) -> Option<Vec<u8>> {
+    if !data.starts_with(&ZSTD) {
+        return None;
+    }
+    let mut unpacked = Vec::new();
+    let most = u64::try_from(RECORD).ok()? + 1;
+    decoder(data, Packing::Zstd).ok()?.take(most).read_to_end(&mut unpacked).ok()?;
+    (unpacked.len() <= RECORD).then_some(unpacked)
 }
 
 /// Unpacks bytes that are packed as gzip or zstd.

@@ -69,6 +69,19 @@ pub fn parse(line: &[u8]) -> Result<Line, ParseError> {
     parse_as(line, Form::Strict, &mut annotations)
 }
 
+/// Reads one event of an observed trace, given without its `\n`, with its further keys: a request may have a deadline instead of its
+/// due instant.
+///
+/// # Errors
+/// Whatever the format does not allow, with its column.
+pub fn observed_line(line: &[u8]) -> Result<(Event, Annotations), ParseError> {
+    let mut annotations = LineAnnotations::default();
+    match parse_as(line, Form::Observed, &mut annotations)? {
+        Line::Event(event) => Ok((event, annotations.event)),
+        Line::Header(_) => Err(ParseError::at(0, "a header, where an event is expected")),
+    }
+}
+
 /// Reads one event exactly as it is written, in one pass; none if it is another line or written otherwise.
 pub(crate) fn parse_canonical(
     line: &[u8],

@@ -1,122 +1,187 @@
-//! [`Rows`]: events read from a CSV file, with the caller's names of columns and events and its unit of time;
-//! [`JsonRows`]: the same from JSON lines.
+//! CSV with the line of each row, whatever ends its lines.
 
-use std::borrow::Cow;
-use std::io::Read;
+use std::collections::VecDeque;
+use std::fmt;
+use std::io::{self, Read};
 
-use csv::{ReaderBuilder, Trim};
-use thiserror::Error;
+use csv::{ErrorKind, Reader, ReaderBuilder, StringRecord};
 
-pub use self::columns::{Columns, Unit, column, event, unit};
-pub use self::frames::{FrameColumn, FramePart, FrameRows, frame_column};
-pub use self::json::{JsonRows, field_event, json_event, seconds};
-pub use self::table::{TableError, TableReader};
-
-use crate::parse::{Form, LineAnnotations, parse_as};
-use crate::{Annotations, Event, Line};
-
-mod columns;
-mod frames;
-mod instant;
-mod json;
-mod table;
-
-/// A CSV file that is being read: a row an event, the columns named in the first row.
+/// CSV that is being read, its columns named in the first row.
 ///
-/// The columns `at`, `ev`, `t`, `p`, `due`, `deadline`, `backlog`, `why`, `of`, `try`, `within`, `age`, `origin` and `seq`
-/// are read, those that a row's event has; an empty cell is none.
+/// Lines end with LF, CRLF or CR, and empty ones are skipped; each row comes with its own line. The
+/// reader of `csv` reports where it stopped before, which is an earlier line in both cases.
 #[derive(Debug)]
-pub struct Rows<'a, R> {
-    inner: TableReader<R>,
-    /// The keys that it has, with the places of their columns.
-    keys: Vec<(&'static str, usize)>,
-    columns: Columns<'a>,
-    annotations: LineAnnotations,
+pub struct TableReader<R> {
+    inner: Reader<LineIndex<R>>,
+    row: StringRecord,
 }
 
-/// What is wrong with a row.
-#[derive(Clone, PartialEq, Eq, Debug, Error)]
-#[error("{line}: {message}")]
-pub struct RowError {
+/// Why CSV cannot be read, and where.
+#[derive(Debug)]
+pub struct TableError {
     /// The row's line, from 1.
     pub line: u64,
-    /// What is wrong.
-    pub message: String,
+    /// What the reader of `csv` says; it counts lines otherwise.
+    pub source: csv::Error,
 }
 
-impl<'a, R: Read> Rows<'a, R> {
-    /// Reads the first row, which names the columns; cells are separated by commas.
-    ///
-    /// # Errors
-    /// If it cannot be read, or a column is missing.
-    pub fn new(inner: R, columns: Columns<'a>) -> Result<Self, RowError> {
-        Self::separated(inner, b',', columns)
+impl<R: Read> TableReader<R> {
+    /// Reads as `options` say.
+    pub fn new(inner: R, options: &ReaderBuilder) -> Self {
+        let inner = options.from_reader(LineIndex::new(inner));
+        Self { inner, row: StringRecord::new() }
     }
 
-    /// The same with another separator.
+    /// The names of the columns.
     ///
     /// # Errors
-    /// As [`new`](Self::new).
-    pub fn separated(inner: R, separator: u8, columns: Columns<'a>) -> Result<Self, RowError> {
-        let mut options = ReaderBuilder::new();
-        options.trim(Trim::All).delimiter(separator);
-        let mut inner = TableReader::new(inner, &options);
-        let fault = |message: String| RowError { line: 1, message };
-        let names = inner.names()?;
-        let mut keys = Vec::new();
-        for (key, _, name, is_named) in columns.keys() {
-            let Some(place) = names.iter().position(|column| column == name) else {
-                let message = match key {
-                    _ if columns.is_fixed(key) => continue,
-                    _ if is_named => format!("no column {name:?} for {key}"),
-                    "ev" | "at" => format!("no column {key:?}; name one with --column {key}=NAME"),
-                    _ => continue,
-                };
-                return Err(fault(message));
-            };
-            keys.push((key, place));
-        }
-        Ok(Self { inner, keys, columns, annotations: LineAnnotations::default() })
+    /// If the first row cannot be read.
+    pub fn names(&mut self) -> Result<StringRecord, TableError> {
+        let names = self.inner.headers().cloned();
+        names.map_err(|source| TableError { line: self.line_of(0), source })
     }
 
-    /// What the row read last has beside what the machine's rules read.
-    #[must_use]
-    pub const fn annotations(&self) -> &Annotations {
-        &self.annotations.event
-    }
-
-    /// The next row's event; none at the end. Events to be left out are passed over.
+    /// The next row and its line; none at the end.
     ///
     /// # Errors
-    /// If the row cannot be read, or is no event.
-    pub fn next_event(&mut self) -> Result<Option<Event>, RowError> {
-        loop {
-            let Some((number, row)) = self.inner.next_row()? else { return Ok(None) };
-            let cell = |key: &str| {
-                let (_, place) = self.keys.iter().find(|(known, _)| *known == key)?;
-                row.get(*place).map(Cow::Borrowed)
-            };
-            let line = self.columns.line(cell);
-            let line = line.map_err(|message| RowError { line: number, message })?;
-            if let Some(line) = line {
-                return event_of(&line, number, &mut self.annotations).map(Some);
+    /// If it cannot be read, or has not as many cells as there are names.
+    pub fn next_row(&mut self) -> Result<Option<(u64, &StringRecord)>, TableError> {
+        let from = self.inner.position().byte();
+        let read = self.inner.read_record(&mut self.row);
+        let from = self.row.position().map_or(from, csv::Position::byte);
+        let line = self.line_of(from);
+        match read {
+            Ok(true) => Ok(Some((line, &self.row))),
+            Ok(false) => Ok(None),
+            Err(source) => {
+                let byte = source.position().map(csv::Position::byte);
+                Err(TableError { line: byte.map_or(line, |byte| self.line_of(byte)), source })
             }
         }
     }
-}
 
-/// A line of a trace as its event.
-fn event_of(line: &str, number: u64, annotations: &mut LineAnnotations) -> Result<Event, RowError> {
-    let fault = |message| RowError { line: number, message };
-    match parse_as(line.as_bytes(), Form::Observed, annotations) {
-        Ok(Line::Event(event)) => Ok(event),
-        Ok(Line::Header(_)) => Err(fault("a header in a row".to_owned())),
-        Err(error) => Err(fault(error.message)),
+    /// The line of the row that begins at this byte, or after the ends of lines that stand there.
+    fn line_of(&mut self, byte: u64) -> u64 {
+        self.inner.get_mut().line_of(byte)
     }
 }
 
-impl From<TableError> for RowError {
-    fn from(error: TableError) -> Self {
-        Self { line: error.line, message: error.to_string() }
+impl fmt::Display for TableError {
+    /// What is wrong, without where.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.source.kind() {
+            ErrorKind::UnequalLengths { expected_len, len, .. } => {
+                write!(f, "{len} cells, where the first row has {expected_len}")
+            }
+            ErrorKind::Utf8 { err, .. } => {
+                write!(f, "cell {} is not UTF-8", err.field() + 1)
+            }
+            ErrorKind::Io(error) => error.fmt(f),
+            _ => self.source.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for TableError {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        Some(&self.source)
+    }
+}
+
+/// Bytes, and where the lines among them begin that are not empty.
+#[derive(Debug)]
+struct LineIndex<R> {
+    inner: R,
+    /// Of lines whose row was not read yet: where they begin, and their numbers.
+    starts: VecDeque<(u64, u64)>,
+    byte: u64,
+    line: u64,
+    is_at_start: bool,
+    /// Whether the last byte was CR: an LF after it belongs to it.
+    is_after_cr: bool,
+}
+
+impl<R> LineIndex<R> {
+    const fn new(inner: R) -> Self {
+        let starts = VecDeque::new();
+        Self { inner, starts, byte: 0, line: 1, is_at_start: true, is_after_cr: false }
+    }
+
+    fn take(&mut self, byte: u8) {
+        match byte {
+            b'\n' if self.is_after_cr => {}
+            b'\n' | b'\r' => {
+                self.line += 1;
+                self.is_at_start = true;
+            }
+            _ if self.is_at_start => {
+                self.starts.push_back((self.byte, self.line));
+                self.is_at_start = false;
+            }
+            _ => {}
+        }
+        self.is_after_cr = byte == b'\r';
+        self.byte += 1;
+    }
+
+    /// The line that begins there or next; to be called in the order of rows.
+    fn line_of(&mut self, byte: u64) -> u64 {
+        while self.starts.front().is_some_and(|(start, _)| *start < byte) {
+            self.starts.pop_front();
+        }
+        self.starts.front().map_or(self.line, |(_, line)| *line)
+    }
+}
+
+impl<R: Read> Read for LineIndex<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let len = self.inner.read(buffer)?;
+        for byte in &buffer[..len] {
+            self.take(*byte);
+        }
+        Ok(len)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The lines of the rows of a text, read in pieces of this length.
+    fn lines(text: &str, piece: usize) -> Vec<u64> {
+        let mut options = ReaderBuilder::new();
+        options.buffer_capacity(piece);
+        let mut table = TableReader::new(text.as_bytes(), &options);
+        assert_eq!(&table.names().unwrap(), &["a", "b"][..]);
+        let mut lines = Vec::new();
+        while let Some((line, _)) = table.next_row().unwrap() {
+            lines.push(line);
+        }
+        lines
+    }
+
+    #[test]
+    fn a_row_has_its_line_whatever_ends_lines() {
+        for end in ["\n", "\r\n", "\r"] {
+            for piece in [1, 2, 7, 8192] {
+                let text = "a,b|1,2|3,4||5,6|\"7|8\",9|10,11".replace('|', end);
+                assert_eq!(lines(&text, piece), [2, 3, 5, 6, 8], "{end:?} {piece}");
+            }
+            let marked = "\u{feff}a,b|1,2|3,4|".replace('|', end);
+            assert_eq!(lines(&marked, 8192), [2, 3], "{end:?}");
+        }
+    }
+
+    #[test]
+    fn an_error_has_the_line_of_its_row() {
+        for end in ["\n", "\r\n", "\r"] {
+            let text = "a,b|1,2||3".replace('|', end);
+            let mut table = TableReader::new(text.as_bytes(), &ReaderBuilder::new());
+            table.names().unwrap();
+            table.next_row().unwrap();
+            let error = table.next_row().unwrap_err();
+            let reported = (error.line, error.to_string());
+            assert_eq!(reported, (4, "1 cells, where the first row has 2".to_owned()));
+        }
     }
 }

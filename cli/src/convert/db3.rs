@@ -16,6 +16,7 @@ pub(super) struct Db3Messages {
     /// The statement for the message behind a number.
     next: String,
     last: i64,
+    others: Vec<String>,
 }
 
 /// Why a database gives no more messages.
@@ -43,7 +44,7 @@ impl Db3Messages {
             }
         }
         let schemas = schemas(&connection)?;
-        let mut topics = BTreeMap::new();
+        let (mut topics, mut others) = (BTreeMap::new(), Vec::new());
         let mut found =
             connection.prepare("SELECT id, name, type, serialization_format FROM topics")?;
         let mut rows = found.query([])?;
@@ -51,9 +52,16 @@ impl Db3Messages {
             let name: String = row.get(1)?;
             if let Some(topic) = names.iter().position(|known| *known == name) {
                 let of: String = row.get(2)?;
-                let (encoding, schema) = (row.get(3)?, schemas.get(&of).cloned());
+                // Of a service's events no definition is stored; what they begin with is known.
+                let event = of.ends_with("_Event").then(|| {
+                    let (encoding, data) = ("ros2msg".to_owned(), Vec::new());
+                    Rc::new(PayloadSchema { name: of.clone(), encoding, data })
+                });
+                let (encoding, schema) = (row.get(3)?, schemas.get(&of).cloned().or(event));
                 let format = PayloadFormat { encoding, schema };
                 topics.insert(row.get(0)?, (topic, Rc::new(format)));
+            } else {
+                others.push(name);
             }
         }
         drop(rows);
@@ -64,7 +72,12 @@ impl Db3Messages {
              FROM messages WHERE id > ?1 AND topic_id IN ({}) ORDER BY id LIMIT 1",
             ids.join(", ")
         );
-        Ok(Self { connection, topics, next, last: i64::MIN })
+        Ok(Self { connection, topics, next, last: i64::MIN, others })
+    }
+
+    /// The topics that were not asked for.
+    pub(super) fn others(&self) -> impl Iterator<Item = &str> {
+        self.others.iter().map(|topic| &**topic)
     }
 
     /// The next message of the topics; none at the end.

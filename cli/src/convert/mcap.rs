@@ -2,14 +2,17 @@
 
 use std::io::Read;
 
-use fuseline_traces::Line;
 use fuseline_traces::packed::{MessageError, Messages};
+use fuseline_traces::{Annotations, Event, Line};
 
-use crate::convert::recorded::{AnnotatedEvent, AnnotatedHeader, ConvertError, Recorded};
+use crate::convert::recorded::{AnnotatedHeader, ConvertError};
 use crate::fault::Fault;
 
+/// An event with its further keys.
+type AnnotatedEvent = (Event, Annotations);
+
 /// An MCAP file that is being read.
-pub(crate) struct McapInput<'a> {
+pub(super) struct McapInput<'a> {
     file: &'a str,
     messages: Messages<'a>,
     /// The first event, if it came where a header was expected.
@@ -17,7 +20,7 @@ pub(crate) struct McapInput<'a> {
 }
 
 impl<'a> McapInput<'a> {
-    pub(crate) fn new(file: &'a str, inner: impl Read + 'a, topic: &'a str) -> Self {
+    pub(super) fn new(file: &'a str, inner: impl Read + 'a, topic: &'a str) -> Self {
         Self { file, messages: Messages::new(inner, topic), first: None }
     }
 
@@ -32,12 +35,11 @@ impl<'a> McapInput<'a> {
             MessageError::Encoding { .. } => "; name the fields of others with --column",
             _ => "",
         };
-        ConvertError::File { file: self.file.to_owned(), message: format!("{error}{remedy}") }
+        ConvertError::file(self.file, &format!("{error}{remedy}"))
     }
-}
 
-impl Recorded for McapInput<'_> {
-    fn header(&mut self) -> Result<Option<AnnotatedHeader>, Fault> {
+    /// The recording's own header, if it has one.
+    pub(super) fn header(&mut self) -> Result<Option<AnnotatedHeader>, Fault> {
         match self.line()? {
             Some(Line::Header(header)) => {
                 Ok(Some((header, self.messages.header_annotations().clone())))
@@ -50,7 +52,8 @@ impl Recorded for McapInput<'_> {
         }
     }
 
-    fn next_event(&mut self) -> Result<Option<AnnotatedEvent>, Fault> {
+    /// The next event; none at the end.
+    pub(super) fn next_event(&mut self) -> Result<Option<AnnotatedEvent>, Fault> {
         if let Some(event) = self.first.take() {
             return Ok(Some(event));
         }
@@ -58,10 +61,10 @@ impl Recorded for McapInput<'_> {
             None => Ok(None),
             Some(Line::Event(event)) => Ok(Some((event, self.messages.annotations().clone()))),
             Some(Line::Header(_)) => {
-                let (file, number) = (self.file.to_owned(), self.messages.number());
+                let number = self.messages.number();
                 let message =
                     format!("message {number}: a second header; put each trace in its own file");
-                Err(ConvertError::File { file, message }.into())
+                Err(ConvertError::file(self.file, &message).into())
             }
         }
     }

@@ -1,63 +1,83 @@
-//! `fuseline convert`: makes a trace of what other tools recorded. `rows`, `mcap`, `topics` and `spans` read it; nothing
-//! is judged.
+//! `fuseline convert`: makes a trace of what other tools recorded. Sources give rows, a mapping makes events of them, and the log
+//! puts them in order; nothing is judged.
 
 #[cfg(feature = "bags")]
 mod db3;
+mod deadline;
+mod entry;
+mod explain;
+mod files;
+mod frame;
 mod header;
+mod instant;
+mod json;
+mod log;
+mod mapping;
 mod mcap;
 mod otlp;
 mod payload;
+mod reading;
 mod recorded;
-mod rows;
+mod restart;
+mod row;
 mod spans;
+mod table;
 mod topic;
 mod topics;
+mod value;
+mod writing;
 
-use std::cell::RefCell;
-use std::collections::BTreeMap;
-use std::io::{self, BufRead, BufReader, BufWriter, Read, Write};
+use std::io;
 use std::path::{Path, PathBuf};
-use std::rc::Rc;
 
-use fuseline_traces::packed::{RawMessages, TOPIC};
-use fuseline_traces::rows::{self as table, Columns, FrameColumn, Unit};
-use fuseline_traces::{Decision, Event, Events, Header, Input};
+use fuseline_traces::packed::TOPIC;
 
-use crate::convert::recorded::{AnnotatedHeader, ConvertError, Recorded};
-use crate::convert::rows::MappedRows;
-use crate::convert::spans::{SpanEvents, SpanOptions, SpanSources};
+use crate::convert::entry::Sources;
+use crate::convert::explain::explain;
+use crate::convert::files::Format;
+use crate::convert::frame::FrameColumn;
+use crate::convert::reading::{LogReader, Understood};
+use crate::convert::recorded::ConvertError;
+use crate::convert::spans::SpanOptions;
 use crate::convert::topic::{TopicChoice, topic};
-use crate::convert::topics::{MessageFile, TopicInput};
+use crate::convert::value::Unit;
+use crate::convert::writing::{put_header, read_header, write_recording, write_runs};
 use crate::exit::Exit;
 use crate::fault::Fault;
-use crate::input::{is_standard, open};
+use crate::input::is_standard;
 use crate::output::{Output, Overwrite, refuse_onto_stdout};
 
 #[derive(clap::Args)]
 #[command(after_help = "\
-A CSV file has a row an event and names its columns in its first row; JSON lines have an object an event. The
-columns or keys at, ev, t, p, due, deadline, backlog, why, of, try, within, age, origin and seq are read, those
-that an event has; --column gives one another name, within objects as header.stamp, or a deadline for all requests
-as deadline=500ms. p is a source's priority, or its name in the header. An instant is a number or a time of day such
-as 2026-11-25T18:00:00.5Z; a duration is a number; either may have its unit, as 5ms.
+--explain shows what was understood of a log, and the commands that convert and judge it. Look at it first.
 
-With --frame a CSV file has a row a frame: the columns open, t, emit, by and miss of the frame, and request,
-deadline, result and fail of each source, as WEST.result=COLUMN. An empty cell is an event that did not happen.
+A CSV file names its columns in its first row, and each further row is an event; JSON lines have an object for each
+event. The columns at, ev, t, p, due, deadline and backlog are read by these names; --column gives one another name,
+such as at=header.stamp for a key within an object. The keys of, try, within, age, origin, seq and why are read only
+if --column names them. A deadline or within may be a time for all, such as deadline=500ms, and p a source for all.
+p is a source's priority, or its name in the header. An instant is a number or a time of day such as
+2026-11-25T18:00:00.5Z; a duration is a number; either may have its unit, as 5ms. Ids that are texts are numbered.
 
-A recording is MCAP or a database of rosbag2 (.db3). Its messages are JSON, CDR of ROS 2 by the definitions inside,
-or Protobuf by the descriptors inside; databases and Protobuf are read if fuseline was built with --features bags.
---topic says which topics have events, and which, where the messages do not say so. Without at they have their log
-times. A topic of JSON without --column or --event has the lines of a trace; the first may be the header.
+With --frame each row or object is a frame: open, t, within, emit, by and miss of the frame, and request, deadline,
+result, fail and of of each source, as WEST.result=COLUMN. An empty cell is an event that did not happen.
 
-An OTLP JSON file has OpenTelemetry's spans. A message's span is its open and, at its end, its emit, or its miss where
-its status is an error; each client span below it is a request to the source that it names, and a result or a failure at
-its end, but for one cancelled or out of time (gRPC's codes 1 and 4), which ends with nothing. Several client spans of one
-source are attempts, also one that is linked to another. Timestamps are the attribute's if all messages have numbers, else
-ordinals; without the attribute by an emit is of the result that came last.
+A recording is MCAP, a database of rosbag2 (.db3), or a bag's folder. Its messages are JSON, CDR of ROS 2 by the
+definitions inside, or Protobuf by the descriptors inside; databases and Protobuf are read if fuseline was built with
+--features bags. --topic says which topics have events, and which. Without at, events have their log times. A topic of
+JSON without --column or --event has the lines of a trace; the first may be the header.
+
+An OTLP JSON file has OpenTelemetry's spans. A message's span is its open and, at its end, its emit, or its miss if
+its status is an error. Each client span below it is a request to the source that it names, and a result or a failure
+at its end. A call that was cancelled or ran out of time (codes 1 and 4 of gRPC, or --cancelled) has no end. Several
+client spans of one source are attempts, also one that is linked to another. Without the attribute by, an output is of
+the result that came last.
+
+What convert guesses, changes or leaves out is counted on standard error. Packed files (gzip, zstd) are unpacked.
 
 The header is the trace's first line: it has the clouds and the commit rule. --write-header makes one.
 
 Examples:
+  fuseline convert --explain events.csv --column at=stamp_ms --unit ms
   fuseline convert --write-header events.csv -o header.jsonl
   fuseline convert --header header.jsonl --column at=stamp_ms --unit ms events.csv -o trace.jsonl
   fuseline convert --header header.jsonl --event response=result,send=request,heartbeat= events.csv
@@ -71,10 +91,11 @@ Examples:
     --topic west.request=/west/image,west.result=/west/objects,local.result=/own/objects
   fuseline convert --header header.jsonl --span message=decide,local=plan --deadline 40ms spans.json
   fuseline convert drive.mcap | fuseline check --observed --tolerance 2ms --lateness 5ms")]
+#[expect(clippy::struct_excessive_bools, reason = "each is an option of its own")]
 pub(crate) struct Args {
-    /// The file to convert; - is standard input.
-    #[arg(value_name = "FILE")]
-    file: PathBuf,
+    /// The file to convert, or the parts of a log in their order, or the folder of a bag; - is standard input.
+    #[arg(value_name = "FILE", required = true)]
+    files: Vec<PathBuf>,
     /// The format; by default the file's name decides.
     #[arg(long, value_name = "FORMAT")]
     from: Option<Format>,
@@ -83,21 +104,24 @@ pub(crate) struct Args {
     header: Option<PathBuf>,
     /// Make the header instead of the trace: the sources are those in the file; what cannot be guessed is
     /// read from standard input.
-    #[arg(long, conflicts_with_all = ["header", "sort"])]
+    #[arg(long, conflicts_with_all = ["header", "sort", "split"])]
     write_header: bool,
+    /// Show what was understood of the log instead of converting it; no header is needed.
+    #[arg(long, conflicts_with_all = ["write_header", "output", "split"])]
+    explain: bool,
     /// Where a key of the trace stands, such as at=stamp.
-    #[arg(long, value_name = "KEY=NAME", value_delimiter = ',', value_parser = table::column)]
+    #[arg(long, value_name = "KEY=NAME", value_delimiter = ',', value_parser = mapping::column)]
     column: Vec<(&'static str, String)>,
     /// What the file calls an event, such as response=result; heartbeat= leaves those events out.
-    #[arg(long, value_name = "NAME=EV", value_delimiter = ',', value_parser = table::event)]
+    #[arg(long, value_name = "NAME=EV", value_delimiter = ',', value_parser = mapping::event)]
     event: Vec<(String, &'static str)>,
-    /// Where the events of a frame stand in a CSV file with a row a frame, such as open=recv or west.result=done.
-    #[arg(long, value_name = "[SOURCE.]EVENT=COLUMN", value_delimiter = ',', value_parser = table::frame_column,
+    /// Where the events of a frame stand in rows or objects that have a frame each, such as open=recv or west.result=done.
+    #[arg(long, value_name = "[SOURCE.]EVENT=COLUMN", value_delimiter = ',', value_parser = frame::frame_column,
         conflicts_with_all = ["column", "event"])]
     frame: Vec<FrameColumn>,
     /// The unit of instants and durations, or of one key's, such as deadline=ms; decimals are read exactly
     /// [default: ns] [possible units: ns, us, ms, s].
-    #[arg(long, value_name = "[KEY=]UNIT", value_delimiter = ',', value_parser = table::unit)]
+    #[arg(long, value_name = "[KEY=]UNIT", value_delimiter = ',', value_parser = mapping::unit)]
     unit: Vec<(Option<&'static str>, Unit)>,
     /// What stands between the cells of a CSV file: a character, or tab.
     #[arg(long, value_name = "CHARACTER", default_value = ",", value_parser = separator)]
@@ -106,9 +130,28 @@ pub(crate) struct Args {
     #[arg(long, value_name = "[[SOURCE.]EVENT=]TOPIC", value_delimiter = ',', value_parser = topic,
         default_value = TOPIC)]
     topic: Vec<TopicChoice>,
-    /// Put the events in the order of their instants, holding all of them; always so with --frame.
+    /// How long a request may take that does not say so, such as 40ms, or west=40ms for one source.
+    #[arg(long, value_name = "[SOURCE=]TIME", value_delimiter = ',', value_parser = deadline::deadline)]
+    deadline: Vec<(Option<String>, u64)>,
+    /// Texts that stand for no value, beside empty cells and null: NaN, None, -1.
+    #[arg(long, value_name = "TEXT", value_delimiter = ',', allow_hyphen_values = true)]
+    missing: Vec<String>,
+    /// Leave out rows that cannot be read, and count them.
+    #[arg(long)]
+    skip_bad: bool,
+    /// Leave out events that repeat an earlier one in every value, and count them.
+    #[arg(long)]
+    unique: bool,
+    /// Read a file that was cut off up to its last whole row.
+    #[arg(long)]
+    truncated: bool,
+    /// Events stand in no order, as where several files were put together. They are put in the order of their instants, which
+    /// is otherwise noted.
     #[arg(long)]
     sort: bool,
+    /// Where the log restarts, begin another trace: OUTPUT-1, OUTPUT-2 and so on.
+    #[arg(long)]
+    split: bool,
     /// The trace; without it, or with -, standard output.
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
@@ -118,170 +161,58 @@ pub(crate) struct Args {
     spans: SpanOptions,
 }
 
-#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub(crate) enum Format {
-    Csv,
-    /// A JSON object a line.
-    Jsonl,
-    Mcap,
-    /// A database of rosbag2.
-    Db3,
-    /// OpenTelemetry's spans as JSON.
-    Otlp,
-}
-
-/// Converts a file; a named output is written only once all of the input was read.
+/// Converts a log; a named output is written only once all of the input was read.
 pub(crate) fn convert(args: &Args) -> Result<Exit, Fault> {
-    let name = args.file.display().to_string();
-    if args.file.is_dir() {
-        return Err(ConvertError::Folder { file: name }.into());
-    }
-    let format = args.from.or_else(|| format_of(&args.file));
-    let format = format.ok_or(ConvertError::Format { file: name })?;
-    if !args.frame.is_empty() && format != Format::Csv {
-        return Err(ConvertError::Frames.into());
-    }
-    let inputs: Vec<&Path> =
-        [Some(&*args.file), args.header.as_deref()].into_iter().flatten().collect();
+    let mut inputs: Vec<&Path> = args.files.iter().map(|path| &**path).collect();
+    inputs.extend(args.header.as_deref());
     let named = args.output.as_deref().filter(|path| !is_standard(path));
-    let output = named.map(|path| Output::new(path, &inputs, args.overwrite)).transpose()?;
-    if output.is_none() {
+    if args.split && named.is_none() {
+        return Err(ConvertError::Split.into());
+    }
+    let output = named.filter(|_| !args.split);
+    let output = output.map(|path| Output::new(path, &inputs, args.overwrite)).transpose()?;
+    if named.is_none() {
         refuse_onto_stdout(&inputs)?;
     }
     if args.write_header {
-        let header = made_header(args, format)?;
-        return put(output.as_ref(), &|out| {
-            let mut line = Vec::new();
-            header.write(&mut line);
-            line.push(b'\n');
-            out.write_all(&line).and_then(|()| out.flush()).map_err(Fault::Output)
-        });
+        return made_header(args, output.as_ref());
     }
     let given = args.header.as_deref().map(read_header).transpose()?;
-    let (name, file) = open(&args.file)?;
-    let known: BTreeMap<String, u64> =
-        given.iter().flat_map(|(header, _)| sources(header)).collect();
-    let columns = args.columns().with_sources(known.clone());
-    let mut recorded = args.recorded(format, &name, file, columns, SpanSources::Known(known))?;
-    let own = recorded.header()?;
-    let header = given.or(own).ok_or_else(|| ConvertError::NoHeader { file: name.clone() })?;
-    let is_sorted = args.sort || !args.frame.is_empty();
-    let recorded = RefCell::new(recorded);
-    put(output.as_ref(), &|out| write(out, &header, &mut **recorded.borrow_mut(), is_sorted))
-}
-
-impl Args {
-    fn columns(&self) -> Columns<'_> {
-        let whole = self.unit.iter().rev().find(|(key, _)| key.is_none());
-        let unit = whole.map_or(Unit::Ns, |(_, unit)| *unit);
-        let units = self.unit.iter().filter_map(|(key, unit)| Some(((*key)?, *unit)));
-        Columns::new(&self.column, &self.event, unit).with_units(units)
+    let mut reader = LogReader::new(args);
+    let files = reader.files()?;
+    if args.is_trace_in_mcap(&files) {
+        return write_recording(args, &files, given, output.as_ref());
     }
-
-    fn recorded<'a>(
-        &'a self,
-        format: Format,
-        name: &'a str,
-        file: Box<dyn Read>,
-        columns: Columns<'a>,
-        sources: SpanSources,
-    ) -> Result<Box<dyn Recorded + 'a>, Fault> {
-        let mut file = BufReader::new(file);
-        // A name in .json may be either's.
-        let is_export = format == Format::Jsonl
-            && self.from.is_none()
-            && otlp::is_export(file.fill_buf().map_err(|error| ConvertError::read(name, &error))?);
-        let format = if is_export { Format::Otlp } else { format };
-        let is_mapped = !self.column.is_empty()
-            || !self.event.is_empty()
-            || self.topic.iter().any(|topic| topic.event.is_some());
-        Ok(match format {
-            Format::Csv if self.frame.is_empty() => {
-                Box::new(MappedRows::events(name, file, self.separator, columns)?)
-            }
-            Format::Csv => {
-                Box::new(MappedRows::frames(name, file, self.separator, &self.frame, columns)?)
-            }
-            Format::Jsonl => Box::new(MappedRows::json(name, file, columns)),
-            Format::Mcap if is_mapped => {
-                let names = self.topic.iter().map(|topic| &*topic.name).collect();
-                let messages = MessageFile::Mcap(Box::new(RawMessages::new(file, names)));
-                Box::new(TopicInput::new(name, messages, &self.topic, &columns))
-            }
-            Format::Mcap => match &self.topic[..] {
-                [topic] => Box::new(mcap::McapInput::new(name, file, &topic.name)),
-                _ => return Err(ConvertError::Topics.into()),
-            },
-            #[cfg(feature = "bags")]
-            Format::Db3 => self.database(name, &columns)?,
-            #[cfg(not(feature = "bags"))]
-            Format::Db3 => return Err(ConvertError::NoBags { file: name.to_owned() }.into()),
-            Format::Otlp => {
-                Box::new(SpanEvents::new(name, &otlp::read(name, file)?, &self.spans, sources)?)
-            }
-        })
+    if args.explain {
+        let sources = given.as_ref().map_or_else(Sources::gathering, |(header, _)| {
+            Sources::known(writing::sources(header).collect())
+        });
+        let understood = reader.read(&files, sources)?;
+        return explain(args, &files, understood, given.is_some());
     }
-
-    /// `SQLite` reads the file by its name.
-    #[cfg(feature = "bags")]
-    fn database<'a>(
-        &'a self,
-        name: &'a str,
-        columns: &Columns<'a>,
-    ) -> Result<Box<dyn Recorded + 'a>, Fault> {
-        let file = name.to_owned();
-        if is_standard(&self.file) {
-            return Err(ConvertError::Database { file }.into());
-        }
-        let names: Vec<&str> = self.topic.iter().map(|topic| &*topic.name).collect();
-        let messages = db3::Db3Messages::open(&self.file, &names)
-            .map_err(|error| ConvertError::File { file, message: error.to_string() })?;
-        let messages = MessageFile::Db3(messages);
-        Ok(Box::new(TopicInput::new(name, messages, &self.topic, columns)))
-    }
+    let file = files[0].name.to_string();
+    let header = given.ok_or(ConvertError::NoHeader { file })?;
+    let sources = Sources::known(writing::sources(&header.0).collect());
+    write_runs(args, reader, &files, &header, &sources, output.as_ref(), &inputs)
 }
 
-/// Writes to the output, or to standard output if there is none.
-fn put(
-    output: Option<&Output>,
-    write: &dyn Fn(&mut dyn Write) -> Result<(), Fault>,
-) -> Result<Exit, Fault> {
-    match output {
-        Some(output) => output.write(|out| write(out))?,
-        None => write(&mut BufWriter::new(io::stdout().lock()))?,
-    }
-    Ok(Exit::Conforms)
-}
-
-fn read_header(path: &Path) -> Result<AnnotatedHeader, Fault> {
-    let (name, file) = open(path)?;
-    let events = Events::observed(name, BufReader::new(file))?;
-    Ok((events.header().clone(), events.header_annotations().clone()))
-}
-
-/// The sources that a header names, with their priorities.
-fn sources(header: &Header) -> impl Iterator<Item = (String, u64)> {
-    let clouds = header.clouds.iter();
-    let named = clouds.filter_map(|cloud| Some((cloud.name.clone()?, u64::from(cloud.p))));
-    [("local".to_owned(), 0)].into_iter().chain(named)
-}
-
-/// The header for a file, from its sources and what is asked.
-fn made_header(args: &Args, format: Format) -> Result<Header, Fault> {
-    if is_standard(&args.file) {
+/// Writes the header for a log, from its sources and what is asked.
+fn made_header(args: &Args, output: Option<&Output>) -> Result<Exit, Fault> {
+    if args.files.iter().any(|path| is_standard(path)) {
         return Err(ConvertError::Asking.into());
     }
-    let (name, file) = open(&args.file)?;
-    let sources = Rc::new(RefCell::new(Vec::new()));
-    let columns = args.columns().gathering(Rc::clone(&sources));
-    let gathered = SpanSources::Gathered(Rc::clone(&sources));
-    let mut recorded = args.recorded(format, &name, file, columns, gathered)?;
-    if recorded.header()?.is_some() {
-        return Err(ConvertError::HasHeader { file: name.clone() }.into());
+    let mut reader = LogReader::new(args);
+    let files = reader.files()?;
+    if args.is_trace_in_mcap(&files) {
+        let (name, file) = (files[0].name.to_string(), files[0].open()?);
+        if mcap::McapInput::new(&name, file, &args.topic[0].name).header()?.is_some() {
+            return Err(ConvertError::HasHeader { file: name }.into());
+        }
     }
-    while recorded.next_event()?.is_some() {}
-    let sources = sources.borrow().clone();
-    header::ask(&sources, &mut io::stdin().lock(), &mut io::stderr())
+    let Understood { sources, notes, .. } = reader.read(&files, Sources::gathering())?;
+    notes.complain();
+    let header = header::ask(sources.found(), &mut io::stdin().lock(), &mut io::stderr())?;
+    put_header(output, &header)
 }
 
 fn separator(text: &str) -> Result<u8, &'static str> {
@@ -289,51 +220,5 @@ fn separator(text: &str) -> Result<u8, &'static str> {
         [byte] if byte.is_ascii() && !matches!(byte, b'"' | b'\n' | b'\r') => Ok(*byte),
         _ if text == "tab" => Ok(b'\t'),
         _ => Err("it must be one ASCII character, or tab"),
-    }
-}
-
-fn format_of(path: &Path) -> Option<Format> {
-    match path.extension()?.to_str()? {
-        "csv" | "tsv" => Some(Format::Csv),
-        "jsonl" | "ndjson" | "json" => Some(Format::Jsonl),
-        "mcap" => Some(Format::Mcap),
-        "db3" => Some(Format::Db3),
-        _ => None,
-    }
-}
-
-fn write(
-    out: &mut dyn Write,
-    (header, annotations): &AnnotatedHeader,
-    recorded: &mut dyn Recorded,
-    sort: bool,
-) -> Result<(), Fault> {
-    let mut line = Vec::new();
-    let mut put = |write: &dyn Fn(&mut Vec<u8>)| {
-        line.clear();
-        write(&mut line);
-        line.push(b'\n');
-        out.write_all(&line).map_err(Fault::Output)
-    };
-    put(&|line| header.write_annotated(annotations, line))?;
-    let mut events = Vec::new();
-    while let Some((event, annotations)) = recorded.next_event()? {
-        if sort {
-            events.push((event, annotations));
-        } else {
-            put(&|line| event.write_annotated(&annotations, line))?;
-        }
-    }
-    events.sort_by_key(|(event, _)| at(event));
-    for (event, annotations) in events {
-        put(&|line| event.write_annotated(&annotations, line))?;
-    }
-    out.flush().map_err(Fault::Output)
-}
-
-const fn at(event: &Event) -> u64 {
-    match event {
-        Event::Input(input) => Input::at(input),
-        Event::Decision(decision) => Decision::at(decision),
     }
 }

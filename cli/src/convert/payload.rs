@@ -5,13 +5,12 @@ mod cdr;
 mod protobuf;
 mod ros_msg;
 
-use std::borrow::Cow;
+use std::sync::Arc;
 
 use fuseline_traces::packed::PayloadFormat;
-use fuseline_traces::rows::{Columns, field_event, json_event};
 
-use crate::convert::payload::cdr::{CdrLayout, MessageFields};
-use crate::convert::recorded::AnnotatedEvent;
+use crate::convert::json;
+use crate::convert::payload::cdr::CdrLayout;
 
 /// How the messages of a channel are decoded.
 #[derive(Debug)]
@@ -53,33 +52,17 @@ impl PayloadDecoder {
         }
     }
 
-    /// A message's event; none if it is to be left out.
+    /// A message's values by their paths, such as `header.stamp`.
     ///
     /// # Errors
-    /// If the message is not of its type, or is no event.
-    pub(super) fn event(
-        &self,
-        data: &[u8],
-        log_time: u64,
-        columns: &Columns<'_>,
-    ) -> Result<Option<AnnotatedEvent>, String> {
-        match self {
-            Self::Json => json_event(data, log_time, columns),
-            Self::Cdr(layout) => {
-                let fields = layout.read(data).map_err(|error| error.to_string())?;
-                field_event(&|name| text_of(&fields, name), log_time, columns)
-            }
+    /// If the message is not of its type.
+    pub(super) fn cells(&self, data: &[u8]) -> Result<Vec<(Arc<str>, String)>, String> {
+        let fields = match self {
+            Self::Json => return json::cells_of(data),
+            Self::Cdr(layout) => layout.read(data).map_err(|error| error.to_string())?,
             #[cfg(feature = "bags")]
-            Self::Protobuf(message) => {
-                let message = message.decode(data)?;
-                let field = |name: &str| protobuf::text(&message, name).map(Cow::Owned);
-                field_event(&field, log_time, columns)
-            }
-        }
+            Self::Protobuf(message) => protobuf::fields(&message.decode(data)?),
+        };
+        Ok(fields.into_iter().map(|(path, text)| (path.into(), text)).collect())
     }
-}
-
-fn text_of<'f>(fields: &'f MessageFields, name: &str) -> Option<Cow<'f, str>> {
-    let (_, text) = fields.iter().find(|(path, _)| path == name)?;
-    Some(Cow::Borrowed(text))
 }

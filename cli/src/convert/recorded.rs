@@ -1,41 +1,36 @@
-//! What the readers of recordings have in common: their interface and their errors.
+//! The errors of `convert`.
 
-use fuseline_traces::{Annotations, Event, Header, HeaderAnnotations};
+use std::sync::Arc;
+
+use fuseline_traces::{Header, HeaderAnnotations};
 use thiserror::Error;
 
+use crate::convert::row::{Place, Problem, ProblemKind, Spot};
 use crate::fault::Fault;
 
 /// A header with its further keys.
 pub(super) type AnnotatedHeader = (Header, HeaderAnnotations);
-/// An event with its further keys.
-pub(super) type AnnotatedEvent = (Event, Annotations);
-
-/// A recording being read: a header, if it has one, then events.
-pub(super) trait Recorded {
-    /// The recording's own header, if it has one.
-    fn header(&mut self) -> Result<Option<AnnotatedHeader>, Fault>;
-    /// The next event; none at the end.
-    fn next_event(&mut self) -> Result<Option<AnnotatedEvent>, Fault>;
-}
 
 /// Why something recorded cannot be converted.
 #[derive(Debug, Error)]
 pub(super) enum ConvertError {
-    #[error("{file}: neither .csv, .jsonl, .mcap nor .db3; say which it is with --from")]
+    #[error(
+        "{file}: neither .csv, .jsonl, .mcap nor .db3, packed or not; say which it is with --from"
+    )]
     Format { file: String },
     #[error(
         "{file}: no header; give one with --header FILE, a file that begins with {{\"fuseline\":1,…}}; --write-header makes \
          one"
     )]
     NoHeader { file: String },
-    #[error("--frame is for CSV files; give --column for others")]
+    #[error("--frame is for rows of CSV and JSON; give --column for others")]
     Frames,
     #[error(
         "--topic was given several times; say what the messages of each are, such as open=/camera, or which keys say so, with \
          --column"
     )]
     Topics,
-    #[error("{file}: a folder; name one of its .mcap or .db3 files")]
+    #[error("{file}: a folder without metadata.yaml, .mcap or .db3; name one of its files")]
     Folder { file: String },
     #[error(
         "{file}: a database of rosbag2 is read from a file of its own, and not from standard input"
@@ -52,16 +47,49 @@ pub(super) enum ConvertError {
     Asking,
     #[error("{file}: it has a header, which --write-header would replace; leave that out")]
     HasHeader { file: String },
-    #[error("{file}:{line}: {message}")]
-    Row { file: String, line: u64, message: String },
-    #[error("{file}: {message}")]
-    File { file: String, message: String },
+    #[error("{file}: it is a trace already; `fuseline check` judges it")]
+    IsTrace { file: String },
+    #[error("--split writes a file for each run; name one with -o, such as -o trace.jsonl")]
+    Split,
+    #[error("{0}")]
+    Options(String),
+    #[error("{place}: {message}")]
+    At { place: Place, message: String },
 }
 
 impl ConvertError {
+    /// In one line, whatever the file holds.
+    pub(super) fn at(place: &Place, message: &str) -> Self {
+        let message = message.replace(char::is_control, "\u{fffd}");
+        Self::At { place: place.clone(), message }
+    }
+
+    /// Something wrong with a file as a whole.
+    pub(super) fn file(file: &str, message: &str) -> Self {
+        Self::at(&Place { file: file.into(), spot: Spot::File }, message)
+    }
+
     /// A file that cannot be read.
     pub(super) fn read(file: &str, error: &std::io::Error) -> Self {
-        Self::File { file: file.to_owned(), message: format!("it cannot be read: {error}") }
+        Self::file(file, &format!("it cannot be read: {error}"))
+    }
+}
+
+impl Problem {
+    /// A problem with a file as a whole.
+    pub(super) fn of_file(file: &Arc<str>, message: impl Into<String>) -> Self {
+        let place = Place { file: Arc::clone(file), spot: Spot::File };
+        Self { place, message: message.into(), kind: ProblemKind::File }
+    }
+}
+
+impl From<Problem> for ConvertError {
+    fn from(problem: Problem) -> Self {
+        let remedy = match problem.kind {
+            ProblemKind::Cut => "; --truncated reads what stands before",
+            ProblemKind::Row | ProblemKind::File => "",
+        };
+        Self::at(&problem.place, &format!("{}{remedy}", problem.message))
     }
 }
 

@@ -1,16 +1,15 @@
 //! Spans as events: a message's span opens and ends it, client spans below it are its requests.
 
-use std::cell::RefCell;
 use std::collections::{BTreeMap, HashMap};
-use std::rc::Rc;
-use std::time::Duration;
+use std::sync::Arc;
 
-use fuseline_traces::{Annotations, Decision, Event, Input};
-
-use crate::convert::at;
-use crate::convert::otlp::{AttributeValue, SpanRecord};
-use crate::convert::recorded::{AnnotatedEvent, AnnotatedHeader, ConvertError, Recorded};
-use crate::fault::Fault;
+use crate::convert::deadline::Deadlines;
+use crate::convert::entry::{Entry, Sources};
+use crate::convert::log::CLOCK_STEP;
+use crate::convert::otlp::{SpanId, SpanRecord};
+use crate::convert::recorded::ConvertError;
+use crate::convert::row::{Names, Notes, Place, Spot};
+use crate::convert::value::{self, Id, Unit, listed};
 
 #[derive(clap::Args)]
 #[command(next_help_heading = "Spans")]
@@ -24,9 +23,10 @@ pub(super) struct SpanOptions {
     /// message's, p, deadline, of and try a request's.
     #[arg(long, value_name = "KEY=NAME", value_delimiter = ',', value_parser = attribute)]
     attribute: Vec<(&'static str, String)>,
-    /// How long a request may take whose span does not say so, such as 40ms.
-    #[arg(long, value_name = "TIME", value_parser = deadline)]
-    deadline: Option<Duration>,
+    /// The attribute and value by which a client says that it ended a call itself, such as error.type=CANCELLED: that is no
+    /// failure of the cloud. The codes 1 and 4 of gRPC say so without it.
+    #[arg(long, value_name = "ATTRIBUTE=VALUE", value_delimiter = ',', value_parser = cancelled)]
+    cancelled: Vec<(String, String)>,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -37,63 +37,46 @@ enum SpanRole {
 }
 
 const KEYS: [&str; 8] = ["t", "within", "by", "took", "p", "deadline", "of", "try"];
-/// How long after its message's end a result may seem to come: some clocks of spans have whole milliseconds.
-const CLOCK_STEP: u64 = 1_000_000;
 /// How many parents, or links of attempts, are followed.
 const DEPTH: usize = 64;
 
-/// Whose priorities names are.
-pub(super) enum SpanSources {
-    Known(BTreeMap<String, u64>),
-    /// Any name is one, and is gathered here.
-    Gathered(Rc<RefCell<Vec<String>>>),
+const TWICE: &str = "spans exported twice; each was taken once";
+const ORPHANS: &str =
+    "client spans left out, since no message is above them (its span may not be in the file)";
+const BACKWARDS: &str = "messages left out, since a span of theirs ends before it begins";
+const NAMELESS: &str = "messages left out, since they have no id";
+const AT_ONCE: &str = "failed client spans that ended with their message and before their deadline, read as failures of the cloud";
+
+/// What is read of spans into events.
+pub(super) struct SpanReader<'a> {
+    pub(super) file: Arc<str>,
+    pub(super) options: &'a SpanOptions,
+    pub(super) deadlines: &'a Deadlines,
+    pub(super) sources: &'a mut Sources,
+    pub(super) names: &'a mut Names,
+    pub(super) notes: &'a mut Notes,
+    /// Whether a message that cannot be read is left out.
+    pub(super) skips_bad: bool,
+    pub(super) entries: Vec<Entry>,
+    pub(super) has_ids: bool,
 }
 
-/// The events of spans, by their instants.
-pub(super) struct SpanEvents {
-    events: std::vec::IntoIter<AnnotatedEvent>,
+/// A message with its spans.
+struct SpanMessage<'s> {
+    t: Id,
+    span: &'s SpanRecord,
+    calls: Vec<SpanCall<'s>>,
 }
 
-/// A file's spans on their way to events.
-struct SpanReader<'a> {
-    file: &'a str,
-    options: &'a SpanOptions,
-    sources: SpanSources,
-    spans: &'a [SpanRecord],
-    by_id: HashMap<&'a str, &'a SpanRecord>,
-    events: Vec<AnnotatedEvent>,
-}
-
-/// What a span is to a message.
-struct SpanOfMessage<'a> {
-    t: u64,
+/// What a span is to its message.
+#[derive(Clone)]
+struct SpanCall<'s> {
     p: u64,
     role: SpanRole,
-    span: &'a SpanRecord,
+    span: &'s SpanRecord,
 }
 
-impl SpanEvents {
-    /// The events of a file's spans.
-    pub(super) fn new(
-        file: &str,
-        spans: &[SpanRecord],
-        options: &SpanOptions,
-        sources: SpanSources,
-    ) -> Result<Self, ConvertError> {
-        let by_id = spans.iter().map(|span| (span.span_id.as_str(), span)).collect();
-        SpanReader { file, options, sources, spans, by_id, events: Vec::new() }.read()
-    }
-}
-
-impl Recorded for SpanEvents {
-    fn header(&mut self) -> Result<Option<AnnotatedHeader>, Fault> {
-        Ok(None)
-    }
-
-    fn next_event(&mut self) -> Result<Option<AnnotatedEvent>, Fault> {
-        Ok(self.events.next())
-    }
-}
+type SpansById<'s> = HashMap<&'s SpanId, &'s SpanRecord>;
 
 impl SpanOptions {
     /// What a span is by its name and kind; none is neither.
@@ -101,237 +84,401 @@ impl SpanOptions {
         if let Some((role, _)) = self.span.iter().find(|(_, name)| *name == span.name) {
             return Some(*role);
         }
-        if self.number(span, "p") == Some(0) {
+        if self.value(span, "p").is_some_and(|p| value::number(p) == Ok(0)) {
             return Some(SpanRole::Local);
         }
         let is_named = self.span.iter().any(|(role, _)| *role == SpanRole::Message);
         match span {
-            _ if !is_named && span.parent_span_id.is_empty() => Some(SpanRole::Message),
+            _ if !is_named && span.parent.is_none() => Some(SpanRole::Message),
             _ if span.is_client => Some(SpanRole::Request),
             _ => None,
         }
     }
 
-    fn value<'a>(&self, span: &'a SpanRecord, key: &str) -> Option<&'a AttributeValue> {
-        let named = self.attribute.iter().find(|(known, _)| *known == key);
-        match named {
-            Some((_, name)) => span.attributes.get(name),
-            None => span.attributes.get(&format!("fuseline.{key}")),
-        }
+    fn name(&self, key: &str) -> Option<&str> {
+        self.attribute.iter().find(|(known, _)| *known == key).map(|(_, name)| &**name)
     }
 
-    fn number(&self, span: &SpanRecord, key: &str) -> Option<u64> {
-        match self.value(span, key)? {
-            AttributeValue::Number(number) => Some(*number),
-            AttributeValue::Text(text) => text.parse().ok(),
-        }
+    /// Whether an attribute or a span of this name is read.
+    pub(super) fn uses(&self, name: &str) -> bool {
+        self.attribute.iter().any(|(_, named)| named == name)
+            || self.span.iter().any(|(_, named)| named == name)
+            || self.cancelled.iter().any(|(named, _)| named == name)
+            || name.starts_with("fuseline.")
+    }
+
+    fn value<'s>(&self, span: &'s SpanRecord, key: &str) -> Option<&'s str> {
+        let text = match self.name(key) {
+            Some(name) => span.attributes.get(name),
+            None => span.attributes.get(&format!("fuseline.{key}")),
+        };
+        text.map(|text| &**text).filter(|text| !text.is_empty())
     }
 }
 
-impl<'a> SpanReader<'a> {
-    fn read(mut self) -> Result<SpanEvents, ConvertError> {
-        let messages = self.messages();
+impl SpanReader<'_> {
+    /// Reads a file's spans.
+    ///
+    /// # Errors
+    /// If a name that was given occurs nowhere, or a span does not say what it must.
+    pub(super) fn read(&mut self, spans: &[SpanRecord]) -> Result<(), ConvertError> {
+        for span in spans {
+            self.names.add(&span.name.as_str().into());
+            span.attributes.keys().for_each(|key| self.names.add(&key.as_str().into()));
+        }
+        self.refuse_mistyped(spans)?;
+        let spans = self.unique(spans);
+        let by_id: SpansById<'_> = spans.iter().map(|span| (&span.id, *span)).collect();
+        let mut messages = self.messages(&spans)?;
         if messages.is_empty() {
-            return Err(self.fault("no span is a message; name them with --span message=NAME"));
+            let all = Self::names_of(&spans);
+            let message = format!("no span is a message; name them with --span message=NAME{all}");
+            return Err(ConvertError::file(&self.file, &message));
         }
-        let timestamps: HashMap<&str, u64> =
-            messages.iter().map(|(t, span)| (span.span_id.as_str(), *t)).collect();
-        let calls = self.calls(&timestamps)?;
-        for (t, span) in &messages {
-            self.message(*t, span, &calls)?;
+        self.calls(&spans, &by_id, &mut messages)?;
+        messages.retain(|message| {
+            let mut all = [message.span].into_iter().chain(message.calls.iter().map(|it| it.span));
+            let Some(wrong) = all.find(|span| span.end != 0 && span.end < span.start) else {
+                return true;
+            };
+            let early = i128::from(wrong.start - wrong.end);
+            let detail = || format!("by {}", value::shown(early));
+            self.notes.add(BACKWARDS, &place(&self.file, wrong), detail);
+            false
+        });
+        for (number, message) in (0..).zip(&messages) {
+            self.message(number, message)?;
         }
-        let mut attempts: BTreeMap<(u64, u64), Vec<&SpanOfMessage<'_>>> = BTreeMap::new();
-        for call in &calls {
-            attempts.entry((call.t, call.p)).or_default().push(call);
+        self.entries.sort_by_key(|entry| entry.at);
+        Ok(())
+    }
+
+    /// A name that was given and occurs nowhere.
+    fn refuse_mistyped(&self, spans: &[SpanRecord]) -> Result<(), ConvertError> {
+        if spans.is_empty() {
+            return Ok(());
         }
-        for calls in attempts.values_mut() {
-            calls.sort_by_key(|call| call.span.start_time_unix_nano);
-            let is_one = calls.len() == 1;
-            for (place, call) in calls.iter().enumerate() {
-                self.call(call, (!is_one).then_some(place))?;
+        let has_span = |name: &str| spans.iter().any(|span| span.name == name);
+        let has_attribute =
+            |name: &str| spans.iter().any(|span| span.attributes.contains_key(name));
+        let fault = |option: String, name: &str, what: &str, all: Vec<&str>| {
+            let mut all = all;
+            all.sort_unstable();
+            all.dedup();
+            let all = listed(name, all.into_iter());
+            let message =
+                format!("no {what} {name:?} in the file, which {option} names; it has {all}");
+            Err(ConvertError::file(&self.file, &message))
+        };
+        let names = || spans.iter().map(|span| &*span.name).collect();
+        let attributes = || {
+            let all = spans.iter().flat_map(|span| span.attributes.keys());
+            all.map(|name| &**name).collect::<Vec<&str>>()
+        };
+        for (role, name) in &self.options.span {
+            let role = if *role == SpanRole::Message { "message" } else { "local" };
+            if !has_span(name) {
+                return fault(format!("--span {role}={name}"), name, "span", names());
             }
         }
-        self.events.sort_by_key(|(event, _)| at(event));
-        Ok(SpanEvents { events: self.events.into_iter() })
+        for (key, name) in &self.options.attribute {
+            if !has_attribute(name) {
+                return fault(format!("--attribute {key}={name}"), name, "attribute", attributes());
+            }
+        }
+        for (name, value) in &self.options.cancelled {
+            if !has_attribute(name) {
+                let option = format!("--cancelled {name}={value}");
+                return fault(option, name, "attribute", attributes());
+            }
+        }
+        Ok(())
     }
 
-    /// The messages by their start, with their timestamps: their own where all have one, else ordinals.
-    fn messages(&self) -> Vec<(u64, &'a SpanRecord)> {
-        let is_message = |span: &&SpanRecord| self.options.role(span) == Some(SpanRole::Message);
-        let mut spans: Vec<_> = self.spans.iter().filter(is_message).collect();
-        spans.sort_by_key(|span| span.start_time_unix_nano);
-        let own: Option<Vec<u64>> =
-            spans.iter().map(|span| self.options.number(span, "t")).collect();
-        own.unwrap_or_else(|| (0..spans.len() as u64).collect()).into_iter().zip(spans).collect()
+    fn names_of(spans: &[&SpanRecord]) -> String {
+        let mut all: Vec<&str> = spans.iter().map(|span| &*span.name).collect();
+        all.sort_unstable();
+        all.dedup();
+        if all.is_empty() {
+            String::new()
+        } else {
+            format!("; the file has {}", listed("", all.into_iter()))
+        }
     }
 
-    /// The requests and local's computations of messages.
-    fn calls(
-        &self,
-        timestamps: &HashMap<&str, u64>,
-    ) -> Result<Vec<SpanOfMessage<'a>>, ConvertError> {
-        let mut calls = Vec::new();
-        for span in self.spans {
+    /// Each span once: an exporter that tries again delivers some twice. A copy that has ended says more.
+    fn unique<'s>(&mut self, spans: &'s [SpanRecord]) -> Vec<&'s SpanRecord> {
+        let mut places: HashMap<&SpanId, usize> = HashMap::new();
+        let mut unique: Vec<&SpanRecord> = Vec::new();
+        for span in spans {
+            if let Some(index) = places.get(&span.id) {
+                self.notes.add(TWICE, &place(&self.file, span), String::new);
+                if unique[*index].end < span.end {
+                    unique[*index] = span;
+                }
+            } else {
+                places.insert(&span.id, unique.len());
+                unique.push(span);
+            }
+        }
+        unique
+    }
+
+    /// The messages by their start: with ids of their own, or numbered if no id is named and none has one.
+    fn messages<'s>(
+        &mut self,
+        spans: &[&'s SpanRecord],
+    ) -> Result<Vec<SpanMessage<'s>>, ConvertError> {
+        let is_message = |span: &&&SpanRecord| self.options.role(span) == Some(SpanRole::Message);
+        let mut found: Vec<&SpanRecord> = spans.iter().filter(is_message).copied().collect();
+        found.sort_by_key(|span| span.start);
+        let has_id = |span: &&SpanRecord| self.options.value(span, "t").is_some();
+        self.has_ids = self.options.name("t").is_some() || found.iter().any(has_id);
+        let mut messages = Vec::new();
+        for (number, span) in (0..).zip(found) {
+            let t = match self.options.value(span, "t") {
+                Some(text) => value::id(text)
+                    .map_err(|why| self.fault(span, &format!("its id {text:?} is {why}")))?,
+                None if !self.has_ids => Id::Number(number),
+                None if self.skips_bad => {
+                    self.notes.add(NAMELESS, &place(&self.file, span), String::new);
+                    continue;
+                }
+                None => {
+                    let name = self.options.name("t").unwrap_or("fuseline.t");
+                    let message = format!(
+                        "the message has no attribute {name:?}, its id; --skip-bad leaves such messages out"
+                    );
+                    return Err(self.fault(span, &message));
+                }
+            };
+            messages.push(SpanMessage { t, span, calls: Vec::new() });
+        }
+        Ok(messages)
+    }
+
+    /// Gives messages their requests and local's computations.
+    fn calls<'s>(
+        &mut self,
+        spans: &[&'s SpanRecord],
+        by_id: &SpansById<'s>,
+        messages: &mut [SpanMessage<'s>],
+    ) -> Result<(), ConvertError> {
+        let places: HashMap<&SpanId, usize> =
+            messages.iter().enumerate().map(|(place, message)| (&message.span.id, place)).collect();
+        for span in spans {
             let role = match self.options.role(span) {
                 Some(role @ (SpanRole::Request | SpanRole::Local)) => role,
                 Some(SpanRole::Message) | None => continue,
             };
-            let Some(t) = self.message_of(span, timestamps) else { continue };
-            let p = if role == SpanRole::Local { 0 } else { self.source(span)? };
-            calls.push(SpanOfMessage { t, p, role, span });
+            let message = match self.message_above(span, by_id, &places) {
+                Above::Message(message) => message,
+                Above::Call => continue,
+                Above::Nothing => {
+                    self.notes.add(ORPHANS, &place(&self.file, span), String::new);
+                    continue;
+                }
+            };
+            let p = if role == SpanRole::Local {
+                0
+            } else {
+                let name = self.options.value(span, "p").unwrap_or(&span.name);
+                self.priority(name, span)?
+            };
+            messages[message].calls.push(SpanCall { p, role, span });
         }
-        Ok(calls)
+        Ok(())
     }
 
     /// The message above a span, or above the attempt that it links to.
-    fn message_of(&self, span: &'a SpanRecord, timestamps: &HashMap<&str, u64>) -> Option<u64> {
+    fn message_above(
+        &self,
+        span: &SpanRecord,
+        by_id: &SpansById<'_>,
+        messages: &HashMap<&SpanId, usize>,
+    ) -> Above {
         let mut here = span;
         for _ in 0..DEPTH {
-            if let Some(t) = timestamps.get(here.span_id.as_str()) {
-                return Some(*t);
+            if let Some(message) = messages.get(&here.id) {
+                return Above::Message(*message);
             }
-            let parent = self.by_id.get(here.parent_span_id.as_str()).copied();
+            let parent = here.parent.as_ref().and_then(|parent| by_id.get(parent)).copied();
             // What a client span has below it belongs to its own call.
             if parent.is_some_and(|parent| self.options.role(parent) == Some(SpanRole::Request)) {
-                return None;
+                return Above::Call;
             }
-            let linked =
-                || here.links.iter().find_map(|link| self.by_id.get(link.span_id.as_str()));
-            here = parent.or_else(|| linked().copied())?;
-        }
-        None
-    }
-
-    fn source(&self, span: &SpanRecord) -> Result<u64, ConvertError> {
-        let name = match self.options.value(span, "p") {
-            Some(AttributeValue::Number(p)) => p.to_string(),
-            Some(AttributeValue::Text(name)) => name.clone(),
-            None => span.name.clone(),
-        };
-        self.priority(&name, span)
-    }
-
-    fn priority(&self, name: &str, span: &SpanRecord) -> Result<u64, ConvertError> {
-        match &self.sources {
-            SpanSources::Gathered(names) => {
-                if name != "local" && name != "0" && !names.borrow().iter().any(|it| it == name) {
-                    names.borrow_mut().push(name.to_owned());
-                }
-                Ok(0)
-            }
-            SpanSources::Known(sources) => {
-                let known = sources.get(name).copied().or_else(|| name.parse().ok());
-                let message = || format!("{name:?} is no source of the header: {}", this(span));
-                known.ok_or_else(|| self.fault(&message()))
+            let linked = || here.links.iter().find_map(|link| by_id.get(link)).copied();
+            match parent.or_else(linked) {
+                Some(above) => here = above,
+                None => return Above::Nothing,
             }
         }
+        Above::Nothing
     }
 
-    /// A message's open and its end.
-    fn message(
-        &mut self,
-        t: u64,
-        span: &SpanRecord,
-        calls: &[SpanOfMessage<'_>],
-    ) -> Result<(), ConvertError> {
-        let at = span.start_time_unix_nano;
-        let within = self.options.number(span, "within");
-        let deadline = self.options.number(span, "deadline");
-        let open = Event::Input(Input::Open { at, t, deadline });
-        self.events.push((open, Annotations { within, ..Annotations::NONE }));
-        let at = span.end_time_unix_nano;
-        if at == 0 || span.attributes.contains_key("fuseline.ended") {
-            return Ok(()); // it has not ended, or the run ended before it
-        }
-        let took = self.options.number(span, "took");
-        let at = took.map_or(at, |took| span.start_time_unix_nano.saturating_add(took));
-        let used = match self.options.value(span, "by") {
-            Some(AttributeValue::Number(p)) => Some(self.priority(&p.to_string(), span)?),
-            Some(AttributeValue::Text(name)) => Some(self.priority(name, span)?),
-            None if span.has_failed() => None,
-            None => {
-                let calls = calls.iter().filter(|call| call.t == t);
-                last_result(calls, at.saturating_add(CLOCK_STEP))
+    fn priority(&mut self, name: &str, span: &SpanRecord) -> Result<u64, ConvertError> {
+        let known = self.sources.priority(name);
+        known.map_err(|why| self.fault(span, &format!("{name:?} is {why}")))
+    }
+
+    /// A message's open, its end, and its calls.
+    fn message(&mut self, number: u64, message: &SpanMessage<'_>) -> Result<(), ConvertError> {
+        let SpanMessage { t, span, calls } = message;
+        let mut more = Vec::new();
+        for key in ["deadline", "within"] {
+            if let Some(time) = self.duration(span, key)? {
+                more.push((key, time.to_string()));
             }
+        }
+        let entry = |span: &SpanRecord, ev, at: u64, p| Entry {
+            place: place(&self.file, span),
+            row: number,
+            ev,
+            at: at.into(),
+            t: Some(t.clone()),
+            p,
+            due: None,
+            of: None,
+            more: Vec::new(),
         };
-        let end = match used {
-            Some(p) => Decision::Emit { at, t, p },
-            None => Decision::Miss { at, t },
-        };
-        let of = used.and_then(|_| self.options.number(span, "of"));
-        self.events.push((Event::Decision(end), Annotations { of, ..Annotations::NONE }));
+        let open = Entry { more, ..entry(span, "open", span.start, None) };
+        let is_open = span.end == 0 || span.attributes.contains_key("fuseline.ended");
+        let took = self.duration(span, "took")?;
+        let at = took.map_or(span.end, |took| span.start.saturating_add(took));
+        let by = self.options.value(span, "by");
+        let mut end = entry(span, "emit", at, None);
+        if by.is_none() && span.has_failed {
+            end.ev = "miss";
+        }
+        let of = self.options.value(span, "of");
+        let of = of.map(value::id).transpose().map_err(|why| self.fault(span, &why))?;
+        if let Some(name) = by {
+            end.p = Some(self.priority(name, span)?);
+        }
+        end.of = of.filter(|_| end.ev == "emit");
+        self.entries.push(open);
+        if !is_open {
+            self.entries.push(end);
+        }
+        let mut attempts: BTreeMap<u64, Vec<&SpanCall<'_>>> = BTreeMap::new();
+        for call in calls {
+            attempts.entry(call.p).or_default().push(call);
+        }
+        for calls in attempts.values_mut() {
+            calls.sort_by_key(|call| call.span.start);
+            let is_one = calls.len() == 1;
+            for (place, call) in calls.iter().enumerate() {
+                self.call(number, message, call, (!is_one).then_some(place))?;
+            }
+        }
         Ok(())
     }
 
-    /// A call's request, and its result or failure; `place` is which of several attempts it is.
-    fn call(&mut self, call: &SpanOfMessage<'_>, place: Option<usize>) -> Result<(), ConvertError> {
-        let SpanOfMessage { t, p, role, span } = *call;
-        let attempt = self.options.number(span, "try").or(place.map(|place| place as u64));
-        let attempt = attempt.filter(|_| role == SpanRole::Request).map(u8::try_from).transpose();
-        let attempt =
-            attempt.map_err(|_| self.fault(&format!("more than 256 attempts: {}", this(span))))?;
-        let of = self.options.number(span, "of");
-        let annotations = Annotations { of: None, attempt, ..Annotations::NONE };
-        if role == SpanRole::Request {
-            let at = span.start_time_unix_nano;
-            let due = at.saturating_add(self.deadline(span)?);
-            let request = Event::Decision(Decision::Request { at, t, p, due });
-            self.events.push((request, annotations.clone()));
+    /// A call's request, and its result or failure; `attempt` is which of several attempts it is.
+    fn call(
+        &mut self,
+        number: u64,
+        message: &SpanMessage<'_>,
+        call: &SpanCall<'_>,
+        attempt: Option<usize>,
+    ) -> Result<(), ConvertError> {
+        let SpanCall { p, role, span } = *call;
+        let place = place(&self.file, span);
+        let own = self.options.value(span, "try");
+        let own = own.map(value::number).transpose().map_err(|why| self.fault(span, &why))?;
+        let attempt = own.or(attempt.map(|place| place as u64));
+        let attempt = attempt.filter(|_| role == SpanRole::Request);
+        if attempt.is_some_and(|attempt| attempt > 255) {
+            return Err(self.fault(span, "more than 256 attempts"));
         }
-        let at = span.end_time_unix_nano;
-        if at == 0 || span.was_ended_by_caller() {
+        let more: Vec<_> =
+            attempt.map(|attempt| ("try", attempt.to_string())).into_iter().collect();
+        let t = Some(message.t.clone());
+        let at = span.start.into();
+        let request = Entry {
+            place,
+            row: number,
+            ev: "request",
+            at,
+            t,
+            p: Some(p),
+            due: None,
+            of: None,
+            more,
+        };
+        let due = if role == SpanRole::Request { self.due(span, p)? } else { None };
+        let at = span.end;
+        let has_ended = at != 0 && !span.was_ended_by_caller(&self.options.cancelled);
+        let mut end = Entry { ev: "result", at: at.into(), ..request.clone() };
+        if role == SpanRole::Request {
+            self.entries.push(Entry { due, ..request });
+        }
+        if !has_ended {
             return Ok(());
         }
-        let end = if span.has_failed() {
-            (Event::Input(Input::Fail { at, t, p }), annotations)
+        if span.has_failed {
+            end.ev = "fail";
+            self.note_at_once(message, span, due);
         } else {
-            (Event::Input(Input::Result { at, t, p }), Annotations { of, ..annotations })
-        };
-        self.events.push(end);
+            let of = self.options.value(span, "of");
+            end.of = of.map(value::id).transpose().map_err(|why| self.fault(span, &why))?;
+        }
+        self.entries.push(end);
         Ok(())
     }
 
-    fn deadline(&self, span: &SpanRecord) -> Result<u64, ConvertError> {
-        let text = match self.options.value(span, "deadline") {
-            Some(AttributeValue::Number(nanoseconds)) => return Ok(*nanoseconds),
-            Some(AttributeValue::Text(text)) => text,
-            None if matches!(self.sources, SpanSources::Gathered(_)) => return Ok(0),
-            None => {
-                let given = self.options.deadline.map(nanoseconds);
-                let message = || format!("no deadline: {}; give --deadline TIME", this(span));
-                return given.ok_or_else(|| self.fault(&message()));
-            }
-        };
-        let given = humantime::parse_duration(text).map(nanoseconds);
-        given.map_err(|_| self.fault(&format!("{text:?} is no deadline: {}", this(span))))
+    /// Notes a call that failed as its message ended: the caller may have ended it.
+    fn note_at_once(&mut self, message: &SpanMessage<'_>, span: &SpanRecord, due: Option<i128>) {
+        let apart = i128::from(message.span.end) - i128::from(span.end);
+        let is_early = due.is_some_and(|due| i128::from(span.end) < due);
+        // An operator of fuseline says so itself.
+        let is_own = span.attributes.keys().any(|key| key.starts_with("fuseline."));
+        if !is_early || !(0..=CLOCK_STEP).contains(&apart) || span.has_status_code() || is_own {
+            return;
+        }
+        let shown = span.attributes.get_key_value("error.type");
+        let shown = shown.or_else(|| span.attributes.first_key_value());
+        let remedy = shown.map_or_else(
+            || "if the caller ended them, give --cancelled ATTRIBUTE=VALUE".to_owned(),
+            |(key, value)| format!("if the caller ended them, give --cancelled {key}={value}"),
+        );
+        self.notes.add_with(AT_ONCE, &place(&self.file, span), String::new, || remedy);
     }
 
-    fn fault(&self, message: &str) -> ConvertError {
-        ConvertError::File { file: self.file.to_owned(), message: message.to_owned() }
+    /// When a request is due.
+    fn due(&mut self, span: &SpanRecord, p: u64) -> Result<Option<i128>, ConvertError> {
+        let source = self.sources.name(p);
+        let deadline = self.duration(span, "deadline")?.or_else(|| self.deadlines.of(&source));
+        if deadline.is_none() && !self.sources.are_gathered() {
+            let message = "no deadline; give --deadline TIME";
+            return Err(self.fault(span, message));
+        }
+        Ok(deadline.map(|deadline| i128::from(span.start.saturating_add(deadline))))
+    }
+
+    /// A duration in nanoseconds, or with its unit.
+    fn duration(&self, span: &SpanRecord, key: &str) -> Result<Option<u64>, ConvertError> {
+        let Some(text) = self.options.value(span, key) else { return Ok(None) };
+        let time = value::duration(text, Unit::Ns);
+        let time = time.map_err(|why| self.fault(span, &format!("{key} {text:?} is {why}")))?;
+        Ok(u64::try_from(time.nanos).ok())
+    }
+
+    fn fault(&self, span: &SpanRecord, message: &str) -> ConvertError {
+        ConvertError::at(&place(&self.file, span), message)
     }
 }
 
-/// The source of the result that came last before an instant.
-fn last_result<'a>(calls: impl Iterator<Item = &'a SpanOfMessage<'a>>, before: u64) -> Option<u64> {
-    let ended = |call: &&SpanOfMessage<'_>| {
-        let is_result = !call.span.has_failed() && !call.span.was_ended_by_caller();
-        is_result && (1..=before).contains(&call.span.end_time_unix_nano)
-    };
-    let last = calls.filter(ended).max_by_key(|call| (call.span.end_time_unix_nano, call.p));
-    last.map(|call| call.p)
+/// What is found above a span.
+enum Above {
+    Message(usize),
+    /// The client span of a call, which it is a part of.
+    Call,
+    Nothing,
 }
 
-/// Which span it is, for errors.
-fn this(span: &SpanRecord) -> String {
-    format!("the span {:?} with the id {}", span.name, span.span_id)
-}
-
-fn nanoseconds(duration: Duration) -> u64 {
-    u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
-}
-
-fn deadline(text: &str) -> Result<Duration, &'static str> {
-    humantime::parse_duration(text).map_err(|_| "it must be a time with a unit, such as 40ms")
+fn place(file: &Arc<str>, span: &SpanRecord) -> Place {
+    Place { file: Arc::clone(file), spot: Spot::Span(span.called().into()) }
 }
 
 fn role(text: &str) -> Result<(SpanRole, String), &'static str> {
@@ -347,4 +494,10 @@ fn attribute(text: &str) -> Result<(&'static str, String), String> {
     let known = split.and_then(|(key, name)| Some((*KEYS.iter().find(|it| **it == key)?, name)));
     let known = known.map(|(key, name)| (key, name.to_owned()));
     known.ok_or_else(|| format!("it must be KEY=NAME, with a key of {}", KEYS.join(", ")))
+}
+
+fn cancelled(text: &str) -> Result<(String, String), &'static str> {
+    let split = text.split_once('=').filter(|(name, _)| !name.is_empty());
+    let (name, value) = split.ok_or("it must be ATTRIBUTE=VALUE, such as error.type=CANCELLED")?;
+    Ok((name.to_owned(), value.to_owned()))
 }

@@ -1,6 +1,7 @@
 //! `--topic`: which messages of a recording are read, and as which events.
 
-use fuseline_traces::rows::{self as table, Columns};
+use crate::convert::mapping::{self, Fixed};
+use crate::convert::row::Row;
 
 /// A topic, and what its messages are where they do not say so.
 #[derive(Clone, Debug)]
@@ -24,19 +25,35 @@ pub(super) fn topic(text: &str) -> Result<TopicChoice, String> {
         Some((source, word)) => (Some(source.to_owned()), word),
         None => (None, what),
     };
-    let (_, event) = table::event(&format!("{name}={word}"))?;
+    let (_, event) = mapping::event(&format!("{name}={word}"))?;
     if event.is_empty() {
         return Err("write TOPIC or EVENT=TOPIC, such as west.result=/west/objects".to_owned());
     }
     Ok(TopicChoice { name: name.to_owned(), event: Some(event), source })
 }
 
+/// Where a service's event was: its kinds are 0, a request sent, 1, it received, 2, a response sent, and 3, it received.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Side {
+    Client,
+    Server,
+}
+
 impl TopicChoice {
-    /// The columns of the topic's messages.
-    pub(super) fn columns<'c>(&self, columns: &Columns<'c>) -> Columns<'c> {
-        let event = self.event.map(|event| ("ev", event.to_owned()));
-        let source = self.source.clone().map(|source| ("p", source));
-        columns.clone().with_fixed(event.into_iter().chain(source))
+    /// What it says of its messages.
+    pub(super) fn fixed(&self) -> Fixed<'_> {
+        Fixed { event: self.event, source: self.source.as_deref() }
+    }
+
+    /// Where a message was recorded that it means; none if it means others of a service's events.
+    pub(super) fn means(&self, row: &Row) -> Option<Side> {
+        let kind = row.cell("info.event_type").filter(|_| self.name.ends_with("/_service_event"));
+        match (self.event, kind) {
+            (Some("request"), Some("0")) | (Some("result"), Some("3")) => Some(Side::Client),
+            (Some("request"), Some("1")) | (Some("result"), Some("2")) => Some(Side::Server),
+            (Some("request" | "result"), Some(_)) => None,
+            _ => Some(Side::Client),
+        }
     }
 }
 

@@ -1,67 +1,69 @@
-//! Messages of topics of a recording, mapped by the user's names: MCAP, or rosbag2's database.
+//! Messages of topics of a recording: MCAP, or rosbag2's database.
 
 use std::rc::Rc;
+use std::sync::Arc;
 
-use fuseline_traces::packed::{PayloadFormat, RawMessage, RawMessages};
-use fuseline_traces::rows::Columns;
+use fuseline_traces::packed::{PayloadFormat, RawMessage, RawMessages, unpack_message};
 
-use crate::complain::complain;
 #[cfg(feature = "bags")]
 use crate::convert::db3::Db3Messages;
 use crate::convert::payload::PayloadDecoder;
-use crate::convert::recorded::{AnnotatedEvent, AnnotatedHeader, ConvertError, Recorded};
+use crate::convert::recorded::ConvertError;
+use crate::convert::row::{Notes, Place, Problem, ProblemKind, Row, Source, Spot};
 use crate::convert::topic::TopicChoice;
-use crate::fault::Fault;
+use crate::convert::value::listed;
 
-/// A recording that is being read; it has no header of its own.
-pub(crate) struct TopicInput<'a> {
-    file: &'a str,
+/// A recording that is being read.
+pub(super) struct TopicSource<'a> {
+    file: Arc<str>,
     messages: MessageFile<'a>,
-    topics: Vec<MappedTopic<'a>>,
+    topics: Vec<(Arc<str>, u64)>,
     /// How messages of the channels so far are decoded.
     payloads: Vec<(Rc<PayloadFormat>, PayloadDecoder)>,
 }
 
 /// A recording by its format.
-pub(crate) enum MessageFile<'a> {
+pub(super) enum MessageFile<'a> {
     Mcap(Box<RawMessages<'a>>),
     #[cfg(feature = "bags")]
     Db3(Db3Messages),
 }
 
-/// A topic, how its messages are read, and how many were.
-struct MappedTopic<'a> {
-    name: &'a str,
-    columns: Columns<'a>,
-    number: u64,
-}
-
-impl<'a> TopicInput<'a> {
-    pub(crate) fn new(
-        file: &'a str,
-        messages: MessageFile<'a>,
-        topics: &'a [TopicChoice],
-        columns: &Columns<'a>,
-    ) -> Self {
-        let mapped = |topic: &'a TopicChoice| MappedTopic {
-            name: &topic.name,
-            columns: topic.columns(columns),
-            number: 0,
-        };
-        let topics = topics.iter().map(mapped).collect();
-        Self { file, messages, topics, payloads: Vec::new() }
-    }
-
-    fn raw(&mut self) -> Result<Option<RawMessage>, String> {
-        match &mut self.messages {
-            MessageFile::Mcap(messages) => messages.message().map_err(|error| error.to_string()),
-            #[cfg(feature = "bags")]
-            MessageFile::Db3(messages) => messages.message().map_err(|error| error.to_string()),
+/// The topics that are read, each once.
+pub(super) fn names(topics: &[TopicChoice]) -> Vec<&str> {
+    let mut names: Vec<&str> = Vec::new();
+    for topic in topics {
+        if !names.contains(&&*topic.name) {
+            names.push(&topic.name);
         }
     }
+    names
+}
 
-    /// The message's event; none if it is to be left out.
-    fn event(&mut self, message: &RawMessage) -> Result<Option<AnnotatedEvent>, String> {
+impl<'a> TopicSource<'a> {
+    pub(super) fn new(file: &Arc<str>, messages: MessageFile<'a>, topics: &[TopicChoice]) -> Self {
+        let topics = names(topics).into_iter().map(|name| (name.into(), 0)).collect();
+        Self { file: Arc::clone(file), messages, topics, payloads: Vec::new() }
+    }
+
+    fn raw(&mut self) -> Result<Option<RawMessage>, Problem> {
+        let (message, is_cut) = match &mut self.messages {
+            MessageFile::Mcap(messages) => match messages.message() {
+                Ok(message) => return Ok(message),
+                Err(error) => (error.to_string(), error.is_cut()),
+            },
+            #[cfg(feature = "bags")]
+            MessageFile::Db3(messages) => match messages.message() {
+                Ok(message) => return Ok(message),
+                Err(error) => (error.to_string(), false),
+            },
+        };
+        let kind = if is_cut { ProblemKind::Cut } else { ProblemKind::File };
+        Err(Problem { kind, ..Problem::of_file(&self.file, message) })
+    }
+
+    /// The message's values.
+    fn cells(&mut self, message: &RawMessage) -> Result<Vec<(Arc<str>, String)>, String> {
         let known = |(format, _): &(Rc<PayloadFormat>, _)| Rc::ptr_eq(format, &message.format);
         let index = if let Some(index) = self.payloads.iter().position(known) {
             index
@@ -70,53 +72,47 @@ impl<'a> TopicInput<'a> {
             self.payloads.push((Rc::clone(&message.format), payload));
             self.payloads.len() - 1
         };
-        let columns = &self.topics[message.topic].columns;
-        self.payloads[index].1.event(&message.data, message.log_time, columns)
+        let unpacked = unpack_message(&message.data);
+        self.payloads[index].1.cells(unpacked.as_deref().unwrap_or(&message.data))
     }
 
     /// At the end: a file without any message of the topics is an error, a topic without one may be a slip.
-    fn finish(&self) -> Result<(), ConvertError> {
-        let silent = self.topics.iter().filter(|topic| topic.number == 0);
-        let silent: Vec<&str> = silent.map(|topic| topic.name).collect();
+    pub(super) fn finish(&self, notes: &mut Notes) -> Result<(), ConvertError> {
+        let silent = self.topics.iter().filter(|(_, number)| *number == 0);
+        let silent: Vec<&str> = silent.map(|(name, _)| &**name).collect();
+        let others: Vec<&str> = match &self.messages {
+            MessageFile::Mcap(messages) => messages.others().collect(),
+            #[cfg(feature = "bags")]
+            MessageFile::Db3(messages) => messages.others().collect(),
+        };
+        let Some(first) = silent.first() else { return Ok(()) };
+        let has = if others.is_empty() {
+            String::new()
+        } else {
+            format!("; the file has {}", listed(first, others.into_iter()))
+        };
         let names = silent.join(", ");
         if silent.len() == self.topics.len() {
-            return Err(
-                self.fault(&format!("no message of topic {names}; name another with --topic"))
-            );
+            let message = format!("no message of topic {names}; name another with --topic{has}");
+            return Err(ConvertError::file(&self.file, &message));
         }
-        if !silent.is_empty() {
-            complain(format_args!("warning: {}: no message of topic {names}", self.file));
-        }
+        notes.add_of_file("no message of topic", &self.file, format!("{names}{has}"));
         Ok(())
-    }
-
-    /// In one line, whatever the file holds.
-    fn fault(&self, why: &str) -> ConvertError {
-        let message = why.replace(char::is_control, "\u{fffd}");
-        ConvertError::File { file: self.file.to_owned(), message }
     }
 }
 
-impl Recorded for TopicInput<'_> {
-    fn header(&mut self) -> Result<Option<AnnotatedHeader>, Fault> {
-        Ok(None)
-    }
-
-    fn next_event(&mut self) -> Result<Option<AnnotatedEvent>, Fault> {
-        loop {
-            let Some(message) = self.raw().map_err(|why| self.fault(&why))? else {
-                self.finish()?;
-                return Ok(None);
-            };
-            self.topics[message.topic].number += 1;
-            match self.event(&message) {
-                Ok(None) => {}
-                Ok(event) => return Ok(event),
-                Err(why) => {
-                    let MappedTopic { name, number, .. } = &self.topics[message.topic];
-                    return Err(self.fault(&format!("{name}, message {number}: {why}")).into());
-                }
+impl Source for TopicSource<'_> {
+    fn next_row(&mut self) -> Result<Option<Row>, Problem> {
+        let Some(message) = self.raw()? else { return Ok(None) };
+        let topic = message.topic;
+        self.topics[topic].1 += 1;
+        let spot = Spot::Message(Arc::clone(&self.topics[topic].0), self.topics[topic].1);
+        let place = Place { file: Arc::clone(&self.file), spot };
+        match self.cells(&message) {
+            Ok(cells) => {
+                Ok(Some(Row { place, cells, log_time: Some(message.log_time), topic: Some(topic) }))
             }
+            Err(message) => Err(Problem { place, message, kind: ProblemKind::Row }),
         }
     }
 }

@@ -49,6 +49,20 @@ pub enum MessageError {
     None(String),
 }
 
+impl MessageError {
+    /// Whether the file ends before it is whole.
+    #[must_use]
+    pub fn is_cut(&self) -> bool {
+        match self {
+            Self::File(McapError::UnexpectedEof | McapError::UnexpectedEoc) => true,
+            Self::File(McapError::Io(error)) | Self::Io(error) => {
+                error.kind() == io::ErrorKind::UnexpectedEof
+            }
+            _ => false,
+        }
+    }
+}
+
 /// The messages of one topic of an MCAP file, as lines of a trace.
 ///
 /// After an error it yields nothing more.

@@ -1,7 +1,8 @@
 //! [`CdrLayout`]: a ROS 2 message out of its bytes, which are CDR as the DDS standard for types has it.
 
-use fuseline_traces::rows::seconds;
 use thiserror::Error;
+
+use crate::convert::json::seconds;
 
 /// How deep messages may lie within each other; a definition may contain itself.
 const DEPTH: usize = 32;

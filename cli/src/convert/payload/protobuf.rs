@@ -1,9 +1,13 @@
 //! Messages in Protobuf, by the descriptors that a recording has.
 
-use fuseline_traces::rows::seconds;
 use prost_reflect::{
     DescriptorPool, DynamicMessage, Kind, MessageDescriptor, ReflectMessage, Value,
 };
+
+use crate::convert::json::seconds;
+
+/// How deep messages within messages are read.
+const DEPTH: usize = 16;
 
 /// A type of messages.
 #[derive(Debug)]
@@ -27,36 +31,49 @@ impl MessageType {
     }
 }
 
-/// What stands for a path of fields, such as `header.stamp`; nothing for lists, maps and messages, but for times.
-pub(super) fn text(message: &DynamicMessage, path: &str) -> Option<String> {
-    let (name, rest) = match path.split_once('.') {
-        Some((name, rest)) => (name, Some(rest)),
-        None => (path, None),
-    };
-    let of = message.descriptor();
-    let field = of.get_field_by_name(name).or_else(|| of.get_field_by_json_name(name))?;
-    if field.supports_presence() && !message.has_field(&field) {
-        return None;
+/// The values of a message by their paths, such as `header.stamp`; lists, maps and bytes have none.
+pub(super) fn fields(message: &DynamicMessage) -> Vec<(String, String)> {
+    let mut fields = Vec::new();
+    gather("", message, 0, &mut fields);
+    fields
+}
+
+fn gather(outer: &str, message: &DynamicMessage, depth: usize, fields: &mut Vec<(String, String)>) {
+    for field in message.descriptor().fields() {
+        if depth == DEPTH || field.supports_presence() && !message.has_field(&field) {
+            continue;
+        }
+        let name = field.name();
+        let path = if outer.is_empty() { name.to_owned() } else { format!("{outer}.{name}") };
+        let text = match &*message.get_field(&field) {
+            Value::Message(inner) => {
+                fields.extend(time(inner).map(|time| (path.clone(), time)));
+                gather(&path, inner, depth + 1, fields);
+                continue;
+            }
+            Value::Bytes(_) | Value::List(_) | Value::Map(_) => continue,
+            Value::Bool(value) => value.to_string(),
+            Value::I32(value) => value.to_string(),
+            Value::I64(value) => value.to_string(),
+            Value::U32(value) => value.to_string(),
+            Value::U64(value) => value.to_string(),
+            Value::F32(value) => value.to_string(),
+            Value::F64(value) => value.to_string(),
+            Value::String(value) => value.clone(),
+            Value::EnumNumber(number) => match field.kind() {
+                Kind::Enum(of) => of
+                    .get_value(*number)
+                    .map_or_else(|| number.to_string(), |value| value.name().to_owned()),
+                _ => number.to_string(),
+            },
+        };
+        if field.json_name() != name {
+            let inner = field.json_name();
+            let path = if outer.is_empty() { inner.to_owned() } else { format!("{outer}.{inner}") };
+            fields.push((path, text.clone()));
+        }
+        fields.push((path, text));
     }
-    Some(match (&*message.get_field(&field), rest) {
-        (Value::Message(inner), Some(rest)) => return text(inner, rest),
-        (Value::Message(inner), None) => return time(inner),
-        (_, Some(_)) | (Value::Bytes(_) | Value::List(_) | Value::Map(_), None) => return None,
-        (Value::Bool(value), _) => value.to_string(),
-        (Value::I32(value), _) => value.to_string(),
-        (Value::I64(value), _) => value.to_string(),
-        (Value::U32(value), _) => value.to_string(),
-        (Value::U64(value), _) => value.to_string(),
-        (Value::F32(value), _) => value.to_string(),
-        (Value::F64(value), _) => value.to_string(),
-        (Value::String(value), _) => value.clone(),
-        (Value::EnumNumber(number), _) => match field.kind() {
-            Kind::Enum(of) => of
-                .get_value(*number)
-                .map_or_else(|| number.to_string(), |value| value.name().to_owned()),
-            _ => number.to_string(),
-        },
-    })
 }
 
 /// A `Timestamp` or `Duration`.
@@ -67,5 +84,5 @@ fn time(message: &DynamicMessage) -> Option<String> {
     }
     let whole = message.get_field_by_name("seconds")?.as_i64()?;
     let nanos = message.get_field_by_name("nanos")?.as_i32()?;
-    Some(seconds(u64::try_from(whole).ok()?, u32::try_from(nanos).ok()?))
+    Some(seconds(whole, u32::try_from(nanos).ok()?))
 }

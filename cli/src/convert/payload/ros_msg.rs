@@ -8,11 +8,24 @@ use super::cdr::{CdrField, CdrLayout, CdrType, FieldKind, FieldShape};
 const TIME: &str = "int32 sec\nuint32 nanosec";
 const TIMES: [&str; 2] = ["builtin_interfaces/Time", "builtin_interfaces/Duration"];
 
+/// What a service's event begins with, whatever the service is; recordings have the definition of the service instead.
+const SERVICE_EVENT: &str = "\
+service_msgs/ServiceEventInfo info
+========
+MSG: service_msgs/ServiceEventInfo
+uint8 event_type
+builtin_interfaces/Time stamp
+char[16] client_gid
+int64 sequence_number
+";
+
 /// How messages of the type lie in CDR.
 ///
 /// # Errors
 /// If a line or a type is not understood.
 pub(super) fn layout(name: &str, text: &str) -> Result<CdrLayout, String> {
+    let is_service = text.is_empty() || text.lines().any(|line| line.trim() == "---");
+    let text = if name.ends_with("_Event") && is_service { SERVICE_EVENT } else { text };
     let mut definitions = vec![(short(name), String::new())];
     for line in text.lines() {
         let line = line.trim();

@@ -6,8 +6,7 @@ use std::time::Duration;
 use ::csv::{ReaderBuilder, Trim};
 use fuseline_deadline::Observation;
 use fuseline_testkit::networks::{Drive, DriveError};
-use fuseline_traces::rows::{Columns, RowError, Rows, Unit};
-use serde_json::{Map, Value};
+use fuseline_traces::rows::{TableError, TableReader};
 
 use crate::parsers::held::as_file;
 use crate::parsers::{Ends, ParserResult, fit};
@@ -46,71 +45,37 @@ pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> ParserResult {
     held.map_err(|error| error.to_string())?
 }
 
-/// Rows with instants in milliseconds: an event says what the cells of its row say.
+/// Rows are those of a plain reader, and each stands at a later line than the one before.
 fn events(bytes: &[u8], ends: &mut Ends) -> ParserResult {
-    let called = [("response".to_owned(), "result")];
-    let mut rows = match Rows::new(bytes, Columns::new(&[], &called, Unit::Ms)) {
-        Ok(rows) => rows,
+    let mut options = ReaderBuilder::new();
+    options.trim(Trim::All);
+    let mut table = TableReader::new(bytes, &options);
+    let mut plain = options.from_reader(bytes);
+    match table.names() {
+        Ok(names) if plain.headers().is_ok_and(|plain| *plain == names) => {}
+        Ok(names) => return Err(format!("the first row is {names:?}")),
         Err(error) => return no_events(&error, ends),
-    };
-    let mut cells = ReaderBuilder::new().trim(Trim::All).from_reader(bytes);
-    let columns = cells.headers().map_err(|error| error.to_string())?.clone();
-    let mut records = cells.into_records();
+    }
+    let (mut records, mut before) = (plain.into_records(), 0);
     loop {
-        let event = match rows.next_event() {
-            Ok(Some(event)) => event,
+        let (line, row) = match table.next_row() {
+            Ok(Some((line, row))) => (line, row.clone()),
             Ok(None) => break,
             Err(error) => return no_events(&error, ends),
         };
-        let mut line = Vec::new();
-        event.write(&mut line);
-        let line: Map<String, Value> =
-            serde_json::from_slice(&line).map_err(|error| error.to_string())?;
-        let record = records.next().and_then(Result::ok).ok_or("an event without a row")?;
-        for (key, value) in &line {
-            let position = columns.iter().position(|column| column == key);
-            let cell = position.and_then(|position| record.get(position)).unwrap_or_default();
-            let is_printed = match (&**key, value) {
-                // A request without one is due when its deadline ends.
-                ("due", value) if cell.is_empty() => {
-                    let named =
-                        |name: &str| nanos(record.get(columns.iter().position(|it| it == name)?)?);
-                    let due = named("at").zip(named("deadline"));
-                    value.as_u64() == due.map(|(at, deadline)| at.saturating_add(deadline))
-                }
-                ("at" | "due" | "deadline", value) => value.as_u64() == nanos(cell),
-                (_, Value::String(text)) => text == cell || text == "result" && cell == "response",
-                (_, value) => value.as_u64() == cell.parse().ok(),
-            };
-            if !is_printed {
-                return Err(format!("{key} is {value}, the row says {cell:?}: {record:?}"));
-            }
+        let record = records.next().and_then(Result::ok).ok_or("a row that a reader has not")?;
+        if record != row || line <= before {
+            return Err(format!("line {line} after {before} has {row:?}, not {record:?}"));
         }
+        before = line;
     }
     ends.insert("events");
     Ok(())
 }
 
-fn no_events(error: &RowError, ends: &mut Ends) -> ParserResult {
+fn no_events(error: &TableError, ends: &mut Ends) -> ParserResult {
     ends.insert("no events");
     fit(&error.to_string())
-}
-
-/// Milliseconds as nanoseconds, a digit at a time.
-fn nanos(cell: &str) -> Option<u64> {
-    let (mut nanos, mut decimals) = (0_u128, None);
-    for c in cell.chars() {
-        if c == '.' && decimals.is_none() {
-            decimals = Some(0);
-            continue;
-        }
-        nanos = nanos.checked_mul(10)?.checked_add(c.to_digit(10)?.into())?;
-        decimals = decimals.map(|decimals| decimals + 1);
-    }
-    let decimals: u32 = decimals.unwrap_or(0);
-    let nanos = nanos.checked_mul(1_000_000)?;
-    let unit = 10_u128.checked_pow(decimals)?;
-    (nanos % unit == 0).then(|| u64::try_from(nanos / unit).ok())?
 }
 
 /// A drive begins again when it is over, and a message that comes back does so within a lap and a

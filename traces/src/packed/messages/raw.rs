@@ -2,7 +2,7 @@
 //!
 //! The library takes memory for whatever length a file claims, so lengths are checked here first.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Read};
 use std::ops::Range;
 use std::rc::Rc;
@@ -17,6 +17,8 @@ use super::{MessageError, blocks};
 /// memory before the first byte of it came, and any up to three times as much while a buffer grows. All schemas together
 /// may take as much.
 pub const RECORD: usize = 40 << 20;
+/// How many other topics are remembered.
+const OTHERS: usize = 1000;
 /// What a message begins with: its channel, a number, two instants.
 const MESSAGE: usize = 22;
 
@@ -69,6 +71,8 @@ pub struct RawMessages<'a> {
     /// How many bytes the schemas have.
     schemas_len: usize,
     channels: BTreeMap<u16, (usize, Rc<PayloadFormat>)>,
+    /// Topics that were not asked for.
+    others: BTreeSet<String>,
 }
 
 /// A message where it was read.
@@ -92,7 +96,13 @@ impl<'a> RawMessages<'a> {
     ) -> Self {
         let (schemas, channels) = (BTreeMap::new(), BTreeMap::new());
         let (records, block) = (Box::new(records), Vec::new());
-        Self { records, block, at: 0, topics, schemas, schemas_len: 0, channels }
+        let others = BTreeSet::new();
+        Self { records, block, at: 0, topics, schemas, schemas_len: 0, channels, others }
+    }
+
+    /// The topics so far that were not asked for, up to a thousand.
+    pub fn others(&self) -> impl Iterator<Item = &str> {
+        self.others.iter().map(|topic| &**topic)
     }
 
     /// The next message of the topics; none at the end.
@@ -179,6 +189,8 @@ impl<'a> RawMessages<'a> {
                     let schema = self.schemas.get(&channel.schema_id).cloned();
                     let format = PayloadFormat { encoding: channel.message_encoding, schema };
                     self.channels.insert(channel.id, (topic, Rc::new(format)));
+                } else if self.others.len() < OTHERS {
+                    self.others.insert(channel.topic);
                 }
             }
             // Others are not read, since the library takes the memory that a text in them claims to need.
