@@ -1,6 +1,6 @@
 (** * T1: no later than local
 
-    The conditions and the proof in prose are in the book's chapter of safe deadlines. The machine's half is about the
+    SPEC.md has the conditions, and the book's chapter of safe deadlines the proof in prose. The machine's half is about the
     trace of any run; the vehicle's half is about frames, and takes the machine's as a hypothesis. *)
 From Coq Require Import List NArith Bool Lia.
 From Fuseline Require Import Rules Sets Trace Statements Slots Invariant Runs Accounts Promises.

@@ -1,7 +1,8 @@
 (** * T2 and T4: the deadline of the guard
 
     [guard] is what `Guard::judge` of `fuseline-deadline` computes, over the rationals: no axiom is needed, and every
-    number of a computer is one. The conditions and the proof in prose are in the book's chapter of safe deadlines. *)
+    number of a computer is one. SPEC.md has the conditions, and the
+    book's chapter of safe deadlines the proof in prose. *)
 From Coq Require Import List QArith Qminmax Lqa Bool Lia.
 Import ListNotations.
 Open Scope Q_scope.

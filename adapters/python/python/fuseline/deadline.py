@@ -9,8 +9,8 @@ and learns how each call ended. Keep one for each cloud, and give it to `Operato
 >>> policy.decide(Situation(speed=(17.5, 18.0)), cap=2.0).reason  # the first measures the cloud
 Reason.PROBE
 
-The book's chapter *Deadlines that are safe* (`docs/book/src/verified/deadlines.md`) has the
-conditions and the proofs. Durations that go in, figures too, are a timedelta, seconds as a float,
+`SPEC.md`, section 9, has the conditions, and the book's chapter *Deadlines that are safe*
+(`docs/book/src/verified/deadlines.md`) the proofs. Durations that go in, figures too, are a timedelta, seconds as a float,
 or nanoseconds as `fuseline.ns`; a plain int is refused, and what comes out is `ns`. Other figures
 are numbers in m, m/s and m/s². A figure that is not plausible, such as milliseconds given as
 seconds, is refused with the range that it may have.
