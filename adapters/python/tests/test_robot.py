@@ -13,8 +13,8 @@ from typing import Any
 import fuseline
 import pytest
 from conftest import Run
-from fuseline import ConfigError, StampedValue, _remote
-from fuseline._chunks import ArrivedChunk, ChunkPlan, _split
+from fuseline import Call, ConfigError, StampedValue, _remote
+from fuseline._chunks import ArrivedChunk, ChunkPlan, _split, actions_of
 from fuseline._remote import RemoteThread
 from fuseline.robot import Always, Chunk, Hold, fade
 from fuseline.testing import VirtualLoop
@@ -181,45 +181,45 @@ def test_a_chunk_under_way_is_given_up_at_the_end_though_its_call_hangs() -> Non
     server.connections[0].ends.set()
 
 
-def test_after_calls_that_hung_one_that_ends_lets_the_next_be_made(
-    monkeypatch: pytest.MonkeyPatch,
+def test_calls_go_on_after_calls_that_hang(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """D7, D8: as before once their threads have ended, and a pause after each connection."""
-    monkeypatch.setattr(_remote, "PAUSE", 0.0)
+    """D7, D8: later, the more hang, and at the usual pace once their threads have ended."""
+    now = [0.0]
+    monkeypatch.setattr(_remote, "monotonic", lambda: now[0])
     server, errors = DeafServer(), list[Any]()
+    most = _remote.HUNG_THREADS
 
     async def main() -> None:
         asyncio.get_running_loop().set_exception_handler(lambda _, context: errors.append(context))
         remote = RemoteThread(server.connect)
-        for n in range(_remote.HUNG_THREADS):
+        for n in range(most + 4):
+            # The time passes up to which the next call waits.
+            now[0] = remote._ended + _remote.PAUSE * 2 ** max(n - most, 0)
             assert remote.is_ready()
-            call = asyncio.ensure_future(remote.infer(n))
-            while len(server.connections) <= n:
+            call = asyncio.ensure_future(remote.infer(n, Call(n, 1.0)))
+            while len(server.connections) <= n or remote._connection is None:
                 await asyncio.sleep(0.001)
             call.cancel()
             await asyncio.wait([call])
-        assert not remote.is_ready(), "more threads hang than may"
-        threads = [it for it in threading.enumerate() if it.name == "fuseline-remote"]
-        assert len(threads) == _remote.HUNG_THREADS
-        server.connections[0].ends.set()
-        while sum(it.is_alive() for it in threads) == len(threads):
+            assert not remote.is_ready(), "just after a connection ended"
+        assert f"{most} threads hang" in caplog.text
+        for connection in server.connections:
+            connection.ends.set()
+        while any(it.name == "fuseline-remote" for it in threading.enumerate()):
             await asyncio.sleep(0.001)
+        now[0] = remote._ended + _remote.PAUSE
         assert remote.is_ready()
-        call = asyncio.ensure_future(remote.infer("again"))
-        while len(server.connections) <= _remote.HUNG_THREADS:
+        call = asyncio.ensure_future(remote.infer("again", Call(99, 1.0)))
+        while len(server.connections) <= most + 4:
             await asyncio.sleep(0.001)
         server.connections[-1].ends.set()
         assert await call == "again"
-        monkeypatch.setattr(_remote, "PAUSE", 3600.0)
         assert remote.is_ready(), "for a connection that is there"
         remote.close()
         assert not remote.is_ready(), "just after a connection ended"
-        for connection in server.connections:
-            connection.ends.set()
-        for thread in threading.enumerate():
-            if thread.name == "fuseline-remote":
-                thread.join(30)
-                assert not thread.is_alive()
+        while any(it.name.startswith("fuseline-remote") for it in threading.enumerate()):
+            await asyncio.sleep(0.001)
 
     asyncio.run(main())
     assert all(it.is_closed for it in server.connections)
@@ -237,7 +237,7 @@ def test_a_policy_that_was_closed_while_it_connected_is_closed_once_it_is_there(
 
     async def main() -> None:
         remote = RemoteThread(connect)
-        call = asyncio.ensure_future(remote.infer(0))
+        call = asyncio.ensure_future(remote.infer(0, Call(0, 1.0)))
         await asyncio.to_thread(connecting.wait, 60)
         call.cancel()
         await asyncio.wait([call])
@@ -261,7 +261,7 @@ class PlannedRemote:
     def is_ready(self) -> bool:
         return self.ready
 
-    async def infer(self, observation: int) -> Any:
+    async def infer(self, observation: int, call: Call) -> Any:
         self.requested.append(observation)
         self.answers[observation] = asyncio.get_running_loop().create_future()
         return await self.answers[observation]
@@ -403,10 +403,12 @@ def test_a_blend_that_changes_nothing_is_of_its_own_message() -> None:
 def test_a_reply_may_be_split_by_a_function(run: Run[Any]) -> None:
     async def main(loop: VirtualLoop) -> None:
         remote: Any = PlannedRemote()
-        plan = ChunkPlan(remote, Chunk(every=9, max_age=9, split=lambda reply: reply["steps"][1:]))
+        chunk = Chunk(every=9, max_age=9, split=lambda reply: reply["steps"][1:])
+        plan = ChunkPlan(remote, chunk)
         plan.request(0, 0)
         await settled()
-        remote.answers[0].set_result({"steps": ["a header", 1.0, 2.0], "arm": [0, 0, 0]})
+        reply = {"steps": ["a header", 1.0, 2.0], "arm": [0, 0, 0]}
+        remote.answers[0].set_result(actions_of(reply, chunk, lambda *_: None))
         await settled()
         planned = [plan.planned(t, None) for t in range(3)]
         assert planned == [StampedValue(1.0, 0), StampedValue(2.0, 0), None]
@@ -416,13 +418,19 @@ def test_a_reply_may_be_split_by_a_function(run: Run[Any]) -> None:
 
 def test_replies_are_split_by_what_they_are_made_of() -> None:
     assert _split([1, 2]) == [1, 2]
-    reply = {"arm": [1, 2, 3], "gripper": [7, 8], "server": "west"}
+    reply = {"arm": [1, 2], "gripper": [7, 8], "server": "west"}
     assert _split(reply) == [
         {"arm": 1, "gripper": 7, "server": "west"},
         {"arm": 2, "gripper": 8, "server": "west"},
     ]
+    assert _split({"actions": [[1], [2]], "state": [7, 8, 9]}) == [
+        {"actions": [1], "state": [7, 8, 9]},
+        {"actions": [2], "state": [7, 8, 9]},
+    ]
     with pytest.raises(ConfigError, match="without arrays"):
         _split({"server": "west"})
+    with pytest.raises(ConfigError, match="arm 3, gripper 2; give the chunk a split="):
+        _split({"arm": [1, 2, 3], "gripper": [7, 8]})
     arrays = pytest.importorskip("numpy")
     ticks = _split({"arm": arrays.arange(6).reshape(3, 2), "scale": arrays.float64(2)})
     assert [list(it["arm"]) for it in ticks] == [[0, 1], [2, 3], [4, 5]]
@@ -458,7 +466,7 @@ def test_a_blend_is_of_the_oldest_message() -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "deadline"), [({"period": 8.0}, 6.0), ({"period": 8.0, "deadline": 5.0}, 5.0)]
+    ("options", "deadline"), [({"period": 2.0}, 1.5), ({"period": 2.0, "deadline": 1.9}, 1.9)]
 )
 def test_a_deadline_is_three_quarters_of_the_period_unless_it_is_given(
     tmp_path: Path, options: dict[str, Any], deadline: float

@@ -15,6 +15,7 @@ from typing import Any
 
 import pytest
 from fuseline import (
+    Call,
     Ending,
     Local,
     Operator,
@@ -195,8 +196,9 @@ def test_a_connection_that_cannot_be_closed_is_reported_and_the_next_waits(
 
     async def main() -> None:
         remote = RemoteThread(StuckPolicy)
-        assert await remote.infer(7) == 7
+        assert await remote.infer(7, Call(0, 1.0)) == 7
         remote.close()
+        remote.wait(30.0)
         for pause, ready in ((3600.0, False), (0.0, True)):
             monkeypatch.setattr(_remote, "PAUSE", pause)
             assert remote.is_ready() == ready

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import inspect
+import math
 from collections import deque
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from fuseline._errors import ConfigError
+from fuseline._errors import CallError, ConfigError, in_one_line
 from fuseline._fuseline import nanoseconds
-from fuseline._item import StampedValue
-from fuseline._wiring import check_count
+from fuseline._item import Call, StampedValue
+from fuseline._wiring import check_count, check_function
 
 if TYPE_CHECKING:
     from fuseline._remote import RemoteThread
@@ -36,6 +38,10 @@ def fade(ticks: int, max_jump: float | None = None) -> Blend:
     [2.5]
     """
     check_count(ticks, 1, "a fade's ticks")
+    if max_jump is not None:
+        is_number = isinstance(max_jump, (int, float)) and not isinstance(max_jump, bool)
+        if not is_number or not 0 < max_jump < math.inf:
+            raise ConfigError(f"a max_jump of {max_jump!r}; it is a number above 0, or None")
 
     def blend(earlier: Any, later: Any, age: int, last: Any) -> Any:
         action = later
@@ -68,13 +74,37 @@ class ArrivedChunk:
 class ChunkPlan:
     """Requests chunks in time, and has the action of each tick."""
 
-    def __init__(self, remote: RemoteThread, chunk: Chunk) -> None:
+    def __init__(
+        self,
+        remote: RemoteThread,
+        chunk: Chunk,
+        ended: Callable[[str | None], None] = lambda _: None,
+        check: Callable[[Any], None] = lambda _: None,
+    ) -> None:
+        """Makes a plan.
+
+        Args:
+            remote: Makes the calls; its reply is a list of actions.
+            chunk: How chunks are used.
+            ended: Called with why a call failed, or None if it brought a chunk.
+            check: Raises what is wrong with an action that is about to be sent.
+        """
         check_count(chunk.every, 1, "ticks between chunks")
+        check_count(chunk.max_age, 0, "a max_age")
+        if chunk.split is not None:
+            check_function(chunk.split, "a split")
+        if chunk.blend is not None:
+            check_function(chunk.blend, "a blend")
         if chunk.skip not in ("executed", "none"):
             raise ConfigError(f"skip is 'executed' or 'none', not {chunk.skip!r}")
         self.chunk = chunk
         self._remote = remote
+        self._ended, self._check = ended, check
+        #: Why the latest call failed, until one brings a chunk.
+        self.why: str | None = None
         self._within = nanoseconds(chunk.within) / 1e9
+        if not self._within:
+            raise ConfigError("a chunk within 0 s; every call would be given up at once")
         #: The later one and the one before it.
         self._chunks: deque[ArrivedChunk] = deque(maxlen=2)
         self._request: asyncio.Task[None] | None = None
@@ -110,6 +140,7 @@ class ChunkPlan:
             if earlier is not None and _differs(blended, action):
                 of = earlier[0].of
             action = blended
+            self._check(action)
         return StampedValue(action, of)
 
     def clear(self) -> None:
@@ -123,26 +154,65 @@ class ChunkPlan:
             self._loop.call_soon_threadsafe(self._request.cancel)
 
     async def _take(self, observation: Any, t: int, episode: int) -> None:
+        call = Call(t, self._within)
         try:
-            reply = await asyncio.wait_for(self._remote.infer(observation), self._within)
-            actions = list((self.chunk.split or _split)(reply))
-        except Exception:  # on board acts until the next chunk
-            self._next = self._tick + 1
+            actions = await asyncio.wait_for(self._remote.infer(observation, call), self._within)
+        except asyncio.CancelledError:
+            raise
+        except asyncio.TimeoutError:
+            self._failed(f"no chunk within {self._within:g} s")
             return
+        except Exception as error:
+            self._failed(in_one_line(error))
+            return
+        self.why = None
+        self._ended(None)
         if episode == self._episode:
             first = t if self.chunk.skip == "executed" else self._tick + 1
             self._chunks.append(ArrivedChunk(t, first, actions))
 
+    def _failed(self, why: str) -> None:
+        """On board acts until the next chunk, which is requested as soon as that can be."""
+        self._next = self._tick + 1
+        self.why = why
+        self._ended(why)
+
+
+def actions_of(reply: Any, chunk: Chunk, check: Callable[[Any, str], None]) -> list[Any]:
+    """Returns the actions of a chunk's reply.
+
+    Raises:
+        CallError: if it has none, or one of them is none.
+    """
+    actions = list((chunk.split or _split)(reply))
+    if not actions:
+        raise CallError("a chunk without actions")
+    for number, action in enumerate(actions):
+        check(action, f"chunk[{number}]")
+    return actions
+
 
 def _split(reply: Any) -> Sequence[Any]:
     """The actions of a list, or of a dictionary of arrays, which is how openpi's servers reply."""
+    if isinstance(reply, (str, bytes, bytearray)):
+        text = reply if isinstance(reply, str) else bytes(reply[:200]).decode(errors="replace")
+        raise CallError(f"a text for a chunk: {text[:200]}")
     if not isinstance(reply, dict):
+        if not hasattr(reply, "__iter__") or inspect.isgenerator(reply):
+            raise CallError(f"a {type(reply).__name__} for a chunk; it is a list of actions")
         return list(reply)
     arrays = {key: value for key, value in reply.items() if hasattr(value, "shape") and value.ndim}
     arrays |= {key: value for key, value in reply.items() if isinstance(value, list)}
     if not arrays:
         raise ConfigError("a reply without arrays; give the chunk a split=")
-    ticks = min(len(value) for value in arrays.values())
+    if "actions" in arrays:
+        # A state that comes along is not the actions' length.
+        ticks = len(arrays["actions"])
+        arrays = {key: value for key, value in arrays.items() if len(value) == ticks}
+    ticks = max(len(value) for value in arrays.values())
+    if any(len(value) != ticks for value in arrays.values()):
+        lengths = ", ".join(f"{key} {len(value)}" for key, value in arrays.items())
+        raise ConfigError(f"arrays of different lengths, {lengths}; give the chunk a split=")
     return [reply | {key: value[k] for key, value in arrays.items()} for k in range(ticks)]
 
 
@@ -160,7 +230,8 @@ def _each(combine: Callable[[Any, Any], Any], a: Any, b: Any) -> Any:
 def _clipped(step: Any, most: float) -> Any:
     if hasattr(step, "clip"):
         return step.clip(-most, most)
-    return max(-most, min(most, step))
+    # What is not a number is no step of the greatest length.
+    return max(-most, min(most, step)) if step == step else step
 
 
 def _differs(a: Any, b: Any) -> bool:

@@ -4,31 +4,42 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import inspect
 import logging
 import queue
 import threading
-import time
 from collections.abc import Callable
+from dataclasses import replace
+from time import monotonic
 from typing import Any, Protocol
 
 from fuseline._errors import CallError, in_one_line
+from fuseline._item import Call
+from fuseline._wiring import check_read
 
 _log = logging.getLogger("fuseline")
 
-#: How many threads may hang in calls that closing their connection did not end.
-HUNG_THREADS = 4
-#: How long after the end of a connection the next one may begin, in seconds.
+#: How many threads may hang, in calls or in closing, before the next call is made later.
+HUNG_THREADS = 16
+#: How long after the end of a connection the next one may begin, in seconds; twice as long for each
+#: thread that hangs beyond those, up to the longest.
 PAUSE = 0.1
+LONGEST_PAUSE = 60.0
 
 
 class RemotePolicy(Protocol):
-    """A connection to a policy server."""
+    """A connection to a policy server.
 
-    def infer(self, observation: Any) -> Any:
-        """Send an observation, and wait for its actions."""
+    ``infer`` may have a parameter ``call``, and is then given a `Call`: the tick is its
+    ``timestamp``, and the seconds in which the action is of use its ``deadline``.
+    """
+
+    @property
+    def infer(self) -> Callable[..., Any]:
+        """Sends an observation, and waits for its actions."""
 
     def close(self) -> None:
-        """End the connection, and with it a call under way. It is called from another thread."""
+        """Ends the connection, and with it a call under way. It is called from another thread."""
 
 
 class RemoteThread:
@@ -36,93 +47,149 @@ class RemoteThread:
 
     A call that is cancelled closes its connection: its reply can only be read by itself, so none
     is taken for that of a later call. The next call connects anew.
+
+    Args:
+        connect: Makes a connection.
+        read: Makes the value of a reply, or raises why it is none.
+        name: The operator's name in logs.
     """
 
-    def __init__(self, connect: Callable[[], RemotePolicy]) -> None:
-        self._connect = connect
+    def __init__(
+        self,
+        connect: Callable[[], RemotePolicy],
+        read: Callable[[Any], Any] = lambda reply: reply,
+        name: str = "policy",
+    ) -> None:
+        self._connect, self._read, self._name = connect, read, name
         self._connection: PolicyConnection | None = None
+        #: Threads of calls that were given up, and of those that close connections.
         self._hung: list[threading.Thread] = []
         self._ended = -PAUSE
 
     def is_ready(self) -> bool:
-        """Whether a call can be made: not just after a connection ended, nor while many hang."""
+        """Whether a call can be made: not just after a connection ended, later if many hang."""
         if self._connection is not None and not self._connection.is_over:
             return True
-        self._hung = [thread for thread in self._hung if thread.is_alive()]
-        return len(self._hung) < HUNG_THREADS and time.monotonic() >= self._ended + PAUSE
+        return monotonic() >= self._ended + self._pause()
 
-    async def infer(self, observation: Any) -> Any:
+    async def infer(self, observation: Any, call: Call) -> Any:
         """Make a call; at most one at a time."""
         connection = self._connection
         if connection is None or connection.is_over:
-            connection = self._connection = PolicyConnection(self._connect)
+            connection = self._connection = PolicyConnection(self._connect, self._read)
         try:
-            return await connection.infer(observation)
+            return await connection.infer(observation, call)
         except BaseException:
             self.close()
             raise
 
     def close(self) -> None:
-        """End the connection and a call under way."""
+        """End the connection and a call under way; it does not wait for that."""
         connection, self._connection = self._connection, None
-        if connection is not None:
-            connection.close()
-            self._hung.append(connection.thread)
-            self._ended = time.monotonic()
+        if connection is None:
+            return
+        before = len(self._alive())
+        self._hung += [connection.thread, *connection.close()]
+        self._ended = monotonic()
+        hung = len(self._alive())
+        # At each doubling.
+        if hung >= HUNG_THREADS and hung.bit_length() > before.bit_length():
+            _log.error(
+                "%s: %d threads hang in calls to the remote policy or in closing it, and the next "
+                "call is made after %.1f s: let close() end a call under way",
+                self._name,
+                hung,
+                self._pause(),
+            )
+
+    def wait(self, seconds: float) -> None:
+        """Wait until what was closed has ended, but no longer than this."""
+        until = monotonic() + seconds
+        for thread in self._alive():
+            thread.join(max(until - monotonic(), 0.0))
+
+    def _alive(self) -> list[threading.Thread]:
+        self._hung = [thread for thread in self._hung if thread.is_alive()]
+        return self._hung
+
+    def _pause(self) -> float:
+        beyond = max(len(self._alive()) - HUNG_THREADS, 0)
+        return min(PAUSE * 2.0 ** min(beyond, 64), LONGEST_PAUSE) if PAUSE else 0.0
 
 
 class PolicyConnection:
     """A thread that connects and makes calls, until it fails or is closed."""
 
-    def __init__(self, connect: Callable[[], RemotePolicy]) -> None:
-        self._connect = connect
-        self._calls: queue.SimpleQueue[tuple[Any, asyncio.Future[Any]] | None] = queue.SimpleQueue()
+    def __init__(self, connect: Callable[[], RemotePolicy], read: Callable[[Any], Any]) -> None:
+        self._connect, self._read = connect, read
+        self._calls: queue.SimpleQueue[tuple[Any, Call, float, asyncio.Future[Any]] | None] = (
+            queue.SimpleQueue()
+        )
         self._policy: RemotePolicy | None = None
+        self._takes_call = False
         self._lock = threading.Lock()
         self._loop = asyncio.get_running_loop()
         self.is_over = False
         self.thread = threading.Thread(target=self._run, name="fuseline-remote", daemon=True)
         self.thread.start()
 
-    def infer(self, observation: Any) -> asyncio.Future[Any]:
+    def infer(self, observation: Any, call: Call) -> asyncio.Future[Any]:
         """Hand a call to the thread."""
         future: asyncio.Future[Any] = self._loop.create_future()
-        self._calls.put((observation, future))
+        self._calls.put((observation, call, monotonic() + call.deadline, future))
         return future
 
-    def close(self) -> None:
-        """End it; a policy that is being connected is closed as soon as it is there."""
+    def close(self) -> list[threading.Thread]:
+        """End it; a policy that is being connected is closed as soon as it is there.
+
+        Closing may wait for the server, so a thread does that.
+        """
         with self._lock:
             self.is_over = True
             policy = self._policy
         self._calls.put(None)
-        if policy is not None:
-            _close(policy)
+        if policy is None:
+            return []
+        closing = threading.Thread(
+            target=_close, args=[policy], name="fuseline-remote-close", daemon=True
+        )
+        closing.start()
+        return [closing]
 
     def _run(self) -> None:
-        while (call := self._calls.get()) is not None:
-            observation, future = call
+        while (job := self._calls.get()) is not None:
+            observation, call, due, future = job
             try:
-                reply = self._reply(observation)
+                reply = self._reply(observation, call, due)
             except BaseException as error:
                 self.is_over = True
                 self._answer(future, None, error)
                 return
             self._answer(future, reply, None)
 
-    def _reply(self, observation: Any) -> Any:
+    def _reply(self, observation: Any, call: Call, due: float) -> Any:
         if self._policy is None:
             policy = self._connect()
+            _check_policy(policy)
+            self._takes_call = _takes_call(policy.infer)
             with self._lock:
                 self._policy = policy
                 is_over = self.is_over
             if is_over:
                 _close(policy)
                 raise CallError("it was closed while it connected")
-        return self._policy.infer(observation)
+        if self._takes_call:
+            call = replace(call, deadline=max(due - monotonic(), 0.0))
+            reply = self._policy.infer(observation, call=call)
+        else:
+            reply = self._policy.infer(observation)
+        check_read(reply, "infer of the remote policy")
+        return self._read(reply)
 
     def _answer(self, future: asyncio.Future[Any], reply: Any, error: BaseException | None) -> None:
-        why = "" if error is None else f"{type(error).__name__}: {in_one_line(error)}"
+        why = "" if error is None else in_one_line(error)
+        if error is not None and not isinstance(error, CallError):
+            why = f"{type(error).__name__}: {why}"
 
         def settle() -> None:
             if future.done():
@@ -136,8 +203,24 @@ class PolicyConnection:
             self._loop.call_soon_threadsafe(settle)
 
 
+def _check_policy(policy: Any) -> None:
+    for method in ("infer", "close"):
+        if not callable(getattr(policy, method, None)) or inspect.isclass(policy):
+            raise CallError(
+                f"the function that connects returned {type(policy).__name__}, which has no "
+                f"{method}(): a remote policy has infer(observation) and close()"
+            )
+
+
+def _takes_call(infer: Callable[..., Any]) -> bool:
+    try:
+        return "call" in inspect.signature(infer).parameters
+    except (TypeError, ValueError):
+        return False
+
+
 def _close(policy: RemotePolicy) -> None:
     try:
         policy.close()
-    except Exception as error:
-        _log.debug("a remote policy could not be closed: %s", error)
+    except BaseException as error:
+        _log.warning("a remote policy could not be closed: %s", in_one_line(error))

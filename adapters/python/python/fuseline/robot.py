@@ -7,22 +7,32 @@ deadline, else one from on board. It has the methods of openpi's ``BasePolicy``;
 
 from __future__ import annotations
 
+import asyncio
+import inspect
 import itertools
+import logging
 import os
 import socket
+import threading
 import time
+from collections import Counter, deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
 
+from fuseline._actions import Form, check_form, form_of
 from fuseline._blocking import BlockingOperator
-from fuseline._chunks import Blend, ChunkPlan, fade
-from fuseline._errors import ConfigError
-from fuseline._item import Call, Item, StampedValue
+from fuseline._chunks import Blend, ChunkPlan, actions_of, fade
+from fuseline._drive import GRACE
+from fuseline._errors import CallError, ConfigError, in_one_line
+from fuseline._fuseline import nanoseconds
+from fuseline._item import Call, Ending, Failure, Item, Source, StampedValue
 from fuseline._local import Local
 from fuseline._operator import Operator
 from fuseline._remote import RemotePolicy, RemoteThread
+from fuseline._wiring import check_function, check_value, is_async
+from fuseline._words import ns
 
 if TYPE_CHECKING:
     from fuseline._judge import Duration
@@ -31,6 +41,14 @@ __all__ = ["Always", "Blend", "Chunk", "Hold", "RemotePolicy", "fade", "lerobot"
 
 #: How many messages may be open at once.
 WINDOW = 16
+#: The longest time from a tick to the next, in seconds; more is a rate that was meant in hertz.
+LONGEST_PERIOD = 2.0
+#: How many reasons of failures are counted by themselves.
+REASONS = 8
+
+LOCAL, REMOTE = Source(0, "local"), Source(1, "remote")
+
+_log = logging.getLogger("fuseline")
 
 
 class OnBoardPolicy(Protocol):
@@ -46,6 +64,12 @@ class Hold:
 
     #: What is held before the first action was sent.
     first: Any
+
+    def __post_init__(self) -> None:
+        try:
+            form_of(self.first, "what is held")
+        except CallError as error:
+            raise ConfigError(f"{error}; give the first action that may be sent") from error
 
 
 OnBoard: TypeAlias = Hold | OnBoardPolicy | Callable[[Any], Any]
@@ -77,21 +101,29 @@ class Always:
     ended with its connection, and the next one connects anew, so that a late reply is read by its
     own call and never acts.
 
+    A reply acts only if it has the form of an action on board, with numbers that are finite; else
+    the call has failed. An action on board that is not there by the deadline is replaced by the
+    action that was sent last. Each failure is counted in `counts` and given to ``on_failure``.
+
     Args:
         remote: Connects to the remote policy, in a thread of its own: `openpi`, `lerobot`, or a
             function that returns a `RemotePolicy`.
         on_board: What acts when the remote policy does not: `Hold`, an object with ``infer``, or a
             function of the observation.
-        deadline: How long the remote policy may take; by default three quarters of the period.
+        deadline: How long the remote policy may take, and the one on board; by default three
+            quarters of the period.
         chunk: How replies with the actions of several ticks are used. The age of what is sent is
             then bounded by it, and the deadline is for a chunk that is there already.
-        period: The time from a tick to the next.
+        period: The time from a tick to the next, in seconds; not a rate in hertz.
         linger: How long a call may go on after its deadline, without effect.
         trace: The file that the run is recorded to, for ``fuseline check``.
         name: The operator's name in logs and traces.
+        on_failure: Called in `infer`, before it returns, with each `Failure` since the last tick:
+            of a call to the remote policy, or of the policy on board. What it raises is logged.
 
     Raises:
-        ConfigError: if neither a deadline nor a period is given, or a chunk has no ticks.
+        ConfigError: if neither a deadline nor a period is given, the deadline is above the period,
+            the period is longer than two seconds, or a chunk has no ticks.
 
     >>> class Server:
     ...     def infer(self, observation):
@@ -108,26 +140,37 @@ class Always:
         remote: Callable[[], RemotePolicy],
         on_board: OnBoard,
         *,
-        deadline: float | None = None,
+        deadline: Duration | None = None,
         chunk: Chunk | None = None,
-        period: float | None = None,
+        period: Duration | None = None,
         linger: Duration = 1.0,
         trace: str | os.PathLike[str] | None = None,
         name: str = "policy",
+        on_failure: Callable[[Failure], None] | None = None,
     ) -> None:
-        if deadline is None:
-            if period is None:
-                raise ConfigError("neither a deadline nor a period; give one")
-            deadline = 0.75 * period
-        self._deadline = deadline
-        self._remote = RemoteThread(remote)
+        _check_connects(remote)
+        if on_failure is not None:
+            check_function(on_failure, "what is called on failures")
+        self._deadline = _deadline_of(deadline, period)
+        self._linger = nanoseconds(linger) / 1e9
+        self._failures = PolicyFailures(name, on_failure)
         self._last: Any = on_board.first if isinstance(on_board, Hold) else None
+        #: What an action on board is made of, once that is known.
+        self._like = _held_form(on_board)
+        self._is_guessed = False
+        self._remote = RemoteThread(remote, self._read(chunk), name)
         #: What became of the last tick, for instance whose action it was.
         self.item: Item[Any] | None = None
-        self._plan = None if chunk is None else ChunkPlan(self._remote, chunk)
-        operator: Operator[Any, Any] = Operator(
-            _local(self, on_board), name=name, window=WINDOW, trace=trace
+        self._plan = (
+            None
+            if chunk is None
+            else ChunkPlan(self._remote, chunk, self._failures.ended, self._check)
         )
+        self._turn = threading.Lock()
+        operator: Operator[Any, Any] = Operator(
+            self._local(on_board), name=name, window=WINDOW, trace=trace
+        )
+        operator.use_substitute(lambda _: self._last)
         if self._plan is None:
             operator.use_cloud(
                 self._call,
@@ -151,28 +194,33 @@ class Always:
         self._is_closed = False
 
     def infer(self, obs: Any) -> Any:
-        """The action for an observation, at the latest at the deadline.
+        """Returns the action for an observation, at the latest at the deadline.
+
+        Several threads may call it; each tick waits for the one before.
 
         Raises:
-            RuntimeError: if there is none, for on board nothing came either.
+            RuntimeError: if there is none: on board nothing came by the deadline, and no action was
+                sent before that could be held. Call a policy that loads slowly once before.
         """
-        t = self._operator.write(obs)
-        while True:
-            item = self._operator.read()
-            if item is None:
-                raise RuntimeError("the policy was closed")
-            if item.timestamp == t:
-                break
-        self.item = item
-        if item.source is None:
-            raise RuntimeError(f"no action for tick {t}: {item.ending.name.lower()}")
-        self._last = item.value
-        return item.value
+        with self._turn:
+            if self._is_closed:
+                raise ConfigError("the policy was closed, and does not run any more; make another")
+            return self._tick(obs)
 
     def reset(self) -> None:
         """Forget the actions of chunks, as at the begin of an episode."""
         if self._plan is not None:
             self._plan.clear()
+
+    @property
+    def counts(self) -> Counter[tuple[str, str, str]]:
+        """What happened so far: the counts of the operator, and what became of the calls.
+
+        ``counts["remote", "call", "answered"]`` and ``"failed"`` are the calls to the remote
+        policy, and ``counts["remote", "call failed because", why]`` has the first eight reasons.
+        ``counts[name, "message", "missed"]`` are the ticks for which nothing came.
+        """
+        return self._operator.operator.counts + self._failures.counts
 
     def close(self) -> None:
         """End the remote call and the trace, unless that was done."""
@@ -183,6 +231,7 @@ class Always:
             self._plan.close()
         self._remote.close()
         self._operator.__exit__(None, None, None)
+        self._remote.wait(GRACE)
 
     def __enter__(self) -> Always:
         return self
@@ -195,32 +244,193 @@ class Always:
     ) -> None:
         self.close()
 
+    def _tick(self, obs: Any) -> Any:
+        t = self._operator.write(obs)
+        while True:
+            item = self._operator.read()
+            if item is None:
+                raise RuntimeError("the policy was closed")
+            if item.timestamp == t:
+                break
+        self.item = item
+        self._failures.of_item(item, self._deadline)
+        self._failures.report()
+        if item.source is None and item.substitute is None:
+            whys = [f"{it.source}: {it.why}" for it in item.failures if it.source.priority == 0]
+            why = ", ".join(whys) or f"on board took longer than {self._deadline:g} s"
+            raise RuntimeError(
+                f"no action for tick {t}: {item.ending.name.lower()}; {why}; no action was sent "
+                "before that could be held: call the policy on board once before, or give Hold"
+            )
+        self._last = item.value
+        return item.value
+
+    def _local(self, on_board: OnBoard) -> Local[Any, Any]:
+        if isinstance(on_board, Hold):
+
+            async def hold(_: Any, __: int) -> Any:
+                return self._last
+
+            return Local.task(hold)
+        compute: Any = getattr(on_board, "infer", on_board)
+        check_function(compute, "a policy on board")
+
+        def act(observation: Any, _: int) -> Any:
+            action = compute(observation)
+            check_value(action, "the policy on board", "make it a plain function")
+            form = form_of(action, "the action on board")
+            if self._like is None or self._is_guessed:
+                self._is_guessed, self._like = False, form
+            return action
+
+        # Of several observations that wait for a slow policy the latest one counts.
+        return Local.threads(act, deadline=ns(round(self._deadline * 1e9)), waiting=1)
+
+    def _check(self, action: Any, where: str = "the action") -> None:
+        check_form(action, self._like, where)
+        if self._like is None:
+            # Until the policy on board has acted, its actions are as the first one.
+            self._is_guessed, self._like = True, form_of(action)
+
+    def _read(self, chunk: Chunk | None) -> Callable[[Any], Any]:
+        """What makes actions of a reply, and checks them, in the remote policy's thread."""
+
+        def one(reply: Any) -> Any:
+            self._check(reply)
+            return reply
+
+        return one if chunk is None else lambda reply: actions_of(reply, chunk, self._check)
+
     def _offer(self, observation: Any, _: int) -> tuple[Any, float] | None:
         return (observation, self._deadline) if self._remote.is_ready() else None
 
-    async def _call(self, observation: Any, _: Call) -> Any:
-        return await self._remote.infer(observation)
+    async def _call(self, observation: Any, call: Call) -> Any:
+        left = max(call.deadline - self._linger, 0.0)
+        try:
+            action = await self._remote.infer(observation, replace(call, deadline=left))
+        except asyncio.CancelledError:
+            if not self._is_closed:
+                self._failures.ended(f"no reply within {self._deadline + self._linger:g} s")
+            raise
+        except Exception as error:
+            self._failures.ended(in_one_line(error))
+            raise
+        self._failures.ended(None)
+        return action
 
     def _offer_planned(self, observation: Any, t: int) -> tuple[Any, float] | None:
         """Requests the next chunk if it is time, and the planned action if there is one."""
         assert self._plan is not None
         self._plan.request(observation, t)
-        planned = self._plan.planned(t, self._last)
+        try:
+            planned: Any = self._plan.planned(t, self._last)
+        except Exception as error:
+            planned = CallError(f"the blended action: {in_one_line(error)}")
+            self._failures.ended(str(planned))
+        if planned is None and self._plan.why is not None:
+            planned = CallError(self._plan.why)
         return None if planned is None else (planned, self._deadline)
 
-    async def _planned(self, planned: StampedValue[Any], _: Call) -> StampedValue[Any]:
+    async def _planned(self, planned: StampedValue[Any] | CallError, _: Call) -> StampedValue[Any]:
+        if isinstance(planned, CallError):
+            raise planned
         return planned
 
 
-def _local(policy: Always, on_board: OnBoard) -> Local[Any, Any]:
-    if isinstance(on_board, Hold):
+class PolicyFailures:
+    """Counts and logs how calls ended, and hands failures to a callback."""
 
-        async def hold(_: Any, __: int) -> Any:
-            return policy._last
+    def __init__(self, name: str, on_failure: Callable[[Failure], None] | None) -> None:
+        self.counts: Counter[tuple[str, str, str]] = Counter()
+        self._name, self._on_failure = name, on_failure
+        self._fresh: deque[Failure] = deque(maxlen=64)
+        self._reasons: set[str] = set()
+        #: How many calls have failed since one was answered.
+        self._in_a_row = 0
 
-        return Local.task(hold)
-    compute = on_board if callable(on_board) else on_board.infer
-    return Local.threads(lambda observation, _: compute(observation))
+    def ended(self, why: str | None) -> None:
+        """A call to the remote policy has ended; with a reason it has failed."""
+        if why is None:
+            if self._in_a_row:
+                _log.info("%s: the remote policy answers again", self._name)
+            self._in_a_row = 0
+            self.counts["remote", "call", "answered"] += 1
+            return
+        self._in_a_row += 1
+        self.counts["remote", "call", "failed"] += 1
+        if len(self._reasons) < REASONS:
+            self._reasons.add(why)
+        reason = why if why in self._reasons else "other reasons"
+        self.counts["remote", "call failed because", reason] += 1
+        self._fresh.append(Failure(REMOTE, why))
+        # The first, and then as often as they double.
+        if self._in_a_row & (self._in_a_row - 1) == 0:
+            _log.warning(
+                "%s: a call to the remote policy failed, %d in a row: %s",
+                self._name,
+                self._in_a_row,
+                why,
+            )
+
+    def of_item(self, item: Item[Any], deadline: float) -> None:
+        """What became of a tick: whether the policy on board failed, or came too late."""
+        failed = [it for it in item.failures if it.source.priority == 0]
+        if not failed and item.ending is Ending.MISSED:
+            failed = [Failure(LOCAL, f"no action on board within {deadline:g} s")]
+        self._fresh.extend(failed)
+
+    def report(self) -> None:
+        """Hand what failed to the callback."""
+        while self._fresh:
+            failure = self._fresh.popleft()
+            try:
+                if self._on_failure is not None:
+                    self._on_failure(failure)
+            except Exception:
+                _log.exception("%s: what is called on failures failed", self._name)
+
+
+def _held_form(on_board: OnBoard) -> Form | None:
+    """Returns what an action that is held is made of; a number alone may stand for any action."""
+    form = form_of(on_board.first) if isinstance(on_board, Hold) else None
+    return None if form == () else form
+
+
+def _check_connects(remote: Any) -> None:
+    """A function that connects.
+
+    Raises:
+        ConfigError: if it is none, such as a policy.
+    """
+    if not callable(remote) or (hasattr(remote, "infer") and not inspect.isclass(remote)):
+        raise ConfigError(
+            f"a remote policy is given as a function that connects, not as {remote!r}: give the "
+            "class, or `lambda: policy`"
+        )
+    if is_async(remote):
+        raise ConfigError("what connects is a plain function; it runs in a thread of its own")
+
+
+def _deadline_of(deadline: Duration | None, period: Duration | None) -> float:
+    """Returns the deadline in seconds."""
+    tick = None if period is None else nanoseconds(period) / 1e9
+    if tick is not None and not 0 < tick <= LONGEST_PERIOD:
+        raise ConfigError(
+            f"a period of {tick} s; it is the time from a tick to the next, at most "
+            f"{LONGEST_PERIOD} s: for 30 Hz give 1 / 30"
+        )
+    if deadline is None:
+        if tick is None:
+            raise ConfigError("neither a deadline nor a period; give one")
+        return 0.75 * tick
+    given = nanoseconds(deadline) / 1e9
+    if given == 0:
+        raise ConfigError("a deadline of 0; no action could be there by then")
+    if tick is not None and given > tick:
+        raise ConfigError(
+            f"a deadline of {given} s is above the period of {tick} s: each tick would be late"
+        )
+    return given
 
 
 def openpi(host: str, port: int | None = None) -> Callable[[], RemotePolicy]:

@@ -1,0 +1,436 @@
+"""Cases of misuse: remote policies and control loops. As of test_misuse.py."""
+
+from __future__ import annotations
+
+import math
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy
+import pytest
+from fuseline import Call, Ending, Failure, _remote
+from fuseline.robot import Always, Chunk, Hold, fade
+from misuse import misuse, refused
+
+NAN = float("nan")
+CHUNK = Chunk(every=2, max_age=4, within=5.0)
+
+
+def server(reply: Callable[[Any], Any]) -> Any:
+    """A class of connections that reply so."""
+
+    class Server:
+        def infer(self, observation: Any) -> Any:
+            return reply(observation)
+
+        def close(self) -> None:
+            pass
+
+    return Server
+
+
+def refuses(*_: Any) -> Any:
+    raise ConnectionRefusedError("401: unauthorized")
+
+
+def ticks(policy: Always, until: Callable[[], bool], most: float = 10.0) -> list[Any]:
+    """Actions of ticks, until this holds."""
+    end = time.monotonic() + most
+    actions: list[Any] = []
+    while not until() and time.monotonic() < end:
+        actions.append(policy.infer(len(actions)))
+        time.sleep(0.001)
+    assert until(), policy.counts
+    return actions
+
+
+# Failures of the remote policy.
+
+
+@pytest.mark.parametrize("chunk", [None, CHUNK])
+@pytest.mark.parametrize(
+    ("remote", "words"),
+    [
+        (refuses, "401: unauthorized"),
+        (server(refuses), "401: unauthorized"),
+        (lambda: object(), "has no infer()"),
+        (server(lambda _: None), "add the return"),
+        (server(lambda _: sys.exit("no licence")), "no licence"),
+    ],
+)
+@misuse("gives a remote policy that always fails", "counted, logged, `on_failure`, in each item")
+def test_remote_that_always_fails(
+    chunk: Chunk | None, remote: Any, words: str, caplog: pytest.LogCaptureFixture, monkeypatch: Any
+) -> None:
+    monkeypatch.setattr(_remote, "PAUSE", 0.0)
+    failures: list[Failure] = []
+    with Always(
+        remote, Hold([0.0]), deadline=5.0, chunk=chunk, on_failure=failures.append
+    ) as policy:
+        actions = ticks(policy, lambda: len(failures) >= 5)
+        assert policy.item is not None
+        assert words in policy.item.failures[0].why
+        assert policy.counts["remote", "call", "failed"] >= 5
+        assert policy.counts["remote", "failure", "accepted"] >= 3
+        (reason,) = (it[2] for it in policy.counts if it[1] == "call failed because")
+    assert set(map(str, actions)) == {"[0.0]"}
+    assert words in reason
+    assert words in failures[0].why
+    assert str(failures[0].source) == "remote"
+    assert "a call to the remote policy failed, 4 in a row" in caplog.text
+
+
+@misuse("gives a remote policy whose chunks come too late", "counted, logged, in each item")
+def test_chunk_that_is_too_late() -> None:
+    go_on = threading.Event()
+    chunk = Chunk(every=1, max_age=4, within=0.01)
+    with Always(server(lambda _: go_on.wait(30)), Hold(0.0), deadline=5.0, chunk=chunk) as policy:
+        ticks(policy, lambda: policy.counts["remote", "call", "failed"] >= 2)
+        assert policy.item is not None
+        assert policy.item.failures[0].why == "no chunk within 0.01 s"
+        go_on.set()
+
+
+@misuse("gives a callback of failures that raises", "logged; the ticks go on")
+def test_callback_of_failures_that_raises(caplog: pytest.LogCaptureFixture) -> None:
+    def on_failure(failure: Failure) -> None:
+        raise KeyError(failure.why)
+
+    with Always(refuses, Hold(0.0), deadline=5.0, on_failure=on_failure) as policy:
+        assert [policy.infer(it) for it in range(3)] == [0.0] * 3
+    assert "what is called on failures failed" in caplog.text
+
+
+@misuse("gives a remote policy whose calls hang, and `close` does not end them", "calls go on")
+def test_remote_that_hangs(monkeypatch: pytest.MonkeyPatch, caplog: Any) -> None:
+    monkeypatch.setattr(_remote, "PAUSE", 0.001)
+    monkeypatch.setattr(_remote, "HUNG_THREADS", 4)
+    go_on = threading.Event()
+    calls: list[int] = []
+
+    def reply(observation: Any) -> Any:
+        calls.append(observation)
+        if len(calls) <= 8:
+            go_on.wait(60)
+        return 1.0
+
+    remote = server(reply)
+    with Always(remote, Hold(0.0), deadline=0.002, linger=0.002) as policy:
+        ticks(policy, lambda: policy.counts["remote", "call", "answered"] > 0)
+        assert policy.counts["remote", "call", "failed"] >= 8
+        go_on.set()
+    assert "threads hang in calls to the remote policy" in caplog.text
+
+
+@misuse("closes a connection in a way that waits", "no tick waits for it")
+def test_close_that_waits() -> None:
+    go_on = threading.Event()
+
+    class Server:
+        def infer(self, observation: Any) -> Any:
+            go_on.wait(60)
+
+        def close(self) -> None:
+            go_on.wait(60)
+
+    with Always(Server, Hold(0.0), deadline=0.002, linger=0.002) as policy:
+        begin = time.monotonic()
+        ticks(policy, lambda: policy.counts["remote", "call", "failed"] >= 2)
+        assert time.monotonic() - begin < 10.0
+        go_on.set()
+
+
+# Actions.
+
+
+@dataclass
+class Command:
+    joints: Any
+    name: str = ""
+
+
+BAD_ACTIONS: list[tuple[Any, Any, str]] = [
+    ([0.0, 0.0], [NAN, 0.0], "not finite"),
+    ([0.0, 0.0], [0.0, -math.inf], "not finite"),
+    ([0.0, 0.0], [0.0], "has the shape (1,), and on board it has (2,)"),
+    ([0.0, 0.0], [[0.0, 0.0]], "give chunk="),
+    ([0.0, 0.0], 0.0, "has the shape (), and on board it has (2,)"),
+    ([0.0, 0.0], "error: CUDA out of memory", "CUDA out of memory"),
+    ([0.0, 0.0], [0.0, "1"], "parts that differ"),
+    ([0.0, 0.0], [[0.0], [0.0, 1.0]], "parts that differ"),
+    ([0.0, 0.0], {"actions": [0.0, 0.0]}, "on board it is numbers of the shape (2,)"),
+    ([0.0, 0.0], numpy.array([0.0, NAN]), "not finite"),
+    ([0.0, 0.0], numpy.zeros((1, 2)), "give chunk="),
+    ([0.0, 0.0], numpy.array(["0", "1"]), "give numbers"),
+    (numpy.zeros(2), numpy.zeros(2, dtype=object), "give numbers"),
+    ({"arm": [0.0], "grip": 0.0}, {"arm": [0.0]}, "has no 'grip'"),
+    ({"arm": [0.0]}, {"arm": [NAN]}, "['arm'][0] is nan"),
+    ({"arm": [0.0]}, {"error": "no model"}, "no model"),
+    ({"arm": [0.0]}, [0.0], "it has arm"),
+    (Command([0.0]), Command([NAN]), "not finite"),
+    (Command([0.0]), Command([0.0, 0.0]), "has the shape (2,)"),
+    (True, 1.0, "on board it is bool"),
+]
+
+
+@pytest.mark.parametrize("chunked", [False, True])
+@pytest.mark.parametrize(("held", "action", "words"), BAD_ACTIONS)
+@misuse("replies with what is no action", "a failure of the remote policy; nothing moves by it")
+def test_reply_that_is_no_action(chunked: bool, held: Any, action: Any, words: str) -> None:
+    failures: list[Failure] = []
+    reply = [action] * 3 if chunked else action
+    with Always(
+        server(lambda _: reply),
+        Hold(held),
+        deadline=5.0,
+        chunk=CHUNK if chunked else None,
+        on_failure=failures.append,
+    ) as policy:
+        actions = ticks(policy, lambda: bool(failures))
+        assert all(it is held for it in actions)
+        assert str(policy.item and policy.item.source) == "local"
+    assert words in failures[0].why
+
+
+GOOD_ACTIONS: list[tuple[Any, Any]] = [
+    ([0.0, 0.0], [1, 2.5]),
+    ([0.0, 0.0], numpy.array([1.0, 2.0])),
+    ((0.0, 0.0), numpy.array([1, 2], dtype="int8")),
+    ({"arm": [0.0]}, {"arm": [1.0], "timing": {"ms": 3.0}, "name": "west", "more": None}),
+    ("stop", "go"),
+    (Command([0.0]), Command([1.0])),
+    (0, 1.5),
+]
+
+
+@pytest.mark.parametrize(("held", "action"), GOOD_ACTIONS)
+def test_takes_an_action_of_the_form_on_board(held: Any, action: Any) -> None:
+    with Always(server(lambda _: action), Hold(held), deadline=5.0) as policy:
+        assert policy.infer(0) is action
+    chunk = Chunk(every=1, max_age=99, within=5.0)
+    with Always(server(lambda _: [action] * 9), Hold(held), deadline=5.0, chunk=chunk) as policy:
+        ticks(policy, lambda: str(policy.item and policy.item.source) == "remote")
+
+
+@pytest.mark.parametrize("reply", ["abc", b"abc", "", [], 7.0, {"error": "x"}, object()])
+@misuse("replies with what is no chunk", "a failure of the remote policy")
+def test_reply_that_is_no_chunk(reply: Any) -> None:
+    failures: list[Failure] = []
+    with Always(
+        server(lambda _: reply), Hold([0.0]), deadline=5.0, chunk=CHUNK, on_failure=failures.append
+    ) as policy:
+        assert set(map(str, ticks(policy, lambda: bool(failures)))) == {"[0.0]"}
+
+
+@misuse("gives a policy on board that replies in another form than the server", "a failure")
+def test_form_of_a_policy_on_board() -> None:
+    failures: list[Failure] = []
+
+    def reply(observation: Any) -> list[float]:
+        time.sleep(0.01)
+        return [0.0] * 8
+
+    with Always(
+        server(reply),
+        lambda _: [0.0] * 7,
+        deadline=5.0,
+        on_failure=failures.append,
+    ) as policy:
+        assert {len(it) for it in ticks(policy, lambda: bool(failures))} <= {7, 8}
+        assert "has the shape (8,), and on board it has (7,)" in failures[0].why
+        assert len(policy.infer(0)) == 7
+
+
+def test_a_number_that_is_held_stands_for_any_action() -> None:
+    replies: list[Any] = [(1.0, 2.0), (3.0,), "text"]
+    failures: list[Failure] = []
+    with Always(
+        server(lambda tick: replies[min(tick, 2)]),
+        Hold(0),
+        deadline=5.0,
+        on_failure=failures.append,
+    ) as policy:
+        assert [policy.infer(it) for it in range(2)] == [(1.0, 2.0), (1.0, 2.0)]
+        ticks(policy, lambda: len(failures) > 1)
+    assert "has the shape (1,), and on board it has (2,)" in failures[0].why
+
+
+@misuse("gives a blend that makes what is no action", "a failure of the remote policy")
+def test_blend_that_makes_no_action() -> None:
+    def blend(*_: Any) -> Any:
+        return [NAN]
+
+    chunk = Chunk(every=1, max_age=99, within=5.0, blend=blend)
+    failures: list[Failure] = []
+    with Always(
+        server(lambda _: [[1.0]] * 9),
+        Hold([0.0]),
+        deadline=5.0,
+        chunk=chunk,
+        on_failure=failures.append,
+    ) as policy:
+        assert set(map(str, ticks(policy, lambda: bool(failures)))) == {"[0.0]"}
+    assert "the blended action" in failures[0].why
+
+
+def test_fade_keeps_what_is_not_a_number() -> None:
+    assert math.isnan(fade(2, max_jump=0.05)(None, [NAN], 5, [0.0])[0])
+
+
+@pytest.mark.parametrize("jump", [0.0, -1.0, NAN, math.inf, "1", True])
+@misuse("gives a `max_jump` that is none", "`ConfigError`")
+def test_odd_max_jump(jump: Any) -> None:
+    refused("max_jump", lambda: fade(2, max_jump=jump))
+
+
+# The policy on board.
+
+
+@misuse("gives a policy on board that is slower than the deadline", "the last action; reported")
+def test_slow_policy_on_board() -> None:
+    slow = threading.Event()
+    failures: list[Failure] = []
+
+    def on_board(observation: int) -> float:
+        if observation > 0:
+            slow.wait(60)
+        return 7.0
+
+    with Always(refuses, on_board, deadline=0.2, on_failure=failures.append) as policy:
+        assert policy.infer(0) == 7.0
+        begin = time.monotonic()
+        assert policy.infer(1) == 7.0
+        assert time.monotonic() - begin < 5.0
+        assert policy.item is not None
+        assert (policy.item.ending, policy.item.substitute) == (Ending.MISSED, 7.0)
+        assert policy.counts["policy", "message", "missed"] == 1
+        slow.set()
+    assert "no action on board within 0.2 s" in [it.why for it in failures]
+
+
+@pytest.mark.parametrize(
+    ("on_board", "words"),
+    [
+        (lambda _: time.sleep(1.0), "on board took longer than 0.01 s"),
+        (lambda _: None, "add the return"),
+        (lambda _: [NAN], "not finite"),
+        (lambda _: sys.exit("not calibrated"), "not calibrated"),
+        (lambda _: (it for it in "ab"), "do not yield"),
+    ],
+)
+@misuse("gives a policy on board without an action at the first tick", "`RuntimeError`: why")
+def test_no_action_on_board(on_board: Any, words: str) -> None:
+    with (
+        Always(refuses, on_board, deadline=0.01) as policy,
+        pytest.raises(RuntimeError, match=r"no action for tick 0: missed; .*") as raised,
+    ):
+        policy.infer(0)
+    assert words in str(raised.value) or "took longer" in str(raised.value)
+
+
+class Module:
+    """As one of PyTorch's: called, it computes something else."""
+
+    def __call__(self, observation: Any) -> str:
+        return "forward"
+
+    def infer(self, observation: Any) -> str:
+        return "infer"
+
+
+@misuse("gives a policy on board that can also be called", "its `infer` acts")
+def test_policy_that_can_be_called() -> None:
+    with Always(refuses, Module(), deadline=5.0) as policy:
+        assert policy.infer(0) == "infer"
+
+
+# The loop.
+
+
+@pytest.mark.parametrize("chunk", [None, CHUNK])
+@misuse("calls `infer` in several threads", "each has its own tick's action")
+def test_infer_in_several_threads(chunk: Chunk | None) -> None:
+    wrong: list[Any] = []
+
+    def loop(policy: Always, number: int) -> None:
+        for tick in range(200):
+            action = policy.infer([number, tick])
+            if chunk is None and action not in ([number, tick], [-1, -1]):
+                wrong.append(action)
+
+    def reply(observation: Any) -> Any:
+        return observation if chunk is None else [observation] * 4
+
+    with Always(server(reply), Hold([-1, -1]), deadline=5.0, chunk=chunk) as policy:
+        threads = [threading.Thread(target=loop, args=(policy, it)) for it in range(3)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join(60)
+            assert not thread.is_alive()
+        assert policy.counts["policy", "message", "accepted"] == 600
+    assert not wrong
+
+
+@pytest.mark.parametrize(
+    ("of", "words"),
+    [
+        ({"period": 30.0}, "for 30 Hz give 1 / 30"),
+        ({"period": 0.0}, "a period of 0.0 s"),
+        ({"period": 0.1, "deadline": 0.2}, "above the period"),
+        ({"deadline": 0.0}, "a deadline of 0"),
+        ({"period": 0.1, "on_failure": 7}, "what is called on failures is a function"),
+        ({"period": 0.1, "chunk": Chunk(1, 4, within=0.0)}, "within 0 s"),
+        ({"period": 0.1, "chunk": Chunk(1, 4, blend=0.5)}, "a blend is a function"),  # type: ignore[arg-type]
+        ({"period": 0.1, "chunk": Chunk(1, 4, split="actions")}, "a split is a function"),  # type: ignore[arg-type]
+    ],
+)
+@misuse("gives a rate for a period, or a deadline above it", "`ConfigError`, with the remedy")
+def test_odd_period(of: dict[str, Any], words: str) -> None:
+    refused(words, lambda: Always(refuses, Hold(0.0), **of))
+
+
+@pytest.mark.parametrize("of", [{"period": 30}, {"deadline": 1}, {"deadline": 0.1, "linger": 5}])
+@misuse("gives a period as an `int`", "`TypeError`, as of any duration")
+def test_int_for_a_period(of: dict[str, Any]) -> None:
+    refused("for seconds", lambda: Always(refuses, Hold(0.0), **of), TypeError)
+
+
+async def connects() -> Any:
+    return Module()
+
+
+@pytest.mark.parametrize("remote", [Module(), None, "ws://west", connects])
+@misuse("gives a remote policy for the function that connects", "`ConfigError`, with the remedy")
+def test_policy_for_a_function(remote: Any) -> None:
+    refused("connects", lambda: Always(remote, Hold(0.0), deadline=0.1))
+
+
+@pytest.mark.parametrize("first", [None, [NAN], {"arm": math.inf}])
+@misuse("holds what is no action", "`ConfigError`")
+def test_hold_of_no_action(first: Any) -> None:
+    refused("give the first action", lambda: Hold(first))
+
+
+def test_a_remote_policy_learns_its_tick_and_deadline() -> None:
+    calls: list[Call] = []
+
+    class Server:
+        def infer(self, observation: Any, call: Call) -> Any:
+            calls.append(call)
+            return [0.0] if len(calls) == 1 else [[0.0]] * 9
+
+        def close(self) -> None:
+            pass
+
+    with Always(Server, Hold([0.0]), deadline=0.5, linger=4.0) as policy:
+        policy.infer(7)
+    with Always(Server, Hold([0.0]), deadline=0.5, chunk=Chunk(1, 9, within=3.0)) as policy:
+        ticks(policy, lambda: policy.counts["remote", "call", "answered"] > 0)
+    assert [it.timestamp for it in calls[:2]] == [0, 0]
+    assert 0.0 < calls[0].deadline <= 0.5
+    assert 1.0 < calls[1].deadline <= 3.0
