@@ -190,11 +190,18 @@ CASES_AROUND: dict[str, Arguments] = {
         always,
         {"remote": PlainObject, "on_board": Hold(0), "period": 0.1},
         {
-            "period": [(None, ConfigError, "neither a deadline nor a period; give one")],
+            "remote": [(None, ConfigError, "as a function that connects, not as None")],
+            "period": [
+                (None, ConfigError, "neither a deadline nor a period; give one"),
+                (30.0, ConfigError, "for 30 Hz give 1 / 30"),
+                *DURATION,
+            ],
+            "deadline": [(0.2, ConfigError, "above the period"), *DURATION],
             "linger": DURATION,
+            "on_failure": but_none(function("what is called on failures")),
         },
-        {"on_board": [lambda observation: observation], "deadline": [0.1]},
-        free="remote on_board deadline chunk trace name",
+        {"on_board": [lambda observation: observation], "deadline": [0.1], "period": [2.0]},
+        free="on_board chunk trace name",
         of=Always,
     ),
     "Chunk": Arguments(

@@ -229,12 +229,7 @@ GUARDS = [
         "    form = form_of(action, where)\n",
         "    return\n",
     ),
-    (
-        "reply_that_is_no_chunk",
-        "_chunks.py",
-        "if isinstance(reply, (str, bytes, bytearray)):",
-        "if False:",
-    ),
+    ("reply_that_is_no_chunk", "_chunks.py", "if not actions:", "if False:"),
     ("form_of_a_policy_on_board", "robot.py", "self._is_guessed, self._like = False, form", "pass"),
     ("blend_that_makes_no_action", "_chunks.py", "self._check(action)", "pass"),
     (
@@ -252,18 +247,43 @@ GUARDS = [
         "if False:",
     ),
     ("policy_for_a_function", "robot.py", "if not callable(remote) or", "if"),
-    (
-        "hold_of_no_action",
-        "robot.py",
-        'raise ConfigError(f"{error}; give the first',
-        'print(f"{error}; give the first',
-    ),
+    ("hold_of_no_action", "robot.py", 'form_of(self.first, "what is held")', "pass"),
     (
         "callback_of_failures_that_raises",
         "robot.py",
         'except Exception:\n                _log.exception("%s: what is',
         'except OSError:\n                _log.exception("%s: what is',
     ),
+    ("one_trace_twice", "_tracefile.py", "fcntl.LOCK_EX | fcntl.LOCK_NB", "fcntl.LOCK_SH"),
+    ("trace_of_another_program", "_tracefile.py", "fcntl.LOCK_EX | fcntl.LOCK_NB", "fcntl.LOCK_SH"),
+    ("trace_that_is_removed", "_drive.py", "self._trace.lost()", "None"),
+    ("program_that_ends_without_close", "_drive.py", "atexit.register(_end_recordings)", "pass"),
+    (
+        "script_without_its_guard",
+        "_processes.py",
+        "except EOFError:\n            self._process.join(GRACE)",
+        "except EOFError:\n            return",
+    ),
+    (
+        "lambda_for_a_process",
+        "_processes.py",
+        "except Exception as error:\n            ours.close()",
+        "except OSError as error:\n            ours.close()",
+    ),
+    (
+        "process_that_cannot_answer",
+        "_processes.py",
+        "ForkingPickler.loads(ForkingPickler.dumps(error))",
+        "pass",
+    ),
+    ("encode_that_hangs", "_drive.py", "self._encoder_hangs(source, request)", "pass"),
+    (
+        "encode_that_always_hangs",
+        "_drive.py",
+        "source.encoders.hung_len() >= HUNG_ENCODERS",
+        "False",
+    ),
+    ("encode_without_return", "_drive.py", 'check_read(encoded, "what encodes")', "pass"),
     ("feed_that_is_too_fast", "_operator.py", "and driver.has_room(self._window)", ""),
     ("feed_that_fails", "_operator.py", "self._feed_error = self._feed_error or error", "pass"),
 ]
@@ -281,6 +301,7 @@ def test_the_case_fails_without_its_guard(
     tests = Path(__file__).parent
     options = [
         "-q",
+        "-x",
         "--tb=native",
         "-o",
         "addopts=",

@@ -37,7 +37,7 @@ def refuses(*_: Any) -> Any:
     raise ConnectionRefusedError("401: unauthorized")
 
 
-def ticks(policy: Always, until: Callable[[], bool], most: float = 10.0) -> list[Any]:
+def ticks(policy: Always, until: Callable[[], bool], most: float = 5.0) -> list[Any]:
     """Actions of ticks, until this holds."""
     end = time.monotonic() + most
     actions: list[Any] = []

@@ -9,8 +9,6 @@ import threading
 import time
 import weakref
 from collections.abc import Callable
-from concurrent import futures
-from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
 import pytest
@@ -85,45 +83,6 @@ def test_a_thread_that_hangs_is_replaced_as_often_as_allowed(
     assert words in caplog.text
     assert len(made) == models
     assert caplog.text.count("local cannot be made anew") == words.startswith("local")
-
-
-def test_a_pool_that_broke_under_two_computations_is_made_anew_once(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
-    class BrokenPool:
-        def __init__(self) -> None:
-            self.jobs: list[futures.Future[Any]] = []
-            self.is_shut = False
-
-        def submit(self, *_: Any) -> futures.Future[Any]:
-            self.jobs.append(futures.Future())
-            return self.jobs[-1]
-
-        def shutdown(self, *, wait: bool) -> None:
-            self.is_shut = not wait
-
-    pools: list[BrokenPool] = []
-
-    def make(workers: int) -> Any:
-        assert workers == 2
-        pools.append(BrokenPool())
-        return pools[-1]
-
-    async def main() -> None:
-        local: Any = Local.processes(max, workers=2)
-        local._make = make
-        await local._start()
-        runs = [asyncio.ensure_future(local._run(n, n)) for n in range(2)]
-        await asyncio.sleep(0)
-        for job in pools[0].jobs:
-            job.set_exception(BrokenProcessPool("killed"))
-        ended = await asyncio.gather(*runs, return_exceptions=True)
-        assert [type(it) for it in ended] == [BrokenProcessPool] * 2
-        assert local._pool is pools[1]
-        assert [it.is_shut for it in pools] == [True, False]
-
-    asyncio.run(main())
-    assert caplog.text.count("a process of local's died") == 1
 
 
 def test_threads_keep_nothing_and_are_replaced_only_in_a_computation() -> None:

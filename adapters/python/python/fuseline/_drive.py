@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import atexit
 import logging
 import os
+import time
+import weakref
 from collections.abc import Awaitable, Callable, Coroutine, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -12,13 +15,14 @@ from functools import partial
 from typing import Any, Generic, TypeAlias, TypeVar
 
 from fuseline._encoding import EncodedRequest
-from fuseline._errors import in_one_line
+from fuseline._errors import CallError, in_one_line
 from fuseline._fuseline import Calls, Engine, Latency, nanoseconds
 from fuseline._item import Call, Ending, Item, Lineage, check_capture
 from fuseline._local import Local
 from fuseline._side import SideRequest
 from fuseline._state import CarriedState
 from fuseline._threads import DaemonThreads
+from fuseline._tracefile import TraceFile
 from fuseline._wiring import (
     WiringError,
     check_awaitable,
@@ -55,6 +59,8 @@ _DAY = 86_400_000_000_000
 OVERDUE_TASKS = 1024
 #: How many seconds an operator that ends waits for tasks that it has cancelled.
 GRACE = 1.0
+#: How many encodings of a cloud may run on past their deadlines, before no other is begun.
+HUNG_ENCODERS = 16
 
 _log = logging.getLogger("fuseline")
 
@@ -140,6 +146,7 @@ class Driver(Generic[M, V]):
             in `waiting` and after `close`.
         waiting: Who waits for room.
         lag_warning: How many nanoseconds a handler may hold up the loop and is not counted.
+        trace: The file that is recorded to.
     """
 
     def __init__(
@@ -154,6 +161,7 @@ class Driver(Generic[M, V]):
         acted: Callable[[], None],
         waiting: list[Any],
         lag_warning: int,
+        trace: TraceFile | None,
     ) -> None:
         self.name = name
         self.counting = engine.counting
@@ -196,9 +204,13 @@ class Driver(Generic[M, V]):
             handlers.states,
             handlers.latency is not None or handlers.carry_messages,
         )
+        self._trace = trace
         #: Done once the trace is written.
         self._finished: asyncio.Future[None] | None = None
         self._error: OSError | None = None
+        self._process = os.getpid()
+        if engine.is_recording:
+            _RECORDING.add(self)
 
     @property
     def is_idle(self) -> bool:
@@ -215,9 +227,11 @@ class Driver(Generic[M, V]):
 
     @property
     def unrecorded(self) -> OSError | None:
-        """The error that ended the recording early, if one did."""
+        """The error that ended the recording early, or what became of its file."""
         why = self.counting.unrecorded
-        return self._error if why is None else OSError(why)
+        if why is not None:
+            return OSError(why)
+        return self._error or (None if self._trace is None else self._trace.lost())
 
     def set_situation(self, situation: Situation) -> None:
         """Set what policies know of the vehicle from now on."""
@@ -281,18 +295,53 @@ class Driver(Generic[M, V]):
             return
         # A thread of its own: the loop's may all be at work for calls that hang.
         writer = ThreadPoolExecutor(1, "fuseline-trace")
-        self._finished = self._loop.run_in_executor(writer, self._engine.finish)
+        try:
+            self._finished = self._loop.run_in_executor(writer, self._engine.finish)
+        except RuntimeError:
+            # The program ends, and no thread can be begun.
+            self._engine.finish()
+        else:
+            self._finished.add_done_callback(self._written)
         writer.shutdown(wait=False)
+
+    def _written(self, finished: asyncio.Future[None]) -> None:
+        """The trace is written, as far as it was."""
+        error = None if finished.cancelled() else finished.exception()
+        if isinstance(error, OSError):
+            self._error = error
+        if self._trace is not None:
+            self._error = self._error or self._trace.lost()
+            self._trace.close()
+
+    def end_at_exit(self) -> None:
+        """The program ends: the trace is written, and ends here."""
+        if self._process != os.getpid() or self._calls.is_over:
+            return
+        _log.warning("%s: the program ends, and it was not closed: its trace ends here", self.name)
+        until = time.monotonic() + GRACE
+        try:
+            # Its thread may decide at this moment.
+            while not self._ended_at_exit() and time.monotonic() < until:
+                time.sleep(0.001)
+        except OSError as error:
+            _log.error("%s: the trace ends early: %s", self.name, error)
+
+    def _ended_at_exit(self) -> bool:
+        try:
+            self._engine.end(self._calls.now())
+            self._engine.finish()
+        except RuntimeError:
+            return False
+        return True
 
     async def finish(self) -> None:
         """Wait until the trace is written, and a while for aborted calls to end."""
         aborted = [task for source in self._sources.values() for task in source.aborted]
         await wait_for_cancelled(self.name, "aborted calls", aborted)
         if self._finished is not None:
-            try:
-                await self._finished
-            except OSError as error:
-                self._error = error
+            await asyncio.wait({self._finished})
+            # What is called when it is done comes after that.
+            await asyncio.sleep(0)
 
     def _age(self, now: int, lineage: Lineage) -> int | None:
         """Nanoseconds since the capture; 0 if it is still to come."""
@@ -419,11 +468,36 @@ class Driver(Generic[M, V]):
         source = self._sources[p]
         assert source.cloud is not None and source.encoders is not None
         begin = self._read_clock()
-        encoded = await request.get(source.encoders)
+        if source.encoders.hung_len() >= HUNG_ENCODERS:
+            raise CallError(
+                f"{HUNG_ENCODERS} encodings have not ended; none is begun until one has"
+            )
+        try:
+            encoded = await request.get(source.encoders)
+        except asyncio.CancelledError:
+            if (self._read_clock() - begin) / 1e9 >= call.deadline:
+                self._encoder_hangs(source, request)
+            raise
         check_read(encoded, "what encodes")
         took = (self._read_clock() - begin) / 1e9
         call = replace(call, deadline=max(call.deadline - took, 0.0))
         return await _response(source.cloud, source.cloud.handle(encoded, call))
+
+    def _encoder_hangs(self, source: SourceTasks, request: EncodedRequest) -> None:
+        """An encoding runs on past its deadline: another thread takes its place, up to a bound."""
+        assert source.cloud is not None and source.encoders is not None
+        hung = source.encoders.hung_len()
+        if not request.give_up(source.encoders):
+            return
+        self.counting.handler_failed(source.cloud.cloud.p)
+        if hung & (hung + 1) == 0:
+            _log.warning(
+                "%s: encode of %s has not ended by its deadline: another thread takes its place, "
+                "and %d such have not ended",
+                self.name,
+                source.cloud.cloud.name,
+                hung + 1,
+            )
 
     def _without_value(self, p: int, t: int) -> None:
         """A result of None: most likely nobody returned one."""
@@ -515,3 +589,15 @@ async def wait_for_cancelled(
         _, left = await asyncio.wait(left, timeout=seconds)
     if left:
         _log.warning("%s: %d %s have not ended in %s s: they go on", name, len(left), what, seconds)
+
+
+#: The operators that record, for the end of the program.
+_RECORDING: weakref.WeakSet[Driver[Any, Any]] = weakref.WeakSet()
+
+
+def _end_recordings() -> None:
+    for driver in list(_RECORDING):
+        driver.end_at_exit()
+
+
+atexit.register(_end_recordings)

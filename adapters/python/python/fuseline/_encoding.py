@@ -28,6 +28,10 @@ class EncodedRequest:
         self._is_shared = True
         return self
 
+    def give_up(self, threads: DaemonThreads) -> bool:
+        """Another thread takes the place of the one that encodes; whether that is so."""
+        return self._future is not None and threads.replace(self._future)
+
     async def get(self, threads: DaemonThreads) -> Any:
         """The request, encoded by these threads unless another call began that."""
         if self._future is None:

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import multiprocessing
 from collections.abc import Awaitable, Callable
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from fuseline._errors import ConfigError
 from fuseline._fuseline import nanoseconds
+from fuseline._processes import WorkerProcess
 from fuseline._threads import DaemonThreads
 from fuseline._wiring import check_count, check_function, is_async
 
@@ -34,7 +32,7 @@ class Local(Generic[M, V]):
     def __init__(
         self,
         compute: Callable[..., Any],
-        make: Callable[[int], DaemonThreads | ProcessPoolExecutor] | None,
+        make: Callable[[int], DaemonThreads] | None,
         at_once: int,
         deadline: Duration | None,
         waiting: int | None,
@@ -55,7 +53,9 @@ class Local(Generic[M, V]):
         self._make = make
         #: Computes one message; what runs on the loop is not wrapped.
         self._run: Callable[[M, int], Awaitable[V]] = compute if make is None else self._run_apart
-        self._pool: DaemonThreads | ProcessPoolExecutor | None = None
+        self._pool: DaemonThreads | None = None
+        #: Those that the threads wait for, if any.
+        self._processes: list[WorkerProcess] = []
         #: What threads compute, by timestamp.
         self._running: dict[int, asyncio.Future[Any]] = {}
         self.replaceable = replaceable
@@ -161,40 +161,51 @@ class Local(Generic[M, V]):
         """Compute with a plain function in processes of the operator's own.
 
         The function, messages and results go there and back by pickle. The processes are started
-        with the operator; when one dies, what they were computing fails, and others take over. The
-        arguments are as for `task`; `workers` computations run at once.
+        with the operator; when one dies, what it was computing fails, and another takes over. One
+        that still computes a second after the operator has ended is killed. The arguments are as
+        for `task`; `workers` computations run at once.
         """
         _plain(compute, "Local.processes")
 
-        def make(workers: int) -> ProcessPoolExecutor:
-            # A fork would take the locks of this process's threads along.
-            return ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"))
+        processes: list[WorkerProcess] = []
 
-        return cls(compute, make, workers, deadline, waiting, skip_answered)
+        def worker() -> WorkerProcess:
+            processes.append(WorkerProcess(compute))
+            return processes[-1]
+
+        def make(workers: int) -> DaemonThreads:
+            processes.clear()
+            return DaemonThreads(worker, workers, "fuseline-local")
+
+        local = cls(compute, make, workers, deadline, waiting, skip_answered)
+        local._processes = processes
+        return local
 
     async def _start(self) -> None:
         if self._make is None:
             return
         if self._pool is not None:
             raise ConfigError("one Local for two operators at once; make one for each")
-        self._pool = pool = self._make(self.at_once)
-        if isinstance(pool, ProcessPoolExecutor):
+        self._pool = self._make(self.at_once)
+        try:
             # Else the first messages would wait until the processes are there.
             loop = asyncio.get_running_loop()
-            ready = [loop.run_in_executor(pool, _ready) for _ in range(self.at_once)]
-            await asyncio.gather(*ready)
+            await asyncio.gather(*(loop.run_in_executor(None, it.wait) for it in self._processes))
+        except BaseException:
+            self._stop()
+            raise
 
     def _stop(self) -> None:
-        if isinstance(self._pool, DaemonThreads):
+        if self._pool is not None:
             self._pool.stop()
-        elif self._pool is not None:
-            self._pool.shutdown(wait=False, cancel_futures=True)
+        for process in self._processes:
+            process.end()
         self._pool = None
 
     def _replace(self, timestamp: int) -> None:
         """Let another thread take the place of the one that computes this message."""
         future = self._running.get(timestamp)
-        if future is None or not isinstance(self._pool, DaemonThreads):
+        if future is None or self._pool is None:
             return
         try:
             self._pool.replace(future)
@@ -202,27 +213,14 @@ class Local(Generic[M, V]):
             _log.exception("local cannot be made anew")
 
     async def _run_apart(self, message: M, timestamp: int) -> V:
-        """Compute one message in a thread or a process."""
-        loop, pool = asyncio.get_running_loop(), self._pool
-        if isinstance(pool, DaemonThreads):
-            self._running[timestamp] = future = pool.run(message, timestamp)
-            try:
-                return await future  # type: ignore[no-any-return]
-            finally:
-                self._running.pop(timestamp, None)
+        """Compute one message in a thread, or in the process that it waits for."""
+        if self._pool is None:
+            raise RuntimeError("the operator has ended")
+        self._running[timestamp] = future = self._pool.run(message, timestamp)
         try:
-            return await loop.run_in_executor(pool, self._compute, message, timestamp)
-        except BrokenProcessPool:
-            # Whoever sees it first makes another.
-            if self._pool is pool and pool is not None and self._make is not None:
-                _log.error("a process of local's died; others take over")
-                pool.shutdown(wait=False)
-                self._pool = self._make(self.at_once)
-            raise
-
-
-def _ready() -> None:
-    """Nothing: a process that can do this is there."""
+            return await future  # type: ignore[no-any-return]
+        finally:
+            self._running.pop(timestamp, None)
 
 
 def _plain(compute: Callable[..., Any], where: str) -> None:

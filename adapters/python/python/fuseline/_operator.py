@@ -32,6 +32,7 @@ from fuseline._local import Local, local_of
 from fuseline._loop import WaiterList, each
 from fuseline._setup import PipelineSetup
 from fuseline._snapshot import UNCHANGEABLE, snapshot
+from fuseline._tracefile import hold
 from fuseline._wiring import (
     check_clock,
     check_count,
@@ -84,7 +85,7 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         commit: When a result is sent although a better one is pending (F6, F9).
         output_len: How many items the reader may lag behind. While it lags further, no message is
             taken in; what is open goes on. Of the items of one message it is given the newest.
-        trace: The file that the run is recorded to; it is overwritten.
+        trace: The file that the run is recorded to; it is overwritten. Each operator has its own.
         clock: Reads whole nanoseconds that never go back.
         lag_warning: How late a timer may be served, and how long a handler may hold up the loop,
             before it is counted and logged as a warning.
@@ -287,11 +288,39 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         """Start; ``async with`` does that.
 
         Raises:
-            ConfigError: if there is no operator with these clouds, or it was started before.
+            ConfigError: if there is no operator with these clouds, it was started before, or
+                another operator writes its trace.
             OSError: if its trace cannot be written.
         """
         if self._driver is not None:
             raise ConfigError("an operator is started once; make another")
+        local = self._local
+        trace = hold(self._path)
+        try:
+            engine = self._engine()
+            await local._start()
+        except BaseException:
+            if trace is not None:
+                trace.give_up()
+            raise
+        self._loop = asyncio.get_running_loop()
+        self._thread = threading.get_ident()
+        self._driver = Driver(
+            self.name,
+            engine,
+            local,
+            self._clouds,
+            self._handlers,
+            self._clock,
+            self._put,
+            self._end_if_idle,
+            self._writers.waiters,
+            self._lag_warning,
+            trace,
+        )
+
+    def _engine(self) -> Engine:
+        """The engine of what was registered."""
         local = self._local
         engine = Engine(
             [it.cloud for it in self._clouds],
@@ -318,21 +347,7 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
                         "commit patient"
                     )
                 engine.set_policy(it.cloud.p, compiled(it.policy))
-        await local._start()
-        self._loop = asyncio.get_running_loop()
-        self._thread = threading.get_ident()
-        self._driver = Driver(
-            self.name,
-            engine,
-            local,
-            self._clouds,
-            self._handlers,
-            self._clock,
-            self._put,
-            self._end_if_idle,
-            self._writers.waiters,
-            self._lag_warning,
-        )
+        return engine
 
     async def __aenter__(self) -> Operator[M, V]:
         await self.start()
@@ -621,7 +636,7 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
 
     @property
     def unrecorded(self) -> OSError | None:
-        """The error that ended the recording early, if one did."""
+        """The error that ended the recording early, or what became of its file, if that is lost."""
         return None if self._driver is None else self._driver.unrecorded
 
     def _running(self, method: str) -> Driver[M, V]:

@@ -36,15 +36,24 @@ class DaemonThreads:
         self._jobs.put((loop, future, arguments))
         return future
 
-    def replace(self, future: asyncio.Future[Any]) -> None:
-        """Let another thread take the place of the one that computes this, and that one end."""
+    def replace(self, future: asyncio.Future[Any]) -> bool:
+        """Let another thread take the place of the one that computes this, and that one end.
+
+        Returns whether another thread was begun.
+        """
         with self._lock:
-            if future not in self._running:
-                return
+            if self._running.get(future, True):
+                return False
         self._start(self._make())
         with self._lock:
             if future in self._running:
                 self._running[future] = True
+        return True
+
+    def hung_len(self) -> int:
+        """How many threads were replaced and have not ended."""
+        with self._lock:
+            return sum(self._running.values())
 
     def stop(self) -> None:
         """End each thread once it has computed what it computes."""

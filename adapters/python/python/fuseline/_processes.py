@@ -1,0 +1,158 @@
+"""Processes that compute, each behind a thread that waits for it; none outlives the program."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import multiprocessing
+import signal
+import threading
+from collections.abc import Callable
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from multiprocessing.reduction import ForkingPickler
+from typing import Any
+
+from fuseline._errors import ConfigError, in_one_line
+
+_log = logging.getLogger("fuseline")
+
+#: How many seconds a process may compute on once its operator has ended.
+GRACE = 1.0
+
+
+class WorkerProcess:
+    """A process that computes one message at a time; one that dies is started anew.
+
+    It is a daemon: a computation that hangs does not keep the program from ending.
+    """
+
+    def __init__(self, compute: Callable[..., Any]) -> None:
+        self._compute = compute
+        self._lock = threading.Lock()
+        self._is_computing = self._is_over = False
+        self._connection, self._process = self._start()
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Compute; called by the thread whose process it is."""
+        with self._lock:
+            if self._is_over:
+                raise RuntimeError("the operator has ended")
+            self._is_computing = True
+        try:
+            if not self._process.is_alive():
+                self._replace()
+            return self._computed(arguments)
+        finally:
+            with self._lock:
+                self._is_computing = False
+                if self._is_over:
+                    self._connection.close()
+
+    def wait(self) -> None:
+        """Wait until it can compute.
+
+        Raises:
+            ConfigError: if it cannot be started.
+        """
+        try:
+            self._connection.recv()
+        except EOFError:
+            self._process.join(GRACE)
+            raise ConfigError(
+                f"a process of local's ended with code {self._process.exitcode} at its start: the "
+                "function must be one of a module that can be imported, and a script that starts "
+                'processes begins with `if __name__ == "__main__":`'
+            ) from None
+
+    def end(self) -> None:
+        """End it, at the latest a while after this, also in the midst of a computation."""
+        with self._lock:
+            self._is_over = True
+            if not self._is_computing:
+                # It ends when it reads that.
+                self._connection.close()
+        timer = threading.Timer(GRACE, self._kill)
+        timer.daemon = True
+        with contextlib.suppress(RuntimeError):  # the program ends, and the process with it
+            timer.start()
+
+    def _computed(self, arguments: tuple[Any, ...]) -> Any:
+        try:
+            self._connection.send(arguments)
+            is_value, value = self._connection.recv()
+        except (EOFError, ConnectionError):
+            self._process.join(GRACE)
+            code = self._process.exitcode
+            self._replace()
+            raise RuntimeError(f"its process died with code {code}") from None
+        if is_value:
+            return value
+        raise value
+
+    def _replace(self) -> None:
+        with self._lock:
+            if self._is_over:
+                return
+            _log.error("a process of local's died; others take over")
+            self._connection.close()
+            self._connection, self._process = self._start()
+        self.wait()
+
+    def _start(self) -> tuple[Connection, BaseProcess]:
+        # A fork would take the locks of this process's threads along.
+        context = multiprocessing.get_context("spawn")
+        ours, theirs = context.Pipe()
+        process = context.Process(
+            target=_serve, args=(theirs, self._compute), name="fuseline-local", daemon=True
+        )
+        try:
+            process.start()
+        except Exception as error:
+            ours.close()
+            raise ConfigError(
+                f"what Local.processes takes cannot be given to a process, {in_one_line(error)}: "
+                "give a function of a module"
+            ) from error
+        finally:
+            theirs.close()
+        return ours, process
+
+    def _kill(self) -> None:
+        if self._process.is_alive():
+            _log.warning("a computation of local's goes on after its end: its process is killed")
+            self._process.kill()
+
+
+def _serve(connection: Connection, compute: Callable[..., Any]) -> None:
+    """What a process does: it computes until its connection is closed."""
+    # Ctrl-C is for the program, which ends this process; and it may start processes of its own.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    multiprocessing.current_process()._config["daemon"] = False  # type: ignore[attr-defined]
+    connection.send(None)
+    while True:
+        try:
+            arguments = connection.recv()
+        except EOFError:
+            return
+        except BaseException as error:
+            connection.send((False, _sendable(error)))
+            continue
+        try:
+            answer = True, compute(*arguments)
+        except BaseException as error:
+            answer = False, _sendable(error)
+        try:
+            connection.send(answer)
+        except Exception as error:
+            why = f"the result cannot be sent: {in_one_line(error)}"
+            connection.send((False, RuntimeError(why)))
+
+
+def _sendable(error: BaseException) -> Exception:
+    """An error that can be sent and raised: itself, or else what it says."""
+    if isinstance(error, Exception):
+        with contextlib.suppress(Exception):
+            ForkingPickler.loads(ForkingPickler.dumps(error))
+            return error
+    return RuntimeError(f"{type(error).__name__}: {in_one_line(error)}")

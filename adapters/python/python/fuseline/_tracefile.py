@@ -1,0 +1,91 @@
+"""A trace's file while it is written: nobody else writes it, and nobody removes it unnoticed."""
+
+from __future__ import annotations
+
+import os
+import weakref
+from pathlib import Path
+from typing import Any
+
+from fuseline._errors import ConfigError
+
+try:
+    import fcntl
+except ImportError:  # not on this system
+    fcntl = None  # type: ignore[assignment]
+
+
+class TraceFile:
+    """Holds the file of a trace, locked."""
+
+    def __init__(self, path: Path, descriptor: int, *, is_new: bool) -> None:
+        self._path, self._descriptor, self._is_new = path, descriptor, is_new
+        self._close = weakref.finalize(self, os.close, descriptor)
+        _HELD.add(self)
+
+    def lost(self) -> OSError | None:
+        """What became of the file, if it was removed or another is in its place."""
+        if not self._close.alive:
+            return None
+        try:
+            there = self._path.stat()
+        except FileNotFoundError:
+            return OSError(f"{self._path} was removed while it was written")
+        except OSError as error:
+            return error
+        if not os.path.samestat(there, os.fstat(self._descriptor)):
+            return OSError(f"{self._path} was replaced while it was written")
+        return None
+
+    def close(self) -> None:
+        """Let go of it."""
+        self._close()
+
+    def give_up(self) -> None:
+        """Let go of it, for nothing will be written; a file that is new is removed."""
+        self._close()
+        if self._is_new:
+            self._path.unlink()
+
+
+#: Those that are held, for processes that are forked: they would go on to hold them.
+_HELD: weakref.WeakSet[TraceFile] = weakref.WeakSet()
+
+
+def _let_go() -> None:
+    for held in list(_HELD):
+        held.close()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_let_go)
+
+
+def hold(path: Any) -> TraceFile | None:
+    """Locks the file that a trace will be written to; None if it is no plain file.
+
+    Raises:
+        ConfigError: if another operator writes it.
+    """
+    if path is None or fcntl is None:
+        return None
+    file = Path(os.fsdecode(path))
+    try:
+        is_new = not os.path.lexists(file)
+        if not is_new and not file.is_file():
+            return None
+        descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | getattr(os, "O_CLOEXEC", 0), 0o666)
+    except OSError:
+        # What writes it says why it cannot be written.
+        return None
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(descriptor)
+        raise ConfigError(
+            f"the trace {file} is being written by another operator; give each a file of its own"
+        ) from None
+    except OSError:
+        # A file system without locks.
+        pass
+    return TraceFile(file, descriptor, is_new=is_new)
