@@ -45,8 +45,8 @@ struct Cli {
     /// With --search, only these faults; with --mutants, only those with this in their names.
     #[arg(long, value_name = "NAME")]
     fault: Vec<String>,
-    /// Try each mutant of the façade and of its window that `cargo mutants` lists, and record which harness catches it; with
-    /// --harness by those alone. A run that was interrupted goes on where it was.
+    /// Try each mutant of the façade and of its window that `cargo mutants` lists; with --harness by those alone. A run that was
+    /// interrupted goes on where it was.
     #[arg(long, conflicts_with_all = ["keep", "sample", "search"])]
     mutants: bool,
     /// Record the harnesses, assertions and covers that there are now.
@@ -150,9 +150,7 @@ fn act(cli: &Cli) -> Result<bool, Error> {
         let mut wrong = record.shrunk(&sources);
         let ledger = ledger::VerdictLedger::load(tree)?;
         wrong.extend(ledger.differs(&sources));
-        let (of_mutants, summary) = mutants::checked(tree)?;
-        wrong.extend(of_mutants);
-        eprintln!("{}\n{summary}", ledger.summary(&ledger::digest(tree)?));
+        eprintln!("{}", ledger.summary(&ledger::digest(tree)?));
         for wrong in &wrong {
             eprintln!("{wrong}");
         }

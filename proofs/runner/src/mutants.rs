@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use fuseline_evidence::Tree;
@@ -15,7 +15,6 @@ use crate::record;
 pub(crate) const FILES: [(&str, &str); 2] =
     [("core/src/fusion.rs", "fusion"), ("core/src/window.rs", "window")];
 
-const RECORD: &str = "proofs/results/mutants.json";
 const EXCLUDED: &str = "proofs/mutants.toml";
 
 /// One change of one place.
@@ -116,7 +115,7 @@ pub(crate) enum MutantOutcome {
 }
 
 impl Mutants {
-    /// Those of the record; none if it is of other sources.
+    /// Those that were tried before; none if that was with other sources.
     ///
     /// # Errors
     /// It cannot be read.
@@ -144,13 +143,13 @@ impl Mutants {
     }
 
     fn load(root: &Path) -> Result<Self, Error> {
-        record::load(&root.join(RECORD))
+        record::load(&results(root))
     }
 
     /// # Errors
     /// It cannot be written.
     pub(crate) fn save(&self, root: &Path) -> Result<(), Error> {
-        record::save(&root.join(RECORD), self)
+        record::save(&results(root), self)
     }
 
     /// How many there are of each outcome, in words.
@@ -166,6 +165,12 @@ impl Mutants {
             count(|outcome| *outcome == MutantOutcome::NotBuilt),
         )
     }
+}
+
+/// Where the results are while the sources stay as they are: in cargo's target folder, since nobody keeps them.
+fn results(root: &Path) -> PathBuf {
+    let target = std::env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into());
+    root.join(target).join("proofs/mutants.json")
 }
 
 /// Mutants that no harness is checked for, each with the reason.
@@ -198,7 +203,7 @@ impl Exclusions {
     }
 }
 
-/// What is wrong with the record: it is of other files, or a mutant is missed without a reason; and its summary.
+/// What is wrong with the results: they are of other files, or a mutant is missed without a reason; and their summary.
 ///
 /// # Errors
 /// A file cannot be read.
