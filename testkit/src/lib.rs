@@ -13,6 +13,7 @@ pub mod networks;
 mod rng;
 mod run;
 mod shrink;
+mod varied;
 
 pub use context::{Gate, HoldingReasons, RuleDecision, RunContext};
 pub use coverage::{Cause, Consequence, Coverage, CoverageShare, Mark};
@@ -24,3 +25,4 @@ pub use ledger::{Ledger, OperatorConfig, Promise, Violation, split};
 pub use rng::Rng;
 pub use run::Run;
 pub use shrink::{Simplification, Steps, shrink};
+pub use varied::VariedGenerator;

@@ -6,4 +6,5 @@ mod networks;
 mod promises;
 mod rng;
 mod shrink;
+mod varied;
 mod wide;

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use fuseline_engine::arbiter::Arbiter;
 use fuseline_testkit::{
-    Coverage, Generator, Ledger, OperatorConfig, Run, admissions_and_ends, split,
+    Coverage, Generator, Ledger, OperatorConfig, Run, VariedGenerator, admissions_and_ends, split,
 };
 use fuseline_tests::fuzz::compare;
 use fuseline_traces::{
@@ -55,6 +55,19 @@ fn the_core_decides_what_the_reference_machine_decides() {
     check(&Commit::ALL, CASES, |run| compare(run, &mut reach));
     for share in reach.shares() {
         assert!(share.missing.is_empty(), "no run reached {:#?}", share.missing);
+    }
+}
+
+/// The same at all scales of time, with long chains and full windows.
+#[test]
+fn core_and_reference_agree_on_varied_runs() {
+    let mut reach = Coverage::default();
+    let generator = VariedGenerator { seed: 1, commit: None, clouds: 15 };
+    for number in 0..FEWER {
+        let run = generator.run(number);
+        if let Err(difference) = compare(&run, &mut reach) {
+            panic!("{difference}\nRun {number}, as it should be:\n{run:?}");
+        }
     }
 }
 
