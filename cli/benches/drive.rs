@@ -5,14 +5,15 @@ use std::process::Command;
 
 use serde_json::Value;
 
-const CASES: &str = "10000";
 /// Odd, so that there is a median.
 const TURNS: usize = 3;
 
 fn main() {
     let fuseline = env!("CARGO_BIN_EXE_fuseline");
     let python = concat!(env!("CARGO_MANIFEST_DIR"), "/../traces/examples/arbiter.py");
-    println!("{CASES} generated runs and the corpus, the median of {TURNS} turns");
+    println!(
+        "the corpus and the generated runs of a drive without options, the median of {TURNS} turns"
+    );
     drive(fuseline, "fuseline impl", &[fuseline, "impl"]);
     if Command::new("python3").arg("--version").output().is_ok() {
         drive(fuseline, "arbiter.py", &["python3", python]);
@@ -32,7 +33,7 @@ fn drive(fuseline: &str, name: &str, command: &[&str]) {
 /// The seconds that one suite took, and its inputs.
 fn turn(fuseline: &str, command: &[&str]) -> (f64, u64) {
     let mut drive = Command::new(fuseline);
-    let driven = drive.args(["drive", "--json", "--cases", CASES, "--"]).args(command).output();
+    let driven = drive.args(["drive", "--json", "--"]).args(command).output();
     let driven = driven.expect("it can be started");
     assert!(driven.status.success(), "it does not conform");
     let report: Value = serde_json::from_slice(&driven.stdout).expect("a report");

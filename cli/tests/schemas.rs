@@ -222,7 +222,8 @@ fn drives_are_as_their_schema_says() {
     let faulty = ["python3", mistakes, "--mistake", "first-response-wins"];
     let found = conforms(dir.path(), &["drive"], &[&drive[..], &faulty].concat());
     assert!(found[0]["found"][0]["violation"].is_object(), "{}", found[0]);
-    let dead = conforms(dir.path(), &["drive"], &[&drive[..], &["true"]].concat());
+    let stray = ["sh", "-c", "read -r line; echo stray"];
+    let dead = conforms(dir.path(), &["drive"], &[&drive[..], &stray].concat());
     assert!(dead[0]["found"][0]["misbehaviour"].is_string(), "{}", dead[0]);
 }
 

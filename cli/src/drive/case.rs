@@ -4,9 +4,10 @@ use std::fmt::Write as _;
 use std::io::BufReader;
 use std::path::Path;
 
-use fuseline_testkit::{Generator, Run};
+use clap::ValueEnum;
+use fuseline_testkit::{Generator, Run, VariedGenerator};
 use fuseline_traces::corpus::CASES;
-use fuseline_traces::{Commit, unpack};
+use fuseline_traces::{Commit, Header, unpack};
 use sha2::{Digest, Sha256};
 
 use crate::fault::Fault;
@@ -23,14 +24,37 @@ pub(super) struct DriveCase {
 /// All cases: the fixed ones are all driven, the generated ones up to the first difference.
 pub(super) struct Suite {
     pub(super) fixed: Vec<DriveCase>,
+    /// How many cases of the corpus are of another commit rule, or have more clouds, than are to be driven.
+    pub(super) left_out: usize,
     pub(super) generator: Generate,
-    /// How many generated ones there are; with a time instead, as many as were begun in it.
+    /// How many generated ones there are; until it is known, as many as there can be.
     pub(super) generated: u64,
 }
 
-/// What generated runs have in common. Every other one is wide: it has more clouds and more inputs.
+/// Where a case of a suite is.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum CasePlace {
+    /// Its index among the fixed ones.
+    Fixed(usize),
+    /// Its number among the generated ones.
+    Generated(u64),
+}
+
+/// Which generator makes the runs. A seed keeps its runs under each of them.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
+pub(super) enum GeneratorVersion {
+    /// Runs of a few hundred nanoseconds, every other one wide: it has more clouds and more inputs.
+    #[value(name = "1")]
+    First,
+    /// Runs at all scales of time, with long chains, full windows and numbers of all widths.
+    #[value(name = "2")]
+    Second,
+}
+
+/// What generated runs have in common.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Generate {
+    pub(super) version: GeneratorVersion,
     pub(super) seed: u64,
     /// The commit rule, if it is to be but one.
     pub(super) commit: Option<Commit>,
@@ -38,21 +62,36 @@ pub(super) struct Generate {
     pub(super) clouds: Option<u8>,
 }
 
+impl GeneratorVersion {
+    pub(super) const fn number(self) -> u8 {
+        match self {
+            Self::First => 1,
+            Self::Second => 2,
+        }
+    }
+}
+
 impl Generate {
     /// The most clouds of a run.
     pub(super) fn most_clouds(self) -> u8 {
-        self.clouds.unwrap_or(WIDE_CLOUDS)
+        self.clouds.unwrap_or(MOST_CLOUDS)
     }
 
-    fn with(self, clouds: u8) -> Generator {
-        let Self { seed, commit, .. } = self;
-        Generator { seed, commit, clouds: self.clouds.unwrap_or(clouds) }
+    /// Whether a case of the corpus is to be driven.
+    fn takes(self, header: &Header) -> bool {
+        let is_of_rule = self.commit.is_none_or(|commit| commit == header.commit);
+        is_of_rule && header.clouds.len() <= usize::from(self.most_clouds())
     }
 
     fn run(self, kind: CaseKind, number: u64) -> Run {
+        let Self { seed, commit, .. } = self;
+        let first = |clouds| Generator { seed, commit, clouds: self.clouds.unwrap_or(clouds) };
         match kind {
-            CaseKind::Narrow => self.with(CLOUDS).run(number),
-            CaseKind::Wide => self.with(WIDE_CLOUDS).wide(number),
+            CaseKind::Narrow => first(NARROW_CLOUDS).run(number),
+            CaseKind::Wide => first(MOST_CLOUDS).wide(number),
+            CaseKind::Varied => {
+                VariedGenerator { seed, commit, clouds: self.most_clouds() }.run(number)
+            }
         }
     }
 }
@@ -61,12 +100,15 @@ impl Generate {
 enum CaseKind {
     Narrow,
     Wide,
+    Varied,
 }
 
-/// The most clouds of a generated run that is not wide, by default.
-const CLOUDS: u8 = 4;
-/// The same of one that is.
-const WIDE_CLOUDS: u8 = 15;
+/// How many generated cases the digest covers at most.
+const DIGESTED: u64 = 200;
+/// The most clouds of a run of the first generator that is not wide, by default.
+const NARROW_CLOUDS: u8 = 4;
+/// The most clouds of any other run, by default.
+const MOST_CLOUDS: u8 = 15;
 
 impl Suite {
     /// The corpus, and this many generated runs.
@@ -75,8 +117,10 @@ impl Suite {
             let run = Run::read(case.name, case.trace.as_bytes())?;
             Ok(DriveCase { id: case.name.to_owned(), name: case.name.to_owned(), run })
         };
-        let fixed = CASES.iter().map(case).collect::<Result<_, Fault>>()?;
-        Ok(Self { fixed, generator, generated })
+        let mut fixed = CASES.iter().map(case).collect::<Result<Vec<_>, Fault>>()?;
+        fixed.retain(|case| generator.takes(&case.run.header));
+        let left_out = CASES.len() - fixed.len();
+        Ok(Self { fixed, left_out, generator, generated })
     }
 
     /// The cases with these names: files, cases of the corpus, generated ones.
@@ -100,27 +144,39 @@ impl Suite {
             Ok(DriveCase { id: stem(&name), run: Run::read(&file, text)?, name })
         };
         let fixed = names.iter().map(case).collect::<Result<_, _>>()?;
-        Ok(Self { fixed, generator, generated: 0 })
-    }
-
-    pub(super) fn len(&self) -> u64 {
-        (self.fixed.len() as u64).saturating_add(self.generated)
+        Ok(Self { fixed, left_out: 0, generator, generated: 0 })
     }
 
     /// The name of a generated case.
     pub(super) fn id(&self, number: u64) -> String {
-        let letter = if number.is_multiple_of(2) { 'g' } else { 'w' };
-        format!("{letter}-{}-{}", self.generator.seed, number / 2)
+        let seed = self.generator.seed;
+        match (self.generator.version, number % 2) {
+            (GeneratorVersion::Second, _) => format!("g2-{seed}-{number}"),
+            (GeneratorVersion::First, 0) => format!("g-{seed}-{}", number / 2),
+            (GeneratorVersion::First, _) => format!("w-{seed}-{}", number / 2),
+        }
     }
 
-    /// A generated case: every other one is wide.
+    /// A generated case: of the first generator every other one is wide.
     pub(super) fn case(&self, number: u64) -> DriveCase {
-        let (id, kind) =
-            (self.id(number), [CaseKind::Narrow, CaseKind::Wide][usize::from(number % 2 == 1)]);
-        DriveCase { name: id.clone(), id, run: self.generator.run(kind, number / 2) }
+        let id = self.id(number);
+        let run = match (self.generator.version, number % 2) {
+            (GeneratorVersion::Second, _) => self.generator.run(CaseKind::Varied, number),
+            (GeneratorVersion::First, 0) => self.generator.run(CaseKind::Narrow, number / 2),
+            (GeneratorVersion::First, _) => self.generator.run(CaseKind::Wide, number / 2),
+        };
+        DriveCase { name: id.clone(), id, run }
     }
 
-    /// A digest of the cases, of the generated ones up to a thousand, in hexadecimal.
+    /// The case at a place; none if no case is there.
+    pub(super) fn at(&self, place: CasePlace) -> Option<DriveCase> {
+        match place {
+            CasePlace::Fixed(index) => self.fixed.get(index).cloned(),
+            CasePlace::Generated(number) => Some(self.case(number)),
+        }
+    }
+
+    /// A digest of the cases, of the first generated ones too, in hexadecimal.
     pub(super) fn hash(&self) -> String {
         let mut hasher = Sha256::new();
         let mut feed = |case: &DriveCase| {
@@ -130,7 +186,7 @@ impl Suite {
             hasher.update(&text);
         };
         self.fixed.iter().for_each(&mut feed);
-        (0..self.generated.min(1000)).for_each(|number| feed(&self.case(number)));
+        (0..self.generated.min(DIGESTED)).for_each(|number| feed(&self.case(number)));
         let mut hash = String::new();
         for byte in hasher.finalize() {
             // Writing to a string does not fail.
@@ -140,10 +196,11 @@ impl Suite {
     }
 }
 
-/// The kind, the seed and the number in `g-SEED-NUMBER` or `w-SEED-NUMBER`.
+/// The kind, the seed and the number in `g2-SEED-NUMBER`, `g-SEED-NUMBER` or `w-SEED-NUMBER`.
 fn generated(name: &str) -> Option<(CaseKind, u64, u64)> {
     let (letter, rest) = name.split_once('-')?;
     let kind = match letter {
+        "g2" => CaseKind::Varied,
         "g" => CaseKind::Narrow,
         "w" => CaseKind::Wide,
         _ => return None,

@@ -35,6 +35,19 @@ pub(super) fn xml(report: &DriveReport) -> Result<String, SerializeError> {
     xml.to_string()
 }
 
+/// Says that the command could not be started.
+pub(super) fn error(name: &str, why: &str) -> Result<String, SerializeError> {
+    let mut status = TestCaseStatus::non_success(NonSuccessKind::Error);
+    status.set_message(why);
+    let mut case = TestCase::new("start", status);
+    case.set_classname("fuseline");
+    let mut suite = TestSuite::new(name);
+    suite.add_test_case(case);
+    let mut xml = Xml::new("fuseline drive");
+    xml.add_test_suite(suite);
+    xml.to_string()
+}
+
 fn case(report: &DriveReport, id: &str, mark: CaseOutcome) -> TestCase {
     let status = match mark {
         CaseOutcome::Passes => TestCaseStatus::success(),

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use fuseline_report::AnyViolation;
-use fuseline_testkit::Coverage;
+use fuseline_testkit::{Coverage, Run};
 use fuseline_traces::{Event, Rule, Verdict};
 use indicatif::HumanCount;
 use textwrap::{Options, WordSplitter};
@@ -14,6 +14,8 @@ use textwrap::{Options, WordSplitter};
 use super::case::Suite;
 use super::extent::DrivenExtent;
 use super::peer::ProtocolViolation;
+use super::reach::{DriveLimits, NotDriven, lines, missing};
+use super::repeat::Need;
 use super::shrink::{DriveFinding, FindingKind};
 use super::words;
 use super::written::{GeneratedRuns, WrittenCase, WrittenFinding, WrittenReport, WrittenSuite};
@@ -28,6 +30,12 @@ const LINES: usize = 16;
 const WIDTH: usize = 96;
 /// Where what follows a lead begins.
 const INDENT: &str = "            ";
+/// What an answer is.
+const EXPECTED: &str =
+    "its decisions, one a line, then {\"ev\":\"done\"}; nothing else goes to standard output";
+/// Why cases were not tried.
+const GAVE_UP: &str =
+    "it does not answer by the protocol, so no other case was tried; mend that first";
 
 /// The results of driving a command.
 pub(super) struct DriveReport {
@@ -38,8 +46,11 @@ pub(super) struct DriveReport {
     pub(super) suite: Suite,
     /// The fixed cases in their order, with what became of each.
     pub(super) fixed: Vec<(String, CaseOutcome)>,
+    pub(super) limits: DriveLimits,
     /// How many generated runs passed, from the first on.
     pub(super) passed: u64,
+    /// Their inputs.
+    pub(super) passed_inputs: u64,
     /// The generated run that did not pass.
     pub(super) failed: Option<(String, CaseOutcome)>,
     /// The first thing wrong in the fixed cases and in the generated ones.
@@ -47,12 +58,14 @@ pub(super) struct DriveReport {
     /// What the command did when its input ended.
     pub(super) at_end: Option<ProtocolViolation>,
     pub(super) was_interrupted: bool,
+    /// Whether cases were not tried since the command did not answer by the protocol.
+    pub(super) gave_up: bool,
+    /// Whether the time was over before all else.
+    pub(super) was_out_of_time: bool,
     pub(super) inputs: u64,
     pub(super) took: Duration,
     pub(super) reach: Coverage,
     pub(super) extent: DrivenExtent,
-    /// How long generated runs could begin, if their number was not given.
-    pub(super) budget: Option<Duration>,
 }
 
 /// What became of a case.
@@ -70,9 +83,11 @@ pub(super) struct ReportedFinding {
     /// How many inputs its case has.
     pub(super) of: usize,
     pub(super) finding: DriveFinding,
-    pub(super) saved: Option<PathBuf>,
-    /// The command line that shows it again.
-    pub(super) replay: String,
+    pub(super) need: Need,
+    /// The files, in the order in which they are driven.
+    pub(super) saved: Vec<PathBuf>,
+    /// The command line that shows it again, if one does.
+    pub(super) replay: Option<String>,
 }
 
 impl CaseOutcome {
@@ -97,7 +112,7 @@ impl CaseOutcome {
 impl ReportedFinding {
     /// The file or the case that shows it.
     pub(super) fn location(&self) -> String {
-        self.saved.as_ref().map_or_else(|| self.case.clone(), |saved| saved.display().to_string())
+        self.saved.last().map_or_else(|| self.case.clone(), |saved| saved.display().to_string())
     }
 
     pub(super) fn verdict(&self) -> Option<Verdict> {
@@ -117,6 +132,9 @@ impl ReportedFinding {
         let small = reported.inputs().count();
         let of = if small < self.of { format!(" of {}", self.of) } else { String::new() };
         writeln!(out, "\nThe smallest run found, {}{of}, from {}:", inputs(small), self.case)?;
+        if let Some(needs) = self.needs() {
+            writeln!(out, "{needs}")?;
+        }
         match &self.finding.kind {
             FindingKind::Breaks(_) => {
                 if let Some(verdict) = self.verdict()
@@ -132,10 +150,32 @@ impl ReportedFinding {
             FindingKind::Misbehaves(misbehaviour) => {
                 writeln!(out, "\n{}: {BAD}{misbehaviour}{BAD:#}", self.location())?;
                 writeln!(out, "  sent last {}", reported.last())?;
+                writeln!(out, "  expected  {EXPECTED}")?;
                 self.print_story(out, "in words")?;
             }
         }
-        writeln!(out, "  replay    {}", self.replay)
+        match &self.replay {
+            Some(replay) => writeln!(out, "  replay    {replay}"),
+            None => writeln!(out, "  replay    with --save FOLDER it can be shown again"),
+        }
+    }
+
+    /// What it needs to show again, if that is more than its run.
+    fn needs(&self) -> Option<String> {
+        match &self.need {
+            Need::Nothing | Need::Untried => None,
+            Need::Before { runs, .. } if runs.len() == 1 => Some(
+                "It passes in a process of its own and fails after another run in the same process.".to_owned(),
+            ),
+            Need::Before { runs, .. } => Some(format!(
+                "It passes in a process of its own and fails after {} runs in the same process.",
+                runs.len()
+            )),
+            Need::Unknown => Some(
+                "It did not show again, alone or after the runs before it: the command decides the same inputs differently."
+                    .to_owned(),
+            ),
+        }
     }
 
     /// The smallest run in words, its last input's decisions left out.
@@ -201,7 +241,7 @@ impl DriveReport {
         let stopped = if self.was_interrupted { ", interrupted" } else { "" };
         writeln!(out, "{}: {word}{stopped}\n", self.name)?;
         print_fact(out, "  fixed     ", &self.fixed_line())?;
-        if self.suite.generated > 0 {
+        if self.suite.generated > 0 || self.was_out_of_time {
             print_fact(out, "  generated ", &self.generated_line())?;
         }
         if self.exit() == Exit::Conforms {
@@ -210,9 +250,15 @@ impl DriveReport {
                 .map(|share| format!("{} of {} {}", share.reached, share.all, share.kind))
                 .collect();
             print_fact(out, "  reached   ", &reached.join(", "))?;
-            print_fact(out, "  up to     ", &self.extent.to_string())?;
+            for (lead, line) in lines(&self.extent) {
+                print_fact(out, &format!("  {lead:<9} "), &line)?;
+            }
+            print_fact(out, "  beyond    ", &self.beyond())?;
         }
         print_fact(out, "  driven    ", &self.pace())?;
+        if self.gave_up {
+            print_fact(out, "  stopped   ", GAVE_UP)?;
+        }
         for entry in self.reported() {
             entry.print_report(out)?;
         }
@@ -220,6 +266,31 @@ impl DriveReport {
             writeln!(out, "\nAfter the last case: {BAD}{misbehaviour}{BAD:#}")?;
         }
         Ok(())
+    }
+
+    /// What was not driven.
+    pub(super) fn not_driven(&self) -> Vec<NotDriven> {
+        missing(&self.suite, self.limits, &self.extent, &self.reach)
+    }
+
+    /// The same in a line, by the options that reach it.
+    fn beyond(&self) -> String {
+        let mut by_option: Vec<(String, Vec<String>)> = Vec::new();
+        for NotDriven { what, option } in self.not_driven() {
+            match by_option.iter_mut().find(|(it, _)| *it == option) {
+                Some((_, all)) => all.push(what),
+                None => by_option.push((option, vec![what])),
+            }
+        }
+        let parts: Vec<_> = by_option
+            .iter()
+            .map(|(option, all)| format!("not driven: {} ({option})", all.join(", ")))
+            .collect();
+        if parts.is_empty() {
+            "nothing else was found that could be driven".to_owned()
+        } else {
+            parts.join("; ")
+        }
     }
 
     /// How many cases pass, in a line.
@@ -250,28 +321,40 @@ impl DriveReport {
         if remaining > 0 {
             let _ = write!(line, "; {remaining} not run");
         }
+        if self.suite.left_out > 0 {
+            let options = match (self.suite.generator.commit, self.suite.generator.clouds) {
+                (Some(_), Some(_)) => "--commit and --clouds",
+                (Some(_), None) => "--commit",
+                (None, _) => "--clouds",
+            };
+            let _ = write!(line, "; {} left out by {options}", self.suite.left_out);
+        }
         line
     }
 
     fn generated_line(&self) -> String {
         let (passed, all) = (HumanCount(self.passed), HumanCount(self.suite.generated));
-        if let Some(budget) = self.budget {
-            let seed = self.suite.generator.seed;
-            return match &self.failed {
-                Some((id, _)) => format!("{passed} runs pass, then {id} does not"),
-                None if self.was_interrupted => format!("{passed} runs pass until then"),
-                None => {
-                    let budget = humantime::format_duration(budget);
-                    format!("{passed} runs pass, as many as begin in {budget} (seed {seed})")
-                }
-            };
-        }
-        match &self.failed {
-            Some((id, _)) => format!("{passed} of {all} runs pass, then {id} does not"),
-            None if self.passed < self.suite.generated => {
-                format!("{passed} of {all} runs pass; the others were not run")
+        let inputs = HumanCount(self.passed_inputs);
+        let generator = self.suite.generator;
+        let source = format!("generator {}, seed {}", generator.version.number(), generator.seed);
+        let is_counted = self.limits.inputs == u64::MAX && self.limits.time.is_none();
+        let passed = if is_counted && self.passed < self.suite.generated {
+            format!("{passed} of {all} runs with {inputs} inputs pass")
+        } else {
+            format!("{passed} runs with {inputs} inputs pass")
+        };
+        match (&self.failed, self.limits.time) {
+            (Some((id, _)), _) => format!("{passed}, then {id} does not"),
+            (None, _) if self.was_interrupted => format!("{passed} until then ({source})"),
+            (None, Some(time)) if self.was_out_of_time => {
+                let time = humantime::format_duration(time);
+                let of = match self.limits.inputs {
+                    u64::MAX => String::new(),
+                    all => format!(", before all {} inputs", HumanCount(all)),
+                };
+                format!("{passed} ({source}); --for ended them after {time}{of}")
             }
-            None => format!("{passed} of {all} runs pass (seed {})", self.suite.generator.seed),
+            (None, _) => format!("{passed} ({source})"),
         }
     }
 
@@ -307,6 +390,16 @@ impl DriveReport {
                 violation: violation.cloned(),
                 misbehaviour,
                 trace: String::from_utf8_lossy(&entry.finding.reported.trace()).into_owned(),
+                shows: match &entry.need {
+                    Need::Nothing => "alone",
+                    Need::Before { .. } => "after other runs",
+                    Need::Unknown => "not again",
+                    Need::Untried => "not tried",
+                },
+                before: match &entry.need {
+                    Need::Before { runs, .. } => runs.iter().map(text).collect(),
+                    Need::Nothing | Need::Unknown | Need::Untried => Vec::new(),
+                },
                 saved: entry.saved.clone(),
                 replay: entry.replay.clone(),
             }
@@ -317,10 +410,13 @@ impl DriveReport {
             command: self.command.clone(),
             conforms: self.exit() == Exit::Conforms,
             interrupted: self.was_interrupted,
+            gave_up: self.gave_up,
             suite: WrittenSuite {
                 version: env!("CARGO_PKG_VERSION"),
                 hash: format!("sha256:{}", self.suite.hash()),
+                generator: generator.version.number(),
                 seed: generator.seed,
+                left_out: self.suite.left_out,
                 commit: generator.commit.map_or("all", fuseline_traces::Commit::as_str),
                 clouds: generator.most_clouds(),
             },
@@ -330,16 +426,25 @@ impl DriveReport {
             generated: GeneratedRuns {
                 runs: *generated,
                 passed: self.passed,
+                inputs: self.passed_inputs,
                 failed: self.failed.as_ref().map(|(id, _)| id.clone()),
             },
             found: entries.collect(),
             at_end: self.at_end.as_ref().map(ToString::to_string),
-            extent: self.extent,
+            extent: self.extent.clone(),
+            not_driven: self.not_driven(),
             inputs: self.inputs,
             seconds: self.took.as_secs_f64(),
             reached: self.reach.counts().collect(),
         }
     }
+}
+
+/// A run as it is sent.
+fn text(run: &Run) -> String {
+    let mut text = Vec::new();
+    run.write(&mut text);
+    String::from_utf8_lossy(&text).into_owned()
 }
 
 fn print_fact(out: &mut impl Write, lead: &str, fact: &str) -> io::Result<()> {

@@ -30,6 +30,12 @@ pub(super) fn judged(report: &DriveReport) -> Subject {
     }
 }
 
+/// A command that could not be started.
+pub(super) fn not_started(name: &str, why: &str) -> Subject {
+    let (name, verdict) = (name.to_owned(), Err(why.to_owned()));
+    Subject { name, judge: "drive", conforms: false, verdict, problems: Vec::new() }
+}
+
 fn problem(entry: &ReportedFinding) -> Problem {
     let verdict = entry.verdict();
     let first = verdict.as_ref().and_then(|verdict| verdict.violations.first());

@@ -46,6 +46,16 @@ impl DriveFinding {
         }
     }
 
+    /// Whether it is worth trying again: not if that only waits as long again, or if nothing can be left out.
+    pub(super) fn is_repeatable(&self) -> bool {
+        match &self.kind {
+            FindingKind::Breaks(_) => true,
+            FindingKind::Misbehaves(misbehaviour) => {
+                !misbehaviour.is_slow() && self.reported.inputs().next().is_some()
+            }
+        }
+    }
+
     /// Whether another run shows the same.
     pub(super) fn is_as(&self, other: &Self) -> bool {
         match (&self.kind, &other.kind) {
@@ -59,11 +69,9 @@ impl DriveFinding {
     }
 }
 
-/// The smallest run found that shows what `first` shows; what stops the command ends the search.
-pub(super) fn shrink(bench: &mut Bench, first: DriveFinding) -> DriveFinding {
-    if matches!(&first.kind, FindingKind::Misbehaves(misbehaviour) if misbehaviour.is_slow()) {
-        return first;
-    }
+/// The smallest run found that shows what `first` shows, each tried in a new process if it is to be `afresh`; what stops
+/// the command ends the search.
+pub(super) fn shrink(bench: &mut Bench, first: DriveFinding, afresh: bool) -> DriveFinding {
     let run = first.reported.run();
     let (mut best, mut least) = (first, cost(&run));
     let (mut tries, start) = (0, Instant::now());
@@ -76,6 +84,9 @@ pub(super) fn shrink(bench: &mut Bench, first: DriveFinding) -> DriveFinding {
             return Ok(false);
         }
         tries += 1;
+        if afresh {
+            bench.restart();
+        }
         match DriveFinding::of(bench.try_run(run)?) {
             Some(finding) if finding.is_as(&best) => {
                 (best, least) = (finding, cost(run));

@@ -2,19 +2,22 @@
 
 use std::ffi::OsString;
 use std::io;
-use std::process::Stdio;
+use std::process::{ExitStatus, Stdio};
 use std::time::Duration;
 
 use fuseline_testkit::Run;
 use fuseline_traces::{
-    Decision, Event, ExpectedDecisions, Header, Input, Reference, Verdict, judge,
+    Commit, Decision, Event, ExpectedDecisions, Header, Input, Reference, Verdict, judge,
 };
 
+use super::case::CasePlace;
 use super::peer::{Peer, PeerError, ProtocolViolation};
 use crate::interrupt::Interrupt;
 
 /// How many lines more than the rules demand are read.
 const MORE: usize = 1000;
+/// How many lines are read as an answer that is not compared.
+const FED: usize = 100_000;
 
 /// The command: started for the first run, and again after it misbehaved.
 pub(super) struct Bench {
@@ -24,8 +27,20 @@ pub(super) struct Bench {
     peer: Option<Peer>,
     /// Whether it misbehaved before: then its complaints are known already.
     misbehaved: bool,
+    /// Whether it ever answered anything.
+    has_answered: bool,
+    /// What the process that runs now was sent before, in order.
+    sent: Vec<SentCase>,
     /// How many inputs were answered.
     pub(super) inputs: u64,
+}
+
+/// A case that a process was sent.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) struct SentCase {
+    pub(super) place: CasePlace,
+    /// How many of its inputs: all, unless one was answered wrongly.
+    pub(super) inputs: usize,
 }
 
 pub(super) enum Comparison {
@@ -49,30 +64,83 @@ pub(super) enum DriveStop {
     Interrupted,
     /// The system cannot start the command.
     Start(io::Error),
+    /// The command ended before it ever answered.
+    Died(ExitStatus),
 }
 
 impl Bench {
     pub(super) const fn new(command: Vec<OsString>, wait: Duration, interrupt: Interrupt) -> Self {
-        Self { command, wait, interrupt, peer: None, misbehaved: false, inputs: 0 }
+        let (misbehaved, has_answered) = (false, false);
+        let sent = Vec::new();
+        Self { command, wait, interrupt, peer: None, misbehaved, has_answered, sent, inputs: 0 }
+    }
+
+    /// Lets the next run begin in a new process.
+    pub(super) fn restart(&mut self) {
+        self.peer = None;
+        self.sent.clear();
+    }
+
+    /// Drives the command through a case. A finding comes with what the same process was sent before.
+    pub(super) fn try_case(
+        &mut self,
+        place: CasePlace,
+        run: &Run,
+    ) -> Result<(Comparison, Vec<SentCase>), DriveStop> {
+        let outcome = self.try_run(run)?;
+        let inputs = match &outcome {
+            Comparison::Same => run.inputs.len(),
+            Comparison::Differs(reported) | Comparison::Misbehaves(reported, _) => {
+                let before = self.sent.clone();
+                let inputs = reported.inputs().count();
+                if self.peer.is_none() {
+                    self.sent.clear();
+                } else {
+                    self.sent.push(SentCase { place, inputs });
+                }
+                return Ok((outcome, before));
+            }
+        };
+        self.sent.push(SentCase { place, inputs });
+        Ok((outcome, Vec::new()))
     }
 
     /// Drives the command through a run, up to the first input whose decisions differ.
     pub(super) fn try_run(&mut self, run: &Run) -> Result<Comparison, DriveStop> {
         let mut reported = Transcript { header: run.header.clone(), events: Vec::new() };
-        match self.compare(run, &mut reported) {
+        let compared = self.compare(run, &mut reported);
+        match self.settle(compared)? {
             Ok(true) => Ok(Comparison::Same),
             Ok(false) => Ok(Comparison::Differs(reported)),
-            Err(Interrupted::Stop(stop)) => Err(stop),
-            Err(Interrupted::PeerError(peer_error)) => {
-                // It is started afresh for the next run.
-                self.peer = None;
-                match peer_error {
-                    PeerError::Interrupted => Err(DriveStop::Interrupted),
-                    PeerError::Misbehaved(misbehaviour) => {
-                        self.misbehaved = true;
-                        Ok(Comparison::Misbehaves(reported, misbehaviour))
-                    }
-                }
+            Err(misbehaviour) => Ok(Comparison::Misbehaves(reported, misbehaviour)),
+        }
+    }
+
+    /// Sends a whole run, whatever the command decides; false if it misbehaves.
+    pub(super) fn feed(&mut self, run: &Run) -> Result<bool, DriveStop> {
+        let fed = self.exchange_all(run);
+        Ok(self.settle(fed)?.is_ok())
+    }
+
+    /// What an exchange came to: a misbehaving command is started again for the next run.
+    fn settle<T>(
+        &mut self,
+        outcome: Result<T, Interrupted>,
+    ) -> Result<Result<T, ProtocolViolation>, DriveStop> {
+        let peer_error = match outcome {
+            Ok(value) => return Ok(Ok(value)),
+            Err(Interrupted::Stop(stop)) => return Err(stop),
+            Err(Interrupted::PeerError(peer_error)) => peer_error,
+        };
+        self.peer = None;
+        match peer_error {
+            PeerError::Interrupted => Err(DriveStop::Interrupted),
+            PeerError::Misbehaved(ProtocolViolation::Ended(status)) if !self.has_answered => {
+                Err(DriveStop::Died(status))
+            }
+            PeerError::Misbehaved(misbehaviour) => {
+                self.misbehaved = true;
+                Ok(Err(misbehaviour))
             }
         }
     }
@@ -85,22 +153,24 @@ impl Bench {
         }
     }
 
+    /// The process that runs, started if none does.
+    fn peer(&mut self) -> Result<&mut Peer, Interrupted> {
+        if self.peer.is_none() {
+            let complaints = if self.misbehaved { Stdio::null() } else { Stdio::inherit() };
+            let interrupt = self.interrupt.clone();
+            let started = Peer::start(&self.command, complaints, self.wait, interrupt);
+            self.peer = Some(started.map_err(|error| Interrupted::Stop(DriveStop::Start(error)))?);
+            self.sent.clear();
+        }
+        self.peer.as_mut().ok_or(Interrupted::Stop(DriveStop::Interrupted))
+    }
+
     fn compare(&mut self, run: &Run, reported: &mut Transcript) -> Result<bool, Interrupted> {
-        let peer = match &mut self.peer {
-            Some(peer) => peer,
-            none => {
-                let complaints = if self.misbehaved { Stdio::null() } else { Stdio::inherit() };
-                let interrupt = self.interrupt.clone();
-                let started = Peer::start(&self.command, complaints, self.wait, interrupt);
-                none.insert(started.map_err(|error| Interrupted::Stop(DriveStop::Start(error)))?)
-            }
-        };
         let (mut line, mut answer, mut demands) =
-            (Vec::new(), Vec::new(), ExpectedDecisions::new());
+            (header_line(&run.header), Vec::new(), ExpectedDecisions::new());
         let mut reference = Reference::new(&run.header);
-        run.header.write(&mut line);
-        line.push(b'\n');
-        peer.exchange(&line, MORE, &mut answer)?;
+        self.peer()?.exchange(&line, MORE, &mut answer)?;
+        self.has_answered = true;
         reported.events.extend(answer.iter().copied().map(Event::Decision));
         let mut same = answer.is_empty();
         for input in &run.inputs {
@@ -114,15 +184,40 @@ impl Bench {
             line.push(b'\n');
             reference.apply(input, &mut demands);
             reported.events.push(Event::Input(*input));
-            let requested = peer.exchange(&line, demands.len() + MORE, &mut answer);
+            let requested = self.peer()?.exchange(&line, demands.len() + MORE, &mut answer);
             reported.events.extend(answer.iter().copied().map(Event::Decision));
             requested?;
             self.inputs += 1;
             same = are_demanded(&answer, &demands);
         }
-        peer.quiet()?;
+        self.peer()?.quiet()?;
         Ok(same)
     }
+
+    fn exchange_all(&mut self, run: &Run) -> Result<(), Interrupted> {
+        let (mut line, mut answer) = (header_line(&run.header), Vec::new());
+        let peer = self.peer()?;
+        peer.exchange(&line, MORE, &mut answer)?;
+        for input in &run.inputs {
+            line.clear();
+            answer.clear();
+            input.write(&mut line);
+            line.push(b'\n');
+            peer.exchange(&line, FED, &mut answer)?;
+        }
+        Ok(peer.quiet()?)
+    }
+}
+
+/// The header as it is sent. The commit rule may be left out where it is eager; so it is left out of those with an odd
+/// window.
+fn header_line(header: &Header) -> Vec<u8> {
+    let mut text = header.to_string();
+    if header.commit == Commit::Eager && !header.window.is_multiple_of(2) {
+        text = text.replacen(",\"commit\":\"eager\"", "", 1);
+    }
+    text.push('\n');
+    text.into_bytes()
 }
 
 impl Transcript {

@@ -9,6 +9,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::extent::DrivenExtent;
+use super::reach::NotDriven;
 
 /// What driving a command came to.
 #[derive(Serialize)]
@@ -20,13 +21,18 @@ pub(super) struct WrittenReport {
     pub(super) conforms: bool,
     /// Whether Ctrl-C ended it.
     pub(super) interrupted: bool,
+    /// Whether the cases that were left were not tried, since the command did not answer by the protocol.
+    pub(super) gave_up: bool,
     pub(super) suite: WrittenSuite,
     pub(super) fixed: Vec<WrittenCase>,
     pub(super) generated: GeneratedRuns,
     pub(super) found: Vec<WrittenFinding>,
     /// What the command did wrong when its input ended.
     pub(super) at_end: Option<String>,
+    /// How far the runs that passed went.
     pub(super) extent: DrivenExtent,
+    /// What was not driven, each with the option that reaches it.
+    pub(super) not_driven: Vec<NotDriven>,
     pub(super) inputs: u64,
     pub(super) seconds: f64,
     /// How often each rule, reason, pair, outcome and edge was met.
@@ -40,7 +46,10 @@ pub(super) struct WrittenSuite {
     pub(super) version: &'static str,
     /// Of the fixed cases.
     pub(super) hash: String,
+    pub(super) generator: u8,
     pub(super) seed: u64,
+    /// How many cases of the corpus are of another commit rule, or have more clouds, than were to be driven.
+    pub(super) left_out: usize,
     /// The commit rule of generated runs, or all.
     pub(super) commit: &'static str,
     /// The most clouds of a generated run.
@@ -62,6 +71,8 @@ pub(super) struct WrittenCase {
 pub(super) struct GeneratedRuns {
     pub(super) runs: u64,
     pub(super) passed: u64,
+    /// The inputs of those that passed.
+    pub(super) inputs: u64,
     /// The one that did not pass.
     pub(super) failed: Option<String>,
 }
@@ -78,7 +89,12 @@ pub(super) struct WrittenFinding {
     /// What broke the protocol.
     pub(super) misbehaviour: Option<String>,
     pub(super) trace: String,
-    pub(super) saved: Option<PathBuf>,
-    /// The command line that shows it again.
-    pub(super) replay: String,
+    /// `alone`, `after other runs` of the same process, `not again`, or `not tried`.
+    pub(super) shows: &'static str,
+    /// The runs before it that it needs, as they are sent.
+    pub(super) before: Vec<String>,
+    /// The files, in the order in which they are driven.
+    pub(super) saved: Vec<PathBuf>,
+    /// The command line that shows it again, if one does.
+    pub(super) replay: Option<String>,
 }
