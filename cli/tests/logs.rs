@@ -288,3 +288,173 @@ fn the_books_log_is_judged_as_its_chapter_says() {
     let swallowed = run(&[&judge[..], &["100ms"]].concat(), out(&trace));
     assert!(err(&swallowed).contains("10 of 10 requests"), "{}", err(&swallowed));
 }
+
+/// What it prints on standard error, where it converts.
+fn noted(text: &str, name: &str, more: &[&str]) -> (Vec<Value>, String) {
+    let dir = folder(name, text);
+    let done = convert(&dir, name, more);
+    assert_eq!(done.status.code(), Some(0), "{}", err(&done));
+    let events = out(&done).lines().skip(1).map(|line| serde_json::from_str(line).unwrap());
+    (events.collect(), err(&done).to_owned())
+}
+
+#[test]
+fn mistyped_names_are_refused_with_the_closest() {
+    let log = "{\"at\":1,\"ev\":\"open\",\"frame\":1}\n{\"at\":2,\"ev\":\"miss\",\"frame\":1}\n";
+    for (option, named) in [
+        (
+            ["--column", "t=frame,of=fram"],
+            "no \"fram\" in the file, which --column of=fram names; the file has frame,",
+        ),
+        (
+            ["--column", "t=farme"],
+            "no \"farme\" in the file, which --column t=farme names; the file has frame,",
+        ),
+        (
+            ["--frame", "t=frme,open=at"],
+            "no \"frme\" in the file, which --frame t=frme names; the file has frame,",
+        ),
+    ] {
+        let refused = refused(log, "log.jsonl", &option);
+        assert!(refused.contains(named), "{refused}");
+    }
+}
+
+#[test]
+fn constants_stand_where_names_do() {
+    let rows = "at,ev,t,p\n0,open,1,\n1,request,1,west\n9,result,1,west\n9,emit,1,west\n";
+    let (events, notes) = noted(rows, "log.csv", &["--column", "within=30ns,deadline=20ns"]);
+    assert_eq!((&events[0]["within"], &events[1]["due"]), (&30.into(), &21.into()));
+    assert_eq!(notes, "");
+    let calls = "{\"id\":4,\"from\":0,\"call\":{\"end\":9}}\n";
+    let frame = "t=id,open=from,within=30ns,local.deadline=50ns,west.request=from,west.deadline=20ns,\
+                 west.result=call.end,emit=call.end,by=west";
+    let (events, _) = noted(calls, "log.jsonl", &["--frame", frame]);
+    let expected = [
+        json!({"ev": "open", "at": 0, "t": 4, "deadline": 50, "within": 30}),
+        json!({"ev": "request", "at": 0, "t": 4, "p": 1, "due": 20}),
+        json!({"ev": "result", "at": 9, "t": 4, "p": 1}),
+        json!({"ev": "emit", "at": 9, "t": 4, "p": 1}),
+    ];
+    assert_eq!(events, expected);
+    let one = "at,ev,t\n0,open,1\n1,request,1\n9,result,1\n9,emit,1\n";
+    let (events, _) = noted(one, "log.csv", &["--column", "p=east", "--deadline", "east=7ns,9ns"]);
+    assert_eq!((&events[1]["p"], &events[1]["due"]), (&2.into(), &8.into()));
+}
+
+#[test]
+fn source_of_an_output_is_guessed_or_refused() {
+    let log = |last: u64| {
+        format!(
+            "at,ev,t,p\n0,open,1,\n10000000,result,1,local\n{last},result,1,west\n40000000,emit,1,\n"
+        )
+    };
+    let (events, notes) = noted(&log(30_000_000), "log.csv", &[]);
+    assert_eq!(events[3]["p"], 1);
+    let note =
+        "outputs that do not say whose result they are (the last one was taken): 1 (line 5: west)";
+    assert!(notes.contains(note), "{notes}");
+    let refused = refused(&log(10_500_000), "log.csv", &[]);
+    assert!(refused.contains("log.csv:5: the output does not say whose result it is, and those of west and local came at once"), "{refused}");
+}
+
+#[test]
+fn keys_of_a_trace_are_read_where_they_are_named() {
+    let log = "{\"at\":0,\"ev\":\"open\",\"t\":1,\"seq\":9,\"age\":3,\"within\":8}\n\
+               {\"at\":5,\"ev\":\"result\",\"t\":1,\"p\":0,\"of\":1}\n{\"at\":5,\"ev\":\"emit\",\"t\":1,\"p\":0}\n";
+    let (events, notes) = noted(log, "log.jsonl", &[]);
+    assert_eq!(events[0], json!({"ev": "open", "at": 0, "t": 1}));
+    for key in ["of", "within"] {
+        let note = format!("values of the key \"{key}\", which no --column names: 1 (line ");
+        assert!(notes.contains(&note), "{notes}");
+    }
+    let (events, notes) = noted(log, "log.jsonl", &["--column", "of=of,within=within,age=age"]);
+    assert_eq!(events[0], json!({"ev": "open", "at": 0, "t": 1, "within": 8, "age": 3}));
+    assert_eq!((&events[1]["of"], &*notes), (&1.into(), ""));
+}
+
+#[test]
+fn runs_of_a_log_are_split() {
+    let run = |at: u64, t: u64| {
+        format!("{at},open,{t},\n{},result,{t},0\n{},emit,{t},0\n", at + 9, at + 9)
+    };
+    let second = 1_000_000_000;
+    let opens = |all: &[(u64, u64)]| {
+        let rows = all.iter().map(|(at, t)| run(at * second, *t)).collect::<String>();
+        format!("at,ev,t,p\n{rows}")
+    };
+    for (all, line, counts) in [
+        // The clock begins again, and ids go on.
+        (&[(5, 1), (6, 2), (7, 3), (0, 4), (1, 5)][..], 11, [9, 6]),
+        // Both begin again.
+        (&[(5, 10), (6, 11), (7, 12), (5, 3), (6, 4)], 11, [9, 6]),
+        // The counter begins again, at an id that was there, or before it.
+        (&[(1, 1), (2, 2), (3, 3), (4, 1), (5, 2)], 11, [9, 6]),
+        (&[(1, 5), (2, 6), (3, 7), (4, 4), (5, 5), (6, 6)], 11, [9, 9]),
+    ] {
+        let dir = folder("log.csv", &opens(all));
+        let refused = convert(&dir, "log.csv", &[]);
+        assert_eq!(refused.status.code(), Some(2), "{all:?}: {}", out(&refused));
+        let stands =
+            err(&refused).contains("the log restarts here") && err(&refused).contains("--split");
+        assert!(stands, "{all:?}: {}", err(&refused));
+        let sorted = convert(&dir, "log.csv", &["--sort"]);
+        assert_eq!(sorted.status.code(), Some(2), "{all:?}: {}", out(&sorted));
+        assert!(err(&sorted).contains("the log restarts here"), "{}", err(&sorted));
+        let path = |name: &str| dir.path().join(name).display().to_string();
+        let split = convert(&dir, "log.csv", &["--split", "-o", &path("trace.jsonl")]);
+        assert_eq!(split.status.code(), Some(0), "{}", err(&split));
+        let lines = ["trace-1.jsonl", "trace-2.jsonl"]
+            .map(|name| fs::read_to_string(path(name)).unwrap().lines().count() - 1);
+        assert_eq!(lines, counts, "{all:?}: {}", err(&split));
+        assert!(err(&split).contains(&format!("from line {line}")), "{}", err(&split));
+    }
+    // What is no restart: rows as their frames end, an id that opens twice, a counter that wraps.
+    for (all, note) in [
+        (
+            &[(1, 1), (2, 2), (2, 2), (3, 3)][..],
+            "events that repeat an earlier one in every value: 3",
+        ),
+        (
+            &[(1, 1), (2, 2), (3, 2), (4, 3)],
+            "messages whose id was opened before: 1 (line 8: message 2, as at line 5)",
+        ),
+        (
+            &[(1, 65_534), (2, 65_535), (3, 0), (4, 1)],
+            "messages with a lower id than the one before: 1 (line 8: 0 after 65535)",
+        ),
+    ] {
+        let (_, notes) = noted(&opens(all), "log.csv", &[]);
+        assert!(notes.contains(note), "{notes}");
+    }
+    let frames = "t,open,end\n2,2000000000,2500000000\n1,1000000000,3500000000\n";
+    let (events, _) =
+        noted(frames, "frames.csv", &["--frame", "t=t,open=open,local.result=end,emit=end"]);
+    assert_eq!(events[0]["t"], 1);
+}
+
+#[test]
+fn screen_has_what_convert_understood() {
+    let rows = "at,ev,t,p,deadline,own\n0,open,a,,,1\n1,request,a,west,50,1\n30,result,a,west,,1\n29,emit,a,west,,1\n\
+                100,open,b,,,1\n101,request,b,west,50,1\n102,result,b,local,,1\n152,emit,b,local,,1\n";
+    let dir = folder("log.csv", rows);
+    let file = dir.path().join("log.csv").display().to_string();
+    let done = run(&["convert", "--explain", "--unit", "ms", &file], "");
+    assert_eq!((done.status.code(), err(&done)), (Some(0), ""));
+    for line in [
+        "log.csv: 8 rows",
+        "1 emit of local, 1 emit of west, 2 open, 2 request of west, 1 result of local, 1 result of west",
+        "152 ms from line 2 to line 9; 2 messages, one every 100 ms, the longest gap 100 ms before line 6",
+        "not used  own",
+        "west      results 29 ms after the request; deadlines 50 ms, 1 of 2 answered; outputs -1 ms after its result",
+        "clock     all stamps are multiples of 1 ms",
+        "events that stood behind later ones and were put in order: 1 (line 5: 1 ms before line 4)",
+        "messages numbered in their order, since ids are texts (x keeps them): 2 (first line 2: a is 0)",
+        "--write-header -o header.jsonl",
+        "--header header.jsonl -o trace.jsonl",
+        "fuseline check --observed --tolerance 1ms --lateness 2ms trace.jsonl",
+        "lateness 2 ms: outputs that waited for a deadline (1) came 1 ms after it; this is twice the median",
+    ] {
+        assert!(out(&done).contains(line), "{line}: {}", out(&done));
+    }
+}

@@ -253,3 +253,62 @@ fn what_ends_at_instant_0_is_not_taken_for_what_the_trace_leaves_open() {
     );
     assert_eq!(shown(&[]), [open(), open(), (1, String::new())]);
 }
+
+/// A text attribute.
+fn named(key: &str, value: &str) -> Value {
+    json!({"key": key, "value": {"stringValue": value}})
+}
+
+#[test]
+fn other_clients_say_by_an_option_who_ended_a_call() {
+    let timeout = json!({"attributes": [named("error.type", "timeout")], "status": {"code": 2}});
+    let spans = [
+        span("1", "", "decide", 1, [1, 21], &json!({})),
+        span("1l", "1", "plan", 1, [1, 5], &json!({})),
+        span("1c", "1", "infer.Model/Infer", 3, [1, 20], &timeout),
+    ];
+    let more = ["--deadline", "40ms"];
+    let done = converted(&spans, &more);
+    let note = "failed client spans that ended with their message and before their deadline, read as failures of the cloud: 1 \
+                (the span \"infer.Model/Infer\" with the id 1c); if the caller ended them, give --cancelled error.type=timeout";
+    assert!(err(&done).contains(note), "{}", err(&done));
+    assert!(out(&done).contains("\"ev\":\"fail\""), "{}", out(&done));
+    let done = converted(&spans, &[&more[..], &["--cancelled", "error.type=timeout"]].concat());
+    assert!(!err(&done).contains("failed client spans"), "{}", err(&done));
+    assert!(!out(&done).contains("\"ev\":\"fail\""), "{}", out(&done));
+    let done = converted(&spans, &[&more[..], &["--cancelled", "eror.type=timeout"]].concat());
+    assert!(err(&done).contains("no attribute \"eror.type\" in the file"), "{}", err(&done));
+}
+
+#[test]
+fn spans_left_out_are_counted() {
+    let message = |trace: &str, id: &str, ms: [u64; 2]| {
+        let mut span = span(id, "", "decide", 1, ms, &json!({}));
+        span["traceId"] = trace.into();
+        span
+    };
+    let call = |trace: &str, id: &str, parent: &str, ms: [u64; 2]| {
+        let mut span = span(id, parent, "infer.Model/Infer", 3, ms, &json!({}));
+        span["traceId"] = trace.into();
+        span
+    };
+    // The second trace has the same ids of spans; the third has no root; the fourth ends before it begins.
+    let spans = [
+        message("a", "1", [1, 9]),
+        call("a", "2", "1", [1, 8]),
+        message("b", "1", [101, 109]),
+        call("b", "2", "1", [101, 108]),
+        call("b", "2", "1", [101, 108]),
+        call("c", "2", "1", [201, 208]),
+        message("d", "1", [309, 301]),
+    ];
+    let done = converted(&spans, &["--deadline", "40ms"]);
+    assert_eq!((out(&done).lines().count(), done.status.code()), (9, Some(0)), "{}", out(&done));
+    for note in [
+        "spans exported twice; each was taken once: 1 (the span \"infer.Model/Infer\" with the id 2)",
+        "client spans left out, since no message is above them (its span may not be in the file): 1",
+        "messages left out, since a span of theirs ends before it begins: 1 (the span \"decide\" with the id 1: by 8 ms)",
+    ] {
+        assert!(err(&done).contains(note), "{}", err(&done));
+    }
+}

@@ -142,6 +142,107 @@ fn a_recording_that_is_not_understood_is_refused_in_one_line() {
     assert!(err(&refused).contains("a folder without metadata.yaml"), "{}", err(&refused));
 }
 
+/// A recorder that was killed leaves no footer.
+#[test]
+fn cut_recording_is_read_up_to_its_last_message() {
+    let schema = Some(("robot_msgs/msg/Stamped", "ros2msg", STAMPED.as_bytes()));
+    let options = mcap::WriteOptions::new().use_chunks(false);
+    let mut whole = Cursor::new(Vec::new());
+    let mut writer = options.create(&mut whole).unwrap();
+    let (name, encoding, data) = schema.unwrap();
+    let schema = writer.add_schema(name, encoding, data).unwrap();
+    for RecordedMessage(topic, log_time, data) in frames() {
+        let channel_id = writer.add_channel(schema, topic, "cdr", &BTreeMap::new()).unwrap();
+        let header = MessageHeader { channel_id, sequence: 0, log_time, publish_time: log_time };
+        writer.write_to_known_channel(&header, &data).unwrap();
+    }
+    writer.flush().unwrap();
+    // Otherwise it writes the footer.
+    std::mem::forget(writer);
+    let cut = whole.into_inner();
+    let refused = convert_mcap(&cut, &BY_STAMP);
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(err(&refused).contains("--truncated reads what stands before"), "{}", err(&refused));
+    let done = convert_mcap(&cut, &[&BY_STAMP[..], &["--truncated"]].concat());
+    assert_eq!(events(&done), expected());
+    assert!(
+        err(&done).contains("the file is cut off; read up to its last whole row"),
+        "{}",
+        err(&done)
+    );
+}
+
+#[test]
+fn parts_of_a_bag_are_read_as_one() {
+    let schema = Some(("robot_msgs/msg/Stamped", "ros2msg", STAMPED.as_bytes()));
+    let dir = tempdir().unwrap();
+    let all = frames();
+    // The second part is packed, and its messages one by one.
+    let packed = |message: &RecordedMessage| {
+        RecordedMessage(message.0, message.1, zstd::encode_all(&message.2[..], 0).unwrap())
+    };
+    let parts = [mcap("cdr", schema, &all[..2]), {
+        let packed: Vec<RecordedMessage> = all[2..].iter().map(packed).collect();
+        zstd::encode_all(&mcap("cdr", schema, &packed)[..], 0).unwrap()
+    }];
+    for (name, part) in ["bag_0.mcap", "bag_1.mcap.zstd"].iter().zip(&parts) {
+        fs::write(dir.path().join(name), part).unwrap();
+    }
+    let header = dir.path().join("header");
+    fs::write(&header, format!("{HEADER}\n")).unwrap();
+    let path = |name: &str| dir.path().join(name).display().to_string();
+    let read = |files: &[&str]| {
+        let header = header.to_str().unwrap();
+        run(&[&["convert", "--header", header], files, &BY_STAMP[..]].concat(), "")
+    };
+    let folder = dir.path().display().to_string();
+    assert_eq!(events(&read(&[&folder])), expected());
+    assert_eq!(events(&read(&[&path("bag_0.mcap"), &path("bag_1.mcap.zstd")])), expected());
+    let metadata = "rosbag2_bagfile_information:\n  relative_file_paths:\n    - bag_0.mcap\n    - bag_1.mcap\n  files: []\n";
+    fs::write(dir.path().join("metadata.yaml"), metadata).unwrap();
+    assert_eq!(events(&read(&[&folder])), expected());
+    let one = read(&[&path("bag_0.mcap")]);
+    assert!(err(&one).contains("it is one part of a bag of: 2 files"), "{}", err(&one));
+}
+
+/// The events of a service, by the definition of the service that recordings have instead of that of the events.
+#[test]
+fn events_of_a_service_are_requests_and_results() {
+    let event = |at: u64, kind: u8, number: i64| {
+        let info = ((kind, (7_i32, 1_u32), [9_u8; 16], number), 0_u32);
+        let body = cdr_encoding::to_vec::<_, LittleEndian>(&info).unwrap();
+        RecordedMessage("/west/_service_event", at, [&[0, 1, 0, 0][..], &body].concat())
+    };
+    let schema =
+        Some(("robot/srv/Infer_Event", "ros2msg", &b"string image\n---\nstring objects\n"[..]));
+    let topic = "west.request=/west/_service_event,west.result=/west/_service_event";
+    let options = ["--topic", topic, "--column", "t=info.sequence_number,deadline=50ns"];
+    let request = json!({"ev": "request", "at": 10, "t": 4, "p": 1, "due": 60});
+    for (kinds, note) in [
+        (
+            [0, 1, 2, 3],
+            "events that a service's server had, left out, since its client's are there: 2",
+        ),
+        (
+            [1, 1, 2, 2],
+            "events that a service's server had, read for its client's, which were not recorded: 2",
+        ),
+    ] {
+        let ats = [10, 12, 20, 22];
+        let mut all: Vec<RecordedMessage> =
+            ats.iter().zip(kinds).map(|(at, kind)| event(*at, kind, 4)).collect();
+        if kinds[0] == 1 {
+            all.remove(1);
+            all.pop();
+        }
+        let done = convert_mcap(&mcap("cdr", schema, &all), &options);
+        let at = if kinds[0] == 1 { 20 } else { 22 };
+        let expected = [request.clone(), json!({"ev": "result", "at": at, "t": 4, "p": 1})];
+        assert_eq!(events(&done), expected, "{}", err(&done));
+        assert!(err(&done).contains(note), "{}", err(&done));
+    }
+}
+
 #[cfg(not(feature = "bags"))]
 #[test]
 fn what_needs_the_feature_says_so() {

@@ -39,7 +39,7 @@ pub(super) struct LogFile {
 /// What rosbag2 writes beside the files of a bag.
 const METADATA: &str = "metadata.yaml";
 /// How much of a file says what it is.
-const START: usize = 4096;
+const START: usize = 1 << 16;
 
 /// The files that these paths stand for; a folder stands for the files of its bag.
 ///
@@ -123,7 +123,7 @@ impl LogFile {
     /// Opens it, unpacked.
     pub(super) fn open(&self) -> Result<Box<dyn BufRead>, Fault> {
         let (_, file) = open(&self.path)?;
-        let unpacked = unpack_bytes(BufReader::with_capacity(START.max(1 << 16), file));
+        let unpacked = unpack_bytes(BufReader::with_capacity(START, file));
         Ok(unpacked.map_err(|error| ConvertError::read(&self.name, &error))?)
     }
 

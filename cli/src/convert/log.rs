@@ -25,6 +25,7 @@ pub(super) const TWICE: &str = "messages whose id was opened before";
 pub(super) const BACKWARDS: &str = "messages with a lower id than the one before";
 const TEXTS: &str = "messages numbered in their order, since ids are texts (x keeps them)";
 const NEGATIVE: &str = "instants before 0; all were moved";
+const UNORDERED: &str = "places where the log seems to restart, taken for one run as --sort says";
 const GAPS: &str = "instants more than a day after the one before";
 
 /// The events of a log in the order of the file.
@@ -175,7 +176,13 @@ impl Log {
         if self.is_strict() && !options.is_sorted {
             return Ok((vec![Run::new(self.entries, shift, notes)], Vec::new()));
         }
-        let found = restarts(&self, &repeats, notes);
+        let mut found = restarts(&self, &repeats, notes);
+        // Without numbers as ids, an order that the user denies says nothing.
+        if options.is_sorted && !options.is_split && !self.has_numbers() {
+            for Restart { place, message, .. } in found.drain(..) {
+                notes.add(UNORDERED, &place, || message);
+            }
+        }
         if let (Some(Restart { place, message, .. }), false) = (found.first(), options.is_split) {
             let more = match found.len() {
                 1 => String::new(),
@@ -199,6 +206,12 @@ impl Log {
             Run::new(entries, shift, notes)
         };
         Ok((parts.into_iter().map(run).collect(), found))
+    }
+
+    /// Whether messages have numbers as ids, whose order can be compared with that of their instants.
+    fn has_numbers(&self) -> bool {
+        let mut ids = self.entries.iter().filter_map(|entry| entry.t.as_ref());
+        self.has_ids && ids.all(|id| matches!(id, Id::Number(_)))
     }
 
     /// By how much instants are moved so that none is negative.

@@ -187,7 +187,12 @@ fn read_file(
         Content::Trace => return Err(ConvertError::IsTrace { file: name.to_string() }.into()),
         Content::Table => {
             let source = TableSource::new(name, reader, args.separator);
-            read_rows(args, source.map_err(ConvertError::from)?, mapping, log)?;
+            let source = source.map_err(ConvertError::from)?;
+            if let Some(doubled) = source.doubled() {
+                let detail = format!("{doubled:?}; the first was read");
+                mapping.notes.add_of_file("two columns have the name", name, detail);
+            }
+            read_rows(args, source, mapping, log)?;
             "rows"
         }
         Content::Lines => {

@@ -41,6 +41,8 @@ struct RunSoFar<'o> {
     latest: Option<&'o Opening<'o>>,
     end: i128,
     highest: u64,
+    /// The opening at which ids went back without one that was there before.
+    fell: Option<usize>,
 }
 
 /// Where runs begin again; entries that repeat others are passed over.
@@ -54,10 +56,12 @@ pub(super) fn restarts(log: &Log, repeats: &[bool], notes: &mut Notes) -> Vec<Re
     while let Some(opening) = openings.get(index) {
         let clock = run.clock_goes_back(opening, is_ranked);
         let counter = run.counter_goes_back(opening, openings.get(index + 1));
-        if let Some(message) = clock.or(counter) {
-            // The run began where the clock went back last.
-            let goes_back = |at: &usize| openings[*at].at < openings[*at - 1].at;
-            let begin = (start + 1..=index).rev().find(goes_back).unwrap_or(index);
+        // The run began where the clock went back last, or the counter.
+        let goes_back = |at: &usize| openings[*at].at + SLACK < openings[*at - 1].at;
+        let clock = clock
+            .map(|message| ((start + 1..=index).rev().find(goes_back).unwrap_or(index), message));
+        let counter = counter.map(|message| (run.fell.unwrap_or(index), message));
+        if let Some((begin, message)) = clock.or(counter) {
             let is_new = found.last().is_none_or(|last| last.entry < openings[begin].entry);
             if is_new {
                 let Opening { entry, place, .. } = openings[begin];
@@ -73,7 +77,9 @@ pub(super) fn restarts(log: &Log, repeats: &[bool], notes: &mut Notes) -> Vec<Re
                 run.take(before);
             }
         } else {
-            run.note(opening, is_ranked, notes);
+            if run.note(opening, is_ranked, notes) {
+                run.fell = Some(index);
+            }
         }
         run.take(opening);
         index += 1;
@@ -153,7 +159,7 @@ impl<'o> RunSoFar<'o> {
         opening: &Opening<'_>,
         next: Option<&Opening<'_>>,
     ) -> Option<String> {
-        let last = self.last.filter(|last| opening.rank < last.rank)?;
+        let last = self.last.filter(|last| opening.rank < last.rank || self.fell.is_some())?;
         let seen = self.seen.get(opening.id)?;
         next.filter(|next| next.rank <= self.highest)?;
         Some(format!(
@@ -164,11 +170,12 @@ impl<'o> RunSoFar<'o> {
         ))
     }
 
-    /// Notes what is odd and no restart.
-    fn note(&self, opening: &Opening<'_>, is_ranked: bool, notes: &mut Notes) {
+    /// Notes what is odd and no restart. Returns whether ids went back.
+    fn note(&self, opening: &Opening<'_>, is_ranked: bool, notes: &mut Notes) -> bool {
         if let Some(seen) = self.seen.get(opening.id) {
             let detail = || format!("message {}, as at {}", opening.id, seen.place.within());
             notes.add(TWICE, opening.place, detail);
+            false
         } else if let Some(last) = self.last
             && is_ranked
             && opening.rank < last.rank
@@ -176,6 +183,9 @@ impl<'o> RunSoFar<'o> {
         {
             let detail = || format!("{} after {}", opening.id, last.id);
             notes.add(BACKWARDS, opening.place, detail);
+            true
+        } else {
+            false
         }
     }
 }

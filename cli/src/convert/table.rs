@@ -26,14 +26,15 @@ impl<R: Read> TableSource<R> {
         let mut inner = TableReader::new(inner, &options);
         let names = inner.names().map_err(|error| problem(file, &error))?;
         let names: Vec<Arc<str>> = names.iter().map(Arc::from).collect();
-        for (place, name) in names.iter().enumerate() {
-            if !name.is_empty() && names[..place].contains(name) {
-                let message = format!("two columns are called {name:?}; give one another name");
-                let place = Place { file: Arc::clone(file), spot: Spot::Line(1) };
-                return Err(Problem { place, message, kind: ProblemKind::File });
-            }
-        }
         Ok(Self { file: Arc::clone(file), inner, names })
+    }
+
+    /// A name that two columns have.
+    pub(super) fn doubled(&self) -> Option<&str> {
+        let mut names = self.names.iter().enumerate();
+        let found =
+            names.find(|(place, name)| !name.is_empty() && self.names[..*place].contains(name));
+        found.map(|(_, name)| &**name)
     }
 }
 
