@@ -458,3 +458,21 @@ fn screen_has_what_convert_understood() {
         assert!(out(&done).contains(line), "{line}: {}", out(&done));
     }
 }
+
+#[test]
+fn local_may_have_another_name() {
+    let rows = "at,ev,t,p\n0,open,1,\n9,result,1,onboard\n9,emit,1,onboard\n";
+    let (events, notes) = noted(rows, "log.csv", &["--local", "onboard"]);
+    assert_eq!((&events[1]["p"], &events[2]["p"], &*notes), (&0.into(), &0.into(), ""));
+    let unknown = refused(rows, "log.csv", &[]);
+    assert!(unknown.contains("if it is local, give --local onboard"), "{unknown}");
+    let mistyped = refused(rows, "log.csv", &["--local", "onboard,onbord"]);
+    assert!(
+        mistyped.contains("no source \"onbord\" in the log, which --local names"),
+        "{mistyped}"
+    );
+    let dir = folder("log.csv", rows);
+    let file = dir.path().join("log.csv").display().to_string();
+    let header = run(&["convert", "--write-header", "--local", "onboard", &file], "\n\n\n");
+    assert!(out(&header).contains("\"clouds\":[]"), "{}{}", out(&header), err(&header));
+}

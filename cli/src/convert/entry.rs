@@ -1,6 +1,6 @@
 //! [`Entry`]: one event of a log on its way to a line of a trace.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 
 use fuseline_traces::{Annotations, Event, observed_line};
@@ -30,6 +30,10 @@ pub(super) struct Sources {
     known: BTreeMap<String, u64>,
     /// The names found so far, if any name is taken.
     found: Option<Vec<String>>,
+    /// What the log calls local, beside local.
+    locals: Vec<String>,
+    /// Those of them that the log has.
+    locals_seen: BTreeSet<String>,
 }
 
 /// Where the priorities begin that names have for now.
@@ -79,12 +83,24 @@ impl Entry {
 impl Sources {
     /// The sources of a header.
     pub(super) const fn known(known: BTreeMap<String, u64>) -> Self {
-        Self { known, found: None }
+        Self { known, found: None, locals: Vec::new(), locals_seen: BTreeSet::new() }
     }
 
     /// Takes any name.
-    pub(super) const fn gathering() -> Self {
-        Self { known: BTreeMap::new(), found: Some(Vec::new()) }
+    pub(super) fn gathering() -> Self {
+        Self { found: Some(Vec::new()), ..Self::known(BTreeMap::new()) }
+    }
+
+    /// The same, where these names are local's.
+    pub(super) fn with_locals(mut self, locals: &[String]) -> Self {
+        self.locals = locals.to_vec();
+        self
+    }
+
+    /// A name of local that the log has not.
+    pub(super) fn local_unseen(&self) -> Option<&str> {
+        let unseen = self.locals.iter().find(|name| !self.locals_seen.contains(*name));
+        unseen.map(|name| &**name)
     }
 
     /// The sources found, in the order of their first appearance, without local; as the log calls them.
@@ -100,6 +116,10 @@ impl Sources {
     /// The priority of a source, which the log calls by that or by its name.
     pub(super) fn priority(&mut self, name: &str) -> Result<u64, String> {
         let number = super::value::number(name).ok();
+        if self.locals.iter().any(|local| local == name) {
+            self.locals_seen.insert(name.to_owned());
+            return Ok(0);
+        }
         if let Some(found) = &mut self.found {
             if name == "local" || number == Some(0) {
                 return Ok(0);
@@ -116,13 +136,16 @@ impl Sources {
             return Ok(p);
         }
         let known = listed(name, self.known.keys().map(String::as_str));
-        Err(format!("no source; the header has {known}"))
+        Err(format!("no source; the header has {known}; if it is local, give --local {name}"))
     }
 
     /// Whether a name is a source's that the header or the log had so far.
     pub(super) fn has(&self, name: &str) -> bool {
         let is_found = || self.found().iter().any(|known| known == name);
-        name == "local" || self.known.contains_key(name) || is_found()
+        name == "local"
+            || self.locals.iter().any(|local| local == name)
+            || self.known.contains_key(name)
+            || is_found()
     }
 
     /// What a source is called.

@@ -52,7 +52,7 @@ pub(super) fn explain(
     for Restart { place, message, .. } in &restarts {
         line(&mut text, "restart", &format!("{}: {message}", place.within()));
     }
-    if !unused.is_empty() {
+    if !unused.is_empty() && !entries.is_empty() {
         let more = unused.len().saturating_sub(SHOWN);
         let more = if more > 0 { format!(" and {more} more") } else { String::new() };
         let names: Vec<&str> = unused.iter().take(SHOWN).map(String::as_str).collect();
@@ -302,7 +302,8 @@ impl Facts {
             line(text, "", &warning);
         }
         if let Some(period) = self.period {
-            line(text, "", &format!("--period {} adds that messages come in time", option(period)));
+            let period = option(up_to(period, 100));
+            line(text, "", &format!("--period {period} adds that messages come in time"));
         }
     }
 }
@@ -329,8 +330,13 @@ fn common(step: i128, at: i128) -> i128 {
 
 /// The least number of one digit that is no less.
 fn up_to_digit(nanos: i128) -> i128 {
+    up_to(nanos, 10)
+}
+
+/// The least number that is no less, and in some unit of ten below `most`.
+fn up_to(nanos: i128, most: i128) -> i128 {
     let mut unit = 1;
-    while nanos / unit >= 10 {
+    while nanos / unit >= most {
         unit *= 10;
     }
     (nanos + unit - 1) / unit * unit

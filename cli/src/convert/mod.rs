@@ -130,6 +130,9 @@ pub(crate) struct Args {
     #[arg(long, value_name = "[[SOURCE.]EVENT=]TOPIC", value_delimiter = ',', value_parser = topic,
         default_value = TOPIC)]
     topic: Vec<TopicChoice>,
+    /// What the log calls local, if it is neither local nor 0.
+    #[arg(long, value_name = "NAME", value_delimiter = ',')]
+    local: Vec<String>,
     /// How long a request may take that does not say so, such as 40ms, or west=40ms for one source.
     #[arg(long, value_name = "[SOURCE=]TIME", value_delimiter = ',', value_parser = deadline::deadline)]
     deadline: Vec<(Option<String>, u64)>,

@@ -101,12 +101,9 @@ impl<'a> LogReader<'a> {
     ///
     /// # Errors
     /// If something cannot be read and is not to be left out.
-    pub(super) fn read(
-        mut self,
-        files: &[LogFile],
-        mut sources: Sources,
-    ) -> Result<Understood, Fault> {
+    pub(super) fn read(mut self, files: &[LogFile], sources: Sources) -> Result<Understood, Fault> {
         let args = self.args;
+        let mut sources = sources.with_locals(&args.local);
         let frame =
             Frame::new(&args.frame).map_err(|why| ConvertError::file(&files[0].name, &why))?;
         if sources.are_gathered() {
@@ -142,6 +139,12 @@ impl<'a> LogReader<'a> {
                 return Err(ConvertError::file(&files[0].name, &message).into());
             }
             mapping.notes.add_of_file("mistyped", &files[0].name, message);
+        }
+        if let Some(name) = mapping.sources.local_unseen().filter(|_| self.log.rows > 0) {
+            let all = mapping.sources.found().join(", ");
+            let all = if all.is_empty() { all } else { format!("; it has {all}") };
+            let message = format!("no source {name:?} in the log, which --local names{all}");
+            return Err(ConvertError::file(&files[0].name, &message).into());
         }
         if self.log.entries.is_empty() && mapping.left_out == 0 && !args.explain {
             let message = "no event in the log; --explain shows what was read";
