@@ -145,12 +145,11 @@ fn a_recording_that_is_not_understood_is_refused_in_one_line() {
 /// A recorder that was killed leaves no footer.
 #[test]
 fn cut_recording_is_read_up_to_its_last_message() {
-    let schema = Some(("robot_msgs/msg/Stamped", "ros2msg", STAMPED.as_bytes()));
     let options = mcap::WriteOptions::new().use_chunks(false);
     let mut whole = Cursor::new(Vec::new());
     let mut writer = options.create(&mut whole).unwrap();
-    let (name, encoding, data) = schema.unwrap();
-    let schema = writer.add_schema(name, encoding, data).unwrap();
+    let (name, text) = ("robot_msgs/msg/Stamped", STAMPED.as_bytes());
+    let schema = writer.add_schema(name, "ros2msg", text).unwrap();
     for RecordedMessage(topic, log_time, data) in frames() {
         let channel_id = writer.add_channel(schema, topic, "cdr", &BTreeMap::new()).unwrap();
         let header = MessageHeader { channel_id, sequence: 0, log_time, publish_time: log_time };
@@ -241,6 +240,13 @@ fn events_of_a_service_are_requests_and_results() {
         assert_eq!(events(&done), expected, "{}", err(&done));
         assert!(err(&done).contains(note), "{}", err(&done));
     }
+    let own = "open=/west/_service_event,local.emit=/west/_service_event";
+    let all = [event(10, 1, 4), event(20, 2, 4)];
+    let options = ["--topic", own, "--column", "t=info.sequence_number"];
+    let done = convert_mcap(&mcap("cdr", schema, &all), &options);
+    let expected =
+        [json!({"ev": "open", "at": 10, "t": 4}), json!({"ev": "emit", "at": 20, "t": 4, "p": 0})];
+    assert_eq!(events(&done), expected, "{}", err(&done));
 }
 
 #[cfg(not(feature = "bags"))]

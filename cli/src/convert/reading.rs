@@ -146,7 +146,7 @@ impl<'a> LogReader<'a> {
             let message = format!("no source {name:?} in the log, which --local names{all}");
             return Err(ConvertError::file(&files[0].name, &message).into());
         }
-        if self.log.entries.is_empty() && mapping.left_out == 0 && !args.explain {
+        if self.log.entries.is_empty() && !args.explain {
             let message = "no event in the log; --explain shows what was read";
             return Err(ConvertError::file(&files[0].name, message).into());
         }
@@ -366,7 +366,7 @@ impl ServiceRows {
         if side == Side::Server {
             self.rows.insert(number);
             self.first.get_or_insert_with(|| row.place.clone());
-        } else if row.cell("info.event_type").is_some() {
+        } else if matches!(row.cell("info.event_type"), Some("0" | "3")) {
             self.has_client = true;
         }
     }

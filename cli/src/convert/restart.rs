@@ -76,10 +76,8 @@ pub(super) fn restarts(log: &Log, repeats: &[bool], notes: &mut Notes) -> Vec<Re
             for before in &openings[begin..index] {
                 run.take(before);
             }
-        } else {
-            if run.note(opening, is_ranked, notes) {
-                run.fell = Some(index);
-            }
+        } else if run.note(opening, is_ranked, notes) {
+            run.fell = Some(index);
         }
         run.take(opening);
         index += 1;

@@ -49,9 +49,12 @@ impl TopicChoice {
     pub(super) fn means(&self, row: &Row) -> Option<Side> {
         let kind = row.cell("info.event_type").filter(|_| self.name.ends_with("/_service_event"));
         match (self.event, kind) {
-            (Some("request"), Some("0")) | (Some("result"), Some("3")) => Some(Side::Client),
             (Some("request"), Some("1")) | (Some("result"), Some("2")) => Some(Side::Server),
-            (Some("request" | "result"), Some(_)) => None,
+            (Some("request"), Some(kind)) => (kind == "0").then_some(Side::Client),
+            (Some("result"), Some(kind)) => (kind == "3").then_some(Side::Client),
+            // An operator that is a service itself receives messages, and sends outputs.
+            (Some("open"), Some(kind)) => (kind == "1").then_some(Side::Client),
+            (Some("emit"), Some(kind)) => (kind == "2").then_some(Side::Client),
             _ => Some(Side::Client),
         }
     }
