@@ -1,6 +1,6 @@
 (** * The tables of F1, F2 and F3: a row holds of the state where it holds of the trace *)
 From Coq Require Import List NArith Bool Lia.
-From Fuseline Require Import Rules Sets Trace Statements Broken Slots Invariant Runs.
+From Fuseline Require Import Rules Sets Trace Statements Computed Slots Invariant Runs.
 Import ListNotations.
 Open Scope N_scope.
 

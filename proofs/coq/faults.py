@@ -14,7 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 HERE = Path(__file__).parent
-SHARED = ["Words", "Trace", "Statements", "Broken", "Cases"]
+SHARED = ["Words", "Trace", "Statements", "Computed", "Broken", "Cases"]
 HEADER = """From Coq Require Import List NArith.
 From Fuseline Require Import Rules Trace Statements Broken Cases.
 Import ListNotations.
