@@ -104,7 +104,10 @@ fn log(level: Option<Level>) -> PendingLogs {
          rustdds::structure::dds_cache=off,\
          zenoh::net::routing::dispatcher::pubsub=off"
     );
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(ours));
+    let asked = std::env::var(EnvFilter::DEFAULT_ENV).ok().filter(|text| !text.is_empty());
+    let asked = asked.map(EnvFilter::try_new);
+    let wrong = asked.as_ref().and_then(|asked| asked.as_ref().err().map(ToString::to_string));
+    let filter = asked.and_then(Result::ok).unwrap_or_else(|| EnvFilter::new(ours));
     let to_stderr = tracing_subscriber::fmt::layer()
         .with_writer(std::io::stderr)
         .with_ansi(std::io::stderr().is_terminal());
@@ -112,6 +115,9 @@ fn log(level: Option<Level>) -> PendingLogs {
     let ours = Targets::new().with_target("fuseline", LevelFilter::DEBUG);
     let published = rosout.with_filter(ours);
     tracing_subscriber::registry().with(filter).with(to_stderr).with(published).init();
+    if let Some(why) = wrong {
+        warn!("RUST_LOG is ignored: {why}");
+    }
     lines
 }
 

@@ -4,6 +4,11 @@ use std::str::FromStr;
 
 use thiserror::Error;
 
+use crate::settings::nearest;
+
+/// Topics that launch files remap for all their nodes.
+const OF_ALL_NODES: [&str; 5] = ["/clock", "/parameter_events", "/rosout", "/tf", "/tf_static"];
+
 /// The most characters of a topic's full name, as in rmw.
 const TOPIC_CHARS: usize = 247;
 
@@ -150,6 +155,26 @@ impl NodeName {
             }
         }
         Ok(full)
+    }
+
+    /// The rules for topics that apply to none of these, given by their own names, in a sentence each. Some rules are for all
+    /// nodes of a launch file.
+    pub(crate) fn idle_rules(&self, remaps: &[Remap], topics: &[String]) -> Vec<String> {
+        let own: Vec<_> = topics.iter().filter_map(|topic| self.expand(topic).ok()).collect();
+        let idle = |rule: &RemapRule| match rule {
+            RemapRule::Topic(from, to) => {
+                let full = self.expand(from).unwrap_or_else(|_| from.clone());
+                let is_known = own.contains(&full) || OF_ALL_NODES.contains(&full.as_str());
+                (!is_known).then(|| {
+                    let nearest = nearest(&full, own.iter().map(String::as_str));
+                    format!(
+                        "-r {from}:={to}: this node has no topic {full}; the nearest is {nearest}"
+                    )
+                })
+            }
+            RemapRule::Node(_) | RemapRule::Namespace(_) => None,
+        };
+        self.rules(remaps).filter_map(idle).collect()
     }
 
     /// The rules for this node.

@@ -197,7 +197,7 @@ fn schedule(_: u8) -> Result<(), NodeError> {
 }
 
 /// Whether the node could start, as far as that is known without starting it: whether its
-/// parameters make an operator, and the files of its secrets can be read.
+/// parameters make an operator, the files of its secrets can be read, and the folders of its recordings are there.
 ///
 /// To be called within a tokio runtime. Nothing is opened, joined or written.
 ///
@@ -205,6 +205,7 @@ fn schedule(_: u8) -> Result<(), NodeError> {
 /// With the first thing that is wrong; [`run`](crate::run) refuses the same.
 pub fn check(settings: &Settings) -> Result<(), NodeError> {
     engine(settings)?;
+    recordings::check(settings)?;
     #[cfg(feature = "zenoh")]
     if settings.needs(Middleware::Zenoh) {
         crate::middleware::zenoh::config::from_environment()?;

@@ -117,7 +117,8 @@ pub enum ParameterFlaw {
     Shape,
 }
 
-/// The parameters that files and then assignments give to a node, by name; later ones win.
+/// The parameters that files and then assignments give to a node, by name; later ones win. With them, in a sentence each,
+/// the files and assignments that give this node nothing.
 ///
 /// In a file, parameters under `/**` come first, then those under other names with wildcards, then
 /// those under the node's own name. `*` matches one part of a name, `**` any number, as in rcl.
@@ -130,19 +131,23 @@ pub fn given(
     files: &[PathBuf],
     assignments: &[Assignment],
     node: &NodeName,
-) -> Result<BTreeMap<String, ParameterOverride>, ParameterError> {
-    let mut all = BTreeMap::new();
+) -> Result<(BTreeMap<String, ParameterOverride>, Vec<String>), ParameterError> {
+    let (mut all, mut idle, full) = (BTreeMap::new(), Vec::new(), node.full());
     for path in files {
-        for parameter in sections::overrides(path, &read(path)?, node)? {
-            all.insert(parameter.name.clone(), parameter);
+        let overrides = sections::overrides(path, &read(path)?, node)?;
+        if overrides.is_empty() {
+            idle.push(format!("{}: gives nothing to {full}; name it, or /**", path.display()));
         }
+        all.extend(overrides.into_iter().map(|parameter| (parameter.name.clone(), parameter)));
     }
     for Assignment { node: whose, given } in assignments {
         if whose.as_ref().is_none_or(|whose| *whose == node.name) {
             all.insert(given.name.clone(), given.clone());
+        } else {
+            idle.push(format!("{}: is for another node; this one is {full}", given.origin));
         }
     }
-    Ok(all)
+    Ok((all, idle))
 }
 
 impl Assignment {

@@ -28,6 +28,30 @@ impl Drop for CreatedFiles {
     }
 }
 
+/// Whether there may be such recordings, as far as that is known without making them.
+pub(crate) fn check(settings: &Settings) -> Result<(), NodeError> {
+    let paths = [settings.trace.as_deref(), settings.mcap.as_deref()];
+    for path in paths.into_iter().flatten() {
+        let folder = path.parent().filter(|it| !it.as_os_str().is_empty());
+        let why = match folder.unwrap_or(Path::new(".")).metadata() {
+            Ok(found) if !found.is_dir() => "what is before its name is no folder",
+            Ok(_) if path.is_dir() => "it is a folder; give a file",
+            Ok(_) => continue,
+            Err(_) => "its folder is not there; make it, and write a home folder out",
+        };
+        let error = io::Error::other(why);
+        return Err(NodeError::Recording { path: path.to_owned(), error });
+    }
+    match paths {
+        [Some(trace), Some(mcap)] if is_same(trace, mcap) || trace == mcap => {
+            let error =
+                io::Error::other("trace.file and trace.mcap are one file; give each its own");
+            Err(NodeError::Recording { path: mcap.to_owned(), error })
+        }
+        _ => Ok(()),
+    }
+}
+
 /// Makes the files that the settings name, and records the engine's inputs and decisions in them.
 pub(crate) fn record<V, R>(
     engine: &mut Engine<V, R>,

@@ -32,6 +32,7 @@ pub(crate) use crate::settings::current::Current;
 use crate::settings::environment::Environment;
 pub use crate::settings::error::SettingsError;
 pub use crate::settings::middleware::Middleware;
+pub(crate) use crate::settings::nearest::nearest;
 pub use crate::settings::parameter::{Parameter, Range};
 pub use crate::settings::policy::{DeadlineSettings, PolicyKind, SpeedTopic};
 pub use crate::settings::qos::{Qos, Role, Topic};
@@ -109,7 +110,7 @@ pub struct Settings {
     pub declared: Vec<Parameter>,
     /// What was given to all or several nodes and is no parameter of this one.
     pub ignored: Vec<ParameterOverride>,
-    /// What the environment says and the node does not do; each in a sentence.
+    /// What the environment, remapping rules and files say and the node does not do; each in a sentence.
     pub unheeded: Vec<String>,
 }
 
@@ -214,20 +215,22 @@ impl Settings {
     ) -> Result<Self, SettingsError> {
         let node = NodeName { namespace: "/".to_owned(), name: "fuseline".to_owned() };
         let node = node.remapped(&arguments.remaps);
-        let mut overrides = given(&arguments.files, &arguments.assignments, &node)?;
+        let (mut overrides, mut idle) = given(&arguments.files, &arguments.assignments, &node)?;
         let environment = Environment(environment);
         for from in environment.overrides()? {
             overrides.entry(from.name.clone()).or_insert(from);
         }
         let log_level = log_level(arguments, &node);
         let mut reader = ParameterReader::new(overrides, node.clone(), &arguments.remaps);
-        let mut settings = read(&mut reader, node)?;
+        let mut settings = read(&mut reader, node.clone())?;
         settings.ignored = reader.apply_rest()?;
+        idle.extend(node.idle_rules(&arguments.remaps, &reader.own_names));
         settings.topics = reader.topics;
         settings.declared = reader.declared;
         settings.log_level = log_level;
         settings.rosout = arguments.rosout;
         settings.unheeded = environment.cautions(&settings);
+        settings.unheeded.extend(idle);
         if let Err(why) = settings.keep_pace() {
             let origin = settings.origin("policy.rate");
             return Err(SettingsError::Workload { origin, why });

@@ -2,13 +2,57 @@
 
 use fuseline_engine::Commit;
 
+use crate::key::{IntegerKind, MessageKey};
 use crate::settings::{Cloud, PolicyKind, Settings};
 
 impl Settings {
     /// Each in a sentence.
     #[must_use]
     pub fn cautions(&self) -> Vec<String> {
-        self.unheeded.iter().cloned().chain(self.given_away()).collect()
+        let cautions = [
+            self.given_away(),
+            self.idle_within(),
+            self.keys(),
+            self.policies(),
+            self.accuracies(),
+        ];
+        self.unheeded.iter().cloned().chain(cautions.into_iter().flatten()).collect()
+    }
+
+    fn idle_within(&self) -> Option<String> {
+        let within = self.end_to_end.within.filter(|within| *within > self.greatest_deadline)?;
+        Some(format!(
+            "within is {} s, and no message takes longer than greatest_deadline ({} s): it is in seconds",
+            within.as_secs_f64(),
+            self.greatest_deadline.as_secs_f64()
+        ))
+    }
+
+    fn keys(&self) -> Option<String> {
+        let is_short = |key| {
+            matches!(key, MessageKey::Integer { kind: IntegerKind::U32 | IntegerKind::I32, .. })
+        };
+        let (input, output) = (self.input.key, self.output.key);
+        let is_header = |key| key == MessageKey::Header;
+        ((is_header(input) && is_short(output)) || (is_short(input) && is_header(output))).then(|| {
+            format!(
+                "the key of input is {input} and that of output {output}: a stamp in nanoseconds does not \
+                 fit into 32 bits, so no result is found"
+            )
+        })
+    }
+
+    fn policies(&self) -> Option<String> {
+        let is_idle = self.deadlines.kind != PolicyKind::Set && self.clouds.is_empty();
+        is_idle.then(|| "policy has no cloud to choose deadlines for; add it to clouds".to_owned())
+    }
+
+    fn accuracies(&self) -> Option<String> {
+        let accuracy = &self.deadlines.accuracy;
+        let are_parts = accuracy.local <= 1.0 && accuracy.cloud <= 1.0;
+        (self.deadlines.kind == PolicyKind::Expected && are_parts).then(|| {
+            "policy.accuracy_local and .accuracy_cloud are at most 1: they are in percent, as policy.price_per_ms".to_owned()
+        })
     }
 
     /// A4: a lower cloud's timer sends what is available, though a better cloud has time left; with its remedy.

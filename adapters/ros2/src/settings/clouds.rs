@@ -156,11 +156,7 @@ fn grpc(r: &mut ParameterReader, cloud: &str) -> Result<Option<Grpc>, SettingsEr
         "The URL of the cloud's gRPC server; empty if it has topics",
         "http://host:port or https://host:port",
         |value| match value {
-            Value::String(url)
-                if url.is_empty() || url.starts_with("http://") || url.starts_with("https://") =>
-            {
-                Some(url.clone())
-            }
+            Value::String(url) if url.is_empty() || is_server(url) => Some(url.clone()),
             _ => None,
         },
     )?;
@@ -211,4 +207,16 @@ fn grpc(r: &mut ParameterReader, cloud: &str) -> Result<Option<Grpc>, SettingsEr
             .map(|name| Some(name).filter(|name| !name.is_empty()))
             .value,
     }))
+}
+
+/// Whether it names a server, with nothing behind the port: a path would be left out.
+fn is_server(url: &str) -> bool {
+    let rest = url.strip_prefix("http://").or_else(|| url.strip_prefix("https://"));
+    let Some(rest) = rest.map(|rest| rest.strip_suffix('/').unwrap_or(rest)) else { return false };
+    let (host, port) = match rest.rsplit_once(':') {
+        Some((host, port)) if !port.ends_with(']') => (host, Some(port)),
+        Some(_) | None => (rest, None),
+    };
+    let is_port = |port: &str| port.parse::<u16>().is_ok_and(|port| port > 0);
+    !host.is_empty() && !host.contains(['/', '?', '#', '@', ' ']) && port.is_none_or(is_port)
 }

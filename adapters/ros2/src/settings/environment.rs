@@ -58,7 +58,7 @@ impl<F: Fn(&str) -> Option<String>> Environment<F> {
     }
 
     fn localhost_only(&self) -> Option<ParameterOverride> {
-        // As rcl has it: what is no range counts as LOCALHOST. Without discovery there is no node, so OFF is the least that there is.
+        // As in rcl, what is no range counts as LOCALHOST. There is no node without discovery, so OFF counts as LOCALHOST too.
         let is_near = |range: String| !matches!(&*range, "SUBNET" | "SYSTEM_DEFAULT" | "NOT_SET");
         let variable = if self.get(RANGE).is_some_and(is_near) {
             RANGE
@@ -87,7 +87,8 @@ impl<F: Fn(&str) -> Option<String>> Environment<F> {
         let mut all = Vec::new();
         match self.get(SECURITY) {
             Some(value) if value == "true" => all.push(format!(
-                "{SECURITY} is true, but this node has no DDS security (SROS2): it joins unsecured, and secured peers may refuse it"
+                "{SECURITY} is true, but this node has no DDS security (SROS2): it joins unsecured, and \
+                 secured peers may refuse it"
             )),
             Some(value) if value != "false" => {
                 all.push(format!("{SECURITY} is {value:?}: ROS 2 takes anything but true for false"));
@@ -115,7 +116,8 @@ impl<F: Fn(&str) -> Option<String>> Environment<F> {
         let mut all = Vec::new();
         match self.get(RANGE).as_deref() {
             Some("OFF") => all.push(format!(
-                "{RANGE} is OFF, but this node finds its peers by discovery alone: it looks for them on this computer only, as for LOCALHOST"
+                "{RANGE} is OFF, but this node finds its peers by discovery alone: it looks for them on \
+                 this computer only, as for LOCALHOST"
             )),
             Some("LOCALHOST" | "SUBNET" | "SYSTEM_DEFAULT" | "NOT_SET") | None => {}
             Some(other) => {

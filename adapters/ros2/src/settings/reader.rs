@@ -25,6 +25,8 @@ pub(super) struct ParameterReader<'a> {
     pub(super) declared: Vec<Parameter>,
     /// The topics among it.
     pub(super) topics: Vec<Topic>,
+    /// Their names before they were remapped.
+    pub(super) own_names: Vec<String>,
 }
 
 /// A value and where it comes from.
@@ -40,7 +42,8 @@ impl<'a> ParameterReader<'a> {
         remaps: &'a [Remap],
     ) -> Self {
         let deadlines = DeadlineBound(Duration::MAX);
-        Self { overrides, node, remaps, deadlines, declared: Vec::new(), topics: Vec::new() }
+        let (declared, topics, own_names) = (Vec::new(), Vec::new(), Vec::new());
+        Self { overrides, node, remaps, deadlines, declared, topics, own_names }
     }
 
     /// Reads a parameter with `convert`; the error says what is `expected`.
@@ -299,6 +302,7 @@ impl<'a> ParameterReader<'a> {
             return Err(SettingsError::Shared { origin, name: purpose, topic: name, other });
         }
         let (type_name, qos) = (type_name.to_owned(), Qos::of(role));
+        self.own_names.push(value.to_owned());
         self.topics.push(Topic { name: name.clone(), type_name, role, qos, purpose, origin });
         Ok(name)
     }

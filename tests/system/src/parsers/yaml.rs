@@ -24,7 +24,7 @@ fn file(path: &Path, len: usize, ends: &mut Ends) -> ParserResult {
     let files = vec![path.to_owned()];
     let node = NodeName { namespace: "/".to_owned(), name: "fuseline".to_owned() };
     match given(&files, &[], &node) {
-        Ok(all) => {
+        Ok((all, _)) => {
             ends.insert("parameters");
             all.values().try_for_each(|given| parameter(given, len))?;
         }

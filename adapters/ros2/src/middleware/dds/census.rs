@@ -1,7 +1,7 @@
 //! Who else publishes on the topics of this node.
 //!
-//! DDS matches a writer with readers alone. That somebody else writes what the node writes, such as a second node of its name or a
-//! model whose output was not remapped, is known from discovery only.
+//! DDS matches a writer with readers alone. Only discovery knows who else writes what the node writes, such as a second node
+//! of its name or a model whose output was not remapped.
 
 use std::collections::{BTreeSet, VecDeque};
 use std::sync::mpsc::{self, RecvTimeoutError};
