@@ -12,7 +12,7 @@ use fuseline_engine::{Ending, Item};
 use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::intern;
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyIterator, PyList};
+use pyo3::types::{PyDict, PyIterator, PyList, PyTuple};
 
 use crate::calls::source::{CallClasses, SourceArgument, SourceEntry};
 use crate::calls::task::SourceCall;
@@ -241,7 +241,20 @@ impl PyCalls {
         if !in_flight.contains(t)? {
             return Ok(());
         }
-        let (value, of) = match stamped(py, value) {
+        let checked = stamped(py, value).and_then(|(value, of)| {
+            let is_plain = task::is_plain(&value);
+            if !is_plain {
+                CallClasses::get(py)?.check_result.bind(py).call1((&value,))?;
+            }
+            let is_changed = source.copies && !(is_plain && is_unchangeable(&value));
+            let value = if is_changed {
+                CallClasses::get(py)?.snapshot.bind(py).call1((value,))?
+            } else {
+                value
+            };
+            Ok((value, of))
+        });
+        let (value, of) = match checked {
             Ok(stamped) => stamped,
             Err(error) => {
                 // D7: what cannot be read is a failure.
@@ -413,6 +426,13 @@ impl PyCalls {
         }
         Ok(stepped)
     }
+}
+
+/// Whether a plain value is none that holds others.
+fn is_unchangeable(value: &Bound<'_, PyAny>) -> bool {
+    !value.is_exact_instance_of::<PyList>()
+        && !value.is_exact_instance_of::<PyDict>()
+        && !value.is_exact_instance_of::<PyTuple>()
 }
 
 /// A value, and of which message it is, if it says so.

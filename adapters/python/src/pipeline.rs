@@ -12,6 +12,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::engine::nanos;
+use crate::raised::config;
 use crate::time::Nanos;
 
 /// What a message comes from: the sensor's stream, the timestamp there, the capture on the clock, the end-to-end deadline, and the
@@ -210,8 +211,13 @@ impl PyLatency {
 
     /// This percentile, of 1 to 100, of the last 256 messages; `at_first` until 16 were recorded.
     #[staticmethod]
-    fn measured(percent: u8, at_first: Nanos) -> Self {
-        Self(Latency::measured(percent, Duration::from_nanos(at_first.0)))
+    fn measured(percent: i64, at_first: Nanos) -> PyResult<Self> {
+        match u8::try_from(percent) {
+            Ok(percent @ 1..=100) => {
+                Ok(Self(Latency::measured(percent, Duration::from_nanos(at_first.0))))
+            }
+            _ => Err(config(format!("a percentile of {percent}; it is from 1 to 100"))),
+        }
     }
 
     /// A message took so long. Does nothing if the latency is stated.

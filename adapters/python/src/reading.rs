@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use fuseline_traces::packed::unpack;
-use pyo3::exceptions::{PyOSError, PyTypeError};
+use pyo3::exceptions::{PyOSError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
 use pyo3::types::{PyBytes, PyIterator, PyString};
@@ -37,6 +37,12 @@ pub(crate) fn with_trace<T: Send>(
     let (origin, own) = if let Ok(bytes) = trace.cast::<PyBytes>() {
         (TraceSource::Bytes(bytes.clone().into()), "<bytes>".to_owned())
     } else if trace.is_instance_of::<PyString>() || trace.hasattr("__fspath__")? {
+        if let Ok(text) = trace.extract::<String>()
+            && text.trim_start().starts_with('{')
+        {
+            let message = "a text of a trace where its path belongs; give its bytes: text.encode()";
+            return Err(PyValueError::new_err(message));
+        }
         let path: PathBuf = trace.extract()?;
         let own = path.display().to_string();
         (TraceSource::File(path), own)

@@ -213,7 +213,7 @@ CASES_AROUND: dict[str, Arguments] = {
             "skip": [("all", ConfigError, SKIPPED)],
             "within": DURATION,
         },
-        {"max_age": [0], "skip": ["executed", "none"]},
+        {"max_age": [1], "skip": ["executed", "none"]},
         free="split blend",
         of=Chunk,
     ),

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 from fuseline import BlockingOperator, ConfigError, Ending, Local, Operator, TraceError, check
-from misuse import ask, misuse, on_board, operator_of, refused
+from misuse import ask, echo, misuse, on_board, operator_of, refused
 
 
 def ended(code: str, *arguments: str, timeout: float = 60.0) -> subprocess.CompletedProcess[str]:
@@ -77,8 +77,9 @@ with BlockingOperator(Operator(lambda m, t: m, trace=sys.argv[1])):
 
 def test_no_trace_is_left_of_an_operator_that_is_none(tmp_path: Path) -> None:
     trace = tmp_path / "run.jsonl"
-    blocking = BlockingOperator(operator_of(trace=trace, commit="never"))
-    refused("eager, patient", blocking.__enter__)
+    operator = operator_of(trace=trace)
+    operator.use_cloud(echo, ask, str, 1, limit=2, resume=2)
+    refused("resume below", BlockingOperator(operator).__enter__)
     assert not trace.exists()
     for path in (tmp_path, tmp_path / "nowhere" / "run.jsonl"):
         refused("directory", BlockingOperator(operator_of(trace=path)).__enter__, OSError)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy
 import pytest
-from fuseline import Call, Ending, Failure, _remote
+from fuseline import Call, ConfigError, Ending, Failure, _remote
 from fuseline.robot import Always, Chunk, Hold, fade
 from misuse import misuse, refused
 
@@ -191,7 +191,7 @@ def test_reply_that_is_no_action(chunked: bool, held: Any, action: Any, words: s
         on_failure=failures.append,
     ) as policy:
         actions = ticks(policy, lambda: bool(failures))
-        assert all(it is held for it in actions)
+        assert {repr(it) for it in actions} == {repr(held)}
         assert str(policy.item and policy.item.source) == "local"
     assert words in failures[0].why
 
@@ -210,7 +210,7 @@ GOOD_ACTIONS: list[tuple[Any, Any]] = [
 @pytest.mark.parametrize(("held", "action"), GOOD_ACTIONS)
 def test_takes_an_action_of_the_form_on_board(held: Any, action: Any) -> None:
     with Always(server(lambda _: action), Hold(held), deadline=5.0) as policy:
-        assert policy.infer(0) is action
+        assert repr(policy.infer(0)) == repr(action)
     chunk = Chunk(every=1, max_age=99, within=5.0)
     with Always(server(lambda _: [action] * 9), Hold(held), deadline=5.0, chunk=chunk) as policy:
         ticks(policy, lambda: str(policy.item and policy.item.source) == "remote")
@@ -434,3 +434,44 @@ def test_a_remote_policy_learns_its_tick_and_deadline() -> None:
     assert [it.timestamp for it in calls[:2]] == [0, 0]
     assert 0.0 < calls[0].deadline <= 0.5
     assert 1.0 < calls[1].deadline <= 3.0
+
+
+@misuse("changes an action in place, or uses its buffer again", "what is held is what was sent")
+def test_action_that_changes() -> None:
+    buffer = [0.0]
+
+    def on_board(observation: int) -> list[float]:
+        buffer[0] += 1.0
+        return buffer
+
+    with Always(refuses, on_board, deadline=5.0) as policy:
+        actions = [policy.infer(it) for it in range(3)]
+    assert actions == [[1.0], [2.0], [3.0]]
+    with Always(refuses, Hold([0.0]), deadline=5.0) as policy:
+        action = policy.infer(0)
+        action[0] = 99.0
+        assert policy.infer(1) == [0.0]
+    with Always(server(lambda _: on_board(0)), Hold([0.0]), deadline=5.0) as policy:
+        first = policy.infer(0)
+        policy.infer(1)
+        assert first == [4.0]
+
+
+@pytest.mark.parametrize(
+    ("chunk", "words"),
+    [
+        (10, "give Chunk(every"),
+        (Chunk(every=10, max_age=2), "a max_age of 2 ticks, less than the 10"),
+        (Chunk(every=1, max_age=4, blend=fade), "as in fade(5)"),  # type: ignore[arg-type]
+    ],
+)
+@misuse("gives a chunk that is none", "`ConfigError`, with the remedy")
+def test_odd_chunk(chunk: Any, words: str) -> None:
+    with pytest.raises(ConfigError) as raised:
+        Always(refuses, Hold([0.0]), period=0.1, chunk=chunk)
+    assert words in str(raised.value)
+
+
+@misuse("holds a policy", "`ConfigError`: `on_board` itself")
+def test_hold_of_a_policy() -> None:
+    refused("without Hold", lambda: Hold(Module()))

@@ -8,6 +8,7 @@ import functools
 import time
 from collections import deque
 from collections.abc import AsyncIterator, Iterator
+from concurrent.futures import Future
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any, cast
@@ -16,16 +17,21 @@ import numpy
 import pytest
 from conftest import Run
 from fuseline import (
+    BlockingOperator,
     Call,
     CarriedState,
+    Closed,
     ConfigError,
     Ending,
+    Items,
     Join,
+    Latency,
     Lineage,
     Local,
     Operator,
     StampedValue,
     TimeError,
+    check,
 )
 from fuseline.deadline import Accuracy, Constant, Expected, Guard, Situation
 from fuseline.testing import VirtualLoop
@@ -474,3 +480,148 @@ def test_names_tasks_by_their_source(run: Run[Any]) -> None:
 
     played(run, lambda it, _: it.use_cloud(handle, ask, str, 1, name="west"), local=local)
     assert sorted(names) == ["operator: local", "operator: west"]
+
+
+@misuse("uses the buffer of local's result again", "each item has its own message's result")
+def test_result_that_changes(run: Run[Any]) -> None:
+    buffer: dict[str, Any] = {"boxes": numpy.zeros(1)}
+
+    async def local(message: Any, t: int) -> Any:
+        buffer["boxes"][0] = message
+        return buffer
+
+    async def slow(request: Any, call: Call) -> Any:
+        await asyncio.sleep(5)
+
+    async def main(loop: VirtualLoop) -> list[Any]:
+        operator: Operator[Any, Any] = operator_of(local, clock=loop.time_ns)
+        operator.use_cloud(slow, ask, str, 1)
+        async with operator:
+            for number in range(3):
+                operator.write(number)
+            operator.close()
+            return [first_of(cast("Any", item.value)["boxes"]) async for item in operator]
+
+    assert run(main) == [0, 1, 2]
+
+
+async def gathered(request: Any, call: Call) -> Any:
+    async def fails() -> Any:
+        raise ConnectionError("reset by peer")
+
+    return (await asyncio.gather(fails(), return_exceptions=True))[0]
+
+
+async def cancelled(request: Any, call: Call) -> Any:
+    return asyncio.CancelledError("by the library")
+
+
+@pytest.mark.parametrize(
+    ("handle", "words"), [(gathered, "reset by peer"), (cancelled, "by the library")]
+)
+@misuse("returns an exception instead of raising it", "a failure, with what it says")
+def test_exception_for_a_result(run: Run[Any], handle: Any, words: str) -> None:
+    (item,), _ = played(run, lambda it, _: it.use_cloud(handle, ask, lambda r: r, 1))
+    assert item.value == "a on board"
+    assert words in item.failures[0].why
+
+
+@misuse("returns a concurrent future for a result", "a failure, with the remedy")
+def test_concurrent_future_for_a_result(run: Run[Any]) -> None:
+    async def handle(request: Any, call: Call) -> Any:
+        return Future()
+
+    (item,), _ = played(run, lambda it, _: it.use_cloud(handle, ask, lambda r: r, 1))
+    assert item.value == "a on board"
+    assert "asyncio.wrap_future" in item.failures[0].why
+
+
+@misuse("writes a coroutine for a message", "`ConfigError`: await it")
+def test_coroutine_for_a_message() -> None:
+    async def main() -> None:
+        async with operator_of() as operator:
+            with pytest.raises(ConfigError, match="await it"):
+                operator.write(asyncio.sleep(0))
+
+    asyncio.run(main())
+
+
+@misuse("uses an operator with `with`, or a `BlockingOperator` with `async with`", "`ConfigError`")
+def test_other_kind_of_block() -> None:
+    async def main() -> None:
+        async with BlockingOperator(operator_of()):
+            pass
+
+    refused("async with", operator_of().__enter__)
+    refused("use `with`", lambda: asyncio.run(main()))
+
+
+@misuse("uses an operator in a second loop", "`Closed` or `RuntimeError`; no message is taken")
+def test_second_loop() -> None:
+    operator: Operator[Any, Any] = operator_of()
+
+    async def later() -> None:
+        for method in (lambda: operator.write(2), operator.close):
+            with pytest.raises((Closed, RuntimeError), match="loop"):
+                method()
+
+    asyncio.run(operator.start())
+    asyncio.run(later())
+    assert operator.counts == {}
+
+
+@misuse("writes to a join without a lineage", "dropped; counted, and logged with the remedy")
+def test_join_without_lineage(run: Run[Any], caplog: Any) -> None:
+    async def main(loop: VirtualLoop) -> int:
+        join = Join(clock=loop.time_ns)
+        left = join.aligned("left")
+        async with join:
+            for number in range(5):
+                left.write(number)
+        return join.counts["left", "message", "dropped no key"]
+
+    assert run(main) == 5
+    assert "4 messages of left have no key" in caplog.text
+
+
+@misuse("gives `Items` a list", "`ConfigError`")
+def test_items_of_a_list() -> None:
+    refused("an async iterable", lambda: Items([1, 2]))  # type: ignore[arg-type]
+
+
+@misuse("gives a side request an async response handler", "it is awaited")
+def test_async_side_response(run: Run[Any]) -> None:
+    taken = []
+
+    async def respond(answer: Any) -> None:
+        await asyncio.sleep(0.001)
+        taken.append(answer)
+
+    async def handle(request: Any, call: Call) -> Any:
+        await asyncio.sleep(0.01)
+        return request
+
+    def prepare(operator: Operator[Any, Any], _: VirtualLoop) -> None:
+        operator.use_side_request(echo, ask, respond)  # type: ignore[arg-type]
+        operator.use_cloud(handle, ask, str, 1)
+
+    _, counts = played(run, prepare)
+    assert taken == ["a"]
+    assert counts["side-1", "side request", "answered"] == 1
+
+
+@pytest.mark.parametrize("commit", ["Eager", None, True, 0])
+@misuse("gives a commit rule that is none", "`ConfigError`, with the words")
+def test_odd_commit(commit: Any) -> None:
+    refused("it is eager, patient or progressive", lambda: operator_of(commit=commit))
+
+
+@misuse("gives a percentile that is none", "`ConfigError`")
+def test_odd_percentile() -> None:
+    for percent in (0, 101, -1, 300):
+        refused("from 1 to 100", lambda percent=percent: Latency.measured(percent, 0.1))  # type: ignore[misc]
+
+
+@misuse("gives a trace's text for its path", "`ValueError`: its bytes")
+def test_text_of_a_trace() -> None:
+    refused("give its bytes", lambda: check('{"fuseline":1,"window":16,"clouds":[]}\n'), ValueError)

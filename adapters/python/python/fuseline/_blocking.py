@@ -46,6 +46,12 @@ class BlockingOperator(Generic[M, V]):
         self._process = os.getpid()
         self._has_ended = threading.Event()
 
+    async def __aenter__(self) -> None:
+        raise ConfigError("a BlockingOperator has a loop of its own: use `with`, or the Operator")
+
+    async def __aexit__(self, *_: object) -> None:
+        """Never called: `__aenter__` raises."""
+
     def __enter__(self) -> BlockingOperator[M, V]:
         if self._thread is not None:
             raise ConfigError("an operator is started once; make another")

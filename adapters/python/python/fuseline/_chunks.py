@@ -89,12 +89,21 @@ class ChunkPlan:
             ended: Called with why a call failed, or None if it brought a chunk.
             check: Raises what is wrong with an action that is about to be sent.
         """
+        if not hasattr(chunk, "every"):
+            raise ConfigError(f"a chunk of {chunk!r}; give Chunk(every=…, max_age=…)")
         check_count(chunk.every, 1, "ticks between chunks")
         check_count(chunk.max_age, 0, "a max_age")
+        if chunk.max_age < chunk.every:
+            raise ConfigError(
+                f"a max_age of {chunk.max_age} ticks, less than the {chunk.every} between chunks: "
+                "most ticks would have no action that is young enough"
+            )
         if chunk.split is not None:
             check_function(chunk.split, "a split")
         if chunk.blend is not None:
             check_function(chunk.blend, "a blend")
+            if chunk.blend == fade:  # type: ignore[comparison-overlap]
+                raise ConfigError("a blend of fade itself; call it with the ticks, as in fade(5)")
         if chunk.skip not in ("executed", "none"):
             raise ConfigError(f"skip is 'executed' or 'none', not {chunk.skip!r}")
         self.chunk = chunk

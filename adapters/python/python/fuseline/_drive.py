@@ -38,9 +38,10 @@ M = TypeVar("M")
 V = TypeVar("V")
 
 #: A source as the extension has it: its priority, its tasks, the most of them, its handle, its
-#: response handler, whether its requests are encoded, and what its tasks are called.
+#: response handler, whether its requests are encoded, what its tasks are called, and whether its
+#: results are copied.
 _Source: TypeAlias = (
-    "tuple[int, SourceTasks, int, Callable[..., Any], Callable[[Any], Any] | None, bool, str]"
+    "tuple[int, SourceTasks, int, Callable[..., Any], Callable[[Any], Any] | None, bool, str, bool]"
 )
 
 #: A lineage as the engine takes it: with its age instead of the capture.
@@ -106,6 +107,8 @@ class OutputHandlers:
     latency: Latency | None = None
     #: Whether items carry their messages.
     carry_messages: bool = False
+    #: Whether messages, and local's results, are copied.
+    copy_messages: bool = True
 
 
 @dataclass(slots=True)
@@ -353,9 +356,10 @@ class Driver(Generic[M, V]):
         cloud = source.cloud
         if cloud is None:
             named = f"{self.name}: local"
-            return p, source, source.limit, self._local._run, None, False, named
+            copies = self._handlers.copy_messages
+            return p, source, source.limit, self._local._run, None, False, named, copies
         encodes, named = source.encoders is not None, f"{self.name}: {cloud.cloud.name}"
-        return p, source, source.limit, cloud.handle, cloud.response_handler, encodes, named
+        return p, source, source.limit, cloud.handle, cloud.response_handler, encodes, named, False
 
     # What the extension calls.
 

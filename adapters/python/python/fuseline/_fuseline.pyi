@@ -230,7 +230,7 @@ class Calls:
         counting: Counting,
         local_deadline: _Duration | None,
         sources: Sequence[
-            tuple[int, Any, int, Callable[..., Any], Callable[[Any], Any] | None, bool, str]
+            tuple[int, Any, int, Callable[..., Any], Callable[[Any], Any] | None, bool, str, bool]
         ],
         create_task: Callable[..., Any],
         output: Callable[[Item[Any]], None],

@@ -7,10 +7,11 @@ import contextlib
 import time
 import weakref
 from collections import deque
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterable, AsyncIterator, Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+from fuseline._errors import ConfigError
 from fuseline._fuseline import Reorderer, nanoseconds
 from fuseline._item import Item, fields_of
 from fuseline._wiring import check_clock, check_count, check_function
@@ -52,6 +53,10 @@ class Items(Generic[T]):
 
     def __init__(self, source: AsyncIterator[T], *, output_len: int = 16) -> None:
         check_count(output_len, 1, "an output_len")
+        if not isinstance(source, AsyncIterable):
+            raise ConfigError(
+                f"Items reads an operator, a join or an async iterable, not {source!r}"
+            )
         self._shared = _SharedSource(source.__aiter__(), output_len)
         self._waiting: deque[T] = deque()
         self._shared.add(self)

@@ -373,7 +373,17 @@ class Join:
             self._give()
 
     def _drop(self, dropped: JoinDrop) -> None:
-        self.counts[dropped.input, "message", f"dropped {dropped.why.value}"] += 1
+        key = dropped.input, "message", f"dropped {dropped.why.value}"
+        self.counts[key] += 1
+        times = self.counts[key]
+        if dropped.why is JoinDropReason.NO_KEY and times & (times - 1) == 0:
+            _log.warning(
+                "%s: %d messages of %s have no key to be joined by: write them with a Lineage that "
+                "has a seq, or give the input a key",
+                self.name,
+                times,
+                dropped.input,
+            )
         if self._on_drop is None:
             return
         try:

@@ -35,10 +35,12 @@ from fuseline._snapshot import UNCHANGEABLE, snapshot
 from fuseline._tracefile import hold
 from fuseline._wiring import (
     check_clock,
+    check_commit,
     check_count,
     check_function,
     check_handle,
     check_linger,
+    check_message,
     check_messages,
     check_name,
     check_own_policy,
@@ -62,6 +64,7 @@ Req = TypeVar("Req")
 Res = TypeVar("Res")
 
 _log = logging.getLogger("fuseline")
+_running_loop = asyncio._get_running_loop
 
 #: After how many seconds it is reported that nobody reads the items, and messages wait.
 UNREAD_SECONDS = 5.0
@@ -95,10 +98,10 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         reserve: How long those downstream take; so much of an end-to-end deadline is kept (E3).
         latency: What records how long this operator takes, for those upstream.
         carry_messages: Whether each item carries its message, as ``item.message``.
-        copy_messages: Whether each message is copied when it is written, so that a buffer that is
-            used again changes no message that waits. What is copied are arrays, Python's
-            containers, dataclasses and what is in them; an object of another class is shared and
-            must not be changed. False saves the copy where nobody changes a message.
+        copy_messages: Whether each message is copied when it is written, and each result of local,
+            so that a buffer that is used again changes none that waits. What is copied are arrays,
+            Python's containers, dataclasses and what is in them; an object of another class is
+            shared and must not be changed. False saves the copies where nobody changes anything.
 
     Its methods belong to the thread of its loop, but for `write_threadsafe`; elsewhere they raise a
     RuntimeError.
@@ -139,6 +142,7 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         check_name(name, "an operator")
         check_range(window, 1, 1024, "a window")
         check_count(output_len, 1, "an output_len")
+        check_commit(commit)
         check_trace(trace)
         check_reserve(reserve)
         check_clock(clock)
@@ -148,7 +152,7 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         self._local: Local[M, V] = local_of(local)
         self._window, self._commit = window, commit
         self._output_len = output_len
-        self._path = trace
+        self._path = None if trace is None else os.fsdecode(trace)
         self._clock, self._lag_warning = clock, nanoseconds(lag_warning)
         self._greatest_deadline = nanoseconds(greatest_deadline)
         deadline = self._local.deadline
@@ -164,7 +168,11 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         self._not_taken = 0
         self._clouds: list[RegisteredCloud] = []
         self._reserve = list(reserve)
-        super().__init__(OutputHandlers(latency=latency, carry_messages=carry_messages))
+        super().__init__(
+            OutputHandlers(
+                latency=latency, carry_messages=carry_messages, copy_messages=copy_messages
+            )
+        )
         self._loop: asyncio.AbstractEventLoop | None = None
         self._situation: Callable[[M, int], Situation] | None = None
         self._copies = copy_messages
@@ -349,6 +357,14 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
                 engine.set_policy(it.cloud.p, compiled(it.policy))
         return engine
 
+    def __enter__(self) -> None:
+        raise ConfigError(
+            "an Operator runs within asyncio: use `async with`, or give it to a BlockingOperator"
+        )
+
+    def __exit__(self, *_: object) -> None:
+        """Never called: `__enter__` raises."""
+
     async def __aenter__(self) -> Operator[M, V]:
         await self.start()
         return self
@@ -400,6 +416,8 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         driver = self._driver
         if driver is None or threading.get_ident() != self._thread:
             driver = self._running("write")
+        if _running_loop() is not self._loop:
+            self._check_loop("write")
         if self._is_last:
             raise Closed("the operator takes no more messages")
         if len(self._items) >= self._output_len:
@@ -408,8 +426,10 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
             raise RuntimeError("a handler must not write to its own operator")
         if lineage is not None and not isinstance(lineage, Lineage):
             raise ConfigError(f"a lineage is a Lineage, not {lineage!r}")
-        if self._copies and type(message) not in UNCHANGEABLE:
-            message = snapshot(message)
+        if type(message) not in UNCHANGEABLE:
+            check_message(message)
+            if self._copies:
+                message = snapshot(message)
         t = self._count
         self._is_handling = True
         try:
@@ -647,12 +667,22 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
 
     def _check_thread(self, method: str) -> None:
         if self._thread is None or threading.get_ident() == self._thread:
+            self._check_loop(method)
             return
         if method == "write":
             remedy = "use write_threadsafe"
         else:
             remedy = f"let its loop do it: loop.call_soon_threadsafe(operator.{method})"
         raise RuntimeError(f"{method} in another thread than the operator's loop; {remedy}")
+
+    def _check_loop(self, method: str) -> None:
+        running = _running_loop()
+        if self._loop is None or running is self._loop:
+            return
+        if self._loop.is_closed() and not self._is_over:
+            raise Closed(f"{method} after the operator's loop has ended; an operator has one loop")
+        if running is not None and not self._is_over:
+            raise RuntimeError(f"{method} in another loop than the operator's; it has one loop")
 
     def _names(self) -> list[str]:
         """What has a name of its own in counts."""

@@ -12,6 +12,7 @@ from typing import Any
 from fuseline._errors import in_one_line
 from fuseline._fuseline import nanoseconds
 from fuseline._item import Call
+from fuseline._wiring import is_awaitable
 
 _log = logging.getLogger("fuseline")
 
@@ -75,7 +76,9 @@ class SideRequest:
     async def _ask(self, running: asyncio.Semaphore, request: Any, call: Call) -> None:
         try:
             answer = await asyncio.wait_for(self._call(running, request, call), call.deadline)
-            self.response_handler(answer)
+            handled = self.response_handler(answer)
+            if is_awaitable(handled):
+                await handled
         except asyncio.TimeoutError:
             self.counts["expired"] += 1
         except Exception as error:

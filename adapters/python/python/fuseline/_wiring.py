@@ -5,13 +5,14 @@ from __future__ import annotations
 import inspect
 import os
 from collections.abc import AsyncIterable, Iterable, Mapping
+from concurrent.futures import Future
 from datetime import timedelta
-from types import AsyncGeneratorType, GeneratorType
+from types import AsyncGeneratorType, CoroutineType, GeneratorType
 from typing import Any
 
 from fuseline._errors import ConfigError, as_text
 from fuseline._fuseline import Latency
-from fuseline._words import ns
+from fuseline._words import Commit, ns
 from fuseline.deadline import Policy, learners, needs_linger
 
 
@@ -151,6 +152,41 @@ def check_name(name: Any, what: str, others: Iterable[str] = ()) -> None:
             f"{what} named {name!r}, as another one is; counts and logs could not tell them apart: "
             "give another name"
         )
+
+
+def check_commit(commit: Any) -> None:
+    """The word of a commit rule.
+
+    Raises:
+        ConfigError: if it is none.
+    """
+    words = [str(it) for it in Commit]
+    if commit not in words:
+        raise ConfigError(f"a commit rule {commit!r}; it is {', '.join(words[:-1])} or {words[-1]}")
+
+
+def check_message(message: Any) -> None:
+    """A message, and no coroutine that would give one.
+
+    Raises:
+        ConfigError: if it is a coroutine.
+    """
+    if type(message) is CoroutineType:
+        message.close()
+        raise ConfigError("a coroutine for a message; await it, and write what it returns")
+
+
+def check_result(value: Any) -> None:
+    """A result that is sent, and not one that says that there is none.
+
+    Raises:
+        WiringError: if it is a future that nobody waits for.
+        Exception: the one that was returned for a result.
+    """
+    if isinstance(value, BaseException):
+        raise value if isinstance(value, Exception) else RuntimeError(repr(value))
+    if isinstance(value, Future):
+        raise WiringError("a concurrent Future for a value: await asyncio.wrap_future(future)")
 
 
 def check_clock(clock: Any) -> None:

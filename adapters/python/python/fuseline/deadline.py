@@ -10,10 +10,10 @@ and learns how each call ended. Keep one for each cloud, and give it to `Operato
 Reason.PROBE
 
 `SPEC.md`, section 9, has the conditions, and the book's chapter *Deadlines that are safe*
-(`docs/book/src/verified/deadlines.md`) the proofs. Durations that go in, figures too, are a timedelta, seconds as a float,
-or nanoseconds as `fuseline.ns`; a plain int is refused, and what comes out is `ns`. Other figures
-are numbers in m, m/s and m/s². A figure that is not plausible, such as milliseconds given as
-seconds, is refused with the range that it may have.
+(`docs/book/src/verified/deadlines.md`) the proofs. Durations that go in, figures too, are a
+timedelta, seconds as a float, or nanoseconds as `fuseline.ns`; a plain int is refused, and what
+comes out is `ns`. Other figures are numbers in m, m/s and m/s². A figure that is not plausible,
+such as milliseconds given as seconds, is refused with the range that it may have.
 """
 
 from __future__ import annotations

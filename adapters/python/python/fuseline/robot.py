@@ -31,6 +31,7 @@ from fuseline._item import Call, Ending, Failure, Item, Source, StampedValue
 from fuseline._local import Local
 from fuseline._operator import Operator
 from fuseline._remote import RemotePolicy, RemoteThread
+from fuseline._snapshot import snapshot
 from fuseline._wiring import check_function, check_value, is_async
 from fuseline._words import ns
 
@@ -66,6 +67,10 @@ class Hold:
     first: Any
 
     def __post_init__(self) -> None:
+        if callable(self.first):
+            raise ConfigError(
+                f"to hold {self.first!r}; a policy is given as on_board itself, without Hold"
+            )
         try:
             form_of(self.first, "what is held")
         except CallError as error:
@@ -170,7 +175,7 @@ class Always:
         operator: Operator[Any, Any] = Operator(
             self._local(on_board), name=name, window=WINDOW, trace=trace
         )
-        operator.use_substitute(lambda _: self._last)
+        operator.use_substitute(lambda _: snapshot(self._last))
         if self._plan is None:
             operator.use_cloud(
                 self._call,
@@ -262,14 +267,15 @@ class Always:
                 f"no action for tick {t}: {item.ending.name.lower()}; {why}; no action was sent "
                 "before that could be held: call the policy on board once before, or give Hold"
             )
-        self._last = item.value
+        # Whoever gets the action may change it.
+        self._last = snapshot(item.value)
         return item.value
 
     def _local(self, on_board: OnBoard) -> Local[Any, Any]:
         if isinstance(on_board, Hold):
 
             async def hold(_: Any, __: int) -> Any:
-                return self._last
+                return snapshot(self._last)
 
             return Local.task(hold)
         compute: Any = getattr(on_board, "infer", on_board)
@@ -297,9 +303,12 @@ class Always:
 
         def one(reply: Any) -> Any:
             self._check(reply)
-            return reply
+            # The policy may use its buffer again.
+            return snapshot(reply)
 
-        return one if chunk is None else lambda reply: actions_of(reply, chunk, self._check)
+        if chunk is None:
+            return one
+        return lambda reply: snapshot(actions_of(reply, chunk, self._check))
 
     def _offer(self, observation: Any, _: int) -> tuple[Any, float] | None:
         return (observation, self._deadline) if self._remote.is_ready() else None

@@ -18,12 +18,14 @@ pub(super) struct SourceEntry {
     pub(super) encodes: bool,
     /// What its tasks are called, as `create_task` takes it.
     pub(super) named: Py<PyDict>,
+    /// Whether its results are copied, so that what it computes next changes none that is held.
+    pub(super) copies: bool,
 }
 
 /// A source as the package gives it: its priority, its tasks, the most of them, its handle, its response handler, and
-/// whether its requests are encoded, and what its tasks are called.
+/// whether its requests are encoded, what its tasks are called, and whether its results are copied.
 pub(super) type SourceArgument<'py> =
-    (u16, Bound<'py, PyAny>, usize, Py<PyAny>, Option<Py<PyAny>>, bool, Bound<'py, PyAny>);
+    (u16, Bound<'py, PyAny>, usize, Py<PyAny>, Option<Py<PyAny>>, bool, Bound<'py, PyAny>, bool);
 
 /// Classes that are compared with, or made, for each call.
 pub(super) struct CallClasses {
@@ -33,17 +35,19 @@ pub(super) struct CallClasses {
     pub(super) call: Py<PyAny>,
     pub(super) stamped: Py<PyAny>,
     pub(super) check_value: Py<PyAny>,
+    pub(super) check_result: Py<PyAny>,
+    pub(super) snapshot: Py<PyAny>,
     pub(super) is_awaitable: Py<PyAny>,
 }
 
 impl SourceEntry {
     pub(super) fn new(
-        (p, tasks, limit, handle, response_handler, encodes, name): SourceArgument<'_>,
+        (p, tasks, limit, handle, response_handler, encodes, name, copies): SourceArgument<'_>,
     ) -> PyResult<Self> {
         let in_flight = tasks.getattr("in_flight")?.cast_into::<PyDict>()?.unbind();
         let aborted = tasks.getattr("aborted")?.cast_into::<PySet>()?.unbind();
         let named = [("name", name)].into_py_dict(tasks.py())?.unbind();
-        Ok(Self { p, in_flight, aborted, limit, handle, response_handler, encodes, named })
+        Ok(Self { p, in_flight, aborted, limit, handle, response_handler, encodes, named, copies })
     }
 }
 
@@ -61,6 +65,8 @@ impl CallClasses {
                 call: items.getattr("Call")?.unbind(),
                 stamped: items.getattr("StampedValue")?.unbind(),
                 check_value: wiring.getattr("check_value")?.unbind(),
+                check_result: wiring.getattr("check_result")?.unbind(),
+                snapshot: py.import("fuseline._snapshot")?.getattr("snapshot")?.unbind(),
                 is_awaitable: wiring.getattr("is_awaitable")?.unbind(),
             })
         })
