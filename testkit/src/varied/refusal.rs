@@ -63,25 +63,37 @@ impl RunWriter<'_> {
     /// Offers that move one cloud's gate, or are refused for another reason and so must not move it (F2g).
     pub(super) fn move_gate(&mut self) {
         let index = self.draw.index(self.header.clouds.len());
-        let Some(p) = self.header.clouds.get(index).map(|cloud| u64::from(cloud.p)) else { return };
+        let Some(cloud) = self.header.clouds.get(index) else { return };
+        let outranked = self.context.outranked().filter(|_| self.draw.one_in(2));
+        let p = outranked.map_or(u64::from(cloud.p), |(_, p)| p);
         let mut t = self.open_for_offer();
         for _ in 0..self.draw.between(2, 7) {
             let at = self.now();
             if self.context.requested().contains(&(t, p)) {
                 t = self.open_for_offer();
             }
-            if self.draw.one_in(3) {
-                let other = match self.draw.between(0, 3) {
-                    0 => self.next_t.saturating_add(5),
-                    1 => self.tried_before(),
-                    _ => t,
-                };
-                let backlog = self.backlog(p);
-                self.push(Input::Offer { at, t: other, p, deadline: 0, backlog });
+            if self.draw.one_in(2) {
+                self.refuse_beside_gate(t, p, outranked.map(|(t, _)| t));
             }
             let (deadline, backlog) = (self.tenths(20, 60).max(1), self.backlog(p));
             self.push(Input::Offer { at, t, p, deadline, backlog });
         }
+    }
+
+    /// An offer that is refused for each reason but the gate's, or else for its deadline.
+    fn refuse_beside_gate(&mut self, t: u64, p: u64, outranked: Option<u64>) {
+        let at = self.now();
+        let requested = self.context.requested().iter().rev().find(|(_, q)| *q == p);
+        let requested = requested.map(|(t, _)| *t);
+        let (other, deadline) = match self.draw.between(0, 5) {
+            0 => (self.next_t.saturating_add(5), 50),
+            1 => (self.tried_before(), 0),
+            2 => (requested.unwrap_or(t), 0),
+            3 | 4 => (outranked.unwrap_or(t), 0),
+            _ => (t, 0),
+        };
+        let backlog = self.backlog(p);
+        self.push(Input::Offer { at, t: other, p, deadline, backlog });
     }
 
     /// Thousands of inputs while a gate is shut, and then it opens.
