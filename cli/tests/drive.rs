@@ -568,13 +568,20 @@ fn ctrl_c_kills_the_command_with_its_children_and_reports_the_verdict_so_far() {
     let dir = tempfile::tempdir().unwrap();
     let pids = dir.path().join("pids");
     let script = format!("sleep 600 & echo $$ $! > {0}.new; mv {0}.new {0}; wait", pids.display());
-    let mut command = fuseline(&["drive", "--wait", "600", "--", "sh", "-c", &script]);
+    let [junit, sarif] = ["drive.xml", "drive.sarif"].map(|name| dir.path().join(name));
+    let files = ["--junit", junit.to_str().unwrap(), "--sarif", sarif.to_str().unwrap()];
+    let options = [&["drive", "--wait", "600"], &files[..], &["--", "sh", "-c", &script]].concat();
+    let mut command = fuseline(&options);
     let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let pids = wait_for(|| fs::read_to_string(&pids).ok());
     interrupt(&child);
     let driven = child.wait_with_output().unwrap();
     assert_eq!(driven.status.code(), Some(2), "{}", out(&driven));
     assert!(out(&driven).contains("no difference so far, interrupted"), "{}", out(&driven));
+    let junit = fs::read_to_string(&junit).unwrap();
+    assert!(junit.contains("<error message=\"interrupted; 0 of 103 cases pass"), "{junit}");
+    let sarif = fs::read_to_string(&sarif).unwrap();
+    assert!(sarif.contains("\"executionSuccessful\": false"), "{sarif}");
     for pid in pids.split_whitespace() {
         wait_for(|| has_gone(pid).then_some(()));
     }

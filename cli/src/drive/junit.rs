@@ -30,6 +30,11 @@ pub(super) fn xml(report: &DriveReport) -> Result<String, SerializeError> {
         status.set_message(misbehaviour.to_string());
         suite.add_test_case(TestCase::new("end of input", status));
     }
+    if let Some(why) = report.unfinished() {
+        let mut status = TestCaseStatus::non_success(NonSuccessKind::Error);
+        status.set_message(why);
+        suite.add_test_case(TestCase::new("all cases", status));
+    }
     let mut xml = Xml::new("fuseline drive");
     xml.add_test_suite(suite);
     xml.to_string()

@@ -93,9 +93,10 @@ fn suite(report: &DriveReport) -> String {
     };
     format!(
         "Passed: {passed} of {} fixed cases{generated}. Fuseline {}, suite sha256 {digest}…, \
-         seed {}, commit rule {}, up to {} clouds",
+         generator {}, seed {}, commit rule {}, up to {} clouds",
         report.fixed.len(),
         env!("CARGO_PKG_VERSION"),
+        generator.version.number(),
         generator.seed,
         generator.commit.map_or("all", fuseline_traces::Commit::as_str),
         generator.most_clouds()

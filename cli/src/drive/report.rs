@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use fuseline_report::AnyViolation;
-use fuseline_testkit::{Coverage, Run};
+use fuseline_testkit::Coverage;
 use fuseline_traces::{Event, Rule, Verdict};
 use indicatif::HumanCount;
 use textwrap::{Options, WordSplitter};
@@ -18,7 +18,6 @@ use super::reach::{DriveLimits, NotDriven, lines, missing};
 use super::repeat::Need;
 use super::shrink::{DriveFinding, FindingKind};
 use super::words;
-use super::written::{GeneratedRuns, WrittenCase, WrittenFinding, WrittenReport, WrittenSuite};
 use crate::exit::Exit;
 use crate::verdict::{BAD, GOOD, plain, print_violation};
 
@@ -293,6 +292,11 @@ impl DriveReport {
         }
     }
 
+    /// Why the verdict is not whole, if Ctrl-C ended it before a difference.
+    pub(super) fn unfinished(&self) -> Option<String> {
+        (self.exit() == Exit::BadInput).then(|| format!("interrupted; {}", self.summary()))
+    }
+
     /// How many cases pass, in a line.
     pub(super) fn summary(&self) -> String {
         let generated =
@@ -372,79 +376,6 @@ impl DriveReport {
         let rate = HumanCount(rate);
         format!("{runs} {word}, {all} inputs in {seconds:.1} s, {rate} inputs a second")
     }
-
-    /// The report as one JSON object.
-    pub(super) fn json(&self) -> WrittenReport {
-        let Suite { generator, generated, .. } = &self.suite;
-        let entries = self.findings.iter().map(|entry| {
-            let verdict = entry.verdict();
-            let violation = verdict.as_ref().and_then(|verdict| verdict.violations.first());
-            let misbehaviour = match &entry.finding.kind {
-                FindingKind::Misbehaves(misbehaviour) => Some(misbehaviour.to_string()),
-                FindingKind::Breaks(_) => None,
-            };
-            WrittenFinding {
-                case: entry.case.clone(),
-                inputs: entry.finding.reported.inputs().count(),
-                of: entry.of,
-                violation: violation.cloned(),
-                misbehaviour,
-                trace: String::from_utf8_lossy(&entry.finding.reported.trace()).into_owned(),
-                shows: match &entry.need {
-                    Need::Nothing => "alone",
-                    Need::Before { .. } => "after other runs",
-                    Need::Unknown => "not again",
-                    Need::Untried => "not tried",
-                },
-                before: match &entry.need {
-                    Need::Before { runs, .. } => runs.iter().map(text).collect(),
-                    Need::Nothing | Need::Unknown | Need::Untried => Vec::new(),
-                },
-                saved: entry.saved.clone(),
-                replay: entry.replay.clone(),
-            }
-        });
-        let fixed = self.fixed.iter();
-        WrittenReport {
-            name: self.name.clone(),
-            command: self.command.clone(),
-            conforms: self.exit() == Exit::Conforms,
-            interrupted: self.was_interrupted,
-            gave_up: self.gave_up,
-            suite: WrittenSuite {
-                version: env!("CARGO_PKG_VERSION"),
-                hash: format!("sha256:{}", self.suite.hash()),
-                generator: generator.version.number(),
-                seed: generator.seed,
-                left_out: self.suite.left_out,
-                commit: generator.commit.map_or("all", fuseline_traces::Commit::as_str),
-                clouds: generator.most_clouds(),
-            },
-            fixed: fixed
-                .map(|(id, mark)| WrittenCase { case: id.clone(), result: mark.word() })
-                .collect(),
-            generated: GeneratedRuns {
-                runs: *generated,
-                passed: self.passed,
-                inputs: self.passed_inputs,
-                failed: self.failed.as_ref().map(|(id, _)| id.clone()),
-            },
-            found: entries.collect(),
-            at_end: self.at_end.as_ref().map(ToString::to_string),
-            extent: self.extent.clone(),
-            not_driven: self.not_driven(),
-            inputs: self.inputs,
-            seconds: self.took.as_secs_f64(),
-            reached: self.reach.counts().collect(),
-        }
-    }
-}
-
-/// A run as it is sent.
-fn text(run: &Run) -> String {
-    let mut text = Vec::new();
-    run.write(&mut text);
-    String::from_utf8_lossy(&text).into_owned()
 }
 
 fn print_fact(out: &mut impl Write, lead: &str, fact: &str) -> io::Result<()> {

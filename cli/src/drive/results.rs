@@ -25,7 +25,7 @@ pub(super) fn judged(report: &DriveReport) -> Subject {
         name: report.name.clone(),
         judge: "drive",
         conforms: report.exit() == Exit::Conforms,
-        verdict: Ok(report.summary()),
+        verdict: report.unfinished().map_or_else(|| Ok(report.summary()), Err),
         problems,
     }
 }

@@ -3,13 +3,19 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
+use fuseline_testkit::Run;
 use fuseline_traces::Violation;
 #[cfg(feature = "full")]
 use schemars::JsonSchema;
 use serde::Serialize;
 
+use super::case::Suite;
 use super::extent::DrivenExtent;
 use super::reach::NotDriven;
+use super::repeat::Need;
+use super::report::DriveReport;
+use super::shrink::FindingKind;
+use crate::exit::Exit;
 
 /// What driving a command came to.
 #[derive(Serialize)]
@@ -97,4 +103,79 @@ pub(super) struct WrittenFinding {
     pub(super) saved: Vec<PathBuf>,
     /// The command line that shows it again, if one does.
     pub(super) replay: Option<String>,
+}
+
+impl DriveReport {
+    /// The report as one JSON object.
+    pub(super) fn json(&self) -> WrittenReport {
+        let Suite { generator, generated, .. } = &self.suite;
+        let entries = self.findings.iter().map(|entry| {
+            let verdict = entry.verdict();
+            let violation = verdict.as_ref().and_then(|verdict| verdict.violations.first());
+            let misbehaviour = match &entry.finding.kind {
+                FindingKind::Misbehaves(misbehaviour) => Some(misbehaviour.to_string()),
+                FindingKind::Breaks(_) => None,
+            };
+            WrittenFinding {
+                case: entry.case.clone(),
+                inputs: entry.finding.reported.inputs().count(),
+                of: entry.of,
+                violation: violation.cloned(),
+                misbehaviour,
+                trace: String::from_utf8_lossy(&entry.finding.reported.trace()).into_owned(),
+                shows: match &entry.need {
+                    Need::Nothing => "alone",
+                    Need::Before { .. } => "after other runs",
+                    Need::Unknown => "not again",
+                    Need::Untried => "not tried",
+                },
+                before: match &entry.need {
+                    Need::Before { runs, .. } => runs.iter().map(text).collect(),
+                    Need::Nothing | Need::Unknown | Need::Untried => Vec::new(),
+                },
+                saved: entry.saved.clone(),
+                replay: entry.replay.clone(),
+            }
+        });
+        let fixed = self.fixed.iter();
+        WrittenReport {
+            name: self.name.clone(),
+            command: self.command.clone(),
+            conforms: self.exit() == Exit::Conforms,
+            interrupted: self.was_interrupted,
+            gave_up: self.gave_up,
+            suite: WrittenSuite {
+                version: env!("CARGO_PKG_VERSION"),
+                hash: format!("sha256:{}", self.suite.hash()),
+                generator: generator.version.number(),
+                seed: generator.seed,
+                left_out: self.suite.left_out,
+                commit: generator.commit.map_or("all", fuseline_traces::Commit::as_str),
+                clouds: generator.most_clouds(),
+            },
+            fixed: fixed
+                .map(|(id, mark)| WrittenCase { case: id.clone(), result: mark.word() })
+                .collect(),
+            generated: GeneratedRuns {
+                runs: *generated,
+                passed: self.passed,
+                inputs: self.passed_inputs,
+                failed: self.failed.as_ref().map(|(id, _)| id.clone()),
+            },
+            found: entries.collect(),
+            at_end: self.at_end.as_ref().map(ToString::to_string),
+            extent: self.extent.clone(),
+            not_driven: self.not_driven(),
+            inputs: self.inputs,
+            seconds: self.took.as_secs_f64(),
+            reached: self.reach.counts().collect(),
+        }
+    }
+}
+
+/// A run as it is sent.
+fn text(run: &Run) -> String {
+    let mut text = Vec::new();
+    run.write(&mut text);
+    String::from_utf8_lossy(&text).into_owned()
 }
