@@ -476,3 +476,33 @@ fn local_may_have_another_name() {
     let header = run(&["convert", "--write-header", "--local", "onboard", &file], "\n\n\n");
     assert!(out(&header).contains("\"clouds\":[]"), "{}{}", out(&header), err(&header));
 }
+
+#[test]
+fn what_stands_for_no_value_is_no_id() {
+    let rows = "at,ev,t,p\n0,open,12.0,\n9,result,NaN,0\n9,emit,12.0,0\n";
+    let refused = refused(rows, "log.csv", &[]);
+    let expected = "log.csv:3: column \"t\": \"NaN\" is no id; if it stands for no value, say so with --missing=NaN";
+    assert!(refused.contains(expected), "{refused}");
+    let (events, notes) = noted(rows, "log.csv", &["--missing", "nan", "--skip-bad"]);
+    assert_eq!((events.len(), &events[0]["t"]), (2, &12.into()));
+    assert!(
+        notes.contains("rows left out, since they cannot be read: 1 (line 3: column \"t\""),
+        "{notes}"
+    );
+}
+
+#[test]
+fn units_that_cannot_be_meant_are_noted() {
+    let rows = "at,ev,t\n1795629600.1,open,1\n1795629600.2,open,2\n1795629600.3,open,3\n";
+    let (_, notes) = noted(rows, "log.csv", &[]);
+    for note in [
+        "times rounded to a nanosecond: 3 (first line 2: 1795629600.1); read as nanoseconds; is --unit right?",
+        "doubtful instants: messages come every 0 ns; is --unit right?",
+    ] {
+        assert!(notes.contains(note), "{notes}");
+    }
+    let (_, notes) = noted(rows, "log.csv", &["--unit", "s"]);
+    assert_eq!(notes, "");
+    let refused = refused("at;ev;t\n1;open;1\n", "log.csv", &[]);
+    assert!(refused.contains("the row has at;ev;t; --separator says what stands"), "{refused}");
+}

@@ -328,7 +328,7 @@ impl Run {
         let Some(period) = periods.get(periods.len() / 2).filter(|_| opens.len() >= FEW) else {
             return;
         };
-        if !PERIODS.contains(period) && *period > 0 {
+        if !PERIODS.contains(period) {
             let detail = format!("messages come every {}; is --unit right?", shown(*period));
             notes.add_of_file("doubtful instants", &self.entries[0].place.file, detail);
         }

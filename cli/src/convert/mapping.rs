@@ -354,21 +354,26 @@ impl Mapping<'_> {
     }
 
     fn note_time(&mut self, row: &Row, text: &str, time: Time) {
-        for (is_so, kind) in
-            [(time.is_rounded, ROUNDED), (time.has_comma, COMMAS), (time.lacks_zone, ZONELESS)]
-        {
-            if is_so {
-                self.notes.add(kind, &row.place, || text.to_owned());
-            }
+        let of_unit = if self.unit == Unit::Ns && !text.contains(['e', 'E', ':']) {
+            "read as nanoseconds; is --unit right?"
+        } else {
+            ""
+        };
+        let all = [
+            (time.is_rounded, ROUNDED, of_unit),
+            (time.has_comma, COMMAS, ""),
+            (time.lacks_zone, ZONELESS, ""),
+        ];
+        for (_, kind, remedy) in all.into_iter().filter(|(is_so, ..)| *is_so) {
+            self.notes.add_with(kind, &row.place, || text.to_owned(), || remedy.to_owned());
         }
     }
 
     /// A value that cannot be read, by the user's own name for it.
     pub(super) fn wrong(&self, key: &str, text: &str, why: &str) -> Refusal {
         let name = self.named.get(key).copied().unwrap_or(key);
-        let is_nan =
-            ["nan", "none", "null", "inf", "-inf", "n/a", "na"].contains(&&*text.to_lowercase());
-        let remedy = if is_nan || text == "-1" && !why.contains("--missing") {
+        let is_none = value::is_no_value(text);
+        let remedy = if is_none || text == "-1" && !why.contains("--missing") {
             format!("; if it stands for no value, say so with --missing={text}")
         } else {
             String::new()
@@ -384,7 +389,13 @@ impl Mapping<'_> {
             let found = if row.cell(key).is_some() {
                 format!("column {key:?}{of} is empty")
             } else {
-                format!("no key {key:?}{of}; name it with --column {key}=NAME; the row has {all}")
+                let separator = match row.cells.len() {
+                    1 => "; --separator says what stands between cells",
+                    _ => "",
+                };
+                format!(
+                    "no key {key:?}{of}; name it with --column {key}=NAME; the row has {all}{separator}"
+                )
             };
             return Refusal { message: found, lacks: Some(key.to_owned()) };
         };

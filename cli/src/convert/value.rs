@@ -111,10 +111,20 @@ pub(super) fn id(text: &str) -> Result<Id, String> {
             "a negative number, which names no message; if it stands for no value, say so with --missing={text}"
         ));
     }
+    if is_no_value(text) {
+        return Err("no id".to_owned());
+    }
     let time = with_unit(text).or_else(|| instant::nanos(text)).or_else(|| decimal(text, 0));
     let whole = time.filter(|time| !time.is_rounded);
     let number = whole.and_then(|time| u64::try_from(time.nanos).ok());
     Ok(number.map_or_else(|| Id::Text(text.into()), Id::Number))
+}
+
+/// Whether it is what programs write where there is no value.
+pub(super) fn is_no_value(text: &str) -> bool {
+    let words =
+        ["nan", "none", "null", "nil", "nat", "n/a", "na", "inf", "-inf", "infinity", "-infinity"];
+    words.contains(&&*text.to_lowercase())
 }
 
 /// A whole number, such as `3` or `3.0`.
@@ -277,5 +287,6 @@ mod tests {
             assert_eq!(id(text), Ok(read), "{text}");
         }
         assert!(id("-1").unwrap_err().contains("--missing=-1"));
+        assert_eq!(id("NaN"), Err("no id".to_owned()));
     }
 }
