@@ -6,8 +6,8 @@
 use std::time::Duration;
 
 use fuseline_core::{Priority, Timestamp};
-use fuseline_engine::Budget;
 use fuseline_engine::arbiter::Arbiter;
+use fuseline_engine::{Budget, Reserve};
 use fuseline_traces::{Cloud, Commit, Decision, Header, Input};
 use stateright::{Checker, Model, Property};
 
@@ -89,7 +89,8 @@ impl Chain {
     }
 
     fn budget(operator: usize, message: &ChainMessage) -> Budget {
-        Budget::ending_at(message.captured + WITHIN, RESERVES[operator])
+        let reserve = Duration::from_nanos(RESERVES[operator]);
+        Budget::ending_at(message.captured + WITHIN, Reserve::new(reserve, reserve))
     }
 
     /// A message comes to an operator; F1 may refuse it.

@@ -3,81 +3,92 @@
 use std::time::{Duration, Instant};
 
 use crate::engine::nanos;
+use crate::latency::Reserve;
 use crate::lineage::Lineage;
 
 /// One message's end-to-end deadline on the engine's clock.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Budget {
     due: u64,
-    reserve: u64,
+    /// What the operators downstream need on board, and what they take with their clouds.
+    on_board: u64,
+    with_clouds: u64,
     /// How old the message was when it was taken in; 0 if that is unknown.
     age: u64,
 }
 
 impl Budget {
-    /// One that is due at `due` on a clock in nanoseconds, of which `reserve` is kept for the operators downstream.
+    /// Returns a budget that is due at `due` on a clock in nanoseconds, of which `reserve` is kept for the operators downstream.
     #[must_use]
-    pub const fn ending_at(due: u64, reserve: u64) -> Self {
-        Self { due, reserve, age: 0 }
+    pub fn ending_at(due: u64, reserve: Reserve) -> Self {
+        let [on_board, with_clouds] = [reserve.on_board(), reserve.with_clouds()].map(nanos);
+        Self { due, on_board, with_clouds, age: 0 }
     }
 
-    /// Of a message that is taken in at `now`, which is `instant`; none if it has no end-to-end deadline.
+    /// Returns the budget of a message that is taken in at `now`, which is `instant`; none if it has no end-to-end deadline.
     pub(crate) fn new(
         lineage: &Lineage,
         (now, instant): (u64, Option<Instant>),
-        reserve: u64,
+        reserve: Reserve,
     ) -> Option<Self> {
         let within = nanos(lineage.within?);
         let age = instant.and_then(|instant| lineage.age(instant)).map_or(0, nanos);
-        Some(Self { due: now.saturating_add(within).saturating_sub(age), reserve, age })
+        let due = now.saturating_add(within).saturating_sub(age);
+        Some(Self { age, ..Self::ending_at(due, reserve) })
     }
 
-    /// What a request may take at `at`: none of the reserve.
+    /// Returns how long a request may take at `at`: it ends when the operators downstream still have time for their clouds.
     #[must_use]
     pub fn for_cloud(&self, at: u64) -> Duration {
-        Duration::from_nanos(self.due.saturating_sub(self.reserve).saturating_sub(at))
+        Duration::from_nanos(self.due.saturating_sub(self.with_clouds).saturating_sub(at))
     }
 
-    /// E2: what local may take, at least 1 ns, for F1 refuses less. Only if a substitute is sent for a missed message is the
-    /// reserve kept from it: else nothing is gained by its end.
+    /// E2: returns how long local may take at `at`, at least 1 ns because F1 refuses less.
+    ///
+    /// With a substitute, local ends when the operators downstream still have time to compute on board. It keeps no time for
+    /// their clouds (E11). Without a substitute nothing is gained by an earlier end.
     #[must_use]
     pub fn for_local(&self, at: u64, has_substitute: bool) -> Duration {
-        let reserve = if has_substitute { self.reserve } else { 0 };
+        let reserve = if has_substitute { self.on_board } else { 0 };
         Duration::from_nanos(self.due.saturating_sub(reserve).saturating_sub(at).max(1))
     }
 
-    /// What of the end-to-end deadline no request of this operator can use: the message's age and the reserve.
+    /// Returns what no request of this operator can use of the end-to-end deadline: the message's age and the reserve.
     pub(crate) const fn spent(&self) -> u64 {
-        self.age.saturating_add(self.reserve)
+        self.age.saturating_add(self.with_clouds)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::latency::Latency;
 
     const NS: Duration = Duration::from_nanos(1);
 
     /// E3.
     #[test]
-    fn deadlines_end_where_the_reserve_begins() {
+    fn requests_and_local_end_before_their_reserve() {
         let captured = Instant::now();
         let lineage = Lineage::new("camera", 1, captured).within(500 * NS);
-        let budget = Budget::new(&lineage, (1000, Some(captured + 100 * NS)), 150).unwrap();
+        let reserve = Latency::stated_with_clouds(100 * NS, 150 * NS).estimate();
+        let budget = Budget::new(&lineage, (1000, Some(captured + 100 * NS)), reserve).unwrap();
         assert_eq!(budget.for_cloud(1000), 250 * NS);
         assert_eq!(budget.for_cloud(1249), NS);
         assert_eq!(budget.for_cloud(1250), Duration::ZERO);
-        assert_eq!(budget.for_local(1249, true), NS);
-        assert_eq!(budget.for_local(1251, true), NS, "F1 refuses 0");
-        assert_eq!(budget.for_local(1251, false), 149 * NS);
+        assert_eq!(budget.for_local(1249, true), 51 * NS);
+        assert_eq!(budget.for_local(1299, true), NS);
+        assert_eq!(budget.for_local(1301, true), NS, "F1 refuses 0");
+        assert_eq!(budget.for_local(1301, false), 99 * NS);
         assert_eq!(budget.spent(), 250);
     }
 
     #[test]
-    fn without_a_capture_it_counts_from_when_the_message_is_taken_in() {
+    fn counts_from_intake_without_a_capture() {
         let lineage = Lineage { captured: None, ..Lineage::default() }.within(500 * NS);
-        let budget = Budget::new(&lineage, (1000, Some(Instant::now())), 0).unwrap();
+        let reserve = Reserve::default();
+        let budget = Budget::new(&lineage, (1000, Some(Instant::now())), reserve).unwrap();
         assert_eq!(budget.for_cloud(1000), 500 * NS);
-        assert_eq!(Budget::new(&Lineage::default(), (0, None), 0), None);
+        assert_eq!(Budget::new(&Lineage::default(), (0, None), reserve), None);
     }
 }

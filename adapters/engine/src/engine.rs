@@ -24,6 +24,7 @@ use crate::effect_queue::EffectQueue;
 use crate::event::CountedEvent;
 use crate::greatest_deadline::GreatestDeadline;
 use crate::item::Source;
+use crate::latency::{Latency, Reserve};
 use crate::lineage::{Lineage, StampedValue};
 use crate::open_message::OpenMessages;
 use crate::policies::Policies;
@@ -46,7 +47,7 @@ pub(crate) const CLOUDS: usize = 15;
 ///
 /// - before the first input: [`set_policy`](Self::set_policy), [`set_linger`](Self::set_linger),
 ///   [`set_max_age`](Self::set_max_age), [`set_start`](Self::set_start), [`set_overflow`](Self::set_overflow),
-///   [`expect_substitutes`](Self::expect_substitutes), [`take_hints`](Self::take_hints), [`record`](Self::record)
+///   [`expect_substitutes`](Self::expect_substitutes), [`set_latency`](Self::set_latency), [`take_hints`](Self::take_hints), [`record`](Self::record)
 /// - inputs: [`open`](Self::open), [`open_with`](Self::open_with), [`offer`](Self::offer),
 ///   [`result`](Self::result), [`fail`](Self::fail), [`tick`](Self::tick)
 /// - what is known of the vehicle and of the operators downstream: [`set_situation`](Self::set_situation),
@@ -70,8 +71,10 @@ pub struct Engine<V, R> {
     operator: Arc<str>,
     local: Local,
     overflow: Overflow,
-    /// What of an end-to-end deadline is kept for the operators downstream, in ns.
-    reserve: u64,
+    /// What of an end-to-end deadline is kept for the operators downstream.
+    reserve: Reserve,
+    /// Where it is recorded how long messages and local's computations take.
+    latency: Option<Latency>,
     has_substitutes: bool,
     greatest_deadline: GreatestDeadline,
     /// D13: whether messages' ages are of a clock that may step.
@@ -100,7 +103,8 @@ impl<V, R> Engine<V, R> {
             sources,
             local,
             overflow: Overflow::default(),
-            reserve: 0,
+            reserve: Reserve::default(),
+            latency: None,
             has_substitutes: false,
             greatest_deadline: GreatestDeadline::new(),
             has_doubtful_ages: false,
@@ -168,9 +172,16 @@ impl<V, R> Engine<V, R> {
         self.overflow = overflow;
     }
 
-    /// E3: keeps so much of the end-to-end deadline of messages from now on for the operators downstream; at first nothing.
-    pub fn set_reserve(&mut self, reserve: Duration) {
-        self.reserve = nanos(reserve);
+    /// E3: keeps this much of the end-to-end deadline of messages from now on for the operators downstream; at first nothing.
+    pub const fn set_reserve(&mut self, reserve: Reserve) {
+        self.reserve = reserve;
+    }
+
+    /// Records in `latency` how long local's computations and messages take, for the reserve of the operators upstream.
+    ///
+    /// Refused messages are not recorded.
+    pub fn set_latency(&mut self, latency: Latency) {
+        self.latency = Some(latency);
     }
 
     /// E4: says that the adapter has a [substitute](crate::Item::substitute) for messages that are missed, so that they are missed
@@ -332,7 +343,10 @@ impl<V, R> Engine<V, R> {
         self.begin(at);
         if let Some(index) = index {
             self.log_recovery(at, index);
-            self.ended(at, t, index, End::Answered);
+            let took = self.ended(at, t, index, End::Answered);
+            if let (LOCAL, Some(latency), Some(took)) = (index, &self.latency, took) {
+                latency.record_local(took);
+            }
         }
         let outcome = self.arbiter.result(at, (t, p.into()), &mut self.firings);
         let input = Input::Result { at, t, p: p.into() };

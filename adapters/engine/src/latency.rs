@@ -1,19 +1,37 @@
 //! How long operators take, for the reserve of those upstream (E3).
 
 use std::collections::VecDeque;
+use std::iter::Sum;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-/// How long an operator takes for a message: stated, or measured while it runs. Clones share the measurements.
+/// How long an operator takes for a message, on board alone and with its clouds: stated, or measured while it runs.
 ///
-/// The operator records its messages in it; the operators upstream keep so much of an end-to-end deadline in reserve.
+/// The operator records its messages in it, and the operators upstream keep that much of an end-to-end deadline in
+/// [reserve](Reserve). Clones share the measurements.
 #[derive(Clone, Debug)]
 pub struct Latency(LatencyKind);
 
 #[derive(Clone, Debug)]
 enum LatencyKind {
-    Stated(Duration),
-    Measured { percent: u8, at_first: Duration, last: Arc<Mutex<LastLatencies>> },
+    Stated(Reserve),
+    Measured { percent: u8, at_first: Duration, last: Arc<Mutex<Measurements>> },
+}
+
+/// What is kept of an end-to-end deadline for the operators downstream. The sum of two reserves is the reserve for both.
+///
+/// Local's time ends before what the others need [on board](Self::on_board). Requests end before what the others take
+/// [with their clouds](Self::with_clouds). So a cloud downstream never takes time from local upstream (E11).
+#[derive(Clone, Copy, PartialEq, Eq, Default, Debug)]
+pub struct Reserve {
+    on_board: Duration,
+    with_clouds: Duration,
+}
+
+#[derive(Debug, Default)]
+struct Measurements {
+    local: LastLatencies,
+    messages: LastLatencies,
 }
 
 /// The last [`REMEMBERED`] times, in order and sorted.
@@ -28,35 +46,86 @@ const REMEMBERED: usize = 256;
 /// From how many on they are used.
 const ENOUGH: usize = 16;
 
-impl Latency {
-    /// Always so much.
+impl Reserve {
+    /// Returns a reserve of `on_board` for local computations, and of `with_clouds`, or `on_board` if that is more, for all.
     #[must_use]
-    pub const fn stated(latency: Duration) -> Self {
-        Self(LatencyKind::Stated(latency))
+    pub const fn new(on_board: Duration, with_clouds: Duration) -> Self {
+        let is_less = with_clouds.as_nanos() < on_board.as_nanos();
+        Self { on_board, with_clouds: if is_less { on_board } else { with_clouds } }
     }
 
-    /// This percentile, of 1 to 100, of the last 256 messages; `at_first` until 16 were recorded.
+    /// What the operators downstream need to compute on board.
+    #[must_use]
+    pub const fn on_board(&self) -> Duration {
+        self.on_board
+    }
+
+    /// What the operators downstream take if they wait for their clouds, at least [`on_board`](Self::on_board).
+    #[must_use]
+    pub const fn with_clouds(&self) -> Duration {
+        self.with_clouds
+    }
+}
+
+/// Saturates.
+impl Sum for Reserve {
+    fn sum<I: Iterator<Item = Self>>(reserves: I) -> Self {
+        reserves.fold(Self::default(), |sum, one| {
+            let on_board = sum.on_board.saturating_add(one.on_board);
+            Self::new(on_board, sum.with_clouds.saturating_add(one.with_clouds))
+        })
+    }
+}
+
+impl Latency {
+    /// States how long the operator takes, on board and with its clouds alike.
+    #[must_use]
+    pub const fn stated(latency: Duration) -> Self {
+        Self::stated_with_clouds(latency, latency)
+    }
+
+    /// States how long the operator takes on board, and how long if it waits for its clouds.
+    #[must_use]
+    pub const fn stated_with_clouds(on_board: Duration, with_clouds: Duration) -> Self {
+        Self(LatencyKind::Stated(Reserve::new(on_board, with_clouds)))
+    }
+
+    /// Measures: this percentile, of 1 to 100, of local's last 256 computations and of the last 256 messages; `at_first` for
+    /// either until 16 were recorded.
     #[must_use]
     pub fn measured(percent: u8, at_first: Duration) -> Self {
         Self(LatencyKind::Measured { percent, at_first, last: Arc::default() })
     }
 
-    /// A message took so long. Does nothing if the latency is stated.
+    /// Records how long a message took until its last output. Does nothing if the latency is stated.
     pub fn record(&self, took: Duration) {
-        if let LatencyKind::Measured { last, .. } = &self.0 {
-            last.lock().unwrap_or_else(PoisonError::into_inner).push(took);
+        self.push(|last| &mut last.messages, took);
+    }
+
+    /// Records how long local computed a result, whatever was sent for its message. Does nothing if the latency is stated.
+    ///
+    /// The wait for a free worker does not count: clouds upstream may cause it, and it would take local's time there.
+    pub fn record_local(&self, took: Duration) {
+        self.push(|last| &mut last.local, took);
+    }
+
+    /// Returns the latency as it is now.
+    #[must_use]
+    pub fn estimate(&self) -> Reserve {
+        match &self.0 {
+            LatencyKind::Stated(reserve) => *reserve,
+            LatencyKind::Measured { percent, at_first, last } => {
+                let last = last.lock().unwrap_or_else(PoisonError::into_inner);
+                let of =
+                    |last: &LastLatencies| last.percentile((*percent).into()).unwrap_or(*at_first);
+                Reserve::new(of(&last.local), of(&last.messages))
+            }
         }
     }
 
-    /// The latency now.
-    #[must_use]
-    pub fn estimate(&self) -> Duration {
-        match &self.0 {
-            LatencyKind::Stated(latency) => *latency,
-            LatencyKind::Measured { percent, at_first, last } => {
-                let last = last.lock().unwrap_or_else(PoisonError::into_inner);
-                last.percentile((*percent).into()).unwrap_or(*at_first)
-            }
+    fn push(&self, of: fn(&mut Measurements) -> &mut LastLatencies, took: Duration) {
+        if let LatencyKind::Measured { last, .. } = &self.0 {
+            of(&mut last.lock().unwrap_or_else(PoisonError::into_inner)).push(took);
         }
     }
 }
@@ -104,17 +173,38 @@ mod tests {
 
     const MS: Duration = Duration::from_millis(1);
 
+    fn with_clouds(latency: &Latency) -> Duration {
+        latency.estimate().with_clouds()
+    }
+
     #[test]
-    fn a_percentile_of_the_last_messages_is_used_once_there_are_enough() {
+    fn uses_a_percentile_once_enough_are_measured() {
         let latency = Latency::measured(90, 70 * MS);
         let operator = latency.clone();
         (1..16).for_each(|ms| operator.record(ms * MS));
-        assert_eq!(latency.estimate(), 70 * MS);
+        assert_eq!(with_clouds(&latency), 70 * MS);
+        (1..=16).for_each(|_| operator.record_local(2 * MS));
         (16..=20).for_each(|ms| operator.record(ms * MS));
-        assert_eq!(latency.estimate(), 18 * MS);
+        assert_eq!(latency.estimate(), Reserve::new(2 * MS, 18 * MS));
         // E8: what is older is forgotten.
         (0..256).for_each(|_| operator.record(5 * MS));
-        assert_eq!(latency.estimate(), 5 * MS);
+        assert_eq!(with_clouds(&latency), 5 * MS);
+    }
+
+    #[test]
+    fn clouds_downstream_are_kept_from_requests_only() {
+        let latency = Latency::measured(100, MS);
+        (0..16).for_each(|_| latency.record_local(3 * MS));
+        (0..16).for_each(|_| latency.record(40 * MS));
+        let reserve: Reserve =
+            [latency, Latency::stated(5 * MS)].iter().map(Latency::estimate).sum();
+        assert_eq!((reserve.on_board(), reserve.with_clouds()), (8 * MS, 45 * MS));
+    }
+
+    #[test]
+    fn with_clouds_is_at_least_on_board() {
+        let latency = Latency::stated_with_clouds(9 * MS, 2 * MS);
+        assert_eq!(with_clouds(&latency), 9 * MS);
     }
 
     #[test]
@@ -122,7 +212,7 @@ mod tests {
         for percent in [0, 100, 255] {
             let latency = Latency::measured(percent, MS);
             (0..16).for_each(|_| latency.record(3 * MS));
-            assert_eq!(latency.estimate(), 3 * MS);
+            assert_eq!(with_clouds(&latency), 3 * MS);
         }
     }
 
@@ -130,6 +220,7 @@ mod tests {
     fn a_stated_latency_stays_as_it_is() {
         let latency = Latency::stated(MS);
         latency.record(9 * MS);
-        assert_eq!(latency.estimate(), MS);
+        latency.record_local(9 * MS);
+        assert_eq!(latency.estimate(), Reserve::new(MS, MS));
     }
 }

@@ -76,7 +76,7 @@ pub use fuseline_traces::{
 #[cfg(feature = "operator")]
 pub use item::{CarriedMessage, Ending, Failure, Forwarded, Item, Source, Trigger};
 #[cfg(feature = "operator")]
-pub use latency::Latency;
+pub use latency::{Latency, Reserve};
 #[cfg(feature = "operator")]
 pub use lineage::{Lineage, StampedValue};
 #[cfg(feature = "mcap")]

@@ -50,6 +50,7 @@ pub(crate) struct Waiting<R> {
 struct InFlightCall {
     t: u64,
     requested_at: u64,
+    begun_at: u64,
     /// 2⁶⁴ − 1 if it has no timer.
     due: u64,
     /// When it counts as lost; 2⁶⁴ − 1 if it is waited for, or the clock ends before.
@@ -60,6 +61,8 @@ struct InFlightCall {
 /// A request that has ended by itself.
 pub(crate) struct EndedRequest {
     pub(crate) requested_at: u64,
+    /// When it was sent, if it was.
+    pub(crate) begun_at: Option<u64>,
     pub(crate) spent: u64,
 }
 
@@ -130,7 +133,7 @@ impl<R> SourceQueue<R> {
         let Waiting { t, requested_at, due, lost_after, spent, .. } = *request;
         let due = due.unwrap_or(u64::MAX);
         let lost = lost_after.map_or(u64::MAX, |after| now.saturating_add(after));
-        self.in_flight.push(InFlightCall { t, requested_at, due, lost, spent });
+        self.in_flight.push(InFlightCall { t, requested_at, begun_at: now, due, lost, spent });
     }
 
     /// The request has ended by itself, perhaps before it was sent.
@@ -138,7 +141,11 @@ impl<R> SourceQueue<R> {
         self.remove_in_flight(t)
             .or_else(|| self.remove_lingering(t))
             .or_else(|| self.remove_replaced(t))
-            .map(|call| EndedRequest { requested_at: call.requested_at, spent: call.spent })
+            .map(|call| EndedRequest {
+                requested_at: call.requested_at,
+                begun_at: Some(call.begun_at),
+                spent: call.spent,
+            })
             .or_else(|| self.withdraw(t))
     }
 
@@ -146,11 +153,8 @@ impl<R> SourceQueue<R> {
     /// anything does.
     pub(crate) fn close(&mut self, t: u64) -> Option<AbandonedRequest> {
         let Some(call) = self.remove_in_flight(t) else {
-            return self.withdraw(t).map(|EndedRequest { requested_at, spent }| AbandonedRequest {
-                t,
-                requested_at,
-                spent,
-                was_sent: false,
+            return self.withdraw(t).map(|EndedRequest { requested_at, spent, .. }| {
+                AbandonedRequest { t, requested_at, spent, was_sent: false }
             });
         };
         if self.linger == 0 {
@@ -206,7 +210,7 @@ impl<R> SourceQueue<R> {
     pub(crate) fn withdraw(&mut self, t: u64) -> Option<EndedRequest> {
         let index = self.waiting.iter().position(|waiting| waiting.t == t)?;
         let Waiting { requested_at, spent, .. } = self.waiting.remove(index)?;
-        Some(EndedRequest { requested_at, spent })
+        Some(EndedRequest { requested_at, begun_at: None, spent })
     }
 
     /// The message that has waited longest.

@@ -8,8 +8,8 @@ use std::time::Duration;
 use crate::naive::{EngineSettings, MarkedValue, NaiveEngine, choice, shown};
 use fuseline_deadline::{Chosen, End, Reason};
 use fuseline_engine::{
-    Cloud, Commit, Effect, Engine, Header, Lineage, Local, Offer, Overflow, Policy, Situation,
-    Tally,
+    Cloud, Commit, Effect, Engine, Header, Lineage, Local, Offer, Overflow, Policy, Reserve,
+    Situation, Tally,
 };
 use metrics_util::debugging::{DebugValue, DebuggingRecorder, Snapshotter};
 use proptest::prelude::*;
@@ -107,7 +107,8 @@ fn engine(settings: &EngineSettings, log: &Arc<Mutex<Vec<String>>>) -> Engine<Ma
     let mut engine = Engine::new(&settings.header, &at_once, settings.local).unwrap();
     engine.set_overflow(settings.overflow);
     engine.set_replaceable(settings.replaceable);
-    engine.set_reserve(Duration::from_nanos(settings.reserve));
+    let reserve = Duration::from_nanos(settings.reserve);
+    engine.set_reserve(Reserve::new(reserve, reserve));
     engine.take_hints();
     for (cloud, (_, linger, has_policy)) in settings.header.clouds.iter().zip(&settings.clouds) {
         engine.set_linger(cloud.p, Duration::from_nanos(*linger));

@@ -5,8 +5,8 @@ use std::time::{Duration, Instant};
 
 use fuseline_deadline::{Chosen, End, Policy, Reason};
 use fuseline_engine::{
-    Cloud, Commit, Effect, Ending, Engine, Header, Lineage, Local, Offer, OfferRefusal, Overflow,
-    Situation,
+    Cloud, Commit, Effect, Ending, Engine, Header, Latency, Lineage, Local, Offer, OfferRefusal,
+    Overflow, Reserve, Situation,
 };
 
 type Tested = Engine<&'static str, u64>;
@@ -14,8 +14,12 @@ type Tested = Engine<&'static str, u64>;
 const MS: Duration = Duration::from_millis(1);
 
 fn engine(waiting: usize) -> (Tested, Instant) {
+    engine_under(Commit::Eager, waiting)
+}
+
+fn engine_under(commit: Commit, waiting: usize) -> (Tested, Instant) {
     let cloud = Cloud { p: 1, name: None, limit: 9, resume: 0 };
-    let header = Header { operator: None, window: 9, commit: Commit::Eager, clouds: vec![cloud] };
+    let header = Header { operator: None, window: 9, commit, clouds: vec![cloud] };
     let local = Local { at_once: 1, waiting, skip_answered: false, lossy: false };
     let mut engine = Tested::new(&header, &[9], local).unwrap();
     let start = Instant::now();
@@ -62,7 +66,7 @@ fn effects(engine: &mut Tested) -> Vec<String> {
 fn a_doubtful_age_moves_no_deadline() {
     let (mut engine, start) = engine(9);
     engine.doubt_ages();
-    engine.set_reserve(150 * MS);
+    engine.set_reserve(Reserve::new(150 * MS, 150 * MS));
     open(&mut engine, start, 1000, 1, 300);
     assert_eq!(
         effects(&mut engine),
@@ -80,11 +84,11 @@ fn a_doubtful_age_moves_no_deadline() {
 #[test]
 fn a_request_ends_where_the_reserve_of_those_downstream_begins() {
     let (mut engine, start) = engine(9);
-    engine.set_reserve(150 * MS);
+    engine.set_reserve(Reserve::new(150 * MS, 150 * MS));
     open(&mut engine, start, 1000, 0, 100);
     assert_eq!(effects(&mut engine), ["start 0 0 until None", "start 1 0 until Some(1250)"]);
     // Its own deadline is less.
-    engine.set_reserve(Duration::ZERO);
+    engine.set_reserve(Reserve::default());
     open(&mut engine, start, 1001, 1, 0);
     assert_eq!(effects(&mut engine), ["start 1 1 until Some(1401)"]);
 }
@@ -93,7 +97,7 @@ fn a_request_ends_where_the_reserve_of_those_downstream_begins() {
 #[test]
 fn an_operator_whose_budget_is_gone_asks_no_cloud() {
     let (mut engine, start) = engine(9);
-    engine.set_reserve(150 * MS);
+    engine.set_reserve(Reserve::new(150 * MS, 150 * MS));
     open(&mut engine, start, 1000, 0, 349);
     open(&mut engine, start, 1000, 1, 350);
     open(&mut engine, start, 1000, 2, 700);
@@ -107,7 +111,7 @@ fn an_operator_whose_budget_is_gone_asks_no_cloud() {
 fn no_message_is_open_after_its_end_to_end_deadline_or_after_the_budget_if_there_is_a_substitute() {
     for (has_substitute, due) in [(false, 1400), (true, 1250)] {
         let (mut engine, start) = engine(9);
-        engine.set_reserve(150 * MS);
+        engine.set_reserve(Reserve::new(150 * MS, 150 * MS));
         if has_substitute {
             engine.expect_substitutes();
         }
@@ -128,7 +132,7 @@ fn no_message_is_open_after_its_end_to_end_deadline_or_after_the_budget_if_there
 #[test]
 fn without_an_end_to_end_deadline_nothing_ends_earlier() {
     let (mut engine, start) = engine(9);
-    engine.set_reserve(150 * MS);
+    engine.set_reserve(Reserve::new(150 * MS, 150 * MS));
     engine.expect_substitutes();
     let lineage = Arc::new(Lineage::new("camera", 0, start));
     let offer = Offer { priority: 1, deadline: 400 * MS, request: 0 };
@@ -159,7 +163,7 @@ fn a_policy_decides_about_the_whole_way_from_the_capture_to_the_last_output() {
     let (mut engine, start) = engine(9);
     let reported = Arc::new(Mutex::new(Vec::new()));
     engine.set_policy(1, Box::new(EndToEnd(Arc::clone(&reported))));
-    engine.set_reserve(150 * MS);
+    engine.set_reserve(Reserve::new(150 * MS, 150 * MS));
     open(&mut engine, start, 1000, 0, 100);
     // 450 ms of which 100 are gone and 150 are kept.
     assert_eq!(effects(&mut engine), ["start 0 0 until None", "start 1 0 until Some(1200)"]);
@@ -201,4 +205,46 @@ fn the_oldest_waiting_computation_is_thrown_out_unless_each_message_is_needed() 
         engine.result(5, 3, 1, "the cloud's");
         assert_eq!(effects(&mut engine), ["0: 3 the cloud's"]);
     }
+}
+
+/// E3: local's results and last items are measured, whatever is sent first and whatever is refused.
+#[test]
+fn latency_counts_local_and_last_items() {
+    let (mut engine, start) = engine_under(Commit::Progressive, 9);
+    let latency = Latency::measured(1, Duration::ZERO);
+    engine.set_latency(latency.clone());
+    for t in 0..16 {
+        let at = 1000 + 100 * t;
+        open(&mut engine, start, at, t, 0);
+        // Refused by order, in no time.
+        open(&mut engine, start, at, t, 0);
+        engine.result(ms(at + 20), t, 0, "local's");
+        engine.result(ms(at + 60), t, 1, "a cloud's");
+    }
+    assert_eq!(latency.estimate(), Reserve::new(20 * MS, 60 * MS));
+    // Local's result is measured although a better one was sent.
+    open(&mut engine, start, 5000, 99, 0);
+    engine.result(ms(5010), 99, 1, "a cloud's");
+    engine.result(ms(5015), 99, 0, "local's");
+    assert_eq!(latency.estimate(), Reserve::new(15 * MS, 15 * MS));
+    // The wait for the worker does not count.
+    open(&mut engine, start, 6000, 100, 0);
+    open(&mut engine, start, 6000, 101, 0);
+    engine.result(ms(6030), 100, 0, "local's");
+    engine.result(ms(6035), 101, 0, "local's");
+    assert_eq!(latency.estimate().on_board(), 5 * MS);
+}
+
+/// E11: a cloud downstream takes no time from local.
+#[test]
+fn local_ends_at_the_reserve_on_board() {
+    let (mut engine, start) = engine(9);
+    engine.set_reserve(Reserve::new(50 * MS, 150 * MS));
+    engine.expect_substitutes();
+    open(&mut engine, start, 1000, 0, 100);
+    assert_eq!(effects(&mut engine), ["start 0 0 until None", "start 1 0 until Some(1250)"]);
+    engine.tick(ms(1349));
+    assert!(effects(&mut engine).is_empty());
+    engine.tick(ms(1350));
+    assert_eq!(effects(&mut engine), ["1350: 0 missed"]);
 }

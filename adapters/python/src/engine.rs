@@ -145,6 +145,11 @@ impl PyEngine {
         self.with(fuseline_engine::Engine::expect_substitutes)
     }
 
+    /// E3: says where it is recorded how long messages and local's computations take.
+    fn set_latency(&self, latency: &PyLatency) -> PyResult<()> {
+        self.with(|inner| inner.set_latency(latency.latency()))
+    }
+
     /// How long the loop may be held up before it is counted and logged.
     fn set_lag_warning(&self, warning: Nanos) -> PyResult<()> {
         self.with(|inner| inner.set_lag_warning(Duration::from_nanos(warning.0)))

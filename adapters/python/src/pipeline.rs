@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use fuseline_engine::{
     Aligner, JoinArrival, JoinBounds, JoinCause, JoinDropReason, Joined, Latency, Lineage, Ordered,
-    Origin, Reorderer,
+    Origin, Reorderer, Reserve,
 };
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -45,13 +45,15 @@ pub(crate) struct PyReorderer {
     clock: ClockOrigin,
 }
 
-/// How long an operator takes for a message: stated, or measured while it runs.
+/// How long an operator takes for a message, on board alone and with its clouds: stated, or
+/// measured while it runs.
 ///
-/// The operator records its messages in it; those upstream keep so much of an end-to-end deadline
-/// in reserve.
+/// The operators upstream keep this much of an end-to-end deadline in reserve. Their local
+/// computations end before what this operator needs on board, and their requests before what it
+/// takes with its clouds.
 ///
 /// >>> from fuseline import Latency
-/// >>> Latency.measured(90, at_first=0.03).estimate
+/// >>> Latency.measured(90, at_first=0.03).on_board
 /// ns(30000000)
 #[pyclass(name = "Latency", module = "fuseline", frozen)]
 pub(crate) struct PyLatency(Latency);
@@ -99,7 +101,7 @@ impl PyAligner {
     /// Sets what is left of end-to-end deadlines when sets are given, as the sum of these.
     #[expect(clippy::needless_pass_by_value, reason = "it is made of a list")]
     fn set_reserve(&mut self, latencies: Vec<PyRef<'_, PyLatency>>) {
-        self.inner.set_reserve(reserve_of(latencies.iter().map(|it| &it.0)));
+        self.inner.set_reserve(reserve_of(latencies.iter().map(|it| &it.0)).on_board());
     }
 
     /// Time went by.
@@ -203,13 +205,17 @@ impl PyReorderer {
 
 #[pymethods]
 impl PyLatency {
-    /// Always so much.
+    /// States how long the operator takes on board, and how long with its clouds if that is more.
     #[staticmethod]
-    fn stated(latency: Nanos) -> Self {
-        Self(Latency::stated(Duration::from_nanos(latency.0)))
+    #[pyo3(signature = (latency, with_clouds=None))]
+    fn stated(latency: Nanos, with_clouds: Option<Nanos>) -> Self {
+        let on_board = Duration::from_nanos(latency.0);
+        let with_clouds = with_clouds.map_or(on_board, |it| Duration::from_nanos(it.0));
+        Self(Latency::stated_with_clouds(on_board, with_clouds))
     }
 
-    /// This percentile, of 1 to 100, of the last 256 messages; `at_first` until 16 were recorded.
+    /// Measures: this percentile, of 1 to 100, of local's last 256 computations and of the last 256 messages; `at_first` for
+    /// either until 16 were recorded.
     #[staticmethod]
     fn measured(percent: i64, at_first: Nanos) -> PyResult<Self> {
         match u8::try_from(percent) {
@@ -220,15 +226,26 @@ impl PyLatency {
         }
     }
 
-    /// A message took so long. Does nothing if the latency is stated.
+    /// Records how long a message took until its last item. Does nothing if the latency is stated.
     fn record(&self, took: Nanos) {
         self.0.record(Duration::from_nanos(took.0));
     }
 
-    /// The latency now.
+    /// Records how long local computed a result. Does nothing if the latency is stated.
+    fn record_local(&self, took: Nanos) {
+        self.0.record_local(Duration::from_nanos(took.0));
+    }
+
+    /// What the operator needs on board, as it is now.
     #[getter]
-    fn estimate(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
-        crate::words::AnswerClasses::get(py)?.ns(py, nanos(self.0.estimate()))
+    fn on_board(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
+        crate::words::AnswerClasses::get(py)?.ns(py, nanos(self.0.estimate().on_board()))
+    }
+
+    /// What the operator takes with its clouds, as it is now.
+    #[getter]
+    fn with_clouds(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
+        crate::words::AnswerClasses::get(py)?.ns(py, nanos(self.0.estimate().with_clouds()))
     }
 }
 
@@ -279,6 +296,6 @@ impl ClockOrigin {
 }
 
 /// How long all of these take.
-pub(crate) fn reserve_of<'a>(latencies: impl Iterator<Item = &'a Latency>) -> Duration {
-    latencies.map(Latency::estimate).fold(Duration::ZERO, Duration::saturating_add)
+pub(crate) fn reserve_of<'a>(latencies: impl Iterator<Item = &'a Latency>) -> Reserve {
+    latencies.map(Latency::estimate).sum()
 }

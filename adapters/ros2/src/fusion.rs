@@ -6,7 +6,7 @@ use std::task::{Context, Poll};
 use std::time::{Duration, SystemTime};
 
 use fuseline_engine::{
-    Counting, Ending, Hint, Item, Lineage, Offer, Origin, Situation, StampedValue,
+    Counting, Ending, Hint, Item, Lineage, Offer, Origin, Reserve, Situation, StampedValue,
 };
 use fuseline_tokio::Call;
 use fuseline_tokio::drive::{Incoming, Sent, Start, Transport};
@@ -155,8 +155,8 @@ impl Transport for NodeFusion<'_> {
         self.lineage_of(timestamp)
     }
 
-    fn reserve(&mut self) -> Duration {
-        self.reserve
+    fn reserve(&mut self) -> Reserve {
+        Reserve::new(self.reserve, self.reserve)
     }
 
     fn situation(&mut self, _: u64, _: &Payload) -> Option<Situation<'static>> {

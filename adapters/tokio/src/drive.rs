@@ -31,7 +31,9 @@ use std::sync::Arc;
 use std::task::{Context, Poll};
 use std::time::Duration;
 
-use fuseline_engine::{Effect, Engine, Hint, Item, Lineage, Offer, Situation, StampedValue};
+use fuseline_engine::{
+    Effect, Engine, Hint, Item, Lineage, Offer, Reserve, Situation, StampedValue,
+};
 use futures_util::future::BoxFuture;
 
 use crate::Error;
@@ -88,9 +90,9 @@ pub trait Transport {
         None
     }
 
-    /// E3: what of the end-to-end deadline of messages from now on is kept for the operators downstream.
-    fn reserve(&mut self) -> Duration {
-        Duration::ZERO
+    /// E3: returns what is kept of the end-to-end deadline of messages from now on for the operators downstream.
+    fn reserve(&mut self) -> Reserve {
+        Reserve::default()
     }
 
     /// Sends a request to a source.

@@ -12,7 +12,7 @@ use std::time::Duration;
 
 use fuseline_engine::{
     Aligner, Ending, Item, JoinArrival, JoinBounds, JoinCause, JoinDropReason, Joined, Latency,
-    Lineage,
+    Lineage, Reserve,
 };
 use tokio::runtime::Handle;
 use tokio::task::JoinHandle;
@@ -64,8 +64,8 @@ pub struct JoinConfig {
     pub wait: Duration,
     /// How many sets may wait; 16 by default. For one more the oldest is given as it is.
     pub window: usize,
-    /// How long the operators downstream take: a set is given when so much is left of an end-to-end deadline; nothing by
-    /// default.
+    /// How long the operators downstream take; nothing by default. A set is given at the latest when what they need on board
+    /// is left of an end-to-end deadline.
     pub reserve: Vec<Latency>,
     /// How many sets a reader may lag behind; at least 1, 16 by default. While one lags further, no message is taken in.
     pub output_len: usize,
@@ -399,8 +399,8 @@ impl<S: Default + Send + Sync + 'static> JoinTask<S> {
             self.aligner.end(now, index);
             return;
         };
-        let reserve = self.reserve.iter().map(Latency::estimate);
-        self.aligner.set_reserve(reserve.fold(Duration::ZERO, Duration::saturating_add));
+        let reserve: Reserve = self.reserve.iter().map(Latency::estimate).sum();
+        self.aligner.set_reserve(reserve.on_board());
         let lineage = lineage.as_ref();
         let arrival = JoinArrival { input: index, key, lineage, is_last };
         let joined = self.aligner.arrive(now, arrival, |set| guarded(|| put(set)));

@@ -42,8 +42,8 @@ pub use fuseline_deadline as deadline;
 pub use fuseline_engine::{
     CapacityError, CapacityErrors, CarriedMessage, Commit, ConfigError, CurrentDeadline,
     DropReason, Ending, Failure, Forwarded, Hint, Item, JoinCause, JoinDropReason, Joined, Latency,
-    Lineage, OfferRefusal, OpenRefusal, Origin, Overflow, Reasons, Recording, Source, SourceTally,
-    StampedValue, Tally, Trigger,
+    Lineage, OfferRefusal, OpenRefusal, Origin, Overflow, Reasons, Recording, Reserve, Source,
+    SourceTally, StampedValue, Tally, Trigger,
 };
 pub use in_order::OutOfOrder;
 pub use items::Items;

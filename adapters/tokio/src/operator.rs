@@ -69,10 +69,14 @@ pub struct Config {
     pub greatest_deadline: Duration,
     /// Where the run is recorded; nowhere by default.
     pub trace: Option<Trace>,
-    /// E3: how long the operators downstream take, one after the other; nothing by default. So much of a message's
-    /// [end-to-end deadline](crate::Lineage::within) is left when its requests end.
+    /// E3: how long the operators downstream take, one after the other; nothing by default.
+    ///
+    /// A message's requests end when what they take with their clouds is left of its
+    /// [end-to-end deadline](crate::Lineage::within). With a substitute, local ends when what they need on board is left. A
+    /// join's wait belongs to what is needed on board.
     pub reserve: Vec<Latency>,
-    /// Where this operator records how long each message takes, for the reserve of those upstream; nowhere by default.
+    /// Where this operator records how long each message and each local computation takes, for the reserve of those
+    /// upstream; nowhere by default.
     pub latency: Option<Latency>,
     /// Whether each item carries its message, for [`Item::message`](crate::Item::message); not by default: a message is then
     /// let go of once local and the handlers are done with it.
@@ -274,6 +278,9 @@ fn start<I: Send + Sync + 'static, O: Send + Sync + 'static>(
     if setup.substitutes.is_some() {
         engine.expect_substitutes();
     }
+    if let Some(latency) = config.latency {
+        engine.set_latency(latency);
+    }
     engine.set_overflow(local.overflow);
     let sides = sides(&config.name, setup.sides)?;
     let workers = Workers::start(local.kind).map_err(SpawnError::Threads)?;
@@ -296,7 +303,6 @@ fn start<I: Send + Sync + 'static, O: Send + Sync + 'static>(
         substitutes: setup.substitutes,
         states: setup.states,
         reserve: config.reserve,
-        latency: config.latency,
         carried: config.carry_messages.then(VecDeque::new),
         workers,
         deadline: local.deadline,

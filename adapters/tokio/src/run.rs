@@ -10,7 +10,7 @@ use std::task::{Context, Poll};
 use std::time::Duration;
 
 use fuseline_engine::{
-    CarriedMessage, Counting, Ending, Hint, Item, Latency, Lineage, Offer, Situation,
+    CarriedMessage, Counting, Hint, Item, Latency, Lineage, Offer, Reserve, Situation,
 };
 use tokio::sync::oneshot;
 use tokio::time::Instant;
@@ -38,7 +38,6 @@ pub(crate) struct Streams<I, O> {
     pub(crate) substitutes: Option<SubstituteHandler<O>>,
     pub(crate) states: Vec<StateHandler<O>>,
     pub(crate) reserve: Vec<Latency>,
-    pub(crate) latency: Option<Latency>,
     /// Messages without a last item and their timestamps, which ascend, if items carry them.
     pub(crate) carried: Option<VecDeque<(u64, Arc<I>)>>,
     pub(crate) workers: Workers<I, O>,
@@ -165,16 +164,12 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
         self.workers.replace(timestamp);
     }
 
-    fn reserve(&mut self) -> Duration {
-        self.reserve.iter().map(Latency::estimate).fold(Duration::ZERO, Duration::saturating_add)
+    fn reserve(&mut self) -> Reserve {
+        self.reserve.iter().map(Latency::estimate).sum()
     }
 
     fn output(&mut self, mut item: Item<O>) {
         item.carried = self.carry(item.timestamp, item.is_last());
-        let is_computed = item.is_last() && !matches!(item.ending, Ending::Refused(_));
-        if let Some(latency) = self.latency.as_ref().filter(|_| is_computed) {
-            latency.record(item.took());
-        }
         if let Some(forwarded) = item.forwarded() {
             let t = forwarded.of.unwrap_or(item.timestamp);
             for take_over in &mut self.states {

@@ -1,5 +1,7 @@
 //! One program of all tests that need no process of their own: it is built once, and what waits overlaps.
 
+#[path = "support/floor.rs"]
+mod drawn_floor;
 #[path = "support/graph.rs"]
 mod graph;
 #[cfg(feature = "grpc")]
@@ -13,6 +15,7 @@ mod connections;
 mod deadlines;
 mod doors;
 mod ends;
+mod floor;
 mod forward;
 mod graphs;
 mod grpc;

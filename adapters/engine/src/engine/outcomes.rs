@@ -332,6 +332,9 @@ impl<V, R> Engine<V, R> {
         }
         let instant = self.instant(at);
         let Some(item) = self.open_messages.item(t, (at, instant), ending) else { return };
+        if let Some(latency) = self.latency.as_ref().filter(|_| item.is_last()) {
+            latency.record(item.took());
+        }
         self.effects.push(Effect::Output(item));
     }
 
@@ -346,14 +349,21 @@ impl<V, R> Engine<V, R> {
         }
     }
 
-    /// A request has ended by itself, perhaps before it was sent.
-    pub(super) fn ended(&mut self, at: u64, t: u64, index: usize, end: fn(Duration) -> End) {
-        let Some(request) = self.sources[index].end(t) else { return };
+    /// A request has ended by itself, perhaps before it was sent; returns how long after it was sent.
+    pub(super) fn ended(
+        &mut self,
+        at: u64,
+        t: u64,
+        index: usize,
+        end: fn(Duration) -> End,
+    ) -> Option<Duration> {
+        let request = self.sources[index].end(t)?;
         let age = since(request.requested_at, at);
         if let Some(meter) = self.counts.meters(index) {
             meter.response.record(age);
         }
         self.report_end(index, end(age.saturating_add(Duration::from_nanos(request.spent))));
+        Some(since(request.begun_at?, at))
     }
 
     /// The request's result is no longer wanted. F7: local is never aborted.

@@ -52,7 +52,7 @@ Clock = Callable[[], int]
 
 # An enumeration takes several times as long to give a member as a module.
 _FORWARDED, _PRELIMINARY = Ending.FORWARDED, Ending.PRELIMINARY
-_FINAL, _REFUSED = Ending.FINAL, Ending.REFUSED
+_FINAL = Ending.FINAL
 
 #: The longest sleep, in nanoseconds: a day.
 _DAY = 86_400_000_000_000
@@ -205,7 +205,7 @@ class Driver(Generic[M, V]):
             waiting,
             self._lineages,
             handlers.states,
-            handlers.latency is not None or handlers.carry_messages,
+            handlers.carry_messages,
         )
         self._trace = trace
         #: Done once the trace is written.
@@ -390,8 +390,6 @@ class Driver(Generic[M, V]):
     def _complete(self, item: Item[V]) -> None:
         """Take over the state of a result, and give what is sent without one."""
         handlers, ending = self._handlers, item.ending
-        if handlers.latency is not None and item.last and ending is not _REFUSED:
-            handlers.latency.record(ns(item.decided - item.opened))
         try:
             if ending is _FORWARDED or ending is _PRELIMINARY:
                 t = item.timestamp if item.of is None else item.of

@@ -342,6 +342,8 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         )
         if self._handlers.substitute is not None:
             engine.expect_substitutes()
+        if self._handlers.latency is not None:
+            engine.set_latency(self._handlers.latency)
         engine.set_lag_warning(self._lag_warning)
         engine.set_greatest_deadline(self._greatest_deadline)
         engine.set_replaceable(local.replaceable)
