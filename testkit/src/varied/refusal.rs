@@ -72,12 +72,19 @@ impl RunWriter<'_> {
             if self.context.requested().contains(&(t, p)) {
                 t = self.open_for_offer();
             }
+            let (deadline, mut backlog) = (self.tenths(20, 60).max(1), self.backlog(p));
             if self.draw.one_in(2) {
                 self.refuse_beside_gate(t, p, outranked.map(|(t, _)| t));
+                backlog = self.between_resume_and_limit(p).unwrap_or(backlog);
             }
-            let (deadline, backlog) = (self.tenths(20, 60).max(1), self.backlog(p));
             self.push(Input::Offer { at, t, p, deadline, backlog });
         }
+    }
+
+    /// A backlog that shows whether a gate is open or shut and leaves it so, if there is one.
+    fn between_resume_and_limit(&mut self, p: u64) -> Option<u64> {
+        let (limit, resume) = self.context.gate(p).map(|gate| (gate.limit, gate.resume))?;
+        (limit - resume > 1).then(|| self.draw.between(resume + 1, limit - 1))
     }
 
     /// An offer that is refused for each reason but the gate's, or else for its deadline.
