@@ -475,3 +475,61 @@ def test_odd_chunk(chunk: Any, words: str) -> None:
 @misuse("holds a policy", "`ConfigError`: `on_board` itself")
 def test_hold_of_a_policy() -> None:
     refused("without Hold", lambda: Hold(Module()))
+
+
+@misuse("gives a server that takes longer than the deadline", "one call at a time; it is answered")
+def test_server_that_is_slow() -> None:
+    connections: list[Any] = []
+
+    class Server:
+        def __init__(self) -> None:
+            connections.append(self)
+
+        def infer(self, observation: Any) -> Any:
+            time.sleep(0.1)
+            return [0.0]
+
+        def close(self) -> None:
+            pass
+
+    with Always(Server, Hold([0.0]), deadline=0.005, linger=5.0) as policy:
+        ticks(policy, lambda: policy.counts["remote", "call", "answered"] >= 3)
+        assert policy.counts["remote", "call", "failed"] == 0
+    assert len(connections) == 1
+
+
+@misuse("gives a server whose chunks come when they are too old", "a failure, with the ages")
+def test_chunk_that_is_too_old() -> None:
+    failures: list[Failure] = []
+
+    def reply(observation: Any) -> Any:
+        time.sleep(0.1)
+        return [[0.0]] * 50
+
+    chunk = Chunk(every=1, max_age=2, within=5.0)
+    with Always(
+        server(reply), Hold([0.0]), deadline=5.0, chunk=chunk, on_failure=failures.append
+    ) as policy:
+        ticks(policy, lambda: bool(failures))
+    assert "none of its 50 actions may be sent any more (max_age=2)" in failures[0].why
+
+
+@misuse("calls `infer` in the policy on board, or on a failure", "`RuntimeError`, as a failure")
+def test_infer_within_infer(caplog: pytest.LogCaptureFixture) -> None:
+    failures: list[Failure] = []
+
+    def on_failure(failure: Failure) -> None:
+        failures.append(failure)
+        policy.infer(0)
+
+    with (
+        Always(refuses, lambda o: policy.infer(o), deadline=5.0, on_failure=on_failure) as policy,
+        pytest.raises(RuntimeError, match="infer in the policy on board"),
+    ):
+        policy.infer(0)
+    assert "what is called on failures failed" in caplog.text
+
+
+@misuse("gives a class for a policy on board", "`ConfigError`")
+def test_class_for_a_policy_on_board() -> None:
+    refused("give an instance", lambda: Always(refuses, Module, deadline=0.1))  # type: ignore[arg-type]

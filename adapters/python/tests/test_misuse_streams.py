@@ -117,6 +117,27 @@ def test_feed_that_nobody_reads(run: Run[Any], caplog: pytest.LogCaptureFixture)
     run(main)
 
 
+@misuse("makes a second reader of `Items` and does not read it", "logged after five seconds")
+def test_reader_that_holds_the_other_back(run: Run[Any], caplog: pytest.LogCaptureFixture) -> None:
+    async def main(loop: VirtualLoop) -> None:
+        async with operator_of(clock=loop.time_ns, output_len=2) as operator:
+            items = Items(operator, output_len=2)
+            other = items.another()
+            operator.feed(range(50))
+            with contextlib.suppress(asyncio.TimeoutError):
+                await asyncio.wait_for(_all(items), 11.0)
+            del other
+            operator.stop()
+
+    run(main)
+    assert "items wait to be read" in caplog.text
+
+
+async def _all(items: Items[Any]) -> None:
+    async for _ in items:
+        pass
+
+
 class Ends(BaseException):
     """Neither an `Exception` nor what ends a program."""
 

@@ -542,6 +542,8 @@ def test_coroutine_for_a_message() -> None:
         async with operator_of() as operator:
             with pytest.raises(ConfigError, match="await it"):
                 operator.write(asyncio.sleep(0))
+            with pytest.raises(ConfigError, match="feed it"):
+                operator.write(it for it in "ab")
 
     asyncio.run(main())
 

@@ -174,6 +174,15 @@ class ChunkPlan:
         except Exception as error:
             self._failed(in_one_line(error))
             return
+        age = self._tick + 1 - t
+        first = 0 if self.chunk.skip == "none" else age
+        if episode == self._episode and (age > self.chunk.max_age or first >= len(actions)):
+            self.why = (
+                f"the chunk came {age} ticks after its observation, when none of its "
+                f"{len(actions)} actions may be sent any more (max_age={self.chunk.max_age})"
+            )
+            self._ended(self.why)
+            return
         self.why = None
         self._ended(None)
         if episode == self._episode:

@@ -795,7 +795,11 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
 
     def _report_unread(self) -> None:
         self._unread_timer = None
-        if self._writers.waiters and self._read_count == self._read_before:
+        if not self._writers.waiters:
+            return
+        is_unread = self._read_count == self._read_before
+        self._watch_unread()
+        if is_unread:
             _log.warning(
                 "%s: %d items wait to be read, and none was read for %s s: no message is taken",
                 self.name,

@@ -65,9 +65,12 @@ class RemoteThread:
         #: Threads of calls that were given up, and of those that close connections.
         self._hung: list[threading.Thread] = []
         self._ended = -PAUSE
+        self._is_calling = False
 
     def is_ready(self) -> bool:
-        """Whether a call can be made: not just after a connection ended, later if many hang."""
+        """Whether a call can be made: none is under way, and no connection has just ended."""
+        if self._is_calling:
+            return False
         if self._connection is not None and not self._connection.is_over:
             return True
         return monotonic() >= self._ended + self._pause()
@@ -77,11 +80,14 @@ class RemoteThread:
         connection = self._connection
         if connection is None or connection.is_over:
             connection = self._connection = PolicyConnection(self._connect, self._read)
+        self._is_calling = True
         try:
             return await connection.infer(observation, call)
         except BaseException:
             self.close()
             raise
+        finally:
+            self._is_calling = False
 
     def close(self) -> None:
         """End the connection and a call under way; it does not wait for that."""

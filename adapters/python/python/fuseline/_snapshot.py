@@ -28,6 +28,9 @@ def _copied(value: Any, known: dict[int, Any]) -> Any:
         return value
     if id(value) in known:
         return known[id(value)]
+    if kind is list and set(map(type, value)) <= UNCHANGEABLE:
+        known[id(value)] = same = value.copy()
+        return same
     if kind is dict:
         made: dict[Any, Any] = {}
         known[id(value)] = made

@@ -169,11 +169,13 @@ def check_message(message: Any) -> None:
     """A message, and no coroutine that would give one.
 
     Raises:
-        ConfigError: if it is a coroutine.
+        ConfigError: if it is a coroutine or a generator.
     """
     if type(message) is CoroutineType:
         message.close()
         raise ConfigError("a coroutine for a message; await it, and write what it returns")
+    if type(message) in (GeneratorType, AsyncGeneratorType):
+        raise ConfigError("a generator for a message; feed it, or write what it yields")
 
 
 def check_result(value: Any) -> None:

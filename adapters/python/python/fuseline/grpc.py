@@ -26,6 +26,7 @@ from urllib.parse import urlsplit
 
 from fuseline._errors import CallError, ConfigError, in_one_line
 from fuseline._item import Call, Lineage, StampedValue
+from fuseline._wiring import check_handle
 from fuseline._words import ns
 
 try:
@@ -282,6 +283,9 @@ class Server:
             raise ConfigError(
                 "asking for clients' certificates needs a certificate and key of the server's own"
             )
+        check_handle(infer)
+        if not isinstance(address, str):
+            raise ConfigError(f"an address of {address!r}; it is a text such as '127.0.0.1:0'")
         self._infer = infer
         self._wanted = address
         self._identity, self._client_ca = identity, client_ca

@@ -8,6 +8,7 @@ deadline, else one from on board. It has the methods of openpi's ``BasePolicy``;
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import inspect
 import itertools
 import logging
@@ -16,7 +17,7 @@ import socket
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
@@ -172,6 +173,8 @@ class Always:
             else ChunkPlan(self._remote, chunk, self._failures.ended, self._check)
         )
         self._turn = threading.Lock()
+        #: The threads that this one waits for, or that wait for this one.
+        self._inside: set[int] = set()
         operator: Operator[Any, Any] = Operator(
             self._local(on_board), name=name, window=WINDOW, trace=trace
         )
@@ -207,6 +210,8 @@ class Always:
             RuntimeError: if there is none: on board nothing came by the deadline, and no action was
                 sent before that could be held. Call a policy that loads slowly once before.
         """
+        if threading.get_ident() in self._inside:
+            raise RuntimeError("infer in the policy on board, or in what is called on failures")
         with self._turn:
             if self._is_closed:
                 raise ConfigError("the policy was closed, and does not run any more; make another")
@@ -249,6 +254,15 @@ class Always:
     ) -> None:
         self.close()
 
+    @contextlib.contextmanager
+    def _within(self) -> Iterator[None]:
+        """What runs here must not wait for a tick."""
+        self._inside.add(threading.get_ident())
+        try:
+            yield
+        finally:
+            self._inside.discard(threading.get_ident())
+
     def _tick(self, obs: Any) -> Any:
         t = self._operator.write(obs)
         while True:
@@ -259,7 +273,8 @@ class Always:
                 break
         self.item = item
         self._failures.of_item(item, self._deadline)
-        self._failures.report()
+        with self._within():
+            self._failures.report()
         if item.source is None and item.substitute is None:
             whys = [f"{it.source}: {it.why}" for it in item.failures if it.source.priority == 0]
             why = ", ".join(whys) or f"on board took longer than {self._deadline:g} s"
@@ -278,11 +293,16 @@ class Always:
                 return snapshot(self._last)
 
             return Local.task(hold)
+        if inspect.isclass(on_board):
+            raise ConfigError(
+                f"the class {on_board.__name__} for a policy on board; give an instance"
+            )
         compute: Any = getattr(on_board, "infer", on_board)
         check_function(compute, "a policy on board")
 
         def act(observation: Any, _: int) -> Any:
-            action = compute(observation)
+            with self._within():
+                action = compute(observation)
             check_value(action, "the policy on board", "make it a plain function")
             form = form_of(action, "the action on board")
             if self._like is None or self._is_guessed:
