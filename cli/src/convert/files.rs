@@ -1,7 +1,9 @@
 //! The files of a log: one or several, folders of bags, packed or not.
 
 use std::fs;
-use std::io::{self, BufRead, BufReader, Write};
+#[cfg(feature = "bags")]
+use std::io::{self, Write};
+use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -9,7 +11,9 @@ use fuseline_traces::packed::unpack_bytes;
 
 use crate::convert::otlp;
 use crate::convert::recorded::ConvertError;
-use crate::convert::row::{Notes, Place, Spot};
+use crate::convert::row::Notes;
+#[cfg(feature = "bags")]
+use crate::convert::row::{Place, Spot};
 use crate::fault::Fault;
 use crate::input::{self, open};
 
@@ -146,6 +150,7 @@ impl LogFile {
     }
 
     /// Its place as a whole.
+    #[cfg(feature = "bags")]
     pub(super) fn place(&self) -> Place {
         Place { file: Arc::clone(&self.name), spot: Spot::File }
     }
