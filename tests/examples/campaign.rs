@@ -90,7 +90,7 @@ fn read(arguments: &[String]) -> Option<(u64, u64, &[String])> {
     Some((inputs.parse().ok()?, seed.parse().ok()?, command))
 }
 
-/// Every other run is wide, as those of `fuseline drive` are.
+/// Every other run is wide, as those of the first generator of `fuseline drive` are.
 fn run(seed: u64, number: u64) -> (String, Run) {
     let (half, clouds) = (number / 2, [4, 15]);
     let generator = |clouds| Generator { seed, commit: None, clouds };

@@ -6,7 +6,7 @@ use super::RunWriter;
 
 /// Which of the open timestamps leave a full window.
 #[derive(Clone, Copy)]
-enum DepartureOrder {
+enum LeavingOrder {
     Newest,
     Oldest,
     /// Every other one.
@@ -80,17 +80,17 @@ impl RunWriter<'_> {
 
     fn leave(&mut self, count: usize) {
         let order = self.draw.weighed(&[
-            (1, DepartureOrder::Newest),
-            (1, DepartureOrder::Oldest),
-            (1, DepartureOrder::Alternate),
-            (1, DepartureOrder::Any),
+            (1, LeavingOrder::Newest),
+            (1, LeavingOrder::Oldest),
+            (1, LeavingOrder::Alternate),
+            (1, LeavingOrder::Any),
         ]);
         let mut open: Vec<u64> = self.context.open().iter().copied().collect();
         match order {
-            DepartureOrder::Newest => open.reverse(),
-            DepartureOrder::Oldest => {}
-            DepartureOrder::Alternate => open = open.into_iter().step_by(2).collect(),
-            DepartureOrder::Any => self.draw.shuffle(&mut open),
+            LeavingOrder::Newest => open.reverse(),
+            LeavingOrder::Oldest => {}
+            LeavingOrder::Alternate => open = open.into_iter().step_by(2).collect(),
+            LeavingOrder::Any => self.draw.shuffle(&mut open),
         }
         open.truncate(count);
         for t in open {

@@ -6,7 +6,7 @@ use super::RunWriter;
 
 /// What a step does.
 #[derive(Clone, Copy)]
-enum StepKind {
+enum VariedStep {
     /// A message comes: an open, and offers for some of the clouds.
     Message,
     Open,
@@ -36,57 +36,57 @@ enum StepKind {
 
 impl RunWriter<'_> {
     pub(super) fn step(&mut self) {
-        const ACTS: [(u64, StepKind); 15] = [
-            (18, StepKind::Message),
-            (9, StepKind::Open),
-            (18, StepKind::Offer),
-            (11, StepKind::Clash),
-            (22, StepKind::Result),
-            (10, StepKind::Hold),
-            (12, StepKind::Fail),
-            (14, StepKind::Arrival),
-            (18, StepKind::Tick),
-            (6, StepKind::LateTick),
-            (7, StepKind::Poke),
-            (8, StepKind::Chain),
-            (7, StepKind::Gate),
-            (2, StepKind::Flood),
-            (4, StepKind::Drain),
+        const ACTS: [(u64, VariedStep); 15] = [
+            (18, VariedStep::Message),
+            (9, VariedStep::Open),
+            (18, VariedStep::Offer),
+            (11, VariedStep::Clash),
+            (22, VariedStep::Result),
+            (10, VariedStep::Hold),
+            (12, VariedStep::Fail),
+            (14, VariedStep::Arrival),
+            (18, VariedStep::Tick),
+            (6, VariedStep::LateTick),
+            (7, VariedStep::Poke),
+            (8, VariedStep::Chain),
+            (7, VariedStep::Gate),
+            (2, VariedStep::Flood),
+            (4, VariedStep::Drain),
         ];
         let at = self.instant();
         match self.draw.weighed(&ACTS) {
-            StepKind::Message => self.message(at),
-            StepKind::Open => {
+            VariedStep::Message => self.message(at),
+            VariedStep::Open => {
                 let (t, deadline) = (self.fresh(), self.deadline_of_local());
                 self.open(at, t, deadline);
             }
-            StepKind::Offer => {
+            VariedStep::Offer => {
                 let (t, p) = (self.timestamp(), self.priority());
                 let (deadline, backlog) = (self.span(), self.backlog(p));
                 self.push(Input::Offer { at, t, p, deadline, backlog });
             }
-            StepKind::Clash => self.clash(at),
-            StepKind::Result => {
+            VariedStep::Clash => self.clash(at),
+            VariedStep::Result => {
                 let (t, p) = self.call();
                 self.push(Input::Result { at, t, p });
             }
-            StepKind::Hold => self.hold(),
-            StepKind::Fail => {
+            VariedStep::Hold => self.hold(),
+            VariedStep::Fail => {
                 let (t, p) = self.call();
                 self.push(Input::Fail { at, t, p });
             }
-            StepKind::Arrival => self.arrival(),
-            StepKind::Tick => self.push(Input::Tick { at }),
-            StepKind::LateTick => self.late_tick(),
-            StepKind::Poke => self.poke(),
-            StepKind::Chain => self.chain(),
-            StepKind::Gate => self.move_gate(),
-            StepKind::Flood => {
+            VariedStep::Arrival => self.arrival(),
+            VariedStep::Tick => self.push(Input::Tick { at }),
+            VariedStep::LateTick => self.late_tick(),
+            VariedStep::Poke => self.poke(),
+            VariedStep::Chain => self.chain(),
+            VariedStep::Gate => self.move_gate(),
+            VariedStep::Flood => {
                 let most = u64::from(self.header.window.min(38)) + 2;
                 let count = self.draw.between(2, most);
                 self.flood(count);
             }
-            StepKind::Drain => self.drain(),
+            VariedStep::Drain => self.drain(),
         }
     }
 
