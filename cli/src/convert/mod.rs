@@ -11,6 +11,7 @@ mod frame;
 mod header;
 mod instant;
 mod json;
+mod key;
 mod log;
 mod mapping;
 mod mcap;
@@ -19,7 +20,9 @@ mod payload;
 mod reading;
 mod recorded;
 mod restart;
+mod role;
 mod row;
+mod service;
 mod spans;
 mod table;
 mod topic;
@@ -38,7 +41,7 @@ use crate::convert::files::Format;
 use crate::convert::frame::FrameColumn;
 use crate::convert::reading::{LogReader, Understood};
 use crate::convert::recorded::ConvertError;
-use crate::convert::spans::SpanOptions;
+use crate::convert::role::SpanOptions;
 use crate::convert::topic::{TopicChoice, topic};
 use crate::convert::value::Unit;
 use crate::convert::writing::{put_header, read_header, write_recording, write_runs};
@@ -110,10 +113,10 @@ pub(crate) struct Args {
     #[arg(long, conflicts_with_all = ["write_header", "output", "split"])]
     explain: bool,
     /// Where a key of the trace stands, such as at=stamp.
-    #[arg(long, value_name = "KEY=NAME", value_delimiter = ',', value_parser = mapping::column)]
+    #[arg(long, value_name = "KEY=NAME", value_delimiter = ',', value_parser = key::column)]
     column: Vec<(&'static str, String)>,
     /// What the file calls an event, such as response=result; heartbeat= leaves those events out.
-    #[arg(long, value_name = "NAME=EV", value_delimiter = ',', value_parser = mapping::event)]
+    #[arg(long, value_name = "NAME=EV", value_delimiter = ',', value_parser = key::event)]
     event: Vec<(String, &'static str)>,
     /// Where the events of a frame stand in rows or objects that have a frame each, such as open=recv or west.result=done.
     #[arg(long, value_name = "[SOURCE.]EVENT=COLUMN", value_delimiter = ',', value_parser = frame::frame_column,
@@ -121,7 +124,7 @@ pub(crate) struct Args {
     frame: Vec<FrameColumn>,
     /// The unit of instants and durations, or of one key's, such as deadline=ms; decimals are read exactly
     /// [default: ns] [possible units: ns, us, ms, s].
-    #[arg(long, value_name = "[KEY=]UNIT", value_delimiter = ',', value_parser = mapping::unit)]
+    #[arg(long, value_name = "[KEY=]UNIT", value_delimiter = ',', value_parser = key::unit)]
     unit: Vec<(Option<&'static str>, Unit)>,
     /// What stands between the cells of a CSV file: a character, or tab.
     #[arg(long, value_name = "CHARACTER", default_value = ",", value_parser = separator)]

@@ -1,6 +1,5 @@
 //! [`LogReader`]: the one pass over the files of a log that `convert`, `--explain` and `--write-header` share.
 
-use std::collections::HashSet;
 use std::sync::Arc;
 
 use fuseline_traces::packed::RawMessages;
@@ -15,10 +14,10 @@ use crate::convert::log::{Log, LogKind};
 use crate::convert::mapping::{Fixed, Mapping, Refusal};
 use crate::convert::otlp;
 use crate::convert::recorded::ConvertError;
-use crate::convert::row::{Names, Notes, Place, Problem, ProblemKind, Row, Source};
+use crate::convert::row::{Names, Notes, Problem, ProblemKind, Row, Source};
+use crate::convert::service::ServiceRows;
 use crate::convert::spans::SpanReader;
 use crate::convert::table::TableSource;
-use crate::convert::topic::Side;
 use crate::convert::topics::{self, MessageFile, TopicSource};
 use crate::convert::value::Unit;
 use crate::fault::Fault;
@@ -351,38 +350,6 @@ fn events_of(
         service.take(side, row, number);
     }
     Ok(entries)
-}
-
-/// The rows of a recording that a service's server had; they are read if its client's were not recorded.
-#[derive(Default)]
-struct ServiceRows {
-    has_client: bool,
-    rows: HashSet<u64>,
-    first: Option<Place>,
-}
-
-impl ServiceRows {
-    fn take(&mut self, side: Side, row: &Row, number: u64) {
-        if side == Side::Server {
-            self.rows.insert(number);
-            self.first.get_or_insert_with(|| row.place.clone());
-        } else if matches!(row.cell("info.event_type"), Some("0" | "3")) {
-            self.has_client = true;
-        }
-    }
-
-    fn finish(self, mapping: &mut Mapping<'_>, log: &mut Log) {
-        let Some(first) = self.first else { return };
-        let kind = if self.has_client {
-            log.entries.retain(|entry| !self.rows.contains(&entry.row));
-            "events that a service's server had, left out, since its client's are there"
-        } else {
-            "events that a service's server had, read for its client's, which were not recorded"
-        };
-        for _ in &self.rows {
-            mapping.notes.add(kind, &first, String::new);
-        }
-    }
 }
 
 /// Why a row is refused: because a name that the user gave occurs nowhere, or for its own sake.

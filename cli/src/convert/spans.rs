@@ -8,35 +8,10 @@ use crate::convert::entry::{Entry, Sources};
 use crate::convert::log::CLOCK_STEP;
 use crate::convert::otlp::{SpanId, SpanRecord};
 use crate::convert::recorded::ConvertError;
+use crate::convert::role::{SpanOptions, SpanRole};
 use crate::convert::row::{Names, Notes, Place, Spot};
 use crate::convert::value::{self, Id, Unit, listed};
 
-#[derive(clap::Args)]
-#[command(next_help_heading = "Spans")]
-pub(super) struct SpanOptions {
-    /// The name of the spans that are messages, or local's computations; by default messages are spans without a parent,
-    /// and there is no local [possible roles: message, local].
-    #[arg(long, value_name = "ROLE=NAME", value_delimiter = ',', value_parser = role)]
-    span: Vec<(SpanRole, String)>,
-    /// Where an attribute of a span stands, such as t=frame.id; by default `t` is fuseline.t, and so on. t, within, by
-    /// (whose result was sent), took (ns from its start to its output, if the span ends otherwise) and deadline (local's) are a
-    /// message's, p, deadline, of and try a request's.
-    #[arg(long, value_name = "KEY=NAME", value_delimiter = ',', value_parser = attribute)]
-    attribute: Vec<(&'static str, String)>,
-    /// The attribute and value by which a client says that it ended a call itself, such as error.type=CANCELLED: that is no
-    /// failure of the cloud. The codes 1 and 4 of gRPC say so without it.
-    #[arg(long, value_name = "ATTRIBUTE=VALUE", value_delimiter = ',', value_parser = cancelled)]
-    cancelled: Vec<(String, String)>,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum SpanRole {
-    Message,
-    Local,
-    Request,
-}
-
-const KEYS: [&str; 8] = ["t", "within", "by", "took", "p", "deadline", "of", "try"];
 /// How many parents, or links of attempts, are followed.
 const DEPTH: usize = 64;
 
@@ -78,44 +53,6 @@ struct SpanCall<'s> {
 
 type SpansById<'s> = HashMap<&'s SpanId, &'s SpanRecord>;
 
-impl SpanOptions {
-    /// What a span is by its name and kind; none is neither.
-    fn role(&self, span: &SpanRecord) -> Option<SpanRole> {
-        if let Some((role, _)) = self.span.iter().find(|(_, name)| *name == span.name) {
-            return Some(*role);
-        }
-        if self.value(span, "p").is_some_and(|p| value::number(p) == Ok(0)) {
-            return Some(SpanRole::Local);
-        }
-        let is_named = self.span.iter().any(|(role, _)| *role == SpanRole::Message);
-        match span {
-            _ if !is_named && span.parent.is_none() => Some(SpanRole::Message),
-            _ if span.is_client => Some(SpanRole::Request),
-            _ => None,
-        }
-    }
-
-    fn name(&self, key: &str) -> Option<&str> {
-        self.attribute.iter().find(|(known, _)| *known == key).map(|(_, name)| &**name)
-    }
-
-    /// Whether an attribute or a span of this name is read.
-    pub(super) fn uses(&self, name: &str) -> bool {
-        self.attribute.iter().any(|(_, named)| named == name)
-            || self.span.iter().any(|(_, named)| named == name)
-            || self.cancelled.iter().any(|(named, _)| named == name)
-            || name.starts_with("fuseline.")
-    }
-
-    fn value<'s>(&self, span: &'s SpanRecord, key: &str) -> Option<&'s str> {
-        let text = match self.name(key) {
-            Some(name) => span.attributes.get(name),
-            None => span.attributes.get(&format!("fuseline.{key}")),
-        };
-        text.map(|text| &**text).filter(|text| !text.is_empty())
-    }
-}
-
 impl SpanReader<'_> {
     /// Reads a file's spans.
     ///
@@ -126,7 +63,7 @@ impl SpanReader<'_> {
             self.names.add(&span.name.as_str().into());
             span.attributes.keys().for_each(|key| self.names.add(&key.as_str().into()));
         }
-        self.refuse_mistyped(spans)?;
+        self.options.refuse_mistyped(&self.file, spans)?;
         let spans = self.unique(spans);
         let by_id: SpansById<'_> = spans.iter().map(|span| (&span.id, *span)).collect();
         let mut messages = self.messages(&spans)?;
@@ -150,48 +87,6 @@ impl SpanReader<'_> {
             self.message(number, message)?;
         }
         self.entries.sort_by_key(|entry| entry.at);
-        Ok(())
-    }
-
-    /// A name that was given and occurs nowhere.
-    fn refuse_mistyped(&self, spans: &[SpanRecord]) -> Result<(), ConvertError> {
-        if spans.is_empty() {
-            return Ok(());
-        }
-        let has_span = |name: &str| spans.iter().any(|span| span.name == name);
-        let has_attribute =
-            |name: &str| spans.iter().any(|span| span.attributes.contains_key(name));
-        let fault = |option: String, name: &str, what: &str, all: Vec<&str>| {
-            let mut all = all;
-            all.sort_unstable();
-            all.dedup();
-            let all = listed(name, all.into_iter());
-            let message =
-                format!("no {what} {name:?} in the file, which {option} names; it has {all}");
-            Err(ConvertError::file(&self.file, &message))
-        };
-        let names = || spans.iter().map(|span| &*span.name).collect();
-        let attributes = || {
-            let all = spans.iter().flat_map(|span| span.attributes.keys());
-            all.map(|name| &**name).collect::<Vec<&str>>()
-        };
-        for (role, name) in &self.options.span {
-            let role = if *role == SpanRole::Message { "message" } else { "local" };
-            if !has_span(name) {
-                return fault(format!("--span {role}={name}"), name, "span", names());
-            }
-        }
-        for (key, name) in &self.options.attribute {
-            if !has_attribute(name) {
-                return fault(format!("--attribute {key}={name}"), name, "attribute", attributes());
-            }
-        }
-        for (name, value) in &self.options.cancelled {
-            if !has_attribute(name) {
-                let option = format!("--cancelled {name}={value}");
-                return fault(option, name, "attribute", attributes());
-            }
-        }
         Ok(())
     }
 
@@ -408,7 +303,7 @@ impl SpanReader<'_> {
         };
         let due = if role == SpanRole::Request { self.due(span, p)? } else { None };
         let at = span.end;
-        let has_ended = at != 0 && !span.was_ended_by_caller(&self.options.cancelled);
+        let has_ended = at != 0 && !span.was_ended_by_caller(&self.options.cancelled());
         let mut end = Entry { ev: "result", at: at.into(), ..request.clone() };
         if role == SpanRole::Request {
             self.entries.push(Entry { due, ..request });
@@ -479,25 +374,4 @@ enum Above {
 
 fn place(file: &Arc<str>, span: &SpanRecord) -> Place {
     Place { file: Arc::clone(file), spot: Spot::Span(span.called().into()) }
-}
-
-fn role(text: &str) -> Result<(SpanRole, String), &'static str> {
-    match text.split_once('=') {
-        Some(("message", name)) => Ok((SpanRole::Message, name.to_owned())),
-        Some(("local", name)) => Ok((SpanRole::Local, name.to_owned())),
-        _ => Err("it must be message=NAME or local=NAME"),
-    }
-}
-
-fn attribute(text: &str) -> Result<(&'static str, String), String> {
-    let split = text.split_once('=');
-    let known = split.and_then(|(key, name)| Some((*KEYS.iter().find(|it| **it == key)?, name)));
-    let known = known.map(|(key, name)| (key, name.to_owned()));
-    known.ok_or_else(|| format!("it must be KEY=NAME, with a key of {}", KEYS.join(", ")))
-}
-
-fn cancelled(text: &str) -> Result<(String, String), &'static str> {
-    let split = text.split_once('=').filter(|(name, _)| !name.is_empty());
-    let (name, value) = split.ok_or("it must be ATTRIBUTE=VALUE, such as error.type=CANCELLED")?;
-    Ok((name.to_owned(), value.to_owned()))
 }

@@ -1,7 +1,9 @@
 //! `--topic`: which messages of a recording are read, and as which events.
 
-use crate::convert::mapping::{self, Fixed};
+use crate::convert::key;
+use crate::convert::mapping::Fixed;
 use crate::convert::row::Row;
+use crate::convert::service::Side;
 
 /// A topic, and what its messages are where they do not say so.
 #[derive(Clone, Debug)]
@@ -25,18 +27,11 @@ pub(super) fn topic(text: &str) -> Result<TopicChoice, String> {
         Some((source, word)) => (Some(source.to_owned()), word),
         None => (None, what),
     };
-    let (_, event) = mapping::event(&format!("{name}={word}"))?;
+    let (_, event) = key::event(&format!("{name}={word}"))?;
     if event.is_empty() {
         return Err("write TOPIC or EVENT=TOPIC, such as west.result=/west/objects".to_owned());
     }
     Ok(TopicChoice { name: name.to_owned(), event: Some(event), source })
-}
-
-/// Where a service's event was: its kinds are 0, a request sent, 1, it received, 2, a response sent, and 3, it received.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum Side {
-    Client,
-    Server,
 }
 
 impl TopicChoice {
