@@ -160,7 +160,9 @@ fn behind_a_relay_the_quantiles_are_those_that_it_measured_and_a_run_takes_the_r
     for (quantile, percent) in [("p50", 50), ("p90", 90), ("p99", 99)] {
         let printed = summary["answers_ms"][quantile].as_f64().unwrap();
         let index = (held.len() * percent).div_ceil(100) - 1;
-        assert!((printed - trips[index]).abs() < 0.01, "{quantile}: {printed} of {}", trips[index]);
+        // A histogram has values in steps, which are greater the greater they are, as on a busy host.
+        let step = (trips[index] / 1e4).max(0.01);
+        assert!((printed - trips[index]).abs() < step, "{quantile}: {printed} of {}", trips[index]);
         assert!(printed >= held[index] - 0.1, "{quantile}: {printed} of {}", held[index]);
     }
     let ran =
