@@ -19,6 +19,14 @@ pub enum GrpcError {
         /// Why not.
         error: std::io::Error,
     },
+    /// The file of the CA has no certificate.
+    #[error(
+        "{path} has no certificate; give one in PEM, which begins with -----BEGIN CERTIFICATE-----"
+    )]
+    NoCertificate {
+        /// The file.
+        path: String,
+    },
     /// The file has no valid token.
     #[error("{path} has no token: {error}")]
     Token {

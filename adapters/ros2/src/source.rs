@@ -94,7 +94,7 @@ impl NodeSource {
 /// If a file cannot be read or the address is not valid.
 pub(crate) fn call(grpc: &Grpc) -> Result<Handle, GrpcError> {
     let mut remote = Remote::new(&grpc.url);
-    remote.ca = grpc.ca.as_deref().map(read).transpose()?;
+    remote.ca = grpc.ca.as_deref().map(certificates).transpose()?;
     remote.server_name.clone_from(&grpc.server_name);
     if let (Some(certificate), Some(key)) = (&grpc.certificate, &grpc.key) {
         remote.identity = Some(Identity { certificate: read(certificate)?, key: read(key)? });
@@ -120,6 +120,16 @@ pub(crate) fn call(grpc: &Grpc) -> Result<Handle, GrpcError> {
             Ok(StampedValue { value, of })
         })
     }))
+}
+
+/// Reads the certificates that are trusted. With none, each call would fail for a reason that does not name the file.
+fn certificates(path: &std::path::Path) -> Result<Vec<u8>, GrpcError> {
+    let bytes = read(path)?;
+    if String::from_utf8_lossy(&bytes).contains("-----BEGIN CERTIFICATE-----") {
+        Ok(bytes)
+    } else {
+        Err(GrpcError::NoCertificate { path: path.display().to_string() })
+    }
 }
 
 fn read(path: impl AsRef<std::path::Path>) -> Result<Vec<u8>, GrpcError> {
@@ -246,6 +256,8 @@ mod tests {
             let refused = call(&Grpc { token_file: Some(path), ..plain.clone() }).err().unwrap();
             assert!(refused.to_string().starts_with(&shown), "{refused}");
         }
+        let no_certificate = Grpc { ca: Some(secrets.file("key")), ..plain.clone() };
+        assert!(matches!(call(&no_certificate), Err(GrpcError::NoCertificate { .. })));
         for none in [
             Grpc { ca: Some(secrets.file("none")), ..plain.clone() },
             Grpc {
