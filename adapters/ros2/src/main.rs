@@ -38,9 +38,8 @@ fn main() -> ExitCode {
     if arguments.action == Action::Check {
         return match check(&settings) {
             Ok(()) => {
-                let cautions = settings.cautions();
-                let cautions: String =
-                    cautions.iter().map(|caution| format!("warning: {caution}\n")).collect();
+                let warning = |text: String, caution: &String| text + "warning: " + caution + "\n";
+                let cautions = settings.cautions().iter().fold(String::new(), warning);
                 print(&format!("{settings}\n{cautions}"))
             }
             Err(error) => reported(&error),
