@@ -327,3 +327,44 @@ def test_encode_without_return() -> None:
     item = asyncio.run(main())
     assert item.value == "1 on board"
     assert "add the return" in item.failures[0].why
+
+
+# Servers.
+
+
+@misuse("forgets the `return` of what a gRPC server computes with", "the call fails; logged")
+def test_server_without_return(caplog: pytest.LogCaptureFixture) -> None:
+    grpc = pytest.importorskip("fuseline.grpc")
+
+    async def infer(payload: bytes, call: Any) -> Any:
+        payload.upper()
+
+    async def main() -> Any:
+        operator: Operator[int, Any] = Operator(on_board)
+        async with grpc.Server(infer) as server:
+            remote = grpc.Remote(f"http://{server.address}")
+            operator.use_cloud(remote.infer, lambda m, t: (b"a", 5.0), bytes, 1)
+            async with operator:
+                operator.write(1)
+                item = await operator.read()
+            await remote.close()
+            return item
+
+    item = asyncio.run(main())
+    assert item.value == "1 on board"
+    assert "add the return" in caplog.text
+
+
+@pytest.mark.parametrize("of", [{"infer": len}, {"address": on_board}])
+@misuse("gives a gRPC server a plain function, or no address", "`ConfigError`")
+def test_server_of_a_plain_function(of: dict[str, Any]) -> None:
+    grpc = pytest.importorskip("fuseline.grpc")
+
+    def plain(payload: bytes, call: Any) -> bytes:
+        return payload
+
+    async def infer(payload: bytes, call: Any) -> bytes:
+        return payload
+
+    made = {"infer": plain} if "infer" in of else {"infer": infer, **of}
+    refused("async def|an address", lambda: grpc.Server(**made))

@@ -26,7 +26,7 @@ from urllib.parse import urlsplit
 
 from fuseline._errors import CallError, ConfigError, in_one_line
 from fuseline._item import Call, Lineage, StampedValue
-from fuseline._wiring import check_handle
+from fuseline._wiring import check_handle, check_read
 from fuseline._words import ns
 
 try:
@@ -382,6 +382,7 @@ class Server:
         call = Call(request.timestamp, math.inf if left is None else left, *_lineage(request))
         try:
             value = await self._infer(request.payload, call)
+            check_read(value, "infer of the server")
             if isinstance(value, StampedValue):
                 return REPLY(payload=value.value, of=value.of)
             return REPLY(payload=value)
