@@ -17,7 +17,7 @@ use crate::exit::Exit;
 use crate::fault::Fault;
 use crate::input::open;
 use crate::interrupt::Interrupt;
-use crate::judging::{JudgeOptions, TraceEnd, finish, judge, next_event, reader};
+use crate::judging::{JudgeOptions, TraceEnd, TraceStep, finish, judge, next_event, reader};
 use crate::progress;
 use crate::results::{Files, Subject};
 use crate::schema::SchemaOption;
@@ -35,27 +35,40 @@ const AT_ONCE: usize = 4;
 Strictly, every decision is compared with the one that the rules demand, keys and order included.
 With --observed the trace is one that several threads or hosts recorded: each timestamp is judged
 by itself, and conforms if the rules can explain what came out of it, given that each instant may be
-off by the tolerance and that timers and outputs may be late by the lateness. A trace in which
-nothing can be judged does not conform then. Memory grows with the timestamps that are open at
-once, not with the trace.
+off by the tolerance and that timers and outputs may be late by the lateness. Memory grows with the
+timestamps that are open at once, not with the trace.
 
 A trace does not say whether its run is over, so an operator that hangs leaves one that conforms.
 Where it is known, say so with --ended, or let the recorder write a tick last. With --period the
 operator is to open a message so often, whatever their timestamps are.
 
+Conforms says that nothing is in doubt. Else the verdict is \"no violation found\", with what the judge
+could not see, and the exit code is 3; --accept takes kinds of doubt as they are:
+  unjudged    no timestamp was judged
+  unanswered  messages have no output, though later ones were answered
+  unfinished  messages were open when the run ended (--ended)
+  unopened    requests, results or outputs are of timestamps that no open has
+  silent      a cloud answered none of its requests
+  coarse      deadlines are no longer than the lateness and twice the tolerance
+  blurred     all lies within the tolerance, so that its order is unknown
+  endless     no deadline of a source ended within the trace
+  cut         the trace was cut off (--truncated)
+A message that is open at the end within its deadlines is no doubt. Of strict traces only the first
+three and cut are.
+
 With --from, --to or --timestamps the verdict is about a part: what is counted and found there. All is
 read, since what the rules demand depends on what came before.
 
-Exit code 0 if all traces conform, 1 if some do not or, with --require-judged, one has no timestamp that
-could be judged, 2 if one cannot be read. Traces in gzip, zstd
-or MCAP are unpacked as they are read; several files are judged at once.
+Exit code 0 if all traces conform, 1 if one breaks a rule, 2 if one cannot be read, 3 if something is in
+doubt; 2 wins over 1, and 1 over 3. Traces in gzip, zstd or MCAP are unpacked as they are read; several
+files are judged at once.
 
 Examples:
   fuseline check trace.jsonl
   fuseline check --observed --tolerance 2ms --lateness 5ms node.jsonl
   fuseline check --ended --observed --tolerance 2ms --lateness 5ms --period 100ms arm.jsonl
   fuseline check --json traces/*.jsonl
-  fuseline check --require-judged traces/*.jsonl
+  fuseline check --accept silent,endless traces/*.jsonl
   fuseline check --from 10m --to 12m long.jsonl
   fuseline check --sarif found.sarif traces/*.jsonl
   fuseline check --follow growing.jsonl     Ctrl-C ends it with the verdict
@@ -66,7 +79,7 @@ pub(crate) struct Args {
     files: Vec<PathBuf>,
     #[command(flatten)]
     how: JudgeOptions,
-    /// Print one JSON object a file: file, conforms, judged, lines, violations; with --ended, unfinished.
+    /// Print one JSON object a file: file, conforms, judged, lines, doubts, violations; with --ended, unfinished.
     #[arg(long)]
     json: bool,
     #[command(flatten)]
@@ -123,7 +136,7 @@ pub(crate) fn check(args: &Args) -> Result<Exit, Fault> {
             let ended = match &found {
                 Ok(found) => {
                     verdict::print_report(found, &mut out, 0, args.json).map_err(Fault::Output)?;
-                    args.how.exit(found)
+                    verdict::exit(found)
                 }
                 Err(fault) => {
                     complain(format_args!("error: {fault}"));
@@ -135,9 +148,9 @@ pub(crate) fn check(args: &Args) -> Result<Exit, Fault> {
                     Ok(found) => Subject::found(found),
                     Err(fault) => Subject::unread(path, fault),
                 };
-                all.push(Subject { conforms: ended == Exit::Conforms, ..subject });
+                all.push(subject);
             }
-            exit = exit.max(ended);
+            exit = exit.or_worse(ended);
         }
     }
     outputs.write(&all)?;
@@ -189,7 +202,7 @@ fn follow(args: &Args, out: &mut OutputSink<impl Write>) -> Result<Exit, Fault> 
     let mut reader = reader(mode, &name, Tail::new(file, Interrupt::watch()))?;
     let mut judging = args.how.judging(&name, &reader)?;
     let mut reported = 0;
-    while let Some(event) = next_event(&mut reader, TraceEnd::Early)? {
+    while let TraceStep::Event(event) = next_event(&mut reader, TraceEnd::Growing)? {
         judging.annotated_line(reader.line(), &event, reader.annotations())?;
         bar.set_position(reader.line());
         if args.json {
@@ -201,7 +214,7 @@ fn follow(args: &Args, out: &mut OutputSink<impl Write>) -> Result<Exit, Fault> 
         }
     }
     bar.finish_and_clear();
-    let found = finish(judging, TraceEnd::Early);
+    let found = args.how.accepted(finish(judging, TraceEnd::Growing, None));
     verdict::print_report(&found, out, reported, args.json).map_err(Fault::Output)?;
-    Ok(args.how.exit(&found))
+    Ok(verdict::exit(&found))
 }

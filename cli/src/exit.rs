@@ -5,7 +5,7 @@ use std::process::ExitCode;
 /// The exit code of a command that Ctrl-C ended.
 pub(crate) const INTERRUPTED: i32 = 130;
 
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Exit {
     /// All is well.
     Conforms = 0,
@@ -13,6 +13,25 @@ pub(crate) enum Exit {
     Differs = 1,
     /// Something could not be read or made.
     BadInput = 2,
+    /// No violation was found, and something is in doubt.
+    Doubt = 3,
+}
+
+impl Exit {
+    /// The one that counts of two: 2 over 1 over 3 over 0.
+    #[must_use]
+    pub(crate) const fn or_worse(self, other: Self) -> Self {
+        if self.rank() < other.rank() { other } else { self }
+    }
+
+    const fn rank(self) -> u8 {
+        match self {
+            Self::Conforms => 0,
+            Self::Doubt => 1,
+            Self::Differs => 2,
+            Self::BadInput => 3,
+        }
+    }
 }
 
 impl From<Exit> for ExitCode {

@@ -9,15 +9,12 @@ use std::time::Duration;
 
 use fuseline_report::{Findings, JudgeMode, TraceJudge, TraceRange, VerdictSummary};
 use fuseline_traces::observed::Slack;
-use fuseline_traces::{Cloud, Event, Events, Header, ReadError};
+use fuseline_traces::{Cloud, Doubt, DoubtKind, Event, Events, Header, ReadError};
 use thiserror::Error;
 
-use crate::complain::complain;
-use crate::exit::Exit;
 use crate::fault::Fault;
 use crate::hints::JudgingHints;
 use crate::part::PartOptions;
-use crate::verdict;
 
 /// How the end of a trace is judged.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -26,8 +23,10 @@ pub(crate) enum TraceEnd {
     Whole,
     /// The run has ended: what is not there is missing, whenever it was due.
     Ended,
-    /// The trace may go on, or was cut short: what is not there may still have come.
+    /// The trace was cut short: what is not there may still have come.
     Early,
+    /// The trace grows: what is not there may still come.
+    Growing,
 }
 
 /// The options that say how a trace is judged.
@@ -57,14 +56,36 @@ pub(crate) struct JudgeOptions {
     #[arg(long, conflicts_with = "truncated")]
     ended: bool,
     /// Judge what a crash or a full disk cut off: without a last line that is cut short, and without
-    /// decisions that are not there. A note says what was left out.
+    /// decisions that are not there. The verdict says what was left out.
     #[arg(long)]
     truncated: bool,
-    /// Take a trace in which no timestamp could be judged for one that does not conform: exit code 1.
-    #[arg(long)]
+    #[command(flatten)]
+    accept: AcceptOption,
+    #[arg(long, hide = true)]
     require_judged: bool,
     #[command(flatten)]
     part: PartOptions,
+}
+
+/// Which doubts are taken as they are.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub(crate) struct AcceptOption {
+    /// Take these kinds of doubt as they are, such as silent: a trace in which nothing else is in doubt conforms.
+    #[arg(long, value_name = "KIND,…", value_delimiter = ',', value_parser = doubt_kind)]
+    accept: Vec<DoubtKind>,
+}
+
+impl AcceptOption {
+    /// The verdict with what is accepted.
+    pub(crate) fn accepted(&self, found: Findings) -> Findings {
+        found.accepting(&self.accept)
+    }
+}
+
+/// A kind of doubt by its name.
+fn doubt_kind(name: &str) -> Result<DoubtKind, String> {
+    let all = DoubtKind::ALL.map(DoubtKind::as_str).join(", ");
+    DoubtKind::named(name).ok_or_else(|| format!("the kinds of doubt are {all}"))
 }
 
 /// Judges a trace to its end.
@@ -77,7 +98,7 @@ pub(crate) fn judge(
     let mut reader = reader(mode, name, trace)?;
     let mut judging = how.judging(name, &reader)?;
     let mut hints = JudgingHints::new(mode);
-    judge_lines(
+    let cut = judge_lines(
         &mut reader,
         end,
         |_, _| (),
@@ -86,7 +107,7 @@ pub(crate) fn judge(
             judging.annotated_line(line, &event, annotations)
         },
     )?;
-    let mut found = finish(judging, end);
+    let mut found = how.accepted(finish(judging, end, cut));
     hints.warn(&found);
     if let Findings::Observed(verdict) = &mut found {
         verdict.violations.sort_by_key(|violation| violation.line);
@@ -94,13 +115,21 @@ pub(crate) fn judge(
     Ok(found)
 }
 
-/// The next event of a trace; none at its end, or where it was cut short if that is allowed.
+/// What comes next in a trace.
+pub(crate) enum TraceStep {
+    Event(Event),
+    End,
+    /// This line was cut short.
+    Cut(u64),
+}
+
+/// The next step of a trace; it may end where it was cut short if that is allowed.
 pub(crate) fn next_event<R: BufRead>(
     reader: &mut Events<R>,
     end: TraceEnd,
-) -> Result<Option<Event>, Fault> {
+) -> Result<TraceStep, Fault> {
     let error = match reader.next_event() {
-        Ok(event) => return Ok(event),
+        Ok(event) => return Ok(event.map_or(TraceStep::End, TraceStep::Event)),
         Err(error) => error,
     };
     let is_cut = match &error.defect {
@@ -109,11 +138,7 @@ pub(crate) fn next_event<R: BufRead>(
         _ => false,
     };
     match (is_cut, end) {
-        (true, TraceEnd::Early) => {
-            let (file, line) = (&error.file, error.line);
-            complain(format_args!("note: {file}:{line}: cut short here; this line is left out"));
-            Ok(None)
-        }
+        (true, TraceEnd::Early | TraceEnd::Growing) => Ok(TraceStep::Cut(error.line)),
         (true, TraceEnd::Whole | TraceEnd::Ended) => Err(Fault::own(TruncatedTrace(error))),
         (false, _) => Err(unread(error)),
     }
@@ -149,7 +174,7 @@ pub(crate) fn reader<R: BufRead>(
 
 impl JudgeOptions {
     /// Every decision, to the trace's end.
-    pub(crate) const fn strictly() -> Self {
+    pub(crate) fn strictly() -> Self {
         let (lateness, period) = (None, None);
         Self {
             observed: false,
@@ -158,6 +183,7 @@ impl JudgeOptions {
             period,
             ended: false,
             truncated: false,
+            accept: AcceptOption::default(),
             require_judged: false,
             part: PartOptions::all(),
         }
@@ -172,16 +198,9 @@ impl JudgeOptions {
         }
     }
 
-    /// The exit code of a verdict; warns if nothing in the trace could be judged.
-    pub(crate) fn exit(&self, found: &Findings) -> Exit {
-        let VerdictSummary { file, conforms, judged, .. } = found.summary();
-        if conforms && judged == 0 && self.require_judged {
-            complain(format_args!(
-                "error: {file}: no timestamp was judged, as --require-judged wants"
-            ));
-            return Exit::Differs;
-        }
-        verdict::exit(found)
+    /// The verdict with what is accepted.
+    pub(crate) fn accepted(&self, found: Findings) -> Findings {
+        self.accept.accepted(found)
     }
 
     /// A judge of the trace that was begun to be read.
@@ -230,6 +249,9 @@ impl JudgeOptions {
     }
 
     pub(crate) fn mode(&self) -> Result<JudgeMode, Fault> {
+        if self.require_judged {
+            return Err(Fault::own(RequireJudgedError));
+        }
         let mut own = self.tolerance.iter().filter(|tolerance| tolerance.source.is_none());
         let (tolerance, lateness) = match (own.next(), self.lateness) {
             (Some(tolerance), Some(lateness)) => (nanos(tolerance.time), nanos(lateness)),
@@ -250,6 +272,13 @@ struct Tolerance {
     source: Option<String>,
     time: Duration,
 }
+
+/// An option whose meaning holds always.
+#[derive(Debug, Error)]
+#[error(
+    "--require-judged is no option any more: a trace in which nothing is judged is in doubt (exit code 3); leave it out"
+)]
+struct RequireJudgedError;
 
 /// Why tolerances do not fit together, or not to the trace.
 #[derive(Debug, Error)]
@@ -306,21 +335,25 @@ fn time(text: &str) -> Result<Duration, &'static str> {
     humantime::parse_duration(text).map_err(|_| "it must be 0 or more with a unit, such as 2ms")
 }
 
-/// The verdict at that end. A note says what is not judged.
-pub(crate) fn finish(judging: TraceJudge, end: TraceEnd) -> Findings {
+/// The verdict at that end; `cut` is the line that was cut short.
+pub(crate) fn finish(judging: TraceJudge, end: TraceEnd, cut: Option<u64>) -> Findings {
     match end {
         TraceEnd::Whole => judging.finish(),
         TraceEnd::Ended => judging.finish_ended(),
-        TraceEnd::Early => noted(judging.finish_early()),
+        TraceEnd::Early => doubted(judging.finish_early(), cut),
+        TraceEnd::Growing => judging.finish_early().0,
     }
 }
 
-/// A verdict with a note about decisions that were missing at its end.
-pub(crate) fn noted((found, is_cut): (Findings, bool)) -> Findings {
-    if is_cut {
-        let VerdictSummary { file, lines, .. } = found.summary();
-        let what = "the trace ends before all that was decided then; that is not judged";
-        complain(format_args!("note: {file}:{lines}: {what}"));
-    }
-    found
+/// A verdict with the doubt that the trace was cut off, if it was.
+fn doubted((found, is_cut): (Findings, bool), cut: Option<u64>) -> Findings {
+    let VerdictSummary { lines, .. } = found.summary();
+    let what = match cut {
+        Some(line) => format!("line {line} is cut short and left out"),
+        None if is_cut => {
+            format!("the trace ends with line {lines}, before all that was decided then")
+        }
+        None => return found,
+    };
+    found.doubting(Doubt::new(DoubtKind::Cut, 1, what))
 }

@@ -69,10 +69,10 @@ use crate::fault::{Fault, one_line};
 const EXITS: &str = "\
 Exit codes:
   0  done; every trace judged conforms
-  1  a trace or an implementation does not conform; with --require-judged,
-     nothing could be judged; with --require-clouds, a cloud answered nothing
-     in time
+  1  a trace or an implementation does not conform
   2  bad input; one line says where and what is wrong
+  3  no violation was found, but something is in doubt, such as messages that
+     could not be judged; fuseline check --help has the kinds
 
 Set RUST_LOG, for example RUST_LOG=info, to see on standard error what happens inside.";
 

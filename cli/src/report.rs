@@ -18,7 +18,7 @@ use crate::fault::Fault;
 use crate::hints::JudgingHints;
 use crate::input::{is_standard, open};
 use crate::interrupt::Interrupt;
-use crate::judging::{JudgeOptions, TraceEnd, judge_lines, noted, reader};
+use crate::judging::{JudgeOptions, TraceEnd, finish, judge_lines, reader};
 use crate::output::{Output, Overwrite};
 use crate::progress::watched;
 use crate::sink::OutputSink;
@@ -39,7 +39,8 @@ its caveats. Two to four traces stand side by side. Where traces are of operator
 timestamp shows its sensor's frame through all of them, and where its time went.
 
 Traces are judged as fuseline check does it, strictly or as observed. Exit code 0 if all conform, 1
-if some do not, 2 if one cannot be read; then there is no page.
+if one breaks a rule, 2 if one cannot be read (then there is no page), 3 if something is in doubt; see
+fuseline check --help.
 
 Examples:
   fuseline report trace.jsonl
@@ -83,7 +84,7 @@ pub(crate) fn report(args: &Args) -> Result<Exit, Fault> {
     }
     let interrupt = Interrupt::watch();
     let mut seen = state(&inputs);
-    let mut exit = make(args, &output, TraceEnd::Early)?;
+    let mut exit = make(args, &output, TraceEnd::Growing)?;
     // The page is this command's own from here on.
     let output = Output::new(Path::new(output.name()), &inputs, Overwrite { force: true })?;
     while !interrupt.is_set() {
@@ -91,7 +92,7 @@ pub(crate) fn report(args: &Args) -> Result<Exit, Fault> {
         let now = state(&inputs);
         if now != seen {
             seen = now;
-            match make(args, &output, TraceEnd::Early) {
+            match make(args, &output, TraceEnd::Growing) {
                 Ok(made) => exit = made,
                 // It may be in the midst of being written.
                 Err(fault) => complain(format_args!("warning: {fault}; the page stays as it is")),
@@ -119,9 +120,11 @@ fn make(args: &Args, output: &Output, end: TraceEnd) -> Result<Exit, Fault> {
         Box::new(OutputSink::new(anstream::stdout()))
     };
     for path in &args.traces {
-        let findings = read_file(&mut page, &args.options, end, path)?;
-        verdict::print_summary(&findings.summary(), &mut out).map_err(Fault::Output)?;
-        exit = exit.max(args.options.exit(&findings));
+        let findings =
+            read_file(&mut page, (&args.options, end), path, |found| args.options.accepted(found))?;
+        verdict::print_summary(&findings, &mut out).map_err(Fault::Output)?;
+        verdict::print_doubts(&findings, &mut out).map_err(Fault::Output)?;
+        exit = exit.or_worse(verdict::exit(&findings));
     }
     write(output, &page)?;
     if !output.is_stdout() {
@@ -130,10 +133,15 @@ fn make(args: &Args, output: &Output, end: TraceEnd) -> Result<Exit, Fault> {
     Ok(exit)
 }
 
-/// Makes the page of one trace, judged strictly.
-pub(crate) fn of(trace: &Path, output: &Output) -> Result<(), Fault> {
+/// Makes the page of one trace, judged strictly; `doubted` adds what is in doubt besides.
+pub(crate) fn of(
+    trace: &Path,
+    output: &Output,
+    doubted: impl FnOnce(Findings) -> Findings,
+) -> Result<(), Fault> {
     let mut page = PageWriter::default();
-    read_file(&mut page, &JudgeOptions::strictly(), TraceEnd::Whole, trace)?;
+    let how = (&JudgeOptions::strictly(), TraceEnd::Whole);
+    read_file(&mut page, how, trace, doubted)?;
     write(output, &page)
 }
 
@@ -161,9 +169,9 @@ fn write(output: &Output, page: &PageWriter) -> Result<(), Fault> {
 /// Reads and judges one trace, and puts it on the page.
 fn read_file(
     page: &mut PageWriter,
-    options: &JudgeOptions,
-    end: TraceEnd,
+    (options, end): (&JudgeOptions, TraceEnd),
     path: &Path,
+    doubted: impl FnOnce(Findings) -> Findings,
 ) -> Result<Findings, Fault> {
     let mode = options.mode()?;
     let (name, file) = open(path)?;
@@ -189,18 +197,14 @@ fn read_file(
             noted_last = Some(notes);
         }
     };
-    judge_lines(&mut reader, end, seen, |line, event, annotations| {
+    let cut = judge_lines(&mut reader, end, seen, |line, event, annotations| {
         hints.event(&event);
         canvas.annotated_event(line, event, annotations)
     })?;
     if let Some(notes) = noted_last {
         canvas.add_notes(notes);
     }
-    let found = match end {
-        TraceEnd::Whole => canvas.finish(),
-        TraceEnd::Ended => canvas.finish_ended(),
-        TraceEnd::Early => noted(canvas.finish_early()),
-    };
+    let found = canvas.finish_as(|judging| doubted(finish(judging, end, cut)));
     hints.warn(&found);
     Ok(found)
 }

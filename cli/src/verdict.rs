@@ -14,9 +14,15 @@ const WIDTH: usize = 96;
 
 pub(crate) const GOOD: Style = AnsiColor::Green.on_default().bold();
 pub(crate) const BAD: Style = AnsiColor::Red.on_default().bold();
+const DOUBT: Style = AnsiColor::Yellow.on_default().bold();
 
-pub(crate) const fn exit(found: &Findings) -> Exit {
-    if found.summary().conforms { Exit::Conforms } else { Exit::Differs }
+pub(crate) fn exit(found: &Findings) -> Exit {
+    let summary = found.summary();
+    match (summary.conforms, summary.violations) {
+        (true, _) => Exit::Conforms,
+        (false, 0) => Exit::Doubt,
+        (false, _) => Exit::Differs,
+    }
 }
 
 /// Prints a verdict, without the first violations, which were printed before.
@@ -30,8 +36,9 @@ pub(crate) fn print_report(
         serde_json::to_writer(&mut *out, found)?;
         return writeln!(out);
     }
+    print_summary(found, out)?;
+    print_doubts(found, out)?;
     let summary = found.summary();
-    print_summary(&summary, out)?;
     let violations = found.violations();
     for violation in violations.iter().skip(reported) {
         print_violation(violation, summary.file, out)?;
@@ -42,21 +49,38 @@ pub(crate) fn print_report(
     }
 }
 
-pub(crate) fn print_summary(summary: &VerdictSummary<'_>, out: &mut impl Write) -> io::Result<()> {
-    let VerdictSummary { file, conforms, judged, unfinished, lines, violations } = *summary;
-    let word = match (conforms, violations) {
-        (true, _) => format!("{GOOD}conforms{GOOD:#}"),
-        (false, 0) => format!("{BAD}does not conform{BAD:#} (nothing to judge)"),
-        (false, _) => {
-            format!("{BAD}does not conform{BAD:#} ({})", count(violations, "violation"))
-        }
+/// The verdict in a line.
+pub(crate) fn print_summary(found: &Findings, out: &mut impl Write) -> io::Result<()> {
+    let VerdictSummary { file, judged, lines, violations, doubts, .. } = found.summary();
+    let style = match exit(found) {
+        Exit::Conforms => GOOD,
+        Exit::Doubt => DOUBT,
+        Exit::Differs | Exit::BadInput => BAD,
     };
+    let word = found.in_short();
+    let broken = match violations {
+        0 => String::new(),
+        violations => format!(" ({})", count(violations, "violation")),
+    };
+    let open: Vec<_> = doubts.iter().filter(|doubt| !doubt.accepted).collect();
+    let open: Vec<_> = open.iter().map(|it| format!("{} {}", it.count, it.kind)).collect();
+    let in_doubt =
+        if open.is_empty() { String::new() } else { format!("; in doubt: {}", open.join(", ")) };
     let (judged, lines) = (count(judged, "timestamp"), count(lines, "line"));
-    let unfinished = match unfinished {
-        None | Some(0) => String::new(),
-        Some(unfinished) => format!(", {unfinished} unfinished"),
-    };
-    writeln!(out, "{file}: {word}, {judged} judged in {lines}{unfinished}")
+    writeln!(out, "{file}: {style}{word}{style:#}{broken}, {judged} judged in {lines}{in_doubt}")
+}
+
+/// The likely cause of the violations, and what is in doubt, a line each.
+pub(crate) fn print_doubts(found: &Findings, out: &mut impl Write) -> io::Result<()> {
+    let VerdictSummary { doubts, cause, .. } = found.summary();
+    if let Some(cause) = cause {
+        writeln!(out, "  likely    {cause}")?;
+    }
+    for doubt in doubts {
+        let lead = if doubt.accepted { "accepted" } else { "in doubt" };
+        writeln!(out, "  {lead}  {doubt}")?;
+    }
+    Ok(())
 }
 
 /// What `print_report` prints, without colours.
@@ -88,7 +112,7 @@ pub(crate) fn print_violation(
         writeln!(out, "  late by   {late}")?;
     }
     for (i, line) in story.iter().enumerate() {
-        writeln!(out, "  {:<9} {line}", if i == 0 { "so far" } else { "" })?;
+        writeln!(out, "  {:<9} {line}", if i == 0 { "lines" } else { "" })?;
     }
     Ok(())
 }

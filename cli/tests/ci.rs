@@ -43,8 +43,8 @@ fn both_templates_judge_traces_and_leave_all_results() {
         ("action.yml", ("GITHUB_ACTION_PATH", format!("{CLI}/ci")), "ARGUMENTS"),
         ("gitlab.yml", ("FUSELINE", format!("{CLI}/..")), "CHECK"),
     ] {
-        for (traces, code) in [(&good, 0), (&bad, 1)] {
-            let dir = tempfile::tempdir().unwrap();
+        let dir = tempfile::tempdir().unwrap();
+        for (traces, code) in [(&good, 0), (&bad, 1), (&good, 0)] {
             let variables = [(home.0, home.1.as_str()), (arguments, traces.to_str().unwrap())];
             let ran = host_runs(dir.path(), &line(template, "check"), &variables);
             let printed = String::from_utf8_lossy(&ran.stderr);
@@ -61,21 +61,90 @@ fn both_templates_judge_traces_and_leave_all_results() {
     }
 }
 
-/// The examples of the templates require that something is judged.
+/// A37.
 #[test]
-fn both_templates_refuse_a_trace_in_which_nothing_happened() {
+fn both_templates_fail_where_nothing_is_judged() {
     for (template, home, arguments) in [
         ("action.yml", ("GITHUB_ACTION_PATH", format!("{CLI}/ci")), "ARGUMENTS"),
         ("gitlab.yml", ("FUSELINE", format!("{CLI}/..")), "CHECK"),
     ] {
-        let text = fs::read_to_string(Path::new(CLI).join("ci").join(template)).unwrap();
-        assert!(text.contains(": --require-judged build/traces/*.jsonl"), "{template}");
         let dir = tempfile::tempdir().unwrap();
         let header = "{\"fuseline\":1,\"window\":1,\"clouds\":[]}\n";
         fs::write(dir.path().join("empty.jsonl"), header).unwrap();
-        let variables = [(home.0, home.1.as_str()), (arguments, "--require-judged *.jsonl")];
-        let ran = host_runs(dir.path(), &line(template, "check"), &variables);
-        assert_eq!(ran.status.code(), Some(1), "{}", String::from_utf8_lossy(&ran.stderr));
+        for (traces, code) in [("*.jsonl", 3), ("--accept unjudged *.jsonl", 0)] {
+            let variables = [(home.0, home.1.as_str()), (arguments, traces)];
+            let ran = host_runs(dir.path(), &line(template, "check"), &variables);
+            let printed = String::from_utf8_lossy(&ran.stderr);
+            assert_eq!(ran.status.code(), Some(code), "{printed}");
+        }
+    }
+}
+
+/// The commands that install the command, with a cargo that writes down what it is asked for.
+#[test]
+fn both_templates_install_the_whole_command() {
+    for (template, home) in [
+        ("action.yml", ("GITHUB_ACTION_PATH", format!("{CLI}/ci"))),
+        ("gitlab.yml", ("FUSELINE", format!("{CLI}/.."))),
+    ] {
+        let dir = tempfile::tempdir().unwrap();
+        let at = |name: &str| dir.path().join(name).to_str().unwrap().to_owned();
+        let cargo = "#!/usr/bin/env bash\nprintf '%s\\n' \"$@\" >>\"$ASKED\"\n";
+        fs::create_dir(at("bin")).unwrap();
+        fs::write(at("bin/cargo"), cargo).unwrap();
+        let line = line_with(template, "cargo install");
+        let line = format!("chmod +x bin/cargo; PATH=\"$PWD/bin:$PATH\"; {line}");
+        let (asked, folder) = (at("asked"), at(""));
+        let variables = [(home.0, home.1.as_str()), ("ASKED", &asked), ("HOME", &folder)];
+        // A workspace may persist.
+        for _ in 0..2 {
+            let ran = host_runs(dir.path(), &line, &variables);
+            assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
+        }
+        let asked: Vec<String> =
+            fs::read_to_string(asked).unwrap().lines().map(str::to_owned).collect();
+        for part in ["install", "--locked", "full", "--root"] {
+            assert!(asked.iter().any(|it| it == part), "{template}: {asked:?}");
+        }
+        let path = asked.iter().position(|it| it == "--path").unwrap();
+        assert!(Path::new(&asked[path + 1]).join("Cargo.toml").exists(), "{asked:?}");
+    }
+}
+
+/// The key of the cache changes with the sources.
+#[test]
+fn the_actions_cache_is_of_its_sources() {
+    let dir = tempfile::tempdir().unwrap();
+    let home = dir.path().join("cli/ci");
+    fs::create_dir_all(&home).unwrap();
+    let output = dir.path().join("output");
+    let variables = [
+        ("GITHUB_ACTION_PATH", home.to_str().unwrap()),
+        ("GITHUB_OUTPUT", output.to_str().unwrap()),
+    ];
+    let line = line_with("action.yml", "sha256sum");
+    for source in ["fn main() {}", "fn main() {}", "fn main() { }"] {
+        fs::write(dir.path().join("cli/main.rs"), source).unwrap();
+        let ran = host_runs(dir.path(), &line, &variables);
+        assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
+    }
+    let text = fs::read_to_string(output).unwrap();
+    let hashes: Vec<&str> = text.lines().collect();
+    assert!(hashes[0].starts_with("hash=") && hashes[0].len() == 21, "{text}");
+    assert_eq!((hashes[0] == hashes[1], hashes[1] == hashes[2]), (true, false), "{text}");
+}
+
+#[test]
+fn json_is_printed_beside_the_results() {
+    let dir = tempfile::tempdir().unwrap();
+    let good = corpus("f5-same-due-fires-together.jsonl");
+    let line = format!("'{CLI}/ci/judge' out check --json '{}'", good.display());
+    for _ in 0..2 {
+        let ran = host_runs(dir.path(), &line, &[]);
+        assert_eq!(ran.status.code(), Some(0), "{}", String::from_utf8_lossy(&ran.stderr));
+        let verdict: Value = serde_json::from_slice(&ran.stdout).unwrap();
+        assert_eq!(verdict["conforms"], true);
+        assert!(dir.path().join("out/fuseline.html").exists());
     }
 }
 
@@ -104,13 +173,17 @@ fn both_templates_fail_where_a_cloud_answers_nothing() {
     let patient = "--seconds 0.3 --policy constant --deadline 20000 --cloud name=a,priority=1,";
     for (template, arguments) in [("action.yml", "ARGUMENTS"), ("gitlab.yml", "RUN")] {
         for (cloud, code) in
-            [("model=DETR-ResNet-101,drive=cicv5g/rural_n8_v10", 0), ("url=http://127.0.0.1:1", 1)]
+            [("model=DETR-ResNet-101,drive=cicv5g/rural_n8_v10", 0), ("url=http://127.0.0.1:1", 3)]
         {
             let dir = tempfile::tempdir().unwrap();
-            let line = line_with(template, "fuseline run --require-clouds");
-            let ran = host_runs(dir.path(), &line, &[(arguments, &format!("{patient}{cloud}"))]);
-            let printed = String::from_utf8_lossy(&ran.stderr);
-            assert_eq!(ran.status.code(), Some(code), "{printed}");
+            let line = line_with(template, "fuseline run --force");
+            // A workspace may persist.
+            for _ in 0..2 {
+                let variables = [(arguments, &*format!("{patient}{cloud}"))];
+                let ran = host_runs(dir.path(), &line, &variables);
+                let printed = String::from_utf8_lossy(&ran.stderr);
+                assert_eq!(ran.status.code(), Some(code), "{printed}");
+            }
         }
     }
 }

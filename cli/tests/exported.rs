@@ -315,7 +315,8 @@ fn otlp_has_each_message_with_its_calls() {
     for number in 0..TRACES {
         let trace = DrawnTrace::draw(number);
         let (text, notes) = exported("--otlp", &[&file(dir.path(), "trace", &trace.text())]);
-        assert_eq!(notes, "");
+        // Spans cannot say where the last tick of the trace is.
+        assert!(notes.is_empty() || notes.contains("cannot say them: 1 instants"), "{notes}");
         let export: Value = serde_json::from_str(&text).unwrap();
         let of_operator = &export["resourceSpans"][0];
         assert_eq!(

@@ -286,7 +286,9 @@ fn the_books_log_is_judged_as_its_chapter_says() {
     let verdict = out(&judged).lines().next().unwrap().replace("stdin", "robot-trace.jsonl");
     assert!(chapter.contains(&verdict), "{verdict}");
     let swallowed = run(&[&judge[..], &["100ms"]].concat(), out(&trace));
-    assert!(err(&swallowed).contains("10 of 10 requests"), "{}", err(&swallowed));
+    assert_eq!(swallowed.status.code(), Some(3));
+    assert!(out(&swallowed).contains("in doubt: 10 coarse\n"), "{}", out(&swallowed));
+    assert!(chapter.contains("in doubt: 10 coarse\n"));
 }
 
 /// What it prints on standard error, where it converts.

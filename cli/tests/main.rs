@@ -8,6 +8,7 @@ mod ci;
 mod convert;
 mod deadline;
 mod dirty;
+mod doubts;
 mod drive;
 mod ended;
 mod exits;

@@ -132,5 +132,5 @@ fn spans_of_tracing_opentelemetry_are_converted_to_what_the_trace_says() {
     assert_eq!(own.len(), 5 + 6 + 5 + 7, "{own:#?}");
     let check = ["check", "--observed", "--tolerance", "1s", "--lateness", "60s", "--ended"];
     let judged = run(&check, out(&converted));
-    assert_eq!(judged.status.code(), Some(0), "{}", out(&judged));
+    assert!(out(&judged).contains(": no violation found, 4 timestamps"), "{}", out(&judged));
 }

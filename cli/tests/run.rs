@@ -260,8 +260,11 @@ fn ctrl_c_and_termination_end_a_run_with_its_tables_and_a_whole_trace() {
         signal::send(&child, signal);
         let printed: Vec<String> = lines.collect();
         assert!(printed.iter().any(|line| line.starts_with("Ended early")), "{printed:?}");
-        assert!(printed.last().unwrap().contains("fuseline-trace.jsonl: conforms"), "{printed:?}");
-        assert_eq!(child.wait().unwrap().code(), Some(0));
+        // What is judged, if the signal came before anything was, is in doubt.
+        let verdict = printed.iter().find(|line| line.starts_with("fuseline-trace.jsonl: "));
+        let conforms = verdict.unwrap().contains(": conforms, ");
+        assert!(conforms || verdict.unwrap().contains(": no violation found, "), "{printed:?}");
+        assert_eq!(child.wait().unwrap().code(), Some(if conforms { 0 } else { 3 }));
         assert_eq!(names(dir.path()), ["fuseline-trace.jsonl"]);
     }
 }

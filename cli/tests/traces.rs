@@ -37,7 +37,7 @@ fn check_reports_a_violation_with_line_rule_and_story() {
         "\n  rule      After a failure or a timer the best available result goes",
         r#"  found     {"ev":"hold","at":500,"t":0,"p":1}"#,
         r#"  expected  {"ev":"emit","at":500,"t":0,"p":1}"#,
-        r#"  so far    2: {"ev":"open","at":0,"t":0}"#,
+        r#"  lines     2: {"ev":"open","at":0,"t":0}"#,
     ] {
         assert!(printed.contains(part), "{part} is not in\n{printed}");
     }
@@ -106,13 +106,14 @@ fn check_observed_judges_within_the_tolerance_and_reports_how_late_it_was() {
         run(&[&args[..], json].concat(), OBSERVED)
     };
     let within = check("2ms", "12ms", &[]);
-    assert_eq!(within.status.code(), Some(0), "{}", out(&within));
-    assert_eq!(out(&within), "stdin: conforms, 1 timestamp judged in 5 lines\n");
+    assert_eq!(within.status.code(), Some(3), "{}", out(&within));
+    let line = "stdin: no violation found, 1 timestamp judged in 5 lines; in doubt: 1 silent\n";
+    assert!(out(&within).starts_with(line), "{}", out(&within));
 
     let late = check("0ms", "5ms", &[]);
     assert_eq!(late.status.code(), Some(1));
     for part in [
-        "stdin: does not conform (1 violation), 1 timestamp judged in 5 lines\n",
+        "stdin: does not conform (1 violation), 1 timestamp judged in 5 lines; in doubt: 1 silent\n",
         "stdin:5: timestamp 0 breaks P4\n",
         "  rule      While anything is held, something pending outranks all of it; under progressive each\n",
         "  expected  emit p 0, at 51100000 to 61100000\n",
@@ -144,8 +145,8 @@ fn check_observed_needs_its_tolerances_and_something_to_judge() {
     let start: String = OBSERVED.split_inclusive('\n').take(3).collect();
     let args = ["check", "--observed", "--tolerance", "2ms", "--lateness", "5ms"];
     let nothing = run(&args, &start);
-    assert_eq!(nothing.status.code(), Some(1));
-    assert!(out(&nothing).contains("does not conform (nothing to judge), 0 timestamps judged"));
+    assert_eq!(nothing.status.code(), Some(3));
+    assert!(out(&nothing).contains("no violation found, 0 timestamps judged"));
     let disorder = OBSERVED.replace("40000000", "60000000000");
     let refused = run(&args, &disorder);
     assert_eq!(refused.status.code(), Some(2));
@@ -165,11 +166,15 @@ fn recorded(args: &[&str]) -> Option<String> {
 
 #[test]
 fn threads_that_take_turns_conform_as_observed_and_those_that_race_do_not() {
+    // So loose, for a host under load, that nothing is certain.
+    let accept = ["--accept", "coarse,blurred"];
     let check = ["check", "--observed", "--tolerance", "50ms", "--lateness", "50ms"];
+    let check = [&check[..], &accept].concat();
     let Some(trace) = recorded(&[]) else { return };
     let sound = run(&check, &trace);
     assert_eq!(sound.status.code(), Some(0), "{}{trace}", out(&sound));
-    assert!(out(&sound).contains("conforms, 30 timestamps judged"));
+    assert!(out(&sound).contains("conforms, accepting coarse"), "{}", out(&sound));
+    assert!(out(&sound).contains(", 30 timestamps judged"), "{}", out(&sound));
     let Some(trace) = recorded(&["--racy"]) else { return };
     let racy = run(&check, &trace);
     assert_eq!(racy.status.code(), Some(1), "{trace}");
@@ -273,16 +278,20 @@ fn what_a_crash_cut_off_is_judged_as_far_as_it_goes_if_that_is_requested() {
         let page = paths[0].with_extension("html");
         for args in [&["check", "--truncated"][..], &["report", "-o", text(&page), "--truncated"]] {
             let judged = run(&[args, &[text(&paths[0])]].concat(), "");
-            assert_eq!(judged.status.code(), Some(0), "{cut}{}{}", out(&judged), err(&judged));
+            assert_eq!(judged.status.code(), Some(3), "{cut}{}{}", out(&judged), err(&judged));
             let line = cut.matches('\n').count() + 1;
-            let printed = format!("cut.jsonl:{line}: cut short here; this line is left out");
-            assert!(err(&judged).contains(&printed), "{}", err(&judged));
+            let printed = format!("cut: line {line} is cut short and left out");
+            assert!(out(&judged).contains(&printed), "{}", out(&judged));
         }
     }
     // Line 7, a result, led to a hold: it is not missing, but nor is it passed over in silence.
     let unanswered = run(&["check", "--truncated"], &TRACE[..ends[6]]);
-    assert_eq!(unanswered.status.code(), Some(0), "{}", out(&unanswered));
-    assert!(err(&unanswered).contains("stdin:7: the trace ends before"), "{}", err(&unanswered));
+    assert_eq!(unanswered.status.code(), Some(3), "{}", out(&unanswered));
+    assert!(
+        out(&unanswered).contains("the trace ends with line 7, before"),
+        "{}",
+        out(&unanswered)
+    );
     assert_eq!(run(&["check"], &TRACE[..ends[6]]).status.code(), Some(1));
     // A violation stays one.
     let bad = TRACE.replace("\"hold\"", "\"emit\"");
@@ -292,8 +301,8 @@ fn what_a_crash_cut_off_is_judged_as_far_as_it_goes_if_that_is_requested() {
     fs::write(&paths[0], &whole[..whole.len() - 12]).unwrap();
     assert_eq!(run(&["check", text(&paths[0])], "").status.code(), Some(2));
     let judged = run(&["check", "--truncated", text(&paths[0])], "");
-    assert_eq!(judged.status.code(), Some(0), "{}{}", out(&judged), err(&judged));
-    assert!(err(&judged).contains("cut short here"), "{}", err(&judged));
+    assert_eq!(judged.status.code(), Some(3), "{}{}", out(&judged), err(&judged));
+    assert!(out(&judged).contains("cut short"), "{}", out(&judged));
 }
 
 #[cfg(unix)]
@@ -363,7 +372,8 @@ mod follow {
         for (end, cut) in ends.iter().flat_map(|end| [(*end, false), (*end + 5, true)]) {
             let Some(start) = TRACE.get(..end) else { continue };
             let checked = followed(start, &[]);
-            assert_eq!(checked.status.code(), Some(0), "{start}{}", out(&checked));
+            let code = if out(&checked).contains("in doubt: 1 unjudged") { 3 } else { 0 };
+            assert_eq!(checked.status.code(), Some(code), "{start}{}", out(&checked));
             let lines = start.matches('\n').count();
             let printed = format!("judged in {lines} line");
             assert!(out(&checked).contains(&printed), "{cut} {lines}: {}", out(&checked));
@@ -373,7 +383,8 @@ mod follow {
         let more = "{\"ev\":\"open\",\"at\":60000000,\"t\":1}\n\
                     {\"ev\":\"result\",\"at\":70000000,\"t\":1,\"p\":0}\n";
         let checked = followed(&format!("{answered}{more}"), &observed);
-        assert_eq!(checked.status.code(), Some(0), "{}", out(&checked));
+        assert!(out(&checked).contains("in doubt: 1 silent\n"), "{}", out(&checked));
+        assert_eq!(checked.status.code(), Some(3), "{}", out(&checked));
     }
 
     #[test]
@@ -489,9 +500,9 @@ fn no_results_go_onto_a_trace() {
     }
 }
 
-/// A37 says that it conforms; who wants more says so.
+/// A37.
 #[test]
-fn a_trace_without_anything_to_judge_fails_where_that_is_required() {
+fn a_trace_without_anything_to_judge_is_in_doubt() {
     let header = TRACE.lines().next().unwrap();
     let (dir, paths) = files(&[("empty.jsonl", &format!("{header}\n")), ("full.jsonl", TRACE)]);
     let (empty, full) = (text(&paths[0]), text(&paths[1]));
@@ -502,13 +513,9 @@ fn a_trace_without_anything_to_judge_fails_where_that_is_required() {
         &["report", "--force", "-o", text(&page)],
     ] {
         let of = |more: &[&str]| run(&[command, more].concat(), "");
-        assert_eq!(of(&[full, empty]).status.code(), Some(0), "{command:?}");
-        assert_eq!(of(&["--require-judged", full]).status.code(), Some(0), "{command:?}");
-        let required = of(&["--require-judged", full, empty]);
-        assert_eq!(required.status.code(), Some(1), "{command:?}");
-        let expected =
-            format!("error: {empty}: no timestamp was judged, as --require-judged wants\n");
-        assert_eq!(err(&required), expected);
+        assert_eq!(of(&[full]).status.code(), Some(0), "{command:?}");
+        assert_eq!(of(&["--accept", "unjudged", full, empty]).status.code(), Some(0));
+        assert_eq!(of(&[full, empty]).status.code(), Some(3), "{command:?}");
         if command.contains(&"--junit") {
             assert_eq!(fs::read_to_string(&junit).unwrap().matches("<failure").count(), 1);
         }

@@ -205,7 +205,7 @@ fn replay(run: &Run) -> Result<Vec<Event>, String> {
 
 fn find(run: &Run, whole: &[Event], edited: &[Event], reach: &mut Coverage) -> FuzzResult {
     let conforming = verdict(run, whole)?;
-    if !conforming.conforms || !conforming.violations.is_empty() {
+    if !conforming.violations.is_empty() {
         return Err(format!("what the core decides is judged so: {conforming}"));
     }
     reach.watch(run);
@@ -218,7 +218,9 @@ fn find(run: &Run, whole: &[Event], edited: &[Event], reach: &mut Coverage) -> F
         reach.mark(Mark::Violation(found.rule));
     }
     let expected = broken_line(whole, edited);
-    if found.map(|found| found.line) != expected || verdict.conforms != expected.is_none() {
+    if found.map(|found| found.line) != expected
+        || verdict.violations.is_empty() != expected.is_none()
+    {
         return Err(format!("the edit is at {expected:?}, judged so: {verdict}"));
     }
     Ok(())

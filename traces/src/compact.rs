@@ -106,6 +106,11 @@ impl CompactReference {
         self.open.iter().filter(|open| open.is_touched).count()
     }
 
+    /// The open timestamps, and whether each has a live timer.
+    pub(crate) fn waiting(&self) -> impl Iterator<Item = (u64, bool)> {
+        self.open.iter().map(|open| (open.t, open.armed != 0))
+    }
+
     /// The commit rule.
     pub(crate) const fn commit(&self) -> Commit {
         self.commit

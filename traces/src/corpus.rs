@@ -5,7 +5,8 @@
 //! beside a sidecar with the rule that it breaks and the line. Those of `corpus/options` conform, and do
 //! not, or are unfinished, when more is known: that the run has ended, or its period. Their sidecars say
 //! how they are judged then and what is found. Those of `corpus/annotated` have keys that no rule of the machine reads,
-//! some in observed traces alone, those of `corpus/observed` are of progressive; their sidecars say the same.
+//! some in observed traces alone, those of `corpus/observed` are of progressive and of the window; their sidecars say the
+//! same. Those of `corpus/doubts` break nothing and leave a judge in doubt, of the kinds that their sidecars count.
 
 /// A conforming trace.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

@@ -234,6 +234,15 @@ impl fmt::Display for Commit {
 }
 
 impl Event {
+    /// When the line was written, or its decision made.
+    #[must_use]
+    pub const fn at(&self) -> u64 {
+        match self {
+            Self::Input(input) => input.at(),
+            Self::Decision(decision) => decision.at(),
+        }
+    }
+
     /// The timestamp, unless it is a tick.
     #[must_use]
     pub const fn t(&self) -> Option<u64> {

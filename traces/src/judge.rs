@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use crate::annotations::{Annotations, HeaderAnnotations, allowed_values};
 use crate::compact::CompactReference;
+use crate::doubt::{self, Doubt, DoubtKind, DoubtfulMessages};
 use crate::event::{Commit, Decision, Event, Header, Input};
 use crate::read::{Events, ReadError};
 use crate::reason::OfferRefusal;
@@ -46,6 +47,8 @@ pub struct Judge {
     recent: RecentLines,
     /// Whether the places of all violations are wanted.
     keeps_places: bool,
+    /// The latest timestamp with an output.
+    answered: Option<u64>,
     verdict: Verdict,
 }
 
@@ -55,8 +58,7 @@ pub struct Judge {
 pub struct Verdict {
     /// The name that the trace was given.
     pub file: String,
-    /// Whether every decision is what the rules demand. So it is where nothing happened: see
-    /// `judged`.
+    /// Whether every decision is what the rules demand and nothing is in doubt that is not accepted.
     pub conforms: bool,
     /// How many timestamps were judged: those opened that have a result, a failure, an emit or a
     /// miss.
@@ -67,6 +69,8 @@ pub struct Verdict {
     pub unfinished: Option<u64>,
     /// How many lines the trace has, the header's too.
     pub lines: u64,
+    /// What the judge could not see.
+    pub doubts: Vec<Doubt>,
     /// What does not conform, up to 100.
     pub violations: Vec<Violation>,
     /// How many violations more there are.
@@ -138,12 +142,14 @@ impl Judge {
             annotations: HeaderAnnotations::default(),
             recent: RecentLines::default(),
             keeps_places: false,
+            answered: None,
             verdict: Verdict {
                 file,
                 conforms: true,
                 judged: 0,
                 unfinished: None,
                 lines: 1,
+                doubts: Vec::new(),
                 violations: Vec::new(),
                 more: 0,
                 places: Vec::new(),
@@ -201,7 +207,13 @@ impl Judge {
     pub fn finish(mut self) -> Verdict {
         self.close("no decision; the trace ends");
         self.verdict.judged += self.reference.touched_len() as u64;
-        self.verdict
+        // P7: what is open without a timer waits for local.
+        let answered = self.answered;
+        let is_passed = |t: u64| answered.is_some_and(|answered| t < answered);
+        let waiting = self.reference.waiting().filter(|(t, has_timer)| !has_timer && is_passed(*t));
+        let mut unanswered = DoubtfulMessages::default();
+        waiting.for_each(|(t, _)| unanswered.push(t));
+        self.in_doubt(unanswered, DoubtKind::Unanswered)
     }
 
     /// Ends the trace of a run that is known to have ended: each timer that is left was to fire when it
@@ -215,7 +227,16 @@ impl Judge {
         }
         // P7: what is open without a timer waits for local.
         self.verdict.unfinished = Some(self.reference.open_len() as u64);
-        self.verdict
+        let mut unfinished = DoubtfulMessages::default();
+        self.reference.waiting().for_each(|(t, _)| unfinished.push(t));
+        self.in_doubt(unfinished, DoubtKind::Unfinished)
+    }
+
+    /// The verdict, with what is in doubt about these messages.
+    fn in_doubt(mut self, messages: DoubtfulMessages, kind: DoubtKind) -> Verdict {
+        let doubts = [Doubt::unjudged(self.verdict.judged), messages.doubt(kind)];
+        self.verdict.doubts = doubts.into_iter().flatten().collect();
+        self.verdict.accepting(&[])
     }
 
     /// Applies an input to the reference machine; `of` is what it says of its value.
@@ -231,8 +252,11 @@ impl Judge {
         for (decision, _) in &self.demands {
             match decision {
                 // F9: more may follow.
-                Decision::Emit { .. } if self.reference.commit() == Commit::Progressive => {}
-                Decision::Emit { .. } | Decision::Final { .. } | Decision::Miss { .. } => {
+                Decision::Emit { t, .. } if self.reference.commit() == Commit::Progressive => {
+                    self.answered = self.answered.max(Some(*t));
+                }
+                Decision::Emit { t, .. } | Decision::Final { t, .. } | Decision::Miss { t, .. } => {
+                    self.answered = self.answered.max(Some(*t));
                     self.verdict.judged += 1;
                 }
                 Decision::Timer { .. }
@@ -390,6 +414,22 @@ impl Judge {
     }
 }
 
+impl Verdict {
+    /// The same, accepting these kinds of doubt.
+    #[must_use]
+    pub fn accepting(mut self, kinds: &[DoubtKind]) -> Self {
+        self.conforms =
+            doubt::accept(&mut self.doubts, kinds) && self.violations.is_empty() && self.more == 0;
+        self
+    }
+
+    /// The verdict in a few words, such as *conforms*.
+    #[must_use]
+    pub fn in_short(&self) -> String {
+        doubt::in_short(self.violations.len() as u64 + self.more, &self.doubts)
+    }
+}
+
 impl<R: Copy> ViolationPlace<R> {
     /// The same with another rule.
     pub fn map<S>(&self, rule: impl FnOnce(R) -> S) -> ViolationPlace<S> {
@@ -402,10 +442,10 @@ impl fmt::Display for Verdict {
     /// The verdict in a line, then each violation in a few.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { file, judged, lines, .. } = self;
-        let word = if self.conforms { "conforms" } else { "does not conform" };
+        let word = self.in_short();
         write!(f, "{file}: {word}; {judged} timestamps judged in {lines} lines")?;
-        if let Some(unfinished) = self.unfinished.filter(|unfinished| *unfinished > 0) {
-            write!(f, ", {unfinished} unfinished")?;
+        for doubt in &self.doubts {
+            write!(f, "\n  {doubt}")?;
         }
         for violation in &self.violations {
             write!(f, "\n{file}:{violation}")?;

@@ -4,6 +4,7 @@ mod annotations;
 mod canonical;
 mod compact;
 pub mod corpus;
+mod doubt;
 mod event;
 mod judge;
 pub mod observed;
@@ -23,6 +24,7 @@ mod word;
 mod write;
 
 pub use annotations::{Annotations, HeaderAnnotations, Origin};
+pub use doubt::{Doubt, DoubtKind};
 pub use event::{Cloud, Commit, Decision, Event, Header, Input, Line, VERSION};
 pub use judge::{Judge, Verdict, Violation, ViolationPlace, judge};
 pub use parse::{ParseError, observed_line, parse};

@@ -4,6 +4,8 @@
 //! then one [`MessageHistory`], of which it is decided, exactly, whether the rules can explain it within the [`Slack`].
 
 mod attempts;
+mod causes;
+mod doubts;
 mod explain;
 mod gap;
 mod judge;
@@ -13,6 +15,7 @@ mod slack;
 mod story;
 mod verdict;
 mod violation;
+mod window;
 
 use crate::event::Line;
 use crate::parse::{Form, LineAnnotations, ParseError, parse_as};

@@ -46,16 +46,21 @@ impl RecentLines {
         older.iter().chain(newer)
     }
 
-    /// The last ones about a timestamp, and `cause`, a line whatever it is about.
+    /// The first one about a timestamp and the last ones, and `cause`, a line whatever it is about.
     pub(crate) fn story(&self, t: u64, cause: Option<u64>) -> Vec<String> {
         let of_t = |(line, event): &&(u64, Event)| event.t() == Some(t) || Some(*line) == cause;
         let reported: Vec<_> = self.iter().filter(of_t).collect();
-        let left_out = reported.len().saturating_sub(STORY);
-        let lead = (left_out > 0).then(|| format!("({left_out} earlier lines left out)"));
-        let lines = reported.iter().skip(left_out).map(|(line, event)| {
+        let text = |(line, event): &(u64, Event)| {
             let shown = self.annotations.get(line);
             format!("{line}: {}", shown.map_or_else(|| event.to_string(), |it| event.annotated(it)))
-        });
-        lead.into_iter().chain(lines).collect()
+        };
+        if reported.len() <= STORY {
+            return reported.into_iter().map(text).collect();
+        }
+        let left_out = reported.len() - STORY;
+        let lead = reported.first().map(|first| text(first));
+        let gap = format!("({left_out} lines left out)");
+        let last = reported.iter().skip(left_out + 1).map(|line| text(line));
+        lead.into_iter().chain([gap]).chain(last).collect()
     }
 }

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use fuseline_traces::corpus::CASES;
 use fuseline_traces::observed::{self, Slack};
 use fuseline_traces::{
-    Annotations, Commit, Decision, DropReason, Event, Events, ExpectedDecisions, Header,
+    Annotations, Commit, Decision, DoubtKind, DropReason, Event, Events, ExpectedDecisions, Header,
     HeldValues, Input, Judge, Line, OfferRefusal, OpenRefusal, Reference, Rule, Verdict, judge,
     parse,
 };
@@ -33,6 +33,12 @@ struct Options {
     judged: u64,
     unfinished: Option<u64>,
     violations: Vec<Sidecar>,
+    /// Whether the last line is cut short.
+    #[serde(default)]
+    truncated: bool,
+    /// How many messages, requests or lines each kind of doubt is about.
+    #[serde(default)]
+    doubts: BTreeMap<String, u64>,
 }
 
 #[derive(Deserialize)]
@@ -58,8 +64,53 @@ enum Reason {
 fn conforming_traces_conform() {
     for case in CASES {
         let verdict = judge(case.name, case.trace.as_bytes()).expect("it can be read");
-        assert!(verdict.conforms, "{verdict}");
+        assert_eq!(verdict.violations, [], "{verdict}");
+        // Two are about messages that nothing comes of.
+        let kinds = verdict.doubts.iter().map(|doubt| doubt.kind.as_str());
+        assert!(verdict.conforms || kinds.eq(["unjudged"]), "{verdict}");
     }
+}
+
+/// Each kind of doubt has a case, which accepting the kind makes conform.
+#[test]
+fn doubts_are_those_of_their_sidecars() {
+    let folder = corpus().join("doubts");
+    let mut kinds = BTreeSet::new();
+    for name in names_in(&folder) {
+        let options = fs::read(folder.join(format!("{name}.json"))).expect("it has a sidecar");
+        let options: Options = serde_json::from_slice(&options).expect("it is a sidecar");
+        let mut trace = fs::read(folder.join(format!("{name}.jsonl"))).expect("it can be read");
+        let mut expected = options.doubts.clone();
+        if options.truncated {
+            // Whoever reads the trace knows that it is cut.
+            assert!(!trace.ends_with(b"\n"), "{name}");
+            trace.truncate(trace.iter().rposition(|byte| *byte == b'\n').unwrap() + 1);
+            expected.remove("cut").expect("it is cut");
+        }
+        let (found, conforms) = doubts(&options, &trace);
+        assert_eq!(found, expected, "{name}");
+        assert_eq!(conforms, (found.is_empty(), true), "{name}");
+        let about = name.split('-').next().unwrap_or_default();
+        assert!(options.doubts.contains_key(about) || options.doubts.is_empty(), "{name}");
+        kinds.extend(options.doubts.into_keys());
+    }
+    assert_eq!(kinds, DoubtKind::ALL.map(|kind| kind.as_str().to_owned()).into());
+}
+
+/// The doubts with their counts, and whether the trace conforms, also when they are accepted.
+fn doubts(options: &Options, trace: &[u8]) -> (BTreeMap<String, u64>, (bool, bool)) {
+    let (doubts, conforms) = match judged(options, trace) {
+        JudgedTrace::Strict(verdict) => (
+            verdict.doubts.clone(),
+            (verdict.conforms, verdict.accepting(&DoubtKind::ALL).conforms),
+        ),
+        JudgedTrace::Observed(verdict) => (
+            verdict.doubts.clone(),
+            (verdict.conforms, verdict.accepting(&DoubtKind::ALL).conforms),
+        ),
+    };
+    let counts = doubts.iter().map(|doubt| (doubt.kind.as_str().to_owned(), doubt.count));
+    (counts.collect(), conforms)
 }
 
 #[test]
@@ -163,17 +214,36 @@ fn an_emit_says_of_its_value_what_its_result_said() {
 /// Whether it conforms when nothing more is known.
 fn conforms_alone(options: &Options, trace: &[u8]) -> bool {
     match &options.observed {
-        None => judge("trace", trace).expect("it is well formed").conforms,
+        None => judge("trace", trace).expect("it is well formed").violations.is_empty(),
         Some(slack) => {
             let slack = Slack { tolerance: slack.tolerance, lateness: slack.lateness };
-            observed::judge("trace", slack, trace).expect("it is well formed").conforms
+            observed::judge("trace", slack, trace).expect("it is well formed").violations.is_empty()
         }
     }
 }
 
 type FoundByOption = (u64, Option<u64>, Vec<(String, u64)>);
 
+/// What either judge found.
+enum JudgedTrace {
+    Strict(Verdict),
+    Observed(observed::Verdict),
+}
+
 fn with_options(options: &Options, trace: &[u8]) -> FoundByOption {
+    match judged(options, trace) {
+        JudgedTrace::Strict(verdict) => {
+            let found = verdict.violations.iter().map(|it| (it.rule.to_string(), it.line));
+            (verdict.judged, verdict.unfinished, found.collect())
+        }
+        JudgedTrace::Observed(verdict) => {
+            let found = verdict.violations.iter().map(|it| (it.rule.to_string(), it.line));
+            (verdict.judged, verdict.unfinished, found.collect())
+        }
+    }
+}
+
+fn judged(options: &Options, trace: &[u8]) -> JudgedTrace {
     let Some(slack) = &options.observed else {
         assert_eq!(options.period, None, "a period is of observed traces");
         let mut reader = Events::new("trace", trace).expect("it has a header");
@@ -183,8 +253,7 @@ fn with_options(options: &Options, trace: &[u8]) -> FoundByOption {
             judge.annotated_line(reader.line(), &event, reader.annotations());
         }
         let verdict = if options.ended { judge.finish_ended() } else { judge.finish() };
-        let found = verdict.violations.iter().map(|it| (it.rule.to_string(), it.line));
-        return (verdict.judged, verdict.unfinished, found.collect());
+        return JudgedTrace::Strict(verdict);
     };
     let tolerances = &slack.tolerances;
     let slack = Slack { tolerance: slack.tolerance, lateness: slack.lateness };
@@ -201,9 +270,7 @@ fn with_options(options: &Options, trace: &[u8]) -> FoundByOption {
         let line = judge.annotated_line(reader.line(), &event, reader.annotations());
         line.expect("it is in order");
     }
-    let verdict = if options.ended { judge.finish_ended() } else { judge.finish() };
-    let found = verdict.violations.iter().map(|it| (it.rule.to_string(), it.line));
-    (verdict.judged, verdict.unfinished, found.collect())
+    JudgedTrace::Observed(if options.ended { judge.finish_ended() } else { judge.finish() })
 }
 
 #[test]

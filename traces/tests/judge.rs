@@ -3,7 +3,8 @@
 use std::fmt::Write;
 
 use fuseline_traces::{
-    Cloud, Commit, Decision, DropReason, Event, Header, Input, Judge, Rule, Verdict, judge,
+    Cloud, Commit, Decision, DoubtKind, DropReason, Event, Header, Input, Judge, Rule, Verdict,
+    judge,
 };
 use serde_json::json;
 
@@ -76,7 +77,8 @@ fn a_verdict_in_json_has_the_keys_of_the_format() {
         "expected": "{\"ev\":\"emit\",\"at\":1,\"t\":7,\"p\":0}",
     });
     let expected = json!({
-        "file": "a.jsonl", "conforms": false, "judged": 1, "lines": 3, "violations": [violation],
+        "file": "a.jsonl", "conforms": false, "judged": 1, "lines": 3, "doubts": [],
+        "violations": [violation],
     });
     assert_eq!(json, expected);
 }
@@ -155,11 +157,23 @@ fn a_decision_before_any_input_is_a_violation() {
 }
 
 #[test]
-fn a_header_alone_conforms_and_says_that_nothing_was_judged() {
+fn nothing_judged_is_in_doubt() {
     let verdict = verdict(&[]);
+    assert_eq!((verdict.conforms, verdict.judged, verdict.lines), (false, 0, 1));
+    let lines = "a.jsonl: no violation found; 0 timestamps judged in 1 lines\n  \
+                 unjudged: no timestamp was judged";
+    assert_eq!(verdict.to_string(), lines);
+    let verdict = verdict.accepting(&[DoubtKind::Unjudged]);
     assert!(verdict.conforms);
-    assert_eq!((verdict.judged, verdict.lines), (0, 1));
-    assert_eq!(verdict.to_string(), "a.jsonl: conforms; 0 timestamps judged in 1 lines");
+    let lines = "a.jsonl: conforms, accepting unjudged; 0 timestamps judged in 1 lines\n  \
+                 unjudged: no timestamp was judged";
+    assert_eq!(verdict.to_string(), lines);
+}
+
+#[test]
+fn accepting_excuses_no_violation() {
+    let verdict = verdict(&["open 0 7", "result 1 7 0"]).accepting(&DoubtKind::ALL);
+    assert_eq!((verdict.conforms, verdict.in_short().as_str()), (false, "does not conform"));
 }
 
 #[test]
@@ -181,7 +195,7 @@ fn judged_are_the_opened_ones_with_a_result_failure_emit_or_miss() {
         "offer 10 5 1 100 0",
         "request 10 5 1 110",
     ]);
-    assert!(verdict.conforms, "{verdict}");
+    assert_eq!(verdict.violations, [], "{verdict}");
     assert_eq!(verdict.judged, 3);
 }
 
@@ -210,11 +224,10 @@ fn of_an_ended_run_timers_that_are_left_are_missing() {
     assert_eq!(reported, expected);
     assert_eq!(verdict.violations[0].found, "no decision; the run has ended");
     assert_eq!((verdict.judged, verdict.unfinished), (2, Some(1)));
-    assert!(
-        verdict.to_string().starts_with(
-            "a.jsonl: does not conform; 2 timestamps judged in 6 lines, 1 unfinished\n"
-        )
-    );
+    assert!(verdict.to_string().starts_with(
+        "a.jsonl: does not conform; 2 timestamps judged in 6 lines\n  \
+             unfinished: message 1 was open when the run ended\n"
+    ));
 }
 
 /// What a judge remembers is bounded, whatever the trace's length.
@@ -249,6 +262,6 @@ fn a_long_story_reports_its_last_lines() {
     let verdict = verdict(&events);
     let story = &verdict.violations.last().expect("a drop is missing").story;
     assert_eq!(story.len(), 13);
-    assert_eq!(story[0], "(11 earlier lines left out)");
+    assert_eq!((&story[0][..3], &*story[1]), ("2: ", "(11 lines left out)"));
     assert!(story[12].starts_with("24: "));
 }

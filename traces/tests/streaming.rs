@@ -6,8 +6,8 @@ use fuseline_traces::observed::{
     BrokenRule, Judge, MessageHistory, Slack, SourceSlack, TimeOrderError, Verdict, Violation,
 };
 use fuseline_traces::{
-    Annotations, Cloud, Commit, Decision, DropReason, Event, Header, HeaderAnnotations, Input,
-    OpenRefusal, Reference, Rule,
+    Annotations, Cloud, Commit, Decision, DoubtKind, DropReason, Event, Header, HeaderAnnotations,
+    Input, OpenRefusal, Reference, Rule,
 };
 use proptest::collection::vec;
 use proptest::option;
@@ -103,9 +103,10 @@ fn the_traces_break_the_rules_of_further_keys_too() {
     }
 }
 
-/// The timestamps that do not conform, apart from gaps.
+/// The timestamps that do not conform by themselves, apart from gaps and the window.
 fn broken(verdict: &Verdict) -> BTreeSet<u64> {
-    let broken = verdict.violations.iter().filter(|found| found.rule != BrokenRule::J1);
+    let alone = |found: &&Violation| !matches!(found.rule, BrokenRule::J1 | BrokenRule::P9);
+    let broken = verdict.violations.iter().filter(alone);
     broken.filter_map(|found| found.t).collect()
 }
 
@@ -182,6 +183,45 @@ fn gaps(most: u64, terms: &Terms, events: &[RecordedEvent]) -> usize {
     instants.push(instants.iter().copied().fold(terms.end(events), u64::max));
     instants.sort_unstable();
     instants.windows(2).filter(|pair| pair[1] - pair[0] > most).count()
+}
+
+/// P9: of each accepted open the timestamp, how many others were certainly open then by their outputs, and how many may have
+/// been.
+fn crowds(terms: &Terms, events: &[RecordedEvent]) -> Vec<(u64, usize, usize)> {
+    let (twice, reach) = (2 * terms.own.tolerance, 2 * terms.own.tolerance + terms.own.lateness);
+    let mut by_t: BTreeMap<u64, (Opens, Refusals, Vec<u64>)> = BTreeMap::new();
+    for (i, (event, _)) in events.iter().enumerate() {
+        match *event {
+            Event::Input(Input::Open { at, t, deadline }) => {
+                by_t.entry(t).or_default().0.push((at, (deadline, None)));
+            }
+            Event::Decision(Decision::RefuseOpen { at, t, .. }) => {
+                by_t.entry(t).or_default().1.insert((at, i));
+            }
+            Event::Decision(
+                Decision::Emit { at, t, .. }
+                | Decision::Final { at, t, .. }
+                | Decision::Miss { at, t },
+            ) => by_t.entry(t).or_default().2.push(at),
+            _ => {}
+        }
+    }
+    let opened: Vec<(u64, Vec<u64>, Option<u64>)> = by_t
+        .into_iter()
+        .map(|(t, (opens, refusals, out))| {
+            let opens = accepted(reach, &opens, &refusals);
+            (t, opens.iter().map(|(at, _)| *at).collect(), out.into_iter().min())
+        })
+        .collect();
+    let crowd = |t: u64, at: u64| {
+        let others = opened.iter().filter(|(other, opens, _)| {
+            *other != t && opens.first().is_some_and(|open| open + twice < at)
+        });
+        let surely = others.clone().filter(|(.., out)| out.is_some_and(|out| out > at + reach));
+        (t, surely.count(), others.filter(|(.., out)| out.is_none_or(|out| out > at)).count())
+    };
+    let all = opened.iter().flat_map(|(t, opens, _)| opens.iter().map(move |at| (*t, *at)));
+    all.map(|(t, at)| crowd(t, at)).collect()
 }
 
 /// A request line: source, instant, due instant, attempt.
@@ -504,6 +544,18 @@ proptest! {
         prop_assert_eq!(broken(&verdict), others[0].clone(), "they change nothing else");
     }
 
+    /// P9.
+    #[test]
+    fn crowded_opens_are_those_among_all_outputs((terms, events) in traces()) {
+        let verdict = judged(&terms, &events).expect("it is in order");
+        let found = verdict.violations.iter().filter(|found| found.rule == BrokenRule::P9);
+        let found: BTreeSet<u64> = found.filter_map(|found| found.t).collect();
+        for (t, surely, perhaps) in crowds(&terms, &events) {
+            prop_assert!(surely < 3 || found.contains(&t), "{} in {:#?}", t, events);
+            prop_assert!(perhaps >= 3 || !found.contains(&t), "{} in {:#?}", t, events);
+        }
+    }
+
     /// Nor do the ends of every range matter, nor what makes no sense: there is a verdict or a line out of order.
     #[test]
     fn every_trace_has_its_verdict(
@@ -518,7 +570,10 @@ proptest! {
         for (period, is_ended) in [(None, false), (None, true), (Some(0), false), (Some(u64::MAX), true)] {
             let Ok(judge) = read(&terms, period, &events) else { continue };
             let verdict = if is_ended { judge.finish_ended() } else { judge.finish() };
-            prop_assert_eq!(verdict.conforms, verdict.violations.is_empty() && verdict.judged > 0);
+            let is_clean = verdict.violations.is_empty() && verdict.doubts.is_empty();
+            prop_assert_eq!(verdict.conforms, is_clean);
+            let is_unjudged = verdict.doubts.iter().any(|doubt| doubt.kind == DoubtKind::Unjudged);
+            prop_assert_eq!(is_unjudged, verdict.judged == 0);
             let is_told = |found: &Violation| found.t.is_none() || !found.story.is_empty();
             prop_assert!(verdict.violations.iter().all(is_told));
         }

@@ -75,7 +75,7 @@ fn what_happened_is_in_the_file_while_the_operator_is_idle() {
         answer(&mut engine, 1);
         until_written(&path, r#"{"ev":"emit","at":11,"t":1,"p":0}"#);
         engine.finish().unwrap();
-        assert!(judge("trace", &fs::read(&path).unwrap()[..]).unwrap().conforms);
+        assert!(judge("trace", &fs::read(&path).unwrap()[..]).unwrap().violations.is_empty());
     }
 }
 
@@ -101,7 +101,7 @@ fn a_killed_process_leaves_the_miss_that_it_died_of() {
         .unwrap();
     assert_eq!(killed.status.code(), None, "it was no signal that ended it");
     let verdict = judge("trace", &fs::read(&path).unwrap()[..]).unwrap();
-    assert!(verdict.conforms && verdict.judged == 4, "{verdict}");
+    assert!(verdict.violations.is_empty() && verdict.judged == 4, "{verdict}");
 }
 
 /// D10.
@@ -142,7 +142,7 @@ fn a_disk_that_fills_is_reported_when_it_happens_and_the_operator_goes_on() {
     let error = engine.finish().unwrap_err();
     assert_eq!(error.to_string(), *why);
     let verdict = judge("trace", &fs::read(&path).unwrap()[..]).unwrap();
-    assert!(verdict.conforms && verdict.judged > 100, "{verdict}");
+    assert!(verdict.violations.is_empty() && verdict.judged > 100, "{verdict}");
 }
 
 /// D10.
@@ -181,7 +181,7 @@ fn ended(deadline: Option<Duration>) -> Vec<String> {
     engine.end(90);
     engine.finish().unwrap();
     let text = fs::read_to_string(&path).unwrap();
-    assert!(judge("trace", text.as_bytes()).unwrap().conforms, "{text}");
+    assert!(judge("trace", text.as_bytes()).unwrap().violations.is_empty(), "{text}");
     text.lines().skip(4).map(str::to_owned).collect()
 }
 
@@ -231,5 +231,5 @@ fn a_disk_that_is_too_slow_ends_the_trace_and_the_end_says_so() {
     assert_eq!(engine.finish().unwrap_err().to_string(), "the disk is too slow for the trace");
     assert_eq!(counts.tally().unrecorded.as_deref(), Some("the disk is too slow"));
     let verdict = judge("trace", &reader.join().unwrap()[..]).unwrap();
-    assert!(verdict.conforms && verdict.judged > 100, "{verdict}");
+    assert!(verdict.violations.is_empty() && verdict.judged > 100, "{verdict}");
 }

@@ -6,7 +6,7 @@ use fuseline_engine::arbiter::Arbiter;
 use fuseline_report::{Findings, JudgeMode, PageWriter, TraceJudge};
 use fuseline_traces::observed::{self, Slack};
 use fuseline_traces::{
-    Annotations, Cloud, Decision, Event, Events, Header, HeldValues, Input, Origin, Verdict,
+    Annotations, Cloud, Decision, Doubt, Event, Events, Header, HeldValues, Input, Origin, Verdict,
 };
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -17,7 +17,19 @@ use crate::reading::with_trace;
 use crate::time::Nanos;
 
 /// A verdict's fields in the order of `fuseline.Verdict`, its violations' likewise.
-pub(crate) type VerdictFields = (String, bool, u64, u64, Vec<ViolationFields>, u64, Option<u64>);
+pub(crate) type VerdictFields = (
+    String,
+    bool,
+    u64,
+    u64,
+    Vec<ViolationFields>,
+    u64,
+    Option<u64>,
+    Vec<DoubtFields>,
+    Option<String>,
+);
+/// Kind, count, what was found, and the first message.
+pub(crate) type DoubtFields = (&'static str, u64, String, Option<u64>);
 pub(crate) type ViolationFields =
     (u64, Option<u64>, &'static str, &'static str, String, String, Option<u64>, Vec<String>);
 /// A line's number and word, then at, t, p, deadline, backlog, due and why, and the further keys if it has any.
@@ -174,8 +186,14 @@ pub(crate) fn verdict_fields(findings: Findings) -> VerdictFields {
     }
 }
 
+fn doubts(doubts: Vec<Doubt>) -> Vec<DoubtFields> {
+    let fields = |it: Doubt| (it.kind.as_str(), it.count, it.found, it.t);
+    doubts.into_iter().map(fields).collect()
+}
+
 fn strict(verdict: Verdict) -> VerdictFields {
     let Verdict { file, conforms, judged, lines, violations, more, unfinished, .. } = verdict;
+    let doubts = doubts(verdict.doubts);
     let violations = violations.into_iter().map(|violation| {
         let (rule, sentence) = (violation.rule.id(), violation.rule.sentence());
         (
@@ -189,12 +207,13 @@ fn strict(verdict: Verdict) -> VerdictFields {
             violation.story,
         )
     });
-    (file, conforms, judged, lines, violations.collect(), more, unfinished)
+    (file, conforms, judged, lines, violations.collect(), more, unfinished, doubts, None)
 }
 
 fn observed(verdict: observed::Verdict) -> VerdictFields {
     let observed::Verdict { file, conforms, judged, lines, violations, more, unfinished, .. } =
         verdict;
+    let (doubts, cause) = (doubts(verdict.doubts), verdict.cause);
     let violations = violations.into_iter().map(|violation| {
         let (t, rule, sentence) = (violation.t, violation.rule.id(), violation.rule.sentence());
         (
@@ -208,7 +227,7 @@ fn observed(verdict: observed::Verdict) -> VerdictFields {
             violation.story,
         )
     });
-    (file, conforms, judged, lines, violations.collect(), more, unfinished)
+    (file, conforms, judged, lines, violations.collect(), more, unfinished, doubts, cause)
 }
 
 /// The whole trace: the inputs as they stand, and the machine's decisions.

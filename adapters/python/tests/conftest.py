@@ -20,6 +20,7 @@ ROOT = Path(__file__).parents[3]
 CORPUS = sorted((ROOT / "traces/corpus").glob("*.jsonl"))
 ANNOTATED = sorted((ROOT / "traces/corpus/annotated").glob("*.jsonl"))
 BAD = sorted((ROOT / "traces/corpus/bad").glob("*.jsonl"))
+DOUBTS = sorted((ROOT / "traces/corpus/doubts").glob("*.jsonl"))
 
 
 Run = Callable[[Callable[[VirtualLoop], Coroutine[Any, Any, T]]], T]

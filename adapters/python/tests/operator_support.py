@@ -52,11 +52,11 @@ async def items_of(operator: Operator[Any, Any], messages: Any) -> list[Item[Any
 def judged(path: Path, messages: int) -> None:
     """The trace conforms strictly, byte for byte, and as observed without any tolerance."""
     verdict = check(path)
-    assert verdict.conforms, str(verdict)
+    assert not verdict.violations, str(verdict)
     assert verdict.judged == messages
     assert fuseline.replay(path) == path.read_bytes()
     observed = check_observed(path, tolerance=0, lateness=0)
-    assert observed.conforms, str(observed)
+    assert not observed.violations, str(observed)
 
 
 def stubborn(seconds: float, count: list[int]) -> Handle:

@@ -91,7 +91,7 @@ def test_progressive_sends_each_better_result_at_once_until_one_is_final() -> No
     trace = fusion.take_trace()
     assert trace.count(b'"ev":"final"') == 3
     verdict = fuseline.check(fusion.header.encode() + trace[trace.index(b"\n") :])
-    assert (verdict.conforms, verdict.judged) == (True, 3), str(verdict)
+    assert (verdict.violations, verdict.judged) == ((), 3), str(verdict)
 
 
 def test_local_alone_that_fails_is_a_miss() -> None:
@@ -282,7 +282,7 @@ def test_what_it_records_is_the_conforming_trace(path: Any) -> None:
     assert [line[1:] for line in fuseline.Trace(recorded).lines] == [
         line[1:] for line in trace.lines
     ]
-    assert fuseline.check(recorded).conforms
+    assert not fuseline.check(recorded).violations
 
 
 def test_a_machine_that_records_nothing_has_no_trace() -> None:

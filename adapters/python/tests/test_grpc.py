@@ -457,7 +457,7 @@ def test_rust_serves_an_operator_of_python(
         items = asyncio.run(main(url))
     assert [str(item.source) for item in items] == ["rust"] * 5
     assert all(item.value for item in items)
-    assert fuseline.check(tmp_path / "trace.jsonl").conforms
+    assert not fuseline.check(tmp_path / "trace.jsonl").violations
 
 
 def test_python_serves_an_operator_of_rust(
@@ -503,7 +503,7 @@ def test_python_serves_an_operator_of_rust(
     assert left
     assert all(0 < it <= 20 for it in left)
     verdict = fuseline.check(trace)
-    assert verdict.conforms
+    assert not verdict.violations
     read = fuseline.Trace(trace)
     assert read.header["clouds"][0]["name"] == "python"
     emitted = [line.p for line in read.lines if line.ev == "emit"]

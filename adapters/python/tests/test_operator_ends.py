@@ -99,7 +99,7 @@ def test_stopping_in_a_handler_ends_calls_and_items_and_leaves_the_trace_whole(
         assert len(written) == first
     assert not [it for it in caplog.records if it.levelno >= logging.ERROR]
     verdict = check(trace)
-    assert verdict.conforms, str(verdict)
+    assert not verdict.violations, str(verdict)
     assert [line.t for line in Trace(trace).lines if line.ev == "open"] == written
     assert fuseline.replay(trace) == trace.read_bytes()
 
@@ -192,7 +192,7 @@ def test_stopping_ends_calls_and_items_and_leaves_the_trace_whole(
     run(main)
     assert sorted(ended) == ["a", "b"]
     verdict = check(trace)
-    assert verdict.conforms
+    assert not verdict.violations
     # The last one says that the run is over (A44).
     assert (verdict.lines, list(Trace(trace).lines)[-1].ev) == (8, "tick")
 
@@ -333,4 +333,4 @@ def test_a_trace_is_whole_however_long(run: Run[Any], tmp_path: Path) -> None:
     run(main)
     assert trace.stat().st_size > 19_000_000
     verdict = check(trace)
-    assert verdict.conforms and verdict.judged == 400, str(verdict)
+    assert not verdict.violations and verdict.judged == 400, str(verdict)

@@ -77,7 +77,7 @@ def test_each_tick_has_an_action_and_none_is_of_another(tmp_path: Path) -> None:
             # D2: a late reply never acts for a later tick.
             assert policy.item.source.name == "local" or action == {"of": t}
     verdict = fuseline.check(trace)
-    assert verdict.conforms and verdict.judged == 10_000
+    assert not verdict.violations and verdict.judged == 10_000
     assert sources["remote"] > 0 and sources["local"] > 0, sources
     assert len(server.connections) > 1, "no call was ended"
 
@@ -97,7 +97,7 @@ def test_a_chunk_is_used_while_it_is_young_and_its_actions_are_for_their_ticks(
             if item.source.name == "remote":
                 assert action["for"] == t and item.of == action["of"]
                 assert t - action["of"] <= 12
-    assert fuseline.check(trace).conforms
+    assert not fuseline.check(trace).violations
 
 
 def test_a_server_that_never_answers_costs_no_tick() -> None:

@@ -40,7 +40,7 @@ def random_trace(chance: random.Random, commit: Any) -> Trace:
         else:
             fusion.tick(now)
     trace = fusion.take_trace()
-    assert check(trace).conforms
+    assert not check(trace).violations
     return Trace(trace)
 
 

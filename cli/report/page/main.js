@@ -80,11 +80,13 @@ function showViolations() {
   const whole = violationsOf(trace);
   const marked = whole > violations.length ? `; the timeline marks the first ${count(violations.length)}` : ", all of which the timeline marks";
   by("all-title").textContent = whole > detailed ? `Violations: the first ${count(detailed)} of ${count(whole)}${marked}` : `Violations: ${count(whole)}`;
+  by("cause").textContent = trace.cause ? `Likely: ${trace.cause}` : "";
   by("violations").replaceChildren(...violations.slice(0, detailed).map((violation) => {
-    const { t: k, rule, line, sentence } = violation;
+    const { t: k, rule, line, sentence, found, expected } = violation;
     if (k === null) return el("li", {}, breach(violation));
-    const about = el("button", { type: "button", onclick: () => visit(k) },
-      el("strong", {}, `${rule} `), `timestamp ${trace.timestamps[k]}, line ${count(line)} `, el("span", { class: "why" }, sentence));
+    const about = el("button", { type: "button", title: sentence, onclick: () => visit(k) },
+      el("strong", {}, `${rule} `), `timestamp ${trace.timestamps[k]}, line ${count(line)} `,
+      el("span", { class: "why found" }, `found ${found}`), el("span", { class: "why found" }, `expected ${expected}`));
     return el("li", {}, about);
   }));
 }

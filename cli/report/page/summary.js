@@ -14,25 +14,35 @@ export function titleOf({ operator, file }) {
 
 export const violationsOf = ({ violations, places, thinned }) => thinned?.violations ?? violations.length + (places?.line.length ?? 0);
 
+/** Which colour a verdict has: green only without doubt. */
+export const colourOf = (trace) => violationsOf(trace) ? "bad" : trace.doubts.length ? "doubt" : "good";
+
 /** A verdict in words. */
-export const verdictOf = (trace) =>
-  trace.conforms ? "✓ conforms"
-    : violationsOf(trace) ? `✕ does not conform: ${counted(violationsOf(trace), "violation")}` : "✕ does not conform: nothing to judge";
+export function verdictOf(trace) {
+  if (violationsOf(trace)) return `✕ does not conform: ${counted(violationsOf(trace), "violation")}`;
+  if (trace.conforms) return trace.doubts.length ? `✓ conforms, accepting ${trace.doubts.map(({ kind }) => kind).join(", ")}` : "✓ conforms";
+  return `? no violation found; in doubt: ${trace.doubts.filter(({ accepted }) => !accepted).map(inShort).join(", ")}`;
+}
+
+const inShort = ({ kind, count: number }) => `${count(number)} ${kind}`;
 
 export function showSummary(trace) {
   const { account } = trace;
   const { messages, forwarded, missed, refused, open, response } = account;
   const verdict = by("verdict");
-  verdict.className = `verdict ${trace.conforms ? "good" : "bad"}`;
+  verdict.className = `verdict ${colourOf(trace)}`;
   verdict.textContent = verdictOf(trace);
+  by("doubted").hidden = trace.doubts.length === 0;
+  by("doubts").replaceChildren(...trace.doubts.map(({ kind, found, accepted }) =>
+    el("li", {}, el("strong", {}, `${kind} `), found, accepted ? el("span", { class: "why" }, " (accepted)") : "")));
   const [half, most, nearly] = response.map(quantile);
   by("figures").replaceChildren(
     ...[
-      ["Messages", count(messages), `${count(trace.judged)} judged${trace.unfinished ? `, ${count(trace.unfinished)} unfinished` : ""}`],
+      ["Messages", count(messages), `${count(trace.judged)} judged`],
       ["Forwarded", count(forwarded), share(forwarded, messages)],
       ["Missed", count(missed), share(missed, messages), missed > 0],
       refused > 0 && ["Refused", count(refused), share(refused, messages), true],
-      open > 0 && ["Open", count(open), "as the trace ends"],
+      open > 0 && ["Open", count(open), waiting(trace) ? "some without an answer" : "as the trace ends", waiting(trace)],
       ["Response", half, `p90 ${most}, p99 ${nearly}`],
       ["Run", time(trace.duration), `${trace.commit}, window ${count(trace.window)}`],
       trace.observed && ["Observed", `± ${time(trace.observed[0])}`, `late by up to ${time(trace.observed[1])}`],
@@ -52,6 +62,9 @@ export function showSummary(trace) {
     el("p", {}, `A row adds up: requests = ${summed}.`),
     el("dl", {}, ...columns.flatMap(({ word, meaning }) => [el("dt", {}, word), el("dd", {}, meaning)])));
 }
+
+/** Whether messages are open that a later one overtook, or that the run's end left. */
+const waiting = ({ doubts }) => doubts.some(({ kind }) => kind === "unanswered" || kind === "unfinished");
 
 const capital = (word) => word[0].toUpperCase() + word.slice(1);
 

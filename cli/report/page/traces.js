@@ -2,7 +2,7 @@
 
 import { by, el, swatch } from "./dom.js";
 import { count, quantile, share } from "./format.js";
-import { verdictOf, violationsOf } from "./summary.js";
+import { colourOf, verdictOf, violationsOf } from "./summary.js";
 
 /** Of a longer path the end is shown. */
 const LONG = 36;
@@ -10,8 +10,10 @@ const LONG = 36;
 /** Shows the rows; `choose` takes the number of a trace. */
 export function showTraces(traces, choose) {
   by("several").hidden = traces.length < 2;
-  const bad = traces.filter(({ conforms }) => !conforms).length;
-  by("several-title").textContent = `${count(traces.length)} traces: ${bad ? `${count(bad)} ${bad === 1 ? "does" : "do"} not conform` : "all conform"}`;
+  const bad = traces.filter((trace) => violationsOf(trace)).length;
+  const unsure = traces.filter((trace) => !trace.conforms).length - bad;
+  const found = [bad && `${count(bad)} ${bad === 1 ? "does" : "do"} not conform`, unsure && `${count(unsure)} in doubt`].filter(Boolean);
+  by("several-title").textContent = `${count(traces.length)} traces: ${found.join(", ") || "all conform"}`;
   const folder = common(traces.map(({ file }) => file));
   const head = ["Trace", "Verdict", "Worst violation", "Messages", "Served by", "p50", "p90", "p99"];
   by("traces").replaceChildren(
@@ -29,15 +31,16 @@ export function markTrace(number) {
 }
 
 function row(trace, folder, act) {
-  const { file, operator, conforms, account: { messages, response } } = trace;
+  const { file, operator, conforms, doubts, account: { messages, response } } = trace;
   const path = file.slice(folder);
   const name = path.length > LONG ? `…${path.slice(1 - LONG)}` : path;
   const button = el("button", { type: "button", title: `${file}: ${verdictOf(trace)}`, onclick: act }, operator ? `${operator} · ${name}` : name);
-  const verdict = conforms ? "✓ conforms" : violationsOf(trace) ? `✕ ${count(violationsOf(trace))}` : "✕ nothing judged";
+  const unsure = doubts.map(({ kind }) => kind).join(", ");
+  const verdict = violationsOf(trace) ? `✕ ${count(violationsOf(trace))}` : conforms ? "✓ conforms" : `? ${unsure}`;
   const breach = worst(trace.violations);
   return el("tr", {},
     el("th", { scope: "row" }, button),
-    el("td", { class: conforms ? "good" : "bad" }, verdict),
+    el("td", { class: colourOf(trace) }, verdict),
     el("td", { title: breach?.sentence }, breach ? `${breach.rule}, line ${count(breach.line)}` : "–"),
     el("td", {}, count(messages)),
     el("td", {}, ...served(trace)),

@@ -7,7 +7,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use fuseline_traces::{Annotations, Decision, Event, Header, Input, Origin, ViolationPlace};
+use fuseline_traces::{Annotations, Decision, Doubt, Event, Header, Input, Origin, ViolationPlace};
 use serde::Serialize;
 use serde::ser::Serializer;
 
@@ -62,9 +62,11 @@ pub(crate) struct PageTrace {
     sources: Vec<SourceColumn>,
     conforms: bool,
     judged: u64,
-    /// If the run is known to have ended.
+    /// What the judge could not see.
+    doubts: Vec<Doubt>,
+    /// The one cause that explains most violations.
     #[serde(skip_serializing_if = "Option::is_none")]
-    unfinished: Option<u64>,
+    cause: Option<String>,
     lines: u64,
     /// The first ones in full.
     violations: Vec<ViolationRow>,
@@ -313,7 +315,8 @@ impl TraceColumns {
             sources: self.named(header),
             conforms: summary.conforms,
             judged: summary.judged,
-            unfinished: summary.unfinished,
+            doubts: summary.doubts.to_vec(),
+            cause: summary.cause.map(str::to_owned),
             lines: summary.lines,
             places: ViolationPlaces::new(self.marked(&verdict.places()), place),
             violations: verdict

@@ -2,7 +2,8 @@
 
 use fuseline_traces::observed::{self, Slack, TimeOrderError};
 use fuseline_traces::{
-    Annotations, Event, Header, HeaderAnnotations, Judge, Rule, Verdict, Violation, ViolationPlace,
+    Annotations, Doubt, DoubtKind, Event, Header, HeaderAnnotations, Judge, Rule, Verdict,
+    Violation, ViolationPlace,
 };
 use serde::Serialize;
 
@@ -54,8 +55,12 @@ pub enum Findings {
 pub struct VerdictSummary<'a> {
     /// The trace's name.
     pub file: &'a str,
-    /// Whether the rules explain all of it.
+    /// Whether the rules explain all of it and nothing is in doubt.
     pub conforms: bool,
+    /// What the judge could not see.
+    pub doubts: &'a [Doubt],
+    /// The one cause that explains most violations.
+    pub cause: Option<&'a str>,
     /// Timestamps judged.
     pub judged: u64,
     /// Timestamps that local owed a result when the run ended, if it is known to have ended.
@@ -270,39 +275,40 @@ impl PartVerdict {
     /// The verdict on the part, if it is one, else on all.
     fn of(part: Option<Self>, whole: Findings) -> Findings {
         let Some(Self { filter, found, keeps_places }) = part else { return whole };
-        match (whole, found) {
+        let judged = filter.judged();
+        let doubts = doubts_of(whole.doubts(), judged, &filter);
+        let unfinished = |whole: Option<u64>| {
+            let mut of_kind = doubts.iter().filter(|it| it.kind == DoubtKind::Unfinished);
+            whole.map(|_| of_kind.next().map_or(0, |doubt| doubt.count))
+        };
+        let found = match (whole, found) {
             (Findings::Strict(whole), Findings::Strict(mut found)) => {
                 let Verdict { violations, more, places, .. } = &mut found;
                 let listed = PartList { violations, more, places, keeps_places };
                 listed.extend(whole.violations, &filter, place_of);
-                let conforms = found.violations.is_empty();
-                let Verdict { lines, unfinished, .. } = whole;
-                Findings::Strict(Verdict {
-                    lines,
-                    unfinished,
-                    conforms,
-                    judged: filter.judged(),
-                    ..found
-                })
+                let (lines, unfinished) = (whole.lines, unfinished(whole.unfinished));
+                Findings::Strict(Verdict { lines, unfinished, judged, doubts, ..found })
             }
             (Findings::Observed(whole), Findings::Observed(mut found)) => {
                 let observed::Verdict { violations, more, places, .. } = &mut found;
                 let listed = PartList { violations, more, places, keeps_places };
                 listed.extend(whole.violations, &filter, observed_place_of);
-                let judged = filter.judged();
-                let conforms = judged > 0 && found.violations.is_empty();
-                let observed::Verdict { lines, unfinished, .. } = whole;
-                Findings::Observed(observed::Verdict {
-                    lines,
-                    unfinished,
-                    conforms,
-                    judged,
-                    ..found
-                })
+                let (lines, unfinished) = (whole.lines, unfinished(whole.unfinished));
+                let cause = whole.cause.filter(|_| !found.violations.is_empty());
+                let whole = observed::Verdict { lines, unfinished, judged, doubts, cause, ..found };
+                Findings::Observed(whole)
             }
             (whole, _) => whole,
-        }
+        };
+        found.accepting(&[])
     }
+}
+
+/// What is in doubt about the messages of a part, and about the whole trace.
+fn doubts_of(whole: &[Doubt], judged: u64, filter: &PartFilter) -> Vec<Doubt> {
+    let others = whole.iter().filter(|doubt| doubt.kind != DoubtKind::Unjudged);
+    let others = others.filter_map(|doubt| doubt.of_messages(|t| filter.has(Some(t))));
+    Doubt::unjudged(judged).into_iter().chain(others).collect()
 }
 
 /// The violations of a part: the first ones whole, then their places.
@@ -356,16 +362,16 @@ fn observed_place_of(violation: &observed::Violation) -> ViolationPlace<observed
 /// The verdict without decisions that the last input still lacks, and whether there are any.
 fn without_last(judge: Judge) -> (Verdict, bool) {
     let so_far = judge.so_far();
-    let (conforms, known, more) = (so_far.conforms, so_far.violations.len(), so_far.more);
+    let (known, more) = (so_far.violations.len(), so_far.more);
     let places = so_far.places.len();
     let mut verdict = judge.finish();
     let is_cut = verdict.violations.len() as u64 + verdict.more > known as u64 + more;
     if is_cut {
         verdict.violations.truncate(known);
         verdict.places.truncate(places);
-        (verdict.more, verdict.conforms) = (more, conforms);
+        verdict.more = more;
     }
-    (verdict, is_cut)
+    (verdict.accepting(&[]), is_cut)
 }
 
 impl Findings {
@@ -377,44 +383,74 @@ impl Findings {
         self
     }
 
-    /// The verdict in short.
+    /// The same, accepting these kinds of doubt.
     #[must_use]
-    pub const fn summary(&self) -> VerdictSummary<'_> {
+    pub fn accepting(self, kinds: &[DoubtKind]) -> Self {
         match self {
-            Self::Strict(Verdict {
-                file,
-                conforms,
-                judged,
-                unfinished,
-                lines,
-                violations,
-                more,
-                places: _,
-            }) => VerdictSummary {
-                file: file.as_str(),
-                conforms: *conforms,
-                judged: *judged,
-                unfinished: *unfinished,
-                lines: *lines,
-                violations: violations.len() as u64 + *more,
-            },
-            Self::Observed(observed::Verdict {
-                file,
-                conforms,
-                judged,
-                unfinished,
-                lines,
-                violations,
-                more,
-                places: _,
-            }) => VerdictSummary {
-                file: file.as_str(),
-                conforms: *conforms,
-                judged: *judged,
-                unfinished: *unfinished,
-                lines: *lines,
-                violations: violations.len() as u64 + *more,
-            },
+            Self::Strict(verdict) => Self::Strict(verdict.accepting(kinds)),
+            Self::Observed(verdict) => Self::Observed(verdict.accepting(kinds)),
+        }
+    }
+
+    /// The same with a doubt that whoever read the trace has.
+    #[must_use]
+    pub fn doubting(mut self, doubt: Doubt) -> Self {
+        match &mut self {
+            Self::Strict(Verdict { doubts, .. })
+            | Self::Observed(observed::Verdict { doubts, .. }) => doubts.push(doubt),
+        }
+        self.accepting(&[])
+    }
+
+    /// What is in doubt.
+    #[must_use]
+    pub fn doubts(&self) -> &[Doubt] {
+        match self {
+            Self::Strict(Verdict { doubts, .. })
+            | Self::Observed(observed::Verdict { doubts, .. }) => doubts,
+        }
+    }
+
+    /// The verdict in a few words, such as *conforms*.
+    #[must_use]
+    pub fn in_short(&self) -> String {
+        match self {
+            Self::Strict(verdict) => verdict.in_short(),
+            Self::Observed(verdict) => verdict.in_short(),
+        }
+    }
+
+    /// The verdict without its violations.
+    #[must_use]
+    pub fn summary(&self) -> VerdictSummary<'_> {
+        match self {
+            Self::Strict(verdict) => {
+                let Verdict { file, judged, unfinished, lines, violations, more, .. } = verdict;
+                VerdictSummary {
+                    file,
+                    conforms: verdict.conforms,
+                    doubts: &verdict.doubts,
+                    cause: None,
+                    judged: *judged,
+                    unfinished: *unfinished,
+                    lines: *lines,
+                    violations: violations.len() as u64 + *more,
+                }
+            }
+            Self::Observed(verdict) => {
+                let observed::Verdict { file, judged, unfinished, lines, violations, more, .. } =
+                    verdict;
+                VerdictSummary {
+                    file,
+                    conforms: verdict.conforms,
+                    doubts: &verdict.doubts,
+                    cause: verdict.cause.as_deref(),
+                    judged: *judged,
+                    unfinished: *unfinished,
+                    lines: *lines,
+                    violations: violations.len() as u64 + *more,
+                }
+            }
         }
     }
 

@@ -179,6 +179,12 @@ impl RequestRow {
         self.forwarded() + self.counts[OutcomeColumn::Discarded as usize]
     }
 
+    /// Requests that ran to their deadlines or failed.
+    #[must_use]
+    pub const fn lost(&self) -> u64 {
+        self.counts[OutcomeColumn::Late as usize] + self.counts[OutcomeColumn::Failed as usize]
+    }
+
     /// Results that went downstream.
     #[must_use]
     pub const fn forwarded(&self) -> u64 {

@@ -157,6 +157,12 @@ impl TracePage<'_> {
         self.end(TraceJudge::finish_early)
     }
 
+    /// The same with a verdict of the caller's own making.
+    #[must_use = "whether it conforms"]
+    pub fn finish_as(self, finish: impl FnOnce(TraceJudge) -> Findings) -> Findings {
+        self.end(|judging| (finish(judging), false)).0
+    }
+
     fn end(mut self, finish: impl FnOnce(TraceJudge) -> (Findings, bool)) -> (Findings, bool) {
         let (found, is_cut) = finish(self.judging);
         let events = self.columns.settle(found.broken());

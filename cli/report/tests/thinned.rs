@@ -32,7 +32,7 @@ fn data_of(mut page: PageWriter, trace: &[u8]) -> (Value, bool) {
     while let Some(event) = events.next_event().unwrap() {
         canvas.event(events.line(), event).unwrap();
     }
-    let conforms = canvas.finish().summary().conforms;
+    let conforms = canvas.finish().summary().violations == 0;
     let mut html = Vec::new();
     page.write(&mut html).unwrap();
     let html = String::from_utf8(html).unwrap();

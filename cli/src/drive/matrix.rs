@@ -121,6 +121,7 @@ fn verdict(report: &DriveReport) -> &'static str {
     match report.exit() {
         Exit::Conforms => "conforms",
         Exit::Differs => "does not conform",
+        Exit::Doubt => "is in doubt",
         Exit::BadInput => "was not driven to the end",
     }
 }

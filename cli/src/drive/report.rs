@@ -235,6 +235,7 @@ impl DriveReport {
         let word = match self.exit() {
             Exit::Conforms => format!("{GOOD}conforms{GOOD:#}"),
             Exit::Differs => format!("{BAD}does not conform{BAD:#}"),
+            Exit::Doubt => "no violation found".to_owned(),
             Exit::BadInput => "no difference so far".to_owned(),
         };
         let stopped = if self.was_interrupted { ", interrupted" } else { "" };

@@ -4,7 +4,7 @@ use fuseline_report::AnyViolation;
 
 use crate::drive::report::{DriveReport, ReportedFinding};
 use crate::exit::Exit;
-use crate::results::{Problem, Subject};
+use crate::results::{Level, Problem, Subject};
 
 /// What a command breaks that answers otherwise than it must.
 const PROTOCOL: (&str, &str) = (
@@ -16,6 +16,7 @@ const PROTOCOL: (&str, &str) = (
 pub(super) fn judged(report: &DriveReport) -> Subject {
     let mut problems: Vec<Problem> = report.reported().map(problem).collect();
     problems.extend(report.at_end.as_ref().map(|misbehaviour| Problem {
+        level: Level::Violation,
         rule: PROTOCOL,
         file: report.name.clone(),
         line: None,
@@ -41,6 +42,7 @@ fn problem(entry: &ReportedFinding) -> Problem {
     let first = verdict.as_ref().and_then(|verdict| verdict.violations.first());
     let first = first.map(AnyViolation::from);
     Problem {
+        level: Level::Violation,
         rule: first.as_ref().map_or(PROTOCOL, |violation| violation.rule),
         file: entry.location(),
         line: first.map(|violation| violation.line),

@@ -103,7 +103,7 @@ pub(crate) fn export(args: &Args) -> Result<Exit, Fault> {
         }
         frames.align();
     }
-    let mut left_out = Vec::new();
+    let (mut left_out, mut lost) = (Vec::new(), Vec::new());
     output.write(|mut out| {
         if args.viewer.mcap {
             let mut reader = reader(inputs[0])?;
@@ -114,7 +114,7 @@ pub(crate) fn export(args: &Args) -> Result<Exit, Fault> {
         if args.viewer.otlp {
             let mut reader = reader(inputs[0])?;
             let writer = SpanWriter::new(&mut out, reader.header()).map_err(Fault::Output)?;
-            write(Box::new(writer), &mut reader, args.part.filter()?)?;
+            lost = write(Box::new(writer), &mut reader, args.part.filter()?)?.lost;
             return Ok(());
         }
         perfetto::begin(&mut out).map_err(Fault::Output)?;
@@ -122,12 +122,18 @@ pub(crate) fn export(args: &Args) -> Result<Exit, Fault> {
             let mut reader = reader(path)?;
             let tracks = Tracks::new(&mut out, reader.header(), frames.of(trace));
             let tracks = Box::new(tracks.map_err(Fault::Output)?);
-            if write(tracks, &mut reader, args.part.filter()?)? {
+            if write(tracks, &mut reader, args.part.filter()?)?.has_keys {
                 left_out.push(name(path));
             }
         }
         perfetto::end(&mut out).map_err(Fault::Output)
     })?;
+    if !lost.is_empty() {
+        let (name, lost) = (name(inputs[0]), lost.join(", "));
+        complain(format_args!(
+            "note: {name}: left out, since spans cannot say them: {lost}; a trace made of these spans may conform where this one does not"
+        ));
+    }
     for name in left_out {
         const LEFT_OUT: &str = "of, try, within, max_age and local are left out";
         complain(format_args!("note: {name}: {LEFT_OUT}; the viewer's file has no place for them"));
@@ -142,13 +148,21 @@ fn reader(path: &Path) -> Result<Events<impl BufRead + use<>>, Fault> {
     Ok(Events::observed(name.as_str(), trace)?)
 }
 
-/// Writes one trace; whether it has keys for which Perfetto's file has no place.
+/// What an export leaves out.
+struct LeftOut {
+    /// Whether the trace has keys for which Perfetto's file has no place.
+    has_keys: bool,
+    /// What the format cannot say.
+    lost: Vec<String>,
+}
+
+/// Writes one trace.
 fn write(
     mut writer: Box<dyn TraceViewer + '_>,
     reader: &mut Events<impl BufRead>,
     mut takes: impl FnMut(&Event) -> bool,
-) -> Result<bool, Fault> {
-    let mut is_left_out = !reader.header_annotations().is_empty();
+) -> Result<LeftOut, Fault> {
+    let mut has_keys = !reader.header_annotations().is_empty();
     while let Some(event) = reader.next_event()? {
         if !takes(&event) {
             continue;
@@ -156,8 +170,9 @@ fn write(
         let annotations = reader.annotations();
         writer.event(&event, annotations).map_err(Fault::Output)?;
         let Annotations { of, attempt, within, .. } = annotations;
-        is_left_out |= of.is_some() || attempt.is_some() || within.is_some();
+        has_keys |= of.is_some() || attempt.is_some() || within.is_some();
     }
+    let lost = writer.left_out();
     writer.finish().map_err(Fault::Output)?;
-    Ok(is_left_out)
+    Ok(LeftOut { has_keys, lost })
 }

@@ -3,8 +3,8 @@
 //! They are written as text, each key in its place by the alphabet: as values of a JSON library they took most of the time.
 
 use std::borrow::Cow;
-use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::io::{self, Write};
 
@@ -24,8 +24,22 @@ pub(super) struct SpanWriter<W> {
     open: BTreeMap<u64, MessageSpan>,
     /// Opened last, and perhaps refused.
     opened: Option<u64>,
+    /// The greatest timestamp opened.
+    newest: Option<u64>,
+    /// What spans cannot say of a message, unless it is refused or dropped next.
+    pending: Option<(&'static str, u64)>,
+    /// What spans cannot say: how often, and the first message.
+    lost: BTreeMap<&'static str, (u64, u64)>,
+    /// The instant of the last line, and of the last that is in a span.
+    ends: (u64, u64),
     is_first: bool,
 }
+
+const OUTPUT: &str = "outputs beside the one that a message's span has";
+const REQUEST: &str = "requests that a message's span has already";
+const OPEN: &str = "opens of messages that have one";
+const STRANGER: &str = "lines of messages without an open";
+const END: &str = "instants after the last span, at which something open may be overdue";
 
 /// A message that has not ended.
 struct MessageSpan {
@@ -35,6 +49,8 @@ struct MessageSpan {
     attributes: SpanAttributes,
     /// Of the last output under progressive.
     by: Option<u64>,
+    /// What was requested.
+    asked: BTreeSet<(u64, Option<u8>)>,
     /// Local and the requests that have not ended, by their priority and attempt.
     calls: BTreeMap<(u64, Option<u8>), CallSpan>,
 }
@@ -94,8 +110,22 @@ impl<W: Write> SpanWriter<W> {
             names: clouds.chain([(0, in_json("local"))]).collect(),
             open: BTreeMap::new(),
             opened: None,
+            newest: None,
+            pending: None,
+            lost: BTreeMap::new(),
+            ends: (0, 0),
             is_first: true,
         })
+    }
+
+    fn loses(&mut self, what: &'static str, t: u64) {
+        self.lost.entry(what).or_insert((0, t)).0 += 1;
+    }
+
+    /// A line of a message that has no span: its own has ended, or it was never opened.
+    fn loses_late(&mut self, what: &'static str, t: u64) {
+        let is_known = self.newest.is_some_and(|newest| t <= newest);
+        self.loses(if is_known { what } else { STRANGER }, t);
     }
 
     fn input(&mut self, input: &Input, annotations: &Annotations) -> io::Result<()> {
@@ -103,12 +133,22 @@ impl<W: Write> SpanWriter<W> {
         match *input {
             Input::Open { at, t, deadline } => {
                 // One that is refused leaves the message that is open as it is.
+                if self.newest.is_some_and(|newest| t <= newest) {
+                    self.pending = Some((OPEN, t));
+                }
+                self.newest = self.newest.max(Some(t));
                 if let Entry::Vacant(place) = self.open.entry(t) {
                     let mut message = MessageSpan::new(&self.operator, at, t, annotations);
                     message.attributes.optional("fuseline.deadline", deadline);
                     place.insert(message);
                     self.opened = Some(t);
                 }
+                Ok(())
+            }
+            Input::Result { t, .. } | Input::Fail { t, .. }
+                if self.newest.is_none_or(|newest| t > newest) =>
+            {
+                self.pending = Some((STRANGER, t));
                 Ok(())
             }
             Input::Result { at, t, p } => {
@@ -130,7 +170,14 @@ impl<W: Write> SpanWriter<W> {
                     attributes.number("fuseline.p", p);
                     attributes.number("fuseline.deadline", due - at.min(due));
                     attributes.optional("fuseline.try", attempt.map(u64::from));
-                    message.calls.insert((p, attempt), CallSpan { start: at, attributes });
+                    let call = CallSpan { start: at, attributes };
+                    if !message.asked.insert((p, attempt)) {
+                        self.loses(REQUEST, t);
+                    } else {
+                        message.calls.insert((p, attempt), call);
+                    }
+                } else {
+                    self.loses_late(REQUEST, t);
                 }
                 Ok(())
             }
@@ -139,21 +186,34 @@ impl<W: Write> SpanWriter<W> {
                 self.end_calls(at, t, p, SpanEnd::EndedByCaller("cancelled"))
             }
             Decision::Emit { t, p, .. } if self.commit == Commit::Progressive => {
-                if let Some(message) = self.open.get_mut(&t) {
-                    message.by = Some(p);
+                match self.open.get_mut(&t).map(|message| message.by.replace(p)) {
+                    None => self.loses_late(OUTPUT, t),
+                    Some(Some(_)) => self.loses(OUTPUT, t),
+                    Some(None) => {}
                 }
+                Ok(())
+            }
+            Decision::Emit { t, .. } | Decision::Final { t, .. } | Decision::Miss { t, .. }
+                if !self.open.contains_key(&t) =>
+            {
+                self.loses_late(OUTPUT, t);
                 Ok(())
             }
             Decision::Emit { at, t, p } => self.end_message(Some(at), t, Some(p), annotations.of),
             Decision::Final { at, t, p } => self.end_message(Some(at), t, Some(p), None),
             Decision::Miss { at, t } => self.end_message(Some(at), t, None, None),
             Decision::RefuseOpen { t, .. } => {
+                self.pending = None;
                 if self.opened.take() == Some(t) {
                     self.open.remove(&t);
                 }
                 Ok(())
             }
-            Decision::RefuseOffer { .. } | Decision::Hold { .. } | Decision::Drop { .. } => Ok(()),
+            Decision::Drop { .. } => {
+                self.pending = None;
+                Ok(())
+            }
+            Decision::RefuseOffer { .. } | Decision::Hold { .. } => Ok(()),
         }
     }
 
@@ -309,6 +369,7 @@ impl MessageSpan {
             start: at,
             attributes,
             by: None,
+            asked: BTreeSet::new(),
             calls: BTreeMap::from([((0, None), local)]),
         }
     }
@@ -316,10 +377,32 @@ impl MessageSpan {
 
 impl<W: Write> TraceViewer for SpanWriter<W> {
     fn event(&mut self, event: &Event, annotations: &Annotations) -> io::Result<()> {
+        self.ends.0 = self.ends.0.max(event.at());
+        if !matches!(event, Event::Input(Input::Tick { .. })) {
+            self.ends.1 = self.ends.1.max(event.at());
+        }
+        let undoes =
+            matches!(event, Event::Decision(Decision::RefuseOpen { .. } | Decision::Drop { .. }));
+        if !undoes && let Some((what, t)) = self.pending.take() {
+            self.loses(what, t);
+        }
         match event {
             Event::Input(input) => self.input(input, annotations),
             Event::Decision(decision) => self.decision(decision, annotations),
         }
+    }
+
+    fn left_out(&self) -> Vec<String> {
+        let mut lost = self.lost.clone();
+        if let Some((what, t)) = self.pending {
+            lost.entry(what).or_insert((0, t)).0 += 1;
+        }
+        if let Some((t, _)) = self.open.first_key_value().filter(|_| self.ends.0 > self.ends.1) {
+            lost.insert(END, (1, *t));
+        }
+        lost.iter()
+            .map(|(what, (count, t))| format!("{count} {what} (timestamp {t} first)"))
+            .collect()
     }
 
     fn finish(mut self: Box<Self>) -> io::Result<()> {

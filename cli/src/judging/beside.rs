@@ -9,7 +9,7 @@ use fuseline_traces::observed::TimeOrderError;
 use fuseline_traces::{Annotations, Event, Events};
 
 use crate::fault::Fault;
-use crate::judging::{TraceEnd, next_event};
+use crate::judging::{TraceEnd, TraceStep, next_event};
 
 /// How many lines pass from one thread to the other at once.
 const BATCH: usize = 2048;
@@ -26,7 +26,7 @@ struct LineRead {
 type LineBatch = Vec<LineRead>;
 
 /// Reads a trace to its end, and judges it meanwhile by `judge`, which takes each line's number and what it says. `read` takes each
-/// line's bytes too, in the reading thread.
+/// line's bytes too, in the reading thread. Returns the line that was cut short, if one may be and is.
 ///
 /// # Errors
 /// Of the earliest line with which something is wrong.
@@ -35,7 +35,7 @@ pub(crate) fn judge_lines(
     end: TraceEnd,
     read: impl FnMut(&Event, &[u8]),
     judge: impl FnMut(u64, Event, &Annotations) -> Result<(), TimeOrderError> + Send,
-) -> Result<(), Fault> {
+) -> Result<Option<u64>, Fault> {
     let (lines, waiting) = sync_channel(WAITING);
     let (judged, spare) = sync_channel(WAITING + 2);
     let (read, judged) = thread::scope(|scope| {
@@ -54,14 +54,22 @@ fn read_batches(
     end: TraceEnd,
     mut seen: impl FnMut(&Event, &[u8]),
     (lines, spare): (&SyncSender<LineBatch>, &Receiver<LineBatch>),
-) -> Result<(), Fault> {
+) -> Result<Option<u64>, Fault> {
+    let mut cut = None;
     loop {
         // Memory that was used before needs no pages of the system.
         let mut batch = spare.try_recv().unwrap_or_else(|_| Vec::with_capacity(BATCH));
         let mut read = Ok(true);
         while read.as_ref().is_ok_and(|goes_on| *goes_on) && batch.len() < BATCH {
-            read = next_event(reader, end).map(|event| {
-                let Some(event) = event else { return false };
+            read = next_event(reader, end).map(|step| {
+                let event = match step {
+                    TraceStep::Event(event) => event,
+                    TraceStep::End => return false,
+                    TraceStep::Cut(line) => {
+                        cut = Some(line);
+                        return false;
+                    }
+                };
                 seen(&event, reader.raw());
                 let annotations = reader.annotations();
                 let has_some = *annotations != Annotations::NONE;
@@ -73,7 +81,7 @@ fn read_batches(
         // Where judging has ended, it says why.
         let is_judged = lines.send(batch).is_ok();
         if !read? || !is_judged {
-            return Ok(());
+            return Ok(cut);
         }
     }
 }

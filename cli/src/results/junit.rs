@@ -4,7 +4,7 @@ use std::io::{self, Write};
 
 use quick_junit::{NonSuccessKind, Report, TestCase, TestCaseStatus, TestSuite};
 
-use crate::results::Subject;
+use crate::results::{Level, Subject};
 
 pub(super) fn write(judged: &[Subject], out: &mut dyn Write) -> io::Result<()> {
     let mut suite = TestSuite::new("traces");
@@ -24,6 +24,8 @@ fn case(judged: &Subject) -> TestCase {
         Ok(_) if judged.conforms => TestCaseStatus::success(),
         Ok(verdict) => {
             let mut status = TestCaseStatus::non_success(NonSuccessKind::Failure);
+            let breaks = judged.problems.iter().any(|it| it.level == Level::Violation);
+            status.set_type(if breaks { "violation" } else { "doubt" });
             let texts: Vec<&str> = judged.problems.iter().map(|it| it.text.as_str()).collect();
             status.set_message(verdict.as_str());
             status.set_description(texts.join("\n\n"));

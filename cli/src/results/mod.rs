@@ -9,11 +9,12 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use fuseline_report::{AnyViolation, Findings};
-use fuseline_traces::Rule;
+use fuseline_traces::{Doubt, Rule};
 
+use crate::exit::Exit;
 use crate::fault::Fault;
 use crate::output::{Output, Overwrite};
-use crate::verdict::{plain, print_summary, print_violation};
+use crate::verdict::{self, plain, print_doubts, print_summary, print_violation};
 
 /// A rule's identifier and its sentence.
 type RuleText = (&'static str, &'static str);
@@ -43,13 +44,25 @@ pub(crate) struct Subject {
     /// What judged it.
     pub(crate) judge: &'static str,
     pub(crate) conforms: bool,
-    /// The verdict in a line; or why there is none.
+    /// The verdict in a few lines; or why there is none.
     pub(crate) verdict: Result<String, String>,
     pub(crate) problems: Vec<Problem>,
 }
 
-/// Something that breaks a rule.
+/// How much a problem counts.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Level {
+    /// It breaks a rule.
+    Violation,
+    /// It is in doubt.
+    Doubt,
+    /// It is in doubt, and accepted.
+    Accepted,
+}
+
+/// Something that breaks a rule, or is in doubt.
 pub(crate) struct Problem {
+    pub(crate) level: Level,
     pub(crate) rule: RuleText,
     pub(crate) file: String,
     /// From 1; none if it is about the whole.
@@ -107,20 +120,24 @@ impl Subject {
     pub(crate) fn found(findings: &Findings) -> Self {
         let summary = findings.summary();
         let problem = |violation: &AnyViolation<'_>| Problem {
+            level: Level::Violation,
             rule: violation.rule,
             file: summary.file.to_owned(),
             line: Some(violation.line),
             text: plain(|out| print_violation(violation, summary.file, out)),
         };
+        let doubts = summary.doubts.iter().map(|doubt| in_doubt(doubt, summary.file));
         Self {
             name: summary.file.to_owned(),
             judge: match findings {
                 Findings::Strict(_) => "strict",
                 Findings::Observed(_) => "observed",
             },
-            conforms: summary.conforms,
-            verdict: Ok(plain(|out| print_summary(&summary, out))),
-            problems: findings.violations().iter().map(problem).collect(),
+            conforms: verdict::exit(findings) == Exit::Conforms,
+            verdict: Ok(plain(|out| {
+                print_summary(findings, out).and_then(|()| print_doubts(findings, out))
+            })),
+            problems: findings.violations().iter().map(problem).chain(doubts).collect(),
         }
     }
 
@@ -128,6 +145,17 @@ impl Subject {
     pub(crate) fn unread(name: &Path, fault: &Fault) -> Self {
         let (name, verdict) = (name.display().to_string(), Err(fault.to_string()));
         Self { name, judge: "reader", conforms: false, verdict, problems: Vec::new() }
+    }
+}
+
+/// A doubt as a problem of the file.
+fn in_doubt(doubt: &Doubt, file: &str) -> Problem {
+    Problem {
+        level: if doubt.accepted { Level::Accepted } else { Level::Doubt },
+        rule: (doubt.kind.as_str(), doubt.kind.sentence()),
+        file: file.to_owned(),
+        line: None,
+        text: format!("{file}: {doubt}"),
     }
 }
 

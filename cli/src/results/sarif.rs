@@ -6,7 +6,7 @@ use std::io::{self, Write};
 use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, utf8_percent_encode};
 use serde_json::{Value, json};
 
-use crate::results::{Problem, Subject, rules};
+use crate::results::{Level, Problem, Subject, rules};
 
 /// What a path's characters become in a URI, but for those that may stand there.
 const PATH: &AsciiSet =
@@ -45,7 +45,11 @@ fn result(problem: &Problem, places: &BTreeMap<&str, usize>) -> Value {
     json!({
         "ruleId": problem.rule.0,
         "ruleIndex": places.get(problem.rule.0),
-        "level": "error",
+        "level": match problem.level {
+            Level::Violation => "error",
+            Level::Doubt => "warning",
+            Level::Accepted => "note",
+        },
         "message": { "text": problem.text },
         "locations": [location(&problem.file, problem.line)],
     })

@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use quick_xml::Writer;
 use quick_xml::events::{BytesDecl, Event};
 
-use crate::results::{Problem, RuleText, Subject, rules};
+use crate::results::{Level, Problem, RuleText, Subject, rules};
 
 /// Of the format.
 const VERSION: &str = "1.0.0";
@@ -79,7 +79,14 @@ fn issue<W: Write>(xml: &mut Writer<W>, problem: &Problem, number: u64) -> io::R
     let issue = xml.create_element("Issue").with_attributes([
         ("issueId", number.as_str()),
         ("description", &text),
-        ("level", "1"),
+        (
+            "level",
+            match problem.level {
+                Level::Violation => "1",
+                Level::Doubt => "2",
+                Level::Accepted => "3",
+            },
+        ),
         ("ruleUID", &uid),
     ]);
     issue.write_inner_content(|xml| {

@@ -18,9 +18,10 @@ mod table;
 
 use std::io::{self, Write};
 
+use fuseline_report::Findings;
+use fuseline_traces::Doubt;
 use tokio::runtime::Runtime;
 
-use crate::complain::complain;
 use crate::exit::Exit;
 use crate::fault::Fault;
 use crate::interrupt::Interrupt;
@@ -72,6 +73,8 @@ pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
     let reading = Reading::new(&plan.trace, &name, &plan)?;
     let ended_at = reading.ended_at;
     let mut report = reading.report(&plan, &driven);
+    let silent = report.silent_clouds();
+    report.trace = args.doubted(report.trace, silent.clone());
     if driven.unrecorded.is_none() {
         let notes = crate::report::noted_tick(ended_at, &report.notes(&plan));
         own.append(notes.as_bytes())
@@ -88,27 +91,35 @@ pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
     }
     .map_err(Fault::Output)?;
     if let Some(page) = plan.page.as_ref().filter(|_| driven.unrecorded.is_none()) {
-        make(page, &plan)?;
+        make(page, &plan, |found| args.doubted(found, silent))?;
         if !args.json {
             writeln!(out, "{}: the page of this run", page.name()).map_err(Fault::Output)?;
         }
     }
     match driven.unrecorded {
         Some(why) => Err(RunError::Unrecorded { trace: name, why }.into()),
-        None if args.require_clouds && report.silent_clouds().next().is_some() => {
-            for cloud in report.silent_clouds() {
-                let problem = "it answered no request in time, as --require-clouds wants";
-                complain(format_args!("error: cloud {cloud:?}: {problem}"));
-            }
-            Ok(Exit::Differs)
-        }
         None => Ok(verdict::exit(&report.trace)),
     }
 }
 
+impl Args {
+    /// The verdict with this doubt, if there is one, and with what is accepted.
+    fn doubted(&self, found: Findings, doubt: Option<Doubt>) -> Findings {
+        let found = match doubt {
+            Some(doubt) => found.doubting(doubt),
+            None => found,
+        };
+        self.accept.accepted(found)
+    }
+}
+
 /// Makes the page of the run's trace, and opens it if that is wanted and can be done.
-fn make(page: &Output, plan: &RunPlan) -> Result<(), Fault> {
-    crate::report::of(&plan.trace, page)?;
+fn make(
+    page: &Output,
+    plan: &RunPlan,
+    doubted: impl FnOnce(Findings) -> Findings,
+) -> Result<(), Fault> {
+    crate::report::of(&plan.trace, page, doubted)?;
     if plan.open
         && let Err(error) = open::that_detached(page.name())
     {

@@ -11,6 +11,7 @@ use thiserror::Error;
 use crate::emulation::Emulation;
 use crate::fault::Fault;
 use crate::input::is_standard;
+use crate::judging::AcceptOption;
 use crate::link::{LinkArgs, LinkWidth, RecordedLink};
 use crate::models::Model;
 use crate::output::{self, Output, Overwrite};
@@ -116,10 +117,10 @@ pub(crate) struct Args {
     report: Option<Option<PathBuf>>,
     #[command(flatten)]
     pub(crate) overwrite: Overwrite,
-    /// Exit with 1 unless each cloud answered at least one request in time. A wrong token or certificate, or a
-    /// network that never was there, is no mistake of the trace.
-    #[arg(long)]
-    pub(crate) require_clouds: bool,
+    #[command(flatten)]
+    pub(crate) accept: AcceptOption,
+    #[arg(long, hide = true)]
+    require_clouds: bool,
     /// Open the page in a browser.
     #[arg(long, requires = "report")]
     open: bool,
@@ -209,6 +210,11 @@ pub(crate) enum PlanError {
     Frames { frames: u64 },
     #[error("--report={0}: that is the trace or standard output; give the page a name of its own")]
     Page(String),
+    #[error(
+        "--require-clouds is no option any more: a cloud that answers nothing in time leaves the verdict in doubt (exit \
+         code 3); leave it out"
+    )]
+    RequireClouds,
     #[error("--trace -: a trace is read again once it is written; name a file")]
     Stdout,
 }
@@ -225,6 +231,9 @@ impl RunPlan {
     /// # Errors
     /// The first that holds.
     pub(crate) fn new(args: &Args) -> Result<Self, Fault> {
+        if args.require_clouds {
+            return Err(PlanError::RequireClouds.into());
+        }
         let period = Duration::from_secs_f64(args.rate.recip());
         // What is a whole number of frames but for rounding is one.
         #[expect(

@@ -13,7 +13,7 @@ use fuseline_report::{
     ArrivalTime, COLUMNS, Findings, MessageRecord, Quantile, RequestRow, Totals, TraceStatistics,
 };
 use fuseline_tokio::{SourceTally, grpc};
-use fuseline_traces::{Event, Events, Judge, Verdict};
+use fuseline_traces::{Doubt, DoubtKind, Event, Events, Judge, Verdict};
 #[cfg(feature = "full")]
 use schemars::JsonSchema;
 use serde::{Serialize, Serializer};
@@ -143,10 +143,20 @@ impl RunReport {
         }
     }
 
-    /// The clouds that answered no request in time.
-    pub(crate) fn silent_clouds(&self) -> impl Iterator<Item = &str> {
+    /// The doubt about clouds that answered no request in time, though some failed or ran to their deadlines.
+    pub(crate) fn silent_clouds(&self) -> Option<Doubt> {
         let clouds = self.totals.rows.iter().zip(&self.sources).skip(1);
-        clouds.filter(|(row, _)| row.answered() == 0).map(|(_, source)| &*source.name)
+        let is_silent = |row: &RequestRow| row.answered() == 0 && row.lost() > 0;
+        let silent = clouds.filter(|(row, _)| is_silent(row));
+        let found: Vec<String> = silent
+            .clone()
+            .map(|(row, source)| {
+                let requests = row.requests();
+                format!("{} answered none of its {requests} requests in time", source.name)
+            })
+            .collect();
+        let count = silent.map(|(row, _)| row.requests()).sum();
+        (count > 0).then(|| Doubt::new(DoubtKind::Silent, count, found.join("; ")))
     }
 }
 

@@ -9,11 +9,14 @@ use std::io::BufRead;
 
 use rangemap::RangeInclusiveSet;
 
+use super::causes::CauseTracker;
+use super::doubts::DoubtTracker;
 use super::gap::{Gap, Gaps, Opened};
 use super::open::{OpenMessageHistory, WholeMessageHistory};
 use super::slack::{Slack, SourceSlack};
 use super::verdict::{BrokenRule, Verdict, Violation};
 use super::violation::{UnlocatedViolation, of_again, of_refused, of_story};
+use super::window::CrowdedOpens;
 use crate::annotations::{Annotations, HeaderAnnotations};
 use crate::event::{Commit, Decision, Event, Header, Input};
 use crate::judge::{PLACES, ViolationPlace};
@@ -55,6 +58,9 @@ pub struct Judge {
     broken: RangeInclusiveSet<u64>,
     /// If a period is known.
     gaps: Option<Gaps>,
+    crowded: CrowdedOpens,
+    doubts: DoubtTracker,
+    causes: CauseTracker,
     recent: RecentLines,
     /// Whether the places of all violations are wanted.
     keeps_places: bool,
@@ -75,8 +81,7 @@ pub enum JudgeError {
 /// A line that stands further out of order than the tolerance explains.
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
 #[error(
-    "{file}:{line}:1: at {at} after a line at {greatest}, more than the tolerances of both, {tolerance} ns in all; sort \
-     the lines, or give a greater tolerance"
+    "{file}:{line}:1: at {at} after a line at {greatest}, more than the tolerances of both, {tolerance} ns in all; {remedy}"
 )]
 pub struct TimeOrderError {
     /// The name that the trace was given.
@@ -89,6 +94,8 @@ pub struct TimeOrderError {
     pub greatest: u64,
     /// The errors that the two instants may have, together.
     pub tolerance: u64,
+    /// What may be wrong, and what to do.
+    pub remedy: String,
 }
 
 /// Judges a whole trace; `file` is its name in the verdict and in errors.
@@ -125,6 +132,9 @@ impl Judge {
             refused: RangeInclusiveSet::new(),
             broken: RangeInclusiveSet::new(),
             gaps: None,
+            crowded: CrowdedOpens::new(header.window),
+            doubts: DoubtTracker::new(header),
+            causes: CauseTracker::default(),
             recent: RecentLines::default(),
             keeps_places: false,
             verdict: Verdict {
@@ -133,6 +143,8 @@ impl Judge {
                 judged: 0,
                 unfinished: None,
                 lines: 1,
+                doubts: Vec::new(),
+                cause: None,
                 violations: Vec::new(),
                 more: 0,
                 places: Vec::new(),
@@ -188,13 +200,16 @@ impl Judge {
         event: &Event,
         annotations: &Annotations,
     ) -> Result<(), TimeOrderError> {
-        let (at, own) = (at(event), self.slack.tolerance());
+        let (at, own) = (event.at(), self.slack.tolerance());
         let tolerance = source(event).map_or(own, |p| self.slack.tolerance_of(p));
         if at.saturating_add(tolerance) < self.passed {
-            return Err(self.out_of_order(line, at, tolerance));
+            return Err(self.out_of_order(line, event, tolerance));
         }
         self.recent.push(line, event, annotations);
         self.verdict.lines = line;
+        let is_open = matches!(event, Event::Input(Input::Open { .. }));
+        self.causes.sees(line, event, is_open && self.was_opened(event));
+        self.doubts.sees(at, event, annotations, &self.slack);
         if let Some(t) = event.t() {
             self.take(t, line, event, annotations);
         }
@@ -210,15 +225,25 @@ impl Judge {
         if at > self.greatest {
             self.greatest = at;
             self.settle(Some(at));
+            self.settle_crowded(Some(self.passed), self.certain());
             self.ripen();
         }
         Ok(())
     }
 
-    fn out_of_order(&self, line: u64, at: u64, tolerance: u64) -> TimeOrderError {
+    /// Whether an open with the timestamp of this line was read before.
+    fn was_opened(&self, event: &Event) -> bool {
+        let is_known =
+            |t| self.ended.contains(&t) || self.open.get(&t).is_some_and(|it| it.is_opened());
+        event.t().is_some_and(is_known)
+    }
+
+    fn out_of_order(&self, line: u64, event: &Event, tolerance: u64) -> TimeOrderError {
         let both = tolerance.saturating_add(self.greatest.saturating_sub(self.passed));
         let file = self.verdict.file.clone();
-        TimeOrderError { file, line, at, greatest: self.greatest, tolerance: both }
+        let remedy = self.causes.remedy(line, event, self.was_opened(event));
+        let (at, greatest) = (event.at(), self.greatest);
+        TimeOrderError { file, line, at, greatest, tolerance: both, remedy }
     }
 
     /// Takes the violations that are listed so far out of the verdict, so that it lists as many again.
@@ -258,14 +283,18 @@ impl Judge {
     /// Ends the trace: timers and outputs were to come by `end`, opens by `last`.
     fn finish_at(mut self, end: u64, last: u64) -> Verdict {
         self.settle(None);
+        self.settle_crowded(None, end);
         if let Some(gap) = self.gaps.as_ref().and_then(|gaps| gaps.ends(last)) {
             self.tell_gap(self.verdict.lines, gap.after, gap);
         }
         while let Some((t, open)) = self.open.pop_first() {
             self.close(t, &open, &self.whole(t, &open), end);
         }
-        self.verdict.conforms &= self.verdict.judged > 0;
-        self.verdict
+        let Verdict { judged, unfinished, more, violations, .. } = &self.verdict;
+        let broken = violations.len() as u64 + more;
+        self.verdict.doubts = self.doubts.doubts(*judged, unfinished.is_some(), &self.slack);
+        self.verdict.cause = self.causes.most(broken, &self.header);
+        self.verdict.accepting(&[])
     }
 
     /// Notes a line of a timestamp.
@@ -275,6 +304,7 @@ impl Judge {
         } else if self.begins(t, event) {
             self.open.entry(t).or_default()
         } else {
+            self.finds(t, line, event, annotations);
             return;
         };
         let clouds = &self.header.clouds;
@@ -284,14 +314,31 @@ impl Judge {
             Commit::Eager | Commit::Patient => 1,
             Commit::Progressive => clouds.len() + 1,
         };
+        let was_waiting = open.is_waiting();
         open.take(line, event, annotations, is_cloud, self.records_opens, most);
-        self.records_opens |= matches!(event, Event::Input(Input::Open { .. }));
+        self.crowded.changes(was_waiting, open.is_waiting());
+        if let Event::Input(Input::Open { at, .. }) = *event {
+            self.records_opens = true;
+            self.crowded.opens(Opened { at, line, t });
+        }
         // No line is before that any more.
         open.compact(self.passed.saturating_sub(self.slack.greatest()));
         if !open.is_queued {
             open.is_queued = true;
             let ripe = open.ripens(self.header.commit, &self.slack);
             self.ripening.push(Reverse((ripe, t)));
+        }
+    }
+
+    /// Takes a result of a timestamp that is done with: it may be the one that an output lacked.
+    fn finds(&mut self, t: u64, line: u64, event: &Event, annotations: &Annotations) {
+        let Event::Input(Input::Result { at, p, .. }) = *event else { return };
+        if !self.causes.finds(t, p, at) {
+            return;
+        }
+        let mut violations = self.verdict.violations.iter_mut().rev();
+        if let Some(violation) = violations.find(|violation| violation.t == Some(t)) {
+            violation.story.push(format!("{line}: {}", event.annotated(annotations)));
         }
     }
 
@@ -400,6 +447,7 @@ impl Judge {
         if open.is_overdue {
             self.overdue.retain(|overdue| *overdue != t);
         }
+        self.crowded.changes(open.is_waiting(), false);
         if let Some(gaps) = &mut self.gaps {
             open.refused(t, &self.slack).into_iter().for_each(|opened| gaps.refuses(opened));
         }
@@ -418,14 +466,18 @@ impl Judge {
             self.ended.insert(t..=t);
             self.refused.remove(t..=t);
             let unplaced = self.violation(t, whole, end);
+            let is_broken = unplaced.is_some() || self.broken.contains(&t);
+            self.doubts.closes(t, open, whole, &self.slack, (is_broken, end));
             match &mut self.verdict.unfinished {
                 // P7: what breaks nothing and is open to the end of time waits for local.
-                Some(unfinished)
-                    if unplaced.is_none() && !open.has_come_out() && !self.broken.contains(&t) =>
-                {
+                Some(unfinished) if !is_broken && !open.has_come_out() => {
                     *unfinished += 1;
+                    self.doubts.leaves_unfinished(t);
                 }
-                _ => self.verdict.judged += u64::from(whole.is_reported_of()),
+                _ => {
+                    let is_judged = whole.is_opened() && whole.is_reported_of();
+                    self.verdict.judged += u64::from(is_judged);
+                }
             }
             unplaced
         };
@@ -461,6 +513,39 @@ impl Judge {
         }
     }
 
+    /// P9: goes through the opens that came while others were open, of a trace that has certainly come to `passed`.
+    fn settle_crowded(&mut self, passed: Option<u64>, end: u64) {
+        while let Some(Opened { at, line, t }) = self.crowded.next(passed, &self.slack) {
+            let window = usize::try_from(self.crowded.window()).unwrap_or(usize::MAX);
+            let has_local = !self.annotations.without_local;
+            let refused = |open: &OpenMessageHistory| {
+                open.refused(t, &self.slack).iter().any(|refused| refused.line == line)
+            };
+            if self.open.get(&t).is_none_or(|open| refused(open)) {
+                continue;
+            }
+            let others = self.open.iter().filter(|(other, open)| {
+                **other != t && open.is_surely_open(at, &self.slack, has_local, end)
+            });
+            if others.take(window).count() < window {
+                continue;
+            }
+            let found = format!("an open of timestamp {t} while {window} others were open");
+            let expected = format!("a refusal: full, the window is {window}");
+            let story = self.recent.story(t, None);
+            self.causes.takes(t, None, None);
+            self.violate(Violation {
+                line,
+                t: Some(t),
+                rule: BrokenRule::P9,
+                found,
+                expected,
+                late: None,
+                story,
+            });
+        }
+    }
+
     fn tell_gap(&mut self, line: u64, t: Option<u64>, gap: Gap) {
         let (found, expected, late) = (gap.found(), gap.expected(), Some(gap.excess()));
         let story = t.map_or_else(Vec::new, |t| self.recent.story(t, None));
@@ -468,7 +553,8 @@ impl Judge {
     }
 
     fn tell(&mut self, t: u64, open: &OpenMessageHistory, unplaced: UnlocatedViolation) {
-        let UnlocatedViolation { line, rule, found, expected, late } = unplaced;
+        let UnlocatedViolation { line, rule, found, expected, late, suspicion } = unplaced;
+        self.causes.takes(t, suspicion, late);
         let line = line.unwrap_or(open.line);
         let story = self.recent.story(t, None);
         self.violate(Violation { line, t: Some(t), rule, found, expected, late, story });
@@ -485,14 +571,6 @@ impl Judge {
         } else {
             self.verdict.violations.push(violation);
         }
-    }
-}
-
-/// When the line was written, or its decision made.
-const fn at(event: &Event) -> u64 {
-    match event {
-        Event::Input(input) => input.at(),
-        Event::Decision(decision) => decision.at(),
     }
 }
 

@@ -33,6 +33,8 @@ pub(super) struct OpenMessageHistory {
     finals: Vec<ObservedOutput>,
     /// The line of a request to a cloud that is not registered, with its priority.
     stranger: Option<(u64, u64)>,
+    /// The least and the greatest instant of its lines.
+    instants: Option<(u64, u64)>,
     /// The last line of it.
     pub(super) line: u64,
     /// Whether it waits for when it can be judged, whatever else comes.
@@ -94,8 +96,10 @@ pub(super) struct WholeMessageHistory {
     pub(super) due: Option<u64>,
     /// Whether anything of it failed, an attempt among others too.
     pub(super) has_failed: bool,
-    /// The line of an open beside the first.
-    pub(super) second_open: Option<u64>,
+    /// The line of an open beside the first, and whether it is the first one's copy.
+    pub(super) second_open: Option<(u64, bool)>,
+    /// The line of the first open.
+    pub(super) first_open: Option<u64>,
     /// The line of a request to a cloud that is not registered, with its priority.
     pub(super) stranger: Option<(u64, u64)>,
     pub(super) was_refused: bool,
@@ -114,6 +118,9 @@ impl OpenMessageHistory {
         most: usize,
     ) {
         self.line = line;
+        let at = event.at();
+        self.instants =
+            Some(self.instants.map_or((at, at), |(from, to)| (from.min(at), to.max(at))));
         let known = |p| if p == 0 || is_cloud(p) { p } else { STRANGER };
         let &Annotations { of, attempt, .. } = annotations;
         match *event {
@@ -194,6 +201,49 @@ impl OpenMessageHistory {
     #[cfg(test)]
     pub(super) fn len(&self) -> usize {
         self.came.len() + self.dropped.len()
+    }
+
+    /// From its first line to its last.
+    pub(super) fn span(&self) -> u64 {
+        self.instants.map_or(0, |(from, to)| to - from)
+    }
+
+    /// Whether it has an open, refused or not.
+    pub(super) const fn is_opened(&self) -> bool {
+        !self.opens.is_empty()
+    }
+
+    /// Whether it was opened and nothing came out yet.
+    pub(super) const fn is_waiting(&self) -> bool {
+        !self.opens.is_empty() && !self.has_come_out()
+    }
+
+    /// P9: whether it certainly was open around this instant, at which another timestamp was opened. Until `end` outputs were
+    /// to be seen.
+    pub(super) fn is_surely_open(
+        &self,
+        at: u64,
+        slack: &SourceSlack,
+        has_local: bool,
+        end: u64,
+    ) -> bool {
+        let (twice, by) = (slack.tolerance().saturating_mul(2), at.saturating_add(slack.reach()));
+        let accepted = self.accepted(slack.reach());
+        if accepted.first().is_none_or(|open| open.at.saturating_add(twice) >= at) {
+            return false;
+        }
+        if let Some(out) = self.outputs.iter().chain(&self.finals).map(|output| output.at).min() {
+            return out > by;
+        }
+        // P7: it waits for local, or for a deadline that is not over.
+        let later = at.saturating_add(slack.tolerance_of(0)).saturating_add(slack.tolerance());
+        let is_local_pending = has_local
+            && self.came.iter().all(|came| came.p != 0 || came.at > later)
+            && accepted.iter().all(|open| open.deadline.is_none());
+        let runs = |request: &RequestAttempt| {
+            request.due > at.saturating_add(slack.tolerance_of(request.p)).saturating_add(twice)
+        };
+        end > by && (is_local_pending || self.requests.iter().any(runs))
     }
 
     /// Whether anything came out.
@@ -289,7 +339,10 @@ impl OpenMessageHistory {
             values,
             due: open.and_then(|open| open.due),
             has_failed: !failures.is_empty(),
-            second_open: opens.get(1).map(|open| open.line),
+            second_open: opens.get(1).map(|second| {
+                (second.line, opens.first().is_some_and(|open| open.is_copied_by(second)))
+            }),
+            first_open: open.map(|open| open.line),
             stranger: self.stranger,
             // Something of it that certainly came before shows that it was open then.
             was_refused: was_refused
@@ -389,6 +442,13 @@ fn keep(outputs: &mut Vec<ObservedOutput>, most: usize, output: ObservedOutput) 
 
 /// How late a timestamp a result's value may be of: one that does not say may be of the latest.
 type ValueOrder = (bool, u64);
+
+impl OpenTimestamp {
+    /// Whether the other one says the same.
+    const fn is_copied_by(&self, other: &Self) -> bool {
+        self.at == other.at && self.line != other.line
+    }
+}
 
 impl RequestClosing {
     const fn new(p: u64, at: u64, is_result: bool, attempt: Option<u8>, of: Option<u64>) -> Self {

@@ -47,6 +47,11 @@ impl SourceSlack {
         self.slack.lateness
     }
 
+    /// By how much a result of source `p` may be late and still pass as in time.
+    pub(super) fn unnoticed(&self, p: u64) -> u64 {
+        self.tolerance_of(p).saturating_mul(2).saturating_add(self.lateness())
+    }
+
     /// That of the operator's own lines.
     pub(super) const fn own(&self) -> Slack {
         self.slack

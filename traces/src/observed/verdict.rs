@@ -4,6 +4,7 @@ use std::fmt;
 
 use serde::{Serialize, Serializer};
 
+use crate::doubt::{self, Doubt, DoubtKind};
 use crate::judge::ViolationPlace;
 use crate::rule::Rule;
 
@@ -13,9 +14,9 @@ use crate::rule::Rule;
 pub struct Verdict {
     /// The name that the trace was given.
     pub file: String,
-    /// Whether each timestamp has an explanation and at least one was judged.
+    /// Whether each timestamp has an explanation and nothing is in doubt that is not accepted.
     pub conforms: bool,
-    /// How many timestamps were judged: those that have a result, a failure, an emit or a miss, and were not refused.
+    /// How many timestamps were judged: those opened that have a result, a failure, an emit or a miss.
     pub judged: u64,
     /// Of a run that is known to have ended: how many timestamps were open at its end that local owed a result and that
     /// had no timer. They are not among those judged.
@@ -23,6 +24,11 @@ pub struct Verdict {
     pub unfinished: Option<u64>,
     /// How many lines the trace has, the header's too.
     pub lines: u64,
+    /// What the judge could not see.
+    pub doubts: Vec<Doubt>,
+    /// The one cause that explains most violations, if there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cause: Option<String>,
     /// What does not conform, up to 100.
     pub violations: Vec<Violation>,
     /// How many violations more there are.
@@ -77,10 +83,28 @@ pub enum BrokenRule {
     P6,
     /// No stall.
     P7,
+    /// Bounded.
+    P9,
     /// No gap between opens.
     J1,
     /// In time for the message.
     J2,
+}
+
+impl Verdict {
+    /// The same, accepting these kinds of doubt.
+    #[must_use]
+    pub fn accepting(mut self, kinds: &[DoubtKind]) -> Self {
+        self.conforms =
+            doubt::accept(&mut self.doubts, kinds) && self.violations.is_empty() && self.more == 0;
+        self
+    }
+
+    /// The verdict in a few words, such as *conforms*.
+    #[must_use]
+    pub fn in_short(&self) -> String {
+        doubt::in_short(self.violations.len() as u64 + self.more, &self.doubts)
+    }
 }
 
 impl BrokenRule {
@@ -95,6 +119,7 @@ impl BrokenRule {
             Self::P5 => "P5",
             Self::P6 => "P6",
             Self::P7 => "P7",
+            Self::P9 => "P9",
             Self::J1 => "J1",
             Self::J2 => "J2",
         }
@@ -126,6 +151,7 @@ impl BrokenRule {
                 "An open timestamp waits for local or has an armed timer. One opened with a deadline \
                  is retired by the latest due instant ever armed for it."
             }
+            Self::P9 => "At most `window` timestamps are open.",
             Self::J1 => {
                 "Two opens, one after the other in time, are at most a period, the lateness and twice \
                  the tolerance apart, and so are the last one and the end of the trace."

@@ -3,6 +3,8 @@
 mod progressive;
 
 use self::progressive::{of_disorder, of_progressive};
+use super::causes::Suspicion;
+use super::doubts::nanos;
 use super::open::{ObservedOutput, WholeMessageHistory};
 use super::slack::SourceSlack;
 use super::story::{AllowedOutput, MessageHistory};
@@ -20,6 +22,8 @@ pub(super) struct UnlocatedViolation {
     pub(super) found: String,
     pub(super) expected: String,
     pub(super) late: Option<u64>,
+    /// What it may come of, if it is not the operator.
+    pub(super) suspicion: Option<Suspicion>,
 }
 
 /// What comes for a timestamp that was retired before: it must be dropped or refused.
@@ -27,7 +31,9 @@ pub(super) fn of_again(t: u64, whole: &WholeMessageHistory) -> Option<UnlocatedV
     if let Some(line) = whole.line() {
         let found = outputs(t, &whole.story);
         let expected = "nothing more: it was forwarded or missed before".to_owned();
-        return Some(UnlocatedViolation::new(Rule::P1, line, found, expected));
+        let violation = UnlocatedViolation::new(Rule::P1, line, found, expected);
+        let again = whole.is_opened().then_some(Suspicion::OpenedAgain);
+        return Some(UnlocatedViolation { suspicion: again, ..violation });
     }
     of_open_or_request(t, whole, "it was opened before, and retired")
 }
@@ -50,9 +56,15 @@ pub(super) fn of_story(
     slack: &SourceSlack,
     end: u64,
 ) -> Option<UnlocatedViolation> {
-    if let Some(line) = whole.second_open {
-        let found = format!("a second open of timestamp {t}");
-        return Some(UnlocatedViolation::new(Rule::F1, line, found, "a refusal: order".to_owned()));
+    if let Some((line, is_copy)) = whole.second_open {
+        let first = whole.first_open.unwrap_or_default();
+        let found = format!("a second open of timestamp {t}; the first is line {first}");
+        let expected = "a refusal: order".to_owned();
+        let suspicion =
+            if is_copy { Suspicion::Repeated(Some(line)) } else { Suspicion::OpenedAgain };
+        return Some(
+            UnlocatedViolation::new(Rule::F1, line, found, expected).suspecting(suspicion),
+        );
     }
     if let Some((line, p)) = whole.stranger {
         let found = format!("a request to p {p}");
@@ -87,9 +99,11 @@ pub(super) fn of_story(
     } else if let Some(last) = whole.finals.first() {
         let expected = format!("no final: the rule is {commit}");
         return Some(UnlocatedViolation::new(Rule::F9, last.line, found, expected));
-    } else if story.outputs.len() > 1 {
-        let unplaced = UnlocatedViolation::new(Rule::P1, 0, found, reported(t, &allowed));
-        return Some(UnlocatedViolation { line, ..unplaced });
+    } else if let [first, second, ..] = &story.outputs[..] {
+        let copy = (first == second).then_some(Suspicion::Repeated(line));
+        let expected = format!("one output: {}", reported(t, &allowed));
+        let unplaced = UnlocatedViolation::new(Rule::P1, 0, found, expected);
+        return Some(UnlocatedViolation { line, suspicion: copy, ..unplaced });
     }
     let without = MessageHistory { outputs: Vec::new(), finals: Vec::new(), ..story.clone() };
     if allowed.is_empty() && !without.is_explained_within(commit, slack, end) {
@@ -98,11 +112,17 @@ pub(super) fn of_story(
     if is_progressive && let Some(violation) = of_progressive(t, whole, slack, end) {
         return Some(violation);
     }
-    let (rule, late) = match story.outputs.first() {
-        Some(output) => of_output(story, commit, *output, &allowed, slack),
-        None => of_nothing(story, &allowed, end),
-    };
-    Some(UnlocatedViolation { line, rule, found, expected: reported(t, &allowed), late })
+    Some(match story.outputs.first() {
+        Some(output) => {
+            let fault = of_output(story, commit, *output, &allowed, slack);
+            fault.violation(line, found, (*output, slack), reported(t, &allowed), &allowed)
+        }
+        None => {
+            let (rule, late) = of_nothing(story, &allowed, end);
+            let expected = reported(t, &allowed);
+            UnlocatedViolation { line, rule, found, expected, late, suspicion: None }
+        }
+    })
 }
 
 /// D2: whose value it is that was sent.
@@ -159,6 +179,7 @@ fn of_own_deadline(
         ),
         expected: format!("an output at {by} at the latest: the message's own deadline"),
         late: Some(late),
+        suspicion: None,
     })
 }
 
@@ -168,12 +189,12 @@ fn of_open_or_request(
     why: &str,
 ) -> Option<UnlocatedViolation> {
     let expected = format!("a refusal: {why}");
-    let (rule, found) = if whole.is_opened() {
-        (Rule::F1, format!("a second open of timestamp {t}"))
+    let (rule, found, suspicion) = if whole.is_opened() {
+        (Rule::F1, format!("a second open of timestamp {t}"), Some(Suspicion::OpenedAgain))
     } else {
         let requested = whole.story.requests.first().map(|(p, ..)| *p);
         let p = requested.or(whole.stranger.map(|(_, p)| p))?;
-        (Rule::F2, format!("a request to p {p}"))
+        (Rule::F2, format!("a request to p {p}"), None)
     };
     Some(UnlocatedViolation {
         line: None,
@@ -181,6 +202,7 @@ fn of_open_or_request(
         found,
         expected,
         late: None,
+        suspicion,
     })
 }
 
@@ -193,19 +215,24 @@ fn of_contradiction(
     end: u64,
 ) -> UnlocatedViolation {
     let explains = |story: &MessageHistory| !story.allowed_within(commit, slack, end).is_empty();
+    if let Some(violation) = of_early_result(story, slack) {
+        return violation;
+    }
     for i in 0..story.requests.len() {
         let mut without = story.clone();
         let (p, at, due) = without.requests.remove(i);
         if explains(&without) {
-            let is_second = without.requests.iter().any(|(q, ..)| *q == p);
-            let expected = if is_second {
+            let other = without.requests.iter().find(|(q, ..)| *q == p);
+            let expected = if other.is_some() {
                 format!("one request to p {p}: a refusal of the second, duplicate")
             } else {
                 format!("a refusal: timestamp {t} cannot be open then")
             };
+            let is_copy = other == Some(&(p, at, due));
+            let suspicion = is_copy.then_some(Suspicion::Repeated(None));
             let found = Decision::Request { at, t, p, due }.to_string();
             let rule = BrokenRule::Rule(Rule::F2);
-            return UnlocatedViolation { line: None, rule, found, expected, late: None };
+            return UnlocatedViolation { line: None, rule, found, expected, late: None, suspicion };
         }
     }
     let found = outputs(t, story);
@@ -213,7 +240,32 @@ fn of_contradiction(
         "an open first, and each request before what comes of it; no order of these lines \
                     within the tolerance has that"
             .to_owned();
-    UnlocatedViolation { line: None, rule: BrokenRule::Rule(Rule::F1), found, expected, late: None }
+    let rule = BrokenRule::Rule(Rule::F1);
+    UnlocatedViolation { line: None, rule, found, expected, late: None, suspicion: None }
+}
+
+/// A result that certainly came before its request, or local's before the open.
+fn of_early_result(story: &MessageHistory, slack: &SourceSlack) -> Option<UnlocatedViolation> {
+    let opened = story.open.map(|(at, _)| (0, at, slack.tolerance()));
+    let asked = |(p, at, _): &(u64, u64, u64)| (*p, *at, slack.tolerance_of(*p));
+    let begun = opened.into_iter().chain(story.requests.iter().map(asked));
+    let early = |(p, asked, tolerance): (u64, u64, u64)| {
+        let came = story.results.iter().filter(|(q, _)| *q == p).map(|(_, at)| *at).min()?;
+        let both = tolerance.saturating_add(slack.tolerance_of(p));
+        (came.saturating_add(both) < asked).then_some((p, came, asked))
+    };
+    let (p, came, asked) = begun.filter_map(early).next()?;
+    let by = asked - came;
+    let (what, rule) = if p == 0 { ("the open", Rule::F1) } else { ("its request", Rule::F2) };
+    let found = format!("a result of p {p} at {came}, {} before {what} at {asked}", nanos(by));
+    Some(UnlocatedViolation {
+        line: None,
+        rule: BrokenRule::Rule(rule),
+        found,
+        expected: format!("a result after {what}"),
+        late: None,
+        suspicion: Some(Suspicion::ResultBeforeRequest { p, by }),
+    })
 }
 
 /// The rule or promise that is broken where nothing came out; and by how much that is too late.
@@ -232,14 +284,26 @@ fn of_nothing(
     (rule, Some(end.saturating_sub(by)))
 }
 
-/// The rule or promise that an output breaks; and by how much it came too late.
+/// What is wrong with an output.
+#[derive(Clone, Copy, Debug)]
+struct OutputFault {
+    rule: BrokenRule,
+    late: Option<u64>,
+    /// When its result came, if that is what is wrong.
+    came: Option<u64>,
+    /// When that was due.
+    due: Option<u64>,
+    suspicion: Option<Suspicion>,
+}
+
+/// What is wrong with an output: the rule or promise that it breaks, and by how much it came too late.
 fn of_output(
     story: &MessageHistory,
     commit: Commit,
     (what, at): (Option<u64>, u64),
     allowed: &[AllowedOutput],
     slack: &SourceSlack,
-) -> (BrokenRule, Option<u64>) {
+) -> OutputFault {
     let alone = story.requests.is_empty();
     let same = allowed.iter().find(|allowed| allowed.p == what);
     if let Some(same) = same.filter(|same| at > same.to) {
@@ -248,45 +312,96 @@ fn of_output(
             Some(0) if alone => BrokenRule::P6,
             Some(_) => BrokenRule::P4,
         };
-        return (rule, Some(at - same.to));
+        return OutputFault { late: Some(at - same.to), ..OutputFault::of(rule) };
     }
-    let Some(p) = what else { return (BrokenRule::Rule(Rule::F6), None) };
+    let Some(p) = what else { return OutputFault::of(BrokenRule::Rule(Rule::F6)) };
     let own = slack.tolerance_of(p);
     if p == 0 && story.without_local {
-        return (BrokenRule::Rule(Rule::F3), None);
+        return OutputFault::of(BrokenRule::Rule(Rule::F3));
     }
     let first = |facts: &[(u64, u64)], p: u64| {
         facts.iter().filter(|(q, _)| *q == p).map(|(_, at)| *at).min()
     };
-    let Some(came) = first(&story.results, p) else { return (BrokenRule::P3, None) };
+    let fault = OutputFault::of(BrokenRule::P3);
+    let Some(came) = first(&story.results, p) else {
+        return OutputFault { suspicion: Some(Suspicion::ResultMissing { p, at }), ..fault };
+    };
     if came > at.saturating_add(slack.tolerance()).saturating_add(own) {
-        return (BrokenRule::P3, None);
+        let suspicion = Some(Suspicion::ResultAfterOutput { p, by: came - at });
+        return OutputFault { came: Some(came), suspicion, ..fault };
     }
     let request = story.requests.iter().find(|(q, ..)| *q == p);
     let due = match request {
         Some((_, _, due)) => Some(*due),
         None => story.open.and_then(|(at, deadline)| Some(at.saturating_add(deadline?))),
     };
-    let in_time =
-        due.map(|due| due.saturating_add(slack.lateness()).saturating_add(own.saturating_mul(2)));
     if p > 0 && request.is_none() {
-        return (BrokenRule::Rule(Rule::F3), None);
+        return OutputFault::of(BrokenRule::Rule(Rule::F3));
     }
-    if let Some(by) = in_time.filter(|by| came > *by) {
-        return (BrokenRule::P2, Some(came - by));
+    if let Some(due) = due.filter(|due| came > due.saturating_add(slack.unnoticed(p))) {
+        let fault = OutputFault::of(BrokenRule::P2);
+        return OutputFault { late: Some(came - due), came: Some(came), due: Some(due), ..fault };
     }
     if same.is_none() && first(&story.failures, p).is_some_and(|failed| failed < came) {
-        return (BrokenRule::Rule(Rule::F4), None);
+        return OutputFault::of(BrokenRule::Rule(Rule::F4));
     }
     let higher = allowed.iter().filter_map(|allowed| allowed.p).filter(|q| *q > p);
     let is_outranked =
         higher.into_iter().any(|q| first(&story.results, q).is_some_and(|came| came <= at));
-    let rule = match commit {
+    OutputFault::of(match commit {
         Commit::Progressive => BrokenRule::Rule(Rule::F9),
         Commit::Eager | Commit::Patient if is_outranked => BrokenRule::P3,
         Commit::Eager | Commit::Patient => BrokenRule::Rule(Rule::F3),
-    };
-    (rule, None)
+    })
+}
+
+impl OutputFault {
+    const fn of(rule: BrokenRule) -> Self {
+        Self { rule, late: None, came: None, due: None, suspicion: None }
+    }
+
+    /// The violation, in words.
+    fn violation(
+        self,
+        line: Option<u64>,
+        found: String,
+        ((what, at), slack): ((Option<u64>, u64), &SourceSlack),
+        expected: String,
+        allowed: &[AllowedOutput],
+    ) -> UnlocatedViolation {
+        let Self { rule, late, came, due, suspicion } = self;
+        let p = what.unwrap_or_default();
+        let (found, expected) = match (came, due, suspicion) {
+            (Some(came), Some(due), _) => {
+                let may_pass = match slack.unnoticed(p) {
+                    0 => String::new(),
+                    late => format!(", and may pass up to {} later", nanos(late)),
+                };
+                let expected =
+                    format!("{}: its result was due at {due}{may_pass}", of_what(p, allowed));
+                (format!("{found}, of a result that came at {came}"), expected)
+            }
+            (Some(came), ..) => {
+                let by = nanos(came.saturating_sub(at));
+                (format!("{found}, whose result came {by} later, at {came}"), expected)
+            }
+            (_, _, Some(Suspicion::ResultMissing { p, .. })) => {
+                (format!("{found}, and no result of p {p} by then"), expected)
+            }
+            _ => (found, expected),
+        };
+        UnlocatedViolation { line, rule, found, expected, late, suspicion }
+    }
+}
+
+/// What is allowed, without its instants.
+fn of_what(p: u64, allowed: &[AllowedOutput]) -> String {
+    let kinds = allowed.iter().map(|allowed| match allowed.p {
+        Some(p) => format!("emit p {p}"),
+        None => "miss".to_owned(),
+    });
+    let kinds: Vec<_> = kinds.collect();
+    if kinds.is_empty() { format!("no output of p {p}") } else { kinds.join(" or ") }
 }
 
 /// What came out, as it stands in the trace.
@@ -329,6 +444,12 @@ fn reported_as(kind: &str, t: u64, allowed: &[AllowedOutput]) -> String {
 
 impl UnlocatedViolation {
     fn new(rule: Rule, line: u64, found: String, expected: String) -> Self {
-        Self { line: Some(line), rule: BrokenRule::Rule(rule), found, expected, late: None }
+        let (line, rule) = (Some(line), BrokenRule::Rule(rule));
+        Self { line, rule, found, expected, late: None, suspicion: None }
+    }
+
+    /// The same, which may come of this.
+    fn suspecting(self, suspicion: Suspicion) -> Self {
+        Self { suspicion: Some(suspicion), ..self }
     }
 }

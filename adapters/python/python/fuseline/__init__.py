@@ -36,7 +36,16 @@ from fuseline._item import (
 )
 from fuseline._items import Items, OutOfOrder
 from fuseline._join import Join, JoinCause, JoinDrop, JoinDropReason, Joined, JoinInput
-from fuseline._judge import Verdict, Violation, check, check_observed, replay, report
+from fuseline._judge import (
+    Doubt,
+    DoubtKind,
+    Verdict,
+    Violation,
+    check,
+    check_observed,
+    replay,
+    report,
+)
 from fuseline._local import Local
 from fuseline._operator import Operator
 from fuseline._state import CarriedState
@@ -81,6 +90,8 @@ __all__ = [
     "ConfigError",
     "CurrentDeadline",
     "DeadlineError",
+    "Doubt",
+    "DoubtKind",
     "DropReason",
     "Dropped",
     "Ending",

@@ -38,7 +38,10 @@ _Slack: TypeAlias = tuple[_Duration, _Duration] | None
 _Figure: TypeAlias = float | tuple[float, float]
 _Time: TypeAlias = _Duration | tuple[_Duration, _Duration]
 _Violation: TypeAlias = tuple[int, int | None, str, str, str, str, int | None, list[str]]
-_Verdict: TypeAlias = tuple[str, bool, int, int, list[_Violation], int, int | None]
+_Doubt: TypeAlias = tuple[str, int, str, int | None]
+_Verdict: TypeAlias = tuple[
+    str, bool, int, int, list[_Violation], int, int | None, list[_Doubt], str | None
+]
 _Row: TypeAlias = tuple[
     int,
     str,

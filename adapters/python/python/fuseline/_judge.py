@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import timedelta
 from html import escape
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias, cast, get_args
 
 from fuseline import _fuseline
 from fuseline._words import ns
@@ -54,20 +54,54 @@ class Violation:
         return "\n".join(lines + [f"  | {line}" for line in self.story])
 
 
+#: What the judge may not have seen; section 7 of SPEC.md says what each kind means.
+DoubtKind: TypeAlias = Literal[
+    "unjudged",
+    "unanswered",
+    "unfinished",
+    "unopened",
+    "silent",
+    "coarse",
+    "blurred",
+    "endless",
+    "cut",
+]
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """What the judge could not see, of one kind."""
+
+    #: The kind.
+    kind: DoubtKind
+    #: How many messages, requests or lines it is about.
+    count: int
+    #: What was found, in a sentence.
+    found: str
+    #: The first message that it is about, if it is about messages.
+    t: int | None = None
+    #: Whether the kind is accepted.
+    accepted: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.kind}: {self.found}"
+
+
 @dataclass(frozen=True)
 class Verdict:
     r"""What the judge says of one trace.
 
     >>> verdict = check(b'{"fuseline":1,"window":16,"clouds":[]}\n')
     >>> verdict.conforms, verdict.judged
-    (True, 0)
+    (False, 0)
     >>> print(verdict)
-    <bytes>: conforms; 0 timestamps judged in 1 lines
+    <bytes>: no violation found; 0 timestamps judged in 1 lines
+      unjudged: no timestamp was judged
     """
 
     #: The name that the trace was given.
     file: str
-    #: Whether the rules explain all of it. So they do where nothing happened: see ``judged``.
+    #: Whether the rules explain all of it and nothing is in doubt that is not accepted.
     conforms: bool
     #: How many timestamps were judged.
     judged: int
@@ -79,10 +113,37 @@ class Verdict:
     more: int = 0
     #: Of a run that is known to have ended: for how many timestamps local still owed a result.
     unfinished: int | None = None
+    #: What the judge could not see.
+    doubts: tuple[Doubt, ...] = ()
+    #: Of an observed trace: the one cause that explains most violations, if there is one.
+    cause: str | None = None
+
+    def accepting(self, *kinds: DoubtKind) -> Verdict:
+        """The same verdict, with these kinds of doubt accepted.
+
+        Raises:
+            ValueError: if there is no such kind.
+        """
+        known = get_args(DoubtKind)
+        if unknown := [kind for kind in kinds if kind not in known]:
+            raise ValueError(f"{unknown[0]!r} is no kind of doubt; they are {', '.join(known)}")
+        doubts = tuple(replace(it, accepted=it.accepted or it.kind in kinds) for it in self.doubts)
+        conforms = not self.violations and all(it.accepted for it in doubts)
+        return replace(self, doubts=doubts, conforms=conforms)
+
+    def _in_short(self) -> str:
+        if self.violations:
+            return "does not conform"
+        if not self.conforms:
+            return "no violation found"
+        accepted = ", ".join(it.kind for it in self.doubts)
+        return f"conforms, accepting {accepted}" if accepted else "conforms"
 
     def __str__(self) -> str:
-        word = "conforms" if self.conforms else "does not conform"
+        word = self._in_short()
         lines = [f"{self.file}: {word}; {self.judged} timestamps judged in {self.lines} lines"]
+        lines += [f"  likely: {self.cause}"] if self.cause else []
+        lines += [f"  {doubt}" for doubt in self.doubts]
         lines += [f"{self.file}:{violation}" for violation in self.violations]
         if self.more:
             lines.append(f"{self.more} more violations")
@@ -90,11 +151,14 @@ class Verdict:
 
     def _repr_html_(self) -> str:
         """The verdict for a notebook."""
-        word, colour = ("conforms", "#1a7f37") if self.conforms else ("does not conform", "#cf222e")
+        colour = "#cf222e" if self.violations else "#9a6700" if self.doubts else "#1a7f37"
         head = (
-            f"<p><b style='color:{colour}'>{word}</b> &nbsp;<code>{escape(self.file)}</code>, "
+            f"<p><b style='color:{colour}'>{self._in_short()}</b> &nbsp;"
+            f"<code>{escape(self.file)}</code>, "
             f"{self.judged:,} timestamps judged in {self.lines:,} lines</p>"
         )
+        beside = ([f"likely: {self.cause}"] if self.cause else []) + list(map(str, self.doubts))
+        head += "".join(f"<p>{escape(text)}</p>" for text in beside)
         if not self.violations:
             return head
         left = "style='text-align:left;vertical-align:top;white-space:pre-wrap'"
@@ -128,7 +192,13 @@ class Verdict:
         return table(rows or [(*whole, None, None, None, None, None, None)], VERDICTS)
 
 
-def check(trace: Traced, *, name: str | None = None, ended: bool = False) -> Verdict:
+def check(
+    trace: Traced,
+    *,
+    name: str | None = None,
+    ended: bool = False,
+    accept: Sequence[DoubtKind] = (),
+) -> Verdict:
     """Judge a trace strictly: every decision must be the one that the rules demand.
 
     It takes the trace's bytes, the path of its file, or an iterable of its lines, which bear
@@ -140,12 +210,14 @@ def check(trace: Traced, *, name: str | None = None, ended: bool = False) -> Ver
         name: Its name in the verdict and in errors; by default its path.
         ended: The run is known to be over, so that what was due by the trace's end or after it is
             overdue; what waits for local alone is ``unfinished``.
+        accept: Kinds of doubt to take as they are; see `Verdict.accepting`.
 
     Raises:
         ReadError: if it cannot be read to its end.
         OSError: if its file cannot be opened or read.
+        ValueError: if there is no such kind of doubt.
     """
-    return _verdict(_fuseline.check(trace, name, None, (), ended, None))
+    return _verdict(_fuseline.check(trace, name, None, (), ended, None)).accepting(*accept)
 
 
 def check_observed(
@@ -157,6 +229,7 @@ def check_observed(
     name: str | None = None,
     ended: bool = False,
     period: Duration | None = None,
+    accept: Sequence[DoubtKind] = (),
 ) -> Verdict:
     """Judge a trace that a concurrent implementation recorded, each timestamp by itself.
 
@@ -170,15 +243,18 @@ def check_observed(
         name: Its name in the verdict and in errors; by default its path.
         ended: The run is known to be over, as for `check`.
         period: A message opens every so often: a longer gap is a violation (J1).
+        accept: Kinds of doubt to take as they are; see `Verdict.accepting`.
 
     Raises:
         ReadError: if it cannot be read to its end, or is further out of order than the tolerance.
         OSError: if its file cannot be opened or read.
-        ValueError: if the trace has no source of a name in ``tolerances``.
+        ValueError: if the trace has no source of a name in ``tolerances``, or there is no such
+            kind of doubt.
     """
     by_source = list((tolerances or {}).items())
     slack = tolerance, lateness
-    return _verdict(_fuseline.check(trace, name, slack, by_source, ended, period))
+    verdict = _verdict(_fuseline.check(trace, name, slack, by_source, ended, period))
+    return verdict.accepting(*accept)
 
 
 def replay(trace: Traced, *, name: str | None = None) -> bytes:
@@ -289,6 +365,7 @@ def replace_file(path: Path, content: bytes) -> None:
 
 
 def _verdict(fields: _fuseline._Verdict) -> Verdict:
-    file, conforms, judged, lines, violations, more, unfinished = fields
+    file, conforms, judged, lines, violations, more, unfinished, doubts, cause = fields
     listed = tuple(Violation(*violation[:7], tuple(violation[7])) for violation in violations)
-    return Verdict(file, conforms, judged, lines, listed, more, unfinished)
+    seen = tuple(Doubt(cast("DoubtKind", kind), *others) for kind, *others in doubts)
+    return Verdict(file, conforms, judged, lines, listed, more, unfinished, seen, cause)

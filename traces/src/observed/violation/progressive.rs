@@ -84,13 +84,13 @@ fn of_emit(
 ) -> UnlocatedViolation {
     let ObservedOutput { p, at, line, .. } = *emit;
     let allowed: Vec<_> = allowed.into_iter().collect();
-    let (rule, late) = of_output(&whole.story, Commit::Progressive, (p, at), &allowed, slack);
+    let fault = of_output(&whole.story, Commit::Progressive, (p, at), &allowed, slack);
     let expected = match (&allowed[..], p) {
         ([], Some(p)) => format!("no output of p {p}"),
         _ => reported(t, &allowed),
     };
     let found = output(t, p, at).to_string();
-    UnlocatedViolation { line: Some(line), rule, found, expected, late }
+    fault.violation(Some(line), found, ((p, at), slack), expected, &allowed)
 }
 
 /// P3 to P5: an accepted result that was not sent; `free` has what came out, and whatever else may.
@@ -128,7 +128,7 @@ fn of_missing(
     };
     let late = alone.and(allowed.first()).map(|allowed| end.saturating_sub(allowed.to));
     let (found, expected) = (outputs(t, &whole.story), reported(t, &allowed));
-    UnlocatedViolation { line: None, rule, found, expected, late }
+    UnlocatedViolation { line: None, rule, found, expected, late, suspicion: None }
 }
 
 /// F9: a final that no explanation has then.
@@ -150,5 +150,5 @@ fn of_final(
     let found = Decision::Final { at, t, p: p.unwrap_or_default() }.to_string();
     let expected = reported_as("final", t, &allowed);
     let rule = BrokenRule::Rule(Rule::F9);
-    UnlocatedViolation { line: Some(line), rule, found, expected, late }
+    UnlocatedViolation { line: Some(line), rule, found, expected, late, suspicion: None }
 }

@@ -141,7 +141,7 @@ def judge(
         why = _reason(error, file)
         return [Row(file, named, None, False, manner, digest(), why)]
     operator, verdict, (span, messages, missed, refused, outputs) = surveyed
-    _, conforms, judged, lines, violations, more, _ = verdict
+    _, conforms, judged, lines, violations, more, *_ = verdict
     whole = (file, named, operator, conforms, manner, digest(), None)
     counts = [Output(p, source, upto / 1e9, items) for p, source, upto, items in outputs]
     found = len(violations) + more

@@ -181,7 +181,8 @@ impl Fleet {
                 log,
                 tally,
                 judged: verdict.judged,
-                finding: finding.or_else(|| (!verdict.conforms).then(|| "cut off".to_owned())),
+                finding: finding
+                    .or_else(|| (!verdict.violations.is_empty()).then(|| "cut off".to_owned())),
             }));
         }
         Ok(fates)

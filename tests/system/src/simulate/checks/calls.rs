@@ -12,7 +12,7 @@ const TICK: u64 = 1_000_000;
 pub(crate) fn the_rules_decide(facts: &Facts<'_>) -> Result<(), String> {
     let Facts { scenario, played, replay, is_whole, .. } = facts;
     if let Some(verdict) = &replay.verdict {
-        ensure(verdict.conforms, || verdict.to_string())?;
+        ensure(verdict.violations.is_empty(), || verdict.to_string())?;
     }
     if !is_whole {
         return Ok(());

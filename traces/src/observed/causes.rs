@@ -1,0 +1,214 @@
+//! One cause of many violations that is not the operator's: a clock that is off, a log written twice, one that restarts.
+
+use std::collections::BTreeMap;
+
+use super::doubts::nanos;
+use crate::event::{Event, Header, Input};
+
+/// A day: no operator leaves so much between two lines by itself.
+const DAY: u64 = 86_400_000_000_000;
+/// Of how many outputs a result is still looked for, and how many differences of clocks are kept.
+const SAMPLES: usize = 1024;
+/// Time zones differ by multiples of this, and clocks of one host by less than that.
+const ZONE: u64 = 900_000_000_000;
+const DRIFT: u64 = 5_000_000_000;
+
+/// What a violation may come of.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Suspicion {
+    /// A line stands twice in the trace, first there.
+    Repeated(Option<u64>),
+    /// A timestamp is opened again.
+    OpenedAgain,
+    /// A result of `p` is recorded by so much later than an output that has it.
+    ResultAfterOutput { p: u64, by: u64 },
+    /// A result of `p` is missing when an output that has it is recorded.
+    ResultMissing { p: u64, at: u64 },
+    /// A result of `p` is recorded by so much earlier than its request.
+    ResultBeforeRequest { p: u64, by: u64 },
+}
+
+/// Gathers what violations may come of.
+#[derive(Debug, Default)]
+pub(super) struct CauseTracker {
+    repeated: u64,
+    first_repeated: Option<u64>,
+    opened_again: u64,
+    /// The first line at which timestamps begin again, and the timestamp.
+    restart: Option<(u64, u64)>,
+    /// The timestamp opened last.
+    last_open: Option<u64>,
+    after: BTreeMap<u64, Vec<u64>>,
+    before: BTreeMap<u64, Vec<u64>>,
+    /// Outputs whose results did not come: when they were recorded.
+    missing: BTreeMap<(u64, u64), u64>,
+    /// The first line: its number, timestamp and instant.
+    first: Option<(u64, Option<u64>, u64)>,
+    /// The line with the greatest instant, that instant, and the greatest one before it.
+    greatest: Option<(u64, u64, Option<u64>)>,
+    /// How many lines there were when the greatest instant grew by more than a day first.
+    first_jump: Option<(u64, u64)>,
+    lines: u64,
+    /// Violations of the first line's timestamp.
+    of_first: u64,
+    /// How late what came too late was, if that is more than half a day.
+    very_late: Vec<u64>,
+}
+
+impl CauseTracker {
+    /// Takes a line of the trace; `was_opened` says whether an open has its timestamp already.
+    pub(super) fn sees(&mut self, line: u64, event: &Event, was_opened: bool) {
+        let at = event.at();
+        self.lines += 1;
+        self.first.get_or_insert((line, event.t(), at));
+        match &mut self.greatest {
+            None => self.greatest = Some((line, at, None)),
+            Some((last, greatest, before)) if at > *greatest => {
+                if at - *greatest > DAY && self.first_jump.is_none() {
+                    self.first_jump = Some((self.lines, at - *greatest));
+                }
+                (*last, *before, *greatest) = (line, Some(*greatest), at);
+            }
+            Some(_) => {}
+        }
+        if let Event::Input(Input::Open { t, .. }) = *event {
+            let goes_back = self.last_open.is_some_and(|last| t < last);
+            if goes_back && was_opened && self.restart.is_none() {
+                self.restart = Some((line, t));
+            }
+            self.last_open = Some(t);
+        }
+    }
+
+    /// Takes a violation.
+    pub(super) fn takes(&mut self, t: u64, suspicion: Option<Suspicion>, late: Option<u64>) {
+        self.of_first += u64::from(self.first.is_some_and(|(_, first, _)| first == Some(t)));
+        if let Some(late) = late.filter(|late| *late > DAY / 2)
+            && self.very_late.len() < SAMPLES
+        {
+            self.very_late.push(late);
+        }
+        match suspicion {
+            None => {}
+            Some(Suspicion::Repeated(line)) => {
+                self.repeated += 1;
+                self.first_repeated = self.first_repeated.or(line);
+            }
+            Some(Suspicion::OpenedAgain) => self.opened_again += 1,
+            Some(Suspicion::ResultAfterOutput { p, by }) => sample(&mut self.after, p, by),
+            Some(Suspicion::ResultBeforeRequest { p, by }) => sample(&mut self.before, p, by),
+            Some(Suspicion::ResultMissing { p, at }) => {
+                if self.missing.len() < SAMPLES {
+                    self.missing.insert((t, p), at);
+                }
+            }
+        }
+    }
+
+    /// Whether a result of a timestamp that is done with is looked for; it is found then.
+    pub(super) fn finds(&mut self, t: u64, p: u64, at: u64) -> bool {
+        if self.missing.is_empty() {
+            return false;
+        }
+        let Some(output) = self.missing.remove(&(t, p)) else { return false };
+        let by = at.saturating_sub(output);
+        sample(&mut self.after, p, by);
+        by > 0
+    }
+
+    /// What to do about a line that is out of order, which reads `event`.
+    pub(super) fn remedy(&self, line: u64, event: &Event, was_opened: bool) -> String {
+        let at = event.at();
+        if let Some((off, greatest, before)) = self.greatest
+            && greatest.saturating_sub(at) > DAY
+        {
+            let jump = before.map_or(0, |before| greatest - before);
+            return if jump > DAY {
+                format!("line {off} is {} after all before it; is its stamp right?", nanos(jump))
+            } else {
+                let by = nanos(greatest - at);
+                format!("line {line} is {by} before the others; is its stamp right?")
+            };
+        }
+        if was_opened && matches!(event, Event::Input(Input::Open { .. })) {
+            return "the log restarts here; judge each run by itself".to_owned();
+        }
+        "sort the lines, or give a greater tolerance".to_owned()
+    }
+
+    /// The one cause that explains most of so many violations.
+    pub(super) fn most(self, violations: u64, header: &Header) -> Option<String> {
+        let name = |p: u64| {
+            let cloud = header.clouds.iter().find(|cloud| u64::from(cloud.p) == p);
+            let named = cloud.and_then(|cloud| cloud.name.clone());
+            if p == 0 { "local".to_owned() } else { named.unwrap_or_else(|| format!("p {p}")) }
+        };
+        let mut causes = vec![self.far_end(), self.far_start()];
+        if let Some((line, t)) = self.restart {
+            let text = format!(
+                "the log restarts at line {line}, where timestamp {t} is opened again; judge each run by itself"
+            );
+            causes.push(Some((self.opened_again, text)));
+        }
+        let line =
+            self.first_repeated.map_or_else(String::new, |line| format!(", line {line} first"));
+        let text =
+            format!("lines stand twice in the trace{line}; is the log written or exported twice?");
+        causes.push(Some((self.repeated, text)));
+        let clocks = [
+            (self.after, "after the outputs that contain them", "ahead"),
+            (self.before, "before their requests", "behind"),
+        ];
+        for (samples, than, is) in clocks {
+            causes.extend(samples.into_iter().map(|(p, by)| {
+                let (explained, by) = constant(by)?;
+                let zone = ZONE - by % ZONE <= DRIFT || by % ZONE <= DRIFT;
+                let about = if zone && by > ZONE {
+                    "; is its time zone another?".to_owned()
+                } else {
+                    format!("; is its clock {is}?")
+                };
+                Some((
+                    explained,
+                    format!("results of {} come {} {than}{about}", name(p), nanos(by)),
+                ))
+            }));
+        }
+        let most = causes.into_iter().flatten().max_by_key(|(explained, _)| *explained);
+        let (explained, text) = most.filter(|(explained, _)| explained * 2 > violations)?;
+        Some(format!("{text} ({explained} of {} violations)", violations))
+    }
+
+    /// The last line is far from all others, so that what was open then is far too late.
+    fn far_end(&self) -> Option<(u64, String)> {
+        let (line, greatest, before) = self.greatest?;
+        let jump = greatest - before?;
+        if jump < DAY || self.lines < 3 {
+            return None;
+        }
+        let explained = self.very_late.iter().filter(|late| **late > jump / 2).count() as u64;
+        Some((explained, format!("line {line} is {} off; is its stamp right?", nanos(jump))))
+    }
+
+    /// The first line is far from all others.
+    fn far_start(&self) -> Option<(u64, String)> {
+        let ((line, ..), (2, jump)) = (self.first?, self.first_jump?) else { return None };
+        Some((self.of_first, format!("line {line} is {} off; is its stamp right?", nanos(jump))))
+    }
+}
+
+fn sample(samples: &mut BTreeMap<u64, Vec<u64>>, p: u64, by: u64) {
+    let samples = samples.entry(p).or_default();
+    if samples.len() < SAMPLES {
+        samples.push(by);
+    }
+}
+
+/// The median, if most samples lie within half of it or 20 ms; and how many do.
+fn constant(mut samples: Vec<u64>) -> Option<(u64, u64)> {
+    samples.sort_unstable();
+    let median = *samples.get(samples.len() / 2)?;
+    let near = |by: &&u64| by.abs_diff(median) <= (median / 2).min(20_000_000).max(1_000);
+    let explained = samples.iter().filter(near).count() as u64;
+    (median > 0).then_some((explained, median))
+}

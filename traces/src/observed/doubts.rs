@@ -1,0 +1,271 @@
+//! What an observed trace leaves in doubt (SPEC.md, *Doubts*).
+
+use super::open::{OpenMessageHistory, WholeMessageHistory};
+use super::slack::SourceSlack;
+use crate::annotations::Annotations;
+use crate::doubt::{Doubt, DoubtKind, DoubtfulMessages};
+use crate::event::{Decision, Event, Header, Input};
+
+/// Gathers what the judge cannot see.
+#[derive(Debug)]
+pub(super) struct DoubtTracker {
+    /// Local, then the clouds of the header.
+    sources: Vec<SourceAccount>,
+    /// Deadlines that are not longer than what passes as in time.
+    coarse: u64,
+    /// All deadlines.
+    deadlines: u64,
+    /// The least instant of the trace, and the greatest.
+    span: Option<(u64, u64)>,
+    unopened: DoubtfulMessages,
+    /// Messages without an output whose deadlines are over: when each was opened.
+    waiting: Vec<(u64, u64)>,
+    unfinished: DoubtfulMessages,
+    /// The latest open of a message with an output.
+    answered: Option<u64>,
+    /// Messages that have requests.
+    requested: u64,
+    /// Those of them of which the stamps tell some order.
+    ordered: u64,
+}
+
+/// What is known of one source.
+#[derive(Debug)]
+struct SourceAccount {
+    p: u64,
+    name: String,
+    /// How many deadlines it was given.
+    deadlines: u64,
+    /// The earliest instant at which one of them is due.
+    least_due: Option<u64>,
+    /// Whether it returned or failed once.
+    is_heard: bool,
+    /// How many of its requests ran to their deadlines.
+    ran_out: u64,
+}
+
+impl DoubtTracker {
+    pub(super) fn new(header: &Header) -> Self {
+        let clouds = header.clouds.iter().map(|cloud| {
+            let p = u64::from(cloud.p);
+            let name = cloud.name.clone().unwrap_or_else(|| format!("p {p}"));
+            SourceAccount::new(p, name)
+        });
+        Self {
+            sources: std::iter::once(SourceAccount::new(0, "local".to_owned()))
+                .chain(clouds)
+                .collect(),
+            coarse: 0,
+            deadlines: 0,
+            span: None,
+            unopened: DoubtfulMessages::default(),
+            waiting: Vec::new(),
+            unfinished: DoubtfulMessages::default(),
+            answered: None,
+            requested: 0,
+            ordered: 0,
+        }
+    }
+
+    /// Takes a line of the trace.
+    pub(super) fn sees(
+        &mut self,
+        at: u64,
+        event: &Event,
+        annotations: &Annotations,
+        slack: &SourceSlack,
+    ) {
+        self.span = Some(self.span.map_or((at, at), |(from, to)| (from.min(at), to.max(at))));
+        match *event {
+            Event::Input(Input::Open { deadline, .. }) => {
+                if let Some(deadline) = deadline {
+                    self.takes_deadline(0, at, at.saturating_add(deadline), slack);
+                }
+                if let Some(due) = annotations.due(at) {
+                    self.takes_deadline(0, at, due, slack);
+                }
+            }
+            Event::Decision(Decision::Request { p, due, .. }) => {
+                self.takes_deadline(p, at, due, slack);
+            }
+            Event::Input(Input::Result { p, .. } | Input::Fail { p, .. }) if p > 0 => {
+                if let Some(source) = self.sources.iter_mut().find(|source| source.p == p) {
+                    source.is_heard = true;
+                }
+            }
+            Event::Input(_) | Event::Decision(_) => {}
+        }
+    }
+
+    fn takes_deadline(&mut self, p: u64, at: u64, due: u64, slack: &SourceSlack) {
+        let Some(source) = self.sources.iter_mut().find(|source| source.p == p) else { return };
+        source.deadlines += 1;
+        source.least_due = Some(source.least_due.map_or(due, |least| least.min(due)));
+        self.deadlines += 1;
+        self.coarse += u64::from(due.saturating_sub(at) <= slack.unnoticed(p));
+    }
+
+    /// Takes a message that was judged: whether it breaks a rule, and by when what it owes was to come.
+    pub(super) fn closes(
+        &mut self,
+        t: u64,
+        open: &OpenMessageHistory,
+        whole: &WholeMessageHistory,
+        slack: &SourceSlack,
+        (is_broken, end): (bool, u64),
+    ) {
+        if !whole.is_opened() {
+            self.unopened.push(t);
+        }
+        let story = &whole.story;
+        let out = whole.outputs.iter().chain(&whole.finals).map(|output| output.at).min();
+        if !story.requests.is_empty() {
+            self.requested += 1;
+            self.ordered += u64::from(open.span() > slack.greatest().saturating_mul(2));
+            self.runs_out(story, out, slack, end);
+        }
+        let Some((at, deadline)) = story.open else { return };
+        if out.is_some() {
+            self.answered = self.answered.max(Some(at));
+            return;
+        }
+        // P7: as long as a deadline runs, the message waits for it.
+        let local = deadline.map(|deadline| at.saturating_add(deadline));
+        let dues = story.requests.iter().map(|(_, _, due)| *due).chain(local);
+        let is_over = |due: u64| due.saturating_add(slack.reach()) <= end;
+        if !is_broken && dues.into_iter().all(is_over) {
+            self.waiting.push((at, t));
+        }
+    }
+
+    /// Counts the requests of clouds not heard of that were still awaited when they were due.
+    fn runs_out(
+        &mut self,
+        story: &super::story::MessageHistory,
+        out: Option<u64>,
+        slack: &SourceSlack,
+        end: u64,
+    ) {
+        for source in self.sources.iter_mut().filter(|source| !source.is_heard) {
+            let due = story.requests.iter().find(|(p, ..)| *p == source.p).map(|(.., due)| *due);
+            let tolerance = slack.tolerance_of(source.p).saturating_add(slack.tolerance());
+            let by = out.unwrap_or(end).saturating_add(tolerance);
+            source.ran_out += u64::from(due.is_some_and(|due| due <= by));
+        }
+    }
+
+    /// A message of an ended run waits for local.
+    pub(super) fn leaves_unfinished(&mut self, t: u64) {
+        self.unfinished.push(t);
+    }
+
+    /// What is in doubt once the whole trace was read.
+    pub(super) fn doubts(self, judged: u64, is_ended: bool, slack: &SourceSlack) -> Vec<Doubt> {
+        let whole =
+            [self.silent(), self.coarse(slack), self.blurred(judged, slack), self.endless()];
+        let mut unanswered = DoubtfulMessages::default();
+        let answered = self.answered.filter(|_| !is_ended);
+        for (at, t) in self.waiting {
+            if answered.is_some_and(|answered| at < answered) {
+                unanswered.push(t);
+            }
+        }
+        let of_messages = [
+            Doubt::unjudged(judged),
+            unanswered.doubt(DoubtKind::Unanswered),
+            self.unfinished.doubt(DoubtKind::Unfinished),
+            self.unopened.doubt(DoubtKind::Unopened),
+        ];
+        of_messages.into_iter().chain(whole).flatten().collect()
+    }
+
+    fn silent(&self) -> Option<Doubt> {
+        let silent = self.sources.iter().filter(|source| !source.is_heard && source.ran_out > 0);
+        let told: Vec<_> = silent
+            .clone()
+            .map(|source| match source.deadlines {
+                1 => format!("{} did not answer its one request", source.name),
+                all => format!("{} answered none of its {all} requests", source.name),
+            })
+            .collect();
+        let count = silent.map(|source| source.deadlines).sum();
+        (!told.is_empty()).then(|| Doubt::new(DoubtKind::Silent, count, told.join("; ")))
+    }
+
+    fn coarse(&self, slack: &SourceSlack) -> Option<Doubt> {
+        let late = nanos(slack.unnoticed(0));
+        let found = format!(
+            "{} of {} deadlines are no longer than {late}, by which a late result may pass \
+             (lateness and twice the tolerance); take both as small as the clocks allow",
+            self.coarse, self.deadlines
+        );
+        (self.coarse > 0).then(|| Doubt::new(DoubtKind::Coarse, self.coarse, found))
+    }
+
+    fn blurred(&self, judged: u64, slack: &SourceSlack) -> Option<Doubt> {
+        let (from, to) = self.span?;
+        let (span, reach) = (to - from, slack.unnoticed(0));
+        let is_all = span <= reach && reach > 0;
+        let twice = slack.greatest().saturating_mul(2);
+        let is_each = self.requested > 0 && self.ordered == 0 && twice > 0;
+        if judged == 0 || !(is_all || is_each) {
+            return None;
+        }
+        let found = if is_all {
+            format!(
+                "the whole trace lies within {}, and the lateness and twice the tolerance are {}",
+                nanos(span),
+                nanos(reach)
+            )
+        } else {
+            format!(
+                "all lines of each message with a request lie within {}, twice the tolerance",
+                nanos(twice)
+            )
+        };
+        let count = if is_all { judged } else { self.requested };
+        Some(Doubt::new(DoubtKind::Blurred, count, found))
+    }
+
+    fn endless(&self) -> Option<Doubt> {
+        let (_, end) = self.span?;
+        let is_endless = |source: &&SourceAccount| source.least_due.is_some_and(|due| due > end);
+        let endless = self.sources.iter().filter(is_endless);
+        let told: Vec<_> = endless
+            .clone()
+            .map(|source| match source.deadlines {
+                1 => format!("the one deadline of {}", source.name),
+                all => format!("all {all} deadlines of {}", source.name),
+            })
+            .collect();
+        let count = endless.map(|source| source.deadlines).sum();
+        let found = || format!("{} end after the trace; is their unit right?", told.join(" and "));
+        (count > 0).then(|| Doubt::new(DoubtKind::Endless, count, found()))
+    }
+}
+
+impl SourceAccount {
+    const fn new(p: u64, name: String) -> Self {
+        Self { p, name, deadlines: 0, least_due: None, is_heard: false, ran_out: 0 }
+    }
+}
+
+/// A span of time in the greatest unit that leaves no more than three decimals.
+pub(super) fn nanos(span: u64) -> String {
+    let units = [
+        (31_557_600_000_000_000, "years"),
+        (86_400_000_000_000, "days"),
+        (3_600_000_000_000, "h"),
+        (1_000_000_000, "s"),
+        (1_000_000, "ms"),
+        (1_000, "µs"),
+    ];
+    let Some((unit, name)) = units.into_iter().find(|(unit, _)| span >= *unit) else {
+        return format!("{span} ns");
+    };
+    let thousandths = u128::from(span) * 1000 / u128::from(unit);
+    let (whole, part) = (thousandths / 1000, thousandths % 1000);
+    let part = format!("{part:03}");
+    let part = part.trim_end_matches('0');
+    if part.is_empty() { format!("{whole} {name}") } else { format!("{whole}.{part} {name}") }
+}
