@@ -184,7 +184,7 @@ def test_process_that_hangs(tmp_path: Path, end: str) -> None:
     script.write_text(PROGRAM + GUARD)
     begin = time.monotonic()
     run = subprocess.run(
-        [sys.executable, str(script), end], capture_output=True, text=True, timeout=60, check=False
+        [sys.executable, str(script), end], capture_output=True, text=True, timeout=30, check=False
     )
     assert run.stdout == "MISSED\n", run.stderr
     assert time.monotonic() - begin < 30

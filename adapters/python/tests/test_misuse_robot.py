@@ -132,10 +132,10 @@ def test_close_that_waits() -> None:
 
     class Server:
         def infer(self, observation: Any) -> Any:
-            go_on.wait(60)
+            go_on.wait(12)
 
         def close(self) -> None:
-            go_on.wait(60)
+            go_on.wait(12)
 
     with Always(Server, Hold(0.0), deadline=0.002, linger=0.002) as policy:
         begin = time.monotonic()
@@ -366,11 +366,11 @@ def test_infer_in_several_threads(chunk: Chunk | None) -> None:
         return observation if chunk is None else [observation] * 4
 
     with Always(server(reply), Hold([-1, -1]), deadline=5.0, chunk=chunk) as policy:
-        threads = [threading.Thread(target=loop, args=(policy, it)) for it in range(3)]
+        threads = [threading.Thread(target=loop, args=(policy, it), daemon=True) for it in range(3)]
         for thread in threads:
             thread.start()
         for thread in threads:
-            thread.join(60)
+            thread.join(20)
             assert not thread.is_alive()
         assert policy.counts["policy", "message", "accepted"] == 600
     assert not wrong
