@@ -33,7 +33,7 @@ pub(crate) enum Error {
     },
     /// The seeded faults cannot be read, or one cannot be seeded.
     #[error(transparent)]
-    Faults(#[from] fuseline_evidence::EvidenceError),
+    Faults(#[from] fuseline_faults::FaultsError),
     /// There is nothing of this name.
     #[error("there is no {kind} {name}")]
     Name {

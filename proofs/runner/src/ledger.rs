@@ -6,7 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use fuseline_evidence::hex;
+use fuseline_faults::hex;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use fuseline_evidence::Tree;
+use fuseline_faults::Tree;
 use serde::{Deserialize, Serialize};
 
 use crate::error::Error;

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use fuseline_evidence::SeededFault;
+use fuseline_faults::SeededFault;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 

@@ -7,7 +7,7 @@ use std::sync::{Mutex, PoisonError};
 use std::thread;
 use std::time::Duration;
 
-use fuseline_evidence::{SeededFault, Tree, load_faults};
+use fuseline_faults::{SeededFault, Tree, load_faults};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::check::{self, CheckResult, Verdict};

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-use fuseline_evidence::SeededFault;
+use fuseline_faults::SeededFault;
 use serde::Deserialize;
 
 use crate::error::Error;

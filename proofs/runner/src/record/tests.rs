@@ -1,4 +1,4 @@
-use fuseline_evidence::{Tree, load_faults};
+use fuseline_faults::{Tree, load_faults};
 
 use super::*;
 

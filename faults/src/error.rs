@@ -1,0 +1,59 @@
+//! What can go wrong.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Why a run says nothing.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum FaultsError {
+    /// A file or folder cannot be used.
+    #[error("{}: {source}", path.display())]
+    File {
+        /// Which one.
+        path: PathBuf,
+        /// What went wrong.
+        source: io::Error,
+    },
+    /// A file does not say what it should.
+    #[error("{}: {why}", path.display())]
+    Content {
+        /// Which one.
+        path: PathBuf,
+        /// What is wrong with it.
+        why: String,
+    },
+    /// A fault cannot be seeded.
+    #[error("fault {name}: {why}")]
+    Seed {
+        /// Its name.
+        name: String,
+        /// What is wrong with it.
+        why: String,
+    },
+    /// The witnesses of a kind do not build or do not run.
+    #[error("{what}: {why}; see {}", log.display())]
+    Run {
+        /// The witnesses, and the fault if there was one.
+        what: String,
+        /// What is wrong.
+        why: String,
+        /// What was printed.
+        log: PathBuf,
+    },
+    /// The user wants it to end.
+    #[error("interrupted")]
+    Interrupted,
+}
+
+impl FaultsError {
+    /// About this file.
+    pub(crate) fn file(path: &Path) -> impl FnOnce(io::Error) -> Self {
+        move |source| Self::File { path: path.to_owned(), source }
+    }
+
+    /// About what this file says.
+    pub(crate) fn content(path: &Path, why: impl Into<String>) -> Self {
+        Self::Content { path: path.to_owned(), why: why.into() }
+    }
+}

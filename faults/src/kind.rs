@@ -1,0 +1,83 @@
+//! The kinds of witness: how each is built and run, which faults it could see, and what its witnesses cite.
+
+mod all;
+
+use std::collections::BTreeSet;
+
+pub use all::KINDS;
+
+use crate::error::FaultsError;
+use crate::fault::SeededFault;
+use crate::printed::Outcomes;
+use crate::tree::Tree;
+
+/// One kind of witness.
+pub struct WitnessKind {
+    /// Its name.
+    pub name: &'static str,
+    /// What its witnesses are, for readers.
+    pub title: &'static str,
+    /// Which faults its witnesses could see.
+    pub(crate) concerns: fn(&SeededFault) -> bool,
+    pub(crate) suite: &'static BuildSuite,
+    pub(crate) programs: &'static [Program],
+    /// How many tests of a program run at once: more than one where they wait.
+    pub(crate) threads: &'static str,
+    /// Whether it ends at the first test that fails, since its tests take long.
+    pub(crate) stops: bool,
+    /// Reads what a program printed.
+    pub(crate) read: fn(&str, &str) -> Outcomes,
+    /// The identifiers that a witness cites.
+    pub(crate) cites: fn(&Tree, &str) -> Result<BTreeSet<String>, FaultsError>,
+}
+
+/// What is built together, with the same features and flags.
+#[derive(PartialEq, Eq, Debug)]
+pub(crate) struct BuildSuite {
+    pub(crate) name: &'static str,
+    /// Its packages; none for Python.
+    pub(crate) packages: &'static [&'static str],
+    /// Its tests.
+    pub(crate) tests: &'static [&'static str],
+    /// What is built beside them, with a test so that all have the same features.
+    pub(crate) programs: &'static [&'static str],
+    pub(crate) variables: &'static [(&'static str, &'static str)],
+}
+
+/// A program of a suite, by its package and target, and the arguments with which it runs.
+pub(crate) struct Program {
+    pub(crate) package: &'static str,
+    pub(crate) target: &'static str,
+    pub(crate) arguments: &'static [&'static str],
+}
+
+impl WitnessKind {
+    /// The one of this name.
+    #[must_use]
+    pub fn find(name: &str) -> Option<&'static Self> {
+        KINDS.iter().find(|kind| kind.name == name)
+    }
+}
+
+/// How much runs.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, clap::ValueEnum)]
+pub enum Tier {
+    /// The faults of core, judges and threads.
+    Landing,
+    /// All.
+    Full,
+}
+
+impl Tier {
+    /// Whether a kind of witness runs in it.
+    #[must_use]
+    pub fn runs(self, kind: &WitnessKind) -> bool {
+        self == Self::Full || all::builds_at_landing(kind)
+    }
+
+    /// Whether a fault runs in it.
+    #[must_use]
+    pub fn has(self, fault: &SeededFault) -> bool {
+        self == Self::Full || all::runs_at_landing(fault)
+    }
+}

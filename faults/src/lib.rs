@@ -1,0 +1,28 @@
+//! Seeded faults, who catches each, and what shows each rule and promise.
+//!
+//! Nothing here trusts a name: a witness counts for an identifier only if it cites it and failed under a seeded fault of it.
+//! One copy of the tree contains all faults, each behind a number that an environment variable selects, so one build serves
+//! all of them. No result is stored.
+
+mod campaign;
+mod citation;
+mod error;
+mod fault;
+mod items;
+mod kind;
+mod mcdc;
+mod printed;
+mod schemata;
+mod table;
+mod tree;
+mod work;
+
+pub use campaign::{Campaign, CampaignFindings, Catches, kinds};
+pub use error::FaultsError;
+pub use fault::{SeededFault, load as load_faults};
+pub use items::{Function, FunctionIndex};
+pub use kind::{KINDS, Tier, WitnessKind};
+pub use mcdc::{Evaluation, IndependencePair, McdcReport, SourceDecision};
+pub use schemata::can_share;
+pub use table::{ExpectedWitnesses, FaultRow, PromiseRow, Table, expected};
+pub use tree::{Tree, hex, write};

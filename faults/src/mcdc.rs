@@ -1,0 +1,218 @@
+//! Modified condition/decision coverage: whether the tests show of each condition that it alone changes its decision.
+//!
+//! The compiler offers it no longer. So a copy of the crate is made in which each condition records its value, and the
+//! tests run on the copy. A condition is covered by two evaluations that differ in it and in the outcome, and in no other
+//! condition that both evaluated (unique cause; what a `&&` or `||` left out differs from nothing).
+
+mod decision;
+mod pair;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write as _;
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+use serde::Deserialize;
+
+pub use self::decision::SourceDecision;
+pub use self::pair::{Evaluation, IndependencePair};
+
+use crate::error::FaultsError;
+use crate::tree::{Tree, write};
+
+const CORE: &str = "core/src";
+const HEAD: &str = "# Conditions of the core
+
+Modified condition/decision coverage of `core/src`: below each condition of each decision stand two tests that differ in this condition
+alone (T true, F false, - not evaluated, in the order of the conditions) and in the decision's outcome.
+[How it is measured](evidence.md#conditions-of-the-core).
+";
+/// What the copy of the crate records with.
+const RECORDER: &str = include_str!("mcdc/recorder.rs.txt");
+/// Conditions that no test can show, each with the reason.
+const EXPLAINED: &str = "faults/mcdc.toml";
+/// The tests that run: the core's own, and those of the rules.
+const TESTS: [&str; 9] = [
+    "test",
+    "--package=fuseline-core",
+    "--package=fuseline-tests",
+    "--lib",
+    "--test=rules",
+    "--test=surface",
+    "--test=window",
+    "--test=parts",
+    "--no-fail-fast",
+];
+
+/// The decisions of the core, and the evaluations of each by the tests.
+pub struct McdcReport {
+    decisions: Vec<SourceDecision>,
+    evaluations: BTreeMap<usize, BTreeSet<Evaluation>>,
+    explained: Vec<ExplainedCondition>,
+}
+
+/// A condition that cannot be shown to change its decision alone.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ExplainedCondition {
+    file: String,
+    decision: String,
+    condition: String,
+    because: String,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ExplainedConditions {
+    #[serde(default)]
+    condition: Vec<ExplainedCondition>,
+}
+
+impl McdcReport {
+    /// Runs the tests on a copy of the project in cargo's target folder; tests with a name of `without` do not run.
+    ///
+    /// # Errors
+    /// The core cannot be read as Rust, the copy does not build, or a test fails.
+    pub fn take(tree: &Tree, target: &Path, without: &[String]) -> Result<Self, FaultsError> {
+        let path = tree.path(EXPLAINED);
+        let explained: ExplainedConditions = toml::from_str(&tree.text(EXPLAINED)?)
+            .map_err(|error| FaultsError::content(&path, error.to_string()))?;
+        let copy = Tree::new(target.join("copy"));
+        let mut changed = BTreeMap::from([("core/src/mcdc.rs".to_owned(), RECORDER.to_owned())]);
+        let mut decisions = Vec::new();
+        let files = tree.files(&[CORE])?.into_iter();
+        let files = files.map(|file| tree.text(&file).map(|text| (file, text)));
+        let files = files.collect::<Result<Vec<_>, _>>()?;
+        let constant = decision::constant_functions(&files)?;
+        for (file, text) in files {
+            let mut text = decision::instrument(&file, &text, &constant, &mut decisions)?;
+            if file == "core/src/lib.rs" {
+                text.push_str("\nmod mcdc;\n");
+            }
+            changed.insert(file, text);
+        }
+        tree.copy_to(&copy, changed)?;
+        let recorded = target.join("evaluations.txt");
+        write(&recorded, "")?;
+        let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+        command.args(TESTS).args(["--locked", "--quiet", "--"]);
+        command.args(without.iter().flat_map(|name| ["--skip", name]));
+        let ended = command
+            .current_dir(copy.root())
+            .env("CARGO_TARGET_DIR", target.join("built"))
+            .env("RUSTFLAGS", "--cap-lints=allow")
+            .env("FUSELINE_MCDC", &recorded)
+            .env_remove("PROPTEST_CASES")
+            .stdout(std::io::stderr())
+            .status()
+            .map_err(FaultsError::file(copy.root()))?;
+        if !ended.success() {
+            return Err(FaultsError::content(
+                copy.root(),
+                format!("cargo test ended with {ended}"),
+            ));
+        }
+        let text = fs::read_to_string(&recorded).map_err(FaultsError::file(&recorded))?;
+        let mut evaluations: BTreeMap<usize, BTreeSet<Evaluation>> = BTreeMap::new();
+        for line in text.lines() {
+            let (decision, evaluation) = Evaluation::parse(line).ok_or_else(|| {
+                FaultsError::content(&recorded, format!("not understood: {line}"))
+            })?;
+            evaluations.entry(decision).or_default().insert(evaluation);
+        }
+        Ok(Self { decisions, evaluations, explained: explained.condition })
+    }
+
+    /// A page with each decision, its conditions, and of each the two tests that show it.
+    #[must_use]
+    pub fn page(&self) -> String {
+        let mut text = format!("{HEAD}\n{}.\n\n```text\n", self.summary());
+        for (i, decision) in self.decisions.iter().enumerate() {
+            let _ = writeln!(text, "{}:{}  {}", decision.file, decision.line, decision.text);
+            for (c, condition) in decision.conditions.iter().enumerate() {
+                let _ = match self.pair(i, c) {
+                    Some(IndependencePair { holds, fails }) => {
+                        writeln!(text, "  {condition}\n    {holds}\n    {fails}")
+                    }
+                    None => {
+                        writeln!(text, "  {condition}\n    {}", self.reason(decision, condition))
+                    }
+                };
+            }
+        }
+        text.push_str("```\n");
+        text
+    }
+
+    /// The same for programs: an array of decisions, each with the tests of its pairs.
+    #[must_use]
+    pub fn json(&self) -> String {
+        let decisions = self.decisions.iter().enumerate().map(|(i, it)| {
+            let pairs = (0..it.conditions.len()).filter_map(|c| self.pair(i, c));
+            let shown_by: Vec<[&str; 2]> = pairs.map(IndependencePair::tests).collect();
+            serde_json::json!({
+                "file": it.file, "line": it.line, "decision": it.text,
+                "conditions": it.conditions, "shown_by": shown_by,
+            })
+        });
+        serde_json::Value::from(decisions.collect::<Vec<_>>()).to_string() + "\n"
+    }
+
+    /// How many conditions there are, and how many of them are shown.
+    #[must_use]
+    pub fn summary(&self) -> String {
+        let conditions: usize = self.decisions.iter().map(|it| it.conditions.len()).sum();
+        let (decisions, shown) = (self.decisions.len(), self.shown());
+        let explained = self.explained.len();
+        format!(
+            "{shown} of {conditions} conditions in {decisions} decisions are shown, {explained} explained"
+        )
+    }
+
+    /// What is wrong: conditions that are neither shown nor explained, and explanations of what is shown or not there.
+    #[must_use]
+    pub fn gaps(&self) -> Vec<String> {
+        let mut explained: Vec<&ExplainedCondition> = self.explained.iter().collect();
+        let mut gaps = Vec::new();
+        for (i, decision) in self.decisions.iter().enumerate() {
+            for (c, condition) in decision.conditions.iter().enumerate() {
+                let known = explained.iter().position(|it| it.is_of(decision, condition));
+                let place = format!("{}:{}: {condition}", decision.file, decision.line);
+                match (self.pair(i, c), known) {
+                    (Some(_), None) => {}
+                    (None, Some(known)) => drop(explained.swap_remove(known)),
+                    (None, None) => gaps.push(format!("{place}: no two evaluations show it")),
+                    (Some(_), Some(_)) => {
+                        gaps.push(format!("{place}: shown, and explained as not to be shown"));
+                    }
+                }
+            }
+        }
+        gaps.extend(explained.iter().map(|it| {
+            format!("{EXPLAINED}: no condition {} of {} in {}", it.condition, it.decision, it.file)
+        }));
+        gaps
+    }
+
+    fn shown(&self) -> usize {
+        let all = self.decisions.iter().enumerate();
+        all.map(|(i, it)| (0..it.conditions.len()).filter(|c| self.pair(i, *c).is_some()).count())
+            .sum()
+    }
+
+    fn pair(&self, decision: usize, condition: usize) -> Option<IndependencePair<'_>> {
+        IndependencePair::find(self.evaluations.get(&decision)?, condition)
+    }
+
+    fn reason(&self, decision: &SourceDecision, condition: &str) -> &str {
+        let known = self.explained.iter().find(|it| it.is_of(decision, condition));
+        known.map_or("NOT SHOWN", |it| &it.because)
+    }
+}
+
+impl ExplainedCondition {
+    fn is_of(&self, decision: &SourceDecision, condition: &str) -> bool {
+        self.file == decision.file && self.decision == decision.text && self.condition == condition
+    }
+}

@@ -1,0 +1,122 @@
+//! What cargo printed when the witnesses of a kind ran.
+
+use std::collections::BTreeMap;
+use std::sync::LazyLock;
+
+use regex::Regex;
+
+/// What a run printed, by witness: whether it held.
+pub(crate) type Outcomes = BTreeMap<String, bool>;
+
+/// Lines of the test harness. A test that began and never ended is red. In a program `all_…` a module is a file of tests,
+/// whose name stands for the program's.
+pub(crate) fn read_tests(program: &str, printed: &str) -> Outcomes {
+    static TEST: LazyLock<Regex> =
+        LazyLock::new(|| regex(r"(?m)^test (\S+)(?: - should panic)? \.\.\.(?: (ok|ignored))?"));
+    let begin = if program.starts_with("all_") { String::new() } else { format!("{program}::") };
+    let mut outcomes = Outcomes::new();
+    for found in TEST.captures_iter(printed) {
+        let outcome = found.get(2).map(|outcome| outcome.as_str());
+        if outcome != Some("ignored") {
+            outcomes.insert(format!("{begin}{}", &found[1]), outcome == Some("ok"));
+        }
+    }
+    outcomes
+}
+
+/// The same, of traces.
+pub(crate) fn read_traces(_: &str, printed: &str) -> Outcomes {
+    read_tests("all_", printed)
+}
+
+/// Lines of the harnesses, each named when it begins and when it ended.
+pub(crate) fn read_steps(_: &str, printed: &str) -> Outcomes {
+    static STEP: LazyLock<Regex> = LazyLock::new(|| regex(r"(?m)harness (\w+) \.\.\.(?: (ok))?"));
+    STEP.captures_iter(printed).map(|found| (found[1].to_owned(), found.get(2).is_some())).collect()
+}
+
+/// Lines of pytest, all cases of a test as one. A test that began and never ended is red.
+pub(crate) fn read_pytest(_: &str, printed: &str) -> Outcomes {
+    static CASE: LazyLock<Regex> =
+        LazyLock::new(|| regex(r"^tests/(\w+)\.py::(\w+)(?:.* (PASSED|SKIPPED|FAILED|ERROR)\b)?"));
+    let mut outcomes = Outcomes::new();
+    for found in printed.lines().filter_map(|line| CASE.captures(line)) {
+        let outcome = found.get(3).map(|outcome| outcome.as_str());
+        if outcome != Some("SKIPPED") {
+            let held = outcomes.entry(format!("{}::{}", &found[1], &found[2])).or_insert(true);
+            *held &= outcome == Some("PASSED");
+        }
+    }
+    outcomes
+}
+
+/// A JSON object a configuration: the properties that are broken there, or the configuration itself if it holds.
+pub(crate) fn read_models(_: &str, printed: &str) -> Outcomes {
+    #[derive(serde::Deserialize)]
+    struct Verdict {
+        config: String,
+        holds: bool,
+        violations: BTreeMap<String, Vec<String>>,
+    }
+    let verdicts = printed.lines().filter_map(|line| serde_json::from_str::<Verdict>(line).ok());
+    let mut outcomes = Outcomes::new();
+    for verdict in verdicts {
+        outcomes.extend(verdict.violations.keys().map(|claim| (claim.clone(), false)));
+        // One with too few states breaks no property.
+        if verdict.holds || verdict.violations.is_empty() {
+            outcomes.insert(verdict.config, verdict.holds);
+        }
+    }
+    outcomes
+}
+
+fn regex(pattern: &str) -> Regex {
+    Regex::new(pattern).expect("a sound pattern")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of<const N: usize>(outcomes: [(&str, bool); N]) -> Outcomes {
+        outcomes.map(|(name, held)| (name.to_owned(), held)).into()
+    }
+
+    #[test]
+    fn unended_test_is_red() {
+        let printed = "test f1_a ... ok\ntest f2_b ... FAILED\ntest f3_c ... ignored, not here\ntest f4_d ... ";
+        let expected = of([("rules::f1_a", true), ("rules::f2_b", false), ("rules::f4_d", false)]);
+        assert_eq!(read_tests("rules", printed), expected);
+    }
+
+    #[test]
+    fn module_is_program_where_there_are_many() {
+        assert_eq!(read_tests("all_tokio", "test link::f1_a ... ok\n"), of([("link::f1_a", true)]));
+    }
+
+    #[test]
+    fn unended_harness_is_red() {
+        let printed = "test every ... harness p1_a ...\nharness p1_a ... ok\nharness p2_b ...\n\
+            harness p2_b ... FAILED: x\nharness p3_c ...\n";
+        let expected = of([("p1_a", true), ("p2_b", false), ("p3_c", false)]);
+        assert_eq!(read_steps("random", printed), expected);
+    }
+
+    #[test]
+    fn python_test_held_if_each_case_did() {
+        let printed = "tests/a.py::test_b[0.0] PASSED   [ 10%]\ntests/a.py::test_b[x-[1]] FAILED   [ 20%]\n\
+            tests/a.py::test_c PASSED   [ 40%]\ntests/a.py::test_d SKIPPED (no)   [ 50%]\n\
+            FAILED tests/a.py::test_b[x-[1]] - assert 1 == 2\ntests/a.py::test_e ";
+        let expected = of([("a::test_b", false), ("a::test_c", true), ("a::test_e", false)]);
+        assert_eq!(read_pytest("pytest", printed), expected);
+    }
+
+    #[test]
+    fn property_broken_anywhere_is_red() {
+        let printed = r#"{"config":"a","holds":true,"violations":{}}
+            {"config":"b","holds":false,"violations":{"P1 once":["{}"]}}
+            {"config":"c","holds":false,"violations":{}}"#;
+        let expected = of([("P1 once", false), ("a", true), ("c", false)]);
+        assert_eq!(read_models("models", printed), expected);
+    }
+}

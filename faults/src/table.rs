@@ -1,0 +1,357 @@
+//! The table of promises: what shows each, by the run that just ended, and what is missing.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write as _;
+
+use serde::{Deserialize, Serialize};
+
+use crate::campaign::CampaignFindings;
+use crate::citation;
+use crate::error::FaultsError;
+use crate::fault::SeededFault;
+use crate::kind::WitnessKind;
+use crate::tree::Tree;
+
+/// Why an identifier may have fewer faults or kinds of witness than two.
+const GAPS: &str = "faults/gaps.toml";
+/// The witnesses that must be there.
+const WITNESSES: &str = "faults/witnesses.toml";
+/// How many faults and kinds of witness each identifier has.
+const ENOUGH: usize = 2;
+
+/// What shows the rules and promises, with whatever is wrong.
+#[derive(Debug, Serialize)]
+pub struct Table {
+    /// A row an identifier, in the order of the specification.
+    pub rows: Vec<PromiseRow>,
+    /// The faults in their order.
+    pub faults: Vec<FaultRow>,
+    /// Identifiers that are shown less than they should be, each with the reason.
+    pub gaps: BTreeMap<String, String>,
+    /// Faults that one kind alone catches.
+    pub single: Vec<String>,
+    /// What must be put right.
+    pub wrong: Vec<String>,
+}
+
+/// What shows one rule, promise or ambiguity.
+#[derive(Debug, Serialize)]
+pub struct PromiseRow {
+    /// Its identifier.
+    pub id: String,
+    /// How the specification heads it.
+    pub title: String,
+    /// The code that meets it, `file:line`.
+    pub code: Vec<String>,
+    /// By kind: the witnesses that cite it and failed under a fault of it.
+    pub witnesses: BTreeMap<&'static str, BTreeSet<String>>,
+    /// The faults that violate it.
+    pub faults: Vec<String>,
+    /// Whether all of them ran.
+    pub is_whole: bool,
+}
+
+/// One fault with who caught it.
+#[derive(Debug, Serialize)]
+pub struct FaultRow {
+    /// Its name.
+    pub name: String,
+    /// What it violates.
+    pub breaks: BTreeSet<String>,
+    /// By kind: the witnesses that failed. Empty if it did not run.
+    pub caught_by: BTreeMap<&'static str, BTreeSet<String>>,
+    /// The kinds whose time was up.
+    pub out_of_time: BTreeSet<&'static str>,
+    /// Why it had a build of its own, if it had.
+    pub own_build: Option<String>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct GapsFile {
+    #[serde(default)]
+    gap: Vec<GapReason>,
+}
+
+/// A fact about the code, never about how old a result is.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct GapReason {
+    ids: Vec<String>,
+    because: String,
+}
+
+impl Table {
+    /// Builds it from what a campaign found; of none there is what the sources say.
+    ///
+    /// # Errors
+    /// A file cannot be read. What is missing is in [`wrong`](Self::wrong).
+    pub fn build(
+        tree: &Tree,
+        faults: &[SeededFault],
+        findings: &CampaignFindings,
+    ) -> Result<Self, FaultsError> {
+        let defined = citation::defined(tree)?;
+        let known: BTreeSet<&str> = defined.iter().map(|(id, _)| &**id).collect();
+        let mut wrong = Vec::new();
+        for fault in faults {
+            wrong.extend(unknown(&fault.name, &fault.breaks, &known));
+        }
+        let code = citation::code(tree)?;
+        let rows = faults.iter().map(|fault| FaultRow::of(fault, findings));
+        let fault_rows: Vec<FaultRow> = rows.collect();
+        let shown = shown(tree, &fault_rows, &known, &mut wrong)?;
+        let mut rows = Vec::new();
+        for (id, title) in &defined {
+            let of_it = || fault_rows.iter().filter(|fault| fault.breaks.contains(id));
+            rows.push(PromiseRow {
+                id: id.clone(),
+                title: title.clone(),
+                code: code.get(id).cloned().unwrap_or_default(),
+                witnesses: shown.get(id).cloned().unwrap_or_default(),
+                faults: of_it().map(|fault| fault.name.clone()).collect(),
+                is_whole: of_it().all(|fault| !fault.caught_by.is_empty()),
+            });
+        }
+        let ran = || fault_rows.iter().filter(|fault| !fault.caught_by.is_empty());
+        let count = |fault: &FaultRow| fault.caught_by.values().filter(|by| !by.is_empty()).count();
+        wrong.extend(
+            ran().filter(|it| count(it) == 0).map(|it| format!("nothing catches {}", it.name)),
+        );
+        let single = ran().filter(|it| count(it) == 1).map(|it| it.name.clone()).collect();
+        let gaps = gaps(tree, &rows, &mut wrong)?;
+        wrong.extend(missing(tree, &rows)?);
+        Ok(Self { rows, faults: fault_rows, gaps, single, wrong })
+    }
+
+    /// The table for people at a terminal.
+    #[must_use]
+    pub fn text(&self) -> String {
+        let mut text = String::new();
+        for row in self.rows.iter().filter(|row| !row.witnesses.is_empty()) {
+            let kinds = row.witnesses.iter().map(|(kind, by)| format!("{kind} {}", by.len()));
+            let kinds: Vec<String> = kinds.collect();
+            let _ = writeln!(
+                text,
+                "{:<4} {:>3} faults, shown by {}",
+                row.id,
+                row.faults.len(),
+                kinds.join(", ")
+            );
+        }
+        for fault in self.faults.iter().filter(|it| self.single.contains(&it.name)) {
+            let by = fault.caught_by.iter().find(|(_, by)| !by.is_empty());
+            let Some((kind, by)) = by else { continue };
+            let _ = writeln!(text, "only {kind} catches {}: {}", fault.name, few(by));
+        }
+        for fault in self.faults.iter().filter(|it| !it.out_of_time.is_empty()) {
+            let kinds: Vec<&str> = fault.out_of_time.iter().copied().collect();
+            let _ = writeln!(text, "{} ran out of time under {}", kinds.join(", "), fault.name);
+        }
+        text
+    }
+
+    /// A page of the book.
+    #[must_use]
+    pub fn page(&self) -> String {
+        let mut text = String::from(HEAD);
+        let ran = self.faults.iter().filter(|fault| !fault.caught_by.is_empty()).count();
+        let all = self.faults.len();
+        let _ = writeln!(text, "\nThis run seeded {ran} of {all} faults.\n");
+        if !self.wrong.is_empty() {
+            text.push_str("## What is missing\n\n");
+            self.wrong.iter().for_each(|line| text.extend(["- ", line, "\n"]));
+            text.push('\n');
+        }
+        text.push_str("## Rules and promises\n\n| | | faults | shown by |\n|---|---|--:|---|\n");
+        for row in &self.rows {
+            let by = row.witnesses.iter().map(|(kind, by)| format!("{kind}: {}", few(by)));
+            let mut by: Vec<String> = by.collect();
+            if row.witnesses.len() < ENOUGH && !row.is_whole {
+                by.push("*not all of its faults ran*".to_owned());
+            }
+            by.extend(self.gaps.get(&row.id).cloned());
+            let _ = writeln!(
+                text,
+                "| {} | {} | {} | {} |",
+                row.id,
+                row.title,
+                row.faults.len(),
+                by.join("<br>")
+            );
+        }
+        text.push_str("\n## Seeded faults\n\n| fault | breaks | caught by |\n|---|---|---|\n");
+        for fault in &self.faults {
+            let kinds = fault.caught_by.iter().filter(|(_, by)| !by.is_empty());
+            let kinds = kinds.map(|(kind, by)| {
+                if fault.out_of_time.contains(kind) {
+                    format!("{kind} (out of time)")
+                } else {
+                    format!("{kind} {}", by.len())
+                }
+            });
+            let kinds: Vec<String> = kinds.collect();
+            let kinds = if fault.caught_by.is_empty() {
+                "*did not run*".to_owned()
+            } else {
+                kinds.join(", ")
+            };
+            let breaks: Vec<&str> = fault.breaks.iter().map(String::as_str).collect();
+            let _ = writeln!(text, "| `{}` | {} | {kinds} |", fault.name, breaks.join(" "));
+        }
+        text
+    }
+
+    /// The same for programs.
+    ///
+    /// # Panics
+    /// Never: all of it is text.
+    #[must_use]
+    pub fn json(&self) -> String {
+        serde_json::to_string_pretty(self).expect("it is text") + "\n"
+    }
+}
+
+const HEAD: &str = "\
+# Promises and witnesses
+
+Which witnesses show each rule, promise and ambiguity of `SPEC.md`. A witness is in a row only if it cites the identifier and
+failed under a seeded fault that violates it. [Seeded faults](evidence.md) explains how. `fuseline-faults run` makes this page.
+";
+
+impl FaultRow {
+    fn of(fault: &SeededFault, findings: &CampaignFindings) -> Self {
+        let caught = findings.faults.get(&fault.name).cloned().unwrap_or_default();
+        Self {
+            name: fault.name.clone(),
+            breaks: fault.breaks.clone(),
+            caught_by: caught.by,
+            out_of_time: caught.out_of_time,
+            own_build: caught.own_build,
+        }
+    }
+}
+
+/// The first of some witnesses, and how many more there are.
+fn few(witnesses: &BTreeSet<String>) -> String {
+    let first =
+        witnesses.iter().take(3).map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ");
+    match witnesses.len().checked_sub(3) {
+        Some(more @ 1..) => format!("{first} and {more} more"),
+        _ => first,
+    }
+}
+
+/// By identifier and kind: the witnesses that cite it and failed under a fault of it.
+type Shown = BTreeMap<String, BTreeMap<&'static str, BTreeSet<String>>>;
+
+fn shown(
+    tree: &Tree,
+    faults: &[FaultRow],
+    known: &BTreeSet<&str>,
+    wrong: &mut Vec<String>,
+) -> Result<Shown, FaultsError> {
+    let mut cited: BTreeMap<(&str, &str), BTreeSet<String>> = BTreeMap::new();
+    let mut shown = Shown::new();
+    for fault in faults {
+        for (kind, witnesses) in &fault.caught_by {
+            let Some(kind) = WitnessKind::find(kind) else { continue };
+            // One in parentheses is a program of which it is not known which test failed.
+            for witness in witnesses.iter().filter(|witness| !witness.ends_with(')')) {
+                let of = match cited.entry((kind.name, witness)) {
+                    std::collections::btree_map::Entry::Occupied(known) => known.into_mut(),
+                    std::collections::btree_map::Entry::Vacant(new) => {
+                        let ids = (kind.cites)(tree, witness)?;
+                        wrong.extend(unknown(witness, &ids, known));
+                        new.insert(ids)
+                    }
+                };
+                for id in of.intersection(&fault.breaks) {
+                    let by = shown.entry(id.clone()).or_default().entry(kind.name).or_default();
+                    by.insert(witness.clone());
+                }
+            }
+        }
+    }
+    Ok(shown)
+}
+
+/// Which identifiers have too few faults or kinds, with the reason; without one it is wrong, as is a reason without need.
+fn gaps(
+    tree: &Tree,
+    rows: &[PromiseRow],
+    wrong: &mut Vec<String>,
+) -> Result<BTreeMap<String, String>, FaultsError> {
+    let parsed: Result<GapsFile, _> = toml::from_str(&tree.text(GAPS)?);
+    let file = parsed.map_err(|e| FaultsError::content(&tree.path(GAPS), e.to_string()))?;
+    let mut reasons: BTreeMap<String, String> = BTreeMap::new();
+    for GapReason { ids, because } in file.gap {
+        reasons.extend(ids.into_iter().map(|id| (id, because.clone())));
+    }
+    let mut gaps = BTreeMap::new();
+    // An ambiguity is a reading of a rule and needs nothing of its own.
+    for row in rows.iter().filter(|row| !row.id.starts_with('A')) {
+        let (faults, kinds) = (row.faults.len(), row.witnesses.len());
+        let is_short = row.is_whole && (faults < ENOUGH || kinds < ENOUGH);
+        match reasons.remove(&row.id) {
+            None if is_short => wrong.push(format!(
+                "{} has {faults} faults and {kinds} kinds of witness, and no reason in {GAPS}",
+                row.id
+            )),
+            Some(because) if is_short || !row.is_whole => {
+                drop(gaps.insert(row.id.clone(), because));
+            }
+            Some(_) => wrong.push(format!("{GAPS}: {} has enough faults and witnesses", row.id)),
+            None => {}
+        }
+    }
+    wrong.extend(reasons.into_keys().map(|id| format!("{GAPS}: {id} needs no witness of its own")));
+    Ok(gaps)
+}
+
+/// By identifier and kind, the witness that must show it.
+pub type ExpectedWitnesses = BTreeMap<String, BTreeMap<String, String>>;
+
+/// The witnesses that must be there.
+///
+/// # Errors
+/// The file cannot be read.
+pub fn expected(tree: &Tree) -> Result<ExpectedWitnesses, FaultsError> {
+    let parsed = toml::from_str(&tree.text(WITNESSES)?);
+    parsed.map_err(|error| FaultsError::content(&tree.path(WITNESSES), error.to_string()))
+}
+
+/// The witnesses that should show an identifier and did not, where all of its faults ran.
+fn missing(tree: &Tree, rows: &[PromiseRow]) -> Result<Vec<String>, FaultsError> {
+    let mut expected = expected(tree)?;
+    let mut missing = Vec::new();
+    for row in rows.iter().filter(|row| !row.id.starts_with('A')) {
+        let named = expected.remove(&row.id).unwrap_or_default();
+        if !row.is_whole || row.faults.is_empty() {
+            continue;
+        }
+        let is_there =
+            |kind: &str, name: &String| row.witnesses.get(kind).is_some_and(|by| by.contains(name));
+        let gone: Vec<String> = named
+            .iter()
+            .filter(|(kind, name)| !is_there(kind, name))
+            .map(|(kind, name)| format!("{kind} {name}"))
+            .collect();
+        if !gone.is_empty() {
+            let left = named.len() - gone.len();
+            missing.push(format!(
+                "{}: {} of its witnesses in {WITNESSES} is left; missing or blind: {}",
+                row.id,
+                left,
+                gone.join(", ")
+            ));
+        }
+    }
+    missing.extend(expected.into_keys().map(|id| format!("{WITNESSES}: SPEC.md defines no {id}")));
+    Ok(missing)
+}
+
+fn unknown(place: &str, cited: &BTreeSet<String>, known: &BTreeSet<&str>) -> Vec<String> {
+    let unknown = cited.iter().filter(|id| !known.contains(id.as_str()));
+    unknown.map(|id| format!("{place} cites {id}, which SPEC.md does not define")).collect()
+}

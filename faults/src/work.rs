@@ -1,0 +1,368 @@
+//! The copy of the project in which faults are seeded and witnesses run.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs::{self, File};
+use std::os::unix::process::CommandExt as _;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use rustix::process::{Pid, Signal, kill_process_group};
+use serde_json::Value;
+
+use crate::error::FaultsError;
+use crate::kind::{BuildSuite, Program, WitnessKind};
+use crate::printed::Outcomes;
+use crate::schemata::VARIABLE;
+use crate::tree::Tree;
+
+/// How often a running program is looked at.
+const GLANCE: Duration = Duration::from_millis(10);
+/// A faulty machine may take memory without end; 4 GiB are more than any sound witness takes.
+const BOUNDED: &str = "ulimit -v 4194304; exec \"$@\"";
+
+/// The copy, with its own folder of built things.
+pub(crate) struct FaultyCopy<'a> {
+    pub(crate) copy: Tree,
+    pub(crate) target: PathBuf,
+    /// The interpreter that has the wheel, as `.ci/python` installs it.
+    pub(crate) python: PathBuf,
+    pub(crate) stop: &'a AtomicBool,
+}
+
+/// The programs of a suite, by package and target, each with the folder in which it runs.
+pub(crate) type Programs = BTreeMap<(String, String), (PathBuf, PathBuf)>;
+
+/// What a build came to.
+pub(crate) enum Built {
+    Programs(Programs),
+    /// It does not compile at these places, each a file with a byte.
+    Refused(Vec<(String, usize)>, String),
+}
+
+/// What the witnesses of a kind did.
+#[derive(Default)]
+pub(crate) struct WitnessRun {
+    pub(crate) outcomes: Outcomes,
+    pub(crate) is_out_of_time: bool,
+    pub(crate) took: Duration,
+}
+
+impl WitnessRun {
+    pub(crate) fn red(&self) -> BTreeSet<String> {
+        self.outcomes.iter().filter(|(_, held)| !**held).map(|(name, _)| name.clone()).collect()
+    }
+}
+
+impl FaultyCopy<'_> {
+    /// Builds what a suite needs of the copy as it is.
+    ///
+    /// # Errors
+    /// cargo cannot be run, or fails for another reason than the sources.
+    pub(crate) fn build(&self, suite: &BuildSuite) -> Result<Built, FaultsError> {
+        if suite.packages.is_empty() {
+            return self.build_wheel();
+        }
+        let mut programs = Programs::new();
+        for (words, targets) in
+            [(&["test", "--no-run"][..], suite.tests), (&["build"], suite.programs)]
+        {
+            if targets.is_empty() {
+                continue;
+            }
+            match self.build_targets(suite, words, targets)? {
+                Built::Programs(built) => programs.extend(built),
+                refused @ Built::Refused(..) => return Ok(refused),
+            }
+        }
+        Ok(Built::Programs(programs))
+    }
+
+    fn build_targets(
+        &self,
+        suite: &BuildSuite,
+        words: &[&str],
+        targets: &[&str],
+    ) -> Result<Built, FaultsError> {
+        let mut command = Self::cargo(self.copy.root());
+        // Other flags of the compiler build everything again.
+        let is_apart = suite.variables.iter().any(|(name, _)| *name == "RUSTFLAGS");
+        let target = self.target.join(if is_apart { suite.name } else { "plain" });
+        command
+            .args(words)
+            .args(["--locked", "--message-format=json"])
+            .args(suite.packages)
+            .args(targets)
+            .env("CARGO_TARGET_DIR", target)
+            .envs(suite.variables.iter().copied());
+        let log = self.log(suite.name, "build");
+        let errors = create(&log)?;
+        let child = command.stderr(errors).stdout(Stdio::piped()).process_group(0).spawn();
+        let printed = self.until_ended(child.map_err(FaultsError::file(self.copy.root()))?)?;
+        let (mut programs, mut places, mut said) = (Programs::new(), Vec::new(), String::new());
+        for message in printed.lines().filter_map(|line| serde_json::from_str::<Value>(line).ok()) {
+            match message["reason"].as_str() {
+                Some("compiler-artifact") => take_program(&message, &mut programs),
+                Some("compiler-message") if message["message"]["level"] == "error" => {
+                    said.push_str(message["message"]["rendered"].as_str().unwrap_or_default());
+                    places.extend(primary_places(&message["message"]));
+                }
+                Some("build-finished") if message["success"] == true => {
+                    return Ok(Built::Programs(programs));
+                }
+                _ => {}
+            }
+        }
+        if said.is_empty() {
+            let (what, why) = (suite.name.to_owned(), "cargo cannot build it".to_owned());
+            return Err(FaultsError::Run { what, why, log });
+        }
+        fs::write(&log, &said).map_err(FaultsError::file(&log))?;
+        Ok(Built::Refused(places, said))
+    }
+
+    /// The compiled part of the wheel, put where the copy's package looks for it.
+    fn build_wheel(&self) -> Result<Built, FaultsError> {
+        let folder = self.copy.path("adapters/python");
+        if !self.python.exists() {
+            let why = "the wheel's interpreter is not there: .ci/python makes it";
+            return Err(FaultsError::content(&self.python, why));
+        }
+        let target = self.target.join("wheel");
+        let log = self.log("wheel", "build");
+        let ended = Self::cargo(&folder)
+            .args(["build", "--locked", "--quiet", "--profile", "landing", "--target-dir"])
+            .arg(&target)
+            .env("PYO3_BUILD_EXTENSION_MODULE", "1")
+            .env("PYO3_PYTHON", &self.python)
+            .stderr(create(&log)?)
+            .status()
+            .map_err(FaultsError::file(&folder))?;
+        if !ended.success() {
+            let said = fs::read_to_string(&log).map_err(FaultsError::file(&log))?;
+            return Ok(Built::Refused(Vec::new(), said));
+        }
+        let library = target.join("landing/lib_fuseline.so");
+        let there = folder.join("python/fuseline/_fuseline.abi3.so");
+        fs::copy(&library, there).map_err(FaultsError::file(&library))?;
+        let program = ("fuseline-python".to_owned(), "pytest".to_owned());
+        Ok(Built::Programs([(program, (self.python.clone(), folder))].into()))
+    }
+
+    fn cargo(folder: &Path) -> Command {
+        let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+        command
+            .current_dir(folder)
+            .stdin(Stdio::null())
+            .env("CARGO_NET_OFFLINE", "true")
+            .env("CARGO_TERM_COLOR", "never")
+            .env_remove("RUSTFLAGS")
+            .env_remove("RUSTC_WORKSPACE_WRAPPER");
+        command
+    }
+
+    /// Runs the witnesses of a kind under the fault of a number, or under none.
+    ///
+    /// # Errors
+    /// A program is not there or cannot be started, none ran, or the run was interrupted.
+    pub(crate) fn run(
+        &self,
+        kind: &WitnessKind,
+        programs: &Programs,
+        (number, name): (u32, &str),
+        limit: Duration,
+    ) -> Result<WitnessRun, FaultsError> {
+        let log = self.log(kind.name, name);
+        let wrong = |why: &str| FaultsError::Run {
+            what: format!("{} under {name}", kind.name),
+            why: why.to_owned(),
+            log: log.clone(),
+        };
+        let mut seen = WitnessRun::default();
+        fs::remove_file(&log).or_else(|error| match error.kind() {
+            std::io::ErrorKind::NotFound => Ok(()),
+            _ => Err(FaultsError::file(&log)(error)),
+        })?;
+        let begin = Instant::now();
+        for program in kind.programs {
+            let key = (program.package.to_owned(), program.target.to_owned());
+            let place = programs.get(&key);
+            let place = place.ok_or_else(|| wrong(&format!("{} was not built", program.target)))?;
+            let mut command = Self::command(kind, program, place, number);
+            let left = limit.saturating_sub(begin.elapsed());
+            let stops = kind.stops && number != 0;
+            let (printed, ended) = self.print(&mut command, left, stops, &log)?;
+            let mut outcomes = (kind.read)(program.target, &printed);
+            if ended.is_none() {
+                seen.is_out_of_time = true;
+            }
+            // One that was killed or ran out of memory names no test, where several run at once.
+            if ended != Some(true) && outcomes.values().all(|held| *held) {
+                let how = if ended.is_none() { "out of time" } else { "ended early" };
+                outcomes.insert(format!("{} ({how})", program.target), false);
+            }
+            seen.outcomes.extend(outcomes);
+            if seen.is_out_of_time || (stops && seen.outcomes.values().any(|held| !held)) {
+                break;
+            }
+        }
+        seen.took = begin.elapsed();
+        if seen.outcomes.is_empty() { Err(wrong("no witness ran")) } else { Ok(seen) }
+    }
+
+    fn command(
+        kind: &WitnessKind,
+        program: &Program,
+        (path, folder): &(PathBuf, PathBuf),
+        number: u32,
+    ) -> Command {
+        let mut command = Command::new("sh");
+        command.args(["-c", BOUNDED, "sh"]).arg(path).current_dir(folder);
+        if kind.name == "python" {
+            // Without the documentation's examples, which the project's own options add.
+            command
+                .args([
+                    "-m",
+                    "pytest",
+                    "--verbose",
+                    "--no-header",
+                    "--tb=no",
+                    "--override-ini=addopts=",
+                ])
+                .args(["-p", "no:cacheprovider"])
+                .envs([("PYTHONHASHSEED", "0"), ("PYTHONUNBUFFERED", "1")])
+                .env("PYTHONDONTWRITEBYTECODE", "1")
+                .env("PYTHONPATH", folder.join("python"));
+        }
+        command
+            .args(program.arguments)
+            .env(VARIABLE, number.to_string())
+            .env("CARGO_MANIFEST_DIR", folder)
+            .env("RUST_BACKTRACE", "0")
+            // Where one at a time runs, the last one named is the one that hangs.
+            .env("RUST_TEST_THREADS", kind.threads)
+            .env("PROPTEST_MAX_SHRINK_ITERS", "300")
+            .env_remove("PROPTEST_CASES")
+            .env_remove("CASES");
+        command
+    }
+
+    /// What a program prints until it ends, and whether that was well; none if its time was up.
+    fn print(
+        &self,
+        command: &mut Command,
+        limit: Duration,
+        stops: bool,
+        log: &Path,
+    ) -> Result<(String, Option<bool>), FaultsError> {
+        let own = log.with_extension("part");
+        let out = create(&own)?;
+        let err = out.try_clone().map_err(FaultsError::file(&own))?;
+        let child = command.stdin(Stdio::null()).stdout(out).stderr(err).process_group(0).spawn();
+        let mut child = child.map_err(FaultsError::file(&own))?;
+        let begin = Instant::now();
+        let ended = loop {
+            if let Some(status) = child.try_wait().map_err(FaultsError::file(&own))? {
+                break Some(status.success());
+            }
+            let is_stopped = self.stop.load(Ordering::Acquire);
+            let has_failed =
+                stops && fs::read_to_string(&own).is_ok_and(|it| it.contains("... FAILED"));
+            if is_stopped || has_failed || begin.elapsed() > limit {
+                // It may have ended just now.
+                let _ = kill_process_group(Pid::from_child(&child), Signal::KILL);
+                child.wait().map_err(FaultsError::file(&own))?;
+                if is_stopped {
+                    return Err(FaultsError::Interrupted);
+                }
+                break has_failed.then_some(false);
+            }
+            thread::sleep(GLANCE);
+        };
+        let printed = fs::read(&own).map_err(FaultsError::file(&own))?;
+        let printed = String::from_utf8_lossy(&printed).into_owned();
+        let before = fs::read_to_string(log).unwrap_or_default();
+        fs::write(log, before + &printed).map_err(FaultsError::file(log))?;
+        fs::remove_file(&own).map_err(FaultsError::file(&own))?;
+        Ok((printed, ended))
+    }
+
+    /// What cargo prints until it ends.
+    fn until_ended(&self, mut child: std::process::Child) -> Result<String, FaultsError> {
+        let mut out = child.stdout.take();
+        let reader = thread::spawn(move || {
+            let mut printed = String::new();
+            if let Some(out) = &mut out {
+                let _ = std::io::Read::read_to_string(out, &mut printed);
+            }
+            printed
+        });
+        while child.try_wait().map_err(FaultsError::file(self.copy.root()))?.is_none() {
+            if self.stop.load(Ordering::Acquire) {
+                let _ = kill_process_group(Pid::from_child(&child), Signal::KILL);
+                child.wait().map_err(FaultsError::file(self.copy.root()))?;
+                return Err(FaultsError::Interrupted);
+            }
+            thread::sleep(GLANCE);
+        }
+        Ok(reader.join().unwrap_or_default())
+    }
+
+    fn log(&self, kind: &str, run: &str) -> PathBuf {
+        self.target.join("logs").join(format!("{kind}.{run}.txt"))
+    }
+}
+
+fn create(path: &Path) -> Result<File, FaultsError> {
+    let folder = path.parent().unwrap_or(path);
+    fs::create_dir_all(folder).map_err(FaultsError::file(folder))?;
+    File::create(path).map_err(FaultsError::file(path))
+}
+
+fn take_program(message: &Value, programs: &mut Programs) {
+    let (Some(executable), Some(manifest)) =
+        (message["executable"].as_str(), message["manifest_path"].as_str())
+    else {
+        return;
+    };
+    let id = message["package_id"].as_str().unwrap_or_default();
+    let (path, version) = id.rsplit_once('#').unwrap_or_default();
+    let package = version
+        .split_once('@')
+        .map_or_else(|| path.rsplit('/').next().unwrap_or_default(), |it| it.0);
+    let target = message["target"]["name"].as_str().unwrap_or_default();
+    let folder = Path::new(manifest).parent().unwrap_or(Path::new(manifest)).to_owned();
+    let place = (PathBuf::from(executable), folder);
+    let key = (package.to_owned(), target.to_owned());
+    // A library's tests come before a program of the same name.
+    let is_library = message["target"]["kind"][0] == "lib";
+    if is_library || !programs.contains_key(&key) {
+        programs.insert(key, place);
+    }
+}
+
+/// Where a message of the compiler points, from the root.
+fn primary_places(message: &Value) -> Vec<(String, usize)> {
+    let spans = message["spans"].as_array().into_iter().flatten();
+    let primary = spans.filter(|span| span["is_primary"] == true);
+    let place = |span: &Value| {
+        let at = usize::try_from(span["byte_start"].as_u64()?).ok()?;
+        Some((plain(span["file_name"].as_str()?), at))
+    };
+    primary.filter_map(place).collect()
+}
+
+/// A path without `..`.
+fn plain(path: &str) -> String {
+    let mut parts = Vec::new();
+    for part in path.split('/') {
+        if part == ".." {
+            parts.pop();
+        } else {
+            parts.push(part);
+        }
+    }
+    parts.join("/")
+}
