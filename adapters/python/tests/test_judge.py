@@ -335,7 +335,7 @@ run.jsonl:7: breaks P2: No late result leaves.
     assert html.endswith("</table><p>1,001 more violations</p>")
     short = Verdict("run.jsonl", True, 1, 2, violations)
     assert "more violations" not in short._repr_html_() + str(short)
-    assert "#1a7f37" in short._repr_html_()
+    assert "#1a7f37" in Verdict("run.jsonl", True, 1, 2)._repr_html_()
 
 
 def test_verdicts_are_tables() -> None:
