@@ -339,8 +339,9 @@ CASES_AROUND: dict[str, Arguments] = {
             "lateness": DURATION,
             "tolerances": [({"east": 0.1}, ValueError, "east")],
             "period": DURATION,
+            "accept": [(["coarser"], ValueError, "coarser")],
         },
-        {"tolerances": [None, {"west": 0.1}], "period": [None]},
+        {"tolerances": [None, {"west": 0.1}], "period": [None], "accept": [["coarse"]]},
         free="trace name ended",
     ),
     "report": Arguments(
