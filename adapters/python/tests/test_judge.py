@@ -419,7 +419,7 @@ def test_doubts_are_those_of_the_corpus(path: Path) -> None:
 
     def judged(**more: Any) -> fuseline.Verdict:
         if slack := sidecar.get("observed"):
-            within = {name: ns(slack[name]) for name in ("tolerance", "lateness")}
+            within: dict[str, Any] = {name: ns(slack[name]) for name in ("tolerance", "lateness")}
             return check_observed(path, **within, **known, **more)
         return check(path, **known, **more)
 

@@ -367,5 +367,5 @@ def replace_file(path: Path, content: bytes) -> None:
 def _verdict(fields: _fuseline._Verdict) -> Verdict:
     file, conforms, judged, lines, violations, more, unfinished, doubts, cause = fields
     listed = tuple(Violation(*violation[:7], tuple(violation[7])) for violation in violations)
-    seen = tuple(Doubt(cast("DoubtKind", kind), *others) for kind, *others in doubts)
+    seen = tuple(Doubt(cast("DoubtKind", doubt[0]), *doubt[1:]) for doubt in doubts)
     return Verdict(file, conforms, judged, lines, listed, more, unfinished, seen, cause)
