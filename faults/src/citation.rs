@@ -225,7 +225,7 @@ fn range(family: &str, first: &str, last: &str) -> Vec<String> {
 /// The identifier that a part of a name is, if it is one.
 fn upper(part: &str) -> Option<String> {
     let mut letters = part.chars();
-    let family = letters.next().filter(|letter| "fpatd".contains(*letter))?;
+    let family = letters.next().filter(|letter| "fpatdej".contains(*letter))?;
     let number = letters.as_str();
     let number = number.strip_suffix('g').unwrap_or(number);
     let is_id = !number.is_empty() && number.bytes().all(|byte| byte.is_ascii_digit());

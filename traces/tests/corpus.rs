@@ -127,7 +127,7 @@ fn breaking_traces_break_the_named_rule_at_the_named_line_and_nothing_else() {
     assert!(astray.is_empty(), "{}", astray.join("\n\n"));
 }
 
-/// A44, A45: what conforms by its lines alone, and what is found once it is known that the run has ended, or its period.
+/// A44, A45, J1: what conforms by its lines alone, and what is found once it is known that the run has ended, or its period.
 #[test]
 fn traces_of_which_more_is_known_are_judged_by_that() {
     let folder = corpus().join("options");
