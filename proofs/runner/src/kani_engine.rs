@@ -9,14 +9,14 @@ use crate::record::Record;
 use crate::source::HarnessSources;
 
 /// The harnesses that Kani is to prove.
-pub(crate) struct Chosen {
+pub(crate) struct KaniSelection {
     /// How many covers each must reach, by its path.
     covers: BTreeMap<String, usize>,
     /// Whether these are all harnesses.
     whole: bool,
 }
 
-impl Chosen {
+impl KaniSelection {
     /// Chooses all harnesses, or those named. The record says how many covers each must reach.
     ///
     /// # Errors
@@ -135,9 +135,9 @@ fn read(printed: &str) -> KaniOutput<'_> {
 mod tests {
     use super::*;
 
-    fn chosen(covers: &[(&str, usize)], whole: bool) -> Chosen {
+    fn chosen(covers: &[(&str, usize)], whole: bool) -> KaniSelection {
         let covers = covers.iter().map(|(path, covers)| ((*path).to_owned(), *covers)).collect();
-        Chosen { covers, whole }
+        KaniSelection { covers, whole }
     }
 
     const SLOT: (&str, usize) = ("harness::slot::p2_never_late", 2);

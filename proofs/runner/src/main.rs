@@ -143,7 +143,7 @@ fn act(cli: &Cli) -> Result<bool, Error> {
     if cli.kani {
         let wrong = if whole { record.shrunk(&sources) } else { Vec::new() };
         wrong.iter().for_each(|wrong| eprintln!("{wrong}"));
-        let chosen = kani_engine::Chosen::new(&sources, &record, &cli.harness)?;
+        let chosen = kani_engine::KaniSelection::new(&sources, &record, &cli.harness)?;
         return Ok(chosen.prove(tree, cli.jobs, cli.time)? && wrong.is_empty());
     }
     if whole {
