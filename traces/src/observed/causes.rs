@@ -56,13 +56,23 @@ pub(super) struct CauseTracker {
 }
 
 impl CauseTracker {
-    /// Takes a line of the trace; `was_opened` says whether an open has its timestamp already.
+    /// Whether it opens an earlier timestamp than the last open did.
+    pub(super) fn goes_back(&self, event: &Event) -> bool {
+        match *event {
+            Event::Input(Input::Open { t, .. }) => self.last_open.is_some_and(|last| t < last),
+            Event::Input(_) | Event::Decision(_) => false,
+        }
+    }
+
+    /// Takes a line of the trace; `was_opened` says whether it goes back to a timestamp that was opened.
     pub(super) fn sees(&mut self, line: u64, event: &Event, was_opened: bool) {
         let at = event.at();
         self.lines += 1;
-        self.first.get_or_insert((line, event.t(), at));
         match &mut self.greatest {
-            None => self.greatest = Some((line, at, None)),
+            None => {
+                self.first = Some((line, event.t(), at));
+                self.greatest = Some((line, at, None));
+            }
             Some((last, greatest, before)) if at > *greatest => {
                 if at - *greatest > DAY && self.first_jump.is_none() {
                     self.first_jump = Some((self.lines, at - *greatest));
@@ -72,8 +82,7 @@ impl CauseTracker {
             Some(_) => {}
         }
         if let Event::Input(Input::Open { t, .. }) = *event {
-            let goes_back = self.last_open.is_some_and(|last| t < last);
-            if goes_back && was_opened && self.restart.is_none() {
+            if was_opened && self.restart.is_none() {
                 self.restart = Some((line, t));
             }
             self.last_open = Some(t);

@@ -11,6 +11,8 @@ use crate::event::{Decision, Event, Header, Input};
 pub(super) struct DoubtTracker {
     /// Local, then the clouds of the header.
     sources: Vec<SourceAccount>,
+    /// How many of them were not heard of yet.
+    unheard: usize,
     /// Deadlines that are not longer than what passes as in time.
     coarse: u64,
     /// All deadlines.
@@ -25,7 +27,7 @@ pub(super) struct DoubtTracker {
     answered: Option<u64>,
     /// Messages that have requests.
     requested: u64,
-    /// Those of them of which the stamps tell some order.
+    /// Whether the stamps of one of them tell some order.
     ordered: u64,
 }
 
@@ -38,7 +40,7 @@ struct SourceAccount {
     deadlines: u64,
     /// The earliest instant at which one of them is due.
     least_due: Option<u64>,
-    /// Whether it returned or failed once.
+    /// Whether it returned or failed once; of local it does not matter.
     is_heard: bool,
     /// How many of its requests ran to their deadlines.
     ran_out: u64,
@@ -55,6 +57,7 @@ impl DoubtTracker {
             sources: std::iter::once(SourceAccount::new(0, "local".to_owned()))
                 .chain(clouds)
                 .collect(),
+            unheard: header.clouds.len(),
             coarse: 0,
             deadlines: 0,
             span: None,
@@ -88,9 +91,11 @@ impl DoubtTracker {
             Event::Decision(Decision::Request { p, due, .. }) => {
                 self.takes_deadline(p, at, due, slack);
             }
-            Event::Input(Input::Result { p, .. } | Input::Fail { p, .. }) if p > 0 => {
-                if let Some(source) = self.sources.iter_mut().find(|source| source.p == p) {
+            Event::Input(Input::Result { p, .. } | Input::Fail { p, .. }) if self.unheard > 0 => {
+                let mut silent = self.sources.iter_mut().filter(|source| !source.is_heard);
+                if let Some(source) = silent.find(|source| source.p == p) {
                     source.is_heard = true;
+                    self.unheard -= 1;
                 }
             }
             Event::Input(_) | Event::Decision(_) => {}
@@ -121,8 +126,13 @@ impl DoubtTracker {
         let out = whole.outputs.iter().chain(&whole.finals).map(|output| output.at).min();
         if !story.requests.is_empty() {
             self.requested += 1;
-            self.ordered += u64::from(open.span() > slack.greatest().saturating_mul(2));
-            self.runs_out(story, out, slack, end);
+            // One is enough.
+            if self.ordered == 0 && open.span() > slack.greatest().saturating_mul(2) {
+                self.ordered = 1;
+            }
+            if self.unheard > 0 {
+                self.runs_out(story, out, slack, end);
+            }
         }
         let Some((at, deadline)) = story.open else { return };
         if out.is_some() {
@@ -246,7 +256,7 @@ impl DoubtTracker {
 
 impl SourceAccount {
     const fn new(p: u64, name: String) -> Self {
-        Self { p, name, deadlines: 0, least_due: None, is_heard: false, ran_out: 0 }
+        Self { p, name, deadlines: 0, least_due: None, is_heard: p == 0, ran_out: 0 }
     }
 }
 

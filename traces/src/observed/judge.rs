@@ -207,8 +207,9 @@ impl Judge {
         }
         self.recent.push(line, event, annotations);
         self.verdict.lines = line;
-        let is_open = matches!(event, Event::Input(Input::Open { .. }));
-        self.causes.sees(line, event, is_open && self.was_opened(event));
+        // Whether it was opened before matters where timestamps go back.
+        let is_again = self.causes.goes_back(event) && self.was_opened(event);
+        self.causes.sees(line, event, is_again);
         self.doubts.sees(at, event, annotations, &self.slack);
         if let Some(t) = event.t() {
             self.take(t, line, event, annotations);
@@ -225,7 +226,9 @@ impl Judge {
         if at > self.greatest {
             self.greatest = at;
             self.settle(Some(at));
-            self.settle_crowded(Some(self.passed), self.certain());
+            if !self.crowded.is_empty() {
+                self.settle_crowded(Some(self.passed), self.certain());
+            }
             self.ripen();
         }
         Ok(())

@@ -34,6 +34,11 @@ impl CrowdedOpens {
         }
     }
 
+    /// Whether there is nothing to decide.
+    pub(super) fn is_empty(&self) -> bool {
+        self.crowded.is_empty()
+    }
+
     /// Takes an open, after the change that it makes.
     pub(super) fn opens(&mut self, opened: Opened) {
         if self.waiting > self.window {
