@@ -14,7 +14,7 @@ use crate::common::{err, out, run};
 use tempfile::tempdir;
 use tokio::runtime::Builder;
 
-use drive::{Driven, Options};
+use drive::{Driven, Figures, Options};
 use operators::Mode;
 use world::VehiclePart;
 
@@ -26,7 +26,10 @@ fn drive(mode: Mode, kill: Option<VehiclePart>) -> Driven {
 
 fn drive_into(traces: Option<&Path>, mode: Mode, kill: Option<VehiclePart>) -> Driven {
     let kill = kill.map(|part| (part, 10_000 * MS));
-    let options = Options { mode, length: 20_000 * MS, kill, traces, frame: 31 };
+    drive_with(Options { mode, length: 20_000 * MS, kill, traces, frame: 31 })
+}
+
+fn drive_with(options: Options<'_>) -> Driven {
     let runtime = Builder::new_current_thread().enable_time().start_paused(true).build().unwrap();
     runtime.block_on(drive::drive(options)).unwrap()
 }
@@ -58,6 +61,28 @@ fn both_are_better_than_on_board_alone_and_one_frame_has_its_answers_in_order() 
         assert!(pair[0].answered <= pair[1].taken_in, "{:?}", both.life);
     }
     assert!(both.life[4].answered <= 500 * MS, "{:?}", both.life);
+}
+
+/// E11: a cloud downstream takes no time from local's detection.
+#[test]
+fn no_frame_is_left_to_a_substitute() {
+    let both = drive(Mode::Fusion, None);
+    let substitutes = both.detected_by.keys().filter(|by| by.starts_with("substitute"));
+    assert_eq!(substitutes.count(), 0, "{:?}", both.detected_by);
+}
+
+#[test]
+fn the_book_has_the_figures_of_the_drive() {
+    let chapter = include_str!("../../docs/book/src/use/pipelines.md");
+    let modes = [("on board", Mode::Local), ("cloud", Mode::Cloud), ("both", Mode::Fusion)];
+    for (name, mode) in modes {
+        let length = 60_000 * MS;
+        let driven = drive_with(Options { mode, length, kill: None, traces: None, frame: 121 });
+        let Figures { ages, accuracy, stops } = driven.figures();
+        let [p50, p99] = ages.map(|age| age.as_millis());
+        let row = format!("| {name} | {p50} ms | {p99} ms | {accuracy:.1} | {stops} |");
+        assert!(chapter.contains(&row), "the chapter on pipelines lacks {row}");
+    }
 }
 
 /// What `fuseline frame` says of this operator's part in a frame, if it had one: its own line and those of its sources.

@@ -35,6 +35,31 @@ pub(crate) struct Driven {
     pub(crate) missing: BTreeMap<Arc<str>, u64>,
 }
 
+/// What the table says of a drive.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Figures {
+    /// The ages of what control acted upon: the median and the 99th percentile.
+    pub(crate) ages: [Duration; 2],
+    /// The mean box AP of the detectors behind it, at all ticks; a safe stop counts 0.
+    pub(crate) accuracy: f64,
+    pub(crate) stops: usize,
+}
+
+impl Driven {
+    pub(crate) fn figures(&self) -> Figures {
+        let plans = self.commands.iter().filter_map(|command| command.plan);
+        let mut ages: Vec<Duration> = plans.clone().map(|(age, _)| age).collect();
+        ages.sort_unstable();
+        let age = |percent: usize| ages.get(ages.len() * percent / 100).copied();
+        let ticks = f64::from(u32::try_from(self.ticks).unwrap_or(u32::MAX));
+        Figures {
+            ages: [50, 99].map(|percent| age(percent).unwrap_or_default()),
+            accuracy: plans.map(|(_, accuracy)| accuracy).sum::<f64>() / ticks,
+            stops: self.commands.len() - ages.len(),
+        }
+    }
+}
+
 /// One output of control.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Command {

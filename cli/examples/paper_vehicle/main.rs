@@ -16,7 +16,7 @@ use clap::Parser;
 use fuseline_tokio::Error;
 use tokio::runtime::Builder;
 
-use crate::drive::{Driven, Options, drive};
+use crate::drive::{Driven, Figures, Options, drive};
 use crate::operators::Mode;
 use crate::world::VehiclePart;
 
@@ -93,16 +93,11 @@ fn run(cli: &Cli) -> Result<(), Error> {
 
 /// A line of the table.
 fn row(name: &str, driven: &Driven) -> String {
-    let plans = driven.commands.iter().filter_map(|command| command.plan);
-    let mut ages: Vec<Duration> = plans.clone().map(|(age, _)| age).collect();
-    ages.sort_unstable();
-    let at = |percent: usize| ages.get(ages.len() * percent / 100).map_or(0, Duration::as_millis);
-    let accuracy = plans.map(|(_, accuracy)| accuracy).sum::<f64>()
-        / f64::from(u32::try_from(driven.ticks).unwrap_or(u32::MAX));
-    let (commands, stops) = (driven.commands.len(), driven.commands.len() - ages.len());
+    let Figures { ages, accuracy, stops } = driven.figures();
     let slowest = driven.commands.iter().map(|command| command.took).max();
     let slowest = slowest.map_or(0, |took| took.as_millis());
-    let (p50, p99, ticks) = (at(50), at(99), driven.ticks);
+    let (commands, ticks) = (driven.commands.len(), driven.ticks);
+    let [p50, p99] = ages.map(|age| age.as_millis());
     format!(
         "{name:24} {commands:4} of {ticks:4} {slowest:8} ms {p50:5} ms {p99:4} ms {accuracy:5.1} {stops:5}"
     )
