@@ -24,10 +24,11 @@
  *
  * What holds for all calls: nothing is allocated, nothing blocks, nothing panics or throws, and the answer is the
  * whole effect. A null or misaligned pointer, a storage that is too small, not a machine, or copied from elsewhere, an
- * answer within the machine, and a call from within another (an interrupt, a signal) are answered by the status and change
- * nothing. What is not detected: a pointer that is neither null nor to memory of the right size, storage that somebody
- * else writes, and two threads that call one machine at the same time. One machine is for one thread at a time; two
- * machines know nothing of each other.
+ * answer within the machine or within another answer, and a call from within another (an interrupt, a signal) are
+ * answered by the status and change nothing. What is not detected: a pointer that is neither null nor to memory of the
+ * right size, storage that somebody else writes or restores, a process that forks and goes on in both, and two threads
+ * that call one machine at the same time. One machine is for one thread at a time; two machines know nothing of each
+ * other.
  */
 
 
@@ -133,7 +134,7 @@ enum fuseline_status
    */
   FUSELINE_STATUS_SIZE = 18,
   /**
-   * An answer would lie in the machine's storage.
+   * An answer would lie in the machine's storage, or two answers of one call would share bytes.
    */
   FUSELINE_STATUS_OVERLAP = 19,
   /**
@@ -793,7 +794,8 @@ fuseline_status fuseline_shared_open_within(struct fuseline_shared *machine,
                                             struct fuseline_answer *answer);
 
 /**
- * F2, the owner's: may the message be sent to cloud `p`? `fired` says first which of its timers were due.
+ * F2, the owner's: may the message be sent to cloud `p`? `fired` says first which of its timers were due. In all functions
+ * with two answers they are two objects: one object for both is FUSELINE_STATUS_OVERLAP.
  */
 FUSELINE_CHECKED
 fuseline_status fuseline_shared_offer(struct fuseline_shared *machine,
@@ -863,11 +865,11 @@ fuseline_status fuseline_shared_next_due(struct fuseline_shared *machine,
 #define FUSELINE_CAPACITY_OF(clouds, window) \
   ((FUSELINE_CAST(uint32_t, (clouds)) << 16) | FUSELINE_CAST(uint32_t, (window)))
 
-/* Nanoseconds, for fuseline_deadline. */
-#define FUSELINE_NANOSECOND 1U
-#define FUSELINE_MICROSECOND 1000U
-#define FUSELINE_MILLISECOND 1000000U
-#define FUSELINE_SECOND 1000000000U
+/* Nanoseconds, of 64 bits: a product of two of them, or with an int, does not wrap at 32. */
+#define FUSELINE_NANOSECOND UINT64_C(1)
+#define FUSELINE_MICROSECOND UINT64_C(1000)
+#define FUSELINE_MILLISECOND UINT64_C(1000000)
+#define FUSELINE_SECOND UINT64_C(1000000000)
 
 /* The storage of a machine, for static memory or a stack; give its address and its sizeof to fuseline_init. */
 #define FUSELINE_STORAGE(clouds, window) \

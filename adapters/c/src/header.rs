@@ -146,6 +146,18 @@ pub(crate) fn answer_target<T>(answer: *mut T) -> AnswerTarget {
     AnswerTarget { at: answer.addr(), len: size_of::<T>(), is: check(answer) }
 }
 
+/// Refuses a call in which two answers would lie in one place: the later would overwrite the earlier.
+#[cfg(feature = "threads")]
+pub(crate) fn apart(mut answers: &[AnswerTarget]) -> Result<(), CStatus> {
+    while let [first, others @ ..] = answers {
+        if others.iter().any(|other| overlaps(first.at, first.len, other.at, other.len)) {
+            return Err(wrong(CStatus::Overlap));
+        }
+        answers = others;
+    }
+    Ok(())
+}
+
 /// The status of a wrong call. Not inlined, so that a correct call does not pay for it.
 #[cold]
 #[inline(never)]

@@ -36,7 +36,7 @@ pub enum CStatus {
     Alignment = 17,
     /// The storage is too small for the capacity.
     Size = 18,
-    /// An answer would lie in the machine's storage.
+    /// An answer would lie in the machine's storage, or two answers of one call would share bytes.
     Overlap = 19,
     /// No machine is there: never initialised, ended, copied from elsewhere, or overwritten.
     Foreign = 20,

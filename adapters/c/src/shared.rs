@@ -79,7 +79,8 @@ pub unsafe extern "C" fn fuseline_shared_open_within(
     unsafe { open(machine, (now, t, Some(deadline)), message_id, answer) }
 }
 
-/// F2, the owner's: may the message be sent to cloud `p`? `fired` says first which of its timers were due.
+/// F2, the owner's: may the message be sent to cloud `p`? `fired` says first which of its timers were due. In all functions
+/// with two answers they are two objects: one object for both is FUSELINE_STATUS_OVERLAP.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_shared_offer(

@@ -12,7 +12,8 @@ use fuseline_core::{Deadline, DropReason, Firing, Instant, Outcome, Priority, Ti
 use fuseline_threads::{MessageId, Owner, Shared, SharedHandle};
 
 use crate::header::{
-    AnswerTarget, NO_CLOUDS, StorageHeader, StorageKind, rule, status_of, validated_config, wrong,
+    AnswerTarget, NO_CLOUDS, StorageHeader, StorageKind, apart, rule, status_of, validated_config,
+    wrong,
 };
 use crate::inputs::{open_refusal, priority, write_admission, write_answer, write_firing};
 use crate::plain::{
@@ -210,7 +211,7 @@ pub(crate) unsafe fn make(
     Ok(())
 }
 
-/// Runs `call` with the shared handle, if there is a machine and the answers lie outside of it.
+/// Runs `call` with the shared handle, if there is a machine and the answers lie outside of it and apart.
 ///
 /// # Safety
 /// As for [`StorageHeader::of`].
@@ -221,13 +222,14 @@ pub(crate) unsafe fn handle<A>(
 ) -> Result<A, CStatus> {
     // SAFETY: by the caller's promise.
     let header = unsafe { StorageHeader::of(machine, answers) }?;
+    apart(answers)?;
     with_room!(header.capacity(), R = SharedStorage => {
         // SAFETY: the seal says that a storage of this capacity was written here. The shared handle takes calls of any threads.
         Ok(call(unsafe { (*machine.cast::<R>()).handle }))
     }, else Err(CStatus::Foreign))
 }
 
-/// Runs `call` with the owner's half, unless another call of it is under way.
+/// Runs `call` with the owner's half, unless another call of it is under way or two answers share bytes.
 ///
 /// # Safety
 /// As for [`StorageHeader::of`].
@@ -238,6 +240,7 @@ pub(crate) unsafe fn owner<A>(
 ) -> Result<A, CStatus> {
     // SAFETY: by the caller's promise.
     let header = unsafe { StorageHeader::of(machine, answers) }?;
+    apart(answers)?;
     header.begin_alone()?;
     let answer_list = with_room!(header.capacity(), R = SharedStorage => {
         // SAFETY: the seal says that a storage of this capacity was written here.

@@ -191,6 +191,16 @@ CASE(c_too_great_a_unit, "multiplies nanoseconds as if they were milliseconds", 
   REFUSED(fuseline_offer(machine, 0, 1, 1, 400 * ms * ms, 0, &a), FUSELINE_REASON_DEADLINE);
   REFUSED(fuseline_offer(machine, 0, 1, 1, fuseline_deadline(INT64_MAX, FUSELINE_SECOND), 0, &a), FUSELINE_REASON_DEADLINE);
 }
+CASE(c_product_of_units, "multiplies a unit by an int: 5 * FUSELINE_SECOND", "64 bits: the product does not wrap at 32") {
+  fuseline_config config = valid();
+  const int seconds = 7;
+  config.greatest_deadline = (unsigned)seconds * FUSELINE_SECOND;
+  HOLDS(config.greatest_deadline == 7000000000U && 6000000 * FUSELINE_MICROSECOND == 6000000000U);
+  HOLDS(init(&config) == FUSELINE_STATUS_DONE);
+  opened(0, 1);
+  IS(fuseline_offer(machine, 0, 1, 1, 6500 * FUSELINE_MILLISECOND, 0, &a), FUSELINE_OUTCOME_ADMITTED);
+  HOLDS(a.due == 6500000000U);
+}
 CASE(c_too_small_a_unit, "gives milliseconds as nanoseconds", "the timer fires at once: local's result is forwarded, the cloud's are dropped `late` or `superseded`") {
   fresh();
   opened(0, 1);

@@ -91,5 +91,29 @@ CASE(shared_null_message_id, "passes a null message id", "status `null`; nothing
   HOLDS(fuseline_shared_open(machine, 0, 2, NULL, &a) == FUSELINE_STATUS_NULL);
   answered(fuseline_shared_open(machine, 0, 2, &message_id, &a), FUSELINE_OUTCOME_ACCEPTED, FUSELINE_REASON_NONE);
 }
+/* Both answers in one object, or in two that share their last and first bytes, in each function that has two. */
+static void one_place_is_refused(fuseline_answer *first, fuseline_answer *second) {
+  uint64_t due = 0;
+  fresh();
+  answered(fuseline_shared_offer(machine, 0, message_id, 1, 100, 0, &fired, &a), FUSELINE_OUTCOME_ADMITTED, FUSELINE_REASON_NONE);
+  answered(fuseline_shared_result(machine, 10, message_id, 0, &fired, &a), FUSELINE_OUTCOME_HELD, FUSELINE_REASON_NONE);
+  HOLDS(fuseline_shared_result(machine, 150, message_id, 1, first, second) == FUSELINE_STATUS_OVERLAP);
+  HOLDS(fuseline_shared_fail(machine, 150, message_id, 1, first, second) == FUSELINE_STATUS_OVERLAP);
+  HOLDS(fuseline_shared_expire(machine, 150, message_id, first, second) == FUSELINE_STATUS_OVERLAP);
+  HOLDS(fuseline_shared_offer(machine, 150, message_id, 2, 10, 0, first, second) == FUSELINE_STATUS_OVERLAP);
+  HOLDS(fuseline_shared_open(machine, 150, 2, (fuseline_message_id *)(void *)first, second) == FUSELINE_STATUS_OVERLAP);
+  HOLDS(fuseline_shared_open_within(machine, 150, 2, 10, (fuseline_message_id *)(void *)first, second) == FUSELINE_STATUS_OVERLAP);
+  HOLDS(fuseline_shared_next_due(machine, message_id, &due) == FUSELINE_STATUS_DONE && due == 100);
+  HOLDS(fuseline_shared_expire(machine, 150, message_id, &fired, &a) == FUSELINE_STATUS_DONE);
+  HOLDS(fired.outcome == FUSELINE_OUTCOME_FORWARDED && fired.by == 0);
+}
+CASE(shared_one_answer_for_two, "passes one object as both answers", "status `overlap`; the forward is still to come") {
+  one_place_is_refused(&a, &a);
+}
+CASE(shared_answers_overlap, "passes two answers that share bytes", "status `overlap`; the forward is still to come") {
+  static uint64_t room[sizeof(fuseline_answer) / 4];
+  one_place_is_refused((fuseline_answer *)(void *)room, (fuseline_answer *)(void *)&room[1]);
+  one_place_is_refused((fuseline_answer *)(void *)&room[1], (fuseline_answer *)(void *)room);
+}
 
 int main(int argc, char **argv) { return run_cases(argc > 1 ? argv[1] : NULL); }
