@@ -22,24 +22,27 @@ const CODE: [&str; 9] = [
     "traces/src/reference.rs",
 ];
 /// The libraries whose own tests are witnesses, with their folders.
-const CRATES: [(&str, &str); 7] = [
+const CRATES: [(&str, &str); 9] = [
     ("fuseline", "cli"),
     ("fuseline_core", "core"),
     ("fuseline_deadline", "deadline"),
     ("fuseline_engine", "adapters/engine"),
     ("fuseline_tokio", "adapters/tokio"),
+    ("fuseline_report", "cli/report"),
     ("fuseline_ros2", "adapters/ros2"),
+    ("fuseline_threads", "adapters/threads"),
     ("fuseline_traces", "traces"),
 ];
 /// Where tests of Python are.
 const PYTHON_TESTS: &str = "adapters/python/tests";
 /// Where other tests are.
-const TESTS: [&str; 9] = [
+const TESTS: [&str; 10] = [
     "tests/tests",
     "tests/loom/tests",
     "tests/system/tests",
     "deadline/tests",
     "adapters/engine/tests",
+    "adapters/threads/tests",
     "adapters/tokio/tests",
     "adapters/ros2/tests",
     "traces/tests",
@@ -118,16 +121,15 @@ pub(crate) fn code(tree: &Tree) -> Result<BTreeMap<String, Vec<String>>, FaultsE
 pub(crate) fn cited_by_test(tree: &Tree, witness: &str) -> Result<BTreeSet<String>, FaultsError> {
     let mut parts: Vec<&str> = witness.split("::").collect();
     let name = parts.pop().unwrap_or_default();
-    let Some(file) = file_of_test(tree, &parts) else {
-        return Err(FaultsError::content(Path::new(witness), "no file has this test".to_owned()));
-    };
-    let text = tree.text(&file)?;
-    let Some(function) = function(&text, name) else {
-        return Err(FaultsError::content(Path::new(&file), format!("no test {name} here")));
-    };
-    let mut cited = named(name);
-    cited.extend(words(&function));
-    Ok(cited)
+    // Programs of two crates may have one name.
+    for file in files_of_test(tree, &parts) {
+        if let Some(function) = function(&tree.text(&file)?, name) {
+            let mut cited = named(name);
+            cited.extend(words(&function));
+            return Ok(cited);
+        }
+    }
+    Err(FaultsError::content(Path::new(witness), "no file has this test".to_owned()))
 }
 
 /// What the name, the documentation and the body of a test of Python cite.
@@ -156,9 +158,9 @@ fn python_function(text: &str, name: &str) -> Option<String> {
     Some(lines[at - above..=at + below].join("\n"))
 }
 
-/// The file of a test, known from its target and modules: a library's own test, or one in a folder of tests.
-fn file_of_test(tree: &Tree, path: &[&str]) -> Option<String> {
-    let (target, modules) = path.split_first()?;
+/// The files that may have a test, by its target and modules: a library's own tests, and those in folders of tests.
+fn files_of_test(tree: &Tree, path: &[&str]) -> Vec<String> {
+    let Some((target, modules)) = path.split_first() else { return Vec::new() };
     let whole = modules.join("/");
     let modules: Vec<&str> = modules.iter().copied().filter(|m| *m != "tests").collect();
     let own = CRATES.iter().find(|(name, _)| name == target).map(|(_, folder)| {
@@ -170,7 +172,7 @@ fn file_of_test(tree: &Tree, path: &[&str]) -> Option<String> {
         let inner = format!("{folder}/{target}/{}.rs", modules.join("/"));
         [inner, format!("{folder}/{target}.rs"), format!("{folder}/{target}/main.rs")]
     });
-    own.into_iter().flatten().chain(apart).find(|file| tree.path(file).exists())
+    own.into_iter().flatten().chain(apart).filter(|file| tree.path(file).exists()).collect()
 }
 
 /// A function with what stands directly above it.
