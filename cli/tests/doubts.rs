@@ -238,13 +238,14 @@ fn the_one_cause_of_most_violations_is_named() {
         (checked.status.code(), format!("{}{}", out(&checked), err(&checked)))
     };
     assert_eq!(observed(&log(20, |t, at| message(t, at, 0))).0, Some(0));
-    let hour = 3_600_000_000_000;
+    let hour = 3_600_000_000_000_i64;
     for (off, parts) in [
         (300_000_000, ["results of west come 299 ms after the outputs", "is its clock ahead?"]),
         (-300_000_000, ["results of west come 261 ms before their requests", "clock behind?"]),
         (hour, ["after the outputs that contain them", "is its time zone another?"]),
     ] {
-        let (code, printed) = observed(&log(20, |t, at| message(t, at + 2 * hour as u64, off)));
+        let (code, printed) =
+            observed(&log(20, |t, at| message(t, at + 2 * hour.unsigned_abs(), off)));
         assert_eq!(code, Some(1), "{printed}");
         let second = printed.lines().nth(1).unwrap();
         assert!(parts.iter().all(|part| second.contains(part)), "{off}: {printed}");

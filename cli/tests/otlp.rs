@@ -1,5 +1,6 @@
 //! OpenTelemetry's spans, to and from traces, as a user does it.
 
+use std::fmt::Write as _;
 use std::fs;
 
 use crate::common::{err, out, run};
@@ -354,7 +355,9 @@ fn drawn_traces_come_back_with_their_verdicts() {
 fn drawn(seed: u64) -> String {
     let mut text = format!("{HEADER}\n");
     let mut line = |ev: &str, at: u64, t: u64, more: &str| {
-        text += &format!("{{\"ev\":\"{ev}\",\"at\":{},\"t\":{t}{more}}}\n", at * MS);
+        let at = at * MS;
+        writeln!(text, "{{\"ev\":\"{ev}\",\"at\":{at},\"t\":{t}{more}}}")
+            .expect("a string takes all");
     };
     let wrong = seed % 8;
     for t in 1..=4 {
@@ -393,7 +396,7 @@ fn drawn(seed: u64) -> String {
             // Nothing comes out.
             (true, 6) => {}
             // The cloud fails, or answers.
-            _ if (seed + t) % 3 == 0 => {
+            _ if (seed + t).is_multiple_of(3) => {
                 line("fail", start + 50, t, ",\"p\":1");
                 line("emit", start + 50, t, ",\"p\":0");
             }

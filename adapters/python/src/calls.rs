@@ -303,9 +303,8 @@ impl PyCalls {
         }
         let is_awaited =
             self.is_closed.load(Ordering::Relaxed) || !self.waiting.bind(py).is_empty();
-        let done = done.and_then(|()| match acts && is_awaited {
-            true => self.acted.bind(py).call0().map(drop),
-            false => Ok(()),
+        let done = done.and_then(|()| {
+            if acts && is_awaited { self.acted.bind(py).call0().map(drop) } else { Ok(()) }
         });
         raised.map_or(done, Err)
     }

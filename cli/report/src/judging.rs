@@ -25,9 +25,9 @@ pub struct TraceJudge {
 #[derive(Debug)]
 enum EitherJudge {
     /// Every decision is the one that the rules demand.
-    Strict(Judge),
+    Strict(Box<Judge>),
     /// The rules can explain each timestamp.
-    Observed(observed::Judge),
+    Observed(Box<observed::Judge>),
 }
 
 /// What is found in a part of the trace. All of it is judged, since what the rules demand depends on what came before.
@@ -95,8 +95,10 @@ impl TraceJudge {
     #[must_use]
     pub fn new(mode: JudgeMode, name: &str, header: &Header) -> Self {
         let judge = match mode {
-            None => EitherJudge::Strict(Judge::new(name, header)),
-            Some(slack) => EitherJudge::Observed(observed::Judge::new(name, header, slack)),
+            None => EitherJudge::Strict(Box::new(Judge::new(name, header))),
+            Some(slack) => {
+                EitherJudge::Observed(Box::new(observed::Judge::new(name, header, slack)))
+            }
         };
         Self { judge, part: None }
     }
@@ -231,7 +233,7 @@ impl TraceJudge {
     pub fn finish_early(self) -> (Findings, bool) {
         let (found, is_cut) = match self.judge {
             EitherJudge::Strict(judge) => {
-                let (verdict, is_cut) = without_last(judge);
+                let (verdict, is_cut) = without_last(*judge);
                 (Findings::Strict(verdict), is_cut)
             }
             EitherJudge::Observed(judge) => (Findings::Observed(judge.finish_early()), false),
@@ -245,8 +247,8 @@ impl TraceJudge {
         observed: impl FnOnce(observed::Judge) -> observed::Judge,
     ) -> Self {
         let judge = match self.judge {
-            EitherJudge::Strict(judge) => EitherJudge::Strict(strict(judge)),
-            EitherJudge::Observed(judge) => EitherJudge::Observed(observed(judge)),
+            EitherJudge::Strict(judge) => EitherJudge::Strict(Box::new(strict(*judge))),
+            EitherJudge::Observed(judge) => EitherJudge::Observed(Box::new(observed(*judge))),
         };
         Self { judge, part: self.part }
     }

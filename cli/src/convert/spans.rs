@@ -303,7 +303,7 @@ impl SpanReader<'_> {
         };
         let due = if role == SpanRole::Request { self.due(span, p)? } else { None };
         let at = span.end;
-        let has_ended = at != 0 && !span.was_ended_by_caller(&self.options.cancelled());
+        let has_ended = at != 0 && !span.was_ended_by_caller(self.options.cancelled());
         let mut end = Entry { ev: "result", at: at.into(), ..request.clone() };
         if role == SpanRole::Request {
             self.entries.push(Entry { due, ..request });

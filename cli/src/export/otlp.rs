@@ -171,10 +171,10 @@ impl<W: Write> SpanWriter<W> {
                     attributes.number("fuseline.deadline", due - at.min(due));
                     attributes.optional("fuseline.try", attempt.map(u64::from));
                     let call = CallSpan { start: at, attributes };
-                    if !message.asked.insert((p, attempt)) {
-                        self.loses(REQUEST, t);
-                    } else {
+                    if message.asked.insert((p, attempt)) {
                         message.calls.insert((p, attempt), call);
+                    } else {
+                        self.loses(REQUEST, t);
                     }
                 } else {
                     self.loses_late(REQUEST, t);

@@ -142,7 +142,9 @@ fn act(cli: &Cli) -> Result<bool, Error> {
     let whole = cli.harness.is_empty();
     if cli.kani {
         let wrong = if whole { record.shrunk(&sources) } else { Vec::new() };
-        wrong.iter().for_each(|wrong| eprintln!("{wrong}"));
+        for line in &wrong {
+            eprintln!("{line}");
+        }
         let chosen = kani_engine::KaniSelection::new(&sources, &record, &cli.harness)?;
         return Ok(chosen.prove(tree, cli.jobs, cli.time)? && wrong.is_empty());
     }

@@ -98,7 +98,6 @@ impl CauseTracker {
             self.very_late.push(late);
         }
         match suspicion {
-            None => {}
             Some(Suspicion::Repeated(line)) => {
                 self.repeated += 1;
                 self.first_repeated = self.first_repeated.or(line);
@@ -106,11 +105,10 @@ impl CauseTracker {
             Some(Suspicion::OpenedAgain) => self.opened_again += 1,
             Some(Suspicion::ResultAfterOutput { p, by }) => sample(&mut self.after, p, by),
             Some(Suspicion::ResultBeforeRequest { p, by }) => sample(&mut self.before, p, by),
-            Some(Suspicion::ResultMissing { p, at }) => {
-                if self.missing.len() < SAMPLES {
-                    self.missing.insert((t, p), at);
-                }
+            Some(Suspicion::ResultMissing { p, at }) if self.missing.len() < SAMPLES => {
+                self.missing.insert((t, p), at);
             }
+            None | Some(Suspicion::ResultMissing { .. }) => {}
         }
     }
 
@@ -185,7 +183,7 @@ impl CauseTracker {
         }
         let most = causes.into_iter().flatten().max_by_key(|(explained, _)| *explained);
         let (explained, text) = most.filter(|(explained, _)| explained * 2 > violations)?;
-        Some(format!("{text} ({explained} of {} violations)", violations))
+        Some(format!("{text} ({explained} of {violations} violations)"))
     }
 
     /// The last line is far from all others, so that what was open then is far too late.
@@ -217,7 +215,7 @@ fn sample(samples: &mut BTreeMap<u64, Vec<u64>>, p: u64, by: u64) {
 fn constant(mut samples: Vec<u64>) -> Option<(u64, u64)> {
     samples.sort_unstable();
     let median = *samples.get(samples.len() / 2)?;
-    let near = |by: &&u64| by.abs_diff(median) <= (median / 2).min(20_000_000).max(1_000);
+    let near = |by: &&u64| by.abs_diff(median) <= (median / 2).clamp(1_000, 20_000_000);
     let explained = samples.iter().filter(near).count() as u64;
     (median > 0).then_some((explained, median))
 }

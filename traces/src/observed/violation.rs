@@ -112,16 +112,13 @@ pub(super) fn of_story(
     if is_progressive && let Some(violation) = of_progressive(t, whole, slack, end) {
         return Some(violation);
     }
-    Some(match story.outputs.first() {
-        Some(output) => {
-            let fault = of_output(story, commit, *output, &allowed, slack);
-            fault.violation(line, found, (*output, slack), reported(t, &allowed), &allowed)
-        }
-        None => {
-            let (rule, late) = of_nothing(story, &allowed, end);
-            let expected = reported(t, &allowed);
-            UnlocatedViolation { line, rule, found, expected, late, suspicion: None }
-        }
+    Some(if let Some(output) = story.outputs.first() {
+        let fault = of_output(story, commit, *output, &allowed, slack);
+        fault.violation(line, found, (*output, slack), reported(t, &allowed), &allowed)
+    } else {
+        let (rule, late) = of_nothing(story, &allowed, end);
+        let expected = reported(t, &allowed);
+        UnlocatedViolation { line, rule, found, expected, late, suspicion: None }
     })
 }
 
@@ -248,13 +245,13 @@ fn of_contradiction(
 fn of_early_result(story: &MessageHistory, slack: &SourceSlack) -> Option<UnlocatedViolation> {
     let opened = story.open.map(|(at, _)| (0, at, slack.tolerance()));
     let asked = |(p, at, _): &(u64, u64, u64)| (*p, *at, slack.tolerance_of(*p));
-    let begun = opened.into_iter().chain(story.requests.iter().map(asked));
+    let mut begun = opened.into_iter().chain(story.requests.iter().map(asked));
     let early = |(p, asked, tolerance): (u64, u64, u64)| {
         let came = story.results.iter().filter(|(q, _)| *q == p).map(|(_, at)| *at).min()?;
         let both = tolerance.saturating_add(slack.tolerance_of(p));
         (came.saturating_add(both) < asked).then_some((p, came, asked))
     };
-    let (p, came, asked) = begun.filter_map(early).next()?;
+    let (p, came, asked) = begun.find_map(early)?;
     let by = asked - came;
     let (what, rule) = if p == 0 { ("the open", Rule::F1) } else { ("its request", Rule::F2) };
     let found = format!("a result of p {p} at {came}, {} before {what} at {asked}", nanos(by));
