@@ -59,6 +59,7 @@ struct Topic : fuseline::Sink<Message> {
     std::printf("%5.1f ms  /boxes  %llu  %s\n", std::chrono::duration<double, std::milli>(SimClock::now().time_since_epoch()).count(),
                 static_cast<unsigned long long>(t.count), boxes->of.c_str());
   }
+  void miss(Timestamp t) { std::printf("          /boxes  %llu  missed\n", static_cast<unsigned long long>(t.count)); }
   void cancel(Timestamp, Priority) { ++cancelled; }
 };
 

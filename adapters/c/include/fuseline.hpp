@@ -1,8 +1,12 @@
-// Fuseline for C++17, header only, over fuseline.h: no exceptions, no RTTI, no allocation.
+// Fuseline for C++17, header only, over fuseline.h: it needs no exceptions, no RTTI and no allocation.
 //
 //   Machine<Capacity>   the machine: answers, as in C, with the types of C++
 //   Held<Value, C>      the values of held results, move-only ones too
 //   Operator<...>       both with a clock and a sink: an operator for one thread
+//
+// Exceptions: this header throws none of its own. A sink, a function `fired`, a clock and the move of a value may throw.
+// Machine, Held and Operator say what happens then. Destructors must not throw. The destructor of a value may call the
+// operator that held it.
 //
 // SPEC.md has the rules (F), promises (P) and ambiguities (A) that are named here.
 
@@ -15,6 +19,7 @@
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
+#include <exception>
 #include <initializer_list>
 #include <limits>
 #include <optional>
@@ -62,18 +67,23 @@ class Deadline {
   std::uint64_t ns_;
 };
 
-// A reading of your monotonic clock, in nanoseconds from any fixed start. One before it is 0, one too late the last.
-// A difference has its sign: it is std::chrono::nanoseconds, and saturates.
+// A reading of your monotonic clock, in nanoseconds from any fixed start. A reading before the start is 0, one that is too
+// late is the last. A difference has its sign: it is std::chrono::nanoseconds, and saturates.
 class Instant {
  public:
   constexpr Instant() noexcept = default;
-  template <class Rep, class Period>
-  explicit constexpr Instant(const std::chrono::duration<Rep, Period>& since_start) noexcept
-      : ns_(nanoseconds_of(since_start)) {}
   template <class Clock, class Elapsed>
   explicit constexpr Instant(const std::chrono::time_point<Clock, Elapsed>& reading) noexcept
-      : Instant(reading.time_since_epoch()) {
+      : ns_(nanoseconds_of(reading.time_since_epoch())) {
     static_assert(Clock::is_steady, "Fuseline takes a steady clock: others are set back and forth");
+  }
+  // A reading of a clock that std::chrono does not have, since its start. Nothing checks that this clock is monotonic: you
+  // vouch for it. The time of day is not, and neither is a counter of ticks that wraps.
+  template <class Rep, class Period>
+  [[nodiscard]] static constexpr Instant from_monotonic(const std::chrono::duration<Rep, Period>& since_start) noexcept {
+    Instant reading;
+    reading.ns_ = nanoseconds_of(since_start);
+    return reading;
   }
   constexpr std::uint64_t ns() const noexcept { return ns_; }
 
@@ -181,7 +191,7 @@ class Priorities {
 class Answer {
  public:
   explicit Answer(const fuseline_answer& plain) noexcept : plain_(plain) {}
-  Instant at() const noexcept { return Instant(detail::Nanoseconds(plain_.at)); }
+  Instant at() const noexcept { return Instant::from_monotonic(detail::Nanoseconds(plain_.at)); }
   Timestamp timestamp() const noexcept { return Timestamp{plain_.t}; }
   Outcome outcome() const noexcept { return plain_.outcome; }
   bool is(Outcome outcome) const noexcept { return plain_.outcome == outcome; }
@@ -190,7 +200,7 @@ class Answer {
   // Whose result is forwarded, preliminary or final.
   Priority by() const noexcept { return Priority{plain_.by}; }
   // An admitted request's, or that of the timers that fired.
-  Instant due() const noexcept { return Instant(detail::Nanoseconds(plain_.due)); }
+  Instant due() const noexcept { return Instant::from_monotonic(detail::Nanoseconds(plain_.due)); }
   // The clouds whose results are no longer wanted.
   Priorities cancelled() const noexcept { return {plain_.cancelled, plain_.cancelled_len}; }
 
@@ -210,6 +220,8 @@ class Firing : public Answer {
 // Each input gives the firings that come before it to `fired`, a function of a const Firing&, and answers what became
 // of itself, or nothing if status() says that the machine could not be asked. A deadline above `greatest_deadline` is
 // refused `deadline`: that is what the system may wait for a message in the worst case.
+//
+// If `fired` throws, its firing has happened and the input has not: keep what you have of the firing, and call again.
 template <class Capacity = C3W16>
 class Machine {
  public:
@@ -237,9 +249,7 @@ class Machine {
     status_ = fuseline_init(storage_.data(), sizeof storage_, &config, &machine_);
   }
 
-  ~Machine() {
-    if (machine_ != nullptr) static_cast<void>(fuseline_end(machine_));
-  }
+  ~Machine() { end(); }
   Machine(const Machine&) = delete;
   Machine& operator=(const Machine&) = delete;
 
@@ -291,7 +301,15 @@ class Machine {
   [[nodiscard]] std::optional<Instant> next_due() noexcept {
     std::uint64_t due = 0;
     if (!answered([&] { return fuseline_next_due(machine_, &due); })) return std::nullopt;
-    return Instant(detail::Nanoseconds(due));
+    return Instant::from_monotonic(detail::Nanoseconds(due));
+  }
+
+  // Ends the machine: no later call has an answer, FUSELINE_STATUS_FOREIGN.
+  void end() noexcept {
+    if (machine_ == nullptr) return;
+    static_cast<void>(fuseline_end(machine_));
+    machine_ = nullptr;
+    status_ = FUSELINE_STATUS_FOREIGN;
   }
 
   // What the machine knows of itself.
@@ -331,6 +349,9 @@ class Machine {
 // The values of held results: of each open timestamp that of its best, for only that can be forwarded (P3). Give it
 // each answer and each firing, and none leaks: what is not forwarded is destroyed as soon as it cannot be. It has a
 // place for each timestamp of its machine, which it takes to be made, so that the two cannot differ.
+//
+// A value is destroyed when all others are in their places, so its destructor may call whoever calls this. If the move of
+// a value throws, that value alone is lost, and lost() counts it when it was to be sent.
 template <class Value, class Capacity>
 class Held {
  public:
@@ -343,7 +364,7 @@ class Held {
       return std::nullopt;
     }
     if (is_output(answer) && answer.by() == source) {
-      static_cast<void>(take(answer.timestamp(), source));
+      discard(answer.timestamp());
       return std::optional<Value>(std::move(value));
     }
     return settled(answer);
@@ -356,17 +377,17 @@ class Held {
       lost_ += value ? 0U : 1U;
       return value;
     }
-    if (answer.is(FUSELINE_OUTCOME_MISSED)) static_cast<void>(take(answer.timestamp(), local));
+    if (answer.is(FUSELINE_OUTCOME_MISSED)) discard(answer.timestamp());
     return std::nullopt;
   }
 
   // How many values found no place, or were not there when they were to be sent: not 0 if an answer or a firing was not
-  // given, or one of another machine was.
+  // given, one of another machine was, or the move of a value threw.
   std::size_t lost() const noexcept { return lost_; }
 
   std::size_t size() const noexcept {
     std::size_t held = 0;
-    for (const Place& place : places_) held += place.value.has_value() ? 1U : 0U;
+    for (const Place& place : places_) held += place.use == Use::held ? 1U : 0U;
     return held;
   }
 
@@ -375,40 +396,80 @@ class Held {
     return answer.is(FUSELINE_OUTCOME_FORWARDED) || answer.is(FUSELINE_OUTCOME_PRELIMINARY);
   }
 
+  // A place that is emptied is nobody's: the destructor of what was in it may call.
+  enum class Use : unsigned char { free, held, emptied };
   struct Place {
     Timestamp timestamp;
     Priority source;
     std::optional<Value> value;
+    Use use = Use::free;
   };
+  class Emptying {
+   public:
+    explicit Emptying(Place& place) noexcept : place_(place) { place_.use = Use::emptied; }
+    ~Emptying() {
+      place_.value.reset();
+      place_.use = Use::free;
+    }
+    Emptying(const Emptying&) = delete;
+    Emptying& operator=(const Emptying&) = delete;
+
+   private:
+    Place& place_;
+  };
+  static constexpr Priority no_source{std::numeric_limits<std::uint64_t>::max()};
 
   void hold(Timestamp t, Priority source, Value&& value) {
     Place* place = find(t);
-    if (place != nullptr && source < place->source) return;
+    if (place != nullptr) return replace(*place, source, std::move(value));
     for (std::size_t i = 0; place == nullptr && i < places_.size(); ++i) {
-      if (!places_[i].value.has_value()) place = &places_[i];
+      if (places_[i].use == Use::free) place = &places_[i];
     }
     if (place == nullptr) {
       ++lost_;
       return;
     }
+    place->value.emplace(std::move(value));
     place->timestamp = t;
     place->source = source;
-    place->value.emplace(std::move(value));
+    place->use = Use::held;
+  }
+
+  // The outdone value is destroyed last, when the better one is in its place.
+  void replace(Place& place, Priority source, Value&& value) {
+    if (source < place.source && place.source != no_source) return;
+    [[maybe_unused]] const Value outdone(std::move(*place.value));
+    place.source = no_source;  // stays if the next line throws: then nothing is held here that could be sent
+    *place.value = std::move(value);
+    place.source = source;
   }
 
   // Empties the timestamp's place; gives its value if it is that of `by`.
   std::optional<Value> take(Timestamp t, Priority by) {
     std::optional<Value> value;
-    if (Place* place = find(t)) {
-      if (place->source == by) value = std::move(place->value);
-      place->value.reset();
+    Place* place = find(t);
+    if (place == nullptr) return value;
+    if (place->source != by) {
+      discard(t);
+      return value;
     }
+    const Emptying emptying(*place);
+    value.emplace(std::move(*place->value));
     return value;
+  }
+
+  // Empties the timestamp's place. Its value is destroyed when the place is free again, if the move cannot throw.
+  void discard(Timestamp t) noexcept {
+    std::optional<Value> outdone;
+    if (Place* place = find(t)) {
+      const Emptying emptying(*place);
+      if constexpr (std::is_nothrow_move_constructible_v<Value>) outdone.emplace(std::move(*place->value));
+    }
   }
 
   Place* find(Timestamp t) noexcept {
     for (Place& place : places_) {
-      if (place.value.has_value() && place.timestamp == t) return &place;
+      if (place.use == Use::held && place.timestamp == t) return &place;
     }
     return nullptr;
   }
@@ -417,7 +478,13 @@ class Held {
   std::size_t lost_ = 0;
 };
 
-// What an operator's sink has to have; derive from it to leave out what you do not need.
+// What an operator's sink may leave out: derive from it. Two members it must have, or its operator does not compile:
+//
+//     void forward(Timestamp, Priority, Value);  // once for each message that is forwarded, the last output under progressive: send it
+//     void miss(Timestamp);                      // once for each message for which nothing came and nothing will
+//
+// Name the sink's own type in the operator: nothing here is virtual. A base of the sink is refused unless it has virtual
+// functions or, if the operator only ever saw the base, unless the base has the two members itself.
 //
 // Under Commit::progressive a sink has two more, which nothing here stands in for. Without them no such operator is made:
 // FUSELINE_STATUS_COMMIT.
@@ -426,10 +493,6 @@ class Held {
 //     void final(Timestamp, Priority);               // what was sent last was the last
 template <class Value>
 struct Sink {
-  // Once for each message that is forwarded, the last output under progressive: send it.
-  void forward(Timestamp, Priority, Value) {}
-  // Once for each message for which nothing came and nothing will.
-  void miss(Timestamp) {}
   // The result of this cloud is no longer wanted: abort its call, if you like.
   void cancel(Timestamp, Priority) {}
   // Timers fired: for records. The others report what follows.
@@ -437,6 +500,14 @@ struct Sink {
 };
 
 namespace detail {
+// Whether a sink takes outputs.
+template <class Into, class Value, class = void>
+struct TakesOutputs : std::false_type {};
+template <class Into, class Value>
+struct TakesOutputs<Into, Value,
+                    std::void_t<decltype(std::declval<Into&>().forward(Timestamp(), Priority(), std::declval<Value>())),
+                                decltype(std::declval<Into&>().miss(Timestamp()))>> : std::true_type {};
+
 // Whether a sink takes outputs before the last one.
 template <class Into, class Value, class = void>
 struct TakesPreliminary : std::false_type {};
@@ -446,10 +517,24 @@ struct TakesPreliminary<Into, Value,
                                     decltype(std::declval<Into&>().final(Timestamp(), Priority()))>> : std::true_type {};
 }  // namespace detail
 
+// What an operator could not deliver.
+struct SinkFailures {
+  std::size_t len = 0;  // calls of the sink that threw, moves of values that threw, and outputs without a value after that
+  Timestamp last;       // the message of the last of them, if there is one
+};
+
 // An operator for one thread: the machine, the values of held results, a clock and where results go.
 //
 // Each function reads the clock, gives what is due to the sink, and then does what its name says. Wake up at next_due()
 // and tick. A message whose open is refused is the caller's to report: its sink hears nothing of it.
+//
+// What a sink throws stops nothing: all that was due and the input itself are done, and the sink's other functions are
+// called. The first exception since then is thrown at the end of result, fail or tick, by the outermost call if a sink or
+// a destructor called within another. Open and offer do not throw it, for their answer would be lost: the next result,
+// fail or tick does. sink_failures() counts each at once. A clock that throws is asked before anything is done, but the
+// value that result was given is gone.
+//
+// Its end ends its machine first: what a destructor of a held value reports then is refused, FUSELINE_STATUS_FOREIGN.
 template <class Value, class Into, class Capacity = C3W16, class Clock = std::chrono::steady_clock>
 class Operator {
   static_assert(Clock::is_steady, "Fuseline takes a steady clock: others are set back and forth");
@@ -457,42 +542,52 @@ class Operator {
                 "Fuseline takes a clock that counts in whole numbers: a due instant must not be rounded down");
 
  public:
-  Operator(Into& sink, std::uint32_t window, Commit commit, Deadline greatest_deadline,
+  template <class Given>
+  Operator(Given& sink, std::uint32_t window, Commit commit, Deadline greatest_deadline,
            std::initializer_list<Cloud> clouds)
-      : sink_(sink), machine_(window, taken(commit), greatest_deadline, clouds) {}
-  Operator(Into& sink, std::uint32_t window, Commit commit, Deadline greatest_deadline, const Cloud* clouds,
+      : Operator(sink, window, commit, greatest_deadline, clouds.begin(), clouds.size()) {}
+  template <class Given>
+  Operator(Given& sink, std::uint32_t window, Commit commit, Deadline greatest_deadline, const Cloud* clouds,
            std::size_t size)
-      : sink_(sink), machine_(window, taken(commit), greatest_deadline, clouds, size) {}
+      : sink_(sink), machine_(window, taken(commit), greatest_deadline, clouds, size) {
+    static_assert(std::is_same_v<Given, Into> || std::is_polymorphic_v<Into>,
+                  "name the sink's own type as the operator's: by a base without virtual functions its outputs would be lost");
+  }
+  ~Operator() { machine_.end(); }
 
   Status status() const noexcept { return machine_.status(); }
   explicit operator bool() const noexcept { return static_cast<bool>(machine_); }
 
   // A message came: compute on board, and offer it to the clouds, unless it is refused.
   [[nodiscard]] std::optional<Answer> open(Timestamp t, std::optional<Deadline> limit = std::nullopt) {
+    const Call call(calls_);
     return machine_.open(now(), t, limit, fired());
   }
 
   // Send it to this cloud if it is admitted.
   [[nodiscard]] std::optional<Answer> offer(Timestamp t, Priority cloud, Deadline deadline, std::uint64_t backlog) {
+    const Call call(calls_);
     return machine_.offer(now(), t, cloud, deadline, backlog, fired());
   }
 
   // A source's result came with this value.
   std::optional<Answer> result(Timestamp t, Priority source, Value value) {
-    const std::optional<Answer> answer = machine_.result(now(), t, source, fired());
-    if (answer) conclude(*answer, held_.result(source, std::move(value), *answer));
-    return answer;
+    return concluded([&] { return machine_.result(now(), t, source, fired()); },
+                     [&](const Answer& answer) {
+                       conclude(answer, [&] { return held_.result(source, std::move(value), answer); });
+                     });
   }
 
   // No result will come from this source.
   std::optional<Answer> fail(Timestamp t, Priority source) {
-    const std::optional<Answer> answer = machine_.fail(now(), t, source, fired());
-    if (answer) conclude(*answer, held_.settled(*answer));
-    return answer;
+    return concluded([&] { return machine_.fail(now(), t, source, fired()); },
+                     [&](const Answer& answer) { conclude(answer, [&] { return held_.settled(answer); }); });
   }
 
   // Time went by. False if the machine could not be asked.
-  bool tick() { return machine_.tick(now(), fired()).has_value(); }
+  bool tick() {
+    return concluded([&] { return machine_.tick(now(), fired()); }, [](const Answer&) {}).has_value();
+  }
 
   // When to tick next. Nothing if no timer is armed, or if status() is not FUSELINE_STATUS_DONE.
   [[nodiscard]] std::optional<typename Clock::time_point> next_due() noexcept {
@@ -510,44 +605,118 @@ class Operator {
   // How many values are held.
   std::size_t held() const noexcept { return held_.size(); }
 
+  // What could not be delivered because the sink, or the move of a value, threw.
+  SinkFailures sink_failures() const noexcept { return failures_; }
+
  private:
+  // A call that is under way.
+  class Call {
+   public:
+    explicit Call(unsigned& calls) noexcept : calls_(calls) { ++calls_; }
+    ~Call() { --calls_; }
+    Call(const Call&) = delete;
+    Call& operator=(const Call&) = delete;
+
+   private:
+    unsigned& calls_;
+  };
+
   static constexpr bool takes_preliminary = detail::TakesPreliminary<Into, Value>::value;
 
   // The commit rule, or one that no machine has if the sink does not take its outputs.
   static constexpr Commit taken(Commit commit) noexcept {
+    static_assert(detail::TakesOutputs<Into, Value>::value,
+                  "the sink lacks forward(Timestamp, Priority, Value) or miss(Timestamp): a misspelt name, other arguments, or a base of the sink");
     return commit != Commit::progressive || takes_preliminary ? commit : static_cast<Commit>(UINT32_MAX);
   }
 
   Instant now() const {
     const typename Clock::time_point reading = Clock::now();
-    return reading < start_ ? Instant() : Instant(reading - start_);
+    return reading < start_ ? Instant() : Instant::from_monotonic(reading - start_);
   }
 
   auto fired() {
     return [this](const Firing& firing) {
-      sink_.fired(firing);
-      conclude(firing, held_.settled(firing));
+      attempt(firing.timestamp(), [&] { sink_.fired(firing); });
+      conclude(firing, [&] { return held_.settled(firing); });
     };
   }
 
-  void conclude(const Answer& answer, std::optional<Value> value) {
+  // An input and what follows from its answer; then throws what a sink threw, unless another call is under way.
+  template <class Ask, class Follow>
+  std::optional<Answer> concluded(Ask ask, Follow follow) {
+    std::optional<Answer> answer;
+    {
+      const Call call(calls_);
+      answer = ask();
+      if (answer) follow(*answer);
+    }
+#if defined(__cpp_exceptions)
+    if (calls_ == 0 && thrown_) std::rethrow_exception(std::exchange(thrown_, nullptr));
+#endif
+    return answer;
+  }
+
+  // `settle` puts the answer's values in order and gives the one to be sent.
+  template <class Settle>
+  void conclude(const Answer& answer, Settle settle) {
     const Timestamp t = answer.timestamp();
-    if (answer.is(FUSELINE_OUTCOME_MISSED)) sink_.miss(t);
+    const auto send = [&](auto to) {
+      bool has_value = false;
+      const bool is_sent = attempt(t, [&] {
+        std::optional<Value> value = settle();
+        has_value = value.has_value();
+        if (value) to(std::move(*value));
+      });
+      if (is_sent && !has_value) lose(t);
+      return has_value;
+    };
     if (answer.is(FUSELINE_OUTCOME_FORWARDED)) {
-      if (!value) return sink_.miss(t);  // cannot be; if it were, the message would not end in silence
-      sink_.forward(t, answer.by(), std::move(*value));
+      const bool has_value = send([&](Value&& value) { sink_.forward(t, answer.by(), std::move(value)); });
+      // The move of its value threw: the message does not end in silence.
+      if (!has_value) attempt(t, [&] { sink_.miss(t); });
+    } else if (answer.is(FUSELINE_OUTCOME_PRELIMINARY)) {
+      if constexpr (takes_preliminary) send([&](Value&& value) { sink_.preliminary(t, answer.by(), std::move(value)); });
+    } else {
+      attempt(t, [&] { static_cast<void>(settle()); });
+      if (answer.is(FUSELINE_OUTCOME_MISSED)) attempt(t, [&] { sink_.miss(t); });
+      if constexpr (takes_preliminary) {
+        if (answer.is(FUSELINE_OUTCOME_FINAL)) attempt(t, [&] { sink_.final(t, answer.by()); });
+      }
     }
-    if constexpr (takes_preliminary) {
-      if (answer.is(FUSELINE_OUTCOME_PRELIMINARY) && value) sink_.preliminary(t, answer.by(), std::move(*value));
-      if (answer.is(FUSELINE_OUTCOME_FINAL)) sink_.final(t, answer.by());
+    for (const Priority cloud : answer.cancelled()) attempt(t, [&] { sink_.cancel(t, cloud); });
+  }
+
+  void lose(Timestamp t) noexcept {
+    ++failures_.len;
+    failures_.last = t;
+  }
+
+  // Calls the sink. What it throws is kept, the first alone, and counted: then false.
+  template <class Function>
+  bool attempt(Timestamp t, Function function) {
+#if defined(__cpp_exceptions)
+    try {
+      function();
+    } catch (...) {
+      lose(t);
+      if (!thrown_) thrown_ = std::current_exception();
+      return false;
     }
-    for (const Priority cloud : answer.cancelled()) sink_.cancel(t, cloud);
+#else
+    static_cast<void>(t);
+    function();
+#endif
+    return true;
   }
 
   Into& sink_;
   typename Clock::time_point start_ = Clock::now();
   Machine<Capacity> machine_;
   Held<Value, Capacity> held_{machine_};
+  unsigned calls_ = 0;
+  SinkFailures failures_;
+  std::exception_ptr thrown_;
 };
 
 }  // namespace fuseline

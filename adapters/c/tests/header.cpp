@@ -1,12 +1,22 @@
 // The header under every warning of gcc and clang: included twice, its templates used with durations of all kinds.
 #include "fuseline.hpp"
 #include "fuseline.hpp"
-struct S : fuseline::Sink<int> {};
-struct R : fuseline::Sink<int> {
+struct S : fuseline::Sink<int> {
+  void forward(fuseline::Timestamp, fuseline::Priority, int) {}
+  void miss(fuseline::Timestamp) {}
+};
+struct R : S {
   void preliminary(fuseline::Timestamp, fuseline::Priority, int) {}
   void final(fuseline::Timestamp, fuseline::Priority) {}
 };
+// A node that is its own sink: the operator is made where the sink's type is not complete yet.
+struct N : fuseline::Sink<int> {
+  void forward(fuseline::Timestamp, fuseline::Priority, int) {}
+  void miss(fuseline::Timestamp) {}
+  fuseline::Operator<int, N> op{*this, 16, fuseline::Commit::eager, std::chrono::seconds(1), {{fuseline::Priority{1}, 8}}};
+};
 int main() {
+  const N n;
   fuseline::Machine<> m(16, fuseline::Commit::eager, std::chrono::seconds(1), {});
   S s;
   fuseline::Operator<int, S> op(s, 16, fuseline::Commit::eager, std::chrono::milliseconds(1), {});
@@ -21,5 +31,5 @@ int main() {
   R r;
   const fuseline::Operator<int, R> revised(r, 16, fuseline::Commit::progressive, std::chrono::milliseconds(1), {});
   for (auto p : op.fail(fuseline::Timestamp{1}, fuseline::Priority{1})->cancelled()) (void)p;
-  return m && revised && m.look() && op.tick() ? 0 : 1;
+  return m && n.op && revised && m.look() && op.tick() ? 0 : 1;
 }

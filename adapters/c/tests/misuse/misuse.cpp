@@ -1,8 +1,11 @@
 // The C++ wrapper, misused. The library holds 3 clouds with a window of 16, and 5 with 40.
+#include <algorithm>
 #include <array>
 #include <cstring>
+#include <functional>
 #include <limits>
 #include <memory>
+#include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
@@ -100,12 +103,13 @@ CASE(cpp_no_greatest_deadline, "sets a greatest deadline of 0 or less", "status 
   }
 }
 CASE(cpp_overdue_difference, "computes the time until a past due instant", "negative: it does not wrap to a sleep of centuries") {
-  const Instant due(20ms), now(50ms);
+  const Instant due = Instant::from_monotonic(20ms), now = Instant::from_monotonic(50ms);
   HOLDS(due - now == -30ms && now - due == 30ms);
-  HOLDS(Instant(std::chrono::duration<std::uint64_t, std::nano>::max()) - Instant() == std::chrono::nanoseconds::max());
+  HOLDS(Instant::from_monotonic(std::chrono::duration<std::uint64_t, std::nano>::max()) - Instant() == std::chrono::nanoseconds::max());
 }
 CASE(cpp_instant_before_start, "gives a reading before the clock's start", "counts as the start") {
-  HOLDS(Instant(-5ms) == Instant());
+  HOLDS(Instant::from_monotonic(-5ms) == Instant());
+  HOLDS(Instant(ManualClock::time_point(-5ms)) == Instant());
   Planner planner;
   ManualClock::at = 5ms;
   Operator<> op(planner, 16, Commit::eager, 1s, {});
@@ -171,7 +175,7 @@ CASE(cpp_used_though_not_made, "uses a machine that could not be made", "no call
   HOLDS(!machine.look() && !machine.next_due() && machine.status() == FUSELINE_STATUS_WINDOW);
 }
 CASE(cpp_sink_of_one_output, "uses `progressive` with a sink that lacks `preliminary` or `final`", "status `commit`, no machine") {
-  struct Endless : fuseline::Sink<std::string> {
+  struct Endless : Planner {
     void preliminary(Timestamp, Priority, const std::string&) {}
   } endless;
   Planner planner;
@@ -184,7 +188,7 @@ CASE(cpp_overwritten, "overwrites the head of the storage", "no answers; `next_d
   alignas(fuseline::Machine<>) static unsigned char room[sizeof(fuseline::Machine<>)];
   auto* machine = new (room) fuseline::Machine<>(16, Commit::eager, 1s, {});
   HOLDS(is_accepted(machine->open(Instant(), Timestamp{1}, 10ms, ignored)));
-  HOLDS(machine->next_due() == Instant(10ms) && machine->status() == FUSELINE_STATUS_DONE);
+  HOLDS(machine->next_due() == Instant::from_monotonic(10ms) && machine->status() == FUSELINE_STATUS_DONE);
   std::memset(room, 0, 8);
   HOLDS(!machine->next_due() && machine->status() == FUSELINE_STATUS_FOREIGN);
   HOLDS(!machine->look() && machine->status() == FUSELINE_STATUS_FOREIGN);
@@ -201,7 +205,7 @@ CASE(cpp_firings_not_passed_on, "does not pass firings on to `Held`", "`Held` fi
   fuseline::Machine<> machine(16, Commit::eager, 1s, {{cloud, 31}});
   fuseline::Held<std::string, fuseline::C3W16> held(machine);
   for (std::uint64_t i = 0; i < 17; ++i) {
-    const Instant now(20ms * i);
+    const Instant now = Instant::from_monotonic(20ms * i);
     HOLDS(is_accepted(machine.open(now, Timestamp{i}, {}, ignored)));
     HOLDS(machine.offer(now, Timestamp{i}, cloud, 10ms, 0, ignored).has_value());
     const auto answer = machine.result(now, Timestamp{i}, fuseline::local, ignored);
@@ -216,7 +220,7 @@ CASE(cpp_values_of_another_machine, "passes a firing of another machine to `Held
   HOLDS(other.offer(Instant(), Timestamp{1}, cloud, 10ms, 0, ignored).has_value());
   HOLDS(other.result(Instant(), Timestamp{1}, fuseline::local, ignored)->is(FUSELINE_OUTCOME_HELD));
   unsigned sent = 0;
-  HOLDS(other.tick(Instant(10ms), [&](const auto& firing) { sent += held.settled(firing) ? 1U : 0U; }).has_value());
+  HOLDS(other.tick(Instant::from_monotonic(10ms), [&](const auto& firing) { sent += held.settled(firing) ? 1U : 0U; }).has_value());
   HOLDS(sent == 0 && held.lost() == 1);
 }
 
@@ -233,6 +237,7 @@ CASE(cpp_result_twice, "gives a result twice", "the second is dropped `supersede
 CASE(cpp_first_output_for_the_last, "takes a preliminary output for the last, and gives no more results", "the sink gets `final` at the due instant; no value is held") {
   struct Revised : fuseline::Sink<std::string> {
     unsigned preliminary_len = 0, final_len = 0;
+    void forward(Timestamp, Priority, const std::string&) { HOLDS(false); }
     void preliminary(Timestamp, Priority, const std::string& value) { preliminary_len += value.empty() ? 0U : 1U; }
     void final(Timestamp, Priority by) { final_len += by == fuseline::local ? 1U : 0U; }
     void miss(Timestamp) { HOLDS(false); }
@@ -251,6 +256,7 @@ CASE(cpp_call_from_the_sink, "calls the operator from its own sink", "answered a
   struct Nested : fuseline::Sink<std::string> {
     fuseline::Operator<std::string, Nested, fuseline::C3W16, ManualClock>* op = nullptr;
     unsigned forwarded = 0, refused = 0;
+    void miss(Timestamp) { HOLDS(false); }
     void forward(Timestamp t, Priority, const std::string&) {
       ++forwarded;
       if (t.count >= 8) return;
@@ -269,6 +275,237 @@ CASE(cpp_call_from_the_sink, "calls the operator from its own sink", "answered a
   HOLDS(op.tick());
   ManualClock::at = {};
   HOLDS(sink.forwarded + sink.refused == 16 && sink.forwarded > 8 && op.held() == 0);
+}
+
+// --- values and sinks that do more than they should ---
+
+// A value that calls back when it is destroyed, unless it was moved.
+struct Handle {
+  std::string text;
+  std::function<void()> released;
+  explicit Handle(std::string given, std::function<void()> then = {}) : text(std::move(given)), released(std::move(then)) {}
+  Handle(Handle&& other) noexcept : text(std::move(other.text)), released(std::exchange(other.released, nullptr)) {}
+  Handle& operator=(Handle&& other) noexcept {
+    text = std::move(other.text);
+    released = std::exchange(other.released, nullptr);
+    return *this;
+  }
+  ~Handle() {
+    if (released) released();
+  }
+};
+struct Texts {
+  std::vector<std::string> sent;
+  std::vector<std::uint64_t> missed;
+  void forward(Timestamp t, Priority, const Handle& value) { sent.push_back(std::to_string(t.count) + value.text); }
+  void miss(Timestamp t) { missed.push_back(t.count); }
+  void cancel(Timestamp, Priority) {}
+  void fired(const fuseline::Firing&) {}
+};
+using Handles = fuseline::Operator<Handle, Texts, fuseline::C3W16, ManualClock>;
+void opened_for_two(Handles& op, std::uint64_t t) {
+  HOLDS(is_accepted(op.open(Timestamp{t})));
+  for (const auto p : {cloud, Priority{2}}) HOLDS(op.offer(Timestamp{t}, p, 900ms, 0)->is(FUSELINE_OUTCOME_ADMITTED));
+}
+
+CASE(cpp_outdone_value_calls, "a better result destroys a held value, whose destructor gives another message's result", "each message keeps its own value; both are forwarded") {
+  Texts sink;
+  Handles op(sink, 16, Commit::patient, 1s, {{cloud, 31}, {Priority{2}, 31}});
+  opened_for_two(op, 4), opened_for_two(op, 5);
+  const auto give = [&] { HOLDS(op.result(Timestamp{5}, fuseline::local, Handle("five"))->is(FUSELINE_OUTCOME_HELD)); };
+  HOLDS(op.result(Timestamp{4}, fuseline::local, Handle("worse", give))->is(FUSELINE_OUTCOME_HELD));
+  HOLDS(op.result(Timestamp{4}, cloud, Handle("better"))->is(FUSELINE_OUTCOME_HELD) && op.held() == 2);
+  for (const std::uint64_t t : {4U, 5U}) HOLDS(op.fail(Timestamp{t}, Priority{2}).has_value());
+  HOLDS(op.fail(Timestamp{5}, cloud)->is(FUSELINE_OUTCOME_FORWARDED) && op.held() == 0);
+  HOLDS((sink.sent == std::vector<std::string>{"4better", "5five"}));
+}
+CASE(cpp_last_value_calls, "the destructor of a value that is not sent opens and ends messages, with a full window", "answered as any call; no value is lost") {
+  Texts sink;
+  Handles op(sink, 16, Commit::eager, 1s, {{cloud, 31}, {Priority{2}, 31}});
+  const auto next = [&] {
+    HOLDS(is_accepted(op.open(Timestamp{20})) && op.offer(Timestamp{20}, cloud, 900ms, 0)->is(FUSELINE_OUTCOME_ADMITTED));
+    HOLDS(op.result(Timestamp{20}, fuseline::local, Handle("next"))->is(FUSELINE_OUTCOME_HELD));
+  };
+  for (std::uint64_t t = 0; t < 16; ++t) {
+    opened_for_two(op, t);
+    HOLDS(op.result(Timestamp{t}, fuseline::local, Handle("held", t == 3 ? next : std::function<void()>()))->is(FUSELINE_OUTCOME_HELD));
+  }
+  HOLDS(op.result(Timestamp{3}, Priority{2}, Handle("best"))->is(FUSELINE_OUTCOME_FORWARDED) && op.held() == 16);
+  HOLDS((sink.sent == std::vector<std::string>{"3best"}));
+  ManualClock::at = 1s;
+  HOLDS(op.tick());
+  ManualClock::at = {};
+  HOLDS(sink.sent.size() == 17 && sink.sent.back() == "20next" && op.held() == 0 && sink.missed.empty());
+}
+CASE(cpp_dropped_value_calls, "the destructor of a dropped value gives another message's result", "answered as any call; the other message is forwarded") {
+  Texts sink;
+  Handles op(sink, 16, Commit::eager, 1s, {});
+  HOLDS(is_accepted(op.open(Timestamp{1})));
+  const auto give = [&] { HOLDS(op.result(Timestamp{1}, fuseline::local, Handle("one"))->is(FUSELINE_OUTCOME_FORWARDED)); };
+  HOLDS(op.result(Timestamp{2}, fuseline::local, Handle("unknown", give))->is(FUSELINE_OUTCOME_DROPPED));
+  HOLDS((sink.sent == std::vector<std::string>{"1one"}));
+}
+CASE(cpp_value_outlives_operator, "the destructor of a value that is still held calls its operator while that ends", "status `foreign`, no answer") {
+  Texts sink;
+  unsigned refused = 0;
+  {
+    Handles op(sink, 16, Commit::eager, 1s, {{cloud, 31}, {Priority{2}, 31}});
+    opened_for_two(op, 1), opened_for_two(op, 2);
+    const auto give = [&] {
+      const bool is_refused = !op.result(Timestamp{2}, fuseline::local, Handle("two")) && op.status() == FUSELINE_STATUS_FOREIGN;
+      refused += is_refused ? 1U : 0U;
+    };
+    HOLDS(op.result(Timestamp{1}, fuseline::local, Handle("one", give))->is(FUSELINE_OUTCOME_HELD));
+  }
+  HOLDS(refused == 1 && sink.sent.empty());
+}
+
+struct Failing {
+  std::string failing;  // which function throws, once
+  std::vector<std::string> calls;
+  std::function<void()> nested;
+  void forward(Timestamp t, Priority, const std::string& value) {
+    call("forward", t, value);
+    if (nested) std::exchange(nested, nullptr)();
+  }
+  void miss(Timestamp t) { call("miss", t); }
+  void cancel(Timestamp t, Priority p) { call("cancel", t, std::to_string(p.number)); }
+  void fired(const fuseline::Firing& firing) { call("fired", firing.timestamp()); }
+  void call(const char* what, Timestamp t, const std::string& value = "") {
+    const std::string done = what + std::to_string(t.count) + value;
+    if (done == failing) {
+      failing.clear();
+      throw std::runtime_error(done);
+    }
+    calls.push_back(done);
+  }
+};
+using Throwing = fuseline::Operator<std::string, Failing, fuseline::C3W16, ManualClock>;
+using Calls = std::vector<std::string>;
+template <class Function>
+std::string thrown_by(Function function) {
+  try {
+    function();
+  } catch (const std::runtime_error& error) {
+    return error.what();
+  }
+  return "";
+}
+// Message 1 waits for a cloud with local's result, 2 without any, and both timers are due; 3 is open and has no timer.
+void two_due_and_one_open(Throwing& op) {
+  for (std::uint64_t t = 1; t < 4; ++t) HOLDS(is_accepted(op.open(Timestamp{t}, t == 2 ? std::optional<fuseline::Deadline>(10ms) : std::nullopt)));
+  HOLDS(op.offer(Timestamp{1}, cloud, 10ms, 0)->is(FUSELINE_OUTCOME_ADMITTED));
+  HOLDS(op.result(Timestamp{1}, fuseline::local, "one")->is(FUSELINE_OUTCOME_HELD));
+  ManualClock::at = 10ms;
+}
+
+CASE(cpp_sink_throws_in_result, "a function of the sink throws for a message that is due, while another message's result is given", "all else is done and sent, then the exception is thrown; `sink_failures()` counts it") {
+  for (const char* failing : {"fired1", "forward1one", "miss2", "forward3three"}) {
+    Failing sink;
+    Throwing op(sink, 16, Commit::eager, 1s, {{cloud, 31}});
+    two_due_and_one_open(op);
+    sink.failing = failing;
+    HOLDS(thrown_by([&] { op.result(Timestamp{3}, fuseline::local, "three"); }) == failing);
+    Calls expected{"fired1", "forward1one", "fired2", "miss2", "forward3three"};
+    expected.erase(std::find(expected.begin(), expected.end(), failing));
+    HOLDS(sink.calls == expected && op.held() == 0 && !op.next_due());
+    HOLDS(op.sink_failures().len == 1 && op.sink_failures().last.count == static_cast<std::uint64_t>(std::strpbrk(failing, "123")[0] - '0'));
+    HOLDS(op.tick());  // thrown once
+    ManualClock::at = {};
+  }
+}
+CASE(cpp_sink_throws_in_open, "a function of the sink throws while a message is opened or offered", "the answer comes, for the message would be open unknown; the next result, failure or tick throws") {
+  Failing sink;
+  Throwing op(sink, 16, Commit::eager, 1s, {{cloud, 31}});
+  two_due_and_one_open(op);
+  sink.failing = "forward1one";
+  HOLDS(is_accepted(op.open(Timestamp{4})) && op.sink_failures().len == 1 && op.sink_failures().last == Timestamp{1});
+  HOLDS(op.offer(Timestamp{4}, cloud, 10ms, 0)->is(FUSELINE_OUTCOME_ADMITTED));
+  HOLDS(thrown_by([&] { op.fail(Timestamp{3}, fuseline::local); }) == "forward1one");
+  HOLDS((sink.calls == Calls{"fired1", "fired2", "miss2", "miss3"}));
+  HOLDS(op.result(Timestamp{4}, cloud, "four")->is(FUSELINE_OUTCOME_FORWARDED));
+  ManualClock::at = {};
+}
+CASE(cpp_sink_throws_twice, "`forward` and `cancel` of one message throw", "the other cloud is cancelled, the first exception is thrown, both are counted") {
+  struct Twice : Failing {
+    void cancel(Timestamp t, Priority p) {
+      calls.push_back("cancel" + std::to_string(p.number));
+      if (p == cloud) throw std::runtime_error(std::to_string(t.count));
+    }
+  } sink;
+  fuseline::Operator<std::string, Twice, fuseline::C3W16, ManualClock> op(sink, 16, Commit::eager, 1s, {{cloud, 31}, {Priority{2}, 31}, {Priority{3}, 31}});
+  HOLDS(is_accepted(op.open(Timestamp{1})));
+  for (const std::uint64_t p : {1U, 2U, 3U}) HOLDS(op.offer(Timestamp{1}, Priority{p}, 10ms, 0).has_value());
+  sink.failing = "forward1best";
+  HOLDS(thrown_by([&] { op.result(Timestamp{1}, Priority{3}, "best"); }) == "forward1best");
+  HOLDS((sink.calls == Calls{"cancel1", "cancel2"}) && op.sink_failures().len == 2);
+}
+CASE(cpp_sink_throws_nested, "a sink calls the operator, whose sink throws in that call", "the outermost call throws, so that the first output is not lost with it") {
+  Failing sink;
+  Throwing op(sink, 16, Commit::eager, 1s, {{cloud, 31}});
+  for (const std::uint64_t t : {1U, 2U}) HOLDS(is_accepted(op.open(Timestamp{t})));
+  bool is_after = false;
+  sink.nested = [&] {
+    sink.failing = "forward2two";
+    op.result(Timestamp{2}, fuseline::local, "two");
+    is_after = true;
+  };
+  HOLDS(thrown_by([&] { op.result(Timestamp{1}, fuseline::local, "one"); }) == "forward2two");
+  HOLDS(is_after && (sink.calls == Calls{"forward1one"}) && op.sink_failures().len == 1 && op.sink_failures().last == Timestamp{2});
+}
+CASE(cpp_move_throws, "the move of a value throws, as a copy that finds no memory", "thrown by the call that it belongs to; its message is missed, no other is touched") {
+  struct Copied {
+    std::string text;
+    int* until;
+    Copied(std::string given, int* budget) : text(std::move(given)), until(budget) {}
+    Copied(const Copied& other) : text(other.text), until(other.until) {
+      if (until != nullptr && --*until == 0) throw std::runtime_error(text);
+    }
+    Copied& operator=(const Copied&) = default;
+  };
+  struct Sink : fuseline::Sink<Copied> {
+    Calls calls;
+    void forward(Timestamp t, Priority, const Copied& value) { calls.push_back("forward" + std::to_string(t.count) + value.text); }
+    void miss(Timestamp t) { calls.push_back("miss" + std::to_string(t.count)); }
+  };
+  unsigned thrown = 0;
+  for (int copies = 1; copies < 12; ++copies) {
+    Sink sink;
+    fuseline::Operator<Copied, Sink, fuseline::C3W16, ManualClock> op(sink, 16, Commit::eager, 1s, {{cloud, 31}});
+    for (const std::uint64_t t : {1U, 2U}) {
+      HOLDS(is_accepted(op.open(Timestamp{t})) && op.offer(Timestamp{t}, cloud, 10ms, 0).has_value());
+    }
+    int budget = copies;
+    const Copied one("one", &budget), two("two", nullptr);
+    bool is_answered = false;
+    unsigned errors = 0;
+    // Made by the caller, before the call: its failure is the caller's.
+    std::optional<Copied> mine;
+    errors += thrown_by([&] { mine.emplace(one); }).empty() ? 0U : 1U;
+    if (!mine) continue;
+    errors += thrown_by([&] { is_answered = op.result(Timestamp{1}, fuseline::local, std::move(*mine)).has_value(); }).empty() ? 0U : 1U;
+    HOLDS(op.result(Timestamp{2}, fuseline::local, two)->is(FUSELINE_OUTCOME_HELD));
+    ManualClock::at = 10ms;
+    errors += thrown_by([&] { HOLDS(op.tick()); }).empty() ? 0U : 1U;
+    if (!is_answered) static_cast<void>(op.fail(Timestamp{1}, fuseline::local));  // the argument's copy threw: no call was made
+    ManualClock::at = {};
+    const bool is_whole = sink.calls == Calls{"forward1one", "forward2two"};
+    HOLDS((is_whole ? errors == 0 : errors > 0) && op.held() == 0);
+    if (!is_whole) {
+      std::sort(sink.calls.begin(), sink.calls.end());
+      HOLDS((sink.calls == Calls{"forward2two", "miss1"}));
+      ++thrown;
+    }
+  }
+  HOLDS(thrown > 2);
+}
+CASE(cpp_fired_throws, "the function for firings of a `Machine` throws", "the firing has happened and the input has not: the same call again has its answer") {
+  fuseline::Machine<> machine(16, Commit::eager, 1s, {});
+  HOLDS(is_accepted(machine.open(Instant(), Timestamp{1}, 10ms, ignored)) && is_accepted(machine.open(Instant(), Timestamp{2}, {}, ignored)));
+  const Instant now = Instant::from_monotonic(10ms);
+  const auto throws = [](const fuseline::Firing& firing) { throw std::runtime_error(std::to_string(firing.timestamp().count)); };
+  HOLDS(thrown_by([&] { static_cast<void>(machine.result(now, Timestamp{2}, fuseline::local, throws)); }) == "1");
+  HOLDS(machine.result(now, Timestamp{2}, fuseline::local, throws)->is(FUSELINE_OUTCOME_FORWARDED));
 }
 
 }  // namespace

@@ -7,7 +7,10 @@
 using namespace std::chrono_literals;
 using namespace fuseline;
 
-struct Planner : Sink<std::string> {};
+struct Planner : Sink<std::string> {
+  void forward(Timestamp, Priority, const std::string&) {}
+  void miss(Timestamp) {}
+};
 struct Approximate {
   using duration = std::chrono::duration<double>;
   using rep = double;
@@ -117,5 +120,35 @@ struct Approximate {
     case FUSELINE_OUTCOME_MISSED:
     case FUSELINE_OUTCOME_WAITING: break;
   }
+#elif CASE == 26
+  // case 26 | time of day as an instant, by its duration | no matching
+  const Instant wrong(std::chrono::system_clock::now().time_since_epoch());
+#elif CASE == 27
+  // case 27 | sink whose `forward` is misspelt | the sink lacks forward
+  struct Misspelt : Sink<std::string> {
+    void forwarded(Timestamp, Priority, const std::string&) {}
+    void miss(Timestamp) {}
+  } misspelt;
+  Operator<std::string, Misspelt> wrong(misspelt, 16, Commit::eager, 1s, {});
+#elif CASE == 28
+  // case 28 | sink whose `miss` is misspelt, or has other arguments | the sink lacks forward
+  struct Misspelt : Sink<std::string> {
+    void forward(Timestamp, Priority, const std::string&) {}
+    void miss(Timestamp, Priority) {}
+  } misspelt;
+  Operator<std::string, Misspelt> wrong(misspelt, 16, Commit::eager, 1s, {});
+#elif CASE == 29
+  // case 29 | operator for `Sink` itself instead of the sink's type | the sink lacks forward
+  Sink<std::string>& base = planner;
+  Operator<std::string, Sink<std::string>> wrong(base, 16, Commit::eager, 1s, {});
+#elif CASE == 30
+  // case 30 | operator for a sink's base, whose functions would be called | name the sink's own type
+  struct Logged : Planner {
+    void forward(Timestamp, Priority, const std::string&) {}
+  } logged;
+  Operator<std::string, Planner> wrong(logged, 16, Commit::eager, 1s, {});
+#elif CASE == 31
+  // case 31 | sink of another value | the sink lacks forward
+  Operator<std::chrono::seconds, Planner> wrong(planner, 16, Commit::eager, 1s, {});
 #endif
 }
