@@ -215,6 +215,15 @@ CASE(c_clock_goes_back, "gives an earlier `now` than before", "the greatest `now
   opened(20 * ms, 2);
   HOLDS(a.at == 50 * ms);
 }
+CASE(c_ticks_wrap, "makes instants of a counter of 32 bits, which wraps", "the greatest `now` so far counts; `at` of the answer is above `now` and shows it") {
+  uint32_t ticks = UINT32_MAX - 4U; /* milliseconds: after 49 days */
+  fresh();
+  opened(ticks * ms, 1);
+  offered(ticks * ms, 1, 1);
+  ticks += 500U;
+  IS(fuseline_result(machine, ticks * ms, 1, 0, &a), FUSELINE_OUTCOME_HELD);
+  HOLDS(ticks < 500U && a.at == (UINT32_MAX - 4U) * ms && a.at > ticks * ms);
+}
 CASE(c_negative_instant, "gives a negative reading of the clock, which wraps", "all that is due fires; later deadlines are refused `deadline`; `fuseline_instant` gives 0") {
   fresh();
   opened(0, 1);
