@@ -535,7 +535,10 @@ struct SinkFailures {
 // value that result was given is gone.
 //
 // Its end ends its machine first: what a destructor of a held value reports then is refused, FUSELINE_STATUS_FOREIGN.
-template <class Value, class Into, class Capacity = C3W16, class Clock = std::chrono::steady_clock>
+//
+// `Using` is the machine: fuseline_record.hpp has one that records.
+template <class Value, class Into, class Capacity = C3W16, class Clock = std::chrono::steady_clock,
+          template <class> class Using = Machine>
 class Operator {
   static_assert(Clock::is_steady, "Fuseline takes a steady clock: others are set back and forth");
   static_assert(!std::chrono::treat_as_floating_point_v<typename Clock::rep>,
@@ -604,6 +607,13 @@ class Operator {
 
   // How many values are held.
   std::size_t held() const noexcept { return held_.size(); }
+
+  // Begins the trace, before the first message. For a machine that records, by fuseline_record.hpp.
+  template <class Write>
+  [[nodiscard]] bool record(Write write) {
+    return machine_.record(std::move(write));
+  }
+  bool is_recording() const noexcept { return machine_.is_recording(); }
 
   // What could not be delivered because the sink, or the move of a value, threw.
   SinkFailures sink_failures() const noexcept { return failures_; }
@@ -712,7 +722,7 @@ class Operator {
 
   Into& sink_;
   typename Clock::time_point start_ = Clock::now();
-  Machine<Capacity> machine_;
+  Using<Capacity> machine_;
   Held<Value, Capacity> held_{machine_};
   unsigned calls_ = 0;
   SinkFailures failures_;

@@ -1,0 +1,188 @@
+// A recorder for C++17, header only, over fuseline.hpp: the trace of an operator's run, which `fuseline check` judges.
+//
+//   fuseline::Operator<Boxes, Planner, fuseline::C3W16, std::chrono::steady_clock, fuseline::RecordedMachine> op(...);
+//   std::ofstream file("run.jsonl");
+//   op.record([&](std::string_view line) { return static_cast<bool>(file << line << std::flush); });
+//
+// SPEC.md, section 6, has the format. It allocates, unlike fuseline.hpp.
+
+#ifndef FUSELINE_RECORD_HPP
+#define FUSELINE_RECORD_HPP
+
+#include "fuseline.hpp"
+
+#include <functional>
+#include <string>
+#include <string_view>
+
+namespace fuseline {
+
+// A machine that records what it is asked and what it decides, in the order in which it decides: also if a sink calls the
+// operator, whose input then comes first.
+template <class Capacity = C3W16>
+class RecordedMachine : public Machine<Capacity> {
+  using Base = Machine<Capacity>;
+
+ public:
+  RecordedMachine(std::uint32_t window, Commit commit, Deadline greatest_deadline, std::initializer_list<Cloud> clouds)
+      : RecordedMachine(window, commit, greatest_deadline, clouds.begin(), clouds.size()) {}
+  RecordedMachine(std::uint32_t window, Commit commit, Deadline greatest_deadline, const Cloud* clouds, std::size_t size)
+      : Base(window, commit, greatest_deadline, clouds, size), commit_(commit), greatest_(greatest_deadline.ns()) {
+    const char* rule = commit == Commit::eager ? "eager" : commit == Commit::patient ? "patient" : "progressive";
+    header_ = "{\"fuseline\":1,\"window\":" + std::to_string(window) + ",\"commit\":\"" + rule + "\",\"clouds\":[";
+    for (std::size_t i = 0; i < size; ++i) {
+      header_ += (i == 0 ? "{\"p\":" : ",{\"p\":") + std::to_string(clouds[i].priority.number);
+      header_ += ",\"limit\":" + std::to_string(clouds[i].limit);
+      if (clouds[i].resume) header_ += ",\"resume\":" + std::to_string(*clouds[i].resume);
+      header_ += "}";
+    }
+    header_ += "]}\n";
+  }
+
+  // Begins the trace: `write` takes one line after the other, and returns false if it could not. False if the machine was not
+  // made, has had an input, or `write` fails: then there is no trace.
+  [[nodiscard]] bool record(std::function<bool(std::string_view)> write) {
+    if (!*this || is_used_ || write_) return false;
+    write_ = std::move(write);
+    put(header_);
+    return is_recording();
+  }
+
+  // Whether each line so far was written. After one that was not, the trace ends.
+  bool is_recording() const noexcept { return static_cast<bool>(write_); }
+
+  template <class Fired>
+  [[nodiscard]] std::optional<Answer> open(Instant now, Timestamp t, std::optional<Deadline> limit, Fired&& fired) {
+    const auto answer = Base::open(now, t, limit, passing(fired));
+    if (answer) {
+      input("open", *answer, &t);
+      if (limit) member("deadline", to_machine(*limit));
+      finish();
+      if (answer->is(FUSELINE_OUTCOME_REFUSED)) why("refuse", *answer, nullptr);
+    }
+    return answer;
+  }
+
+  template <class Fired>
+  [[nodiscard]] std::optional<Answer> offer(Instant now, Timestamp t, Priority cloud, Deadline deadline, std::uint64_t backlog,
+                                            Fired&& fired) {
+    const auto answer = Base::offer(now, t, cloud, deadline, backlog, passing(fired));
+    if (answer) {
+      input("offer", *answer, &t);
+      member("p", cloud.number);
+      member("deadline", to_machine(deadline));
+      member("backlog", backlog);
+      finish();
+      if (answer->is(FUSELINE_OUTCOME_REFUSED)) why("refuse", *answer, &cloud);
+      if (answer->is(FUSELINE_OUTCOME_ADMITTED)) {
+        begin("request", *answer, &cloud);
+        member("due", answer->due().ns());
+        finish();
+      }
+    }
+    return answer;
+  }
+
+  template <class Fired>
+  [[nodiscard]] std::optional<Answer> result(Instant now, Timestamp t, Priority source, Fired&& fired) {
+    return settled("result", t, source, Base::result(now, t, source, passing(fired)));
+  }
+
+  template <class Fired>
+  [[nodiscard]] std::optional<Answer> fail(Instant now, Timestamp t, Priority source, Fired&& fired) {
+    return settled("fail", t, source, Base::fail(now, t, source, passing(fired)));
+  }
+
+  template <class Fired>
+  [[nodiscard]] std::optional<Answer> tick(Instant now, Fired&& fired) {
+    const auto answer = Base::tick(now, passing(fired));
+    if (answer) input("tick", *answer, nullptr), finish();
+    return answer;
+  }
+
+ private:
+  // What fired is recorded before `fired` hears of it, as what a tick led to: a call from within may decide before the input.
+  template <class Fired>
+  auto passing(Fired& fired) {
+    is_used_ = true;
+    return [this, &fired](const Firing& firing) {
+      if (!ticked_ || *ticked_ < firing.due()) {
+        ticked_ = firing.at();
+        input("tick", firing, nullptr);
+        finish();
+      }
+      // All that is due at a tick fires at its instant, also what a call from within made fire.
+      decided_ = ticked_;
+      for (const Priority timer : firing.timers()) plain("timer", firing, timer);
+      ending(firing);
+      decided_.reset();
+      fired(firing);
+    };
+  }
+
+  std::optional<Answer> settled(const char* ev, Timestamp t, Priority source, const std::optional<Answer>& answer) {
+    if (!answer) return answer;
+    input(ev, *answer, &t);
+    member("p", source.number);
+    finish();
+    if (answer->is(FUSELINE_OUTCOME_HELD)) plain("hold", *answer, source);
+    if (answer->is(FUSELINE_OUTCOME_DROPPED)) why("drop", *answer, &source);
+    ending(*answer);
+    return answer;
+  }
+
+  void ending(const Answer& answer) {
+    const bool is_last = answer.is(FUSELINE_OUTCOME_FORWARDED);
+    if (is_last || answer.is(FUSELINE_OUTCOME_PRELIMINARY)) plain("emit", answer, answer.by());
+    for (const Priority cloud : answer.cancelled()) plain("cancel", answer, cloud);
+    if (answer.is(FUSELINE_OUTCOME_FINAL) || (is_last && commit_ == Commit::progressive)) plain("final", answer, answer.by());
+    if (answer.is(FUSELINE_OUTCOME_MISSED)) begin("miss", answer, nullptr), finish();
+  }
+
+  void input(const char* ev, const Answer& answer, const Timestamp* t) {
+    line_ = std::string("{\"ev\":\"") + ev + "\",\"at\":" + std::to_string(decided_.value_or(answer.at()).ns());
+    if (t != nullptr) member("t", t->count);
+  }
+  void begin(const char* ev, const Answer& answer, const Priority* p) {
+    const Timestamp t = answer.timestamp();
+    input(ev, answer, &t);
+    if (p != nullptr) member("p", p->number);
+  }
+  void plain(const char* ev, const Answer& answer, Priority p) { begin(ev, answer, &p), finish(); }
+  void why(const char* ev, const Answer& answer, const Priority* p) {
+    begin(ev, answer, p);
+    line_ += std::string(",\"why\":\"") + fuseline_reason_name(answer.why()) + "\"";
+    finish();
+  }
+  void member(const char* key, std::uint64_t number) { line_ += std::string(",\"") + key + "\":" + std::to_string(number); }
+  void finish() { put(line_ + "}\n"); }
+
+  // A trace with a gap would be judged as if what is missing had not happened: so it ends at the first line that fails.
+  void put(std::string_view line) {
+    if (!write_) return;
+    bool is_written = false;
+#if defined(__cpp_exceptions)
+    try {
+      is_written = write_(line);
+    } catch (...) {
+    }
+#else
+    is_written = write_(line);
+#endif
+    if (!is_written) write_ = nullptr;
+  }
+
+  // A deadline above the greatest is 0 to the machine.
+  std::uint64_t to_machine(Deadline deadline) const noexcept { return deadline.ns() > greatest_ ? 0 : deadline.ns(); }
+
+  Commit commit_;
+  std::uint64_t greatest_;
+  std::string header_, line_;
+  std::function<bool(std::string_view)> write_;
+  std::optional<Instant> ticked_, decided_;
+  bool is_used_ = false;
+};
+
+}  // namespace fuseline
+
+#endif  // FUSELINE_RECORD_HPP

@@ -1,0 +1,120 @@
+// Records an operator whose sink calls it, from chance: `fuseline check` judges what this prints. Run by .ci/c.
+//
+//     record eager|patient|progressive >run.jsonl
+
+#include "fuseline_record.hpp"
+
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <stdexcept>
+
+namespace {
+
+using namespace std::chrono_literals;
+using fuseline::Commit;
+using fuseline::Priority;
+using fuseline::Timestamp;
+
+#define HOLDS(condition) \
+  do { \
+    if (!(condition)) { \
+      std::fprintf(stderr, "%s:%d does not hold: %s\n", __FILE__, __LINE__, #condition); \
+      std::exit(1); \
+    } \
+  } while (0)
+
+struct ManualClock {
+  using duration = std::chrono::nanoseconds;
+  using rep = duration::rep;
+  using period = duration::period;
+  using time_point = std::chrono::time_point<ManualClock>;
+  static constexpr bool is_steady = true;
+  static time_point now() noexcept { return time_point(at); }
+  static duration at;
+};
+ManualClock::duration ManualClock::at{};
+
+std::uint64_t seed = 7;
+std::uint64_t chance(std::uint64_t below) {
+  seed = seed * 6364136223846793005U + 1442695040888963407U;
+  return (seed >> 33) % below;
+}
+
+struct Node {
+  std::uint64_t next = 0, outputs = 0;
+  unsigned depth = 0;
+  fuseline::Operator<int, Node, fuseline::C3W16, ManualClock, fuseline::RecordedMachine> op;
+  explicit Node(Commit commit) : op(*this, 16, commit, 1s, {{Priority{1}, 4}, {Priority{2}, 9, 3}, {Priority{5}, 9}}) {}
+
+  void forward(Timestamp, Priority, int) { ++outputs, act(); }
+  void preliminary(Timestamp, Priority, int) { ++outputs, act(); }
+  void final(Timestamp, Priority) { act(); }
+  void miss(Timestamp) { act(); }
+  void cancel(Timestamp, Priority) { act(); }
+  void fired(const fuseline::Firing&) { act(); }
+
+  // One call of any kind, also from within another, also a wrong one; time goes on meanwhile.
+  void act() {
+    if (depth > 2 || chance(3) == 0) return;
+    ++depth;
+    ManualClock::at += std::chrono::nanoseconds(chance(4));
+    const Timestamp t{next - chance(next < 6 ? next + 1 : 6)};
+    constexpr std::uint64_t sources[] = {0, 0, 1, 2, 5, 5, 6};
+    const Priority p{sources[chance(7)]};
+    switch (chance(5)) {
+      case 0: open(Timestamp{next + 1 - chance(9) / 8}); break;
+      case 1: static_cast<void>(op.offer(t, p, std::chrono::nanoseconds(chance(120)), chance(10))); break;
+      case 2: static_cast<void>(op.fail(t, p)); break;
+      case 3: static_cast<void>(op.tick()); break;
+      default: static_cast<void>(op.result(t, p, 1));
+    }
+    --depth;
+  }
+  void open(Timestamp t) {
+    const auto opened = op.open(t, limit());
+    if (opened && opened->is(FUSELINE_OUTCOME_ACCEPTED) && t.count > next) next = t.count;
+  }
+  std::optional<fuseline::Deadline> limit() const {
+    const auto kind = chance(9);
+    if (kind == 8) return std::chrono::hours(1);  // above the greatest
+    return kind > 0 ? std::optional<fuseline::Deadline>(std::chrono::nanoseconds(kind * 20)) : std::nullopt;
+  }
+};
+
+// The trace ends at the line that could not be written, and is_recording() says so.
+void ends_when_the_disk_is_full() {
+  for (const bool throws : {false, true}) {
+    Node node(Commit::eager);
+    int room = 2;
+    HOLDS(node.op.record([&](std::string_view) {
+      if (--room == 0 && throws) throw std::runtime_error("full");
+      return room > 0;
+    }));
+    HOLDS(node.op.is_recording() && node.op.open(Timestamp{1}).has_value() && !node.op.is_recording());
+    HOLDS(node.op.open(Timestamp{2})->is(FUSELINE_OUTCOME_ACCEPTED) && room == 0);
+  }
+}
+void is_refused_when_late() {
+  Node node(Commit::eager);
+  HOLDS(node.op.open(Timestamp{1}).has_value());
+  HOLDS(!node.op.record([](std::string_view) { return true; }));
+  Node twice(Commit::eager);
+  HOLDS(twice.op.record([](std::string_view) { return true; }) && !twice.op.record([](std::string_view) { return true; }));
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  ends_when_the_disk_is_full();
+  is_refused_when_late();
+  const char* rule = argc > 1 ? argv[1] : "eager";
+  const Commit commit = std::strcmp(rule, "eager") == 0     ? Commit::eager
+                        : std::strcmp(rule, "patient") == 0 ? Commit::patient
+                                                            : Commit::progressive;
+  ManualClock::at = {};
+  Node node(commit);
+  HOLDS(node.op.record([](std::string_view line) { return std::fwrite(line.data(), 1, line.size(), stdout) == line.size(); }));
+  for (unsigned i = 0; i < 20000; ++i) node.act();
+  HOLDS(node.op.is_recording() && node.outputs > 200);
+}
