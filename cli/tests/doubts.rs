@@ -276,6 +276,94 @@ fn the_one_cause_of_most_violations_is_named() {
     assert!(printed.contains(&format!("line {line} is 584.5")), "{printed}");
 }
 
+/// What the second line of the verdict on a log with violations says.
+fn cause(log: &str) -> String {
+    let checked = run(&[&["check"], &OBSERVED[..]].concat(), log);
+    assert_eq!(checked.status.code(), Some(1), "{}", out(&checked));
+    out(&checked).lines().take(3).collect::<Vec<_>>().join("\n")
+}
+
+/// The same log in the order of its instants.
+fn in_order(log: &str) -> String {
+    let at = |line: &&str| {
+        serde_json::from_str::<Value>(line).unwrap()["at"].as_u64().unwrap_or_default()
+    };
+    let mut lines: Vec<&str> = log.lines().collect();
+    lines.sort_by_key(at);
+    lines.join("\n") + "\n"
+}
+
+#[test]
+fn outputs_of_another_clock_are_told() {
+    let hour = 3_600_000_000_000_u64;
+    let off = |by: i64| {
+        let stamped = log(20, |t, at| {
+            let mut lines = message(t, at + 2 * hour, 0);
+            let at = (at + 2 * hour + 41_000_000).checked_add_signed(by).unwrap();
+            lines[4] = event("emit", at, t, ",\"p\":1");
+            lines
+        });
+        cause(&in_order(&stamped))
+    };
+    // An open that comes after its output is no second one, and its message is no message without an open.
+    let told = off(-300_000_000);
+    assert!(told.contains("(20 violations), 20 timestamps judged"), "{told}");
+    assert!(told.contains("outputs come 259 ms before the opens of their messages"), "{told}");
+    assert!(!told.contains("unopened"), "{told}");
+    let told = off(-hour.cast_signed());
+    assert!(told.contains("is their time zone another? (20 of 20 violations)"), "{told}");
+    let told = off(hour.cast_signed());
+    assert!(told.contains("s late; is their time zone another? (20 of 20 violations)"), "{told}");
+}
+
+#[test]
+fn outputs_of_other_timestamps_are_told() {
+    let stamped = log(20, |t, at| {
+        let mut lines = message(t, at, 0);
+        lines[4] = event("emit", at + 41_000_000, at + 41_000_000, ",\"p\":1");
+        lines
+    });
+    let told = cause(&stamped);
+    assert!(
+        told.contains("outputs are of timestamps that no open has, 1241000000 first"),
+        "{told}"
+    );
+    assert!(told.contains("20 unopened"), "{told}");
+    let told = cause(&log(20, |t, at| message(t, at, 0)[..4].to_vec()));
+    assert!(told.contains("the trace has no output at all"), "{told}");
+}
+
+/// A message goes on waiting for the cloud after local's output.
+#[test]
+fn a_silent_cloud_is_told_under_progressive() {
+    let text = log(20, |t, at| {
+        let mut lines = message(t, at, 0);
+        lines.truncate(3);
+        lines.push(event("emit", at + 9_000_000, t, ",\"p\":0"));
+        lines
+    });
+    let header =
+        r#"{"fuseline":1,"window":16,"commit":"progressive","clouds":[{"p":1,"limit":15}]}"#;
+    let text = text.replacen(text.lines().next().unwrap(), header, 1);
+    let checked = run(&[&["check"], &OBSERVED[..]].concat(), &text);
+    assert_eq!(checked.status.code(), Some(3), "{}", out(&checked));
+    assert!(out(&checked).contains("in doubt: 20 silent"), "{}", out(&checked));
+    // One that is ahead of the cloud's ends the waiting.
+    let two = header.replace("}]", "},{\"p\":2,\"limit\":15}]");
+    let ahead = |t: u64, at: u64| {
+        let mut lines = message(t, at, 0);
+        lines.insert(1, event("request", at + 1_000_000, t, ",\"p\":2,\"deadline\":100000000"));
+        lines[4] = event("result", at + 40_000_000, t, ",\"p\":2");
+        lines[5] = event("emit", at + 41_000_000, t, ",\"p\":2");
+        lines.insert(4, event("emit", at + 9_000_000, t, ",\"p\":0"));
+        lines
+    };
+    let text = log(20, ahead);
+    let text = text.replacen(text.lines().next().unwrap(), &two, 1);
+    let checked = run(&[&["check"], &OBSERVED[..]].concat(), &text);
+    assert_eq!(checked.status.code(), Some(0), "{}", out(&checked));
+}
+
 #[test]
 fn what_is_late_has_one_figure() {
     let late = |t, at| {

@@ -176,6 +176,14 @@ impl DoubtfulMessages {
         }
     }
 
+    /// Takes one back that is among the first million.
+    pub(crate) fn remove(&mut self, t: u64) {
+        if let Some(place) = self.messages.iter().rposition(|message| *message == t) {
+            self.messages.swap_remove(place);
+            self.count -= 1;
+        }
+    }
+
     /// The doubt about them, if there are any.
     pub(crate) fn doubt(mut self, kind: DoubtKind) -> Option<Doubt> {
         self.messages.sort_unstable();

@@ -3,14 +3,16 @@
 use std::collections::BTreeMap;
 
 use super::doubts::nanos;
-use crate::event::{Event, Header, Input};
+use super::open::WholeMessageHistory;
+use crate::event::{Decision, Event, Header, Input};
 
 /// A day: no operator leaves so much between two lines by itself.
 const DAY: u64 = 86_400_000_000_000;
 /// Of how many outputs a result is still looked for, and how many differences of clocks are kept.
 const SAMPLES: usize = 1024;
-/// Time zones differ by multiples of this, and clocks of one host by less than that.
+/// Time zones differ by multiples of this, up to so much, and clocks of one host by less than that.
 const ZONE: u64 = 900_000_000_000;
+const ZONES: u64 = 54_000_000_000_000;
 const DRIFT: u64 = 5_000_000_000;
 
 /// What a violation may come of.
@@ -26,6 +28,12 @@ pub(super) enum Suspicion {
     ResultMissing { p: u64, at: u64 },
     /// A result of `p` is recorded by so much earlier than its request.
     ResultBeforeRequest { p: u64, by: u64 },
+    /// Something came out of a timestamp that no open has.
+    StrangeOutput,
+    /// Nothing came out of a timestamp that was opened.
+    NoOutput,
+    /// What came out is by so much too late.
+    LateOutput { by: u64 },
 }
 
 /// Gathers what violations may come of.
@@ -53,6 +61,31 @@ pub(super) struct CauseTracker {
     of_first: u64,
     /// How late what came too late was, if that is more than half a day.
     very_late: Vec<u64>,
+    /// How late outputs were.
+    late: Vec<u64>,
+    /// By how much outputs come before the opens of their messages.
+    early: Vec<u64>,
+    /// Messages without an open: the first output of each, and whether it breaks a rule.
+    unopened: BTreeMap<u64, (u64, bool)>,
+    /// How many outputs of timestamps that no open has break a rule, and the first such timestamp.
+    strange: (u64, Option<u64>),
+    /// How many messages without an output break a rule.
+    no_output: u64,
+    /// Whether anything came out in the whole trace.
+    has_output: bool,
+}
+
+impl Suspicion {
+    /// What outputs, or that there are none, may come of.
+    pub(super) fn of_outputs(whole: &WholeMessageHistory, late: Option<u64>) -> Option<Self> {
+        let has_output = !(whole.outputs.is_empty() && whole.finals.is_empty());
+        match (whole.is_opened(), has_output) {
+            (false, true) => Some(Self::StrangeOutput),
+            (true, false) => Some(Self::NoOutput),
+            (true, true) => late.map(|by| Self::LateOutput { by }),
+            (false, false) => None,
+        }
+    }
 }
 
 impl CauseTracker {
@@ -87,6 +120,33 @@ impl CauseTracker {
             }
             self.last_open = Some(t);
         }
+        if let Event::Decision(
+            Decision::Emit { .. } | Decision::Final { .. } | Decision::Miss { .. },
+        ) = event
+        {
+            self.has_output = true;
+        }
+    }
+
+    /// Takes a message without an open that is done with.
+    pub(super) fn closes_unopened(&mut self, t: u64, output: Option<u64>, is_broken: bool) {
+        if let Some(at) = output
+            && self.unopened.len() < SAMPLES
+        {
+            self.unopened.insert(t, (at, is_broken));
+        }
+    }
+
+    /// Whether a timestamp is opened at `at` that was done with as one without an open: by how much its output came before, and
+    /// whether that broke a rule.
+    pub(super) fn opens_late(&mut self, t: u64, at: u64) -> Option<(u64, bool)> {
+        let (output, is_broken) = self.unopened.remove(&t)?;
+        let by = at.saturating_sub(output);
+        if self.early.len() < SAMPLES {
+            self.early.push(by);
+        }
+        self.strange.0 = self.strange.0.saturating_sub(u64::from(is_broken));
+        Some((by, is_broken))
     }
 
     /// Takes a violation.
@@ -105,10 +165,16 @@ impl CauseTracker {
             Some(Suspicion::OpenedAgain) => self.opened_again += 1,
             Some(Suspicion::ResultAfterOutput { p, by }) => sample(&mut self.after, p, by),
             Some(Suspicion::ResultBeforeRequest { p, by }) => sample(&mut self.before, p, by),
+            Some(Suspicion::StrangeOutput) => {
+                self.strange.0 += 1;
+                self.strange.1 = self.strange.1.or(Some(t));
+            }
+            Some(Suspicion::NoOutput) => self.no_output += 1,
+            Some(Suspicion::LateOutput { by }) if self.late.len() < SAMPLES => self.late.push(by),
             Some(Suspicion::ResultMissing { p, at }) if self.missing.len() < SAMPLES => {
                 self.missing.insert((t, p), at);
             }
-            None | Some(Suspicion::ResultMissing { .. }) => {}
+            None | Some(Suspicion::ResultMissing { .. } | Suspicion::LateOutput { .. }) => {}
         }
     }
 
@@ -169,8 +235,10 @@ impl CauseTracker {
         for (samples, than, is) in clocks {
             causes.extend(samples.into_iter().map(|(p, by)| {
                 let (explained, by) = constant(by)?;
-                let zone = ZONE - by % ZONE <= DRIFT || by % ZONE <= DRIFT;
-                let about = if zone && by > ZONE {
+                // Local is asked by the open.
+                let than =
+                    if p == 0 { than.replace("requests", "messages") } else { than.to_owned() };
+                let about = if is_zone(by) {
                     "; is its time zone another?".to_owned()
                 } else {
                     format!("; is its clock {is}?")
@@ -181,6 +249,9 @@ impl CauseTracker {
                 ))
             }));
         }
+        causes.push(of_early(self.early));
+        causes.push(of_late(self.late));
+        causes.push(of_outputs(self.has_output, self.strange, self.no_output));
         let most = causes.into_iter().flatten().max_by_key(|(explained, _)| *explained);
         let (explained, text) = most.filter(|(explained, _)| explained * 2 > violations)?;
         Some(format!("{text} ({explained} of {violations} violations)"))
@@ -202,6 +273,43 @@ impl CauseTracker {
         let ((line, ..), (2, jump)) = (self.first?, self.first_jump?) else { return None };
         Some((self.of_first, format!("line {line} is {} off; is its stamp right?", nanos(jump))))
     }
+}
+
+/// Whether two clocks are apart as two time zones are.
+const fn is_zone(by: u64) -> bool {
+    let is_near = ZONE - by % ZONE <= DRIFT || by % ZONE <= DRIFT;
+    is_near && by > ZONE && by <= ZONES + DRIFT
+}
+
+fn of_early(samples: Vec<u64>) -> Option<(u64, String)> {
+    let (explained, by) = constant(samples)?;
+    let what = if is_zone(by) { "time zone another" } else { "clock behind" };
+    let text =
+        format!("outputs come {} before the opens of their messages; is their {what}?", nanos(by));
+    Some((explained, text))
+}
+
+/// A delay may be the operator's own, but hardly one of whole quarters of an hour.
+fn of_late(samples: Vec<u64>) -> Option<(u64, String)> {
+    let (explained, by) = constant(samples).filter(|(_, by)| is_zone(*by))?;
+    Some((explained, format!("outputs come {} late; is their time zone another?", nanos(by))))
+}
+
+/// Outputs that are missing, or have other timestamps than messages.
+fn of_outputs(
+    has_output: bool,
+    (strange, first): (u64, Option<u64>),
+    missing: u64,
+) -> Option<(u64, String)> {
+    if !has_output {
+        let text = "the trace has no output at all; did the log have them, under another name?";
+        return (missing > 1).then(|| (missing, text.to_owned()));
+    }
+    let first = first.filter(|_| strange > 1)?;
+    let text = format!(
+        "outputs are of timestamps that no open has, {first} first; do they have the timestamps of their messages?"
+    );
+    Some((strange + missing.min(strange), text))
 }
 
 fn sample(samples: &mut BTreeMap<u64, Vec<u64>>, p: u64, by: u64) {

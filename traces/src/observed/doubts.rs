@@ -1,14 +1,15 @@
 //! What an observed trace leaves in doubt (SPEC.md, *Doubts*).
 
-use super::open::{OpenMessageHistory, WholeMessageHistory};
+use super::open::{ObservedOutput, OpenMessageHistory, WholeMessageHistory};
 use super::slack::SourceSlack;
 use crate::annotations::Annotations;
 use crate::doubt::{Doubt, DoubtKind, DoubtfulMessages};
-use crate::event::{Decision, Event, Header, Input};
+use crate::event::{Commit, Decision, Event, Header, Input};
 
 /// Gathers what the judge cannot see.
 #[derive(Debug)]
 pub(super) struct DoubtTracker {
+    is_progressive: bool,
     /// Local, then the clouds of the header.
     sources: Vec<SourceAccount>,
     /// How many of them were not heard of yet.
@@ -54,6 +55,7 @@ impl DoubtTracker {
             SourceAccount::new(p, name)
         });
         Self {
+            is_progressive: header.commit == Commit::Progressive,
             sources: std::iter::once(SourceAccount::new(0, "local".to_owned()))
                 .chain(clouds)
                 .collect(),
@@ -131,7 +133,7 @@ impl DoubtTracker {
                 self.ordered = 1;
             }
             if self.unheard > 0 {
-                self.runs_out(story, out, slack, end);
+                self.runs_out(whole, slack, end);
             }
         }
         let Some((at, deadline)) = story.open else { return };
@@ -148,20 +150,25 @@ impl DoubtTracker {
         }
     }
 
-    /// Counts the requests of clouds not heard of that were still awaited when they were due.
-    fn runs_out(
-        &mut self,
-        story: &super::story::MessageHistory,
-        out: Option<u64>,
-        slack: &SourceSlack,
-        end: u64,
-    ) {
+    /// Counts the requests of clouds not heard of that were still awaited when they were due. Under progressive a message goes
+    /// on waiting for what outranks its output.
+    fn runs_out(&mut self, whole: &WholeMessageHistory, slack: &SourceSlack, end: u64) {
+        let WholeMessageHistory { story, outputs, finals, .. } = whole;
         for source in self.sources.iter_mut().filter(|source| !source.is_heard) {
             let due = story.requests.iter().find(|(p, ..)| *p == source.p).map(|(.., due)| *due);
+            let is_last = |output: &&ObservedOutput| {
+                !self.is_progressive || output.p.is_none_or(|p| p > source.p)
+            };
+            let retired = outputs.iter().filter(is_last).chain(finals).map(|output| output.at);
             let tolerance = slack.tolerance_of(source.p).saturating_add(slack.tolerance());
-            let by = out.unwrap_or(end).saturating_add(tolerance);
+            let by = retired.min().unwrap_or(end).saturating_add(tolerance);
             source.ran_out += u64::from(due.is_some_and(|due| due <= by));
         }
+    }
+
+    /// A message that was taken for one without an open is opened after all.
+    pub(super) fn opens_late(&mut self, t: u64) {
+        self.unopened.remove(t);
     }
 
     /// A message of an ended run waits for local.

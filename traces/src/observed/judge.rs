@@ -9,13 +9,13 @@ use std::io::BufRead;
 
 use rangemap::RangeInclusiveSet;
 
-use super::causes::CauseTracker;
+use super::causes::{CauseTracker, Suspicion};
 use super::doubts::DoubtTracker;
 use super::gap::{Gap, Gaps, Opened};
 use super::open::{OpenMessageHistory, WholeMessageHistory};
 use super::slack::{Slack, SourceSlack};
 use super::verdict::{BrokenRule, Verdict, Violation};
-use super::violation::{UnlocatedViolation, of_again, of_refused, of_story};
+use super::violation::{UnlocatedViolation, of_again, of_late_open, of_refused, of_story};
 use super::window::CrowdedOpens;
 use crate::annotations::{Annotations, HeaderAnnotations};
 use crate::event::{Commit, Decision, Event, Header, Input};
@@ -455,7 +455,7 @@ impl Judge {
             open.refused(t, &self.slack).into_iter().for_each(|opened| gaps.refuses(opened));
         }
         let unplaced = if self.ended.contains(&t) {
-            of_again(t, whole)
+            self.again(t, whole)
         } else if Self::is_refused(whole) {
             self.refused.insert(t..=t);
             let unplaced = of_refused(t, whole);
@@ -471,6 +471,10 @@ impl Judge {
             let unplaced = self.violation(t, whole, end);
             let is_broken = unplaced.is_some() || self.broken.contains(&t);
             self.doubts.closes(t, open, whole, &self.slack, (is_broken, end));
+            if !whole.is_opened() {
+                let first = whole.outputs.iter().map(|output| output.at).min();
+                self.causes.closes_unopened(t, first, unplaced.is_some());
+            }
             match &mut self.verdict.unfinished {
                 // P7: what breaks nothing and is open to the end of time waits for local.
                 Some(unfinished) if !is_broken && !open.has_come_out() => {
@@ -485,12 +489,26 @@ impl Judge {
             unplaced
         };
         if let Some(mut unplaced) = unplaced {
+            let of_outputs = Suspicion::of_outputs(whole, unplaced.late);
+            if unplaced.suspicion.is_none() || of_outputs == Some(Suspicion::StrangeOutput) {
+                unplaced.suspicion = of_outputs;
+            }
             if self.verdict.unfinished.is_some() && unplaced.line.is_none() {
                 // It never came.
                 unplaced.late = None;
             }
             self.tell(t, open, unplaced);
         }
+    }
+
+    /// What comes for a timestamp that is done with: it was retired before, or its open comes after its output.
+    fn again(&mut self, t: u64, whole: &WholeMessageHistory) -> Option<UnlocatedViolation> {
+        let opened = whole.story.open.filter(|_| whole.outputs.is_empty());
+        let late = opened.and_then(|(at, _)| self.causes.opens_late(t, at));
+        let Some((by, is_broken)) = late else { return of_again(t, whole) };
+        self.doubts.opens_late(t);
+        self.verdict.judged += 1;
+        (!is_broken).then(|| of_late_open(t, whole, by))
     }
 
     /// J1: goes through the opens that no line can change any more in a trace that has come to `greatest`; at its end

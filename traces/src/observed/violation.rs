@@ -38,6 +38,14 @@ pub(super) fn of_again(t: u64, whole: &WholeMessageHistory) -> Option<UnlocatedV
     of_open_or_request(t, whole, "it was opened before, and retired")
 }
 
+/// An open that is recorded after what came out of its timestamp.
+pub(super) fn of_late_open(t: u64, whole: &WholeMessageHistory, by: u64) -> UnlocatedViolation {
+    let line = whole.first_open.unwrap_or_default();
+    let found = format!("an open of timestamp {t} {} after its first output", nanos(by));
+    let expected = "the open before what comes of it".to_owned();
+    UnlocatedViolation::new(Rule::F1, line, found, expected)
+}
+
 /// What comes for a timestamp of which each open was refused (A42).
 pub(super) fn of_refused(t: u64, whole: &WholeMessageHistory) -> Option<UnlocatedViolation> {
     if let Some(line) = whole.line() {
