@@ -131,7 +131,7 @@ pub(crate) fn export(args: &Args) -> Result<Exit, Fault> {
     if !lost.is_empty() {
         let (name, lost) = (name(inputs[0]), lost.join(", "));
         complain(format_args!(
-            "note: {name}: left out, since spans cannot say them: {lost}; a trace made of these spans may conform where this one does not"
+            "note: {name}: left out, since spans cannot say them: {lost}; the verdict on a trace made of these spans may be another"
         ));
     }
     for name in left_out {

@@ -22,8 +22,8 @@ pub(super) struct SpanWriter<W> {
     operator_name: String,
     names: BTreeMap<u64, String>,
     open: BTreeMap<u64, MessageSpan>,
-    /// Opened last, and perhaps refused.
-    opened: Option<u64>,
+    /// Opened last, and perhaps refused; and the newest before it.
+    opened: Option<(u64, Option<u64>)>,
     /// The greatest timestamp opened.
     newest: Option<u64>,
     /// What spans cannot say of a message, unless it is refused or dropped next.
@@ -47,8 +47,8 @@ struct MessageSpan {
     span_id: String,
     start: u64,
     attributes: SpanAttributes,
-    /// Of the last output under progressive.
-    by: Option<u64>,
+    /// Of the last output under progressive, and when it was sent.
+    by: Option<(u64, u64)>,
     /// What was requested.
     asked: BTreeSet<(u64, Option<u8>)>,
     /// Local and the requests that have not ended, by their priority and attempt.
@@ -136,12 +136,13 @@ impl<W: Write> SpanWriter<W> {
                 if self.newest.is_some_and(|newest| t <= newest) {
                     self.pending = Some((OPEN, t));
                 }
-                self.newest = self.newest.max(Some(t));
+                let before = self.newest;
+                self.newest = before.max(Some(t));
                 if let Entry::Vacant(place) = self.open.entry(t) {
                     let mut message = MessageSpan::new(&self.operator, at, t, annotations);
                     message.attributes.optional("fuseline.deadline", deadline);
                     place.insert(message);
-                    self.opened = Some(t);
+                    self.opened = Some((t, before));
                 }
                 Ok(())
             }
@@ -185,8 +186,8 @@ impl<W: Write> SpanWriter<W> {
             Decision::Cancel { at, t, p } => {
                 self.end_calls(at, t, p, SpanEnd::EndedByCaller("cancelled"))
             }
-            Decision::Emit { t, p, .. } if self.commit == Commit::Progressive => {
-                match self.open.get_mut(&t).map(|message| message.by.replace(p)) {
+            Decision::Emit { at, t, p } if self.commit == Commit::Progressive => {
+                match self.open.get_mut(&t).map(|message| message.by.replace((p, at))) {
                     None => self.loses_late(OUTPUT, t),
                     Some(Some(_)) => self.loses(OUTPUT, t),
                     Some(None) => {}
@@ -203,14 +204,15 @@ impl<W: Write> SpanWriter<W> {
             Decision::Final { at, t, p } => self.end_message(Some(at), t, Some(p), None),
             Decision::Miss { at, t } => self.end_message(Some(at), t, None, None),
             Decision::RefuseOpen { t, .. } => {
-                self.pending = None;
-                if self.opened.take() == Some(t) {
+                self.pending.take_if(|(_, pending)| *pending == t);
+                if let Some((_, before)) = self.opened.take_if(|(opened, _)| *opened == t) {
                     self.open.remove(&t);
+                    self.newest = before;
                 }
                 Ok(())
             }
-            Decision::Drop { .. } => {
-                self.pending = None;
+            Decision::Drop { t, .. } => {
+                self.pending.take_if(|(_, pending)| *pending == t);
                 Ok(())
             }
             Decision::RefuseOffer { .. } | Decision::Hold { .. } => Ok(()),
@@ -274,7 +276,10 @@ impl<W: Write> SpanWriter<W> {
     ) -> io::Result<()> {
         self.end_open_calls(at, t)?;
         let Some(message) = self.open.remove(&t) else { return Ok(()) };
-        let MessageSpan { trace_id, span_id, start, mut attributes, .. } = message;
+        let MessageSpan { trace_id, span_id, start, mut attributes, by: sent, .. } = message;
+        // Under progressive a message goes on after its output.
+        let sent = sent.map(|(_, sent)| sent).filter(|sent| Some(*sent) != at);
+        attributes.optional("fuseline.took", sent.map(|sent| sent.saturating_sub(start)));
         attributes.optional("fuseline.by", by);
         attributes.optional("fuseline.of", of);
         let span = EndedSpan {
@@ -381,9 +386,10 @@ impl<W: Write> TraceViewer for SpanWriter<W> {
         if !matches!(event, Event::Input(Input::Tick { .. })) {
             self.ends.1 = self.ends.1.max(event.at());
         }
-        let undoes =
-            matches!(event, Event::Decision(Decision::RefuseOpen { .. } | Decision::Drop { .. }));
-        if !undoes && let Some((what, t)) = self.pending.take() {
+        // What is due comes before the refusal.
+        if matches!(event, Event::Input(_))
+            && let Some((what, t)) = self.pending.take()
+        {
             self.loses(what, t);
         }
         match event {
@@ -408,7 +414,7 @@ impl<W: Write> TraceViewer for SpanWriter<W> {
     fn finish(mut self: Box<Self>) -> io::Result<()> {
         let open: Vec<u64> = self.open.keys().copied().collect();
         for t in open {
-            let by = self.open.get(&t).and_then(|message| message.by);
+            let by = self.open.get(&t).and_then(|message| message.by).map(|(p, _)| p);
             self.end_message(None, t, by, None)?;
         }
         self.out.write_all(b"\n]}]}]}\n")?;

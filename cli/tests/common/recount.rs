@@ -37,6 +37,8 @@ pub(crate) struct RecountedSpan {
     pub(crate) annotations: Annotations,
     /// Whose result was sent last.
     pub(crate) by: Option<u64>,
+    /// When, if the message goes on.
+    pub(crate) sent: Option<u64>,
     /// When, and of which timestamp it was.
     pub(crate) end: Option<(u64, Option<u64>)>,
 }
@@ -73,7 +75,7 @@ impl DrawnTrace {
                     call(index, (t, 0), at, deadline.map(|deadline| at.saturating_add(deadline)));
                     if !self.is_refused(index) {
                         let annotations = annotations.clone();
-                        let (by, end, opened) = (None, None, at);
+                        let (by, sent, end, opened) = (None, None, None, at);
                         messages.push(RecountedSpan {
                             index,
                             t,
@@ -81,6 +83,7 @@ impl DrawnTrace {
                             deadline,
                             annotations,
                             by,
+                            sent,
                             end,
                         });
                     }
@@ -91,7 +94,9 @@ impl DrawnTrace {
                 Event::Decision(Decision::Emit { at, t, p }) => {
                     let message = open(&mut messages, t).unwrap();
                     message.by = Some(p);
-                    if !self.is_progressive() {
+                    if self.is_progressive() {
+                        message.sent = Some(at);
+                    } else {
                         message.end = Some((at, annotations.of));
                     }
                 }
