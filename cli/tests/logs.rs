@@ -508,3 +508,42 @@ fn units_that_cannot_be_meant_are_noted() {
     let refused = refused("at;ev;t\n1;open;1\n", "log.csv", &[]);
     assert!(refused.contains("the row has at;ev;t; --separator says what stands"), "{refused}");
 }
+
+#[test]
+fn one_odd_id_is_noted_with_its_line() {
+    let log = "ev,at,t\nopen,0,1\nmiss,5,1\nopen,9,2\nmiss,12,2.5\n";
+    let (_, notes) = noted(log, "log.csv", &[]);
+    let odd = "lines whose id is no whole number, though others are: 1 (line 5: 2.5)";
+    assert!(notes.contains(odd), "{notes}");
+    let (_, notes) = noted("ev,at,t\nopen,0,a\nmiss,5,a\n", "log.csv", &[]);
+    assert!(!notes.contains("no whole number"), "{notes}");
+}
+
+#[test]
+fn an_instant_of_minus_one_is_noted() {
+    let log = "open,miss,t\n0,-1,1\n9,12,2\n";
+    let (_, notes) = noted(log, "log.csv", &["--frame", "open=open,miss=miss,t=t"]);
+    assert!(notes.contains("1 (line 2); if they stand for no value, say so with --missing=-1"));
+}
+
+#[test]
+fn attempts_that_no_column_names_are_noted() {
+    let log = "ev,at,t,p,due,try\nopen,0,1,,,\nrequest,1,1,west,9,0\nmiss,12,1,,,\n";
+    let (_, notes) = noted(log, "log.csv", &[]);
+    assert!(notes.contains("1 (line 3: 0); if it says which attempt"), "{notes}");
+}
+
+#[test]
+fn spaces_around_names_are_no_part_of_them() {
+    let log = concat!(
+        r#"{"ev":"open ","at":0,"t":1}"#,
+        "\n",
+        r#"{"ev":"request","at":1,"t":1,"p":" west","deadline":" ","due":50}"#,
+        "\n",
+    );
+    let found = events(log, "log.jsonl", &[]);
+    assert_eq!((&found[1]["p"], &found[1]["due"]), (&json!(1), &json!(50)));
+    let log = log.replace(",\"due\":50", "");
+    let message = refused(&log, "log.jsonl", &[]);
+    assert!(message.contains("\"deadline\" is null or empty"), "{message}");
+}

@@ -167,7 +167,7 @@ fn what_cannot_be_read_is_reported_with_its_place() {
         json!({"attributes": [{"key": "fuseline.deadline", "value": {"stringValue": "soon"}}]});
     let soon = span("a", "1", "infer.Model/Infer", 3, [1, 8], &late);
     for (spans, expected) in [
-        (vec![], "no span is a message; name them with --span message=NAME"),
+        (vec![], "no whole span in the file"),
         (vec![message.clone(), call], "\"other\" is no source; the header has"),
         (vec![message.clone(), known], "give --deadline TIME"),
         (
@@ -311,6 +311,74 @@ fn spans_left_out_are_counted() {
         "messages left out, since a span of theirs ends before it begins: 1 (the span \"decide\" with the id 1: by 8 ms)",
     ] {
         assert!(err(&done).contains(note), "{}", err(&done));
+    }
+}
+
+/// The spans of one message may stand in several files, and some in two.
+#[test]
+fn spans_of_several_files_are_one_log() {
+    let dir = tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name).display().to_string();
+    let message = span("1", "", "decide", 1, [1, 9], &json!({}));
+    let call = span("2", "1", "infer.Model/Infer", 3, [1, 8], &json!({}));
+    fs::write(path("header.jsonl"), format!("{HEADER}\n")).unwrap();
+    // Without any wrapper.
+    fs::write(path("one.json"), json!([call, message]).to_string()).unwrap();
+    fs::write(path("two.json"), json!([message]).to_string()).unwrap();
+    let (header, one, two) = (path("header.jsonl"), path("one.json"), path("two.json"));
+    let more = ["--deadline", "40ms"];
+    let done = run(&[&["convert", "--header", &header, &one, &two], &more[..]].concat(), "");
+    assert_eq!((out(&done).lines().count(), done.status.code()), (5, Some(0)), "{}", err(&done));
+    assert!(err(&done).contains("two.json: spans exported twice; each was taken once: 1"));
+    let other = json!([{"traceID": "1", "operationName": "decide"}]).to_string();
+    fs::write(&one, other).unwrap();
+    let done = run(&["convert", "--header", &header, &one], "");
+    assert_eq!(done.status.code(), Some(2));
+    assert!(err(&done).contains("spans as Jaeger or Zipkin had them"), "{}", err(&done));
+    fs::write(&one, "[]").unwrap();
+    let done = run(&["convert", "--from", "otlp", "--header", &header, &one], "");
+    assert!(err(&done).contains("no whole span in the file"), "{}", err(&done));
+    fs::write(&one, "INFO: {\"spans\":[]}").unwrap();
+    let done = run(&["convert", "--from", "otlp", "--header", &header, &one], "");
+    assert!(err(&done).contains("is taken off by grep"), "{}", err(&done));
+}
+
+#[test]
+fn spans_that_never_ended_are_counted() {
+    let spans = [
+        span("1", "", "decide", 1, [1, 9], &json!({})),
+        span("2", "1", "infer.Model/Infer", 3, [1, 0], &json!({})),
+        span("3", "1", "plan", 1, [1, 2], &json!({})),
+    ];
+    let done = converted(&spans, &["--deadline", "40ms"]);
+    let note = "spans that have not ended, read as still going on: 1 (the span \"infer.Model/Infer\" with the id 2)";
+    assert!(err(&done).contains(note), "{}", err(&done));
+}
+
+/// Under progressive a message goes on after its output.
+#[test]
+fn a_progressive_output_comes_back() {
+    let dir = tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name).display().to_string();
+    let (trace, spans) = (at("trace.jsonl"), at("spans.json"));
+    let lines = concat!(
+        r#"{"fuseline":1,"window":4,"commit":"progressive","clouds":[{"p":1,"name":"west","limit":31}]}"#,
+        "\n",
+        r#"{"ev":"open","at":1000000,"t":1}"#,
+        "\n",
+        r#"{"ev":"request","at":1000000,"t":1,"p":1,"due":51000000}"#,
+        "\n",
+        r#"{"ev":"result","at":9000000,"t":1,"p":0}"#,
+        "\n",
+        r#"{"ev":"emit","at":9000001,"t":1,"p":0}"#,
+        "\n",
+    );
+    for end in ["", "{\"ev\":\"final\",\"at\":51000000,\"t\":1,\"p\":0}\n"] {
+        fs::write(&trace, format!("{lines}{end}")).unwrap();
+        let exported = run(&["export", "--otlp", "--force", &trace, "-o", &spans], "");
+        assert_eq!(err(&exported), "");
+        let back = run(&["convert", "--header", &trace, &spans], "");
+        assert_eq!(out(&back), lines);
     }
 }
 

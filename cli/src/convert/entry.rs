@@ -115,6 +115,7 @@ impl Sources {
 
     /// The priority of a source, which the log calls by that or by its name.
     pub(super) fn priority(&mut self, name: &str) -> Result<u64, String> {
+        let name = name.trim();
         let number = super::value::number(name).ok();
         if self.locals.iter().any(|local| local == name) {
             self.locals_seen.insert(name.to_owned());

@@ -24,6 +24,7 @@ const REPEATED: &str = "events that repeat an earlier one in every value";
 pub(super) const TWICE: &str = "messages whose id was opened before";
 pub(super) const BACKWARDS: &str = "messages with a lower id than the one before";
 const TEXTS: &str = "messages numbered in their order, since ids are texts (x keeps them)";
+const MIXED: &str = "lines whose id is no whole number, though others are";
 const NEGATIVE: &str = "instants before 0; all were moved";
 const UNORDERED: &str = "places where the log seems to restart, taken for one run as --sort says";
 const GAPS: &str = "instants more than a day after the one before";
@@ -243,6 +244,18 @@ fn note_disorder(entries: &[Entry], notes: &mut Notes) {
     }
 }
 
+/// Counts texts among ids that are numbers: one of them may be a slip.
+fn note_mixed(entries: &[Entry], notes: &mut Notes) {
+    if !entries.iter().any(|entry| matches!(entry.t, Some(Id::Number(_)))) {
+        return;
+    }
+    for entry in entries {
+        if let Some(Id::Text(text)) = &entry.t {
+            notes.add(MIXED, &entry.place, || text.to_string());
+        }
+    }
+}
+
 impl Run {
     fn new(entries: Vec<Entry>, shift: i128, notes: &mut Notes) -> Self {
         let is_text = |id: &Option<Id>| matches!(id, Some(Id::Text(_)));
@@ -253,6 +266,7 @@ impl Run {
                 let next = numbers.len() as u64;
                 numbers.entry(id.clone()).or_insert(next);
             }
+            note_mixed(&entries, notes);
             for entry in entries.iter().filter(|entry| entry.ev == "open") {
                 if let Some(t) = &entry.t {
                     notes.add(TEXTS, &entry.place, || format!("{t} is {}", numbers[t]));

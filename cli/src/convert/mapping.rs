@@ -17,6 +17,8 @@ const COMMAS: &str = "times with a decimal comma";
 const ZONELESS: &str = "times of day without a zone, read as UTC";
 const UNTIMED: &str = "requests without a deadline, at which convert stops";
 const UNREAD_OF: &str = "values of the key \"of\", which no --column names";
+const UNREAD_TRY: &str = "values of the key \"try\", which no --column names";
+const MINUS_ONE: &str = "instants of -1, read as before 0";
 const UNREAD_WITHIN: &str = "values of the key \"within\", which no --column names";
 
 /// What the user says of a log.
@@ -109,6 +111,7 @@ impl Mapping<'_> {
         self.complete(&mut entry, row)?;
         let unread = [
             ("of", UNREAD_OF, "if it says whose value a result is, give --column of=of"),
+            ("try", UNREAD_TRY, "if it says which attempt a line is of, give --column try=try"),
             (
                 "within",
                 UNREAD_WITHIN,
@@ -132,7 +135,7 @@ impl Mapping<'_> {
         let Some(name) = self.cell(row, "ev") else {
             return Err(self.lacking("ev", "row", row));
         };
-        let name = name.into_owned();
+        let name = name.trim().to_owned();
         self.event_names.add(&name.as_str().into());
         let event = self.events.get(&*name).copied();
         if event == Some("") {
@@ -224,7 +227,7 @@ impl Mapping<'_> {
     fn without_deadline(&self, row: &Row) -> Refusal {
         let name = self.named.get("deadline").copied().unwrap_or("deadline");
         let found = match row.cell(name) {
-            Some("") => format!("{name:?} is null or empty"),
+            Some(text) if text.trim().is_empty() => format!("{name:?} is null or empty"),
             Some(text) => format!("{name:?} is {text}, which --missing says is no value"),
             None => format!("the row has no {name:?}"),
         };
@@ -251,6 +254,7 @@ impl Mapping<'_> {
 
     /// Whether a text stands for no value.
     pub(super) fn is_missing(&self, text: &str) -> bool {
+        let text = text.trim();
         text.is_empty() || self.missing.iter().any(|missing| missing.eq_ignore_ascii_case(text))
     }
 
@@ -275,6 +279,10 @@ impl Mapping<'_> {
     pub(super) fn instant(&mut self, row: &Row, key: &str, text: &str) -> Result<Time, Refusal> {
         let time = value::instant(text, self.unit_of(key));
         let time = time.map_err(|why| self.wrong(key, text, &why))?;
+        if matches!(text.trim(), "-1" | "-1.0") {
+            let remedy = || format!("if they stand for no value, say so with --missing={text}");
+            self.notes.add_with(MINUS_ONE, &row.place, String::new, remedy);
+        }
         self.note_time(row, text, time);
         Ok(time)
     }
@@ -333,7 +341,9 @@ impl Mapping<'_> {
             return Refusal { message: found, lacks: Some(key.to_owned()) };
         };
         let message = match row.cell(name) {
-            Some("") => format!("column {name:?}{of}, which --column names for {key}, is empty"),
+            Some(text) if text.trim().is_empty() => {
+                format!("column {name:?}{of}, which --column names for {key}, is empty")
+            }
             Some(text) => {
                 format!("column {name:?}{of} is {text}, which --missing says is no value")
             }

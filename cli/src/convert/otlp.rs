@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::io::Read;
+use std::sync::Arc;
 
 use serde_json::{Map, Value};
 
@@ -10,6 +11,7 @@ use crate::convert::recorded::ConvertError;
 /// A span as far as it matters here.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(super) struct SpanRecord {
+    pub(super) file: Arc<str>,
     pub(super) id: SpanId,
     /// The parent, in the same trace.
     pub(super) parent: Option<SpanId>,
@@ -36,19 +38,32 @@ const STATUS_CODES: [&str; 4] = [
 ];
 /// Codes that say that the caller ended the call: it cancelled it, or its own deadline was over.
 const ENDED: [&str; 5] = ["1", "4", "cancelled", "canceled", "deadline_exceeded"];
-/// Names that wrappers of OTLP JSON begin with, and no log of rows.
-const WRAPPERS: [&str; 5] =
-    ["resourceSpans", "resource_spans", "scopeSpans", "scope_spans", "instrumentationLibrarySpans"];
+/// Names that OTLP JSON begins with, in a wrapper or without, and no log of rows.
+const WRAPPERS: [&str; 7] = [
+    "resourceSpans",
+    "resource_spans",
+    "scopeSpans",
+    "scope_spans",
+    "instrumentationLibrarySpans",
+    "startTimeUnixNano",
+    "start_time_unix_nano",
+];
+/// Names that spans of Jaeger or Zipkin have together.
+const OTHERS: [[&str; 2]; 2] = [["traceID", "operationName"], ["traceId", "localEndpoint"]];
 /// How deep wrappers and values lie within each other.
 const DEPTH: usize = 64;
 
 /// All spans of a file, which is one export or several, one after the other.
-pub(super) fn read(file: &str, inner: impl Read) -> Result<Vec<SpanRecord>, ConvertError> {
+pub(super) fn read(file: &Arc<str>, inner: impl Read) -> Result<Vec<SpanRecord>, ConvertError> {
     let exports = serde_json::Deserializer::from_reader(inner).into_iter::<Value>();
     let mut spans = Vec::new();
     for export in exports {
         let fault = |error: &serde_json::Error| {
-            let remedy = if error.is_eof() { "; --truncated reads what stands before" } else { "" };
+            let remedy = if error.is_eof() {
+                "; --truncated reads what stands before"
+            } else {
+                "; text that a logger wrote around it is taken off by grep -o '{.*}'"
+            };
             ConvertError::file(file, &format!("no OTLP JSON: {error}{remedy}"))
         };
         let export = export.map_err(|error| fault(&error))?;
@@ -64,7 +79,7 @@ pub(super) fn read(file: &str, inner: impl Read) -> Result<Vec<SpanRecord>, Conv
 
 /// The same up to where the file is cut.
 pub(super) fn read_truncated(
-    file: &str,
+    file: &Arc<str>,
     inner: impl Read,
 ) -> Result<(Vec<SpanRecord>, bool), ConvertError> {
     let mut spans = Vec::new();
@@ -84,14 +99,16 @@ pub(super) fn read_truncated(
 pub(super) fn is_export(start: &[u8]) -> bool {
     let text = String::from_utf8_lossy(start);
     let text = text.trim_start_matches('\u{feff}').trim_start();
-    let is_named = |name: &&str| text.contains(&format!("\"{name}\""));
+    let is_named = |name: &str| text.contains(&format!("\"{name}\""));
     let is_batches = || text.replace(char::is_whitespace, "").starts_with("{\"batches\":[");
-    text.starts_with(['{', '[']) && (WRAPPERS.iter().any(is_named) || is_batches())
+    let is_other = || OTHERS.iter().any(|names| names.iter().all(|name| is_named(name)));
+    text.starts_with(['{', '['])
+        && (WRAPPERS.iter().any(|name| is_named(name)) || is_other() || is_batches())
 }
 
 /// Takes the spans out of whatever they are wrapped in: what has a span's id and its begin is a span.
 fn gather(
-    file: &str,
+    file: &Arc<str>,
     value: &Value,
     depth: usize,
     spans: &mut Vec<SpanRecord>,
@@ -109,7 +126,7 @@ fn gather(
             if field(object, "spanId", "span_id").is_some()
                 && field(object, "name", "name").is_some()
             {
-                let span = span(object);
+                let span = span(file, object);
                 spans.push(span.map_err(|message| ConvertError::file(file, &message))?);
                 return Ok(());
             }
@@ -136,7 +153,7 @@ fn text(object: &Map<String, Value>, name: &str, other: &str) -> String {
     field(object, name, other).and_then(Value::as_str).unwrap_or_default().to_owned()
 }
 
-fn span(object: &Map<String, Value>) -> Result<SpanRecord, String> {
+fn span(file: &Arc<str>, object: &Map<String, Value>) -> Result<SpanRecord, String> {
     let trace = text(object, "traceId", "trace_id");
     let (own, name) = (text(object, "spanId", "span_id"), text(object, "name", "name"));
     let instant = |key: &str, other: &str| {
@@ -170,6 +187,7 @@ fn span(object: &Map<String, Value>) -> Result<SpanRecord, String> {
         Some((of, text(link, "spanId", "span_id")))
     };
     Ok(SpanRecord {
+        file: Arc::clone(file),
         parent: (!is_no_parent).then(|| (trace.clone(), parent)),
         links: links.filter_map(link).collect(),
         id: (trace.clone(), own),

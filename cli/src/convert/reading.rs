@@ -12,7 +12,7 @@ use crate::convert::frame::Frame;
 use crate::convert::json::{ArraySource, LineSource};
 use crate::convert::log::{Log, LogKind};
 use crate::convert::mapping::{Fixed, Mapping, Refusal};
-use crate::convert::otlp;
+use crate::convert::otlp::{self, SpanRecord};
 use crate::convert::recorded::ConvertError;
 use crate::convert::row::{Names, Notes, Problem, ProblemKind, Row, Source};
 use crate::convert::service::ServiceRows;
@@ -127,8 +127,12 @@ impl<'a> LogReader<'a> {
             notes: std::mem::take(&mut self.notes),
             left_out: 0,
         };
+        let mut spans = Vec::new();
         for file in files {
-            read_file(args, file, &mut mapping, &mut self.log)?;
+            read_file(args, file, &mut mapping, &mut self.log, &mut spans)?;
+        }
+        if self.log.kind == LogKind::Spans {
+            read_spans(args, &files[0].name, &spans, &mut mapping, &mut self.log)?;
         }
         if self.log.rows > 0
             && self.log.kind != LogKind::Spans
@@ -175,6 +179,7 @@ fn read_file(
     file: &LogFile,
     mapping: &mut Mapping<'_>,
     log: &mut Log,
+    spans: &mut Vec<SpanRecord>,
 ) -> Result<(), Fault> {
     let before = log.rows;
     let name = &file.name;
@@ -207,7 +212,10 @@ fn read_file(
             "objects"
         }
         Content::Spans => {
-            read_spans(args, file, reader, mapping, log)?;
+            let found = gather_spans(args, file, reader, mapping)?;
+            log.rows += found.len() as u64;
+            log.kind = LogKind::Spans;
+            spans.extend(found);
             "spans"
         }
         Content::Bag => {
@@ -223,13 +231,12 @@ fn read_file(
     Ok(())
 }
 
-fn read_spans(
+fn gather_spans(
     args: &Args,
     file: &LogFile,
     reader: Box<dyn std::io::BufRead>,
     mapping: &mut Mapping<'_>,
-    log: &mut Log,
-) -> Result<(), Fault> {
+) -> Result<Vec<SpanRecord>, Fault> {
     let (spans, is_cut) = if args.truncated {
         otlp::read_truncated(&file.name, reader)?
     } else {
@@ -238,10 +245,18 @@ fn read_spans(
     if is_cut {
         mapping.notes.add_of_file(CUT, &file.name, format!("{} spans", spans.len()));
     }
-    log.rows += spans.len() as u64;
-    log.kind = LogKind::Spans;
+    Ok(spans)
+}
+
+fn read_spans(
+    args: &Args,
+    file: &Arc<str>,
+    spans: &[SpanRecord],
+    mapping: &mut Mapping<'_>,
+    log: &mut Log,
+) -> Result<(), Fault> {
     let mut reader = SpanReader {
-        file: Arc::clone(&file.name),
+        file: Arc::clone(file),
         options: &args.spans,
         deadlines: mapping.deadlines,
         sources: &mut mapping.sources,
@@ -251,7 +266,7 @@ fn read_spans(
         entries: Vec::new(),
         has_ids: false,
     };
-    reader.read(&spans)?;
+    reader.read(spans)?;
     log.has_ids = reader.has_ids;
     log.entries.extend(reader.entries);
     Ok(())

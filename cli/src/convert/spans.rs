@@ -19,11 +19,13 @@ const TWICE: &str = "spans exported twice; each was taken once";
 const ORPHANS: &str =
     "client spans left out, since no message is above them (its span may not be in the file)";
 const BACKWARDS: &str = "messages left out, since a span of theirs ends before it begins";
+const ENDLESS: &str = "spans that have not ended, read as still going on";
 const NAMELESS: &str = "messages left out, since they have no id";
 const AT_ONCE: &str = "failed client spans that ended with their message and before their deadline, read as failures of the cloud";
 
 /// What is read of spans into events.
 pub(super) struct SpanReader<'a> {
+    /// The first file of the log.
     pub(super) file: Arc<str>,
     pub(super) options: &'a SpanOptions,
     pub(super) deadlines: &'a Deadlines,
@@ -54,7 +56,7 @@ struct SpanCall<'s> {
 type SpansById<'s> = HashMap<&'s SpanId, &'s SpanRecord>;
 
 impl SpanReader<'_> {
-    /// Reads a file's spans.
+    /// Reads the spans of all files: those of one message may stand in several.
     ///
     /// # Errors
     /// If a name that was given occurs nowhere, or a span does not say what it must.
@@ -69,7 +71,11 @@ impl SpanReader<'_> {
         let mut messages = self.messages(&spans)?;
         if messages.is_empty() {
             let all = Self::names_of(&spans);
-            let message = format!("no span is a message; name them with --span message=NAME{all}");
+            let message = if spans.is_empty() {
+                "no whole span in the file".to_owned()
+            } else {
+                format!("no span is a message; name them with --span message=NAME{all}")
+            };
             return Err(ConvertError::file(&self.file, &message));
         }
         self.calls(&spans, &by_id, &mut messages)?;
@@ -80,14 +86,26 @@ impl SpanReader<'_> {
             };
             let early = i128::from(wrong.start - wrong.end);
             let detail = || format!("by {}", value::shown(early));
-            self.notes.add(BACKWARDS, &place(&self.file, wrong), detail);
+            self.notes.add(BACKWARDS, &place(wrong), detail);
             false
         });
         for (number, message) in (0..).zip(&messages) {
+            self.note_endless(message);
             self.message(number, message)?;
         }
         self.entries.sort_by_key(|entry| entry.at);
         Ok(())
+    }
+
+    /// Notes spans without an end: a clean export has none.
+    fn note_endless(&mut self, message: &SpanMessage<'_>) {
+        let all = [message.span].into_iter().chain(message.calls.iter().map(|call| call.span));
+        // An operator of fuseline ends its spans, or means it.
+        let is_own =
+            |span: &SpanRecord| span.attributes.keys().any(|key| key.starts_with("fuseline."));
+        for span in all.filter(|span| span.end == 0 && !is_own(span)) {
+            self.notes.add(ENDLESS, &place(span), String::new);
+        }
     }
 
     fn names_of(spans: &[&SpanRecord]) -> String {
@@ -107,7 +125,7 @@ impl SpanReader<'_> {
         let mut unique: Vec<&SpanRecord> = Vec::new();
         for span in spans {
             if let Some(index) = places.get(&span.id) {
-                self.notes.add(TWICE, &place(&self.file, span), String::new);
+                self.notes.add(TWICE, &place(span), String::new);
                 if unique[*index].end < span.end {
                     unique[*index] = span;
                 }
@@ -133,10 +151,10 @@ impl SpanReader<'_> {
         for (number, span) in (0..).zip(found) {
             let t = match self.options.value(span, "t") {
                 Some(text) => value::id(text)
-                    .map_err(|why| self.fault(span, &format!("its id {text:?} is {why}")))?,
+                    .map_err(|why| fault(span, &format!("its id {text:?} is {why}")))?,
                 None if !self.has_ids => Id::Number(number),
                 None if self.skips_bad => {
-                    self.notes.add(NAMELESS, &place(&self.file, span), String::new);
+                    self.notes.add(NAMELESS, &place(span), String::new);
                     continue;
                 }
                 None => {
@@ -144,7 +162,7 @@ impl SpanReader<'_> {
                     let message = format!(
                         "the message has no attribute {name:?}, its id; --skip-bad leaves such messages out"
                     );
-                    return Err(self.fault(span, &message));
+                    return Err(fault(span, &message));
                 }
             };
             messages.push(SpanMessage { t, span, calls: Vec::new() });
@@ -170,7 +188,7 @@ impl SpanReader<'_> {
                 Above::Message(message) => message,
                 Above::Call => continue,
                 Above::Nothing => {
-                    self.notes.add(ORPHANS, &place(&self.file, span), String::new);
+                    self.notes.add(ORPHANS, &place(span), String::new);
                     continue;
                 }
             };
@@ -213,7 +231,7 @@ impl SpanReader<'_> {
 
     fn priority(&mut self, name: &str, span: &SpanRecord) -> Result<u64, ConvertError> {
         let known = self.sources.priority(name);
-        known.map_err(|why| self.fault(span, &format!("{name:?} is {why}")))
+        known.map_err(|why| fault(span, &format!("{name:?} is {why}")))
     }
 
     /// A message's open, its end, and its calls.
@@ -226,7 +244,7 @@ impl SpanReader<'_> {
             }
         }
         let entry = |span: &SpanRecord, ev, at: u64, p| Entry {
-            place: place(&self.file, span),
+            place: place(span),
             row: number,
             ev,
             at: at.into(),
@@ -246,13 +264,13 @@ impl SpanReader<'_> {
             end.ev = "miss";
         }
         let of = self.options.value(span, "of");
-        let of = of.map(value::id).transpose().map_err(|why| self.fault(span, &why))?;
+        let of = of.map(value::id).transpose().map_err(|why| fault(span, &why))?;
         if let Some(name) = by {
             end.p = Some(self.priority(name, span)?);
         }
         end.of = of.filter(|_| end.ev == "emit");
         self.entries.push(open);
-        if !is_open {
+        if !is_open || took.is_some() {
             self.entries.push(end);
         }
         let mut attempts: BTreeMap<u64, Vec<&SpanCall<'_>>> = BTreeMap::new();
@@ -278,13 +296,13 @@ impl SpanReader<'_> {
         attempt: Option<usize>,
     ) -> Result<(), ConvertError> {
         let SpanCall { p, role, span } = *call;
-        let place = place(&self.file, span);
+        let place = place(span);
         let own = self.options.value(span, "try");
-        let own = own.map(value::number).transpose().map_err(|why| self.fault(span, &why))?;
+        let own = own.map(value::number).transpose().map_err(|why| fault(span, &why))?;
         let attempt = own.or(attempt.map(|place| place as u64));
         let attempt = attempt.filter(|_| role == SpanRole::Request);
         if attempt.is_some_and(|attempt| attempt > 255) {
-            return Err(self.fault(span, "more than 256 attempts"));
+            return Err(fault(span, "more than 256 attempts"));
         }
         let more: Vec<_> =
             attempt.map(|attempt| ("try", attempt.to_string())).into_iter().collect();
@@ -316,7 +334,7 @@ impl SpanReader<'_> {
             self.note_at_once(message, span, due);
         } else {
             let of = self.options.value(span, "of");
-            end.of = of.map(value::id).transpose().map_err(|why| self.fault(span, &why))?;
+            end.of = of.map(value::id).transpose().map_err(|why| fault(span, &why))?;
         }
         self.entries.push(end);
         Ok(())
@@ -337,7 +355,7 @@ impl SpanReader<'_> {
             || "if the caller ended them, give --cancelled ATTRIBUTE=VALUE".to_owned(),
             |(key, value)| format!("if the caller ended them, give --cancelled {key}={value}"),
         );
-        self.notes.add_with(AT_ONCE, &place(&self.file, span), String::new, || remedy);
+        self.notes.add_with(AT_ONCE, &place(span), String::new, || remedy);
     }
 
     /// When a request is due.
@@ -346,7 +364,7 @@ impl SpanReader<'_> {
         let deadline = self.duration(span, "deadline")?.or_else(|| self.deadlines.of(&source));
         if deadline.is_none() && !self.sources.are_gathered() {
             let message = "no deadline; give --deadline TIME";
-            return Err(self.fault(span, message));
+            return Err(fault(span, message));
         }
         Ok(deadline.map(|deadline| i128::from(span.start.saturating_add(deadline))))
     }
@@ -355,12 +373,8 @@ impl SpanReader<'_> {
     fn duration(&self, span: &SpanRecord, key: &str) -> Result<Option<u64>, ConvertError> {
         let Some(text) = self.options.value(span, key) else { return Ok(None) };
         let time = value::duration(text, Unit::Ns);
-        let time = time.map_err(|why| self.fault(span, &format!("{key} {text:?} is {why}")))?;
+        let time = time.map_err(|why| fault(span, &format!("{key} {text:?} is {why}")))?;
         Ok(u64::try_from(time.nanos).ok())
-    }
-
-    fn fault(&self, span: &SpanRecord, message: &str) -> ConvertError {
-        ConvertError::at(&place(&self.file, span), message)
     }
 }
 
@@ -372,6 +386,10 @@ enum Above {
     Nothing,
 }
 
-fn place(file: &Arc<str>, span: &SpanRecord) -> Place {
-    Place { file: Arc::clone(file), spot: Spot::Span(span.called().into()) }
+fn place(span: &SpanRecord) -> Place {
+    Place { file: Arc::clone(&span.file), spot: Spot::Span(span.called().into()) }
+}
+
+fn fault(span: &SpanRecord, message: &str) -> ConvertError {
+    ConvertError::at(&place(span), message)
 }
