@@ -163,7 +163,7 @@ fn an_operator_without_local_owes_no_local_result() {
 }
 
 #[test]
-fn a_conversion_keeps_the_keys_and_an_export_says_that_it_does_not() {
+fn a_conversion_keeps_the_keys_that_are_named() {
     let folder = tempdir().unwrap();
     let path = |name: &str| folder.path().join(name).display().to_string();
     let header = r#"{"fuseline":1,"window":4,"commit":"eager","local":"none","clouds":[{"p":1,"limit":9,"max_age":2}]}"#;
@@ -174,9 +174,10 @@ fn a_conversion_keeps_the_keys_and_an_export_says_that_it_does_not() {
                 result,2,5,1,,4,0,,,,\n\
                 emit,2,5,1,,4,,,,,\n";
     fs::write(path("t.csv"), rows).unwrap();
-    let convert =
-        ["convert", "--header", &path("header.jsonl"), "--unit", "us", &path("t.csv"), "--sort"];
-    let converted = printed(&convert, "");
+    let (header_file, log) = (path("header.jsonl"), path("t.csv"));
+    let named = "of=of,try=try,within=within,age=age,origin=origin,seq=seq";
+    let convert = ["convert", "--header", &header_file, "--unit", "us", &log, "--sort"];
+    let converted = printed(&[&convert[..], &["--column", named]].concat(), "");
     let expected = [
         header,
         r#"{"ev":"open","at":1000,"t":5,"within":50000,"age":500,"origin":"camera/front","seq":81}"#,
