@@ -312,6 +312,13 @@ class Machine {
     status_ = FUSELINE_STATUS_FOREIGN;
   }
 
+  // What the machine knows of an open message. Nothing if it is not open, or if status() is not FUSELINE_STATUS_DONE.
+  [[nodiscard]] std::optional<fuseline_message> look_at(Timestamp t) noexcept {
+    fuseline_message message{};
+    if (!answered([&] { return fuseline_look_at(machine_, t.count, &message); })) return std::nullopt;
+    return message;
+  }
+
   // What the machine knows of itself.
   [[nodiscard]] std::optional<fuseline_state> look() noexcept {
     fuseline_state state{};
@@ -564,7 +571,9 @@ class Operator {
   // A message came: compute on board, and offer it to the clouds, unless it is refused.
   [[nodiscard]] std::optional<Answer> open(Timestamp t, std::optional<Deadline> limit = std::nullopt) {
     const Call call(calls_);
-    return machine_.open(now(), t, limit, fired());
+    const std::optional<Answer> answer = machine_.open(now(), t, limit, fired());
+    if (answer && answer->is(FUSELINE_OUTCOME_ACCEPTED) && open_len_ < open_.size()) open_[open_len_++] = t;
+    return answer;
   }
 
   // Send it to this cloud if it is admitted.
@@ -590,6 +599,21 @@ class Operator {
   // Time went by. False if the machine could not be asked.
   bool tick() {
     return concluded([&] { return machine_.tick(now(), fired()); }, [](const Answer&) {}).has_value();
+  }
+
+  // Ends the messages that are open, the oldest first: all that is pending fails, so each is forwarded by the best result
+  // that is there, or missed. The operator can be used on. False if the machine could not be asked.
+  bool drain() {
+    return concluded(
+               [&] {
+                 // A copy: what a sink opens meanwhile stays open.
+                 const auto opened = open_;
+                 const std::size_t len = open_len_;
+                 for (std::size_t i = 0; i < len; ++i) end(opened[i]);
+                 return machine_.tick(now(), fired());
+               },
+               [](const Answer&) {})
+        .has_value();
   }
 
   // When to tick next. Nothing if no timer is armed, or if status() is not FUSELINE_STATUS_DONE.
@@ -636,7 +660,7 @@ class Operator {
   // The commit rule, or one that no machine has if the sink does not take its outputs.
   static constexpr Commit taken(Commit commit) noexcept {
     static_assert(detail::TakesOutputs<Into, Value>::value,
-                  "the sink lacks forward(Timestamp, Priority, Value) or miss(Timestamp): a misspelt name, other arguments, or a base of the sink");
+                  "the sink lacks forward(Timestamp, Priority, Value) or miss(Timestamp): is a name misspelt, or is this a base of the sink?");
     return commit != Commit::progressive || takes_preliminary ? commit : static_cast<Commit>(UINT32_MAX);
   }
 
@@ -671,6 +695,7 @@ class Operator {
   template <class Settle>
   void conclude(const Answer& answer, Settle settle) {
     const Timestamp t = answer.timestamp();
+    if (answer.is(FUSELINE_OUTCOME_FORWARDED) || answer.is(FUSELINE_OUTCOME_FINAL) || answer.is(FUSELINE_OUTCOME_MISSED)) forget(t);
     const auto send = [&](auto to) {
       bool has_value = false;
       const bool is_sent = attempt(t, [&] {
@@ -695,6 +720,23 @@ class Operator {
       }
     }
     for (const Priority cloud : answer.cancelled()) attempt(t, [&] { sink_.cancel(t, cloud); });
+  }
+
+  // Fails what is pending, the clouds first: local alone could end the message before a better result is looked at.
+  void end(Timestamp t) {
+    const std::optional<fuseline_message> message = machine_.look_at(t);
+    if (!message) return;
+    for (std::uint32_t i = message->sources_len; i-- > 0;) {
+      if ((message->pending >> i & 1U) != 0) static_cast<void>(fail(t, Priority{message->priorities[i]}));
+    }
+  }
+
+  void forget(Timestamp t) noexcept {
+    std::size_t kept = 0;
+    for (std::size_t i = 0; i < open_len_; ++i) {
+      if (open_[i] != t) open_[kept++] = open_[i];
+    }
+    open_len_ = kept;
   }
 
   void lose(Timestamp t) noexcept {
@@ -724,6 +766,8 @@ class Operator {
   typename Clock::time_point start_ = Clock::now();
   Using<Capacity> machine_;
   Held<Value, Capacity> held_{machine_};
+  std::array<Timestamp, Capacity::window> open_{};  // ascending
+  std::size_t open_len_ = 0;
   unsigned calls_ = 0;
   SinkFailures failures_;
   std::exception_ptr thrown_;

@@ -12,6 +12,7 @@
 
 #include "cases.h"
 #include "fuseline.hpp"
+#include "fuseline_stamps.hpp"
 
 namespace {
 
@@ -506,6 +507,35 @@ CASE(cpp_fired_throws, "the function for firings of a `Machine` throws", "the fi
   const auto throws = [](const fuseline::Firing& firing) { throw std::runtime_error(std::to_string(firing.timestamp().count)); };
   HOLDS(thrown_by([&] { static_cast<void>(machine.result(now, Timestamp{2}, fuseline::local, throws)); }) == "1");
   HOLDS(machine.result(now, Timestamp{2}, fuseline::local, throws)->is(FUSELINE_OUTCOME_FORWARDED));
+}
+CASE(cpp_stops_with_open_messages, "stops while messages wait for local, for a cloud, and for nothing that is due", "`drain()` ends each: the best result that is there, or a miss") {
+  for (const Commit commit : {Commit::eager, Commit::patient}) {
+    Texts sink;
+    Handles op(sink, 16, commit, 1s, {{cloud, 31}, {Priority{2}, 31}});
+    for (const std::uint64_t t : {1U, 2U, 3U}) opened_for_two(op, t);
+    HOLDS(is_accepted(op.open(Timestamp{4})) && is_accepted(op.open(Timestamp{5})));
+    HOLDS(op.result(Timestamp{4}, fuseline::local, Handle("sent"))->is(FUSELINE_OUTCOME_FORWARDED));
+    HOLDS(op.result(Timestamp{1}, fuseline::local, Handle("worse"))->is(FUSELINE_OUTCOME_HELD));
+    HOLDS(op.result(Timestamp{1}, cloud, Handle("better"))->is(FUSELINE_OUTCOME_HELD));
+    HOLDS(op.result(Timestamp{2}, cloud, Handle("cloud"))->is(FUSELINE_OUTCOME_HELD));
+    HOLDS(op.drain() && op.held() == 0 && !op.next_due());
+    HOLDS((sink.sent == std::vector<std::string>{"4sent", "1better", "2cloud"} && sink.missed == std::vector<std::uint64_t>{3, 5}));
+    HOLDS(op.drain() && sink.missed.size() == 2 && is_accepted(op.open(Timestamp{6})));
+  }
+  Failing failing;
+  failing.failing = "miss1";
+  Throwing op(failing, 16, Commit::eager, 1s, {});
+  for (std::uint64_t t = 0; t < 16; ++t) HOLDS(is_accepted(op.open(Timestamp{t})));
+  failing.nested = {};
+  HOLDS(thrown_by([&] { op.drain(); }) == "miss1" && failing.calls.size() == 15 && !op.next_due());
+}
+CASE(cpp_stamp_again, "gives two messages one stamp: a driver's zeros, or a recording that is played twice", "`Stamps` gives the second no timestamp and counts it; a reply gets the first's") {
+  fuseline::Stamps<std::int64_t, 4> stamps;
+  HOLDS(stamps.add(0) == Timestamp{0} && !stamps.add(0) && stamps.repeated() == 1);
+  for (const std::int64_t stamp : {-70, 20, 90}) HOLDS(stamps.add(stamp).has_value());
+  HOLDS(stamps.find(-70) == Timestamp{1} && stamps.stamp_of(Timestamp{3}) == 90 && !stamps.stamp_of(Timestamp{4}));
+  HOLDS(!stamps.add(20) && stamps.add(30) == Timestamp{4} && !stamps.find(0) && !stamps.stamp_of(Timestamp{0}));
+  HOLDS(stamps.add(0) == Timestamp{5} && stamps.repeated() == 2 && !stamps.find(41));
 }
 
 }  // namespace

@@ -1,0 +1,58 @@
+// Timestamps for the stamps of a sensor, for C++17, header only: which message a reply with a copied stamp answers.
+
+#ifndef FUSELINE_STAMPS_HPP
+#define FUSELINE_STAMPS_HPP
+
+#include "fuseline.hpp"
+
+#include <array>
+#include <cstddef>
+#include <optional>
+
+namespace fuseline {
+
+// A bounded map from stamps to timestamps, without allocation. A stamp that occurred among the last `Remembered` has no
+// timestamp of its own: a reply with it could get another message's place. So its message is refused, as with a driver that
+// leaves every stamp 0, or a recording that is played twice.
+template <class Stamp, std::size_t Remembered = 1024>
+class Stamps {
+  static_assert(Remembered > 0, "stamps are remembered");
+
+ public:
+  // The next timestamp, for a message with this stamp. Nothing if the stamp is remembered: report it, and do not open.
+  [[nodiscard]] std::optional<Timestamp> add(const Stamp& stamp) {
+    if (find(stamp)) {
+      ++repeated_;
+      return std::nullopt;
+    }
+    places_[next_ % Remembered] = stamp;
+    return Timestamp{next_++};
+  }
+
+  // The timestamp of the message with this stamp. Nothing if there was none among the last `Remembered`.
+  [[nodiscard]] std::optional<Timestamp> find(const Stamp& stamp) const {
+    const std::uint64_t oldest = next_ < Remembered ? 0 : next_ - Remembered;
+    for (std::uint64_t t = next_; t-- > oldest;) {
+      if (places_[t % Remembered] == stamp) return Timestamp{t};
+    }
+    return std::nullopt;
+  }
+
+  // The stamp of a timestamp, while it is remembered.
+  [[nodiscard]] std::optional<Stamp> stamp_of(Timestamp t) const {
+    if (t.count >= next_ || next_ - t.count > Remembered) return std::nullopt;
+    return places_[t.count % Remembered];
+  }
+
+  // How many messages were refused.
+  std::uint64_t repeated() const noexcept { return repeated_; }
+
+ private:
+  std::array<Stamp, Remembered> places_{};
+  std::uint64_t next_ = 0;
+  std::uint64_t repeated_ = 0;
+};
+
+}  // namespace fuseline
+
+#endif  // FUSELINE_STAMPS_HPP
