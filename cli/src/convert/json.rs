@@ -156,10 +156,13 @@ fn flatten(outer: &str, fields: &Fields<'_>, depth: usize, cells: &mut Vec<(Arc<
     }
 }
 
-/// A time as `--unit` need not say: its seconds, with that unit.
+/// Returns a time or duration in seconds, with their unit, so that `--unit` does not change it. Half a second before zero is
+/// -1 s and 500,000,000 ns, as ROS writes it.
 pub(super) fn seconds(seconds: i64, nanoseconds: u32) -> String {
-    let carried = seconds.saturating_add(i64::from(nanoseconds / 1_000_000_000));
-    format!("{carried}.{:09}s", nanoseconds % 1_000_000_000)
+    let nanos = i128::from(seconds) * 1_000_000_000 + i128::from(nanoseconds);
+    let sign = if nanos < 0 { "-" } else { "" };
+    let nanos = nanos.unsigned_abs();
+    format!("{sign}{}.{:09}s", nanos / 1_000_000_000, nanos % 1_000_000_000)
 }
 
 /// The text with NaN and Infinity as texts; none if it has none.

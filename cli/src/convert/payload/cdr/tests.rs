@@ -64,7 +64,7 @@ fn detection() -> WireDetection {
         nothing: 0,
         score: 0.1,
         frame: u64::MAX,
-        budget: WireTime(-1, 0),
+        budget: WireTime(-1, 500_000_000),
     }
 }
 
@@ -83,7 +83,8 @@ fn what_another_library_encodes_is_read_by_the_definition() {
         ("score", "0.1"),
         ("frame", "18446744073709551615"),
         ("budget.sec", "-1"),
-        ("budget.nanosec", "0"),
+        ("budget.nanosec", "500000000"),
+        ("budget", "-0.500000000s"),
     ];
     let expected = expected.map(|(path, text)| (path.to_owned(), text.to_owned()));
     for (kind, body) in [([0, 1, 0, 0], little), ([0, 0, 0, 0], big)] {
