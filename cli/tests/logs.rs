@@ -547,3 +547,19 @@ fn spaces_around_names_are_no_part_of_them() {
     let message = refused(&log, "log.jsonl", &[]);
     assert!(message.contains("\"deadline\" is null or empty"), "{message}");
 }
+
+#[test]
+fn a_source_that_the_header_lacks_is_noted() {
+    let log = "ev,at,t,p,deadline\nopen,0,1,,\nrequest,1,1,2,9\nrequest,1,1,3,9\n";
+    let (_, notes) = noted(log, "log.csv", &["--unit", "ms"]);
+    assert!(notes.contains("that the header does not have: 1 (line 4: p 3)"), "{notes}");
+}
+
+#[test]
+fn results_before_their_requests_are_noted() {
+    let log = "open,t,west.request,west.deadline,west.result\n1000,1,1001,50,40\n";
+    let frame = "open=open,t=t,west.request=west.request,west.deadline=west.deadline,\
+                 west.result=west.result";
+    let (_, notes) = noted(log, "log.csv", &["--unit", "ms", "--frame", frame]);
+    assert!(notes.contains("results before their requests: 1 (line 2: by 961 ms)"), "{notes}");
+}

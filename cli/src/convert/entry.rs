@@ -140,6 +140,11 @@ impl Sources {
         Err(format!("no source; the header has {known}; if it is local, give --local {name}"))
     }
 
+    /// Whether the header has a source of this priority, if there is a header.
+    pub(super) fn is_registered(&self, p: u64) -> bool {
+        self.are_gathered() || self.known.values().any(|known| *known == p)
+    }
+
     /// Whether a name is a source's that the header or the log had so far.
     pub(super) fn has(&self, name: &str) -> bool {
         let is_found = || self.found().iter().any(|known| known == name);

@@ -26,6 +26,8 @@ pub(super) const BACKWARDS: &str = "messages with a lower id than the one before
 const TEXTS: &str = "messages numbered in their order, since ids are texts (x keeps them)";
 const MIXED: &str = "lines whose id is no whole number, though others are";
 const NEGATIVE: &str = "instants before 0; all were moved";
+const UNREGISTERED: &str = "events of sources that the header does not have";
+const EARLY: &str = "results before their requests";
 const UNORDERED: &str = "places where the log seems to restart, taken for one run as --sort says";
 const GAPS: &str = "instants more than a day after the one before";
 
@@ -131,6 +133,18 @@ impl Log {
             );
         }
         Ok(())
+    }
+
+    /// Notes sources by a number that the header does not have.
+    pub(super) fn note_unregistered(&self, notes: &mut Notes, sources: &Sources) {
+        if self.is_strict() {
+            return;
+        }
+        for entry in &self.entries {
+            if let Some(p) = entry.p.filter(|p| !sources.is_registered(*p)) {
+                notes.add(UNREGISTERED, &entry.place, || format!("p {p}"));
+            }
+        }
     }
 
     /// Counts events that came twice, and leaves them out if they are to be.
@@ -322,7 +336,27 @@ impl Run {
             );
             notes.add_of_file("no deadline ends within the log", &shortest.place.file, detail);
         }
+        self.doubt_order(notes);
         self.doubt_instants(notes);
+    }
+
+    /// Notes results that are recorded before their requests: another clock, or no instants at all.
+    fn doubt_order(&self, notes: &mut Notes) {
+        let mut requests: HashMap<(&Id, u64), i128> = HashMap::new();
+        for entry in self.entries.iter().filter(|entry| entry.ev == "request") {
+            if let (Some(t), Some(p)) = (&entry.t, entry.p) {
+                let first = requests.entry((t, p)).or_insert(entry.at);
+                *first = entry.at.min(*first);
+            }
+        }
+        for entry in self.entries.iter().filter(|entry| entry.ev == "result") {
+            let (Some(t), Some(p)) = (&entry.t, entry.p) else { continue };
+            let early = requests.get(&(t, p)).map_or(0, |request| request - entry.at);
+            if early > CLOCK_STEP {
+                let remedy = || "is each an instant, and of one clock?".to_owned();
+                notes.add_with(EARLY, &entry.place, || format!("by {}", shown(early)), remedy);
+            }
+        }
     }
 
     /// Notes instants that lie far from the others, or too close together.

@@ -157,6 +157,7 @@ impl<'a> LogReader<'a> {
         let unused = unused(args, &mapping, self.log.kind);
         let Mapping { sources, mut notes, left_out, .. } = mapping;
         self.log.guess(&mut notes, &sources)?;
+        self.log.note_unregistered(&mut notes, &sources);
         Ok(Understood { log: self.log, notes, sources, unused, described, left_out })
     }
 }

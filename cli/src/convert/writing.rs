@@ -26,10 +26,12 @@ pub(super) fn read_header(path: &Path) -> Result<AnnotatedHeader, Fault> {
     Ok((events.header().clone(), events.header_annotations().clone()))
 }
 
-/// The sources that a header names, with their priorities.
+/// The sources that a header has, with their priorities.
 pub(super) fn sources(header: &Header) -> impl Iterator<Item = (String, u64)> {
-    let clouds = header.clouds.iter();
-    let named = clouds.filter_map(|cloud| Some((cloud.name.clone()?, u64::from(cloud.p))));
+    let named = header.clouds.iter().map(|cloud| {
+        let name = cloud.name.clone().unwrap_or_else(|| cloud.p.to_string());
+        (name, u64::from(cloud.p))
+    });
     [("local".to_owned(), 0)].into_iter().chain(named)
 }
 
