@@ -344,6 +344,17 @@ fn spans_of_several_files_are_one_log() {
 }
 
 #[test]
+fn sources_of_spans_are_no_unused_names() {
+    let spans = [
+        span("1", "", "decide", 1, [1, 9], &json!({})),
+        span("2", "1", "infer.Model/Infer", 3, [1, 8], &json!({})),
+        span("3", "1", "resize", 1, [1, 2], &json!({})),
+    ];
+    let shown = converted(&spans, &["--deadline", "40ms", "--explain", "--span", "message=decide"]);
+    assert!(out(&shown).contains("\nnot used  resize\n"), "{}", out(&shown));
+}
+
+#[test]
 fn spans_that_never_ended_are_counted() {
     let spans = [
         span("1", "", "decide", 1, [1, 9], &json!({})),

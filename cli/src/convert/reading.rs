@@ -166,7 +166,10 @@ impl<'a> LogReader<'a> {
 fn unused(args: &Args, mapping: &Mapping<'_>, kind: LogKind) -> Vec<String> {
     let names = mapping.names.iter().map(str::to_owned);
     match kind {
-        LogKind::Spans => names.filter(|name| !args.spans.uses(name)).collect(),
+        LogKind::Spans => {
+            let is_used = |name: &String| args.spans.uses(name) || mapping.sources.has(name);
+            names.filter(|name| !is_used(name)).collect()
+        }
         LogKind::Frames => {
             let is_used = |name: &String| args.frame.iter().any(|it| it.is_called(name));
             names.filter(|name| !is_used(name)).collect()
