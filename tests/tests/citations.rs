@@ -21,7 +21,7 @@ const OTHER_WORDS: [(&str, &str); 6] = [
 ];
 
 /// An identifier in a comment, a document or a string.
-static WORD: LazyLock<Regex> = LazyLock::new(|| regex(r"\b([FPATDJE]\d+g?)\b"));
+static WORD: LazyLock<Regex> = LazyLock::new(|| regex(r"\b([FPATDJE]\d{1,3}g?)\b"));
 /// An identifier at the head of a function's name.
 static FUNCTION: LazyLock<Regex> = LazyLock::new(|| regex(r"\bfn ([fpatdje]\d+g?)_"));
 /// Identifiers at the head of a trace's name.
