@@ -9,7 +9,7 @@
 //! let trace = b"{\"fuseline\":1,\"window\":16,\"clouds\":[]}\n{\"ev\":\"tick\",\"at\":7}\n";
 //! let packed = zstd::encode_all(&trace[..], 0)?;
 //! let verdict = judge("drive.jsonl.zst", unpack(&packed[..])?)?;
-//! assert!(verdict.conforms && verdict.lines == 2);
+//! assert!(verdict.violations.is_empty() && verdict.lines == 2);
 //! # }
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
