@@ -229,7 +229,6 @@ GUARDS = [
         "    form = form_of(action, where)\n",
         "    return\n",
     ),
-    ("reply_that_is_no_chunk", "_chunks.py", "if not actions:", "if False:"),
     ("form_of_a_policy_on_board", "robot.py", "self._is_guessed, self._like = False, form", "pass"),
     ("blend_that_makes_no_action", "_chunks.py", "self._check(action)", "pass"),
     (

@@ -4,10 +4,12 @@ r"""Judging fleets: one function from a trace's path to rows of a table, for any
 >>> from tempfile import TemporaryDirectory
 >>> with TemporaryDirectory() as logs:
 ...     path = Path(logs, "drive-7.jsonl")
-...     _ = path.write_text('{"fuseline":1,"operator":"lanes","window":16,"clouds":[]}\n')
+...     header = '{"fuseline":1,"operator":"lanes","window":16,"clouds":[]}\n'
+...     opened = '{"ev":"open","at":0,"t":1}\n{"ev":"result","at":5,"t":1,"p":0}\n'
+...     _ = path.write_text(header + opened + '{"ev":"emit","at":5,"t":1,"p":0}\n')
 ...     (row,) = judge(path)
 >>> row.drive, row.operator, row.conforms, row.lines
-('drive-7', 'lanes', True, 1)
+('drive-7', 'lanes', True, 4)
 
 `fuseline.fleet.ray` and `fuseline.fleet.spark` give it to their engines. `SUMMARIES` asks SQL of
 the table, `report` makes a page of it.
