@@ -10,7 +10,7 @@ use crate::lineage::Lineage;
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Budget {
     due: u64,
-    /// What the operators downstream need on board, and what they take with their clouds.
+    /// The reserve on board ends local's time, and the reserve with clouds ends requests.
     on_board: u64,
     with_clouds: u64,
     /// How old the message was when it was taken in; 0 if that is unknown.

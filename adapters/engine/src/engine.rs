@@ -71,9 +71,9 @@ pub struct Engine<V, R> {
     operator: Arc<str>,
     local: Local,
     overflow: Overflow,
-    /// What of an end-to-end deadline is kept for the operators downstream.
+    /// The part of an end-to-end deadline that is kept for the operators downstream.
     reserve: Reserve,
-    /// Where it is recorded how long messages and local's computations take.
+    /// Records how long messages and local's computations take, if the operators upstream want to know.
     latency: Option<Latency>,
     has_substitutes: bool,
     greatest_deadline: GreatestDeadline,

@@ -18,7 +18,7 @@ enum LatencyKind {
     Measured { percent: u8, at_first: Duration, last: Arc<Mutex<Measurements>> },
 }
 
-/// What is kept of an end-to-end deadline for the operators downstream. The sum of two reserves is the reserve for both.
+/// The part of an end-to-end deadline that is kept for the operators downstream. The sum of two reserves is the reserve for both.
 ///
 /// Local's time ends before what the others need [on board](Self::on_board). Requests end before what the others take
 /// [with their clouds](Self::with_clouds). So a cloud downstream never takes time from local upstream (E11).
@@ -54,13 +54,13 @@ impl Reserve {
         Self { on_board, with_clouds: if is_less { on_board } else { with_clouds } }
     }
 
-    /// What the operators downstream need to compute on board.
+    /// Returns how long the operators downstream need to compute on board.
     #[must_use]
     pub const fn on_board(&self) -> Duration {
         self.on_board
     }
 
-    /// What the operators downstream take if they wait for their clouds, at least [`on_board`](Self::on_board).
+    /// Returns how long the operators downstream take if they wait for their clouds, at least [`on_board`](Self::on_board).
     #[must_use]
     pub const fn with_clouds(&self) -> Duration {
         self.with_clouds
@@ -78,7 +78,7 @@ impl Sum for Reserve {
 }
 
 impl Latency {
-    /// States how long the operator takes, on board and with its clouds alike.
+    /// States one figure for how long the operator takes on board and with its clouds.
     #[must_use]
     pub const fn stated(latency: Duration) -> Self {
         Self::stated_with_clouds(latency, latency)
