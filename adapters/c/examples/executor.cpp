@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "fuseline.hpp"
+#include "fuseline_clock.hpp"
 
 using namespace std::chrono_literals;
 using fuseline::Priority;
@@ -16,33 +17,25 @@ using fuseline::Timestamp;
 
 // --- as much of an executor as the node below needs -----------------------------------------------------------------
 
-struct SimClock {
-  using duration = std::chrono::nanoseconds;
-  using rep = duration::rep;
-  using period = duration::period;
-  using time_point = std::chrono::time_point<SimClock>;
-  static constexpr bool is_steady = true;
-  static time_point now() noexcept { return time_; }
-  static time_point time_;
-};
-SimClock::time_point SimClock::time_{};
-
 class Executor {
  public:
   using Callback = std::function<void()>;
+  using Clock = fuseline::ManualClock;
+  Clock clock;
   // Calls back at an instant; of equal ones in the order of the calls here.
-  void call_at(SimClock::time_point at, Callback callback) { due_.emplace(at, std::move(callback)); }
-  void call_after(SimClock::duration after, Callback callback) { call_at(SimClock::now() + after, std::move(callback)); }
+  void call_at(Clock::time_point at, Callback callback) { due_.emplace(at, std::move(callback)); }
+  void call_after(Clock::duration after, Callback callback) { call_at(clock.now() + after, std::move(callback)); }
   void spin() {
     while (!due_.empty()) {
       auto next = due_.extract(due_.begin());
-      if (next.key() > SimClock::time_) SimClock::time_ = next.key();
+      // What is overdue is called at once: the clock does not go back.
+      static_cast<void>(clock.advance(next.key() - clock.now()));
       next.mapped()();
     }
   }
 
  private:
-  std::multimap<SimClock::time_point, Callback> due_;
+  std::multimap<Clock::time_point, Callback> due_;
 };
 
 // --- the node ---------------------------------------------------------------------------------------------------------
@@ -53,10 +46,12 @@ struct Boxes {
 using Message = std::unique_ptr<Boxes>;  // moved from the model to the topic, never copied
 
 struct Topic : fuseline::Sink<Message> {
+  Executor& executor;
+  explicit Topic(Executor& given) : executor(given) {}
   unsigned published = 0, cancelled = 0;
   void forward(Timestamp t, Priority, Message boxes) {
     ++published;
-    std::printf("%5.1f ms  /boxes  %llu  %s\n", std::chrono::duration<double, std::milli>(SimClock::now().time_since_epoch()).count(),
+    std::printf("%5.1f ms  /boxes  %llu  %s\n", std::chrono::duration<double, std::milli>(executor.clock.now().time_since_epoch()).count(),
                 static_cast<unsigned long long>(t.count), boxes->of.c_str());
   }
   void miss(Timestamp t) { std::printf("          /boxes  %llu  missed\n", static_cast<unsigned long long>(t.count)); }
@@ -65,7 +60,7 @@ struct Topic : fuseline::Sink<Message> {
 
 class DetectorNode {
  public:
-  explicit DetectorNode(Executor& executor) : executor_(executor) {}
+  explicit DetectorNode(Executor& executor) : executor_(executor), topic_(executor) {}
 
   // The subscription's callback.
   void on_image(Timestamp t) {
@@ -85,7 +80,7 @@ class DetectorNode {
  private:
   static constexpr Priority near{1}, far{2};
 
-  void infer(Timestamp t, Priority source, SimClock::duration takes, const char* by) {
+  void infer(Timestamp t, Priority source, Executor::Clock::duration takes, const char* by) {
     executor_.call_after(takes, [this, t, source, by] {
       operator_.result(t, source, Message(new Boxes{by}));
       arm();
@@ -106,9 +101,9 @@ class DetectorNode {
 
   Executor& executor_;
   Topic topic_;
-  std::optional<SimClock::time_point> armed_;
-  fuseline::Operator<Message, Topic, fuseline::C3W16, SimClock> operator_{
-      topic_, 8, fuseline::Commit::eager, 200ms, {{near, 31}, {far, 31}}};
+  std::optional<Executor::Clock::time_point> armed_;
+  fuseline::Operator<Message, Topic, fuseline::C3W16, Executor::Clock> operator_{
+      topic_, 8, fuseline::Commit::eager, 200ms, {{near, 31}, {far, 31}}, executor_.clock};
 };
 
 int main() {

@@ -135,14 +135,30 @@ using Outcome = fuseline_outcome;
 using Reason = fuseline_reason;
 
 // How much a machine has room for, and the storage for it. A library that was not built for exactly this many clouds and
-// this window refuses to make the machine, FUSELINE_STATUS_CAPACITY.
+// this window refuses to make the machine, FUSELINE_STATUS_CAPACITY. fuseline_capacity.hpp has one that is chosen at run time.
 template <std::size_t Clouds, std::size_t Window>
 struct Capacity {
   static_assert(Clouds < FUSELINE_SOURCES, "a machine has at most 15 clouds");
   static_assert(Window >= 1 && Window <= 1024, "a machine has a window of 1 to 1024");
   static constexpr std::uint32_t id = FUSELINE_CAPACITY_OF(Clouds, Window);
-  static constexpr std::size_t window = Window;
-  using Storage = std::array<std::uint64_t, FUSELINE_STORAGE_BYTES(Clouds, Window) / 8U>;
+
+  // The storage of a machine, within the machine itself.
+  class Storage {
+   public:
+    Storage(std::size_t, std::uint32_t) noexcept {}
+    static constexpr std::uint32_t capacity() noexcept { return id; }
+    static constexpr std::size_t window() noexcept { return Window; }
+    static constexpr std::size_t bytes() noexcept { return sizeof(words_); }
+    void* data() noexcept { return words_.data(); }
+
+   private:
+    alignas(8) std::array<std::uint64_t, FUSELINE_STORAGE_BYTES(Clouds, Window) / 8U> words_{};
+  };
+  // A place for each timestamp that may be open.
+  template <class Place>
+  struct Places : std::array<Place, Window> {
+    explicit Places(std::size_t) : std::array<Place, Window>() {}
+  };
 };
 using C1W4 = Capacity<1, 4>;
 using C3W16 = Capacity<3, 16>;
@@ -224,12 +240,16 @@ class Firing : public Answer {
 // If `fired` throws, its firing has happened and the input has not: keep what you have of the firing, and call again.
 template <class Capacity = C3W16>
 class Machine {
+  static constexpr bool is_noexcept = std::is_nothrow_constructible_v<typename Capacity::Storage, std::size_t, std::uint32_t>;
+
  public:
-  Machine(std::uint32_t window, Commit commit, Deadline greatest_deadline, std::initializer_list<Cloud> clouds) noexcept
+  Machine(std::uint32_t window, Commit commit, Deadline greatest_deadline,
+          std::initializer_list<Cloud> clouds) noexcept(is_noexcept)
       : Machine(window, commit, greatest_deadline, clouds.begin(), clouds.size()) {}
 
   Machine(std::uint32_t window, Commit commit, Deadline greatest_deadline, const Cloud* clouds,
-          std::size_t size) noexcept {
+          std::size_t size) noexcept(is_noexcept)
+      : storage_(size, window) {
     std::array<fuseline_cloud, FUSELINE_SOURCES> plain{};
     if (size > plain.size()) {
       status_ = FUSELINE_STATUS_CLOUDS;
@@ -240,13 +260,13 @@ class Machine {
       plain[i] = {cloud.priority.number, cloud.limit, cloud.resume.value_or(cloud.limit > 0 ? cloud.limit - 1 : 0)};
     }
     const fuseline_config config{FUSELINE_CONFIG,
-                                 Capacity::id,
+                                 storage_.capacity(),
                                  static_cast<std::uint32_t>(commit),
                                  window,
                                  static_cast<std::uint32_t>(size),
                                  plain.data(),
                                  greatest_deadline.ns()};
-    status_ = fuseline_init(storage_.data(), sizeof storage_, &config, &machine_);
+    status_ = fuseline_init(storage_.data(), storage_.bytes(), &config, &machine_);
   }
 
   ~Machine() { end(); }
@@ -256,6 +276,9 @@ class Machine {
   // FUSELINE_STATUS_DONE, or why the last call to the machine was in vain; if it could not be made, why not, for ever.
   Status status() const noexcept { return status_; }
   explicit operator bool() const noexcept { return machine_ != nullptr; }
+
+  // The most messages that its capacity lets be open.
+  std::size_t greatest_window() const noexcept { return storage_.window(); }
 
   // F1: a message came. `limit` is how long local may take for it.
   template <class Fired>
@@ -348,7 +371,7 @@ class Machine {
     return status == FUSELINE_STATUS_DONE;
   }
 
-  alignas(8) typename Capacity::Storage storage_{};
+  typename Capacity::Storage storage_;
   fuseline_machine* machine_ = nullptr;
   Status status_ = FUSELINE_STATUS_NULL;
 };
@@ -362,7 +385,7 @@ class Machine {
 template <class Value, class Capacity>
 class Held {
  public:
-  explicit Held(const Machine<Capacity>&) noexcept {}
+  explicit Held(const Machine<Capacity>& machine) : places_(machine.greatest_window()) {}
 
   // A result's value and what became of it. Gives the value to be sent downstream, if one is.
   [[nodiscard]] std::optional<Value> result(Priority source, Value value, const Answer& answer) {
@@ -481,7 +504,7 @@ class Held {
     return nullptr;
   }
 
-  std::array<Place, Capacity::window> places_{};
+  typename Capacity::template Places<Place> places_;
   std::size_t lost_ = 0;
 };
 
@@ -524,6 +547,14 @@ struct TakesPreliminary<Into, Value,
                                     decltype(std::declval<Into&>().final(Timestamp(), Priority()))>> : std::true_type {};
 }  // namespace detail
 
+namespace detail {
+// Whether a clock is an object, which an operator is given: the standard library's have a static now().
+template <class Clock, class = void>
+struct IsObject : std::true_type {};
+template <class Clock>
+struct IsObject<Clock, std::void_t<decltype(Clock::now())>> : std::false_type {};
+}  // namespace detail
+
 // What an operator could not deliver.
 struct SinkFailures {
   std::size_t len = 0;  // calls of the sink that threw, moves of values that threw, and outputs without a value after that
@@ -543,6 +574,9 @@ struct SinkFailures {
 //
 // Its end ends its machine first: what a destructor of a held value reports then is refused, FUSELINE_STATUS_FOREIGN.
 //
+// `Clock` is a type of steady clock. One whose now() is not static is an object: give it after the clouds, and let it live
+// longer than the operator. fuseline_clock.hpp has two.
+//
 // `Using` is the machine: fuseline_record.hpp has one that records.
 template <class Value, class Into, class Capacity = C3W16, class Clock = std::chrono::steady_clock,
           template <class> class Using = Machine>
@@ -557,12 +591,19 @@ class Operator {
            std::initializer_list<Cloud> clouds)
       : Operator(sink, window, commit, greatest_deadline, clouds.begin(), clouds.size()) {}
   template <class Given>
+  Operator(Given& sink, std::uint32_t window, Commit commit, Deadline greatest_deadline,
+           std::initializer_list<Cloud> clouds, Clock& clock)
+      : Operator(sink, window, commit, greatest_deadline, clouds.begin(), clouds.size(), clock) {}
+  template <class Given>
   Operator(Given& sink, std::uint32_t window, Commit commit, Deadline greatest_deadline, const Cloud* clouds,
            std::size_t size)
-      : sink_(sink), machine_(window, taken(commit), greatest_deadline, clouds, size) {
-    static_assert(std::is_same_v<Given, Into> || std::is_polymorphic_v<Into>,
-                  "name the sink's own type as the operator's: by a base without virtual functions its outputs would be lost");
+      : Operator(&sink, window, commit, greatest_deadline, clouds, size, nullptr) {
+    static_assert(!detail::IsObject<Clock>::value, "this clock is an object: give it to the operator, after the clouds");
   }
+  template <class Given>
+  Operator(Given& sink, std::uint32_t window, Commit commit, Deadline greatest_deadline, const Cloud* clouds,
+           std::size_t size, Clock& clock)
+      : Operator(&sink, window, commit, greatest_deadline, clouds, size, &clock) {}
   ~Operator() { machine_.end(); }
 
   Status status() const noexcept { return machine_.status(); }
@@ -643,6 +684,14 @@ class Operator {
   SinkFailures sink_failures() const noexcept { return failures_; }
 
  private:
+  template <class Given>
+  Operator(Given* sink, std::uint32_t window, Commit commit, Deadline greatest_deadline, const Cloud* clouds,
+           std::size_t size, Clock* clock)
+      : sink_(*sink), clock_(clock), machine_(window, taken(commit), greatest_deadline, clouds, size) {
+    static_assert(std::is_same_v<Given, Into> || std::is_polymorphic_v<Into>,
+                  "name the sink's own type as the operator's: by a base without virtual functions its outputs would be lost");
+  }
+
   // A call that is under way.
   class Call {
    public:
@@ -664,8 +713,16 @@ class Operator {
     return commit != Commit::progressive || takes_preliminary ? commit : static_cast<Commit>(UINT32_MAX);
   }
 
+  typename Clock::time_point read() const {
+    if constexpr (detail::IsObject<Clock>::value) {
+      return clock_->now();
+    } else {
+      return Clock::now();
+    }
+  }
+
   Instant now() const {
-    const typename Clock::time_point reading = Clock::now();
+    const typename Clock::time_point reading = read();
     return reading < start_ ? Instant() : Instant::from_monotonic(reading - start_);
   }
 
@@ -763,10 +820,11 @@ class Operator {
   }
 
   Into& sink_;
-  typename Clock::time_point start_ = Clock::now();
+  Clock* clock_;  // null if now() is static
+  typename Clock::time_point start_ = read();
   Using<Capacity> machine_;
   Held<Value, Capacity> held_{machine_};
-  std::array<Timestamp, Capacity::window> open_{};  // ascending
+  typename Capacity::template Places<Timestamp> open_{machine_.greatest_window()};  // ascending
   std::size_t open_len_ = 0;
   unsigned calls_ = 0;
   SinkFailures failures_;

@@ -1,6 +1,9 @@
 // The header under every warning of gcc and clang: included twice, its templates used with durations of all kinds.
 #include "fuseline.hpp"
 #include "fuseline.hpp"
+#include "fuseline_capacity.hpp"
+#include "fuseline_clock.hpp"
+#include "fuseline_stamps.hpp"
 struct S : fuseline::Sink<int> {
   void forward(fuseline::Timestamp, fuseline::Priority, int) {}
   void miss(fuseline::Timestamp) {}
@@ -31,5 +34,9 @@ int main() {
   R r;
   const fuseline::Operator<int, R> revised(r, 16, fuseline::Commit::progressive, std::chrono::milliseconds(1), {});
   for (auto p : op.fail(fuseline::Timestamp{1}, fuseline::Priority{1})->cancelled()) (void)p;
+  fuseline::ManualClock manual;
+  fuseline::ReadClock read([&] { return manual.now().time_since_epoch(); });
+  fuseline::Operator<int, S, fuseline::AnyCapacity, decltype(read)> any(s, 9, fuseline::Commit::patient, std::chrono::seconds(1), {}, read);
+  if (!manual.advance(std::chrono::duration<float>(0.5F)) || !any.tick()) return 1;
   return m && n.op && revised && m.look() && op.tick() ? 0 : 1;
 }

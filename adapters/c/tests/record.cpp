@@ -2,6 +2,8 @@
 //
 //     record eager|patient|progressive >run.jsonl
 
+#include "fuseline_capacity.hpp"
+#include "fuseline_clock.hpp"
 #include "fuseline_record.hpp"
 
 #include <cstdio>
@@ -24,17 +26,6 @@ using fuseline::Timestamp;
     } \
   } while (0)
 
-struct ManualClock {
-  using duration = std::chrono::nanoseconds;
-  using rep = duration::rep;
-  using period = duration::period;
-  using time_point = std::chrono::time_point<ManualClock>;
-  static constexpr bool is_steady = true;
-  static time_point now() noexcept { return time_point(at); }
-  static duration at;
-};
-ManualClock::duration ManualClock::at{};
-
 std::uint64_t seed = 7;
 std::uint64_t chance(std::uint64_t below) {
   seed = seed * 6364136223846793005U + 1442695040888963407U;
@@ -44,8 +35,9 @@ std::uint64_t chance(std::uint64_t below) {
 struct Node {
   std::uint64_t next = 0, outputs = 0;
   unsigned depth = 0;
-  fuseline::Operator<int, Node, fuseline::C3W16, ManualClock, fuseline::RecordedMachine> op;
-  explicit Node(Commit commit) : op(*this, 16, commit, 1s, {{Priority{1}, 4}, {Priority{2}, 9, 3}, {Priority{5}, 9}}) {}
+  fuseline::ManualClock clock;
+  fuseline::Operator<int, Node, fuseline::AnyCapacity, fuseline::ManualClock, fuseline::RecordedMachine> op;
+  explicit Node(Commit commit) : op(*this, 16, commit, 1s, {{Priority{1}, 4}, {Priority{2}, 9, 3}, {Priority{5}, 9}}, clock) {}
 
   void forward(Timestamp, Priority, int) { ++outputs, act(); }
   void preliminary(Timestamp, Priority, int) { ++outputs, act(); }
@@ -58,7 +50,7 @@ struct Node {
   void act() {
     if (depth > 2 || chance(3) == 0) return;
     ++depth;
-    ManualClock::at += std::chrono::nanoseconds(chance(4));
+    HOLDS(clock.advance(std::chrono::nanoseconds(chance(4))));
     const Timestamp t{next - chance(next < 6 ? next + 1 : 6)};
     constexpr std::uint64_t sources[] = {0, 0, 1, 2, 5, 5, 6};
     const Priority p{sources[chance(7)]};
@@ -112,7 +104,6 @@ int main(int argc, char** argv) {
   const Commit commit = std::strcmp(rule, "eager") == 0     ? Commit::eager
                         : std::strcmp(rule, "patient") == 0 ? Commit::patient
                                                             : Commit::progressive;
-  ManualClock::at = {};
   Node node(commit);
   HOLDS(node.op.record([](std::string_view line) { return std::fwrite(line.data(), 1, line.size(), stdout) == line.size(); }));
   for (unsigned i = 0; i < 20000; ++i) node.act();

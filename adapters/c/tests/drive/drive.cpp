@@ -2,6 +2,8 @@
 // what `fuseline drive` asks, and breaks off if a value is lost, swapped or kept too long.
 //
 //     fuseline drive -- ./drive-cpp
+//
+// With OBJECTS the capacity is chosen at run time, and the clock is an object.
 
 #include <unistd.h>
 
@@ -9,6 +11,7 @@
 #include <memory>
 
 #include "fuseline.hpp"
+#include "fuseline_capacity.hpp"
 #include "line.h"
 
 namespace {
@@ -27,6 +30,14 @@ struct Virtual {
   static duration at;
 };
 Virtual::duration Virtual::at{};
+struct VirtualObject {
+  using duration = Virtual::duration;
+  using rep = duration::rep;
+  using period = duration::period;
+  using time_point = std::chrono::time_point<VirtualObject>;
+  static constexpr bool is_steady = true;
+  time_point now() const noexcept { return time_point(Virtual::at); }
+};
 
 // Whose result it is, so that a value that is forwarded for another is seen.
 struct Value {
@@ -90,7 +101,11 @@ class Driver {
   }
 
  private:
+#ifdef OBJECTS
+  using Operator = fuseline::Operator<Owned, Lines, fuseline::AnyCapacity, VirtualObject>;
+#else
   using Operator = fuseline::Operator<Owned, Lines, fuseline::C15W1024, Virtual>;
+#endif
 
   bool start() {
     std::array<fuseline::Cloud, LINE_CLOUDS> clouds;
@@ -100,8 +115,13 @@ class Driver {
     commit_ = static_cast<fuseline::Commit>(line_.commit);
     Virtual::at = {};
     sink_.at = 0;
-    operator_ = std::make_unique<Operator>(sink_, static_cast<std::uint32_t>(line_.window), commit_,
-                                           Virtual::duration::max(), clouds.data(), line_.clouds_len);
+#ifdef OBJECTS
+    operator_ = std::make_unique<Operator>(sink_, static_cast<std::uint32_t>(line_.window), commit_, Virtual::duration::max(),
+                                           clouds.data(), line_.clouds_len, clock_);
+#else
+    operator_ = std::make_unique<Operator>(sink_, static_cast<std::uint32_t>(line_.window), commit_, Virtual::duration::max(),
+                                           clouds.data(), line_.clouds_len);
+#endif
     return static_cast<bool>(*operator_);
   }
 
@@ -130,7 +150,7 @@ class Driver {
       if (operator_->held() != 0) return false;
     }
     const auto due = operator_->next_due();
-    return !due || *due > Virtual::now() || sink_.at > line_.at;
+    return !due || due->time_since_epoch() > Virtual::at || sink_.at > line_.at;
   }
 
   // What did not go to the sink.
@@ -154,6 +174,9 @@ class Driver {
   line line_{};
   fuseline::Commit commit_{};
   Lines sink_;
+#ifdef OBJECTS
+  VirtualObject clock_;
+#endif
   std::unique_ptr<Operator> operator_;
 };
 

@@ -12,6 +12,8 @@
 
 #include "cases.h"
 #include "fuseline.hpp"
+#include "fuseline_capacity.hpp"
+#include "fuseline_clock.hpp"
 #include "fuseline_stamps.hpp"
 
 namespace {
@@ -140,6 +142,46 @@ CASE(cpp_other_shape, "uses an `Own<C, W>` that the library lacks", "status `cap
   HOLDS((Machine<Own<15, 40>>(40, Commit::eager, 1s, {}).status() == FUSELINE_STATUS_CAPACITY));
   HOLDS((Machine<Own<5, 60>>(40, Commit::eager, 1s, {}).status() == FUSELINE_STATUS_CAPACITY));
   HOLDS((Machine<Own<5, 39>>(39, Commit::eager, 1s, {}).status() == FUSELINE_STATUS_CAPACITY));
+}
+CASE(cpp_no_capacity_has_room, "gives more clouds or a greater window at run time than any capacity of the library has", "status `capacity`, no machine; what fits one of them has the smallest") {
+  using Any = fuseline::Machine<fuseline::AnyCapacity>;
+  std::array<fuseline::Cloud, 15> many;
+  for (std::size_t i = 0; i < many.size(); ++i) many[i] = {Priority{i + 1}, 31};
+  HOLDS(Any(41, Commit::eager, 1s, {}).status() == FUSELINE_STATUS_CAPACITY);
+  HOLDS(Any(static_cast<std::uint32_t>(-1), Commit::eager, 1s, {}).status() == FUSELINE_STATUS_CAPACITY);
+  HOLDS(Any(4, Commit::eager, 1s, many.data(), 6).status() == FUSELINE_STATUS_CAPACITY);
+  HOLDS(Any(0, Commit::eager, 1s, {}).status() == FUSELINE_STATUS_WINDOW);
+  HOLDS(Any(40, Commit::eager, 1s, many.data(), 5) && Any(16, Commit::eager, 1s, many.data(), 4) && Any(16, Commit::eager, 1s, many.data(), 3));
+  HOLDS(fuseline::AnyCapacity::Storage(3, 16).capacity() == fuseline::C3W16::id && fuseline::AnyCapacity::Storage(3, 17).capacity() == fuseline_own_capacity());
+  Planner planner;
+  Operator<fuseline::AnyCapacity> op(planner, 2, Commit::eager, 1s, many.data(), 1);
+  for (const std::uint64_t t : {1U, 2U}) {
+    HOLDS(is_accepted(op.open(Timestamp{t})) && op.offer(Timestamp{t}, cloud, 400ms, 0).has_value());
+    HOLDS(op.result(Timestamp{t}, fuseline::local, "boxes")->is(FUSELINE_OUTCOME_HELD));
+  }
+  HOLDS(is_refused(op.open(Timestamp{3}), FUSELINE_REASON_FULL) && op.held() == 2 && op.drain() && planner.forwarded == 2);
+}
+CASE(cpp_clock_set_back, "reads a clock that is set back, as one of a recording that begins again", "`set_back()` counts each such reading; nothing fires twice, and nothing until the clock has caught up") {
+  Planner planner;
+  auto at = 500ms;
+  fuseline::ReadClock clock([&] { return at; });
+  fuseline::Operator<std::string, Planner, fuseline::C3W16, decltype(clock)> op(planner, 16, Commit::eager, 1s, {{cloud, 31}}, clock);
+  HOLDS(is_accepted(op.open(Timestamp{1}, 10ms)));
+  at = 510ms;
+  HOLDS(op.tick() && planner.missed == 1 && clock.set_back() == 0);
+  at = -7ms;
+  HOLDS(is_accepted(op.open(Timestamp{2}, 10ms)) && clock.set_back() == 1);
+  HOLDS(op.next_due() == decltype(clock)::time_point(520ms));
+  at = 519ms;
+  HOLDS(op.tick() && planner.missed == 1 && clock.set_back() == 1);
+  at = std::chrono::milliseconds::max();
+  HOLDS(op.tick() && planner.missed == 2 && clock.now() == decltype(clock)::time_point::max());
+}
+CASE(cpp_negative_time_in_a_test, "lets a `ManualClock` go back, or beyond its last reading", "false, and no time goes by") {
+  fuseline::ManualClock clock;
+  HOLDS(clock.advance(3ms) && !clock.advance(-1ns) && !clock.advance(-0.1ns) && !clock.advance(std::chrono::hours::max()));
+  HOLDS(!clock.advance(std::chrono::duration<double>(std::numeric_limits<double>::quiet_NaN())));
+  HOLDS(clock.now() == fuseline::ManualClock::time_point(3ms));
 }
 CASE(cpp_full_window_of_values, "opens one more message when a full window holds values", "refused `full`; no value is lost") {
   Planner planner;

@@ -1,6 +1,7 @@
 // Misuse of the C++ wrapper that does not compile. Without a case this compiles; with -DCASE=NAME's number it must not,
 // and the compiler's text must match the case's pattern. `run` reads the lines that begin with "// case".
 #include "fuseline.hpp"
+#include "fuseline_clock.hpp"
 
 #include <string>
 
@@ -150,5 +151,23 @@ struct Approximate {
 #elif CASE == 31
   // case 31 | sink of another value | the sink lacks forward
   Operator<std::chrono::seconds, Planner> wrong(planner, 16, Commit::eager, 1s, {});
+#elif CASE == 32
+  // case 32 | clock that is an object, and is not given to its operator | this clock is an object
+  Operator<std::string, Planner, C3W16, ManualClock> wrong(planner, 16, Commit::eager, 1s, {});
+#elif CASE == 33
+  // case 33 | temporary as the clock | cannot bind|no matching
+  Operator<std::string, Planner, C3W16, ManualClock> wrong(planner, 16, Commit::eager, 1s, {}, ManualClock());
+#elif CASE == 34
+  // case 34 | clock that is read as a plain number | which has a unit
+  ReadClock wrong([] { return 5; });
+#elif CASE == 35
+  // case 35 | clock of 32 bits, which wraps | whole numbers of 64 bits
+  ReadClock wrong([] { return std::chrono::duration<std::uint32_t, std::milli>(5); });
+#elif CASE == 36
+  // case 36 | clock that is read in floating-point seconds | whole numbers of 64 bits
+  ReadClock wrong([] { return std::chrono::duration<double>(5.0); });
+#elif CASE == 37
+  // case 37 | time of day as a clock's reading | which has a unit
+  ReadClock wrong([] { return std::chrono::system_clock::now(); });
 #endif
 }
