@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use fuseline_report::{Findings, JudgeMode, TraceJudge, TraceRange, VerdictSummary};
 use fuseline_traces::observed::Slack;
-use fuseline_traces::{Cloud, Doubt, DoubtKind, Event, Events, Header, ReadError};
+use fuseline_traces::{Cloud, Doubt, DoubtKind, Event, Events, Header, ReadError, nanos};
 use thiserror::Error;
 
 use crate::fault::Fault;
@@ -324,10 +324,6 @@ fn sources_named(name: &str, header: &Header) -> Vec<u64> {
 fn known(header: &Header) -> String {
     let clouds = header.clouds.iter().map(cloud_name);
     ["local".to_owned()].into_iter().chain(clouds).collect::<Vec<_>>().join(", ")
-}
-
-fn nanos(time: Duration) -> u64 {
-    u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
 }
 
 /// A span of time with its unit.

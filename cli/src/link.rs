@@ -7,6 +7,7 @@ use fuseline_testkit::networks::Drive;
 use fuseline_tokio::deadline::LinkQueue;
 use fuseline_tokio::deadline::LinkRate;
 use fuseline_tokio::{EmulatedLink, LinkDirection};
+use fuseline_traces::nanos;
 #[cfg(feature = "full")]
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -77,8 +78,7 @@ impl RecordedLink<'_> {
         let recorded = self.drive.and_then(|(drive, start)| {
             let (bits_per_second, lasts) =
                 drive.rate(direction as usize, start + Duration::from_nanos(at))?;
-            let lasts = u64::try_from(lasts.as_nanos()).unwrap_or(u64::MAX);
-            Some(LinkRate { bits_per_second, until: at.saturating_add(lasts) })
+            Some(LinkRate { bits_per_second, until: at.saturating_add(nanos(lasts)) })
         });
         recorded.or_else(|| self.width.fixed(direction).map(LinkRate::constant))
     }

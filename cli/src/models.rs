@@ -6,6 +6,7 @@ use std::str::FromStr;
 use std::sync::LazyLock;
 use std::time::Duration;
 
+use fuseline_traces::nanos;
 use serde::Deserialize;
 use thiserror::Error;
 
@@ -109,7 +110,7 @@ impl Model {
     pub(crate) fn runtime(&self, seed: u64, t: u64) -> Duration {
         let name = self.name.bytes().fold(0, |hash, byte| mix(hash ^ u64::from(byte)));
         let (least, greatest) = self.runtimes();
-        let range = u64::try_from(greatest.abs_diff(least).as_nanos()).unwrap_or(u64::MAX);
+        let range = nanos(greatest.abs_diff(least));
         let strayed = mix(mix(seed ^ name) ^ t) % range.saturating_add(1);
         least + Duration::from_nanos(strayed)
     }
@@ -127,9 +128,9 @@ impl Model {
 
     /// The shortest and the longest that it takes.
     pub(crate) fn runtimes(&self) -> (Duration, Duration) {
-        let nanos = u64::try_from(self.runtime.as_nanos()).unwrap_or(u64::MAX);
-        let most = nanos / JITTER;
-        (Duration::from_nanos(nanos - most), Duration::from_nanos(nanos + most))
+        let runtime = nanos(self.runtime);
+        let most = runtime / JITTER;
+        (Duration::from_nanos(runtime - most), Duration::from_nanos(runtime + most))
     }
 }
 

@@ -6,7 +6,7 @@ use std::time::Duration;
 use fuseline_report::PartFilter;
 use fuseline_report::TraceRange;
 #[cfg(feature = "full")]
-use fuseline_traces::Event;
+use fuseline_traces::{Event, nanos};
 use humantime::format_duration;
 use thiserror::Error;
 
@@ -48,7 +48,6 @@ impl PartOptions {
             return Err(Fault::own(EmptyPartError { from, to }));
         }
         let (first, last) = self.timestamps.unwrap_or((0, u64::MAX));
-        let nanos = |time: Duration| u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
         let (from, to) = (self.from.map_or(0, nanos), self.to.map_or(u64::MAX, nanos));
         let part = TraceRange { from, to, first, last };
         Ok((part != TraceRange::default()).then_some(part))

@@ -5,6 +5,7 @@ mod canonical;
 mod compact;
 pub mod corpus;
 mod doubt;
+mod duration;
 mod event;
 mod judge;
 pub mod observed;
@@ -25,6 +26,7 @@ mod write;
 
 pub use annotations::{Annotations, HeaderAnnotations, Origin};
 pub use doubt::{Doubt, DoubtKind};
+pub use duration::nanos;
 pub use event::{Cloud, Commit, Decision, Event, Header, Input, Line, VERSION};
 pub use judge::{Judge, Verdict, Violation, ViolationPlace, judge};
 pub use parse::{ParseError, observed_line, parse};

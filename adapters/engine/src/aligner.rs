@@ -60,6 +60,18 @@ pub enum JoinCause {
     Full,
 }
 
+impl JoinCause {
+    /// Returns the cause as a word.
+    #[must_use]
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Complete => "complete",
+            Self::Due => "due",
+            Self::Full => "full",
+        }
+    }
+}
+
 /// Why a message was not joined.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub enum JoinDropReason {
@@ -69,6 +81,18 @@ pub enum JoinDropReason {
     Late,
     /// The input's last message of this set has come.
     Duplicate,
+}
+
+impl JoinDropReason {
+    /// Returns the reason as words.
+    #[must_use]
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::NoKey => "no key",
+            Self::Late => "late",
+            Self::Duplicate => "duplicate",
+        }
+    }
 }
 
 /// A message on its way into a set.

@@ -2,7 +2,8 @@
 
 use std::time::{Duration, Instant};
 
-use crate::engine::nanos;
+use fuseline_traces::nanos;
+
 use crate::latency::Reserve;
 use crate::lineage::Lineage;
 

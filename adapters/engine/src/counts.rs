@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fmt;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use fuseline_traces::{DropReason, OfferRefusal, OpenRefusal};
@@ -12,6 +12,7 @@ use tracing::error;
 use crate::event::CountedEvent;
 use crate::item::{Source, Trigger};
 use crate::lag::Lag;
+use crate::lock::lock;
 use crate::meter::{Meters, SourceMeters};
 use crate::reasons::Reasons;
 use crate::tally::{CurrentDeadline, SourceTally, Tally};
@@ -313,9 +314,4 @@ fn read(cell: &AtomicU64) -> u64 {
 /// Only those that are not zero.
 fn by_reason<K: Ord, const N: usize>(all: [K; N], cells: &[AtomicU64; N]) -> BTreeMap<K, u64> {
     all.into_iter().zip(cells.iter().map(read)).filter(|(_, count)| *count > 0).collect()
-}
-
-/// Nothing panics while it is held.
-fn lock<T>(cell: &Mutex<T>) -> MutexGuard<'_, T> {
-    cell.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 
 use fuseline_core::{Admission, ConfigError, Opening};
 use fuseline_deadline::{End, Policy, Situation};
-use fuseline_traces::{Annotations, Header, Input};
+use fuseline_traces::{Annotations, Header, Input, nanos};
 
 use crate::arbiter::Answer;
 use crate::budget::Budget;
@@ -34,9 +34,6 @@ use crate::recordings::Recordings;
 use crate::sized_arbiter::{ServedFirings, SizedArbiter};
 use crate::sources::{LOCAL, SourceQueues};
 use crate::writer::{Sink, TraceWriter};
-
-/// The most clouds that a header may have.
-pub(crate) const CLOUDS: usize = 15;
 
 /// One operator: the core, the values it holds, the queues to its sources, its counts and its
 /// recordings.
@@ -458,9 +455,4 @@ impl<V, R> Engine<V, R> {
         let instant = if self.has_doubtful_ages { None } else { self.instant(at) };
         Budget::new(lineage, (at, instant), self.reserve)
     }
-}
-
-/// Saturates at 2⁶⁴ − 1 ns, as due instants do (A14).
-pub(crate) fn nanos(duration: Duration) -> u64 {
-    u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
 }

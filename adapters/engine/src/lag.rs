@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use tracing::warn;
 
-use crate::engine::nanos;
+use fuseline_traces::nanos;
 
 /// One operator's lag, in ns.
 pub(crate) struct Lag {

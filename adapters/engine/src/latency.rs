@@ -2,8 +2,10 @@
 
 use std::collections::VecDeque;
 use std::iter::Sum;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
+
+use crate::lock::lock;
 
 /// How long an operator takes for a message, on board alone and with its clouds: stated, or measured while it runs.
 ///
@@ -18,7 +20,7 @@ enum LatencyKind {
     Measured { percent: u8, at_first: Duration, last: Arc<Mutex<Measurements>> },
 }
 
-/// The part of an end-to-end deadline that is kept for the operators downstream. The sum of two reserves is the reserve for both.
+/// The part of an end-to-end deadline that is kept for the operators downstream, as the sum of their latencies.
 ///
 /// Local's time ends before what the others need [on board](Self::on_board). Requests end before what the others take
 /// [with their clouds](Self::with_clouds). So a cloud downstream never takes time from local upstream (E11).
@@ -68,9 +70,9 @@ impl Reserve {
 }
 
 /// Saturates.
-impl Sum for Reserve {
-    fn sum<I: Iterator<Item = Self>>(reserves: I) -> Self {
-        reserves.fold(Self::default(), |sum, one| {
+impl<'a> Sum<&'a Latency> for Reserve {
+    fn sum<I: Iterator<Item = &'a Latency>>(latencies: I) -> Self {
+        latencies.map(Latency::estimate).fold(Self::default(), |sum, one| {
             let on_board = sum.on_board.saturating_add(one.on_board);
             Self::new(on_board, sum.with_clouds.saturating_add(one.with_clouds))
         })
@@ -115,7 +117,7 @@ impl Latency {
         match &self.0 {
             LatencyKind::Stated(reserve) => *reserve,
             LatencyKind::Measured { percent, at_first, last } => {
-                let last = last.lock().unwrap_or_else(PoisonError::into_inner);
+                let last = lock(last);
                 let of =
                     |last: &LastLatencies| last.percentile((*percent).into()).unwrap_or(*at_first);
                 Reserve::new(of(&last.local), of(&last.messages))
@@ -125,7 +127,7 @@ impl Latency {
 
     fn push(&self, of: fn(&mut Measurements) -> &mut LastLatencies, took: Duration) {
         if let LatencyKind::Measured { last, .. } = &self.0 {
-            of(&mut last.lock().unwrap_or_else(PoisonError::into_inner)).push(took);
+            of(&mut lock(last)).push(took);
         }
     }
 }
@@ -196,8 +198,7 @@ mod tests {
         let latency = Latency::measured(100, MS);
         (0..16).for_each(|_| latency.record_local(3 * MS));
         (0..16).for_each(|_| latency.record(40 * MS));
-        let reserve: Reserve =
-            [latency, Latency::stated(5 * MS)].iter().map(Latency::estimate).sum();
+        let reserve: Reserve = [latency, Latency::stated(5 * MS)].iter().sum();
         assert_eq!((reserve.on_board(), reserve.with_clouds()), (8 * MS, 45 * MS));
     }
 

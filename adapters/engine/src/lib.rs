@@ -27,6 +27,8 @@ mod lag;
 mod latency;
 #[cfg(feature = "operator")]
 mod lineage;
+#[cfg(feature = "operator")]
+mod lock;
 #[cfg(feature = "mcap")]
 mod mcap;
 #[cfg(feature = "operator")]
@@ -71,7 +73,7 @@ pub use fuseline_core::{ConfigError, Gate};
 pub use fuseline_deadline::{Policy, Situation};
 pub use fuseline_traces::{
     Cloud, Commit, DropReason, Header, HeaderAnnotations, OfferRefusal, OpenRefusal, Origin,
-    Recorder, Recording,
+    Recorder, Recording, nanos,
 };
 #[cfg(feature = "operator")]
 pub use item::{CarriedMessage, Ending, Failure, Forwarded, Item, Source, Trigger};
@@ -79,6 +81,8 @@ pub use item::{CarriedMessage, Ending, Failure, Forwarded, Item, Source, Trigger
 pub use latency::{Latency, Reserve};
 #[cfg(feature = "operator")]
 pub use lineage::{Lineage, StampedValue};
+#[cfg(feature = "operator")]
+pub use lock::lock;
 #[cfg(feature = "mcap")]
 pub use mcap::{Mcap, McapError};
 #[cfg(feature = "operator")]

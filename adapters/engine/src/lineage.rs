@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use fuseline_traces::{Annotations, Origin};
+use fuseline_traces::{Annotations, Origin, nanos};
 
 /// What a message comes from: operators pass it on as it is, from the sensor to the last output.
 ///
@@ -64,8 +64,8 @@ impl Lineage {
         let before = age.filter(|_| counts_from_now).unwrap_or_default();
         let within = self.within.map(|within| within.saturating_add(before));
         Annotations {
-            within: within.map(crate::engine::nanos),
-            age: age.map(crate::engine::nanos),
+            within: within.map(nanos),
+            age: age.map(nanos),
             origin: self.origin.clone(),
             missing: self.missing.clone(),
             ..Annotations::NONE

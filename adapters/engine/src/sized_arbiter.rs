@@ -6,8 +6,7 @@
 use fuseline_core::{Admission, Commit, ConfigError, Firing, OfferRefusal, Opening, Outcome};
 use fuseline_traces::Header;
 
-use crate::arbiter::Arbiter;
-use crate::engine::CLOUDS;
+use crate::arbiter::{Arbiter, CLOUDS};
 
 /// What fired before the current input, and when it was served.
 pub(crate) type ServedFirings = Vec<(u64, Firing<CLOUDS>)>;

@@ -8,8 +8,8 @@ use std::ops::{Index, IndexMut};
 
 use fuseline_traces::Header;
 
+use crate::arbiter::CLOUDS;
 use crate::effect::Local;
-use crate::engine::CLOUDS;
 use crate::item::Source;
 use crate::queue::{AbandonedRequest, SourceQueue};
 

@@ -3,7 +3,7 @@
 use std::io;
 use std::mem;
 use std::path::Path;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 #[cfg(feature = "mcap")]
@@ -12,6 +12,7 @@ use std::{fs::File, io::BufWriter};
 use fuseline_traces::{Annotations, Decision, Event, HeldValues, Input, Recorder};
 
 use crate::counts::Counts;
+use crate::lock::lock;
 #[cfg(feature = "mcap")]
 use crate::mcap::Mcap;
 
@@ -168,11 +169,6 @@ fn write(mut sink: Sink, waiting: &Mutex<PendingInputs>, counts: &Counts) -> io:
 /// What must be in the file even if the process is killed.
 const fn is_loss(decision: &Decision) -> bool {
     matches!(decision, Decision::Miss { .. } | Decision::RefuseOpen { .. })
-}
-
-/// Nothing panics while it is held.
-fn lock(waiting: &Mutex<PendingInputs>) -> MutexGuard<'_, PendingInputs> {
-    waiting.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl EventBatch {

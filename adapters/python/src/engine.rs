@@ -15,6 +15,7 @@ use std::{io, iter, mem};
 use fuseline_engine as engine;
 use fuseline_engine::{
     HeaderAnnotations, Latency, Lineage, Local, Offer, Origin, Recorder, Recording, StampedValue,
+    lock,
 };
 use pyo3::exceptions::{PyOSError, PyRuntimeError};
 use pyo3::prelude::*;
@@ -24,7 +25,7 @@ pub(crate) use crate::engine::counting::PyCounting;
 use crate::engine::effects::Effects;
 use crate::engine::policy::EnginePolicy;
 use crate::fusion::{CloudEntry, WindowArgument, header};
-use crate::pipeline::{PyLatency, reserve_of};
+use crate::pipeline::PyLatency;
 use crate::policy::SituationFields;
 use crate::raised::config;
 use crate::time::Nanos;
@@ -220,7 +221,7 @@ impl PyEngine {
         let lineage = lineage.map(|lineage| Arc::new(self.lineage(at, lineage)));
         self.apply(|inner| {
             if !self.reserve.is_empty() {
-                inner.set_reserve(reserve_of(self.reserve.iter()));
+                inner.set_reserve(self.reserve.iter().sum());
             }
             inner.open_with(at, t, deadline, lineage, job, offers);
         })
@@ -341,7 +342,7 @@ impl PendingException {
 
     /// Nothing of Python's runs while it is held.
     fn locked(&self) -> MutexGuard<'_, Option<PyErr>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.0)
     }
 }
 
@@ -360,8 +361,4 @@ fn unwritable(error: &io::Error, path: PathBuf) -> PyErr {
         }
         None => PyOSError::new_err(format!("{}: {error}", path.display())),
     }
-}
-
-pub(crate) fn nanos(duration: Duration) -> u64 {
-    u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
 }

@@ -5,11 +5,10 @@ use std::time::Duration;
 use fuseline_report::policies::{BoundedFigure, ComparedPolicy};
 use fuseline_report::{ArrivalTime, MessageRecord, Quantile, TraceStatistics};
 use fuseline_testkit::networks::{Drive, DriveError, built_in};
-use fuseline_traces::{Events, Header};
+use fuseline_traces::{Events, Header, nanos};
 use pyo3::exceptions::{PyOSError, PyValueError};
 use pyo3::prelude::*;
 
-use crate::engine::nanos;
 use crate::raised::unreadable;
 use crate::reading::with_trace;
 use crate::time::Nanos;

@@ -5,13 +5,13 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use fuseline_engine::{
-    Aligner, JoinArrival, JoinBounds, JoinCause, JoinDropReason, Joined, Latency, Lineage, Ordered,
-    Origin, Reorderer, Reserve,
+    Aligner, JoinArrival, JoinBounds, JoinDropReason, Joined, Latency, Lineage, Ordered, Origin,
+    Reorderer, Reserve,
 };
+use fuseline_traces::nanos;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::engine::nanos;
 use crate::raised::config;
 use crate::time::Nanos;
 
@@ -86,11 +86,7 @@ impl PyAligner {
                 set.insert(index, value);
             }
         });
-        arrived.err().map(|why| match why {
-            JoinDropReason::NoKey => "no key",
-            JoinDropReason::Late => "late",
-            JoinDropReason::Duplicate => "duplicate",
-        })
+        arrived.err().map(JoinDropReason::as_str)
     }
 
     /// Nothing more comes from this input.
@@ -101,7 +97,8 @@ impl PyAligner {
     /// Sets what is left of end-to-end deadlines when sets are given, as the sum of these.
     #[expect(clippy::needless_pass_by_value, reason = "it is made of a list")]
     fn set_reserve(&mut self, latencies: Vec<PyRef<'_, PyLatency>>) {
-        self.inner.set_reserve(reserve_of(latencies.iter().map(|it| &it.0)).on_board());
+        let reserve: Reserve = latencies.iter().map(|it| &it.0).sum();
+        self.inner.set_reserve(reserve.on_board());
     }
 
     /// Time went by.
@@ -133,13 +130,8 @@ impl PyAligner {
             by_name.set_item(&self.names[input], value)?;
         }
         let missing = missing.iter().map(ToString::to_string).collect();
-        let cause = match cause {
-            JoinCause::Complete => "complete",
-            JoinCause::Due => "due",
-            JoinCause::Full => "full",
-        };
         let lineage = lineage.map(|lineage| self.clock.fields(&lineage));
-        Ok(Some((key, by_name, missing, cause, lineage)))
+        Ok(Some((key, by_name, missing, cause.as_str(), lineage)))
     }
 
     /// When the next set is due, if one waits.
@@ -293,9 +285,4 @@ impl ClockOrigin {
         let missing = missing.iter().map(ToString::to_string).collect();
         (stream, seq, captured, within.map(nanos), missing)
     }
-}
-
-/// How long all of these take.
-pub(crate) fn reserve_of<'a>(latencies: impl Iterator<Item = &'a Latency>) -> Reserve {
-    latencies.map(Latency::estimate).sum()
 }

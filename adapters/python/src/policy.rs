@@ -1,6 +1,6 @@
 //! The policies of `fuseline-deadline`.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
+use std::sync::{Arc, Mutex, MutexGuard, TryLockError};
 use std::time::Duration;
 
 use fuseline_deadline as deadline;
@@ -9,6 +9,8 @@ use fuseline_deadline::{
     MetresPerSecond, MetresPerSecondSquared, Parameters, Policy, Reason, Situation, Source, Span,
     StreamLoss, Survival,
 };
+use fuseline_engine::lock;
+use fuseline_traces::nanos;
 use pyo3::exceptions::{PyRuntimeError, PyTypeError};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
@@ -273,12 +275,12 @@ impl LossFunction {
             Source::Cloud => "cloud",
         };
         let loss = Python::attach(|py| {
-            let situation = locked(&self.situation).as_ref().map(|it| it.clone_ref(py));
+            let situation = lock(&self.situation).as_ref().map(|it| it.clone_ref(py));
             let response = AnswerClasses::get(py)?.ns(py, nanos(response))?;
             self.called.call1(py, (situation, word, response))?.extract(py)
         });
         loss.unwrap_or_else(|error| {
-            locked(&self.raised).get_or_insert(error);
+            lock(&self.raised).get_or_insert(error);
             f64::NAN
         })
     }
@@ -287,7 +289,7 @@ impl LossFunction {
 impl SharedExpected {
     pub(crate) fn decide(&self, situation: &Situation<'_>, cap: Duration) -> PyResult<Chosen> {
         let chosen = self.locked()?.decide(situation, cap);
-        match self.function.as_ref().and_then(|function| locked(&function.raised).take()) {
+        match self.function.as_ref().and_then(|function| lock(&function.raised).take()) {
             Some(raised) => Err(raised),
             None => Ok(chosen),
         }
@@ -306,7 +308,7 @@ impl SharedExpected {
     /// The situation that a loss of Python's gets.
     pub(crate) fn set_situation(&self, situation: Py<PyAny>) {
         if let Some(function) = &self.function {
-            *locked(&function.situation) = Some(situation);
+            *lock(&function.situation) = Some(situation);
         }
     }
 
@@ -494,10 +496,6 @@ fn fields_of(Chosen { deadline, reason }: Chosen) -> DeadlineFields {
     (nanos(deadline), word, case, loss)
 }
 
-fn locked<T>(value: &Mutex<T>) -> MutexGuard<'_, T> {
-    value.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 fn end_of(end: &str, age: Nanos) -> PyResult<End> {
     let age = Duration::from_nanos(age.0);
     match end {
@@ -517,10 +515,6 @@ fn seen(observation: deadline::Observation) -> ObservedCall {
 
 fn ages(under_way: Vec<Nanos>) -> Vec<Duration> {
     under_way.into_iter().map(|age| Duration::from_nanos(age.0)).collect()
-}
-
-fn nanos(duration: Duration) -> u64 {
-    u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
 }
 
 fn invalid(error: Invalid) -> PyErr {

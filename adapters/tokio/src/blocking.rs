@@ -2,10 +2,10 @@
 //!
 //! It has a runtime of its own. Programs on tokio [`spawn`] instead.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use fuseline_engine::{Item, Lineage, Tally};
+use fuseline_engine::{Item, Lineage, Tally, lock};
 use tokio::runtime::{Builder, Handle, Runtime};
 use tokio::time::error::Elapsed;
 use tokio::time::timeout;
@@ -180,9 +180,4 @@ impl Drop for OwnedRuntime {
             runtime.shutdown_background();
         }
     }
-}
-
-/// What a panic of a reader leaves behind is sound.
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

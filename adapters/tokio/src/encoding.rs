@@ -2,9 +2,10 @@
 
 use std::error;
 use std::fmt;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use fuseline_engine::lock;
 use futures_util::FutureExt;
 use futures_util::future::{BoxFuture, Shared, WeakShared};
 use tokio::task::{JoinHandle, spawn_blocking};
@@ -146,7 +147,7 @@ impl<Raw: Send + 'static, Req: Clone + Send + Sync + 'static> EncodeOnce<Raw, Re
 
     /// The encoding of a message, begun when it is first waited for.
     fn encoding_of(&self, message: (u64, usize), raw: Raw) -> SharedEncoding<Req> {
-        let mut latest = self.0.latest.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut latest = lock(&self.0.latest);
         let known = latest.as_ref().filter(|latest| latest.message == message);
         if let Some(encoding) = known.and_then(|latest| latest.encoding.upgrade()) {
             return encoding;

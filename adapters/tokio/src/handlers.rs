@@ -14,6 +14,7 @@ use std::sync::OnceLock;
 use std::time::Duration;
 
 use fuseline_deadline::{Chosen, End, Policy, SendBudget, Situation};
+use fuseline_engine::nanos;
 use tokio::time::Instant;
 
 use crate::shared::SharedState;
@@ -87,8 +88,7 @@ pub fn within_budget<M, R, const STREAMS: usize>(
 /// Nanoseconds of a clock that all budgets of the process share.
 fn now() -> u64 {
     static START: OnceLock<Instant> = OnceLock::new();
-    let since = START.get_or_init(Instant::now).elapsed();
-    u64::try_from(since.as_nanos()).unwrap_or(u64::MAX)
+    nanos(START.get_or_init(Instant::now).elapsed())
 }
 
 /// One policy for a cloud's deadlines and for a message handler that looks at its estimates.

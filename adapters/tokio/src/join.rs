@@ -6,13 +6,13 @@ use std::collections::BTreeMap;
 use std::future::poll_fn;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::Pin;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::task::{Context, Poll};
 use std::time::Duration;
 
 use fuseline_engine::{
     Aligner, Ending, Item, JoinArrival, JoinBounds, JoinCause, JoinDropReason, Joined, Latency,
-    Lineage, Reserve,
+    Lineage, Reserve, lock,
 };
 use tokio::runtime::Handle;
 use tokio::task::JoinHandle;
@@ -335,14 +335,14 @@ impl RunningJoin {
     /// The counts so far.
     #[must_use]
     pub fn tally(&self) -> JoinTally {
-        self.tally.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        lock(&self.tally).clone()
     }
 
     /// Waits until the aligned inputs have ended and every set was given; returns the counts.
     pub async fn join(self) -> JoinTally {
         // A runtime that was shut down has ended it too.
         let _ = self.task.await;
-        let tally = self.tally.lock().unwrap_or_else(PoisonError::into_inner);
+        let tally = lock(&self.tally);
         tally.clone()
     }
 }
@@ -399,7 +399,7 @@ impl<S: Default + Send + Sync + 'static> JoinTask<S> {
             self.aligner.end(now, index);
             return;
         };
-        let reserve: Reserve = self.reserve.iter().map(Latency::estimate).sum();
+        let reserve: Reserve = self.reserve.iter().sum();
         self.aligner.set_reserve(reserve.on_board());
         let lineage = lineage.as_ref();
         let arrival = JoinArrival { input: index, key, lineage, is_last };
@@ -445,7 +445,7 @@ impl<S: Default + Send + Sync + 'static> JoinTask<S> {
     }
 
     fn count(&self, count: impl FnOnce(&mut JoinTally)) {
-        count(&mut self.tally.lock().unwrap_or_else(PoisonError::into_inner));
+        count(&mut lock(&self.tally));
     }
 }
 

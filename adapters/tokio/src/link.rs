@@ -2,10 +2,11 @@
 
 use std::fmt;
 use std::future;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use fuseline_deadline::{LinkQueue, LinkRate};
+use fuseline_engine::{lock, nanos};
 use futures_util::future::BoxFuture;
 use tokio::time::{Instant, sleep_until};
 
@@ -111,8 +112,8 @@ impl EmulatedLink {
 impl EmulatedLinkState {
     /// How long a message takes that is given to a queue now; none if it finds no room.
     fn send(&self, direction: LinkDirection, bytes: usize) -> Option<Duration> {
-        let mut queues = self.queues.lock().unwrap_or_else(PoisonError::into_inner);
-        let now = u64::try_from(self.start.elapsed().as_nanos()).unwrap_or(u64::MAX);
+        let mut queues = lock(&self.queues);
+        let now = nanos(self.start.elapsed());
         let Some(free) = (self.rate)(direction, now) else { return Some(Duration::ZERO) };
         let rate = |at| (self.rate)(direction, at).unwrap_or(free);
         let through = queues[direction as usize].send(now, bytes as u64, rate)?;

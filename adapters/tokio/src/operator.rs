@@ -5,12 +5,12 @@
 use std::collections::VecDeque;
 use std::io;
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use fuseline_engine::{
     self as shared, CapacityErrors, Commit, ConfigError, Counting, Engine, Header,
-    HeaderAnnotations, Latency, Recorder, Recording, Tally, Workload,
+    HeaderAnnotations, Latency, Recorder, Recording, Tally, Workload, lock,
 };
 use thiserror::Error;
 use tokio::runtime::Handle;
@@ -337,7 +337,7 @@ impl Running {
     /// Ends the operator at once: calls are aborted, open messages stay unanswered, the output
     /// ends. The trace is whole up to that point.
     pub fn stop(&self) {
-        let stop = self.stop.lock().unwrap_or_else(PoisonError::into_inner).take();
+        let stop = lock(&self.stop).take();
         // It may have been stopped before, or have ended.
         let _ = stop.map(|stop| stop.send(()));
     }

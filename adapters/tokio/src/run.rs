@@ -165,7 +165,7 @@ impl<I: Send + Sync + 'static, O: Send + Sync + 'static> Transport for Streams<I
     }
 
     fn reserve(&mut self) -> Reserve {
-        self.reserve.iter().map(Latency::estimate).sum()
+        self.reserve.iter().sum()
     }
 
     fn output(&mut self, mut item: Item<O>) {

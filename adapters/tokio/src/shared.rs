@@ -1,7 +1,9 @@
 //! State that the parts of an operator share.
 
 use std::fmt;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
+
+use fuseline_engine::lock;
 
 /// State that local, handlers and side requests have in common; clones share it.
 ///
@@ -28,7 +30,7 @@ impl<T> SharedState<T> {
     ///
     /// Do not call it from within `use_it`: it would wait for ever.
     pub fn with<R>(&self, use_it: impl FnOnce(&mut T) -> R) -> R {
-        use_it(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
+        use_it(&mut lock(&self.0))
     }
 }
 

@@ -6,10 +6,10 @@ use std::fmt;
 use std::future::poll_fn;
 use std::pin::pin;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::sync::{Arc, Mutex, MutexGuard, Weak};
 use std::task::{Context, Poll, ready};
 
-use fuseline_engine::Lineage;
+use fuseline_engine::{Lineage, lock};
 use futures_util::{Stream, StreamExt};
 use thiserror::Error;
 use tokio::sync::{Semaphore, mpsc};
@@ -88,7 +88,7 @@ struct NewReaders<T> {
 
 impl<T> NewReaders<T> {
     fn lock(&self) -> MutexGuard<'_, Vec<mpsc::Sender<StreamMessage<T>>>> {
-        self.readers.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.readers)
     }
 }
 

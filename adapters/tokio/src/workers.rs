@@ -2,11 +2,11 @@
 
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, mpsc};
+use std::sync::{Arc, Mutex, MutexGuard, mpsc};
 use std::task::{Context, Poll};
 use std::thread;
 
-use fuseline_engine::StampedValue;
+use fuseline_engine::{StampedValue, lock};
 use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
 use tracing::error;
 
@@ -121,7 +121,7 @@ impl<I: Send + Sync + 'static, O: Send + 'static> LocalWorker<I, O> {
 
     /// Computes a message; false if the thread is to end.
     fn compute_next(&self, compute: &mut Compute<I, O>) -> bool {
-        let job = self.jobs.lock().unwrap_or_else(PoisonError::into_inner).recv();
+        let job = lock(&self.jobs).recv();
         let Ok((message, timestamp)) = job else { return false };
         self.running().push((timestamp, false));
         let result = guard(|| compute(&message, timestamp)).map(StampedValue::from);
@@ -136,7 +136,7 @@ impl<I: Send + Sync + 'static, O: Send + 'static> LocalWorker<I, O> {
 
     /// Nothing panics while it is held.
     fn running(&self) -> MutexGuard<'_, Vec<(u64, bool)>> {
-        self.running.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.running)
     }
 }
 

@@ -7,7 +7,9 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use fuseline_traces::{Annotations, Decision, Doubt, Event, Header, Input, Origin, ViolationPlace};
+use fuseline_traces::{
+    Annotations, Decision, Doubt, Event, Header, Input, Origin, ViolationPlace, nanos,
+};
 use serde::Serialize;
 use serde::ser::Serializer;
 
@@ -487,9 +489,7 @@ impl LineageRow {
 impl ResponseColumn {
     fn new(quantile: Option<Quantile>) -> Self {
         match quantile {
-            Some(Quantile::Exactly(at) | Quantile::AtLeast(at)) => {
-                Self::Exactly(u64::try_from(at.as_nanos()).unwrap_or(u64::MAX))
-            }
+            Some(Quantile::Exactly(at) | Quantile::AtLeast(at)) => Self::Exactly(nanos(at)),
             Some(Quantile::Never) => Self::Never("never"),
             None => Self::None,
         }

@@ -8,6 +8,7 @@ use fuseline_deadline::{
     Guard, Hazard, Invalid, Metres, MetresPerSecond, MetresPerSecondSquared, Parameters, Situation,
     Span,
 };
+pub(crate) use fuseline_traces::nanos as whole;
 #[cfg(feature = "full")]
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -82,10 +83,6 @@ pub(crate) fn seconds(nanos: u64) -> f64 {
 
 fn time(seconds: f64) -> Duration {
     Duration::from_nanos(nanos(seconds))
-}
-
-pub(crate) fn whole(duration: Duration) -> u64 {
-    u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
 }
 
 impl Vehicle {

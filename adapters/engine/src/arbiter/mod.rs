@@ -17,6 +17,10 @@ use fuseline_traces::{Decision, Header, Input};
 pub use answer::{Answer, decisions_of};
 pub use reason::{drop_reason, offer_refusal, open_refusal};
 
+/// The most clouds that a header may have.
+#[cfg(feature = "operator")]
+pub(crate) const CLOUDS: usize = 15;
+
 /// One operator's machine: takes the numbers of a trace, answers in the core's types.
 ///
 /// Instants and durations are nanoseconds. Each input first gives every firing (F5) to `fired`, with
@@ -30,7 +34,7 @@ pub use reason::{drop_reason, offer_refusal, open_refusal};
 /// - questions: [`next_due`](Self::next_due), [`now`](Self::now),
 ///   [`offer_refusal`](Self::offer_refusal), [`fusion`](Self::fusion)
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
-pub struct Arbiter<const CLOUDS: usize = 15, const WINDOW: usize = 1024> {
+pub struct Arbiter<const CLOUDS: usize = { self::CLOUDS }, const WINDOW: usize = 1024> {
     /// Boxed: the largest takes 178 KiB.
     fusion: Box<Fusion<CLOUDS, WINDOW>>,
 }

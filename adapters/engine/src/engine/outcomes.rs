@@ -10,12 +10,12 @@ use std::time::{Duration, Instant};
 use fuseline_core as core;
 use fuseline_core::{Outcome, Priorities};
 use fuseline_deadline::End;
-use fuseline_traces::{Annotations, DropReason, Input};
+use fuseline_traces::{Annotations, DropReason, Input, nanos};
 use tracing::{debug, error, info, warn};
 
-use crate::arbiter::{Answer, drop_reason, offer_refusal, open_refusal};
+use crate::arbiter::{Answer, CLOUDS, drop_reason, offer_refusal, open_refusal};
 use crate::effect::{Effect, Hint};
-use crate::engine::{CLOUDS, Engine};
+use crate::engine::Engine;
 use crate::event::CountedEvent;
 use crate::item::{Ending, Failure, Forwarded, Item, Trigger};
 use crate::lineage::{Lineage, StampedValue};
@@ -51,7 +51,7 @@ impl<V, R> Engine<V, R> {
         // T6: a policy is called about what will be admitted alone, or it would count probes that never
         // were sent.
         if self.policies.has_policy(index)
-            && self.arbiter.offer_refusal((t, p.into()), super::nanos(cap), backlog).is_some()
+            && self.arbiter.offer_refusal((t, p.into()), nanos(cap), backlog).is_some()
         {
             return Some(cap);
         }

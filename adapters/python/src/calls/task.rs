@@ -1,8 +1,9 @@
 //! A call or computation as what a task runs.
 
 use std::mem;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard};
 
+use fuseline_engine::lock;
 use pyo3::exceptions::{PyGeneratorExit, PyStopIteration};
 use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::intern;
@@ -261,7 +262,7 @@ impl SourceCall {
     }
 
     fn stage(&self) -> MutexGuard<'_, CallStage> {
-        self.stage.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.stage)
     }
 }
 

@@ -5,9 +5,8 @@ use std::time::Duration;
 
 use fuseline_engine as engine;
 use fuseline_engine::{SourceTally, Tally, Trigger};
+use fuseline_traces::nanos;
 use pyo3::prelude::*;
-
-use crate::engine::nanos;
 
 /// The counts of an engine, which can be read while it decides, and after its end.
 #[pyclass(name = "Counting", module = "fuseline._fuseline", frozen)]

@@ -1,13 +1,11 @@
 //! Items, as Python has them.
 
 use fuseline_engine::{Ending, Forwarded, Item, Source, Trigger};
-use fuseline_traces::Header;
+use fuseline_traces::{Header, nanos};
 use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyList;
-
-use crate::engine::nanos;
 
 static CLASSES: PyOnceLock<ItemClasses> = PyOnceLock::new();
 

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use fuseline_deadline as deadline;
 use fuseline_deadline::{Case, Chosen, Constant, End, Policy, Reason, Situation, Span};
+use fuseline_traces::nanos;
 use pyo3::exceptions::asyncio::CancelledError;
 use pyo3::exceptions::{PyException, PyTypeError};
 use pyo3::intern;
@@ -13,7 +14,7 @@ use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyBool, PyFloat, PyInt, PyList, PyTuple};
 
-use crate::engine::{PendingException, nanos};
+use crate::engine::PendingException;
 use crate::logging;
 use crate::policy::{PyExpected, PyGuard, SharedExpected};
 use crate::time::{Nanos, Number};

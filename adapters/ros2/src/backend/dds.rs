@@ -1,8 +1,9 @@
 //! The node in a participant of DDS, and in the next one after a rejoin.
 
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 
+use fuseline_engine::lock;
 use futures_util::{StreamExt, pin_mut};
 use ros2_client::dds::{Context, Node, Server, ServiceMapping};
 use ros2_client::qos::{Durability, History, WhenFull};
@@ -58,12 +59,12 @@ impl Participant {
             // The node serves its parameters itself: these would be described by their values alone.
             let mut options =
                 NodeOptions::new().enable_rosout(false).start_parameter_services(false);
-            for (name, value) in &*locked(&current) {
+            for (name, value) in &*lock(&current) {
                 options = options.declare_parameter(name, ros::value(value).into());
             }
             let node = context.new_node(name.clone(), options);
             let node = node.map_err(|error| NodeError::Ros(format!("{error:?}")))?;
-            locked(&next).replace(node);
+            lock(&next).replace(node);
             Ok(NewEntity::new(|| ()))
         })?;
         Ok(Self { domain, pending, parameters, name: settings.node.full() })
@@ -156,7 +157,7 @@ impl Participant {
         let node = Arc::new(InUse::default());
         let (in_use, current) = (Arc::clone(&node), Arc::clone(&parameters));
         domain.create(move |joined| {
-            let mut next = locked(&pending).take().ok_or(NodeError::NotJoined("ROS"))?;
+            let mut next = lock(&pending).take().ok_or(NodeError::NotJoined("ROS"))?;
             let spinner = next.spinner().map_err(|error| NodeError::Ros(error.to_string()))?;
             joined.tasks.spawn(async move {
                 if let Err(error) = spinner.spin().await {
@@ -166,7 +167,7 @@ impl Participant {
             let (in_use, current) = (Arc::clone(&in_use), Arc::clone(&current));
             Ok(NewEntity::new(move || {
                 // Those that were set since it was created.
-                for (name, value) in &*locked(&current) {
+                for (name, value) in &*lock(&current) {
                     let value: ParameterValue = ros::value(value).into();
                     if next.get_parameter(name).as_ref() != Some(&value) {
                         set(&next, name, value);
@@ -182,7 +183,7 @@ impl Participant {
                 RosTime::of_nanos(clock.with(|node| node.time_now().to_nanos()).unwrap_or(0))
             }),
             set: Box::new(move |name, value| {
-                locked(&parameters).insert(name.to_owned(), value.clone());
+                lock(&parameters).insert(name.to_owned(), value.clone());
                 node.with(|node| set(node, name, ros::value(value).into()));
             }),
         })
@@ -229,7 +230,7 @@ where
                 }
                 None => return,
             };
-            if !locked(&self.recent).insert(id) {
+            if !lock(&self.recent).insert(id) {
                 continue;
             }
             let service = Arc::clone(&self);
@@ -256,7 +257,7 @@ fn with_node<T>(
     pending: &PendingNode,
     access: impl FnOnce(&mut Node) -> Result<T, NodeError>,
 ) -> Result<T, NodeError> {
-    access(locked(pending).as_mut().ok_or(NodeError::NotJoined("ROS"))?)
+    access(lock(pending).as_mut().ok_or(NodeError::NotJoined("ROS"))?)
 }
 
 /// Sets a parameter: it is published on `/parameter_events`, and simulated time is followed if it is to be.
@@ -264,9 +265,4 @@ fn set(node: &Node, name: &str, value: ParameterValue) {
     if let Err(why) = node.set_parameter(name, value) {
         debug!(name, why, "a change that is not reported");
     }
-}
-
-/// Changes are made whole, so even a poisoned lock holds a sound state.
-fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

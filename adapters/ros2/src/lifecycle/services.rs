@@ -2,6 +2,7 @@
 
 use std::time::SystemTime;
 
+use fuseline_engine::nanos;
 use tokio::sync::{mpsc, oneshot};
 use tokio::task::JoinSet;
 use tracing::{info, warn};
@@ -136,8 +137,7 @@ impl LifecycleServices {
     fn announce(&self, transition: Transition) {
         info!(from = transition.from.label(), to = transition.to.label(), "{}", transition.label);
         let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
-        let timestamp = u64::try_from(now.as_nanos()).unwrap_or(u64::MAX);
-        (self.events)(TransitionEvent { timestamp, transition: transition.into() });
+        (self.events)(TransitionEvent { timestamp: nanos(now), transition: transition.into() });
     }
 }
 

@@ -9,8 +9,9 @@ mod wall_clock;
 
 use std::future::ready;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
+use fuseline_engine::lock;
 use futures_util::{StreamExt, pin_mut};
 use rustdds::dds::statusevents::{DataReaderStatus, DataWriterStatus, StatusEvented};
 use rustdds::dds::{CreateResult, WriteError};
@@ -194,7 +195,7 @@ where
 
     fn is_new(&self, sample: &DeserializedCacheChange<Payload>) -> bool {
         let id = (sample.writer_guid(), i64::from(sample.sequence_number));
-        self.recent.lock().unwrap_or_else(PoisonError::into_inner).insert(id)
+        lock(&self.recent).insert(id)
     }
 }
 

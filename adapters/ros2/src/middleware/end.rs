@@ -1,8 +1,9 @@
 //! The node's end of a topic, and the peers at the other end.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 
+use fuseline_engine::lock;
 use tokio::time::Instant;
 use tracing::{info, warn};
 
@@ -67,8 +68,8 @@ impl Endpoint {
 
     /// From now on its peers are those of the other end.
     pub(super) fn use_peers_of(&self, other: &Self) {
-        let peers = Arc::clone(&locked(&other.peers));
-        *locked(&self.peers) = peers;
+        let peers = Arc::clone(&lock(&other.peers));
+        *lock(&self.peers) = peers;
     }
 
     /// Sets how long counts as silence; none leaves it to the gaps between messages.
@@ -159,18 +160,13 @@ impl Endpoint {
     }
 
     fn peers<R>(&self, access: impl FnOnce(&mut Peers) -> R) -> R {
-        let peers = Arc::clone(&locked(&self.peers));
-        access(&mut locked(&peers))
+        let peers = Arc::clone(&lock(&self.peers));
+        access(&mut lock(&peers))
     }
 
     fn silence_detector(&self) -> MutexGuard<'_, SilenceDetector> {
-        locked(&self.silence_detector)
+        lock(&self.silence_detector)
     }
-}
-
-/// Changes are made whole, so even a poisoned lock holds a sound state.
-fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// A message type's name in DDS: `pkg/msg/Type` is `pkg::msg::dds_::Type_`.

@@ -1,6 +1,8 @@
 //! The settings of a node that runs.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
+
+use fuseline_engine::lock;
 
 use crate::settings::Settings;
 
@@ -19,6 +21,6 @@ impl Current {
 
     /// A change is made whole, so even a poisoned lock holds sound settings.
     pub(crate) fn locked(&self) -> MutexGuard<'_, Settings> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.0)
     }
 }

@@ -9,7 +9,7 @@ use std::task::{Context, Poll};
 use std::time::{Duration, Instant};
 
 use bytes::Bytes;
-use fuseline_engine::{Lineage, Origin, StampedValue};
+use fuseline_engine::{Lineage, Origin, StampedValue, nanos};
 use futures_util::future::BoxFuture;
 use http::uri::PathAndQuery;
 use tonic::body::Body;
@@ -92,7 +92,6 @@ impl RequestLineage {
     /// The lineage of a message that is sent at `now`.
     #[must_use]
     pub fn new(lineage: &Lineage, now: Instant) -> Self {
-        let nanos = |time: Duration| u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
         Self {
             origin: lineage.origin.as_ref().map(|origin| origin.stream.as_ref().to_owned()),
             seq: lineage.origin.as_ref().and_then(|origin| origin.seq),

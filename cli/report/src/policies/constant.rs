@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use fuseline_engine::arbiter::Arbiter;
-use fuseline_traces::{Cloud, Commit, Decision, Header, Input};
+use fuseline_traces::{Cloud, Commit, Decision, Header, Input, nanos};
 
 use crate::quantile::{ArrivalTime, Response};
 use crate::statistics::ForwardedOutput;
@@ -178,10 +178,6 @@ impl OneMessageMachine {
             }
         });
     }
-}
-
-fn nanos(duration: Duration) -> u64 {
-    u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
 }
 
 #[cfg(test)]

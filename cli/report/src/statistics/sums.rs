@@ -2,6 +2,8 @@
 
 use std::time::Duration;
 
+use fuseline_traces::nanos;
+
 use crate::counts::ValueCounts;
 use crate::quantile::{PERCENT, Quantile, Response, quantiles};
 use crate::statistics::history::{CallEnd, TimestampHistory};
@@ -75,7 +77,7 @@ impl ResponseTimes {
                 if times.len() <= source {
                     times.resize_with(source + 1, bounded);
                 }
-                times[source].add(u64::try_from(response.as_nanos()).unwrap_or(u64::MAX), 1);
+                times[source].add(nanos(response), 1);
             }
         }
     }

@@ -1,13 +1,14 @@
 //! What is seen from outside of the operator: the simulated parts write it, the checks read it.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
-use fuseline_engine::Trigger;
+use fuseline_engine::{Trigger, lock};
 use fuseline_tokio::deadline::{End, LinkRate};
 use fuseline_tokio::{
     DropReason, EmulatedLink, Ending, Forwarded, Hint, Item, LinkDirection, OpenRefusal,
 };
+use fuseline_traces::nanos;
 use tokio::time::Instant;
 
 use crate::simulate::scenario::{Scenario, ScenarioLink};
@@ -159,7 +160,7 @@ impl SimulationState {
     }
 
     pub(crate) fn log(&self) -> MutexGuard<'_, Log> {
-        self.log.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.log)
     }
 
     /// Waits until a request or a reply is through the link, if there is one; whether it found room.
@@ -244,10 +245,6 @@ impl Log {
         let overlap = |(begun, ended): &(u64, u64)| to.min(*ended).saturating_sub(from.max(*begun));
         self.stalls.iter().map(overlap).sum()
     }
-}
-
-pub(crate) fn nanos(duration: Duration) -> u64 {
-    u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
 }
 
 fn link(scenario: Option<ScenarioLink>) -> EmulatedLink {

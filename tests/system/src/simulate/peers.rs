@@ -11,6 +11,7 @@ use std::time::Duration;
 use fuseline_engine::{Policy, Situation};
 use fuseline_tokio::deadline::{Chosen, End, Reason};
 use fuseline_tokio::{Call, Error, Items, LinkDirection, Local, Operator, Setup, Writer};
+use fuseline_traces::nanos;
 use tokio::task::yield_now;
 use tokio::time::{advance, sleep, sleep_until};
 
@@ -379,7 +380,7 @@ pub(crate) async fn stall(simulation: Arc<SimulationState>) {
     for (at, len) in &simulation.scenario.stalls {
         sleep_until(simulation.at(*at)).await;
         let from = simulation.now();
-        let to = from + crate::simulate::log::nanos(*len);
+        let to = from + nanos(*len);
         simulation.log().stalls.push((from, to));
         advance(*len).await;
     }

@@ -5,10 +5,11 @@
 
 use std::collections::{BTreeSet, VecDeque};
 use std::sync::mpsc::{self, RecvTimeoutError};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
+use fuseline_engine::lock;
 use rustdds::discovery::DiscoveredWriterData;
 use rustdds::{DomainParticipant, RTPSEntity};
 use tracing::warn;
@@ -34,7 +35,7 @@ pub(super) struct Census {
 
 impl Census {
     pub(super) fn begin(participant: DomainParticipant) -> Self {
-        let mut own = locked(&OWN);
+        let mut own = lock(&OWN);
         own.push_back(participant.guid().to_bytes());
         if own.len() > OWN_MOST {
             own.pop_front();
@@ -46,7 +47,7 @@ impl Census {
         let count = move || {
             while stopped.recv_timeout(PERIOD) == Err(RecvTimeoutError::Timeout) {
                 let writers = participant.discovered_writers();
-                for end in locked(&counted).iter() {
+                for end in lock(&counted).iter() {
                     end.set_rivals(rivals(&writers, &end.topic));
                 }
             }
@@ -59,7 +60,7 @@ impl Census {
 
     /// Counts the other publishers of this end's topic from now on.
     pub(super) fn add(&self, outlet: Arc<Endpoint>) {
-        locked(&self.outlets).push(outlet);
+        lock(&self.outlets).push(outlet);
     }
 }
 
@@ -75,16 +76,11 @@ impl Drop for Census {
 
 /// Whoever else publishes on a topic.
 fn rivals(writers: &[DiscoveredWriterData], topic: &str) -> BTreeSet<Gid> {
-    let own = locked(&OWN);
+    let own = lock(&OWN);
     let of_topic = writers
         .iter()
         .map(|writer| &writer.publication_topic_data)
         .filter(|data| data.topic_name.strip_prefix("rt").is_some_and(|name| name == topic));
     let is_ours = |gid: &Gid| own.iter().any(|own| own[..PREFIX] == gid[..PREFIX]);
     of_topic.map(|data| data.key.to_bytes()).filter(|gid| !is_ours(gid)).collect()
-}
-
-/// Changes are made whole, so even a poisoned lock holds a sound state.
-fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

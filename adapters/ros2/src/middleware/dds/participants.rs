@@ -7,6 +7,7 @@ use std::net::{IpAddr, Ipv4Addr};
 use std::pin::Pin;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
 
+use fuseline_engine::lock;
 use rustdds::dds::CreateResult;
 use rustdds::{DomainParticipant, DomainParticipantBuilder, Publisher, QosPolicies, Subscriber};
 use tokio::sync::watch;
@@ -120,7 +121,7 @@ impl DomainHandle {
 
     /// Changes are made whole, so even a poisoned lock holds a sound state.
     fn locked(&self) -> MutexGuard<'_, ParticipantState> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.0)
     }
 }
 

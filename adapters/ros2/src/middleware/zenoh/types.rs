@@ -1,9 +1,10 @@
 //! Hashes of types. The node knows those of its own topics and services; all others it learns from its peers' tokens.
 
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::thread;
 
+use fuseline_engine::lock;
 use tracing::info;
 use zenoh::pubsub::Subscriber;
 use zenoh::sample::SampleKind;
@@ -114,7 +115,7 @@ impl Types {
 
     /// A change is made whole, so even a poisoned lock holds a sound state.
     fn locked(&self) -> MutexGuard<'_, BTreeMap<String, TypeState>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.0)
     }
 }
 

@@ -1,5 +1,7 @@
 //! Checks of calls: what is requested of sources, when it begins and when it ends (D3 to D9).
 
+use fuseline_traces::nanos;
+
 use crate::simulate::checks::{Facts, ensure};
 use crate::simulate::log::{CallStop, LoggedCall};
 use crate::simulate::replay::{AdmittedRequest, Departure};
@@ -89,8 +91,8 @@ pub(crate) fn time_left(facts: &Facts<'_>) -> Result<(), String> {
         else {
             continue;
         };
-        let until = due.saturating_add(crate::simulate::log::nanos(cloud.linger));
-        ensure(crate::simulate::log::nanos(time_left) == until - started, || {
+        let until = due.saturating_add(nanos(cloud.linger));
+        ensure(nanos(time_left) == until - started, || {
             format!(
                 "{} is given {time_left:?} for {}, due at {until} from {started}",
                 requested.p, requested.t
@@ -152,7 +154,7 @@ fn cloud_ends(
     let Facts { scenario, played, .. } = facts;
     let log = &played.log;
     let cloud = scenario.clouds.iter().find(|cloud| cloud.p == requested.p);
-    let linger = cloud.map_or(0, |cloud| crate::simulate::log::nanos(cloud.linger));
+    let linger = cloud.map_or(0, |cloud| nanos(cloud.linger));
     let stopped = facts.is_after(ended) || log.over.is_some_and(|over| over <= ended);
     let Some(closed) = requested.closed() else {
         // Once all is answered nothing is under way but what lingers.

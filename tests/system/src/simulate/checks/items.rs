@@ -2,6 +2,8 @@
 
 use std::collections::BTreeSet;
 
+use fuseline_traces::nanos;
+
 use crate::simulate::checks::{Facts, ensure};
 use crate::simulate::log::{LoggedOutcome, LoggedResult, Read};
 use crate::simulate::peers::{name, words};
@@ -160,7 +162,7 @@ pub(crate) fn its_own_value(facts: &Facts<'_>) -> Result<(), String> {
     for hint in &log.hints {
         ensure(is_own(hint.reported, hint.p, hint.t, hint.at), || format!("a hint is {hint:?}"))?;
         let opened = replay.message(hint.t).map_or(0, |message| message.at);
-        let age = u64::try_from(hint.age.as_nanos()).unwrap_or(u64::MAX);
+        let age = nanos(hint.age);
         ensure(!is_whole || age == hint.at - opened, || format!("{hint:?}, opened at {opened}"))?;
     }
     if facts.scenario.hints.is_none() || !is_whole {
