@@ -32,7 +32,7 @@ enum Command {
         #[arg(long)]
         table: bool,
     },
-    /// Measures modified condition/decision coverage of the core, with the two tests that show each condition.
+    /// Measures modified condition/decision coverage of the core and of the C interface, with the two tests that show each condition.
     ///
     /// It exits with 1 if a condition is neither shown nor explained in faults/mcdc.toml.
     Mcdc {

@@ -21,10 +21,11 @@ pub use self::pair::{Evaluation, IndependencePair};
 use crate::error::FaultsError;
 use crate::tree::{Tree, write};
 
-const CORE: &str = "core/src";
+/// The folders of sources whose decisions count, each of a crate.
+const SOURCES: [&str; 2] = ["core/src", "adapters/c/src"];
 const HEAD: &str = "# Conditions of the core
 
-Modified condition/decision coverage of `core/src`: below each condition of each decision stand two tests that differ in this condition
+Modified condition/decision coverage of `core/src` and of the C interface, `adapters/c/src`: below each condition of each decision stand two tests that differ in this condition
 alone (T true, F false, - not evaluated, in the order of the conditions) and in the decision's outcome.
 [How it is measured](evidence.md#conditions-of-the-core).
 ";
@@ -32,12 +33,15 @@ alone (T true, F false, - not evaluated, in the order of the conditions) and in 
 const RECORDER: &str = include_str!("mcdc/recorder.rs.txt");
 /// Conditions that no test can show, each with the reason.
 const EXPLAINED: &str = "faults/mcdc.toml";
-/// The tests that run: the core's own, and those of the rules.
-const TESTS: [&str; 9] = [
+/// The tests that run: the core's own, those of the rules, and those of the C interface.
+const TESTS: [&str; 12] = [
     "test",
     "--package=fuseline-core",
     "--package=fuseline-tests",
+    "--package=fuseline-c",
     "--lib",
+    "--test=wrong_use",
+    "--test=shared",
     "--test=rules",
     "--test=surface",
     "--test=window",
@@ -45,7 +49,7 @@ const TESTS: [&str; 9] = [
     "--no-fail-fast",
 ];
 
-/// The decisions of the core, and the evaluations of each by the tests.
+/// The decisions of the core and of the C interface, and the evaluations of each by the tests.
 pub struct McdcReport {
     decisions: Vec<SourceDecision>,
     evaluations: BTreeMap<usize, BTreeSet<Evaluation>>,
@@ -79,15 +83,16 @@ impl McdcReport {
         let explained: ExplainedConditions = toml::from_str(&tree.text(EXPLAINED)?)
             .map_err(|error| FaultsError::content(&path, error.to_string()))?;
         let copy = Tree::new(target.join("copy"));
-        let mut changed = BTreeMap::from([("core/src/mcdc.rs".to_owned(), RECORDER.to_owned())]);
+        let recorders = SOURCES.map(|folder| (format!("{folder}/mcdc.rs"), RECORDER.to_owned()));
+        let mut changed = BTreeMap::from(recorders);
         let mut decisions = Vec::new();
-        let files = tree.files(&[CORE])?.into_iter();
+        let files = tree.files(&SOURCES)?.into_iter();
         let files = files.map(|file| tree.text(&file).map(|text| (file, text)));
         let files = files.collect::<Result<Vec<_>, _>>()?;
         let constant = decision::constant_functions(&files)?;
         for (file, text) in files {
             let mut text = decision::instrument(&file, &text, &constant, &mut decisions)?;
-            if file == "core/src/lib.rs" {
+            if SOURCES.iter().any(|folder| file == format!("{folder}/lib.rs")) {
                 text.push_str("\nmod mcdc;\n");
             }
             changed.insert(file, text);

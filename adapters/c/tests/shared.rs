@@ -152,6 +152,11 @@ fn wrong_use_of_it_is_reported() {
         unsafe { fuseline_shared_result(machine.0, 0, message_id, 0, fired, inside) }
     });
     assert_eq!(status, CStatus::Overlap);
+    let (status, _) = Machine::call(|fired, _| {
+        // SAFETY: one place for two answers is not written.
+        unsafe { fuseline_shared_result(machine.0, 0, message_id, 0, fired, fired) }
+    });
+    assert_eq!(status, CStatus::Overlap);
     // Tickets that no open gave, or that of another machine.
     let mut other_storage = Box::new(Storage([0xa5; _]));
     let (_, other) = make(&mut other_storage);

@@ -159,11 +159,47 @@ fn wrong_pointers_are_reported() {
         assert_eq!(fuseline_tick(machine, 0, machine.cast()), CStatus::Overlap);
         let last = machine.byte_add(fuseline_bytes(CCapacity::C3W16 as u32) - 8).cast();
         assert_eq!(fuseline_tick(machine, 0, last), CStatus::Overlap);
+        let before = machine.wrapping_byte_sub(8).cast();
+        assert_eq!(fuseline_tick(machine, 0, before), CStatus::Overlap);
         assert_eq!(fuseline_next_due(null_mut(), &raw mut due), CStatus::Null);
         assert_eq!(fuseline_next_due(machine.byte_add(1), &raw mut due), CStatus::Alignment);
         assert_eq!(fuseline_next_due(machine.byte_add(8), &raw mut due), CStatus::Foreign);
         assert_eq!(fuseline_next_due(machine, &raw mut due), CStatus::None);
     }
+}
+
+/// The head's capacity as a stray write leaves it, and as a call that is under way does.
+#[test]
+fn overwritten_capacity_is_foreign_or_busy() {
+    let mut storage = storage();
+    let (_, machine) = init(&mut storage, &config());
+    for (word, status) in
+        [(0, CStatus::Foreign), (CCapacity::C3W16 as u32 | 1 << 31, CStatus::Busy)]
+    {
+        // SAFETY: within the storage; the capacity lies behind the seal and the length.
+        unsafe { machine.cast::<u32>().add(4).write(word) };
+        assert_eq!(open(machine, 1).0, status);
+        // SAFETY: a machine.
+        assert_eq!(unsafe { fuseline_end(machine) }, status);
+    }
+}
+
+#[test]
+fn patient_without_clouds_forwards_local() {
+    let patient = CConfig {
+        commit: CCommit::Patient as u32,
+        clouds_len: 0,
+        clouds: core::ptr::null(),
+        ..config()
+    };
+    let mut storage = storage();
+    let (status, machine) = init(&mut storage, &patient);
+    assert_eq!((status, open(machine, 1).1.outcome), (CStatus::Done, COutcome::Accepted));
+    let mut answer = MaybeUninit::<CAnswer>::zeroed();
+    // SAFETY: a machine, and a place of this test's own.
+    assert_eq!(unsafe { fuseline_result(machine, 0, 1, 0, answer.as_mut_ptr()) }, CStatus::Done);
+    // SAFETY: written, or zero, which is an answer too.
+    assert_eq!(unsafe { answer.assume_init() }.outcome, COutcome::Forwarded);
 }
 
 #[test]

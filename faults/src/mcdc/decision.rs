@@ -28,7 +28,7 @@ pub struct SourceDecision {
     pub conditions: Vec<String>,
 }
 
-/// The names of constant functions that constants of these files call.
+/// The names of constant functions with a decision that constants of these files call.
 pub(crate) fn constant_functions(
     files: &[(String, String)],
 ) -> Result<BTreeSet<String>, FaultsError> {
@@ -204,8 +204,10 @@ impl<'ast> Visit<'ast> for Instrumenter<'_> {
 struct ConstantCalls {
     /// The name of each function that is called, and where that ends.
     calls: Vec<(String, usize)>,
+    /// Only those in which something may be decided: the others can stay as they are.
     functions: BTreeSet<String>,
     is_within: bool,
+    decides: bool,
 }
 
 impl ConstantCalls {
@@ -213,6 +215,15 @@ impl ConstantCalls {
         self.is_within = true;
         inner(self);
         self.is_within = false;
+    }
+
+    fn function(&mut self, signature: &Signature, inner: impl FnOnce(&mut Self)) {
+        let outer = std::mem::take(&mut self.decides);
+        inner(self);
+        if signature.constness.is_some() && self.decides {
+            self.functions.insert(signature.ident.to_string());
+        }
+        self.decides = outer;
     }
 }
 
@@ -225,10 +236,22 @@ impl<'ast> Visit<'ast> for ConstantCalls {
         self.within(|it| visit::visit_impl_item_const(it, item));
     }
 
-    fn visit_signature(&mut self, signature: &'ast Signature) {
-        if signature.constness.is_some() {
-            self.functions.insert(signature.ident.to_string());
-        }
+    fn visit_item_fn(&mut self, item: &'ast syn::ItemFn) {
+        self.function(&item.sig, |it| visit::visit_item_fn(it, item));
+    }
+
+    fn visit_impl_item_fn(&mut self, item: &'ast syn::ImplItemFn) {
+        self.function(&item.sig, |it| visit::visit_impl_item_fn(it, item));
+    }
+
+    fn visit_expr(&mut self, expression: &'ast Expr) {
+        self.decides |= is_tree(expression) || matches!(expression, Expr::If(_) | Expr::While(_));
+        visit::visit_expr(self, expression);
+    }
+
+    fn visit_arm(&mut self, arm: &'ast Arm) {
+        self.decides |= arm.guard.is_some();
+        visit::visit_arm(self, arm);
     }
 
     fn visit_expr_call(&mut self, call: &'ast ExprCall) {
@@ -275,6 +298,16 @@ mod tests {
             format!("if crate::mcdc::end(0, {{ crate::mcdc::begin(2); {condition} }}) {{ 1 }}");
         assert!(rewritten.contains(&whole), "{rewritten}");
         assert!(!rewritten.contains("const"), "{rewritten}");
+        Ok(())
+    }
+
+    #[test]
+    fn only_constant_functions_that_decide_are_copied() -> Result<(), FaultsError> {
+        let text = "const fn f(a: bool) -> u8 { if a { 1 } else { 2 } }\n\
+            const fn g() -> u8 { 3 }\n\
+            const X: u8 = f(true) + g();\n";
+        let constant = constant_functions(&[("f.rs".to_owned(), text.to_owned())])?;
+        assert_eq!(constant, BTreeSet::from(["f".to_owned()]));
         Ok(())
     }
 

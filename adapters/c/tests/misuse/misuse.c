@@ -57,6 +57,19 @@ CASE(c_answer_in_machine, "puts the answer into the machine's storage", "status 
   HOLDS(fuseline_open(machine, 0, 1, (fuseline_answer *)(void *)&storage.opaque[8]) == FUSELINE_STATUS_OVERLAP);
   opened(0, 1);
 }
+CASE(c_machine_pointer_in_storage, "lets `fuseline_init` write the machine's address into its own storage", "status `overlap`; nothing is written") {
+  const fuseline_config config = valid();
+  fuseline_storage_c3w16 before;
+  memset(&storage, 0x3c, sizeof storage);
+  before = storage;
+  HOLDS(fuseline_init(&storage, sizeof storage, &config, (fuseline_machine **)(void *)&storage.opaque[1]) == FUSELINE_STATUS_OVERLAP);
+  HOLDS(memcmp(&before, &storage, sizeof storage) == 0);
+}
+CASE(c_capacity_overwritten, "overwrites the capacity in the head of the storage", "status `foreign`") {
+  fresh();
+  storage.opaque[2] = 0;
+  HOLDS(fuseline_open(machine, 0, 1, &a) == FUSELINE_STATUS_FOREIGN && fuseline_end(machine) == FUSELINE_STATUS_FOREIGN);
+}
 CASE(c_never_initialised, "uses a machine without `fuseline_init`", "status `foreign`") {
   memset(&other, 0, sizeof other);
   HOLDS(fuseline_open((fuseline_machine *)(void *)&other, 0, 1, &a) == FUSELINE_STATUS_FOREIGN);
@@ -88,6 +101,7 @@ CASE(c_other_abi, "uses a header of another version", "status `abi`") {
   fuseline_config config = valid();
   config.abi -= 1U;
   refused(&config, FUSELINE_STATUS_ABI);
+  HOLDS(fuseline_abi() == FUSELINE_ABI && strlen(fuseline_version()) > 0U);
 }
 CASE(c_other_layout, "lays the structures out differently", "status `abi`") {
   fuseline_config config = valid();
@@ -231,7 +245,7 @@ CASE(c_negative_instant, "gives a negative reading of the clock, which wraps", "
   HOLDS(fuseline_tick(machine, (uint64_t)-1, &a) == FUSELINE_STATUS_AGAIN && a.outcome == FUSELINE_OUTCOME_WAITING);
   opened(10 * ms, 2);
   REFUSED(fuseline_offer(machine, 10 * ms, 2, 1, 400 * ms, 0, &a), FUSELINE_REASON_DEADLINE);
-  HOLDS(fuseline_instant(-1, 0) == 0);
+  HOLDS(fuseline_instant(-1, 0) == 0 && fuseline_instant(2, 5) == 2 * FUSELINE_SECOND + 5);
 }
 
 /* --- order --- */

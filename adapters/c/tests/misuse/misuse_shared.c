@@ -38,6 +38,23 @@ CASE(shared_other_shape, "requests a shape that the library lacks", "status `cap
   fuseline_config config = valid();
   config.capacity = FUSELINE_CAPACITY_OF(15, 40);
   HOLDS(fuseline_shared_init(&large, sizeof large, &config, &machine) == FUSELINE_STATUS_CAPACITY);
+  config.capacity = fuseline_own_capacity();
+  HOLDS(fuseline_shared_init(&large, sizeof large, &config, &machine) == FUSELINE_STATUS_DONE);
+  answered(fuseline_shared_open(machine, 0, 1, &message_id, &a), FUSELINE_OUTCOME_ACCEPTED, FUSELINE_REASON_NONE);
+  answered(fuseline_shared_result(machine, 0, message_id, 0, &fired, &a), FUSELINE_OUTCOME_FORWARDED, FUSELINE_REASON_NONE);
+}
+CASE(shared_window_range, "gives a window of 0, or above the capacity", "status `window`") {
+  fuseline_config config = valid();
+  config.window = 0;
+  HOLDS(fuseline_shared_init(&storage, sizeof storage, &config, &machine) == FUSELINE_STATUS_WINDOW);
+  config.window = 17;
+  HOLDS(fuseline_shared_init(&storage, sizeof storage, &config, &machine) == FUSELINE_STATUS_WINDOW);
+}
+CASE(shared_capacity_overwritten, "overwrites the capacity in the head of the storage", "status `foreign`") {
+  fresh();
+  storage.opaque[2] = 0;
+  HOLDS(fuseline_shared_open(machine, 0, 2, &message_id, &a) == FUSELINE_STATUS_FOREIGN);
+  HOLDS(fuseline_shared_result(machine, 0, message_id, 0, &fired, &a) == FUSELINE_STATUS_FOREIGN);
 }
 CASE(shared_misaligned_storage, "aligns storage to 8 bytes instead of 64", "status `alignment`") {
   const fuseline_config config = valid();
