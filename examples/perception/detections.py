@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import io
-import lzma
+import gzip
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,8 +12,8 @@ import numpy as np
 
 from metrics import Boxes
 
-KEPT = Path(__file__).with_name("detections.npz.xz")
-#: Coordinates are kept in such parts of a pixel, scores in hundredths.
+KEPT = Path(__file__).with_name("detections.jsonl.gz")
+#: Coordinates are kept in halves of a pixel, scores in hundredths.
 STEPS_PER_PIXEL = 2
 #: Local, then the clouds by rising priority.
 SOURCES = ("local", "west", "east")
@@ -40,55 +40,37 @@ class KeptDetections:
         return len(self.jpeg_bytes)
 
     def save(self, path: Path = KEPT) -> None:
-        """Write it, packed."""
-        packed: dict[str, Any] = {
-            "rate": np.float64(self.rate),
-            "jpeg_bytes": np.array(self.jpeg_bytes, np.uint32),
-            "networks": np.array([self.networks[name] for name in SOURCES]),
-        }
-        for name in SOURCES:
-            packed[f"{name}_tenths_of_ms"] = np.round(np.array(self.seconds[name]) * 1e4).astype(
-                np.uint16
-            )
-            packed |= _pack(name, self.found[name])
-        packed |= _pack("reference", self.reference)
-        unpacked = io.BytesIO()
-        np.savez(unpacked, **packed)
-        path.write_bytes(lzma.compress(unpacked.getvalue(), preset=9))
+        """Write it as packed JSON: a line about all frames, then one for each."""
+        lines: list[dict[str, Any]] = [{"rate": self.rate, "networks": self.networks}]
+        for frame, jpeg_bytes in enumerate(self.jpeg_bytes):
+            seconds = {name: round(self.seconds[name][frame], 4) for name in SOURCES}
+            line = {"jpeg_bytes": jpeg_bytes, "seconds": seconds}
+            line |= {name: _rows(self.found[name][frame]) for name in SOURCES}
+            lines.append(line | {"reference": _rows(self.reference[frame])})
+        words = (json.dumps(line, ensure_ascii=False, separators=(",", ":")) for line in lines)
+        unpacked = "".join(f"{line}\n" for line in words)
+        path.write_bytes(gzip.compress(unpacked.encode(), mtime=0))
 
 
 def load(path: Path = KEPT) -> KeptDetections:
     """Read what `KeptDetections.save` wrote."""
-    with np.load(io.BytesIO(lzma.decompress(path.read_bytes())), allow_pickle=False) as packed:
-        tenths = {name: packed[f"{name}_tenths_of_ms"] for name in SOURCES}
-        return KeptDetections(
-            float(packed["rate"]),
-            [int(it) for it in packed["jpeg_bytes"]],
-            dict(zip(SOURCES, (str(it) for it in packed["networks"]), strict=True)),
-            {name: [float(it) / 1e4 for it in values] for name, values in tenths.items()},
-            {name: _unpack(name, packed) for name in SOURCES},
-            _unpack("reference", packed),
-        )
+    about, *frames = map(json.loads, gzip.decompress(path.read_bytes()).splitlines())
+    return KeptDetections(
+        about["rate"],
+        [it["jpeg_bytes"] for it in frames],
+        about["networks"],
+        {name: [it["seconds"][name] for it in frames] for name in SOURCES},
+        {name: [_boxes(it[name], 5) for it in frames] for name in SOURCES},
+        [_boxes(it["reference"], 4) for it in frames],
+    )
 
 
-def _pack(name: str, frames: list[Boxes]) -> dict[str, Any]:
-    """Columns pack better than rows, and sizes better than far corners."""
-    rows = np.concatenate(frames)
-    columns = np.round(rows[:, :4] * STEPS_PER_PIXEL).astype(np.int16)
-    columns[:, 2:] -= columns[:, :2]
-    packed = {
-        f"{name}_counts": np.array([len(it) for it in frames], np.uint8),
-        f"{name}_columns": np.ascontiguousarray(columns.T),
-    }
-    if rows.shape[1] == 5:
-        packed[f"{name}_scores"] = np.round(rows[:, 4] * 100).astype(np.uint8)
-    return packed
+def _rows(boxes: Boxes) -> list[list[float]]:
+    """Boxes in whole steps."""
+    corners = np.round(boxes[:, :4] * STEPS_PER_PIXEL) / STEPS_PER_PIXEL
+    rows = np.column_stack([corners, np.round(boxes[:, 4:], 2)])
+    return [[int(it) if it == int(it) else it for it in row] for row in rows.tolist()]
 
 
-def _unpack(name: str, packed: Any) -> list[Boxes]:
-    columns = packed[f"{name}_columns"].T.astype(np.float64)
-    columns[:, 2:] += columns[:, :2]
-    columns /= STEPS_PER_PIXEL
-    if f"{name}_scores" in packed:
-        columns = np.column_stack([columns, packed[f"{name}_scores"] / 100])
-    return np.split(columns, np.cumsum(packed[f"{name}_counts"])[:-1])
+def _boxes(rows: list[list[float]], width: int) -> Boxes:
+    return np.array(rows, np.float64).reshape(-1, width)

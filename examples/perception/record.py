@@ -1,6 +1,6 @@
 """Runs each network over the frames once, and keeps what it found and how long it took.
 
-    python record.py FRAMES MODELS [OUT.npz.xz]
+    python record.py FRAMES MODELS [OUT.jsonl.gz]
 
 Time is processor time of one thread, so that other work on the host does not count.
 """

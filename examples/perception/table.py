@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import argparse
 import sys
+import zlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
-from lzma import LZMAError
 from pathlib import Path
 
 import numpy as np
@@ -190,7 +190,7 @@ def main() -> int:
         parser.error(f"--speed-share {options.speed_share}: from 0 to 1")
     try:
         kept = load(options.detections)
-    except (OSError, ValueError, KeyError, LZMAError) as error:
+    except (OSError, EOFError, ValueError, KeyError, zlib.error) as error:
         parser.error(f"{options.detections}: {error}")
     networks = ", ".join(f"{source} {network}" for source, network in kept.networks.items())
     print(f"{len(kept)} frames at {kept.rate:g} Hz, {options.starts} starts; {networks}\n")
