@@ -1,0 +1,138 @@
+//! What three networks found in the frames of a video, how long each took, and where people are: recorded once, see
+//! `examples/perception/README.md`.
+
+use std::fmt;
+use std::io::{BufRead, BufReader};
+use std::time::Duration;
+
+use flate2::read::GzDecoder;
+use fuseline_tokio::Error;
+use serde::Deserialize;
+
+/// The cameras look at the left and at the right half of the picture.
+const MIDDLE: f64 = 384.0;
+
+/// Who detects: the smaller the network, the sooner its result, and the worse.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+pub(crate) enum Detector {
+    /// On board.
+    Local,
+    /// The smaller cloud.
+    West,
+    /// The larger cloud.
+    East,
+}
+
+/// Whose boxes these are: what a message has instead of the boxes themselves.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Seen {
+    pub(crate) frame: usize,
+    pub(crate) by: Detector,
+    /// Which cameras' frames were there.
+    pub(crate) left: bool,
+    pub(crate) right: bool,
+}
+
+/// Left, top, right and bottom, in pixels.
+pub(crate) type Corners = [f64; 4];
+
+/// All frames, from the first one on.
+#[derive(Debug)]
+pub(crate) struct Recording {
+    frames: Vec<RecordedFrame>,
+}
+
+#[derive(Deserialize, Debug)]
+struct RecordedFrame {
+    seconds: ByDetector<f64>,
+    /// Boxes with their scores.
+    #[serde(flatten)]
+    found: ByDetector<Vec<[f64; 5]>>,
+    reference: Vec<Corners>,
+}
+
+#[derive(Deserialize, Debug)]
+struct ByDetector<T> {
+    local: T,
+    west: T,
+    east: T,
+}
+
+impl Recording {
+    /// Reads the file.
+    pub(crate) fn load() -> Result<Self, Error> {
+        let packed: &[u8] = include_bytes!("../../../examples/perception/detections.jsonl.gz");
+        // The first line is about all frames.
+        let lines = BufReader::new(GzDecoder::new(packed)).lines().skip(1);
+        let frames = lines.map(|line| Ok(serde_json::from_str(&line?)?));
+        Ok(Self { frames: frames.collect::<Result<_, Error>>()? })
+    }
+
+    pub(crate) const fn len(&self) -> usize {
+        self.frames.len()
+    }
+
+    /// When a frame is captured, since the first one: 7 a second, as they were filmed.
+    pub(crate) fn captured(frame: usize) -> Duration {
+        let frame = u64::try_from(frame).unwrap_or(u64::MAX);
+        Duration::from_millis(frame * 500 / 7 * 2)
+    }
+
+    /// The newest frame that was captured by then.
+    pub(crate) fn newest(&self, since: Duration) -> usize {
+        let is_captured = |frame: &usize| Self::captured(*frame) <= since;
+        (0..self.len()).take_while(is_captured).last().unwrap_or(0)
+    }
+
+    /// How long a detector computes for a frame.
+    pub(crate) fn runtime(&self, by: Detector, frame: usize) -> Duration {
+        in_steps(*self.frames[frame].seconds.of(by) * 1000.0)
+    }
+
+    /// The boxes, with their scores.
+    pub(crate) fn boxes(&self, seen: Seen) -> impl Iterator<Item = &[f64; 5]> {
+        let is_seen = move |found: &&[f64; 5]| {
+            let is_left = (found[0] + found[2]) / 2.0 < MIDDLE;
+            if is_left { seen.left } else { seen.right }
+        };
+        self.frames[seen.frame].found.of(seen.by).iter().filter(is_seen)
+    }
+
+    /// Where people are.
+    pub(crate) fn reference(&self, frame: usize) -> &[Corners] {
+        &self.frames[frame].reference
+    }
+}
+
+/// Milliseconds, rounded up to whole steps of 2 ms. Control's ticks lie between two steps, so that no plan comes just at a tick:
+/// runtimes do not promise the order of what happens at one instant.
+pub(crate) fn in_steps(ms: f64) -> Duration {
+    Duration::from_secs_f64((ms / 2.0).ceil() * 2.0 / 1000.0)
+}
+
+impl Detector {
+    /// The clouds' names; the greater detector has the greater priority.
+    pub(crate) const fn name(self) -> &'static str {
+        match self {
+            Self::Local => "local",
+            Self::West => "west",
+            Self::East => "east",
+        }
+    }
+}
+
+impl fmt::Display for Detector {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.name())
+    }
+}
+
+impl<T> ByDetector<T> {
+    const fn of(&self, by: Detector) -> &T {
+        match by {
+            Detector::Local => &self.local,
+            Detector::West => &self.west,
+            Detector::East => &self.east,
+        }
+    }
+}
