@@ -7,19 +7,24 @@ use std::time::Duration;
 
 use fuseline_tokio::{
     Config, Ending, Error, Item, Items, Join, JoinConfig, Latency, Lineage, Operator, Reader,
-    Recording, Running, RunningJoin, Trace, Writer, spawn, stream,
+    Running, RunningJoin, Trace, Writer, spawn, stream,
 };
-use tokio::time::{Instant, interval};
+use tokio::time::{Instant, interval, interval_at, sleep_until};
 
 use super::operators::{
-    Control, Detection, Drive, Frame, Mode, Order, PerceivedScene, Planning, Predicting,
-    Prediction, Scene, Tracking,
+    Control, Detection, Drive, Frame, Order, PerceivedScene, Planning, Predicting, Prediction,
+    Rule, Scene, Tracking,
 };
+use super::recording::Recording;
+use super::score::{Command, Figures};
 use super::world::{Kill, Network, VehiclePart};
 
 const MS: Duration = Duration::from_millis(1);
 /// From capture to control.
 const END_TO_END: Duration = Duration::from_millis(500);
+/// Control is due between two steps of all that happens before it.
+const FIRST_TICK: Duration = MS;
+const TICK: Duration = Duration::from_millis(50);
 
 /// What came of a drive.
 #[derive(Clone, Default, Debug)]
@@ -27,46 +32,27 @@ pub(crate) struct Driven {
     /// How often control was due, and its outputs.
     pub(crate) ticks: u64,
     pub(crate) commands: Vec<Command>,
-    /// How many frames each source of detection answered, and how often none did.
-    pub(crate) detected_by: BTreeMap<String, u64>,
+    /// How many items of detection each source has, and how many are substitutes.
+    pub(crate) detected_by: BTreeMap<String, usize>,
+    /// How many items of the operators before control are substitutes.
+    pub(crate) substitutes: usize,
     /// Each operator's answer to one frame.
     pub(crate) life: Vec<Stage>,
-    /// In how many sets of a join an input was missing.
-    pub(crate) missing: BTreeMap<Arc<str>, u64>,
 }
 
-/// What the table says of a drive.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Figures {
-    /// The ages of what control acted upon: the median and the 99th percentile.
-    pub(crate) ages: [Duration; 2],
-    /// The mean box AP of the detectors behind it, at all ticks; a safe stop counts 0.
-    pub(crate) accuracy: f64,
-    pub(crate) stops: usize,
-}
+/// The head of the table, without the end of its line.
+pub(crate) const HEAD: &str = "| rule | AP50 | older | age p50 | p99 | substitutes | safe stops ";
 
 impl Driven {
-    pub(crate) fn figures(&self) -> Figures {
-        let plans = self.commands.iter().filter_map(|command| command.plan);
-        let mut ages: Vec<Duration> = plans.clone().map(|(age, _)| age).collect();
-        ages.sort_unstable();
-        let age = |percent: usize| ages.get(ages.len() * percent / 100).copied();
-        let ticks = f64::from(u32::try_from(self.ticks).unwrap_or(u32::MAX));
-        Figures {
-            ages: [50, 99].map(|percent| age(percent).unwrap_or_default()),
-            accuracy: plans.map(|(_, accuracy)| accuracy).sum::<f64>() / ticks,
-            stops: self.commands.len() - ages.len(),
-        }
+    /// A line of the table.
+    pub(crate) fn row(&self, rule: Rule, recording: &Recording) -> String {
+        let Figures { ap50, old, ages, stops } = Figures::of(recording, &self.commands, END_TO_END);
+        let ([p50, p99], substitutes) = (ages.map(|age| age.as_millis()), self.substitutes);
+        let rule = rule.name();
+        format!(
+            "| {rule} | {ap50:.1} | {old:.1} % | {p50} ms | {p99} ms | {substitutes} | {stops} |"
+        )
     }
-}
-
-/// One output of control.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Command {
-    /// Since the tick.
-    pub(crate) took: Duration,
-    /// Of the frame behind the plan, and how accurate its detector is; none is a safe stop.
-    pub(crate) plan: Option<(Duration, f64)>,
 }
 
 /// How one operator answered one frame.
@@ -82,12 +68,13 @@ pub(crate) struct Stage {
 /// How long to drive, what dies when, and where traces go.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Options<'a> {
-    pub(crate) mode: Mode,
+    pub(crate) rule: Rule,
+    pub(crate) recording: &'a Arc<Recording>,
     pub(crate) length: Duration,
     pub(crate) kill: Option<(VehiclePart, Duration)>,
     pub(crate) traces: Option<&'a Path>,
     /// The frame that is followed.
-    pub(crate) frame: u64,
+    pub(crate) frame: usize,
 }
 
 /// Drives once, on the clock of the runtime.
@@ -98,7 +85,9 @@ pub(crate) async fn drive(options: Options<'_>) -> Result<Driven, Error> {
         None => Kill::new(None, start),
     };
     let drive = Drive {
-        mode: options.mode,
+        rule: options.rule,
+        recording: Arc::clone(options.recording),
+        start,
         kill,
         west: Network::new(include_str!("../../../testkit/data/vnperf/highway.csv"), 1000 * MS, 2),
         east: Network::new(include_str!("../../../testkit/data/cicv5g/rural_n8_v10.csv"), MS, 1),
@@ -116,7 +105,7 @@ pub(crate) async fn drive(options: Options<'_>) -> Result<Driven, Error> {
     let ticking = tokio::spawn(tick_at_20_hz(tick, options.length));
     let cameras = [(left, VehiclePart::LeftCamera), (right, VehiclePart::RightCamera)];
     for (camera, part) in cameras {
-        tokio::spawn(film(camera, part, kill, options.length));
+        tokio::spawn(film(camera, part, drive.clone(), options.length));
     }
     tokio::spawn(localize(place, kill, options.length));
     let mut driven = graph.watch(options.frame).await?;
@@ -144,8 +133,9 @@ impl Graph {
         ticks: Reader<()>,
     ) -> Result<Self, Error> {
         let [tracking, predicting, planning] =
-            [30, 20, 45].map(|ms| Latency::measured(90, ms * MS));
-        let after_planning = || vec![Latency::stated(51 * MS)];
+            [30, 20, 46].map(|ms| Latency::measured(90, ms * MS));
+        // Control, and the wait for its next tick.
+        let after_planning = || vec![Latency::stated(52 * MS)];
         let after = |those: &[&Latency]| {
             those.iter().map(|latency| (*latency).clone()).chain(after_planning()).collect()
         };
@@ -165,19 +155,24 @@ impl Graph {
             output_len: 64,
             trace: options.traces.map(|folder| Trace {
                 path: folder.join(format!("{name}.jsonl")),
-                recording: Recording::default(),
+                recording: fuseline_tokio::Recording::default(),
             }),
             ..Config::default()
         };
         let mut running = Vec::new();
-        let settings = config("detection", after(&[&tracking, &predicting, &planning]), None);
+        let mut settings = config("detection", after(&[&tracking, &predicting, &planning]), None);
+        settings.commit = drive.rule.commit();
         let detected = start(Detection(drive.clone()), settings, scenes, &mut running)?;
         let settings = config("tracking", after(&[&predicting, &planning]), Some(&tracking));
-        let in_order = detected.another().in_order(100 * MS, 200 * MS, |_| {});
-        let tracked = start(Tracking(drive.clone()), settings, in_order, &mut running)?;
+        // Under progressive an old frame's better boxes may come after a newer frame's.
+        let boxes = match drive.rule {
+            Rule::Progressive => newest(detected.another()),
+            _ => detected.another().in_order(100 * MS, 200 * MS, |_| {}),
+        };
+        let tracked = start(Tracking(drive.clone()), settings, boxes, &mut running)?;
         let settings = config("prediction", after(&[&planning]), Some(&predicting));
-        let predicted =
-            start(Predicting(drive.clone()), settings, tracked.another(), &mut running)?;
+        let in_order = tracked.another().in_order(100 * MS, 150 * MS, |_| {});
+        let predicted = start(Predicting(drive.clone()), settings, in_order, &mut running)?;
         let settings = config("planning", after_planning(), Some(&planning));
         let planned = start(Planning(drive.clone()), settings, predicted.another(), &mut running)?;
 
@@ -188,43 +183,73 @@ impl Graph {
         });
         orders.origin_of("plan");
         let (joining_orders, orders) = orders.spawn()?;
-        let commands = start(Control, config("control", Vec::new(), None), orders, &mut running)?;
+        let commands = start(
+            Control(drive.clone()),
+            config("control", Vec::new(), None),
+            orders,
+            &mut running,
+        )?;
         let joins = [joining_scenes, joining_orders];
         Ok(Self { running, joins, detected, tracked, predicted, planned, commands })
     }
     // ANCHOR_END: graph
 
     /// Reads all outputs until they end.
-    async fn watch(self, frame: u64) -> Result<Driven, Error> {
+    async fn watch(self, frame: usize) -> Result<Driven, Error> {
         let Self { running, joins, detected, tracked, predicted, planned, mut commands } = self;
         let stages = tokio::spawn(async move {
-            let (detected, tracked, predicted, planned) = tokio::join!(
+            tokio::join!(
                 note("detection", detected, frame),
                 note("tracking", tracked, frame),
                 note("prediction", predicted, frame),
                 note("planning", planned, frame),
-            );
-            (detected.0, [detected.1, tracked.1, predicted.1, planned.1].concat())
+            )
         });
         let (mut driven, mut control) = (Driven::default(), None);
         while let Some(item) = commands.read().await {
-            let now = std::time::Instant::from(Instant::now());
             let plan = item.value().copied().flatten();
             let by = if plan.is_some() { "local" } else { "safe stop" };
             control = control.or_else(|| Stage::of("control", &item, frame, by));
-            let plan = plan.map(|seen| (now - seen.captured, seen.accuracy));
-            driven.commands.push(Command { took: item.took(), plan });
+            let tick = FIRST_TICK + TICK * u32::try_from(item.timestamp)?;
+            let seen = plan.map(|scene| scene.seen);
+            driven.commands.push(Command { tick, took: item.took(), seen });
         }
-        (driven.detected_by, driven.life) = stages.await?;
+        let (detected, tracked, predicted, planned) = stages.await?;
+        for (by, stages) in [&detected, &tracked, &predicted, &planned] {
+            driven.substitutes += by.get(SUBSTITUTE).copied().unwrap_or_default();
+            driven.life.extend(stages.iter().cloned());
+        }
+        driven.detected_by = detected.0;
         driven.life.extend(control);
         for operator in running {
             operator.join().await?;
         }
         for join in joins {
-            driven.missing.extend(join.join().await.missing);
+            join.join().await;
         }
         Ok(driven)
     }
+}
+
+/// The name of a source that is none.
+const SUBSTITUTE: &str = "substitute";
+
+/// What a consumer keeps under progressive: no item of an earlier frame than one before it, nor of the same frame by a source
+/// that is no better.
+fn newest(mut items: Items<PerceivedScene>) -> Items<PerceivedScene> {
+    let (mut writer, reader) = stream(64);
+    tokio::spawn(async move {
+        let mut last = None;
+        while let Some(item) = items.read().await {
+            let priority = item.forwarded().map_or(0, |it| it.source.priority);
+            let place = Some((item.timestamp, priority));
+            if item.value().is_some() && last < place {
+                last = place;
+                let _ = writer.write_with(Item::clone(&item), item.lineage.clone());
+            }
+        }
+    });
+    reader
 }
 
 /// Starts an operator.
@@ -239,32 +264,32 @@ fn start<P: Operator>(
     Ok(items)
 }
 
-/// Who answered how many messages, and how this operator answered the frame.
+/// How many items each source has, and how this operator answered the frame.
 async fn note<O: Send + Sync + 'static>(
     operator: &'static str,
     mut items: Items<O>,
-    frame: u64,
-) -> (BTreeMap<String, u64>, Vec<Stage>) {
+    frame: usize,
+) -> (BTreeMap<String, usize>, Vec<Stage>) {
     let (mut by_source, mut stages) = (BTreeMap::new(), Vec::new());
     while let Some(item) = items.read().await {
         let by = match &item.ending {
-            Ending::Preliminary(it) | Ending::Forwarded(it) => it.source.name.to_string(),
-            Ending::Final(source) => source.name.to_string(),
-            Ending::Missed => "substitute, missed".into(),
-            Ending::Refused(_) => "substitute, refused".into(),
+            Ending::Preliminary(it) | Ending::Forwarded(it) => &it.source.name,
+            // It was sent before.
+            Ending::Final(_) => continue,
+            Ending::Missed | Ending::Refused(_) => SUBSTITUTE,
         };
-        stages.extend(Stage::of(operator, &item, frame, &by));
-        *by_source.entry(by).or_default() += 1;
+        stages.extend(Stage::of(operator, &item, frame, by));
+        *by_source.entry(by.to_owned()).or_default() += 1;
     }
     (by_source, stages)
 }
 
 impl Stage {
     /// The answer just read, if it is to this frame of a camera.
-    fn of<O>(operator: &'static str, item: &Item<O>, frame: u64, by: &str) -> Option<Self> {
+    fn of<O>(operator: &'static str, item: &Item<O>, frame: usize, by: &str) -> Option<Self> {
         let lineage = item.lineage.as_deref()?;
         let origin = lineage.origin.as_ref()?;
-        if origin.seq != Some(frame) || !origin.stream.ends_with("-camera") {
+        if origin.seq != u64::try_from(frame).ok() || !origin.stream.ends_with("-camera") {
             return None;
         }
         let answered = std::time::Instant::from(Instant::now()) - lineage.captured?;
@@ -273,16 +298,15 @@ impl Stage {
     }
 }
 
-/// Frames at 10 Hz, each with the end-to-end deadline. Somebody walks towards the road for half of each 10 s.
-async fn film(mut camera: Writer<Frame>, part: VehiclePart, kill: Kill, length: Duration) {
-    let (start, mut period) = (Instant::now(), interval(100 * MS));
-    for seq in 0.. {
-        let captured = period.tick().await.into_std();
-        if start.elapsed() >= length {
-            return;
-        }
-        if !kill.hits(part) {
-            let frame = Frame { captured, walker: seq % 100 < 50 };
+/// The recorded frames, each with the end-to-end deadline. Somebody walks towards the road for half of each 10 s.
+async fn film(mut camera: Writer<Frame>, part: VehiclePart, drive: Drive, length: Duration) {
+    let captures = (0..drive.recording.len()).map(|number| (number, Recording::captured(number)));
+    for (number, captured) in captures.take_while(|(_, captured)| *captured < length) {
+        let captured = drive.start + captured;
+        sleep_until(captured).await;
+        if !drive.kill.hits(part) {
+            let frame = Frame { number, walker: number % 70 < 35 };
+            let seq = u64::try_from(number).unwrap_or(u64::MAX);
             let lineage = Lineage::new(part.name(), seq, captured).within(END_TO_END);
             // A frame that finds no room is not taken: the next one is worth more.
             let _ = camera.write_with(frame, lineage);
@@ -305,7 +329,8 @@ async fn localize(mut places: Writer<u64>, kill: Kill, length: Duration) {
 
 /// How many ticks there were. Each has to be answered before the next one.
 async fn tick_at_20_hz(mut ticks: Writer<()>, length: Duration) -> u64 {
-    let (start, mut period) = (Instant::now(), interval(50 * MS));
+    let start = Instant::now();
+    let mut period = interval_at(start + FIRST_TICK, TICK);
     for seq in 0.. {
         let now = period.tick().await;
         if start.elapsed() >= length {

@@ -1,30 +1,39 @@
-//! The vehicle's operators. What they compute is emulated: runtimes are the paper's where it has them, and a value says how
-//! accurate the detector behind it is.
+//! The vehicle's operators. Detection replays what was recorded; what the others compute is emulated.
 
-use std::num::NonZero;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use fuseline_tokio::handlers::{by_content, every_nth};
-use fuseline_tokio::{CarriedState, Error, Item, Joined, Local, Operator, Setup, SharedState};
+use fuseline_tokio::handlers::by_content;
+use fuseline_tokio::{
+    CarriedState, Commit, Error, Item, Joined, Local, Operator, Setup, SharedState,
+};
+use tokio::time::Instant;
 
+use super::recording::{Detector, Recording, Seen};
 use super::world::{Kill, Network, VehiclePart};
 
 const MS: Duration = Duration::from_millis(1);
-const THIRD: NonZero<u64> = NonZero::new(3).unwrap();
 
-/// How the vehicle computes.
+/// Which results of detection are used, and when.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Mode {
-    Local,
-    Cloud,
-    Fusion,
+pub(crate) enum Rule {
+    /// No operator has a cloud.
+    OnBoard,
+    /// The larger cloud alone detects.
+    CloudAlone,
+    /// Whichever of the three detectors is first.
+    FirstResponse,
+    Eager,
+    Patient,
+    Progressive,
 }
 
 /// What all operators know of the drive.
 #[derive(Clone, Debug)]
 pub(crate) struct Drive {
-    pub(crate) mode: Mode,
+    pub(crate) rule: Rule,
+    pub(crate) recording: Arc<Recording>,
+    pub(crate) start: Instant,
     pub(crate) kill: Kill,
     /// Of the two detectors and the tracker.
     pub(crate) west: Network,
@@ -43,18 +52,15 @@ pub(crate) struct Scene {
 /// A camera's frame.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Frame {
-    pub(crate) captured: Instant,
+    pub(crate) number: usize,
     /// Whether somebody walks towards the road.
     pub(crate) walker: bool,
 }
 
 /// What was detected, tracked or planned.
-#[derive(Clone, Copy, PartialEq, Debug)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct PerceivedScene {
-    /// When the frame behind it was captured.
-    pub(crate) captured: Instant,
-    /// The box AP of the detector behind it; half with one camera.
-    pub(crate) accuracy: f64,
+    pub(crate) seen: Seen,
     pub(crate) walker: bool,
     /// For how many frames in a row it was tracked.
     pub(crate) tracked: u32,
@@ -63,7 +69,7 @@ pub(crate) struct PerceivedScene {
 /// What may happen.
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) struct Prediction {
-    seen: PerceivedScene,
+    scene: PerceivedScene,
     /// Trajectories of the walker, each with its probability.
     trajectories: [(&'static str, f64); 3],
 }
@@ -78,7 +84,80 @@ pub(crate) struct Detection(pub(crate) Drive);
 pub(crate) struct Tracking(pub(crate) Drive);
 pub(crate) struct Predicting(pub(crate) Drive);
 pub(crate) struct Planning(pub(crate) Drive);
-pub(crate) struct Control;
+pub(crate) struct Control(pub(crate) Drive);
+
+impl Rule {
+    pub(crate) const ALL: [Self; 6] = [
+        Self::OnBoard,
+        Self::CloudAlone,
+        Self::FirstResponse,
+        Self::Eager,
+        Self::Patient,
+        Self::Progressive,
+    ];
+
+    pub(crate) const fn name(self) -> &'static str {
+        match self {
+            Self::OnBoard => "on board",
+            Self::CloudAlone => "cloud alone",
+            Self::FirstResponse => "first response",
+            Self::Eager => "eager",
+            Self::Patient => "patient",
+            Self::Progressive => "progressive",
+        }
+    }
+
+    /// That of detection; the other operators are eager.
+    pub(crate) const fn commit(self) -> Commit {
+        match self {
+            Self::OnBoard | Self::CloudAlone | Self::FirstResponse | Self::Eager => Commit::Eager,
+            Self::Patient => Commit::Patient,
+            Self::Progressive => Commit::Progressive,
+        }
+    }
+
+    /// The clouds of detection.
+    const fn clouds(self) -> &'static [Detector] {
+        match self {
+            Self::OnBoard | Self::FirstResponse => &[],
+            Self::CloudAlone => &[Detector::East],
+            Self::Eager | Self::Patient | Self::Progressive => &[Detector::West, Detector::East],
+        }
+    }
+}
+
+impl Drive {
+    /// What a detector makes of a scene, after as long as it took when it was recorded.
+    async fn detect(
+        &self,
+        by: Detector,
+        scene: Option<PerceivedScene>,
+    ) -> Result<PerceivedScene, Error> {
+        let mut scene = scene.ok_or("no camera")?;
+        scene.seen.by = by;
+        let part = match by {
+            Detector::Local => VehiclePart::LocalDetector,
+            Detector::West => VehiclePart::WestDetector,
+            Detector::East => VehiclePart::EastDetector,
+        };
+        match by {
+            Detector::Local => {}
+            Detector::West => self.west.clone().round_trip().await,
+            Detector::East => self.east.clone().round_trip().await,
+        }
+        self.kill.compute(part, self.recording.runtime(by, scene.seen.frame), scene).await
+    }
+
+    /// Whichever detector is first.
+    async fn detect_first(&self, scene: Option<PerceivedScene>) -> Result<PerceivedScene, Error> {
+        tokio::select! {
+            biased;
+            detected = self.detect(Detector::Local, scene) => detected,
+            detected = self.detect(Detector::West, scene) => detected,
+            detected = self.detect(Detector::East, scene) => detected,
+        }
+    }
+}
 
 impl Operator for Detection {
     type Input = Joined<Scene>;
@@ -88,38 +167,28 @@ impl Operator for Detection {
         self,
         setup: &mut Setup<Joined<Scene>, PerceivedScene>,
     ) -> Local<Joined<Scene>, PerceivedScene> {
-        let Drive { mode, kill, west, east, .. } = self.0;
-        if mode != Mode::Local {
-            // Frames that are not consecutive, which saves bandwidth; the two clouds alternate.
-            let clouds = [
-                ("west/dino-swin-t", VehiclePart::WestDetector, west, 90.1, 51.3, 0),
-                ("east/detr-r101", VehiclePart::EastDetector, east, 118.2, 43.5, 1),
-            ];
-            for (priority, (name, part, network, runtime, accuracy, turn)) in (1..).zip(clouds) {
-                let handle = move |seen: PerceivedScene, _| {
-                    let network = network.clone();
-                    async move {
-                        network.round_trip().await;
-                        kill.compute(part, ms(runtime), seen).await
-                    }
-                };
-                let send =
-                    move |scene: &Joined<Scene>, _| Some((detect(scene, accuracy)?, 400 * MS));
-                let message_handler = every_nth(THIRD, turn, send);
-                setup.use_cloud(handle, message_handler, Ok, priority).name = name.into();
-            }
+        let drive = self.0;
+        for (priority, by) in (1..).zip(drive.rule.clouds()) {
+            let cloud = drive.clone();
+            let handle = move |scene, _| {
+                let cloud = cloud.clone();
+                async move { cloud.detect(*by, Some(scene)).await }
+            };
+            let message_handler = |scene: &Joined<Scene>, _| Some((see(scene)?, 400 * MS));
+            setup.use_cloud(handle, message_handler, Ok, priority).name = by.name().into();
         }
         // The last boxes, older as they are.
         let last = keep_last(setup);
         setup.use_substitute(move |_| last.current());
-        let mut local = Local::futures(4, move |scene: Arc<Joined<Scene>>, _| async move {
-            let seen = detect(&scene, 42.0).filter(|_| mode != Mode::Cloud);
-            kill.compute(
-                VehiclePart::LocalDetector,
-                ms(301.7),
-                seen.ok_or("no detection on board")?,
-            )
-            .await
+        let mut local = Local::futures(4, move |scene: Arc<Joined<Scene>>, _| {
+            let drive = drive.clone();
+            async move {
+                match drive.rule {
+                    Rule::CloudAlone => Err("no detection on board".into()),
+                    Rule::FirstResponse => drive.detect_first(see(&scene)).await,
+                    _ => drive.detect(Detector::Local, see(&scene)).await,
+                }
+            }
         });
         local.waiting = Some(1);
         local
@@ -136,7 +205,7 @@ impl Operator for Tracking {
         self,
         setup: &mut Setup<Item<PerceivedScene>, PerceivedScene>,
     ) -> Local<Item<PerceivedScene>, PerceivedScene> {
-        let Drive { mode, kill, tracking, .. } = self.0;
+        let Drive { rule, kill, tracking, .. } = self.0;
         let state = CarriedState::<Option<PerceivedScene>>::new(None);
         setup.use_state(&state, |seen| Some(*seen));
         let along = state.clone();
@@ -144,12 +213,12 @@ impl Operator for Tracking {
             let network = tracking.clone();
             async move {
                 network.round_trip().await;
-                kill.compute(VehiclePart::CloudTracker, 5 * MS, next).await
+                kill.compute(VehiclePart::CloudTracker, 6 * MS, next).await
             }
         };
         // Only while there is somebody to track.
         let is_wanted = move |item: &Item<PerceivedScene>| {
-            mode != Mode::Local && item.value().is_some_and(|seen| seen.walker)
+            rule != Rule::OnBoard && item.value().is_some_and(|seen| seen.walker)
         };
         let message_handler = by_content(is_wanted, move |item: &Item<PerceivedScene>, _| {
             Some((track(along.current(), *item.value()?), 60 * MS))
@@ -184,7 +253,7 @@ impl Operator for Predicting {
         setup.use_substitute(move |_| last.current());
         Local::future(move |item: Arc<Item<PerceivedScene>>, _| async move {
             let prediction = predict(*item.value().ok_or("nothing was tracked")?);
-            kill.compute(VehiclePart::LocalPredictor, 15 * MS, prediction).await
+            kill.compute(VehiclePart::LocalPredictor, 16 * MS, prediction).await
         })
     }
 }
@@ -197,7 +266,7 @@ impl Operator for Planning {
         self,
         setup: &mut Setup<Item<Prediction>, PerceivedScene>,
     ) -> Local<Item<Prediction>, PerceivedScene> {
-        let Drive { mode, kill, tracking, .. } = self.0;
+        let Drive { rule, kill, tracking, .. } = self.0;
         // Plans for what is unlikely are obtained beside the outputs, the likeliest first.
         let plans = SharedState::<Vec<&'static str>>::default();
         let contingencies = plans.clone();
@@ -210,7 +279,7 @@ impl Operator for Planning {
         };
         let cached = plans.clone();
         let message_handler = move |item: &Item<Prediction>, _: u64| {
-            let unlikely = item.value().filter(|_| mode != Mode::Local)?.trajectories[1..].iter();
+            let unlikely = item.value().filter(|_| rule != Rule::OnBoard)?.trajectories[1..].iter();
             let wanted = unlikely.map(|(what, _)| *what);
             let missing = cached.with(|cached| wanted.clone().find(|what| !cached.contains(what)));
             Some((missing?, 1000 * MS))
@@ -229,8 +298,8 @@ impl Operator for Planning {
                 let prediction = item.value().ok_or("nothing was predicted")?;
                 // With a plan that was made before it only has to be checked.
                 let is_ready = plans.with(|plans| plans.contains(&"crosses"));
-                let runtime = if prediction.seen.walker && is_ready { 15 * MS } else { 40 * MS };
-                kill.compute(VehiclePart::LocalPlanner, runtime, prediction.seen).await
+                let runtime = if prediction.scene.walker && is_ready { 16 * MS } else { 40 * MS };
+                kill.compute(VehiclePart::LocalPlanner, runtime, prediction.scene).await
             }
         })
     }
@@ -244,14 +313,15 @@ impl Operator for Control {
         self,
         setup: &mut Setup<Joined<Order>, Option<PerceivedScene>>,
     ) -> Local<Joined<Order>, Option<PerceivedScene>> {
+        let start = self.0.start;
         // A safe stop.
         setup.use_substitute(|_| Some(None));
-        Local::future(|order: Arc<Joined<Order>>, _| async move {
+        Local::future(move |order: Arc<Joined<Order>>, _| async move {
             tokio::time::sleep(MS).await;
-            let now = tokio::time::Instant::now().into_std();
             // A substitute for a plan is the last one, as old as it is.
-            let is_fresh =
-                |plan: &PerceivedScene| now.saturating_duration_since(plan.captured) <= 1000 * MS;
+            let is_fresh = |plan: &PerceivedScene| {
+                start.elapsed() <= Recording::captured(plan.seen.frame) + 1000 * MS
+            };
             Ok(Some(order.set.plan.filter(is_fresh).ok_or("no plan that is fresh")?))
         })
     }
@@ -266,23 +336,20 @@ fn keep_last<I, O: Clone + Send + Sync + 'static>(
     last
 }
 
-fn detect(scene: &Joined<Scene>, accuracy: f64) -> Option<PerceivedScene> {
-    let Scene { left, right, .. } = &scene.set;
-    let frames = [left, right].into_iter().flatten();
-    let cameras = f64::from(u8::from(left.is_some()) + u8::from(right.is_some()));
-    let captured = frames.clone().map(|frame| frame.captured).min()?;
-    let walker = frames.clone().any(|frame| frame.walker);
-    Some(PerceivedScene { captured, accuracy: accuracy * cameras / 2.0, walker, tracked: 0 })
+/// What the cameras see; by whom is for a detector to say.
+fn see(scene: &Joined<Scene>) -> Option<PerceivedScene> {
+    let Scene { left, right, .. } = scene.set;
+    let frames = || [left, right].into_iter().flatten();
+    let frame = frames().map(|frame| frame.number).min()?;
+    let (left, right) = (left.is_some(), right.is_some());
+    let seen = Seen { frame, by: Detector::Local, left, right };
+    Some(PerceivedScene { seen, walker: frames().any(|frame| frame.walker), tracked: 0 })
 }
 
-fn track(state: Option<PerceivedScene>, seen: PerceivedScene) -> PerceivedScene {
-    PerceivedScene { tracked: state.map_or(0, |state| state.tracked) + 1, ..seen }
+fn track(state: Option<PerceivedScene>, scene: PerceivedScene) -> PerceivedScene {
+    PerceivedScene { tracked: state.map_or(0, |state| state.tracked) + 1, ..scene }
 }
 
-fn predict(seen: PerceivedScene) -> Prediction {
-    Prediction { seen, trajectories: [("stays", 0.8), ("crosses", 0.15), ("turns back", 0.05)] }
-}
-
-fn ms(ms: f64) -> Duration {
-    Duration::from_secs_f64(ms / 1000.0)
+fn predict(scene: PerceivedScene) -> Prediction {
+    Prediction { scene, trajectories: [("stays", 0.8), ("crosses", 0.15), ("turns back", 0.05)] }
 }

@@ -109,7 +109,8 @@ fn matches(mut found: Vec<[f64; 5]>, people: &[Corners]) -> Vec<(f64, bool)> {
 
 /// The overlap (IoU).
 fn overlap(one: Corners, other: Corners) -> f64 {
-    let area = |[left, top, right, bottom]: Corners| (right - left).max(0.0) * (bottom - top).max(0.0);
+    let area =
+        |[left, top, right, bottom]: Corners| (right - left).max(0.0) * (bottom - top).max(0.0);
     let common = area([
         one[0].max(other[0]),
         one[1].max(other[1]),

@@ -6,6 +6,8 @@ use std::time::Duration;
 use fuseline_tokio::Error;
 use tokio::time::{Instant, sleep};
 
+use super::recording::in_steps;
+
 /// What can be killed while the vehicle drives.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum VehiclePart {
@@ -93,7 +95,7 @@ impl Network {
             let mut fields = line.split(',');
             let at: u32 = fields.next()?.parse().ok()?;
             let ms: f64 = fields.nth(column - 1)?.parse().ok()?;
-            Some((at * unit, Duration::try_from_secs_f64(ms / 1000.0).ok()))
+            Some((at * unit, (ms >= 0.0 && ms.is_finite()).then(|| in_steps(ms))))
         };
         let round_trips = file.lines().filter_map(row).collect();
         Self { round_trips, start: Instant::now() }

@@ -1,6 +1,6 @@
 """The vehicle's operators: what each computes, requests from clouds, and sends when it has nothing.
 
-Runtimes are emulated, and so is what is computed.
+Detection replays what was recorded; what the others compute is emulated.
 """
 
 from __future__ import annotations
@@ -11,30 +11,41 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from fuseline import Call, CarriedState, Item, Joined, Latency, Local, Operator
+from fuseline import Call, CarriedState, Commit, Item, Joined, Latency, Local, Operator
 from fuseline.testing import VirtualLoop
-from world import Kill, Network
+from score import Recording, Seen, captured
+from world import Kill, Network, elapsed_ms
 
 #: A safe stop.
 STOP = "stop"
+#: Which results of detection are used, and when: the commit rule and the clouds of detection.
+#: Under ``first response`` the detectors race; the other operators are eager.
+RULES: dict[str, tuple[Commit, tuple[str, ...]]] = {
+    "on board": (Commit.EAGER, ()),
+    "cloud alone": (Commit.EAGER, ("east",)),
+    "first response": (Commit.EAGER, ()),
+    "eager": (Commit.EAGER, ("west", "east")),
+    "patient": (Commit.PATIENT, ("west", "east")),
+    "progressive": (Commit.PROGRESSIVE, ("west", "east")),
+}
 
 
 @dataclass(frozen=True)
 class Frame:
     """What a camera captured."""
 
-    captured: int
+    number: int
+    #: Whether somebody walks towards the road.
     walker: bool
 
 
 @dataclass(frozen=True)
 class Scene:
-    """What is known of the surroundings, and of which frame."""
+    """What is known of the surroundings."""
 
-    captured: int
-    #: The box AP of the detector behind it; half with one camera.
-    accuracy: float
+    seen: Seen
     walker: bool
+    #: For how many frames in a row it was tracked.
     tracked: int = 0
 
 
@@ -55,13 +66,15 @@ class Vehicle:
     """What all operators have in common."""
 
     loop: VirtualLoop
-    #: ``local``, ``cloud`` or ``fusion``.
-    mode: str
+    #: One of `RULES`.
+    rule: str
+    recording: Recording
     kill: Kill
-    west: Network
-    east: Network
-    near: Network
+    #: Those of the detectors ``west`` and ``east``, and the tracker's, ``near``.
+    networks: dict[str, Network]
     traces: Path | None
+    #: When the drive began, by the loop's clock.
+    start: float
     operators: list[Operator[Any, Any]] = field(default_factory=list)
 
     def operator(
@@ -70,6 +83,7 @@ class Vehicle:
         local: Local[Any, Any],
         after: Sequence[Latency] = (),
         own: Latency | None = None,
+        commit: Commit = Commit.EAGER,
     ) -> Operator[Any, Any]:
         """An operator with its name, those downstream and its own latency."""
         trace = None if self.traces is None else self.traces / f"{name}.jsonl"
@@ -81,6 +95,7 @@ class Vehicle:
             output_len=64,
             reserve=after,
             latency=own,
+            commit=commit,
         )
         self.operators.append(operator)
         return operator
@@ -93,40 +108,47 @@ class Vehicle:
 
 
 def detection(vehicle: Vehicle, after: Sequence[Latency]) -> Operator[Joined, Scene]:
-    """Boxes; the two clouds alternate, and get frames that are not consecutive."""
+    """Boxes, by the rule."""
+
+    async def detect(by: str, scene: Scene) -> Scene:
+        """What a detector makes of a scene, after as long as it took when it was recorded."""
+        scene = replace(scene, seen=replace(scene.seen, by=by))
+        if by in vehicle.networks:
+            await vehicle.networks[by].round_trip()
+        seconds = vehicle.recording.runtime(by, scene.seen.frame)
+        return await vehicle.kill.compute(f"{by}-detector", seconds, scene)
+
+    async def detect_first(scene: Scene) -> Scene:
+        """Whichever detector is first."""
+        tasks = [asyncio.create_task(detect(by, scene)) for by in ("local", "west", "east")]
+        try:
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            return next(task.result() for task in tasks if task.done())
+        finally:
+            for task in tasks:
+                task.cancel()
 
     async def compute(joined: Joined, _: int) -> Scene:
-        scene = _detect(joined, 42.0)
-        if scene is None or vehicle.mode == "cloud":
-            raise RuntimeError("no detection on board")
-        return await vehicle.kill.compute("local-detector", 0.3017, scene)
+        scene = _see(joined)
+        if scene is None or vehicle.rule == "cloud alone":
+            raise RuntimeError("no camera" if scene is None else "no detection on board")
+        if vehicle.rule == "first response":
+            return await detect_first(scene)
+        return await detect("local", scene)
 
-    operator = vehicle.operator("detection", Local.task(compute, at_once=4, waiting=1), after)
-    clouds = [
-        ("west/dino-swin-t", "west-detector", vehicle.west, 0.0901, 51.3),
-        ("east/detr-r101", "east-detector", vehicle.east, 0.1182, 43.5),
-    ]
-    for turn, (name, part, network, seconds, accuracy) in enumerate(clouds):
-        if vehicle.mode == "local":
-            continue
+    def message_handler(joined: Joined, _: int) -> tuple[Scene, float] | None:
+        scene = _see(joined)
+        return None if scene is None else (scene, 0.4)
 
-        async def handle(
-            scene: Scene,
-            _: Call,
-            network: Network = network,
-            part: str = part,
-            seconds: float = seconds,
-        ) -> Scene:
-            await network.round_trip()
-            return await vehicle.kill.compute(part, seconds, scene)
+    commit, clouds = RULES[vehicle.rule]
+    local = Local.task(compute, at_once=4, waiting=1)
+    operator = vehicle.operator("detection", local, after, commit=commit)
+    for priority, cloud in enumerate(clouds, 1):
 
-        def message_handler(
-            joined: Joined, t: int, turn: int = turn, accuracy: float = accuracy
-        ) -> tuple[Scene, float] | None:
-            scene = _detect(joined, accuracy) if t % 3 == turn else None
-            return None if scene is None else (scene, 0.4)
+        async def handle(scene: Scene, _: Call, by: str = cloud) -> Scene:
+            return await detect(by, scene)
 
-        operator.use_cloud(handle, message_handler, _same, turn + 1, name=name)
+        operator.use_cloud(handle, message_handler, _same, priority, name=cloud)
     vehicle.keep_last(operator)
     return operator
 
@@ -144,13 +166,13 @@ def tracking(
         return scene
 
     async def handle(scene: Scene, _: Call) -> Scene:
-        await vehicle.near.round_trip()
-        return await vehicle.kill.compute("cloud-tracker", 0.005, scene)
+        await vehicle.networks["near"].round_trip()
+        return await vehicle.kill.compute("cloud-tracker", 0.006, scene)
 
     def message_handler(item: Item[Scene], _: int) -> tuple[Scene, float] | None:
         # By content: only while there is somebody to track.
         scene = item.value
-        if scene is None or not scene.walker or vehicle.mode == "local":
+        if scene is None or not scene.walker or vehicle.rule == "on board":
             return None
         return _track(state.current(), scene), 0.06
 
@@ -168,7 +190,7 @@ def prediction(
 
     async def compute(item: Item[Scene], _: int) -> Prediction:
         prediction = Prediction(_value(item))
-        return await vehicle.kill.compute("local-predictor", 0.015, prediction)
+        return await vehicle.kill.compute("local-predictor", 0.016, prediction)
 
     operator = vehicle.operator("prediction", Local.task(compute), after, own)
     vehicle.keep_last(operator)
@@ -185,15 +207,15 @@ def planning(
         predicted = _value(item)
         # With a plan that was made before it only has to be checked.
         is_ready = predicted.scene.walker and "crosses" in plans
-        seconds = 0.015 if is_ready else 0.04
+        seconds = 0.016 if is_ready else 0.04
         return await vehicle.kill.compute("local-planner", seconds, predicted.scene)
 
     async def handle(what: str, _: Call) -> str:
-        await vehicle.near.round_trip()
+        await vehicle.networks["near"].round_trip()
         return what
 
     def message_handler(item: Item[Prediction], _: int) -> tuple[str, float] | None:
-        if item.value is None or vehicle.mode == "local":
+        if item.value is None or vehicle.rule == "on board":
             return None
         unlikely = sorted(item.value.trajectories[1:], key=lambda it: -it[1])
         missing = [what for what, _ in unlikely if what not in plans]
@@ -213,7 +235,7 @@ def control(vehicle: Vehicle) -> Operator[Joined, Scene | str]:
         plan: Item[Scene] | None = joined.set.get("plan")
         scene = None if plan is None else plan.value
         # A substitute for a plan is the last one, as old as it is.
-        if scene is None or vehicle.loop.time_ns() - scene.captured > 1_000_000_000:
+        if scene is None or elapsed_ms(vehicle.start) > captured(scene.seen.frame) + 1000:
             raise RuntimeError("no plan that is fresh")
         return scene
 
@@ -222,13 +244,16 @@ def control(vehicle: Vehicle) -> Operator[Joined, Scene | str]:
     return operator
 
 
-def _detect(joined: Joined, accuracy: float) -> Scene | None:
-    frames: list[Frame] = [joined.set[name] for name in ("left", "right") if name in joined.set]
+def _see(joined: Joined) -> Scene | None:
+    """What the cameras see; by whom is for a detector to say."""
+    left: Frame | None = joined.set.get("left")
+    right: Frame | None = joined.set.get("right")
+    frames = [frame for frame in (left, right) if frame is not None]
     if not frames:
         return None
-    captured = min(frame.captured for frame in frames)
-    walker = any(frame.walker for frame in frames)
-    return Scene(captured, accuracy * len(frames) / 2, walker)
+    number = min(frame.number for frame in frames)
+    seen = Seen(number, "local", left is not None, right is not None)
+    return Scene(seen, any(frame.walker for frame in frames))
 
 
 def _track(state: Scene | None, scene: Scene) -> Scene:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from bisect import bisect_right
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,16 +27,23 @@ PARTS = (
 )
 
 
+def elapsed_ms(start: float) -> int:
+    """Milliseconds since an instant of the loop, whose seconds may be off in their last digit."""
+    return round((asyncio.get_running_loop().time() - start) * 1000)
+
+
 @dataclass(frozen=True)
 class Kill:
     """Which part dies, and when. A dead sensor sends nothing; a dead source never answers."""
 
     part: str | None
-    at: float
+    start: float
+    #: Milliseconds after the start.
+    after: int
 
     def hits(self, part: str) -> bool:
         """Whether this part is dead by now."""
-        return self.part == part and self.at <= asyncio.get_running_loop().time()
+        return self.part == part and self.after <= elapsed_ms(self.start)
 
     async def compute(self, part: str, seconds: float, result: T) -> T:
         """A computation of this part."""
@@ -45,11 +53,21 @@ class Kill:
         return result
 
 
+def in_steps(ms: float) -> float:
+    """Seconds of milliseconds, rounded up to whole steps of 2 ms.
+
+    Control's ticks lie between two steps, so that no plan comes just at a tick: loops do not
+    promise the order of what happens at one instant.
+    """
+    return math.ceil(ms / 2.0) * 2.0 / 1000.0
+
+
 class Network:
     """Round trips of a file of `testkit/data`, by time: none where the network was not there."""
 
-    def __init__(self, file: str, unit: float, column: int, start: float) -> None:
-        self._at: list[float] = []
+    def __init__(self, file: str, unit: int, column: int, start: float) -> None:
+        #: In milliseconds; the file has them in units of that many.
+        self._at: list[int] = []
         self._seconds: list[float | None] = []
         self._start = start
         for line in (DATA / file).read_text().splitlines():
@@ -63,7 +81,7 @@ class Network:
 
     async def round_trip(self) -> None:
         """Takes as long as a message and its reply took then, or for ever."""
-        since = (asyncio.get_running_loop().time() - self._start) % self._at[-1]
+        since = elapsed_ms(self._start) % self._at[-1]
         place = bisect_right(self._at, since) - 1
         seconds = self._seconds[place] if place >= 0 else None
         if seconds is None:
@@ -75,4 +93,4 @@ class Network:
 def _seconds(field: str) -> float | None:
     """Of milliseconds; what is infinite or below 0 is no round trip."""
     ms = float(field)
-    return ms / 1000 if 0 <= ms < float("inf") else None
+    return in_steps(ms) if 0 <= ms < float("inf") else None
