@@ -4,11 +4,10 @@ use std::cell::Cell;
 use std::time::Duration;
 
 use fuseline_deadline::{
-    Accuracy, Choice, Chosen, Constant, End, Expected, Figure, Guard, Impact, Invalid, Loss,
+    Accuracy, Chosen, Constant, End, Expected, Figure, Guard, Impact, Invalid, Loss,
     MetresPerSecond, Observation, Observations, Parameters, Policy, Reason, Situation, Source,
-    Survival, least_loss, mean_loss,
+    Survival, least_loss,
 };
-use proptest::prelude::*;
 
 const LOCAL_MS: u64 = 300;
 /// Four points of accuracy, or 200 ms of waiting.
@@ -252,84 +251,6 @@ fn a_decision_costs_no_more_after_a_million_calls() {
                 "{} after {number}",
                 requested.get()
             );
-        }
-    }
-}
-
-fn observations() -> impl Strategy<Value = Vec<Observation>> {
-    let some = (1..40_u64, any::<bool>(), 0..4_u64);
-    prop::collection::vec(
-        some.prop_map(|(ms, answered, count)| observation(ms * 10, answered, count)),
-        0..30,
-    )
-}
-
-proptest! {
-    #![proptest_config(ProptestConfig { cases: 500, failure_persistence: None, ..ProptestConfig::default() })]
-
-    /// By the definition: a product over the distinct answered responses of the share of calls that were seen so long
-    /// and not answered then.
-    #[test]
-    fn the_estimate_is_the_product_over_all_who_were_seen_so_long(
-        calls in observations(),
-        mut ages in prop::collection::vec(1..40_u64, 0..10),
-    ) {
-        ages.sort_unstable_by(|one, other| other.cmp(one));
-        let under_way: Vec<_> = ages.iter().map(|age| ms(age * 10)).collect();
-        for step in survival(&calls, &under_way) {
-            let mut product = 1.0;
-            for millis in (10..400).step_by(10).take_while(|millis| ms(*millis) <= step.response) {
-                let at = |call: &&Observation| call.response == ms(millis) && call.is_answered;
-                let answered: u64 = calls.iter().filter(at).map(|call| call.count).sum();
-                let at_risk = calls.iter().filter(|call| call.response >= ms(millis));
-                let at_risk: u64 = at_risk.map(|call| call.count).sum();
-                let young = under_way.iter().filter(|age| **age >= ms(millis)).count() as u64;
-                if answered > 0 {
-                    let number = |calls| f64::from(u32::try_from(calls).unwrap());
-                    product *= 1.0 - number(answered) / number(at_risk + young);
-                }
-            }
-            prop_assert!((step.survival - product).abs() < 1e-12, "{step:?}, not {product}");
-        }
-    }
-
-    /// T3.
-    #[test]
-    fn no_deadline_costs_less_than_the_one_chosen(calls in observations(), cap in 250..450_u64) {
-        let loss = |source, response| ACCURACY.loss(&Situation::at(MetresPerSecond(10.0)), source, response);
-        let steps = || survival(&calls, &[]);
-        let Choice { deadline, loss: least } = least_loss(steps(), (ms(200), ms(260)), ms(cap), loss);
-        prop_assert!(deadline >= ms(200) && deadline <= ms(cap));
-        prop_assert!((mean_loss(steps(), ms(260), deadline, loss) - least).abs() < 1e-9);
-        for millis in 200..=cap {
-            for candidate in [ms(millis), ms(millis) + Duration::from_nanos(1)] {
-                if candidate <= ms(cap) {
-                    let other = mean_loss(steps(), ms(260), candidate, loss);
-                    prop_assert!(least <= other + 1e-9, "{other} at {candidate:?}, {least} at {deadline:?}");
-                }
-            }
-        }
-    }
-
-    /// T6.
-    #[test]
-    fn the_last_calls_are_remembered_and_no_other(ends in prop::collection::vec((0..3, 1..50_u64), 0..40)) {
-        let mut observations = Observations::<7>::new();
-        let mut all = Vec::new();
-        for (kind, millis) in ends {
-            let (end, observation) = match kind {
-                0 => (End::Answered(ms(millis)), observation(millis, true, 1)),
-                1 => (End::Censored(ms(millis)), observation(millis, false, 1)),
-                _ => {
-                    let never = Observation { response: Duration::MAX, is_answered: false, count: 1 };
-                    (End::Failed(ms(millis)), never)
-                }
-            };
-            observations.add(end);
-            all.push(observation);
-            let mut last = all[all.len().saturating_sub(7)..].to_vec();
-            last.sort_by_key(Observation::key);
-            prop_assert_eq!(observations.sorted().collect::<Vec<_>>(), last);
         }
     }
 }

@@ -75,6 +75,7 @@ fn a_cloud_that_cannot_help_either_leaves_locals_response() {
     assert!(verdict.budget_cloud < 0.0);
 }
 
+/// T7.
 #[test]
 fn a_speed_that_is_none_leaves_locals_response() {
     let guard = guard(Parameters::default());

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use fuseline_core::{
     Admission, At, Cloud, Commit, ConfigError, Deadline, Fusion, Gate, Instant, InvalidSlot,
-    Opening, Outcome, Priorities, Priority, Ready, Slot, Source, Sources, Timestamp,
+    OfferRefusal, Opening, Outcome, Priorities, Priority, Ready, Slot, Source, Sources, Timestamp,
 };
 
 type Machine = Fusion<3, 4>;
@@ -230,4 +230,15 @@ fn a_machine_shows_what_is_open() {
     );
     assert_eq!(format!("{machine:?}"), shown);
     assert_eq!(format!("{:?}", ready(&mut machine, 10)), format!("Ready({shown})"));
+}
+
+/// A19.
+#[test]
+fn local_has_no_gate_and_its_offer_is_unknown() {
+    let machine = opened(machine(), None);
+    let (t, deadline) = (Timestamp::new(3), Deadline::from_millis(1));
+    let refusal = |p| machine.offer_refusal(t, p, deadline, 0);
+    assert_eq!(refusal(NEAR.priority), None);
+    assert_eq!(refusal(Priority::LOCAL), Some(OfferRefusal::Unknown));
+    assert_eq!(machine.gate(Priority::LOCAL), None);
 }

@@ -212,7 +212,7 @@ fn a_set_names_what_is_missing_and_may_be_of_a_latest_message() {
 }
 
 proptest! {
-    /// E5, E6, E8: whatever comes in whatever order, each key is given once at most, when it is due at the latest, complete if
+    /// E1, E5, E6, E8: whatever comes in whatever order, each key is given once at most, when it is due at the latest, complete if
     /// everything came, and never more wait than there is room for.
     #[test]
     fn whatever_comes_each_key_is_given_once_and_in_time(

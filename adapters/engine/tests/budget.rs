@@ -207,7 +207,7 @@ fn the_oldest_waiting_computation_is_thrown_out_unless_each_message_is_needed() 
     }
 }
 
-/// E3: local's results and last items are measured, whatever is sent first and whatever is refused.
+/// E3, E11: local's results and last items are measured, whatever is sent first and whatever is refused.
 #[test]
 fn latency_counts_local_and_last_items() {
     let (mut engine, start) = engine_under(Commit::Progressive, 9);
