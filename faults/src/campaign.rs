@@ -7,19 +7,21 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::Duration;
 
+use crate::citation;
 use crate::error::FaultsError;
 use crate::fault::SeededFault;
-use crate::items::{Function, FunctionIndex};
 use crate::kind::{BuildSuite, KINDS, WitnessKind};
-use crate::schemata::{self, Rewritten};
-use crate::table::ExpectedWitnesses;
+use crate::schemata;
+use crate::table::{ENOUGH, ExpectedWitnesses};
 use crate::tree::Tree;
-use crate::work::{Built, FaultyCopy, Programs, WitnessRun};
+use crate::work::{FaultyCopy, Programs, WitnessRun};
 
 /// A witness has this many times as long as it took without a fault.
 const PATIENCE: u32 = 10;
 /// The least that it has.
 const LEAST: Duration = Duration::from_secs(30);
+/// The most that one case of misuse has.
+const FOR_A_CASE: Duration = Duration::from_secs(120);
 /// What a witness has where nobody knows how long it takes.
 const PATIENT: Duration = Duration::from_secs(900);
 
@@ -63,13 +65,9 @@ pub struct CampaignFindings {
     pub faults: BTreeMap<String, Catches>,
     /// The witnesses that held without a fault, by kind.
     pub held: BTreeMap<&'static str, BTreeSet<String>>,
+    /// By identifier: the kinds with a witness that cites it and failed under a fault of it.
+    pub(crate) shown: BTreeMap<String, BTreeSet<&'static str>>,
 }
-
-/// The files that differ from the project's, with their texts.
-type Texts = BTreeMap<String, String>;
-
-/// The faults of a file, and the words `const` that it does without.
-type FileChanges<'a> = (Vec<(u32, &'a SeededFault)>, Vec<std::ops::Range<usize>>);
 
 impl Campaign<'_> {
     /// Runs the witnesses; `tell` is called with each step.
@@ -79,6 +77,7 @@ impl Campaign<'_> {
     pub fn run(&self, tell: impl Fn(&str) + Sync) -> Result<CampaignFindings, FaultsError> {
         let folder = self.target.join("faults");
         let work = FaultyCopy {
+            tree: self.tree,
             copy: Tree::new(folder.join("tree")),
             target: folder.join("build"),
             python: self.target.join("python/venv/bin/python"),
@@ -132,12 +131,13 @@ impl Campaign<'_> {
         tell: &(impl Fn(&str) + Sync),
     ) -> Result<Vec<(&'static WitnessKind, WitnessRun)>, FaultsError> {
         let chosen = || self.faults.iter().filter(|fault| self.chosen.contains(&fault.name));
-        let kinds = self.kinds.iter().filter(|kind| chosen().any(|fault| (kind.concerns)(fault)));
+        let kinds = self.kinds.iter().filter(|kind| chosen().any(|fault| kind.sees(fault)));
         let kinds: Vec<&'static WitnessKind> = kinds.copied().collect();
         let (next, done) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
         self.at_once(|| {
             while let Some(kind) = kinds.get(next.fetch_add(1, Ordering::Relaxed)) {
-                let seen = work.run(kind, &programs[kind.suite.name], (0, "none"), PATIENT)?;
+                let seen =
+                    work.run(kind, &programs[kind.suite.name], (0, "none"), None, PATIENT)?;
                 let red = Vec::from_iter(seen.red());
                 if !red.is_empty() {
                     let why = format!("{} fails without a fault: {}", kind.name, red.join(", "));
@@ -169,8 +169,15 @@ impl Campaign<'_> {
             }
             // Whatever takes longer without a fault is broken.
             let limit = limits.get(kind.name).copied().unwrap_or(PATIENT);
-            let seen = work.run(kind, &programs[kind.suite.name], (number, &fault.name), limit)?;
+            let case = fault.case.as_ref().map(|case| &*case.name);
+            let limit = if case.is_some() { limit.min(FOR_A_CASE) } else { limit };
+            let number = (number, &*fault.name);
+            let seen = work.run(kind, &programs[kind.suite.name], number, case, limit)?;
+            let cited = citation::cited(self.tree, kind, &seen.red())?;
             let mut found = lock(found);
+            for id in cited.intersection(&fault.breaks) {
+                found.shown.entry(id.clone()).or_default().insert(kind.name);
+            }
             let caught = found.faults.entry(fault.name.clone()).or_default();
             caught.by.insert(kind.name, seen.red());
             if seen.is_out_of_time {
@@ -183,12 +190,12 @@ impl Campaign<'_> {
         Ok(())
     }
 
-    /// Whether a fault was caught by two kinds, and an expected witness of this kind has failed under a fault of each of its
-    /// identifiers.
+    /// Whether this kind need not run under a fault: two kinds caught it, two kinds have shown each of its identifiers, and
+    /// the expected witness of this kind has failed under a fault of each.
     fn is_enough(&self, kind: &WitnessKind, fault: &SeededFault, found: &CampaignFindings) -> bool {
         let caught = found.faults.get(&fault.name);
         let kinds = caught.map_or(0, |it| it.by.values().filter(|by| !by.is_empty()).count());
-        let is_shown = |id: &String| {
+        let is_met = |id: &String| {
             let Some(name) = self.expected.get(id).and_then(|of| of.get(kind.name)) else {
                 return true;
             };
@@ -196,24 +203,34 @@ impl Campaign<'_> {
             let mut caught = of_id.filter_map(|fault| found.faults.get(&fault.name));
             caught.any(|it| it.by.get(kind.name).is_some_and(|by| by.contains(name)))
         };
-        !self.thorough && kinds >= 2 && fault.breaks.iter().all(is_shown)
+        // An ambiguity needs no witness of its own.
+        let is_shown = |id: &String| {
+            id.starts_with('A') || found.shown.get(id).is_some_and(|kinds| kinds.len() >= ENOUGH)
+        };
+        !self.thorough
+            && kinds >= ENOUGH
+            && fault.breaks.iter().all(|id| is_met(id) && is_shown(id))
     }
 
-    fn numbered(&self) -> impl Iterator<Item = (u32, &SeededFault)> {
+    pub(crate) fn numbered(&self) -> impl Iterator<Item = (u32, &SeededFault)> {
         (1..).zip(self.faults)
     }
 
-    fn seeing(&self, fault: &SeededFault) -> impl Iterator<Item = &'static WitnessKind> {
-        self.kinds
-            .iter()
-            .copied()
-            .filter(|kind| (kind.concerns)(fault))
-            .collect::<Vec<_>>()
-            .into_iter()
+    /// What all faults change, by their numbers. Guards are there only if one of them is to run: a landing removes none.
+    pub(crate) fn parts(&self) -> impl Iterator<Item = (u32, &SeededFault)> {
+        let mut chosen = self.faults.iter().filter(|fault| self.chosen.contains(&fault.name));
+        let has_guards = chosen.any(|fault| fault.case.is_some());
+        let faults = self.numbered().filter(move |(_, fault)| has_guards || fault.case.is_none());
+        faults.flat_map(|(number, fault)| fault.parts().map(move |part| (number, part)))
+    }
+
+    pub(crate) fn seeing(&self, fault: &SeededFault) -> impl Iterator<Item = &'static WitnessKind> {
+        let kinds = self.kinds.iter().copied().filter(|kind| kind.sees(fault));
+        kinds.collect::<Vec<_>>().into_iter()
     }
 
     /// The suites that the chosen faults need.
-    fn suites(&self) -> BTreeMap<&'static str, &'static BuildSuite> {
+    pub(crate) fn suites(&self) -> BTreeMap<&'static str, &'static BuildSuite> {
         let chosen = self.faults.iter().filter(|fault| self.chosen.contains(&fault.name));
         chosen
             .flat_map(|fault| self.seeing(fault))
@@ -221,141 +238,7 @@ impl Campaign<'_> {
             .collect()
     }
 
-    /// Builds all faults at once. One that does not compile beside the others has a build of its own.
-    fn build_shared(
-        &self,
-        work: &FaultyCopy,
-        apart: &mut BTreeMap<u32, String>,
-        tell: &impl Fn(&str),
-    ) -> Result<(BTreeMap<&'static str, Programs>, Texts), FaultsError> {
-        'again: loop {
-            let rewritten = self.rewritten(apart)?;
-            let texts: Texts =
-                rewritten.iter().map(|(file, it)| (file.clone(), it.text.clone())).collect();
-            self.tree.copy_to(&work.copy, texts.clone())?;
-            let mut programs = BTreeMap::new();
-            for (name, suite) in self.suites() {
-                tell(&format!("building {name}"));
-                match work.build(suite)? {
-                    Built::Programs(built) => drop(programs.insert(name, built)),
-                    Built::Refused(places, said) => {
-                        let faults = places
-                            .iter()
-                            .filter_map(|(file, at)| Some(rewritten.get(file)?.faults_at(*at)));
-                        let mut faults: BTreeSet<u32> = faults.flatten().collect();
-                        // A constant needs what is none beside its faults.
-                        if faults.is_empty() && said.contains("[E0015]") {
-                            let is_constant = |fault: &SeededFault| {
-                                fault.function.as_ref().is_some_and(|it| it.constant.is_some())
-                            };
-                            let constant = self.numbered().filter(|(_, fault)| is_constant(fault));
-                            let constant = constant.map(|(number, _)| number);
-                            faults.extend(constant.filter(|number| !apart.contains_key(number)));
-                        }
-                        if faults.is_empty() {
-                            return Err(FaultsError::content(
-                                work.copy.root(),
-                                format!("{name} does not build:\n{said}"),
-                            ));
-                        }
-                        for number in faults {
-                            tell(&format!(
-                                "{} does not compile beside the others",
-                                self.name(number)
-                            ));
-                            apart.insert(
-                                number,
-                                "it does not compile beside the function as it is".to_owned(),
-                            );
-                        }
-                        continue 'again;
-                    }
-                }
-            }
-            return Ok((programs, texts));
-        }
-    }
-
-    /// The files with all faults that share a build.
-    fn rewritten(
-        &self,
-        apart: &BTreeMap<u32, String>,
-    ) -> Result<BTreeMap<String, Rewritten>, FaultsError> {
-        let mut files: BTreeMap<String, FileChanges> = BTreeMap::new();
-        for (number, fault) in self.numbered().filter(|(number, _)| !apart.contains_key(number)) {
-            files.entry(fault.file.clone()).or_default().0.push((number, fault));
-        }
-        for function in self.constants(apart)? {
-            files.entry(function.file).or_default().1.extend(function.constant);
-        }
-        let rewritten = files.into_iter().map(|(file, (faults, constants))| {
-            let rewritten = schemata::rewrite(&self.tree.text(&file)?, &faults, &constants)?;
-            Ok((file, rewritten))
-        });
-        rewritten.collect()
-    }
-
-    /// The constant functions with faults, and those that call them.
-    fn constants(&self, apart: &BTreeMap<u32, String>) -> Result<Vec<Function>, FaultsError> {
-        let faulty = self.numbered().filter(|(number, _)| !apart.contains_key(number));
-        let faulty = faulty.filter_map(|(_, fault)| fault.function.clone());
-        let mut found: Vec<Function> = faulty.filter(|it| it.constant.is_some()).collect();
-        let crates: BTreeSet<String> = found.iter().map(|it| it.of_crate().to_owned()).collect();
-        let mut items = FunctionIndex::new(self.tree)?;
-        for name in crates {
-            let constant = items.of_crate(&name)?.iter().filter(|it| it.constant.is_some());
-            let constant: Vec<&Function> = constant.collect();
-            loop {
-                let calls = |it: &Function| -> Result<bool, FaultsError> {
-                    let text = self.tree.text(&it.file)?;
-                    let body = &text[it.body.clone()];
-                    let of_crate = found.iter().filter(|known| known.of_crate() == name);
-                    Ok(of_crate.map(Function::name).any(|name| body.contains(&format!("{name}("))))
-                };
-                let mut more = Vec::new();
-                for function in &constant {
-                    if !found.contains(function) && calls(function)? {
-                        more.push((*function).clone());
-                    }
-                }
-                if more.is_empty() {
-                    break;
-                }
-                found.extend(more);
-            }
-        }
-        found.sort_by(|a, b| (&a.file, a.whole.start).cmp(&(&b.file, b.whole.start)));
-        found.dedup();
-        Ok(found)
-    }
-
-    /// Builds one fault by itself, in a file that has no other.
-    fn build_apart(
-        &self,
-        work: &FaultyCopy,
-        texts: &Texts,
-        fault: &SeededFault,
-    ) -> Result<BTreeMap<&'static str, Programs>, FaultsError> {
-        let mut texts = texts.clone();
-        texts.insert(fault.file.clone(), fault.seed(&self.tree.text(&fault.file)?)?);
-        self.tree.copy_to(&work.copy, texts)?;
-        let mut programs = BTreeMap::new();
-        for kind in self.seeing(fault) {
-            if programs.contains_key(kind.suite.name) {
-                continue;
-            }
-            match work.build(kind.suite)? {
-                Built::Programs(built) => drop(programs.insert(kind.suite.name, built)),
-                Built::Refused(_, said) => {
-                    let why = format!("it does not compile:\n{said}");
-                    return Err(FaultsError::Seed { name: fault.name.clone(), why });
-                }
-            }
-        }
-        Ok(programs)
-    }
-
-    fn name(&self, number: u32) -> &str {
+    pub(crate) fn name(&self, number: u32) -> &str {
         let index = usize::try_from(number).ok().and_then(|number| number.checked_sub(1));
         index.and_then(|index| self.faults.get(index)).map_or("none", |fault| &fault.name)
     }

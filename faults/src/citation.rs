@@ -7,6 +7,7 @@ use std::sync::LazyLock;
 use regex::Regex;
 
 use crate::error::FaultsError;
+use crate::kind::WitnessKind;
 use crate::tree::Tree;
 
 /// Where the code that meets the rules is.
@@ -115,6 +116,19 @@ pub(crate) fn code(tree: &Tree) -> Result<BTreeMap<String, Vec<String>>, FaultsE
         }
     }
     Ok(places)
+}
+
+/// What witnesses of a kind cite; one in parentheses is a program of which it is not known which test failed.
+pub(crate) fn cited(
+    tree: &Tree,
+    kind: &WitnessKind,
+    witnesses: &BTreeSet<String>,
+) -> Result<BTreeSet<String>, FaultsError> {
+    let mut ids = BTreeSet::new();
+    for witness in witnesses.iter().filter(|witness| !witness.ends_with(')')) {
+        ids.extend((kind.cites)(tree, witness)?);
+    }
+    Ok(ids)
 }
 
 /// What a test's name, its documentation and its body cite.

@@ -54,7 +54,20 @@ pub struct SeededFault {
     pub replace: String,
     /// Why it cannot share a build with the others.
     pub own_build: Option<String>,
-    find: String,
+    /// The case of misuse that must fail, if it removes a guard.
+    pub case: Option<MisuseCase>,
+    /// What it changes in other functions.
+    pub(crate) also: Vec<SeededFault>,
+    pub(crate) find: String,
+}
+
+/// A case of misuse that a guard meets.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct MisuseCase {
+    /// The door that it comes through, such as `rust`.
+    pub door: String,
+    /// Its name there.
+    pub name: String,
 }
 
 /// All faults, in their order.
@@ -107,6 +120,8 @@ impl WrittenFault {
                 at,
                 replace: self.replace,
                 own_build: self.own_build,
+                case: None,
+                also: Vec::new(),
                 find: self.find,
             }),
             Err(found) => {
@@ -164,6 +179,11 @@ impl SeededFault {
         }
         hex(&digest.finalize())
     }
+
+    /// All that it changes, itself first.
+    pub fn parts(&self) -> impl Iterator<Item = &Self> {
+        std::iter::once(self).chain(&self.also)
+    }
 }
 
 fn error(name: &str, why: &str) -> FaultsError {
@@ -181,6 +201,8 @@ impl SeededFault {
             at,
             replace: replace.into(),
             own_build: None,
+            case: None,
+            also: Vec::new(),
             find: find.into(),
         }
     }

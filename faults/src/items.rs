@@ -129,6 +129,28 @@ impl<'a> FunctionIndex<'a> {
         Ok(&self.read[name])
     }
 
+    /// The innermost function of a file around some bytes, if there is one.
+    ///
+    /// # Errors
+    /// The file cannot be read as Rust.
+    pub fn around(
+        &mut self,
+        file: &str,
+        at: &Range<usize>,
+    ) -> Result<Option<Function>, FaultsError> {
+        let is_of = |it: &CrateFiles| {
+            let folders = it.roots.iter().filter_map(|root| root.rsplit_once('/'));
+            folders.into_iter().any(|(folder, _)| file.starts_with(&format!("{folder}/")))
+        };
+        let name = self.folders.iter().find(|(_, it)| is_of(it)).map(|(name, _)| name.clone());
+        let is_rust = Path::new(file).extension().is_some_and(|it| it == "rs");
+        let Some(name) = name.filter(|_| is_rust) else { return Ok(None) };
+        let functions = self.of_crate(&name)?.iter();
+        let around = functions
+            .filter(|it| it.file == file && it.whole.start <= at.start && at.end <= it.whole.end);
+        Ok(around.min_by_key(|it| it.whole.len()).cloned())
+    }
+
     /// The names of the crates.
     #[must_use]
     pub fn crates(&self) -> Vec<String> {

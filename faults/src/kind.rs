@@ -1,6 +1,7 @@
 //! The kinds of witness: how each is built and run, which faults it could see, and what its witnesses cite.
 
 mod all;
+mod suites;
 
 use std::collections::BTreeSet;
 
@@ -52,6 +53,20 @@ pub(crate) struct Program {
 }
 
 impl WitnessKind {
+    /// The door whose cases of misuse it runs, if it does.
+    pub(crate) fn door(&self) -> Option<&'static str> {
+        self.name.strip_suffix("-misuse")
+    }
+
+    /// Whether its witnesses could see a fault: the cases of a door only that a guard of theirs is gone.
+    pub(crate) fn sees(&self, fault: &SeededFault) -> bool {
+        match (&fault.case, self.door()) {
+            (Some(case), Some(door)) => case.door == door,
+            (None, None) => (self.concerns)(fault),
+            _ => false,
+        }
+    }
+
     /// The one of this name.
     #[must_use]
     pub fn find(name: &str) -> Option<&'static Self> {

@@ -4,10 +4,14 @@
 //! One copy of the tree contains all faults, each behind a number that an environment variable selects, so one build serves
 //! all of them. No result is stored.
 
+mod artifacts;
+mod build;
 mod campaign;
+mod cases;
 mod citation;
 mod error;
 mod fault;
+mod guard;
 mod items;
 mod kind;
 mod mcdc;
@@ -18,8 +22,10 @@ mod tree;
 mod work;
 
 pub use campaign::{Campaign, CampaignFindings, Catches, kinds};
+pub use cases::try_all as try_cases;
 pub use error::FaultsError;
-pub use fault::{SeededFault, load as load_faults};
+pub use fault::{MisuseCase, SeededFault, load as load_faults};
+pub use guard::load_guards;
 pub use items::{Function, FunctionIndex};
 pub use kind::{KINDS, Tier, WitnessKind};
 pub use mcdc::{Evaluation, IndependencePair, McdcReport, SourceDecision};

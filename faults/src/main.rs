@@ -9,7 +9,7 @@ use std::time::Instant;
 use clap::{Args, Parser, Subcommand};
 use fuseline_faults::{
     Campaign, CampaignFindings, FaultsError, McdcReport, SeededFault, Table, Tier, Tree, can_share,
-    expected, kinds, load_faults, write,
+    expected, kinds, load_faults, load_guards, try_cases, write,
 };
 
 /// Seeds faults in a copy of the project and says which witnesses catch them.
@@ -31,6 +31,11 @@ enum Command {
         /// Also writes the table of promises, without witnesses.
         #[arg(long)]
         table: bool,
+    },
+    /// Calls the programs in each case of docs/safety/misuse-commands, which must end as it says there.
+    Misuse {
+        /// The folder of the programs.
+        programs: PathBuf,
     },
     /// Measures modified condition/decision coverage of the core and of the C interface, with the two tests that show each condition.
     ///
@@ -58,7 +63,7 @@ struct RunArguments {
     /// How many witnesses run at once.
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=64))]
     jobs: u8,
-    /// Runs every kind that could see a fault, and not only until two have caught it. The full tier does.
+    /// Runs every kind that could see a fault, and not only until two have caught it.
     #[arg(long)]
     thorough: bool,
     /// Prints each run as it ends.
@@ -75,6 +80,7 @@ fn main() -> ExitCode {
     let done = match Cli::parse().command {
         Command::Run(args) => run(&tree, &target, &args),
         Command::List { table } => list(&tree, &target, table),
+        Command::Misuse { programs } => misuse(&tree, &programs),
         Command::Mcdc { without } => mcdc(&tree, &target, &without),
     };
     match done {
@@ -87,9 +93,15 @@ fn main() -> ExitCode {
     }
 }
 
+fn all_faults(tree: &Tree) -> Result<Vec<SeededFault>, FaultsError> {
+    let mut faults = load_faults(tree)?;
+    faults.extend(load_guards(tree)?);
+    Ok(faults)
+}
+
 /// Whether each fault is caught and nothing is missing.
 fn run(tree: &Tree, target: &Path, args: &RunArguments) -> Result<bool, FaultsError> {
-    let faults = load_faults(tree)?;
+    let faults = all_faults(tree)?;
     let chosen = chosen(tree, &faults, args)?;
     let why = |why| FaultsError::Seed { name: args.kind.join(", "), why };
     let mut kinds = kinds(&args.kind).map_err(why)?;
@@ -106,7 +118,7 @@ fn run(tree: &Tree, target: &Path, args: &RunArguments) -> Result<bool, FaultsEr
         faults: &faults,
         chosen: &chosen,
         expected: &expected(tree)?,
-        thorough: args.thorough || args.tier == Tier::Full,
+        thorough: args.thorough,
         jobs: usize::from(args.jobs),
         stop: &STOP,
     };
@@ -191,12 +203,16 @@ fn is_same(tree: &Tree, base: &str) -> Result<bool, FaultsError> {
 }
 
 fn list(tree: &Tree, target: &Path, table: bool) -> Result<bool, FaultsError> {
-    let faults = load_faults(tree)?;
+    let faults = all_faults(tree)?;
     for fault in &faults {
         let place = fault.function.as_ref().map_or(&fault.file, |function| &function.path);
         let breaks: Vec<&str> = fault.breaks.iter().map(String::as_str).collect();
         let build = if can_share(fault) { "" } else { ", own build" };
-        println!("{} breaks {} in {place}{build}", fault.name, breaks.join(" "));
+        let what = match &fault.case {
+            Some(_) => "removes a guard".to_owned(),
+            None => format!("breaks {}", breaks.join(" ")),
+        };
+        println!("{} {what} in {place}{build}", fault.name);
     }
     if table {
         save(target, &Table::build(tree, &faults, &CampaignFindings::default())?)?;
@@ -207,6 +223,13 @@ fn list(tree: &Tree, target: &Path, table: bool) -> Result<bool, FaultsError> {
 fn save(target: &Path, table: &Table) -> Result<(), FaultsError> {
     write(&target.join("faults/table.md"), &table.page())?;
     write(&target.join("faults/table.json"), &table.json())
+}
+
+/// Whether each case of misuse ends as it should.
+fn misuse(tree: &Tree, programs: &Path) -> Result<bool, FaultsError> {
+    let (held, all) = try_cases(tree, programs)?;
+    println!("{held} of {all} cases of misuse are refused or reported");
+    Ok(held == all && all > 0)
 }
 
 /// Whether each condition is shown or explained.

@@ -84,10 +84,11 @@ pub(crate) fn rewrite(
 /// Whether a fault can stand beside others in one build.
 #[must_use]
 pub fn can_share(fault: &SeededFault) -> bool {
-    let is_in = |function: &Function| {
-        function.body.start < fault.at.start && fault.at.end < function.body.end
-    };
-    fault.own_build.is_none() && fault.function.as_ref().is_some_and(is_in)
+    fault.own_build.is_none()
+        && fault.parts().all(|part| {
+            let body = part.function.as_ref().map(|function| &function.body);
+            body.is_some_and(|body| body.start < part.at.start && part.at.end < body.end)
+        })
 }
 
 /// Begins a body. It links std by itself, since some crates do not.

@@ -17,7 +17,7 @@ const GAPS: &str = "faults/gaps.toml";
 /// The witnesses that must be there.
 const WITNESSES: &str = "faults/witnesses.toml";
 /// How many faults and kinds of witness each identifier has.
-const ENOUGH: usize = 2;
+pub(crate) const ENOUGH: usize = 2;
 
 /// What shows the rules and promises, with whatever is wrong.
 #[derive(Debug, Serialize)]

@@ -12,12 +12,16 @@ use std::time::{Duration, Instant};
 use rustix::process::{Pid, Signal, kill_process_group};
 use serde_json::Value;
 
+use crate::artifacts::{primary_places, take_program};
+use crate::cases::{self, DOORS};
 use crate::error::FaultsError;
 use crate::kind::{BuildSuite, Program, WitnessKind};
 use crate::printed::Outcomes;
 use crate::schemata::VARIABLE;
 use crate::tree::Tree;
 
+/// The exit code of a program that a signal ended.
+const KILLED: i32 = -1;
 /// How often a running program is looked at.
 const GLANCE: Duration = Duration::from_millis(10);
 /// A faulty machine may take memory without end; 4 GiB are more than any sound witness takes.
@@ -25,6 +29,8 @@ const BOUNDED: &str = "ulimit -v 4194304; exec \"$@\"";
 
 /// The copy, with its own folder of built things.
 pub(crate) struct FaultyCopy<'a> {
+    /// The project itself.
+    pub(crate) tree: &'a Tree,
     pub(crate) copy: Tree,
     pub(crate) target: PathBuf,
     /// The interpreter that has the wheel, as `.ci/python` installs it.
@@ -172,6 +178,7 @@ impl FaultyCopy<'_> {
         kind: &WitnessKind,
         programs: &Programs,
         (number, name): (u32, &str),
+        case: Option<&str>,
         limit: Duration,
     ) -> Result<WitnessRun, FaultsError> {
         let log = self.log(kind.name, name);
@@ -190,8 +197,29 @@ impl FaultyCopy<'_> {
             let key = (program.package.to_owned(), program.target.to_owned());
             let place = programs.get(&key);
             let place = place.ok_or_else(|| wrong(&format!("{} was not built", program.target)))?;
-            let mut command = Self::command(kind, program, place, number);
             let left = limit.saturating_sub(begin.elapsed());
+            if let Some((door, _, _)) = DOORS.iter().find(|(door, _, _)| kind.door() == Some(door))
+            {
+                for of_door in cases::of_door(&self.copy, door)? {
+                    if case.is_none_or(|case| case == of_door.name) {
+                        let mut command = of_door.command(&place.0, self.copy.root());
+                        command.env(VARIABLE, number.to_string());
+                        let (printed, code) = self.print(&mut command, left, false, &log)?;
+                        let holds = of_door.happens(code, &printed);
+                        seen.outcomes.insert(format!("{door}::{}", of_door.name), holds);
+                    }
+                }
+                // What a case should not have written over.
+                self.restore("traces/corpus")?;
+                continue;
+            }
+            let mut command = Self::command(kind, program, place, number);
+            if let Some(case) = case {
+                let is_python = kind.suite.packages.is_empty();
+                let python = ["-k".to_owned(), format!("test_{case}")];
+                let rust = ["--exact".to_owned(), case.to_owned()];
+                command.args(if is_python { python } else { rust });
+            }
             let stops = kind.stops && number != 0;
             let (printed, ended) = self.print(&mut command, left, stops, &log)?;
             let mut outcomes = (kind.read)(program.target, &printed);
@@ -199,7 +227,7 @@ impl FaultyCopy<'_> {
                 seen.is_out_of_time = true;
             }
             // One that was killed or ran out of memory names no test, where several run at once.
-            if ended != Some(true) && outcomes.values().all(|held| *held) {
+            if ended != Some(0) && outcomes.values().all(|held| *held) {
                 let how = if ended.is_none() { "out of time" } else { "ended early" };
                 outcomes.insert(format!("{} ({how})", program.target), false);
             }
@@ -220,7 +248,7 @@ impl FaultyCopy<'_> {
     ) -> Command {
         let mut command = Command::new("sh");
         command.args(["-c", BOUNDED, "sh"]).arg(path).current_dir(folder);
-        if kind.name == "python" {
+        if kind.suite.packages.is_empty() {
             // Without the documentation's examples, which the project's own options add.
             command
                 .args([
@@ -249,14 +277,14 @@ impl FaultyCopy<'_> {
         command
     }
 
-    /// What a program prints until it ends, and whether that was well; none if its time was up.
+    /// What a program prints until it ends, and its exit code; none if its time was up.
     fn print(
         &self,
         command: &mut Command,
         limit: Duration,
         stops: bool,
         log: &Path,
-    ) -> Result<(String, Option<bool>), FaultsError> {
+    ) -> Result<(String, Option<i32>), FaultsError> {
         let own = log.with_extension("part");
         let out = create(&own)?;
         let err = out.try_clone().map_err(FaultsError::file(&own))?;
@@ -265,7 +293,7 @@ impl FaultyCopy<'_> {
         let begin = Instant::now();
         let ended = loop {
             if let Some(status) = child.try_wait().map_err(FaultsError::file(&own))? {
-                break Some(status.success());
+                break Some(status.code().unwrap_or(KILLED));
             }
             let is_stopped = self.stop.load(Ordering::Acquire);
             let has_failed =
@@ -277,7 +305,7 @@ impl FaultyCopy<'_> {
                 if is_stopped {
                     return Err(FaultsError::Interrupted);
                 }
-                break has_failed.then_some(false);
+                break has_failed.then_some(KILLED);
             }
             thread::sleep(GLANCE);
         };
@@ -310,7 +338,20 @@ impl FaultyCopy<'_> {
         Ok(reader.join().unwrap_or_default())
     }
 
+    /// Makes a folder of the copy what it is in the project.
+    fn restore(&self, folder: &str) -> Result<(), FaultsError> {
+        for name in self.tree.files(&[folder])? {
+            let (from, to) = (self.tree.path(&name), self.copy.path(&name));
+            let whole = fs::read(&from).map_err(FaultsError::file(&from))?;
+            if fs::read(&to).map_or(true, |there| there != whole) {
+                fs::write(&to, whole).map_err(FaultsError::file(&to))?;
+            }
+        }
+        Ok(())
+    }
+
     fn log(&self, kind: &str, run: &str) -> PathBuf {
+        let run = run.replace(['/', ' '], "-");
         self.target.join("logs").join(format!("{kind}.{run}.txt"))
     }
 }
@@ -319,50 +360,4 @@ fn create(path: &Path) -> Result<File, FaultsError> {
     let folder = path.parent().unwrap_or(path);
     fs::create_dir_all(folder).map_err(FaultsError::file(folder))?;
     File::create(path).map_err(FaultsError::file(path))
-}
-
-fn take_program(message: &Value, programs: &mut Programs) {
-    let (Some(executable), Some(manifest)) =
-        (message["executable"].as_str(), message["manifest_path"].as_str())
-    else {
-        return;
-    };
-    let id = message["package_id"].as_str().unwrap_or_default();
-    let (path, version) = id.rsplit_once('#').unwrap_or_default();
-    let package = version
-        .split_once('@')
-        .map_or_else(|| path.rsplit('/').next().unwrap_or_default(), |it| it.0);
-    let target = message["target"]["name"].as_str().unwrap_or_default();
-    let folder = Path::new(manifest).parent().unwrap_or(Path::new(manifest)).to_owned();
-    let place = (PathBuf::from(executable), folder);
-    let key = (package.to_owned(), target.to_owned());
-    // A library's tests come before a program of the same name.
-    let is_library = message["target"]["kind"][0] == "lib";
-    if is_library || !programs.contains_key(&key) {
-        programs.insert(key, place);
-    }
-}
-
-/// Where a message of the compiler points, from the root.
-fn primary_places(message: &Value) -> Vec<(String, usize)> {
-    let spans = message["spans"].as_array().into_iter().flatten();
-    let primary = spans.filter(|span| span["is_primary"] == true);
-    let place = |span: &Value| {
-        let at = usize::try_from(span["byte_start"].as_u64()?).ok()?;
-        Some((plain(span["file_name"].as_str()?), at))
-    };
-    primary.filter_map(place).collect()
-}
-
-/// A path without `..`.
-fn plain(path: &str) -> String {
-    let mut parts = Vec::new();
-    for part in path.split('/') {
-        if part == ".." {
-            parts.pop();
-        } else {
-            parts.push(part);
-        }
-    }
-    parts.join("/")
 }

@@ -1,7 +1,7 @@
 //! Cases of misuse from Rust: each is refused with the remedy, or reported; none ends in silence.
 //!
 //! The line `misuse:` of each says what the caller does and what happens; `docs/safety/make` makes the book's table of them.
-//! `.ci/misuse` removes each check of `docs/safety/misuse-guards` once, and its case must fail.
+//! `fuseline-faults` removes each check of `docs/safety/misuse-guards` once, and its case must fail.
 
 use std::future::pending;
 use std::time::Duration;

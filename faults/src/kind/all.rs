@@ -1,95 +1,12 @@
 //! All kinds. A new one is one entry here.
 
-use super::{BuildSuite, Program, WitnessKind};
+use std::collections::BTreeSet;
+
+use super::suites::{CALLED, COMMAND, LOOM, MACHINE, OPERATOR, POLICY, PYTHON, ROS2};
+use super::{Program, WitnessKind};
 use crate::citation::{cited_by_harness, cited_by_pytest, cited_by_test, cited_by_trace, words};
 use crate::fault::SeededFault;
 use crate::printed::{read_models, read_pytest, read_steps, read_tests, read_traces};
-
-/// The core with all that tells about it in one build.
-const MACHINE: BuildSuite = BuildSuite {
-    name: "machine",
-    packages: &[
-        "-p=fuseline-core",
-        "-p=fuseline-tests",
-        "-p=fuseline-models",
-        "-p=fuseline-proofs",
-        "-p=fuseline-threads",
-        "-p=fuseline-loom",
-        "-p=fuseline-traces",
-    ],
-    tests: &[
-        "--lib",
-        "--test=rules",
-        "--test=surface",
-        "--test=window",
-        "--test=differential",
-        "--test=seeds",
-        "--test=random",
-        "--test=messages",
-        "--test=history",
-        "--test=stress",
-        "--test=all_traces",
-        "--test=streaming",
-        "--test=observed_faults",
-    ],
-    programs: &["--bin=fuseline-models", "--example=corpus", "--test=rules"],
-    variables: &[],
-};
-const LOOM: BuildSuite = BuildSuite {
-    name: "loom",
-    packages: &["-p=fuseline-loom"],
-    tests: &["--release", "--test=loom", "--test=values"],
-    programs: &[],
-    variables: &[("RUSTFLAGS", "--cfg loom")],
-};
-const POLICY: BuildSuite = BuildSuite {
-    name: "policy",
-    packages: &["-p=fuseline-deadline", "-p=fuseline-tests"],
-    tests: &["--lib", "--test=all_deadline", "--test=machine", "--test=search"],
-    programs: &[],
-    variables: &[],
-};
-const OPERATOR: BuildSuite = BuildSuite {
-    name: "operator",
-    packages: &[
-        "-p=fuseline-engine",
-        "-p=fuseline-tokio",
-        "-p=fuseline-tests",
-        "-p=fuseline-system-tests",
-    ],
-    tests: &[
-        "--lib",
-        "--test=all_engine",
-        "--test=all_tokio",
-        "--test=logs",
-        "--test=memory",
-        "--test=prometheus",
-        "--test=strangers",
-        "--test=visitors",
-        "--test=checks",
-    ],
-    programs: &[],
-    variables: QUICK,
-};
-const ROS2: BuildSuite = BuildSuite {
-    name: "ros2",
-    packages: &["-p=fuseline-ros2"],
-    tests: &["--lib", "--test=settings"],
-    programs: &[],
-    variables: QUICK,
-};
-const COMMAND: BuildSuite = BuildSuite {
-    name: "command",
-    packages: &["-p=fuseline", "-p=fuseline-report"],
-    tests: &["--lib", "--test=all_cli"],
-    programs: &[],
-    variables: QUICK,
-};
-const PYTHON: BuildSuite =
-    BuildSuite { name: "python", packages: &[], tests: &[], programs: &[], variables: &[] };
-
-/// For large crates with short tests, most of whose run is the build.
-const QUICK: &[(&str, &str)] = &[("CARGO_PROFILE_DEV_OPT_LEVEL", "0"), ("CARGO_INCREMENTAL", "1")];
 
 const ARBITER: &str = "adapters/engine/src/arbiter";
 const THREADS: &str = "adapters/threads/src/";
@@ -104,6 +21,19 @@ const fn program(
     Program { package, target, arguments }
 }
 
+/// What most kinds are: tests, one at a time, which cite by their names, documentation and bodies.
+const TESTS: WitnessKind = WitnessKind {
+    name: "",
+    title: "",
+    concerns: |_| false,
+    suite: &MACHINE,
+    programs: &[],
+    threads: "1",
+    stops: false,
+    read: read_tests,
+    cites: cited_by_test,
+};
+
 /// All of them.
 pub const KINDS: &[WitnessKind] = &[
     WitnessKind {
@@ -117,10 +47,7 @@ pub const KINDS: &[WitnessKind] = &[
             program("fuseline-tests", "surface", &[]),
             program("fuseline-tests", "window", &[]),
         ],
-        threads: "1",
-        stops: false,
-        read: read_tests,
-        cites: cited_by_test,
+        ..TESTS
     },
     WitnessKind {
         name: "trace",
@@ -128,10 +55,9 @@ pub const KINDS: &[WitnessKind] = &[
         concerns: is_of_machine,
         suite: &MACHINE,
         programs: &[program("fuseline-tests", "corpus", &[])],
-        threads: "1",
-        stops: false,
         read: read_traces,
         cites: cited_by_trace,
+        ..TESTS
     },
     WitnessKind {
         name: "reference",
@@ -142,10 +68,7 @@ pub const KINDS: &[WitnessKind] = &[
             program("fuseline-tests", "differential", &[]),
             program("fuseline-tests", "seeds", &["seeds_of_"]),
         ],
-        threads: "1",
-        stops: false,
-        read: read_tests,
-        cites: cited_by_test,
+        ..TESTS
     },
     WitnessKind {
         name: "model",
@@ -157,10 +80,9 @@ pub const KINDS: &[WitnessKind] = &[
             "fuseline-models",
             &["check", "--quick", "--keep-going", "--threads", "1", "--json"],
         )],
-        threads: "1",
-        stops: false,
         read: read_models,
         cites: |_, witness| Ok(words(witness)),
+        ..TESTS
     },
     WitnessKind {
         name: "harness",
@@ -168,10 +90,9 @@ pub const KINDS: &[WitnessKind] = &[
         concerns: |fault| fault.file.starts_with("core/src/"),
         suite: &MACHINE,
         programs: &[program("fuseline-proofs", "random", &["every_harness_holds", "--nocapture"])],
-        threads: "1",
-        stops: false,
         read: read_steps,
         cites: cited_by_harness,
+        ..TESTS
     },
     WitnessKind {
         name: "history",
@@ -184,10 +105,8 @@ pub const KINDS: &[WitnessKind] = &[
             program("fuseline-loom", "history", &[]),
             program("fuseline-loom", "stress", &[]),
         ],
-        threads: "1",
-        stops: false,
-        read: read_tests,
-        cites: cited_by_test,
+        stops: true,
+        ..TESTS
     },
     WitnessKind {
         name: "loom",
@@ -195,10 +114,8 @@ pub const KINDS: &[WitnessKind] = &[
         concerns: |fault| fault.file.starts_with(THREADS),
         suite: &LOOM,
         programs: &[program("fuseline-loom", "loom", &[]), program("fuseline-loom", "values", &[])],
-        threads: "1",
         stops: true,
-        read: read_tests,
-        cites: cited_by_test,
+        ..TESTS
     },
     WitnessKind {
         name: "judge",
@@ -210,10 +127,7 @@ pub const KINDS: &[WitnessKind] = &[
             program("fuseline-tests", "all_traces", &["--skip", "corpus::"]),
             program("fuseline-traces", "streaming", &[]),
         ],
-        threads: "1",
-        stops: false,
-        read: read_tests,
-        cites: cited_by_test,
+        ..TESTS
     },
     WitnessKind {
         name: "corpus",
@@ -221,10 +135,7 @@ pub const KINDS: &[WitnessKind] = &[
         concerns: is_of_judges,
         suite: &MACHINE,
         programs: &[program("fuseline-tests", "all_traces", &["corpus::"])],
-        threads: "1",
-        stops: false,
-        read: read_tests,
-        cites: cited_by_test,
+        ..TESTS
     },
     WitnessKind {
         name: "search",
@@ -235,10 +146,8 @@ pub const KINDS: &[WitnessKind] = &[
             program("fuseline-traces", "fuseline_traces", &["story::"]),
             program("fuseline-tests", "observed_faults", &[]),
         ],
-        threads: "1",
-        stops: false,
-        read: read_tests,
-        cites: cited_by_test,
+        stops: true,
+        ..TESTS
     },
     WitnessKind {
         name: "policy",
@@ -247,43 +156,58 @@ pub const KINDS: &[WitnessKind] = &[
         suite: &POLICY,
         programs: &[
             program("fuseline-deadline", "fuseline_deadline", &[]),
-            program("fuseline-tests", "all_deadline", &[]),
+            program("fuseline-tests", "all_deadline", &["--skip=drawn::"]),
             program("fuseline-deadline", "machine", &[]),
         ],
-        threads: "1",
-        stops: false,
-        read: read_tests,
-        cites: cited_by_test,
+        ..TESTS
     },
     WitnessKind {
-        name: "safe",
-        title: "search for a collision that the policies promise away",
+        name: "drawn",
+        title: "drives, calls and figures drawn at random",
         concerns: |fault| fault.file.starts_with("deadline/"),
         suite: &POLICY,
-        programs: &[program("fuseline-deadline", "search", &[])],
-        threads: "1",
-        stops: false,
-        read: read_tests,
-        cites: cited_by_test,
+        programs: &[
+            program("fuseline-tests", "all_deadline", &["drawn::"]),
+            program("fuseline-deadline", "search", &[]),
+        ],
+        stops: true,
+        ..TESTS
     },
     WitnessKind {
-        name: "operator",
-        title: "tests of operators",
+        name: "part",
+        title: "tests of one part of an operator",
         concerns: |fault| starts_with(fault, &OPERATORS) && !starts_with(fault, &[ARBITER, GRPC]),
         suite: &OPERATOR,
         programs: &[
             program("fuseline-engine", "fuseline_engine", &[]),
             program("fuseline-tokio", "fuseline_tokio", &[]),
             program("fuseline-tests", "all_engine", &[]),
-            program("fuseline-tokio", "all_tokio", &[]),
-            program("fuseline-tokio", "logs", &[]),
+            program("fuseline-engine", "logs", &[]),
+        ],
+        threads: "6",
+        ..TESTS
+    },
+    WitnessKind {
+        name: "operator",
+        title: "tests of whole operators",
+        concerns: |fault| starts_with(fault, &OPERATORS) && !starts_with(fault, &[ARBITER, GRPC]),
+        suite: &OPERATOR,
+        programs: &[
+            program("fuseline-tokio", "all_tokio", &["--skip=graphs::", "--skip=floor::"]),
             program("fuseline-tokio", "memory", &[]),
             program("fuseline-tokio", "prometheus", &[]),
         ],
         threads: "6",
-        stops: false,
-        read: read_tests,
-        cites: cited_by_test,
+        ..TESTS
+    },
+    WitnessKind {
+        name: "graph",
+        title: "graphs of operators drawn at random",
+        concerns: |fault| starts_with(fault, &OPERATORS) && !starts_with(fault, &[ARBITER, GRPC]),
+        suite: &OPERATOR,
+        programs: &[program("fuseline-tokio", "all_tokio", &["graphs::", "floor::"])],
+        threads: "2",
+        ..TESTS
     },
     WitnessKind {
         name: "grpc",
@@ -292,14 +216,22 @@ pub const KINDS: &[WitnessKind] = &[
         suite: &OPERATOR,
         programs: &[
             program("fuseline-tokio", "fuseline_tokio", &[]),
-            program("fuseline-tokio", "all_tokio", &[]),
+            program("fuseline-tokio", "all_tokio", &["--skip=graphs::", "--skip=floor::"]),
+        ],
+        threads: "6",
+        ..TESTS
+    },
+    WitnessKind {
+        name: "visitor",
+        title: "servers with visitors, kind and hostile",
+        concerns: |fault| fault.file.starts_with(GRPC),
+        suite: &OPERATOR,
+        programs: &[
             program("fuseline-tokio", "strangers", &[]),
             program("fuseline-tokio", "visitors", &[]),
         ],
         threads: "6",
-        stops: false,
-        read: read_tests,
-        cites: cited_by_test,
+        ..TESTS
     },
     WitnessKind {
         name: "simulation",
@@ -311,10 +243,7 @@ pub const KINDS: &[WitnessKind] = &[
         },
         suite: &OPERATOR,
         programs: &[program("fuseline-system-tests", "checks", &[])],
-        threads: "1",
-        stops: false,
-        read: read_tests,
-        cites: cited_by_test,
+        ..TESTS
     },
     WitnessKind {
         name: "ros2",
@@ -322,13 +251,20 @@ pub const KINDS: &[WitnessKind] = &[
         concerns: |fault| fault.file.starts_with("adapters/ros2/"),
         suite: &ROS2,
         programs: &[
-            program("fuseline-ros2", "fuseline_ros2", &[]),
+            program("fuseline-ros2", "fuseline_ros2", &["--skip=simulated::"]),
             program("fuseline-ros2", "settings", &[]),
         ],
         threads: "6",
-        stops: false,
-        read: read_tests,
-        cites: cited_by_test,
+        ..TESTS
+    },
+    WitnessKind {
+        name: "node",
+        title: "simulated ROS 2 nodes",
+        concerns: |fault| fault.file.starts_with("adapters/ros2/"),
+        suite: &ROS2,
+        programs: &[program("fuseline-ros2", "fuseline_ros2", &["simulated::"])],
+        threads: "6",
+        ..TESTS
     },
     WitnessKind {
         name: "command",
@@ -351,9 +287,7 @@ pub const KINDS: &[WitnessKind] = &[
             ),
         ],
         threads: "6",
-        stops: false,
-        read: read_tests,
-        cites: cited_by_test,
+        ..TESTS
     },
     WitnessKind {
         name: "python",
@@ -377,10 +311,54 @@ pub const KINDS: &[WitnessKind] = &[
                 "tests/test_threads.py",
             ],
         )],
-        threads: "1",
-        stops: false,
         read: read_pytest,
         cites: cited_by_pytest,
+        ..TESTS
+    },
+    WitnessKind {
+        name: "rust-misuse",
+        title: "cases of misuse from Rust",
+        suite: &OPERATOR,
+        programs: &[program("fuseline-tokio", "misuse", &[])],
+        cites: |_, _| Ok(BTreeSet::new()),
+        ..TESTS
+    },
+    WitnessKind {
+        name: "command-misuse",
+        title: "cases of misuse of the command",
+        suite: &CALLED,
+        programs: &[program("fuseline", "fuseline", &[])],
+        cites: |_, _| Ok(BTreeSet::new()),
+        ..TESTS
+    },
+    WitnessKind {
+        name: "ros2-misuse",
+        title: "cases of misuse of the node's parameters",
+        suite: &CALLED,
+        programs: &[program("fuseline-ros2", "fuseline-ros2", &[])],
+        cites: |_, _| Ok(BTreeSet::new()),
+        ..TESTS
+    },
+    WitnessKind {
+        name: "python-misuse",
+        title: "cases of misuse from Python",
+        suite: &PYTHON,
+        programs: &[program(
+            "fuseline-python",
+            "pytest",
+            &[
+                "tests/test_misuse.py",
+                "tests/test_misuse_ends.py",
+                "tests/test_misuse_failures.py",
+                "tests/test_misuse_robot.py",
+                "tests/test_misuse_running.py",
+                "tests/test_misuse_streams.py",
+                "tests/test_misuse_values.py",
+            ],
+        )],
+        read: read_pytest,
+        cites: |_, _| Ok(BTreeSet::new()),
+        ..TESTS
     },
 ];
 
@@ -403,7 +381,8 @@ fn is_of_judges(fault: &SeededFault) -> bool {
 
 /// Whether a fault is of core, judges or threads, which run at each landing.
 pub(crate) fn runs_at_landing(fault: &SeededFault) -> bool {
-    is_of_machine(fault) || is_of_judges(fault) || fault.file.starts_with(THREADS)
+    let is_of_both = is_of_machine(fault) || is_of_judges(fault);
+    fault.case.is_none() && (is_of_both || fault.file.starts_with(THREADS))
 }
 
 /// Whether a kind needs nothing but the builds of core, judges and threads.

@@ -1,0 +1,109 @@
+//! Cases of misuse of a program: how it is called, and what it then says.
+
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+use crate::error::FaultsError;
+use crate::tree::Tree;
+
+/// A line a case: door, what is given, what happens, exit code, a part of what is said, arguments after variables.
+const CASES: &str = "docs/safety/misuse-commands";
+/// The doors that are programs, with what each call of them begins with.
+pub(crate) const DOORS: [(&str, &str, &str); 2] = [
+    ("command", "fuseline", ""),
+    (
+        "ros2",
+        "fuseline-ros2",
+        "--check --ros-args -p input.type:=sensor_msgs/msg/Image -p output.type:=vision_msgs/msg/Detection2DArray",
+    ),
+];
+
+/// One case of a program.
+pub(crate) struct ProgramCase {
+    pub(crate) name: String,
+    pub(crate) code: i32,
+    pub(crate) said: String,
+    pub(crate) words: Vec<String>,
+    pub(crate) variables: Vec<(String, String)>,
+}
+
+/// The cases of a door.
+///
+/// # Errors
+/// The list of cases cannot be read.
+pub(crate) fn of_door(tree: &Tree, door: &str) -> Result<Vec<ProgramCase>, FaultsError> {
+    let options = DOORS.iter().find(|(name, _, _)| *name == door).map_or("", |(_, _, it)| it);
+    let text = tree.text(CASES)?;
+    let lines = text.lines().filter(|line| !line.starts_with('#'));
+    let fields = lines.map(|line| line.splitn(6, '|').map(str::trim).collect::<Vec<_>>());
+    let mut cases = Vec::new();
+    for of_case in fields.filter(|fields| fields.first() == Some(&door)) {
+        let wrong = || FaultsError::content(&tree.path(CASES), format!("no case: {of_case:?}"));
+        let [_, name, _, code, said, arguments] = of_case[..] else { return Err(wrong()) };
+        let words = shlex::split(arguments).ok_or_else(wrong)?;
+        let is_variable =
+            |word: &&String| word.split_once('=').is_some_and(|(name, _)| is_name(name));
+        let count = words.iter().take_while(is_variable).count();
+        let variables = words[..count].iter().filter_map(|word| word.split_once('='));
+        cases.push(ProgramCase {
+            name: name.to_owned(),
+            code: code.parse().map_err(|_| wrong())?,
+            said: said.to_owned(),
+            variables: variables.map(|(name, value)| (name.into(), value.into())).collect(),
+            words: options
+                .split_whitespace()
+                .map(str::to_owned)
+                .chain(words[count..].to_vec())
+                .collect(),
+        });
+    }
+    Ok(cases)
+}
+
+fn is_name(word: &str) -> bool {
+    !word.is_empty() && word.bytes().all(|byte| byte.is_ascii_uppercase() || byte == b'_')
+}
+
+impl ProgramCase {
+    /// The call of it, which gets no input.
+    pub(crate) fn command(&self, program: &Path, folder: &Path) -> Command {
+        let mut command = Command::new(program);
+        command.args(&self.words).current_dir(folder).stdin(Stdio::null());
+        for (name, _) in std::env::vars_os() {
+            if ["ROS_", "RMW_"].iter().any(|it| name.to_string_lossy().starts_with(it)) {
+                command.env_remove(name);
+            }
+        }
+        command.envs(self.variables.iter().map(|(name, value)| (name, value)));
+        command
+    }
+
+    /// Whether that is how it should end.
+    pub(crate) fn happens(&self, code: Option<i32>, printed: &str) -> bool {
+        code == Some(self.code) && printed.contains(&self.said)
+    }
+}
+
+/// Calls the programs of a folder in each case; returns how many ended as they should, and how many there are.
+///
+/// # Errors
+/// The cases cannot be read, or a program cannot be started.
+pub fn try_all(tree: &Tree, programs: &Path) -> Result<(usize, usize), FaultsError> {
+    let (mut held, mut all) = (0, 0);
+    for (door, program, _) in DOORS {
+        for case in of_door(tree, door)? {
+            let program = programs.join(program);
+            let ended = case.command(&program, tree.root()).output();
+            let ended = ended.map_err(FaultsError::file(&program))?;
+            let printed = [ended.stdout, ended.stderr].concat();
+            let printed = String::from_utf8_lossy(&printed);
+            all += 1;
+            if case.happens(ended.status.code(), &printed) {
+                held += 1;
+            } else {
+                eprintln!("{door}, {}: {} and\n{printed}", case.name, ended.status);
+            }
+        }
+    }
+    Ok((held, all))
+}

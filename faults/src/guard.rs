@@ -1,0 +1,91 @@
+//! Guards against misuse: each is removed once, and the case that it meets must fail then.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
+
+use crate::error::FaultsError;
+use crate::fault::{MisuseCase, SeededFault};
+use crate::items::FunctionIndex;
+use crate::tree::Tree;
+
+/// A line a guard: door, case, file, what is written, what instead. A case of several lines is without all of them.
+const GUARDS: &str = "docs/safety/misuse-guards";
+
+/// Where a guard stands: the file, and the bytes of the body of its function, if it is in one.
+type Place = (String, Option<(usize, usize)>);
+
+/// What replaces what, in bytes of a file.
+type Edit = (Range<usize>, String);
+
+/// All guards that can be removed, each as a fault that breaks its case.
+///
+/// # Errors
+/// A file cannot be read, or a guard is not in its file.
+pub fn load_guards(tree: &Tree) -> Result<Vec<SeededFault>, FaultsError> {
+    let mut items = FunctionIndex::new(tree)?;
+    let mut cases: Vec<(MisuseCase, BTreeMap<Place, Vec<Edit>>)> = Vec::new();
+    for line in tree.text(GUARDS)?.lines().filter(|line| !line.starts_with('#')) {
+        let line = format!("{line} ");
+        let fields: Vec<&str> = line.splitn(5, " | ").collect();
+        let [door, case, file, find, replace] = fields[..] else { continue };
+        let (door, case) = (door.trim().to_owned(), case.trim().to_owned());
+        let case = MisuseCase { door, name: case };
+        if cases.iter().all(|(known, _)| *known != case) {
+            cases.push((case.clone(), BTreeMap::new()));
+        }
+        let [find, replace] = [find, replace.trim_end()].map(|text| text.replace("\\n", "\n"));
+        let text = tree.text(file)?;
+        let found: Vec<usize> = text.match_indices(&find).map(|(at, _)| at).collect();
+        if found.is_empty() {
+            let why = format!("the guard of {}, {} is not there: {find}", case.door, case.name);
+            return Err(FaultsError::content(&tree.path(file), why));
+        }
+        let Some((_, places)) = cases.iter_mut().find(|(known, _)| *known == case) else {
+            continue;
+        };
+        for at in found {
+            let at = at..at + find.len();
+            let function = items.around(file, &at)?;
+            let body = function.map(|it| (it.body.start, it.body.end));
+            places.entry((file.to_owned(), body)).or_default().push((at, replace.clone()));
+        }
+    }
+    cases.into_iter().map(|(case, places)| removed(tree, &mut items, &case, places)).collect()
+}
+
+/// The fault that removes the guards of a case, with one part for each function.
+fn removed(
+    tree: &Tree,
+    items: &mut FunctionIndex,
+    case: &MisuseCase,
+    places: BTreeMap<Place, Vec<Edit>>,
+) -> Result<SeededFault, FaultsError> {
+    let mut parts = Vec::new();
+    for ((file, _), mut edits) in places {
+        edits.sort_by_key(|(at, _)| at.start);
+        let text = tree.text(&file)?;
+        let (start, end) = (edits[0].0.start, edits[edits.len() - 1].0.end);
+        let (mut replace, mut done) = (String::new(), start);
+        for (at, instead) in edits {
+            replace.push_str(&text[done..at.start]);
+            replace.push_str(&instead);
+            done = at.end;
+        }
+        let function = items.around(&file, &(start..end))?;
+        parts.push(SeededFault {
+            name: format!("{}: {}", case.door, case.name),
+            breaks: BTreeSet::new(),
+            function,
+            replace,
+            own_build: None,
+            find: text[start..end].to_owned(),
+            at: start..end,
+            file,
+            case: Some(case.clone()),
+            also: Vec::new(),
+        });
+    }
+    let mut first = parts.remove(0);
+    first.also = parts;
+    Ok(first)
+}
