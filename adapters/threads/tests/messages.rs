@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use fuseline_core::{Cloud, Commit, Deadline, Instant, Outcome, Priority, Timestamp};
+use fuseline_core::{Cloud, Commit, ConfigError, Deadline, Instant, Outcome, Priority, Timestamp};
 use fuseline_threads::{Shared, ValueOwner};
 
 const WEST: Priority = Priority::new(1);
@@ -25,6 +25,28 @@ fn timers_that_fire_hand_out_the_value_that_is_held() {
     assert_eq!(message.expire(Instant::from_nanos(9)), None);
     let (firing, value) = message.expire(TEN).expect("it is due");
     assert_eq!((firing.due, value, message.next_due()), (TEN, Some("local"), None));
+}
+
+/// F5: what is due comes before the offer.
+#[test]
+fn offer_hands_out_what_its_timers_forward() {
+    let mut shared = shared();
+    let mut intake = ValueOwner::<&str, 1, 1>::new(&mut shared);
+    let (message, local) = intake.open(START, Timestamp::new(0), None).expect("it is new");
+    let (_, asked) = intake.offer(START, &message, WEST, Deadline::from_nanos(10), 0);
+    assert!(asked.is_ok() && local.result(START, "local").outcome == Outcome::Held);
+    let (fired, asked) = intake.offer(TEN, &message, WEST, Deadline::from_nanos(10), 0);
+    let (firing, value) = fired.expect("it is due");
+    assert_eq!((firing.due, value), (TEN, Some("local")));
+    assert!(asked.is_err(), "the message is retired");
+}
+
+/// A10.
+#[test]
+fn two_clouds_of_one_priority_are_refused() {
+    let clouds = [Cloud::new(WEST, 31); 2];
+    let refused = Shared::<2, 1>::new(1, Commit::Eager, &clouds).err();
+    assert_eq!(refused, Some(ConfigError::DuplicatePriority(WEST)));
 }
 
 #[test]
