@@ -64,12 +64,10 @@ class DetectorNode {
 
   // The subscription's callback.
   void on_image(Timestamp t) {
-    const auto opened = operator_.open(t, 90ms);
-    if (!opened || !opened->is(FUSELINE_OUTCOME_ACCEPTED)) return;
+    if (!operator_.open(t, 90ms)) return;
     infer(t, fuseline::local, 60ms, "on board");
     for (const auto& [cloud, takes] : {std::pair(near, 35ms), std::pair(far, t.count % 3 == 2 ? 500ms : 45ms)}) {
-      const auto offered = operator_.offer(t, cloud, 80ms, 0);
-      if (offered && offered->is(FUSELINE_OUTCOME_ADMITTED)) infer(t, cloud, takes, cloud == near ? "near" : "far");
+      if (operator_.offer(t, cloud, 80ms, 0)) infer(t, cloud, takes, cloud == near ? "near" : "far");
     }
     arm();
   }

@@ -52,6 +52,9 @@ template <class Rep, class Period>
 }
 
 namespace detail {
+template <class Value>
+inline constexpr bool is_value = std::is_object_v<Value> && !std::is_const_v<Value> && std::is_move_constructible_v<Value> &&
+                                 std::is_move_assignable_v<Value>;
 using Nanoseconds = std::chrono::duration<std::uint64_t, std::nano>;  // the machine's own: without a sign
 }  // namespace detail
 
@@ -145,7 +148,7 @@ struct Capacity {
   // The storage of a machine, within the machine itself.
   class Storage {
    public:
-    Storage(std::size_t, std::uint32_t) noexcept {}
+    Storage(std::size_t, std::size_t) noexcept {}
     static constexpr std::uint32_t capacity() noexcept { return id; }
     static constexpr std::size_t window() noexcept { return Window; }
     static constexpr std::size_t bytes() noexcept { return sizeof(words_); }
@@ -224,6 +227,17 @@ class Answer {
   fuseline_answer plain_;
 };
 
+// The answer to an open or an offer. True if the message is accepted or the request admitted: what is refused must not be
+// computed or sent. Whether there is an answer at all, has_value() says.
+class Decision : public std::optional<Answer> {
+ public:
+  using std::optional<Answer>::optional;
+  explicit Decision(std::optional<Answer>&& answer) noexcept : std::optional<Answer>(std::move(answer)) {}
+  explicit operator bool() const noexcept {
+    return has_value() && ((*this)->is(FUSELINE_OUTCOME_ACCEPTED) || (*this)->is(FUSELINE_OUTCOME_ADMITTED));
+  }
+};
+
 // What timers led to that fired before an input (F5).
 class Firing : public Answer {
  public:
@@ -240,14 +254,14 @@ class Firing : public Answer {
 // If `fired` throws, its firing has happened and the input has not: keep what you have of the firing, and call again.
 template <class Capacity = C3W16>
 class Machine {
-  static constexpr bool is_noexcept = std::is_nothrow_constructible_v<typename Capacity::Storage, std::size_t, std::uint32_t>;
+  static constexpr bool is_noexcept = std::is_nothrow_constructible_v<typename Capacity::Storage, std::size_t, std::size_t>;
 
  public:
-  Machine(std::uint32_t window, Commit commit, Deadline greatest_deadline,
+  Machine(std::size_t window, Commit commit, Deadline greatest_deadline,
           std::initializer_list<Cloud> clouds) noexcept(is_noexcept)
       : Machine(window, commit, greatest_deadline, clouds.begin(), clouds.size()) {}
 
-  Machine(std::uint32_t window, Commit commit, Deadline greatest_deadline, const Cloud* clouds,
+  Machine(std::size_t window, Commit commit, Deadline greatest_deadline, const Cloud* clouds,
           std::size_t size) noexcept(is_noexcept)
       : storage_(size, window) {
     std::array<fuseline_cloud, FUSELINE_SOURCES> plain{};
@@ -255,6 +269,9 @@ class Machine {
       status_ = FUSELINE_STATUS_CLOUDS;
       return;
     }
+    if (clouds == nullptr && size > 0) return;  // FUSELINE_STATUS_NULL
+    // A window that does not fit 32 bits is above every capacity, as the greatest of 32 bits is.
+    constexpr std::size_t greatest = std::numeric_limits<std::uint32_t>::max();
     for (std::size_t i = 0; i < size; ++i) {
       const Cloud& cloud = clouds[i];
       plain[i] = {cloud.priority.number, cloud.limit, cloud.resume.value_or(cloud.limit > 0 ? cloud.limit - 1 : 0)};
@@ -262,7 +279,7 @@ class Machine {
     const fuseline_config config{FUSELINE_CONFIG,
                                  storage_.capacity(),
                                  static_cast<std::uint32_t>(commit),
-                                 window,
+                                 static_cast<std::uint32_t>(window < greatest ? window : greatest),
                                  static_cast<std::uint32_t>(size),
                                  plain.data(),
                                  greatest_deadline.ns()};
@@ -282,20 +299,20 @@ class Machine {
 
   // F1: a message came. `limit` is how long local may take for it.
   template <class Fired>
-  [[nodiscard]] std::optional<Answer> open(Instant now, Timestamp t, std::optional<Deadline> limit, Fired&& fired) {
-    return ask(fired, [&](fuseline_answer* answer) {
+  [[nodiscard]] Decision open(Instant now, Timestamp t, std::optional<Deadline> limit, Fired&& fired) {
+    return Decision(ask(fired, [&](fuseline_answer* answer) {
       return limit ? fuseline_open_within(machine_, now.ns(), t.count, limit->ns(), answer)
                    : fuseline_open(machine_, now.ns(), t.count, answer);
-    });
+    }));
   }
 
   // F2: may it be sent to this cloud, in whose queue `backlog` others wait?
   template <class Fired>
-  [[nodiscard]] std::optional<Answer> offer(Instant now, Timestamp t, Priority cloud, Deadline deadline,
-                                            std::uint64_t backlog, Fired&& fired) {
-    return ask(fired, [&](fuseline_answer* answer) {
+  [[nodiscard]] Decision offer(Instant now, Timestamp t, Priority cloud, Deadline deadline, std::uint64_t backlog,
+                               Fired&& fired) {
+    return Decision(ask(fired, [&](fuseline_answer* answer) {
       return fuseline_offer(machine_, now.ns(), t.count, cloud.number, deadline.ns(), backlog, answer);
-    });
+    }));
   }
 
   // F3: the source's result came.
@@ -384,6 +401,8 @@ class Machine {
 // a value throws, that value alone is lost, and lost() counts it when it was to be sent.
 template <class Value, class Capacity>
 class Held {
+  static_assert(detail::is_value<Value>, "a value is an object that can be moved: neither const, nor a reference, an array or void");
+
  public:
   explicit Held(const Machine<Capacity>& machine) : places_(machine.greatest_window()) {}
 
@@ -572,7 +591,8 @@ struct SinkFailures {
 // fail or tick does. sink_failures() counts each at once. A clock that throws is asked before anything is done, but the
 // value that result was given is gone.
 //
-// Its end ends its machine first: what a destructor of a held value reports then is refused, FUSELINE_STATUS_FOREIGN.
+// Its end ends its machine first: what a destructor of a held value reports then is refused, FUSELINE_STATUS_FOREIGN. An
+// operator that is destroyed within a call of its own, as by its sink, ends the program: std::terminate.
 //
 // `Clock` is a type of steady clock. One whose now() is not static is an object: give it after the clouds, and let it live
 // longer than the operator. fuseline_clock.hpp has two.
@@ -584,41 +604,47 @@ class Operator {
   static_assert(Clock::is_steady, "Fuseline takes a steady clock: others are set back and forth");
   static_assert(!std::chrono::treat_as_floating_point_v<typename Clock::rep>,
                 "Fuseline takes a clock that counts in whole numbers: a due instant must not be rounded down");
+  static_assert(sizeof(typename Clock::rep) >= sizeof(std::int64_t),
+                "Fuseline takes a clock that counts in 64 bits: fewer wrap, after 49 days of milliseconds in 32");
 
  public:
   template <class Given>
-  Operator(Given& sink, std::uint32_t window, Commit commit, Deadline greatest_deadline,
+  Operator(Given& sink, std::size_t window, Commit commit, Deadline greatest_deadline,
            std::initializer_list<Cloud> clouds)
       : Operator(sink, window, commit, greatest_deadline, clouds.begin(), clouds.size()) {}
   template <class Given>
-  Operator(Given& sink, std::uint32_t window, Commit commit, Deadline greatest_deadline,
+  Operator(Given& sink, std::size_t window, Commit commit, Deadline greatest_deadline,
            std::initializer_list<Cloud> clouds, Clock& clock)
       : Operator(sink, window, commit, greatest_deadline, clouds.begin(), clouds.size(), clock) {}
   template <class Given>
-  Operator(Given& sink, std::uint32_t window, Commit commit, Deadline greatest_deadline, const Cloud* clouds,
+  Operator(Given& sink, std::size_t window, Commit commit, Deadline greatest_deadline, const Cloud* clouds,
            std::size_t size)
       : Operator(&sink, window, commit, greatest_deadline, clouds, size, nullptr) {
     static_assert(!detail::IsObject<Clock>::value, "this clock is an object: give it to the operator, after the clouds");
   }
   template <class Given>
-  Operator(Given& sink, std::uint32_t window, Commit commit, Deadline greatest_deadline, const Cloud* clouds,
+  Operator(Given& sink, std::size_t window, Commit commit, Deadline greatest_deadline, const Cloud* clouds,
            std::size_t size, Clock& clock)
       : Operator(&sink, window, commit, greatest_deadline, clouds, size, &clock) {}
-  ~Operator() { machine_.end(); }
+  ~Operator() {
+    // Its own sink, or the destructor of a value, would go on with what is no longer there.
+    if (calls_ > 0) std::terminate();
+    machine_.end();
+  }
 
   Status status() const noexcept { return machine_.status(); }
   explicit operator bool() const noexcept { return static_cast<bool>(machine_); }
 
   // A message came: compute on board, and offer it to the clouds, unless it is refused.
-  [[nodiscard]] std::optional<Answer> open(Timestamp t, std::optional<Deadline> limit = std::nullopt) {
+  [[nodiscard]] Decision open(Timestamp t, std::optional<Deadline> limit = std::nullopt) {
     const Call call(calls_);
-    const std::optional<Answer> answer = machine_.open(now(), t, limit, fired());
-    if (answer && answer->is(FUSELINE_OUTCOME_ACCEPTED) && open_len_ < open_.size()) open_[open_len_++] = t;
+    const Decision answer = machine_.open(now(), t, limit, fired());
+    if (answer && open_len_ < open_.size()) open_[open_len_++] = t;
     return answer;
   }
 
   // Send it to this cloud if it is admitted.
-  [[nodiscard]] std::optional<Answer> offer(Timestamp t, Priority cloud, Deadline deadline, std::uint64_t backlog) {
+  [[nodiscard]] Decision offer(Timestamp t, Priority cloud, Deadline deadline, std::uint64_t backlog) {
     const Call call(calls_);
     return machine_.offer(now(), t, cloud, deadline, backlog, fired());
   }
@@ -685,7 +711,7 @@ class Operator {
 
  private:
   template <class Given>
-  Operator(Given* sink, std::uint32_t window, Commit commit, Deadline greatest_deadline, const Cloud* clouds,
+  Operator(Given* sink, std::size_t window, Commit commit, Deadline greatest_deadline, const Cloud* clouds,
            std::size_t size, Clock* clock)
       : sink_(*sink), clock_(clock), machine_(window, taken(commit), greatest_deadline, clouds, size) {
     static_assert(std::is_same_v<Given, Into> || std::is_polymorphic_v<Into>,
@@ -808,8 +834,10 @@ class Operator {
     try {
       function();
     } catch (...) {
+      const std::exception_ptr now = std::current_exception();
+      if (!now) throw;  // no exception of C++: the thread is cancelled, or exits
       lose(t);
-      if (!thrown_) thrown_ = std::current_exception();
+      if (!thrown_) thrown_ = now;
       return false;
     }
 #else

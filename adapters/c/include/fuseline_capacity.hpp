@@ -19,7 +19,7 @@ namespace fuseline {
 struct AnyCapacity {
   class Storage {
    public:
-    Storage(std::size_t clouds, std::uint32_t window)
+    Storage(std::size_t clouds, std::size_t window)
         : capacity_(smallest(clouds, window)), window_(capacity_ == 0 ? 0 : window), words_(fuseline_bytes(capacity_) / 8 + 1) {}
     std::uint32_t capacity() const noexcept { return capacity_; }
     std::size_t window() const noexcept { return window_; }
@@ -27,7 +27,7 @@ struct AnyCapacity {
     void* data() noexcept { return words_.data(); }
 
    private:
-    static std::uint32_t smallest(std::size_t clouds, std::uint32_t window) noexcept {
+    static std::uint32_t smallest(std::size_t clouds, std::size_t window) noexcept {
       std::uint32_t best = 0;
       for (const std::uint32_t it : {C1W4::id, C3W16::id, C7W64::id, C15W1024::id, fuseline_own_capacity()}) {
         const std::size_t bytes = fuseline_bytes(it);

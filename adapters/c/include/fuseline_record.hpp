@@ -24,9 +24,9 @@ class RecordedMachine : public Machine<Capacity> {
   using Base = Machine<Capacity>;
 
  public:
-  RecordedMachine(std::uint32_t window, Commit commit, Deadline greatest_deadline, std::initializer_list<Cloud> clouds)
+  RecordedMachine(std::size_t window, Commit commit, Deadline greatest_deadline, std::initializer_list<Cloud> clouds)
       : RecordedMachine(window, commit, greatest_deadline, clouds.begin(), clouds.size()) {}
-  RecordedMachine(std::uint32_t window, Commit commit, Deadline greatest_deadline, const Cloud* clouds, std::size_t size)
+  RecordedMachine(std::size_t window, Commit commit, Deadline greatest_deadline, const Cloud* clouds, std::size_t size)
       : Base(window, commit, greatest_deadline, clouds, size), commit_(commit), greatest_(greatest_deadline.ns()) {
     const char* rule = commit == Commit::eager ? "eager" : commit == Commit::patient ? "patient" : "progressive";
     header_ = "{\"fuseline\":1,\"window\":" + std::to_string(window) + ",\"commit\":\"" + rule + "\",\"clouds\":[";
@@ -44,30 +44,32 @@ class RecordedMachine : public Machine<Capacity> {
   [[nodiscard]] bool record(std::function<bool(std::string_view)> write) {
     if (!*this || is_used_ || write_) return false;
     write_ = std::move(write);
-    put(header_);
+    lines_ = header_;
+    flush();
     return is_recording();
   }
 
   // Whether each line so far was written. After one that was not, the trace ends.
-  bool is_recording() const noexcept { return static_cast<bool>(write_); }
+  bool is_recording() const noexcept { return write_ && !is_ended_; }
 
   template <class Fired>
-  [[nodiscard]] std::optional<Answer> open(Instant now, Timestamp t, std::optional<Deadline> limit, Fired&& fired) {
+  [[nodiscard]] Decision open(Instant now, Timestamp t, std::optional<Deadline> limit, Fired&& fired) {
     const auto answer = Base::open(now, t, limit, passing(fired));
-    if (answer) {
+    if (answer.has_value()) {
       input("open", *answer, &t);
       if (limit) member("deadline", to_machine(*limit));
       finish();
       if (answer->is(FUSELINE_OUTCOME_REFUSED)) why("refuse", *answer, nullptr);
+      flush();
     }
     return answer;
   }
 
   template <class Fired>
-  [[nodiscard]] std::optional<Answer> offer(Instant now, Timestamp t, Priority cloud, Deadline deadline, std::uint64_t backlog,
-                                            Fired&& fired) {
+  [[nodiscard]] Decision offer(Instant now, Timestamp t, Priority cloud, Deadline deadline, std::uint64_t backlog,
+                               Fired&& fired) {
     const auto answer = Base::offer(now, t, cloud, deadline, backlog, passing(fired));
-    if (answer) {
+    if (answer.has_value()) {
       input("offer", *answer, &t);
       member("p", cloud.number);
       member("deadline", to_machine(deadline));
@@ -79,6 +81,7 @@ class RecordedMachine : public Machine<Capacity> {
         member("due", answer->due().ns());
         finish();
       }
+      flush();
     }
     return answer;
   }
@@ -96,7 +99,7 @@ class RecordedMachine : public Machine<Capacity> {
   template <class Fired>
   [[nodiscard]] std::optional<Answer> tick(Instant now, Fired&& fired) {
     const auto answer = Base::tick(now, passing(fired));
-    if (answer) input("tick", *answer, nullptr), finish();
+    if (answer) input("tick", *answer, nullptr), finish(), flush();
     return answer;
   }
 
@@ -116,6 +119,7 @@ class RecordedMachine : public Machine<Capacity> {
       for (const Priority timer : firing.timers()) plain("timer", firing, timer);
       ending(firing);
       decided_.reset();
+      flush();
       fired(firing);
     };
   }
@@ -128,6 +132,7 @@ class RecordedMachine : public Machine<Capacity> {
     if (answer->is(FUSELINE_OUTCOME_HELD)) plain("hold", *answer, source);
     if (answer->is(FUSELINE_OUTCOME_DROPPED)) why("drop", *answer, &source);
     ending(*answer);
+    flush();
     return answer;
   }
 
@@ -155,21 +160,35 @@ class RecordedMachine : public Machine<Capacity> {
     finish();
   }
   void member(const char* key, std::uint64_t number) { line_ += std::string(",\"") + key + "\":" + std::to_string(number); }
-  void finish() { put(line_ + "}\n"); }
+  void finish() {
+    if (is_recording()) lines_ += line_ + "}\n";
+  }
+
+  // Writes what is decided, line by line. If `write` calls the operator, what that decides is written afterwards.
+  void flush() {
+    if (is_writing_) return;
+    is_writing_ = true;
+    for (std::size_t end = 0; is_recording() && (end = lines_.find('\n')) != std::string::npos;) {
+      const std::string line = lines_.substr(0, end + 1);
+      lines_.erase(0, end + 1);
+      put(line);
+    }
+    is_writing_ = false;
+  }
 
   // A trace with a gap would be judged as if what is missing had not happened: so it ends at the first line that fails.
   void put(std::string_view line) {
-    if (!write_) return;
     bool is_written = false;
 #if defined(__cpp_exceptions)
     try {
       is_written = write_(line);
     } catch (...) {
+      if (!std::current_exception()) throw;  // the thread is cancelled, or exits
     }
 #else
     is_written = write_(line);
 #endif
-    if (!is_written) write_ = nullptr;
+    is_ended_ = !is_written;
   }
 
   // A deadline above the greatest is 0 to the machine.
@@ -177,10 +196,10 @@ class RecordedMachine : public Machine<Capacity> {
 
   Commit commit_;
   std::uint64_t greatest_;
-  std::string header_, line_;
+  std::string header_, line_, lines_;
   std::function<bool(std::string_view)> write_;
   std::optional<Instant> ticked_, decided_;
-  bool is_used_ = false;
+  bool is_used_ = false, is_writing_ = false, is_ended_ = false;
 };
 
 }  // namespace fuseline

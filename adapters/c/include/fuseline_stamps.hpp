@@ -8,6 +8,7 @@
 #include <array>
 #include <cstddef>
 #include <optional>
+#include <type_traits>
 
 namespace fuseline {
 
@@ -17,6 +18,7 @@ namespace fuseline {
 template <class Stamp, std::size_t Remembered = 1024>
 class Stamps {
   static_assert(Remembered > 0, "stamps are remembered");
+  static_assert(!std::is_floating_point_v<Stamp>, "a stamp is a whole number or a type of yours: one that is rounded is not found");
 
  public:
   // The next timestamp, for a message with this stamp. Nothing if the stamp is remembered: report it, and do not open.

@@ -105,7 +105,11 @@ int main(int argc, char** argv) {
                         : std::strcmp(rule, "patient") == 0 ? Commit::patient
                                                             : Commit::progressive;
   Node node(commit);
-  HOLDS(node.op.record([](std::string_view line) { return std::fwrite(line.data(), 1, line.size(), stdout) == line.size(); }));
+  // What writes may call the operator too.
+  HOLDS(node.op.record([&](std::string_view line) {
+    if (chance(50) == 0) node.act();
+    return std::fwrite(line.data(), 1, line.size(), stdout) == line.size();
+  }));
   for (unsigned i = 0; i < 20000; ++i) node.act();
   HOLDS(node.op.is_recording() && node.outputs > 200);
 }

@@ -1,4 +1,8 @@
 // The C++ wrapper, misused. The library holds 3 clouds with a window of 16, and 5 with 40.
+#include <pthread.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
 #include <algorithm>
 #include <array>
 #include <cstring>
@@ -14,6 +18,7 @@
 #include "fuseline.hpp"
 #include "fuseline_capacity.hpp"
 #include "fuseline_clock.hpp"
+#include "fuseline_join.hpp"
 #include "fuseline_stamps.hpp"
 
 namespace {
@@ -51,6 +56,20 @@ bool is_refused(const std::optional<Answer>& answer, fuseline::Reason why) {
   return answer && answer->is(FUSELINE_OUTCOME_REFUSED) && answer->why() == why;
 }
 bool is_accepted(const std::optional<Answer>& answer) { return answer && answer->is(FUSELINE_OUTCOME_ACCEPTED); }
+
+// Whether a function ends the program by std::terminate, tried in a process of its own.
+template <class Function>
+bool ends_the_program(Function function) {
+  const pid_t child = fork();
+  if (child == 0) {
+    std::set_terminate([] { _exit(42); });
+    function();
+    _exit(0);
+  }
+  int status = 0;
+  HOLDS(child > 0 && waitpid(child, &status, 0) == child);
+  return WIFEXITED(status) && WEXITSTATUS(status) == 42;
+}
 
 // --- units and signs ---
 
@@ -207,6 +226,39 @@ CASE(cpp_too_many_clouds, "gives more clouds than the capacity, or than possible
   for (std::size_t i = 0; i < many.size(); ++i) many[i] = {Priority{i + 1}, 31};
   HOLDS(fuseline::Machine<>(16, Commit::eager, 1s, many.data(), 4).status() == FUSELINE_STATUS_CLOUDS);
   HOLDS(fuseline::Machine<>(16, Commit::eager, 1s, many.data(), 20).status() == FUSELINE_STATUS_CLOUDS);
+}
+CASE(cpp_window_of_64_bits, "gives a window of 64 bits, whose last 32 would do", "status `window`, no machine") {
+  const std::size_t window = (std::size_t{1} << 32U) + 16;
+  HOLDS(fuseline::Machine<>(window, Commit::eager, 1s, {}).status() == FUSELINE_STATUS_WINDOW);
+  HOLDS(fuseline::Machine<fuseline::AnyCapacity>(window, Commit::eager, 1s, {}).status() == FUSELINE_STATUS_CAPACITY);
+}
+CASE(cpp_no_array_of_clouds, "gives a number of clouds and no array", "status `null`, no machine") {
+  HOLDS(fuseline::Machine<>(16, Commit::eager, 1s, nullptr, 2).status() == FUSELINE_STATUS_NULL);
+}
+CASE(cpp_wrong_clouds, "gives clouds with a limit of 0, a resume above the limit, one priority twice, local's, or one above 65535", "status `gate`, `twice` or `priority`, no machine") {
+  const auto status = [](std::initializer_list<fuseline::Cloud> clouds) { return fuseline::Machine<>(16, Commit::eager, 1s, clouds).status(); };
+  HOLDS(status({{cloud, 0}}) == FUSELINE_STATUS_GATE && status({{cloud, 3, 9}}) == FUSELINE_STATUS_GATE);
+  HOLDS(status({{cloud, 3}, {cloud, 4}}) == FUSELINE_STATUS_TWICE);
+  HOLDS(status({{fuseline::local, 3}}) == FUSELINE_STATUS_PRIORITY && status({{Priority{70000}, 3}}) == FUSELINE_STATUS_PRIORITY);
+}
+CASE(cpp_refused_as_accepted, "takes any answer to open or offer for a yes: `if (op.open(t))`", "false if it is refused, as in a full window or at a shut gate; `why()` has the reason") {
+  Planner planner;
+  Operator<> op(planner, 2, Commit::eager, 1s, {{cloud, 3}});
+  unsigned accepted = 0, admitted = 0;
+  for (std::uint64_t i = 0; i < 5; ++i) {
+    if (op.open(Timestamp{i})) ++accepted;
+    if (const auto offer = op.offer(Timestamp{i}, cloud, 10ms, i == 0 ? 0 : 3)) ++admitted;
+  }
+  HOLDS(accepted == 2 && admitted == 1);
+  const auto full = op.open(Timestamp{9});
+  HOLDS(!full && full.has_value() && full->why() == FUSELINE_REASON_FULL);
+}
+CASE(cpp_negative_backlog, "gives a negative backlog", "refused `queue`: the gate shuts") {
+  Planner planner;
+  Operator<> op(planner, 16, Commit::eager, 1s, {{cloud, 31}});
+  const int backlog = -1;
+  HOLDS(is_accepted(op.open(Timestamp{1})));
+  HOLDS(is_refused(op.offer(Timestamp{1}, cloud, 10ms, static_cast<std::uint64_t>(backlog)), FUSELINE_REASON_QUEUE));
 }
 CASE(cpp_used_though_not_made, "uses a machine that could not be made", "no call has an answer; `status()` still says why") {
   Planner planner;
@@ -550,6 +602,68 @@ CASE(cpp_fired_throws, "the function for firings of a `Machine` throws", "the fi
   HOLDS(thrown_by([&] { static_cast<void>(machine.result(now, Timestamp{2}, fuseline::local, throws)); }) == "1");
   HOLDS(machine.result(now, Timestamp{2}, fuseline::local, throws)->is(FUSELINE_OUTCOME_FORWARDED));
 }
+CASE(cpp_clock_throws, "a clock that is an object throws while a result is given", "thrown before anything is done: the value is gone, the same call with another has its answer") {
+  Planner planner;
+  bool is_broken = false;
+  fuseline::ReadClock clock([&] {
+    if (is_broken) throw std::runtime_error("clock");
+    return 5ms;
+  });
+  fuseline::Operator<std::string, Planner, fuseline::C3W16, decltype(clock)> op(planner, 16, Commit::eager, 1s, {}, clock);
+  HOLDS(is_accepted(op.open(Timestamp{1})));
+  is_broken = true;
+  HOLDS(thrown_by([&] { op.result(Timestamp{1}, fuseline::local, "boxes"); }) == "clock" && planner.forwarded == 0);
+  is_broken = false;
+  HOLDS(op.result(Timestamp{1}, fuseline::local, "boxes")->is(FUSELINE_OUTCOME_FORWARDED) && planner.forwarded == 1);
+}
+CASE(cpp_destroyed_by_its_sink, "a sink destroys its operator, as after the last message", "`std::terminate`: it does not go on in what is no longer there") {
+  struct Last : fuseline::Sink<std::string> {
+    std::unique_ptr<fuseline::Operator<std::string, Last, fuseline::C3W16, ManualClock>> op;
+    void forward(Timestamp, Priority, const std::string&) { op.reset(); }
+    void miss(Timestamp) { op.reset(); }
+  };
+  HOLDS(ends_the_program([] {
+    Last last;
+    last.op.reset(new fuseline::Operator<std::string, Last, fuseline::C3W16, ManualClock>(last, 16, Commit::eager, 1s, {}));
+    static_cast<void>(last.op->open(Timestamp{1}));
+    last.op->result(Timestamp{1}, fuseline::local, "boxes");
+  }));
+}
+CASE(cpp_thread_ends_in_a_sink, "a thread is cancelled, or exits, in a function of the sink", "the thread ends; the operator can be used on") {
+  struct Ending : Planner {
+    bool ends = true;
+    void forward(Timestamp t, Priority p, const std::string& value) {
+      if (std::exchange(ends, false)) pthread_exit(nullptr);
+      Planner::forward(t, p, value);
+    }
+  } sink;
+  static fuseline::Operator<std::string, Ending, fuseline::C3W16, ManualClock>* shared;
+  fuseline::Operator<std::string, Ending, fuseline::C3W16, ManualClock> op(sink, 16, Commit::eager, 1s, {});
+  shared = &op;
+  for (const std::uint64_t t : {1U, 2U}) HOLDS(is_accepted(op.open(Timestamp{t})));
+  pthread_t thread;
+  const auto give = [](void*) -> void* { return shared->result(Timestamp{1}, fuseline::local, "one"), nullptr; };
+  HOLDS(pthread_create(&thread, nullptr, give, nullptr) == 0 && pthread_join(thread, nullptr) == 0);
+  HOLDS(op.result(Timestamp{2}, fuseline::local, "two")->is(FUSELINE_OUTCOME_FORWARDED) && sink.forwarded == 1);
+}
+CASE(cpp_drained_by_its_sink, "a sink drains its operator", "each message ends once") {
+  struct Draining : fuseline::Sink<std::string> {
+    fuseline::Operator<std::string, Draining, fuseline::C3W16, ManualClock>* op = nullptr;
+    unsigned forwarded = 0, missed = 0;
+    void forward(Timestamp, Priority, const std::string&) {
+      ++forwarded;
+      HOLDS(op->drain());
+    }
+    void miss(Timestamp) {
+      ++missed;
+      HOLDS(op->drain());
+    }
+  } sink;
+  fuseline::Operator<std::string, Draining, fuseline::C3W16, ManualClock> op(sink, 16, Commit::eager, 1s, {});
+  sink.op = &op;
+  for (std::uint64_t t = 0; t < 16; ++t) HOLDS(is_accepted(op.open(Timestamp{t})));
+  HOLDS(op.result(Timestamp{3}, fuseline::local, "boxes").has_value() && sink.forwarded == 1 && sink.missed == 15);
+}
 CASE(cpp_stops_with_open_messages, "stops while messages wait for local, for a cloud, and for nothing that is due", "`drain()` ends each: the best result that is there, or a miss") {
   for (const Commit commit : {Commit::eager, Commit::patient}) {
     Texts sink;
@@ -578,6 +692,62 @@ CASE(cpp_stamp_again, "gives two messages one stamp: a driver's zeros, or a reco
   HOLDS(stamps.find(-70) == Timestamp{1} && stamps.stamp_of(Timestamp{3}) == 90 && !stamps.stamp_of(Timestamp{4}));
   HOLDS(!stamps.add(20) && stamps.add(30) == Timestamp{4} && !stamps.find(0) && !stamps.stamp_of(Timestamp{0}));
   HOLDS(stamps.add(0) == Timestamp{5} && stamps.repeated() == 2 && !stamps.find(41));
+}
+
+// --- joins ---
+
+using Pair = fuseline::Join<int, int>;
+struct Joined {
+  std::vector<std::uint64_t> keys;
+  std::vector<fuseline::JoinDropReason> drops;
+  Pair::Instant at;
+  Pair join;
+  explicit Joined(std::chrono::nanoseconds wait, std::uint64_t failing = UINT64_MAX)
+      : join(wait, 4, [this, failing](const Pair::Set& set) {
+          if (set.key == failing) throw std::runtime_error(std::to_string(set.key));
+          keys.push_back(set.key);
+        }, [this](const fuseline::JoinDrop& drop) { drops.push_back(drop.why); }) {}
+  template <std::size_t Input>
+  void arrive(std::uint64_t key) { join.arrive<Input>(at, key, std::make_shared<int>(1)); }
+};
+CASE(cpp_join_without_callbacks, "makes a join without a callback for sets, or for drops", "without the first, each set throws `std::bad_function_call`; without the second, `dropped()` counts") {
+  Pair deaf(1s, 4, {}, {});
+  const auto message = std::make_shared<int>(1);
+  deaf.arrive<0>({}, 1, message), deaf.arrive<0>({}, 1, message);
+  HOLDS(deaf.dropped() == 1);
+  bool is_thrown = false;
+  try {
+    deaf.arrive<1>({}, 1, message);
+  } catch (const std::bad_function_call&) {
+    is_thrown = true;
+  }
+  HOLDS(is_thrown);
+}
+CASE(cpp_join_null_message, "gives a join a null pointer as a message", "dropped `null`") {
+  Joined joined(1s);
+  joined.join.arrive<0>({}, 1, nullptr);
+  HOLDS((joined.drops == std::vector{fuseline::JoinDropReason::null}) && joined.join.dropped() == 1 && !joined.join.next_due());
+}
+CASE(cpp_join_waits_too_long, "lets a join wait beyond the clock's last reading", "it waits until then") {
+  Joined joined(std::chrono::nanoseconds::max());
+  joined.at += 5s;
+  joined.arrive<0>(1);
+  HOLDS(joined.join.next_due() == Pair::Instant::max() && joined.keys.empty());
+}
+CASE(cpp_join_callback_throws, "the callback for sets throws for a set that is due, while another message comes", "the other sets are given and the message is taken, then the exception is thrown") {
+  Joined joined(1s, 1);
+  for (const std::uint64_t key : {1U, 2U}) joined.arrive<0>(key);
+  joined.at += 1s;
+  HOLDS(thrown_by([&] { joined.arrive<0>(3); }) == "1" && joined.keys == std::vector<std::uint64_t>{2});
+  joined.arrive<1>(3);
+  HOLDS((joined.keys == std::vector<std::uint64_t>{2, 3}));
+}
+CASE(cpp_join_destroyed_by_a_callback, "a callback destroys its join", "`std::terminate`: it does not go on in what is no longer there") {
+  HOLDS(ends_the_program([] {
+    std::unique_ptr<fuseline::Join<int>> join;
+    join.reset(new fuseline::Join<int>(1s, 4, [&](const auto&) { join.reset(); }, {}));
+    join->arrive<0>({}, 1, std::make_shared<int>(1));
+  }));
 }
 
 }  // namespace

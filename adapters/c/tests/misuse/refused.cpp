@@ -2,8 +2,12 @@
 // and the compiler's text must match the case's pattern. `run` reads the lines that begin with "// case".
 #include "fuseline.hpp"
 #include "fuseline_clock.hpp"
+#include "fuseline_join.hpp"
+#include "fuseline_stamps.hpp"
 
+#include <mutex>
 #include <string>
+#include <vector>
 
 using namespace std::chrono_literals;
 using namespace fuseline;
@@ -11,6 +15,14 @@ using namespace fuseline;
 struct Planner : Sink<std::string> {
   void forward(Timestamp, Priority, const std::string&) {}
   void miss(Timestamp) {}
+};
+struct Ticks {
+  using duration = std::chrono::duration<std::uint32_t, std::milli>;
+  using rep = duration::rep;
+  using period = duration::period;
+  using time_point = std::chrono::time_point<Ticks>;
+  static constexpr bool is_steady = true;
+  static time_point now() noexcept;
 };
 struct Approximate {
   using duration = std::chrono::duration<double>;
@@ -169,5 +181,61 @@ struct Approximate {
 #elif CASE == 37
   // case 37 | time of day as a clock's reading | which has a unit
   ReadClock wrong([] { return std::chrono::system_clock::now(); });
+#elif CASE == 38
+  // case 38 | operator's clock of 32 bits, which wraps | counts in 64 bits
+  Operator<std::string, Planner, C3W16, Ticks> wrong(planner, 16, Commit::eager, 1s, {});
+#elif CASE == 39
+  // case 39 | value that cannot be moved | a value is an object that can be moved
+  struct Locked : Sink<std::mutex> {
+    void forward(Timestamp, Priority, const std::mutex&) {}
+    void miss(Timestamp) {}
+  } locked;
+  Operator<std::mutex, Locked> wrong(locked, 16, Commit::eager, 1s, {});
+#elif CASE == 40
+  // case 40 | constant value | a value is an object that can be moved
+  Operator<const std::string, Planner> wrong(planner, 16, Commit::eager, 1s, {});
+#elif CASE == 41
+  // case 41 | reference as the value | a value is an object that can be moved
+  Held<std::string&, C3W16> wrong(machine);
+#elif CASE == 42
+  // case 42 | stamps in floating-point seconds | one that is rounded is not found
+  Stamps<double> wrong;
+#elif CASE == 43
+  // case 43 | sink whose `forward` is private | the sink lacks forward
+  class Private : public Sink<std::string> {
+    void forward(Timestamp, Priority, const std::string&) {}
+    void miss(Timestamp) {}
+  } hidden;
+  Operator<std::string, Private> wrong(hidden, 16, Commit::eager, 1s, {});
+#elif CASE == 44
+  // case 44 | sink whose `forward` takes priority and timestamp in the other order | the sink lacks forward
+  struct Swapped : Sink<std::string> {
+    void forward(Priority, Timestamp, const std::string&) {}
+    void miss(Timestamp) {}
+  } swapped;
+  Operator<std::string, Swapped> wrong(swapped, 16, Commit::eager, 1s, {});
+#elif CASE == 45
+  // case 45 | sleep until the next due instant of another clock | conversion|convert|no viable
+  const std::chrono::system_clock::time_point wrong = *op.next_due();
+#elif CASE == 46
+  // case 46 | deadline and backlog swapped | convert|conversion
+  const auto wrong = op.offer(t, cloud, 0, 400ms);
+#elif CASE == 47
+  // case 47 | operator in a vector, which would move it | constructible|deleted|construct_at|implicitly-deleted
+  std::vector<Operator<std::string, Planner>> wrong;
+  wrong.emplace_back(planner, 16U, Commit::eager, Deadline(1s), std::initializer_list<Cloud>());
+#elif CASE == 48
+  // case 48 | recording by a machine that does not record | no member named .record|has no member named
+  const bool wrong = op.record([](const char*) { return true; });
+#elif CASE == 49
+  // case 49 | reason compared as an outcome | convert|conversion|no viable
+  const bool wrong = offer->is(FUSELINE_REASON_LATE);
+#elif CASE == 50
+  // case 50 | message of a join's other input | convert|conversion|no viable
+  Join<int, std::string> wrong(1s, 4, {}, {});
+  wrong.arrive<0>({}, 1, std::make_shared<std::string>("boxes"));
+#elif CASE == 51
+  // case 51 | join that waits for a plain number | no matching
+  Join<int, std::string> wrong(400, 4, {}, {});
 #endif
 }
