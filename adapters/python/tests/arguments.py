@@ -31,6 +31,10 @@ async def echo(request: Any, call: Any) -> Any:
     return request
 
 
+async def respond(response: Any) -> Any:
+    return response
+
+
 async def yields(request: Any, call: Call) -> AsyncIterator[Any]:
     yield request
 
@@ -245,7 +249,7 @@ OPERATOR_CASES: dict[str, Arguments] = {
         },
         {
             "handle": [AsyncObject(), PlainObject(), functools.partial(echo), lambda r, c: echo],
-            "response_handler": [echo, Call],
+            "response_handler": [respond, list],
             "priority": [1, 65535],
             "calls": [1],
             "max_age": [0],

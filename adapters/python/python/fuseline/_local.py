@@ -11,7 +11,7 @@ from fuseline._errors import ConfigError
 from fuseline._fuseline import nanoseconds
 from fuseline._processes import WorkerProcess
 from fuseline._threads import DaemonThreads
-from fuseline._wiring import check_count, check_function, is_async
+from fuseline._wiring import check_count, check_function, check_takes, is_async
 
 if TYPE_CHECKING:
     from fuseline._judge import Duration
@@ -227,6 +227,7 @@ def _plain(compute: Callable[..., Any], where: str) -> None:
     if is_async(compute):
         raise ConfigError(f"{where} takes a plain function; give an async one to Local.task")
     check_function(compute, f"what {where} takes")
+    check_takes(compute, "local", "message", "timestamp")
 
 
 def local_of(local: Local[M, V] | Callable[[M, int], Any]) -> Local[M, V]:

@@ -8,6 +8,7 @@ import logging
 import os
 import threading
 import time
+import weakref
 from collections import Counter, deque
 from collections.abc import (
     AsyncGenerator,
@@ -49,6 +50,7 @@ from fuseline._wiring import (
     check_range,
     check_reserve,
     check_response_handler,
+    check_takes,
     check_timeout,
     check_trace,
 )
@@ -68,6 +70,8 @@ _running_loop = asyncio._get_running_loop
 
 #: After how many seconds it is reported that nobody reads the items, and messages wait.
 UNREAD_SECONDS = 5.0
+#: What stands for the thread of an operator in a process that was forked.
+_FORKED = -1
 #: What to do about it.
 _UNREAD = "and nobody has read one: read them within the block, `async for item in operator`"
 
@@ -254,6 +258,9 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         check_handle(handle)
         check_function(message_handler, "a message handler")
         check_response_handler(response_handler)
+        check_takes(handle, "a handle", "request", "call")
+        check_takes(message_handler, "a message handler", "message", "timestamp")
+        check_takes(response_handler, "a response handler", "response")
         check_priority(priority, [it.cloud.p for it in self._clouds])
         name = f"cloud-{priority}" if name is None else name
         check_name(name, "a cloud", self._names())
@@ -313,6 +320,7 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
             raise
         self._loop = asyncio.get_running_loop()
         self._thread = threading.get_ident()
+        _STARTED.add(self)
         self._driver = Driver(
             self.name,
             engine,
@@ -536,6 +544,9 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         """
         self._running("feed")
         check_messages(messages)
+        source: object = messages
+        if source is self:
+            raise ConfigError("an operator is not fed with its own items; read them")
         if self._is_last:
             raise Closed("the operator takes no more messages; feed all streams before one ends")
         task = asyncio.get_running_loop().create_task(self._feed(messages))
@@ -671,6 +682,11 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         if self._thread is None or threading.get_ident() == self._thread:
             self._check_loop(method)
             return
+        if self._thread == _FORKED:
+            raise RuntimeError(
+                f"{method} in a process that was forked; the operator runs in the one that started "
+                "it: make one here"
+            )
         if method == "write":
             remedy = "use write_threadsafe"
         else:
@@ -806,3 +822,16 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
                 len(self._items),
                 UNREAD_SECONDS,
             )
+
+
+#: Operators that were started, for processes that are forked: they go on where they were started.
+_STARTED: weakref.WeakSet[Operator[Any, Any]] = weakref.WeakSet()
+
+
+def _forked() -> None:
+    for operator in list(_STARTED):
+        operator._thread = _FORKED
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forked)

@@ -15,6 +15,10 @@ except ImportError:  # not on this system
     fcntl = None  # type: ignore[assignment]
 
 
+#: What a trace begins with.
+_HEAD = b'{"fuseline":'
+
+
 class TraceFile:
     """Holds the file of a trace, locked."""
 
@@ -61,11 +65,18 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_let_go)
 
 
+def _is_trace(file: Path) -> bool:
+    """Whether the file is an earlier trace, or empty."""
+    with file.open("rb") as opened:
+        head = opened.read(len(_HEAD))
+    return head in (b"", _HEAD)
+
+
 def hold(path: Any) -> TraceFile | None:
     """Locks the file that a trace will be written to; None if it is no plain file.
 
     Raises:
-        ConfigError: if another operator writes it.
+        ConfigError: if another operator writes it, or the file is there and is no trace.
     """
     if path is None or fcntl is None:
         return None
@@ -74,6 +85,11 @@ def hold(path: Any) -> TraceFile | None:
         is_new = not os.path.lexists(file)
         if not is_new and not file.is_file():
             return None
+        if not is_new and not _is_trace(file):
+            raise ConfigError(
+                f"the trace {file} would overwrite a file that is none; remove it, or give another "
+                "path"
+            )
         descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | getattr(os, "O_CLOEXEC", 0), 0o666)
     except OSError:
         # What writes it says why it cannot be written.

@@ -52,6 +52,23 @@ def check_handle(handle: Any) -> None:
         )
 
 
+def check_takes(function: Any, what: str, *arguments: str) -> None:
+    """A function that can be called with so many arguments, if it says what it takes.
+
+    Raises:
+        ConfigError: if it cannot.
+    """
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError):
+        # It does not say, as some that are not written in Python.
+        return
+    try:
+        signature.bind(*arguments)
+    except TypeError as error:
+        raise ConfigError(f"{what} is called with ({', '.join(arguments)}): {error}") from error
+
+
 def check_awaitable(returned: Any, what: str) -> None:
     """What a handle returned when it was called, to be awaited.
 
@@ -187,6 +204,8 @@ def check_result(value: Any) -> None:
     """
     if isinstance(value, BaseException):
         raise value if isinstance(value, Exception) else RuntimeError(repr(value))
+    if value is NotImplemented:
+        raise WiringError("NotImplemented for a value: raise NotImplementedError")
     if isinstance(value, Future):
         raise WiringError("a concurrent Future for a value: await asyncio.wrap_future(future)")
 

@@ -33,7 +33,7 @@ from fuseline._local import Local
 from fuseline._operator import Operator
 from fuseline._remote import RemotePolicy, RemoteThread
 from fuseline._snapshot import snapshot
-from fuseline._wiring import check_function, check_value, is_async
+from fuseline._wiring import check_function, check_takes, check_value, is_async
 from fuseline._words import ns
 
 if TYPE_CHECKING:
@@ -45,6 +45,8 @@ __all__ = ["Always", "Blend", "Chunk", "Hold", "RemotePolicy", "fade", "lerobot"
 WINDOW = 16
 #: The longest time from a tick to the next, in seconds; more is a rate that was meant in hertz.
 LONGEST_PERIOD = 2.0
+#: The longest deadline of an operator, in seconds.
+LONGEST_DEADLINE = 60.0
 #: How many reasons of failures are counted by themselves.
 REASONS = 8
 
@@ -299,6 +301,7 @@ class Always:
             )
         compute: Any = getattr(on_board, "infer", on_board)
         check_function(compute, "a policy on board")
+        check_takes(compute, "a policy on board", "observation")
 
         def act(observation: Any, _: int) -> Any:
             with self._within():
@@ -455,6 +458,11 @@ def _deadline_of(deadline: Duration | None, period: Duration | None) -> float:
     given = nanoseconds(deadline) / 1e9
     if given == 0:
         raise ConfigError("a deadline of 0; no action could be there by then")
+    if given > LONGEST_DEADLINE:
+        raise ConfigError(
+            f"a deadline of {given} s; at most {LONGEST_DEADLINE} s may be waited, so nothing "
+            "would be requested: for milliseconds divide by 1000"
+        )
     if tick is not None and given > tick:
         raise ConfigError(
             f"a deadline of {given} s is above the period of {tick} s: each tick would be late"

@@ -1,0 +1,106 @@
+"""Cases of misuse: what an operator is made of, and where it runs. As of test_misuse.py."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+from conftest import Run
+from fuseline import Call, ConfigError, Local, Operator, check
+from fuseline.robot import Always, Hold
+from misuse import ask, cloud_refused, echo, misuse, operator_of, played, refused
+
+
+async def without_call(request: Any) -> Any:
+    return request
+
+
+@misuse("gives a function that takes other arguments", "`ConfigError`: what it is called with")
+def test_function_of_other_arguments() -> None:
+    refused(r"called with \(message, timestamp\)", lambda: operator_of(lambda message: message))
+    three: Any = lambda message, t, x: x  # noqa: E731
+    refused("missing", lambda: operator_of(Local.threads(three)))
+    cloud_refused(r"a handle is called with \(request, call\)", without_call, ask, str, 1)
+    cloud_refused("a message handler", echo, lambda message: (message, 0.1), str, 1)
+    cloud_refused("a response handler", echo, ask, lambda response, t: response, 1)
+
+
+@misuse("gives a policy on board that takes other arguments", "`ConfigError`")
+def test_on_board_of_other_arguments() -> None:
+    remote: Any = object
+    on_board: Any = lambda: 0.0  # noqa: E731
+    refused("called with", lambda: Always(remote, on_board, deadline=0.1))
+
+
+@misuse("gives a robot's policy a deadline in milliseconds", "`ConfigError`: divide by 1000")
+def test_robot_deadline_in_milliseconds() -> None:
+    remote: Any = object
+    refused("milliseconds", lambda: Always(remote, Hold(0.0), deadline=300.0))
+
+
+@misuse("records to a file that is there and is no trace", "`ConfigError`; the file stays")
+def test_trace_that_would_overwrite(tmp_path: Path) -> None:
+    file = tmp_path / "weights.bin"
+    file.write_bytes(b"\x00 no trace")
+
+    async def main(trace: Path) -> None:
+        async with operator_of(trace=trace) as operator:
+            operator.feed(["a"])
+            assert [item.value async for item in operator] == ["a on board"]
+
+    with pytest.raises(ConfigError, match="would overwrite a file that is none"):
+        asyncio.run(main(file))
+    assert file.read_bytes() == b"\x00 no trace"
+    # An empty file, and an earlier trace, are written anew.
+    trace = tmp_path / "run.jsonl"
+    trace.touch()
+    for _ in range(2):
+        asyncio.run(main(trace))
+        assert check(trace).conforms
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
+@misuse("uses an operator in a process that was forked", "`RuntimeError`; no message is taken")
+def test_fork_of_an_operator() -> None:
+    def forked(operator: Operator[Any, Any]) -> int:
+        child = os.fork()
+        if child == 0:
+            try:
+                operator.write("a")
+            except RuntimeError as error:
+                os._exit(7 if "forked" in str(error) else 1)
+            os._exit(0)
+        return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+    async def main() -> int:
+        async with operator_of() as operator:
+            code = forked(operator)
+            operator.write("b")
+            item = await operator.read(5.0)
+            assert item is not None and item.value == "b on board"
+            return code
+
+    assert asyncio.run(main()) == 7
+
+
+@misuse("feeds an operator with its own items", "`ConfigError`: read them")
+def test_feed_of_its_own_items() -> None:
+    async def main() -> None:
+        operator: Operator[Any, Any] = operator_of()
+        async with operator:
+            refused("its own items", lambda: operator.feed(operator))
+
+    asyncio.run(main())
+
+
+@misuse("returns `NotImplemented`", "a failure, with the remedy")
+def test_not_implemented_for_a_value(run: Run[Any]) -> None:
+    async def handle(request: Any, call: Call) -> Any:
+        return NotImplemented
+
+    (item,), _ = played(run, lambda it, _: it.use_cloud(handle, ask, lambda r: r, 1))
+    assert item.value == "a on board"
+    assert "raise NotImplementedError" in item.failures[0].why
