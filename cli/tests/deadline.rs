@@ -36,6 +36,11 @@ fn the_guards_deadlines_are_those_of_the_specification() {
     assert_eq!(figures(&rows, "case"), [1.0, 1.0, 1.0, 2.0, 2.0]);
     assert_near(&figures(&rows, "guard"), &[2.4253, 0.6506, 0.3117, 0.9192, 0.5700]);
     assert_eq!(figures(&rows, "guard"), figures(&rows, "deadline"));
+    let words: Vec<_> = figures(&rows, "guard").iter().map(|it| format!("{it:.4}")).collect();
+    let (last, others) = words.split_last().unwrap();
+    let words = format!("prints {} and {last} s for the default vehicle", others.join(", "));
+    let chapter = include_str!("../../docs/book/src/use/deadlines.md");
+    assert!(chapter.contains(&words), "the chapter on deadlines lacks: {words}");
 }
 
 #[test]

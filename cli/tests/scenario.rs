@@ -9,6 +9,22 @@ use resvg::tiny_skia::Pixmap;
 use resvg::usvg::{Options, Tree};
 use serde_json::Value;
 
+const CHAPTER: &str = include_str!("../../docs/book/src/use/scenarios.md");
+
+/// The chapter has this row.
+fn assert_row<T: AsRef<str>>(name: &str, cells: impl IntoIterator<Item = T>) {
+    let row =
+        cells.into_iter().fold(format!("| {name} |"), |row, cell| row + " " + cell.as_ref() + " |");
+    assert!(CHAPTER.contains(&format!("\n{row}\n")), "the chapter on scenarios lacks {row}");
+}
+
+/// The figures of each line of a text that begins with a name.
+fn rows<'a>(text: &'a str, name: &str) -> Vec<Vec<&'a str>> {
+    let rest = text.lines().filter_map(|line| line.trim_start().strip_prefix(name));
+    let rest = rest.filter(|rest| rest.starts_with("  "));
+    rest.map(|rest| rest.split_whitespace().collect()).collect()
+}
+
 fn scenario(args: &[&str]) -> String {
     let output = run(&[&["scenario"], args].concat(), "");
     assert_eq!((output.status.code(), err(&output)), (Some(0), ""), "{args:?}");
@@ -163,6 +179,13 @@ fn only_a_cached_plan_is_fast_enough_for_the_person() {
     assert_ne!(quicker["greatest"], printed["greatest"]);
     let near = json(&["jaywalking", "--distance", "8"]);
     assert_ne!(near["greatest"], printed["greatest"]);
+    let row = |name, printed: &Value, key: &str| {
+        let greatest = printed["greatest"].as_array().unwrap().iter();
+        assert_row(name, greatest.map(|row| format!("{:.2}", row[key].as_f64().unwrap())));
+    };
+    row("swerve, 0.4 rad/s: the default", &printed, "swerve");
+    row("swerve, `--steering-rate 1`", &quicker, "swerve");
+    row("brake", &printed, "brake");
 }
 
 #[test]
@@ -179,31 +202,30 @@ fn of_several_hypotheses_the_likeliest_is_planned_first_and_the_last_comes_late(
 }
 
 #[test]
-fn recorded_networks_give_the_table_of_the_specification() {
-    let printed = json(&["networks", "--speed", "20,22", "--starts", "100"]);
-    let rows = printed["rows"].as_array().unwrap();
-    assert_eq!(rows.len(), 10 * 2 * 7);
-    let percent = |speed: f64, policy: Value| {
-        let meant = rows.iter().filter(|row| row["speed"] == speed && row["policy"] == policy);
-        let collisions: Vec<f64> =
-            meant.map(|row| row["collisions"].as_f64().unwrap() / 100.0).collect();
-        assert_eq!(collisions.len(), 10);
-        10.0 * collisions.iter().sum::<f64>()
-    };
-    for (policy, at_20, at_22) in [
-        (Value::from("local"), 0.0, 100.0),
-        ("cloud".into(), 1.7, 2.3),
-        ("first".into(), 0.0, 3.1),
-        ("0.5".into(), 1.9, 2.6),
-        ("0.76".into(), 1.8, 2.4),
-        ("guard".into(), 0.0, 2.3),
-    ] {
-        for (speed, expected) in [(20.0, at_20), (22.0, at_22)] {
-            let found = percent(speed, policy.clone());
-            // A quarter of the starts.
-            assert!((found - expected).abs() < 0.5, "{policy} at {speed}: {found}, not {expected}");
-            assert_eq!(expected == 0.0, found == 0.0, "{policy} at {speed}: {found}");
-        }
+fn book_has_the_rows_of_recorded_networks() {
+    let text = scenario(&["networks", "--speed", "20,22"]);
+    for speed in ["20", "22"] {
+        let collisions = rows(&text, &format!("{speed} m/s")).swap_remove(0);
+        assert_row(speed, collisions.iter().map(|cell| cell.trim_end_matches(".0")));
+    }
+}
+
+#[test]
+fn book_has_the_tables_of_the_link() {
+    let text = scenario(&["link"]);
+    let remedies = ["none", "gate 1", "every n-th", "budget"].map(|name| rows(&text, name));
+    let sizes = ["33.3, 10", "33.3, 30", "300, 10", "300, 30", "1000, 10", "1000, 30"];
+    for (place, name) in sizes.iter().enumerate() {
+        let cell = |column: usize| {
+            let cells: Vec<&str> = remedies.iter().map(|rows| rows[place][column]).collect();
+            cells.join(" · ")
+        };
+        assert_row(name, (0..7).map(cell));
+    }
+    // After the sizes come the three operators.
+    let names = ["none, or the gate by default", "gate of 1", "every n-th", "send budget"];
+    for (name, rows) in names.iter().zip(&remedies) {
+        assert_row(name, &rows[sizes.len()]);
     }
 }
 
