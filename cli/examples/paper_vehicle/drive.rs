@@ -300,8 +300,8 @@ impl Stage {
 
 /// The recorded frames, each with the end-to-end deadline. Somebody walks towards the road for half of each 10 s.
 async fn film(mut camera: Writer<Frame>, part: VehiclePart, drive: Drive, length: Duration) {
-    let captures = (0..drive.recording.len()).map(|number| (number, Recording::captured(number)));
-    for (number, captured) in captures.take_while(|(_, captured)| *captured < length) {
+    let frames = (0..drive.recording.len()).map(|number| (number, Recording::captured(number)));
+    for (number, captured) in frames.take_while(|(_, captured)| *captured < length) {
         let captured = drive.start + captured;
         sleep_until(captured).await;
         if !drive.kill.hits(part) {

@@ -81,7 +81,7 @@ fn run(cli: &Cli) -> Result<(), Error> {
             part.map_or("all parts live".into(), |part| format!("{} dies", part.name()))
         );
         println!("{HEAD}|\n|---|---|---|---|---|---|---|");
-        let mut drives = Vec::new();
+        let mut all = Vec::new();
         for rule in Rule::ALL {
             let kill = part.map(|part| (part, length / 2));
             let traces = traces.as_deref().filter(|_| rule == Rule::Eager);
@@ -89,10 +89,10 @@ fn run(cli: &Cli) -> Result<(), Error> {
             let runtime = Builder::new_current_thread().enable_time().start_paused(true).build()?;
             let driven = runtime.block_on(drive(options))?;
             println!("{}", driven.row(rule, &recording));
-            drives.push((rule, driven));
+            all.push((rule, driven));
         }
         println!();
-        for (rule, driven) in drives {
+        for (rule, driven) in all {
             print_commands(rule, &driven);
             if rule == Rule::Eager {
                 print_frame(frame, &driven);

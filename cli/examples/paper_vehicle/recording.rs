@@ -92,7 +92,7 @@ impl Recording {
     /// The boxes, with their scores.
     pub(crate) fn boxes(&self, seen: Seen) -> impl Iterator<Item = &[f64; 5]> {
         let is_seen = move |found: &&[f64; 5]| {
-            let is_left = (found[0] + found[2]) / 2.0 < MIDDLE;
+            let is_left = f64::midpoint(found[0], found[2]) < MIDDLE;
             if is_left { seen.left } else { seen.right }
         };
         self.frames[seen.frame].found.of(seen.by).iter().filter(is_seen)

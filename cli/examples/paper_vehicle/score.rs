@@ -5,10 +5,10 @@
 //! perception is scored by Li, Wang and Ramanan, *Towards Streaming Perception*, ECCV 2020.
 //!
 //! - Within a tick each box, by falling score, takes the person whom it overlaps most among those not taken, if they overlap by
-//!   half (IoU 0.5). A box that takes nobody is wrong; a person whom no box takes is missed.
+//!   half (`IoU` 0.5). A box that takes nobody is wrong; a person whom no box takes is missed.
 //! - A tick that ends in a safe stop has no boxes: everybody is missed.
 //! - The boxes of all ticks are put in order by falling score. The precision at a recall is the greatest that is reached at this
-//!   recall or a greater one. The score is its mean over the recalls 0, 0.01, … 1, in percent. This is COCO's AP at an IoU of
+//!   recall or a greater one. The score is its mean over the recalls 0, 0.01, … 1, in percent. This is COCO's AP at an `IoU` of
 //!   0.5; there is one class, people.
 //!
 //! A fresher detection scores better than a stale one of the same detector, and a detector that finds more scores better than
@@ -107,7 +107,7 @@ fn matches(mut found: Vec<[f64; 5]>, people: &[Corners]) -> Vec<(f64, bool)> {
     found.into_iter().map(take).collect()
 }
 
-/// The overlap (IoU).
+/// The overlap (`IoU`).
 fn overlap(one: Corners, other: Corners) -> f64 {
     let area =
         |[left, top, right, bottom]: Corners| (right - left).max(0.0) * (bottom - top).max(0.0);
