@@ -65,13 +65,13 @@ struct SourceCounts {
 pub struct Counting(Arc<Counts>);
 
 impl Counts {
-    pub(crate) fn new(operator: &str, sources: &[Source]) -> Self {
+    pub(crate) fn new(operator: &str, sources: &[Source], lag_warning: Duration) -> Self {
         Self {
             messages: AtomicU64::new(0),
             refused: Default::default(),
             missed: AtomicU64::new(0),
             handler_failures: AtomicU64::new(0),
-            lag: Lag::new(operator),
+            lag: Lag::new(operator, lag_warning),
             sources: sources.iter().map(|source| SourceCounts::new(operator, source)).collect(),
             unrecorded: Mutex::new(None),
             meters: Meters::new(operator),
@@ -191,7 +191,7 @@ impl Counting {
     }
 
     /// A handler of source `p`, or without one an operator's, ran for so long without a pause: counted, and warned of, if it
-    /// is longer than the [warning](crate::Engine::set_lag_warning) allows.
+    /// is longer than the [warning](crate::EngineConfig::lag_warning) allows.
     pub fn ran(&self, p: Option<u16>, lasted: Duration) {
         if !self.0.lag.is_too_long(lasted) {
             return;

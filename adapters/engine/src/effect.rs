@@ -17,7 +17,7 @@ pub enum Effect<V, R> {
         priority: u16,
         /// The message's timestamp.
         timestamp: u64,
-        /// The instant by which the call must end, in ns, time to [linger](crate::Engine::set_linger)
+        /// The instant by which the call must end, in ns, time to [linger](crate::CloudConfig::linger)
         /// included; none for local.
         until: Option<u64>,
         /// What the message handler offered.
@@ -82,8 +82,14 @@ pub enum Overflow {
 pub struct Local {
     /// How many run at once; at least one does.
     pub at_once: usize,
-    /// How many more may wait; beyond that one [is thrown out](crate::Overflow): local fails for its message (F4).
-    pub waiting: usize,
+    /// How many more may wait, by default as many as the window holds; beyond that one [is thrown out](Self::overflow): local
+    /// fails for its message (F4).
+    pub waiting: Option<usize>,
+    /// Which one is thrown out then; the oldest by default.
+    pub overflow: Overflow,
+    /// Up to how many computations that have not ended may be replaced, each by an [`Effect::Replace`] once it has run for
+    /// longer than its message's deadline. By default none is: local may keep state.
+    pub replaceable: usize,
     /// Whether one that waits is skipped once its message is answered.
     pub skip_answered: bool,
     /// D13 lost words: whether a result can be lost on the way, as over topics. If so, a computation
@@ -92,6 +98,20 @@ pub struct Local {
     /// about any other. Without a deadline it is waited for.
     ///
     /// If not, a computation counts as running until it ends, unless it may be
-    /// [replaced](crate::Engine::set_replaceable). One that has run that long is counted as lost and warned of all the same.
+    /// [replaced](Self::replaceable). One that has run that long is counted as lost and warned of all the same.
     pub lossy: bool,
+}
+
+/// One computation at a time, which keeps its place until it ends.
+impl Default for Local {
+    fn default() -> Self {
+        Self {
+            at_once: 1,
+            waiting: None,
+            overflow: Overflow::default(),
+            replaceable: 0,
+            skip_answered: false,
+            lossy: false,
+        }
+    }
 }

@@ -11,12 +11,13 @@ use std::io;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use fuseline_core::{Admission, ConfigError, Opening};
-use fuseline_deadline::{End, Policy, Situation};
-use fuseline_traces::{Annotations, Header, Input, nanos};
+use fuseline_core::{Admission, Opening};
+use fuseline_deadline::{End, Situation};
+use fuseline_traces::{Annotations, Input, nanos};
 
 use crate::arbiter::Answer;
 use crate::budget::Budget;
+use crate::config::{EngineConfig, EngineConfigError};
 use crate::counts::{Counting, Counts};
 use crate::eager_notice::EagerNotice;
 use crate::effect::{Effect, Local, Offer, Overflow};
@@ -42,9 +43,8 @@ use crate::writer::{Sink, TraceWriter};
 /// nanoseconds of the adapter's monotonic clock. After each input, call
 /// [`next_effect`](Self::next_effect) until it returns none.
 ///
-/// - before the first input: [`set_policy`](Self::set_policy), [`set_linger`](Self::set_linger),
-///   [`set_max_age`](Self::set_max_age), [`set_start`](Self::set_start), [`set_overflow`](Self::set_overflow),
-///   [`expect_substitutes`](Self::expect_substitutes), [`set_latency`](Self::set_latency), [`take_hints`](Self::take_hints), [`record`](Self::record)
+/// - constructor: [`new`](Self::new), with an [`EngineConfig`]
+/// - before the first input: [`set_start`](Self::set_start), [`record`](Self::record)
 /// - inputs: [`open`](Self::open), [`open_with`](Self::open_with), [`offer`](Self::offer),
 ///   [`result`](Self::result), [`fail`](Self::fail), [`tick`](Self::tick)
 /// - what is known of the vehicle and of the operators downstream: [`set_situation`](Self::set_situation),
@@ -67,7 +67,8 @@ pub struct Engine<V, R> {
     eager_notice: EagerNotice,
     operator: Arc<str>,
     local: Local,
-    overflow: Overflow,
+    /// How many computations may wait for local.
+    waiting: usize,
     /// The part of an end-to-end deadline that is kept for the operators downstream.
     reserve: Reserve,
     /// Records how long messages and local's computations take, if the operators upstream want to know.
@@ -81,127 +82,47 @@ pub struct Engine<V, R> {
 }
 
 impl<V, R> Engine<V, R> {
-    /// An operator with this configuration; `at_once[i]` bounds the calls under way to the header's
-    /// cloud `i`, which is 1 if it is not given.
+    /// Makes an operator with nothing open.
     ///
     /// # Errors
-    /// The first [`ConfigError`] that holds.
-    pub fn new(header: &Header, at_once: &[usize], local: Local) -> Result<Self, ConfigError> {
-        let arbiter = SizedArbiter::new(header)?;
-        let operator: Arc<str> = header.operator.as_deref().unwrap_or("operator").into();
-        let sources = SourceQueues::new(header, at_once, local);
+    /// As of [`EngineConfig::check`].
+    pub fn new(config: EngineConfig) -> Result<Self, EngineConfigError> {
+        let arbiter = config.machine()?;
+        let operator: Arc<str> = config.operator.into();
+        let has_max_ages = config.clouds.iter().any(|cloud| cloud.max_age > 0);
+        let sources = SourceQueues::new(&config.clouds, config.local);
         let named: Vec<Source> = sources.iter().map(|queue| queue.source.clone()).collect();
         Ok(Self {
             arbiter,
             firings: Vec::new(),
-            counts: Arc::new(Counts::new(&operator, &named)),
+            counts: Arc::new(Counts::new(&operator, &named, config.lag_warning)),
             operator,
-            policies: Policies::new(named.len()),
+            policies: Policies::new(config.clouds.into_iter().map(|cloud| cloud.policy)),
             sources,
-            local,
-            overflow: Overflow::default(),
+            local: config.local,
+            waiting: config.local.waiting.unwrap_or(config.window.into()),
             reserve: Reserve::default(),
-            latency: None,
-            has_substitutes: false,
-            greatest_deadline: GreatestDeadline::new(),
-            has_doubtful_ages: false,
-            open_messages: OpenMessages::new(),
+            latency: config.latency,
+            has_substitutes: config.has_substitutes,
+            greatest_deadline: GreatestDeadline::new(config.greatest_deadline),
+            has_doubtful_ages: config.has_doubtful_ages,
+            open_messages: OpenMessages::new(config.takes_hints, has_max_ages),
             start: None,
-            eager_notice: EagerNotice::new(header.commit),
+            eager_notice: EagerNotice::new(config.commit),
             shown_open: 0,
             recordings: Recordings::default(),
             effects: EffectQueue::new(),
         })
     }
 
-    /// Lets `policy` choose the deadlines of cloud `p`, each at most the one offered, and reports to it
-    /// how each request ended. Does nothing if there is no such cloud.
-    ///
-    /// A request that was abandoned is censored, even if it never left the queue. Ages count from when
-    /// the message was taken in. If the policy panics, no request is sent.
-    pub fn set_policy(&mut self, p: u16, policy: Box<dyn Policy + Send>) {
-        if let Some(index) = self.sources.cloud(p) {
-            self.policies.set(index, policy);
-        }
-    }
-
-    /// Lets calls to cloud `p` run on for up to `linger` after they were due, to see how long they really
-    /// take. Does nothing if there is no such cloud.
-    ///
-    /// They do not count among the calls under way. At most as many linger as calls may be under way;
-    /// one more ends the oldest.
-    pub fn set_linger(&mut self, p: u16, linger: Duration) {
-        if let Some(index) = self.sources.cloud(p) {
-            self.sources.set_linger(index, nanos(linger));
-        }
-    }
-
-    /// Lets values of cloud `p` be of up to `max_age` messages before the one that they are for; 0 is the default. Does
-    /// nothing if there is no such cloud.
-    ///
-    /// A trace says so in its header, which the caller writes.
-    pub fn set_max_age(&mut self, p: u16, max_age: u64) {
-        if let Some(index) = self.sources.cloud(p) {
-            self.sources[index].max_age = max_age;
-            self.open_messages.remember_captures();
-        }
-    }
-
-    /// Lets up to `count` computations of local be replaced while they have not ended, each by an [`Effect::Replace`]
-    /// once it has run for longer than its message's deadline. By default none is: local may keep state.
-    pub fn set_replaceable(&mut self, count: usize) {
-        self.sources[LOCAL].replaceable = count;
-    }
-
-    /// How late a timer may be served, and how long a handler may run without a pause, before it is counted and warned
-    /// of; 20 ms by default.
-    pub fn set_lag_warning(&mut self, warning: Duration) {
-        self.counts.lag.set_warning(warning);
-    }
-
-    /// Refuses offers with a greater deadline, and takes it for the most where a policy chooses; without it none is refused for that.
-    pub const fn set_greatest_deadline(&mut self, greatest: Duration) {
-        self.greatest_deadline.set(greatest);
-    }
-
-    /// Says which computation is thrown out when too many wait for local.
-    pub const fn set_overflow(&mut self, overflow: Overflow) {
-        self.overflow = overflow;
+    /// Says when this engine's clock reads 0; without it the age of a message is unknown. Call it before the first input.
+    pub const fn set_start(&mut self, start: Instant) {
+        self.start = Some(start);
     }
 
     /// E3: keeps this much of the end-to-end deadline of messages from now on for the operators downstream; at first nothing.
     pub const fn set_reserve(&mut self, reserve: Reserve) {
         self.reserve = reserve;
-    }
-
-    /// Records in `latency` how long local's computations and messages take, for the reserve of the operators upstream.
-    ///
-    /// Refused messages are not recorded.
-    pub fn set_latency(&mut self, latency: Latency) {
-        self.latency = Some(latency);
-    }
-
-    /// E4: says that the adapter has a [substitute](crate::Item::substitute) for messages that are missed, so that they are missed
-    /// early enough for the operators downstream.
-    pub const fn expect_substitutes(&mut self) {
-        self.has_substitutes = true;
-    }
-
-    /// D13: says that messages' ages are of a clock that may step. They are recorded; end-to-end deadlines count from when a
-    /// message is taken in.
-    pub const fn doubt_ages(&mut self) {
-        self.has_doubtful_ages = true;
-    }
-
-    /// Says when this engine's clock reads 0; without it the age of a message is unknown.
-    pub const fn set_start(&mut self, start: Instant) {
-        self.start = Some(start);
-    }
-
-    /// Gives back results that came too late as [hints](Effect::Hint), if their message is one of the
-    /// last 1024.
-    pub fn take_hints(&mut self) {
-        self.open_messages.remember();
     }
 
     /// Sets what policies know of the vehicle, for messages from now on; at first nothing.
@@ -280,9 +201,9 @@ impl<V, R> Engine<V, R> {
         for Offer { priority, deadline, request } in offers {
             self.offer(at, t, priority, deadline, request);
         }
-        if self.sources[LOCAL].backlog() > self.local.waiting {
+        if self.sources[LOCAL].backlog() > self.waiting {
             // D17: by default the oldest, since a fresh message is worth more.
-            let thrown_out = match self.overflow {
+            let thrown_out = match self.local.overflow {
                 Overflow::DropOldest => self.sources[LOCAL].oldest_waiting().unwrap_or(t),
                 Overflow::DropNewest => t,
             };

@@ -13,13 +13,8 @@ pub(crate) struct GreatestDeadline {
 }
 
 impl GreatestDeadline {
-    /// No bound.
-    pub(crate) const fn new() -> Self {
-        Self { limit: Duration::MAX, reported: Vec::new() }
-    }
-
-    pub(crate) const fn set(&mut self, limit: Duration) {
-        self.limit = limit;
+    pub(crate) const fn new(limit: Duration) -> Self {
+        Self { limit, reported: Vec::new() }
     }
 
     /// What a cloud is offered: 0, which the machine refuses (F2, A11), for what is above the bound; at most the bound as the cap
@@ -58,10 +53,10 @@ mod tests {
     #[test]
     fn what_is_above_the_bound_is_0_and_a_cap_is_the_bound() {
         let second = Duration::from_secs(1);
-        let mut greatest = GreatestDeadline::new();
+        let mut greatest = GreatestDeadline::new(Duration::MAX);
         let mut of = |offered, is_cap| greatest.of_offer(offered, ("fusion", 1), is_cap);
         assert_eq!([of(Duration::MAX, false), of(Duration::MAX, true)], [Duration::MAX; 2]);
-        greatest.set(second);
+        let mut greatest = GreatestDeadline::new(second);
         let mut of = |offered, is_cap| greatest.of_offer(offered, ("fusion", 1), is_cap);
         let next = second + Duration::from_nanos(1);
         assert_eq!([of(second, false), of(second, true), of(next, true)], [second; 3]);

@@ -13,37 +13,31 @@ use fuseline_traces::nanos;
 /// One operator's lag, in ns.
 pub(crate) struct Lag {
     operator: Arc<str>,
-    warning: AtomicU64,
+    /// How long is too long.
+    warning: u64,
     late_timers: AtomicU64,
     /// Times that handlers of no source held up the loop.
     held_up: AtomicU64,
     greatest: AtomicU64,
 }
 
-/// How long is too long, unless [set](crate::Engine::set_lag_warning).
-const LAG_WARNING: Duration = Duration::from_millis(20);
-
 impl Lag {
-    pub(crate) fn new(operator: &str) -> Self {
+    pub(crate) fn new(operator: &str, warning: Duration) -> Self {
         Self {
             operator: operator.into(),
-            warning: AtomicU64::new(nanos(LAG_WARNING)),
+            warning: nanos(warning),
             late_timers: AtomicU64::new(0),
             held_up: AtomicU64::new(0),
             greatest: AtomicU64::new(0),
         }
     }
 
-    pub(crate) fn set_warning(&self, warning: Duration) {
-        self.warning.store(nanos(warning), Ordering::Relaxed);
-    }
-
-    pub(crate) fn warning(&self) -> Duration {
-        Duration::from_nanos(self.warning.load(Ordering::Relaxed))
+    pub(crate) const fn warning(&self) -> Duration {
+        Duration::from_nanos(self.warning)
     }
 
     pub(crate) fn is_too_long(&self, lasted: Duration) -> bool {
-        nanos(lasted) > self.warning.load(Ordering::Relaxed)
+        nanos(lasted) > self.warning
     }
 
     /// A timer was served so late.

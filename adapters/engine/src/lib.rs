@@ -6,6 +6,8 @@ pub mod arbiter;
 #[cfg(feature = "operator")]
 mod budget;
 #[cfg(feature = "operator")]
+mod config;
+#[cfg(feature = "operator")]
 mod counts;
 #[cfg(feature = "operator")]
 mod eager_notice;
@@ -62,6 +64,8 @@ mod writer;
 pub use aligner::{Aligner, JoinArrival, JoinBounds, JoinCause, JoinDropReason, Joined};
 #[cfg(feature = "operator")]
 pub use budget::Budget;
+#[cfg(feature = "operator")]
+pub use config::{CloudConfig, EngineConfig, EngineConfigError};
 #[cfg(feature = "operator")]
 pub use counts::Counting;
 #[cfg(feature = "operator")]

@@ -48,18 +48,11 @@ pub(crate) struct HeldValue<V> {
 const REMEMBERED: usize = 1024;
 
 impl<V> OpenMessages<V> {
-    pub(crate) const fn new() -> Self {
-        Self { open: VecDeque::new(), has_budgets: false, last: None, captures: None }
-    }
-
-    /// From now on, remembers when messages were opened.
-    pub(crate) fn remember(&mut self) {
-        self.last.get_or_insert_default();
-    }
-
-    /// From now on, remembers when messages were captured.
-    pub(crate) fn remember_captures(&mut self) {
-        self.captures.get_or_insert_default();
+    /// None; they are remembered when hints are taken, and their captures when values of earlier ones are.
+    pub(crate) fn new(takes_hints: bool, has_max_ages: bool) -> Self {
+        let last = takes_hints.then(VecDeque::new);
+        let captures = has_max_ages.then(VecDeque::new);
+        Self { open: VecDeque::new(), has_budgets: false, last, captures }
     }
 
     /// F1: timestamps ascend.

@@ -32,15 +32,15 @@ struct CloudPolicy {
 pub(crate) struct PolicyPanic;
 
 impl Policies {
-    /// No policies, for so many sources. The situation is unknown until it is set: policies risk nothing.
-    pub(crate) fn new(sources: usize) -> Self {
-        let clouds = (0..sources).map(|_| CloudPolicy::default()).collect();
-        Self { with_policy: 0, clouds, situation: Situation::UNKNOWN, ages: Vec::new() }
-    }
-
-    pub(crate) fn set(&mut self, index: usize, policy: Box<dyn Policy + Send>) {
-        self.clouds[index].policy = Some(policy);
-        self.with_policy |= 1 << index;
+    /// The policies of the clouds, in their order. The situation is unknown until it is set: policies risk nothing.
+    pub(crate) fn new(policies: impl Iterator<Item = Option<Box<dyn Policy + Send>>>) -> Self {
+        let (local, mut with_policy) = (CloudPolicy::default(), 0);
+        let mut clouds = vec![local];
+        for policy in policies {
+            with_policy |= u16::from(policy.is_some()) << clouds.len();
+            clouds.push(CloudPolicy { policy, in_force: None });
+        }
+        Self { with_policy, clouds, situation: Situation::UNKNOWN, ages: Vec::new() }
     }
 
     pub(crate) const fn set_situation(&mut self, situation: Situation<'static>) {

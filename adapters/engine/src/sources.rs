@@ -6,9 +6,10 @@
 use std::iter;
 use std::ops::{Index, IndexMut};
 
-use fuseline_traces::Header;
+use fuseline_traces::nanos;
 
 use crate::arbiter::CLOUDS;
+use crate::config::CloudConfig;
 use crate::effect::Local;
 use crate::item::Source;
 use crate::queue::{AbandonedRequest, SourceQueue};
@@ -36,34 +37,28 @@ pub(crate) struct SourceQueues<R> {
 }
 
 impl<R> SourceQueues<R> {
-    /// Empty queues; `at_once[i]` bounds the calls under way to the header's cloud `i`, which is 1 if it is not given.
-    pub(crate) fn new(header: &Header, at_once: &[usize], local: Local) -> Self {
+    /// Empty queues.
+    pub(crate) fn new(clouds: &[CloudConfig], local: Local) -> Self {
         let source = Source { priority: 0, name: "local".into() };
         let mut queues = vec![SourceQueue::new(source, local.at_once)];
-        for (i, cloud) in header.clouds.iter().enumerate() {
-            let name = match &cloud.name {
-                Some(name) => name.as_str().into(),
-                None => format!("cloud-{}", cloud.p).into(),
-            };
-            let at_once = at_once.get(i).copied().unwrap_or(1);
-            queues.push(SourceQueue::new(Source { priority: cloud.p, name }, at_once));
+        queues[LOCAL].replaceable = local.replaceable;
+        for CloudConfig { priority, name, calls, linger, max_age, .. } in clouds {
+            let source = Source { priority: *priority, name: name.as_str().into() };
+            let mut queue = SourceQueue::new(source, *calls);
+            (queue.linger, queue.max_age) = (nanos(*linger), *max_age);
+            queues.push(queue);
         }
         let mut priorities = [0; SOURCES];
         for (priority, queue) in priorities.iter_mut().zip(&queues) {
             *priority = queue.source.priority;
         }
-        let (changed, next_lost) = (0, None);
-        Self { queues, priorities, changed, next_lost, is_lossy: local.lossy, may_linger: false }
+        let (changed, next_lost, is_lossy) = (0, None, local.lossy);
+        let may_linger = queues.iter().any(|queue| queue.linger > 0);
+        Self { queues, priorities, changed, next_lost, is_lossy, may_linger }
     }
 
     pub(crate) fn iter(&self) -> impl Iterator<Item = &SourceQueue<R>> {
         self.queues.iter()
-    }
-
-    /// Lets calls to a cloud run on for so long, in ns, after they were due.
-    pub(crate) fn set_linger(&mut self, index: usize, linger: u64) {
-        self.queues[index].linger = linger;
-        self.may_linger |= linger > 0;
     }
 
     /// Ends a call that has lingered long enough by `now`, if there is one; returns its source's index too.

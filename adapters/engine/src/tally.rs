@@ -23,7 +23,7 @@ pub struct Tally {
     pub sources: Vec<SourceTally>,
     /// Times that a handler of the operator's own failed: of situations, hints, states or substitutes.
     pub handler_failures: u64,
-    /// Timers that were served later than the [warning](crate::Engine::set_lag_warning) allows: something held up the event loop.
+    /// Timers that were served later than the [warning](crate::EngineConfig::lag_warning) allows: something held up the event loop.
     pub late_timers: u64,
     /// The longest time that a timer was late, or that a handler held up its thread.
     pub greatest_lag: Duration,
@@ -61,7 +61,7 @@ pub struct SourceTally {
     /// Times that its policy failed.
     pub policy_failures: u64,
     /// Times that its handlers held up the thread that they ran on for longer than the
-    /// [warning](crate::Engine::set_lag_warning) allows.
+    /// [warning](crate::EngineConfig::lag_warning) allows.
     pub held_up: u64,
     /// Failures dropped, by reason (F4).
     pub failures_dropped: BTreeMap<DropReason, u64>,

@@ -8,8 +8,8 @@ use std::time::Duration;
 use crate::naive::{EngineSettings, MarkedValue, NaiveEngine, choice, shown};
 use fuseline_deadline::{Chosen, End, Reason};
 use fuseline_engine::{
-    Cloud, Commit, Effect, Engine, Header, Lineage, Local, Offer, Overflow, Policy, Reserve,
-    Situation, Tally,
+    Cloud, Commit, Effect, Engine, EngineConfig, Header, Lineage, Local, Offer, Overflow, Policy,
+    Reserve, Situation, Tally,
 };
 use metrics_util::debugging::{DebugValue, DebuggingRecorder, Snapshotter};
 use proptest::prelude::*;
@@ -86,37 +86,39 @@ fn step() -> impl Strategy<Value = EngineStep> {
 
 fn settings() -> impl Strategy<Value = EngineSettings> {
     let cloud = || (1..3_usize, prop_oneof![Just(0), 1..60_u64], any::<bool>());
-    let local = (1..3_usize, 0..4_usize, any::<bool>(), any::<bool>()).prop_map(
-        |(at_once, waiting, skip_answered, lossy)| Local { at_once, waiting, skip_answered, lossy },
-    );
-    let commit = proptest::sample::select(&Commit::ALL[..]);
     let overflow = proptest::sample::select(&[Overflow::DropOldest, Overflow::DropNewest][..]);
-    (commit, local, overflow, 0..3_usize, [cloud(), cloud(), cloud()], 0..30_u64, 1..6_u16)
-        .prop_map(|(commit, local, overflow, replaceable, clouds, reserve, window)| {
+    let local = (1..3_usize, 0..4_usize, overflow, 0..3_usize, any::<bool>(), any::<bool>());
+    let local =
+        local.prop_map(|(at_once, waiting, overflow, replaceable, skip_answered, lossy)| {
+            let waiting = Some(waiting);
+            Local { at_once, waiting, overflow, replaceable, skip_answered, lossy }
+        });
+    let commit = proptest::sample::select(&Commit::ALL[..]);
+    (commit, local, [cloud(), cloud(), cloud()], 0..30_u64, 1..6_u16).prop_map(
+        |(commit, local, clouds, reserve, window)| {
             let cloud = |p, name: &str| Cloud { p, name: Some(name.into()), limit: 3, resume: 1 };
             let named = vec![cloud(2, "east"), cloud(1, "west"), cloud(3, "north")];
             let operator = Some("tested".into());
             let header = Header { operator, window, commit, clouds: named };
             let clouds = clouds.to_vec();
-            EngineSettings { header, local, overflow, replaceable, clouds, reserve }
-        })
+            EngineSettings { header, local, clouds, reserve }
+        },
+    )
 }
 
 fn engine(settings: &EngineSettings, log: &Arc<Mutex<Vec<String>>>) -> Engine<MarkedValue, u64> {
-    let at_once: Vec<usize> = settings.clouds.iter().map(|(at_once, ..)| *at_once).collect();
-    let mut engine = Engine::new(&settings.header, &at_once, settings.local).unwrap();
-    engine.set_overflow(settings.overflow);
-    engine.set_replaceable(settings.replaceable);
-    let reserve = Duration::from_nanos(settings.reserve);
-    engine.set_reserve(Reserve::new(reserve, reserve));
-    engine.take_hints();
-    for (cloud, (_, linger, has_policy)) in settings.header.clouds.iter().zip(&settings.clouds) {
-        engine.set_linger(cloud.p, Duration::from_nanos(*linger));
+    let mut config = EngineConfig { local: settings.local, ..EngineConfig::from(&settings.header) };
+    config.takes_hints = true;
+    for (cloud, (calls, linger, has_policy)) in config.clouds.iter_mut().zip(&settings.clouds) {
+        (cloud.calls, cloud.linger) = (*calls, Duration::from_nanos(*linger));
         if *has_policy {
-            let policy = LoggingPolicy { p: cloud.p, log: Arc::clone(log) };
-            engine.set_policy(cloud.p, Box::new(policy));
+            let policy = LoggingPolicy { p: cloud.priority, log: Arc::clone(log) };
+            cloud.policy = Some(Box::new(policy));
         }
     }
+    let mut engine = Engine::new(config).unwrap();
+    let reserve = Duration::from_nanos(settings.reserve);
+    engine.set_reserve(Reserve::new(reserve, reserve));
     engine
 }
 

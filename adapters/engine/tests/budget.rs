@@ -3,25 +3,29 @@
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
+use crate::tested::config;
 use fuseline_deadline::{Chosen, End, Policy, Reason};
 use fuseline_engine::{
-    Cloud, Commit, Effect, Ending, Engine, Header, Latency, Lineage, Local, Offer, OfferRefusal,
-    Overflow, Reserve, Situation,
+    Cloud, Commit, Effect, Ending, Engine, EngineConfig, Header, Latency, Lineage, Local, Offer,
+    OfferRefusal, Overflow, Reserve, Situation,
 };
 
 type Tested = Engine<&'static str, u64>;
 
 const MS: Duration = Duration::from_millis(1);
 
-fn engine(waiting: usize) -> (Tested, Instant) {
-    engine_under(Commit::Eager, waiting)
+fn engine() -> (Tested, Instant) {
+    changed(|_| ())
 }
 
-fn engine_under(commit: Commit, waiting: usize) -> (Tested, Instant) {
+/// The same with another configuration.
+fn changed(change: impl FnOnce(&mut EngineConfig)) -> (Tested, Instant) {
     let cloud = Cloud { p: 1, name: None, limit: 9, resume: 0 };
+    let commit = Commit::Eager;
     let header = Header { operator: None, window: 9, commit, clouds: vec![cloud] };
-    let local = Local { at_once: 1, waiting, skip_answered: false, lossy: false };
-    let mut engine = Tested::new(&header, &[9], local).unwrap();
+    let mut config = config(&header, &[9], Local::default());
+    change(&mut config);
+    let mut engine = Tested::new(config).unwrap();
     let start = Instant::now();
     engine.set_start(start);
     (engine, start)
@@ -64,8 +68,7 @@ fn effects(engine: &mut Tested) -> Vec<String> {
 /// D13: a wall clock may step, and moves no deadline.
 #[test]
 fn a_doubtful_age_moves_no_deadline() {
-    let (mut engine, start) = engine(9);
-    engine.doubt_ages();
+    let (mut engine, start) = changed(|config| config.has_doubtful_ages = true);
     engine.set_reserve(Reserve::new(150 * MS, 150 * MS));
     open(&mut engine, start, 1000, 1, 300);
     assert_eq!(
@@ -83,7 +86,7 @@ fn a_doubtful_age_moves_no_deadline() {
 /// E3.
 #[test]
 fn a_request_ends_where_the_reserve_of_those_downstream_begins() {
-    let (mut engine, start) = engine(9);
+    let (mut engine, start) = engine();
     engine.set_reserve(Reserve::new(150 * MS, 150 * MS));
     open(&mut engine, start, 1000, 0, 100);
     assert_eq!(effects(&mut engine), ["start 0 0 until None", "start 1 0 until Some(1250)"]);
@@ -96,7 +99,7 @@ fn a_request_ends_where_the_reserve_of_those_downstream_begins() {
 /// E3.
 #[test]
 fn an_operator_whose_budget_is_gone_asks_no_cloud() {
-    let (mut engine, start) = engine(9);
+    let (mut engine, start) = engine();
     engine.set_reserve(Reserve::new(150 * MS, 150 * MS));
     open(&mut engine, start, 1000, 0, 349);
     open(&mut engine, start, 1000, 1, 350);
@@ -110,11 +113,8 @@ fn an_operator_whose_budget_is_gone_asks_no_cloud() {
 #[test]
 fn no_message_is_open_after_its_end_to_end_deadline_or_after_the_budget_if_there_is_a_substitute() {
     for (has_substitute, due) in [(false, 1400), (true, 1250)] {
-        let (mut engine, start) = engine(9);
+        let (mut engine, start) = changed(|config| config.has_substitutes = has_substitute);
         engine.set_reserve(Reserve::new(150 * MS, 150 * MS));
-        if has_substitute {
-            engine.expect_substitutes();
-        }
         open(&mut engine, start, 1000, 0, 100);
         effects(&mut engine);
         engine.tick(ms(due) - 1);
@@ -131,9 +131,8 @@ fn no_message_is_open_after_its_end_to_end_deadline_or_after_the_budget_if_there
 /// E3.
 #[test]
 fn without_an_end_to_end_deadline_nothing_ends_earlier() {
-    let (mut engine, start) = engine(9);
+    let (mut engine, start) = changed(|config| config.has_substitutes = true);
     engine.set_reserve(Reserve::new(150 * MS, 150 * MS));
-    engine.expect_substitutes();
     let lineage = Arc::new(Lineage::new("camera", 0, start));
     let offer = Offer { priority: 1, deadline: 400 * MS, request: 0 };
     engine.open_with(ms(1000), 0, None, Some(lineage), 0, [offer]);
@@ -160,9 +159,9 @@ impl Policy for EndToEnd {
 /// E3.
 #[test]
 fn a_policy_decides_about_the_whole_way_from_the_capture_to_the_last_output() {
-    let (mut engine, start) = engine(9);
     let reported = Arc::new(Mutex::new(Vec::new()));
-    engine.set_policy(1, Box::new(EndToEnd(Arc::clone(&reported))));
+    let policy = Box::new(EndToEnd(Arc::clone(&reported)));
+    let (mut engine, start) = changed(|config| config.clouds[0].policy = Some(policy));
     engine.set_reserve(Reserve::new(150 * MS, 150 * MS));
     open(&mut engine, start, 1000, 0, 100);
     // 450 ms of which 100 are gone and 150 are kept.
@@ -183,8 +182,8 @@ fn a_policy_decides_about_the_whole_way_from_the_capture_to_the_last_output() {
 #[test]
 fn the_oldest_waiting_computation_is_thrown_out_unless_each_message_is_needed() {
     for (overflow, lost) in [(Overflow::DropOldest, 1), (Overflow::DropNewest, 3)] {
-        let (mut engine, _) = engine(2);
-        engine.set_overflow(overflow);
+        let local = Local { waiting: Some(2), overflow, ..Local::default() };
+        let (mut engine, _) = changed(|config| config.local = local);
         for t in 0..3 {
             engine.open(t, t, None, t, []);
         }
@@ -210,9 +209,11 @@ fn the_oldest_waiting_computation_is_thrown_out_unless_each_message_is_needed() 
 /// E3, E11: local's results and last items are measured, whatever is sent first and whatever is refused.
 #[test]
 fn latency_counts_local_and_last_items() {
-    let (mut engine, start) = engine_under(Commit::Progressive, 9);
     let latency = Latency::measured(1, Duration::ZERO);
-    engine.set_latency(latency.clone());
+    let (mut engine, start) = changed(|config| {
+        config.commit = Commit::Progressive;
+        config.latency = Some(latency.clone());
+    });
     for t in 0..16 {
         let at = 1000 + 100 * t;
         open(&mut engine, start, at, t, 0);
@@ -238,9 +239,8 @@ fn latency_counts_local_and_last_items() {
 /// E11: a cloud downstream takes no time from local.
 #[test]
 fn local_ends_at_the_reserve_on_board() {
-    let (mut engine, start) = engine(9);
+    let (mut engine, start) = changed(|config| config.has_substitutes = true);
     engine.set_reserve(Reserve::new(50 * MS, 150 * MS));
-    engine.expect_substitutes();
     open(&mut engine, start, 1000, 0, 100);
     assert_eq!(effects(&mut engine), ["start 0 0 until None", "start 1 0 until Some(1250)"]);
     engine.tick(ms(1349));

@@ -3,10 +3,10 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use crate::tested::{Tested, header};
+use crate::tested::{Tested, config, header};
 use fuseline_engine::{
-    Commit, DropReason, Effect, Ending, Engine, Hint, Item, Local, Offer, OfferRefusal,
-    SourceTally, Trigger,
+    Commit, DropReason, Effect, Ending, Engine, EngineConfig, Hint, Item, Local, Offer,
+    OfferRefusal, SourceTally, Trigger,
 };
 use metrics_util::debugging::{DebugValue, DebuggingRecorder};
 
@@ -17,8 +17,8 @@ fn engine() -> Tested {
 }
 
 fn under(commit: Commit) -> Tested {
-    let local = Local { at_once: 1, waiting: 2, skip_answered: false, lossy: false };
-    Engine::new(&header(commit), &[1, 1], local).unwrap()
+    let local = Local { waiting: Some(2), ..Local::default() };
+    Engine::new(config(&header(commit), &[1, 1], local)).unwrap()
 }
 
 fn effects(engine: &mut Tested) -> Vec<String> {
@@ -323,8 +323,8 @@ fn metered(recorder: &DebuggingRecorder) -> BTreeMap<String, String> {
 
 /// Over topics, with four at once and a limit of 100.
 fn over_topics() -> Tested {
-    let local = Local { at_once: 4, waiting: 4, skip_answered: false, lossy: true };
-    Engine::new(&header(Commit::Eager), &[64, 64], local).unwrap()
+    let local = Local { at_once: 4, waiting: Some(4), lossy: true, ..Local::default() };
+    Engine::new(config(&header(Commit::Eager), &[64, 64], local)).unwrap()
 }
 
 /// Which computations were started.
@@ -388,8 +388,8 @@ fn the_word_of_a_lost_computation_counts_when_it_comes_after_all_and_frees_nothi
 
 #[test]
 fn a_computation_that_still_runs_keeps_its_place() {
-    let local = Local { at_once: 1, waiting: 2, skip_answered: false, lossy: false };
-    let mut engine: Tested = Engine::new(&header(Commit::Eager), &[1, 1], local).unwrap();
+    let local = Local { waiting: Some(2), ..Local::default() };
+    let mut engine: Tested = Engine::new(config(&header(Commit::Eager), &[1, 1], local)).unwrap();
     for t in 0..2 {
         assert!(engine.open(t, t, Some(100 * NS), t, []));
     }
@@ -406,9 +406,8 @@ fn a_computation_that_still_runs_keeps_its_place() {
 /// D13: two hang, of which one may be replaced.
 #[test]
 fn a_computation_that_hangs_gives_its_place_to_another_up_to_a_bound() {
-    let local = Local { at_once: 1, waiting: 3, skip_answered: false, lossy: false };
-    let mut engine: Tested = Engine::new(&header(Commit::Eager), &[1, 1], local).unwrap();
-    engine.set_replaceable(1);
+    let local = Local { waiting: Some(3), replaceable: 1, ..Local::default() };
+    let mut engine: Tested = Engine::new(config(&header(Commit::Eager), &[1, 1], local)).unwrap();
     for t in 0..3 {
         assert!(engine.open(0, t, Some(100 * NS), t, []));
     }
@@ -437,9 +436,9 @@ fn a_computation_that_hangs_gives_its_place_to_another_up_to_a_bound() {
 /// D9.
 #[test]
 fn a_timer_that_is_served_late_and_a_handler_that_blocks_are_counted() {
-    let local = Local { at_once: 1, waiting: 3, skip_answered: false, lossy: false };
-    let mut engine: Tested = Engine::new(&header(Commit::Eager), &[1, 1], local).unwrap();
-    engine.set_lag_warning(20 * NS);
+    let local = Local { waiting: Some(3), ..Local::default() };
+    let config = config(&header(Commit::Eager), &[1, 1], local);
+    let mut engine = Tested::new(EngineConfig { lag_warning: 20 * NS, ..config }).unwrap();
     let counting = engine.counts();
     for (t, late) in [(0, 20), (1, 90), (2, 21)] {
         let at = t * 1000;
@@ -461,8 +460,8 @@ fn a_timer_that_is_served_late_and_a_handler_that_blocks_are_counted() {
 
 #[test]
 fn with_skip_answered_what_was_answered_takes_no_room_among_what_waits() {
-    let local = Local { at_once: 1, waiting: 1, skip_answered: true, lossy: false };
-    let mut engine: Tested = Engine::new(&header(Commit::Eager), &[8, 8], local).unwrap();
+    let local = Local { waiting: Some(1), skip_answered: true, ..Local::default() };
+    let mut engine: Tested = Engine::new(config(&header(Commit::Eager), &[8, 8], local)).unwrap();
     for t in 0..8 {
         assert!(engine.open(t, t, None, t, []), "{t}");
         engine.offer(t, t, 2, 50 * NS, t);
@@ -476,8 +475,9 @@ fn with_skip_answered_what_was_answered_takes_no_room_among_what_waits() {
 
 #[test]
 fn with_skip_answered_a_computation_that_an_output_outranks_takes_no_room() {
-    let local = Local { at_once: 1, waiting: 0, skip_answered: true, lossy: false };
-    let mut engine: Tested = Engine::new(&header(Commit::Progressive), &[8, 8], local).unwrap();
+    let local = Local { waiting: Some(0), skip_answered: true, ..Local::default() };
+    let mut engine: Tested =
+        Engine::new(config(&header(Commit::Progressive), &[8, 8], local)).unwrap();
     assert!(engine.open(0, 0, None, 0, []));
     let offers = [1, 2].map(|priority| Offer { priority, deadline: 50 * NS, request: 1 });
     assert!(engine.open(1, 1, None, 1, offers));

@@ -4,6 +4,7 @@ use std::fs;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use crate::tested::config;
 use fuseline_engine::{
     Cloud, Commit, Effect, Ending, Engine, Forwarded, Header, HeaderAnnotations, Item, Lineage,
     Local, Offer, Recorder, Recording, StampedValue,
@@ -26,8 +27,10 @@ impl RecordedEngine {
     fn new(commit: Commit, max_age: u64) -> Self {
         let cloud = Cloud { p: 1, name: None, limit: 9, resume: 0 };
         let header = Header { operator: None, window: 4, commit, clouds: vec![cloud] };
-        let local = Local { at_once: 9, waiting: 9, skip_answered: false, lossy: false };
-        let mut engine = Tested::new(&header, &[9], local).unwrap();
+        let local = Local { at_once: 9, waiting: Some(9), ..Local::default() };
+        let mut config = config(&header, &[9], local);
+        config.clouds[0].max_age = max_age;
+        let mut engine = Tested::new(config).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let max_ages = [(1, max_age)].into_iter().filter(|(_, age)| *age > 0).collect();
         let annotations = HeaderAnnotations { max_ages, ..HeaderAnnotations::default() };
@@ -35,7 +38,6 @@ impl RecordedEngine {
         let recorder =
             Recorder::create_annotated(path, &header, &annotations, Recording::default());
         engine.record(recorder.unwrap()).unwrap();
-        engine.set_max_age(1, max_age);
         // Long ago, so that what was captured before it can be said.
         let start = Instant::now();
         engine.set_start(start);
@@ -125,8 +127,8 @@ fn an_item_has_the_lineage_of_its_message_and_its_age_at_the_decision() {
 fn an_engine_that_does_not_know_its_clock_writes_no_age() {
     let mut run = RecordedEngine::new(Commit::Eager, 0);
     let header = Header { operator: None, window: 4, commit: Commit::Eager, clouds: Vec::new() };
-    let local = Local { at_once: 1, waiting: 9, skip_answered: false, lossy: false };
-    run.engine = Tested::new(&header, &[], local).unwrap();
+    let local = Local { waiting: Some(9), ..Local::default() };
+    run.engine = Tested::new(config(&header, &[], local)).unwrap();
     let path = run.folder.path().join("trace");
     let recorder = Recorder::create(path, &header, Recording::default()).unwrap();
     run.engine.record(recorder).unwrap();

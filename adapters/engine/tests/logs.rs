@@ -4,7 +4,7 @@ use std::io::Write;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use fuseline_engine::{Cloud, Commit, Engine, Header, Local};
+use fuseline_engine::{Cloud, Commit, Engine, EngineConfig, Header, Local};
 
 /// D15.
 #[test]
@@ -25,8 +25,10 @@ fn logs_report_every_refusal_drop_failure_and_miss_with_its_reason() {
             commit: Commit::Eager,
             clouds: vec![west],
         };
-        let local = Local { at_once: 1, waiting: 2, skip_answered: false, lossy: false };
-        let mut engine: Engine<&str, u64> = Engine::new(&header, &[1], local).unwrap();
+        let local = Local { waiting: Some(2), ..Local::default() };
+        let mut config = EngineConfig { local, ..EngineConfig::from(&header) };
+        config.clouds[0].calls = 1;
+        let mut engine: Engine<&str, u64> = Engine::new(config).unwrap();
         let _ = engine.open(0, 0, None, 0, []);
         let _ = engine.open(0, 0, None, 0, []);
         engine.offer(0, 0, 1, Duration::ZERO, 0);

@@ -4,6 +4,7 @@ use std::fs;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use crate::tested::config;
 use fuseline_deadline::{Accuracy, Chosen, Constant, End, Expected, Reason};
 use fuseline_engine::{
     Cloud, Commit, Effect, Engine, Header, Local, Offer, OfferRefusal, Policy, Recorder, Recording,
@@ -26,10 +27,10 @@ fn engine(policy: impl Policy + Send + 'static) -> Tested {
 
 /// The same with the clouds of a header.
 fn beside(header: &Header, policy: impl Policy + Send + 'static) -> Tested {
-    let local = Local { at_once: 64, waiting: 0, skip_answered: false, lossy: false };
-    let mut engine = Engine::new(header, &[1], local).unwrap();
-    engine.set_policy(WEST, Box::new(policy));
-    engine
+    let local = Local { at_once: 64, waiting: Some(0), ..Local::default() };
+    let mut config = config(header, &[1], local);
+    config.clouds[0].policy = Some(Box::new(policy));
+    Engine::new(config).unwrap()
 }
 
 fn header(clouds: &[u16]) -> Header {

@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::BufReader;
 use std::time::Duration;
 
-use crate::tested::{Tested, header};
+use crate::tested::{Tested, config, header};
 use fuseline_engine::{Commit, Effect, Ending, Engine, Item, Local, Recorder, Recording};
 use fuseline_traces::judge;
 use proptest::prelude::*;
@@ -73,8 +73,8 @@ proptest! {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("trace.jsonl");
         let header = header(commit);
-        let local = Local { at_once: 2, waiting: 4, skip_answered, lossy };
-        let mut engine: Tested = Engine::new(&header, &[2, 1], local).unwrap();
+        let local = Local { at_once: 2, waiting: Some(4), skip_answered, lossy, ..Local::default() };
+        let mut engine: Tested = Engine::new(config(&header, &[2, 1], local)).unwrap();
         let recorder = Recorder::create(&path, &header, Recording::default()).unwrap();
         engine.record(recorder).unwrap();
         let at_once = [2, 1, 2];
@@ -187,8 +187,8 @@ proptest! {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("trace.jsonl");
         let mut engines = [Commit::Patient, Commit::Progressive].map(|commit| {
-            let local = Local { at_once: 200, waiting: 0, skip_answered: false, lossy: false };
-            Engine::<(u64, u16), ()>::new(&header(commit), &[200, 200], local).unwrap()
+            let local = Local { at_once: 200, waiting: Some(0), ..Local::default() };
+            Engine::<(u64, u16), ()>::new(config(&header(commit), &[200, 200], local)).unwrap()
         });
         let recorder = Recorder::create(&path, &header(Commit::Progressive), Recording::default());
         engines[1].record(recorder.unwrap()).unwrap();

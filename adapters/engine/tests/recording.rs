@@ -7,6 +7,7 @@ use std::process::{self, Command};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use crate::tested::config;
 use fuseline_engine::{Commit, Engine, Header, Local, Recorder, Recording};
 use fuseline_traces::judge;
 use tempfile::TempDir;
@@ -21,8 +22,8 @@ fn header() -> Header {
 }
 
 fn engine(path: &Path, recording: Recording) -> Tested {
-    let local = Local { at_once: 1, waiting: 4, skip_answered: false, lossy: false };
-    let mut engine = Engine::new(&header(), &[], local).unwrap();
+    let local = Local { waiting: Some(4), ..Local::default() };
+    let mut engine = Engine::new(config(&header(), &[], local)).unwrap();
     engine.record(Recorder::create(path, &header(), recording).unwrap()).unwrap();
     engine
 }
@@ -150,8 +151,8 @@ fn a_disk_that_fills_is_reported_when_it_happens_and_the_operator_goes_on() {
 fn the_error_of_each_recording_is_reported_and_the_others_are_whole() {
     for broken in [0, 1] {
         let folders = [folder(), folder()];
-        let local = Local { at_once: 1, waiting: 4, skip_answered: false, lossy: false };
-        let mut engine: Tested = Engine::new(&header(), &[], local).unwrap();
+        let local = Local { waiting: Some(4), ..Local::default() };
+        let mut engine: Tested = Engine::new(config(&header(), &[], local)).unwrap();
         for (_, path) in &folders {
             let recording = Recording { rotate: Some(1 << 12), ..Recording::default() };
             engine.record(Recorder::create(path, &header(), recording).unwrap()).unwrap();

@@ -2,15 +2,17 @@
 
 use std::time::Duration;
 
-use crate::tested::{Tested, header};
-use fuseline_engine::{Commit, Effect, Engine, Local, Offer};
+use crate::tested::{Tested, config, header};
+use fuseline_engine::{Commit, Effect, Engine, EngineConfig, Local, Offer};
 use metrics_util::debugging::{DebugValue, DebuggingRecorder};
 
 const NS: Duration = Duration::from_nanos(1);
 
-fn engine() -> Tested {
-    let local = Local { at_once: 1, waiting: 2, skip_answered: false, lossy: false };
-    Engine::new(&header(Commit::Eager), &[1, 1], local).unwrap()
+fn engine(change: impl FnOnce(&mut EngineConfig)) -> Tested {
+    let local = Local { waiting: Some(2), ..Local::default() };
+    let mut config = config(&header(Commit::Eager), &[1, 1], local);
+    change(&mut config);
+    Engine::new(config).unwrap()
 }
 
 fn offer(t: u64) -> [Offer<u64>; 1] {
@@ -31,8 +33,7 @@ fn started(engine: &mut Tested) -> Vec<(u16, u64)> {
 /// D8: a call that lingers ends when it has lingered, though nothing else happens, and the next is as before.
 #[test]
 fn a_call_that_lingers_is_ended_at_its_instant_without_any_other_input() {
-    let mut engine = engine();
-    engine.set_linger(1, 50 * NS);
+    let mut engine = engine(|config| config.clouds[1].linger = 50 * NS);
     for t in 0..100 {
         let at = t * 1000;
         assert!(engine.open(at, t, None, t, offer(t)));
@@ -58,8 +59,7 @@ fn a_call_that_lingers_is_ended_at_its_instant_without_any_other_input() {
 /// Long after the first 1024 messages too.
 #[test]
 fn each_late_result_is_a_hint_however_many_messages_there_were() {
-    let mut engine = engine();
-    engine.take_hints();
+    let mut engine = engine(|config| config.takes_hints = true);
     for t in 0..5000 {
         let at = t * 1000;
         assert!(engine.open(at, t, None, t, offer(t)));
@@ -78,9 +78,12 @@ fn each_late_result_is_a_hint_however_many_messages_there_were() {
 #[test]
 fn after_any_disturbance_all_gauges_are_zero_and_a_message_is_served_as_the_first_was() {
     let recorder = DebuggingRecorder::new();
-    let mut engine = metrics::with_local_recorder(&recorder, engine);
-    engine.set_linger(2, 70 * NS);
-    engine.set_replaceable(1);
+    let mut engine = metrics::with_local_recorder(&recorder, || {
+        engine(|config| {
+            config.clouds[0].linger = 70 * NS;
+            config.local.replaceable = 1;
+        })
+    });
     let offers = |t| [1, 2].map(|priority| Offer { priority, deadline: 100 * NS, request: t });
     let mut at = 0;
     for round in 0..300_u64 {
@@ -139,9 +142,9 @@ fn after_any_disturbance_all_gauges_are_zero_and_a_message_is_served_as_the_firs
 fn each_lost_computation_is_metered() {
     for lossy in [false, true] {
         let recorder = DebuggingRecorder::new();
-        let local = Local { at_once: 2, waiting: 2, skip_answered: false, lossy };
+        let local = Local { at_once: 2, waiting: Some(2), lossy, ..Local::default() };
         let mut engine: Tested = metrics::with_local_recorder(&recorder, || {
-            Engine::new(&header(Commit::Eager), &[1, 1], local).unwrap()
+            Engine::new(config(&header(Commit::Eager), &[1, 1], local)).unwrap()
         });
         for t in 0..2 {
             assert!(engine.open(1000 * t, t, Some(100 * NS), t, []));

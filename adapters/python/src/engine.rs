@@ -14,8 +14,8 @@ use std::{io, iter, mem};
 
 use fuseline_engine as engine;
 use fuseline_engine::{
-    HeaderAnnotations, Latency, Lineage, Local, Offer, Origin, Recorder, Recording, StampedValue,
-    lock,
+    CloudConfig, EngineConfig, Latency, Lineage, Local, Offer, Origin, Recorder, Recording,
+    StampedValue, lock,
 };
 use pyo3::exceptions::{PyOSError, PyRuntimeError};
 use pyo3::prelude::*;
@@ -27,7 +27,7 @@ use crate::engine::policy::EnginePolicy;
 use crate::fusion::{CloudEntry, WindowArgument, header};
 use crate::pipeline::PyLatency;
 use crate::policy::SituationFields;
-use crate::raised::config;
+use crate::raised;
 use crate::time::Nanos;
 
 /// An engine whose values and requests are Python's.
@@ -38,6 +38,9 @@ pub(crate) type EngineEffect = engine::Effect<Py<PyAny>, Py<PyAny>>;
 /// What a message comes from, as `fuseline.Lineage` has it, with its age.
 pub(crate) type LineageFields =
     (Option<String>, Option<u64>, Option<u64>, Option<u64>, Vec<String>);
+
+/// A cloud's calls at once, the age of its values, its linger and its policy.
+type CloudBounds<'py> = (usize, u64, Nanos, Option<Bound<'py, PyAny>>);
 
 /// The engine of one operator; instants are nanoseconds of its clock, which begins with it.
 #[pyclass(name = "Engine", module = "fuseline._fuseline", frozen)]
@@ -63,10 +66,11 @@ pub(crate) struct PendingException(Arc<Mutex<Option<PyErr>>>);
 
 #[pymethods]
 impl PyEngine {
-    /// `bounds` are of each cloud, in the order of `clouds`, how many calls may be under way and how many messages old values
-    /// may be; `local` is how many computations run
-    /// at once, how many may wait (by default as many as the window holds), whether one of an answered message is skipped,
-    /// and whether results can be lost; `reserve` is how long the operators downstream take.
+    /// `bounds` are of each cloud, in the order of `clouds`, how many calls may be under way, how many messages old values may
+    /// be, how long calls linger, and what `fuseline.deadline.compiled` gives of its policy; `local` is how many computations
+    /// run at once, how many may wait (by default as many as the window holds), whether one of an answered message is skipped,
+    /// whether results can be lost, and how many computations may be replaced; `reserve` is how long the operators downstream
+    /// take.
     #[new]
     #[expect(
         clippy::needless_pass_by_value,
@@ -75,31 +79,48 @@ impl PyEngine {
     )]
     fn new(
         clouds: Vec<CloudEntry<'_>>,
-        bounds: Vec<(usize, u64)>,
-        local: (usize, Option<usize>, bool, bool),
+        bounds: Vec<CloudBounds<'_>>,
+        local: (usize, Option<usize>, bool, bool, usize),
         window: WindowArgument,
         commit: &str,
         operator: String,
         trace: Option<PathBuf>,
         reserve: Vec<PyRef<'_, PyLatency>>,
+        latency: Option<PyRef<'_, PyLatency>>,
+        has_substitutes: bool,
+        lag_warning: Nanos,
+        greatest_deadline: Nanos,
     ) -> PyResult<Self> {
         let header = header(clouds, window, commit, Some(operator.clone()))?;
-        let (at_once, waiting, skip_answered, lossy) = local;
-        let waiting = waiting.unwrap_or(header.window.into());
-        let local = Local { at_once, waiting, skip_answered, lossy };
+        let interrupt = PendingException::default();
+        let (at_once, waiting, skip_answered, lossy, replaceable) = local;
+        let mut config = EngineConfig {
+            local: Local {
+                at_once,
+                waiting,
+                skip_answered,
+                lossy,
+                replaceable,
+                ..Local::default()
+            },
+            latency: latency.map(|latency| latency.latency()),
+            has_substitutes,
+            lag_warning: Duration::from_nanos(lag_warning.0),
+            greatest_deadline: Duration::from_nanos(greatest_deadline.0),
+            ..EngineConfig::from(&header)
+        };
+        for (cloud, (calls, max_age, linger, policy)) in config.clouds.iter_mut().zip(bounds) {
+            (cloud.calls, cloud.max_age) = (calls, max_age);
+            cloud.linger = Duration::from_nanos(linger.0);
+            if let Some(policy) = policy {
+                cloud.policy = Some(Box::new(EnginePolicy::new(&policy, &interrupt)?));
+            }
+        }
+        let (header, annotations) = config.header();
         let is_recording = trace.is_some();
-        let calls: Vec<usize> = bounds.iter().map(|(calls, _)| *calls).collect();
-        let mut inner = EngineState::new(&header, &calls, local).map_err(config)?;
+        let mut inner = EngineState::new(config).map_err(raised::config)?;
         let start = Instant::now();
         inner.set_start(start);
-        let mut annotations = HeaderAnnotations::default();
-        for (cloud, (_, max_age)) in header.clouds.iter().zip(bounds) {
-            if max_age == 0 {
-                continue;
-            }
-            inner.set_max_age(cloud.p, max_age);
-            annotations.max_ages.insert(cloud.p.into(), max_age);
-        }
         if let Some(path) = trace {
             let recorder =
                 Recorder::create_annotated(&path, &header, &annotations, Recording::default());
@@ -114,46 +135,10 @@ impl PyEngine {
             effects,
             start,
             counting,
-            interrupt: PendingException::default(),
+            interrupt,
             reserve: reserve.iter().map(|latency| latency.latency()).collect(),
             is_recording,
         })
-    }
-
-    /// Lets a policy choose the deadlines of cloud `p`: what `fuseline.deadline.compiled` gives.
-    fn set_policy(&self, p: u16, policy: &Bound<'_, PyAny>) -> PyResult<()> {
-        let policy = EnginePolicy::new(policy, &self.interrupt)?;
-        self.with(|inner| inner.set_policy(p, Box::new(policy)))
-    }
-
-    /// Lets calls to cloud `p` run on for so long after they were due.
-    fn set_linger(&self, p: u16, linger: Nanos) -> PyResult<()> {
-        self.with(|inner| inner.set_linger(p, Duration::from_nanos(linger.0)))
-    }
-
-    /// Lets up to `count` computations that run for longer than their deadline be replaced.
-    fn set_replaceable(&self, count: usize) -> PyResult<()> {
-        self.with(|inner| inner.set_replaceable(count))
-    }
-
-    /// The longest deadline that may be offered; the most that a policy may choose.
-    fn set_greatest_deadline(&self, greatest: Nanos) -> PyResult<()> {
-        self.with(|inner| inner.set_greatest_deadline(Duration::from_nanos(greatest.0)))
-    }
-
-    /// E4: says that there is a substitute for messages that are missed.
-    fn expect_substitutes(&self) -> PyResult<()> {
-        self.with(fuseline_engine::Engine::expect_substitutes)
-    }
-
-    /// E3: says where it is recorded how long messages and local's computations take.
-    fn set_latency(&self, latency: &PyLatency) -> PyResult<()> {
-        self.with(|inner| inner.set_latency(latency.latency()))
-    }
-
-    /// How long the loop may be held up before it is counted and logged.
-    fn set_lag_warning(&self, warning: Nanos) -> PyResult<()> {
-        self.with(|inner| inner.set_lag_warning(Duration::from_nanos(warning.0)))
     }
 
     /// What policies know of the vehicle from now on.
@@ -344,6 +329,20 @@ impl PendingException {
     fn locked(&self) -> MutexGuard<'_, Option<PyErr>> {
         lock(&self.0)
     }
+}
+
+/// Refuses a policy that would learn nothing of longer deadlines, beside this linger.
+#[pyfunction]
+pub(crate) fn check_linger(name: String, policy: &Bound<'_, PyAny>, linger: Nanos) -> PyResult<()> {
+    let policy = EnginePolicy::new(policy, &PendingException::default())?;
+    let cloud = CloudConfig {
+        name,
+        policy: Some(Box::new(policy)),
+        linger: Duration::from_nanos(linger.0),
+        ..CloudConfig::new(1)
+    };
+    let config = EngineConfig { clouds: vec![cloud], ..EngineConfig::default() };
+    config.check().map_err(raised::config)
 }
 
 /// Nobody asked for hints.

@@ -25,7 +25,7 @@ mod _fuseline {
     #[pymodule_export]
     use crate::calls::PyCalls;
     #[pymodule_export]
-    use crate::engine::{PyCounting, PyEngine};
+    use crate::engine::{PyCounting, PyEngine, check_linger};
     #[pymodule_export]
     use crate::fleet::survey;
     #[pymodule_export]

@@ -300,6 +300,11 @@ impl SharedExpected {
         Ok(())
     }
 
+    /// Whether it learns of longer deadlines only from calls that linger.
+    pub(crate) fn needs_linger(&self) -> PyResult<bool> {
+        Ok(self.locked()?.needs_linger())
+    }
+
     /// Whether its loss is a function of Python's.
     pub(crate) const fn calls_python(&self) -> bool {
         self.function.is_some()

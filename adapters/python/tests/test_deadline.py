@@ -29,9 +29,7 @@ from fuseline.deadline import (
     Streaming,
     Time,
     Whose,
-    assumes_one_output,
     compiled,
-    needs_linger,
     policy_of,
 )
 
@@ -117,11 +115,6 @@ def test_what_is_compiled_of_policies_is_given_to_the_engine_and_all_else_as_it_
     assert compiled(own) is own
     capped = guard.caps(expected)
     assert compiled(capped) == (guard._guard, expected._expected)
-    assert (assumes_one_output(capped), needs_linger(capped)) == (True, False)
-    lingering = Expected(Accuracy(0.3, 0.5, 0.001), 0.3, probe_every=None)
-    for policy in (own.caps(lingering), lingering.caps(own)):
-        assert (assumes_one_output(policy), needs_linger(policy)) == (False, True)
-    assert assumes_one_output(own.caps(guard)) and not needs_linger(own)
 
 
 def test_a_function_is_given_the_cap_in_nanoseconds_and_a_cap_that_is_met_is_none() -> None:

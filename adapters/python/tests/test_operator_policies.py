@@ -285,12 +285,17 @@ def test_a_guard_and_what_is_worth_it_decide_in_an_operator(run: Run[Any]) -> No
     assert expected.decide(Situation(), 2.0).deadline == 120_000_001
 
 
-def test_a_policy_that_neither_probes_nor_sees_calls_linger_is_refused_with_the_remedy() -> None:
-    expected = Expected(Accuracy(local=42.0, cloud=50.0, price_per_ms=0.01), 0.05, probe_every=None)
-    probing = Expected(Accuracy(local=42.0, cloud=50.0, price_per_ms=0.01), 0.05)
+def test_refuses_policy_without_probes_or_linger() -> None:
+    class OwnExpected(Expected):
+        """May decide otherwise."""
+
+    accuracy = Accuracy(local=42.0, cloud=50.0, price_per_ms=0.01)
+    expected, own = Expected(accuracy, 0.05, None), OwnExpected(accuracy, 0.05, None)
+    probing = Expected(accuracy, 0.05)
     detector = BoxDetector(70.0, 0.7)
     streaming = Streaming(detector, detector, 0.1, local_response=0.05, probe_every=None)
-    for policy in (expected, streaming, Constant(0.5).caps(expected), expected.caps(Constant(0.5))):
+    capped = (Constant(0.5).caps(expected), expected.caps(Constant(0.5)), Constant(0.5).caps(own))
+    for policy in (expected, streaming, own, *capped):
         operator: Operator[Any, Any] = Operator(local_after(0))
         with pytest.raises(fuseline.ConfigError, match=r"policy of west does not probe.*linger"):
             operator.use_cloud(after(0), ask(1.0), str, 1, name="west", policy=policy)

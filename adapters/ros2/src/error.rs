@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use fuseline_deadline::Invalid;
-use fuseline_engine::ConfigError;
+use fuseline_engine::EngineConfigError;
 use fuseline_tokio::grpc::{InvalidToken, RemoteError};
 use rustdds::dds::CreateError;
 use thiserror::Error;
@@ -45,7 +45,7 @@ pub enum GrpcError {
 pub enum NodeError {
     /// There is no machine with these parameters.
     #[error("the parameters are refused: {0}")]
-    Config(#[from] ConfigError),
+    Config(#[from] EngineConfigError),
     /// Figures that make no policy.
     #[error("the policy's parameters are refused: {0}")]
     Policy(#[from] Invalid),

@@ -4,7 +4,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use fuseline_engine::{self as shared, Counting, Engine, Header, Local, Tally};
+use fuseline_engine::{CloudConfig, Counting, Engine, EngineConfig, Local, Tally};
 use fuseline_tokio::drive::{Driver, finish};
 use tokio::sync::mpsc;
 use tokio::time::{MissedTickBehavior, interval};
@@ -204,7 +204,7 @@ fn schedule(_: u8) -> Result<(), NodeError> {
 /// # Errors
 /// With the first thing that is wrong; [`run`](crate::run) refuses the same.
 pub fn check(settings: &Settings) -> Result<(), NodeError> {
-    engine(settings)?;
+    engine_config(settings)?.check()?;
     recordings::check(settings)?;
     #[cfg(feature = "zenoh")]
     if settings.needs(Middleware::Zenoh) {
@@ -223,50 +223,44 @@ fn handle(cloud: &settings::Cloud, grpc: &settings::Grpc) -> Result<Handle, Node
     call(grpc).map_err(|error| NodeError::Grpc { cloud: cloud.name.clone(), error })
 }
 
-/// The operator, with nothing open.
-pub(crate) fn engine(settings: &Settings) -> Result<Engine<Payload, Payload>, NodeError> {
-    let at_once: Vec<usize> = settings.clouds.iter().map(|cloud| cloud.in_flight.into()).collect();
-    let local = Local {
-        at_once: settings.local.in_flight.into(),
-        waiting: settings.local.waiting.into(),
-        skip_answered: false,
-        lossy: true,
+/// What the engine is made of.
+pub(crate) fn engine_config(settings: &Settings) -> Result<EngineConfig, NodeError> {
+    let cloud = |cloud: &settings::Cloud| {
+        Ok::<_, NodeError>(CloudConfig {
+            name: cloud.name.clone(),
+            limit: Some(cloud.limit),
+            resume: cloud.resume,
+            calls: cloud.in_flight.into(),
+            policy: settings.deadlines.policy()?,
+            linger: cloud.linger,
+            ..CloudConfig::new(cloud.priority)
+        })
     };
-    let mut engine = Engine::new(&header(settings), &at_once, local)?;
-    engine.doubt_ages();
-    for cloud in &settings.clouds {
-        engine.set_linger(cloud.priority, cloud.linger);
-        if let Some(policy) = settings.deadlines.policy()? {
-            engine.set_policy(cloud.priority, policy);
-        }
-        if cloud.hints.is_some() {
-            engine.take_hints();
-        }
-    }
-    Ok(engine)
-}
-
-fn header(settings: &Settings) -> Header {
-    let clouds = settings.clouds.iter().map(|cloud| shared::Cloud {
-        p: cloud.priority,
-        name: Some(cloud.name.clone()),
-        limit: cloud.limit,
-        resume: cloud.resume,
-    });
-    Header {
-        operator: Some(settings.node.full()),
+    Ok(EngineConfig {
+        operator: settings.node.full(),
         window: settings.window,
         commit: settings.commit,
-        clouds: clouds.collect(),
-    }
+        clouds: settings.clouds.iter().map(cloud).collect::<Result<_, _>>()?,
+        local: Local {
+            at_once: settings.local.in_flight.into(),
+            waiting: Some(settings.local.waiting.into()),
+            lossy: true,
+            ..Local::default()
+        },
+        takes_hints: settings.clouds.iter().any(|cloud| cloud.hints.is_some()),
+        has_doubtful_ages: true,
+        ..EngineConfig::default()
+    })
 }
 
 /// The operator with its recordings, whose files are made.
 pub(crate) fn recorded(
     settings: &Settings,
 ) -> Result<(Engine<Payload, Payload>, CreatedFiles), NodeError> {
-    let mut engine = engine(settings)?;
-    let created = recordings::record(&mut engine, settings, &header(settings))?;
+    let config = engine_config(settings)?;
+    let (header, _) = config.header();
+    let mut engine = Engine::new(config)?;
+    let created = recordings::record(&mut engine, settings, &header)?;
     Ok((engine, created))
 }
 

@@ -142,7 +142,7 @@ mod tests {
     use std::future::ready;
     use std::path::PathBuf;
 
-    use fuseline_engine::{Commit, Engine, Header, Local};
+    use fuseline_engine::{Engine, EngineConfig};
     use fuseline_tokio::grpc::Server;
     use rcgen::{BasicConstraints, CertificateParams, IsCa, Issuer, KeyPair};
     use tokio::net::TcpListener;
@@ -191,10 +191,7 @@ mod tests {
 
     /// One call's result.
     async fn call_once(grpc: &Grpc) -> Result<Payload, Error> {
-        let header =
-            Header { operator: None, window: 1, commit: Commit::Eager, clouds: Vec::new() };
-        let local = Local { at_once: 1, waiting: 0, skip_answered: false, lossy: true };
-        let engine = Engine::<Payload, Payload>::new(&header, &[], local).unwrap();
+        let engine = Engine::<Payload, Payload>::new(EngineConfig::default()).unwrap();
         let call_of = Call::new(7, Duration::from_secs(60), 0, engine.counts());
         let message = Payload { big_endian: true, body: b"message".as_slice().into() };
         Ok(call(grpc).unwrap()(message, call_of).await?.value)

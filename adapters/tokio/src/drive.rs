@@ -99,7 +99,7 @@ pub trait Transport {
     fn send(&mut self, start: Start<Self::Request>) -> Sent<Self::Value>;
 
     /// Local's computation of this message has run for too long: another is to run beside it. Called only if the engine
-    /// [may replace](Engine::set_replaceable) any.
+    /// [may replace](fuseline_engine::Local::replaceable) any.
     fn replace(&mut self, timestamp: u64) {
         let _ = timestamp;
     }
@@ -108,7 +108,7 @@ pub trait Transport {
     fn output(&mut self, item: Item<Self::Value>);
 
     /// A result came too late for its message. Called only if the engine
-    /// [takes hints](Engine::take_hints).
+    /// [takes hints](fuseline_engine::EngineConfig::takes_hints).
     fn hint(&mut self, hint: Hint<Self::Value>) {
         drop(hint);
     }

@@ -40,10 +40,10 @@ pub use drive::Timers;
 pub use encoding::{EncodeOnce, EncodedRequest, encoding};
 pub use fuseline_deadline as deadline;
 pub use fuseline_engine::{
-    CapacityError, CapacityErrors, CarriedMessage, Commit, ConfigError, CurrentDeadline,
-    DropReason, Ending, Failure, Forwarded, Hint, Item, JoinCause, JoinDropReason, Joined, Latency,
-    Lineage, OfferRefusal, OpenRefusal, Origin, Overflow, Reasons, Recording, Reserve, Source,
-    SourceTally, StampedValue, Tally, Trigger,
+    CapacityError, CapacityErrors, CarriedMessage, CloudConfig as Cloud, Commit, ConfigError,
+    CurrentDeadline, DropReason, Ending, EngineConfigError, Failure, Forwarded, Hint, Item,
+    JoinCause, JoinDropReason, Joined, Latency, Lineage, OfferRefusal, OpenRefusal, Origin,
+    Overflow, Reasons, Recording, Reserve, Source, SourceTally, StampedValue, Tally, Trigger,
 };
 pub use in_order::OutOfOrder;
 pub use items::Items;
@@ -54,7 +54,7 @@ pub use network::EmulatedNetwork;
 pub use operator::{Config, JoinError, Operator, Running, SpawnError, Trace, spawn};
 #[cfg(feature = "prometheus")]
 pub use prometheus::prometheus;
-pub use setup::{Cloud, Setup};
+pub use setup::Setup;
 pub use shared::SharedState;
 pub use side::SideRequest;
 pub use side_counts::SideTally;

@@ -9,8 +9,8 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use fuseline_engine::{
-    self as shared, CapacityErrors, Commit, ConfigError, Counting, Engine, Header,
-    HeaderAnnotations, Latency, Recorder, Recording, Tally, Workload, lock,
+    self as shared, Commit, Counting, Engine, EngineConfig, EngineConfigError, Latency, Recorder,
+    Recording, Tally, Workload, lock,
 };
 use thiserror::Error;
 use tokio::runtime::Handle;
@@ -23,7 +23,7 @@ use crate::items::Items;
 use crate::local::Local;
 use crate::outbox::Outbox;
 use crate::run::Streams;
-use crate::setup::{Registered, Setup};
+use crate::setup::{CloudHandler, Setup};
 use crate::side::{SideRegistration, SideRunner};
 use crate::side_counts::{SideCounts, SideTally};
 use crate::stream::{Reader, stream};
@@ -125,30 +125,9 @@ pub enum SpawnError {
         /// The name.
         name: String,
     },
-    /// There is no machine with this configuration and these clouds.
+    /// The configuration and these clouds make no operator, or it could not keep up with its [workload](Config::workload).
     #[error("the operator's configuration is refused: {0}")]
-    Config(#[from] ConfigError),
-    /// It could not keep up with its [workload](Config::workload).
-    #[error("the operator could not keep up: {0}")]
-    Workload(#[from] CapacityErrors),
-    /// A policy's promise is about one output a message, and under progressive there may be more.
-    #[error(
-        "the policy of {cloud} promises what holds for one output a message, and under progressive \
-         there may be more; give another policy, or commit patient"
-    )]
-    Policy {
-        /// The cloud's name.
-        cloud: String,
-    },
-    /// A policy neither probes nor sees calls that linger, so that it would never wait for a cloud again that was gone.
-    #[error(
-        "the policy of {cloud} does not probe, and its calls do not linger, so that it would never wait for a cloud \
-         again that was gone; give it probe_every, or the cloud a linger"
-    )]
-    Linger {
-        /// The cloud's name.
-        cloud: String,
-    },
+    Config(#[from] EngineConfigError),
     /// Local's deadline is above the [greatest](Config::greatest_deadline).
     #[error(
         "local's deadline of {deadline:?} is above the greatest, {greatest:?}; give a shorter \
@@ -232,56 +211,41 @@ pub fn spawn<P: Operator>(
 fn start<I: Send + Sync + 'static, O: Send + Sync + 'static>(
     runtime: &Handle,
     config: Config,
-    mut setup: Setup<I, O>,
+    setup: Setup<I, O>,
     local: Local<I, O>,
     input: Reader<I>,
 ) -> Result<(Running, Items<O>), SpawnError> {
     check_local(&config, &local)?;
-    let (header, annotations) = header(&config, &setup.clouds);
-    let calls: Vec<usize> = setup.clouds.iter().map(|registered| registered.cloud.calls).collect();
-    let bounds = shared::Local {
-        at_once: local.at_once,
-        waiting: local.waiting.unwrap_or(config.window.into()),
-        skip_answered: local.skip_answered,
-        // A task or thread that has not ended is still running.
-        lossy: false,
+    let has_policies = setup.clouds.iter().any(|cloud| cloud.policy.is_some());
+    let named = setup.clouds.iter().map(|cloud| (cloud.priority, cloud.name.clone()));
+    let clouds = named.zip(setup.message_handlers).map(|((priority, name), message_handler)| {
+        CloudHandler { priority, name, message_handler }
+    });
+    let clouds = clouds.collect();
+    let engine_config = EngineConfig {
+        operator: config.name.clone(),
+        window: config.window,
+        commit: config.commit,
+        clouds: setup.clouds,
+        local: shared::Local {
+            at_once: local.at_once,
+            waiting: local.waiting,
+            overflow: local.overflow,
+            replaceable: if local.kind.is_made_anew() { local.replaceable } else { 0 },
+            skip_answered: local.skip_answered,
+            // A task or thread that has not ended is still running.
+            lossy: false,
+        },
+        lag_warning: config.lag_warning,
+        greatest_deadline: config.greatest_deadline,
+        has_substitutes: setup.substitutes.is_some(),
+        takes_hints: setup.hints.is_some(),
+        has_doubtful_ages: false,
+        latency: config.latency,
+        workload: config.workload,
     };
-    let mut engine = Engine::new(&header, &calls, bounds)?;
-    engine.set_lag_warning(config.lag_warning);
-    engine.set_greatest_deadline(config.greatest_deadline);
-    if local.kind.is_made_anew() {
-        engine.set_replaceable(local.replaceable);
-    }
-    if let Some(workload) = &config.workload {
-        let clouds = setup.clouds.iter().map(|it| (&*it.cloud.name, it.cloud.calls));
-        workload.check(config.window.into(), local.at_once, clouds)?;
-    }
-    let has_policies = setup.clouds.iter().any(|registered| registered.cloud.policy.is_some());
-    for Registered { priority, cloud, .. } in &mut setup.clouds {
-        engine.set_linger(*priority, cloud.linger);
-        if cloud.max_age > 0 {
-            engine.set_max_age(*priority, cloud.max_age);
-        }
-        if let Some(policy) = cloud.policy.take() {
-            if config.commit == Commit::Progressive && policy.assumes_one_output() {
-                return Err(SpawnError::Policy { cloud: cloud.name.clone() });
-            }
-            if cloud.linger.is_zero() && policy.needs_linger() {
-                return Err(SpawnError::Linger { cloud: cloud.name.clone() });
-            }
-            engine.set_policy(*priority, policy);
-        }
-    }
-    if setup.hints.is_some() {
-        engine.take_hints();
-    }
-    if setup.substitutes.is_some() {
-        engine.expect_substitutes();
-    }
-    if let Some(latency) = config.latency {
-        engine.set_latency(latency);
-    }
-    engine.set_overflow(local.overflow);
+    let (header, annotations) = engine_config.header();
+    let mut engine = Engine::new(engine_config)?;
     let sides = sides(&config.name, setup.sides)?;
     let workers = Workers::start(local.kind).map_err(SpawnError::Threads)?;
     if let Some(Trace { path, recording }) = config.trace {
@@ -295,7 +259,7 @@ fn start<I: Send + Sync + 'static, O: Send + Sync + 'static>(
     let (stop, stopped) = oneshot::channel();
     let streams = Streams {
         input,
-        clouds: setup.clouds,
+        clouds,
         has_policies,
         situation: setup.situation,
         sides,
@@ -400,23 +364,4 @@ fn check_local<I, O>(config: &Config, local: &Local<I, O>) -> Result<(), SpawnEr
         }
         Some(_) | None => Ok(()),
     }
-}
-
-/// The trace's header.
-fn header<I, O>(config: &Config, clouds: &[Registered<I, O>]) -> (Header, HeaderAnnotations) {
-    let max_ages = clouds.iter().map(|it| (u64::from(it.priority), it.cloud.max_age));
-    let max_ages = max_ages.filter(|(_, max_age)| *max_age > 0).collect();
-    let clouds = clouds.iter().map(|Registered { priority, cloud, .. }| shared::Cloud {
-        p: *priority,
-        name: Some(cloud.name.clone()),
-        limit: cloud.gate_limit(),
-        resume: cloud.resume,
-    });
-    let header = Header {
-        operator: Some(config.name.clone()),
-        window: config.window,
-        commit: config.commit,
-        clouds: clouds.collect(),
-    };
-    (header, HeaderAnnotations { max_ages, ..HeaderAnnotations::default() })
 }

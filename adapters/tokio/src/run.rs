@@ -21,7 +21,7 @@ use crate::drive::{Incoming, Sent, Start, Transport};
 use crate::outbox::Outbox;
 use crate::panics::reason;
 use crate::pending_call::BoxedRequest;
-use crate::setup::{HintHandler, Registered, SituationSource, StateHandler, SubstituteHandler};
+use crate::setup::{CloudHandler, HintHandler, SituationSource, StateHandler, SubstituteHandler};
 use crate::side::SideRunner;
 use crate::stream::{Reader, StreamMessage};
 use crate::workers::Workers;
@@ -29,7 +29,7 @@ use crate::workers::Workers;
 /// What an operator reads, requests and writes.
 pub(crate) struct Streams<I, O> {
     pub(crate) input: Reader<I>,
-    pub(crate) clouds: Vec<Registered<I, O>>,
+    pub(crate) clouds: Vec<CloudHandler<I, O>>,
     /// Whether policies run between the message handlers.
     pub(crate) has_policies: bool,
     pub(crate) situation: Option<SituationSource<I>>,

@@ -2,13 +2,12 @@
 //!
 //! Registering starts nothing; [`spawn`](crate::spawn) does.
 
-use std::fmt;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::Duration;
 
-use fuseline_deadline::{Policy, Situation};
-use fuseline_engine::{Counting, Hint, Item, StampedValue};
+use fuseline_deadline::Situation;
+use fuseline_engine::{CloudConfig as Cloud, Counting, Hint, Item, StampedValue};
 use tokio::time::Instant;
 use tracing::error;
 
@@ -21,7 +20,9 @@ use crate::side::{SideCall, SideRegistration, SideRequest, SideResponse};
 
 /// Registers an operator's clouds, up to 15, and what goes with them.
 pub struct Setup<I, O> {
-    pub(crate) clouds: Vec<Registered<I, O>>,
+    pub(crate) clouds: Vec<Cloud>,
+    /// Of the clouds, in their order.
+    pub(crate) message_handlers: Vec<MessageHandler<I, O>>,
     pub(crate) situation: Option<SituationSource<I>>,
     pub(crate) sides: Vec<SideRegistration<I>>,
     pub(crate) hints: Option<HintHandler<O>>,
@@ -29,36 +30,10 @@ pub struct Setup<I, O> {
     pub(crate) states: Vec<StateHandler<O>>,
 }
 
-/// A cloud's queue, bounds and deadlines, with defaults.
-pub struct Cloud {
-    /// For people, traces and metrics; `cloud-` and the priority by default.
-    pub name: String,
-    /// The gate shuts when this many requests wait to be sent (F2g); at least 1. By default as many as
-    /// [`calls`](Self::calls), which are answered no earlier than the next ones (A15).
-    pub limit: Option<u64>,
-    /// The shut gate opens when this many or fewer wait; less than `limit`, 0 by default.
-    pub resume: u64,
-    /// How many calls may be under way; at least 1, 8 by default. Further requests wait.
-    pub calls: usize,
-    /// Chooses how long each request may take, at most what the message handler says, and learns how
-    /// each ended; none by default: then the message handler alone decides.
-    ///
-    /// It is called in the operator's task and must not block. If it panics, no request is made.
-    pub policy: Option<Box<dyn Policy + Send>>,
-    /// How long a call may run on after it was due, so that `policy` learns how long it really
-    /// takes; 0 by default. What comes then is still dropped (F3).
-    ///
-    /// Up to `calls` more calls may linger; one more ends the oldest.
-    pub linger: Duration,
-    /// Of how many messages before the one that it is for a value may be (D2), as its reply says; 0 by default. What is older, or of
-    /// a later message, is a failure (F4).
-    pub max_age: u64,
-}
-
-/// A cloud and how to make a call to it.
-pub(crate) struct Registered<I, O> {
+/// A registered cloud's message handler.
+pub(crate) struct CloudHandler<I, O> {
     pub(crate) priority: u16,
-    pub(crate) cloud: Cloud,
+    pub(crate) name: String,
     pub(crate) message_handler: MessageHandler<I, O>,
 }
 
@@ -78,6 +53,7 @@ impl<I, O: Send + 'static> Setup<I, O> {
     pub(crate) const fn new() -> Self {
         Self {
             clouds: Vec::new(),
+            message_handlers: Vec::new(),
             situation: None,
             sides: Vec::new(),
             hints: None,
@@ -139,19 +115,10 @@ impl<I, O: Send + 'static> Setup<I, O> {
             let make = move |call| async move { (handlers.1)((handlers.0)(request, call).await?) };
             Some((pending_call::request(make), deadline))
         };
-        let cloud = Cloud {
-            name: format!("cloud-{priority}"),
-            limit: None,
-            resume: 0,
-            calls: 8,
-            policy: None,
-            linger: Duration::ZERO,
-            max_age: 0,
-        };
-        let message_handler = Box::new(message_handler);
-        self.clouds.push(Registered { priority, cloud, message_handler });
+        self.message_handlers.push(Box::new(message_handler));
+        self.clouds.push(Cloud::new(priority));
         let last = self.clouds.len() - 1;
-        &mut self.clouds[last].cloud
+        &mut self.clouds[last]
     }
 
     /// Sets where the clouds' policies get the vehicle's situation from with each message taken in, above
@@ -252,14 +219,7 @@ impl<I, O: Send + 'static> Setup<I, O> {
     }
 }
 
-impl Cloud {
-    /// A15: what waits behind as many calls as are under way.
-    pub(crate) fn gate_limit(&self) -> u64 {
-        self.limit.unwrap_or(self.calls as u64)
-    }
-}
-
-impl<I, O> Registered<I, O> {
+impl<I, O> CloudHandler<I, O> {
     /// What the message handler wants to send; nothing if it panics. `ended` is when the handler before it did, if nothing of the
     /// user's has run since, and then when this one does.
     pub(crate) fn request(
@@ -275,24 +235,9 @@ impl<I, O> Registered<I, O> {
         counting.ran(Some(self.priority), end.saturating_duration_since(begin));
         wanted.unwrap_or_else(|panic| {
             let why = reason(&*panic);
-            error!(timestamp, cloud = %self.cloud.name, why, "the message handler panicked");
+            error!(timestamp, cloud = %self.name, why, "the message handler panicked");
             counting.handler_failed(Some(self.priority));
             None
         })
-    }
-}
-
-impl fmt::Debug for Cloud {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { name, limit, resume, calls, policy, linger, max_age } = self;
-        f.debug_struct("Cloud")
-            .field("name", name)
-            .field("limit", limit)
-            .field("resume", resume)
-            .field("calls", calls)
-            .field("policy", &policy.as_ref().map(|_| "…"))
-            .field("linger", linger)
-            .field("max_age", max_age)
-            .finish()
     }
 }

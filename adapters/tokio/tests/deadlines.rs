@@ -9,7 +9,9 @@ use fuseline_tokio::deadline::{
     Accuracy, Chosen, Constant, End, Expected, Guard, MetresPerSecond, Parameters, Policy, Reason,
     Situation,
 };
-use fuseline_tokio::{Call, Config, Error, Local, Setup, SharedState, SpawnError, spawn, stream};
+use fuseline_tokio::{
+    Call, Config, EngineConfigError, Error, Local, Setup, SharedState, SpawnError, spawn, stream,
+};
 use tokio::time::{Instant, sleep};
 
 const MS: Duration = Duration::from_millis(1);
@@ -288,7 +290,7 @@ async fn a_policy_that_neither_probes_nor_sees_calls_linger_is_refused_with_the_
         Box::new(shared),
     ] {
         let error = start(policy, Duration::ZERO).unwrap_err();
-        assert!(matches!(error, SpawnError::Linger { .. }), "{error}");
+        assert!(matches!(error, SpawnError::Config(EngineConfigError::Linger { .. })), "{error}");
         assert!(error.to_string().contains("west") && error.to_string().contains("probe_every"));
     }
     assert!(start(Box::new(expected(None)), 400 * MS).is_ok());

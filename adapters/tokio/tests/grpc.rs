@@ -8,7 +8,7 @@ use std::sync::{Arc, mpsc};
 use std::time::{Duration, Instant};
 
 use crate::hosts::{Ca, Cloud};
-use fuseline_engine::{self as engine, Commit, Engine, Header};
+use fuseline_engine::{Engine, EngineConfig};
 use fuseline_tokio::grpc::tonic::{self, Code, Status, transport};
 use fuseline_tokio::grpc::{
     self, CallError, Description, Identity, Infer, InferClient, InferServer, InvalidToken, Remote,
@@ -526,9 +526,7 @@ async fn a_requests_own_lineage_is_sent_as_it_is() {
         ready(Ok(Reply { payload: request.payload, of }))
     };
     let cloud = Cloud::start("127.0.0.1:0", Server::default(), server);
-    let header = Header { operator: None, window: 1, commit: Commit::Eager, clouds: Vec::new() };
-    let local = engine::Local { at_once: 1, waiting: 0, skip_answered: false, lossy: false };
-    let counting = Engine::<(), ()>::new(&header, &[], local).unwrap().counts();
+    let counting = Engine::<(), ()>::new(EngineConfig::default()).unwrap().counts();
     let operators = Arc::new(Lineage::new("camera", 41, Instant::now()));
     let call = Call::new(7, LONG, 1, counting).with_lineage(Some(operators));
     let request = Request { timestamp: 7, lineage: Some(own), ..Request::default() };

@@ -8,8 +8,8 @@ use std::time::Duration;
 
 use fuseline_tokio::deadline::{Chosen, Classes, End, Guard, Parameters, Policy, Situation, Span};
 use fuseline_tokio::{
-    BlockingOperator, Commit, Config, Ending, Error, Local, OfferRefusal, OpenRefusal, Setup,
-    SpawnError, WriteError, spawn, stream,
+    BlockingOperator, Commit, Config, Ending, EngineConfigError, Error, Local, OfferRefusal,
+    OpenRefusal, Setup, SpawnError, WriteError, spawn, stream,
 };
 use tokio::time::{advance, sleep};
 
@@ -116,7 +116,7 @@ async fn a_side_request_whose_gate_never_opens() {
     assert!(matches!(error, SpawnError::SideRequest { .. }), "{error}");
 }
 
-/// misuse: uses a guard under progressive | not started: `SpawnError::Policy`
+/// misuse: uses a guard under progressive | not started: `SpawnError::Config`
 #[tokio::test]
 async fn a_guard_under_progressive() {
     let prepare = |setup: &mut Clouds| {
@@ -124,7 +124,10 @@ async fn a_guard_under_progressive() {
         cloud(setup, 1, MS).policy = Some(Box::new(guard));
     };
     let config = Config { commit: Commit::Progressive, ..Config::default() };
-    assert!(matches!(refused(prepare, config), SpawnError::Policy { .. }));
+    assert!(matches!(
+        refused(prepare, config),
+        SpawnError::Config(EngineConfigError::OneOutput { .. })
+    ));
 }
 
 /// misuse: gives milliseconds for a figure in seconds | refused with the range: `Invalid`

@@ -7,8 +7,9 @@ use std::time::Duration;
 use crate::support::{ClosureOperator, RunResult, line, play};
 use fuseline_tokio::deadline::{Accuracy, Constant, Expected, Guard, Parameters, Policy};
 use fuseline_tokio::{
-    Commit, Config, Ending, Error, Item, Items, Join, JoinConfig, JoinDropReason, Lineage, Local,
-    Operator, Reader, Recording, Setup, SpawnError, Trace, spawn, stream,
+    Commit, Config, Ending, EngineConfigError, Error, Item, Items, Join, JoinConfig,
+    JoinDropReason, Lineage, Local, Operator, Reader, Recording, Setup, SpawnError, Trace, spawn,
+    stream,
 };
 use fuseline_traces::judge;
 use tokio::time::{Instant, sleep};
@@ -258,7 +259,10 @@ async fn a_guard_is_refused_with_the_remedy_and_other_policies_are_not() {
         Box::new(Constant(50 * MS).caps(guard())),
     ] {
         let error = start(policy, Commit::Progressive).unwrap_err();
-        assert!(matches!(error, SpawnError::Policy { .. }), "{error}");
+        assert!(
+            matches!(error, SpawnError::Config(EngineConfigError::OneOutput { .. })),
+            "{error}"
+        );
         assert!(error.to_string().contains("west") && error.to_string().contains("commit patient"));
     }
     assert!(start(Box::new(guard()), Commit::Patient).is_ok());

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use fuseline_engine::{Engine, Local, Recorder, Recording, SourceTally, Tally};
+use fuseline_engine::{Engine, EngineConfig, Local, Recorder, Recording, SourceTally, Tally};
 use fuseline_report::{PageWriter, RequestRow, TraceStatistics};
 use fuseline_testkit::{Generator, Run};
 use fuseline_traces::{Events, Input};
@@ -14,8 +14,10 @@ use crate::run::sources_table;
 fn operate(run: &Run) -> (Tally, Vec<u8>) {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("trace.jsonl");
-    let local = Local { at_once: 1, waiting: usize::MAX, skip_answered: false, lossy: false };
-    let mut engine: Engine<(), ()> = Engine::new(&run.header, &[1; 15], local).unwrap();
+    let local = Local { waiting: Some(usize::MAX), ..Local::default() };
+    let mut config = EngineConfig { local, ..EngineConfig::from(&run.header) };
+    config.clouds.iter_mut().for_each(|cloud| cloud.calls = 1);
+    let mut engine: Engine<(), ()> = Engine::new(config).unwrap();
     engine.record(Recorder::create(&path, &run.header, Recording::default()).unwrap()).unwrap();
     for input in &run.inputs {
         let cloud = |p: u64| u16::try_from(p).ok();

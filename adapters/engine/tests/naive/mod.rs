@@ -14,8 +14,6 @@ pub(crate) type MarkedValue = (u64, u16);
 pub(crate) struct EngineSettings {
     pub(crate) header: Header,
     pub(crate) local: Local,
-    pub(crate) overflow: Overflow,
-    pub(crate) replaceable: usize,
     /// By the header's clouds: calls at once, how long they linger, and whether a policy chooses.
     pub(crate) clouds: Vec<(usize, u64, bool)>,
     pub(crate) reserve: u64,
@@ -161,8 +159,8 @@ impl NaiveEngine {
         for (p, deadline) in offers {
             self.offer(at, t, *p, *deadline);
         }
-        if self.sources[0].waiting.len() > self.settings.local.waiting {
-            let thrown_out = match self.settings.overflow {
+        if self.sources[0].waiting.len() > self.settings.local.waiting.unwrap_or(usize::MAX) {
+            let thrown_out = match self.settings.local.overflow {
                 Overflow::DropOldest => self.sources[0].waiting[0].t,
                 Overflow::DropNewest => t,
             };
@@ -467,7 +465,7 @@ impl NaiveEngine {
             let local = &mut self.sources[0];
             if self.settings.local.lossy {
                 local.running.remove(which);
-            } else if local.replaced.len() < self.settings.replaceable {
+            } else if local.replaced.len() < self.settings.local.replaceable {
                 let job = local.running.remove(which);
                 self.effects.push(format!("replace {}", job.t));
                 local.replaced.push(NaiveRequest { lost: None, ..job });

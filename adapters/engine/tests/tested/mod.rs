@@ -1,6 +1,8 @@
 //! The engine that tests drive by hand.
 
-use fuseline_engine::{Cloud, Commit, Engine, Header};
+use std::iter;
+
+use fuseline_engine::{Cloud, Commit, Engine, EngineConfig, Header, Local};
 
 pub(crate) type Tested = Engine<&'static str, u64>;
 
@@ -9,4 +11,12 @@ pub(crate) fn header(commit: Commit) -> Header {
     let cloud = |p, name: &str| Cloud { p, name: Some(name.into()), limit: 2, resume: 0 };
     let clouds = vec![cloud(2, "east"), cloud(1, "west")];
     Header { operator: Some("tested".into()), window: 4, commit, clouds }
+}
+
+/// The configuration of a header, with so many calls at once to its clouds, which are 1 if they are not given.
+pub(crate) fn config(header: &Header, calls: &[usize], local: Local) -> EngineConfig {
+    let mut config = EngineConfig { local, ..EngineConfig::from(header) };
+    let calls = calls.iter().chain(iter::repeat(&1));
+    config.clouds.iter_mut().zip(calls).for_each(|(cloud, calls)| cloud.calls = *calls);
+    config
 }

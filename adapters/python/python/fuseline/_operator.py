@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
 from fuseline._drive import Clock, Driver, OutputHandlers, RegisteredCloud, wait_for_cancelled
 from fuseline._errors import Closed, ConfigError, Full, TraceError, in_one_line
-from fuseline._fuseline import Engine, Latency, nanoseconds
+from fuseline._fuseline import Engine, Latency, check_linger, nanoseconds
 from fuseline._item import Call, CurrentDeadline, Item, Lineage, StampedValue
 from fuseline._join import Joined
 from fuseline._local import Local, local_of
@@ -40,7 +40,6 @@ from fuseline._wiring import (
     check_count,
     check_function,
     check_handle,
-    check_linger,
     check_message,
     check_messages,
     check_name,
@@ -55,7 +54,7 @@ from fuseline._wiring import (
     check_trace,
 )
 from fuseline._words import Cloud, Commit, ns
-from fuseline.deadline import Policy, Situation, assumes_one_output, compiled, policy_of
+from fuseline.deadline import Policy, Situation, compiled, policy_of
 
 if TYPE_CHECKING:
     from fuseline._judge import Duration
@@ -275,7 +274,7 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
             check_policy(policy)
             policy = policy_of(policy)
             check_own_policy(policy, [it.policy for it in self._clouds], name)
-            check_linger(policy, nanoseconds(linger), name)
+            check_linger(name, compiled(policy), nanoseconds(linger))
         cloud = Cloud(priority, limit, resume, name)
         self._clouds.append(
             RegisteredCloud(
@@ -338,34 +337,23 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
     def _engine(self) -> Engine:
         """The engine of what was registered."""
         local = self._local
-        engine = Engine(
+        return Engine(
             [it.cloud for it in self._clouds],
-            [(it.calls, it.max_age) for it in self._clouds],
-            (local.at_once, local.waiting, local.skip_answered, local.lossy),
+            [
+                (it.calls, it.max_age, it.linger, it.policy and compiled(it.policy))
+                for it in self._clouds
+            ],
+            (local.at_once, local.waiting, local.skip_answered, local.lossy, local.replaceable),
             self._window,
             self._commit,
             self.name,
             self._path,
             self._reserve,
+            self._handlers.latency,
+            self._handlers.substitute is not None,
+            self._lag_warning,
+            self._greatest_deadline,
         )
-        if self._handlers.substitute is not None:
-            engine.expect_substitutes()
-        if self._handlers.latency is not None:
-            engine.set_latency(self._handlers.latency)
-        engine.set_lag_warning(self._lag_warning)
-        engine.set_greatest_deadline(self._greatest_deadline)
-        engine.set_replaceable(local.replaceable)
-        for it in self._clouds:
-            engine.set_linger(it.cloud.p, it.linger)
-            if it.policy is not None:
-                if self._commit == Commit.PROGRESSIVE and assumes_one_output(it.policy):
-                    raise ConfigError(
-                        f"the guard of {it.cloud.name} promises what holds for one output a "
-                        "message, and under progressive there may be more; give another policy, or "
-                        "commit patient"
-                    )
-                engine.set_policy(it.cloud.p, compiled(it.policy))
-        return engine
 
     def __enter__(self) -> None:
         raise ConfigError(

@@ -13,7 +13,7 @@ from typing import Any
 from fuseline._errors import ConfigError, as_text
 from fuseline._fuseline import Latency
 from fuseline._words import Commit, ns
-from fuseline.deadline import Policy, learners, needs_linger
+from fuseline.deadline import Policy, learners
 
 
 class WiringError(ConfigError):
@@ -314,19 +314,6 @@ def check_own_policy(policy: Policy, others: Iterable[Policy | None], name: str)
         raise ConfigError(
             f"the policy of {name} is another cloud's too, and would learn of both as of one; make "
             "one for each cloud"
-        )
-
-
-def check_linger(policy: Policy, linger: int, name: str) -> None:
-    """A policy that would learn nothing of longer deadlines.
-
-    Raises:
-        ConfigError: if it does not probe, and calls do not linger.
-    """
-    if not linger and needs_linger(policy):
-        raise ConfigError(
-            f"the policy of {name} does not probe, and its calls do not linger, so that it would "
-            "never wait for a cloud again that was gone; give it probe_every, or the cloud a linger"
         )
 
 

@@ -536,20 +536,6 @@ def policy_of(policy: Policy | Callable[[Situation, ns], Duration]) -> Policy:
     return Called(policy) if not hasattr(policy, "decide") else policy  # type: ignore[return-value]
 
 
-def assumes_one_output(policy: Policy) -> bool:
-    """Whether its promise (T1, T2) is about one output a message: whether it has a guard."""
-    if isinstance(policy, Capped):
-        return assumes_one_output(policy._cap) or assumes_one_output(policy._policy)
-    return isinstance(policy, Guard)
-
-
-def needs_linger(policy: Policy) -> bool:
-    """Whether it learns of longer deadlines only from calls that run on past their due instants."""
-    if isinstance(policy, Capped):
-        return needs_linger(policy._cap) or needs_linger(policy._policy)
-    return isinstance(policy, Expected) and policy.probe_every is None
-
-
 def learners(policy: Policy) -> list[Policy]:
     """The policies of which it is made that learn how calls ended."""
     if isinstance(policy, Capped):

@@ -26,10 +26,17 @@ static CLASSES: PyOnceLock<PolicyClasses> = PyOnceLock::new();
 pub(crate) enum EnginePolicy {
     Constant(Constant),
     Guard(Box<deadline::Guard>),
-    Expected(SharedExpected, PendingException),
+    Expected(SharedExpected, PendingException, Traits),
     /// The first is the cap of the second.
     Capped(Box<deadline::Capped<EnginePolicy, EnginePolicy>>),
-    Python(Arc<Py<PyAny>>, PendingException),
+    Python(Arc<Py<PyAny>>, PendingException, Traits),
+}
+
+/// What is refused beside some commit rules and lingers.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Traits {
+    assumes_one_output: bool,
+    needs_linger: bool,
 }
 
 /// The package's classes that policies take and give (`deadline.py`).
@@ -51,14 +58,41 @@ impl EnginePolicy {
             return Ok(Self::Guard(Box::new(guard.get().0)));
         }
         if let Ok(expected) = policy.cast::<PyExpected>() {
-            return Ok(Self::Expected(expected.get().0.clone(), interrupt.clone()));
+            let policy = expected.get().0.clone();
+            let needs_linger = policy.needs_linger()?;
+            let traits = Traits { needs_linger, ..Traits::default() };
+            return Ok(Self::Expected(policy, interrupt.clone(), traits));
         }
         if let Ok(pair) = policy.cast_exact::<PyTuple>() {
             let (cap, policy): (Bound<'_, PyAny>, Bound<'_, PyAny>) = pair.extract()?;
             let (cap, policy) = (Self::new(&cap, interrupt)?, Self::new(&policy, interrupt)?);
             return Ok(Self::Capped(Box::new(cap.caps(policy))));
         }
-        Ok(Self::Python(Arc::new(policy.clone().unbind()), interrupt.clone()))
+        let traits = Traits::of(policy)?;
+        Ok(Self::Python(Arc::new(policy.clone().unbind()), interrupt.clone(), traits))
+    }
+}
+
+impl Traits {
+    /// Those of the package's classes, which a policy of Python's may derive from.
+    fn of(policy: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let py = policy.py();
+        let module = py.import("fuseline.deadline")?;
+        let is_of = |class: &str| policy.is_instance(&module.getattr(class)?);
+        if is_of("Capped")? {
+            let [one, other] = [intern!(py, "_cap"), intern!(py, "_policy")]
+                .map(|part| policy.getattr(part).and_then(|part| Self::of(&part)));
+            let (one, other) = (one?, other?);
+            return Ok(Self {
+                assumes_one_output: one.assumes_one_output || other.assumes_one_output,
+                needs_linger: one.needs_linger || other.needs_linger,
+            });
+        }
+        Ok(Self {
+            assumes_one_output: is_of("Guard")?,
+            needs_linger: is_of("Expected")?
+                && policy.getattr(intern!(py, "probe_every"))?.is_none(),
+        })
     }
 }
 
@@ -68,7 +102,7 @@ impl Policy for EnginePolicy {
             Self::Constant(policy) => policy.decide(situation, cap),
             Self::Guard(policy) => policy.decide(situation, cap),
             Self::Capped(policy) => policy.decide(situation, cap),
-            Self::Expected(policy, interrupt) => {
+            Self::Expected(policy, interrupt, _) => {
                 if !policy.calls_python() {
                     return policy
                         .decide(situation, cap)
@@ -79,7 +113,7 @@ impl Policy for EnginePolicy {
                     policy.decide(situation, cap)
                 })
             }
-            Self::Python(policy, interrupt) => called(interrupt, |py| {
+            Self::Python(policy, interrupt, _) => called(interrupt, |py| {
                 let cap = AnswerClasses::get(py)?.ns(py, nanos(cap))?;
                 let known = situation_of(py, situation)?;
                 chosen(&policy.bind(py).call_method1(intern!(py, "decide"), (known, cap))?)
@@ -92,10 +126,10 @@ impl Policy for EnginePolicy {
             Self::Constant(policy) => policy.ended(end),
             Self::Guard(policy) => policy.ended(end),
             Self::Capped(policy) => policy.ended(end),
-            Self::Expected(policy, interrupt) => {
+            Self::Expected(policy, interrupt, _) => {
                 policy.ended(end).unwrap_or_else(|error| failed(interrupt, error));
             }
-            Self::Python(policy, interrupt) => called(interrupt, |py| {
+            Self::Python(policy, interrupt, _) => called(interrupt, |py| {
                 let classes = PolicyClasses::get(py)?;
                 let (end, age) = match end {
                     End::Answered(age) => (&classes.answered, age),
@@ -105,6 +139,24 @@ impl Policy for EnginePolicy {
                 let age = AnswerClasses::get(py)?.ns(py, nanos(age))?;
                 policy.bind(py).call_method1(intern!(py, "ended"), (end, age)).map(drop)
             }),
+        }
+    }
+
+    fn assumes_one_output(&self) -> bool {
+        match self {
+            Self::Constant(policy) => policy.assumes_one_output(),
+            Self::Guard(policy) => policy.assumes_one_output(),
+            Self::Capped(policy) => policy.assumes_one_output(),
+            Self::Expected(_, _, traits) | Self::Python(_, _, traits) => traits.assumes_one_output,
+        }
+    }
+
+    fn needs_linger(&self) -> bool {
+        match self {
+            Self::Constant(policy) => policy.needs_linger(),
+            Self::Guard(policy) => policy.needs_linger(),
+            Self::Capped(policy) => policy.needs_linger(),
+            Self::Expected(_, _, traits) | Self::Python(_, _, traits) => traits.needs_linger,
         }
     }
 }

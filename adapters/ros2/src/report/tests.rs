@@ -4,7 +4,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use fuseline_engine::{
-    self as shared, DropReason, Ending, Engine, Forwarded, Header, Local, OfferRefusal, OpenRefusal,
+    self as shared, CloudConfig, DropReason, Ending, Engine, EngineConfig, Forwarded, OfferRefusal,
+    OpenRefusal,
 };
 use tokio::time::Instant;
 
@@ -21,11 +22,9 @@ const UNREADABLE: &str =
 
 /// The counts of a node with one cloud, at its start.
 fn none() -> Tally {
-    let west = shared::Cloud { p: 1, name: Some("west".into()), limit: 31, resume: 0 };
-    let header =
-        Header { operator: None, window: 4, commit: shared::Commit::Eager, clouds: vec![west] };
-    let local = Local { at_once: 1, waiting: 1, skip_answered: false, lossy: true };
-    Engine::<Payload, Payload>::new(&header, &[1], local).unwrap().counts().tally()
+    let west = CloudConfig { name: "west".into(), ..CloudConfig::new(1) };
+    let config = EngineConfig { clouds: vec![west], ..EngineConfig::default() };
+    Engine::<Payload, Payload>::new(config).unwrap().counts().tally()
 }
 
 /// A source that needs no topics.

@@ -303,7 +303,8 @@ impl Node {
     pub(super) fn start_with(local: Plan, clouds: &[(u64, Plan)], more: &[&str]) -> Self {
         let start = Instant::now();
         let settings = settings(clouds.len(), more);
-        let engine: Engine<Payload, Payload> = node::engine(&settings).unwrap();
+        let engine: Engine<Payload, Payload> =
+            Engine::new(node::engine_config(&settings).unwrap()).unwrap();
         let counting = engine.counts();
         let (mouths, subscription) = mouths();
         let (requests, requested) = topic("/local/input");

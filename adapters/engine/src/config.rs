@@ -1,0 +1,242 @@
+//! The configuration of an engine, the header of its trace, and what is refused.
+
+use std::fmt;
+use std::time::Duration;
+
+use fuseline_core::ConfigError;
+use fuseline_deadline::Policy;
+use fuseline_traces::{Cloud, Commit, Header, HeaderAnnotations};
+
+use crate::effect::Local;
+use crate::latency::Latency;
+use crate::sized_arbiter::SizedArbiter;
+use crate::workload::{CapacityErrors, Workload};
+
+/// What an operator is made of. Change what differs from the default, then give it to [`Engine::new`](crate::Engine::new).
+#[derive(Debug)]
+pub struct EngineConfig {
+    /// The operator's name in logs, metrics and traces; `operator` by default.
+    pub operator: String,
+    /// How many messages may be open at once, 1 to 1024; 16 by default (F1).
+    pub window: u16,
+    /// The commit rule (F6, F9); eager by default.
+    pub commit: Commit,
+    /// The clouds, up to 15; none by default.
+    pub clouds: Vec<CloudConfig>,
+    /// How many computations local takes.
+    pub local: Local,
+    /// How late a timer may be served, and how long a handler may run without a pause, before it is counted and logged as a
+    /// warning; 20 ms by default.
+    pub lag_warning: Duration,
+    /// The longest deadline of an offer; without a bound by default. A longer offer is refused as `deadline`. Where a policy
+    /// chooses, it is the most that the policy may choose.
+    pub greatest_deadline: Duration,
+    /// E4: whether the adapter has a [substitute](crate::Item::substitute) for messages that are missed. Such messages are
+    /// missed early enough for the operators downstream.
+    pub has_substitutes: bool,
+    /// Whether results that came too late come back as [hints](crate::Effect::Hint), if their message is one of the last 1024.
+    pub takes_hints: bool,
+    /// D13: whether messages' ages are of a clock that may step. They are recorded; end-to-end deadlines count from when a
+    /// message is taken in.
+    pub has_doubtful_ages: bool,
+    /// Records how long local's computations and messages take, for the reserve of the operators upstream; nowhere by default.
+    /// Refused messages are not recorded.
+    pub latency: Option<Latency>,
+    /// What the operator must keep up with; not checked by default.
+    pub workload: Option<Workload>,
+}
+
+/// A cloud's queue, bounds and deadlines, with defaults.
+pub struct CloudConfig {
+    /// From 1 to 65535, different for each cloud; the greater wins.
+    pub priority: u16,
+    /// For people, traces and metrics; `cloud-` and the priority by default.
+    pub name: String,
+    /// The gate shuts when this many requests wait to be sent (F2g); at least 1. By default as many as
+    /// [`calls`](Self::calls), which are answered no earlier than the next ones (A15).
+    pub limit: Option<u64>,
+    /// The shut gate opens when this many or fewer wait; less than `limit`, 0 by default.
+    pub resume: u64,
+    /// How many calls may be under way; at least 1, 8 by default. Further requests wait.
+    pub calls: usize,
+    /// Chooses how long each request may take, at most what the message handler says, and learns how
+    /// each ended; none by default: then the message handler alone decides.
+    ///
+    /// A request that was abandoned is censored, even if it never left the queue. Ages count from when the message was taken
+    /// in. It is called in the operator's task and must not block. If it panics, no request is made.
+    pub policy: Option<Box<dyn Policy + Send>>,
+    /// How long a call may run on after it was due, so that `policy` learns how long it really
+    /// takes; 0 by default. What comes then is still dropped (F3).
+    ///
+    /// Such calls do not count among those under way. Up to `calls` of them may linger; one more ends the oldest.
+    pub linger: Duration,
+    /// Of how many messages before the one that it is for a value may be (D2), as its reply says; 0 by default. What is older, or of
+    /// a later message, is a failure (F4).
+    pub max_age: u64,
+}
+
+/// Why there is no engine with a configuration.
+#[derive(Clone, PartialEq, Debug)]
+pub enum EngineConfigError {
+    /// There is no machine with this window and these clouds.
+    Machine(ConfigError),
+    /// A policy's promise is about one output a message, and under progressive there may be more.
+    OneOutput {
+        /// The cloud's name.
+        cloud: String,
+    },
+    /// A policy neither probes nor sees calls that linger, so that it would never wait for a cloud again that was gone.
+    Linger {
+        /// The cloud's name.
+        cloud: String,
+    },
+    /// The operator could not keep up with its [workload](EngineConfig::workload).
+    Workload(CapacityErrors),
+}
+
+impl EngineConfig {
+    /// Returns the trace's header, and its keys that the machine does not need.
+    #[must_use]
+    pub fn header(&self) -> (Header, HeaderAnnotations) {
+        let max_ages = self.clouds.iter().map(|cloud| (u64::from(cloud.priority), cloud.max_age));
+        let max_ages = max_ages.filter(|(_, max_age)| *max_age > 0).collect();
+        let clouds = self.clouds.iter().map(|cloud| Cloud {
+            p: cloud.priority,
+            name: Some(cloud.name.clone()),
+            // A15: what waits behind as many calls as are under way.
+            limit: cloud.limit.unwrap_or(cloud.calls as u64),
+            resume: cloud.resume,
+        });
+        let header = Header {
+            operator: Some(self.operator.clone()),
+            window: self.window,
+            commit: self.commit,
+            clouds: clouds.collect(),
+        };
+        (header, HeaderAnnotations { max_ages, ..HeaderAnnotations::default() })
+    }
+
+    /// Checks the configuration, as [`Engine::new`](crate::Engine::new) does.
+    ///
+    /// # Errors
+    /// If there is no machine with it, a policy's promise would not hold, or the operator could not keep up.
+    pub fn check(&self) -> Result<(), EngineConfigError> {
+        self.machine().map(drop)
+    }
+
+    /// The machine of a configuration that is sound.
+    pub(crate) fn machine(&self) -> Result<SizedArbiter, EngineConfigError> {
+        let machine = SizedArbiter::new(&self.header().0).map_err(EngineConfigError::Machine)?;
+        if let Some(workload) = &self.workload {
+            let calls = self.clouds.iter().map(|cloud| (&*cloud.name, cloud.calls));
+            let kept_up = workload.check(self.window.into(), self.local.at_once, calls);
+            kept_up.map_err(EngineConfigError::Workload)?;
+        }
+        for CloudConfig { name, policy, linger, .. } in &self.clouds {
+            let Some(policy) = policy else { continue };
+            if self.commit == Commit::Progressive && policy.assumes_one_output() {
+                return Err(EngineConfigError::OneOutput { cloud: name.clone() });
+            }
+            if linger.is_zero() && policy.needs_linger() {
+                return Err(EngineConfigError::Linger { cloud: name.clone() });
+            }
+        }
+        Ok(machine)
+    }
+}
+
+impl Default for EngineConfig {
+    fn default() -> Self {
+        Self {
+            operator: "operator".into(),
+            window: 16,
+            commit: Commit::Eager,
+            clouds: Vec::new(),
+            local: Local::default(),
+            lag_warning: Duration::from_millis(20),
+            greatest_deadline: Duration::MAX,
+            has_substitutes: false,
+            takes_hints: false,
+            has_doubtful_ages: false,
+            latency: None,
+            workload: None,
+        }
+    }
+}
+
+/// The header's window, commit rule and clouds; by default where it has no names.
+impl From<&Header> for EngineConfig {
+    fn from(header: &Header) -> Self {
+        let default = Self::default();
+        let clouds = header.clouds.iter().map(|cloud| {
+            let default = CloudConfig::new(cloud.p);
+            CloudConfig {
+                name: cloud.name.clone().unwrap_or(default.name),
+                limit: Some(cloud.limit),
+                resume: cloud.resume,
+                ..default
+            }
+        });
+        Self {
+            operator: header.operator.clone().unwrap_or(default.operator),
+            window: header.window,
+            commit: header.commit,
+            clouds: clouds.collect(),
+            ..default
+        }
+    }
+}
+
+impl CloudConfig {
+    /// Returns a cloud with the defaults.
+    #[must_use]
+    pub fn new(priority: u16) -> Self {
+        Self {
+            priority,
+            name: format!("cloud-{priority}"),
+            limit: None,
+            resume: 0,
+            calls: 8,
+            policy: None,
+            linger: Duration::ZERO,
+            max_age: 0,
+        }
+    }
+}
+
+impl fmt::Debug for CloudConfig {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { priority, name, limit, resume, calls, policy, linger, max_age } = self;
+        f.debug_struct("CloudConfig")
+            .field("priority", priority)
+            .field("name", name)
+            .field("limit", limit)
+            .field("resume", resume)
+            .field("calls", calls)
+            .field("policy", &policy.as_ref().map(|_| "…"))
+            .field("linger", linger)
+            .field("max_age", max_age)
+            .finish()
+    }
+}
+
+impl fmt::Display for EngineConfigError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Machine(error) => error.fmt(f),
+            Self::OneOutput { cloud } => write!(
+                f,
+                "the policy of {cloud} promises what holds for one output a message, and under progressive there may be more; \
+                 give another policy, or commit patient"
+            ),
+            Self::Linger { cloud } => write!(
+                f,
+                "the policy of {cloud} does not probe, and its calls do not linger, so that it would never wait for a cloud \
+                 again that was gone; give it probe_every, or the cloud a linger"
+            ),
+            Self::Workload(errors) => write!(f, "the operator could not keep up: {errors}"),
+        }
+    }
+}
+
+impl std::error::Error for EngineConfigError {}
