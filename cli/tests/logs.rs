@@ -164,13 +164,13 @@ fn what_is_wrong_in_a_log_is_reported_with_its_line() {
             "recv,sent\n1,2\n",
             "frames.csv",
             &["--frame", "open=recv,west.request=sent"],
-            "2: the request to west has no deadline; name its column",
+            "2: the request to west has no deadline: no column is named for it; ",
         ),
         (
             frames,
             "frames.csv",
             &["--frame", "open=recv,south.result=sent"],
-            "2: --frame south.…: \"south\" is no source",
+            ": --frame south.…: \"south\" is no source; the header has ",
         ),
         ("x", "log.mcap", &["--frame", "open=recv"], "--frame is for rows of CSV and JSON"),
     ] {

@@ -169,10 +169,13 @@ fn what_cannot_be_read_is_reported_with_its_place() {
     for (spans, expected) in [
         (vec![], "no whole span in the file"),
         (vec![message.clone(), call], "\"other\" is no source; the header has"),
-        (vec![message.clone(), known], "give --deadline TIME"),
+        (
+            vec![message.clone(), known],
+            "has no deadline: there is no attribute \"fuseline.deadline\"",
+        ),
         (
             vec![message, soon],
-            "the span \"infer.Model/Infer\" with the id a: deadline \"soon\" is no duration",
+            "the span \"infer.Model/Infer\" with the id a: attribute \"fuseline.deadline\": \"soon\" is no duration",
         ),
         (vec![json!({"spanId": "1", "name": "a"})], "missing field `startTimeUnixNano`"),
     ] {
@@ -279,6 +282,10 @@ fn other_clients_say_by_an_option_who_ended_a_call() {
     assert!(!out(&done).contains("\"ev\":\"fail\""), "{}", out(&done));
     let done = converted(&spans, &[&more[..], &["--cancelled", "eror.type=timeout"]].concat());
     assert!(err(&done).contains("no attribute \"eror.type\" in the file"), "{}", err(&done));
+    let done = converted(&spans, &[&more[..], &["--cancelled", "error.type=timeuot"]].concat());
+    let message = "no attribute \"error.type\" with the value \"timeuot\" in the file, which --cancelled \
+                   error.type=timeuot names; the file has timeout";
+    assert!(err(&done).contains(message), "{}", err(&done));
 }
 
 #[test]

@@ -95,11 +95,20 @@ fn topics_of_ros_2_become_events() {
     let bytes = mcap("cdr", schema, &frames());
     let done = convert_mcap(&bytes, &BY_STAMP);
     assert_eq!((events(&done), err(&done)), (expected(), ""));
-    // A topic without messages may be a slip.
-    let more = [&BY_STAMP[..], &["--topic", "west.fail=/west/failures"]].concat();
+}
+
+#[test]
+fn a_mistyped_topic_is_refused() {
+    let schema = Some(("robot_msgs/msg/Stamped", "ros2msg", STAMPED.as_bytes()));
+    let bytes = mcap("cdr", schema, &frames());
+    let more = [&BY_STAMP[..], &["--topic", "west.fail=/west/reqests"]].concat();
     let done = convert_mcap(&bytes, &more);
-    assert_eq!(events(&done), expected());
-    assert!(err(&done).contains("no message of topic: /west/failures"), "{}", err(&done));
+    let message = "no topic \"/west/reqests\" in the file, which --topic west.fail=/west/reqests names; the file has \
+                   /west/request, ";
+    assert_eq!(done.status.code(), Some(2), "{}", out(&done));
+    assert!(err(&done).contains(message), "{}", err(&done));
+    let shown = convert_mcap(&bytes, &["--explain"]);
+    assert!(out(&shown).contains("the file has /"), "{}", out(&shown));
 }
 
 #[test]
@@ -129,7 +138,11 @@ fn a_recording_that_is_not_understood_is_refused_in_one_line() {
         (mcap("cdr", schema(b"Thing x\n"), &frames()), &BY_STAMP, "has the type \"Thing\""),
         (mcap("cdr", good, &short), &BY_STAMP, "/camera, message 1: its bytes end within"),
         (mcap("cdr", good, &frames()), &["--topic", "/camera"], "fields of others with --column"),
-        (mcap("cdr", good, &[]), &BY_STAMP, "no message of topic /camera, /west/request,"),
+        (
+            mcap("cdr", good, &[]),
+            &BY_STAMP,
+            "no topic \"/camera\" in the file, which --topic open=/camera",
+        ),
         (mcap("cdr", good, &frames()), &["--topic", "/a,/b"], "--topic was given several times"),
         (mcap("cdr", good, &frames()), &["--topic", "came=/a"], "no event \"came\""),
     ] {

@@ -1,12 +1,14 @@
 //! [`Entry`]: one event of a log on its way to a line of a trace.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
+use std::hash::Hash;
 
-use fuseline_traces::{Annotations, Event, observed_line};
+use fuseline_traces::{Annotations, Event, Header, observed_line};
 
+use crate::convert::notes::listed;
 use crate::convert::row::Place;
-use crate::convert::value::{Id, listed};
+use crate::convert::time::{self, Id};
 
 /// An event as the log has it: instants may be negative, messages may have texts for ids, an output may lack its source.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -30,50 +32,44 @@ pub(super) struct Sources {
     known: BTreeMap<String, u64>,
     /// The names found so far, if any name is taken.
     found: Option<Vec<String>>,
-    /// What the log calls local, beside local.
-    locals: Vec<String>,
-    /// Those of them that the log has.
-    locals_seen: BTreeSet<String>,
+    /// What the log calls local, beside local, and whether it has the name.
+    locals: BTreeMap<String, bool>,
 }
 
 /// Where the priorities begin that names have for now.
 const PROVISIONAL: u64 = 1 << 32;
 
 impl Entry {
+    pub(super) fn new(place: &Place, row: u64, ev: &'static str, at: i128) -> Self {
+        let (place, more) = (place.clone(), Vec::new());
+        Self { place, row, ev, at, t: None, p: None, due: None, of: None, more }
+    }
+
     /// What it says, without where it stands.
-    pub(super) fn content(&self) -> String {
+    pub(super) fn content(&self) -> impl Hash + Eq + '_ {
         let Self { ev, at, t, p, due, of, more, .. } = self;
-        format!("{ev} {at} {t:?} {p:?} {due:?} {of:?} {more:?}")
+        (ev, at, t, p, due, of, more)
     }
 
     /// Its line in a trace, where instants are moved by `shift` and `number` numbers messages.
-    ///
-    /// # Errors
-    /// If it is no event of a trace.
     pub(super) fn line(
         &self,
         shift: i128,
         number: &dyn Fn(&Id) -> u64,
     ) -> Result<(Event, Annotations), String> {
         let mut line = format!("{{\"ev\":\"{}\",\"at\":{}", self.ev, self.at + shift);
-        let mut put = |key: &str, value: &str| {
+        let due = self.due.map(|due| (due + shift).min(u64::MAX.into()).to_string());
+        let of_message = |id: &Option<Id>| id.as_ref().map(|id| number(id).to_string());
+        let own = [
+            ("t", of_message(&self.t)),
+            ("p", self.p.map(|p| p.to_string())),
+            ("due", due),
+            ("of", of_message(&self.of)),
+        ];
+        let own = own.iter().filter_map(|(key, value)| Some((*key, value.as_ref()?)));
+        for (key, value) in own.chain(self.more.iter().map(|(key, value)| (*key, value))) {
             // To a string: it cannot fail.
             let _ = write!(line, ",\"{key}\":{value}");
-        };
-        if let Some(t) = &self.t {
-            put("t", &number(t).to_string());
-        }
-        if let Some(p) = self.p {
-            put("p", &p.to_string());
-        }
-        if let Some(due) = self.due {
-            put("due", &(due + shift).min(u64::MAX.into()).to_string());
-        }
-        if let Some(of) = &self.of {
-            put("of", &number(of).to_string());
-        }
-        for (key, value) in &self.more {
-            put(key, value);
         }
         line.push('}');
         observed_line(line.as_bytes()).map_err(|error| error.message)
@@ -81,26 +77,24 @@ impl Entry {
 }
 
 impl Sources {
-    /// The sources of a header.
-    pub(super) const fn known(known: BTreeMap<String, u64>) -> Self {
-        Self { known, found: None, locals: Vec::new(), locals_seen: BTreeSet::new() }
-    }
-
-    /// Takes any name.
-    pub(super) fn gathering() -> Self {
-        Self { found: Some(Vec::new()), ..Self::known(BTreeMap::new()) }
-    }
-
-    /// The same, where these names are local's.
-    pub(super) fn with_locals(mut self, locals: &[String]) -> Self {
-        self.locals = locals.to_vec();
-        self
+    /// The sources of a header, or any name if there is none yet; `locals` are local's names.
+    pub(super) fn new(header: Option<&Header>, locals: &[String]) -> Self {
+        let clouds = header.into_iter().flat_map(|header| &header.clouds);
+        let named = clouds.map(|cloud| {
+            let name = cloud.name.clone().unwrap_or_else(|| cloud.p.to_string());
+            (name, u64::from(cloud.p))
+        });
+        let mut known: BTreeMap<String, u64> = named.collect();
+        if header.is_some() {
+            known.entry("local".to_owned()).or_insert(0);
+        }
+        let found = header.is_none().then(Vec::new);
+        Self { known, found, locals: locals.iter().map(|name| (name.clone(), false)).collect() }
     }
 
     /// A name of local that the log has not.
     pub(super) fn local_unseen(&self) -> Option<&str> {
-        let unseen = self.locals.iter().find(|name| !self.locals_seen.contains(*name));
-        unseen.map(|name| &**name)
+        self.locals.iter().find(|(_, is_seen)| !**is_seen).map(|(name, _)| &**name)
     }
 
     /// The sources found, in the order of their first appearance, without local; as the log calls them.
@@ -116,9 +110,9 @@ impl Sources {
     /// The priority of a source, which the log calls by that or by its name.
     pub(super) fn priority(&mut self, name: &str) -> Result<u64, String> {
         let name = name.trim();
-        let number = super::value::number(name).ok();
-        if self.locals.iter().any(|local| local == name) {
-            self.locals_seen.insert(name.to_owned());
+        let number = time::number(name).ok();
+        if let Some(is_seen) = self.locals.get_mut(name) {
+            *is_seen = true;
             return Ok(0);
         }
         if let Some(found) = &mut self.found {
@@ -145,13 +139,14 @@ impl Sources {
         self.are_gathered() || self.known.values().any(|known| *known == p)
     }
 
-    /// Whether a name is a source's that the header or the log had so far.
+    /// The names of sources that the header or the log had so far.
+    pub(super) fn names(&self) -> impl Iterator<Item = &str> {
+        let all = self.known.keys().chain(self.found()).chain(self.locals.keys());
+        all.map(String::as_str).chain(["local"])
+    }
+
     pub(super) fn has(&self, name: &str) -> bool {
-        let is_found = || self.found().iter().any(|known| known == name);
-        name == "local"
-            || self.locals.iter().any(|local| local == name)
-            || self.known.contains_key(name)
-            || is_found()
+        self.names().any(|known| known == name)
     }
 
     /// What a source is called.

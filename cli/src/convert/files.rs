@@ -1,19 +1,15 @@
 //! The files of a log: one or several, folders of bags, packed or not.
 
 use std::fs;
-#[cfg(feature = "bags")]
-use std::io::{self, Write};
-use std::io::{BufRead, BufReader};
+use std::io::{self, BufRead, BufReader, Cursor};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use fuseline_traces::packed::unpack_bytes;
 
+use crate::convert::notes::Notes;
 use crate::convert::otlp;
-use crate::convert::recorded::ConvertError;
-use crate::convert::row::Notes;
-#[cfg(feature = "bags")]
-use crate::convert::row::{Place, Spot};
+use crate::convert::row::{Place, Problem, Spot};
 use crate::fault::Fault;
 use crate::input::{self, open};
 
@@ -40,46 +36,52 @@ pub(super) struct LogFile {
     is_given: bool,
 }
 
-/// What rosbag2 writes beside the files of a bag.
-const METADATA: &str = "metadata.yaml";
+/// What a file holds.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Content {
+    Table,
+    Lines,
+    Array,
+    Spans,
+    /// A trace, which needs no conversion.
+    Trace,
+    Bag,
+}
+
+/// What is noted of a file that has others beside it.
+pub(super) const PART: &str = "it is one part of a bag of";
 /// How much of a file says what it is.
 const START: usize = 1 << 16;
 
 /// The files that these paths stand for; a folder stands for the files of its bag.
-///
-/// # Errors
-/// If a folder has none, or the format of a file is not known.
 pub(super) fn files(
     paths: &[PathBuf],
     from: Option<Format>,
     notes: &mut Notes,
-) -> Result<Vec<LogFile>, ConvertError> {
+) -> Result<Vec<LogFile>, Problem> {
     let mut files = Vec::new();
     for path in paths {
-        let name = input::name(path);
-        if path.is_dir() {
+        let name = input::name(path).into();
+        let parts = if path.is_dir() {
             let parts = parts(path).filter(|parts| !parts.is_empty());
-            let parts = parts.ok_or_else(|| ConvertError::Folder { file: name.clone() })?;
-            for path in parts {
-                files.push(file(&path, from)?);
+            parts.ok_or_else(|| {
+                let message =
+                    "a folder without metadata.yaml, .mcap or .db3; name one of its files";
+                Problem::of_file(&name, message)
+            })?
+        } else {
+            let others = path.parent().and_then(listed).unwrap_or_default();
+            if others.len() > 1 && others.contains(path) && paths.len() == 1 {
+                let detail = format!("{} files; name the folder to read all of them", others.len());
+                notes.add_of_file(PART, &name, detail);
             }
-            continue;
+            vec![path.clone()]
+        };
+        for path in parts {
+            files.push(LogFile::new(path, from)?);
         }
-        let others = path.parent().and_then(listed).unwrap_or_default();
-        if others.len() > 1 && others.contains(path) && paths.len() == 1 {
-            let detail = format!("{} files; name the folder to read all of them", others.len());
-            notes.add_of_file("it is one part of a bag of", &name.as_str().into(), detail);
-        }
-        files.push(file(path, from)?);
     }
     Ok(files)
-}
-
-fn file(path: &Path, from: Option<Format>) -> Result<LogFile, ConvertError> {
-    let name = input::name(path);
-    let format = from.or_else(|| format_of(path));
-    let format = format.ok_or_else(|| ConvertError::Format { file: name.clone() })?;
-    Ok(LogFile { path: path.to_owned(), name: name.into(), format, is_given: from.is_some() })
 }
 
 /// The files of a bag's folder, in their order.
@@ -97,18 +99,15 @@ fn parts(folder: &Path) -> Option<Vec<PathBuf>> {
 
 /// The files that a folder's `metadata.yaml` lists; a file that was packed since has another ending.
 fn listed(folder: &Path) -> Option<Vec<PathBuf>> {
-    let text = fs::read_to_string(folder.join(METADATA)).ok()?;
-    let mut lines = text.lines().skip_while(|line| line.trim() != "relative_file_paths:").skip(1);
-    let mut names = Vec::new();
-    while let Some(name) = lines.next().and_then(|line| line.trim().strip_prefix("- ")) {
-        names.push(name.trim().trim_matches(['"', '\'']).to_owned());
-    }
-    let found = |name: String| {
-        let path = folder.join(&name);
-        let packed = folder.join(format!("{name}.zstd"));
+    let text = fs::read_to_string(folder.join("metadata.yaml")).ok()?;
+    let lines = text.lines().map(str::trim).skip_while(|line| *line != "relative_file_paths:");
+    let names = lines.skip(1).map_while(|line| line.strip_prefix("- "));
+    let found = |name: &str| {
+        let name = name.trim().trim_matches(['"', '\'']);
+        let (path, packed) = (folder.join(name), folder.join(format!("{name}.zstd")));
         if !path.exists() && packed.exists() { packed } else { path }
     };
-    Some(names.into_iter().map(found).collect())
+    Some(names.map(found).collect())
 }
 
 fn format_of(path: &Path) -> Option<Format> {
@@ -124,24 +123,52 @@ fn format_of(path: &Path) -> Option<Format> {
 }
 
 impl LogFile {
-    /// Opens it, unpacked.
+    fn new(path: PathBuf, from: Option<Format>) -> Result<Self, Problem> {
+        let name: Arc<str> = input::name(&path).into();
+        let Some(format) = from.or_else(|| format_of(&path)) else {
+            let message =
+                "neither .csv, .jsonl, .mcap nor .db3, packed or not; say which it is with --from";
+            return Err(Problem::of_file(&name, message));
+        };
+        Ok(Self { path, name, format, is_given: from.is_some() })
+    }
+
+    fn problem(&self, error: &io::Error) -> Problem {
+        Problem::of_read(&Place::new(&self.name, Spot::File), error)
+    }
+
+    /// Opens it, unpacked; texts are UTF-8 without a mark.
     pub(super) fn open(&self) -> Result<Box<dyn BufRead>, Fault> {
         let (_, file) = open(&self.path)?;
         let unpacked = unpack_bytes(BufReader::with_capacity(START, file));
-        Ok(unpacked.map_err(|error| ConvertError::read(&self.name, &error))?)
+        let mut unpacked = unpacked.map_err(|error| self.problem(&error))?;
+        match unpacked.fill_buf().map_err(|error| self.problem(&error))? {
+            [0xef, 0xbb, 0xbf, ..] => unpacked.consume(3),
+            // As Excel and PowerShell write it.
+            [mark @ (0xff | 0xfe), 0xff | 0xfe, ..] => {
+                let unit = if *mark == 0xff { u16::from_le_bytes } else { u16::from_be_bytes };
+                let mut bytes = Vec::new();
+                unpacked.read_to_end(&mut bytes).map_err(|error| self.problem(&error))?;
+                let units = bytes[2..].chunks_exact(2).map(|pair| unit([pair[0], pair[1]]));
+                let text = char::decode_utf16(units).map(|it| it.unwrap_or('\u{fffd}'));
+                return Ok(Box::new(Cursor::new(text.collect::<String>())));
+            }
+            _ => {}
+        }
+        Ok(unpacked)
     }
 
-    /// What it is by its first bytes: a name in .json may be that of spans.
-    pub(super) fn looks_like(&self, reader: &mut dyn BufRead) -> Result<Content, ConvertError> {
-        let start = reader.fill_buf().map_err(|error| ConvertError::read(&self.name, &error))?;
-        let start = &start[..start.len().min(START)];
-        let text = String::from_utf8_lossy(start);
-        let rest = text.trim_start_matches('\u{feff}').trim_start().strip_prefix('[');
-        let is_array = rest.is_some_and(|rest| rest.trim_start().starts_with(['{', ']']));
+    /// What it holds by its first bytes: a name in .json may be that of spans.
+    pub(super) fn content(&self, reader: &mut dyn BufRead) -> Result<Content, Problem> {
+        let start = reader.fill_buf().map_err(|error| self.problem(&error))?;
+        let text = String::from_utf8_lossy(&start[..start.len().min(START)]);
+        let text = text.trim_start();
+        let is_array =
+            || text.strip_prefix('[').is_some_and(|rest| rest.trim_start().starts_with(['{', ']']));
         Ok(match self.format {
-            Format::Jsonl if !self.is_given && otlp::is_export(start) => Content::Spans,
-            Format::Jsonl if text.trim_start().starts_with("{\"fuseline\":") => Content::Trace,
-            Format::Jsonl if is_array => Content::Array,
+            Format::Jsonl if !self.is_given && otlp::is_export(text) => Content::Spans,
+            Format::Jsonl if text.starts_with("{\"fuseline\":") => Content::Trace,
+            Format::Jsonl if is_array() => Content::Array,
             Format::Jsonl => Content::Lines,
             Format::Otlp => Content::Spans,
             Format::Csv => Content::Table,
@@ -149,38 +176,17 @@ impl LogFile {
         })
     }
 
-    /// Its place as a whole.
-    #[cfg(feature = "bags")]
-    pub(super) fn place(&self) -> Place {
-        Place { file: Arc::clone(&self.name), spot: Spot::File }
-    }
-
     /// A path by which a library can open it that reads files alone; what is packed gets one for now.
     #[cfg(feature = "bags")]
     pub(super) fn on_disk(&self) -> Result<(PathBuf, Option<tempfile::NamedTempFile>), Fault> {
+        let read = |error: io::Error| self.problem(&error);
         let mut start = [0; 4];
-        let len = open(&self.path)?.1.read(&mut start).unwrap_or(0);
-        let is_packed =
-            start[..len].starts_with(&[0x1f, 0x8b]) || start == [0x28, 0xb5, 0x2f, 0xfd];
-        if !is_packed {
+        let len = open(&self.path)?.1.read(&mut start).map_err(read)?;
+        if !matches!(start[..len], [0x1f, 0x8b, ..] | [0x28, 0xb5, 0x2f, 0xfd]) {
             return Ok((self.path.clone(), None));
         }
-        let read = |error: io::Error| ConvertError::read(&self.name, &error);
         let mut unpacked = tempfile::NamedTempFile::new().map_err(read)?;
         io::copy(&mut self.open()?, &mut unpacked).map_err(read)?;
-        unpacked.flush().map_err(read)?;
         Ok((unpacked.path().to_owned(), Some(unpacked)))
     }
-}
-
-/// What a file holds.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum Content {
-    Table,
-    Lines,
-    Array,
-    Spans,
-    /// A trace, which needs no conversion.
-    Trace,
-    Bag,
 }

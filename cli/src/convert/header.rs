@@ -9,7 +9,7 @@ use crate::fault::Fault;
 
 /// The queue limit of a gate where nobody says another.
 const LIMIT: u64 = 31;
-const WINDOW: u16 = 16;
+const WINDOW: &str = "16";
 
 /// Why no header can be written.
 #[derive(Debug, Error)]
@@ -30,9 +30,6 @@ impl From<HeaderAnswerError> for Fault {
 
 /// A header whose clouds are `sources`, each a name or a priority, asked for what cannot be guessed. Questions are put on
 /// `prompt`; an empty answer is the default, where there is one.
-///
-/// # Errors
-/// If an answer is none, or they have ended.
 pub(super) fn ask(
     sources: &[String],
     answers: &mut impl BufRead,
@@ -40,25 +37,37 @@ pub(super) fn ask(
 ) -> Result<Header, Fault> {
     let mut clouds: Vec<Cloud> = Vec::new();
     let mut asking = HeaderQuestions { answers, prompt };
+    let text = |answer: &str| Some(answer.to_owned()).filter(|text| !text.is_empty());
     for source in sources {
         let (name, p) = if let Ok(p) = source.parse() {
-            (asking.ask(&format!("name of the source {p}"), "", any)?, p)
+            (
+                asking
+                    .ask(&format!("name of the source {p}"), "", "a name", |it| Some(text(it)))?,
+                p,
+            )
         } else {
             let question = format!("priority of {source}, the greater the better");
-            (source.clone(), asking.ask(&question, "", priority)?)
+            let wanted = "a priority from 1 to 65535";
+            let priority = |it: &str| it.parse().ok().filter(|p: &u16| *p > 0);
+            (Some(source.clone()), asking.ask(&question, "", wanted, priority)?)
         };
         if clouds.iter().any(|cloud| cloud.p == p) {
             let wanted = "a priority that no other source has";
             return Err(HeaderAnswerError::Wrong { answer: p.to_string(), wanted }.into());
         }
-        let name = Some(name).filter(|name| !name.is_empty());
         clouds.push(Cloud { p, name, limit: LIMIT, resume: LIMIT - 1 });
     }
-    let operator = asking.ask("the operator's name", "", any)?;
-    let operator = Some(operator).filter(|name| !name.is_empty());
-    let commit = asking.ask("commit rule: eager, patient or progressive", "eager", commit)?;
-    let window =
-        asking.ask("how many messages may be open at once", &WINDOW.to_string(), window)?;
+    let operator = asking.ask("the operator's name", "", "a name", |it| Some(text(it)))?;
+    let (what, rules) = ("commit rule: ", "eager, patient or progressive");
+    let commit = asking.ask(&format!("{what}{rules}"), "eager", rules, |it| {
+        [Commit::Eager, Commit::Patient, Commit::Progressive]
+            .into_iter()
+            .find(|rule| rule.as_str() == it)
+    })?;
+    let what = "how many messages may be open at once";
+    let window = asking.ask(what, WINDOW, "a window from 1 to 1024", |it| {
+        it.parse().ok().filter(|window| (1..=1024).contains(window))
+    })?;
     clouds.sort_by_key(|cloud| cloud.p);
     Ok(Header { operator, window, commit, clouds })
 }
@@ -74,7 +83,8 @@ impl<A: BufRead, P: Write> HeaderQuestions<'_, A, P> {
         &mut self,
         what: &str,
         default: &str,
-        read: impl FnOnce(&str) -> Result<T, &'static str>,
+        wanted: &'static str,
+        read: impl FnOnce(&str) -> Option<T>,
     ) -> Result<T, HeaderAnswerError> {
         let shown = if default.is_empty() { String::new() } else { format!(" [{default}]") };
         // Whoever sees no question still has the answer to give.
@@ -84,29 +94,10 @@ impl<A: BufRead, P: Write> HeaderQuestions<'_, A, P> {
             return Err(HeaderAnswerError::Ended(what.to_owned()));
         }
         let answer = answer.trim();
-        let answer = if answer.is_empty() { default } else { answer }.to_owned();
-        read(&answer).map_err(|wanted| HeaderAnswerError::Wrong { answer, wanted })
+        let answer = if answer.is_empty() { default } else { answer };
+        let wrong = || HeaderAnswerError::Wrong { answer: answer.to_owned(), wanted };
+        read(answer).ok_or_else(wrong)
     }
-}
-
-#[expect(clippy::unnecessary_wraps, reason = "other answers may be wrong")]
-fn any(answer: &str) -> Result<String, &'static str> {
-    Ok(answer.to_owned())
-}
-
-fn priority(answer: &str) -> Result<u16, &'static str> {
-    answer.parse().ok().filter(|p| *p > 0).ok_or("a priority from 1 to 65535")
-}
-
-fn window(answer: &str) -> Result<u16, &'static str> {
-    let window = answer.parse().ok().filter(|window| (1..=1024).contains(window));
-    window.ok_or("a window from 1 to 1024")
-}
-
-fn commit(answer: &str) -> Result<Commit, &'static str> {
-    let rules = [Commit::Eager, Commit::Patient, Commit::Progressive];
-    let rule = rules.into_iter().find(|rule| rule.as_str() == answer);
-    rule.ok_or("eager, patient or progressive")
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
-//! The keys and events of a trace, and what the user calls them.
+//! The keys and events of a trace, and the options that say what the user calls them.
 
-use crate::convert::value::Unit;
+use crate::convert::time::{self, Unit};
 
 /// The keys that an event may have.
 const KEYS: [&str; 14] = [
@@ -28,44 +28,39 @@ pub(super) const EVENTS: [(&str, &[&str]); 14] = [
     ("cancel", &["t", "p"]),
 ];
 
+/// The word among these that a user wrote.
+pub(super) fn word(noun: &str, given: &str, all: &[&'static str]) -> Result<&'static str, String> {
+    let known = all.iter().find(|known| **known == given).copied();
+    known.ok_or_else(|| format!("no {noun}{given:?}; it is one of {}", all.join(", ")))
+}
+
 /// `KEY=NAME`: a key of the trace, and what the file calls it.
-///
-/// # Errors
-/// What to write instead.
 pub(super) fn column(text: &str) -> Result<(&'static str, String), String> {
     let (key, name) = text.split_once('=').ok_or("write KEY=NAME, such as at=stamp")?;
-    let known = KEYS.iter().find(|known| **known == key);
-    let known = known.ok_or_else(|| format!("no key {key:?}; it is one of {}", KEYS.join(", ")));
-    known.map(|known| (*known, name.to_owned()))
+    Ok((word("key ", key, &KEYS)?, name.to_owned()))
 }
 
 /// `NAME=EV`: what the file calls an event of a trace; `NAME=` leaves those events out.
-///
-/// # Errors
-/// What to write instead.
 pub(super) fn event(text: &str) -> Result<(String, &'static str), String> {
     let (name, event) = text.rsplit_once('=').ok_or("write NAME=EV, such as response=result")?;
-    if event.is_empty() {
-        return Ok((name.to_owned(), ""));
-    }
-    let known = EVENTS.iter().find(|(known, _)| *known == event);
-    let (event, _) = known.ok_or_else(|| format!("no event {event:?} in a trace"))?;
+    let known = EVENTS.iter().map(|(known, _)| *known).chain([""]).find(|known| *known == event);
+    let event = known.ok_or_else(|| format!("no event {event:?} in a trace"))?;
     Ok((name.to_owned(), event))
 }
 
 /// `UNIT` or `KEY=UNIT`: the unit of all times, or of one key's.
-///
-/// # Errors
-/// What to write instead.
 pub(super) fn unit(text: &str) -> Result<(Option<&'static str>, Unit), String> {
-    let (key, name) = match text.split_once('=') {
-        Some((key, name)) => (Some(key), name),
+    let Some((key, name)) = text.split_once('=') else { return Ok((None, Unit::named(text)?)) };
+    let unit = Unit::named(name)?;
+    Ok((Some(word("time ", key, &TIMES)?), unit))
+}
+
+/// `TIME`, or `SOURCE=TIME`: how long requests have that do not say so.
+pub(super) fn deadline(text: &str) -> Result<(Option<String>, u64), &'static str> {
+    let (source, time) = match text.rsplit_once('=') {
+        Some((source, time)) => (Some(source.to_owned()), time),
         None => (None, text),
     };
-    let unit = Unit::named(name)?;
-    let Some(key) = key else { return Ok((None, unit)) };
-    let found = TIMES.into_iter().find(|known| *known == key);
-    let found =
-        found.ok_or_else(|| format!("no time {key:?}; it is one of {}", TIMES.join(", ")))?;
-    Ok((Some(found), unit))
+    let nanos = time::stated(time);
+    Ok((source, nanos.ok_or("it must be a time with a unit, such as 40ms, or SOURCE=TIME")?))
 }

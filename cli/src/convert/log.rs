@@ -2,11 +2,12 @@
 
 use std::collections::HashMap;
 
+use crate::convert::Args;
 use crate::convert::entry::{Entry, Sources};
-use crate::convert::recorded::ConvertError;
+use crate::convert::notes::Notes;
 use crate::convert::restart::{Restart, restarts};
-use crate::convert::row::{Notes, Place};
-use crate::convert::value::{Id, shown};
+use crate::convert::row::{Place, Problem};
+use crate::convert::time::{Id, shown};
 
 /// Decisions that only a strict trace has; there the order of lines has a meaning.
 const STRICT: [&str; 7] = ["offer", "timer", "refuse", "hold", "drop", "final", "cancel"];
@@ -17,8 +18,10 @@ const PERIODS: std::ops::RangeInclusive<i128> = 10_000..=3_600_000_000_000;
 /// Of fewer messages nothing can be said.
 const FEW: usize = 3;
 const DAY: i128 = 86_400_000_000_000;
+const MINUTE: i128 = 60_000_000_000;
 
 const GUESSED: &str = "outputs that do not say whose result they are (the last one was taken)";
+const GIVEN_UP: &str = "messages that end without a result, read as given up";
 const DISORDER: &str = "events that stood behind later ones and were put in order";
 const REPEATED: &str = "events that repeat an earlier one in every value";
 pub(super) const TWICE: &str = "messages whose id was opened before";
@@ -28,6 +31,7 @@ const MIXED: &str = "lines whose id is no whole number, though others are";
 const NEGATIVE: &str = "instants before 0; all were moved";
 const UNREGISTERED: &str = "events of sources that the header does not have";
 const EARLY: &str = "results before their requests";
+const ZONES: &str = "events that lie hours, or half hours, from their message's open";
 const UNORDERED: &str = "places where the log seems to restart, taken for one run as --sort says";
 const GAPS: &str = "instants more than a day after the one before";
 
@@ -61,6 +65,12 @@ pub(super) struct OrderOptions {
     pub(super) is_unique: bool,
 }
 
+impl OrderOptions {
+    pub(super) const fn of(args: &Args) -> Self {
+        Self { is_sorted: args.sort, is_split: args.split, is_unique: args.unique }
+    }
+}
+
 /// The events of one run, in the order of their instants, and how its lines are written.
 #[derive(Debug)]
 pub(super) struct Run {
@@ -76,14 +86,7 @@ impl Log {
     }
 
     /// Finds out whose the outputs are that do not say so: that source's whose result came last before them.
-    ///
-    /// # Errors
-    /// If two came last.
-    pub(super) fn guess(
-        &mut self,
-        notes: &mut Notes,
-        sources: &Sources,
-    ) -> Result<(), ConvertError> {
+    pub(super) fn guess(&mut self, notes: &mut Notes, sources: &Sources) -> Result<(), Problem> {
         let mut results: HashMap<Id, Vec<(i128, u64)>> = HashMap::new();
         for entry in self.entries.iter().filter(|entry| entry.ev == "result") {
             if let (Some(t), Some(p)) = (&entry.t, entry.p) {
@@ -92,55 +95,42 @@ impl Log {
         }
         let is_guessed = |entry: &&mut Entry| entry.ev == "emit" && entry.p.is_none();
         for entry in self.entries.iter_mut().filter(is_guessed) {
-            let of_message = entry.t.as_ref().and_then(|t| results.get(t));
-            let before =
-                of_message.into_iter().flatten().filter(|(at, _)| *at <= entry.at + CLOCK_STEP);
-            let before: Vec<(i128, u64)> = before.copied().collect();
-            let Some((last, p)) = before.iter().max().copied() else {
+            let all = entry.t.as_ref().and_then(|t| results.get(t)).into_iter().flatten();
+            let before = all.filter(|(at, _)| *at <= entry.at + CLOCK_STEP);
+            let Some((last, p)) = before.clone().max().copied() else {
                 if self.kind == LogKind::Spans {
                     entry.ev = "miss";
-                    let kind = "messages that end without a result, read as given up";
-                    notes.add(kind, &entry.place, String::new);
+                    notes.add(GIVEN_UP, &entry.place, String::new);
                     continue;
                 }
                 let message = "the output does not say whose result it is, and its message has none before it";
-                return Err(ConvertError::at(&entry.place, message));
+                return Err(Problem::at(&entry.place, message));
             };
-            let other = before.iter().find(|(at, other)| *other != p && last - at < CLOCK_STEP);
-            if let Some((_, other)) = other {
+            let option = match self.kind {
+                LogKind::Spans => "--attribute by=NAME",
+                LogKind::Frames => "--frame by=COLUMN",
+                LogKind::Events => "--column p=NAME",
+            };
+            let mut others = before.filter(|(at, other)| *other != p && last - at < CLOCK_STEP);
+            if let Some((_, other)) = others.next() {
                 let (one, other) = (sources.name(p), sources.name(*other));
-                let remedy = match self.kind {
-                    LogKind::Spans => "--attribute by=NAME",
-                    LogKind::Frames => "--frame by=COLUMN",
-                    LogKind::Events => "--column p=NAME",
-                };
                 let message = format!(
                     "the output does not say whose result it is, and those of {one} and {other} came at once; name \
-                     what says so with {remedy}"
+                     what says so with {option}"
                 );
-                return Err(ConvertError::at(&entry.place, &message));
+                return Err(Problem::at(&entry.place, message));
             }
             entry.p = Some(p);
-            notes.add_with(
-                GUESSED,
-                &entry.place,
-                || sources.name(p),
-                || match self.kind {
-                    LogKind::Spans => "--attribute by=NAME names what says so".to_owned(),
-                    LogKind::Frames => "--frame by=COLUMN names what says so".to_owned(),
-                    LogKind::Events => "--column p=NAME names what says so".to_owned(),
-                },
-            );
+            let remedy = || format!("{option} names what says so");
+            notes.add_with(GUESSED, &entry.place, || sources.name(p), remedy);
         }
         Ok(())
     }
 
     /// Notes sources by a number that the header does not have.
     pub(super) fn note_unregistered(&self, notes: &mut Notes, sources: &Sources) {
-        if self.is_strict() {
-            return;
-        }
-        for entry in &self.entries {
+        let is_strict = self.is_strict();
+        for entry in self.entries.iter().filter(|_| !is_strict) {
             if let Some(p) = entry.p.filter(|p| !sources.is_registered(*p)) {
                 notes.add(UNREGISTERED, &entry.place, || format!("p {p}"));
             }
@@ -148,44 +138,42 @@ impl Log {
     }
 
     /// Counts events that came twice, and leaves them out if they are to be.
-    pub(super) fn repeated(&mut self, notes: &mut Notes, is_unique: bool) -> Vec<bool> {
-        let mut seen: HashMap<String, Place> = HashMap::new();
-        let mut repeats = Vec::with_capacity(self.entries.len());
+    fn repeated(&mut self, notes: &mut Notes, is_unique: bool) -> Vec<bool> {
         if self.is_strict() {
             return vec![false; self.entries.len()];
         }
+        let remedy = if is_unique {
+            "they were left out"
+        } else {
+            "if something was logged twice, leave them out with --unique"
+        };
+        let mut seen: HashMap<_, &Place> = HashMap::new();
+        let mut repeats = Vec::with_capacity(self.entries.len());
         for entry in &self.entries {
-            let first = (entry.ev != "tick").then(|| seen.get(&entry.content()).cloned()).flatten();
-            if let Some(first) = &first {
-                let remedy = if is_unique {
-                    "they were left out"
-                } else {
-                    "if something was logged twice, leave them out with --unique"
-                };
+            let content = entry.content();
+            let first = seen.get(&content).filter(|_| entry.ev != "tick");
+            if let Some(first) = first {
                 let detail = || format!("as at {}", first.within());
-                notes.add_with(REPEATED, &entry.place, detail, || remedy.to_owned());
-            } else {
-                seen.insert(entry.content(), entry.place.clone());
+                notes.add_with(REPEATED, &entry.place, detail, || remedy);
             }
             repeats.push(first.is_some());
+            seen.entry(content).or_insert(&entry.place);
         }
-        if is_unique {
-            let mut kept = repeats.iter().map(|is_repeated| !is_repeated);
-            self.entries.retain(|_| kept.next().unwrap_or(true));
-            repeats = vec![false; self.entries.len()];
+        drop(seen);
+        if !is_unique {
+            return repeats;
         }
-        repeats
+        let mut repeats = repeats.into_iter();
+        self.entries.retain(|_| !repeats.next().unwrap_or(false));
+        vec![false; self.entries.len()]
     }
 
     /// The runs of the log, each in the order of its instants, and where those after the first begin.
-    ///
-    /// # Errors
-    /// If the log restarts and is not to be split.
     pub(super) fn runs(
         mut self,
         options: OrderOptions,
         notes: &mut Notes,
-    ) -> Result<(Vec<Run>, Vec<Restart>), ConvertError> {
+    ) -> Result<(Vec<Run>, Vec<Restart>), Problem> {
         let repeats = self.repeated(notes, options.is_unique);
         let shift = self.shift(notes);
         if self.is_strict() && !options.is_sorted {
@@ -204,7 +192,7 @@ impl Log {
                 count => format!(" ({count} restarts in all)"),
             };
             let message = format!("{message}{more}; --split writes one trace for each run");
-            return Err(ConvertError::at(place, &message));
+            return Err(Problem::at(place, message));
         }
         let mut parts = Vec::new();
         for restart in found.iter().rev() {
@@ -258,29 +246,23 @@ fn note_disorder(entries: &[Entry], notes: &mut Notes) {
     }
 }
 
-/// Counts texts among ids that are numbers: one of them may be a slip.
-fn note_mixed(entries: &[Entry], notes: &mut Notes) {
-    if !entries.iter().any(|entry| matches!(entry.t, Some(Id::Number(_)))) {
-        return;
-    }
-    for entry in entries {
-        if let Some(Id::Text(text)) = &entry.t {
-            notes.add(MIXED, &entry.place, || text.to_string());
-        }
-    }
-}
-
 impl Run {
     fn new(entries: Vec<Entry>, shift: i128, notes: &mut Notes) -> Self {
-        let is_text = |id: &Option<Id>| matches!(id, Some(Id::Text(_)));
-        let has_texts = entries.iter().any(|entry| is_text(&entry.t) || is_text(&entry.of));
+        let ids = || entries.iter().flat_map(|entry| [&entry.t, &entry.of]).flatten();
+        let has_texts = ids().any(|id| matches!(id, Id::Text(_)));
         let numbers = has_texts.then(|| {
             let mut numbers = HashMap::new();
-            for id in entries.iter().flat_map(|entry| [&entry.t, &entry.of]).flatten() {
+            for id in ids() {
                 let next = numbers.len() as u64;
                 numbers.entry(id.clone()).or_insert(next);
             }
-            note_mixed(&entries, notes);
+            // One text among numbers may be a slip.
+            let is_mixed = entries.iter().any(|entry| matches!(entry.t, Some(Id::Number(_))));
+            for entry in &entries {
+                if let Some(Id::Text(text)) = entry.t.as_ref().filter(|_| is_mixed) {
+                    notes.add(MIXED, &entry.place, || text.to_string());
+                }
+            }
             for entry in entries.iter().filter(|entry| entry.ev == "open") {
                 if let Some(t) = &entry.t {
                     notes.add(TEXTS, &entry.place, || format!("{t} is {}", numbers[t]));
@@ -292,17 +274,14 @@ impl Run {
     }
 
     /// Appends an entry's line, without its end.
-    ///
-    /// # Errors
-    /// If it is no event of a trace.
-    pub(super) fn write(&self, entry: &Entry, line: &mut Vec<u8>) -> Result<(), ConvertError> {
+    pub(super) fn write(&self, entry: &Entry, line: &mut Vec<u8>) -> Result<(), Problem> {
         let number = |id: &Id| match (&self.numbers, id) {
             (Some(numbers), id) => numbers.get(id).copied().unwrap_or(u64::MAX),
             (None, Id::Number(number)) => *number,
             (None, Id::Text(_)) => u64::MAX,
         };
         let read = entry.line(self.shift, &number);
-        let (event, annotations) = read.map_err(|why| ConvertError::at(&entry.place, &why))?;
+        let (event, annotations) = read.map_err(|why| Problem::at(&entry.place, why))?;
         event.write_annotated(&annotations, line);
         if let (Some(_), Some(t)) = (&self.numbers, &entry.t) {
             line.pop();
@@ -319,20 +298,18 @@ impl Run {
             return;
         }
         let span = last.at - first.at;
-        let requests =
-            || self.entries.iter().filter(|entry| entry.ev == "request" && entry.due.is_some());
-        let had = |entry: &Entry| entry.due.unwrap_or(entry.at) - entry.at;
-        let shortest = requests().min_by_key(|entry| had(entry));
-        let is_any_due = requests().any(|entry| entry.due.is_some_and(|due| due <= last.at));
-        let opens = self.entries.iter().filter(|entry| entry.ev == "open").count();
-        if let Some(shortest) = shortest
-            && opens >= FEW
+        let requests = self.of("request").filter_map(|it| Some((it.due? - it.at, it)));
+        let is_any_due =
+            self.of("request").any(|entry| entry.due.is_some_and(|due| due <= last.at));
+        if let Some((had, shortest)) = requests.min_by_key(|(had, _)| *had)
+            && self.of("open").count() >= FEW
             && !is_any_due
-            && had(shortest) > span
+            && had > span
         {
-            let (had, span) = (shown(had(shortest)), shown(span));
             let detail = format!(
-                "the shortest has {had}, the log lasts {span}; is --unit right, such as --unit deadline=ms?"
+                "the shortest has {}, the log lasts {}; is --unit right, such as --unit deadline=ms?",
+                shown(had),
+                shown(span)
             );
             notes.add_of_file("no deadline ends within the log", &shortest.place.file, detail);
         }
@@ -340,20 +317,43 @@ impl Run {
         self.doubt_instants(notes);
     }
 
-    /// Notes results that are recorded before their requests: another clock, or no instants at all.
+    /// The entries of one event.
+    pub(super) fn of(&self, ev: &'static str) -> impl Iterator<Item = &Entry> {
+        self.entries.iter().filter(move |entry| entry.ev == ev)
+    }
+
+    /// How far apart messages open, from the shortest time.
+    pub(super) fn periods(&self) -> Vec<i128> {
+        let next = self.of("open").skip(1);
+        let mut periods: Vec<i128> =
+            self.of("open").zip(next).map(|(open, next)| next.at - open.at).collect();
+        periods.sort_unstable();
+        periods
+    }
+
+    /// Notes events of messages that are of another clock than others, or no instants at all.
     fn doubt_order(&self, notes: &mut Notes) {
-        let mut requests: HashMap<(&Id, u64), i128> = HashMap::new();
-        for entry in self.entries.iter().filter(|entry| entry.ev == "request") {
-            if let (Some(t), Some(p)) = (&entry.t, entry.p) {
-                let first = requests.entry((t, p)).or_insert(entry.at);
+        let mut firsts: HashMap<(&str, &Id, u64), i128> = HashMap::new();
+        for entry in self.of("request").chain(self.of("open")) {
+            if let Some(t) = &entry.t {
+                let first = firsts.entry((entry.ev, t, entry.p.unwrap_or(0))).or_insert(entry.at);
                 *first = entry.at.min(*first);
             }
         }
-        for entry in self.entries.iter().filter(|entry| entry.ev == "result") {
-            let (Some(t), Some(p)) = (&entry.t, entry.p) else { continue };
-            let early = requests.get(&(t, p)).map_or(0, |request| request - entry.at);
+        for entry in self.entries.iter().filter(|entry| entry.ev != "open") {
+            let Some(t) = &entry.t else { continue };
+            let apart = firsts.get(&("open", t, 0)).map_or(0, |open| entry.at - open);
+            let halves = (apart.abs() + MINUTE) / (30 * MINUTE);
+            if halves > 0 && apart.abs() - halves * 30 * MINUTE <= MINUTE {
+                let side = if apart < 0 { "before" } else { "after" };
+                let detail = || format!("{} {} {side} it", entry.ev, shown(apart.abs()));
+                let remedy = || "is one in local time, and the other in UTC?";
+                notes.add_with(ZONES, &entry.place, detail, remedy);
+            }
+            let request = entry.p.and_then(|p| firsts.get(&("request", t, p)));
+            let early = request.filter(|_| entry.ev == "result").map_or(0, |at| at - entry.at);
             if early > CLOCK_STEP {
-                let remedy = || "is each an instant, and of one clock?".to_owned();
+                let remedy = || "is each an instant, and of one clock?";
                 notes.add_with(EARLY, &entry.place, || format!("by {}", shown(early)), remedy);
             }
         }
@@ -369,13 +369,9 @@ impl Run {
                 });
             }
         }
-        let opens: Vec<i128> =
-            self.entries.iter().filter(|entry| entry.ev == "open").map(|entry| entry.at).collect();
-        let mut periods: Vec<i128> = opens.windows(2).map(|pair| pair[1] - pair[0]).collect();
-        periods.sort_unstable();
-        let Some(period) = periods.get(periods.len() / 2).filter(|_| opens.len() >= FEW) else {
-            return;
-        };
+        let periods = self.periods();
+        let period = periods.get(periods.len() / 2).filter(|_| periods.len() + 1 >= FEW);
+        let Some(period) = period else { return };
         if !PERIODS.contains(period) {
             let detail = format!("messages come every {}; is --unit right?", shown(*period));
             notes.add_of_file("doubtful instants", &self.entries[0].place.file, detail);

@@ -1,156 +1,178 @@
-//! [`Mapping`]: what the user says of a log, and the events that a row is by it.
+//! [`Mapping`]: what the user says of a log, and the event that a row is in one view of it.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
-use crate::convert::deadline::Deadlines;
 use crate::convert::entry::{Entry, Sources};
-use crate::convert::frame::Frame;
 use crate::convert::key::EVENTS;
-use crate::convert::row::{Names, Notes, Row};
-use crate::convert::value::{self, Id, Time, Unit, listed};
+use crate::convert::notes::{Names, Notes, listed, unknown};
+use crate::convert::row::{Problem, ProblemKind, Row};
+use crate::convert::time::{self, Id, Time, Unit, none_of};
 
 /// The keys that are read by their own names if no others are given. Other keys mean something else in many logs.
 const BY_DEFAULT: [&str; 7] = ["ev", "at", "t", "p", "due", "deadline", "backlog"];
+/// Keys that are read only where they are named, though they say much if they mean the same as in a trace.
+const UNREAD: [(&str, &str, &str); 3] = [
+    ("of", "values of the key \"of\", which no --column names", "whose value a result is"),
+    ("try", "values of the key \"try\", which no --column names", "which attempt a line is of"),
+    (
+        "within",
+        "values of the key \"within\", which no --column names",
+        "the message's own deadline",
+    ),
+];
 const ROUNDED: &str = "times rounded to a nanosecond";
 const COMMAS: &str = "times with a decimal comma";
 const ZONELESS: &str = "times of day without a zone, read as UTC";
 const UNTIMED: &str = "requests without a deadline, at which convert stops";
-const UNREAD_OF: &str = "values of the key \"of\", which no --column names";
-const UNREAD_TRY: &str = "values of the key \"try\", which no --column names";
 const MINUS_ONE: &str = "instants of -1, read as before 0";
-const UNREAD_WITHIN: &str = "values of the key \"within\", which no --column names";
+const UNOPENED: &str = "frames that do not say when their message came";
 
 /// What the user says of a log.
 #[derive(Debug)]
 pub(super) struct Mapping<'a> {
-    pub(super) named: BTreeMap<&'static str, &'a str>,
     /// What the file calls an event; the empty event is left out.
     pub(super) events: BTreeMap<&'a str, &'static str>,
     pub(super) unit: Unit,
     pub(super) units: BTreeMap<&'static str, Unit>,
     /// The texts that stand for no value.
     pub(super) missing: &'a [String],
-    pub(super) deadlines: &'a Deadlines,
-    pub(super) frame: Option<Frame<'a>>,
+    /// How long requests have that do not say so.
+    pub(super) deadlines: &'a [(Option<String>, u64)],
     pub(super) sources: Sources,
     pub(super) names: Names,
-    pub(super) event_names: Names,
     pub(super) notes: Notes,
     /// How many events were left out as the user said.
     pub(super) left_out: u64,
 }
 
-/// What a topic says of all its messages.
-#[derive(Clone, Default, Debug)]
-pub(super) struct Fixed<'f> {
-    pub(super) event: Option<&'static str>,
-    pub(super) source: Option<&'f str>,
-}
-
-/// Why a row is no event: the message, and the user's own name for what is missing, if that is why.
+/// One way to read a row as an event: what it is, and where its values stand.
 #[derive(Debug)]
-pub(super) struct Refusal {
-    pub(super) message: String,
-    pub(super) lacks: Option<String>,
+pub(super) struct View<'a> {
+    pub(super) kind: ViewKind,
+    /// Which topic's rows it reads; none if all.
+    pub(super) topic: Option<usize>,
+    /// The event, if rows do not say so.
+    pub(super) event: Option<&'static str>,
+    /// Whose it is, if rows do not say so.
+    pub(super) source: Option<&'a str>,
+    pub(super) named: Vec<Named<'a>>,
 }
 
-impl From<String> for Refusal {
-    fn from(message: String) -> Self {
-        Self { message, lacks: None }
+/// Who names the values of a view.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum ViewKind {
+    /// `--column`, and keys of the trace have their own names otherwise.
+    Column,
+    /// `--frame`: a row has the event if it has its instant.
+    Frame,
+    /// `--attribute`: the row is a span.
+    Span,
+}
+
+/// A key of the trace, and what the log calls it.
+#[derive(Clone, Debug)]
+pub(super) struct Named<'a> {
+    pub(super) key: &'static str,
+    /// What the option has before `=`.
+    pub(super) what: Cow<'a, str>,
+    pub(super) name: Cow<'a, str>,
+}
+
+impl ViewKind {
+    /// The option that names values, and what they are called.
+    pub(super) const fn words(self) -> (&'static str, &'static str) {
+        match self {
+            Self::Column => ("--column", "column"),
+            Self::Frame => ("--frame", "column"),
+            Self::Span => ("--attribute", "attribute"),
+        }
+    }
+}
+
+impl View<'_> {
+    /// The user's name for a key.
+    fn given(&self, key: &str) -> Option<&Named<'_>> {
+        self.named.iter().find(|named| named.key == key)
+    }
+
+    /// The name under which a key is read, or would be.
+    fn name<'v>(&'v self, key: &'v str) -> &'v str {
+        self.given(key).map_or(key, |named| &named.name)
+    }
+
+    /// Whether a key is read.
+    fn reads(&self, key: &str) -> bool {
+        self.given(key).is_some() || self.kind == ViewKind::Column && BY_DEFAULT.contains(&key)
+    }
+
+    /// Whether a name of the file is read.
+    pub(super) fn uses(&self, name: &str) -> bool {
+        self.named.iter().any(|named| named.name == name)
+            || self.reads(name) && self.given(name).is_none()
     }
 }
 
 impl Mapping<'_> {
-    /// The events of a row; none if it is to be left out.
-    ///
-    /// # Errors
-    /// If it is no event.
-    pub(super) fn entries(
+    /// The event of a row in this view; none if there is none, or it is to be left out.
+    pub(super) fn entry(
         &mut self,
         row: &Row,
         number: u64,
-        fixed: &Fixed<'_>,
-    ) -> Result<Vec<Entry>, Refusal> {
-        if self.frame.is_some() {
-            return self.frame_entries(row, number);
-        }
-        Ok(self.entry(row, number, fixed)?.into_iter().collect())
-    }
-
-    fn entry(
-        &mut self,
-        row: &Row,
-        number: u64,
-        fixed: &Fixed<'_>,
-    ) -> Result<Option<Entry>, Refusal> {
-        let Some(ev) = self.event_of(row, fixed)? else { return Ok(None) };
-        let takes = EVENTS.iter().find(|(known, _)| *known == ev).map_or(&[][..], |(_, keys)| keys);
-        let text = self.cell(row, "at").map(Cow::into_owned);
-        let at = match (text, row.log_time) {
-            (Some(text), _) => self.instant(row, "at", &text)?.nanos,
+        view: &View<'_>,
+    ) -> Result<Option<Entry>, Problem> {
+        let Some(ev) = self.event_of(row, view)? else { return Ok(None) };
+        let keys = EVENTS.iter().find(|(known, _)| *known == ev).map_or(&[][..], |(_, keys)| keys);
+        let at = match (self.cell(row, view, "at"), row.log_time) {
+            (Some(text), _) => self.time(row, view, "at", text, time::instant)?,
             // In nanoseconds, whatever the unit of the others is.
-            (None, Some(at)) if !self.named.contains_key("at") => at.into(),
-            (None, _) => return Err(self.lacking("at", ev, row)),
+            (None, Some(at)) if view.given("at").is_none() => at.into(),
+            (None, _) if view.kind == ViewKind::Frame => {
+                if ev == "open" {
+                    let detail = || format!("column {:?}", view.name("at"));
+                    self.notes.add(UNOPENED, &row.place, detail);
+                }
+                return Ok(None);
+            }
+            (None, _) => return Err(Self::lacking(row, view, "at", ev)),
         };
-        let place = row.place.clone();
-        let mut entry = Entry {
-            place,
-            row: number,
-            ev,
-            at,
-            t: None,
-            p: None,
-            due: None,
-            of: None,
-            more: Vec::new(),
-        };
-        for key in takes.iter().copied() {
-            self.take(&mut entry, row, key, fixed)?;
+        let mut entry = Entry::new(&row.place, number, ev, at);
+        for key in keys {
+            self.take(&mut entry, row, view, key)?;
         }
-        self.complete(&mut entry, row)?;
-        let unread = [
-            ("of", UNREAD_OF, "if it says whose value a result is, give --column of=of"),
-            ("try", UNREAD_TRY, "if it says which attempt a line is of, give --column try=try"),
-            (
-                "within",
-                UNREAD_WITHIN,
-                "if it is the message's own deadline, give --column within=within",
-            ),
-        ];
-        for (key, kind, remedy) in unread {
+        self.complete(&mut entry, row, view)?;
+        for (key, kind, what) in UNREAD {
             let text = row.cell(key).unwrap_or_default();
-            if takes.contains(&key) && !self.named.contains_key(key) && !text.is_empty() {
-                self.notes.add_with(kind, &row.place, || text.to_owned(), || remedy.to_owned());
+            let is_read = view.kind != ViewKind::Column || view.given(key).is_some();
+            if keys.contains(&key) && !is_read && !text.is_empty() {
+                let remedy = || format!("if it says {what}, give --column {key}={key}");
+                self.notes.add_with(kind, &row.place, || text.to_owned(), remedy);
             }
         }
         Ok(Some(entry))
     }
 
     /// Which event a row is; none if it is to be left out.
-    fn event_of(&mut self, row: &Row, fixed: &Fixed<'_>) -> Result<Option<&'static str>, Refusal> {
-        if let Some(event) = fixed.event {
-            return Ok(Some(event));
+    fn event_of(&mut self, row: &Row, view: &View<'_>) -> Result<Option<&'static str>, Problem> {
+        if view.event.is_some() {
+            return Ok(view.event);
         }
-        let Some(name) = self.cell(row, "ev") else {
-            return Err(self.lacking("ev", "row", row));
-        };
-        let name = name.trim().to_owned();
-        self.event_names.add(&name.as_str().into());
-        let event = self.events.get(&*name).copied();
+        let name = self.cell(row, view, "ev").map(str::trim);
+        let name = name.ok_or_else(|| Self::lacking(row, view, "ev", "row"))?;
+        let event = self.events.get(name).copied();
         if event == Some("") {
             self.left_out += 1;
             return Ok(None);
         }
-        let wanted = event.unwrap_or(&name);
-        if let Some((known, _)) = EVENTS.iter().find(|(known, _)| *known == wanted) {
-            return Ok(Some(known));
-        }
+        let wanted = event.unwrap_or(name);
+        let known = EVENTS.iter().map(|(known, _)| *known).find(|known| *known == wanted);
         let shown = name.escape_debug();
-        let message = format!(
-            "unknown event {name:?}; say what it is with --event {shown}=EV, or leave it out with --event {shown}="
-        );
-        Err(message.into())
+        let message = || {
+            format!(
+                "unknown event {name:?}; say what it is with --event {shown}=EV, or leave it out with --event {shown}="
+            )
+        };
+        known.map(Some).ok_or_else(|| Problem::at(&row.place, message()))
     }
 
     /// Reads a key's value, if the row has one.
@@ -158,38 +180,39 @@ impl Mapping<'_> {
         &mut self,
         entry: &mut Entry,
         row: &Row,
+        view: &View<'_>,
         key: &'static str,
-        fixed: &Fixed<'_>,
-    ) -> Result<(), Refusal> {
-        let text = match (key, fixed.source) {
-            ("p", Some(source)) => Some(source.to_owned()),
-            // An open's deadline is local's, and no request's.
-            ("deadline", _) if entry.ev == "open" && self.constant(row, key).is_some() => None,
-            _ => self.cell(row, key).map(Cow::into_owned),
+    ) -> Result<(), Problem> {
+        let text = match (key, view.source) {
+            ("p", Some(source)) => Some(source),
+            // An open's deadline is local's: one for all is the requests'.
+            ("deadline", _)
+                if entry.ev == "open"
+                    && view.kind != ViewKind::Frame
+                    && row.cell(view.name(key)).is_none() =>
+            {
+                None
+            }
+            _ => self.cell(row, view, key),
         };
         let Some(text) = text else { return Ok(()) };
+        let wrong = |why: String| Self::wrong(row, view, key, text, &why);
         match key {
-            "t" => entry.t = Some(self.id(key, &text)?),
-            "of" => entry.of = Some(self.id(key, &text)?),
-            "p" => {
-                let p = self.sources.priority(&text);
-                entry.p = Some(p.map_err(|why| self.wrong(key, &text, &why))?);
-            }
-            "due" => entry.due = Some(self.instant(row, key, &text)?.nanos),
+            "t" => entry.t = Some(time::id(text).map_err(wrong)?),
+            "of" => entry.of = Some(time::id(text).map_err(wrong)?),
+            "p" => entry.p = Some(self.sources.priority(text).map_err(wrong)?),
+            "due" => entry.due = Some(self.time(row, view, key, text, time::instant)?),
             "deadline" | "within" | "age" => {
-                let time = self.duration(row, key, &text)?.nanos;
+                let time = self.time(row, view, key, text, time::duration)?;
                 if key == "deadline" && entry.ev == "request" {
                     entry.due = entry.due.or(Some(entry.at.saturating_add(time)));
                 } else {
                     entry.more.push((key, time.to_string()));
                 }
             }
-            "why" | "origin" => {
-                entry.more.push((key, serde_json::Value::from(&*text).to_string()));
-            }
+            "why" | "origin" => entry.more.push((key, serde_json::Value::from(text).to_string())),
             _ => {
-                let number = value::number(&text);
-                let number = number.map_err(|why| self.wrong(key, &text, &why))?;
+                let number = time::number(text).map_err(wrong)?;
                 entry.more.push((key, number.to_string()));
             }
         }
@@ -197,187 +220,163 @@ impl Mapping<'_> {
     }
 
     /// Adds what is the same for all, and refuses what is missing.
-    fn complete(&mut self, entry: &mut Entry, row: &Row) -> Result<(), Refusal> {
+    fn complete(&mut self, entry: &mut Entry, row: &Row, view: &View<'_>) -> Result<(), Problem> {
         let ev = entry.ev;
         if entry.t.is_none() && ev != "tick" {
-            return Err(self.lacking("t", ev, row));
+            if view.kind != ViewKind::Frame || view.given("t").is_some() {
+                return Err(Self::lacking(row, view, "t", ev));
+            }
+            entry.t = Some(Id::Number(entry.row));
         }
-        // Whose an output is may follow from its results.
-        if entry.p.is_none() && !matches!(ev, "open" | "tick" | "miss" | "emit" | "refuse") {
-            return Err(self.lacking("p", ev, row));
+        // Whose an output is may follow from its results, unless a column of frames says so.
+        let is_guessed = ev == "emit" && (view.kind != ViewKind::Frame || !view.reads("p"));
+        if entry.p.is_none() && !is_guessed && !matches!(ev, "open" | "tick" | "miss" | "refuse") {
+            return Err(Self::lacking(row, view, "p", ev));
         }
-        if ev == "request" && entry.due.is_none() {
-            let source = self.sources.name(entry.p.unwrap_or_default());
-            let Some(deadline) = self.deadlines.of(&source) else {
-                let refusal = self.without_deadline(row);
-                if self.sources.are_gathered() {
-                    let remedy = || "--deadline TIME states one for them".to_owned();
-                    let detail =
-                        || refusal.message.split(';').next().unwrap_or_default().to_owned();
-                    self.notes.add_with(UNTIMED, &row.place, detail, remedy);
-                    return Ok(());
-                }
-                return Err(refusal);
-            };
-            entry.due = Some(entry.at.saturating_add(deadline.into()));
+        if ev != "request" || entry.due.is_some() {
+            return Ok(());
         }
-        Ok(())
+        let source = self.sources.name(entry.p.unwrap_or_default());
+        let given = |name: Option<&str>| {
+            let found = self.deadlines.iter().rev().find(|(known, _)| known.as_deref() == name);
+            found.map(|(_, nanos)| i128::from(*nanos))
+        };
+        if let Some(deadline) = given(Some(&source)).or_else(|| given(None)) {
+            entry.due = Some(entry.at.saturating_add(deadline));
+            return Ok(());
+        }
+        let problem = Self::without_deadline(row, view, &source);
+        if self.sources.are_gathered() {
+            let remedy = || "--deadline TIME states one for them";
+            self.notes.add_with(UNTIMED, &row.place, || problem.without_remedy(), remedy);
+            return Ok(());
+        }
+        Err(problem)
     }
 
-    fn without_deadline(&self, row: &Row) -> Refusal {
-        let name = self.named.get("deadline").copied().unwrap_or("deadline");
-        let found = match row.cell(name) {
+    fn without_deadline(row: &Row, view: &View<'_>, source: &str) -> Problem {
+        let name = view.name("deadline");
+        let found = match row.cell(name).filter(|_| view.reads("deadline")) {
             Some(text) if text.trim().is_empty() => format!("{name:?} is null or empty"),
             Some(text) => format!("{name:?} is {text}, which --missing says is no value"),
-            None => format!("the row has no {name:?}"),
+            None if view.reads("deadline") => {
+                format!("there is no {} {name:?}", view.kind.words().1)
+            }
+            None => "no column is named for it".to_owned(),
         };
-        let lacks = self.named.get("deadline").map(|name| (*name).to_owned());
-        let message = format!(
-            "the request has no deadline: {found}; give the column a value, or state one deadline for requests \
-             without: --deadline 100ms"
-        );
-        Refusal { message, lacks }
+        let remedy =
+            "give it a value, or state one deadline for requests without: --deadline 100ms";
+        let message = format!("the request to {source} has no deadline: {found}; {remedy}");
+        let lacks = view.given("deadline").map(|named| ProblemKind::Lacks(named.name.to_string()));
+        Problem::of_kind(lacks.unwrap_or(ProblemKind::Row), &row.place, message)
     }
 
     /// What stands for a key in a row, or for all rows.
-    fn cell<'r>(&'r self, row: &'r Row, key: &str) -> Option<Cow<'r, str>> {
-        let name = match self.named.get(key) {
-            Some(name) => *name,
-            None if BY_DEFAULT.contains(&key) => key,
-            None => return None,
-        };
-        match row.cell(name) {
-            Some(text) => Some(Cow::Borrowed(text)).filter(|text| !self.is_missing(text)),
-            None => self.constant(row, key).map(Cow::Borrowed),
+    fn cell<'r>(&self, row: &'r Row, view: &'r View<'_>, key: &'r str) -> Option<&'r str> {
+        if !view.reads(key) {
+            return None;
+        }
+        match row.cell(view.name(key)) {
+            Some(text) => Some(text).filter(|text| !self.is_missing(text)),
+            None => {
+                view.given(key).filter(|named| self.is_constant(named)).map(|named| &*named.name)
+            }
         }
     }
 
     /// Whether a text stands for no value.
-    pub(super) fn is_missing(&self, text: &str) -> bool {
+    fn is_missing(&self, text: &str) -> bool {
         let text = text.trim();
         text.is_empty() || self.missing.iter().any(|missing| missing.eq_ignore_ascii_case(text))
     }
 
-    /// What the user named that is no name but a value: a duration with its unit, or a source.
-    fn constant(&self, row: &Row, key: &str) -> Option<&str> {
-        let name = self.named.get(key).copied().filter(|name| row.cell(name).is_none())?;
-        self.is_constant(key, name).then_some(name)
-    }
-
-    pub(super) fn is_constant(&self, key: &str, name: &str) -> bool {
-        match key {
-            "deadline" | "within" | "age" => value::duration(name, self.unit_of(key)).is_ok(),
-            "p" => !self.sources.are_gathered() && self.sources.has(name),
+    /// Whether what the user named is no name but a value: a duration with its unit, or a source.
+    fn is_constant(&self, named: &Named<'_>) -> bool {
+        let Named { key, name, .. } = named;
+        let is_value = match *key {
+            "deadline" | "within" | "age" => time::duration(name, self.unit_of(key)).is_ok(),
+            "p" => self.sources.has(name),
             _ => false,
-        }
+        };
+        is_value && !self.names.has(name)
     }
 
-    pub(super) fn unit_of(&self, key: &str) -> Unit {
+    fn unit_of(&self, key: &str) -> Unit {
         self.units.get(key).copied().unwrap_or(self.unit)
     }
 
-    pub(super) fn instant(&mut self, row: &Row, key: &str, text: &str) -> Result<Time, Refusal> {
-        let time = value::instant(text, self.unit_of(key));
-        let time = time.map_err(|why| self.wrong(key, text, &why))?;
+    /// A time in nanoseconds: an instant or a duration, as `read` reads it.
+    pub(super) fn time(
+        &mut self,
+        row: &Row,
+        view: &View<'_>,
+        key: &str,
+        text: &str,
+        read: fn(&str, Unit) -> Result<Time, String>,
+    ) -> Result<i128, Problem> {
+        let time = read(text, self.unit_of(key));
+        let time = time.map_err(|why| Self::wrong(row, view, key, text, &why))?;
         if matches!(text.trim(), "-1" | "-1.0") {
-            let remedy = || format!("if they stand for no value, say so with --missing={text}");
+            let remedy = || none_of(text).replacen("it stands", "they stand", 1);
             self.notes.add_with(MINUS_ONE, &row.place, String::new, remedy);
         }
-        self.note_time(row, text, time);
-        Ok(time)
-    }
-
-    pub(super) fn duration(&mut self, row: &Row, key: &str, text: &str) -> Result<Time, Refusal> {
-        let time = value::duration(text, self.unit_of(key));
-        let time = time.map_err(|why| self.wrong(key, text, &why))?;
-        self.note_time(row, text, time);
-        Ok(time)
-    }
-
-    fn note_time(&mut self, row: &Row, text: &str, time: Time) {
-        let of_unit = if self.unit == Unit::Ns && !text.contains(['e', 'E', ':']) {
-            "read as nanoseconds; is --unit right?"
-        } else {
-            ""
-        };
+        let is_ns = self.unit == Unit::Ns && !text.contains(['e', 'E', ':']);
+        let of_unit = if is_ns { "read as nanoseconds; is --unit right?" } else { "" };
         let all = [
             (time.is_rounded, ROUNDED, of_unit),
             (time.has_comma, COMMAS, ""),
             (time.lacks_zone, ZONELESS, ""),
         ];
         for (_, kind, remedy) in all.into_iter().filter(|(is_so, ..)| *is_so) {
-            self.notes.add_with(kind, &row.place, || text.to_owned(), || remedy.to_owned());
+            self.notes.add_with(kind, &row.place, || text.to_owned(), || remedy);
         }
+        Ok(time.nanos)
     }
 
     /// A value that cannot be read, by the user's own name for it.
-    pub(super) fn wrong(&self, key: &str, text: &str, why: &str) -> Refusal {
-        let name = self.named.get(key).copied().unwrap_or(key);
-        let is_none = value::is_no_value(text);
-        let remedy = if is_none || text == "-1" && !why.contains("--missing") {
-            format!("; if it stands for no value, say so with --missing={text}")
-        } else {
-            String::new()
-        };
-        format!("column {name:?}: {text:?} is {why}{remedy}").into()
+    fn wrong(row: &Row, view: &View<'_>, key: &str, text: &str, why: &str) -> Problem {
+        let (_, noun) = view.kind.words();
+        let is_none = time::is_no_value(text) || text == "-1" && !why.contains("--missing");
+        let remedy = if is_none { format!("; {}", none_of(text)) } else { String::new() };
+        let name = view.name(key);
+        Problem::at(&row.place, format!("{noun} {name:?}: {text:?} is {why}{remedy}"))
     }
 
     /// A key that a row lacks, by the user's own name for it.
-    fn lacking(&self, key: &str, ev: &str, row: &Row) -> Refusal {
+    fn lacking(row: &Row, view: &View<'_>, key: &str, ev: &str) -> Problem {
         let of = if ev == "row" { String::new() } else { format!(" of this {ev}") };
-        let Some(name) = self.named.get(key).copied() else {
-            let all = listed(key, row.cells.iter().map(|(name, _)| &**name));
-            let found = if row.cell(key).is_some() {
-                format!("column {key:?}{of} is empty")
-            } else {
+        let ((option, noun), name) = (view.kind.words(), view.name(key));
+        let given = view.given(key).map(|it| format!(", which {option} names for {}", it.what));
+        let message = match (row.cell(name), &given) {
+            (Some(text), _) if !text.trim().is_empty() => {
+                format!("{noun} {name:?}{of} is {text}, which --missing says is no value")
+            }
+            (Some(_), None) => format!("{noun} {name:?}{of} is empty"),
+            (Some(_), Some(given)) => format!("{noun} {name:?}{of}{given}, is empty"),
+            (None, Some(given)) if view.kind == ViewKind::Span => {
+                format!("no {noun} {name:?}{of}{given}; --skip-bad leaves such messages out")
+            }
+            (None, Some(given)) => format!("no {noun} {name:?}{of}{given}"),
+            (None, None) => {
+                let all = listed(key, row.cells.iter().map(|(name, _)| &**name));
                 let separator = match row.cells.len() {
                     1 => "; --separator says what stands between cells",
                     _ => "",
                 };
                 format!(
-                    "no key {key:?}{of}; name it with --column {key}=NAME; the row has {all}{separator}"
+                    "no key {key:?}{of}; name it with {option} {key}=NAME; the row has {all}{separator}"
                 )
-            };
-            return Refusal { message: found, lacks: Some(key.to_owned()) };
-        };
-        let message = match row.cell(name) {
-            Some(text) if text.trim().is_empty() => {
-                format!("column {name:?}{of}, which --column names for {key}, is empty")
             }
-            Some(text) => {
-                format!("column {name:?}{of} is {text}, which --missing says is no value")
-            }
-            None => format!("no {name:?}{of}, which --column names for {key}"),
         };
-        Refusal { message, lacks: Some(name.to_owned()) }
+        Problem::of_kind(ProblemKind::Lacks(name.to_owned()), &row.place, message)
     }
 
-    /// The names that were given and occur nowhere, as an error with those that do.
-    pub(super) fn mistyped(&self) -> Option<String> {
-        let named = self.named.iter().map(|(key, name)| ("--column", *key, *name));
-        let mut named: Vec<_> = named
-            .filter(|(_, key, name)| !name.is_empty() && !self.is_constant(key, name))
-            .map(|(option, key, name)| (option, key.to_owned(), name))
-            .collect();
-        if let Some(frame) = &self.frame {
-            named = frame.named(self);
-        }
-        let (option, key, name) = named.into_iter().find(|(_, _, name)| !self.names.has(name))?;
-        let all = listed(name, self.names.iter());
-        let seed = format!(
-            "no {name:?} in the file, which {option} {key}={name} names; the file has {all}"
-        );
-        Some(seed)
-    }
-
-    /// Whether a name of the file is read.
-    pub(super) fn uses(&self, name: &str) -> bool {
-        let is_default = |key: &&str| !self.named.contains_key(*key) && **key == *name;
-        self.named.values().any(|named| *named == name) || BY_DEFAULT.iter().any(is_default)
-    }
-
-    /// The id of a text, for frames.
-    pub(super) fn id(&self, key: &str, text: &str) -> Result<Id, Refusal> {
-        value::id(text).map_err(|why| self.wrong(key, text, &why))
+    /// The first of these names that occurs nowhere, as an error with those that do.
+    pub(super) fn mistyped(&self, option: &str, given: &[Named<'_>]) -> Option<String> {
+        let occurs = |named: &Named<'_>| {
+            named.name.is_empty() || self.names.has(&named.name) || self.is_constant(named)
+        };
+        let Named { what, name, .. } = given.iter().find(|named| !occurs(named))?;
+        Some(unknown("", name, &format!("{option} {what}={name}"), self.names.iter()))
     }
 }

@@ -3,48 +3,46 @@
 
 #[cfg(feature = "bags")]
 mod db3;
-mod deadline;
 mod entry;
 mod explain;
 mod files;
 mod frame;
 mod header;
-mod instant;
 mod json;
 mod key;
 mod log;
 mod mapping;
-mod mcap;
+mod notes;
 mod otlp;
 mod payload;
 mod reading;
-mod recorded;
 mod restart;
 mod role;
 mod row;
-mod service;
 mod spans;
 mod table;
-mod topic;
+mod time;
 mod topics;
-mod value;
 mod writing;
 
 use std::io;
 use std::path::{Path, PathBuf};
 
 use fuseline_traces::packed::TOPIC;
+use thiserror::Error;
 
-use crate::convert::entry::Sources;
 use crate::convert::explain::explain;
-use crate::convert::files::Format;
+use crate::convert::files::{Format, LogFile};
 use crate::convert::frame::FrameColumn;
-use crate::convert::reading::{LogReader, Understood};
-use crate::convert::recorded::ConvertError;
+use crate::convert::notes::Notes;
+use crate::convert::reading::{Understood, read};
 use crate::convert::role::SpanOptions;
-use crate::convert::topic::{TopicChoice, topic};
-use crate::convert::value::Unit;
-use crate::convert::writing::{put_header, read_header, write_recording, write_runs};
+use crate::convert::row::Problem;
+use crate::convert::time::Unit;
+use crate::convert::topics::{TopicChoice, topic};
+use crate::convert::writing::{
+    RecordedTrace, no_header, put_header, read_header, write_recording, write_runs,
+};
 use crate::exit::Exit;
 use crate::fault::Fault;
 use crate::input::is_standard;
@@ -75,7 +73,8 @@ at its end. A call that was cancelled or ran out of time (codes 1 and 4 of gRPC,
 client spans of one source are attempts, also one that is linked to another. Without the attribute by, an output is of
 the result that came last.
 
-What convert guesses, changes or leaves out is counted on standard error. Packed files (gzip, zstd) are unpacked.
+What convert guesses, changes or leaves out is counted on standard error. Packed files (gzip, zstd) are unpacked, and
+text may be UTF-16. A log is held in memory until its trace is written, about 0.5 GB for each million events.
 
 The header is the trace's first line: it has the clouds and the commit rule. --write-header makes one.
 
@@ -137,12 +136,12 @@ pub(crate) struct Args {
     #[arg(long, value_name = "NAME", value_delimiter = ',')]
     local: Vec<String>,
     /// How long a request may take that does not say so, such as 40ms, or west=40ms for one source.
-    #[arg(long, value_name = "[SOURCE=]TIME", value_delimiter = ',', value_parser = deadline::deadline)]
+    #[arg(long, value_name = "[SOURCE=]TIME", value_delimiter = ',', value_parser = key::deadline)]
     deadline: Vec<(Option<String>, u64)>,
     /// Texts that stand for no value, beside empty cells and null: NaN, None, -1.
     #[arg(long, value_name = "TEXT", value_delimiter = ',', allow_hyphen_values = true)]
     missing: Vec<String>,
-    /// Leave out rows that cannot be read, and count them.
+    /// Leave out rows, or messages of spans, that cannot be read, and count them.
     #[arg(long)]
     skip_bad: bool,
     /// Leave out events that repeat an earlier one in every value, and count them.
@@ -167,58 +166,103 @@ pub(crate) struct Args {
     spans: SpanOptions,
 }
 
+/// Options that do not go together.
+#[derive(Debug, Error)]
+enum OptionError {
+    #[error("--frame is for rows of CSV and JSON; give --column for others")]
+    Frames,
+    #[error(
+        "--topic was given several times; say what the messages of each are, such as open=/camera, or which keys say so, with \
+         --column"
+    )]
+    Topics,
+    #[error("one recording at a time; its parts are read with --column")]
+    Recordings,
+    #[error("--write-header asks on standard input; name a file to convert")]
+    Asking,
+    #[error("--split writes a file for each run; name one with -o, such as -o trace.jsonl")]
+    Split,
+}
+
+impl From<OptionError> for Fault {
+    fn from(error: OptionError) -> Self {
+        Self::own(error)
+    }
+}
+
+impl Args {
+    /// The files of the log.
+    fn log_files(&self, notes: &mut Notes) -> Result<Vec<LogFile>, Fault> {
+        let files = files::files(&self.files, self.from, notes)?;
+        let is_rows = |file: &LogFile| matches!(file.format, Format::Csv | Format::Jsonl);
+        if !self.frame.is_empty() && !files.iter().all(is_rows) {
+            return Err(OptionError::Frames.into());
+        }
+        let is_piped = |file: &&LogFile| file.format == Format::Db3 && is_standard(&file.path);
+        if let Some(file) = files.iter().find(is_piped) {
+            let message =
+                "a database of rosbag2 is read from a file of its own, and not from standard input";
+            return Err(Problem::of_file(&file.name, message).into());
+        }
+        Ok(files)
+    }
+
+    /// Whether a recording has the lines of a trace.
+    fn is_trace_in_mcap(&self, files: &[LogFile]) -> bool {
+        self.column.is_empty()
+            && self.event.is_empty()
+            && self.topic.iter().all(|topic| topic.event.is_none())
+            && files.iter().any(|file| file.format == Format::Mcap)
+    }
+}
+
 /// Converts a log; a named output is written only once all of the input was read.
 pub(crate) fn convert(args: &Args) -> Result<Exit, Fault> {
     let mut inputs: Vec<&Path> = args.files.iter().map(|path| &**path).collect();
     inputs.extend(args.header.as_deref());
     let named = args.output.as_deref().filter(|path| !is_standard(path));
     if args.split && named.is_none() {
-        return Err(ConvertError::Split.into());
+        return Err(OptionError::Split.into());
     }
     let output = named.filter(|_| !args.split);
     let output = output.map(|path| Output::new(path, &inputs, args.overwrite)).transpose()?;
     if named.is_none() {
         refuse_onto_stdout(&inputs)?;
     }
-    if args.write_header {
-        return made_header(args, output.as_ref());
+    if args.write_header && args.files.iter().any(|path| is_standard(path)) {
+        return Err(OptionError::Asking.into());
     }
     let given = args.header.as_deref().map(read_header).transpose()?;
-    let mut reader = LogReader::new(args);
-    let files = reader.files()?;
-    if args.is_trace_in_mcap(&files) {
+    let mut notes = Notes::default();
+    let files = args.log_files(&mut notes)?;
+    let is_recording = args.is_trace_in_mcap(&files);
+    if is_recording && (args.write_header || args.explain) {
+        // A recording without a line of a trace is another log, of which nothing was named yet.
+        let recorded = RecordedTrace::open(args, &files[0], &args.topic[0].name)?.header();
+        if let Ok(Some(_)) = recorded {
+            let message = if args.explain {
+                "it is a trace already; `fuseline check` judges it"
+            } else {
+                "it has a header, which --write-header would replace; leave that out"
+            };
+            return Err(Problem::of_file(&files[0].name, message).into());
+        }
+    } else if is_recording {
         return write_recording(args, &files, given, output.as_ref());
     }
+    let header = given.as_ref().map(|(header, _)| header);
     if args.explain {
-        let sources = given.as_ref().map_or_else(Sources::gathering, |(header, _)| {
-            Sources::known(writing::sources(header).collect())
-        });
-        let understood = reader.read(&files, sources)?;
-        return explain(args, &files, understood, given.is_some());
+        let understood = read(args, &files, header, notes)?;
+        return explain(args, &files[0].name, understood, given.is_some());
     }
-    let file = files[0].name.to_string();
-    let header = given.ok_or(ConvertError::NoHeader { file })?;
-    let sources = Sources::known(writing::sources(&header.0).collect());
-    write_runs(args, reader, &files, &header, &sources, output.as_ref(), &inputs)
-}
-
-/// Writes the header for a log, from its sources and what is asked.
-fn made_header(args: &Args, output: Option<&Output>) -> Result<Exit, Fault> {
-    if args.files.iter().any(|path| is_standard(path)) {
-        return Err(ConvertError::Asking.into());
+    if args.write_header {
+        let Understood { sources, notes, .. } = read(args, &files, None, notes)?;
+        notes.complain();
+        let header = header::ask(sources.found(), &mut io::stdin().lock(), &mut io::stderr())?;
+        return put_header(output.as_ref(), header);
     }
-    let mut reader = LogReader::new(args);
-    let files = reader.files()?;
-    if args.is_trace_in_mcap(&files) {
-        let (name, file) = (files[0].name.to_string(), files[0].open()?);
-        if mcap::McapInput::new(&name, file, &args.topic[0].name).header()?.is_some() {
-            return Err(ConvertError::HasHeader { file: name }.into());
-        }
-    }
-    let Understood { sources, notes, .. } = reader.read(&files, Sources::gathering())?;
-    notes.complain();
-    let header = header::ask(sources.found(), &mut io::stdin().lock(), &mut io::stderr())?;
-    put_header(output, &header)
+    let header = given.ok_or_else(|| no_header(&files[0]))?;
+    write_runs(args, &files, &header, notes, output.as_ref(), &inputs)
 }
 
 fn separator(text: &str) -> Result<u8, &'static str> {

@@ -2,38 +2,42 @@
 
 use std::sync::Arc;
 
+use fuseline_traces::Header;
 use fuseline_traces::packed::RawMessages;
 
 use crate::convert::Args;
-use crate::convert::deadline::Deadlines;
 use crate::convert::entry::{Entry, Sources};
-use crate::convert::files::{self, Content, Format, LogFile};
-use crate::convert::frame::Frame;
-use crate::convert::json::{ArraySource, LineSource};
+use crate::convert::files::{Content, Format, LogFile, PART};
+use crate::convert::frame;
+use crate::convert::json::{LineRows, array};
 use crate::convert::log::{Log, LogKind};
-use crate::convert::mapping::{Fixed, Mapping, Refusal};
+use crate::convert::mapping::{Mapping, Named, View, ViewKind};
+use crate::convert::notes::{Names, Notes, listed, unknown};
 use crate::convert::otlp::{self, SpanRecord};
-use crate::convert::recorded::ConvertError;
-use crate::convert::row::{Names, Notes, Problem, ProblemKind, Row, Source};
-use crate::convert::service::ServiceRows;
+use crate::convert::row::{Problem, ProblemKind, ReadRow, Row};
 use crate::convert::spans::SpanReader;
-use crate::convert::table::TableSource;
-use crate::convert::topics::{self, MessageFile, TopicSource};
-use crate::convert::value::Unit;
+use crate::convert::table::TableRows;
+use crate::convert::time::Unit;
+use crate::convert::topics::{self, Recording, ServiceRows, TopicRows, side};
 use crate::fault::Fault;
-#[cfg(feature = "bags")]
-use crate::input::is_standard;
 
 const SKIPPED: &str = "rows left out, since they cannot be read";
 const UNREADABLE: &str = "rows that cannot be read, at which convert stops without --skip-bad";
 const CUT: &str = "the file is cut off; read up to its last whole row";
 
 /// Reads the files of a log.
-pub(super) struct LogReader<'a> {
+struct LogReader<'a> {
     args: &'a Args,
-    deadlines: Deadlines,
-    notes: Notes,
+    mapping: Mapping<'a>,
+    views: Vec<View<'a>>,
+    /// What the user named, and by which option.
+    given: (&'static str, Vec<Named<'a>>),
+    topics: Vec<&'a str>,
+    /// The topics that recordings have, if there is one, and those among them that have messages.
+    recorded: Option<Names>,
+    spoken: Names,
     log: Log,
+    spans: Vec<SpanRecord>,
 }
 
 /// A log that was read.
@@ -49,352 +53,322 @@ pub(super) struct Understood {
     pub(super) left_out: u64,
 }
 
-impl Args {
-    fn is_mapped(&self) -> bool {
-        !self.column.is_empty()
-            || !self.event.is_empty()
-            || self.topic.iter().any(|topic| topic.event.is_some())
+/// Reads all files; without a header any source is taken.
+pub(super) fn read(
+    args: &Args,
+    files: &[LogFile],
+    header: Option<&Header>,
+    notes: Notes,
+) -> Result<Understood, Fault> {
+    let mut reader = LogReader::new(args, header, notes)
+        .map_err(|message| Problem::of_file(&files[0].name, message))?;
+    for file in files {
+        reader.read_file(file)?;
     }
-
-    /// Whether rows that cannot be read are left out; `--explain` shows the others at least.
-    const fn skips_bad(&self) -> bool {
-        self.skip_bad || self.explain
-    }
-
-    const fn skipped(&self) -> &'static str {
-        if self.skip_bad { SKIPPED } else { UNREADABLE }
-    }
-
-    /// Whether a recording has the lines of a trace.
-    pub(super) fn is_trace_in_mcap(&self, files: &[LogFile]) -> bool {
-        !self.is_mapped() && files.iter().any(|file| file.format == Format::Mcap)
-    }
+    Ok(reader.finish(&files[0].name)?)
 }
 
 impl<'a> LogReader<'a> {
-    pub(super) fn new(args: &'a Args) -> Self {
-        let deadlines = Deadlines::new(&args.deadline);
-        Self { args, deadlines, notes: Notes::default(), log: Log::default() }
-    }
-
-    /// The files of the log.
-    ///
-    /// # Errors
-    /// If one is of no known format.
-    pub(super) fn files(&mut self) -> Result<Vec<LogFile>, Fault> {
-        let files = files::files(&self.args.files, self.args.from, &mut self.notes)?;
-        let is_rows = |file: &LogFile| matches!(file.format, Format::Csv | Format::Jsonl);
-        if !self.args.frame.is_empty() && !files.iter().all(is_rows) {
-            return Err(ConvertError::Frames.into());
+    fn new(args: &'a Args, header: Option<&Header>, notes: Notes) -> Result<Self, String> {
+        let topics = topics::names(&args.topic);
+        let given: (_, Vec<Named<'_>>) = if args.frame.is_empty() {
+            let named = args.column.iter();
+            let named =
+                named.map(|(key, name)| Named { key, what: (*key).into(), name: name.into() });
+            (ViewKind::Column.words().0, named.collect())
+        } else {
+            (ViewKind::Frame.words().0, args.frame.iter().map(|column| column.named()).collect())
+        };
+        let column = |topic, event, source| {
+            // The last one counts.
+            let named = given.1.iter().rev().cloned().collect();
+            View { kind: ViewKind::Column, topic, event, source, named }
+        };
+        let of_topics = args.topic.iter().map(|choice| {
+            let topic = topics.iter().position(|name| *name == choice.name);
+            column(topic, choice.event, choice.source.as_deref())
+        });
+        let views = if args.frame.is_empty() {
+            of_topics.chain([column(None, None, None)]).collect()
+        } else {
+            frame::views(&args.frame)?
+        };
+        let mut sources = Sources::new(header, &args.local);
+        let of_frames = args.frame.iter().filter_map(|it| Some(("--frame", it.source()?)));
+        let of_topics = args.topic.iter().filter_map(|it| Some(("--topic", it.source.as_deref()?)));
+        for (option, source) in of_frames.chain(of_topics) {
+            let known = sources.priority(source);
+            known.map_err(|why| format!("{option} {source}.…: {source:?} is {why}"))?;
         }
-        #[cfg(feature = "bags")]
-        if let Some(file) =
-            files.iter().find(|file| file.format == Format::Db3 && is_standard(&file.path))
-        {
-            return Err(ConvertError::Database { file: file.name.to_string() }.into());
-        }
-        Ok(files)
-    }
-
-    /// Reads all of them.
-    ///
-    /// # Errors
-    /// If something cannot be read and is not to be left out.
-    pub(super) fn read(mut self, files: &[LogFile], sources: Sources) -> Result<Understood, Fault> {
-        let args = self.args;
-        let mut sources = sources.with_locals(&args.local);
-        let frame =
-            Frame::new(&args.frame).map_err(|why| ConvertError::file(&files[0].name, &why))?;
-        if sources.are_gathered() {
-            for source in frame.iter().flat_map(Frame::sources) {
-                sources.priority(source).map_err(ConvertError::Options)?;
-            }
-        }
-        self.log.kind = if frame.is_some() { LogKind::Frames } else { LogKind::Events };
-        self.log.has_ids = frame.as_ref().is_none_or(Frame::has_ids);
-        let whole = args.unit.iter().rev().find(|(key, _)| key.is_none());
-        let mut mapping = Mapping {
-            named: args.column.iter().map(|(key, name)| (*key, &**name)).collect(),
+        let mapping = Mapping {
             events: args.event.iter().map(|(name, event)| (&**name, *event)).collect(),
-            unit: whole.map_or(Unit::Ns, |(_, unit)| *unit),
+            unit: args.unit.iter().rev().find(|(key, _)| key.is_none()).map_or(Unit::Ns, |it| it.1),
             units: args.unit.iter().filter_map(|(key, unit)| Some(((*key)?, *unit))).collect(),
             missing: &args.missing,
-            deadlines: &self.deadlines,
-            frame,
+            deadlines: &args.deadline,
             sources,
             names: Names::default(),
-            event_names: Names::default(),
-            notes: std::mem::take(&mut self.notes),
+            notes,
             left_out: 0,
         };
-        let mut spans = Vec::new();
-        for file in files {
-            read_file(args, file, &mut mapping, &mut self.log, &mut spans)?;
+        let mut log = Log::default();
+        if !args.frame.is_empty() {
+            log.kind = LogKind::Frames;
         }
-        if self.log.kind == LogKind::Spans {
-            read_spans(args, &files[0].name, &spans, &mut mapping, &mut self.log)?;
+        log.has_ids = args.frame.is_empty() || given.1.iter().any(|named| named.key == "t");
+        let (recorded, spoken, spans) = Default::default();
+        Ok(Self { args, mapping, views, given, topics, recorded, spoken, log, spans })
+    }
+
+    /// Leaves out a row that cannot be read, if that is to be; `--explain` shows the others at least.
+    fn skip(&mut self, problem: Problem) -> Result<(), Problem> {
+        let Some(kind) = self.skipped() else { return Err(problem) };
+        self.mapping.notes.add(kind, &problem.place, || problem.without_remedy());
+        Ok(())
+    }
+
+    fn skipped(&self) -> Option<&'static str> {
+        let unreadable = self.args.explain.then_some(UNREADABLE);
+        if self.args.skip_bad { Some(SKIPPED) } else { unreadable }
+    }
+
+    fn read_file(&mut self, file: &LogFile) -> Result<(), Fault> {
+        let (args, name, before) = (self.args, &file.name, self.log.rows);
+        if file.format == Format::Db3 {
+            self.read_database(file)?;
+            self.log.files.push(format!("{name}: {} messages", self.log.rows - before));
+            return Ok(());
         }
-        if self.log.rows > 0
-            && self.log.kind != LogKind::Spans
-            && let Some(message) = mapping.mistyped()
-        {
-            if !args.explain {
-                return Err(ConvertError::file(&files[0].name, &message).into());
+        let mut reader = file.open()?;
+        let what = match file.content(&mut *reader)? {
+            Content::Trace => {
+                let message = "it is a trace already; `fuseline check` judges it";
+                return Err(Problem::of_file(name, message).into());
             }
-            mapping.notes.add_of_file("mistyped", &files[0].name, message);
-        }
-        if let Some(name) = mapping.sources.local_unseen().filter(|_| self.log.rows > 0) {
-            let all = mapping.sources.found().join(", ");
-            let all = if all.is_empty() { all } else { format!("; it has {all}") };
-            let message = format!("no source {name:?} in the log, which --local names{all}");
-            return Err(ConvertError::file(&files[0].name, &message).into());
-        }
-        if self.log.entries.is_empty() && !args.explain {
-            let message = "no event in the log; --explain shows what was read";
-            return Err(ConvertError::file(&files[0].name, message).into());
-        }
-        let described = mapping.names.described();
-        let unused = unused(args, &mapping, self.log.kind);
-        let Mapping { sources, mut notes, left_out, .. } = mapping;
-        self.log.guess(&mut notes, &sources)?;
-        self.log.note_unregistered(&mut notes, &sources);
-        Ok(Understood { log: self.log, notes, sources, unused, described, left_out })
-    }
-}
-
-/// The names in the file that nothing uses.
-fn unused(args: &Args, mapping: &Mapping<'_>, kind: LogKind) -> Vec<String> {
-    let names = mapping.names.iter().map(str::to_owned);
-    match kind {
-        LogKind::Spans => {
-            let is_used = |name: &String| args.spans.uses(name) || mapping.sources.has(name);
-            names.filter(|name| !is_used(name)).collect()
-        }
-        LogKind::Frames => {
-            let is_used = |name: &String| args.frame.iter().any(|it| it.is_called(name));
-            names.filter(|name| !is_used(name)).collect()
-        }
-        LogKind::Events => names.filter(|name| !mapping.uses(name)).collect(),
-    }
-}
-
-fn read_file(
-    args: &Args,
-    file: &LogFile,
-    mapping: &mut Mapping<'_>,
-    log: &mut Log,
-    spans: &mut Vec<SpanRecord>,
-) -> Result<(), Fault> {
-    let before = log.rows;
-    let name = &file.name;
-    if file.format == Format::Db3 {
-        read_database(args, file, mapping, log)?;
-        log.files.push(format!("{name}: {} messages", log.rows - before));
-        return Ok(());
-    }
-    let mut reader = file.open()?;
-    let content = file.looks_like(&mut *reader)?;
-    let what = match content {
-        Content::Trace => return Err(ConvertError::IsTrace { file: name.to_string() }.into()),
-        Content::Table => {
-            let source = TableSource::new(name, reader, args.separator);
-            let source = source.map_err(ConvertError::from)?;
-            if let Some(doubled) = source.doubled() {
-                let detail = format!("{doubled:?}; the first was read");
-                mapping.notes.add_of_file("two columns have the name", name, detail);
-            }
-            read_rows(args, source, mapping, log)?;
-            "rows"
-        }
-        Content::Lines => {
-            read_rows(args, LineSource::new(name, reader), mapping, log)?;
-            "lines"
-        }
-        Content::Array => {
-            let source = ArraySource::new(name, reader).map_err(ConvertError::from)?;
-            read_rows(args, source, mapping, log)?;
-            "objects"
-        }
-        Content::Spans => {
-            let found = gather_spans(args, file, reader, mapping)?;
-            log.rows += found.len() as u64;
-            log.kind = LogKind::Spans;
-            spans.extend(found);
-            "spans"
-        }
-        Content::Bag => {
-            let names = topics::names(&args.topic);
-            let messages = MessageFile::Mcap(Box::new(RawMessages::new(reader, names)));
-            let mut source = TopicSource::new(name, messages, &args.topic);
-            read_rows(args, &mut source, mapping, log)?;
-            source.finish(&mut mapping.notes)?;
-            "messages"
-        }
-    };
-    log.files.push(format!("{name}: {} {what}", log.rows - before));
-    Ok(())
-}
-
-fn gather_spans(
-    args: &Args,
-    file: &LogFile,
-    reader: Box<dyn std::io::BufRead>,
-    mapping: &mut Mapping<'_>,
-) -> Result<Vec<SpanRecord>, Fault> {
-    let (spans, is_cut) = if args.truncated {
-        otlp::read_truncated(&file.name, reader)?
-    } else {
-        (otlp::read(&file.name, reader)?, false)
-    };
-    if is_cut {
-        mapping.notes.add_of_file(CUT, &file.name, format!("{} spans", spans.len()));
-    }
-    Ok(spans)
-}
-
-fn read_spans(
-    args: &Args,
-    file: &Arc<str>,
-    spans: &[SpanRecord],
-    mapping: &mut Mapping<'_>,
-    log: &mut Log,
-) -> Result<(), Fault> {
-    let mut reader = SpanReader {
-        file: Arc::clone(file),
-        options: &args.spans,
-        deadlines: mapping.deadlines,
-        sources: &mut mapping.sources,
-        names: &mut mapping.names,
-        notes: &mut mapping.notes,
-        skips_bad: args.skips_bad(),
-        entries: Vec::new(),
-        has_ids: false,
-    };
-    reader.read(spans)?;
-    log.has_ids = reader.has_ids;
-    log.entries.extend(reader.entries);
-    Ok(())
-}
-
-/// `SQLite` reads the file by its name.
-#[cfg(feature = "bags")]
-fn read_database(
-    args: &Args,
-    file: &LogFile,
-    mapping: &mut Mapping<'_>,
-    log: &mut Log,
-) -> Result<(), Fault> {
-    let (path, _unpacked) = file.on_disk()?;
-    let names = topics::names(&args.topic);
-    let messages = crate::convert::db3::Db3Messages::open(&path, &names)
-        .map_err(|error| ConvertError::at(&file.place(), &error.to_string()))?;
-    let mut source = TopicSource::new(&file.name, MessageFile::Db3(messages), &args.topic);
-    read_rows(args, &mut source, mapping, log)?;
-    Ok(source.finish(&mut mapping.notes)?)
-}
-
-#[cfg(not(feature = "bags"))]
-fn read_database(_: &Args, file: &LogFile, _: &mut Mapping<'_>, _: &mut Log) -> Result<(), Fault> {
-    Err(ConvertError::NoBags { file: file.name.to_string() }.into())
-}
-
-/// Reads a source to its end.
-fn read_rows(
-    args: &Args,
-    mut source: impl Source,
-    mapping: &mut Mapping<'_>,
-    log: &mut Log,
-) -> Result<(), ConvertError> {
-    let mut service = ServiceRows::default();
-    loop {
-        let row = match source.next_row() {
-            Ok(None) => {
-                service.finish(mapping, log);
-                return Ok(());
-            }
-            Ok(Some(row)) => row,
-            Err(problem) => match problem.kind {
-                ProblemKind::Cut if args.truncated => {
-                    let found = format!("{} ({})", problem.place.within(), problem.message);
-                    mapping.notes.add_of_file(CUT, &problem.place.file, found);
-                    service.finish(mapping, log);
-                    return Ok(());
+            Content::Table => {
+                let rows = TableRows::new(name, reader, args.separator)?;
+                if let Some(doubled) = rows.doubled() {
+                    let detail = format!("{doubled:?}; the first was read");
+                    self.mapping.notes.add_of_file("two columns have the name", name, detail);
                 }
-                ProblemKind::Row | ProblemKind::Cut if args.skips_bad() => {
-                    mapping
-                        .notes
-                        .add(args.skipped(), &problem.place, || without_remedy(&problem.message));
+                self.read_rows(rows)?;
+                "rows"
+            }
+            Content::Lines => {
+                self.read_rows(LineRows::new(name, reader))?;
+                "lines"
+            }
+            Content::Array => {
+                self.read_rows(array(name, &mut reader)?)?;
+                "objects"
+            }
+            Content::Spans => {
+                self.log.kind = LogKind::Spans;
+                for span in otlp::read(name, reader)? {
+                    match span {
+                        Ok(span) => self.spans.push(span),
+                        Err(problem) => self.lose(problem)?,
+                    }
+                }
+                self.log.rows = self.spans.len() as u64;
+                "spans"
+            }
+            Content::Bag => {
+                self.read_recording(file, RawMessages::new(reader, self.topics.clone()))?;
+                "messages"
+            }
+        };
+        self.log.files.push(format!("{name}: {} {what}", self.log.rows - before));
+        Ok(())
+    }
+
+    /// `SQLite` reads the file by its name.
+    #[cfg(feature = "bags")]
+    fn read_database(&mut self, file: &LogFile) -> Result<(), Fault> {
+        let (path, _unpacked) = file.on_disk()?;
+        let messages = crate::convert::db3::Db3Messages::open(&path, &self.topics);
+        let messages = messages.map_err(|message| Problem::of_file(&file.name, message))?;
+        Ok(self.read_recording(file, messages)?)
+    }
+
+    #[cfg(not(feature = "bags"))]
+    fn read_database(&mut self, file: &LogFile) -> Result<(), Fault> {
+        let message = "this fuseline reads no databases of rosbag2; build it with --features bags, or make an .mcap of it \
+                       with ros2 bag convert";
+        Err(Problem::of_file(&file.name, message).into())
+    }
+
+    fn read_recording(&mut self, file: &LogFile, recording: impl Recording) -> Result<(), Problem> {
+        let mut rows = TopicRows::new(&file.name, Box::new(recording), &self.topics);
+        self.read_rows(&mut rows)?;
+        let recorded = self.recorded.get_or_insert_default();
+        rows.recording.topics().iter().for_each(|topic| recorded.add(topic));
+        Ok(())
+    }
+
+    /// Takes what cannot be read: the end of a file that is cut off, or a row that can be left out.
+    fn lose(&mut self, problem: Problem) -> Result<(), Problem> {
+        match problem.kind {
+            ProblemKind::Cut if self.args.truncated => {
+                let found = format!("{} ({})", problem.place.within(), problem.without_remedy());
+                self.mapping.notes.add_of_file(CUT, &problem.place.file, found);
+                Ok(())
+            }
+            ProblemKind::File => Err(problem),
+            _ => self.skip(problem),
+        }
+    }
+
+    /// Reads a source to its end.
+    fn read_rows(&mut self, mut rows: impl Iterator<Item = ReadRow>) -> Result<(), Problem> {
+        let mut service = ServiceRows::default();
+        while let Some(row) = rows.next() {
+            let row = match row {
+                Ok(row) => row,
+                Err(problem) => {
+                    let is_end = problem.kind == ProblemKind::Cut;
+                    self.lose(problem)?;
+                    if is_end {
+                        break;
+                    }
                     continue;
                 }
-                _ => return Err(problem.into()),
-            },
+            };
+            let number = self.log.rows;
+            self.log.rows += 1;
+            for (name, value) in &row.cells {
+                self.mapping.names.add(name);
+                if self.args.explain {
+                    self.mapping.names.add_value(name, value);
+                }
+            }
+            match self.entries(&row, number, &mut service) {
+                Ok(entries) => self.log.entries.extend(entries),
+                Err(problem) => {
+                    let problem = self.skip(problem).err();
+                    problem.map_or(Ok(()), |problem| Err(self.explained(problem, &mut rows)))?;
+                }
+            }
+        }
+        service.finish(&mut self.mapping.notes, &mut self.log);
+        Ok(())
+    }
+
+    /// The events of a row: one, those of a frame, or one for each meaning of its topic.
+    fn entries(
+        &mut self,
+        row: &Row,
+        number: u64,
+        service: &mut ServiceRows,
+    ) -> Result<Vec<Entry>, Problem> {
+        let mut entries = Vec::new();
+        for view in self.views.iter().filter(|view| view.topic == row.topic) {
+            if let Some(topic) = row.topic {
+                let name = self.topics[topic];
+                self.spoken.add(name);
+                let Some(side) = side(name, view.event, row) else { continue };
+                service.take(side, row, number);
+            }
+            entries.extend(self.mapping.entry(row, number, view)?);
+        }
+        Ok(entries)
+    }
+
+    /// Why a row is refused: because a name that the user gave occurs nowhere, or for its own sake.
+    fn explained(&mut self, problem: Problem, rows: &mut dyn Iterator<Item = ReadRow>) -> Problem {
+        let ProblemKind::Lacks(name) = &problem.kind else { return problem };
+        while !self.mapping.names.has(name) {
+            match rows.next() {
+                Some(Ok(row)) => {
+                    row.cells.iter().for_each(|(name, _)| self.mapping.names.add(name));
+                }
+                Some(Err(Problem { kind: ProblemKind::Row, .. })) => {}
+                Some(Err(_)) | None => break,
+            }
+        }
+        let mistyped = self.mapping.mistyped(self.given.0, &self.given.1);
+        let mistyped = mistyped.filter(|_| !self.mapping.names.has(name));
+        mistyped.map_or(problem.clone(), |message| Problem::of_file(&problem.place.file, message))
+    }
+
+    /// Reads spans, once all files were read, and looks for names that occur nowhere.
+    fn finish(mut self, file: &Arc<str>) -> Result<Understood, Problem> {
+        if self.log.kind == LogKind::Spans {
+            self.read_spans(file)?;
+        }
+        for message in self.mistyped(file) {
+            if !self.args.explain {
+                return Err(Problem::of_file(file, message));
+            }
+            self.mapping.notes.add_of_file("mistyped", file, message);
+        }
+        if self.log.entries.is_empty() && !self.args.explain {
+            let message = "no event in the log; --explain shows what was read";
+            return Err(Problem::of_file(file, message));
+        }
+        let Self { args, mut mapping, mut log, views, given, recorded, .. } = self;
+        let topics = recorded.iter().flat_map(Names::iter).map(|it| format!("topic {it}"));
+        let described = topics.chain(mapping.names.described()).collect();
+        let is_used = |name: &str| match log.kind {
+            LogKind::Spans => args.spans.uses(name) || mapping.sources.has(name),
+            LogKind::Frames => given.1.iter().any(|named| named.name == name),
+            LogKind::Events => views.iter().any(|view| view.uses(name)),
         };
-        let number = log.rows;
-        log.rows += 1;
-        for (name, value) in &row.cells {
-            mapping.names.add(name);
-            if args.explain {
-                mapping.names.add_value(name, value);
+        let unused = mapping.names.iter().filter(|name| !is_used(name)).map(str::to_owned);
+        let unused = unused.collect();
+        log.guess(&mut mapping.notes, &mapping.sources)?;
+        log.note_unregistered(&mut mapping.notes, &mapping.sources);
+        let Mapping { sources, notes, left_out, .. } = mapping;
+        Ok(Understood { log, notes, sources, unused, described, left_out })
+    }
+
+    fn read_spans(&mut self, file: &Arc<str>) -> Result<(), Problem> {
+        // The units of spans are their own.
+        self.mapping.unit = Unit::Ns;
+        self.mapping.units.clear();
+        let (options, skipped) = (&self.args.spans, self.skipped());
+        let mapping = &mut self.mapping;
+        let mut reader =
+            SpanReader { options, mapping, skipped, entries: Vec::new(), has_ids: false };
+        reader.read(file, &self.spans)?;
+        self.log.has_ids = reader.has_ids;
+        self.log.entries.extend(reader.entries);
+        Ok(())
+    }
+
+    /// Names that the user gave and that occur nowhere.
+    fn mistyped(&mut self, file: &Arc<str>) -> Vec<String> {
+        let Self { args, mapping, .. } = self;
+        let mut all = Vec::new();
+        for (choice, recorded) in args.topic.iter().zip(self.recorded.iter().cycle()) {
+            let name = &choice.name;
+            if !recorded.has(name) && mapping.notes.has(PART) {
+                mapping.notes.add_of_file("no topic in this part", file, name.clone());
+            } else if !recorded.has(name) {
+                let option = format!("--topic {}", choice.option);
+                all.push(unknown("topic", name, &option, recorded.iter()));
+            } else if !self.spoken.has(name) {
+                mapping.notes.add_of_file("no message of topic", file, name.clone());
             }
         }
-        match events_of(args, &row, number, mapping, &mut service) {
-            Ok(entries) => log.entries.extend(entries),
-            Err(refusal) if args.skips_bad() => {
-                mapping.notes.add(args.skipped(), &row.place, || without_remedy(&refusal.message));
-            }
-            Err(refusal) => return Err(refused(&row, &refusal, source, mapping)),
+        if self.log.rows == 0 {
+            return all;
         }
-    }
-}
-
-/// What is wrong, without what the user can do about it.
-fn without_remedy(message: &str) -> String {
-    message.split("; ").next().unwrap_or_default().to_owned()
-}
-
-/// The events of a row: one, those of a frame, or one for each meaning of its topic.
-fn events_of(
-    args: &Args,
-    row: &Row,
-    number: u64,
-    mapping: &mut Mapping<'_>,
-    service: &mut ServiceRows,
-) -> Result<Vec<Entry>, Refusal> {
-    let Some(topic) = row.topic else { return mapping.entries(row, number, &Fixed::default()) };
-    let names = topics::names(&args.topic);
-    let mut entries = Vec::new();
-    for choice in args.topic.iter().filter(|choice| *choice.name == *names[topic]) {
-        let Some(side) = choice.means(row) else { continue };
-        entries.extend(mapping.entries(row, number, &choice.fixed())?);
-        service.take(side, row, number);
-    }
-    Ok(entries)
-}
-
-/// Why a row is refused: because a name that the user gave occurs nowhere, or for its own sake.
-fn refused(
-    row: &Row,
-    refusal: &Refusal,
-    mut source: impl Source,
-    mapping: &mut Mapping<'_>,
-) -> ConvertError {
-    if let Some(name) = &refusal.lacks {
-        while !mapping.names.has(name) {
-            match source.next_row() {
-                Ok(Some(row)) => row.cells.iter().for_each(|(name, _)| mapping.names.add(name)),
-                Err(Problem { kind: ProblemKind::Row, .. }) => {}
-                Ok(None) | Err(_) => break,
+        if self.log.kind != LogKind::Spans {
+            all.extend(mapping.mistyped(self.given.0, &self.given.1));
+        }
+        let sources = &mapping.sources;
+        let unknown_source = |name: &str, option: String| {
+            let has = listed(name, sources.names().filter(|known| *known != name));
+            let file = if sources.are_gathered() { "log" } else { "header" };
+            format!("no source {name:?} in the log, which {option} names; the {file} has {has}")
+        };
+        all.extend(sources.local_unseen().map(|name| unknown_source(name, "--local".to_owned())));
+        for name in args.deadline.iter().filter_map(|(name, _)| name.as_deref()) {
+            if !sources.has(name) {
+                all.push(unknown_source(name, format!("--deadline {name}=")));
             }
         }
-        if let Some(message) = mapping.mistyped().filter(|_| !mapping.names.has(name)) {
-            return ConvertError::file(&row.place.file, &message);
-        }
-    }
-    ConvertError::at(&row.place, &refusal.message)
-}
-
-impl<S: Source> Source for &mut S {
-    fn next_row(&mut self) -> Result<Option<Row>, Problem> {
-        (**self).next_row()
+        all
     }
 }

@@ -4,8 +4,9 @@ use std::collections::{BTreeMap, HashMap};
 
 use crate::convert::entry::Entry;
 use crate::convert::log::{BACKWARDS, Log, LogKind, TWICE};
-use crate::convert::row::{Notes, Place};
-use crate::convert::value::{Id, shown};
+use crate::convert::notes::Notes;
+use crate::convert::row::Place;
+use crate::convert::time::{Id, shown};
 
 /// Instants of one clock may be stamped out of their order by so much.
 const SLACK: i128 = 1_000_000;

@@ -1,8 +1,14 @@
 //! What spans are: the user's names for messages, local's computations and attributes.
 
+use std::borrow::Cow;
+use std::sync::Arc;
+
+use crate::convert::key::word;
+use crate::convert::mapping::{Named, View, ViewKind};
+use crate::convert::notes::unknown;
 use crate::convert::otlp::SpanRecord;
-use crate::convert::recorded::ConvertError;
-use crate::convert::value::{self, listed};
+use crate::convert::row::Problem;
+use crate::convert::time;
 
 #[derive(clap::Args)]
 #[command(next_help_heading = "Spans")]
@@ -30,20 +36,25 @@ pub(super) enum SpanRole {
     Request,
 }
 
+/// The attributes; where nobody says another name, it is `fuseline.` and the key.
 const KEYS: [&str; 8] = ["t", "within", "by", "took", "p", "deadline", "of", "try"];
+/// Where RPC clients put the status of a call: the stable attribute, and the older ones of gRPC and Connect.
+const STATUS_CODES: [&str; 4] = [
+    "rpc.status_code",
+    "rpc.response.status_code",
+    "rpc.grpc.status_code",
+    "rpc.connect_rpc.error_code",
+];
+/// Codes that say that the caller ended the call: it cancelled it, or its own deadline was over.
+const ENDED: [&str; 5] = ["1", "4", "cancelled", "canceled", "deadline_exceeded"];
 
 impl SpanOptions {
-    /// The attributes and values by which a client says that it ended a call.
-    pub(super) fn cancelled(&self) -> &[(String, String)] {
-        &self.cancelled
-    }
-
     /// What a span is by its name and kind; none is neither.
     pub(super) fn role(&self, span: &SpanRecord) -> Option<SpanRole> {
         if let Some((role, _)) = self.span.iter().find(|(_, name)| *name == span.name) {
             return Some(*role);
         }
-        if self.value(span, "p").is_some_and(|p| value::number(p) == Ok(0)) {
+        if self.value(span, "p").is_some_and(|p| time::number(p) == Ok(0)) {
             return Some(SpanRole::Local);
         }
         let is_named = self.span.iter().any(|(role, _)| *role == SpanRole::Message);
@@ -54,8 +65,37 @@ impl SpanOptions {
         }
     }
 
-    pub(super) fn name(&self, key: &str) -> Option<&str> {
-        self.attribute.iter().find(|(known, _)| *known == key).map(|(_, name)| &**name)
+    /// Whether an attribute of this key was named.
+    pub(super) fn names(&self, key: &str) -> bool {
+        self.attribute.iter().any(|(known, _)| *known == key)
+    }
+
+    /// The name of an attribute.
+    pub(super) fn name(&self, key: &str) -> Cow<'_, str> {
+        let given = self.attribute.iter().find(|(known, _)| *known == key);
+        given.map_or_else(|| format!("fuseline.{key}").into(), |(_, name)| name.into())
+    }
+
+    pub(super) fn value<'s>(&self, span: &'s SpanRecord, key: &str) -> Option<&'s str> {
+        span.row.cell(&self.name(key)).filter(|text| !text.is_empty())
+    }
+
+    /// Where the values of a span's event stand.
+    pub(super) fn view<'s>(&'s self, event: &'static str, source: Option<&'s str>) -> View<'s> {
+        // Whose an output is says the message; whose a call is says the view.
+        let keys = KEYS.iter().filter(|key| **key != "p");
+        let named = keys.map(|key| Named {
+            key: if *key == "by" { "p" } else { key },
+            what: (*key).into(),
+            name: self.name(key),
+        });
+        View {
+            kind: ViewKind::Span,
+            topic: None,
+            event: Some(event),
+            source,
+            named: named.collect(),
+        }
     }
 
     /// Whether an attribute or a span of this name is read.
@@ -66,59 +106,56 @@ impl SpanOptions {
             || name.starts_with("fuseline.")
     }
 
-    pub(super) fn value<'s>(&self, span: &'s SpanRecord, key: &str) -> Option<&'s str> {
-        let text = match self.name(key) {
-            Some(name) => span.attributes.get(name),
-            None => span.attributes.get(&format!("fuseline.{key}")),
-        };
-        text.map(|text| &**text).filter(|text| !text.is_empty())
+    /// Whether the caller ended the call: it cancelled it, its own deadline was over, or an attribute has the value that says so.
+    pub(super) fn was_ended_by_caller(&self, span: &SpanRecord) -> bool {
+        let is_code = |code: &str| ENDED.contains(&&*code.to_lowercase());
+        let is_named =
+            |(name, value): &(String, String)| span.row.cell(name) == Some(value.as_str());
+        span.row.cell("fuseline.ended").is_some()
+            || STATUS_CODES.iter().any(|key| span.row.cell(key).is_some_and(is_code))
+            || self.cancelled.iter().any(is_named)
     }
 
     /// Refuses a name that was given and occurs nowhere.
     pub(super) fn refuse_mistyped(
         &self,
-        file: &str,
+        file: &Arc<str>,
         spans: &[SpanRecord],
-    ) -> Result<(), ConvertError> {
-        if spans.is_empty() {
-            return Ok(());
-        }
-        let has_span = |name: &str| spans.iter().any(|span| span.name == name);
-        let has_attribute =
-            |name: &str| spans.iter().any(|span| span.attributes.contains_key(name));
-        let fault = |option: String, name: &str, what: &str, all: Vec<&str>| {
-            let mut all = all;
-            all.sort_unstable();
-            all.dedup();
-            let all = listed(name, all.into_iter());
-            let message =
-                format!("no {what} {name:?} in the file, which {option} names; it has {all}");
-            Err(ConvertError::file(file, &message))
-        };
-        let names = || spans.iter().map(|span| &*span.name).collect();
-        let attributes = || {
-            let all = spans.iter().flat_map(|span| span.attributes.keys());
-            all.map(|name| &**name).collect::<Vec<&str>>()
-        };
+    ) -> Result<(), Problem> {
+        let attributes = || spans.iter().flat_map(|span| &span.row.cells);
+        let keys = || attributes().map(|(key, _)| &**key);
+        let fault = |message: String| Err(Problem::of_file(file, message));
         for (role, name) in &self.span {
             let role = if *role == SpanRole::Message { "message" } else { "local" };
-            if !has_span(name) {
-                return fault(format!("--span {role}={name}"), name, "span", names());
+            let mut names = spans.iter().map(|span| &*span.name);
+            if !names.clone().any(|known| known == name) {
+                return fault(unknown("span", name, &format!("--span {role}={name}"), &mut names));
             }
         }
-        for (key, name) in &self.attribute {
-            if !has_attribute(name) {
-                return fault(format!("--attribute {key}={name}"), name, "attribute", attributes());
+        let named =
+            self.attribute.iter().map(|(key, name)| (format!("--attribute {key}="), name, ""));
+        let cancelled = self
+            .cancelled
+            .iter()
+            .map(|(name, value)| (format!("--cancelled {name}={value}"), name, value.as_str()));
+        for (option, name, value) in named.chain(cancelled) {
+            let values = attributes().filter(|(key, _)| **key == **name).map(|(_, text)| &**text);
+            let option = if value.is_empty() { option + name } else { option };
+            if values.clone().next().is_none() {
+                return fault(unknown("attribute", name, &option, keys()));
             }
-        }
-        for (name, value) in &self.cancelled {
-            if !has_attribute(name) {
-                let option = format!("--cancelled {name}={value}");
-                return fault(option, name, "attribute", attributes());
+            if !value.is_empty() && !values.clone().any(|known| known == value) {
+                let noun = format!("attribute {name:?} with the value");
+                return fault(unknown(&noun, value, &option, values));
             }
         }
         Ok(())
     }
+}
+
+/// Whether a span says how its call ended.
+pub(super) fn has_status_code(span: &SpanRecord) -> bool {
+    STATUS_CODES.iter().any(|key| span.row.cell(key).is_some())
 }
 
 fn role(text: &str) -> Result<(SpanRole, String), &'static str> {
@@ -130,10 +167,8 @@ fn role(text: &str) -> Result<(SpanRole, String), &'static str> {
 }
 
 fn attribute(text: &str) -> Result<(&'static str, String), String> {
-    let split = text.split_once('=');
-    let known = split.and_then(|(key, name)| Some((*KEYS.iter().find(|it| **it == key)?, name)));
-    let known = known.map(|(key, name)| (key, name.to_owned()));
-    known.ok_or_else(|| format!("it must be KEY=NAME, with a key of {}", KEYS.join(", ")))
+    let (key, name) = text.split_once('=').ok_or("write KEY=NAME, such as t=frame.id")?;
+    Ok((word("key ", key, &KEYS)?, name.to_owned()))
 }
 
 fn cancelled(text: &str) -> Result<(String, String), &'static str> {

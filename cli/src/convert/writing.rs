@@ -3,21 +3,25 @@
 use std::io::{self, BufReader, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use fuseline_traces::{Decision, Event, Events, Header, Input};
+use fuseline_traces::packed::{MessageError, Messages};
+use fuseline_traces::{
+    Annotations, Decision, Event, Events, Header, HeaderAnnotations, Input, Line,
+};
 
 use crate::complain::complain;
-use crate::convert::Args;
-use crate::convert::entry::Sources;
 use crate::convert::files::LogFile;
 use crate::convert::log::{OrderOptions, Run};
-use crate::convert::mcap::McapInput;
-use crate::convert::reading::{LogReader, Understood};
-use crate::convert::recorded::{AnnotatedHeader, ConvertError};
-use crate::convert::row::Notes;
+use crate::convert::notes::Notes;
+use crate::convert::reading::{self, Understood};
+use crate::convert::row::Problem;
+use crate::convert::{Args, OptionError};
 use crate::exit::Exit;
 use crate::fault::Fault;
 use crate::input::open;
 use crate::output::Output;
+
+/// A header with its further keys.
+pub(super) type AnnotatedHeader = (Header, HeaderAnnotations);
 
 /// Reads the header that a file begins with.
 pub(super) fn read_header(path: &Path) -> Result<AnnotatedHeader, Fault> {
@@ -26,70 +30,70 @@ pub(super) fn read_header(path: &Path) -> Result<AnnotatedHeader, Fault> {
     Ok((events.header().clone(), events.header_annotations().clone()))
 }
 
-/// The sources that a header has, with their priorities.
-pub(super) fn sources(header: &Header) -> impl Iterator<Item = (String, u64)> {
-    let named = header.clouds.iter().map(|cloud| {
-        let name = cloud.name.clone().unwrap_or_else(|| cloud.p.to_string());
-        (name, u64::from(cloud.p))
-    });
-    [("local".to_owned(), 0)].into_iter().chain(named)
-}
-
-pub(super) fn put_header(output: Option<&Output>, header: &Header) -> Result<Exit, Fault> {
-    put(output, &mut |out| {
-        let mut line = Vec::new();
-        header.write(&mut line);
-        line.push(b'\n');
-        out.write_all(&line).and_then(|()| out.flush()).map_err(Fault::Output)
-    })
-}
-
 /// Writes to the output, or to standard output if there is none.
 fn put(
     output: Option<&Output>,
     write: &mut dyn FnMut(&mut dyn Write) -> Result<(), Fault>,
 ) -> Result<Exit, Fault> {
+    let mut flushed = |out: &mut dyn Write| {
+        write(out)?;
+        out.flush().map_err(Fault::Output)
+    };
     match output {
-        Some(output) => output.write(|out| write(out))?,
-        None => write(&mut BufWriter::new(io::stdout().lock()))?,
+        Some(output) => output.write(|out| flushed(out))?,
+        None => flushed(&mut BufWriter::new(io::stdout().lock()))?,
     }
     Ok(Exit::Conforms)
+}
+
+/// Writes one line.
+fn put_line(out: &mut dyn Write, line: &mut Vec<u8>) -> Result<(), Fault> {
+    line.push(b'\n');
+    let written = out.write_all(line).map_err(Fault::Output);
+    line.clear();
+    written
+}
+
+fn header_line((header, annotations): &AnnotatedHeader) -> Vec<u8> {
+    let mut line = Vec::new();
+    header.write_annotated(annotations, &mut line);
+    line
+}
+
+pub(super) fn put_header(output: Option<&Output>, header: Header) -> Result<Exit, Fault> {
+    let header = (header, HeaderAnnotations::default());
+    put(output, &mut |out| put_line(out, &mut header_line(&header)))
 }
 
 /// Reads a log and writes its trace, or one trace for each run.
 pub(super) fn write_runs(
     args: &Args,
-    reader: LogReader<'_>,
     files: &[LogFile],
     header: &AnnotatedHeader,
-    sources: &Sources,
+    notes: Notes,
     output: Option<&Output>,
     inputs: &[&Path],
 ) -> Result<Exit, Fault> {
-    let order = OrderOptions { is_sorted: args.sort, is_split: args.split, is_unique: args.unique };
-    let understand = |reader: LogReader<'_>| -> Result<(Vec<Run>, Notes), Fault> {
-        let Understood { log, mut notes, .. } = reader.read(files, sources.clone())?;
-        let (runs, _) = log.runs(order, &mut notes)?;
+    let understand = |notes: Notes| -> Result<(Vec<Run>, Notes), Fault> {
+        let Understood { log, mut notes, .. } = reading::read(args, files, Some(&header.0), notes)?;
+        let (runs, _) = log.runs(OrderOptions::of(args), &mut notes)?;
         for run in &runs {
             run.doubt(&mut notes);
         }
         Ok((runs, notes))
     };
     if !args.split {
-        let mut reader = Some(reader);
+        let mut notes = Some(notes);
         // The output begins first, so that what cannot be written is known before a long log is read.
         return put(output, &mut |out| {
-            let Some(reader) = reader.take() else { return Ok(()) };
-            let (runs, notes) = understand(reader)?;
-            for run in &runs {
-                write_run(out, header, run)?;
-            }
+            let (runs, notes) = understand(notes.take().unwrap_or_default())?;
+            runs.iter().try_for_each(|run| write_run(out, header, run))?;
             notes.complain();
             Ok(())
         });
     }
-    let (runs, notes) = understand(reader)?;
-    let path = args.output.as_deref().ok_or(ConvertError::Split)?;
+    let (runs, notes) = understand(notes)?;
+    let path = args.output.as_deref().ok_or(OptionError::Split)?;
     let paths: Vec<PathBuf> = match runs.len() {
         1 => vec![path.to_owned()],
         count => (1..=count).map(|number| numbered(path, number)).collect(),
@@ -99,11 +103,8 @@ pub(super) fn write_runs(
     for (run, output) in runs.iter().zip(&outputs) {
         put(Some(output), &mut |out| write_run(out, header, run))?;
         let first = run.entries.first().map_or_else(String::new, |entry| entry.place.within());
-        complain(format_args!(
-            "note: {}: a run of {} events, from {first}",
-            output.name(),
-            run.entries.len()
-        ));
+        let (name, count) = (output.name(), run.entries.len());
+        complain(format_args!("note: {name}: a run of {count} events, from {first}"));
     }
     notes.complain();
     Ok(Exit::Conforms)
@@ -117,17 +118,83 @@ fn numbered(path: &Path, number: usize) -> PathBuf {
 }
 
 fn write_run(out: &mut dyn Write, header: &AnnotatedHeader, run: &Run) -> Result<(), Fault> {
-    let mut line = Vec::new();
-    header.0.write_annotated(&header.1, &mut line);
-    line.push(b'\n');
-    out.write_all(&line).map_err(Fault::Output)?;
+    let mut line = header_line(header);
+    put_line(out, &mut line)?;
     for entry in &run.entries {
-        line.clear();
         run.write(entry, &mut line)?;
-        line.push(b'\n');
-        out.write_all(&line).map_err(Fault::Output)?;
+        put_line(out, &mut line)?;
     }
-    out.flush().map_err(Fault::Output)
+    Ok(())
+}
+
+/// The messages of a recording that has the lines of a trace.
+pub(super) struct RecordedTrace<'a> {
+    file: &'a LogFile,
+    messages: Messages<'a>,
+    /// Whether what stands before the end of a cut file is enough, and whether it was cut.
+    truncated: bool,
+    /// The first event, if it came where a header was expected.
+    first: Option<(Event, Annotations)>,
+}
+
+impl<'a> RecordedTrace<'a> {
+    pub(super) fn open(args: &Args, file: &'a LogFile, topic: &'a str) -> Result<Self, Fault> {
+        let messages = Messages::new(file.open()?, topic);
+        Ok(Self { file, messages, truncated: args.truncated, first: None })
+    }
+
+    fn line(&mut self) -> Result<Option<Line>, Problem> {
+        let line = self.messages.line();
+        match line {
+            Err(error) if self.truncated && error.is_cut() => {
+                let name = &self.file.name;
+                complain(format_args!("note: {name}: the file is cut off ({error})"));
+                Ok(None)
+            }
+            line => line.map_err(|error| self.problem(&error)),
+        }
+    }
+
+    fn problem(&self, error: &MessageError) -> Problem {
+        let remedy = match error {
+            MessageError::None(_) => "; name another with --topic",
+            MessageError::Encoding { .. } => "; name the fields of others with --column",
+            error if error.is_cut() => "; --truncated reads what stands before",
+            _ => "",
+        };
+        Problem::of_file(&self.file.name, format!("{error}{remedy}"))
+    }
+
+    /// The recording's own header, if it has one.
+    pub(super) fn header(&mut self) -> Result<Option<AnnotatedHeader>, Problem> {
+        match self.line()? {
+            Some(Line::Header(header)) => {
+                Ok(Some((header, self.messages.header_annotations().clone())))
+            }
+            Some(Line::Event(event)) => {
+                self.first = Some((event, self.messages.annotations().clone()));
+                Ok(None)
+            }
+            None => Err(self.problem(&self.messages.none())),
+        }
+    }
+
+    /// The next event; none at the end.
+    fn event(&mut self) -> Result<Option<(Event, Annotations)>, Problem> {
+        if let Some(event) = self.first.take() {
+            return Ok(Some(event));
+        }
+        match self.line()? {
+            None => Ok(None),
+            Some(Line::Event(event)) => Ok(Some((event, self.messages.annotations().clone()))),
+            Some(Line::Header(_)) => {
+                let number = self.messages.number();
+                let message =
+                    format!("message {number}: a second header; put each trace in its own file");
+                Err(Problem::of_file(&self.file.name, message))
+            }
+        }
+    }
 }
 
 /// Writes the trace whose lines a recording has.
@@ -137,46 +204,37 @@ pub(super) fn write_recording(
     given: Option<AnnotatedHeader>,
     output: Option<&Output>,
 ) -> Result<Exit, Fault> {
-    let [topic] = &args.topic[..] else { return Err(ConvertError::Topics.into()) };
-    let [file] = files else {
-        let message = "one recording at a time; its parts are read with --column".to_owned();
-        return Err(ConvertError::Options(message).into());
-    };
-    let name = file.name.to_string();
-    if args.explain {
-        return Err(ConvertError::IsTrace { file: name }.into());
-    }
-    let mut recorded = McapInput::new(&name, file.open()?, &topic.name);
+    let [topic] = &args.topic[..] else { return Err(OptionError::Topics.into()) };
+    let [file] = files else { return Err(OptionError::Recordings.into()) };
+    let mut recorded = RecordedTrace::open(args, file, &topic.name)?;
     let own = recorded.header()?;
-    let (header, annotations) =
-        given.or(own).ok_or_else(|| ConvertError::NoHeader { file: name.clone() })?;
+    let header = given.or(own).ok_or_else(|| no_header(file))?;
     put(output, &mut |out| {
-        let mut line = Vec::new();
-        header.write_annotated(&annotations, &mut line);
-        line.push(b'\n');
+        let mut line = header_line(&header);
+        put_line(out, &mut line)?;
         let mut events = Vec::new();
-        while let Some((event, annotations)) = recorded.next_event()? {
+        while let Some((event, annotations)) = recorded.event()? {
             if args.sort {
                 events.push((event, annotations));
                 continue;
             }
             event.write_annotated(&annotations, &mut line);
-            line.push(b'\n');
-            out.write_all(&line).map_err(Fault::Output)?;
-            line.clear();
+            put_line(out, &mut line)?;
         }
-        events.sort_by_key(|(event, _)| at(event));
+        events.sort_by_key(|(event, _)| match event {
+            Event::Input(input) => Input::at(input),
+            Event::Decision(decision) => Decision::at(decision),
+        });
         for (event, annotations) in &events {
             event.write_annotated(annotations, &mut line);
-            line.push(b'\n');
+            put_line(out, &mut line)?;
         }
-        out.write_all(&line).and_then(|()| out.flush()).map_err(Fault::Output)
+        Ok(())
     })
 }
 
-const fn at(event: &Event) -> u64 {
-    match event {
-        Event::Input(input) => Input::at(input),
-        Event::Decision(decision) => Decision::at(decision),
-    }
+/// A log without a header.
+pub(super) fn no_header(file: &LogFile) -> Problem {
+    let message = "no header; give one with --header FILE, a file that begins with {\"fuseline\":1,…}; --write-header makes one";
+    Problem::of_file(&file.name, message)
 }

@@ -1,16 +1,16 @@
 //! [`CdrLayout`]: a ROS 2 message out of its bytes, which are CDR as the DDS standard for types has it.
 
+use std::sync::Arc;
+
 use thiserror::Error;
 
-use crate::convert::json::seconds;
+use crate::convert::json::{joined, seconds};
+use crate::convert::row::Cells;
 
 /// How deep messages may lie within each other; a definition may contain itself.
 const DEPTH: usize = 32;
 /// How many messages within a message may have no bytes.
 const EMPTY: usize = 10_000;
-
-/// The values of a message by their paths, such as `header.stamp.sec`, and what is no array.
-pub(super) type MessageFields = Vec<(String, String)>;
 
 /// The types of a message; the first one is its own.
 #[derive(Debug)]
@@ -36,9 +36,9 @@ pub(super) struct CdrField {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum FieldKind {
     Bool,
+    /// Of so many bytes, as the next two.
     Unsigned(usize),
     Signed(usize),
-    /// Of so many bytes.
     Float(usize),
     Text,
     /// Which of the types.
@@ -52,10 +52,10 @@ pub(super) enum FieldShape {
     Sequence,
 }
 
-/// Why bytes are no message of the type.
+/// Why bytes are no message of a type.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Error)]
-pub(super) enum CdrError {
-    #[error("it is CDR of the kind {0:#06x}; 0x0000 and 0x0001 are read")]
+pub(in crate::convert) enum CdrError {
+    #[error("it is CDR of the kind {0:#06x}; plain CDR of ROS 2 is 0x0000 or 0x0001")]
     Encapsulation(u16),
     #[error("its bytes end within {0}")]
     Short(&'static str),
@@ -64,34 +64,33 @@ pub(super) enum CdrError {
 }
 
 impl CdrLayout {
-    /// The values of a message; those in arrays are passed over.
-    ///
-    /// # Errors
-    /// If the bytes are no message of the type.
-    pub(super) fn read(&self, data: &[u8]) -> Result<MessageFields, CdrError> {
+    /// The values of a message by their paths, such as `header.stamp.sec`; those in arrays are passed over.
+    pub(super) fn read(&self, data: &[u8]) -> Result<Cells, CdrError> {
         let (kind, body) = data.split_at_checked(4).ok_or(CdrError::Short("the header"))?;
         let is_little = match u16::from_be_bytes([kind[0], kind[1]]) {
             0 => false,
             1 => true,
             kind => return Err(CdrError::Encapsulation(kind)),
         };
-        let cursor = CdrCursor { body, at: 0, is_little };
-        let left = body.len() + EMPTY;
-        let mut reader = FieldReader { types: &self.types, cursor, left, fields: Vec::new() };
+        let (types, left) = (&*self.types, body.len() + EMPTY);
+        let mut reader = FieldReader { types, body, at: 0, is_little, left, cells: Vec::new() };
         reader.message(0, Some(""), 0)?;
-        Ok(reader.fields)
+        Ok(reader.cells)
     }
 }
 
 struct FieldReader<'d> {
     types: &'d [CdrType],
-    cursor: CdrCursor<'d>,
+    /// The bytes behind the header, and how many were read.
+    body: &'d [u8],
+    at: usize,
+    is_little: bool,
     /// How many more messages may be read.
     left: usize,
-    fields: MessageFields,
+    cells: Cells,
 }
 
-impl FieldReader<'_> {
+impl<'d> FieldReader<'d> {
     /// Reads a message of the type; within an array there is no path, and nothing is kept.
     fn message(&mut self, of: usize, path: Option<&str>, depth: usize) -> Result<(), CdrError> {
         if depth == DEPTH || self.left == 0 {
@@ -101,28 +100,24 @@ impl FieldReader<'_> {
         let CdrType { fields, is_time } = &self.types[of];
         if fields.is_empty() {
             // An empty structure has one member, which says nothing.
-            return self.cursor.take(1).map(|_| ());
+            return self.take(1).map(|_| ());
         }
-        let first = self.fields.len();
+        let first = self.cells.len();
         for field in fields {
-            let own = path.map(|path| match path {
-                "" => field.name.clone(),
-                path => format!("{path}.{}", field.name),
-            });
+            let own = path.map(|path| joined(path, &field.name));
             match field.shape {
                 FieldShape::One => self.value(field.kind, own, depth)?,
                 FieldShape::Array(len) => self.array(field.kind, len, depth)?,
                 FieldShape::Sequence => {
-                    let len = self.cursor.unsigned(4)?;
+                    let len = self.unsigned(4)?;
                     self.array(field.kind, len, depth)?;
                 }
             }
         }
-        if let (true, Some(path), [(_, sec), (_, nanosec)]) =
-            (*is_time, path, &self.fields[first..])
+        if let (true, Some(path), [(_, sec), (_, nanosec)]) = (*is_time, path, &self.cells[first..])
             && let (Ok(sec), Ok(nanosec)) = (sec.parse(), nanosec.parse())
         {
-            self.fields.push((path.to_owned(), seconds(sec, nanosec)));
+            self.cells.push((path.into(), seconds(sec, nanosec)));
         }
         Ok(())
     }
@@ -130,51 +125,54 @@ impl FieldReader<'_> {
     fn value(
         &mut self,
         kind: FieldKind,
-        path: Option<String>,
+        path: Option<Arc<str>>,
         depth: usize,
     ) -> Result<(), CdrError> {
         let text = match kind {
             FieldKind::Message(of) => return self.message(of, path.as_deref(), depth + 1),
-            FieldKind::Text => self.cursor.text()?,
-            FieldKind::Bool => (self.cursor.unsigned(1)? != 0).to_string(),
-            FieldKind::Unsigned(size) => self.cursor.unsigned(size)?.to_string(),
-            FieldKind::Signed(size) => self.cursor.signed(size)?.to_string(),
-            FieldKind::Float(size) => self.cursor.float(size)?,
+            FieldKind::Text => self.text()?,
+            FieldKind::Bool => (self.unsigned(1)? != 0).to_string(),
+            FieldKind::Unsigned(size) => self.unsigned(size)?.to_string(),
+            FieldKind::Signed(size) => {
+                let unused = 64 - 8 * u32::try_from(size).unwrap_or(8);
+                ((self.unsigned(size)? << unused).cast_signed() >> unused).to_string()
+            }
+            FieldKind::Float(size) => {
+                let bits = self.unsigned(size)?;
+                let short = u32::try_from(bits).ok().filter(|_| size == 4).map(f32::from_bits);
+                short.map_or_else(|| f64::from_bits(bits).to_string(), |short| short.to_string())
+            }
         };
-        self.fields.extend(path.map(|path| (path, text)));
+        self.cells.extend(path.map(|path| (path, text)));
         Ok(())
     }
 
     /// Passes over so many values.
     fn array(&mut self, kind: FieldKind, len: u64, depth: usize) -> Result<(), CdrError> {
-        match kind {
-            FieldKind::Bool => self.cursor.skip(1, len),
-            FieldKind::Unsigned(size) | FieldKind::Signed(size) | FieldKind::Float(size) => {
-                self.cursor.skip(size, len)
-            }
+        let size = match kind {
+            FieldKind::Bool => 1,
+            FieldKind::Unsigned(size) | FieldKind::Signed(size) | FieldKind::Float(size) => size,
             FieldKind::Text | FieldKind::Message(_) => {
                 for _ in 0..len {
-                    let before = self.cursor.at;
+                    let before = self.at;
                     self.value(kind, None, depth)?;
                     // Those without bytes have no end otherwise.
-                    if self.cursor.at == before {
+                    if self.at == before {
                         break;
                     }
                 }
-                Ok(())
+                return Ok(());
             }
+        };
+        if len > 0 {
+            let bytes = usize::try_from(len).ok().and_then(|len| len.checked_mul(size));
+            let end = bytes.and_then(|bytes| self.at.next_multiple_of(size).checked_add(bytes));
+            let end = end.filter(|end| *end <= self.body.len());
+            self.at = end.ok_or(CdrError::Short("an array"))?;
         }
+        Ok(())
     }
-}
 
-/// The bytes behind the header, and how many were read.
-struct CdrCursor<'d> {
-    body: &'d [u8],
-    at: usize,
-    is_little: bool,
-}
-
-impl<'d> CdrCursor<'d> {
     /// A number's bytes, which lie at a multiple of their length.
     fn take(&mut self, size: usize) -> Result<&'d [u8], CdrError> {
         let at = self.at.next_multiple_of(size);
@@ -183,34 +181,11 @@ impl<'d> CdrCursor<'d> {
         Ok(bytes)
     }
 
-    fn skip(&mut self, size: usize, len: u64) -> Result<(), CdrError> {
-        if len == 0 {
-            return Ok(());
-        }
-        let bytes = usize::try_from(len).ok().and_then(|len| len.checked_mul(size));
-        let end = bytes.and_then(|bytes| self.at.next_multiple_of(size).checked_add(bytes));
-        self.at = end.filter(|end| *end <= self.body.len()).ok_or(CdrError::Short("an array"))?;
-        Ok(())
-    }
-
     fn unsigned(&mut self, size: usize) -> Result<u64, CdrError> {
         let is_little = self.is_little;
         let fold = |number: u64, byte: &u8| number << 8 | u64::from(*byte);
         let bytes = self.take(size)?;
         Ok(if is_little { bytes.iter().rev().fold(0, fold) } else { bytes.iter().fold(0, fold) })
-    }
-
-    fn signed(&mut self, size: usize) -> Result<i64, CdrError> {
-        let unused = 64 - 8 * u32::try_from(size).unwrap_or(8);
-        Ok((self.unsigned(size)? << unused).cast_signed() >> unused)
-    }
-
-    fn float(&mut self, size: usize) -> Result<String, CdrError> {
-        let bits = self.unsigned(size)?;
-        Ok(match u32::try_from(bits) {
-            Ok(bits) if size == 4 => f32::from_bits(bits).to_string(),
-            _ => f64::from_bits(bits).to_string(),
-        })
     }
 
     /// A text: its length with the NUL at its end, then itself.
@@ -223,6 +198,3 @@ impl<'d> CdrCursor<'d> {
         Ok(String::from_utf8_lossy(bytes.strip_suffix(&[0]).unwrap_or(bytes)).into_owned())
     }
 }
-
-#[cfg(test)]
-mod tests;

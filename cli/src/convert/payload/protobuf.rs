@@ -1,54 +1,37 @@
 //! Messages in Protobuf, by the descriptors that a recording has.
 
-use prost_reflect::{
-    DescriptorPool, DynamicMessage, Kind, MessageDescriptor, ReflectMessage, Value,
-};
+use prost_reflect::{DescriptorPool, DynamicMessage, MessageDescriptor, ReflectMessage, Value};
 
-use crate::convert::json::seconds;
+use crate::convert::json::{joined, seconds};
+use crate::convert::row::Cells;
 
 /// How deep messages within messages are read.
 const DEPTH: usize = 16;
 
-/// A type of messages.
-#[derive(Debug)]
-pub(in crate::convert) struct MessageType(MessageDescriptor);
-
-impl MessageType {
-    /// The type of this name among the descriptors, a `FileDescriptorSet`.
-    ///
-    /// # Errors
-    /// If they are none, or lack the type.
-    pub(super) fn new(name: &str, descriptors: &[u8]) -> Result<Self, String> {
-        let pool = DescriptorPool::decode(descriptors).map_err(|error| error.to_string())?;
-        let found = pool.get_message_by_name(name);
-        found.map(Self).ok_or_else(|| "the descriptors lack it".to_owned())
-    }
-
-    /// # Errors
-    /// If the bytes are no such message.
-    pub(super) fn decode(&self, data: &[u8]) -> Result<DynamicMessage, String> {
-        DynamicMessage::decode(self.0.clone(), data).map_err(|error| error.to_string())
-    }
+/// The type of this name among the descriptors, a `FileDescriptorSet`.
+pub(super) fn message_type(name: &str, descriptors: &[u8]) -> Result<MessageDescriptor, String> {
+    let pool = DescriptorPool::decode(descriptors).map_err(|error| error.to_string())?;
+    pool.get_message_by_name(name).ok_or_else(|| "the descriptors lack it".to_owned())
 }
 
 /// The values of a message by their paths, such as `header.stamp`; lists, maps and bytes have none.
-pub(super) fn fields(message: &DynamicMessage) -> Vec<(String, String)> {
-    let mut fields = Vec::new();
-    gather("", message, 0, &mut fields);
-    fields
+pub(super) fn cells(of: &MessageDescriptor, data: &[u8]) -> Result<Cells, String> {
+    let message = DynamicMessage::decode(of.clone(), data).map_err(|error| error.to_string())?;
+    let mut cells = Vec::new();
+    gather("", &message, 0, &mut cells);
+    Ok(cells)
 }
 
-fn gather(outer: &str, message: &DynamicMessage, depth: usize, fields: &mut Vec<(String, String)>) {
+fn gather(outer: &str, message: &DynamicMessage, depth: usize, cells: &mut Cells) {
     for field in message.descriptor().fields() {
         if depth == DEPTH || field.supports_presence() && !message.has_field(&field) {
             continue;
         }
-        let name = field.name();
-        let path = if outer.is_empty() { name.to_owned() } else { format!("{outer}.{name}") };
+        let path = joined(outer, field.name());
         let text = match &*message.get_field(&field) {
             Value::Message(inner) => {
-                fields.extend(time(inner).map(|time| (path.clone(), time)));
-                gather(&path, inner, depth + 1, fields);
+                gather(&path, inner, depth + 1, cells);
+                cells.extend(time(inner).map(|time| (path, time)));
                 continue;
             }
             Value::Bytes(_) | Value::List(_) | Value::Map(_) => continue,
@@ -60,19 +43,16 @@ fn gather(outer: &str, message: &DynamicMessage, depth: usize, fields: &mut Vec<
             Value::F32(value) => value.to_string(),
             Value::F64(value) => value.to_string(),
             Value::String(value) => value.clone(),
-            Value::EnumNumber(number) => match field.kind() {
-                Kind::Enum(of) => of
-                    .get_value(*number)
-                    .map_or_else(|| number.to_string(), |value| value.name().to_owned()),
-                _ => number.to_string(),
-            },
+            Value::EnumNumber(number) => {
+                let kind = field.kind();
+                let value = kind.as_enum().and_then(|of| of.get_value(*number));
+                value.map_or_else(|| number.to_string(), |value| value.name().to_owned())
+            }
         };
-        if field.json_name() != name {
-            let inner = field.json_name();
-            let path = if outer.is_empty() { inner.to_owned() } else { format!("{outer}.{inner}") };
-            fields.push((path, text.clone()));
+        if field.json_name() != field.name() {
+            cells.push((joined(outer, field.json_name()), text.clone()));
         }
-        fields.push((path, text));
+        cells.push((path, text));
     }
 }
 

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::cdr::{CdrField, CdrLayout, CdrType, FieldKind, FieldShape};
 
 /// A definition that is used by most and may be missing.
-const TIME: &str = "int32 sec\nuint32 nanosec";
+const TIME: [&str; 2] = ["int32 sec", "uint32 nanosec"];
 const TIMES: [&str; 2] = ["builtin_interfaces/Time", "builtin_interfaces/Duration"];
 
 /// What a service's event begins with, whatever the service is; recordings have the definition of the service instead.
@@ -20,37 +20,26 @@ int64 sequence_number
 ";
 
 /// How messages of the type lie in CDR.
-///
-/// # Errors
-/// If a line or a type is not understood.
 pub(super) fn layout(name: &str, text: &str) -> Result<CdrLayout, String> {
     let is_service = text.is_empty() || text.lines().any(|line| line.trim() == "---");
     let text = if name.ends_with("_Event") && is_service { SERVICE_EVENT } else { text };
-    let mut definitions = vec![(short(name), String::new())];
-    for line in text.lines() {
-        let line = line.trim();
+    let mut definitions = vec![(short(name), Vec::new())];
+    for line in text.lines().map(str::trim) {
         if line.len() >= 8 && line.bytes().all(|byte| byte == b'=') {
-            definitions.push((String::new(), String::new()));
+            definitions.push((String::new(), Vec::new()));
         } else if let Some((name, own)) = definitions.last_mut() {
             match line.strip_prefix("MSG: ") {
                 Some(named) if name.is_empty() => *name = short(named),
-                _ => {
-                    own.push_str(line);
-                    own.push('\n');
-                }
+                _ => own.push(line),
             }
         }
     }
-    for time in TIMES {
-        if !definitions.iter().any(|(name, _)| name == time) {
-            definitions.push((time.to_owned(), TIME.to_owned()));
-        }
-    }
+    definitions.extend(TIMES.map(|time| (time.to_owned(), TIME.to_vec())));
     let mut places = BTreeMap::new();
     for (place, (name, _)) in definitions.iter().enumerate() {
         places.entry(name.clone()).or_insert(place);
     }
-    let types = definitions.iter().map(|(name, text)| type_of(name, text, &places));
+    let types = definitions.iter().map(|(name, lines)| type_of(name, lines, &places));
     Ok(CdrLayout { types: types.collect::<Result<_, _>>()? })
 }
 
@@ -59,19 +48,16 @@ fn short(name: &str) -> String {
     name.trim().replacen("/msg/", "/", 1)
 }
 
-fn type_of(name: &str, text: &str, places: &BTreeMap<String, usize>) -> Result<CdrType, String> {
+fn type_of(
+    name: &str,
+    lines: &[&str],
+    places: &BTreeMap<String, usize>,
+) -> Result<CdrType, String> {
     let package = name.split_once('/').map_or("", |(package, _)| package);
     let mut fields = Vec::new();
-    for line in text.lines() {
-        let Some((kind, rest)) = line.split_once(char::is_whitespace) else {
-            if line.is_empty() || line.starts_with('#') {
-                continue;
-            }
-            return Err(format!("{name} has a line {line:?}, which is no field"));
-        };
-        if kind.starts_with('#') {
-            continue;
-        }
+    for line in lines.iter().filter(|line| !line.is_empty() && !line.starts_with('#')) {
+        let no_field = || format!("{name} has a line {line:?}, which is no field");
+        let (kind, rest) = line.split_once(char::is_whitespace).ok_or_else(no_field)?;
         let rest = rest.trim_start();
         let end = rest.find(|c: char| !c.is_alphanumeric() && c != '_').unwrap_or(rest.len());
         let (field, rest) = rest.split_at(end);
@@ -80,8 +66,7 @@ fn type_of(name: &str, text: &str, places: &BTreeMap<String, usize>) -> Result<C
             continue;
         }
         let (kind, shape) = shape_of(kind);
-        let shape =
-            shape.ok_or_else(|| format!("{name} has a line {line:?}, which is no field"))?;
+        let shape = shape.ok_or_else(no_field)?;
         let kind = kind_of(kind, package, places)
             .ok_or_else(|| format!("{name} has the type {kind:?}, which has no definition"))?;
         fields.push(CdrField { name: field.to_owned(), kind, shape });

@@ -18,7 +18,7 @@ use super::{MessageError, blocks};
 /// may take as much.
 pub const RECORD: usize = 40 << 20;
 /// How many other topics are remembered.
-const OTHERS: usize = 1000;
+const SEEN: usize = 1000;
 /// What a message begins with: its channel, a number, two instants.
 const MESSAGE: usize = 22;
 
@@ -71,8 +71,8 @@ pub struct RawMessages<'a> {
     /// How many bytes the schemas have.
     schemas_len: usize,
     channels: BTreeMap<u16, (usize, Rc<PayloadFormat>)>,
-    /// Topics that were not asked for.
-    others: BTreeSet<String>,
+    /// The topics of all channels.
+    seen: BTreeSet<String>,
 }
 
 /// A message where it was read.
@@ -96,13 +96,13 @@ impl<'a> RawMessages<'a> {
     ) -> Self {
         let (schemas, channels) = (BTreeMap::new(), BTreeMap::new());
         let (records, block) = (Box::new(records), Vec::new());
-        let others = BTreeSet::new();
-        Self { records, block, at: 0, topics, schemas, schemas_len: 0, channels, others }
+        let seen = BTreeSet::new();
+        Self { records, block, at: 0, topics, schemas, schemas_len: 0, channels, seen }
     }
 
-    /// The topics so far that were not asked for, up to a thousand.
-    pub fn others(&self) -> impl Iterator<Item = &str> {
-        self.others.iter().map(|topic| &**topic)
+    /// The topics of the channels so far, up to a thousand and those that were asked for.
+    pub fn seen(&self) -> impl Iterator<Item = &str> {
+        self.seen.iter().map(|topic| &**topic)
     }
 
     /// The next message of the topics; none at the end.
@@ -185,12 +185,13 @@ impl<'a> RawMessages<'a> {
                     return Ok(());
                 };
                 let topic = self.topics.iter().position(|topic| *topic == channel.topic);
+                if topic.is_some() || self.seen.len() < SEEN {
+                    self.seen.insert(channel.topic);
+                }
                 if let Some(topic) = topic {
                     let schema = self.schemas.get(&channel.schema_id).cloned();
                     let format = PayloadFormat { encoding: channel.message_encoding, schema };
                     self.channels.insert(channel.id, (topic, Rc::new(format)));
-                } else if self.others.len() < OTHERS {
-                    self.others.insert(channel.topic);
                 }
             }
             // Others are not read, since the library takes the memory that a text in them claims to need.

@@ -3,8 +3,8 @@ use cdr_encoding::to_vec;
 use proptest::prelude::*;
 use serde::Serialize;
 
-use super::*;
-use crate::convert::payload::ros_msg::layout;
+use super::cdr::CdrError;
+use super::ros_msg::layout;
 
 const DETECTION: &str = "\
 # What a detector says.
@@ -86,7 +86,7 @@ fn what_another_library_encodes_is_read_by_the_definition() {
         ("budget.nanosec", "500000000"),
         ("budget", "-0.500000000s"),
     ];
-    let expected = expected.map(|(path, text)| (path.to_owned(), text.to_owned()));
+    let expected = expected.map(|(path, text)| (path.into(), text.to_owned()));
     for (kind, body) in [([0, 1, 0, 0], little), ([0, 0, 0, 0], big)] {
         let message = [&kind[..], &body].concat();
         assert_eq!(layout.read(&message).unwrap(), expected);
