@@ -563,3 +563,54 @@ fn results_before_their_requests_are_noted() {
     let (_, notes) = noted(log, "log.csv", &["--unit", "ms", "--frame", frame]);
     assert!(notes.contains("results before their requests: 1 (line 2: by 961 ms)"), "{notes}");
 }
+
+/// Excel and PowerShell write it.
+#[test]
+fn utf_16_is_read() {
+    let rows = "at\tev\tt\n1\topen\t7\n2\tmiss\t7\n";
+    for (mark, bytes) in
+        [([0xff, 0xfe], u16::to_le_bytes as fn(u16) -> [u8; 2]), ([0xfe, 0xff], u16::to_be_bytes)]
+    {
+        let dir = folder("log.csv", "");
+        let text: Vec<u8> = mark.into_iter().chain(rows.encode_utf16().flat_map(bytes)).collect();
+        fs::write(dir.path().join("log.csv"), text).unwrap();
+        let done = convert(&dir, "log.csv", &["--separator", "tab"]);
+        assert_eq!((out(&done).lines().count(), err(&done)), (3, ""));
+    }
+}
+
+#[test]
+fn stamps_in_local_time_are_noted() {
+    let second = |at: u64| format!("2026-11-25T{:02}:00:{:02}Z", 18 + at / 3600, at % 60);
+    let log = |sent: u64| {
+        let (open, sent, done) = (second(0), second(sent), second(2));
+        format!("open,t,sent,done\n{open},1,{sent},{done}\n")
+    };
+    let frame =
+        "open=open,t=t,west.request=sent,west.deadline=5s,west.result=done,emit=done,by=west";
+    let (_, notes) = noted(&log(3601), "log.csv", &["--frame", frame]);
+    let note = "events that lie hours, or half hours, from their message's open: 1 (line 2: request 3601 s after it); is one in \
+                local time, and the other in UTC?";
+    assert!(notes.contains(note), "{notes}");
+    let (_, notes) = noted(&log(1), "log.csv", &["--frame", frame]);
+    assert_eq!(notes, "");
+}
+
+#[test]
+fn deadlines_of_no_source_are_refused() {
+    let rows = "at,ev,t,p\n0,open,1,\n1,request,1,west\n9,result,1,west\n9,emit,1,west\n";
+    let message = refused(rows, "log.csv", &["--deadline", "9ns,wset=7ns"]);
+    let expected =
+        "no source \"wset\" in the log, which --deadline wset= names; the header has west, ";
+    assert!(message.contains(expected), "{message}");
+}
+
+#[test]
+fn instants_beyond_a_trace_are_refused() {
+    let rows = "at,ev,t\n1795629600,open,1\n1795629600000,open,2\n";
+    let message = refused(rows, "log.csv", &["--unit", "s"]);
+    assert!(
+        message.contains("log.csv:3: column \"at\": \"1795629600000\" is an instant after"),
+        "{message}"
+    );
+}

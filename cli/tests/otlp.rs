@@ -321,6 +321,25 @@ fn spans_left_out_are_counted() {
     }
 }
 
+#[test]
+fn spans_that_cannot_be_read_are_left_out() {
+    let own = |deadline: &str| json!({"attributes": [named("fuseline.deadline", deadline)]});
+    let mut broken = span("3", "", "decide", 1, [201, 209], &json!({}));
+    broken["startTimeUnixNano"] = Value::Null;
+    let spans = [
+        span("1", "", "decide", 1, [1, 9], &json!({})),
+        span("1c", "1", "infer.Model/Infer", 3, [1, 8], &own("40ms")),
+        span("2", "", "decide", 1, [101, 109], &json!({})),
+        span("2c", "2", "infer.Model/Infer", 3, [101, 108], &own("soon")),
+        broken,
+    ];
+    assert_eq!(converted(&spans, &[]).status.code(), Some(2));
+    let done = converted(&spans, &["--skip-bad"]);
+    assert_eq!((out(&done).lines().count(), done.status.code()), (5, Some(0)), "{}", err(&done));
+    let note = "rows left out, since they cannot be read: 2 (first the span \"decide\" with the id 3: missing field";
+    assert!(err(&done).contains(note), "{}", err(&done));
+}
+
 /// The spans of one message may stand in several files, and some in two.
 #[test]
 fn spans_of_several_files_are_one_log() {

@@ -21,7 +21,8 @@ pub(super) struct Entry {
     pub(super) t: Option<Id>,
     pub(super) p: Option<u64>,
     pub(super) due: Option<i128>,
-    pub(super) of: Option<Id>,
+    /// Further keys whose values are messages.
+    pub(super) ids: Vec<(&'static str, Id)>,
     /// Further keys with their values as JSON.
     pub(super) more: Vec<(&'static str, String)>,
 }
@@ -41,14 +42,19 @@ const PROVISIONAL: u64 = 1 << 32;
 
 impl Entry {
     pub(super) fn new(place: &Place, row: u64, ev: &'static str, at: i128) -> Self {
-        let (place, more) = (place.clone(), Vec::new());
-        Self { place, row, ev, at, t: None, p: None, due: None, of: None, more }
+        let (place, ids, more) = (place.clone(), Vec::new(), Vec::new());
+        Self { place, row, ev, at, t: None, p: None, due: None, ids, more }
+    }
+
+    /// The messages that it names.
+    pub(super) fn messages(&self) -> impl Iterator<Item = &Id> {
+        self.t.iter().chain(self.ids.iter().map(|(_, id)| id))
     }
 
     /// What it says, without where it stands.
     pub(super) fn content(&self) -> impl Hash + Eq + '_ {
-        let Self { ev, at, t, p, due, of, more, .. } = self;
-        (ev, at, t, p, due, of, more)
+        let Self { ev, at, t, p, due, ids, more, .. } = self;
+        (ev, at, t, p, due, ids, more)
     }
 
     /// Its line in a trace, where instants are moved by `shift` and `number` numbers messages.
@@ -59,15 +65,11 @@ impl Entry {
     ) -> Result<(Event, Annotations), String> {
         let mut line = format!("{{\"ev\":\"{}\",\"at\":{}", self.ev, self.at + shift);
         let due = self.due.map(|due| (due + shift).min(u64::MAX.into()).to_string());
-        let of_message = |id: &Option<Id>| id.as_ref().map(|id| number(id).to_string());
-        let own = [
-            ("t", of_message(&self.t)),
-            ("p", self.p.map(|p| p.to_string())),
-            ("due", due),
-            ("of", of_message(&self.of)),
-        ];
-        let own = own.iter().filter_map(|(key, value)| Some((*key, value.as_ref()?)));
-        for (key, value) in own.chain(self.more.iter().map(|(key, value)| (*key, value))) {
+        let t = self.t.as_ref().map(|t| number(t).to_string());
+        let own = [("t", t), ("p", self.p.map(|p| p.to_string())), ("due", due)];
+        let own = own.into_iter().filter_map(|(key, value)| Some((key, value?)));
+        let ids = self.ids.iter().map(|(key, id)| (*key, number(id).to_string()));
+        for (key, value) in own.chain(ids).chain(self.more.iter().cloned()) {
             // To a string: it cannot fail.
             let _ = write!(line, ",\"{key}\":{value}");
         }

@@ -248,7 +248,7 @@ fn note_disorder(entries: &[Entry], notes: &mut Notes) {
 
 impl Run {
     fn new(entries: Vec<Entry>, shift: i128, notes: &mut Notes) -> Self {
-        let ids = || entries.iter().flat_map(|entry| [&entry.t, &entry.of]).flatten();
+        let ids = || entries.iter().flat_map(Entry::messages);
         let has_texts = ids().any(|id| matches!(id, Id::Text(_)));
         let numbers = has_texts.then(|| {
             let mut numbers = HashMap::new();

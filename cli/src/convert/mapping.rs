@@ -199,7 +199,7 @@ impl Mapping<'_> {
         let wrong = |why: String| Self::wrong(row, view, key, text, &why);
         match key {
             "t" => entry.t = Some(time::id(text).map_err(wrong)?),
-            "of" => entry.of = Some(time::id(text).map_err(wrong)?),
+            "of" => entry.ids.push((key, time::id(text).map_err(wrong)?)),
             "p" => entry.p = Some(self.sources.priority(text).map_err(wrong)?),
             "due" => entry.due = Some(self.time(row, view, key, text, time::instant)?),
             "deadline" | "within" | "age" => {
