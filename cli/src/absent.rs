@@ -2,16 +2,14 @@
 
 use thiserror::Error;
 
-use crate::fault::Fault;
-
 /// The commands that it lacks.
 pub(crate) const COMMANDS: [&str; 7] =
     ["completions", "convert", "export", "frame", "man", "probe", "scenario"];
 
 /// The end of its help.
 pub(crate) const LACKS: &str = "\
-This build lacks completions, convert, export, frame, man, probe, scenario, TLS, zstd, MCAP and
---json-schema. `cargo install --locked --path cli --features full` builds everything.";
+This build lacks completions, convert, export, frame, man, probe, scenario, TLS, zstd and MCAP.
+`cargo install --locked --path cli --features full` builds everything.";
 
 /// Something is not in this build.
 #[derive(Debug, Error)]
@@ -26,11 +24,6 @@ pub(crate) fn missing(command: &str) -> Option<String> {
     Some(AbsentError(command).to_string())
 }
 
-/// An option that this build lacks was given.
-pub(crate) fn absent(option: &'static str) -> Fault {
-    Fault::own(AbsentError(option))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -39,10 +32,6 @@ mod tests {
     fn what_is_absent_says_how_to_get_it() {
         let message = missing("probe").expect("it is of a full build");
         assert_eq!(message, "probe is not in this build; build it with --features full");
-        assert_eq!(
-            absent("--json-schema").to_string(),
-            format!("--json-schema is not in this build; {REMEDY}")
-        );
         assert!(missing("check").is_none() && COMMANDS.iter().all(|name| LACKS.contains(name)));
     }
 }

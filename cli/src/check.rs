@@ -20,7 +20,6 @@ use crate::interrupt::Interrupt;
 use crate::judging::{JudgeOptions, TraceEnd, TraceStep, finish, judge, next_event, reader};
 use crate::progress;
 use crate::results::{Files, Subject};
-use crate::schema::SchemaOption;
 use crate::sink::OutputSink;
 use crate::tail::Tail;
 use crate::verdict::{self, print_violation};
@@ -82,15 +81,13 @@ pub(crate) struct Args {
     /// Print one JSON object a file: file, conforms, judged, lines, doubts, violations; with --ended, unfinished.
     #[arg(long)]
     json: bool,
-    #[command(flatten)]
-    schema: SchemaOption,
     /// Write the verdicts for continuous integration, as `JUnit` XML.
     #[arg(long, value_name = "FILE")]
     junit: Option<PathBuf>,
     #[command(flatten)]
     results: Files,
     /// Keep judging one file as it grows, until Ctrl-C; what is not answered by then is not judged.
-    #[arg(long, conflicts_with_all = ["junit", "sarif", "xqar", "ended"])]
+    #[arg(long, conflicts_with_all = ["junit", "sarif", "ended"])]
     follow: bool,
 }
 
@@ -111,9 +108,6 @@ impl From<FollowError> for Fault {
 
 /// Judges each file. A file that cannot be read decides the exit code, whatever the others' verdicts are.
 pub(crate) fn check(args: &Args) -> Result<Exit, Fault> {
-    if let Some(exit) = args.schema.print::<Findings>()? {
-        return Ok(exit);
-    }
     let mut out = OutputSink::new(anstream::stdout());
     if args.follow {
         return follow(args, &mut out);

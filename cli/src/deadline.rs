@@ -15,8 +15,6 @@ use fuseline_deadline::{
     Survival, least_loss, mean_loss,
 };
 use fuseline_traces::rows::{TableError, TableReader};
-#[cfg(feature = "full")]
-use schemars::JsonSchema;
 use serde::Serialize;
 use thiserror::Error;
 
@@ -24,7 +22,6 @@ use crate::exit::Exit;
 use crate::fault::Fault;
 use crate::input::open;
 use crate::remedy::options;
-use crate::schema::SchemaOption;
 use crate::sink::OutputSink;
 
 /// A line below the header and no other.
@@ -103,8 +100,6 @@ pub(crate) struct Args {
     /// loss.
     #[arg(long)]
     json: bool,
-    #[command(flatten)]
-    schema: SchemaOption,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -134,7 +129,6 @@ impl From<DeadlineError> for Fault {
 
 /// What is shown for one speed.
 #[derive(Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 struct SpeedRow {
     speed: f64,
     budget_local: f64,
@@ -149,9 +143,6 @@ struct SpeedRow {
 
 /// Shows a deadline for each speed.
 pub(crate) fn print_report(args: &Args) -> Result<Exit, Fault> {
-    if let Some(exit) = args.schema.print::<SpeedRow>()? {
-        return Ok(exit);
-    }
     let guard = guard(args).map_err(|invalid| {
         let options = options(invalid);
         // Classes have ranges of their own.

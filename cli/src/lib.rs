@@ -44,7 +44,6 @@ mod results;
 mod run;
 #[cfg(feature = "full")]
 mod scenario;
-mod schema;
 mod seconds;
 mod serve;
 mod sink;

@@ -8,8 +8,6 @@ use fuseline_tokio::deadline::LinkQueue;
 use fuseline_tokio::deadline::LinkRate;
 use fuseline_tokio::{EmulatedLink, LinkDirection};
 use fuseline_traces::nanos;
-#[cfg(feature = "full")]
-use schemars::JsonSchema;
 use serde::Serialize;
 
 #[derive(Clone, Copy, clap::Args)]
@@ -28,7 +26,6 @@ pub(crate) struct LinkArgs {
 
 /// How wide a vehicle's link is.
 #[derive(Clone, Copy, PartialEq, Debug, Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct LinkWidth {
     /// Bits in a second, where the drive does not say; none: no limit.
     pub(crate) uplink: Option<u64>,

@@ -112,7 +112,7 @@ fn files_for_other_tools_and_the_page_report_both() {
     let hang: String = HANG.split_inclusive('\n').take(6).collect();
     fs::write(dir.path().join("t.jsonl"), hang).unwrap();
     let options = [&OBSERVED[1..], &["--ended", "--period", "50ms", "t.jsonl"]].concat();
-    let files = ["check", "--sarif", "t.sarif", "--junit", "t.xml", "--xqar", "t.xqar"];
+    let files = ["check", "--sarif", "t.sarif", "--junit", "t.xml"];
     for command in [&files[..], &["report", "-o", "t.html"]] {
         let args = [command, &options].concat();
         let ran = fuseline(&args).current_dir(dir.path()).output().unwrap();
@@ -125,8 +125,6 @@ fn files_for_other_tools_and_the_page_report_both() {
     for (name, part) in [
         ("t.xml", "breaks J1"),
         ("t.xml", "1 unfinished"),
-        ("t.xqar", "fuseline.spec:fuseline:1.0:J1"),
-        ("t.xqar", "1 unfinished"),
         ("t.html", "\"kind\":\"unfinished\",\"count\":1"),
         ("t.html", "\"J1\""),
     ] {

@@ -33,7 +33,6 @@ mod report;
 mod rows;
 mod run;
 mod scenario;
-mod schemas;
 mod serve;
 mod spans;
 mod traces;

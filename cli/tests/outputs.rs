@@ -179,7 +179,7 @@ fn what_cannot_be_written_is_reported_by_its_own_name_and_a_plain_cause() {
         assert!(err(&full).starts_with("error: x: File too large; "), "{}", err(&full));
         assert!(names(dir.path()).iter().all(|name| name != "x" && !name.starts_with(".x")));
     }
-    for results in ["--junit", "--sarif", "--xqar"] {
+    for results in ["--junit", "--sarif"] {
         let full = limited(dir.path(), 0, &["check", "t.jsonl", results, "x"]);
         assert_eq!(full.status.code(), Some(2), "{results}: {}", err(&full));
         assert!(err(&full).starts_with("error: x: File too large; "), "{}", err(&full));

@@ -49,7 +49,6 @@ fn a_file_that_is_named_and_exists_is_replaced_by_force_alone() {
         &["convert", "--header", "t.jsonl", "events.csv", "-o", name],
         &["check", "t.jsonl", "--junit", name],
         &["check", "t.jsonl", "--sarif", name],
-        &["check", "t.jsonl", "--xqar", name],
         &["run", "--seconds", "0.2", "--trace", name],
         &["run", "--seconds", "0.2", "--trace", "new.jsonl", "--report=there"],
         &["drive", "--cases", "1", "--junit", name, "--", env!("CARGO_BIN_EXE_fuseline"), "impl"],

@@ -32,10 +32,8 @@ pub enum DoubtKind {
 
 /// What one kind of doubt is about in one trace.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Doubt {
     /// Its kind.
-    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub kind: DoubtKind,
     /// How many messages, requests or lines it is about.
     pub count: u64,

@@ -54,7 +54,6 @@ pub struct Judge {
 
 /// What the judge found in one trace.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Verdict {
     /// The name that the trace was given.
     pub file: String,
@@ -94,14 +93,12 @@ pub struct ViolationPlace<R> {
 
 /// One decision that is not what the rules demand.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Violation {
     /// The line, counted from 1; where a decision is missing, the line after which it should stand.
     pub line: u64,
     /// The timestamp that it is about.
     pub t: Option<u64>,
     /// The rule that is broken.
-    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub rule: Rule,
     /// What was found: the decision's line, or that there is none.
     pub found: String,

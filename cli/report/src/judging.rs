@@ -41,7 +41,6 @@ struct PartVerdict {
 
 /// What one of the judges found.
 #[derive(Clone, Debug, Serialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(untagged)]
 pub enum Findings {
     /// The strict judge.

@@ -57,24 +57,8 @@ impl Serialize for Quantile {
     }
 }
 
-#[cfg(feature = "schema")]
-impl schemars::JsonSchema for Quantile {
-    fn inline_schema() -> bool {
-        true
-    }
-
-    fn schema_name() -> std::borrow::Cow<'static, str> {
-        WrittenQuantile::schema_name()
-    }
-
-    fn json_schema(generator: &mut schemars::SchemaGenerator) -> schemars::Schema {
-        WrittenQuantile::json_schema(generator)
-    }
-}
-
 /// A quantile as it is written, in milliseconds.
 #[derive(Serialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(untagged)]
 enum WrittenQuantile {
     Exactly(f64),

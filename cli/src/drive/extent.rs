@@ -4,13 +4,10 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use fuseline_testkit::{Coverage, RuleDecision, Run, RunContext};
 use fuseline_traces::{Decision, Header, Input};
-#[cfg(feature = "full")]
-use schemars::JsonSchema;
 use serde::Serialize;
 
 /// What the runs that passed came to.
 #[derive(Clone, PartialEq, Eq, Debug, Default, Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(super) struct DrivenExtent {
     /// How many runs of each commit rule.
     pub(super) commits: BTreeMap<&'static str, u64>,
@@ -21,7 +18,6 @@ pub(super) struct DrivenExtent {
     /// The greatest window.
     pub(super) window: u16,
     /// The windows that were full at some time.
-    #[cfg_attr(feature = "full", schemars(with = "Vec<u16>"))]
     pub(super) filled: BTreeSet<u16>,
     /// The most inputs of one run.
     pub(super) inputs: usize,
@@ -46,7 +42,6 @@ pub(super) struct DrivenExtent {
 
 /// The least and the greatest of some durations, in nanoseconds.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(super) struct StepRange {
     pub(super) least: u64,
     pub(super) greatest: u64,
@@ -54,7 +49,6 @@ pub(super) struct StepRange {
 
 /// How many bits the greatest number of each kind has.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(super) struct NumberBits {
     pub(super) timestamps: u32,
     pub(super) instants: u32,

@@ -61,9 +61,6 @@ impl From<CommandError> for Fault {
 
 /// Drives the command through all cases and reports the results.
 pub(crate) fn drive(args: &Args) -> Result<Exit, Fault> {
-    if let Some(exit) = args.schema.print::<WrittenReport>()? {
-        return Ok(exit);
-    }
     let generator = args.generate();
     let suite = if args.run.is_empty() {
         Suite::whole(generator, args.cases.unwrap_or(u64::MAX))?

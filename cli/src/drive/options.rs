@@ -11,7 +11,6 @@ use super::case::{Generate, GeneratorVersion};
 use super::matrix;
 use super::reach::DriveLimits;
 use crate::results::Files;
-use crate::schema::SchemaOption;
 use crate::seconds::seconds;
 
 /// How many inputs generated runs have, unless options say otherwise.
@@ -84,8 +83,6 @@ pub(crate) struct Args {
     /// Print one JSON object instead of text.
     #[arg(long)]
     pub(super) json: bool,
-    #[command(flatten)]
-    pub(super) schema: SchemaOption,
     /// Write the results for continuous integration, as `JUnit` XML.
     #[arg(long, value_name = "FILE")]
     pub(super) junit: Option<PathBuf>,

@@ -5,8 +5,6 @@ use std::time::Duration;
 use fuseline_testkit::{Coverage, Edge};
 use fuseline_traces::Commit;
 use indicatif::HumanCount;
-#[cfg(feature = "full")]
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::case::{GeneratorVersion, Suite};
@@ -25,7 +23,6 @@ const FULL: &str = "a full window of 1,024";
 
 /// Something that was not driven.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(super) struct NotDriven {
     pub(super) what: String,
     /// The option that reaches it.

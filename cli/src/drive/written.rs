@@ -5,8 +5,6 @@ use std::path::PathBuf;
 
 use fuseline_testkit::Run;
 use fuseline_traces::Violation;
-#[cfg(feature = "full")]
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::case::Suite;
@@ -19,7 +17,6 @@ use crate::exit::Exit;
 
 /// What driving a command came to.
 #[derive(Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(super) struct WrittenReport {
     pub(super) name: String,
     /// As a shell takes it.
@@ -47,7 +44,6 @@ pub(super) struct WrittenReport {
 
 /// What was driven, so that it can be driven again.
 #[derive(Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(super) struct WrittenSuite {
     pub(super) version: &'static str,
     /// Of the fixed cases.
@@ -64,7 +60,6 @@ pub(super) struct WrittenSuite {
 
 /// A fixed case.
 #[derive(Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(super) struct WrittenCase {
     pub(super) case: String,
     /// pass, not run, or how it failed.
@@ -73,7 +68,6 @@ pub(super) struct WrittenCase {
 
 /// The generated runs.
 #[derive(Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(super) struct GeneratedRuns {
     pub(super) runs: u64,
     pub(super) passed: u64,
@@ -85,7 +79,6 @@ pub(super) struct GeneratedRuns {
 
 /// A difference, in a smallest run.
 #[derive(Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(super) struct WrittenFinding {
     pub(super) case: String,
     pub(super) inputs: usize,

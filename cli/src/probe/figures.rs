@@ -3,8 +3,6 @@
 use std::time::Duration;
 
 use hdrhistogram::Histogram;
-#[cfg(feature = "full")]
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use fuseline_report::Quantile;
@@ -23,7 +21,6 @@ pub(crate) struct Spread {
 
 /// How many of what.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct RequestCounts {
     /// Slots that came: sent, skipped or missed.
     pub(crate) slots: u64,
@@ -56,7 +53,6 @@ pub(crate) struct Figures {
 
 /// Quantiles as they are shown.
 #[derive(Clone, Copy, Debug, Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct QuantileRow {
     pub(crate) p50: Option<Quantile>,
     pub(crate) p90: Option<Quantile>,

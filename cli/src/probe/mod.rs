@@ -74,9 +74,6 @@ impl From<ProbeError> for Fault {
 
 /// Measures, or answers those who do.
 pub(crate) fn probe(args: &Args) -> Result<Exit, Fault> {
-    if let Some(exit) = args.schema.print::<ProbeSummary>()? {
-        return Ok(exit);
-    }
     if let Some(recording) = &args.plot {
         return again(recording, args).map(|()| Exit::Conforms);
     }

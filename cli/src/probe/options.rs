@@ -9,7 +9,6 @@ use fuseline_tokio::grpc;
 use crate::fault::Fault;
 use crate::files::{self, FileError};
 use crate::output::Overwrite;
-use crate::schema::SchemaOption;
 use crate::seconds::seconds;
 
 #[derive(clap::Args)]
@@ -105,8 +104,6 @@ pub(crate) struct Args {
     /// Print the summary as one JSON object.
     #[arg(long, conflicts_with = "serve")]
     pub(crate) json: bool,
-    #[command(flatten)]
-    pub(crate) schema: SchemaOption,
 }
 
 impl Args {

@@ -6,8 +6,6 @@ use std::sync::LazyLock;
 use std::time::Duration;
 
 use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
-#[cfg(feature = "full")]
-use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::probe::figures::{Figures, QuantileRow, RequestCounts};
@@ -37,7 +35,6 @@ struct DriveSummary {
 
 /// Quantiles in milliseconds.
 #[derive(Clone, Copy, Debug, Deserialize, Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct PaperQuantiles {
     pub(crate) p50: f64,
     pub(crate) p90: f64,
@@ -46,7 +43,6 @@ pub(crate) struct PaperQuantiles {
 
 /// What a probe came to.
 #[derive(Debug, Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct ProbeSummary {
     url: String,
     /// Whether the user ended it.

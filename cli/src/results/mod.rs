@@ -1,8 +1,7 @@
-//! Verdicts as files for other tools: code hosts, continuous integration, quality checkers.
+//! Verdicts as files for other tools: SARIF for code hosts, JUnit for continuous integration.
 
 mod junit;
 mod sarif;
-mod xqar;
 
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -25,9 +24,6 @@ pub(crate) struct Files {
     /// Write what breaks a rule as SARIF, which code hosts show beside the change.
     #[arg(long, value_name = "FILE")]
     sarif: Option<PathBuf>,
-    /// Write the verdicts as ASAM's quality checkers do (.xqar).
-    #[arg(long, value_name = "FILE")]
-    xqar: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) overwrite: Overwrite,
 }
@@ -77,7 +73,6 @@ impl Files {
     pub(crate) fn outputs(&self, inputs: &[&Path]) -> Result<Outputs, Fault> {
         let mut outputs = Outputs(Vec::new(), self.overwrite);
         outputs.add(self.sarif.as_deref(), inputs, sarif::write)?;
-        outputs.add(self.xqar.as_deref(), inputs, xqar::write)?;
         Ok(outputs)
     }
 }

@@ -41,9 +41,6 @@ pub(crate) use crate::run::table::sources_table;
 
 /// Runs what the options say, reports it, and keeps its trace.
 pub(crate) fn run(args: &Args) -> Result<Exit, Fault> {
-    if let Some(exit) = args.schema.print::<RunReport>()? {
-        return Ok(exit);
-    }
     let mut plan = RunPlan::new(args)?;
     let interrupt = Interrupt::watch();
     let mut out = OutputSink::new(anstream::stdout());

@@ -19,7 +19,6 @@ use crate::report::PAGE;
 use crate::run::cloud::{self, CloudAddress, CloudOptions, CloudsError, NamedValue, RemoteServer};
 use crate::run::config::{self, CloudFileError};
 use crate::run::served::Served;
-use crate::schema::SchemaOption;
 use crate::seconds::seconds;
 
 /// What the trace is called if it has no other name.
@@ -127,8 +126,6 @@ pub(crate) struct Args {
     /// Print the report as one JSON object.
     #[arg(long)]
     pub(crate) json: bool,
-    #[command(flatten)]
-    pub(crate) schema: SchemaOption,
 }
 
 /// How deadlines are chosen.

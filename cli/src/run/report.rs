@@ -14,8 +14,6 @@ use fuseline_report::{
 };
 use fuseline_tokio::{SourceTally, grpc};
 use fuseline_traces::{Doubt, DoubtKind, Event, Events, Judge, Verdict};
-#[cfg(feature = "full")]
-use schemars::JsonSchema;
 use serde::{Serialize, Serializer};
 
 use crate::fault::Fault;
@@ -27,7 +25,6 @@ use crate::run::served::Served;
 
 /// What a run came to.
 #[derive(Debug, Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct RunReport {
     /// Messages that came: forwarded, missed, refused or open.
     pub(crate) messages: u64,
@@ -70,7 +67,6 @@ pub(crate) struct RunReport {
 
 /// One source's part in a run.
 #[derive(Debug, Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct SourceReport {
     pub(crate) name: String,
     pub(crate) priority: u16,
@@ -99,7 +95,6 @@ pub(crate) struct SourceReport {
 
 /// One policy over the run's messages.
 #[derive(Debug, Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct PolicyReport {
     pub(crate) policy: String,
     /// None if a model has no figure.
@@ -107,7 +102,6 @@ pub(crate) struct PolicyReport {
     pub(crate) in_time: BoundedFigure<u64>,
     /// p50, p90 and p99; null without messages.
     #[serde(serialize_with = "quantiles")]
-    #[cfg_attr(feature = "full", schemars(with = "ResponseQuantiles"))]
     pub(crate) response_ms: [Option<Quantile>; 3],
     /// The median of those in outages; null without such.
     pub(crate) outage_response_ms: Option<Quantile>,
@@ -119,7 +113,6 @@ pub(crate) struct PolicyReport {
 
 /// A policy's response times, in milliseconds.
 #[derive(Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 struct ResponseQuantiles {
     p50: Option<Quantile>,
     p90: Option<Quantile>,

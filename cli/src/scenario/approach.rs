@@ -9,8 +9,6 @@ use fuseline_deadline::{
     Span,
 };
 pub(crate) use fuseline_traces::nanos as whole;
-#[cfg(feature = "full")]
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::scenario::braking::{Brakes, DriveOutcome};
@@ -21,7 +19,6 @@ use crate::scenario::planner::{FrameStatus, Planner};
 
 /// The vehicle, its camera and what it computes with, in metres and seconds.
 #[derive(Clone, Copy, PartialEq, Debug, Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct Vehicle {
     pub(crate) deceleration: f64,
     pub(crate) brake_delay: f64,
@@ -40,7 +37,6 @@ pub(crate) struct Vehicle {
 
 /// Who answers.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug, Serialize, clap::ValueEnum)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Approach {
     /// Local alone.

@@ -9,7 +9,6 @@ use crate::fault::Fault;
 use crate::output::Overwrite;
 use crate::plot::Folder;
 use crate::scenario::approach::Vehicle;
-use crate::schema::SchemaOption;
 use crate::sink::OutputSink;
 
 /// What a scenario leaves.
@@ -18,8 +17,6 @@ pub(crate) struct OutputOptions {
     /// Print one JSON object with every figure and the parameters in force.
     #[arg(long)]
     pub(crate) json: bool,
-    #[command(flatten)]
-    pub(crate) schema: SchemaOption,
     /// Leave the trace of each run in this folder, for fuseline check.
     #[arg(long, value_name = "DIR")]
     pub(crate) trace: Option<PathBuf>,

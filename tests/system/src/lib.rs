@@ -32,9 +32,6 @@ mod probe;
 #[path = "../../../cli/src/remedy.rs"]
 mod remedy;
 #[cfg(feature = "parsers")]
-#[path = "../../../cli/src/schema.rs"]
-mod schema;
-#[cfg(feature = "parsers")]
 mod serve;
 #[cfg(feature = "parsers")]
 #[path = "../../../cli/src/sink.rs"]

@@ -10,7 +10,6 @@ use crate::rule::Rule;
 
 /// The verdict on one trace.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema), schemars(rename = "ObservedVerdict"))]
 pub struct Verdict {
     /// The name that the trace was given.
     pub file: String,
@@ -41,18 +40,12 @@ pub struct Verdict {
 
 /// A timestamp of which no explanation fits, or a gap between opens.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize)]
-#[cfg_attr(
-    feature = "schema",
-    derive(schemars::JsonSchema),
-    schemars(rename = "ObservedViolation")
-)]
 pub struct Violation {
     /// The line of what came out; if nothing did, the timestamp's last line.
     pub line: u64,
     /// The timestamp; of a gap the one opened after it, or before the end; none if none was opened.
     pub t: Option<u64>,
     /// The rule or promise that is broken.
-    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub rule: BrokenRule,
     /// What came out.
     pub found: String,

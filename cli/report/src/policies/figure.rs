@@ -1,10 +1,5 @@
 //! Figures that are exact or between bounds.
 
-#[cfg(feature = "schema")]
-use std::borrow::Cow;
-
-#[cfg(feature = "schema")]
-use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::{Serialize, Serializer};
 
 /// A figure, as far as it is known: exact if both are the same.
@@ -71,24 +66,8 @@ impl<T: Copy + PartialOrd + Serialize> Serialize for BoundedFigure<T> {
     }
 }
 
-#[cfg(feature = "schema")]
-impl<T: JsonSchema> JsonSchema for BoundedFigure<T> {
-    fn inline_schema() -> bool {
-        true
-    }
-
-    fn schema_name() -> Cow<'static, str> {
-        WrittenFigure::<T>::schema_name()
-    }
-
-    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
-        WrittenFigure::<T>::json_schema(generator)
-    }
-}
-
 /// A figure as it is written.
 #[derive(Serialize)]
-#[cfg_attr(feature = "schema", derive(JsonSchema))]
 #[serde(untagged)]
 enum WrittenFigure<T> {
     Exact(T),

@@ -3,7 +3,6 @@
 mod plots;
 mod text;
 
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::fault::Fault;
@@ -41,7 +40,7 @@ pub(crate) struct Args {
 }
 
 /// A model on board and in the cloud; milliseconds.
-#[derive(Clone, PartialEq, Debug, JsonSchema, Serialize)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
 pub(crate) struct ArbitrageRow {
     model: String,
     on_board: f64,
@@ -58,7 +57,7 @@ pub(crate) struct ArbitrageRow {
 }
 
 /// All that is shown.
-#[derive(Clone, JsonSchema, Serialize)]
+#[derive(Clone, Serialize)]
 pub(crate) struct ArbitrageResult {
     scenario: &'static str,
     drives: Vec<String>,
@@ -68,9 +67,6 @@ pub(crate) struct ArbitrageResult {
 }
 
 pub(crate) fn play(args: &Args) -> Result<(), Fault> {
-    if args.leave.schema.print::<ArbitrageResult>()?.is_some() {
-        return Ok(());
-    }
     let drives: Result<Vec<Drive>, _> = args.drive.iter().map(|name| Drive::load(name)).collect();
     let drives = drives.map_err(Fault::own)?;
     let [_, plots] = args.leave.folders()?;

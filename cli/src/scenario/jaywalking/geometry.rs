@@ -1,7 +1,5 @@
 //! A car and a person who steps onto the road, in m and s.
 
-#[cfg(feature = "full")]
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::scenario::jaywalking::swerve::{FRONT, Swerve};
@@ -18,7 +16,6 @@ const END: f64 = 60.0;
 
 /// What the car does about the person.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, clap::ValueEnum)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Manoeuvre {
     /// To the left, with the speed kept.
@@ -28,7 +25,6 @@ pub(crate) enum Manoeuvre {
 
 /// Where the person is, and what the car can do.
 #[derive(Clone, Copy, Debug, Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct SwerveGeometry {
     /// From the car's front to the person's line at 0 s.
     pub(crate) distance: f64,

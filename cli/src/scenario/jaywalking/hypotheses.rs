@@ -2,7 +2,6 @@
 
 use std::str::FromStr;
 
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::scenario::jaywalking::Args;
@@ -16,7 +15,7 @@ pub(crate) struct UnlikelyEvent {
 }
 
 /// What the planner does if it happens.
-#[derive(Clone, PartialEq, Debug, JsonSchema, Serialize)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
 pub(crate) struct HypothesisRow {
     pub(crate) name: String,
     pub(crate) probability: f64,

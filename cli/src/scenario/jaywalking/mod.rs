@@ -9,8 +9,6 @@ mod plots;
 mod swerve;
 mod text;
 
-#[cfg(feature = "full")]
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::fault::Fault;
@@ -89,7 +87,6 @@ pub(crate) struct Args {
 
 /// The greatest speeds without contact, in m/s.
 #[derive(Clone, Copy, PartialEq, Debug, Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct Greatest {
     response: f64,
     swerve: Option<f64>,
@@ -98,7 +95,6 @@ pub(crate) struct Greatest {
 
 /// A run.
 #[derive(Clone, Copy, PartialEq, Debug, Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct JaywalkingRun {
     speed: f64,
     /// What became of the call for a contingency plan.
@@ -125,7 +121,6 @@ impl Args {
 
 /// The parameters in force.
 #[derive(Clone, Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 struct JaywalkingParameters {
     speed: Vec<f64>,
     response: Vec<f64>,
@@ -134,7 +129,6 @@ struct JaywalkingParameters {
 
 /// All that is shown.
 #[derive(Clone, Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct JaywalkingResult {
     scenario: &'static str,
     parameters: JaywalkingParameters,
@@ -147,9 +141,6 @@ pub(crate) struct JaywalkingResult {
 }
 
 pub(crate) fn play(args: &Args) -> Result<(), Fault> {
-    if args.leave.schema.print::<JaywalkingResult>()?.is_some() {
-        return Ok(());
-    }
     let [traces, plots] = args.leave.folders()?;
     let geometry = args.geometry();
     let greatest = args.response.iter().map(|at| greatest(&geometry, *at)).collect();

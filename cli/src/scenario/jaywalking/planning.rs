@@ -1,7 +1,5 @@
 //! The car's planner: an operator without clouds, and a plan that may be cached beside it.
 
-#[cfg(feature = "full")]
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::scenario::approach::{nanos, seconds};
@@ -27,7 +25,6 @@ const LIMIT: usize = 1;
 
 /// What becomes of the call for a contingency plan.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum PlanCallOutcome {
     /// No cloud is called.

@@ -7,7 +7,6 @@ mod text;
 use std::fmt;
 
 use rayon::prelude::*;
-use schemars::JsonSchema;
 use serde::{Serialize, Serializer};
 
 use crate::fault::Fault;
@@ -87,8 +86,7 @@ pub(crate) struct Args {
 }
 
 /// What keeps the queue short.
-#[derive(Clone, Copy, PartialEq, Debug, JsonSchema)]
-#[schemars(with = "String")]
+#[derive(Clone, Copy, PartialEq, Debug)]
 pub(crate) enum Remedy {
     None,
     /// A gate of this limit.
@@ -98,7 +96,7 @@ pub(crate) enum Remedy {
 }
 
 /// How deadlines are chosen.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, JsonSchema, Serialize)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum DeadlineRule {
     Constant,
@@ -106,7 +104,7 @@ pub(crate) enum DeadlineRule {
 }
 
 /// One operator on an uplink of its own.
-#[derive(Clone, Copy, PartialEq, Debug, JsonSchema, Serialize)]
+#[derive(Clone, Copy, PartialEq, Debug, Serialize)]
 pub(crate) struct LinkRow {
     request_kb: f64,
     rate: f64,
@@ -126,7 +124,7 @@ pub(crate) struct LinkRow {
 }
 
 /// Operators that share an uplink.
-#[derive(Clone, PartialEq, Debug, JsonSchema, Serialize)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
 pub(crate) struct SharedRow {
     uplink_mbps: f64,
     remedy: Remedy,
@@ -138,7 +136,7 @@ pub(crate) struct SharedRow {
 }
 
 /// The parameters in force; seconds.
-#[derive(Clone, Copy, JsonSchema, Serialize)]
+#[derive(Clone, Copy, Serialize)]
 struct LinkParameters {
     downlink_mbps: f64,
     queue_kb: f64,
@@ -150,7 +148,7 @@ struct LinkParameters {
 }
 
 /// All that is shown.
-#[derive(Clone, JsonSchema, Serialize)]
+#[derive(Clone, Serialize)]
 pub(crate) struct LinkResult {
     scenario: &'static str,
     parameters: LinkParameters,
@@ -159,9 +157,6 @@ pub(crate) struct LinkResult {
 }
 
 pub(crate) fn play(args: &Args) -> Result<(), Fault> {
-    if args.leave.schema.print::<LinkResult>()?.is_some() {
-        return Ok(());
-    }
     let result = LinkResult {
         scenario: "link",
         parameters: args.parameters(),

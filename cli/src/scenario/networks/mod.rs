@@ -10,8 +10,6 @@ use std::time::Duration;
 use fuseline_deadline::{Guard, Observation};
 use fuseline_testkit::networks::Drive;
 use rayon::prelude::*;
-#[cfg(feature = "full")]
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::fault::Fault;
@@ -94,7 +92,6 @@ pub(crate) struct Args {
 
 /// What a drive, a speed and a policy come to.
 #[derive(Clone, PartialEq, Debug, Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct DriveRow {
     drive: String,
     speed: f64,
@@ -128,7 +125,6 @@ struct Setting<'a> {
 
 /// The parameters in force.
 #[derive(Clone, Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 struct NetworksParameters {
     drive: Vec<String>,
     speed: Vec<f64>,
@@ -142,7 +138,6 @@ struct NetworksParameters {
 
 /// All that is shown.
 #[derive(Clone, Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct NetworksResult {
     scenario: &'static str,
     parameters: NetworksParameters,
@@ -158,9 +153,6 @@ pub(crate) struct NetworksResult {
 }
 
 pub(crate) fn play(args: &Args) -> Result<(), Fault> {
-    if args.leave.schema.print::<NetworksResult>()?.is_some() {
-        return Ok(());
-    }
     let runs = args.drive.len() * args.speed.len() * args.policy.len() * args.starts as usize;
     if args.leave.trace.is_some() && runs > TRACES {
         return Err(ScenarioError::Traces { runs, most: TRACES }.into());

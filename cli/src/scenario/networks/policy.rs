@@ -7,8 +7,6 @@ use fuseline_deadline::{
     Choice, Guard, Impact, Loss, Observation, Situation, Survival, least_loss,
 };
 use fuseline_testkit::networks::Drive;
-#[cfg(feature = "full")]
-use schemars::JsonSchema;
 use serde::{Serialize, Serializer};
 
 use crate::scenario::approach::{Approach, Vehicle, nanos};
@@ -19,8 +17,6 @@ pub(crate) const OBSERVED: Duration = Duration::from_secs(30);
 
 /// Who answers, and by which deadline.
 #[derive(Clone, Copy, PartialEq, Debug)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
-#[cfg_attr(feature = "full", schemars(with = "String"))]
 pub(crate) enum ResponsePolicy {
     Local,
     Cloud,

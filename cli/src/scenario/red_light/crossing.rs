@@ -1,7 +1,5 @@
 //! One run: who sees the runner when, what the planner gets of it, and whether the cars touch.
 
-#[cfg(feature = "full")]
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::fault::Fault;
@@ -24,7 +22,6 @@ const DEADLINE: u64 = 500_000_000;
 
 /// How ego learns of the runner.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum WarningSource {
     /// The detector on board.
@@ -37,7 +34,6 @@ pub(crate) enum WarningSource {
 
 /// The detectors, in m and s, and the brakes.
 #[derive(Clone, Copy, Debug, Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct Ego {
     pub(crate) range_local: f64,
     pub(crate) range_cloud: f64,

@@ -1,7 +1,5 @@
 //! The intersections: where the cars are when, and what the camera sees.
 
-#[cfg(feature = "full")]
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::scenario::braking::Brakes;
@@ -22,7 +20,6 @@ const AFTER: f64 = 10.0;
 
 /// Which intersection.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, clap::ValueEnum)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum Variant {
     /// A building at the corner hides the runner, who comes from the right.

@@ -8,8 +8,6 @@ mod sharing;
 mod text;
 
 use rayon::prelude::*;
-#[cfg(feature = "full")]
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::fault::Fault;
@@ -93,7 +91,6 @@ pub(crate) struct Args {
 
 /// A run, as it is shown.
 #[derive(Clone, PartialEq, Debug, Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct RedLightRun {
     variant: Variant,
     delta: f64,
@@ -132,7 +129,6 @@ impl Args {
 
 /// The parameters in force.
 #[derive(Clone, Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 struct RedLightParameters {
     variant: Vec<Variant>,
     /// Of each variant.
@@ -147,7 +143,6 @@ struct RedLightParameters {
 
 /// All that is shown.
 #[derive(Clone, Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct RedLightResult {
     scenario: &'static str,
     parameters: RedLightParameters,
@@ -159,9 +154,6 @@ pub(crate) struct RedLightResult {
 }
 
 pub(crate) fn play(args: &Args) -> Result<(), Fault> {
-    if args.leave.schema.print::<RedLightResult>()?.is_some() {
-        return Ok(());
-    }
     let [traces, plots] = args.leave.folders()?;
     let (ego, has_occluder) = (args.ego(), !args.no_occluder);
     let at_once = Ego { cloud_runtime: 0.0, local_response: 0.0, ..ego };

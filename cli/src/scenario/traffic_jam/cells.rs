@@ -4,8 +4,6 @@ use std::time::Duration;
 
 use fuseline_deadline::{Choice, Guard, Impact, Loss, Observation, Source, Survival, least_loss};
 use rayon::prelude::*;
-#[cfg(feature = "full")]
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::fault::Fault;
@@ -38,7 +36,6 @@ pub(crate) struct Jam {
 
 /// What a speed, an approach and a response come to, over all phases.
 #[derive(Clone, PartialEq, Debug, Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct Cell {
     pub(crate) speed: f64,
     pub(crate) approach: Approach,
@@ -56,7 +53,6 @@ pub(crate) struct Cell {
 
 /// How a cell is marked.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Colour {
     /// No phase collides.

@@ -10,8 +10,6 @@ mod text;
 
 use std::time::Duration;
 
-#[cfg(feature = "full")]
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::fault::Fault;
@@ -119,7 +117,6 @@ impl Args {
 
 /// The parameters in force.
 #[derive(Clone, Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 struct TrafficJamParameters {
     speed: Vec<f64>,
     response: Vec<f64>,
@@ -130,7 +127,6 @@ struct TrafficJamParameters {
 
 /// All that is shown.
 #[derive(Clone, Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct TrafficJamResult {
     scenario: &'static str,
     parameters: TrafficJamParameters,
@@ -147,7 +143,6 @@ pub(crate) struct TrafficJamResult {
 
 /// What is found beside the cells.
 #[derive(Clone, Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 struct ExtraResults {
     /// None: the paper's table is not reproduced.
     narrow: Option<Vec<Interval>>,
@@ -176,9 +171,6 @@ impl TrafficJamResult {
 }
 
 pub(crate) fn play(args: &Args) -> Result<(), Fault> {
-    if args.leave.schema.print::<TrafficJamResult>()?.is_some() {
-        return Ok(());
-    }
     let vehicle = args.vehicle.vehicle();
     let jam = Jam::new(vehicle, args.deadline)?;
     let [traces, plots] = args.leave.folders()?;

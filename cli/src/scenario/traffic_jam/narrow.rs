@@ -3,8 +3,6 @@
 use std::time::Duration;
 
 use rayon::prelude::*;
-#[cfg(feature = "full")]
-use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::fault::Fault;
@@ -23,7 +21,6 @@ const SWEEP: std::ops::RangeInclusive<u32> = 1..=449;
 
 /// Within what a parameter alone may lie, so that each cell of the paper's table stays.
 #[derive(Clone, Debug, Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct Interval {
     pub(crate) parameter: &'static str,
     pub(crate) value: f64,
@@ -33,7 +30,6 @@ pub(crate) struct Interval {
 
 /// How many of the paper's 30 cells of *ours* a constant deadline misses.
 #[derive(Clone, Copy, Debug, Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct ConstantMisses {
     pub(crate) deadline: f64,
     pub(crate) misses: usize,
@@ -41,7 +37,6 @@ pub(crate) struct ConstantMisses {
 
 /// What constant deadlines do.
 #[derive(Clone, Debug, Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct Constants {
     pub(crate) some: Vec<ConstantMisses>,
     /// The best of all from 0.01 to 4.49 s, the shortest of several.
@@ -50,7 +45,6 @@ pub(crate) struct Constants {
 
 /// The cloud's model on board, against the cloud.
 #[derive(Clone, Debug, Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct OnBoardCells {
     pub(crate) speed: f64,
     pub(crate) pipelined: Colour,
@@ -62,7 +56,6 @@ pub(crate) struct OnBoardCells {
 
 /// Speeds at which the cloud at the median response avoids what its model on board, pipelined, hits.
 #[derive(Clone, Copy, Debug, Serialize)]
-#[cfg_attr(feature = "full", derive(JsonSchema))]
 pub(crate) struct CloudOnlySpeeds {
     pub(crate) above: f64,
     pub(crate) up_to: f64,
