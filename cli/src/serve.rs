@@ -1,8 +1,4 @@
-//! `fuseline serve`: one emulated cloud for operators elsewhere, a recorded network before a real server, or the service that
-//! shares locations.
-
-mod location;
-mod locations;
+//! `fuseline serve`: one emulated cloud for operators elsewhere, or a recorded network before a real server.
 
 use std::io::{self, Write};
 use std::net::SocketAddr;
@@ -24,7 +20,6 @@ use crate::files::{self, FileError};
 use crate::interrupt::Interrupt;
 use crate::models::Model;
 use crate::seconds::seconds;
-use crate::serve::locations::LocationService;
 
 #[derive(clap::Args)]
 #[command(after_help = "\
@@ -35,15 +30,10 @@ With --forward it puts the drive before a real gRPC server, whatever its service
 calls are passed on unread, each half of the round trip late on its way there and
 half on its way back. Clients use this address without TLS in place of the server's.
 
-With --locations it keeps each vehicle's last report and answers at once with the
-others'. Payloads are the protobuf messages fuseline.v1.Location and
-fuseline.v1.Locations of cli/proto/locations.proto.
-
 Examples:
   fuseline serve --listen 0.0.0.0:50051 --model DINO-SWIN-Tiny
   fuseline serve --drive vnperf/highway:sprint --start 150
   fuseline serve --forward http://127.0.0.1:8001 --drive vnperf/highway:sprint
-  fuseline serve --locations --age 2
   fuseline serve --cert server.pem --key server.key --client-ca ca.pem --token-file secret
   fuseline run --cloud name=east,priority=2,model=DINO-SWIN-Tiny,url=http://10.0.0.2:50051")]
 pub(crate) struct Args {
@@ -52,20 +42,8 @@ pub(crate) struct Args {
     listen: SocketAddr,
     /// Forward calls to this server, http://HOST:PORT or https://HOST:PORT, instead of emulating a model.
     #[arg(long, value_name = "URL", requires = "drive",
-        conflicts_with_all = ["locations", "model", "seed", "cert", "client_ca", "token_file"])]
+        conflicts_with_all = ["model", "seed", "cert", "client_ca", "token_file"])]
     forward: Option<String>,
-    /// Share vehicles' locations instead of emulating a model.
-    #[arg(long, conflicts_with_all = ["model", "drive", "seed"])]
-    locations: bool,
-    /// How many vehicles may share their locations at once, 1 to 65536.
-    #[arg(long, value_name = "N", default_value = "1024", requires = "locations",
-        allow_negative_numbers = true,
-        value_parser = clap::value_parser!(u32).range(1..=65_536))]
-    vehicles: u32,
-    /// How old a location may be, in seconds: more than 0, up to 3600.
-    #[arg(long, value_name = "S", default_value = "5", requires = "locations",
-        value_parser = age, allow_negative_numbers = true)]
-    age: Duration,
     /// The model: NAME@orin or NAME@a100; ,runtime=MS and ,ap=AP after it replace the paper's figures, or describe
     /// a model of one's own.
     #[arg(long, value_name = "MODEL", default_value = "DETR-ResNet-101@a100")]
@@ -100,11 +78,6 @@ fn start(text: &str) -> Result<Duration, &'static str> {
     seconds(text, 0.0..=31_536_000.0).ok_or("it must be seconds, 0 or more")
 }
 
-fn age(text: &str) -> Result<Duration, &'static str> {
-    let age = seconds(text, 0.0..=3600.0).filter(|age| !age.is_zero());
-    age.ok_or("it must be seconds, more than 0 and up to 3600")
-}
-
 /// Why nothing can be served.
 #[derive(Debug, Error)]
 enum CannotServe {
@@ -124,10 +97,6 @@ impl From<CannotServe> for Fault {
 
 /// Serves until Ctrl-C.
 pub(crate) fn serve(args: &Args) -> Result<Exit, Fault> {
-    if args.locations {
-        let most = usize::try_from(args.vehicles).unwrap_or(usize::MAX);
-        return answering(args, LocationService::new(most, args.age), "locations of vehicles");
-    }
     let emulation = match &args.drive {
         Some(drive) => {
             let start = args.start.unwrap_or_default();

@@ -16,7 +16,6 @@ mod export;
 mod exported;
 mod frame;
 mod hints;
-mod locations;
 mod logs;
 mod manners;
 mod opentelemetry;

@@ -10,7 +10,7 @@ use thiserror::Error;
 
 use crate::fault::Fault;
 use crate::output::Overwrite;
-use crate::plot::{Animation, DARK, LIGHT, Plot, PlotPage, png};
+use crate::plot::{DARK, LIGHT, Plot, PlotPage, png};
 
 /// A folder to write to; it is made if it is not there, and what else is in it stays.
 pub(crate) struct Folder(PathBuf);
@@ -71,7 +71,6 @@ fn fault(path: &Path, source: io::Error) -> Fault {
 pub(crate) struct PageContent<'a> {
     pub(crate) title: &'a str,
     pub(crate) words: &'a [&'a str],
-    pub(crate) animations: Vec<Animation>,
     pub(crate) plots: Vec<Plot>,
     /// What was printed on the terminal.
     pub(crate) reported: &'a str,
@@ -82,7 +81,7 @@ pub(crate) struct PageContent<'a> {
 /// # Errors
 /// If one cannot be written.
 pub(crate) fn show(folder: &Folder, shown: &PageContent<'_>) -> Result<(), Fault> {
-    let PageContent { title, words, animations, plots, reported } = shown;
+    let PageContent { title, words, plots, reported } = shown;
     for plot in plots {
         for theme in [LIGHT, DARK] {
             let (svg, name) = (plot.svg(&theme), format!("{}{}", plot.name, theme.suffix));
@@ -91,6 +90,6 @@ pub(crate) fn show(folder: &Folder, shown: &PageContent<'_>) -> Result<(), Fault
         }
     }
     let table = &strip_str(reported).to_string();
-    let page = PlotPage { title, words, animations, plots, table };
+    let page = PlotPage { title, words, plots, table };
     folder.put("index.html", page.html().as_bytes())
 }

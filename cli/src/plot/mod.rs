@@ -1,6 +1,5 @@
 //! Plots: one drawing, on light and on dark ground, as SVG and as PNG, and a page that holds them.
 
-mod animation;
 mod chart;
 mod cut;
 mod folder;
@@ -8,7 +7,6 @@ mod page;
 mod png;
 mod theme;
 
-pub(crate) use animation::{AnimatedBody, AnimatedRun, Animation, outputs};
 pub(crate) use chart::{Axes, Canvas, ChartLine, DRAWN, TextLine, canvas, logarithmic, width};
 pub(crate) use cut::{inside, pieces};
 pub(crate) use folder::{Folder, PageContent, show};

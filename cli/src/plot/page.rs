@@ -2,8 +2,7 @@
 
 use std::fmt::Write;
 
-use crate::plot::animation::{SCRIPT, data};
-use crate::plot::{Animation, DARK, LIGHT, Plot};
+use crate::plot::{DARK, LIGHT, Plot};
 
 const HEAD: &str = r#"<!doctype html>
 <html lang="en">
@@ -11,8 +10,8 @@ const HEAD: &str = r#"<!doctype html>
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <title>@@</title>
 <style>
-:root { color-scheme: light dark; --ground: #f6f7f9; --panel: #ffffff; --ink: #1d2530; --soft: #5d6875; --line: #e2e6eb; --ego: #3f7fd9; --other: #e08a2c; --person: #9264cc; --good: #1f7a4d; --bad: #c62f3b; --wall: #c9d0d8; --road: #e2e6eb; }
-@media (prefers-color-scheme: dark) { :root { --ground: #12161b; --panel: #1a2027; --ink: #e4e8ed; --soft: #9aa5b1; --line: #2a323b; --ego: #5b96ea; --other: #e59a48; --person: #a881dc; --good: #45b37f; --bad: #e0626c; --wall: #46505b; --road: #2f3842; } }
+:root { color-scheme: light dark; --ground: #f6f7f9; --panel: #ffffff; --ink: #1d2530; --soft: #5d6875; --line: #e2e6eb; }
+@media (prefers-color-scheme: dark) { :root { --ground: #12161b; --panel: #1a2027; --ink: #e4e8ed; --soft: #9aa5b1; --line: #2a323b; } }
 * { box-sizing: border-box; }
 html { background: var(--ground); color: var(--ink); font: 15px/1.5 Inter, system-ui, sans-serif; }
 body { max-width: 1000px; margin: 0 auto; padding: 24px 16px 64px; }
@@ -22,16 +21,6 @@ figure { margin: 0 0 24px; padding: 12px; background: var(--panel); border: 1px 
 figure svg { display: block; width: 100%; height: auto; }
 figcaption { color: var(--soft); font-size: 14px; padding: 8px 12px 4px; }
 pre { overflow-x: auto; padding: 14px 16px; background: var(--panel); border: 1px solid var(--line); border-radius: 10px; font: 12.5px/1.45 ui-monospace, "DejaVu Sans Mono", monospace; }
-.views { display: grid; gap: 12px; grid-template-columns: repeat(auto-fit, minmax(min(100%, 300px), 1fr)); }
-.wide .views { grid-template-columns: 1fr; }
-.views section { min-width: 0; }
-h3 { font-size: 14px; font-weight: 600; margin: 0 0 4px; }
-small { color: var(--soft); font-weight: 400; font-variant-numeric: tabular-nums; }
-.good { color: var(--good); } .bad { color: var(--bad); }
-canvas { display: block; width: 100%; } canvas.outputs { height: 34px; margin-top: 4px; }
-.controls { display: flex; gap: 12px; align-items: center; margin-top: 8px; }
-.controls input { flex: 1; min-width: 0; accent-color: var(--ego); }
-button { font: inherit; color: inherit; background: var(--ground); border: 1px solid var(--line); border-radius: 8px; padding: 4px 14px; min-width: 76px; cursor: pointer; }
 @media (max-width: 640px) { figure > div { overflow-x: auto; } figure svg { width: 560px; max-width: none; } figure::before { content: "⇄ swipe"; display: block; text-align: right; color: var(--soft); font-size: 13px; } }
 .dark { display: none; }
 @media (prefers-color-scheme: dark) { .dark { display: block; } .light { display: none; } }
@@ -42,7 +31,6 @@ pub(crate) struct PlotPage<'a> {
     pub(crate) title: &'a str,
     /// What it is about, a paragraph each.
     pub(crate) words: &'a [&'a str],
-    pub(crate) animations: &'a [Animation],
     pub(crate) plots: &'a [Plot],
     /// The table of the terminal.
     pub(crate) table: &'a str,
@@ -56,12 +44,6 @@ impl PlotPage<'_> {
         for words in self.words {
             let _ = writeln!(html, "<p>{}</p>", escaped(words));
         }
-        for animation in self.animations {
-            let [[left, right], [low, high]] = animation.shown;
-            // A strip needs all of the page's width.
-            let wide = if right - left > 4.0 * (high - low) { " wide" } else { "" };
-            let _ = writeln!(html, "<figure class=\"animation{wide}\"></figure>");
-        }
         for plot in self.plots {
             let (light, dark) = (plot.svg(&LIGHT), plot.svg(&DARK));
             let caption = escaped(&plot.caption);
@@ -72,13 +54,6 @@ impl PlotPage<'_> {
             );
         }
         let _ = writeln!(html, "<pre>{}</pre>", escaped(self.table));
-        if !self.animations.is_empty() {
-            let data = data(self.animations);
-            let _ = writeln!(
-                html,
-                "<script type=\"application/json\" id=\"animations\">{data}</script>\n<script>{SCRIPT}</script>"
-            );
-        }
         html.push_str("</html>\n");
         html
     }

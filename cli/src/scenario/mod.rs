@@ -4,7 +4,6 @@ mod approach;
 mod arbitrage;
 mod braking;
 mod jaywalking;
-mod link;
 mod networks;
 mod operator;
 mod options;
@@ -43,8 +42,6 @@ enum ScenarioCommand {
     Networks(networks::Args),
     /// The same models on board and in the cloud: who has a result first.
     Arbitrage(arbitrage::Args),
-    /// Requests share a link of finite width; what helps against its queue.
-    Link(link::Args),
 }
 
 /// Why a scenario cannot be played.
@@ -77,7 +74,6 @@ pub(crate) fn play(args: &Args) -> Result<Exit, Fault> {
         ScenarioCommand::Jaywalking(args) => jaywalking::play(args)?,
         ScenarioCommand::Networks(args) => networks::play(args)?,
         ScenarioCommand::Arbitrage(args) => arbitrage::play(args)?,
-        ScenarioCommand::Link(args) => link::play(args)?,
     }
     Ok(Exit::Conforms)
 }

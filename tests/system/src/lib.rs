@@ -32,7 +32,5 @@ mod probe;
 #[path = "../../../cli/src/remedy.rs"]
 mod remedy;
 #[cfg(feature = "parsers")]
-mod serve;
-#[cfg(feature = "parsers")]
 #[path = "../../../cli/src/sink.rs"]
 mod sink;

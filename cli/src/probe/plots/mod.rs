@@ -48,7 +48,6 @@ pub(crate) fn plot(
     plots.extend(places.map(route::plot));
     let files = names(&plots);
     let shown = PageContent {
-        animations: Vec::new(),
         title: "Network probe",
         words: &[WORDS],
         plots,

@@ -79,7 +79,6 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
             &PageContent {
                 title: "Arbitrage",
                 words: &words,
-                animations: Vec::new(),
                 plots: plots::plots(&result),
                 reported: &text,
             },

@@ -1,6 +1,5 @@
 //! `fuseline scenario jaywalking`: a person steps onto the road, and a plan for that may be cached.
 
-mod animation;
 mod contingency;
 mod geometry;
 mod hypotheses;
@@ -163,13 +162,7 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
         let plots = plots::plots(&result, geometry);
         show(
             &folder,
-            &PageContent {
-                title: "Person jaywalking",
-                words: &words,
-                animations: animation::animations(args, &geometry),
-                plots,
-                reported: &text,
-            },
+            &PageContent { title: "Person jaywalking", words: &words, plots, reported: &text },
         )?;
     }
     args.leave.print_report(&result, &text)

@@ -181,13 +181,7 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
         let plots = plots::plots(&result);
         show(
             &folder,
-            &PageContent {
-                title: "Recorded networks",
-                words: &words,
-                animations: Vec::new(),
-                plots,
-                reported: &text,
-            },
+            &PageContent { title: "Recorded networks", words: &words, plots, reported: &text },
         )?;
     }
     args.leave.print_report(&result, &text)

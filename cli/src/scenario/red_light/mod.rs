@@ -1,6 +1,5 @@
 //! `fuseline scenario red-light`: a car that runs a red light, hidden until it is late. `crossing` is one run.
 
-mod animation;
 mod crossing;
 mod geometry;
 mod plots;
@@ -174,13 +173,7 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
         let plots = plots::plots(args, &result);
         show(
             &folder,
-            &PageContent {
-                title: "Running a red light",
-                words: &words,
-                animations: animation::animations(args),
-                plots,
-                reported: &text,
-            },
+            &PageContent { title: "Running a red light", words: &words, plots, reported: &text },
         )?;
     }
     args.leave.print_report(&result, &text)

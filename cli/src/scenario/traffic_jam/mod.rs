@@ -1,6 +1,5 @@
 //! `fuseline scenario traffic-jam`: the paper's table. `cells` computes it, `narrow` varies it, `text` and `plots` show it.
 
-mod animation;
 mod cells;
 mod narrow;
 mod plots;
@@ -191,7 +190,6 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
             &PageContent {
                 title: "Traffic jam",
                 words: &words,
-                animations: animation::animations(args, &jam),
                 plots: plots::plots(&result, &jam),
                 reported: &text,
             },

@@ -1,10 +1,8 @@
 //! What stands in gRPC frames: requests as the server takes them, replies as the operator does.
 
-use std::collections::BTreeSet;
 use std::convert::Infallible;
 use std::fmt::Debug;
 use std::future::ready;
-use std::time::Duration;
 
 use bytes::Bytes;
 use fuseline_tokio::grpc::tonic::body::Body;
@@ -16,31 +14,23 @@ use http_body::Frame;
 use http_body_util::{BodyExt, StreamBody};
 use prost::Message;
 
-use crate::parsers::{Ends, ParserResult, fit};
-use crate::serve::location::Locations;
-use crate::serve::locations::LocationService;
+use crate::parsers::{Ends, ParserResult};
 
-pub(super) const ENDS: &[&str] =
-    &["answered", "described", "refused", "shared", "no location", "no more vehicles"];
+pub(super) const ENDS: &[&str] = &["answered", "described", "refused"];
 
 /// The path of a call.
 const INFER: &str = "/fuseline.v1.Infer/Infer";
 const DESCRIBE: &str = "/fuseline.v1.Infer/Describe";
 /// What stands before a message in a frame: a flag, and the length in 4 bytes.
 const PREFIX: usize = 5;
-/// The most vehicles of a service.
-const VEHICLES: usize = 3;
 
 /// A byte for the call, one for where the bytes are cut in two, and those bytes.
 pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> ParserResult {
     let [selector, cut, rest @ ..] = bytes else { return Ok(()) };
     unchanged::<Reply>(rest)?;
     unchanged::<Description>(rest)?;
-    match selector % 3 {
-        0 => infer(rest, *cut, ends),
-        1 => describe(rest, *cut, ends),
-        _ => locations(rest, ends),
-    }
+    // Seeds keep their call: a third one was served once.
+    if selector % 3 == 1 { describe(rest, *cut, ends) } else { infer(rest, *cut, ends) }
 }
 
 /// What can be read of a message says the same when it is written and read again.
@@ -133,48 +123,4 @@ fn call_server(path: &str, body: &[u8], cut: u8) -> Result<(Code, Bytes), String
 fn split(body: &[u8]) -> Option<(&[u8], &[u8])> {
     let ([0, len @ ..], rest) = body.split_first_chunk::<PREFIX>()? else { return None };
     rest.split_at_checked(usize::try_from(u32::from_be_bytes(*len)).ok()?)
-}
-
-/// The service that shares locations: each request is a byte for its length, and its payload.
-fn locations(mut bytes: &[u8], ends: &mut Ends) -> ParserResult {
-    let sharing = LocationService::new(VEHICLES, Duration::from_secs(3600));
-    while let Some((len, rest)) = bytes.split_first() {
-        let (payload, rest) = rest.split_at(usize::from(*len).min(rest.len()));
-        bytes = rest;
-        let request = Request {
-            timestamp: 0,
-            payload: Bytes::copy_from_slice(payload),
-            ..Request::default()
-        };
-        let answer = sharing.infer(request).now_or_never().ok_or("an answer is awaited")?;
-        match answer {
-            Ok(reply) => {
-                ends.insert("shared");
-                others(&reply)?;
-            }
-            Err(status) => {
-                ends.insert(match status.code() {
-                    Code::InvalidArgument => "no location",
-                    Code::ResourceExhausted => "no more vehicles",
-                    code => return Err(format!("{code:?} to {payload:?}")),
-                });
-                fit(status.message())?;
-            }
-        }
-    }
-    Ok(())
-}
-
-/// The others are each another, few, named, and somewhere.
-fn others(reply: &Reply) -> ParserResult {
-    let reported = Locations::decode(reply.payload.clone()).map_err(|error| error.to_string())?;
-    let names: BTreeSet<&str> = reported.others.iter().map(|other| &*other.vehicle).collect();
-    let is_right = reported.others.iter().all(|other| {
-        let figures = [other.time_s, other.x_m, other.y_m, other.vx_mps, other.vy_mps];
-        figures.iter().all(|figure| figure.is_finite()) && (1..=64).contains(&other.vehicle.len())
-    });
-    if !is_right || names.len() != reported.others.len() || names.len() >= VEHICLES {
-        return Err(format!("the others are {reported:?}"));
-    }
-    Ok(())
 }
