@@ -79,7 +79,7 @@ where
                 }
                 slot += 1;
             }
-            _ = writes.tick() => log.write(start.elapsed())?,
+            _ = writes.tick() => log.write()?,
             _ = looks.tick() => show(log, start.elapsed()),
         }
     }

@@ -81,13 +81,12 @@ fn state<W: Write>(log: &ProbeLog<W>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::probe::position::Fixes;
     use crate::probe::row::SlotRows;
 
     #[test]
     fn the_state_is_that_of_the_log() {
         let ms = Duration::from_millis;
-        let rows = SlotRows::new(Vec::new(), Fixes::default()).unwrap();
+        let rows = SlotRows::new(Vec::new()).unwrap();
         let mut log = ProbeLog::new(rows, ms(10), (Duration::ZERO, ms(100)));
         assert_eq!(state(&log), "0 sent, 0 unanswered, 0 failed, 0 pauses; p50 –");
         for slot in 0..32 {

@@ -116,8 +116,8 @@ impl<W: Write> ProbeLog<W> {
     ///
     /// # Errors
     /// If it cannot be written.
-    pub(crate) fn write(&mut self, now: Duration) -> Result<(), csv::Error> {
-        self.rows.write(now)
+    pub(crate) fn write(&mut self) -> Result<(), csv::Error> {
+        self.rows.write()
     }
 
     /// Nothing more comes: what is under way stays unanswered, and a pause had no end.

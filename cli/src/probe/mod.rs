@@ -9,7 +9,6 @@ mod log;
 mod options;
 mod pace;
 mod plots;
-mod position;
 mod recording;
 mod row;
 mod server;
@@ -36,7 +35,6 @@ use crate::plot::Folder;
 use crate::probe::client::{Schedule, drive};
 use crate::probe::live::ProbeProgress;
 use crate::probe::log::ProbeLog;
-use crate::probe::position::Fixes;
 use crate::probe::row::SlotRows;
 use crate::probe::summary::ProbeSummary;
 use crate::run::served::Served;
@@ -56,8 +54,6 @@ enum ProbeError {
     Remote { url: String, source: RemoteError },
     #[error("{url}: {why}; {remedy}")]
     Silent { url: String, why: String, remedy: &'static str },
-    #[error("--gpsd {address}: {}; start gpsd there, or leave it out", plain(.source))]
-    Gpsd { address: String, source: io::Error },
     #[error("--plot -: it is read twice; name a file")]
     Stdin,
     #[error("--csv -: the rows are printed as they come; name a file")]
@@ -125,13 +121,12 @@ async fn measure(args: &Args, interrupt: &Interrupt) -> Result<(), Fault> {
         () = interrupt.wait() => return Ok(()),
     }
     warn_of_model(url, connection).await;
-    let fixes = positions(args).await?;
     let folder = folder(args)?;
     let csv = Growing::open(args.csv.as_deref(), RECORDING, args.overwrite)?;
     let name = csv.path().display().to_string();
     let unwritten = |source| ProbeError::Write { file: name.clone(), source };
     let file = csv.empty().map_err(|source| Fault::Create { name: name.clone(), source })?;
-    let rows = SlotRows::new(BufWriter::new(file), fixes).map_err(unwritten)?;
+    let rows = SlotRows::new(BufWriter::new(file)).map_err(unwritten)?;
     let schedule = Schedule { rate: args.rate, slots: args.slots(), give_up: args.give_up };
     let mut log = ProbeLog::new(rows, args.period(), (args.runtime(), args.deadline()));
     let live = ProbeProgress::new(args);
@@ -235,20 +230,4 @@ fn remedy(is_secret: bool, why: &str) -> &'static str {
 async fn call(mut client: InferClient, slot: u64, payload: Bytes) -> Result<(), Status> {
     let request = Request { timestamp: slot, payload, ..Request::default() };
     client.infer(tonic::Request::new(request)).await.map(|_| ())
-}
-
-/// The positions as they come, if there is a source of them.
-async fn positions(args: &Args) -> Result<Fixes, Fault> {
-    let fixes = Fixes::default();
-    if let Some(address) = &args.gpsd {
-        let stream = position::connect(address).await;
-        let stream =
-            stream.map_err(|source| ProbeError::Gpsd { address: address.clone(), source })?;
-        tokio::spawn(position::follow(stream, address.clone(), fixes.clone()));
-    }
-    if let Some(path) = &args.nmea {
-        position::read(path, fixes.clone())
-            .map_err(|source| Fault::Open { name: path.display().to_string(), source })?;
-    }
-    Ok(fixes)
 }

@@ -20,10 +20,8 @@ not made up. The paper's drive through San Francisco did the same, and its
 figures stand beside.
 
 The recording is CSV with the columns sent_ms, rtt_ms (-1: the call failed, or a
-pause began), lat, lon, speed_mps, queued and utc_ms (milliseconds since 1970).
-fuseline run takes it as it is. Positions come from gpsd, or from the RMC
-sentences of an NMEA file; the nearest by the time of day is taken. Without one
-within 2 s the cells are empty.
+pause began), queued and utc_ms (milliseconds since 1970). fuseline run takes it
+as it is.
 
 Ctrl-C ends the probe: it waits up to 1 s for answers, completes the recording,
 draws the plots and prints the summary. Exit code 0 when done, also after
@@ -31,7 +29,7 @@ Ctrl-C; 2 if an option or a file is of no use, or the server does not answer.
 
 Examples:
   fuseline probe --serve --listen 0.0.0.0:50051
-  fuseline probe http://10.0.0.2:50051 --gpsd 127.0.0.1:2947
+  fuseline probe http://10.0.0.2:50051 --seconds 60
   fuseline probe https://cloud:50051 --ca ca.pem --token-file secret --seconds 600
   fuseline probe http://10.0.0.2:50051 -o pictures
   fuseline probe --plot fuseline-probe.csv -o pictures
@@ -65,18 +63,12 @@ pub(crate) struct Args {
     #[command(flatten)]
     pub(crate) overwrite: Overwrite,
     /// Write plots to this folder once the probe has ended, as SVG and PNG on light and dark ground,
-    /// and a page that holds them: round trips over time, their distribution, the route.
+    /// and a page that holds them: round trips over time and their distribution.
     #[arg(short, long, value_name = "DIR", conflicts_with = "serve")]
     pub(crate) output: Option<PathBuf>,
     /// Measure nothing, but plot this recording.
     #[arg(long, value_name = "FILE", requires = "output", conflicts_with_all = ["serve", "json"])]
     pub(crate) plot: Option<PathBuf>,
-    /// A gpsd that reports positions.
-    #[arg(long, value_name = "HOST:PORT", conflicts_with = "serve")]
-    pub(crate) gpsd: Option<String>,
-    /// An NMEA 0183 file or device that reports positions.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["gpsd", "serve"])]
-    pub(crate) nmea: Option<PathBuf>,
     /// What the cloud would compute besides, in milliseconds: 0 to 60000.
     #[arg(long, value_name = "MS", default_value = "118.2", value_parser = milliseconds,
         allow_negative_numbers = true)]
@@ -143,7 +135,7 @@ impl Args {
     }
 
     pub(crate) fn files(&self) -> Vec<&Path> {
-        let all = [&self.nmea, &self.ca, &self.cert, &self.key, &self.token_file];
+        let all = [&self.ca, &self.cert, &self.key, &self.token_file];
         all.into_iter().flatten().map(PathBuf::as_path).collect()
     }
 

@@ -31,8 +31,6 @@ pub(crate) struct PlotRow {
     pub(crate) sent: f64,
     /// In milliseconds; none if there was no answer.
     pub(crate) round_trip: Option<f64>,
-    /// Latitude and longitude, in degrees.
-    pub(crate) position: Option<(f64, f64)>,
     /// Whether a pause began and nothing was sent.
     pub(crate) is_pause: bool,
 }
@@ -56,8 +54,6 @@ impl From<RecordingError> for Fault {
 struct RowCells {
     sent_ms: f64,
     rtt_ms: f64,
-    lat: Option<f64>,
-    lon: Option<f64>,
     queued: Option<u64>,
 }
 
@@ -129,11 +125,6 @@ impl RowCells {
         if !is_lost && !(0.0..=LONGEST_MS).contains(&self.rtt_ms) {
             return Err(("rtt_ms", self.rtt_ms, "milliseconds from 0 to a day, or -1"));
         }
-        for (column, found, most) in [("lat", self.lat, 90.0), ("lon", self.lon, 180.0)] {
-            if let Some(found) = found.filter(|found| !(-most..=most).contains(found)) {
-                return Err((column, found, "degrees, or empty"));
-            }
-        }
         Ok(())
     }
 
@@ -141,12 +132,7 @@ impl RowCells {
         let round_trip = Some(self.rtt_ms).filter(|ms| *ms >= 0.0);
         // What is sent has fewer unanswered before it.
         let is_pause = round_trip.is_none() && self.queued.is_some_and(|it| it > QUEUED as u64);
-        PlotRow {
-            sent: self.sent_ms / 1000.0,
-            round_trip,
-            position: self.lat.zip(self.lon),
-            is_pause,
-        }
+        PlotRow { sent: self.sent_ms / 1000.0, round_trip, is_pause }
     }
 }
 
@@ -184,7 +170,7 @@ mod tests {
         ProbeRecording { name: "drive.csv".to_owned(), file }
     }
 
-    const COLUMNS: &str = "sent_ms,rtt_ms,lat,lon,queued\n";
+    const COLUMNS: &str = "sent_ms,rtt_ms,queued\n";
 
     fn each(recording: &mut ProbeRecording, most: u64) -> Result<Vec<PlotRow>, String> {
         let mut rows = Vec::new();
@@ -195,47 +181,39 @@ mod tests {
     #[test]
     fn cells_may_be_what_their_bounds_are_and_no_more() {
         for (fits, beyond) in [
-            ("1e12,0,,,", "1000000000001,0,,,"),
-            ("-1e12,0,,,", "-1000000000001,0,,,"),
-            ("5,0,,,", "5,-0.1,,,"),
-            ("5,-1,,,", "5,-1.1,,,"),
-            ("5,86400000,,,", "5,86400001,,,"),
-            ("5,1,90,180,", "5,1,90.1,180,"),
-            ("5,1,-90,-180,", "5,1,-90,-180.1,"),
-            ("5,1,0,0,30", "5,1,0,0,-1"),
+            ("1e12,0,", "1000000000001,0,"),
+            ("-1e12,0,", "-1000000000001,0,"),
+            ("5,0,", "5,-0.1,"),
+            ("5,-1,", "5,-1.1,"),
+            ("5,86400000,", "5,86400001,"),
+            ("5,1,30", "5,1,-1"),
         ] {
             let one = each(&mut recording(&format!("{COLUMNS}{fits}\n")), 9);
             assert_eq!(one.map(|rows| rows.len()), Ok(1), "{fits}");
             let found = each(&mut recording(&format!("{COLUMNS}{beyond}\n")), 9).unwrap_err();
             assert!(found.starts_with("drive.csv:2: "), "{found}");
         }
-        let falls = each(&mut recording(&format!("{COLUMNS}5,1,,,\n6,1,,,\n6,1,,,\n")), 9);
+        let falls = each(&mut recording(&format!("{COLUMNS}5,1,\n6,1,\n6,1,\n")), 9);
         assert!(falls.unwrap_err().starts_with("drive.csv:4: sent_ms is 6; "));
     }
 
     #[test]
     fn rows_are_read_as_often_as_wanted_and_no_further_than_wanted() {
         // Nothing was sent with 31 unanswered: a pause. With 30 it was sent and lost.
-        let text = format!("{COLUMNS}5,0,2,3,31\n250,-1,2,,30\n300,-1,,3,31\n");
+        let text = format!("{COLUMNS}5,0,31\n250,-1,30\n300,-1,31\n");
         let mut recording = recording(&text);
         for most in [3, 2, 9, 0] {
             let rows = each(&mut recording, most).unwrap();
-            let cells: Vec<_> = rows
-                .iter()
-                .map(|row| (row.sent, row.round_trip, row.position, row.is_pause))
-                .collect();
-            let all = [
-                (0.005, Some(0.0), Some((2.0, 3.0)), false),
-                (0.25, None, None, false),
-                (0.3, None, None, true),
-            ];
+            let cells: Vec<_> =
+                rows.iter().map(|row| (row.sent, row.round_trip, row.is_pause)).collect();
+            let all = [(0.005, Some(0.0), false), (0.25, None, false), (0.3, None, true)];
             assert_eq!(cells, all[..all.len().min(usize::try_from(most).unwrap())]);
         }
     }
 
     #[test]
     fn a_line_is_bounded_and_a_recording_is_not() {
-        let row = |number: usize, width: usize| format!("{number},{}1,,,\n", "0".repeat(width));
+        let row = |number: usize, width: usize| format!("{number},{}1,\n", "0".repeat(width));
         let long: String = (1..40).map(|number| row(number, 60_000)).collect();
         let rows = each(&mut recording(&format!("{COLUMNS}{long}")), 99).unwrap();
         assert_eq!(rows.len(), 39);

@@ -4,13 +4,8 @@ use std::collections::VecDeque;
 use std::io::Write;
 use std::time::Duration;
 
-use crate::probe::position::Fixes;
-
-/// A row is held back so long, so that the position after it is known too.
-const HELD: Duration = Duration::from_millis(1500);
-
 /// The columns; `sent_ms` and `rtt_ms` are those of a drive.
-const COLUMNS: [&str; 7] = ["sent_ms", "rtt_ms", "lat", "lon", "speed_mps", "queued", "utc_ms"];
+const COLUMNS: [&str; 4] = ["sent_ms", "rtt_ms", "queued", "utc_ms"];
 
 /// What was done at a slot.
 #[derive(Clone, Copy, Debug)]
@@ -43,7 +38,6 @@ pub(crate) struct SlotRows<W: Write> {
     first: u64,
     /// In microseconds; none before the first.
     last_sent: Option<u128>,
-    fixes: Fixes,
 }
 
 impl<W: Write> SlotRows<W> {
@@ -51,11 +45,11 @@ impl<W: Write> SlotRows<W> {
     ///
     /// # Errors
     /// If they cannot be written.
-    pub(crate) fn new(out: W, fixes: Fixes) -> Result<Self, csv::Error> {
+    pub(crate) fn new(out: W) -> Result<Self, csv::Error> {
         let mut csv = csv::Writer::from_writer(out);
         csv.write_record(COLUMNS)?;
         csv.flush()?;
-        Ok(Self { csv, waiting: VecDeque::new(), first: 0, last_sent: None, fixes })
+        Ok(Self { csv, waiting: VecDeque::new(), first: 0, last_sent: None })
     }
 
     /// Adds a row; gives its number.
@@ -72,13 +66,13 @@ impl<W: Write> SlotRows<W> {
         }
     }
 
-    /// Writes what is known, `now` since the beginning.
+    /// Writes what is known.
     ///
     /// # Errors
     /// If it cannot be written.
-    pub(crate) fn write(&mut self, now: Duration) -> Result<(), csv::Error> {
+    pub(crate) fn write(&mut self) -> Result<(), csv::Error> {
         while let Some(row) = self.waiting.front().copied() {
-            if row.request_outcome == RequestOutcome::Unanswered || row.sent + HELD > now {
+            if row.request_outcome == RequestOutcome::Unanswered {
                 break;
             }
             self.waiting.pop_front();
@@ -108,16 +102,9 @@ impl<W: Write> SlotRows<W> {
             RequestOutcome::Answered(rtt) => milliseconds(rtt.as_micros()),
             RequestOutcome::Unanswered | RequestOutcome::Lost => "-1".to_owned(),
         };
-        let fix = self.fixes.nearest(row.utc_ms);
-        let cell = |value: Option<f64>, decimals: usize| {
-            value.map_or_else(String::new, |value| format!("{value:.decimals$}"))
-        };
         self.csv.write_record([
             milliseconds(sent),
             rtt,
-            cell(fix.map(|fix| fix.lat), 7),
-            cell(fix.map(|fix| fix.lon), 7),
-            cell(fix.and_then(|fix| fix.speed_mps), 2),
             row.queued.to_string(),
             row.utc_ms.to_string(),
         ])
@@ -131,7 +118,6 @@ fn milliseconds(micros: u128) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::probe::position::Fix;
 
     fn row(sent_us: u64, request_outcome: RequestOutcome) -> SlotRow {
         let utc_ms = 1_000_000 + i64::try_from(sent_us / 1000).unwrap();
@@ -144,46 +130,30 @@ mod tests {
 
     #[test]
     fn rows_are_written_in_the_order_of_sending_once_they_are_known() {
-        let mut rows = SlotRows::new(Vec::new(), Fixes::default()).unwrap();
-        let late = Duration::from_secs(9);
+        let mut rows = SlotRows::new(Vec::new()).unwrap();
         let first = rows.add(row(5, RequestOutcome::Unanswered));
         let second = rows.add(row(33_333, RequestOutcome::Unanswered));
         rows.add(row(66_666, RequestOutcome::Lost));
         rows.settle(second, RequestOutcome::Answered(Duration::from_micros(68_001)));
-        rows.write(late).unwrap();
+        rows.write().unwrap();
         assert_eq!(text(&rows).lines().count(), 1);
         rows.settle(first, RequestOutcome::Answered(Duration::from_millis(2)));
-        rows.write(late).unwrap();
-        let expected = "sent_ms,rtt_ms,lat,lon,speed_mps,queued,utc_ms\n\
-                        0.005,2.000,,,,3,1000000\n\
-                        33.333,68.001,,,,3,1000033\n\
-                        66.666,-1,,,,3,1000066\n";
+        rows.write().unwrap();
+        let expected = "sent_ms,rtt_ms,queued,utc_ms\n\
+                        0.005,2.000,3,1000000\n\
+                        33.333,68.001,3,1000033\n\
+                        66.666,-1,3,1000066\n";
         assert_eq!(text(&rows), expected);
     }
 
     #[test]
     fn times_rise_strictly_and_what_is_left_is_lost() {
-        let mut rows = SlotRows::new(Vec::new(), Fixes::default()).unwrap();
+        let mut rows = SlotRows::new(Vec::new()).unwrap();
         rows.add(row(7, RequestOutcome::Lost));
         rows.add(row(7, RequestOutcome::Unanswered));
         rows.finish().unwrap();
         let reported = text(&rows);
         let sent: Vec<&str> = reported.lines().skip(1).map(|it| &it[..9]).collect();
         assert_eq!(sent, ["0.007,-1,", "0.008,-1,"]);
-    }
-
-    #[test]
-    fn a_row_waits_for_the_position_after_it() {
-        let fixes = Fixes::default();
-        let mut rows = SlotRows::new(Vec::new(), fixes.clone()).unwrap();
-        rows.add(row(900_000, RequestOutcome::Lost));
-        rows.write(Duration::from_millis(2399)).unwrap();
-        assert_eq!(text(&rows).lines().count(), 1);
-        for (second, lat) in [(0, 1.0), (1, 2.0)] {
-            let utc_ms = 1_000_000 + second * 1000;
-            fixes.add(Fix { utc_ms, lat, lon: -0.5, speed_mps: Some(13.5) });
-        }
-        rows.write(Duration::from_millis(2400)).unwrap();
-        assert!(text(&rows).ends_with("900.000,-1,2.0000000,-0.5000000,13.50,3,1000900\n"));
     }
 }

@@ -150,11 +150,9 @@ impl fmt::Display for ProbeSummary {
 
 /// What was plotted, in words.
 pub(crate) fn plotted(folder: &Path, files: &[String]) -> String {
-    let has_route = files.iter().any(|file| file == "route.svg");
-    let none = if has_route { "" } else { "There are no positions, so there is no route.\n" };
     let svgs = files.iter().filter_map(|file| file.strip_suffix(".svg"));
     let names: Vec<&str> = svgs.filter(|name| !name.ends_with("-dark")).collect();
-    format!("{}: index.html, and as SVG and PNG: {}\n{none}", folder.display(), names.join(", "))
+    format!("{}: index.html, and as SVG and PNG: {}\n", folder.display(), names.join(", "))
 }
 
 /// A quantile in milliseconds.
@@ -263,12 +261,9 @@ mod tests {
     }
 
     #[test]
-    fn what_was_plotted_is_named_once_and_a_missing_route_is_reported() {
-        let files = ["a.svg", "a-dark.svg", "a.png", "route.svg"].map(ToOwned::to_owned);
-        let some = plotted(Path::new("plots"), &files[..3]);
-        let none = "There are no positions, so there is no route.\n";
-        assert_eq!(some, format!("plots: index.html, and as SVG and PNG: a\n{none}"));
+    fn names_each_plot_once() {
+        let files = ["a.svg", "a-dark.svg", "a.png", "b.svg"].map(ToOwned::to_owned);
         let all = plotted(Path::new("plots"), &files);
-        assert_eq!(all, "plots: index.html, and as SVG and PNG: a, route\n");
+        assert_eq!(all, "plots: index.html, and as SVG and PNG: a, b\n");
     }
 }

@@ -5,7 +5,6 @@ use tokio::time::{advance, sleep};
 
 use super::*;
 use crate::probe::figures::RequestCounts;
-use crate::probe::position::Fixes;
 use crate::probe::row::SlotRows;
 use fuseline_report::Quantile;
 
@@ -43,7 +42,7 @@ where
     Fut: Future<Output = bool> + Send + 'static,
 {
     let file = Shared::default();
-    let rows = SlotRows::new(file.clone(), Fixes::default()).unwrap();
+    let rows = SlotRows::new(file.clone()).unwrap();
     let mut log = ProbeLog::new(rows, Duration::from_secs(1) / 30, (ms(118), ms(500)));
     let schedule = Schedule { rate: 30.0, slots, give_up: ms(20_000) };
     drive(&mut log, &schedule, send_request, end, (ms(1000), |_, _| {})).await.unwrap();
@@ -94,7 +93,7 @@ async fn calls_overlap_and_quantiles_are_those_of_the_delays() {
 #[tokio::test(start_paused = true)]
 async fn a_probe_that_is_killed_loses_the_rows_of_two_seconds() {
     let file = Shared::default();
-    let rows = SlotRows::new(file.clone(), Fixes::default()).unwrap();
+    let rows = SlotRows::new(file.clone()).unwrap();
     let mut log = ProbeLog::new(rows, Duration::from_secs(1) / 30, (ms(118), ms(500)));
     let schedule = Schedule { rate: 30.0, slots: None, give_up: ms(20_000) };
     let answered = |_| async { true };

@@ -7,7 +7,6 @@ use fuseline_testkit::Rng;
 
 use super::*;
 use crate::probe::figures::{RequestCounts, Spread};
-use crate::probe::position::Fixes;
 
 const fn ms(ms: u64) -> Duration {
     Duration::from_millis(ms)
@@ -15,7 +14,7 @@ const fn ms(ms: u64) -> Duration {
 
 #[test]
 fn slots_of_a_pause_are_skipped_and_each_takes_until_its_end_also_if_it_was_overslept() {
-    let rows = SlotRows::new(Vec::new(), Fixes::default()).unwrap();
+    let rows = SlotRows::new(Vec::new()).unwrap();
     let mut log = ProbeLog::new(rows, ms(10), (Duration::ZERO, ms(100)));
     let numbers: Vec<u64> =
         (0..32).filter_map(|slot| log.slot(ms(10 * slot), ms(10 * slot), 0)).collect();
@@ -76,7 +75,6 @@ struct RecountedProbe {
 const PERIOD: Duration = ms(10);
 const RUNTIME: Duration = ms(100);
 const DEADLINE: Duration = ms(500);
-const HELD_BACK: Duration = ms(1500);
 
 impl RecountedProbe {
     /// Whether a request is sent.
@@ -126,18 +124,16 @@ impl RecountedProbe {
         self.slots.extend(self.pause.drain(..).map(|_| None));
     }
 
-    /// The rows that are known, in the order of sending; of `now` those that were held back long enough.
-    fn known(&self, now: Option<Duration>) -> String {
-        let is_known = |row: &&RecountedRow| {
-            now.is_none_or(|now| row.has_ended && row.sent + HELD_BACK <= now)
-        };
+    /// The rows that are known, in the order of sending; all of them at the end.
+    fn known(&self, at_end: bool) -> String {
+        let is_known = |row: &&RecountedRow| at_end || row.has_ended;
         let (mut text, mut last) = (String::new(), None);
         let millis = |micros: u128| format!("{}.{:03}", micros / 1000, micros % 1000);
         for row in self.rows.iter().take_while(is_known) {
             let sent = last.map_or(0, |last| last + 1).max(row.sent.as_micros());
             last = Some(sent);
             let end = row.round_trip.map_or("-1".to_owned(), |time| millis(time.as_micros()));
-            text.extend([format!("{},{end},,,,{},7\n", millis(sent), row.queued)]);
+            text.extend([format!("{},{end},{},7\n", millis(sent), row.queued)]);
         }
         text
     }
@@ -164,7 +160,7 @@ fn same_quantiles(spread: &Spread, mut times: Vec<Option<Duration>>) {
 fn each_row_count_and_quantile_is_that_of_a_recount() {
     for seed in 0..40 {
         let (mut rng, written) = (Rng::with_seed(seed), WrittenRows::default());
-        let rows = SlotRows::new(written.clone(), Fixes::default()).unwrap();
+        let rows = SlotRows::new(written.clone()).unwrap();
         let mut log = ProbeLog::new(rows, PERIOD, (RUNTIME, DEADLINE));
         let mut expected = RecountedProbe::default();
         let header = String::from_utf8(written.0.borrow().clone()).unwrap();
@@ -194,15 +190,15 @@ fn each_row_count_and_quantile_is_that_of_a_recount() {
                 expected.ended(row, round_trip, now);
                 assert_eq!(log.latest, expected.answers.last().copied());
             }
-            log.write(now).unwrap();
+            log.write().unwrap();
             if rng.u64(0..8) == 0 {
-                assert_eq!(text(), expected.known(Some(now)), "{seed}");
+                assert_eq!(text(), expected.known(false), "{seed}");
             }
             due += PERIOD;
         }
         log.finish(due).unwrap();
         expected.finish(due);
-        assert_eq!(text(), expected.known(None));
+        assert_eq!(text(), expected.known(true));
         let Figures { counts, paused, answers, slots } = &log.figures;
         assert_eq!((*counts, *paused), (expected.counts, expected.paused));
         same_quantiles(answers, expected.answers.into_iter().map(Some).collect());

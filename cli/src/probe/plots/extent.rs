@@ -4,7 +4,6 @@ use std::ops::Range;
 use std::time::Duration;
 
 use crate::probe::figures::Spread;
-use crate::probe::plots::places::BoundingBox;
 use crate::probe::recording::PlotRow;
 use crate::probe::summary::{PAPER, counted, quantile};
 
@@ -17,7 +16,6 @@ pub(crate) struct Extent {
     /// When the first and the last were sent, in seconds.
     pub(crate) sent: Option<(f64, f64)>,
     pub(crate) round_trips: Spread,
-    pub(crate) bounds: Option<BoundingBox>,
     /// The least and the greatest round trip, in milliseconds.
     ends: Option<(f64, f64)>,
 }
@@ -26,7 +24,7 @@ impl Default for Extent {
     fn default() -> Self {
         let round_trips = Spread::new();
         let (rows, answered, lost, pauses) = (0, 0, 0, 0);
-        Self { rows, answered, lost, pauses, sent: None, round_trips, bounds: None, ends: None }
+        Self { rows, answered, lost, pauses, sent: None, round_trips, ends: None }
     }
 }
 
@@ -43,10 +41,6 @@ impl Extent {
             }
             None if plot_row.is_pause => self.pauses += 1,
             None => self.lost += 1,
-        }
-        if let Some(position) = plot_row.position {
-            let bounds = self.bounds.get_or_insert_with(|| BoundingBox::new(position));
-            bounds.add(position);
         }
     }
 

@@ -1,9 +1,7 @@
-//! What a probe looks like: its round trips over time, their distribution, and where they were.
+//! What a probe looks like: its round trips over time, and their distribution.
 
 mod distribution;
 mod extent;
-mod places;
-mod route;
 mod series;
 
 use std::path::Path;
@@ -11,7 +9,6 @@ use std::path::Path;
 use crate::fault::Fault;
 use crate::plot::{DARK, Folder, LIGHT, PageContent, Plot, show};
 use crate::probe::plots::extent::Extent;
-use crate::probe::plots::places::SlowestPlaces;
 use crate::probe::plots::series::Series;
 use crate::probe::recording::ProbeRecording;
 
@@ -35,17 +32,10 @@ pub(crate) fn plot(
     let mut extent = Extent::default();
     recording.each(u64::MAX, |plot_row| extent.add(&plot_row))?;
     let mut series = Series::new(&extent);
-    let mut places = extent.bounds.map(SlowestPlaces::new);
     // It may have grown since.
-    recording.each(extent.rows, |plot_row| {
-        series.add(&plot_row);
-        if let Some(places) = &mut places {
-            places.add(&plot_row);
-        }
-    })?;
+    recording.each(extent.rows, |plot_row| series.add(&plot_row))?;
     let about = extent.reported();
-    let mut plots = vec![series.plot(about.clone()), distribution::plot(&extent, about.clone())];
-    plots.extend(places.map(route::plot));
+    let plots = vec![series.plot(about.clone()), distribution::plot(&extent, about.clone())];
     let files = names(&plots);
     let shown = PageContent {
         title: "Network probe",

@@ -126,7 +126,6 @@ fn recording(path: &Path, ends: &mut Ends) -> ParserResult {
         recording.each(u64::MAX, |row| {
             let is_right = row.sent >= before
                 && row.round_trip.is_none_or(|ms| (0.0..=86_400_000.0).contains(&ms))
-                && row.position.is_none_or(|(lat, lon)| lat.abs() <= 90.0 && lon.abs() <= 180.0)
                 && !(row.is_pause && row.round_trip.is_some());
             before = row.sent;
             if !is_right {
