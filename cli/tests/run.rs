@@ -286,12 +286,17 @@ fn a_run_that_stood_still_goes_on_and_ctrl_c_ends_it() {
             .unwrap();
         let mut lines = BufReader::new(child.stdout.take().unwrap()).lines().map(Result::unwrap);
         assert!(lines.next().unwrap().contains("takes 100 frames"));
-        thread::sleep(Duration::from_secs(1));
+        // A run that was interrupted before its first output judges nothing.
+        let trace = dir.path().join("fuseline-trace.jsonl");
+        let started = Instant::now();
+        while presses && !fs::read_to_string(&trace).is_ok_and(|text| text.contains("\"emit\"")) {
+            assert!(started.elapsed() < Duration::from_secs(60), "no output within a minute");
+            thread::sleep(Duration::from_millis(50));
+        }
         signal::send(&child, "STOP");
         thread::sleep(Duration::from_secs(2));
         signal::send(&child, "CONT");
         if presses {
-            thread::sleep(Duration::from_secs(1));
             interrupt(&child);
         }
         let printed = ended(child, lines);

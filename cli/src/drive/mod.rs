@@ -34,7 +34,6 @@ pub(crate) use self::options::Args;
 use self::report::DriveReport;
 use self::runner::{CaseRunner, quoted};
 use self::trial::DriveStop;
-use self::written::WrittenReport;
 use crate::exit::Exit;
 use crate::fault::{Fault, plain};
 use crate::output::{self, Output};

@@ -24,7 +24,6 @@ pub(super) fn judged(report: &DriveReport) -> Subject {
     }));
     Subject {
         name: report.name.clone(),
-        judge: "drive",
         conforms: report.exit() == Exit::Conforms,
         verdict: report.unfinished().map_or_else(|| Ok(report.summary()), Err),
         problems,
@@ -34,7 +33,7 @@ pub(super) fn judged(report: &DriveReport) -> Subject {
 /// A command that could not be started.
 pub(super) fn not_started(name: &str, why: &str) -> Subject {
     let (name, verdict) = (name.to_owned(), Err(why.to_owned()));
-    Subject { name, judge: "drive", conforms: false, verdict, problems: Vec::new() }
+    Subject { name, conforms: false, verdict, problems: Vec::new() }
 }
 
 fn problem(entry: &ReportedFinding) -> Problem {

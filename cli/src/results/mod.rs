@@ -1,4 +1,4 @@
-//! Verdicts as files for other tools: SARIF for code hosts, JUnit for continuous integration.
+//! Verdicts as files for other tools: SARIF for code hosts, `JUnit` for continuous integration.
 
 mod junit;
 mod sarif;
@@ -37,8 +37,6 @@ type ResultWriter = fn(&[Subject], &mut dyn Write) -> io::Result<()>;
 pub(crate) struct Subject {
     /// The trace's name, or the command's.
     pub(crate) name: String,
-    /// What judged it.
-    pub(crate) judge: &'static str,
     pub(crate) conforms: bool,
     /// The verdict in a few lines; or why there is none.
     pub(crate) verdict: Result<String, String>,
@@ -124,10 +122,6 @@ impl Subject {
         let doubts = summary.doubts.iter().map(|doubt| in_doubt(doubt, summary.file));
         Self {
             name: summary.file.to_owned(),
-            judge: match findings {
-                Findings::Strict(_) => "strict",
-                Findings::Observed(_) => "observed",
-            },
             conforms: verdict::exit(findings) == Exit::Conforms,
             verdict: Ok(plain(|out| {
                 print_summary(findings, out).and_then(|()| print_doubts(findings, out))
@@ -139,7 +133,7 @@ impl Subject {
     /// A trace that cannot be read, or not to its end.
     pub(crate) fn unread(name: &Path, fault: &Fault) -> Self {
         let (name, verdict) = (name.display().to_string(), Err(fault.to_string()));
-        Self { name, judge: "reader", conforms: false, verdict, problems: Vec::new() }
+        Self { name, conforms: false, verdict, problems: Vec::new() }
     }
 }
 

@@ -30,7 +30,7 @@ use crate::run::error::RunError;
 use crate::run::live::RunProgress;
 use crate::run::network::Network;
 use crate::run::plan::{RunPlan, TRACE};
-use crate::run::report::{Reading, RunReport};
+use crate::run::report::Reading;
 use crate::run::table::PlanSummary;
 use crate::sink::OutputSink;
 use crate::verdict;

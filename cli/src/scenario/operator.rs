@@ -126,9 +126,8 @@ impl ScenarioOperator {
         Self { machine, messages: 0, arrivals, outputs, is_gated, under_way, is_full: false, trace }
     }
 
-    /// A message comes: local gets it, and the cloud if there is a request; returns whether that was admitted. Everything
-    /// before has happened then.
-    pub(crate) fn message(&mut self, message: &ScenarioMessage) -> bool {
+    /// A message comes: local gets it, and the cloud if there is a request. Everything before has happened then.
+    pub(crate) fn message(&mut self, message: &ScenarioMessage) {
         let ScenarioMessage { at, local, request } = *message;
         self.pass(at);
         let t = self.messages;
@@ -145,19 +144,6 @@ impl ScenarioOperator {
             Some(response) => self.arrivals.push(Reverse((at.saturating_add(response), t, 0))),
             None => self.input(Input::Fail { at, t, p: 0 }),
         }
-        self.under_way.contains(&t)
-    }
-
-    /// The cloud's result for a message comes at this instant.
-    pub(crate) fn answer(&mut self, at: u64, t: u64) {
-        self.pass(at);
-        self.input(Input::Result { at, t, p: CLOUD });
-    }
-
-    /// The request for a message could not be sent.
-    pub(crate) fn fail(&mut self, at: u64, t: u64) {
-        self.pass(at);
-        self.input(Input::Fail { at, t, p: CLOUD });
     }
 
     /// Lets time pass: whatever comes or is due until `to` happens.

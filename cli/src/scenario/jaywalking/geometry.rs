@@ -50,11 +50,6 @@ impl SwerveGeometry {
         Rectangle { front: [speed * now - lost, 0.0], heading: [1.0, 0.0], length, width }
     }
 
-    /// The car at an instant, if it swerves after so long.
-    pub(crate) fn swerved(&self, now: f64, speed: f64, response: f64) -> Rectangle {
-        swerving(&self.swerve(speed), now, response)
-    }
-
     pub(crate) fn person(&self, now: f64) -> [f64; 2] {
         [self.distance, self.person_speed * now - ASIDE]
     }
