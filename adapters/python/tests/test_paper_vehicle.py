@@ -24,7 +24,7 @@ def vehicle(*options: str, of: tuple[str, ...] = (sys.executable, str(EXAMPLE)))
 
 @pytest.fixture(scope="module")
 def each_killed() -> str:
-    return vehicle("--seconds", "20", "--kill", "each")
+    return vehicle("--seconds", "12", "--kill", "each")
 
 
 def test_control_outputs_at_each_tick_whatever_dies(each_killed: str) -> None:
@@ -32,7 +32,7 @@ def test_control_outputs_at_each_tick_whatever_dies(each_killed: str) -> None:
     drives = COMMANDS.findall(each_killed)
     assert len(drives) == 60
     for rule, commands, ticks, slowest in drives:
-        assert (commands, ticks) == ("400", "400"), rule
+        assert (commands, ticks) == ("240", "240"), rule
         assert int(slowest) <= 40, rule
 
 
@@ -47,7 +47,7 @@ def test_same_lines_as_in_rust(each_killed: str) -> None:
     if not in_rust:
         pytest.skip("FUSELINE_VEHICLE does not name the example paper_vehicle of fuseline")
     assert vehicle(of=(in_rust,)) == printed
-    assert vehicle("--seconds", "20", "--kill", "each", of=(in_rust,)) == each_killed
+    assert vehicle("--seconds", "12", "--kill", "each", of=(in_rust,)) == each_killed
 
 
 def test_one_frame_is_answered_in_order(tmp_path: Path) -> None:
