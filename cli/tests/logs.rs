@@ -253,6 +253,7 @@ fn the_books_log_is_judged_as_its_chapter_says() {
     for (options, shown) in [
         (&[][..], "name      what (52): frame, sent, done, out, heartbeat"),
         (&[], "name      frame.id (50): 1, 2, 3, 4, 5, 6, …"),
+        (&[], "name      source (40): west, local"),
         (
             known,
             "rows that cannot be read, at which convert stops without --skip-bad: 2 (first line 1: not a JSON object: ",
@@ -280,7 +281,7 @@ fn the_books_log_is_judged_as_its_chapter_says() {
     let trace = run(&[&["convert", "--header", &header], &names[..], &[&log]].concat(), "");
     assert_eq!(trace.status.code(), Some(0), "{}", err(&trace));
     assert!(err(&trace).contains("rows left out, since they cannot be read: 2"), "{}", err(&trace));
-    let judge = ["check", "--observed", "--lateness", "5ms", "--tolerance"];
+    let judge = ["check", "--observed", "--lateness", "4ms", "--tolerance"];
     let judged = run(&[&judge[..], &["1ms"]].concat(), out(&trace));
     assert_eq!((judged.status.code(), err(&judged)), (Some(1), ""));
     let verdict = out(&judged).lines().next().unwrap().replace("stdin", "robot-trace.jsonl");

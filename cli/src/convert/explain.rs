@@ -123,6 +123,7 @@ struct Facts {
 /// What a log says of a source.
 #[derive(Default)]
 struct SourceFacts {
+    requests: usize,
     /// How long after their begin results came, and how long they had.
     responses: Vec<i128>,
     deadlines: Vec<i128>,
@@ -155,8 +156,10 @@ impl Facts {
                 }
                 "request" => {
                     begins.entry((t, p)).or_insert((at, entry.due));
+                    let source = self.sources.entry(p).or_default();
+                    source.requests += 1;
                     if let Some(due) = entry.due {
-                        self.sources.entry(p).or_default().deadlines.push(due - at);
+                        source.deadlines.push(due - at);
                         let first = dues.entry(t).or_insert(due);
                         *first = due.min(*first);
                     }
@@ -266,7 +269,7 @@ impl SourceFacts {
             facts.push(format!("results {range} after {from}"));
         }
         if let Some(range) = range(&self.deadlines) {
-            let (answered, asked) = (self.responses.len(), self.deadlines.len());
+            let (answered, asked) = (self.responses.len(), self.requests);
             facts.push(format!("deadlines {range}, {answered} of {asked} answered"));
         }
         for (count, what) in [(self.late, "late"), (self.failures, "failed")] {
