@@ -189,7 +189,7 @@ fn is_same(tree: &Tree, base: &str) -> Result<bool, FaultsError> {
     let mut git = Process::new("git");
     git.args(["diff", "--quiet", base, "--"])
         .args(SOURCES)
-        .args(["SPEC.md", "Cargo.lock"])
+        .args(["SPEC.md", "Cargo.lock", "Cargo.toml"])
         .current_dir(tree.root());
     let ended = git.status().map_err(|source| FaultsError::File { path: "git".into(), source })?;
     match ended.code() {
