@@ -89,3 +89,20 @@ fn removed(
     first.also = parts;
     Ok(first)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_guard_has_its_place() -> Result<(), FaultsError> {
+        let tree = Tree::new(concat!(env!("CARGO_MANIFEST_DIR"), "/..").into());
+        let guards = load_guards(&tree)?;
+        for part in guards.iter().flat_map(SeededFault::parts) {
+            let text = tree.text(&part.file)?;
+            assert_ne!(part.seed(&text)?, text, "{}", part.name);
+        }
+        assert!(guards.len() > 200, "only {} guards", guards.len());
+        Ok(())
+    }
+}
