@@ -6,7 +6,8 @@ use std::time::Duration;
 use fuseline_report::PartFilter;
 use fuseline_report::TraceRange;
 #[cfg(feature = "full")]
-use fuseline_traces::{Event, nanos};
+use fuseline_traces::Event;
+use fuseline_traces::nanos;
 use humantime::format_duration;
 use thiserror::Error;
 
