@@ -161,9 +161,14 @@ impl NodeName {
     /// nodes of a launch file.
     pub(crate) fn idle_rules(&self, remaps: &[Remap], topics: &[String]) -> Vec<String> {
         let own: Vec<_> = topics.iter().filter_map(|topic| self.expand(topic).ok()).collect();
+        let mut seen = Vec::new();
         let idle = |rule: &RemapRule| match rule {
             RemapRule::Topic(from, to) => {
                 let full = self.expand(from).unwrap_or_else(|_| from.clone());
+                if seen.contains(&full) {
+                    return Some(format!("-r {from}:={to}: an earlier rule renames {full}"));
+                }
+                seen.push(full.clone());
                 let is_known = own.contains(&full) || OF_ALL_NODES.contains(&full.as_str());
                 (!is_known).then(|| {
                     let nearest = nearest(&full, own.iter().map(String::as_str));

@@ -1,5 +1,8 @@
 //! What settings allow and is probably a mistake: the node says so at its start, and `--check` too.
 
+use std::path::Path;
+use std::time::Duration;
+
 use fuseline_engine::Commit;
 
 use crate::key::{IntegerKind, MessageKey};
@@ -15,6 +18,9 @@ impl Settings {
             self.keys(),
             self.policies(),
             self.accuracies(),
+            self.rate(),
+            self.diagnostics(),
+            self.recording(),
         ];
         self.unheeded.iter().cloned().chain(cautions.into_iter().flatten()).collect()
     }
@@ -50,9 +56,52 @@ impl Settings {
     fn accuracies(&self) -> Option<String> {
         let accuracy = &self.deadlines.accuracy;
         let are_parts = accuracy.local <= 1.0 && accuracy.cloud <= 1.0;
-        (self.deadlines.kind == PolicyKind::Expected && are_parts).then(|| {
-            "policy.accuracy_local and .accuracy_cloud are at most 1: they are in percent, as policy.price_per_ms".to_owned()
-        })
+        let is_above = accuracy.local > 100.0 || accuracy.cloud > 100.0;
+        let is_swapped = accuracy.local >= accuracy.cloud;
+        if self.deadlines.kind != PolicyKind::Expected {
+            None
+        } else if are_parts {
+            Some("policy.accuracy_local and .accuracy_cloud are at most 1: they are in percent, as policy.price_per_ms".to_owned())
+        } else if is_above {
+            Some(
+                "policy.accuracy_local or .accuracy_cloud is above 100: they are in percent"
+                    .to_owned(),
+            )
+        } else if is_swapped {
+            Some("policy.accuracy_local is not below .accuracy_cloud, so no message waits for a cloud; swap them".to_owned())
+        } else {
+            None
+        }
+    }
+
+    fn rate(&self) -> Option<String> {
+        let rate = self.deadlines.rate.filter(|rate| *rate < 0.1)?;
+        Some(format!("policy.rate is {rate}: it is in messages a second, and no period"))
+    }
+
+    fn diagnostics(&self) -> Option<String> {
+        let period = Some(self.diagnostics_period).filter(|it| *it > Duration::from_secs(60))?;
+        Some(format!("diagnostics.period is {} s: it is in seconds", period.as_secs_f64()))
+    }
+
+    fn recording(&self) -> Option<String> {
+        let ends = |path: &Path, ends: &[&str]| {
+            path.extension().is_some_and(|it| ends.iter().any(|end| it == *end))
+        };
+        if let Some(trace) =
+            self.trace.as_ref().filter(|it| ends(it, &["gz", "zst", "packed", "mcap"]))
+        {
+            return Some(format!(
+                "trace.file is {}, and is written as plain lines; let it end in .jsonl",
+                trace.display()
+            ));
+        }
+        let mcap =
+            self.mcap.as_ref().filter(|it| ends(it, &["jsonl", "json", "gz", "zst", "db3"]))?;
+        Some(format!(
+            "trace.mcap is {}, and is written as MCAP; let it end in .mcap",
+            mcap.display()
+        ))
     }
 
     /// A4: a lower cloud's timer sends what is available, though a better cloud has time left; with its remedy.
