@@ -78,7 +78,7 @@ pub(crate) struct Args {
     files: Vec<PathBuf>,
     #[command(flatten)]
     how: JudgeOptions,
-    /// Print one JSON object a file: file, conforms, judged, lines, doubts, violations; with --ended, unfinished.
+    /// Print one JSON object a file: file, conforms, judged, lines, doubts, violations.
     #[arg(long)]
     json: bool,
     /// Write the verdicts for continuous integration, as `JUnit` XML.

@@ -407,3 +407,44 @@ fn the_page_has_the_doubts() {
     let page = fs::read_to_string(dir.path().join("page.html")).unwrap();
     assert!(page.contains("\"doubts\":[{\"kind\":\"unanswered\",\"count\":1"), "no doubt");
 }
+
+/// Messages 1 to 3, then 11 to 13, whose requests the cloud does not answer.
+fn answered_at_first() -> String {
+    let mut lines = vec![CLOUD.to_owned()];
+    for t in [1, 2, 3, 11, 12, 13_u64] {
+        let at = t * 100_000_000;
+        let (sent, came, due) = (at + 1_000_000, at + 20_000_000, at + 60_000_000);
+        lines.push(format!(r#"{{"ev":"open","at":{at},"t":{t}}}"#));
+        lines.push(format!(r#"{{"ev":"request","at":{sent},"t":{t},"p":1,"due":{due}}}"#));
+        lines.push(format!(r#"{{"ev":"result","at":{came},"t":{t},"p":0}}"#));
+        if t < 10 {
+            lines.push(format!(r#"{{"ev":"result","at":{came},"t":{t},"p":1}}"#));
+            lines.push(format!(r#"{{"ev":"emit","at":{came},"t":{t},"p":1}}"#));
+        } else {
+            lines.push(format!(r#"{{"ev":"emit","at":{due},"t":{t},"p":0}}"#));
+        }
+    }
+    lines.join("\n") + "\n"
+}
+
+const CLOUD: &str = r#"{"fuseline":1,"window":16,"clouds":[{"p":1,"name":"west","limit":9}]}"#;
+
+#[test]
+fn a_part_is_in_doubt_by_its_own_messages() {
+    let trace = answered_at_first();
+    let of = |part: &[&str]| {
+        let ran = run(&[&["check", "--json"], &OBSERVED[..], part].concat(), &trace);
+        let verdict: Value = serde_json::from_str(out(&ran)).unwrap();
+        let found = verdict["doubts"].as_array().unwrap().iter().map(|it| it["found"].to_string());
+        (doubts(&verdict), found.collect::<String>(), ran.status.code())
+    };
+    assert_eq!(of(&[]), (vec![], String::new(), Some(0)));
+    let silent = |count| vec![("silent".to_owned(), count, false)];
+    let (found, text, code) = of(&["--from", "1s"]);
+    assert_eq!((found, code), (silent(3), Some(3)));
+    assert_eq!(text, "\"west answered none of its 3 requests\"");
+    assert_eq!(of(&["--timestamps", "12..13"]).0, silent(2));
+    assert_eq!(of(&["--timestamps", "2..2"]), (vec![], String::new(), Some(0)));
+    // The part's own lines end before the deadline would.
+    assert_eq!(of(&["--timestamps", "13..13"]).0, silent(1));
+}

@@ -116,11 +116,6 @@ impl CompactReference {
         self.commit
     }
 
-    /// How many timestamps are open.
-    pub(crate) fn open_len(&self) -> usize {
-        self.open.len()
-    }
-
     /// The earliest due instant of all live timers.
     pub(crate) fn next_due(&mut self) -> Option<u64> {
         while let Some(&Reverse((due, t, source))) = self.timers.peek() {

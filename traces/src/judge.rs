@@ -62,10 +62,6 @@ pub struct Verdict {
     /// How many timestamps were judged: those opened that have a result, a failure, an emit or a
     /// miss.
     pub judged: u64,
-    /// Of a run that is known to have ended: how many timestamps were open at its end that local owed
-    /// a result and that had no timer. They are not among those judged.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub unfinished: Option<u64>,
     /// How many lines the trace has, the header's too.
     pub lines: u64,
     /// What the judge could not see.
@@ -144,7 +140,6 @@ impl Judge {
                 file,
                 conforms: true,
                 judged: 0,
-                unfinished: None,
                 lines: 1,
                 doubts: Vec::new(),
                 violations: Vec::new(),
@@ -223,7 +218,6 @@ impl Judge {
             self.close("no decision; the run has ended");
         }
         // P7: what is open without a timer waits for local.
-        self.verdict.unfinished = Some(self.reference.open_len() as u64);
         let mut unfinished = DoubtfulMessages::default();
         self.reference.waiting().for_each(|(t, _)| unfinished.push(t));
         self.in_doubt(unfinished, DoubtKind::Unfinished)

@@ -11,27 +11,45 @@ const RECENT: usize = 16 * 1024;
 const STORY: usize = 12;
 
 /// The last lines with their numbers.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct RecentLines {
     /// A ring, once it is full.
     lines: Vec<(u64, Event)>,
     /// Where the oldest stands.
     first: usize,
+    is_full: bool,
     /// What stands on some of them besides, without texts, which may be long.
     annotations: BTreeMap<u64, Annotations>,
 }
 
 impl RecentLines {
     pub(crate) fn push(&mut self, line: u64, event: &Event, annotations: &Annotations) {
-        if self.lines.len() < RECENT {
-            self.lines.push((line, *event));
-        } else if let Some(place) = self.lines.get_mut(self.first) {
-            let oldest = place.0;
+        let mut oldest = None;
+        if self.is_full
+            && let Some(place) = self.lines.get_mut(self.first)
+        {
+            oldest = Some(place.0);
             *place = (line, *event);
             self.first = (self.first + 1) % RECENT;
-            if !self.annotations.is_empty() {
-                self.annotations.remove(&oldest);
-            }
+        } else {
+            self.grow(line, event);
+        }
+        if !(self.annotations.is_empty() && annotations.is_empty()) {
+            self.annotate(oldest, line, annotations);
+        }
+    }
+
+    #[cold]
+    fn grow(&mut self, line: u64, event: &Event) {
+        self.lines.push((line, *event));
+        self.is_full = self.lines.len() == RECENT;
+    }
+
+    /// Notes what stands on a line besides, in place of what stood on the oldest.
+    #[cold]
+    fn annotate(&mut self, oldest: Option<u64>, line: u64, annotations: &Annotations) {
+        if let Some(oldest) = oldest {
+            self.annotations.remove(&oldest);
         }
         if !annotations.is_empty() {
             let &Annotations { of, attempt, within, age, origin: _, missing: _ } = annotations;

@@ -223,7 +223,7 @@ fn of_an_ended_run_timers_that_are_left_are_missing() {
     ];
     assert_eq!(reported, expected);
     assert_eq!(verdict.violations[0].found, "no decision; the run has ended");
-    assert_eq!((verdict.judged, verdict.unfinished), (2, Some(1)));
+    assert_eq!((verdict.judged, verdict.doubts[0].count), (2, 1));
     assert!(verdict.to_string().starts_with(
         "a.jsonl: does not conform; 2 timestamps judged in 6 lines\n  \
              unfinished: message 1 was open when the run ended\n"

@@ -24,7 +24,6 @@ pub(crate) type VerdictFields = (
     u64,
     Vec<ViolationFields>,
     u64,
-    Option<u64>,
     Vec<DoubtFields>,
     Option<String>,
 );
@@ -192,7 +191,7 @@ fn doubts(doubts: Vec<Doubt>) -> Vec<DoubtFields> {
 }
 
 fn strict(verdict: Verdict) -> VerdictFields {
-    let Verdict { file, conforms, judged, lines, violations, more, unfinished, .. } = verdict;
+    let Verdict { file, conforms, judged, lines, violations, more, .. } = verdict;
     let doubts = doubts(verdict.doubts);
     let violations = violations.into_iter().map(|violation| {
         let (rule, sentence) = (violation.rule.id(), violation.rule.sentence());
@@ -207,12 +206,11 @@ fn strict(verdict: Verdict) -> VerdictFields {
             violation.story,
         )
     });
-    (file, conforms, judged, lines, violations.collect(), more, unfinished, doubts, None)
+    (file, conforms, judged, lines, violations.collect(), more, doubts, None)
 }
 
 fn observed(verdict: observed::Verdict) -> VerdictFields {
-    let observed::Verdict { file, conforms, judged, lines, violations, more, unfinished, .. } =
-        verdict;
+    let observed::Verdict { file, conforms, judged, lines, violations, more, .. } = verdict;
     let (doubts, cause) = (doubts(verdict.doubts), verdict.cause);
     let violations = violations.into_iter().map(|violation| {
         let (t, rule, sentence) = (violation.t, violation.rule.id(), violation.rule.sentence());
@@ -227,7 +225,7 @@ fn observed(verdict: observed::Verdict) -> VerdictFields {
             violation.story,
         )
     });
-    (file, conforms, judged, lines, violations.collect(), more, unfinished, doubts, cause)
+    (file, conforms, judged, lines, violations.collect(), more, doubts, cause)
 }
 
 /// The whole trace: the inputs as they stand, and the machine's decisions.

@@ -37,6 +37,8 @@ struct PartVerdict {
     /// The violations of the part.
     found: Findings,
     keeps_places: bool,
+    /// Judges the part by itself, for what is in doubt about the whole of it.
+    alone: Option<Box<observed::Judge>>,
 }
 
 /// What one of the judges found.
@@ -62,8 +64,6 @@ pub struct VerdictSummary<'a> {
     pub cause: Option<&'a str>,
     /// Timestamps judged.
     pub judged: u64,
-    /// Timestamps that local owed a result when the run ended, if it is known to have ended.
-    pub unfinished: Option<u64>,
     /// Lines, the header's too.
     pub lines: u64,
     /// All violations, those that are not listed too.
@@ -138,11 +138,14 @@ impl TraceJudge {
     /// The same, whose verdict is about a part of the trace: what is counted and found there.
     #[must_use]
     pub fn with_part(mut self, part: TraceRange) -> Self {
-        let found = match &self.judge {
-            EitherJudge::Strict(judge) => Findings::Strict(judge.so_far().clone()),
-            EitherJudge::Observed(judge) => Findings::Observed(judge.so_far().clone()),
+        let (found, alone) = match &self.judge {
+            EitherJudge::Strict(judge) => (Findings::Strict(judge.so_far().clone()), None),
+            EitherJudge::Observed(judge) => {
+                (Findings::Observed(judge.so_far().clone()), Some(judge.clone()))
+            }
         };
-        self.part = Some(PartVerdict { filter: PartFilter::new(part), found, keeps_places: false });
+        let filter = PartFilter::new(part);
+        self.part = Some(PartVerdict { filter, found, keeps_places: false, alone });
         self
     }
 
@@ -169,7 +172,11 @@ impl TraceJudge {
             EitherJudge::Observed(judge) => judge.annotated_line(line, event, annotations)?,
         }
         if let Some(part) = &mut self.part {
-            part.filter.takes(event);
+            if part.filter.takes(event)
+                && let Some(alone) = &mut part.alone
+            {
+                alone.annotated_line(line, event, annotations)?;
+            }
             part.take(&mut self.judge);
         }
         Ok(())
@@ -212,7 +219,7 @@ impl TraceJudge {
             EitherJudge::Strict(judge) => Findings::Strict(judge.finish()),
             EitherJudge::Observed(judge) => Findings::Observed(judge.finish()),
         };
-        PartVerdict::of(self.part, found).sorted()
+        PartVerdict::of(self.part, found, observed::Judge::finish).sorted()
     }
 
     /// The verdict on the whole trace of a run that is known to have ended: all that it owed is overdue. Violations stand by
@@ -223,7 +230,7 @@ impl TraceJudge {
             EitherJudge::Strict(judge) => Findings::Strict(judge.finish_ended()),
             EitherJudge::Observed(judge) => Findings::Observed(judge.finish_ended()),
         };
-        PartVerdict::of(self.part, found).sorted()
+        PartVerdict::of(self.part, found, observed::Judge::finish_ended).sorted()
     }
 
     /// The verdict on a trace that may go on, or was cut short: what is not there may still have come. Violations stand as
@@ -237,7 +244,7 @@ impl TraceJudge {
             }
             EitherJudge::Observed(judge) => (Findings::Observed(judge.finish_early()), false),
         };
-        (PartVerdict::of(self.part, found), is_cut)
+        (PartVerdict::of(self.part, found, observed::Judge::finish_early), is_cut)
     }
 
     fn map(
@@ -256,7 +263,7 @@ impl TraceJudge {
 impl PartVerdict {
     /// Takes what the judge has found since.
     fn take(&mut self, judge: &mut EitherJudge) {
-        let Self { filter, found, keeps_places } = self;
+        let Self { filter, found, keeps_places, alone: _ } = self;
         match (judge, found) {
             (EitherJudge::Strict(judge), Findings::Strict(verdict)) => {
                 let Verdict { violations, more, places, .. } = verdict;
@@ -273,31 +280,32 @@ impl PartVerdict {
         }
     }
 
-    /// The verdict on the part, if it is one, else on all.
-    fn of(part: Option<Self>, whole: Findings) -> Findings {
-        let Some(Self { filter, found, keeps_places }) = part else { return whole };
+    /// The verdict on the part, if it is one, else on all; `finish` ends the judge of the part alone.
+    fn of(
+        part: Option<Self>,
+        whole: Findings,
+        finish: fn(observed::Judge) -> observed::Verdict,
+    ) -> Findings {
+        let Some(Self { filter, found, keeps_places, alone }) = part else { return whole };
         let judged = filter.judged();
         let doubts = doubts_of(whole.doubts(), judged, &filter);
-        let unfinished = |whole: Option<u64>| {
-            let mut of_kind = doubts.iter().filter(|it| it.kind == DoubtKind::Unfinished);
-            whole.map(|_| of_kind.next().map_or(0, |doubt| doubt.count))
-        };
+        let alone = alone.and_then(|judge| filter.ends(*judge)).map(finish);
+        let alone = alone.into_iter().flat_map(|verdict| verdict.doubts);
+        let doubts: Vec<Doubt> = doubts.chain(alone.filter(is_of_whole)).collect();
         let found = match (whole, found) {
             (Findings::Strict(whole), Findings::Strict(mut found)) => {
                 let Verdict { violations, more, places, .. } = &mut found;
                 let listed = PartList { violations, more, places, keeps_places };
                 listed.extend(whole.violations, &filter, place_of);
-                let (lines, unfinished) = (whole.lines, unfinished(whole.unfinished));
-                Findings::Strict(Verdict { lines, unfinished, judged, doubts, ..found })
+                Findings::Strict(Verdict { lines: whole.lines, judged, doubts, ..found })
             }
             (Findings::Observed(whole), Findings::Observed(mut found)) => {
                 let observed::Verdict { violations, more, places, .. } = &mut found;
                 let listed = PartList { violations, more, places, keeps_places };
                 listed.extend(whole.violations, &filter, observed_place_of);
-                let (lines, unfinished) = (whole.lines, unfinished(whole.unfinished));
                 let cause = whole.cause.filter(|_| !found.violations.is_empty());
-                let whole = observed::Verdict { lines, unfinished, judged, doubts, cause, ..found };
-                Findings::Observed(whole)
+                let lines = whole.lines;
+                Findings::Observed(observed::Verdict { lines, judged, doubts, cause, ..found })
             }
             (whole, _) => whole,
         };
@@ -305,11 +313,16 @@ impl PartVerdict {
     }
 }
 
-/// What is in doubt about the messages of a part, and about the whole trace.
-fn doubts_of(whole: &[Doubt], judged: u64, filter: &PartFilter) -> Vec<Doubt> {
-    let others = whole.iter().filter(|doubt| doubt.kind != DoubtKind::Unjudged);
-    let others = others.filter_map(|doubt| doubt.of_messages(|t| filter.has(Some(t))));
-    Doubt::unjudged(judged).into_iter().chain(others).collect()
+/// What is in doubt about single messages of a part.
+fn doubts_of(whole: &[Doubt], judged: u64, filter: &PartFilter) -> impl Iterator<Item = Doubt> {
+    let of_messages = whole.iter().filter(|doubt| !doubt.messages.is_empty());
+    let of_part = of_messages.filter_map(|doubt| doubt.of_messages(|t| filter.has(Some(t))));
+    Doubt::unjudged(judged).into_iter().chain(of_part)
+}
+
+/// Whether a doubt is about all of what was judged, and not about its messages or whether there are any.
+fn is_of_whole(doubt: &Doubt) -> bool {
+    doubt.messages.is_empty() && doubt.kind != DoubtKind::Unjudged
 }
 
 /// The violations of a part: the first ones whole, then their places.
@@ -426,28 +439,25 @@ impl Findings {
     pub fn summary(&self) -> VerdictSummary<'_> {
         match self {
             Self::Strict(verdict) => {
-                let Verdict { file, judged, unfinished, lines, violations, more, .. } = verdict;
+                let Verdict { file, judged, lines, violations, more, .. } = verdict;
                 VerdictSummary {
                     file,
                     conforms: verdict.conforms,
                     doubts: &verdict.doubts,
                     cause: None,
                     judged: *judged,
-                    unfinished: *unfinished,
                     lines: *lines,
                     violations: violations.len() as u64 + *more,
                 }
             }
             Self::Observed(verdict) => {
-                let observed::Verdict { file, judged, unfinished, lines, violations, more, .. } =
-                    verdict;
+                let observed::Verdict { file, judged, lines, violations, more, .. } = verdict;
                 VerdictSummary {
                     file,
                     conforms: verdict.conforms,
                     doubts: &verdict.doubts,
                     cause: verdict.cause.as_deref(),
                     judged: *judged,
-                    unfinished: *unfinished,
                     lines: *lines,
                     violations: violations.len() as u64 + *more,
                 }

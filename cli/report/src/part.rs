@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use fuseline_traces::{Decision, Event, Input};
+use fuseline_traces::{Decision, Event, Input, observed};
 
 /// Which messages of a trace are wanted. The default is all.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -23,6 +23,8 @@ pub struct PartFilter {
     part: TraceRange,
     /// The first instant.
     origin: Option<u64>,
+    /// The greatest one.
+    greatest: u64,
     messages: HashMap<u64, PartMessage>,
     /// Whether the last event was in the part.
     is_inside: bool,
@@ -47,7 +49,7 @@ impl PartFilter {
     /// A filter for a trace from its first event on.
     #[must_use]
     pub fn new(part: TraceRange) -> Self {
-        Self { part, origin: None, messages: HashMap::new(), is_inside: false }
+        Self { part, origin: None, greatest: 0, messages: HashMap::new(), is_inside: false }
     }
 
     /// Whether the next event is of the part: with its message, or, if it is a tick, by its instant.
@@ -57,6 +59,7 @@ impl PartFilter {
             Event::Input(input) => input.at(),
             Event::Decision(decision) => decision.at(),
         };
+        self.greatest = self.greatest.max(at);
         let since = at.saturating_sub(*self.origin.get_or_insert(at));
         let is_during = (from..to).contains(&since);
         self.is_inside = is_during;
@@ -92,6 +95,13 @@ impl PartFilter {
     pub(crate) fn has(&self, t: Option<u64>) -> bool {
         let message = t.and_then(|t| self.messages.get(&t));
         message.map_or(self.is_inside, |message| message.is_wanted)
+    }
+
+    /// A judge of the part alone, at the instant at which the whole trace ends.
+    pub(crate) fn ends(&self, mut alone: observed::Judge) -> Option<observed::Judge> {
+        let (line, at) = (alone.so_far().lines, self.greatest);
+        alone.line(line, &Event::Input(Input::Tick { at })).ok()?;
+        Some(alone)
     }
 
     /// How many of the part's messages were judged.

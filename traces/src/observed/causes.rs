@@ -37,7 +37,7 @@ pub(super) enum Suspicion {
 }
 
 /// Gathers what violations may come of.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct CauseTracker {
     repeated: u64,
     first_repeated: Option<u64>,
@@ -52,6 +52,8 @@ pub(super) struct CauseTracker {
     missing: BTreeMap<(u64, u64), u64>,
     /// The first line: its number, timestamp and instant.
     first: Option<(u64, Option<u64>, u64)>,
+    /// The least instant.
+    least: u64,
     /// The line with the greatest instant, that instant, and the greatest one before it.
     greatest: Option<(u64, u64, Option<u64>)>,
     /// How many lines there were when the greatest instant grew by more than a day first.
@@ -104,6 +106,7 @@ impl CauseTracker {
         match &mut self.greatest {
             None => {
                 self.first = Some((line, event.t(), at));
+                self.least = at;
                 self.greatest = Some((line, at, None));
             }
             Some((last, greatest, before)) if at > *greatest => {
@@ -112,7 +115,7 @@ impl CauseTracker {
                 }
                 (*last, *before, *greatest) = (line, Some(*greatest), at);
             }
-            Some(_) => {}
+            Some(_) => self.least = self.least.min(at),
         }
         if let Event::Input(Input::Open { t, .. }) = *event {
             if was_opened && self.restart.is_none() {
@@ -126,6 +129,11 @@ impl CauseTracker {
         {
             self.has_output = true;
         }
+    }
+
+    /// The least and the greatest instant, if there is a line.
+    pub(super) fn span(&self) -> Option<(u64, u64)> {
+        self.greatest.map(|(_, greatest, _)| (self.least, greatest))
     }
 
     /// Takes a message without an open that is done with.

@@ -7,7 +7,7 @@ use crate::doubt::{Doubt, DoubtKind, DoubtfulMessages};
 use crate::event::{Commit, Decision, Event, Header, Input};
 
 /// Gathers what the judge cannot see.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct DoubtTracker {
     is_progressive: bool,
     /// Local, then the clouds of the header.
@@ -18,8 +18,6 @@ pub(super) struct DoubtTracker {
     coarse: u64,
     /// All deadlines.
     deadlines: u64,
-    /// The least instant of the trace, and the greatest.
-    span: Option<(u64, u64)>,
     unopened: DoubtfulMessages,
     /// Messages without an output whose deadlines are over: when each was opened.
     waiting: Vec<(u64, u64)>,
@@ -29,11 +27,11 @@ pub(super) struct DoubtTracker {
     /// Messages that have requests.
     requested: u64,
     /// Whether the stamps of one of them tell some order.
-    ordered: u64,
+    is_ordered: bool,
 }
 
 /// What is known of one source.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct SourceAccount {
     p: u64,
     name: String,
@@ -62,13 +60,12 @@ impl DoubtTracker {
             unheard: header.clouds.len(),
             coarse: 0,
             deadlines: 0,
-            span: None,
             unopened: DoubtfulMessages::default(),
             waiting: Vec::new(),
             unfinished: DoubtfulMessages::default(),
             answered: None,
             requested: 0,
-            ordered: 0,
+            is_ordered: false,
         }
     }
 
@@ -80,7 +77,6 @@ impl DoubtTracker {
         annotations: &Annotations,
         slack: &SourceSlack,
     ) {
-        self.span = Some(self.span.map_or((at, at), |(from, to)| (from.min(at), to.max(at))));
         match *event {
             Event::Input(Input::Open { deadline, .. }) => {
                 if let Some(deadline) = deadline {
@@ -125,13 +121,11 @@ impl DoubtTracker {
             self.unopened.push(t);
         }
         let story = &whole.story;
-        let out = whole.outputs.iter().chain(&whole.finals).map(|output| output.at).min();
+        let out = whole.outputs.iter().chain(whole.finals).map(|output| output.at).min();
         if !story.requests.is_empty() {
             self.requested += 1;
             // One is enough.
-            if self.ordered == 0 && open.span() > slack.greatest().saturating_mul(2) {
-                self.ordered = 1;
-            }
+            self.is_ordered |= open.span() > slack.greatest().saturating_mul(2);
             if self.unheard > 0 {
                 self.runs_out(whole, slack, end);
             }
@@ -150,10 +144,15 @@ impl DoubtTracker {
         }
     }
 
+    /// Whether the stamps of some message tell an order, so that those of no other matter.
+    pub(super) const fn is_ordered(&self) -> bool {
+        self.is_ordered
+    }
+
     /// Counts the requests of clouds not heard of that were still awaited when they were due. Under progressive a message goes
     /// on waiting for what outranks its output.
     fn runs_out(&mut self, whole: &WholeMessageHistory, slack: &SourceSlack, end: u64) {
-        let WholeMessageHistory { story, outputs, finals, .. } = whole;
+        let &WholeMessageHistory { ref story, outputs, finals, .. } = whole;
         for source in self.sources.iter_mut().filter(|source| !source.is_heard) {
             let due = story.requests.iter().find(|(p, ..)| *p == source.p).map(|(.., due)| *due);
             let is_last = |output: &&ObservedOutput| {
@@ -177,9 +176,16 @@ impl DoubtTracker {
     }
 
     /// What is in doubt once the whole trace was read.
-    pub(super) fn doubts(self, judged: u64, is_ended: bool, slack: &SourceSlack) -> Vec<Doubt> {
-        let whole =
-            [self.silent(), self.coarse(slack), self.blurred(judged, slack), self.endless()];
+    pub(super) fn doubts(
+        self,
+        judged: u64,
+        is_ended: bool,
+        slack: &SourceSlack,
+        span: Option<(u64, u64)>,
+    ) -> Vec<Doubt> {
+        let blurred = span.and_then(|span| self.blurred(judged, slack, span));
+        let endless = span.and_then(|(_, end)| self.endless(end));
+        let whole = [self.silent(), self.coarse(slack), blurred, endless];
         let mut unanswered = DoubtfulMessages::default();
         let answered = self.answered.filter(|_| !is_ended);
         for (at, t) in self.waiting {
@@ -219,12 +225,11 @@ impl DoubtTracker {
         (self.coarse > 0).then(|| Doubt::new(DoubtKind::Coarse, self.coarse, found))
     }
 
-    fn blurred(&self, judged: u64, slack: &SourceSlack) -> Option<Doubt> {
-        let (from, to) = self.span?;
+    fn blurred(&self, judged: u64, slack: &SourceSlack, (from, to): (u64, u64)) -> Option<Doubt> {
         let (span, reach) = (to - from, slack.unnoticed(0));
         let is_all = span <= reach && reach > 0;
         let twice = slack.greatest().saturating_mul(2);
-        let is_each = self.requested > 0 && self.ordered == 0 && twice > 0;
+        let is_each = self.requested > 0 && !self.is_ordered && twice > 0;
         if judged == 0 || !(is_all || is_each) {
             return None;
         }
@@ -244,8 +249,7 @@ impl DoubtTracker {
         Some(Doubt::new(DoubtKind::Blurred, count, found))
     }
 
-    fn endless(&self) -> Option<Doubt> {
-        let (_, end) = self.span?;
+    fn endless(&self, end: u64) -> Option<Doubt> {
         let is_endless = |source: &&SourceAccount| source.least_due.is_some_and(|due| due > end);
         let endless = self.sources.iter().filter(is_endless);
         let told: Vec<_> = endless

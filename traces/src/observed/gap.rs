@@ -8,7 +8,7 @@ use super::slack::Slack;
 /// Goes through the instants at which timestamps were opened, in the order of time.
 ///
 /// Lines may stand out of order, and a refusal may follow that takes an open away (A42), so each waits until both are past.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Gaps {
     /// The longest that is no gap.
     most: u64,

@@ -34,7 +34,7 @@ const OVERDUE: usize = 1024;
 /// A timestamp is judged when no line can change any more what is decided about it, or when the trace ends. Memory is
 /// bounded by the timestamps that are open, by the lines within a few tolerances of each other, and by the gaps in the numbers of those
 /// that are done with; not by the trace's length.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Judge {
     header: Header,
     annotations: HeaderAnnotations,
@@ -64,6 +64,8 @@ pub struct Judge {
     recent: RecentLines,
     /// Whether the places of all violations are wanted.
     keeps_places: bool,
+    /// Whether the run is known to have ended.
+    is_ended: bool,
     verdict: Verdict,
 }
 
@@ -137,11 +139,11 @@ impl Judge {
             causes: CauseTracker::default(),
             recent: RecentLines::default(),
             keeps_places: false,
+            is_ended: false,
             verdict: Verdict {
                 file: file.into(),
                 conforms: true,
                 judged: 0,
-                unfinished: None,
                 lines: 1,
                 doubts: Vec::new(),
                 cause: None,
@@ -225,7 +227,9 @@ impl Judge {
         let at = at.saturating_sub(tolerance.saturating_sub(own));
         if at > self.greatest {
             self.greatest = at;
-            self.settle(Some(at));
+            if self.gaps.is_some() {
+                self.settle(Some(at));
+            }
             if !self.crowded.is_empty() {
                 self.settle_crowded(Some(self.passed), self.certain());
             }
@@ -271,7 +275,7 @@ impl Judge {
     /// Ends the trace of a run that is known to have ended: nothing more was to come, so all that it owed is overdue (A44).
     #[must_use]
     pub fn finish_ended(mut self) -> Verdict {
-        self.verdict.unfinished = Some(0);
+        self.is_ended = true;
         let last = self.greatest;
         self.finish_at(u64::MAX, last)
     }
@@ -293,9 +297,10 @@ impl Judge {
         while let Some((t, open)) = self.open.pop_first() {
             self.close(t, &open, &self.whole(t, &open), end);
         }
-        let Verdict { judged, unfinished, more, violations, .. } = &self.verdict;
+        let Verdict { judged, more, violations, .. } = &self.verdict;
         let broken = violations.len() as u64 + more;
-        self.verdict.doubts = self.doubts.doubts(*judged, unfinished.is_some(), &self.slack);
+        let span = self.causes.span();
+        self.verdict.doubts = self.doubts.doubts(*judged, self.is_ended, &self.slack, span);
         self.verdict.cause = self.causes.most(broken, &self.header);
         self.verdict.accepting(&[])
     }
@@ -317,15 +322,19 @@ impl Judge {
             Commit::Eager | Commit::Patient => 1,
             Commit::Progressive => clouds.len() + 1,
         };
-        let was_waiting = open.is_waiting();
-        open.take(line, event, annotations, is_cloud, self.records_opens, most);
-        self.crowded.changes(was_waiting, open.is_waiting());
+        if !self.doubts.is_ordered() {
+            open.lasts(event.at());
+        }
+        let change = open.take(line, event, annotations, is_cloud, self.records_opens, most);
+        self.crowded.changes(change);
         if let Event::Input(Input::Open { at, .. }) = *event {
             self.records_opens = true;
             self.crowded.opens(Opened { at, line, t });
         }
-        // No line is before that any more.
-        open.compact(self.passed.saturating_sub(self.slack.greatest()));
+        if open.is_large() {
+            // No line is before that any more.
+            open.compact(self.passed.saturating_sub(self.slack.greatest()));
+        }
         if !open.is_queued {
             open.is_queued = true;
             let ripe = open.ripens(self.header.commit, &self.slack);
@@ -430,7 +439,7 @@ impl Judge {
         !whole.is_opened() && whole.was_refused
     }
 
-    fn whole(&self, t: u64, open: &OpenMessageHistory) -> WholeMessageHistory {
+    fn whole<'a>(&self, t: u64, open: &'a OpenMessageHistory) -> WholeMessageHistory<'a> {
         let mut whole = open.whole(&self.slack, self.refused.contains(&t));
         whole.story.without_local = self.annotations.without_local;
         whole
@@ -450,7 +459,7 @@ impl Judge {
         if open.is_overdue {
             self.overdue.retain(|overdue| *overdue != t);
         }
-        self.crowded.changes(open.is_waiting(), false);
+        self.crowded.changes(open.stops_waiting());
         if let Some(gaps) = &mut self.gaps {
             open.refused(t, &self.slack).into_iter().for_each(|opened| gaps.refuses(opened));
         }
@@ -475,16 +484,12 @@ impl Judge {
                 let first = whole.outputs.iter().map(|output| output.at).min();
                 self.causes.closes_unopened(t, first, unplaced.is_some());
             }
-            match &mut self.verdict.unfinished {
-                // P7: what breaks nothing and is open to the end of time waits for local.
-                Some(unfinished) if !is_broken && !open.has_come_out() => {
-                    *unfinished += 1;
-                    self.doubts.leaves_unfinished(t);
-                }
-                _ => {
-                    let is_judged = whole.is_opened() && whole.is_reported_of();
-                    self.verdict.judged += u64::from(is_judged);
-                }
+            // P7: what breaks nothing and is open to the end of time waits for local.
+            if self.is_ended && !is_broken && !open.has_come_out() {
+                self.doubts.leaves_unfinished(t);
+            } else {
+                let is_judged = whole.is_opened() && whole.is_reported_of();
+                self.verdict.judged += u64::from(is_judged);
             }
             unplaced
         };
@@ -493,7 +498,7 @@ impl Judge {
             if unplaced.suspicion.is_none() || of_outputs == Some(Suspicion::StrangeOutput) {
                 unplaced.suspicion = of_outputs;
             }
-            if self.verdict.unfinished.is_some() && unplaced.line.is_none() {
+            if self.is_ended && unplaced.line.is_none() {
                 // It never came.
                 unplaced.late = None;
             }

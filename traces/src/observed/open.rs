@@ -9,6 +9,7 @@ use super::attempts::{AttemptFailure, RequestAttempt, folded_failures, folded_re
 use super::gap::Opened;
 use super::slack::SourceSlack;
 use super::story::MessageHistory;
+use super::window::WaitingChange;
 use crate::annotations::Annotations;
 use crate::event::{Commit, Decision, Event, Input};
 use crate::reason::DropReason;
@@ -19,7 +20,7 @@ const MANY: usize = 64;
 const STRANGER: u64 = u64::MAX;
 
 /// What was observed of a timestamp so far.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct OpenMessageHistory {
     opens: Vec<OpenTimestamp>,
     /// When an open was refused.
@@ -33,7 +34,7 @@ pub(super) struct OpenMessageHistory {
     finals: Vec<ObservedOutput>,
     /// The line of a request to a cloud that is not registered, with its priority.
     stranger: Option<(u64, u64)>,
-    /// The least and the greatest instant of its lines.
+    /// The least and the greatest instant of its lines, as far as they matter.
     instants: Option<(u64, u64)>,
     /// The last line of it.
     pub(super) line: u64,
@@ -84,12 +85,12 @@ struct Dropped {
 
 /// All that was observed of a timestamp, put together.
 #[derive(Debug)]
-pub(super) struct WholeMessageHistory {
+pub(super) struct WholeMessageHistory<'a> {
     pub(super) story: MessageHistory,
     /// What came out, with its lines.
-    pub(super) outputs: Vec<ObservedOutput>,
+    pub(super) outputs: &'a [ObservedOutput],
     /// Which of them were said to be the last, with its lines (F9).
-    pub(super) finals: Vec<ObservedOutput>,
+    pub(super) finals: &'a [ObservedOutput],
     /// Of which timestamps the values of results are: source, instant, and none if the result does not say.
     pub(super) values: Vec<(u64, u64, Option<u64>)>,
     /// By when the message's own deadline wants an output (J2).
@@ -107,7 +108,7 @@ pub(super) struct WholeMessageHistory {
 
 impl OpenMessageHistory {
     /// Takes a line of the timestamp; `records_opens` says whether an open stands before it in the trace. It has no more
-    /// than `most` outputs, or one too many.
+    /// than `most` outputs, or one too many. Returns whether it begins or ceases to wait for its output.
     pub(super) fn take(
         &mut self,
         line: u64,
@@ -116,16 +117,15 @@ impl OpenMessageHistory {
         is_cloud: impl Fn(u64) -> bool,
         records_opens: bool,
         most: usize,
-    ) {
+    ) -> WaitingChange {
         self.line = line;
-        let at = event.at();
-        self.instants =
-            Some(self.instants.map_or((at, at), |(from, to)| (from.min(at), to.max(at))));
         let known = |p| if p == 0 || is_cloud(p) { p } else { STRANGER };
         let &Annotations { of, attempt, .. } = annotations;
         match *event {
             Event::Input(Input::Open { at, deadline, .. }) => {
+                let begins = !self.is_opened() && !self.has_come_out();
                 self.opens.push(OpenTimestamp { at, deadline, due: annotations.due(at), line });
+                return if begins { WaitingChange::Begins } else { WaitingChange::None };
             }
             Event::Input(Input::Result { at, p, .. }) => {
                 self.comes(RequestClosing::new(known(p), at, true, attempt, of));
@@ -149,13 +149,15 @@ impl OpenMessageHistory {
                 | DropReason::Late => {}
             },
             Event::Decision(Decision::Emit { at, p, .. }) => {
-                keep(&mut self.outputs, most, ObservedOutput { p: Some(p), at, of, line });
+                return self.puts_out(ObservedOutput { p: Some(p), at, of, line }, most);
             }
             Event::Decision(Decision::Miss { at, .. }) => {
-                keep(&mut self.outputs, most, ObservedOutput { p: None, at, of: None, line });
+                return self.puts_out(ObservedOutput { p: None, at, of: None, line }, most);
             }
             Event::Decision(Decision::Final { at, p, .. }) => {
+                let change = self.stops_waiting();
                 keep(&mut self.finals, 1, ObservedOutput { p: Some(p), at, of: None, line });
+                return change;
             }
             Event::Input(Input::Offer { .. } | Input::Tick { .. })
             | Event::Decision(
@@ -165,6 +167,29 @@ impl OpenMessageHistory {
                 | Decision::Cancel { .. },
             ) => {}
         }
+        WaitingChange::None
+    }
+
+    fn puts_out(&mut self, output: ObservedOutput, most: usize) -> WaitingChange {
+        let change = self.stops_waiting();
+        keep(&mut self.outputs, most, output);
+        change
+    }
+
+    /// What becomes of its waiting when something comes out.
+    pub(super) const fn stops_waiting(&self) -> WaitingChange {
+        if self.is_waiting() { WaitingChange::Ends } else { WaitingChange::None }
+    }
+
+    /// Takes the instant of a line.
+    pub(super) fn lasts(&mut self, at: u64) {
+        self.instants =
+            Some(self.instants.map_or((at, at), |(from, to)| (from.min(at), to.max(at))));
+    }
+
+    /// Whether there is so much of it that some may be left out.
+    pub(super) fn is_large(&self) -> bool {
+        self.came.len() >= MANY || self.dropped.len() >= MANY
     }
 
     /// Leaves out what came before `until` and decides nothing beside what came earlier of its kind, if there is much.
@@ -289,7 +314,7 @@ impl OpenMessageHistory {
 
     /// Puts together what was observed, without what was refused and what came of that; `was_refused` says whether an open of it was
     /// refused long ago.
-    pub(super) fn whole(&self, slack: &SourceSlack, was_refused: bool) -> WholeMessageHistory {
+    pub(super) fn whole(&self, slack: &SourceSlack, was_refused: bool) -> WholeMessageHistory<'_> {
         let (own, lateness) = (slack.tolerance(), slack.lateness());
         let opens = self.accepted(slack.reach());
         let requested =
@@ -334,8 +359,8 @@ impl OpenMessageHistory {
                 finals: self.finals.iter().filter_map(|last| Some((last.p?, last.at))).collect(),
                 without_local: false,
             },
-            outputs: self.outputs.clone(),
-            finals: self.finals.clone(),
+            outputs: &self.outputs,
+            finals: &self.finals,
             values,
             due: open.and_then(|open| open.due),
             has_failed: !failures.is_empty(),
@@ -463,10 +488,10 @@ impl RequestClosing {
     }
 }
 
-impl WholeMessageHistory {
+impl WholeMessageHistory<'_> {
     /// The line of the first output.
     pub(super) fn line(&self) -> Option<u64> {
-        self.outputs.iter().chain(&self.finals).map(|output| output.line).min()
+        self.outputs.iter().chain(self.finals).map(|output| output.line).min()
     }
 
     /// Whether an open of it was not refused.

@@ -19,6 +19,8 @@ pub struct Slack {
 pub struct SourceSlack {
     slack: Slack,
     tolerances: BTreeMap<u64, u64>,
+    /// The greatest error of any stamp.
+    greatest: u64,
 }
 
 impl SourceSlack {
@@ -26,6 +28,7 @@ impl SourceSlack {
     #[must_use]
     pub fn with_tolerance_of(mut self, p: u64, tolerance: u64) -> Self {
         self.tolerances.insert(p, tolerance);
+        self.greatest = self.tolerances.values().copied().fold(self.slack.tolerance, u64::max);
         self
     }
 
@@ -58,8 +61,8 @@ impl SourceSlack {
     }
 
     /// The greatest error of any stamp.
-    pub(super) fn greatest(&self) -> u64 {
-        self.tolerances.values().copied().fold(self.slack.tolerance, u64::max)
+    pub(super) const fn greatest(&self) -> u64 {
+        self.greatest
     }
 
     /// How far apart two lines of the operator may be recorded that are one step.
@@ -71,6 +74,6 @@ impl SourceSlack {
 
 impl From<Slack> for SourceSlack {
     fn from(slack: Slack) -> Self {
-        Self { slack, tolerances: BTreeMap::new() }
+        Self { slack, tolerances: BTreeMap::new(), greatest: slack.tolerance }
     }
 }

@@ -17,10 +17,6 @@ pub struct Verdict {
     pub conforms: bool,
     /// How many timestamps were judged: those opened that have a result, a failure, an emit or a miss.
     pub judged: u64,
-    /// Of a run that is known to have ended: how many timestamps were open at its end that local owed a result and that
-    /// had no timer. They are not among those judged.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub unfinished: Option<u64>,
     /// How many lines the trace has, the header's too.
     pub lines: u64,
     /// What the judge could not see.

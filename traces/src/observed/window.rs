@@ -7,12 +7,20 @@ use super::slack::SourceSlack;
 
 /// Opens that came while as many others seemed open as the window holds. Whether those certainly were is known later, once no
 /// output can come any more that shows the opposite.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct CrowdedOpens {
     window: u64,
     /// How many timestamps have an open and no output yet.
     waiting: u64,
     crowded: VecDeque<Opened>,
+}
+
+/// What a line changes about whether its timestamp waits for an output.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum WaitingChange {
+    Begins,
+    Ends,
+    None,
 }
 
 impl CrowdedOpens {
@@ -25,12 +33,12 @@ impl CrowdedOpens {
         self.window
     }
 
-    /// Takes a change of one timestamp: whether it waited for its output before and does now.
-    pub(super) const fn changes(&mut self, before: bool, now: bool) {
-        match (before, now) {
-            (false, true) => self.waiting += 1,
-            (true, false) => self.waiting = self.waiting.saturating_sub(1),
-            (true, true) | (false, false) => {}
+    /// Takes a change of one timestamp.
+    pub(super) const fn changes(&mut self, change: WaitingChange) {
+        match change {
+            WaitingChange::Begins => self.waiting += 1,
+            WaitingChange::Ends => self.waiting = self.waiting.saturating_sub(1),
+            WaitingChange::None => {}
         }
     }
 

@@ -39,9 +39,7 @@ _Figure: TypeAlias = float | tuple[float, float]
 _Time: TypeAlias = _Duration | tuple[_Duration, _Duration]
 _Violation: TypeAlias = tuple[int, int | None, str, str, str, str, int | None, list[str]]
 _Doubt: TypeAlias = tuple[str, int, str, int | None]
-_Verdict: TypeAlias = tuple[
-    str, bool, int, int, list[_Violation], int, int | None, list[_Doubt], str | None
-]
+_Verdict: TypeAlias = tuple[str, bool, int, int, list[_Violation], int, list[_Doubt], str | None]
 _Row: TypeAlias = tuple[
     int,
     str,

@@ -111,8 +111,6 @@ class Verdict:
     violations: tuple[Violation, ...] = ()
     #: How many violations more there are.
     more: int = 0
-    #: Of a run that is known to have ended: for how many timestamps local still owed a result.
-    unfinished: int | None = None
     #: What the judge could not see.
     doubts: tuple[Doubt, ...] = ()
     #: Of an observed trace: the one cause that explains most violations, if there is one.
@@ -124,9 +122,7 @@ class Verdict:
         Raises:
             ValueError: if there is no such kind.
         """
-        known = get_args(DoubtKind)
-        if unknown := [kind for kind in kinds if kind not in known]:
-            raise ValueError(f"{unknown[0]!r} is no kind of doubt; they are {', '.join(known)}")
+        check_kinds(kinds)
         doubts = tuple(replace(it, accepted=it.accepted or it.kind in kinds) for it in self.doubts)
         conforms = not self.violations and all(it.accepted for it in doubts)
         return replace(self, doubts=doubts, conforms=conforms)
@@ -192,6 +188,13 @@ class Verdict:
         return table(rows or [(*whole, None, None, None, None, None, None)], VERDICTS)
 
 
+def check_kinds(kinds: Iterable[str]) -> None:
+    """Raise ValueError if one of them is no kind of doubt."""
+    known = get_args(DoubtKind)
+    if unknown := [kind for kind in kinds if kind not in known]:
+        raise ValueError(f"{unknown[0]!r} is no kind of doubt; they are {', '.join(known)}")
+
+
 def check(
     trace: Traced,
     *,
@@ -209,7 +212,7 @@ def check(
         trace: The trace.
         name: Its name in the verdict and in errors; by default its path.
         ended: The run is known to be over, so that what was due by the trace's end or after it is
-            overdue; what waits for local alone is ``unfinished``.
+            overdue; what waits for local alone is in doubt (``unfinished``).
         accept: Kinds of doubt to take as they are; see `Verdict.accepting`.
 
     Raises:
@@ -365,7 +368,7 @@ def replace_file(path: Path, content: bytes) -> None:
 
 
 def _verdict(fields: _fuseline._Verdict) -> Verdict:
-    file, conforms, judged, lines, violations, more, unfinished, doubts, cause = fields
+    file, conforms, judged, lines, violations, more, doubts, cause = fields
     listed = tuple(Violation(*violation[:7], tuple(violation[7])) for violation in violations)
     seen = tuple(Doubt(cast("DoubtKind", doubt[0]), *doubt[1:]) for doubt in doubts)
-    return Verdict(file, conforms, judged, lines, listed, more, unfinished, seen, cause)
+    return Verdict(file, conforms, judged, lines, listed, more, seen, cause)

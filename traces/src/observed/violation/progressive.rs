@@ -26,7 +26,7 @@ pub(super) fn of_disorder(
             ..MessageHistory::default()
         }
     };
-    let lines = whole.outputs.iter().chain(&whole.finals).map(|output| output.line);
+    let lines = whole.outputs.iter().chain(whole.finals).map(|output| output.line);
     let line = lines.filter(|line| !until(*line).rises(slack)).min()?;
     let expected = "outputs that rise in priority, and a final after them; or one miss alone";
     let found = outputs(t, &until(line));
