@@ -306,6 +306,33 @@ def test_a_page_is_made_of_the_rows(rows: Path, tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["fleet.html"]
 
 
+def test_a_doubtful_trace_is_a_third_state(tmp_path: Path) -> None:
+    paths = {name: tmp_path / f"{name}.jsonl" for name in ("good", "hung", "bad")}
+    paths["good"].write_bytes(drive(1, 300))
+    paths["bad"].write_bytes(spoiled(drive(4, 300)))
+    opened = b'{"ev":"open","at":%d,"t":%d}\n'
+    answered = b'{"ev":"result","at":7,"t":2,"p":0}\n{"ev":"emit","at":7,"t":2,"p":0}\n'
+    header = b'{"fuseline":1,"window":9,"clouds":[]}\n'
+    paths["hung"].write_bytes(header + opened % (1, 1) + opened % (2, 2) + answered)
+    states = {name: fleet.judge(path)[0] for name, path in paths.items()}
+    assert {name: (it.conforms, it.doubts) for name, it in states.items() if name != "bad"} == {
+        "good": (True, None),
+        "hung": (False, "unanswered"),
+    }
+    table = tmp_path / "rows.parquet"
+    pq.write_table(fleet.judge_all(paths.values()), table)
+    (totals,) = ask(table)["totals"]
+    assert (totals["conforming"], totals["doubtful"], totals["files"]) == (1, 1, 3)
+    assert ask(table)["doubts"] == [{"doubts": "unanswered", "traces": 1, "drives": 1}]
+    fleet.report(table, tmp_path / "page.html")
+    page = (tmp_path / "page.html").read_text()
+    assert "1 of 3 traces conform" in page and "1 in doubt" in page and "1 do not" in page
+    (own, *_) = fleet.judge(paths["hung"], accept=["unanswered"])
+    assert (own.conforms, own.doubts) == (True, None)
+    with pytest.raises(ValueError, match="no kind of doubt"):
+        fleet.judge(paths["hung"], accept=["rumour"])  # type: ignore[list-item]
+
+
 def test_a_page_of_nothing_is_refused(tmp_path: Path) -> None:
     empty = tmp_path / "empty.parquet"
     pq.write_table(fleet.judge_all([]), empty)

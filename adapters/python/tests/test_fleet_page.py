@@ -21,7 +21,7 @@ from fuseline.fleet._arrow import table
 Cell = tuple[str | None, str]
 UNITS = {"s": 1.0, "ms": 1e-3, "µs": 1e-6}
 COLOURS = ("#E69F00", "#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#D55E00")
-TEXT = {"drive", "file", "error", "rule", "source", "operator"}
+TEXT = {"drive", "file", "error", "rule", "source", "operator", "doubts"}
 MS = {"p50": "median", "p90": "90 %", "p99": "99 %", "greatest": "greatest", "latest": "latest by"}
 
 
@@ -104,12 +104,14 @@ def drawn(chance: random.Random, drives: int, sources: int = 4) -> list[Row]:
                 if chance.random() < 0.25
             ]
             broken = chance.randint(0, 3) if chance.random() < 0.3 else 0
-            first = (file, named, operator, not broken, manner, judge, None)
+            doubts = chance.choice([None, None, "silent", "silent, coarse"])
+            conforms = not broken and doubts is None
+            first = (file, named, operator, conforms, manner, judge, None)
             missed, refused = (chance.choice([0, 0, 1, 23]) for _ in "mr")
             span, messages = 360.0 * chance.randint(0, 40), chance.randint(0, 5000)
             more = chance.randint(0, 2) if broken else 0
             own = Row(*first, 9, 4000, span, messages, missed, refused, outputs)
-            rows.append(own._replace(violations=broken + more))
+            rows.append(own._replace(violations=broken + more, doubts=doubts))
             for line in range(broken):
                 late = chance.choice([None, 0.0251, 1.5])
                 rule = chance.choice(["F5", "P2", "J<1>"])
@@ -177,9 +179,12 @@ def headline(page: PageReader, own: list[Row]) -> None:
         return
     good = sum(row.conforms for row in own)
     unread = sum(row.error is not None for row in own)
+    doubtful = sum(row.violations == 0 and not row.conforms for row in own)
     expected = [("good", f"{good:,} of {len(own):,} traces conform")]
-    if len(own) > good + unread:
-        expected.append(("bad", f"{len(own) - good - unread:,} do not"))
+    if doubtful:
+        expected.append(("doubt", f"{doubtful:,} in doubt"))
+    if bad := len(own) - good - unread - doubtful:
+        expected.append(("bad", f"{bad:,} do not"))
     if unread:
         expected.append(("bad", f"{unread:,} cannot be read"))
     assert said[0] == (", ".join(words for _, words in expected) + ".", expected)
@@ -221,13 +226,23 @@ def assert_tables(page: PageReader, rows: list[Row], own: list[Row]) -> None:
     broken = [(*it[:3], None if it[3] < 0 else it[3]) for it in rules]
     names = ("rule", "violations", "drives", "latest")
     shown(page, "Rules that are broken", names, broken, "None is broken.")
-    drives: dict[str, list[int]] = defaultdict(lambda: [0] * 6)
+    doubted: dict[str, list[Row]] = defaultdict(list)
     for row in own:
-        given = (1, row.violations, row.error is not None, row.missed, row.refused, row.messages)
+        if row.doubts is not None and row.violations == 0:
+            doubted[row.doubts].append(row)
+    doubts = [(of, len(it), len({row.drive for row in it})) for of, it in doubted.items()]
+    doubts.sort(key=lambda it: (-it[1], it[0]))
+    shown(page, "What is in doubt", ("doubts", "traces", "drives"), doubts, "Nothing is.")
+    drives: dict[str, list[int]] = defaultdict(lambda: [0] * 7)
+    for row in own:
+        doubtful = row.violations == 0 and not row.conforms
+        counts = (row.missed, row.refused, row.messages)
+        given = (1, row.violations, row.error is not None, doubtful, *counts)
         drives[row.drive] = [a + (b or 0) for a, b in zip(drives[row.drive], given, strict=True)]
-    worst: list[Any] = [(drive, *of) for drive, of in drives.items() if any(of[1:5])]
-    worst.sort(key=lambda it: (-it[2], -it[3], -it[4] - it[5], it[0]))
-    names = ("drive", "files", "violations", "unreadable", "missed", "refused", "messages")
+    worst: list[Any] = [(drive, *of) for drive, of in drives.items() if any(of[1:6])]
+    worst.sort(key=lambda it: (-it[2], -it[3], -it[4], -it[5] - it[6], it[0]))
+    names = ("drive", "files", "violations", "unreadable", "doubtful", "missed", "refused")
+    names = (*names, "messages")
     none = "Nothing went wrong in any drive."
     shown(page, "The worst drives", names, worst[:50], none)
     unread = sorted((row.file, row.error) for row in own if row.error is not None)

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, TypeAlias
@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, TypeAlias
 from fuseline import _fuseline
 from fuseline._errors import Error, ReadError
 from fuseline._fuseline import nanoseconds
-from fuseline._judge import Duration, slack
+from fuseline._judge import DoubtKind, Duration, check_kinds, slack
 from fuseline.fleet._summaries import FLATTEN, SUMMARIES
 
 if TYPE_CHECKING:
@@ -66,7 +66,8 @@ class Row(NamedTuple):
     drive: str
     #: The operator's name, as the trace has it.
     operator: str | None
-    #: Whether the rules explain all of it; a trace that cannot be read does not.
+    #: Whether the rules explain all of it and nothing is in doubt that is not accepted; a trace
+    #: that cannot be read does not conform.
     conforms: bool
     #: How it was judged: ``strict``, or ``observed`` with its tolerance and lateness.
     manner: str
@@ -90,6 +91,8 @@ class Row(NamedTuple):
     outputs: list[Output] | None = None
     #: How many violations it has, those without a row too.
     violations: int | None = None
+    #: The kinds of doubt about it that are not accepted, such as ``silent, coarse``.
+    doubts: str | None = None
     #: Of a violation: its line, counted from 1.
     line: int | None = None
     #: Its timestamp.
@@ -111,6 +114,7 @@ def judge(
     lateness: Duration | None = None,
     drive: Callable[[str], str] | None = None,
     open: Callable[[str], BinaryIO] | None = None,  # noqa: A002
+    accept: Sequence[DoubtKind] = (),
 ) -> list[Row]:
     """Judge one trace as it is read, in bounded memory, whatever its length.
 
@@ -125,12 +129,15 @@ def judge(
         drive: Which drive a path belongs to.
         open: Opens what is at a path, in mode ``rb``: for stores that are no file system, such as
             ``lambda path: fsspec.open(path).open()``.
+        accept: Kinds of doubt to take as they are; see `fuseline.Verdict.accepting`.
 
     Raises:
-        ValueError: if only one of tolerance and lateness is given.
+        ValueError: if only one of tolerance and lateness is given, or there is no such kind of
+            doubt.
         TimeError: if one of them is none.
     """
     manner, within = _manner(tolerance, lateness)
+    check_kinds(accept)
     file = os.fspath(path)
     named = (drive or _drive)(file)
     try:
@@ -143,11 +150,13 @@ def judge(
         why = _reason(error, file)
         return [Row(file, named, None, False, manner, digest(), why)]
     operator, verdict, (span, messages, missed, refused, outputs) = surveyed
-    _, conforms, judged, lines, violations, more, *_ = verdict
+    _, _, judged, lines, violations, more, seen, _ = verdict
+    doubts = ", ".join(kind for kind, *_ in seen if kind not in accept) or None
+    conforms = not violations and doubts is None
     whole = (file, named, operator, conforms, manner, digest(), None)
     counts = [Output(p, source, upto / 1e9, items) for p, source, upto, items in outputs]
     found = len(violations) + more
-    own = Row(*whole, judged, lines, span / 1e9, messages, missed, refused, counts, found)
+    own = Row(*whole, judged, lines, span / 1e9, messages, missed, refused, counts, found, doubts)
     return [own] + [
         Row(
             *whole,
@@ -212,9 +221,11 @@ def check_how(
     lateness: Duration | None = None,
     drive: Callable[[str], str] | None = None,  # noqa: ARG001
     open: Callable[[str], BinaryIO] | None = None,  # noqa: A002, ARG001
+    accept: Sequence[DoubtKind] = (),
 ) -> None:
     """Raise what `judge` would raise for these arguments, before a job begins."""
     _manner(tolerance, lateness)
+    check_kinds(accept)
 
 
 @lru_cache(maxsize=1)

@@ -38,6 +38,7 @@ SCHEMA = pa.schema(
         pa.field("refused", pa.int64()),
         pa.field("outputs", pa.list_(pa.field("item", OUTPUT, nullable=False))),
         pa.field("violations", pa.int64()),
+        pa.field("doubts", pa.string()),
         pa.field("line", pa.int64()),
         pa.field("t", pa.uint64()),
         pa.field("rule", pa.string()),

@@ -23,10 +23,12 @@ Answer: TypeAlias = tuple[list[str], list[tuple[Any, ...]]]
 COLOURS = ("#E69F00", "#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#D55E00")
 
 STYLE = """
-:root { color-scheme: light dark; --line: #8884; --dim: #767676; --bad: #c62828; --good: #1a7f37 }
+:root { color-scheme: light dark; --line: #8884; --dim: #767676 }
+:root { --bad: #c62828; --good: #1a7f37; --doubt: #9a6700 }
 body { font: 15px/1.5 system-ui, sans-serif; max-width: 64rem; margin: 2rem auto; padding: 0 1rem }
 h1 { font-size: 1.5rem; margin: 0 } h2 { font-size: 1.1rem; margin: 2.2rem 0 .5rem }
 .dim { color: var(--dim) } .bad { color: var(--bad) } .good { color: var(--good) }
+.doubt { color: var(--doubt) }
 .tiles { display: flex; flex-wrap: wrap; gap: .75rem; margin: 1.2rem 0 }
 .tile { border: 1px solid var(--line); border-radius: 6px; padding: .5rem .9rem; min-width: 6.5rem }
 .tile b { display: block; font-size: 1.35rem; font-variant-numeric: tabular-nums }
@@ -74,6 +76,7 @@ def _page(answers: dict[str, Answer], title: str) -> str:
         _table("By operator", answers["operators"]),
         _bars(answers["on_board"]),
         _table("Rules that are broken", answers["rules"], "None is broken."),
+        _table("What is in doubt", answers["doubts"], "Nothing is."),
         _table("The worst drives", answers["worst"], "Nothing went wrong in any drive."),
         _table("Traces that cannot be read", answers["unreadable"], "All could be read."),
     ]
@@ -89,8 +92,11 @@ def _headline(totals: dict[str, Any]) -> str:
     files, good, unread = totals["files"], totals["conforming"], totals["unreadable"]
     if files == 0:
         return "<p>There are no traces.</p>"
-    bad = files - good - unread
+    doubtful = totals["doubtful"]
+    bad = files - good - unread - doubtful
     parts = [f'<span class="good">{good:,} of {files:,} traces conform</span>']
+    if doubtful:
+        parts.append(f'<span class="doubt">{doubtful:,} in doubt</span>')
     if bad:
         parts.append(f'<span class="bad">{bad:,} do not</span>')
     if unread:
@@ -130,7 +136,7 @@ def _table(heading: str, answer: Answer, none: str = "There is nothing.") -> str
 
 
 #: Columns of words.
-WORDS = frozenset({"drive", "file", "error", "rule", "source", "operator"})
+WORDS = frozenset({"drive", "file", "error", "rule", "source", "operator", "doubts"})
 #: Columns in seconds.
 SECONDS = {"p50": "median, ms", "p90": "90 %, ms", "p99": "99 %, ms", "greatest": "greatest, ms"}
 SECONDS["latest"] = "latest by, ms"

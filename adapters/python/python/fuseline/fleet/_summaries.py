@@ -51,6 +51,7 @@ SUMMARIES = {
 SELECT count(DISTINCT drive) AS drives, count(DISTINCT file) AS files,
   count(error) AS unreadable,
   count(CASE WHEN rule IS NULL AND conforms THEN 1 END) AS conforming,
+  count(CASE WHEN NOT conforms AND violations = 0 THEN 1 END) AS doubtful,
   coalesce(sum(seconds), 0) / 3600 AS hours,
   CAST(coalesce(sum(lines), 0) AS BIGINT) AS lines,
   CAST(coalesce(sum(messages), 0) AS BIGINT) AS messages,
@@ -68,6 +69,12 @@ FROM verdicts
 SELECT rule, count(*) AS violations, count(DISTINCT drive) AS drives, max(late) AS latest
 FROM verdicts WHERE rule IS NOT NULL GROUP BY rule ORDER BY violations DESC, rule
 """,
+    # What is in doubt about traces that break no rule, and is not accepted.
+    "doubts": """
+SELECT doubts, count(*) AS traces, count(DISTINCT drive) AS drives
+FROM verdicts WHERE doubts IS NOT NULL AND violations = 0
+GROUP BY doubts ORDER BY traces DESC, doubts
+""",
     # Of the drives in which something went wrong, those with the most violations, then those that
     # most often had nothing to put out.
     "worst": """
@@ -75,13 +82,14 @@ WITH drives AS (
   SELECT drive, count(DISTINCT file) AS files,
     CAST(coalesce(sum(violations), 0) AS BIGINT) AS violations,
     count(error) AS unreadable,
+    count(CASE WHEN NOT conforms AND violations = 0 THEN 1 END) AS doubtful,
     CAST(coalesce(sum(missed), 0) AS BIGINT) AS missed,
     CAST(coalesce(sum(refused), 0) AS BIGINT) AS refused,
     CAST(coalesce(sum(messages), 0) AS BIGINT) AS messages
   FROM verdicts GROUP BY drive
 )
-SELECT * FROM drives WHERE violations + unreadable + missed + refused > 0
-ORDER BY violations DESC, unreadable DESC, missed + refused DESC, drive LIMIT 50
+SELECT * FROM drives WHERE violations + unreadable + doubtful + missed + refused > 0
+ORDER BY violations DESC, unreadable DESC, doubtful DESC, missed + refused DESC, drive LIMIT 50
 """,
     # How many drives had which share of their outputs from local: twentieths, the last one whole.
     "on_board": """

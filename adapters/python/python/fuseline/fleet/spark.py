@@ -22,7 +22,7 @@ COLUMNS = (
     "error string, judged bigint, lines bigint, seconds double, messages bigint, missed bigint, "
     "refused bigint, "
     "outputs array<struct<p: bigint, source: string, seconds: double, items: bigint>>, "
-    "violations bigint, line bigint, t decimal(20, 0), rule string, found string, "
+    "violations bigint, doubts string, line bigint, t decimal(20, 0), rule string, found string, "
     "expected string, late double"
 )
 
