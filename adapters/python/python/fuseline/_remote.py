@@ -13,9 +13,9 @@ from dataclasses import replace
 from time import monotonic
 from typing import Any, Protocol
 
-from fuseline._errors import CallError, in_one_line
+from fuseline._errors import CallError, ConfigError, in_one_line
 from fuseline._item import Call
-from fuseline._wiring import check_read
+from fuseline._wiring import check_read, is_async
 
 _log = logging.getLogger("fuseline")
 
@@ -230,3 +230,18 @@ def _close(policy: RemotePolicy) -> None:
         policy.close()
     except BaseException as error:
         _log.warning("a remote policy could not be closed: %s", in_one_line(error))
+
+
+def check_connects(remote: Any) -> None:
+    """A function that connects.
+
+    Raises:
+        ConfigError: if it is none, such as a policy.
+    """
+    if not callable(remote) or (hasattr(remote, "infer") and not inspect.isclass(remote)):
+        raise ConfigError(
+            f"a remote policy is given as a function that connects, not as {remote!r}: give the "
+            "class, or `lambda: policy`"
+        )
+    if is_async(remote):
+        raise ConfigError("what connects is a plain function; it runs in a thread of its own")

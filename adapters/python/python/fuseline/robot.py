@@ -10,13 +10,9 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import inspect
-import itertools
-import logging
 import os
-import socket
 import threading
-import time
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from types import TracebackType
@@ -27,13 +23,15 @@ from fuseline._blocking import BlockingOperator
 from fuseline._chunks import Blend, ChunkPlan, actions_of, fade
 from fuseline._drive import GRACE
 from fuseline._errors import CallError, ConfigError, in_one_line
+from fuseline._failures import PolicyFailures
 from fuseline._fuseline import nanoseconds
-from fuseline._item import Call, Ending, Failure, Item, Source, StampedValue
+from fuseline._item import Call, Failure, Item, StampedValue
 from fuseline._local import Local
 from fuseline._operator import Operator
-from fuseline._remote import RemotePolicy, RemoteThread
+from fuseline._remote import RemotePolicy, RemoteThread, check_connects
+from fuseline._servers import lerobot, openpi
 from fuseline._snapshot import snapshot
-from fuseline._wiring import check_function, check_takes, check_value, is_async
+from fuseline._wiring import check_function, check_takes, check_value
 from fuseline._words import ns
 
 if TYPE_CHECKING:
@@ -47,12 +45,6 @@ WINDOW = 16
 LONGEST_PERIOD = 2.0
 #: The longest deadline of an operator, in seconds.
 LONGEST_DEADLINE = 60.0
-#: How many reasons of failures are counted by themselves.
-REASONS = 8
-
-LOCAL, REMOTE = Source(0, "local"), Source(1, "remote")
-
-_log = logging.getLogger("fuseline")
 
 
 class OnBoardPolicy(Protocol):
@@ -156,7 +148,7 @@ class Always:
         name: str = "policy",
         on_failure: Callable[[Failure], None] | None = None,
     ) -> None:
-        _check_connects(remote)
+        check_connects(remote)
         if on_failure is not None:
             check_function(on_failure, "what is called on failures")
         self._deadline = _deadline_of(deadline, period)
@@ -369,78 +361,10 @@ class Always:
         return planned
 
 
-class PolicyFailures:
-    """Counts and logs how calls ended, and hands failures to a callback."""
-
-    def __init__(self, name: str, on_failure: Callable[[Failure], None] | None) -> None:
-        self.counts: Counter[tuple[str, str, str]] = Counter()
-        self._name, self._on_failure = name, on_failure
-        self._fresh: deque[Failure] = deque(maxlen=64)
-        self._reasons: set[str] = set()
-        #: How many calls have failed since one was answered.
-        self._in_a_row = 0
-
-    def ended(self, why: str | None) -> None:
-        """A call to the remote policy has ended; with a reason it has failed."""
-        if why is None:
-            if self._in_a_row:
-                _log.info("%s: the remote policy answers again", self._name)
-            self._in_a_row = 0
-            self.counts["remote", "call", "answered"] += 1
-            return
-        self._in_a_row += 1
-        self.counts["remote", "call", "failed"] += 1
-        if len(self._reasons) < REASONS:
-            self._reasons.add(why)
-        reason = why if why in self._reasons else "other reasons"
-        self.counts["remote", "call failed because", reason] += 1
-        self._fresh.append(Failure(REMOTE, why))
-        # The first, and then as often as they double.
-        if self._in_a_row & (self._in_a_row - 1) == 0:
-            _log.warning(
-                "%s: a call to the remote policy failed, %d in a row: %s",
-                self._name,
-                self._in_a_row,
-                why,
-            )
-
-    def of_item(self, item: Item[Any], deadline: float) -> None:
-        """What became of a tick: whether the policy on board failed, or came too late."""
-        failed = [it for it in item.failures if it.source.priority == 0]
-        if not failed and item.ending is Ending.MISSED:
-            failed = [Failure(LOCAL, f"no action on board within {deadline:g} s")]
-        self._fresh.extend(failed)
-
-    def report(self) -> None:
-        """Hand what failed to the callback."""
-        while self._fresh:
-            failure = self._fresh.popleft()
-            try:
-                if self._on_failure is not None:
-                    self._on_failure(failure)
-            except Exception:
-                _log.exception("%s: what is called on failures failed", self._name)
-
-
 def _held_form(on_board: OnBoard) -> Form | None:
     """Returns what an action that is held is made of; a number alone may stand for any action."""
     form = form_of(on_board.first) if isinstance(on_board, Hold) else None
     return None if form == () else form
-
-
-def _check_connects(remote: Any) -> None:
-    """A function that connects.
-
-    Raises:
-        ConfigError: if it is none, such as a policy.
-    """
-    if not callable(remote) or (hasattr(remote, "infer") and not inspect.isclass(remote)):
-        raise ConfigError(
-            f"a remote policy is given as a function that connects, not as {remote!r}: give the "
-            "class, or `lambda: policy`"
-        )
-    if is_async(remote):
-        raise ConfigError("what connects is a plain function; it runs in a thread of its own")
 
 
 def _deadline_of(deadline: Duration | None, period: Duration | None) -> float:
@@ -468,75 +392,3 @@ def _deadline_of(deadline: Duration | None, period: Duration | None) -> float:
             f"a deadline of {given} s is above the period of {tick} s: each tick would be late"
         )
     return given
-
-
-def openpi(host: str, port: int | None = None) -> Callable[[], RemotePolicy]:
-    """Connects to a policy server of openpi, by the package ``openpi-client``."""
-
-    class OpenpiRemote:
-        def __init__(self) -> None:
-            from openpi_client.websocket_client_policy import WebsocketClientPolicy
-
-            self._policy = WebsocketClientPolicy(host, port)
-
-        def infer(self, observation: Any) -> Any:
-            return self._policy.infer(observation)
-
-        def close(self) -> None:
-            # Closing by the protocol would wait for the server, which may hang.
-            self._policy._ws.socket.shutdown(socket.SHUT_RDWR)
-
-    return OpenpiRemote
-
-
-def lerobot(address: str, config: Any = None) -> Callable[[], RemotePolicy]:
-    """Connects to a policy server of LeRobot, by the package ``lerobot``.
-
-    A reply is a chunk: a list of its actions. Observations are dictionaries.
-
-    Args:
-        address: The server's host and port.
-        config: A ``RemotePolicyConfig``, sent to each new connection; with None the server needs
-            none.
-    """
-    # They rise from connection to connection, so that no reply is taken for another's.
-    steps = itertools.count()
-
-    class LerobotRemote:
-        def __init__(self) -> None:
-            import pickle
-
-            import grpc
-            from lerobot.async_inference.helpers import TimedObservation
-            from lerobot.transport import services_pb2, services_pb2_grpc
-            from lerobot.transport.utils import send_bytes_in_chunks
-
-            self._pickle, self._observation = pickle, TimedObservation
-            self._messages, self._in_chunks = services_pb2, send_bytes_in_chunks
-            self._channel = grpc.insecure_channel(address)
-            self._stub = services_pb2_grpc.AsyncInferenceStub(self._channel)
-            self._stub.Ready(services_pb2.Empty())
-            if config is not None:
-                setup = services_pb2.PolicySetup(data=pickle.dumps(config))
-                self._stub.SendPolicyInstructions(setup)
-
-        def infer(self, observation: Any) -> Any:
-            step = next(steps)
-            timed = self._observation(
-                timestamp=time.time(), observation=observation, timestep=step, must_go=True
-            )
-            data = self._pickle.dumps(timed)
-            self._stub.SendObservations(
-                self._in_chunks(data, self._messages.Observation, silent=True)
-            )
-            while True:
-                reply = self._stub.GetActions(self._messages.Empty())
-                actions = self._pickle.loads(reply.data) if reply.data else []
-                # Without an observation a server answers with nothing.
-                if actions and actions[0].get_timestep() == step:
-                    return [action.get_action() for action in actions]
-
-        def close(self) -> None:
-            self._channel.close()
-
-    return LerobotRemote

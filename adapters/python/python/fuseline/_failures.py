@@ -1,0 +1,70 @@
+"""How calls to a policy failed: counted, logged, and handed to a callback."""
+
+from __future__ import annotations
+
+import logging
+from collections import Counter, deque
+from collections.abc import Callable
+from typing import Any
+
+from fuseline._item import Ending, Failure, Item, Source
+
+#: How many reasons of failures are counted by themselves.
+REASONS = 8
+
+LOCAL, REMOTE = Source(0, "local"), Source(1, "remote")
+
+_log = logging.getLogger("fuseline")
+
+
+class PolicyFailures:
+    """Counts and logs how calls ended, and hands failures to a callback."""
+
+    def __init__(self, name: str, on_failure: Callable[[Failure], None] | None) -> None:
+        self.counts: Counter[tuple[str, str, str]] = Counter()
+        self._name, self._on_failure = name, on_failure
+        self._fresh: deque[Failure] = deque(maxlen=64)
+        self._reasons: set[str] = set()
+        #: How many calls have failed since one was answered.
+        self._in_a_row = 0
+
+    def ended(self, why: str | None) -> None:
+        """A call to the remote policy has ended; with a reason it has failed."""
+        if why is None:
+            if self._in_a_row:
+                _log.info("%s: the remote policy answers again", self._name)
+            self._in_a_row = 0
+            self.counts["remote", "call", "answered"] += 1
+            return
+        self._in_a_row += 1
+        self.counts["remote", "call", "failed"] += 1
+        if len(self._reasons) < REASONS:
+            self._reasons.add(why)
+        reason = why if why in self._reasons else "other reasons"
+        self.counts["remote", "call failed because", reason] += 1
+        self._fresh.append(Failure(REMOTE, why))
+        # The first, and then as often as they double.
+        if self._in_a_row & (self._in_a_row - 1) == 0:
+            _log.warning(
+                "%s: a call to the remote policy failed, %d in a row: %s",
+                self._name,
+                self._in_a_row,
+                why,
+            )
+
+    def of_item(self, item: Item[Any], deadline: float) -> None:
+        """What became of a tick: whether the policy on board failed, or came too late."""
+        failed = [it for it in item.failures if it.source.priority == 0]
+        if not failed and item.ending is Ending.MISSED:
+            failed = [Failure(LOCAL, f"no action on board within {deadline:g} s")]
+        self._fresh.extend(failed)
+
+    def report(self) -> None:
+        """Hand what failed to the callback."""
+        while self._fresh:
+            failure = self._fresh.popleft()
+            try:
+                if self._on_failure is not None:
+                    self._on_failure(failure)
+            except Exception:
+                _log.exception("%s: what is called on failures failed", self._name)

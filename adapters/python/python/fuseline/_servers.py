@@ -1,0 +1,83 @@
+"""Connections to the policy servers of openpi and LeRobot."""
+
+from __future__ import annotations
+
+import itertools
+import socket
+import time
+from collections.abc import Callable
+from typing import Any
+
+from fuseline._remote import RemotePolicy
+
+
+def openpi(host: str, port: int | None = None) -> Callable[[], RemotePolicy]:
+    """Connects to a policy server of openpi, by the package ``openpi-client``."""
+
+    class OpenpiRemote:
+        def __init__(self) -> None:
+            from openpi_client.websocket_client_policy import WebsocketClientPolicy
+
+            self._policy = WebsocketClientPolicy(host, port)
+
+        def infer(self, observation: Any) -> Any:
+            return self._policy.infer(observation)
+
+        def close(self) -> None:
+            # Closing by the protocol would wait for the server, which may hang.
+            self._policy._ws.socket.shutdown(socket.SHUT_RDWR)
+
+    return OpenpiRemote
+
+
+def lerobot(address: str, config: Any = None) -> Callable[[], RemotePolicy]:
+    """Connects to a policy server of LeRobot, by the package ``lerobot``.
+
+    A reply is a chunk: a list of its actions. Observations are dictionaries.
+
+    Args:
+        address: The server's host and port.
+        config: A ``RemotePolicyConfig``, sent to each new connection; with None the server needs
+            none.
+    """
+    # They rise from connection to connection, so that no reply is taken for another's.
+    steps = itertools.count()
+
+    class LerobotRemote:
+        def __init__(self) -> None:
+            import pickle
+
+            import grpc
+            from lerobot.async_inference.helpers import TimedObservation
+            from lerobot.transport import services_pb2, services_pb2_grpc
+            from lerobot.transport.utils import send_bytes_in_chunks
+
+            self._pickle, self._observation = pickle, TimedObservation
+            self._messages, self._in_chunks = services_pb2, send_bytes_in_chunks
+            self._channel = grpc.insecure_channel(address)
+            self._stub = services_pb2_grpc.AsyncInferenceStub(self._channel)
+            self._stub.Ready(services_pb2.Empty())
+            if config is not None:
+                setup = services_pb2.PolicySetup(data=pickle.dumps(config))
+                self._stub.SendPolicyInstructions(setup)
+
+        def infer(self, observation: Any) -> Any:
+            step = next(steps)
+            timed = self._observation(
+                timestamp=time.time(), observation=observation, timestep=step, must_go=True
+            )
+            data = self._pickle.dumps(timed)
+            self._stub.SendObservations(
+                self._in_chunks(data, self._messages.Observation, silent=True)
+            )
+            while True:
+                reply = self._stub.GetActions(self._messages.Empty())
+                actions = self._pickle.loads(reply.data) if reply.data else []
+                # Without an observation a server answers with nothing.
+                if actions and actions[0].get_timestep() == step:
+                    return [action.get_action() for action in actions]
+
+        def close(self) -> None:
+            self._channel.close()
+
+    return LerobotRemote
