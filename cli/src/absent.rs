@@ -3,12 +3,12 @@
 use thiserror::Error;
 
 /// The commands that it lacks.
-pub(crate) const COMMANDS: [&str; 7] =
-    ["completions", "convert", "export", "frame", "man", "probe", "scenario"];
+pub(crate) const COMMANDS: [&str; 6] =
+    ["completions", "convert", "export", "man", "probe", "scenario"];
 
 /// The end of its help.
 pub(crate) const LACKS: &str = "\
-This build lacks completions, convert, export, frame, man, probe, scenario, TLS, zstd and MCAP.
+This build lacks completions, convert, export, man, probe, scenario, TLS, zstd and MCAP.
 `cargo install --locked --path cli --features full` builds everything.";
 
 /// Something is not in this build.

@@ -18,8 +18,6 @@ mod exit;
 mod export;
 mod fault;
 mod files;
-#[cfg(feature = "full")]
-mod frame;
 mod help;
 mod hints;
 mod implementation;
@@ -119,9 +117,6 @@ enum Command {
     Scenario(scenario::Args),
     /// Make a page from traces: summary, response times, and a timeline down to one timestamp.
     Report(report::Args),
-    /// Follow one frame through the traces of a vehicle's operators, and say where its time went.
-    #[cfg(feature = "full")]
-    Frame(frame::Args),
     /// Print the script that completes commands and options in a shell.
     #[cfg(feature = "full")]
     Completions(pages::ShellArgs),
@@ -215,8 +210,6 @@ fn dispatch(command: Command) -> Result<Exit, Fault> {
         #[cfg(feature = "full")]
         Command::Scenario(args) => scenario::play(&args),
         Command::Report(args) => report::report(&args),
-        #[cfg(feature = "full")]
-        Command::Frame(args) => frame::follow(&args),
         #[cfg(feature = "full")]
         Command::Completions(args) => pages::complete(&args, grammar()),
         #[cfg(feature = "full")]

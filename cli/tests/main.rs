@@ -14,7 +14,6 @@ mod ended;
 mod exits;
 mod export;
 mod exported;
-mod frame;
 mod hints;
 mod logs;
 mod manners;
