@@ -198,10 +198,15 @@ impl Args {
         if !self.frame.is_empty() && !files.iter().all(is_rows) {
             return Err(OptionError::Frames.into());
         }
-        let is_piped = |file: &&LogFile| file.format == Format::Db3 && is_standard(&file.path);
-        if let Some(file) = files.iter().find(is_piped) {
-            let message =
-                "a database of rosbag2 is read from a file of its own, and not from standard input";
+        let mut databases = files.iter().filter(|file| file.format == Format::Db3);
+        let refused = databases.find(|file| !cfg!(feature = "bags") || is_standard(&file.path));
+        if let Some(file) = refused {
+            let message = if cfg!(feature = "bags") {
+                "a database of rosbag2 is read from a file of its own, and not from standard input"
+            } else {
+                "this fuseline reads no databases of rosbag2; build it with --features bags, or make an .mcap of it with \
+                 ros2 bag convert"
+            };
             return Err(Problem::of_file(&file.name, message).into());
         }
         Ok(files)

@@ -7,7 +7,7 @@ use fuseline_traces::packed::RawMessages;
 
 use crate::convert::Args;
 use crate::convert::entry::{Entry, Sources};
-use crate::convert::files::{Content, Format, LogFile, PART};
+use crate::convert::files::{Content, LogFile, PART};
 use crate::convert::frame;
 use crate::convert::json::{LineRows, array};
 use crate::convert::log::{Log, LogKind};
@@ -134,7 +134,8 @@ impl<'a> LogReader<'a> {
 
     fn read_file(&mut self, file: &LogFile) -> Result<(), Fault> {
         let (args, name, before) = (self.args, &file.name, self.log.rows);
-        if file.format == Format::Db3 {
+        #[cfg(feature = "bags")]
+        if file.format == crate::convert::files::Format::Db3 {
             self.read_database(file)?;
             self.log.files.push(format!("{name}: {} messages", self.log.rows - before));
             return Ok(());
@@ -189,13 +190,6 @@ impl<'a> LogReader<'a> {
         let messages = crate::convert::db3::Db3Messages::open(&path, &self.topics);
         let messages = messages.map_err(|message| Problem::of_file(&file.name, message))?;
         Ok(self.read_recording(file, messages)?)
-    }
-
-    #[cfg(not(feature = "bags"))]
-    fn read_database(&mut self, file: &LogFile) -> Result<(), Fault> {
-        let message = "this fuseline reads no databases of rosbag2; build it with --features bags, or make an .mcap of it \
-                       with ros2 bag convert";
-        Err(Problem::of_file(&file.name, message).into())
     }
 
     fn read_recording(&mut self, file: &LogFile, recording: impl Recording) -> Result<(), Problem> {
