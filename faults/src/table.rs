@@ -118,7 +118,9 @@ impl Table {
         wrong.extend(
             ran().filter(|it| count(it) == 0).map(|it| format!("nothing catches {}", it.name)),
         );
-        let single = ran().filter(|it| count(it) == 1).map(|it| it.name.clone()).collect();
+        // A guard has one case, and so one kind.
+        let single = ran().filter(|it| count(it) == 1 && !it.breaks.is_empty());
+        let single = single.map(|it| it.name.clone()).collect();
         let gaps = gaps(tree, &rows, &mut wrong)?;
         wrong.extend(missing(tree, &rows)?);
         Ok(Self { rows, faults: fault_rows, gaps, single, wrong })
