@@ -228,7 +228,7 @@ struct Approximate {
   // case 48 | recording by a machine that does not record | no member named .record|has no member named
   const bool wrong = op.record([](const char*) { return true; });
 #elif CASE == 49
-  // case 49 | reason compared as an outcome | convert|conversion|no viable
+  // case 49 | reason compared as an outcome | convert|conversion|cannot initialize
   const bool wrong = offer->is(FUSELINE_REASON_LATE);
 #elif CASE == 50
   // case 50 | message of a join's other input | convert|conversion|no viable
