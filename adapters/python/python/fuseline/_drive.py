@@ -10,29 +10,33 @@ import time
 import weakref
 from collections.abc import Awaitable, Callable, Coroutine, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any, Generic, TypeAlias, TypeVar
 
 from fuseline._encoding import EncodedRequest
 from fuseline._errors import CallError, in_one_line
-from fuseline._fuseline import Calls, Engine, Latency, nanoseconds
+from fuseline._fuseline import Calls, Engine
 from fuseline._item import Call, Ending, Item, Lineage, check_capture
 from fuseline._local import Local
-from fuseline._side import SideRequest
-from fuseline._state import CarriedState
+from fuseline._sources import (
+    OutputHandlers,
+    RegisteredCloud,
+    SourceTasks,
+    awaited_value,
+    response_of,
+    value_of,
+)
 from fuseline._threads import DaemonThreads
 from fuseline._tracefile import TraceFile
 from fuseline._wiring import (
     WiringError,
-    check_awaitable,
     check_read,
     check_value,
-    is_awaitable,
     no_value,
 )
-from fuseline._words import Cloud, ns
-from fuseline.deadline import Policy, Situation
+from fuseline._words import ns
+from fuseline.deadline import Situation
 
 M = TypeVar("M")
 V = TypeVar("V")
@@ -64,74 +68,6 @@ GRACE = 1.0
 HUNG_ENCODERS = 16
 
 _log = logging.getLogger("fuseline")
-
-
-@dataclass(slots=True)
-class RegisteredCloud:
-    """A cloud, and what its requests are made of and go to."""
-
-    cloud: Cloud
-    handle: Callable[[Any, Call], Awaitable[Any]]
-    message_handler: Callable[[Any, int], tuple[Any, Any] | None]
-    response_handler: Callable[[Any], Any]
-    #: Makes the request of what the message handler returns, in a thread.
-    encode: Callable[[Any], Any] | None
-    calls: int
-    linger: ns
-    policy: Policy | None
-    max_age: int
-    #: The last deadline that was a float, and its nanoseconds: mostly it is the same object.
-    last_deadline: tuple[float, ns] = (0.0, ns(0))
-
-    def deadline_of(self, deadline: Any) -> ns:
-        """What the message handler returned for a deadline, in nanoseconds."""
-        last = self.last_deadline
-        if deadline is last[0]:
-            return last[1]
-        nanos = nanoseconds(deadline)
-        if type(deadline) is float:
-            self.last_deadline = deadline, nanos
-        return nanos
-
-
-@dataclass(slots=True)
-class OutputHandlers:
-    """What is done with items beside sending them, and with messages beside computing them."""
-
-    #: E4: gives what is sent for a message that is missed or refused.
-    substitute: Callable[[Item[Any]], Any] | None = None
-    #: E10: states, each with what reads it from a result that is sent.
-    states: list[tuple[CarriedState[Any], Callable[[Any], Any]]] = field(default_factory=list)
-    sides: list[SideRequest] = field(default_factory=list)
-    #: What records how long messages take.
-    latency: Latency | None = None
-    #: Whether items carry their messages.
-    carry_messages: bool = False
-    #: Whether messages, and local's results, are copied.
-    copy_messages: bool = True
-
-
-@dataclass(slots=True)
-class SourceTasks:
-    """The calls or computations of one source."""
-
-    #: The most that may go on, those included that should have ended.
-    limit: int
-    cloud: RegisteredCloud | None
-    #: For requests that are to be encoded.
-    encoders: DaemonThreads | None = None
-    #: By timestamp; those that linger too. None for a task that is about to be made.
-    in_flight: dict[int, asyncio.Task[None] | None] = field(default_factory=dict)
-    #: Those that were cancelled and have not ended.
-    aborted: set[asyncio.Task[None]] = field(default_factory=set)
-
-    def abort(self, t: int) -> None:
-        """Cancel a task; what it still returns is of no use."""
-        task = self.in_flight.pop(t, None)
-        if task is not None:
-            self.aborted.add(task)
-            task.add_done_callback(self.aborted.discard)
-            task.cancel()
 
 
 class Driver(Generic[M, V]):
@@ -447,7 +383,7 @@ class Driver(Generic[M, V]):
     def _awaiting(self, p: int, t: int, returned: Any) -> Coroutine[Any, Any, None]:
         """What a handle or local returned, if it is no coroutine."""
         cloud = self._sources[p].cloud
-        work = _value(returned) if cloud is None else _response(cloud, returned)
+        work = value_of(returned) if cloud is None else response_of(cloud, returned)
         return self._settled(p, t, work)
 
     def _encoded(self, p: int, request: EncodedRequest, call: Call) -> Coroutine[Any, Any, None]:
@@ -456,7 +392,7 @@ class Driver(Generic[M, V]):
 
     def _value_later(self, p: int, t: int, value: Awaitable[Any]) -> Coroutine[Any, Any, None]:
         """What a response handler gave, if that is to be awaited."""
-        return self._settled(p, t, _awaited_value(value))
+        return self._settled(p, t, awaited_value(value))
 
     async def _settled(self, p: int, t: int, work: Awaitable[Any]) -> None:
         try:
@@ -483,7 +419,7 @@ class Driver(Generic[M, V]):
         check_read(encoded, "what encodes")
         took = (self._read_clock() - begin) / 1e9
         call = replace(call, deadline=max(call.deadline - took, 0.0))
-        return await _response(source.cloud, source.cloud.handle(encoded, call))
+        return await response_of(source.cloud, source.cloud.handle(encoded, call))
 
     def _encoder_hangs(self, source: SourceTasks, request: EncodedRequest) -> None:
         """An encoding runs on past its deadline: another thread takes its place, up to a bound."""
@@ -534,32 +470,6 @@ class Driver(Generic[M, V]):
             cloud = self._sources[p].cloud
             name = "local" if cloud is None else cloud.cloud.name
             _log.error("%s: %s: %s", self.name, name, error)
-
-
-async def _value(returned: Any) -> Any:
-    """Local's result."""
-    value = await returned
-    check_value(value, "local", "give an async def, which awaits it")
-    return value
-
-
-async def _response(cloud: RegisteredCloud, returned: Any) -> Any:
-    """The result of what a handle returned."""
-    check_awaitable(returned, "the handle")
-    response = await returned
-    check_value(response, "the handle", "await it there")
-    value = cloud.response_handler(response)
-    if is_awaitable(value):
-        return await _awaited_value(value)
-    check_value(value, "the response handler", "await it there")
-    return value
-
-
-async def _awaited_value(value: Awaitable[Any]) -> Any:
-    """The result of a response handler's awaitable."""
-    awaited = await value
-    check_value(awaited, "the response handler", "await it there")
-    return awaited
 
 
 def _seconds(nanos: int | None) -> float | None:

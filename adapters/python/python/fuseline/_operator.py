@@ -24,7 +24,7 @@ from concurrent.futures import Future
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
-from fuseline._drive import Clock, Driver, OutputHandlers, RegisteredCloud, wait_for_cancelled
+from fuseline._drive import Clock, Driver, wait_for_cancelled
 from fuseline._errors import Closed, ConfigError, Full, TraceError, in_one_line
 from fuseline._fuseline import Engine, Latency, check_linger, nanoseconds
 from fuseline._item import Call, CurrentDeadline, Item, Lineage, StampedValue
@@ -33,6 +33,7 @@ from fuseline._local import Local, local_of
 from fuseline._loop import WaiterList, each
 from fuseline._setup import PipelineSetup
 from fuseline._snapshot import UNCHANGEABLE, snapshot
+from fuseline._sources import OutputHandlers, RegisteredCloud
 from fuseline._tracefile import hold
 from fuseline._wiring import (
     check_clock,

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from fuseline._drive import Driver, OutputHandlers
+from fuseline._drive import Driver
 from fuseline._errors import ConfigError
 from fuseline._item import Call, Item
 from fuseline._side import SideRequest
+from fuseline._sources import OutputHandlers
 from fuseline._state import CarriedState
 from fuseline._wiring import (
     check_count,

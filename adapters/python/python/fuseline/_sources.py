@@ -1,0 +1,111 @@
+"""The sources of an operator, and what is done with what they give."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from fuseline._fuseline import Latency, nanoseconds
+from fuseline._item import Call, Item
+from fuseline._side import SideRequest
+from fuseline._state import CarriedState
+from fuseline._threads import DaemonThreads
+from fuseline._wiring import check_awaitable, check_value, is_awaitable
+from fuseline._words import Cloud, ns
+from fuseline.deadline import Policy
+
+
+@dataclass(slots=True)
+class RegisteredCloud:
+    """A cloud, and what its requests are made of and go to."""
+
+    cloud: Cloud
+    handle: Callable[[Any, Call], Awaitable[Any]]
+    message_handler: Callable[[Any, int], tuple[Any, Any] | None]
+    response_handler: Callable[[Any], Any]
+    #: Makes the request of what the message handler returns, in a thread.
+    encode: Callable[[Any], Any] | None
+    calls: int
+    linger: ns
+    policy: Policy | None
+    max_age: int
+    #: The last deadline that was a float, and its nanoseconds: mostly it is the same object.
+    last_deadline: tuple[float, ns] = (0.0, ns(0))
+
+    def deadline_of(self, deadline: Any) -> ns:
+        """What the message handler returned for a deadline, in nanoseconds."""
+        last = self.last_deadline
+        if deadline is last[0]:
+            return last[1]
+        nanos = nanoseconds(deadline)
+        if type(deadline) is float:
+            self.last_deadline = deadline, nanos
+        return nanos
+
+
+@dataclass(slots=True)
+class OutputHandlers:
+    """What is done with items beside sending them, and with messages beside computing them."""
+
+    #: E4: gives what is sent for a message that is missed or refused.
+    substitute: Callable[[Item[Any]], Any] | None = None
+    #: E10: states, each with what reads it from a result that is sent.
+    states: list[tuple[CarriedState[Any], Callable[[Any], Any]]] = field(default_factory=list)
+    sides: list[SideRequest] = field(default_factory=list)
+    #: What records how long messages take.
+    latency: Latency | None = None
+    #: Whether items carry their messages.
+    carry_messages: bool = False
+    #: Whether messages, and local's results, are copied.
+    copy_messages: bool = True
+
+
+@dataclass(slots=True)
+class SourceTasks:
+    """The calls or computations of one source."""
+
+    #: The most that may go on, those included that should have ended.
+    limit: int
+    cloud: RegisteredCloud | None
+    #: For requests that are to be encoded.
+    encoders: DaemonThreads | None = None
+    #: By timestamp; those that linger too. None for a task that is about to be made.
+    in_flight: dict[int, asyncio.Task[None] | None] = field(default_factory=dict)
+    #: Those that were cancelled and have not ended.
+    aborted: set[asyncio.Task[None]] = field(default_factory=set)
+
+    def abort(self, t: int) -> None:
+        """Cancel a task; what it still returns is of no use."""
+        task = self.in_flight.pop(t, None)
+        if task is not None:
+            self.aborted.add(task)
+            task.add_done_callback(self.aborted.discard)
+            task.cancel()
+
+
+async def value_of(returned: Any) -> Any:
+    """Local's result."""
+    value = await returned
+    check_value(value, "local", "give an async def, which awaits it")
+    return value
+
+
+async def response_of(cloud: RegisteredCloud, returned: Any) -> Any:
+    """The result of what a handle returned."""
+    check_awaitable(returned, "the handle")
+    response = await returned
+    check_value(response, "the handle", "await it there")
+    value = cloud.response_handler(response)
+    if is_awaitable(value):
+        return await awaited_value(value)
+    check_value(value, "the response handler", "await it there")
+    return value
+
+
+async def awaited_value(value: Awaitable[Any]) -> Any:
+    """The result of a response handler's awaitable."""
+    awaited = await value
+    check_value(awaited, "the response handler", "await it there")
+    return awaited
