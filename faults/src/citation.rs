@@ -11,8 +11,9 @@ use crate::kind::WitnessKind;
 use crate::tree::Tree;
 
 /// Where the code that meets the rules is.
-const CODE: [&str; 9] = [
+const CODE: [&str; 10] = [
     "core/src",
+    "adapters/arbiter/src",
     "adapters/engine/src",
     "adapters/ros2/src",
     "adapters/threads/src",

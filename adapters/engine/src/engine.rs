@@ -15,7 +15,6 @@ use fuseline_core::{Admission, Opening};
 use fuseline_deadline::{End, Situation};
 use fuseline_traces::{Annotations, Input, nanos};
 
-use crate::arbiter::Answer;
 use crate::budget::Budget;
 use crate::config::{EngineConfig, EngineConfigError};
 use crate::counts::{Counting, Counts};
@@ -35,13 +34,15 @@ use crate::recordings::Recordings;
 use crate::sized_arbiter::{ServedFirings, SizedArbiter};
 use crate::sources::{LOCAL, SourceQueues};
 use crate::writer::{Sink, TraceWriter};
+use fuseline_arbiter::Answer;
 
 /// One operator: the core, the values it holds, the queues to its sources, its counts and its
 /// recordings.
 ///
 /// `V` is what sources compute, `R` what is sent to them; the engine looks into neither. Instants are
-/// nanoseconds of the adapter's monotonic clock. After each input, call
-/// [`next_effect`](Self::next_effect) until it returns none.
+/// nanoseconds of the adapter's monotonic clock. Timestamps, priorities and instants are plain numbers and not the core's
+/// types, because any number is a legal input (A18). After each input, call [`next_effect`](Self::next_effect) until it
+/// returns none.
 ///
 /// - constructor: [`new`](Self::new), with an [`EngineConfig`]
 /// - before the first input: [`set_start`](Self::set_start), [`record`](Self::record)
@@ -177,16 +178,14 @@ impl<V, R> Engine<V, R> {
         // E3: local too ends with the budget.
         let left = budget.map(|budget| budget.for_local(at, self.has_substitutes));
         let deadline = deadline.into_iter().chain(left).min().map(nanos);
-        let opening = self.arbiter.open(at, t, deadline, &mut self.firings);
         let instant = if lineage.is_some() { self.instant(at) } else { None };
         let counts_from_now = self.has_doubtful_ages;
         let annotations = || match &lineage {
             Some(lineage) => lineage.annotations(instant, counts_from_now),
             None => Annotations::NONE,
         };
-        let input = Input::Open { at, t, deadline };
-        let now = self.conclude_annotated(&input, annotations, &Answer::Open { t, opening });
-        if let Opening::Refused(why) = opening {
+        let (answer, now) = self.decide_annotated(&Input::Open { at, t, deadline }, annotations);
+        if let Answer::Open { opening: Opening::Refused(why), .. } = answer {
             self.refuse(now, t, why, lineage);
             self.start_waiting(now);
             return false;
@@ -228,9 +227,8 @@ impl<V, R> Engine<V, R> {
         let deadline = self.greatest_deadline.of_offer(deadline, (&self.operator, p), is_cap);
         let Some(deadline) = self.deadline(at, (t, p), deadline, backlog) else { return };
         let (p, deadline) = (p.into(), nanos(deadline));
-        let admission = self.arbiter.offer(at, (t, p), deadline, backlog, &mut self.firings);
-        let input = Input::Offer { at, t, p, deadline, backlog };
-        let now = self.conclude(&input, &Answer::Offer { t, p, admission });
+        let (answer, now) = self.decide(&Input::Offer { at, t, p, deadline, backlog });
+        let Answer::Offer { admission, .. } = answer else { return };
         match (admission, index) {
             (Admission::Refused(why), _) => self.refuse_offer(t, index, why),
             // The core admits only requests to registered clouds.
@@ -266,11 +264,10 @@ impl<V, R> Engine<V, R> {
                 latency.record_local(took);
             }
         }
-        let outcome = self.arbiter.result(at, (t, p.into()), &mut self.firings);
         let input = Input::Result { at, t, p: p.into() };
         let annotations = || Annotations { of, ..Annotations::NONE };
-        let answer = Answer::Result { t, p: p.into(), outcome };
-        let now = self.conclude_annotated(&input, annotations, &answer);
+        let (answer, now) = self.decide_annotated(&input, annotations);
+        let Answer::Result { outcome, .. } = answer else { return };
         self.settle_result(now, (t, p), &outcome, StampedValue { value, of });
         self.start_waiting(now);
     }
@@ -285,9 +282,8 @@ impl<V, R> Engine<V, R> {
         if let Some(index) = index {
             self.ended(at, t, index, End::Failed);
         }
-        let outcome = self.arbiter.fail(at, (t, p.into()), &mut self.firings);
-        let input = Input::Fail { at, t, p: p.into() };
-        let now = self.conclude(&input, &Answer::Fail { t, p: p.into(), outcome });
+        let (answer, now) = self.decide(&Input::Fail { at, t, p: p.into() });
+        let Answer::Fail { outcome, .. } = answer else { return };
         self.settle_failure(now, (t, p), &outcome, &why);
         self.start_waiting(now);
     }
@@ -295,8 +291,7 @@ impl<V, R> Engine<V, R> {
     /// F5: time went by.
     pub fn tick(&mut self, at: u64) {
         self.begin(at);
-        self.arbiter.tick(at, &mut self.firings);
-        let now = self.conclude(&Input::Tick { at }, &Answer::Tick);
+        let (_, now) = self.decide(&Input::Tick { at });
         self.start_waiting(now);
     }
 

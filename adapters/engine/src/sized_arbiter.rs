@@ -3,10 +3,9 @@
 //! A machine's memory, and how many keys it reads where a timer changes, follow from its capacity and not from the window
 //! that it is given. What it answers does not.
 
-use fuseline_core::{Admission, Commit, ConfigError, Firing, OfferRefusal, Opening, Outcome};
-use fuseline_traces::Header;
-
-use crate::arbiter::{Arbiter, CLOUDS};
+use fuseline_arbiter::{Answer, Arbiter, CLOUDS};
+use fuseline_core::{Commit, ConfigError, Firing, OfferRefusal};
+use fuseline_traces::{Header, Input};
 
 /// What fired before the current input, and when it was served.
 pub(crate) type ServedFirings = Vec<(u64, Firing<CLOUDS>)>;
@@ -46,52 +45,10 @@ impl SizedArbiter {
         })
     }
 
-    pub(crate) fn open(
-        &mut self,
-        at: u64,
-        t: u64,
-        deadline: Option<u64>,
-        fired: &mut ServedFirings,
-    ) -> Opening {
+    /// Applies an input; what fired before it is appended to `fired`.
+    pub(crate) fn apply(&mut self, input: &Input, fired: &mut ServedFirings) -> Answer<CLOUDS> {
         let fired = |at, firing: &_| fired.push((at, *firing));
-        of_any_size!(self, arbiter => arbiter.open(at, t, deadline, fired))
-    }
-
-    pub(crate) fn offer(
-        &mut self,
-        at: u64,
-        source: (u64, u64),
-        deadline: u64,
-        backlog: u64,
-        fired: &mut ServedFirings,
-    ) -> Admission {
-        let fired = |at, firing: &_| fired.push((at, *firing));
-        of_any_size!(self, arbiter => arbiter.offer(at, source, deadline, backlog, fired))
-    }
-
-    pub(crate) fn result(
-        &mut self,
-        at: u64,
-        source: (u64, u64),
-        fired: &mut ServedFirings,
-    ) -> Outcome<CLOUDS> {
-        let fired = |at, firing: &_| fired.push((at, *firing));
-        of_any_size!(self, arbiter => arbiter.result(at, source, fired))
-    }
-
-    pub(crate) fn fail(
-        &mut self,
-        at: u64,
-        source: (u64, u64),
-        fired: &mut ServedFirings,
-    ) -> Outcome<CLOUDS> {
-        let fired = |at, firing: &_| fired.push((at, *firing));
-        of_any_size!(self, arbiter => arbiter.fail(at, source, fired))
-    }
-
-    pub(crate) fn tick(&mut self, at: u64, fired: &mut ServedFirings) {
-        let fired = |at, firing: &_| fired.push((at, *firing));
-        of_any_size!(self, arbiter => arbiter.tick(at, fired));
+        of_any_size!(self, arbiter => arbiter.apply(input, fired))
     }
 
     pub(crate) fn next_due(&self) -> Option<u64> {
@@ -124,7 +81,7 @@ impl SizedArbiter {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use fuseline_core::OpenRefusal;
+    use fuseline_core::{OpenRefusal, Opening};
 
     fn sized(window: u16) -> Result<SizedArbiter, ConfigError> {
         let commit = fuseline_traces::Commit::Eager;
@@ -138,10 +95,12 @@ mod tests {
             let mut arbiter = sized(window).unwrap();
             let fired = &mut ServedFirings::new();
             for t in 0..window.into() {
-                assert_eq!(arbiter.open(t, t, None, fired), Opening::Accepted, "{t} of {window}");
+                let answer = arbiter.apply(&Input::Open { at: t, t, deadline: None }, fired);
+                assert_eq!(answer, Answer::Open { t, opening: Opening::Accepted }, "of {window}");
             }
-            let refused = Opening::Refused(OpenRefusal::Full);
-            assert_eq!(arbiter.open(2000, 2000, None, fired), refused, "{window}");
+            let answer = arbiter.apply(&Input::Open { at: 2000, t: 2000, deadline: None }, fired);
+            let opening = Opening::Refused(OpenRefusal::Full);
+            assert_eq!(answer, Answer::Open { t: 2000, opening }, "{window}");
         }
     }
 

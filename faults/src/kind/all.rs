@@ -8,7 +8,7 @@ use crate::citation::{cited_by_harness, cited_by_pytest, cited_by_test, cited_by
 use crate::fault::SeededFault;
 use crate::printed::{read_models, read_pytest, read_steps, read_tests, read_traces};
 
-const ARBITER: &str = "adapters/engine/src/arbiter";
+const ARBITER: &str = "adapters/arbiter/";
 const THREADS: &str = "adapters/threads/src/";
 const GRPC: &str = "adapters/tokio/src/grpc/";
 const OPERATORS: [&str; 2] = ["adapters/engine/", "adapters/tokio/"];
@@ -176,7 +176,7 @@ pub const KINDS: &[WitnessKind] = &[
     WitnessKind {
         name: "part",
         title: "tests of one part of an operator",
-        concerns: |fault| starts_with(fault, &OPERATORS) && !starts_with(fault, &[ARBITER, GRPC]),
+        concerns: |fault| starts_with(fault, &OPERATORS) && !fault.file.starts_with(GRPC),
         suite: &OPERATOR,
         programs: &[
             program("fuseline-engine", "fuseline_engine", &[]),
@@ -190,7 +190,7 @@ pub const KINDS: &[WitnessKind] = &[
     WitnessKind {
         name: "operator",
         title: "tests of whole operators",
-        concerns: |fault| starts_with(fault, &OPERATORS) && !starts_with(fault, &[ARBITER, GRPC]),
+        concerns: |fault| starts_with(fault, &OPERATORS) && !fault.file.starts_with(GRPC),
         suite: &OPERATOR,
         programs: &[
             program("fuseline-tokio", "all_tokio", &["--skip=graphs::", "--skip=floor::"]),
@@ -203,7 +203,7 @@ pub const KINDS: &[WitnessKind] = &[
     WitnessKind {
         name: "graph",
         title: "graphs of operators drawn at random",
-        concerns: |fault| starts_with(fault, &OPERATORS) && !starts_with(fault, &[ARBITER, GRPC]),
+        concerns: |fault| starts_with(fault, &OPERATORS) && !fault.file.starts_with(GRPC),
         suite: &OPERATOR,
         programs: &[program("fuseline-tokio", "all_tokio", &["graphs::", "floor::"])],
         threads: "2",
@@ -237,8 +237,7 @@ pub const KINDS: &[WitnessKind] = &[
         name: "simulation",
         title: "checks of simulated operators",
         concerns: |fault| {
-            let others =
-                [GRPC, ARBITER, "adapters/tokio/src/shared.rs", "adapters/engine/src/workload.rs"];
+            let others = [GRPC, "adapters/tokio/src/shared.rs", "adapters/engine/src/workload.rs"];
             starts_with(fault, &OPERATORS) && !starts_with(fault, &others) || fault.file == RECORDER
         },
         suite: &OPERATOR,

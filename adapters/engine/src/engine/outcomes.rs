@@ -13,7 +13,6 @@ use fuseline_deadline::End;
 use fuseline_traces::{Annotations, DropReason, Input, nanos};
 use tracing::{debug, error, info, warn};
 
-use crate::arbiter::{Answer, CLOUDS, drop_reason, offer_refusal, open_refusal};
 use crate::effect::{Effect, Hint};
 use crate::engine::Engine;
 use crate::event::CountedEvent;
@@ -23,6 +22,7 @@ use crate::outage::OutageLine;
 use crate::policies::PolicyPanic;
 use crate::queue::{AbandonedRequest, Waiting};
 use crate::sources::LOCAL;
+use fuseline_arbiter::{Answer, CLOUDS, drop_reason, offer_refusal, open_refusal};
 
 impl<V, R> Engine<V, R> {
     /// Time comes before the input that carries it.
@@ -73,20 +73,19 @@ impl<V, R> Engine<V, R> {
         Some(chosen.deadline)
     }
 
-    /// Carries out what fired before the input (F0), and records it with the input and its answer;
-    /// returns the instant of the answer.
-    pub(super) fn conclude(&mut self, input: &Input, answer: &Answer<CLOUDS>) -> u64 {
-        self.conclude_annotated(input, || Annotations::NONE, answer)
+    /// Applies an input, carries out what fired before it (F0), and records all of it; returns the answer and its instant.
+    pub(super) fn decide(&mut self, input: &Input) -> (Answer<CLOUDS>, u64) {
+        self.decide_annotated(input, || Annotations::NONE)
     }
 
     /// The same with further keys of the input, which are not made if nothing is recorded.
-    pub(super) fn conclude_annotated(
+    pub(super) fn decide_annotated(
         &mut self,
         input: &Input,
         annotations: impl FnOnce() -> Annotations,
-        answer: &Answer<CLOUDS>,
-    ) -> u64 {
+    ) -> (Answer<CLOUDS>, u64) {
         let mut firings = mem::take(&mut self.firings);
+        let answer = self.arbiter.apply(input, &mut firings);
         for (at, firing) in firings.drain(..) {
             self.fired(at, &firing);
         }
@@ -94,9 +93,9 @@ impl<V, R> Engine<V, R> {
         let now = self.arbiter.now();
         if self.recordings.is_any() {
             let commit = self.arbiter.commit();
-            self.recordings.record((input, &annotations()), (commit, now), answer);
+            self.recordings.record((input, &annotations()), (commit, now), &answer);
         }
-        now
+        (answer, now)
     }
 
     /// When the clock reads so much, if that is known.

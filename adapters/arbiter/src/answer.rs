@@ -3,7 +3,7 @@
 use fuseline_core::{Admission, Commit, Firing, Opening, Outcome, Priority};
 use fuseline_traces::Decision;
 
-use crate::arbiter::reason::{drop_reason, offer_refusal, open_refusal};
+use crate::reason::{drop_reason, offer_refusal, open_refusal};
 
 /// The answer to one input, with what the input was about. `p` is any number, as in a trace (A18).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

@@ -1,0 +1,144 @@
+#![doc = include_str!("../README.md")]
+
+mod answer;
+mod reason;
+
+use fuseline_core::{
+    Admission, Cloud, Commit, ConfigError, Deadline, DropReason, Firing, Fusion, Instant,
+    OfferRefusal, Outcome, Priority, Timestamp,
+};
+use fuseline_traces as trace;
+use fuseline_traces::{Decision, Header, Input};
+
+pub use answer::{Answer, decisions_of};
+pub use reason::{drop_reason, offer_refusal, open_refusal};
+
+/// The most clouds that a header may have.
+pub const CLOUDS: usize = 15;
+
+/// One operator's machine: takes the numbers of a trace, answers in the core's types.
+///
+/// Timestamps, priorities and instants are plain numbers here, and the core's newtypes begin behind it: any number is a legal
+/// input (A18), also a priority that no cloud can have. Instants and durations are nanoseconds. The default capacities suffice
+/// for any [`Header`]. Two arbiters are equal if their machines are.
+///
+/// - constructor: [`new`](Self::new)
+/// - inputs: [`apply`](Self::apply) answers in types, [`decide`](Self::decide) in the decisions of a trace
+/// - questions: [`next_due`](Self::next_due), [`now`](Self::now),
+///   [`offer_refusal`](Self::offer_refusal), [`fusion`](Self::fusion)
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub struct Arbiter<const CLOUDS: usize = 15, const WINDOW: usize = 1024> {
+    /// Boxed: the largest takes 178 KiB.
+    fusion: Box<Fusion<CLOUDS, WINDOW>>,
+}
+
+impl<const CLOUDS: usize, const WINDOW: usize> Arbiter<CLOUDS, WINDOW> {
+    /// A machine with this configuration and nothing open.
+    ///
+    /// # Errors
+    /// The first [`ConfigError`] that holds.
+    pub fn new(header: &Header) -> Result<Self, ConfigError> {
+        let cloud = |cloud: &trace::Cloud| Cloud {
+            priority: Priority::new(cloud.p),
+            limit: cloud.limit,
+            resume: cloud.resume,
+        };
+        let clouds: Vec<Cloud> = header.clouds.iter().map(cloud).collect();
+        let commit = match header.commit {
+            trace::Commit::Eager => Commit::Eager,
+            trace::Commit::Patient => Commit::Patient,
+            trace::Commit::Progressive => Commit::Progressive,
+        };
+        Ok(Self { fusion: Box::new(Fusion::new(usize::from(header.window), commit, &clouds)?) })
+    }
+
+    /// Applies an input. Before its answer, gives every firing (F5) to `fired`, with the instant at which it is served.
+    pub fn apply(
+        &mut self,
+        input: &Input,
+        mut fired: impl FnMut(u64, &Firing<CLOUDS>),
+    ) -> Answer<CLOUDS> {
+        // F0: timers are served at the clock's instant, which never goes back.
+        let served = self.now().max(input.at());
+        let now = Instant::from_nanos(input.at());
+        let mut ready = self.fusion.ready(now, |firing| fired(served, &firing));
+        match *input {
+            Input::Open { t, deadline, .. } => {
+                let deadline = deadline.map(Deadline::from_nanos);
+                Answer::Open { t, opening: ready.open(Timestamp::new(t), deadline) }
+            }
+            Input::Offer { t, p, deadline, backlog, .. } => {
+                let deadline = Deadline::from_nanos(deadline);
+                let admission = match priority(p) {
+                    Some(known) => ready.offer(Timestamp::new(t), known, deadline, backlog),
+                    // F2 unknown: a priority beyond 16 bits cannot be registered.
+                    None => Admission::Refused(OfferRefusal::Unknown),
+                };
+                Answer::Offer { t, p, admission }
+            }
+            Input::Result { t, p, .. } => {
+                let outcome = match priority(p) {
+                    Some(known) => ready.result(Timestamp::new(t), known),
+                    // F3 unknown: as for an offer.
+                    None => Outcome::Dropped(DropReason::Unknown),
+                };
+                Answer::Result { t, p, outcome }
+            }
+            Input::Fail { t, p, .. } => {
+                let outcome = match priority(p) {
+                    Some(known) => ready.fail(Timestamp::new(t), known),
+                    // F4 unknown: as for a result.
+                    None => Outcome::Dropped(DropReason::Unknown),
+                };
+                Answer::Fail { t, p, outcome }
+            }
+            Input::Tick { .. } => Answer::Tick,
+        }
+    }
+
+    /// Applies an input and gives its decisions to `decide`, in the order of the trace.
+    pub fn decide(&mut self, input: &Input, mut decide: impl FnMut(Decision)) {
+        let answer = self.apply(input, |at, firing| decisions_of(at, firing, &mut decide));
+        answer.decisions(self.fusion.commit(), self.now(), decide);
+    }
+
+    /// The earliest instant, in ns, at which a timer is due; none if no timer is armed. Tick then.
+    #[must_use]
+    pub fn next_due(&self) -> Option<u64> {
+        self.fusion.next_due().map(Instant::as_nanos)
+    }
+
+    /// The machine's clock, in ns.
+    #[must_use]
+    pub fn now(&self) -> u64 {
+        self.fusion.now().as_nanos()
+    }
+
+    /// F2: why an offer would be refused as things stand, or none if it would be admitted; changes
+    /// nothing.
+    ///
+    /// What is due after [`now`](Self::now) has not fired yet: [`tick`](Self::tick) first.
+    #[must_use]
+    pub fn offer_refusal(
+        &self,
+        (t, p): (u64, u64),
+        deadline: u64,
+        backlog: u64,
+    ) -> Option<OfferRefusal> {
+        // F2 unknown: as for an offer.
+        let Some(p) = priority(p) else { return Some(OfferRefusal::Unknown) };
+        let deadline = Deadline::from_nanos(deadline);
+        self.fusion.offer_refusal(Timestamp::new(t), p, deadline, backlog)
+    }
+
+    /// The machine, for further questions.
+    #[must_use]
+    pub fn fusion(&self) -> &Fusion<CLOUDS, WINDOW> {
+        &self.fusion
+    }
+}
+
+/// A numbered priority, if it can be registered (A18).
+fn priority(p: u64) -> Option<Priority> {
+    u16::try_from(p).ok().map(Priority::new)
+}
