@@ -19,16 +19,15 @@ impl AnnotatedAnswers {
         annotations: &Annotations,
         answer: &mut Vec<u8>,
     ) {
-        if self.values.is_idle(annotations.of) {
+        if self.values.is_idle(annotations.value()) {
             return decide(arbiter, input, answer);
         }
         self.decisions.clear();
         arbiter.decide(input, |decision| self.decisions.push(decision));
-        self.values.apply(input, annotations.of, self.decisions.iter());
+        self.values.apply(input, annotations.value(), self.decisions.iter());
         for decision in &self.decisions {
-            let of = self.values.of(decision);
-            let sent = Annotations { of, ..Annotations::NONE };
-            Event::Decision(*decision).write_annotated(&sent, answer);
+            let sent = self.values.sent(decision);
+            Event::Decision(*decision).write_annotated(&sent.into(), answer);
             answer.push(b'\n');
         }
     }

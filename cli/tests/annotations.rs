@@ -92,6 +92,49 @@ fn attempts_are_of_observed_traces() {
     }
 }
 
+/// D18: as a robot acts on the chunk of observation 0, which holds an action for each tick.
+#[test]
+fn a_spliced_chunk_breaks_d18() {
+    let mut lines = vec![WITH_CHUNKS.to_owned()];
+    for t in 1..=12_u64 {
+        let at = t * 33_000_000;
+        let came = at + 5_000_000;
+        lines.push(format!(r#"{{"ev":"open","at":{at},"t":{t}}}"#));
+        lines.push(format!(r#"{{"ev":"request","at":{at},"t":{t},"p":1,"deadline":30000000}}"#));
+        let value = |meant: u64| format!(r#""at":{came},"t":{t},"p":1,"of":0,"for":{meant}"#);
+        let meant = if t < 9 { t } else { t + 12 };
+        lines.push(format!(r#"{{"ev":"result",{}}}"#, value(meant)));
+        lines.push(format!(r#"{{"ev":"emit",{}}}"#, value(meant)));
+    }
+    let judged = |trace: &str| {
+        let slack = ["--observed", "--tolerance", "1ms", "--lateness", "5ms"];
+        let ran = run(&[&["check", "--json"], &slack[..]].concat(), trace);
+        let verdict: Value = serde_json::from_str(out(&ran)).unwrap();
+        let broken = verdict["violations"].as_array().unwrap().iter();
+        (
+            broken.map(|it| (it["rule"].clone(), it["t"].clone())).collect::<Vec<_>>(),
+            ran.status.code(),
+        )
+    };
+    let spliced = lines.join("\n") + "\n";
+    let expected = [9, 10, 11, 12].map(|t| ("D18".into(), t.into())).to_vec();
+    assert_eq!(judged(&spliced), (expected, Some(1)));
+    let right = (21..=24).fold(spliced.clone(), |trace, meant| {
+        trace.replace(&format!("\"for\":{meant}"), &format!("\"for\":{}", meant - 12))
+    });
+    assert_eq!(judged(&right), (Vec::new(), Some(0)));
+    // Without the key it is judged as ever.
+    let silent = |line: &str| line.split_once(",\"for\"").map(|(of, _)| format!("{of}}}"));
+    let without = spliced.lines().map(|line| silent(line).unwrap_or_else(|| line.to_owned()));
+    let without = without.collect::<Vec<_>>().join("\n") + "\n";
+    assert_eq!(judged(&without), (Vec::new(), Some(0)));
+}
+
+const WITH_CHUNKS: &str = concat!(
+    r#"{"fuseline":1,"window":16,"local":"none","#,
+    r#""clouds":[{"p":1,"name":"policy","limit":8,"max_age":30}]}"#
+);
+
 /// A50.
 #[test]
 fn a_tolerance_may_be_that_of_one_source() {

@@ -57,8 +57,8 @@ impl From<Rule> for Claim {
             Rule::F4 => Self::F4,
             Rule::F5 => Self::F5,
             Rule::F6 => Self::F6,
-            // No input of a model says whose value it brings, so no decision is demanded by D2; it is about what F7 sends.
-            Rule::F7 | Rule::D2 => Self::F7,
+            // No input of a model says whose value it brings, so none demands D2 or D18; they are about what F7 sends.
+            Rule::F7 | Rule::D2 | Rule::D18 => Self::F7,
             Rule::F9 => Self::F9,
             Rule::P1 => Self::P1,
         }

@@ -12,6 +12,8 @@ use std::sync::Arc;
 pub struct Annotations {
     /// `of`, on a result or an emit: of which timestamp this value is, as the reply says.
     pub of: Option<u64>,
+    /// `for`, on a result or an emit: for which timestamp this value is meant, as the reply says.
+    pub meant_for: Option<u64>,
     /// `try`, on a request, a result or a failure of an observed trace: which attempt of the request it is about.
     pub attempt: Option<u8>,
     /// `within`, on an open: the message's own deadline in nanoseconds, from its capture where its age is known, else from
@@ -23,6 +25,15 @@ pub struct Annotations {
     pub origin: Option<Origin>,
     /// `missing`, on an open: the inputs of joins on its way that nothing came from.
     pub missing: Vec<Arc<str>>,
+}
+
+/// What a result or an emit says of its value (D2, D18).
+#[derive(Clone, Copy, PartialEq, Eq, Default, Debug)]
+pub struct ValueKeys {
+    /// `of`: of which timestamp it is.
+    pub of: Option<u64>,
+    /// `for`: for which timestamp it is meant.
+    pub meant_for: Option<u64>,
 }
 
 /// The sensor's message that an operator's message came from.
@@ -47,6 +58,7 @@ impl Annotations {
     /// None of them.
     pub const NONE: Self = Self {
         of: None,
+        meant_for: None,
         attempt: None,
         within: None,
         age: None,
@@ -57,13 +69,20 @@ impl Annotations {
     /// Whether there is none.
     #[must_use]
     pub const fn is_empty(&self) -> bool {
-        let Self { of, attempt, within, age, origin, missing } = self;
+        let Self { of, meant_for, attempt, within, age, origin, missing } = self;
         of.is_none()
+            && meant_for.is_none()
             && attempt.is_none()
             && within.is_none()
             && age.is_none()
             && origin.is_none()
             && missing.is_empty()
+    }
+
+    /// What is said of a value.
+    #[must_use]
+    pub const fn value(&self) -> ValueKeys {
+        ValueKeys { of: self.of, meant_for: self.meant_for }
     }
 
     /// By when the message that is opened at `at` has its output (J2), if it has a deadline of its own.
@@ -72,6 +91,20 @@ impl Annotations {
         let due = u128::from(at) + u128::from(self.within?);
         let due = due.saturating_sub(self.age.unwrap_or(0).into());
         Some(u64::try_from(due).unwrap_or(u64::MAX))
+    }
+}
+
+impl ValueKeys {
+    /// Whether nothing is said.
+    #[must_use]
+    pub const fn is_empty(self) -> bool {
+        self.of.is_none() && self.meant_for.is_none()
+    }
+}
+
+impl From<ValueKeys> for Annotations {
+    fn from(ValueKeys { of, meant_for }: ValueKeys) -> Self {
+        Self { of, meant_for, ..Self::NONE }
     }
 }
 
@@ -96,4 +129,9 @@ pub(crate) fn allowed_values((first, last): (u64, u64)) -> String {
     } else {
         format!("a value of timestamp {first} to {last}")
     }
+}
+
+/// D18: which values may be sent, in words.
+pub(crate) fn meant_value(t: u64) -> String {
+    format!("a value that is meant for timestamp {t}")
 }

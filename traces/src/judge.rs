@@ -8,7 +8,7 @@ use std::io::BufRead;
 
 use serde::Serialize;
 
-use crate::annotations::{Annotations, HeaderAnnotations, allowed_values};
+use crate::annotations::{Annotations, HeaderAnnotations, ValueKeys, allowed_values, meant_value};
 use crate::compact::CompactReference;
 use crate::doubt::{self, Doubt, DoubtKind, DoubtfulMessages};
 use crate::event::{Commit, Decision, Event, Header, Input};
@@ -176,8 +176,10 @@ impl Judge {
         self.recent.push(line, event, annotations);
         self.verdict.lines = line;
         match event {
-            Event::Input(input) => self.demand(line, input, annotations.of),
-            Event::Decision(decision) if !self.differs => self.compare(decision, annotations.of),
+            Event::Input(input) => self.demand(line, input, annotations.value()),
+            Event::Decision(decision) if !self.differs => {
+                self.compare(decision, annotations.value());
+            }
             Event::Decision(_) => {}
         }
     }
@@ -214,7 +216,7 @@ impl Judge {
     pub fn finish_ended(mut self) -> Verdict {
         self.close("no decision; the trace ends");
         while let Some(at) = self.reference.next_due() {
-            self.demand(self.verdict.lines, &Input::Tick { at }, None);
+            self.demand(self.verdict.lines, &Input::Tick { at }, ValueKeys::default());
             self.close("no decision; the run has ended");
         }
         // P7: what is open without a timer waits for local.
@@ -230,15 +232,15 @@ impl Judge {
         self.verdict.accepting(&[])
     }
 
-    /// Applies an input to the reference machine; `of` is what it says of its value.
-    fn demand(&mut self, line: u64, input: &Input, of: Option<u64>) {
+    /// Applies an input to the reference machine; `value` is what it says of its value.
+    fn demand(&mut self, line: u64, input: &Input, value: ValueKeys) {
         self.demands.clear();
         self.met = 0;
         self.differs = false;
         self.input = Some((line, *input));
         self.reference.apply(input, &mut self.demands);
-        if !self.values.is_idle(of) {
-            self.values.apply(input, of, self.demands.iter().map(|(decision, _)| decision));
+        if !self.values.is_idle(value) {
+            self.values.apply(input, value, self.demands.iter().map(|(decision, _)| decision));
         }
         for (decision, _) in &self.demands {
             match decision {
@@ -264,13 +266,13 @@ impl Judge {
         }
     }
 
-    /// Compares a decision with the one demanded now; `of` is what it says of its value.
-    fn compare(&mut self, found: &Decision, of: Option<u64>) {
+    /// Compares a decision with the one demanded now; `value` is what it says of its value.
+    fn compare(&mut self, found: &Decision, value: ValueKeys) {
         let demand = self.demands.get(self.met).copied();
         if demand.is_some_and(|(expected, _)| expected == *found) {
             self.met += 1;
-            if of.is_some() || !self.values.is_idle(None) {
-                self.compare_value(found, of);
+            if !self.values.is_idle(value) {
+                self.compare_value(found, value);
             }
             return;
         }
@@ -282,17 +284,22 @@ impl Judge {
         self.differ(Some(*found), demand, lack);
     }
 
-    /// D2: an emit says of its value what the result that it sends said, and the value is not too old.
-    fn compare_value(&mut self, found: &Decision, of: Option<u64>) {
+    /// D2, D18: an emit says of its value what the result that it sends said, and the value is not too old and meant for this
+    /// timestamp.
+    fn compare_value(&mut self, found: &Decision, value: ValueKeys) {
         let Decision::Emit { t, p, .. } = *found else { return };
-        let written =
-            |of| Event::Decision(*found).annotated(&Annotations { of, ..Annotations::NONE });
-        let expected = self.values.of(found);
+        let written = |value: ValueKeys| Event::Decision(*found).annotated(&value.into());
+        let expected = self.values.sent(found);
         let allowed = self.annotations.values_of(t, p);
-        if of != expected {
-            self.violate(Some(t), Rule::D2, || (written(of), written(expected)));
+        let ValueKeys { of, meant_for } = value;
+        if of != expected.of {
+            self.violate(Some(t), Rule::D2, || (written(value), written(expected)));
         } else if of.is_some_and(|of| of < allowed.0 || of > allowed.1) {
-            self.violate(Some(t), Rule::D2, || (written(of), allowed_values(allowed)));
+            self.violate(Some(t), Rule::D2, || (written(value), allowed_values(allowed)));
+        } else if meant_for != expected.meant_for {
+            self.violate(Some(t), Rule::D18, || (written(value), written(expected)));
+        } else if meant_for.is_some_and(|it| it != t) {
+            self.violate(Some(t), Rule::D18, || (written(value), meant_value(t)));
         }
     }
 

@@ -24,7 +24,7 @@ mod values;
 mod word;
 mod write;
 
-pub use annotations::{Annotations, HeaderAnnotations, Origin};
+pub use annotations::{Annotations, HeaderAnnotations, Origin, ValueKeys};
 pub use doubt::{Doubt, DoubtKind};
 pub use duration::nanos;
 pub use event::{Cloud, Commit, Decision, Event, Header, Input, Line, VERSION};

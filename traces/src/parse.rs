@@ -41,8 +41,16 @@ pub(crate) struct LineAnnotations {
 }
 
 /// The keys that become an event's [`Annotations`].
-const ANNOTATIONS: Keys =
-    Keys::of(&[Key::Of, Key::Try, Key::Within, Key::Age, Key::Origin, Key::Seq, Key::Missing]);
+const ANNOTATIONS: Keys = Keys::of(&[
+    Key::Of,
+    Key::For,
+    Key::Try,
+    Key::Within,
+    Key::Age,
+    Key::Origin,
+    Key::Seq,
+    Key::Missing,
+]);
 
 /// What is wrong with a line, and where.
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
@@ -205,6 +213,7 @@ impl<'a> Fields<'a> {
             | Key::Backlog
             | Key::Due
             | Key::Of
+            | Key::For
             | Key::Within
             | Key::Age
             | Key::Seq => {
@@ -307,6 +316,7 @@ impl<'a> Fields<'a> {
         }
         Ok(Annotations {
             of: given(Key::Of),
+            meant_for: given(Key::For),
             attempt: attempt.map(|attempt| u8::try_from(attempt).unwrap_or(u8::MAX)),
             within: given(Key::Within),
             age: given(Key::Age),

@@ -52,8 +52,8 @@ impl RecentLines {
             self.annotations.remove(&oldest);
         }
         if !annotations.is_empty() {
-            let &Annotations { of, attempt, within, age, origin: _, missing: _ } = annotations;
-            let shown = Annotations { of, attempt, within, age, ..Annotations::NONE };
+            let &Annotations { of, meant_for, attempt, within, age, .. } = annotations;
+            let shown = Annotations { of, meant_for, attempt, within, age, ..Annotations::NONE };
             self.annotations.insert(line, shown);
         }
     }

@@ -31,11 +31,13 @@ pub enum Rule {
     P1,
     /// Its own value.
     D2,
+    /// Meant for its message.
+    D18,
 }
 
 impl Rule {
     /// All that a violation can name.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 13] = [
         Self::F0,
         Self::F1,
         Self::F2,
@@ -48,6 +50,7 @@ impl Rule {
         Self::F9,
         Self::P1,
         Self::D2,
+        Self::D18,
     ];
 
     /// Those that an input and its decisions decide, whatever values come with them.
@@ -81,6 +84,7 @@ impl Rule {
             Self::F9 => "F9",
             Self::P1 => "P1",
             Self::D2 => "D2",
+            Self::D18 => "D18",
         }
     }
 
@@ -145,6 +149,10 @@ impl Rule {
             Self::D2 => {
                 "An item bears the value that its source sent for this timestamp, or for one that \
                  is at most the cloud's max_age before it."
+            }
+            Self::D18 => {
+                "An item bears a value that is meant for its timestamp, if the value says for which \
+                 one it is meant."
             }
         }
     }

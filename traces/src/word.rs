@@ -40,6 +40,7 @@ pub(crate) enum Key {
     Due,
     Why,
     Of,
+    For,
     Try,
     Within,
     Age,
@@ -122,12 +123,12 @@ impl LineKind {
 
     /// The keys that such a line may have: those it must have and some more.
     pub(crate) const fn keys(self, form: Form) -> Keys {
-        use Key::{Age, Commit, Deadline, Missing, Of, Operator, Origin, P, Seq, Within, X};
+        use Key::{Age, Commit, Deadline, For, Missing, Of, Operator, Origin, P, Seq, Within, X};
         let more = match self {
             Self::Header => Keys::of(&[Operator, Commit, X]),
             Self::Open => Keys::of(&[Deadline, Within, Age, Origin, Seq, Missing, X]),
             Self::Refuse => Keys::of(&[P, X]),
-            Self::Result | Self::Emit => Keys::of(&[Of, X]),
+            Self::Result | Self::Emit => Keys::of(&[Of, For, X]),
             Self::Offer
             | Self::Fail
             | Self::Tick
@@ -182,7 +183,7 @@ impl Key {
     pub(crate) const COUNT: usize = Self::ALL.len();
 
     /// All keys, in the order in which they are written.
-    const ALL: [Self; 22] = [
+    const ALL: [Self; 23] = [
         Self::Fuseline,
         Self::Operator,
         Self::Window,
@@ -198,6 +199,7 @@ impl Key {
         Self::Due,
         Self::Why,
         Self::Of,
+        Self::For,
         Self::Try,
         Self::Within,
         Self::Age,
@@ -219,6 +221,7 @@ impl Key {
             "backlog" => Self::Backlog,
             "due" => Self::Due,
             "of" => Self::Of,
+            "for" => Self::For,
             "try" => Self::Try,
             "within" => Self::Within,
             "age" => Self::Age,
@@ -254,6 +257,7 @@ impl Key {
             Self::Due => "due",
             Self::Why => "why",
             Self::Of => "of",
+            Self::For => "for",
             Self::Try => "try",
             Self::Within => "within",
             Self::Age => "age",

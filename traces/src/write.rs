@@ -32,9 +32,10 @@ impl Event {
         }
         // Before the brace that closes the line.
         out.pop();
-        let Annotations { of, attempt, within, age, origin, missing } = annotations;
+        let Annotations { of, meant_for, attempt, within, age, origin, missing } = annotations;
         let attempt = attempt.map(u64::from);
-        for (key, value) in [("of", *of), ("try", attempt), ("within", *within), ("age", *age)] {
+        let numbers = [("of", *of), ("for", *meant_for), ("try", attempt)];
+        for (key, value) in numbers.into_iter().chain([("within", *within), ("age", *age)]) {
             further(out, key, value);
         }
         if let Some(Origin { stream, seq }) = origin {

@@ -109,7 +109,7 @@ fn what_has_no_place_there_is_refused_where_it_stands() {
         ),
         (
             r#"{"ev":"emit","at":1,"t":2,"p":1,"try":1}"#,
-            "2:33: key \"try\" has no place in an emit line; it takes ev, at, t, p, of, x",
+            "2:33: key \"try\" has no place in an emit line; it takes ev, at, t, p, of, for, x",
         ),
         (
             r#"{"ev":"miss","at":1,"t":2,"of":1}"#,
@@ -124,8 +124,8 @@ fn what_has_no_place_there_is_refused_where_it_stands() {
     for (line, message) in cases {
         assert_eq!(refused(true, WITHOUT_LOCAL, line), format!("a.jsonl:{message}"));
     }
-    for key in ["of", "within", "age"] {
-        let event = if key == "of" { r#""emit","p":1"# } else { r#""open""# };
+    for key in ["of", "for", "within", "age"] {
+        let event = if ["of", "for"].contains(&key) { r#""emit","p":1"# } else { r#""open""# };
         for value in ["null", "-1", "1.5", "\"1\"", "18446744073709551616"] {
             let line = format!(r#"{{"ev":{event},"at":1,"t":2,"{key}":{value}}}"#);
             assert!(refused(false, HEADER, &line).contains("a whole number"), "{line}");
@@ -152,13 +152,13 @@ fn any_annotations() -> impl Strategy<Value = (Annotations, bool)> {
     let origin =
         option::of((".{0,9}", n()).prop_map(|(stream, seq)| Origin { stream: stream.into(), seq }));
     let missing = proptest::collection::vec(".{0,9}".prop_map(Arc::from), 0..3);
-    (n(), option::of(any::<u8>()), n(), n(), origin, missing, any::<bool>()).prop_map(
-        |(of, attempt, within, age, origin, missing, is_open)| {
+    (n(), n(), option::of(any::<u8>()), n(), n(), origin, missing, any::<bool>()).prop_map(
+        |(of, meant_for, attempt, within, age, origin, missing, is_open)| {
             if is_open {
                 let opened = Annotations { within, age, origin, missing, ..Annotations::NONE };
                 (opened, true)
             } else {
-                (Annotations { of, attempt, ..Annotations::NONE }, false)
+                (Annotations { of, meant_for, attempt, ..Annotations::NONE }, false)
             }
         },
     )

@@ -8,9 +8,9 @@ use std::path::{Path, PathBuf};
 use fuseline_traces::corpus::CASES;
 use fuseline_traces::observed::{self, Slack};
 use fuseline_traces::{
-    Annotations, Commit, Decision, Doubt, DoubtKind, DropReason, Event, Events, ExpectedDecisions,
-    Header, HeldValues, Input, Judge, Line, OfferRefusal, OpenRefusal, Reference, Rule, Verdict,
-    judge, parse,
+    Commit, Decision, Doubt, DoubtKind, DropReason, Event, Events, ExpectedDecisions, Header,
+    HeldValues, Input, Judge, Line, OfferRefusal, OpenRefusal, Reference, Rule, Verdict, judge,
+    parse,
 };
 use serde::Deserialize;
 
@@ -190,12 +190,11 @@ fn an_emit_says_of_its_value_what_its_result_said() {
             written.push('\n');
             demands.clear();
             machine.apply(&input, &mut demands);
-            values.apply(&input, reader.annotations().of, demands.iter().map(|(it, _)| it));
+            values.apply(&input, reader.annotations().value(), demands.iter().map(|(it, _)| it));
             for (decision, _) in &demands {
-                let of = values.of(decision);
-                emits += u64::from(of.is_some());
-                let annotations = Annotations { of, ..Annotations::NONE };
-                written.push_str(&Event::Decision(*decision).annotated(&annotations));
+                let sent = values.sent(decision);
+                emits += u64::from(!sent.is_empty());
+                written.push_str(&Event::Decision(*decision).annotated(&sent.into()));
                 written.push('\n');
             }
         }

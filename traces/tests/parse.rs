@@ -89,7 +89,7 @@ fn what_is_no_whole_number_is_refused() {
 
 #[test]
 fn keys_that_do_not_fit_the_event_are_refused() {
-    let result = "a result line; it takes ev, at, t, p, of, x";
+    let result = "a result line; it takes ev, at, t, p, of, for, x";
     refused(&[
         (
             b"{\"ev\":\"result\",\"at\":1,\"tt\":2,\"p\":0}",

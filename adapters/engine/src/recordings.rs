@@ -45,8 +45,8 @@ impl Recordings {
     ) {
         answer.decisions(commit, now, |decision| self.decisions.push(decision));
         let Self { writers, decisions, values } = self;
-        if !values.is_idle(annotations.of) {
-            values.apply(input, annotations.of, decisions.iter());
+        if !values.is_idle(annotations.value()) {
+            values.apply(input, annotations.value(), decisions.iter());
         }
         for writer in writers {
             writer.record((input, annotations), decisions, values);

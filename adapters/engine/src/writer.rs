@@ -95,9 +95,8 @@ impl TraceWriter {
         let was_few = waiting.lines.events.len() < LINES;
         waiting.lines.push(Event::Input(*input), annotations);
         for decision in decisions {
-            let of = values.of(decision);
-            let annotations = Annotations { of, ..Annotations::NONE };
-            waiting.lines.push(Event::Decision(*decision), &annotations);
+            let sent = values.sent(decision);
+            waiting.lines.push(Event::Decision(*decision), &sent.into());
         }
         let are_many = was_few && waiting.lines.events.len() >= LINES;
         drop(waiting);

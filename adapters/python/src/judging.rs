@@ -17,16 +17,8 @@ use crate::reading::with_trace;
 use crate::time::Nanos;
 
 /// A verdict's fields in the order of `fuseline.Verdict`, its violations' likewise.
-pub(crate) type VerdictFields = (
-    String,
-    bool,
-    u64,
-    u64,
-    Vec<ViolationFields>,
-    u64,
-    Vec<DoubtFields>,
-    Option<String>,
-);
+pub(crate) type VerdictFields =
+    (String, bool, u64, u64, Vec<ViolationFields>, u64, Vec<DoubtFields>, Option<String>);
 /// Kind, count, what was found, and the first message.
 pub(crate) type DoubtFields = (&'static str, u64, String, Option<u64>);
 pub(crate) type ViolationFields =
@@ -247,11 +239,11 @@ pub(crate) fn replay<'py>(
                 out.push(b'\n');
                 decisions.clear();
                 arbiter.decide(&input, |decision| decisions.push(decision));
-                // D2: an emit says of its value what the result that it sends said.
-                values.apply(&input, reader.annotations().of, decisions.iter());
+                // D2, D18: an emit says of its value what the result that it sends said.
+                values.apply(&input, reader.annotations().value(), decisions.iter());
                 for decision in &decisions {
-                    let sent = Annotations { of: values.of(decision), ..Annotations::NONE };
-                    Event::Decision(*decision).write_annotated(&sent, &mut out);
+                    let sent = values.sent(decision);
+                    Event::Decision(*decision).write_annotated(&sent.into(), &mut out);
                     out.push(b'\n');
                 }
             }
@@ -312,7 +304,7 @@ fn row(line: u64, event: &Event, annotations: &Annotations) -> Row {
         },
     };
     let further = (!annotations.is_empty()).then(|| {
-        let Annotations { of, attempt, within, age, origin, missing } = annotations.clone();
+        let Annotations { of, attempt, within, age, origin, missing, .. } = annotations.clone();
         let (stream, seq) = match origin {
             Some(Origin { stream, seq }) => (Some(stream.as_ref().to_owned()), seq),
             None => (None, None),

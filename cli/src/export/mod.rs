@@ -169,8 +169,8 @@ fn write(
         }
         let annotations = reader.annotations();
         writer.event(&event, annotations).map_err(Fault::Output)?;
-        let Annotations { of, attempt, within, .. } = annotations;
-        has_keys |= of.is_some() || attempt.is_some() || within.is_some();
+        let Annotations { attempt, within, .. } = annotations;
+        has_keys |= !annotations.value().is_empty() || attempt.is_some() || within.is_some();
     }
     let lost = writer.left_out();
     writer.finish().map_err(Fault::Output)?;

@@ -10,7 +10,7 @@ use super::gap::Opened;
 use super::slack::SourceSlack;
 use super::story::MessageHistory;
 use super::window::WaitingChange;
-use crate::annotations::Annotations;
+use crate::annotations::{Annotations, ValueKeys};
 use crate::event::{Commit, Decision, Event, Input};
 use crate::reason::DropReason;
 
@@ -59,8 +59,8 @@ pub(super) struct ObservedOutput {
     /// Whose result was sent; none for a miss.
     pub(super) p: Option<u64>,
     pub(super) at: u64,
-    /// Of which timestamp its value is, as it says itself.
-    pub(super) of: Option<u64>,
+    /// Of which timestamp its value is, and for which one it is meant, as it says itself.
+    pub(super) value: ValueKeys,
     pub(super) line: u64,
 }
 
@@ -74,6 +74,8 @@ struct RequestClosing {
     attempt: Option<u8>,
     /// Of which timestamp a result's value is.
     of: Option<u64>,
+    /// Whether a result's value is meant for this timestamp, if it says for which one it is.
+    is_meant: Option<bool>,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
@@ -81,6 +83,17 @@ struct Dropped {
     p: u64,
     at: u64,
     is_unknown: bool,
+}
+
+/// What a result says of its value.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) struct ResultValue {
+    pub(super) p: u64,
+    pub(super) at: u64,
+    /// Of which timestamp it is.
+    pub(super) of: Option<u64>,
+    /// Whether it is meant for this timestamp.
+    pub(super) is_meant: Option<bool>,
 }
 
 /// All that was observed of a timestamp, put together.
@@ -91,8 +104,8 @@ pub(super) struct WholeMessageHistory<'a> {
     pub(super) outputs: &'a [ObservedOutput],
     /// Which of them were said to be the last, with its lines (F9).
     pub(super) finals: &'a [ObservedOutput],
-    /// Of which timestamps the values of results are: source, instant, and none if the result does not say.
-    pub(super) values: Vec<(u64, u64, Option<u64>)>,
+    /// What results say of their values, if any does.
+    pub(super) values: Vec<ResultValue>,
     /// By when the message's own deadline wants an output (J2).
     pub(super) due: Option<u64>,
     /// Whether anything of it failed, an attempt among others too.
@@ -121,17 +134,20 @@ impl OpenMessageHistory {
         self.line = line;
         let known = |p| if p == 0 || is_cloud(p) { p } else { STRANGER };
         let &Annotations { of, attempt, .. } = annotations;
+        let value = annotations.value();
         match *event {
             Event::Input(Input::Open { at, deadline, .. }) => {
                 let begins = !self.is_opened() && !self.has_come_out();
                 self.opens.push(OpenTimestamp { at, deadline, due: annotations.due(at), line });
                 return if begins { WaitingChange::Begins } else { WaitingChange::None };
             }
-            Event::Input(Input::Result { at, p, .. }) => {
-                self.comes(RequestClosing::new(known(p), at, true, attempt, of));
+            Event::Input(Input::Result { at, t, p }) => {
+                let is_meant = annotations.meant_for.map(|meant| meant == t);
+                let came = RequestClosing::new(known(p), at, true, attempt);
+                self.comes(RequestClosing { of, is_meant, ..came });
             }
             Event::Input(Input::Fail { at, p, .. }) => {
-                self.comes(RequestClosing::new(known(p), at, false, attempt, None));
+                self.comes(RequestClosing::new(known(p), at, false, attempt));
             }
             Event::Decision(Decision::Request { at, p, due, .. }) if is_cloud(p) => {
                 self.requests(RequestAttempt { p, at, due, attempt });
@@ -149,14 +165,18 @@ impl OpenMessageHistory {
                 | DropReason::Late => {}
             },
             Event::Decision(Decision::Emit { at, p, .. }) => {
-                return self.puts_out(ObservedOutput { p: Some(p), at, of, line }, most);
+                return self.puts_out(ObservedOutput { p: Some(p), at, value, line }, most);
             }
             Event::Decision(Decision::Miss { at, .. }) => {
-                return self.puts_out(ObservedOutput { p: None, at, of: None, line }, most);
+                return self.puts_out(
+                    ObservedOutput { p: None, at, value: ValueKeys::default(), line },
+                    most,
+                );
             }
             Event::Decision(Decision::Final { at, p, .. }) => {
                 let change = self.stops_waiting();
-                keep(&mut self.finals, 1, ObservedOutput { p: Some(p), at, of: None, line });
+                let value = ValueKeys::default();
+                keep(&mut self.finals, 1, ObservedOutput { p: Some(p), at, value, line });
                 return change;
             }
             Event::Input(Input::Offer { .. } | Input::Tick { .. })
@@ -202,8 +222,13 @@ impl OpenMessageHistory {
             let (mut seen, mut kept) = (BTreeSet::new(), BTreeSet::new());
             self.came.retain(|came| {
                 let is_newest = came.is_result && newest.get(&came.p) == Some(&came.value_order());
-                seen.insert((came.p, came.is_result, came.is_superseded, came.attempt))
-                    || came.at >= until
+                seen.insert((
+                    came.p,
+                    came.is_result,
+                    came.is_superseded,
+                    came.attempt,
+                    came.is_meant,
+                )) || came.at >= until
                     || (is_newest && kept.insert(came.p))
             });
         }
@@ -333,16 +358,16 @@ impl OpenMessageHistory {
         let is_none = |came: &&RequestClosing| {
             (came.is_superseded || is_refused) && before(came.at, slack.tolerance_of(came.p))
         };
-        let says_of = self.outputs.iter().any(|output| output.of.is_some())
-            || self.came.iter().any(|came| came.of.is_some());
+        let says = self.outputs.iter().any(|output| !output.value.is_empty())
+            || self.came.iter().any(|came| came.of.is_some() || came.is_meant.is_some());
         let (mut results, mut failures, mut values) = (Vec::new(), Vec::new(), Vec::new());
         for came in self.came.iter().filter(|came| !is_none(came)) {
-            let RequestClosing { p, at, attempt, of, .. } = *came;
+            let RequestClosing { p, at, attempt, of, is_meant, .. } = *came;
             if came.is_result {
                 results.push((p, at));
                 // Where nothing says whose value it is, nothing is to be compared.
-                if says_of {
-                    values.push((p, at, of));
+                if says {
+                    values.push(ResultValue { p, at, of, is_meant });
                 }
             } else {
                 failures.push(AttemptFailure { p, at, attempt });
@@ -442,7 +467,7 @@ impl OpenMessageHistory {
     /// A drop line is about all that came of the source at its instant, in whatever order the lines stand.
     fn drops(&mut self, p: u64, at: u64, is_unknown: bool) {
         self.dropped.insert(Dropped { p, at, is_unknown });
-        let first = RequestClosing::new(p, at, false, None, None);
+        let first = RequestClosing::new(p, at, false, None);
         let dropped: Vec<RequestClosing> = self
             .came
             .range(first..)
@@ -476,8 +501,8 @@ impl OpenTimestamp {
 }
 
 impl RequestClosing {
-    const fn new(p: u64, at: u64, is_result: bool, attempt: Option<u8>, of: Option<u64>) -> Self {
-        Self { p, at, is_result, is_superseded: false, attempt, of }
+    const fn new(p: u64, at: u64, is_result: bool, attempt: Option<u8>) -> Self {
+        Self { p, at, is_result, is_superseded: false, attempt, of: None, is_meant: None }
     }
 
     const fn value_order(&self) -> ValueOrder {

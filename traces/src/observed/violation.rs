@@ -9,7 +9,7 @@ use super::open::{ObservedOutput, WholeMessageHistory};
 use super::slack::SourceSlack;
 use super::story::{AllowedOutput, MessageHistory};
 use super::verdict::BrokenRule;
-use crate::annotations::{Annotations, HeaderAnnotations, allowed_values};
+use crate::annotations::{HeaderAnnotations, ValueKeys, allowed_values, meant_value};
 use crate::event::{Commit, Decision, Event};
 use crate::rule::Rule;
 
@@ -130,7 +130,7 @@ pub(super) fn of_story(
     })
 }
 
-/// D2: whose value it is that was sent.
+/// D2, D18: whose value it is that was sent, and what it is meant for.
 fn of_value(
     t: u64,
     whole: &WholeMessageHistory,
@@ -138,28 +138,34 @@ fn of_value(
     annotations: &HeaderAnnotations,
     slack: &SourceSlack,
 ) -> Option<UnlocatedViolation> {
-    let ObservedOutput { p: Some(p), at, of, line } = *output else { return None };
+    let ObservedOutput { p: Some(p), at, value, line } = *output else { return None };
+    let ValueKeys { of, meant_for } = value;
     // What certainly came later was not sent.
     let by = at.saturating_add(slack.tolerance()).saturating_add(slack.tolerance_of(p));
-    let came = whole.values.iter().filter(|(q, came, _)| *q == p && *came <= by);
+    let came = whole.values.iter().filter(|result| result.p == p && result.at <= by);
     // The latest that it can be of, if each result says of which timestamp its value is.
-    let values: Option<Vec<u64>> = came.map(|(.., of)| *of).collect();
+    let values: Option<Vec<u64>> = came.clone().map(|result| result.of).collect();
     let latest = values.unwrap_or_default().into_iter().max();
     let allowed = annotations.values_of(t, p);
     let is_allowed = |of: u64| allowed.0 <= of && of <= allowed.1;
-    let expected = match (of, latest) {
-        (Some(of), _) if !is_allowed(of) => allowed_values(allowed),
+    // Whether each of them is meant for another timestamp.
+    let mut meant = came.map(|result| result.is_meant == Some(false)).peekable();
+    let is_astray = meant.peek().is_some() && meant.all(|is_other| is_other);
+    let (rule, expected) = match (of, latest) {
+        (Some(of), _) if !is_allowed(of) => (Rule::D2, allowed_values(allowed)),
         (Some(of), Some(latest)) if of > latest => {
-            format!("of {latest} or less: no result of p {p} had a later value")
+            (Rule::D2, format!("of {latest} or less: no result of p {p} had a later value"))
         }
         (None, Some(latest)) if !is_allowed(latest) => {
-            format!("{}; the result's was of {latest}", allowed_values(allowed))
+            (Rule::D2, format!("{}; the result's was of {latest}", allowed_values(allowed)))
         }
+        _ if meant_for.is_some_and(|it| it != t) => (Rule::D18, meant_value(t)),
+        _ if is_astray => (Rule::D18, format!("{}; no result of p {p} had one", meant_value(t))),
         _ => return None,
     };
     let emit = Event::Decision(Decision::Emit { at, t, p });
-    let found = emit.annotated(&Annotations { of, ..Annotations::NONE });
-    Some(UnlocatedViolation::new(Rule::D2, line, found, expected))
+    let found = emit.annotated(&value.into());
+    Some(UnlocatedViolation::new(rule, line, found, expected))
 }
 
 /// J2: what came out later than the message's own deadline, or nothing by then.
