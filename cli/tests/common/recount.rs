@@ -29,8 +29,6 @@ pub(crate) enum RecountedEnd {
 
 /// An accepted message.
 pub(crate) struct RecountedSpan {
-    /// Which event opens it.
-    pub(crate) index: usize,
     pub(crate) t: u64,
     pub(crate) opened: u64,
     pub(crate) deadline: Option<u64>,
@@ -77,7 +75,6 @@ impl DrawnTrace {
                         let annotations = annotations.clone();
                         let (by, sent, end, opened) = (None, None, None, at);
                         messages.push(RecountedSpan {
-                            index,
                             t,
                             opened,
                             deadline,
