@@ -615,3 +615,34 @@ fn instants_beyond_a_trace_are_refused() {
         "{message}"
     );
 }
+
+/// Three things that a newcomer took for the operator's faults.
+#[test]
+fn explain_says_what_would_mislead() {
+    let message = |t: u64| {
+        let at = t * 100;
+        let (by, sent) = if t == 3 { ("cpu", at + 180) } else { ("gpu", at + 151) };
+        let result = at + 150;
+        format!(
+            "{at},open,{t},,None\n{at},request,{t},gpu,180\n{result},result,{t},gpu,\n{sent},emit,{t},{by},\n"
+        )
+    };
+    let log = "at,ev,t,p,deadline\n".to_owned() + &(0..4).map(message).collect::<String>();
+    let dir = folder("log.csv", &log);
+    let file = dir.path().join("log.csv").display().to_string();
+    let explain = |more: &[&str]| {
+        let args = ["convert", "--explain", "--sort", "--unit", "ms", &file];
+        let done = run(&[&args[..], more].concat(), "");
+        assert_eq!(done.status.code(), Some(0), "{}", err(&done));
+        out(&done).to_owned()
+    };
+    assert!(explain(&[]).contains("say so with --missing=None"), "{}", explain(&[]));
+    let screen = explain(&["--missing", "None"]);
+    for part in [
+        "outputs of a source without a request, a result or a failure: 1 (line 17: cpu); if it is local, say so with \
+         --local cpu",
+        "--period 100ms adds that messages come in time, but takes the end of the log, 180 ms after its last message, for a gap",
+    ] {
+        assert!(screen.contains(part), "{part} is not in\n{screen}");
+    }
+}

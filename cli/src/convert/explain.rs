@@ -118,6 +118,8 @@ struct Facts {
     /// The step of the clock, and the period of messages.
     step: i128,
     period: Option<i128>,
+    /// The longest time from a run's last message to its end.
+    end: i128,
 }
 
 /// What a log says of a source.
@@ -187,6 +189,8 @@ impl Facts {
             );
         }
         self.period = self.period.or(median(&run.periods()));
+        let last = run.of("open").last().zip(run.entries.last());
+        self.end = self.end.max(last.map_or(0, |(open, end)| end.at - open.at));
     }
 
     fn shortest_deadline(&self) -> Option<i128> {
@@ -254,9 +258,13 @@ impl Facts {
             );
             screen.line("", &warning);
         }
-        if let Some(period) = self.period {
-            let period = option(up_to(period, 100));
-            screen.line("", &format!("--period {period} adds that messages come in time"));
+        if let Some(period) = self.period.map(|period| up_to(period, 100)) {
+            let adds = format!("--period {} adds that messages come in time", option(period));
+            let end = Some(shown(self.end)).filter(|_| self.end > period + unnoticed);
+            let but = end.map(|end| {
+                format!(", but takes the end of the log, {end} after its last message, for a gap")
+            });
+            screen.line("", &(adds + but.as_deref().unwrap_or_default()));
         }
     }
 }

@@ -1,6 +1,6 @@
 //! [`Log`]: the events of a whole log, on their way to one trace, or to one for each run.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use crate::convert::Args;
 use crate::convert::entry::{Entry, Sources};
@@ -31,6 +31,7 @@ const MIXED: &str = "lines whose id is no whole number, though others are";
 const NEGATIVE: &str = "instants before 0; all were moved";
 const UNREGISTERED: &str = "events of sources that the header does not have";
 const EARLY: &str = "results before their requests";
+const SILENT: &str = "outputs of a source without a request, a result or a failure";
 const ZONES: &str = "events that lie hours, or half hours, from their message's open";
 const UNORDERED: &str = "places where the log seems to restart, taken for one run as --sort says";
 const GAPS: &str = "instants more than a day after the one before";
@@ -134,6 +135,20 @@ impl Log {
             if let Some(p) = entry.p.filter(|p| !sources.is_registered(*p)) {
                 notes.add(UNREGISTERED, &entry.place, || format!("p {p}"));
             }
+        }
+    }
+
+    /// Notes sources that have outputs and nothing else: the log may give local another name there.
+    pub(super) fn note_silent_sources(&self, notes: &mut Notes, sources: &Sources) {
+        if self.is_strict() {
+            return;
+        }
+        let of = |entry: &&Entry| matches!(entry.ev, "request" | "result" | "fail");
+        let heard: HashSet<u64> = self.entries.iter().filter(of).filter_map(|it| it.p).collect();
+        for entry in self.entries.iter().filter(|entry| entry.ev == "emit") {
+            let Some(p) = entry.p.filter(|p| *p != 0 && !heard.contains(p)) else { continue };
+            let remedy = || format!("if it is local, say so with --local {}", sources.name(p));
+            notes.add_with(SILENT, &entry.place, || sources.name(p), remedy);
         }
     }
 

@@ -123,7 +123,8 @@ impl<'a> LogReader<'a> {
     /// Leaves out a row that cannot be read, if that is to be; `--explain` shows the others at least.
     fn skip(&mut self, problem: Problem) -> Result<(), Problem> {
         let Some(kind) = self.skipped() else { return Err(problem) };
-        self.mapping.notes.add(kind, &problem.place, || problem.without_remedy());
+        let detail = || problem.without_remedy();
+        self.mapping.notes.add_with(kind, &problem.place, detail, || problem.remedy());
         Ok(())
     }
 
@@ -312,6 +313,7 @@ impl<'a> LogReader<'a> {
         let unused = unused.collect();
         log.guess(&mut mapping.notes, &mapping.sources)?;
         log.note_unregistered(&mut mapping.notes, &mapping.sources);
+        log.note_silent_sources(&mut mapping.notes, &mapping.sources);
         let Mapping { sources, notes, left_out, .. } = mapping;
         Ok(Understood { log, notes, sources, unused, described, left_out })
     }

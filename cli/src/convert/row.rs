@@ -137,6 +137,11 @@ impl Problem {
     pub(super) fn without_remedy(&self) -> String {
         self.message.split("; ").next().unwrap_or_default().to_owned()
     }
+
+    /// What the user can do about it; empty if the message does not say.
+    pub(super) fn remedy(&self) -> &str {
+        self.message.split_once("; ").map_or("", |(_, remedy)| remedy)
+    }
 }
 
 impl From<Problem> for Fault {

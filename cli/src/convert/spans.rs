@@ -16,6 +16,7 @@ use crate::convert::time::{duration, shown};
 const DEPTH: usize = 64;
 
 const TWICE: &str = "spans exported twice; each was taken once";
+const NUMBERED: &str = "messages numbered in the order of their starts";
 const ORPHANS: &str =
     "client spans left out, since no message is above them (its span may not be in the file)";
 const BACKWARDS: &str = "messages left out, since a span of theirs ends before it begins";
@@ -128,6 +129,10 @@ impl SpanReader<'_, '_> {
         found.sort_by_key(|span| span.start);
         let has_id = |span: &&SpanRecord| self.options.value(span, "t").is_some();
         self.has_ids = self.options.names("t") || found.iter().any(has_id);
+        for span in found.iter().filter(|_| !self.has_ids) {
+            let remedy = || "--attribute t=NAME names their ids";
+            self.mapping.notes.add_with(NUMBERED, &span.row.place, String::new, remedy);
+        }
         let message = |(number, span)| SpanMessage { number, span, calls: Vec::new() };
         (0..).zip(found).map(message).collect()
     }
