@@ -375,7 +375,9 @@ CASES_AROUND: dict[str, Arguments] = {
         {
             "tolerance": [(0.1, ValueError, "tolerance and lateness go together")],
             "lateness": [(0.1, ValueError, "tolerance and lateness go together")],
+            "accept": [(["coarser"], ValueError, "coarser")],
         },
+        {"accept": [["coarse"]]},
         free="path drive open",
     ),
 }
