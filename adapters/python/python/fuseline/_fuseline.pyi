@@ -21,6 +21,7 @@ __all__ = [
     "Observations",
     "Reorderer",
     "check",
+    "check_linger",
     "compare_responses",
     "compare_trace",
     "drives",

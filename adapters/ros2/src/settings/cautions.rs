@@ -6,7 +6,7 @@ use std::time::Duration;
 use fuseline_engine::Commit;
 
 use crate::key::{IntegerKind, MessageKey};
-use crate::settings::{Cloud, PolicyKind, Settings};
+use crate::settings::{Cloud, Middleware, PolicyKind, Settings};
 
 impl Settings {
     /// Each in a sentence.
@@ -21,6 +21,7 @@ impl Settings {
             self.rate(),
             self.diagnostics(),
             self.recording(),
+            self.sim_time(),
         ];
         self.unheeded.iter().cloned().chain(cautions.into_iter().flatten()).collect()
     }
@@ -32,6 +33,14 @@ impl Settings {
             within.as_secs_f64(),
             self.greatest_deadline.as_secs_f64()
         ))
+    }
+
+    fn sim_time(&self) -> Option<String> {
+        (self.use_sim_time && self.needs(Middleware::Dds)).then(|| {
+            "use_sim_time works over Zenoh alone: over DDS this node's library takes /clock for a \
+             builtin_interfaces/Time, and ROS publishes a rosgraph_msgs/Clock, so stamps of its own messages stay 0"
+                .to_owned()
+        })
     }
 
     fn keys(&self) -> Option<String> {
