@@ -252,6 +252,32 @@ fn a_value_is_none_of_a_result_that_came_by_then() {
     }
 }
 
+/// D18: an action that a chunk has for a later tick is not this tick's, whoever judges.
+#[test]
+fn action_of_a_later_tick_breaks_d18() {
+    let header = r#"{"fuseline":1,"window":4,"clouds":[{"p":1,"limit":9}]}"#;
+    let strict = [
+        header,
+        r#"{"ev":"open","at":0,"t":5}"#,
+        r#"{"ev":"result","at":8,"t":5,"p":0,"for":21}"#,
+        r#"{"ev":"emit","at":8,"t":5,"p":0,"for":21}"#,
+        "",
+    ];
+    let verdict = judge("a.jsonl", strict.join("\n").as_bytes()).unwrap();
+    let [violation] = &verdict.violations[..] else { panic!("{verdict}") };
+    assert_eq!((violation.rule, violation.line), (Rule::D18, 4));
+
+    // Here the emit alone says it.
+    let observed = strict.map(|line| line.replace(r#""p":0,"for":21}"#, r#""p":0}"#));
+    let mut observed = observed.to_vec();
+    observed[3] = r#"{"ev":"emit","at":9,"t":5,"p":0,"for":21}"#.to_owned();
+    let slack = Slack { tolerance: 1, lateness: 2 };
+    let verdict = observed::judge("a.jsonl", slack, observed.join("\n").as_bytes()).unwrap();
+    let [violation] = &verdict.violations[..] else { panic!("{verdict:?}") };
+    assert_eq!((violation.rule, violation.line), (BrokenRule::Rule(Rule::D18), 4));
+    assert_eq!(violation.expected, "a value that is meant for timestamp 5");
+}
+
 /// What a message held back for its own deadline is described by: how late it is, and by when it had to come.
 #[test]
 fn j2_says_by_how_much_an_output_is_late() {

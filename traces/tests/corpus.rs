@@ -144,7 +144,7 @@ fn traces_of_which_more_is_known_are_judged_by_that() {
     }
 }
 
-/// A46 to A50, D2, J2: values, attempts, a message's own deadline, no local, clocks that differ. The sidecar says how a
+/// A46 to A50, D2, D18, J2: values, attempts, a message's own deadline, no local, clocks that differ. The sidecar says how a
 /// trace is judged; one that names no violation conforms.
 #[test]
 fn traces_with_further_keys_are_judged_by_them() {
