@@ -117,7 +117,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> Arbiter<CLOUDS, WINDOW> {
     /// F2: why an offer would be refused as things stand, or none if it would be admitted; changes
     /// nothing.
     ///
-    /// What is due after [`now`](Self::now) has not fired yet: [`apply`](Self::apply) an [`Input::Tick`] first.
+    /// Timers that are due after [`now`](Self::now) have not fired. To fire them, [`apply`](Self::apply) an
+    /// [`Input::Tick`] first.
     #[must_use]
     pub fn offer_refusal(
         &self,

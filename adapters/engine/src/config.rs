@@ -12,7 +12,8 @@ use crate::latency::Latency;
 use crate::sized_arbiter::SizedArbiter;
 use crate::workload::{CapacityErrors, Workload};
 
-/// What an operator is made of. Change what differs from the default, then give it to [`Engine::new`](crate::Engine::new).
+/// Configures an operator. Change the fields that differ from their defaults, then pass it to
+/// [`Engine::new`](crate::Engine::new).
 #[derive(Debug)]
 pub struct EngineConfig {
     /// The operator's name in logs, metrics and traces; `operator` by default.
@@ -42,7 +43,7 @@ pub struct EngineConfig {
     /// Records how long local's computations and messages take, for the reserve of the operators upstream; nowhere by default.
     /// Refused messages are not recorded.
     pub latency: Option<Latency>,
-    /// What the operator must keep up with; not checked by default.
+    /// The rate of messages that the operator must keep up with. By default it is not checked.
     pub workload: Option<Workload>,
 }
 
@@ -70,8 +71,8 @@ pub struct CloudConfig {
     ///
     /// Such calls do not count among those under way. Up to `calls` of them may linger; one more ends the oldest.
     pub linger: Duration,
-    /// Of how many messages before the one that it is for a value may be (D2), as its reply says; 0 by default. What is older, or of
-    /// a later message, is a failure (F4).
+    /// How many messages old a value may be, as its reply says; 0 by default. An older value, or a value of a
+    /// later message, is a failure (D2, F4).
     pub max_age: u64,
 }
 

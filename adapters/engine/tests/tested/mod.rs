@@ -13,7 +13,7 @@ pub(crate) fn header(commit: Commit) -> Header {
     Header { operator: Some("tested".into()), window: 4, commit, clouds }
 }
 
-/// The configuration of a header, with so many calls at once to its clouds, which are 1 if they are not given.
+/// Makes the configuration of a header. `calls` bounds the calls at once to each cloud, by default 1.
 pub(crate) fn config(header: &Header, calls: &[usize], local: Local) -> EngineConfig {
     let mut config = EngineConfig { local, ..EngineConfig::from(header) };
     let calls = calls.iter().chain(iter::repeat(&1));

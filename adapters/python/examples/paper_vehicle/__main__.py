@@ -167,7 +167,7 @@ async def drive(vehicle: Vehicle, seconds: float, frame: int) -> Drive:
 
 
 async def newest(items: Items[Item[Scene]]) -> AsyncIterator[Item[Scene]]:
-    """What a consumer keeps under progressive.
+    """Keeps the newest items, as a consumer does under progressive.
 
     No item of an earlier frame than one before it, nor of the same frame by a source that is no
     better.

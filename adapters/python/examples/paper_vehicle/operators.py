@@ -41,7 +41,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class Scene:
-    """What is known of the surroundings."""
+    """The objects around the vehicle, as far as they are known."""
 
     seen: Seen
     walker: bool
@@ -111,7 +111,7 @@ def detection(vehicle: Vehicle, after: Sequence[Latency]) -> Operator[Joined, Sc
     """Boxes, by the rule."""
 
     async def detect(by: str, scene: Scene) -> Scene:
-        """What a detector makes of a scene, after as long as it took when it was recorded."""
+        """Detects a scene after the runtime that was recorded with its boxes."""
         scene = replace(scene, seen=replace(scene.seen, by=by))
         if by in vehicle.networks:
             await vehicle.networks[by].round_trip()
