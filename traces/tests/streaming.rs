@@ -185,11 +185,11 @@ fn gaps(most: u64, terms: &Terms, events: &[RecordedEvent]) -> usize {
     instants.windows(2).filter(|pair| pair[1] - pair[0] > most).count()
 }
 
-/// P9: of each accepted open the timestamp, how many others were certainly open then by their outputs, and how many may have
-/// been.
+/// P9: of each accepted open the timestamp, how many others were certainly open then by outputs that came in time to tell so,
+/// and how many may have been.
 fn crowds(terms: &Terms, events: &[RecordedEvent]) -> Vec<(u64, usize, usize)> {
     let (twice, reach) = (2 * terms.own.tolerance, 2 * terms.own.tolerance + terms.own.lateness);
-    let mut by_t: BTreeMap<u64, (Opens, Refusals, Vec<u64>)> = BTreeMap::new();
+    let mut by_t: BTreeMap<u64, (Opens, Refusals, Vec<(u64, usize)>)> = BTreeMap::new();
     for (i, (event, _)) in events.iter().enumerate() {
         match *event {
             Event::Input(Input::Open { at, t, deadline }) => {
@@ -202,23 +202,34 @@ fn crowds(terms: &Terms, events: &[RecordedEvent]) -> Vec<(u64, usize, usize)> {
                 Decision::Emit { at, t, .. }
                 | Decision::Final { at, t, .. }
                 | Decision::Miss { at, t },
-            ) => by_t.entry(t).or_default().2.push(at),
+            ) => by_t.entry(t).or_default().2.push((at, i)),
             _ => {}
         }
     }
-    let opened: Vec<(u64, Vec<u64>, Option<u64>)> = by_t
+    let opened: Vec<(u64, Vec<u64>, Option<(u64, usize)>)> = by_t
         .into_iter()
         .map(|(t, (opens, refusals, out))| {
             let opens = accepted(reach, &opens, &refusals);
             (t, opens.iter().map(|(at, _)| *at).collect(), out.into_iter().min())
         })
         .collect();
+    // The line at which no earlier output can come any more.
+    let settled = |opened_at: u64| {
+        let is_past = |(event, _): &RecordedEvent| {
+            at(event).saturating_sub(terms.tolerance(event))
+                > opened_at + reach + terms.own.tolerance
+        };
+        events.iter().position(is_past).unwrap_or(events.len())
+    };
     let crowd = |t: u64, at: u64| {
         let others = opened.iter().filter(|(other, opens, _)| {
             *other != t && opens.first().is_some_and(|open| open + twice < at)
         });
-        let surely = others.clone().filter(|(.., out)| out.is_some_and(|out| out > at + reach));
-        (t, surely.count(), others.filter(|(.., out)| out.is_none_or(|out| out > at)).count())
+        let settled = settled(at);
+        let is_told = |(out, i): (u64, usize)| out > at + reach && i <= settled;
+        let surely = others.clone().filter(|(.., out)| out.is_some_and(is_told));
+        let perhaps = others.filter(|(.., out)| out.is_none_or(|(out, _)| out > at));
+        (t, surely.count(), perhaps.count())
     };
     let all = opened.iter().flat_map(|(t, opens, _)| opens.iter().map(move |at| (*t, *at)));
     all.map(|(t, at)| crowd(t, at)).collect()

@@ -551,7 +551,9 @@ impl Judge {
                 continue;
             }
             let others = self.open.iter().filter(|(other, open)| {
-                **other != t && open.is_surely_open(at, &self.slack, has_local, end)
+                **other != t
+                    && !self.ended.contains(other)
+                    && open.is_surely_open(at, &self.slack, has_local, end)
             });
             if others.take(window).count() < window {
                 continue;
