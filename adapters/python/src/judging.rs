@@ -25,8 +25,9 @@ pub(crate) type ViolationFields =
     (u64, Option<u64>, &'static str, &'static str, String, String, Option<u64>, Vec<String>);
 /// A line's number and word, then at, t, p, deadline, backlog, due and why, and the further keys if it has any.
 type Row = (u64, &'static str, u64, CountFields, Option<&'static str>, Option<AnnotationFields>);
-/// `of`, `try`, `within`, `age`, `origin`, `seq` and `missing`.
+/// `of`, `for`, `try`, `within`, `age`, `origin`, `seq` and `missing`.
 type AnnotationFields = (
+    Option<u64>,
     Option<u64>,
     Option<u8>,
     Option<u64>,
@@ -304,14 +305,15 @@ fn row(line: u64, event: &Event, annotations: &Annotations) -> Row {
         },
     };
     let further = (!annotations.is_empty()).then(|| {
-        let Annotations { of, attempt, within, age, origin, missing, .. } = annotations.clone();
+        let Annotations { of, meant_for, attempt, within, age, origin, missing } =
+            annotations.clone();
         let (stream, seq) = match origin {
             Some(Origin { stream, seq }) => (Some(stream.as_ref().to_owned()), seq),
             None => (None, None),
         };
         let missing: Vec<String> = missing.iter().map(ToString::to_string).collect();
         let missing = Some(missing).filter(|missing| !missing.is_empty());
-        (of, attempt, within, age, stream, seq, missing)
+        (of, meant_for, attempt, within, age, stream, seq, missing)
     });
     (line, word, at, numbers, why, further)
 }

@@ -161,16 +161,17 @@ def test_the_further_keys_are_fields_of_lines_and_columns_of_their_table() -> No
     trace = b"""{"fuseline":1,"window":16,"local":"none","clouds":[{"p":1,"limit":31,"max_age":3}]}
 {"ev":"open","at":9,"t":1,"within":50,"age":7,"origin":"camera","seq":41,"missing":["right"]}
 {"ev":"request","at":9,"t":1,"p":1,"due":500,"try":2}
-{"ev":"result","at":499,"t":1,"p":1,"of":0,"try":2}
-{"ev":"emit","at":499,"t":1,"p":1,"of":0}
+{"ev":"result","at":499,"t":1,"p":1,"of":0,"for":1,"try":2}
+{"ev":"emit","at":499,"t":1,"p":1,"of":0,"for":1}
 """
     read = Trace(trace)
     assert (read.header["local"], read.header["clouds"][0]["max_age"]) == ("none", 3)
     table = read.to_arrow()
     table.validate(full=True)
-    columns = {name: table.column(name).to_pylist() for name in table.column_names[-7:]}
+    columns = {name: table.column(name).to_pylist() for name in table.column_names[-8:]}
     assert columns == {
         "of": [None, None, 0, 0],
+        "meant_for": [None, None, 1, 1],
         "attempt": [None, 2, 2, None],
         "within": [50, None, None, None],
         "age": [7, None, None, None],

@@ -30,7 +30,7 @@ LINES = pa.schema(
         pa.field("at", pa.uint64(), nullable=False),
         *(pa.field(name, pa.uint64()) for name in ("t", "p", "deadline", "backlog", "due")),
         pa.field("why", pa.string()),
-        *(pa.field(name, pa.uint64()) for name in ("of", "attempt", "within", "age")),
+        *(pa.field(name, pa.uint64()) for name in ("of", "meant_for", "attempt", "within", "age")),
         pa.field("origin", pa.string()),
         pa.field("seq", pa.uint64()),
         pa.field("missing", pa.list_(pa.string())),

@@ -47,7 +47,16 @@ _Row: TypeAlias = tuple[
     int,
     tuple[int | None, int | None, int | None, int | None, int | None],
     str | None,
-    tuple[int | None, int | None, int | None, int | None, str | None, int | None, list[str] | None]
+    tuple[
+        int | None,
+        int | None,
+        int | None,
+        int | None,
+        int | None,
+        str | None,
+        int | None,
+        list[str] | None,
+    ]
     | None,
 ]
 _Lineage: TypeAlias = tuple[str | None, int | None, int | None, _Duration | None, list[str]]

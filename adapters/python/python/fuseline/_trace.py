@@ -40,6 +40,8 @@ class Line(NamedTuple):
     why: str | None
     #: Of which message the value is.
     of: int | None = None
+    #: For which message the value is meant, the key ``for``.
+    meant_for: int | None = None
     #: The number of the attempt that it is about, the key ``try``.
     attempt: int | None = None
     #: The message's own deadline, in nanoseconds.
