@@ -10,12 +10,7 @@ use fuseline_tokio::grpc::{Description, Infer, Reply, Request};
 use tokio::time::{Instant, sleep};
 
 use crate::fault::Fault;
-use crate::models::Model;
-
-/// Bytes of a request in the paper's drive: one compressed camera image.
-pub(crate) const REQUEST_BYTES: usize = 33_300;
-/// Bytes of a reply in the paper's drive.
-pub(crate) const REPLY_BYTES: usize = 1_000;
+use fuseline_evaluation::models::{Model, REPLY_BYTES};
 
 /// A reply's payload; nothing reads it.
 static REPLY: [u8; REPLY_BYTES] = [0; REPLY_BYTES];

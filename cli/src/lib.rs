@@ -24,14 +24,10 @@ mod implementation;
 mod input;
 mod interrupt;
 mod judging;
-mod link;
-mod models;
 mod output;
 #[cfg(feature = "full")]
 mod pages;
 mod part;
-#[cfg(feature = "full")]
-mod plot;
 #[cfg(feature = "full")]
 mod probe;
 mod progress;

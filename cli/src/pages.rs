@@ -10,7 +10,7 @@ use clap_mangen::Man;
 use crate::exit::Exit;
 use crate::fault::Fault;
 use crate::output::{Output, Overwrite};
-use crate::plot::Folder;
+use fuseline_evaluation::plot::Folder;
 
 #[derive(clap::Args)]
 #[command(after_help = "\
@@ -53,7 +53,7 @@ pub(crate) fn complete(args: &ShellArgs, mut command: Command) -> Result<Exit, F
 /// # Errors
 /// If the folder cannot be written.
 pub(crate) fn manual(args: &ManArgs, mut command: Command) -> Result<Exit, Fault> {
-    let Some(folder) = Folder::open(Some(&args.folder), args.overwrite)? else {
+    let Some(folder) = Folder::open(Some(&args.folder), args.overwrite.force)? else {
         return Ok(Exit::Conforms);
     };
     command = command.disable_help_subcommand(true);

@@ -18,8 +18,8 @@ use crate::exit::Exit;
 use crate::fault::{Fault, chain, plain};
 use crate::files::{self, FileError};
 use crate::interrupt::Interrupt;
-use crate::models::Model;
 use crate::seconds::seconds;
+use fuseline_evaluation::models::Model;
 
 #[derive(clap::Args)]
 #[command(after_help = "\

@@ -22,7 +22,6 @@ mod others;
 mod otlp;
 mod outputs;
 mod overwrite;
-mod paper_vehicle;
 mod parts;
 mod probe;
 mod recordings;

@@ -32,7 +32,7 @@ pub use expected::{Choice, Expected, least_loss, mean_loss};
 pub use figure::Figure;
 pub use guard::{Assessment, Guard};
 pub use invalid::Invalid;
-pub use link::{LinkQueue, LinkRate};
+pub use link::{LinkDirection, LinkQueue, LinkRate};
 pub use loss::{Accuracy, Impact, Loss, Source};
 pub use observations::Observations;
 pub use parameters::{Classes, Hazard, Parameters};

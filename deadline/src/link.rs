@@ -3,6 +3,15 @@
 //! Times are nanoseconds of the caller's clock. The queue is first in, first out, and empties at the rate that the caller
 //! gives for each instant; what it has taken is sent, also when nobody waits for it any more.
 
+/// Which way a message is sent.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum LinkDirection {
+    /// From the vehicle: requests.
+    Uplink,
+    /// To it: replies.
+    Downlink,
+}
+
 /// What a link carries from an instant on.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct LinkRate {

@@ -11,11 +11,9 @@ use fuseline_deadline::{
 pub(crate) use fuseline_traces::nanos as whole;
 use serde::Serialize;
 
-use crate::scenario::braking::{Brakes, DriveOutcome};
-use crate::scenario::operator::{
-    CLOUD, CloudRequest, ScenarioMessage, ScenarioOperator, UNLIMITED,
-};
-use crate::scenario::planner::{FrameStatus, Planner};
+use crate::braking::{Brakes, DriveOutcome};
+use crate::operator::{CLOUD, CloudRequest, ScenarioMessage, ScenarioOperator, UNLIMITED};
+use crate::planner::{FrameStatus, Planner};
 
 /// The vehicle, its camera and what it computes with, in metres and seconds.
 #[derive(Clone, Copy, PartialEq, Debug, Serialize)]

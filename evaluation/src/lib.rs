@@ -1,15 +1,21 @@
-//! `fuseline scenario`: the paper's evaluation in virtual time, from stated physics.
+//! The paper's experiments: in virtual time, from stated physics, by the machine that is shipped.
+//!
+//! `fuseline scenario` parses [`Args`] and calls [`play`]. The command also takes from here the paper's [`models`], the
+//! [`link`] of a vehicle and what [`plot`] draws.
 
 mod approach;
 mod arbitrage;
 mod braking;
 mod jaywalking;
+pub mod link;
+pub mod models;
 mod networks;
 mod operator;
 mod options;
 mod paint;
 mod paper;
 mod planner;
+pub mod plot;
 mod reaction;
 mod red_light;
 mod shape;
@@ -17,15 +23,18 @@ mod shape;
 mod tests;
 mod traffic_jam;
 
+use std::io::{self, Write};
+
 use fuseline_deadline::Invalid;
+use fuseline_testkit::networks::DriveError;
 use thiserror::Error;
 
-use crate::exit::Exit;
-use crate::fault::Fault;
-use crate::remedy::options;
+pub use crate::paper::{TripQuantiles, paper_round_trips};
+use crate::plot::FolderError;
 
+/// Which scenario is played, and its options.
 #[derive(clap::Args)]
-pub(crate) struct Args {
+pub struct Args {
     #[command(subcommand)]
     scenario: ScenarioCommand,
 }
@@ -46,34 +55,50 @@ enum ScenarioCommand {
 
 /// Why a scenario cannot be played.
 #[derive(Debug, Error)]
-pub(crate) enum ScenarioError {
-    #[error("{invalid}; change {}", options(*.invalid))]
-    Invalid { invalid: Invalid },
+pub enum ScenarioError {
+    /// A figure of the vehicle makes no sense.
+    #[error(transparent)]
+    Invalid(#[from] Invalid),
+    /// The window of the operator is too small.
     #[error(
         "at {speed} m/s more than 1024 frames are open at once; lower --rate or the deadline, or raise --speed"
     )]
-    Full { speed: f64 },
+    Full {
+        /// In m/s.
+        speed: f64,
+    },
+    /// A folder would be flooded.
     #[error(
         "{runs} runs would leave as many traces, and {most} are the most; name fewer with --drive, --speed, --policy or \
          --starts"
     )]
-    Traces { runs: usize, most: usize },
+    Traces {
+        /// How many are wanted.
+        runs: usize,
+        /// How many are left at most.
+        most: usize,
+    },
+    /// A drive cannot be read.
+    #[error(transparent)]
+    Drive(#[from] DriveError),
+    /// A folder or a file in it cannot be written.
+    #[error(transparent)]
+    Folder(#[from] FolderError),
+    /// What was found cannot be printed.
+    #[error("standard output: {0}")]
+    Output(io::Error),
 }
 
-impl From<ScenarioError> for Fault {
-    fn from(error: ScenarioError) -> Self {
-        Self::own(error)
-    }
-}
-
-/// Plays a scenario.
-pub(crate) fn play(args: &Args) -> Result<Exit, Fault> {
+/// Plays a scenario and prints what it comes to.
+///
+/// # Errors
+/// If the options make no sense, or something cannot be read or written.
+pub fn play(args: &Args, out: &mut dyn Write) -> Result<(), ScenarioError> {
     match &args.scenario {
-        ScenarioCommand::TrafficJam(args) => traffic_jam::play(args)?,
-        ScenarioCommand::RedLight(args) => red_light::play(args)?,
-        ScenarioCommand::Jaywalking(args) => jaywalking::play(args)?,
-        ScenarioCommand::Networks(args) => networks::play(args)?,
-        ScenarioCommand::Arbitrage(args) => arbitrage::play(args)?,
+        ScenarioCommand::TrafficJam(args) => traffic_jam::play(args, out),
+        ScenarioCommand::RedLight(args) => red_light::play(args, out),
+        ScenarioCommand::Jaywalking(args) => jaywalking::play(args, out),
+        ScenarioCommand::Networks(args) => networks::play(args, out),
+        ScenarioCommand::Arbitrage(args) => arbitrage::play(args, out),
     }
-    Ok(Exit::Conforms)
 }

@@ -2,16 +2,14 @@
 
 use std::time::Duration;
 
+use fuseline_deadline::{LinkDirection, LinkQueue, LinkRate};
 use fuseline_testkit::networks::Drive;
-#[cfg(any(feature = "full", test))]
-use fuseline_tokio::deadline::LinkQueue;
-use fuseline_tokio::deadline::LinkRate;
-use fuseline_tokio::{EmulatedLink, LinkDirection};
 use fuseline_traces::nanos;
 use serde::Serialize;
 
+/// The options that say how wide a vehicle's link is.
 #[derive(Clone, Copy, clap::Args)]
-pub(crate) struct LinkArgs {
+pub struct LinkArgs {
     /// The rate of the vehicle's uplink, in Mbit/s, where the drive has no column `uplink_mbps` [default: no limit].
     #[arg(long, value_name = "MBIT/S", value_parser = mbits, allow_negative_numbers = true)]
     uplink: Option<f64>,
@@ -26,25 +24,28 @@ pub(crate) struct LinkArgs {
 
 /// How wide a vehicle's link is.
 #[derive(Clone, Copy, PartialEq, Debug, Serialize)]
-pub(crate) struct LinkWidth {
+pub struct LinkWidth {
     /// Bits in a second, where the drive does not say; none: no limit.
-    pub(crate) uplink: Option<u64>,
+    pub uplink: Option<u64>,
     /// The same for the other way.
-    pub(crate) downlink: Option<u64>,
+    pub downlink: Option<u64>,
     /// How many bytes may wait for each.
-    pub(crate) queue_bytes: u64,
+    pub queue_bytes: u64,
 }
 
 /// A link whose rates are a drive's, or fixed.
 #[derive(Clone, Copy)]
-pub(crate) struct RecordedLink<'a> {
-    pub(crate) width: LinkWidth,
+pub struct RecordedLink<'a> {
+    /// The fixed rates and the queues.
+    pub width: LinkWidth,
     /// The drive, and where in it the link's time begins.
-    pub(crate) drive: Option<(&'a Drive, Duration)>,
+    pub drive: Option<(&'a Drive, Duration)>,
 }
 
 impl LinkArgs {
-    pub(crate) fn width(&self) -> LinkWidth {
+    /// Returns the width that the options state.
+    #[must_use]
+    pub fn width(&self) -> LinkWidth {
         LinkWidth {
             uplink: self.uplink.map(|mbits| whole(mbits * 1e6)),
             downlink: self.downlink.map(|mbits| whole(mbits * 1e6)),
@@ -64,14 +65,16 @@ impl LinkWidth {
 
 impl RecordedLink<'_> {
     /// Whether it has a limit in some way.
-    pub(crate) fn is_limited(&self) -> bool {
+    #[must_use]
+    pub fn is_limited(&self) -> bool {
         [LinkDirection::Uplink, LinkDirection::Downlink]
             .into_iter()
             .any(|direction| self.rate(direction, 0).is_some())
     }
 
     /// What it carries at an instant of its time; none: no limit.
-    pub(crate) fn rate(&self, direction: LinkDirection, at: u64) -> Option<LinkRate> {
+    #[must_use]
+    pub fn rate(&self, direction: LinkDirection, at: u64) -> Option<LinkRate> {
         let recorded = self.drive.and_then(|(drive, start)| {
             let (bits_per_second, lasts) =
                 drive.rate(direction as usize, start + Duration::from_nanos(at))?;
@@ -81,8 +84,8 @@ impl RecordedLink<'_> {
     }
 
     /// When a message that is given to a queue of this link is through; none if it finds no room.
-    #[cfg(any(feature = "full", test))]
-    pub(crate) fn send(
+    #[must_use]
+    pub fn send(
         &self,
         direction: LinkDirection,
         queue: &mut LinkQueue,
@@ -92,14 +95,6 @@ impl RecordedLink<'_> {
         let Some(free) = self.rate(direction, at) else { return Some(at) };
         queue.send(at, bytes, |at| self.rate(direction, at).unwrap_or(free))
     }
-}
-
-/// The link of a run from now on, with the rates of `drive`, from an instant in it, where it has them.
-pub(crate) fn emulated(width: LinkWidth, drive: Option<(Drive, Duration)>) -> EmulatedLink {
-    EmulatedLink::new(width.queue_bytes, move |direction, at| {
-        let drive = drive.as_ref().map(|(drive, start)| (drive, *start));
-        RecordedLink { width, drive }.rate(direction, at)
-    })
 }
 
 /// To the nearest.

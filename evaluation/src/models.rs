@@ -3,37 +3,38 @@
 use std::borrow::Cow;
 use std::fmt;
 use std::str::FromStr;
-use std::sync::LazyLock;
 use std::time::Duration;
 
 use fuseline_traces::nanos;
-use serde::Deserialize;
 use thiserror::Error;
+
+use crate::paper::PAPER;
 
 /// A runtime differs from the paper's by at most one part in this many.
 const JITTER: u64 = 20;
 
-static TABLE: LazyLock<ModelTable> = LazyLock::new(|| {
-    serde_json::from_str(include_str!("../data/paper.json")).expect("a test reads the same bytes")
-});
+/// Bytes of a request in the paper's drive: one compressed camera image.
+pub const REQUEST_BYTES: usize = 33_300;
+/// Bytes of a reply in the paper's drive.
+pub const REPLY_BYTES: usize = 1_000;
 
 /// A detector on a device: how long it takes and how good it is.
 #[derive(Clone, PartialEq, Debug)]
-pub(crate) struct Model {
+pub struct Model {
     /// The model's name in the paper, or the user's.
-    pub(crate) name: Cow<'static, str>,
+    pub name: Cow<'static, str>,
     /// What it runs on, if it is one of the paper's.
-    pub(crate) device: Option<Device>,
+    pub device: Option<Device>,
     /// How long the paper measured it to take there, or the user says.
-    pub(crate) runtime: Duration,
+    pub runtime: Duration,
     /// Box AP on COCO val2017 as published by its authors, or as the user says, 0 to 100; `None`
     /// where no figure was found.
-    pub(crate) ap: Option<f64>,
+    pub ap: Option<f64>,
 }
 
 /// What a model runs on.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) enum Device {
+pub enum Device {
     /// The vehicle's computer.
     Orin,
     /// A cloud's accelerator.
@@ -42,31 +43,29 @@ pub(crate) enum Device {
 
 /// Why there is no such model.
 #[derive(Debug, PartialEq, Error)]
-pub(crate) enum ModelError {
+pub enum ModelError {
+    /// It is unknown and has no runtime.
     #[error(
         "no model {0:?}; there are {names}; another one needs runtime=MS, and ap=AP if it is known",
         names = names()
     )]
     Name(String),
+    /// It runs on nothing that the paper measured.
     #[error("no device {0:?}; there are orin and a100")]
     Device(String),
+    /// A figure is none.
     #[error("{key} {value:?} is not valid; it must be {wanted}")]
-    Figure { key: &'static str, value: String, wanted: &'static str },
+    Figure {
+        /// Its name.
+        key: &'static str,
+        /// What stands there.
+        value: String,
+        /// What may stand there.
+        wanted: &'static str,
+    },
+    /// It is no figure of a model.
     #[error("{0:?} is neither runtime=MS nor ap=AP; write MODEL[,runtime=MS][,ap=AP]")]
     Key(String),
-}
-
-#[derive(Deserialize)]
-struct ModelTable {
-    runtime_ms: Vec<ModelRow>,
-}
-
-#[derive(Deserialize)]
-struct ModelRow {
-    model: String,
-    orin: f64,
-    a100: f64,
-    coco_ap: Option<f64>,
 }
 
 impl Model {
@@ -75,7 +74,7 @@ impl Model {
     ///
     /// # Errors
     /// If it is unknown and has no runtime, or a figure is none.
-    pub(crate) fn with_figures(
+    pub fn with_figures(
         text: &str,
         runtime: Option<&str>,
         ap: Option<&str>,
@@ -93,7 +92,7 @@ impl Model {
 
     fn of_paper(text: &str) -> Result<Self, ModelError> {
         let (name, device) = text.split_once('@').unwrap_or((text, "a100"));
-        let row = TABLE.runtime_ms.iter().find(|row| row.model.eq_ignore_ascii_case(name));
+        let row = PAPER.runtime_ms.iter().find(|row| row.model.eq_ignore_ascii_case(name));
         let row = row.ok_or_else(|| ModelError::Name(text.to_owned()))?;
         let (device, ms) = match device.to_ascii_lowercase().as_str() {
             "orin" => (Device::Orin, row.orin),
@@ -107,7 +106,8 @@ impl Model {
 
     /// The runtime for message `t`: the paper's, up to 5 % shorter or longer, the same for the same
     /// seed.
-    pub(crate) fn runtime(&self, seed: u64, t: u64) -> Duration {
+    #[must_use]
+    pub fn runtime(&self, seed: u64, t: u64) -> Duration {
         let name = self.name.bytes().fold(0, |hash, byte| mix(hash ^ u64::from(byte)));
         let (least, greatest) = self.runtimes();
         let range = nanos(greatest.abs_diff(least));
@@ -116,7 +116,8 @@ impl Model {
     }
 
     /// Whether it takes as long as the paper measured.
-    pub(crate) fn has_papers_runtime(&self) -> bool {
+    #[must_use]
+    pub fn has_papers_runtime(&self) -> bool {
         let device = match self.device {
             Some(Device::Orin) => "orin",
             Some(Device::A100) => "a100",
@@ -127,7 +128,8 @@ impl Model {
     }
 
     /// The shortest and the longest that it takes.
-    pub(crate) fn runtimes(&self) -> (Duration, Duration) {
+    #[must_use]
+    pub fn runtimes(&self) -> (Duration, Duration) {
         let runtime = nanos(self.runtime);
         let most = runtime / JITTER;
         (Duration::from_nanos(runtime - most), Duration::from_nanos(runtime + most))
@@ -180,8 +182,10 @@ impl fmt::Display for Model {
     }
 }
 
-pub(crate) fn names() -> String {
-    TABLE.runtime_ms.iter().map(|row| row.model.as_str()).collect::<Vec<_>>().join(", ")
+/// Lists the paper's models, with commas.
+#[must_use]
+pub fn names() -> String {
+    PAPER.runtime_ms.iter().map(|row| row.model.as_str()).collect::<Vec<_>>().join(", ")
 }
 
 /// Spreads neighbouring numbers over all of `u64`: a hash, with the constants of Steele and Vigna's `SplitMix64`.

@@ -4,7 +4,7 @@ use std::cmp::Reverse;
 use std::collections::{BTreeSet, BinaryHeap};
 
 use fuseline_arbiter::Arbiter;
-use fuseline_engine::ConfigError;
+use fuseline_core::ConfigError;
 use fuseline_traces::{Cloud, Commit, Decision, Header, Input};
 
 /// The one cloud's priority.

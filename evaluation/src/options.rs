@@ -5,11 +5,9 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
-use crate::fault::Fault;
-use crate::output::Overwrite;
-use crate::plot::Folder;
-use crate::scenario::approach::Vehicle;
-use crate::sink::OutputSink;
+use crate::ScenarioError;
+use crate::approach::Vehicle;
+use crate::plot::{Folder, FolderError};
 
 /// What a scenario leaves.
 #[derive(clap::Args)]
@@ -23,8 +21,9 @@ pub(crate) struct OutputOptions {
     /// Write plots to this folder, as SVG and PNG on light and dark ground, and a page that holds them.
     #[arg(short, long, value_name = "DIR")]
     pub(crate) output: Option<PathBuf>,
-    #[command(flatten)]
-    overwrite: Overwrite,
+    /// Replace files that exist. Without it a folder that is not empty is refused.
+    #[arg(long)]
+    force: bool,
 }
 
 impl OutputOptions {
@@ -32,8 +31,8 @@ impl OutputOptions {
     ///
     /// # Errors
     /// If one cannot be made.
-    pub(crate) fn folders(&self) -> Result<[Option<Folder>; 2], Fault> {
-        let open = |path: &Option<PathBuf>| Folder::open(path.as_deref(), self.overwrite);
+    pub(crate) fn folders(&self) -> Result<[Option<Folder>; 2], FolderError> {
+        let open = |path: &Option<PathBuf>| Folder::open(path.as_deref(), self.force);
         Ok([open(&self.trace)?, open(&self.output)?])
     }
 
@@ -41,15 +40,19 @@ impl OutputOptions {
     ///
     /// # Errors
     /// If standard output cannot be written.
-    pub(crate) fn print_report(&self, object: &impl Serialize, words: &str) -> Result<(), Fault> {
-        let mut out = OutputSink::new(anstream::stdout());
+    pub(crate) fn print_report(
+        &self,
+        mut out: &mut dyn Write,
+        object: &impl Serialize,
+        words: &str,
+    ) -> Result<(), ScenarioError> {
         let written = if self.json {
             let written = serde_json::to_writer(&mut out, object).map_err(io::Error::from);
             written.and_then(|()| writeln!(out))
         } else {
             out.write_all(words.as_bytes())
         };
-        written.map_err(Fault::Output)
+        written.map_err(ScenarioError::Output)
     }
 }
 

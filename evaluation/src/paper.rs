@@ -1,11 +1,11 @@
-//! What the paper says, from `data/paper.json`, to stand beside our own figures.
+//! What the paper says, from `paper.json`, to stand beside our own figures.
 
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
-use crate::scenario::approach::Approach;
+use crate::approach::Approach;
 
 /// The paper's figures that scenarios have beside theirs.
 #[derive(Deserialize)]
@@ -25,6 +25,8 @@ pub(crate) struct ModelRuntime {
     pub(crate) model: String,
     pub(crate) orin: f64,
     pub(crate) a100: f64,
+    /// Box AP on COCO val2017, where a figure was found.
+    pub(crate) coco_ap: Option<f64>,
 }
 
 /// The 5G drive.
@@ -34,11 +36,14 @@ pub(crate) struct MeasuredDrive {
 }
 
 /// Round trips in ms.
-#[derive(Deserialize)]
-pub(crate) struct TripQuantiles {
-    pub(crate) p50: f64,
-    pub(crate) p90: f64,
-    pub(crate) p99: f64,
+#[derive(Clone, Copy, Debug, Deserialize, Serialize)]
+pub struct TripQuantiles {
+    /// The median.
+    pub p50: f64,
+    /// The 90th percentile.
+    pub p90: f64,
+    /// The 99th percentile.
+    pub p99: f64,
 }
 
 /// The table of the traffic jam.
@@ -73,8 +78,14 @@ pub(crate) struct SeenCollides {
 }
 
 pub(crate) static PAPER: LazyLock<Paper> = LazyLock::new(|| {
-    serde_json::from_str(include_str!("../../data/paper.json")).expect("the file is as above")
+    serde_json::from_str(include_str!("../paper.json")).expect("the file is as above")
 });
+
+/// Returns the round trips of the paper's 5G drive.
+#[must_use]
+pub fn paper_round_trips() -> TripQuantiles {
+    PAPER.drive_5g_san_francisco.rtt_ms
+}
 
 impl TrafficJam {
     /// The speeds of the table, ascending, in m/s.

@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
+use crate::paper::PAPER;
 use crate::plot::{ChartLine, Theme};
-use crate::scenario::paper::PAPER;
 
 /// The least and the greatest reaction time that the paper cites: upright at an x, or level at a y, between two ends.
 pub(crate) fn lines(theme: &Theme, is_upright: bool, ends: &Range<f64>) -> [ChartLine; 2] {

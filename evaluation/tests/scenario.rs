@@ -1,10 +1,13 @@
-//! `fuseline scenario`, run as a user runs it.
+//! Scenarios with the options that a user gives, and what the book says of them.
 
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 
-use crate::common::{err, out, run};
+use anstream::StripStream;
+use clap::Parser;
+use fuseline_evaluation::{Args, play};
+use fuseline_traces::judge;
 use resvg::tiny_skia::Pixmap;
 use resvg::usvg::{Options, Tree};
 use serde_json::Value;
@@ -18,10 +21,18 @@ fn assert_row<T: AsRef<str>>(name: &str, cells: impl IntoIterator<Item = T>) {
     assert!(CHAPTER.contains(&format!("\n{row}\n")), "the chapter on scenarios lacks {row}");
 }
 
+#[derive(Parser)]
+struct Cli {
+    #[command(flatten)]
+    args: Args,
+}
+
+/// Plays a scenario and returns its words without colours.
 fn scenario(args: &[&str]) -> String {
-    let output = run(&[&["scenario"], args].concat(), "");
-    assert_eq!((output.status.code(), err(&output)), (Some(0), ""), "{args:?}");
-    out(&output).to_owned()
+    let cli = Cli::parse_from(["scenario"].iter().chain(args));
+    let mut out = StripStream::new(Vec::new());
+    play(&cli.args, &mut out).unwrap();
+    String::from_utf8(out.into_inner()).unwrap()
 }
 
 fn json(args: &[&str]) -> Value {
@@ -38,16 +49,12 @@ fn printed<'a>(rows: &'a Value, keys: &[&str]) -> Vec<Vec<&'a Value>> {
 
 /// The traces in a folder, each accepted by the strict judge.
 fn traces(folder: &Path) -> usize {
-    let files: Vec<String> = fs::read_dir(folder)
-        .unwrap()
-        .map(|file| file.unwrap().path().display().to_string())
-        .collect();
-    let mut args = vec!["check"];
-    args.extend(files.iter().map(String::as_str));
-    let output = run(&args, "");
-    assert_eq!((output.status.code(), err(&output)), (Some(0), ""), "{}", out(&output));
-    assert!(!out(&output).contains(" 0 timestamps judged"));
-    files.len()
+    let files = fs::read_dir(folder).unwrap().map(|file| file.unwrap().path());
+    let judged = files.map(|file| {
+        let verdict = judge("trace", &fs::read(&file).unwrap()[..]).unwrap();
+        assert!(verdict.violations.is_empty() && verdict.judged > 0, "{}", file.display());
+    });
+    judged.count()
 }
 
 const JAM: [&str; 2] = ["traffic-jam", "--cells-only"];
@@ -260,35 +267,6 @@ fn plots_and_a_page_are_left_whole_and_the_same_each_time() {
 }
 
 #[test]
-fn a_folder_that_takes_no_files_is_reported_before_the_work() {
-    let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("file").display().to_string();
-    fs::write(&file, "").unwrap();
-    let mut refusing = vec![file.clone(), format!("{file}/in")];
-    if cfg!(target_os = "linux") {
-        // Nobody makes files there, not even root.
-        refusing.push("/proc".to_owned());
-    }
-    for refusing in &refusing {
-        for option in ["-o", "--trace"] {
-            for name in ["traffic-jam", "red-light", "jaywalking"] {
-                let printed = run(&["scenario", name, option, refusing], "");
-                assert_eq!((printed.status.code(), out(&printed)), (Some(2), ""), "{name}");
-                assert!(
-                    err(&printed).starts_with(&format!("error: {refusing}: ")),
-                    "{}",
-                    err(&printed)
-                );
-                let remedy = "; name a folder that can be written to\n";
-                assert!(err(&printed).ends_with(remedy), "{}", err(&printed));
-                assert_eq!(err(&printed).lines().count(), 1, "{}", err(&printed));
-            }
-        }
-    }
-    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
-}
-
-#[test]
 fn tables_stand_beside_the_papers_and_without_colours_in_a_pipe() {
     for (args, part) in [
         (&JAM[..], "90 of the 90 cells"),
@@ -303,31 +281,6 @@ fn tables_stand_beside_the_papers_and_without_colours_in_a_pipe() {
         let widest = text.lines().map(|line| line.chars().count()).max();
         assert!(widest <= Some(80), "{widest:?}");
     }
-}
-
-#[test]
-fn what_makes_no_sense_is_reported_in_one_line_with_a_remedy() {
-    let cases: [(&[&str], &str); 12] = [
-        (&["traffic-jam", "--speed", "0"], "write a number of m/s from 0.1 to 150; see --help"),
-        (&["traffic-jam", "--deadline", "soon"], "write guard, expected or a number of seconds"),
-        (&["traffic-jam", "--rate", "0"], "write a number of Hz from 0.1 to 1000"),
-        (&["traffic-jam", "--approach", "luck"], "see --help"),
-        (&["traffic-jam", "--range-cloud", "30"], "change --range-local or --range-cloud"),
-        (&["traffic-jam", "--speed", "1", "--rate", "1000"], "lower --rate or the deadline"),
-        (&["red-light", "--round-trip", "-1"], "see --help"),
-        (&["red-light", "--variant", "roundabout"], "see --help"),
-        (&["jaywalking", "--response", "x"], "write a number from 0 to 100000"),
-        (&["networks", "--policy", "never"], "write local, cloud, first, guard, expected or"),
-        (&["networks", "--drive", "nowhere"], "no built-in drive and no readable file"),
-        (&["networks", "--trace", "never-made"], "name fewer with --drive, --speed"),
-    ];
-    for (args, message) in cases {
-        let printed = run(&[&["scenario"], args].concat(), "");
-        assert_eq!((printed.status.code(), out(&printed)), (Some(2), ""), "{args:?}");
-        assert!(err(&printed).contains(message), "{:?}, not {message:?}", err(&printed));
-        assert_eq!(err(&printed).lines().count(), 1, "{}", err(&printed));
-    }
-    assert!(!Path::new("never-made").exists());
 }
 
 /// A field has one type, whatever was chosen.

@@ -39,6 +39,7 @@ pub use carried_state::CarriedState;
 pub use drive::Timers;
 pub use encoding::{EncodeOnce, EncodedRequest, encoding};
 pub use fuseline_deadline as deadline;
+pub use fuseline_deadline::LinkDirection;
 pub use fuseline_engine::{
     CapacityError, CapacityErrors, CarriedMessage, CloudConfig as Cloud, Commit, ConfigError,
     CurrentDeadline, DropReason, Ending, EngineConfigError, Failure, Forwarded, Hint, Item,
@@ -48,7 +49,7 @@ pub use fuseline_engine::{
 pub use in_order::OutOfOrder;
 pub use items::Items;
 pub use join::{Join, JoinConfig, JoinDrop, JoinTally, RunningJoin};
-pub use link::{EmulatedLink, LinkDirection};
+pub use link::EmulatedLink;
 pub use local::Local;
 pub use network::EmulatedNetwork;
 pub use operator::{Config, JoinError, Operator, Running, SpawnError, Trace, spawn};

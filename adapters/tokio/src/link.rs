@@ -5,22 +5,13 @@ use std::future;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use fuseline_deadline::{LinkQueue, LinkRate};
+use fuseline_deadline::{LinkDirection, LinkQueue, LinkRate};
 use fuseline_engine::{lock, nanos};
 use futures_util::future::BoxFuture;
 use tokio::time::{Instant, sleep_until};
 
 use crate::Error;
 use crate::call::Call;
-
-/// Which way a message is sent.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum LinkDirection {
-    /// From the vehicle: requests.
-    Uplink,
-    /// To it: replies.
-    Downlink,
-}
 
 /// An emulated link; clones are the same one, for all clouds and operators of a vehicle.
 ///

@@ -26,12 +26,10 @@ use tokio::runtime::Runtime;
 use tokio::time::timeout;
 
 use crate::complain::complain;
-use crate::emulation::REQUEST_BYTES;
 use crate::exit::Exit;
 use crate::fault::{Fault, chain, plain};
 use crate::interrupt::Interrupt;
 use crate::output::{self, Growing};
-use crate::plot::Folder;
 use crate::probe::client::{Schedule, drive};
 use crate::probe::live::ProbeProgress;
 use crate::probe::log::ProbeLog;
@@ -39,6 +37,8 @@ use crate::probe::row::SlotRows;
 use crate::probe::summary::ProbeSummary;
 use crate::run::served::Served;
 use crate::sink::OutputSink;
+use fuseline_evaluation::models::REQUEST_BYTES;
+use fuseline_evaluation::plot::Folder;
 
 pub(crate) use crate::probe::options::Args;
 
@@ -99,7 +99,7 @@ fn again(recording: &Path, args: &Args) -> Result<(), Fault> {
 
 /// The folder for plots, if one is wanted.
 fn folder(args: &Args) -> Result<Option<(&Path, Folder)>, Fault> {
-    let folder = Folder::open(args.output.as_deref(), args.overwrite)?;
+    let folder = Folder::open(args.output.as_deref(), args.overwrite.force)?;
     Ok(args.output.as_deref().zip(folder))
 }
 

@@ -2,11 +2,11 @@
 
 use fuseline_tokio::grpc::{Reply, Request};
 
-use crate::emulation::REPLY_BYTES;
 use crate::fault::Fault;
 use crate::interrupt::Interrupt;
 use crate::probe::options::Args;
 use crate::serve::listen;
+use fuseline_evaluation::models::REPLY_BYTES;
 
 /// A reply's payload; nobody looks into it.
 static REPLY: [u8; REPLY_BYTES] = [0; REPLY_BYTES];

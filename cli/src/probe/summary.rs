@@ -2,11 +2,11 @@
 
 use std::fmt;
 use std::path::Path;
-use std::sync::LazyLock;
 use std::time::Duration;
 
 use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
-use serde::{Deserialize, Serialize};
+use fuseline_evaluation::{TripQuantiles, paper_round_trips};
+use serde::Serialize;
 
 use crate::probe::figures::{Figures, QuantileRow, RequestCounts};
 use crate::probe::options::Args;
@@ -15,31 +15,6 @@ use fuseline_report::Quantile;
 /// A line below the header and no other.
 const STYLE: TableStyle =
     TableStyle::new().header_separator(LineStyle::none().fill('─').junction('─'));
-
-/// The round trips of the paper's drive, in milliseconds.
-pub(crate) static PAPER: LazyLock<PaperQuantiles> = LazyLock::new(|| {
-    let figures: File = serde_json::from_str(include_str!("../../data/paper.json"))
-        .expect("a test reads the same bytes");
-    figures.drive_5g_san_francisco.rtt_ms
-});
-
-#[derive(Deserialize)]
-struct File {
-    drive_5g_san_francisco: DriveSummary,
-}
-
-#[derive(Deserialize)]
-struct DriveSummary {
-    rtt_ms: PaperQuantiles,
-}
-
-/// Quantiles in milliseconds.
-#[derive(Clone, Copy, Debug, Deserialize, Serialize)]
-pub(crate) struct PaperQuantiles {
-    pub(crate) p50: f64,
-    pub(crate) p90: f64,
-    pub(crate) p99: f64,
-}
 
 /// What a probe came to.
 #[derive(Debug, Serialize)]
@@ -58,7 +33,7 @@ pub(crate) struct ProbeSummary {
     /// The same over all slots.
     slots_ms: QuantileRow,
     /// The paper's.
-    paper_ms: PaperQuantiles,
+    paper_ms: TripQuantiles,
     csv: String,
     /// Files in the folder for plots.
     pub(crate) plots: Vec<String>,
@@ -81,7 +56,7 @@ impl ProbeSummary {
             paused_ms: figures.paused.as_secs_f64() * 1000.0,
             answers_ms: figures.answers.reported(),
             slots_ms: figures.slots.reported(),
-            paper_ms: *PAPER,
+            paper_ms: paper_round_trips(),
             csv: csv.display().to_string(),
             plots: Vec::new(),
         }
@@ -126,7 +101,7 @@ impl fmt::Display for ProbeSummary {
             let cells = [p50, p90, p99, max].map(quantile);
             table.add_row([name.to_owned()].into_iter().chain(cells).chain([percent(in_time, of)]));
         }
-        let PaperQuantiles { p50, p90, p99 } = self.paper_ms;
+        let TripQuantiles { p50, p90, p99 } = self.paper_ms;
         let cells = [p50, p90, p99].map(|ms| format!("{ms} ms"));
         let paper = ["paper's 5G drive".to_owned()].into_iter().chain(cells);
         table.add_row(paper.chain(["–".to_owned(), "–".to_owned()]));
@@ -190,7 +165,7 @@ mod tests {
 
     #[test]
     fn the_papers_drive_stands_beside() {
-        let PaperQuantiles { p50, p90, p99 } = *PAPER;
+        let TripQuantiles { p50, p90, p99 } = paper_round_trips();
         assert_eq!([p50, p90, p99].map(|ms| format!("{ms}")), ["68", "336", "3027"]);
     }
 
@@ -224,7 +199,7 @@ mod tests {
                 p99: Some(Quantile::Never),
                 max: Some(Quantile::Never),
             },
-            paper_ms: *PAPER,
+            paper_ms: paper_round_trips(),
             csv: "drive.csv".to_owned(),
             plots: Vec::new(),
         };

@@ -13,16 +13,16 @@ use fuseline_tokio::{
 use tokio::task::JoinSet;
 use tokio::time::{Instant, interval, sleep, timeout};
 
-use crate::emulation::{REPLY_BYTES, REQUEST_BYTES};
 use crate::fault::Fault;
 use crate::interrupt::Interrupt;
-use crate::link;
 use crate::run::deadlines::RunDeadlines;
 use crate::run::driven::RunMetadata;
 use crate::run::error::RunError;
 use crate::run::live::{RunProgress, unrecorded};
 use crate::run::network::Network;
 use crate::run::plan::{DeadlinePolicy, RunPlan};
+use fuseline_evaluation::link::RecordedLink;
+use fuseline_evaluation::models::{REPLY_BYTES, REQUEST_BYTES};
 
 /// What its frames come from, in the trace.
 const STREAM: &str = "camera";
@@ -102,6 +102,16 @@ impl Operator for Detector<'_> {
     }
 }
 
+/// The link of the run from now on, with the rates of the drive that its first cloud has, where that has rates.
+fn emulated_link(plan: &RunPlan) -> EmulatedLink {
+    let width = plan.link;
+    let drive = plan.link_drive().map(|cloud| (cloud.drive.clone(), cloud.start));
+    EmulatedLink::new(width.queue_bytes, move |direction, at| {
+        let drive = drive.as_ref().map(|(drive, start)| (drive, *start));
+        RecordedLink { width, drive }.rate(direction, at)
+    })
+}
+
 /// Starts the operator, within a runtime.
 ///
 /// # Errors
@@ -109,9 +119,8 @@ impl Operator for Detector<'_> {
 pub(crate) fn start(plan: &RunPlan, network: Network) -> Result<Camera<'_>, Fault> {
     let Network { connections, servers, began } = network;
     let begun: Vec<Arc<AtomicU64>> = plan.clouds.iter().map(|_| Arc::default()).collect();
-    let drive = plan.link_drive().map(|cloud| (cloud.drive.clone(), cloud.start));
     began.get_or_init(Instant::now);
-    let link = link::emulated(plan.link, drive);
+    let link = emulated_link(plan);
     let detector = Detector { plan, connections, begun: begun.clone(), link };
     let config = Config {
         name: "detector".to_owned(),

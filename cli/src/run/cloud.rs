@@ -7,8 +7,8 @@ use std::time::Duration;
 use thiserror::Error;
 
 use crate::emulation::EmulationError;
-use crate::models::{Model, ModelError};
 use crate::seconds::seconds;
+use fuseline_evaluation::models::{Model, ModelError};
 
 /// One cloud as the options name it.
 #[derive(Clone, PartialEq, Debug)]

@@ -6,8 +6,8 @@ use std::time::Duration;
 use fuseline_tokio::Commit;
 use fuseline_tokio::deadline::{Accuracy, Chosen, End, Expected, Policy, Situation, Span};
 
-use crate::models::Model;
 use crate::run::plan::RunPlan;
+use fuseline_evaluation::models::Model;
 
 /// How many ends of calls to a cloud are remembered: 3.2 s at ten frames a second. The libraries' default of 64, about two
 /// seconds at 30, would wait twice as long here before a cloud counts as gone.

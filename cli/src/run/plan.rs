@@ -12,14 +12,14 @@ use crate::emulation::Emulation;
 use crate::fault::Fault;
 use crate::input::is_standard;
 use crate::judging::AcceptOption;
-use crate::link::{LinkArgs, LinkWidth, RecordedLink};
-use crate::models::Model;
 use crate::output::{self, Output, Overwrite};
 use crate::report::PAGE;
 use crate::run::cloud::{self, CloudAddress, CloudOptions, CloudsError, NamedValue, RemoteServer};
 use crate::run::config::{self, CloudFileError};
 use crate::run::served::Served;
 use crate::seconds::seconds;
+use fuseline_evaluation::link::{LinkArgs, LinkWidth, RecordedLink};
+use fuseline_evaluation::models::Model;
 
 /// What the trace is called if it has no other name.
 pub(crate) const TRACE: &str = "fuseline-trace.jsonl";

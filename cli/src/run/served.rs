@@ -7,7 +7,7 @@ use fuseline_tokio::grpc::{CallError, Connection, Description, InferClient};
 use tokio::time::timeout;
 
 use crate::emulation::Emulation;
-use crate::models::Model;
+use fuseline_evaluation::models::Model;
 
 /// How long a server may take to say what it serves.
 const PATIENCE: Duration = Duration::from_secs(2);

@@ -5,11 +5,12 @@ use std::time::Duration;
 
 use comfy_table::{CellAlignment, LineStyle, Table, TableStyle};
 
-use crate::emulation::{Outage, REPLY_BYTES, REQUEST_BYTES};
-use crate::link::LinkWidth;
-use crate::models::Model;
+use crate::emulation::Outage;
 use crate::run::plan::{CloudPlan, CloudServer, DeadlinePolicy, RunPlan};
 use crate::run::report::{PolicyReport, RunReport, SourceReport, share};
+use fuseline_evaluation::link::LinkWidth;
+use fuseline_evaluation::models::Model;
+use fuseline_evaluation::models::{REPLY_BYTES, REQUEST_BYTES};
 use fuseline_report::policies::BoundedFigure;
 use fuseline_report::{COLUMNS, PolicyScores, Quantile, RequestRow, RunNotes, Totals};
 

@@ -2,7 +2,7 @@
 //! along, prediction, planning with contingency plans beside, and control at 20 Hz, under one end-to-end deadline of 500 ms.
 //!
 //! Boxes, the runtimes of detection and the networks are recorded; all else is emulated. Time is virtual: equal options give
-//! equal lines. Run it with `cargo run -p fuseline --example paper_vehicle -- --kill west-detector`.
+//! equal lines. Run it with `cargo run -p fuseline-evaluation --example paper_vehicle -- --kill west-detector`.
 
 mod drive;
 mod operators;

@@ -1,5 +1,5 @@
 //! What three networks found in the frames of a video, how long each took, and where people are: recorded once, see
-//! `examples/perception/README.md`.
+//! `evaluation/python/perception/README.md`.
 
 use std::fmt;
 use std::io::{BufRead, BufReader};
@@ -61,7 +61,7 @@ struct ByDetector<T> {
 impl Recording {
     /// Reads the file.
     pub(crate) fn load() -> Result<Self, Error> {
-        let packed: &[u8] = include_bytes!("../../../examples/perception/detections.jsonl.gz");
+        let packed: &[u8] = include_bytes!("../../python/perception/detections.jsonl.gz");
         // The first line is about all frames.
         let lines = BufReader::new(GzDecoder::new(packed)).lines().skip(1);
         let frames = lines.map(|line| Ok(serde_json::from_str(&line?)?));

@@ -26,7 +26,7 @@ def boxes(*rows: tuple[float, ...]) -> Boxes:
     return np.array(rows, np.float64)
 
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 BOOK = (ROOT / "docs/book/src/use/perception.md").read_text()
 README = (ROOT / "README.md").read_text()
 

@@ -17,7 +17,7 @@ from drive import RATE, Result, drive
 from network import ROOT
 from scenes import Jam
 
-PAPER = json.loads((ROOT / "cli/data/paper.json").read_text())["traffic_jam"]
+PAPER = json.loads((ROOT / "evaluation/paper.json").read_text())["traffic_jam"]
 APPROACHES = {"local": "local", "cloud": "cloud", "ours": "guard"}
 PLACES = 8
 

@@ -39,10 +39,11 @@ def is_noticed(fault: SeededFault) -> bool:
     """Whether the check fails with the fault."""
     with tempfile.TemporaryDirectory(prefix="fuseline-worlds-") as folder:
         root = Path(folder)
-        copy = root / "examples/worlds"
+        copy = root / "evaluation/python/worlds"
         shutil.copytree(HERE, copy, ignore=shutil.ignore_patterns("__pycache__"))
-        # The recorded networks stand beside.
-        (root / "cli").symlink_to(HERE.parents[1] / "cli")
+        # The recorded networks and the paper's table stand elsewhere in the tree.
+        (root / "testkit").symlink_to(HERE.parents[2] / "testkit")
+        shutil.copy(HERE.parents[1] / "paper.json", root / "evaluation")
         text = (copy / fault.file).read_text()
         if text.count(fault.line) != 1:
             raise SystemExit(f"{fault.file} has not once {fault.line!r}")

@@ -7,7 +7,7 @@ from bisect import bisect_right
 from dataclasses import dataclass
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 DRIVES = ROOT / "testkit/data"
 #: The columns of `testkit/data`, but for a wifi that was hardly ever there.
 NETWORKS = (

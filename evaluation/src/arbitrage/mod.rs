@@ -3,13 +3,15 @@
 mod plots;
 mod text;
 
+use std::io::Write;
+
 use serde::Serialize;
 
-use crate::fault::Fault;
+use crate::ScenarioError;
+use crate::networks::DRIVES;
+use crate::options::OutputOptions;
+use crate::paper::{PAPER, TripQuantiles};
 use crate::plot::{PageContent, show};
-use crate::scenario::networks::DRIVES;
-use crate::scenario::options::OutputOptions;
-use crate::scenario::paper::{PAPER, TripQuantiles};
 use fuseline_testkit::networks::Drive;
 
 /// What the page says first.
@@ -66,9 +68,9 @@ pub(crate) struct ArbitrageResult {
     human_reaction: [f64; 2],
 }
 
-pub(crate) fn play(args: &Args) -> Result<(), Fault> {
+pub(crate) fn play(args: &Args, out: &mut dyn Write) -> Result<(), ScenarioError> {
     let drives: Result<Vec<Drive>, _> = args.drive.iter().map(|name| Drive::load(name)).collect();
-    let drives = drives.map_err(Fault::own)?;
+    let drives = drives?;
     let [_, plots] = args.leave.folders()?;
     let result = result(&drives);
     let text = text::text(&result);
@@ -84,7 +86,7 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
             },
         )?;
     }
-    args.leave.print_report(&result, &text)
+    args.leave.print_report(out, &result, &text)
 }
 
 fn result(drives: &[Drive]) -> ArbitrageResult {

@@ -2,8 +2,8 @@
 
 use plotters::prelude::*;
 
+use crate::arbitrage::{ArbitrageResult, ArbitrageRow};
 use crate::plot::{Canvas, DRAWN, Plot, TextLine, Theme, canvas, width};
-use crate::scenario::arbitrage::{ArbitrageResult, ArbitrageRow};
 
 /// Where bars begin, how high a model's place is, and where the first one is.
 const LEFT: i32 = 180;

@@ -2,8 +2,8 @@
 
 use std::fmt::Write;
 
-use crate::scenario::arbitrage::ArbitrageResult;
-use crate::scenario::paint::{BAD, GOOD, paint, written};
+use crate::arbitrage::ArbitrageResult;
+use crate::paint::{BAD, GOOD, paint, written};
 
 pub(crate) fn text(result: &ArbitrageResult) -> String {
     written(|text| {

@@ -2,8 +2,8 @@
 
 use serde::Serialize;
 
-use crate::scenario::jaywalking::swerve::{FRONT, Swerve};
-use crate::scenario::shape::{Rectangle, first_contact};
+use crate::jaywalking::swerve::{FRONT, Swerve};
+use crate::shape::{Rectangle, first_contact};
 
 /// The car's length and width.
 pub(crate) const CAR: (f64, f64) = (4.7, 1.9);

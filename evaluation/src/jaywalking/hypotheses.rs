@@ -4,8 +4,8 @@ use std::str::FromStr;
 
 use serde::Serialize;
 
-use crate::scenario::jaywalking::Args;
-use crate::scenario::jaywalking::planning::{PlanCallOutcome, Planning};
+use crate::jaywalking::Args;
+use crate::jaywalking::planning::{PlanCallOutcome, Planning};
 
 /// Something that may happen.
 #[derive(Clone, PartialEq, Debug)]

@@ -8,14 +8,16 @@ mod plots;
 mod swerve;
 mod text;
 
+use std::io::Write;
+
 use serde::Serialize;
 
-use crate::fault::Fault;
+use crate::ScenarioError;
+pub(crate) use crate::jaywalking::geometry::{Manoeuvre, SwerveGeometry};
+use crate::jaywalking::hypotheses::{HypothesisRow, UnlikelyEvent};
+use crate::jaywalking::planning::{PlanCallOutcome, Planning};
+use crate::options::{OutputOptions, above_0, not_below_0, speed};
 use crate::plot::{Folder, PageContent, show};
-pub(crate) use crate::scenario::jaywalking::geometry::{Manoeuvre, SwerveGeometry};
-use crate::scenario::jaywalking::hypotheses::{HypothesisRow, UnlikelyEvent};
-use crate::scenario::jaywalking::planning::{PlanCallOutcome, Planning};
-use crate::scenario::options::{OutputOptions, above_0, not_below_0, speed};
 
 /// What the page says first.
 const WORDS: &str = "A person walks onto the road just before a car. The planner on board takes its time; a plan that the \
@@ -139,7 +141,7 @@ pub(crate) struct JaywalkingResult {
     mean_response: Option<f64>,
 }
 
-pub(crate) fn play(args: &Args) -> Result<(), Fault> {
+pub(crate) fn play(args: &Args, out: &mut dyn Write) -> Result<(), ScenarioError> {
     let [traces, plots] = args.leave.folders()?;
     let geometry = args.geometry();
     let greatest = args.response.iter().map(|at| greatest(&geometry, *at)).collect();
@@ -165,7 +167,7 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
             &PageContent { title: "Person jaywalking", words: &words, plots, reported: &text },
         )?;
     }
-    args.leave.print_report(&result, &text)
+    args.leave.print_report(out, &result, &text)
 }
 
 fn greatest(geometry: &SwerveGeometry, response: f64) -> Greatest {
@@ -181,7 +183,7 @@ fn runs(
     args: &Args,
     geometry: &SwerveGeometry,
     traces: Option<&Folder>,
-) -> Result<Vec<JaywalkingRun>, Fault> {
+) -> Result<Vec<JaywalkingRun>, ScenarioError> {
     let (Some(planner), Some(cached)) = (args.response.first(), args.response.last()) else {
         return Ok(Vec::new());
     };

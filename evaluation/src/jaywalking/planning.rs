@@ -2,9 +2,9 @@
 
 use serde::Serialize;
 
-use crate::scenario::approach::{nanos, seconds};
-use crate::scenario::jaywalking::contingency::{ContingencyCalls, Hypothesis, Plan, PlanReply};
-use crate::scenario::operator::{ScenarioMessage, ScenarioOperator};
+use crate::approach::{nanos, seconds};
+use crate::jaywalking::contingency::{ContingencyCalls, Hypothesis, Plan, PlanReply};
+use crate::operator::{ScenarioMessage, ScenarioOperator};
 
 /// The planner gets a message so often, in ns.
 const EVERY: u64 = 100_000_000;

@@ -3,10 +3,10 @@
 use plotters::prelude::*;
 use rayon::prelude::*;
 
+use crate::jaywalking::geometry::{Manoeuvre, SwerveGeometry};
+use crate::jaywalking::{Greatest, JaywalkingResult};
 use crate::plot::{Axes, ChartLine, DRAWN, Plot, TextLine, canvas};
-use crate::scenario::jaywalking::geometry::{Manoeuvre, SwerveGeometry};
-use crate::scenario::jaywalking::{Greatest, JaywalkingResult};
-use crate::scenario::reaction;
+use crate::reaction;
 
 /// Responses that are shown, in fiftieths of a second.
 const SHOWN: std::ops::RangeInclusive<u32> = 0..=65;

@@ -2,11 +2,11 @@
 
 use std::fmt::Write;
 
-use crate::scenario::jaywalking::JaywalkingResult;
-use crate::scenario::jaywalking::geometry::Manoeuvre;
-use crate::scenario::jaywalking::planning::PlanCallOutcome;
-use crate::scenario::paint::{BAD, GOOD, paint, written};
-use crate::scenario::paper::PAPER;
+use crate::jaywalking::JaywalkingResult;
+use crate::jaywalking::geometry::Manoeuvre;
+use crate::jaywalking::planning::PlanCallOutcome;
+use crate::paint::{BAD, GOOD, paint, written};
+use crate::paper::PAPER;
 
 pub(crate) fn text(result: &JaywalkingResult) -> String {
     written(|text| {

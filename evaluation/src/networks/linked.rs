@@ -2,13 +2,13 @@
 
 use std::time::Duration;
 
-use fuseline_tokio::LinkDirection;
-use fuseline_tokio::deadline::LinkQueue;
+use fuseline_deadline::LinkDirection;
+use fuseline_deadline::LinkQueue;
 
-use crate::emulation::REPLY_BYTES;
+use crate::approach::{figure, nanos, seconds, whole};
 use crate::link::RecordedLink;
-use crate::scenario::approach::{figure, nanos, seconds, whole};
-use crate::scenario::networks::policy::OBSERVED;
+use crate::models::REPLY_BYTES;
+use crate::networks::policy::OBSERVED;
 
 /// How long the cloud takes for each frame, from 30 s before a start on. All frames are sent, so that this is the same for
 /// all policies.

@@ -10,18 +10,19 @@ use std::time::Duration;
 use fuseline_deadline::{Guard, Observation};
 use fuseline_testkit::networks::Drive;
 use rayon::prelude::*;
+use std::io::Write;
+
 use serde::Serialize;
 
-use crate::fault::Fault;
+use crate::ScenarioError;
+use crate::approach::{self, Vehicle, whole};
+use crate::braking::DriveOutcome;
 use crate::link::{LinkArgs, LinkWidth, RecordedLink};
+use crate::networks::linked::LinkedResponses;
+use crate::networks::policy::{OBSERVED, ResponsePolicy, before, deadline, observe};
+use crate::operator::ScenarioOperator;
+use crate::options::{OutputOptions, VehicleArgs, above_0, not_below_0, speed};
 use crate::plot::{Folder, PageContent, show};
-use crate::scenario::ScenarioError;
-use crate::scenario::approach::{self, Vehicle, whole};
-use crate::scenario::braking::DriveOutcome;
-use crate::scenario::networks::linked::LinkedResponses;
-use crate::scenario::networks::policy::{OBSERVED, ResponsePolicy, before, deadline, observe};
-use crate::scenario::operator::ScenarioOperator;
-use crate::scenario::options::{OutputOptions, VehicleArgs, above_0, not_below_0, speed};
 
 /// All that is recorded but the wifi, which was hardly ever there.
 pub(crate) const DRIVES: &str = "cicv5g/arterial_n78_v80,cicv5g/rural_n8_v0,cicv5g/rural_n8_v10,\
@@ -152,17 +153,16 @@ pub(crate) struct NetworksResult {
     rows: Vec<DriveRow>,
 }
 
-pub(crate) fn play(args: &Args) -> Result<(), Fault> {
+pub(crate) fn play(args: &Args, out: &mut dyn Write) -> Result<(), ScenarioError> {
     let runs = args.drive.len() * args.speed.len() * args.policy.len() * args.starts as usize;
     if args.leave.trace.is_some() && runs > TRACES {
-        return Err(ScenarioError::Traces { runs, most: TRACES }.into());
+        return Err(ScenarioError::Traces { runs, most: TRACES });
     }
     let drives: Result<Vec<Drive>, _> = args.drive.iter().map(|name| Drive::load(name)).collect();
-    let drives = drives.map_err(Fault::own)?;
+    let drives = drives?;
     let vehicle = args.vehicle.vehicle();
     let needs_guard = args.policy.iter().any(|mode| mode.is_guarded());
-    let guard = needs_guard.then(|| vehicle.guard()).transpose();
-    let guard = guard.map_err(|invalid| ScenarioError::Invalid { invalid })?;
+    let guard = needs_guard.then(|| vehicle.guard()).transpose()?;
     let [traces, plots] = args.leave.folders()?;
     let runtime = Duration::from_secs_f64(args.cloud_runtime);
     let setting = Setting { args, vehicle, guard, runtime, traces };
@@ -184,7 +184,7 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
             &PageContent { title: "Recorded networks", words: &words, plots, reported: &text },
         )?;
     }
-    args.leave.print_report(&result, &text)
+    args.leave.print_report(out, &result, &text)
 }
 
 impl Args {
@@ -204,11 +204,11 @@ impl Args {
 
 impl Setting<'_> {
     /// Each drive's rows, speed by speed and policy by policy.
-    fn rows(&self, drives: &[Drive]) -> Result<Vec<DriveRow>, Fault> {
+    fn rows(&self, drives: &[Drive]) -> Result<Vec<DriveRow>, ScenarioError> {
         let mut rows = Vec::new();
         for drive in drives {
             let starts = 0..self.args.starts;
-            let ends: Result<Vec<Vec<DriveOutcome>>, Fault> = starts
+            let ends: Result<Vec<Vec<DriveOutcome>>, ScenarioError> = starts
                 .into_par_iter()
                 .map(|start_index| self.start(drive, start_index).ends(self))
                 .collect();
@@ -269,7 +269,7 @@ impl Setting<'_> {
 
 impl DriveStart<'_> {
     /// How the runs from here end, speed by speed and policy by policy.
-    fn ends(&self, setting: &Setting<'_>) -> Result<Vec<DriveOutcome>, Fault> {
+    fn ends(&self, setting: &Setting<'_>) -> Result<Vec<DriveOutcome>, ScenarioError> {
         setting.pairs().map(|(speed, mode)| self.end(setting, speed, mode)).collect()
     }
 
@@ -278,7 +278,7 @@ impl DriveStart<'_> {
         setting: &Setting<'_>,
         speed: f64,
         mode: ResponsePolicy,
-    ) -> Result<DriveOutcome, Fault> {
+    ) -> Result<DriveOutcome, ScenarioError> {
         let situation = setting.vehicle.situation(speed);
         let deadline = deadline(mode, setting.guard.as_ref(), &situation, &self.observed);
         let run = approach::ApproachRun {
@@ -308,7 +308,7 @@ impl DriveStart<'_> {
             Some(whole(setting.runtime + trip))
         });
         if operator.is_full() {
-            return Err(ScenarioError::Full { speed }.into());
+            return Err(ScenarioError::Full { speed });
         }
         if let (Some(folder), Some(trace)) = (traced, operator.into_trace()) {
             let drive: String = self.drive.name().replace(['/', '\\', ':'], "-");

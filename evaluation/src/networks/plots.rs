@@ -1,9 +1,9 @@
 //! Collisions and impact over the speed.
 
+use crate::networks::policy::ResponsePolicy;
+use crate::networks::text::{mean, percent};
+use crate::networks::{DriveRow, NetworksResult};
 use crate::plot::{Axes, ChartLine, Plot, Theme, canvas};
-use crate::scenario::networks::policy::ResponsePolicy;
-use crate::scenario::networks::text::{mean, percent};
-use crate::scenario::networks::{DriveRow, NetworksResult};
 
 pub(crate) fn plots(result: &NetworksResult) -> Vec<Plot> {
     let collisions = PlotView {

@@ -9,8 +9,8 @@ use fuseline_deadline::{
 use fuseline_testkit::networks::Drive;
 use serde::{Serialize, Serializer};
 
-use crate::scenario::approach::{Approach, Vehicle, nanos};
-use crate::scenario::options::above_0;
+use crate::approach::{Approach, Vehicle, nanos};
+use crate::options::above_0;
 
 /// How long before the first frame calls are observed.
 pub(crate) const OBSERVED: Duration = Duration::from_secs(30);

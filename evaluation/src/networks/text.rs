@@ -2,9 +2,9 @@
 
 use std::fmt::Write;
 
-use crate::scenario::networks::policy::ResponsePolicy;
-use crate::scenario::networks::{DriveRow, NetworksResult};
-use crate::scenario::paint::{BAD, GOOD, paint, written};
+use crate::networks::policy::ResponsePolicy;
+use crate::networks::{DriveRow, NetworksResult};
+use crate::paint::{BAD, GOOD, paint, written};
 
 /// How wide a name and a cell are.
 const NAME: usize = 15;

@@ -13,16 +13,17 @@ use crate::plot::png::FONT;
 use crate::plot::{Theme, pieces};
 
 /// A sheet to draw on.
-pub(crate) type Canvas<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+pub type Canvas<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 /// A chart; its axes are linear unless given.
-pub(crate) type Chart<'a, 'b, X = RangedCoordf64, Y = RangedCoordf64> =
+pub type Chart<'a, 'b, X = RangedCoordf64, Y = RangedCoordf64> =
     ChartContext<'a, SVGBackend<'b>, Cartesian2d<X, Y>>;
 
 /// Drawing into a string does not fail.
-pub(crate) const DRAWN: &str = "a drawing in memory";
+pub const DRAWN: &str = "a drawing in memory";
 
+/// How a line of text is set.
 #[derive(Clone, Copy)]
-pub(crate) struct TextLine {
+pub struct TextLine {
     size: f64,
     colour: RGBColor,
     is_bold: bool,
@@ -30,30 +31,44 @@ pub(crate) struct TextLine {
 }
 
 impl TextLine {
-    pub(crate) const fn new(size: f64, colour: RGBColor) -> Self {
+    /// Sets text of this size and colour, at the left and in the middle of its line.
+    #[must_use]
+    pub const fn new(size: f64, colour: RGBColor) -> Self {
         let pos = Pos { h_pos: HPos::Left, v_pos: VPos::Center };
         Self { size, colour, is_bold: false, pos }
     }
 
-    pub(crate) const fn bold(self) -> Self {
+    /// Sets it in bold.
+    #[must_use]
+    pub const fn bold(self) -> Self {
         Self { is_bold: true, ..self }
     }
 
-    pub(crate) const fn centred(self) -> Self {
+    /// Centres it.
+    #[must_use]
+    pub const fn centred(self) -> Self {
         Self { pos: Pos { h_pos: HPos::Center, v_pos: VPos::Center }, ..self }
     }
 
-    pub(crate) const fn right(self) -> Self {
+    /// Sets it at the right.
+    #[must_use]
+    pub const fn right(self) -> Self {
         Self { pos: Pos { h_pos: HPos::Right, v_pos: VPos::Center }, ..self }
     }
 
-    pub(crate) fn style(&self) -> TextStyle<'static> {
+    /// Returns the style for what the crate `plotters` draws.
+    #[must_use]
+    pub fn style(&self) -> TextStyle<'static> {
         let style = if self.is_bold { FontStyle::Bold } else { FontStyle::Normal };
         let font = FontDesc::new(FontFamily::Name(FAMILY), self.size, style);
         font.color(&self.colour).pos(self.pos)
     }
 
-    pub(crate) fn put(&self, canvas: &Canvas<'_>, text: &str, at: (i32, i32)) {
+    /// Puts a text at a place.
+    ///
+    /// # Panics
+    /// Never: drawing into a string does not fail.
+    pub fn put(&self, canvas: &Canvas<'_>, text: &str, at: (i32, i32)) {
         canvas.draw_text(text, &self.style(), at).expect(DRAWN);
     }
 }
@@ -62,7 +77,11 @@ impl TextLine {
 const FAMILY: &str = "Inter, system-ui, sans-serif";
 
 /// Draws on a sheet of this size with a title and a line below it.
-pub(crate) fn canvas(
+///
+/// # Panics
+/// Never: drawing into a string does not fail.
+#[must_use]
+pub fn canvas(
     theme: &Theme,
     (width, height): (u32, u32),
     (title, below): (&str, &str),
@@ -82,12 +101,13 @@ pub(crate) fn canvas(
 }
 
 /// What an axis is made of.
-pub(crate) trait Scale: AsRangedCoord<Value = f64> {}
+pub trait Scale: AsRangedCoord<Value = f64> {}
 
 impl<T: AsRangedCoord<Value = f64>> Scale for T {}
 
 /// A logarithmic scale with a line at each power of ten, between powers of ten.
-pub(crate) fn logarithmic(range: &Range<f64>) -> LogPoints {
+#[must_use]
+pub fn logarithmic(range: &Range<f64>) -> LogPoints {
     let mut powers = vec![range.start];
     while let Some(last) = powers.last().filter(|last| **last * 5.0 < range.end) {
         powers.push(last * 10.0);
@@ -96,31 +116,46 @@ pub(crate) fn logarithmic(range: &Range<f64>) -> LogPoints {
 }
 
 /// What a logarithmic axis is.
-pub(crate) type LogPoints = WithKeyPoints<LogCoord<f64>>;
+pub type LogPoints = WithKeyPoints<LogCoord<f64>>;
 
-pub(crate) struct Axes {
-    pub(crate) x: Range<f64>,
-    pub(crate) y: Range<f64>,
-    pub(crate) x_name: &'static str,
-    pub(crate) y_name: &'static str,
+/// The ranges and names of two axes.
+pub struct Axes {
+    /// From left to right.
+    pub x: Range<f64>,
+    /// From bottom to top.
+    pub y: Range<f64>,
+    /// Stands below.
+    pub x_name: &'static str,
+    /// Stands at the left.
+    pub y_name: &'static str,
 }
 
-pub(crate) struct ChartLine {
-    pub(crate) name: String,
-    pub(crate) colour: RGBColor,
-    pub(crate) width: u32,
-    pub(crate) is_dashed: bool,
-    pub(crate) points: Vec<(f64, f64)>,
+/// A line of a chart, and its key.
+pub struct ChartLine {
+    /// The word of its key.
+    pub name: String,
+    /// On the ground that is drawn.
+    pub colour: RGBColor,
+    /// In units of the drawing.
+    pub width: u32,
+    /// Whether it has gaps.
+    pub is_dashed: bool,
+    /// From point to point.
+    pub points: Vec<(f64, f64)>,
 }
 
 impl Axes {
     /// A chart with a grid and its axes named.
-    pub(crate) fn chart<'a, 'b>(&self, theme: &Theme, canvas: &'a Canvas<'b>) -> Chart<'a, 'b> {
+    #[must_use]
+    pub fn chart<'a, 'b>(&self, theme: &Theme, canvas: &'a Canvas<'b>) -> Chart<'a, 'b> {
         self.scaled(theme, canvas, (self.x.clone(), self.y.clone()))
     }
 
     /// The same with scales of the caller's; they have the ranges.
-    pub(crate) fn scaled<'a, 'b, X: Scale, Y: Scale>(
+    ///
+    /// # Panics
+    /// Never: drawing into a string does not fail.
+    pub fn scaled<'a, 'b, X: Scale, Y: Scale>(
         &self,
         theme: &Theme,
         canvas: &'a Canvas<'b>,
@@ -157,7 +192,10 @@ impl Axes {
 
 impl ChartLine {
     /// Draws it on a chart with these axes; what lies outside is cut off at the edge.
-    pub(crate) fn draw<X, Y>(&self, chart: &mut Chart<'_, '_, X, Y>, axes: &Axes)
+    ///
+    /// # Panics
+    /// Never: drawing into a string does not fail.
+    pub fn draw<X, Y>(&self, chart: &mut Chart<'_, '_, X, Y>, axes: &Axes)
     where
         X: Ranged<ValueType = f64>,
         Y: Ranged<ValueType = f64>,
@@ -173,7 +211,10 @@ impl ChartLine {
     }
 
     /// Draws keys of lines in a row, from a place on.
-    pub(crate) fn keys(lines: &[Self], theme: &Theme, canvas: &Canvas<'_>, (mut x, y): (i32, i32)) {
+    ///
+    /// # Panics
+    /// Never: drawing into a string does not fail.
+    pub fn keys(lines: &[Self], theme: &Theme, canvas: &Canvas<'_>, (mut x, y): (i32, i32)) {
         for line in lines {
             let style = line.colour.stroke_width(line.width.max(3));
             let ends = if line.is_dashed {
@@ -191,7 +232,8 @@ impl ChartLine {
 }
 
 /// About how wide a text of 13 units is, whatever the viewer's font.
-pub(crate) fn width(text: &str) -> i32 {
+#[must_use]
+pub fn width(text: &str) -> i32 {
     i32::try_from(text.chars().count()).unwrap_or(i32::MAX / 8) * 6
 }
 

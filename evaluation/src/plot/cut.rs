@@ -5,7 +5,7 @@ use std::ops::Range;
 type ChartPoint = (f64, f64);
 
 /// The pieces of a line that lie between the edges.
-pub(crate) fn pieces(line: &[ChartPoint], [x, y]: [&Range<f64>; 2]) -> Vec<Vec<ChartPoint>> {
+pub(super) fn pieces(line: &[ChartPoint], [x, y]: [&Range<f64>; 2]) -> Vec<Vec<ChartPoint>> {
     let mut pieces: Vec<Vec<ChartPoint>> = Vec::new();
     for pair in line.windows(2) {
         let [from, to] = [pair[0], pair[1]];
@@ -41,7 +41,8 @@ fn between((at, by): ChartPoint, edges: &Range<f64>, (first, last): ChartPoint) 
 }
 
 /// What of a convex shape lies between the edges; empty if nothing does.
-pub(crate) fn inside(shape: &[[f64; 2]], edges: [[f64; 2]; 2]) -> Vec<[f64; 2]> {
+#[must_use]
+pub fn inside(shape: &[[f64; 2]], edges: [[f64; 2]; 2]) -> Vec<[f64; 2]> {
     let mut remaining = shape.to_vec();
     for (axis, [low, high]) in edges.into_iter().enumerate() {
         for (sign, edge) in [(1.0, low), (-1.0, high)] {

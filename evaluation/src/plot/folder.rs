@@ -8,17 +8,36 @@ use anstream::adapter::strip_str;
 use tempfile::{Builder, NamedTempFile};
 use thiserror::Error;
 
-use crate::fault::Fault;
-use crate::output::Overwrite;
 use crate::plot::{DARK, LIGHT, Plot, PlotPage, png};
 
 /// A folder to write to; it is made if it is not there, and what else is in it stays.
-pub(crate) struct Folder(PathBuf);
+pub struct Folder(PathBuf);
 
-/// There is something in a folder.
+/// Why a folder cannot be filled.
 #[derive(Debug, Error)]
-#[error("{0}: not empty; name a new folder, or replace what has the same names in it with --force")]
-struct NotEmptyError(String);
+pub enum FolderError {
+    /// It cannot be made, or takes no files.
+    #[error("{name}: {source}; name a folder that can be written to")]
+    Folder {
+        /// Its path.
+        name: String,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// There is something in it.
+    #[error(
+        "{0}: not empty; name a new folder, or replace what has the same names in it with --force"
+    )]
+    NotEmpty(String),
+    /// A file in it cannot be written.
+    #[error("{name}: {source}; make room, or name another folder")]
+    Create {
+        /// The file's path.
+        name: String,
+        /// What the system says.
+        source: io::Error,
+    },
+}
 
 impl Folder {
     /// The folder at `path`, if one is wanted.
@@ -26,14 +45,15 @@ impl Folder {
     /// # Errors
     /// If it is not there and cannot be made, takes no files, or is not empty and its files are not to be replaced:
     /// that is reported before the work.
-    pub(crate) fn open(path: Option<&Path>, overwrite: Overwrite) -> Result<Option<Self>, Fault> {
+    pub fn open(path: Option<&Path>, force: bool) -> Result<Option<Self>, FolderError> {
         let Some(path) = path else { return Ok(None) };
         let folder = Self(path.to_owned());
         let takes_files = fs::create_dir_all(path).and_then(|()| folder.unfinished().map(drop));
-        takes_files.map_err(|source| Fault::Folder { name: path.display().to_string(), source })?;
+        takes_files
+            .map_err(|source| FolderError::Folder { name: path.display().to_string(), source })?;
         let is_empty = fs::read_dir(path).map_or(true, |mut entries| entries.next().is_none());
-        if !is_empty && !overwrite.force {
-            return Err(Fault::own(NotEmptyError(path.display().to_string())));
+        if !is_empty && !force {
+            return Err(FolderError::NotEmpty(path.display().to_string()));
         }
         Ok(Some(folder))
     }
@@ -42,7 +62,7 @@ impl Folder {
     ///
     /// # Errors
     /// If it cannot be written.
-    pub(crate) fn put(&self, name: &str, bytes: &[u8]) -> Result<(), Fault> {
+    pub fn put(&self, name: &str, bytes: &[u8]) -> Result<(), FolderError> {
         let path = self.0.join(name);
         self.persist(&path, bytes).map_err(|source| fault(&path, source))
     }
@@ -63,24 +83,27 @@ impl Folder {
     }
 }
 
-fn fault(path: &Path, source: io::Error) -> Fault {
-    Fault::Create { name: path.display().to_string(), source }
+fn fault(path: &Path, source: io::Error) -> FolderError {
+    FolderError::Create { name: path.display().to_string(), source }
 }
 
 /// What a command's page holds.
-pub(crate) struct PageContent<'a> {
-    pub(crate) title: &'a str,
-    pub(crate) words: &'a [&'a str],
-    pub(crate) plots: Vec<Plot>,
+pub struct PageContent<'a> {
+    /// Its heading.
+    pub title: &'a str,
+    /// Paragraphs below the heading.
+    pub words: &'a [&'a str],
+    /// The plots, from top to bottom.
+    pub plots: Vec<Plot>,
     /// What was printed on the terminal.
-    pub(crate) reported: &'a str,
+    pub reported: &'a str,
 }
 
 /// Writes the plots, as SVG and PNG on both grounds, and `index.html`.
 ///
 /// # Errors
 /// If one cannot be written.
-pub(crate) fn show(folder: &Folder, shown: &PageContent<'_>) -> Result<(), Fault> {
+pub fn show(folder: &Folder, shown: &PageContent<'_>) -> Result<(), FolderError> {
     let PageContent { title, words, plots, reported } = shown;
     for plot in plots {
         for theme in [LIGHT, DARK] {

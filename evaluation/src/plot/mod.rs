@@ -7,25 +7,28 @@ mod page;
 mod png;
 mod theme;
 
-pub(crate) use chart::{Axes, Canvas, ChartLine, DRAWN, TextLine, canvas, logarithmic, width};
-pub(crate) use cut::{inside, pieces};
-pub(crate) use folder::{Folder, PageContent, show};
-pub(crate) use page::PlotPage;
-pub(crate) use png::png;
-pub(crate) use theme::{DARK, LIGHT, Theme};
+pub use chart::{
+    Axes, Canvas, Chart, ChartLine, DRAWN, LogPoints, Scale, TextLine, canvas, logarithmic, width,
+};
+pub use cut::inside;
+use cut::pieces;
+pub use folder::{Folder, FolderError, PageContent, show};
+use page::PlotPage;
+use png::png;
+pub use theme::{DARK, LIGHT, Theme};
 
 /// A drawing on some ground, as SVG.
-pub(crate) struct Plot {
+pub struct Plot {
     /// The name of its files.
-    pub(crate) name: &'static str,
+    pub name: &'static str,
     /// What it shows, in a sentence.
-    pub(crate) caption: String,
+    pub caption: String,
     draw: Box<dyn Fn(&Theme) -> String>,
 }
 
 impl Plot {
     /// A plot that draws itself.
-    pub(crate) fn new(
+    pub fn new(
         name: &'static str,
         caption: impl Into<String>,
         draw: impl Fn(&Theme) -> String + 'static,
@@ -33,7 +36,9 @@ impl Plot {
         Self { name, caption: caption.into(), draw: Box::new(draw) }
     }
 
-    pub(crate) fn svg(&self, theme: &Theme) -> String {
+    /// Draws it on a ground.
+    #[must_use]
+    pub fn svg(&self, theme: &Theme) -> String {
         (self.draw)(theme)
     }
 }

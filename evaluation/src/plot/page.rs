@@ -27,17 +27,17 @@ pre { overflow-x: auto; padding: 14px 16px; background: var(--panel); border: 1p
 </style>
 "#;
 
-pub(crate) struct PlotPage<'a> {
-    pub(crate) title: &'a str,
+pub(super) struct PlotPage<'a> {
+    pub(super) title: &'a str,
     /// What it is about, a paragraph each.
-    pub(crate) words: &'a [&'a str],
-    pub(crate) plots: &'a [Plot],
+    pub(super) words: &'a [&'a str],
+    pub(super) plots: &'a [Plot],
     /// The table of the terminal.
-    pub(crate) table: &'a str,
+    pub(super) table: &'a str,
 }
 
 impl PlotPage<'_> {
-    pub(crate) fn html(&self) -> String {
+    pub(super) fn html(&self) -> String {
         let mut html = HEAD.replace("@@", &escaped(self.title));
         // Writing to a string does not fail.
         let _ = writeln!(html, "<h1>{}</h1>", escaped(self.title));

@@ -7,7 +7,7 @@ use resvg::usvg::fontdb::Database;
 use resvg::usvg::{Options, Tree};
 
 /// The font's family; `fonts/LICENSE` is its licence.
-pub(crate) const FONT: &str = "Inter";
+pub(super) const FONT: &str = "Inter";
 /// Pixels for one unit of the drawing.
 const SCALE: f32 = 2.0;
 
@@ -25,7 +25,7 @@ static FONTS: LazyLock<Arc<Database>> = LazyLock::new(|| {
     clippy::cast_sign_loss,
     reason = "a drawing has some hundreds of units"
 )]
-pub(crate) fn png(svg: &str) -> Vec<u8> {
+pub(super) fn png(svg: &str) -> Vec<u8> {
     let options = Options { fontdb: Arc::clone(&FONTS), ..Options::default() };
     let tree = Tree::from_str(svg, &options).expect("we drew it");
     let size = tree.size();

@@ -4,22 +4,27 @@ use plotters::style::RGBColor;
 
 /// Colours on one ground.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Theme {
-    /// What the names of its files end with.
-    pub(crate) suffix: &'static str,
-    pub(crate) ground: RGBColor,
-    pub(crate) ink: RGBColor,
+pub struct Theme {
+    /// The ending of its files' names.
+    pub suffix: &'static str,
+    /// What it is drawn on.
+    pub ground: RGBColor,
+    /// Words and axes.
+    pub ink: RGBColor,
     /// Words of lesser weight.
-    pub(crate) soft: RGBColor,
+    pub soft: RGBColor,
     /// Lines of the grid.
-    pub(crate) line: RGBColor,
-    pub(crate) good: RGBColor,
-    pub(crate) bad: RGBColor,
+    pub line: RGBColor,
+    /// What avoids, or is in time.
+    pub good: RGBColor,
+    /// What collides, or is late.
+    pub bad: RGBColor,
     /// What is written on good and bad.
-    pub(crate) on_colour: RGBColor,
+    pub on_colour: RGBColor,
     /// What buildings are filled with.
-    pub(crate) wall: RGBColor,
-    pub(crate) series: [RGBColor; 7],
+    pub wall: RGBColor,
+    /// Lines and bars, one after the other.
+    pub series: [RGBColor; 7],
 }
 
 const fn colour(rgb: u32) -> RGBColor {
@@ -28,7 +33,7 @@ const fn colour(rgb: u32) -> RGBColor {
 }
 
 /// On light ground.
-pub(crate) const LIGHT: Theme = Theme {
+pub const LIGHT: Theme = Theme {
     suffix: "",
     ground: colour(0xff_ff_ff),
     ink: colour(0x1d_25_30),
@@ -50,7 +55,7 @@ pub(crate) const LIGHT: Theme = Theme {
 };
 
 /// On dark ground.
-pub(crate) const DARK: Theme = Theme {
+pub const DARK: Theme = Theme {
     suffix: "-dark",
     ground: colour(0x1a_20_27),
     ink: colour(0xe4_e8_ed),

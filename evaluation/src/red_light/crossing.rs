@@ -2,16 +2,16 @@
 
 use serde::Serialize;
 
-use crate::fault::Fault;
-use crate::plot::Folder;
-use crate::scenario::approach::{nanos, seconds};
-use crate::scenario::braking::Brakes;
-use crate::scenario::operator::{
+use crate::ScenarioError;
+use crate::approach::{nanos, seconds};
+use crate::braking::Brakes;
+use crate::operator::{
     CLOUD, CloudRequest, ScenarioMessage, ScenarioOperator, ScenarioOutput, UNLIMITED,
 };
-use crate::scenario::planner::{FrameStatus, Planner};
-use crate::scenario::red_light::geometry::{CrossingGeometry, MEETING};
-use crate::scenario::red_light::sharing::{EVERY, Exchange, VehicleState, must_brake};
+use crate::planner::{FrameStatus, Planner};
+use crate::plot::Folder;
+use crate::red_light::geometry::{CrossingGeometry, MEETING};
+use crate::red_light::sharing::{EVERY, Exchange, VehicleState, must_brake};
 
 /// Frames of the camera in a second.
 const RATE: u32 = 30;
@@ -102,7 +102,11 @@ impl CrossingOperator {
 
 impl Crossing<'_> {
     /// Runs it; the traces go to the folder under this name.
-    pub(crate) fn run(&self, name: &str, traces: Option<&Folder>) -> Result<Crossed, Fault> {
+    pub(crate) fn run(
+        &self,
+        name: &str,
+        traces: Option<&Folder>,
+    ) -> Result<Crossed, ScenarioError> {
         let (crossed, recorded) = self.traced(name, traces.is_some());
         for (operator, trace) in recorded {
             if let Some(folder) = traces {

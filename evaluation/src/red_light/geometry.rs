@@ -2,8 +2,8 @@
 
 use serde::Serialize;
 
-use crate::scenario::braking::Brakes;
-use crate::scenario::shape::{Point, Rectangle, first_contact, is_hidden};
+use crate::braking::Brakes;
+use crate::shape::{Point, Rectangle, first_contact, is_hidden};
 
 /// A car's length and width, in m.
 pub(crate) const CAR: (f64, f64) = (4.7, 1.9);

@@ -7,13 +7,15 @@ mod sharing;
 mod text;
 
 use rayon::prelude::*;
+use std::io::Write;
+
 use serde::Serialize;
 
-use crate::fault::Fault;
+use crate::ScenarioError;
+use crate::options::{OutputOptions, above_0, any, not_below_0, speed};
 use crate::plot::{Folder, PageContent, show};
-use crate::scenario::options::{OutputOptions, above_0, any, not_below_0, speed};
-use crate::scenario::red_light::crossing::{Crossing, Ego, WarningSource};
-pub(crate) use crate::scenario::red_light::geometry::{CrossingGeometry, Variant};
+use crate::red_light::crossing::{Crossing, Ego, WarningSource};
+pub(crate) use crate::red_light::geometry::{CrossingGeometry, Variant};
 
 /// What the page says first.
 const WORDS: &str = "A car runs a red light, and something hides it until it is late. No detector sees it in time, \
@@ -152,7 +154,7 @@ pub(crate) struct RedLightResult {
     without_occluder: Vec<RedLightRun>,
 }
 
-pub(crate) fn play(args: &Args) -> Result<(), Fault> {
+pub(crate) fn play(args: &Args, out: &mut dyn Write) -> Result<(), ScenarioError> {
     let [traces, plots] = args.leave.folders()?;
     let (ego, has_occluder) = (args.ego(), !args.no_occluder);
     let at_once = Ego { cloud_runtime: 0.0, local_response: 0.0, ..ego };
@@ -176,7 +178,7 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
             &PageContent { title: "Running a red light", words: &words, plots, reported: &text },
         )?;
     }
-    args.leave.print_report(&result, &text)
+    args.leave.print_report(out, &result, &text)
 }
 
 impl Args {
@@ -201,7 +203,7 @@ impl Args {
         trips: &[f64],
         has_occluder: bool,
         traces: Option<&Folder>,
-    ) -> Result<Vec<RedLightRun>, Fault> {
+    ) -> Result<Vec<RedLightRun>, ScenarioError> {
         let mut requested = Vec::new();
         for variant in &self.variant {
             for delta in &self.delta {

@@ -3,10 +3,10 @@
 use plotters::prelude::*;
 
 use crate::plot::{Canvas, DRAWN, Plot, TextLine, Theme, canvas, inside, width};
-use crate::scenario::red_light::crossing::WarningSource;
-use crate::scenario::red_light::geometry::{CrossingGeometry, MEETING};
-use crate::scenario::red_light::{Args, RedLightResult, RedLightRun};
-use crate::scenario::shape::{Point, Rectangle as Car};
+use crate::red_light::crossing::WarningSource;
+use crate::red_light::geometry::{CrossingGeometry, MEETING};
+use crate::red_light::{Args, RedLightResult, RedLightRun};
+use crate::shape::{Point, Rectangle as Car};
 
 /// How many units a metre has.
 const METRE: f64 = 11.0;

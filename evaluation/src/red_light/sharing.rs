@@ -2,9 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use crate::scenario::approach::seconds;
-use crate::scenario::red_light::geometry::{CrossingGeometry, MEETING};
-use crate::scenario::shape::Point;
+use crate::approach::seconds;
+use crate::red_light::geometry::{CrossingGeometry, MEETING};
+use crate::shape::Point;
 
 /// Vehicles report where they are so often, in ns.
 pub(crate) const EVERY: u64 = 100_000_000;

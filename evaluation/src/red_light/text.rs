@@ -2,10 +2,10 @@
 
 use std::fmt::Write;
 
-use crate::scenario::paint::{BAD, GOOD, paint, written};
-use crate::scenario::paper::PAPER;
-use crate::scenario::red_light::crossing::WarningSource;
-use crate::scenario::red_light::{RedLightResult, RedLightRun};
+use crate::paint::{BAD, GOOD, paint, written};
+use crate::paper::PAPER;
+use crate::red_light::crossing::WarningSource;
+use crate::red_light::{RedLightResult, RedLightRun};
 
 /// How wide a cell is.
 const CELL: usize = 8;

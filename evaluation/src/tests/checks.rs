@@ -4,9 +4,9 @@ use std::time::Duration;
 
 use fuseline_testkit::Rng;
 
-use crate::scenario::approach::{Approach, ApproachRun, Vehicle, nanos};
-use crate::scenario::tests::{REFERENCE, any_vehicle, drive, end, end_at};
-use crate::scenario::traffic_jam::tests_of_cells::guard;
+use crate::approach::{Approach, ApproachRun, Vehicle, nanos};
+use crate::tests::{REFERENCE, any_vehicle, drive, end, end_at};
+use crate::traffic_jam::tests_of_cells::guard;
 
 /// Evenly over a frame.
 const PHASES: [f64; 8] = [0.0625, 0.1875, 0.3125, 0.4375, 0.5625, 0.6875, 0.8125, 0.9375];

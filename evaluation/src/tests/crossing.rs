@@ -2,9 +2,9 @@
 
 use fuseline_testkit::Rng;
 
-use crate::scenario::braking::Brakes;
-use crate::scenario::jaywalking::{Manoeuvre, SwerveGeometry as Street};
-use crate::scenario::red_light::{CrossingGeometry, Variant};
+use crate::braking::Brakes;
+use crate::jaywalking::{Manoeuvre, SwerveGeometry as Street};
+use crate::red_light::{CrossingGeometry, Variant};
 
 const STEP: f64 = 1e-3;
 

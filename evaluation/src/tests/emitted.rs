@@ -5,11 +5,11 @@ use std::collections::BTreeMap;
 use fuseline_traces::judge;
 use serde_json::Value;
 
-use crate::scenario::approach::{Approach, ApproachRun};
-use crate::scenario::braking::DriveOutcome;
-use crate::scenario::operator::ScenarioOperator;
-use crate::scenario::tests::{REFERENCE, drive};
-use crate::scenario::traffic_jam::tests_of_cells;
+use crate::approach::{Approach, ApproachRun};
+use crate::braking::DriveOutcome;
+use crate::operator::ScenarioOperator;
+use crate::tests::{REFERENCE, drive};
+use crate::traffic_jam::tests_of_cells;
 
 /// The output for each timestamp: when, and whose; none is a miss.
 fn outputs(trace: &[u8]) -> BTreeMap<u64, (f64, Option<u64>)> {

@@ -9,9 +9,9 @@ use std::time::Duration;
 
 use fuseline_testkit::Rng;
 
-use crate::scenario::approach::{Approach, ApproachRun, Vehicle, nanos};
-use crate::scenario::braking::DriveOutcome;
-use crate::scenario::operator::ScenarioOperator;
+use crate::approach::{Approach, ApproachRun, Vehicle, nanos};
+use crate::braking::DriveOutcome;
+use crate::operator::ScenarioOperator;
 
 /// The vehicle of the specification.
 const REFERENCE: Vehicle = Vehicle {

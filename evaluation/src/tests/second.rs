@@ -4,9 +4,9 @@ use std::time::Duration;
 
 use fuseline_testkit::Rng;
 
-use crate::scenario::approach::{Approach, ApproachRun, Vehicle, nanos};
-use crate::scenario::braking::DriveOutcome;
-use crate::scenario::tests::{any_vehicle, end};
+use crate::approach::{Approach, ApproachRun, Vehicle, nanos};
+use crate::braking::DriveOutcome;
+use crate::tests::{any_vehicle, end};
 
 /// A step, in s.
 const STEP: f64 = 2e-4;

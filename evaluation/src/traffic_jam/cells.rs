@@ -6,13 +6,12 @@ use fuseline_deadline::{Choice, Guard, Impact, Loss, Observation, Source, Surviv
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::fault::Fault;
+use crate::ScenarioError;
+use crate::approach::{Approach, ApproachRun, Vehicle, nanos};
+use crate::braking::DriveOutcome;
+use crate::operator::ScenarioOperator;
+use crate::paper::PAPER;
 use crate::plot::Folder;
-use crate::scenario::ScenarioError;
-use crate::scenario::approach::{Approach, ApproachRun, Vehicle, nanos};
-use crate::scenario::braking::DriveOutcome;
-use crate::scenario::operator::ScenarioOperator;
-use crate::scenario::paper::PAPER;
 
 /// How the deadline of *ours* is chosen.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -92,9 +91,7 @@ impl Jam {
     pub(crate) fn new(vehicle: Vehicle, deadline: DeadlineChoice) -> Result<Self, ScenarioError> {
         let guard = match deadline {
             DeadlineChoice::Constant(_) => None,
-            DeadlineChoice::Guard | DeadlineChoice::Expected => {
-                Some(vehicle.guard().map_err(|invalid| ScenarioError::Invalid { invalid })?)
-            }
+            DeadlineChoice::Guard | DeadlineChoice::Expected => Some(vehicle.guard()?),
         };
         Ok(Self { vehicle, deadline, guard })
     }
@@ -142,7 +139,7 @@ impl Jam {
         question: &CellParameters,
         (index, phase): (usize, f64),
         traces: Option<&Folder>,
-    ) -> Result<DriveOutcome, Fault> {
+    ) -> Result<DriveOutcome, ScenarioError> {
         let CellParameters { speed, approach, response } = *question;
         let drive = self.drive(question, phase);
         let word = format!("{approach:?}").to_lowercase();
@@ -151,7 +148,7 @@ impl Jam {
         let takes = nanos(response);
         let (end, _) = drive.run(&mut operator, |_| Some(takes));
         if operator.is_full() {
-            return Err(ScenarioError::Full { speed }.into());
+            return Err(ScenarioError::Full { speed });
         }
         if let (Some(folder), Some(trace)) = (traces, operator.into_trace()) {
             folder.put(&format!("{word}-v{speed}-r{response}-{index:02}.jsonl"), &trace)?;
@@ -164,7 +161,7 @@ impl Jam {
         &self,
         question: &CellParameters,
         traces: Option<&Folder>,
-    ) -> Result<Vec<DriveOutcome>, Fault> {
+    ) -> Result<Vec<DriveOutcome>, ScenarioError> {
         let phases = self.phases().into_iter().enumerate();
         phases.map(|phase| self.run(question, phase, traces)).collect()
     }
@@ -173,7 +170,7 @@ impl Jam {
         &self,
         question: &CellParameters,
         traces: Option<&Folder>,
-    ) -> Result<Cell, Fault> {
+    ) -> Result<Cell, ScenarioError> {
         let CellParameters { speed, approach, response } = *question;
         let ends = self.ends(question, traces)?;
         let deadline = match approach {
@@ -197,12 +194,16 @@ impl Jam {
         &self,
         questions: &[CellParameters],
         traces: Option<&Folder>,
-    ) -> Result<Vec<Cell>, Fault> {
+    ) -> Result<Vec<Cell>, ScenarioError> {
         questions.par_iter().map(|question| self.cell(question, traces)).collect()
     }
 
     /// Whether a cell is so; it drives no more phases than the answer needs.
-    pub(crate) fn is(&self, question: &CellParameters, collides: bool) -> Result<bool, Fault> {
+    pub(crate) fn is(
+        &self,
+        question: &CellParameters,
+        collides: bool,
+    ) -> Result<bool, ScenarioError> {
         for phase in self.phases() {
             if self.run(question, (0, phase), None)?.hits() != collides {
                 return Ok(false);

@@ -9,14 +9,16 @@ mod text;
 
 use std::time::Duration;
 
+use std::io::Write;
+
 use serde::Serialize;
 
-use crate::fault::Fault;
+use crate::ScenarioError;
+use crate::approach::{Approach, Vehicle};
+use crate::options::{OutputOptions, VehicleArgs, not_below_0, speed};
 use crate::plot::{PageContent, show};
-use crate::scenario::approach::{Approach, Vehicle};
-use crate::scenario::options::{OutputOptions, VehicleArgs, not_below_0, speed};
-use crate::scenario::traffic_jam::cells::{Cell, CellParameters, DeadlineChoice, Jam};
-use crate::scenario::traffic_jam::narrow::{CloudOnlySpeeds, Constants, Interval, OnBoardCells};
+use crate::traffic_jam::cells::{Cell, CellParameters, DeadlineChoice, Jam};
+use crate::traffic_jam::narrow::{CloudOnlySpeeds, Constants, Interval, OnBoardCells};
 
 /// What the page says first.
 const WORDS: &str = "A vehicle approaches a standing motorcycle at constant speed. It brakes once enough consecutive \
@@ -169,7 +171,7 @@ impl TrafficJamResult {
     }
 }
 
-pub(crate) fn play(args: &Args) -> Result<(), Fault> {
+pub(crate) fn play(args: &Args, out: &mut dyn Write) -> Result<(), ScenarioError> {
     let vehicle = args.vehicle.vehicle();
     let jam = Jam::new(vehicle, args.deadline)?;
     let [traces, plots] = args.leave.folders()?;
@@ -195,10 +197,10 @@ pub(crate) fn play(args: &Args) -> Result<(), Fault> {
             },
         )?;
     }
-    args.leave.print_report(&result, &text)
+    args.leave.print_report(out, &result, &text)
 }
 
-fn beside(jam: &Jam) -> Result<ExtraResults, Fault> {
+fn beside(jam: &Jam) -> Result<ExtraResults, ScenarioError> {
     Ok(ExtraResults {
         narrow: narrow::intervals(jam),
         constants: narrow::constants(jam.vehicle),

@@ -5,10 +5,10 @@ use std::time::Duration;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::fault::Fault;
-use crate::scenario::approach::{Approach, Vehicle};
-use crate::scenario::paper::PAPER;
-use crate::scenario::traffic_jam::cells::{CellParameters, Colour, DeadlineChoice, Jam};
+use crate::ScenarioError;
+use crate::approach::{Approach, Vehicle};
+use crate::paper::PAPER;
+use crate::traffic_jam::cells::{CellParameters, Colour, DeadlineChoice, Jam};
 
 /// The runtime of the cloud's model on board, in s.
 pub(crate) const ON_BOARD: f64 = 0.4077;
@@ -154,13 +154,13 @@ fn colour(
     approach: Approach,
     speed: f64,
     response: f64,
-) -> Result<Colour, Fault> {
+) -> Result<Colour, ScenarioError> {
     let jam = Jam::new(vehicle, DeadlineChoice::Constant(Duration::ZERO))?;
     Ok(jam.cell(&CellParameters { speed, approach, response }, None)?.outcome)
 }
 
 /// The cloud's model on board, at the paper's speeds.
-pub(crate) fn on_board(vehicle: Vehicle) -> Result<Vec<OnBoardCells>, Fault> {
+pub(crate) fn on_board(vehicle: Vehicle) -> Result<Vec<OnBoardCells>, ScenarioError> {
     let board = vehicle.with_model_on_board(ON_BOARD);
     let alone = |local_serial, speed| {
         colour(Vehicle { local_serial, ..board }, Approach::Local, speed, 0.0)
@@ -174,7 +174,7 @@ pub(crate) fn on_board(vehicle: Vehicle) -> Result<Vec<OnBoardCells>, Fault> {
 }
 
 /// Where the paper's picture is: the cloud at the median response avoids, its model on board does not.
-pub(crate) fn only_cloud(vehicle: Vehicle) -> Result<Option<CloudOnlySpeeds>, Fault> {
+pub(crate) fn only_cloud(vehicle: Vehicle) -> Result<Option<CloudOnlySpeeds>, ScenarioError> {
     let board = Vehicle { local_serial: false, ..vehicle.with_model_on_board(ON_BOARD) };
     let above = first(|speed| Ok(colour(board, Approach::Local, speed, 0.0)? == Colour::Collides))?;
     let up_to =
@@ -184,7 +184,7 @@ pub(crate) fn only_cloud(vehicle: Vehicle) -> Result<Option<CloudOnlySpeeds>, Fa
 }
 
 /// The least speed from 5 m/s on, to a hundredth, of which something is true.
-fn first(is: impl Fn(f64) -> Result<bool, Fault>) -> Result<Option<f64>, Fault> {
+fn first(is: impl Fn(f64) -> Result<bool, ScenarioError>) -> Result<Option<f64>, ScenarioError> {
     for step in 5..60 {
         if is(f64::from(step))? {
             let (mut low, mut high) = (f64::from(step - 1), f64::from(step));

@@ -5,13 +5,13 @@ use std::time::Duration;
 use plotters::prelude::*;
 use rayon::prelude::*;
 
+use crate::approach::{Approach, Vehicle};
+use crate::paper::PAPER;
 use crate::plot::{Axes, ChartLine, DRAWN, Plot, TextLine, Theme, canvas};
-use crate::scenario::approach::{Approach, Vehicle};
-use crate::scenario::paper::PAPER;
-use crate::scenario::reaction;
-use crate::scenario::traffic_jam::TrafficJamResult;
-use crate::scenario::traffic_jam::cells::{Cell, CellParameters, Colour, DeadlineChoice, Jam};
-use crate::scenario::traffic_jam::text::word;
+use crate::reaction;
+use crate::traffic_jam::TrafficJamResult;
+use crate::traffic_jam::cells::{Cell, CellParameters, Colour, DeadlineChoice, Jam};
+use crate::traffic_jam::text::word;
 
 /// Deadlines up to here are shown, in s.
 const LONGEST: f64 = 3.5;

@@ -2,10 +2,10 @@
 
 use std::time::Duration;
 
-use crate::scenario::approach::{Approach, Vehicle};
-use crate::scenario::paper::PAPER;
-use crate::scenario::traffic_jam::cells::{CellParameters, Colour, DeadlineChoice, Jam};
-use crate::scenario::traffic_jam::narrow::{holds, misses};
+use crate::approach::{Approach, Vehicle};
+use crate::paper::PAPER;
+use crate::traffic_jam::cells::{CellParameters, Colour, DeadlineChoice, Jam};
+use crate::traffic_jam::narrow::{holds, misses};
 
 const PIPELINED: Vehicle = Vehicle {
     deceleration: 7.5,

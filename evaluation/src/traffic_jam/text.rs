@@ -2,13 +2,11 @@
 
 use std::fmt::Write;
 
-use crate::scenario::approach::Approach;
-use crate::scenario::paint::{BAD, GOOD, SOFT, paint, written};
-use crate::scenario::traffic_jam::cells::{Cell, Colour};
-use crate::scenario::traffic_jam::narrow::{
-    ConstantMisses, Constants, MEDIAN, ON_BOARD, OnBoardCells,
-};
-use crate::scenario::traffic_jam::{ExtraResults, TrafficJamResult};
+use crate::approach::Approach;
+use crate::paint::{BAD, GOOD, SOFT, paint, written};
+use crate::traffic_jam::cells::{Cell, Colour};
+use crate::traffic_jam::narrow::{ConstantMisses, Constants, MEDIAN, ON_BOARD, OnBoardCells};
+use crate::traffic_jam::{ExtraResults, TrafficJamResult};
 
 /// How wide a cell is.
 const CELL: usize = 7;

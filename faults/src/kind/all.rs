@@ -277,12 +277,7 @@ pub const KINDS: &[WitnessKind] = &[
                 "fuseline",
                 "all_cli",
                 // They take long, and show nothing under a fault that shorter ones do not.
-                &[
-                    "--skip=drive::",
-                    "--skip=scenario::",
-                    "--skip=schemas::",
-                    "--skip=paper_vehicle::",
-                ],
+                &["--skip=drive::"],
             ),
         ],
         threads: "6",

@@ -3,7 +3,7 @@
 Two cameras and a localization, detection with two clouds, tracking with one and a state that goes
 along, prediction, planning with contingency plans beside, and control at 20 Hz. Boxes, the runtimes
 of detection and the networks are recorded, all else is emulated. Time is virtual: equal options
-give equal lines, and those of `cargo run -p fuseline --example paper_vehicle`.
+give equal lines, and those of `cargo run -p fuseline-evaluation --example paper_vehicle`.
 
     python examples/paper_vehicle --kill west-detector
 """

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[4] / "examples/perception"))
+sys.path.insert(0, str(Path(__file__).parents[4] / "evaluation/python/perception"))
 from detections import KeptDetections, load
 from metrics import Boxes, BoxMatches, match, precision
 from world import in_steps

@@ -3,9 +3,11 @@
 use plotters::element::Circle;
 use plotters::style::{Color, RGBColor};
 
-use crate::plot::{Axes, ChartLine, DRAWN, Plot, TextLine, Theme, canvas, logarithmic};
 use crate::probe::plots::extent::Extent;
-use crate::probe::summary::PAPER;
+use fuseline_evaluation::plot::{
+    Axes, ChartLine, DRAWN, Plot, TextLine, Theme, canvas, logarithmic,
+};
+use fuseline_evaluation::{TripQuantiles, paper_round_trips};
 use fuseline_report::Quantile;
 
 /// What is distinguished, in parts of all answers.
@@ -20,7 +22,8 @@ pub(crate) fn plot(extent: &Extent, about: String) -> Plot {
             Quantile::AtLeast(_) | Quantile::Never => None,
         })
         .collect();
-    let paper = vec![(PAPER.p50, 50.0), (PAPER.p90, 90.0), (PAPER.p99, 99.0)];
+    let TripQuantiles { p50, p90, p99 } = paper_round_trips();
+    let paper = vec![(p50, 50.0), (p90, 90.0), (p99, 99.0)];
     let x = extent.milliseconds();
     let caption = "How many of the answers took no longer, with the quantiles p50, p90 and p99, beside those of \
         the paper's 5G drive, which are joined by straight lines.";
@@ -66,7 +69,7 @@ pub(crate) fn plot(extent: &Extent, about: String) -> Plot {
 
 fn write(
     theme: &Theme,
-    canvas: &crate::plot::Canvas<'_>,
+    canvas: &fuseline_evaluation::plot::Canvas<'_>,
     (name, ms, is_left): (&str, f64, bool),
     at: (i32, i32),
 ) {

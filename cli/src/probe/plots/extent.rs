@@ -5,7 +5,8 @@ use std::time::Duration;
 
 use crate::probe::figures::Spread;
 use crate::probe::recording::PlotRow;
-use crate::probe::summary::{PAPER, counted, quantile};
+use crate::probe::summary::{counted, quantile};
+use fuseline_evaluation::paper_round_trips;
 
 /// What a first look at a recording shows.
 pub(crate) struct Extent {
@@ -46,10 +47,11 @@ impl Extent {
 
     /// Powers of ten around all round trips and the paper's, in milliseconds, with room for words.
     pub(crate) fn milliseconds(&self) -> Range<f64> {
-        let (least, greatest) = self.ends.unwrap_or((PAPER.p50, PAPER.p99));
+        let paper = paper_round_trips();
+        let (least, greatest) = self.ends.unwrap_or((paper.p50, paper.p99));
         // Nothing is distinguished below 0.01 ms.
-        let least = (least.min(PAPER.p50) / 3.0).max(0.01);
-        let greatest = greatest.max(PAPER.p99) * 3.0;
+        let least = (least.min(paper.p50) / 3.0).max(0.01);
+        let greatest = greatest.max(paper.p99) * 3.0;
         10_f64.powf(least.log10().floor())..10_f64.powf(greatest.log10().ceil())
     }
 

@@ -7,10 +7,10 @@ mod series;
 use std::path::Path;
 
 use crate::fault::Fault;
-use crate::plot::{DARK, Folder, LIGHT, PageContent, Plot, show};
 use crate::probe::plots::extent::Extent;
 use crate::probe::plots::series::Series;
 use crate::probe::recording::ProbeRecording;
+use fuseline_evaluation::plot::{DARK, Folder, LIGHT, PageContent, Plot, show};
 
 /// What the page says first.
 const WORDS: &str = "A message of 33.3 KB was due at each slot, 30 times a second unless stated otherwise, and \

@@ -6,9 +6,9 @@ use std::ops::Range;
 use plotters::element::{Circle, PathElement, Rectangle};
 use plotters::style::Color;
 
-use crate::plot::{Axes, Canvas, DRAWN, Plot, TextLine, Theme, canvas, logarithmic};
 use crate::probe::plots::extent::Extent;
 use crate::probe::recording::PlotRow;
+use fuseline_evaluation::plot::{Axes, Canvas, DRAWN, Plot, TextLine, Theme, canvas, logarithmic};
 
 const SIZE: (u32, u32) = (860, 500);
 /// No more is distinguished: about a unit of the drawing, in parts of the chart.

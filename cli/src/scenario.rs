@@ -1,0 +1,51 @@
+//! `fuseline scenario`: the experiments of `fuseline-evaluation`, with this command's errors.
+
+use fuseline_deadline::Invalid;
+pub(crate) use fuseline_evaluation::Args;
+use fuseline_evaluation::ScenarioError;
+use fuseline_evaluation::plot::FolderError;
+use thiserror::Error;
+
+use crate::exit::Exit;
+use crate::fault::Fault;
+use crate::remedy::options;
+use crate::sink::OutputSink;
+
+/// The vehicle of the options makes no sense.
+#[derive(Debug, Error)]
+#[error("{invalid}; change {}", options(*.invalid))]
+struct InvalidOptions {
+    invalid: Invalid,
+}
+
+/// Plays a scenario.
+///
+/// # Errors
+/// If the options make no sense, or something cannot be read or written.
+pub(crate) fn play(args: &Args) -> Result<Exit, Fault> {
+    fuseline_evaluation::play(args, &mut OutputSink::new(anstream::stdout()))?;
+    Ok(Exit::Conforms)
+}
+
+impl From<ScenarioError> for Fault {
+    fn from(error: ScenarioError) -> Self {
+        match error {
+            ScenarioError::Invalid(invalid) => Self::own(InvalidOptions { invalid }),
+            ScenarioError::Folder(error) => error.into(),
+            ScenarioError::Output(source) => Self::Output(source),
+            error @ (ScenarioError::Full { .. }
+            | ScenarioError::Traces { .. }
+            | ScenarioError::Drive(_)) => Self::own(error),
+        }
+    }
+}
+
+impl From<FolderError> for Fault {
+    fn from(error: FolderError) -> Self {
+        match error {
+            FolderError::Folder { name, source } => Self::Folder { name, source },
+            FolderError::Create { name, source } => Self::Create { name, source },
+            FolderError::NotEmpty(_) => Self::own(error),
+        }
+    }
+}
