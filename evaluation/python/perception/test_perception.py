@@ -28,7 +28,6 @@ def boxes(*rows: tuple[float, ...]) -> Boxes:
 
 ROOT = Path(__file__).resolve().parents[3]
 BOOK = (ROOT / "docs/book/src/use/perception.md").read_text()
-README = (ROOT / "README.md").read_text()
 
 
 def _row_of_the_book(name: str) -> list[str]:
@@ -112,13 +111,6 @@ class Comparison(unittest.TestCase):
                 row = _row_of_the_book(name)
                 self.assertEqual(figures, row[:4])
                 self.assertEqual(", ".join(f"{it:+.1f}" for it in gains), row[-1])
-
-    def test_the_readme_has_the_figures_of_the_book(self) -> None:
-        row = next(it for it in README.splitlines() if it.startswith("| *real*: progressive"))
-        _, ap, _, _, _, _, on_time, p50, _, sent, _ = _row_of_the_book("progressive, 500 ms")
-        local = _row_of_the_book("local alone")[1]
-        cells = f"| {ap}; local only {local} | {on_time} | {p50} | – | {sent} |"
-        self.assertTrue(row.endswith(cells), f"{row} has not {cells}")
 
     def test_traces_conform(self) -> None:
         for commit in ("eager", "progressive"):
