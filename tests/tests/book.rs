@@ -1,4 +1,4 @@
-//! The run that the book's first chapter shows is what the rules make of its inputs.
+//! The book's first run follows from its inputs, and the lines that chapters repeat are those of their files.
 
 use std::fs;
 use std::path::Path;
@@ -27,6 +27,31 @@ fn the_first_run_of_the_book_conforms_and_is_that_of_its_inputs() {
     let verdict = judge("mine.jsonl", run.as_bytes()).expect("a trace");
     assert!(verdict.conforms, "{verdict}");
     let printed = format!("{} timestamps judged in {} lines", verdict.judged, verdict.lines);
-    assert!(of_book("start.md").contains(&printed), "{printed}");
+    let chapter = of_book("start.md");
+    assert!(chapter.contains(&printed), "{printed}");
     assert_eq!(inputs(&run), inputs(&of_book("start/inputs.jsonl")));
+    for file in ["start/inputs.jsonl", "start/mine.jsonl"] {
+        assert!(chapter.contains(&format!("json\n{}```", of_book(file))), "{file}");
+    }
+}
+
+/// A code host does not expand includes, so these chapters repeat lines of the sources.
+#[test]
+fn chapters_quote_their_sources() {
+    for (chapter, first_line, source) in [
+        ("core.md", "impl Operator {", "core/examples/operator.rs"),
+        ("c.md", "struct Planner", "adapters/c/README.md"),
+        ("c.md", "/* A message comes", "adapters/c/examples/first.c"),
+        ("pipelines.md", "let mut cameras", "evaluation/examples/paper_vehicle/drive.rs"),
+        ("pipelines.md", "Local::future", "evaluation/examples/paper_vehicle/operators.rs"),
+    ] {
+        let trimmed =
+            |file: &str| of_book(file).lines().map(str::trim).collect::<Vec<_>>().join("\n");
+        let (page, source_text) =
+            (trimmed(&format!("use/{chapter}")), trimmed(&format!("../../../{source}")));
+        let mut blocks = page.split("\n```").filter_map(|block| Some(block.split_once('\n')?.1));
+        let is_quote =
+            |block: &str| block.starts_with(first_line) && source_text.contains(block.trim_end());
+        assert!(blocks.any(is_quote), "{chapter}: no block quotes {source} from {first_line}");
+    }
 }

@@ -125,7 +125,6 @@ struct Graph {
 }
 
 impl Graph {
-    // ANCHOR: graph
     fn start(
         drive: &Drive,
         options: Options<'_>,
@@ -192,7 +191,6 @@ impl Graph {
         let joins = [joining_scenes, joining_orders];
         Ok(Self { running, joins, detected, tracked, predicted, planned, commands })
     }
-    // ANCHOR_END: graph
 
     /// Reads all outputs until they end.
     async fn watch(self, frame: usize) -> Result<Driven, Error> {

@@ -195,7 +195,6 @@ impl Operator for Detection {
     }
 }
 
-// ANCHOR: state
 /// It sends its state along to its cloud, and goes on with the cloud's where that result is sent.
 impl Operator for Tracking {
     type Input = Item<PerceivedScene>;
@@ -238,7 +237,6 @@ impl Operator for Tracking {
         })
     }
 }
-// ANCHOR_END: state
 
 impl Operator for Predicting {
     type Input = Item<PerceivedScene>;
