@@ -1,4 +1,4 @@
-//! A whole operator around the core: a clock, threads, and values. Of three messages the cloud answers only the first.
+//! A whole operator around the core: a clock, threads, and values. The cloud returns one of three results.
 //! Run it with `cargo run -p fuseline-core --example operator`.
 
 use std::sync::mpsc::{self, RecvTimeoutError, Sender};
@@ -20,13 +20,13 @@ struct Operator {
     start: Clock,
     fusion: Fusion<1, 16>,
     held: Held<String, 16>,
-    /// What is sent downstream: a value, or nothing for a message that was missed or refused.
+    /// The outputs sent downstream: a value, or `None` for a message that was missed or refused.
     outputs: Vec<(Timestamp, Option<String>)>,
     events: Sender<Event>,
 }
 
 impl Operator {
-    /// Fires what is due and sends it; then the core is ready for inputs.
+    /// Fires the timers that are due and sends their outputs; then the core accepts inputs.
     fn ready(&mut self) -> Ready<'_, 1, 16> {
         let Self { start, fusion, held, outputs, .. } = self;
         let now = Instant::from_nanos(Deadline::from(start.elapsed()).as_nanos());

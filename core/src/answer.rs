@@ -1,9 +1,10 @@
-//! What the machine answers: one enum per kind of input, each refusal and drop with its reason (F8, P11).
+//! The answers to inputs. Each kind of input has its own enum, and each refusal and drop has a reason (F8,
+//! P11).
 
 use crate::priority::{Priorities, Priority};
 use crate::time::{Instant, Timestamp};
 
-/// What became of an open (F1).
+/// Reports whether a message was accepted (F1).
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 #[cfg_attr(
     feature = "serde",
@@ -19,7 +20,9 @@ pub enum Opening {
     Refused(OpenRefusal),
 }
 
-/// Why an open was refused; the first that holds, in this order (F1).
+/// The reason why an open was refused.
+///
+/// If several reasons hold, the first one in this order is given (F1).
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 #[cfg_attr(
     feature = "serde",
@@ -30,13 +33,13 @@ pub enum Opening {
 pub enum OpenRefusal {
     /// This timestamp or a later one was opened before.
     Order,
-    /// As many timestamps are open as the window allows.
+    /// The number of open timestamps has reached the window.
     Full,
-    /// Local's due instant is not after now.
+    /// Local's due instant is not later than now.
     Deadline,
 }
 
-/// What became of an offer (F2).
+/// Reports whether a request may be sent (F2).
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 #[cfg_attr(
     feature = "serde",
@@ -46,16 +49,18 @@ pub enum OpenRefusal {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[must_use = "a refused request must not be sent"]
 pub enum Admission {
-    /// Send the request; its result is in time before `due`.
+    /// Send the request. Its result is in time if it arrives before `due`.
     Admitted {
-        /// The due instant; a result at this instant is late.
+        /// The due instant; a result that arrives at this instant is late.
         due: Instant,
     },
-    /// Do not send; nothing changed but the gate.
+    /// Do not send the request. Nothing changed except, possibly, the gate.
     Refused(OfferRefusal),
 }
 
-/// Why an offer was refused; the first that holds, in this order (F2).
+/// The reason why an offer was refused.
+///
+/// If several reasons hold, the first one in this order is given (F2).
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 #[cfg_attr(
     feature = "serde",
@@ -64,57 +69,64 @@ pub enum Admission {
 )]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum OfferRefusal {
-    /// No such cloud is registered, or neither this timestamp nor a later one was ever opened.
+    /// No cloud has this priority, or neither this timestamp nor a later one was ever opened.
     Unknown,
     /// The timestamp is not open.
     Closed,
-    /// The cloud was requested for this timestamp before.
+    /// This cloud was already requested for this timestamp.
     Duplicate,
-    /// An available result outranks whatever this cloud would return.
+    /// A result that outranks this cloud is already available.
     Outranked,
-    /// The due instant is not after now.
+    /// The due instant is not later than now.
     Deadline,
-    /// The cloud's gate is shut: too many requests are queued.
+    /// The cloud's gate is shut because too many requests are queued.
     Queue,
 }
 
-/// What became of a result, of a failure, or of timers that fired (F3–F7).
+/// Reports what became of a result, a failure, or timers that fired (F3–F7).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[must_use = "a forwarded result must be sent and a missed timestamp reported"]
 pub enum Outcome<const CLOUDS: usize> {
-    /// The input was dropped and changed nothing. Timers are never dropped.
+    /// The result or failure was dropped and changed nothing. Timers are never dropped.
     Dropped(DropReason),
-    /// Keep the result: it is available, but something pending outranks it. Only a result is held.
+    /// Keep the result: it is available, but a source that outranks it is pending. Only results are held.
     Held,
-    /// Accepted; the timestamp stays open. Never the answer to a result.
+    /// The failure or the timers closed requests, and the timestamp stays open. Results never get this
+    /// answer.
     Waiting,
-    /// Send the result of `by` downstream; the timestamp stays open for better ones (F9). Only under progressive, and only
-    /// the answer to a result.
+    /// Send the result of `by` downstream. The timestamp stays open because better results may follow (F9).
+    ///
+    /// Only results get this answer, and only under the progressive commit rule.
     Preliminary {
         /// The source of the result; 0 is local.
         by: Priority,
-        /// The clouds still pending that it outranks: their calls may be aborted.
+        /// The pending clouds that the result outranks. Their calls may be aborted.
         cancelled: Priorities<CLOUDS>,
     },
-    /// The result of `by`, sent before, was the last: the timestamp is retired (F9). Only under progressive, and never the
-    /// answer to a result.
+    /// The result of `by`, sent before, is the last one; the timestamp is retired (F9).
+    ///
+    /// Only failures and timers get this answer, and only under the progressive commit rule.
     Final {
         /// The source of the result; 0 is local.
         by: Priority,
     },
-    /// Send the result of `by` downstream; the timestamp is retired and whatever else was held for it is discarded.
+    /// Send the result of `by` downstream. The timestamp is retired, and its other held results are
+    /// discarded.
     Forwarded {
         /// The source of the result; 0 is local.
         by: Priority,
-        /// The clouds still pending: their calls may be aborted.
+        /// The clouds still pending. Their calls may be aborted.
         cancelled: Priorities<CLOUDS>,
     },
-    /// Nothing came and nothing will: the timestamp is retired without a result. Never the answer to a result.
+    /// The timestamp is retired: no result arrived in time and none is pending. Results never get this
+    /// answer.
     Missed,
 }
 
-/// Why a result or a failure was dropped; the first that holds, in this order (F3, F4).
+/// The reason why a result or a failure was dropped.
+///
+/// If several reasons hold, the first one in this order is given (F3, F4).
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 #[cfg_attr(
     feature = "serde",
@@ -123,29 +135,30 @@ pub enum Outcome<const CLOUDS: usize> {
 )]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum DropReason {
-    /// No such source, or neither this timestamp nor a later one was ever opened.
+    /// No source has this priority, or neither this timestamp nor a later one was ever opened.
     Unknown,
-    /// The timestamp is not open: forwarded, missed, or skipped. Under progressive also: the last output outranks it.
+    /// The timestamp is not open: it was forwarded, missed or never opened. Under the progressive rule this
+    /// also means that the last output outranks the source.
     Superseded,
     /// The source was not requested for this timestamp.
     Unsolicited,
-    /// The source's result was accepted before, and is held or was the last output.
+    /// The source's result was accepted before and is held, or was the last output.
     Duplicate,
     /// The request was closed by its timer or by a failure.
     Late,
 }
 
-/// One timestamp's timers fired at one due instant (F5).
+/// Describes the timers of one timestamp that fired at one due instant (F5).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[must_use = "a firing may forward a result or miss a timestamp"]
 pub struct Firing<const CLOUDS: usize> {
     /// The timestamp whose timers fired.
     pub timestamp: Timestamp,
-    /// The instant at which they were due.
+    /// The instant at which the timers were due.
     pub due: Instant,
-    /// The requests that they close; 0 is local.
+    /// The sources whose requests the timers close; 0 is local.
     pub timers: Priorities<CLOUDS>,
-    /// Waiting, forwarded, final or missed.
+    /// The consequence: waiting, forwarded, final or missed.
     pub outcome: Outcome<CLOUDS>,
 }

@@ -1,4 +1,4 @@
-//! The registered clouds, in ascending priority, and what a configuration may be.
+//! Checks a configuration and keeps the registered clouds in ascending priority.
 
 use crate::answer::Outcome;
 use crate::gate::Gate;
@@ -6,50 +6,50 @@ use crate::priority::{Priorities, Priority, priority_of};
 use crate::slot::Decision;
 use crate::source::{Source, Sources};
 
-/// The configuration of one cloud.
+/// Configures one cloud.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Cloud {
-    /// 1 to 65535; no two clouds have the same.
+    /// The cloud's rank, from 1 to 65535. No two clouds of an operator have the same priority.
     pub priority: Priority,
-    /// The gate shuts at this many queued requests; at least 1.
+    /// The number of queued requests, at least 1, at which the gate shuts.
     pub limit: u64,
-    /// The shut gate opens at this many queued requests or fewer; less than `limit`.
+    /// The number of queued requests, less than `limit`, at or below which a shut gate opens.
     pub resume: u64,
 }
 
 impl Cloud {
-    /// A cloud whose gate resumes at `limit − 1`.
+    /// Creates a cloud whose gate resumes at `limit − 1`.
     #[must_use]
     pub const fn new(priority: Priority, limit: u64) -> Self {
         Self { priority, limit, resume: limit.saturating_sub(1) }
     }
 }
 
-/// Why a configuration is refused.
+/// The reason why a configuration was refused.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ConfigError {
-    /// The window is 0 or above the machine's capacity.
+    /// The window is 0 or exceeds the machine's capacity.
     Window {
         /// The window that was given.
         window: usize,
-        /// The machine's capacity, its type parameter.
+        /// The machine's capacity, which is its type parameter.
         capacity: usize,
     },
-    /// There are more clouds than the machine's capacity.
+    /// The number of clouds exceeds the machine's capacity.
     TooManyClouds {
-        /// The clouds given.
+        /// The number of clouds that were given.
         clouds: usize,
-        /// The machine's capacity, its type parameter.
+        /// The machine's capacity, which is its type parameter.
         capacity: usize,
     },
-    /// A cloud has priority 0, which is local's.
+    /// A cloud has priority 0, which belongs to local.
     LocalPriority,
     /// Two clouds have this priority (A10).
     DuplicatePriority(Priority),
-    /// This cloud's gate has limit 0 or does not resume below its limit (F2g).
+    /// This cloud's gate has the limit 0 or does not resume below its limit (F2g).
     Gate(Priority),
 }
 
@@ -74,10 +74,10 @@ impl core::fmt::Display for ConfigError {
 impl core::error::Error for ConfigError {}
 
 impl ConfigError {
-    /// The window, if a machine with room for `WINDOW` (1 to 1024) open timestamps can have it.
+    /// Returns `window` if it is from 1 to `WINDOW`, the capacity of a machine (1 to 1024).
     ///
     /// # Errors
-    /// [`ConfigError::Window`] if not.
+    /// Returns [`ConfigError::Window`] if it is not.
     pub const fn check_window<const WINDOW: usize>(window: usize) -> Result<usize, Self> {
         const { assert!(WINDOW >= 1 && WINDOW <= 1024, "a window holds 1 to 1024 timestamps") }
         if window == 0 || window > WINDOW {
@@ -87,15 +87,15 @@ impl ConfigError {
     }
 }
 
-/// An operator's registered clouds, up to `CLOUDS` (0 to 15) of them: which source each is, and its gate.
+/// Keeps up to `CLOUDS` (0 to 15) registered clouds and their gates, and numbers the clouds as sources.
 ///
-/// [`Fusion`](crate::Fusion) keeps one. It is public for machines that keep their open timestamps another way.
+/// [`Fusion`](crate::Fusion) keeps one. Use it directly only to build a machine that stores open timestamps in another way.
 ///
 /// - constructor: [`new`](Self::new)
 /// - names: [`source`](Self::source), [`priority`](Self::priority), [`priorities`](Self::priorities)
 /// - gates: [`gate`](Self::gate), [`gate_mut`](Self::gate_mut)
-/// - a decision in terms of priorities: [`outcome`](Self::outcome)
-// In ascending priority; cloud `i` is source `i + 1`. Entries from `len` on mean nothing.
+/// - conversion of decisions: [`outcome`](Self::outcome)
+// The arrays are in ascending priority, and index `i` is source `i + 1`. Entries from `len` on are unused.
 #[derive(Clone, Copy)]
 pub struct Clouds<const CLOUDS: usize> {
     pub(crate) priorities: [Priority; CLOUDS],
@@ -103,17 +103,17 @@ pub struct Clouds<const CLOUDS: usize> {
     pub(crate) len: usize,
 }
 
-/// Fills entries that hold no cloud; never used.
+/// Fills the unused entries.
 const NO_GATE: Gate = match Gate::new(1, 0) {
     Some(gate) => gate,
     None => unreachable!(),
 };
 
 impl<const CLOUDS: usize> Clouds<CLOUDS> {
-    /// These clouds, with their gates open. Their order does not matter (P10).
+    /// Registers these clouds with open gates. Their order does not matter (P10).
     ///
     /// # Errors
-    /// The first [`ConfigError`] that holds.
+    /// Returns the first [`ConfigError`] that holds.
     pub fn new(clouds: &[Cloud]) -> Result<Self, ConfigError> {
         const { assert!(CLOUDS < Source::COUNT as usize, "a machine has at most 15 clouds") }
         let mut registered =
@@ -127,12 +127,12 @@ impl<const CLOUDS: usize> Clouds<CLOUDS> {
         Ok(registered)
     }
 
-    /// Keeps the order of priorities: the new cloud is stored before the first that outranks it, which move up by one.
+    /// Inserts a cloud before the first one that outranks it, so that the arrays stay in ascending order.
     fn insert(&mut self, cloud: Cloud) -> Result<(), ConfigError> {
         if cloud.priority == Priority::LOCAL {
             return Err(ConfigError::LocalPriority);
         }
-        // Equal priorities are refused: neither result would be the better one (A10).
+        // Equal priorities are refused because neither result would be the better one (A10).
         if self.source(cloud.priority).is_some() {
             return Err(ConfigError::DuplicatePriority(cloud.priority));
         }
@@ -155,7 +155,8 @@ impl<const CLOUDS: usize> Clouds<CLOUDS> {
         Ok(())
     }
 
-    /// The source with this priority; 0 is local. None if no cloud is registered with it.
+    /// Returns the source with this priority, or `None` if no cloud is registered with it. Priority 0 is
+    /// local.
     #[must_use]
     pub fn source(&self, priority: Priority) -> Option<Source> {
         if priority == Priority::LOCAL {
@@ -171,19 +172,19 @@ impl<const CLOUDS: usize> Clouds<CLOUDS> {
         None
     }
 
-    /// The priority of a source; 0 for one that is not registered.
+    /// Returns the priority of `source`, or 0 if the source is not registered.
     #[must_use]
     pub fn priority(&self, source: Source) -> Priority {
         priority_of(&self.priorities, source)
     }
 
-    /// The priorities of these sources.
+    /// Returns the priorities of `members`.
     #[must_use]
     pub const fn priorities(&self, members: Sources) -> Priorities<CLOUDS> {
         Priorities::new(self.priorities, members)
     }
 
-    /// A decision, with priorities for its sources.
+    /// Converts a decision about sources into an outcome with their priorities.
     #[inline]
     pub fn outcome(&self, decision: Decision) -> Outcome<CLOUDS> {
         match decision {
@@ -203,7 +204,7 @@ impl<const CLOUDS: usize> Clouds<CLOUDS> {
         }
     }
 
-    /// All clouds, as the set of their sources.
+    /// Returns the sources of all registered clouds.
     pub(crate) fn all(&self) -> Sources {
         (1..=Source::COUNT)
             .filter(|i| usize::from(*i) <= self.len)
@@ -211,13 +212,14 @@ impl<const CLOUDS: usize> Clouds<CLOUDS> {
             .collect()
     }
 
-    /// A cloud's gate; none for local.
+    /// Returns a cloud's gate, or `None` for local and for a source that is not registered.
     #[must_use]
     pub fn gate(&self, source: Source) -> Option<&Gate> {
         self.gates.get(..self.len)?.get(usize::from(source.index()).checked_sub(1)?)
     }
 
-    /// A cloud's gate, to be moved by an offer; none for local.
+    /// Returns a cloud's gate for an offer to change, or `None` for local and for a source that is not
+    /// registered.
     pub fn gate_mut(&mut self, source: Source) -> Option<&mut Gate> {
         self.gates.get_mut(..self.len)?.get_mut(usize::from(source.index()).checked_sub(1)?)
     }

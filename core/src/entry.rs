@@ -5,9 +5,9 @@ use crate::slot::Slot;
 use crate::source::{Source, Sources};
 use crate::time::{Deadline, Instant};
 
-/// An open timestamp's [`Slot`], and when each of its armed timers is due; for up to `CLOUDS` clouds.
+/// Stores the [`Slot`] of an open timestamp and the due instants of its timers, for up to `CLOUDS` clouds.
 ///
-/// [`Fusion`](crate::Fusion) keeps one for each open timestamp. It is public for machines that keep theirs another way.
+/// [`Fusion`](crate::Fusion) keeps one for each open timestamp. Use it directly only to build a machine that stores open timestamps in another way.
 #[derive(Clone, Copy)]
 pub struct Entry<const CLOUDS: usize> {
     pub(crate) slot: Slot,
@@ -18,16 +18,17 @@ pub struct Entry<const CLOUDS: usize> {
 impl<const CLOUDS: usize> Entry<CLOUDS> {
     pub(crate) const EMPTY: Self = Self::new(Slot::RETIRED);
 
-    /// The entry of a timestamp with these sets. Every due instant is [`Instant::START`]: set those of its armed timers.
+    /// Creates an entry with these sets. Every due instant is [`Instant::START`], so set those of the armed
+    /// timers.
     #[must_use]
     pub const fn new(slot: Slot) -> Self {
         Self { slot, local_due: Instant::START, dues: [Instant::START; CLOUDS] }
     }
 
-    /// F1 for one timestamp: the entry of one that is opened at `now`. `deadline`, if any, is local's.
+    /// Creates the entry of a timestamp that is opened at `now`, with local's `deadline` if it has one (F1).
     ///
     /// # Errors
-    /// [`OpenRefusal::Deadline`] if its due instant is not after now.
+    /// Returns [`OpenRefusal::Deadline`] if local's due instant is not later than `now`.
     pub fn open(now: Instant, deadline: Option<Deadline>) -> Result<Self, OpenRefusal> {
         let mut entry = Self::EMPTY;
         entry.slot = Slot::open(deadline.is_some());
@@ -37,18 +38,18 @@ impl<const CLOUDS: usize> Entry<CLOUDS> {
         Ok(entry)
     }
 
-    /// The timestamp's sets.
+    /// Returns the timestamp's sets.
     #[must_use]
     pub const fn slot(&self) -> Slot {
         self.slot
     }
 
-    /// Replaces the sets; the due instants stay.
+    /// Replaces the sets and keeps the due instants.
     pub const fn set_slot(&mut self, slot: Slot) {
         self.slot = slot;
     }
 
-    /// The due instant of this source's timer; meaningless unless the timer is armed.
+    /// Returns the due instant of this source's timer. The value means nothing unless the timer is armed.
     #[must_use]
     pub fn due(&self, source: Source) -> Instant {
         match usize::from(source.index()).checked_sub(1) {
@@ -57,7 +58,7 @@ impl<const CLOUDS: usize> Entry<CLOUDS> {
         }
     }
 
-    /// Sets when this source's timer is due; does nothing for a source beyond `CLOUDS`.
+    /// Sets the due instant of this source's timer. Does nothing for a source beyond `CLOUDS`.
     pub fn set_due(&mut self, source: Source, due: Instant) {
         match usize::from(source.index()).checked_sub(1) {
             None => self.local_due = due,
@@ -69,9 +70,10 @@ impl<const CLOUDS: usize> Entry<CLOUDS> {
         }
     }
 
-    // Both below look at every timer, armed or not: without branches that is less than to look for the armed ones.
+    // The next two methods look at every timer, armed or not: without branches that is faster than finding
+    // the armed ones.
 
-    /// The armed timers that are due exactly at `due`: they fire together (F5).
+    /// Returns the armed timers whose due instant is exactly `due`. They fire together (F5).
     #[must_use]
     pub fn armed_at(&self, due: Instant) -> Sources {
         let mut due_then = u16::from(self.local_due == due);
@@ -81,11 +83,11 @@ impl<const CLOUDS: usize> Entry<CLOUDS> {
         self.slot.armed().intersection(Sources::from_bits(due_then))
     }
 
-    /// The earliest due instant of the armed timers, if there is one.
+    /// Returns the earliest due instant of the armed timers, or `None` if none is armed.
     #[must_use]
     pub fn next_due(&self) -> Option<Instant> {
         let armed = self.slot.armed();
-        // What is not armed is due at the end of time.
+        // A timer that is not armed counts as due at the end of time.
         let if_armed = |number, due| match armed.bits().wrapping_shr(number) & 1 {
             0 => Instant::END,
             _ => due,

@@ -1,4 +1,4 @@
-//! The machine: bookkeeping of window, due instants and gates around the step of one timestamp.
+//! The machine: keeps the window, the due instants and the gates, and steps one timestamp at a time.
 
 use crate::answer::{Admission, DropReason, Firing, OfferRefusal, OpenRefusal, Opening, Outcome};
 use crate::clouds::{Cloud, Clouds, ConfigError};
@@ -10,16 +10,13 @@ use crate::source::{Source, Sources};
 use crate::time::{Deadline, Instant, Timestamp};
 use crate::window::{OpenIndex, Window};
 
-/// One operator's machine, for up to `CLOUDS` (0 to 15) clouds and `WINDOW` (1 to 1024) open timestamps.
-///
-/// Two machines are equal if they answer all inputs alike.
+/// Decides for one operator, with up to `CLOUDS` (0 to 15) clouds and `WINDOW` (1 to 1024) open timestamps.
+/// Two machines are equal if they give the same answers to all further inputs.
 ///
 /// - constructor: [`new`](Self::new)
 /// - inputs: [`ready`](Self::ready) or [`at`](Self::at), then one method of [`Ready`]
-/// - questions: [`next_due`](Self::next_due), [`now`](Self::now), [`newest`](Self::newest),
-///   [`len`](Self::len), [`slot`](Self::slot), [`due`](Self::due), [`offer_refusal`](Self::offer_refusal),
-///   [`open`](Self::open), [`gate`](Self::gate), [`source`](Self::source), [`priority`](Self::priority), [`clouds`](Self::clouds),
-///   [`window`](Self::window), [`commit`](Self::commit)
+/// - queries: [`next_due`](Self::next_due), [`now`](Self::now), [`newest`](Self::newest), [`open`](Self::open),
+///   [`slot`](Self::slot), [`due`](Self::due), [`offer_refusal`](Self::offer_refusal), [`gate`](Self::gate)
 #[derive(Clone)]
 pub struct Fusion<const CLOUDS: usize, const WINDOW: usize> {
     pub(crate) commit: Commit,
@@ -30,32 +27,33 @@ pub struct Fusion<const CLOUDS: usize, const WINDOW: usize> {
     pub(crate) open: Window<CLOUDS, WINDOW>,
 }
 
-/// The machine at an instant (F0): either a firing comes first, or it takes inputs.
+/// The machine at an instant: either timers fire first, or it accepts inputs (F0).
 #[derive(Debug)]
 #[must_use = "a firing may forward a result; without `Ready` there is no input"]
 pub enum At<'a, const CLOUDS: usize, const WINDOW: usize> {
-    /// These timers fired (F5). Act on it and call [`Fusion::at`] again.
+    /// These timers fired (F5). Act on the firing and call [`Fusion::at`] again.
     Fired(Firing<CLOUDS>),
-    /// Nothing is due.
+    /// Nothing is due, so the machine accepts inputs.
     Ready(Ready<'a, CLOUDS, WINDOW>),
 }
 
-/// The machine at an instant when nothing is due: the only way to give it an input.
+/// Accepts inputs at an instant when nothing is due. The machine takes inputs in no other way.
 ///
-/// It takes any number of inputs of this instant: whatever they arm is due later.
+/// It accepts any number of inputs at this instant, because whatever they arm is due later.
 pub struct Ready<'a, const CLOUDS: usize, const WINDOW: usize> {
     pub(crate) fusion: &'a mut Fusion<CLOUDS, WINDOW>,
 }
 
 impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
-    /// A machine with nothing open, its clock at [`Instant::START`] and its gates open.
+    /// Creates a machine without open timestamps, its clock at [`Instant::START`] and its gates open.
     ///
-    /// `window`, 1 to `WINDOW`, bounds how many timestamps are open at once. The order of `clouds` does not matter
-    /// (P10). Capacities beyond 15 clouds or 1024 timestamps do not compile. The machine's size follows from its
-    /// capacities, from about 100 bytes a timestamp: box large ones where stacks are small.
+    /// `window`, from 1 to `WINDOW`, is the greatest number of timestamps that may be open at once. The order
+    /// of `clouds` does not matter (P10). Capacities beyond 15 clouds or 1024 timestamps do not compile. A
+    /// machine takes about 100 bytes or more for each timestamp of its capacity, so put a large one in a
+    /// `Box` where stacks are small.
     ///
     /// # Errors
-    /// The first [`ConfigError`] that holds.
+    /// Returns the first [`ConfigError`] that holds.
     pub fn new(window: usize, commit: Commit, clouds: &[Cloud]) -> Result<Self, ConfigError> {
         Ok(Self {
             commit,
@@ -67,10 +65,10 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
         })
     }
 
-    /// F0: moves the clock to `now`, never back, and fires the earliest timers due by then, if any.
+    /// Advances the clock to `now` and fires the earliest timers that are due by then, if any (F0).
     ///
-    /// Call it until it is [`At::Ready`], at most once for each armed timer and once more.
-    /// A tick is such a call with no input after it.
+    /// An earlier `now` does not move the clock back. Call it until it returns [`At::Ready`]: at most once
+    /// for each armed timer, and once more. A call without an input after it is a tick.
     #[inline]
     pub fn at(&mut self, now: Instant) -> At<'_, CLOUDS, WINDOW> {
         match self.first_due(now) {
@@ -79,10 +77,11 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
         }
     }
 
-    /// F0: moves the clock to `now`, never back, gives each firing due by then to `fired`, in order, and is then ready
-    /// for inputs.
+    /// Advances the clock to `now`, passes each firing that is due by then to `fired`, and accepts inputs
+    /// (F0).
     ///
-    /// The same as calling [`at`](Self::at) until it is [`At::Ready`]. There are at most as many firings as armed timers.
+    /// An earlier `now` does not move the clock back. The firings come in order, at most one for each armed
+    /// timer. This does what calling [`at`](Self::at) until [`At::Ready`] does.
     pub fn ready(
         &mut self,
         now: Instant,
@@ -94,43 +93,43 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
         Ready { fusion: self }
     }
 
-    /// The earliest instant at which a timer is due; none if no timer is armed. Tick then. Constant time.
+    /// Returns the earliest instant at which a timer is due, or `None` if no timer is armed. Tick then.
     #[must_use]
     pub fn next_due(&self) -> Option<Instant> {
         self.open.next_due()
     }
 
-    /// The machine's clock: the greatest instant given so far.
+    /// Returns the machine's clock: the greatest instant given so far.
     #[must_use]
     pub const fn now(&self) -> Instant {
         self.now
     }
 
-    /// The greatest timestamp ever opened.
+    /// Returns the greatest timestamp that was ever opened, or `None` before the first.
     #[must_use]
     pub const fn newest(&self) -> Option<Timestamp> {
         self.newest
     }
 
-    /// How many timestamps are open; at most [`Self::window`].
+    /// Returns the number of open timestamps, at most [`Self::window`].
     #[must_use]
     pub const fn len(&self) -> usize {
         self.open.len()
     }
 
-    /// Whether no timestamp is open.
+    /// Returns `true` if no timestamp is open.
     #[must_use]
     pub const fn is_empty(&self) -> bool {
         self.open.len() == 0
     }
 
-    /// The sets of an open timestamp; none if it is not open.
+    /// Returns the sets of an open timestamp, or `None` if it is not open.
     #[must_use]
     pub fn slot(&self, timestamp: Timestamp) -> Option<Slot> {
         Some(self.open.entry(self.open.find(timestamp)?).slot)
     }
 
-    /// When the timer of `(timestamp, priority)` is due, if it is armed.
+    /// Returns the due instant of the timer of `(timestamp, priority)`, or `None` if the timer is not armed.
     #[must_use]
     pub fn due(&self, timestamp: Timestamp, priority: Priority) -> Option<Instant> {
         let source = self.clouds.source(priority)?;
@@ -138,11 +137,10 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
         entry.slot.armed().contains(source).then(|| entry.due(source))
     }
 
-    /// F2: why an offer would be refused as things stand, or none if it would be admitted. Nothing changes, also not
-    /// the gate.
+    /// Returns the reason why an offer would be refused now, or `None` if it would be admitted (F2).
     ///
-    /// Timers that are due by an instant later than [`now`](Self::now) have not fired yet. For callers whose preparation
-    /// of a request is costly, or counts: a policy decides about what will be admitted alone (T6).
+    /// Nothing changes, not even the gate or the clock. Ask before preparing a request if preparing it is
+    /// costly or counts, as a policy's decision does (T6).
     #[must_use]
     pub fn offer_refusal(
         &self,
@@ -166,67 +164,69 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
         }
     }
 
-    /// The open timestamps and their sets, in ascending order.
+    /// Returns the open timestamps and their sets, in ascending order of timestamp.
     pub fn open(&self) -> impl Iterator<Item = (Timestamp, Slot)> {
         self.open.iter().map(|(timestamp, entry)| (timestamp, entry.slot))
     }
 
-    /// A cloud's gate; none if the cloud is not registered.
+    /// Returns a cloud's gate, or `None` if the cloud is not registered.
     #[must_use]
     pub fn gate(&self, cloud: Priority) -> Option<Gate> {
         self.clouds.gate(self.clouds.source(cloud)?).copied()
     }
 
-    /// The source with this priority; 0 is local. None if no cloud is registered with it.
+    /// Returns the source with this priority, or `None` if no cloud is registered with it. Priority 0 is
+    /// local.
     #[must_use]
     pub fn source(&self, priority: Priority) -> Option<Source> {
         self.clouds.source(priority)
     }
 
-    /// The priority of a source; 0 for one that is not registered.
+    /// Returns the priority of `source`, or 0 if the source is not registered.
     #[must_use]
     pub fn priority(&self, source: Source) -> Priority {
         self.clouds.priority(source)
     }
 
-    /// The sources of all registered clouds.
+    /// Returns the sources of all registered clouds.
     #[must_use]
     pub fn clouds(&self) -> Sources {
         self.clouds.all()
     }
 
-    /// How many timestamps may be open at once.
+    /// Returns the greatest number of timestamps that may be open at once.
     #[must_use]
     pub const fn window(&self) -> usize {
         self.window
     }
 
-    /// The commit rule.
+    /// Returns the commit rule.
     #[must_use]
     pub const fn commit(&self) -> Commit {
         self.commit
     }
 
-    /// F0: moves the clock. The first timestamp with a timer that is due by then, and when it is.
+    /// Advances the clock (F0) and returns the first timestamp with a timer that is due by then, and that due
+    /// instant.
     #[inline]
     fn first_due(&mut self, now: Instant) -> Option<(OpenIndex, Instant)> {
         self.now = self.now.max(now);
-        // F5 due: the due instant itself is past (A1).
+        // A timer fires at its due instant, not after it (F5, A1).
         let due = self.open.next_due().filter(|due| *due <= self.now)?;
         Some((self.open.first_due()?, due))
     }
 
-    /// F5 for one timestamp at one due instant.
+    /// Fires one timestamp's timers of one due instant (F5).
     pub(crate) fn fire(&mut self, index: OpenIndex, due: Instant) -> Firing<CLOUDS> {
         let timestamp = self.open.timestamp(index);
         let timers = self.open.entry(index).armed_at(due);
-        // F5: else it would fire for ever.
+        // A timestamp without a timer at its due instant would fire without end (F5).
         debug_assert!(!timers.is_empty(), "what fires is armed");
         let outcome = self.close(index, Cause::Timers(timers));
         Firing { timestamp, due, timers: self.clouds.priorities(timers), outcome }
     }
 
-    /// Steps an open timestamp, and retires it if the step does.
+    /// Steps an open timestamp, and removes it if the step retires it.
     pub(crate) fn close(&mut self, index: OpenIndex, cause: Cause) -> Outcome<CLOUDS> {
         let (slot, decision) = self.open.entry(index).slot.step(self.commit, cause);
         let outcome = self.clouds.outcome(decision);
@@ -238,14 +238,17 @@ impl<const CLOUDS: usize, const WINDOW: usize> Fusion<CLOUDS, WINDOW> {
         outcome
     }
 
-    /// Whether this timestamp or a later one was ever opened.
+    /// Returns `true` if this timestamp or a later one was ever opened.
     fn was_reached(&self, timestamp: Timestamp) -> bool {
         self.newest.is_some_and(|newest| timestamp <= newest)
     }
 }
 
 impl<const CLOUDS: usize, const WINDOW: usize> Ready<'_, CLOUDS, WINDOW> {
-    /// F1: a message with this timestamp came. `deadline`, if any, is how long the local computation may take.
+    /// Opens `timestamp` because a message with it arrived (F1).
+    ///
+    /// `deadline` is how long local may take, or `None` if that is not bounded. A refused open changes
+    /// nothing.
     pub fn open(&mut self, timestamp: Timestamp, deadline: Option<Deadline>) -> Opening {
         let fusion = &mut *self.fusion;
         if fusion.was_reached(timestamp) {
@@ -264,8 +267,10 @@ impl<const CLOUDS: usize, const WINDOW: usize> Ready<'_, CLOUDS, WINDOW> {
         Opening::Accepted
     }
 
-    /// F2: may the message be sent to this cloud? `deadline` is how long the cloud may take, `backlog` the length of
-    /// the cloud's outgoing queue without this message.
+    /// Asks whether the message may be sent to this cloud (F2).
+    ///
+    /// `deadline` is how long the cloud may take. `backlog` is the length of the cloud's outgoing queue
+    /// without this message. Send the request only if it is admitted.
     pub fn offer(
         &mut self,
         timestamp: Timestamp,
@@ -275,7 +280,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Ready<'_, CLOUDS, WINDOW> {
     ) -> Admission {
         let fusion = &mut *self.fusion;
         let source = fusion.clouds.source(cloud).filter(|_| fusion.was_reached(timestamp));
-        // F2 unknown: local has no gate (A19).
+        // Local has no gate, so an offer to it is unknown (F2, A19).
         let gated = source.and_then(|source| Some((source, fusion.clouds.gate_mut(source)?)));
         let Some((source, gate)) = gated else {
             return Admission::Refused(OfferRefusal::Unknown);
@@ -291,17 +296,17 @@ impl<const CLOUDS: usize, const WINDOW: usize> Ready<'_, CLOUDS, WINDOW> {
         admission
     }
 
-    /// F3: this source's result came. It is forwarded, held or dropped, never anything else.
+    /// Reports the result of a source. The machine forwards, holds or drops it (F3).
     pub fn result(&mut self, timestamp: Timestamp, source: Priority) -> Outcome<CLOUDS> {
         self.close(timestamp, source, Cause::Result)
     }
 
-    /// F4: no result will come from this source: the call failed, or the local computation produced nothing.
+    /// Reports that no result will come from a source: its call failed, or local produced nothing (F4).
     pub fn fail(&mut self, timestamp: Timestamp, source: Priority) -> Outcome<CLOUDS> {
         self.close(timestamp, source, Cause::Failure)
     }
 
-    /// The machine's clock: the instant of the decisions made here.
+    /// Returns the machine's clock: the instant at which these inputs are decided.
     #[must_use]
     pub const fn now(&self) -> Instant {
         self.fusion.now
@@ -319,7 +324,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> Ready<'_, CLOUDS, WINDOW> {
         };
         match self.fusion.open.find(timestamp) {
             Some(index) => self.fusion.close(index, cause(source)),
-            // F3 superseded: retired or skipped, also when it is late as well (A16).
+            // A result for a retired or skipped timestamp is superseded, even if it is late as well (F3,
+            // A16).
             None => Outcome::Dropped(DropReason::Superseded),
         }
     }
@@ -348,7 +354,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> core::hash::Hash for Fusion<CLOUD
     }
 }
 
-/// An entry without the due instants of timers that are not armed.
+/// Returns an entry without the due instants of disarmed timers.
 fn canonical<const CLOUDS: usize>(
     (timestamp, entry): (Timestamp, &Entry<CLOUDS>),
 ) -> (Timestamp, Slot, [Option<Instant>; Source::COUNT as usize]) {

@@ -1,6 +1,6 @@
-//! The gate: admission of one cloud's requests by the length of its outgoing queue (F2g).
+//! The gate, which admits one cloud's requests by the length of its outgoing queue (F2g).
 
-/// One cloud's gate: shuts at `limit` queued requests, opens again at `resume` or fewer.
+/// Admits one cloud's requests: shuts at `limit` queued requests, and opens again at `resume` or fewer.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Gate {
@@ -10,13 +10,15 @@ pub struct Gate {
 }
 
 impl Gate {
-    /// An open gate; none unless `resume < limit`.
+    /// Creates an open gate, or returns `None` unless `resume < limit`.
     #[must_use]
     pub const fn new(limit: u64, resume: u64) -> Option<Self> {
         if resume < limit { Some(Self { limit, resume, shut: false }) } else { None }
     }
 
-    /// F2g: opens or shuts the gate by `backlog`, the queue's length without the message that is offered; true if it is open now.
+    /// Opens or shuts the gate and returns `true` if it is open afterwards (F2g).
+    ///
+    /// `backlog` is the length of the queue without the message that is offered.
     pub const fn admits(&mut self, backlog: u64) -> bool {
         if self.shut {
             self.shut = backlog > self.resume;
@@ -26,7 +28,7 @@ impl Gate {
         !self.shut
     }
 
-    /// Whether the gate is shut.
+    /// Returns `true` if the gate is shut.
     #[must_use]
     pub const fn is_shut(&self) -> bool {
         self.shut

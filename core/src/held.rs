@@ -1,17 +1,30 @@
-//! The values of held results, for a caller who has nowhere else to keep them.
+//! Stores the values of held results, for callers that have no other place for them.
 //!
-//! The machine decides about timestamps and priorities alone and has no values. This stores the value of the best held
-//! result of each open timestamp, and returns it when that result is forwarded.
+//! The machine decides by timestamps and priorities alone and never sees a value. [`Held`] stores the value
+//! of the best held result of each open timestamp, and returns it when that result is forwarded.
 
 use crate::answer::{Firing, Outcome};
 use crate::priority::Priority;
 use crate::time::Timestamp;
 
-/// The values of held results: for each of up to `WINDOW` open timestamps, the value of its best result.
+/// Stores the values of held results: for each of up to `WINDOW` open timestamps, the value of the best one.
 ///
-/// Only the best available result can ever be forwarded (P3), so a value is dropped as soon as a better result is held
-/// or its timestamp is retired. Give it every outcome and every firing, and nothing leaks. Each call looks at all
-/// `WINDOW` values at most twice.
+/// Only the best available result can be forwarded (P3), so a value is dropped as soon as a better result is
+/// held or its timestamp is retired. Pass every outcome and every firing to this store; then no value stays
+/// behind. Each call looks at each of the `WINDOW` values at most twice.
+///
+/// ```
+/// use fuseline_core::*;
+///
+/// let mut fusion = Fusion::<0, 4>::new(4, Commit::Eager, &[])?;
+/// let mut held = Held::<&str, 4>::new();
+/// let t = Timestamp::new(0);
+/// let mut ready = fusion.ready(Instant::START, |firing| drop(held.firing(&firing)));
+/// assert_eq!(ready.open(t, None), Opening::Accepted);
+/// let outcome = ready.result(t, Priority::LOCAL);
+/// assert_eq!(held.result(t, Priority::LOCAL, "a guess", &outcome), Some("a guess"));
+/// # Ok::<(), ConfigError>(())
+/// ```
 #[derive(Debug)]
 pub struct Held<V, const WINDOW: usize> {
     values: [Option<HeldValue<V>>; WINDOW],
@@ -25,13 +38,14 @@ struct HeldValue<V> {
 }
 
 impl<V, const WINDOW: usize> Held<V, WINDOW> {
-    /// Nothing is held. `WINDOW` is the machine's.
+    /// Creates an empty store. `WINDOW` is the machine's capacity.
     #[must_use]
     pub const fn new() -> Self {
         Self { values: [const { None }; WINDOW] }
     }
 
-    /// F3: takes a result's value and its outcome. Returns the value to send downstream, if one is forwarded.
+    /// Takes a result's value and its outcome (F3). Returns the value to send downstream, if one is
+    /// forwarded.
     #[must_use = "a forwarded value must be sent"]
     pub fn result<const CLOUDS: usize>(
         &mut self,
@@ -45,10 +59,10 @@ impl<V, const WINDOW: usize> Held<V, WINDOW> {
                 self.hold(HeldValue { timestamp, source, value });
                 None
             }
-            // F9: nothing is held under progressive.
+            // Nothing is held under the progressive rule (F9).
             Outcome::Preliminary { by, .. } => (*by == source).then_some(value),
             Outcome::Forwarded { by, .. } if *by == source => {
-                // F7: what else was held for it is discarded.
+                // Forwarding discards the other held results of the timestamp (F7).
                 self.take(timestamp);
                 Some(value)
             }
@@ -60,7 +74,7 @@ impl<V, const WINDOW: usize> Held<V, WINDOW> {
         }
     }
 
-    /// F4: takes a failure's outcome. Returns the value to send downstream, if one is forwarded.
+    /// Takes the outcome of a failure (F4). Returns the value to send downstream, if one is forwarded.
     #[must_use = "a forwarded value must be sent"]
     pub fn failure<const CLOUDS: usize>(
         &mut self,
@@ -70,19 +84,19 @@ impl<V, const WINDOW: usize> Held<V, WINDOW> {
         self.apply(timestamp, outcome)
     }
 
-    /// F5: timers fired. Returns the value to send downstream, if one is forwarded.
+    /// Takes a firing (F5). Returns the value to send downstream, if one is forwarded.
     #[must_use = "a forwarded value must be sent"]
     pub fn firing<const CLOUDS: usize>(&mut self, firing: &Firing<CLOUDS>) -> Option<V> {
         self.apply(firing.timestamp, &firing.outcome)
     }
 
-    /// How many values are held.
+    /// Returns the number of values held.
     #[must_use]
     pub fn len(&self) -> usize {
         self.values.iter().flatten().count()
     }
 
-    /// Whether nothing is held.
+    /// Returns `true` if no value is held.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.values.iter().all(Option::is_none)
@@ -94,7 +108,7 @@ impl<V, const WINDOW: usize> Held<V, WINDOW> {
         outcome: &Outcome<CLOUDS>,
     ) -> Option<V> {
         match outcome {
-            // Retired: what was held is removed, whether it is sent or not.
+            // The timestamp is retired, so its value is removed whether it is sent or not.
             Outcome::Forwarded { by, .. } => {
                 let best = self.take(timestamp)?;
                 (best.source == *by).then_some(best.value)
@@ -111,7 +125,7 @@ impl<V, const WINDOW: usize> Held<V, WINDOW> {
         }
     }
 
-    /// Stores the better of this one and what is held for its timestamp.
+    /// Stores the better of this value and the one held for its timestamp.
     fn hold(&mut self, new: HeldValue<V>) {
         let is_same = |held: &HeldValue<V>| held.timestamp == new.timestamp;
         if let Some(held) = self.values.iter_mut().flatten().find(|held| is_same(held)) {

@@ -1,31 +1,31 @@
-//! The priorities of sources, as the operator's owner numbers them, and sets of them.
+//! The priorities of sources, as the operator's owner numbers them, and sets of priorities.
 
 use crate::source::{Source, Sources};
 
-/// How good a source's results are: 0 is local, clouds have 1 to 65535, the greater wins.
+/// Ranks the results of a source: 0 is local, clouds have 1 to 65535, and the greater number wins.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(transparent))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Priority(u16);
 
 impl Priority {
-    /// The local computation's priority, the lowest.
+    /// The priority of local, which is the lowest.
     pub const LOCAL: Self = Self(0);
 
-    /// The priority with this number.
+    /// Creates the priority with this number.
     #[must_use]
     pub const fn new(number: u16) -> Self {
         Self(number)
     }
 
-    /// The number.
+    /// Returns the number.
     #[must_use]
     pub const fn as_u16(self) -> u16 {
         self.0
     }
 }
 
-/// A set of an operator's priorities; 0, local's, may be among them.
+/// A set of an operator's priorities. It may contain 0, which is local.
 #[derive(Clone, Copy)]
 pub struct Priorities<const CLOUDS: usize> {
     of_clouds: [Priority; CLOUDS],
@@ -37,31 +37,31 @@ impl<const CLOUDS: usize> Priorities<CLOUDS> {
         Self { of_clouds, members }
     }
 
-    /// Whether nothing is a member.
+    /// Returns `true` if the set is empty.
     #[must_use]
     pub const fn is_empty(&self) -> bool {
         self.members.is_empty()
     }
 
-    /// Whether `priority` is a member.
+    /// Returns `true` if `priority` is a member.
     #[must_use]
     pub fn contains(&self, priority: Priority) -> bool {
         self.iter().any(|member| member == priority)
     }
 
-    /// The members in ascending order.
+    /// Returns the members in ascending order.
     pub fn iter(&self) -> impl Iterator<Item = Priority> {
         self.members.iter().map(|source| priority_of(&self.of_clouds, source))
     }
 
-    /// The same set as sources.
+    /// Returns the same set as sources.
     #[must_use]
     pub const fn sources(&self) -> Sources {
         self.members
     }
 }
 
-/// The priority of `source`; `of_clouds` are the clouds' priorities in ascending order.
+/// Returns the priority of `source`. `of_clouds` are the clouds' priorities in ascending order.
 pub(crate) fn priority_of(of_clouds: &[Priority], source: Source) -> Priority {
     let cloud = usize::from(source.index()).checked_sub(1);
     cloud.and_then(|cloud| of_clouds.get(cloud)).copied().unwrap_or(Priority::LOCAL)

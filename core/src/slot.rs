@@ -1,14 +1,14 @@
 //! The four sets of one timestamp, and the pure step that decides about it (F2–F7, F9).
 //!
-//! All decisions about results are made here, by sets of at most 16 sources. Nothing here knows the clock, a due instant, a
-//! priority's number or another timestamp: `fusion.rs` does, and calls the step.
+//! Every decision about a result is made here, from sets of at most 16 sources. This module knows no clock,
+//! due instant, priority number or other timestamp. `fusion.rs` knows those and calls the step.
 
 use crate::answer::{Admission, DropReason, OfferRefusal};
 use crate::gate::Gate;
 use crate::source::{Source, Sources};
 use crate::time::{Deadline, Instant};
 
-/// When a result is forwarded although something better is still pending (F6, F9).
+/// Decides when a result is forwarded although a better one is still pending (F6, F9).
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
 #[cfg_attr(
     feature = "serde",
@@ -17,16 +17,26 @@ use crate::time::{Deadline, Instant};
 )]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Commit {
-    /// The first cloud's timer to fire commits the best available result, whoever's timer it is.
+    /// Forwards the best available result as soon as any cloud's timer fires, even the timer of another
+    /// cloud.
     #[default]
     Eager,
-    /// A timer closes its own request alone; the best available result is forwarded when nothing pending outranks it.
+    /// Forwards the best available result once nothing that outranks it is pending. A timer closes only its
+    /// own request.
     Patient,
-    /// Each result that is better than those before it is forwarded at once, and better ones may follow it (F9).
+    /// Forwards each result that is better than those before it at once. Better ones may follow (F9).
     Progressive,
 }
 
-/// The four sets of one timestamp. Every value is valid for the commit rule that it was made and stepped with.
+/// The four sets of one timestamp.
+///
+/// Every value is a state that inputs can lead to under the commit rule with which it was made and stepped.
+///
+/// ```
+/// use fuseline_core::{Cause, Commit, Decision, Slot, Source};
+/// let (slot, decision) = Slot::open(false).step(Commit::Eager, Cause::Result(Source::LOCAL));
+/// assert!(!slot.is_open() && matches!(decision, Decision::Forwarded { by: Source::LOCAL, .. }));
+/// ```
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Slot {
@@ -36,57 +46,57 @@ pub struct Slot {
     cached: Sources,
 }
 
-/// What can close requests of one timestamp.
+/// The event that closes requests of a timestamp.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Cause {
-    /// A result came (F3).
+    /// A result arrived (F3).
     Result(Source),
-    /// No result will come (F4).
+    /// No result will come from this source (F4).
     Failure(Source),
-    /// These timers, all due at one instant, fired (F5). Those that are not armed are ignored.
+    /// These timers, all due at one instant, fired (F5). Timers that are not armed are ignored.
     Timers(Sources),
 }
 
-/// What a step decided.
+/// The decision of one step.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Decision {
     /// The input was dropped and changed nothing.
     Dropped(DropReason),
-    /// The result is available, but something pending outranks it.
+    /// The result is available, but a source that outranks it is pending.
     Held,
-    /// Requests were closed and something is still pending.
+    /// Requests were closed, and others are still pending.
     Waiting,
-    /// The result of `by` is sent downstream, and better ones are still pending (F9). Progressive alone.
+    /// The result of `by` is sent downstream while better ones are pending (F9). Progressive only.
     Preliminary {
-        /// Whose result it is.
+        /// The source of the result.
         by: Source,
-        /// The clouds that were still pending and that it outranks.
+        /// The clouds that were pending and that the result outranks.
         cancelled: Sources,
     },
-    /// Nothing better will come than the result of `by`, which was sent before; the timestamp is retired (F9). Progressive alone.
+    /// The result of `by`, sent before, is the last one, and the timestamp is retired (F9). Progressive only.
     Final {
-        /// Whose result it is.
+        /// The source of the result.
         by: Source,
     },
-    /// The result of `by` is sent downstream; the timestamp is retired.
+    /// The result of `by` is sent downstream, and the timestamp is retired.
     Forwarded {
-        /// Whose result it is.
+        /// The source of the result.
         by: Source,
         /// The clouds that were still pending.
         cancelled: Sources,
     },
-    /// Nothing came and nothing will; the timestamp is retired.
+    /// No result arrived in time and none is pending; the timestamp is retired.
     Missed,
 }
 
-/// Why four sets are not a state of a timestamp.
+/// The reason why four sets are not a state of an open timestamp.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum InvalidSlot {
-    /// Local is not requested (F1).
+    /// Local is not in requested (F1).
     LocalNotRequested,
-    /// A pending or cached source is not requested.
+    /// A pending or cached source is not in requested.
     NotRequested,
     /// A source is both pending and cached.
     PendingAndCached,
@@ -94,9 +104,10 @@ pub enum InvalidSlot {
     NothingPending,
     /// Nothing pending outranks the best available result, so it would have been forwarded (P4).
     Unforwarded,
-    /// Under progressive, the last output is not the only one cached, or outranks something pending (F9).
+    /// Under the progressive rule, cached has another member than the last output, or the last output
+    /// outranks a pending source (F9).
     Outranked,
-    /// The armed timers are not those that the commit rule keeps (P8).
+    /// The armed timers differ from those that the commit rule keeps (P8).
     Timers,
 }
 
@@ -117,7 +128,7 @@ impl core::fmt::Display for InvalidSlot {
 impl core::error::Error for InvalidSlot {}
 
 impl Slot {
-    /// A timestamp that is no longer open: all sets empty. What comes for it is superseded or closed.
+    /// A timestamp that is no longer open. All sets are empty, so inputs for it are superseded or closed.
     pub const RETIRED: Self = Self {
         requested: Sources::EMPTY,
         pending: Sources::EMPTY,
@@ -125,17 +136,18 @@ impl Slot {
         cached: Sources::EMPTY,
     };
 
-    /// F1: a timestamp just opened, waiting for local; `limited` if local has a deadline.
+    /// Returns the state of a timestamp that was just opened and waits for local (F1). `limited` is `true` if
+    /// local has a deadline.
     #[must_use]
     pub const fn open(limited: bool) -> Self {
         let armed = if limited { Sources::LOCAL } else { Sources::EMPTY };
         Self { requested: Sources::LOCAL, pending: Sources::LOCAL, armed, cached: Sources::EMPTY }
     }
 
-    /// The state with these sets under `commit`.
+    /// Returns the state with these sets under `commit`.
     ///
     /// # Errors
-    /// The first [`InvalidSlot`] that holds: no sequence of inputs leads to such sets.
+    /// Returns the first [`InvalidSlot`] that holds. No sequence of inputs leads to such a state.
     pub fn from_sets(
         commit: Commit,
         requested: Sources,
@@ -178,9 +190,10 @@ impl Slot {
         Ok(slot)
     }
 
-    /// F2, as far as the sets decide it: the state with `source` requested, or this one and the first reason to refuse.
+    /// Checks an offer by the sets alone (F2): returns the state with `source` requested, or this state and
+    /// the first reason to refuse.
     ///
-    /// [`admit`](Self::admit) checks the offer's deadline and the gate after these reasons.
+    /// [`admit`](Self::admit) also checks the offer's deadline and the gate.
     #[must_use]
     pub fn offer(self, source: Source) -> (Self, Option<OfferRefusal>) {
         if !self.is_open() {
@@ -189,7 +202,7 @@ impl Slot {
         if self.requested.contains(source) {
             return (self, Some(OfferRefusal::Duplicate));
         }
-        // F2 outranked: the commit rule can only forward the best available result or a better one.
+        // The commit rule only ever forwards the best available result or a better one (F2).
         if self.cached.any_above(source) {
             return (self, Some(OfferRefusal::Outranked));
         }
@@ -202,9 +215,11 @@ impl Slot {
         (admitted, None)
     }
 
-    /// F2 for a registered cloud: the state with `source` requested, or this one and the first reason to refuse.
+    /// Checks an offer to a registered cloud (F2): returns the state with `source` requested, or this state
+    /// and the first reason to refuse.
     ///
-    /// `gate` is the cloud's own. It decides last, so that a request refused anyway does not move it (F2g).
+    /// `gate` is the cloud's own gate. It is consulted last, so that a request that is refused for another
+    /// reason does not change it (F2g).
     #[inline]
     pub fn admit(
         self,
@@ -227,7 +242,7 @@ impl Slot {
         (admitted, Admission::Admitted { due })
     }
 
-    /// The pure step: closes requests and decides (F3–F7).
+    /// Closes requests and decides (F3–F7). This function is pure.
     #[inline]
     #[must_use]
     pub fn step(self, commit: Commit, cause: Cause) -> (Self, Decision) {
@@ -238,49 +253,52 @@ impl Slot {
         }
     }
 
-    /// Whether the timestamp is open.
+    /// Returns `true` if the timestamp is open.
     #[must_use]
     pub const fn is_open(self) -> bool {
         !self.requested.is_empty()
     }
 
-    /// The sources that were requested; local is one as long as the timestamp is open.
+    /// Returns the sources that were requested. Local is a member as long as the timestamp is open.
     #[must_use]
     pub const fn requested(self) -> Sources {
         self.requested
     }
 
-    /// The sources that were requested and of which no result, failure or firing has come.
+    /// Returns the requested sources for which no result, failure or firing has come.
     #[must_use]
     pub const fn pending(self) -> Sources {
         self.pending
     }
 
-    /// The sources whose timer is live.
+    /// Returns the sources whose timer is live.
     #[must_use]
     pub const fn armed(self) -> Sources {
         self.armed
     }
 
-    /// The sources whose result arrived in time and is held; under progressive, that of the last output.
+    /// Returns the sources whose result arrived in time and is held. Under the progressive rule, returns the
+    /// source of the last output.
     #[must_use]
     pub const fn cached(self) -> Sources {
         self.cached
     }
 
-    /// F3: a result is dropped, forwarded, or held while something pending outranks it; under progressive it is not held.
+    /// Drops a result, forwards it, or holds it while a source that outranks it is pending (F3). The
+    /// progressive rule sends it instead of holding it.
     #[inline]
     fn result(mut self, commit: Commit, source: Source) -> (Self, Decision) {
         if let Some(reason) = self.drop_reason(commit, source) {
             return (self, Decision::Dropped(reason));
         }
         self.pending = self.pending.without(source);
-        // F3 forward: nothing pending outranks it, as where nothing else was requested (P6).
+        // Nothing pending outranks it; this is also so if nothing else was requested (F3, P6).
         if !self.pending.any_above(source) {
             return self.forward(source);
         }
         match commit {
-            // F3 held: an eager cloud's timer runs on, to commit the best available; local's never commits (A3).
+            // Under eager a cloud's timer runs on, to commit the best available result. Local's timer never
+            // commits (F3, A3).
             Commit::Eager if source != Source::LOCAL => {}
             Commit::Eager | Commit::Patient => self.armed = self.armed.without(source),
             Commit::Progressive => return self.send(source),
@@ -289,7 +307,7 @@ impl Slot {
         (self, Decision::Held)
     }
 
-    /// F9: a result is sent although something better is pending. What it outranks is no longer awaited.
+    /// Sends a result while a better one is pending, and cancels the requests that it outranks (F9).
     #[inline]
     fn send(mut self, by: Source) -> (Self, Decision) {
         let better = self.pending.above(by);
@@ -300,7 +318,8 @@ impl Slot {
         (self, Decision::Preliminary { by, cancelled })
     }
 
-    /// F4: a failure is dropped as a result is, or closes its request and settles as by no timer.
+    /// Drops a failure for the reasons that drop a result, or closes its request and settles the timestamp
+    /// (F4).
     #[inline]
     fn failure(mut self, commit: Commit, source: Source) -> (Self, Decision) {
         if let Some(reason) = self.drop_reason(commit, source) {
@@ -311,7 +330,7 @@ impl Slot {
         self.settle(commit, false)
     }
 
-    /// F5, for the armed timers of one instant.
+    /// Fires the armed timers of one instant (F5).
     #[inline]
     fn timers(mut self, commit: Commit, fired: Sources) -> (Self, Decision) {
         if fired.is_empty() {
@@ -319,52 +338,53 @@ impl Slot {
         }
         self.armed = self.armed.difference(fired);
         self.pending = self.pending.difference(fired);
-        // F5 cause: the firing of local's deadline alone commits nothing (A9).
+        // Local's timer alone commits nothing (F5, A9).
         self.settle(commit, !fired.clouds().is_empty())
     }
 
-    /// The first reason of F3 and F4 that the sets decide, if one holds.
+    /// Returns the first reason of F3 and F4 that holds, as far as the sets decide it.
     fn drop_reason(self, commit: Commit, source: Source) -> Option<DropReason> {
         if !self.is_open() {
             Some(DropReason::Superseded)
         } else if self.pending.contains(source) {
             None
         } else if commit == Commit::Progressive && self.cached.any_above(source) {
-            // F9: outranked by the last output, requested or not.
+            // The last output outranks this source, requested or not (F9).
             Some(DropReason::Superseded)
         } else if !self.requested.contains(source) {
             Some(DropReason::Unsolicited)
         } else if self.cached.contains(source) {
             Some(DropReason::Duplicate)
         } else {
-            // F3 late: its timer or a failure closed it, and what is closed is never forwarded (P2).
+            // A timer or a failure closed this request, and a closed request is never forwarded (F3, P2).
             Some(DropReason::Late)
         }
     }
 
-    /// F6: some requests were closed; forward, miss or wait.
+    /// Forwards, misses or waits after requests were closed (F6).
     ///
-    /// Once the last timer has fired, nothing pending outranks what is available: so local's result is forwarded by then
-    /// (P5), and a timestamp opened with a deadline is retired by then (P7). Once local has arrived, only clouds are awaited
-    /// (P12).
+    /// After the last timer has fired, nothing pending outranks the available result. So local's result is
+    /// forwarded by then (P5), and a timestamp opened with a deadline is retired by then (P7). Once local has
+    /// arrived, only clouds are pending (P12).
     #[inline]
     fn settle(self, commit: Commit, timer: bool) -> (Self, Decision) {
-        // F6: whatever the cause, the greatest available or none (P3).
+        // The greatest available result is forwarded or none, whatever the cause (F6, P3).
         match self.cached.greatest() {
             Some(best) if !self.pending.any_above(best) => match commit {
                 Commit::Eager | Commit::Patient => self.forward(best),
-                // F9: it was sent before, and nothing better will come.
+                // The result was sent before, and no better one is pending (F9).
                 Commit::Progressive => (Self::RETIRED, Decision::Final { by: best }),
             },
-            // F6 eager: a cloud's timer commits although something better is pending (A4).
+            // Under eager a cloud's timer commits although a better result is pending (F6, A4).
             Some(best) if timer && commit == Commit::Eager => self.forward(best),
-            // F6 miss: nothing available, nothing to come (A5, A8).
+            // Nothing is available and nothing is pending (F6, A5, A8).
             None if self.pending.is_empty() => (Self::RETIRED, Decision::Missed),
             Some(_) | None => (self, Decision::Waiting),
         }
     }
 
-    /// F7: the result is sent, what is pending is cancelled. The timestamp is retired with it, so that this happens once (P1).
+    /// Sends a result and cancels the pending clouds (F7). It also retires the timestamp, so this happens
+    /// once (P1).
     #[inline]
     fn forward(self, by: Source) -> (Self, Decision) {
         (Self::RETIRED, Decision::Forwarded { by, cancelled: self.pending.clouds() })

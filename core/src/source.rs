@@ -1,24 +1,26 @@
-//! The sources of results and sets of them.
+//! The sources of results, and sets of them.
 
-/// Where a result comes from: source 0 is the local computation, sources 1 to 15 are the configured
-/// clouds in ascending priority. So the greater of two sources outranks the other.
+/// Numbers where a result comes from: source 0 is local, and sources 1 to 15 are the configured clouds in
+/// ascending priority.
+///
+/// The greater of two sources outranks the other.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Source(u8);
 
 impl Source {
-    /// The most sources that a [`Slot`](crate::Slot) holds: local and 15 clouds.
+    /// The greatest number of sources in a [`Slot`](crate::Slot): local and 15 clouds.
     pub const COUNT: u8 = 16;
-    /// The local computation, which everything outranks.
+    /// Local, which every cloud outranks.
     pub const LOCAL: Self = Self(0);
 
-    /// The source with this index, or none if it is 16 or more.
+    /// Returns the source with this index, or `None` if the index is 16 or more.
     #[must_use]
     pub const fn new(index: u8) -> Option<Self> {
         if index < Self::COUNT { Some(Self(index)) } else { None }
     }
 
-    /// 0 for local, else the cloud's number, from 1, among the clouds in ascending priority.
+    /// Returns 0 for local, or a cloud's number among the clouds in ascending priority, from 1.
     #[must_use]
     pub const fn index(self) -> u8 {
         self.0
@@ -29,7 +31,7 @@ impl Source {
     }
 }
 
-/// A set of [`Source`]s, one bit each.
+/// A set of [`Source`]s, with one bit for each.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Sources(u16);
@@ -37,89 +39,89 @@ pub struct Sources(u16);
 impl Sources {
     /// The empty set.
     pub const EMPTY: Self = Self(0);
-    /// The local computation alone.
+    /// The set that contains only local.
     pub const LOCAL: Self = Self(1);
 
-    /// The set whose members are the set bits of `bits`; bit 0 is local.
+    /// Creates the set whose members are the set bits of `bits`. Bit 0 is local.
     #[must_use]
     pub const fn from_bits(bits: u16) -> Self {
         Self(bits)
     }
 
-    /// The set as bits; bit 0 is local.
+    /// Returns the set as bits. Bit 0 is local.
     #[must_use]
     pub const fn bits(self) -> u16 {
         self.0
     }
 
-    /// This set and `source`.
+    /// Returns this set with `source` added.
     #[must_use]
     pub const fn with(self, source: Source) -> Self {
         Self(self.0 | source.bit())
     }
 
-    /// This set less `source`.
+    /// Returns this set with `source` removed.
     #[must_use]
     pub const fn without(self, source: Source) -> Self {
         Self(self.0 & !source.bit())
     }
 
-    /// The members of either set.
+    /// Returns the members of either set.
     #[must_use]
     pub const fn union(self, other: Self) -> Self {
         Self(self.0 | other.0)
     }
 
-    /// The members of both sets.
+    /// Returns the members of both sets.
     #[must_use]
     pub const fn intersection(self, other: Self) -> Self {
         Self(self.0 & other.0)
     }
 
-    /// The members of this set that are not in `other`.
+    /// Returns the members of this set that are not in `other`.
     #[must_use]
     pub const fn difference(self, other: Self) -> Self {
         Self(self.0 & !other.0)
     }
 
-    /// The clouds among the members.
+    /// Returns the members other than local.
     #[must_use]
     pub const fn clouds(self) -> Self {
         self.difference(Self::LOCAL)
     }
 
-    /// Whether nothing is a member.
+    /// Returns `true` if the set is empty.
     #[must_use]
     pub const fn is_empty(self) -> bool {
         self.0 == 0
     }
 
-    /// Whether `source` is a member.
+    /// Returns `true` if `source` is a member.
     #[must_use]
     pub const fn contains(self, source: Source) -> bool {
         self.0 & source.bit() != 0
     }
 
-    /// Whether every member of `other` is a member.
+    /// Returns `true` if every member of `other` is a member of this set.
     #[must_use]
     pub const fn contains_all(self, other: Self) -> bool {
         other.0 & !self.0 == 0
     }
 
-    /// Whether some member outranks `source`.
+    /// Returns `true` if some member outranks `source`.
     #[must_use]
     pub const fn any_above(self, source: Source) -> bool {
-        // Without a member above `source`, the number is at most that of all bits up to its own.
+        // If no member is above `source`, the number is at most that of all bits up to its own.
         self.0 > source.bit() | source.bit().wrapping_sub(1)
     }
 
-    /// The members that outrank `source`.
+    /// Returns the members that outrank `source`.
     #[must_use]
     pub const fn above(self, source: Source) -> Self {
         Self(self.0 & !(source.bit() | source.bit().wrapping_sub(1)))
     }
 
-    /// The members in ascending order.
+    /// Returns the members in ascending order.
     pub fn iter(self) -> impl Iterator<Item = Source> {
         let mut rest = self;
         core::iter::from_fn(move || {
@@ -129,7 +131,7 @@ impl Sources {
         })
     }
 
-    /// The member that outranks all others.
+    /// Returns the member that outranks all others, or `None` if the set is empty.
     #[must_use]
     pub const fn greatest(self) -> Option<Source> {
         match self.0.checked_ilog2() {
@@ -139,7 +141,7 @@ impl Sources {
         }
     }
 
-    /// The least member.
+    /// Returns the member that all others outrank, or `None` if the set is empty.
     #[must_use]
     pub const fn least(self) -> Option<Source> {
         if self.is_empty() {

@@ -1,9 +1,9 @@
-//! Instants, deadlines, and the logical counter of messages.
+//! Instants, deadlines, and timestamps.
 
 /// A reading of one monotonic clock, in nanoseconds from any fixed start.
 ///
-/// All of `u64` is allowed. At the end of the range nothing wraps: due instants saturate, and a clock that has
-/// reached [`Instant::END`] stays there (A14).
+/// Every `u64` is a legal value. Nothing wraps at the end of the range: due instants saturate, and a clock
+/// that has reached [`Instant::END`] stays there (A14).
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(transparent))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -15,25 +15,26 @@ impl Instant {
     /// The clock's last reading, 2⁶⁴ − 1 ns.
     pub const END: Self = Self(u64::MAX);
 
-    /// The instant `nanos` nanoseconds after [`Instant::START`].
+    /// Returns the instant `nanos` nanoseconds after [`Instant::START`].
     #[must_use]
     pub const fn from_nanos(nanos: u64) -> Self {
         Self(nanos)
     }
 
-    /// Nanoseconds since [`Instant::START`].
+    /// Returns the nanoseconds since [`Instant::START`].
     #[must_use]
     pub const fn as_nanos(self) -> u64 {
         self.0
     }
 
-    /// The due instant of a deadline that starts now, saturating at [`Instant::END`].
+    /// Returns the due instant of a deadline that starts at this instant. It saturates at [`Instant::END`].
     #[must_use]
     pub const fn saturating_add(self, deadline: Deadline) -> Self {
         Self(self.0.saturating_add(deadline.0))
     }
 
-    /// The due instant of a deadline that starts now; none if it is not after now (A11).
+    /// Returns the due instant of a deadline that starts at this instant, or `None` if the due instant is not
+    /// later than this instant (A11).
     #[must_use]
     pub const fn due(self, deadline: Deadline) -> Option<Self> {
         let due = self.saturating_add(deadline);
@@ -41,28 +42,28 @@ impl Instant {
     }
 }
 
-/// The relative time that a request, or the local computation, may take, in nanoseconds.
+/// How long a request, or local, may take, in nanoseconds.
 ///
-/// All of `u64` is allowed; zero is refused wherever a deadline is given (A11).
+/// Every `u64` is a legal value, but zero is refused wherever a deadline is given (A11).
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(transparent))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Deadline(u64);
 
 impl Deadline {
-    /// A deadline of `nanos` nanoseconds.
+    /// Creates a deadline of `nanos` nanoseconds.
     #[must_use]
     pub const fn from_nanos(nanos: u64) -> Self {
         Self(nanos)
     }
 
-    /// A deadline of `millis` milliseconds, saturating at 2⁶⁴ − 1 ns (584 years).
+    /// Creates a deadline of `millis` milliseconds. It saturates at 2⁶⁴ − 1 ns (584 years).
     #[must_use]
     pub const fn from_millis(millis: u64) -> Self {
         Self(millis.saturating_mul(1_000_000))
     }
 
-    /// The deadline in nanoseconds.
+    /// Returns the deadline in nanoseconds.
     #[must_use]
     pub const fn as_nanos(self) -> u64 {
         self.0
@@ -70,28 +71,28 @@ impl Deadline {
 }
 
 impl From<core::time::Duration> for Deadline {
-    /// Saturates at 2⁶⁴ − 1 ns.
+    /// Converts a duration, saturating at 2⁶⁴ − 1 ns.
     fn from(duration: core::time::Duration) -> Self {
         Self(u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX))
     }
 }
 
-/// An operator's logical counter of its input messages; not a time of day.
+/// Counts the messages of an operator. It is not a time of day.
 ///
-/// All of `u64` is allowed, gaps too; timestamps are opened in ascending order (F1).
+/// Every `u64` is a legal value. Timestamps must be opened in ascending order and may have gaps (F1).
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(transparent))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Timestamp(u64);
 
 impl Timestamp {
-    /// The timestamp with this count.
+    /// Creates the timestamp with this count.
     #[must_use]
     pub const fn new(count: u64) -> Self {
         Self(count)
     }
 
-    /// The count.
+    /// Returns the count.
     #[must_use]
     pub const fn as_u64(self) -> u64 {
         self.0

@@ -1,38 +1,42 @@
-//! The open timestamps in ascending order, and which of them fires first (P9).
+//! Stores the open timestamps in ascending order and finds the one that fires first (P9).
 //!
-//! An entry stays where it is until its timestamp is retired. Each open timestamp has the index of its entry. Those before
-//! or those behind a retired timestamp move by one place, whichever are fewer, ten bytes each; at the end of the arrays all
-//! move to their start, at most once in as many openings as the capacity. Each entry has a key for the order of firing
-//! (F5). The first key of each four is stored, of each four of those, and so on up to the first of all. Where a key changes,
-//! it is compared with the three beside it, then their first with the three beside that, until one stays as it was.
+//! An entry keeps its place until its timestamp is retired. `timestamps` is sorted, and beside each timestamp
+//! is the index of its entry. Retiring a timestamp moves the timestamps before it or those behind it by one
+//! place, whichever are fewer, at ten bytes each. When the end of the arrays is reached, everything moves to
+//! their start. That happens at most once in as many openings as the capacity.
 //!
-//! Every access is checked: a read beyond an array yields nothing and a write changes nothing, so this cannot panic. The
-//! machine that uses the window is in `fusion.rs`.
+//! Each entry has a key that orders the firings (F5). A tree with four children for each node stores the
+//! least key of each group. When a key changes, it is compared with the three keys beside it, and the least
+//! moves up a level, until a level stays the same.
+//!
+//! Every access is checked: a read beyond an array yields nothing, and a write there changes nothing, so this
+//! module cannot panic. `fusion.rs` has the machine that uses the window.
 
 use crate::entry::Entry;
 use crate::slot::Slot;
 use crate::source::Source;
 use crate::time::{Instant, Timestamp};
 
-/// Where an open timestamp is. Valid until one is opened or retired.
+/// The place of an open timestamp. It is valid until a timestamp is opened or retired.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct OpenIndex {
-    /// Its own place in the arrays of open timestamps.
+    /// The index into the arrays of open timestamps.
     pub(crate) place: u16,
-    /// Which entry is its own.
+    /// The index of its entry.
     pub(crate) entry: u16,
 }
 
-/// The key by which timestamps fire in the order of F5: the earliest due instant of its timers, then the timestamp.
+/// Orders the timestamps by when they fire (F5): by the earliest due instant of their timers, then by
+/// timestamp.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct DueKey {
-    /// One less than the due instant: what is armed is due after the clock's start. The greatest value means never.
+    /// One less than the due instant, which is never 0. The greatest value means never.
     pub(crate) due_minus_one: u64,
     pub(crate) timestamp: Timestamp,
 }
 
 impl DueKey {
-    /// That of a free entry, and of a timestamp without an armed timer.
+    /// The key of a free entry, and of a timestamp without an armed timer.
     pub(crate) const NEVER: Self =
         Self { due_minus_one: u64::MAX, timestamp: Timestamp::new(u64::MAX) };
 
@@ -47,9 +51,9 @@ impl DueKey {
         self.due_minus_one.checked_add(1).map(Instant::from_nanos)
     }
 
-    /// The earlier key; of equal due instants that of the lesser timestamp.
+    /// Returns the earlier key. If the due instants are equal, the lesser timestamp is earlier.
     fn earlier(self, other: Self) -> Self {
-        // One comparison of 128 bits.
+        // One comparison of 128 bits is faster than two of 64.
         let number =
             |key: Self| u128::from(key.due_minus_one) << 64 | u128::from(key.timestamp.as_u64());
         if number(other) < number(self) { other } else { self }
@@ -58,26 +62,25 @@ impl DueKey {
 
 #[derive(Clone)]
 pub(crate) struct Window<const CLOUDS: usize, const CAPACITY: usize> {
-    /// Ascending, `len` of them from `start` on; the others mean nothing.
+    /// The open timestamps, ascending: `len` of them from `start` on. The other places are unused.
     pub(crate) timestamps: [[Timestamp; CAPACITY]; 2],
-    /// The index of the entry of each.
+    /// The index of each timestamp's entry.
     pub(crate) entry_indices: [[u16; CAPACITY]; 2],
     pub(crate) start: usize,
     pub(crate) len: usize,
-    /// The indices of the free entries, as many as are not open; the others mean nothing.
+    /// The indices of the free entries, from the front. The other places are unused.
     pub(crate) free: [u16; CAPACITY],
-    /// By index.
     pub(crate) entries: [Entry<CLOUDS>; CAPACITY],
-    /// By index of the entry.
+    /// The key of each entry.
     pub(crate) keys: [DueKey; CAPACITY],
-    /// The first key of each four, of each four of those, and so on, one level behind the other.
+    /// The least key of each four, then of each four of those, and so on, one level behind the other.
     pub(crate) firsts: [DueKey; CAPACITY],
-    /// The first key of all.
+    /// The least key of all.
     pub(crate) first: DueKey,
 }
 
 impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
-    /// How often four become one, until one is left.
+    /// The number of levels: how often four keys are reduced to one until one is left.
     pub(crate) const LEVELS: u32 = CAPACITY.next_power_of_two().trailing_zeros().div_ceil(2);
 
     pub(crate) fn new() -> Self {
@@ -98,7 +101,7 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
         }
     }
 
-    /// Adds a timestamp greater than all present; false if there is no room.
+    /// Adds a timestamp greater than all present. Returns `false` if there is no room.
     pub(crate) fn push(&mut self, timestamp: Timestamp, entry: Entry<CLOUDS>) -> bool {
         let Some(last_free) = CAPACITY.wrapping_sub(self.len).checked_sub(1) else { return false };
         let Some(entry_index) = self.free.get(last_free).copied() else { return false };
@@ -119,7 +122,7 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
         true
     }
 
-    /// Stores the sets in which `source` is armed anew, and its due instant.
+    /// Stores the sets and the due instant after `source` was armed.
     pub(crate) fn arm(&mut self, index: OpenIndex, slot: Slot, source: Source, due: Instant) {
         let key = DueKey::new(Some(due), self.timestamp(index));
         let at = usize::from(index.entry);
@@ -133,7 +136,7 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
         }
     }
 
-    /// Stores sets in which no more is armed than before.
+    /// Stores sets that have no timer armed that was not armed before.
     pub(crate) fn set(&mut self, index: OpenIndex, slot: Slot) {
         let timestamp = self.timestamp(index);
         let Some(entry) = self.entries.get_mut(usize::from(index.entry)) else { return };
@@ -144,7 +147,7 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
         }
     }
 
-    /// Removes a timestamp: those before it move up or those behind it down, and its entry is free.
+    /// Removes a timestamp, moves the timestamps on its shorter side by one place, and frees its entry.
     pub(crate) fn remove(&mut self, index: OpenIndex) {
         let (place, end) = (usize::from(index.place), self.end());
         let before = place.wrapping_sub(self.start);
@@ -176,7 +179,7 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
         self.set_key(index.entry, DueKey::NEVER);
     }
 
-    /// Makes room behind the last. All that is open is in the second half of the arrays.
+    /// Makes room behind the last timestamp. All open timestamps are in the second half of the arrays.
     #[cold]
     fn move_to_start(&mut self) {
         let Some((to, from)) = self.timestamps.as_flattened_mut().split_at_mut_checked(self.start)
@@ -195,14 +198,15 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
         self.start = 0;
     }
 
-    /// The place behind the last.
+    /// Returns the place behind the last open timestamp.
     const fn end(&self) -> usize {
         self.start.wrapping_add(self.len)
     }
 
     pub(crate) fn find(&self, timestamp: Timestamp) -> Option<OpenIndex> {
         let open = self.timestamps.as_flattened().get(self.start..self.end())?;
-        // What comes late is mostly older than all that are open, or the oldest, and offers follow their message's open.
+        // Most late inputs are for timestamps older than all open ones or for the oldest, and offers follow
+        // their message's open.
         let first = *open.first()?;
         if timestamp < first {
             return None;
@@ -219,19 +223,19 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
         Some(OpenIndex { place: u16::try_from(place).ok()?, entry })
     }
 
-    /// The open timestamps in ascending order.
+    /// Returns the open timestamps in ascending order.
     pub(crate) fn iter(&self) -> impl Iterator<Item = (Timestamp, &Entry<CLOUDS>)> {
         let open = self.timestamps.as_flattened().iter().zip(self.entry_indices.as_flattened());
         let open = open.skip(self.start).take(self.len);
         open.map(|(timestamp, entry_index)| (*timestamp, self.entry_at(*entry_index)))
     }
 
-    /// The earliest due instant.
+    /// Returns the earliest due instant.
     pub(crate) fn next_due(&self) -> Option<Instant> {
         self.first.due()
     }
 
-    /// F5: of the timestamps with a timer at the next due instant the least.
+    /// Returns the least timestamp with a timer at the next due instant (F5).
     pub(crate) fn first_due(&self) -> Option<OpenIndex> {
         self.find(self.first.timestamp)
     }
@@ -253,7 +257,8 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
         self.entries.get(usize::from(entry_index)).unwrap_or(&Entry::EMPTY)
     }
 
-    /// Stores a key earlier than the entry's: the first of each four that it is in becomes earlier with it, or stays.
+    /// Stores a key that is earlier than the entry's. It replaces the least key of each level above until one
+    /// is earlier still.
     fn set_earlier_key(&mut self, entry_index: u16, key: DueKey) {
         let mut at = usize::from(entry_index);
         let Some(own) = self.keys.get_mut(at) else { return };
@@ -273,7 +278,7 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
         self.first = key;
     }
 
-    /// Stores an entry's key, and finds the first of each four that it is in again, until one stays.
+    /// Stores an entry's key, and finds the least key of each level above again until one stays the same.
     fn set_key(&mut self, entry_index: u16, key: DueKey) {
         let mut at = usize::from(entry_index);
         let Some(own) = self.keys.get_mut(at) else { return };

@@ -22,7 +22,7 @@ fn ns(nanos: u64) -> Deadline {
     Deadline::from_nanos(nanos)
 }
 
-/// The firings due at `now`, in order.
+/// Returns the firings due at `now`, in order.
 fn fired(fusion: &mut Small, now: u64) -> Vec<Firing<3>> {
     let mut firings = Vec::new();
     while let At::Fired(firing) = fusion.at(Instant::from_nanos(now)) {
@@ -31,7 +31,7 @@ fn fired(fusion: &mut Small, now: u64) -> Vec<Firing<3>> {
     firings
 }
 
-/// The machine at `now`, where nothing may be due.
+/// Returns the machine at `now`, at which nothing may be due.
 fn ready(fusion: &mut Small, now: u64) -> Ready<'_, 3, 4> {
     match fusion.at(Instant::from_nanos(now)) {
         At::Ready(ready) => ready,
@@ -40,7 +40,7 @@ fn ready(fusion: &mut Small, now: u64) -> Ready<'_, 3, 4> {
 }
 
 #[test]
-fn configurations_out_of_range_are_refused_with_the_reason() {
+fn refuses_configurations_out_of_range() {
     let new = |window, clouds: &[Cloud]| Small::new(window, Commit::Eager, clouds).unwrap_err();
     let cloud = |p| Cloud::new(Priority::new(p), 1);
     assert_eq!(new(0, &[]), ConfigError::Window { window: 0, capacity: 4 });
@@ -78,7 +78,7 @@ fn open_is_refused_for_the_first_reason() {
 }
 
 #[test]
-fn offer_is_refused_for_the_first_reason_and_moves_the_gate_only_if_none_holds() {
+fn offer_gives_first_reason_and_asks_gate_last() {
     let mut fusion = machine(4, Commit::Eager);
     let mut inputs = ready(&mut fusion, 10);
     let unknown = Admission::Refused(OfferRefusal::Unknown);
@@ -94,7 +94,7 @@ fn offer_is_refused_for_the_first_reason_and_moves_the_gate_only_if_none_holds()
     assert_eq!(inputs.offer(t(1), NEAR, ns(1), 2), Admission::Admitted { due });
     assert_eq!(inputs.offer(t(1), NEAR, ns(0), 9), Admission::Refused(OfferRefusal::Duplicate));
     assert!(!fusion.gate(NEAR).unwrap().is_shut());
-    // The gate shuts at its limit and opens at its resume, one less by default.
+    // The gate shuts at its limit and opens at its resume, which is one less by default.
     let mut inputs = ready(&mut fusion, 10);
     assert_eq!(inputs.offer(t(2), NEAR, ns(1), 3), Admission::Refused(OfferRefusal::Queue));
     assert!(fusion.gate(NEAR).unwrap().is_shut());
@@ -104,7 +104,7 @@ fn offer_is_refused_for_the_first_reason_and_moves_the_gate_only_if_none_holds()
 }
 
 #[test]
-fn result_before_its_due_instant_is_in_time_and_at_it_late() {
+fn result_at_due_is_late() {
     for commit in [Commit::Eager, Commit::Patient] {
         let mut fusion = machine(4, commit);
         let mut inputs = ready(&mut fusion, 0);
@@ -167,7 +167,7 @@ fn clock_at_its_end_saturates_and_stays() {
 }
 
 #[test]
-fn retired_timestamp_is_superseded_and_one_beyond_all_unknown() {
+fn retired_is_superseded_and_future_is_unknown() {
     let mut fusion = machine(4, Commit::Eager);
     let mut inputs = ready(&mut fusion, 0);
     assert_eq!(inputs.open(t(5), None), Opening::Accepted);
@@ -181,9 +181,9 @@ fn retired_timestamp_is_superseded_and_one_beyond_all_unknown() {
     assert_eq!(inputs.fail(t(5), Priority::new(6)), Outcome::Dropped(DropReason::Unknown));
 }
 
-/// Dues of timers long disarmed and the places of timestamps in memory tell machines apart in nothing.
+/// Neither due instants of disarmed timers nor places in memory make machines unequal.
 #[test]
-fn machines_that_answer_alike_are_equal_and_hash_alike() {
+fn equal_answers_mean_equal_machines_and_hashes() {
     let hash = |fusion: &Small| {
         let mut hasher = DefaultHasher::new();
         fusion.hash(&mut hasher);
@@ -226,7 +226,7 @@ fn machine_stays_small() {
 }
 
 #[test]
-fn ready_fires_what_at_fires_and_leaves_the_same_machine() {
+fn ready_fires_what_at_fires() {
     let clouds = [Cloud::new(NEAR, 9), Cloud::new(FAR, 9)];
     for commit in [Commit::Eager, Commit::Patient] {
         let mut by_ready = Fusion::<2, 4>::new(4, commit, &clouds).unwrap();
@@ -238,7 +238,7 @@ fn ready_fires_what_at_fires_and_leaves_the_same_machine() {
                 assert!(matches!(admission, Admission::Admitted { .. }));
             }
         }
-        // Before the first due instant, at it, after some and after all.
+        // The instants are before the first due instant, at it, between two, and after all.
         for now in [4, 5, 10, 18, 99] {
             let (mut by_at, mut one_by_one) = (by_ready.clone(), std::vec::Vec::new());
             while let At::Fired(firing) = by_at.at(Instant::from_nanos(now)) {
@@ -255,8 +255,8 @@ fn ready_fires_what_at_fires_and_leaves_the_same_machine() {
 }
 
 #[test]
-fn what_an_offer_would_be_answered_is_known_before_and_changes_nothing() {
-    // The gate of FAR, once shut, stays so at 1 and 2 queued requests.
+fn offer_refusal_predicts_and_changes_nothing() {
+    // Once shut, FAR's gate stays shut at 1 and 2 queued requests.
     let clouds = [Cloud { priority: FAR, limit: 3, resume: 0 }, Cloud::new(NEAR, 3)];
     for script in 0..4_096_u64 {
         let mut fusion = Small::new(2, Commit::Eager, &clouds).unwrap();

@@ -6,11 +6,11 @@ use crate::{Admission, Cloud, Commit, Deadline, Fusion, Instant, Opening};
 const NEAR: Priority = Priority::new(1);
 const FAR: Priority = Priority::new(2);
 
-/// A machine and its values, which count how many of them live.
+/// A machine and values that count how many of them live.
 struct Inputs {
     fusion: Fusion<2, 2>,
     held: Held<Rc<Priority>, 2>,
-    /// What was sent downstream.
+    /// The results sent downstream.
     sent: std::vec::Vec<(u64, Option<Priority>)>,
     lives: std::vec::Vec<std::rc::Weak<Priority>>,
 }
@@ -22,7 +22,7 @@ impl Inputs {
         Self { fusion, held: Held::new(), sent: [].into(), lives: [].into() }
     }
 
-    /// Opens a timestamp and asks both clouds, the near one by 10, the far one by 20.
+    /// Opens a timestamp and requests both clouds, NEAR until 10 and FAR until 20.
     fn open(&mut self, t: u64) {
         self.tick(0);
         let mut ready = self.fusion.ready(Instant::START, |_| {});
@@ -66,7 +66,7 @@ impl Inputs {
 }
 
 #[test]
-fn the_best_held_value_is_kept_and_the_lesser_is_dropped() {
+fn keeps_only_the_best_held_value() {
     let mut inputs = Inputs::new();
     inputs.open(0);
     inputs.result(0, Priority::LOCAL);
@@ -91,7 +91,7 @@ fn a_lesser_value_that_comes_later_is_not_kept() {
 }
 
 #[test]
-fn a_result_that_is_forwarded_at_once_drops_what_was_held() {
+fn forwarding_drops_the_held_value() {
     let mut inputs = Inputs::new();
     inputs.open(0);
     inputs.result(0, Priority::LOCAL);
@@ -118,7 +118,7 @@ fn values_of_two_timestamps_are_not_mixed() {
     inputs.result(1, Priority::LOCAL);
     inputs.result(0, NEAR);
     assert_eq!(inputs.held.len(), 2);
-    // The near cloud's timer commits the best available, whatever that is.
+    // The near cloud's timer commits the best available result.
     inputs.tick(10);
     assert_eq!(inputs.sent, [(0, Some(NEAR)), (1, Some(Priority::LOCAL))]);
     assert_eq!((inputs.held.is_empty(), inputs.live()), (true, 0));

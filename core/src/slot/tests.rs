@@ -3,7 +3,7 @@ use std::collections::BTreeSet;
 use std::vec::Vec;
 
 const RULES: [Commit; 3] = [Commit::Eager, Commit::Patient, Commit::Progressive];
-/// The rules under which a result is held while something better is pending.
+/// The commit rules that hold a result while a better one is pending.
 const HOLDING: [Commit; 2] = [Commit::Eager, Commit::Patient];
 
 fn set(members: &[u8]) -> Sources {
@@ -14,7 +14,7 @@ fn source(index: u8) -> Source {
     Source::new(index).unwrap()
 }
 
-/// A slot with these clouds requested.
+/// Returns a slot with these clouds requested.
 fn requested(limited: bool, clouds: &[u8]) -> Slot {
     clouds.iter().fold(Slot::open(limited), |slot, cloud| {
         let (slot, refusal) = slot.offer(source(*cloud));
@@ -48,7 +48,7 @@ fn forwarded(by: u8, cancelled: &[u8]) -> (Slot, Decision) {
     (Slot::RETIRED, Decision::Forwarded { by: source(by), cancelled: set(cancelled) })
 }
 
-/// Every state that inputs can lead to is one that `from_sets` accepts, and the other way round.
+/// Checks that `from_sets` accepts exactly the states that inputs can lead to.
 #[test]
 fn valid_states_are_exactly_the_reachable_ones() {
     const SOURCES: u16 = 4;
@@ -93,7 +93,7 @@ fn valid_states_are_exactly_the_reachable_ones() {
 }
 
 #[test]
-fn sets_that_no_inputs_lead_to_are_refused_with_the_reason() {
+fn refuses_unreachable_sets() {
     let from = |r: &[u8], p: &[u8], a: &[u8], c: &[u8]| {
         Slot::from_sets(Commit::Eager, set(r), set(p), set(a), set(c)).unwrap_err()
     };
@@ -115,7 +115,7 @@ fn sets_that_no_inputs_lead_to_are_refused_with_the_reason() {
 }
 
 #[test]
-fn result_with_nothing_above_it_is_forwarded_and_cancels_the_pending_clouds() {
+fn best_result_is_forwarded_and_cancels_pending() {
     for commit in RULES {
         let slot = requested(true, &[1, 2, 3]);
         assert_eq!(slot.step(commit, result(3)), forwarded(3, &[1, 2]));
@@ -144,7 +144,7 @@ fn held_local_loses_its_limit() {
 }
 
 #[test]
-fn eager_cloud_timer_commits_the_best_available_whoever_owns_it() {
+fn eager_timer_commits_the_best_available() {
     let commit = Commit::Eager;
     let available = after(commit, requested(false, &[1, 2, 3]), &[result(0), result(2)]);
     for timer in [1, 2, 3] {
@@ -166,13 +166,13 @@ fn patient_timer_closes_its_own_request_alone() {
 }
 
 #[test]
-fn limit_alone_commits_nothing_while_something_better_is_pending() {
+fn local_deadline_alone_commits_nothing() {
     for commit in HOLDING {
         let available = after(commit, requested(true, &[1, 2]), &[result(1)]);
         let (waiting, decision) = available.step(commit, timers(&[0]));
         assert_eq!((waiting.pending(), decision), (set(&[2]), Decision::Waiting));
     }
-    // With a cloud's timer of the same instant it commits, if eager.
+    // Under eager, the timer of a cloud that is due at the same instant commits.
     let available = after(Commit::Eager, requested(true, &[1, 2]), &[result(1)]);
     assert_eq!(available.step(Commit::Eager, timers(&[0, 1])), forwarded(1, &[2]));
 }
@@ -188,7 +188,7 @@ fn nothing_available_and_nothing_pending_is_missed() {
 }
 
 #[test]
-fn failure_of_what_outranks_the_best_forwards_it_at_once() {
+fn failure_of_the_last_better_source_forwards() {
     for commit in HOLDING {
         let available = after(commit, requested(false, &[1, 2, 3]), &[result(2)]);
         assert_eq!(available.step(commit, failure(3)), forwarded(2, &[1]));
@@ -227,7 +227,7 @@ fn timers_that_are_not_armed_count_for_nothing() {
 }
 
 #[test]
-fn offers_are_refused_when_closed_requested_before_or_outranked() {
+fn refuses_closed_duplicate_and_outranked_offers() {
     let slot = after(Commit::Eager, requested(false, &[2, 3]), &[result(2)]);
     assert_eq!(slot.offer(source(2)), (slot, Some(OfferRefusal::Duplicate)));
     assert_eq!(slot.offer(source(0)), (slot, Some(OfferRefusal::Duplicate)));
@@ -237,14 +237,14 @@ fn offers_are_refused_when_closed_requested_before_or_outranked() {
 }
 
 #[test]
-fn progressive_sends_each_better_result_at_once_and_ends_when_nothing_better_is_pending() {
+fn progressive_sends_each_better_result_then_ends() {
     let commit = Commit::Progressive;
     let sent =
         |by, cancelled: &[u8]| Decision::Preliminary { by: source(by), cancelled: set(cancelled) };
     let (slot, decision) = requested(true, &[1, 2, 3, 4]).step(commit, result(0));
     assert_eq!((slot.cached(), slot.pending()), (set(&[0]), set(&[1, 2, 3, 4])));
     assert_eq!((slot.armed(), decision), (set(&[1, 2, 3, 4]), sent(0, &[])));
-    // What it outranks is cancelled, and superseded when it comes.
+    // The output cancels the request that it outranks, and that request's result is superseded.
     let (slot, decision) = slot.step(commit, result(2));
     assert_eq!((slot.cached(), slot.pending()), (set(&[2]), set(&[3, 4])));
     assert_eq!((slot.armed(), decision), (set(&[3, 4]), sent(2, &[1])));
@@ -255,7 +255,7 @@ fn progressive_sends_each_better_result_at_once_and_ends_when_nothing_better_is_
     }
     assert_eq!(slot.step(commit, result(2)), (slot, Decision::Dropped(DropReason::Duplicate)));
     assert_eq!(slot.step(commit, result(4)), forwarded(4, &[3]));
-    // With the last better one gone, what was sent last is final.
+    // Once the last better request is closed, the last output is final.
     let slot = after(commit, slot, &[timers(&[4])]);
     let last = (Slot::RETIRED, Decision::Final { by: source(2) });
     assert_eq!(slot.step(commit, timers(&[3])), last);
@@ -263,7 +263,7 @@ fn progressive_sends_each_better_result_at_once_and_ends_when_nothing_better_is_
 }
 
 #[test]
-fn progressive_does_not_wait_for_local_once_a_cloud_was_sent() {
+fn progressive_skips_local_after_a_cloud() {
     let commit = Commit::Progressive;
     let (slot, decision) = requested(true, &[1, 2]).step(commit, result(1));
     assert_eq!(decision, Decision::Preliminary { by: source(1), cancelled: set(&[]) });
@@ -272,7 +272,7 @@ fn progressive_does_not_wait_for_local_once_a_cloud_was_sent() {
 }
 
 #[test]
-fn progressive_drops_what_is_outranked_as_superseded_also_if_it_was_never_requested() {
+fn progressive_drops_outranked_as_superseded() {
     let commit = Commit::Progressive;
     let slot = after(commit, requested(false, &[2, 3]), &[result(2)]);
     assert_eq!(slot.step(commit, result(1)).1, Decision::Dropped(DropReason::Superseded));
@@ -280,9 +280,9 @@ fn progressive_drops_what_is_outranked_as_superseded_also_if_it_was_never_reques
     assert_eq!(better, Decision::Dropped(DropReason::Unsolicited));
 }
 
-/// P13: on the same inputs progressive admits what patient admits, retires when it does, and its last output is patient's.
+/// Progressive admits and retires as patient does, and its last output is patient's output (P13).
 #[test]
-fn progressive_retires_and_admits_as_patient_does_from_every_pair_of_states() {
+fn progressive_retires_and_admits_as_patient_does() {
     const SOURCES: u8 = 4;
     let mut seen = BTreeSet::new();
     let bits = |slot: Slot| {

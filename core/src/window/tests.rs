@@ -1,7 +1,7 @@
 use super::*;
 use std::collections::BTreeMap;
 
-/// Steele and Vigna's `SplitMix64`, a few lines of good enough randomness.
+/// `SplitMix64` by Steele and Vigna: a short generator that is random enough for tests.
 struct SplitMix(u64);
 
 impl SplitMix {
@@ -22,8 +22,8 @@ fn due_at(nanos: u64) -> Entry<1> {
 
 const UNARMED: Entry<1> = Entry { slot: Slot::open(false), ..Entry::EMPTY };
 
-/// Checks that the index of each entry is there once, that each entry has the key of its timestamp, and that the first key of
-/// each four and of all is no later than any.
+/// Checks that each entry's index is there once, that each entry has the key of its timestamp, and that the
+/// stored least keys are right.
 fn check<const CAPACITY: usize>(window: &Window<1, CAPACITY>) {
     let open = &window.entry_indices.as_flattened()[window.start..window.end()];
     let empty = &window.free[..CAPACITY - window.len];
@@ -60,13 +60,13 @@ fn agree<const CAPACITY: usize>(window: &Window<1, CAPACITY>, model: &BTreeMap<u
     assert_eq!(found, next);
 }
 
-/// Random timestamps in and out, dues set and cleared, against a map.
+/// Adds and removes random timestamps, sets and clears due instants, and compares the window with a map.
 fn churn<const CAPACITY: usize>(rounds: u64, check_every: u64) {
     let mut random = SplitMix(CAPACITY as u64);
     let mut window = Window::<1, CAPACITY>::new();
     let mut model = BTreeMap::new();
     let mut next = 0;
-    // Phases of filling and draining, so that all sizes occur.
+    // Phases of filling and draining reach every size.
     for round in 0..rounds {
         let filling = (round / (CAPACITY as u64 * 4)) % 2 == 0;
         let pick = |random: &mut SplitMix, model: &BTreeMap<u64, Option<u64>>| {
@@ -90,7 +90,7 @@ fn churn<const CAPACITY: usize>(rounds: u64, check_every: u64) {
                 assert!(window.find(Timestamp::new(t)).is_none());
             } else {
                 let due = (random.below(3) != 0).then(|| 1 + random.below(20));
-                // A due can only be added, as by an offer, or taken away.
+                // A due instant can only be added, as by an offer, or removed.
                 let due = due.filter(|_| model[&t].is_none());
                 match due.map(Instant::from_nanos) {
                     Some(due) => window.arm(at, Slot::open(true), Source::LOCAL, due),
@@ -112,7 +112,7 @@ fn churn<const CAPACITY: usize>(rounds: u64, check_every: u64) {
 }
 
 #[test]
-fn it_agrees_with_a_map_at_every_step_of_small_windows() {
+fn small_windows_agree_with_a_map() {
     churn::<1>(2_000, 1);
     churn::<2>(5_000, 1);
     churn::<3>(5_000, 1);
@@ -129,12 +129,12 @@ fn it_agrees_with_a_map_in_the_greatest_window() {
 }
 
 #[test]
-fn equal_dues_go_by_timestamp_wherever_their_entries_are() {
+fn equal_due_instants_fire_by_timestamp() {
     let mut window = Window::<1, 8>::new();
     for t in 0..8 {
         assert!(window.push(Timestamp::new(t), due_at(5)));
     }
-    // Their entries become free in this order, so that the greater timestamp has the lesser index.
+    // The entries become free in this order, so the greater timestamp gets the lesser index.
     for t in [6, 3, 0] {
         window.remove(window.find(Timestamp::new(t)).unwrap());
     }
@@ -160,7 +160,7 @@ fn due_at_the_end_of_the_clock_is_not_taken_for_none() {
 }
 
 #[test]
-fn an_earlier_due_of_another_source_is_noticed_and_a_later_one_is_not() {
+fn only_an_earlier_due_instant_changes_the_key() {
     let mut window = Window::<1, 4>::new();
     assert!(window.push(Timestamp::new(1), due_at(10)));
     assert!(window.push(Timestamp::new(2), due_at(20)));
