@@ -1,46 +1,47 @@
-//! The machine's answers, and the decisions that a trace has for them.
+//! The machine's answers, and the decisions that a trace records for them.
 
 use fuseline_core::{Admission, Commit, Firing, Opening, Outcome, Priority};
 use fuseline_traces::Decision;
 
 use crate::reason::{drop_reason, offer_refusal, open_refusal};
 
-/// The answer to one input, with what the input was about. `p` is any number, as in a trace (A18).
+/// The answer to one input, with the timestamp and priority of the input. `p` is any number, as in a trace
+/// (A18).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[must_use = "a forwarded result must be sent and a missed timestamp reported"]
 pub enum Answer<const CLOUDS: usize> {
-    /// To an open (F1).
+    /// The answer to an open (F1).
     Open {
         /// The timestamp.
         t: u64,
-        /// What became of it.
+        /// The machine's answer.
         opening: Opening,
     },
-    /// To an offer (F2).
+    /// The answer to an offer (F2).
     Offer {
         /// The timestamp.
         t: u64,
-        /// The cloud.
+        /// The cloud's priority.
         p: u64,
-        /// What became of it.
+        /// The machine's answer.
         admission: Admission,
     },
-    /// To a result (F3).
+    /// The answer to a result (F3).
     Result {
         /// The timestamp.
         t: u64,
-        /// The source.
+        /// The source's priority.
         p: u64,
-        /// What became of it.
+        /// The machine's answer.
         outcome: Outcome<CLOUDS>,
     },
-    /// To a failure (F4).
+    /// The answer to a failure (F4).
     Fail {
         /// The timestamp.
         t: u64,
-        /// The source.
+        /// The source's priority.
         p: u64,
-        /// What became of it.
+        /// The machine's answer.
         outcome: Outcome<CLOUDS>,
     },
     /// A tick, which has no answer of its own.
@@ -48,7 +49,9 @@ pub enum Answer<const CLOUDS: usize> {
 }
 
 impl<const CLOUDS: usize> Answer<CLOUDS> {
-    /// Gives the trace's decisions under this commit rule to `decide`, in order; `at` is the instant of the answer, in ns.
+    /// Passes the decisions that a trace records for this answer to `decide`, in order.
+    ///
+    /// `commit` is the machine's commit rule. `at` is the instant of the answer in ns.
     pub fn decisions(&self, commit: Commit, at: u64, mut decide: impl FnMut(Decision)) {
         match *self {
             Self::Open { opening: Opening::Accepted, .. } | Self::Tick => {}
@@ -63,7 +66,7 @@ impl<const CLOUDS: usize> Answer<CLOUDS> {
             }
             Self::Result { t, p, outcome } | Self::Fail { t, p, outcome } => {
                 conclude(at, t, p, &outcome, &mut decide);
-                // F9: an output that retires its timestamp is followed by its end.
+                // An output that retires its timestamp is followed by the timestamp's end (F9).
                 if let (Commit::Progressive, Outcome::Forwarded { by, .. }) = (commit, outcome) {
                     decide(Decision::Final { at, t, p: number(by) });
                 }
@@ -72,7 +75,8 @@ impl<const CLOUDS: usize> Answer<CLOUDS> {
     }
 }
 
-/// Gives the trace's decisions for a firing (F5) to `decide`; `at` is when it was served, in ns.
+/// Passes the decisions that a trace records for a firing to `decide` (F5). `at` is the instant in ns at
+/// which it was served.
 pub fn decisions_of<const CLOUDS: usize>(
     at: u64,
     firing: &Firing<CLOUDS>,
@@ -82,7 +86,8 @@ pub fn decisions_of<const CLOUDS: usize>(
     for p in firing.timers.iter() {
         decide(Decision::Timer { at, t, p: number(p) });
     }
-    // A firing is never dropped or held, so no decision names a source; nor does it send anything under progressive.
+    // A firing is never dropped or held, so no decision names a source. Under progressive it sends nothing
+    // either.
     conclude(at, t, 0, &firing.outcome, decide);
 }
 

@@ -13,30 +13,31 @@ use fuseline_traces::{Decision, Header, Input};
 pub use answer::{Answer, decisions_of};
 pub use reason::{drop_reason, offer_refusal, open_refusal};
 
-/// The most clouds that a header may have.
+/// The greatest number of clouds in a header.
 pub const CLOUDS: usize = 15;
 
-/// One operator's machine: takes the numbers of a trace, answers in the core's types.
+/// Runs one operator's machine: takes the numbers of a trace and answers in the core's types.
 ///
-/// Timestamps, priorities and instants are plain numbers here, and the core's newtypes begin behind it: any number is a legal
-/// input (A18), also a priority that no cloud can have. Instants and durations are nanoseconds. The default capacities suffice
-/// for any [`Header`]. Two arbiters are equal if their machines are.
+/// Timestamps, priorities and instants are plain numbers here because any number is a legal input (A18), even
+/// a priority that no cloud can have. Instants and durations are in nanoseconds. The default capacities
+/// suffice for any [`Header`]. Two arbiters are equal if their machines are.
 ///
 /// - constructor: [`new`](Self::new)
-/// - inputs: [`apply`](Self::apply) answers in types, [`decide`](Self::decide) in the decisions of a trace
-/// - questions: [`next_due`](Self::next_due), [`now`](Self::now),
-///   [`offer_refusal`](Self::offer_refusal), [`fusion`](Self::fusion)
+/// - inputs: [`apply`](Self::apply) answers in the core's types, [`decide`](Self::decide) in decisions of a
+///   trace
+/// - queries: [`next_due`](Self::next_due), [`now`](Self::now), [`offer_refusal`](Self::offer_refusal),
+///   [`fusion`](Self::fusion)
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub struct Arbiter<const CLOUDS: usize = 15, const WINDOW: usize = 1024> {
-    /// Boxed: the largest takes 178 KiB.
+    /// The machine is boxed because the largest takes 178 KiB.
     fusion: Box<Fusion<CLOUDS, WINDOW>>,
 }
 
 impl<const CLOUDS: usize, const WINDOW: usize> Arbiter<CLOUDS, WINDOW> {
-    /// A machine with this configuration and nothing open.
+    /// Creates a machine with this configuration and no open timestamp.
     ///
     /// # Errors
-    /// The first [`ConfigError`] that holds.
+    /// Returns the first [`ConfigError`] that holds.
     pub fn new(header: &Header) -> Result<Self, ConfigError> {
         let cloud = |cloud: &trace::Cloud| Cloud {
             priority: Priority::new(cloud.p),
@@ -52,13 +53,15 @@ impl<const CLOUDS: usize, const WINDOW: usize> Arbiter<CLOUDS, WINDOW> {
         Ok(Self { fusion: Box::new(Fusion::new(usize::from(header.window), commit, &clouds)?) })
     }
 
-    /// Applies an input. Before its answer, gives every firing (F5) to `fired`, with the instant at which it is served.
+    /// Applies an input and returns its answer.
+    ///
+    /// First passes each firing that is due to `fired`, with the instant in ns at which it is served (F5).
     pub fn apply(
         &mut self,
         input: &Input,
         mut fired: impl FnMut(u64, &Firing<CLOUDS>),
     ) -> Answer<CLOUDS> {
-        // F0: timers are served at the clock's instant, which never goes back.
+        // Timers are served at the clock's instant, which never goes back (F0).
         let served = self.now().max(input.at());
         let now = Instant::from_nanos(input.at());
         let mut ready = self.fusion.ready(now, |firing| fired(served, &firing));
@@ -71,7 +74,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Arbiter<CLOUDS, WINDOW> {
                 let deadline = Deadline::from_nanos(deadline);
                 let admission = match priority(p) {
                     Some(known) => ready.offer(Timestamp::new(t), known, deadline, backlog),
-                    // F2 unknown: a priority beyond 16 bits cannot be registered.
+                    // A priority beyond 16 bits cannot be registered, so it is unknown (F2).
                     None => Admission::Refused(OfferRefusal::Unknown),
                 };
                 Answer::Offer { t, p, admission }
@@ -79,7 +82,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Arbiter<CLOUDS, WINDOW> {
             Input::Result { t, p, .. } => {
                 let outcome = match priority(p) {
                     Some(known) => ready.result(Timestamp::new(t), known),
-                    // F3 unknown: as for an offer.
+                    // Unknown, as for an offer (F3).
                     None => Outcome::Dropped(DropReason::Unknown),
                 };
                 Answer::Result { t, p, outcome }
@@ -87,7 +90,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> Arbiter<CLOUDS, WINDOW> {
             Input::Fail { t, p, .. } => {
                 let outcome = match priority(p) {
                     Some(known) => ready.fail(Timestamp::new(t), known),
-                    // F4 unknown: as for a result.
+                    // Unknown, as for an offer (F4).
                     None => Outcome::Dropped(DropReason::Unknown),
                 };
                 Answer::Fail { t, p, outcome }
@@ -96,29 +99,30 @@ impl<const CLOUDS: usize, const WINDOW: usize> Arbiter<CLOUDS, WINDOW> {
         }
     }
 
-    /// Applies an input and gives its decisions to `decide`, in the order of the trace.
+    /// Applies an input and passes its decisions to `decide`, in the order of the trace.
     pub fn decide(&mut self, input: &Input, mut decide: impl FnMut(Decision)) {
         let answer = self.apply(input, |at, firing| decisions_of(at, firing, &mut decide));
         answer.decisions(self.fusion.commit(), self.now(), decide);
     }
 
-    /// The earliest instant, in ns, at which a timer is due; none if no timer is armed. Tick then.
+    /// Returns the earliest instant, in ns, at which a timer is due, or `None` if no timer is armed. Tick
+    /// then.
     #[must_use]
     pub fn next_due(&self) -> Option<u64> {
         self.fusion.next_due().map(Instant::as_nanos)
     }
 
-    /// The machine's clock, in ns.
+    /// Returns the machine's clock in ns.
     #[must_use]
     pub fn now(&self) -> u64 {
         self.fusion.now().as_nanos()
     }
 
-    /// F2: why an offer would be refused as things stand, or none if it would be admitted; changes
+    /// Returns the reason why an offer would be refused now, or `None` if it would be admitted (F2). Changes
     /// nothing.
     ///
-    /// Timers that are due after [`now`](Self::now) have not fired. To fire them, [`apply`](Self::apply) an
-    /// [`Input::Tick`] first.
+    /// `deadline` is in ns. Timers that are due after [`now`](Self::now) have not fired; to fire them,
+    /// [`apply`](Self::apply) an [`Input::Tick`] first.
     #[must_use]
     pub fn offer_refusal(
         &self,
@@ -126,20 +130,20 @@ impl<const CLOUDS: usize, const WINDOW: usize> Arbiter<CLOUDS, WINDOW> {
         deadline: u64,
         backlog: u64,
     ) -> Option<OfferRefusal> {
-        // F2 unknown: as for an offer.
+        // Unknown, as for an offer (F2).
         let Some(p) = priority(p) else { return Some(OfferRefusal::Unknown) };
         let deadline = Deadline::from_nanos(deadline);
         self.fusion.offer_refusal(Timestamp::new(t), p, deadline, backlog)
     }
 
-    /// The machine, for further questions.
+    /// Returns the machine, for further queries.
     #[must_use]
     pub fn fusion(&self) -> &Fusion<CLOUDS, WINDOW> {
         &self.fusion
     }
 }
 
-/// A numbered priority, if it can be registered (A18).
+/// Returns the priority with this number, or `None` if no cloud can have it (A18).
 fn priority(p: u64) -> Option<Priority> {
     u16::try_from(p).ok().map(Priority::new)
 }

@@ -1,9 +1,10 @@
-//! The core's reasons in the words of the trace. A new one does not compile until it stands here.
+//! Converts the core's reasons to the reasons of a trace. A new reason does not compile until it is added
+//! here.
 
 use fuseline_core as core;
 use fuseline_traces as trace;
 
-/// F1.
+/// Converts the reason why an open was refused (F1).
 #[must_use]
 pub const fn open_refusal(why: core::OpenRefusal) -> trace::OpenRefusal {
     match why {
@@ -13,7 +14,7 @@ pub const fn open_refusal(why: core::OpenRefusal) -> trace::OpenRefusal {
     }
 }
 
-/// F2.
+/// Converts the reason why an offer was refused (F2).
 #[must_use]
 pub const fn offer_refusal(why: core::OfferRefusal) -> trace::OfferRefusal {
     match why {
@@ -26,7 +27,7 @@ pub const fn offer_refusal(why: core::OfferRefusal) -> trace::OfferRefusal {
     }
 }
 
-/// F3, F4.
+/// Converts the reason why a result or a failure was dropped (F3, F4).
 #[must_use]
 pub const fn drop_reason(why: core::DropReason) -> trace::DropReason {
     match why {
