@@ -1,6 +1,6 @@
-//! A multi-threaded executor without an async runtime: one thread for local, one for each cloud's answers, one for all
-//! timers; whichever thread gets `Forwarded` sends the output. Run it with `cargo run -p fuseline-threads --example
-//! executor`.
+//! A multi-threaded executor without an async runtime. One thread computes local, one thread for each cloud
+//! returns its results, and one thread serves all timers. The thread that gets `Forwarded` sends the output.
+//! Run it with `cargo run -p fuseline-threads --example executor`.
 
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
@@ -28,7 +28,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let start = Clock::now();
     let (output, outputs) = channel();
     thread::scope(|scope| {
-        // With the milliseconds that each usually takes: usually all are in time.
+        // The milliseconds that each source usually takes; all of them are usually in time.
         let sources =
             [("local", 8), ("near cloud", 11), ("far cloud", 18)].map(|(name, millis)| {
                 let (sender, work) = channel();
@@ -49,7 +49,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// Opens each frame, sends it to all sources, and sets the timer for when it is due.
+/// Opens each frame, sends it to all sources, and sets the timer for its due instant.
 fn owner<'a>(
     mut intake: ValueOwner<'a, &'static str, CLOUDS, WINDOW>,
     start: Clock,
@@ -67,19 +67,19 @@ fn owner<'a>(
             }
         };
         for p in [1, 2] {
-            // Just opened, so no timer can be due.
+            // The frame was just opened, so no timer is due.
             let (_, call) = intake.offer(now, &frame, Priority::new(p), DEADLINE, 0);
             if let Ok((call, due)) = call {
                 timers.send((due, frame.clone())).expect("the timer listens");
                 sources[usize::from(p)].send(call).expect("the cloud listens");
             }
         }
-        // After the requests, so that local's result waits for the clouds'.
+        // Local is asked last, so that its result waits for the clouds' results.
         sources[0].send(local).expect("local listens");
     }
 }
 
-/// Answers each call after some time; every eighth one takes three times as long.
+/// Computes each call in its usual time; every eighth call takes three times as long.
 fn source(
     name: &'static str,
     millis: u64,
@@ -103,7 +103,7 @@ fn source(
     });
 }
 
-/// The one timer thread: sleeps until the next due instant or the next request.
+/// Runs the timer thread, which sleeps until the next due instant or the next request.
 fn timer<'a>(requests: &Receiver<(Instant, Frame<'a>)>, start: Clock, output: &Sender<Output>) {
     let mut waiting: Vec<(Reverse<Instant>, Frame<'a>)> = Vec::new();
     let mut is_open = true;

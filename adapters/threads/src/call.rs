@@ -1,4 +1,5 @@
-//! [`Message`] serves one message's timers; a [`Call`] is used up by one result or failure of one source.
+//! [`Message`] fires one message's timers. A [`Call`] gives one result or one failure of one source.
+//!
 //! Both come from [`ValueOwner`](crate::ValueOwner), and any thread may hold them.
 
 use std::fmt;
@@ -10,58 +11,59 @@ use crate::cells::SourceCells;
 use crate::handle::SharedHandle;
 use crate::message_id::MessageId;
 
-/// An open message, to serve its timers; any number of threads may share it.
+/// Fires the timers of one open message. Any number of threads may share it.
 pub struct Message<'a, T, const CLOUDS: usize, const WINDOW: usize> {
     pub(crate) handle: &'a SharedHandle<CLOUDS, WINDOW>,
     pub(crate) id: MessageId,
     pub(crate) cells: Arc<SourceCells<T, CLOUDS>>,
 }
 
-/// One request to one source for one message: it gives one result or one failure.
+/// Gives one result or one failure of one source for one message.
 ///
-/// If it is dropped it gives neither: the request's timer closes it then, or local's deadline, if there is one.
+/// A call that is dropped gives neither. Its request is then closed by its timer; local's is closed by its
+/// deadline, if it has one.
 #[must_use = "the message waits for it"]
 pub struct Call<'a, T, const CLOUDS: usize, const WINDOW: usize> {
     pub(crate) message: Message<'a, T, CLOUDS, WINDOW>,
     pub(crate) source: Source,
 }
 
-/// What a result or a failure led to.
+/// Reports the consequences of a result or a failure.
 #[derive(Clone, PartialEq, Eq, Debug)]
 #[must_use = "a forwarded value must be sent"]
 pub struct CallOutcome<T, const CLOUDS: usize> {
-    /// The message's timers that were due first.
+    /// The message's timers that fired first.
     pub fired: Option<Firing<CLOUDS>>,
-    /// What became of the result or the failure.
+    /// The outcome of the result or the failure itself.
     pub outcome: Outcome<CLOUDS>,
-    /// The value to send downstream, if the timers or the outcome say forwarded.
+    /// The value to send downstream, if the firing or the outcome forwards one.
     pub forwarded: Option<T>,
     /// The call's own value, if its result was dropped.
     pub unused: Option<T>,
 }
 
 impl<T, const CLOUDS: usize, const WINDOW: usize> Message<'_, T, CLOUDS, WINDOW> {
-    /// The message's timestamp.
+    /// Returns the message's timestamp.
     #[must_use]
     pub const fn timestamp(&self) -> Timestamp {
         self.id.timestamp()
     }
 
-    /// The earliest due instant of its timers, as from [`SharedHandle::next_due`].
+    /// Returns the earliest due instant of the message's timers, as [`SharedHandle::next_due`] does.
     #[must_use]
     pub fn next_due(&self) -> Option<Instant> {
         self.handle.next_due(self.id)
     }
 
-    /// F5: time went by. Returns the timers that were due, if any, and the value to send downstream if they say
-    /// forwarded.
+    /// Fires the timers that are due by `now` (F5). Returns the firing, if there is one, and the value to
+    /// send downstream if the firing forwards one.
     #[must_use = "a forwarded value must be sent"]
     pub fn expire(&self, now: Instant) -> Option<(Firing<CLOUDS>, Option<T>)> {
         let firing = self.handle.expire(now, self.id)?;
         Some((firing, self.forwarded(&firing.outcome)))
     }
 
-    /// The winner's value, if this outcome is to forward it.
+    /// Returns the winner's value if this outcome forwards it.
     pub(crate) fn forwarded(&self, outcome: &Outcome<CLOUDS>) -> Option<T> {
         match outcome {
             Outcome::Forwarded { by, .. } | Outcome::Preliminary { by, .. } => {
@@ -77,24 +79,25 @@ impl<T, const CLOUDS: usize, const WINDOW: usize> Message<'_, T, CLOUDS, WINDOW>
 }
 
 impl<T, const CLOUDS: usize, const WINDOW: usize> Call<'_, T, CLOUDS, WINDOW> {
-    /// The message's timestamp.
+    /// Returns the message's timestamp.
     #[must_use]
     pub const fn timestamp(&self) -> Timestamp {
         self.message.timestamp()
     }
 
-    /// F3: the result came.
+    /// Gives the result of this call (F3).
     pub fn result(self, now: Instant, value: T) -> CallOutcome<T, CLOUDS> {
         let Self { message, source } = self;
         let Message { handle, id, cells } = &message;
-        // Before the machine knows of it: as soon as it is held, any thread may forward it.
+        // The value is stored before the machine learns of it, because any thread may forward a held result
+        // at once.
         cells.put(source, value);
         let (fired, outcome) = handle.result(now, *id, handle.priority(source));
         let unused = matches!(outcome, Outcome::Dropped(_)).then(|| cells.take(source)).flatten();
         message.answered(fired, outcome, unused)
     }
 
-    /// F4: no result will come.
+    /// Reports that no result will come from this call (F4).
     pub fn fail(self, now: Instant) -> CallOutcome<T, CLOUDS> {
         let Self { message, source } = self;
         let (fired, outcome) =
@@ -110,7 +113,7 @@ impl<T, const CLOUDS: usize, const WINDOW: usize> Message<'_, T, CLOUDS, WINDOW>
         outcome: Outcome<CLOUDS>,
         unused: Option<T>,
     ) -> CallOutcome<T, CLOUDS> {
-        // A message is forwarded once, so at most one of the two says so.
+        // A message is forwarded once, so at most one of the two forwards it.
         let by_timers = fired.and_then(|firing| self.forwarded(&firing.outcome));
         let forwarded = by_timers.or_else(|| self.forwarded(&outcome));
         CallOutcome { fired, outcome, forwarded, unused }

@@ -1,4 +1,4 @@
-//! The cells that keep one message's values until one of them is forwarded.
+//! The cells that store one message's values until one of them is forwarded.
 
 use std::sync::PoisonError;
 #[cfg(not(loom))]
@@ -9,7 +9,7 @@ use loom::sync::{Mutex, MutexGuard};
 
 use fuseline_core::Source;
 
-/// One cell for each source.
+/// Stores the value of each source in a cell of its own.
 #[derive(Debug)]
 pub(crate) struct SourceCells<T, const CLOUDS: usize> {
     local: Mutex<Option<T>>,
@@ -47,7 +47,7 @@ impl<T, const CLOUDS: usize> SourceCells<T, CLOUDS> {
     }
 }
 
-/// Locks a cell that no other thread uses now.
+/// Locks a cell that no other thread uses at this time.
 fn alone<T>(cell: &Mutex<T>) -> MutexGuard<'_, T> {
     cell.try_lock().unwrap_or_else(|_| {
         debug_assert!(false, "two threads want one cell");

@@ -1,7 +1,7 @@
-//! [`SharedHandle`]: results, failures and ticks from any thread, without a lock.
+//! [`SharedHandle`]: takes results, failures and ticks from any thread, without a lock.
 //!
-//! Each call changes the state of one message, packed into one word, by compare-and-swap. It opens no message and makes no
-//! request: those are the [`Owner`](crate::Owner)'s alone.
+//! Each call changes the state of one message, which is packed into one word, by compare-and-swap. Only the
+//! [`Owner`](crate::Owner) opens messages and makes requests.
 
 use core::sync::atomic::Ordering;
 
@@ -18,14 +18,15 @@ use fuseline_core::{
 use crate::message_id::MessageId;
 use crate::packed::PackedSlot;
 
-/// Where any thread gives results, failures and ticks.
+/// Takes results, failures and ticks from any thread.
 ///
-/// Each call names its message and bears an instant of the caller's own clock. It first returns which timers of that
-/// message were due by then and what they decided; several due instants are one firing, with the last of them.
-/// The caller that gets `Forwarded`, in a firing or an outcome, forwards; exactly one does.
+/// Each call names its message and an instant of the caller's own clock. It first fires the timers of that
+/// message that are due by then, and returns that firing. If timers were due at several instants, the firing
+/// has all of them, with the last due instant and its outcome. The caller that gets `Forwarded`, in a firing
+/// or an outcome, sends the output; exactly one caller does.
 ///
 /// - inputs: [`result`](Self::result), [`fail`](Self::fail), [`expire`](Self::expire)
-/// - questions: [`next_due`](Self::next_due), [`source`](Self::source), [`priority`](Self::priority)
+/// - queries: [`next_due`](Self::next_due), [`source`](Self::source), [`priority`](Self::priority)
 pub struct SharedHandle<const CLOUDS: usize, const WINDOW: usize> {
     pub(crate) window: usize,
     pub(crate) commit: Commit,
@@ -33,7 +34,7 @@ pub struct SharedHandle<const CLOUDS: usize, const WINDOW: usize> {
     pub(crate) slots: [WindowSlot<CLOUDS>; WINDOW],
 }
 
-/// One slot of the window. Slots share no cache lines: their messages have different callers.
+/// One slot of the window. Slots share no cache line because different threads use their messages.
 #[repr(align(64))]
 pub(crate) struct WindowSlot<const CLOUDS: usize> {
     pub(crate) packed: AtomicU64,
@@ -42,15 +43,15 @@ pub(crate) struct WindowSlot<const CLOUDS: usize> {
 }
 
 impl<const CLOUDS: usize, const WINDOW: usize> SharedHandle<CLOUDS, WINDOW> {
-    /// The most changes that an open timestamp can see: each cloud is requested once, each source stops being pending once,
-    /// and the last of these changes retires it. An exchange fails only after a change.
+    /// The greatest number of changes to an open timestamp: each cloud is requested once, each source stops
+    /// being pending once, and the last of these changes retires it. An exchange fails only after a change.
     const CHANGES: usize = CLOUDS.wrapping_mul(2).wrapping_add(1);
 
     pub(crate) fn new(window: usize, commit: Commit, clouds: Clouds<CLOUDS>) -> Self {
         Self { window, commit, clouds, slots: core::array::from_fn(|_| WindowSlot::new()) }
     }
 
-    /// F3: this source's result came.
+    /// Reports the result of a source (F3). Returns the timers that fired first, and the outcome.
     pub fn result(
         &self,
         now: Instant,
@@ -60,7 +61,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> SharedHandle<CLOUDS, WINDOW> {
         self.close(now, message_id, source, Cause::Result)
     }
 
-    /// F4: no result will come from this source.
+    /// Reports that no result will come from a source (F4). Returns the timers that fired first, and the
+    /// outcome.
     pub fn fail(
         &self,
         now: Instant,
@@ -70,7 +72,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> SharedHandle<CLOUDS, WINDOW> {
         self.close(now, message_id, source, Cause::Failure)
     }
 
-    /// F5: time went by. None if no timer of this message was due, as when it is no longer open.
+    /// Fires the message's timers that are due by `now` (F5). Returns `None` if none is due or the message is
+    /// no longer open.
     #[must_use = "a firing may forward a result"]
     pub fn expire(&self, now: Instant, message_id: MessageId) -> Option<Firing<CLOUDS>> {
         let fired = self.exchange(message_id, |_, mut entry| {
@@ -80,19 +83,21 @@ impl<const CLOUDS: usize, const WINDOW: usize> SharedHandle<CLOUDS, WINDOW> {
         fired.flatten()
     }
 
-    /// The earliest due instant of this message's timers, if one is armed; another thread's call may change it at any time.
+    /// Returns the earliest due instant of the message's timers, or `None` if none is armed. A call of
+    /// another thread may change it at any time.
     #[must_use]
     pub fn next_due(&self, message_id: MessageId) -> Option<Instant> {
         self.exchange(message_id, |_, entry| (entry.slot(), entry.next_due())).flatten()
     }
 
-    /// The source with this priority; 0 is local. None if no cloud is registered with it.
+    /// Returns the source with this priority, or `None` if no cloud is registered with it. Priority 0 is
+    /// local.
     #[must_use]
     pub fn source(&self, priority: Priority) -> Option<Source> {
         self.clouds.source(priority)
     }
 
-    /// The priority of a source; 0 for one that is not registered.
+    /// Returns the priority of `source`, or 0 if the source is not registered.
     #[must_use]
     pub fn priority(&self, source: Source) -> Priority {
         self.clouds.priority(source)
@@ -120,7 +125,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> SharedHandle<CLOUDS, WINDOW> {
         })
     }
 
-    /// F5 for one timestamp: fires what is due by `now`, one due instant after the other.
+    /// Fires the timers of one message that are due by `now`, one due instant after the other (F5).
     pub(crate) fn fire(
         &self,
         now: Instant,
@@ -130,7 +135,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> SharedHandle<CLOUDS, WINDOW> {
         let mut timers = Sources::EMPTY;
         let mut last = None;
         for _ in 0..Source::COUNT {
-            // F5 due: the due instant itself is past (A1).
+            // A timer fires at its due instant, not after it (F5, A1).
             let Some(due) = entry.next_due().filter(|due| *due <= now) else { break };
             let firing = entry.armed_at(due);
             let (slot, decision) = entry.slot().step(self.commit, Cause::Timers(firing));
@@ -147,11 +152,11 @@ impl<const CLOUDS: usize, const WINDOW: usize> SharedHandle<CLOUDS, WINDOW> {
         })
     }
 
-    /// Lets `decide` turn the message's entry into its next state and an answer, as one atomic step; none if the
-    /// message is no longer open.
+    /// Replaces the message's state by the one that `decide` returns, as one atomic step, and returns its
+    /// answer. Returns `None` if the message is no longer open.
     ///
-    /// Within a generation no state comes back, and the due instant of a requested source stays. So if the word is
-    /// unchanged, so is all that `decide` saw.
+    /// Within a generation no state recurs, and the due instant of a requested source stays. So if the word
+    /// is unchanged, everything that `decide` saw is unchanged too.
     pub(crate) fn exchange<A>(
         &self,
         message_id: MessageId,
@@ -159,7 +164,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> SharedHandle<CLOUDS, WINDOW> {
     ) -> Option<A> {
         let window_slot = self.slots.get(message_id.place())?;
         for _ in 0..Self::CHANGES {
-            // Acquire: the due instants of the sources requested in it, and what was done before results were held.
+            // Acquire: the due instants of the requested sources, and what was done before results were held.
             let packed =
                 PackedSlot::<CLOUDS>::from_bits(window_slot.packed.load(Ordering::Acquire));
             if packed.generation() != message_id.generation {
@@ -167,9 +172,11 @@ impl<const CLOUDS: usize, const WINDOW: usize> SharedHandle<CLOUDS, WINDOW> {
             }
             let (slot, answer) = decide(window_slot, window_slot.entry(packed.slot(self.commit)));
             let next = packed.stepped(slot);
-            // Even if nothing changes: the slot may be in use again, with the due instants of another message.
-            // Release: what the caller did before, to whoever forwards or opens next. The word of a failed exchange is
-            // not used, so its load may be relaxed; the next load sees no older one.
+            // Exchange even if nothing changes: the slot may be in use for another message, with other due
+            // instants.
+            // Release: what the caller did before becomes visible to the thread that forwards or opens next.
+            // The word of a failed exchange is unused, so its load may be relaxed; the next load sees no
+            // older word.
             let exchanged = window_slot.packed.compare_exchange(
                 packed.bits(),
                 next.bits(),
@@ -180,7 +187,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> SharedHandle<CLOUDS, WINDOW> {
                 return Some(answer);
             }
         }
-        // F8 bounded: that was the last change.
+        // No change can follow the last one, so the loop is bounded (F8).
         None
     }
 }
@@ -194,14 +201,16 @@ impl<const CLOUDS: usize> WindowSlot<CLOUDS> {
         }
     }
 
-    /// For a source that is not yet requested: the word that requests it publishes this, hence relaxed.
+    /// Sets the due instant of a source that is not yet requested. Relaxed: the word that requests the source
+    /// publishes it.
     pub(crate) fn set_due(&self, source: Source, due: Instant) {
         if let Some(cell) = self.due(source) {
             cell.store(due.as_nanos(), Ordering::Relaxed);
         }
     }
 
-    /// The state with the due instants of its armed timers. They were published along with it, hence relaxed.
+    /// Returns the state with the due instants of its armed timers. Relaxed: they were published together
+    /// with the word.
     fn entry(&self, slot: Slot) -> Entry<CLOUDS> {
         let mut entry = Entry::new(slot);
         for source in slot.armed().iter() {

@@ -1,8 +1,8 @@
-//! The name of an open message.
+//! Identifies an open message.
 
 use fuseline_core::Timestamp;
 
-/// Names one open message for the machine that opened it. Using it with another machine is not detected.
+/// Identifies one open message of the machine that opened it. Using it with another machine is not detected.
 // The C interface has it as three integers in this order.
 #[repr(C)]
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
@@ -13,13 +13,13 @@ pub struct MessageId {
 }
 
 impl MessageId {
-    /// The message's timestamp.
+    /// Returns the message's timestamp.
     #[must_use]
     pub const fn timestamp(self) -> Timestamp {
         self.timestamp
     }
 
-    /// The message's index, less than the window; no other open message has it.
+    /// Returns the message's index, which is less than the window. No other open message has the same index.
     #[must_use]
     pub const fn place(self) -> usize {
         self.index

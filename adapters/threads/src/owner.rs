@@ -1,4 +1,4 @@
-//! [`Owner`]: opens messages and offers requests, from one thread at a time. It alone has the gates.
+//! [`Owner`]: opens messages and offers requests, from one thread at a time. Only the owner has the gates.
 
 use core::sync::atomic::Ordering;
 
@@ -11,22 +11,23 @@ use crate::handle::{SharedHandle, WindowSlot};
 use crate::message_id::MessageId;
 use crate::packed::PackedSlot;
 
-/// Where the one owner opens timestamps and offers requests, while other threads use the [`SharedHandle`].
+/// Opens timestamps and offers requests, while other threads use the [`SharedHandle`].
 ///
-/// There is one at a time and it cannot be cloned: two might both write one request's due instant.
+/// There is one owner at a time, and it cannot be cloned: two owners might write the same request's due
+/// instant.
 #[derive(Debug)]
 pub struct Owner<'a, const CLOUDS: usize, const WINDOW: usize> {
     handle: &'a SharedHandle<CLOUDS, WINDOW>,
     state: &'a mut OwnerState<CLOUDS>,
 }
 
-/// What only the owner needs.
+/// The state that only the owner needs.
 #[derive(Debug)]
 pub(crate) struct OwnerState<const CLOUDS: usize> {
-    /// For their gates; the gates of the handle's copy are not used.
+    /// The owner uses the gates of this copy; those of the handle's copy are unused.
     clouds: Clouds<CLOUDS>,
     newest: Option<Timestamp>,
-    /// The slot that was opened last.
+    /// The index of the slot that was opened last.
     last: usize,
 }
 
@@ -44,12 +45,14 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Owner<'a, CLOUDS, WINDOW> {
         Self { handle, state }
     }
 
-    /// F1: a message with this timestamp came. `deadline`, if any, is how long the local computation may take.
+    /// Opens a message with this timestamp (F1).
     ///
-    /// Looks at each slot at most once; at a single one where messages are retired in the order in which they came.
+    /// `deadline` is how long local may take, or `None` if that is not bounded. The call looks at each slot
+    /// at most once, and at only one if messages are retired in the order in which they were opened.
     ///
     /// # Errors
-    /// The first [`OpenRefusal`] that holds. `Full` may no longer hold at the return.
+    /// Returns the first [`OpenRefusal`] that holds. Another thread may retire a message meanwhile, so `Full`
+    /// may no longer hold when the call returns.
     pub fn open(
         &mut self,
         now: Instant,
@@ -67,15 +70,19 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Owner<'a, CLOUDS, WINDOW> {
             window_slot.set_due(Source::LOCAL, entry.due(Source::LOCAL));
         }
         let packed = packed.opened(entry.slot());
-        // No exchange: nobody else writes a free slot. Relaxed: others get the message id after this.
+        // Nobody else writes a free slot, so a store suffices. Relaxed: other threads get the message id
+        // after this.
         window_slot.packed.store(packed.bits(), Ordering::Relaxed);
         self.state.newest = Some(timestamp);
         self.state.last = index;
         Ok(MessageId { timestamp, generation: packed.generation(), index })
     }
 
-    /// F2: may the message be sent to this cloud? `deadline` is how long the cloud may take, `backlog` the length of
-    /// the cloud's outgoing queue without this message. Returns first which timers were due, as the handle does.
+    /// Asks whether the message may be sent to this cloud (F2). Returns the timers that fired first, as
+    /// [`SharedHandle::expire`] does.
+    ///
+    /// `deadline` is how long the cloud may take. `backlog` is the length of the cloud's outgoing queue
+    /// without this message.
     pub fn offer(
         &mut self,
         now: Instant,
@@ -86,18 +93,18 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Owner<'a, CLOUDS, WINDOW> {
     ) -> (Option<Firing<CLOUDS>>, Admission) {
         let handle = self.handle;
         let source = handle.clouds.source(cloud);
-        // F2 unknown: local has no gate (A19).
+        // Local has no gate, so an offer to it is unknown (F2, A19).
         let gated = source.and_then(|source| Some((source, self.state.clouds.gate_mut(source)?)));
         let Some((source, gate)) = gated else {
             return (handle.expire(now, message_id), Admission::Refused(OfferRefusal::Unknown));
         };
         let answer = handle.exchange(message_id, |window_slot, mut entry| {
             let fired = handle.fire(now, message_id, &mut entry);
-            // F2g: each attempt starts from the gate as it was, so that an offer moves it at most once.
+            // Each attempt starts from the unchanged gate, so an offer moves the gate at most once (F2g).
             let mut after = *gate;
             let (slot, admission) = entry.slot().admit(source, &mut after, now, deadline, backlog);
             if let Admission::Admitted { due } = admission {
-                // Before the exchange that makes it count. Nobody reads it yet, and only the owner makes requests.
+                // The exchange publishes the due instant, which only the owner writes.
                 window_slot.set_due(source, due);
             }
             (slot, (fired, admission, after))
@@ -109,13 +116,14 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> Owner<'a, CLOUDS, WINDOW> {
         (fired, admission)
     }
 
-    /// The first free slot after the one opened last, with its word.
+    /// Returns the first free slot after the one opened last, with its index and word.
     fn free_slot(&self) -> Option<(usize, &'a WindowSlot<CLOUDS>, PackedSlot<CLOUDS>)> {
         let slots = self.handle.slots.iter().take(self.handle.window).enumerate();
         let from = self.state.last.wrapping_add(1);
         let free = |(index, window_slot): (usize, &'a WindowSlot<CLOUDS>)| {
-            // An exchange that changes nothing: a load might not see a retirement that is long past.
-            // Acquire: what was done before it, including reads of the due instants that are now overwritten.
+            // An exchange that changes nothing, because a load might miss a retirement of long ago.
+            // Acquire: everything that was done before the retirement, including reads of the due instants
+            // that are overwritten next.
             let packed = PackedSlot::from_bits(window_slot.packed.fetch_or(0, Ordering::Acquire));
             (!packed.is_open()).then_some((index, window_slot, packed))
         };

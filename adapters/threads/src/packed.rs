@@ -1,8 +1,9 @@
-//! One slot's state in one word: the four sets, and how often the slot was opened and retired.
+//! One slot's state in one word: the four sets and the slot's generation.
 
 use fuseline_core::{Commit, Slot, Sources};
 
-/// From the lowest bit: two bits a source, all first bits before all second ones, then the generation, odd while open.
+/// The first bits of all sources come first, then their second bits, then the generation, which is odd while
+/// the slot is open.
 ///
 /// | bits | a cloud is | local is |
 /// |---|---|---|
@@ -11,12 +12,12 @@ use fuseline_core::{Commit, Slot, Sources};
 /// | 10 | cached | cached |
 /// | 11 | closed | closed |
 ///
-/// Which clouds are armed follows from the commit rule.
+/// The word does not store which clouds are armed, because that follows from the commit rule.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct PackedSlot<const CLOUDS: usize>(u64);
 
 impl<const CLOUDS: usize> PackedSlot<CLOUDS> {
-    /// Local and the clouds.
+    /// The number of sources: local and the clouds.
     #[expect(clippy::cast_possible_truncation, reason = "there are at most 15 clouds")]
     const SOURCES: u32 = (CLOUDS as u32).wrapping_add(1);
     const FIRST_BITS: u64 = 1_u64.wrapping_shl(Self::SOURCES).wrapping_sub(1);
@@ -29,7 +30,7 @@ impl<const CLOUDS: usize> PackedSlot<CLOUDS> {
         self.0
     }
 
-    /// How often the slot was opened and retired; it wraps.
+    /// Counts how often the slot was opened and retired. The count wraps.
     pub(crate) const fn generation(self) -> u64 {
         self.0.wrapping_shr(Self::SOURCES.wrapping_mul(2))
     }
@@ -38,17 +39,17 @@ impl<const CLOUDS: usize> PackedSlot<CLOUDS> {
         self.generation() & 1 == 1
     }
 
-    /// The word of this free slot after it is opened with this state.
+    /// Returns the word of this free slot after it is opened with this state.
     pub(crate) fn opened(self, slot: Slot) -> Self {
         self.next_generation().with(slot)
     }
 
-    /// The word of this open slot after a step to this state.
+    /// Returns the word of this open slot after a step to this state.
     pub(crate) fn stepped(self, slot: Slot) -> Self {
         if slot.is_open() { self.with(slot) } else { self.next_generation() }
     }
 
-    /// The state of an open slot.
+    /// Returns the state of an open slot.
     pub(crate) fn slot(self, commit: Commit) -> Slot {
         let (first, second) =
             (Self::sources(self.0), Self::sources(self.0.wrapping_shr(Self::SOURCES)));
@@ -65,7 +66,7 @@ impl<const CLOUDS: usize> PackedSlot<CLOUDS> {
         slot.unwrap_or(Slot::RETIRED)
     }
 
-    /// This generation with this state.
+    /// Returns the word with this generation and this state.
     fn with(self, slot: Slot) -> Self {
         let closed = slot.requested().difference(slot.pending()).difference(slot.cached());
         let armed_limit = slot.armed().intersection(Sources::LOCAL);

@@ -1,14 +1,15 @@
-//! The shared machine, and its two halves.
+//! The shared machine and its two halves.
 
 use fuseline_core::{Cloud, Clouds, Commit, ConfigError};
 
 use crate::handle::SharedHandle;
 use crate::owner::{Owner, OwnerState};
 
-/// One operator's machine for many threads, for up to `CLOUDS` (0 to 15) clouds and `WINDOW` (1 to 1024) open
-/// timestamps. The [crate](crate)'s documentation says what it guarantees.
+/// One operator's machine for many threads, with up to `CLOUDS` (0 to 15) clouds and `WINDOW` (1 to 1024)
+/// open timestamps. The documentation of the [crate](crate) says what it guarantees.
 ///
-/// For threads that outlive the function that made it, use `Box::leak` or a static cell.
+/// Threads that outlive the function that made the machine need a `'static` machine, as from `Box::leak` or a
+/// static cell.
 ///
 /// ```
 /// use fuseline_core::{Admission, Cloud, Commit, Deadline, Instant, Outcome, Priority, Timestamp};
@@ -22,7 +23,7 @@ use crate::owner::{Owner, OwnerState};
 /// let (_, admission) = owner.offer(now, id, cloud, Deadline::from_millis(400), 0);
 /// let Admission::Admitted { due } = admission else { panic!("the queue is empty") };
 ///
-/// // Any thread may give what came, at the instant that its own clock reads.
+/// // Any thread may give a result, at the instant that its own clock reads.
 /// let (fired, outcome) = handle.result(now, id, Priority::LOCAL);
 /// assert_eq!((fired, outcome), (None, Outcome::Held));
 /// // Exactly one call gets `Forwarded`.
@@ -37,10 +38,11 @@ pub struct Shared<const CLOUDS: usize, const WINDOW: usize> {
 }
 
 impl<const CLOUDS: usize, const WINDOW: usize> Shared<CLOUDS, WINDOW> {
-    /// A machine with nothing open and its gates open; its arguments are those of [`Fusion::new`](fuseline_core::Fusion::new).
+    /// Creates a machine without open messages and with open gates. The arguments are those of
+    /// [`Fusion::new`](fuseline_core::Fusion::new).
     ///
     /// # Errors
-    /// The first [`ConfigError`] that holds.
+    /// Returns the first [`ConfigError`] that holds.
     pub fn new(window: usize, commit: Commit, clouds: &[Cloud]) -> Result<Self, ConfigError> {
         let window = ConfigError::check_window::<WINDOW>(window)?;
         let clouds = Clouds::new(clouds)?;
@@ -50,7 +52,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> Shared<CLOUDS, WINDOW> {
         })
     }
 
-    /// The one owner's half, and the handle for all threads. Splitting again leaves what is open as it is.
+    /// Returns the half for the one owner, and the handle for all threads. Splitting again keeps the open
+    /// messages.
     pub fn split(&mut self) -> (Owner<'_, CLOUDS, WINDOW>, &SharedHandle<CLOUDS, WINDOW>) {
         let Self { handle, state } = self;
         (Owner::new(handle, state), handle)

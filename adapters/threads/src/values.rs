@@ -1,4 +1,4 @@
-//! [`ValueOwner`]: an [`Owner`] that also keeps the results' values, for the thread that is to forward one.
+//! [`ValueOwner`]: an [`Owner`] that also stores the results' values, for the thread that forwards one.
 
 use std::fmt;
 use std::sync::Arc;
@@ -14,30 +14,30 @@ use crate::handle::SharedHandle;
 use crate::owner::Owner;
 use crate::shared::Shared;
 
-/// The [`Owner`] of a machine, with the values, of type `T`, of its results.
+/// Opens messages and offers requests like [`Owner`], and stores the results' values of type `T`.
 ///
-/// For threads that outlive the function that made the machine, use `Box::leak`.
+/// Threads that outlive the function that made the machine need a `'static` machine, as from `Box::leak`.
 pub struct ValueOwner<'a, T, const CLOUDS: usize, const WINDOW: usize> {
     owner: Owner<'a, CLOUDS, WINDOW>,
     handle: &'a SharedHandle<CLOUDS, WINDOW>,
-    /// The cells of the last message of each slot.
+    /// The cells of each slot's last message.
     cells: Vec<Arc<SourceCells<T, CLOUDS>>>,
 }
 
 impl<'a, T, const CLOUDS: usize, const WINDOW: usize> ValueOwner<'a, T, CLOUDS, WINDOW> {
-    /// The owner of this machine, with no value kept yet.
+    /// Creates the owner of this machine, with no value stored.
     pub fn new(shared: &'a mut Shared<CLOUDS, WINDOW>) -> Self {
         let (owner, handle) = shared.split();
         let cells = std::iter::repeat_with(|| Arc::new(SourceCells::new())).take(WINDOW).collect();
         Self { owner, handle, cells }
     }
 
-    /// F1: a message with this timestamp came. `deadline`, if any, is how long the local computation may take.
+    /// Opens a message with this timestamp (F1). Returns the message and the call for local.
     ///
-    /// Returns the message, and the call for local.
+    /// `deadline` is how long local may take, or `None` if that is not bounded.
     ///
     /// # Errors
-    /// The first [`OpenRefusal`] that holds.
+    /// Returns the first [`OpenRefusal`] that holds.
     pub fn open(
         &mut self,
         now: Instant,
@@ -56,10 +56,11 @@ impl<'a, T, const CLOUDS: usize, const WINDOW: usize> ValueOwner<'a, T, CLOUDS, 
         Ok((message, call))
     }
 
-    /// F2: may the message be sent to this cloud? `deadline` is how long the cloud may take, `backlog` the length of
-    /// the cloud's outgoing queue without this message.
+    /// Asks whether the message may be sent to this cloud (F2). Returns the timers that fired first, as
+    /// [`Message::expire`] does, then the call and its due instant.
     ///
-    /// Returns first which timers were due, as [`Message::expire`] does; then the call and its due instant.
+    /// `deadline` is how long the cloud may take. `backlog` is the length of the cloud's outgoing queue
+    /// without this message.
     ///
     /// # Errors
     /// The inner result is the first [`OfferRefusal`] that holds.

@@ -1,4 +1,4 @@
-//! Messages with their values, on one thread.
+//! Messages with values, on one thread.
 
 use std::sync::Arc;
 
@@ -27,7 +27,7 @@ fn timers_that_fire_hand_out_the_value_that_is_held() {
     assert_eq!((firing.due, value, message.next_due()), (TEN, Some("local"), None));
 }
 
-/// F5: what is due comes before the offer.
+/// Timers that are due fire before the offer is decided (F5).
 #[test]
 fn offer_hands_out_what_its_timers_forward() {
     let mut shared = shared();
@@ -41,7 +41,7 @@ fn offer_hands_out_what_its_timers_forward() {
     assert!(asked.is_err(), "the message is retired");
 }
 
-/// A10.
+/// Two clouds with the same priority are refused (A10).
 #[test]
 fn two_clouds_of_one_priority_are_refused() {
     let clouds = [Cloud::new(WEST, 31); 2];
@@ -50,7 +50,7 @@ fn two_clouds_of_one_priority_are_refused() {
 }
 
 #[test]
-fn a_value_that_was_discarded_is_dropped_when_its_place_is_used_again() {
+fn drops_discarded_value_when_place_is_reused() {
     let mut shared = shared();
     let mut intake = ValueOwner::<Arc<str>, 1, 1>::new(&mut shared);
     let discarded: Arc<str> = "local".into();
@@ -65,9 +65,9 @@ fn a_value_that_was_discarded_is_dropped_when_its_place_is_used_again() {
     assert!(opened.is_ok() && Arc::strong_count(&discarded) == 1, "it is still kept");
 }
 
-/// F3 superseded.
+/// A late value is superseded and does not replace the next message's value (F3).
 #[test]
-fn a_late_value_leaves_that_of_the_next_message_in_its_place() {
+fn late_value_does_not_replace_the_next_one() {
     let mut shared = shared();
     let mut intake = ValueOwner::<&str, 1, 1>::new(&mut shared);
     let (message, late) = intake.open(START, Timestamp::new(0), None).expect("it is new");

@@ -9,7 +9,7 @@ fn source(index: u8) -> Source {
     Source::new(index).unwrap()
 }
 
-/// Every state that a message with these clouds can have, limited or not.
+/// Returns every state that a message with these clouds can have, with and without a deadline for local.
 fn reachable(commit: Commit, clouds: u8) -> Vec<Slot> {
     let mut found = vec![Slot::open(false), Slot::open(true)];
     for at in 0.. {
@@ -42,7 +42,7 @@ fn every_state_survives<const CLOUDS: usize>(commit: Commit, clouds: u8) {
     }
 }
 
-/// P8: the armed timers too, though the word does not keep them.
+/// The armed timers survive too, although the word does not store them (P8).
 #[test]
 fn p8_every_state_survives_its_word() {
     for commit in [Commit::Eager, Commit::Patient] {
