@@ -1,4 +1,5 @@
-//! Time of one decision, and of taking in one call's end, after ever longer runs: what was long ago costs nothing.
+//! Measures the time of one decision, and of reporting one call's end, after ever longer runs: old calls cost
+//! nothing.
 
 use std::hint::black_box;
 use std::time::{Duration, Instant};
@@ -7,9 +8,10 @@ use fuseline_deadline::{
     End, Expected, Guard, Impact, MetresPerSecond, Parameters, Policy, Situation,
 };
 
-/// Measurements of each figure; the least is reported, for other programs only ever add to it.
+/// The number of measurements of each figure. The least is reported, because other programs only ever add
+/// time.
 const TIMES: u32 = 300;
-/// Decisions per measurement.
+/// The number of decisions in a measurement.
 const DECISIONS: u32 = 100;
 
 fn main() {
@@ -25,7 +27,7 @@ fn row<const WINDOW: usize>() {
     let expected = Expected::<_, WINDOW>::new(impact, Duration::from_micros(301_700), None)
         .expect("a sound response");
     let mut policy = guard.caps(expected);
-    // At 22 m/s waiting may pay, so every observation is looked at.
+    // At 22 m/s waiting may pay, so the policy looks at every observation.
     let situation = Situation::at(MetresPerSecond(22.0));
     let (mut calls, mut first) = (0_u64, None);
     for after in [10_000, 100_000, 1_000_000, 10_000_000] {
@@ -40,19 +42,19 @@ fn row<const WINDOW: usize>() {
     }
 }
 
-/// One decision; a function of its own, so that an instruction counter can be pointed to it.
+/// Makes one decision. It is a function of its own so that an instruction counter can point at it.
 #[inline(never)]
 fn decide(policy: &mut dyn Policy, situation: &Situation<'_>) {
     black_box(policy.decide(black_box(situation), Duration::MAX));
 }
 
-/// A response from 100 to 900 ms, one in eight given up.
+/// Returns a result after 100 to 900 ms, or, one time in eight, a call that was given up.
 fn end(number: u64) -> End {
     let response = Duration::from_micros(100_000 + number * 7919 % 800_000);
     if number.is_multiple_of(8) { End::Censored(response) } else { End::Answered(response) }
 }
 
-/// The least mean time in nanoseconds.
+/// Returns the least mean time in nanoseconds.
 fn least(mut step: impl FnMut(u32)) -> f64 {
     let measure = |_| {
         let start = Instant::now();

@@ -1,7 +1,7 @@
 //! [`Expected`], the deadline of least mean loss, and the functions that compute it.
 //!
-//! The book's chapter *Deadlines that are safe* derives the mean loss and where it is least (T3), and what the window and
-//! the probes give (T6).
+//! The book's chapter *Deadlines that are safe* derives the mean loss and where it is least (T3), and the
+//! effect of the window and of the probes (T6).
 
 use core::time::Duration;
 
@@ -13,25 +13,25 @@ use crate::policy::{Chosen, End, Policy, Reason, Situation};
 use crate::span::Span;
 use crate::survival::{Observation, Step, Survival};
 
-/// The deadline of least mean loss, by how the last `WINDOW` calls of the cloud ended.
+/// Chooses the deadline of least mean loss, from how the last `WINDOW` calls of the cloud ended.
 ///
-/// It knows nothing of safety: let a [`Guard`](crate::Guard) [cap](Policy::caps) it. A cloud that is gone leaves nothing
-/// to wait for, so the deadline becomes local's response, before which waiting costs no time.
+/// This policy knows nothing of safety: let a [`Guard`](crate::Guard) [cap](Policy::caps) it. If the cloud is
+/// gone, waiting gains nothing, so the deadline becomes local's response; waiting until then costs no time.
 ///
-/// A call that is given up at a short deadline cannot show that its result would have come soon after. So one message in
-/// `probe_every` waits as long as the cap allows. `WINDOW` ends of calls after a cloud went or came back, the policy
-/// knows only what came after that, at least one probe included.
+/// A call that is given up at a short deadline cannot show that its result would have come soon after. So one
+/// message in `probe_every` waits as long as the cap allows. After the cloud goes or returns, `WINDOW` ends
+/// of calls suffice: the policy then knows only the new state, and at least one of those calls was a probe.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Expected<L, const WINDOW: usize = 64> {
     loss: L,
     local_response: (Duration, Duration),
     probe_every: Option<u32>,
     observations: Observations<WINDOW>,
-    /// Messages since the last probe.
+    /// The number of messages since the last probe.
     since: u32,
 }
 
-/// A deadline and what it costs.
+/// A deadline and its mean loss.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Choice {
     /// The deadline.
@@ -41,14 +41,16 @@ pub struct Choice {
 }
 
 impl<L: Loss, const WINDOW: usize> Expected<L, WINDOW> {
-    /// A policy that has seen no call yet; `local_response` is how long local takes.
+    /// Creates a policy that has seen no call yet. `local_response` is the time that local takes.
     ///
-    /// One message in `probe_every` is a probe, beginning with the first. Give none if the driver lets calls run on
-    /// past their due instants and reports their true ends: then there is nothing to probe. Without either, a cloud that was
-    /// slow or gone for a while is never waited for again; [adapters refuse that](Policy::needs_linger).
+    /// One message in `probe_every` is a probe, beginning with the first. Pass `None` if calls run on past
+    /// their due instants and the driver reports their true ends: then probes are not needed. With neither,
+    /// the policy never waits again for a cloud that was slow or gone for a while, and [adapters refuse
+    /// it](Policy::needs_linger).
     ///
     /// # Errors
-    /// If local's response or a figure of the loss is not plausible, or `probe_every` is 0 or greater than `WINDOW`.
+    /// Returns an [`Invalid`] if local's response or a figure of the loss is not plausible, or if
+    /// `probe_every` is 0 or greater than `WINDOW`.
     pub fn new(
         loss: L,
         local_response: impl Into<Span<Duration>>,
@@ -72,28 +74,30 @@ impl<L: Loss, const WINDOW: usize> Expected<L, WINDOW> {
         })
     }
 
-    /// What a request under `cap` is expected to gain over none, in the loss's unit: local's loss less the least mean loss.
+    /// Returns the gain that is expected of a request under `cap`, in the loss's unit: local's loss minus the
+    /// least mean loss.
     ///
-    /// 0 for a cloud that is gone, or of which nothing is known. A [`SendBudget`](crate::SendBudget) weighs it.
+    /// The gain is 0 if the cloud is gone or unknown. A [`SendBudget`](crate::SendBudget) compares such
+    /// gains.
     #[must_use]
     pub fn gain(&self, situation: &Situation<'_>, cap: Duration) -> f64 {
         let local = self.loss.loss(situation, Source::Local, self.local_response.1);
         local - self.least(situation, cap).loss
     }
 
-    /// What is known of the cloud.
+    /// Returns the calls that are remembered.
     #[must_use]
     pub const fn observations(&self) -> &Observations<WINDOW> {
         &self.observations
     }
 
-    /// What is lost.
+    /// Returns the loss.
     #[must_use]
     pub const fn loss(&self) -> &L {
         &self.loss
     }
 
-    /// The same, for a loss that learns.
+    /// Returns the loss, so that a loss that learns can be updated.
     pub const fn loss_mut(&mut self) -> &mut L {
         &mut self.loss
     }
@@ -110,7 +114,7 @@ impl<L: Loss, const WINDOW: usize> Policy for Expected<L, WINDOW> {
     fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Chosen {
         self.since = self.since.saturating_add(1);
         if self.probe_every.is_some_and(|every| self.since >= every) {
-            // T6: only a long wait can show that the cloud would answer again.
+            // Only a long wait can show that the cloud returns results again (T6).
             self.since = 0;
             return Chosen { deadline: cap, reason: Reason::Probe };
         }
@@ -127,11 +131,13 @@ impl<L: Loss, const WINDOW: usize> Policy for Expected<L, WINDOW> {
     }
 }
 
-/// T3: the deadline of least mean loss, from local's least response to `cap`; of several the shortest.
+/// Returns the deadline of least mean loss from local's least response to `cap`, or the shortest of several
+/// (T3).
 ///
-/// `local_response` is the least and the greatest. A message answered before the deadline has the cloud's result, any other
-/// has local's: at the deadline, or at local's greatest response if that is later. Only local's least response and each
-/// step need a look, once: between two steps a longer deadline gains nothing.
+/// `local_response` is the least and the greatest. If the cloud's result comes before the deadline, it is the
+/// output. Otherwise local's result is, at the deadline or at local's greatest response, whichever is later.
+/// The search looks only at local's least response and at each step, because between two steps a longer
+/// deadline gains nothing.
 pub fn least_loss<'a, I: Iterator<Item = Observation> + 'a>(
     steps: Survival<'a, I>,
     local_response: (Duration, Duration),
@@ -160,7 +166,7 @@ pub fn least_loss<'a, I: Iterator<Item = Observation> + 'a>(
     best
 }
 
-/// The mean loss under `deadline`; `local_response` is local's greatest.
+/// Returns the mean loss under `deadline`. `local_response` is local's greatest.
 pub fn mean_loss<'a, I: Iterator<Item = Observation> + 'a>(
     steps: Survival<'a, I>,
     local_response: Duration,
@@ -172,24 +178,24 @@ pub fn mean_loss<'a, I: Iterator<Item = Observation> + 'a>(
     means.choice(deadline).loss
 }
 
-/// The mean loss, step by step.
+/// Sums up the mean loss, step by step.
 struct LossSteps<F> {
-    /// The loss of results in time, times their share.
+    /// The loss of the results in time, weighted by their share.
     in_time: f64,
-    /// The share that is late.
+    /// The share of results that are late.
     survival: f64,
     local_response: Duration,
     loss: F,
 }
 
 impl<F: Fn(Source, Duration) -> f64> LossSteps<F> {
-    /// These results are in time.
+    /// Counts the results of this step as in time.
     fn take(&mut self, step: Step) {
         self.in_time += step.mass * (self.loss)(Source::Cloud, step.response);
         self.survival = step.survival;
     }
 
-    /// Everything later is late.
+    /// Counts all results of later steps as late.
     fn choice(&self, deadline: Duration) -> Choice {
         let late = (self.loss)(Source::Local, deadline.max(self.local_response));
         Choice { deadline, loss: self.in_time + self.survival * late }

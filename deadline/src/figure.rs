@@ -1,4 +1,4 @@
-//! The figures that a policy is made of, and what each may plausibly be.
+//! The figures of a policy and the plausible range of each.
 
 use core::fmt::{self, Display, Formatter};
 
@@ -9,43 +9,46 @@ use crate::units::Quantity;
 /// A figure that a policy is made of.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Figure {
-    /// Deceleration.
+    /// The vehicle's deceleration.
     Deceleration,
-    /// Delay of the brakes.
+    /// The delay of the brakes.
     BrakeDelay,
-    /// Time between frames that local takes.
+    /// The time between two frames that local takes.
     PeriodLocal,
-    /// Time between frames that the cloud takes.
+    /// The time between two frames that the cloud takes.
     PeriodCloud,
     /// Local's response.
     LocalResponse,
-    /// Lateness of an output.
+    /// The lateness of an output.
     Lateness,
-    /// Margin.
+    /// The margin.
     Margin,
-    /// Weight of a class of hazards.
+    /// The weight of a class of hazards.
     Weight,
-    /// Distance from which local reports.
+    /// The distance from which local reports.
     RangeLocal,
-    /// Distance from which the cloud reports.
+    /// The distance from which the cloud reports.
     RangeCloud,
-    /// Speed of the vehicle.
+    /// The vehicle's speed.
     Speed,
-    /// Distance to the nearest place behind which something may be.
+    /// The distance to the nearest place that may hide something.
     Reveal,
     /// Local's accuracy.
     AccuracyLocal,
     /// The cloud's accuracy.
     AccuracyCloud,
-    /// What a millisecond of waiting costs.
+    /// The cost of a millisecond of waiting.
     Price,
-    /// By how much a detector's right boxes overlap (`IoU`).
+    /// The mean overlap of a detector's right boxes (`IoU`).
     Overlap,
 }
 
 impl Figure {
-    /// What it may be, both ends included: wide enough for any vehicle on wheels or legs, and narrow enough to find
-    /// milliseconds that were given as seconds, or millimetres as metres. In the unit that [`unit`](Self::unit) names.
+    /// Returns the least and the greatest plausible value, both included, in the unit that
+    /// [`unit`](Self::unit) names.
+    ///
+    /// The range fits any vehicle on wheels or legs, and it excludes milliseconds given as seconds and
+    /// millimetres given as metres.
     #[must_use]
     pub const fn plausible(self) -> (f64, f64) {
         match self {
@@ -65,7 +68,7 @@ impl Figure {
         }
     }
 
-    /// Its unit; empty if it has none.
+    /// Returns the unit, or an empty string if the figure has none.
     #[must_use]
     pub const fn unit(self) -> &'static str {
         match self {
@@ -85,12 +88,12 @@ impl Figure {
         }
     }
 
-    /// Refuses what is not plausible.
+    /// Refuses a span that is not plausible.
     pub(crate) fn check(self, span: Span<impl Quantity>) -> Result<(), Invalid> {
         let span = span.numbers();
         let (low, high) = self.plausible();
         for value in [span.least, span.greatest] {
-            // What is not a number is in no range.
+            // NaN is in no range.
             if !(low..=high).contains(&value) {
                 return Err(Invalid::Implausible { figure: self, value });
             }

@@ -8,55 +8,56 @@ use crate::policy::{Case, Chosen, End, Policy, Reason, Situation, rounded_down};
 use crate::span::Span;
 use crate::units::Metres;
 
-/// The longest deadline with which fusion never hits what local alone would not have hit: T2 of the project's
-/// `SPEC.md`, under the conditions of the book's chapter *Deadlines that are safe*. T4 is what it does not guarantee.
+/// Computes the longest deadline with which fusion never hits what local alone would not have hit (T2).
 ///
-/// The planner has its part of the conditions: it counts timestamps, not arrivals, and an output without a report breaks a
-/// row of reports only if local has a result for its timestamp.
+/// The guarantee has conditions; the book's chapter *Deadlines that are safe* lists them, with what is not
+/// guaranteed (T4). Two of them concern the planner: it counts timestamps, not arrivals, and an output
+/// without a report breaks a row of reports only if local has a result for its timestamp.
 ///
-/// Any shorter deadline keeps that guarantee, so it also holds for every policy that the guard [`caps`](Policy::caps).
+/// Any shorter deadline keeps the guarantee. So it also holds for every policy that the guard
+/// [`caps`](Policy::caps).
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Guard {
     parameters: Parameters,
 }
 
-/// What the guard found for a situation.
+/// The guard's assessment of a situation.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Assessment {
-    /// How long after capture local's results surely suffice to stop, in seconds, for the class that decides. NaN
-    /// if nothing is known.
+    /// The time after capture, in seconds, until which local's results surely suffice to stop, for the class
+    /// that decides. NaN if nothing is known.
     pub budget_local: f64,
-    /// How long after capture the cloud's results may suffice to stop, in seconds, for the class with the longest time.
-    /// NaN if nothing is known.
+    /// The time after capture, in seconds, until which the cloud's results may suffice to stop, for the class
+    /// with the longest time. NaN if nothing is known.
     pub budget_cloud: f64,
-    /// The case.
+    /// The case that holds.
     pub case: Case,
     /// The longest deadline that is safe.
     pub deadline: Duration,
 }
 
-/// A class of hazards in a situation, in seconds after capture. NaN decides nothing.
+/// The times of one class of hazards in a situation, in seconds after capture. NaN decides nothing.
 struct HazardTimes {
-    /// Until when local's results surely suffice to stop.
+    /// Until this time local's results surely suffice to stop.
     local: f64,
-    /// From when on local's results surely do not suffice.
+    /// From this time on local's results surely do not suffice.
     lost: f64,
-    /// Until when the cloud's results may suffice.
+    /// Until this time the cloud's results may suffice.
     cloud: f64,
 }
 
 impl Guard {
-    /// A guard for this vehicle.
+    /// Creates a guard for this vehicle.
     ///
     /// # Errors
-    /// The first figure that makes no sense.
+    /// Returns an [`Invalid`] for the first figure that is not plausible.
     pub fn new(parameters: Parameters) -> Result<Self, Invalid> {
-        // T7 sound figures.
+        // Only plausible figures make a guard (T7).
         parameters.check()?;
         Ok(Self { parameters })
     }
 
-    /// The longest deadline that is safe now, and why. It looks at each class once.
+    /// Returns the longest deadline that is safe now, and why. Looks at each class once.
     #[must_use]
     pub fn judge(&self, situation: &Situation<'_>) -> Assessment {
         let Parameters { local_response, margin: Metres(margin), .. } = self.parameters;
@@ -80,30 +81,30 @@ impl Guard {
         let (case, deadline) = match stops {
             _ if is_unsure => (Case::Unsure, shortest),
             Some(stops) => {
-                // At rest time has no end, and no margin is needed.
+                // At rest the time is unbounded, and no margin is needed.
                 let speed = situation.speed.numbers().greatest;
                 let spared = if stops.is_finite() { margin / speed } else { 0.0 };
                 (Case::LocalStops, longest.max(rounded_down(stops - lateness - spared)))
             }
-            // A held result is sent no later than its due instant and the lateness.
+            // A held result is sent no later than its due instant plus the lateness.
             None if cloud - lateness > local_response.least => {
                 (Case::CloudAlone, rounded_down(cloud - lateness))
             }
-            // T1: with local's least response no output is later than local's own.
+            // With local's least response no output is later than local's own (T1).
             None => (Case::Unsure, shortest),
         };
         let budget_local = stops.filter(|_| !is_unsure).unwrap_or(least);
         Assessment { budget_local, budget_cloud: cloud, case, deadline }
     }
 
-    /// Local's least and greatest response.
+    /// Returns local's least and greatest response.
     #[must_use]
     pub const fn local_response(&self) -> (Duration, Duration) {
         let Span { least, greatest } = self.parameters.local_response;
         (least, greatest)
     }
 
-    /// What the guard was made of.
+    /// Returns the parameters that the guard was made of.
     #[must_use]
     pub const fn parameters(&self) -> &Parameters {
         &self.parameters
@@ -135,8 +136,8 @@ impl Guard {
         let at_best = |range: f64, frames: f64| {
             time(range, speed.least, deceleration.greatest, brake_delay.least, frames)
         };
-        // Not capped by `reveal`: what came into sight a frame ago did so further away, and local may be about to stop
-        // for it, though not for what comes into sight from now on.
+        // Not capped by `reveal`: an obstacle that came into sight a frame ago was further away, and local
+        // may be about to stop for it, though not for one that comes into sight from now on.
         let lost = at_best(range_local.greatest, (frames - 1.0) * period_local.least);
         let cloud = at_best(range_cloud.greatest.min(reveal), frames * period_cloud.least);
         HazardTimes { local, lost, cloud }
@@ -156,11 +157,12 @@ impl Policy for Guard {
     }
 }
 
-/// The speed, and the distance to the nearest place behind which something may be; none if either is not a number.
+/// Returns the speed, and the distance to the nearest place that may hide something, or `None` if either
+/// makes no sense.
 pub(crate) fn known(situation: &Situation<'_>) -> Option<(Span<f64>, f64)> {
-    // T7: a situation that makes no sense.
+    // In a situation that makes no sense, nothing is known (T7).
     situation.check().ok()?;
     let reveal = situation.reveal.map_or(f64::INFINITY, |Metres(reveal)| reveal);
-    // -0 is also at rest, but dividing by it gives the other sign.
+    // At −0 the vehicle is also at rest, but a division by −0 gives the other sign.
     Some((situation.speed.numbers().map(f64::abs), reveal))
 }

@@ -1,4 +1,4 @@
-//! Why a policy cannot be made.
+//! The reasons why a policy cannot be made.
 
 use core::error::Error;
 use core::fmt::{self, Display, Formatter};
@@ -6,30 +6,31 @@ use core::fmt::{self, Display, Formatter};
 use crate::figure::Figure;
 use crate::parameters::Classes;
 
-/// Why there is no policy with these figures. Nothing is refused later.
+/// The reason why a policy with these figures is refused. Every figure is checked when the policy is made;
+/// nothing is refused later.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum Invalid {
-    /// The least is above the greatest.
+    /// The least value is above the greatest.
     Order(Figure),
-    /// The figure, or an end of its span, is not what it may [plausibly be](Figure::plausible), or not a number.
+    /// The figure, or an end of its span, is NaN or outside its [plausible range](Figure::plausible).
     Implausible {
         /// The figure.
         figure: Figure,
-        /// What was given, in its [unit](Figure::unit).
+        /// The value that was given, in the figure's [unit](Figure::unit).
         value: f64,
     },
-    /// The planner must need at least one frame.
+    /// The planner needs no frame; it must need at least one.
     NoFrames,
-    /// The number of classes of hazards given; there must be at least one, and at most [`Classes::MOST`].
+    /// This number of classes of hazards was given; there must be at least one and at most [`Classes::MOST`].
     Classes(usize),
-    /// The cloud sees some class from less far than local: its result in time would hide what local reports, so no
-    /// deadline is safe.
+    /// The cloud sees some class from less far away than local does. Its result in time would hide a hazard
+    /// that local reports, so no deadline is safe.
     CloudSeesLess,
-    /// The calls remembered need not include a probe; see [`Expected::new`](crate::Expected::new).
+    /// The calls that are remembered need not include a probe; see [`Expected::new`](crate::Expected::new).
     Probes {
         /// One message in this many was to be a probe.
         every: u32,
-        /// The calls that are remembered.
+        /// The number of calls that are remembered.
         window: usize,
     },
 }

@@ -1,4 +1,4 @@
-//! What an output costs, by its source and when it comes.
+//! The loss of an output, by its source and its time.
 //!
 //! The book's chapter *Deadlines* derives the formulas of [`Impact`] and [`Accuracy`].
 
@@ -12,46 +12,47 @@ use crate::policy::Situation;
 use crate::span::Span;
 use crate::units::Metres;
 
-/// What an output of a source costs at a time after capture. In any unit; less is better.
+/// Returns the loss of an output, by its source and its time after capture, in any unit. Less is better.
 ///
-/// A function of the same form is a loss too. Where it is not a number, no deadline is chosen for its sake.
+/// A function of the same form is a loss too. A deadline whose loss is NaN is not chosen for that loss.
 pub trait Loss {
-    /// The loss of one message.
+    /// Returns the loss of one message whose output comes from `source`, `response` after capture.
     fn loss(&self, situation: &Situation<'_>, source: Source, response: Duration) -> f64;
 
-    /// Refuses figures that are not plausible, when a policy is made of it.
+    /// Checks the loss's figures when a policy is made of it.
     ///
     /// # Errors
-    /// The first figure that makes no sense.
+    /// Returns an [`Invalid`] for the first figure that is not plausible.
     fn check(&self) -> Result<(), Invalid> {
         Ok(())
     }
 }
 
-/// Whose result an output is.
+/// The source of an output.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Source {
-    /// The computation on board.
+    /// Local.
     Local,
     /// The cloud whose deadline is chosen.
     Cloud,
 }
 
-/// Square of the speed at impact, in m²/s², with an obstacle at rest that comes into range just after a frame: the mean
-/// over the classes, by weight.
+/// The square of the speed at impact, in m²/s², as the mean over the classes, by weight.
+///
+/// The obstacle is at rest and comes into range just after a frame.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Impact {
     parameters: Parameters,
 }
 
-/// Accuracy lost against the better source, and a price for each millisecond of waiting.
+/// The accuracy lost in comparison with the better source, and a price for each millisecond of waiting.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Accuracy {
     /// Local's accuracy, such as its AP.
     pub local: f64,
-    /// The cloud's accuracy.
+    /// The cloud's accuracy, in the same unit.
     pub cloud: f64,
-    /// What a millisecond costs, in the unit of accuracy.
+    /// The price of a millisecond, in the unit of accuracy.
     pub price_per_ms: f64,
 }
 

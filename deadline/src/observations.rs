@@ -5,42 +5,43 @@ use core::time::Duration;
 use crate::policy::End;
 use crate::survival::Observation;
 
-/// The ends of the last `WINDOW` calls, in fixed memory, sorted for [`Survival`](crate::Survival).
+/// Stores the ends of the last `WINDOW` calls, in fixed memory, in the order that
+/// [`Survival`](crate::Survival) needs.
 ///
-/// Nothing older has any effect: `WINDOW` calls after a network changed, only its new state is known.
+/// Older calls have no effect: `WINDOW` calls after a network changed, only its new state is known.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Observations<const WINDOW: usize> {
-    /// Sorted; entries from `len` on mean nothing.
+    /// The calls, sorted. Entries from `len` on are unused.
     calls: [CallRecord; WINDOW],
     len: usize,
-    /// How many calls have ended so far.
+    /// The number of calls that have ended so far.
     ended: u64,
 }
 
 #[derive(Clone, Copy, PartialEq, Debug)]
 struct CallRecord {
     observation: Observation,
-    /// How many calls ended before this one.
+    /// The number of calls that ended before this one.
     number: u64,
 }
 
 const NONE: Observation = Observation { response: Duration::ZERO, is_answered: false, count: 0 };
 
 impl<const WINDOW: usize> Observations<WINDOW> {
-    /// Nothing observed yet.
+    /// Creates an empty store.
     #[must_use]
     pub const fn new() -> Self {
         const { assert!(WINDOW > 0, "a window of no calls remembers nothing") };
         Self { calls: [CallRecord { observation: NONE, number: 0 }; WINDOW], len: 0, ended: 0 }
     }
 
-    /// Adds how a call ended, and removes the one `WINDOW` calls ago. It costs `WINDOW` comparisons.
+    /// Adds the end of a call, and removes the call `WINDOW` ends ago. Takes `WINDOW` comparisons.
     pub fn add(&mut self, end: End) {
         let (response, is_answered) = match end {
             End::Answered(response) => (response, true),
-            // T5: it was seen until then and no longer.
+            // The call was seen until then and no longer (T5).
             End::Censored(age) => (age, false),
-            // It was seen to its end: no result will ever come.
+            // The call was seen to its end: no result will ever come.
             End::Failed(_) => (Duration::MAX, false),
         };
         let observation = Observation { response, is_answered, count: 1 };
@@ -55,14 +56,14 @@ impl<const WINDOW: usize> Observations<WINDOW> {
         self.ended = self.ended.wrapping_add(1);
     }
 
-    /// What is remembered, in the order that [`Survival`](crate::Survival) needs.
+    /// Returns the calls that are remembered, in the order that [`Survival`](crate::Survival) needs.
     #[must_use]
     pub fn sorted(&self) -> impl ExactSizeIterator<Item = Observation> + Clone {
         let calls = self.calls.get(..self.len).unwrap_or_default();
         calls.iter().map(|call| call.observation)
     }
 
-    /// Takes the call at `index` out.
+    /// Removes the call at `index`.
     fn close(&mut self, index: usize) {
         if let Some(calls) = self.calls.get_mut(index..self.len) {
             calls.rotate_left(usize::from(!calls.is_empty()));
@@ -70,7 +71,7 @@ impl<const WINDOW: usize> Observations<WINDOW> {
         }
     }
 
-    /// Puts a call at `index`, where there is room for it.
+    /// Inserts a call at `index`; there must be room for it.
     fn insert(&mut self, index: usize, call: CallRecord) {
         if let Some(calls) = self.calls.get_mut(index..=self.len) {
             calls.rotate_right(1);

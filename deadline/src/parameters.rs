@@ -1,4 +1,4 @@
-//! What is known of the vehicle, its sources and the hazards.
+//! The vehicle, its sources and the hazards.
 
 use core::time::Duration;
 
@@ -7,14 +7,14 @@ use crate::invalid::Invalid;
 use crate::span::Span;
 use crate::units::{Metres, MetresPerSecondSquared};
 
-/// The vehicle, its sources and the hazards.
+/// Describes the vehicle, its sources and the hazards.
 ///
-/// A figure that is not known exactly is a [`Span`], of which the end that keeps the guarantee counts. The default is the
-/// vehicle of the traffic jam; each field names its figure. Of these the paper states local's response, the frames and
-/// their rate; the others are chosen so that the paper's table comes out, as the book's chapter *The paper's scenarios*
-/// says.
+/// A figure that is not known exactly is a [`Span`]; the guard uses the end of it that keeps the guarantee.
+/// Each field states its default, which is the vehicle of the paper's traffic jam. The paper gives local's
+/// response, the frames and their rate. The other defaults were chosen so that they reproduce the paper's
+/// table, as the book's chapter *The paper's scenarios* explains.
 ///
-/// A number without a unit is no figure:
+/// A number without a unit does not compile:
 ///
 /// ```compile_fail
 /// # use fuseline_deadline::{Guard, Parameters};
@@ -22,40 +22,42 @@ use crate::units::{Metres, MetresPerSecondSquared};
 /// ```
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Parameters {
-    /// Full braking; 7.5 m/s².
+    /// The deceleration of full braking; 7.5 m/s² by default.
     pub deceleration: Span<MetresPerSecondSquared>,
-    /// From the decision to brake until the brakes act; 0.1 s.
+    /// The time from the decision to brake until the brakes act; 0.1 s by default.
     pub brake_delay: Span<Duration>,
-    /// How many frames in a row must report an obstacle before the vehicle brakes; 3.
+    /// The number of frames in a row that must report an obstacle before the vehicle brakes; 3 by default.
     pub frames: u32,
-    /// The time between two frames that local takes: the camera's if calls overlap; else local's response, rounded up
-    /// to frames. 1/30 s.
+    /// The time between two frames that local takes; 1/30 s by default. It is the camera's period if local's
+    /// calls overlap, and otherwise local's response rounded up to whole periods.
     pub period_local: Span<Duration>,
-    /// The time between two frames that the cloud takes; 1/30 s.
+    /// The time between two frames that the cloud takes; 1/30 s by default.
     pub period_cloud: Span<Duration>,
-    /// From a frame's capture until local's result; 0.3017 s.
+    /// The time from a frame's capture until local's result; 0.3017 s by default.
     pub local_response: Span<Duration>,
-    /// How much later than capture + deadline an output may leave: late timers, and the time from capture until the
-    /// request is made if the deadline counts from there. 5 ms.
+    /// The greatest delay of an output after capture + deadline; 5 ms by default. It covers late timers. If
+    /// the deadline counts from the request, it also covers the time from capture until the request.
     pub lateness: Duration,
-    /// The distance to keep from an obstacle where local alone stops anyway; 2 m.
+    /// The distance to keep from an obstacle where local alone stops anyway; 2 m by default.
     pub margin: Metres,
-    /// What may be on the road; one class, which local sees from 39 m on and the cloud from 57 m on.
+    /// The classes of hazards on the road. By default there is one class, which local sees from 39 m on and
+    /// the cloud from 57 m on.
     pub classes: Classes,
 }
 
 /// A class of hazards, such as standing motorcycles.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Hazard {
-    /// How much it counts among the classes, above 0; only for losses, since a guarantee counts all classes alike.
+    /// The weight of this class among all classes, above 0. Only losses use it; a guarantee counts all
+    /// classes equally.
     pub weight: f64,
-    /// How far away local begins to report it.
+    /// The distance from which local begins to report the hazard.
     pub range_local: Span<Metres>,
-    /// How far away the cloud begins to report it; no less far than local.
+    /// The distance from which the cloud begins to report the hazard; no less than local's.
     pub range_cloud: Span<Metres>,
 }
 
-/// One to [`Classes::MOST`] classes of hazards.
+/// A list of one to [`Classes::MOST`] classes of hazards.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Classes {
     hazards: [Hazard; Self::MOST],
@@ -115,13 +117,13 @@ impl Default for Hazard {
 }
 
 impl Classes {
-    /// How many classes there may be.
+    /// The greatest number of classes.
     pub const MOST: usize = 8;
 
-    /// These classes, in any order.
+    /// Creates a list of these classes, in any order.
     ///
     /// # Errors
-    /// [`Invalid::Classes`] if there are none or too many.
+    /// Returns [`Invalid::Classes`] if there are none or too many.
     pub fn new(hazards: &[Hazard]) -> Result<Self, Invalid> {
         let mut all = [Hazard::default(); Self::MOST];
         match all.get_mut(..hazards.len()) {
@@ -131,7 +133,7 @@ impl Classes {
         Ok(Self { hazards: all, len: hazards.len() })
     }
 
-    /// The classes as they were given.
+    /// Returns the classes in the order in which they were given.
     #[must_use]
     pub fn as_slice(&self) -> &[Hazard] {
         self.hazards.get(..self.len).unwrap_or_default()

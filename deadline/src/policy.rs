@@ -1,6 +1,7 @@
-//! [`Policy`]: how a deadline is chosen for each message, from the [`Situation`] and from how earlier calls ended.
+//! [`Policy`]: chooses a deadline for each message, from the [`Situation`] and from how earlier calls ended.
 //!
-//! [`Constant`] and [`Capped`] are here; [`Guard`](crate::Guard) and [`Expected`](crate::Expected) have modules of their own.
+//! This module has [`Constant`] and [`Capped`]; [`Guard`](crate::Guard) and [`Expected`](crate::Expected)
+//! have modules of their own.
 
 use core::time::Duration;
 
@@ -11,30 +12,33 @@ use crate::units::{Metres, MetresPerSecond};
 
 /// Chooses the deadlines of one cloud's requests.
 ///
-/// Keep one policy for each cloud. Call [`decide`](Self::decide) once for each message that is about to be sent, give the
-/// deadline to the machine, and report how each call ended. It needs no clock, allocates nothing and never fails.
+/// Keep one policy for each cloud. Call [`decide`](Self::decide) once for each message before its request is
+/// sent, pass the deadline to the machine, and report how each call ended. A policy needs no clock, allocates
+/// nothing and never fails.
 pub trait Policy {
-    /// The deadline of the request that is about to be made, counted from the capture of its message, and at most `cap`.
+    /// Returns the deadline of the next request, counted from the capture of its message. It is at most
+    /// `cap`.
     fn decide(&mut self, situation: &Situation<'_>, cap: Duration) -> Chosen;
 
-    /// A call has ended.
+    /// Reports that a call has ended.
     fn ended(&mut self, end: End);
 
-    /// Whether its promise, as T1 and T2, is about one output a message: adapters refuse it under the progressive commit rule.
+    /// Returns `true` if the policy's promise, such as T1 or T2, assumes one output for each message.
+    /// Adapters refuse such a policy under the progressive commit rule.
     fn assumes_one_output(&self) -> bool {
         false
     }
 
-    /// Whether it learns of longer deadlines only from calls that run on past their due instants: adapters refuse it for a
-    /// cloud whose calls do not linger.
+    /// Returns `true` if the policy learns of longer deadlines only from calls that run on past their due
+    /// instants. Adapters refuse such a policy for a cloud whose calls do not linger.
     fn needs_linger(&self) -> bool {
         false
     }
 
-    /// This policy's deadline as the cap of another's.
+    /// Makes this policy's deadline the cap of `policy`.
     ///
-    /// The policy gets the cap rather than being cut off at it: the best deadline under a cap may be far below the best
-    /// one without.
+    /// The other policy learns the cap and chooses under it: the best deadline under a cap may be far below
+    /// the best one without a cap, cut off.
     fn caps<P: Policy>(self, policy: P) -> Capped<Self, P>
     where
         Self: Sized,
@@ -43,76 +47,78 @@ pub trait Policy {
     }
 }
 
-/// What a policy may know when it decides.
+/// Describes the vehicle's situation at the time of a decision.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Situation<'a> {
-    /// The vehicle's speed from this message's capture until it could brake for it.
+    /// The vehicle's speed, from this message's capture until it could brake for it.
     ///
-    /// If the span is not a speed, for example not a number, below 0 or above 150 m/s, nothing is known and nothing is
-    /// risked.
+    /// If the span is not a speed (for example NaN, below 0 or above 150 m/s), the policy treats the
+    /// situation as unknown and takes no risk.
     pub speed: Span<MetresPerSecond>,
-    /// The distance to the nearest place from which something may have come or may come into sight, if that is known:
-    /// a corner, a parked van. A place counts until [`frames`](crate::Parameters::frames) frames after whatever is
-    /// behind it is in sight.
+    /// The distance to the nearest place, such as a corner or a parked van, from which something may have
+    /// come or may come into sight, if that is known. A place counts until
+    /// [`frames`](crate::Parameters::frames) frames after whatever is behind it is in sight.
     pub reveal: Option<Metres>,
-    /// The age of each call under way, the oldest first. It may be left empty; policies then see an outage later.
+    /// The age of each call under way, the oldest first. The list may be empty; policies then notice an
+    /// outage later.
     pub under_way: &'a [Duration],
 }
 
-/// How a call ended, and how long after the capture of its message.
+/// The end of a call, with its age: the time since the capture of its message.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum End {
     /// Its result came at this age, in time or late.
     Answered(Duration),
     /// It failed at this age: no result will come.
     Failed(Duration),
-    /// It was given up at this age, by its timer or because its timestamp was retired: its result would have come later.
+    /// It was given up at this age, because its timer fired or its timestamp was retired. Its result had not
+    /// come by then.
     Censored(Duration),
 }
 
-/// A deadline, and why it was chosen.
+/// A deadline and the reason for it.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Chosen {
     /// The deadline.
     pub deadline: Duration,
-    /// Why it was chosen.
+    /// The reason for it.
     pub reason: Reason,
 }
 
-/// Why a deadline is in force.
+/// The reason for a deadline.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum Reason {
-    /// It never changes.
+    /// The deadline is constant.
     Constant,
-    /// The guard allows no more.
+    /// The guard allows no longer deadline.
     Guard(Case),
-    /// It costs least, by what was observed.
+    /// This deadline has the least mean loss, by what was observed.
     Expected {
         /// The mean loss of a message.
         loss: f64,
     },
-    /// This message waits as long as allowed, to see what longer deadlines would bring.
+    /// This message waits as long as allowed, to observe how late results are.
     Probe,
-    /// The cap is in force.
+    /// The cap is shorter than the deadline that the policy would choose.
     Cap,
 }
 
-/// Which case of the guard holds.
+/// The case of the guard that holds.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Case {
-    /// 1: local alone surely stops, with time to spare.
+    /// Case 1: local alone surely stops, with time to spare.
     LocalStops,
-    /// 2: local alone surely does not stop, and the cloud still might.
+    /// Case 2: local alone surely does not stop, and the cloud still might.
     CloudAlone,
-    /// 3: neither is sure; nothing may be later than local alone.
+    /// Case 3: neither is sure, so no output may be later than local alone.
     Unsure,
 }
 
-/// The same deadline for every message. It knows nothing of safety.
+/// Chooses the same deadline for every message. It knows nothing of safety.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Constant(pub Duration);
 
-/// A policy under the cap of another; made by [`Policy::caps`].
+/// A policy under the cap of another policy. [`Policy::caps`] makes it.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Capped<C, P> {
     cap: C,
@@ -120,20 +126,21 @@ pub struct Capped<C, P> {
 }
 
 impl Situation<'_> {
-    /// Nothing is known, and nothing is risked.
+    /// A situation of which nothing is known, so no risk is taken.
     pub const UNKNOWN: Self =
         Self { speed: Span::exactly(MetresPerSecond(f64::NAN)), reveal: None, under_way: &[] };
 
-    /// A vehicle at `speed`, with nothing else known.
+    /// Returns the situation of a vehicle at `speed`, of which nothing else is known.
     #[must_use]
     pub fn at(speed: impl Into<Span<MetresPerSecond>>) -> Self {
         Self { speed: speed.into(), ..Self::UNKNOWN }
     }
 
-    /// Whether something is known: policies do not fail for what is not, but wait no longer than local takes.
+    /// Checks whether the situation makes sense. Policies do not fail if it does not, but they then wait no
+    /// longer than local takes.
     ///
     /// # Errors
-    /// The first figure that makes no sense.
+    /// Returns an [`Invalid`] for the first figure that is not plausible.
     pub fn check(&self) -> Result<(), Invalid> {
         Figure::Speed.check(self.speed)?;
         self.reveal.map_or(Ok(()), |reveal| Figure::Reveal.check(Span::exactly(reveal)))
@@ -141,7 +148,7 @@ impl Situation<'_> {
 }
 
 impl Chosen {
-    /// The deadline, or the cap if that is shorter.
+    /// Returns the deadline, or the cap if the cap is shorter.
     pub(crate) fn within(cap: Duration, deadline: Duration, reason: Reason) -> Self {
         if deadline <= cap {
             Self { deadline, reason }
@@ -199,7 +206,7 @@ impl<P: Policy + ?Sized> Policy for &mut P {
 }
 
 impl Case {
-    /// Its number: 1 to 3.
+    /// Returns the number of the case, 1 to 3.
     #[must_use]
     pub const fn number(self) -> u8 {
         match self {
@@ -210,7 +217,8 @@ impl Case {
     }
 }
 
-/// A number of seconds as a duration, rounded down to nanoseconds: 0 if it is not a time, the longest if it is too long.
+/// Converts seconds to a duration, rounded down to nanoseconds. Returns 0 if the number is not a time, and
+/// the longest duration if it is too great.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,

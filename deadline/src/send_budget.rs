@@ -1,18 +1,20 @@
-//! [`SendBudget`]: which requests are worth their bytes, where a link cannot carry all of them.
+//! [`SendBudget`]: chooses which requests to send when a link cannot carry all of them.
 
 use core::time::Duration;
 
-/// Spreads a link's bytes over streams of requests; a stream is one operator's requests to one cloud.
+/// Spreads a link's bytes over streams of requests. A stream is one operator's requests to one cloud.
 ///
-/// The bytes that the link carries fill the stream of the greatest expected gain a byte until it can send two messages,
-/// then the second stream, and so on; what no stream needs is lost. So no more is ever sent than the rate times the time since
-/// the first offer. What a stream gains is the caller's estimate, such as
-/// [`Expected::gain`](crate::Expected::gain); a stream without a gain gets nothing.
+/// The bytes that the link carries go to the stream with the greatest expected gain per byte until it can
+/// send two messages, then to the second stream, and so on. Bytes that no stream needs are lost, so the
+/// streams never send more than the rate times the time since the first offer. The caller estimates the gain
+/// of each request, for example by [`Expected::gain`](crate::Expected::gain). A stream without a gain gets
+/// nothing.
 ///
-/// A message that takes the link longer than `longest` is never sent: it would be late, and hold up all others.
+/// A message that takes the link longer than `longest` is never sent: it would be late and would hold up all
+/// others.
 ///
-/// An estimate is of calls that were made. So with `probe_every` a stream comes first once if it was passed over so many times
-/// in a row, or was never sent.
+/// An estimate needs calls. So with `probe_every`, a stream comes first once if it was never sent or was
+/// passed over that many times in a row.
 ///
 /// ```
 /// use core::time::Duration;
@@ -31,11 +33,11 @@ use core::time::Duration;
 pub struct SendBudget<const STREAMS: usize> {
     terms: SendTerms,
     streams: [SendStream; STREAMS],
-    /// The last offer's instant.
+    /// The instant of the last offer.
     now: Option<u64>,
 }
 
-/// What holds for all streams.
+/// The settings that all streams share.
 #[derive(Clone, Copy, PartialEq, Debug)]
 struct SendTerms {
     bytes_per_second: u64,
@@ -43,25 +45,27 @@ struct SendTerms {
     probe_every: Option<u32>,
 }
 
-/// A stream, as its last offer was.
+/// The state of a stream at its last offer.
 #[derive(Clone, Copy, PartialEq, Debug)]
 struct SendStream {
     bytes: u64,
     gain: f64,
-    /// Billionths of bytes that it may send.
+    /// The bytes that the stream may send, in billionths of a byte.
     saved: u128,
-    /// Offers since it was sent last; the greatest number if it never was.
+    /// The number of offers since the stream was last sent, or the greatest number if it never was.
     passed_over: u32,
 }
 
-/// Billionths of a byte in a byte.
+/// The number of billionths of a byte in a byte.
 const WHOLE: u128 = 1_000_000_000;
 
-/// How many messages a stream may save for: with one only, what it has beyond that would be lost until it is sent.
+/// The number of messages for which a stream may save. With one, the bytes beyond it would be lost until it
+/// is sent.
 const MESSAGES: u128 = 2;
 
 impl<const STREAMS: usize> SendBudget<STREAMS> {
-    /// A budget of so many bytes a second.
+    /// Creates a budget for a link of `bytes_per_second`. A request that takes longer than `longest` is never
+    /// sent, and a stream that was passed over `probe_every` times in a row comes first once.
     #[must_use]
     pub const fn new(bytes_per_second: u64, longest: Duration, probe_every: Option<u32>) -> Self {
         let stream = SendStream { bytes: 0, gain: 0.0, saved: 0, passed_over: u32::MAX };
@@ -69,15 +73,16 @@ impl<const STREAMS: usize> SendBudget<STREAMS> {
         Self { terms, streams: [stream; STREAMS], now: None }
     }
 
-    /// The link's rate is another from now on.
+    /// Changes the link's rate from the next offer on.
     pub const fn set_rate(&mut self, bytes_per_second: u64) {
         self.terms.bytes_per_second = bytes_per_second;
     }
 
-    /// Whether this stream's next message of so many bytes is worth them at `now`, in ns; then they are spent.
+    /// Returns `true` if the next message of `stream`, of `bytes` bytes, is to be sent at `now`, in ns, and
+    /// spends those bytes.
     ///
-    /// `gain` is what its answer is expected to gain over no request, in one unit for all streams. A stream that was not
-    /// counted in `STREAMS` is never sent. An instant before the last one counts as the last one.
+    /// `gain` is the expected gain of the request over no request, in one unit for all streams. A stream
+    /// whose index is not below `STREAMS` is never sent. A `now` before the last one counts as the last one.
     pub fn offer(&mut self, stream: usize, now: u64, bytes: u64, gain: f64) -> bool {
         self.save(now);
         let terms = self.terms;
@@ -93,14 +98,15 @@ impl<const STREAMS: usize> SendBudget<STREAMS> {
         is_sent
     }
 
-    /// Gives what the link carried since the last offer to the streams, the worthiest first.
+    /// Distributes the bytes that the link carried since the last offer, first to the stream that is worth
+    /// most.
     fn save(&mut self, now: u64) {
         let since = self.now.map_or(0, |before| now.saturating_sub(before));
         self.now = Some(self.now.map_or(now, |before| before.max(now)));
         let mut left = u128::from(self.terms.bytes_per_second).saturating_mul(u128::from(since));
         let mut below = f64::INFINITY;
         let terms = self.terms;
-        // Streams of one worth share a turn, in their order.
+        // Streams of equal worth take turns in the order of their index.
         while left > 0 {
             let worths = self.streams.iter().map(|stream| stream.worth(&terms));
             let next = worths.filter(|worth| *worth > 0.0 && *worth < below).fold(0.0, f64::max);
@@ -125,7 +131,8 @@ impl SendStream {
         (self.bytes as u128).saturating_mul(WHOLE)
     }
 
-    /// Its gain a byte; the greatest number if it is due for a probe, and 0 if the link takes too long.
+    /// Returns the stream's gain per byte: the greatest number if it is due for a probe, and 0 if the link
+    /// takes too long.
     fn worth(&self, terms: &SendTerms) -> f64 {
         let carried = u128::from(terms.bytes_per_second).saturating_mul(terms.longest.as_nanos());
         if self.needs() > carried {
@@ -136,7 +143,7 @@ impl SendStream {
         }
         #[expect(clippy::cast_precision_loss, reason = "no message has 2^53 bytes")]
         let bytes = self.bytes.max(1) as f64;
-        // What is not a number is no gain.
+        // NaN is no gain.
         if self.gain > 0.0 { (self.gain / bytes).min(f64::MAX / 2.0) } else { 0.0 }
     }
 }

@@ -1,28 +1,28 @@
-//! A figure that may not be known exactly.
+//! Figures that may not be known exactly.
 
 use core::time::Duration;
 
 use crate::units::Quantity;
 
-/// A figure that is not known exactly: no less than one and no more than another.
+/// A range that contains a figure.
 ///
-/// A span whose ends are not in order is refused where it is used.
+/// A span whose ends are out of order is refused where it is used.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct Span<T> {
-    /// What the figure is at least.
+    /// The least value that the figure may have.
     pub least: T,
-    /// What the figure is at most.
+    /// The greatest value that the figure may have.
     pub greatest: T,
 }
 
 impl<T> Span<T> {
-    /// From `least` to `greatest`, both included.
+    /// Creates the span from `least` to `greatest`, both included.
     #[must_use]
     pub const fn new(least: T, greatest: T) -> Self {
         Self { least, greatest }
     }
 
-    /// A figure that is known exactly.
+    /// Creates the span of a figure that is known exactly.
     #[must_use]
     pub const fn exactly(figure: T) -> Self
     where
@@ -31,13 +31,13 @@ impl<T> Span<T> {
         Self::new(figure, figure)
     }
 
-    /// Both ends changed alike.
+    /// Changes both ends in the same way.
     #[must_use]
     pub fn map<U>(self, mut change: impl FnMut(T) -> U) -> Span<U> {
         Span::new(change(self.least), change(self.greatest))
     }
 
-    /// The numbers alone.
+    /// Returns the span of the numbers without their unit.
     pub(crate) fn numbers(self) -> Span<f64>
     where
         T: Quantity,
@@ -47,8 +47,10 @@ impl<T> Span<T> {
 }
 
 impl Span<Duration> {
-    /// The time between two frames at `rate`, in Hz: 1/`rate` s, which need not be a whole number of nanoseconds, so it may
-    /// be a span of one. What is no rate gives a time that is refused where it is used.
+    /// Returns the time between two frames at `rate`, in Hz, as a span of at most one nanosecond, because
+    /// 1/`rate` need not be a whole number of nanoseconds.
+    ///
+    /// A `rate` that makes no sense gives a time that is refused where it is used.
     #[must_use]
     #[expect(
         clippy::cast_possible_truncation,

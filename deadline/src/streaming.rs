@@ -1,4 +1,4 @@
-//! [`Streaming`], the deadline of least loss where outputs form a stream, of which the newest is in force.
+//! [`Streaming`], the deadline of least loss if outputs form a stream in which the newest output is in force.
 
 use core::time::Duration;
 
@@ -9,68 +9,73 @@ use crate::loss::{Loss, Source};
 use crate::policy::Situation;
 use crate::span::Span;
 
-/// The deadline of least [`StreamLoss`], by the last `WINDOW` calls and the last `WINDOW` speeds.
+/// Chooses the deadline of least [`StreamLoss`], from the last `WINDOW` calls and the last `WINDOW` speeds.
 pub type Streaming<const WINDOW: usize = 64> = Expected<StreamLoss<WINDOW>, WINDOW>;
 
 /// How well a detector of boxes does on single frames.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct BoxDetector {
-    /// Its accuracy where a box counts that overlaps by half, such as its AP50.
+    /// The detector's accuracy if a box must overlap by half, such as its AP50.
     pub accuracy: f64,
-    /// By how much its boxes that count overlap in the mean (`IoU`), 0.5 to 1.
+    /// The mean overlap of its right boxes (`IoU`), from 0.5 to 1.
     pub overlap: f64,
 }
 
-/// What an output costs in a stream of outputs, of which the newest is in force: accuracy, and what the world moves meanwhile.
+/// The loss of an output in a stream in which the newest output is in force: accuracy, reduced by how far
+/// boxes move meanwhile.
 ///
 /// While no speed is known, nothing moves.
 ///
 /// # Derivation
 ///
-/// Streaming accuracy (Li, Wang and Ramanan, *Towards Streaming Perception*) compares the world at each instant with the newest
-/// output that was sent by then. Let frames be captured every `P`, and each output be sent at the age `r`. Then an output is in
-/// force from the age `r` until the next one is sent, at the age `r + P`. So waiting costs twice: the output is older when it is
-/// sent, and the one before it stays for longer.
+/// Streaming accuracy (Li, Wang and Ramanan, *Towards Streaming Perception*) compares the world at each
+/// instant with the newest output that was sent by then. Let frames be captured every `P`, and let each
+/// output be sent at the age `r`. Then an output is in force from the age `r` until the next one is sent, at
+/// the age `r + P`. So waiting costs twice: the output is older when it is sent, and the previous output
+/// stays in force for longer.
 ///
-/// Boxes that move by the share `q` of their size overlap what they were by `(1 − q) / (1 + q)` (`IoU`), as far as they move along
-/// one side; along both, `q` is the sum of the shares and the overlap no less than that. A box counts while it overlaps by half,
-/// so while `q ≤ 1/3`. A detector whose right boxes overlap by `o` has used `(1 − o) / (1 + o)` of that, if its error lies along
-/// the movement; the rest, its *slack*, is `s = 1/3 − (1 − o) / (1 + o)`. So what moves at `v` sizes a second counts until the
-/// age `s / v`, and of the time in force the share
+/// A box that has moved by the share `q` of its size along one side overlaps its former place by `(1 − q) /
+/// (1 + q)` (`IoU`). If it moves along both sides, `q` is the sum of the shares, and the overlap is at least
+/// that. A box counts while it overlaps by half, so while `q ≤ 1/3`. A detector whose right boxes overlap by
+/// `o` has already used `(1 − o) / (1 + o)` of that third, if its error lies along the movement. The rest is
+/// its *slack*, `s = 1/3 − (1 − o) / (1 + o)`. So a box that moves at `v` sizes per second counts until the
+/// age `s / v`. It counts for this share of the time in force:
 ///
 /// ```text
 /// clamp((s / v − r) / P, 0, 1)
 /// ```
 ///
-/// The loss is the better source's accuracy less the own one's times the mean of that share over the speeds that were observed.
-/// [`Expected`] finds the deadline of least mean loss (T3).
+/// The loss is the better source's accuracy minus the source's own accuracy times the mean of that share over
+/// the observed speeds. [`Expected`] finds the deadline of least mean loss (T3).
 ///
-/// That the next output is sent at the same age is an assumption: with mixed sources some are sent earlier, some later, and the
-/// loss is right in the mean. If the consumer moves boxes on, only what that misses counts as speed. Under the commit rule
-/// *progressive* local's output is sent at once, whatever the deadline: waiting costs nothing, so give no speeds.
+/// The derivation assumes that the next output is sent at the same age. With mixed sources some outputs are
+/// earlier and some are later, and the loss is right on average. If the consumer extrapolates boxes, only the
+/// error of its extrapolation counts as speed. Under the *progressive* commit rule local's output is sent at
+/// once whatever the deadline, so waiting costs nothing; then give no speeds.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct StreamLoss<const WINDOW: usize = 64> {
     local: BoxDetector,
     cloud: BoxDetector,
     period: Duration,
-    /// In sizes of the box a second; entries from `len` on mean nothing.
+    /// The speeds, in sizes of the box per second. Entries from `len` on are unused.
     speeds: [f64; WINDOW],
     len: usize,
     next: usize,
 }
 
 impl<const WINDOW: usize> StreamLoss<WINDOW> {
-    /// Of frames that are captured every `period`. No speed is known yet.
+    /// Creates a loss for frames that are captured every `period`, with no speed known yet.
     #[must_use]
     pub const fn new(local: BoxDetector, cloud: BoxDetector, period: Duration) -> Self {
         const { assert!(WINDOW > 0, "a window of no speeds remembers nothing") };
         Self { local, cloud, period, speeds: [0.0; WINDOW], len: 0, next: 0 }
     }
 
-    /// Remembers how fast a box moved, in sizes of the box a second, and forgets the speed `WINDOW` ago.
+    /// Remembers how fast a box moved, in sizes of the box per second, and forgets the speed `WINDOW` calls
+    /// ago.
     ///
-    /// The speed is `|vx| / width + |vy| / height`; of a consumer that moves boxes on, that of its error. What is no speed is
-    /// ignored.
+    /// The speed is `|vx| / width + |vy| / height`. If the consumer extrapolates boxes, it is the speed of
+    /// the extrapolation's error. A number that is not a speed is ignored.
     pub fn moved(&mut self, speed: f64) {
         if !(0.0..f64::INFINITY).contains(&speed) {
             return;
@@ -83,7 +88,7 @@ impl<const WINDOW: usize> StreamLoss<WINDOW> {
         self.next = if next < WINDOW { next } else { 0 };
     }
 
-    /// The share of boxes that count, over the time in which an output of this age is in force.
+    /// Returns the share of boxes that count, over the time in which an output of this age is in force.
     fn share(&self, detector: BoxDetector, response: Duration) -> f64 {
         let speeds = self.speeds.get(..self.len).unwrap_or_default();
         let (slack, response) = (detector.slack(), response.as_secs_f64());
@@ -126,7 +131,7 @@ impl<const WINDOW: usize> Streaming<WINDOW> {
 }
 
 impl BoxDetector {
-    /// By which share of its size a right box may move until it no longer counts.
+    /// Returns the share of its size that a right box may move until it no longer counts.
     fn slack(self) -> f64 {
         1.0 / 3.0 - (1.0 - self.overlap) / (1.0 + self.overlap)
     }

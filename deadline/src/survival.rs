@@ -1,30 +1,32 @@
-//! [`Survival`]: how long a cloud's results take, from calls of which some were given up.
+//! [`Survival`]: estimates how long a cloud's results take, from calls of which some were given up.
 //!
-//! The book's chapter *Deadlines that are safe* has the estimate's formula and its source (T5).
+//! The book's chapter *Deadlines that are safe* has the formula of the estimate and its source (T5).
 
 use core::iter::Peekable;
 use core::time::Duration;
 
-/// Calls seen until the same age.
+/// A number of calls that were seen until the same age.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct Observation {
     /// The age, counted from the capture of the message.
     pub response: Duration,
-    /// Whether the results came at that age; otherwise they had not come by then, and nothing more is known.
+    /// `true` if the results came at that age. Otherwise they had not come by then, and nothing more is
+    /// known.
     pub is_answered: bool,
-    /// How many calls.
+    /// The number of calls.
     pub count: u64,
 }
 
-/// The estimate of Kaplan and Meier: the share of calls not answered by an age, where some calls are known only not to
-/// have been answered by some age. Gives a step for each distinct response, in ascending order.
+/// Estimates the share of calls whose results have not come by an age, after Kaplan and Meier. Yields a step
+/// for each distinct response, in ascending order.
 ///
-/// A call that was given up is neither fast nor lost: it counts as long as it was seen. Of calls that were answered and
-/// given up at the same age, those given up count as not answered by that age.
+/// A call that was given up counts as neither fast nor lost: it counts for as long as it was seen. A call
+/// that was given up at the age at which others had their results counts as one whose result had not come by
+/// that age.
 #[derive(Clone, Debug)]
 pub struct Survival<'a, I: Iterator<Item = Observation>> {
     sorted: Peekable<I>,
-    /// The oldest first.
+    /// The oldest call comes first.
     under_way: &'a [Duration],
     at_risk: u64,
     unanswered: f64,
@@ -35,14 +37,15 @@ pub struct Survival<'a, I: Iterator<Item = Observation>> {
 pub struct Step {
     /// The response.
     pub response: Duration,
-    /// The share of calls answered exactly then.
+    /// The share of calls whose results came at exactly this response.
     pub mass: f64,
-    /// The share of calls not answered by then.
+    /// The share of calls whose results had not come by this response.
     pub survival: f64,
 }
 
 impl Observation {
-    /// The order that [`Survival`] needs: by response, answered calls before those given up.
+    /// Returns the key of the order that [`Survival`] needs: by response, calls with results before those
+    /// given up.
     #[must_use]
     pub const fn key(&self) -> (Duration, bool) {
         (self.response, !self.is_answered)
@@ -50,8 +53,10 @@ impl Observation {
 }
 
 impl<'a, I: Iterator<Item = Observation> + Clone> Survival<'a, I> {
-    /// The estimate from observations in the order of their [`key`](Observation::key) and from the ages of the calls
-    /// under way, the oldest first. In any other order the estimate is wrong.
+    /// Creates an estimate from observations in the order of their [`key`](Observation::key), and from the
+    /// ages of the calls under way, the oldest first.
+    ///
+    /// Any other order makes the estimate wrong; it is not detected.
     pub fn new(sorted: I, under_way: &'a [Duration]) -> Self {
         let counts = sorted.clone().map(|observation| observation.count);
         let at_risk = counts.fold(under_way.len() as u64, u64::saturating_add);

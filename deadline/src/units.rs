@@ -2,21 +2,21 @@
 
 use core::time::Duration;
 
-/// A distance, in metres.
+/// A distance in metres.
 #[derive(Clone, Copy, PartialEq, PartialOrd, Default, Debug)]
 pub struct Metres(pub f64);
 
-/// A speed, in m/s. 50 km/h are `MetresPerSecond(50.0 / 3.6)`.
+/// A speed in m/s. 50 km/h is `MetresPerSecond(50.0 / 3.6)`.
 #[derive(Clone, Copy, PartialEq, PartialOrd, Default, Debug)]
 pub struct MetresPerSecond(pub f64);
 
-/// An acceleration or a deceleration, in m/s².
+/// An acceleration or a deceleration in m/s².
 #[derive(Clone, Copy, PartialEq, PartialOrd, Default, Debug)]
 pub struct MetresPerSecondSquared(pub f64);
 
-/// What has a number in the unit of its kind: metres, seconds, and what is made of them.
+/// A figure that has a number in the unit of its kind: metres, seconds, or a unit made of them.
 pub(crate) trait Quantity: Copy {
-    /// The number.
+    /// Returns the number.
     fn number(self) -> f64;
 }
 

@@ -1,4 +1,5 @@
-//! Calls and figures drawn at random, against the definitions.
+//! Compares the estimate, the deadlines and the checks with their definitions, for calls and figures drawn at
+//! random.
 
 use std::time::Duration;
 
@@ -9,7 +10,7 @@ use fuseline_deadline::{
 };
 use proptest::prelude::*;
 
-/// Four points of accuracy, or 200 ms of waiting.
+/// Four points of accuracy are worth 200 ms of waiting.
 const ACCURACY: Accuracy = Accuracy { local: 42.0, cloud: 46.0, price_per_ms: 0.02 };
 
 fn ms(millis: u64) -> Duration {
@@ -37,7 +38,7 @@ fn observations() -> impl Strategy<Value = Vec<Observation>> {
     )
 }
 
-/// A number that is no size of anything: not a number, negative, or without end.
+/// Returns a number that is no size of anything: NaN, negative or infinite.
 fn nonsense() -> impl Strategy<Value = f64> {
     any::<u64>().prop_map(f64::from_bits).prop_filter("it makes sense", |number| {
         number.is_nan() || number.is_infinite() || *number < 0.0
@@ -47,8 +48,8 @@ fn nonsense() -> impl Strategy<Value = f64> {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 500, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// T5, by the definition: a product over the distinct answered responses of the share of calls that were seen so long
-    /// and not answered then.
+    /// Compares the estimate with its definition (T5): the product, over the distinct responses, of the share
+    /// of calls that were seen so long and had no result then.
     #[test]
     fn estimate_is_the_product_over_all_seen_so_long(
         calls in observations(),
@@ -73,7 +74,7 @@ proptest! {
         }
     }
 
-    /// T3.
+    /// The chosen deadline costs no more than any other (T3).
     #[test]
     fn no_deadline_costs_less_than_the_one_chosen(calls in observations(), cap in 250..450_u64) {
         let loss = |source, response| ACCURACY.loss(&Situation::at(MetresPerSecond(10.0)), source, response);
@@ -91,7 +92,7 @@ proptest! {
         }
     }
 
-    /// T6.
+    /// Exactly the last calls are remembered (T6).
     #[test]
     fn the_last_calls_are_remembered_and_no_other(ends in prop::collection::vec((0..3, 1..50_u64), 0..40)) {
         let mut observations = Observations::<7>::new();
@@ -113,7 +114,7 @@ proptest! {
         }
     }
 
-    /// T7.
+    /// Figures that make no sense are refused (T7).
     #[test]
     fn figures_that_make_no_sense_are_refused(figure in 0..6, number in nonsense()) {
         let mut parameters = Parameters::default();
@@ -129,7 +130,7 @@ proptest! {
         prop_assert!(Guard::new(parameters).is_err(), "{parameters:?}");
     }
 
-    /// T7.
+    /// In a situation that makes no sense, local keeps its time (T7).
     #[test]
     fn a_situation_without_sense_leaves_local_its_time(number in nonsense(), is_speed in any::<bool>()) {
         let guard = Guard::new(Parameters::default()).unwrap();

@@ -1,4 +1,4 @@
-//! Observations, the estimate from them, and the deadline that costs least.
+//! Tests the observations, the estimate from them, and the deadline of least loss.
 
 use std::cell::Cell;
 use std::time::Duration;
@@ -10,7 +10,7 @@ use fuseline_deadline::{
 };
 
 const LOCAL_MS: u64 = 300;
-/// Four points of accuracy, or 200 ms of waiting.
+/// Four points of accuracy are worth 200 ms of waiting.
 const ACCURACY: Accuracy = Accuracy { local: 42.0, cloud: 46.0, price_per_ms: 0.02 };
 
 fn ms(millis: u64) -> Duration {
@@ -34,7 +34,7 @@ fn policy<const WINDOW: usize>(probe_every: Option<u32>) -> Expected<Accuracy, W
     Expected::new(ACCURACY, ms(300), probe_every).unwrap()
 }
 
-/// What becomes of the next message when the cloud would answer after so many ms; `None` never.
+/// Plays the next message: the cloud's result would come after `response` ms, or never if that is `None`.
 fn message(policy: &mut impl Policy, response: Option<u64>) -> Chosen {
     let decision = policy.decide(&Situation::at(MetresPerSecond(10.0)), ms(500));
     let answered = response.map(ms).filter(|response| *response < decision.deadline);
@@ -57,7 +57,7 @@ fn the_estimate_of_a_small_sample() {
     assert_eq!(steps, expected);
 }
 
-/// T5.
+/// A call that was given up says only that its result took longer (T5).
 #[test]
 fn a_call_that_was_given_up_is_not_fast() {
     assert_eq!(survival(&[observation(310, false, 20)], &[]).next(), None);
@@ -74,7 +74,7 @@ fn a_call_that_was_given_up_is_not_lost_either() {
     assert!((last.survival - 0.25).abs() < 1e-12, "only four calls were seen so long: {last:?}");
 }
 
-/// T5.
+/// A call that failed will never have a result (T5).
 #[test]
 fn a_call_that_failed_is_never_answered() {
     let mut observations = Observations::<8>::new();
@@ -100,7 +100,7 @@ fn calls_under_way_show_an_outage_before_they_end() {
 }
 
 #[test]
-fn waiting_pays_where_the_cloud_is_worth_it_and_not_before_it_was_seen() {
+fn waits_only_for_a_cloud_that_is_worth_it() {
     let mut policy = policy::<64>(Some(16));
     let first = message(&mut policy, Some(340));
     assert_eq!((first.deadline, first.reason), (ms(500), Reason::Probe));
@@ -112,9 +112,10 @@ fn waiting_pays_where_the_cloud_is_worth_it_and_not_before_it_was_seen() {
     );
 }
 
-/// T6: A slower cloud than local comes and goes. All that is known after a window of calls is from after the change.
+/// A cloud, slower than local, comes and goes. A window of calls after a change, only calls since the change
+/// count (T6).
 #[test]
-fn a_cloud_that_is_gone_costs_no_time_and_is_found_again_within_a_window_of_calls() {
+fn returned_cloud_is_found_within_a_window() {
     const WINDOW: u32 = 64;
     let mut policy = policy::<{ WINDOW as usize }>(Some(16));
     let mut last_change = |response, deadline| {
@@ -136,9 +137,9 @@ fn a_cloud_that_is_gone_costs_no_time_and_is_found_again_within_a_window_of_call
     }
 }
 
-/// Calls that are given up at the deadline hide how late the rest would have been; probes show it.
+/// Calls that are given up at the deadline hide how late their results would have been; probes show it.
 #[test]
-fn a_deadline_that_gives_up_the_slowest_calls_does_not_creep_down() {
+fn probes_keep_the_deadline_from_creeping_down() {
     let mut policy = policy::<64>(Some(16));
     let responses = (0..2000_u64).map(|number| 320 + number * 7919 % 60);
     let deadlines: Vec<_> =
@@ -148,7 +149,7 @@ fn a_deadline_that_gives_up_the_slowest_calls_does_not_creep_down() {
 }
 
 #[test]
-fn a_fast_cloud_that_is_gone_never_costs_time_but_for_probes() {
+fn lost_cloud_costs_time_only_in_probes() {
     let mut policy = policy::<64>(None);
     for number in 0..1000 {
         let response = (number / 100 % 2 == 0).then_some(186);
@@ -156,7 +157,7 @@ fn a_fast_cloud_that_is_gone_never_costs_time_but_for_probes() {
     }
 }
 
-/// T3.
+/// The least loss may be far below the cap (T3).
 #[test]
 fn the_best_below_a_cap_is_not_the_cap() {
     let mut policy = policy::<4>(None);
@@ -181,7 +182,7 @@ fn a_constant_caps_a_guard_that_caps_what_is_expected() {
     assert_eq!(at(20.0).deadline, rho, "the guard allows too little to reach 600 ms");
     assert_eq!(at(22.0).deadline, ms(600) + Duration::from_nanos(1));
     assert_eq!(at(18.0).deadline, rho, "local alone stops as well, so waiting buys nothing");
-    // A probe waits as long as is allowed, no longer.
+    // A probe waits as long as is allowed and no longer.
     let probing =
         Expected::<_, 16>::new(Impact::from(&guard), Duration::from_micros(301_700), Some(1))
             .unwrap();
@@ -190,7 +191,7 @@ fn a_constant_caps_a_guard_that_caps_what_is_expected() {
     assert_eq!((decision.deadline, decision.reason), (ms(800), Reason::Probe));
 }
 
-/// T3: a cap that learns gets each end.
+/// A cap that learns is told of each end (T3).
 #[test]
 fn a_cap_learns_from_the_calls_that_it_caps() {
     let learns = || Expected::<_, 16>::new(ACCURACY, ms(LOCAL_MS), None).unwrap();
@@ -214,7 +215,7 @@ fn a_loss_that_is_no_number_decides_nothing() {
     }
 }
 
-/// T7.
+/// A policy that could not work is refused when it is made (T7).
 #[test]
 fn a_policy_that_could_not_work_is_refused() {
     let made =
@@ -232,7 +233,8 @@ fn a_policy_that_could_not_work_is_refused() {
     assert!(Expected::<_, 8>::new(share, ms(300), None).is_err());
 }
 
-/// Counted, not timed: the loss is computed at most twice for each call that is remembered, and twice more.
+/// Counts instead of timing: the loss is computed at most twice for each call that is remembered, and twice
+/// more.
 #[test]
 fn a_decision_costs_no_more_after_a_million_calls() {
     let requested = Cell::new(0_u64);

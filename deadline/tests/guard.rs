@@ -1,4 +1,4 @@
-//! What the guard allows: the specification's figures, its cases, and whatever figures it is made of.
+//! Tests what the guard allows, with the specification's figures, in each case, and with any figures.
 
 use std::borrow::Borrow;
 use std::time::Duration;
@@ -40,7 +40,7 @@ fn local_response() -> Duration {
 }
 
 #[test]
-fn the_default_vehicle_has_the_deadlines_of_the_specification() {
+fn default_vehicle_has_the_specified_deadlines() {
     let guard = guard(Parameters::default());
     let expected = [
         (11.0, Case::LocalStops, 2.4253),
@@ -52,13 +52,13 @@ fn the_default_vehicle_has_the_deadlines_of_the_specification() {
     for (speed, case, deadline) in expected {
         let verdict = guard.judge(&at(speed));
         assert_eq!(verdict.case, case, "{speed} m/s");
-        // Four digits are given, so a tenth of a millisecond, rounded.
+        // The expected deadlines have four digits, so the difference is rounded to a tenth of a millisecond.
         let off = verdict.deadline.as_secs_f64() - deadline;
         assert!(off.abs() <= 0.000_05, "{speed} m/s: {off} s off");
     }
 }
 
-/// T1.
+/// If no case is sure, no output may be later than local's (T1).
 #[test]
 fn between_the_cases_nothing_is_later_than_local() {
     let guard = guard(Parameters::default());
@@ -69,13 +69,13 @@ fn between_the_cases_nothing_is_later_than_local() {
 }
 
 #[test]
-fn a_cloud_that_cannot_help_either_leaves_locals_response() {
+fn useless_cloud_leaves_locals_response() {
     let verdict = guard(Parameters::default()).judge(&at(40.0));
     assert_eq!((verdict.case, verdict.deadline), (Case::Unsure, local_response()));
     assert!(verdict.budget_cloud < 0.0);
 }
 
-/// T7.
+/// A speed that makes no sense leaves only local's response (T7).
 #[test]
 fn a_speed_that_is_none_leaves_locals_response() {
     let guard = guard(Parameters::default());
@@ -107,7 +107,7 @@ fn a_vehicle_at_rest_waits_as_long_as_its_cap() {
 }
 
 #[test]
-fn a_vehicle_that_may_be_at_rest_is_so_with_either_sign_of_0() {
+fn negative_zero_speed_is_rest() {
     let classes = Classes::new(&[hazard(20.0, 20.0), hazard(500.0, 500.0)]).unwrap();
     let guard = guard(Parameters { classes, ..Parameters::default() });
     for least in [0.0, -0.0] {
@@ -116,14 +116,15 @@ fn a_vehicle_that_may_be_at_rest_is_so_with_either_sign_of_0() {
     }
 }
 
-/// T1.
+/// One unsure class makes the whole situation unsure (T1).
 #[test]
 fn one_class_between_the_cases_decides_for_all() {
     let classes = |hazards: &[Hazard]| {
         let classes = Classes::new(hazards).unwrap();
         guard(Parameters { classes, ..Parameters::default() }).judge(&at(22.0))
     };
-    // At 22 m/s local needs 42.6 m in the best phase and 43.3 m in the worst; the cloud may come after 0.919 s with 57 m.
+    // At 22 m/s local needs 42.6 m in the best phase and 43.3 m in the worst; the cloud, with 57 m, may take
+    // 0.919 s.
     let (stops, collides, unsure) = (hazard(60.0, 60.0), hazard(39.0, 57.0), hazard(43.0, 57.0));
     assert_eq!(classes(&[stops, collides, unsure]).case, Case::Unsure);
     let further = classes(&[stops, collides, hazard(70.0, 70.0)]);
@@ -172,11 +173,12 @@ fn case_2_needs_that_local_collides_at_its_best() {
     }
 }
 
-/// Local takes one frame in nine, so it reports the obstacle at once when it comes into sight, 38.8 m away, and again
-/// 0.3 s later; it then brakes 0.6 s after the reveal, with 26.8 m left of the 26.67 m that it needs. For what came into
-/// sight at the second frame only, local would surely be too late, but the cloud might not.
+/// Local takes one frame in nine. It reports the obstacle as soon as it comes into sight, 38.8 m away, and
+/// again 0.3 s later. It brakes 0.6 s after the reveal, with 26.8 m left of the 26.67 m that it needs. If the
+/// obstacle came into sight only at the second frame, local would surely be too late, but the cloud might
+/// not.
 #[test]
-fn t2_what_came_into_sight_a_frame_ago_is_not_given_up() {
+fn t2_obstacle_revealed_a_frame_ago_still_counts() {
     let period = 1.0 / 30.0;
     let frames = [0.0, 0.3].map(|captured| Frame {
         captured,
@@ -215,8 +217,8 @@ fn t2_what_came_into_sight_a_frame_ago_is_not_given_up() {
     assert!(drive.collides(&drive.fused(|frame| if frame.captured > 0.0 { 0.35 } else { 0.3 })));
 }
 
-/// T1: local takes one frame in two, and its three frames show the obstacle. A lorry that passes covers it on a frame that
-/// local skips. The cloud truly answers that it sees nothing there.
+/// Local takes one frame in two, and its three frames show the obstacle. A lorry passes and covers the
+/// obstacle on a frame that local skips, and the cloud truthfully reports nothing for it (T1).
 fn passing_lorry() -> Drive {
     let frames = [0, 1, 2, 3, 4_u32].map(|number| Frame {
         captured: 0.1 * f64::from(number),
@@ -239,22 +241,22 @@ fn passing_lorry() -> Drive {
 }
 
 #[test]
-fn t1_an_output_for_a_frame_that_local_skips_breaks_no_row_of_locals() {
+fn t1_output_for_skipped_frame_breaks_no_row() {
     let drive = passing_lorry();
     assert!(!drive.collides(&drive.local_alone()));
     assert!(!drive.collides(&drive.fused(|_| 0.2)));
 }
 
 #[test]
-fn t4_a_planner_for_which_any_output_breaks_a_row_hits_what_local_alone_does_not() {
+fn t4_planner_that_counts_any_output_collides() {
     let drive = passing_lorry();
     assert!(!drive.collides_where_any_output_counts(&drive.local_alone()));
     assert!(drive.collides_where_any_output_counts(&drive.fused(|_| 0.2)));
 }
 
-/// T7.
+/// An implausible figure is refused with its name, value and range (T7).
 #[test]
-fn what_is_not_plausible_is_refused_with_figure_value_and_range() {
+fn refuses_implausible_figures_with_their_range() {
     let sound = Parameters::default();
     let with = |hazard: Hazard| Parameters { classes: hazard.into(), ..sound };
     let exactly = |seconds: f64| secs(seconds, seconds);
@@ -284,7 +286,7 @@ fn what_is_not_plausible_is_refused_with_figure_value_and_range() {
             Parameters { period_cloud: Span::of_rate(0.0), ..sound },
             "time between the cloud's frames: 18446744073.709553 s; it may be from 0.00001 to 60 s",
         ),
-        // Milliseconds as seconds.
+        // Milliseconds given as seconds.
         (
             Parameters { local_response: exactly(301.7), ..sound },
             "local's response: 301.7 s; it may be from 0.000001 to 60 s",
@@ -298,7 +300,7 @@ fn what_is_not_plausible_is_refused_with_figure_value_and_range() {
             with(Hazard { weight: 0.0, ..hazard(39.0, 57.0) }),
             "weight of a class: 0; it may be from 0.000001 to 1000000",
         ),
-        // Millimetres as metres.
+        // Millimetres given as metres.
         (with(hazard(39e3, 57e3)), "local's range: 39000 m; it may be from 0.01 to 10000 m"),
         (
             with(hazard(39.0, f64::INFINITY)),
@@ -334,7 +336,7 @@ fn the_time_between_frames_is_rounded_to_both_sides() {
     assert_eq!(nanos(f64::NAN), Span::exactly(0));
 }
 
-/// Mostly from 0 to `most`, but any number at all.
+/// Returns a number, mostly from 0 to `most`, but sometimes any number at all.
 fn figure(most: f64) -> impl Strategy<Value = f64> {
     let odd = vec![0.0, -0.0, -1.0, f64::MIN_POSITIVE, f64::MAX, f64::NAN, f64::INFINITY];
     prop_oneof![40 => 0.0..most, 1 => any::<f64>(), 1 => prop::sample::select(odd)]
@@ -348,7 +350,7 @@ fn span(most: f64) -> impl Strategy<Value = Span<f64>> {
     ]
 }
 
-/// Times mostly from 0 to `most`, but any time at all.
+/// Returns a span of times, mostly from 0 to `most`, but sometimes any times at all.
 fn times(most: f64) -> impl Strategy<Value = Span<Duration>> {
     span(most).prop_map(|span| {
         span.map(|seconds| Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX))
@@ -388,8 +390,8 @@ prop_compose! {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 5000, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// T2 as an inequality, with exact sums of time: if the truth lets local stop in the worst phase or in some phase,
-    /// what the deadline allows is early enough or no later than local.
+    /// States T2 as an inequality, with exact sums of times: if local can stop in the worst phase, or in some
+    /// phase, then what the deadline allows is early enough or no later than local.
     #[test]
     fn t2_no_decision_exceeds_what_is_allowed(
         parameters in any_parameters(),
@@ -407,7 +409,7 @@ proptest! {
         let response = seconds(parameters.local_response, response);
         let is_speed = speed.least >= 0.0 && speed.greatest <= 150.0 && speed.least <= speed.greatest;
         let is_reveal = reveal.is_none_or(|reveal| reveal >= 0.0);
-        // Rounding, relative to what is rounded.
+        // Allows a rounding error in proportion to what is rounded.
         let within_rounding = |time: f64, allowed: f64, of: f64| time <= allowed + 1e-12 * of.abs();
         if within_rounding(deadline, parameters.local_response.least.as_secs_f64(), deadline) {
             return Ok(());
@@ -419,7 +421,8 @@ proptest! {
         let period = seconds(parameters.period_local, period);
         for hazard in parameters.classes.as_slice() {
             let range = within(hazard.range_local.map(|range| range.0), range).min(reveal.unwrap_or(f64::INFINITY));
-            // Metres driven until the vehicle rests, when the first frame comes `phase` after the range begins.
+            // The metres driven until the vehicle rests, if the first frame comes `phase` after the range
+            // begins.
             let driven = |phase: f64, wait: f64| {
                 let frames = f64::from(parameters.frames) - 1.0;
                 speed * (phase + frames * period + wait + brake_delay) + speed * speed / (2.0 * braking)

@@ -1,4 +1,5 @@
-//! The queue of a link against what must hold of any: nothing is lost or made, first in first out, no rate exceeded.
+//! Checks the properties that any link's queue must have: it loses and invents nothing, is first in, first
+//! out, and exceeds no rate.
 
 use fuseline_deadline::{LinkQueue, LinkRate};
 use proptest::collection::vec;
@@ -6,7 +7,7 @@ use proptest::prelude::*;
 
 const QUEUE: u64 = 5_000;
 
-/// Rates that last a while each; the last one for ever, above 0.
+/// Rates that hold for a while each. The last one holds without end and is above 0.
 #[derive(Clone, Debug)]
 struct VaryingRate(Vec<(u64, u64)>);
 
@@ -22,7 +23,7 @@ impl VaryingRate {
         LinkRate::constant(3_000_000)
     }
 
-    /// Billionths of bits that it carries between two instants.
+    /// Returns the billionths of bits that it carries between two instants.
     fn carried(&self, mut from: u64, to: u64) -> u128 {
         let mut carried = 0;
         while from < to {
@@ -38,12 +39,12 @@ fn rates() -> impl Strategy<Value = VaryingRate> {
     vec((1..5_000_000_u64, prop_oneof![Just(0), 1..50_000_000_u64]), 0..8).prop_map(VaryingRate)
 }
 
-/// Gaps in ns and sizes in bytes.
+/// Returns gaps in ns and sizes in bytes.
 fn messages() -> impl Strategy<Value = Vec<(u64, u64)>> {
     vec((prop_oneof![Just(0), 0..3_000_000_u64], 0..2_500_u64), 1..60)
 }
 
-/// A message that was taken: when, its bytes, and when it was through.
+/// A message that was taken: the instant, its bytes, and the instant when it was sent.
 struct SentMessage {
     at: u64,
     bytes: u64,
@@ -67,7 +68,7 @@ fn work(bytes: u64) -> u128 {
     u128::from(bytes) * 8_000_000_000
 }
 
-/// What of the messages that were taken before is not through at an instant, by sums alone.
+/// Returns what is not yet sent at an instant of the messages that were taken before, by sums alone.
 fn waiting(rate: &VaryingRate, sent: &[SentMessage], at: u64) -> u128 {
     let (mut waiting, mut now) = (0_u128, 0);
     for message in sent.iter().filter(|message| message.at <= at) {
@@ -79,12 +80,13 @@ fn waiting(rate: &VaryingRate, sent: &[SentMessage], at: u64) -> u128 {
 
 proptest! {
     #[test]
-    fn what_is_taken_is_through_once_and_no_sooner_than_the_rate_carries_it(
+    fn messages_pass_once_and_within_the_rate(
         rate in rates(), messages in messages(),
     ) {
         let (sent, _) = send(&rate, &messages);
         for (index, message) in sent.iter().enumerate() {
-            // Conservation: just before it is through something waits, then nothing of it and of those before it.
+            // Conservation: just before a message is sent something waits, and then nothing of it and of
+            // those before it.
             let before = &sent[..=index];
             prop_assert_eq!(waiting(&rate, before, message.through), 0);
             if message.through > message.at {
@@ -107,7 +109,7 @@ proptest! {
             let mut bytes = 0;
             for last in &sent[index + 1..] {
                 bytes += last.bytes;
-                // An end is rounded up, so that the one before it may be up to a nanosecond early.
+                // An end is rounded up, so the previous one may be up to a nanosecond early.
                 let carried = rate.carried(first.through.saturating_sub(1), last.through);
                 prop_assert!(work(bytes) <= carried, "{bytes} bytes in {}..{}", first.through, last.through);
             }
@@ -137,7 +139,7 @@ fn a_message_takes_its_bytes_over_the_rate_rounded_up() {
 }
 
 #[test]
-fn the_queue_is_full_at_its_limit_and_an_empty_one_takes_anything() {
+fn full_queue_refuses_and_empty_takes_anything() {
     let rate = |_| LinkRate::constant(8_000_000);
     let mut queue = LinkQueue::new(1_000);
     assert_eq!(queue.send(0, 5_000, rate), Some(5_000_000), "it is empty");

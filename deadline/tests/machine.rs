@@ -1,5 +1,5 @@
-//! What the guarantees rest on: with the shipped machine an output is never later than local's arrival and every due
-//! instant admitted for it.
+//! Checks what the guarantees assume: with the shipped machine no output is later than local's arrival and
+//! every due instant that was admitted for it.
 
 use std::collections::BTreeMap;
 
@@ -10,10 +10,10 @@ use fuseline_testkit::Rng;
 
 type Machine = Fusion<3, 8>;
 
-/// A timestamp that is open.
+/// An open timestamp.
 #[derive(Clone, Copy, Default)]
 struct Open {
-    /// When local's result came, or it was known that none comes.
+    /// The instant when local's result came, or when it was known that none comes.
     local: Option<u64>,
     has_result: bool,
     /// The latest due instant of its requests.
@@ -21,7 +21,7 @@ struct Open {
     limit: Option<u64>,
 }
 
-/// What came of the timestamps, by whose doing.
+/// Counts how timestamps ended, by the cause.
 #[derive(Default)]
 struct Outcomes {
     forwarded_at_local: u64,
@@ -29,7 +29,7 @@ struct Outcomes {
     missed: u64,
 }
 
-/// The timestamp has an output, or none comes: by then everything that could be waited for has come.
+/// Checks a timestamp that is retired: everything that could be awaited has come by then.
 fn retire(
     open: &mut BTreeMap<u64, Open>,
     t: Timestamp,
@@ -48,7 +48,7 @@ fn run(random: &mut Rng, outcomes: &mut Outcomes) {
     let mut open: BTreeMap<u64, Open> = BTreeMap::new();
     let (mut now, mut next) = (0, 0);
     for _ in 0..200 {
-        // Ticks are as late as they like: the next input may be far beyond what is due.
+        // Ticks are late at random: the next input may be far beyond what is due.
         now += random.one_of(&[0, 1, 2, 5, 20]);
         let mut ready = loop {
             match machine.at(Instant::from_nanos(now)) {
@@ -117,7 +117,7 @@ fn run(random: &mut Rng, outcomes: &mut Outcomes) {
                 }
             }
         }
-        // Whatever is still open waits for local, or for a request that is not due yet.
+        // Each open timestamp waits for local, or for a request that is not due yet.
         for (t, slot) in &open {
             let bound = slot.local.map(|local| local.max(slot.due));
             assert!(bound.is_none_or(|bound| bound > now), "{t} is open at {now}, {bound:?}");
@@ -126,7 +126,7 @@ fn run(random: &mut Rng, outcomes: &mut Outcomes) {
 }
 
 #[test]
-fn p5_p7_an_output_is_no_later_than_local_and_the_due_instants_admitted_for_it() {
+fn p5_p7_output_is_no_later_than_local_and_dues() {
     let mut outcomes = Outcomes::default();
     (0..3000).for_each(|seed| run(&mut Rng::with_seed(seed), &mut outcomes));
     assert!(
@@ -136,9 +136,9 @@ fn p5_p7_an_output_is_no_later_than_local_and_the_due_instants_admitted_for_it()
     );
 }
 
-/// The deadline of T1: a timer that nobody served holds local's result up by nothing.
+/// The deadline of T1: a late timer does not delay local's result.
 #[test]
-fn p6_local_at_or_after_the_due_instant_goes_at_once_however_late_timers_are() {
+fn p6_late_timers_do_not_delay_local() {
     for (local, is_late) in [(299, false), (300, true), (301, true)] {
         let cloud = Priority::new(1);
         let mut machine = Machine::new(8, Commit::Eager, &[Cloud::new(cloud, 31)]).unwrap();

@@ -1,4 +1,4 @@
-//! Random drives look for an obstacle that fusion hits and local alone does not.
+//! Searches random drives for an obstacle that fusion hits and local alone does not.
 
 mod vehicle;
 
@@ -12,17 +12,17 @@ use fuseline_deadline::{
 use fuseline_testkit::Rng;
 use vehicle::{Drive, Frame};
 
-/// Drives per search.
+/// The number of drives in a search.
 const DRIVES: u64 = 240_000;
 
-/// A drive, and what a guard knows about it: spans in which the truth lies.
+/// A drive, and what a guard knows about it: spans that contain the truth.
 struct Setting {
     drive: Drive,
     parameters: Parameters,
     speed: Span<MetresPerSecond>,
 }
 
-/// A span around the truth; exact in half of the cases.
+/// Returns a span around the truth, which is exact in half of the cases.
 fn around(random: &mut Rng, truth: f64) -> Span<f64> {
     if random.f64() < 0.5 {
         return Span::exactly(truth);
@@ -31,18 +31,19 @@ fn around(random: &mut Rng, truth: f64) -> Span<f64> {
     Span::new(truth * below, truth * above)
 }
 
-/// When the obstacle can be seen.
+/// The frames on which the obstacle can be seen.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum View {
     /// From the greatest range on.
     Free,
     /// From somewhere on, which may be near.
     Late,
-    /// Like [`Late`](Self::Late) or [`Free`](Self::Free), but for frames on which something passes before it.
+    /// Like [`Late`](Self::Late) or [`Free`](Self::Free), except for frames on which something passes in
+    /// front of it.
     Broken,
 }
 
-/// A time, and a nanosecond less and more, for it is rounded.
+/// Returns a time with a nanosecond of tolerance at each end, because it is rounded.
 fn time(seconds: Span<f64>) -> Span<Duration> {
     const ROUNDING: Duration = Duration::from_nanos(1);
     let Span { least, greatest } = seconds.map(Duration::from_secs_f64);
@@ -84,7 +85,7 @@ fn setting(number: u64, view: View) -> Setting {
     for frame in 0.. {
         let captured = f64::from(frame) * period;
         let gap = start - speed * captured;
-        // Braking from here on is too late, whatever is seen.
+        // From here on braking is too late, whatever is seen.
         if frame > 0 && gap <= speed * speed / (2.0 * deceleration) {
             break;
         }
@@ -155,31 +156,32 @@ fn setting(number: u64, view: View) -> Setting {
     }
 }
 
-/// What came of all drives under one policy.
+/// Counts the drives under one policy.
 #[derive(Clone, Default, Debug)]
 struct SearchResult {
-    /// Drives in which fusion collides and local alone does not.
+    /// The number of drives in which fusion collides and local alone does not.
     worse: u64,
     /// The seed of the first of them.
     seed: Option<u64>,
-    /// Drives in which local alone collides and fusion does not.
+    /// The number of drives in which local alone collides and fusion does not.
     better: u64,
 }
 
-/// All drives towards one kind of obstacle.
+/// Counts the drives towards one kind of obstacle.
 #[derive(Default, Debug)]
 struct Search {
-    /// By [`DEADLINES`].
+    /// The counts for each of [`DEADLINES`].
     results: [SearchResult; 4],
-    /// Drives in which local alone stops.
+    /// The number of drives in which local alone stops.
     local_stops: u64,
-    /// By case of the guard for an obstacle in sight.
+    /// The counts for each case of the guard, with the obstacle in sight.
     cases: [u64; 3],
-    /// Drives in which fusion under T1 collides and local alone does not, if any output without a report breaks a row.
+    /// The number of drives in which fusion with local's deadline collides and local alone does not, if any
+    /// output without a report breaks a row.
     worse_where_any_output_counts: u64,
 }
 
-/// The deadline of a frame, in seconds.
+/// Returns the deadline of a frame in seconds.
 type Deadline = fn(&Setting, &Guard, &Frame) -> f64;
 
 const DEADLINES: [Deadline; 4] = [
@@ -238,45 +240,46 @@ fn the_search_sees_every_case_and_every_outcome() {
 }
 
 #[test]
-fn t1_no_deadline_up_to_locals_least_response_is_ever_worse() {
+fn t1_locals_least_response_is_never_worse() {
     for search in [&IN_SIGHT, &HIDDEN, &COVERED] {
         assert_eq!(search.results[T1].worse, 0, "{search:?}");
     }
 }
 
-/// What is covered on a frame that local skips: an output that truly shows nothing there must break no row of local's.
+/// An obstacle may be covered on a frame that local skips. An output that truly shows nothing there must
+/// break no row of local's (T4).
 #[test]
-fn t4_a_planner_for_which_any_output_breaks_a_row_is_worse_in_dozens_of_drives() {
+fn t4_counting_any_output_is_worse_in_dozens() {
     let search = &COVERED;
     assert!(search.worse_where_any_output_counts > 20, "{search:?}");
 }
 
-/// T1 where neither case is sure.
+/// If neither case is sure, the guard allows only local's response (T1).
 #[test]
-fn t2_the_guard_is_never_worse_for_what_is_in_sight_from_locals_range_on() {
+fn t2_guard_is_never_worse_in_plain_sight() {
     assert_eq!(IN_SIGHT.results[GUARD].worse, 0, "{IN_SIGHT:?}");
 }
 
 #[test]
-fn t2_the_guard_is_never_worse_for_what_comes_into_sight_where_it_was_given() {
+fn t2_guard_is_never_worse_at_a_known_reveal() {
     assert_eq!(HIDDEN.results[GUARD_THAT_KNOWS].worse, 0, "{HIDDEN:?}");
     assert_eq!(IN_SIGHT.results[GUARD_THAT_KNOWS].worse, 0, "{IN_SIGHT:?}");
 }
 
 #[test]
-fn t4_what_comes_into_sight_nearer_without_a_word_may_be_hit() {
+fn t4_unannounced_nearer_reveal_may_be_hit() {
     assert!(HIDDEN.results[GUARD].worse > 2000, "{HIDDEN:?}");
 }
 
 #[test]
-fn half_a_second_for_every_message_is_worse_in_thousands_of_drives() {
+fn half_a_second_always_is_worse_in_thousands() {
     assert!(IN_SIGHT.results[HALF_A_SECOND].worse > 2000, "{IN_SIGHT:?}");
     assert!(HIDDEN.results[HALF_A_SECOND].worse > 2000, "{HIDDEN:?}");
 }
 
-/// T4: the guarantee rests on a cloud that reports whatever local would.
+/// The guarantee rests on a cloud that reports whatever local would report (T4).
 #[test]
-fn t4_a_blind_cloud_in_time_hides_what_local_sees_at_any_deadline() {
+fn t4_blind_cloud_hides_what_local_sees() {
     let mut worse = 0;
     for seed in 0..2000 {
         let Setting { mut drive, parameters, .. } = setting(seed, View::Free);

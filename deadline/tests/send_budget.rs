@@ -1,4 +1,4 @@
-//! The send budget: it never spends more than the link carries, and spends it where it is worth most.
+//! Checks that the send budget never spends more than the link carries, and spends it where it is worth most.
 
 use fuseline_deadline::{Accuracy, End, Expected, Policy, SendBudget, Situation};
 use proptest::collection::vec;
@@ -7,10 +7,10 @@ use std::time::Duration;
 
 const SECOND: u64 = 1_000_000_000;
 const NEVER: Option<u32> = None;
-/// Longer than any message takes, unless a test says so.
+/// Longer than any message takes, unless a test says otherwise.
 const LONGEST: Duration = Duration::from_secs(1_000_000);
 
-/// How many of its messages each stream sends: all streams offer at once, `rate` times a second for 60 s.
+/// Counts the messages that each stream sends, if all streams offer together `rate` times a second for 60 s.
 fn sent<const N: usize>(
     mut budget: SendBudget<N>,
     rate: u64,
@@ -46,7 +46,7 @@ proptest! {
     }
 
     #[test]
-    fn a_worthier_stream_is_never_worse_off_for_the_others(
+    fn other_streams_never_harm_a_worthier_one(
         rate in 1_000..200_000_u64, bytes in 100..20_000_u64, other in 100..20_000_u64,
     ) {
         #[expect(clippy::cast_precision_loss, reason = "some thousands of bytes")]
@@ -58,7 +58,7 @@ proptest! {
 }
 
 #[test]
-fn the_greatest_gain_a_byte_comes_first_and_the_rest_has_what_is_left() {
+fn greatest_gain_per_byte_comes_first() {
     // 1 MB a second for ten offers a second: 100 KB each.
     let budget = SendBudget::new(1_000_000, LONGEST, NEVER);
     let streams = [(100_000, 1.0), (33_300, 1.0), (20_000, 0.1), (1_000, 0.0)];
@@ -72,15 +72,15 @@ fn the_greatest_gain_a_byte_comes_first_and_the_rest_has_what_is_left() {
 #[test]
 fn all_is_sent_where_the_link_carries_all() {
     let budget = SendBudget::new(1_334_000, LONGEST, NEVER);
-    // The worthier stream saves for a second message first.
+    // The stream that is worth more saves for a second message first.
     assert_eq!(sent(budget, 10, [(100_000, 1.0), (33_300, 1.0)]), [598, 599]);
 }
 
 #[test]
-fn a_stream_that_is_passed_over_long_enough_is_sent_once() {
+fn passed_over_stream_gets_a_probe() {
     let streams = [(10_000, 5.0), (10_000, 0.0)];
     let [worthy, probed] = sent(SendBudget::new(100_000, LONGEST, Some(30)), 10, streams);
-    // The second offer, and then one in 31: 30 that are passed over, and the probe.
+    // The second offer is sent, and then one in 31: 30 are passed over, and the next is the probe.
     assert!((19..=20).contains(&probed), "{probed}");
     assert!((577..=580).contains(&worthy), "{worthy}");
 }
@@ -99,7 +99,7 @@ fn what_is_not_a_gain_is_not_sent() {
 }
 
 #[test]
-fn what_takes_the_link_too_long_is_not_sent_nor_probed() {
+fn too_long_messages_are_never_sent_or_probed() {
     // 10 KB a second: 5 KB take half a second.
     for (bytes, most) in [(5_000, 120), (5_001, 0)] {
         let budget = SendBudget::new(10_000, Duration::from_millis(500), Some(3));
@@ -130,7 +130,7 @@ fn a_gain_is_the_policys_own_estimate() {
         policy.ended(End::Answered(Duration::from_millis(200)));
         policy.ended(End::Censored(Duration::from_millis(500)));
     }
-    // Half of the messages gain 10 points and 100 ms.
+    // Half of the messages gain 10 points and save 100 ms.
     let half = gain(&policy);
     assert!((half - 5.5).abs() < 1e-6, "{half}");
     for _ in 0..64 {

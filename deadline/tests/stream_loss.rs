@@ -1,4 +1,4 @@
-//! The deadline of least loss in a stream of outputs.
+//! Tests the deadline of least loss in a stream of outputs.
 
 use std::time::Duration;
 
@@ -23,7 +23,7 @@ fn loss_of(speeds: &[f64]) -> StreamLoss<8> {
     loss
 }
 
-/// The deadline in a world of such speeds, of a cloud that answers after so many ms.
+/// Returns the deadline, in ms, in a world of these speeds, with a cloud whose results take `response` ms.
 fn deadline_ms(speeds: &[f64], response: u64) -> u128 {
     let mut policy = Streaming::<8>::new(loss_of(&[]), ms(15), None).unwrap();
     for speed in speeds {
@@ -33,7 +33,7 @@ fn deadline_ms(speeds: &[f64], response: u64) -> u128 {
     policy.decide(&Situation::UNKNOWN, ms(500)).deadline.as_millis()
 }
 
-/// How far a box may move, by trying: the overlap of two boxes of width 1 whose offset is this.
+/// Finds by trial how far a box may move until it no longer counts, from the overlap of two boxes of width 1.
 fn slack_by_trying(overlap: f64) -> f64 {
     let offset = |least: f64| {
         (0..=1_000_000)
@@ -43,9 +43,9 @@ fn slack_by_trying(overlap: f64) -> f64 {
     offset(0.5).last().unwrap() - offset(overlap).last().unwrap()
 }
 
-/// T3.
+/// Waiting pays only while nothing moves (T3).
 #[test]
-fn a_world_that_stands_still_is_worth_the_wait_and_one_that_moves_is_not() {
+fn waits_only_if_nothing_moves() {
     assert_eq!(deadline_ms(&[0.0], 300), 300);
     assert_eq!(deadline_ms(&[2.0], 300), 15);
     assert_eq!(deadline_ms(&[], 300), 300, "nothing is known to move");
@@ -53,7 +53,7 @@ fn a_world_that_stands_still_is_worth_the_wait_and_one_that_moves_is_not() {
 }
 
 #[test]
-fn old_speeds_are_forgotten_and_what_is_no_speed_is_ignored() {
+fn forgets_old_speeds_and_ignores_invalid_ones() {
     let change = |from, to| deadline_ms(&[[from; 8], [to; 8]].concat(), 300);
     assert_eq!(change(2.0, 0.0), 300);
     assert_eq!(change(0.0, 2.0), 15);
@@ -67,7 +67,7 @@ fn a_box_counts_until_it_has_moved_on_by_its_slack() {
         let slack = slack_by_trying(detector.overlap);
         for speed in [0.1, 0.3, 0.7, 1.5] {
             for response in [10, 80, 200, 450_u32] {
-                // By the definition: the share of instants in force at which the box still counts.
+                // Counts by the definition: the share of the instants in force at which the box still counts.
                 let counts = |at: &u32| speed * f64::from(response + at) / 1e3 <= slack;
                 let count: f64 = (0..PERIOD_MS).filter(counts).map(|_| 1.0).sum();
                 let share = count / f64::from(PERIOD_MS);
@@ -82,7 +82,7 @@ fn a_box_counts_until_it_has_moved_on_by_its_slack() {
     }
 }
 
-/// T7.
+/// An impossible detector is refused (T7).
 #[test]
 fn a_detector_that_could_not_be_is_refused() {
     let made = |local: BoxDetector, period| {

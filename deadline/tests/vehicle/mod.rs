@@ -1,35 +1,36 @@
-//! A vehicle before an obstacle at rest, frame by frame: written from the rules of fusion and of braking alone.
+//! A vehicle before an obstacle at rest, frame by frame, written only from the rules of fusion and of
+//! braking.
 //!
 //! It shares no formula with the guard: it knows no budgets, only frames, arrivals and a braking distance.
 
-/// What is true of one drive towards one obstacle, in metres and seconds.
+/// The truth about one drive towards one obstacle, in metres and seconds.
 #[derive(Clone, Debug)]
 pub(crate) struct Drive {
     pub(crate) speed: f64,
     pub(crate) deceleration: f64,
     pub(crate) brake_delay: f64,
-    /// Frames in a row that must report.
+    /// The number of frames in a row that must report.
     pub(crate) reports: u32,
     pub(crate) range_local: f64,
     pub(crate) range_cloud: f64,
-    /// The obstacle is hidden while it is further away.
+    /// The obstacle is hidden while it is further away than this.
     pub(crate) hidden_beyond: f64,
     pub(crate) frames: Vec<Frame>,
 }
 
-/// One frame, with what would come of it.
+/// One frame, and when its results come.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Frame {
     pub(crate) captured: f64,
-    /// Distance to the obstacle.
+    /// The distance to the obstacle.
     pub(crate) gap: f64,
-    /// How long local takes; none if it skips the frame, being busy.
+    /// The time that local takes, or `None` if local is busy and skips the frame.
     pub(crate) local: Option<f64>,
-    /// How long the cloud's result takes; infinite if none comes.
+    /// The time that the cloud's result takes; infinite if none comes.
     pub(crate) cloud: f64,
-    /// How late this frame's timer is.
+    /// The delay of this frame's timer.
     pub(crate) lateness: f64,
-    /// Whether something passes before the obstacle just then, so that no source sees it.
+    /// `true` if something passes in front of the obstacle, so that no source sees it.
     pub(crate) is_covered: bool,
 }
 
@@ -37,9 +38,10 @@ pub(crate) struct Frame {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Output {
     pub(crate) at: f64,
-    /// Whether it reports the obstacle; none if there is no output, which is known at that instant.
+    /// `true` if the output reports the obstacle; `None` if it becomes known at that instant that there is no
+    /// output.
     pub(crate) reports: Option<bool>,
-    /// Whether local takes the frame.
+    /// `true` if local takes the frame.
     pub(crate) is_taken: bool,
 }
 
@@ -48,7 +50,7 @@ impl Drive {
         frame.gap <= range && frame.gap <= self.hidden_beyond && !frame.is_covered
     }
 
-    /// The outputs of local alone.
+    /// Returns the outputs of local alone.
     pub(crate) fn local_alone(&self) -> Vec<Output> {
         let output = |frame: &Frame| {
             let at = frame.captured + frame.local.unwrap_or(0.0);
@@ -58,7 +60,7 @@ impl Drive {
         self.frames.iter().map(output).collect()
     }
 
-    /// The outputs of fusion, with this deadline for each frame.
+    /// Returns the outputs of fusion, with this deadline for each frame.
     pub(crate) fn fused(&self, deadline: impl Fn(&Frame) -> f64) -> Vec<Output> {
         let output = |frame: &Frame| {
             let (deadline, is_taken) = (deadline(frame), frame.local.is_some());
@@ -66,7 +68,8 @@ impl Drive {
                 let reports = Some(self.sees(self.range_cloud, frame));
                 return Output { at: frame.captured + frame.cloud, reports, is_taken };
             }
-            // Local's result is an input: by its arrival every timer that was due has fired, however late timers are.
+            // Local's result is an input, so every timer that was due by its arrival has fired, however late
+            // timers are.
             let wait = match frame.local {
                 Some(local) if local >= deadline => local,
                 _ => deadline + frame.lateness,
@@ -77,18 +80,21 @@ impl Drive {
         self.frames.iter().map(output).collect()
     }
 
-    /// Whether the vehicle hits the obstacle: it brakes once enough timestamps in a row report. Those without output are
-    /// passed over when that is known, and so is an output without a report for a frame that local does not take.
+    /// Returns `true` if the vehicle hits the obstacle. It brakes once enough timestamps in a row report.
+    ///
+    /// A timestamp without output is passed over when that is known. So is an output without a report for a
+    /// frame that local does not take.
     pub(crate) fn collides(&self, outputs: &[Output]) -> bool {
         self.collides_where(outputs, |output| output.is_taken)
     }
 
-    /// The same if any output without a report breaks a row, whether local takes its frame or not.
+    /// Returns the same if any output without a report breaks a row, whether local takes its frame or not.
     pub(crate) fn collides_where_any_output_counts(&self, outputs: &[Output]) -> bool {
         self.collides_where(outputs, |_| true)
     }
 
-    /// Whether it hits the obstacle if those outputs without a report break a row.
+    /// Returns `true` if the vehicle hits the obstacle, where the outputs without a report that `breaks`
+    /// selects break a row.
     fn collides_where(&self, outputs: &[Output], breaks: impl Fn(&Output) -> bool) -> bool {
         let mut decided = f64::INFINITY;
         for first in 0..outputs.len() {
