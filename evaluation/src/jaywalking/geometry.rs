@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::jaywalking::swerve::{FRONT, Swerve};
+use crate::jaywalking::swerve::Swerve;
 use crate::shape::{Rectangle, first_contact};
 
 /// The car's length and width.
@@ -117,7 +117,35 @@ fn swerving(swerve: &Swerve, now: f64, from: f64) -> Rectangle {
     let (length, width) = CAR;
     let ([x, y], angle) = swerve.pose((now - from).max(0.0));
     let (across, along) = angle.sin_cos();
-    // At 0 s its front is at 0, with the rear axle so far behind.
-    let front = [swerve.speed() * now.min(from) + x + FRONT * (along - 1.0), y + FRONT * across];
+    // At 0 s its front is at 0, with the centre of mass in the middle of the car.
+    let half = length / 2.0;
+    let front = [swerve.speed() * now.min(from) + x + half * (along - 1.0), y + half * across];
     Rectangle { front, heading: [along, across], length, width }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// `greatest.json` names its source; `test_worlds.py` holds it against that.
+    #[test]
+    fn swerve_is_no_better_than_commonroads() {
+        let stored = include_str!("../../python/worlds/greatest.json");
+        let stored: serde_json::Value = serde_json::from_str(stored).unwrap();
+        let rows: Vec<[f64; 3]> = serde_json::from_value(stored["rows"].clone()).unwrap();
+        assert_eq!(rows.len(), 8 * 4);
+        for [steering_rate, response, theirs] in rows {
+            let geometry = SwerveGeometry {
+                distance: 10.0,
+                person_speed: 1.5,
+                lateral: 7.0,
+                steering_rate,
+                deceleration: 7.5,
+            };
+            let ours = geometry.greatest(Manoeuvre::Swerve, response).unwrap();
+            // Theirs is rounded to 0.01 and integrated in steps of a millisecond.
+            let off = (ours - theirs) / theirs;
+            assert!(off.abs() < 0.005, "{steering_rate} rad/s, {response} s: {ours} and {theirs}");
+        }
+    }
 }

@@ -39,8 +39,9 @@ comes, the plan on board leaves exactly when it would without a cloud.
 
 Figures marked † are model choices: the paper does not state them. The person
 is a disc of radius 0.3 m, starts 1.75 m right of the middle of the car's lane,
-and walks to the left. The car is a single track without slip, 2.58 m from axle
-to axle. With --steering-rate 100000 it swerves as hard as it can at once.
+and walks to the left. The car that swerves is CommonRoad's single track with
+the figures of its vehicle 2, at constant speed. With --steering-rate 100000 its
+wheels turn at once.
 
 Exit code 0 when done, 2 if an option or a folder is of no use.
 

@@ -86,7 +86,7 @@ mod tests {
 
     #[test]
     fn a_figure_stands_on_its_marks_own_side() {
-        let (swerve, brake) = ([(0.4, 10.38), (0.5, 8.53)], [(0.4, 9.43), (0.5, 8.88)]);
+        let (swerve, brake) = ([(0.4, 9.46), (0.5, 8.11)], [(0.4, 9.43), (0.5, 8.88)]);
         assert_eq!(swerve.map(|mark| is_lower(mark, &brake)), [false, true]);
         assert_eq!(brake.map(|mark| is_lower(mark, &swerve)), [true, false]);
     }
