@@ -136,7 +136,7 @@ class ByHand(unittest.TestCase):
             f"{len(first)} frames, {len(again)} of them twice",
             f"{twice.agreed} of {twice.counts[1]} boxes agree",
             f"overlap (IoU) of {twice.overlap:.2f}",
-            f"Of {found.counts[0]} people by hand, {found.agreed} are in the reference",
+            f"{found.agreed} of {found.counts[0]} people by hand are in the reference",
             f"overlap of {found.overlap:.2f}; {wrong} of its {found.counts[1]} boxes",
         ):
             self.assertTrue(words in text, words)
