@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, BufWriter, Seek, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use fuseline_traces::{Annotations, Decision, Event, Header, HeaderAnnotations};
 pub use mcap::McapError;
@@ -25,6 +25,7 @@ pub struct Mcap<W: Write + Seek> {
     outputs: u16,
     number: u32,
     line: Vec<u8>,
+    path: Option<PathBuf>,
 }
 
 impl Mcap<BufWriter<File>> {
@@ -39,7 +40,8 @@ impl Mcap<BufWriter<File>> {
         epoch: u64,
     ) -> io::Result<Self> {
         let out = BufWriter::new(File::create(path)?);
-        Self::new(out, header, annotations, epoch).map_err(io::Error::other)
+        let mcap = Self::new(out, header, annotations, epoch).map_err(io::Error::other)?;
+        Ok(Self { path: Some(path.to_owned()), ..mcap })
     }
 }
 
@@ -64,7 +66,8 @@ impl<W: Write + Seek> Mcap<W> {
         let none = BTreeMap::new();
         let lines = inner.add_channel(schema, "/fuseline/trace", "json", &none)?;
         let outputs = inner.add_channel(schema, "/fuseline/outputs", "json", &none)?;
-        let mut mcap = Self { inner, epoch, lines, outputs, number: 0, line: Vec::new() };
+        let mut mcap =
+            Self { inner, epoch, lines, outputs, number: 0, line: Vec::new(), path: None };
         header.write_annotated(annotations, &mut mcap.line);
         mcap.put(lines, 0)?;
         Ok(mcap)
@@ -89,6 +92,11 @@ impl<W: Write + Seek> Mcap<W> {
             self.put(self.outputs, at)?;
         }
         Ok(())
+    }
+
+    /// The file, if it was [created](Self::create) here.
+    pub(crate) fn path(&self) -> Option<&Path> {
+        self.path.as_deref()
     }
 
     /// Writes what is buffered, so that it can be recovered if the process is killed.

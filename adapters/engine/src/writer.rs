@@ -1,8 +1,11 @@
 //! From the operator to its recorder, which writes files and may wait for the disk (D10 whole trace).
 
+use std::fs::Metadata;
 use std::io;
 use std::mem;
-use std::path::Path;
+#[cfg(unix)]
+use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
@@ -139,9 +142,54 @@ impl Drop for TraceWriter {
     }
 }
 
+/// The file of a recording, as it was when it was last looked at. Lines that are written to a removed file are lost.
+#[derive(Default)]
+struct WatchedFile {
+    path: PathBuf,
+    /// What identifies it, whatever it is called.
+    identity: (u64, u64),
+    len: u64,
+}
+
+impl WatchedFile {
+    /// Looks at the file under its name.
+    ///
+    /// # Errors
+    /// If it was removed, replaced or shortened since the last look.
+    fn check(&mut self, path: &Path) -> io::Result<()> {
+        let lost = |what| {
+            let path = path.display();
+            io::Error::other(format!("{path} was {what} while it was written"))
+        };
+        let found = match path.metadata() {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Err(lost("removed")),
+            found => found?,
+        };
+        let before = mem::replace(self, Self::of(path, &found));
+        if before.path != path {
+            Ok(())
+        } else if before.identity != self.identity {
+            Err(lost("replaced"))
+        } else if before.len > self.len {
+            Err(lost("shortened"))
+        } else {
+            Ok(())
+        }
+    }
+
+    fn of(path: &Path, found: &Metadata) -> Self {
+        #[cfg(unix)]
+        let identity = (found.dev(), found.ino());
+        #[cfg(not(unix))]
+        let identity = (0, 0);
+        Self { path: path.to_owned(), identity, len: found.len() }
+    }
+}
+
 /// Writes what comes until its end.
 fn write(mut sink: Sink, waiting: &Mutex<PendingInputs>, counts: &Counts) -> io::Result<()> {
     let mut lines = EventBatch::default();
+    let mut watched = WatchedFile::default();
     let mut failed = None;
     loop {
         let is_end = {
@@ -149,12 +197,15 @@ fn write(mut sink: Sink, waiting: &Mutex<PendingInputs>, counts: &Counts) -> io:
             mem::swap(&mut lines, &mut waiting.lines);
             waiting.is_end
         };
-        if !lines.events.is_empty()
-            && failed.is_none()
-            && let Err(error) = sink.write(lines.iter())
-        {
-            counts.unrecorded(&error.to_string());
-            failed = Some(error);
+        if failed.is_none() {
+            let mut written = sink.check(&mut watched);
+            if !lines.events.is_empty() {
+                written = written.and_then(|()| sink.write(lines.iter()));
+            }
+            if let Err(error) = written {
+                counts.unrecorded(&error.to_string());
+                failed = Some(error);
+            }
         }
         lines.clear();
         if is_end {
@@ -194,6 +245,15 @@ impl EventBatch {
 }
 
 impl Sink {
+    /// Looks whether the file is still there.
+    fn check(&self, watched: &mut WatchedFile) -> io::Result<()> {
+        match self {
+            Self::Lines(recorder) => watched.check(&recorder.file()),
+            #[cfg(feature = "mcap")]
+            Self::Mcap(mcap) => mcap.path().map_or(Ok(()), |path| watched.check(path)),
+        }
+    }
+
     /// Writes whole inputs with their decisions, so that they are in the file.
     fn write<'a>(
         &mut self,

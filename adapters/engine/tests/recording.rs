@@ -107,6 +107,31 @@ fn a_killed_process_leaves_the_miss_that_it_died_of() {
 
 /// D10.
 #[test]
+fn lost_file_is_reported_when_it_happens() {
+    for what in ["removed", "replaced", "shortened"] {
+        let (_folder, path) = folder();
+        let mut engine = engine(&path, Recording::default());
+        answer(&mut engine, 0);
+        until(|| is_written(&path, 0));
+        match what {
+            "removed" => fs::remove_file(&path),
+            "replaced" => fs::rename(&path, path.with_extension("old"))
+                .and_then(|()| fs::write(&path, "somebody's")),
+            _ => fs::write(&path, ""),
+        }
+        .unwrap();
+        let counts = engine.counts();
+        until(|| counts.tally().unrecorded.is_some());
+        let error = engine.finish().unwrap_err().to_string();
+        assert!(
+            error.ends_with(&format!("trace.jsonl was {what} while it was written")),
+            "{error}"
+        );
+    }
+}
+
+/// D10.
+#[test]
 fn a_disk_that_fills_is_reported_when_it_happens_and_the_operator_goes_on() {
     const SMALL_DISK: &str = "RECORDING_TEST_SMALL_DISK";
     const NAME: &str = "a_disk_that_fills_is_reported_when_it_happens_and_the_operator_goes_on";
