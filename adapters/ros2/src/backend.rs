@@ -4,15 +4,18 @@ mod dds;
 #[cfg(feature = "zenoh")]
 mod zenoh;
 
+use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
+
 use ros2_client::Message;
 use serde::Serialize;
 use tokio::task::JoinSet;
 
 use self::dds::Participant;
 use crate::error::NodeError;
-use crate::middleware::Graph;
+use crate::key::{MessageKey, Stamp};
 #[cfg(feature = "zenoh")]
 use crate::middleware::zenoh::ZenohSession;
+use crate::middleware::{Graph, ReceivedPayload, time_of_day};
 use crate::parameters::Value;
 use crate::report::RosTime;
 use crate::service::Requests;
@@ -112,4 +115,45 @@ pub(crate) struct DiscoveredNode {
     pub(crate) clock: Box<dyn Fn() -> RosTime + Send + Sync>,
     /// Gets each parameter that was set.
     pub(crate) set: ParameterCallback,
+}
+
+/// The topic of simulated time, its type, and what is required of it.
+const CLOCK: (&str, &str, Qos) = (
+    "/clock",
+    "rosgraph_msgs/msg/Clock",
+    Qos { reliable: false, transient_local: false, depth: 1 },
+);
+
+/// The time that the node's own messages are stamped with: of day, or what was last on `/clock`.
+struct Clock {
+    simulated: AtomicI64,
+    is_simulated: AtomicBool,
+}
+
+impl Clock {
+    fn new(settings: &Settings) -> Self {
+        Self { simulated: AtomicI64::new(0), is_simulated: AtomicBool::new(settings.use_sim_time) }
+    }
+
+    /// Takes a time that came on the topic.
+    fn take(&self, sample: ReceivedPayload) {
+        // A `rosgraph_msgs/Clock` is one time, as a header's stamp is.
+        let time = sample.ok().and_then(|it| MessageKey::Header.read(&it.body, it.big_endian).ok());
+        if let Some(nanos) = time.and_then(Stamp::nanos) {
+            self.simulated.store(nanos, Ordering::Relaxed);
+        }
+    }
+
+    /// A parameter was set.
+    fn set(&self, name: &str, value: &Value) {
+        if let ("use_sim_time", Value::Bool(value)) = (name, value) {
+            self.is_simulated.store(*value, Ordering::Relaxed);
+        }
+    }
+
+    fn now(&self) -> RosTime {
+        let is_simulated = self.is_simulated.load(Ordering::Relaxed);
+        let simulated = self.simulated.load(Ordering::Relaxed);
+        RosTime::of_nanos(if is_simulated { simulated } else { time_of_day() })
+    }
 }

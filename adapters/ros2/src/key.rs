@@ -179,6 +179,11 @@ impl Stamp {
         (age <= GREATEST_AGE).then_some(age)
     }
 
+    /// The number, if it has 64 bits.
+    pub(crate) fn nanos(self) -> Option<i64> {
+        i64::try_from(self.0).ok()
+    }
+
     /// As a timestamp of a sensor's stream; none if it is negative.
     pub(crate) fn seq(self) -> Option<u64> {
         u64::try_from(self.0).ok()

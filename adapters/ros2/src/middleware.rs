@@ -6,6 +6,7 @@ mod end;
 pub(crate) mod zenoh;
 
 use std::sync::Arc;
+use std::time::SystemTime;
 
 use thiserror::Error;
 
@@ -94,7 +95,7 @@ impl Graph {
         qos: Qos,
     ) -> Result<Box<dyn Publish>, NodeError> {
         match middleware {
-            Middleware::Dds => Ok(Box::new(self.dds()?.outlet(topic, ty, qos)?)),
+            Middleware::Dds => Ok(Box::new(self.dds()?.handle().outlet(topic, ty, qos)?)),
             #[cfg(feature = "zenoh")]
             Middleware::Zenoh => Ok(Box::new(self.zenoh()?.outlet(topic, ty, qos)?)),
             #[cfg(not(feature = "zenoh"))]
@@ -115,7 +116,7 @@ impl Graph {
         F: Future<Output = ()> + Send + 'static,
     {
         match middleware {
-            Middleware::Dds => self.dds()?.inlet(topic, ty, qos, take),
+            Middleware::Dds => self.dds()?.handle().inlet(topic, ty, qos, take),
             #[cfg(feature = "zenoh")]
             Middleware::Zenoh => self.zenoh()?.inlet(topic, ty, qos, take),
             #[cfg(not(feature = "zenoh"))]
@@ -142,4 +143,10 @@ impl Graph {
     fn zenoh(&mut self) -> Result<&mut ZenohSession, NodeError> {
         self.zenoh.as_mut().ok_or(NodeError::NotJoined("Zenoh"))
     }
+}
+
+/// Now, in nanoseconds.
+pub(crate) fn time_of_day() -> i64 {
+    let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+    i64::try_from(now.as_nanos()).unwrap_or(i64::MAX)
 }

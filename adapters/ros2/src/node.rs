@@ -95,7 +95,7 @@ pub(crate) fn open<'a>(
         let sender = sender.clone();
         async move { drop(sender.send(sample).await) }
     })?;
-    input_end.patience(settings.silence);
+    input_end.expect(settings.silence);
     let mut ends = vec![input_end, Arc::clone(output.end())];
     ends.extend(revisions.as_ref().map(|revisions| Arc::clone(revisions.end())));
     let (decided, deadlines) = mpsc::channel(1);

@@ -372,11 +372,15 @@ fn rival(end: &Endpoint) -> Option<String> {
     })
 }
 
-/// A topic's silence in words, if messages have stopped coming.
+/// A topic's silence in words, if messages have stopped coming or never came.
 fn silent(end: &Endpoint) -> Option<String> {
-    let (topic, silence) = (&end.topic, end.silence()?);
-    let (matched, silence) = (end.matched(), silence.as_secs_f64());
-    Some(format!("nothing came on {topic} for {silence:.1} s; matched publishers: {matched}"))
+    let (topic, matched) = (&end.topic, end.matched());
+    let words = |what, silence: Duration| {
+        let silence = silence.as_secs_f64();
+        format!("{what} on {topic} for {silence:.1} s; matched publishers: {matched}")
+    };
+    let absent = end.absence().map(|absence| words("no message yet", absence));
+    absent.or_else(|| Some(words("nothing came", end.silence()?)))
 }
 
 fn end_values(end: &Endpoint) -> Vec<KeyValue> {

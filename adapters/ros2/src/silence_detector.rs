@@ -8,6 +8,8 @@ use tokio::time::Instant;
 const GAPS: u32 = 10;
 /// The shortest silence: what comes often or in bursts may pause this long.
 const LEAST: Duration = Duration::from_secs(2);
+/// How long the first message may take to come, if nothing else is set.
+const FIRST: Duration = Duration::from_secs(10);
 /// The newest gap counts for one part in this many of the usual gap.
 const WEIGHT: u32 = 8;
 
@@ -16,6 +18,8 @@ const WEIGHT: u32 = 8;
 pub(crate) struct SilenceDetector {
     /// How long counts as silence; none leaves it to the gaps.
     patience: Option<Duration>,
+    /// Since when the first message is waited for; none waits for none.
+    since: Option<Instant>,
     /// When the last message came, or a publisher after it.
     last: Option<Instant>,
     /// The mean gap, in which recent gaps count most.
@@ -26,6 +30,17 @@ impl SilenceDetector {
     /// The rhythm of a topic on which nothing has come yet.
     pub(crate) fn new(patience: Option<Duration>) -> Self {
         Self { patience, ..Self::default() }
+    }
+
+    /// The rhythm of a topic on which messages are expected from now on.
+    pub(crate) fn expecting(patience: Option<Duration>, now: Instant) -> Self {
+        Self { patience, since: Some(now), ..Self::default() }
+    }
+
+    /// How long the first message has been waited for, if that is too long.
+    pub(crate) fn absence(&self, now: Instant) -> Option<Duration> {
+        let since = self.since.filter(|_| self.last.is_none())?;
+        Some(now.duration_since(since)).filter(|it| *it > self.patience.unwrap_or(FIRST))
     }
 
     /// A message came.
@@ -80,6 +95,21 @@ mod tests {
         for at_ms in [&[][..], &[0]] {
             assert_eq!(received(None, start, at_ms).silence(start + ms(1_000_000)), None);
         }
+    }
+
+    /// D15.
+    #[test]
+    fn first_message_is_waited_for_ten_seconds() {
+        let start = Instant::now();
+        let absence = |patience, after| {
+            SilenceDetector::expecting(patience, start).absence(start + ms(after))
+        };
+        assert_eq!((absence(None, 10_000), absence(None, 10_001)), (None, Some(ms(10_001))));
+        assert_eq!(absence(Some(ms(500)), 501), Some(ms(501)));
+        let mut detector = SilenceDetector::expecting(None, start);
+        detector.beat(start);
+        assert_eq!(detector.absence(start + ms(60_000)), None);
+        assert_eq!(SilenceDetector::new(None).absence(start + ms(60_000)), None);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! SIGINT and SIGTERM: the first lets the node finish what is open, the second ends it.
+//! SIGINT, SIGTERM and SIGHUP: the first lets the node finish what is open, the second ends it.
 
 use std::io;
 use std::task::{Context, Poll};
@@ -8,24 +8,29 @@ use tokio::signal::unix::{Signal, SignalKind, signal};
 /// How often a stop of the node was requested.
 #[derive(Debug)]
 pub struct Stop {
-    signals: Option<[Signal; 2]>,
+    signals: Vec<Signal>,
     times: u32,
 }
 
 impl Stop {
-    /// From now on, counts these signals; they no longer end the process.
+    /// From now on, counts these signals; they no longer end the process. A SIGHUP that is ignored already, as by `nohup`,
+    /// stays ignored.
     ///
     /// # Errors
     /// If the system refuses a handler.
     pub fn watch() -> io::Result<Self> {
-        let signals = [signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?];
-        Ok(Self { signals: Some(signals), times: 0 })
+        let mut kinds = vec![SignalKind::interrupt(), SignalKind::terminate()];
+        if !is_ignored(SignalKind::hangup()) {
+            kinds.push(SignalKind::hangup());
+        }
+        let signals = kinds.into_iter().map(signal).collect::<io::Result<_>>()?;
+        Ok(Self { signals, times: 0 })
     }
 
     /// Never requested.
     #[must_use]
     pub const fn never() -> Self {
-        Self { signals: None, times: 0 }
+        Self { signals: Vec::new(), times: 0 }
     }
 
     /// Whether it was requested at least once.
@@ -46,7 +51,7 @@ impl Stop {
 
     /// Ready when it is requested again.
     pub(crate) fn poll_next(&mut self, context: &mut Context<'_>) -> Poll<()> {
-        let signals = self.signals.iter_mut().flatten();
+        let signals = self.signals.iter_mut();
         // All are polled, so that each will wake.
         let reported = signals.filter_map(|signal| match signal.poll_recv(context) {
             Poll::Ready(reported) => reported,
@@ -56,4 +61,12 @@ impl Stop {
         self.times += reported;
         if reported == 0 { Poll::Pending } else { Poll::Ready(()) }
     }
+}
+
+/// Whether the process was started with this signal ignored, as far as the system says.
+fn is_ignored(kind: SignalKind) -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    let mask = mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok());
+    mask.is_some_and(|mask| mask >> (kind.as_raw_value() - 1) & 1 == 1)
 }

@@ -16,11 +16,10 @@ use tokio::sync::{mpsc, oneshot};
 use tokio::task::JoinSet;
 use tracing::{debug, error};
 
-use super::{DiscoveredNode, MessagePublisher, TypeName};
+use super::{CLOCK, Clock, DiscoveredNode, MessagePublisher, TypeName};
 use crate::error::NodeError;
 use crate::middleware::{Domain, DomainHandle, InUse, NewEntity, RecentIds};
 use crate::parameters::{Value, ros};
-use crate::report::RosTime;
 use crate::service::{PendingRequest, Requests, ServiceReply, WAITING};
 use crate::settings::{Qos, Settings};
 
@@ -152,8 +151,16 @@ impl Participant {
         Ok(requests)
     }
 
-    pub(super) fn settle(self, _: &Settings) -> Result<DiscoveredNode, NodeError> {
+    pub(super) fn settle(self, settings: &Settings) -> Result<DiscoveredNode, NodeError> {
         let Self { domain, pending, parameters, .. } = self;
+        // That of `ros2-client` takes `/clock` for another type, for which peers send it nothing.
+        let clock = Arc::new(Clock::new(settings));
+        let (topic, ty, qos) = CLOCK;
+        let taking = Arc::clone(&clock);
+        domain.inlet(topic, ty, qos, move |sample| {
+            taking.take(sample);
+            std::future::ready(())
+        })?;
         let node = Arc::new(InUse::default());
         let (in_use, current) = (Arc::clone(&node), Arc::clone(&parameters));
         domain.create(move |joined| {
@@ -176,13 +183,11 @@ impl Participant {
                 in_use.replace(next)
             }))
         })?;
-        let clock = Arc::clone(&node);
+        let setting = Arc::clone(&clock);
         Ok(DiscoveredNode {
-            // The time of day, or simulated time.
-            clock: Box::new(move || {
-                RosTime::of_nanos(clock.with(|node| node.time_now().to_nanos()).unwrap_or(0))
-            }),
+            clock: Box::new(move || clock.now()),
             set: Box::new(move |name, value| {
+                setting.set(name, value);
                 lock(&parameters).insert(name.to_owned(), value.clone());
                 node.with(|node| set(node, name, ros::value(value).into()));
             }),
@@ -260,7 +265,7 @@ fn with_node<T>(
     access(lock(pending).as_mut().ok_or(NodeError::NotJoined("ROS"))?)
 }
 
-/// Sets a parameter: it is published on `/parameter_events`, and simulated time is followed if it is to be.
+/// Sets a parameter: it is published on `/parameter_events`.
 fn set(node: &Node, name: &str, value: ParameterValue) {
     if let Err(why) = node.set_parameter(name, value) {
         debug!(name, why, "a change that is not reported");

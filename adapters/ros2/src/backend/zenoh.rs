@@ -1,7 +1,6 @@
 //! The node in a session of Zenoh.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
 
 use ros2_client::Message;
 use ros2_client::builtin_interfaces;
@@ -12,16 +11,16 @@ use tokio::task::{JoinSet, spawn_blocking};
 use tracing::debug;
 use zenoh::Wait;
 
-use super::{DiscoveredNode, MessagePublisher, REPORTS, TypeName};
+use super::{CLOCK, Clock, DiscoveredNode, MessagePublisher, REPORTS, TypeName};
 use crate::error::NodeError;
 use crate::middleware::Publish;
+use crate::middleware::time_of_day;
+use crate::middleware::zenoh::ZenohSession;
 use crate::middleware::zenoh::wire::Attachment;
-use crate::middleware::zenoh::{ZenohSession, time_of_day};
 use crate::parameters::{Value, ros};
 use crate::raw::Payload;
-use crate::report::RosTime;
 use crate::service::{PendingRequest, Requests, ServiceReply, WAITING};
-use crate::settings::{Qos, Role, Settings};
+use crate::settings::{Qos, Settings};
 
 /// How many requests of a service may wait in the session; the oldest are left out.
 const REQUESTS: usize = 64;
@@ -91,34 +90,26 @@ impl ZenohSession {
     }
 
     pub(super) fn settle(mut self, settings: &Settings) -> Result<DiscoveredNode, NodeError> {
-        let simulated = Arc::new(AtomicI64::new(0));
-        let follows = Arc::new(AtomicBool::new(settings.use_sim_time));
-        let reported = Arc::clone(&simulated);
-        let clock_qos = Qos { depth: 1, ..Qos::of(Role::Subscription) };
-        self.inlet("/clock", "rosgraph_msgs/msg/Clock", clock_qos, move |sample| {
-            let time = sample.ok().and_then(|payload| payload.read::<builtin_interfaces::Time>());
-            if let Some(time) = time {
-                reported.store(time.to_nanos(), Ordering::Relaxed);
-            }
+        let clock = Arc::new(Clock::new(settings));
+        let (topic, ty, qos) = CLOCK;
+        let taking = Arc::clone(&clock);
+        self.inlet(topic, ty, qos, move |sample| {
+            taking.take(sample);
             std::future::ready(())
         })?;
         let ty = TypeName { package: "rcl_interfaces", name: "ParameterEvent" };
         let events = self.message_publisher::<ParameterEvent>("/parameter_events", ty, REPORTS)?;
         let node = self.node();
-        let follower = Arc::clone(&follows);
+        let setting = Arc::clone(&clock);
         // The ends stay open as long as the time is published.
         let session = std::sync::Mutex::new(self);
         Ok(DiscoveredNode {
             clock: Box::new(move || {
                 let _ = &session;
-                let is_simulated = follows.load(Ordering::Relaxed);
-                let simulated = simulated.load(Ordering::Relaxed);
-                RosTime::of_nanos(if is_simulated { simulated } else { time_of_day() })
+                clock.now()
             }),
             set: Box::new(move |name, value| {
-                if let ("use_sim_time", Value::Bool(value)) = (name, value) {
-                    follower.store(*value, Ordering::Relaxed);
-                }
+                setting.set(name, value);
                 events(ParameterEvent {
                     stamp: builtin_interfaces::Time::now(),
                     node: node.clone(),

@@ -21,7 +21,7 @@ use rustdds::policy::{Deadline, Durability, History, Reliability, ResourceLimits
 use rustdds::{
     DomainParticipant, Duration, GUID, QosPolicies, QosPolicyBuilder, Timestamp, Topic, TopicKind,
 };
-use tokio::time::Instant;
+use tokio::time::{Instant, timeout};
 use tracing::warn;
 
 pub(crate) use self::domain::Domain;
@@ -45,6 +45,9 @@ const UNACKNOWLEDGED: i32 = 1024;
 /// 8 KiB each. With the default of `rustdds`, an image with lost datagrams holds up its topic for
 /// ten seconds and more. Nothing watches it, and it suits any deadline that a subscriber requests.
 const REPAIRS: Deadline = Deadline(Duration::from_millis(5));
+
+/// How often it is looked whether the participant's event loop still runs.
+const LOOK: std::time::Duration = std::time::Duration::from_secs(1);
 
 /// How many samples of a topic are remembered, so that what came to two participants is taken once: what comes within a
 /// second or so, and the history that a transient-local publisher sends again.
@@ -72,7 +75,7 @@ struct Inlet<T> {
 #[derive(Debug, Default)]
 struct Stamper(AtomicU64);
 
-impl Domain {
+impl DomainHandle {
     /// Publishes on a topic.
     pub(crate) fn outlet(
         &self,
@@ -93,18 +96,24 @@ impl Domain {
             end: Arc::clone(&end),
         };
         let (topic, ty) = (topic.to_owned(), ty.to_owned());
-        self.handle().create(move |joined| {
+        self.create(move |joined| {
             let dds = joined.topic(&topic, &ty, &qos)?;
             let next = joined.publisher.create_datawriter_no_key(&dds, Some(qos.clone()))?;
             let (next, next_end) = (SharedWriter::new(next), Arc::new(end.in_new_participant()));
             joined.census.add(Arc::clone(&next_end));
             let (watched, its_end) = (Arc::clone(&next), Arc::clone(&next_end));
-            let participant = joined.participant.clone();
+            let (participant, loss) = (joined.participant.clone(), Arc::clone(&joined.loss));
             joined.tasks.spawn(async move {
                 let statuses = watched.as_async_status_stream();
                 pin_mut!(statuses);
-                while let Some(status) = statuses.next().await {
-                    its_end.of_writer(&status, &participant);
+                loop {
+                    match timeout(LOOK, statuses.next()).await {
+                        Ok(Some(status)) => its_end.of_writer(&status, &participant),
+                        // The participant's event loop held the other end.
+                        Ok(None) => return loss.report(),
+                        // An end does not wake us, so the stream is polled again.
+                        Err(_) => {}
+                    }
                 }
             });
             let writer = Arc::clone(&writer);
@@ -135,7 +144,7 @@ impl Domain {
         let qos = policies(qos).build();
         let (end, inlet) = (Arc::new(Endpoint::new(topic, ty)), Arc::new(Inlet { take, recent }));
         let (current_end, topic, ty) = (Arc::clone(&end), topic.to_owned(), ty.to_owned());
-        self.handle().create(move |joined| {
+        self.create(move |joined| {
             let dds = joined.topic(&topic, &ty, &qos)?;
             let subscriber = &joined.subscriber;
             let reader = subscriber.create_simple_datareader_no_key(&dds, Some(qos.clone()))?;

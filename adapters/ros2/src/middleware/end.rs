@@ -82,9 +82,19 @@ impl Endpoint {
         self.silence_detector().beat(now);
     }
 
-    /// How long nothing has come, if that is too long and a publisher is there.
+    /// Messages are expected from now on, and `patience` is as in [`patience`](Self::patience).
+    pub(crate) fn expect(&self, patience: Option<std::time::Duration>) {
+        *self.silence_detector() = SilenceDetector::expecting(patience, Instant::now());
+    }
+
+    /// How long nothing has come, if that is too long.
     pub(crate) fn silence(&self) -> Option<std::time::Duration> {
-        if self.matched() == 0 { None } else { self.silence_detector().silence(Instant::now()) }
+        self.silence_detector().silence(Instant::now())
+    }
+
+    /// How long the first message has been waited for, if that is too long.
+    pub(crate) fn absence(&self) -> Option<std::time::Duration> {
+        self.silence_detector().absence(Instant::now())
     }
 
     /// How many peers there are.
@@ -232,7 +242,7 @@ mod tests {
         tokio::time::advance(60 * second).await;
         assert_eq!(end.silence(), Some(61 * second));
         end.change(peer, -1, None);
-        assert_eq!(end.silence(), None);
+        assert_eq!(end.silence(), Some(61 * second));
         end.change(peer, 1, None);
         assert_eq!(end.silence(), None);
         tokio::time::advance(11 * second).await;

@@ -9,7 +9,6 @@ use std::ops::Deref;
 use std::sync::atomic::{AtomicI64, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, OnceLock, mpsc};
 use std::thread;
-use std::time::SystemTime;
 
 use bytes::Bytes;
 use tokio::sync::oneshot;
@@ -32,7 +31,7 @@ use zenoh_ext::{
 use self::types::Types;
 use self::wire::{Attachment, Entity, TokenKind, TokenOwner, gid, group_key, hash_of, type_of};
 use super::end::{Endpoint, Gid, dds_type};
-use super::{DecodeError, Publish, ReceivedPayload};
+use super::{DecodeError, Publish, ReceivedPayload, time_of_day};
 use crate::error::NodeError;
 use crate::raw::Payload;
 use crate::settings::{Qos, Role, Settings};
@@ -439,12 +438,6 @@ fn zbytes(payload: &Payload) -> ZBytes {
     bytes.append(payload.encapsulation().to_vec().into());
     bytes.append(payload.body.clone().into());
     bytes.finish()
-}
-
-/// Now, in nanoseconds.
-pub(crate) fn time_of_day() -> i64 {
-    let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
-    i64::try_from(now.as_nanos()).unwrap_or(i64::MAX)
 }
 
 /// Does something on a thread outside of this runtime, and waits for it.

@@ -183,9 +183,30 @@ fn the_node_warns_of_inputs_that_come_no_longer() {
     assert!(message.starts_with("nothing came on /input for 72"), "{message}");
     assert!(message.ends_with(" s; matched publishers: 1"), "{message}");
     input.change([7; 16], -1, None);
-    assert_eq!(reported_lines(), (OK, "nobody on /input".to_owned()));
+    let (level, message) = reported_lines();
+    assert_eq!(level, WARN, "{message}");
+    assert!(message.ends_with(" s; matched publishers: 0"), "{message}");
     input.change([7; 16], 1, None);
     assert_eq!(reported_lines(), well, "its publisher has as long to begin");
+}
+
+/// D15.
+#[tokio::test(start_paused = true)]
+async fn warns_of_inputs_that_never_came() {
+    let [input, output] = ends();
+    input.change([7; 16], -1, None);
+    input.expect(None);
+    let status = || {
+        let mut reporter = Reporter::new("/fuseline", none());
+        let ends = [&input, &output];
+        let period = reporter.period(none(), NodeCounts::default(), &sources(), &ends, None);
+        (period[0].level, period[0].message.clone())
+    };
+    tokio::time::advance(Duration::from_secs(10)).await;
+    assert_eq!(status(), (OK, "nobody on /input".to_owned()));
+    tokio::time::advance(Duration::from_millis(100)).await;
+    let words = "no message yet on /input for 10.1 s; matched publishers: 0";
+    assert_eq!(status(), (WARN, words.to_owned()));
 }
 
 /// D15.

@@ -154,6 +154,7 @@ def a_local_that_is_killed_is_asked_again_when_it_returns(bench):
 
 
 def inputs_that_come_no_longer_from_a_publisher_that_is_there_are_told(bench):
+    """misuse: the camera stops or is gone | WARN in `/diagnostics` after ten usual gaps, or after `input.silence`"""
     node = bench.node(parameters(input=POINTS | {"silence": 0.5}))
     camera, listener, local = Camera(), Listener(), Model("local")
     ready(camera, listener, local)
@@ -182,6 +183,7 @@ def inputs_may_rest_as_long_as_their_parameter_says(bench):
 
 
 def a_peer_with_another_type_name_does_not_match(bench):
+    """misuse: a camera or a model of another type | WARN in `/diagnostics` with the type; its messages are not read"""
     node = bench.node(parameters(["west"]))
     output = subscribes("/output", String)
     asked = subscribes("/west/input", String)
@@ -206,6 +208,7 @@ def a_peer_with_another_type_name_does_not_match(bench):
 
 
 def garbage_on_every_topic_is_counted_and_does_no_harm(bench):
+    """misuse: bytes that are no message, on every topic | they are counted, `/diagnostics` warns, and the node goes on"""
     node = bench.node(parameters(["west"], deadline_topic="deadline"))
     camera, listener, local, west = Camera(), Listener(), Model("local"), Model("west")
     ready(camera, listener, local, west)
@@ -278,6 +281,7 @@ def other_encapsulations_are_counted_and_do_no_harm(bench):
 
 
 def peers_whose_quality_of_service_does_not_fit_are_reported(bench):
+    """misuse: quality of service that does not fit | `/diagnostics` name the policy and the topic"""
     if is_over_zenoh():
         raise Skipped("over Zenoh any qualities of service fit each other")
     overrides = {"/input": {"subscription": {"reliability": "reliable"}},

@@ -205,7 +205,9 @@ def a_published_deadline_counts_from_the_next_input_on(bench):
 
 
 def a_repeated_stamp_gets_no_stale_value(bench):
-    """Local takes longer than it may. Its result comes when the next message with the same stamp waits for one."""
+    """misuse: two messages have one stamp, or none is set | the second is refused, and `/diagnostics` warns
+
+    Local takes longer than it may. Its result comes when the next message with the same stamp waits for one."""
     node = bench.node(parameters(local={"deadline": 0.3}))
     camera, listener, local = Camera(), Listener(), Model("local")
     ready(camera, listener, local)

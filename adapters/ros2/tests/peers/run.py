@@ -30,6 +30,7 @@ import forwarding
 import images
 import lifecycle
 import links
+import misuse
 import running
 from bench import Bench, Skipped
 
@@ -52,7 +53,7 @@ def cases():
     """Every public function of the test modules that takes a bench."""
     return {
         name: case
-        for module in (forwarding, deadlines, running, lifecycle, faults, links, clock, chaos, images)
+        for module in (forwarding, deadlines, running, lifecycle, faults, misuse, links, clock, chaos, images)
         for name, case in vars(module).items()
         if inspect.isfunction(case) and case.__module__ == module.__name__
         and list(inspect.signature(case).parameters) == ["bench"] and not name.startswith("_")

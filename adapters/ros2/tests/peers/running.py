@@ -191,7 +191,9 @@ def a_secret_that_is_set_and_cannot_be_read_ends_the_start(bench):
 
 
 def an_earlier_trace_is_kept(bench):
-    """Also that of a node that was killed, as a launch file with respawn would start it anew."""
+    """misuse: `trace.file` exists already, as after a crash with `respawn` | it is kept; the next file has a number
+
+    Also that of a node that was killed, as a launch file with respawn would start it anew."""
     trace = bench.folder / "trace.jsonl"
     mcap = bench.folder / "trace.mcap"
     settings = parameters(trace={"file": str(trace), "mcap": str(mcap)})
@@ -212,6 +214,7 @@ def an_earlier_trace_is_kept(bench):
 
 
 def two_nodes_of_one_name_are_reported(bench):
+    """misuse: two nodes of one name | both warn in `/diagnostics` and in the log"""
     first, second = (bench.node(parameters(), name=name) for name in ("first", "second"))
     camera, listener = Camera(), Listener()
     Model("local")

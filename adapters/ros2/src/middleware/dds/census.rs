@@ -1,4 +1,4 @@
-//! Who else publishes on the topics of this node.
+//! Who else publishes on the topics of this node, and whether discovery goes on.
 //!
 //! DDS matches a writer with readers alone. Only discovery knows who else writes what the node writes, such as a second node
 //! of its name or a model whose output was not remapped.
@@ -14,6 +14,7 @@ use rustdds::discovery::DiscoveredWriterData;
 use rustdds::{DomainParticipant, RTPSEntity};
 use tracing::warn;
 
+use super::participants::Loss;
 use crate::middleware::end::{Endpoint, Gid};
 
 /// How often it is counted.
@@ -34,7 +35,7 @@ pub(super) struct Census {
 }
 
 impl Census {
-    pub(super) fn begin(participant: DomainParticipant) -> Self {
+    pub(super) fn begin(participant: DomainParticipant, loss: Arc<Loss>) -> Self {
         let mut own = lock(&OWN);
         own.push_back(participant.guid().to_bytes());
         if own.len() > OWN_MOST {
@@ -46,6 +47,10 @@ impl Census {
         let counted = Arc::clone(&outlets);
         let count = move || {
             while stopped.recv_timeout(PERIOD) == Err(RecvTimeoutError::Timeout) {
+                // The thread of discovery gets this, if it is there.
+                if participant.assert_liveliness().is_err() {
+                    loss.report();
+                }
                 let writers = participant.discovered_writers();
                 for end in lock(&counted).iter() {
                     end.set_rivals(rivals(&writers, &end.topic));

@@ -1,9 +1,11 @@
 //! The domain of DDS that the node has joined: its [participants](super::participants), and what joins
-//! again when the wall clock steps back.
+//! again when the wall clock steps back or the participant has ended.
 
+use std::sync::Arc;
 use std::time::SystemTime;
 
 use rustdds::dds::CreateResult;
+use tokio::sync::Notify;
 use tokio::task::JoinSet;
 
 use super::participants::DomainHandle;
@@ -22,9 +24,10 @@ impl Domain {
     pub(crate) fn join(domain: u16, localhost_only: bool) -> CreateResult<Self> {
         // Before the participant is there, so that no step goes unnoticed.
         let wall_clock = WallClock::new(SystemTime::now());
-        let handle = DomainHandle::join(domain, localhost_only)?;
+        let needed = Arc::new(Notify::new());
+        let handle = DomainHandle::join(domain, localhost_only, Arc::clone(&needed))?;
         let mut rejoining = JoinSet::new();
-        rejoin::spawn(&mut rejoining, handle.clone(), wall_clock);
+        rejoin::spawn(&mut rejoining, handle.clone(), needed, wall_clock);
         Ok(Self { handle, rejoining })
     }
 

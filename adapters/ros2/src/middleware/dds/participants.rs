@@ -5,13 +5,15 @@
 
 use std::net::{IpAddr, Ipv4Addr};
 use std::pin::Pin;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
 
 use fuseline_engine::lock;
 use rustdds::dds::CreateResult;
 use rustdds::{DomainParticipant, DomainParticipantBuilder, Publisher, QosPolicies, Subscriber};
-use tokio::sync::watch;
+use tokio::sync::{Notify, watch};
 use tokio::task::{JoinSet, spawn_blocking};
+use tracing::error;
 
 use super::census::Census;
 use crate::error::NodeError;
@@ -27,6 +29,7 @@ pub(crate) struct JoinedParticipant {
     pub(crate) participant: DomainParticipant,
     pub(super) publisher: Publisher,
     pub(super) subscriber: Subscriber,
+    pub(super) loss: Arc<Loss>,
     /// The tasks that are aborted when the participant is left.
     pub(crate) tasks: JoinSet<()>,
     /// The tasks that take what comes: each ends by itself, with nothing half taken, once `open` is dropped.
@@ -46,11 +49,18 @@ pub(crate) struct InUse<T>(RwLock<Option<T>>);
 /// Waits until what was replaced has nothing more to send, and then closes it.
 pub(super) type Drain = Pin<Box<dyn Future<Output = ()> + Send>>;
 
+/// Asks once for another participant if a thread of this one's has ended.
+pub(super) struct Loss {
+    is_reported: AtomicBool,
+    rejoin: Arc<Notify>,
+}
+
 type Factory = Box<dyn FnMut(&mut JoinedParticipant) -> Result<NewEntity, NodeError> + Send>;
 
 struct ParticipantState {
     domain: u16,
     localhost_only: bool,
+    rejoin: Arc<Notify>,
     /// In the order of creation: later ones rely on earlier ones.
     factories: Vec<Factory>,
     current: JoinedParticipant,
@@ -58,9 +68,14 @@ struct ParticipantState {
 
 impl DomainHandle {
     /// Joins with a first participant.
-    pub(super) fn join(domain: u16, localhost_only: bool) -> CreateResult<Self> {
-        let current = JoinedParticipant::new(domain, localhost_only)?;
-        let state = ParticipantState { domain, localhost_only, factories: Vec::new(), current };
+    pub(super) fn join(
+        domain: u16,
+        localhost_only: bool,
+        rejoin: Arc<Notify>,
+    ) -> CreateResult<Self> {
+        let current = JoinedParticipant::new(domain, localhost_only, Arc::clone(&rejoin))?;
+        let factories = Vec::new();
+        let state = ParticipantState { domain, localhost_only, rejoin, factories, current };
         Ok(Self(Arc::new(Mutex::new(state))))
     }
 
@@ -98,7 +113,8 @@ impl DomainHandle {
     /// Blocks for some 20 ms.
     pub(super) fn create_again(&self) -> Result<(JoinedParticipant, Vec<NewEntity>), NodeError> {
         let mut state = self.locked();
-        let mut next = JoinedParticipant::new(state.domain, state.localhost_only)?;
+        let mut next =
+            JoinedParticipant::new(state.domain, state.localhost_only, Arc::clone(&state.rejoin))?;
         let entities = state.factories.iter_mut().map(|factory| factory(&mut next));
         let entities = entities.collect::<Result<_, _>>()?;
         Ok((next, entities))
@@ -126,15 +142,17 @@ impl DomainHandle {
 }
 
 impl JoinedParticipant {
-    fn new(domain: u16, localhost_only: bool) -> CreateResult<Self> {
+    fn new(domain: u16, localhost_only: bool, rejoin: Arc<Notify>) -> CreateResult<Self> {
         let mut builder = DomainParticipantBuilder::new(domain);
         if localhost_only {
             builder = builder.with_only_networks([IpAddr::V4(Ipv4Addr::LOCALHOST)]);
         }
         let participant = builder.build()?;
         let none = QosPolicies::qos_none();
+        let loss = Arc::new(Loss { is_reported: AtomicBool::new(false), rejoin });
         Ok(Self {
-            census: Census::begin(participant.clone()),
+            census: Census::begin(participant.clone(), Arc::clone(&loss)),
+            loss,
             publisher: participant.create_publisher(&none)?,
             subscriber: participant.create_subscriber(&none)?,
             participant,
@@ -152,13 +170,26 @@ impl JoinedParticipant {
 
     /// Leaves the domain with this participant.
     pub(super) async fn leave(self) {
-        let Self { census, participant, publisher, subscriber, mut tasks, mut readers, open } =
-            self;
+        let Self {
+            census, participant, publisher, subscriber, mut tasks, mut readers, open, ..
+        } = self;
         drop(open);
         while readers.join_next().await.is_some() {}
         tasks.shutdown().await;
         // It waits for its threads.
         drop(spawn_blocking(move || drop((census, publisher, subscriber, participant))).await);
+    }
+}
+
+impl Loss {
+    pub(super) fn report(&self) {
+        if !self.is_reported.swap(true, Ordering::Relaxed) {
+            error!(
+                "the process was stopped and continued (SIGSTOP, a debugger, a frozen container), which rustdds does not \
+                 survive: joining the domain again; messages in between are lost"
+            );
+            self.rejoin.notify_one();
+        }
     }
 }
 

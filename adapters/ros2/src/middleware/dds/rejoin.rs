@@ -1,9 +1,11 @@
-//! Joining the domain again when the wall clock stepped back.
+//! Joining the domain again when the wall clock stepped back, or a participant's threads have ended.
 //!
 //! `rustdds` stores what it receives under the time of day and reads what comes over best effort, the announcements of
 //! participants with it, up to the present time of day. After a step back it would read none of that until the clock has
 //! caught up with the latest sample. A new participant has no such samples. So everything is created once more in a second
 //! participant, which takes over when it has met the peers that the first one knows; only then is the first one left.
+//!
+//! A process that is stopped and continued interrupts the waits of its threads, for which those of `rustdds` end.
 
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
@@ -38,14 +40,17 @@ const ACKNOWLEDGE_TIMEOUT: Duration = Duration::from_secs(3);
 /// How long after a failure it is tried again.
 const RETRY_PERIOD: Duration = Duration::from_secs(3);
 
-/// Rejoins by `tasks` whenever the clock stepped back.
-pub(super) fn spawn(tasks: &mut JoinSet<()>, domain: DomainHandle, clock: WallClock) {
-    let stepped_back = Arc::new(Notify::new());
-    tasks.spawn(watch(clock, Arc::clone(&stepped_back)));
+/// Rejoins by `tasks` whenever that is `needed`, as when the clock stepped back.
+pub(super) fn spawn(
+    tasks: &mut JoinSet<()>,
+    domain: DomainHandle,
+    needed: Arc<Notify>,
+    clock: WallClock,
+) {
+    tasks.spawn(watch(clock, Arc::clone(&needed)));
     tasks.spawn(async move {
         loop {
-            stepped_back.notified().await;
-            warn!("the wall clock stepped back: joining the domain again");
+            needed.notified().await;
             while let Err(error) = rejoin(&domain).await {
                 error!(%error, "the domain cannot be joined again; trying once more");
                 sleep(RETRY_PERIOD).await;
@@ -56,13 +61,14 @@ pub(super) fn spawn(tasks: &mut JoinSet<()>, domain: DomainHandle, clock: WallCl
 }
 
 /// Runs beside the rejoining: a step while that is under way needs another.
-async fn watch(mut clock: WallClock, stepped_back: Arc<Notify>) {
+async fn watch(mut clock: WallClock, needed: Arc<Notify>) {
     let mut period = interval(CLOCK_PERIOD);
     period.set_missed_tick_behavior(MissedTickBehavior::Delay);
     loop {
         period.tick().await;
         if clock.stepped_back(SystemTime::now()) {
-            stepped_back.notify_one();
+            warn!("the wall clock stepped back: joining the domain again");
+            needed.notify_one();
         }
     }
 }
@@ -113,11 +119,12 @@ mod tests {
         let topic = format!("/numbers_of_{}", std::process::id());
         let [sending, receiving] = [(); 2].map(|()| Domain::join(DOMAIN, true).unwrap());
         let (sender, mut received) = mpsc::unbounded_channel();
-        let end = receiving.inlet(&topic, TYPE, RELIABLE, move |sample| {
+        let end = receiving.handle().inlet(&topic, TYPE, RELIABLE, move |sample| {
             sender.send(sample.unwrap()).unwrap();
             ready(())
         });
-        let (end, outlet) = (end.unwrap(), sending.outlet(&topic, TYPE, RELIABLE).unwrap());
+        let (end, outlet) =
+            (end.unwrap(), sending.handle().outlet(&topic, TYPE, RELIABLE).unwrap());
         while end.matched() == 0 || outlet.matched() == 0 {
             sleep(MATCH_PERIOD).await;
         }
