@@ -46,9 +46,6 @@ fn main() -> ExitCode {
         };
     }
     let lines = log(settings.log_level);
-    for parameter in &settings.ignored {
-        warn!("{}: {} is of no effect here", parameter.origin, parameter.name);
-    }
     if settings.deadlines.kind != PolicyKind::Set && settings.deadlines.rate.is_none() {
         warn!("policy.rate is not given: whether the node keeps up with its inputs is not checked");
     }
@@ -97,10 +94,10 @@ fn log(level: Option<Level>) -> PendingLogs {
         Some(Level::Error | Level::Fatal) => "error",
     };
     // The libraries' logs are for those who ask for them. Some log what is no error to us: that there is no multicast, as on
-    // loopback alone; that the wall clock stepped back, which the node reports itself; each message while clocks differ.
+    // loopback alone; that the wall clock stepped back or a participant has ended, which the node reports itself; each message while clocks differ; and that `/clock` has another type for `ros2-client`.
     let ours = format!(
         "error,fuseline_ros2={level},fuseline_engine={level},rustdds::network=off,\
-         rustdds::structure::dds_cache=off,\
+         rustdds::structure::dds_cache=off,rustdds::dds::pubsub=off,rustdds::discovery::discovery_db=off,\
          zenoh::net::routing::dispatcher::pubsub=off"
     );
     let asked = std::env::var(EnvFilter::DEFAULT_ENV).ok().filter(|text| !text.is_empty());

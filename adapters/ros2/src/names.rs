@@ -4,10 +4,29 @@ use std::str::FromStr;
 
 use thiserror::Error;
 
-use crate::settings::nearest;
+use crate::settings::{SettingsError, nearest};
 
-/// Topics that launch files remap for all their nodes.
-const OF_ALL_NODES: [&str; 5] = ["/clock", "/parameter_events", "/rosout", "/tf", "/tf_static"];
+/// Topics of other nodes that launch files remap for all of theirs.
+const OF_OTHERS: [&str; 2] = ["/tf", "/tf_static"];
+
+/// The node's topics and services that keep their names.
+const FIXED: [&str; 15] = [
+    "/clock",
+    "/parameter_events",
+    "/rosout",
+    "~/change_state",
+    "~/describe_parameters",
+    "~/get_available_states",
+    "~/get_available_transitions",
+    "~/get_parameter_types",
+    "~/get_parameters",
+    "~/get_state",
+    "~/get_transition_graph",
+    "~/list_parameters",
+    "~/set_parameters",
+    "~/set_parameters_atomically",
+    "~/transition_event",
+];
 
 /// The most characters of a topic's full name, as in rmw.
 const TOPIC_CHARS: usize = 247;
@@ -103,12 +122,12 @@ impl NodeName {
     /// What the first rule for its name and then the first rule for its namespace make of it.
     #[must_use]
     pub fn remapped(mut self, remaps: &[Remap]) -> Self {
-        let name = self.rules(remaps).find_map(|rule| match rule {
+        let name = self.rules(remaps).find_map(|remap| match &remap.rule {
             RemapRule::Node(name) => Some(name.clone()),
             RemapRule::Namespace(_) | RemapRule::Topic(..) => None,
         });
         self.name = name.unwrap_or(self.name);
-        let namespace = self.rules(remaps).find_map(|rule| match rule {
+        let namespace = self.rules(remaps).find_map(|remap| match &remap.rule {
             RemapRule::Namespace(namespace) => Some(namespace.clone()),
             RemapRule::Node(_) | RemapRule::Topic(..) => None,
         });
@@ -147,7 +166,7 @@ impl NodeName {
     /// If it is not a valid name, or too long before or after.
     pub fn topic(&self, topic: &str, remaps: &[Remap]) -> Result<String, NameError> {
         let full = self.expand(topic)?;
-        for rule in self.rules(remaps) {
+        for Remap { rule, .. } in self.rules(remaps) {
             if let RemapRule::Topic(from, to) = rule
                 && self.expand(from)? == full
             {
@@ -159,33 +178,48 @@ impl NodeName {
 
     /// The rules for topics that apply to none of these, given by their own names, in a sentence each. Some rules are for all
     /// nodes of a launch file.
-    pub(crate) fn idle_rules(&self, remaps: &[Remap], topics: &[String]) -> Vec<String> {
-        let own: Vec<_> = topics.iter().filter_map(|topic| self.expand(topic).ok()).collect();
-        let mut seen = Vec::new();
-        let idle = |rule: &RemapRule| match rule {
-            RemapRule::Topic(from, to) => {
-                let full = self.expand(from).unwrap_or_else(|_| from.clone());
-                if seen.contains(&full) {
-                    return Some(format!("-r {from}:={to}: an earlier rule renames {full}"));
-                }
-                seen.push(full.clone());
-                let is_known = own.contains(&full) || OF_ALL_NODES.contains(&full.as_str());
-                (!is_known).then(|| {
-                    let nearest = nearest(&full, own.iter().map(String::as_str));
-                    format!(
-                        "-r {from}:={to}: this node has no topic {full}; the nearest is {nearest}"
-                    )
-                })
-            }
-            RemapRule::Node(_) | RemapRule::Namespace(_) => None,
+    ///
+    /// # Errors
+    /// A rule for a name that cannot be remapped, or one for this node alone and for no topic of it; with the reason.
+    pub(crate) fn idle_rules(
+        &self,
+        remaps: &[Remap],
+        topics: &[String],
+    ) -> Result<Vec<String>, SettingsError> {
+        let expanded = |names: &[&str]| -> Vec<String> {
+            names.iter().filter_map(|name| self.expand(name).ok()).collect()
         };
-        self.rules(remaps).filter_map(idle).collect()
+        let own = expanded(&topics.iter().map(String::as_str).collect::<Vec<_>>());
+        let (fixed, mut seen, mut idle) = (expanded(&FIXED), Vec::new(), Vec::new());
+        for Remap { node, rule } in self.rules(remaps) {
+            let RemapRule::Topic(from, to) = rule else { continue };
+            let full = self.expand(from).unwrap_or_else(|_| from.clone());
+            let rule = format!("{from}:={to}");
+            let refused = |why| {
+                let (rule, names) = (rule.clone(), own.join(", "));
+                Err(SettingsError::Remap { rule, why, names })
+            };
+            if fixed.contains(&full) {
+                return refused(format!("{full} keeps its name"));
+            } else if seen.contains(&full) {
+                idle.push(format!("-r {rule}: an earlier rule renames {full}"));
+            } else if !own.contains(&full) && node.is_some() {
+                return refused(format!("this node has no topic {full}"));
+            } else if !own.contains(&full) && !OF_OTHERS.contains(&full.as_str()) {
+                let nearest = nearest(&full, own.iter().map(String::as_str));
+                idle.push(format!(
+                    "-r {rule}: this node has no topic {full}; the nearest is {nearest}"
+                ));
+            }
+            seen.push(full);
+        }
+        Ok(idle)
     }
 
     /// The rules for this node.
-    fn rules<'a>(&self, remaps: &'a [Remap]) -> impl Iterator<Item = &'a RemapRule> {
+    fn rules<'a>(&self, remaps: &'a [Remap]) -> impl Iterator<Item = &'a Remap> {
         let is_ours = |remap: &&Remap| remap.node.as_ref().is_none_or(|node| *node == self.name);
-        remaps.iter().filter(is_ours).map(|remap| &remap.rule)
+        remaps.iter().filter(is_ours)
     }
 
     fn within(&self, name: &str) -> String {

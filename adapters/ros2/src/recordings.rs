@@ -2,10 +2,12 @@
 
 use std::fs::{self, OpenOptions};
 use std::io;
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use fuseline_engine::{Engine, Header, HeaderAnnotations, Mcap, Recorder, Recording};
+use rustix::fs::{Access, access, makedev};
 use tracing::warn;
 
 use crate::error::NodeError;
@@ -33,9 +35,14 @@ pub(crate) fn check(settings: &Settings) -> Result<(), NodeError> {
     let paths = [settings.trace.as_deref(), settings.mcap.as_deref()];
     for path in paths.into_iter().flatten() {
         let folder = path.parent().filter(|it| !it.as_os_str().is_empty());
-        let why = match folder.unwrap_or(Path::new(".")).metadata() {
+        let folder = folder.unwrap_or(Path::new("."));
+        let why = match folder.metadata() {
             Ok(found) if !found.is_dir() => "what is before its name is no folder",
             Ok(_) if path.is_dir() => "it is a folder; give a file",
+            Ok(_) if is_full(path) => "it is always full; give a file",
+            Ok(_) if !is_special(path) && access(folder, Access::WRITE_OK).is_err() => {
+                "this user may not write into its folder"
+            }
             Ok(_) => continue,
             Err(_) => "its folder is not there; make it, and write a home folder out",
         };
@@ -130,6 +137,13 @@ fn is_same(one: &Path, other: &Path) -> bool {
 
 fn is_special(path: &Path) -> bool {
     fs::metadata(path).is_ok_and(|found| !found.is_file() && !found.is_dir())
+}
+
+/// Whether it is Linux's device that has no room.
+fn is_full(path: &Path) -> bool {
+    cfg!(target_os = "linux")
+        && is_special(path)
+        && fs::metadata(path).is_ok_and(|it| it.rdev() == makedev(1, 7))
 }
 
 /// The first has the name that was given; then `trace.jsonl` is `trace-2.jsonl`, and so on.

@@ -25,7 +25,7 @@ use fuseline_tokio::Timers;
 use crate::arguments::{Arguments, Level};
 use crate::key::{IntegerKind, MessageKey, has_header};
 use crate::names::{NodeName, check_type};
-use crate::parameters::{ParameterOverride, Value, ValueOrigin, given};
+use crate::parameters::{Value, ValueOrigin, given};
 pub use crate::settings::budget::EndToEndSettings;
 pub use crate::settings::change::{Change, ChangeError};
 pub(crate) use crate::settings::current::Current;
@@ -108,8 +108,6 @@ pub struct Settings {
     pub topics: Vec<Topic>,
     /// All parameters, with their values.
     pub declared: Vec<Parameter>,
-    /// What was given to all or several nodes and is no parameter of this one.
-    pub ignored: Vec<ParameterOverride>,
     /// What the environment, remapping rules and files say and the node does not do; each in a sentence.
     pub unheeded: Vec<String>,
 }
@@ -223,8 +221,8 @@ impl Settings {
         let log_level = log_level(arguments, &node);
         let mut reader = ParameterReader::new(overrides, node.clone(), &arguments.remaps);
         let mut settings = read(&mut reader, node.clone())?;
-        settings.ignored = reader.apply_rest()?;
-        idle.extend(node.idle_rules(&arguments.remaps, &reader.own_names));
+        idle.extend(reader.apply_rest()?);
+        idle.extend(node.idle_rules(&arguments.remaps, &reader.own_names)?);
         settings.topics = reader.topics;
         settings.declared = reader.declared;
         settings.log_level = log_level;
@@ -350,7 +348,6 @@ fn read(r: &mut ParameterReader, node: NodeName) -> Result<Settings, SettingsErr
         rosout: true,
         topics: Vec::new(),
         declared: Vec::new(),
-        ignored: Vec::new(),
         unheeded: Vec::new(),
     })
 }

@@ -35,6 +35,12 @@ const DIES: u64 = 4;
 const RETURNS: u64 = 8;
 const ENDS: u64 = 14;
 
+const USAGE: &str = "\
+Usage: demo [--zenoh]
+
+Runs the node, a model on board and one in a cloud for 14 seconds on loopback. --zenoh needs a build
+with --features zenoh. The parts node, local, west and router are processes that it starts itself.";
+
 const PARAMETERS: &str = "
 /**:
   ros__parameters:
@@ -90,7 +96,11 @@ fn main() -> Result<(), Any> {
         }
         Some("local") => runtime.block_on(model(&LOCAL)),
         Some("west") => runtime.block_on(model(&WEST)),
-        Some(other) => Err(format!("there is no part {other}").into()),
+        Some("--help" | "-h") => {
+            println!("{USAGE}");
+            Ok(())
+        }
+        Some(other) => Err(format!("{other}: there is no such part\n{USAGE}").into()),
     }
 }
 

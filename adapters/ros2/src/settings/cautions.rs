@@ -21,7 +21,7 @@ impl Settings {
             self.rate(),
             self.diagnostics(),
             self.recording(),
-            self.sim_time(),
+            self.ports(),
         ];
         self.unheeded.iter().cloned().chain(cautions.into_iter().flatten()).collect()
     }
@@ -33,14 +33,6 @@ impl Settings {
             within.as_secs_f64(),
             self.greatest_deadline.as_secs_f64()
         ))
-    }
-
-    fn sim_time(&self) -> Option<String> {
-        (self.use_sim_time && self.needs(Middleware::Dds)).then(|| {
-            "use_sim_time works over Zenoh alone: over DDS this node's library takes /clock for a \
-             builtin_interfaces/Time, and ROS publishes a rosgraph_msgs/Clock, so stamps of its own messages stay 0"
-                .to_owned()
-        })
     }
 
     fn keys(&self) -> Option<String> {
@@ -91,6 +83,18 @@ impl Settings {
     fn diagnostics(&self) -> Option<String> {
         let period = Some(self.diagnostics_period).filter(|it| *it > Duration::from_secs(60))?;
         Some(format!("diagnostics.period is {} s: it is in seconds", period.as_secs_f64()))
+    }
+
+    /// DDS begins at port 7400 and has 250 ports a domain; Linux gives 32768 to 60999 to any program, unless it is set otherwise.
+    fn ports(&self) -> Option<String> {
+        let domain = Some(self.domain).filter(|it| (102..=214).contains(it))?;
+        let first = 7400 + 250 * u32::from(domain);
+        self.needs(Middleware::Dds).then(|| {
+            format!(
+                "domain_id is {domain}, whose ports from {first} on Linux also gives to other programs: a start may fail now \
+                 and then; take 0 to 101"
+            )
+        })
     }
 
     fn recording(&self) -> Option<String> {

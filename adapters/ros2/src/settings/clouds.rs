@@ -1,5 +1,6 @@
 //! The clouds' parameters.
 
+use std::net::IpAddr;
 use std::time::Duration;
 
 use crate::names::check_token;
@@ -189,6 +190,9 @@ fn grpc(r: &mut ParameterReader, cloud: &str) -> Result<Option<Grpc>, SettingsEr
             return Err(SettingsError::Plain { origin, name: part.clone(), url: of("url") });
         }
     }
+    if let Some(origin) = r.origin(token_file).filter(|_| !is_secure && !is_local(&url)) {
+        return Err(SettingsError::Token { origin, name: token_file.clone(), url: of("url") });
+    }
     for (one, other) in [(certificate, key), (key, certificate)] {
         if !r.is_given(other)
             && let Some(error) = alone(r, one, other)
@@ -207,6 +211,15 @@ fn grpc(r: &mut ParameterReader, cloud: &str) -> Result<Option<Grpc>, SettingsEr
             .map(|name| Some(name).filter(|name| !name.is_empty()))
             .value,
     }))
+}
+
+/// Whether a server's URL names this computer.
+fn is_local(url: &str) -> bool {
+    let host = url.split("://").nth(1).unwrap_or_default().trim_end_matches('/');
+    let host =
+        host.rsplit_once(':').filter(|(_, port)| !port.ends_with(']')).map_or(host, |it| it.0);
+    let address = host.trim_start_matches('[').trim_end_matches(']').parse::<IpAddr>();
+    host == "localhost" || address.is_ok_and(|it| it.is_loopback())
 }
 
 /// Whether it names a server, with nothing behind the port: a path would be left out.

@@ -55,6 +55,15 @@ pub enum SettingsError {
     /// Certificates without TLS.
     #[error("{origin}: {name} is given, but {url} is http; leave it out, or use https")]
     Plain { origin: ValueOrigin, name: String, url: String },
+    /// A token that anybody on the way could read.
+    #[error(
+        "{origin}: {name} is given, but {url} is http to another computer, so that anybody on the way could read the token; \
+         use https, or leave it out"
+    )]
+    Token { origin: ValueOrigin, name: String, url: String },
+    /// A remapping rule that the node cannot follow.
+    #[error("-r {rule}: {why}; give one of {names}")]
+    Remap { rule: String, why: String, names: String },
     /// There is no policy with these figures.
     #[error("{origin}: the policy's parameters are refused: {why}")]
     Policy { origin: ValueOrigin, why: fuseline_deadline::Invalid },

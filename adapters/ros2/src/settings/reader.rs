@@ -309,16 +309,13 @@ impl<'a> ParameterReader<'a> {
 
     /// Applies the rest, which must be quality of service of the node's topics.
     ///
-    /// Returns parameters that are for other nodes and not for this one.
-    pub(super) fn apply_rest(&mut self) -> Result<Vec<ParameterOverride>, SettingsError> {
-        let mut ignored = Vec::new();
+    /// Returns what is for other nodes and not for this one, in a sentence each. Only what is given under a wildcard can be, and
+    /// that is refused too if it can hardly mean anything but a parameter of this node.
+    pub(super) fn apply_rest(&mut self) -> Result<Vec<String>, SettingsError> {
+        let mut idle = Vec::new();
         for parameter in std::mem::take(&mut self.overrides).into_values() {
             let applied = match parameter.name.strip_prefix(qos::PREFIX) {
                 Some(rest) => qos::apply(&mut self.topics, rest, &parameter),
-                None if parameter.is_shared => {
-                    ignored.push(parameter);
-                    continue;
-                }
                 None => Err(self.unknown(&parameter)),
             };
             match applied {
@@ -331,13 +328,38 @@ impl<'a> ParameterReader<'a> {
                     at_run_time: false,
                     origin: parameter.origin,
                 }),
-                // A bad value is bad for every node.
-                Err(error @ SettingsError::Value { .. }) => return Err(error),
-                Err(_) if parameter.is_shared => ignored.push(parameter),
+                Err(error @ (SettingsError::Unknown { .. } | SettingsError::NoCloud { .. }))
+                    if parameter.is_shared && !self.is_meant(&parameter.name, &error) =>
+                {
+                    idle.push(match error {
+                        SettingsError::NoCloud { .. } => {
+                            format!("{error}, unless it is another node's")
+                        }
+                        _ => format!(
+                            "{}: {} is no parameter of this node, and counts as another node's",
+                            parameter.origin, parameter.name
+                        ),
+                    });
+                }
                 Err(error) => return Err(error),
             }
         }
-        Ok(ignored)
+        Ok(idle)
+    }
+
+    /// Whether a name that no parameter has is one of this node's, with typing errors or below a name that it uses.
+    fn is_meant(&self, name: &str, error: &SettingsError) -> bool {
+        let errors = if name.len() < 8 { 1 } else { 2 };
+        let is_near = |known: &str| strsim::damerau_levenshtein(name, known) <= errors;
+        // Other nodes have topics of these names too.
+        let is_qos = name.starts_with(qos::PREFIX);
+        let first = name.split_once('.').map(|(first, _)| first).filter(|_| !is_qos);
+        let is_known = |known: &str| {
+            let rest = first.and_then(|first| known.strip_prefix(first));
+            is_near(known) || rest.is_some_and(|rest| rest.starts_with('.'))
+        };
+        matches!(error, SettingsError::Unknown { nearest, .. } if is_near(nearest))
+            || self.declared.iter().any(|known| is_known(&known.name))
     }
 
     pub(super) fn is_given(&self, name: &str) -> bool {

@@ -49,16 +49,6 @@ impl fmt::Display for Settings {
         }
         writeln!(f)?;
         print(f, &parameters)?;
-        if !self.ignored.is_empty() {
-            writeln!(f)?;
-        }
-        for parameter in &self.ignored {
-            writeln!(
-                f,
-                "{}: {} is for other nodes, not this one",
-                parameter.origin, parameter.name
-            )?;
-        }
         Ok(())
     }
 }

@@ -246,6 +246,12 @@ fn what_is_wrong_with_a_cloud_is_reported() {
             "a.grpc.ca is given, but a.grpc.url is http; leave it out, or use https",
         ),
         (
+            "a.grpc.token_file:=f -p a.grpc.url:=http://a:1",
+            "-p a.grpc.token_file:=f",
+            "a.grpc.token_file is given, but a.grpc.url is http to another computer, so that anybody on the way could read \
+             the token; use https, or leave it out",
+        ),
+        (
             "a.grpc.key:=f -p a.grpc.ca:=f -p a.grpc.url:=https://a:1",
             "-p a.grpc.key:=f",
             "a.grpc.key is given without a.grpc.certificate; give both or none",
@@ -258,6 +264,78 @@ fn what_is_wrong_with_a_cloud_is_reported() {
             error_with(&format!("-p clouds:=[a,b] {arguments}")),
             format!("{origin}: {error}")
         );
+    }
+}
+
+#[test]
+fn token_stays_on_this_computer_without_tls() {
+    let with_token =
+        |url: &str| with(&format!("-p clouds:=[a] -p a.grpc.token_file:=f -p a.grpc.url:={url}"));
+    for url in ["http://localhost:1", "http://127.0.0.1:1/", "http://[::1]:1", "http://127.9.9.9"] {
+        assert!(with_token(url).is_ok(), "{url}");
+    }
+    for url in ["http://10.0.0.1:1", "http://localhost.example:1", "http://[::2]:1"] {
+        assert!(with_token(url).is_err(), "{url}");
+    }
+}
+
+#[test]
+fn misspelt_name_under_a_wildcard_is_refused() {
+    let shared = |parameters: &str| {
+        let file = format!("/**: {{ros__parameters: {{{parameters}}}}}");
+        settings(&[&file], &format!("{TYPES} -p clouds:=[west]")).map(|all| all.unheeded)
+    };
+    for (parameter, nearest) in [
+        ("deadlin: 1.0", "deadline"),
+        ("deadline_topc: a", "deadline_topic"),
+        ("west.deadlines: 1.0", "west.deadline"),
+        ("local.wait: 3", "local.waiting"),
+        (
+            "qos_overrides./west/input.publisher.dept: 1",
+            "qos_overrides./west/input.publisher.depth",
+        ),
+    ] {
+        let error = shared(parameter).unwrap_err();
+        assert!(error.ends_with(&format!("; the nearest is {nearest}")), "{error}");
+    }
+    for parameter in ["rate: 1.0", "reverse: true", "camera.fps: 3"] {
+        let idle = shared(parameter).unwrap().join("\n");
+        assert!(
+            idle.ends_with(" is no parameter of this node, and counts as another node's"),
+            "{idle}"
+        );
+    }
+    let cloud = shared("north.deadline: 0.1").unwrap().join("\n");
+    assert!(cloud.ends_with("add it to clouds, unless it is another node's"), "{cloud}");
+    let other = "qos_overrides./camera/image.subscription.depth: 1";
+    assert_eq!(shared(other).unwrap().len(), 1);
+}
+
+#[test]
+fn names_that_cannot_be_remapped_are_refused() {
+    for (rule, why) in [
+        ("~/set_parameters:=/set", "/fuseline/set_parameters keeps its name"),
+        ("/rosout:=/log", "/rosout keeps its name"),
+        ("fuseline:inputs:=/camera", "this node has no topic /inputs"),
+    ] {
+        let error = error_with(&format!("-r {rule}"));
+        assert!(error.contains(why) && error.contains("; give one of /input, /output"), "{error}");
+    }
+    let idle = |rule: &str| with(&format!("-r {rule}")).unwrap().unheeded.len();
+    assert_eq!(
+        (idle("inputs:=/camera"), idle("/tf:=tf"), idle("other:inputs:=/camera")),
+        (1, 0, 0)
+    );
+}
+
+#[test]
+fn domain_among_ports_of_other_programs_warns() {
+    let cautions = |domain: u16| with(&format!("-p domain_id:={domain}")).unwrap().cautions();
+    for domain in [102, 214] {
+        assert!(cautions(domain)[0].contains("take 0 to 101"));
+    }
+    for domain in [101, 215, 232] {
+        assert_eq!(cautions(domain), [""; 0]);
     }
 }
 

@@ -61,7 +61,7 @@ fn two_types_are_enough() {
     assert_eq!(all.input.type_name, "sensor_msgs/msg/Image");
     assert_eq!((all.input.key, all.output.key), (MessageKey::Header, MessageKey::Header));
     assert_eq!((all.output.topic.as_str(), all.silence), ("/output", None));
-    assert_eq!((all.window, all.commit, all.revisions), (16, Commit::Eager, None));
+    assert_eq!((all.window, all.commit, &all.revisions), (16, Commit::Eager, &None));
     let usual = if cfg!(target_os = "linux") { Timers::Kernel } else { Timers::Tokio };
     assert_eq!(all.timers, usual);
     assert_eq!(all.deadline, Duration::from_millis(500));
@@ -72,7 +72,7 @@ fn two_types_are_enough() {
     );
     assert_eq!((all.local.in_flight, all.local.waiting), (4, 16));
     assert_eq!(all.local.deadline, Duration::from_secs(1));
-    assert!(all.clouds.is_empty() && all.ignored.is_empty());
+    assert!(all.clouds.is_empty() && all.cautions().is_empty());
     assert_eq!(all.status, "/fuseline/status");
     assert_eq!(all.diagnostics, "/diagnostics");
     assert_eq!(all.diagnostics_period, Duration::from_secs(1));
@@ -419,9 +419,10 @@ other:
 ";
     let all = settings(&[file], TYPES).unwrap();
     assert_eq!(all.window, 3);
-    let ignored: Vec<_> = all.ignored.iter().map(|given| given.name.as_str()).collect();
-    assert_eq!(ignored, ["qos_overrides./scan.subscription.depth", "robot"]);
-    assert!(all.to_string().contains("0.yaml:4:5: robot is for other nodes, not this one\n"));
+    let idle = all.cautions();
+    assert_eq!(idle.len(), 2, "{idle:?}");
+    assert!(idle[0].contains("qos_overrides./scan.subscription.depth"), "{idle:?}");
+    assert!(idle[1].contains("0.yaml:4:5: robot is no parameter of this node"), "{idle:?}");
 }
 
 /// D16.

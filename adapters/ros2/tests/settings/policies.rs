@@ -199,7 +199,7 @@ fn what_cannot_work_ends_the_start_and_the_check_alike_before_anything_is_starte
                 .into(),
         ),
         (
-            "-p clouds:=[west] -p west.grpc.url:=http://a:1 -p west.grpc.token_file:=none",
+            "-p clouds:=[west] -p west.grpc.url:=http://localhost:1 -p west.grpc.token_file:=none",
             "the cloud west: none cannot be read: ".into(),
         ),
     ];
