@@ -25,9 +25,9 @@ use crate::tree::{Tree, write};
 const SOURCES: [&str; 2] = ["core/src", "adapters/c/src"];
 const HEAD: &str = "# Conditions of the core
 
-Modified condition/decision coverage of `core/src` and of the C interface, `adapters/c/src`: below each condition of each decision stand two tests that differ in this condition
-alone (T true, F false, - not evaluated, in the order of the conditions) and in the decision's outcome.
-[How it is measured](evidence.md#conditions-of-the-core).
+This page shows that each condition in `core/src` and `adapters/c/src` can change its decision alone (MC/DC). Below each condition
+stand two tests that differ only in this condition and in the decision's outcome. T is true, F is false, and - is not evaluated, in
+the order of the conditions. [Seeded faults](evidence.md#conditions-of-the-core) explains the measurement.
 ";
 /// What the copy of the crate records with.
 const RECORDER: &str = include_str!("mcdc/recorder.rs.txt");

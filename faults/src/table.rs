@@ -217,8 +217,8 @@ impl Table {
 const HEAD: &str = "\
 # Promises and witnesses
 
-Which witnesses show each rule, promise and ambiguity of `SPEC.md`. A witness is in a row only if it cites the identifier and
-failed under a seeded fault that violates it. [Seeded faults](evidence.md) explains how. `fuseline-faults run` makes this page.
+This page lists the witnesses that show each rule, promise and ambiguity of `SPEC.md`. A witness is in a row only if it cites the
+identifier and failed under a seeded fault that violates it ([Seeded faults](evidence.md)). `fuseline-faults run` makes this page.
 ";
 
 impl FaultRow {
