@@ -22,7 +22,7 @@ fn inputs(trace: &str) -> (Header, Vec<Input>) {
 }
 
 #[test]
-fn the_first_run_of_the_book_conforms_and_is_that_of_its_inputs() {
+fn first_run_of_the_book_conforms() {
     let run = of_book("start/mine.jsonl");
     let verdict = judge("mine.jsonl", run.as_bytes()).expect("a trace");
     assert!(verdict.conforms, "{verdict}");
