@@ -1,38 +1,39 @@
-//! The keys of a line that no rule of the machine reads: whose value it is, which attempt, the message's own deadline, its
-//! lineage.
+//! The keys of a line that no rule of the machine reads: whose value it is, which attempt, the message's own
+//! deadline, and where it came from.
 //!
-//! The judges read them beside the events, and a replay copies what belongs to a result to its emit. An input means the
-//! same to the machine with and without them.
+//! The judges read these keys beside the events, and a replay copies the keys of a result to its emit. To the
+//! machine an input means the same with and without them.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// The keys of an event beside those that the rules of the machine need; by default none.
+/// The keys of an event beside those that the machine's rules need. By default there are none.
 #[derive(Clone, PartialEq, Eq, Hash, Default, Debug)]
 pub struct Annotations {
-    /// `of`, on a result or an emit: of which timestamp this value is, as the reply says.
+    /// `of`, on a result or an emit: the timestamp whose message this value was computed from, as the reply
+    /// says.
     pub of: Option<u64>,
-    /// `for`, on a result or an emit: for which timestamp this value is meant, as the reply says.
+    /// `for`, on a result or an emit: the timestamp that this value is meant for, as the reply says.
     pub meant_for: Option<u64>,
-    /// `try`, on a request, a result or a failure of an observed trace: which attempt of the request it is about.
+    /// `try`, on a request, a result or a failure of an observed trace: the number of the attempt.
     pub attempt: Option<u8>,
-    /// `within`, on an open: the message's own deadline in nanoseconds, from its capture where its age is known, else from
-    /// the open.
+    /// `within`, on an open: the message's own deadline in nanoseconds. It counts from the capture if the
+    /// message's age is known, and otherwise from the open.
     pub within: Option<u64>,
     /// `age`, on an open: the nanoseconds since the capture.
     pub age: Option<u64>,
-    /// `origin` and `seq`, on an open: what the message came from.
+    /// `origin` and `seq`, on an open: the sensor's message that this message came from.
     pub origin: Option<Origin>,
-    /// `missing`, on an open: the inputs of joins on its way that nothing came from.
+    /// `missing`, on an open: the inputs of joins on its way that contributed nothing.
     pub missing: Vec<Arc<str>>,
 }
 
-/// What a result or an emit says of its value (D2, D18).
+/// The keys of a result or an emit that concern its value (D2, D18).
 #[derive(Clone, Copy, PartialEq, Eq, Default, Debug)]
 pub struct ValueKeys {
-    /// `of`: of which timestamp it is.
+    /// `of`: the timestamp whose message the value was computed from.
     pub of: Option<u64>,
-    /// `for`: for which timestamp it is meant.
+    /// `for`: the timestamp that the value is meant for.
     pub meant_for: Option<u64>,
 }
 
@@ -41,21 +42,22 @@ pub struct ValueKeys {
 pub struct Origin {
     /// `origin`: the sensor's stream.
     pub stream: Arc<str>,
-    /// `seq`: the timestamp there.
+    /// `seq`: the timestamp in that stream.
     pub seq: Option<u64>,
 }
 
-/// The keys of a header beside the machine's configuration; by default none.
+/// The keys of a header beside the machine's configuration. By default there are none.
 #[derive(Clone, PartialEq, Eq, Default, Debug)]
 pub struct HeaderAnnotations {
-    /// `"local":"none"`, of observed traces: the operator has no local computation.
+    /// `"local":"none"`, in observed traces: the operator has no local computation.
     pub without_local: bool,
-    /// `max_age` of clouds by their priority: how many timestamps before its own a value may be of. Of all others it is 0.
+    /// `max_age` of clouds by their priority: a value may be of at most this many timestamps before its own.
+    /// For other clouds it is 0.
     pub max_ages: BTreeMap<u64, u64>,
 }
 
 impl Annotations {
-    /// None of them.
+    /// No annotation at all.
     pub const NONE: Self = Self {
         of: None,
         meant_for: None,
@@ -66,7 +68,7 @@ impl Annotations {
         missing: Vec::new(),
     };
 
-    /// Whether there is none.
+    /// Returns `true` if there are no annotations.
     #[must_use]
     pub const fn is_empty(&self) -> bool {
         let Self { of, meant_for, attempt, within, age, origin, missing } = self;
@@ -79,13 +81,14 @@ impl Annotations {
             && missing.is_empty()
     }
 
-    /// What is said of a value.
+    /// Returns the keys that concern the value.
     #[must_use]
     pub const fn value(&self) -> ValueKeys {
         ValueKeys { of: self.of, meant_for: self.meant_for }
     }
 
-    /// By when the message that is opened at `at` has its output (J2), if it has a deadline of its own.
+    /// Returns the instant in ns by which the message that is opened at `at` must have its output, if it has
+    /// a deadline of its own (J2).
     #[must_use]
     pub fn due(&self, at: u64) -> Option<u64> {
         let due = u128::from(at) + u128::from(self.within?);
@@ -95,7 +98,7 @@ impl Annotations {
 }
 
 impl ValueKeys {
-    /// Whether nothing is said.
+    /// Returns `true` if neither key is given.
     #[must_use]
     pub const fn is_empty(self) -> bool {
         self.of.is_none() && self.meant_for.is_none()
@@ -109,20 +112,20 @@ impl From<ValueKeys> for Annotations {
 }
 
 impl HeaderAnnotations {
-    /// Whether there is none.
+    /// Returns `true` if there are no annotations.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         !self.without_local && self.max_ages.is_empty()
     }
 
-    /// D2: of which timestamps a value may be that source `p` sends for `t`, the earliest and the latest.
+    /// Returns the first and the last timestamp of which source `p` may send a value for `t` (D2).
     #[must_use]
     pub fn values_of(&self, t: u64, p: u64) -> (u64, u64) {
         (t.saturating_sub(self.max_ages.get(&p).copied().unwrap_or(0)), t)
     }
 }
 
-/// D2: which values a source may send, in words.
+/// Describes the values that a source may send (D2).
 pub(crate) fn allowed_values((first, last): (u64, u64)) -> String {
     if first == last {
         format!("a value of timestamp {last}")
@@ -131,7 +134,7 @@ pub(crate) fn allowed_values((first, last): (u64, u64)) -> String {
     }
 }
 
-/// D18: which values may be sent, in words.
+/// Describes the value that may be sent for `t` (D18).
 pub(crate) fn meant_value(t: u64) -> String {
     format!("a value that is meant for timestamp {t}")
 }

@@ -1,21 +1,21 @@
-//! Event lines exactly as they are written by [`Event::write_annotated`](crate::Event), read in one pass.
+//! Reads event lines in one pass if they are exactly as [`Event::write_annotated`](crate::Event) writes them.
 //!
-//! Nearly all lines of a trace are such lines. Whatever differs, in the order of keys, by a blank or by a key that few
-//! lines have, is left to the parser, and so is every error.
+//! Nearly all lines of a trace are such lines. A line with another order of keys, a blank or a rare key is
+//! left to the parser, and so is every error.
 
 use crate::event::{Decision, Event, Input};
 use crate::parse::Form;
 use crate::reason::{DropReason, OfferRefusal, OpenRefusal};
 
-/// How long the instant and the timestamp of a line are at most, with the key between them.
+/// The greatest length of a line's instant and timestamp, with the key between them.
 const STAMP: usize = 19 + 5 + 19;
 
-/// The instant and the timestamp of the line before, as they were written. Most lines have the same: decisions have
-/// those of their input.
+/// The instant and the timestamp of the previous line, as they were written. Decisions have those of their
+/// input, so most lines repeat them.
 #[derive(Debug)]
 pub(crate) struct StampBefore {
     bytes: [u8; STAMP],
-    /// How many of the bytes it has; none at the first line.
+    /// The number of bytes in use; 0 before the first line.
     len: usize,
     at: u64,
     t: u64,
@@ -24,13 +24,14 @@ pub(crate) struct StampBefore {
 /// An event as it was written.
 pub(crate) struct CanonicalLine {
     pub(crate) event: Event,
-    /// Of a result or an emit: of which message its value is.
+    /// The timestamp whose message the value of a result or an emit was computed from.
     pub(crate) of: Option<u64>,
-    /// How many bytes the line has, without its end.
+    /// The length of the line in bytes, without its end.
     pub(crate) len: usize,
 }
 
-/// The event of the line that `bytes` begin with. None if it is another line, or is not there to its brace.
+/// Returns the event of the line at the start of `bytes`, or `None` if the line is not canonical or not
+/// complete.
 #[inline]
 pub(crate) fn event(bytes: &[u8], form: Form, before: &mut StampBefore) -> Option<CanonicalLine> {
     let mut rest = UnreadBytes(bytes);
@@ -58,7 +59,7 @@ pub(crate) fn event(bytes: &[u8], form: Form, before: &mut StampBefore) -> Optio
                 }
                 rest.event_of_source(kind, at, t, p)?
             }
-            // Of what has a reason, an open alone has no source.
+            // Among the lines with a reason, only those of opens have no source.
             Kind::Refuse => {
                 let why = rest.reason(&OpenRefusal::ALL, OpenRefusal::as_str)?;
                 Event::Decision(Decision::RefuseOpen { at, t, why })
@@ -70,7 +71,7 @@ pub(crate) fn event(bytes: &[u8], form: Form, before: &mut StampBefore) -> Optio
     Some(CanonicalLine { event, of, len: bytes.len() - rest.0.len() })
 }
 
-/// What a line is, in the order in which the kinds are tried.
+/// The kind of a line. The kinds are tried in this order.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Kind {
     Open,
@@ -89,7 +90,7 @@ enum Kind {
     Cancel,
 }
 
-/// What is left of a line.
+/// The unread rest of a line.
 #[derive(Clone, Copy)]
 struct UnreadBytes<'a>(&'a [u8]);
 
@@ -111,7 +112,7 @@ impl UnreadBytes<'_> {
         Some(())
     }
 
-    /// The event's word, and the key of the instant.
+    /// Takes the event's word and the key of the instant.
     #[inline]
     fn kind(&mut self) -> Option<Kind> {
         let (word, rest) = self.0.split_first_chunk()?;
@@ -135,7 +136,7 @@ impl UnreadBytes<'_> {
         }
     }
 
-    /// The instant, the timestamp and the key between them.
+    /// Takes the instant, the timestamp and the key between them.
     #[inline]
     fn stamp(&mut self, before: &mut StampBefore) -> Option<(u64, u64)> {
         if let Some((stamp, rest)) = self.0.split_at_checked(before.len)
@@ -157,7 +158,7 @@ impl UnreadBytes<'_> {
         Some((at, t))
     }
 
-    /// An event that has a source, with what else stands on its line.
+    /// Takes the rest of a line whose event has a source.
     #[inline]
     fn event_of_source(&mut self, kind: Kind, at: u64, t: u64, p: u64) -> Option<Event> {
         let decision = match kind {
@@ -192,7 +193,7 @@ impl UnreadBytes<'_> {
         Some(Event::Decision(decision))
     }
 
-    /// One of some reasons.
+    /// Takes one of these reasons.
     fn reason<T: Copy>(&mut self, all: &[T], name: fn(T) -> &'static str) -> Option<T> {
         self.take(b",\"why\":\"")?;
         let end = self.0.iter().position(|byte| *byte == b'"')?;
@@ -203,10 +204,10 @@ impl UnreadBytes<'_> {
         Some(why)
     }
 
-    /// A whole number of at most 19 digits, which fit for sure.
+    /// Takes a whole number of at most 19 digits, which always fits.
     #[inline]
     fn number(&mut self) -> Option<u64> {
-        // Priorities and queues mostly have one digit.
+        // Priorities and queues usually have one digit.
         if let [digit @ b'0'..=b'9', after, ..] = self.0
             && !after.is_ascii_digit()
         {
@@ -234,7 +235,7 @@ impl UnreadBytes<'_> {
         self.numbered(value, bytes)
     }
 
-    /// Takes a number up to where the rest begins, if it is written as it must be.
+    /// Takes a number that ends where `rest` begins, if it is written in the canonical form.
     #[inline]
     fn numbered(&mut self, value: u64, rest: &[u8]) -> Option<u64> {
         let len = self.0.len() - rest.len();
@@ -247,17 +248,19 @@ impl UnreadBytes<'_> {
     }
 }
 
-/// 10 to the power of how many digits were read.
+/// The powers of 10 by the number of digits that were read.
 const POWERS: [u64; 9] = [1, 10, 100, 1000, 10_000, 100_000, 1_000_000, 10_000_000, 100_000_000];
 
-/// The number that the leading digits of eight bytes are, and how many these are; the first byte is the lowest one.
+/// Returns the number that the leading digits of eight bytes form, and the number of these digits. The first
+/// byte is the lowest.
 ///
-/// The digits are moved up so that zeros lead them. Then pairs of digits become numbers below 100, pairs of those numbers
-/// below 10,000, and so on, each in one multiplication (D. Lemire, *Quickly parsing eight digits*, 2018).
+/// The digits are moved up so that zeros lead them. Then pairs of digits become numbers below 100, pairs of
+/// those become numbers below 10,000, and so on, in one multiplication each (D. Lemire, *Quickly parsing
+/// eight digits*, 2018).
 #[inline]
 const fn leading_digits(bytes: u64) -> (u64, usize) {
     let ones = bytes ^ 0x3030_3030_3030_3030;
-    // The high bit of each byte that is above 9; a carry reaches later bytes alone.
+    // Sets the high bit of each byte that is above 9. A carry reaches only later bytes.
     let others = (ones | ones.wrapping_add(0x7676_7676_7676_7676)) & 0x8080_8080_8080_8080;
     let bits = others.trailing_zeros() & !7;
     if bits == 0 {

@@ -1,7 +1,7 @@
-//! The reference machine for the judge's fast path: its sets are the bits of a word each.
+//! A reference machine for the judge's fast path. Each of its sets is a word of bits.
 //!
-//! It decides what [`Reference`](crate::Reference) decides, with the same rules in the same order; tests hold the two equal
-//! on every file of the corpus and on runs at random. It shares no code with the machine that ships.
+//! It decides as [`Reference`](crate::Reference) does, by the same rules in the same order; tests compare the
+//! two on every file of the corpus and on random runs. It shares no code with the machine that ships.
 
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
@@ -11,19 +11,19 @@ use crate::reason::{DropReason, OfferRefusal, OpenRefusal};
 use crate::reference::ExpectedDecisions;
 use crate::rule::Rule;
 
-/// How many timers that were disarmed may wait beside as many live ones, before they are left out.
+/// The number of disarmed timers that may wait beside as many live ones before they are removed.
 const STALE: usize = 64;
 /// The set of local alone.
 const LOCAL: u16 = 1;
 
-/// Decides about inputs one by one, each decision with the rule that demands it.
+/// Decides about inputs one by one, and gives each decision with the rule that demands it.
 ///
 /// Its memory is bounded by the window and the number of clouds.
 #[derive(Clone, Debug)]
 pub(crate) struct CompactReference {
     window: usize,
     commit: Commit,
-    /// Local's priority and the clouds', ascending: a source's place is its bit.
+    /// The priorities of local and of the clouds, ascending. A source's index is its bit.
     priorities: Vec<u64>,
     /// Each cloud's gate, in the same order.
     gates: Vec<CompactGate>,
@@ -31,11 +31,12 @@ pub(crate) struct CompactReference {
     now: u64,
     /// The greatest timestamp ever opened.
     newest: Option<u64>,
-    /// In ascending order.
+    /// The open timestamps, ascending.
     open: VecDeque<OpenBits>,
-    /// Due instant, timestamp and source. Some were disarmed: a request is armed once at most.
+    /// The due instant, timestamp and source of each timer. Some of them were disarmed: a request is armed at
+    /// most once.
     timers: BinaryHeap<Reverse<(u64, u64, usize)>>,
-    /// How many of them are live.
+    /// The number of live timers.
     live: usize,
 }
 
@@ -54,12 +55,12 @@ struct OpenBits {
     pending: u16,
     armed: u16,
     cached: u16,
-    /// Whether it has a result or a failure.
+    /// `true` if a result or a failure came for it.
     is_touched: bool,
 }
 
 impl CompactReference {
-    /// A machine with this configuration and nothing open.
+    /// Creates a machine with this configuration and no open timestamp.
     pub(crate) fn new(header: &Header) -> Self {
         let mut clouds: Vec<_> = header.clouds.iter().collect();
         clouds.sort_by_key(|cloud| cloud.p);
@@ -78,9 +79,9 @@ impl CompactReference {
         }
     }
 
-    /// Appends what the rules decide about `input`.
+    /// Appends the decisions that the rules demand for `input`.
     pub(crate) fn apply(&mut self, input: &Input, out: &mut ExpectedDecisions) {
-        // F0: time does not go back, and what is due comes first.
+        // Time does not go back, and due timers come first (F0).
         self.now = self.now.max(input.at());
         self.expire(out);
         match *input {
@@ -94,29 +95,29 @@ impl CompactReference {
         }
     }
 
-    /// Notes that something came for a timestamp, if it is open.
+    /// Notes that an input came for a timestamp, if it is open.
     pub(crate) fn touch(&mut self, t: u64) {
         if let Some(open) = self.find(t).and_then(|place| self.open.get_mut(place)) {
             open.is_touched = true;
         }
     }
 
-    /// How many open timestamps have a result or a failure.
+    /// Returns the number of open timestamps for which a result or a failure came.
     pub(crate) fn touched_len(&self) -> usize {
         self.open.iter().filter(|open| open.is_touched).count()
     }
 
-    /// The open timestamps, and whether each has a live timer.
+    /// Returns the open timestamps, each with `true` if it has a live timer.
     pub(crate) fn waiting(&self) -> impl Iterator<Item = (u64, bool)> {
         self.open.iter().map(|open| (open.t, open.armed != 0))
     }
 
-    /// The commit rule.
+    /// Returns the commit rule.
     pub(crate) const fn commit(&self) -> Commit {
         self.commit
     }
 
-    /// The earliest due instant of all live timers.
+    /// Returns the earliest due instant of all live timers.
     pub(crate) fn next_due(&mut self) -> Option<u64> {
         while let Some(&Reverse((due, t, source))) = self.timers.peek() {
             if self.is_live(t, source) {
@@ -127,7 +128,7 @@ impl CompactReference {
         None
     }
 
-    /// F1: the first reason that holds refuses the open; else the timestamp waits for local.
+    /// Opens a timestamp that waits for local, or refuses for the first reason that holds (F1).
     fn open(&mut self, t: u64, deadline: Option<u64>, out: &mut ExpectedDecisions) {
         let at = self.now;
         let due = deadline.map(|deadline| at.saturating_add(deadline));
@@ -150,7 +151,8 @@ impl CompactReference {
         out.push((Decision::RefuseOpen { at, t, why }, Rule::F1));
     }
 
-    /// F2: an admitted request is due `deadline` after now; a refused one changes nothing but the gate.
+    /// Requests a cloud with a due instant `deadline` after now, or refuses, which changes at most the gate
+    /// (F2).
     fn offer(&mut self, t: u64, p: u64, deadline: u64, backlog: u64, out: &mut ExpectedDecisions) {
         let at = self.now;
         let due = at.saturating_add(deadline);
@@ -166,28 +168,28 @@ impl CompactReference {
         }
     }
 
-    /// F2: requests `(t, p)`, unless the first reason that holds refuses it. Answers with the source.
+    /// Requests `(t, p)` and returns the source, or the first reason to refuse (F2).
     fn admit(&mut self, t: u64, p: u64, due: u64, backlog: u64) -> Result<usize, OfferRefusal> {
-        // F2 unknown: no such cloud, or beyond all that was opened.
+        // The cloud is unknown, or the timestamp is beyond all that were opened (F2).
         let source = self.source(p).filter(|source| *source > 0 && self.was_reached(t));
         let source = source.ok_or(OfferRefusal::Unknown)?;
         let place = self.find(t).ok_or(OfferRefusal::Closed)?;
         let open = self.open.get_mut(place).ok_or(OfferRefusal::Closed)?;
         let gate = self.gates.get_mut(source - 1).ok_or(OfferRefusal::Unknown)?;
         let bit = 1 << source;
-        // F2 duplicate: requested before, whatever came of it (A26).
+        // It was requested before, whatever became of the request (F2, A26).
         if open.requested & bit != 0 {
             return Err(OfferRefusal::Duplicate);
         }
-        // F2 outranked: this result could never be forwarded (A17).
+        // This result could never be forwarded (F2, A17).
         if above(open.cached, source) {
             return Err(OfferRefusal::Outranked);
         }
-        // F2 deadline: over at once (A11).
+        // The request would be over at once (F2, A11).
         if due <= self.now {
             return Err(OfferRefusal::Deadline);
         }
-        // F2 queue: the gate comes last, where no earlier reason refused (F2g).
+        // The gate comes last, after all other reasons (F2g).
         gate.open = if gate.open { backlog < gate.limit } else { backlog <= gate.resume };
         if !gate.open {
             return Err(OfferRefusal::Queue);
@@ -198,7 +200,7 @@ impl CompactReference {
         Ok(source)
     }
 
-    /// F3: a result is dropped, held while something pending outranks it, or forwarded.
+    /// Drops a result, holds it while a source that outranks it is pending, or forwards it (F3).
     fn result(&mut self, t: u64, p: u64, out: &mut ExpectedDecisions) {
         let (at, commit) = (self.now, self.commit);
         let (place, source) = match self.accept(t, p) {
@@ -213,7 +215,7 @@ impl CompactReference {
         }
         if above(open.pending, source) {
             open.cached |= bit;
-            // F3 held: under eager a cloud's timer runs on, to commit (A3).
+            // Under eager a cloud's timer runs on, to commit (F3, A3).
             if commit == Commit::Patient || source == 0 {
                 self.close(place, bit);
             }
@@ -223,7 +225,8 @@ impl CompactReference {
         }
     }
 
-    /// F9: the result is forwarded, what it outranks is no longer awaited, and with nothing better pending it is final.
+    /// Forwards a result, stops waiting for sources that it outranks, and ends the timestamp if nothing
+    /// better is pending (F9).
     fn send(&mut self, place: usize, source: usize, out: &mut ExpectedDecisions) {
         let (at, p) = (self.now, self.priority(source));
         let Some(open) = self.open.get_mut(place) else { return };
@@ -243,7 +246,8 @@ impl CompactReference {
         }
     }
 
-    /// F4: a failure is dropped as a result is, or closes the request and settles as by no timer (A36).
+    /// Drops a failure for the reasons that drop a result, or closes the request and settles as by no timer
+    /// (F4, A36).
     fn fail(&mut self, t: u64, p: u64, out: &mut ExpectedDecisions) {
         match self.accept(t, p) {
             Ok((place, source)) => {
@@ -254,14 +258,15 @@ impl CompactReference {
         }
     }
 
-    /// F3, F4: the places of the open timestamp and of the source, if what came for `(t, p)` is not dropped.
+    /// Returns the indices of the open timestamp and of the source, or the reason to drop an input for `(t,
+    /// p)` (F3, F4).
     fn accept(&self, t: u64, p: u64) -> Result<(usize, usize), DropReason> {
         let source = self.source(p).filter(|_| self.was_reached(t)).ok_or(DropReason::Unknown)?;
-        // F3 superseded: retired or skipped, also when it is late as well (A16).
+        // The timestamp was retired or skipped; this comes before *late* (F3, A16).
         let place = self.find(t).ok_or(DropReason::Superseded)?;
         let open = self.open.get(place).ok_or(DropReason::Superseded)?;
         let bit = 1 << source;
-        // F9 superseded: what was sent outranks it.
+        // The last output outranks this source (F9).
         if self.commit == Commit::Progressive && above(open.cached, source) {
             Err(DropReason::Superseded)
         } else if open.requested & bit == 0 {
@@ -269,16 +274,16 @@ impl CompactReference {
         } else if open.cached & bit != 0 {
             Err(DropReason::Duplicate)
         } else if open.pending & bit == 0 {
-            // F3 late: its timer or a failure closed it.
+            // A timer or a failure closed the request (F3).
             Err(DropReason::Late)
         } else {
             Ok((place, source))
         }
     }
 
-    /// F5: what is due fires, by due instant and timestamp; the timers of one timestamp and instant fire together.
+    /// Fires due timers by due instant and timestamp. Those of one timestamp and instant fire together (F5).
     fn expire(&mut self, out: &mut ExpectedDecisions) {
-        // F5 due: the due instant itself is past (A1).
+        // A timer fires at its due instant, not after it (F5, A1).
         while let Some(&Reverse((due, t, _))) = self.timers.peek()
             && due <= self.now
         {
@@ -296,18 +301,19 @@ impl CompactReference {
                 out.push((Decision::Timer { at: self.now, t, p }, Rule::F5));
             }
             if fired != 0 {
-                // F5 cause: local's timer alone commits nothing (A9).
+                // Local's timer alone commits nothing (F5, A9).
                 self.settle(place, fired > LOCAL, out);
             }
         }
     }
 
-    /// F6: some requests were closed, perhaps by a cloud's timer; forward the best available, miss, or wait.
+    /// Forwards the best available result, misses, or waits, after requests were closed, perhaps by a cloud's
+    /// timer (F6).
     fn settle(&mut self, place: usize, by_cloud: bool, out: &mut ExpectedDecisions) {
         let Some(&OpenBits { t, pending, cached, .. }) = self.open.get(place) else { return };
         let at = self.now;
         if cached == 0 {
-            // F6 miss: nothing available, nothing to come.
+            // Nothing is available and nothing is pending (F6).
             if pending == 0 {
                 self.retire(place);
                 out.push((Decision::Miss { at, t }, Rule::F6));
@@ -316,18 +322,19 @@ impl CompactReference {
         }
         let best = cached.ilog2() as usize;
         if self.commit == Commit::Progressive {
-            // F9: it was sent before; with nothing better pending it is final, where patient forwards it (P13).
+            // The result was sent before. If nothing better is pending it is final, where patient would
+            // forward it (F9, P13).
             if pending == 0 {
                 self.retire(place);
                 out.push((Decision::Final { at, t, p: self.priority(best) }, Rule::F9));
             }
         } else if !above(pending, best) || (self.commit == Commit::Eager && by_cloud) {
-            // F6 forward: nothing pending outranks it, or under eager a cloud's timer fired (A4).
+            // Nothing pending outranks it, or under eager a cloud's timer fired (F6, A4).
             self.forward(place, best, Rule::F6, out);
         }
     }
 
-    /// F7, demanded by `rule`: the result is forwarded, the timestamp is retired, its pending clouds are cancelled.
+    /// Forwards a result, retires the timestamp and cancels its pending clouds (F7), as `rule` demands.
     fn forward(&mut self, place: usize, source: usize, rule: Rule, out: &mut ExpectedDecisions) {
         if let Some(OpenBits { t, pending, .. }) = self.retire(place) {
             out.push((Decision::Emit { at: self.now, t, p: self.priority(source) }, rule));
@@ -335,26 +342,26 @@ impl CompactReference {
         }
     }
 
-    /// Cancels the clouds among these sources; local never is cancelled (A24).
+    /// Cancels the clouds among these sources. Local is never cancelled (A24).
     fn cancel(&self, t: u64, sources: u16, rule: Rule, out: &mut ExpectedDecisions) {
         for source in bits(sources & !LOCAL) {
             out.push((Decision::Cancel { at: self.now, t, p: self.priority(source) }, rule));
         }
     }
 
-    /// Takes a timestamp out, its timers too.
+    /// Removes a timestamp and its timers.
     fn retire(&mut self, place: usize) -> Option<OpenBits> {
         let open = self.open.remove(place)?;
         self.live -= open.armed.count_ones() as usize;
         Some(open)
     }
 
-    /// Closes the requests of these sources. Answers whose timers were live.
+    /// Closes the requests of these sources. Returns those whose timers were live.
     fn close(&mut self, place: usize, sources: u16) -> u16 {
         let Some(open) = self.open.get_mut(place) else { return 0 };
         let armed = open.armed & sources;
         open.armed &= !armed;
-        // What is held is pending no more, and its timer runs on (A3).
+        // A held result's source is no longer pending, but its timer may run on (A3).
         open.pending &= !sources;
         self.live -= armed.count_ones() as usize;
         armed
@@ -374,12 +381,12 @@ impl CompactReference {
         is_armed(&self.open, t, source)
     }
 
-    /// The place of an open timestamp.
+    /// Returns the index of an open timestamp.
     fn find(&self, t: u64) -> Option<usize> {
         find(&self.open, t)
     }
 
-    /// The place of a source, if it is local or registered.
+    /// Returns the index of a source, if it is local or registered.
     fn source(&self, p: u64) -> Option<usize> {
         self.priorities.iter().position(|known| *known == p)
     }
@@ -388,13 +395,13 @@ impl CompactReference {
         self.priorities.get(source).copied().unwrap_or_default()
     }
 
-    /// Whether `t` or a later timestamp was ever opened.
+    /// Returns `true` if `t` or a later timestamp was ever opened.
     fn was_reached(&self, t: u64) -> bool {
         self.newest.is_some_and(|newest| newest >= t)
     }
 }
 
-/// The places of a set's bits, ascending.
+/// Returns the indices of a set's bits, ascending.
 fn bits(mut set: u16) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
         let next = (set != 0).then(|| set.trailing_zeros() as usize);
@@ -403,7 +410,7 @@ fn bits(mut set: u16) -> impl Iterator<Item = usize> {
     })
 }
 
-/// Whether a source above this one is in the set.
+/// Returns `true` if the set contains a source above this one.
 const fn above(set: u16, source: usize) -> bool {
     set as u32 >> (source + 1) != 0
 }

@@ -1,19 +1,22 @@
 //! Conforming traces, one for each case of the rules.
 //!
-//! They come with the crate, so that a command can play them to another implementation. Each says
-//! its case in its name and in its header's `x`. The breaking ones stay in `corpus/bad`, each
-//! beside a sidecar with the rule that it breaks and the line. Those of `corpus/options` conform, and do
-//! not, or are unfinished, when more is known: that the run has ended, or its period. Their sidecars say
-//! how they are judged then and what is found. Those of `corpus/annotated` have keys that no rule of the machine reads,
-//! some in observed traces alone, those of `corpus/observed` are of progressive and of the window; their sidecars say the
-//! same. Those of `corpus/doubts` break nothing and leave a judge in doubt, of the kinds that their sidecars count.
+//! They are part of the crate, so that a command can play them to another implementation. Each states its
+//! case in its name and in its header's `x`. The other folders have a sidecar beside each trace, which states
+//! how the trace is judged and what is found:
+//!
+//! - `corpus/bad`: traces that break a rule.
+//! - `corpus/options`: traces that conform unless the run is known to have ended or its period is known.
+//! - `corpus/annotated`: traces with keys that no rule of the machine reads, some of them only in observed
+//!   traces.
+//! - `corpus/observed`: observed traces under the progressive rule, and of the window.
+//! - `corpus/doubts`: traces that break nothing but leave a judge in doubt.
 
 /// A conforming trace.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Example {
-    /// Its name: the rule first, then what happens.
+    /// The trace's name: the rule, then what happens.
     pub name: &'static str,
-    /// The trace, as JSON Lines.
+    /// The trace as JSON Lines.
     pub trace: &'static str,
 }
 
@@ -27,7 +30,7 @@ macro_rules! cases {
     };
 }
 
-/// All of them, by name.
+/// All examples, by name.
 pub const CASES: &[Example] = cases![
     "f0-clock-at-its-end-stays-there",
     "f0-clock-going-back-counts-as-greatest",

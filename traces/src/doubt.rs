@@ -1,10 +1,10 @@
-//! What a judge could not see: the kinds of doubt of a verdict (SPEC.md, *Doubts*).
+//! The kinds of doubt of a verdict: what a judge could not see (SPEC.md, *Doubts*).
 
 use std::fmt;
 
 use serde::{Serialize, Serializer};
 
-/// Of how many messages in doubt a verdict remembers the timestamps.
+/// The number of messages in doubt whose timestamps a verdict stores.
 const MESSAGES: usize = 1 << 20;
 
 /// A kind of doubt.
@@ -12,17 +12,17 @@ const MESSAGES: usize = 1 << 20;
 pub enum DoubtKind {
     /// No timestamp was judged.
     Unjudged,
-    /// An open message has no output and waits for no deadline, though a later one was answered.
+    /// An open message has no output and waits for no deadline, although a later message has an output.
     Unanswered,
     /// A message was still open when the run ended.
     Unfinished,
-    /// A request, result or output is of a timestamp that no open has.
+    /// A request, a result or an output has a timestamp that was never opened.
     Unopened,
-    /// A cloud answered none of its requests, though some ran to their deadlines.
+    /// A cloud returned nothing for any request, although some ran to their deadlines.
     Silent,
-    /// A deadline is no longer than what a late result may pass by.
+    /// A deadline is no longer than the delay by which a late result may pass unnoticed.
     Coarse,
-    /// All instants lie so near to each other that their order is unknown.
+    /// All instants are so close together that their order is unknown.
     Blurred,
     /// No deadline of a source ended within the trace.
     Endless,
@@ -30,26 +30,26 @@ pub enum DoubtKind {
     Cut,
 }
 
-/// What one kind of doubt is about in one trace.
+/// A doubt of one kind about one trace.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize)]
 pub struct Doubt {
-    /// Its kind.
+    /// The kind of doubt.
     pub kind: DoubtKind,
-    /// How many messages, requests or lines it is about.
+    /// The number of messages, requests or lines in doubt.
     pub count: u64,
-    /// What was found, in a sentence.
+    /// A sentence that says what was found.
     pub found: String,
-    /// The first message that it is about, if it is about messages.
+    /// The first message in doubt, if the doubt is about messages.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub t: Option<u64>,
-    /// Whether whoever asked for the verdict accepts this kind.
+    /// `true` if the caller accepts this kind of doubt.
     pub accepted: bool,
-    /// The messages that it is about, the first million of them; empty if it is about the whole trace.
+    /// The first million messages in doubt; empty if the doubt is about the whole trace.
     #[serde(skip)]
     pub messages: Vec<u64>,
 }
 
-/// The messages that one kind of doubt is about, while a trace is judged.
+/// The messages with one kind of doubt, while a trace is judged.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub(crate) struct DoubtfulMessages {
     count: u64,
@@ -57,7 +57,7 @@ pub(crate) struct DoubtfulMessages {
 }
 
 impl DoubtKind {
-    /// All kinds, as section 7 of SPEC.md lists them.
+    /// All kinds, in the order of section 7 of SPEC.md.
     pub const ALL: [Self; 9] = [
         Self::Unjudged,
         Self::Unanswered,
@@ -70,19 +70,19 @@ impl DoubtKind {
         Self::Cut,
     ];
 
-    /// Its name.
+    /// Returns the kind's name.
     #[must_use]
     pub const fn as_str(self) -> &'static str {
         self.name_and_sentence().0
     }
 
-    /// What it means, in a sentence.
+    /// Returns a sentence that explains the kind.
     #[must_use]
     pub const fn sentence(self) -> &'static str {
         self.name_and_sentence().1
     }
 
-    /// The kind with this name.
+    /// Returns the kind with this name.
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|kind| kind.as_str() == name)
@@ -132,20 +132,20 @@ impl Serialize for DoubtKind {
 }
 
 impl Doubt {
-    /// A doubt about the whole trace.
+    /// Creates a doubt about the whole trace.
     #[must_use]
     pub const fn new(kind: DoubtKind, count: u64, found: String) -> Self {
         Self { kind, count, found, t: None, accepted: false, messages: Vec::new() }
     }
 
-    /// The doubt that nothing was judged, if nothing was.
+    /// Returns the doubt that nothing was judged, if `judged` is 0.
     #[must_use]
     pub fn unjudged(judged: u64) -> Option<Self> {
         let found = || "no timestamp was judged".to_owned();
         (judged == 0).then(|| Self::new(DoubtKind::Unjudged, 1, found()))
     }
 
-    /// The same about those of its messages that are wanted; none if none of them is.
+    /// Returns the same doubt about those of its messages that are wanted, or `None` if none of them is.
     #[must_use]
     pub fn of_messages(&self, is_wanted: impl Fn(u64) -> bool) -> Option<Self> {
         if self.messages.is_empty() {
@@ -159,14 +159,14 @@ impl Doubt {
 }
 
 impl fmt::Display for Doubt {
-    /// The kind and what was found.
+    /// Writes the kind and what was found.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: {}", self.kind, self.found)
     }
 }
 
 impl DoubtfulMessages {
-    /// Notes one more.
+    /// Adds a message.
     pub(crate) fn push(&mut self, t: u64) {
         self.count += 1;
         if self.messages.len() < MESSAGES {
@@ -174,7 +174,7 @@ impl DoubtfulMessages {
         }
     }
 
-    /// Takes one back that is among the first million.
+    /// Removes a message if it is among the first million.
     pub(crate) fn remove(&mut self, t: u64) {
         if let Some(place) = self.messages.iter().rposition(|message| *message == t) {
             self.messages.swap_remove(place);
@@ -182,7 +182,7 @@ impl DoubtfulMessages {
         }
     }
 
-    /// The doubt about them, if there are any.
+    /// Returns the doubt about these messages, if there are any.
     pub(crate) fn doubt(mut self, kind: DoubtKind) -> Option<Doubt> {
         self.messages.sort_unstable();
         let first = *self.messages.first()?;
@@ -213,7 +213,7 @@ impl DoubtfulMessages {
     }
 }
 
-/// Accepts some kinds of doubt; whether nothing else is in doubt.
+/// Accepts some kinds of doubt. Returns `true` if no other doubt is left.
 pub(crate) fn accept(doubts: &mut [Doubt], kinds: &[DoubtKind]) -> bool {
     for doubt in &mut *doubts {
         doubt.accepted |= kinds.contains(&doubt.kind);
@@ -221,7 +221,7 @@ pub(crate) fn accept(doubts: &mut [Doubt], kinds: &[DoubtKind]) -> bool {
     doubts.iter().all(|doubt| doubt.accepted)
 }
 
-/// What a verdict is in a few words.
+/// Describes a verdict in a few words.
 pub(crate) fn in_short(violations: u64, doubts: &[Doubt]) -> String {
     let accepted: Vec<&str> =
         doubts.iter().filter(|doubt| doubt.accepted).map(|doubt| doubt.kind.as_str()).collect();

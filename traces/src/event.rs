@@ -1,144 +1,145 @@
-//! The lines of a trace as types: header, inputs and decisions. Nothing is parsed, checked or decided here.
+//! The lines of a trace as types: header, inputs and decisions. This module parses, checks and decides
+//! nothing.
 
 use std::fmt;
 
 use crate::reason::{DropReason, OfferRefusal, OpenRefusal};
 
-/// The format's version, the value of `fuseline` in a header.
+/// The version of the format, which is the value of `fuseline` in a header.
 pub const VERSION: u64 = 1;
 
 /// One line of a trace.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Line {
-    /// The first one.
+    /// The first line.
     Header(Header),
-    /// Every other one.
+    /// Any other line.
     Event(Event),
 }
 
 /// A line of a trace after the header.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Event {
-    /// What happened to the operator.
+    /// Something happened to the operator.
     Input(Input),
-    /// What it did about it.
+    /// The operator decided something.
     Decision(Decision),
 }
 
-/// The first line of a trace: one operator's configuration.
+/// The first line of a trace, which is one operator's configuration.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Header {
     /// The operator's name, for people.
     pub operator: Option<String>,
-    /// How many timestamps may be open at once, 1 to 1024.
+    /// The greatest number of timestamps that may be open at once, 1 to 1024.
     pub window: u16,
-    /// When results are forwarded (F6, F9).
+    /// The commit rule (F6, F9).
     pub commit: Commit,
-    /// The registered clouds, up to 15, in the order written.
+    /// Up to 15 registered clouds, in the order in which they are written.
     pub clouds: Vec<Cloud>,
 }
 
 /// One cloud's entry in the header.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Cloud {
-    /// The priority, 1 to 65535; the greater wins.
+    /// The priority, 1 to 65535; the greater number wins.
     pub p: u16,
     /// The cloud's name, for people.
     pub name: Option<String>,
-    /// The gate shuts at this many queued requests (F2g).
+    /// The number of queued requests at which the gate shuts (F2g).
     pub limit: u64,
-    /// The shut gate opens at this many or fewer.
+    /// The number of queued requests at or below which a shut gate opens.
     pub resume: u64,
 }
 
 /// The commit rule (F6, F9).
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
 pub enum Commit {
-    /// The first cloud's timer to fire commits the best available result.
+    /// Forwards the best available result as soon as any cloud's timer fires.
     #[default]
     Eager,
-    /// A timer closes its own request alone.
+    /// Lets a timer close only its own request.
     Patient,
-    /// Each better result is forwarded at once.
+    /// Forwards each better result at once.
     Progressive,
 }
 
-/// What happened to the operator. Instants and durations are nanoseconds.
+/// An event that happened to the operator. Instants and durations are in nanoseconds.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Input {
-    /// A message came (F1).
+    /// A message arrived (F1).
     Open {
-        /// The clock's reading, in nanoseconds.
+        /// The clock's reading in ns.
         at: u64,
-        /// The timestamp that it is about.
+        /// The timestamp.
         t: u64,
-        /// How long the local computation may take.
+        /// How long local may take, in ns, or `None` if that is not bounded.
         deadline: Option<u64>,
     },
     /// A request was offered to a cloud (F2).
     Offer {
-        /// The clock's reading, in nanoseconds.
+        /// The clock's reading in ns.
         at: u64,
-        /// The timestamp that it is about.
+        /// The timestamp.
         t: u64,
         /// The cloud's priority; any number.
         p: u64,
-        /// How long the cloud may take.
+        /// How long the cloud may take, in ns.
         deadline: u64,
-        /// The cloud's queue without this request.
+        /// The length of the cloud's queue without this request.
         backlog: u64,
     },
-    /// A result came (F3).
+    /// A result arrived (F3).
     Result {
-        /// The clock's reading, in nanoseconds.
+        /// The clock's reading in ns.
         at: u64,
-        /// The timestamp that it is about.
+        /// The timestamp.
         t: u64,
         /// The source's priority; any number.
         p: u64,
     },
     /// No result will come (F4).
     Fail {
-        /// The clock's reading, in nanoseconds.
+        /// The clock's reading in ns.
         at: u64,
-        /// The timestamp that it is about.
+        /// The timestamp.
         t: u64,
         /// The source's priority; any number.
         p: u64,
     },
-    /// Time went by (F5).
+    /// Time passed (F5).
     Tick {
-        /// The clock's reading, in nanoseconds.
+        /// The clock's reading in ns.
         at: u64,
     },
 }
 
-/// What the operator did. `at` is the `now` that F0 used.
+/// A decision of the operator. `at` is the clock of the machine when it decided (F0).
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Decision {
-    /// The timer of `(t, p)` fired; `p` 0 is the local deadline's.
+    /// The timer of `(t, p)` fired. `p` is 0 for local's deadline.
     Timer {
-        /// `now`, in nanoseconds: when it was served, not when it was due.
+        /// The machine's clock in ns, when the timer was served. It may be later than the due instant.
         at: u64,
-        /// The timestamp that it is about.
+        /// The timestamp.
         t: u64,
         /// The source's priority.
         p: u64,
     },
     /// An open was refused.
     RefuseOpen {
-        /// `now`, in nanoseconds.
+        /// The machine's clock in ns.
         at: u64,
-        /// The timestamp that it is about.
+        /// The timestamp.
         t: u64,
         /// The first reason that holds.
         why: OpenRefusal,
     },
     /// An offer was refused.
     RefuseOffer {
-        /// `now`, in nanoseconds.
+        /// The machine's clock in ns.
         at: u64,
-        /// The timestamp that it is about.
+        /// The timestamp.
         t: u64,
         /// The cloud's priority.
         p: u64,
@@ -147,65 +148,65 @@ pub enum Decision {
     },
     /// An offer was admitted.
     Request {
-        /// `now`, in nanoseconds.
+        /// The machine's clock in ns.
         at: u64,
-        /// The timestamp that it is about.
+        /// The timestamp.
         t: u64,
         /// The cloud's priority.
         p: u64,
-        /// The due instant, in nanoseconds.
+        /// The due instant in ns.
         due: u64,
     },
-    /// A result was cached.
+    /// A result was held.
     Hold {
-        /// `now`, in nanoseconds.
+        /// The machine's clock in ns.
         at: u64,
-        /// The timestamp that it is about.
+        /// The timestamp.
         t: u64,
-        /// The source's priority; 0 is local's.
+        /// The source's priority; 0 is local.
         p: u64,
     },
     /// A result or a failure was dropped.
     Drop {
-        /// `now`, in nanoseconds.
+        /// The machine's clock in ns.
         at: u64,
-        /// The timestamp that it is about.
+        /// The timestamp.
         t: u64,
-        /// The source's priority; 0 is local's.
+        /// The source's priority; 0 is local.
         p: u64,
         /// The first reason that holds.
         why: DropReason,
     },
     /// A result was forwarded.
     Emit {
-        /// `now`, in nanoseconds.
+        /// The machine's clock in ns.
         at: u64,
-        /// The timestamp that it is about.
+        /// The timestamp.
         t: u64,
-        /// The priority of the source whose result it is; 0 is local's.
+        /// The priority of the result's source; 0 is local.
         p: u64,
     },
     /// The timestamp ended after its last output (F9).
     Final {
-        /// `now`, in nanoseconds.
+        /// The machine's clock in ns.
         at: u64,
-        /// The timestamp that it is about.
+        /// The timestamp.
         t: u64,
-        /// The priority of the source of the last output; 0 is local's.
+        /// The priority of the source of the last output; 0 is local.
         p: u64,
     },
     /// The timestamp was missed.
     Miss {
-        /// `now`, in nanoseconds.
+        /// The machine's clock in ns.
         at: u64,
-        /// The timestamp that it is about.
+        /// The timestamp.
         t: u64,
     },
     /// A pending call was cancelled.
     Cancel {
-        /// `now`, in nanoseconds.
+        /// The machine's clock in ns.
         at: u64,
-        /// The timestamp that it is about.
+        /// The timestamp.
         t: u64,
         /// The cloud's priority.
         p: u64,
@@ -213,10 +214,10 @@ pub enum Decision {
 }
 
 impl Commit {
-    /// All rules.
+    /// All commit rules.
     pub const ALL: [Self; 3] = [Self::Eager, Self::Patient, Self::Progressive];
 
-    /// The word in a trace.
+    /// Returns the word that a trace uses.
     #[must_use]
     pub const fn as_str(self) -> &'static str {
         match self {
@@ -234,7 +235,7 @@ impl fmt::Display for Commit {
 }
 
 impl Event {
-    /// When the line was written, or its decision made.
+    /// Returns the instant in ns of the input or of the decision.
     #[must_use]
     pub const fn at(&self) -> u64 {
         match self {
@@ -243,7 +244,7 @@ impl Event {
         }
     }
 
-    /// The timestamp, unless it is a tick.
+    /// Returns the timestamp, or `None` for a tick.
     #[must_use]
     pub const fn t(&self) -> Option<u64> {
         match self {
@@ -254,7 +255,7 @@ impl Event {
 }
 
 impl Input {
-    /// The clock's reading that came with the input.
+    /// Returns the clock's reading in ns that came with the input.
     #[must_use]
     pub const fn at(&self) -> u64 {
         match self {
@@ -266,7 +267,7 @@ impl Input {
         }
     }
 
-    /// The timestamp, unless it is a tick.
+    /// Returns the timestamp, or `None` for a tick.
     #[must_use]
     pub const fn t(&self) -> Option<u64> {
         match self {
@@ -280,7 +281,7 @@ impl Input {
 }
 
 impl Decision {
-    /// When it was decided.
+    /// Returns the instant in ns of the decision.
     #[must_use]
     pub const fn at(&self) -> u64 {
         match self {
@@ -297,7 +298,7 @@ impl Decision {
         }
     }
 
-    /// The same, decided at another instant.
+    /// Returns the same decision at another instant, in ns.
     #[must_use]
     pub const fn redated(mut self, now: u64) -> Self {
         match &mut self {
@@ -315,7 +316,7 @@ impl Decision {
         self
     }
 
-    /// The timestamp it is about.
+    /// Returns the timestamp.
     #[must_use]
     pub const fn t(&self) -> u64 {
         match self {

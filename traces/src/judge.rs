@@ -1,7 +1,6 @@
-//! The strict judge: a trace against the reference machine, decision by decision.
+//! The strict judge: compares a trace with the reference machine, decision by decision.
 //!
-//! [`Judge`] applies each input to the reference machine, whose sets are bits here, and compares the recorded decisions with
-//! the demanded ones. Traces of concurrent implementations, whose lines have no one order, are for [`observed`](crate::observed).
+//! [`Judge`] applies each input to a reference machine whose sets are bits, and compares the recorded decisions with the demanded ones. The lines of a concurrent implementation have no single order; [`observed`](crate::observed) judges their traces.
 
 use std::fmt;
 use std::io::BufRead;
@@ -19,67 +18,67 @@ use crate::reference::ExpectedDecisions;
 use crate::rule::Rule;
 use crate::values::HeldValues;
 
-/// How many violations a verdict lists; it counts the rest.
+/// The number of violations that a verdict lists. It counts the others.
 const VIOLATIONS: usize = 100;
-/// Of how many others it may have the places.
+/// The greatest number of other violations whose places a verdict stores.
 pub(crate) const PLACES: usize = 1 << 20;
 
-/// Judges one trace, line after line.
+/// Judges one trace, line by line.
 ///
-/// Every decision must be the one that the rules demand, in their order. At most one violation is
-/// reported for an input, the first: what else was decided about that input is not compared. With the next
-/// input it goes on, since what the rules demand depends on the inputs alone. Its memory is bounded
-/// by the window, not by the trace's length.
+/// Every decision must be the one that the rules demand, in their order. The judge reports at most one
+/// violation for an input, the first, and does not compare the other decisions about that input. It continues
+/// with the next input, because the rules demand decisions from the inputs alone. Its memory is bounded by
+/// the window, not by the trace's length.
 #[derive(Debug)]
 pub struct Judge {
     reference: CompactReference,
-    /// What the rules demand of the input read last.
+    /// The decisions that the rules demand for the input read last.
     demands: ExpectedDecisions,
-    /// How many of them were met.
+    /// The number of them that were met.
     met: usize,
-    /// The input read last and its line.
+    /// The input read last, with its line.
     input: Option<(u64, Input)>,
-    /// Whether this input has its violation.
+    /// `true` if a violation was reported for this input.
     differs: bool,
-    /// Of which timestamps the values of held results are.
+    /// The timestamps that the values of held results are of.
     values: HeldValues,
     annotations: HeaderAnnotations,
     recent: RecentLines,
-    /// Whether the places of all violations are wanted.
+    /// `true` if the places of all violations are wanted.
     keeps_places: bool,
     /// The latest timestamp with an output.
     answered: Option<u64>,
     verdict: Verdict,
 }
 
-/// What the judge found in one trace.
+/// The judge's verdict on one trace.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize)]
 pub struct Verdict {
     /// The name that the trace was given.
     pub file: String,
-    /// Whether every decision is what the rules demand and nothing is in doubt that is not accepted.
+    /// `true` if every decision is the one that the rules demand, and every doubt is accepted.
     pub conforms: bool,
-    /// How many timestamps were judged: those opened that have a result, a failure, an emit or a
+    /// The number of judged timestamps: those that were opened and have a result, a failure, an emit or a
     /// miss.
     pub judged: u64,
-    /// How many lines the trace has, the header's too.
+    /// The number of lines in the trace, with the header.
     pub lines: u64,
-    /// What the judge could not see.
+    /// The doubts that are left.
     pub doubts: Vec<Doubt>,
-    /// What does not conform, up to 100.
+    /// The violations, up to 100.
     pub violations: Vec<Violation>,
-    /// How many violations more there are.
+    /// The number of further violations.
     #[serde(skip_serializing_if = "is_zero")]
     pub more: u64,
-    /// Where those are, if that was wanted; see [`Judge::with_places`].
+    /// The places of the further violations, if they were wanted; see [`Judge::with_places`].
     #[serde(skip)]
     pub places: Vec<ViolationPlace<Rule>>,
 }
 
-/// Where a violation is, without its details.
+/// The place of a violation, without its details.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct ViolationPlace<R> {
-    /// Its line, as that of a [`Violation`].
+    /// The line of the [`Violation`].
     pub line: u64,
     /// The timestamp that it is about.
     pub t: Option<u64>,
@@ -87,28 +86,29 @@ pub struct ViolationPlace<R> {
     pub rule: R,
 }
 
-/// One decision that is not what the rules demand.
+/// A decision that is not the one that the rules demand.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize)]
 pub struct Violation {
-    /// The line, counted from 1; where a decision is missing, the line after which it should stand.
+    /// The line, counted from 1. If a decision is missing, it is the line after which the decision should
+    /// stand.
     pub line: u64,
     /// The timestamp that it is about.
     pub t: Option<u64>,
     /// The rule that is broken.
     pub rule: Rule,
-    /// What was found: the decision's line, or that there is none.
+    /// The line that was found, or a note that there is none.
     pub found: String,
-    /// What the rules demand: the decision's line, or that there is none.
+    /// The line that the rules demand, or a note that there is none.
     pub expected: String,
-    /// What happened to the timestamp so far: its last lines with their numbers.
+    /// The last lines about the timestamp, with their numbers.
     #[serde(skip)]
     pub story: Vec<String>,
 }
 
-/// Judges a whole trace; `file` is its name in the verdict and in errors.
+/// Judges a whole trace. `file` names it in the verdict and in errors.
 ///
 /// # Errors
-/// If the trace cannot be read to its end.
+/// Returns a [`ReadError`] if the trace cannot be read to its end.
 pub fn judge(file: &str, trace: impl BufRead) -> Result<Verdict, ReadError> {
     let mut reader = Events::new(file, trace)?;
     let mut judge = Judge::new(file, reader.header());
@@ -120,8 +120,7 @@ pub fn judge(file: &str, trace: impl BufRead) -> Result<Verdict, ReadError> {
 }
 
 impl Judge {
-    /// A judge of a trace with this header, its first line; `file` is the trace's name in the
-    /// verdict.
+    /// Creates a judge of a trace with this header, its first line. `file` names the trace in the verdict.
     #[must_use]
     pub fn new(file: impl Into<String>, header: &Header) -> Self {
         let file = file.into();
@@ -149,14 +148,14 @@ impl Judge {
         }
     }
 
-    /// The same judge, which also notes where the violations beyond the first 100 are, a million of them at most.
+    /// Makes the judge also store the places of violations beyond the first 100, up to a million.
     #[must_use]
     pub const fn with_places(mut self) -> Self {
         self.keeps_places = true;
         self
     }
 
-    /// The same judge, of a trace whose header has these further keys; to be called before the first line.
+    /// Gives the judge the further keys of the trace's header. Call this before the first line.
     #[must_use]
     pub fn with_header_annotations(mut self, annotations: &HeaderAnnotations) -> Self {
         self.annotations = annotations.clone();
@@ -184,24 +183,24 @@ impl Judge {
         }
     }
 
-    /// Takes the violations that are listed so far out of the verdict, so that it lists as many again.
+    /// Takes the listed violations out of the verdict, so that it lists as many again.
     #[must_use]
     pub fn take_violations(&mut self) -> Vec<Violation> {
         std::mem::take(&mut self.verdict.violations)
     }
 
-    /// The verdict so far; decisions that the last input still lacks do not count yet.
+    /// Returns the verdict so far. Decisions that the last input still lacks do not count yet.
     #[must_use]
     pub const fn so_far(&self) -> &Verdict {
         &self.verdict
     }
 
-    /// Ends the trace.
+    /// Ends the trace and returns the verdict.
     #[must_use]
     pub fn finish(mut self) -> Verdict {
         self.close("no decision; the trace ends");
         self.verdict.judged += self.reference.touched_len() as u64;
-        // P7: what is open without a timer waits for local.
+        // A timestamp that is open without a timer waits for local (P7).
         let answered = self.answered;
         let is_passed = |t: u64| answered.is_some_and(|answered| t < answered);
         let waiting = self.reference.waiting().filter(|(t, has_timer)| !has_timer && is_passed(*t));
@@ -210,8 +209,8 @@ impl Judge {
         self.in_doubt(unanswered, DoubtKind::Unanswered)
     }
 
-    /// Ends the trace of a run that is known to have ended: each timer that is left was to fire when it
-    /// was due (A44).
+    /// Ends the trace of a run that is known to have ended: each timer that is left was to fire at its due
+    /// instant (A44). Returns the verdict.
     #[must_use]
     pub fn finish_ended(mut self) -> Verdict {
         self.close("no decision; the trace ends");
@@ -219,20 +218,20 @@ impl Judge {
             self.demand(self.verdict.lines, &Input::Tick { at }, ValueKeys::default());
             self.close("no decision; the run has ended");
         }
-        // P7: what is open without a timer waits for local.
+        // A timestamp that is open without a timer waits for local (P7).
         let mut unfinished = DoubtfulMessages::default();
         self.reference.waiting().for_each(|(t, _)| unfinished.push(t));
         self.in_doubt(unfinished, DoubtKind::Unfinished)
     }
 
-    /// The verdict, with what is in doubt about these messages.
+    /// Returns the verdict with a doubt about these messages.
     fn in_doubt(mut self, messages: DoubtfulMessages, kind: DoubtKind) -> Verdict {
         let doubts = [Doubt::unjudged(self.verdict.judged), messages.doubt(kind)];
         self.verdict.doubts = doubts.into_iter().flatten().collect();
         self.verdict.accepting(&[])
     }
 
-    /// Applies an input to the reference machine; `value` is what it says of its value.
+    /// Applies an input to the reference machine. `value` has the keys that concern its value.
     fn demand(&mut self, line: u64, input: &Input, value: ValueKeys) {
         self.demands.clear();
         self.met = 0;
@@ -244,7 +243,7 @@ impl Judge {
         }
         for (decision, _) in &self.demands {
             match decision {
-                // F9: more may follow.
+                // Better outputs may follow (F9).
                 Decision::Emit { t, .. } if self.reference.commit() == Commit::Progressive => {
                     self.answered = self.answered.max(Some(*t));
                 }
@@ -266,7 +265,7 @@ impl Judge {
         }
     }
 
-    /// Compares a decision with the one demanded now; `value` is what it says of its value.
+    /// Compares a decision with the one that is demanded next. `value` has the keys that concern its value.
     fn compare(&mut self, found: &Decision, value: ValueKeys) {
         let demand = self.demands.get(self.met).copied();
         if demand.is_some_and(|(expected, _)| expected == *found) {
@@ -284,8 +283,8 @@ impl Judge {
         self.differ(Some(*found), demand, lack);
     }
 
-    /// D2, D18: an emit says of its value what the result that it sends said, and the value is not too old and meant for this
-    /// timestamp.
+    /// Checks the value of an emit: it repeats the keys of the result that it sends, is not too old, and is
+    /// meant for this timestamp (D2, D18).
     fn compare_value(&mut self, found: &Decision, value: ValueKeys) {
         let Decision::Emit { t, p, .. } = *found else { return };
         let written = |value: ValueKeys| Event::Decision(*found).annotated(&value.into());
@@ -303,7 +302,7 @@ impl Judge {
         }
     }
 
-    /// Ends the last input: all that it demands must have been met.
+    /// Ends the last input, whose demands must all have been met.
     fn close(&mut self, lack: &str) {
         let demand = self.demands.get(self.met).copied();
         if demand.is_some() && !self.differs {
@@ -311,7 +310,7 @@ impl Judge {
         }
     }
 
-    /// Notes a violation; `lack` stands for what is not there, of what was found and what is demanded.
+    /// Reports a violation. `lack` describes the one of found and demanded that is missing.
     fn differ(&mut self, found: Option<Decision>, demand: Option<(Decision, Rule)>, lack: &str) {
         let (t, rule) = self.blame(found, demand);
         let reported = |reported: Option<Decision>| {
@@ -321,7 +320,7 @@ impl Judge {
         self.violate(t, rule, || (reported(found), reported(expected)));
     }
 
-    /// Notes a violation at the last line: what was found, and what was expected.
+    /// Reports a violation at the last line, with what was found and what was expected.
     fn violate(&mut self, t: Option<u64>, rule: Rule, reported: impl FnOnce() -> (String, String)) {
         self.differs = true;
         self.verdict.conforms = false;
@@ -339,35 +338,35 @@ impl Judge {
         self.verdict.violations.push(Violation { line, t, rule, found, expected, story });
     }
 
-    /// The timestamp that a difference is about, and the rule that it breaks.
+    /// Returns the timestamp that a difference is about, and the rule that it breaks.
     fn blame(
         &self,
         found: Option<Decision>,
         demand: Option<(Decision, Rule)>,
     ) -> (Option<u64>, Rule) {
         let (t, rule) = match (found, demand) {
-            // P1 once: it was forwarded or missed before.
+            // The timestamp was forwarded or missed before (P1).
             (Some(found), _) if self.is_second_end(&found) => (found.t(), Rule::P1),
-            // F0 clock: the right decision at another instant.
+            // The right decision was made at another instant (F0).
             (Some(found), Some((expected, _))) if found.redated(expected.at()) == expected => {
                 (found.t(), Rule::F0)
             }
-            // F5 fire: a timer that is not due, or not yet its turn.
+            // The timer is not due, or it is not its turn (F5).
             (Some(Decision::Timer { t, .. }), _) => (t, Rule::F5),
-            // F2g shut: the gate was shut where it should have been open.
+            // The gate was shut when it should have been open (F2g).
             (
                 Some(Decision::RefuseOffer { t, why: OfferRefusal::Queue, .. }),
                 Some((Decision::Request { .. }, _)) | None,
             ) => (t, Rule::F2g),
             (_, Some((expected, rule))) => (expected.t(), rule),
             (Some(found), None) => (found.t(), self.rule_of(&found)),
-            // There is no difference then.
+            // There is no difference in this case.
             (None, None) => return (None, Rule::F0),
         };
         (Some(t), rule)
     }
 
-    /// The rule that would demand a decision that is not demanded.
+    /// Returns the rule that would demand this decision, which is not demanded.
     fn rule_of(&self, found: &Decision) -> Rule {
         let input = self.input.map(|(_, input)| input);
         let of_result = matches!(input, Some(Input::Result { .. }));
@@ -387,7 +386,8 @@ impl Judge {
         }
     }
 
-    /// P1: whether it sends or ends what the trace ended before, or under progressive sends no better result than before.
+    /// Returns `true` if the decision sends or ends a timestamp that ended before or, under progressive,
+    /// sends no better result than before (P1).
     fn is_second_end(&self, found: &Decision) -> bool {
         let is_progressive = self.reference.commit() == Commit::Progressive;
         let is_output = |decision: &Decision| {
@@ -413,7 +413,7 @@ impl Judge {
 }
 
 impl Verdict {
-    /// The same, accepting these kinds of doubt.
+    /// Accepts these kinds of doubt.
     #[must_use]
     pub fn accepting(mut self, kinds: &[DoubtKind]) -> Self {
         self.conforms =
@@ -421,7 +421,7 @@ impl Verdict {
         self
     }
 
-    /// The verdict in a few words, such as *conforms*.
+    /// Describes the verdict in a few words, such as *conforms*.
     #[must_use]
     pub fn in_short(&self) -> String {
         doubt::in_short(self.violations.len() as u64 + self.more, &self.doubts)
@@ -429,7 +429,7 @@ impl Verdict {
 }
 
 impl<R: Copy> ViolationPlace<R> {
-    /// The same with another rule.
+    /// Converts the rule.
     pub fn map<S>(&self, rule: impl FnOnce(R) -> S) -> ViolationPlace<S> {
         let Self { line, t, rule: broken } = *self;
         ViolationPlace { line, t, rule: rule(broken) }
@@ -437,7 +437,7 @@ impl<R: Copy> ViolationPlace<R> {
 }
 
 impl fmt::Display for Verdict {
-    /// The verdict in a line, then each violation in a few.
+    /// Writes the verdict in one line, then each violation in a few.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { file, judged, lines, .. } = self;
         let word = self.in_short();
@@ -456,7 +456,7 @@ impl fmt::Display for Verdict {
 }
 
 impl fmt::Display for Violation {
-    /// The line, what is wrong and the story, without the file.
+    /// Writes the line, the violation and the story, without the file.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { line, rule, found, expected, .. } = self;
         write!(f, "{line}: ")?;

@@ -1,7 +1,7 @@
-//! What concurrent implementations record: each timestamp by itself, within a tolerance (SPEC.md, *Observed*).
+//! The observed judge, for traces of concurrent implementations: judges each timestamp by itself, within a
+//! tolerance (SPEC.md, *Observed*).
 //!
-//! [`Judge`] goes through a trace line by line and keeps what it needs of the timestamps that may still get a line; each is
-//! then one [`MessageHistory`], of which it is decided, exactly, whether the rules can explain it within the [`Slack`].
+//! [`Judge`] reads a trace line by line and keeps what it needs of the timestamps that may still get a line. Each timestamp then becomes one [`MessageHistory`], and the judge decides exactly whether the rules can explain it within the [`Slack`].
 
 mod attempts;
 mod causes;
@@ -25,11 +25,13 @@ pub use slack::{Slack, SourceSlack};
 pub use story::{AllowedOutput, MessageHistory};
 pub use verdict::{BrokenRule, Verdict, Violation};
 
-/// Reads one line of an observed trace, given without its `\n`: as [`parse`](crate::parse) does, but a request may have its
-/// `deadline` instead of `due`, and comes as one with `due`; an attempt may have its number, which is left out here.
+/// Reads one line of an observed trace, given without its `\n`.
+///
+/// It differs from [`parse`](crate::parse) in two ways. A request may have its `deadline` instead of `due`;
+/// the event then has the due instant. An attempt may have its number, which this function leaves out.
 ///
 /// # Errors
-/// Whatever the format does not allow, with its column.
+/// Returns a [`ParseError`] with its column for whatever the format does not allow.
 pub fn parse(line: &[u8]) -> Result<Line, ParseError> {
     parse_as(line, Form::Observed, &mut LineAnnotations::default())
 }

@@ -1,4 +1,4 @@
-//! Traces as lines, however they are packed: plain, gzip, zstd or MCAP.
+//! Reads the lines of a trace from a file that is plain, gzip, zstd or MCAP.
 //!
 //! ```
 //! # #[cfg(feature = "packed")]
@@ -14,23 +14,24 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! The first byte says how a file is packed, not its name. The command and the wheel for Python both read with this, so what
-//! one can read the other can.
+//! The first byte of a file tells how it is packed; its name does not matter. The command and the Python
+//! wheel both read files with this module, so they accept the same files.
 //!
 //! | packed | unpacked in memory of |
 //! |---|---|
-//! | gzip, several members too | 32 KiB |
-//! | zstd, several frames too | the frame's window, at most 128 MiB |
+//! | gzip, with one or several members | 32 KiB |
+//! | zstd, with one or several frames | the frame's window, at most 128 MiB |
 //! | MCAP, its chunks plain, lz4 or zstd | its largest record, at most 40 MiB |
 //!
-//! Of an MCAP file the messages of the topic `/fuseline/trace` are the lines. They are written anew in the form of a trace, so that
-//! their verdict is that of what `fuseline convert` makes. A length that a file claims takes no memory before its bytes come;
-//! but a record in a chunk of lz4 takes at once what it claims, and any is refused beyond 40 MiB.
+//! In an MCAP file, the messages of the topic `/fuseline/trace` are the lines. They are rewritten in the form
+//! of a trace, so their verdict is the same as after `fuseline convert`. A length that a file claims takes no
+//! memory before its bytes arrive, except that a record in an lz4 chunk takes what it claims at once. Every
+//! record beyond 40 MiB is refused.
 //!
 //! Without the feature `packed` only gzip is unpacked.
 //!
-//! Not provided: tar and zip, a header of one's own for an MCAP file that has none (`fuseline convert --header` does that), other
-//! encodings than JSON (`RawMessages` has their bytes).
+//! This module does not read tar or zip, and no encoding other than JSON (`RawMessages` returns such bytes).
+//! It cannot supply the header for an MCAP file without one; `fuseline convert --header` can.
 
 mod beside;
 #[cfg(feature = "packed")]
@@ -53,17 +54,18 @@ use self::pieces::PIECE;
 #[cfg(feature = "packed")]
 use self::pieces::PieceReader;
 
-/// The topic of a trace's lines, unless another is named.
+/// The topic of a trace's lines, unless another one is named.
 pub const TOPIC: &str = "/fuseline/trace";
 
-/// The binary logarithm of the greatest window of a zstd frame, in bytes: what its own command takes.
+/// The binary logarithm of the greatest window of a zstd frame, in bytes. The `zstd` command has the same
+/// limit.
 #[cfg(feature = "packed")]
 const WINDOW_LOG: u32 = 27;
 
-/// What a zstd frame begins with.
+/// The first bytes of a zstd frame.
 const ZSTD: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
 
-/// How a file's first byte says that it is packed; a trace begins with none of them.
+/// How a file is packed, by its first byte. No trace begins with one of these bytes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Packing {
     /// Gzip.
@@ -75,7 +77,7 @@ pub enum Packing {
 }
 
 impl Packing {
-    /// What a first byte says; none of a plain file.
+    /// Returns the packing for a first byte, or `None` for a plain file.
     #[must_use]
     pub const fn of(first: u8) -> Option<Self> {
         match first {
@@ -87,12 +89,12 @@ impl Packing {
     }
 }
 
-/// Reads a trace's lines, however they are packed.
+/// Reads the lines of a trace, however they are packed.
 ///
-/// What is packed and not whole gives an error of the kind `UnexpectedEof` where it ends.
+/// If a packed file is cut off, reading its end returns an error of the kind `UnexpectedEof`.
 ///
 /// # Errors
-/// If the first bytes cannot be read.
+/// Returns an error if the first bytes cannot be read.
 pub fn unpack<'a, R: BufRead + 'a>(mut inner: R) -> io::Result<Box<dyn BufRead + 'a>> {
     Ok(match inner.fill_buf()?.first().copied().and_then(Packing::of) {
         None => Box::new(inner),
@@ -105,12 +107,12 @@ pub fn unpack<'a, R: BufRead + 'a>(mut inner: R) -> io::Result<Box<dyn BufRead +
     })
 }
 
-/// Reads bytes, unpacked if they are packed as gzip or zstd; everything else comes as it is.
+/// Reads bytes, unpacked if they are packed as gzip or zstd, and unchanged otherwise.
 ///
-/// What is packed and not whole gives an error of the kind `UnexpectedEof` where it ends.
+/// If a packed file is cut off, reading its end returns an error of the kind `UnexpectedEof`.
 ///
 /// # Errors
-/// If the first bytes cannot be read.
+/// Returns an error if the first bytes cannot be read.
 pub fn unpack_bytes<'a, R: BufRead + 'a>(mut inner: R) -> io::Result<Box<dyn BufRead + 'a>> {
     let start = inner.fill_buf()?;
     let packing = if start.starts_with(&[0x1f, 0x8b]) {
@@ -123,8 +125,8 @@ pub fn unpack_bytes<'a, R: BufRead + 'a>(mut inner: R) -> io::Result<Box<dyn Buf
     Ok(Box::new(BufReader::with_capacity(PIECE, decoder(inner, packing)?)))
 }
 
-/// Unpacks a message that is compressed alone, as rosbag2 does in its mode `message`; none if it is not, or has more than
-/// [`RECORD`] bytes.
+/// Unpacks a message that is compressed by itself, as rosbag2 does in its mode `message`. Returns `None` if
+/// it is not compressed or has more than [`RECORD`] bytes.
 #[cfg(feature = "packed")]
 #[must_use]
 pub fn unpack_message(data: &[u8]) -> Option<Vec<u8>> {
@@ -147,7 +149,7 @@ fn decoder<'a, R: BufRead + 'a>(inner: R, packing: Packing) -> io::Result<Box<dy
             unpacked.window_log_max(WINDOW_LOG)?;
             Box::new(unpacked)
         }
-        // MCAP is no stream of bytes.
+        // MCAP is not a stream of bytes.
         #[cfg(feature = "packed")]
         Packing::Mcap => Box::new(inner),
         #[cfg(not(feature = "packed"))]

@@ -1,6 +1,7 @@
-//! The strict parser of one line: an unknown or missing key, or a number out of range, is an error with its column.
+//! The strict parser of one line. An unknown or missing key, or a number out of range, is an error with its
+//! column.
 //!
-//! The order of lines is checked by [`Events`](crate::Events).
+//! [`Events`](crate::Events) checks the order of lines.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -14,26 +15,27 @@ use crate::reason::{DropReason, OfferRefusal, OpenRefusal};
 use crate::scan::Scan;
 use crate::word::{Key, Keys, LineKind};
 
-/// The most clouds that a header may list.
+/// The greatest number of clouds in a header.
 const CLOUDS: usize = 15;
-/// The greatest window that a header may have.
+/// The greatest window of a header.
 const WINDOW: u64 = 1024;
 
-/// The keys that come most, with all that the writer puts around them.
+/// The most frequent keys, with everything that the writer puts around them.
 const USUAL: [(&[u8], Key); 4] =
     [(b"\"at\":", Key::At), (b"\"t\":", Key::T), (b"\"p\":", Key::P), (b"\"ev\":", Key::Ev)];
 
-/// What a trace was recorded for.
+/// The form of a trace.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Form {
     Strict,
-    /// A request has exactly one of `due` and `deadline`, the latter relative to its own `at`; attempts have numbers.
+    /// An observed trace. A request has exactly one of `due` and `deadline`, which counts from its own `at`.
+    /// Attempts have numbers.
     Observed,
-    /// The same of an operator without local.
+    /// An observed trace of an operator without local.
     WithoutLocal,
 }
 
-/// What stood on a line beside what the rules of the machine read.
+/// The keys of a line beside those that the machine's rules read.
 #[derive(Default, Debug)]
 pub(crate) struct LineAnnotations {
     pub(crate) event: Annotations,
@@ -52,23 +54,23 @@ const ANNOTATIONS: Keys = Keys::of(&[
     Key::Missing,
 ]);
 
-/// What is wrong with a line, and where.
+/// A fault in a line, with its place.
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
 #[error("column {column}: {message}")]
 pub struct ParseError {
-    /// The byte of the line, counted from 1, at which it goes wrong.
+    /// The byte of the line, counted from 1, at which the fault is.
     pub column: u64,
-    /// What is wrong and what would be right, without a full stop.
+    /// A description of the fault and of what would be right, without a full stop.
     pub message: String,
 }
 
 /// Reads one line of a trace, given without its `\n`.
 ///
-/// What a whole file may not hold, such as a second header, is for [`Events`](crate::Events) to
-/// say.
+/// This function accepts lines that a whole file may not contain, such as a second header;
+/// [`Events`](crate::Events) refuses those.
 ///
 /// # Errors
-/// Whatever the format does not allow, with its column.
+/// Returns a [`ParseError`] with its column for whatever the format does not allow.
 pub fn parse(line: &[u8]) -> Result<Line, ParseError> {
     let mut annotations = LineAnnotations::default();
     if let Some(read) = parse_canonical(line, Form::Strict, &mut StampBefore::default()) {
@@ -77,11 +79,12 @@ pub fn parse(line: &[u8]) -> Result<Line, ParseError> {
     parse_as(line, Form::Strict, &mut annotations)
 }
 
-/// Reads one event of an observed trace, given without its `\n`, with its further keys: a request may have a deadline instead of its
-/// due instant.
+/// Reads one event of an observed trace, given without its `\n`, with its further keys.
+///
+/// A request may have a deadline instead of its due instant; the event then has the due instant.
 ///
 /// # Errors
-/// Whatever the format does not allow, with its column.
+/// Returns a [`ParseError`] with its column for whatever the format does not allow.
 pub fn observed_line(line: &[u8]) -> Result<(Event, Annotations), ParseError> {
     let mut annotations = LineAnnotations::default();
     match parse_as(line, Form::Observed, &mut annotations)? {
@@ -90,7 +93,7 @@ pub fn observed_line(line: &[u8]) -> Result<(Event, Annotations), ParseError> {
     }
 }
 
-/// Reads one event exactly as it is written, in one pass; none if it is another line or written otherwise.
+/// Reads one event in one pass if it is canonical. Returns `None` for any other line.
 pub(crate) fn parse_canonical(
     line: &[u8],
     form: Form,
@@ -100,7 +103,7 @@ pub(crate) fn parse_canonical(
 }
 
 impl LineAnnotations {
-    /// Has what stands on a line exactly as it is written; answers with its event.
+    /// Stores the keys of a canonical line and returns its event.
     #[inline]
     pub(crate) fn take(&mut self, line: &CanonicalLine) -> Event {
         if !self.event.is_empty() {
@@ -111,7 +114,7 @@ impl LineAnnotations {
     }
 }
 
-/// Reads one line in a form of the trace; `annotations` becomes what stands on it besides.
+/// Reads one line in a form of the trace, and stores its further keys in `annotations`.
 pub(crate) fn parse_as(
     line: &[u8],
     form: Form,
@@ -150,17 +153,17 @@ pub(crate) fn parse_as(
 }
 
 impl ParseError {
-    /// An error at a byte counted from 0.
+    /// Creates an error at a byte counted from 0.
     pub(crate) fn at(offset: usize, message: impl Into<String>) -> Self {
         Self { column: offset as u64 + 1, message: message.into() }
     }
 }
 
-/// What a line's object holds, before it is known what the line is.
+/// The contents of a line's object, before the kind of the line is known.
 #[derive(Default)]
 struct Fields<'a> {
     seen: Keys,
-    /// Where each key seen stands; a line is short enough for that.
+    /// The place of each key. A line is short enough for 32 bits.
     offsets: [u32; Key::COUNT],
     numbers: [u64; Key::COUNT],
     kind: Option<LineKind>,
@@ -171,7 +174,7 @@ struct Fields<'a> {
     max_ages: BTreeMap<u64, u64>,
     origin: Option<Cow<'a, str>>,
     missing: Vec<Arc<str>>,
-    /// The first key that no line takes.
+    /// The first key that no line may have.
     stranger: Option<(usize, Cow<'a, str>)>,
 }
 
@@ -245,19 +248,19 @@ impl<'a> Fields<'a> {
         Ok(())
     }
 
-    /// Gives a request that has its deadline the due instant instead.
+    /// Gives a request that has a deadline the due instant instead.
     fn date_request(&mut self) {
         let has = |key| self.seen.contains(key);
         if self.kind == Some(LineKind::Request) && has(Key::Deadline) && !has(Key::Due) {
             let [at, deadline] = [Key::At, Key::Deadline].map(|key| self.numbers[key as usize]);
-            // F2: the sum saturates.
+            // The sum saturates (F2).
             self.numbers[Key::Due as usize] = at.saturating_add(deadline);
             self.seen = self.seen.without(Keys::of(&[Key::Deadline]));
             self.seen.insert(Key::Due);
         }
     }
 
-    /// What the line is, if its keys are those of such a line; `end` is where its object ends.
+    /// Returns the kind of the line, if its keys are those of such a line. `end` is where its object ends.
     fn kind(&self, end: usize, form: Form) -> Result<LineKind, ParseError> {
         let header = self.seen.contains(Key::Fuseline);
         let kind = if header { Some(LineKind::Header) } else { self.kind };
@@ -291,7 +294,7 @@ impl<'a> Fields<'a> {
         Ok(kind)
     }
 
-    /// An error where a key stands.
+    /// Returns an error at the place of a key.
     fn fault(&self, key: Key, message: impl Into<String>) -> ParseError {
         ParseError::at(self.offsets[key as usize] as usize, message)
     }
@@ -301,7 +304,7 @@ impl<'a> Fields<'a> {
         HeaderAnnotations { without_local, max_ages: std::mem::take(&mut self.max_ages) }
     }
 
-    /// What stands on an event whose keys are those of its kind.
+    /// Returns the further keys of an event whose keys are those of its kind.
     fn annotations(&mut self) -> Result<Annotations, ParseError> {
         let given = |key: Key| self.seen.contains(key).then(|| self.numbers[key as usize]);
         let (seq, attempt) = (given(Key::Seq), given(Key::Try));
@@ -325,7 +328,7 @@ impl<'a> Fields<'a> {
         })
     }
 
-    /// The line, of a kind whose keys are there.
+    /// Returns the line, whose kind has all the keys it needs.
     fn line(self, kind: LineKind) -> Result<Line, ParseError> {
         let number = |key: Key| self.numbers[key as usize];
         let given = |key: Key| self.seen.contains(key).then(|| number(key));
@@ -381,7 +384,7 @@ impl<'a> Fields<'a> {
         Ok(Line::Event(Event::Decision(decision)))
     }
 
-    /// The reason that the line gives, one of `all`.
+    /// Returns the reason that the line gives, one of `all`.
     fn reason<T: Copy>(
         &self,
         place: &str,
@@ -401,7 +404,7 @@ const fn input(input: Input) -> Line {
     Line::Event(Event::Input(input))
 }
 
-/// A list of names.
+/// Reads a list of names.
 fn names(scan: &mut Scan<'_>) -> Result<Vec<Arc<str>>, ParseError> {
     let mut names = Vec::new();
     scan.expect(b'[', "at the start of missing")?;
@@ -411,7 +414,7 @@ fn names(scan: &mut Scan<'_>) -> Result<Vec<Arc<str>>, ParseError> {
     Ok(names)
 }
 
-/// The list of a header's clouds, and how old their values may be.
+/// Reads the list of a header's clouds, with the greatest age of their values.
 fn clouds(scan: &mut Scan<'_>) -> Result<(Vec<Cloud>, BTreeMap<u64, u64>), ParseError> {
     let (mut clouds, mut max_ages) = (Vec::<Cloud>::new(), BTreeMap::new());
     scan.expect(b'[', "at the start of clouds")?;
@@ -424,7 +427,7 @@ fn clouds(scan: &mut Scan<'_>) -> Result<(Vec<Cloud>, BTreeMap<u64, u64>), Parse
         if clouds.len() == CLOUDS {
             return Err(ParseError::at(offset, "a sixteenth cloud; a header lists up to 15"));
         }
-        // A10: equal priorities are refused.
+        // Equal priorities are refused (A10).
         if clouds.iter().any(|other| other.p == cloud.p) {
             let message = format!("a second cloud with p {}; give each its own", cloud.p);
             return Err(ParseError::at(offset, message));
@@ -435,7 +438,7 @@ fn clouds(scan: &mut Scan<'_>) -> Result<(Vec<Cloud>, BTreeMap<u64, u64>), Parse
     Ok((clouds, max_ages))
 }
 
-/// One cloud of a header, and how old its values may be.
+/// Reads one cloud of a header, with the greatest age of its values.
 fn cloud(scan: &mut Scan<'_>) -> Result<(Cloud, Option<u64>), ParseError> {
     const TAKES: &str = "a cloud's entry; it takes p, name, limit, resume, max_age, x";
     let (mut p, mut limit, mut resume, mut name, mut x) = (None, None, None, None, None);
@@ -465,7 +468,7 @@ fn cloud(scan: &mut Scan<'_>) -> Result<(Cloud, Option<u64>), ParseError> {
     let missing = |key| ParseError::at(start, format!("key \"{key}\" is missing in {TAKES}"));
     let p = p.ok_or_else(|| missing("p"))?;
     let limit = limit.ok_or_else(|| missing("limit"))?;
-    // F2g: resume is limit − 1 unless the header says otherwise.
+    // `resume` is `limit − 1` unless the header says otherwise (F2g).
     let resume = resume.unwrap_or(limit - 1);
     if resume >= limit {
         let message = format!("resume {resume} is not below limit {limit}; make it less");
@@ -474,7 +477,7 @@ fn cloud(scan: &mut Scan<'_>) -> Result<(Cloud, Option<u64>), ParseError> {
     Ok((Cloud { p: u16::try_from(p).unwrap_or(u16::MAX), name, limit, resume }, max_age))
 }
 
-/// A number within a range.
+/// Reads a number within a range.
 fn within(scan: &mut Scan<'_>, what: &str, range: RangeInclusive<u64>) -> Result<u64, ParseError> {
     scan.peek();
     let offset = scan.offset();
@@ -491,7 +494,7 @@ fn within(scan: &mut Scan<'_>, what: &str, range: RangeInclusive<u64>) -> Result
     Err(ParseError::at(offset, message))
 }
 
-/// One of a few words.
+/// Reads one of a few words.
 fn choice<T>(
     scan: &mut Scan<'_>,
     key: &str,
@@ -510,7 +513,7 @@ fn twice(offset: usize, key: &str) -> ParseError {
     ParseError::at(offset, format!("key \"{key}\" a second time; write it once"))
 }
 
-/// The start of a text that may be long, fit to be shown on a terminal.
+/// Returns the start of a text that may be long, safe to show on a terminal.
 pub(crate) fn brief(text: &str) -> String {
     const SHOWN: usize = 24;
     let mut shown = String::new();

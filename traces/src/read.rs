@@ -9,24 +9,24 @@ use crate::canonical::{self, StampBefore};
 use crate::event::{Commit, Event, Header, Line};
 use crate::parse::{Form, LineAnnotations, ParseError, parse_as, parse_canonical};
 
-/// The longest line, in bytes without its `\n`.
+/// The longest line in bytes, without its `\n`.
 pub const LINE: usize = 64 * 1024;
 
-/// Why a trace cannot be read: the first thing wrong with it, as `file:line:column: message`.
+/// The first fault of a trace, shown as `file:line:column: message`.
 #[derive(Debug, thiserror::Error)]
 #[error("{file}:{line}:{column}: {defect}")]
 pub struct ReadError {
-    /// The name the trace was given.
+    /// The name that the trace was given.
     pub file: String,
     /// The line, counted from 1.
     pub line: u64,
     /// The byte of the line, counted from 1.
     pub column: u64,
-    /// What is wrong.
+    /// The fault.
     pub defect: Defect,
 }
 
-/// What can be wrong with a trace.
+/// A fault of a trace.
 #[derive(Debug, thiserror::Error)]
 pub enum Defect {
     /// The bytes could not be read.
@@ -38,13 +38,13 @@ pub enum Defect {
     /// The first line is an event.
     #[error("an event where the header should be; a trace begins with {{\"fuseline\":1,…}}")]
     NoHeader,
-    /// A header stands further down.
+    /// A header comes after the first line.
     #[error("a second header; put each trace in its own file")]
     SecondHeader,
     /// The last line has no `\n`.
     #[error("the last line does not end in LF; it may be cut short")]
     Unterminated,
-    /// A line is over 64 KiB.
+    /// A line has more than 64 KiB.
     #[error("a line over 64 KiB; no line needs to be as long")]
     TooLong,
     /// A line is not one of a trace.
@@ -52,9 +52,19 @@ pub enum Defect {
     Line(ParseError),
 }
 
-/// Reads a trace: its header when it is made, then one event after the other.
+/// Reads a trace: its header when the reader is created, then one event after the other.
 ///
-/// It holds one line at a time. After an error it yields nothing more.
+/// It stores one line at a time. After an error it yields nothing more.
+///
+/// ```
+/// let trace = b"{\"fuseline\":1,\"window\":16,\"clouds\":[]}\n{\"ev\":\"tick\",\"at\":7}\n";
+/// let mut events = fuseline_traces::Events::new("drive.jsonl", &trace[..])?;
+/// assert_eq!(events.header().window, 16);
+/// while let Some(event) = events.next_event()? {
+///     println!("line {}: {event}", events.line());
+/// }
+/// # Ok::<(), fuseline_traces::ReadError>(())
+/// ```
 #[derive(Debug)]
 pub struct Events<R> {
     inner: R,
@@ -68,19 +78,21 @@ pub struct Events<R> {
 }
 
 impl<R: BufRead> Events<R> {
-    /// Reads the header; `file` is the trace's name in errors.
+    /// Reads the header. `file` names the trace in errors.
     ///
     /// # Errors
-    /// If the first line is not there or is no header.
+    /// Returns a [`ReadError`] if there is no first line or it is not a header.
     pub fn new(file: impl Into<String>, inner: R) -> Result<Self, ReadError> {
         Self::of_form(Form::Strict, file.into(), inner)
     }
 
-    /// Reads the header of a trace to be judged as observed: a request in it may have its `deadline`
-    /// instead of `due`, and comes as one with `due`; attempts may have numbers, and there may be no local.
+    /// Reads the header of a trace that is to be judged as observed. `file` names the trace in errors.
+    ///
+    /// In such a trace a request may have its `deadline` instead of `due`; its event then has the due
+    /// instant. Attempts may have numbers, and there may be no local.
     ///
     /// # Errors
-    /// If the first line is not there or is no header.
+    /// Returns a [`ReadError`] if there is no first line or it is not a header.
     pub fn observed(file: impl Into<String>, inner: R) -> Result<Self, ReadError> {
         Self::of_form(Form::Observed, file.into(), inner)
     }
@@ -108,14 +120,14 @@ impl<R: BufRead> Events<R> {
         Ok(reader)
     }
 
-    /// The next event; none at the end.
+    /// Returns the next event, or `None` at the end.
     ///
     /// # Errors
-    /// If a trace may not have such a line there.
+    /// Returns a [`ReadError`] if a trace may not have such a line there.
     pub fn next_event(&mut self) -> Result<Option<Event>, ReadError> {
         let whole = match self.inner.fill_buf() {
             Ok(bytes) => {
-                // Nearly all lines are as they are written, and buffered to their end.
+                // Nearly all lines are canonical and completely in the buffer.
                 if let Some(read) = canonical::event(bytes, self.form, &mut self.before)
                     && let Some((line, [b'\n', ..])) = bytes.split_at_checked(read.len)
                 {
@@ -147,43 +159,43 @@ impl<R: BufRead> Events<R> {
         }
     }
 
-    /// The header.
+    /// Returns the header.
     #[must_use]
     pub const fn header(&self) -> &Header {
         &self.header
     }
 
-    /// What the header has beside the machine's configuration.
+    /// Returns the further keys of the header.
     #[must_use]
     pub const fn header_annotations(&self) -> &HeaderAnnotations {
         &self.annotations.header
     }
 
-    /// What the event read last has beside what the machine's rules read.
+    /// Returns the further keys of the event read last.
     #[must_use]
     pub const fn annotations(&self) -> &Annotations {
         &self.annotations.event
     }
 
-    /// The bytes of the line read last, without its `\n`.
+    /// Returns the bytes of the line read last, without its `\n`.
     #[must_use]
     pub fn raw(&self) -> &[u8] {
         &self.raw
     }
 
-    /// The number of the line read last; the header's is 1.
+    /// Returns the number of the line read last. The header's number is 1.
     #[must_use]
     pub const fn line(&self) -> u64 {
         self.line
     }
 
-    /// What is read from, for instance to see whether more is buffered.
+    /// Returns the inner reader, for example to see whether it has buffered more.
     #[must_use]
     pub const fn inner(&self) -> &R {
         &self.inner
     }
 
-    /// The line whose bytes were taken; `whole` as they were.
+    /// Returns the line in the buffer. `whole` is the result of filling the buffer.
     fn filled_line(&mut self, whole: io::Result<bool>) -> Result<Option<Line>, ReadError> {
         if let Ok(false) = whole
             && self.raw.is_empty()
@@ -203,8 +215,8 @@ impl<R: BufRead> Events<R> {
         }
     }
 
-    /// Takes the next line's bytes, of one too long just more than it may have; false if it does
-    /// not end.
+    /// Reads the next line into the buffer, at most one byte more than a line may have. Returns `false` if
+    /// the line is too long or the input ends first.
     fn fill(&mut self) -> io::Result<bool> {
         self.raw.clear();
         while self.raw.len() <= LINE {
@@ -231,12 +243,12 @@ impl<R: BufRead> Events<R> {
     }
 }
 
-/// Reads plain and gzipped traces alike: unpacks what begins as gzip does.
+/// Reads a trace that is plain or gzipped.
 ///
 /// # Errors
-/// If the first bytes cannot be read.
+/// Returns an error if the first bytes cannot be read.
 pub fn unpack<'a, R: BufRead + 'a>(mut inner: R) -> io::Result<Box<dyn BufRead + 'a>> {
-    // No trace begins with this byte, gzip always does.
+    // Gzip always begins with this byte, and no trace does.
     if inner.fill_buf()?.first() == Some(&0x1f) {
         return Ok(Box::new(io::BufReader::new(MultiGzDecoder::new(inner))));
     }

@@ -1,47 +1,47 @@
-//! Why something was refused or dropped: one table for each kind, with the word of a trace and a sentence.
+//! The reasons for refusals and drops. Each kind has a table with the word of a trace and a sentence.
 
 use std::fmt;
 
-/// Why an open was refused (F1).
+/// The reason why an open was refused (F1).
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub enum OpenRefusal {
     /// This timestamp or a later one was opened before.
     Order,
     /// The window is full.
     Full,
-    /// Local would be due at once.
+    /// Local's due instant would not be later than now.
     Deadline,
 }
 
-/// Why an offer was refused (F2).
+/// The reason why an offer was refused (F2).
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub enum OfferRefusal {
-    /// No such cloud, or a timestamp beyond all opened.
+    /// No cloud has this priority, or the timestamp is beyond all that were opened.
     Unknown,
     /// The timestamp is not open.
     Closed,
-    /// Requested before.
+    /// This cloud was already requested for this timestamp.
     Duplicate,
-    /// Something better is available.
+    /// A better result is available.
     Outranked,
-    /// Due at once.
+    /// The due instant would not be later than now.
     Deadline,
     /// The gate is shut.
     Queue,
 }
 
-/// Why a result or a failure was dropped (F3, F4).
+/// The reason why a result or a failure was dropped (F3, F4).
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub enum DropReason {
-    /// No such source, or a timestamp beyond all opened.
+    /// No source has this priority, or the timestamp is beyond all that were opened.
     Unknown,
-    /// The timestamp is not open.
+    /// The timestamp is not open or, under progressive, a better result was sent.
     Superseded,
-    /// Never requested.
+    /// The source was never requested for this timestamp.
     Unsolicited,
-    /// Available already.
+    /// The source's result is already available.
     Duplicate,
-    /// Closed by its timer or a failure.
+    /// The request was closed by its timer or a failure.
     Late,
 }
 
@@ -49,7 +49,7 @@ pub enum DropReason {
 type WordAndSentence = (&'static str, &'static str);
 
 impl OpenRefusal {
-    /// All reasons, in the order in which F1 checks them.
+    /// All reasons, in the order in which they are checked (F1).
     pub const ALL: [Self; 3] = [Self::Order, Self::Full, Self::Deadline];
 
     const fn word_and_sentence(self) -> WordAndSentence {
@@ -62,7 +62,7 @@ impl OpenRefusal {
 }
 
 impl OfferRefusal {
-    /// All reasons, in the order in which F2 checks them.
+    /// All reasons, in the order in which they are checked (F2).
     pub const ALL: [Self; 6] = [
         Self::Unknown,
         Self::Closed,
@@ -85,7 +85,7 @@ impl OfferRefusal {
 }
 
 impl DropReason {
-    /// All reasons, in the order in which F3 checks them.
+    /// All reasons, in the order in which they are checked (F3).
     pub const ALL: [Self; 5] =
         [Self::Unknown, Self::Superseded, Self::Unsolicited, Self::Duplicate, Self::Late];
 
@@ -100,23 +100,23 @@ impl DropReason {
     }
 }
 
-/// What the three kinds have in common.
+/// Implements what the three kinds have in common.
 macro_rules! reason {
     ($kind:ident) => {
         impl $kind {
-            /// The word in a trace.
+            /// Returns the word that a trace uses.
             #[must_use]
             pub const fn as_str(self) -> &'static str {
                 self.word_and_sentence().0
             }
 
-            /// What the word means, to be put after a colon.
+            /// Returns the meaning of the word, to be put after a colon.
             #[must_use]
             pub const fn sentence(self) -> &'static str {
                 self.word_and_sentence().1
             }
 
-            /// Its place in [`ALL`](Self::ALL).
+            /// Returns the reason's index in [`ALL`](Self::ALL).
             #[must_use]
             pub const fn index(self) -> usize {
                 self as usize

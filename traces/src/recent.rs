@@ -5,20 +5,20 @@ use std::collections::BTreeMap;
 use crate::annotations::Annotations;
 use crate::event::Event;
 
-/// How many lines back a story is looked for.
+/// The number of last lines in which a story is looked for.
 const RECENT: usize = 16 * 1024;
-/// How many lines a story has.
+/// The number of lines in a story.
 const STORY: usize = 12;
 
 /// The last lines with their numbers.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct RecentLines {
-    /// A ring, once it is full.
+    /// The lines, which are a ring once it is full.
     lines: Vec<(u64, Event)>,
-    /// Where the oldest stands.
+    /// The index of the oldest line.
     first: usize,
     is_full: bool,
-    /// What stands on some of them besides, without texts, which may be long.
+    /// The further keys of some lines, without texts, which may be long.
     annotations: BTreeMap<u64, Annotations>,
 }
 
@@ -45,7 +45,7 @@ impl RecentLines {
         self.is_full = self.lines.len() == RECENT;
     }
 
-    /// Notes what stands on a line besides, in place of what stood on the oldest.
+    /// Notes the further keys of a line, in place of the oldest line's.
     #[cold]
     fn annotate(&mut self, oldest: Option<u64>, line: u64, annotations: &Annotations) {
         if let Some(oldest) = oldest {
@@ -58,13 +58,13 @@ impl RecentLines {
         }
     }
 
-    /// From the first to the last.
+    /// Returns the lines from the first to the last.
     pub(crate) fn iter(&self) -> impl DoubleEndedIterator<Item = &(u64, Event)> {
         let (newer, older) = self.lines.split_at_checked(self.first).unwrap_or_default();
         older.iter().chain(newer)
     }
 
-    /// The first one about a timestamp and the last ones, and `cause`, a line whatever it is about.
+    /// Returns the first line about a timestamp, its last ones, and the line `cause`, whatever it is about.
     pub(crate) fn story(&self, t: u64, cause: Option<u64>) -> Vec<String> {
         let of_t = |(line, event): &&(u64, Event)| event.t() == Some(t) || Some(*line) == cause;
         let reported: Vec<_> = self.iter().filter(of_t).collect();

@@ -1,4 +1,4 @@
-//! [`Recorder`]: writes an operator's trace while it runs, and never stops the operator: an error ends the trace.
+//! [`Recorder`]: writes an operator's trace while it runs, and never stops the operator. An error ends the trace.
 
 use std::fs::File;
 use std::io::{self, Write};
@@ -10,43 +10,56 @@ use flate2::write::GzEncoder;
 use crate::annotations::{Annotations, HeaderAnnotations};
 use crate::event::{Decision, Event, Header, Input};
 
-/// How many bytes are gathered before they are written.
+/// The number of bytes that are gathered before they are written.
 const GATHERED: usize = 64 * 1024;
 
-/// How a run is recorded; by default into one plain file.
+/// How a run is recorded. By default it is one plain file.
 ///
-/// What is lost when the process is killed is what was not written yet. A [`Recorder`] alone writes
-/// 64 KiB at a time, or when it is [flushed](Recorder::flush); an operator flushes its recorder
-/// twice a second and whenever a message is missed or refused. What is lost when the power is cut
-/// is, besides, what the operating system has not brought to the disk, on Linux about the last half
-/// a minute.
+/// A killed process loses the lines that were not written yet. A [`Recorder`] by itself writes 64 KiB at a
+/// time, or when it is [flushed](Recorder::flush). An operator flushes its recorder twice a second, and
+/// whenever a message is missed or refused. A power cut also loses what the operating system has not brought
+/// to the disk; on Linux that is about the last half minute.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Recording {
-    /// Begin another file where one holds this many bytes before compression.
+    /// Starts another file when the current one holds this many bytes before compression.
     pub rotate: Option<u64>,
-    /// Compress with gzip; what is written at once is compressed by itself.
+    /// Compresses with gzip. The bytes of one write are compressed by themselves.
     pub gzip: bool,
-    /// Write each input with its decisions as soon as it is there: a kill costs at most the last.
+    /// Writes each input with its decisions at once, so that a kill costs at most the last input.
     pub every_input: bool,
-    /// Wait for the disk after each write, so that a power cut costs no more than a kill.
+    /// Waits for the disk after each write, so that a power cut costs no more than a kill.
     pub sync: bool,
 }
 
 /// Writes one operator's trace to a file while it runs, under the file's own name from the start.
 ///
-/// Lines are gathered and written between two inputs, so that even a process killed outright leaves
-/// a trace that ends with a whole input's decisions, unless it was killed in the midst of a write.
-/// What is gathered is written when the recorder is dropped, by a panic too.
+/// Lines are gathered and written between two inputs. So even a process that is killed leaves a trace that
+/// ends with all decisions of an input, unless it was killed in the middle of a write. Dropping the recorder
+/// writes what is gathered, even in a panic.
 ///
-/// A recorder never stops its operator: after the first error it records no more, cuts off what was
-/// written in part, so that the trace ends with a whole input's decisions, and reports the error by
-/// [`error`](Self::error) and [`finish`](Self::finish).
+/// A recorder never stops its operator. After the first error it records nothing more, and it cuts off what
+/// was partly written, so that the trace ends with all decisions of an input. [`error`](Self::error) and
+/// [`finish`](Self::finish) report the error.
 ///
-/// With [`Recording::rotate`], `trace.jsonl` is followed by `trace.1.jsonl`, `trace.2.jsonl`… once
-/// it is full. Each begins with the header, so each can be read, but a later one cannot be judged
-/// alone, since what is open, the gates and the clock carry over. Without the later headers the
-/// parts put together are the one trace that they were:
+/// With [`Recording::rotate`], `trace.jsonl` is followed by `trace.1.jsonl`, `trace.2.jsonl`… once it is
+/// full. Each part begins with the header, so each can be read. A later part cannot be judged by itself,
+/// because open timestamps, gates and the clock carry over. Without the later headers the parts together are
+/// the one trace:
 /// `(cat trace.jsonl; tail -qn +2 trace.1.jsonl trace.2.jsonl) | fuseline check`.
+///
+/// ```
+/// use fuseline_traces::{Input, Line, Recorder, Recording, parse};
+///
+/// let header = br#"{"fuseline":1,"window":16,"clouds":[]}"#;
+/// let Ok(Line::Header(header)) = parse(header) else { panic!("a header") };
+/// let file = std::env::temp_dir().join("fuseline-recorder-example.jsonl");
+/// let mut recorder = Recorder::create(&file, &header, Recording::default())?;
+/// recorder.input(&Input::Tick { at: 7 });
+/// recorder.finish()?;
+/// assert!(std::fs::read_to_string(&file)?.ends_with("{\"ev\":\"tick\",\"at\":7}\n"));
+/// # std::fs::remove_file(file)?;
+/// # Ok::<(), std::io::Error>(())
+/// ```
 #[derive(Debug)]
 pub struct Recorder {
     path: PathBuf,
@@ -54,20 +67,20 @@ pub struct Recorder {
     recording: Recording,
     out: LineSink,
     gathered: Vec<u8>,
-    /// Where in `gathered` inputs begin: all before such a place is whole.
+    /// The places in `gathered` at which inputs begin. Everything before such a place is whole.
     inputs: Vec<usize>,
-    /// How many bytes this file holds, gathered ones too, before compression.
+    /// The number of bytes in this file, with the gathered ones, before compression.
     size: u64,
     part: u64,
     error: Option<io::Error>,
 }
 
-/// Where lines go.
+/// The file that lines are written to.
 #[derive(Debug)]
 struct LineSink {
     file: File,
     recording: Recording,
-    /// How many bytes the file holds; they end with a whole input's decisions.
+    /// The number of bytes in the file, which end with all decisions of an input.
     len: u64,
     packed: Vec<u8>,
 }
@@ -76,7 +89,7 @@ impl Recorder {
     /// Creates the file, or empties it, and records the header.
     ///
     /// # Errors
-    /// If the file cannot be made or written.
+    /// Returns an error if the file cannot be created or written.
     pub fn create(
         path: impl AsRef<Path>,
         header: &Header,
@@ -85,10 +98,10 @@ impl Recorder {
         Self::create_annotated(path, header, &HeaderAnnotations::default(), recording)
     }
 
-    /// The same with further keys in the header.
+    /// Creates the file, or empties it, and records the header with further keys.
     ///
     /// # Errors
-    /// If the file cannot be made or written.
+    /// Returns an error if the file cannot be created or written.
     pub fn create_annotated(
         path: impl AsRef<Path>,
         header: &Header,
@@ -115,12 +128,12 @@ impl Recorder {
         Ok(recorder)
     }
 
-    /// Records an input, before its decisions.
+    /// Records an input. Call this before recording its decisions.
     pub fn input(&mut self, input: &Input) {
         self.annotated_input(input, &Annotations::NONE);
     }
 
-    /// Records an input with further keys, before its decisions.
+    /// Records an input with further keys. Call this before recording its decisions.
     pub fn annotated_input(&mut self, input: &Input, annotations: &Annotations) {
         let most = if self.recording.every_input { 0 } else { GATHERED };
         self.begin(input, annotations, most);
@@ -136,7 +149,7 @@ impl Recorder {
         self.line(|out| Event::Decision(*decision).write_annotated(annotations, out));
     }
 
-    /// Records whole inputs with their decisions and further keys, and writes them, all together.
+    /// Records whole inputs with their decisions and further keys, and writes them together.
     pub fn extend<'a>(&mut self, events: impl IntoIterator<Item = (Event, &'a Annotations)>) {
         for (event, annotations) in events {
             match event {
@@ -147,24 +160,24 @@ impl Recorder {
         self.flush();
     }
 
-    /// Writes what is gathered; to be called between two inputs.
+    /// Writes what is gathered. Call this between two inputs.
     pub fn flush(&mut self) {
         self.attempt(Self::write_gathered);
     }
 
-    /// The first error met, after which nothing is recorded.
+    /// Returns the first error, after which nothing is recorded.
     #[must_use]
     pub const fn error(&self) -> Option<&io::Error> {
         self.error.as_ref()
     }
 
-    /// How it records.
+    /// Returns how the recorder records.
     #[must_use]
     pub const fn recording(&self) -> Recording {
         self.recording
     }
 
-    /// The file that is written, the latest part.
+    /// Returns the file that is being written, which is the latest part.
     #[must_use]
     pub fn file(&self) -> PathBuf {
         Self::part(&self.path, self.part)
@@ -173,13 +186,13 @@ impl Recorder {
     /// Ends the trace.
     ///
     /// # Errors
-    /// The first error met since the recorder was made; the trace is whole up to there.
+    /// Returns the first error since the recorder was created. The trace is whole up to there.
     pub fn finish(mut self) -> io::Result<()> {
         self.flush();
         self.error.take().map_or(Ok(()), Err)
     }
 
-    /// The file that part `part` is written to; 0 is the first.
+    /// Returns the path of part `part`; 0 is the first.
     #[must_use]
     pub fn part(path: &Path, part: u64) -> PathBuf {
         if part == 0 {
@@ -193,14 +206,14 @@ impl Recorder {
         path.with_file_name(format!("{stem}.{part}{end}"))
     }
 
-    /// Begins an input's lines; those of the inputs before are written if they are more than `most`.
+    /// Begins the lines of an input, and first writes those of earlier inputs if they exceed `most` bytes.
     fn begin(&mut self, input: &Input, annotations: &Annotations, most: usize) {
         if self.recording.rotate.is_some_and(|full| self.size >= full) {
             self.attempt(Self::rotate);
         } else if self.gathered.len() >= most {
             self.attempt(Self::write_gathered);
         }
-        // After an error nothing is gathered, the places of inputs included.
+        // After an error nothing is gathered, not even the places of inputs.
         if self.error.is_none() {
             self.inputs.push(self.gathered.len());
         }
@@ -255,12 +268,12 @@ impl LineSink {
         Ok(Self { file: File::create(path)?, recording, len: 0, packed: Vec::new() })
     }
 
-    /// Writes all, or else what ends with a whole input's decisions; inputs begin at `inputs`.
+    /// Writes all bytes, or else as many as end with all decisions of an input. Inputs begin at `inputs`.
     fn write(&mut self, bytes: &[u8], inputs: &[usize]) -> io::Result<()> {
         if bytes.is_empty() {
             return Ok(());
         }
-        // A member of its own for each write: what is on the disk can be unpacked to its end.
+        // Each write is a gzip member of its own, so that what is on the disk can be unpacked to its end.
         self.packed.clear();
         let (mut bytes, mut whole) = (bytes, inputs);
         if self.recording.gzip {
@@ -278,7 +291,7 @@ impl LineSink {
         };
         self.len += kept as u64;
         if let Err((_, error)) = written {
-            // A device or a pipe has no length; what was written there stays.
+            // A device or a pipe has no length; bytes written there stay.
             let _ = self.file.set_len(self.len);
             return Err(error);
         }
@@ -289,7 +302,7 @@ impl LineSink {
     }
 }
 
-/// Writes all, or says how many bytes were written until the error.
+/// Writes all bytes, or returns the number of bytes written before the error.
 fn write_all(file: &mut File, bytes: &[u8]) -> Result<usize, (usize, io::Error)> {
     let mut written = 0;
     while let Some(rest) = bytes.get(written..).filter(|rest| !rest.is_empty()) {

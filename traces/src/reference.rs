@@ -1,7 +1,7 @@
 //! The machine as the rules state it, with plain sets.
 //!
-//! It is written to be obvious, not fast: a method a rule, in the rule's words. It shares no code with
-//! the machine that ships, so that the two can disagree.
+//! It is written to be obvious, not fast: one method for each rule, in the rule's words. It shares no code
+//! with the machine that ships, so that the two can disagree.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -9,10 +9,10 @@ use crate::event::{Commit, Decision, Header, Input};
 use crate::reason::{DropReason, OfferRefusal, OpenRefusal};
 use crate::rule::Rule;
 
-/// Decides about inputs one by one, each decision with the rule that demands it.
+/// Decides about inputs one by one, and gives each decision with the rule that demands it.
 ///
-/// Its memory is bounded by the window and the number of clouds. Equal machines decide all inputs
-/// alike.
+/// Its memory is bounded by the window and the number of clouds. Two machines are equal if they give the same
+/// decisions for all further inputs.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub struct Reference {
     window: usize,
@@ -23,11 +23,11 @@ pub struct Reference {
     /// The greatest timestamp ever opened.
     newest: Option<u64>,
     open: BTreeMap<u64, OpenEntry>,
-    /// Every live timer, in the order in which F5 serves them: due instant, timestamp, priority.
+    /// Every live timer, in the order in which they fire (F5): due instant, timestamp, priority.
     timers: BTreeSet<(u64, u64, u64)>,
 }
 
-/// What is decided about one input, in order.
+/// The decisions about one input, in order.
 pub type ExpectedDecisions = Vec<(Decision, Rule)>;
 
 /// One cloud's gate.
@@ -48,7 +48,7 @@ struct OpenEntry {
     cached: BTreeSet<u64>,
 }
 
-/// Why a timestamp is settled.
+/// The reason why a timestamp is settled.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum SettleCause {
     CloudTimer,
@@ -56,7 +56,7 @@ enum SettleCause {
 }
 
 impl Reference {
-    /// A machine with this configuration and nothing open.
+    /// Creates a machine with this configuration and no open timestamp.
     #[must_use]
     pub fn new(header: &Header) -> Self {
         let gate = |limit, resume| Gate { limit, resume, open: true };
@@ -72,9 +72,9 @@ impl Reference {
         }
     }
 
-    /// Appends what the rules decide about `input`.
+    /// Appends the decisions that the rules demand for `input`.
     pub fn apply(&mut self, input: &Input, out: &mut ExpectedDecisions) {
-        // F0: time does not go back, and what is due comes first.
+        // Time does not go back, and due timers come first (F0).
         self.now = self.now.max(input.at());
         self.expire(out);
         match *input {
@@ -88,7 +88,7 @@ impl Reference {
         }
     }
 
-    /// F1: the first reason that holds refuses the open; else the timestamp waits for local.
+    /// Opens a timestamp that waits for local, or refuses for the first reason that holds (F1).
     fn open(&mut self, t: u64, deadline: Option<u64>, out: &mut ExpectedDecisions) {
         let due = deadline.map(|deadline| self.now.saturating_add(deadline));
         let why = if self.was_reached(t) {
@@ -114,7 +114,8 @@ impl Reference {
         }
     }
 
-    /// F2: an admitted request is due `deadline` after now; a refused one changes nothing but the gate.
+    /// Requests a cloud with a due instant `deadline` after now, or refuses, which changes at most the gate
+    /// (F2).
     fn offer(&mut self, t: u64, p: u64, deadline: u64, backlog: u64, out: &mut ExpectedDecisions) {
         let at = self.now;
         let due = at.saturating_add(deadline);
@@ -130,25 +131,25 @@ impl Reference {
         }
     }
 
-    /// F2: requests `(t, p)`, unless the first reason that holds refuses it.
+    /// Requests `(t, p)`, or returns the first reason to refuse (F2).
     fn admit(&mut self, t: u64, p: u64, due: u64, backlog: u64) -> Result<(), OfferRefusal> {
         let reached = self.was_reached(t);
-        // F2 unknown: no such cloud, or beyond all that was opened.
+        // The cloud is unknown, or the timestamp is beyond all that were opened (F2).
         let gate = self.gates.get_mut(&p).filter(|_| reached).ok_or(OfferRefusal::Unknown)?;
         let open = self.open.get_mut(&t).ok_or(OfferRefusal::Closed)?;
-        // F2 duplicate: requested before, whatever came of it (A26).
+        // It was requested before, whatever became of the request (F2, A26).
         if open.requested.contains(&p) {
             return Err(OfferRefusal::Duplicate);
         }
-        // F2 outranked: this result could never be forwarded (A17).
+        // This result could never be forwarded (F2, A17).
         if open.cached.iter().any(|q| *q > p) {
             return Err(OfferRefusal::Outranked);
         }
-        // F2 deadline: over at once (A11).
+        // The request would be over at once (F2, A11).
         if due <= self.now {
             return Err(OfferRefusal::Deadline);
         }
-        // F2 queue: the gate comes last, where no earlier reason refused (F2g).
+        // The gate comes last, after all other reasons (F2g).
         if !gate.admits(backlog) {
             return Err(OfferRefusal::Queue);
         }
@@ -157,7 +158,7 @@ impl Reference {
         Ok(())
     }
 
-    /// F3: a result is dropped, held while something pending outranks it, or forwarded.
+    /// Drops a result, holds it while a source that outranks it is pending, or forwards it (F3).
     fn result(&mut self, t: u64, p: u64, out: &mut ExpectedDecisions) {
         let (at, commit) = (self.now, self.commit);
         let open = match self.accept(t, p) {
@@ -170,7 +171,7 @@ impl Reference {
         }
         if open.pending.iter().any(|q| *q > p) {
             open.cached.insert(p);
-            // F3 held: under eager a cloud's timer runs on, to commit (A3).
+            // Under eager a cloud's timer runs on, to commit (F3, A3).
             if commit == Commit::Patient || p == 0 {
                 self.disarm(t, p);
             }
@@ -180,7 +181,8 @@ impl Reference {
         }
     }
 
-    /// F9: the result is forwarded, what it outranks is no longer awaited, and with nothing better pending it is final.
+    /// Forwards a result, stops waiting for sources that it outranks, and ends the timestamp if nothing
+    /// better is pending (F9).
     fn send(&mut self, t: u64, p: u64, out: &mut ExpectedDecisions) {
         let at = self.now;
         let Some(open) = self.open.get_mut(&t) else { return };
@@ -192,7 +194,7 @@ impl Reference {
         self.disarm(t, p);
         for q in outranked {
             self.disarm(t, q);
-            // Local never is cancelled (A24).
+            // Local is never cancelled (A24).
             if q > 0 {
                 out.push((Decision::Cancel { at, t, p: q }, Rule::F9));
             }
@@ -203,7 +205,8 @@ impl Reference {
         }
     }
 
-    /// F4: a failure is dropped as a result is, or closes the request and settles as by no timer (A36).
+    /// Drops a failure for the reasons that drop a result, or closes the request and settles as by no timer
+    /// (F4, A36).
     fn fail(&mut self, t: u64, p: u64, out: &mut ExpectedDecisions) {
         match self.accept(t, p) {
             Ok(open) => {
@@ -215,16 +218,16 @@ impl Reference {
         }
     }
 
-    /// F3, F4: the open timestamp, if what came for `(t, p)` is not dropped.
+    /// Returns the open timestamp, or the reason to drop an input for `(t, p)` (F3, F4).
     fn accept(&mut self, t: u64, p: u64) -> Result<&mut OpenEntry, DropReason> {
         let known = p == 0 || self.gates.contains_key(&p);
         let is_progressive = self.commit == Commit::Progressive;
         if !known || !self.was_reached(t) {
             return Err(DropReason::Unknown);
         }
-        // F3 superseded: retired or skipped, also when it is late as well (A16).
+        // The timestamp was retired or skipped; this comes before *late* (F3, A16).
         let open = self.open.get_mut(&t).ok_or(DropReason::Superseded)?;
-        // F9 superseded: what was sent outranks it.
+        // The last output outranks this source (F9).
         if is_progressive && open.cached.iter().any(|q| *q > p) {
             Err(DropReason::Superseded)
         } else if !open.requested.contains(&p) {
@@ -232,16 +235,16 @@ impl Reference {
         } else if open.cached.contains(&p) {
             Err(DropReason::Duplicate)
         } else if !open.pending.contains(&p) {
-            // F3 late: its timer or a failure closed it.
+            // A timer or a failure closed the request (F3).
             Err(DropReason::Late)
         } else {
             Ok(open)
         }
     }
 
-    /// F5: what is due fires, by due instant and timestamp; the timers of one timestamp and instant fire together.
+    /// Fires due timers by due instant and timestamp. Those of one timestamp and instant fire together (F5).
     fn expire(&mut self, out: &mut ExpectedDecisions) {
-        // F5 due: the due instant itself is past (A1).
+        // A timer fires at its due instant, not after it (F5, A1).
         while let Some(&(due, t, _)) = self.timers.first().filter(|timer| timer.0 <= self.now) {
             let mut cause = SettleCause::NoTimer;
             while let Some(&(_, _, p)) =
@@ -251,7 +254,7 @@ impl Reference {
                 if let Some(open) = self.open.get_mut(&t) {
                     open.pending.remove(&p);
                 }
-                // F5 cause: local's timer alone commits nothing (A9).
+                // Local's timer alone commits nothing (F5, A9).
                 if p > 0 {
                     cause = SettleCause::CloudTimer;
                 }
@@ -261,11 +264,12 @@ impl Reference {
         }
     }
 
-    /// F6: some requests were closed; forward the best available, miss, or wait.
+    /// Forwards the best available result, misses, or waits, after requests were closed (F6).
     fn settle(&mut self, t: u64, cause: SettleCause, out: &mut ExpectedDecisions) {
         let Some(open) = self.open.get(&t) else { return };
         match open.cached.last().copied() {
-            // F9: it was sent before; with nothing better pending it is final, where patient forwards it (P13).
+            // The result was sent before. If nothing better is pending it is final, where patient would
+            // forward it (F9, P13).
             Some(_) if self.commit == Commit::Progressive && !open.pending.is_empty() => {}
             Some(last) if self.commit == Commit::Progressive => {
                 self.retire(t);
@@ -274,12 +278,12 @@ impl Reference {
             Some(best) => {
                 let outranked = open.pending.iter().any(|q| *q > best);
                 let fired = self.commit == Commit::Eager && cause == SettleCause::CloudTimer;
-                // F6 forward: nothing pending outranks it, or under eager a cloud's timer fired (A4).
+                // Nothing pending outranks it, or under eager a cloud's timer fired (F6, A4).
                 if !outranked || fired {
                     self.forward(t, best, Rule::F6, out);
                 }
             }
-            // F6 miss: nothing available, nothing to come.
+            // Nothing is available and nothing is pending (F6).
             None if open.pending.is_empty() => {
                 self.retire(t);
                 out.push((Decision::Miss { at: self.now, t }, Rule::F6));
@@ -288,19 +292,19 @@ impl Reference {
         }
     }
 
-    /// F7, demanded by `rule`: the result is forwarded, the timestamp is retired, its pending clouds are cancelled.
+    /// Forwards a result, retires the timestamp and cancels its pending clouds (F7), as `rule` demands.
     fn forward(&mut self, t: u64, p: u64, rule: Rule, out: &mut ExpectedDecisions) {
         let at = self.now;
         out.push((Decision::Emit { at, t, p }, rule));
         if let Some(open) = self.retire(t) {
-            // F7 cancel: local never is (A24).
+            // Local is never cancelled (F7, A24).
             for p in open.pending.into_iter().filter(|p| *p > 0) {
                 out.push((Decision::Cancel { at, t, p }, Rule::F7));
             }
         }
     }
 
-    /// Takes `t` out, its timers too.
+    /// Removes `t` and its timers.
     fn retire(&mut self, t: u64) -> Option<OpenEntry> {
         let open = self.open.remove(&t)?;
         for (p, due) in &open.armed {
@@ -322,37 +326,37 @@ impl Reference {
         }
     }
 
-    /// The commit rule.
+    /// Returns the commit rule.
     #[must_use]
     pub const fn commit(&self) -> Commit {
         self.commit
     }
 
-    /// The earliest due instant of all live timers.
+    /// Returns the earliest due instant of all live timers, in ns.
     #[must_use]
     pub fn next_due(&self) -> Option<u64> {
         self.timers.first().map(|timer| timer.0)
     }
 
-    /// The greatest `now` seen, which is that of the decisions made last.
+    /// Returns the greatest `now` seen, in ns, which is the instant of the last decisions.
     #[must_use]
     pub const fn now(&self) -> u64 {
         self.now
     }
 
-    /// How many timestamps are open.
+    /// Returns the number of open timestamps.
     #[must_use]
     pub fn open_len(&self) -> usize {
         self.open.len()
     }
 
-    /// Whether `t` is open.
+    /// Returns `true` if `t` is open.
     #[must_use]
     pub fn is_open(&self, t: u64) -> bool {
         self.open.contains_key(&t)
     }
 
-    /// Whether `t` or a later timestamp was ever opened.
+    /// Returns `true` if `t` or a later timestamp was ever opened.
     #[must_use]
     fn was_reached(&self, t: u64) -> bool {
         self.newest.is_some_and(|newest| newest >= t)
@@ -360,7 +364,7 @@ impl Reference {
 }
 
 impl Gate {
-    /// F2g: an open gate shuts at the limit, a shut one opens at the resume or below.
+    /// Shuts an open gate at the limit, and opens a shut one at the resume or below (F2g).
     fn admits(&mut self, backlog: u64) -> bool {
         self.open = if self.open { backlog < self.limit } else { backlog <= self.resume };
         self.open

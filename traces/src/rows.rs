@@ -1,4 +1,4 @@
-//! CSV with the line of each row, whatever ends its lines.
+//! CSV whose rows know their line, whatever ends the lines.
 
 use std::collections::VecDeque;
 use std::fmt;
@@ -6,45 +6,45 @@ use std::io::{self, Read};
 
 use csv::{ErrorKind, Reader, ReaderBuilder, StringRecord};
 
-/// CSV that is being read, its columns named in the first row.
+/// Reads CSV whose first row names the columns.
 ///
-/// Lines end with LF, CRLF or CR, and empty ones are skipped; each row comes with its own line. The
-/// reader of `csv` reports where it stopped before, which is an earlier line in both cases.
+/// Lines end with LF, CRLF or CR, and empty lines are skipped. Each row comes with its own line. The `csv`
+/// crate reports the line at which its reader stopped, which is an earlier one in both cases.
 #[derive(Debug)]
 pub struct TableReader<R> {
     inner: Reader<LineIndex<R>>,
     row: StringRecord,
 }
 
-/// Why CSV cannot be read, and where.
+/// The reason why CSV cannot be read, with its place.
 #[derive(Debug)]
 pub struct TableError {
-    /// The row's line, from 1.
+    /// The row's line, counted from 1.
     pub line: u64,
-    /// What the reader of `csv` says; it counts lines otherwise.
+    /// The error of the `csv` crate, which counts lines in another way.
     pub source: csv::Error,
 }
 
 impl<R: Read> TableReader<R> {
-    /// Reads as `options` say.
+    /// Creates a reader with these options.
     pub fn new(inner: R, options: &ReaderBuilder) -> Self {
         let inner = options.from_reader(LineIndex::new(inner));
         Self { inner, row: StringRecord::new() }
     }
 
-    /// The names of the columns.
+    /// Returns the names of the columns.
     ///
     /// # Errors
-    /// If the first row cannot be read.
+    /// Returns a [`TableError`] if the first row cannot be read.
     pub fn names(&mut self) -> Result<StringRecord, TableError> {
         let names = self.inner.headers().cloned();
         names.map_err(|source| TableError { line: self.line_of(0), source })
     }
 
-    /// The next row and its line; none at the end.
+    /// Returns the next row and its line, or `None` at the end.
     ///
     /// # Errors
-    /// If it cannot be read, or has not as many cells as there are names.
+    /// Returns a [`TableError`] if the row cannot be read or does not have as many cells as there are names.
     pub fn next_row(&mut self) -> Result<Option<(u64, &StringRecord)>, TableError> {
         let from = self.inner.position().byte();
         let read = self.inner.read_record(&mut self.row);
@@ -60,14 +60,14 @@ impl<R: Read> TableReader<R> {
         }
     }
 
-    /// The line of the row that begins at this byte, or after the ends of lines that stand there.
+    /// Returns the line of the row that begins at this byte, or after the line ends that are there.
     fn line_of(&mut self, byte: u64) -> u64 {
         self.inner.get_mut().line_of(byte)
     }
 }
 
 impl fmt::Display for TableError {
-    /// What is wrong, without where.
+    /// Writes the error without its place.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.source.kind() {
             ErrorKind::UnequalLengths { expected_len, len, .. } => {
@@ -88,16 +88,16 @@ impl std::error::Error for TableError {
     }
 }
 
-/// Bytes, and where the lines among them begin that are not empty.
+/// Bytes that pass through, and the starts of the non-empty lines among them.
 #[derive(Debug)]
 struct LineIndex<R> {
     inner: R,
-    /// Of lines whose row was not read yet: where they begin, and their numbers.
+    /// The lines whose row was not read yet: the place at which each begins, and its number.
     starts: VecDeque<(u64, u64)>,
     byte: u64,
     line: u64,
     is_at_start: bool,
-    /// Whether the last byte was CR: an LF after it belongs to it.
+    /// `true` if the last byte was CR, so that an LF after it belongs to the same line end.
     is_after_cr: bool,
 }
 
@@ -124,7 +124,7 @@ impl<R> LineIndex<R> {
         self.byte += 1;
     }
 
-    /// The line that begins there or next; to be called in the order of rows.
+    /// Returns the line that begins at this byte or next. Rows must be asked about in their order.
     fn line_of(&mut self, byte: u64) -> u64 {
         while self.starts.front().is_some_and(|(start, _)| *start < byte) {
             self.starts.pop_front();
@@ -147,7 +147,7 @@ impl<R: Read> Read for LineIndex<R> {
 mod tests {
     use super::*;
 
-    /// The lines of the rows of a text, read in pieces of this length.
+    /// Returns the lines of the rows of a text that is read in pieces of this length.
     fn lines(text: &str, piece: usize) -> Vec<u64> {
         let mut options = ReaderBuilder::new();
         options.buffer_capacity(piece);

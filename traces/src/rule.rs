@@ -1,4 +1,4 @@
-//! The rules that a decision can break, with their sentences.
+//! The rules that a decision can break, with a sentence for each.
 
 use std::fmt;
 
@@ -36,7 +36,7 @@ pub enum Rule {
 }
 
 impl Rule {
-    /// All that a violation can name.
+    /// All rules that a violation can name.
     pub const ALL: [Self; 13] = [
         Self::F0,
         Self::F1,
@@ -53,7 +53,7 @@ impl Rule {
         Self::D18,
     ];
 
-    /// Those that an input and its decisions decide, whatever values come with them.
+    /// The rules that concern an input and its decisions, whatever values come with them.
     pub const OF_DECISIONS: [Self; 11] = [
         Self::F0,
         Self::F1,
@@ -68,7 +68,7 @@ impl Rule {
         Self::P1,
     ];
 
-    /// The identifier in SPEC.md.
+    /// Returns the identifier in SPEC.md.
     #[must_use]
     pub const fn id(self) -> &'static str {
         match self {
@@ -88,13 +88,13 @@ impl Rule {
         }
     }
 
-    /// The rule with its identifier, named so in SPEC.md.
+    /// Returns the rule with this identifier of SPEC.md.
     #[must_use]
     pub fn named(id: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|rule| rule.id() == id)
     }
 
-    /// The rule in a sentence.
+    /// Returns the rule as a sentence.
     #[must_use]
     pub const fn sentence(self) -> &'static str {
         match self {

@@ -1,7 +1,7 @@
 //! A cursor over one line that knows its column.
 //!
-//! It reads what a trace is made of by hand, a known key or a whole number at a time, and leaves
-//! the rest of JSON, escapes and values that are skipped, to `serde_json`.
+//! It reads the usual parts of a trace itself, a known key or a whole number at a time. It leaves escapes,
+//! and values that are skipped, to `serde_json`.
 
 use std::borrow::Cow;
 
@@ -9,27 +9,27 @@ use serde::de::IgnoredAny;
 
 use crate::parse::{ParseError, brief};
 
-/// How many digits a number may have and fit for sure.
+/// The greatest number of digits that always fit in 64 bits.
 const FITS: usize = 19;
 
-/// Where the line stands between two tokens, or within one.
+/// A place in the line, between two tokens or within one.
 pub(crate) struct Scan<'a> {
     text: &'a str,
     at: usize,
 }
 
 impl<'a> Scan<'a> {
-    /// The start of a line.
+    /// Creates a cursor at the start of a line.
     pub(crate) const fn new(text: &'a str) -> Self {
         Self { text, at: 0 }
     }
 
-    /// The offset of the next byte.
+    /// Returns the offset of the next byte.
     pub(crate) const fn offset(&self) -> usize {
         self.at
     }
 
-    /// The next byte that is not white space, if any is left; it stays.
+    /// Returns the next byte that is not white space, if there is one, without taking it.
     #[inline]
     pub(crate) fn peek(&mut self) -> Option<u8> {
         loop {
@@ -49,7 +49,7 @@ impl<'a> Scan<'a> {
         found
     }
 
-    /// Takes `wanted` or says that it is missing.
+    /// Takes `wanted`, or returns an error that it is missing.
     #[inline]
     pub(crate) fn expect(&mut self, wanted: u8, place: &str) -> Result<(), ParseError> {
         if self.take(wanted) {
@@ -64,7 +64,7 @@ impl<'a> Scan<'a> {
         Err(self.fault(format!("expected `{wanted}` {place}, found {}", self.found())))
     }
 
-    /// Whether an object or a list goes on; takes the comma, or the bracket that closes it.
+    /// Takes the comma or the closing bracket of an object or a list. Returns `true` if it continues.
     #[inline]
     pub(crate) fn more(&mut self, first: bool, close: u8) -> Result<bool, ParseError> {
         match self.peek() {
@@ -85,7 +85,7 @@ impl<'a> Scan<'a> {
         self.fault(format!("expected `,` or `{close}`, found {}", self.found()))
     }
 
-    /// Takes `token` if it comes at once.
+    /// Takes `token` if it comes at once, without white space.
     #[inline]
     pub(crate) fn take_all(&mut self, token: &[u8]) -> bool {
         let rest = self.text.as_bytes().get(self.at..).unwrap_or_default();
@@ -94,7 +94,7 @@ impl<'a> Scan<'a> {
         found
     }
 
-    /// A key, where it stands, and the colon.
+    /// Takes a key and its colon. Returns the key and its place.
     #[inline]
     pub(crate) fn key(&mut self) -> Result<(usize, Cow<'a, str>), ParseError> {
         self.peek();
@@ -112,7 +112,7 @@ impl<'a> Scan<'a> {
         }
     }
 
-    /// A string, without its quotes.
+    /// Takes a string. Returns it without its quotes.
     pub(crate) fn string(&mut self, what: &str) -> Result<Cow<'a, str>, ParseError> {
         if self.peek() != Some(b'"') {
             return Err(self.fault(format!("expected {what} in quotes, found {}", self.found())));
@@ -127,7 +127,7 @@ impl<'a> Scan<'a> {
         self.value::<String>().map(Cow::Owned)
     }
 
-    /// A whole number.
+    /// Takes a whole number.
     pub(crate) fn number(&mut self) -> Result<u64, ParseError> {
         self.peek();
         let rest = self.text.as_bytes().get(self.at..).unwrap_or_default();
@@ -163,17 +163,17 @@ impl<'a> Scan<'a> {
         self.fault(format!("expected {WANTED}, found {}", self.found()))
     }
 
-    /// Any JSON value, whatever is in it.
+    /// Takes any JSON value, whatever it contains.
     pub(crate) fn skip(&mut self) -> Result<(), ParseError> {
         self.value::<IgnoredAny>().map(|_| ())
     }
 
-    /// An error at the next byte.
+    /// Returns an error at the next byte.
     pub(crate) fn fault(&self, message: String) -> ParseError {
         ParseError::at(self.at, message)
     }
 
-    /// A value as `serde_json` reads it; it ends where the value does.
+    /// Takes a value by `serde_json`.
     fn value<T: serde::Deserialize<'a>>(&mut self) -> Result<T, ParseError> {
         let rest = self.text.get(self.at..).unwrap_or_default();
         let mut values = serde_json::Deserializer::from_str(rest).into_iter::<T>();
@@ -192,7 +192,7 @@ impl<'a> Scan<'a> {
         }
     }
 
-    /// What comes next, in a few characters, for an error.
+    /// Returns the next few characters, for an error.
     fn found(&self) -> String {
         let rest = self.text.get(self.at..).unwrap_or_default();
         let end = match rest.chars().next() {

@@ -1,30 +1,30 @@
-//! What an emit says of the value that it sends: what the accepted result said.
+//! The keys that an emit has for the value that it sends, which are those of the accepted result.
 
 use std::collections::BTreeMap;
 
 use crate::annotations::ValueKeys;
 use crate::event::{Decision, Input};
 
-/// Goes along with a machine's decisions, so that an emit can say of which timestamp its value is (D2),
-/// and for which one it is meant (D18).
+/// Follows a machine's decisions, so that an emit can name the timestamp that its value was computed from
+/// (D2) and the one that it is meant for (D18).
 ///
-/// It holds an entry for each held result that has one, so its memory is bounded as the machine's is.
+/// It stores an entry for each held result that has such a key, so its memory is bounded as the machine's is.
 #[derive(Clone, PartialEq, Eq, Default, Debug)]
 pub struct HeldValues {
-    /// By timestamp and source.
+    /// The value keys by timestamp and source.
     held: BTreeMap<(u64, u64), ValueKeys>,
-    /// What the last input sent, by timestamp.
+    /// The value keys that the last input sent, by timestamp.
     sent: Vec<(u64, ValueKeys)>,
 }
 
 impl HeldValues {
-    /// Whether an input that says this of its value changes nothing here, so that it need not be applied.
+    /// Returns `true` if an input with these value keys changes nothing here, so that it need not be applied.
     #[must_use]
     pub fn is_idle(&self, value: ValueKeys) -> bool {
         value.is_empty() && self.sent.is_empty() && self.held.is_empty()
     }
 
-    /// Takes an input, what it says of its value, and all that was decided about it, in order.
+    /// Notes an input, its value keys, and all decisions about it, in order.
     pub fn apply<'a>(
         &mut self,
         input: &Input,
@@ -33,7 +33,7 @@ impl HeldValues {
     ) {
         self.sent.clear();
         let is_dropped = matches!(decisions.clone().next_back(), Some(Decision::Drop { .. }));
-        // A value comes with an accepted result alone; one that is dropped must not replace what is held.
+        // Only an accepted result brings a value; a dropped one must not replace a held value.
         if let (Input::Result { t, p, .. }, false) = (input, value.is_empty() || is_dropped) {
             self.held.insert((*t, *p), value);
         }
@@ -44,7 +44,8 @@ impl HeldValues {
         }
     }
 
-    /// What this decision about the last input says of the value that it sends, as far as that is known.
+    /// Returns the value keys of the value that this decision about the last input sends, as far as they are
+    /// known.
     #[must_use]
     pub fn sent(&self, decision: &Decision) -> ValueKeys {
         let Decision::Emit { t: sent, .. } = decision else { return ValueKeys::default() };

@@ -1,8 +1,8 @@
-//! The keys of a line, and which kind of line must or may have which.
+//! The keys of a line, and which kind of line must or may have which key.
 
 use crate::parse::Form;
 
-/// What a line is.
+/// The kind of a line.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum LineKind {
     Header,
@@ -58,7 +58,7 @@ impl LineKind {
     /// The events, for people.
     pub(crate) const EVENTS: &str = "open, offer, result, fail, tick, timer, refuse, request, hold, drop, emit, final, miss, cancel";
 
-    /// The event with this word.
+    /// Returns the event with this word.
     pub(crate) fn named(name: &str) -> Option<Self> {
         Some(match name {
             "open" => Self::Open,
@@ -79,7 +79,7 @@ impl LineKind {
         })
     }
 
-    /// The word in a trace.
+    /// Returns the word that a trace uses.
     pub(crate) const fn name(self) -> &'static str {
         match self {
             Self::Header => "header",
@@ -100,7 +100,7 @@ impl LineKind {
         }
     }
 
-    /// The keys that such a line must have.
+    /// Returns the keys that such a line must have.
     pub(crate) const fn required(self) -> Keys {
         use Key::{At, Backlog, Clouds, Deadline, Due, Ev, Fuseline, P, T, Why, Window};
         match self {
@@ -121,7 +121,7 @@ impl LineKind {
         }
     }
 
-    /// The keys that such a line may have: those it must have and some more.
+    /// Returns the keys that such a line may have, with those that it must have.
     pub(crate) const fn keys(self, form: Form) -> Keys {
         use Key::{Age, Commit, Deadline, For, Missing, Of, Operator, Origin, P, Seq, Within, X};
         let more = match self {
@@ -147,7 +147,7 @@ impl LineKind {
         Keys(self.required().0 | more.0 | observed.0)
     }
 
-    /// The keys that such a line may have in observed traces alone.
+    /// Returns the keys that such a line may have only in observed traces.
     pub(crate) const fn keys_of_observed(self) -> Keys {
         match self {
             Self::Header => Keys::of(&[Key::Local]),
@@ -166,7 +166,7 @@ impl LineKind {
         }
     }
 
-    /// A line of this kind and its keys, for people.
+    /// Describes a line of this kind and its keys, for people.
     pub(crate) fn takes(self, form: Form) -> String {
         let article = if self == Self::Open || self == Self::Offer || self == Self::Emit {
             "an"
@@ -179,7 +179,7 @@ impl LineKind {
 }
 
 impl Key {
-    /// How many there are.
+    /// The number of keys.
     pub(crate) const COUNT: usize = Self::ALL.len();
 
     /// All keys, in the order in which they are written.
@@ -209,7 +209,7 @@ impl Key {
         Self::X,
     ];
 
-    /// The key with this name.
+    /// Returns the key with this name.
     pub(crate) fn named(name: &str) -> Option<Self> {
         Some(match name {
             "ev" => Self::Ev,
@@ -239,7 +239,7 @@ impl Key {
         })
     }
 
-    /// How it is written.
+    /// Returns the name of the key as it is written.
     pub(crate) const fn name(self) -> &'static str {
         match self {
             Self::Fuseline => "fuseline",
@@ -270,7 +270,7 @@ impl Key {
 }
 
 impl Keys {
-    /// The set of these.
+    /// Returns the set of these keys.
     pub(crate) const fn of(keys: &[Key]) -> Self {
         let mut bits = 0;
         let mut at = 0;
@@ -281,7 +281,7 @@ impl Keys {
         Self(bits)
     }
 
-    /// Adds a key; false if it was there.
+    /// Adds a key. Returns `false` if it was a member.
     pub(crate) const fn insert(&mut self, key: Key) -> bool {
         let before = self.0;
         self.0 |= 1 << key as u32;
@@ -296,22 +296,22 @@ impl Keys {
         self.0 == 0
     }
 
-    /// Those that `other` has too.
+    /// Returns the keys that are in both sets.
     pub(crate) const fn within(self, other: Self) -> Self {
         Self(self.0 & other.0)
     }
 
-    /// Those that `other` lacks.
+    /// Returns the keys that are not in `other`.
     pub(crate) const fn without(self, other: Self) -> Self {
         Self(self.0 & !other.0)
     }
 
-    /// The one that is written first.
+    /// Returns the key that is written first.
     pub(crate) fn first(self) -> Option<Key> {
         Key::ALL.get(self.0.trailing_zeros() as usize).copied()
     }
 
-    /// In the order in which they are written.
+    /// Returns the keys in the order in which they are written.
     pub(crate) fn iter(self) -> impl Iterator<Item = Key> {
         Key::ALL.into_iter().filter(move |key| self.contains(*key))
     }
@@ -322,7 +322,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_key_is_named_as_it_is_written_and_stands_at_its_place() {
+    fn keys_have_their_names_and_places() {
         for (place, key) in Key::ALL.into_iter().enumerate() {
             assert_eq!(Key::named(key.name()), Some(key));
             assert_eq!(key as usize, place);

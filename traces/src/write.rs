@@ -1,4 +1,4 @@
-//! Lines as they are written: keys in one order, no white space.
+//! Writes lines: keys in one order, without white space.
 
 use std::fmt;
 
@@ -24,13 +24,14 @@ impl Event {
         }
     }
 
-    /// Appends the line with further keys, without its `\n`. Which keys an event may have is for the reader to say.
+    /// Appends the line with further keys, without its `\n`. It writes any keys; the reader decides which
+    /// ones an event may have.
     pub fn write_annotated(&self, annotations: &Annotations, out: &mut Vec<u8>) {
         self.write(out);
         if annotations.is_empty() {
             return;
         }
-        // Before the brace that closes the line.
+        // Removes the brace that closes the line.
         out.pop();
         let Annotations { of, meant_for, attempt, within, age, origin, missing } = annotations;
         let attempt = attempt.map(u64::from);
@@ -51,7 +52,7 @@ impl Event {
         out.push(b'}');
     }
 
-    /// The line with further keys, as it is written.
+    /// Returns the line with further keys, as it is written.
     #[must_use]
     pub fn annotated(&self, annotations: &Annotations) -> String {
         let mut out = Vec::with_capacity(96);
@@ -61,7 +62,7 @@ impl Event {
 }
 
 impl Header {
-    /// Appends the line, without its `\n`. `resume` is written where it is not `limit − 1`.
+    /// Appends the line, without its `\n`. `resume` is written only if it is not `limit − 1`.
     pub fn write(&self, out: &mut Vec<u8>) {
         self.write_annotated(&HeaderAnnotations::default(), out);
     }
@@ -189,7 +190,7 @@ impl fmt::Display for Decision {
     }
 }
 
-/// An event up to its last number, still open.
+/// Writes an event up to its last number, without the closing brace.
 fn event(out: &mut Vec<u8>, name: &str, at: u64, more: &[(&str, u64)]) {
     out.extend_from_slice(b"{\"ev\":\"");
     out.extend_from_slice(name.as_bytes());
@@ -208,7 +209,7 @@ fn number(out: &mut Vec<u8>, key: &str, value: u64) {
     out.extend_from_slice(itoa::Buffer::new().format(value).as_bytes());
 }
 
-/// One more number, if there is one.
+/// Writes one more number, if there is one.
 fn further(out: &mut Vec<u8>, key: &str, value: Option<u64>) {
     if let Some(value) = value {
         out.push(b',');
@@ -216,7 +217,7 @@ fn further(out: &mut Vec<u8>, key: &str, value: Option<u64>) {
     }
 }
 
-/// A string behind `lead`, its key with all around it.
+/// Writes a string after `lead`, which is its key with everything around it.
 fn text(out: &mut Vec<u8>, lead: &str, value: &str) {
     out.extend_from_slice(lead.as_bytes());
     // Writing a string to memory cannot fail.

@@ -1,4 +1,4 @@
-//! The keys beside the machine's: how they are read and written, and what is refused of them.
+//! Tests the keys beside the machine's: reading, writing, and refusing them.
 
 use std::fs;
 use std::sync::Arc;
@@ -15,7 +15,7 @@ const HEADER: &str = r#"{"fuseline":1,"window":4,"clouds":[{"p":1,"limit":9}]}"#
 const WITHOUT_LOCAL: &str =
     r#"{"fuseline":1,"window":4,"local":"none","clouds":[{"p":1,"limit":9,"max_age":3}]}"#;
 
-/// What stands on the second line.
+/// Returns the annotations of the second line.
 fn second_line(is_observed: bool, header: &str, line: &str) -> Result<Annotations, ReadError> {
     let trace = format!("{header}\n{line}\n");
     let read = if is_observed { Events::observed } else { Events::new };
@@ -24,7 +24,7 @@ fn second_line(is_observed: bool, header: &str, line: &str) -> Result<Annotation
     Ok(reader.annotations().clone())
 }
 
-/// What is said of the first line that is refused.
+/// Returns the error about the first line that is refused.
 fn refused(is_observed: bool, header: &str, line: &str) -> String {
     second_line(is_observed, header, line).expect_err(line).to_string()
 }
@@ -62,7 +62,7 @@ fn what_stands_beside_the_rules_is_read_with_its_line() {
     }
     let none = r#"{"ev":"open","at":9,"t":7,"missing":[ ]}"#;
     assert_eq!(second_line(false, HEADER, none).unwrap(), Annotations::NONE);
-    // Age alone says how old the message is.
+    // An age alone says how old the message is.
     let alone = r#"{"ev":"open","at":9,"t":7,"age":0}"#;
     assert_eq!(second_line(false, HEADER, alone).unwrap().age, Some(0));
 }
@@ -134,7 +134,7 @@ fn what_has_no_place_there_is_refused_where_it_stands() {
 }
 
 #[test]
-fn a_message_is_due_from_its_capture_where_its_age_is_known() {
+fn message_deadline_counts_from_its_capture() {
     let due = |at, within, age| Annotations { within, age, ..Annotations::NONE }.due(at);
     assert_eq!(due(100, None, Some(7)), None);
     assert_eq!(due(100, Some(50), None), Some(150));
@@ -174,7 +174,7 @@ proptest! {
         };
         let line = Event::Input(input).annotated(&annotations);
         prop_assert_eq!(second_line(true, HEADER, &line).unwrap(), annotations);
-        // Without them the line is as it was.
+        // Without annotations the line is unchanged.
         prop_assert_eq!(Event::Input(input).annotated(&Annotations::NONE), input.to_string());
     }
 
@@ -207,7 +207,7 @@ fn a_recorder_writes_them() {
     drop(recorder);
     let written = fs::read(&path).unwrap();
     let verdict = judge("a.jsonl", &written[..]).unwrap();
-    // Local has no age at all.
+    // Local's values have no age at all.
     let [violation] = &verdict.violations[..] else { panic!("{verdict}") };
     assert_eq!((violation.rule, violation.line), (Rule::D2, 4));
     assert_eq!(violation.found, r#"{"ev":"emit","at":1,"t":9,"p":0,"of":8}"#);
@@ -215,7 +215,8 @@ fn a_recorder_writes_them() {
     assert_eq!(violation.story[1], r#"3: {"ev":"result","at":1,"t":9,"p":0,"of":8}"#);
 }
 
-/// D2 in its own words, and not in those of P3, where no result is recorded at all.
+/// A value of another message is reported as such (D2), and not as a missing result (P3) if no result is
+/// recorded at all.
 #[test]
 fn a_value_of_another_message_is_reported_as_that() {
     let trace = [
@@ -233,7 +234,7 @@ fn a_value_of_another_message_is_reported_as_that() {
     assert_eq!(violation.found, r#"{"ev":"emit","at":9,"t":5,"p":1,"of":1}"#);
 }
 
-/// D2: what may have come before an output says whose value it can be, and what certainly came later does not.
+/// Only results that may have come before an output say whose value it can be (D2).
 #[test]
 fn a_value_is_none_of_a_result_that_came_by_then() {
     let slack = Slack { tolerance: 1, lateness: 2 };
@@ -252,7 +253,7 @@ fn a_value_is_none_of_a_result_that_came_by_then() {
     }
 }
 
-/// D18: an action that a chunk has for a later tick is not this tick's, whoever judges.
+/// An action that a chunk holds for a later tick breaks D18 at this tick, for either judge.
 #[test]
 fn action_of_a_later_tick_breaks_d18() {
     let header = r#"{"fuseline":1,"window":4,"clouds":[{"p":1,"limit":9}]}"#;
@@ -267,7 +268,7 @@ fn action_of_a_later_tick_breaks_d18() {
     let [violation] = &verdict.violations[..] else { panic!("{verdict}") };
     assert_eq!((violation.rule, violation.line), (Rule::D18, 4));
 
-    // Here the emit alone says it.
+    // Only the emit says it here.
     let observed = strict.map(|line| line.replace(r#""p":0,"for":21}"#, r#""p":0}"#));
     let mut observed = observed.to_vec();
     observed[3] = r#"{"ev":"emit","at":9,"t":5,"p":0,"for":21}"#.to_owned();
@@ -278,7 +279,7 @@ fn action_of_a_later_tick_breaks_d18() {
     assert_eq!(violation.expected, "a value that is meant for timestamp 5");
 }
 
-/// What a message held back for its own deadline is described by: how late it is, and by when it had to come.
+/// A message with its own deadline is reported with its delay and the instant by which it was due.
 #[test]
 fn j2_says_by_how_much_an_output_is_late() {
     let trace = [
@@ -295,9 +296,9 @@ fn j2_says_by_how_much_an_output_is_late() {
     assert_eq!(violation.expected, "an output at 134 at the latest: the message's own deadline");
 }
 
-/// A50: the lines of two sources may be out of order by the errors of both, and no more.
+/// Lines of two sources may be out of order by the sum of both errors, and no more (A50).
 #[test]
-fn lines_of_two_sources_are_out_of_order_by_the_sum_of_their_tolerances_at_most() {
+fn sources_may_be_out_of_order_by_both_tolerances() {
     let header: Header =
         Events::new("a", format!("{HEADER}\n").as_bytes()).unwrap().header().clone();
     let judged = |before: u64| {
@@ -309,7 +310,7 @@ fn lines_of_two_sources_are_out_of_order_by_the_sum_of_their_tolerances_at_most(
     assert!(judged(12).is_ok());
     let error = judged(13).unwrap_err();
     assert_eq!((error.tolerance, error.greatest), (12, 100));
-    // The other way round, what is stamped too late brings nothing nearer.
+    // Conversely, a stamp that is too late brings nothing nearer.
     let slack = Slack { tolerance: 2, lateness: 5 };
     let mut judge = observed::Judge::new("a.jsonl", &header, slack).with_tolerance_of(1, 10);
     judge.line(2, &Event::Input(Input::Result { at: 100, t: 1, p: 1 })).unwrap();

@@ -1,5 +1,5 @@
-//! Every trace of the corpus, judged: conforming ones conform, breaking ones break what their
-//! sidecars name.
+//! Judges every trace of the corpus: conforming ones conform, and breaking ones break what their sidecars
+//! name.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -14,7 +14,7 @@ use fuseline_traces::{
 };
 use serde::Deserialize;
 
-/// What a breaking trace breaks.
+/// The rule that a breaking trace breaks, and the line.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Sidecar {
@@ -32,10 +32,10 @@ struct Options {
     period: Option<u64>,
     judged: u64,
     violations: Vec<Sidecar>,
-    /// Whether the last line is cut short.
+    /// `true` if the last line is cut off.
     #[serde(default)]
     truncated: bool,
-    /// How many messages, requests or lines each kind of doubt is about.
+    /// The number of messages, requests or lines in each kind of doubt.
     #[serde(default)]
     doubts: BTreeMap<String, u64>,
 }
@@ -45,12 +45,12 @@ struct Options {
 struct Observed {
     tolerance: u64,
     lateness: u64,
-    /// Of single sources.
+    /// The tolerances of single sources.
     #[serde(default)]
     tolerances: BTreeMap<u64, u64>,
 }
 
-/// A reason with what it is given for: they are counted apart.
+/// A reason with the kind of input that it is for; the kinds are counted separately.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 enum Reason {
     Open(OpenRefusal),
@@ -64,13 +64,13 @@ fn conforming_traces_conform() {
     for case in CASES {
         let verdict = judge(case.name, case.trace.as_bytes()).expect("it can be read");
         assert_eq!(verdict.violations, [], "{verdict}");
-        // Two are about messages that nothing comes of.
+        // Two kinds are about messages without any further line.
         let kinds = verdict.doubts.iter().map(|doubt| doubt.kind.as_str());
         assert!(verdict.conforms || kinds.eq(["unjudged"]), "{verdict}");
     }
 }
 
-/// Each kind of doubt has a case, which accepting the kind makes conform.
+/// Each kind of doubt has a case, and accepting the kind makes the trace conform.
 #[test]
 fn doubts_are_those_of_their_sidecars() {
     let folder = corpus().join("doubts");
@@ -81,7 +81,7 @@ fn doubts_are_those_of_their_sidecars() {
         let mut trace = fs::read(folder.join(format!("{name}.jsonl"))).expect("it can be read");
         let mut expected = options.doubts.clone();
         if options.truncated {
-            // Whoever reads the trace knows that it is cut.
+            // The reader of the trace knows that it is cut.
             assert!(!trace.ends_with(b"\n"), "{name}");
             trace.truncate(trace.iter().rposition(|byte| *byte == b'\n').unwrap() + 1);
             expected.remove("cut").expect("it is cut");
@@ -96,7 +96,7 @@ fn doubts_are_those_of_their_sidecars() {
     assert_eq!(kinds, DoubtKind::ALL.map(|kind| kind.as_str().to_owned()).into());
 }
 
-/// The doubts with their counts, and whether the trace conforms, also when they are accepted.
+/// Returns the doubts with their counts, and whether the trace conforms, without and with accepting them.
 fn doubts(options: &Options, trace: &[u8]) -> (BTreeMap<String, u64>, (bool, bool)) {
     let (doubts, conforms) = match judged(options, trace) {
         JudgedTrace::Strict(verdict) => (
@@ -113,7 +113,7 @@ fn doubts(options: &Options, trace: &[u8]) -> (BTreeMap<String, u64>, (bool, boo
 }
 
 #[test]
-fn breaking_traces_break_the_named_rule_at_the_named_line_and_nothing_else() {
+fn bad_traces_break_only_the_named_rule() {
     let mut astray = Vec::new();
     for (path, sidecar) in bad() {
         let verdict = verdict(&path);
@@ -126,7 +126,8 @@ fn breaking_traces_break_the_named_rule_at_the_named_line_and_nothing_else() {
     assert!(astray.is_empty(), "{}", astray.join("\n\n"));
 }
 
-/// A44, A45, J1: what conforms by its lines alone, and what is found once it is known that the run has ended, or its period.
+/// These traces conform by their lines alone; knowing that the run has ended, or its period, changes the
+/// verdict (A44, A45, J1).
 #[test]
 fn traces_of_which_more_is_known_are_judged_by_that() {
     let folder = corpus().join("options");
@@ -144,20 +145,20 @@ fn traces_of_which_more_is_known_are_judged_by_that() {
     }
 }
 
-/// A46 to A50, D2, D18, J2: values, attempts, a message's own deadline, no local, clocks that differ. The sidecar says how a
-/// trace is judged; one that names no violation conforms.
+/// Judges values, attempts, a message's own deadline, an absent local and clocks that differ (A46 to A50, D2,
+/// D18, J2). The sidecar says how a trace is judged; a trace without a violation in it conforms.
 #[test]
 fn traces_with_further_keys_are_judged_by_them() {
     assert!(judged_as_their_sidecars_say("annotated") > 15);
 }
 
-/// A54, F9: what concurrent implementations recorded under progressive.
+/// Judges recordings of concurrent implementations under progressive (A54, F9).
 #[test]
 fn observed_traces_are_judged_under_progressive() {
     assert!(judged_as_their_sidecars_say("observed") > 5);
 }
 
-/// How many traces a folder has.
+/// Judges the traces of a folder and returns their number.
 fn judged_as_their_sidecars_say(folder: &str) -> usize {
     let folder = corpus().join(folder);
     let names = names_in(&folder);
@@ -174,7 +175,7 @@ fn judged_as_their_sidecars_say(folder: &str) -> usize {
     names.len()
 }
 
-/// What a replay writes of values: the lines of the traces that conform strictly.
+/// A replay writes the value keys of traces that conform strictly.
 #[test]
 fn an_emit_says_of_its_value_what_its_result_said() {
     let mut emits = 0;
@@ -203,7 +204,7 @@ fn an_emit_says_of_its_value_what_its_result_said() {
     assert_eq!(emits, 6);
 }
 
-/// Whether it conforms when nothing more is known.
+/// Returns `true` if the trace conforms when nothing more is known.
 fn conforms_alone(options: &Options, trace: &[u8]) -> bool {
     match &options.observed {
         None => judge("trace", trace).expect("it is well formed").violations.is_empty(),
@@ -214,10 +215,10 @@ fn conforms_alone(options: &Options, trace: &[u8]) -> bool {
     }
 }
 
-/// How many timestamps were judged and how many are unfinished, and the violations.
+/// The numbers of judged and of unfinished timestamps, and the violations.
 type FoundByOption = (u64, u64, Vec<(String, u64)>);
 
-/// What either judge found.
+/// The verdict of either judge.
 enum JudgedTrace {
     Strict(Verdict),
     Observed(observed::Verdict),
@@ -292,15 +293,15 @@ fn every_rule_is_obeyed_and_broken() {
     for case in CASES {
         for (input, demands) in play(case.trace) {
             obeyed.extend(demands.iter().map(|(_, rule)| *rule));
-            // F0 shows where the clock went back.
+            // The clock went back, which shows F0.
             if demands.iter().any(|(decision, _)| decision.at() != input.at()) {
                 obeyed.insert(Rule::F0);
             }
-            // An accepted failure that decides nothing is F4's only trace.
+            // An accepted failure that decides nothing is the only trace of F4.
             if matches!(input, Input::Fail { .. }) {
                 obeyed.insert(Rule::F4);
             }
-            // P1 shows where something comes for what was forwarded or missed.
+            // An input for a timestamp that was forwarded or missed shows P1.
             if demands.iter().any(|(decision, _)| {
                 matches!(decision, Decision::Drop { why: DropReason::Superseded, .. })
             }) {
@@ -350,7 +351,7 @@ fn every_reason_is_given_and_withheld() {
 }
 
 #[test]
-fn what_the_commit_rules_decide_differently_is_there_under_both() {
+fn corpus_shows_where_commit_rules_differ() {
     let mut differ = BTreeSet::new();
     for case in CASES {
         let Some(stem) = case.name.strip_suffix("-eager") else { continue };
@@ -397,7 +398,7 @@ fn reason(input: &Input, decision: &Decision) -> Option<Reason> {
     }
 }
 
-/// The inputs of a trace with what the rules demand.
+/// Returns the inputs of a trace with the decisions that the rules demand.
 fn play(trace: &str) -> Vec<(Input, ExpectedDecisions)> {
     let mut reference = Reference::new(&header(trace));
     let inputs = trace.lines().filter_map(|line| input(line.as_bytes()));

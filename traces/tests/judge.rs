@@ -1,4 +1,4 @@
-//! The judge: how it tells, counts and goes on. Which rule it names is the corpus' matter.
+//! Tests how the judge reports, counts and continues. The corpus tests which rule it names.
 
 use std::fmt::Write;
 
@@ -10,14 +10,14 @@ use serde_json::json;
 
 const HEADER: &str = "{\"fuseline\":1,\"window\":4,\"clouds\":[{\"p\":1,\"limit\":31}]}\n";
 
-/// The same, read.
+/// Returns the parsed header.
 fn header() -> Header {
     let cloud = Cloud { p: 1, name: None, limit: 31, resume: 30 };
     Header { operator: None, window: 4, commit: Commit::Eager, clouds: vec![cloud] }
 }
 
-/// Judges a trace whose events are written in a few words: `open 0 1` and so on, values in the
-/// format's order.
+/// Judges a trace whose events are written in a few words: `open 0 1` and so on, with values in the format's
+/// order.
 fn verdict(events: &[&str]) -> Verdict {
     let mut trace = HEADER.to_owned();
     for event in events {
@@ -41,7 +41,7 @@ fn verdict(events: &[&str]) -> Verdict {
 }
 
 #[test]
-fn a_verdict_names_rule_sentence_found_expected_and_story() {
+fn verdict_names_rule_found_expected_and_story() {
     let verdict = verdict(&[
         "open 0 7",
         "offer 0 7 1 100 0",
@@ -84,7 +84,7 @@ fn a_verdict_in_json_has_the_keys_of_the_format() {
 }
 
 #[test]
-fn a_missing_decision_is_reported_at_the_line_after_which_it_should_stand() {
+fn missing_decision_is_reported_at_the_line_before() {
     let verdict = verdict(&["open 0 1", "result 1 1 0", "tick 2", "tick 3"]);
     let [violation] = &verdict.violations[..] else { panic!("{verdict}") };
     assert_eq!((violation.line, violation.rule), (3, Rule::F3));
@@ -93,7 +93,7 @@ fn a_missing_decision_is_reported_at_the_line_after_which_it_should_stand() {
 }
 
 #[test]
-fn a_tick_that_brings_a_violation_is_part_of_the_story() {
+fn story_contains_the_tick_that_breaks_a_rule() {
     let verdict = verdict(&["open 0 1 5", "tick 4", "timer 4 1 0"]);
     let [violation] = &verdict.violations[..] else { panic!("{verdict}") };
     assert_eq!(violation.expected, "no decision");
@@ -122,7 +122,7 @@ fn after_a_violation_it_goes_on_with_the_next_input() {
 }
 
 #[test]
-fn a_decision_too_many_is_laid_to_the_rule_that_would_make_it() {
+fn extra_decision_breaks_the_rule_that_makes_it() {
     let opened = ["open 0 1", "offer 0 1 1 100 0", "request 0 1 1 100"];
     let cases: [(&[&str], &str, Rule); 14] = [
         (&["open 1 2"], "refuse 1 2 0 queue", Rule::F2g),
@@ -177,7 +177,7 @@ fn accepting_excuses_no_violation() {
 }
 
 #[test]
-fn judged_are_the_opened_ones_with_a_result_failure_emit_or_miss() {
+fn judges_opened_timestamps_with_an_ending_or_result() {
     let verdict = verdict(&[
         "open 0 1", // nothing comes: not judged
         "open 0 2", // a result, forwarded
@@ -199,7 +199,7 @@ fn judged_are_the_opened_ones_with_a_result_failure_emit_or_miss() {
     assert_eq!(verdict.judged, 3);
 }
 
-/// A44: each timer that is left was to fire.
+/// In an ended run, each timer that is left was to fire (A44).
 #[test]
 fn of_an_ended_run_timers_that_are_left_are_missing() {
     let mut judge = Judge::new("a.jsonl", &header());
@@ -230,7 +230,7 @@ fn of_an_ended_run_timers_that_are_left_are_missing() {
     ));
 }
 
-/// What a judge remembers is bounded, whatever the trace's length.
+/// A judge's memory is bounded, whatever the trace's length.
 #[test]
 fn a_story_looks_so_many_lines_back_and_no_further() {
     for (between, lines) in [(16 * 1024 - 2, 2), (16 * 1024 - 1, 1)] {

@@ -1,4 +1,5 @@
-//! The observed judge: which rule or promise it names, what it says was allowed, and what it does not judge.
+//! Tests the observed judge: which rule or promise it names, what it says was allowed, and what it does not
+//! judge.
 
 use std::fmt::Write;
 
@@ -10,7 +11,8 @@ use serde_json::json;
 const EXACT: Slack = Slack { tolerance: 0, lateness: 0 };
 const LOOSE: Slack = Slack { tolerance: 2, lateness: 5 };
 
-/// A trace whose events are written in a few words: `open 0 1` and so on, values in the format's order.
+/// Returns a trace whose events are written in a few words: `open 0 1` and so on, with values in the format's
+/// order.
 fn trace(commit: &str, events: &[&str]) -> String {
     let mut trace = format!(
         "{{\"fuseline\":1,\"window\":4,\"commit\":\"{commit}\",\"clouds\":[{{\"p\":1,\"limit\":9}},{{\"p\":2,\"limit\":9}}]}}\n"
@@ -41,7 +43,7 @@ fn verdict(slack: Slack, events: &[&str]) -> Verdict {
     judge("a.jsonl", slack, trace("eager", events).as_bytes()).expect("it is well formed")
 }
 
-/// The rule broken and by how much it came too late, of each violation.
+/// Returns the broken rule of each violation, and the time by which its output was too late.
 fn broken(slack: Slack, events: &[&str]) -> Vec<(u64, String, Option<u64>)> {
     let verdict = verdict(slack, events);
     assert_eq!(verdict.conforms, verdict.violations.is_empty() && verdict.doubts.is_empty());
@@ -66,7 +68,7 @@ fn the_traces_of_the_corpus_conform_in_this_mode_too() {
                 judged += verdict.judged;
             }
             Err(JudgeError::TimeOrderError(disorder)) => {
-                // F0: the clock went back.
+                // The clock went back (F0).
                 assert!(disorder.at < disorder.greatest, "{}", case.name);
             }
             Err(JudgeError::Read(error)) => panic!("{error}"),
@@ -80,7 +82,7 @@ fn p1_once() {
     let start = ["open 0 1", "result 5 1 0", "emit 5 1 0"];
     is_broken(&[&start[..], &["emit 6 1 0"]].concat(), 5, "P1", None);
     is_broken(&[&start[..], &["miss 5 1"]].concat(), 5, "P1", None);
-    // Long after nothing more of it is held.
+    // Long afterwards no more of it is stored than that it is done.
     is_broken(&[&start[..], &["tick 900", "emit 950 1 0"]].concat(), 6, "P1", None);
 }
 
@@ -102,14 +104,14 @@ fn p3_best_available() {
 }
 
 #[test]
-fn f3_nothing_goes_while_something_pending_outranks_it() {
+fn f3_holds_while_something_better_is_pending() {
     let events = ["open 0 1", "request 0 1 1 10", "result 3 1 0", "emit 3 1 0", "tick 40"];
     is_broken(&events, 5, "F3", None);
     is_broken(&["open 0 1", "result 3 1 1", "emit 3 1 1"], 4, "F3", None);
 }
 
 #[test]
-fn p4_p6_p7_what_comes_too_late_is_reported_by_how_much() {
+fn p4_p6_p7_delay_of_late_outputs_is_reported() {
     let requested = ["open 0 1", "request 0 1 1 10", "result 3 1 0"];
     is_broken(&[&requested[..], &["emit 17 1 0"]].concat(), 5, "P4", Some(7));
     is_broken(&["open 0 1", "result 3 1 0", "emit 5 1 0"], 4, "P6", Some(2));
@@ -124,13 +126,13 @@ fn p5_p6_p7_something_comes_out() {
     is_broken(&[&requested[..], &["tick 50"]].concat(), 4, "P5", Some(40));
     is_broken(&["open 0 1", "result 3 1 0", "tick 8"], 3, "P6", Some(5));
     is_broken(&["open 0 1 10", "fail 3 1 0", "tick 20"], 3, "P7", Some(17));
-    // It waits for local; it ends before it must come out.
+    // The timestamp waits for local, and the trace ends before its output is owed.
     assert_eq!(broken(EXACT, &["open 0 1", "request 0 1 1 10", "result 9 1 1", "emit 9 1 1"]), []);
     assert_eq!(broken(LOOSE, &[&requested[..], &["tick 16"]].concat()), []);
 }
 
 #[test]
-fn f6_nothing_is_missed_with_something_available_or_pending() {
+fn f6_misses_only_with_nothing_left() {
     let events = ["open 0 1", "request 0 1 1 10", "result 3 1 0", "miss 10 1"];
     is_broken(&events, 5, "F6", None);
     is_broken(&["open 0 1 10", "miss 5 1"], 3, "F6", None);
@@ -164,10 +166,10 @@ fn what_was_refused_or_skipped_is_not_judged() {
     assert_eq!((verdict.conforms, verdict.judged), (true, 1));
     let out = [&refused[..3], &["emit 3 1 0"]].concat();
     is_broken(&out, 5, "F1", None);
-    // A42: the second open was refused, the first stands.
+    // The second open was refused, and the first stands (A42).
     let again = ["open 0 1", "open 3 1", "refuse 3 1 order", "result 4 1 0", "emit 4 1 0"];
     assert_eq!(broken(EXACT, &again), []);
-    // A43: the trace records opens, and none of this.
+    // The trace records opens, but none of this timestamp (A43).
     let skipped =
         ["open 0 3", "result 1 2 0", "drop 1 2 0 superseded", "result 4 3 0", "emit 4 3 0"];
     assert_eq!(broken(EXACT, &skipped), []);
@@ -176,13 +178,13 @@ fn what_was_refused_or_skipped_is_not_judged() {
 }
 
 #[test]
-fn a_trace_of_which_nothing_was_judged_does_not_conform() {
+fn unjudged_trace_does_not_conform() {
     let verdict = verdict(LOOSE, &["open 0 1", "tick 50"]);
     assert_eq!((verdict.conforms, verdict.judged, verdict.lines), (false, 0, 3));
     assert_eq!(verdict.violations, []);
 }
 
-/// A judge that has read these.
+/// Returns a judge that has read these events.
 fn read(slack: Slack, period: Option<u64>, events: &[&str]) -> Judge {
     read_under("eager", slack, period, events)
 }
@@ -201,7 +203,7 @@ fn read_under(commit: &str, slack: Slack, period: Option<u64>, events: &[&str]) 
 }
 
 #[test]
-fn a44_what_an_ended_run_owes_is_overdue_but_for_locals_result_without_a_deadline() {
+fn a44_all_but_unbounded_local_is_overdue_at_the_end() {
     let done = ["open 0 1", "result 1 1 0", "emit 1 1 0"];
     let ended = |more: &[&str]| read(LOOSE, None, &[&done[..], more].concat()).finish_ended();
     let requested = ["open 2 2", "request 2 2 1 1000"];
@@ -214,7 +216,7 @@ fn a44_what_an_ended_run_owes_is_overdue_but_for_locals_result_without_a_deadlin
         (&["open 2 2", "request 2 2 1 1000", "result 3 2 0"], 2, 0, Some("P5")),
         (&["open 2 2", "fail 3 2 0", "tick 3"], 2, 0, Some("P7")),
         (&["open 2 2", "request 2 2 1 1000", "fail 3 2 0"], 2, 0, Some("P7")),
-        // A result that was sent is none of this, nor is a message refused.
+        // A result that was sent is not such a case, and neither is a refused message.
         (&["open 2 2", "result 3 2 0", "emit 4 2 0"], 2, 0, None),
         (&["open 2 2", "refuse 2 2 full"], 1, 0, None),
     ] {
@@ -222,14 +224,14 @@ fn a44_what_an_ended_run_owes_is_overdue_but_for_locals_result_without_a_deadlin
         assert_eq!((verdict.judged, left_unfinished(&verdict)), (judged, unfinished), "{more:?}");
         let rules: Vec<String> = verdict.violations.iter().map(|it| it.rule.to_string()).collect();
         assert_eq!(rules, broken.into_iter().collect::<Vec<_>>(), "{more:?}");
-        // It never came: nobody knows how late that is.
+        // The output never came, so its delay is unknown.
         assert!(verdict.violations.iter().all(|it| it.late.is_none()), "{more:?}");
     }
     let open = read(LOOSE, None, &requested).finish();
     assert_eq!(left_unfinished(&open), 0);
 }
 
-/// How many messages were open when the run ended.
+/// Returns the number of messages that were open when the run ended.
 fn left_unfinished(verdict: &Verdict) -> u64 {
     let mut of_kind = verdict.doubts.iter().filter(|it| it.kind == DoubtKind::Unfinished);
     of_kind.next().map_or(0, |doubt| doubt.count)
@@ -247,21 +249,21 @@ fn j1_gaps_between_opens_and_at_the_end_are_reported() {
     assert_eq!(period(&["open 50 1", "open 160 2"]), [(3, Some(2), Some(1))]);
     assert_eq!(period(&["open 50 1", "tick 159"]), []);
     assert_eq!(period(&["open 50 1", "tick 160"]), [(3, Some(1), Some(1))]);
-    // Out of order by no more than may be; the time before the first open is none.
+    // The lines are out of order within the tolerance, and the time before the first open is no gap.
     assert_eq!(period(&["tick 0", "open 204 2", "open 200 1", "open 309 3", "tick 310"]), []);
-    // It is about instants, whatever the timestamps are.
+    // Only instants count, whatever the timestamps are.
     assert_eq!(period(&["open 50 9", "open 150 2", "open 250 1"]), []);
-    // Refused ones end no gap, whether the refusal stands before or after.
+    // Refused opens end no gap, whether the refusal comes before or after.
     let refused = [(3, Some(2), Some(91)), (7, Some(4), Some(1))];
     let later = ["open 100 1", "open 300 2", "open 350 3", "refuse 350 3 full", "tick 350"];
     assert_eq!(period(&[&later[..], &["open 410 4"]].concat()), refused);
     let sooner = ["open 100 1", "open 300 2", "refuse 350 3 full", "open 350 3", "tick 350"];
     assert_eq!(period(&[&sooner[..], &["open 410 4"]].concat()), refused);
-    // A45: that the run has ended does not move its end.
+    // Knowing that the run has ended does not move its end (A45).
     let ended =
         read(LOOSE, Some(100), &["open 50 1", "result 50 1 0", "emit 50 1 0"]).finish_ended();
     assert_eq!(ended.violations, []);
-    // Nothing is opened at all.
+    // No timestamp is opened at all.
     assert_eq!(period(&["tick 10", "result 60 1 0", "emit 60 1 0", "tick 119"]), []);
     assert_eq!(
         period(&["tick 10", "result 60 1 0", "emit 60 1 0", "tick 120"]),
@@ -270,7 +272,7 @@ fn j1_gaps_between_opens_and_at_the_end_are_reported() {
 }
 
 #[test]
-fn j1_a_gap_is_reported_as_soon_as_it_is_certain_and_with_its_length() {
+fn j1_gap_is_reported_once_certain_with_its_length() {
     let judge = read(LOOSE, Some(100), &["open 0 1", "open 1000 2", "tick 1014"]);
     let [violation] = &judge.so_far().violations[..] else { panic!("{judge:?}") };
     assert_eq!(violation.found, "no open for 1000 ns after that of timestamp 1, at 0");
@@ -278,14 +280,14 @@ fn j1_a_gap_is_reported_as_soon_as_it_is_certain_and_with_its_length() {
         "an open at 109 at the latest: a period, the lateness and twice the tolerance later";
     assert_eq!(violation.expected, expected);
     assert_eq!(violation.story, [r#"3: {"ev":"open","at":1000,"t":2}"#]);
-    // What may come yet is not missing at an early end.
+    // At an early end, an output that may still come is not missing.
     let early =
         |end: &str| read(LOOSE, Some(100), &["open 0 1", end]).finish_early().violations.len();
     assert_eq!((early("tick 116"), early("tick 117")), (0, 1));
 }
 
 #[test]
-fn lines_are_out_of_order_by_twice_the_tolerance_at_most() {
+fn lines_may_be_out_of_order_by_two_tolerances() {
     let out = |before: u64| {
         let tick = format!("tick {}", 100 - before);
         let trace = trace("eager", &["tick 100", &tick]);
@@ -326,9 +328,9 @@ fn the_commit_rule_of_the_header_counts() {
     }
 }
 
-/// It broke a rule before it was opened, and so is not counted as waiting for local.
+/// The timestamp broke a rule before it was opened, so it does not count as waiting for local.
 #[test]
-fn what_came_out_of_a_refused_timestamp_does_not_leave_it_unfinished() {
+fn refused_timestamp_with_output_is_not_unfinished() {
     let trace = concat!(
         "{\"fuseline\":1,\"window\":4,\"clouds\":[]}\n",
         "{\"ev\":\"refuse\",\"at\":22,\"t\":5,\"why\":\"order\"}\n",
@@ -344,7 +346,7 @@ fn what_came_out_of_a_refused_timestamp_does_not_leave_it_unfinished() {
     assert_eq!((verdict.violations.len(), left_unfinished(&verdict)), (1, 0));
 }
 
-/// Under progressive, exactly: the line, the rule, how late, what was expected.
+/// Judges under progressive without tolerance. Returns the line, the rule, the delay and what was expected.
 fn progressive(events: &[&str]) -> Option<(u64, String, Option<u64>, String)> {
     let trace = trace("progressive", events);
     let verdict = judge("a.jsonl", EXACT, trace.as_bytes()).expect("it is well formed");
@@ -353,7 +355,7 @@ fn progressive(events: &[&str]) -> Option<(u64, String, Option<u64>, String)> {
     Some((found.line, found.rule.to_string(), found.late, found.expected))
 }
 
-/// Two requests, due at 10 and 20, and what comes of them from line 5 on.
+/// Checks the violation of two requests, due at 10 and 20, with further events from line 5 on.
 fn is_broken_progressively(events: &[&str], line: u64, rule: &str, late: Option<u64>, text: &str) {
     let start = ["open 0 1", "request 0 1 1 10", "request 0 1 2 20"];
     let events = [&start[..], events, &["tick 90"]].concat();
@@ -362,12 +364,12 @@ fn is_broken_progressively(events: &[&str], line: u64, rule: &str, late: Option<
 }
 
 #[test]
-fn f9_each_better_result_comes_out_and_the_end_may_be_reported() {
+fn f9_each_better_result_is_an_output() {
     let start = ["open 0 1", "request 0 1 1 10", "request 0 1 2 20", "result 3 1 0", "emit 3 1 0"];
     let better = ["result 5 1 2", "emit 5 1 2"];
     for rest in [
         &[&better[..], &["final 5 1 2"]].concat()[..],
-        // A52: what is outranked is superseded.
+        // A result that is outranked is superseded (A52).
         &[&better[..], &["result 7 1 1", "tick 90"]].concat(),
         &["result 4 1 1", "emit 4 1 1", "final 20 1 1"],
         &["fail 6 1 2", "final 10 1 0"],
@@ -391,20 +393,20 @@ fn p1_outputs_rise_and_one_end_follows() {
     ] {
         is_broken_progressively(&[&local[..], rest].concat(), line, "P1", None, text);
     }
-    // Long after nothing more of it is held.
+    // Long afterwards no more of it is stored than that it is done.
     let again = ["open 0 1", "result 3 1 0", "emit 3 1 0", "tick 900", "final 950 1 0"];
     let text = "nothing more: it was forwarded or missed before".to_owned();
     assert_eq!(progressive(&again), Some((6, "P1".to_owned(), None, text)));
 }
 
 #[test]
-fn p3_to_p6_what_is_late_or_missing_under_progressive_is_reported() {
+fn p3_to_p6_late_or_missing_progressive_is_reported() {
     let local = ["result 3 1 0", "emit 3 1 0"];
     let after_local = |rest: &[&'static str]| [&local[..], rest].concat();
     let of_p = |p: u64, at: u64| format!("emit p {p}, at {at} to {at}");
     let late = ["result 3 1 0", "emit 10 1 0", "final 20 1 0"];
     is_broken_progressively(&late, 6, "P4", Some(7), &of_p(0, 3));
-    // It waits for what comes too late, and is reported once.
+    // The judge waits for the output that comes too late, and reports it once.
     let late = after_local(&["result 5 1 2", "tick 50", "emit 51 1 2"]);
     is_broken_progressively(&late, 9, "P4", Some(46), &of_p(2, 5));
     let better = after_local(&["result 5 1 2", "final 20 1 0"]);
@@ -447,14 +449,14 @@ fn what_has_no_explanation_under_progressive_is_named() {
     is_broken_progressively(&["fail 3 1 0", "miss 10 1"], 6, "F6", None, "miss, at 20 to 20");
     is_broken_progressively(&["result 3 1 0", "miss 20 1"], 6, "F6", None, "emit p 0, at 3 to 3");
     is_broken_progressively(&["final 20 1 0"], 5, "F9", None, "nothing yet of timestamp 1");
-    // Its last output ended it.
+    // The last output ended the timestamp.
     let outranked = ["result 3 1 0", "result 3 1 2", "emit 3 1 2", "request 5 1 1 10", "tick 90"];
     let found = progressive(&[&["open 0 1", "request 0 1 2 20"][..], &outranked].concat());
     assert_eq!(found.map(|(_, rule, ..)| rule).as_deref(), Some("F2"));
 }
 
 #[test]
-fn a44_of_an_ended_run_under_progressive_the_end_of_a_timestamp_may_be_missing() {
+fn a44_progressive_final_may_be_missing_at_the_end() {
     let start = ["open 0 1", "request 0 1 2 900", "result 1 1 0", "emit 1 1 0"];
     for (rest, unfinished, broken) in [
         (&[][..], 0, None),
@@ -466,7 +468,7 @@ fn a44_of_an_ended_run_under_progressive_the_end_of_a_timestamp_may_be_missing()
         let verdict = judge.finish_ended();
         assert_eq!((verdict.judged, left_unfinished(&verdict)), (1, unfinished), "{rest:?}");
         let found = verdict.violations.first().map(|it| (it.rule.id(), it.late));
-        // It never came: nobody knows how late that is.
+        // The output never came, so its delay is unknown.
         assert_eq!(found, broken.map(|rule| (rule, None)), "{rest:?}");
     }
 }

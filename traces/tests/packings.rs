@@ -1,4 +1,4 @@
-//! A trace says the same however it is packed, and one that is cut short is reported.
+//! Checks that packing does not change a trace's verdict, and that a cut file is reported.
 
 use std::collections::BTreeMap;
 use std::io::{self, BufReader, Cursor, Read, Write};
@@ -26,7 +26,7 @@ fn zstd(bytes: &[u8]) -> Vec<u8> {
     zstd::encode_all(bytes, 0).unwrap()
 }
 
-/// An MCAP file with these messages of a topic.
+/// Returns an MCAP file with these messages of a topic.
 fn mcap(topic: &str, encoding: &str, messages: &[&str], pack: Option<Compression>) -> Vec<u8> {
     let mut bytes = Cursor::new(Vec::new());
     let mut writer = WriteOptions::new().compression(pack).create(&mut bytes).unwrap();
@@ -49,7 +49,7 @@ fn read(packed: &[u8]) -> io::Result<String> {
     let read = unpack(packed).and_then(|mut trace| trace.read_to_end(&mut text));
     let unpacked = unpack_beside(Cursor::new(packed.to_vec()));
     let read_beside = unpacked.and_then(|mut trace| trace.read_to_end(&mut beside));
-    // What comes before an error is the same too.
+    // The lines before an error are the same too.
     let said = |read: &io::Result<usize>| read.as_ref().map_err(ToString::to_string).copied();
     assert_eq!((said(&read), &text), (said(&read_beside), &beside));
     read?;
@@ -62,7 +62,7 @@ fn what_is_unpacked_beside_comes_whole_and_in_order() {
     let long = format!("{header}\n{}", lines.repeat(30_000));
     for packed in [gzip(long.as_bytes()), zstd(long.as_bytes())] {
         assert_eq!(read(&packed).unwrap(), long);
-        // Who stops reading does not wait for the rest.
+        // A reader that stops does not wait for the rest.
         let mut first = [0; 10];
         unpack_beside(Cursor::new(packed)).unwrap().read_exact(&mut first).unwrap();
         assert_eq!(first, TRACE.as_bytes()[..10]);
@@ -121,7 +121,7 @@ fn a_file_cut_short_is_reported_wherever_it_is_cut() {
             let cut = &whole[..len];
             let kind = match read(cut) {
                 Ok(text) => {
-                    // Of MCAP what follows the messages may be missing.
+                    // In an MCAP file, everything after the messages may be missing.
                     assert_eq!(text, TRACE, "{len}");
                     assert_eq!(whole[0], 0x89, "{len}");
                     continue;

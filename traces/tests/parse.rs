@@ -1,4 +1,4 @@
-//! The parser: what it refuses, where and why, and that it takes back what the writer wrote.
+//! Tests the parser: what it refuses, where and why, and that it reads what the writer wrote.
 
 use fuseline_traces::{
     Cloud, Commit, Decision, Defect, DropReason, Event, Events, Header, Input, Line, OfferRefusal,
@@ -9,10 +9,10 @@ use proptest::option;
 use proptest::prelude::*;
 use proptest::sample::select;
 
-/// A line that is refused, where, and what is said about it.
+/// A line that is refused, the column, and the error.
 type Refused<'a> = (&'a [u8], u64, &'a str);
 
-/// What a number must be, as it is said.
+/// The error for a number.
 const NUMBER: &str = "a whole number from 0 to 18446744073709551615, digits alone";
 
 fn refused(cases: &[Refused<'_>]) {
@@ -265,7 +265,7 @@ fn defaults_are_those_of_the_format() {
 }
 
 #[test]
-fn lines_are_written_in_one_order_and_without_white_space() {
+fn writes_keys_in_one_order_without_white_space() {
     let cloud = |p, name: &str, resume| Cloud { p, name: Some(name.into()), limit: 31, resume };
     let header = Header {
         operator: Some("detector".into()),
@@ -288,7 +288,8 @@ fn lines_are_written_in_one_order_and_without_white_space() {
     assert_eq!(refuse.to_string(), "{\"ev\":\"refuse\",\"at\":1,\"t\":2,\"why\":\"full\"}");
 }
 
-/// Each kind of line, with numbers up to and beyond what is read in one pass, and with each change of one byte.
+/// Reads each kind of line, with numbers up to and beyond what one pass reads, and with each change of one
+/// byte.
 #[test]
 fn changed_lines_say_in_one_pass_what_the_parser_says() {
     const NUMBERS: [u64; 6] = [0, 7, 98_765_432, 123_456_789, 9_999_999_999_999_999_999, u64::MAX];
@@ -334,7 +335,7 @@ fn changed_lines_say_in_one_pass_what_the_parser_says() {
     }
 }
 
-/// Holds what is said of a line against what is said of it with a blank in it, a column later.
+/// Compares the reading of a line with that of the same line with a blank in it, one column later.
 fn agrees(bytes: &[u8]) {
     let spaced = [b"{ ", bytes.strip_prefix(b"{").expect("an object")].concat();
     let spaced = parse(&spaced).map_err(|error| (error.column - 1, error.message));
@@ -342,7 +343,7 @@ fn agrees(bytes: &[u8]) {
     assert_eq!(said, spaced, "{}", bytes.escape_ascii());
 }
 
-/// The same, and what is said of it after another event of its trace.
+/// Does the same after another event of the trace.
 fn agrees_after(before: &str, bytes: &[u8]) {
     agrees(bytes);
     let header = "{\"fuseline\":1,\"window\":1,\"clouds\":[]}";
@@ -365,13 +366,13 @@ proptest! {
     }
 
     #[test]
-    fn white_space_and_the_order_of_keys_make_no_difference(line in lines()) {
+    fn accepts_white_space_and_any_order_of_keys(line in lines()) {
         let json: serde_json::Value = serde_json::from_str(&line.to_string()).unwrap();
         let spaced = serde_json::to_string_pretty(&json).unwrap().replace('\n', " \t");
         prop_assert_eq!(parse(spaced.as_bytes()), Ok(line));
     }
 
-    /// A cut or changed line is never taken for another JSON than `serde_json` sees.
+    /// A cut or changed line is accepted only if `serde_json` reads the same JSON.
     #[test]
     fn damaged_lines_are_taken_only_where_they_are_json(
         line in lines(),
@@ -423,7 +424,7 @@ fn headers() -> impl Strategy<Value = Header> {
         .prop_map(|(operator, window, commit, clouds)| Header { operator, window, commit, clouds })
 }
 
-/// Numbers of each length.
+/// Generates numbers of each length.
 fn number() -> impl Strategy<Value = u64> {
     (any::<u64>(), 0..64_u32).prop_map(|(number, shift)| number >> shift)
 }

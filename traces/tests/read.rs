@@ -1,4 +1,4 @@
-//! The reader: what a whole file may not hold, and that it holds one line at a time.
+//! Tests the reader: what a whole file may not contain, and that it stores one line at a time.
 
 use std::io::{self, BufRead, BufReader, Read, Write};
 
@@ -9,7 +9,7 @@ use fuseline_traces::{Decision, Defect, Event, Events, Input, LINE, ReadError, u
 const HEADER: &str = "{\"fuseline\":1,\"window\":1,\"clouds\":[]}";
 const TICK: &str = "{\"ev\":\"tick\",\"at\":1}";
 
-/// Reads to the end, in small portions.
+/// Reads to the end in small portions.
 fn read(trace: &[u8]) -> Result<Vec<Event>, ReadError> {
     let mut reader = Events::new("a.jsonl", BufReader::with_capacity(7, trace))?;
     let mut events = Vec::new();
@@ -86,7 +86,7 @@ fn errors_of_a_line_bear_file_line_and_column() {
 }
 
 #[test]
-fn a_line_of_64_kib_is_read_and_a_longer_one_is_refused() {
+fn reads_64_kib_lines_and_refuses_longer_ones() {
     let line = |len: usize| {
         let rest = "{\"ev\":\"tick\",\"at\":1,\"x\":\"\"}".len();
         format!("{{\"ev\":\"tick\",\"at\":1,\"x\":\"{}\"}}", "x".repeat(len - rest))
@@ -98,7 +98,7 @@ fn a_line_of_64_kib_is_read_and_a_longer_one_is_refused() {
         error(trace(LINE + 1).as_bytes()),
         "a.jsonl:2:65537: a line over 64 KiB; no line needs to be as long"
     );
-    // Too long goes before what else may be wrong with it.
+    // The error about the length comes before any other error of the line.
     assert!(error(format!("{HEADER}\n{}", line(LINE + 1)).as_bytes()).contains("over 64 KiB"));
 }
 
@@ -112,7 +112,7 @@ fn an_endless_line_is_refused_without_being_held() {
 }
 
 #[test]
-fn an_error_of_the_source_is_reported_and_an_interruption_is_not() {
+fn reports_read_errors_but_not_interruptions() {
     let trace = format!("{HEADER}\n{TICK}\n");
     let interrupted = Faulty { faults: vec![io::ErrorKind::Interrupted] };
     let mut reader =
@@ -129,7 +129,7 @@ fn an_error_of_the_source_is_reported_and_an_interruption_is_not() {
 }
 
 #[test]
-fn an_observed_request_has_its_due_instant_or_its_deadline() {
+fn observed_request_has_due_or_deadline() {
     const HEAD: &str = r#"{"ev":"request","t":1,"p":2"#;
     let read = |rest: &str, observed: bool| {
         let trace = format!("{HEADER}\n{HEAD}{rest}}}\n");
@@ -158,7 +158,7 @@ fn packed_and_plain_traces_are_read_alike() {
     let trace = format!("{HEADER}\n{TICK}\n");
     let mut packed = Vec::new();
     for line in trace.split_inclusive('\n') {
-        // Each line its own member, as if files were put together.
+        // Each line is a gzip member of its own, as if files were concatenated.
         let mut member = GzEncoder::new(Vec::new(), Compression::fast());
         member.write_all(line.as_bytes()).unwrap();
         packed.extend(member.finish().unwrap());
@@ -174,7 +174,7 @@ fn packed_and_plain_traces_are_read_alike() {
     assert!(matches!(error.defect, Defect::Io(_)));
 }
 
-/// Counts what is taken.
+/// Counts the bytes that are taken.
 #[derive(Debug)]
 struct Counted<R> {
     inner: R,

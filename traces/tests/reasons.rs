@@ -1,4 +1,5 @@
-//! Each list of reasons holds them all. A new reason breaks a `match` here, and then the comparison below it.
+//! Checks that each list of reasons is complete. A new reason breaks a `match` here, and then the comparison
+//! below it.
 
 use fuseline_traces::{DropReason, OfferRefusal, OpenRefusal};
 

@@ -1,4 +1,4 @@
-//! The recorder: what is on disk after an end, a drop, a panic, a kill and an error.
+//! Tests what the recorder leaves on disk after an end, a drop, a panic, a kill and an error.
 
 use std::env;
 use std::fs;
@@ -18,8 +18,7 @@ fn header() -> Header {
     Header { operator: None, window: 4, commit: Commit::Eager, clouds: vec![cloud] }
 }
 
-/// Records so many messages with the rules' decisions: each forwards local at the cloud's due
-/// instant.
+/// Records this many messages with the rules' decisions. Each forwards local at the cloud's due instant.
 fn record(recorder: &mut Recorder, messages: u64) {
     let mut reference = Reference::new(&header());
     let mut demands = ExpectedDecisions::new();
@@ -65,7 +64,7 @@ fn a_finished_recording_conforms() {
 }
 
 #[test]
-fn a_recording_begins_with_its_header_at_once_and_replaces_what_was_there() {
+fn recording_starts_with_its_header_and_replaces() {
     let (_folder, path) = folder();
     fs::write(&path, "an older trace, longer than the header ".repeat(9)).unwrap();
     let _recorder = Recorder::create(&path, &header(), Recording::default()).unwrap();
@@ -105,7 +104,7 @@ fn a_killed_process_leaves_whole_inputs() {
     let (_folder, path) = folder();
     let mut recorder = Recorder::create(&path, &header(), Recording::default()).unwrap();
     record(&mut recorder, 1000);
-    // What a kill would leave: nothing more is written.
+    // Leaves what a kill would leave: nothing more is written.
     std::mem::forget(recorder);
     let verdict = verdict(&path);
     assert!(verdict.violations.is_empty(), "{verdict}");
@@ -130,7 +129,7 @@ fn a_flushed_recording_can_be_read_along() {
 }
 
 #[test]
-fn parts_begin_with_the_header_and_are_the_trace_when_put_together() {
+fn parts_have_headers_and_join_to_the_trace() {
     for gzip in [false, true] {
         let (folder, path) = folder();
         let whole = folder.path().join("whole.jsonl");
@@ -153,7 +152,8 @@ fn parts_begin_with_the_header_and_are_the_trace_when_put_together() {
             let packed = fs::read(part).unwrap();
             std::io::Read::read_to_string(&mut unpack(&packed[..]).unwrap(), &mut text).unwrap();
             joined += text.strip_prefix(&head).expect("each part has the header");
-            // A part is full when the next one begins, by no more than an input with its decisions.
+            // A part is full when the next one begins, and exceeds its size by at most an input with its
+            // decisions.
             assert!(text.len() < 4096 + 300);
             assert!(text.len() >= 4096 || place + 1 == parts.len());
         }
@@ -179,9 +179,9 @@ fn a_file_that_cannot_be_made_is_an_error_at_once() {
 }
 
 #[test]
-fn an_error_on_the_way_is_kept_for_the_end_and_the_trace_is_whole_up_to_it() {
+fn error_waits_for_finish_and_trace_stays_whole() {
     let (_folder, path) = folder();
-    // The second part cannot be made: a folder is in its place.
+    // The second part cannot be created, because a folder is in its place.
     fs::create_dir(Recorder::part(&path, 1)).unwrap();
     let recording = Recording { rotate: Some(1000), ..Recording::default() };
     let mut recorder = Recorder::create(&path, &header(), recording).unwrap();
@@ -191,8 +191,8 @@ fn an_error_on_the_way_is_kept_for_the_end_and_the_trace_is_whole_up_to_it() {
     assert!(verdict.violations.is_empty() && verdict.judged > 0, "{verdict}");
 }
 
-/// Runs a test of this file again, in a process that may write no file of more than 16 KiB: like a
-/// disk that fills, it takes a part of one write and refuses the next.
+/// Runs a test of this file again in a process that may write no file of more than 16 KiB. Like a full disk,
+/// it takes part of one write and refuses the next.
 fn on_a_small_disk(test: &str) {
     let ended = Command::new("sh")
         .args(["-c", "trap '' XFSZ; ulimit -f 32; exec \"$@\"", "sh"])
@@ -204,13 +204,13 @@ fn on_a_small_disk(test: &str) {
     assert!(ended.status.success(), "{}", String::from_utf8_lossy(&ended.stdout));
 }
 
-/// Says that this is such a process.
+/// The environment variable that marks such a process.
 const SMALL_DISK: &str = "RECORD_TEST_SMALL_DISK";
 
 #[test]
-fn a_full_disk_leaves_whole_inputs_and_all_that_it_had_room_for() {
+fn full_disk_leaves_whole_inputs() {
     if env::var_os(SMALL_DISK).is_none() {
-        return on_a_small_disk("a_full_disk_leaves_whole_inputs_and_all_that_it_had_room_for");
+        return on_a_small_disk("full_disk_leaves_whole_inputs");
     }
     for (gzip, every_input, least) in
         [(false, false, 16_000), (false, true, 16_000), (true, false, 8000)]
@@ -229,17 +229,17 @@ fn a_full_disk_leaves_whole_inputs_and_all_that_it_had_room_for() {
 }
 
 #[test]
-fn each_input_is_written_as_soon_as_the_next_one_comes() {
+fn writes_each_input_when_the_next_one_comes() {
     for (gzip, sync) in [(false, false), (false, true), (true, false)] {
         let (_folder, path) = folder();
         let recording = Recording { gzip, every_input: true, sync, rotate: None };
         let mut recorder = Recorder::create(&path, &header(), recording).unwrap();
         record(&mut recorder, 20);
-        // What a kill would leave: nothing more is written.
+        // Leaves what a kill would leave: nothing more is written.
         std::mem::forget(recorder);
         let verdict = verdict(&path);
         assert!(verdict.violations.is_empty(), "{verdict}");
-        // All but the last input, the tick that brings the last timer.
+        // Everything except the last input, which is the tick that fires the last timer.
         assert_eq!((verdict.judged, verdict.lines), (20, 1 + 8 * 20 - 3));
     }
 }

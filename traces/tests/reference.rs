@@ -1,9 +1,9 @@
-//! The reference machine's questions. What it decides is the corpus' matter and that of the core beside it.
+//! Tests the reference machine's queries. The corpus and the comparison with the core test its decisions.
 
 use fuseline_traces::{Cloud, Commit, Header, Input, Reference};
 
 #[test]
-fn it_reports_its_clock_its_next_timer_and_what_is_open() {
+fn reports_clock_next_due_and_open_timestamps() {
     let clouds = vec![Cloud { p: 1, name: None, limit: 31, resume: 30 }];
     let header = Header { operator: None, window: 4, commit: Commit::Eager, clouds };
     let mut reference = Reference::new(&header);

@@ -1,4 +1,4 @@
-//! The observed judge goes through a trace line by line, and finds what a look at all lines of a timestamp at once finds.
+//! Checks that the observed judge, line by line, finds what a look at all lines of a timestamp at once finds.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -28,7 +28,7 @@ struct Terms {
     commit: Commit,
     own: Slack,
     slack: SourceSlack,
-    /// Those of `slack` that differ.
+    /// The source with another tolerance than `slack` has, and that tolerance.
     tolerance: Option<(u64, u64)>,
     header: HeaderAnnotations,
 }
@@ -44,7 +44,7 @@ impl Terms {
         Self { commit, own, slack, tolerance, header }
     }
 
-    /// The error of a line's stamp.
+    /// Returns the error of a line's stamp.
     fn tolerance(&self, event: &Event) -> u64 {
         match event {
             Event::Input(Input::Result { p, .. } | Input::Fail { p, .. })
@@ -53,7 +53,7 @@ impl Terms {
         }
     }
 
-    /// The greatest instant, where a stamp that may be further off counts for less.
+    /// Returns the greatest instant, where a stamp with a greater error counts for less.
     fn end(&self, events: &[RecordedEvent]) -> u64 {
         let at = |(event, _): &RecordedEvent| {
             at(event).saturating_sub(self.tolerance(event).saturating_sub(self.own.tolerance))
@@ -62,7 +62,7 @@ impl Terms {
     }
 }
 
-/// A judge that has read events; their lines begin with the second.
+/// Returns a judge that has read events whose lines begin with the second.
 fn read(
     terms: &Terms,
     period: Option<u64>,
@@ -86,7 +86,7 @@ fn judged(terms: &Terms, events: &[RecordedEvent]) -> Result<Verdict, TimeOrderE
     Ok(read(terms, None, events)?.finish())
 }
 
-/// Each kind of violation is found in some trace, so that none is compared with nothing.
+/// Finds each kind of violation in some trace, so that the comparison is not vacuous.
 #[test]
 fn the_traces_break_the_rules_of_further_keys_too() {
     let mut runner = proptest::test_runner::TestRunner::deterministic();
@@ -103,7 +103,7 @@ fn the_traces_break_the_rules_of_further_keys_too() {
     }
 }
 
-/// The timestamps that do not conform by themselves, apart from gaps and the window.
+/// Returns the timestamps that do not conform by themselves, apart from gaps and the window.
 fn broken(verdict: &Verdict) -> BTreeSet<u64> {
     let alone = |found: &&Violation| !matches!(found.rule, BrokenRule::J1 | BrokenRule::P9);
     let broken = verdict.violations.iter().filter(alone);
@@ -117,7 +117,8 @@ fn at(event: &Event) -> u64 {
     }
 }
 
-/// The timestamps that do not conform, and those that are left open: all lines of each at once, by the words of `SPEC.md`.
+/// Returns the timestamps that do not conform, and those that stay open, from all lines of each at once, by
+/// the words of `SPEC.md`.
 fn naive(terms: &Terms, end: u64, events: &[RecordedEvent]) -> [BTreeSet<u64>; 2] {
     let mut by_t: BTreeMap<u64, Vec<(RecordedEvent, bool)>> = BTreeMap::new();
     let mut records_opens = false;
@@ -139,16 +140,16 @@ fn naive(terms: &Terms, end: u64, events: &[RecordedEvent]) -> [BTreeSet<u64>; 2
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum MessageEnding {
     Breaks,
-    /// Nothing came out, nor had to.
+    /// It has no output and owes none.
     Open,
 }
 
-/// The instants of opens, with their deadlines and by when they want an output.
+/// The instants of opens, each with its deadline and the instant by which it demands an output.
 type Opens = Vec<(u64, (Option<u64>, Option<u64>))>;
-/// The instants of refusals with their places.
+/// The instants of refusals, with their places.
 type Refusals = BTreeSet<(u64, usize)>;
 
-/// The opens that no refusal takes away.
+/// Returns the opens that no refusal removes.
 fn accepted(reach: u64, opens: &Opens, refusals: &Refusals) -> Opens {
     let mut opens = opens.clone();
     for (at, _) in refusals {
@@ -160,7 +161,7 @@ fn accepted(reach: u64, opens: &Opens, refusals: &Refusals) -> Opens {
     opens
 }
 
-/// How many gaps longer than `most` there are between opens, and at the end.
+/// Counts the gaps longer than `most` between opens, and at the end.
 fn gaps(most: u64, terms: &Terms, events: &[RecordedEvent]) -> usize {
     let reach = 2 * terms.own.tolerance + terms.own.lateness;
     let mut by_t: BTreeMap<u64, (Opens, Refusals)> = BTreeMap::new();
@@ -185,8 +186,8 @@ fn gaps(most: u64, terms: &Terms, events: &[RecordedEvent]) -> usize {
     instants.windows(2).filter(|pair| pair[1] - pair[0] > most).count()
 }
 
-/// P9: of each accepted open the timestamp, how many others were certainly open then by outputs that came in time to tell so,
-/// and how many may have been.
+/// Returns, for each accepted open, its timestamp, the number of others that were certainly open then, and
+/// the number that may have been (P9). Only outputs that came in time count.
 fn crowds(terms: &Terms, events: &[RecordedEvent]) -> Vec<(u64, usize, usize)> {
     let (twice, reach) = (2 * terms.own.tolerance, 2 * terms.own.tolerance + terms.own.lateness);
     let mut by_t: BTreeMap<u64, (Opens, Refusals, Vec<(u64, usize)>)> = BTreeMap::new();
@@ -213,7 +214,7 @@ fn crowds(terms: &Terms, events: &[RecordedEvent]) -> Vec<(u64, usize, usize)> {
             (t, opens.iter().map(|(at, _)| *at).collect(), out.into_iter().min())
         })
         .collect();
-    // The line at which no earlier output can come any more.
+    // The line after which no earlier output can come.
     let settled = |opened_at: u64| {
         let is_past = |(event, _): &RecordedEvent| {
             at(event).saturating_sub(terms.tolerance(event))
@@ -240,7 +241,7 @@ type RequestLine = (u64, u64, u64, Option<u8>);
 /// A failure line: source, instant, attempt.
 type FailureLine = (u64, u64, Option<u8>);
 
-/// A47: one request a source, unless an attempt is requested twice.
+/// Returns one request for each source, unless an attempt is requested twice (A47).
 fn folded(requests: &[RequestLine]) -> Vec<(u64, u64, u64)> {
     let mut folded = Vec::new();
     for p in requests.iter().map(|(p, ..)| *p).collect::<BTreeSet<_>>() {
@@ -255,7 +256,7 @@ fn folded(requests: &[RequestLine]) -> Vec<(u64, u64, u64)> {
     folded
 }
 
-/// A47: whole requests that failed, and those of which each attempt did.
+/// Returns the whole requests that failed, and the requests whose attempts all failed (A47).
 fn failed(requests: &[RequestLine], failures: &[FailureLine]) -> Vec<(u64, u64)> {
     let whole = failures.iter().filter(|(.., attempt)| attempt.is_none());
     let mut failed: Vec<(u64, u64)> = whole.map(|(p, at, _)| (*p, *at)).collect();
@@ -272,7 +273,7 @@ fn failed(requests: &[RequestLine], failures: &[FailureLine]) -> Vec<(u64, u64)>
     failed
 }
 
-/// D2: whether an output may bear the value that it says, or that the results say.
+/// Returns `true` if an output may not have the value that it names, or that the results name (D2).
 fn is_value_wrong(
     terms: &Terms,
     t: u64,
@@ -292,7 +293,7 @@ fn is_value_wrong(
     }
 }
 
-/// A result: source, instant, whose value.
+/// A result: source, instant, and whose value it is.
 type ResultLine = (u64, u64, Option<u64>);
 
 fn fate(
@@ -356,7 +357,7 @@ fn fate(
     };
     results.retain(|(p, at, _)| counts(*p, *at));
     failures.retain(|(p, at, _)| counts(*p, *at));
-    // A refusal, unless something of it certainly came before.
+    // It was refused, unless a line of it certainly came before.
     let was_refused = refusals.iter().any(|(refused, _)| {
         !known.iter().any(|(known, other)| known + other + own + lateness < *refused)
     });
@@ -379,7 +380,7 @@ fn fate(
     if sent.any(|output| is_value_wrong(terms, t, output, &results)) {
         return Some(MessageEnding::Breaks);
     }
-    // J2.
+    // The message's own deadline (J2).
     let due = opens.first().and_then(|(_, (_, due))| *due);
     let first = story.outputs.iter().map(|(_, at)| *at).min();
     let is_late = due.is_some_and(|due| match first {
@@ -393,7 +394,8 @@ fn fate(
     is_none.then_some(MessageEnding::Open)
 }
 
-/// What the reference machine does, with instants that are off, lines out of order and keys that are now and then wrong.
+/// Generates what the reference machine does, with wrong instants, lines out of order and keys that are
+/// sometimes wrong.
 fn traces() -> impl Strategy<Value = (Terms, Vec<RecordedEvent>)> {
     let input = prop_oneof![
         4 => (0..6_u64, option::of(1..30_u64))
@@ -434,7 +436,7 @@ fn recorded(terms: &Terms, steps: &[(u64, Input)], noise: &[(u64, u64, u8)]) -> 
             let (off, late, odd) = noise.next().copied().unwrap_or_default();
             let tolerance = terms.tolerance(&event);
             let off = off % (2 * tolerance + 1);
-            // Now and then a line is lost, or later than it may be.
+            // Sometimes a line is lost, or later than it may be.
             if odd == 0 {
                 continue;
             }
@@ -453,7 +455,7 @@ fn recorded(terms: &Terms, steps: &[(u64, Input)], noise: &[(u64, u64, u8)]) -> 
             events.extend(again);
         }
     }
-    // Out of order by less than the tolerances of both.
+    // The lines are out of order by less than the tolerances of both.
     events.sort_by_key(|(event, _)| {
         let tolerance = terms.tolerance(event);
         at(event) + 9 + at(event) * 7 % (2 * tolerance + 1) - tolerance
@@ -461,7 +463,7 @@ fn recorded(terms: &Terms, steps: &[(u64, Input)], noise: &[(u64, u64, u8)]) -> 
     events
 }
 
-/// The further keys of a line, some of them wrong.
+/// Returns the further keys of a line, some of them wrong.
 fn annotations(event: &Event, odd: u8) -> Annotations {
     let mut annotations = Annotations::NONE;
     match event {
@@ -488,7 +490,7 @@ fn annotations(event: &Event, odd: u8) -> Annotations {
     annotations
 }
 
-/// A second attempt, or the failure of the other one.
+/// Returns a second attempt, or the failure of the other one.
 fn again(event: &Event, annotations: &Annotations, odd: u8, at: u64) -> Option<RecordedEvent> {
     let other = match event {
         Event::Decision(Decision::Request { .. }) if odd % 4 == 2 => Some(1),
@@ -519,7 +521,7 @@ fn moved(event: Event, now: u64) -> Event {
     }
 }
 
-/// How many messages were open when the run ended.
+/// Returns the number of messages that were open when the run ended.
 fn unfinished(verdict: &Verdict) -> u64 {
     let mut of_kind = verdict.doubts.iter().filter(|it| it.kind == DoubtKind::Unfinished);
     of_kind.next().map_or(0, |doubt| doubt.count)
@@ -529,7 +531,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 4096, failure_persistence: None, ..Default::default() })]
 
     #[test]
-    fn what_is_judged_along_the_way_is_what_a_look_at_the_whole_trace_finds(
+    fn streaming_agrees_with_the_naive_judge(
         (terms, events) in traces()
     ) {
         let verdict = judged(&terms, &events).expect("it is in order");
@@ -537,9 +539,9 @@ proptest! {
         prop_assert_eq!(unfinished(&verdict), 0);
     }
 
-    /// Once the run is known to have ended, nothing more is to come.
+    /// If the run is known to have ended, nothing more is to come.
     #[test]
-    fn what_an_ended_run_owes_is_what_a_look_at_the_whole_trace_finds(
+    fn ended_run_agrees_with_the_naive_judge(
         (terms, events) in traces()
     ) {
         let judge = read(&terms, None, &events).expect("it is in order");
@@ -549,7 +551,7 @@ proptest! {
         prop_assert_eq!(unfinished(&verdict), open.len() as u64, "{:#?}", events);
     }
 
-    /// J1.
+    /// The gaps are those that a look at all opens finds (J1).
     #[test]
     fn gaps_are_those_that_a_look_at_all_opens_finds((terms, events) in traces(), period in 0..60_u64) {
         let judge = read(&terms, Some(period), &events).expect("it is in order");
@@ -561,7 +563,7 @@ proptest! {
         prop_assert_eq!(broken(&verdict), others[0].clone(), "they change nothing else");
     }
 
-    /// P9.
+    /// The crowded opens are those that a look at all outputs finds (P9).
     #[test]
     fn crowded_opens_are_those_among_all_outputs((terms, events) in traces()) {
         let verdict = judged(&terms, &events).expect("it is in order");
@@ -579,7 +581,8 @@ proptest! {
         }
     }
 
-    /// Nor do the ends of every range matter, nor what makes no sense: there is a verdict or a line out of order.
+    /// Neither the ends of any range nor nonsense prevents a verdict, or an error that a line is out of
+    /// order.
     #[test]
     fn every_trace_has_its_verdict(
         commit in prop::sample::select(&Commit::ALL[..]),

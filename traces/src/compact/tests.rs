@@ -8,7 +8,8 @@ use crate::event::{Cloud, Event};
 use crate::read::Events;
 use crate::reference::Reference;
 
-/// Both machines decide about the inputs alike, and have the same timers and timestamps after each.
+/// Checks that both machines give the same decisions, and have the same timers and timestamps after each
+/// input.
 fn compare(header: &Header, inputs: impl IntoIterator<Item = Input>) -> usize {
     let (mut compact, mut reference) = (CompactReference::new(header), Reference::new(header));
     let most = 2 * compact.window * compact.priorities.len() + STALE;
@@ -17,7 +18,7 @@ fn compare(header: &Header, inputs: impl IntoIterator<Item = Input>) -> usize {
         compact.apply(&input, &mut decided);
         reference.apply(&input, &mut demanded);
         assert_eq!(decided, demanded, "{header:?} {input:?}");
-        // A copy, since the question leaves timers out that were disarmed.
+        // Asks a copy, because the query removes disarmed timers.
         let rest = (compact.clone().next_due(), compact.waiting().count(), compact.now);
         assert_eq!(rest, (reference.next_due(), reference.open_len(), reference.now()));
         assert!(compact.timers.len() <= most, "{input:?}");
@@ -29,7 +30,7 @@ fn compare(header: &Header, inputs: impl IntoIterator<Item = Input>) -> usize {
 }
 
 #[test]
-fn it_decides_as_the_reference_machine_in_each_case_of_the_corpus() {
+fn agrees_with_the_reference_on_the_corpus() {
     for case in CASES {
         let mut reader = Events::new(case.name, case.trace.as_bytes()).expect("a header");
         let header = reader.header().clone();
@@ -58,7 +59,7 @@ fn timers_that_were_disarmed_are_left_out() {
     assert_eq!(compare(&header, inputs), 2000);
 }
 
-/// Inputs of few timestamps, sources and instants, so that they meet.
+/// Generates inputs of few timestamps, sources and instants, so that they interact.
 fn input() -> impl Strategy<Value = (u64, Input)> {
     let (t, p, deadline) = (0..12_u64, 0..5_u64, 0..12_u64);
     let input = (0..8_u8, t, p, deadline, 0..5_u64).prop_map(|(kind, t, p, deadline, backlog)| {
@@ -75,7 +76,7 @@ fn input() -> impl Strategy<Value = (u64, Input)> {
     (0..4_u64, input)
 }
 
-/// The same input at another instant.
+/// Returns the same input at another instant.
 fn dated(input: Input, at: u64) -> Input {
     match input {
         Input::Open { t, deadline, .. } => Input::Open { at, t, deadline },
@@ -104,7 +105,7 @@ proptest! {
         let mut at = 0;
         compare(&header, inputs.into_iter().map(|(later, input)| {
             at += later;
-            // Now and then a stamp is early.
+            // Some stamps are early.
             dated(input, at - later / 3)
         }));
     }

@@ -1,6 +1,6 @@
-//! Attempts of one request, folded into the one request of the rules.
+//! Folds the attempts of a request into the one request that the rules know.
 //!
-//! A hedge, a retry or a replica of equal rank is another attempt of the request that the rules know. The first request
+//! A hedge, a retry or a replica of equal rank is another attempt of the same request. The first request
 //! counts, with its due instant; the first result counts; and the request has failed when all attempts have.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -11,7 +11,7 @@ pub(super) struct RequestAttempt {
     pub(super) p: u64,
     pub(super) at: u64,
     pub(super) due: u64,
-    /// Which attempt; none if it is the request as a whole.
+    /// The number of the attempt, or `None` for the request as a whole.
     pub(super) attempt: Option<u8>,
 }
 
@@ -20,15 +20,15 @@ pub(super) struct RequestAttempt {
 pub(super) struct AttemptFailure {
     pub(super) p: u64,
     pub(super) at: u64,
-    /// Which attempt; none if the request as a whole has failed.
+    /// The number of the attempt, or `None` if the request as a whole has failed.
     pub(super) attempt: Option<u8>,
 }
 
-/// The requests of the rules, source, instant and due instant. A source has one, or as many as there are if one attempt is
-/// requested twice, which no rule explains.
+/// Returns the requests of the rules: source, instant and due instant. A source has one, or all of them if
+/// one attempt is requested twice, which no rule explains.
 pub(super) fn folded_requests(requests: &[RequestAttempt]) -> Vec<(u64, u64, u64)> {
     let plain = |request: &RequestAttempt| (request.p, request.at, request.due);
-    // Without attempts, which is most often, there is nothing to fold.
+    // Most traces have no attempts, so there is nothing to fold.
     if requests.iter().all(|request| request.attempt.is_none()) {
         return requests.iter().map(plain).collect();
     }
@@ -42,7 +42,7 @@ pub(super) fn folded_requests(requests: &[RequestAttempt]) -> Vec<(u64, u64, u64
         if distinct.len() < attempts.len() {
             folded.extend(attempts.iter().map(|request| plain(request)));
         } else {
-            // Of several at one instant the first in the trace.
+            // If several are at one instant, the first in the trace counts.
             let first = attempts.iter().min_by_key(|request| request.at);
             folded.extend(first.map(|request| plain(request)));
         }
@@ -50,13 +50,14 @@ pub(super) fn folded_requests(requests: &[RequestAttempt]) -> Vec<(u64, u64, u64
     folded
 }
 
-/// The failures of the rules: those of whole requests, and the last of the attempts' where each attempt has failed.
+/// Returns the failures of the rules: those of whole requests, and the last of the attempts' failures if each
+/// attempt has failed.
 pub(super) fn folded_failures(
     requests: &[RequestAttempt],
     failures: &[AttemptFailure],
 ) -> Vec<(u64, u64)> {
     let mut folded: Vec<(u64, u64)> = Vec::new();
-    // When each attempt first failed, by source.
+    // The first failure of each attempt, by source.
     let mut failed: BTreeMap<u64, BTreeMap<u8, u64>> = BTreeMap::new();
     for AttemptFailure { p, at, attempt } in failures {
         match attempt {
@@ -72,7 +73,7 @@ pub(super) fn folded_failures(
         if attempts.peek().is_none() {
             continue;
         }
-        // One that is the request as a whole fails by a line of its own.
+        // A request as a whole fails by a line of its own.
         let ends: Option<Vec<u64>> =
             attempts.map(|request| failed.get(&request.attempt?).copied()).collect();
         folded.extend(ends.into_iter().flatten().max().map(|at| (p, at)));

@@ -1,4 +1,5 @@
-//! One cause of many violations that is not the operator's: a clock that is off, a log written twice, one that restarts.
+//! Finds one cause of many violations that is not the operator's: a clock that is off, a log that was written
+//! twice, or a log that restarts.
 
 use std::collections::BTreeMap;
 
@@ -6,49 +7,50 @@ use super::doubts::nanos;
 use super::open::WholeMessageHistory;
 use crate::event::{Decision, Event, Header, Input};
 
-/// A day: no operator leaves so much between two lines by itself.
+/// A day in ns. No operator lets so much time pass between two lines on its own.
 const DAY: u64 = 86_400_000_000_000;
-/// Of how many outputs a result is still looked for, and how many differences of clocks are kept.
+/// The number of outputs whose result is still looked for, and the number of clock differences that are
+/// stored.
 const SAMPLES: usize = 1024;
-/// Time zones differ by multiples of this, up to so much, and clocks of one host by less than that.
+/// Time zones differ by multiples of this, in ns. Clocks of one host differ by less.
 const ZONE: u64 = 900_000_000_000;
 const ZONES: u64 = 54_000_000_000_000;
 const DRIFT: u64 = 5_000_000_000;
 
-/// What a violation may come of.
+/// A possible cause of a violation.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Suspicion {
-    /// A line stands twice in the trace, first there.
+    /// A line occurs twice in the trace, for the first time here.
     Repeated(Option<u64>),
     /// A timestamp is opened again.
     OpenedAgain,
-    /// A result of `p` is recorded by so much later than an output that has it.
+    /// A result of `p` is recorded `by` ns after an output that has it.
     ResultAfterOutput { p: u64, by: u64 },
     /// A result of `p` is missing when an output that has it is recorded.
     ResultMissing { p: u64, at: u64 },
-    /// A result of `p` is recorded by so much earlier than its request.
+    /// A result of `p` is recorded `by` ns before its request.
     ResultBeforeRequest { p: u64, by: u64 },
-    /// Something came out of a timestamp that no open has.
+    /// A timestamp that was never opened has an output.
     StrangeOutput,
-    /// Nothing came out of a timestamp that was opened.
+    /// A timestamp that was opened has no output.
     NoOutput,
-    /// What came out is by so much too late.
+    /// An output is `by` ns too late.
     LateOutput { by: u64 },
 }
 
-/// Gathers what violations may come of.
+/// Collects the possible causes of violations.
 #[derive(Clone, Debug, Default)]
 pub(super) struct CauseTracker {
     repeated: u64,
     first_repeated: Option<u64>,
     opened_again: u64,
-    /// The first line at which timestamps begin again, and the timestamp.
+    /// The first line at which timestamps start again, with its timestamp.
     restart: Option<(u64, u64)>,
     /// The timestamp opened last.
     last_open: Option<u64>,
     after: BTreeMap<u64, Vec<u64>>,
     before: BTreeMap<u64, Vec<u64>>,
-    /// Outputs whose results did not come: when they were recorded.
+    /// The outputs whose results did not come, with the instants at which they were recorded.
     missing: BTreeMap<(u64, u64), u64>,
     /// The first line: its number, timestamp and instant.
     first: Option<(u64, Option<u64>, u64)>,
@@ -56,29 +58,30 @@ pub(super) struct CauseTracker {
     least: u64,
     /// The line with the greatest instant, that instant, and the greatest one before it.
     greatest: Option<(u64, u64, Option<u64>)>,
-    /// How many lines there were when the greatest instant grew by more than a day first.
+    /// The number of lines when the greatest instant first grew by more than a day.
     first_jump: Option<(u64, u64)>,
     lines: u64,
-    /// Violations of the first line's timestamp.
+    /// The number of violations of the first line's timestamp.
     of_first: u64,
-    /// How late what came too late was, if that is more than half a day.
+    /// The delays of outputs that were more than half a day late.
     very_late: Vec<u64>,
-    /// How late outputs were.
+    /// The delays of outputs.
     late: Vec<u64>,
-    /// By how much outputs come before the opens of their messages.
+    /// The times by which outputs come before the opens of their messages.
     early: Vec<u64>,
-    /// Messages without an open: the first output of each, and whether it breaks a rule.
+    /// The messages without an open: the first output of each, and `true` if it breaks a rule.
     unopened: BTreeMap<u64, (u64, bool)>,
-    /// How many outputs of timestamps that no open has break a rule, and the first such timestamp.
+    /// The number of outputs with a timestamp that was never opened that break a rule, and the first such
+    /// timestamp.
     strange: (u64, Option<u64>),
-    /// How many messages without an output break a rule.
+    /// The number of messages without an output that break a rule.
     no_output: u64,
-    /// Whether anything came out in the whole trace.
+    /// `true` if there is any output in the whole trace.
     has_output: bool,
 }
 
 impl Suspicion {
-    /// What outputs, or that there are none, may come of.
+    /// Returns the possible cause of these outputs, or of their absence.
     pub(super) fn of_outputs(whole: &WholeMessageHistory, late: Option<u64>) -> Option<Self> {
         let has_output = !(whole.outputs.is_empty() && whole.finals.is_empty());
         match (whole.is_opened(), has_output) {
@@ -91,7 +94,7 @@ impl Suspicion {
 }
 
 impl CauseTracker {
-    /// Whether it opens an earlier timestamp than the last open did.
+    /// Returns `true` if the event opens an earlier timestamp than the last open did.
     pub(super) fn goes_back(&self, event: &Event) -> bool {
         match *event {
             Event::Input(Input::Open { t, .. }) => self.last_open.is_some_and(|last| t < last),
@@ -99,7 +102,7 @@ impl CauseTracker {
         }
     }
 
-    /// Takes a line of the trace; `was_opened` says whether it goes back to a timestamp that was opened.
+    /// Notes a line of the trace. `was_opened` says whether it returns to a timestamp that was opened.
     pub(super) fn sees(&mut self, line: u64, event: &Event, was_opened: bool) {
         let at = event.at();
         self.lines += 1;
@@ -131,12 +134,12 @@ impl CauseTracker {
         }
     }
 
-    /// The least and the greatest instant, if there is a line.
+    /// Returns the least and the greatest instant, if there is a line.
     pub(super) fn span(&self) -> Option<(u64, u64)> {
         self.greatest.map(|(_, greatest, _)| (self.least, greatest))
     }
 
-    /// Takes a message without an open that is done with.
+    /// Notes a message without an open that is done.
     pub(super) fn closes_unopened(&mut self, t: u64, output: Option<u64>, is_broken: bool) {
         if let Some(at) = output
             && self.unopened.len() < SAMPLES
@@ -145,8 +148,8 @@ impl CauseTracker {
         }
     }
 
-    /// Whether a timestamp is opened at `at` that was done with as one without an open: by how much its output came before, and
-    /// whether that broke a rule.
+    /// If a message was done without an open and is opened at `at` after all, returns how long before its
+    /// output came, and `true` if that broke a rule.
     pub(super) fn opens_late(&mut self, t: u64, at: u64) -> Option<(u64, bool)> {
         let (output, is_broken) = self.unopened.remove(&t)?;
         let by = at.saturating_sub(output);
@@ -157,7 +160,7 @@ impl CauseTracker {
         Some((by, is_broken))
     }
 
-    /// Takes a violation.
+    /// Notes a violation.
     pub(super) fn takes(&mut self, t: u64, suspicion: Option<Suspicion>, late: Option<u64>) {
         self.of_first += u64::from(self.first.is_some_and(|(_, first, _)| first == Some(t)));
         if let Some(late) = late.filter(|late| *late > DAY / 2)
@@ -186,7 +189,8 @@ impl CauseTracker {
         }
     }
 
-    /// Whether a result of a timestamp that is done with is looked for; it is found then.
+    /// Looks for a result of a timestamp that is done. Returns `true` if it was looked for, and notes it as
+    /// found.
     pub(super) fn finds(&mut self, t: u64, p: u64, at: u64) -> bool {
         if self.missing.is_empty() {
             return false;
@@ -197,7 +201,7 @@ impl CauseTracker {
         by > 0
     }
 
-    /// What to do about a line that is out of order, which reads `event`.
+    /// Returns the advice for a line that is out of order, which reads `event`.
     pub(super) fn remedy(&self, line: u64, event: &Event, was_opened: bool) -> String {
         let at = event.at();
         if let Some((off, greatest, before)) = self.greatest
@@ -217,7 +221,7 @@ impl CauseTracker {
         "sort the lines, or give a greater tolerance".to_owned()
     }
 
-    /// The one cause that explains most of so many violations.
+    /// Returns the one cause that explains most of these violations, if there is one.
     pub(super) fn most(self, violations: u64, header: &Header) -> Option<String> {
         let name = |p: u64| {
             let cloud = header.clouds.iter().find(|cloud| u64::from(cloud.p) == p);
@@ -265,7 +269,8 @@ impl CauseTracker {
         Some(format!("{text} ({explained} of {violations} violations)"))
     }
 
-    /// The last line is far from all others, so that what was open then is far too late.
+    /// Explains violations by a last line that is far from all others, which makes what was open then far too
+    /// late.
     fn far_end(&self) -> Option<(u64, String)> {
         let (line, greatest, before) = self.greatest?;
         let jump = greatest - before?;
@@ -276,14 +281,14 @@ impl CauseTracker {
         Some((explained, format!("line {line} is {} off; is its stamp right?", nanos(jump))))
     }
 
-    /// The first line is far from all others.
+    /// Explains violations by a first line that is far from all others.
     fn far_start(&self) -> Option<(u64, String)> {
         let ((line, ..), (2, jump)) = (self.first?, self.first_jump?) else { return None };
         Some((self.of_first, format!("line {line} is {} off; is its stamp right?", nanos(jump))))
     }
 }
 
-/// Whether two clocks are apart as two time zones are.
+/// Returns `true` if two clocks differ as two time zones do.
 const fn is_zone(by: u64) -> bool {
     let is_near = ZONE - by % ZONE <= DRIFT || by % ZONE <= DRIFT;
     is_near && by > ZONE && by <= ZONES + DRIFT
@@ -297,13 +302,13 @@ fn of_early(samples: Vec<u64>) -> Option<(u64, String)> {
     Some((explained, text))
 }
 
-/// A delay may be the operator's own, but hardly one of whole quarters of an hour.
+/// A delay may be the operator's own, but hardly a delay of whole quarters of an hour.
 fn of_late(samples: Vec<u64>) -> Option<(u64, String)> {
     let (explained, by) = constant(samples).filter(|(_, by)| is_zone(*by))?;
     Some((explained, format!("outputs come {} late; is their time zone another?", nanos(by))))
 }
 
-/// Outputs that are missing, or have other timestamps than messages.
+/// Explains outputs that are missing, or whose timestamps are not those of messages.
 fn of_outputs(
     has_output: bool,
     (strange, first): (u64, Option<u64>),
@@ -327,7 +332,7 @@ fn sample(samples: &mut BTreeMap<u64, Vec<u64>>, p: u64, by: u64) {
     }
 }
 
-/// The median, if most samples lie within half of it or 20 ms; and how many do.
+/// Returns the median and the number of samples near it, if most samples lie within half of it or 20 ms.
 fn constant(mut samples: Vec<u64>) -> Option<(u64, u64)> {
     samples.sort_unstable();
     let median = *samples.get(samples.len() / 2)?;

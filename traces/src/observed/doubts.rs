@@ -1,4 +1,4 @@
-//! What an observed trace leaves in doubt (SPEC.md, *Doubts*).
+//! The doubts that an observed trace leaves (SPEC.md, *Doubts*).
 
 use super::open::{ObservedOutput, OpenMessageHistory, WholeMessageHistory};
 use super::slack::SourceSlack;
@@ -6,27 +6,27 @@ use crate::annotations::Annotations;
 use crate::doubt::{Doubt, DoubtKind, DoubtfulMessages};
 use crate::event::{Commit, Decision, Event, Header, Input};
 
-/// Gathers what the judge cannot see.
+/// Collects what the judge cannot see.
 #[derive(Clone, Debug)]
 pub(super) struct DoubtTracker {
     is_progressive: bool,
     /// Local, then the clouds of the header.
     sources: Vec<SourceAccount>,
-    /// How many of them were not heard of yet.
+    /// The number of sources that were not heard of yet.
     unheard: usize,
-    /// Deadlines that are not longer than what passes as in time.
+    /// The number of deadlines that are no longer than the delay that passes as in time.
     coarse: u64,
-    /// All deadlines.
+    /// The number of all deadlines.
     deadlines: u64,
     unopened: DoubtfulMessages,
-    /// Messages without an output whose deadlines are over: when each was opened.
+    /// The messages without an output whose deadlines are over, with the instants of their opens.
     waiting: Vec<(u64, u64)>,
     unfinished: DoubtfulMessages,
     /// The latest open of a message with an output.
     answered: Option<u64>,
-    /// Messages that have requests.
+    /// The number of messages that have requests.
     requested: u64,
-    /// Whether the stamps of one of them tell some order.
+    /// `true` if the stamps of one message tell some order.
     is_ordered: bool,
 }
 
@@ -35,13 +35,13 @@ pub(super) struct DoubtTracker {
 struct SourceAccount {
     p: u64,
     name: String,
-    /// How many deadlines it was given.
+    /// The number of deadlines that it was given.
     deadlines: u64,
-    /// The earliest instant at which one of them is due.
+    /// The earliest due instant of these deadlines.
     least_due: Option<u64>,
-    /// Whether it returned or failed once; of local it does not matter.
+    /// `true` if it returned or failed once. This does not matter for local.
     is_heard: bool,
-    /// How many of its requests ran to their deadlines.
+    /// The number of its requests that ran to their deadlines.
     ran_out: u64,
 }
 
@@ -69,7 +69,7 @@ impl DoubtTracker {
         }
     }
 
-    /// Takes a line of the trace.
+    /// Notes a line of the trace.
     pub(super) fn sees(
         &mut self,
         at: u64,
@@ -108,7 +108,8 @@ impl DoubtTracker {
         self.coarse += u64::from(due.saturating_sub(at) <= slack.unnoticed(p));
     }
 
-    /// Takes a message that was judged: whether it breaks a rule, and by when what it owes was to come.
+    /// Notes a message that was judged: whether it breaks a rule, and the instant by which its output was
+    /// owed.
     pub(super) fn closes(
         &mut self,
         t: u64,
@@ -124,7 +125,7 @@ impl DoubtTracker {
         let out = whole.outputs.iter().chain(whole.finals).map(|output| output.at).min();
         if !story.requests.is_empty() {
             self.requested += 1;
-            // One is enough.
+            // One such message is enough.
             self.is_ordered |= open.span() > slack.greatest().saturating_mul(2);
             if self.unheard > 0 {
                 self.runs_out(whole, slack, end);
@@ -135,7 +136,7 @@ impl DoubtTracker {
             self.answered = self.answered.max(Some(at));
             return;
         }
-        // P7: as long as a deadline runs, the message waits for it.
+        // While a deadline runs, the message waits for it (P7).
         let local = deadline.map(|deadline| at.saturating_add(deadline));
         let dues = story.requests.iter().map(|(_, _, due)| *due).chain(local);
         let is_over = |due: u64| due.saturating_add(slack.reach()) <= end;
@@ -144,13 +145,13 @@ impl DoubtTracker {
         }
     }
 
-    /// Whether the stamps of some message tell an order, so that those of no other matter.
+    /// Returns `true` if the stamps of some message tell an order, so that those of the others do not matter.
     pub(super) const fn is_ordered(&self) -> bool {
         self.is_ordered
     }
 
-    /// Counts the requests of clouds not heard of that were still awaited when they were due. Under progressive a message goes
-    /// on waiting for what outranks its output.
+    /// Counts the requests of unheard clouds that were still awaited at their due instants. Under progressive
+    /// a message continues to wait for sources that outrank its output.
     fn runs_out(&mut self, whole: &WholeMessageHistory, slack: &SourceSlack, end: u64) {
         let &WholeMessageHistory { ref story, outputs, finals, .. } = whole;
         for source in self.sources.iter_mut().filter(|source| !source.is_heard) {
@@ -165,17 +166,17 @@ impl DoubtTracker {
         }
     }
 
-    /// A message that was taken for one without an open is opened after all.
+    /// Notes that a message that was taken for one without an open is opened after all.
     pub(super) fn opens_late(&mut self, t: u64) {
         self.unopened.remove(t);
     }
 
-    /// A message of an ended run waits for local.
+    /// Notes a message of an ended run that waits for local.
     pub(super) fn leaves_unfinished(&mut self, t: u64) {
         self.unfinished.push(t);
     }
 
-    /// What is in doubt once the whole trace was read.
+    /// Returns the doubts that are left after the whole trace was read.
     pub(super) fn doubts(
         self,
         judged: u64,
@@ -271,7 +272,7 @@ impl SourceAccount {
     }
 }
 
-/// A span of time in the greatest unit that leaves no more than three decimals.
+/// Writes a time in the greatest unit that leaves at most three decimals.
 pub(super) fn nanos(span: u64) -> String {
     let units = [
         (31_557_600_000_000_000, "years"),

@@ -1,32 +1,35 @@
-//! Whether the rules can explain what was observed of one timestamp.
+//! Decides whether the rules can explain what was observed of one timestamp.
 //!
-//! All orders of all facts need not be tried. Three things are true of every explanation and leave few to try:
+//! Not all orders of all facts need to be tried. Three facts about explanations leave few candidates:
 //!
-//! - **Requests may come as early as they can.** All of them precede the retirement, and one pending source more
-//!   never brings it forward (F3, F6).
-//! - **A source closes once.** What else comes from it is dropped, and only has to find a place after that. So a source
-//!   is pending to the end, held, failed or fired, and each of these is possible within one interval ([`ObservedSource`]).
-//! - **Later is better.** Until the retirement something pending outranks all that is held, and something is pending
-//!   (P4, P7). Of the ways that a source may close, the one that leaves it pending longest serves the others best.
-//!   The one thing that must not be late is, under eager, a cloud's timer that is to find nothing available: all such
-//!   fire before the first result is held. So the instant between the two, the *turn*, is tried.
+//! - **Requests may come as early as they can.** All of them precede the retirement, and one more pending
+//!   source never brings it forward (F3, F6).
+//! - **A source closes once.** Whatever else comes from it is dropped, and only needs a place after that. So
+//!   a source is pending to the end, held, failed or fired, and each of these is possible within one interval
+//!   ([`ObservedSource`]).
+//! - **Later is better.** Until the retirement a pending source outranks every held result, and some source
+//!   is pending (P4, P7). Among the ways in which a source may close, the one that leaves it pending longest
+//!   serves the others best. One thing must not be late: under eager, a cloud's timer that is to find nothing
+//!   available. All such timers fire before the first result is held. So the instant between the two, the
+//!   *turn*, is tried.
 //!
-//! What retires the timestamp, when it does and where the turn is are tried in turn: for `n` clouds at most
-//! `2n + 4` causes, `3n + 4` instants and `n + 2` turns, each in O(`n`²) steps. Nothing depends on how many events overlap.
+//! The search tries the cause of the retirement, its instant and the turn. For `n` clouds there are at most
+//! `2n + 4` causes, `3n + 4` instants and `n + 2` turns, and each takes O(`n`²) steps. Nothing depends on the
+//! number of events that overlap.
 
 /// An instant in the arithmetic of intervals, wide enough for sums of any four numbers of a trace.
 pub(super) type WideInstant = u128;
 
-/// After all instants.
+/// An instant after all others.
 pub(super) const NEVER: WideInstant = WideInstant::MAX;
 
-/// No instant of a trace, with all that may be added to it, comes after this.
+/// No instant of a trace comes after this, whatever may be added to it.
 pub(super) const LAST: WideInstant = 1 << 67;
 
-/// Local and as many clouds as a header may have.
+/// The greatest number of sources: local and as many clouds as a header may have.
 const SOURCES: usize = 16;
 
-/// From the first instant to the last.
+/// The instants from the first to the last, both included.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct InstantRange {
     pub(super) from: WideInstant,
@@ -36,13 +39,14 @@ pub(super) struct InstantRange {
 /// A timer of one source.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct SourceTimer {
-    /// When it may be served.
+    /// The instants at which it may be served.
     pub(super) served: InstantRange,
-    /// Until when it may stay unserved: to the end of that, or for ever if the trace ends before.
+    /// The instant until which it may stay unserved: the end of that range, or never if the trace ends
+    /// before.
     pub(super) by: WideInstant,
 }
 
-/// One source of a timestamp: when it was requested, and what came of it.
+/// One source of a timestamp: its request, and what became of it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct ObservedSource {
     /// The earliest instant of its request.
@@ -52,11 +56,11 @@ pub(super) struct ObservedSource {
     pub(super) result: Option<WideInstant>,
     /// The earliest instant at which a failure may have come.
     pub(super) failure: Option<WideInstant>,
-    /// The earliest of the instants by which its results and failures have come at the latest.
+    /// The earliest of the instants by which its results and failures have certainly come.
     pub(super) last: WideInstant,
 }
 
-/// All that was observed of one timestamp, but what came out of it.
+/// Everything that was observed of one timestamp, except its outputs.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(super) struct ObservedFacts {
     pub(super) is_eager: bool,
@@ -66,7 +70,7 @@ pub(super) struct ObservedFacts {
     pub(super) sources: Vec<ObservedSource>,
 }
 
-/// What comes out of a timestamp.
+/// The output with which a timestamp retires.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub(super) enum RetirementOutput {
     /// The result of the source with this index.
@@ -74,7 +78,7 @@ pub(super) enum RetirementOutput {
     Miss,
 }
 
-/// The step that retires a timestamp: whose, and which.
+/// The step that retires a timestamp, with its source.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum RetirementStep {
     Result(usize),
@@ -82,28 +86,28 @@ enum RetirementStep {
     Timer(usize),
 }
 
-/// What a source must be just before the retirement.
+/// The state in which a source must be just before the retirement.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum SourceRole {
     Pending,
     Held,
-    /// Failed or fired.
+    /// It failed or its timer fired.
     Closed,
-    /// Pending, or held with its timer running on.
+    /// It is pending, or held with its timer running on.
     Live,
     NotHeld,
     Any,
 }
 
 impl ObservedFacts {
-    /// Whether some explanation has this output, by a step at an instant of `when`.
+    /// Returns `true` if some explanation has this output, by a step at an instant of `when`.
     pub(super) fn yields(&self, output: RetirementOutput, when: InstantRange) -> bool {
         self.steps(output, when).next().is_some()
     }
 
-    /// The first and the last instant of a step that has this output in some explanation.
+    /// Returns the first and the last instant of a step that has this output in some explanation.
     pub(super) fn span(&self, output: RetirementOutput) -> Option<InstantRange> {
-        // Where there is one, the first is among those that are tried.
+        // If there is such an instant, the first one is among those that are tried.
         let from = self.steps(output, InstantRange { from: 0, to: LAST }).min()?;
         let (mut to, mut beyond) = (from, LAST + 1);
         while to + 1 < beyond {
@@ -114,7 +118,7 @@ impl ObservedFacts {
         Some(InstantRange { from, to })
     }
 
-    /// Of the instants that are tried, those of steps that have this output in some explanation.
+    /// Returns the tried instants at which a step has this output in some explanation.
     fn steps(
         &self,
         output: RetirementOutput,
@@ -131,18 +135,18 @@ impl ObservedFacts {
         })
     }
 
-    /// Whether some explanation leaves the timestamp open.
+    /// Returns `true` if some explanation leaves the timestamp open.
     pub(super) fn stays_open(&self) -> bool {
         let end = NEVER - 1;
         self.turns(end).any(|turn| self.is_timeline(end, turn, |_| SourceRole::Any))
     }
 
-    /// The earliest instant at which everything was requested, as it must be before the retirement.
+    /// Returns the earliest instant at which everything was requested, as it must be before the retirement.
     pub(super) fn ready(&self) -> WideInstant {
         self.sources.iter().map(|source| source.requested).fold(self.open, WideInstant::max)
     }
 
-    /// The steps that may end in this output (F3, F6).
+    /// Returns the steps that may end in this output (F3, F6).
     fn causes(&self, output: RetirementOutput) -> Vec<RetirementStep> {
         let all = 0..self.sources.len();
         match output {
@@ -154,7 +158,7 @@ impl ObservedFacts {
                 let frees = above
                     .clone()
                     .flat_map(|q| [RetirementStep::Failure(q), RetirementStep::Timer(q)]);
-                // Eager: the best available, whoever's timer it is.
+                // Under eager, any timer commits the best available result.
                 let commits = all.take(best + 1).skip(1).map(RetirementStep::Timer);
                 let commits = commits.filter(|_| self.is_eager);
                 std::iter::once(RetirementStep::Result(best)).chain(frees).chain(commits).collect()
@@ -162,12 +166,12 @@ impl ObservedFacts {
         }
     }
 
-    /// When a step may happen.
+    /// Returns the instants at which a step may happen.
     fn step(&self, cause: RetirementStep, output: RetirementOutput) -> InstantRange {
         match cause {
             RetirementStep::Result(q) => self.sources[q].returns(),
             RetirementStep::Failure(q) => self.sources[q].fails(),
-            // What is held may have been followed by anything: it is dropped.
+            // After a result is held, anything may follow it: it is dropped.
             RetirementStep::Timer(q) if output == RetirementOutput::Emit(q) => {
                 self.sources[q].serves()
             }
@@ -178,7 +182,7 @@ impl ObservedFacts {
         }
     }
 
-    /// What a source must be for the cause to have this output.
+    /// Returns the state in which source `q` must be for the cause to have this output.
     fn role(&self, cause: RetirementStep, output: RetirementOutput, q: usize) -> SourceRole {
         let by = match cause {
             RetirementStep::Result(q) | RetirementStep::Failure(q) | RetirementStep::Timer(q) => q,
@@ -201,7 +205,8 @@ impl ObservedFacts {
         }
     }
 
-    /// The instants in `when` to try: its beginning, and wherever something becomes possible.
+    /// Returns the instants in `when` to try: its beginning, and each instant at which something becomes
+    /// possible.
     fn instants(&self, when: InstantRange) -> impl Iterator<Item = WideInstant> {
         let begins = self.sources.iter().flat_map(|source| {
             [source.returns(), source.fails(), source.fires()].map(|span| span.from)
@@ -210,20 +215,21 @@ impl ObservedFacts {
         Some(when.from).filter(|from| *from <= when.to).into_iter().chain(later)
     }
 
-    /// The turns to try: as late as each result may be held.
+    /// Returns the turns to try: the latest instant at which each result may be held.
     fn turns(&self, at: WideInstant) -> impl Iterator<Item = WideInstant> {
         let held = self.sources.iter().map(move |source| source.returns().to.min(at));
         std::iter::once(at).chain(held.filter(|_| self.is_eager))
     }
 
-    /// Whether all sources can be what they must be just before a retirement `at` then, the turn being at `turn`.
+    /// Returns `true` if all sources can be in the state that they must have just before a retirement at
+    /// `at`, with the turn at `turn`.
     fn is_timeline(
         &self,
         at: WideInstant,
         turn: WideInstant,
         role: impl Fn(usize) -> SourceRole,
     ) -> bool {
-        // When each is pending, from the highest source down.
+        // The intervals in which each source is pending, from the highest source down.
         let (mut few, mut many) = ([InstantRange { from: 0, to: 0 }; SOURCES], Vec::new());
         let pending = if let Some(few) = few.get_mut(..self.sources.len()) {
             few
@@ -237,12 +243,12 @@ impl ObservedFacts {
             };
             pending[known] = InstantRange { from: source.requested, to: until };
         }
-        // P7: something always is pending.
+        // Some source is always pending (P7).
         covers(pending, self.open, at)
     }
 
-    /// Until when a source can be pending at the latest, as far as those above it are `pending`; none if it cannot be what it
-    /// must be.
+    /// Returns the latest instant until which a source can be pending, given those above it, or `None` if it
+    /// cannot be in the state that it must have.
     fn lasts(
         &self,
         q: usize,
@@ -261,12 +267,12 @@ impl ObservedFacts {
         if matches!(role, Pending | Live | NotHeld | Any) && outlasts && at <= source.last {
             return Some(NEVER);
         }
-        // A cloud's timer that finds something available commits it.
+        // A cloud's timer that finds a result available commits it.
         let commits = self.is_eager && q > 0;
         let mut latest = None;
         if matches!(role, Held | Live | Any) && (outlasts || !commits) {
             let held = before(source.returns()).filter(|until| *until >= turn || !self.is_eager);
-            // P4: something pending outranks it from then on.
+            // From then on some pending source outranks it (P4).
             latest = held.filter(|until| covers(pending, *until, at));
         }
         if matches!(role, Closed | NotHeld | Any) {
@@ -281,27 +287,27 @@ impl ObservedFacts {
 }
 
 impl ObservedSource {
-    /// Until when its timer may stay unserved.
+    /// Returns the instant until which its timer may stay unserved.
     fn patience(&self) -> WideInstant {
         self.timer.map_or(NEVER, |timer| timer.by)
     }
 
-    /// Until when it may be pending.
+    /// Returns the instant until which it may be pending.
     pub(super) fn lasts(&self) -> WideInstant {
         self.last.min(self.patience())
     }
 
-    /// When a result of it may close it while its timer is live.
+    /// Returns the instants at which one of its results may close it while its timer is live.
     pub(super) fn returns(&self) -> InstantRange {
         self.closes(self.result, self.patience())
     }
 
-    /// When a failure may close it.
+    /// Returns the instants at which a failure may close it.
     pub(super) fn fails(&self) -> InstantRange {
         self.closes(self.failure, self.patience())
     }
 
-    /// When its timer may close it.
+    /// Returns the instants at which its timer may close it.
     pub(super) fn fires(&self) -> InstantRange {
         match self.timer {
             Some(timer) => self.closes(Some(timer.served.from), timer.served.to),
@@ -309,7 +315,7 @@ impl ObservedSource {
         }
     }
 
-    /// When its timer may be served, its result perhaps available.
+    /// Returns the instants at which its timer may be served, perhaps with its result available.
     fn serves(&self) -> InstantRange {
         match self.timer {
             Some(timer) => {
@@ -319,19 +325,19 @@ impl ObservedSource {
         }
     }
 
-    /// From an event on, while what else came can still come after it.
+    /// Returns the instants from an event on, as long as everything else that came can still come after it.
     fn closes(&self, from: Option<WideInstant>, by: WideInstant) -> InstantRange {
         let from = from.map_or(NEVER, |from| from.max(self.requested));
         InstantRange { from, to: self.last.min(by) }
     }
 }
 
-/// Whether at every instant from `from` until just before the retirement one of them is pending.
+/// Returns `true` if one of them is pending at every instant from `from` until just before the retirement.
 fn covers(pending: &[InstantRange], from: WideInstant, at: WideInstant) -> bool {
     reach(pending, from) > at
 }
 
-/// Until when at every instant from `from` on one of them is pending.
+/// Returns the instant until which, from `from` on, one of them is always pending.
 pub(super) fn reach(pending: &[InstantRange], from: WideInstant) -> WideInstant {
     let mut reached = from;
     loop {

@@ -1,4 +1,4 @@
-//! J1: gaps between the opens of a trace.
+//! Finds gaps between the opens of a trace (J1).
 
 use std::cmp::Reverse;
 use std::collections::{BTreeSet, BinaryHeap};
@@ -7,13 +7,14 @@ use super::slack::Slack;
 
 /// Goes through the instants at which timestamps were opened, in the order of time.
 ///
-/// Lines may stand out of order, and a refusal may follow that takes an open away (A42), so each waits until both are past.
+/// Lines may be out of order, and a later refusal may remove an open (A42). So each open waits until neither
+/// can happen any more.
 #[derive(Clone, Debug)]
 pub(super) struct Gaps {
-    /// The longest that is no gap.
+    /// The longest time without an open that is not a gap.
     most: u64,
     waiting: BinaryHeap<Reverse<Opened>>,
-    /// Those of them that are known to have been refused.
+    /// The opens that are known to have been refused.
     refused: BTreeSet<Opened>,
     last: Option<Opened>,
     /// The least instant of the trace.
@@ -28,14 +29,14 @@ pub(super) struct Opened {
     pub(super) t: u64,
 }
 
-/// Too long without an open.
+/// A time without an open that is too long.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Gap {
-    /// The timestamp opened before it; none if there was none.
+    /// The timestamp opened before it, or `None` if there was none.
     pub(super) after: Option<u64>,
     pub(super) from: u64,
     pub(super) to: u64,
-    /// The longest that is none.
+    /// The longest time that is not a gap.
     pub(super) most: u64,
 }
 
@@ -46,7 +47,7 @@ impl Gaps {
         Self { most, waiting: BinaryHeap::new(), refused: BTreeSet::new(), last: None, begin: None }
     }
 
-    /// Takes the instant of a line, whatever line it is.
+    /// Notes the instant of any line.
     pub(super) fn sees(&mut self, at: u64) {
         self.begin = Some(self.begin.map_or(at, |begin| begin.min(at)));
     }
@@ -55,20 +56,20 @@ impl Gaps {
         self.waiting.push(Reverse(opened));
     }
 
-    /// The open was refused.
+    /// Notes that the open was refused.
     pub(super) fn refuses(&mut self, opened: Opened) {
-        // Those before the next one were settled.
+        // The opens before the next one were settled.
         if self.next().is_some_and(|next| next <= opened) {
             self.refused.insert(opened);
         }
     }
 
-    /// The earliest open that waits.
+    /// Returns the earliest open that waits.
     pub(super) fn next(&self) -> Option<Opened> {
         self.waiting.peek().map(|Reverse(next)| *next)
     }
 
-    /// Takes the earliest open that waits; the gap before it, if there is one.
+    /// Removes the earliest open that waits and returns the gap before it, if there is one.
     pub(super) fn settle(&mut self, is_accepted: bool) -> Option<Gap> {
         let Reverse(opened) = self.waiting.pop()?;
         if self.refused.remove(&opened) || !is_accepted {
@@ -78,7 +79,7 @@ impl Gaps {
         self.between(Some(before.t), before.at, opened.at)
     }
 
-    /// The gap at the end, if there is one.
+    /// Returns the gap at the end, if there is one.
     pub(super) fn ends(&self, end: u64) -> Option<Gap> {
         let after = self.last.map(|last| last.t);
         let from = self.last.map(|last| last.at).or(self.begin)?;
@@ -108,7 +109,7 @@ impl Gap {
         )
     }
 
-    /// How much longer it is than it may be.
+    /// Returns the time by which the gap exceeds what is allowed.
     pub(super) const fn excess(&self) -> u64 {
         self.to.saturating_sub(self.from).saturating_sub(self.most)
     }

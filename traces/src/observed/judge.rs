@@ -1,7 +1,6 @@
 //! The observed judge, line by line.
 //!
-//! [`Judge`] collects what was recorded of each timestamp and judges it once no later line can change the verdict. Whether the
-//! rules can explain a timestamp is decided in `explain`, what to report if not in `violation`.
+//! [`Judge`] collects what was recorded of each timestamp and judges it once no later line can change the verdict. `explain` decides whether the rules can explain a timestamp, and `violation` decides what to report if they cannot.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap, VecDeque};
@@ -24,63 +23,63 @@ use crate::read::{Events, ReadError};
 use crate::reason::DropReason;
 use crate::recent::RecentLines;
 
-/// How many violations a verdict lists; it counts the rest.
+/// The number of violations that a verdict lists. It counts the others.
 const VIOLATIONS: usize = 100;
-/// How many timestamps that broke the rules wait for what may come out of them too late.
+/// The number of timestamps that broke the rules and wait for an output that may come too late.
 const OVERDUE: usize = 1024;
 
-/// Judges one trace, line after line.
+/// Judges one trace, line by line.
 ///
-/// A timestamp is judged when no line can change any more what is decided about it, or when the trace ends. Memory is
-/// bounded by the timestamps that are open, by the lines within a few tolerances of each other, and by the gaps in the numbers of those
-/// that are done with; not by the trace's length.
+/// A timestamp is judged when no further line can change the decision about it, or when the trace ends.
+/// Memory is bounded by the open timestamps, by the lines within a few tolerances of each other, and by the
+/// gaps in the numbers of timestamps that are done. It is not bounded by the trace's length.
 #[derive(Clone, Debug)]
 pub struct Judge {
     header: Header,
     annotations: HeaderAnnotations,
     slack: SourceSlack,
-    /// Whether an open was read.
+    /// `true` if an open was read.
     records_opens: bool,
     /// The greatest instant so far, as far as the operator's own stamps may be off.
     greatest: u64,
-    /// The greatest instant that certainly has passed.
+    /// The greatest instant that has certainly passed.
     passed: u64,
     open: BTreeMap<u64, Box<OpenMessageHistory>>,
-    /// When each can be judged, or could before it got another line.
+    /// The instant at which each timestamp can be judged, or could before it got another line.
     ripening: BinaryHeap<Reverse<(u64, u64)>>,
-    /// Of those open, the ones that broke the rules.
+    /// The open timestamps that broke the rules.
     overdue: VecDeque<u64>,
-    /// The timestamps done with.
+    /// The timestamps that are done.
     ended: RangeInclusiveSet<u64>,
-    /// Those that were refused whenever they were opened.
+    /// The timestamps whose opens were all refused.
     refused: RangeInclusiveSet<u64>,
-    /// Those of them that something came out of.
+    /// The refused timestamps that have an output.
     broken: RangeInclusiveSet<u64>,
-    /// If a period is known.
+    /// The gaps, if a period is known.
     gaps: Option<Gaps>,
     crowded: CrowdedOpens,
     doubts: DoubtTracker,
     causes: CauseTracker,
     recent: RecentLines,
-    /// Whether the places of all violations are wanted.
+    /// `true` if the places of all violations are wanted.
     keeps_places: bool,
-    /// Whether the run is known to have ended.
+    /// `true` if the run is known to have ended.
     is_ended: bool,
     verdict: Verdict,
 }
 
-/// Why a trace cannot be judged.
+/// The reason why a trace cannot be judged.
 #[derive(Debug, thiserror::Error)]
 pub enum JudgeError {
-    /// It cannot be read.
+    /// The trace cannot be read.
     #[error(transparent)]
     Read(#[from] ReadError),
-    /// Its lines are out of order.
+    /// The lines of the trace are out of order.
     #[error(transparent)]
     TimeOrderError(#[from] TimeOrderError),
 }
 
-/// A line that stands further out of order than the tolerance explains.
+/// A line that is further out of order than the tolerance explains.
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
 #[error(
     "{file}:{line}:1: at {at} after a line at {greatest}, more than the tolerances of both, {tolerance} ns in all; {remedy}"
@@ -90,20 +89,20 @@ pub struct TimeOrderError {
     pub file: String,
     /// The line, counted from 1.
     pub line: u64,
-    /// Its instant.
+    /// The line's instant in ns.
     pub at: u64,
-    /// The greatest instant before it.
+    /// The greatest instant before it, in ns.
     pub greatest: u64,
-    /// The errors that the two instants may have, together.
+    /// The sum of the errors that the two instants may have, in ns.
     pub tolerance: u64,
-    /// What may be wrong, and what to do.
+    /// The likely cause and the remedy.
     pub remedy: String,
 }
 
-/// Judges a whole trace; `file` is its name in the verdict and in errors.
+/// Judges a whole trace. `file` names it in the verdict and in errors.
 ///
 /// # Errors
-/// If the trace cannot be read to its end, or is out of order.
+/// Returns a [`JudgeError`] if the trace cannot be read to its end or is out of order.
 pub fn judge(file: &str, slack: Slack, trace: impl BufRead) -> Result<Verdict, JudgeError> {
     let mut reader = Events::observed(file, trace)?;
     let mut judge = Judge::new(file, reader.header(), slack)
@@ -117,7 +116,7 @@ pub fn judge(file: &str, slack: Slack, trace: impl BufRead) -> Result<Verdict, J
 }
 
 impl Judge {
-    /// A judge of a trace with this header, its first line; `file` is the trace's name in the verdict.
+    /// Creates a judge of a trace with this header, its first line. `file` names the trace in the verdict.
     #[must_use]
     pub fn new(file: impl Into<String>, header: &Header, slack: Slack) -> Self {
         Self {
@@ -154,30 +153,28 @@ impl Judge {
         }
     }
 
-    /// The same judge, which also notes where the violations beyond the first 100 are, a million of them at most.
+    /// Makes the judge also store the places of violations beyond the first 100, up to a million.
     #[must_use]
     pub const fn with_places(mut self) -> Self {
         self.keeps_places = true;
         self
     }
 
-    /// The same judge, for an operator that opens a timestamp each `period`, in nanoseconds (J1); to be called before
-    /// the first line.
+    /// Sets the period, in ns, at which the operator opens timestamps (J1). Call this before the first line.
     #[must_use]
     pub fn with_period(mut self, period: u64) -> Self {
         self.gaps = Some(Gaps::new(period, self.slack.own()));
         self
     }
 
-    /// The same judge, of a trace whose header has these further keys; to be called before the first line.
+    /// Gives the judge the further keys of the trace's header. Call this before the first line.
     #[must_use]
     pub fn with_header_annotations(mut self, annotations: &HeaderAnnotations) -> Self {
         self.annotations = annotations.clone();
         self
     }
 
-    /// The same judge, where the stamps of source `p` have an error of their own; 0 is local. To be called before the first
-    /// line.
+    /// Sets the error of source `p`'s stamps, in ns; 0 is local. Call this before the first line.
     #[must_use]
     pub fn with_tolerance_of(mut self, p: u64, tolerance: u64) -> Self {
         self.slack = self.slack.with_tolerance_of(p, tolerance);
@@ -187,7 +184,8 @@ impl Judge {
     /// Judges the next line, which has this number and no further keys.
     ///
     /// # Errors
-    /// If its instant is more than the tolerances of both before one that was read.
+    /// Returns a [`TimeOrderError`] if the line's instant lies before one that was read by more than the
+    /// tolerances of both.
     pub fn line(&mut self, line: u64, event: &Event) -> Result<(), TimeOrderError> {
         self.annotated_line(line, event, &Annotations::NONE)
     }
@@ -195,7 +193,8 @@ impl Judge {
     /// Judges the next line, which has this number and these further keys.
     ///
     /// # Errors
-    /// If its instant is more than the tolerances of both before one that was read.
+    /// Returns a [`TimeOrderError`] if the line's instant lies before one that was read by more than the
+    /// tolerances of both.
     pub fn annotated_line(
         &mut self,
         line: u64,
@@ -209,7 +208,7 @@ impl Judge {
         }
         self.recent.push(line, event, annotations);
         self.verdict.lines = line;
-        // Whether it was opened before matters where timestamps go back.
+        // Earlier opens matter only where timestamps go back.
         let is_again = self.causes.goes_back(event) && self.was_opened(event);
         self.causes.sees(line, event, is_again);
         self.doubts.sees(at, event, annotations, &self.slack);
@@ -223,7 +222,7 @@ impl Judge {
             }
         }
         self.passed = self.passed.max(at.saturating_sub(tolerance));
-        // A stamp that may be further off does not bring the end nearer.
+        // A stamp with a greater error does not bring the end nearer.
         let at = at.saturating_sub(tolerance.saturating_sub(own));
         if at > self.greatest {
             self.greatest = at;
@@ -238,7 +237,7 @@ impl Judge {
         Ok(())
     }
 
-    /// Whether an open with the timestamp of this line was read before.
+    /// Returns `true` if an open with the timestamp of this line was read before.
     fn was_opened(&self, event: &Event) -> bool {
         let is_known =
             |t| self.ended.contains(&t) || self.open.get(&t).is_some_and(|it| it.is_opened());
@@ -253,26 +252,27 @@ impl Judge {
         TimeOrderError { file, line, at, greatest, tolerance: both, remedy }
     }
 
-    /// Takes the violations that are listed so far out of the verdict, so that it lists as many again.
+    /// Takes the listed violations out of the verdict, so that it lists as many again.
     #[must_use]
     pub fn take_violations(&mut self) -> Vec<Violation> {
         std::mem::take(&mut self.verdict.violations)
     }
 
-    /// The verdict so far; timestamps that may still get a line do not count yet.
+    /// Returns the verdict so far. Timestamps that may still get a line do not count yet.
     #[must_use]
     pub const fn so_far(&self) -> &Verdict {
         &self.verdict
     }
 
-    /// Ends the trace.
+    /// Ends the trace and returns the verdict.
     #[must_use]
     pub fn finish(self) -> Verdict {
         let end = self.greatest;
         self.finish_at(end, end)
     }
 
-    /// Ends the trace of a run that is known to have ended: nothing more was to come, so all that it owed is overdue (A44).
+    /// Ends the trace of a run that is known to have ended: nothing more was to come, so everything that it
+    /// owed is overdue (A44). Returns the verdict.
     #[must_use]
     pub fn finish_ended(mut self) -> Verdict {
         self.is_ended = true;
@@ -280,14 +280,15 @@ impl Judge {
         self.finish_at(u64::MAX, last)
     }
 
-    /// Ends a trace that goes on, or was cut short: what may come yet is not missing.
+    /// Ends a trace that continues or was cut short, so an output that may still come is not missing. Returns
+    /// the verdict.
     #[must_use]
     pub fn finish_early(self) -> Verdict {
         let end = self.certain();
         self.finish_at(end, end)
     }
 
-    /// Ends the trace: timers and outputs were to come by `end`, opens by `last`.
+    /// Ends the trace: timers and outputs were owed by `end`, and opens by `last`.
     fn finish_at(mut self, end: u64, last: u64) -> Verdict {
         self.settle(None);
         self.settle_crowded(None, end);
@@ -317,7 +318,7 @@ impl Judge {
         };
         let clouds = &self.header.clouds;
         let is_cloud = |p| clouds.iter().any(|cloud| u64::from(cloud.p) == p);
-        // P1: each source has one output at most.
+        // Each source has at most one output (P1).
         let most = match self.header.commit {
             Commit::Eager | Commit::Patient => 1,
             Commit::Progressive => clouds.len() + 1,
@@ -332,7 +333,7 @@ impl Judge {
             self.crowded.opens(Opened { at, line, t });
         }
         if open.is_large() {
-            // No line is before that any more.
+            // No later line has an instant before that.
             open.compact(self.passed.saturating_sub(self.slack.greatest()));
         }
         if !open.is_queued {
@@ -342,7 +343,7 @@ impl Judge {
         }
     }
 
-    /// Takes a result of a timestamp that is done with: it may be the one that an output lacked.
+    /// Notes a result of a timestamp that is done, which an output may have lacked.
     fn finds(&mut self, t: u64, line: u64, event: &Event, annotations: &Annotations) {
         let Event::Input(Input::Result { at, p, .. }) = *event else { return };
         if !self.causes.finds(t, p, at) {
@@ -354,7 +355,7 @@ impl Judge {
         }
     }
 
-    /// Whether a line of a timestamp that is not open makes it so.
+    /// Returns `true` if a line makes a timestamp open that is not.
     fn begins(&self, t: u64, event: &Event) -> bool {
         match event {
             Event::Input(Input::Open { .. })
@@ -365,7 +366,7 @@ impl Judge {
                 | Decision::Final { .. }
                 | Decision::Miss { .. },
             ) => true,
-            // What is done with drops them.
+            // A timestamp that is done drops them.
             Event::Input(Input::Result { .. } | Input::Fail { .. })
             | Event::Decision(Decision::Drop {
                 why: DropReason::Unknown | DropReason::Superseded,
@@ -382,7 +383,7 @@ impl Judge {
         }
     }
 
-    /// Judges what no line can change any more.
+    /// Judges the timestamps that no line can change any more.
     fn ripen(&mut self) {
         while let Some(Reverse((ripe, t))) = self.ripening.peek().copied() {
             if ripe >= self.greatest {
@@ -405,7 +406,7 @@ impl Judge {
             }
             let end = self.certain();
             let is_broken = !open.is_overdue && self.violation(t, &whole, end).is_some();
-            // F9: its end may be missing.
+            // Its end may be missing (F9).
             if open.has_come_out() && !is_broken {
                 self.close(t, &open, &whole, self.greatest);
                 continue;
@@ -424,13 +425,14 @@ impl Judge {
         }
     }
 
-    /// What may come yet has its true instant after this.
+    /// Returns an instant that the true instants of all further lines come after.
     fn certain(&self) -> u64 {
         let greatest = self.slack.greatest();
         self.passed.saturating_sub(greatest.saturating_mul(2).saturating_add(1))
     }
 
-    /// Whether a timestamp is not open, nothing having come out: it was refused, never opened, or retired before.
+    /// Returns `true` if a timestamp is not open and has no output: it was refused, never opened, or retired
+    /// before.
     fn is_not_open(&self, t: u64, whole: &WholeMessageHistory) -> bool {
         Self::is_refused(whole) || whole.is_none() || self.ended.contains(&t)
     }
@@ -454,7 +456,7 @@ impl Judge {
         of_story(t, whole, (self.header.commit, &self.annotations), &self.slack, end)
     }
 
-    /// Judges a timestamp; `end` is the greatest instant that its trace is known to have.
+    /// Judges a timestamp. `end` is the greatest instant that its trace is known to have.
     fn close(&mut self, t: u64, open: &OpenMessageHistory, whole: &WholeMessageHistory, end: u64) {
         if open.is_overdue {
             self.overdue.retain(|overdue| *overdue != t);
@@ -484,7 +486,7 @@ impl Judge {
                 let first = whole.outputs.iter().map(|output| output.at).min();
                 self.causes.closes_unopened(t, first, unplaced.is_some());
             }
-            // P7: what breaks nothing and is open to the end of time waits for local.
+            // A timestamp that breaks nothing and stays open waits for local (P7).
             if self.is_ended && !is_broken && !open.has_come_out() {
                 self.doubts.leaves_unfinished(t);
             } else {
@@ -506,7 +508,8 @@ impl Judge {
         }
     }
 
-    /// What comes for a timestamp that is done with: it was retired before, or its open comes after its output.
+    /// Judges what comes for a timestamp that is done: it was retired before, or its open comes after its
+    /// output.
     fn again(&mut self, t: u64, whole: &WholeMessageHistory) -> Option<UnlocatedViolation> {
         let opened = whole.story.open.filter(|_| whole.outputs.is_empty());
         let late = opened.and_then(|(at, _)| self.causes.opens_late(t, at));
@@ -516,14 +519,14 @@ impl Judge {
         (!is_broken).then(|| of_late_open(t, whole, by))
     }
 
-    /// J1: goes through the opens that no line can change any more in a trace that has come to `greatest`; at its end
-    /// through all.
+    /// Settles the opens that no line can change any more in a trace that has come to `greatest`, or all
+    /// opens at its end (J1).
     fn settle(&mut self, greatest: Option<u64>) {
         while let Some(gaps) = &mut self.gaps
             && let Some(opened) = gaps.next()
         {
             let Opened { line, t, .. } = opened;
-            // One that is done with has reported what was refused.
+            // A timestamp that is done has reported its refusals.
             let open = self.open.get(&t).map(Box::as_ref).filter(|open| open.has_open(line));
             let may_change = |open: &OpenMessageHistory| {
                 greatest.is_some_and(|it| open.opens_by(&self.slack) >= it)
@@ -539,7 +542,8 @@ impl Judge {
         }
     }
 
-    /// P9: goes through the opens that came while others were open, of a trace that has certainly come to `passed`.
+    /// Settles the opens that came while others were open, in a trace that has certainly come to `passed`
+    /// (P9).
     fn settle_crowded(&mut self, passed: Option<u64>, end: u64) {
         while let Some(Opened { at, line, t }) = self.crowded.next(passed, &self.slack) {
             let window = usize::try_from(self.crowded.window()).unwrap_or(usize::MAX);
@@ -602,7 +606,7 @@ impl Judge {
     }
 }
 
-/// The source whose clock or call it is that stamped the line; none if it is the operator.
+/// Returns the source whose clock or call stamped the line, or `None` for the operator.
 const fn source(event: &Event) -> Option<u64> {
     match event {
         Event::Input(Input::Result { p, .. } | Input::Fail { p, .. })

@@ -1,6 +1,6 @@
-//! What was recorded so far of a timestamp that may still get a line.
+//! Stores what was recorded so far of a timestamp that may still get a line.
 //!
-//! Facts that no longer decide anything are left out, so that memory is bounded.
+//! Facts that no longer decide anything are removed, so that memory is bounded.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
@@ -14,33 +14,33 @@ use crate::annotations::{Annotations, ValueKeys};
 use crate::event::{Commit, Decision, Event, Input};
 use crate::reason::DropReason;
 
-/// How many facts are kept before those that decide nothing are left out.
+/// The number of facts that are stored before those that decide nothing are removed.
 const MANY: usize = 64;
-/// All sources that are neither local nor registered: when something came of them is all that counts.
+/// Stands for all sources that are neither local nor registered; only the instants of their inputs matter.
 const STRANGER: u64 = u64::MAX;
 
-/// What was observed of a timestamp so far.
+/// The observations of a timestamp so far.
 #[derive(Clone, Debug, Default)]
 pub(super) struct OpenMessageHistory {
     opens: Vec<OpenTimestamp>,
-    /// When an open was refused.
+    /// The instants of refusals of its opens.
     refusals: Vec<u64>,
     requests: Vec<RequestAttempt>,
     came: BTreeSet<RequestClosing>,
-    /// The drop lines: their results and failures count for nothing.
+    /// The drop lines. The results and failures that they name do not count.
     dropped: BTreeSet<Dropped>,
     outputs: Vec<ObservedOutput>,
-    /// Which of them were said to be the last (F9).
+    /// The outputs that were said to be the last (F9).
     finals: Vec<ObservedOutput>,
-    /// The line of a request to a cloud that is not registered, with its priority.
+    /// The line of a request to a cloud that is not registered, and its priority.
     stranger: Option<(u64, u64)>,
     /// The least and the greatest instant of its lines, as far as they matter.
     instants: Option<(u64, u64)>,
-    /// The last line of it.
+    /// Its last line.
     pub(super) line: u64,
-    /// Whether it waits for when it can be judged, whatever else comes.
+    /// `true` if it waits until it can be judged, whatever else comes.
     pub(super) is_queued: bool,
-    /// Whether it is known to break the rules, and waits for what may come out too late.
+    /// `true` if it is known to break the rules and waits for an output that may come too late.
     pub(super) is_overdue: bool,
 }
 
@@ -48,18 +48,18 @@ pub(super) struct OpenMessageHistory {
 struct OpenTimestamp {
     at: u64,
     deadline: Option<u64>,
-    /// By when its own deadline wants an output (J2).
+    /// The instant by which its own deadline demands an output (J2).
     due: Option<u64>,
     line: u64,
 }
 
-/// What came out.
+/// An output.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct ObservedOutput {
-    /// Whose result was sent; none for a miss.
+    /// The source whose result was sent, or `None` for a miss.
     pub(super) p: Option<u64>,
     pub(super) at: u64,
-    /// Of which timestamp its value is, and for which one it is meant, as it says itself.
+    /// The keys that concern its value.
     pub(super) value: ValueKeys,
     pub(super) line: u64,
 }
@@ -72,9 +72,9 @@ struct RequestClosing {
     is_result: bool,
     is_superseded: bool,
     attempt: Option<u8>,
-    /// Of which timestamp a result's value is.
+    /// The timestamp whose message a result's value was computed from.
     of: Option<u64>,
-    /// Whether a result's value is meant for this timestamp, if it says for which one it is.
+    /// `true` if a result's value is meant for this timestamp, or `None` if it does not say.
     is_meant: Option<bool>,
 }
 
@@ -85,43 +85,45 @@ struct Dropped {
     is_unknown: bool,
 }
 
-/// What a result says of its value.
+/// The value keys of a result.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct ResultValue {
     pub(super) p: u64,
     pub(super) at: u64,
-    /// Of which timestamp it is.
+    /// The timestamp whose message the value was computed from.
     pub(super) of: Option<u64>,
-    /// Whether it is meant for this timestamp.
+    /// `true` if the value is meant for this timestamp.
     pub(super) is_meant: Option<bool>,
 }
 
-/// All that was observed of a timestamp, put together.
+/// All observations of a timestamp, put together.
 #[derive(Debug)]
 pub(super) struct WholeMessageHistory<'a> {
     pub(super) story: MessageHistory,
-    /// What came out, with its lines.
+    /// The outputs, with their lines.
     pub(super) outputs: &'a [ObservedOutput],
-    /// Which of them were said to be the last, with its lines (F9).
+    /// The outputs that were said to be the last, with their lines (F9).
     pub(super) finals: &'a [ObservedOutput],
-    /// What results say of their values, if any does.
+    /// The value keys of results, if any result has them.
     pub(super) values: Vec<ResultValue>,
-    /// By when the message's own deadline wants an output (J2).
+    /// The instant by which the message's own deadline demands an output (J2).
     pub(super) due: Option<u64>,
-    /// Whether anything of it failed, an attempt among others too.
+    /// `true` if any of its sources or attempts failed.
     pub(super) has_failed: bool,
-    /// The line of an open beside the first, and whether it is the first one's copy.
+    /// The line of a second open, and `true` if that is a copy of the first.
     pub(super) second_open: Option<(u64, bool)>,
     /// The line of the first open.
     pub(super) first_open: Option<u64>,
-    /// The line of a request to a cloud that is not registered, with its priority.
+    /// The line of a request to a cloud that is not registered, and its priority.
     pub(super) stranger: Option<(u64, u64)>,
     pub(super) was_refused: bool,
 }
 
 impl OpenMessageHistory {
-    /// Takes a line of the timestamp; `records_opens` says whether an open stands before it in the trace. It has no more
-    /// than `most` outputs, or one too many. Returns whether it begins or ceases to wait for its output.
+    /// Notes a line of the timestamp. Returns whether the timestamp begins or ceases to wait for its output.
+    ///
+    /// `records_opens` is `true` if an open comes before the line in the trace. The timestamp may have `most`
+    /// outputs; only one more is stored.
     pub(super) fn take(
         &mut self,
         line: u64,
@@ -196,25 +198,26 @@ impl OpenMessageHistory {
         change
     }
 
-    /// What becomes of its waiting when something comes out.
+    /// Returns how an output changes the waiting for it.
     pub(super) const fn stops_waiting(&self) -> WaitingChange {
         if self.is_waiting() { WaitingChange::Ends } else { WaitingChange::None }
     }
 
-    /// Takes the instant of a line.
+    /// Notes the instant of a line.
     pub(super) fn lasts(&mut self, at: u64) {
         self.instants =
             Some(self.instants.map_or((at, at), |(from, to)| (from.min(at), to.max(at))));
     }
 
-    /// Whether there is so much of it that some may be left out.
+    /// Returns `true` if there are so many facts that some may be removed.
     pub(super) fn is_large(&self) -> bool {
         self.came.len() >= MANY || self.dropped.len() >= MANY
     }
 
-    /// Leaves out what came before `until` and decides nothing beside what came earlier of its kind, if there is much.
+    /// Removes facts before `until` that decide nothing beside earlier ones of their kind, if there are many
+    /// facts.
     ///
-    /// Looks at each a few times in all, since it does so each time that their number has doubled.
+    /// Since this happens each time their number has doubled, it looks at each fact a few times in all.
     pub(super) fn compact(&mut self, until: u64) {
         let is_due = |len: usize| len >= MANY && len.is_power_of_two();
         if is_due(self.came.len()) {
@@ -237,7 +240,7 @@ impl OpenMessageHistory {
         }
     }
 
-    /// Of the results of each source that came before, those whose values may be of the latest timestamps.
+    /// Returns the results of each source before `until` whose values may be of the latest timestamps.
     fn newest_before(&self, until: u64) -> BTreeMap<u64, ValueOrder> {
         let mut newest = BTreeMap::new();
         for came in self.came.iter().filter(|came| came.is_result && came.at < until) {
@@ -247,29 +250,29 @@ impl OpenMessageHistory {
         newest
     }
 
-    /// How many facts are held that may be left out.
+    /// Returns the number of facts that may be removed.
     #[cfg(test)]
     pub(super) fn len(&self) -> usize {
         self.came.len() + self.dropped.len()
     }
 
-    /// From its first line to its last.
+    /// Returns the time from its first line to its last.
     pub(super) fn span(&self) -> u64 {
         self.instants.map_or(0, |(from, to)| to - from)
     }
 
-    /// Whether it has an open, refused or not.
+    /// Returns `true` if it has an open, refused or not.
     pub(super) const fn is_opened(&self) -> bool {
         !self.opens.is_empty()
     }
 
-    /// Whether it was opened and nothing came out yet.
+    /// Returns `true` if it was opened and has no output yet.
     pub(super) const fn is_waiting(&self) -> bool {
         !self.opens.is_empty() && !self.has_come_out()
     }
 
-    /// P9: whether it certainly was open around this instant, at which another timestamp was opened. Until `end` outputs were
-    /// to be seen.
+    /// Returns `true` if it was certainly open around the instant at which another timestamp was opened (P9).
+    /// Outputs until `end` would have been seen.
     pub(super) fn is_surely_open(
         &self,
         at: u64,
@@ -285,7 +288,7 @@ impl OpenMessageHistory {
         if let Some(out) = self.outputs.iter().chain(&self.finals).map(|output| output.at).min() {
             return out > by;
         }
-        // P7: it waits for local, or for a deadline that is not over.
+        // It waits for local, or for a deadline that is not over (P7).
         let later = at.saturating_add(slack.tolerance_of(0)).saturating_add(slack.tolerance());
         let is_local_pending = has_local
             && self.came.iter().all(|came| came.p != 0 || came.at > later)
@@ -296,27 +299,29 @@ impl OpenMessageHistory {
         end > by && (is_local_pending || self.requests.iter().any(runs))
     }
 
-    /// Whether anything came out.
+    /// Returns `true` if it has an output.
     pub(super) const fn has_come_out(&self) -> bool {
         !(self.outputs.is_empty() && self.finals.is_empty())
     }
 
-    /// Whether its end came out.
+    /// Returns `true` if it has its last output.
     pub(super) fn has_ended(&self, commit: Commit) -> bool {
         match commit {
             Commit::Eager | Commit::Patient => self.has_come_out(),
-            // F9: more may follow an output.
+            // Others may follow an output (F9).
             Commit::Progressive => {
                 !self.finals.is_empty() || self.outputs.iter().any(|output| output.p.is_none())
             }
         }
     }
 
-    /// From when on no line can change what is decided about it, unless it is a fact of its own.
+    /// Returns the instant from which on no line can change the decision about it, unless the line is a fact
+    /// of its own.
     ///
-    /// A line may come `2T` after its instant's turn, and its true instant is `T` off. Where its end came out, what is observed
-    /// after that comes after the retirement. Where it did not, it is ripe when every timer must have been served
-    /// and every output must have come, so that it stays open for good or has no explanation.
+    /// A line may come `2T` after its turn, and its true instant may be `T` off. If the last output came,
+    /// whatever is observed later comes after the retirement. Otherwise the timestamp is ripe when every
+    /// timer must have been served and every output must have come, so that it either stays open or has no
+    /// explanation.
     pub(super) fn ripens(&self, commit: Commit, slack: &SourceSlack) -> u64 {
         let (tolerance, lateness) = (slack.greatest(), slack.lateness());
         let opens = self.opens.iter().map(|open| open.at);
@@ -337,8 +342,8 @@ impl OpenMessageHistory {
         last.unwrap_or(0).saturating_add(margin).saturating_add(2)
     }
 
-    /// Puts together what was observed, without what was refused and what came of that; `was_refused` says whether an open of it was
-    /// refused long ago.
+    /// Puts together what was observed, without refused opens and their consequences. `was_refused` is `true`
+    /// if one of its opens was refused long ago.
     pub(super) fn whole(&self, slack: &SourceSlack, was_refused: bool) -> WholeMessageHistory<'_> {
         let (own, lateness) = (slack.tolerance(), slack.lateness());
         let opens = self.accepted(slack.reach());
@@ -346,10 +351,11 @@ impl OpenMessageHistory {
             self.requests.iter().map(|request| (request.at, slack.tolerance_of(request.p)));
         let out = self.outputs.iter().chain(&self.finals).map(|output| (output.at, own));
         let known = opens.iter().map(|open| (open.at, own)).chain(requested).chain(out);
-        // The earliest and the latest instant at which the first of it may have been.
+        // The earliest and the latest instant at which the first of these lines may have happened.
         let first = known.clone().map(|(at, tolerance)| at.saturating_sub(tolerance)).min();
         let first_by = known.map(|(at, tolerance)| at.saturating_add(tolerance)).min();
-        // A43: what came before the timestamp was open, after it was skipped or beside its being refused.
+        // An input may have come before the timestamp was open, after it was skipped, or beside its refusal
+        // (A43).
         let before = |at: u64, tolerance: u64| {
             let by = at.saturating_add(tolerance).saturating_add(lateness);
             first.is_none_or(|first| by < first)
@@ -365,7 +371,7 @@ impl OpenMessageHistory {
             let RequestClosing { p, at, attempt, of, is_meant, .. } = *came;
             if came.is_result {
                 results.push((p, at));
-                // Where nothing says whose value it is, nothing is to be compared.
+                // If no result has value keys, there is nothing to compare.
                 if says {
                     values.push(ResultValue { p, at, of, is_meant });
                 }
@@ -394,7 +400,7 @@ impl OpenMessageHistory {
             }),
             first_open: open.map(|open| open.line),
             stranger: self.stranger,
-            // Something of it that certainly came before shows that it was open then.
+            // A line that certainly came before shows that the timestamp was open then.
             was_refused: was_refused
                 || self.refusals.iter().any(|refused| {
                     let by = |by: u64| by.saturating_add(own).saturating_add(lateness);
@@ -403,12 +409,12 @@ impl OpenMessageHistory {
         }
     }
 
-    /// Whether this line is an open of it.
+    /// Returns `true` if this line is an open of the timestamp.
     pub(super) fn has_open(&self, line: u64) -> bool {
         self.opens.iter().any(|open| open.line == line)
     }
 
-    /// Until when a line may come that changes which of its opens were refused.
+    /// Returns the instant until which a line may change which of its opens were refused.
     pub(super) fn opens_by(&self, slack: &SourceSlack) -> u64 {
         let opens = self.opens.iter().map(|open| open.at);
         let last = opens.chain(self.refusals.iter().copied()).max().unwrap_or(0);
@@ -416,15 +422,15 @@ impl OpenMessageHistory {
         last.saturating_add(margin)
     }
 
-    /// Its opens that were refused; `t` is the timestamp.
+    /// Returns its opens that were refused; `t` is the timestamp.
     pub(super) fn refused(&self, t: u64, slack: &SourceSlack) -> Vec<Opened> {
         let accepted = self.accepted(slack.reach());
         let refused = self.opens.iter().filter(|open| !accepted.contains(open));
         refused.map(|open| Opened { at: open.at, line: open.line, t }).collect()
     }
 
-    /// A42: the opens that were not refused. A refusal takes away the nearest open, if two errors of the clock and the lateness
-    /// reach from the one to the other.
+    /// Returns the opens that were not refused. A refusal removes the nearest open within `reach`, which is
+    /// two errors of the clock and the lateness (A42).
     fn accepted(&self, reach: u64) -> Cow<'_, [OpenTimestamp]> {
         if self.refusals.is_empty() {
             return Cow::Borrowed(&self.opens);
@@ -444,7 +450,7 @@ impl OpenMessageHistory {
     fn requests(&mut self, request: RequestAttempt) {
         let is_same =
             |other: &&RequestAttempt| (other.p, other.attempt) == (request.p, request.attempt);
-        // One more than there may be shows that one is requested twice.
+        // Two of them suffice to show that one is requested twice.
         if self.requests.iter().filter(is_same).count() < 2 {
             self.requests.push(request);
         }
@@ -464,7 +470,8 @@ impl OpenMessageHistory {
         }
     }
 
-    /// A drop line is about all that came of the source at its instant, in whatever order the lines stand.
+    /// Notes a drop line. It concerns everything that came from the source at its instant, in whatever order
+    /// the lines are.
     fn drops(&mut self, p: u64, at: u64, is_unknown: bool) {
         self.dropped.insert(Dropped { p, at, is_unknown });
         let first = RequestClosing::new(p, at, false, None);
@@ -483,18 +490,18 @@ impl OpenMessageHistory {
     }
 }
 
-/// Keeps an output if there are not too many yet: how many more there are does not matter then.
+/// Stores an output unless there are too many already; how many more there are does not matter.
 fn keep(outputs: &mut Vec<ObservedOutput>, most: usize, output: ObservedOutput) {
     if outputs.len() <= most {
         outputs.push(output);
     }
 }
 
-/// How late a timestamp a result's value may be of: one that does not say may be of the latest.
+/// Orders results by how late a timestamp their values may be of. A value without `of` may be of the latest.
 type ValueOrder = (bool, u64);
 
 impl OpenTimestamp {
-    /// Whether the other one says the same.
+    /// Returns `true` if the other open says the same.
     const fn is_copied_by(&self, other: &Self) -> bool {
         self.at == other.at && self.line != other.line
     }
@@ -514,23 +521,23 @@ impl RequestClosing {
 }
 
 impl WholeMessageHistory<'_> {
-    /// The line of the first output.
+    /// Returns the line of the first output.
     pub(super) fn line(&self) -> Option<u64> {
         self.outputs.iter().chain(self.finals).map(|output| output.line).min()
     }
 
-    /// Whether an open of it was not refused.
+    /// Returns `true` if it has an open that was not refused.
     pub(super) const fn is_opened(&self) -> bool {
         self.story.open.is_some()
     }
 
-    /// Whether it has a result, a failure or an output.
+    /// Returns `true` if it has a result, a failure or an output.
     pub(super) const fn is_reported_of(&self) -> bool {
         let MessageHistory { results, outputs, .. } = &self.story;
         !(results.is_empty() && !self.has_failed && outputs.is_empty())
     }
 
-    /// Whether nothing is left of it.
+    /// Returns `true` if nothing is left of it.
     pub(super) const fn is_none(&self) -> bool {
         let is_asked = !self.story.requests.is_empty() || self.stranger.is_some();
         !(self.is_opened() || is_asked || self.is_reported_of() || !self.finals.is_empty())

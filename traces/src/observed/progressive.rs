@@ -1,51 +1,54 @@
-//! Whether the rules can explain what was observed of one timestamp under progressive (F9).
+//! Decides whether the rules can explain what was observed of one timestamp under the progressive rule (F9).
 //!
-//! By P13 an explanation is one under patient, in which each accepted result that outranks all before it is sent when it comes.
-//! So what `explain` says of patient holds: requests as early as they can, each source pending as long as it can. A source
-//! that was observed to be sent is so at an instant that fits. Any other must not be sent so early that the trace would show it:
+//! An explanation is one under patient in which each accepted result that outranks all before it is sent when
+//! it comes (P13). So what `explain` says of patient holds here too: requests come as early as they can, and
+//! each source is pending as long as it can be. A source whose output was observed sends it at an instant
+//! that fits. Any other source must not send so early that the trace would show it:
 //!
-//! - **Pending until it is outranked or closed** is best: nothing else ends earlier for it, and as long as what outranks it is
-//!   pending, nothing is retired.
-//! - **Sent unseen** is what is left, as late as it can: what it outranks ends then.
-//! - **Else it must be outranked in time.** The next one above it that was observed is then sent no later.
+//! - **Pending until it is outranked or closed** is best: nothing else ends earlier because of it, and while
+//!   a source that outranks it is pending, nothing is retired.
+//! - **Sent unseen**, as late as it can, is the second choice: whatever it outranks ends then.
+//! - **Otherwise it must be outranked in time.** The next observed source above it must then send no later.
 //!
-//! So from the highest source down the latest course of each is the best for all below it. What was sent last, with each
-//! instant at which something becomes possible, is tried as the retirement where a `final` was observed: for `n` clouds at most
-//! `3n + 4` instants, each in O(`n`³) steps. Where none was, one look is enough; one a source if nothing came out.
+//! So the latest course of each source, from the highest down, is best for all sources below it. If a `final`
+//! was observed, the last output is tried as the retirement at each instant at which something becomes
+//! possible: for `n` clouds at most `3n + 4` instants, each in O(`n`³) steps. If none was observed, one try
+//! suffices, or one for each source if there is no output.
 
 use super::explain::{InstantRange, LAST, NEVER, ObservedFacts, WideInstant, reach};
 
-/// After all instants of a trace, and before none at all.
+/// An instant after all instants of a trace, and before [`NEVER`].
 const FOREVER: WideInstant = NEVER - 1;
 
 /// All instants.
 pub(super) const ALWAYS: InstantRange = InstantRange { from: 0, to: LAST };
 
-/// When the output of a source is produced.
+/// The instants at which the output of a source is produced.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum OutputTime {
-    /// At one of these instants: it was observed.
+    /// The output was observed, so it is produced within this range.
     Within(InstantRange),
-    /// Not at all, or from this instant on.
+    /// The output is produced at this instant or later, or not at all.
     NotBefore(WideInstant),
 }
 
-/// All that was observed of one timestamp, and what came out of it.
+/// Everything that was observed of one timestamp, with its outputs.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(super) struct ProgressiveFacts {
     pub(super) facts: ObservedFacts,
-    /// Those of its sources, in the same order.
+    /// The outputs of its sources, in the order of the sources.
     pub(super) outputs: Vec<OutputTime>,
 }
 
 impl ProgressiveFacts {
-    /// Of which any output may be produced at any time.
+    /// Returns facts whose outputs may be produced at any time.
     pub(super) fn free(facts: &ObservedFacts) -> Self {
         let outputs = vec![OutputTime::NotBefore(0); facts.sources.len()];
         Self { facts: facts.clone(), outputs }
     }
 
-    /// Whether some explanation has these outputs, whenever it retires the timestamp, if it does. Without any it does not.
+    /// Returns `true` if some explanation has these outputs, whenever it retires the timestamp. Without any
+    /// output it does not retire it.
     pub(super) fn is_explained(&self) -> bool {
         let ready = self.facts.ready();
         if self.outputs.iter().any(|output| output.is_observed()) {
@@ -56,8 +59,8 @@ impl ProgressiveFacts {
             || unseen.any(|with| with.is_timeline(None, FOREVER, ready))
     }
 
-    /// Whether some explanation has these outputs, the one of this source being the last, and retires the timestamp at an instant
-    /// of `when`.
+    /// Returns `true` if some explanation has these outputs, sends the output of source `last` last, and
+    /// retires the timestamp at an instant of `when`.
     pub(super) fn ends(&self, last: usize, when: InstantRange) -> bool {
         let from = when.from.max(self.facts.ready());
         let mut above = self.outputs.iter().skip(last + 1);
@@ -66,7 +69,8 @@ impl ProgressiveFacts {
             && instants.any(|at| self.is_timeline(Some(last), at, at))
     }
 
-    /// The same with an output of this source, produced within `when`, as far as that may be.
+    /// Returns the same facts with an output of source `q`, produced within `when` as far as that is
+    /// possible.
     pub(super) fn with(&self, q: usize, when: InstantRange) -> Self {
         let mut with = self.clone();
         if let Some(output) = with.outputs.get_mut(q) {
@@ -81,12 +85,14 @@ impl ProgressiveFacts {
         with
     }
 
-    /// The first and the last instant at which the output of this source may be produced, the others being as they are.
+    /// Returns the first and the last instant at which the output of source `q` may be produced, given the
+    /// others.
     pub(super) fn span(&self, q: usize) -> Option<InstantRange> {
         span(|when| self.with(q, when).is_explained())
     }
 
-    /// The instants in `when` to try as the retirement: its beginning, and wherever something becomes possible.
+    /// Returns the instants in `when` to try as the retirement: its beginning, and each instant at which
+    /// something becomes possible.
     fn instants(&self, when: InstantRange) -> impl Iterator<Item = WideInstant> {
         let begins =
             self.facts.sources.iter().enumerate().flat_map(|(q, source)| {
@@ -96,18 +102,18 @@ impl ProgressiveFacts {
         Some(when.from).filter(|from| *from <= when.to).into_iter().chain(later)
     }
 
-    /// Whether all sources can have a course that brings these outputs, and leaves the timestamp open until `by` at least. Where it
-    /// is known which was the last, it is retired `at` then.
+    /// Returns `true` if all sources can have a course that gives these outputs and leaves the timestamp open
+    /// at least until `by`. If the last output is known, the timestamp is retired at `at`.
     fn is_timeline(&self, last: Option<usize>, at: WideInstant, by: WideInstant) -> bool {
         let mut outranked = at;
         let mut pending: Vec<InstantRange> = Vec::with_capacity(self.facts.sources.len());
         for (q, source) in self.facts.sources.iter().enumerate().rev() {
             let is_sent = self.outputs[q].is_observed() || last == Some(q);
             let may_be_sent = last.is_none_or(|last| q <= last);
-            // What outranks the last output is closed at the retirement.
+            // A source that outranks the last output is closed at the retirement.
             let may_stay = last.is_none_or(|last| q < last);
             let unsent = self.unsent(q, outranked, may_stay).filter(|_| !is_sent);
-            // P4, P7: what outranks it is pending from then on.
+            // A source that outranks it is pending from then on (P4, P7).
             let sent = self.sent(q, outranked).filter(|sent| reach(&pending, *sent) >= by);
             let sent = sent.filter(|_| may_be_sent);
             let Some(until) = sent.max(unsent) else { return false };
@@ -117,18 +123,20 @@ impl ProgressiveFacts {
         reach(&pending, self.facts.open) >= by
     }
 
-    /// The latest instant at which the output of a source can be produced, what is above it being sent at `outranked`.
+    /// Returns the latest instant at which the output of a source can be produced, if the next source above
+    /// it sends at `outranked`.
     fn sent(&self, q: usize, outranked: WideInstant) -> Option<WideInstant> {
         let InstantRange { from, to } = self.sends(q);
         let below = &self.outputs[..q];
         let observed = |r: &usize| below[*r].is_observed();
-        // P1: what was observed of those below comes before.
+        // The observed outputs of sources below come before (P1).
         let from = (0..q).filter(observed).map(|r| self.sends(r).from).fold(from, WideInstant::max);
         let at = to.min(outranked).min(self.limit(q));
         (from <= at).then_some(at)
     }
 
-    /// Until when a source can be pending that is not sent: until it is outranked, if it may stay so long, or is closed.
+    /// Returns the instant until which a source that does not send can be pending: until it is outranked, if
+    /// it may stay so long, or is closed.
     fn unsent(&self, q: usize, outranked: WideInstant, may_stay: bool) -> Option<WideInstant> {
         let source = &self.facts.sources[q];
         if may_stay && outranked.max(source.requested) <= source.lasts() {
@@ -139,7 +147,8 @@ impl ProgressiveFacts {
         possible.map(|span| span.to.min(outranked)).max()
     }
 
-    /// By when the output of a source must be produced, if it was observed, for the sake of those that it outranks.
+    /// Returns the instant by which an observed output must be produced because of the sources that it
+    /// outranks.
     fn limit(&self, q: usize) -> WideInstant {
         if !self.outputs[q].is_observed() {
             return NEVER;
@@ -152,7 +161,7 @@ impl ProgressiveFacts {
         waits.map(|r| self.facts.sources[r].lasts()).min().unwrap_or(NEVER)
     }
 
-    /// When the output of a source can be produced, as far as it goes by the source alone.
+    /// Returns the instants at which the output of a source can be produced, considering only that source.
     fn sends(&self, q: usize) -> InstantRange {
         let InstantRange { from, to } = self.facts.sources[q].returns();
         match self.outputs[q] {
@@ -173,7 +182,8 @@ impl OutputTime {
     }
 }
 
-/// The first and the last instant of something, of which it is known whether it may be within any range.
+/// Returns the first and the last instant of an event, given a function that says whether the event may be
+/// within a range.
 pub(super) fn span(may_be_within: impl Fn(InstantRange) -> bool) -> Option<InstantRange> {
     if !may_be_within(ALWAYS) {
         return None;

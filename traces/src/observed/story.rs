@@ -8,47 +8,48 @@ use super::progressive::{OutputTime, ProgressiveFacts};
 use super::slack::SourceSlack;
 use crate::event::Commit;
 
-/// What was observed of one timestamp.
+/// What was observed of one timestamp. Instants are in ns.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct MessageHistory {
-    /// When it was opened, and with which deadline.
+    /// The instant of its open, and local's deadline.
     pub open: Option<(u64, Option<u64>)>,
-    /// The clouds' priorities, when each was requested, and its due instant.
+    /// The requests: the cloud's priority, the instant, and the due instant.
     pub requests: Vec<(u64, u64, u64)>,
-    /// Whose results came, and when.
+    /// The results: the source's priority and the instant.
     pub results: Vec<(u64, u64)>,
-    /// Whose failures came, and when.
+    /// The failures: the source's priority and the instant.
     pub failures: Vec<(u64, u64)>,
-    /// Whose result was sent, or none for a miss, and when.
+    /// The outputs: the priority of the result's source, or `None` for a miss, and the instant.
     pub outputs: Vec<(Option<u64>, u64)>,
-    /// Whose output was said to be the last, and when (F9).
+    /// The outputs that were said to be the last: the source's priority and the instant (F9).
     pub finals: Vec<(u64, u64)>,
-    /// Whether the operator has no local computation: local fails then, at the latest when all is requested.
+    /// `true` if the operator has no local computation. Local then fails, at the latest when everything is
+    /// requested.
     pub without_local: bool,
 }
 
-/// An output that the rules allow, and between which instants.
+/// An output that the rules allow, and the instants at which it may be recorded.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct AllowedOutput {
-    /// Whose result is sent; none for a miss.
+    /// The source whose result is sent, or `None` for a miss.
     pub p: Option<u64>,
-    /// The first instant at which it may be recorded.
+    /// The first instant, in ns, at which it may be recorded.
     pub from: u64,
-    /// The last one.
+    /// The last instant, in ns, at which it may be recorded.
     pub to: u64,
 }
 
 impl MessageHistory {
-    /// Whether some explanation of it fits, in a trace whose greatest instant is `end`.
+    /// Returns `true` if some explanation fits, in a trace whose greatest instant is `end`.
     ///
-    /// Nothing is forwarded that has no explanation, and nothing that has one is refused: see `explain` for the way, and the tests
-    /// for a search through all orders.
+    /// The answer is exact: `explain` describes the method, and the tests compare it with a search through
+    /// all orders.
     #[must_use]
     pub fn is_explained(&self, commit: Commit, slack: impl Into<SourceSlack>, end: u64) -> bool {
         self.is_explained_within(commit, &slack.into(), end)
     }
 
-    /// The same with tolerances by source.
+    /// Returns the same, with tolerances by source.
     pub(super) fn is_explained_within(
         &self,
         commit: Commit,
@@ -79,7 +80,7 @@ impl MessageHistory {
         }
     }
 
-    /// The same under progressive, where each output is produced and the last one ends it.
+    /// Returns the same under progressive, where each output is produced and the last one ends the timestamp.
     fn is_explained_progressively(&self, slack: &SourceSlack, end: u64) -> bool {
         let Some((facts, priorities)) = self.progressive(slack, end) else { return false };
         if !self.rises(slack) {
@@ -99,7 +100,8 @@ impl MessageHistory {
         }
     }
 
-    /// P1, A54: whether the outputs rise in priority, as far as their stamps tell, and one final or miss at most ends them.
+    /// Returns `true` if the outputs rise in priority, as far as their stamps tell, and at most one final or
+    /// miss ends them (P1, A54).
     pub(super) fn rises(&self, slack: &SourceSlack) -> bool {
         let twice = slack.tolerance().saturating_mul(2);
         let emits: Vec<_> = self.outputs.iter().filter_map(|(p, at)| Some(((*p)?, *at))).collect();
@@ -116,8 +118,8 @@ impl MessageHistory {
             && self.finals.iter().all(|(last, _)| emits.iter().all(|(p, _)| p <= last))
     }
 
-    /// As intervals under progressive, with when each output was produced, and the priorities of the sources; none if an output has
-    /// no source or requests contradict each other.
+    /// Returns the facts as intervals under progressive, with the production of each output, and the sources'
+    /// priorities. Returns `None` if an output has no source or requests contradict each other.
     pub(super) fn progressive(
         &self,
         slack: &SourceSlack,
@@ -134,8 +136,8 @@ impl MessageHistory {
         Some((facts, priorities))
     }
 
-    /// What the rules can bring out of the rest of it, and between which instants it may be recorded; none at all if the rest
-    /// contradicts itself.
+    /// Returns the outputs that the rules allow for the other observations, and the instants at which each
+    /// may be recorded. Returns none if those observations contradict each other.
     #[must_use]
     pub fn allowed(
         &self,
@@ -146,7 +148,7 @@ impl MessageHistory {
         self.allowed_within(commit, &slack.into(), end)
     }
 
-    /// The same with tolerances by source.
+    /// Returns the same, with tolerances by source.
     pub(super) fn allowed_within(
         &self,
         commit: Commit,
@@ -154,7 +156,7 @@ impl MessageHistory {
         end: u64,
     ) -> Vec<AllowedOutput> {
         let Some((facts, priorities)) = self.facts(commit, slack, end) else { return Vec::new() };
-        // F9: others may be sent too.
+        // Other outputs may be sent too (F9).
         let progressive = (commit == Commit::Progressive).then(|| ProgressiveFacts::free(&facts));
         let emits = (0..priorities.len()).rev().map(RetirementOutput::Emit);
         let outputs = emits.chain([RetirementOutput::Miss]).filter_map(|output| {
@@ -172,7 +174,8 @@ impl MessageHistory {
         outputs.collect()
     }
 
-    /// As intervals, with the priorities of the sources; none if two requests or an order contradict each other.
+    /// Returns the facts as intervals, with the sources' priorities, or `None` if two requests or an order
+    /// contradict each other.
     fn facts(
         &self,
         commit: Commit,
@@ -202,7 +205,7 @@ impl MessageHistory {
             failure: None,
             last: NEVER,
         };
-        // In ascending priority, each beside its own.
+        // The sources in ascending priority, each with its own facts.
         let most = self.requests.len() + 1;
         let (mut priorities, mut sources) = (Vec::with_capacity(most), Vec::with_capacity(most));
         priorities.push(0);
@@ -227,7 +230,7 @@ impl MessageHistory {
             if came.to < source.as_ref().map_or(open, |source| source.requested) {
                 return None;
             }
-            // Of a cloud without a request, or of local where there is none: a drop.
+            // A result of a cloud without a request, or of an absent local, is a drop.
             let is_source = *p > 0 || !self.without_local;
             let Some(source) = source.as_mut().filter(|_| is_source) else { continue };
             source.last = source.last.min(came.to);
@@ -245,7 +248,7 @@ impl MessageHistory {
 }
 
 impl AllowedOutput {
-    /// One that is produced at these instants.
+    /// Returns the allowed output that is produced at these instants.
     pub(super) fn produced(p: Option<u64>, when: InstantRange, slack: &SourceSlack) -> Self {
         let [tolerance, lateness] = [slack.tolerance(), slack.lateness()].map(WideInstant::from);
         let within = |at: WideInstant| u64::try_from(at).unwrap_or(u64::MAX);
@@ -254,14 +257,14 @@ impl AllowedOutput {
     }
 }
 
-/// When an output that was recorded then was produced.
+/// Returns the instants at which an output that was recorded at `at` was produced.
 pub(super) fn produced(at: u64, slack: &SourceSlack) -> InstantRange {
     let [at, tolerance, lateness] =
         [at, slack.tolerance(), slack.lateness()].map(WideInstant::from);
     InstantRange { from: at.saturating_sub(tolerance + lateness), to: at + tolerance }
 }
 
-/// From when on what is produced may be missing in a trace that ends then.
+/// Returns the instant from which on an output may be missing in a trace that ends at `end`.
 fn unseen(slack: &SourceSlack, end: u64) -> WideInstant {
     let [tolerance, lateness, end] =
         [slack.tolerance(), slack.lateness(), end].map(WideInstant::from);

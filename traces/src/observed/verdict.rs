@@ -1,4 +1,4 @@
-//! What the judge found in one trace.
+//! The observed judge's verdict on one trace.
 
 use std::fmt;
 
@@ -13,44 +13,47 @@ use crate::rule::Rule;
 pub struct Verdict {
     /// The name that the trace was given.
     pub file: String,
-    /// Whether each timestamp has an explanation and nothing is in doubt that is not accepted.
+    /// `true` if each timestamp has an explanation and every doubt is accepted.
     pub conforms: bool,
-    /// How many timestamps were judged: those opened that have a result, a failure, an emit or a miss.
+    /// The number of judged timestamps: those that were opened and have a result, a failure, an emit or a
+    /// miss.
     pub judged: u64,
-    /// How many lines the trace has, the header's too.
+    /// The number of lines in the trace, with the header.
     pub lines: u64,
-    /// What the judge could not see.
+    /// The doubts that are left.
     pub doubts: Vec<Doubt>,
     /// The one cause that explains most violations, if there is one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cause: Option<String>,
-    /// What does not conform, up to 100.
+    /// The violations, up to 100.
     pub violations: Vec<Violation>,
-    /// How many violations more there are.
+    /// The number of further violations.
     #[serde(skip_serializing_if = "is_zero")]
     pub more: u64,
-    /// Where those are, if that was wanted; see [`Judge::with_places`](super::Judge::with_places).
+    /// The places of the further violations, if they were wanted; see
+    /// [`Judge::with_places`](super::Judge::with_places).
     #[serde(skip)]
     pub places: Vec<ViolationPlace<BrokenRule>>,
 }
 
-/// A timestamp of which no explanation fits, or a gap between opens.
+/// A timestamp that has no explanation, or a gap between opens.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize)]
 pub struct Violation {
-    /// The line of what came out; if nothing did, the timestamp's last line.
+    /// The line of the output. If there is none, it is the timestamp's last line.
     pub line: u64,
-    /// The timestamp; of a gap the one opened after it, or before the end; none if none was opened.
+    /// The timestamp. For a gap it is the timestamp opened after it, or the one before the end; `None` if
+    /// none was opened.
     pub t: Option<u64>,
     /// The rule or promise that is broken.
     pub rule: BrokenRule,
-    /// What came out.
+    /// A description of the outputs that were found.
     pub found: String,
-    /// What the rules allow, and when it may be recorded.
+    /// A description of the outputs that the rules allow, and of when they may be recorded.
     pub expected: String,
-    /// By how much it came too late, in nanoseconds.
+    /// The time by which the output is too late, in ns.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub late: Option<u64>,
-    /// What happened to the timestamp: its last lines with their numbers.
+    /// The last lines about the timestamp, with their numbers.
     #[serde(skip)]
     pub story: Vec<String>,
 }
@@ -58,7 +61,7 @@ pub struct Violation {
 /// A rule or promise of SPEC.md that an observed trace can break.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub enum BrokenRule {
-    /// A rule, or P1, or D2.
+    /// A rule that the strict judge also reports.
     Rule(Rule),
     /// Never late.
     P2,
@@ -81,7 +84,7 @@ pub enum BrokenRule {
 }
 
 impl Verdict {
-    /// The same, accepting these kinds of doubt.
+    /// Accepts these kinds of doubt.
     #[must_use]
     pub fn accepting(mut self, kinds: &[DoubtKind]) -> Self {
         self.conforms =
@@ -89,7 +92,7 @@ impl Verdict {
         self
     }
 
-    /// The verdict in a few words, such as *conforms*.
+    /// Describes the verdict in a few words, such as *conforms*.
     #[must_use]
     pub fn in_short(&self) -> String {
         doubt::in_short(self.violations.len() as u64 + self.more, &self.doubts)
@@ -97,7 +100,7 @@ impl Verdict {
 }
 
 impl BrokenRule {
-    /// The identifier in SPEC.md.
+    /// Returns the identifier in SPEC.md.
     #[must_use]
     pub const fn id(self) -> &'static str {
         match self {
@@ -114,7 +117,7 @@ impl BrokenRule {
         }
     }
 
-    /// The rule or promise as a sentence.
+    /// Returns the rule or promise as a sentence.
     #[must_use]
     pub const fn sentence(self) -> &'static str {
         match self {

@@ -1,4 +1,5 @@
-//! What to report of a timestamp that has no explanation: the rule or promise that is broken, and what was allowed.
+//! Decides what to report for a timestamp that has no explanation: the rule or promise that is broken, and
+//! what was allowed.
 
 mod progressive;
 
@@ -13,20 +14,20 @@ use crate::annotations::{HeaderAnnotations, ValueKeys, allowed_values, meant_val
 use crate::event::{Commit, Decision, Event};
 use crate::rule::Rule;
 
-/// What is wrong, in the words of a verdict.
+/// A violation in the words of a verdict.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(super) struct UnlocatedViolation {
-    /// The line; none for the timestamp's last.
+    /// The line, or `None` for the timestamp's last line.
     pub(super) line: Option<u64>,
     pub(super) rule: BrokenRule,
     pub(super) found: String,
     pub(super) expected: String,
     pub(super) late: Option<u64>,
-    /// What it may come of, if it is not the operator.
+    /// The possible cause, if it is not the operator.
     pub(super) suspicion: Option<Suspicion>,
 }
 
-/// What comes for a timestamp that was retired before: it must be dropped or refused.
+/// Reports what comes for a timestamp that was retired before: it must be dropped or refused.
 pub(super) fn of_again(t: u64, whole: &WholeMessageHistory) -> Option<UnlocatedViolation> {
     if let Some(line) = whole.line() {
         let found = outputs(t, &whole.story);
@@ -38,7 +39,7 @@ pub(super) fn of_again(t: u64, whole: &WholeMessageHistory) -> Option<UnlocatedV
     of_open_or_request(t, whole, "it was opened before, and retired")
 }
 
-/// An open that is recorded after what came out of its timestamp.
+/// Reports an open that is recorded after an output of its timestamp.
 pub(super) fn of_late_open(t: u64, whole: &WholeMessageHistory, by: u64) -> UnlocatedViolation {
     let line = whole.first_open.unwrap_or_default();
     let found = format!("an open of timestamp {t} {} after its first output", nanos(by));
@@ -46,7 +47,7 @@ pub(super) fn of_late_open(t: u64, whole: &WholeMessageHistory, by: u64) -> Unlo
     UnlocatedViolation::new(Rule::F1, line, found, expected)
 }
 
-/// What comes for a timestamp of which each open was refused (A42).
+/// Reports what comes for a timestamp whose opens were all refused (A42).
 pub(super) fn of_refused(t: u64, whole: &WholeMessageHistory) -> Option<UnlocatedViolation> {
     if let Some(line) = whole.line() {
         let found = outputs(t, &whole.story);
@@ -56,7 +57,7 @@ pub(super) fn of_refused(t: u64, whole: &WholeMessageHistory) -> Option<Unlocate
     of_open_or_request(t, whole, "its open was refused")
 }
 
-/// What no explanation fits.
+/// Reports what has no explanation.
 pub(super) fn of_story(
     t: u64,
     whole: &WholeMessageHistory,
@@ -100,7 +101,7 @@ pub(super) fn of_story(
     let allowed = story.allowed_within(commit, slack, end);
     let found = outputs(t, story);
     if is_progressive {
-        // P1, A54: in whatever order their lines stand.
+        // The order of the lines does not matter here (P1, A54).
         if let Some(violation) = of_disorder(t, whole, slack) {
             return Some(violation);
         }
@@ -130,7 +131,7 @@ pub(super) fn of_story(
     })
 }
 
-/// D2, D18: whose value it is that was sent, and what it is meant for.
+/// Reports an output whose value is of another message than allowed, or meant for another one (D2, D18).
 fn of_value(
     t: u64,
     whole: &WholeMessageHistory,
@@ -140,15 +141,15 @@ fn of_value(
 ) -> Option<UnlocatedViolation> {
     let ObservedOutput { p: Some(p), at, value, line } = *output else { return None };
     let ValueKeys { of, meant_for } = value;
-    // What certainly came later was not sent.
+    // A result that certainly came later was not sent.
     let by = at.saturating_add(slack.tolerance()).saturating_add(slack.tolerance_of(p));
     let came = whole.values.iter().filter(|result| result.p == p && result.at <= by);
-    // The latest that it can be of, if each result says of which timestamp its value is.
+    // The latest timestamp that the value can be of, if each result has `of`.
     let values: Option<Vec<u64>> = came.clone().map(|result| result.of).collect();
     let latest = values.unwrap_or_default().into_iter().max();
     let allowed = annotations.values_of(t, p);
     let is_allowed = |of: u64| allowed.0 <= of && of <= allowed.1;
-    // Whether each of them is meant for another timestamp.
+    // `true` if each of them is meant for another timestamp.
     let mut meant = came.map(|result| result.is_meant == Some(false)).peekable();
     let is_astray = meant.peek().is_some() && meant.all(|is_other| is_other);
     let (rule, expected) = match (of, latest) {
@@ -168,7 +169,7 @@ fn of_value(
     Some(UnlocatedViolation::new(rule, line, found, expected))
 }
 
-/// J2: what came out later than the message's own deadline, or nothing by then.
+/// Reports an output that came after the message's own deadline, or that there was none by then (J2).
 fn of_own_deadline(
     t: u64,
     whole: &WholeMessageHistory,
@@ -217,7 +218,7 @@ fn of_open_or_request(
     })
 }
 
-/// The lines contradict each other, whatever came out.
+/// Reports lines that contradict each other, whatever the outputs are.
 fn of_contradiction(
     t: u64,
     story: &MessageHistory,
@@ -255,7 +256,7 @@ fn of_contradiction(
     UnlocatedViolation { line: None, rule, found, expected, late: None, suspicion: None }
 }
 
-/// A result that certainly came before its request, or local's before the open.
+/// Reports a result that certainly came before its request, or local's before the open.
 fn of_early_result(story: &MessageHistory, slack: &SourceSlack) -> Option<UnlocatedViolation> {
     let opened = story.open.map(|(at, _)| (0, at, slack.tolerance()));
     let asked = |(p, at, _): &(u64, u64, u64)| (*p, *at, slack.tolerance_of(*p));
@@ -279,7 +280,7 @@ fn of_early_result(story: &MessageHistory, slack: &SourceSlack) -> Option<Unloca
     })
 }
 
-/// The rule or promise that is broken where nothing came out; and by how much that is too late.
+/// Returns the rule or promise that a missing output breaks, and the time by which it is too late.
 fn of_nothing(
     story: &MessageHistory,
     allowed: &[AllowedOutput],
@@ -295,19 +296,19 @@ fn of_nothing(
     (rule, Some(end.saturating_sub(by)))
 }
 
-/// What is wrong with an output.
+/// The fault of an output.
 #[derive(Clone, Copy, Debug)]
 struct OutputFault {
     rule: BrokenRule,
     late: Option<u64>,
-    /// When its result came, if that is what is wrong.
+    /// The instant of its result, if that is the fault.
     came: Option<u64>,
-    /// When that was due.
+    /// The due instant of that result.
     due: Option<u64>,
     suspicion: Option<Suspicion>,
 }
 
-/// What is wrong with an output: the rule or promise that it breaks, and by how much it came too late.
+/// Returns the fault of an output: the rule or promise that it breaks, and the time by which it is too late.
 fn of_output(
     story: &MessageHistory,
     commit: Commit,
@@ -371,7 +372,7 @@ impl OutputFault {
         Self { rule, late: None, came: None, due: None, suspicion: None }
     }
 
-    /// The violation, in words.
+    /// Describes the violation.
     fn violation(
         self,
         line: Option<u64>,
@@ -405,7 +406,7 @@ impl OutputFault {
     }
 }
 
-/// What is allowed, without its instants.
+/// Describes what is allowed, without its instants.
 fn of_what(p: u64, allowed: &[AllowedOutput]) -> String {
     let kinds = allowed.iter().map(|allowed| match allowed.p {
         Some(p) => format!("emit p {p}"),
@@ -415,7 +416,7 @@ fn of_what(p: u64, allowed: &[AllowedOutput]) -> String {
     if kinds.is_empty() { format!("no output of p {p}") } else { kinds.join(" or ") }
 }
 
-/// What came out, as it stands in the trace.
+/// Describes the outputs as they are in the trace.
 fn outputs(t: u64, story: &MessageHistory) -> String {
     let outputs = story.outputs.iter().map(|(p, at)| output(t, *p, *at));
     let finals = story.finals.iter().map(|(p, at)| Decision::Final { at: *at, t, p: *p });
@@ -430,12 +431,12 @@ const fn output(t: u64, p: Option<u64>, at: u64) -> Decision {
     }
 }
 
-/// What is allowed, with its instants.
+/// Describes what is allowed, with its instants.
 fn reported(t: u64, allowed: &[AllowedOutput]) -> String {
     reported_as("emit", t, allowed)
 }
 
-/// The same, an output of a source being of this kind.
+/// Returns the same description, with another word for the output of a source.
 fn reported_as(kind: &str, t: u64, allowed: &[AllowedOutput]) -> String {
     let reported: Vec<String> = allowed
         .iter()
@@ -459,7 +460,7 @@ impl UnlocatedViolation {
         Self { line, rule, found, expected, late: None, suspicion: None }
     }
 
-    /// The same, which may come of this.
+    /// Adds a possible cause.
     fn suspecting(self, suspicion: Suspicion) -> Self {
         Self { suspicion: Some(suspicion), ..self }
     }

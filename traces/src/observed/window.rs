@@ -1,21 +1,21 @@
-//! P9: opens beyond the window that the header states.
+//! Finds opens beyond the window that the header states (P9).
 
 use std::collections::VecDeque;
 
 use super::gap::Opened;
 use super::slack::SourceSlack;
 
-/// Opens that came while as many others seemed open as the window holds. Whether those certainly were is known later, once no
-/// output can come any more that shows the opposite.
+/// The opens that came while as many others as the window holds seemed open. Whether those were certainly
+/// open is known later, when no output that shows the opposite can come any more.
 #[derive(Clone, Debug)]
 pub(super) struct CrowdedOpens {
     window: u64,
-    /// How many timestamps have an open and no output yet.
+    /// The number of timestamps that have an open and no output yet.
     waiting: u64,
     crowded: VecDeque<Opened>,
 }
 
-/// What a line changes about whether its timestamp waits for an output.
+/// How a line changes whether its timestamp waits for an output.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum WaitingChange {
     Begins,
@@ -28,12 +28,12 @@ impl CrowdedOpens {
         Self { window: window.into(), waiting: 0, crowded: VecDeque::new() }
     }
 
-    /// How many timestamps may be open at once.
+    /// Returns the greatest number of timestamps that may be open at once.
     pub(super) const fn window(&self) -> u64 {
         self.window
     }
 
-    /// Takes a change of one timestamp.
+    /// Notes the change of one timestamp.
     pub(super) const fn changes(&mut self, change: WaitingChange) {
         match change {
             WaitingChange::Begins => self.waiting += 1,
@@ -42,19 +42,20 @@ impl CrowdedOpens {
         }
     }
 
-    /// Whether there is nothing to decide.
+    /// Returns `true` if there is nothing to decide.
     pub(super) fn is_empty(&self) -> bool {
         self.crowded.is_empty()
     }
 
-    /// Takes an open, after the change that it makes.
+    /// Notes an open, after the change that it makes.
     pub(super) fn opens(&mut self, opened: Opened) {
         if self.waiting > self.window {
             self.crowded.push_back(opened);
         }
     }
 
-    /// The next open of which it can be decided, in a trace that has certainly come to `passed`; at its end all.
+    /// Returns the next open that can be decided in a trace that has certainly come to `passed`, or any open
+    /// at its end.
     pub(super) fn next(&mut self, passed: Option<u64>, slack: &SourceSlack) -> Option<Opened> {
         let opened = self.crowded.front()?;
         let by = slack.reach().saturating_add(slack.tolerance());

@@ -1,4 +1,4 @@
-//! Unpacking in threads of their own, while what is unpacked is read.
+//! Unpacks in separate threads while the unpacked bytes are read.
 
 use std::io::{self, BufRead};
 use std::panic::resume_unwind;
@@ -10,16 +10,17 @@ use crate::packed::messages::{MessageLines, blocks};
 use crate::packed::pieces::{PieceReader, ReadPieces};
 use crate::packed::{Packing, decoder};
 
-/// How many pieces wait to be read, before unpacking waits.
+/// The number of pieces that wait to be read before unpacking pauses.
 const WAITING: usize = 4;
 
-/// Reads a trace's lines as [`unpack`](crate::packed::unpack) does, and unpacks beside the reader: in a thread, of MCAP in two,
-/// the first of which unpacks the chunks and the second makes lines of the messages. A plain trace needs none.
+/// Reads the lines of a trace as [`unpack`](crate::packed::unpack) does, but unpacks in a separate thread.
 ///
-/// The threads end with what is packed, or soon after what is returned here is dropped.
+/// An MCAP file uses two threads: the first unpacks the chunks, and the second makes lines of the messages. A
+/// plain trace needs no thread. The threads end with the packed bytes, or soon after the returned reader is
+/// dropped.
 ///
 /// # Errors
-/// If the first bytes cannot be read, or there can be no thread.
+/// Returns an error if the first bytes cannot be read or a thread cannot be started.
 pub fn unpack_beside<R: BufRead + Send + 'static>(
     mut inner: R,
 ) -> io::Result<Box<dyn BufRead + Send>> {
@@ -42,17 +43,17 @@ pub fn unpack_beside<R: BufRead + Send + 'static>(
     Ok(Box::new(PieceReader::new(move |piece: &mut Vec<u8>| pieces.next(piece))))
 }
 
-/// Pieces that a thread fills.
+/// The pieces that a thread fills.
 struct UnpackingThread {
     pieces: Receiver<io::Result<Vec<u8>>>,
-    /// Memory that was used before needs no pages of the system.
+    /// Returns used buffers to the thread, since their memory needs no new pages from the system.
     spare: SyncSender<Vec<u8>>,
-    /// None once it has ended.
+    /// `None` once the thread has ended.
     thread: Option<JoinHandle<()>>,
 }
 
 impl UnpackingThread {
-    /// A thread with what fills pieces, which says false at the end.
+    /// Starts a thread that runs `fill` for each piece until `fill` returns `false`.
     fn new<F: FnMut(&mut Vec<u8>) -> io::Result<bool>>(
         name: &str,
         make: impl FnOnce() -> io::Result<F> + Send + 'static,
@@ -62,29 +63,29 @@ impl UnpackingThread {
         let thread = thread::Builder::new().name(name.to_owned());
         let thread = thread.spawn(move || match make() {
             Ok(fill) => send(fill, &filled, &used),
-            // Without a reader nobody wants to know.
+            // Without a reader nobody needs the error.
             Err(error) => drop(filled.send(Err(error))),
         })?;
         Ok(Self { pieces, spare, thread: Some(thread) })
     }
 
-    /// Puts the next piece in the place of one that was read; false at the end.
+    /// Replaces a piece that was read by the next one. Returns `false` at the end.
     fn next(&mut self, piece: &mut Vec<u8>) -> io::Result<bool> {
         let Ok(filled) = self.pieces.recv() else {
             piece.clear();
-            // One that has panicked has not come to the end.
+            // A thread that has panicked has not come to the end.
             let ended = self.thread.take().map_or(Ok(()), JoinHandle::join);
             ended.unwrap_or_else(|panic| resume_unwind(panic));
             return Ok(false);
         };
         let read = std::mem::replace(piece, filled?);
-        // Where there is no room for it, it is not needed.
+        // If the channel has no room for the buffer, the buffer is not needed.
         drop(self.spare.try_send(read));
         Ok(true)
     }
 }
 
-/// Fills pieces until the end, an error, or nobody reads any more.
+/// Fills pieces until the end, an error, or the reader is gone.
 fn send(
     mut fill: impl FnMut(&mut Vec<u8>) -> io::Result<bool>,
     pieces: &SyncSender<io::Result<Vec<u8>>>,

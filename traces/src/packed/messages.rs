@@ -1,4 +1,4 @@
-//! [`Messages`]: the messages of one JSON channel of an MCAP file, as lines of a trace.
+//! [`Messages`]: reads the messages of one JSON channel of an MCAP file as lines of a trace.
 
 mod raw;
 mod records;
@@ -19,16 +19,16 @@ use crate::packed::{PIECE, TOPIC};
 use crate::parse::{Form, LineAnnotations, parse_as, parse_canonical};
 use crate::{Annotations, HeaderAnnotations, Line, ParseError};
 
-/// Why an MCAP file gives no more lines.
+/// The reason why an MCAP file yields no more lines.
 #[derive(Debug, Error)]
 pub enum MessageError {
-    /// The file cannot be read, or is none.
+    /// The file cannot be read, or it is not an MCAP file.
     #[error("{}", plain(.0))]
     File(#[from] McapError),
     /// The bytes could not be read.
     #[error("{0}")]
     Io(#[source] io::Error),
-    /// The topic's messages are of another encoding.
+    /// The topic's messages have another encoding.
     #[error("topic {topic} is encoded as {encoding:?}; a trace's is json")]
     Encoding {
         /// The topic.
@@ -36,21 +36,21 @@ pub enum MessageError {
         /// Its encoding.
         encoding: String,
     },
-    /// A message is no line of a trace.
+    /// A message is not a line of a trace.
     #[error("message {number}: {source}")]
     Message {
-        /// Which message of the topic, counted from 1.
+        /// The number of the message in its topic, counted from 1.
         number: u64,
-        /// What is wrong with it.
+        /// The fault of the message.
         source: ParseError,
     },
-    /// There is none.
+    /// The file has no message of the topic.
     #[error("no message of topic {0}")]
     None(String),
 }
 
 impl MessageError {
-    /// Whether the file ends before it is whole.
+    /// Returns `true` if the file ends in the middle.
     #[must_use]
     pub fn is_cut(&self) -> bool {
         match self {
@@ -63,7 +63,7 @@ impl MessageError {
     }
 }
 
-/// The messages of one topic of an MCAP file, as lines of a trace.
+/// Reads the messages of one topic of an MCAP file as lines of a trace.
 ///
 /// After an error it yields nothing more.
 pub struct Messages<'a> {
@@ -75,7 +75,7 @@ pub struct Messages<'a> {
 }
 
 impl<'a> Messages<'a> {
-    /// Reads the messages of `topic`; nothing is read yet.
+    /// Creates a reader for the messages of `topic`. It reads nothing yet.
     pub fn new(inner: impl Read + 'a, topic: &'a str) -> Self {
         Self::of(RawMessages::new(inner, vec![topic]), topic)
     }
@@ -85,46 +85,47 @@ impl<'a> Messages<'a> {
         Self { raw, topic, number: 0, annotations, before }
     }
 
-    /// What the message read last has beside what the machine's rules read, if it is an event.
+    /// Returns the further keys of the message read last, if it is an event.
     #[must_use]
     pub const fn annotations(&self) -> &Annotations {
         &self.annotations.event
     }
 
-    /// What the header read last has beside the machine's configuration.
+    /// Returns the further keys of the header read last.
     #[must_use]
     pub const fn header_annotations(&self) -> &HeaderAnnotations {
         &self.annotations.header
     }
 
-    /// How many messages of the topic were read.
+    /// Returns the number of messages of the topic that were read.
     #[must_use]
     pub const fn number(&self) -> u64 {
         self.number
     }
 
-    /// What to say of a file without a message of the topic.
+    /// Returns the error for a file without a message of the topic.
     #[must_use]
     pub fn none(&self) -> MessageError {
         MessageError::None(self.topic.to_owned())
     }
 
-    /// The next message; none at the end. One without `at` has its log time.
+    /// Returns the next message, or `None` at the end. A message without `at` gets its log time.
     ///
     /// # Errors
-    /// If the file cannot be read, the topic is not JSON, or a message is no line of a trace.
+    /// Returns a [`MessageError`] if the file cannot be read, the topic is not JSON, or a message is not a
+    /// line of a trace.
     pub fn line(&mut self) -> Result<Option<Line>, MessageError> {
         let Some(message) = self.raw.lend()? else { return Ok(None) };
         check_encoding(self.topic, &message)?;
         self.number += 1;
-        // Nearly all are as they are written.
+        // Nearly all messages are canonical lines.
         if let Some(read) = parse_canonical(message.data, Form::Observed, &mut self.before) {
             return Ok(Some(Line::Event(self.annotations.take(&read))));
         }
         parse_dated(&message, self.number, &mut self.annotations).map(Some)
     }
 
-    /// Appends the next message as a line with its end; false at the end of the file.
+    /// Appends the next message as a line with its end. Returns `false` at the end of the file.
     fn append_line(&mut self, text: &mut Vec<u8>) -> Result<bool, MessageError> {
         let Some(message) = self.raw.lend()? else { return Ok(false) };
         check_encoding(self.topic, &message)?;
@@ -160,10 +161,10 @@ fn parse_dated(
     line.map_err(|source| MessageError::Message { number, source })
 }
 
-/// The messages as the bytes of a trace.
+/// Reads the messages as the bytes of a trace.
 pub(super) struct MessageLines<'a> {
     messages: Messages<'a>,
-    /// What is reported once all lines before it were handed over.
+    /// The error to report once all lines before it were handed over.
     error: Option<MessageError>,
 }
 
@@ -172,13 +173,13 @@ impl<'a> MessageLines<'a> {
         Self { messages: Messages::new(inner, TOPIC), error: None }
     }
 
-    /// The messages in blocks of whole records.
+    /// Reads the messages from blocks of whole records.
     pub(super) fn of_blocks(records: impl FnMut(&mut Vec<u8>) -> io::Result<bool> + 'a) -> Self {
         let raw = RawMessages::of_blocks(records, vec![TOPIC]);
         Self { messages: Messages::of(raw, TOPIC), error: None }
     }
 
-    /// Puts whole lines into a piece; false at the end.
+    /// Puts whole lines into a piece. Returns `false` at the end.
     pub(super) fn fill(&mut self, piece: &mut Vec<u8>) -> io::Result<bool> {
         piece.clear();
         while self.error.is_none() && piece.len() < PIECE {
@@ -196,7 +197,7 @@ impl<'a> MessageLines<'a> {
     }
 }
 
-/// The records of an MCAP file in blocks.
+/// Returns the records of an MCAP file in blocks.
 pub(super) fn blocks(inner: impl Read) -> impl FnMut(&mut Vec<u8>) -> io::Result<bool> {
     let mut records = RecordBlocks::new(inner);
     move |block| records.fill(block).map_err(io_error)
@@ -212,7 +213,7 @@ fn message_error(error: MessageError) -> io::Error {
     }
 }
 
-/// The library's error, to be found again in [`MessageError`].
+/// Wraps the library's error so that it can be found again in [`MessageError`].
 fn io_error(error: McapError) -> io::Error {
     match error {
         McapError::Io(error) => error,
@@ -226,12 +227,12 @@ impl From<io::Error> for MessageError {
     }
 }
 
-/// The library's words, which may quote the file, as one line that no terminal takes for a command.
+/// Returns the library's message, which may quote the file, as one line that no terminal takes for a command.
 fn plain(error: &McapError) -> String {
     error.to_string().replace(char::is_control, "\u{fffd}")
 }
 
-/// A message with its log time as `at`, if it has none.
+/// Returns a message with its log time as `at`, if it has no `at`.
 fn dated(data: &[u8], log_time: u64) -> Cow<'_, [u8]> {
     #[derive(Deserialize)]
     struct TimedMessage {

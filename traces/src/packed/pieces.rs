@@ -1,14 +1,15 @@
-//! What is unpacked, in pieces of many lines.
+//! Unpacked bytes in pieces of many lines.
 
 use std::io::{self, BufRead, Read};
 
-/// How much is unpacked at once, in bytes; a line that is longer comes in several pieces, or makes one longer.
+/// The number of bytes that are unpacked at once. A longer line comes in several pieces, or makes a piece
+/// longer.
 pub(super) const PIECE: usize = 128 << 10;
 
-/// What is unpacked, filled into pieces.
+/// Fills pieces with unpacked bytes.
 pub(super) struct ReadPieces<R> {
     inner: R,
-    /// What is reported once all that came before was handed over.
+    /// The error to report once everything before it was handed over.
     error: Option<io::Error>,
 }
 
@@ -17,7 +18,7 @@ impl<R: Read> ReadPieces<R> {
         Self { inner, error: None }
     }
 
-    /// Fills a piece; false at the end.
+    /// Fills a piece. Returns `false` at the end.
     pub(super) fn fill(&mut self, piece: &mut Vec<u8>) -> io::Result<bool> {
         piece.clear();
         piece.reserve(PIECE);
@@ -31,7 +32,7 @@ impl<R: Read> ReadPieces<R> {
     }
 }
 
-/// Reads pieces as they are filled by `F`, which says false at the end.
+/// Reads pieces that `F` fills; `F` returns `false` at the end.
 pub(super) struct PieceReader<F> {
     fill: F,
     piece: Vec<u8>,

@@ -16,9 +16,9 @@ fn came(at: u64, t: u64) -> Event {
     Event::Input(Input::Result { at, t, p: 0 })
 }
 
-/// What a judge holds is bounded by what is open, whatever the trace's length.
+/// Memory is bounded by what is open, whatever the trace's length.
 #[test]
-fn of_timestamps_done_with_only_their_range_is_held() {
+fn keeps_only_the_range_of_done_timestamps() {
     let mut judge = judge();
     for t in 0..20_000 {
         let at = 10 * t;
@@ -32,9 +32,9 @@ fn of_timestamps_done_with_only_their_range_is_held() {
     assert_eq!(judge.finish().judged, 20_000);
 }
 
-/// F9: nor by what is not said to be final.
+/// Outputs that are never said to be final take no memory either (F9).
 #[test]
-fn of_timestamps_without_a_final_only_their_range_is_held() {
+fn keeps_only_the_range_without_finals() {
     let header = Header { operator: None, window: 4, commit: Commit::Progressive, clouds: vec![] };
     let mut judge = Judge::new("a.jsonl", &header, SLACK);
     for t in 0..20_000 {
@@ -49,7 +49,7 @@ fn of_timestamps_without_a_final_only_their_range_is_held() {
 }
 
 #[test]
-fn of_timestamps_that_never_end_so_many_are_waited_for() {
+fn waits_for_a_bounded_number_of_overdue_outputs() {
     let mut judge = judge();
     for t in 0..5_000 {
         for event in [opened(10 * t, t), came(10 * t, t)] {
@@ -62,7 +62,7 @@ fn of_timestamps_that_never_end_so_many_are_waited_for() {
 }
 
 #[test]
-fn what_comes_again_and_again_for_one_timestamp_is_held_once() {
+fn repeated_facts_of_a_timestamp_are_stored_once() {
     let mut judge = judge();
     judge.line(1, &opened(0, 0)).expect("it is in order");
     for at in 0..50_000 {
@@ -74,7 +74,7 @@ fn what_comes_again_and_again_for_one_timestamp_is_held_once() {
     assert!(held < 300, "{held} facts are held");
 }
 
-/// D2: whatever is left out of many results, the latest value that may have been sent is not.
+/// Whichever of many results are left out, the latest value that may have been sent is kept (D2).
 #[test]
 fn what_comes_again_and_again_leaves_the_latest_value() {
     let clouds = vec![crate::event::Cloud { p: 1, name: None, limit: 9, resume: 8 }];
@@ -90,7 +90,7 @@ fn what_comes_again_and_again_leaves_the_latest_value() {
         };
         line(opened(0, 1000), None);
         line(Event::Decision(Decision::Request { at: 0, t: 1000, p: 1, due: 9_000 }), None);
-        // The first is of long ago, the next is as it says, the others count down.
+        // The first value is old, the next is as the case says, and the others count down.
         for (at, of) in (1..4_000).zip([3, of].into_iter().chain((0..300).rev().cycle())) {
             let held = line(Event::Input(Input::Result { at, t: 1000, p: 1 }), Some(of));
             assert!(held < 300, "{held} facts are held");

@@ -8,13 +8,13 @@ use super::super::explain::{InstantRange, RetirementOutput, WideInstant};
 use super::super::slack::Slack;
 use super::*;
 
-/// Every explanation there is, one after the other: the definition of `SPEC.md`, word for word.
+/// Searches all explanations, one after the other. This is the definition in `SPEC.md`, word for word.
 struct Search<'a> {
     story: &'a MessageHistory,
     commit: Commit,
     slack: &'a SourceSlack,
     end: u64,
-    /// Until when something can happen.
+    /// The instant until which something can happen.
     horizon: i64,
 }
 
@@ -25,11 +25,11 @@ enum Fact {
     Request(usize),
     Result(usize),
     Failure(usize),
-    /// Where there is no local: it fails at any instant until all is requested.
+    /// The absence of local, which fails at any instant until everything is requested.
     NoLocal,
 }
 
-/// Where an explanation has come to.
+/// The state that an explanation has reached.
 #[derive(Clone, PartialEq, Eq, PartialOrd, Ord, Debug)]
 struct State {
     now: i64,
@@ -42,21 +42,21 @@ struct State {
     out: ProducedOutputs,
 }
 
-/// What came out, and at which true instants.
+/// The outputs with their true instants.
 #[derive(Clone, PartialEq, Eq, PartialOrd, Ord, Debug, Default)]
 struct ProducedOutputs {
     outputs: Vec<(Option<u64>, i64)>,
-    /// F9: which was the last.
+    /// The last output (F9).
     last: Option<(u64, i64)>,
 }
 
 impl Search<'_> {
-    /// Whether some explanation fits.
+    /// Returns `true` if some explanation fits.
     fn fits(&self) -> bool {
         self.ends().iter().any(|out| self.fits_what_came_out(out))
     }
 
-    /// What may come out and when, over all explanations.
+    /// Returns the outputs and their instants, over all explanations.
     fn ends(&self) -> BTreeSet<ProducedOutputs> {
         let story = self.story;
         let mut left: BTreeSet<Fact> = story.open.iter().map(|_| Fact::Open).collect();
@@ -112,12 +112,12 @@ impl Search<'_> {
         )
     }
 
-    /// The error of a source's stamps.
+    /// Returns the error of a source's stamps.
     fn tolerance_of(&self, p: u64) -> i64 {
         i64::try_from(self.slack.tolerance_of(p)).unwrap()
     }
 
-    /// The error of a fact's stamp.
+    /// Returns the error of a fact's stamp.
     fn tolerance(&self, fact: Fact) -> i64 {
         match fact {
             Fact::Open | Fact::NoLocal => self.slack().0,
@@ -127,12 +127,12 @@ impl Search<'_> {
         }
     }
 
-    /// Of a due instant: local's counts from the open.
+    /// Returns the error of a due instant; local's counts from the open.
     fn tolerance_of_due(&self, p: u64) -> i64 {
         if p == 0 { self.slack().0 } else { self.tolerance_of(p) }
     }
 
-    /// Whether a timer that is live cannot be served after `now`.
+    /// Returns `true` if a live timer cannot be served after `now`.
     fn must_have_fired(&self, p: u64, due: i64, now: i64) -> bool {
         let by = due + self.slack().1 + self.tolerance_of_due(p);
         by <= i64::try_from(self.end).unwrap() && by <= now
@@ -181,7 +181,7 @@ impl Search<'_> {
         next
     }
 
-    /// Whether it may come now.
+    /// Applies a fact to the state. Returns `false` if the fact cannot come now.
     fn apply(&self, state: &mut State, fact: Fact) -> bool {
         if fact != Fact::Open && state.left.contains(&Fact::Open) {
             return false;
@@ -196,7 +196,7 @@ impl Search<'_> {
                 let (p, _, due) = self.story.requests[i];
                 state.requested.insert(p);
                 let due = i64::try_from(due).unwrap();
-                // F9: what was sent outranks it.
+                // The last output outranks this source (F9).
                 let is_outranked = self.commit == Commit::Progressive
                     && state.cached.last().is_some_and(|sent| *sent > p);
                 if !is_outranked {
@@ -245,7 +245,8 @@ impl Search<'_> {
         state.left.iter().any(is_of_p)
     }
 
-    /// Each output is an observed one or came too late to be one, and each observed one is such.
+    /// Returns `true` if each output was observed or came too late for that, and each observed output is
+    /// among them.
     fn fits_what_came_out(&self, out: &ProducedOutputs) -> bool {
         let (tolerance, lateness) = self.slack();
         let is_it = |at: u64, y: i64| {
@@ -264,7 +265,7 @@ impl Search<'_> {
         };
         let is_produced =
             |(p, _): &(Option<u64>, u64)| out.outputs.iter().any(|(what, _)| what == p);
-        // A54.
+        // Outputs are in order as far as their stamps tell (A54).
         let is_in_order = outputs.iter().all(|(p, at)| {
             let mut higher = outputs.iter().filter(|(q, _)| q > p);
             let by = |then: u64| {
@@ -342,7 +343,7 @@ impl State {
     }
 }
 
-/// Small stories: up to three clouds, instants close enough that all orders occur.
+/// Generates small stories: up to three clouds, with instants so close that all orders occur.
 fn stories() -> impl Strategy<Value = MessageHistory> {
     let at = 0..8_u64;
     let open = option::weighted(0.8, (0..3_u64, option::of(1..6_u64)));
@@ -352,7 +353,7 @@ fn stories() -> impl Strategy<Value = MessageHistory> {
     let without_local = any::<bool>();
     (open, requests, came(4), came(3), outputs, without_local).prop_map(
         |(open, requests, results, failures, outputs, without_local)| MessageHistory {
-            // Where there is no local it has no deadline.
+            // An absent local has no deadline.
             open: open.map(|(at, deadline)| (at, deadline.filter(|_| !without_local))),
             requests: requests.into_iter().map(|(p, (at, due))| (p, at, due)).collect(),
             results,
@@ -368,7 +369,7 @@ fn commits() -> impl Strategy<Value = Commit> {
     any::<bool>().prop_map(|eager| if eager { Commit::Eager } else { Commit::Patient })
 }
 
-/// Often one source has a tolerance of its own.
+/// Generates slacks, often with a separate tolerance for one source.
 fn slacks() -> impl Strategy<Value = SourceSlack> {
     let own = option::of((0..4_u64, 0..4_u64));
     (0..3_u64, 0..3_u64, own).prop_map(|(tolerance, lateness, own)| {
@@ -380,7 +381,7 @@ fn slacks() -> impl Strategy<Value = SourceSlack> {
     })
 }
 
-/// The greatest instant of a story's trace, where another timestamp's come `rest` later.
+/// Returns the greatest instant of a story's trace, in which another timestamp's lines come `rest` later.
 fn end(story: &MessageHistory, rest: u64) -> u64 {
     let requests = story.requests.iter().map(|(_, at, _)| *at);
     let came = story.results.iter().chain(&story.failures).map(|(_, at)| *at);
@@ -395,12 +396,12 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 4096, failure_persistence: None, ..Default::default() })]
 
     #[test]
-    fn what_may_come_out_and_when_is_what_any_order_of_the_facts_brings_out(
+    fn allowed_outputs_are_those_of_any_order(
         story in stories(), slack in slacks(), commit in commits(), rest in 0..12_u64
     ) {
         let end = end(&story, rest);
         let ends = Search { story: &story, commit, slack: &slack, end, horizon: HORIZON }.ends();
-        // Before the trace's first instant there is nothing that could tell two instants apart.
+        // Before the trace's first instant nothing can tell two instants apart.
         let ends: BTreeSet<_> = ends.into_iter().map(|out| {
             out.outputs.first().map(|(p, y)| (*p, (*y).max(0)))
         }).collect();
@@ -432,7 +433,7 @@ proptest! {
     }
 
     #[test]
-    fn a_story_is_explained_if_any_order_of_its_facts_explains_it(
+    fn explains_what_any_order_of_facts_explains(
         story in stories(), slack in slacks(), commit in commits(), rest in 0..12_u64
     ) {
         let end = end(&story, rest);
@@ -441,7 +442,7 @@ proptest! {
     }
 
     #[test]
-    fn progressive_outputs_come_when_any_order_of_the_facts_brings_them_out(
+    fn progressive_spans_are_those_of_any_order(
         story in stories(), slack in slacks(), end in 0..19_u64
     ) {
         let ends = progressive_ends(&story, &slack, end);
@@ -472,9 +473,9 @@ proptest! {
         prop_assert_eq!(instants(&|when| facts.yields(RetirementOutput::Miss, when)), misses);
     }
 
-    /// What the rules bring out of a story, recorded with all errors that there may be, some of it left out or moved.
+    /// Records the outputs of a story with all errors that may occur, and leaves out or moves some of them.
     #[test]
-    fn progressive_outputs_are_explained_if_any_order_of_the_facts_brings_them_out(
+    fn progressive_explains_what_any_order_explains(
         story in stories(), slack in slacks(), end in 0..19_u64, noise in vec(any::<(u8, u8, u8)>(), 64)
     ) {
         let ends = progressive_ends(&story, &slack, end);
@@ -495,7 +496,8 @@ proptest! {
     }
 }
 
-/// All that progressive may bring out of a story. Before the trace's first instant there is nothing that could tell two apart.
+/// Returns everything that progressive may send for a story. Before the trace's first instant nothing can
+/// tell two instants apart.
 fn progressive_ends(story: &MessageHistory, slack: &SourceSlack, end: u64) -> Vec<ProducedOutputs> {
     let search = Search { story, commit: Commit::Progressive, slack, end, horizon: HORIZON };
     let ends: BTreeSet<_> = search
@@ -511,7 +513,8 @@ fn progressive_ends(story: &MessageHistory, slack: &SourceSlack, end: u64) -> Ve
     ends.into_iter().collect()
 }
 
-/// A story with these outputs as they are recorded: now and then one is lost, of another source, or too early or too late.
+/// Returns a story with these outputs as they are recorded. Sometimes one is lost, of another source, too
+/// early or too late.
 fn recorded(
     story: &MessageHistory,
     out: &ProducedOutputs,
@@ -534,7 +537,8 @@ fn recorded(
     recorded
 }
 
-/// An instant within the errors of the clock, now and then one beyond, and none later than what the search sees.
+/// Returns an instant within the errors of the clock, sometimes one beyond them, but none later than what the
+/// search sees.
 fn recorded_at(y: i64, off: u8, odd: u8, slack: &SourceSlack) -> u64 {
     let [tolerance, reach] =
         [slack.tolerance(), slack.reach()].map(|it| i64::try_from(it).unwrap());
@@ -543,7 +547,7 @@ fn recorded_at(y: i64, off: u8, odd: u8, slack: &SourceSlack) -> u64 {
     u64::try_from(at.min(HORIZON - tolerance)).unwrap_or(0)
 }
 
-/// A story of exact stamps, with what its analysis and the search find.
+/// Returns the answers of the analysis and of the search for a story with exact stamps.
 fn progressive(story: &MessageHistory, end: u64) -> [bool; 2] {
     let (commit, slack) = (Commit::Progressive, Slack { tolerance: 0, lateness: 0 }.into());
     let search = Search { story, commit, slack: &slack, end, horizon: HORIZON };
@@ -551,7 +555,7 @@ fn progressive(story: &MessageHistory, end: u64) -> [bool; 2] {
 }
 
 #[test]
-fn a_request_that_is_outranked_is_no_later_than_its_own_timer() {
+fn outranked_request_ends_by_its_own_timer() {
     let story = |due| MessageHistory {
         open: Some((0, None)),
         requests: vec![(1, 3, due), (2, 0, 9), (3, 0, 9)],
@@ -564,9 +568,9 @@ fn a_request_that_is_outranked_is_no_later_than_its_own_timer() {
     assert_eq!(progressive(&story(2), 9), [false; 2]);
 }
 
-/// Where the trace ends before that.
+/// The trace ends before the timer must be served.
 #[test]
-fn a_timer_that_need_not_be_served_lets_its_result_be_sent_unseen() {
+fn unserved_timer_lets_its_result_be_sent_unseen() {
     let story = |came| MessageHistory {
         open: Some((0, None)),
         requests: vec![(1, 0, 1), (2, 2, 9)],

@@ -1,5 +1,5 @@
-//! What to report of a timestamp that has no explanation under progressive (F9): of its outputs the first that does not fit, one
-//! that is missing, or its final.
+//! Decides what to report for a timestamp that has no explanation under the progressive rule (F9): its first
+//! output that does not fit, an output that is missing, or its final.
 
 use super::super::open::{ObservedOutput, WholeMessageHistory};
 use super::super::progressive::{ALWAYS, OutputTime, ProgressiveFacts, span};
@@ -10,7 +10,7 @@ use super::{UnlocatedViolation, of_output, output, outputs, reported, reported_a
 use crate::event::{Commit, Decision};
 use crate::rule::Rule;
 
-/// P1: the first output that can stand in no order with those before it.
+/// Reports the first output that fits in no order with those before it (P1).
 pub(super) fn of_disorder(
     t: u64,
     whole: &WholeMessageHistory,
@@ -33,8 +33,8 @@ pub(super) fn of_disorder(
     Some(UnlocatedViolation::new(Rule::P1, line, found, expected.to_owned()))
 }
 
-/// Where the facts alone have an explanation, and their outputs one order: what of them has none. None if nothing came out, or a
-/// miss alone.
+/// Reports the first output without an explanation, if the facts alone have one and the outputs have one
+/// order. Returns `None` if there is no output, or only a miss.
 pub(super) fn of_progressive(
     t: u64,
     whole: &WholeMessageHistory,
@@ -74,7 +74,7 @@ pub(super) fn of_progressive(
     Some(of_final(t, last, &unseen, &priorities, slack))
 }
 
-/// F9: an output that no explanation has then, beside those that it outranks.
+/// Reports an output that has no explanation at its instant, beside those that it outranks (F9).
 fn of_emit(
     t: u64,
     whole: &WholeMessageHistory,
@@ -93,7 +93,8 @@ fn of_emit(
     fault.violation(Some(line), found, ((p, at), slack), expected, &allowed)
 }
 
-/// P3 to P5: an accepted result that was not sent; `free` has what came out, and whatever else may.
+/// Reports an accepted result that was not sent (P3 to P5). `free` has the observed outputs, and any others
+/// that may come.
 fn of_missing(
     t: u64,
     whole: &WholeMessageHistory,
@@ -110,7 +111,7 @@ fn of_missing(
     });
     let missing: Vec<_> = match alone {
         Some(one) => vec![one],
-        // Several are.
+        // Several results are missing.
         None => (0..priorities.len())
             .filter(is_missing)
             .filter_map(|q| Some((q, free.span(q)?)))
@@ -131,7 +132,7 @@ fn of_missing(
     UnlocatedViolation { line: None, rule, found, expected, late, suspicion: None }
 }
 
-/// F9: a final that no explanation has then.
+/// Reports a final that has no explanation at its instant (F9).
 fn of_final(
     t: u64,
     last: &ObservedOutput,

@@ -1,6 +1,6 @@
-//! [`RawMessages`]: the messages of some topics of an MCAP file as they are, with what they are encoded in.
+//! [`RawMessages`]: reads the messages of some topics of an MCAP file unchanged, with their encoding.
 //!
-//! The library takes memory for whatever length a file claims, so lengths are checked here first.
+//! The library allocates whatever length a file claims, so this module checks lengths first.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Read};
@@ -13,34 +13,36 @@ use mcap::records::{Record, op};
 use super::records::split_head;
 use super::{MessageError, blocks};
 
-/// The longest record, in bytes: an image of 4K and four channels fits. What a record in a chunk of lz4 claims to hold takes
-/// memory before the first byte of it came, and any up to three times as much while a buffer grows. All schemas together
-/// may take as much.
+/// The longest record in bytes; a 4K image with four channels fits.
+///
+/// A record in an lz4 chunk takes the memory that it claims before its first byte arrives, and any record
+/// takes up to three times its length while a buffer grows. All schemas together may have this many bytes
+/// too.
 pub const RECORD: usize = 40 << 20;
-/// How many other topics are remembered.
+/// The number of other topics that are remembered.
 const SEEN: usize = 1000;
-/// What a message begins with: its channel, a number, two instants.
+/// The length of a message's head: its channel, a number, and two instants.
 const MESSAGE: usize = 22;
 
 /// A message as it was recorded.
 #[derive(Clone, Debug)]
 pub struct RawMessage {
-    /// Which of the topics it is of.
+    /// The index of its topic among the topics that were asked for.
     pub topic: usize,
-    /// When it was recorded, in nanoseconds.
+    /// The instant of recording in ns.
     pub log_time: u64,
-    /// What its bytes are.
+    /// The format of its bytes.
     pub format: Rc<PayloadFormat>,
     /// Its bytes.
     pub data: Vec<u8>,
 }
 
-/// What the bytes of a channel's messages are.
+/// The format of the messages of a channel.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct PayloadFormat {
-    /// Such as `json`, `cdr` or `protobuf`.
+    /// The encoding, such as `json`, `cdr` or `protobuf`.
     pub encoding: String,
-    /// What describes them; none if the file has none before the channel.
+    /// The schema, or `None` if the file has none before the channel.
     pub schema: Option<Rc<PayloadSchema>>,
 }
 
@@ -49,33 +51,33 @@ pub struct PayloadFormat {
 pub struct PayloadSchema {
     /// The type's name, such as `std_msgs/msg/Header`.
     pub name: String,
-    /// Such as `ros2msg` or `protobuf`.
+    /// The schema's encoding, such as `ros2msg` or `protobuf`.
     pub encoding: String,
     /// The definition.
     pub data: Vec<u8>,
 }
 
-/// Puts the next records of the file, each of them whole, into a block.
+/// Puts the next whole records of the file into a block.
 type NextRecords<'a> = dyn FnMut(&mut Vec<u8>) -> io::Result<bool> + 'a;
 
-/// The messages of some topics of an MCAP file, in the order of the file.
+/// Reads the messages of some topics of an MCAP file, in the order of the file.
 ///
 /// After an error it yields nothing more.
 pub struct RawMessages<'a> {
     records: Box<NextRecords<'a>>,
     block: Vec<u8>,
-    /// Where the next record of the block begins.
+    /// The place in the block at which the next record begins.
     at: usize,
     topics: Vec<&'a str>,
     schemas: BTreeMap<u16, Rc<PayloadSchema>>,
-    /// How many bytes the schemas have.
+    /// The number of bytes of all schemas.
     schemas_len: usize,
     channels: BTreeMap<u16, (usize, Rc<PayloadFormat>)>,
     /// The topics of all channels.
     seen: BTreeSet<String>,
 }
 
-/// A message where it was read.
+/// A message that borrows its bytes from the block.
 pub(super) struct LentMessage<'m> {
     pub(super) topic: usize,
     pub(super) log_time: u64,
@@ -84,12 +86,12 @@ pub(super) struct LentMessage<'m> {
 }
 
 impl<'a> RawMessages<'a> {
-    /// Reads the messages of these topics; nothing is read yet.
+    /// Creates a reader for the messages of these topics. It reads nothing yet.
     pub fn new(inner: impl Read + 'a, topics: Vec<&'a str>) -> Self {
         Self::of_blocks(blocks(inner), topics)
     }
 
-    /// Reads them from blocks of whole records.
+    /// Creates a reader for blocks of whole records.
     pub(super) fn of_blocks(
         records: impl FnMut(&mut Vec<u8>) -> io::Result<bool> + 'a,
         topics: Vec<&'a str>,
@@ -100,15 +102,15 @@ impl<'a> RawMessages<'a> {
         Self { records, block, at: 0, topics, schemas, schemas_len: 0, channels, seen }
     }
 
-    /// The topics of the channels so far, up to a thousand and those that were asked for.
+    /// Returns the topics of the channels so far, up to a thousand and those that were asked for.
     pub fn seen(&self) -> impl Iterator<Item = &str> {
         self.seen.iter().map(|topic| &**topic)
     }
 
-    /// The next message of the topics; none at the end.
+    /// Returns the next message of the topics, or `None` at the end.
     ///
     /// # Errors
-    /// If the file cannot be read.
+    /// Returns a [`MessageError`] if the file cannot be read.
     pub fn message(&mut self) -> Result<Option<RawMessage>, MessageError> {
         Ok(self.lend()?.map(|message| {
             let LentMessage { topic, log_time, format, data } = message;
@@ -116,7 +118,7 @@ impl<'a> RawMessages<'a> {
         }))
     }
 
-    /// The same, where it was read.
+    /// Returns the next message, borrowed from the block.
     pub(super) fn lend(&mut self) -> Result<Option<LentMessage<'_>>, MessageError> {
         let (channel_id, log_time, data) = loop {
             let Some((opcode, record)) = self.record()? else { return Ok(None) };
@@ -126,7 +128,7 @@ impl<'a> RawMessages<'a> {
             }
             let bytes = &self.block[record.clone()];
             let Some(head) = bytes.first_chunk::<MESSAGE>() else {
-                // It is reported as the library does.
+                // The library reports the error.
                 mcap::parse_record(opcode, bytes)?;
                 continue;
             };
@@ -145,7 +147,7 @@ impl<'a> RawMessages<'a> {
         Ok(channel.map(|(topic, format)| LentMessage { topic: *topic, log_time, format, data }))
     }
 
-    /// The next record: its code, and where its bytes are in the block.
+    /// Returns the code of the next record and the range of its bytes in the block.
     fn record(&mut self) -> Result<Option<(u8, Range<usize>)>, MessageError> {
         while self.at == self.block.len() {
             self.at = 0;
@@ -166,7 +168,7 @@ impl<'a> RawMessages<'a> {
         Ok(Some((opcode, start..end)))
     }
 
-    /// Takes a record that is no message.
+    /// Notes a record that is not a message.
     fn describe(&mut self, opcode: u8, record: Range<usize>) -> Result<(), MessageError> {
         let data = &self.block[record];
         match opcode {
@@ -194,16 +196,17 @@ impl<'a> RawMessages<'a> {
                     self.channels.insert(channel.id, (topic, Rc::new(format)));
                 }
             }
-            // Others are not read, since the library takes the memory that a text in them claims to need.
+            // Other records are not parsed, because the library allocates whatever length a text in them
+            // claims.
             _ => {}
         }
         Ok(())
     }
 }
 
-/// A schema and its number; none if it is not whole, or its definition is longer than `room`.
+/// Returns a schema and its number, or `None` if it is not whole or its definition is longer than `room`.
 fn schema_of(record: &[u8], room: usize) -> Option<(u16, PayloadSchema)> {
-    // Its number comes before name, encoding and definition.
+    // The number comes before the name, the encoding and the definition.
     record.get(2..).and_then(after_text).and_then(after_text).and_then(after_text)?;
     let Ok(Record::Schema { header, data }) = mcap::parse_record(op::SCHEMA, record) else {
         return None;
@@ -213,15 +216,17 @@ fn schema_of(record: &[u8], room: usize) -> Option<(u16, PayloadSchema)> {
     Some((header.id, schema)).filter(|(_, schema)| schema.data.len() <= room)
 }
 
-/// Whether the texts of a channel's record end within it: topic, encoding, and pairs of metadata. The library takes the memory that
-/// a text claims to need, and looks for the value of a last key behind the pairs.
+/// Returns `true` if the texts of a channel's record end within it: topic, encoding, and pairs of metadata.
+///
+/// The library allocates whatever length a text claims, and it looks for the value of a last key behind the
+/// pairs.
 fn is_whole_channel(channel: &[u8]) -> bool {
-    // The channel's and its schema's number come before.
+    // The numbers of the channel and of its schema come first.
     let texts = channel.get(4..).and_then(after_text).and_then(after_text);
     let Some((len, rest)) = texts.and_then(|rest| rest.split_first_chunk::<4>()) else {
         return false;
     };
-    // What a later version of the format adds may follow.
+    // Fields of a later version of the format may follow.
     let pairs = usize::try_from(u32::from_le_bytes(*len)).ok().and_then(|len| rest.get(..len));
     let Some(mut pairs) = pairs else { return false };
     while let Some(rest) = after_text(pairs).and_then(after_text) {
@@ -230,7 +235,7 @@ fn is_whole_channel(channel: &[u8]) -> bool {
     pairs.is_empty()
 }
 
-/// What follows a text: its length in 4 bytes, then itself.
+/// Returns what follows a text, which has its length in 4 bytes before it.
 fn after_text(bytes: &[u8]) -> Option<&[u8]> {
     let (len, rest) = bytes.split_first_chunk::<4>()?;
     rest.get(usize::try_from(u32::from_le_bytes(*len)).ok()?..)

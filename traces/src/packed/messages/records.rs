@@ -1,7 +1,8 @@
-//! [`RecordBlocks`]: the records of an MCAP file one behind the other, those of its chunks unpacked.
+//! [`RecordBlocks`]: reads the records of an MCAP file in sequence, and unpacks its chunks.
 //!
-//! The library would yield a record at a time, and unpack as much as that record needs. Here a chunk is unpacked and its
-//! checksum computed in large pieces. What is neither plain nor zstd, and a chunk whose head is not right, is the library's.
+//! The library would yield one record at a time and unpack only as much as that record needs. This module
+//! unpacks a chunk and computes its checksum in large pieces. It leaves chunks that are neither plain nor
+//! zstd, and chunks with a faulty head, to the library.
 
 mod foreign;
 
@@ -15,17 +16,17 @@ use zstd::stream::raw::{Decoder, InBuffer, Operation, OutBuffer};
 use self::foreign::ForeignChunk;
 use super::raw::RECORD;
 
-/// How many bytes of records a block has, unless one record is longer.
+/// The number of bytes in a block of records, unless one record is longer.
 const BLOCK: usize = 256 << 10;
-/// How much is read and unpacked at once, in bytes: what a record claims to hold takes memory as it comes.
+/// The number of bytes that are read and unpacked at once, so that memory grows only as bytes arrive.
 const PIECE: usize = 64 << 10;
-/// A record's code and the length of what follows.
+/// The length of a record's head: its code and the length of what follows.
 const HEAD: usize = 9;
-/// What a chunk begins with: two instants, a size, a checksum, the length of the packing's name.
+/// The length of a chunk's head: two instants, a size, a checksum, and the length of the packing's name.
 const CHUNK: usize = 32;
-/// And behind the name: the size of what is packed.
+/// The length of the packed size, which follows the name.
 const SIZE: usize = 8;
-/// The name of the packing that is unpacked here.
+/// The name of the packing that this module unpacks.
 const ZSTD: &[u8] = b"zstd";
 
 /// An MCAP file that is being read.
@@ -33,9 +34,9 @@ pub(super) struct RecordBlocks<R> {
     inner: BufReader<R>,
     place: FilePlace,
     zstd: Option<Decoder<'static>>,
-    /// The beginning of a record that the last block had no room for.
+    /// The beginning of a record for which the last block had no room.
     cut: Vec<u8>,
-    /// What is reported once all that came before was handed over.
+    /// The error to report once everything before it was handed over.
     error: Option<McapError>,
 }
 
@@ -43,9 +44,9 @@ pub(super) struct RecordBlocks<R> {
 enum FilePlace {
     Magic,
     Record,
-    /// So many bytes of a record that is handed over.
+    /// This many bytes of a record that is handed over.
     Taken(u64),
-    /// So many bytes that are passed over.
+    /// This many bytes that are skipped.
     Skipped(u64),
     Chunk(ChunkRest),
     Foreign(Box<ForeignChunk>),
@@ -53,30 +54,31 @@ enum FilePlace {
     End,
 }
 
-/// What is left of a chunk.
+/// The rest of a chunk.
 struct ChunkRest {
     is_packed: bool,
-    /// In the file.
+    /// Its length in the file.
     len: u64,
-    /// Unpacked, if it is packed.
+    /// Its length after unpacking, if it is packed.
     unpacked_len: u64,
-    /// What follows in the chunk's record.
+    /// The length of what follows in the chunk's record.
     padding: u64,
-    /// None if it has none.
+    /// The checksum, or `None` if the chunk has none.
     checksum: Option<(u32, Crc)>,
 }
 
 impl<R: Read> RecordBlocks<R> {
-    /// Nothing is read yet.
+    /// Creates a reader. It reads nothing yet.
     pub(super) fn new(inner: R) -> Self {
         let inner = BufReader::with_capacity(PIECE, inner);
         Self { inner, place: FilePlace::Magic, zstd: None, cut: Vec::new(), error: None }
     }
 
-    /// Puts whole records into a block; false at the end of the file. What comes before an error counts.
+    /// Puts whole records into a block. Returns `false` at the end of the file. Records before an error are
+    /// handed over first.
     ///
     /// # Errors
-    /// If the file cannot be read; nothing follows then.
+    /// Returns an error if the file cannot be read; nothing follows then.
     pub(super) fn fill(&mut self, block: &mut Vec<u8>) -> Result<bool, McapError> {
         block.clear();
         block.append(&mut self.cut);
@@ -100,7 +102,7 @@ impl<R: Read> RecordBlocks<R> {
         Ok(whole > 0)
     }
 
-    /// Goes on by a few bytes of the file. `whole` is where the last whole record of the block ends.
+    /// Reads a few more bytes of the file. `whole` is the end of the last whole record of the block.
     fn advance(&mut self, block: &mut Vec<u8>, whole: &mut usize) -> Result<(), McapError> {
         match &mut self.place {
             FilePlace::Magic => {
@@ -141,7 +143,7 @@ impl<R: Read> RecordBlocks<R> {
         Ok(())
     }
 
-    /// The next record of the file, up to what is in it.
+    /// Reads the head of the next record of the file.
     fn record(&mut self, block: &mut Vec<u8>) -> Result<FilePlace, McapError> {
         let mut head = [0; HEAD];
         self.exactly(&mut head)?;
@@ -172,7 +174,7 @@ impl<R: Read> RecordBlocks<R> {
         Ok(FilePlace::Skipped(len))
     }
 
-    /// A chunk of `len` bytes, up to its records.
+    /// Reads the head of a chunk of `len` bytes.
     fn chunk_head(&mut self, record: [u8; HEAD], len: u64) -> Result<FilePlace, McapError> {
         let mut head = [0; CHUNK + SIZE];
         self.exactly(&mut head)?;
@@ -184,7 +186,7 @@ impl<R: Read> RecordBlocks<R> {
         let mut read = [&record[..], &head].concat();
         let mut left = len - head.len() as u64;
         if name_len == ZSTD.len() as u64 {
-            // What the size has pushed back.
+            // The name that the size displaced.
             let mut rest = [0; ZSTD.len()];
             self.exactly(&mut rest)?;
             read.extend_from_slice(&rest);
@@ -206,7 +208,7 @@ impl<R: Read> RecordBlocks<R> {
         Ok(FilePlace::Chunk(ChunkRest { is_packed, len: size, unpacked_len, padding, checksum }))
     }
 
-    /// Some more of a chunk, or its end.
+    /// Reads more of a chunk, or its end.
     fn chunk(&mut self, block: &mut Vec<u8>, whole: &mut usize) -> Result<(), McapError> {
         let FilePlace::Chunk(chunk) = &mut self.place else { return Ok(()) };
         let left = if chunk.is_packed { chunk.unpacked_len } else { chunk.len };
@@ -248,7 +250,7 @@ impl<R: Read> RecordBlocks<R> {
         if magic == *MAGIC { Ok(()) } else { Err(McapError::BadMagic) }
     }
 
-    /// These bytes, or the file was cut short.
+    /// Reads exactly these bytes, or reports that the file was cut off.
     fn exactly(&mut self, bytes: &mut [u8]) -> Result<(), McapError> {
         self.inner.read_exact(bytes).map_err(|error| match error.kind() {
             io::ErrorKind::UnexpectedEof => McapError::UnexpectedEof,
@@ -276,7 +278,7 @@ fn unpack(
         return Err(McapError::DecompressionError("decompressor made no progress".to_owned()));
     }
     chunk.len -= read as u64;
-    // What is more than the chunk is to hold is none of its records.
+    // Bytes beyond the length that the chunk claims are not records.
     let most = usize::try_from(chunk.unpacked_len).unwrap_or(usize::MAX);
     block.truncate(before.saturating_add(most));
     chunk.unpacked_len -= (block.len() - before) as u64;
@@ -297,7 +299,7 @@ fn whole_records(block: &[u8], whole: &mut usize) -> Result<(), McapError> {
     Ok(())
 }
 
-/// At most so many bytes of the file, at least one.
+/// Returns from one to `most` bytes of the file.
 fn buffered(inner: &mut impl BufRead, most: u64) -> Result<&[u8], McapError> {
     while let Err(error) = inner.fill_buf() {
         if error.kind() != io::ErrorKind::Interrupted {
@@ -310,13 +312,13 @@ fn buffered(inner: &mut impl BufRead, most: u64) -> Result<&[u8], McapError> {
     if bytes.is_empty() && most > 0 { Err(McapError::UnexpectedEof) } else { Ok(bytes) }
 }
 
-/// A record's code and length.
+/// Splits a record's head into code and length.
 pub(super) const fn split_head(head: [u8; HEAD]) -> (u8, u64) {
     let [opcode, len @ ..] = head;
     (opcode, u64::from_le_bytes(len))
 }
 
-/// The number that eight bytes begin with.
+/// Returns the number in the first eight bytes.
 fn number(bytes: &[u8]) -> u64 {
     bytes.first_chunk().map_or(0, |bytes| u64::from_le_bytes(*bytes))
 }

@@ -8,15 +8,15 @@ use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOp
 use super::buffered;
 use crate::packed::messages::raw::RECORD;
 
-/// A chunk that is being read: one packed by lz4 or a packing that nobody knows, or one whose head is not right.
+/// A chunk that is being read, with lz4 or an unknown packing, or with a faulty head.
 pub(super) struct ForeignChunk {
     reader: LinearReader,
-    /// What is left of the chunk's record in the file.
+    /// The rest of the chunk's record in the file.
     left: u64,
 }
 
 impl ForeignChunk {
-    /// A chunk of which these bytes were read, from its record's code on.
+    /// Creates a chunk from the bytes that were read, from its record's code on.
     pub(super) fn new(read: &[u8], left: u64) -> Self {
         let options = LinearReaderOptions::default()
             .with_skip_start_magic(true)
@@ -29,7 +29,7 @@ impl ForeignChunk {
         Self { reader, left }
     }
 
-    /// Puts the next record into a block; false at the chunk's end.
+    /// Puts the next record into a block. Returns `false` at the chunk's end.
     pub(super) fn advance(
         &mut self,
         inner: &mut impl BufRead,
@@ -41,7 +41,7 @@ impl ForeignChunk {
                 block.extend_from_slice(&(data.len() as u64).to_le_bytes());
                 block.extend_from_slice(data);
             }
-            // It wants the next record of the file.
+            // The library wants the next record of the file.
             None => return Ok(false),
             Some(LinearReadEvent::ReadRequest(_)) if self.left == 0 => return Ok(false),
             Some(LinearReadEvent::ReadRequest(wanted)) => {

@@ -1,4 +1,4 @@
-//! The library reads the same files, a record at a time.
+//! Compares the records with those that the library reads from the same files, one at a time.
 
 use std::collections::BTreeMap;
 use std::io::Cursor;
@@ -9,12 +9,12 @@ use mcap::{Compression, WriteOptions};
 
 use super::*;
 
-/// Records with their codes, and what was reported behind them.
+/// The records with their codes, and the error after them.
 type ReadRecords = (Vec<(u8, Vec<u8>)>, Option<String>);
 
 const PACKINGS: [Option<Compression>; 3] = [None, Some(Compression::Zstd), Some(Compression::Lz4)];
 
-/// A file with 20 messages, in chunks of some ten or without any.
+/// Returns a file with 20 messages, in chunks of about ten or without chunks.
 fn file(packing: Option<Compression>, has_chunks: bool) -> Vec<u8> {
     let mut bytes = Cursor::new(Vec::new());
     let options = WriteOptions::new().compression(packing).chunk_size(Some(512));
@@ -32,7 +32,7 @@ fn file(packing: Option<Compression>, has_chunks: bool) -> Vec<u8> {
     bytes.into_inner()
 }
 
-/// Whether records of this kind are handed over wherever they are.
+/// Returns `true` if records of this kind are handed over wherever they are.
 fn is_taken(opcode: u8) -> bool {
     matches!(opcode, op::SCHEMA | op::CHANNEL | op::MESSAGE)
 }
@@ -90,7 +90,7 @@ fn assert_same(read: &ReadRecords, expected: &ReadRecords, place: usize) {
 }
 
 #[test]
-fn records_are_those_of_the_library_wherever_a_file_is_cut() {
+fn records_agree_with_the_library_on_cut_files() {
     for (packing, has_chunks) in
         PACKINGS.map(|packing| (packing, true)).into_iter().chain([(None, false)])
     {
@@ -104,7 +104,7 @@ fn records_are_those_of_the_library_wherever_a_file_is_cut() {
 }
 
 #[test]
-fn records_are_those_of_the_library_whatever_byte_is_wrong() {
+fn records_agree_with_the_library_on_wrong_bytes() {
     for (packing, has_chunks) in
         PACKINGS.map(|packing| (packing, true)).into_iter().chain([(None, false)])
     {
@@ -114,18 +114,18 @@ fn records_are_those_of_the_library_whatever_byte_is_wrong() {
                 let mut wrong = whole.clone();
                 wrong[place] ^= bits;
                 let read = by_blocks(&wrong);
-                // Where a record goes beyond a plain chunk, the library's own arithmetic overflows.
+                // If a record exceeds a plain chunk, the library's own arithmetic overflows.
                 let overrun = McapError::UnexpectedEoc.to_string();
                 if packing.is_none() && read.1.as_ref() == Some(&overrun) {
                     continue;
                 }
                 let mut expected = by_library(&wrong);
-                // What cannot be unpacked is noticed earlier where more is unpacked at once.
+                // A fault in packed bytes is found earlier if more is unpacked at once.
                 if read.1.as_ref().is_some_and(|error| error.starts_with("Error during decomp")) {
                     assert!(expected.1.is_some() && expected.0.starts_with(&read.0), "{place}");
                     continue;
                 }
-                // Of a chunk that says it holds less than it does, the library reports by how much.
+                // For a chunk that holds more than it claims, the library reports the difference.
                 if expected.1.as_ref().is_some_and(|error| error.contains("decompressor wrote")) {
                     expected.1 = Some(overrun);
                 }
@@ -135,7 +135,7 @@ fn records_are_those_of_the_library_whatever_byte_is_wrong() {
     }
 }
 
-/// A file with one chunk that is not packed and says that its records take so many bytes, and a chunk's end behind it.
+/// Returns a file with one unpacked chunk whose records claim this many bytes, and a chunk's end after it.
 fn plain_chunk(claimed: u64) -> Vec<u8> {
     let records = [&[op::MESSAGE][..], &3_u64.to_le_bytes(), b"abc"].concat();
     let chunk = [&[0; CHUNK][..], &claimed.to_le_bytes(), &records, &[0; 4]].concat();
@@ -145,7 +145,8 @@ fn plain_chunk(claimed: u64) -> Vec<u8> {
 
 #[test]
 fn a_record_ends_in_its_chunk() {
-    // One record of 12 bytes: less cuts it off, more is a second one of which there is not enough.
+    // There is one record of 12 bytes. A smaller claim cuts it off, and a greater one starts a second record
+    // that is incomplete.
     for (claimed, is_whole) in [(0, true), (1, false), (11, false), (12, true), (13, false)] {
         let reported = by_blocks(&plain_chunk(claimed)).1.unwrap();
         let is_overrun = reported == McapError::UnexpectedEoc.to_string();
