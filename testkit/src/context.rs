@@ -1,7 +1,7 @@
-//! What is known of a run while it happens: which reasons hold for an input, and what is due.
+//! Follows a run while it happens: which reasons hold for an input, and what is due.
 //!
-//! It follows the reference machine's decisions and makes none of its own. Generators use it to hit edges, `coverage` to count
-//! them.
+//! It follows the decisions of the reference machine and makes none of its own. Generators use it to find
+//! edges, and `coverage` uses it to count them.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,7 +12,7 @@ use fuseline_traces::{
 
 use crate::history::History;
 
-/// How far back an open timestamp is looked for.
+/// The number of open timestamps, from the newest back, that are searched.
 const RECENT: usize = 16;
 
 /// The reference machine with its inputs and decisions so far.
@@ -24,7 +24,7 @@ pub struct RunContext {
     gates: BTreeMap<u64, Gate>,
     /// The greatest timestamp ever opened.
     newest: Option<u64>,
-    /// Every timestamp ever opened; a retired one as it last was.
+    /// Every timestamp ever opened; a retired one as it was at its end.
     histories: BTreeMap<u64, History>,
     open: BTreeSet<u64>,
     requested: Vec<(u64, u64)>,
@@ -33,49 +33,49 @@ pub struct RunContext {
 /// One cloud's gate.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Gate {
-    /// The backlog that shuts it.
+    /// The backlog that shuts the gate.
     pub limit: u64,
-    /// The backlog that opens it again.
+    /// The backlog at or below which it opens again.
     pub resume: u64,
-    /// Whether it is shut.
+    /// `true` if the gate is shut.
     pub is_shut: bool,
 }
 
-/// What the rules decide about an input.
+/// The decisions that the rules demand for an input.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct RuleDecision {
-    /// What was due first.
+    /// The decisions of the timers that fired first.
     pub fired: ExpectedDecisions,
-    /// About the input itself.
+    /// The decisions about the input itself.
     pub own: ExpectedDecisions,
-    /// The reasons that hold for it, in the order in which they are checked.
+    /// The reasons that hold for the input, in the order in which they are checked.
     pub reasons: HoldingReasons,
 }
 
-/// Which reasons hold for an input, whether or not an earlier one decides.
+/// The reasons that hold for an input, even those after the one that decides.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum HoldingReasons {
-    /// A tick has none.
+    /// A tick has no reasons.
     None,
-    /// To refuse an open.
+    /// Reasons to refuse an open.
     Open(Vec<OpenRefusal>),
-    /// To refuse an offer.
+    /// Reasons to refuse an offer.
     Offer(Vec<OfferRefusal>),
-    /// To drop a result.
+    /// Reasons to drop a result.
     Result(Vec<DropReason>),
-    /// To drop a failure.
+    /// Reasons to drop a failure.
     Fail(Vec<DropReason>),
 }
 
 impl RuleDecision {
-    /// All decisions, in the order of the trace.
+    /// Returns all decisions in the order of the trace.
     pub fn decisions(&self) -> impl Iterator<Item = &Decision> {
         self.fired.iter().chain(&self.own).map(|(decision, _)| decision)
     }
 }
 
 impl RunContext {
-    /// The context of an operator with this configuration, before anything happens.
+    /// Creates the context of an operator with this configuration, before its first input.
     #[must_use]
     pub fn new(header: &Header) -> Self {
         let gate = |cloud: &Cloud| {
@@ -94,10 +94,10 @@ impl RunContext {
         }
     }
 
-    /// Lets an input happen.
+    /// Applies an input and returns the decisions about it.
     pub fn apply(&mut self, input: &Input) -> RuleDecision {
         let (mut fired, mut own) = (ExpectedDecisions::new(), ExpectedDecisions::new());
-        // P10: a tick just before changes nothing, and separates the timers' decisions from the input's.
+        // A tick just before changes nothing (P10), and separates the timers' decisions from the input's.
         self.reference.apply(&Input::Tick { at: input.at() }, &mut fired);
         for (decision, _) in &fired {
             self.follow(decision);
@@ -123,43 +123,44 @@ impl RunContext {
         RuleDecision { fired, own, reasons }
     }
 
-    /// The greatest instant seen.
+    /// Returns the greatest instant seen, in ns.
     #[must_use]
     pub const fn now(&self) -> u64 {
         self.reference.now()
     }
 
-    /// The next due instant.
+    /// Returns the next due instant, in ns.
     #[must_use]
     pub fn next_due(&self) -> Option<u64> {
         self.reference.next_due()
     }
 
-    /// The commit rule.
+    /// Returns the commit rule.
     #[must_use]
     pub const fn commit(&self) -> Commit {
         self.commit
     }
 
-    /// How many timestamps may be open.
+    /// Returns the greatest number of timestamps that may be open.
     #[must_use]
     pub const fn window(&self) -> usize {
         self.window
     }
 
-    /// The timestamps that are open, ascending.
+    /// Returns the open timestamps, ascending.
     #[must_use]
     pub const fn open(&self) -> &BTreeSet<u64> {
         &self.open
     }
 
-    /// The requests that are pending, local's included, each by timestamp and priority, the latest last.
+    /// Returns the pending requests, with local's, as timestamps and priorities. The latest is last.
     #[must_use]
     pub fn requested(&self) -> &[(u64, u64)] {
         &self.requested
     }
 
-    /// A request that is outranked by what is available, and was not made before.
+    /// Returns a request that would be outranked by an available result and was not made before, if there is
+    /// one.
     #[must_use]
     pub fn outranked(&self) -> Option<(u64, u64)> {
         self.open.iter().rev().take(RECENT).find_map(|t| {
@@ -170,19 +171,20 @@ impl RunContext {
         })
     }
 
-    /// When the request `(t, p)` is due, or was; of local, when its deadline ends.
+    /// Returns the due instant of the request `(t, p)` in ns, even if it has passed. For local it is the end
+    /// of its deadline.
     #[must_use]
     pub fn due(&self, t: u64, p: u64) -> Option<u64> {
         self.histories.get(&t)?.requested_for(p)
     }
 
-    /// The gate of a registered cloud.
+    /// Returns the gate of a registered cloud.
     #[must_use]
     pub fn gate(&self, p: u64) -> Option<&Gate> {
         self.gates.get(&p)
     }
 
-    /// Which reasons hold for an input now that all that is due has fired.
+    /// Returns the reasons that hold for an input after all due timers have fired.
     fn reasons(&self, input: &Input) -> HoldingReasons {
         match *input {
             Input::Open { t, deadline, .. } => HoldingReasons::Open(self.open_reasons(t, deadline)),
@@ -195,7 +197,7 @@ impl RunContext {
         }
     }
 
-    /// F1.
+    /// Returns the reasons to refuse an open (F1).
     fn open_reasons(&self, t: u64, deadline: Option<u64>) -> Vec<OpenRefusal> {
         holding([
             (OpenRefusal::Order, self.was_reached(t)),
@@ -204,7 +206,9 @@ impl RunContext {
         ])
     }
 
-    /// F2. Of a retired timestamp the sets count as they last were: a machine that forgot that it
+    /// Returns the reasons to refuse an offer (F2).
+    ///
+    /// The sets of a retired timestamp count as they were at its end, because a machine that forgot that it
     /// is closed would look there.
     fn offer_reasons(&self, t: u64, p: u64, deadline: u64, backlog: u64) -> Vec<OfferRefusal> {
         let (gate, history) = (self.gates.get(&p), self.histories.get(&t));
@@ -221,7 +225,8 @@ impl RunContext {
         ])
     }
 
-    /// F3, F4; of a retired timestamp as for F2 (A16).
+    /// Returns the reasons to drop a result or a failure (F3, F4). Retired timestamps count as for offers
+    /// (A16).
     fn drop_reasons(&self, t: u64, p: u64) -> Vec<DropReason> {
         let known = (p == 0 || self.gates.contains_key(&p)) && self.was_reached(t);
         let mut reasons = holding([
@@ -239,13 +244,13 @@ impl RunContext {
         reasons
     }
 
-    /// F9: whether what was sent for a timestamp outranks `p`.
+    /// Returns `true` if the last output of a timestamp outranks `p` (F9).
     fn is_outranked(&self, t: u64, p: u64) -> bool {
         let best = self.histories.get(&t).and_then(History::best);
         self.commit == Commit::Progressive && best.is_some_and(|best| best > p)
     }
 
-    /// Notes what was accepted without a decision.
+    /// Notes an input that was accepted without a decision.
     fn accept(&mut self, input: &Input, own: &ExpectedDecisions) {
         match *input {
             Input::Open { t, deadline, .. } if own.is_empty() => {
@@ -281,7 +286,7 @@ impl RunContext {
             }
             Decision::RefuseOffer { p, why: OfferRefusal::Queue, .. } => self.turn_gate(p, true),
             Decision::Hold { t, p, .. } => self.take(t, p),
-            // F9: it stays open until it is final.
+            // The timestamp stays open until it is final (F9).
             Decision::Emit { t, p, .. } if self.commit == Commit::Progressive => {
                 self.take(t, p);
                 if let Some(history) = self.histories.get_mut(&t) {
@@ -332,7 +337,7 @@ impl RunContext {
     }
 }
 
-/// Those that hold.
+/// Returns the reasons that hold.
 fn holding<T: Copy, const N: usize>(reasons: [(T, bool); N]) -> Vec<T> {
     reasons.iter().filter(|(_, holds)| *holds).map(|(reason, _)| *reason).collect()
 }

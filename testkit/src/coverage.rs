@@ -1,4 +1,5 @@
-//! What runs and files reached: each [`Mark`] is one thing to reach, and [`Coverage`] counts them. It judges nothing.
+//! Counts what runs and files reached: each [`Mark`] is something to reach, and [`Coverage`] counts them. It
+//! judges nothing.
 
 use std::collections::HashMap;
 
@@ -14,7 +15,7 @@ use crate::run::Run;
 /// Something that a check can reach.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Mark {
-    /// A run under this commit rule.
+    /// A run had this commit rule.
     Commit(Commit),
     /// A rule demanded something.
     Rule(Rule),
@@ -26,27 +27,27 @@ pub enum Mark {
     Result(DropReason),
     /// A failure was dropped.
     Fail(DropReason),
-    /// An open was refused for the first reason although the second holds as well.
+    /// An open was refused for the first reason, although the second holds too.
     Opens(OpenRefusal, OpenRefusal),
-    /// An offer was refused for the first reason although the second holds as well.
+    /// An offer was refused for the first reason, although the second holds too.
     Offers(OfferRefusal, OfferRefusal),
-    /// A result was dropped for the first reason although the second holds as well.
+    /// A result was dropped for the first reason, although the second holds too.
     Results(DropReason, DropReason),
-    /// A failure was dropped for the first reason although the second holds as well.
+    /// A failure was dropped for the first reason, although the second holds too.
     Fails(DropReason, DropReason),
-    /// An input, or what was due before it, had this effect.
+    /// An input, or a timer that was due before it, had this effect.
     Outcome(Cause, Consequence),
-    /// A place where implementations go wrong.
+    /// A situation occurred in which implementations go wrong.
     Edge(Edge),
     /// The judge found a violation of this rule.
     Violation(Rule),
-    /// Such a line was read.
+    /// A line of this kind was read.
     Line(&'static str),
-    /// A file could not be read, for such a reason.
+    /// A file could not be read for this reason.
     Defect(&'static str),
 }
 
-/// What brings a decision about.
+/// The cause of a decision.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Cause {
     /// Timers that fire.
@@ -57,7 +58,7 @@ pub enum Cause {
     Fail,
 }
 
-/// What a decision does to its timestamp.
+/// The effect of a decision on its timestamp.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Consequence {
     /// Local's result is held.
@@ -70,33 +71,33 @@ pub enum Consequence {
     EmitsCloud,
     /// A pending call is cancelled.
     Cancels,
-    /// What was forwarded last is final.
+    /// The last output is final.
     Ends,
-    /// It is missed.
+    /// The timestamp is missed.
     Misses,
-    /// It stays open and waits.
+    /// The timestamp stays open and waits.
     Waits,
 }
 
-/// The marks that were reached, each with how often.
+/// Counts how often each mark was reached.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct Coverage(HashMap<Mark, u64>);
 
-/// One kind of marks: how many were reached, of how many, and which were not.
+/// The marks of one kind: how many exist, how many were reached, and which were not.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct CoverageShare {
-    /// What they are.
+    /// The name of the kind.
     pub kind: &'static str,
-    /// How many of them were reached.
+    /// The number of marks that were reached.
     pub reached: usize,
-    /// How many there are.
+    /// The number of all marks.
     pub all: usize,
-    /// The names of the others.
+    /// The names of the marks that were not reached.
     pub missing: Vec<String>,
 }
 
 impl Coverage {
-    /// Notes what a run comes to.
+    /// Notes the marks of a whole run.
     pub fn watch(&mut self, run: &Run) {
         let mut context = self.begin(run);
         for input in &run.inputs {
@@ -104,13 +105,13 @@ impl Coverage {
         }
     }
 
-    /// Notes what a run is as a whole; the context is the one before its first input.
+    /// Notes the marks of a run as a whole. Returns the context before its first input.
     pub fn begin(&mut self, run: &Run) -> RunContext {
         self.edges(Edge::of_run(run));
         RunContext::new(&run.header)
     }
 
-    /// Lets an input happen, and notes what it comes to.
+    /// Applies an input and notes its marks. Returns the decisions about it.
     pub fn follow(&mut self, context: &mut RunContext, input: &Input) -> RuleDecision {
         self.mark(Mark::Commit(context.commit()));
         self.edges(Edge::of_input(context, input));
@@ -130,7 +131,7 @@ impl Coverage {
         step
     }
 
-    /// Notes a mark; false if it was reached before.
+    /// Notes a mark. Returns `false` if it was reached before.
     pub fn mark(&mut self, mark: Mark) -> bool {
         let count = self.0.entry(mark).or_default();
         *count += 1;
@@ -142,25 +143,25 @@ impl Coverage {
         self.mark(Mark::Line(name_of_line(line)));
     }
 
-    /// Notes why a file could not be read.
+    /// Notes the reason why a file could not be read.
     pub fn defect(&mut self, error: &ReadError) {
         self.mark(Mark::Defect(name_of_defect(&error.defect)));
     }
 
-    /// Whether a mark was reached.
+    /// Returns `true` if the mark was reached.
     #[must_use]
     pub fn has(&self, mark: Mark) -> bool {
         self.0.contains_key(&mark)
     }
 
-    /// Those of `marks` that were not reached.
+    /// Returns those of `marks` that were not reached.
     #[must_use]
     pub fn missing(&self, mut marks: Vec<Mark>) -> Vec<Mark> {
         marks.retain(|mark| !self.has(*mark));
         marks
     }
 
-    /// How much of each kind that runs can come to was reached.
+    /// Returns the share of marks that was reached, for each kind that runs can reach.
     #[must_use]
     pub fn shares(&self) -> Vec<CoverageShare> {
         let share = |(kind, marks): (&'static str, Vec<Mark>)| {
@@ -171,7 +172,7 @@ impl Coverage {
         Mark::kinds().into_iter().map(share).collect()
     }
 
-    /// Every mark that runs can come to, by its name, with how often it was reached.
+    /// Returns the name of every mark that runs can reach, and how often it was reached.
     pub fn counts(&self) -> impl Iterator<Item = (String, u64)> {
         let all = Mark::kinds().into_iter().flat_map(|(_, marks)| marks);
         all.map(|mark| (mark.name(), self.0.get(&mark).copied().unwrap_or(0)))
@@ -185,24 +186,24 @@ impl Coverage {
 
     /// Notes the rules that an input shows.
     fn rules(&mut self, input: &Input, step: &RuleDecision) {
-        // An accepted failure that decides nothing is all that there is to see of F4.
+        // An accepted failure that decides nothing is the only sign of F4.
         if matches!(input, Input::Fail { .. }) {
             self.mark(Mark::Rule(Rule::F4));
         }
         for (decision, rule) in step.fired.iter().chain(&step.own) {
             self.mark(Mark::Rule(*rule));
-            // F0 shows where the clock went back.
+            // The clock went back, which shows F0.
             if decision.at() != input.at() {
                 self.mark(Mark::Rule(Rule::F0));
             }
-            // P1 shows where something comes for what was forwarded or missed.
+            // An input for a timestamp that was forwarded or missed shows P1.
             if let Decision::Drop { why: DropReason::Superseded, .. } = decision {
                 self.mark(Mark::Rule(Rule::P1));
             }
         }
     }
 
-    /// Notes the reason that decides, and each that holds as well.
+    /// Notes the reason that decides, and each other reason that holds.
     fn reasons(&mut self, reasons: &HoldingReasons) {
         match reasons {
             HoldingReasons::None => {}
@@ -249,7 +250,7 @@ impl Coverage {
 }
 
 impl Consequence {
-    /// What a decision about a result, a failure or a timer does, unless it drops it.
+    /// Returns the effect of a decision about a result, a failure or a timer, or `None` if it drops it.
     const fn of(decision: &Decision) -> Option<Self> {
         match decision {
             Decision::Hold { p: 0, .. } => Some(Self::HoldsLocal),
@@ -292,7 +293,7 @@ impl Cause {
 }
 
 impl Mark {
-    /// Its name, for people.
+    /// Returns the mark's name, for people.
     #[must_use]
     pub fn name(self) -> String {
         match self {
@@ -314,7 +315,7 @@ impl Mark {
         }
     }
 
-    /// All that runs can come to, by kind.
+    /// Returns all marks that runs can reach, by kind.
     #[must_use]
     pub fn kinds() -> [(&'static str, Vec<Self>); 5] {
         [
@@ -326,7 +327,7 @@ impl Mark {
         ]
     }
 
-    /// What a handful of runs can come to: all commit rules, every rule and every reason.
+    /// Returns the marks that a few runs can reach: all commit rules, every rule and every reason.
     #[must_use]
     pub fn of_runs() -> Vec<Self> {
         let mut all = Vec::from(Commit::ALL.map(Self::Commit));
@@ -335,13 +336,13 @@ impl Mark {
         all
     }
 
-    /// The violations that the judge can find.
+    /// Returns the violations that the judge can find.
     #[must_use]
     pub fn of_violations() -> Vec<Self> {
         Rule::OF_DECISIONS.map(Self::Violation).into()
     }
 
-    /// What reading files can come to: every line, and every reason for which one cannot be read.
+    /// Returns the marks that reading files can reach: every line, and every reason why one cannot be read.
     #[must_use]
     pub fn of_files() -> Vec<Self> {
         LINES.map(Self::Line).into_iter().chain(DEFECTS.map(Self::Defect)).collect()
@@ -358,7 +359,7 @@ impl Mark {
     fn of_pairs() -> Vec<Self> {
         use DropReason::{Duplicate, Unknown, Unsolicited};
         let drops = DropReason::ALL;
-        // What was not requested, or cannot be, has no result available.
+        // A source that was not requested, or cannot be, has no available result.
         let can_be = |(first, second): &(DropReason, DropReason)| {
             !matches!(first, Unknown | Unsolicited) || *second != Duplicate
         };
@@ -373,7 +374,8 @@ impl Mark {
         use Consequence::{
             Cancels, EmitsCloud, EmitsLocal, Ends, HoldsCloud, HoldsLocal, Misses, Waits,
         };
-        // A result is available, so that none misses; a timer and a failure hold nothing.
+        // After a result, one is available, so none of its effects is a miss. Timers and failures hold
+        // nothing.
         let of_result = [HoldsLocal, HoldsCloud, EmitsLocal, EmitsCloud, Cancels, Ends];
         let settled = [EmitsLocal, EmitsCloud, Cancels, Ends, Misses, Waits];
         let mut all: Vec<_> = of_result.map(|effect| Self::Outcome(Cause::Result, effect)).into();
@@ -384,12 +386,12 @@ impl Mark {
     }
 }
 
-/// Every line, by its name.
+/// The names of all lines.
 const LINES: [&str; 15] = [
     "header", "open", "offer", "result", "fail", "tick", "timer", "refuse", "request", "hold",
     "drop", "emit", "final", "miss", "cancel",
 ];
-/// Every reason for which a file cannot be read.
+/// All reasons why a file cannot be read.
 const DEFECTS: [&str; 7] =
     ["bytes", "empty", "no header", "second header", "unterminated", "too long", "line"];
 
@@ -429,7 +431,7 @@ const fn name_of_defect(defect: &Defect) -> &'static str {
     }
 }
 
-/// Each pair of these, the earlier one first.
+/// Returns each pair of these, with the earlier one first.
 fn ordered<T: Copy>(of: &[T]) -> impl Iterator<Item = (T, T)> {
     let after = |i: usize| of.iter().skip(i + 1);
     of.iter().enumerate().flat_map(move |(i, first)| after(i).map(|second| (*first, *second)))

@@ -1,11 +1,11 @@
-//! Situations in which implementations go wrong, and which of them a run, an input or a step is.
+//! Situations in which implementations go wrong, and the runs, inputs and steps that reach them.
 
 use fuseline_traces::{Decision, Input};
 
 use crate::context::{RuleDecision, RunContext};
 use crate::run::Run;
 
-/// From this length on a run counts as long, in inputs.
+/// The number of inputs from which on a run counts as long.
 const LONG: usize = 400;
 /// The greatest window.
 const GREATEST: usize = 1024;
@@ -41,7 +41,7 @@ pub enum Edge {
 }
 
 impl Edge {
-    /// All of them, with their names.
+    /// All situations, with their names.
     pub const ALL: [(Self, &str); 24] = [
         (Self::ArrivalBeforeDue, "arrival just before its due instant"),
         (Self::ArrivalAtDue, "arrival at its due instant"),
@@ -69,13 +69,13 @@ impl Edge {
         (Self::LongRun, "run of 400 inputs and more"),
     ];
 
-    /// Its name.
+    /// Returns the situation's name.
     #[must_use]
     pub fn name(self) -> &'static str {
         Self::ALL.iter().find(|(edge, _)| *edge == self).map_or("", |(_, name)| name)
     }
 
-    /// What a whole run is.
+    /// Returns the situations that a whole run is in.
     pub(crate) fn of_run(run: &Run) -> impl Iterator<Item = Self> {
         holding([
             (Self::NoCloud, run.header.clouds.is_empty()),
@@ -83,7 +83,7 @@ impl Edge {
         ])
     }
 
-    /// The edges of an input, before it happens.
+    /// Returns the situations of an input, before it is applied.
     pub(crate) fn of_input(context: &RunContext, input: &Input) -> impl Iterator<Item = Self> {
         let at = input.at();
         let beyond = |p: u64| p > u64::from(u16::MAX);
@@ -114,7 +114,7 @@ impl Edge {
         ])
     }
 
-    /// The edges of what became of an input.
+    /// Returns the situations that follow from an input.
     pub(crate) fn of_step(
         context: &RunContext,
         input: &Input,
@@ -148,7 +148,7 @@ impl Edge {
         ])
     }
 
-    /// How a backlog compares with the gate, before the gate moves.
+    /// Returns how a backlog compares with the gate, before the gate changes.
     pub(crate) fn of_gate(context: &RunContext, input: &Input) -> impl Iterator<Item = Self> {
         let (gate, backlog) = match *input {
             Input::Offer { p, backlog, .. } => (context.gate(p), backlog),
@@ -181,7 +181,7 @@ fn due(context: &RunContext, decision: &Decision) -> Option<FiredTimer> {
     Some(FiredTimer { at, t, p })
 }
 
-/// Those that hold.
+/// Returns the situations that hold.
 fn holding<const N: usize>(edges: [(Edge, bool); N]) -> impl Iterator<Item = Edge> {
     edges.into_iter().filter(|(_, holds)| *holds).map(|(edge, _)| edge)
 }

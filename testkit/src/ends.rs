@@ -1,11 +1,12 @@
-//! P13: what a progressive run must have in common with a patient one.
+//! The decisions that a progressive run must share with a patient one (P13).
 
 use fuseline_traces::{Commit, Decision};
 
-/// Of decisions made under `commit`, those that P13 is about: refusals of opens and offers, requests, and the ends of
-/// timestamps, each with its last source.
+/// Returns the decisions that progressive and patient must share (P13), from decisions made under `commit`:
+/// refusals of opens and offers, requests, and the ends of timestamps, each with its last source.
 ///
-/// A progressive and a patient machine that take the same inputs have equal ones after each input.
+/// A progressive and a patient machine that take the same inputs have the same such decisions after each
+/// input.
 #[must_use]
 pub fn admissions_and_ends<'a>(
     commit: Commit,

@@ -1,7 +1,6 @@
-//! Random runs, weighted towards the places where one rule or another decides.
+//! Random runs, weighted towards the situations in which one rule or another decides.
 //!
-//! [`Generator::run`] gives the same run for the same seed and number. The reference machine shows it where the edges are; what
-//! an implementation makes of a run is not judged here.
+//! [`Generator::run`] returns the same run for the same seed and number. The reference machine shows it where the edges are. It does not judge what an implementation makes of a run.
 
 use fuseline_traces::{Cloud, Commit, Decision, Header, Input};
 
@@ -14,28 +13,28 @@ mod wide;
 
 use flood::DepartureOrder;
 
-/// How far back a step reaches for a timestamp or a request.
+/// How far back a step looks for a timestamp or a request.
 const RECENT: usize = 12;
-/// One run in so many fills the greatest window.
+/// One run in this many fills the greatest window.
 const FLOODS: u64 = 250;
-/// One run in so many is long.
+/// One run in this many is long.
 const LONGS: u64 = 50;
 /// The greatest window.
 const GREATEST: u16 = 1024;
 
-/// What all generated runs have in common.
+/// Generates runs from a seed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Generator {
-    /// The seed: another one makes other runs.
+    /// The seed. Another seed gives other runs.
     pub seed: u64,
-    /// The commit rule, if it is to be but one.
+    /// The commit rule, or `None` for all of them.
     pub commit: Option<Commit>,
-    /// The most clouds that a run registers, up to 15.
+    /// The greatest number of clouds in a run, up to 15.
     pub clouds: u8,
 }
 
 impl Generator {
-    /// The run with this number, always the same.
+    /// Returns the run with this number, which is always the same.
     #[must_use]
     pub fn run(&self, number: u64) -> Run {
         let mut draw = Draw::new(self.seed, number);
@@ -77,7 +76,7 @@ impl Generator {
             let p = draw.weighed(&[(16, 9), (1, u64::from(u16::MAX))]);
             let p = u16::try_from(draw.between(1, p)).unwrap_or(u16::MAX);
             let p = if draw.one_in(16) { u16::MAX } else { p };
-            // Each priority once; where the small ones are used up, the greater ones come.
+            // Each priority occurs once. When the small ones are used up, greater ones follow.
             let p = if count > 8 { p.max(u16::try_from(clouds.len()).unwrap_or(1) + 1) } else { p };
             let is_free = clouds.iter().all(|cloud| cloud.p != p);
             let limit = match draw.weighed(&[(2, 1), (5, 5), (1, u64::MAX)]) {
@@ -97,17 +96,17 @@ impl Generator {
     }
 }
 
-/// What a step does.
+/// The kind of a step.
 #[derive(Clone, Copy)]
 enum StepKind {
-    /// A message comes: an open, and offers for some of the clouds.
+    /// A message arrives: an open, and offers to some of the clouds.
     Message,
     Open,
     Offer,
-    /// An offer that may well be refused, for several reasons at once.
+    /// An offer that is likely to be refused, for several reasons at once.
     Clash,
     Result,
-    /// A cloud's result that is held, for a better one is pending.
+    /// A cloud's result that is held because a better one is pending.
     Hold,
     Fail,
     /// A result or a failure around its own due instant.
@@ -117,15 +116,15 @@ enum StepKind {
     Flood,
 }
 
-/// Makes inputs, with the reference machine to know where the edges are.
+/// Generates inputs, with the reference machine to know where the edges are.
 struct InputGenerator {
     context: RunContext,
     draw: Draw,
     inputs: Vec<Input>,
-    /// Timestamps that an open was tried for.
+    /// The timestamps for which an open was tried.
     tried: Vec<u64>,
     next_t: u64,
-    /// Whether clock and counter keep away from their ends, where nothing more happens.
+    /// `true` if the clock and the counter stay away from their ends, where nothing more happens.
     is_long: bool,
 }
 
@@ -141,7 +140,7 @@ impl InputGenerator {
         }
     }
 
-    /// Begins at the start of clock and counter, or near the end of one of them.
+    /// Starts at the beginning of clock and counter, or near the end of one of them.
     fn start(&mut self) {
         let near = |draw: &mut Draw, back| u64::MAX - draw.between(0, back);
         if self.draw.one_in(16) {
@@ -223,13 +222,13 @@ impl InputGenerator {
         match self.draw.between(0, 9) {
             0 => self.push(Input::Result { at, t, p }),
             1 => self.push(Input::Fail { at, t, p }),
-            // It is forwarded then, although lower ones are pending.
+            // The result is then forwarded, although lower ones are pending.
             2 => self.fail_above(t, p),
             _ => {}
         }
     }
 
-    /// All that outrank a request fail.
+    /// Fails all sources that outrank a request.
     fn fail_above(&mut self, t: u64, p: u64) {
         let at = self.context.now();
         let requested = self.context.requested().iter().copied();
@@ -266,7 +265,7 @@ impl InputGenerator {
     fn push(&mut self, input: Input) {
         self.inputs.push(input);
         let step = self.context.apply(&input);
-        // A wrong machine might answer a second time: repeat what was just decided.
+        // A wrong machine might answer a second time, so this repeats the last decision's input.
         let ended = step.own.iter().chain(&step.fired).find_map(|(decision, _)| match decision {
             Decision::Emit { t, p, .. } => Some((*t, *p)),
             _ => None,
@@ -294,7 +293,7 @@ impl InputGenerator {
         }
     }
 
-    /// One less, exactly, one more.
+    /// Returns the value, one less, or one more.
     fn edge(&mut self, value: u64) -> u64 {
         match self.draw.between(0, 2) {
             0 => value.saturating_sub(1),
@@ -303,7 +302,7 @@ impl InputGenerator {
         }
     }
 
-    /// What is to be opened.
+    /// Returns a timestamp to open.
     fn fresh(&mut self) -> u64 {
         match self.draw.between(0, 29) {
             0..20 => self.next_t,
@@ -314,7 +313,7 @@ impl InputGenerator {
         }
     }
 
-    /// What an offer, a result or a failure is for.
+    /// Returns a timestamp for an offer, a result or a failure.
     fn timestamp(&mut self) -> u64 {
         match self.draw.between(0, 39) {
             0..28 => {
@@ -338,7 +337,7 @@ impl InputGenerator {
         match self.draw.between(0, 33) {
             0..30 => self.cloud(header),
             30 => 0,
-            // What a careless conversion takes for the cloud.
+            // A priority that a careless conversion takes for the cloud's.
             31 => self.cloud(header) + 65_536,
             32 => self.draw.between(1, 10),
             _ => self.draw.next(),
@@ -350,7 +349,7 @@ impl InputGenerator {
         header.clouds.get(index).map_or(1, |cloud| u64::from(cloud.p))
     }
 
-    /// Whose result or failure it is.
+    /// Returns the timestamp and the source of a result or a failure.
     fn call(&mut self, header: &Header) -> (u64, u64) {
         match self.draw.between(0, 10) {
             0..5 if !self.context.requested().is_empty() => {
@@ -371,12 +370,12 @@ impl InputGenerator {
             0..2 => 0,
             2..5 => 1,
             5..26 => self.draw.between(2, 90),
-            // Until the next due instant, so that timers tie.
+            // Until the next due instant, so that timers coincide.
             26..37 => {
                 let due = self.context.next_due();
                 due.map_or(10, |due| due.saturating_sub(self.context.now()))
             }
-            // The clock soon follows what is due.
+            // The clock soon passes what is due.
             _ if self.is_long => 500,
             37..39 => u64::MAX,
             _ => self.draw.next(),
@@ -394,7 +393,7 @@ impl InputGenerator {
         }
     }
 
-    /// An index among the last few of this many.
+    /// Returns one of the last few of `len` indices.
     fn recent(&mut self, len: usize) -> usize {
         let back = self.draw.index(len.min(RECENT));
         len.saturating_sub(1).saturating_sub(back)

@@ -1,8 +1,9 @@
-//! The promises, checked on inputs and decisions alone.
+//! Checks the promises from inputs and decisions alone.
 //!
-//! No rule of decision is known here: a ledger records what was requested, what came and what was sent. What no promise needs
-//! any more is forgotten, so that ledgers with one future are equal: a retired timestamp leaves nothing, and a due instant
-//! outlives its timer only while it is the latest that its timestamp had, or its requests had.
+//! A ledger knows no rule of decision: it records what was requested, what came and what was sent. It forgets
+//! what no promise needs any more, so that ledgers with the same future are equal. A retired timestamp leaves
+//! nothing behind. A due instant outlives its timer only while it is the latest of its timestamp or of its
+//! timestamp's requests.
 
 use std::fmt;
 
@@ -12,10 +13,10 @@ use fuseline_traces::{
 
 use crate::history::History;
 
-/// What a ledger knows of an operator's configuration.
+/// The part of an operator's configuration that a ledger needs.
 #[derive(Clone, Copy, Debug)]
 pub struct OperatorConfig<'a> {
-    /// How many timestamps may be open.
+    /// The greatest number of timestamps that may be open.
     pub window: usize,
     /// The commit rule.
     pub commit: Commit,
@@ -23,7 +24,7 @@ pub struct OperatorConfig<'a> {
     pub clouds: &'a [Cloud],
 }
 
-/// A promise that a ledger checks, named as in SPEC.md. P10 takes two runs, and so no ledger shows it.
+/// A promise that a ledger checks, with its name in SPEC.md. P10 is missing because it takes two runs.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 #[expect(missing_docs, reason = "its name in SPEC.md says it, and is what it displays")]
 pub enum Promise {
@@ -43,13 +44,13 @@ pub enum Promise {
 /// A violated promise.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Violation {
-    /// Which one.
+    /// The promise.
     pub promise: Promise,
-    /// How, in words.
+    /// A description of the violation.
     pub what: String,
 }
 
-/// What was requested, what came and what was sent, over all timestamps of one operator.
+/// Records what was requested, what came and what was sent, over all timestamps of one operator.
 #[derive(Clone, PartialEq, Eq, Hash, Default, Debug)]
 pub struct Ledger {
     now: u64,
@@ -59,8 +60,11 @@ pub struct Ledger {
 }
 
 impl Ledger {
-    /// Enters an input: what fired before it, the decisions about it, and the next due instant after
-    /// it. Returns the promises that this violates; after a violation nothing that follows means much.
+    /// Records an input, and returns the promises that the machine violated.
+    ///
+    /// `fired` are the decisions of timers before the input, `own` are those about the input, and `next_due`
+    /// is the machine's next due instant afterwards, in ns. After the first violation further ones mean
+    /// little.
     pub fn enter<'a>(
         &mut self,
         terms: OperatorConfig<'_>,
@@ -73,7 +77,7 @@ impl Ledger {
         self.now = self.now.max(input.at());
         for decision in fired {
             if terms.is_progressive() && matches!(decision, Decision::Emit { .. }) {
-                // F9: it would have been sent when it came.
+                // The result would have been sent when it came (F9).
                 violate(&mut violations, Promise::P6, || format!("{decision} comes by a timer"));
             }
             self.decide(terms, decision, &mut violations);
@@ -92,40 +96,41 @@ impl Ledger {
         violations
     }
 
-    /// The greatest instant seen.
+    /// Returns the greatest instant seen, in ns.
     #[must_use]
     pub const fn now(&self) -> u64 {
         self.now
     }
 
-    /// The open timestamps with their histories, ascending.
+    /// Returns the open timestamps with their histories, ascending.
     #[must_use]
     pub fn open(&self) -> &[(u64, History)] {
         &self.open
     }
 
-    /// What is known of an open timestamp.
+    /// Returns the history of an open timestamp.
     #[must_use]
     pub fn history(&self, t: u64) -> Option<&History> {
         let index = self.open.binary_search_by_key(&t, |(open, _)| *open).ok()?;
         Some(&self.open[index].1)
     }
 
-    /// How many timers are live.
+    /// Returns the number of live timers.
     #[must_use]
     pub fn timer_count(&self) -> usize {
         self.open.iter().map(|(_, history)| history.timers().count()).sum()
     }
 
-    /// Whether `t` or a later timestamp was ever opened.
+    /// Returns `true` if `t` or a later timestamp was ever opened.
     #[must_use]
     pub fn was_reached(&self, t: u64) -> bool {
         self.newest.is_some_and(|newest| t <= newest)
     }
 
-    /// P11: the input has one outcome, of its kind, and the reason for a refusal or drop holds.
+    /// Returns `true` if the input has one outcome of its kind, and the reason of a refusal or drop holds
+    /// (P11).
     fn is_accounted(&self, terms: OperatorConfig<'_>, input: &Input, own: &[Decision]) -> bool {
-        // F7: the clouds that are pending, and never local.
+        // The pending clouds are cancelled, and never local (F7).
         let are_cancels =
             |rest: &[Decision]| rest.iter().all(|d| matches!(d, Decision::Cancel { p: 1.., .. }));
         match (input, own) {
@@ -227,7 +232,7 @@ impl Ledger {
         }
         let now = self.now;
         match *input {
-            // P1: what is opened again is no new timestamp; its second output is one too many.
+            // A timestamp that is opened again is not new; its second output is one too many (P1).
             Input::Open { t, .. } if self.was_reached(t) => {}
             Input::Open { t, deadline, .. } => {
                 self.newest = Some(t);
@@ -241,10 +246,10 @@ impl Ledger {
             }
             Input::Result { t, p, .. } => {
                 if let Some(history) = self.history_mut(t) {
-                    // P2: what its timer or a failure closed is late, too.
+                    // A result after its timer or a failure is late too (P2).
                     let is_past = history.due(p).is_some_and(|due| due <= now);
                     history.hold(p, is_past || !history.is_pending(p));
-                    // P8: what being held does to the timer.
+                    // Holding a result may end its timer (P8).
                     if p == 0 || terms.commit != Commit::Eager {
                         history.disarm(p);
                     }
@@ -260,7 +265,7 @@ impl Ledger {
         }
     }
 
-    /// Records a decision, and compares it with what is known of its timestamp.
+    /// Records a decision, and compares it with the history of its timestamp.
     fn decide(
         &mut self,
         terms: OperatorConfig<'_>,
@@ -352,7 +357,8 @@ impl Ledger {
         }
     }
 
-    /// F9: a result is sent while its timestamp stays open. What it outranks is no longer awaited.
+    /// Records that a result is sent while its timestamp stays open, and what it outranks is no longer
+    /// awaited (F9).
     fn improve(&mut self, t: u64, p: u64, violations: &mut Vec<Violation>) {
         let Some(history) = self.history_mut(t) else {
             return violate(violations, Promise::P1, || format!("{t} is forwarded, not open"));
@@ -421,7 +427,7 @@ impl Ledger {
         }
     }
 
-    /// Whether a deadline given now is over at once.
+    /// Returns `true` if a deadline given now is over at once.
     const fn is_past(&self, deadline: u64) -> bool {
         self.now.saturating_add(deadline) <= self.now
     }
@@ -442,7 +448,7 @@ impl OperatorConfig<'_> {
         self.commit == Commit::Progressive
     }
 
-    /// The registered cloud with this priority.
+    /// Returns the registered cloud with this priority.
     fn cloud(&self, p: u64) -> Option<&Cloud> {
         self.clouds.iter().find(|cloud| u64::from(cloud.p) == p)
     }
@@ -455,7 +461,7 @@ impl<'a> From<&'a Header> for OperatorConfig<'a> {
 }
 
 impl Promise {
-    /// The identifier and the short name that SPEC.md gives it.
+    /// Returns the promise's identifier and short name in SPEC.md.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -487,10 +493,10 @@ const fn is_refused_or_dropped(decision: &Decision) -> bool {
     )
 }
 
-/// The decisions after an input, parted into what fired before it and what was decided about it.
+/// Splits the decisions after an input into those of timers before it and those about the input itself.
 #[must_use]
 pub fn split<'a>(input: &Input, decisions: &'a [Decision]) -> (&'a [Decision], &'a [Decision]) {
-    // F9: under progressive a result's emit may be followed by its cancels and a final.
+    // Under progressive a result's emit may be followed by its cancels and a final (F9).
     let is_main = |decision: &Decision| match decision {
         Decision::Cancel { .. } => false,
         Decision::Final { .. } => !matches!(input, Input::Result { .. }),
@@ -500,7 +506,7 @@ pub fn split<'a>(input: &Input, decisions: &'a [Decision]) -> (&'a [Decision], &
     let is_own = match input {
         Input::Offer { .. } | Input::Result { .. } => true,
         Input::Open { .. } => matches!(decisions[last], Decision::RefuseOpen { .. }),
-        // Had a firing retired the timestamp, the failure would have been dropped after it.
+        // If a firing had retired the timestamp, the failure would have been dropped after it.
         Input::Fail { t, .. } => match decisions[last] {
             Decision::Drop { .. } => true,
             Decision::Emit { t: of, .. }

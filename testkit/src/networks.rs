@@ -1,7 +1,9 @@
-//! Recorded networks: round-trip times of a moving vehicle by the moment of sending, built in or read from CSV.
+//! Recorded networks: round-trip times of a moving vehicle by the moment of sending, built in or read from
+//! CSV.
 //!
-//! A [`Drive`] takes the time as an argument, so that a test in virtual time, a simulation and a proxy can use it. For calls on
-//! tokio it goes into `fuseline_tokio::EmulatedNetwork`, which waits; `fuseline serve --forward` puts it before a server.
+//! A [`Drive`] takes the time as an argument, so a test in virtual time, a simulation and a proxy can use it.
+//! `fuseline_tokio::EmulatedNetwork` delays calls on tokio by one, and `fuseline serve --forward` delays the
+//! requests to a server.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -10,11 +12,11 @@ use std::time::Duration;
 use fuseline_traces::rows::{TableError, TableReader};
 use thiserror::Error;
 
-/// A drive file may be this large; the recorded ones are a thousandth of it.
+/// The greatest size of a drive file. The recorded ones are a thousandth of it.
 const FILE_BYTES: u64 = 64 << 20;
-/// No round trip is longer than this; larger figures are mistaken units.
+/// The longest round trip. Greater figures are mistaken units.
 const LONGEST_MS: f64 = 86_400_000.0;
-/// No drive is longer than a year.
+/// The longest drive is a year.
 const LONGEST: Duration = Duration::from_secs(365 * 86_400);
 
 macro_rules! built_in {
@@ -35,7 +37,7 @@ const BUILT_IN: &[(&str, &str)] = built_in![
     "vnperf/highway",
 ];
 
-/// One recorded drive through one network, as round-trip times by the moment of sending.
+/// A recorded drive through one network, as round-trip times by the moment of sending.
 ///
 /// A drive that is over starts again from its beginning.
 ///
@@ -50,24 +52,24 @@ const BUILT_IN: &[(&str, &str)] = built_in![
 #[derive(Clone, PartialEq, Debug)]
 pub struct Drive {
     name: String,
-    /// Ascending, the first at 0.
+    /// The samples, ascending, the first at 0.
     samples: Vec<Sample>,
     length: Duration,
-    /// Which of the rates up and down are recorded.
+    /// `true` for each rate, up and down, that is recorded.
     has_rate: [bool; 2],
 }
 
-/// What holds for a message that was sent at `at` or later, before the next sample.
+/// The state of the network for messages sent from `at` until the next sample.
 #[derive(Clone, Copy, PartialEq, Debug)]
 struct Sample {
     at: Duration,
-    /// None: the network was unavailable.
+    /// The round trip, or `None` while the network was unavailable.
     round_trip: Option<Duration>,
-    /// Bits a second up and down; 0 where they are not recorded.
+    /// The rates up and down in bits per second; 0 if they are not recorded.
     rates: [u64; 2],
 }
 
-/// Why a drive cannot be used; the words say where.
+/// The reason why a drive cannot be used. Its message names the place.
 #[derive(Debug, Error)]
 #[expect(missing_docs, reason = "the fields are what the words say")]
 pub enum DriveError {
@@ -77,31 +79,31 @@ pub enum DriveError {
     /// The file is too long.
     #[error("{name}: more than 64 MiB; give a shorter recording")]
     TooLarge { name: String },
-    /// The file is no CSV.
+    /// The file is not CSV.
     #[error("{name}:{}: {source}; a drive is CSV with a line of column names first", source.line)]
     Csv { name: String, source: TableError },
-    /// It has no column of times.
+    /// The file has no column of times.
     #[error("{name}:1: no time column; name one `sent_ms` or `second`")]
     NoTime { name: String },
-    /// It has no such network.
+    /// The file has no such network.
     #[error("{name}:1: no column {wanted:?}; it has {found}")]
     NoColumn { name: String, wanted: String, found: String },
-    /// It has several networks, and none is named.
+    /// The file has several networks, and the name selects none.
     #[error("{name}:1: which network? write {name}:{}", .found.join(&format!(" or {name}:")))]
     ManyColumns { name: String, found: Vec<String> },
-    /// A round trip is none.
+    /// A field is not a round trip.
     #[error("{name}:{line}: {column} is {found:?}; it must be milliseconds from 0 to a day, or -1")]
     RoundTrip { name: String, line: u64, column: String, found: String },
-    /// An instant is not after the one before.
+    /// An instant is not after the previous one.
     #[error(
         "{name}:{line}: {column} is {found:?}; it must be a number greater than the line before, \
          within a year of the first"
     )]
     Time { name: String, line: u64, column: String, found: String },
-    /// It is too short.
+    /// The drive is too short.
     #[error("{name}: fewer than two rows; a drive needs at least two")]
     TooShort { name: String },
-    /// A rate is none.
+    /// A field is not a rate.
     #[error(
         "{name}:{line}: {column} is {found:?}; it must be 0, or Mbit/s from 0.001 to 1000000, and not 0 in all rows"
     )]
@@ -109,11 +111,11 @@ pub enum DriveError {
 }
 
 impl Drive {
-    /// The drive called `name`: a built-in one, else a CSV file, each with `:network` after it
-    /// where the recording has several.
+    /// Loads the drive called `name`: a built-in drive, or otherwise a CSV file. If the recording has several
+    /// networks, `:network` follows the name.
     ///
     /// # Errors
-    /// The first [`DriveError`] that holds.
+    /// Returns the first [`DriveError`] that holds.
     pub fn load(name: &str) -> Result<Self, DriveError> {
         let (file, network) = match name.rsplit_once(':') {
             Some((file, network)) if !network.contains(['/', '\\']) => (file, Some(network)),
@@ -127,7 +129,7 @@ impl Drive {
         Self::read(file, network, text)
     }
 
-    /// A network that takes no time.
+    /// Returns a network without delay.
     #[must_use]
     pub fn direct() -> Self {
         let sample = Sample { at: Duration::ZERO, round_trip: Some(Duration::ZERO), rates: [0; 2] };
@@ -135,14 +137,15 @@ impl Drive {
         Self { name, samples: vec![sample], length, has_rate: [false; 2] }
     }
 
-    /// Reads a recording: CSV with a line of column names, a time column `sent_ms` or `second`, and
-    /// one `rtt_ms`, or several `<network>_rtt_ms` of which `network` names one. `uplink_mbps` and `downlink_mbps`, with
-    /// the same prefix, are the rates of the link. Other columns are ignored.
+    /// Reads a recording from CSV. `file` names it in errors.
     ///
-    /// `file` is the name in errors.
+    /// The first line names the columns: a time column, `sent_ms` or `second`, and `rtt_ms`, or several
+    /// `<network>_rtt_ms` from which `network` selects one. A round trip of −1 means that the network was
+    /// unavailable. `uplink_mbps` and `downlink_mbps`, with the same prefix, are the rates of the link in
+    /// Mbit/s. Other columns are ignored.
     ///
     /// # Errors
-    /// The first [`DriveError`] that holds.
+    /// Returns the first [`DriveError`] that holds.
     pub fn read(file: &str, network: Option<&str>, text: impl Read) -> Result<Self, DriveError> {
         let owned = || file.to_owned();
         let fault = |source| csv_error(file, source);
@@ -205,19 +208,21 @@ impl Drive {
         Ok(Self { name, samples, length, has_rate: rates.map(|rate| rate.is_some()) })
     }
 
-    /// From when on which round trip holds, if there is one: until the next, or the drive's end.
+    /// Returns the samples: the moment from which on each holds, and its round trip, or `None` while the
+    /// network was unavailable.
     #[must_use]
     pub fn samples(&self) -> impl ExactSizeIterator<Item = (Duration, Option<Duration>)> {
         self.samples.iter().map(|sample| (sample.at, sample.round_trip))
     }
 
-    /// Whether a rate of the link, up or down, is recorded.
+    /// Returns `true` if a rate of the link, up or down, is recorded.
     #[must_use]
     pub const fn has_rates(&self) -> bool {
         self.has_rate[0] || self.has_rate[1]
     }
 
-    /// What the link carries one way at `moment`, in bits a second, and for how long; none if it is not recorded.
+    /// Returns the link's rate one way at `moment`, in bits per second, and how long it lasts, or `None` if
+    /// it is not recorded.
     #[must_use]
     pub fn rate(&self, way: usize, moment: Duration) -> Option<(u64, Duration)> {
         self.has_rate[way].then(|| {
@@ -228,19 +233,19 @@ impl Drive {
         })
     }
 
-    /// How long the drive is before it starts again.
+    /// Returns the length of the drive, after which it starts again.
     #[must_use]
     pub const fn length(&self) -> Duration {
         self.length
     }
 
-    /// The drive's name, the network included.
+    /// Returns the drive's name, with the network.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// For how much of the drive a round trip is shorter than so many seconds.
+    /// Returns the share of the drive, from 0 to 1, in which the round trip is shorter than `seconds`.
     #[must_use]
     pub fn share_below(&self, seconds: f64) -> f64 {
         let ends = self.samples.iter().skip(1).map(|sample| sample.at).chain([self.length]);
@@ -251,11 +256,11 @@ impl Drive {
         short.as_secs_f64() / self.length.as_secs_f64()
     }
 
-    /// How long after `moment` (since the drive's beginning) a message sent then is back; none if
-    /// never.
+    /// Returns the delay after which a message sent at `moment` (since the drive's beginning) is back, or
+    /// `None` if it never is.
     ///
-    /// It is the round trip of the latest sample at that moment. While the network was unavailable
-    /// (`-1`) a message waits until a sample has one again and then takes that sample's round trip.
+    /// The delay is the round trip of the latest sample at that moment. While the network was unavailable
+    /// (`-1`), a message waits until a sample has a round trip again, and then takes that one as well.
     #[must_use]
     pub fn round_trip(&self, moment: Duration) -> Option<Duration> {
         let within = nanos(moment.as_nanos() % self.length.as_nanos());
@@ -273,7 +278,7 @@ impl Drive {
     }
 }
 
-/// The names of the built-in drives.
+/// Returns the names of the built-in drives.
 pub fn built_in() -> impl Iterator<Item = &'static str> {
     BUILT_IN.iter().map(|(name, _)| *name)
 }
@@ -283,7 +288,7 @@ fn names() -> String {
     names.join(", ")
 }
 
-/// The column of `network`, or the only one there is.
+/// Returns the column of `network`, or the only one that there is.
 fn find_network(
     file: &str,
     network: Option<&str>,
@@ -311,26 +316,26 @@ fn find_network(
     .ok_or_else(|| DriveError::NoColumn {
         name: file.to_owned(),
         wanted: network.map_or_else(|| "rtt_ms".to_owned(), |network| format!("{network}_rtt_ms")),
-        // In one line, whatever the columns are called.
+        // The list is on one line, whatever the columns are called.
         found: columns.iter().collect::<Vec<_>>().join(", ").escape_debug().to_string(),
     })
 }
 
-/// The columns of the link's rates beside that of a network's round trips.
+/// Returns the columns of the link's rates beside that of a network's round trips.
 fn find_rates(round_trip: &str, columns: &csv::StringRecord) -> [Option<usize>; 2] {
     let prefix = round_trip.strip_suffix("rtt_ms").unwrap_or_default();
     ["uplink_mbps", "downlink_mbps"]
         .map(|name| columns.iter().position(|column| column.strip_prefix(prefix) == Some(name)))
 }
 
-/// Mbit/s in bits a second.
+/// Converts Mbit/s to bits per second.
 fn parse_rate(field: &str) -> Option<u64> {
     let mbits: f64 = field.parse().ok()?;
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the range")]
     (mbits == 0.0 || (0.001..=1e6).contains(&mbits)).then(|| (mbits * 1e6).round() as u64)
 }
 
-/// Milliseconds; −1 is no network.
+/// Converts milliseconds to a round trip; −1 means that there is no network.
 fn parse_round_trip(field: &str) -> Result<Option<Duration>, NotMillis> {
     match field.parse() {
         Ok(-1.0) => Ok(None),
@@ -344,12 +349,12 @@ fn parse_round_trip(field: &str) -> Result<Option<Duration>, NotMillis> {
 /// A field is neither a round trip nor −1.
 struct NotMillis;
 
-/// A remainder of a length in nanoseconds; both fit 584 years.
+/// Converts a remainder of a length in nanoseconds; both are within 584 years.
 fn nanos(nanos: u128) -> Duration {
     Duration::from_nanos(u64::try_from(nanos).unwrap_or(u64::MAX))
 }
 
-/// Whether an error is the end that [`SizeLimit`] made.
+/// Converts an error, which may be the end that [`SizeLimit`] made.
 fn csv_error(file: &str, source: TableError) -> DriveError {
     let name = file.to_owned();
     match source.source.kind() {

@@ -1,4 +1,4 @@
-//! A configuration and what happens to its operator.
+//! A configuration and the inputs to its operator.
 
 use std::convert::Infallible;
 use std::fmt;
@@ -8,9 +8,9 @@ use fuseline_traces::{Event, Events, Header, Input, ReadError, Reference};
 
 use crate::shrink::shrink;
 
-/// A configuration and what happens to its operator.
+/// A configuration and the inputs to its operator.
 ///
-/// Its debug form is the conforming trace, so that a failure can go into the corpus as it is printed.
+/// Its debug form is the conforming trace, so a failure can go into the corpus as it is printed.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Run {
     /// The configuration.
@@ -20,10 +20,10 @@ pub struct Run {
 }
 
 impl Run {
-    /// Reads a header and inputs; decisions are left out. Errors call the text `name`.
+    /// Reads a header and inputs, and skips decisions. `name` names the text in errors.
     ///
     /// # Errors
-    /// The text is not a trace, or cannot be read.
+    /// Returns a [`ReadError`] if the text is not a trace or cannot be read.
     pub fn read(name: &str, text: impl BufRead) -> Result<Self, ReadError> {
         let mut reader = Events::new(name, text)?;
         let (header, mut inputs) = (reader.header().clone(), Vec::new());
@@ -35,7 +35,7 @@ impl Run {
         Ok(Self { header, inputs })
     }
 
-    /// Appends the header and the inputs, a line each.
+    /// Appends the header and the inputs, one on each line.
     pub fn write(&self, out: &mut Vec<u8>) {
         self.header.write(out);
         out.push(b'\n');
@@ -45,8 +45,8 @@ impl Run {
         }
     }
 
-    /// The run without any input that can be left out while `fault` still finds something, and what
-    /// it finds then; nothing if it finds nothing in the whole run.
+    /// Returns the shortest run that was found in which `fault` still finds something, and what it finds
+    /// there. Returns `None` if it finds nothing in the whole run.
     pub fn shortened<T>(&self, fault: impl Fn(&Self) -> Option<T>) -> Option<(Self, T)> {
         let mut found = fault(self)?;
         let Ok(shortest) = shrink(

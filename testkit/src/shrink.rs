@@ -1,15 +1,15 @@
-//! Makes what fails smaller while it still fails.
+//! Makes a failing case smaller while it still fails.
 
 use std::ops::Range;
 
 use crate::run::Run;
 
-/// Something with steps, some of which can be left out.
+/// A case with steps, some of which can be left out.
 pub trait Steps: Clone {
-    /// How many there are.
+    /// Returns the number of steps.
     fn count(&self) -> usize;
 
-    /// Leaves these out.
+    /// Removes these steps.
     fn remove(&mut self, steps: Range<usize>);
 }
 
@@ -33,19 +33,26 @@ impl Steps for Run {
     }
 }
 
-/// Makes one thing simpler. What it wants to change may be gone by then, which must do no harm.
+/// Makes one part of a case simpler. If that part is gone by then, it must change nothing.
 pub type Simplification<T> = Box<dyn Fn(&mut T)>;
 
-/// The smallest subject that was found of which `fails` is true; of `subject` it is.
+/// Returns the smallest case that was found for which `fails` returns `true`; it must return `true` for
+/// `subject`.
 ///
-/// Delta debugging: stretches of steps are left out, half of them first, then shorter ones down to single steps. After that
-/// each of the `simplifications` of what is left is tried. All of this goes on until no single step can be left out any more
-/// and no simplification is possible. No simplification may undo another, or there is no end.
+/// This is delta debugging. It removes stretches of steps, first half of them, then shorter stretches down to
+/// single steps. Then it tries each of the `simplifications` of what is left. It repeats both until no single
+/// step can be removed and no simplification is possible. No simplification may undo another one, or the
+/// search never ends.
 ///
-/// `fails` may give up at some time: it answers false from then on.
+/// `fails` may give up at some point: it then returns `false` from there on.
+///
+/// ```
+/// let fails = |steps: &Vec<u8>| Ok::<_, ()>(steps.contains(&7));
+/// assert_eq!(fuseline_testkit::shrink(vec![1, 7, 3], |_| Vec::new(), fails), Ok(vec![7]));
+/// ```
 ///
 /// # Errors
-/// The first error of `fails`.
+/// Returns the first error of `fails`.
 pub fn shrink<T: Steps + PartialEq, E>(
     mut subject: T,
     simplifications: impl Fn(&T) -> Vec<Simplification<T>>,
@@ -60,7 +67,7 @@ pub fn shrink<T: Steps + PartialEq, E>(
     }
 }
 
-/// Leaves out stretches of steps; whether it could.
+/// Removes stretches of steps. Returns `true` if it removed any.
 fn remove<T: Steps, E>(
     subject: &mut T,
     mut fails: impl FnMut(&T) -> Result<bool, E>,
@@ -83,7 +90,7 @@ fn remove<T: Steps, E>(
     Ok(subject.count() < before)
 }
 
-/// Tries each simplification on what the ones before it left; whether any was possible.
+/// Tries each simplification on what the earlier ones left. Returns `true` if any was possible.
 fn simplify<T: Steps + PartialEq, E>(
     subject: &mut T,
     simplifications: impl Fn(&T) -> Vec<Simplification<T>>,

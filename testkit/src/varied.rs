@@ -1,8 +1,6 @@
 //! The second generator: runs at many scales of time, with long chains, full windows and numbers that alias.
 //!
-//! [`Generator`](crate::Generator) is the first; its seeds keep their runs. What this one adds is what an implementation in
-//! another language gets wrong: clocks of 32 bits, rounded milliseconds, numbers in a double, sets of a fixed size, state that
-//! outlives its run.
+//! [`Generator`](crate::Generator) is the first; its seeds keep their runs. This one adds what an implementation in another language gets wrong: clocks of 32 bits, rounded milliseconds, numbers in a double, sets of a fixed size, and state that outlives its run.
 
 use fuseline_traces::{Commit, Decision, Header, Input};
 
@@ -20,27 +18,27 @@ mod time;
 
 use time::TimeScale;
 
-/// So many runs in a row have headers that are equal or differ in one thing.
+/// This many runs in a row have headers that are equal or differ in one thing.
 const FAMILY: u64 = 4;
-/// One family in so many begins with a run that fills a window, and another one with a long run.
+/// One family in this many begins with a run that fills a window, and another one with a long run.
 const HEAVY: u64 = 12;
-/// One family in so many begins with a run of more than 65,536 inputs.
+/// One family in this many begins with a run of more than 65,536 inputs.
 const GIANT: u64 = 1_024;
-/// Keeps the streams apart from those of the first generator.
+/// Separates the streams from those of the first generator.
 const SALT: u64 = 0x7661_7269_6564_0002;
 
-/// What all runs of the second generator have in common.
+/// Generates varied runs from a seed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct VariedGenerator {
-    /// The seed: another one makes other runs.
+    /// The seed. Another seed gives other runs.
     pub seed: u64,
-    /// The commit rule, if it is to be but one.
+    /// The commit rule, or `None` for all of them.
     pub commit: Option<Commit>,
-    /// The most clouds that a run registers, up to 15.
+    /// The greatest number of clouds in a run, up to 15.
     pub clouds: u8,
 }
 
-/// What a run is mainly made of.
+/// The main content of a run.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum RunKind {
     /// Every kind of step.
@@ -51,12 +49,12 @@ enum RunKind {
     Long,
     /// Thousands of inputs while a gate is shut.
     Shut,
-    /// More inputs than 16 bits count.
+    /// More inputs than 16 bits can count.
     Giant,
 }
 
 impl RunKind {
-    /// The kind of a family's first run; the others are mixed.
+    /// Returns the kind of a family's first run; the others are mixed.
     const fn of_family(family: u64) -> Self {
         if family % GIANT == GIANT - 1 {
             return Self::Giant;
@@ -71,7 +69,7 @@ impl RunKind {
 }
 
 impl VariedGenerator {
-    /// The run with this number, always the same.
+    /// Returns the run with this number, which is always the same.
     #[must_use]
     pub fn run(&self, number: u64) -> Run {
         let is_first = number.is_multiple_of(FAMILY);
@@ -103,17 +101,17 @@ impl VariedGenerator {
     }
 }
 
-/// Makes inputs, with the reference machine to know where the edges are.
+/// Generates inputs, with the reference machine to know where the edges are.
 struct RunWriter<'a> {
     header: &'a Header,
     context: RunContext,
     draw: Draw,
     time: TimeScale,
     inputs: Vec<Input>,
-    /// Timestamps that an open was tried for.
+    /// The timestamps for which an open was tried.
     tried: Vec<u64>,
     next_t: u64,
-    /// Whether clock and counter keep away from their ends, where nothing more happens.
+    /// `true` if the clock and the counter stay away from their ends, where nothing more happens.
     is_long: bool,
 }
 
@@ -126,7 +124,7 @@ impl<'a> RunWriter<'a> {
         Self { header, context, draw, time, inputs, tried, next_t, is_long }
     }
 
-    /// For a long run: neither clock nor counter ends, or nothing more would happen.
+    /// Keeps the clock and the counter of a long run away from their ends, where nothing more happens.
     fn keep_away_from_ends(&mut self) {
         self.is_long = true;
         self.next_t = self.next_t.min((1 << 63) - 8);
@@ -139,7 +137,7 @@ impl<'a> RunWriter<'a> {
         }
     }
 
-    /// The clock; before the first input the instant at which the run begins.
+    /// Returns the clock, or before the first input the instant at which the run begins.
     fn now(&self) -> u64 {
         self.context.now().max(self.time.start)
     }
@@ -147,7 +145,7 @@ impl<'a> RunWriter<'a> {
     fn push(&mut self, input: Input) {
         self.inputs.push(input);
         let step = self.context.apply(&input);
-        // A wrong machine might answer a second time: repeat what was just decided.
+        // A wrong machine might answer a second time, so this repeats the last decision's input.
         let ended = step.own.iter().chain(&step.fired).find_map(|(decision, _)| match decision {
             Decision::Emit { t, p, .. } => Some((*t, *p)),
             _ => None,
@@ -157,7 +155,7 @@ impl<'a> RunWriter<'a> {
         }
     }
 
-    /// A result or a failure, without more.
+    /// Gives a result or a failure, and nothing else.
     fn give(&mut self, at: u64, t: u64, p: u64) {
         let is_failure = self.draw.one_in(3);
         let input = if is_failure { Input::Fail { at, t, p } } else { Input::Result { at, t, p } };

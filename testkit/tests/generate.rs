@@ -4,14 +4,14 @@ use fuseline_traces::{Commit, Input};
 const GENERATOR: Generator = Generator { seed: 1, commit: None, clouds: 4 };
 
 #[test]
-fn a_number_always_makes_the_same_run_and_another_one_makes_another() {
+fn same_number_makes_the_same_run() {
     assert_eq!(GENERATOR.run(17), GENERATOR.run(17));
     assert_ne!(GENERATOR.run(17), GENERATOR.run(18));
     assert_ne!(GENERATOR.run(17), Generator { seed: 2, ..GENERATOR }.run(17));
 }
 
 #[test]
-fn a_generator_of_one_commit_rule_and_two_clouds_makes_no_others() {
+fn generator_keeps_to_its_rule_and_clouds() {
     let generator = Generator { commit: Some(Commit::Patient), clouds: 2, ..GENERATOR };
     let headers = || (0..100).map(|number| generator.run(number).header);
     assert!(headers().all(|header| header.commit == Commit::Patient));
@@ -34,7 +34,7 @@ fn a_run_is_read_as_it_was_written() {
 }
 
 #[test]
-fn a_shortened_run_keeps_what_the_fault_needs_and_no_more() {
+fn shortened_run_keeps_only_what_the_fault_needs() {
     let run = GENERATOR.run(25);
     let opens = |run: &Run| run.inputs.iter().filter(|i| matches!(i, Input::Open { .. })).count();
     assert!(opens(&run) > 3);
@@ -45,7 +45,7 @@ fn a_shortened_run_keeps_what_the_fault_needs_and_no_more() {
 }
 
 #[test]
-fn a_flood_fills_the_greatest_window_and_hundreds_leave_it_again_and_again() {
+fn floods_fill_and_refill_the_greatest_window() {
     let run = GENERATOR.run(125);
     let mut context = RunContext::new(&run.header);
     let (mut fills, mut least) = (0, 0);
@@ -53,7 +53,7 @@ fn a_flood_fills_the_greatest_window_and_hundreds_leave_it_again_and_again() {
         context.apply(input);
         let open = context.open().len();
         least = open.min(least);
-        // Full, after fewer by a hundred.
+        // The window is full, and at least a hundred fewer were open before.
         if open == 1024 && least + 100 < open {
             fills += 1;
             least = open;

@@ -1,4 +1,4 @@
-//! Drives that are read, refused and followed.
+//! Tests reading, refusing and following drives.
 
 use std::time::Duration;
 use std::{fs, io};
@@ -47,12 +47,12 @@ fn a_drive_starts_again_after_its_last_sample() {
 }
 
 #[test]
-fn without_network_a_message_waits_for_the_next_sample_that_has_one() {
+fn waits_for_the_next_sample_with_a_network() {
     let drive = read(GAP).unwrap();
     assert_eq!(drive.round_trip(ms(999)), Some(ms(100)));
     assert_eq!(drive.round_trip(ms(1000)), Some(ms(2050)));
     assert_eq!(drive.round_trip(ms(2900)), Some(ms(150)));
-    // The last row's wait goes on into the next lap.
+    // The wait of the last row continues into the next lap.
     assert_eq!(drive.round_trip(ms(4400)), Some(ms(700)));
 }
 
@@ -115,7 +115,7 @@ fn an_endless_recording_is_refused() {
 }
 
 #[test]
-fn the_default_drives_lose_their_networks_apart_and_together() {
+fn default_drives_lose_networks_apart_and_together() {
     let west = Drive::load("cicv5g/rural_n8_v10").unwrap();
     let east = Drive::load("vnperf/highway:sprint").unwrap();
     let lost = |drive: &Drive, start, at: u64| {

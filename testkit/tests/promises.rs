@@ -1,20 +1,20 @@
-//! Each promise is violated when a machine breaks it; the wrong decisions are made up here.
+//! Checks that each promise is violated when a machine breaks it. The wrong decisions are invented here.
 
 use fuseline_testkit::{Ledger, OperatorConfig, Promise, split};
 use fuseline_traces::{
     Cloud, Commit, Decision, DropReason, Header, Input, OfferRefusal, OpenRefusal, Reference,
 };
 
-/// The ledger of an operator whose decisions are given.
+/// The ledger of an operator whose decisions are invented.
 struct FaultyOperator {
     header: Header,
     ledger: Ledger,
-    /// True answers come from it; wrong ones do not reach it.
+    /// Gives the true answers. It never sees the wrong ones.
     reference: Reference,
 }
 
 impl FaultyOperator {
-    /// An operator with clouds 2 and 5.
+    /// Creates an operator with the clouds 2 and 5.
     fn new(commit: Commit) -> Self {
         let cloud = |p| Cloud { p, name: None, limit: 1, resume: 0 };
         let clouds = vec![cloud(2), cloud(5)];
@@ -23,7 +23,7 @@ impl FaultyOperator {
         Self { header, ledger: Ledger::default(), reference }
     }
 
-    /// Opens 0 without a limit at 0 and requests it of 5, due at 3.
+    /// Opens timestamp 0 at 0 without a deadline, and requests it of cloud 5, due at 3.
     fn with_request(commit: Commit) -> Self {
         let mut liar = Self::new(commit);
         liar.honest(&Input::Open { at: 0, t: 0, deadline: None });
@@ -31,7 +31,7 @@ impl FaultyOperator {
         liar
     }
 
-    /// Enters an input with the true answer, which violates nothing.
+    /// Records an input with the true answer, which violates nothing.
     fn honest(&mut self, input: &Input) {
         let mut demands = Vec::new();
         self.reference.apply(input, &mut demands);
@@ -41,12 +41,12 @@ impl FaultyOperator {
         assert!(violations.is_empty(), "{violations:?}");
     }
 
-    /// Enters an input with this for an answer.
+    /// Records an input with this answer.
     fn lie(&mut self, input: &Input, own: &[Decision]) -> Vec<Promise> {
         self.enter(input, &[], own)
     }
 
-    /// Enters a tick after which these decisions are made by timers.
+    /// Records a tick after which timers make these decisions.
     fn fire(&mut self, at: u64, decisions: &[Decision]) -> Vec<Promise> {
         self.enter(&Input::Tick { at }, decisions, &[])
     }
@@ -73,7 +73,7 @@ fn a_second_output_breaks_p1() {
 }
 
 #[test]
-fn forwarding_at_the_due_instant_breaks_p2_and_before_it_does_not() {
+fn forwarding_at_due_breaks_p2_and_before_does_not() {
     for (at, breaks) in [(2, false), (3, true)] {
         let mut liar = FaultyOperator::with_request(Commit::Eager);
         let emit = [Decision::Emit { at, t: 0, p: 5 }];
@@ -107,7 +107,7 @@ fn holding_the_best_breaks_p4() {
 }
 
 #[test]
-fn missing_or_keeping_local_beyond_the_latest_due_instant_breaks_p5() {
+fn missing_or_delaying_local_breaks_p5() {
     let mut liar = FaultyOperator::with_request(Commit::Eager);
     liar.honest(&Input::Result { at: 1, t: 0, p: 0 });
     let timer = Decision::Timer { at: 3, t: 0, p: 5 };
@@ -154,10 +154,10 @@ fn outliving_the_limit_breaks_p7() {
 fn a_timer_that_is_not_owed_or_not_kept_breaks_p8() {
     let mut liar = FaultyOperator::with_request(Commit::Patient);
     liar.honest(&Input::Offer { at: 0, t: 0, p: 2, deadline: 2, backlog: 0 });
-    // Patient: a held result owes no timer, and the machine keeps it.
+    // Under patient a held result must have no timer, and this machine keeps it.
     let hold = [Decision::Hold { at: 1, t: 0, p: 2 }];
     assert!(liar.lie(&Input::Result { at: 1, t: 0, p: 2 }, &hold).contains(&Promise::P8));
-    // Early.
+    // Too early.
     let mut liar = FaultyOperator::with_request(Commit::Eager);
     assert!(liar.fire(2, &[Decision::Timer { at: 2, t: 0, p: 5 }]).contains(&Promise::P8));
     // Overdue.
@@ -173,7 +173,7 @@ fn an_open_beyond_the_window_breaks_p9() {
 }
 
 #[test]
-fn no_outcome_two_outcomes_and_a_false_reason_break_p11() {
+fn wrong_count_or_reason_of_outcomes_breaks_p11() {
     let result = Input::Result { at: 1, t: 0, p: 5 };
     let hold = Decision::Hold { at: 1, t: 0, p: 5 };
     let drop = |why| Decision::Drop { at: 1, t: 0, p: 5, why };
@@ -211,7 +211,7 @@ fn outliving_local_and_the_requests_breaks_p12() {
     let mut liar = FaultyOperator::with_request(Commit::Eager);
     assert!(!liar.fire(3, &[timer(3, 5)]).contains(&Promise::P12));
     assert!(liar.lie(&Input::Fail { at: 4, t: 0, p: 0 }, &[]).contains(&Promise::P12));
-    // Local's result came, and it is missed.
+    // Local's result came, and the timestamp is missed.
     let mut liar = FaultyOperator::with_request(Commit::Eager);
     liar.honest(&Input::Result { at: 1, t: 0, p: 0 });
     let missed = [timer(3, 5), Decision::Miss { at: 3, t: 0 }];
@@ -219,7 +219,7 @@ fn outliving_local_and_the_requests_breaks_p12() {
 }
 
 #[test]
-fn a_failed_request_binds_p12_until_its_due_instant_and_a_deadline_of_local_does_not() {
+fn failed_request_binds_p12_but_local_deadline_not() {
     let mut liar = FaultyOperator::new(Commit::Eager);
     liar.honest(&Input::Open { at: 0, t: 0, deadline: Some(9) });
     liar.honest(&Input::Offer { at: 0, t: 0, p: 5, deadline: 3, backlog: 0 });
@@ -250,7 +250,7 @@ fn a_miss_while_a_result_may_still_come_breaks_p7() {
 }
 
 #[test]
-fn a_timestamp_that_outlives_its_latest_due_instant_breaks_p7() {
+fn outliving_the_latest_due_instant_breaks_p7() {
     let mut liar = FaultyOperator::new(Commit::Eager);
     liar.honest(&Input::Open { at: 0, t: 0, deadline: Some(2) });
     liar.honest(&Input::Offer { at: 0, t: 0, p: 5, deadline: 3, backlog: 0 });

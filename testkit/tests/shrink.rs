@@ -18,7 +18,7 @@ fn shrunk<T: Steps + PartialEq>(
 }
 
 #[test]
-fn what_is_needed_stays_wherever_it_is_and_nothing_else() {
+fn keeps_needed_steps_wherever_they_are() {
     for needed in [vec![0], vec![99], vec![3, 4], vec![0, 50, 99], (20..40).collect(), vec![]] {
         let fails = |steps: &Vec<u8>| needed.iter().all(|step| steps.contains(step));
         assert_eq!(shrunk((0..100).collect(), none, fails), needed);
@@ -26,8 +26,8 @@ fn what_is_needed_stays_wherever_it_is_and_nothing_else() {
 }
 
 #[test]
-fn a_step_that_is_not_needed_once_another_is_gone_is_left_out_too() {
-    // While there is a `b` there must be an `a`, which is tried before it.
+fn removes_steps_that_removals_make_needless() {
+    // While there is a `b`, there must be an `a`, which is tried before it.
     let fails = |steps: &Vec<char>| {
         let has = |step| steps.contains(&step);
         has('x') && has('y') && (has('a') || !has('b'))
@@ -47,11 +47,11 @@ fn each_step_is_as_simple_as_it_can_be() {
 }
 
 #[test]
-fn a_simplification_that_makes_steps_needless_is_followed_by_their_removal() {
+fn removes_steps_that_simplifications_make_needless() {
     let simplified = |_: &Vec<u8>| -> Vec<Simplification<Vec<u8>>> {
         vec![Box::new(|steps| steps.iter_mut().for_each(|step| *step = 0))]
     };
-    // While there is a 9, all three must be there.
+    // While there is a 9, all three must be present.
     let fails = |steps: &Vec<u8>| {
         if steps.contains(&9) { steps.len() == 3 } else { !steps.is_empty() }
     };
@@ -65,7 +65,7 @@ fn what_gives_up_or_errs_ends_the_search() {
         tries += 1;
         Ok::<_, Infallible>(tries <= 2 && steps.contains(&99))
     });
-    // Half of them, then half of what was left.
+    // Half of them is removed, then half of what is left.
     assert_eq!(last, Ok((50..100).collect()));
     let mut tries = 0;
     let stopped = shrink(vec![1, 2, 3], none, |_: &Vec<u8>| {

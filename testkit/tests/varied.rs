@@ -1,4 +1,4 @@
-//! Runs of the second generator.
+//! Tests the runs of the second generator.
 
 use std::collections::BTreeSet;
 
@@ -123,7 +123,7 @@ fn varied_clocks_step_by_nanoseconds_and_by_hours() {
             now = now.max(at);
         }
     }
-    // An hour takes 42 bits.
+    // An hour in ns takes 42 bits.
     for steps in [forward, back] {
         assert!((0..=42).all(|bits| steps.contains(&bits)) && steps.contains(&63), "{steps:?}");
     }

@@ -1,4 +1,4 @@
-//! Runs with many clouds and unusual numbers.
+//! Tests runs with many clouds and unusual numbers.
 
 use fuseline_testkit::{Generator, Run, RunContext};
 
@@ -16,7 +16,7 @@ fn a_number_always_makes_the_same_wide_run() {
 }
 
 #[test]
-fn wide_runs_have_each_count_of_clouds_and_neighbours_to_the_greatest() {
+fn wide_runs_have_every_count_and_neighbours() {
     let counts: std::collections::BTreeSet<usize> =
         runs().map(|run| run.header.clouds.len()).collect();
     assert!(counts.into_iter().eq(1..=15));
@@ -40,7 +40,7 @@ fn no_two_clouds_of_a_wide_run_have_one_priority() {
 }
 
 #[test]
-fn one_wide_run_in_sixteen_is_long_and_requests_are_made_to_its_end() {
+fn long_wide_runs_make_requests_to_the_end() {
     let longs = runs().filter(|run| run.inputs.len() > 1_000);
     let requests_late = |run: Run| {
         let (mut context, mut count) = (RunContext::new(&run.header), 0);

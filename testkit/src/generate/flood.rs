@@ -4,15 +4,15 @@ use fuseline_traces::{Header, Input};
 
 use super::InputGenerator;
 
-/// How many leave a full window before it is filled again.
+/// The number of timestamps that leave a full window before it is filled again.
 const LEAVING: usize = 200;
 
-/// Which of the open timestamps leave a full window.
+/// The open timestamps that leave a full window.
 #[derive(Clone, Copy)]
 pub(super) enum DepartureOrder {
     Newest,
     Oldest,
-    /// Every other one.
+    /// Every second one.
     Alternate,
     Any,
 }
@@ -36,7 +36,7 @@ impl InputGenerator {
         }
     }
 
-    /// Fills the window, lets many leave it and fills it again, so that what they had is used again.
+    /// Fills the window, lets many timestamps leave it, and fills it again, so that their places are reused.
     pub(super) fn refill(&mut self, leaving: DepartureOrder, header: &Header) {
         let room = self.context.window().saturating_sub(self.context.open().len());
         self.flood(room as u64, header);
@@ -55,7 +55,7 @@ impl InputGenerator {
         }
         self.flood(open.len() as u64 + 1, header);
         if self.draw.one_in(2) {
-            // Of those that wait some are retired by their timers.
+            // Some of those that wait are retired by their timers.
             let at = self.context.next_due().unwrap_or(self.context.now());
             self.push(Input::Tick { at });
         }

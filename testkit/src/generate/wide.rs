@@ -1,8 +1,7 @@
 //! Runs with many clouds, any priorities and many inputs.
 //!
-//! What the other runs seldom reach: priorities whose order differs from that of their digits or
-//! their bytes, more pending sources than a few, gates that only a refusal could have moved, and
-//! states that are old.
+//! They reach what other runs seldom do: priorities whose order differs from that of their digits or bytes,
+//! many pending sources, gates that only a refusal could have changed, and old states.
 
 use fuseline_traces::{Cloud, Commit, Header, Input};
 
@@ -10,17 +9,17 @@ use super::{Generator, InputGenerator};
 use crate::draw::Draw;
 use crate::run::Run;
 
-/// One run in so many is long.
+/// One run in this many is long.
 const LONGS: u64 = 16;
-/// One step in so many checks whether a refusal moved a gate.
+/// One step in this many checks whether a refusal changed a gate.
 const PROBES: u64 = 8;
-/// Where neighbouring priorities begin: their digits or bytes change there.
+/// The starts of neighbouring priorities whose digits or bytes change.
 const EDGES: [u64; 7] = [1, 6, 95, 250, 995, 9_995, 32_761];
-/// Priorities of each length.
+/// The ranges of priorities of each length.
 const LENGTHS: [(u64, u64); 5] = [(1, 9), (10, 99), (100, 999), (1_000, 9_999), (10_000, 65_535)];
 
 impl Generator {
-    /// The wide run with this number, always the same.
+    /// Returns the wide run with this number, which is always the same.
     #[must_use]
     pub fn wide(&self, number: u64) -> Run {
         let mut draw = Draw::new(!self.seed, number);
@@ -57,7 +56,7 @@ impl Generator {
     }
 }
 
-/// So many different priorities: neighbours, any, or of all lengths.
+/// Returns `count` different priorities: neighbours, any, or of all lengths.
 fn priorities(draw: &mut Draw, count: u64) -> Vec<u16> {
     let top = u64::from(u16::MAX);
     if draw.one_in(2) {
@@ -78,8 +77,10 @@ fn priorities(draw: &mut Draw, count: u64) -> Vec<u16> {
 }
 
 impl InputGenerator {
-    /// A gate comes last (F2): an offer that is refused for another reason must not move it. So
-    /// one is refused that would shut or open it, and the next one shows how it stands.
+    /// Checks that an offer that is refused for another reason does not change a gate, which comes last (F2).
+    ///
+    /// The first offer, which would shut or open the gate, is refused for another reason. The next one shows
+    /// the gate's state.
     fn probe_gate(&mut self, header: &Header) {
         let index = self.draw.index(header.clouds.len());
         let Some(cloud) = header.clouds.get(index) else { return };

@@ -4,12 +4,12 @@ use fuseline_traces::Input;
 
 use super::RunWriter;
 
-/// Which of the open timestamps leave a full window.
+/// The open timestamps that leave a full window.
 #[derive(Clone, Copy)]
 enum LeavingOrder {
     Newest,
     Oldest,
-    /// Every other one.
+    /// Every second one.
     Alternate,
     Any,
 }
@@ -18,7 +18,7 @@ impl RunWriter<'_> {
     /// Opens timestamps at one instant, some with an offer, so that many are due together.
     pub(super) fn flood(&mut self, count: u64) {
         let spans = [0; 4].map(|_| self.tenths(20, 90).max(1));
-        // With many timers for each, or with few.
+        // Each timestamp has many timers, or few.
         let is_dense = self.draw.one_in(3);
         for _ in 0..count {
             let (at, t) = (self.now(), self.next_t);
@@ -39,11 +39,11 @@ impl RunWriter<'_> {
         }
     }
 
-    /// Fills the window and goes two beyond.
+    /// Fills the window and tries two more.
     fn fill(&mut self) {
         let room = self.context.window().saturating_sub(self.context.open().len());
         self.flood(room as u64);
-        // A flood ends some at once.
+        // A flood ends some timestamps at once.
         while self.context.open().len() < self.context.window() && self.next_t < u64::MAX {
             let (at, t) = (self.now(), self.next_t);
             self.open(at, t, None);
@@ -54,8 +54,8 @@ impl RunWriter<'_> {
         }
     }
 
-    /// Fills the window, lets some leave it and fills it again, so that what they had is used again; then lets many timers
-    /// fire at once.
+    /// Fills the window, lets some timestamps leave it, and fills it again, so that their places are reused.
+    /// Then lets many timers fire at once.
     pub(super) fn fill_and_refill(&mut self) {
         self.fill();
         let window = self.context.window();
@@ -98,7 +98,7 @@ impl RunWriter<'_> {
         }
     }
 
-    /// Lets so many messages come and be answered, and then all kinds of steps.
+    /// Gives messages with results until there are this many inputs, and then all kinds of steps.
     pub(super) fn pass_many(&mut self, inputs: usize) {
         while self.inputs.len() < inputs {
             self.make_room();

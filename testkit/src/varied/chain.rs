@@ -4,21 +4,21 @@ use fuseline_traces::Input;
 
 use super::RunWriter;
 
-/// How a chain ends.
+/// The end of a chain.
 #[derive(Clone, Copy)]
 enum ChainEnd {
-    /// The rest fails.
+    /// The other requests fail.
     Failures,
     /// The next timer fires, or the last one.
     NextTimer,
     AllTimers,
-    /// It goes on with later steps.
+    /// The chain continues with later steps.
     Open,
 }
 
 impl RunWriter<'_> {
-    /// Opens a message, offers it to nearly all clouds, and lets results come by ascending priority, so that they are held or
-    /// rise; or in any order.
+    /// Opens a message, offers it to nearly all clouds, and gives results in ascending priority, so that they
+    /// are held or rise, or in any order.
     pub(super) fn chain(&mut self) {
         self.make_room();
         let (at, t) = (self.now(), self.next_t);
@@ -72,7 +72,7 @@ impl RunWriter<'_> {
         self.end_chain(t);
     }
 
-    /// Offers the next of those that join later.
+    /// Offers the message to the next cloud that joins later.
     fn join(&mut self, t: u64, joining: &mut Vec<u64>) {
         if let Some(p) = joining.pop() {
             let (at, deadline) = (self.now(), self.tenths(20, 90));
@@ -107,7 +107,7 @@ impl RunWriter<'_> {
         }
     }
 
-    /// Ends the oldest timestamp where the window is full.
+    /// Ends the oldest timestamp if the window is full.
     pub(super) fn make_room(&mut self) {
         if self.context.open().len() < self.context.window() {
             return;

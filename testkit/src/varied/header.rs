@@ -1,4 +1,5 @@
-//! Headers: in families, so that an implementation which keeps state by header, or takes one for another, is found.
+//! Headers in families, to find an implementation that keeps state by header or mistakes one header for
+//! another.
 
 use fuseline_traces::{Cloud, Commit, Header};
 
@@ -7,16 +8,16 @@ use crate::draw::Draw;
 
 /// The greatest window.
 const GREATEST: u64 = 1024;
-/// Where neighbouring priorities begin: their digits or bytes change there.
+/// The starts of neighbouring priorities whose digits or bytes change.
 const EDGES: [u64; 8] = [1, 6, 95, 122, 250, 995, 9_995, 32_761];
-/// How far priorities may be apart.
+/// The distances between priorities.
 const STRIDES: [u64; 6] = [10, 16, 100, 256, 1_000, 4_096];
-/// Priorities of each length.
+/// The ranges of priorities of each length.
 const LENGTHS: [(u64, u64); 5] = [(1, 9), (10, 99), (100, 999), (1_000, 9_999), (10_000, 65_535)];
 
 impl VariedGenerator {
-    /// The first and the second of a family are equal, the third differs in one thing, the fourth is as the first or differs
-    /// in another thing.
+    /// Returns a header of a family. The first two are equal, the third differs in one thing, and the fourth
+    /// is like the first or differs in another thing.
     pub(super) fn header(&self, number: u64) -> Header {
         let (family, place) = (number / FAMILY, number % FAMILY);
         let mut header = self.first(family);
@@ -101,7 +102,7 @@ fn cloud(draw: &mut Draw, p: u16) -> Cloud {
     Cloud { p, name: None, limit, resume }
 }
 
-/// So many different priorities: small ones, neighbours, a stride apart, any, or of all lengths.
+/// Returns `count` different priorities: small ones, neighbours, a stride apart, any, or of all lengths.
 fn priorities(draw: &mut Draw, count: u64) -> Vec<u16> {
     let top = u64::from(u16::MAX);
     let in_row = |first: u64, stride: u64| {

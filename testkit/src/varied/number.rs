@@ -1,14 +1,14 @@
-//! Timestamps, priorities and backlogs, and what numbers of fewer bits would take for them.
+//! Timestamps, priorities and backlogs, and the numbers that fewer bits would confuse with them.
 
 use super::RunWriter;
 use crate::draw::Draw;
 
-/// Widths at which numbers are cut off or rounded, in bits.
+/// The widths, in bits, at which numbers are cut off or rounded.
 const POWERS: [u32; 7] = [4, 8, 16, 31, 32, 53, 63];
-/// How far back a step reaches for a timestamp or a request, mostly.
+/// How far back a step usually looks for a timestamp or a request.
 const RECENT: usize = 12;
 
-/// Where a run's timestamps begin: at the first, at small ones, or where a number of fewer bits ends.
+/// Returns the first timestamp of a run: 0, a small one, or one at which a number of fewer bits ends.
 pub(super) fn first_timestamp(draw: &mut Draw) -> u64 {
     match draw.between(0, 15) {
         0..7 => 0,
@@ -24,7 +24,7 @@ impl RunWriter<'_> {
         POWERS[self.draw.index(POWERS.len())]
     }
 
-    /// What is to be opened.
+    /// Returns a timestamp to open.
     pub(super) fn fresh(&mut self) -> u64 {
         match self.draw.between(0, 39) {
             0..24 => self.next_t,
@@ -47,7 +47,7 @@ impl RunWriter<'_> {
         }
     }
 
-    /// What an offer, a result or a failure is for.
+    /// Returns a timestamp for an offer, a result or a failure.
     pub(super) fn timestamp(&mut self) -> u64 {
         match self.draw.between(0, 39) {
             0..26 => self.opened(),
@@ -61,7 +61,7 @@ impl RunWriter<'_> {
         }
     }
 
-    /// An open timestamp, mostly a recent one.
+    /// Returns an open timestamp, usually a recent one.
     fn opened(&mut self) -> u64 {
         let open = self.context.open();
         let back = self.draw.weighed(&[(6, 2), (2, RECENT), (1, usize::MAX)]);
@@ -78,7 +78,7 @@ impl RunWriter<'_> {
         self.tried.get(index).copied().unwrap_or(self.next_t)
     }
 
-    /// Another number that one of fewer bits is equal to.
+    /// Returns another number that fewer bits cannot tell from this one.
     pub(super) fn alias(&mut self, number: u64) -> u64 {
         let power = 1_u64 << self.power();
         match self.draw.between(0, 6) {
@@ -107,7 +107,7 @@ impl RunWriter<'_> {
         self.header.clouds.get(index).map_or(1, |cloud| u64::from(cloud.p))
     }
 
-    /// Whose result or failure it is.
+    /// Returns the timestamp and the source of a result or a failure.
     pub(super) fn call(&mut self) -> (u64, u64) {
         match self.draw.between(0, 11) {
             0..6 if !self.context.requested().is_empty() => {
@@ -138,7 +138,7 @@ impl RunWriter<'_> {
         }
     }
 
-    /// An index among the last few of this many.
+    /// Returns one of the last few of `len` indices.
     pub(super) fn recent(&mut self, len: usize) -> usize {
         let back = self.draw.index(len.min(RECENT));
         len.saturating_sub(1).saturating_sub(back)

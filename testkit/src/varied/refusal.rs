@@ -1,11 +1,12 @@
-//! What is refused or dropped: several reasons at once, in each state of a timestamp, and around a gate.
+//! Inputs that are refused or dropped: for several reasons at once, in each state of a timestamp, and around
+//! a gate.
 
 use fuseline_traces::Input;
 
 use super::RunWriter;
 
 impl RunWriter<'_> {
-    /// An offer for which several reasons of F2 may hold.
+    /// Makes an offer for which several reasons to refuse may hold (F2).
     pub(super) fn clash(&mut self, at: u64) {
         let any = (self.timestamp(), self.priority());
         let (t, p) = match self.draw.between(0, 7) {
@@ -23,14 +24,14 @@ impl RunWriter<'_> {
         self.push(Input::Offer { at, t, p, deadline, backlog });
     }
 
-    /// Gives what is not awaited of a timestamp: it can only be dropped or refused.
+    /// Gives inputs that a timestamp does not wait for, so they can only be dropped or refused.
     pub(super) fn poke(&mut self) {
         let t = self.timestamp();
         let count = self.draw.weighed(&[(3, 4), (1, 16)]);
         self.poke_at(t, count);
     }
 
-    /// Results, failures and offers that change nothing, of so many sources at most.
+    /// Gives results, failures and offers that change nothing, of at most `count` sources.
     pub(super) fn poke_at(&mut self, t: u64, count: usize) {
         let mut sources: Vec<u64> = self.header.clouds.iter().map(|cloud| cloud.p.into()).collect();
         sources.push(0);
@@ -51,7 +52,7 @@ impl RunWriter<'_> {
         }
     }
 
-    /// Results and failures for timestamps that were tried at any time before.
+    /// Gives results and failures for timestamps that were tried at any time before.
     pub(super) fn look_back(&mut self) {
         for _ in 0..8 {
             let index = self.draw.index(self.tried.len());
@@ -60,7 +61,8 @@ impl RunWriter<'_> {
         }
     }
 
-    /// Offers that move one cloud's gate, or are refused for another reason and so must not move it (F2g).
+    /// Makes offers that change one cloud's gate, or are refused for another reason and so must not change it
+    /// (F2g).
     pub(super) fn move_gate(&mut self) {
         let index = self.draw.index(self.header.clouds.len());
         let Some(cloud) = self.header.clouds.get(index) else { return };
@@ -81,13 +83,13 @@ impl RunWriter<'_> {
         }
     }
 
-    /// A backlog that shows whether a gate is open or shut and leaves it so, if there is one.
+    /// Returns a backlog that shows whether a gate is open or shut without changing it, if there is one.
     fn between_resume_and_limit(&mut self, p: u64) -> Option<u64> {
         let (limit, resume) = self.context.gate(p).map(|gate| (gate.limit, gate.resume))?;
         (limit - resume > 1).then(|| self.draw.between(resume + 1, limit - 1))
     }
 
-    /// An offer that is refused for each reason but the gate's, or else for its deadline.
+    /// Makes an offer that is refused for each reason before the gate's, or else for its deadline.
     fn refuse_beside_gate(&mut self, t: u64, p: u64, outranked: Option<u64>) {
         let at = self.now();
         let requested = self.context.requested().iter().rev().find(|(_, q)| *q == p);
@@ -103,7 +105,7 @@ impl RunWriter<'_> {
         self.push(Input::Offer { at, t: other, p, deadline, backlog });
     }
 
-    /// Thousands of inputs while a gate is shut, and then it opens.
+    /// Gives thousands of inputs while a gate is shut, and then opens it.
     pub(super) fn stay_shut(&mut self, inputs: u64) {
         self.steps(4);
         let index = self.draw.index(self.header.clouds.len());
@@ -138,7 +140,7 @@ impl RunWriter<'_> {
         self.steps(8);
     }
 
-    /// Opens a timestamp, with room made for it.
+    /// Makes room and opens a timestamp.
     fn open_for_offer(&mut self) -> u64 {
         self.make_room();
         let (at, t) = (self.now(), self.next_t);

@@ -1,20 +1,20 @@
-//! The steps of a run: each is one input or a few.
+//! The steps of a run; each is one input or a few.
 
 use fuseline_traces::Input;
 
 use super::RunWriter;
 
-/// What a step does.
+/// The kind of a step.
 #[derive(Clone, Copy)]
 enum VariedStep {
-    /// A message comes: an open, and offers for some of the clouds.
+    /// A message arrives: an open, and offers to some of the clouds.
     Message,
     Open,
     Offer,
-    /// An offer that may well be refused, for several reasons at once.
+    /// An offer that is likely to be refused, for several reasons at once.
     Clash,
     Result,
-    /// A cloud's result that is held, for a better one is pending.
+    /// A cloud's result that is held because a better one is pending.
     Hold,
     Fail,
     /// A result or a failure around its own due instant.
@@ -22,11 +22,11 @@ enum VariedStep {
     Tick,
     /// A tick after several due instants.
     LateTick,
-    /// What can only be dropped or refused in the state of a timestamp.
+    /// Inputs that can only be dropped or refused in the state of a timestamp.
     Poke,
-    /// All clouds answer one message, one after the other.
+    /// All clouds return results for one message, one after the other.
     Chain,
-    /// Offers that move one cloud's gate.
+    /// Offers that change one cloud's gate.
     Gate,
     /// Many messages at once.
     Flood,
@@ -115,7 +115,7 @@ impl RunWriter<'_> {
         self.push(Input::Result { at, t, p });
         match self.draw.between(0, 9) {
             0 => self.give(at, t, p),
-            // It is forwarded then, although lower ones are pending.
+            // The result is then forwarded, although lower ones are pending.
             1 => self.fail_above(t, p),
             _ => {}
         }

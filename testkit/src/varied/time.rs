@@ -30,7 +30,8 @@ pub(super) struct TimeScale {
 }
 
 impl TimeScale {
-    /// A run begins at 0, at any instant, or before one where a clock of fewer bits would wrap.
+    /// Returns the scale of a run, which begins at 0, at any instant, or before one at which a clock of fewer
+    /// bits would wrap.
     pub(super) fn draw(draw: &mut Draw) -> Self {
         let scale = SCALES[draw.index(SCALES.len())];
         let start = match draw.between(0, 15) {
@@ -53,7 +54,7 @@ impl TimeScale {
 }
 
 impl RunWriter<'_> {
-    /// So many tenths of the scale, seldom exactly.
+    /// Returns from `least` to `most` tenths of the scale, seldom exactly.
     pub(super) fn tenths(&mut self, least: u64, most: u64) -> u64 {
         let count = self.draw.between(least, most);
         let whole =
@@ -66,13 +67,13 @@ impl RunWriter<'_> {
         }
     }
 
-    /// Anything from a nanosecond to hours, each length about as likely.
+    /// Returns a time from a nanosecond to hours; each order of magnitude is about equally likely.
     fn any_span(&mut self) -> u64 {
         let bits = self.draw.between(0, 45);
         self.draw.between(0, 1 << bits).min(PAUSE)
     }
 
-    /// The instant of the next input.
+    /// Returns the instant of the next input.
     pub(super) fn instant(&mut self) -> u64 {
         let now = self.now();
         match self.draw.between(0, 99) {
@@ -93,7 +94,7 @@ impl RunWriter<'_> {
         }
     }
 
-    /// An earlier instant than the clock has reached: by a little, by the scale, by hours, or the first of all.
+    /// Returns an instant before the clock: by a little, by the scale, by hours, or the first of all.
     fn back(&mut self, now: u64) -> u64 {
         match self.draw.between(0, 7) {
             0..2 => now.saturating_sub(self.draw.between(1, 50)),
@@ -104,7 +105,7 @@ impl RunWriter<'_> {
         }
     }
 
-    /// An instant that a clock of fewer bits takes for another one, or the end of time.
+    /// Returns an instant that a clock of fewer bits takes for another one, or the end of time.
     fn far(&mut self, now: u64) -> u64 {
         if self.draw.one_in(8) {
             return u64::MAX;
@@ -113,14 +114,14 @@ impl RunWriter<'_> {
         now.saturating_add(1 << bits)
     }
 
-    /// The due instant of some timer.
+    /// Returns the due instant of some timer.
     fn any_due(&mut self) -> Option<u64> {
         let index = self.draw.index(self.context.requested().len());
         let (t, p) = self.context.requested().get(index).copied()?;
         self.context.due(t, p)
     }
 
-    /// One less, exactly, one more.
+    /// Returns the value, one less, or one more.
     pub(super) fn edge(&mut self, value: u64) -> u64 {
         match self.draw.between(0, 2) {
             0 => value.saturating_sub(1),
@@ -129,13 +130,13 @@ impl RunWriter<'_> {
         }
     }
 
-    /// A deadline.
+    /// Returns a deadline.
     pub(super) fn span(&mut self) -> u64 {
         match self.draw.between(0, 59) {
             0..3 => 0,
             3..6 => 1,
             6..38 => self.tenths(5, 90),
-            // Until a due instant, so that timers tie.
+            // Until a due instant, so that timers coincide.
             38..48 => {
                 let due = self.context.next_due();
                 self.until(due)
@@ -145,13 +146,13 @@ impl RunWriter<'_> {
                 self.until(due)
             }
             52..55 => self.any_span(),
-            // The clock soon follows what is due.
+            // The clock soon passes what is due.
             _ if self.is_long => self.tenths(50, 60),
             55..57 => {
                 let short = if self.draw.one_in(2) { 0 } else { self.tenths(0, 20) };
                 short.wrapping_add(1 << self.power())
             }
-            // Exactly at the end of time, just before and beyond.
+            // The end of time, just before it, and beyond it.
             57 => {
                 let rest = u64::MAX - self.now();
                 self.edge(rest)
@@ -161,7 +162,7 @@ impl RunWriter<'_> {
         }
     }
 
-    /// How long it is until then.
+    /// Returns the time until `due`.
     fn until(&mut self, due: Option<u64>) -> u64 {
         match due {
             Some(due) => due.saturating_sub(self.now()),
