@@ -41,7 +41,7 @@ struct Cameras {
   std::string take() { return std::exchange(log, {}); }
 };
 
-void a_complete_set_is_given_at_once_and_an_incomplete_one_when_it_is_due() {
+void gives_complete_sets_at_once_and_others_when_due() {
   Cameras cameras;
   cameras.left(0ms, 1);
   cameras.right(5ms, 1);
@@ -84,7 +84,7 @@ void the_oldest_set_makes_room_and_no_key_opens_again() {
 }  // namespace
 
 int main() {
-  a_complete_set_is_given_at_once_and_an_incomplete_one_when_it_is_due();
+  gives_complete_sets_at_once_and_others_when_due();
   what_comes_late_or_twice_is_dropped_and_reported();
   the_oldest_set_makes_room_and_no_key_opens_again();
   return failures == 0 ? 0 : 1;

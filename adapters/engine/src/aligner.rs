@@ -1,6 +1,8 @@
-//! Sets of messages of several inputs that come from one origin, each complete or given when it is due (E5, E6).
+//! Joins messages of several inputs that come from one origin. A set is given when it is complete or due (E5,
+//! E6).
 //!
-//! There is no clock and no queue here: the adapter says what arrived and when, and asks what is due.
+//! This module has no clock and no queue. The adapter reports what arrived and when, and asks for what is
+//! due.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
@@ -8,55 +10,71 @@ use std::time::{Duration, Instant};
 
 use crate::lineage::Lineage;
 
-/// Puts together what has one key, the origin's timestamp as a rule.
+/// Joins the messages that have the same key, which is usually the origin's timestamp.
 ///
 /// - inputs: [`arrive`](Self::arrive), [`end`](Self::end), [`tick`](Self::tick)
-/// - after each of them: [`next_set`](Self::next_set) until there is none
-/// - questions: [`next_due`](Self::next_due), [`is_over`](Self::is_over)
+/// - after each of them: [`next_set`](Self::next_set) until it returns `None`
+/// - queries: [`next_due`](Self::next_due), [`is_over`](Self::is_over)
+///
+/// ```
+/// use fuseline_engine::{Aligner, JoinArrival, JoinBounds};
+/// use std::time::{Duration, Instant};
+///
+/// let bounds = JoinBounds { wait: Duration::from_millis(20), window: 16, reserve: Duration::ZERO };
+/// let mut aligner = Aligner::<[Option<&str>; 2]>::new(["left", "right"], bounds);
+/// let now = Instant::now();
+/// for (input, image) in ["left image", "right image"].into_iter().enumerate() {
+///     let arrival = JoinArrival { input, key: Some(7), lineage: None, is_last: true };
+///     aligner.arrive(now, arrival, |set| set[input] = Some(image)).expect("the set is open");
+/// }
+/// let joined = aligner.next_set().expect("both inputs are there");
+/// assert_eq!((joined.key, joined.set), (7, [Some("left image"), Some("right image")]));
+/// ```
 pub struct Aligner<S> {
     bounds: JoinBounds,
     inputs: Vec<AlignedInput>,
-    /// By key; at most as many as the window allows.
+    /// The open sets by key, at most as many as the window allows.
     open: BTreeMap<u64, OpenSet<S>>,
     given: GivenKeys,
     ready: VecDeque<Joined<S>>,
 }
 
-/// How long and for how much a join waits.
+/// Bounds how long and for how many sets a join waits.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct JoinBounds {
-    /// How long a set waits after its first message.
+    /// The time that a set waits after its first message.
     pub wait: Duration,
-    /// How many sets may wait; at least 1. For one more the oldest is given as it is.
+    /// The greatest number of sets that may wait, at least 1. If another set begins, the oldest is given
+    /// incomplete.
     pub window: usize,
-    /// What is left of an end-to-end deadline when a set is given at the latest, for the operators downstream.
+    /// The part of an end-to-end deadline that must be left for the operators downstream when a set is given.
     pub reserve: Duration,
 }
 
 /// A set of messages that come from one origin.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Joined<S> {
-    /// What its messages have in common: the origin's timestamp, if nothing else was said.
+    /// The key that its messages share, which is usually the origin's timestamp.
     pub key: u64,
     /// The messages.
     pub set: S,
-    /// The inputs that nothing came from.
+    /// The inputs that contributed no message.
     pub missing: Vec<Arc<str>>,
-    /// Why it was given.
+    /// The reason why the set was given.
     pub cause: JoinCause,
-    /// That of the first input that is there, with the oldest capture and the earliest end-to-end deadline of all. If one
-    /// capture is unknown, the set's is.
+    /// The lineage of the first input that is present, with the oldest capture and the earliest end-to-end
+    /// deadline of all. If one capture is unknown, the set's capture is unknown.
     pub lineage: Option<Arc<Lineage>>,
 }
 
-/// Why a set was given.
+/// The reason why a set was given.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub enum JoinCause {
-    /// Each input that has not ended is there.
+    /// The set has a message of each input that has not ended.
     Complete,
-    /// Its wait or the end-to-end deadline of a message was over.
+    /// The set's wait, or the end-to-end deadline of one of its messages, ended.
     Due,
-    /// There was no room for a new one.
+    /// There was no room for a new set.
     Full,
 }
 
@@ -72,19 +90,19 @@ impl JoinCause {
     }
 }
 
-/// Why a message was not joined.
+/// The reason why a message was not joined.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub enum JoinDropReason {
     /// Its origin has no timestamp.
     NoKey,
-    /// Its set was given before, or is older than the last 1,024 that were.
+    /// Its set was already given, or is older than the last 1,024 sets.
     Late,
-    /// The input's last message of this set has come.
+    /// The input's last message of this set has already come.
     Duplicate,
 }
 
 impl JoinDropReason {
-    /// Returns the reason as words.
+    /// Returns the reason in words.
     #[must_use]
     pub const fn as_str(self) -> &'static str {
         match self {
@@ -95,16 +113,16 @@ impl JoinDropReason {
     }
 }
 
-/// A message on its way into a set.
+/// A message that arrives for a set.
 #[derive(Clone, Copy, Debug)]
 pub struct JoinArrival<'a> {
     /// The input's index.
     pub input: usize,
-    /// What it has in common with the others of its set.
+    /// The key that the message shares with the others of its set.
     pub key: Option<u64>,
-    /// What it comes from.
+    /// The message's lineage.
     pub lineage: Option<&'a Arc<Lineage>>,
-    /// Whether no revision of it follows.
+    /// `true` if no revision of the message follows.
     pub is_last: bool,
 }
 
@@ -118,12 +136,13 @@ struct OpenSet<S> {
     set: S,
     opened: Instant,
     due: Instant,
-    /// Whose messages are there, and whose last one is.
+    /// The lineages by input, and `true` for each input whose last message is present.
     lineages: BTreeMap<usize, Option<Arc<Lineage>>>,
     last: BTreeSet<usize>,
 }
 
-/// The keys of the sets that were given: the last [`REMEMBERED`], and all up to the greatest that was forgotten.
+/// The keys of the sets that were given: the last [`REMEMBERED`], and all up to the greatest that was
+/// forgotten.
 #[derive(Default)]
 struct GivenKeys {
     keys: BTreeSet<u64>,
@@ -133,7 +152,7 @@ struct GivenKeys {
 const REMEMBERED: usize = 1024;
 
 impl<S: Default> Aligner<S> {
-    /// A join of these inputs.
+    /// Creates a join of these inputs.
     pub fn new(inputs: impl IntoIterator<Item = impl Into<Arc<str>>>, bounds: JoinBounds) -> Self {
         let inputs = inputs.into_iter();
         let inputs = inputs.map(|name| AlignedInput { name: name.into(), is_open: true }).collect();
@@ -141,10 +160,10 @@ impl<S: Default> Aligner<S> {
         Self { bounds, inputs, open, given, ready }
     }
 
-    /// A message came: `put` puts it into its set. A revision replaces what its input put there before.
+    /// Adds a message to its set by calling `put`. A revision replaces what its input put there before.
     ///
     /// # Errors
-    /// Why it was dropped; then nothing was put anywhere.
+    /// Returns the reason why the message was dropped. `put` was not called then.
     pub fn arrive(
         &mut self,
         now: Instant,
@@ -154,7 +173,7 @@ impl<S: Default> Aligner<S> {
         self.tick(now);
         let JoinArrival { input, key, lineage, is_last } = arrival;
         let key = key.ok_or(JoinDropReason::NoKey)?;
-        // E6 once: a key that was given never opens again.
+        // A key that was given never opens again (E6).
         if self.given.contains(key) {
             return Err(JoinDropReason::Late);
         }
@@ -166,7 +185,7 @@ impl<S: Default> Aligner<S> {
         if open.last.contains(&input) {
             return Err(JoinDropReason::Duplicate);
         }
-        // E5: a set is given before its end-to-end deadline has too little left for those downstream.
+        // A set is given while its end-to-end deadline leaves enough for the operators downstream (E5).
         if let Some(due) = lineage.and_then(|lineage| lineage.due(now)) {
             let due = due.checked_sub(self.bounds.reserve).unwrap_or(now);
             open.due = open.due.min(due);
@@ -181,7 +200,7 @@ impl<S: Default> Aligner<S> {
         Ok(())
     }
 
-    /// Nothing more comes from this input: no set waits for it any longer.
+    /// Ends an input: no set waits for it any longer.
     pub fn end(&mut self, now: Instant, input: usize) {
         if let Some(input) = self.inputs.get_mut(input) {
             input.is_open = false;
@@ -192,12 +211,12 @@ impl<S: Default> Aligner<S> {
         }
     }
 
-    /// Sets what is left of end-to-end deadlines when sets are given, for messages from now on.
+    /// Sets the part of end-to-end deadlines to leave for the operators downstream, for messages from now on.
     pub const fn set_reserve(&mut self, reserve: Duration) {
         self.bounds.reserve = reserve;
     }
 
-    /// Time went by: what is due is given, the earliest first.
+    /// Gives the sets that are due by `now`, the earliest first.
     pub fn tick(&mut self, now: Instant) {
         while let Some((due, key)) = self.earliest(|open| open.due)
             && due <= now
@@ -206,18 +225,18 @@ impl<S: Default> Aligner<S> {
         }
     }
 
-    /// The next set that is to be given.
+    /// Returns the next set that is to be given, or `None`.
     pub fn next_set(&mut self) -> Option<Joined<S>> {
         self.ready.pop_front()
     }
 
-    /// When the next set is due, if one waits.
+    /// Returns the instant at which the next set is due, or `None` if none waits.
     #[must_use]
     pub fn next_due(&self) -> Option<Instant> {
         self.earliest(|open| open.due).map(|(due, _)| due)
     }
 
-    /// Whether each input has ended and every set was given.
+    /// Returns `true` if every input has ended and every set was given.
     #[must_use]
     pub fn is_over(&self) -> bool {
         self.inputs.iter().all(|input| !input.is_open)
@@ -225,7 +244,7 @@ impl<S: Default> Aligner<S> {
             && self.ready.is_empty()
     }
 
-    /// E8 bounded: at most as many sets wait as the window allows.
+    /// Makes room, so that at most as many sets wait as the window allows (E8).
     fn make_room(&mut self, now: Instant) {
         while self.open.len() >= self.bounds.window.max(1)
             && let Some((_, key)) = self.earliest(|open| open.opened)
@@ -279,13 +298,14 @@ impl GivenKeys {
 }
 
 impl Lineage {
-    /// When the end-to-end deadline is over, if there is one; it counts from `now` if the capture is unknown.
+    /// Returns the instant at which the end-to-end deadline ends, if there is one. It counts from `now` if
+    /// the capture is unknown.
     #[must_use]
     pub fn due(&self, now: impl Into<Instant>) -> Option<Instant> {
         self.captured.unwrap_or_else(|| now.into()).checked_add(self.within?)
     }
 
-    /// That of several messages together: E7, it is as old as the oldest of them.
+    /// Joins the lineages of several messages. The result is as old as the oldest message (E7).
     fn joined<'a>(
         lineages: &(impl Iterator<Item = Option<&'a Self>> + Clone),
         now: Instant,
@@ -301,8 +321,11 @@ impl Lineage {
         Some(Arc::new(joined))
     }
 
-    /// That of a set as it is given, `joined` so far, which lacks these inputs. If the set is of a latest-value input's message,
-    /// it has that message's origin and capture, and is due as before.
+    /// Returns the lineage of a set as it is given. `joined` is its lineage so far, and `missing` names the
+    /// inputs that it lacks.
+    ///
+    /// If the set belongs to a message of a latest-value input, it has that message's origin and capture, and
+    /// its due instant stays the same.
     #[must_use]
     pub fn of_set(
         joined: Option<Arc<Self>>,
@@ -335,7 +358,7 @@ impl Lineage {
     }
 }
 
-/// An instant that no join waits for.
+/// Returns an instant so late that no join waits for it.
 fn far(now: Instant) -> Instant {
     now + Duration::from_secs(60 * 60 * 24 * 365)
 }

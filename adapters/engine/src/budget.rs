@@ -1,4 +1,4 @@
-//! What is left of a message's end-to-end deadline at one operator (E3).
+//! The part of a message's end-to-end deadline that is left at one operator (E3).
 
 use std::time::{Duration, Instant};
 
@@ -11,22 +11,24 @@ use crate::lineage::Lineage;
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Budget {
     due: u64,
-    /// The reserve on board ends local's time, and the reserve with clouds ends requests.
+    /// The reserve: its part on board ends local's time, and its part with clouds ends requests.
     on_board: u64,
     with_clouds: u64,
-    /// How old the message was when it was taken in; 0 if that is unknown.
+    /// The message's age when the operator accepted it; 0 if that is unknown.
     age: u64,
 }
 
 impl Budget {
-    /// Returns a budget that is due at `due` on a clock in nanoseconds, of which `reserve` is kept for the operators downstream.
+    /// Returns a budget that is due at `due`, on a clock in nanoseconds, and keeps `reserve` for the
+    /// operators downstream.
     #[must_use]
     pub fn ending_at(due: u64, reserve: Reserve) -> Self {
         let [on_board, with_clouds] = [reserve.on_board(), reserve.with_clouds()].map(nanos);
         Self { due, on_board, with_clouds, age: 0 }
     }
 
-    /// Returns the budget of a message that is taken in at `now`, which is `instant`; none if it has no end-to-end deadline.
+    /// Returns the budget of a message that is accepted at `now`, which is `instant`, or `None` if it has no
+    /// end-to-end deadline.
     pub(crate) fn new(
         lineage: &Lineage,
         (now, instant): (u64, Option<Instant>),
@@ -38,23 +40,25 @@ impl Budget {
         Some(Self { age, ..Self::ending_at(due, reserve) })
     }
 
-    /// Returns how long a request may take at `at`: it ends when the operators downstream still have time for their clouds.
+    /// Returns how long a request that is made at `at` may take. It ends while the operators downstream still
+    /// have time for their clouds.
     #[must_use]
     pub fn for_cloud(&self, at: u64) -> Duration {
         Duration::from_nanos(self.due.saturating_sub(self.with_clouds).saturating_sub(at))
     }
 
-    /// E2: returns how long local may take at `at`, at least 1 ns because F1 refuses less.
+    /// Returns how long local may take from `at`, at least 1 ns because a deadline of 0 is refused (E2, F1).
     ///
-    /// With a substitute, local ends when the operators downstream still have time to compute on board. It keeps no time for
-    /// their clouds (E11). Without a substitute nothing is gained by an earlier end.
+    /// With a substitute, local ends while the operators downstream still have time to compute on board. It
+    /// keeps no time for their clouds (E11). Without a substitute an earlier end gains nothing.
     #[must_use]
     pub fn for_local(&self, at: u64, has_substitute: bool) -> Duration {
         let reserve = if has_substitute { self.on_board } else { 0 };
         Duration::from_nanos(self.due.saturating_sub(reserve).saturating_sub(at).max(1))
     }
 
-    /// Returns what no request of this operator can use of the end-to-end deadline: the message's age and the reserve.
+    /// Returns the part of the end-to-end deadline that no request of this operator can use: the message's
+    /// age and the reserve.
     pub(crate) const fn spent(&self) -> u64 {
         self.age.saturating_add(self.with_clouds)
     }
@@ -67,7 +71,7 @@ mod tests {
 
     const NS: Duration = Duration::from_nanos(1);
 
-    /// E3.
+    /// Requests and local end before their reserve (E3).
     #[test]
     fn requests_and_local_end_before_their_reserve() {
         let captured = Instant::now();

@@ -1,4 +1,4 @@
-//! The configuration of an engine, the header of its trace, and what is refused.
+//! The configuration of an engine, its checks, and the header of its trace.
 
 use std::fmt;
 use std::time::Duration;
@@ -18,75 +18,80 @@ use crate::workload::{CapacityErrors, Workload};
 pub struct EngineConfig {
     /// The operator's name in logs, metrics and traces; `operator` by default.
     pub operator: String,
-    /// How many messages may be open at once, 1 to 1024; 16 by default (F1).
+    /// The greatest number of messages that may be open at once, 1 to 1024; 16 by default (F1).
     pub window: u16,
     /// The commit rule (F6, F9); eager by default.
     pub commit: Commit,
     /// The clouds, up to 15; none by default.
     pub clouds: Vec<CloudConfig>,
-    /// How many computations local takes.
+    /// The computations that local takes.
     pub local: Local,
-    /// How late a timer may be served, and how long a handler may run without a pause, before it is counted and logged as a
-    /// warning; 20 ms by default.
+    /// The greatest delay of a timer, and the longest time that a handler may run without a pause, that is
+    /// not counted and logged as a warning; 20 ms by default.
     pub lag_warning: Duration,
-    /// The longest deadline of an offer; without a bound by default. A longer offer is refused as `deadline`. Where a policy
-    /// chooses, it is the most that the policy may choose.
+    /// The longest deadline of an offer; unbounded by default. A longer offer is refused as `deadline`. If a
+    /// policy chooses the deadline, this is the greatest that it may choose.
     pub greatest_deadline: Duration,
-    /// E4: whether the adapter has a [substitute](crate::Item::substitute) for messages that are missed. Such messages are
-    /// missed early enough for the operators downstream.
+    /// `true` if the adapter has a [substitute](crate::Item::substitute) for messages that are missed (E4).
+    /// Such messages are missed early enough for the operators downstream.
     pub has_substitutes: bool,
-    /// Whether results that came too late come back as [hints](crate::Effect::Hint), if their message is one of the last 1024.
+    /// `true` to return results that came too late as [hints](crate::Effect::Hint), if their message is among
+    /// the last 1024.
     pub takes_hints: bool,
-    /// D13: whether messages' ages are of a clock that may step. They are recorded; end-to-end deadlines count from when a
-    /// message is taken in.
+    /// `true` if messages' ages come from a clock that may step (D13). They are then recorded, but end-to-end
+    /// deadlines count from when a message is accepted.
     pub has_doubtful_ages: bool,
-    /// Records how long local's computations and messages take, for the reserve of the operators upstream; nowhere by default.
-    /// Refused messages are not recorded.
+    /// Records how long local's computations and messages take, for the reserve of the operators upstream. By
+    /// default nothing is recorded. Refused messages never are.
     pub latency: Option<Latency>,
     /// The rate of messages that the operator must keep up with. By default it is not checked.
     pub workload: Option<Workload>,
 }
 
-/// A cloud's queue, bounds and deadlines, with defaults.
+/// Configures a cloud's queue, bounds and deadlines.
 pub struct CloudConfig {
-    /// From 1 to 65535, different for each cloud; the greater wins.
+    /// The cloud's rank, from 1 to 65535, different for each cloud. The greater number wins.
     pub priority: u16,
-    /// For people, traces and metrics; `cloud-` and the priority by default.
+    /// The name for people, traces and metrics; `cloud-` and the priority by default.
     pub name: String,
-    /// The gate shuts when this many requests wait to be sent (F2g); at least 1. By default as many as
-    /// [`calls`](Self::calls), which are answered no earlier than the next ones (A15).
+    /// The number of requests waiting to be sent at which the gate shuts (F2g); at least 1. The default is
+    /// [`calls`](Self::calls): results of requests that wait come no earlier than those of the next calls
+    /// (A15).
     pub limit: Option<u64>,
-    /// The shut gate opens when this many or fewer wait; less than `limit`, 0 by default.
+    /// The number of waiting requests at or below which the shut gate opens; less than `limit`, 0 by default.
     pub resume: u64,
-    /// How many calls may be under way; at least 1, 8 by default. Further requests wait.
+    /// The greatest number of calls under way; at least 1, 8 by default. Further requests wait.
     pub calls: usize,
-    /// Chooses how long each request may take, at most what the message handler says, and learns how
-    /// each ended; none by default: then the message handler alone decides.
+    /// Chooses how long each request may take, at most what the message handler says, and learns how each
+    /// ended. By default there is none, and the message handler alone decides.
     ///
-    /// A request that was abandoned is censored, even if it never left the queue. Ages count from when the message was taken
-    /// in. It is called in the operator's task and must not block. If it panics, no request is made.
+    /// An abandoned request is reported as censored, even if it never left the queue. Ages count from when
+    /// the message was accepted. The policy is called in the operator's task and must not block. If it
+    /// panics, no request is made.
     pub policy: Option<Box<dyn Policy + Send>>,
-    /// How long a call may run on after it was due, so that `policy` learns how long it really
-    /// takes; 0 by default. What comes then is still dropped (F3).
+    /// How long a call may run on after its due instant, so that `policy` learns how long it really takes; 0
+    /// by default. A result that comes then is still dropped (F3).
     ///
-    /// Such calls do not count among those under way. Up to `calls` of them may linger; one more ends the oldest.
+    /// Such calls do not count among those under way. Up to `calls` of them may linger; one more ends the
+    /// oldest.
     pub linger: Duration,
-    /// How many messages old a value may be, as its reply says; 0 by default. An older value, or a value of a
-    /// later message, is a failure (D2, F4).
+    /// A value may be of at most this many messages before its own, as its reply says; 0 by default. An older
+    /// value, or a value of a later message, is a failure (D2, F4).
     pub max_age: u64,
 }
 
-/// Why there is no engine with a configuration.
+/// The reason why there is no engine with a configuration.
 #[derive(Clone, PartialEq, Debug)]
 pub enum EngineConfigError {
-    /// There is no machine with this window and these clouds.
+    /// No machine has this window and these clouds.
     Machine(ConfigError),
-    /// A policy's promise is about one output a message, and under progressive there may be more.
+    /// A policy's promise assumes one output for each message, but under progressive there may be more.
     OneOutput {
         /// The cloud's name.
         cloud: String,
     },
-    /// A policy neither probes nor sees calls that linger, so that it would never wait for a cloud again that was gone.
+    /// A policy neither probes nor sees calls that linger, so it would never again wait for a cloud that was
+    /// gone.
     Linger {
         /// The cloud's name.
         cloud: String,
@@ -104,7 +109,7 @@ impl EngineConfig {
         let clouds = self.clouds.iter().map(|cloud| Cloud {
             p: cloud.priority,
             name: Some(cloud.name.clone()),
-            // A15: what waits behind as many calls as are under way.
+            // A request should not wait behind more calls than are under way (A15).
             limit: cloud.limit.unwrap_or(cloud.calls as u64),
             resume: cloud.resume,
         });
@@ -120,12 +125,13 @@ impl EngineConfig {
     /// Checks the configuration, as [`Engine::new`](crate::Engine::new) does.
     ///
     /// # Errors
-    /// If there is no machine with it, a policy's promise would not hold, or the operator could not keep up.
+    /// Returns an [`EngineConfigError`] if no machine has this configuration, a policy's promise would not
+    /// hold, or the operator could not keep up.
     pub fn check(&self) -> Result<(), EngineConfigError> {
         self.machine().map(drop)
     }
 
-    /// The machine of a configuration that is sound.
+    /// Returns the machine of this configuration if it is sound.
     pub(crate) fn machine(&self) -> Result<SizedArbiter, EngineConfigError> {
         let machine = SizedArbiter::new(&self.header().0).map_err(EngineConfigError::Machine)?;
         if let Some(workload) = &self.workload {
@@ -165,7 +171,7 @@ impl Default for EngineConfig {
     }
 }
 
-/// The header's window, commit rule and clouds; by default where it has no names.
+/// Takes the header's window, commit rule and clouds, with default names for those that have none.
 impl From<&Header> for EngineConfig {
     fn from(header: &Header) -> Self {
         let default = Self::default();
@@ -189,7 +195,7 @@ impl From<&Header> for EngineConfig {
 }
 
 impl CloudConfig {
-    /// Returns a cloud with the defaults.
+    /// Returns a cloud with this priority and the defaults.
     #[must_use]
     pub fn new(priority: u16) -> Self {
         Self {

@@ -1,4 +1,4 @@
-//! The cells that hold the counts: written by the engine, read from anywhere (D11 one account).
+//! The cells that hold the counts. The engine writes them, and anyone may read them (D11).
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -17,11 +17,11 @@ use crate::meter::{Meters, SourceMeters};
 use crate::reasons::Reasons;
 use crate::tally::{CurrentDeadline, SourceTally, Tally};
 
-/// The tally's cells and the meters of one operator, counted together.
+/// The cells of the tally and the meters of one operator, counted together.
 ///
-/// Each count is a word of its own: a tally read during an input may show one of its counts and not
-/// the next. What changes seldom and is not a number is behind a lock.
-// What most messages count comes first.
+/// Each count is a word of its own, so a tally that is read during an input may show one of its counts and
+/// not the next. Data that seldom changes and is not a number is behind a lock.
+// The fields that most messages count come first.
 #[repr(C)]
 pub(crate) struct Counts {
     sources: Vec<SourceCounts>,
@@ -34,8 +34,8 @@ pub(crate) struct Counts {
     unrecorded: Mutex<Option<Arc<str>>>,
 }
 
-/// One source's cells. What most messages count comes first, in as few lines of the processor's caches as can be: of one operator
-/// among thousands none is there.
+/// One source's cells. Those that most messages count come first, in few cache lines: with thousands of
+/// operators, none of them is in the cache.
 #[repr(C, align(64))]
 struct SourceCounts {
     admitted: AtomicU64,
@@ -60,7 +60,7 @@ struct SourceCounts {
     in_force: Mutex<Option<CurrentDeadline>>,
 }
 
-/// The counts of a running operator, to be read from anywhere.
+/// The counts of a running operator, which may be read from anywhere.
 #[derive(Clone)]
 pub struct Counting(Arc<Counts>);
 
@@ -106,13 +106,13 @@ impl Counts {
         self.meters.missed.increment(1);
     }
 
-    /// Counts a failure of a handler of the operator's own.
+    /// Counts a failure of one of the operator's own handlers.
     fn handler_failed(&self) {
         add_shared(&self.handler_failures, 1);
         self.meters.handler_failures.increment(1);
     }
 
-    /// A timer was served so late.
+    /// Notes the delay of a timer.
     pub(crate) fn timer_lag(&self, lag: Duration) {
         self.meters.timer_lag.record(lag);
         self.lag.timer(lag);
@@ -129,7 +129,7 @@ impl Counts {
         self.sources.iter().position(|counts| counts.source.priority == p)
     }
 
-    /// Counts why the source at `index` sent no result.
+    /// Counts the reason why the source at `index` sent no result.
     pub(crate) fn reason(&self, index: usize, why: &str) -> Arc<str> {
         match self.sources.get(index) {
             Some(counts) => lock(&counts.reasons).count(why),
@@ -137,7 +137,7 @@ impl Counts {
         }
     }
 
-    /// Keeps the deadline of the source's latest offer; call it when that has changed.
+    /// Stores the deadline of the source's latest offer. Call this when it has changed.
     pub(crate) fn in_force(&self, index: usize, in_force: CurrentDeadline) {
         if let Some(counts) = self.sources.get(index) {
             *lock(&counts.in_force) = Some(in_force);
@@ -151,7 +151,7 @@ impl Counts {
         lock(&self.unrecorded).get_or_insert_with(|| why.into());
     }
 
-    /// Counts an event of the source at `index`; local has 0.
+    /// Counts an event of the source at `index`; local's index is 0.
     pub(crate) fn source(&self, index: usize, event: CountedEvent) {
         if let Some(counts) = self.sources.get(index) {
             counts.count(event);
@@ -159,7 +159,7 @@ impl Counts {
         }
     }
 
-    /// The meters of the source at `index`.
+    /// Returns the meters of the source at `index`.
     pub(crate) fn meters(&self, index: usize) -> Option<&SourceMeters> {
         self.sources.get(index).map(|counts| &counts.meters)
     }
@@ -176,13 +176,14 @@ impl Counting {
         Self(Arc::clone(counts))
     }
 
-    /// The counts so far.
+    /// Returns the counts so far.
     #[must_use]
     pub fn tally(&self) -> Tally {
         self.0.tally()
     }
 
-    /// Counts a failure of a message handler: of cloud `p`, or without one of a handler of the operator's own.
+    /// Counts a failure of a message handler of cloud `p`, or of one of the operator's own handlers if `p` is
+    /// `None`.
     pub fn handler_failed(&self, p: Option<u16>) {
         match p.and_then(|p| self.0.index(p)) {
             Some(index) => self.0.source(index, CountedEvent::HandlerFailed),
@@ -190,8 +191,9 @@ impl Counting {
         }
     }
 
-    /// A handler of source `p`, or without one an operator's, ran for so long without a pause: counted, and warned of, if it
-    /// is longer than the [warning](crate::EngineConfig::lag_warning) allows.
+    /// Counts a handler that ran longer than the [lag warning](crate::EngineConfig::lag_warning) allows, and
+    /// logs it now and then. `p` is the source that the handler belongs to, or `None` for a handler of the
+    /// operator.
     pub fn ran(&self, p: Option<u16>, lasted: Duration) {
         if !self.0.lag.is_too_long(lasted) {
             return;
@@ -206,13 +208,13 @@ impl Counting {
             .held_up(lasted, counts.map(|counts| (&*counts.source.name, read(&counts.held_up))));
     }
 
-    /// How long a handler may run without a pause before it is counted and warned of.
+    /// Returns how long a handler may run without a pause before it is counted and logged.
     #[must_use]
     pub fn lag_warning(&self) -> Duration {
         self.0.lag.warning()
     }
 
-    /// Counts bytes that a call to cloud `p` sends; does nothing if there is no such cloud.
+    /// Counts bytes that a call to cloud `p` sends. Does nothing if there is no such cloud.
     pub fn sent(&self, p: u16, bytes: u64) {
         self.0.sent(p, bytes);
     }
@@ -291,12 +293,13 @@ impl SourceCounts {
     }
 }
 
-/// Only for what the engine alone counts, one input after the other: no other addition can come between.
+/// Adds to a count that only the engine changes, one input after the other, so no other addition can
+/// interfere.
 fn add(cell: &AtomicU64, count: u64) {
     cell.store(read(cell).wrapping_add(count), Ordering::Relaxed);
 }
 
-/// For what calls and handlers count, in any thread.
+/// Adds to a count that calls and handlers change in any thread.
 fn add_shared(cell: &AtomicU64, count: u64) {
     cell.fetch_add(count, Ordering::Relaxed);
 }
@@ -311,7 +314,7 @@ fn read(cell: &AtomicU64) -> u64 {
     cell.load(Ordering::Relaxed)
 }
 
-/// Only those that are not zero.
+/// Returns the counts that are not zero.
 fn by_reason<K: Ord, const N: usize>(all: [K; N], cells: &[AtomicU64; N]) -> BTreeMap<K, u64> {
     all.into_iter().zip(cells.iter().map(read)).filter(|(_, count)| *count > 0).collect()
 }

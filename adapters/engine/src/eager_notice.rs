@@ -1,23 +1,25 @@
-//! Whether an operator under eager gives a better cloud's chance away (A4): seen at the first message of which it does.
+//! Notices when an operator under eager gives away a better cloud's chance (A4), at the first message for
+//! which it does.
 
 use fuseline_traces::Commit;
 
-/// What was admitted for one message, until it was reported once.
+/// The requests admitted for one message, until the operator was warned once.
 pub(crate) struct EagerNotice {
     is_over: bool,
     t: Option<u64>,
-    /// Priorities and due instants.
+    /// The priorities and due instants.
     admitted: Vec<(u16, u64)>,
 }
 
 impl EagerNotice {
-    /// Only eager commits by a lower cloud's timer.
+    /// Creates a notice. Only eager commits by a lower cloud's timer.
     pub(crate) const fn new(commit: Commit) -> Self {
         let is_over = !matches!(commit, Commit::Eager);
         Self { is_over, t: None, admitted: Vec::new() }
     }
 
-    /// A request was admitted; the lower and the better cloud, the first time that the lower one's timer is earlier.
+    /// Notes a request. Returns the lower and the better cloud the first time that the lower one's timer is
+    /// earlier.
     pub(crate) fn admitted(&mut self, t: u64, p: u16, due: u64) -> Option<(u16, u16)> {
         if self.is_over {
             return None;
@@ -45,7 +47,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_earlier_timer_of_a_lower_cloud_is_noticed_once_and_no_other() {
+    fn notices_a_lower_clouds_earlier_timer_once() {
         let mut notice = EagerNotice::new(Commit::Eager);
         let mut admitted = |t, p, due| notice.admitted(t, p, due);
         assert_eq!([admitted(0, 1, 100), admitted(0, 2, 100), admitted(0, 3, 90)], [None; 3]);

@@ -1,4 +1,4 @@
-//! What goes into the engine beside plain values, and what comes out.
+//! The types that go into the engine and come out of it, beside plain values.
 
 use std::time::Duration;
 
@@ -6,38 +6,38 @@ use fuseline_traces::DropReason;
 
 use crate::item::{Item, Source};
 
-/// What the adapter is to do now.
+/// A task for the adapter.
 #[derive(Debug)]
 pub enum Effect<V, R> {
-    /// Send this downstream.
+    /// Send this item downstream.
     Output(Item<V>),
-    /// Begin the call, or for priority 0 the local computation.
+    /// Begin the call or, for priority 0, the local computation.
     Start {
         /// The source's priority; 0 is local.
         priority: u16,
         /// The message's timestamp.
         timestamp: u64,
-        /// The instant by which the call must end, in ns, time to [linger](crate::CloudConfig::linger)
-        /// included; none for local.
+        /// The instant in ns by which the call must end, including its time to
+        /// [linger](crate::CloudConfig::linger); `None` for local.
         until: Option<u64>,
-        /// What the message handler offered.
+        /// The request that the message handler offered.
         request: R,
     },
-    /// End the call: neither its result (F5, F7) nor how long it would take is of use any more.
-    /// Never local's.
+    /// End the call: neither its result (F5, F7) nor its duration is needed any more. It is never local's.
     Abort {
-        /// Whose.
+        /// The cloud's priority.
         priority: u16,
-        /// For which message.
+        /// The message's timestamp.
         timestamp: u64,
     },
-    /// Run local anew beside this computation, which has run for longer than its message's deadline: its place
-    /// goes to another. What still comes of it counts as any result; whatever ran it is not used again.
+    /// Start another worker for local. This computation has run for longer than its message's deadline, and
+    /// another one takes its place. Its result, if it comes, counts like any other, but its worker is not
+    /// used again.
     Replace {
-        /// For which message.
+        /// The message's timestamp.
         timestamp: u64,
     },
-    /// A late result, for use with later messages if wanted.
+    /// Use a late result with later messages, if it helps.
     Hint(Hint<V>),
 }
 
@@ -46,63 +46,67 @@ pub enum Effect<V, R> {
 pub struct Hint<V> {
     /// The timestamp of its message.
     pub timestamp: u64,
-    /// Who computed it.
+    /// The source that computed it.
     pub source: Source,
     /// The result.
     pub value: V,
-    /// The time since the message was taken in.
+    /// The time since the message was accepted.
     pub age: Duration,
-    /// Why it was dropped (F3): `late` or `superseded`.
+    /// The reason why it was dropped (F3): `late` or `superseded`.
     pub why: DropReason,
 }
 
-/// What a message handler wants to be sent to a cloud.
+/// A request that a message handler offers to a cloud.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Offer<R> {
     /// The cloud's priority.
     pub priority: u16,
-    /// How long the cloud may take; if it has a policy, the most that the policy may choose.
+    /// How long the cloud may take. If the cloud has a policy, this is the greatest deadline that the policy
+    /// may choose.
     pub deadline: Duration,
-    /// What is to be sent.
+    /// The request.
     pub request: R,
 }
 
-/// Which computation is thrown out when too many wait for local (D17).
+/// Which computation is discarded when too many wait for local (D17).
 #[derive(Clone, Copy, PartialEq, Eq, Default, Debug)]
 pub enum Overflow {
-    /// The oldest: a fresh message is worth more.
+    /// The oldest, because a fresh message is worth more.
     #[default]
     DropOldest,
     /// The newest, for a local computation that needs each message before the next one.
     DropNewest,
 }
 
-/// How many computations local takes.
+/// The number of computations that local takes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Local {
-    /// How many run at once; at least one does.
+    /// The number of computations that run at once; at least one does.
     pub at_once: usize,
-    /// How many more may wait, by default as many as the window holds; beyond that one [is thrown out](Self::overflow): local
-    /// fails for its message (F4).
+    /// The number of computations that may wait; by default as many as the window holds. Beyond that one is
+    /// [discarded](Self::overflow), and local fails for its message (F4).
     pub waiting: Option<usize>,
-    /// Which one is thrown out then; the oldest by default.
+    /// The computation that is discarded; by default the oldest.
     pub overflow: Overflow,
-    /// Up to how many computations that have not ended may be replaced, each by an [`Effect::Replace`] once it has run for
-    /// longer than its message's deadline. By default none is: local may keep state.
+    /// The number of computations that have not ended and may be replaced. Each is replaced by an
+    /// [`Effect::Replace`] once it has run for longer than its message's deadline. By default none is,
+    /// because local may keep state.
     pub replaceable: usize,
-    /// Whether one that waits is skipped once its message is answered.
+    /// `true` to skip a waiting computation once its message has its output.
     pub skip_answered: bool,
-    /// D13 lost words: whether a result can be lost on the way, as over topics. If so, a computation
-    /// without a result or failure within its message's deadline counts as lost, and another may run instead,
-    /// whether its message is open or not. If its result comes after all, the rules decide about it as
-    /// about any other. Without a deadline it is waited for.
+    /// `true` if a result can be lost on the way, as over topics (D13).
     ///
-    /// If not, a computation counts as running until it ends, unless it may be
-    /// [replaced](Self::replaceable). One that has run that long is counted as lost and warned of all the same.
+    /// Then a computation without a result or failure within its message's deadline counts as lost, and
+    /// another may run instead, whether its message is open or not. If its result comes after all, the rules
+    /// decide about it as about any other. A computation without a deadline is awaited.
+    ///
+    /// If `false`, a computation occupies its place until it ends, unless it may be
+    /// [replaced](Self::replaceable). One that runs longer than its message's deadline is still counted as
+    /// lost and logged.
     pub lossy: bool,
 }
 
-/// One computation at a time, which keeps its place until it ends.
+/// Runs one computation at a time, which keeps its place until it ends.
 impl Default for Local {
     fn default() -> Self {
         Self {

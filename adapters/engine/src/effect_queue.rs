@@ -1,11 +1,12 @@
-//! The effects of an engine that the adapter has yet to carry out.
+//! The effects of an engine that the adapter has not yet carried out.
 
 use std::collections::VecDeque;
 
 use crate::effect::Effect;
 
-/// Effects in the order of the decisions. Those with a value are more than three times as large as the others and lie beside them, since
-/// most have none and of one operator among thousands nothing is in the processor's caches.
+/// Effects in the order of the decisions. Those with a value are more than three times as large as the others
+/// and are stored separately: most effects have no value, and with thousands of operators nothing is in the
+/// cache.
 pub(crate) struct EffectQueue<V, R> {
     order: VecDeque<QueuedEffect<R>>,
     with_value: VecDeque<Effect<V, R>>,
@@ -25,7 +26,7 @@ enum QueuedEffect<R> {
     Replace {
         timestamp: u64,
     },
-    /// The next one with a value.
+    /// The next effect that has a value.
     WithValue,
 }
 

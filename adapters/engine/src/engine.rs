@@ -1,8 +1,8 @@
-//! One operator without its clock, its threads and its network: inputs are methods, and what is to be
-//! done comes out as effects.
+//! One operator without its clock, its threads and its network. Inputs are methods, and tasks for the adapter
+//! come out as effects.
 //!
-//! Each input is one call of the [`SizedArbiter`], which decides. What follows from its answers is in
-//! [`outcomes`]; nothing here or there decides anything about time or rank.
+//! Each input is one call of the [`SizedArbiter`], which decides. [`outcomes`] carries out the answers.
+//! Neither module decides anything about time or rank.
 
 mod outcomes;
 
@@ -36,23 +36,23 @@ use crate::sources::{LOCAL, SourceQueues};
 use crate::writer::{Sink, TraceWriter};
 use fuseline_arbiter::Answer;
 
-/// One operator: the core, the values it holds, the queues to its sources, its counts and its
+/// One operator: the core, the values that it holds, the queues to its sources, its counts and its
 /// recordings.
 ///
-/// `V` is what sources compute, `R` what is sent to them; the engine looks into neither. Instants are
-/// nanoseconds of the adapter's monotonic clock. Timestamps, priorities and instants are plain numbers and not the core's
-/// types, because any number is a legal input (A18). After each input, call [`next_effect`](Self::next_effect) until it
-/// returns none.
+/// `V` is what sources compute, and `R` is what is sent to them; the engine looks into neither. Instants are
+/// nanoseconds of the adapter's monotonic clock. Timestamps, priorities and instants are plain numbers, not
+/// the core's types, because any number is a legal input (A18). After each input, call
+/// [`next_effect`](Self::next_effect) until it returns `None`.
 ///
 /// - constructor: [`new`](Self::new), with an [`EngineConfig`]
 /// - before the first input: [`set_start`](Self::set_start), [`record`](Self::record)
 /// - inputs: [`open`](Self::open), [`open_with`](Self::open_with), [`offer`](Self::offer),
 ///   [`result`](Self::result), [`fail`](Self::fail), [`tick`](Self::tick)
-/// - what is known of the vehicle and of the operators downstream: [`set_situation`](Self::set_situation),
+/// - facts about the vehicle and the operators downstream: [`set_situation`](Self::set_situation),
 ///   [`set_reserve`](Self::set_reserve)
 /// - effects: [`next_effect`](Self::next_effect)
-/// - questions: [`next_due`](Self::next_due), [`is_idle`](Self::is_idle), [`counts`](Self::counts)
-// What every result needs comes first: of one operator among thousands nothing is in the processor's caches.
+/// - queries: [`next_due`](Self::next_due), [`is_idle`](Self::is_idle), [`counts`](Self::counts)
+// The fields that every result needs come first: with thousands of operators nothing is in the cache.
 #[repr(C)]
 pub struct Engine<V, R> {
     arbiter: SizedArbiter,
@@ -61,14 +61,14 @@ pub struct Engine<V, R> {
     open_messages: OpenMessages<V>,
     effects: EffectQueue<V, R>,
     firings: ServedFirings,
-    /// How many open messages the gauge shows.
+    /// The number of open messages that the gauge shows.
     shown_open: usize,
     recordings: Recordings,
     policies: Policies,
     eager_notice: EagerNotice,
     operator: Arc<str>,
     local: Local,
-    /// How many computations may wait for local.
+    /// The number of computations that may wait for local.
     waiting: usize,
     /// The part of an end-to-end deadline that is kept for the operators downstream.
     reserve: Reserve,
@@ -76,17 +76,17 @@ pub struct Engine<V, R> {
     latency: Option<Latency>,
     has_substitutes: bool,
     greatest_deadline: GreatestDeadline,
-    /// D13: whether messages' ages are of a clock that may step.
+    /// `true` if messages' ages come from a clock that may step (D13).
     has_doubtful_ages: bool,
-    /// When the clock read 0.
+    /// The instant when the engine's clock read 0.
     start: Option<Instant>,
 }
 
 impl<V, R> Engine<V, R> {
-    /// Makes an operator with nothing open.
+    /// Creates an operator with no open message.
     ///
     /// # Errors
-    /// As of [`EngineConfig::check`].
+    /// Returns the error of [`EngineConfig::check`].
     pub fn new(config: EngineConfig) -> Result<Self, EngineConfigError> {
         let arbiter = config.machine()?;
         let operator: Arc<str> = config.operator.into();
@@ -116,42 +116,45 @@ impl<V, R> Engine<V, R> {
         })
     }
 
-    /// Says when this engine's clock reads 0; without it the age of a message is unknown. Call it before the first input.
+    /// Sets the instant at which this engine's clock reads 0. Without it the age of a message is unknown.
+    /// Call this before the first input.
     pub const fn set_start(&mut self, start: Instant) {
         self.start = Some(start);
     }
 
-    /// E3: keeps this much of the end-to-end deadline of messages from now on for the operators downstream; at first nothing.
+    /// Sets the part of the end-to-end deadline to keep for the operators downstream, for messages from now
+    /// on (E3). At first it is 0.
     pub const fn set_reserve(&mut self, reserve: Reserve) {
         self.reserve = reserve;
     }
 
-    /// Sets what policies know of the vehicle, for messages from now on; at first nothing.
+    /// Sets the vehicle's situation for policies, for messages from now on. At first it is unknown.
     pub const fn set_situation(&mut self, situation: Situation<'static>) {
         self.policies.set_situation(situation);
     }
 
-    /// Records everything from here on; call it before the first input, once for each file.
+    /// Records everything from here on. Call this before the first input, once for each file.
     ///
-    /// Each file has a thread of its own that writes it: twice a second, and at once when a message is
-    /// missed or refused, or more often as [`Recording`](fuseline_traces::Recording) says. If the
-    /// disk fails or falls far behind, the recording ends early, with a whole input:
-    /// [`Tally::unrecorded`](crate::Tally::unrecorded) and the log say so at once, and
-    /// [`finish`](Self::finish) at the end. The operator goes on.
+    /// Each file has its own thread, which writes twice a second, at once when a message is missed or
+    /// refused, or more often as [`Recording`](fuseline_traces::Recording) says. If the disk fails or falls
+    /// far behind, the recording ends early, with a whole input.
+    /// [`Tally::unrecorded`](crate::Tally::unrecorded) and the log report this at once, and
+    /// [`finish`](Self::finish) at the end. The operator continues.
     ///
     /// # Errors
-    /// If the thread cannot be started.
+    /// Returns an error if the thread cannot be started.
     pub fn record(&mut self, sink: impl Into<Sink>) -> io::Result<()> {
         let counts = Arc::clone(&self.counts);
         self.recordings.add(TraceWriter::new(sink.into(), counts)?);
         Ok(())
     }
 
-    /// F1: a message came; true if it is taken on. Then `job` goes to local, whose deadline is `deadline`,
-    /// and clouds are offered `offers` (F2), which is not looked at otherwise.
+    /// Takes a message (F1). Returns `true` if it is accepted.
     ///
-    /// If too many computations wait for local then, one of them [is thrown out](Overflow) after the offers: local fails for
-    /// its message (F4), and only clouds can answer it.
+    /// Then `job` goes to local, whose deadline is `deadline`, and clouds are offered `offers` (F2). If the
+    /// message is refused, `offers` is not read. If too many computations then wait for local, one of them is
+    /// [discarded](Overflow) after the offers: local fails for its message (F4), and only clouds can return a
+    /// result for it.
     pub fn open(
         &mut self,
         at: u64,
@@ -163,7 +166,8 @@ impl<V, R> Engine<V, R> {
         self.open_with(at, t, deadline, None, job, offers)
     }
 
-    /// The same of a message with a lineage, which its items have too.
+    /// Takes a message with a lineage, which its items have too. Otherwise it does what [`open`](Self::open)
+    /// does.
     pub fn open_with(
         &mut self,
         at: u64,
@@ -175,7 +179,7 @@ impl<V, R> Engine<V, R> {
     ) -> bool {
         self.begin(at);
         let budget = lineage.as_ref().and_then(|lineage| self.budget(at, lineage));
-        // E3: local too ends with the budget.
+        // Local also ends with the budget (E3).
         let left = budget.map(|budget| budget.for_local(at, self.has_substitutes));
         let deadline = deadline.into_iter().chain(left).min().map(nanos);
         let instant = if lineage.is_some() { self.instant(at) } else { None };
@@ -201,7 +205,7 @@ impl<V, R> Engine<V, R> {
             self.offer(at, t, priority, deadline, request);
         }
         if self.sources[LOCAL].backlog() > self.waiting {
-            // D17: by default the oldest, since a fresh message is worth more.
+            // By default the oldest is discarded, because a fresh message is worth more (D17).
             let thrown_out = match self.local.overflow {
                 Overflow::DropOldest => self.sources[LOCAL].oldest_waiting().unwrap_or(t),
                 Overflow::DropNewest => t,
@@ -211,12 +215,12 @@ impl<V, R> Engine<V, R> {
         true
     }
 
-    /// F2: a message handler wants `request` sent to cloud `p`.
+    /// Offers `request` to cloud `p` for a message handler (F2).
     ///
-    /// If the cloud has a policy, the policy chooses the deadline, at most `deadline`. It is called only
-    /// if the request will be admitted.
+    /// If the cloud has a policy, the policy chooses the deadline, at most `deadline`. The policy is called
+    /// only if the request will be admitted.
     pub fn offer(&mut self, at: u64, t: u64, p: u16, deadline: Duration, request: R) {
-        // F0: what is due comes first; it may close the message that the policy would be called about.
+        // Due timers come first, since they may close the message that the policy would be asked about (F0).
         if self.arbiter.next_due().is_some_and(|due| due <= at) {
             self.tick(at);
         }
@@ -272,8 +276,10 @@ impl<V, R> Engine<V, R> {
         self.start_waiting(now);
     }
 
-    /// F4: a source will send no result; `why` is counted, given with the message's item, and logged: as a warning at first and
-    /// every ten seconds while no result comes, else at level debug.
+    /// Reports that a source will send no result (F4).
+    ///
+    /// `why` is counted, given with the message's item, and logged. It is a warning at first and every ten
+    /// seconds while no result comes, and otherwise at the level debug.
     pub fn fail(&mut self, at: u64, t: u64, p: u16, why: &dyn fmt::Display) {
         self.begin(at);
         let index = self.sources.index(p);
@@ -288,51 +294,53 @@ impl<V, R> Engine<V, R> {
         self.start_waiting(now);
     }
 
-    /// F5: time went by.
+    /// Advances the clock and fires the timers that are due (F5).
     pub fn tick(&mut self, at: u64) {
         self.begin(at);
         let (_, now) = self.decide(&Input::Tick { at });
         self.start_waiting(now);
     }
 
-    /// The run is over at `at`. If messages are open, a last `tick` in the trace says so: what was due by then is overdue (A44).
+    /// Ends the run at `at`. If messages are open, a last `tick` in the trace shows that everything that was
+    /// due by then is overdue (A44).
     ///
-    /// Nothing is decided any more: the tick comes before the next timer's due instant. [Finish](Self::finish) then.
+    /// Nothing is decided any more: the tick comes before the next timer's due instant. Call
+    /// [`finish`](Self::finish) next.
     pub fn end(&mut self, at: u64) {
         if !self.is_idle() {
             self.tick(self.next_due().map_or(at, |due| at.min(due.saturating_sub(1))));
         }
     }
 
-    /// Ends the recordings, if there are any, and waits until they are written. Dropping the engine
-    /// does the same.
+    /// Ends the recordings, if there are any, and waits until they are written. Dropping the engine does the
+    /// same.
     ///
     /// # Errors
-    /// The first error while recording; the trace is whole up to there.
+    /// Returns the first error while recording. The trace is whole up to there.
     pub fn finish(&mut self) -> io::Result<()> {
         self.recordings.finish()
     }
 
-    /// The next thing to do, in the order of the decisions.
+    /// Returns the next effect, in the order of the decisions, or `None`.
     pub fn next_effect(&mut self) -> Option<Effect<V, R>> {
         self.effects.pop()
     }
 
-    /// The earliest instant, in ns, at which a timer is due, a call has lingered long enough, or a lost
-    /// computation makes room for one that waits; none if there is none. Tick then.
+    /// Returns the earliest instant, in ns, at which a timer is due, a call has lingered long enough, or a
+    /// lost computation makes room for one that waits. Tick then.
     #[must_use]
     pub fn next_due(&self) -> Option<u64> {
         self.arbiter.next_due().into_iter().chain(self.sources.next_due()).min()
     }
 
-    /// Whether no message is open.
+    /// Returns `true` if no message is open.
     #[must_use]
     pub fn is_idle(&self) -> bool {
         self.arbiter.is_idle()
     }
 
-    /// How long local may take for a message that was taken on at `at` with `deadline`: no longer than its end-to-end deadline
-    /// allows (E3).
+    /// Returns how long local may take for a message that was accepted at `at` with `deadline`. Its
+    /// end-to-end deadline may shorten the time (E3).
     #[must_use]
     pub fn local_deadline(&self, at: u64, t: u64, deadline: Option<Duration>) -> Option<Duration> {
         let budget = self.open_messages.budget(t);
@@ -340,32 +348,32 @@ impl<V, R> Engine<V, R> {
         deadline.into_iter().chain(left).min()
     }
 
-    /// The operator's name.
+    /// Returns the operator's name.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.operator
     }
 
-    /// How long calls to cloud `p` may run on after they were due.
+    /// Returns how long calls to cloud `p` may run on after their due instants.
     #[must_use]
     pub fn linger(&self, p: u16) -> Duration {
         let index = self.sources.cloud(p);
         index.map_or(Duration::ZERO, |index| Duration::from_nanos(self.sources[index].linger))
     }
 
-    /// How many messages are open.
+    /// Returns the number of open messages.
     #[must_use]
     pub fn open_len(&self) -> usize {
         self.open_messages.len()
     }
 
-    /// The counts, which go on counting.
+    /// Returns the counts, which continue to count.
     #[must_use]
     pub fn counts(&self) -> Counting {
         Counting::new(&self.counts)
     }
 
-    /// What is left of a message's end-to-end deadline, if it has one.
+    /// Returns the rest of a message's end-to-end deadline, if it has one.
     fn budget(&self, at: u64, lineage: &Lineage) -> Option<Budget> {
         lineage.within?;
         let instant = if self.has_doubtful_ages { None } else { self.instant(at) };

@@ -1,20 +1,20 @@
-//! What happens to the requests and results of one source, as it is counted.
+//! The events of one source's requests and results, as they are counted.
 
 use fuseline_traces::{DropReason, OfferRefusal};
 
 use crate::item::Trigger;
 
-/// What is counted about one source.
+/// An event that is counted for one source.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum CountedEvent {
     Admitted,
     Refused(OfferRefusal),
     Output(Trigger),
-    /// A message ended without a result better than the one that was sent before.
+    /// A message ended without a better result than the one sent before.
     Final,
-    /// A result was forwarded as it came; its message is counted by `Output`.
+    /// A result was forwarded when it came; `Output` counts its message.
     Forwarded,
-    /// A result was forwarded as it came, and better ones may follow.
+    /// A result was forwarded when it came, and better ones may follow.
     Preliminary,
     Held,
     Dropped(DropReason),
@@ -23,7 +23,7 @@ pub(crate) enum CountedEvent {
     /// A message handler failed.
     HandlerFailed,
     PolicyFailed,
-    /// A handler held up the thread that it ran on.
+    /// A handler blocked the thread that it ran on.
     HeldUp,
     FailureDropped(DropReason),
     Timer,

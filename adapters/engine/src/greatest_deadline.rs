@@ -1,14 +1,14 @@
-//! The greatest deadline that may be offered: a longer one is a mistake, such as milliseconds read as seconds, and would hold a
-//! result as long (A14).
+//! Bounds the deadlines of offers. A longer one is a mistake, such as milliseconds read as seconds, and would
+//! hold a result for as long (A14).
 
 use std::time::Duration;
 
 use tracing::warn;
 
-/// The bound, and whose offers were above it.
+/// The bound, and the clouds whose offers exceeded it.
 pub(crate) struct GreatestDeadline {
     limit: Duration,
-    /// The clouds of which it was logged.
+    /// The clouds for which this was logged.
     reported: Vec<u16>,
 }
 
@@ -17,8 +17,8 @@ impl GreatestDeadline {
         Self { limit, reported: Vec::new() }
     }
 
-    /// What a cloud is offered: 0, which the machine refuses (F2, A11), for what is above the bound; at most the bound as the cap
-    /// of a policy.
+    /// Returns the deadline to offer: 0, which the machine refuses, for a deadline above the bound (F2, A11).
+    /// As the cap of a policy it is at most the bound.
     pub(crate) fn of_offer(
         &mut self,
         offered: Duration,
@@ -51,7 +51,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_above_the_bound_is_0_and_a_cap_is_the_bound() {
+    fn offer_above_the_bound_is_0_and_a_cap_the_bound() {
         let second = Duration::from_secs(1);
         let mut greatest = GreatestDeadline::new(Duration::MAX);
         let mut of = |offered, is_cap| greatest.of_offer(offered, ("fusion", 1), is_cap);

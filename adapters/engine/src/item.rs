@@ -1,4 +1,5 @@
-//! What goes downstream: one item for each message; under progressive one or more, the last one marked (D1).
+//! The items that go downstream: one for each message; under progressive one or more, of which the last is
+//! marked (D1).
 
 use std::any::Any;
 use std::fmt;
@@ -9,43 +10,45 @@ use fuseline_traces::OpenRefusal;
 
 use crate::lineage::Lineage;
 
-/// What became of one message. Every message taken in leads to exactly one item (P1, P11); under progressive to one or more,
-/// each better than the one before, of which exactly one [is the last](Self::is_last) (D1, F9).
+/// The output of an operator for one message.
 ///
-/// Items come in the order of decisions (A12): under progressive a consumer keeps the item of the greatest
-/// `(timestamp, source.priority)`, or else an old message's better result replaces a newer message's.
+/// Every message leads to exactly one item (P1, P11). Under progressive it leads to one or more, each better
+/// than the one before, and exactly one [is the last](Self::is_last) (D1, F9). Items come in the order of
+/// decisions (A12). So under progressive a consumer should keep the item of the greatest `(timestamp,
+/// source.priority)`; otherwise an old message's better result replaces a newer message's result.
 ///
-/// Instants are readings of the operator's clock: time since the operator started.
+/// Instants are readings of the operator's clock: the time since the operator started.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Item<V> {
     /// The message's timestamp: its index in the input stream, from 0.
     pub timestamp: u64,
-    /// When the message was taken in.
+    /// The instant when the message arrived.
     pub opened: Duration,
-    /// When it was decided.
+    /// The instant of the decision.
     pub decided: Duration,
-    /// How many items of its message came before it: 0, unless the rule is progressive.
+    /// The number of items of its message before this one. It is 0 unless the commit rule is progressive.
     pub revision: u32,
-    /// How the message left.
+    /// How the message ended.
     pub ending: Ending<V>,
-    /// The sources whose failure was accepted by then, and why they failed (F4).
+    /// The sources whose failure was accepted by then, and the reasons (F4).
     pub failures: Vec<Failure>,
-    /// What the message comes from, as it was written with it.
+    /// The origin of the message, as it was given with the message.
     pub lineage: Option<Arc<Lineage>>,
-    /// The time from the capture to the decision, if it is known: of the message that the value is [of](Forwarded::of), if that
-    /// is an earlier one. Of a substitute it is unknown (E7).
+    /// The time from the capture to the decision, if that is known. If the value is [of](Forwarded::of) an
+    /// earlier message, it counts from that message's capture. A substitute has none (E7).
     pub age: Option<Duration>,
-    /// E4: what the operator's [handler](Self::needs_substitute) gave for a message without a result. The ending stays as it is.
+    /// The value that the operator's [handler](Self::needs_substitute) gave for a message without a result
+    /// (E4). The ending stays as it is.
     pub substitute: Option<V>,
-    /// The message itself, if the operator was to keep it; read it by [`message`](Self::message).
+    /// The message itself, if the operator was to keep it. Read it by [`message`](Self::message).
     pub carried: Option<CarriedMessage>,
 }
 
-/// A message that an item carries, shared with whoever computes it.
+/// A message that an item carries, shared with its computations.
 #[derive(Clone)]
 pub struct CarriedMessage(pub Arc<dyn Any + Send + Sync>);
 
-/// A source that sent no result for a message, and why.
+/// A source that sent no result for a message, and the reason.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Failure {
     /// The source.
@@ -54,31 +57,31 @@ pub struct Failure {
     pub why: Arc<str>,
 }
 
-/// How a message was answered; preliminary and final under progressive alone.
+/// How a message ended. Preliminary and final occur only under progressive.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Ending<V> {
     /// The best result so far; a better one may follow (F9).
     Preliminary(Forwarded<V>),
-    /// The best available result (F7, P3); nothing follows.
+    /// The best available result (F7, P3). Nothing follows.
     Forwarded(Forwarded<V>),
     /// No better result came than this source's, which was sent before and is the last (F9).
     Final(Source),
     /// No result came and none will (F6).
     Missed,
-    /// The message was not taken on, and nothing was computed for it (F1).
+    /// The message was refused, and nothing was computed for it (F1).
     Refused(OpenRefusal),
 }
 
-/// A result on its way downstream.
+/// A result that goes downstream.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Forwarded<V> {
     /// The result.
     pub value: V,
-    /// Who computed it.
+    /// The source that computed it.
     pub source: Source,
-    /// When the result arrived; earlier than the decision if it was held.
+    /// The instant when the result arrived. It is earlier than the decision if the result was held.
     pub arrived: Duration,
-    /// What made the result go.
+    /// The event that triggered the output.
     pub trigger: Trigger,
     /// Of which message the value is, if its source said so: of this one, or of one before it that is no older than the
     /// cloud's `max_age` allows (D2).
@@ -88,28 +91,28 @@ pub struct Forwarded<V> {
 /// Local or a cloud.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub struct Source {
-    /// 0 is local; clouds have 1 to 65535, the greater wins.
+    /// The source's rank: 0 is local, clouds have 1 to 65535, and the greater number wins.
     pub priority: u16,
     /// `local`, or the cloud's name.
     pub name: Arc<str>,
 }
 
-/// What made a result go.
+/// The event that triggered an output.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub enum Trigger {
-    /// F3: it arrived, and nothing better was still to come.
+    /// The result arrived, and nothing better was still to come (F3).
     Arrival,
-    /// F4: it was held, and what it waited for failed.
+    /// The result was held, and the sources that it waited for failed (F4).
     Failure,
-    /// F5: it was held, and a timer fired.
+    /// The result was held, and a timer fired (F5).
     Timer,
 }
 
 impl Trigger {
-    /// All of them.
+    /// All triggers.
     pub const ALL: [Self; 3] = [Self::Arrival, Self::Failure, Self::Timer];
 
-    /// Its word in metrics and logs.
+    /// Returns the word for metrics and logs.
     #[must_use]
     pub const fn as_str(self) -> &'static str {
         match self {
@@ -119,7 +122,7 @@ impl Trigger {
         }
     }
 
-    /// The identifier of the rule that made the result go.
+    /// Returns the identifier of the rule that triggered the output.
     #[must_use]
     pub const fn id(self) -> &'static str {
         match self {
@@ -142,7 +145,7 @@ impl fmt::Display for Source {
     }
 }
 
-/// The same message, not an equal one.
+/// Two carried messages are equal only if they are the same message.
 impl PartialEq for CarriedMessage {
     fn eq(&self, other: &Self) -> bool {
         Arc::ptr_eq(&self.0, &other.0)
@@ -158,13 +161,13 @@ impl fmt::Debug for CarriedMessage {
 }
 
 impl<V> Item<V> {
-    /// The message that it is of, if the operator was to keep it and it is of type `M`, the operator's input.
+    /// Returns the message, if the operator was to keep it and it has the type `M` of the operator's input.
     #[must_use]
     pub fn message<M: Send + Sync + 'static>(&self) -> Option<Arc<M>> {
         Arc::downcast(Arc::clone(&self.carried.as_ref()?.0)).ok()
     }
 
-    /// The forwarded result, preliminary or not, if there is one.
+    /// Returns the forwarded result, preliminary or not, if there is one.
     #[must_use]
     pub const fn forwarded(&self) -> Option<&Forwarded<V>> {
         match &self.ending {
@@ -173,7 +176,7 @@ impl<V> Item<V> {
         }
     }
 
-    /// What a consumer goes by: the forwarded result, or else the substitute.
+    /// Returns the value that a consumer should use: the forwarded result, or otherwise the substitute.
     #[must_use]
     pub const fn value(&self) -> Option<&V> {
         match self.forwarded() {
@@ -182,7 +185,7 @@ impl<V> Item<V> {
         }
     }
 
-    /// Whether its message ended without a result: missed or refused.
+    /// Returns `true` if the message ended without a result: missed or refused.
     #[must_use]
     pub const fn needs_substitute(&self) -> bool {
         match &self.ending {
@@ -191,7 +194,7 @@ impl<V> Item<V> {
         }
     }
 
-    /// Whether no other item of its message follows.
+    /// Returns `true` if no other item of the message follows.
     #[must_use]
     pub const fn is_last(&self) -> bool {
         match &self.ending {
@@ -200,8 +203,8 @@ impl<V> Item<V> {
         }
     }
 
-    /// This item for whoever was not given the `earlier` one of its message: where it is final, it has the value that was
-    /// sent before.
+    /// Returns this item for a consumer that was not given the `earlier` one of its message. If this item is
+    /// final, it gets the value that was sent before.
     #[must_use]
     pub fn instead_of(mut self, earlier: Self) -> Self {
         if let (Ending::Final(_), Ending::Preliminary(last)) = (&self.ending, earlier.ending) {
@@ -213,7 +216,7 @@ impl<V> Item<V> {
         self
     }
 
-    /// The time from taking the message in to the decision.
+    /// Returns the time from the message's arrival to the decision.
     #[must_use]
     pub const fn took(&self) -> Duration {
         self.decided.saturating_sub(self.opened)

@@ -1,6 +1,7 @@
-//! Whether the event loop is held up: by a timer that is served late, or a handler that runs for long without a pause (D9).
+//! Notices when the event loop is blocked: a timer is served late, or a handler runs for long without a pause
+//! (D9).
 //!
-//! It counts and warns; nothing is decided by it. A warning comes with the first, second, fourth, … time.
+//! It counts and logs; no decision depends on it. It warns the first, second, fourth, … time.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -10,13 +11,13 @@ use tracing::warn;
 
 use fuseline_traces::nanos;
 
-/// One operator's lag, in ns.
+/// One operator's lag in ns.
 pub(crate) struct Lag {
     operator: Arc<str>,
-    /// How long is too long.
+    /// The shortest lag that is counted.
     warning: u64,
     late_timers: AtomicU64,
-    /// Times that handlers of no source held up the loop.
+    /// The number of times that the operator's own handlers blocked the loop.
     held_up: AtomicU64,
     greatest: AtomicU64,
 }
@@ -40,7 +41,7 @@ impl Lag {
         nanos(lasted) > self.warning
     }
 
-    /// A timer was served so late.
+    /// Notes the delay of a timer.
     pub(crate) fn timer(&self, lag: Duration) {
         if !self.is_too_long(lag) {
             return;
@@ -57,7 +58,8 @@ impl Lag {
         }
     }
 
-    /// A handler held up its thread; `source` has its source's name, and how often it did so.
+    /// Notes that a handler blocked its thread. `source` has the name of its source and the number of times
+    /// that happened.
     pub(crate) fn held_up(&self, lasted: Duration, source: Option<(&str, u64)>) {
         self.greatest.fetch_max(nanos(lasted), Ordering::Relaxed);
         let (source, times) = source

@@ -1,4 +1,4 @@
-//! How long operators take, for the reserve of those upstream (E3).
+//! How long operators take, for the reserve of the operators upstream (E3).
 
 use std::collections::VecDeque;
 use std::iter::Sum;
@@ -7,10 +7,22 @@ use std::time::Duration;
 
 use crate::lock::lock;
 
-/// How long an operator takes for a message, on board alone and with its clouds: stated, or measured while it runs.
+/// How long an operator takes for a message, on board alone and with its clouds. It is stated, or measured
+/// while the operator runs.
 ///
-/// The operator records its messages in it, and the operators upstream keep that much of an end-to-end deadline in
-/// [reserve](Reserve). Clones share the measurements.
+/// The operator records its messages in it, and the operators upstream keep that much of an end-to-end
+/// deadline in [reserve](Reserve). Clones share the measurements.
+///
+/// ```
+/// use fuseline_engine::{Latency, Reserve};
+/// use std::time::Duration;
+///
+/// let planner = Latency::stated(Duration::from_millis(30));
+/// let control = Latency::stated_with_clouds(Duration::from_millis(5), Duration::from_millis(20));
+/// let reserve: Reserve = [&planner, &control].into_iter().sum();
+/// assert_eq!(reserve.on_board(), Duration::from_millis(35));
+/// assert_eq!(reserve.with_clouds(), Duration::from_millis(50));
+/// ```
 #[derive(Clone, Debug)]
 pub struct Latency(LatencyKind);
 
@@ -20,10 +32,12 @@ enum LatencyKind {
     Measured { percent: u8, at_first: Duration, last: Arc<Mutex<Measurements>> },
 }
 
-/// The part of an end-to-end deadline that is kept for the operators downstream, as the sum of their latencies.
+/// The part of an end-to-end deadline that is kept for the operators downstream. It is the sum of their
+/// latencies.
 ///
-/// Local's time ends before what the others need [on board](Self::on_board). Requests end before what the others take
-/// [with their clouds](Self::with_clouds). So a cloud downstream never takes time from local upstream (E11).
+/// Local's time ends before what the others need [on board](Self::on_board). Requests end before what the
+/// others take [with their clouds](Self::with_clouds). So a cloud downstream never takes time from local
+/// upstream (E11).
 #[derive(Clone, Copy, PartialEq, Eq, Default, Debug)]
 pub struct Reserve {
     on_board: Duration,
@@ -43,13 +57,14 @@ struct LastLatencies {
     sorted: Vec<Duration>,
 }
 
-/// How many times are remembered.
+/// The number of times that are remembered.
 const REMEMBERED: usize = 256;
-/// From how many on they are used.
+/// The number of times that must be recorded before they are used.
 const ENOUGH: usize = 16;
 
 impl Reserve {
-    /// Returns a reserve of `on_board` for local computations, and of `with_clouds`, or `on_board` if that is more, for all.
+    /// Returns a reserve of `on_board` for local computations, and of the greater of `on_board` and
+    /// `with_clouds` for requests.
     #[must_use]
     pub const fn new(on_board: Duration, with_clouds: Duration) -> Self {
         let is_less = with_clouds.as_nanos() < on_board.as_nanos();
@@ -62,14 +77,15 @@ impl Reserve {
         self.on_board
     }
 
-    /// Returns how long the operators downstream take if they wait for their clouds, at least [`on_board`](Self::on_board).
+    /// Returns how long the operators downstream take if they wait for their clouds; at least
+    /// [`on_board`](Self::on_board).
     #[must_use]
     pub const fn with_clouds(&self) -> Duration {
         self.with_clouds
     }
 }
 
-/// Saturates.
+/// Adds up the latencies, saturating.
 impl<'a> Sum<&'a Latency> for Reserve {
     fn sum<I: Iterator<Item = &'a Latency>>(latencies: I) -> Self {
         latencies.map(Latency::estimate).fold(Self::default(), |sum, one| {
@@ -80,7 +96,7 @@ impl<'a> Sum<&'a Latency> for Reserve {
 }
 
 impl Latency {
-    /// States one figure for how long the operator takes on board and with its clouds.
+    /// States one time that the operator takes, on board and with its clouds.
     #[must_use]
     pub const fn stated(latency: Duration) -> Self {
         Self::stated_with_clouds(latency, latency)
@@ -92,8 +108,8 @@ impl Latency {
         Self(LatencyKind::Stated(Reserve::new(on_board, with_clouds)))
     }
 
-    /// Measures: this percentile, of 1 to 100, of local's last 256 computations and of the last 256 messages; `at_first` for
-    /// either until 16 were recorded.
+    /// Measures a percentile, from 1 to 100, of local's last 256 computations and of the last 256 messages.
+    /// Until 16 were recorded, either is `at_first`.
     #[must_use]
     pub fn measured(percent: u8, at_first: Duration) -> Self {
         Self(LatencyKind::Measured { percent, at_first, last: Arc::default() })
@@ -104,14 +120,16 @@ impl Latency {
         self.push(|last| &mut last.messages, took);
     }
 
-    /// Records how long local computed a result, whatever was sent for its message. Does nothing if the latency is stated.
+    /// Records how long local computed a result, whatever was sent for its message. Does nothing if the
+    /// latency is stated.
     ///
-    /// The wait for a free worker does not count: clouds upstream may cause it, and it would take local's time there.
+    /// The wait for a free worker does not count: clouds upstream may cause it, and it would take local's
+    /// time there.
     pub fn record_local(&self, took: Duration) {
         self.push(|last| &mut last.local, took);
     }
 
-    /// Returns the latency as it is now.
+    /// Returns the current latency.
     #[must_use]
     pub fn estimate(&self) -> Reserve {
         match &self.0 {
@@ -132,7 +150,7 @@ impl Latency {
     }
 }
 
-/// Measurements are equal if they are shared.
+/// Two measured latencies are equal if they share their measurements.
 impl PartialEq for Latency {
     fn eq(&self, other: &Self) -> bool {
         match (&self.0, &other.0) {
@@ -188,7 +206,7 @@ mod tests {
         (1..=16).for_each(|_| operator.record_local(2 * MS));
         (16..=20).for_each(|ms| operator.record(ms * MS));
         assert_eq!(latency.estimate(), Reserve::new(2 * MS, 18 * MS));
-        // E8: what is older is forgotten.
+        // Older times are forgotten (E8).
         (0..256).for_each(|_| operator.record(5 * MS));
         assert_eq!(with_clouds(&latency), 5 * MS);
     }

@@ -1,11 +1,12 @@
-//! What a message comes from and how old it is. Operators carry it along and write it in their traces; it decides nothing (A51).
+//! The origin and the age of a message. Operators pass it on and write it in their traces; no decision
+//! depends on it (A51).
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use fuseline_traces::{Annotations, Origin, nanos};
 
-/// What a message comes from: operators pass it on as it is, from the sensor to the last output.
+/// The origin of a message. Operators pass it on unchanged, from the sensor to the last output.
 ///
 /// ```
 /// use fuseline_engine::Lineage;
@@ -17,14 +18,15 @@ use fuseline_traces::{Annotations, Origin, nanos};
 /// ```
 #[derive(Clone, PartialEq, Eq, Hash, Default, Debug)]
 pub struct Lineage {
-    /// The sensor's stream and the message's timestamp there.
+    /// The sensor's stream and the message's timestamp in it.
     pub origin: Option<Origin>,
-    /// When the sensor captured it.
+    /// The instant when the sensor captured the message.
     pub captured: Option<Instant>,
-    /// By when after the capture the last operator's output is due; if the capture is unknown, each operator counts from when
-    /// it takes the message in. Each operator's deadlines end with it (E3); traces have it, where it is judged (J2).
+    /// The time after the capture by which the last operator's output is due. If the capture is unknown, each
+    /// operator counts from when it accepts the message. Each operator's deadlines end with it (E3), and
+    /// traces record it, so that it can be judged (J2).
     pub within: Option<Duration>,
-    /// The inputs of joins on the way that nothing came from.
+    /// The inputs of joins on the way that contributed no message.
     pub missing: Vec<Arc<str>>,
 }
 
@@ -38,27 +40,28 @@ pub struct StampedValue<V> {
 }
 
 impl Lineage {
-    /// Of message `seq` of the sensor `stream`, captured at this instant.
+    /// Returns the lineage of message `seq` of the sensor `stream`, captured at this instant.
     #[must_use]
     pub fn new(stream: impl Into<Arc<str>>, seq: u64, captured: impl Into<Instant>) -> Self {
         let origin = Origin { stream: stream.into(), seq: Some(seq) };
         Self { origin: Some(origin), captured: Some(captured.into()), ..Self::default() }
     }
 
-    /// The same with an end-to-end deadline, counted from the capture.
+    /// Returns the same lineage with an end-to-end deadline, which counts from the capture.
     #[must_use]
     pub fn within(mut self, deadline: Duration) -> Self {
         self.within = Some(deadline);
         self
     }
 
-    /// The time since the capture, if that is known; 0 if it is still to come.
+    /// Returns the time since the capture, if that is known, or 0 if the capture is still to come.
     #[must_use]
     pub fn age(&self, now: impl Into<Instant>) -> Option<Duration> {
         Some(now.into().saturating_duration_since(self.captured?))
     }
 
-    /// The keys of the `open`, whose instant is `now`. What counts from that instant is written as if it counted from the capture.
+    /// Returns the keys of the `open`, whose instant is `now`. A deadline that counts from that instant is
+    /// written as if it counted from the capture.
     pub(crate) fn annotations(&self, now: Option<Instant>, counts_from_now: bool) -> Annotations {
         let age = now.and_then(|now| self.age(now));
         let before = age.filter(|_| counts_from_now).unwrap_or_default();
@@ -89,9 +92,9 @@ impl<V> From<V> for StampedValue<V> {
 mod tests {
     use super::*;
 
-    /// J2 counts from the capture what an operator that doubts ages counts from the intake.
+    /// A judge counts from the capture what an operator that doubts ages counts from the open (J2).
     #[test]
-    fn a_deadline_that_counts_from_the_intake_is_written_with_the_age() {
+    fn deadline_from_the_open_is_written_with_the_age() {
         let captured = Instant::now();
         let lineage = Lineage::new("camera", 1, captured).within(Duration::from_nanos(500));
         let now = Some(captured + Duration::from_nanos(30));

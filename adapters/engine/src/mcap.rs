@@ -1,4 +1,4 @@
-//! A run as MCAP: lines of the trace as JSON messages, for Foxglove and other readers of MCAP.
+//! Writes a run as MCAP, with lines of the trace as JSON messages, for Foxglove and other readers of MCAP.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -13,11 +13,11 @@ use mcap::records::MessageHeader;
 /// What a message holds.
 const SCHEMA: &str = r#"{"title":"fuseline.Line","description":"A line of a fuseline trace: its header, an input or a decision.","type":"object","properties":{"ev":{"type":"string"},"at":{"type":"integer"},"t":{"type":"integer"},"p":{"type":"integer"},"due":{"type":"integer"},"deadline":{"type":"integer"},"backlog":{"type":"integer"},"why":{"type":"string"},"of":{"type":"integer"},"try":{"type":"integer"},"within":{"type":"integer"},"age":{"type":"integer"},"origin":{"type":"string"},"seq":{"type":"integer"}}}"#;
 
-/// How hard zstd packs: the quickest level, whose files are hardly larger.
+/// The level of zstd: the quickest one, whose files are hardly larger.
 const PACKING: u32 = 1;
 
-/// An MCAP file being written: the topic `/fuseline/trace` has every line, the header first, and
-/// `/fuseline/outputs` what was forwarded, final or missed.
+/// Writes an MCAP file. The topic `/fuseline/trace` has every line, with the header first, and
+/// `/fuseline/outputs` has the forwarded, final and missed ones.
 pub struct Mcap<W: Write + Seek> {
     inner: mcap::Writer<W>,
     epoch: u64,
@@ -32,7 +32,7 @@ impl Mcap<BufWriter<File>> {
     /// Creates the file, or overwrites it.
     ///
     /// # Errors
-    /// If it cannot be written.
+    /// Returns an error if the file cannot be written.
     pub fn create(
         path: &Path,
         header: &Header,
@@ -46,11 +46,13 @@ impl Mcap<BufWriter<File>> {
 }
 
 impl<W: Write + Seek> Mcap<W> {
-    /// A recording into `out`. `epoch`, in nanoseconds, is the time that viewers show for instant 0: since
-    /// 1970 if they are to show the time of day.
+    /// Creates a recording into `out`.
+    ///
+    /// `epoch`, in nanoseconds, is the time that viewers show for instant 0. Give the time since 1970 if they
+    /// should show the time of day.
     ///
     /// # Errors
-    /// If it cannot be written.
+    /// Returns an error if `out` cannot be written.
     pub fn new(
         out: W,
         header: &Header,
@@ -58,7 +60,7 @@ impl<W: Write + Seek> Mcap<W> {
         epoch: u64,
     ) -> Result<Self, McapError> {
         let library = format!("fuseline {}", env!("CARGO_PKG_VERSION"));
-        // Lines come in many small writes: handing each to a thread costs more than packing it here.
+        // Lines come in many small writes, and handing each to a thread costs more than packing it here.
         let options = WriteOptions::new().compression_threads(0).compression_level(PACKING);
         let options = options.profile("fuseline").library(library);
         let mut inner = options.create(out)?;
@@ -73,10 +75,10 @@ impl<W: Write + Seek> Mcap<W> {
         Ok(mcap)
     }
 
-    /// Writes one line with its further keys; twice if it is an output, once for each topic.
+    /// Writes one line with its further keys. An output is written twice, once for each topic.
     ///
     /// # Errors
-    /// If it cannot be written.
+    /// Returns an error if the file cannot be written.
     pub fn event(&mut self, event: &Event, annotations: &Annotations) -> Result<(), McapError> {
         self.line.clear();
         event.write_annotated(annotations, &mut self.line);
@@ -94,7 +96,7 @@ impl<W: Write + Seek> Mcap<W> {
         Ok(())
     }
 
-    /// The file, if it was [created](Self::create) here.
+    /// Returns the path of the file, if it was [created](Self::create) here.
     pub(crate) fn path(&self) -> Option<&Path> {
         self.path.as_deref()
     }
@@ -102,15 +104,15 @@ impl<W: Write + Seek> Mcap<W> {
     /// Writes what is buffered, so that it can be recovered if the process is killed.
     ///
     /// # Errors
-    /// If it cannot be written.
+    /// Returns an error if the file cannot be written.
     pub fn flush(&mut self) -> Result<(), McapError> {
         self.inner.flush()
     }
 
-    /// Ends the file; without it, readers must recover what is there.
+    /// Ends the file. Readers must recover the data of a file that was not ended.
     ///
     /// # Errors
-    /// If it cannot be written.
+    /// Returns an error if the file cannot be written.
     pub fn finish(mut self) -> Result<(), McapError> {
         self.inner.finish()?;
         Ok(())

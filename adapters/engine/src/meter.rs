@@ -13,23 +13,23 @@ pub(crate) struct Meters {
     refused: [Counter; OpenRefusal::ALL.len()],
     pub(crate) missed: Counter,
     pub(crate) handler_failures: Counter,
-    /// How late timers were served.
+    /// The delays of timers.
     pub(crate) timer_lag: Histogram,
     pub(crate) open: Gauge,
 }
 
-/// One source's meters, in the order of how many messages need them, as [the counts](crate::counts) are.
+/// One source's meters, ordered by how many messages need them, as [the counts](crate::counts) are.
 #[repr(C)]
 pub(crate) struct SourceMeters {
     admitted: Counter,
     held: Counter,
-    /// From the request's admission to its result.
+    /// The time from the request's admission to its result.
     pub(crate) response: Histogram,
     pub(crate) calls: Gauge,
     pub(crate) backlog: Gauge,
     forwarded: Counter,
     outputs: [Counter; Trigger::ALL.len()],
-    /// From taking the message in to the output, each one under progressive.
+    /// The time from accepting the message to the output; under progressive, to each output.
     pub(crate) output: Histogram,
     deadlines: [Counter; CurrentDeadline::WHYS.len()],
     /// The deadline of the latest offer.
@@ -50,8 +50,7 @@ pub(crate) struct SourceMeters {
 }
 
 impl Meters {
-    /// Registers with the recorder installed now; without one, counting costs next to
-    /// nothing.
+    /// Registers with the recorder that is installed now. Without one, counting costs next to nothing.
     pub(crate) fn new(operator: &str) -> Self {
         let operator = operator.to_owned();
         Self {

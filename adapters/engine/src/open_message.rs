@@ -1,6 +1,7 @@
-//! The open messages of one operator: when each came, its best available result, and which sources failed.
+//! The open messages of one operator: when each was opened, its best available result, and the sources that
+//! failed.
 //!
-//! Nothing here decides which result is sent; it follows the machine's answers.
+//! This module follows the machine's answers and never decides which result is sent.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -10,31 +11,32 @@ use crate::budget::Budget;
 use crate::item::{Ending, Failure, Item};
 use crate::lineage::{Lineage, StampedValue};
 
-/// The open messages, by ascending timestamp, and when the last ones were opened.
+/// The open messages in ascending order, and the opening instants of the last messages.
 #[repr(C)]
 pub(crate) struct OpenMessages<V> {
     open: VecDeque<OpenMessage<V>>,
-    /// Whether any message had an end-to-end deadline.
+    /// `true` if any message had an end-to-end deadline.
     has_budgets: bool,
-    /// Timestamps and instants of the last [`REMEMBERED`] messages, answered ones too; none if the
-    /// operator takes no hints.
+    /// The timestamps and instants of the last [`REMEMBERED`] messages, even those that are no longer open;
+    /// `None` if the operator takes no hints.
     last: Option<VecDeque<(u64, u64)>>,
-    /// Timestamps and captures of the last [`REMEMBERED`] messages that have one; none if values are of their own messages.
+    /// The timestamps and captures of the last [`REMEMBERED`] messages that have one; `None` if values are of
+    /// their own messages.
     captures: Option<VecDeque<(u64, Instant)>>,
 }
 
-// Of one operator among thousands it is in none of the processor's caches: aligned, it takes a line less.
+// With thousands of operators it is in no cache, and aligned it takes one cache line less.
 #[repr(align(64))]
 pub(crate) struct OpenMessage<V> {
     t: u64,
     pub(crate) opened: u64,
-    /// The best result that was not sent; no other can go (P3).
+    /// The best result that was not sent. No other one can be forwarded (P3).
     pub(crate) held: Option<HeldValue<V>>,
     pub(crate) failures: Vec<Failure>,
-    /// How many items were made of it.
+    /// The number of its items.
     items: u32,
     lineage: Option<Arc<Lineage>>,
-    /// What is left of its end-to-end deadline, if it has one.
+    /// The rest of its end-to-end deadline, if it has one.
     budget: Option<Budget>,
 }
 
@@ -44,18 +46,19 @@ pub(crate) struct HeldValue<V> {
     pub(crate) value: StampedValue<V>,
 }
 
-/// For how many messages the age of a result or a value is known: the greatest window.
+/// The number of messages for which the age of a result or a value is known; the greatest window.
 const REMEMBERED: usize = 1024;
 
 impl<V> OpenMessages<V> {
-    /// None; they are remembered when hints are taken, and their captures when values of earlier ones are.
+    /// Creates an empty store. It remembers messages if hints are taken, and captures if values may be of
+    /// earlier messages.
     pub(crate) fn new(takes_hints: bool, has_max_ages: bool) -> Self {
         let last = takes_hints.then(VecDeque::new);
         let captures = has_max_ages.then(VecDeque::new);
         Self { open: VecDeque::new(), has_budgets: false, last, captures }
     }
 
-    /// F1: timestamps ascend.
+    /// Adds a message. Timestamps ascend (F1).
     pub(crate) fn open(
         &mut self,
         t: u64,
@@ -77,7 +80,8 @@ impl<V> OpenMessages<V> {
         self.open.push_back(OpenMessage { t, opened, held, failures, items, lineage, budget });
     }
 
-    /// F3: a result is available; it is kept if it is the best, with its own message (D2 its own value).
+    /// Notes an available result, and keeps it if it is the best, with the message that its value is of (F3,
+    /// D2).
     pub(crate) fn hold(&mut self, t: u64, p: u16, arrived: u64, value: StampedValue<V>) {
         if let Some(open_message) = self.find(t)
             && open_message.held.as_ref().is_none_or(|held| held.p < p)
@@ -91,7 +95,7 @@ impl<V> OpenMessages<V> {
         self.open.get_mut(index)
     }
 
-    /// The message's next item. With the last one it is no longer open.
+    /// Returns the message's next item. With the last one it is no longer open.
     pub(crate) fn item(
         &mut self,
         t: u64,
@@ -105,7 +109,7 @@ impl<V> OpenMessages<V> {
         let earlier = of.filter(|of| *of != t).map(|of| self.captured(of));
         let message = self.find(t)?;
         let lineage = message.lineage.clone();
-        // Ages never lie: a value of an earlier message is as old as that one.
+        // A value of an earlier message is as old as that message, so ages are true.
         let captured = earlier.unwrap_or_else(|| lineage.as_ref()?.captured);
         let age = instant.zip(captured).map(|(now, then)| now.saturating_duration_since(then));
         let item = Item {
@@ -129,7 +133,7 @@ impl<V> OpenMessages<V> {
         Some(item)
     }
 
-    /// What is left of an open message's end-to-end deadline, if it has one.
+    /// Returns the rest of an open message's end-to-end deadline, if it has one.
     pub(crate) fn budget(&self, t: u64) -> Option<Budget> {
         if !self.has_budgets {
             return None;
@@ -137,7 +141,7 @@ impl<V> OpenMessages<V> {
         self.open.get(self.index(t)?)?.budget
     }
 
-    /// When the message was opened, if that is remembered.
+    /// Returns the instant when the message was opened, if that is remembered.
     pub(crate) fn opened(&self, t: u64) -> Option<u64> {
         let last = self.last.as_ref()?;
         let index = last.binary_search_by_key(&t, |(t, _)| *t).ok()?;
@@ -148,7 +152,7 @@ impl<V> OpenMessages<V> {
         self.open.len()
     }
 
-    /// When the message was captured, if that is remembered.
+    /// Returns the instant when the message was captured, if that is remembered.
     fn captured(&self, t: u64) -> Option<Instant> {
         let captures = self.captures.as_ref()?;
         let index = captures.binary_search_by_key(&t, |(t, _)| *t).ok()?;
@@ -156,7 +160,7 @@ impl<V> OpenMessages<V> {
     }
 
     fn index(&self, t: u64) -> Option<usize> {
-        // Mostly it is the oldest.
+        // Usually it is the oldest.
         if self.open.front()?.t == t {
             return Some(0);
         }
@@ -164,7 +168,7 @@ impl<V> OpenMessages<V> {
     }
 }
 
-/// One more of the last messages.
+/// Adds an entry, and removes the oldest if there are too many.
 fn push_bounded<T>(last: &mut VecDeque<T>, entry: T) {
     if last.len() == REMEMBERED {
         last.pop_front();

@@ -1,45 +1,47 @@
-//! When it is logged that a source gives no results: not with each message, but at first, every so often, and once it is over.
+//! Decides when to log that a source gives no results: at first, every ten seconds, and when it is over, but
+//! not for each message.
 
-/// At most one line of a source in so many nanoseconds.
+/// The least time, in ns, between two lines about a source.
 const EVERY: u64 = 10_000_000_000;
-/// So many requests in a row whose timers fired are an outage; of failures, which say so, one is.
+/// The number of timers in a row that are an outage. One failure is an outage, because it says so.
 const TIMERS: u64 = 16;
 
 /// The requests of one source that ended without a result since its last one.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct OutageLog {
     count: u64,
-    /// When the first of them ended.
+    /// The instant when the first of them ended.
     began: u64,
-    /// When the last line was logged, if there was one.
+    /// The instant of the last line, if there was one.
     logged: Option<u64>,
-    /// Whether it was of this outage.
+    /// `true` if that line was about this outage.
     is_logged: bool,
 }
 
-/// What a line says.
+/// The contents of a line.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct OutageLine {
-    /// How many requests in a row had no result.
+    /// The number of requests in a row without a result.
     pub(crate) count: u64,
-    /// Since the first of them ended, in nanoseconds.
+    /// The time since the first of them ended, in ns.
     pub(crate) lasts: u64,
 }
 
 impl OutageLog {
-    /// F4: a request failed; what to log of it, if anything.
+    /// Notes a failed request. Returns what to log about it, if anything (F4).
     pub(crate) fn failed(&mut self, at: u64) -> Option<OutageLine> {
         self.add(at);
         self.line(at)
     }
 
-    /// F5: a request's timer fired; what to log of it, if anything.
+    /// Notes a request whose timer fired. Returns what to log about it, if anything (F5).
     pub(crate) fn timed_out(&mut self, at: u64) -> Option<OutageLine> {
         self.add(at);
         if self.count < TIMERS && !self.is_logged { None } else { self.line(at) }
     }
 
-    /// F3: a result came, in time or late; the outage that it ends, if that was logged and more than one request.
+    /// Notes a result, in time or late. Returns the outage that it ends, if that was logged and had more than
+    /// one request (F3).
     pub(crate) fn answered(&mut self, at: u64) -> Option<OutageLine> {
         if self.count == 0 {
             return None;
@@ -76,7 +78,7 @@ mod tests {
     }
 
     #[test]
-    fn failures_are_logged_at_first_and_every_ten_seconds_and_their_end_once() {
+    fn failures_are_logged_at_first_and_at_the_end() {
         let mut outage = OutageLog::default();
         let tenths = |from: u64, to: u64| (from..to).map(|tenth| tenth * S / 10);
         assert_eq!(
@@ -88,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn a_source_that_fails_now_and_then_is_logged_every_ten_seconds_too() {
+    fn occasional_failures_are_logged_every_ten_seconds() {
         let mut outage = OutageLog::default();
         let mut log = Vec::new();
         for at in (0..300).map(|tenth| tenth * S / 10) {
@@ -99,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn timers_alone_are_an_outage_once_many_fired_in_a_row() {
+    fn many_timers_in_a_row_are_an_outage() {
         let mut outage = OutageLog::default();
         for _ in 0..3 {
             assert!((1..TIMERS).all(|at| outage.timed_out(at * S).is_none()));

@@ -1,7 +1,7 @@
-//! What chooses the deadlines of offers: at most one policy a cloud, and what all of them know.
+//! Chooses the deadlines of offers, with at most one policy for each cloud.
 //!
-//! Policies are code of the user's: they are never called about a request that will be refused (T6), and a panic in one costs
-//! that request alone (D7). They are defined in `fuseline-deadline`.
+//! Policies are the user's code. They are never called about a request that will be refused (T6), and a panic
+//! in one costs only that request (D7). `fuseline-deadline` defines them.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Duration;
@@ -13,11 +13,11 @@ use crate::tally::CurrentDeadline;
 /// The policies of one operator, by the index of their cloud.
 #[repr(C)]
 pub(crate) struct Policies {
-    /// The indices that have a policy, a bit each: mostly none, and then nothing else is read.
+    /// The indices that have a policy, one bit each. Usually there is none, and then nothing else is read.
     with_policy: u16,
     clouds: Vec<CloudPolicy>,
     situation: Situation<'static>,
-    /// Ages of requests; a field so that no offer allocates.
+    /// The ages of requests. It is a field so that no offer allocates.
     ages: Vec<Duration>,
 }
 
@@ -32,7 +32,8 @@ struct CloudPolicy {
 pub(crate) struct PolicyPanic;
 
 impl Policies {
-    /// The policies of the clouds, in their order. The situation is unknown until it is set: policies risk nothing.
+    /// Creates the policies of the clouds, in their order. Until the situation is set it is unknown, so
+    /// policies take no risk.
     pub(crate) fn new(policies: impl Iterator<Item = Option<Box<dyn Policy + Send>>>) -> Self {
         let (local, mut with_policy) = (CloudPolicy::default(), 0);
         let mut clouds = vec![local];
@@ -47,13 +48,14 @@ impl Policies {
         self.situation = situation;
     }
 
-    /// The deadline of an offer, at most `cap`; `cap` itself if there is no policy. `write_ages` writes the ages of the
-    /// cloud's unanswered requests.
+    /// Returns the deadline of an offer, at most `cap`, or `cap` itself if there is no policy. `write_ages`
+    /// writes the ages of the cloud's unanswered requests.
     ///
-    /// E3: the policy's figures are of the whole way from the capture to the last output, of which `spent` is not the request's.
+    /// A policy's figures cover the whole way from the capture to the last output. The request cannot use the
+    /// part `spent` of it (E3).
     ///
     /// # Errors
-    /// If the policy panics.
+    /// Returns an error if the policy panics.
     pub(crate) fn choose(
         &mut self,
         index: usize,
@@ -68,12 +70,12 @@ impl Policies {
         let whole = cap.saturating_add(spent);
         let chosen = catch_unwind(AssertUnwindSafe(|| policy.decide(&situation, whole).into()));
         let chosen: CurrentDeadline = chosen.map_err(|_| PolicyPanic)?;
-        // The cap holds for a policy too: what is shown is what the request gets.
+        // The cap also holds for a policy, so the deadline that is shown is the one that the request gets.
         let deadline = chosen.deadline.saturating_sub(spent).min(cap);
         Ok(CurrentDeadline { deadline, ..chosen })
     }
 
-    /// Puts a deadline in force; true if it is another one than before.
+    /// Puts a deadline in force. Returns `true` if it differs from the previous one.
     pub(crate) fn put_in_force(&mut self, index: usize, chosen: CurrentDeadline) -> bool {
         self.clouds[index].in_force.replace(chosen) != Some(chosen)
     }
@@ -81,7 +83,7 @@ impl Policies {
     /// Reports to the cloud's policy, if there is one, how a request ended.
     ///
     /// # Errors
-    /// If the policy panics.
+    /// Returns an error if the policy panics.
     pub(crate) fn ended(&mut self, index: usize, end: End) -> Result<(), PolicyPanic> {
         if !self.has_policy(index) {
             return Ok(());

@@ -1,7 +1,7 @@
-//! The queue to one source: what waits to be sent, what is under way, and what lingers.
+//! The queue to one source: the requests that wait to be sent, those under way, and those that linger.
 //!
-//! It knows order and bounds, and no rule: which request is admitted or closed is decided elsewhere. All
-//! queues of an operator are in [`sources`](crate::sources).
+//! It knows order and bounds, but no rule: other modules decide which request is admitted or closed.
+//! [`sources`](crate::sources) has all queues of an operator.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -12,24 +12,25 @@ use crate::effect::Effect;
 use crate::item::Source;
 use crate::outage::OutageLog;
 
-/// One source's outgoing queue and its calls, in the order of admission. What every message needs comes first.
+/// One source's outgoing queue and its calls, in the order of admission. Fields that every message needs come
+/// first.
 #[repr(C, align(64))]
 pub(crate) struct SourceQueue<R> {
     waiting: VecDeque<Waiting<R>>,
     in_flight: SmallVec<[InFlightCall; 2]>,
     at_once: usize,
-    /// What the gauges show: how many wait, and how many are under way.
+    /// The values of the gauges: how many requests wait, and how many are under way.
     pub(crate) shown: (u32, u32),
     /// How long a call may run on past its due instant, in ns.
     pub(crate) linger: u64,
-    /// D2: of how many messages before its own a value may be.
+    /// The number of messages before its own that a value may be of (D2).
     pub(crate) max_age: u64,
-    /// Whether it is logged that no results come.
+    /// Whether the absence of results was logged.
     pub(crate) outage: OutageLog,
     pub(crate) source: Source,
-    /// Calls that nothing waits for and that run on, to see how long they really take; at most `at_once`.
+    /// Calls that nothing waits for and that run on, to learn how long they take; at most `at_once`.
     lingering: VecDeque<InFlightCall>,
-    /// Computations that gave their place to another and have not ended, and how many there may be.
+    /// Computations that gave their place to another and have not ended, and the greatest number of them.
     replaced: Vec<InFlightCall>,
     pub(crate) replaceable: usize,
 }
@@ -39,9 +40,10 @@ pub(crate) struct Waiting<R> {
     pub(crate) t: u64,
     pub(crate) requested_at: u64,
     pub(crate) due: Option<u64>,
-    /// How long after its start it counts as lost, in ns; none if it is waited for.
+    /// The time after its start when it counts as lost, in ns; `None` if it is awaited.
     pub(crate) lost_after: Option<u64>,
-    /// What policies count beside the time since the request, in ns: see [`Budget::spent`](crate::budget::Budget::spent).
+    /// The time that policies count in addition to the time since the request, in ns; see
+    /// [`Budget::spent`](crate::budget::Budget::spent).
     pub(crate) spent: u64,
     pub(crate) request: R,
 }
@@ -53,30 +55,30 @@ struct InFlightCall {
     begun_at: u64,
     /// 2⁶⁴ − 1 if it has no timer.
     due: u64,
-    /// When it counts as lost; 2⁶⁴ − 1 if it is waited for, or the clock ends before.
+    /// The instant when it counts as lost; 2⁶⁴ − 1 if it is awaited, or the clock ends before.
     lost: u64,
     spent: u64,
 }
 
-/// A request that has ended by itself.
+/// A request that ended by itself.
 pub(crate) struct EndedRequest {
     pub(crate) requested_at: u64,
-    /// When it was sent, if it was.
+    /// The instant when it was sent, if it was.
     pub(crate) begun_at: Option<u64>,
     pub(crate) spent: u64,
 }
 
-/// A request that nothing waits for any more, without a result.
+/// A request that ended without a result because nothing waits for it any more.
 pub(crate) struct AbandonedRequest {
     pub(crate) t: u64,
     pub(crate) requested_at: u64,
     pub(crate) spent: u64,
-    /// Whether it is under way and may be aborted; otherwise it was never sent.
+    /// `true` if it is under way and may be aborted; otherwise it was never sent.
     pub(crate) was_sent: bool,
 }
 
 impl<R> SourceQueue<R> {
-    /// An empty queue for up to `at_once` calls at a time, at least one.
+    /// Creates an empty queue for at most `at_once` calls at a time, and for at least one.
     pub(crate) fn new(source: Source, at_once: usize) -> Self {
         Self {
             waiting: VecDeque::new(),
@@ -93,12 +95,12 @@ impl<R> SourceQueue<R> {
         }
     }
 
-    /// A request was admitted, and waits.
+    /// Puts an admitted request into the queue.
     pub(crate) fn push(&mut self, request: Waiting<R>) {
         self.waiting.push_back(request);
     }
 
-    /// A request was admitted: it comes back if it is to be sent now, and else waits.
+    /// Takes an admitted request. Returns it if it is to be sent now; otherwise it waits.
     pub(crate) fn admit(&mut self, now: u64, request: Waiting<R>) -> Option<Waiting<R>> {
         if self.waiting.is_empty() && self.has_room() {
             self.begin(now, &request);
@@ -108,7 +110,7 @@ impl<R> SourceQueue<R> {
         None
     }
 
-    /// The next request to send at `now`, if one waits and there is room.
+    /// Returns the next request to send at `now`, if one waits and there is room.
     pub(crate) fn next(&mut self, now: u64) -> Option<Waiting<R>> {
         if !self.has_room() {
             return None;
@@ -118,7 +120,7 @@ impl<R> SourceQueue<R> {
         Some(next)
     }
 
-    /// What sends the request.
+    /// Returns the effect that sends the request.
     pub(crate) fn start<V>(&self, request: Waiting<R>) -> Effect<V, R> {
         let Waiting { t, due, request, .. } = request;
         let until = due.map(|due| due.saturating_add(self.linger));
@@ -136,7 +138,7 @@ impl<R> SourceQueue<R> {
         self.in_flight.push(InFlightCall { t, requested_at, begun_at: now, due, lost, spent });
     }
 
-    /// The request has ended by itself, perhaps before it was sent.
+    /// Removes a request that ended by itself, perhaps before it was sent.
     pub(crate) fn end(&mut self, t: u64) -> Option<EndedRequest> {
         self.remove_in_flight(t)
             .or_else(|| self.remove_lingering(t))
@@ -149,8 +151,8 @@ impl<R> SourceQueue<R> {
             .or_else(|| self.withdraw(t))
     }
 
-    /// The result is no longer wanted. A call that may linger goes on; returns what ends instead, if
-    /// anything does.
+    /// Closes a request whose result is no longer wanted. A call that may linger runs on. Returns the request
+    /// that ends, if one does.
     pub(crate) fn close(&mut self, t: u64) -> Option<AbandonedRequest> {
         let Some(call) = self.remove_in_flight(t) else {
             return self.withdraw(t).map(|EndedRequest { requested_at, spent, .. }| {
@@ -160,7 +162,7 @@ impl<R> SourceQueue<R> {
         if self.linger == 0 {
             return Some(call.abandoned());
         }
-        // Else a dead cloud would gather more and more of them.
+        // Otherwise a dead cloud would gather more and more of them.
         let oldest = if self.lingering.len() >= self.at_once {
             self.lingering.pop_front().map(InFlightCall::abandoned)
         } else {
@@ -176,19 +178,19 @@ impl<R> SourceQueue<R> {
         self.lingering.remove(index).map(InFlightCall::abandoned)
     }
 
-    /// When the next call has lingered long enough.
+    /// Returns the instant when the next call has lingered long enough.
     pub(crate) fn next_lingering_end(&self) -> Option<u64> {
         self.lingering.iter().map(|call| self.until(call)).min()
     }
 
-    /// Removes a computation that counts as lost by `now`, if there is one; returns its timestamp.
+    /// Removes a computation that counts as lost by `now`, if there is one. Returns its timestamp.
     pub(crate) fn remove_lost(&mut self, now: u64) -> Option<u64> {
         let index = self.in_flight.iter().position(|call| call.is_lost(now))?;
         Some(self.in_flight.remove(index).t)
     }
 
-    /// Takes note of a computation that counts as lost by `now` and still runs; returns its timestamp, and whether it gave
-    /// its place to another.
+    /// Notes a computation that counts as lost by `now` and still runs. Returns its timestamp, and `true` if
+    /// it gave its place to another.
     pub(crate) fn overran(&mut self, now: u64) -> Option<(u64, bool)> {
         let call = self.in_flight.iter_mut().find(|call| call.is_lost(now))?;
         call.lost = u64::MAX;
@@ -201,24 +203,25 @@ impl<R> SourceQueue<R> {
         Some((t, true))
     }
 
-    /// When the next computation counts as lost.
+    /// Returns the instant when the next computation counts as lost.
     pub(crate) fn next_lost(&self) -> Option<u64> {
         self.in_flight.iter().map(|call| call.lost).min().filter(|lost| *lost < u64::MAX)
     }
 
-    /// Takes the request out of the queue if it waits.
+    /// Removes the request from the queue if it waits.
     pub(crate) fn withdraw(&mut self, t: u64) -> Option<EndedRequest> {
         let index = self.waiting.iter().position(|waiting| waiting.t == t)?;
         let Waiting { requested_at, spent, .. } = self.waiting.remove(index)?;
         Some(EndedRequest { requested_at, begun_at: None, spent })
     }
 
-    /// The message that has waited longest.
+    /// Returns the message that has waited longest.
     pub(crate) fn oldest_waiting(&self) -> Option<u64> {
         self.waiting.front().map(|waiting| waiting.t)
     }
 
-    /// The age of each unanswered request at `now`, as policies count it, the oldest first, with those that linger.
+    /// Writes the age of each unanswered request at `now`, as policies count it, the oldest first, with those
+    /// that linger.
     pub(crate) fn ages(&self, now: u64, ages: &mut Vec<Duration>) {
         let in_flight = self.in_flight.iter().chain(&self.lingering);
         let in_flight = in_flight.map(|call| (call.requested_at, call.spent));
@@ -230,13 +233,13 @@ impl<R> SourceQueue<R> {
         ages.sort_unstable_by(|one, other| other.cmp(one));
     }
 
-    /// What the gauges are to show; far fewer than 2³².
+    /// Returns the values for the gauges, which are far below 2³².
     pub(crate) fn to_show(&self) -> (u32, u32) {
         let count = |len| u32::try_from(len).unwrap_or(u32::MAX);
         (count(self.waiting.len()), count(self.in_flight.len()))
     }
 
-    /// D4, F2: the length of the outgoing queue, calls under way not counted.
+    /// Returns the length of the outgoing queue, without calls under way (D4, F2).
     pub(crate) fn backlog(&self) -> usize {
         self.waiting.len()
     }
@@ -251,7 +254,7 @@ impl<R> SourceQueue<R> {
         Some(self.replaced.remove(index))
     }
 
-    /// Whether any request waits.
+    /// Returns `true` if any request waits.
     pub(crate) fn is_waiting(&self) -> bool {
         !self.waiting.is_empty()
     }

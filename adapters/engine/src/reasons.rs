@@ -1,16 +1,16 @@
-//! Why results did not come, counted by reason.
+//! The reasons why results did not come, with their counts.
 
 use std::fmt;
 use std::sync::Arc;
 
-/// How many reasons are counted separately.
+/// The number of reasons that are counted separately.
 const KINDS: usize = 8;
-/// How many bytes of a reason are kept.
+/// The number of bytes of a reason that are kept.
 const BYTES: usize = 200;
 
-/// The reasons of a source's accepted failures (F4), with how often each was given.
+/// The reasons of a source's accepted failures (F4), and how often each was given.
 ///
-/// The first eight are counted separately, all others together.
+/// The first eight are counted separately, and all others together.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct Reasons {
     known: Vec<(Arc<str>, u64)>,
@@ -18,7 +18,7 @@ pub struct Reasons {
 }
 
 impl Reasons {
-    /// Counts a reason; returns its words, shared.
+    /// Counts a reason. Returns its text, shared.
     pub(crate) fn count(&mut self, why: &str) -> Arc<str> {
         if let Some((known, count)) = self.known.iter_mut().find(|(known, _)| **known == *why) {
             *count += 1;
@@ -33,19 +33,19 @@ impl Reasons {
         why
     }
 
-    /// The reasons counted separately, in the order in which they first came.
+    /// Returns the reasons that are counted separately, in the order in which they first came.
     pub fn iter(&self) -> impl Iterator<Item = (&str, u64)> {
         self.known.iter().map(|(why, count)| (&**why, *count))
     }
 
-    /// How many failures had other reasons.
+    /// Returns the number of failures with other reasons.
     #[must_use]
     pub const fn others(&self) -> u64 {
         self.others
     }
 }
 
-/// `30 × connection refused, 2 × deadline exceeded`; nothing if there are none.
+/// Writes `30 × connection refused, 2 × deadline exceeded`, or nothing if there are no reasons.
 impl fmt::Display for Reasons {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for (index, (why, count)) in self.iter().enumerate() {
@@ -59,7 +59,7 @@ impl fmt::Display for Reasons {
     }
 }
 
-/// The beginning of a reason's words.
+/// Returns the beginning of a reason's text.
 pub(crate) fn words(why: &dyn fmt::Display) -> String {
     let mut words = why.to_string();
     if words.len() > BYTES {

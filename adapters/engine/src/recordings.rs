@@ -1,6 +1,7 @@
-//! The recordings of one operator: each input with its decisions, handed to every writer in the same order (D3).
+//! The recordings of one operator: hands each input with its decisions to every writer, in the same order
+//! (D3).
 //!
-//! Nothing here waits for a disk: what a writer does with the lines is in [`writer`](crate::writer).
+//! Nothing here waits for a disk; [`writer`](crate::writer) writes the lines.
 
 use std::io;
 
@@ -15,7 +16,7 @@ use fuseline_arbiter::{Answer, decisions_of};
 pub(crate) struct Recordings {
     writers: Vec<TraceWriter>,
     decisions: Vec<Decision>,
-    /// Of which messages the values are that emits send.
+    /// The messages that the values of emits are of.
     values: HeldValues,
 }
 
@@ -24,19 +25,19 @@ impl Recordings {
         self.writers.push(writer);
     }
 
-    /// Whether anything is recorded.
+    /// Returns `true` if anything is recorded.
     pub(crate) const fn is_any(&self) -> bool {
         !self.writers.is_empty()
     }
 
-    /// F5: timers fired before the current input.
+    /// Notes timers that fired before the current input (F5).
     pub(crate) fn fired<const CLOUDS: usize>(&mut self, at: u64, firing: &Firing<CLOUDS>) {
         if !self.writers.is_empty() {
             decisions_of(at, firing, |decision| self.decisions.push(decision));
         }
     }
 
-    /// Records the input, what fired before it, and its answer; called only if anything is recorded.
+    /// Records the input, the firings before it, and its answer. Called only if anything is recorded.
     pub(crate) fn record<const CLOUDS: usize>(
         &mut self,
         (input, annotations): (&Input, &Annotations),
@@ -54,12 +55,12 @@ impl Recordings {
         self.decisions.clear();
     }
 
-    /// Ends all of them, and waits until they are written.
+    /// Ends all recordings and waits until they are written.
     ///
     /// # Errors
-    /// The first error while recording; the trace is whole up to there.
+    /// Returns the first error while recording. The trace is whole up to there.
     pub(crate) fn finish(&mut self) -> io::Result<()> {
-        // All of them, even if the first fails.
+        // All of them end, even if the first one fails.
         let written: Vec<_> = self.writers.drain(..).map(|mut writer| writer.finish()).collect();
         written.into_iter().collect()
     }

@@ -1,29 +1,42 @@
-//! The items of one operator in the order of their timestamps, each waiting for earlier ones no longer than a bound (E9).
+//! Sorts the items of one operator by timestamp. Each waits for earlier ones no longer than a bound (E9).
 
 use std::collections::{BTreeMap, VecDeque};
 use std::ops::Range;
 use std::time::{Duration, Instant};
 
-/// Keeps what comes before its turn, until it is its turn or it is due.
+/// Keeps each item until it is its turn or it is due.
 ///
-/// After each input, take what is ready with [`next_ready`](Self::next_ready).
+/// After each input, take the items that are ready with [`next_ready`](Self::next_ready).
+///
+/// ```
+/// use fuseline_engine::{Ordered, Reorderer};
+/// use std::time::{Duration, Instant};
+///
+/// let mut reorderer = Reorderer::new(Duration::from_millis(50), Duration::ZERO);
+/// let now = Instant::now();
+/// reorderer.arrive(now, (1, true), None, "second");
+/// assert!(reorderer.next_ready().is_none());
+/// reorderer.arrive(now, (0, true), None, "first");
+/// assert!(matches!(reorderer.next_ready(), Some(Ordered::Item("first"))));
+/// assert!(matches!(reorderer.next_ready(), Some(Ordered::Item("second"))));
+/// ```
 pub struct Reorderer<T> {
     wait: Duration,
     reserve: Duration,
-    /// All timestamps below it have ended or were passed over.
+    /// All timestamps below this one have ended or were passed over.
     next: u64,
     waiting: BTreeMap<(u64, u64), WaitingItem<T>>,
-    /// Tells the revisions of one timestamp apart.
+    /// Distinguishes the revisions of one timestamp.
     count: u64,
     ready: VecDeque<Ordered<T>>,
 }
 
-/// What comes out in order.
+/// An item or a report, in order.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Ordered<T> {
     /// An item whose turn it is.
     Item(T),
-    /// These timestamps had not ended when a later one was due: what comes of them is late.
+    /// These timestamps had not ended when a later one was due. Their items will be late.
     PassedOver(Range<u64>),
     /// An item of a timestamp that was passed over.
     Late(T),
@@ -35,17 +48,19 @@ struct WaitingItem<T> {
     item: T,
 }
 
-/// E8 bounded: how many items wait at most.
+/// The greatest number of items that wait (E8).
 const MOST: usize = 1024;
 
 impl<T> Reorderer<T> {
-    /// An item waits for earlier ones for `wait`, and no longer than until `reserve` is left of its end-to-end deadline.
+    /// Creates a reorderer in which an item waits for earlier ones for `wait`, but no longer than until
+    /// `reserve` is left of its end-to-end deadline.
     #[must_use]
     pub const fn new(wait: Duration, reserve: Duration) -> Self {
         Self { wait, reserve, next: 0, waiting: BTreeMap::new(), count: 0, ready: VecDeque::new() }
     }
 
-    /// An item of `timestamp` came; its end-to-end deadline, if there is one, is `due`.
+    /// Adds an item of `timestamp`. `is_last` is `true` if no revision of it follows, and `due` is its
+    /// end-to-end deadline, if it has one.
     pub fn arrive(
         &mut self,
         now: Instant,
@@ -72,7 +87,7 @@ impl<T> Reorderer<T> {
         self.tick(now);
     }
 
-    /// Time went by: what is due goes, and all that waits before it.
+    /// Releases the items that are due by `now`, and everything that waits before them.
     pub fn tick(&mut self, now: Instant) {
         let due = |waiting: &BTreeMap<_, WaitingItem<T>>| {
             let mut all = waiting.iter().rev();
@@ -87,25 +102,25 @@ impl<T> Reorderer<T> {
         }
     }
 
-    /// Nothing more comes: all that waits goes.
+    /// Releases everything that waits, because nothing more comes.
     pub fn end(&mut self) {
         while let Some((first, _)) = self.waiting.keys().next().copied() {
             self.pass_over(first);
         }
     }
 
-    /// The next item or report.
+    /// Returns the next item or report, or `None`.
     pub fn next_ready(&mut self) -> Option<Ordered<T>> {
         self.ready.pop_front()
     }
 
-    /// When the next item is due, if one waits.
+    /// Returns the instant when the next item is due, or `None` if none waits.
     #[must_use]
     pub fn next_due(&self) -> Option<Instant> {
         self.waiting.values().map(|waiting| waiting.due).min()
     }
 
-    /// It is `timestamp`'s turn, whatever is missing before it.
+    /// Makes it `timestamp`'s turn, whatever is missing before it.
     fn pass_over(&mut self, timestamp: u64) {
         if self.next < timestamp {
             self.ready.push_back(Ordered::PassedOver(self.next..timestamp));
@@ -114,7 +129,7 @@ impl<T> Reorderer<T> {
         self.release();
     }
 
-    /// What has its turn goes.
+    /// Releases the items whose turn it is.
     fn release(&mut self) {
         while let Some(first) = self.waiting.first_entry()
             && first.key().0 <= self.next

@@ -1,16 +1,16 @@
-//! The machine of an operator, with room for hardly more timestamps than its window.
+//! An operator's machine, with room for few more timestamps than its window.
 //!
-//! A machine's memory, and how many keys it reads where a timer changes, follow from its capacity and not from the window
-//! that it is given. What it answers does not.
+//! A machine's memory, and the number of keys that it reads when a timer changes, depend on its capacity, not
+//! on its window. Its answers do not.
 
 use fuseline_arbiter::{Answer, Arbiter, CLOUDS};
 use fuseline_core::{Commit, ConfigError, Firing, OfferRefusal};
 use fuseline_traces::{Header, Input};
 
-/// What fired before the current input, and when it was served.
+/// The firings before the current input, and the instants when they were served.
 pub(crate) type ServedFirings = Vec<(u64, Firing<CLOUDS>)>;
 
-/// The smallest [`Arbiter`] of three that has room for the window: of 3, 24 or 190 KiB.
+/// The smallest of three [`Arbiter`]s, of 3, 24 and 190 KiB, that has room for the window.
 pub(crate) enum SizedArbiter {
     Small(Arbiter<CLOUDS, SMALL>),
     Middle(Arbiter<CLOUDS, MIDDLE>),
@@ -23,7 +23,7 @@ const MIDDLE: usize = 128;
 /// The greatest window.
 const LARGE: usize = 1024;
 
-/// The same call of whichever it is.
+/// Makes the same call on any of the three.
 macro_rules! of_any_size {
     ($sized:expr, $arbiter:ident => $call:expr) => {
         match $sized {
@@ -36,7 +36,7 @@ macro_rules! of_any_size {
 
 impl SizedArbiter {
     /// # Errors
-    /// The first [`ConfigError`] that holds; that of a window says that 1024 is the greatest.
+    /// Returns the first [`ConfigError`] that holds. For a window it says that 1024 is the greatest.
     pub(crate) fn new(header: &Header) -> Result<Self, ConfigError> {
         Ok(match usize::from(header.window) {
             1..=SMALL => Self::Small(Arbiter::new(header)?),
@@ -45,7 +45,7 @@ impl SizedArbiter {
         })
     }
 
-    /// Applies an input; what fired before it is appended to `fired`.
+    /// Applies an input, and appends the firings before it to `fired`.
     pub(crate) fn apply(&mut self, input: &Input, fired: &mut ServedFirings) -> Answer<CLOUDS> {
         let fired = |at, firing: &_| fired.push((at, *firing));
         of_any_size!(self, arbiter => arbiter.apply(input, fired))
@@ -72,7 +72,7 @@ impl SizedArbiter {
         of_any_size!(self, arbiter => arbiter.fusion().commit())
     }
 
-    /// Whether no message is open.
+    /// Returns `true` if no message is open.
     pub(crate) fn is_idle(&self) -> bool {
         of_any_size!(self, arbiter => arbiter.fusion().is_empty())
     }
@@ -88,9 +88,9 @@ mod tests {
         SizedArbiter::new(&Header { operator: None, window, commit, clouds: Vec::new() })
     }
 
-    /// F1 full.
+    /// Each window has room for as many messages as it says (F1).
     #[test]
-    fn each_window_has_room_for_as_many_messages_as_it_says() {
+    fn window_has_room_for_its_messages() {
         for window in [1, 15, 16, 17, 128, 129, 1024] {
             let mut arbiter = sized(window).unwrap();
             let fired = &mut ServedFirings::new();
@@ -115,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn a_window_without_a_machine_is_refused_with_the_greatest() {
+    fn impossible_window_is_refused_with_the_greatest() {
         for window in [0, 1025] {
             let refused = sized(window).err();
             let window = window.into();

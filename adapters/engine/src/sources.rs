@@ -1,7 +1,7 @@
-//! The queues to all sources of one operator, local's first, then the clouds' in the header's order.
+//! The queues to all sources of one operator: local's first, then the clouds' in the order of the header.
 //!
-//! Everywhere in the engine a source is named by its index here; only inputs and effects carry priorities. What a queue does is
-//! in [`queue`](crate::queue).
+//! The engine names a source by its index here; only inputs and effects carry priorities.
+//! [`queue`](crate::queue) has one queue.
 
 use std::iter;
 use std::ops::{Index, IndexMut};
@@ -17,27 +17,27 @@ use fuseline_arbiter::CLOUDS;
 /// Local's index.
 pub(crate) const LOCAL: usize = 0;
 
-/// Local and all clouds.
+/// The number of sources: local and all clouds.
 const SOURCES: usize = CLOUDS + 1;
 
-/// One queue a source. What is asked of all of them is kept beside them: of one operator among thousands no queue is in the
-/// processor's caches.
+/// One queue for each source. Facts that concern all of them are stored beside them, because with thousands
+/// of operators no queue is in the cache.
 pub(crate) struct SourceQueues<R> {
     queues: Vec<SourceQueue<R>>,
-    /// By index; 0, which is local's, where there is no source.
+    /// The priorities by index; 0, which is local's, where there is no source.
     priorities: [u16; SOURCES],
-    /// The indices of the queues that may have changed since they were [settled](Self::settle), a bit each.
+    /// The indices of the queues that may have changed since they were [settled](Self::settle), one bit each.
     changed: u16,
-    /// When local's next computation counts as lost, as its queue was when it was settled.
+    /// The instant when local's next computation counts as lost, as of the last settling of its queue.
     next_lost: Option<u64>,
-    /// Whether local's results can be lost on the way.
+    /// `true` if local's results can be lost on the way.
     is_lossy: bool,
-    /// Whether calls to any cloud may linger.
+    /// `true` if calls to any cloud may linger.
     may_linger: bool,
 }
 
 impl<R> SourceQueues<R> {
-    /// Empty queues.
+    /// Creates empty queues.
     pub(crate) fn new(clouds: &[CloudConfig], local: Local) -> Self {
         let source = Source { priority: 0, name: "local".into() };
         let mut queues = vec![SourceQueue::new(source, local.at_once)];
@@ -61,7 +61,8 @@ impl<R> SourceQueues<R> {
         self.queues.iter()
     }
 
-    /// Ends a call that has lingered long enough by `now`, if there is one; returns its source's index too.
+    /// Ends a call that has lingered long enough by `now`, if there is one. Returns it with its source's
+    /// index.
     pub(crate) fn end_lingering(&mut self, now: u64) -> Option<(usize, AbandonedRequest)> {
         if !self.may_linger {
             return None;
@@ -70,7 +71,7 @@ impl<R> SourceQueues<R> {
         queues.find_map(|(index, queue)| Some((index, queue.end_lingering(now)?)))
     }
 
-    /// The indices of the queues that may have changed since they were settled.
+    /// Returns the indices of the queues that may have changed since they were settled.
     pub(crate) fn changed(&self) -> impl Iterator<Item = usize> + use<R> {
         let mut changed = self.changed;
         iter::from_fn(move || {
@@ -80,12 +81,12 @@ impl<R> SourceQueues<R> {
         })
     }
 
-    /// Whether none may have changed.
+    /// Returns `true` if no queue may have changed.
     pub(crate) const fn is_settled(&self) -> bool {
         self.changed == 0
     }
 
-    /// What could start of this queue has been started.
+    /// Notes that everything in this queue that could start has been started.
     pub(crate) fn settle(&mut self, index: usize) {
         if index == LOCAL {
             self.next_lost = self[LOCAL].next_lost();
@@ -93,12 +94,12 @@ impl<R> SourceQueues<R> {
         self.changed &= !(1 << index);
     }
 
-    /// The index of the source with priority `p`.
+    /// Returns the index of the source with priority `p`.
     pub(crate) fn index(&self, p: u16) -> Option<usize> {
         self.priorities.iter().position(|priority| *priority == p)
     }
 
-    /// The index of cloud `p`.
+    /// Returns the index of cloud `p`.
     pub(crate) fn cloud(&self, p: u16) -> Option<usize> {
         self.index(p).filter(|index| *index != LOCAL)
     }
@@ -107,8 +108,8 @@ impl<R> SourceQueues<R> {
         &self[index].source.name
     }
 
-    /// When the next call has lingered long enough, or a computation counts as lost: of one that is lost on the way only if that
-    /// makes room for one that waits.
+    /// Returns the next instant when a call has lingered long enough or a computation counts as lost. A
+    /// computation that can be lost on the way counts only if it makes room for one that waits.
     pub(crate) fn next_due(&self) -> Option<u64> {
         let lingering = self.queues.iter().filter(|_| self.may_linger);
         let lingering = lingering.filter_map(SourceQueue::next_lingering_end);
@@ -116,7 +117,7 @@ impl<R> SourceQueues<R> {
         lost.into_iter().chain(lingering).min()
     }
 
-    /// When local's next computation counts as lost.
+    /// Returns the instant when local's next computation counts as lost.
     pub(crate) fn next_lost(&self) -> Option<u64> {
         let has_changed = self.changed & (1 << LOCAL) != 0;
         if has_changed { self[LOCAL].next_lost() } else { self.next_lost }

@@ -1,4 +1,4 @@
-//! The counts: a plain tally, and the same through the `metrics` facade.
+//! The counts as plain numbers. The `metrics` facade has the same counts.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -13,21 +13,22 @@ use crate::reasons::Reasons;
 /// An operator's counts since its start.
 #[derive(Clone, PartialEq, Debug, Default)]
 pub struct Tally {
-    /// Messages taken on.
+    /// The messages that were accepted.
     pub messages: u64,
-    /// Messages refused, by reason (F1).
+    /// The messages that were refused, by reason (F1).
     pub refused: BTreeMap<OpenRefusal, u64>,
-    /// Messages that nothing came for (F6).
+    /// The messages that were missed (F6).
     pub missed: u64,
-    /// Local first, then the clouds as they were registered.
+    /// The counts of each source: local first, then the clouds as they were registered.
     pub sources: Vec<SourceTally>,
-    /// Times that a handler of the operator's own failed: of situations, hints, states or substitutes.
+    /// The failures of the operator's own handlers: for situations, hints, states or substitutes.
     pub handler_failures: u64,
-    /// Timers that were served later than the [warning](crate::EngineConfig::lag_warning) allows: something held up the event loop.
+    /// The timers that were served later than the [warning](crate::EngineConfig::lag_warning) allows, because
+    /// something blocked the event loop.
     pub late_timers: u64,
-    /// The longest time that a timer was late, or that a handler held up its thread.
+    /// The greatest delay of a timer, or time that a handler blocked its thread.
     pub greatest_lag: Duration,
-    /// Why a recording ended before the operator, if one did; the first reason.
+    /// The reason why a recording ended before the operator did, if one did. It is the first such reason.
     pub unrecorded: Option<Arc<str>>,
 }
 
@@ -36,42 +37,43 @@ pub struct Tally {
 pub struct SourceTally {
     /// The source.
     pub source: Source,
-    /// Requests admitted (F2); local's are the messages taken on.
+    /// The requests that were admitted (F2). For local, these are the accepted messages.
     pub admitted: u64,
-    /// Requests refused, by reason (F2).
+    /// The requests that were refused, by reason (F2).
     pub refused: BTreeMap<OfferRefusal, u64>,
-    /// Messages answered with its result, by what made the result go (F7).
+    /// The messages whose output was its result, by what triggered the output (F7).
     pub outputs: BTreeMap<Trigger, u64>,
-    /// Messages answered with its preliminary result, since no better one came (F9).
+    /// The messages that ended with its preliminary result, because no better one came (F9).
     pub finals: u64,
-    /// Results that were sent while better ones were pending (F9).
+    /// The results that were sent while better ones were pending (F9).
     pub preliminary: u64,
-    /// Results that were held at first (F3).
+    /// The results that were held at first (F3).
     pub held: u64,
-    /// Results dropped, by reason (F3).
+    /// The results that were dropped, by reason (F3).
     pub dropped: BTreeMap<DropReason, u64>,
-    /// Failures accepted (F4).
+    /// The failures that were accepted (F4).
     pub failed: u64,
-    /// Why they failed.
+    /// The reasons of those failures.
     pub reasons: Reasons,
-    /// Computations that counted as lost: no result or failure came within their message's deadline, counted from their start.
+    /// The computations that counted as lost: no result or failure came within their message's deadline,
+    /// counted from their start.
     pub lost: u64,
-    /// Times that its message handler failed.
+    /// The failures of its message handler.
     pub handler_failures: u64,
-    /// Times that its policy failed.
+    /// The failures of its policy.
     pub policy_failures: u64,
-    /// Times that its handlers held up the thread that they ran on for longer than the
+    /// The times that its handlers blocked their thread for longer than the
     /// [warning](crate::EngineConfig::lag_warning) allows.
     pub held_up: u64,
-    /// Failures dropped, by reason (F4).
+    /// The failures that were dropped, by reason (F4).
     pub failures_dropped: BTreeMap<DropReason, u64>,
-    /// Timers that fired (F5); for local, those of its deadline.
+    /// The timers that fired (F5). For local, these are the ends of its deadline.
     pub timers: u64,
-    /// Requests cancelled because something better or timelier was forwarded (F7, F9).
+    /// The requests that were cancelled because a better or timelier result was forwarded (F7, F9).
     pub cancelled: u64,
-    /// Bytes that its calls report as sent.
+    /// The bytes that its calls report as sent.
     pub sent_bytes: u64,
-    /// The deadline in force, of its latest offer. None before the first offer, and for local.
+    /// The deadline of its latest offer; `None` before the first offer, and for local.
     pub in_force: Option<CurrentDeadline>,
 }
 
@@ -80,12 +82,12 @@ pub struct SourceTally {
 pub struct CurrentDeadline {
     /// The deadline.
     pub deadline: Duration,
-    /// Why a policy chose it; none if it is as it was offered.
+    /// The reason why a policy chose it; `None` if it is as it was offered.
     pub reason: Option<Reason>,
 }
 
 impl Tally {
-    /// Messages answered with a result, once the last one was sent.
+    /// Returns the number of messages that ended with a result.
     #[must_use]
     pub fn forwarded(&self) -> u64 {
         self.sources.iter().map(SourceTally::forwarded).sum()
@@ -93,7 +95,7 @@ impl Tally {
 }
 
 impl SourceTally {
-    /// Messages answered with its result as the last one.
+    /// Returns the number of messages that ended with this source's result.
     #[must_use]
     pub fn forwarded(&self) -> u64 {
         self.outputs.values().sum::<u64>() + self.finals
@@ -105,13 +107,13 @@ impl CurrentDeadline {
     pub const WHYS: [&str; 8] =
         ["offered", "constant", "local-stops", "cloud-alone", "unsure", "expected", "probe", "cap"];
 
-    /// Why it is in force, in one word.
+    /// Returns the reason for the deadline in one word.
     #[must_use]
     pub const fn why(&self) -> &'static str {
         Self::WHYS[self.index()]
     }
 
-    /// The word's index in [`WHYS`](Self::WHYS).
+    /// Returns the word's index in [`WHYS`](Self::WHYS).
     pub(crate) const fn index(&self) -> usize {
         match self.reason {
             None => 0,

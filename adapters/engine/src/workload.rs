@@ -1,69 +1,69 @@
-//! Whether a configuration can keep up with what comes.
+//! Checks whether a configuration can keep up with its messages.
 
 use std::fmt;
 use std::time::Duration;
 
-/// What an operator is to keep up with.
+/// The messages that an operator must keep up with.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Workload {
-    /// Messages a second.
+    /// The rate in messages per second.
     pub rate: f64,
-    /// The longest deadline that a cloud may get: the cap of its policy.
+    /// The longest deadline that a cloud may get, which is the cap of its policy.
     pub longest_deadline: Duration,
-    /// The longest that a local computation takes.
+    /// The longest time that a local computation takes.
     pub local_response: Duration,
 }
 
-/// What keeps a configuration from keeping up, and what to do about it.
+/// A reason why a configuration cannot keep up. Its message says what to do about it.
 #[derive(Clone, PartialEq, Debug)]
 pub enum CapacityError {
     /// The rate is not a number above 0.
     Rate(f64),
-    /// The window is too small for the messages open at once: some would be refused, and for those no
-    /// deadline is safe.
+    /// The window is too small for the messages that are open at once. Some would be refused, and for those
+    /// no deadline is safe.
     Window {
-        /// What is to be kept up with.
+        /// The workload.
         workload: Workload,
-        /// The window as configured.
+        /// The configured window.
         has: usize,
         /// The least window that suffices.
         needs: usize,
     },
-    /// A cloud may have too few calls under way at once: requests would wait, and the cloud would look
-    /// slow.
+    /// A cloud may have too few calls under way at once. Requests would wait, and the cloud would seem slow.
     Calls {
-        /// What is to be kept up with.
+        /// The workload.
         workload: Workload,
         /// The cloud's name.
         cloud: String,
-        /// How many it may have.
+        /// The number of calls that it may have.
         has: usize,
-        /// How many it needs.
+        /// The number of calls that it needs.
         needs: usize,
     },
-    /// Local can compute too few messages at once: more and more would wait.
+    /// Local can compute too few messages at once, so more and more would wait.
     Workers {
-        /// What is to be kept up with.
+        /// The workload.
         workload: Workload,
-        /// How many it can compute.
+        /// The number of messages that it can compute at once.
         has: usize,
-        /// How many it must.
+        /// The number of messages that it must compute at once.
         needs: usize,
     },
 }
 
-/// All that keeps a configuration from keeping up; at least one.
+/// All reasons why a configuration cannot keep up; at least one.
 #[derive(Clone, PartialEq, Debug)]
 pub struct CapacityErrors(pub Vec<CapacityError>);
 
-/// How long after its due instant an output may leave, in seconds: timers take 1 ms, more on busy machines.
+/// The greatest delay of an output after its due instant, in seconds. Timers take 1 ms, and more on busy
+/// hosts.
 const LATENESS: f64 = 0.005;
 
 impl Workload {
-    /// Whether the window, local's computations at once and each cloud's calls, by name, suffice.
+    /// Checks that the window, local's computations at once, and each cloud's calls (by name) suffice.
     ///
     /// # Errors
-    /// Everything that does not.
+    /// Returns everything that does not suffice.
     pub fn check<'a>(
         &self,
         window: usize,
@@ -158,7 +158,7 @@ impl fmt::Display for CapacityErrors {
 
 impl std::error::Error for CapacityErrors {}
 
-/// How many computations of this length are under way at once, and one to spare.
+/// Returns how many computations of this length are under way at once, and one more to spare.
 fn at_once(rate: f64, takes: Duration) -> usize {
     whole((rate * takes.as_secs_f64()).floor()).saturating_add(1)
 }

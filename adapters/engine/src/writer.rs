@@ -1,4 +1,4 @@
-//! From the operator to its recorder, which writes files and may wait for the disk (D10 whole trace).
+//! Hands lines from the operator to its recorder, which writes files and may wait for the disk (D10).
 
 use std::fs::Metadata;
 use std::io;
@@ -19,44 +19,44 @@ use crate::lock::lock;
 #[cfg(feature = "mcap")]
 use crate::mcap::Mcap;
 
-/// The longest that a line waits before it is written.
+/// The longest time that a line waits before it is written.
 const PERIOD: Duration = Duration::from_millis(500);
 /// As soon as this many lines wait, they are written.
 const LINES: usize = 512;
-/// The most lines that may wait for the disk.
+/// The greatest number of lines that may wait for the disk.
 const WAITING: usize = 64 * LINES;
 
-/// What a run is recorded in.
+/// The destination of a recording.
 pub enum Sink {
-    /// The trace's own format.
+    /// A file in the trace's own format.
     Lines(Box<Recorder>),
-    /// For viewers.
+    /// An MCAP file for viewers.
     #[cfg(feature = "mcap")]
     Mcap(Box<Mcap<BufWriter<File>>>),
 }
 
 /// Hands lines to a recorder on its own thread, so that a slow disk does not delay the operator.
 ///
-/// Lines are written twice a second, at once when a message is missed or refused, and after each
-/// input if the recorder is set so. When too many lines wait for the disk, or it refuses them, the
-/// recording ends there, after a whole input, with an error; the operator goes on.
+/// Lines are written twice a second, at once when a message is missed or refused, and after each input if the
+/// recorder is configured so. If too many lines wait for the disk, or it refuses them, the recording ends
+/// there, after a whole input, with an error. The operator continues.
 pub(crate) struct TraceWriter {
     waiting: Arc<Mutex<PendingInputs>>,
     writer: Option<JoinHandle<io::Result<()>>>,
     counts: Arc<Counts>,
     every_input: bool,
-    /// Nothing is recorded any more.
+    /// `true` if nothing is recorded any more.
     is_over: bool,
 }
 
-/// What is on its way to the recorder: whole inputs with their decisions.
+/// The whole inputs, with their decisions, that wait for the recorder.
 #[derive(Default)]
 struct PendingInputs {
     lines: EventBatch,
     is_end: bool,
 }
 
-/// Events, and the further keys of those few that have any.
+/// Events, and the further keys of the few that have any.
 #[derive(Default)]
 struct EventBatch {
     events: Vec<Event>,
@@ -66,7 +66,7 @@ struct EventBatch {
 
 impl TraceWriter {
     /// # Errors
-    /// If the thread cannot be started.
+    /// Returns an error if the thread cannot be started.
     pub(crate) fn new(sink: Sink, counts: Arc<Counts>) -> io::Result<Self> {
         let waiting = Arc::<Mutex<PendingInputs>>::default();
         let every_input = sink.every_input();
@@ -77,7 +77,7 @@ impl TraceWriter {
         Ok(Self { waiting, writer: Some(writer), counts, every_input, is_over: false })
     }
 
-    /// `values` says of which messages the values are that the decisions send.
+    /// Records an input with its decisions. `values` knows the messages that the decisions' values are of.
     pub(crate) fn record(
         &mut self,
         (input, annotations): (&Input, &Annotations),
@@ -90,7 +90,7 @@ impl TraceWriter {
         // The writer holds the lock only while it exchanges two vectors.
         let mut waiting = lock(&self.waiting);
         if waiting.lines.events.len() >= WAITING {
-            // A gap would make the trace false: what comes later is not recorded either.
+            // A gap would make the trace false, so later inputs are not recorded either.
             self.is_over = true;
             self.counts.unrecorded("the disk is too slow");
             return;
@@ -108,10 +108,10 @@ impl TraceWriter {
         }
     }
 
-    /// Waits until all is written.
+    /// Waits until everything is written.
     ///
     /// # Errors
-    /// The recorder's error, or that the disk was too slow.
+    /// Returns the recorder's error, or an error that the disk was too slow.
     pub(crate) fn finish(&mut self) -> io::Result<()> {
         lock(&self.waiting).is_end = true;
         self.wake();
@@ -142,11 +142,11 @@ impl Drop for TraceWriter {
     }
 }
 
-/// The file of a recording, as it was when it was last looked at. Lines that are written to a removed file are lost.
+/// The file of a recording, as it was at the last look. Lines that are written to a removed file are lost.
 #[derive(Default)]
 struct WatchedFile {
     path: PathBuf,
-    /// What identifies it, whatever it is called.
+    /// Identifies the file, whatever its name.
     identity: (u64, u64),
     len: u64,
 }
@@ -155,7 +155,7 @@ impl WatchedFile {
     /// Looks at the file under its name.
     ///
     /// # Errors
-    /// If it was removed, replaced or shortened since the last look.
+    /// Returns an error if it was removed, replaced or shortened since the last look.
     fn check(&mut self, path: &Path) -> io::Result<()> {
         let lost = |what| {
             let path = path.display();
@@ -186,7 +186,7 @@ impl WatchedFile {
     }
 }
 
-/// Writes what comes until its end.
+/// Writes lines until the end.
 fn write(mut sink: Sink, waiting: &Mutex<PendingInputs>, counts: &Counts) -> io::Result<()> {
     let mut lines = EventBatch::default();
     let mut watched = WatchedFile::default();
@@ -216,7 +216,7 @@ fn write(mut sink: Sink, waiting: &Mutex<PendingInputs>, counts: &Counts) -> io:
     failed.map_or_else(|| sink.finish(), Err)
 }
 
-/// What must be in the file even if the process is killed.
+/// Returns `true` for a decision that must be in the file even if the process is killed.
 const fn is_loss(decision: &Decision) -> bool {
     matches!(decision, Decision::Miss { .. } | Decision::RefuseOpen { .. })
 }
@@ -245,7 +245,7 @@ impl EventBatch {
 }
 
 impl Sink {
-    /// Looks whether the file is still there.
+    /// Checks that the file is still there.
     fn check(&self, watched: &mut WatchedFile) -> io::Result<()> {
         match self {
             Self::Lines(recorder) => watched.check(&recorder.file()),
@@ -254,7 +254,7 @@ impl Sink {
         }
     }
 
-    /// Writes whole inputs with their decisions, so that they are in the file.
+    /// Writes whole inputs with their decisions, and flushes the file.
     fn write<'a>(
         &mut self,
         events: impl Iterator<Item = (Event, &'a Annotations)>,
@@ -291,7 +291,7 @@ impl Sink {
     }
 }
 
-/// The same error, with the file that it is about.
+/// Returns the same error with the file that it is about.
 fn again(error: &io::Error, file: &Path) -> io::Error {
     io::Error::new(error.kind(), format!("{}: {error}", file.display()))
 }

@@ -1,4 +1,5 @@
-//! Sets of several inputs: complete, due, bounded, each once, as old as their oldest message (E5, E6, E7, E8).
+//! Tests sets of several inputs: complete, due, bounded, each given once, and as old as their oldest message
+//! (E5, E6, E7, E8).
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -29,7 +30,7 @@ impl Cameras {
         self.start + ms * MS
     }
 
-    /// Frame `key` of a camera, captured at once.
+    /// Gives frame `key` of a camera, which is captured at that instant.
     fn frame(&mut self, at_ms: u32, input: usize, key: u64) -> Result<(), JoinDropReason> {
         let lineage = Lineage::new(["left", "right"][input], key, self.at(at_ms));
         self.message(at_ms, input, Some(lineage), true)
@@ -57,15 +58,15 @@ impl Cameras {
         std::iter::from_fn(|| self.aligner.next_set()).collect()
     }
 
-    /// Keys, causes, and how many inputs are missing.
+    /// Returns the key, the cause and the number of missing inputs of each set.
     fn brief(&mut self) -> Vec<(u64, JoinCause, usize)> {
         self.given().into_iter().map(|set| (set.key, set.cause, set.missing.len())).collect()
     }
 }
 
-/// E5.
+/// A complete set is given at once, and an incomplete one when it is due (E5).
 #[test]
-fn a_complete_set_is_given_at_once_and_an_incomplete_one_when_it_is_due() {
+fn gives_complete_sets_at_once_and_others_when_due() {
     let mut run = Cameras::new();
     run.frame(0, LEFT, 7).unwrap();
     run.frame(5, LEFT, 8).unwrap();
@@ -80,34 +81,34 @@ fn a_complete_set_is_given_at_once_and_an_incomplete_one_when_it_is_due() {
     run.tick(55);
     let set = run.given().remove(0);
     assert_eq!((set.key, set.cause, &*set.missing[0]), (8, JoinCause::Due, "right"));
-    // E6: what comes for it later opens nothing.
+    // A message that comes for it later opens nothing (E6).
     assert_eq!(run.frame(56, RIGHT, 8), Err(JoinDropReason::Late));
     assert_eq!(run.frame(56, RIGHT, 7), Err(JoinDropReason::Late));
     assert_eq!(run.aligner.next_due(), None);
 }
 
-/// E5.
+/// A set is given while its end-to-end deadline still leaves the reserve (E5).
 #[test]
-fn a_set_is_given_while_its_end_to_end_deadline_still_leaves_the_reserve() {
+fn set_is_given_while_the_reserve_is_left() {
     let mut run = Cameras::new();
     let lineage = Lineage::new("left", 1, run.start).within(30 * MS);
     run.message(10, LEFT, Some(lineage), true).unwrap();
     assert_eq!(run.aligner.next_due(), Some(run.at(29)));
-    // A later message of the set may have an earlier one.
+    // A later message of the set may have an earlier deadline.
     let lineage = Lineage::new("left", 2, run.at(10)).within(90 * MS);
     run.message(10, LEFT, Some(lineage), false).unwrap();
     let lineage = Lineage::new("right", 2, run.start).within(25 * MS);
     run.message(11, RIGHT, Some(lineage), true).unwrap();
     assert_eq!(run.aligner.next_due(), Some(run.at(24)));
-    // One whose budget is gone is given at once.
+    // A set whose budget is used up is given at once.
     let lineage = Lineage::new("left", 3, run.start).within(11 * MS);
     run.message(11, LEFT, Some(lineage), true).unwrap();
     assert_eq!(run.brief(), [(3, JoinCause::Due, 1)]);
 }
 
-/// E5: of revisions the last one is in the set, and of what is there when it is due the last so far.
+/// Of several revisions the last one is in the set; when the set is due, the latest so far is (E5).
 #[test]
-fn revisions_replace_one_another_and_the_last_one_completes_the_set() {
+fn last_revision_completes_the_set() {
     let mut run = Cameras::new();
     let camera = |key| Some(Lineage::new("left", key, Instant::now()));
     run.frame(0, RIGHT, 1).unwrap();
@@ -125,7 +126,7 @@ fn revisions_replace_one_another_and_the_last_one_completes_the_set() {
     assert_eq!(run.brief(), [(2, JoinCause::Due, 1), (3, JoinCause::Due, 0)]);
 }
 
-/// E5: nothing waits for an input that has ended.
+/// No set waits for an input that has ended (E5).
 #[test]
 fn an_input_that_ends_is_waited_for_no_longer() {
     let mut run = Cameras::new();
@@ -138,19 +139,19 @@ fn an_input_that_ends_is_waited_for_no_longer() {
     assert!(run.aligner.is_over());
 }
 
-/// E8.
+/// The oldest set makes room for one more (E8).
 #[test]
 fn the_oldest_set_makes_room_for_one_more() {
     let mut run = Cameras::new();
     for key in [9, 3, 4, 5, 6] {
         run.frame(0, LEFT, key).unwrap();
     }
-    // Of those opened at one instant the one of the least key.
+    // Among sets opened at one instant, the one with the least key is given.
     assert_eq!(run.brief(), [(3, JoinCause::Full, 1)]);
     assert_eq!(run.message(0, LEFT, None, true), Err(JoinDropReason::NoKey));
 }
 
-/// E6, E8: what was given is remembered for ever, in bounded memory.
+/// Sets that were given are remembered, in bounded memory, however long ago it was (E6, E8).
 #[test]
 fn no_key_opens_again_however_long_ago_it_was_given() {
     let mut run = Cameras::new();
@@ -164,9 +165,9 @@ fn no_key_opens_again_however_long_ago_it_was_given() {
     }
 }
 
-/// E7.
+/// A set is as old as its oldest message (E7).
 #[test]
-fn a_set_is_as_old_as_its_oldest_message_and_due_with_its_most_urgent() {
+fn set_is_as_old_as_its_oldest_message() {
     let mut run = Cameras::new();
     let old = Lineage::new("right", 1, run.start).within(40 * MS);
     let new = Lineage::new("left", 1, run.at(5)).within(20 * MS);
@@ -176,16 +177,16 @@ fn a_set_is_as_old_as_its_oldest_message_and_due_with_its_most_urgent() {
     assert_eq!(lineage.origin.as_ref().map(|it| &*it.stream), Some("left"));
     assert_eq!(lineage.captured, Some(run.start));
     assert_eq!(lineage.due(run.at(8)), Some(run.at(25)));
-    // With one of unknown age its age is unknown.
+    // If one age is unknown, the set's age is unknown.
     let unknown = Lineage { captured: None, ..Lineage::new("right", 2, run.start) };
     run.message(8, RIGHT, Some(unknown), true).unwrap();
     run.frame(9, LEFT, 2).unwrap();
     assert_eq!(run.given()[0].lineage.as_ref().unwrap().captured, None);
 }
 
-/// E7.
+/// A set names what is missing, and may belong to a latest-value message (E7).
 #[test]
-fn a_set_names_what_is_missing_and_may_be_of_a_latest_message() {
+fn set_names_missing_inputs_and_may_be_latest() {
     let mut run = Cameras::new();
     let without = Lineage { missing: vec!["radar".into()], ..Lineage::new("left", 1, run.start) };
     run.message(6, LEFT, Some(without.within(100 * MS)), true).unwrap();
@@ -212,8 +213,8 @@ fn a_set_names_what_is_missing_and_may_be_of_a_latest_message() {
 }
 
 proptest! {
-    /// E1, E5, E6, E8: whatever comes in whatever order, each key is given once at most, when it is due at the latest, complete if
-    /// everything came, and never more wait than there is room for.
+    /// For any messages in any order, each key is given at most once, and by its due instant. It is complete
+    /// if everything came, and at most as many sets wait as there is room for (E1, E5, E6, E8).
     #[test]
     fn whatever_comes_each_key_is_given_once_and_in_time(
         messages in prop::collection::vec((0_u32..9, 0_usize..3, 0_u64..12, any::<bool>()), 1..200),

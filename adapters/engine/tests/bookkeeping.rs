@@ -1,4 +1,5 @@
-//! The engine beside a naive one: effects, items, what policies are given, gauges, metrics and tally are the same.
+//! Compares the engine with a naive one: effects, items, calls of policies, gauges, metrics and tally are the
+//! same.
 
 use std::collections::BTreeMap;
 use std::mem;
@@ -14,7 +15,7 @@ use fuseline_engine::{
 use metrics_util::debugging::{DebugValue, DebuggingRecorder, Snapshotter};
 use proptest::prelude::*;
 
-/// Writes what it is given where the test reads it.
+/// A policy that writes its calls where the test reads them.
 struct LoggingPolicy {
     p: u16,
     log: Arc<Mutex<Vec<String>>>,
@@ -32,13 +33,13 @@ impl Policy for LoggingPolicy {
     }
 }
 
-/// What is done to the engine next.
+/// The next step of the engine.
 #[derive(Clone, Debug)]
 enum EngineStep {
     Wait(u64),
-    /// So much later the next input comes, without a tick before.
+    /// The next input comes this much later, without a tick before.
     Pass(u64),
-    /// Until something is due.
+    /// The clock advances until something is due.
     ToNextDue,
     GoBack(u64),
     Open {
@@ -51,7 +52,7 @@ enum EngineStep {
         p: u16,
         deadline: u64,
     },
-    /// Of what runs, the `nth` ends, well or not.
+    /// The `nth` of the running calls ends, well or not.
     End {
         nth: usize,
         well: bool,
@@ -141,7 +142,8 @@ fn effects(engine: &mut Engine<MarkedValue, u64>) -> Vec<String> {
     effects.map(shown).collect()
 }
 
-/// The gauges but for deadlines in force, and the counters, by metric and labels without the operator's.
+/// Returns the gauges, except the deadlines in force, and the counters, by metric and labels without the
+/// operator's label.
 fn metered(snapshotter: &Snapshotter) -> (BTreeMap<String, usize>, BTreeMap<String, u64>) {
     let (mut gauges, mut counters) = (BTreeMap::new(), BTreeMap::new());
     for (key, _, _, value) in snapshotter.snapshot().into_vec() {
@@ -167,7 +169,7 @@ fn metered(snapshotter: &Snapshotter) -> (BTreeMap<String, usize>, BTreeMap<Stri
     (gauges, counters)
 }
 
-/// The tally in the words of the metrics, but for what only those have.
+/// Returns the tally in the words of the metrics, without what only the metrics have.
 fn tallied(tally: &Tally) -> BTreeMap<String, u64> {
     let mut all =
         vec![("messages".to_owned(), tally.messages), ("missed_messages".into(), tally.missed)];
@@ -284,9 +286,10 @@ impl EnginePair {
 }
 
 proptest! {
-    /// D3, D5, D8, D11, D13, D17, T5, T6.
+    /// Whatever happens, the engine does and counts what the naive one does (D3, D5, D8, D11, D13, D17, T5,
+    /// T6).
     #[test]
-    fn whatever_happens_the_engine_does_and_counts_what_a_naive_one_does(
+    fn engine_agrees_with_a_naive_one(
         settings in settings(),
         steps in proptest::collection::vec(step(), 1..120),
     ) {

@@ -1,4 +1,5 @@
-//! An end-to-end deadline at one operator: what requests and local may take, and what policies are reported (E2, E3, E4).
+//! Tests an end-to-end deadline at one operator: the time for requests and local, and the reports to policies
+//! (E2, E3, E4).
 
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -18,7 +19,7 @@ fn engine() -> (Tested, Instant) {
     changed(|_| ())
 }
 
-/// The same with another configuration.
+/// Returns an engine with a changed configuration.
 fn changed(change: impl FnOnce(&mut EngineConfig)) -> (Tested, Instant) {
     let cloud = Cloud { p: 1, name: None, limit: 9, resume: 0 };
     let commit = Commit::Eager;
@@ -35,7 +36,8 @@ const fn ms(ms: u64) -> u64 {
     ms * 1_000_000
 }
 
-/// Opens a message that is `age_ms` old and due 500 ms after its capture; a cloud is offered it for 400 ms.
+/// Opens a message that is `age_ms` old and due 500 ms after its capture, and offers it to a cloud for 400
+/// ms.
 fn open(engine: &mut Tested, start: Instant, at_ms: u64, t: u64, age_ms: u64) {
     let captured =
         (start + Duration::from_millis(at_ms)).checked_sub(Duration::from_millis(age_ms));
@@ -44,7 +46,7 @@ fn open(engine: &mut Tested, start: Instant, at_ms: u64, t: u64, age_ms: u64) {
     engine.open_with(ms(at_ms), t, None, Some(lineage), t, [offer]);
 }
 
-/// What was started and how messages ended, in words; instants in ms.
+/// Describes what was started and how messages ended, with instants in ms.
 fn effects(engine: &mut Tested) -> Vec<String> {
     let effects = std::iter::from_fn(|| engine.next_effect());
     let words = effects.filter_map(|effect| match effect {
@@ -65,7 +67,7 @@ fn effects(engine: &mut Tested) -> Vec<String> {
     words.collect()
 }
 
-/// D13: a wall clock may step, and moves no deadline.
+/// A wall clock may step, and moves no deadline (D13).
 #[test]
 fn a_doubtful_age_moves_no_deadline() {
     let (mut engine, start) = changed(|config| config.has_doubtful_ages = true);
@@ -83,20 +85,20 @@ fn a_doubtful_age_moves_no_deadline() {
     assert_eq!(effects(&mut engine), ["1500: 1 missed"]);
 }
 
-/// E3.
+/// A request ends where the reserve of the operators downstream begins (E3).
 #[test]
-fn a_request_ends_where_the_reserve_of_those_downstream_begins() {
+fn request_ends_where_the_reserve_begins() {
     let (mut engine, start) = engine();
     engine.set_reserve(Reserve::new(150 * MS, 150 * MS));
     open(&mut engine, start, 1000, 0, 100);
     assert_eq!(effects(&mut engine), ["start 0 0 until None", "start 1 0 until Some(1250)"]);
-    // Its own deadline is less.
+    // The request's own deadline is earlier.
     engine.set_reserve(Reserve::default());
     open(&mut engine, start, 1001, 1, 0);
     assert_eq!(effects(&mut engine), ["start 1 1 until Some(1401)"]);
 }
 
-/// E3.
+/// An operator whose budget is used up asks no cloud (E3).
 #[test]
 fn an_operator_whose_budget_is_gone_asks_no_cloud() {
     let (mut engine, start) = engine();
@@ -109,9 +111,9 @@ fn an_operator_whose_budget_is_gone_asks_no_cloud() {
     assert_eq!(effects(&mut engine), ["start 0 0 until None", "start 1 0 until Some(1001)"]);
 }
 
-/// E2, E4.
+/// No message is open after its end-to-end deadline or, with a substitute, after the budget (E2, E4).
 #[test]
-fn no_message_is_open_after_its_end_to_end_deadline_or_after_the_budget_if_there_is_a_substitute() {
+fn no_message_is_open_after_its_budget() {
     for (has_substitute, due) in [(false, 1400), (true, 1250)] {
         let (mut engine, start) = changed(|config| config.has_substitutes = has_substitute);
         engine.set_reserve(Reserve::new(150 * MS, 150 * MS));
@@ -121,16 +123,16 @@ fn no_message_is_open_after_its_end_to_end_deadline_or_after_the_budget_if_there
         assert_eq!(effects(&mut engine), [""; 0]);
         engine.tick(ms(due));
         assert_eq!(effects(&mut engine), [format!("{due}: 0 missed")]);
-        // What is too old when it comes is missed at once.
+        // A message that is too old when it comes is missed at once.
         open(&mut engine, start, 2000, 1, 500);
         engine.tick(ms(2000) + 1);
         assert_eq!(effects(&mut engine), ["2000: 1 missed"]);
     }
 }
 
-/// E3.
+/// Without an end-to-end deadline nothing ends earlier (E3).
 #[test]
-fn without_an_end_to_end_deadline_nothing_ends_earlier() {
+fn no_end_to_end_deadline_ends_nothing_earlier() {
     let (mut engine, start) = changed(|config| config.has_substitutes = true);
     engine.set_reserve(Reserve::new(150 * MS, 150 * MS));
     let lineage = Arc::new(Lineage::new("camera", 0, start));
@@ -141,7 +143,7 @@ fn without_an_end_to_end_deadline_nothing_ends_earlier() {
     assert_eq!(effects(&mut engine), [""; 0]);
 }
 
-/// Takes what is allowed, at most 450 ms, and keeps what it is reported.
+/// A policy that takes what is allowed, at most 450 ms, and stores its reports.
 struct EndToEnd(Arc<Mutex<Vec<String>>>);
 
 impl Policy for EndToEnd {
@@ -156,15 +158,15 @@ impl Policy for EndToEnd {
     }
 }
 
-/// E3.
+/// A policy decides about the whole way from the capture to the last output (E3).
 #[test]
-fn a_policy_decides_about_the_whole_way_from_the_capture_to_the_last_output() {
+fn policy_decides_from_capture_to_last_output() {
     let reported = Arc::new(Mutex::new(Vec::new()));
     let policy = Box::new(EndToEnd(Arc::clone(&reported)));
     let (mut engine, start) = changed(|config| config.clouds[0].policy = Some(policy));
     engine.set_reserve(Reserve::new(150 * MS, 150 * MS));
     open(&mut engine, start, 1000, 0, 100);
-    // 450 ms of which 100 are gone and 150 are kept.
+    // 450 ms, of which 100 have passed and 150 are kept.
     assert_eq!(effects(&mut engine), ["start 0 0 until None", "start 1 0 until Some(1200)"]);
     open(&mut engine, start, 1020, 1, 100);
     engine.result(ms(1070), 0, 1, "boxes");
@@ -178,9 +180,9 @@ fn a_policy_decides_about_the_whole_way_from_the_capture_to_the_last_output() {
     assert_eq!(*reported.lock().unwrap(), expected);
 }
 
-/// D17.
+/// The oldest waiting computation is discarded, unless each message is needed (D17).
 #[test]
-fn the_oldest_waiting_computation_is_thrown_out_unless_each_message_is_needed() {
+fn discards_the_oldest_computation_unless_needed() {
     for (overflow, lost) in [(Overflow::DropOldest, 1), (Overflow::DropNewest, 3)] {
         let local = Local { waiting: Some(2), overflow, ..Local::default() };
         let (mut engine, _) = changed(|config| config.local = local);
@@ -200,13 +202,13 @@ fn the_oldest_waiting_computation_is_thrown_out_unless_each_message_is_needed() 
         let next = if lost == 1 { 2 } else { 1 };
         expected.push(format!("start 0 {next} until None"));
         assert_eq!(effects(&mut engine), expected);
-        // The message that lost local may still be answered by a cloud.
+        // The message that lost local may still get a cloud's result.
         engine.result(5, 3, 1, "the cloud's");
         assert_eq!(effects(&mut engine), ["0: 3 the cloud's"]);
     }
 }
 
-/// E3, E11: local's results and last items are measured, whatever is sent first and whatever is refused.
+/// Local's results and last items are measured, whatever is sent first and whatever is refused (E3, E11).
 #[test]
 fn latency_counts_local_and_last_items() {
     let latency = Latency::measured(1, Duration::ZERO);
@@ -217,7 +219,7 @@ fn latency_counts_local_and_last_items() {
     for t in 0..16 {
         let at = 1000 + 100 * t;
         open(&mut engine, start, at, t, 0);
-        // Refused by order, in no time.
+        // These are refused for their order and take no time.
         open(&mut engine, start, at, t, 0);
         engine.result(ms(at + 20), t, 0, "local's");
         engine.result(ms(at + 60), t, 1, "a cloud's");
@@ -236,7 +238,7 @@ fn latency_counts_local_and_last_items() {
     assert_eq!(latency.estimate().on_board(), 5 * MS);
 }
 
-/// E11: a cloud downstream takes no time from local.
+/// A cloud downstream takes no time from local (E11).
 #[test]
 fn local_ends_at_the_reserve_on_board() {
     let (mut engine, start) = changed(|config| config.has_substitutes = true);

@@ -1,4 +1,4 @@
-//! The engine by hand: inputs at chosen instants, effects looked at one by one.
+//! Drives the engine by hand, with inputs at chosen instants, and looks at each effect.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -53,7 +53,7 @@ fn words(effect: &Effect<&'static str, u64>) -> String {
 }
 
 #[test]
-fn a_better_result_aborts_what_it_outranks_and_a_late_word_of_it_changes_nothing() {
+fn better_result_aborts_and_late_ones_change_nothing() {
     let mut engine = engine();
     assert!(engine.open(10, 0, None, 70, []));
     engine.offer(11, 0, 1, 100 * NS, 71);
@@ -80,9 +80,9 @@ fn a_better_result_aborts_what_it_outranks_and_a_late_word_of_it_changes_nothing
     assert_eq!(tally.sources[1].outputs, BTreeMap::from([(Trigger::Arrival, 1)]));
 }
 
-/// D2.
+/// A timer forwards a held result in the input that brings another message's result (D2).
 #[test]
-fn a_held_result_goes_by_a_timer_in_the_same_input_that_brings_another_message_result() {
+fn timer_forwards_before_the_input_that_brings_it() {
     let mut engine = engine();
     for t in 0..2 {
         assert!(engine.open(t, t, None, 0, []));
@@ -90,7 +90,7 @@ fn a_held_result_goes_by_a_timer_in_the_same_input_that_brings_another_message_r
     }
     engine.result(50, 0, 0, "zero");
     effects(&mut engine);
-    // At 100 the first message's timer is due; its decision comes before the result's.
+    // At 100 the first message's timer is due. Its decision comes before the result's.
     engine.result(100, 1, 0, "one");
     assert_eq!(
         effects(&mut engine),
@@ -98,9 +98,9 @@ fn a_held_result_goes_by_a_timer_in_the_same_input_that_brings_another_message_r
     );
 }
 
-/// D4.
+/// A waiting request leaves the queue when its timer fires (D4).
 #[test]
-fn a_request_that_waits_leaves_the_queue_when_its_timer_fires() {
+fn waiting_request_leaves_when_its_timer_fires() {
     let mut engine = engine();
     for t in 0..3 {
         assert!(engine.open(t, t, None, 0, []));
@@ -108,7 +108,7 @@ fn a_request_that_waits_leaves_the_queue_when_its_timer_fires() {
     }
     effects(&mut engine);
     engine.tick(11);
-    // The second is gone; the call of the first goes on.
+    // The second request is gone, and the call of the first continues.
     assert_eq!(effects(&mut engine), [""; 0]);
     engine.result(20, 0, 1, "boxes");
     assert_eq!(
@@ -117,7 +117,7 @@ fn a_request_that_waits_leaves_the_queue_when_its_timer_fires() {
     );
 }
 
-/// D4.
+/// The gate sees the true length of the queue (D4).
 #[test]
 fn the_gate_sees_the_true_length_of_the_queue() {
     let mut engine = engine();
@@ -126,7 +126,7 @@ fn the_gate_sees_the_true_length_of_the_queue() {
         engine.result(t, t, 0, "local");
         engine.offer(t, t, 1, 100 * NS, t);
     }
-    // Nothing was offered for an answered message.
+    // Nothing was offered for a message that already had its output.
     assert_eq!(
         engine.counts().tally().sources[2].refused,
         BTreeMap::from([(OfferRefusal::Closed, 4)])
@@ -136,14 +136,14 @@ fn the_gate_sees_the_true_length_of_the_queue() {
         engine.offer(t, t, 1, 100 * NS, t);
         engine.result(t, t, 0, "local");
     }
-    // One is under way, two wait; the fourth was refused and its local result went at once.
+    // One is under way and two wait. The fourth was refused, so its local result was forwarded at once.
     let west = &engine.counts().tally().sources[2];
     assert_eq!(west.refused[&OfferRefusal::Queue], 1);
     assert_eq!(west.admitted, 3);
 }
 
 #[test]
-fn local_beyond_its_queue_is_reported_and_answered_by_a_cloud() {
+fn local_beyond_its_queue_fails_and_cloud_answers() {
     let mut engine = engine();
     for t in 0..3 {
         assert!(engine.open(t, t, None, t, []));
@@ -159,9 +159,9 @@ fn local_beyond_its_queue_is_reported_and_answered_by_a_cloud() {
     assert_eq!(effects(&mut engine), ["7: 3 refused order"]);
 }
 
-/// F9, D1.
+/// Under progressive each better result is sent at once and aborts what it outranks (F9, D1).
 #[test]
-fn under_progressive_each_better_result_goes_at_once_and_aborts_what_it_outranks() {
+fn progressive_sends_better_results_and_aborts() {
     let mut engine = under(Commit::Progressive);
     assert!(engine.open(10, 0, None, 70, []));
     engine.offer(11, 0, 1, 100 * NS, 71);
@@ -182,7 +182,7 @@ fn under_progressive_each_better_result_goes_at_once_and_aborts_what_it_outranks
     engine.offer(112, 1, 2, 50 * NS, 72);
     effects(&mut engine);
     engine.result(120, 1, 1, "west's");
-    // Nobody waits for local any more, and it is not aborted (A52).
+    // Nobody waits for local any more, but it is not aborted (A52).
     assert_eq!(effects(&mut engine), ["120: 1 preliminary 0: west's of west"]);
     engine.result(130, 1, 0, "local's");
     assert_eq!(effects(&mut engine), [""; 0]);
@@ -201,9 +201,9 @@ fn under_progressive_each_better_result_goes_at_once_and_aborts_what_it_outranks
     assert!(engine.is_idle() && effects(&mut engine).is_empty());
 }
 
-/// D1: whoever was not given the preliminary item gets its value with the last one.
+/// A consumer that was not given the preliminary item gets its value with the last one (D1).
 #[test]
-fn a_final_item_has_the_value_for_whoever_was_not_given_the_one_before() {
+fn final_item_can_take_over_the_earlier_value() {
     let mut engine = under(Commit::Progressive);
     assert!(engine.open(0, 0, None, 0, []));
     engine.offer(0, 0, 1, 100 * NS, 0);
@@ -222,7 +222,7 @@ fn a_final_item_has_the_value_for_whoever_was_not_given_the_one_before() {
     assert_eq!(better.clone().instead_of(first.clone()), better);
 }
 
-/// D11.
+/// Meters and tally agree (D11).
 #[test]
 fn meters_say_what_the_tally_says() {
     let recorder = DebuggingRecorder::new();
@@ -264,9 +264,9 @@ fn meters_say_what_the_tally_says() {
     );
 }
 
-/// D11, F9.
+/// Under progressive each message counts once, and each output counts as a result (D11, F9).
 #[test]
-fn under_progressive_each_message_counts_once_as_answered_and_each_output_as_a_result() {
+fn progressive_counts_messages_once() {
     let recorder = DebuggingRecorder::new();
     let mut engine = metrics::with_local_recorder(&recorder, || under(Commit::Progressive));
     for t in 0..2 {
@@ -300,7 +300,7 @@ fn under_progressive_each_message_counts_once_as_answered_and_each_output_as_a_r
     assert_eq!(metered.keys().filter(|key| key.starts_with("outputs_total")).count(), 2);
 }
 
-/// What was metered, without zeros and gauges.
+/// Returns what was metered, without zeros and gauges.
 fn metered(recorder: &DebuggingRecorder) -> BTreeMap<String, String> {
     let mut metrics = BTreeMap::new();
     let snapshotter = recorder.snapshotter();
@@ -321,13 +321,13 @@ fn metered(recorder: &DebuggingRecorder) -> BTreeMap<String, String> {
     metrics
 }
 
-/// Over topics, with four at once and a limit of 100.
+/// Returns an engine whose local answers over topics, with four computations at once and a limit of 100.
 fn over_topics() -> Tested {
     let local = Local { at_once: 4, waiting: Some(4), lossy: true, ..Local::default() };
     Engine::new(config(&header(Commit::Eager), &[64, 64], local)).unwrap()
 }
 
-/// Which computations were started.
+/// Returns the computations that were started.
 fn started(engine: &mut Tested) -> Vec<u64> {
     let starts = std::iter::from_fn(|| engine.next_effect()).filter_map(|effect| match effect {
         Effect::Start { priority: 0, timestamp, .. } => Some(timestamp),
@@ -340,16 +340,16 @@ fn started(engine: &mut Tested) -> Vec<u64> {
     starts.collect()
 }
 
-/// D13.
+/// A lost computation frees its place although its message already has its output (D13).
 #[test]
-fn a_computation_of_which_no_word_comes_gives_its_place_back_though_its_message_was_answered() {
+fn lost_computation_frees_its_place_after_an_output() {
     let mut engine = over_topics();
     for t in 0..6 {
         assert!(engine.open(t, t, Some(100 * NS), t, []));
         engine.offer(t, t, 2, 50 * NS, t);
         engine.result(t, t, 2, "east's");
     }
-    // All are answered, so no timer of the rules is left.
+    // All messages have ended, so no timer of the rules is left.
     assert!(engine.is_idle());
     assert_eq!(started(&mut engine), [0, 1, 2, 3]);
     assert_eq!(engine.next_due(), Some(100));
@@ -359,7 +359,7 @@ fn a_computation_of_which_no_word_comes_gives_its_place_back_though_its_message_
     assert_eq!((started(&mut engine), engine.next_due()), (vec![4], Some(101)));
     assert_eq!(engine.counts().tally().sources[0].lost, 1);
     engine.tick(101);
-    // Nothing waits any more: what else is lost is seen when it matters.
+    // Nothing waits any more, so further losses are noticed only when they matter.
     assert_eq!((started(&mut engine), engine.next_due()), (vec![5], None));
     assert!(engine.open(300, 6, Some(100 * NS), 6, []));
     assert_eq!(started(&mut engine), [6]);
@@ -367,7 +367,7 @@ fn a_computation_of_which_no_word_comes_gives_its_place_back_though_its_message_
 }
 
 #[test]
-fn the_word_of_a_lost_computation_counts_when_it_comes_after_all_and_frees_nothing_twice() {
+fn lost_computations_result_counts_when_it_comes() {
     let mut engine = over_topics();
     for t in 0..4 {
         assert!(engine.open(0, t, Some(100 * NS), t, []));
@@ -403,9 +403,9 @@ fn a_computation_that_still_runs_keeps_its_place() {
     assert_eq!(started(&mut engine), [1]);
 }
 
-/// D13: two hang, of which one may be replaced.
+/// Two computations hang, and one of them may be replaced (D13).
 #[test]
-fn a_computation_that_hangs_gives_its_place_to_another_up_to_a_bound() {
+fn replaces_hung_computations_up_to_a_bound() {
     let local = Local { waiting: Some(3), replaceable: 1, ..Local::default() };
     let mut engine: Tested = Engine::new(config(&header(Commit::Eager), &[1, 1], local)).unwrap();
     for t in 0..3 {
@@ -423,7 +423,7 @@ fn a_computation_that_hangs_gives_its_place_to_another_up_to_a_bound() {
     engine.tick(200);
     assert_eq!(started(&mut engine), [0; 0], "the bound is reached");
     assert_eq!(engine.counts().tally().sources[0].lost, 2);
-    // What was replaced ends, and frees the bound and no place.
+    // The replaced computation ends, which frees the bound but no place.
     engine.result(300, 0, 0, "local's of 0");
     assert_eq!(started(&mut engine), [0; 0]);
     engine.result(301, 1, 0, "local's of 1");
@@ -433,9 +433,9 @@ fn a_computation_that_hangs_gives_its_place_to_another_up_to_a_bound() {
     assert_eq!(started(&mut engine), [3]);
 }
 
-/// D9.
+/// Late timers and blocking handlers are counted (D9).
 #[test]
-fn a_timer_that_is_served_late_and_a_handler_that_blocks_are_counted() {
+fn counts_late_timers_and_blocking_handlers() {
     let local = Local { waiting: Some(3), ..Local::default() };
     let config = config(&header(Commit::Eager), &[1, 1], local);
     let mut engine = Tested::new(EngineConfig { lag_warning: 20 * NS, ..config }).unwrap();
@@ -459,7 +459,7 @@ fn a_timer_that_is_served_late_and_a_handler_that_blocks_are_counted() {
 }
 
 #[test]
-fn with_skip_answered_what_was_answered_takes_no_room_among_what_waits() {
+fn skip_answered_frees_places_of_ended_messages() {
     let local = Local { waiting: Some(1), skip_answered: true, ..Local::default() };
     let mut engine: Tested = Engine::new(config(&header(Commit::Eager), &[8, 8], local)).unwrap();
     for t in 0..8 {
@@ -474,7 +474,7 @@ fn with_skip_answered_what_was_answered_takes_no_room_among_what_waits() {
 }
 
 #[test]
-fn with_skip_answered_a_computation_that_an_output_outranks_takes_no_room() {
+fn skip_answered_frees_outranked_computations() {
     let local = Local { waiting: Some(0), skip_answered: true, ..Local::default() };
     let mut engine: Tested =
         Engine::new(config(&header(Commit::Progressive), &[8, 8], local)).unwrap();
@@ -488,14 +488,14 @@ fn with_skip_answered_a_computation_that_an_output_outranks_takes_no_room() {
 }
 
 #[test]
-fn why_sources_failed_is_reported_with_the_item_and_counted_by_its_words() {
+fn failure_reasons_are_in_the_item_and_counted() {
     let mut engine = engine();
     for t in 0..3 {
         assert!(engine.open(t, t, None, t, []));
         engine.offer(t, t, 2, 50 * NS, t);
         engine.fail(t, t, 2, if t == 1 { &"reset" } else { &"connection refused" });
         engine.fail(t, t, 0, &"x".repeat(1000));
-        // It is superseded: nobody waited for it.
+        // It is superseded, because nobody waited for it.
         engine.fail(t, t, 0, &"too late to matter");
     }
     let mut items = std::iter::from_fn(|| engine.next_effect()).filter_map(|effect| match effect {

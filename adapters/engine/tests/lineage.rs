@@ -1,4 +1,4 @@
-//! What a message comes from, how old it is, and of which message a value is: in items and in the trace (A46, A51, D2).
+//! Tests the origin, the age and the `of` of values, in items and in the trace (A46, A51, D2).
 
 use std::fs;
 use std::sync::Arc;
@@ -23,7 +23,7 @@ struct RecordedEngine {
 }
 
 impl RecordedEngine {
-    /// Cloud 1 may send values of up to `max_age` messages before.
+    /// Creates an engine. Cloud 1 may send values of up to `max_age` messages before.
     fn new(commit: Commit, max_age: u64) -> Self {
         let cloud = Cloud { p: 1, name: None, limit: 9, resume: 0 };
         let header = Header { operator: None, window: 4, commit, clouds: vec![cloud] };
@@ -38,13 +38,14 @@ impl RecordedEngine {
         let recorder =
             Recorder::create_annotated(path, &header, &annotations, Recording::default());
         engine.record(recorder.unwrap()).unwrap();
-        // Long ago, so that what was captured before it can be said.
+        // A start long ago, so that earlier captures can be expressed.
         let start = Instant::now();
         engine.set_start(start);
         Self { engine, start, folder }
     }
 
-    /// A message of the camera with its own number, captured `age` before it is taken in at `at`.
+    /// Returns the lineage of a camera's message with its own number, captured `age` before it is opened at
+    /// `at`.
     fn lineage(&self, at: u64, seq: u64, age: u64) -> Arc<Lineage> {
         let opened = self.start + Duration::from_nanos(at);
         let captured = opened.checked_sub(Duration::from_nanos(age)).unwrap();
@@ -69,7 +70,7 @@ impl RecordedEngine {
         items.collect()
     }
 
-    /// The lines of the trace with one of these words; the whole of it conforms.
+    /// Returns the lines of the trace with one of these words, after checking that all of it conforms.
     fn lines(mut self, words: &[&str]) -> Vec<String> {
         self.engine.finish().unwrap();
         let text = fs::read_to_string(self.folder.path().join("trace")).unwrap();
@@ -89,14 +90,14 @@ fn of(value: &'static str, of: u64) -> StampedValue<&'static str> {
 }
 
 #[test]
-fn an_item_has_the_lineage_of_its_message_and_its_age_at_the_decision() {
+fn item_has_its_messages_lineage_and_age() {
     let mut run = RecordedEngine::new(Commit::Eager, 0);
     run.open(10, 0, 7);
     run.engine.result(30, 0, 1, "boxes");
     let item = run.items().remove(0);
     assert_eq!(item.lineage, Some(run.lineage(10, 40, 7)));
     assert_eq!(item.age, Some(27 * NS));
-    // Captured after it is taken in, by a clock that runs ahead: 0, never less.
+    // Captured after it is opened, by a clock that runs ahead: the age is 0, never less.
     run.open(40, 1, 0);
     let ahead = Arc::new(Lineage::new("camera", 9, run.start + 60 * NS));
     run.engine.open_with(40, 1, None, Some(ahead), 1, []);
@@ -107,7 +108,7 @@ fn an_item_has_the_lineage_of_its_message_and_its_age_at_the_decision() {
         (&*origin.stream, origin.seq, refused.age),
         ("camera", Some(9), Some(Duration::ZERO))
     );
-    // Nothing is known of what was written without it.
+    // Nothing is known of a message that was given without a lineage.
     run.engine.open(50, 2, None, 2, []);
     run.engine.result(51, 2, 0, "boxes");
     let item = run.items().remove(0);
@@ -124,7 +125,7 @@ fn an_item_has_the_lineage_of_its_message_and_its_age_at_the_decision() {
 }
 
 #[test]
-fn an_engine_that_does_not_know_its_clock_writes_no_age() {
+fn engine_without_start_writes_no_age() {
     let mut run = RecordedEngine::new(Commit::Eager, 0);
     let header = Header { operator: None, window: 4, commit: Commit::Eager, clouds: Vec::new() };
     let local = Local { waiting: Some(9), ..Local::default() };
@@ -140,11 +141,11 @@ fn an_engine_that_does_not_know_its_clock_writes_no_age() {
     assert_eq!(run.lines(&["open"]), [opened]);
 }
 
-/// D2.
+/// The emit names the message that its value is of (D2).
 #[test]
-fn the_emit_says_of_which_message_the_value_is_that_it_sends() {
+fn emit_names_the_message_of_its_value() {
     let mut run = RecordedEngine::new(Commit::Eager, 0);
-    // At once, then held until a timer fires, then one that does not say.
+    // One is sent at once, one is held until a timer fires, and one does not say.
     for t in 0..3 {
         run.open(t, t, 0);
     }
@@ -169,7 +170,7 @@ fn the_emit_says_of_which_message_the_value_is_that_it_sends() {
     );
 }
 
-/// D2.
+/// A value of another message is a failure (D2).
 #[test]
 fn a_value_of_another_message_is_a_failure() {
     let mut run = RecordedEngine::new(Commit::Eager, 0);
@@ -198,7 +199,7 @@ fn a_value_may_be_as_old_as_the_cloud_may_send_and_is_as_old_as_its_message() {
     run.engine.result(41, 3, 1, of("of 0", 0));
     run.engine.result(42, 1, 1, of("of 1", 1));
     let items = run.items();
-    // Message 0 was captured 5 ns before it was taken in at 0.
+    // Message 0 was captured 5 ns before it was opened at 0.
     assert_eq!((forwarded(&items[0]).of, items[0].age), (Some(0), Some(45 * NS)));
     assert_eq!(items[0].lineage, Some(run.lineage(20, 42, 5)), "it is passed on as it is");
     assert_eq!((forwarded(&items[1]).of, items[1].age), (Some(1), Some(37 * NS)));
@@ -210,9 +211,9 @@ fn a_value_may_be_as_old_as_the_cloud_may_send_and_is_as_old_as_its_message() {
     );
 }
 
-/// D2, F9.
+/// A final item that takes over a value has the age that the value has reached (D2, F9).
 #[test]
-fn a_final_item_that_takes_its_value_over_is_as_old_as_that_has_become() {
+fn final_item_has_the_age_of_its_earlier_value() {
     let mut run = RecordedEngine::new(Commit::Progressive, 1);
     run.open(0, 0, 3);
     run.open(10, 1, 3);

@@ -1,4 +1,5 @@
-//! What an operator logs. One test, since a program has one cache of who listens to which event.
+//! Tests what an operator logs. It is one test, because a program has one cache of which subscriber wants
+//! which event.
 
 use std::io::Write;
 use std::sync::{Arc, Mutex};
@@ -6,9 +7,9 @@ use std::time::Duration;
 
 use fuseline_engine::{Cloud, Commit, Engine, EngineConfig, Header, Local};
 
-/// D15.
+/// Every refusal, drop, failure and miss is logged with its reason (D15).
 #[test]
-fn logs_report_every_refusal_drop_failure_and_miss_with_its_reason() {
+fn logs_have_each_refusal_drop_failure_and_miss() {
     let log = Log::default();
     let writer = log.clone();
     let subscriber = tracing_subscriber::fmt()

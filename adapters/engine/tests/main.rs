@@ -1,4 +1,5 @@
-//! One program of the tests that need no process of their own. The package of `tests` builds it: it is not optimized.
+//! Collects the tests that need no process of their own into one program. The package `tests` builds it,
+//! unoptimized.
 
 mod aligner;
 mod bookkeeping;

@@ -1,4 +1,4 @@
-//! A policy decides about what is sent alone, and its cap holds.
+//! Checks that a policy decides only about requests that are sent, and that its cap holds.
 
 use std::fs;
 use std::sync::{Arc, Mutex};
@@ -16,16 +16,16 @@ type Tested = Engine<(), ()>;
 
 const MS: u64 = 1_000_000;
 const WEST: u16 = 1;
-/// It outranks west.
+/// A cloud that outranks west.
 const EAST: u16 = 2;
 const CAP: Duration = Duration::from_millis(90);
 
-/// West has one call at a time, and its gate shuts when one request waits.
+/// Returns an engine in which west has one call at a time, and its gate shuts when one request waits.
 fn engine(policy: impl Policy + Send + 'static) -> Tested {
     beside(&header(&[WEST]), policy)
 }
 
-/// The same with the clouds of a header.
+/// Returns the same with the clouds of a header.
 fn beside(header: &Header, policy: impl Policy + Send + 'static) -> Tested {
     let local = Local { at_once: 64, waiting: Some(0), ..Local::default() };
     let mut config = config(header, &[1], local);
@@ -43,7 +43,7 @@ const fn offer() -> Offer<()> {
     Offer { priority: WEST, deadline: CAP, request: () }
 }
 
-/// Keeps why each deadline was chosen.
+/// A policy that stores why each deadline was chosen.
 struct RecordingPolicy<P> {
     policy: P,
     reasons: Arc<Mutex<Vec<Reason>>>,
@@ -66,12 +66,13 @@ fn noting<P: Policy>(policy: P) -> (RecordingPolicy<P>, Arc<Mutex<Vec<Reason>>>)
     (RecordingPolicy { policy, reasons: Arc::clone(&reasons) }, reasons)
 }
 
-/// T6.
+/// A policy is not called for requests that will be refused (T6).
 #[test]
 fn a_policy_is_not_called_for_what_will_be_refused() {
     let (policy, reasons) = noting(Constant(CAP));
     let mut engine = engine(policy);
-    // One is sent, one waits, two find the gate shut; then it is offered again, for nothing, and too late.
+    // One is sent, one waits, and two find the gate shut. Then offers are repeated, made with no time, and
+    // made too late.
     for t in 0..4 {
         assert!(engine.open(0, t, None, (), [offer()]));
     }
@@ -86,9 +87,9 @@ fn a_policy_is_not_called_for_what_will_be_refused() {
     assert_eq!((refused(OfferRefusal::Deadline), refused(OfferRefusal::Closed)), (1, 1));
 }
 
-/// T6: F2's reasons, each alone.
+/// A policy is called for none of the reasons to refuse, and for an admitted offer (T6, F2).
 #[test]
-fn a_policy_is_called_for_no_reason_of_refusal_and_for_an_admitted_offer() {
+fn policy_is_called_only_for_admitted_offers() {
     const NORTH: u16 = 3;
     type Inputs = fn(&mut Tested);
     let cases: [(OfferRefusal, Inputs); 7] = [
@@ -102,7 +103,7 @@ fn a_policy_is_called_for_no_reason_of_refusal_and_for_an_admitted_offer() {
             engine.offer(MS, 7, WEST, CAP, ());
         }),
         (OfferRefusal::Outranked, |engine| {
-            // North is still to come: east's result is held.
+            // North is still pending, so east's result is held.
             for p in [NORTH, EAST] {
                 engine.offer(MS, 7, p, CAP, ());
             }
@@ -111,7 +112,7 @@ fn a_policy_is_called_for_no_reason_of_refusal_and_for_an_admitted_offer() {
         }),
         (OfferRefusal::Deadline, |engine| engine.offer(MS, 7, WEST, Duration::ZERO, ())),
         (OfferRefusal::Deadline, |engine| {
-            // The end of the clock: nothing is due later.
+            // At the end of the clock nothing is due later.
             engine.tick(u64::MAX);
             engine.offer(u64::MAX, 7, WEST, CAP, ());
         }),
@@ -134,19 +135,19 @@ fn a_policy_is_called_for_no_reason_of_refusal_and_for_an_admitted_offer() {
     }
 }
 
-/// An engine among its sources: local takes 20 ms, west 60 ms from when it is called.
+/// An engine among its sources: local takes 20 ms, and west takes 60 ms from when it is called.
 struct Run {
     engine: Tested,
     now: u64,
     is_west_gone: bool,
-    /// When which source answers which message.
+    /// The instants, messages and sources of results that will come.
     answers: Vec<(u64, u64, u16)>,
-    /// The messages that were answered with west's results.
+    /// The messages that were forwarded with west's results.
     wests: Vec<u64>,
 }
 
 impl Run {
-    /// So many messages at once.
+    /// Opens these messages at once.
     fn burst(&mut self, timestamps: std::ops::Range<u64>) {
         for t in timestamps {
             assert!(self.engine.open(self.now, t, None, (), [offer()]));
@@ -192,9 +193,9 @@ impl Run {
     }
 }
 
-/// T6.
+/// A cloud that returns is found although the gate refuses half of the messages (T6).
 #[test]
-fn a_cloud_that_returns_is_found_though_the_gate_refuses_half_of_the_messages() {
+fn finds_returned_cloud_behind_a_busy_gate() {
     let loss = Accuracy { local: 42.0, cloud: 58.0, price_per_ms: 0.01 };
     let (policy, reasons) =
         noting(Expected::<_, 16>::new(loss, Duration::from_millis(20), Some(4)).unwrap());
@@ -203,14 +204,14 @@ fn a_cloud_that_returns_is_found_though_the_gate_refuses_half_of_the_messages() 
     run.burst(0..2);
     run.until(100 * MS);
     run.is_west_gone = false;
-    // Of four at once the first is sent, the second waits, and the others find the gate shut. Counted
-    // by messages each probe would be a third one.
+    // Of four messages at once the first is sent, the second waits, and the others find the gate shut. If
+    // messages counted, each probe would be a third one.
     for burst in 0..30 {
         let first = 2 + 4 * burst;
         run.burst(first..first + 4);
         run.until((200 + 100 * burst) * MS);
     }
-    // Sixteen requests after its return all that is known is from after it.
+    // Sixteen requests after its return, the policy knows only calls from after it.
     let found: Vec<_> = (8..30).map(|burst| 2 + 4 * burst).collect();
     assert!(found.iter().all(|first| run.wests.contains(first)), "{:?}", run.wests);
     let reasons = reasons.lock().unwrap();
@@ -220,9 +221,9 @@ fn a_cloud_that_returns_is_found_though_the_gate_refuses_half_of_the_messages() 
     assert_eq!(probes, (0..reasons.len()).step_by(4).collect::<Vec<_>>());
 }
 
-/// T6, F0: what is due comes before the offer, so that its message is closed when the policy would be consulted.
+/// Due timers come before the offer, so its message is closed before the policy would be asked (T6, F0).
 #[test]
-fn a_policy_is_not_called_for_a_message_that_a_timer_due_then_closes() {
+fn policy_is_not_called_after_a_closing_timer() {
     for late_by in [0, 1] {
         let (policy, reasons) = noting(Constant(CAP));
         let mut engine = beside(&header(&[WEST, EAST]), policy);
@@ -237,9 +238,9 @@ fn a_policy_is_not_called_for_a_message_that_a_timer_due_then_closes() {
     }
 }
 
-/// D11: what is shown as the deadline in force is the one that the request gets.
+/// The deadline in force that is shown is the one that the request gets (D11).
 #[test]
-fn a_policy_that_exceeds_its_cap_is_shown_with_the_cap() {
+fn policy_above_its_cap_is_shown_with_the_cap() {
     struct Beyond;
     impl Policy for Beyond {
         fn decide(&mut self, _: &Situation<'_>, cap: Duration) -> Chosen {
@@ -254,9 +255,9 @@ fn a_policy_that_exceeds_its_cap_is_shown_with_the_cap() {
     assert_eq!(in_force.deadline, CAP);
 }
 
-/// What was due is in the trace before the offer, also if the policy panics and nothing is offered.
+/// Due timers are recorded before the offer, even if the policy panics and nothing is offered.
 #[test]
-fn a_timer_due_at_an_offer_is_recorded_though_the_policy_panics() {
+fn records_due_timer_although_the_policy_panics() {
     struct Broken;
     impl Policy for Broken {
         fn decide(&mut self, _: &Situation<'_>, _: Duration) -> Chosen {

@@ -1,4 +1,4 @@
-//! The engine under random inputs: bounds, one answer a message, a trace that conforms.
+//! Gives the engine random inputs, and checks bounds, one output for each message, and a trace that conforms.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
@@ -10,7 +10,7 @@ use fuseline_engine::{Commit, Effect, Ending, Engine, Item, Local, Recorder, Rec
 use fuseline_traces::judge;
 use proptest::prelude::*;
 
-/// How many computations freed their slots without a completion.
+/// Counts the computations that freed their places without a completion.
 fn lost(engine: &Tested) -> usize {
     usize::try_from(engine.counts().tally().sources[0].lost).unwrap()
 }
@@ -19,7 +19,7 @@ fn lost(engine: &Tested) -> usize {
 #[derive(Clone, Copy, Debug)]
 enum Step {
     Wait(u64),
-    /// The clock in the caller's hands goes back (F0).
+    /// The caller's clock goes back (F0).
     GoBack(u64),
     Open {
         deadline: Option<u64>,
@@ -29,7 +29,7 @@ enum Step {
         p: u16,
         deadline: u64,
     },
-    /// The `nth` of those under way ends, well or not.
+    /// The `nth` of the calls under way ends, well or not.
     End {
         nth: usize,
         well: bool,
@@ -64,7 +64,7 @@ fn step() -> impl Strategy<Value = Step> {
 
 proptest! {
     #[test]
-    fn whatever_happens_calls_are_bounded_messages_answered_once_and_the_trace_conforms(
+    fn random_inputs_keep_bounds_and_conform(
         steps in proptest::collection::vec(step(), 1..200),
         commit in proptest::sample::select(&Commit::ALL[..]),
         skip_answered in any::<bool>(),
@@ -79,11 +79,11 @@ proptest! {
         engine.record(recorder).unwrap();
         let at_once = [2, 1, 2];
         let (mut now, mut next) = (0_u64, 0);
-        // The machine's clock: the greatest of the caller's.
+        // The machine's clock, which is the greatest instant of the caller's.
         let mut latest = 0;
         let mut in_flight: BTreeSet<(u16, u64)> = BTreeSet::new();
         let mut answered: BTreeSet<u64> = BTreeSet::new();
-        // The last output of each message that is open, and how many there were.
+        // The last output of each open message, and the number of its outputs.
         let mut sent: BTreeMap<u64, (u16, u32)> = BTreeMap::new();
         let mut preliminary = 0;
         for step in steps {
@@ -179,9 +179,9 @@ proptest! {
         prop_assert!(verdict.violations.is_empty(), "{:#?}", verdict.violations);
     }
 
-    /// P13, D2: every input is given to both, so no queue may distinguish them.
+    /// Every input is given to both engines, and their queues must not distinguish them (P13, D2).
     #[test]
-    fn the_last_outputs_of_progressive_are_those_of_patient_at_the_same_instants(
+    fn progressive_ends_as_patient_at_the_same_instants(
         steps in proptest::collection::vec(step(), 1..200),
     ) {
         let folder = tempfile::tempdir().unwrap();

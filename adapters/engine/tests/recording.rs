@@ -1,4 +1,4 @@
-//! What of a recording is in the file while the operator runs, and what becomes of it on a full disk.
+//! Tests what a recording has in the file while the operator runs, and what becomes of it on a full disk.
 
 use std::env;
 use std::fs;
@@ -14,7 +14,7 @@ use tempfile::TempDir;
 
 type Tested = Engine<u64, u64>;
 
-/// Nothing takes as long; a file that has not what is waited for by then never will.
+/// A time that nothing takes: if a file lacks something by then, it never gets it.
 const NEVER: Duration = Duration::from_secs(60);
 
 fn header() -> Header {
@@ -34,7 +34,7 @@ fn answer(engine: &mut Tested, t: u64) {
     while engine.next_effect().is_some() {}
 }
 
-/// Waits until this holds.
+/// Waits until `holds` returns `true`.
 fn until(mut holds: impl FnMut() -> bool) {
     let began = Instant::now();
     while !holds() {
@@ -43,7 +43,7 @@ fn until(mut holds: impl FnMut() -> bool) {
     }
 }
 
-/// Waits until the file has this.
+/// Waits until the file contains these words.
 fn until_written(path: &Path, words: &str) -> String {
     let mut text = String::new();
     until(|| {
@@ -53,7 +53,7 @@ fn until_written(path: &Path, words: &str) -> String {
     text
 }
 
-/// Whether the file has the decision about this message, of which [`answer`] was called.
+/// Returns `true` if the file has the decision about this message, which [`answer`] was called for.
 fn is_written(path: &Path, t: u64) -> bool {
     let emitted = format!(r#"{{"ev":"emit","at":{},"t":{t},"p":0}}"#, 10 * t + 1);
     fs::read_to_string(path).unwrap().contains(&emitted)
@@ -66,7 +66,7 @@ fn folder() -> (TempDir, PathBuf) {
 }
 
 #[test]
-fn what_happened_is_in_the_file_while_the_operator_is_idle() {
+fn idle_operator_has_everything_in_its_file() {
     for every_input in [false, true] {
         let (_folder, path) = folder();
         let mut engine = engine(&path, Recording { every_input, ..Recording::default() });
@@ -80,7 +80,7 @@ fn what_happened_is_in_the_file_while_the_operator_is_idle() {
     }
 }
 
-/// D10.
+/// A killed process leaves the miss that it died of (D10).
 #[test]
 fn a_killed_process_leaves_the_miss_that_it_died_of() {
     const PATH: &str = "RECORDING_TEST_PATH";
@@ -105,7 +105,7 @@ fn a_killed_process_leaves_the_miss_that_it_died_of() {
     assert!(verdict.violations.is_empty() && verdict.judged == 4, "{verdict}");
 }
 
-/// D10.
+/// A lost file is reported when it happens (D10).
 #[test]
 fn lost_file_is_reported_when_it_happens() {
     for what in ["removed", "replaced", "shortened"] {
@@ -130,11 +130,11 @@ fn lost_file_is_reported_when_it_happens() {
     }
 }
 
-/// D10.
+/// A disk that fills is reported when it happens, and the operator continues (D10).
 #[test]
-fn a_disk_that_fills_is_reported_when_it_happens_and_the_operator_goes_on() {
+fn full_disk_is_reported_and_the_operator_continues() {
     const SMALL_DISK: &str = "RECORDING_TEST_SMALL_DISK";
-    const NAME: &str = "a_disk_that_fills_is_reported_when_it_happens_and_the_operator_goes_on";
+    const NAME: &str = "full_disk_is_reported_and_the_operator_continues";
     if env::var_os(SMALL_DISK).is_none() {
         // A process that may write no file of more than 16 KiB.
         let ended = Command::new("sh")
@@ -171,9 +171,9 @@ fn a_disk_that_fills_is_reported_when_it_happens_and_the_operator_goes_on() {
     assert!(verdict.violations.is_empty() && verdict.judged > 100, "{verdict}");
 }
 
-/// D10.
+/// The error of each recording is reported, and the others are whole (D10).
 #[test]
-fn the_error_of_each_recording_is_reported_and_the_others_are_whole() {
+fn each_recording_reports_its_own_error() {
     for broken in [0, 1] {
         let folders = [folder(), folder()];
         let local = Local { waiting: Some(4), ..Local::default() };
@@ -182,7 +182,7 @@ fn the_error_of_each_recording_is_reported_and_the_others_are_whole() {
             let recording = Recording { rotate: Some(1 << 12), ..Recording::default() };
             engine.record(Recorder::create(path, &header(), recording).unwrap()).unwrap();
         }
-        // The second part cannot be made: a folder is in its place.
+        // The second part cannot be created, because a folder is in its place.
         fs::create_dir(Recorder::part(&folders[broken].1, 1)).unwrap();
         for t in 0..100 {
             answer(&mut engine, t);
@@ -197,7 +197,7 @@ fn the_error_of_each_recording_is_reported_and_the_others_are_whole() {
     }
 }
 
-/// The lines of a run that ends at 90 with a message open.
+/// Returns the lines of a run that ends at 90 with an open message.
 fn ended(deadline: Option<Duration>) -> Vec<String> {
     let (_folder, path) = folder();
     let mut engine = engine(&path, Recording::default());
@@ -211,9 +211,9 @@ fn ended(deadline: Option<Duration>) -> Vec<String> {
     text.lines().skip(4).map(str::to_owned).collect()
 }
 
-/// A44.
+/// A run that ends with an open message says so by a last tick (A44).
 #[test]
-fn a_run_that_ends_with_a_message_open_says_so_by_a_last_tick() {
+fn run_with_an_open_message_ends_with_a_tick() {
     let open = r#"{"ev":"open","at":10,"t":1}"#;
     assert_eq!(ended(None), [open, r#"{"ev":"tick","at":90}"#]);
 }
@@ -226,12 +226,13 @@ fn a_last_tick_decides_nothing() {
     assert_eq!(lines.last().unwrap(), r#"{"ev":"tick","at":90}"#);
 }
 
-/// D10: what came while the disk was too slow is missing, and each reader of the trace's state learns so.
+/// Inputs that came while the disk was too slow are missing, and every reader of the recording's state learns
+/// that (D10).
 #[test]
-fn a_disk_that_is_too_slow_ends_the_trace_and_the_end_says_so() {
+fn slow_disk_ends_the_trace_and_is_reported() {
     let (_folder, path) = folder();
     assert!(Command::new("mkfifo").arg(&path).status().unwrap().success());
-    // A pipe of which nothing is read at first, as a disk that takes no more for now.
+    // A pipe that nobody reads at first stands for a disk that takes nothing for now.
     let (read_on, may_read) = std::sync::mpsc::channel::<()>();
     let slow = path.clone();
     let reader = thread::spawn(move || {

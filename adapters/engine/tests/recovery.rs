@@ -1,4 +1,5 @@
-//! After any disturbance the engine is as before: nothing runs, waits, is due or is shown, and the next message is served.
+//! Checks that the engine recovers from any disturbance: nothing runs, waits, is due or is shown, and the
+//! next message is served.
 
 use std::time::Duration;
 
@@ -19,7 +20,7 @@ fn offer(t: u64) -> [Offer<u64>; 1] {
     [Offer { priority: 1, deadline: 100 * NS, request: t }]
 }
 
-/// What there is to do, without the requests' order.
+/// Returns what is to be started, without the requests' order.
 fn started(engine: &mut Tested) -> Vec<(u16, u64)> {
     let effects = std::iter::from_fn(|| engine.next_effect());
     effects
@@ -30,9 +31,9 @@ fn started(engine: &mut Tested) -> Vec<(u16, u64)> {
         .collect()
 }
 
-/// D8: a call that lingers ends when it has lingered, though nothing else happens, and the next is as before.
+/// A call that lingers ends when it has lingered long enough, even if nothing else happens (D8).
 #[test]
-fn a_call_that_lingers_is_ended_at_its_instant_without_any_other_input() {
+fn lingering_call_ends_without_any_other_input() {
     let mut engine = engine(|config| config.clouds[1].linger = 50 * NS);
     for t in 0..100 {
         let at = t * 1000;
@@ -56,9 +57,9 @@ fn a_call_that_lingers_is_ended_at_its_instant_without_any_other_input() {
     }
 }
 
-/// Long after the first 1024 messages too.
+/// Hints continue after the first 1024 messages.
 #[test]
-fn each_late_result_is_a_hint_however_many_messages_there_were() {
+fn late_results_stay_hints_after_many_messages() {
     let mut engine = engine(|config| config.takes_hints = true);
     for t in 0..5000 {
         let at = t * 1000;
@@ -74,9 +75,9 @@ fn each_late_result_is_a_hint_however_many_messages_there_were() {
     }
 }
 
-/// D8, D11, D13: whatever the sources do.
+/// Whatever the sources do, all gauges return to zero (D8, D11, D13).
 #[test]
-fn after_any_disturbance_all_gauges_are_zero_and_a_message_is_served_as_the_first_was() {
+fn serves_as_at_first_after_any_disturbance() {
     let recorder = DebuggingRecorder::new();
     let mut engine = metrics::with_local_recorder(&recorder, || {
         engine(|config| {
@@ -87,7 +88,7 @@ fn after_any_disturbance_all_gauges_are_zero_and_a_message_is_served_as_the_firs
     let offers = |t| [1, 2].map(|priority| Offer { priority, deadline: 100 * NS, request: t });
     let mut at = 0;
     for round in 0..300_u64 {
-        // More messages than there is room for, of each of which something else becomes.
+        // There are more messages than there is room for, and each ends in another way.
         let first = round * 10;
         assert!(engine.open(at, first, Some(400 * NS), first, offers(first)));
         assert_eq!(started(&mut engine), [(0, first), (1, first), (2, first)], "round {round}");
@@ -103,7 +104,7 @@ fn after_any_disturbance_all_gauges_are_zero_and_a_message_is_served_as_the_firs
                 _ => {}
             }
         }
-        // Local ends what it began, if late; clouds do not.
+        // Local ends what it began, perhaps late. Clouds do not.
         let mut ended = vec![(0, first)];
         loop {
             while let Some(effect) = engine.next_effect() {
@@ -137,7 +138,7 @@ fn after_any_disturbance_all_gauges_are_zero_and_a_message_is_served_as_the_firs
     }
 }
 
-/// D11, D13: computations that hang and those of which nothing comes back.
+/// Computations that hang, and those whose results are lost, are metered (D11, D13).
 #[test]
 fn each_lost_computation_is_metered() {
     for lossy in [false, true] {

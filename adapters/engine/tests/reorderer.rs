@@ -1,4 +1,5 @@
-//! Items in the order of their timestamps, none waiting longer than its bound (E8, E9).
+//! Checks that items come in the order of their timestamps, and that none waits longer than its bound (E8,
+//! E9).
 
 use std::time::{Duration, Instant};
 
@@ -11,7 +12,7 @@ fn ready<T>(orderer: &mut Reorderer<T>) -> Vec<Ordered<T>> {
     std::iter::from_fn(|| orderer.next_ready()).collect()
 }
 
-/// E9.
+/// An item waits for earlier ones until it is due (E9).
 #[test]
 fn an_item_waits_for_earlier_ones_until_it_is_due() {
     let mut orderer = Reorderer::new(50 * MS, 10 * MS);
@@ -22,7 +23,7 @@ fn an_item_waits_for_earlier_ones_until_it_is_due() {
     orderer.arrive(start + 20 * MS, (1, true), None, "one");
     assert_eq!(ready(&mut orderer), [Ordered::Item("one"), Ordered::Item("two")]);
     assert_eq!(orderer.next_due(), None);
-    // 3 to 5 do not come; the end-to-end deadline of 7 leaves the reserve at 60 ms.
+    // 3 to 5 do not come. The end-to-end deadline of 7 leaves the reserve at 60 ms.
     orderer.arrive(start + 30 * MS, (6, true), None, "six");
     orderer.arrive(start + 30 * MS, (7, true), Some(start + 70 * MS), "seven");
     assert_eq!(orderer.next_due(), Some(start + 60 * MS));
@@ -35,7 +36,7 @@ fn an_item_waits_for_earlier_ones_until_it_is_due() {
     assert_eq!(ready(&mut orderer), [Ordered::Late("four")]);
 }
 
-/// E9: under progressive a timestamp's turn lasts until its last item.
+/// Under progressive a timestamp's turn lasts until its last item (E9).
 #[test]
 fn revisions_go_at_once_while_it_is_their_turn() {
     let mut orderer = Reorderer::new(50 * MS, Duration::ZERO);
@@ -53,7 +54,7 @@ fn revisions_go_at_once_while_it_is_their_turn() {
     assert_eq!(ready(&mut orderer), [Ordered::PassedOver(2..3), Ordered::Item("3")]);
 }
 
-/// E8.
+/// At most as many items wait as there is room for (E8).
 #[test]
 fn no_more_items_wait_than_there_is_room_for() {
     let mut orderer = Reorderer::new(Duration::MAX, Duration::ZERO);
@@ -65,7 +66,7 @@ fn no_more_items_wait_than_there_is_room_for() {
 }
 
 proptest! {
-    /// E9: what comes out is in order, each item is given once, and none waits beyond its bound.
+    /// Items come out in order and once, and none waits beyond its bound (E9).
     #[test]
     fn whatever_comes_is_in_order_and_in_time(
         items in prop::collection::vec((0_u32..9, 0_u64..40), 1..200),

@@ -1,4 +1,4 @@
-//! Whether a configuration can keep up, and what to do if not.
+//! Tests whether a configuration can keep up, and the advice if it cannot.
 
 use std::time::Duration;
 
@@ -13,8 +13,7 @@ fn workload(longest_s: f64, local_s: f64) -> Workload {
 }
 
 #[test]
-fn the_defaults_at_11_metres_a_second_fall_short_of_everything_and_each_is_reported_with_a_remedy()
-{
+fn defaults_at_11_m_s_fall_short_with_remedies() {
     let error = workload(2.4253, 0.3).check(16, 4, [("west", 8), ("east", 80)]).unwrap_err();
     assert_eq!(
         error.to_string(),
@@ -35,7 +34,7 @@ fn each_remedy_is_enough_and_no_more() {
     assert!(workload(0.4617, 0.1).check(16, 4, [("west", 14)]).is_err());
     assert!(workload(0.2656, 0.1).check(16, 4, [("west", 8)]).is_ok());
     assert!(workload(0.2667, 0.1).check(16, 4, [("west", 8)]).is_err());
-    // Local is open too, however short the deadline.
+    // Local is open too, however short the deadline is.
     assert!(workload(0.01, 0.6).check(16, 19, []).is_err());
 }
 

@@ -1,7 +1,7 @@
-//! What follows from an answer of the machine: items, calls to start and to abort, counts and logs (D3).
+//! Carries out the machine's answers: items, calls to start and to abort, counts and logs (D3).
 //!
-//! All of it is the private half of [`Engine`], in the order in which an input takes it: what comes
-//! before the answer, what fired, what became of results and failures, and what may start after it.
+//! This is the private half of [`Engine`], in the order in which an input uses it: what comes before the
+//! answer, the firings, the outcomes of results and failures, and what may start afterwards.
 
 use std::mem;
 use std::sync::Arc;
@@ -25,7 +25,7 @@ use crate::sources::LOCAL;
 use fuseline_arbiter::{Answer, CLOUDS, drop_reason, offer_refusal, open_refusal};
 
 impl<V, R> Engine<V, R> {
-    /// Time comes before the input that carries it.
+    /// Notes the time before the input that carries it.
     pub(super) fn begin(&mut self, at: u64) {
         if let Some(due) = self.arbiter.next_due().filter(|due| *due <= at) {
             self.counts.timer_lag(Duration::from_nanos(at - due));
@@ -35,7 +35,7 @@ impl<V, R> Engine<V, R> {
         }
     }
 
-    /// The deadline of an offer, at most `cap`; none if the policy panics.
+    /// Returns the deadline of an offer, at most `cap`, or `None` if the policy panics.
     pub(super) fn deadline(
         &mut self,
         at: u64,
@@ -48,8 +48,8 @@ impl<V, R> Engine<V, R> {
         let Some(index) = self.sources.cloud(p).filter(|_| !cap.is_zero()) else {
             return Some(cap);
         };
-        // T6: a policy is called about what will be admitted alone, or it would count probes that never
-        // were sent.
+        // A policy is asked only about requests that will be admitted; otherwise it would count probes that
+        // were never sent (T6).
         if self.policies.has_policy(index)
             && self.arbiter.offer_refusal((t, p.into()), nanos(cap), backlog).is_some()
         {
@@ -73,12 +73,13 @@ impl<V, R> Engine<V, R> {
         Some(chosen.deadline)
     }
 
-    /// Applies an input, carries out what fired before it (F0), and records all of it; returns the answer and its instant.
+    /// Applies an input, carries out the firings before it (F0), and records everything. Returns the answer
+    /// and its instant.
     pub(super) fn decide(&mut self, input: &Input) -> (Answer<CLOUDS>, u64) {
         self.decide_annotated(input, || Annotations::NONE)
     }
 
-    /// The same with further keys of the input, which are not made if nothing is recorded.
+    /// Does the same with further keys of the input, which are made only if something is recorded.
     pub(super) fn decide_annotated(
         &mut self,
         input: &Input,
@@ -98,12 +99,12 @@ impl<V, R> Engine<V, R> {
         (answer, now)
     }
 
-    /// When the clock reads so much, if that is known.
+    /// Returns the instant at which the clock reads `at`, if that is known.
     pub(super) fn instant(&self, at: u64) -> Option<Instant> {
         self.start?.checked_add(Duration::from_nanos(at))
     }
 
-    /// F5: timers fired.
+    /// Carries out a firing (F5).
     fn fired(&mut self, at: u64, firing: &core::Firing<CLOUDS>) {
         self.recordings.fired(at, firing);
         let t = firing.timestamp.as_u64();
@@ -118,7 +119,7 @@ impl<V, R> Engine<V, R> {
         self.settle(at, t, Trigger::Timer, &firing.outcome);
     }
 
-    /// F4: warns of a failure unless one of this source was warned of just before.
+    /// Warns of a failure unless one of this source was logged just before (F4).
     pub(super) fn log_failure(&mut self, at: u64, t: u64, index: Option<usize>, why: &str) {
         let line = index.map(|index| self.sources[index].outage.failed(at));
         let (operator, source) = (&*self.operator, index.map(|index| self.sources.name(index)));
@@ -134,7 +135,7 @@ impl<V, R> Engine<V, R> {
         }
     }
 
-    /// F5: warns of a source of which many timers in a row fired.
+    /// Warns of a source if many of its timers fired in a row (F5).
     fn log_timer(&mut self, at: u64, index: usize) {
         if let Some(OutageLine { count, lasts }) = self.sources[index].outage.timed_out(at) {
             let (operator, source) = (&*self.operator, self.sources.name(index));
@@ -143,7 +144,7 @@ impl<V, R> Engine<V, R> {
         }
     }
 
-    /// F3: a source that was warned of has a result again.
+    /// Logs that a source has a result again after a warning (F3).
     pub(super) fn log_recovery(&mut self, at: u64, index: usize) {
         if let Some(OutageLine { count, lasts }) = self.sources[index].outage.answered(at) {
             let (operator, source) = (&*self.operator, self.sources.name(index));
@@ -152,7 +153,7 @@ impl<V, R> Engine<V, R> {
         }
     }
 
-    /// F1: the message was not taken on.
+    /// Refuses a message (F1).
     pub(super) fn refuse(
         &mut self,
         at: u64,
@@ -181,7 +182,7 @@ impl<V, R> Engine<V, R> {
         self.effects.push(Effect::Output(item));
     }
 
-    /// A4: warns once, if the timer of one cloud will end the wait for a better one.
+    /// Warns once if the timer of one cloud will end the wait for a better one (A4).
     pub(super) fn notice_eager(&mut self, t: u64, index: usize, due: u64) {
         let p = self.sources[index].source.priority;
         let Some((earlier, better)) = self.eager_notice.admitted(t, p, due) else { return };
@@ -196,7 +197,7 @@ impl<V, R> Engine<V, R> {
         );
     }
 
-    /// F2: the request was refused.
+    /// Notes that a request was refused (F2).
     pub(super) fn refuse_offer(&self, t: u64, index: Option<usize>, why: core::OfferRefusal) {
         let why = offer_refusal(why);
         let source = index.map(|index| self.sources.name(index));
@@ -206,7 +207,7 @@ impl<V, R> Engine<V, R> {
         }
     }
 
-    /// F3: what became of a result.
+    /// Carries out the outcome of a result (F3).
     pub(super) fn settle_result(
         &mut self,
         at: u64,
@@ -235,7 +236,7 @@ impl<V, R> Engine<V, R> {
             }
             Outcome::Forwarded { .. } => {
                 self.counts.source(index, CountedEvent::Forwarded);
-                // It is the best available now, which is what is sent.
+                // It is the best available result now, and that one is sent.
                 self.open_messages.hold(t, p, at, value);
                 self.settle(at, t, Trigger::Arrival, outcome);
             }
@@ -245,7 +246,7 @@ impl<V, R> Engine<V, R> {
         }
     }
 
-    /// F4: what became of a failure; `why` in words.
+    /// Carries out the outcome of a failure, with the reason `why` (F4).
     pub(super) fn settle_failure(
         &mut self,
         at: u64,
@@ -270,7 +271,7 @@ impl<V, R> Engine<V, R> {
         self.settle(at, t, Trigger::Failure, outcome);
     }
 
-    /// F6, F7, F9: the message is answered, missed, or waits.
+    /// Sends an item, reports a miss, or waits (F6, F7, F9).
     fn settle(&mut self, at: u64, t: u64, trigger: Trigger, outcome: &Outcome<CLOUDS>) {
         match outcome {
             Outcome::Dropped(_) | Outcome::Held | Outcome::Waiting => {}
@@ -301,7 +302,7 @@ impl<V, R> Engine<V, R> {
         }
     }
 
-    /// The best available result, to be sent, and its source's index.
+    /// Removes the best available result to send it. Returns it with its source's index.
     fn take_best(&mut self, at: u64, t: u64, trigger: Trigger) -> Option<(usize, Forwarded<V>)> {
         let message = self.open_messages.find(t)?;
         let (held, opened) = (message.held.take()?, message.opened);
@@ -315,7 +316,7 @@ impl<V, R> Engine<V, R> {
         Some((index, Forwarded { value, source, arrived, trigger, of }))
     }
 
-    /// F7, F9: what was sent outranks these.
+    /// Cancels the requests that the output outranks (F7, F9).
     fn cancel(&mut self, at: u64, t: u64, cancelled: &Priorities<CLOUDS>) {
         for p in cancelled.iter() {
             let Some(index) = self.sources.index(p.as_u16()) else { continue };
@@ -324,7 +325,7 @@ impl<V, R> Engine<V, R> {
         }
     }
 
-    /// D1: an item of a message that was taken on, which is open no more if it is the last one.
+    /// Gives an item of an accepted message, which is no longer open after its last item (D1).
     fn output(&mut self, at: u64, t: u64, ending: Ending<V>) {
         if self.local.skip_answered {
             self.sources[LOCAL].withdraw(t);
@@ -337,7 +338,7 @@ impl<V, R> Engine<V, R> {
         self.effects.push(Effect::Output(item));
     }
 
-    /// A result that came too late may still be of use.
+    /// Gives a result that came too late but may still help.
     fn hint(&mut self, at: u64, timestamp: u64, index: usize, value: V, why: DropReason) {
         if !matches!(why, DropReason::Late | DropReason::Superseded) {
             return;
@@ -348,7 +349,7 @@ impl<V, R> Engine<V, R> {
         }
     }
 
-    /// A request has ended by itself, perhaps before it was sent; returns how long after it was sent.
+    /// Notes that a request ended by itself, perhaps before it was sent. Returns how long after it was sent.
     pub(super) fn ended(
         &mut self,
         at: u64,
@@ -365,7 +366,7 @@ impl<V, R> Engine<V, R> {
         Some(since(request.begun_at?, at))
     }
 
-    /// The request's result is no longer wanted. F7: local is never aborted.
+    /// Closes a request whose result is no longer wanted. Local is never aborted (F7).
     fn close(&mut self, at: u64, t: u64, index: usize) {
         if index != LOCAL
             && let Some(abandoned) = self.sources[index].close(t)
@@ -374,7 +375,7 @@ impl<V, R> Engine<V, R> {
         }
     }
 
-    /// Nothing waits for the request any more: its call is aborted, if it was sent.
+    /// Abandons a request that nothing waits for any more. Its call is aborted if it was sent.
     fn abandon(&mut self, at: u64, index: usize, abandoned: &AbandonedRequest) {
         let AbandonedRequest { t: timestamp, requested_at, spent, was_sent } = *abandoned;
         if was_sent {
@@ -394,7 +395,7 @@ impl<V, R> Engine<V, R> {
         }
     }
 
-    /// D13: counts and reports computations that have not ended in time.
+    /// Counts and reports computations that have not ended in time (D13).
     fn lose(&mut self, now: u64) {
         if self.sources.next_lost().is_none_or(|lost| lost > now) {
             return;
@@ -437,9 +438,9 @@ impl<V, R> Engine<V, R> {
         }
     }
 
-    /// A request was admitted: it is sent now or waits.
+    /// Sends an admitted request now, or lets it wait.
     pub(super) fn admit(&mut self, now: u64, index: usize, request: Waiting<R>) {
-        // What makes room comes first. If another queue changed, what may start does so in the order of the sources.
+        // Room is made first. If another queue changed, its requests start in the order of the sources.
         self.lose(now);
         let is_settled = self.sources.is_settled();
         let queue = &mut self.sources[index];
@@ -471,7 +472,7 @@ fn since(then: u64, at: u64) -> Duration {
     Duration::from_nanos(at.saturating_sub(then))
 }
 
-/// For gauges; queues hold far fewer than 2³².
+/// Converts a length for a gauge. Queues hold far fewer than 2³² requests.
 fn count(len: usize) -> f64 {
     u32::try_from(len).unwrap_or(u32::MAX).into()
 }

@@ -1,4 +1,4 @@
-//! What surrounds the machine, as the engine's documentation says it, with plain lists; decisions are the reference machine's.
+//! A naive engine, written with plain lists from the engine's documentation. The reference machine decides.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -6,20 +6,20 @@ use std::time::Duration;
 use fuseline_engine::{Commit, DropReason, Ending, Item, Local, Overflow, Trigger};
 use fuseline_traces::{Decision, ExpectedDecisions, Header, Input, Reference};
 
-/// A value says for which message and from whom it is.
+/// A value that says for which message and from which source it is.
 pub(crate) type MarkedValue = (u64, u16);
 
-/// How an engine is set.
+/// The settings of an engine.
 #[derive(Clone, Debug)]
 pub(crate) struct EngineSettings {
     pub(crate) header: Header,
     pub(crate) local: Local,
-    /// By the header's clouds: calls at once, how long they linger, and whether a policy chooses.
+    /// For each cloud of the header: calls at once, how long they linger, and whether a policy chooses.
     pub(crate) clouds: Vec<(usize, u64, bool)>,
     pub(crate) reserve: u64,
 }
 
-/// Calls or computations of one source, each as it waits or runs.
+/// The calls or computations of one source, as they wait or run.
 #[derive(Default)]
 struct NaiveSource {
     p: u16,
@@ -38,42 +38,42 @@ struct NaiveRequest {
     t: u64,
     requested_at: u64,
     due: Option<u64>,
-    /// Until it starts: how long it may run; then when it is lost.
+    /// Until it starts, how long it may run; afterwards, the instant when it is lost.
     lost: Option<u64>,
     spent: u64,
 }
 
 struct NaiveMessage {
     opened: u64,
-    /// When its end-to-end deadline ends.
+    /// The instant when its end-to-end deadline ends.
     within: Option<u64>,
     arrived: BTreeMap<u64, u64>,
     failures: Vec<(u16, String)>,
     items: u32,
 }
 
-/// The engine's other half.
+/// The naive engine.
 pub(crate) struct NaiveEngine {
     settings: EngineSettings,
     reference: Reference,
     sources: Vec<NaiveSource>,
     messages: BTreeMap<u64, NaiveMessage>,
-    /// When each message was opened, of the last 1024.
+    /// The opening instants of the last 1024 messages.
     opened: BTreeMap<u64, u64>,
-    /// Since the last time these were taken.
+    /// The effects since they were last taken.
     pub(crate) effects: Vec<String>,
-    /// What policies were given.
+    /// The reports to policies.
     pub(crate) reports: Vec<String>,
-    /// By metric and labels.
+    /// The counts by metric and labels.
     pub(crate) counts: BTreeMap<String, u64>,
 }
 
-/// What this policy chooses: less, the more calls are under way.
+/// Returns the deadline that this policy chooses: the more calls are under way, the less.
 pub(crate) fn choice(ages: &[Duration], cap: Duration) -> Duration {
     cap / (1 + u32::try_from(ages.len() % 3).unwrap())
 }
 
-/// An item without what is the same for all of this test's.
+/// Describes an item, without what is the same for all of this test's items.
 pub(crate) fn shown(item: &Item<MarkedValue>) -> String {
     let ending = match &item.ending {
         Ending::Preliminary(it) | Ending::Forwarded(it) => {
@@ -122,7 +122,7 @@ impl NaiveEngine {
         }
     }
 
-    /// F1, and the offers that come with it.
+    /// Opens a message and makes its offers (F1).
     pub(crate) fn open(
         &mut self,
         at: u64,
@@ -168,7 +168,7 @@ impl NaiveEngine {
         }
     }
 
-    /// F2.
+    /// Offers a request (F2).
     pub(crate) fn offer(&mut self, at: u64, t: u64, p: u16, deadline: u64) {
         if self.reference.next_due().is_some_and(|due| due <= at) {
             self.tick(at);
@@ -221,7 +221,7 @@ impl NaiveEngine {
         self.start(self.reference.now());
     }
 
-    /// F3.
+    /// Gives a result (F3).
     pub(crate) fn result(&mut self, at: u64, t: u64, p: u16) {
         self.begin(at);
         self.ended(at, t, p, "Answered");
@@ -257,7 +257,7 @@ impl NaiveEngine {
         self.start(now);
     }
 
-    /// F4.
+    /// Gives a failure (F4).
     pub(crate) fn fail(&mut self, at: u64, t: u64, p: u16, why: &str) {
         self.begin(at);
         self.ended(at, t, p, "Failed");
@@ -276,14 +276,14 @@ impl NaiveEngine {
         self.start(self.reference.now());
     }
 
-    /// F5.
+    /// Lets time pass (F5).
     pub(crate) fn tick(&mut self, at: u64) {
         self.begin(at);
         assert_eq!(self.decide(at, &Input::Tick { at }), []);
         self.start(self.reference.now());
     }
 
-    /// When something happens by itself.
+    /// Returns the next instant when something happens by itself.
     pub(crate) fn next_due(&self) -> Option<u64> {
         let lingering = self.sources.iter().flat_map(|source| {
             source.lingering.iter().map(|call| call.due.unwrap().saturating_add(source.linger))
@@ -294,7 +294,7 @@ impl NaiveEngine {
         self.reference.next_due().into_iter().chain(lingering).chain(lost).min()
     }
 
-    /// What the gauges show.
+    /// Returns the values of the gauges.
     pub(crate) fn gauges(&self) -> BTreeMap<String, usize> {
         let of_source = self.sources.iter().flat_map(|source| {
             let name = &source.name;
@@ -306,7 +306,7 @@ impl NaiveEngine {
         of_source.chain([("open_messages".to_owned(), self.messages.len())]).collect()
     }
 
-    /// Who computes, and for which messages: those whose completions may come.
+    /// Returns the sources and messages whose completions may come.
     pub(crate) fn running(&self) -> BTreeSet<(u16, u64)> {
         let of = |source: &NaiveSource| {
             let all = [&source.running, &source.lingering, &source.replaced];
@@ -316,7 +316,7 @@ impl NaiveEngine {
         self.sources.iter().flat_map(of).collect()
     }
 
-    /// F0, and what has lingered long enough.
+    /// Fires timers, and ends what has lingered long enough (F0).
     fn begin(&mut self, at: u64) {
         for index in 0..self.sources.len() {
             let linger = self.sources[index].linger;
@@ -328,7 +328,7 @@ impl NaiveEngine {
         }
     }
 
-    /// What is due comes first; returns the decisions about the input itself.
+    /// Fires due timers first, and returns the decisions about the input itself.
     fn decide(&mut self, at: u64, input: &Input) -> Vec<Decision> {
         let mut fired = ExpectedDecisions::new();
         self.reference.apply(&Input::Tick { at }, &mut fired);
@@ -339,7 +339,7 @@ impl NaiveEngine {
         own.into_iter().map(|(decision, _)| decision).collect()
     }
 
-    /// What follows from decisions that close requests or end messages.
+    /// Carries out decisions that close requests or end messages.
     fn settle(&mut self, decided: &[Decision], trigger: Trigger) {
         let is_progressive = self.settings.header.commit == Commit::Progressive;
         for (place, decision) in decided.iter().enumerate() {
@@ -396,7 +396,7 @@ impl NaiveEngine {
         }
     }
 
-    /// The result is no longer wanted; local computes on.
+    /// Closes a request whose result is no longer wanted. Local continues.
     fn close(&mut self, at: u64, t: u64, p: u64) {
         let index = self.index(u16::try_from(p).unwrap()).unwrap();
         if index == 0 {
@@ -424,7 +424,7 @@ impl NaiveEngine {
         self.report(at, index, request, "Censored");
     }
 
-    /// It ended by itself.
+    /// Notes a request that ended by itself.
     fn ended(&mut self, at: u64, t: u64, p: u16, how: &str) {
         let Some(index) = self.index(p) else { return };
         let source = &mut self.sources[index];
@@ -444,7 +444,7 @@ impl NaiveEngine {
         }
     }
 
-    /// T5: of all that is unanswered, the oldest first.
+    /// Returns the ages of all unanswered requests, the oldest first (T5).
     fn ages(&self, index: usize, at: u64) -> Vec<Duration> {
         let source = &self.sources[index];
         let all = [&source.running, &source.lingering, &source.waiting];
@@ -457,7 +457,7 @@ impl NaiveEngine {
         ages
     }
 
-    /// D13: what is lost makes room; then what waits is begun.
+    /// Removes lost computations, and starts what waits (D13).
     fn start(&mut self, now: u64) {
         let is_lost = |job: &NaiveRequest| job.lost.is_some_and(|lost| lost <= now);
         while let Some(which) = self.sources[0].running.iter().position(is_lost) {

@@ -6,14 +6,14 @@ use fuseline_engine::{Cloud, Commit, Engine, EngineConfig, Header, Local};
 
 pub(crate) type Tested = Engine<&'static str, u64>;
 
-/// Clouds 1 and 2, each with one call at a time and a gate that shuts at 2.
+/// Returns a header with the clouds 1 and 2, each with one call at a time and a gate that shuts at 2.
 pub(crate) fn header(commit: Commit) -> Header {
     let cloud = |p, name: &str| Cloud { p, name: Some(name.into()), limit: 2, resume: 0 };
     let clouds = vec![cloud(2, "east"), cloud(1, "west")];
     Header { operator: Some("tested".into()), window: 4, commit, clouds }
 }
 
-/// Makes the configuration of a header. `calls` bounds the calls at once to each cloud, by default 1.
+/// Returns the configuration of a header. `calls` bounds the calls at once to each cloud, by default 1.
 pub(crate) fn config(header: &Header, calls: &[usize], local: Local) -> EngineConfig {
     let mut config = EngineConfig { local, ..EngineConfig::from(header) };
     let calls = calls.iter().chain(iter::repeat(&1));
