@@ -33,7 +33,7 @@ use crate::settings::environment::Environment;
 pub use crate::settings::error::SettingsError;
 pub use crate::settings::middleware::Middleware;
 pub(crate) use crate::settings::nearest::nearest;
-pub use crate::settings::parameter::{Parameter, Range};
+pub use crate::settings::parameter::{Kind, Parameter, Preset, Range, Spec, TABLE};
 pub use crate::settings::policy::{DeadlineSettings, PolicyKind, SpeedTopic};
 pub use crate::settings::qos::{Qos, Role, Topic};
 use crate::settings::reader::{LocatedValue, ParameterReader};
@@ -233,10 +233,6 @@ impl Settings {
             let origin = settings.origin("policy.rate");
             return Err(SettingsError::Workload { origin, why });
         }
-        for at in 0..settings.declared.len() {
-            let is_fixed = settings.dynamic(&settings.declared[at].name).is_none();
-            settings.declared[at].at_run_time = !is_fixed;
-        }
         Ok(settings)
     }
 
@@ -263,34 +259,16 @@ impl Settings {
 
 /// Reads all parameters but those of quality of service.
 fn read(r: &mut ParameterReader, node: NodeName) -> Result<Settings, SettingsError> {
-    let about = "What carries the topics, dds or zenoh";
-    let middleware = middleware::read(r, "middleware", Middleware::Dds, about)?;
+    let middleware = middleware::read(r, "middleware", None)?;
     let input = stream(r, "input", Role::Subscription)?;
-    let silence = r.own_seconds(
-        "input.silence",
-        "How long without an input until diagnostics warn, in seconds; 0 for ten usual gaps",
-        "seconds, at most 1e9, or 0 for ten usual gaps between inputs",
-    )?;
+    let silence = r.seconds("input.silence")?;
     let output = stream(r, "output", Role::Publisher)?;
-    let window = r.integer("window", 1..=1024, 16, "How many messages may be open at once")?.value;
-    let commit = r.choice(
-        "commit",
-        "eager",
-        "When the best available result is sent",
-        &Commit::ALL.map(|rule| (rule.as_str(), rule)),
-    )?;
+    let window = r.integer("window", None)?.value;
+    let commit = r.choice("commit", &Commit::ALL)?.value;
     let revisions = revisions(r, commit, &output)?;
-    let timers = r.choice(
-        "timers",
-        if cfg!(target_os = "linux") { "kernel" } else { "tokio" },
-        "Whose timers wake the node at a due instant",
-        &[("kernel", Timers::Kernel), ("tokio", Timers::Tokio)],
-    )?;
-    let about = "The thread's priority under SCHED_FIFO, with memory locked; 0 for neither";
-    let realtime: LocatedValue<u8> = r.integer("realtime", 0..=99, 0, about)?;
-    let about =
-        "Whether the node is managed: it begins unconfigured and waits for a lifecycle manager";
-    let lifecycle = r.flag("lifecycle", false, about)?;
+    let timers = r.choice("timers", &[Timers::Kernel, Timers::Tokio])?.value;
+    let realtime: LocatedValue<u8> = r.integer("realtime", None)?;
+    let lifecycle = r.flag("lifecycle")?;
     if lifecycle && realtime.value != 0 {
         let value = Value::Integer(realtime.value.into());
         let expected = "0 to a managed node, whose next configuration would start its threads with that priority";
@@ -298,29 +276,22 @@ fn read(r: &mut ParameterReader, node: NodeName) -> Result<Settings, SettingsErr
         return Err(SettingsError::Value { origin: realtime.origin, name, value, expected });
     }
     let greatest_deadline = r.greatest_deadline()?;
-    let deadline = r.deadline("deadline", 0.5, "How long a cloud may take, in seconds")?;
-    let about = "The topic that changes the deadline; empty for none";
-    let deadline_topic = r.topic("deadline_topic", "", about, FLOAT64, Role::Subscription)?;
+    let deadline = r.seconds("deadline")?;
+    let deadline_topic = r.topic("deadline_topic", None, FLOAT64, Role::Subscription)?;
     let end_to_end = budget::read(r, &input.topic)?;
     let deadlines = policy::read(r, commit)?;
     let types = [input.type_name.as_str(), output.type_name.as_str()];
     let local = local(r, types, window, middleware)?;
     let clouds = clouds::read(r, types, middleware, (deadlines.rate, deadline))?;
-    let (trace, mcap) = (
-        r.path("trace.file", "The file to record a trace in; empty for none")?,
-        r.path("trace.mcap", "The file to record a trace in, as MCAP; empty for none")?,
-    );
-    let domain = r.integer("domain_id", 0..=232, 0, "The domain")?;
-    let localhost_only =
-        r.flag("localhost_only", false, "Whether to talk over DDS to this machine only")?;
-    let about = "How often diagnostics are published, in seconds";
-    let diagnostics_period = r.seconds("diagnostics.period", 1.0, about)?;
-    let about = "Whether the stamps of the node's own messages follow /clock";
-    let use_sim_time = r.flag("use_sim_time", false, about)?;
+    let (trace, mcap) = (r.path("trace.file")?, r.path("trace.mcap")?);
+    let domain = r.integer("domain_id", None)?.value;
+    let localhost_only = r.flag("localhost_only")?;
+    let diagnostics_period = r.seconds("diagnostics.period")?;
+    let use_sim_time = r.flag("use_sim_time")?;
     Ok(Settings {
         node,
         middleware,
-        domain: domain.value,
+        domain,
         localhost_only,
         input,
         silence: seconds::none_if_zero(silence),
@@ -333,7 +304,7 @@ fn read(r: &mut ParameterReader, node: NodeName) -> Result<Settings, SettingsErr
         lifecycle,
         greatest_deadline,
         deadline,
-        deadline_topic: Some(deadline_topic).filter(|topic| !topic.is_empty()),
+        deadline_topic,
         end_to_end,
         deadlines,
         local,
@@ -361,18 +332,13 @@ fn stream(
     if !r.is_given(&of("type")) {
         return Err(SettingsError::Type { name: of("type") });
     }
-    let LocatedValue { value: type_name, origin } = r.read(
-        &of("type"),
-        Value::String(String::new()),
-        "The messages' type",
-        "a type such as sensor_msgs/msg/Image",
-        |value| match value {
-            Value::String(name) if check_type(name).is_ok() => Some(name.clone()),
-            _ => None,
-        },
-    )?;
+    let read = r.read(&of("type"), None, |value| match value {
+        Value::String(name) if check_type(name).is_ok() => Some(name.clone()),
+        _ => None,
+    });
+    let LocatedValue { value: type_name, origin } = read?;
     let key = key(r, name, &type_name, &origin)?;
-    let topic = r.topic(&of("topic"), name, "The topic", &type_name, role)?;
+    let topic = r.named_topic(&of("topic"), None, &type_name, role)?;
     Ok(StreamSettings { topic, type_name, key })
 }
 
@@ -386,8 +352,7 @@ fn revisions(
     match (commit, r.origin(name)) {
         (Commit::Progressive, _) => {
             let default = format!("{}/revisions", output.topic);
-            let about = "The topic of results that better ones may follow";
-            r.topic(name, &default, about, &output.type_name, Role::Publisher).map(Some)
+            r.named_topic(name, Some(&default), &output.type_name, Role::Publisher).map(Some)
         }
         (Commit::Eager | Commit::Patient, None) => Ok(None),
         (Commit::Eager | Commit::Patient, Some(origin)) => {
@@ -409,30 +374,15 @@ fn key(
         let (origin, type_name) = (type_origin.clone(), type_name.to_owned());
         return Err(SettingsError::Key { origin, type_name, name: key.clone() });
     }
-    let kind = r.read(
-        key,
-        Value::String("header".to_owned()),
-        "The part of a message that says which input it is for",
-        "header, uint32, int32, uint64 or int64",
-        |value| match value {
-            Value::String(key) if key == "header" => Some(None),
-            Value::String(key) => {
-                [IntegerKind::U32, IntegerKind::I32, IntegerKind::U64, IntegerKind::I64]
-                    .map(Some)
-                    .into_iter()
-                    .find(|kind| kind.is_some_and(|kind| kind.name() == key))
-            }
-            _ => None,
-        },
-    )?;
+    let kinds = [IntegerKind::U32, IntegerKind::I32, IntegerKind::U64, IntegerKind::I64].map(Some);
+    let kind = r.choice(key, &[&[None], &kinds[..]].concat())?;
     let Some(kind) = kind.value else {
         return match r.origin(offset) {
             Some(origin) => Err(SettingsError::Offset { origin, name: offset.clone() }),
             None => Ok(MessageKey::Header),
         };
     };
-    let about = "Where the key begins, in bytes after the encapsulation header";
-    let offset = r.integer(offset, 0..=65_528, 0, about)?.value;
+    let offset = r.integer(offset, None)?.value;
     Ok(MessageKey::Integer { offset, kind })
 }
 
@@ -442,13 +392,10 @@ fn local(
     window: u16,
     middleware: Middleware,
 ) -> Result<Local, SettingsError> {
-    let about = "What carries local's topics";
-    let middleware = middleware::read(r, "local.middleware", middleware, about)?;
-    let about = "How many messages local may have at once";
-    let in_flight = r.integer("local.in_flight", 1..=1024, 4, about)?.value;
-    let about = "How many more may wait for local";
-    let waiting = r.integer("local.waiting", 0..=1024, window.into(), about)?.value;
-    let deadline = r.deadline("local.deadline", 1.0, "How long local may take, in seconds")?;
+    let middleware = middleware::read(r, "local.middleware", Some(middleware))?;
+    let in_flight = r.integer("local.in_flight", None)?.value;
+    let waiting = r.integer("local.waiting", Some(window.into()))?.value;
+    let deadline = r.seconds("local.deadline")?;
     let [input, output] = topics(r, "local", types)?;
     Ok(Local { middleware, input, output, deadline, in_flight, waiting })
 }
@@ -459,13 +406,12 @@ fn topics(
     name: &str,
     types: [&str; 2],
 ) -> Result<[String; 2], SettingsError> {
-    let mut topic = |side: &str, about, type_name, role| {
-        r.topic(&format!("{name}.{side}_topic"), &format!("{name}/{side}"), about, type_name, role)
+    let mut topic = |side: &str, type_name, role| {
+        let default = format!("{name}/{side}");
+        r.named_topic(&format!("{name}.{side}_topic"), Some(&default), type_name, role)
     };
-    let input = topic("input", "The topic on which it gets messages", types[0], Role::Publisher)?;
-    let about = "The topic on which it sends results";
-    let output = topic("output", about, types[1], Role::Subscription)?;
-    Ok([input, output])
+    let input = topic("input", types[0], Role::Publisher)?;
+    Ok([input, topic("output", types[1], Role::Subscription)?])
 }
 
 /// The last level for this node's logger, or else for all.

@@ -20,19 +20,11 @@ pub(super) fn read(
     r: &mut ParameterReader,
     topic: &str,
 ) -> Result<EndToEndSettings, SettingsError> {
-    let about = "The stream that messages come from, in traces and requests; the input's topic if it is empty";
-    let origin = r.text("origin", "", about)?.value;
+    let origin = r.text("origin", None)?.value;
     let origin = if origin.is_empty() { topic.to_owned() } else { origin };
-    let within = r.own_seconds(
-        "within",
-        "How long after a message was taken in the last output is due, in seconds; 0 for no such deadline",
-        "seconds, at most 1e9, or 0 for no end-to-end deadline",
-    )?;
-    let expected = "seconds, at most 1e9 and less than within, or 0 for nothing";
-    let about = "What of within is kept for the nodes downstream, in seconds";
-    let reserve = r.own_seconds("reserve", about, expected)?;
+    let (within, reserve) = (r.seconds("within")?, r.seconds("reserve")?);
     if !reserve.is_zero() && reserve >= within {
-        return Err(r.out_of_range("reserve", expected));
+        return Err(r.out_of_range("reserve"));
     }
     Ok(EndToEndSettings { origin, within: none_if_zero(within), reserve })
 }

@@ -42,50 +42,35 @@ pub enum ChangeError {
     Workload(String, Value, CapacityErrors),
 }
 
-/// A parameter that may be changed.
-#[derive(Clone, Copy)]
-pub(super) enum Dynamic {
-    Deadline,
-    LocalDeadline,
-    CloudDeadline(usize),
-    CloudEnabled(usize),
-    SimTime,
-}
-
 impl Settings {
     /// What a new value of a parameter changes. The settings themselves stay as they are.
     ///
     /// # Errors
     /// If there is no such parameter, it is fixed, or the value is not valid.
     pub fn check_change(&self, name: &str, value: &Value) -> Result<Change, ChangeError> {
-        let Some(dynamic) = self.dynamic(name) else {
+        let Some(known) = self.parameter(name) else {
             let names = self.declared.iter().map(|known| known.name.as_str());
-            let name = name.to_owned();
-            return Err(if names.clone().any(|known| known == name) {
-                ChangeError::Fixed(name)
-            } else {
-                let nearest = nearest(&name, names);
-                ChangeError::Unknown(name, nearest)
-            });
+            return Err(ChangeError::Unknown(name.to_owned(), nearest(name, names)));
         };
+        if !known.at_run_time {
+            return Err(ChangeError::Fixed(name.to_owned()));
+        }
         let bound = DeadlineBound(self.greatest_deadline);
-        let flag = || "true or false".to_owned();
-        let (change, expected) = match dynamic {
-            Dynamic::Deadline => (bound.deadline(value).map(Change::Deadline), bound.expected()),
-            Dynamic::LocalDeadline => {
-                (bound.deadline(value).map(Change::LocalDeadline), bound.expected())
-            }
-            Dynamic::CloudDeadline(at) => {
+        let of_cloud = name.split_once('.').and_then(|(cloud, part)| {
+            Some((self.clouds.iter().position(|other| other.name == cloud)?, part))
+        });
+        let change = match (name, of_cloud) {
+            (_, Some((at, "deadline"))) => {
                 let own = bound.own_deadline(value);
-                let change = own.map(|time| Change::CloudDeadline(at, none_if_zero(time)));
-                (change, bound.own_expected())
+                own.map(|time| Change::CloudDeadline(at, none_if_zero(time)))
             }
-            Dynamic::CloudEnabled(at) => {
-                (flag_of(value).map(|flag| Change::CloudEnabled(at, flag)), flag())
-            }
-            Dynamic::SimTime => (flag_of(value).map(Change::SimTime), flag()),
+            (_, Some((at, _))) => flag_of(value).map(|flag| Change::CloudEnabled(at, flag)),
+            ("deadline", None) => bound.deadline(value).map(Change::Deadline),
+            ("local.deadline", None) => bound.deadline(value).map(Change::LocalDeadline),
+            (_, None) => flag_of(value).map(Change::SimTime),
         };
         let Some(change) = change else {
+            let expected = known.expected.clone();
             return Err(ChangeError::Value(name.to_owned(), value.clone(), expected));
         };
         match self.keeps_pace_with(change) {
@@ -131,23 +116,6 @@ impl Settings {
             Change::CloudDeadline(at, deadline) => self.clouds[at].deadline = deadline,
             Change::CloudEnabled(at, enabled) => self.clouds[at].enabled = enabled,
             Change::SimTime(follows) => self.use_sim_time = follows,
-        }
-    }
-
-    /// The parameter, if it is one that may be changed.
-    pub(super) fn dynamic(&self, name: &str) -> Option<Dynamic> {
-        match name.split_once('.') {
-            None if name == "deadline" => Some(Dynamic::Deadline),
-            None if name == "use_sim_time" => Some(Dynamic::SimTime),
-            Some(("local", "deadline")) => Some(Dynamic::LocalDeadline),
-            Some((cloud, part @ ("deadline" | "enabled"))) => {
-                let at = self.clouds.iter().position(|other| other.name == cloud)?;
-                let is_deadline = part == "deadline";
-                let dynamic =
-                    if is_deadline { Dynamic::CloudDeadline } else { Dynamic::CloudEnabled };
-                Some(dynamic(at))
-            }
-            None | Some(_) => None,
         }
     }
 }

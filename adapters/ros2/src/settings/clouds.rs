@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use crate::names::check_token;
 use crate::parameters::{Value, ValueOrigin};
+use crate::settings::parameter::is_reserved;
 use crate::settings::reader::{LocatedValue, ParameterReader};
 use crate::settings::{
     Cloud, CloudConnection, Grpc, Middleware, Role, SettingsError, middleware, seconds, topics,
@@ -12,28 +13,6 @@ use crate::settings::{
 
 /// The most clouds, as in the core.
 const CLOUDS: usize = 15;
-/// The first parts of the node's own parameters.
-const RESERVED: [&str; 18] = [
-    "middleware",
-    "input",
-    "output",
-    "window",
-    "commit",
-    "timers",
-    "greatest_deadline",
-    "deadline",
-    "deadline_topic",
-    "policy",
-    "local",
-    "clouds",
-    "trace",
-    "domain_id",
-    "localhost_only",
-    "diagnostics",
-    "use_sim_time",
-    "qos_overrides",
-];
-
 /// Reads which clouds there are, and then each.
 pub(super) fn read(
     r: &mut ParameterReader,
@@ -41,13 +20,13 @@ pub(super) fn read(
     middleware: Middleware,
     pace: (Option<f64>, Duration),
 ) -> Result<Vec<Cloud>, SettingsError> {
-    let LocatedValue { value: names, origin: listed } = r.names("clouds", "The clouds' names")?;
+    let LocatedValue { value: names, origin: listed } = r.names("clouds")?;
     for (at, cloud) in names.iter().enumerate() {
         let why = if at >= CLOUDS {
             "there are already 15; leave it out"
         } else if check_token(cloud).is_err() {
             "give a name of letters, digits and single underscores"
-        } else if RESERVED.contains(&cloud.as_str()) {
+        } else if is_reserved(cloud) {
             "the node's own parameters begin like that; give another name"
         } else if names[..at].contains(cloud) {
             "it is given twice; leave one out"
@@ -59,8 +38,7 @@ pub(super) fn read(
     let mut clouds: Vec<Cloud> = Vec::new();
     for (name, default) in names.into_iter().zip(1..) {
         let parameter = format!("{name}.priority");
-        let LocatedValue { value: priority, origin } =
-            r.integer(&parameter, 1..=65_535, default, "The greater wins")?;
+        let LocatedValue { value: priority, origin } = r.integer(&parameter, Some(default))?;
         if let Some(other) = clouds.iter().find(|other| other.priority == priority) {
             let other = other.name.clone();
             // By default it is the position in the list.
@@ -80,27 +58,18 @@ fn cloud(
     (rate, node_deadline): (Option<f64>, Duration),
 ) -> Result<Cloud, SettingsError> {
     let of = |part: &str| format!("{name}.{part}");
-    let about = "How long the cloud may take, in seconds; 0 means deadline";
-    let deadline = r.own_deadline(&of("deadline"), about)?;
-    let enabled = r.flag(&of("enabled"), true, "Whether the cloud is asked")?;
-    let about = "How many requests may be under way";
-    let in_flight: u16 = r.integer(&of("in_flight"), 1..=1024, 8, about)?.value;
+    let deadline = r.seconds(&of("deadline"))?;
+    let enabled = r.flag(&of("enabled"))?;
+    let in_flight: u16 = r.integer(&of("in_flight"), None)?.value;
     let given = seconds::none_if_zero(deadline).unwrap_or(node_deadline);
     let answerable = rate.map_or(in_flight.into(), |rate| answerable(rate, given));
-    let about = "The gate shuts when this many requests wait";
-    let limit: i64 = r.integer(&of("limit"), 1..=i64::MAX, answerable, about)?.value;
-    let about = "The shut gate opens when this many or fewer wait";
-    let resume = r.integer(&of("resume"), 0..=limit - 1, 0, about)?.value;
-    let linger = r.own_seconds(
-        &of("linger"),
-        "How long a request may run on after it was due, in seconds, so that its policy learns how long it takes",
-        "seconds, at most 1e9, or 0",
-    )?;
+    let limit: i64 = r.integer(&of("limit"), Some(answerable))?.value;
+    let resume = r.integer_up_to(&of("resume"), limit - 1, None)?.value;
+    let linger = r.seconds(&of("linger"))?;
     let connection = if let Some(grpc) = grpc(r, &name)? {
         CloudConnection::Grpc(grpc)
     } else {
-        let about = "What carries the cloud's topics";
-        let middleware = middleware::read(r, &of("middleware"), middleware, about)?;
+        let middleware = middleware::read(r, &of("middleware"), Some(middleware))?;
         let [input, output] = topics(r, &name, types)?;
         CloudConnection::Topics { middleware, input, output }
     };
@@ -137,30 +106,24 @@ fn hints(
 ) -> Result<Option<String>, SettingsError> {
     let name = format!("{cloud}.hints");
     let origin = r.origin(&name);
-    let about = "The topic on which its late results are published; empty for none";
-    let topic = r.topic(&name, "", about, type_name, Role::Publisher)?;
+    let topic = r.topic(&name, None, type_name, Role::Publisher)?;
     match (connection, origin) {
-        _ if topic.is_empty() => Ok(None),
+        _ if topic.is_none() => Ok(None),
         (CloudConnection::Grpc(_), Some(origin)) if linger.is_zero() => {
             Err(SettingsError::Hints { origin, name, linger: format!("{cloud}.linger") })
         }
-        (CloudConnection::Grpc(_) | CloudConnection::Topics { .. }, _) => Ok(Some(topic)),
+        (CloudConnection::Grpc(_) | CloudConnection::Topics { .. }, _) => Ok(topic),
     }
 }
 
 fn grpc(r: &mut ParameterReader, cloud: &str) -> Result<Option<Grpc>, SettingsError> {
     let of = |part: &str| format!("{cloud}.grpc.{part}");
     let parts = ["ca", "certificate", "key", "token_file", "server_name"].map(of);
-    let LocatedValue { value: url, origin } = r.read(
-        &of("url"),
-        Value::String(String::new()),
-        "The URL of the cloud's gRPC server; empty if it has topics",
-        "http://host:port or https://host:port",
-        |value| match value {
-            Value::String(url) if url.is_empty() || is_server(url) => Some(url.clone()),
-            _ => None,
-        },
-    )?;
+    let read = r.read(&of("url"), None, |value| match value {
+        Value::String(url) if url.is_empty() || is_server(url) => Some(url.clone()),
+        _ => None,
+    });
+    let LocatedValue { value: url, origin } = read?;
     let alone = |r: &ParameterReader, name: &String, other: &String| {
         r.origin(name).map(|origin| SettingsError::Alone {
             origin,
@@ -202,14 +165,11 @@ fn grpc(r: &mut ParameterReader, cloud: &str) -> Result<Option<Grpc>, SettingsEr
     }
     Ok(Some(Grpc {
         url,
-        ca: r.path(ca, "The file of the CA's certificate")?,
-        certificate: r.path(certificate, "The file of our certificate")?,
-        key: r.path(key, "The file of our key")?,
-        token_file: r.path(token_file, "The file of our token")?,
-        server_name: r
-            .text(server_name, "", "The name that the server's certificate must be for")?
-            .map(|name| Some(name).filter(|name| !name.is_empty()))
-            .value,
+        ca: r.path(ca)?,
+        certificate: r.path(certificate)?,
+        key: r.path(key)?,
+        token_file: r.path(token_file)?,
+        server_name: Some(r.text(server_name, None)?.value).filter(|name| !name.is_empty()),
     }))
 }
 

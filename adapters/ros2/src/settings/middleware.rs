@@ -30,20 +30,14 @@ impl fmt::Display for Middleware {
     }
 }
 
-/// Reads which one is meant; one that is not built in is refused.
+/// Reads which one is meant, by default that of the node; one that is not built in is refused.
 pub(super) fn read(
     r: &mut ParameterReader,
     name: &str,
-    default: Middleware,
-    about: &'static str,
+    default: Option<Middleware>,
 ) -> Result<Middleware, SettingsError> {
-    let expected = if cfg!(feature = "zenoh") {
-        "dds or zenoh"
-    } else {
-        "dds; zenoh needs a build with --features zenoh"
-    };
-    let default = Value::String(default.name().to_owned());
-    let chosen = r.read(name, default, about, expected, |value| match value {
+    let default = default.map(|default| Value::String(default.name().to_owned()));
+    let chosen = r.read(name, default, |value| match value {
         Value::String(word) if word == "dds" => Some(Middleware::Dds),
         Value::String(word) if word == "zenoh" && cfg!(feature = "zenoh") => {
             Some(Middleware::Zenoh)

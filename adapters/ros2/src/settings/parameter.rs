@@ -1,29 +1,11 @@
-//! What is known of a parameter.
+//! The parameters of the node: one table, by which they are read, described, changed and refused, and that the book prints.
+
+use std::fmt;
 
 use crate::parameters::{Value, ValueOrigin};
+use crate::settings::seconds::{DeadlineBound, MOST_SECONDS, SECONDS};
 
-/// What a cloud's parameters are called, below its name.
-const PARTS: [&str; 17] = [
-    "middleware",
-    "priority",
-    "deadline",
-    "enabled",
-    "limit",
-    "resume",
-    "in_flight",
-    "linger",
-    "hints",
-    "input_topic",
-    "output_topic",
-    "grpc.url",
-    "grpc.ca",
-    "grpc.certificate",
-    "grpc.key",
-    "grpc.token_file",
-    "grpc.server_name",
-];
-
-/// A parameter of the node.
+/// A parameter with its value.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Parameter {
     /// Its name.
@@ -51,7 +33,302 @@ pub enum Range {
     Double(f64, f64),
 }
 
+/// A line of the table.
+#[derive(Clone, Copy, Debug)]
+pub struct Spec {
+    /// The parameter's name. That of a parameter of each cloud begins with `<cloud>.`
+    pub name: &'static str,
+    /// Which values it may have.
+    pub kind: Kind,
+    /// Its value if none is given.
+    pub preset: Preset,
+    /// Whether it may be changed while the node runs.
+    pub at_run_time: bool,
+    /// What it is for.
+    pub about: &'static str,
+}
+
+/// Which values a parameter may have.
+#[derive(Clone, Copy, Debug)]
+pub enum Kind {
+    /// `true` or `false`.
+    Flag,
+    /// A whole number from the first to the second.
+    Integer(i64, i64),
+    /// A time above 0.
+    Seconds,
+    /// A time, or 0, in these words.
+    SecondsOr(&'static str),
+    /// A time up to `greatest_deadline`.
+    Deadline,
+    /// The same, or 0 for that of the node.
+    OwnDeadline,
+    /// A number of at least 0.
+    Figure,
+    /// One of these words.
+    Words(&'static [&'static str]),
+    /// `dds`, or `zenoh` if that is built in.
+    Middleware,
+    /// The name of a message's type.
+    Type,
+    /// A topic, a file or other text.
+    Text,
+    /// The URL of a server.
+    Server,
+    /// A list of names.
+    Names,
+}
+
+/// A parameter's value if none is given.
+#[derive(Clone, Copy, Debug)]
+pub enum Preset {
+    /// `true` or `false`.
+    Flag(bool),
+    /// A whole number.
+    Integer(i64),
+    /// A number with a point.
+    Double(f64),
+    /// A text.
+    Text(&'static str),
+    /// An empty list.
+    Nothing,
+    /// Another parameter's or one that depends on more, in these words.
+    Other(&'static str),
+}
+
+/// In the order in which they are read.
+#[rustfmt::skip]
+pub const TABLE: &[Spec] = &[
+    fixed("middleware", Kind::Middleware, Preset::Text("dds"), "What carries the topics"),
+    fixed("input.type", Kind::Type, GIVEN, "The messages' type"),
+    fixed("input.key", KEYS, HEADER, KEY),
+    fixed("input.key_offset", OFFSET, Preset::Integer(0), KEY_OFFSET),
+    fixed("input.topic", Kind::Text, Preset::Text("input"), "The topic of messages"),
+    fixed("input.silence", Kind::SecondsOr("seconds, at most 1e9, or 0 for ten usual gaps between inputs"), Preset::Double(0.0),
+        "How long without an input until diagnostics warn, in seconds; 0 for ten usual gaps, and 10 s for the first"),
+    fixed("output.type", Kind::Type, GIVEN, "The results' type"),
+    fixed("output.key", KEYS, HEADER, KEY),
+    fixed("output.key_offset", OFFSET, Preset::Integer(0), KEY_OFFSET),
+    fixed("output.topic", Kind::Text, Preset::Text("output"), "The topic of outputs"),
+    fixed("window", Kind::Integer(1, 1024), Preset::Integer(16),
+        "How many messages may be open at once; one more is refused (F1)"),
+    fixed("commit", Kind::Words(&["eager", "patient", "progressive"]), Preset::Text("eager"),
+        "When the best available result is sent (F6, F9)"),
+    fixed("output.revisions_topic", Kind::Text, Preset::Other("`<output>/revisions`"),
+        "The topic of results that better ones may follow, under progressive"),
+    fixed("timers", Kind::Words(&["kernel", "tokio"]), Preset::Text(if cfg!(target_os = "linux") { "kernel" } else { "tokio" }),
+        "Whose timers wake the node at a due instant; those of tokio have 1 ms"),
+    fixed("realtime", Kind::Integer(0, 99), Preset::Integer(0),
+        "The thread's priority under SCHED_FIFO, with memory locked; 0 for neither"),
+    fixed("lifecycle", Kind::Flag, Preset::Flag(false),
+        "Whether the node is managed: it begins unconfigured and waits for a lifecycle manager"),
+    fixed("greatest_deadline", Kind::Seconds, Preset::Double(60.0),
+        "The greatest that a deadline may be, in seconds, also from the topic"),
+    changeable("deadline", Kind::Deadline, Preset::Double(0.5),
+        "How long a cloud may take, in seconds"),
+    fixed("deadline_topic", Kind::Text, Preset::Text(""),
+        "The topic that changes the deadline; empty for none"),
+    fixed("origin", Kind::Text, Preset::Text(""),
+        "The stream that messages come from, in traces and requests; the input's topic if it is empty"),
+    fixed("within", Kind::SecondsOr("seconds, at most 1e9, or 0 for no end-to-end deadline"), Preset::Double(0.0),
+        "How long after a message was taken in the last output is due, in seconds; 0 for no such deadline"),
+    fixed("reserve", Kind::SecondsOr("seconds, at most 1e9 and less than within, or 0 for nothing"), Preset::Double(0.0),
+        "What of within is kept for the nodes downstream, in seconds"),
+    fixed("policy", Kind::Words(&["set", "guard", "expected", "guarded"]), Preset::Text("set"),
+        "What chooses deadlines, at most the one that is set"),
+    fixed("policy.rate", Kind::Figure, Preset::Double(0.0),
+        "Messages a second, or 0 if unknown; a policy with which the node cannot keep up is refused"),
+    fixed("policy.local_response", Kind::Figure, DEADLINES,
+        "How long local takes at least, in seconds"),
+    fixed("policy.local_response_most", Kind::Figure, Preset::Other("`policy.local_response`"),
+        "How long local takes at most, in seconds"),
+    fixed("policy.deceleration", Kind::Figure, Preset::Double(7.5), "Full braking, in m/s²"),
+    fixed("policy.brake_delay", Kind::Figure, Preset::Double(0.1),
+        "Time until the brakes act, in seconds"),
+    fixed("policy.margin", Kind::Figure, Preset::Double(2.0),
+        "Distance to keep from an obstacle, in metres"),
+    fixed("policy.lateness", Kind::Figure, Preset::Double(0.005),
+        "How late an output may leave, in seconds"),
+    fixed("policy.range_local", Kind::Figure, Preset::Double(39.0),
+        "How far local sees, in metres"),
+    fixed("policy.range_cloud", Kind::Figure, Preset::Double(57.0),
+        "How far clouds see, in metres"),
+    fixed("policy.accuracy_local", Kind::Figure, Preset::Double(42.0),
+        "Local's accuracy, in percent; the AP of the paper's model"),
+    fixed("policy.accuracy_cloud", Kind::Figure, Preset::Double(58.0),
+        "The clouds' accuracy, in percent; the AP of the paper's model"),
+    fixed("policy.price_per_ms", Kind::Figure, Preset::Double(0.01),
+        "What a millisecond costs, in accuracy; a price of ours"),
+    fixed("policy.probe_every", Kind::Integer(1, 64), Preset::Integer(16),
+        "One message in this many measures how long a cloud takes"),
+    fixed("policy.speed_type", Kind::Words(&["nav_msgs/msg/Odometry", "std_msgs/msg/Float64"]), Preset::Text("nav_msgs/msg/Odometry"),
+        "The type of the speed's topic"),
+    fixed("policy.speed_topic", Kind::Text, Preset::Text(""),
+        "The topic of the speed, in m/s, which guard and guarded need; empty for none"),
+    fixed("policy.speed_age", Kind::Seconds, Preset::Double(0.5),
+        "How long a speed stays valid, in seconds; then it is unknown"),
+    fixed("local.middleware", Kind::Middleware, MIDDLEWARE, "What carries local's topics"),
+    fixed("local.in_flight", Kind::Integer(1, 1024), Preset::Integer(4),
+        "How many messages local may have at once"),
+    fixed("local.waiting", Kind::Integer(0, 1024), Preset::Other("`window`"),
+        "How many more may wait for local; for one more the oldest is given up (D17)"),
+    changeable("local.deadline", Kind::Deadline, Preset::Double(1.0),
+        "How long local may take, in seconds (F1); a later result counts as lost"),
+    fixed("local.input_topic", Kind::Text, Preset::Text("local/input"), INPUT),
+    fixed("local.output_topic", Kind::Text, Preset::Text("local/output"), OUTPUT),
+    fixed("clouds", Kind::Names, Preset::Nothing, "The clouds' names, up to 15"),
+    fixed("<cloud>.priority", Kind::Integer(1, 65_535), Preset::Other("its place in `clouds`"),
+        "The greater wins"),
+    changeable("<cloud>.deadline", Kind::OwnDeadline, Preset::Double(0.0),
+        "How long the cloud may take, in seconds; 0 means deadline"),
+    changeable("<cloud>.enabled", Kind::Flag, Preset::Flag(true), "Whether the cloud is asked"),
+    fixed("<cloud>.in_flight", Kind::Integer(1, 1024), Preset::Integer(8),
+        "How many requests may be under way"),
+    fixed("<cloud>.limit", Kind::Integer(1, i64::MAX), Preset::Other("`policy.rate` × deadline, else `in_flight` (A15)"),
+        "The gate shuts when this many requests wait (F2g)"),
+    fixed("<cloud>.resume", Kind::Integer(0, i64::MAX), Preset::Integer(0),
+        "The shut gate opens when this many or fewer wait; less than limit"),
+    fixed("<cloud>.linger", Kind::SecondsOr("seconds, at most 1e9, or 0"), Preset::Double(0.0),
+        "How long a request may run on after it was due, in seconds, so that its policy learns how long it takes"),
+    fixed("<cloud>.grpc.url", Kind::Server, Preset::Text(""),
+        "The URL of the cloud's gRPC server, of fuseline.v1.Infer; empty if it has topics"),
+    fixed("<cloud>.grpc.ca", Kind::Text, Preset::Text(""),
+        "The file of the CA's certificate; https needs it"),
+    fixed("<cloud>.grpc.certificate", Kind::Text, Preset::Text(""), "The file of our certificate"),
+    fixed("<cloud>.grpc.key", Kind::Text, Preset::Text(""), "The file of our key"),
+    fixed("<cloud>.grpc.token_file", Kind::Text, Preset::Text(""),
+        "The file of our token; over http only to this computer"),
+    fixed("<cloud>.grpc.server_name", Kind::Text, Preset::Text(""),
+        "The name that the server's certificate must be for"),
+    fixed("<cloud>.middleware", Kind::Middleware, MIDDLEWARE, "What carries the cloud's topics"),
+    fixed("<cloud>.input_topic", Kind::Text, Preset::Other("`<cloud>/input`"), INPUT),
+    fixed("<cloud>.output_topic", Kind::Text, Preset::Other("`<cloud>/output`"), OUTPUT),
+    fixed("<cloud>.hints", Kind::Text, Preset::Text(""),
+        "The topic on which its late results are published; empty for none"),
+    fixed("trace.file", Kind::Text, Preset::Text(""),
+        "The file to record a trace in; empty for none"),
+    fixed("trace.mcap", Kind::Text, Preset::Text(""),
+        "The file to record a trace in, as MCAP; empty for none"),
+    fixed("domain_id", Kind::Integer(0, 232), Preset::Integer(0), "The domain"),
+    fixed("localhost_only", Kind::Flag, Preset::Flag(false),
+        "Whether to talk over DDS to this machine only"),
+    fixed("diagnostics.period", Kind::Seconds, Preset::Double(1.0),
+        "How often diagnostics are published, in seconds"),
+    changeable("use_sim_time", Kind::Flag, Preset::Flag(false),
+        "Whether the stamps of the node's own messages follow /clock"),
+];
+
+/// What the name of a parameter of each cloud begins with.
+const CLOUD: &str = "<cloud>";
+/// The beginning of the parameters of quality of service.
+pub(super) const QOS: &str = "qos_overrides";
+
+const GIVEN: Preset = Preset::Other("must be given");
+const HEADER: Preset = Preset::Text("header");
+const DEADLINES: Preset = Preset::Other("that of `fuseline-deadline`");
+const MIDDLEWARE: Preset = Preset::Other("`middleware`");
+const KEYS: Kind = Kind::Words(&["header", "uint32", "int32", "uint64", "int64"]);
+const KEY: &str = "The part of a message that says which input it is for; by default only for types known to have a header";
+const OFFSET: Kind = Kind::Integer(0, 65_528);
+const KEY_OFFSET: &str = "Where an integer key begins, in bytes after the encapsulation header";
+const INPUT: &str = "The topic on which it gets messages";
+const OUTPUT: &str = "The topic on which it sends results";
+
+const fn fixed(name: &'static str, kind: Kind, preset: Preset, about: &'static str) -> Spec {
+    Spec { name, kind, preset, at_run_time: false, about }
+}
+
+const fn changeable(name: &'static str, kind: Kind, preset: Preset, about: &'static str) -> Spec {
+    Spec { at_run_time: true, ..fixed(name, kind, preset, about) }
+}
+
+/// The line of a parameter, by its own name or that of a cloud's.
+pub(super) fn spec(name: &str) -> Option<&'static Spec> {
+    let part = name.split_once('.').map(|(_, part)| part);
+    let of_cloud = |spec: &&Spec| part.is_some_and(|part| is_part(spec.name, part));
+    let is_it = |spec: &&Spec| spec.name == name;
+    TABLE.iter().find(is_it).or_else(|| TABLE.iter().find(of_cloud))
+}
+
 /// Whether `<cloud>.<part>` is a parameter of clouds.
 pub(super) fn is_of_a_cloud(part: &str) -> bool {
-    PARTS.contains(&part)
+    TABLE.iter().any(|spec| is_part(spec.name, part))
+}
+
+/// Whether the node's own parameters begin with this.
+pub(super) fn is_reserved(first: &str) -> bool {
+    first == QOS || TABLE.iter().any(|spec| spec.name.split('.').next() == Some(first))
+}
+
+fn is_part(name: &str, part: &str) -> bool {
+    name.strip_prefix(CLOUD).and_then(|rest| rest.strip_prefix('.')) == Some(part)
+}
+
+impl Kind {
+    /// The words for such a value.
+    pub(super) fn expected(self, deadlines: DeadlineBound) -> String {
+        match self {
+            Self::Flag => "true or false".to_owned(),
+            Self::Integer(least, i64::MAX) => format!("an integer of at least {least}"),
+            Self::Integer(least, most) => format!("an integer from {least} to {most}"),
+            Self::Seconds => SECONDS.to_owned(),
+            Self::SecondsOr(words) => words.to_owned(),
+            Self::Deadline => deadlines.expected(),
+            Self::OwnDeadline => deadlines.own_expected(),
+            Self::Figure => "a number of at least 0".to_owned(),
+            Self::Words([rest @ .., last]) => format!("{} or {last}", rest.join(", ")),
+            Self::Words([]) => String::new(),
+            Self::Middleware if cfg!(feature = "zenoh") => "dds or zenoh".to_owned(),
+            Self::Middleware => "dds; zenoh needs a build with --features zenoh".to_owned(),
+            Self::Type => "a type such as sensor_msgs/msg/Image".to_owned(),
+            Self::Text => "a string, in quotes if it looks like something else".to_owned(),
+            Self::Server => "http://host:port or https://host:port".to_owned(),
+            Self::Names => "a list of names such as [west, east]".to_owned(),
+        }
+    }
+
+    /// The bounds of a number.
+    pub(super) fn range(self, deadlines: DeadlineBound) -> Option<Range> {
+        match self {
+            Self::Integer(least, most) => Some(Range::Integer(least, most)),
+            Self::Seconds | Self::SecondsOr(_) => Some(MOST_SECONDS),
+            Self::Deadline | Self::OwnDeadline => Some(deadlines.range()),
+            _ => None,
+        }
+    }
+}
+
+impl Preset {
+    /// The value; none if it depends on more.
+    pub(super) fn value(self) -> Option<Value> {
+        Some(match self {
+            Self::Flag(flag) => Value::Bool(flag),
+            Self::Integer(integer) => Value::Integer(integer),
+            Self::Double(double) => Value::Double(double),
+            Self::Text(text) => Value::String(text.to_owned()),
+            Self::Nothing => Value::Strings(Vec::new()),
+            Self::Other(_) => return None,
+        })
+    }
+}
+
+/// A line of the book's table.
+impl fmt::Display for Spec {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let star = if self.at_run_time { " *" } else { "" };
+        let default = match (self.preset, self.preset.value()) {
+            (Preset::Other(words), _) => words.to_owned(),
+            (Preset::Text("") | Preset::Nothing, _) => String::new(),
+            (Preset::Text(text), _) => format!("`{text}`"),
+            (_, value) => value.map(|value| format!("`{value}`")).unwrap_or_default(),
+        };
+        let values = match self.kind {
+            Kind::Words(words) => format!(": `{}`", words.join("`, `")),
+            Kind::Middleware => ": `dds`, `zenoh`".to_owned(),
+            Kind::Integer(least, i64::MAX) => format!(": {least} or more"),
+            Kind::Integer(least, most) => format!(": {least} to {most}"),
+            _ => String::new(),
+        };
+        write!(f, "| `{}`{star} | {default} | {}{values} |", self.name, self.about)
+    }
 }

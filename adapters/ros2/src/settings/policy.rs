@@ -9,9 +9,8 @@ use fuseline_deadline::{
 };
 use fuseline_engine::{CapacityErrors, Commit, Policy, Workload};
 
-use crate::parameters::Value;
 use crate::settings::reader::{LocatedValue, ParameterReader};
-use crate::settings::{FLOAT64, Role, Settings, SettingsError, seconds};
+use crate::settings::{FLOAT64, Role, Settings, SettingsError};
 
 /// The type of messages with the vehicle's twist.
 const ODOMETRY: &str = "nav_msgs/msg/Odometry";
@@ -138,43 +137,27 @@ pub(super) fn read(
     r: &mut ParameterReader,
     commit: Commit,
 ) -> Result<DeadlineSettings, SettingsError> {
-    let LocatedValue { value: kind, origin } = r.read(
-        "policy",
-        Value::String("set".to_owned()),
-        "What chooses deadlines, at most the one that is set",
-        "set, guard, expected or guarded",
-        |value| match value {
-            Value::String(name) => PolicyKind::ALL.into_iter().find(|kind| kind.as_str() == name),
-            _ => None,
-        },
-    )?;
-    let rate = r.read(
-        "policy.rate",
-        Value::Double(0.0),
-        "Messages a second; 0 if unknown",
-        "a number above 0, or 0",
-        |value| value.number().filter(|rate| rate.is_finite() && *rate >= 0.0),
-    )?;
-    let rate = Some(rate.value).filter(|rate| *rate > 0.0);
+    let LocatedValue { value: kind, origin } = r.choice("policy", &PolicyKind::ALL)?;
+    let rate = Some(r.figure("policy.rate", None)?).filter(|rate| *rate > 0.0);
     let usual = Parameters::default();
     let period = rate.map_or(usual.period_local, Span::of_rate);
-    let about = "How long local takes at least and at most, in seconds";
-    let local_response = times(r, "policy.local_response", usual.local_response, about)?;
-    let mut figure =
-        |name: &str, default: f64, about| figure(r, &format!("policy.{name}"), default, about);
-    let deceleration = figure("deceleration", 7.5, "Full braking, in m/s²")?;
-    let brake_delay = figure("brake_delay", 0.1, "Time until the brakes act, in seconds")?;
-    let margin = figure("margin", 2.0, "Distance to keep from an obstacle, in metres")?;
-    let lateness = figure("lateness", 0.005, "How late an output may leave, in seconds")?;
-    let range_local = figure("range_local", 39.0, "How far local sees, in metres")?;
-    let range_cloud = figure("range_cloud", 57.0, "How far clouds see, in metres")?;
+    let least = usual.local_response.least.as_secs_f64();
+    let least = r.figure("policy.local_response", Some(least))?;
+    let most = r.figure("policy.local_response_most", Some(least))?;
+    let local_response = Span::new(least, most).map(time);
+    let mut figure = |name: &str| r.figure(&format!("policy.{name}"), None);
+    let deceleration = figure("deceleration")?;
+    let brake_delay = figure("brake_delay")?;
+    let margin = figure("margin")?;
+    let lateness = figure("lateness")?;
+    let range_local = figure("range_local")?;
+    let range_cloud = figure("range_cloud")?;
     let accuracy = Accuracy {
-        local: figure("accuracy_local", 42.0, "Local's accuracy")?,
-        cloud: figure("accuracy_cloud", 58.0, "The clouds' accuracy")?,
-        price_per_ms: figure("price_per_ms", 0.01, "What a millisecond costs, in accuracy")?,
+        local: figure("accuracy_local")?,
+        cloud: figure("accuracy_cloud")?,
+        price_per_ms: figure("price_per_ms")?,
     };
-    let about = "One message in this many measures how long a cloud takes";
-    let probe_every = r.integer("policy.probe_every", 1..=64, 16, about)?.value;
+    let probe_every = r.integer("policy.probe_every", None)?.value;
     let parameters = Parameters {
         deceleration: MetresPerSecondSquared(deceleration).into(),
         brake_delay: time(brake_delay).into(),
@@ -206,58 +189,14 @@ pub(super) fn read(
     Ok(deadlines)
 }
 
-fn figure(
-    r: &mut ParameterReader,
-    name: &str,
-    default: f64,
-    about: &'static str,
-) -> Result<f64, SettingsError> {
-    let expected = "a number of at least 0";
-    let figure = r.read(name, Value::Double(default), about, expected, |value| {
-        value.number().filter(|number| number.is_finite() && *number >= 0.0)
-    });
-    figure.map(|figure| figure.value)
-}
-
-/// A time and the greatest that it may be: `<name>` and `<name>_most`.
-fn times(
-    r: &mut ParameterReader,
-    name: &str,
-    default: Span<Duration>,
-    about: &'static str,
-) -> Result<Span<Duration>, SettingsError> {
-    let least = figure(r, name, default.least.as_secs_f64(), about)?;
-    Ok(Span::new(least, figure(r, &format!("{name}_most"), least, about)?).map(time))
-}
-
 /// A time that is not implausible is not so long.
 fn time(seconds: f64) -> Duration {
     Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX)
 }
 
 fn speed(r: &mut ParameterReader) -> Result<Option<SpeedTopic>, SettingsError> {
-    let type_name = r.read(
-        "policy.speed_type",
-        Value::String(ODOMETRY.to_owned()),
-        "The type of the speed's topic",
-        "nav_msgs/msg/Odometry or std_msgs/msg/Float64",
-        |value| match value {
-            Value::String(name) if [ODOMETRY, FLOAT64].contains(&name.as_str()) => {
-                Some(name.clone())
-            }
-            _ => None,
-        },
-    )?;
-    let type_name = type_name.value;
-    let about = "The topic of the speed, in m/s; empty for none";
-    let topic = r.topic("policy.speed_topic", "", about, &type_name, Role::Subscription)?;
-    let about = "How long a speed stays valid, in seconds";
-    let age = r.read(
-        "policy.speed_age",
-        Value::Double(0.5),
-        about,
-        seconds::SECONDS,
-        seconds::seconds_of,
-    )?;
-    Ok(Some(SpeedTopic { topic, type_name, age: age.value }).filter(|it| !it.topic.is_empty()))
+    let type_name = r.choice("policy.speed_type", &[ODOMETRY, FLOAT64])?.value.to_owned();
+    let topic = r.topic("policy.speed_topic", None, &type_name, Role::Subscription)?;
+    let age = r.seconds("policy.speed_age")?;
+    Ok(topic.map(|topic| SpeedTopic { topic, type_name, age }))
 }

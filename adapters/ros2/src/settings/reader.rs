@@ -1,18 +1,15 @@
-//! Reads parameters one by one; what is left at the end is no parameter of the node.
+//! Reads parameters one by one, each by its line in the table; what is left at the end is no parameter of the node.
 
 use std::collections::BTreeMap;
-use std::ops::RangeInclusive;
 use std::path::PathBuf;
 use std::time::Duration;
 
 use crate::names::{NodeName, Remap, check_token};
 use crate::parameters::{ParameterOverride, Value, ValueOrigin};
 use crate::settings::nearest::nearest;
-use crate::settings::parameter::{Parameter, Range, is_of_a_cloud};
+use crate::settings::parameter::{Kind, Parameter, Preset, Spec, is_of_a_cloud, spec};
 use crate::settings::qos::{Qos, Role, Topic};
-use crate::settings::seconds::{
-    DeadlineBound, GREATEST_DEADLINE, MOST_SECONDS, SECONDS, own_seconds, seconds_of,
-};
+use crate::settings::seconds::{DeadlineBound, GREATEST_DEADLINE, own_seconds, seconds_of};
 use crate::settings::{SettingsError, qos};
 
 /// The parameters given and not read yet, and those read.
@@ -46,15 +43,25 @@ impl<'a> ParameterReader<'a> {
         Self { overrides, node, remaps, deadlines, declared, topics, own_names }
     }
 
-    /// Reads a parameter with `convert`; the error says what is `expected`.
+    /// Reads a parameter with `convert`; `default` is for one whose line in the table has none.
     pub(super) fn read<T>(
         &mut self,
         name: &str,
-        default: Value,
-        about: &'static str,
-        expected: &str,
+        default: Option<Value>,
         convert: impl FnOnce(&Value) -> Option<T>,
     ) -> Result<LocatedValue<T>, SettingsError> {
+        self.read_as(name, line(name).kind, default, convert)
+    }
+
+    fn read_as<T>(
+        &mut self,
+        name: &str,
+        kind: Kind,
+        default: Option<Value>,
+        convert: impl FnOnce(&Value) -> Option<T>,
+    ) -> Result<LocatedValue<T>, SettingsError> {
+        let Spec { preset, at_run_time, about, .. } = *line(name);
+        let default = default.or_else(|| preset.value()).unwrap_or(Value::String(String::new()));
         let is_double = matches!(default, Value::Double(_));
         let (value, origin) = match self.overrides.remove(name) {
             Some(parameter) => (parameter.value, parameter.origin),
@@ -64,51 +71,31 @@ impl<'a> ParameterReader<'a> {
             Some(number) if is_double => Value::Double(number),
             Some(_) | None => value,
         };
-        let name = name.to_owned();
+        let (name, expected) = (name.to_owned(), kind.expected(self.deadlines));
         let Some(converted) = convert(&value) else {
-            let expected = expected.to_owned();
             return Err(SettingsError::Value { origin, name, value, expected });
         };
-        self.declared.push(Parameter {
-            name,
-            value,
-            about,
-            expected: expected.to_owned(),
-            range: None,
-            at_run_time: false,
-            origin: origin.clone(),
-        });
-        Ok(LocatedValue { value: converted, origin })
+        let (range, located) = (kind.range(self.deadlines), origin.clone());
+        let origin = located.clone();
+        self.declared.push(Parameter { name, value, about, expected, range, at_run_time, origin });
+        Ok(LocatedValue { value: converted, origin: located })
     }
 
     pub(super) fn text(
         &mut self,
         name: &str,
-        default: &str,
-        about: &'static str,
+        default: Option<&str>,
     ) -> Result<LocatedValue<String>, SettingsError> {
-        let default = Value::String(default.to_owned());
-        self.read(
-            name,
-            default,
-            about,
-            "a string, in quotes if it looks like something else",
-            |value| match value {
-                Value::String(text) => Some(text.clone()),
-                _ => None,
-            },
-        )
+        let default = default.map(|default| Value::String(default.to_owned()));
+        self.read(name, default, |value| match value {
+            Value::String(text) => Some(text.clone()),
+            _ => None,
+        })
     }
 
-    /// A list of texts, empty by default.
-    pub(super) fn names(
-        &mut self,
-        name: &str,
-        about: &'static str,
-    ) -> Result<LocatedValue<Vec<String>>, SettingsError> {
-        let default = Value::Strings(Vec::new());
-        self.read(name, default, about, "a list of names such as [west, east]", |value| match value
-        {
+    /// A list of texts.
+    pub(super) fn names(&mut self, name: &str) -> Result<LocatedValue<Vec<String>>, SettingsError> {
+        self.read(name, None, |value| match value {
             Value::Strings(names) => Some(names.clone()),
             _ => None,
         })
@@ -117,152 +104,124 @@ impl<'a> ParameterReader<'a> {
     pub(super) fn integer<T: TryFrom<i64>>(
         &mut self,
         name: &str,
-        range: RangeInclusive<i64>,
-        default: i64,
-        about: &'static str,
+        default: Option<i64>,
     ) -> Result<LocatedValue<T>, SettingsError> {
-        let expected = match (*range.start(), *range.end()) {
-            (least, i64::MAX) => format!("an integer of at least {least}"),
-            (least, most) => format!("an integer from {least} to {most}"),
+        self.integer_up_to(name, i64::MAX, default)
+    }
+
+    /// The same, with a bound that depends on other parameters.
+    pub(super) fn integer_up_to<T: TryFrom<i64>>(
+        &mut self,
+        name: &str,
+        bound: i64,
+        default: Option<i64>,
+    ) -> Result<LocatedValue<T>, SettingsError> {
+        let Kind::Integer(least, most) = line(name).kind else {
+            unreachable!("{name} is an integer")
         };
-        let read =
-            self.read(name, Value::Integer(default), about, &expected, |value| match value {
-                Value::Integer(integer) if range.contains(integer) => T::try_from(*integer).ok(),
-                _ => None,
-            });
-        self.bound(name, Range::Integer(*range.start(), *range.end()));
-        read
+        let most = most.min(bound);
+        let (kind, default) = (Kind::Integer(least, most), default.map(Value::Integer));
+        self.read_as(name, kind, default, |value| match value {
+            Value::Integer(it) if (least..=most).contains(it) => T::try_from(*it).ok(),
+            _ => None,
+        })
     }
 
-    /// The parameter that was read last has these bounds.
-    fn bound(&mut self, name: &str, range: Range) {
-        if let Some(declared) = self.declared.last_mut().filter(|last| last.name == name) {
-            declared.range = Some(range);
-        }
-    }
-
-    /// One of these words, each with what it means.
+    /// One of these words, each with what it means; the table has them in the same order.
     pub(super) fn choice<T: Copy>(
         &mut self,
         name: &str,
-        default: &str,
-        about: &'static str,
-        choices: &[(&str, T)],
-    ) -> Result<T, SettingsError> {
-        let words: Vec<&str> = choices.iter().map(|(word, _)| *word).collect();
-        let default = Value::String(default.to_owned());
-        let chosen = self.read(name, default, about, &words.join(" or "), |value| match value {
-            Value::String(word) => choices.iter().find(|(it, _)| it == word).map(|(_, it)| *it),
+        meanings: &[T],
+    ) -> Result<LocatedValue<T>, SettingsError> {
+        let Kind::Words(words) = line(name).kind else { unreachable!("{name} is a word") };
+        self.read(name, None, |value| match value {
+            Value::String(word) => {
+                words.iter().zip(meanings).find(|(it, _)| *it == word).map(|(_, it)| *it)
+            }
             _ => None,
-        });
-        chosen.map(|chosen| chosen.value)
+        })
     }
 
-    pub(super) fn flag(
-        &mut self,
-        name: &str,
-        default: bool,
-        about: &'static str,
-    ) -> Result<bool, SettingsError> {
-        let flag =
-            self.read(name, Value::Bool(default), about, "true or false", |value| match value {
-                Value::Bool(flag) => Some(*flag),
-                _ => None,
-            });
+    pub(super) fn flag(&mut self, name: &str) -> Result<bool, SettingsError> {
+        let flag = self.read(name, None, |value| match value {
+            Value::Bool(flag) => Some(*flag),
+            _ => None,
+        });
         flag.map(|flag| flag.value)
     }
 
-    pub(super) fn seconds(
-        &mut self,
-        name: &str,
-        default: f64,
-        about: &'static str,
-    ) -> Result<Duration, SettingsError> {
-        let seconds = self.read(name, Value::Double(default), about, SECONDS, seconds_of);
-        self.bound(name, MOST_SECONDS);
+    /// A time, by the kind of the parameter.
+    pub(super) fn seconds(&mut self, name: &str) -> Result<Duration, SettingsError> {
+        let (kind, bound) = (line(name).kind, self.deadlines);
+        let seconds = self.read(name, None, |value| match kind {
+            Kind::Deadline => bound.deadline(value),
+            Kind::OwnDeadline => bound.own_deadline(value),
+            Kind::SecondsOr(_) => own_seconds(value),
+            _ => seconds_of(value),
+        });
         seconds.map(|seconds| seconds.value)
     }
 
     /// The greatest deadline, which bounds those that are read after it.
     pub(super) fn greatest_deadline(&mut self) -> Result<Duration, SettingsError> {
-        let about = "The greatest that a deadline may be, in seconds";
-        let greatest = self.seconds(GREATEST_DEADLINE, 60.0, about)?;
+        let greatest = self.seconds(GREATEST_DEADLINE)?;
         self.deadlines = DeadlineBound(greatest);
         Ok(greatest)
     }
 
-    pub(super) fn deadline(
+    /// A number of at least 0.
+    pub(super) fn figure(
         &mut self,
         name: &str,
-        default: f64,
-        about: &'static str,
-    ) -> Result<Duration, SettingsError> {
-        let (bound, default) = (self.deadlines, Value::Double(default));
-        let read =
-            self.read(name, default, about, &bound.expected(), |value| bound.deadline(value))?;
-        self.bound(name, bound.range());
-        Ok(read.value)
-    }
-
-    /// A cloud's own deadline, 0 by default.
-    pub(super) fn own_deadline(
-        &mut self,
-        name: &str,
-        about: &'static str,
-    ) -> Result<Duration, SettingsError> {
-        let (bound, expected) = (self.deadlines, self.deadlines.own_expected());
-        let default = Value::Double(0.0);
-        let read = self.read(name, default, about, &expected, |value| bound.own_deadline(value))?;
-        self.bound(name, bound.range());
-        Ok(read.value)
-    }
-
-    /// Seconds that are 0 by default, which means what `expected` says.
-    pub(super) fn own_seconds(
-        &mut self,
-        name: &str,
-        about: &'static str,
-        expected: &str,
-    ) -> Result<Duration, SettingsError> {
-        let seconds = self.read(name, Value::Double(0.0), about, expected, own_seconds);
-        self.bound(name, MOST_SECONDS);
-        seconds.map(|seconds| seconds.value)
+        default: Option<f64>,
+    ) -> Result<f64, SettingsError> {
+        let figure = self.read(name, default.map(Value::Double), |value| {
+            value.number().filter(|number| number.is_finite() && *number >= 0.0)
+        });
+        figure.map(|figure| figure.value)
     }
 
     /// What is wrong with a parameter that was read, by another one.
-    pub(super) fn out_of_range(&self, name: &str, expected: &str) -> SettingsError {
+    pub(super) fn out_of_range(&self, name: &str) -> SettingsError {
         let read = self.declared.iter().find(|declared| declared.name == name);
         let (value, origin) = match read {
             Some(Parameter { value, origin, .. }) => (value.clone(), origin.clone()),
             None => (Value::Double(0.0), ValueOrigin::Default),
         };
-        let (name, expected) = (name.to_owned(), expected.to_owned());
+        let (name, expected) = (name.to_owned(), line(name).kind.expected(self.deadlines));
         SettingsError::Value { origin, name, value, expected }
     }
 
     /// A file's path; an empty one is none, and the default.
-    pub(super) fn path(
-        &mut self,
-        name: &str,
-        about: &'static str,
-    ) -> Result<Option<PathBuf>, SettingsError> {
-        let path = self.text(name, "", about)?.value;
+    pub(super) fn path(&mut self, name: &str) -> Result<Option<PathBuf>, SettingsError> {
+        let path = self.text(name, None)?.value;
         Ok(Some(path).filter(|path| !path.is_empty()).map(PathBuf::from))
     }
 
-    /// A topic's full name; an empty one stays so if it is the default.
+    /// A topic's full name; none if it is empty, and so is its default.
     pub(super) fn topic(
         &mut self,
         parameter: &str,
-        default: &str,
-        about: &'static str,
+        default: Option<&str>,
+        type_name: &str,
+        role: Role,
+    ) -> Result<Option<String>, SettingsError> {
+        let LocatedValue { value, origin } = self.text(parameter, default)?;
+        if value.is_empty() && matches!(line(parameter).preset, Preset::Text("")) {
+            return Ok(None);
+        }
+        self.add_topic(parameter.to_owned(), &value, origin, type_name, role).map(Some)
+    }
+
+    /// The same of a topic that has to have a name.
+    pub(super) fn named_topic(
+        &mut self,
+        parameter: &str,
+        default: Option<&str>,
         type_name: &str,
         role: Role,
     ) -> Result<String, SettingsError> {
-        let LocatedValue { value, origin } = self.text(parameter, default, about)?;
-        if value.is_empty() && default.is_empty() {
-            return Ok(value);
-        }
+        let LocatedValue { value, origin } = self.text(parameter, default)?;
         self.add_topic(parameter.to_owned(), &value, origin, type_name, role)
     }
 
@@ -387,8 +346,7 @@ impl<'a> ParameterReader<'a> {
     }
 }
 
-impl<T> LocatedValue<T> {
-    pub(super) fn map<U>(self, change: impl FnOnce(T) -> U) -> LocatedValue<U> {
-        LocatedValue { value: change(self.value), origin: self.origin }
-    }
+/// The line of a parameter that is read.
+fn line(name: &str) -> &'static Spec {
+    spec(name).unwrap_or_else(|| unreachable!("{name} is in no line of the table"))
 }

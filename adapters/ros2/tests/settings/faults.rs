@@ -139,7 +139,7 @@ fn what_is_wrong_with_a_stream_is_reported() {
             "output.topic:=input",
             "output.topic is /input, and so is input.topic; give each a topic of its own",
         ),
-        ("commit:=lazy", "commit is \"lazy\"; give eager or patient or progressive"),
+        ("commit:=lazy", "commit is \"lazy\"; give eager, patient or progressive"),
         (
             "output.revisions_topic:=better",
             "output.revisions_topic is given without commit: progressive; give both or none",

@@ -12,7 +12,7 @@ use fuseline_ros2::arguments::{Arguments, Level};
 use fuseline_ros2::key::{IntegerKind, MessageKey};
 use fuseline_ros2::parameters::{Value, ValueOrigin};
 use fuseline_ros2::settings::{
-    Change, Cloud, CloudConnection, Grpc, Middleware, Qos, Role, Settings, SettingsError,
+    Change, Cloud, CloudConnection, Grpc, Middleware, Qos, Role, Settings, SettingsError, TABLE,
 };
 use fuseline_tokio::Timers;
 
@@ -509,4 +509,22 @@ fn an_end_to_end_deadline_has_more_than_its_reserve() {
         let why = with(wrong).unwrap_err();
         assert!(why.contains("reserve") && why.contains("less than within"), "{why}");
     }
+}
+
+/// The book's table is the node's; `BLESS` writes it.
+#[test]
+fn book_has_the_table_of_parameters() {
+    const HEAD: &str = "| parameter | default | |\n|---|---|---|\n";
+    const NEXT: &str = "\n## The environment\n";
+    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+        .join("../../docs/book/src/use/ros2-parameters.md");
+    let page = std::fs::read_to_string(&path).unwrap();
+    let (before, rest) = page.split_once(HEAD).unwrap();
+    let (_, after) = rest.split_once(NEXT).unwrap();
+    let table = TABLE.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n");
+    let expected = [before, HEAD, &table, "\n", NEXT, after].concat();
+    if std::env::var_os("BLESS").is_some() {
+        std::fs::write(&path, &expected).unwrap();
+    }
+    assert!(page == expected, "another table; run the test with BLESS=1");
 }
