@@ -1,14 +1,14 @@
 // Fuseline for C++17, header only, over fuseline.h: it needs no exceptions, no RTTI and no allocation.
 //
-//   Machine<Capacity>   the machine: answers, as in C, with the types of C++
-//   Held<Value, C>      the values of held results, move-only ones too
-//   Operator<...>       both with a clock and a sink: an operator for one thread
+//   Machine<Capacity>   the machine, with answers as in C and the types of C++
+//   Held<Value, C>      the values of held results, which may be move-only
+//   Operator<...>       an operator for one thread: both, with a clock and a sink
 //
-// Exceptions: this header throws none of its own. A sink, a function `fired`, a clock and the move of a value may throw.
+// Exceptions: this header throws none of its own. A sink, a function `fired`, a clock and the move of a value may throw;
 // Machine, Held and Operator say what happens then. Destructors must not throw. The destructor of a value may call the
 // operator that held it.
 //
-// SPEC.md has the rules (F), promises (P) and ambiguities (A) that are named here.
+// Identifiers such as (F5), (P3) and (A10) name rules, promises and ambiguities of SPEC.md in the project's repository.
 
 #ifndef FUSELINE_HPP
 #define FUSELINE_HPP
@@ -28,8 +28,8 @@
 
 namespace fuseline {
 
-// The nanoseconds of any std::chrono duration, rounded down: 0 if it is negative or not a number, the greatest number if
-// it does not fit.
+// Returns the nanoseconds of any std::chrono duration, rounded down. Returns 0 if it is negative or not a
+// number, and the greatest number if it does not fit.
 template <class Rep, class Period>
 [[nodiscard]] constexpr std::uint64_t nanoseconds_of(const std::chrono::duration<Rep, Period>& duration) noexcept {
   static_assert(std::is_arithmetic_v<Rep>, "Fuseline takes durations that count in numbers of C++");
@@ -58,8 +58,9 @@ inline constexpr bool is_value = std::is_object_v<Value> && !std::is_const_v<Val
 using Nanoseconds = std::chrono::duration<std::uint64_t, std::nano>;  // the machine's own: without a sign
 }  // namespace detail
 
-// How long a request, or local, may take. Any std::chrono duration converts: one of 0 or less is refused `deadline`, and
-// one that is too long is the longest. A plain number does not convert: it has no unit.
+// How long a request, or local, may take. Any std::chrono duration converts. A duration of 0 or less is
+// refused as `deadline`, and one that is too long becomes the longest. A plain number does not convert,
+// because it has no unit.
 class Deadline {
  public:
   template <class Rep, class Period>
@@ -70,8 +71,9 @@ class Deadline {
   std::uint64_t ns_;
 };
 
-// A reading of your monotonic clock, in nanoseconds from any fixed start. A reading before the start is 0, one that is too
-// late is the last. A difference has its sign: it is std::chrono::nanoseconds, and saturates.
+// A reading of your monotonic clock, in nanoseconds from any fixed start. A reading before the start becomes
+// 0, and one that is too late becomes the last instant. The difference of two instants is
+// std::chrono::nanoseconds, with a sign; it saturates.
 class Instant {
  public:
   constexpr Instant() noexcept = default;
@@ -80,8 +82,8 @@ class Instant {
       : ns_(nanoseconds_of(reading.time_since_epoch())) {
     static_assert(Clock::is_steady, "Fuseline takes a steady clock: others are set back and forth");
   }
-  // A reading of a clock that std::chrono does not have, since its start. Nothing checks that this clock is monotonic: you
-  // vouch for it. The time of day is not, and neither is a counter of ticks that wraps.
+  // Returns an instant from a reading, since its start, of a clock that std::chrono does not have. Nothing
+  // checks that the clock is monotonic. The time of day is not, and neither is a counter of ticks that wraps.
   template <class Rep, class Period>
   [[nodiscard]] static constexpr Instant from_monotonic(const std::chrono::duration<Rep, Period>& since_start) noexcept {
     Instant reading;
@@ -111,7 +113,7 @@ class Instant {
   std::uint64_t ns_ = 0;
 };
 
-// The counter of an operator's messages; no time of day.
+// Counts the messages of an operator. It is not a time of day.
 struct Timestamp {
   std::uint64_t count = 0;
   friend constexpr bool operator==(Timestamp a, Timestamp b) noexcept { return a.count == b.count; }
@@ -119,7 +121,7 @@ struct Timestamp {
   friend constexpr bool operator<(Timestamp a, Timestamp b) noexcept { return a.count < b.count; }
 };
 
-// How good a source's results are: 0 is local, clouds have 1 to 65535, the greater wins.
+// Ranks the results of a source: 0 is local, clouds have 1 to 65535, and the greater number wins.
 struct Priority {
   std::uint64_t number = 0;
   friend constexpr bool operator==(Priority a, Priority b) noexcept { return a.number == b.number; }
@@ -137,15 +139,16 @@ using Status = fuseline_status;
 using Outcome = fuseline_outcome;
 using Reason = fuseline_reason;
 
-// How much a machine has room for, and the storage for it. A library that was not built for exactly this many clouds and
-// this window refuses to make the machine, FUSELINE_STATUS_CAPACITY. fuseline_capacity.hpp has one that is chosen at run time.
+// The capacity of a machine, and its storage. A library that was not built for exactly this many clouds and
+// this window refuses to make the machine with FUSELINE_STATUS_CAPACITY. fuseline_capacity.hpp has a capacity
+// that is chosen at run time.
 template <std::size_t Clouds, std::size_t Window>
 struct Capacity {
   static_assert(Clouds < FUSELINE_SOURCES, "a machine has at most 15 clouds");
   static_assert(Window >= 1 && Window <= 1024, "a machine has a window of 1 to 1024");
   static constexpr std::uint32_t id = FUSELINE_CAPACITY_OF(Clouds, Window);
 
-  // The storage of a machine, within the machine itself.
+  // The storage of a machine, inside the machine object.
   class Storage {
    public:
     Storage(std::size_t, std::size_t) noexcept {}
@@ -167,18 +170,19 @@ using C1W4 = Capacity<1, 4>;
 using C3W16 = Capacity<3, 16>;
 using C7W64 = Capacity<7, 64>;
 using C15W1024 = Capacity<15, 1024>;
-// Those by which the library was built: FUSELINE_OWN_CLOUDS and FUSELINE_OWN_WINDOW.
+// The capacity that the library was built for: FUSELINE_OWN_CLOUDS and FUSELINE_OWN_WINDOW.
 template <std::size_t Clouds, std::size_t Window>
 using Own = Capacity<Clouds, Window>;
 
-// One cloud as configured: its gate shuts at `limit` queued requests and opens at `resume`, limit - 1 unless given.
+// Configures one cloud. Its gate shuts at `limit` queued requests and opens at `resume`, which is limit - 1
+// unless given.
 struct Cloud {
   Priority priority;
   std::uint64_t limit = 1;
   std::optional<std::uint64_t> resume = std::nullopt;
 };
 
-// Some priorities, ascending: a copy, which outlives the answer that it came from.
+// A set of priorities, ascending. It is a copy, which outlives the answer that it came from.
 class Priorities {
  public:
   class iterator {
@@ -206,7 +210,7 @@ class Priorities {
   std::uint32_t size_;
 };
 
-// What became of an input.
+// The outcome of an input.
 class Answer {
  public:
   explicit Answer(const fuseline_answer& plain) noexcept : plain_(plain) {}
@@ -214,21 +218,22 @@ class Answer {
   Timestamp timestamp() const noexcept { return Timestamp{plain_.t}; }
   Outcome outcome() const noexcept { return plain_.outcome; }
   bool is(Outcome outcome) const noexcept { return plain_.outcome == outcome; }
-  // Why it was refused or dropped; FUSELINE_REASON_NONE if it was neither.
+  // Returns the reason why the input was refused or dropped, or FUSELINE_REASON_NONE if it was neither.
   Reason why() const noexcept { return plain_.why; }
-  // Whose result is forwarded, preliminary or final.
+  // Returns the source whose result is forwarded, preliminary or final.
   Priority by() const noexcept { return Priority{plain_.by}; }
-  // An admitted request's, or that of the timers that fired.
+  // Returns the due instant of an admitted request, or of the timers that fired.
   Instant due() const noexcept { return Instant::from_monotonic(detail::Nanoseconds(plain_.due)); }
-  // The clouds whose results are no longer wanted.
+  // Returns the clouds whose results are no longer wanted.
   Priorities cancelled() const noexcept { return {plain_.cancelled, plain_.cancelled_len}; }
 
  protected:
   fuseline_answer plain_;
 };
 
-// The answer to an open or an offer. True if the message is accepted or the request admitted: what is refused must not be
-// computed or sent. Whether there is an answer at all, has_value() says.
+// The answer to an open or an offer. It converts to true if the message is accepted or the request admitted.
+// A refused message must not be computed, and a refused request must not be sent. has_value() says whether
+// there is an answer at all.
 class Decision : public std::optional<Answer> {
  public:
   using std::optional<Answer>::optional;
@@ -238,20 +243,20 @@ class Decision : public std::optional<Answer> {
   }
 };
 
-// What timers led to that fired before an input (F5).
+// The outcome of timers that fired before an input (F5).
 class Firing : public Answer {
  public:
   using Answer::Answer;
   Priorities timers() const noexcept { return {plain_.timers, plain_.timers_len}; }
 };
 
-// One operator's machine in storage of its own. It stays where it was made.
+// One operator's machine, with its storage. It cannot be moved.
 //
-// Each input gives the firings that come before it to `fired`, a function of a const Firing&, and answers what became
-// of itself, or nothing if status() says that the machine could not be asked. A deadline above `greatest_deadline` is
-// refused `deadline`: that is what the system may wait for a message in the worst case.
+// Each input first passes its firings to `fired`, a function of a const Firing&. It then returns its own
+// answer, or nothing if status() says that the machine could not be called. `greatest_deadline` is the
+// longest time that the system may wait for a message; a longer deadline is refused as `deadline`.
 //
-// If `fired` throws, its firing has happened and the input has not: keep what you have of the firing, and call again.
+// If `fired` throws, its firing has happened but the input has not. Handle the firing, and call again.
 template <class Capacity = C3W16>
 class Machine {
   static constexpr bool is_noexcept = std::is_nothrow_constructible_v<typename Capacity::Storage, std::size_t, std::size_t>;
@@ -270,7 +275,7 @@ class Machine {
       return;
     }
     if (clouds == nullptr && size > 0) return;  // FUSELINE_STATUS_NULL
-    // A window that does not fit 32 bits is above every capacity, as the greatest of 32 bits is.
+    // A window that does not fit 32 bits exceeds every capacity, as the greatest number of 32 bits does.
     constexpr std::size_t greatest = std::numeric_limits<std::uint32_t>::max();
     for (std::size_t i = 0; i < size; ++i) {
       const Cloud& cloud = clouds[i];
@@ -290,14 +295,15 @@ class Machine {
   Machine(const Machine&) = delete;
   Machine& operator=(const Machine&) = delete;
 
-  // FUSELINE_STATUS_DONE, or why the last call to the machine was in vain; if it could not be made, why not, for ever.
+  // Returns FUSELINE_STATUS_DONE, or the reason why the last call of the machine failed. If the machine could
+  // not be made, the reason stays.
   Status status() const noexcept { return status_; }
   explicit operator bool() const noexcept { return machine_ != nullptr; }
 
-  // The most messages that its capacity lets be open.
+  // Returns the greatest number of messages that its capacity allows to be open.
   std::size_t greatest_window() const noexcept { return storage_.window(); }
 
-  // F1: a message came. `limit` is how long local may take for it.
+  // Opens a timestamp because a message with it arrived (F1). `limit` is how long local may take for it.
   template <class Fired>
   [[nodiscard]] Decision open(Instant now, Timestamp t, std::optional<Deadline> limit, Fired&& fired) {
     return Decision(ask(fired, [&](fuseline_answer* answer) {
@@ -306,7 +312,8 @@ class Machine {
     }));
   }
 
-  // F2: may it be sent to this cloud, in whose queue `backlog` others wait?
+  // Asks whether the message may be sent to this cloud (F2). `backlog` is the number of other requests in its
+  // queue.
   template <class Fired>
   [[nodiscard]] Decision offer(Instant now, Timestamp t, Priority cloud, Deadline deadline, std::uint64_t backlog,
                                Fired&& fired) {
@@ -315,7 +322,7 @@ class Machine {
     }));
   }
 
-  // F3: the source's result came.
+  // Reports the result of a source (F3).
   template <class Fired>
   [[nodiscard]] std::optional<Answer> result(Instant now, Timestamp t, Priority source, Fired&& fired) {
     return ask(fired, [&](fuseline_answer* answer) {
@@ -323,7 +330,7 @@ class Machine {
     });
   }
 
-  // F4: no result will come from the source.
+  // Reports that no result will come from a source (F4).
   template <class Fired>
   [[nodiscard]] std::optional<Answer> fail(Instant now, Timestamp t, Priority source, Fired&& fired) {
     return ask(fired, [&](fuseline_answer* answer) {
@@ -331,20 +338,21 @@ class Machine {
     });
   }
 
-  // F0: time went by.
+  // Lets time pass (F0).
   template <class Fired>
   [[nodiscard]] std::optional<Answer> tick(Instant now, Fired&& fired) {
     return ask(fired, [&](fuseline_answer* answer) { return fuseline_tick(machine_, now.ns(), answer); });
   }
 
-  // When a timer is due next; tick then. Nothing if no timer is armed, or if status() is not FUSELINE_STATUS_DONE.
+  // Returns the next due instant; tick then. Returns nothing if no timer is armed, or if status() is not
+  // FUSELINE_STATUS_DONE.
   [[nodiscard]] std::optional<Instant> next_due() noexcept {
     std::uint64_t due = 0;
     if (!answered([&] { return fuseline_next_due(machine_, &due); })) return std::nullopt;
     return Instant::from_monotonic(detail::Nanoseconds(due));
   }
 
-  // Ends the machine: no later call has an answer, FUSELINE_STATUS_FOREIGN.
+  // Ends the machine. Later calls have no answer, and their status is FUSELINE_STATUS_FOREIGN.
   void end() noexcept {
     if (machine_ == nullptr) return;
     static_cast<void>(fuseline_end(machine_));
@@ -352,14 +360,15 @@ class Machine {
     status_ = FUSELINE_STATUS_FOREIGN;
   }
 
-  // What the machine knows of an open message. Nothing if it is not open, or if status() is not FUSELINE_STATUS_DONE.
+  // Returns the state of an open message. Returns nothing if it is not open, or if status() is not
+  // FUSELINE_STATUS_DONE.
   [[nodiscard]] std::optional<fuseline_message> look_at(Timestamp t) noexcept {
     fuseline_message message{};
     if (!answered([&] { return fuseline_look_at(machine_, t.count, &message); })) return std::nullopt;
     return message;
   }
 
-  // What the machine knows of itself.
+  // Returns the state of the machine.
   [[nodiscard]] std::optional<fuseline_state> look() noexcept {
     fuseline_state state{};
     if (!answered([&] { return fuseline_look(machine_, &state); })) return std::nullopt;
@@ -379,7 +388,7 @@ class Machine {
     return Answer(answer);
   }
 
-  // Whether a question has an answer. That nothing is there is no failure.
+  // Asks a query and returns whether it has an answer. FUSELINE_STATUS_NONE is not a failure.
   template <class Question>
   bool answered(Question question) noexcept {
     if (machine_ == nullptr) return false;
@@ -393,12 +402,13 @@ class Machine {
   Status status_ = FUSELINE_STATUS_NULL;
 };
 
-// The values of held results: of each open timestamp that of its best, for only that can be forwarded (P3). Give it
-// each answer and each firing, and none leaks: what is not forwarded is destroyed as soon as it cannot be. It has a
-// place for each timestamp of its machine, which it takes to be made, so that the two cannot differ.
+// Stores the values of held results: for each open timestamp the value of the best one, because only that can
+// be forwarded (P3). Pass it each answer and each firing; then a value that cannot be forwarded any more is
+// destroyed at once. It has a place for each timestamp of its machine, which is an argument so that the two
+// cannot differ.
 //
-// A value is destroyed when all others are in their places, so its destructor may call whoever calls this. If the move of
-// a value throws, that value alone is lost, and lost() counts it when it was to be sent.
+// A value is destroyed while all others are in their places, so its destructor may call the owner of this
+// store. If the move of a value throws, only that value is lost, and lost() counts it if it was to be sent.
 template <class Value, class Capacity>
 class Held {
   static_assert(detail::is_value<Value>, "a value is an object that can be moved: neither const, nor a reference, an array or void");
@@ -406,7 +416,7 @@ class Held {
  public:
   explicit Held(const Machine<Capacity>& machine) : places_(machine.greatest_window()) {}
 
-  // A result's value and what became of it. Gives the value to be sent downstream, if one is.
+  // Takes a result's value and its answer. Returns the value to be sent downstream, if one is.
   [[nodiscard]] std::optional<Value> result(Priority source, Value value, const Answer& answer) {
     if (answer.is(FUSELINE_OUTCOME_HELD)) {
       hold(answer.timestamp(), source, std::move(value));
@@ -419,7 +429,7 @@ class Held {
     return settled(answer);
   }
 
-  // A failure or a firing. Gives the value to be sent downstream, if one is.
+  // Takes the answer to a failure, or a firing. Returns the value to be sent downstream, if one is.
   [[nodiscard]] std::optional<Value> settled(const Answer& answer) {
     if (is_output(answer)) {
       std::optional<Value> value = take(answer.timestamp(), answer.by());
@@ -430,8 +440,8 @@ class Held {
     return std::nullopt;
   }
 
-  // How many values found no place, or were not there when they were to be sent: not 0 if an answer or a firing was not
-  // given, one of another machine was, or the move of a value threw.
+  // Returns the number of values that found no place, or were missing when they were to be sent. It is not 0
+  // if an answer or a firing was not passed, one of another machine was passed, or the move of a value threw.
   std::size_t lost() const noexcept { return lost_; }
 
   std::size_t size() const noexcept {
@@ -445,7 +455,7 @@ class Held {
     return answer.is(FUSELINE_OUTCOME_FORWARDED) || answer.is(FUSELINE_OUTCOME_PRELIMINARY);
   }
 
-  // A place that is emptied is nobody's: the destructor of what was in it may call.
+  // A place that is being emptied belongs to nobody, because the destructor of its value may call this store.
   enum class Use : unsigned char { free, held, emptied };
   struct Place {
     Timestamp timestamp;
@@ -484,7 +494,7 @@ class Held {
     place->use = Use::held;
   }
 
-  // The outdone value is destroyed last, when the better one is in its place.
+  // Destroys the value that is replaced last, when the better one is in its place.
   void replace(Place& place, Priority source, Value&& value) {
     if (source < place.source && place.source != no_source) return;
     [[maybe_unused]] const Value outdone(std::move(*place.value));
@@ -493,7 +503,7 @@ class Held {
     place.source = source;
   }
 
-  // Empties the timestamp's place; gives its value if it is that of `by`.
+  // Empties the timestamp's place. Returns its value if its source is `by`.
   std::optional<Value> take(Timestamp t, Priority by) {
     std::optional<Value> value;
     Place* place = find(t);
@@ -507,7 +517,8 @@ class Held {
     return value;
   }
 
-  // Empties the timestamp's place. Its value is destroyed when the place is free again, if the move cannot throw.
+  // Empties the timestamp's place. Its value is destroyed when the place is free again, unless the move can
+  // throw.
   void discard(Timestamp t) noexcept {
     std::optional<Value> outdone;
     if (Place* place = find(t)) {
@@ -527,29 +538,32 @@ class Held {
   std::size_t lost_ = 0;
 };
 
-// What an operator's sink may leave out: derive from it. Two members it must have, or its operator does not compile:
+// Has the functions that an operator's sink may leave out. Derive from it. The sink must have two functions,
+// or its operator does not compile:
 //
-//     void forward(Timestamp, Priority, Value);  // once for each message that is forwarded, the last output under progressive: send it
-//     void miss(Timestamp);                      // once for each message for which nothing came and nothing will
+//     void forward(Timestamp, Priority, Value);  // the last or only output of a message: send it
+//     void miss(Timestamp);                      // the message has no output
 //
-// Name the sink's own type in the operator: nothing here is virtual. A base of the sink is refused unless it has virtual
-// functions or, if the operator only ever saw the base, unless the base has the two members itself.
+// Each message leads to one call of one of the two. Name the sink's own type in the operator, because nothing
+// here is virtual. A base of the sink is refused unless it has virtual functions or, if the operator only
+// ever saw the base, unless the base has the two functions itself.
 //
-// Under Commit::progressive a sink has two more, which nothing here stands in for. Without them no such operator is made:
+// Under Commit::progressive a sink needs two more functions. Without them the operator is not made:
 // FUSELINE_STATUS_COMMIT.
 //
-//     void preliminary(Timestamp, Priority, Value);  // send it; better ones may follow, then forward or final
-//     void final(Timestamp, Priority);               // what was sent last was the last
+//     void preliminary(Timestamp, Priority, Value);  // send it; better ones may follow, then forward or
+//     final
+//     void final(Timestamp, Priority);               // the last value that was sent is final
 template <class Value>
 struct Sink {
-  // The result of this cloud is no longer wanted: abort its call, if you like.
+  // The result of this cloud is no longer wanted. Its call may be aborted.
   void cancel(Timestamp, Priority) {}
-  // Timers fired: for records. The others report what follows.
+  // Timers fired. This is for records; the other functions report the consequences.
   void fired(const Firing&) {}
 };
 
 namespace detail {
-// Whether a sink takes outputs.
+// True if a sink takes outputs.
 template <class Into, class Value, class = void>
 struct TakesOutputs : std::false_type {};
 template <class Into, class Value>
@@ -557,7 +571,7 @@ struct TakesOutputs<Into, Value,
                     std::void_t<decltype(std::declval<Into&>().forward(Timestamp(), Priority(), std::declval<Value>())),
                                 decltype(std::declval<Into&>().miss(Timestamp()))>> : std::true_type {};
 
-// Whether a sink takes outputs before the last one.
+// True if a sink takes outputs before the last one.
 template <class Into, class Value, class = void>
 struct TakesPreliminary : std::false_type {};
 template <class Into, class Value>
@@ -567,37 +581,41 @@ struct TakesPreliminary<Into, Value,
 }  // namespace detail
 
 namespace detail {
-// Whether a clock is an object, which an operator is given: the standard library's have a static now().
+// True if a clock is an object, which the operator must be given. The clocks of the standard library have a
+// static now().
 template <class Clock, class = void>
 struct IsObject : std::true_type {};
 template <class Clock>
 struct IsObject<Clock, std::void_t<decltype(Clock::now())>> : std::false_type {};
 }  // namespace detail
 
-// What an operator could not deliver.
+// Counts what an operator could not deliver.
 struct SinkFailures {
   std::size_t len = 0;  // calls of the sink that threw, moves of values that threw, and outputs without a value after that
   Timestamp last;       // the message of the last of them, if there is one
 };
 
-// An operator for one thread: the machine, the values of held results, a clock and where results go.
+// An operator for one thread: the machine, the values of held results, a clock, and a sink for outputs.
 //
-// Each function reads the clock, gives what is due to the sink, and then does what its name says. Wake up at next_due()
-// and tick. A message whose open is refused is the caller's to report: its sink hears nothing of it.
+// Each function reads the clock, passes what is due to the sink, and then does its own work. Wake up at
+// next_due() and tick. The sink hears nothing of a message whose open is refused, so the caller must report
+// it.
 //
-// What a sink throws stops nothing: all that was due and the input itself are done, and the sink's other functions are
-// called. The first exception since then is thrown at the end of result, fail or tick, by the outermost call if a sink or
-// a destructor called within another. Open and offer do not throw it, for their answer would be lost: the next result,
-// fail or tick does. sink_failures() counts each at once. A clock that throws is asked before anything is done, but the
-// value that result was given is gone.
+// An exception of the sink stops nothing: everything that was due is done, and so is the input itself, and
+// the sink's other functions are called. The end of result, fail or tick then throws the first exception
+// since then. If a sink or a destructor called the operator, the outermost call throws. Open and offer do not
+// throw it, because their answer would be lost; the next result, fail or tick does. sink_failures() counts
+// each exception at once. The clock is read before anything is done. If it throws, the value that was passed
+// to result is lost.
 //
-// Its end ends its machine first: what a destructor of a held value reports then is refused, FUSELINE_STATUS_FOREIGN. An
-// operator that is destroyed within a call of its own, as by its sink, ends the program: std::terminate.
+// The destructor ends the machine first: what a destructor of a held value reports then is refused with
+// FUSELINE_STATUS_FOREIGN. An operator that is destroyed within a call of its own, for example by its sink,
+// ends the program by std::terminate.
 //
-// `Clock` is a type of steady clock. One whose now() is not static is an object: give it after the clouds, and let it live
-// longer than the operator. fuseline_clock.hpp has two.
+// `Clock` is a type of steady clock. If its now() is not static, pass a clock object after the clouds; it
+// must live longer than the operator. fuseline_clock.hpp has two such clocks.
 //
-// `Using` is the machine: fuseline_record.hpp has one that records.
+// `Using` is the machine; fuseline_record.hpp has one that records.
 template <class Value, class Into, class Capacity = C3W16, class Clock = std::chrono::steady_clock,
           template <class> class Using = Machine>
 class Operator {
@@ -627,7 +645,7 @@ class Operator {
            std::size_t size, Clock& clock)
       : Operator(&sink, window, commit, greatest_deadline, clouds, size, &clock) {}
   ~Operator() {
-    // Its own sink, or the destructor of a value, would go on with what is no longer there.
+    // Its own sink, or the destructor of a value, would continue with an operator that no longer exists.
     if (calls_ > 0) std::terminate();
     machine_.end();
   }
@@ -635,7 +653,7 @@ class Operator {
   Status status() const noexcept { return machine_.status(); }
   explicit operator bool() const noexcept { return static_cast<bool>(machine_); }
 
-  // A message came: compute on board, and offer it to the clouds, unless it is refused.
+  // Opens a message. Unless it is refused, compute it on board and offer it to the clouds.
   [[nodiscard]] Decision open(Timestamp t, std::optional<Deadline> limit = std::nullopt) {
     const Call call(calls_);
     const Decision answer = machine_.open(now(), t, limit, fired());
@@ -643,13 +661,13 @@ class Operator {
     return answer;
   }
 
-  // Send it to this cloud if it is admitted.
+  // Offers the message to this cloud. Send it if it is admitted.
   [[nodiscard]] Decision offer(Timestamp t, Priority cloud, Deadline deadline, std::uint64_t backlog) {
     const Call call(calls_);
     return machine_.offer(now(), t, cloud, deadline, backlog, fired());
   }
 
-  // A source's result came with this value.
+  // Takes a source's result with this value.
   std::optional<Answer> result(Timestamp t, Priority source, Value value) {
     return concluded([&] { return machine_.result(now(), t, source, fired()); },
                      [&](const Answer& answer) {
@@ -657,23 +675,24 @@ class Operator {
                      });
   }
 
-  // No result will come from this source.
+  // Reports that no result will come from this source.
   std::optional<Answer> fail(Timestamp t, Priority source) {
     return concluded([&] { return machine_.fail(now(), t, source, fired()); },
                      [&](const Answer& answer) { conclude(answer, [&] { return held_.settled(answer); }); });
   }
 
-  // Time went by. False if the machine could not be asked.
+  // Lets time pass. Returns false if the machine could not be called.
   bool tick() {
     return concluded([&] { return machine_.tick(now(), fired()); }, [](const Answer&) {}).has_value();
   }
 
-  // Ends the messages that are open, the oldest first: all that is pending fails, so each is forwarded by the best result
-  // that is there, or missed. The operator can be used on. False if the machine could not be asked.
+  // Ends the open messages, the oldest first: everything pending fails, so each message is forwarded with its
+  // best available result, or missed. The operator can still be used afterwards. Returns false if the machine
+  // could not be called.
   bool drain() {
     return concluded(
                [&] {
-                 // A copy: what a sink opens meanwhile stays open.
+                 // A copy, so that messages which a sink opens meanwhile stay open.
                  const auto opened = open_;
                  const std::size_t len = open_len_;
                  for (std::size_t i = 0; i < len; ++i) end(opened[i]);
@@ -683,7 +702,8 @@ class Operator {
         .has_value();
   }
 
-  // When to tick next. Nothing if no timer is armed, or if status() is not FUSELINE_STATUS_DONE.
+  // Returns the instant to tick next. Returns nothing if no timer is armed, or if status() is not
+  // FUSELINE_STATUS_DONE.
   [[nodiscard]] std::optional<typename Clock::time_point> next_due() noexcept {
     const std::optional<Instant> due = machine_.next_due();
     if (!due) return std::nullopt;
@@ -691,22 +711,22 @@ class Operator {
     using Reading = typename Clock::time_point;
     const Rest room = start_ < Reading() ? Reading::max().time_since_epoch() : Reading::max() - start_;
     if (due->ns() >= nanoseconds_of(room)) return Reading::max();
-    // Rounded up: a tick before the due instant fires nothing.
+    // The instant is rounded up, because a tick before the due instant fires nothing.
     const Rest rest = std::chrono::duration_cast<Rest>(detail::Nanoseconds(due->ns()));
     return start_ + (nanoseconds_of(rest) < due->ns() ? rest + Rest(1) : rest);
   }
 
-  // How many values are held.
+  // Returns the number of values held.
   std::size_t held() const noexcept { return held_.size(); }
 
-  // Begins the trace, before the first message. For a machine that records, by fuseline_record.hpp.
+  // Begins the trace, before the first message. It needs a machine that records, as in fuseline_record.hpp.
   template <class Write>
   [[nodiscard]] bool record(Write write) {
     return machine_.record(std::move(write));
   }
   bool is_recording() const noexcept { return machine_.is_recording(); }
 
-  // What could not be delivered because the sink, or the move of a value, threw.
+  // Returns what could not be delivered because the sink, or the move of a value, threw.
   SinkFailures sink_failures() const noexcept { return failures_; }
 
  private:
@@ -732,7 +752,7 @@ class Operator {
 
   static constexpr bool takes_preliminary = detail::TakesPreliminary<Into, Value>::value;
 
-  // The commit rule, or one that no machine has if the sink does not take its outputs.
+  // Returns the commit rule, or one that no machine has if the sink does not take its outputs.
   static constexpr Commit taken(Commit commit) noexcept {
     static_assert(detail::TakesOutputs<Into, Value>::value,
                   "the sink lacks forward(Timestamp, Priority, Value) or miss(Timestamp): is a name misspelt, or is this a base of the sink?");
@@ -759,7 +779,8 @@ class Operator {
     };
   }
 
-  // An input and what follows from its answer; then throws what a sink threw, unless another call is under way.
+  // Runs an input and what follows from its answer. Then throws what a sink threw, unless another call is
+  // under way.
   template <class Ask, class Follow>
   std::optional<Answer> concluded(Ask ask, Follow follow) {
     std::optional<Answer> answer;
@@ -774,7 +795,7 @@ class Operator {
     return answer;
   }
 
-  // `settle` puts the answer's values in order and gives the one to be sent.
+  // Calls `settle`, which updates the stored values and returns the one to be sent.
   template <class Settle>
   void conclude(const Answer& answer, Settle settle) {
     const Timestamp t = answer.timestamp();
@@ -791,7 +812,7 @@ class Operator {
     };
     if (answer.is(FUSELINE_OUTCOME_FORWARDED)) {
       const bool has_value = send([&](Value&& value) { sink_.forward(t, answer.by(), std::move(value)); });
-      // The move of its value threw: the message does not end in silence.
+      // The move of its value threw, so the message is reported as missed.
       if (!has_value) attempt(t, [&] { sink_.miss(t); });
     } else if (answer.is(FUSELINE_OUTCOME_PRELIMINARY)) {
       if constexpr (takes_preliminary) send([&](Value&& value) { sink_.preliminary(t, answer.by(), std::move(value)); });
@@ -805,7 +826,8 @@ class Operator {
     for (const Priority cloud : answer.cancelled()) attempt(t, [&] { sink_.cancel(t, cloud); });
   }
 
-  // Fails what is pending, the clouds first: local alone could end the message before a better result is looked at.
+  // Fails everything pending, the clouds first, because local alone could end the message before a better
+  // result is considered.
   void end(Timestamp t) {
     const std::optional<fuseline_message> message = machine_.look_at(t);
     if (!message) return;
@@ -827,7 +849,7 @@ class Operator {
     failures_.last = t;
   }
 
-  // Calls the sink. What it throws is kept, the first alone, and counted: then false.
+  // Calls the sink. Returns false if it throws. The exception is counted, and the first one is kept.
   template <class Function>
   bool attempt(Timestamp t, Function function) {
 #if defined(__cpp_exceptions)

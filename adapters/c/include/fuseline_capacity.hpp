@@ -14,8 +14,8 @@
 
 namespace fuseline {
 
-// The smallest capacity of the library that has room for the clouds and the window that a machine is made with. If it has
-// none, no machine is made: FUSELINE_STATUS_CAPACITY.
+// The smallest capacity of the library that has room for a machine's clouds and window. If there is none, no
+// machine is made: FUSELINE_STATUS_CAPACITY.
 struct AnyCapacity {
   class Storage {
    public:

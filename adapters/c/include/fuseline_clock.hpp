@@ -14,11 +14,12 @@
 
 namespace fuseline {
 
-// A clock of yours, such as simulated time or a synchronised one: `read` returns how long it has run, as a std::chrono
-// duration that counts in 64 bits. A reading before its start is 0.
+// A clock of yours, such as simulated time or a synchronised clock. `read` returns how long it has run, as a
+// std::chrono duration that counts in 64 bits. A reading before its start becomes 0.
 //
-// A reading that is earlier than one before it is answered with that one, and counted. No timer fires until the clock has
-// caught up: if it was set back by more than a deadline, as when a recording begins again, make a new operator.
+// A reading that is earlier than a previous one is replaced by that one, and counted. No timer fires until
+// the clock has caught up. If it was set back by more than a deadline, for example when a recording starts
+// again, make a new operator.
 template <class Read>
 class ReadClock {
   template <class>
@@ -55,7 +56,7 @@ class ReadClock {
     return time_point(latest_);
   }
 
-  // How many readings were earlier than one before them.
+  // Returns the number of readings that were earlier than a previous one.
   std::uint64_t set_back() const noexcept { return set_back_; }
 
  private:
@@ -67,7 +68,7 @@ class ReadClock {
 template <class Read>
 ReadClock(Read) -> ReadClock<Read>;
 
-// A clock for tests and simulations: time goes by when you say so.
+// A clock for tests and simulations. Its time passes only by advance().
 class ManualClock {
  public:
   using duration = std::chrono::nanoseconds;
@@ -82,7 +83,7 @@ class ManualClock {
 
   time_point now() const noexcept { return time_point(at_); }
 
-  // Lets time go by. False if `by` is negative or leads beyond the last reading: then nothing has changed.
+  // Lets time pass. Returns false, and changes nothing, if `by` is negative or leads beyond the last reading.
   template <class Rep, class Period>
   [[nodiscard]] bool advance(const std::chrono::duration<Rep, Period>& by) noexcept {
     const auto left = static_cast<std::uint64_t>((duration::max() - at_).count());

@@ -1,7 +1,7 @@
-// Joins for C++17, header only, without the library: messages of several inputs that have one key, given together (E5, E6, E8).
+// Joins for C++17, header only, without the library: gives messages of several inputs that share a key together (E5, E6, E8).
 //
-// As the synchronizers of message_filters, with a bound on waiting and a callback on drops: a sensor that died holds nothing
-// up. For one thread. Time is an argument: call tick() at next_due(), for instance by a timer of rclcpp.
+// A join resembles the synchronizers of message_filters, but it bounds the wait and reports drops, so a dead sensor delays
+// nothing for longer. It serves one thread. Time is an argument: call tick() at next_due(), for example by a timer of rclcpp.
 
 #ifndef FUSELINE_JOIN_HPP
 #define FUSELINE_JOIN_HPP
@@ -21,14 +21,14 @@
 
 namespace fuseline {
 
-// Why a set was given: each input is there, its wait was over, or there was no room for a new one.
+// The reason why a set was given: every input is there, its wait ended, or there was no room for a new one.
 enum class JoinCause { complete, due, full };
 
-// Why a message was not joined: its set was given before, or is older than the last 1,024 that were; its input's message is
-// there; its pointer is null.
+// The reason why a message was not joined: its set was already given, or is older than the last 1,024 sets;
+// its input's message is already there; or its pointer is null.
 enum class JoinDropReason { late, duplicate, null };
 
-// A set; the pointer of an input that nothing came from is null.
+// A set. The pointer of an input that contributed no message is null.
 template <class... Messages>
 struct JoinedSet {
   std::uint64_t key;
@@ -36,7 +36,7 @@ struct JoinedSet {
   JoinCause cause;
 };
 
-// A message that was not joined; inputs count from 0.
+// A message that was not joined. Inputs count from 0.
 struct JoinDrop {
   std::size_t input;
   std::uint64_t key;
@@ -51,36 +51,38 @@ class Join {
   template <std::size_t Input>
   using Message = std::tuple_element_t<Input, std::tuple<Messages...>>;
 
-  // A set waits so long after its first message; for one more than `window`, of at least 1, the oldest is given as it is.
+  // Creates a join whose sets wait for `wait` after their first message. If there are more than `window`
+  // sets, which is at least 1, the oldest is given incomplete.
   //
-  // Callbacks may call the join, and may throw: what is due is given first, and the message that came is taken. Then the first
-  // exception is thrown, by the outermost call. Without `on_drop`, drops are only counted.
+  // Callbacks may call the join, and may throw: sets that are due are still given, and the message that came
+  // is still joined. Then the outermost call throws the first exception. Without `on_drop`, drops are only
+  // counted.
   Join(std::chrono::nanoseconds wait, std::size_t window, std::function<void(const Set&)> on_set,
        std::function<void(const JoinDrop&)> on_drop)
       : wait_(wait), window_(std::max<std::size_t>(window, 1)), on_set_(std::move(on_set)), on_drop_(std::move(on_drop)) {}
 
-  // The end of a join within a call of its own, as by a callback, ends the program.
+  // A join that is destroyed within a call of its own, for example by a callback, ends the program.
   ~Join() {
     if (calls_ > 0) std::terminate();
   }
   Join(const Join&) = delete;
   Join& operator=(const Join&) = delete;
 
-  // A message came. The key is what the messages of one set have in common, such as their stamp.
+  // Adds a message. The key is what the messages of one set share, such as their stamp.
   template <std::size_t Input>
   void arrive(Instant now, std::uint64_t key, std::shared_ptr<const Message<Input>> message) {
     call([&] { take<Input>(now, key, std::move(message)); });
   }
 
-  // E5: gives what is due, the oldest first.
+  // Gives the sets that are due, the oldest first (E5).
   void tick(Instant now) {
     call([&] { give_due(now); });
   }
 
-  // How many messages were dropped.
+  // Returns the number of messages that were dropped.
   std::uint64_t dropped() const noexcept { return dropped_; }
 
-  // When the next set is due, if one waits.
+  // Returns the instant when the next set is due, if one waits.
   [[nodiscard]] std::optional<Instant> next_due() const {
     if (open_.empty()) return std::nullopt;
     return open_.at(oldest()).due;
@@ -96,7 +98,7 @@ class Join {
   void take(Instant now, std::uint64_t key, std::shared_ptr<const Message<Input>> message) {
     give_due(now);
     if (!message) return drop({Input, key, JoinDropReason::null});
-    // E6 once: a key that was given never opens again.
+    // A key that was given never opens again (E6).
     if ((floor_ && key <= *floor_) || given_.count(key) > 0) return drop({Input, key, JoinDropReason::late});
     if (open_.count(key) == 0 && open_.size() >= window_) give(oldest(), JoinCause::full);
     OpenSet& open = open_.try_emplace(key, OpenSet{due_at(now), {}}).first->second;
@@ -122,7 +124,7 @@ class Join {
   void give(std::uint64_t key, JoinCause cause) {
     const auto open = open_.extract(key);
     given_.insert(key);
-    // E8 bounded.
+    // The keys that are remembered are bounded (E8).
     if (given_.size() > remembered) {
       floor_ = std::max(floor_.value_or(0), *given_.begin());
       given_.erase(given_.begin());
@@ -135,7 +137,7 @@ class Join {
     if (on_drop_) attempt([&] { on_drop_(dropped); });
   }
 
-  // A call, which throws what callbacks threw unless another call is under way.
+  // Runs a call. It throws what callbacks threw, unless another call is under way.
   template <class Function>
   void call(Function function) {
     struct Call {

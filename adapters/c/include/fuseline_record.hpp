@@ -17,8 +17,8 @@
 
 namespace fuseline {
 
-// A machine that records what it is asked and what it decides, in the order in which it decides: also if a sink calls the
-// operator, whose input then comes first.
+// A machine that records its inputs and decisions in the order of the decisions. If a sink calls the
+// operator, that input comes first.
 template <class Capacity = C3W16>
 class RecordedMachine : public Machine<Capacity> {
   using Base = Machine<Capacity>;
@@ -39,8 +39,9 @@ class RecordedMachine : public Machine<Capacity> {
     header_ += "]}\n";
   }
 
-  // Begins the trace: `write` takes one line after the other, and returns false if it could not. False if the machine was not
-  // made, has had an input, or `write` fails: then there is no trace.
+  // Begins the trace. `write` takes one line after the other, and returns false if it could not write it.
+  // Returns false, and there is no trace, if the machine was not made, already had an input, or `write`
+  // fails.
   [[nodiscard]] bool record(std::function<bool(std::string_view)> write) {
     if (!*this || is_used_ || write_) return false;
     write_ = std::move(write);
@@ -49,7 +50,7 @@ class RecordedMachine : public Machine<Capacity> {
     return is_recording();
   }
 
-  // Whether each line so far was written. After one that was not, the trace ends.
+  // Returns true if every line so far was written. The trace ends at the first line that was not.
   bool is_recording() const noexcept { return write_ && !is_ended_; }
 
   template <class Fired>
@@ -104,7 +105,8 @@ class RecordedMachine : public Machine<Capacity> {
   }
 
  private:
-  // What fired is recorded before `fired` hears of it, as what a tick led to: a call from within may decide before the input.
+  // Records a firing as the consequence of a tick before `fired` is called, because a call from within may
+  // decide before the input.
   template <class Fired>
   auto passing(Fired& fired) {
     is_used_ = true;
@@ -114,7 +116,7 @@ class RecordedMachine : public Machine<Capacity> {
         input("tick", firing, nullptr);
         finish();
       }
-      // All that is due at a tick fires at its instant, also what a call from within made fire.
+      // Everything due at a tick fires at its instant, even what a call from within made fire.
       decided_ = ticked_;
       for (const Priority timer : firing.timers()) plain("timer", firing, timer);
       ending(firing);
@@ -164,7 +166,8 @@ class RecordedMachine : public Machine<Capacity> {
     if (is_recording()) lines_ += line_ + "}\n";
   }
 
-  // Writes what is decided, line by line. If `write` calls the operator, what that decides is written afterwards.
+  // Writes the decisions line by line. If `write` calls the operator, the decisions of that call are written
+  // afterwards.
   void flush() {
     if (is_writing_) return;
     is_writing_ = true;
@@ -176,7 +179,8 @@ class RecordedMachine : public Machine<Capacity> {
     is_writing_ = false;
   }
 
-  // A trace with a gap would be judged as if what is missing had not happened: so it ends at the first line that fails.
+  // Writes a line. The trace ends at the first line that fails, because a gap would be judged as if the
+  // missing lines had not happened.
   void put(std::string_view line) {
     bool is_written = false;
 #if defined(__cpp_exceptions)
@@ -191,7 +195,7 @@ class RecordedMachine : public Machine<Capacity> {
     is_ended_ = !is_written;
   }
 
-  // A deadline above the greatest is 0 to the machine.
+  // Converts a deadline: one above the greatest is 0 to the machine.
   std::uint64_t to_machine(Deadline deadline) const noexcept { return deadline.ns() > greatest_ ? 0 : deadline.ns(); }
 
   Commit commit_;

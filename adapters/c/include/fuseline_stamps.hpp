@@ -12,16 +12,17 @@
 
 namespace fuseline {
 
-// A bounded map from stamps to timestamps, without allocation. A stamp that occurred among the last `Remembered` has no
-// timestamp of its own: a reply with it could get another message's place. So its message is refused, as with a driver that
-// leaves every stamp 0, or a recording that is played twice.
+// A bounded map from stamps to timestamps, without allocation. The message of a stamp that occurred among the
+// last `Remembered` is refused: a reply with that stamp could otherwise get another message's place. This
+// happens with a driver that leaves every stamp 0, or with a recording that is played twice.
 template <class Stamp, std::size_t Remembered = 1024>
 class Stamps {
   static_assert(Remembered > 0, "stamps are remembered");
   static_assert(!std::is_floating_point_v<Stamp>, "a stamp is a whole number or a type of yours: one that is rounded is not found");
 
  public:
-  // The next timestamp, for a message with this stamp. Nothing if the stamp is remembered: report it, and do not open.
+  // Returns the next timestamp, for a message with this stamp. Returns nothing if the stamp is remembered;
+  // report that, and do not open a timestamp.
   [[nodiscard]] std::optional<Timestamp> add(const Stamp& stamp) {
     if (find(stamp)) {
       ++repeated_;
@@ -31,7 +32,8 @@ class Stamps {
     return Timestamp{next_++};
   }
 
-  // The timestamp of the message with this stamp. Nothing if there was none among the last `Remembered`.
+  // Returns the timestamp of the message with this stamp, or nothing if there was none among the last
+  // `Remembered`.
   [[nodiscard]] std::optional<Timestamp> find(const Stamp& stamp) const {
     const std::uint64_t oldest = next_ < Remembered ? 0 : next_ - Remembered;
     for (std::uint64_t t = next_; t-- > oldest;) {
@@ -40,13 +42,13 @@ class Stamps {
     return std::nullopt;
   }
 
-  // The stamp of a timestamp, while it is remembered.
+  // Returns the stamp of a timestamp, while it is remembered.
   [[nodiscard]] std::optional<Stamp> stamp_of(Timestamp t) const {
     if (t.count >= next_ || next_ - t.count > Remembered) return std::nullopt;
     return places_[t.count % Remembered];
   }
 
-  // How many messages were refused.
+  // Returns the number of messages that were refused.
   std::uint64_t repeated() const noexcept { return repeated_; }
 
  private:

@@ -1,7 +1,8 @@
 //! The exported functions for the machine of one thread.
 //!
-//! Each answers a wrong pointer, a wrong machine and a call from within another with a status, and then changes nothing.
-//! Their documentation is that of `include/fuseline.h`, which is made from it.
+//! Each one answers a wrong pointer, a wrong machine and a call from within another call with a status, and
+//! then changes nothing. Their documentation becomes that of `include/fuseline.h`, which is generated from
+//! it.
 #![expect(unsafe_code, reason = "a C interface reads and writes through its caller's pointers")]
 #![expect(clippy::doc_markdown, reason = "these texts are the header's, which has no markdown")]
 #![expect(clippy::missing_safety_doc, reason = "the header's preamble says it once for all calls")]
@@ -13,8 +14,8 @@ use crate::names;
 use crate::plain::{CAnswer, CConfig, CMessage, CState, CStatus, FUSELINE_ABI};
 use crate::storage::{self, CMachine, IdleStorage, Storage, with_room};
 
-/// Makes a call of an idle machine, if there is one and the answer can be written; returns from the function if not. One call
-/// for each capacity, so that the compiler joins each with the machine's code.
+/// Makes a call of an idle machine if there is one and the answer can be written; otherwise returns from the
+/// function. There is one call for each capacity, so that the compiler joins it with the machine's code.
 macro_rules! call {
     ($machine:ident, $answer:ident, $method:ident($($argument:expr),*)) => {{
         // SAFETY: as the header requires.
@@ -31,36 +32,36 @@ macro_rules! call {
     }};
 }
 
-/// The version of the library: FUSELINE_ABI where its header fits.
+/// Returns the version of the library's interface. It is FUSELINE_ABI if the header fits.
 #[unsafe(no_mangle)]
 pub extern "C" fn fuseline_abi() -> u32 {
     FUSELINE_ABI
 }
 
-/// The version of the library, as FUSELINE_VERSION is the header's: "0.1.0".
+/// Returns the version of the library, such as "0.1.0". FUSELINE_VERSION is the header's.
 #[must_use]
 #[unsafe(no_mangle)]
 pub extern "C" fn fuseline_version() -> *const c_char {
     names::VERSION.as_ptr()
 }
 
-/// The capacity that the library was built for beside the named ones; 0 if there is none.
+/// Returns the capacity that the library was built for beside the named ones, or 0 if there is none.
 #[unsafe(no_mangle)]
 pub extern "C" fn fuseline_own_capacity() -> u32 {
     storage::OWN_CAPACITY
 }
 
-/// A deadline from a signed number of units, of `unit` nanoseconds each, as in
-/// fuseline_deadline(budget_ms - age_ms, FUSELINE_MILLISECOND): 0, which is refused, if it is negative; UINT64_MAX,
-/// which is above every greatest deadline but itself, if it does not fit.
+/// Returns a deadline of `count` units of `unit` nanoseconds each, as in
+/// fuseline_deadline(budget_ms - age_ms, FUSELINE_MILLISECOND). Returns 0, which is refused, if it is
+/// negative, and UINT64_MAX, which is above every greatest deadline but itself, if it does not fit.
 #[must_use]
 #[unsafe(no_mangle)]
 pub extern "C" fn fuseline_deadline(count: i64, unit: u64) -> u64 {
     u64::try_from(count).unwrap_or(0).saturating_mul(unit)
 }
 
-/// An instant from a reading of CLOCK_MONOTONIC or its like: a struct timespec's seconds and nanoseconds. 0 if it is
-/// negative; UINT64_MAX if it does not fit.
+/// Returns an instant from a reading of CLOCK_MONOTONIC or a similar clock: a struct timespec's seconds and
+/// nanoseconds. Returns 0 if the reading is negative, and UINT64_MAX if it does not fit.
 #[must_use]
 #[unsafe(no_mangle)]
 pub extern "C" fn fuseline_instant(seconds: i64, nanoseconds: i64) -> u64 {
@@ -69,16 +70,18 @@ pub extern "C" fn fuseline_instant(seconds: i64, nanoseconds: i64) -> u64 {
     })
 }
 
-/// How many bytes of storage a capacity takes in this library; 0 if it does not hold it.
+/// Returns the number of bytes of storage that a capacity takes in this library, or 0 if the library does not
+/// hold it.
 #[unsafe(no_mangle)]
 pub extern "C" fn fuseline_bytes(capacity: u32) -> usize {
     storage::bytes(capacity)
 }
 
-/// Makes a machine in `storage`, of which `bytes` bytes are given to it until fuseline_end, aligned as a uint64_t.
+/// Makes a machine in `storage`, which has `bytes` bytes, is aligned as a uint64_t, and belongs to the
+/// machine until fuseline_end.
 ///
-/// The storage is not read: a machine that is there already is lost. Nothing is written unless it is done; then
-/// `*machine` is what the other functions take. It must stay where it is.
+/// The storage is not read, so a machine that is already there is lost. Nothing is written unless the call
+/// succeeds; then `*machine` is the argument of the other functions. The machine must stay where it is.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_init(
@@ -94,7 +97,7 @@ pub unsafe extern "C" fn fuseline_init(
     }
 }
 
-/// Ends a machine: its storage is the caller's again, and further calls to it are answered FUSELINE_STATUS_FOREIGN.
+/// Ends a machine. Its storage is the caller's again, and further calls return FUSELINE_STATUS_FOREIGN.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_end(machine: *mut CMachine) -> CStatus {
@@ -105,7 +108,7 @@ pub unsafe extern "C" fn fuseline_end(machine: *mut CMachine) -> CStatus {
     }
 }
 
-/// F1: a message with timestamp `t` came.
+/// Opens timestamp `t` because a message with it arrived (F1).
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_open(
@@ -117,7 +120,7 @@ pub unsafe extern "C" fn fuseline_open(
     call!(machine, answer, open(now, t))
 }
 
-/// F1: a message with timestamp `t` came, and local may take `deadline` nanoseconds for it.
+/// Opens timestamp `t`, for which local may take `deadline` nanoseconds (F1).
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_open_within(
@@ -130,8 +133,8 @@ pub unsafe extern "C" fn fuseline_open_within(
     call!(machine, answer, open_within(now, t, deadline))
 }
 
-/// F2: may message `t` be sent to cloud `p`, which may take `deadline` nanoseconds and in whose outgoing queue
-/// `backlog` others wait?
+/// Asks whether message `t` may be sent to cloud `p`, which may take `deadline` nanoseconds (F2). `backlog`
+/// is the number of other requests in the cloud's outgoing queue.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_offer(
@@ -146,7 +149,7 @@ pub unsafe extern "C" fn fuseline_offer(
     call!(machine, answer, offer(now, t, p, deadline, backlog))
 }
 
-/// F3: the result of source `p` came; 0 is local.
+/// Reports the result of source `p`; 0 is local (F3).
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_result(
@@ -159,7 +162,7 @@ pub unsafe extern "C" fn fuseline_result(
     call!(machine, answer, result(now, t, p))
 }
 
-/// F4: no result will come from source `p`; 0 is local.
+/// Reports that no result will come from source `p`; 0 is local (F4).
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_fail(
@@ -172,7 +175,7 @@ pub unsafe extern "C" fn fuseline_fail(
     call!(machine, answer, fail(now, t, p))
 }
 
-/// F0: time went by. Call it at the next due instant, and as often besides as you like (P10).
+/// Lets time pass (F0). Call it at the next due instant; further calls are allowed at any time (P10).
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_tick(
@@ -183,21 +186,21 @@ pub unsafe extern "C" fn fuseline_tick(
     call!(machine, answer, tick(now))
 }
 
-/// Question: the earliest instant at which a timer is due, or FUSELINE_STATUS_NONE if none is armed.
+/// Writes the earliest instant at which a timer is due. Returns FUSELINE_STATUS_NONE if no timer is armed.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_next_due(machine: *mut CMachine, due: *mut u64) -> CStatus {
     call!(machine, due, next_due())
 }
 
-/// Question: the state of the machine as a whole.
+/// Writes the state of the machine as a whole.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_look(machine: *mut CMachine, state: *mut CState) -> CStatus {
     call!(machine, state, look())
 }
 
-/// Question: the state of timestamp `t`, or FUSELINE_STATUS_NONE if it is not open.
+/// Writes the state of timestamp `t`. Returns FUSELINE_STATUS_NONE if it is not open.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_look_at(
@@ -208,7 +211,8 @@ pub unsafe extern "C" fn fuseline_look_at(
     call!(machine, message, look_at(t))
 }
 
-/// Question: 1 if the gate of cloud `p` was left shut, else 0; FUSELINE_STATUS_NONE if there is no such cloud.
+/// Writes 1 if the last offer left the gate of cloud `p` shut, and otherwise 0. Returns FUSELINE_STATUS_NONE
+/// if there is no such cloud.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_gate_is_shut(
@@ -219,21 +223,21 @@ pub unsafe extern "C" fn fuseline_gate_is_shut(
     call!(machine, is_shut, gate_is_shut(p))
 }
 
-/// The word for a fuseline_status; "?" for another number.
+/// Returns the word for a fuseline_status, or "?" for another number.
 #[must_use]
 #[unsafe(no_mangle)]
 pub extern "C" fn fuseline_status_name(status: u32) -> *const c_char {
     names::status(status)
 }
 
-/// The word for a fuseline_outcome; "?" for another number.
+/// Returns the word for a fuseline_outcome, or "?" for another number.
 #[must_use]
 #[unsafe(no_mangle)]
 pub extern "C" fn fuseline_outcome_name(outcome: u32) -> *const c_char {
     names::outcome(outcome)
 }
 
-/// The word of SPEC.md for a fuseline_reason; "?" for another number.
+/// Returns the word of SPEC.md for a fuseline_reason, or "?" for another number.
 #[must_use]
 #[unsafe(no_mangle)]
 pub extern "C" fn fuseline_reason_name(reason: u32) -> *const c_char {

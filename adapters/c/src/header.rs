@@ -1,6 +1,7 @@
-//! The head of every storage, by which a call checks that a pointer is a live machine of its kind before it reads more.
+//! The head of every storage. By it a call checks that a pointer is a live machine of its kind before it
+//! reads more.
 //!
-//! Also here: the checks of a configuration, which both kinds of machine share.
+//! This module also checks configurations, which both kinds of machine share.
 
 use core::ffi::c_void;
 use core::ptr::addr_of_mut;
@@ -10,35 +11,36 @@ use fuseline_core::{Cloud, Commit, ConfigError, Deadline, Gate, Priority};
 
 use crate::plain::{CCloud, CCommit, CConfig, CStatus, FUSELINE_ABI, LAYOUT};
 
-/// The most clouds that any capacity has room for.
+/// The greatest number of clouds of any capacity.
 pub(crate) const MOST_CLOUDS: usize = 15;
-/// Where the clouds of a configuration are read to.
+/// The buffer into which the clouds of a configuration are read.
 pub(crate) const NO_CLOUDS: [Cloud; MOST_CLOUDS] = [Cloud::new(Priority::LOCAL, 1); MOST_CLOUDS];
 
-/// Is no bit of a capacity.
+/// A bit that no capacity has.
 const BUSY: u32 = 1 << 31;
 
 /// The first bytes of a storage.
 #[repr(C)]
 #[derive(Debug)]
 pub(crate) struct StorageHeader {
-    /// The seal of the address at which it was initialised: a copy of the bytes elsewhere is no machine.
+    /// The seal of the address at which the machine was made, so a copy of the bytes elsewhere is not a
+    /// machine.
     close: u64,
-    /// The bytes that belong to it.
+    /// The number of bytes of the storage.
     bytes: usize,
-    /// The capacity, with [`BUSY`] while a call is under way: one comparison finds both.
+    /// The capacity, with [`BUSY`] while a call is under way. One comparison checks both.
     state: AtomicU32,
-    /// In nanoseconds. A greater one is refused.
+    /// The greatest deadline in nanoseconds. A greater one is refused.
     greatest_deadline: u64,
 }
 
-/// A kind of machine, of which a caller has a pointer: a [`StorageHeader`] and its alignment.
+/// A kind of machine that a caller has a pointer to: a [`StorageHeader`] and its alignment.
 pub(crate) trait StorageKind {
-    /// Differs from kind to kind.
+    /// A number that differs from kind to kind.
     const SEAL: u64;
 }
 
-/// Where an answer will be written, and whether it can be.
+/// The place for an answer, and whether it can be written.
 #[derive(Clone, Copy)]
 pub(crate) struct AnswerTarget {
     at: usize,
@@ -47,7 +49,7 @@ pub(crate) struct AnswerTarget {
 }
 
 impl StorageHeader {
-    /// The head of a whole storage of type `T`.
+    /// Returns the head of a whole storage of type `T`.
     pub(crate) fn new<K: StorageKind, T>(storage: *const T, config: &CConfig) -> Self {
         Self {
             close: close::<K>(storage.addr()),
@@ -57,16 +59,16 @@ impl StorageHeader {
         }
     }
 
-    /// A caller's deadline. One above the greatest is 0 to the machine, which refuses it `deadline` if no other reason
-    /// comes first (F1, F2, A11).
+    /// Converts a caller's deadline. One above the greatest is 0 to the machine, which refuses it as
+    /// `deadline` unless another reason comes first (F1, F2, A11).
     pub(crate) const fn deadline(&self, nanos: u64) -> Deadline {
         Deadline::from_nanos(if nanos > self.greatest_deadline { 0 } else { nanos })
     }
 
-    /// The head of a machine, if it is one and the answers lie outside of it.
+    /// Returns the head of a machine, if it is one and the answers are outside of it.
     ///
     /// # Safety
-    /// `machine` came from the kind's init or may be read as a `K` at least, which begins with a head.
+    /// `machine` came from the kind's init, or may at least be read as a `K`, which begins with a head.
     #[expect(unsafe_code, reason = "reads the caller's storage")]
     pub(crate) unsafe fn of<'a, K: StorageKind>(
         machine: *mut K,
@@ -89,32 +91,34 @@ impl StorageHeader {
         Ok(header)
     }
 
-    /// The capacity.
+    /// Returns the capacity.
     #[cfg(feature = "threads")]
     pub(crate) fn capacity(&self) -> u32 {
         self.state.load(Ordering::Relaxed) & !BUSY
     }
 
-    /// The capacity if no call is under way, else no capacity.
+    /// Returns the capacity if no call is under way, and otherwise a number that is not a capacity.
     pub(crate) fn idle_capacity(&self) -> u32 {
-        // Acquire, and Release where a call ends: what the last one wrote, should the caller go from thread to thread.
+        // Acquire, with Release where a call ends: the caller sees what the last call wrote, even in another
+        // thread.
         self.state.load(Ordering::Acquire)
     }
 
-    /// What is wrong with a machine whose [`idle_capacity`](Self::idle_capacity) the library does not hold.
+    /// Returns what is wrong with a machine whose [`idle_capacity`](Self::idle_capacity) the library does not
+    /// hold.
     #[cold]
     pub(crate) fn refusal(&self) -> CStatus {
         if self.idle_capacity() & BUSY == 0 { CStatus::Foreign } else { CStatus::Busy }
     }
 
-    /// Begins a call of an idle machine. A load and a store are enough for whoever interrupts: between the two its whole
-    /// call fits.
+    /// Begins a call of an idle machine. A load and a store suffice against interruptions, because the whole
+    /// call of an interruption fits between the two.
     pub(crate) fn begin(&self, capacity: u32) {
         self.state.store(capacity | BUSY, Ordering::Relaxed);
         compiler_fence(Ordering::SeqCst);
     }
 
-    /// Begins a call, if none is under way: two threads may come at once.
+    /// Begins a call if none is under way. Two threads may come at once.
     #[cfg(feature = "threads")]
     pub(crate) fn begin_alone(&self) -> Result<(), CStatus> {
         match self.state.fetch_or(BUSY, Ordering::Acquire) & BUSY {
@@ -128,7 +132,7 @@ impl StorageHeader {
         self.state.store(capacity, Ordering::Release);
     }
 
-    /// Makes a machine no machine.
+    /// Ends a machine, so that its storage is not a machine any more.
     ///
     /// # Safety
     /// `machine` is one, and no other call uses it.
@@ -141,12 +145,12 @@ impl StorageHeader {
     }
 }
 
-/// Where an answer is written.
+/// Returns the place for an answer.
 pub(crate) fn answer_target<T>(answer: *mut T) -> AnswerTarget {
     AnswerTarget { at: answer.addr(), len: size_of::<T>(), is: check(answer) }
 }
 
-/// Refuses a call in which two answers would lie in one place: the later would overwrite the earlier.
+/// Refuses a call in which two answers share a place, because the later one would overwrite the earlier.
 #[cfg(feature = "threads")]
 pub(crate) fn apart(mut answers: &[AnswerTarget]) -> Result<(), CStatus> {
     while let [first, others @ ..] = answers {
@@ -158,15 +162,16 @@ pub(crate) fn apart(mut answers: &[AnswerTarget]) -> Result<(), CStatus> {
     Ok(())
 }
 
-/// The status of a wrong call. Not inlined, so that a correct call does not pay for it.
+/// Returns the status of a wrong call. It is not inlined, so that a correct call does not pay for it.
 #[cold]
 #[inline(never)]
 pub(crate) fn wrong(status: CStatus) -> CStatus {
     core::hint::black_box(status)
 }
 
-/// The configuration and the clouds that an init of either kind was given, if these, the storage and the address of the
-/// machine's pointer are all right. `needed` says how many bytes a capacity takes, 0 if there is none such.
+/// Returns the configuration and the clouds that an init of either kind was given, if these, the storage and
+/// the place for the machine's pointer are valid. `needed` returns the bytes that a capacity takes, or 0 if
+/// the library does not hold it.
 ///
 /// # Safety
 /// `config` may be read, with the clouds that it names.
@@ -204,7 +209,7 @@ pub(crate) unsafe fn validated_config<K>(
     }
 }
 
-/// The window and the commit rule of a configuration.
+/// Returns the window and the commit rule of a configuration.
 pub(crate) fn rule(config: &CConfig) -> (usize, Commit) {
     let commit = match config.commit {
         number if number == CCommit::Progressive as u32 => Commit::Progressive,
@@ -224,7 +229,7 @@ pub(crate) const fn status_of(error: &ConfigError) -> CStatus {
     }
 }
 
-/// The clouds of a configuration, each within its ranges.
+/// Returns the clouds of a configuration, each within its ranges.
 ///
 /// # Safety
 /// They may be read.
@@ -244,7 +249,7 @@ unsafe fn registered<'a>(
         // SAFETY: not null, aligned, and may be read by the caller's promise.
         let cloud: CCloud = unsafe { cloud.read() };
         let priority = u16::try_from(cloud.priority).map_err(|_| CStatus::Priority)?;
-        // Checked here, since making a machine checks the capacity first.
+        // The gate is checked here, because making a machine checks the capacity first.
         if Gate::new(cloud.limit, cloud.resume).is_none() {
             return Err(CStatus::Gate);
         }
@@ -254,7 +259,7 @@ unsafe fn registered<'a>(
     Ok(places)
 }
 
-/// That a pointer can be one to a `T`.
+/// Checks that a pointer can point to a `T`.
 fn check<T>(pointer: *mut T) -> Result<(), CStatus> {
     if pointer.is_null() {
         return Err(wrong(CStatus::Null));
@@ -265,7 +270,7 @@ fn check<T>(pointer: *mut T) -> Result<(), CStatus> {
     Ok(())
 }
 
-/// Whether `len` bytes at an address share one with `bytes` bytes of a storage.
+/// Returns `true` if `len` bytes at `at` share a byte with the `bytes` bytes of a storage.
 fn overlaps(at: usize, len: usize, storage: usize, bytes: usize) -> bool {
     let distance = at.wrapping_sub(storage);
     distance < bytes || distance.wrapping_neg() < len

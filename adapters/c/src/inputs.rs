@@ -1,4 +1,4 @@
-//! Answers of a machine of any capacity, in the plain data of the interface.
+//! Writes the answers of a machine of any capacity into the plain data of the interface.
 
 use core::mem::MaybeUninit;
 
@@ -9,10 +9,10 @@ use fuseline_core::{
 
 use crate::plain::{CAnswer, CMessage, COutcome, CReason, CState, CStatus, FUSELINE_SOURCES};
 
-/// Where an answer will be written.
+/// The place for an answer.
 pub(crate) type AnswerPointer<'a, T> = &'a mut MaybeUninit<T>;
 
-/// What is requested, or [`CStatus::None`], which writes nothing.
+/// Writes the value, or returns [`CStatus::None`] and writes nothing if there is none.
 pub(crate) fn answer_list<T>(value: Option<T>, target: AnswerPointer<T>) -> CStatus {
     match value {
         Some(value) => {
@@ -84,7 +84,7 @@ pub(crate) fn write_admission(answer: &mut CAnswer, admission: Admission) {
     }
 }
 
-// Inlined, so that what fired goes from registers into the answer.
+// Inlined, so that the firing goes from registers into the answer.
 #[inline]
 pub(crate) fn write_firing<const CLOUDS: usize>(answer: &mut CAnswer, firing: &Firing<CLOUDS>) {
     answer.fired = 1;
@@ -116,7 +116,7 @@ pub(crate) fn write_answer<const CLOUDS: usize>(answer: &mut CAnswer, outcome: &
     }
 }
 
-/// F7, F9: a result is sent, and what is pending is cancelled.
+/// Writes an output, and the pending clouds that it cancels (F7, F9).
 fn write_output<const CLOUDS: usize>(
     answer: &mut CAnswer,
     outcome: COutcome,
@@ -128,7 +128,7 @@ fn write_output<const CLOUDS: usize>(
     answer.cancelled_len = list(&mut answer.cancelled, cancelled);
 }
 
-/// Writes the members in ascending order and counts them.
+/// Writes the members in ascending order and returns their number.
 fn list<const CLOUDS: usize>(
     places: &mut [u16; FUSELINE_SOURCES],
     members: &Priorities<CLOUDS>,

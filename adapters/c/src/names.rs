@@ -1,4 +1,4 @@
-//! The names of statuses, outcomes and reasons, as SPEC.md has them.
+//! The names of statuses, outcomes and reasons, as in SPEC.md.
 
 use core::ffi::{CStr, c_char};
 
@@ -11,7 +11,7 @@ pub(crate) const VERSION: &CStr =
         Err(_) => NO_WORD,
     };
 
-/// What a number that has no word is called.
+/// The name for a number that has no word.
 const NO_WORD: &CStr = c"?";
 
 const STATUSES: [(CStatus, &CStr); 19] = [

@@ -1,85 +1,88 @@
-//! The plain data of the interface. `include/fuseline.h` is made from this file; a test compares them.
+//! The plain data of the interface. `include/fuseline.h` is generated from this file, and a test compares
+//! them.
 #![expect(clippy::doc_markdown, reason = "these texts are the header's, which has no markdown")]
 
-/// The version of this interface. A library refuses a header of another one.
+/// The version of this interface. A library refuses a header of another version.
 pub const FUSELINE_ABI: u32 = 2;
-/// The most sources of a machine: local and 15 clouds.
+/// The greatest number of sources of a machine: local and 15 clouds.
 pub const FUSELINE_SOURCES: usize = 16;
-/// Of the bytes that a machine's storage takes: those that each machine takes.
+/// The bytes of a machine's storage that do not depend on its capacity.
 pub const FUSELINE_BYTES: usize = 256;
-/// Those for each cloud.
+/// The bytes of a machine's storage for each cloud.
 pub const FUSELINE_BYTES_A_CLOUD: usize = 64;
-/// Those for each timestamp of the window.
+/// The bytes of a machine's storage for each timestamp of the window.
 pub const FUSELINE_BYTES_A_TIMESTAMP: usize = 96;
-/// Those for each timestamp and cloud.
+/// The bytes of a machine's storage for each timestamp and cloud.
 pub const FUSELINE_BYTES_A_TIMER: usize = 8;
 
-/// Of the bytes that the storage of a machine for many threads takes: those that each machine takes.
+/// The bytes of the storage of a machine for many threads that do not depend on its capacity.
 pub const FUSELINE_SHARED_BYTES: usize = 256;
-/// Those for each cloud.
+/// The bytes of the storage of a machine for many threads for each cloud.
 pub const FUSELINE_SHARED_BYTES_A_CLOUD: usize = 128;
 
-/// Whether a call was applied. From FUSELINE_STATUS_NULL on it was wrong and changed nothing.
+/// The status of a call. From FUSELINE_STATUS_NULL on, the call was wrong and changed nothing.
 #[repr(u32)]
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum CStatus {
-    /// The input was applied: the answer is its own.
+    /// The input was applied, and the answer is its own.
     Done = 0,
-    /// Timers fired first (F5): the answer is theirs and the input was not applied. Act on the answer, then make the
-    /// same call again.
+    /// Timers fired first (F5). The answer is theirs, and the input was not applied. Act on the answer, then
+    /// make the same call again.
     Again = 1,
-    /// There is nothing to report: no timer is armed, the timestamp is not open, or the priority is no cloud's.
+    /// There is nothing to report: no timer is armed, the timestamp is not open, or no cloud has this
+    /// priority.
     None = 2,
     /// A pointer is null.
     Null = 16,
-    /// A pointer is not aligned for what it points to.
+    /// A pointer is not aligned for its type.
     Alignment = 17,
     /// The storage is too small for the capacity.
     Size = 18,
-    /// An answer would lie in the machine's storage, or two answers of one call would share bytes.
+    /// An answer would be in the machine's storage, or two answers of one call would share bytes.
     Overlap = 19,
-    /// No machine is there: never initialised, ended, copied from elsewhere, or overwritten.
+    /// There is no machine: it was never initialised, was ended, was copied from elsewhere, or was
+    /// overwritten.
     Foreign = 20,
-    /// Another call to this machine is under way, which this one interrupted.
+    /// This call interrupted another call to this machine, which is under way.
     Busy = 21,
-    /// The header is of another version than the library.
+    /// The header has another version than the library.
     Abi = 22,
     /// The library does not hold a machine of exactly this many clouds and this window.
     Capacity = 23,
-    /// No such commit rule.
+    /// There is no such commit rule.
     Commit = 24,
-    /// The window is 0 or above the capacity.
+    /// The window is 0 or exceeds the capacity.
     Window = 25,
-    /// There are more clouds than the capacity allows.
+    /// The number of clouds exceeds the capacity.
     Clouds = 26,
     /// A cloud's priority is not from 1 to 65535.
     Priority = 27,
-    /// Two clouds have one priority (A10).
+    /// Two clouds have the same priority (A10).
     Twice = 28,
     /// A cloud's gate does not resume below its limit (F2g).
     Gate = 29,
-    /// The greatest deadline is 0: every deadline would be refused.
+    /// The greatest deadline is 0, so every deadline would be refused.
     Deadline = 30,
-    /// The message id names no message of this machine: another machine gave it, or none did.
+    /// The message id is not of this machine: another machine gave it, or none did.
     MessageId = 31,
 }
 
-/// How much a machine has room for: 65536 times the clouds, plus the open timestamps (FUSELINE_CAPACITY_OF). A library
-/// may hold one more: that of FUSELINE_OWN_CLOUDS and FUSELINE_OWN_WINDOW, see fuseline_own_capacity.
+/// The capacity of a machine: 65536 times the clouds, plus the open timestamps (FUSELINE_CAPACITY_OF). A
+/// library may hold one more, that of FUSELINE_OWN_CLOUDS and FUSELINE_OWN_WINDOW; see fuseline_own_capacity.
 #[repr(u32)]
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum CCapacity {
-    /// 1 cloud, a window of 4.
+    /// 1 cloud and a window of 4.
     C1W4 = 0x1_0004,
-    /// 3 clouds, a window of 16.
+    /// 3 clouds and a window of 16.
     C3W16 = 0x3_0010,
-    /// 7 clouds, a window of 64.
+    /// 7 clouds and a window of 64.
     C7W64 = 0x7_0040,
-    /// 15 clouds, a window of 1024: whatever SPEC.md allows.
+    /// 15 clouds and a window of 1024, which is everything that SPEC.md allows.
     C15W1024 = 0xf_0400,
 }
 
-/// The number of a capacity: the header's FUSELINE_CAPACITY_OF.
+/// Returns the number of a capacity, as the header's FUSELINE_CAPACITY_OF.
 #[expect(clippy::cast_possible_truncation, reason = "at most 15 clouds and a window of 1024")]
 pub(crate) const fn capacity_of(clouds: usize, window: usize) -> u32 {
     (clouds as u32) << 16 | window as u32
@@ -91,93 +94,99 @@ const _: () = {
     assert!(CCapacity::C15W1024 as u32 == capacity_of(15, 1024), "its name says it");
 };
 
-/// When a result is forwarded although a better one is pending (F6, F9).
+/// Decides when a result is forwarded although a better one is pending (F6, F9).
 #[repr(u32)]
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum CCommit {
-    /// The first cloud's timer that fires commits the best available one.
+    /// Forwards the best available result as soon as any cloud's timer fires.
     Eager = 0,
-    /// The best available one is forwarded once nothing pending outranks it.
+    /// Forwards the best available result once nothing pending outranks it.
     Patient = 1,
-    /// Each result that is better than those before it is sent at once: FUSELINE_OUTCOME_PRELIMINARY while better ones may
-    /// follow.
+    /// Sends each result that is better than those before it at once: FUSELINE_OUTCOME_PRELIMINARY while
+    /// better ones may follow.
     Progressive = 2,
 }
 
-/// What became of an input, or of timers that fired.
+/// The outcome of an input, or of timers that fired.
 #[repr(u32)]
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum COutcome {
-    /// A tick: time went by.
+    /// Tick: time passed.
     Nothing = 0,
     /// Open: the timestamp is open and waits for local.
     Accepted = 1,
-    /// Open, offer: for the reason `why`; nothing changed but a gate. A refused request must not be sent.
+    /// Open, offer: refused for the reason `why`. Nothing changed except, possibly, a gate. A refused request
+    /// must not be sent.
     Refused = 2,
-    /// Offer: send the request; its result is in time before `due`.
+    /// Offer: send the request. Its result is in time if it arrives before `due`.
     Admitted = 3,
-    /// Result: keep its value, for something pending outranks it.
+    /// Result: keep its value, because a source that outranks it is pending.
     Held = 4,
-    /// Send the value of `by` downstream. The timestamp is retired: discard what else is held for it, and abort the
-    /// calls of `cancelled` if you like.
+    /// Send the value of `by` downstream. The timestamp is retired: discard its other held values. The calls
+    /// of `cancelled` may be aborted.
     Forwarded = 5,
-    /// Result, failure: for the reason `why`; nothing changed. Discard its value.
+    /// Result, failure: dropped for the reason `why`. Nothing changed. Discard its value.
     Dropped = 6,
-    /// Nothing came and nothing will: the timestamp is retired.
+    /// The timestamp is retired: no result arrived in time and none is pending.
     Missed = 7,
     /// Failure, timers: the timestamp stays open.
     Waiting = 8,
-    /// Result, progressive alone: send the value of `by` downstream, and abort the calls of `cancelled` if you like. The
-    /// timestamp stays open for better values, until the last is FUSELINE_OUTCOME_FORWARDED or FUSELINE_OUTCOME_FINAL comes.
+    /// Result, progressive only: send the value of `by` downstream. The calls of `cancelled` may be aborted.
+    /// The timestamp stays open for better values, until FUSELINE_OUTCOME_FORWARDED or FUSELINE_OUTCOME_FINAL
+    /// comes.
     Preliminary = 9,
-    /// Failure, timers, progressive alone: the value of `by`, sent before, was the last. The timestamp is retired, and there
-    /// is nothing to send.
+    /// Failure, timers, progressive only: the value of `by`, sent before, was the last one. The timestamp is
+    /// retired, and there is nothing to send.
     Final = 10,
 }
 
-/// Why an input was refused or dropped: the first reason that holds, in the order of SPEC.md.
+/// The reason why an input was refused or dropped: the first one that holds, in the order of SPEC.md.
 #[repr(u32)]
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum CReason {
-    /// It was neither.
+    /// The input was neither refused nor dropped.
     None = 0,
     /// Open: this timestamp or a later one was opened before.
     Order = 1,
-    /// Open: as many timestamps are open as the window allows.
+    /// Open: the number of open timestamps has reached the window.
     Full = 2,
-    /// Open, offer: the due instant is not after now, or the deadline is above the greatest one of the configuration.
+    /// Open, offer: the due instant is not later than now, or the deadline is above the configuration's
+    /// greatest.
     Deadline = 3,
-    /// No such source, or neither this timestamp nor a later one was ever opened.
+    /// No source has this priority, or neither this timestamp nor a later one was ever opened.
     Unknown = 4,
     /// Offer: the timestamp is not open.
     Closed = 5,
-    /// The cloud was requested before; the source's result is already held or, under progressive, was sent last.
+    /// The cloud was requested before; or the source's result is already held or, under progressive, was sent
+    /// last.
     Duplicate = 6,
-    /// Offer: a held result, or under progressive the last one sent, outranks whatever this cloud would return.
+    /// Offer: a held result or, under progressive, the last one sent outranks whatever this cloud would
+    /// return.
     Outranked = 7,
     /// Offer: the cloud's gate is shut.
     Queue = 8,
-    /// Result, failure: the timestamp is not open or, under progressive, the last result sent outranks the source's.
+    /// Result, failure: the timestamp is not open or, under progressive, the last result sent outranks the
+    /// source's.
     Superseded = 9,
-    /// Result, failure: no request was made to the source.
+    /// Result, failure: the source was not requested for this timestamp.
     Unsolicited = 10,
     /// Result, failure: the request was closed by its timer or by a failure.
     Late = 11,
 }
 
-/// One cloud as configured.
+/// Configures one cloud.
 #[repr(C)]
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct CCloud {
-    /// 1 to 65535, unlike every other cloud's; the greater wins.
+    /// The cloud's rank, from 1 to 65535, different for each cloud. The greater number wins.
     pub priority: u64,
-    /// The gate shuts at this many queued requests; at least 1.
+    /// The number of queued requests, at least 1, at which the gate shuts.
     pub limit: u64,
-    /// The shut gate opens at this many queued requests or fewer; less than `limit`.
+    /// The number of queued requests, less than `limit`, at or below which a shut gate opens.
     pub resume: u64,
 }
 
-/// What a machine is made for. FUSELINE_CONFIG gives the first two members.
+/// Configures a machine. FUSELINE_CONFIG gives the first two members.
 #[repr(C)]
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct CConfig {
@@ -185,44 +194,45 @@ pub struct CConfig {
     pub abi: u32,
     /// FUSELINE_LAYOUT.
     pub layout: u32,
-    /// A fuseline_capacity, or FUSELINE_CAPACITY_OF your own.
+    /// A fuseline_capacity, or a FUSELINE_CAPACITY_OF.
     pub capacity: u32,
     /// A fuseline_commit.
     pub commit: u32,
-    /// How many timestamps may be open at once: 1 to the capacity's.
+    /// The greatest number of timestamps that may be open at once, from 1 to the capacity's.
     pub window: u32,
-    /// How many clouds there are: 0 to the capacity's.
+    /// The number of clouds, from 0 to the capacity's.
     pub clouds_len: u32,
-    /// The clouds in any order; may be null if there is none. Not used after the call.
+    /// The clouds in any order. It may be null if there is none. It is not used after the call.
     pub clouds: *const CCloud,
-    /// A deadline of more nanoseconds is refused, FUSELINE_REASON_DEADLINE: so is a negative one, which is huge without
-    /// its sign. 1 or more; what the system may wait for a message in the worst case.
+    /// The greatest deadline in nanoseconds, at least 1: the longest time that the system may wait for a
+    /// message. A longer deadline is refused as FUSELINE_REASON_DEADLINE, and so is a negative one, which is
+    /// huge without its sign.
     pub greatest_deadline: u64,
 }
 
-/// What a call decided, whole: nothing else happened.
+/// The decision of a call. It is complete: nothing else happened.
 #[repr(C)]
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct CAnswer {
-    /// The machine's clock at which it was decided, in nanoseconds (F0).
+    /// The machine's clock at the decision, in nanoseconds (F0).
     pub at: u64,
-    /// The timestamp that it is about; of a tick 0.
+    /// The timestamp; 0 for a tick.
     pub t: u64,
-    /// When the timers that fired were due, or by when an admitted request's result must be there; else 0.
+    /// The due instant of the timers that fired or of an admitted request; otherwise 0.
     pub due: u64,
-    /// What became of the input or of the timers.
+    /// The outcome of the input or of the timers.
     pub outcome: COutcome,
-    /// Why it was refused or dropped.
+    /// The reason why the input was refused or dropped.
     pub why: CReason,
-    /// Forwarded, preliminary, final: whose result; 0 is local's. Else 0.
+    /// Forwarded, preliminary, final: the source of the result; 0 is local. Otherwise 0.
     pub by: u32,
-    /// 1 if timers fired (FUSELINE_STATUS_AGAIN), else 0.
+    /// 1 if timers fired (FUSELINE_STATUS_AGAIN), otherwise 0.
     pub fired: u32,
-    /// How many of `timers` mean something; the others are 0.
+    /// The number of valid entries of `timers`; the others are 0.
     pub timers_len: u32,
-    /// How many of `cancelled` mean something; the others are 0.
+    /// The number of valid entries of `cancelled`; the others are 0.
     pub cancelled_len: u32,
-    /// The priorities whose timers fired, ascending; 0 is local's.
+    /// The priorities whose timers fired, ascending; 0 is local.
     pub timers: [u16; FUSELINE_SOURCES],
     /// Forwarded, preliminary: the clouds whose results are no longer wanted, ascending.
     pub cancelled: [u16; FUSELINE_SOURCES],
@@ -234,44 +244,45 @@ pub struct CAnswer {
 pub struct CState {
     /// The greatest instant seen, in nanoseconds.
     pub now: u64,
-    /// The greatest timestamp ever opened; means something if `has_newest` is 1.
+    /// The greatest timestamp ever opened. It is valid if `has_newest` is 1.
     pub newest: u64,
-    /// The next due instant; means something if `has_due` is 1.
+    /// The next due instant. It is valid if `has_due` is 1.
     pub due: u64,
-    /// 1 if a timestamp was ever opened, else 0.
+    /// 1 if a timestamp was ever opened, otherwise 0.
     pub has_newest: u32,
-    /// 1 if a timer is armed, else 0.
+    /// 1 if a timer is armed, otherwise 0.
     pub has_due: u32,
-    /// How many timestamps are open.
+    /// The number of open timestamps.
     pub open_len: u32,
-    /// How many may be.
+    /// The greatest number of open timestamps.
     pub window: u32,
 }
 
-/// The state of an open timestamp: sets of sources, a bit each. Bit `i` is the source `priorities[i]`.
+/// The state of an open timestamp, as sets of sources with one bit each. Bit `i` is the source
+/// `priorities[i]`.
 #[repr(C)]
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct CMessage {
-    /// When each source's timer is due, if it is in `armed`.
+    /// The due instant of each source's timer. It is valid if the source is in `armed`.
     pub dues: [u64; FUSELINE_SOURCES],
-    /// The sources' priorities, ascending; the first is local's, 0.
+    /// The sources' priorities, ascending. The first is local's, 0.
     pub priorities: [u16; FUSELINE_SOURCES],
-    /// How many sources there are: local and the clouds.
+    /// The number of sources: local and the clouds.
     pub sources_len: u32,
-    /// Requested.
+    /// The sources that were requested.
     pub requested: u32,
-    /// Requested, and neither result nor failure nor timer has come.
+    /// The requested sources for which no result, failure or timer has come.
     pub pending: u32,
-    /// Those whose timer is live.
+    /// The sources whose timer is live.
     pub armed: u32,
-    /// Those whose result is held; under progressive the one whose result was sent last.
+    /// The sources whose result is held; under progressive, the source of the last output.
     pub cached: u32,
     /// 0.
     pub reserved: u32,
 }
 
-/// Names one open message to the machine for many threads that opened it. Another machine refuses it, and one that is
-/// all 0, FUSELINE_STATUS_MESSAGE_ID.
+/// Identifies one open message of the machine for many threads that opened it. Another machine refuses it
+/// with FUSELINE_STATUS_MESSAGE_ID, and every machine refuses an id that is all 0.
 #[repr(C)]
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct CMessageId {
@@ -279,7 +290,7 @@ pub struct CMessageId {
     pub opaque: [u64; 3],
 }
 
-/// What the header's FUSELINE_LAYOUT is where it was compiled: the sizes of the interface's structures.
+/// The header's FUSELINE_LAYOUT for the library's compiler: the sizes of the interface's structures.
 pub(crate) const LAYOUT: u32 = {
     let sizes = [
         size_of::<CConfig>(),

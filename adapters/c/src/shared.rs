@@ -11,17 +11,18 @@ use crate::header::{StorageHeader, answer_target};
 use crate::plain::{CAnswer, CConfig, CMessageId, COutcome, CStatus};
 use crate::shared_storage::{self, AnswerList, CShared, InputKind};
 
-/// How many bytes of storage, aligned to 64, a machine for many threads takes in this library; 0 if it does not hold the
-/// capacity.
+/// Returns the number of bytes of storage, aligned to 64, that a machine for many threads takes in this
+/// library, or 0 if the library does not hold the capacity.
 #[unsafe(no_mangle)]
 pub extern "C" fn fuseline_shared_bytes(capacity: u32) -> usize {
     shared_storage::bytes(capacity)
 }
 
-/// Makes a machine for many threads (SPEC.md, section 8) in `storage`, aligned to 64 bytes. As fuseline_init otherwise.
+/// Makes a machine for many threads (SPEC.md, section 8) in `storage`, which is aligned to 64 bytes.
+/// Otherwise it works as fuseline_init.
 ///
-/// One thread at a time opens and offers; any thread gives results, failures and time, each for one message id. Call no
-/// function of it before this one returned, and none while or after it is ended.
+/// One thread at a time opens and offers. Any thread gives results, failures and time, each for one message
+/// id. Call no function of the machine before this one has returned, and none while or after it is ended.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_shared_init(
@@ -37,7 +38,7 @@ pub unsafe extern "C" fn fuseline_shared_init(
     }
 }
 
-/// Ends a machine, when no thread calls it any more: its storage is the caller's again.
+/// Ends a machine when no thread calls it any more. Its storage is the caller's again.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_shared_end(machine: *mut CShared) -> CStatus {
@@ -50,7 +51,8 @@ pub unsafe extern "C" fn fuseline_shared_end(machine: *mut CShared) -> CStatus {
     CStatus::Done
 }
 
-/// F1, the owner's: a message came. `*message_id` names it if it is accepted, else nothing.
+/// Opens timestamp `t` because a message with it arrived (F1). Only the owner may call this. If the message
+/// is accepted, `*message_id` identifies it; otherwise it identifies nothing.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_shared_open(
@@ -64,7 +66,7 @@ pub unsafe extern "C" fn fuseline_shared_open(
     unsafe { open(machine, (now, t, None), message_id, answer) }
 }
 
-/// F1, the owner's: a message came, and local may take `deadline` nanoseconds for it.
+/// Opens timestamp `t`, for which local may take `deadline` nanoseconds (F1). Only the owner may call this.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_shared_open_within(
@@ -79,8 +81,9 @@ pub unsafe extern "C" fn fuseline_shared_open_within(
     unsafe { open(machine, (now, t, Some(deadline)), message_id, answer) }
 }
 
-/// F2, the owner's: may the message be sent to cloud `p`? `fired` says first which of its timers were due. In all functions
-/// with two answers they are two objects: one object for both is FUSELINE_STATUS_OVERLAP.
+/// Asks whether the message may be sent to cloud `p` (F2). Only the owner may call this. `fired` receives the
+/// timers of the message that were due first. In all functions with two answers, these must be two objects;
+/// one object for both is FUSELINE_STATUS_OVERLAP.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_shared_offer(
@@ -111,9 +114,9 @@ pub unsafe extern "C" fn fuseline_shared_offer(
         .map_or_else(|status| status, |answer_list| unsafe { write(&answer_list, fired, answer) })
 }
 
-/// F3, any thread's: the result of source `p` came. `fired` says first which of the message's timers were due by `now`,
-/// several due instants as one firing. Of all callers exactly one gets FUSELINE_OUTCOME_FORWARDED; under progressive exactly
-/// one gets each output and one the end.
+/// Reports the result of source `p` (F3). Any thread may call this. `fired` receives the message's timers
+/// that were due by `now`, with several due instants as one firing. Of all callers exactly one gets
+/// FUSELINE_OUTCOME_FORWARDED. Under progressive exactly one caller gets each output, and one gets the end.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_shared_result(
@@ -128,7 +131,7 @@ pub unsafe extern "C" fn fuseline_shared_result(
     unsafe { bring(machine, now, message_id, InputKind::Result(p), fired, answer) }
 }
 
-/// F4, any thread's: no result will come from source `p`.
+/// Reports that no result will come from source `p` (F4). Any thread may call this.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_shared_fail(
@@ -143,7 +146,7 @@ pub unsafe extern "C" fn fuseline_shared_fail(
     unsafe { bring(machine, now, message_id, InputKind::Failure(p), fired, answer) }
 }
 
-/// F5, any thread's: time went by for this message.
+/// Lets time pass for this message (F5). Any thread may call this.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_shared_expire(
@@ -157,7 +160,8 @@ pub unsafe extern "C" fn fuseline_shared_expire(
     unsafe { bring(machine, now, message_id, InputKind::Time, fired, answer) }
 }
 
-/// Question, any thread's: when a timer of this message is due next, or FUSELINE_STATUS_NONE.
+/// Writes the next due instant of this message's timers. Returns FUSELINE_STATUS_NONE if none is armed. Any
+/// thread may call this.
 #[must_use]
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fuseline_shared_next_due(

@@ -1,7 +1,7 @@
-//! A machine for many threads in its caller's storage: how it is made and how calls reach its two halves.
+//! A machine for many threads in its caller's storage: makes it, and leads calls to its two halves.
 //!
-//! The owner's half refuses a second call at the same time; the shared handle takes any. A message id that crosses the
-//! interface is tied to its machine, so that another machine's is refused.
+//! The owner's half refuses a second call at the same time; the shared handle takes any number. A message id
+//! that crosses the interface is tied to its machine, so that another machine refuses it.
 #![expect(unsafe_code, reason = "reads and writes its caller's storage")]
 
 use core::ffi::c_void;
@@ -33,7 +33,7 @@ impl StorageKind for CShared {
     const SEAL: u64 = 0x5468_7265_6164_7321; // "Threads!"
 }
 
-/// The whole storage. `owner` and `handle` refer to `shared`, which is not touched otherwise.
+/// The whole storage. `owner` and `handle` refer to `shared`, which is not used in any other way.
 #[repr(C)]
 struct SharedStorage<const CLOUDS: usize, const WINDOW: usize> {
     header: CShared,
@@ -42,14 +42,14 @@ struct SharedStorage<const CLOUDS: usize, const WINDOW: usize> {
     shared: Shared<CLOUDS, WINDOW>,
 }
 
-/// The owner's half, of whatever capacity.
+/// The owner's half, of any capacity.
 pub(crate) trait OwnerCalls {
     fn open(&mut self, now: u64, t: u64, deadline: Option<Deadline>) -> Result<MessageId, CReason>;
     fn offer(&mut self, now: u64, message_id: MessageId, offer: (u64, Deadline, u64))
     -> AnswerList;
 }
 
-/// The half of all threads, of whatever capacity.
+/// The half for all threads, of any capacity.
 pub(crate) trait SharedCalls {
     fn bring(&self, now: u64, message_id: MessageId, input_kind: InputKind) -> AnswerList;
     fn next_due(&self, message_id: MessageId) -> Option<u64>;
@@ -58,15 +58,15 @@ pub(crate) trait SharedCalls {
 /// What any thread may report for one message.
 #[derive(Clone, Copy)]
 pub(crate) enum InputKind {
-    /// F3: of this source.
+    /// A result of this source (F3).
     Result(u64),
-    /// F4: of this source.
+    /// A failure of this source (F4).
     Failure(u64),
-    /// F5.
+    /// Time (F5).
     Time,
 }
 
-/// The answers of one call: first of the timers that were due, then the input's own.
+/// The answers of one call: that of the timers that were due first, and the input's own.
 pub(crate) struct AnswerList {
     pub(crate) fired: CAnswer,
     pub(crate) answer: CAnswer,
@@ -85,7 +85,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> OwnerCalls for Owner<'static, CLO
         offer: (u64, Deadline, u64),
     ) -> AnswerList {
         let (p, deadline, backlog) = offer;
-        // F2 unknown: local is no cloud (A19), as is what does not fit 16 bits (A18).
+        // Local is not a cloud (A19), and a number beyond 16 bits is unknown (F2, A18).
         let cloud = priority(p).unwrap_or(Priority::LOCAL);
         let (fired, admission) =
             self.offer(Instant::from_nanos(now), message_id, cloud, deadline, backlog);
@@ -98,7 +98,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> OwnerCalls for Owner<'static, CLO
 impl<const CLOUDS: usize, const WINDOW: usize> SharedCalls for SharedHandle<CLOUDS, WINDOW> {
     fn bring(&self, now: u64, message_id: MessageId, input_kind: InputKind) -> AnswerList {
         let at = Instant::from_nanos(now);
-        // F3 unknown, F4 unknown: what does not fit 16 bits cannot be registered (A18).
+        // A number beyond 16 bits cannot be registered, so it is unknown (F3, F4, A18).
         let unknown = || (self.expire(at, message_id), Outcome::Dropped(DropReason::Unknown));
         let (fired, outcome) = match input_kind {
             InputKind::Result(p) => {
@@ -122,7 +122,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> SharedCalls for SharedHandle<CLOU
 }
 
 impl AnswerList {
-    /// With what fired, and the input's own answer still empty.
+    /// Returns the answers with the firing, and with the input's own answer still empty.
     fn new<const CLOUDS: usize>(
         now: u64,
         message_id: MessageId,
@@ -137,9 +137,10 @@ impl AnswerList {
     }
 }
 
-/// The bytes that the header reserves for a capacity: more than is needed, so that the machine may change.
+/// Returns the bytes that the header reserves for a capacity. These are more than needed, so that the machine
+/// may change.
 const fn reserved(clouds: usize, window: usize) -> usize {
-    // Timestamps do not share cache lines.
+    // Timestamps share no cache lines.
     let a_timestamp = clouds.wrapping_mul(8).wrapping_add(24).next_multiple_of(64);
     FUSELINE_SHARED_BYTES
         .wrapping_add(FUSELINE_SHARED_BYTES_A_CLOUD.wrapping_mul(clouds))
@@ -155,8 +156,8 @@ impl<const CLOUDS: usize, const WINDOW: usize> SharedStorage<CLOUDS, WINDOW> {
     /// Writes a machine into the storage.
     ///
     /// # Safety
-    /// `storage` is aligned, and `size_of::<Self>()` bytes from it may be written and belong to nobody else until the
-    /// machine is ended.
+    /// `storage` is aligned, and `size_of::<Self>()` bytes from it may be written and belong to nobody else
+    /// until the machine is ended.
     unsafe fn fill(storage: *mut Self, created: Shared<CLOUDS, WINDOW>, config: &CConfig) {
         const { Self::FITS };
         // SAFETY: within the storage, by the caller's promise.
@@ -181,15 +182,15 @@ impl<const CLOUDS: usize, const WINDOW: usize> SharedStorage<CLOUDS, WINDOW> {
     }
 }
 
-/// How many bytes a machine of this capacity takes; 0 if the library does not hold it.
+/// Returns the number of bytes that a machine of this capacity takes, or 0 if the library does not hold it.
 pub(crate) const fn bytes(capacity: u32) -> usize {
     with_room!(capacity, R = SharedStorage => size_of::<R>(), else 0)
 }
 
-/// Makes a machine and says where it is.
+/// Makes a machine and writes its address.
 ///
 /// # Safety
-/// As the header requires.
+/// The caller meets the requirements of the header.
 pub(crate) unsafe fn make(
     storage: *mut c_void,
     bytes: usize,
@@ -211,7 +212,7 @@ pub(crate) unsafe fn make(
     Ok(())
 }
 
-/// Runs `call` with the shared handle, if there is a machine and the answers lie outside of it and apart.
+/// Runs `call` with the shared handle, if there is a machine and the answers are outside of it and apart.
 ///
 /// # Safety
 /// As for [`StorageHeader::of`].
@@ -252,21 +253,22 @@ pub(crate) unsafe fn owner<A>(
     answer_list
 }
 
-// A message id crosses the interface as three integers, the last of which is its index. It has no padding where addresses have
-// 64 bits.
+// A message id crosses the interface as three integers, the last of which is its index. It has no padding
+// where addresses have 64 bits.
 const _: () = assert!(size_of::<usize>() == 8, "the machine for many threads is for 64 bits");
 
-/// What is written where no message was opened.
+/// The message id that is written if no message was opened.
 pub(crate) const NO_TICKET: CMessageId = CMessageId { opaque: [0; 3] };
 
-/// A message id as the caller has it: its index is joined with the address of its machine, counted from 1.
+/// Returns the caller's form of a message id, in which the index is combined with the address of its machine
+/// and counts from 1.
 pub(crate) fn plain(machine: *mut CShared, message_id: MessageId) -> CMessageId {
     // SAFETY: as for `named`; no byte of it is padding.
     let [timestamp, generation, index] = unsafe { transmute::<MessageId, [u64; 3]>(message_id) };
     CMessageId { opaque: [timestamp, generation, index.wrapping_add(first_index(machine))] }
 }
 
-/// The message id of a message of this machine.
+/// Returns the message id of a message of this machine.
 pub(crate) fn named(machine: *mut CShared, message_id: CMessageId) -> Result<MessageId, CStatus> {
     let [timestamp, generation, index] = message_id.opaque;
     let index = index.wrapping_sub(first_index(machine));
@@ -277,11 +279,11 @@ pub(crate) fn named(machine: *mut CShared, message_id: CMessageId) -> Result<Mes
     Ok(unsafe { transmute::<[u64; 3], MessageId>([timestamp, generation, index]) })
 }
 
-/// More than the slots of any machine.
+/// A number greater than the slots of any machine.
 const PLACES: u64 = 2048;
 
-/// What stands for a machine's first index: not 0, and far from another machine's, for each is aligned to 64 bytes and no
-/// address uses its upper 5 bits.
+/// Returns the number that stands for a machine's first index. It is not 0, and it is far from any other
+/// machine's number, because each machine is aligned to 64 bytes and no address uses its upper 5 bits.
 fn first_index(machine: *mut CShared) -> u64 {
     (machine.addr() as u64 / 64).wrapping_mul(PLACES).wrapping_add(1)
 }

@@ -1,4 +1,4 @@
-//! A machine for one thread in its caller's storage: how it is made, reached and ended.
+//! A machine for one thread in its caller's storage: makes, reaches and ends it.
 //!
 //! [`IdleStorage`] is the only access to the machine.
 
@@ -19,7 +19,7 @@ use crate::plain::{
     FUSELINE_BYTES_A_TIMER, FUSELINE_BYTES_A_TIMESTAMP, capacity_of,
 };
 
-/// What a machine's storage begins with. Opaque to the caller.
+/// The beginning of a machine's storage. Opaque to the caller.
 #[repr(C, align(8))]
 #[derive(Debug)]
 pub struct CMachine {
@@ -45,11 +45,12 @@ pub(crate) const OWN_WINDOW: usize = number(option_env!("FUSELINE_OWN_WINDOW"), 
 
 #[cfg(feature = "capacity-own")]
 pub(crate) const OWN_CAPACITY: u32 = crate::plain::capacity_of(OWN_CLOUDS, OWN_WINDOW);
-/// Not a capacity: the library was built without one of its own.
+/// A number that is not a capacity: the library was built without one of its own.
 #[cfg(not(feature = "capacity-own"))]
 pub(crate) const OWN_CAPACITY: u32 = 0;
 
-/// The bytes that the header reserves for a capacity: more than is needed, so that the machine may change.
+/// Returns the bytes that the header reserves for a capacity. These are more than needed, so that the machine
+/// may change.
 const fn reserved(clouds: usize, window: usize) -> usize {
     let a_timestamp =
         FUSELINE_BYTES_A_TIMER.wrapping_mul(clouds).wrapping_add(FUSELINE_BYTES_A_TIMESTAMP);
@@ -58,7 +59,8 @@ const fn reserved(clouds: usize, window: usize) -> usize {
         .wrapping_add(window.wrapping_mul(a_timestamp))
 }
 
-/// Runs `$do` with `$Storage`, the `$Of` of the capacity `$number`, or answers `$otherwise` if the library has it not.
+/// Runs `$do` with `$Storage`, the `$Of` of the capacity `$number`, or returns `$otherwise` if the library
+/// does not hold it.
 macro_rules! with_room {
     ($number:expr, $Storage:ident = $Of:ident => $do:expr, else $otherwise:expr) => {
         match $number {
@@ -117,41 +119,43 @@ impl<const CLOUDS: usize, const WINDOW: usize> Storage<CLOUDS, WINDOW> {
     }
 }
 
-/// The storage of a machine of which no call is under way: takes one call.
+/// The storage of a machine without a call under way. It takes one call.
 pub(crate) struct IdleStorage<'a, const CLOUDS: usize, const WINDOW: usize>(
     &'a Storage<CLOUDS, WINDOW>,
 );
 
-// The inputs are not inlined, so that there is one of each for each capacity, with the arguments where the caller put them.
+// The inputs are not inlined, so that each exists once for each capacity, with the arguments where the caller
+// put them.
 impl<const CLOUDS: usize, const WINDOW: usize> IdleStorage<'_, CLOUDS, WINDOW> {
     const CAPACITY: u32 = capacity_of(CLOUDS, WINDOW);
-    /// F3 unknown, F4 unknown: what does not fit 16 bits cannot be registered (A18).
+    /// A number beyond 16 bits cannot be registered, so it is unknown (F3, F4, A18).
     const UNKNOWN: Outcome<CLOUDS> = Outcome::Dropped(DropReason::Unknown);
 
     /// # Safety
-    /// A storage of this capacity was written here, no call is under way, and no other thread calls at the same time.
+    /// A storage of this capacity was written here, no call is under way, and no other thread calls at the
+    /// same time.
     #[expect(unsafe_code, reason = "reads the caller's storage")]
     pub(crate) unsafe fn new(storage: *mut Storage<CLOUDS, WINDOW>) -> Self {
         // SAFETY: by the caller's promise.
         Self(unsafe { &*storage })
     }
 
-    /// The next due instant.
+    /// Writes the next due instant.
     pub(crate) fn next_due(self, due: AnswerPointer<u64>) -> CStatus {
         self.enter(|fusion, _| answer_list(fusion.next_due().map(Instant::as_nanos), due))
     }
 
-    /// What the machine knows of itself.
+    /// Writes the machine's state.
     pub(crate) fn look(self, state: AnswerPointer<CState>) -> CStatus {
         self.enter(|fusion, _| answer_list(Some(looked(fusion)), state))
     }
 
-    /// What it knows of an open timestamp.
+    /// Writes the state of an open timestamp.
     pub(crate) fn look_at(self, t: u64, message: AnswerPointer<CMessage>) -> CStatus {
         self.enter(|fusion, _| answer_list(looked_at(fusion, Timestamp::new(t)), message))
     }
 
-    /// Whether a cloud's gate was left shut.
+    /// Writes whether a cloud's gate was left shut.
     pub(crate) fn gate_is_shut(self, p: u64, is_shut: AnswerPointer<u32>) -> CStatus {
         self.enter(|fusion, _| {
             let gate = priority(p).and_then(|cloud| fusion.gate(cloud));
@@ -159,7 +163,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> IdleStorage<'_, CLOUDS, WINDOW> {
         })
     }
 
-    /// F1.
+    /// Opens a timestamp (F1).
     #[inline(never)]
     pub(crate) fn open(self, now: u64, t: u64, answer: AnswerPointer<CAnswer>) -> CStatus {
         self.submit(now, t, answer, |mut ready, _, answer| {
@@ -167,7 +171,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> IdleStorage<'_, CLOUDS, WINDOW> {
         })
     }
 
-    /// F1: with this deadline.
+    /// Opens a timestamp with this deadline for local (F1).
     #[inline(never)]
     pub(crate) fn open_within(
         self,
@@ -182,7 +186,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> IdleStorage<'_, CLOUDS, WINDOW> {
         })
     }
 
-    /// F2: of a cloud with this priority.
+    /// Offers a request to the cloud with this priority (F2).
     #[inline(never)]
     pub(crate) fn offer(
         self,
@@ -194,7 +198,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> IdleStorage<'_, CLOUDS, WINDOW> {
         answer: AnswerPointer<CAnswer>,
     ) -> CStatus {
         self.submit(now, t, answer, |mut ready, header, answer| {
-            // F2 unknown: what does not fit 16 bits cannot be registered (A18).
+            // A number beyond 16 bits cannot be registered, so it is unknown (F2, A18).
             let admission = priority(p).map_or(Admission::Refused(OfferRefusal::Unknown), |p| {
                 ready.offer(Timestamp::new(t), p, header.deadline(deadline), backlog)
             });
@@ -202,7 +206,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> IdleStorage<'_, CLOUDS, WINDOW> {
         })
     }
 
-    /// F3: of this source.
+    /// Reports a result of this source (F3).
     #[inline(never)]
     pub(crate) fn result(
         self,
@@ -217,7 +221,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> IdleStorage<'_, CLOUDS, WINDOW> {
         })
     }
 
-    /// F4: of this source.
+    /// Reports a failure of this source (F4).
     #[inline(never)]
     pub(crate) fn fail(self, now: u64, t: u64, p: u64, answer: AnswerPointer<CAnswer>) -> CStatus {
         self.submit(now, t, answer, |mut ready, _, answer| {
@@ -226,13 +230,13 @@ impl<const CLOUDS: usize, const WINDOW: usize> IdleStorage<'_, CLOUDS, WINDOW> {
         })
     }
 
-    /// F0.
+    /// Lets time pass (F0).
     #[inline(never)]
     pub(crate) fn tick(self, now: u64, answer: AnswerPointer<CAnswer>) -> CStatus {
         self.submit(now, 0, answer, |_, _, _| ())
     }
 
-    /// One firing (F5), or the input's own answer.
+    /// Writes one firing (F5), or the input's own answer.
     #[inline]
     fn submit(
         self,
@@ -251,7 +255,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> IdleStorage<'_, CLOUDS, WINDOW> {
         })
     }
 
-    /// Runs `call` with the machine; whatever interrupts it finds it busy.
+    /// Runs `call` with the machine. A call that interrupts it finds the machine busy.
     #[expect(unsafe_code, reason = "the machine is behind a shared reference")]
     #[inline]
     fn enter(
@@ -267,7 +271,7 @@ impl<const CLOUDS: usize, const WINDOW: usize> IdleStorage<'_, CLOUDS, WINDOW> {
     }
 }
 
-/// One firing. Not inlined, so that an input of which nothing fires needs few registers.
+/// Writes one firing. It is not inlined, so that an input without a firing needs few registers.
 #[inline(never)]
 fn fire<const CLOUDS: usize, const WINDOW: usize>(
     fusion: &mut Fusion<CLOUDS, WINDOW>,
@@ -277,7 +281,7 @@ fn fire<const CLOUDS: usize, const WINDOW: usize>(
     fire_or(fusion, now, answer, |_, _| ())
 }
 
-/// One firing, or `input` if nothing is due.
+/// Writes one firing, or runs `input` if nothing is due.
 #[inline]
 fn fire_or<const CLOUDS: usize, const WINDOW: usize>(
     fusion: &mut Fusion<CLOUDS, WINDOW>,
@@ -297,16 +301,16 @@ fn fire_or<const CLOUDS: usize, const WINDOW: usize>(
     }
 }
 
-/// How many bytes a machine of this capacity takes; 0 if the library does not hold it.
+/// Returns the number of bytes that a machine of this capacity takes, or 0 if the library does not hold it.
 pub(crate) const fn bytes(capacity: u32) -> usize {
     with_room!(capacity, R = Storage => size_of::<R>(), else 0)
 }
 
-/// Makes a machine and says where it is. Nothing is written unless all is well.
+/// Makes a machine and writes its address. Nothing is written unless everything is valid.
 ///
 /// # Safety
-/// `config` may be read, with the clouds that it names; `bytes` bytes from `storage` may be written and belong to
-/// nobody else; `machine` may be written.
+/// `config` may be read, with the clouds that it names; `bytes` bytes from `storage` may be written and
+/// belong to nobody else; `machine` may be written.
 #[expect(unsafe_code, reason = "reads the caller's configuration and writes to its storage")]
 pub(crate) unsafe fn make(
     storage: *mut c_void,
@@ -330,7 +334,8 @@ pub(crate) unsafe fn make(
 /// Ends a machine: from now on it is foreign.
 ///
 /// # Safety
-/// `machine` came from [`make`] or may be read as a [`CMachine`] at least; no other call comes at the same time.
+/// `machine` came from [`make`], or may at least be read as a [`CMachine`]; no other call comes at the same
+/// time.
 #[expect(unsafe_code, reason = "reads and writes the caller's storage")]
 pub(crate) unsafe fn end(machine: *mut CMachine) -> Result<(), CStatus> {
     // SAFETY: as the caller promised.
@@ -343,7 +348,7 @@ pub(crate) unsafe fn end(machine: *mut CMachine) -> Result<(), CStatus> {
     Ok(())
 }
 
-/// A number from the environment of the build.
+/// Returns a number from the environment of the build.
 #[cfg(feature = "capacity-own")]
 const fn number(text: Option<&str>, without: usize) -> usize {
     let Some(text) = text else { return without };

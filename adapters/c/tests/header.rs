@@ -1,4 +1,4 @@
-//! The vendored header is what cbindgen makes of the sources.
+//! Compares the vendored header with what cbindgen generates from the sources.
 
 use std::fs;
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! The machine for many threads, from C's side.
+//! Tests the machine for many threads from C's side.
 #![cfg(feature = "threads")]
 #![expect(unsafe_code, reason = "calls a C interface")]
 #![expect(clippy::multiple_unsafe_ops_per_block, reason = "a row of calls with one reason")]
@@ -21,7 +21,7 @@ const CLOUDS: [CCloud; 2] =
 #[repr(C, align(64))]
 struct Storage([u8; 4096]);
 
-/// A machine that threads may have.
+/// A machine that threads may share.
 #[derive(Clone, Copy)]
 struct Machine(*mut CShared);
 // SAFETY: the machine takes calls of any threads.
@@ -113,9 +113,9 @@ fn a_held_result_goes_when_the_timer_fires() {
     assert_eq!(machine.open(1, 8).0, CStatus::Foreign);
 }
 
-/// F9.
+/// Under progressive each output goes to one caller, and so does the end (F9).
 #[test]
-fn each_output_under_progressive_is_one_callers_and_so_is_the_end() {
+fn progressive_outputs_and_end_go_to_one_caller_each() {
     let mut storage = Box::new(Storage([0xa5; _]));
     let (status, machine) = under(CCommit::Progressive, &mut storage);
     assert_eq!(status, CStatus::Done);
@@ -157,7 +157,7 @@ fn wrong_use_of_it_is_reported() {
         unsafe { fuseline_shared_result(machine.0, 0, message_id, 0, fired, fired) }
     });
     assert_eq!(status, CStatus::Overlap);
-    // Tickets that no open gave, or that of another machine.
+    // Message ids that no open gave, or that another machine gave.
     let mut other_storage = Box::new(Storage([0xa5; _]));
     let (_, other) = make(&mut other_storage);
     let (_, _, others) = other.open(0, 1);
@@ -165,7 +165,7 @@ fn wrong_use_of_it_is_reported() {
         assert_eq!(machine.result(0, wild, 0).0, CStatus::MessageId);
         assert_eq!(machine.offer(0, wild, 1).0, CStatus::MessageId);
     }
-    // An open that is refused leaves no message id of the message before.
+    // A refused open leaves no message id of an earlier message.
     assert_eq!(machine.open(0, 1).2, CMessageId { opaque: [0; 3] });
     assert_eq!(machine.result(0, message_id, 0).1[1].outcome, COutcome::Forwarded);
     let mut copy = Box::new(Storage([0; _]));
@@ -216,7 +216,7 @@ fn of_threads_that_race_exactly_one_is_to_forward() {
             for p in [0, 1, 2] {
                 let forwarded = &forwarded;
                 scope.spawn(move || {
-                    // One of them comes at the due instant: late, and the timers fire before it.
+                    // One of them comes at the due instant: it is late, and the timers fire before it.
                     let now = if p == t % 3 { t + 100 } else { t };
                     let (status, answers) = machine.result(now, message_id, p);
                     assert_eq!(status, CStatus::Done);

@@ -1,4 +1,4 @@
-//! Wrong use is reported by a status and changes nothing.
+//! Checks that wrong use is reported by a status and changes nothing.
 #![expect(unsafe_code, reason = "calls a C interface")]
 #![expect(clippy::multiple_unsafe_ops_per_block, reason = "a row of calls with one reason")]
 #![expect(clippy::cast_possible_truncation, reason = "sizes and counts of a few hundred")]
@@ -10,7 +10,7 @@ use core::ptr::null_mut;
 use fuseline_c::calls::*;
 use fuseline_c::*;
 
-/// As the header's `FUSELINE_STORAGE` for 3 clouds and 16 timestamps.
+/// The header's `FUSELINE_STORAGE` for 3 clouds and 16 timestamps.
 #[repr(C, align(8))]
 struct Storage(
     [u8; FUSELINE_BYTES
@@ -55,7 +55,7 @@ fn storage() -> Box<Storage> {
     Box::new(Storage([0xa5; _]))
 }
 
-/// Opens timestamp `t` and says the status.
+/// Opens timestamp `t` and returns the status and the answer.
 fn open(machine: *mut CMachine, t: u64) -> (CStatus, CAnswer) {
     let mut answer = MaybeUninit::<CAnswer>::zeroed();
     // SAFETY: `machine` may be read as one; the answer is this function's own.
@@ -79,7 +79,7 @@ fn a_machine_answers_and_ends() {
 }
 
 #[test]
-fn each_wrong_configuration_has_its_status_and_writes_nothing() {
+fn wrong_configuration_has_its_status() {
     let twice = [CLOUDS[0], CLOUDS[0]];
     let gate = [CCloud { priority: 1, limit: 5, resume: 5 }];
     let local = [CCloud { priority: 0, limit: 5, resume: 4 }];
@@ -94,7 +94,7 @@ fn each_wrong_configuration_has_its_status_and_writes_nothing() {
         (CConfig { abi: FUSELINE_ABI + 1, ..config() }, CStatus::Abi),
         (CConfig { layout: LAYOUT ^ 1, ..config() }, CStatus::Abi),
         (CConfig { capacity: 0, ..config() }, CStatus::Capacity),
-        // A shape that is near one that the library holds is none that it holds.
+        // A shape near one that the library holds is not held.
         (CConfig { capacity: 3 << 16 | 15, ..config() }, CStatus::Capacity),
         (CConfig { capacity: 2 << 16 | 16, ..config() }, CStatus::Capacity),
         (CConfig { greatest_deadline: 0, ..config() }, CStatus::Deadline),
@@ -168,7 +168,7 @@ fn wrong_pointers_are_reported() {
     }
 }
 
-/// The head's capacity as a stray write leaves it, and as a call that is under way does.
+/// A stray write or a call under way leaves this capacity in the head.
 #[test]
 fn overwritten_capacity_is_foreign_or_busy() {
     let mut storage = storage();
@@ -203,7 +203,7 @@ fn patient_without_clouds_forwards_local() {
 }
 
 #[test]
-fn a_deadline_above_the_greatest_is_refused_in_the_order_of_reasons() {
+fn deadline_above_the_greatest_is_refused_in_order() {
     let mut storage = storage();
     let (_, machine) = init(&mut storage, &config());
     let mut answer = MaybeUninit::<CAnswer>::zeroed();
@@ -251,7 +251,7 @@ fn a_signed_time_is_0_below_0_and_saturates() {
 }
 
 #[test]
-fn the_library_says_its_version_and_what_it_was_built_for() {
+fn library_reports_version_and_capacity() {
     // SAFETY: a text of the library's, which ends.
     let version = unsafe { CStr::from_ptr(fuseline_version()) };
     assert_eq!(version.to_str(), Ok(env!("CARGO_PKG_VERSION")));
@@ -333,9 +333,9 @@ fn what_a_machine_knows_is_reported() {
     }
 }
 
-/// F9.
+/// Under progressive an output is preliminary until one is forwarded or the last is final (F9).
 #[test]
-fn an_output_under_progressive_is_preliminary_until_one_is_forwarded_or_the_last_is_final() {
+fn progressive_output_is_preliminary_until_the_last() {
     let mut storage = storage();
     let progressive = CConfig { commit: CCommit::Progressive as u32, ..config() };
     let (status, machine) = init(&mut storage, &progressive);
