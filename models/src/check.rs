@@ -1,4 +1,4 @@
-//! Checking a configuration state by state.
+//! Checks a configuration state by state.
 
 use std::thread;
 use std::time::{Duration, Instant};
@@ -13,67 +13,67 @@ use crate::operator::Operator;
 use crate::sighting::Sighting;
 use crate::world::{Size, World};
 
-/// How often progress is reported.
+/// The time between two reports of progress.
 const TICK: Duration = Duration::from_millis(50);
 
 /// How to check.
 #[derive(Clone, Copy, Debug)]
 pub struct CheckOptions {
-    /// How many threads to use; at least 1.
+    /// The number of threads, at least 1.
     pub threads: usize,
-    /// Whether to go on after a violation, to see what else is broken.
+    /// `true` to continue after a violation and find further ones.
     pub all: bool,
 }
 
-/// What checking a configuration showed.
+/// The outcome of checking a configuration.
 #[derive(Debug)]
 pub struct Exploration {
     /// The configuration.
     pub config: &'static World,
-    /// How many unique states there are; fewer than all of them after a violation.
+    /// The number of unique states. After a violation it is not the number of all of them.
     pub states: usize,
-    /// The most steps from the first state to one of them, itself counted.
+    /// The greatest number of steps from the first state to another, counting the first.
     pub depth: usize,
-    /// How long it took.
+    /// The time that the check took.
     pub took: Duration,
     /// The claims that are broken, each with a short run that breaks it.
     pub violations: Vec<Counterexample>,
-    /// What no state showed, if all were searched.
+    /// The sightings that no state showed, if all states were searched.
     pub unmet: Vec<Sighting>,
 }
 
-/// Why there is no verdict.
+/// The reason why there is no verdict.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Error)]
 pub enum CheckError {
     /// The machine refuses the configuration.
     #[error("the machine refuses the configuration")]
     Refused,
-    /// The model panicked, and not in the machine.
+    /// The model panicked outside of the machine.
     #[error("the model panicked")]
     Panicked,
 }
 
 impl Exploration {
-    /// Whether all claims and sightings hold, in as many states as there should be.
+    /// Returns `true` if all claims and sightings hold and the number of states is as expected.
     #[must_use]
     pub fn holds(&self) -> bool {
         self.violations.is_empty() && self.unmet.is_empty() && self.states == self.config.states
     }
 }
 
-/// Searches all states of a configuration, breadth first unless it is large; `progress` is called with how
-/// many there are.
+/// Searches all states of a configuration, breadth first unless it is large. `progress` is called with the
+/// number of states so far.
 ///
 /// Without [`CheckOptions::all`] it stops soon after the first violation.
 ///
 /// # Errors
-/// If there is no verdict.
+/// Returns a [`CheckError`] if there is no verdict.
 pub fn check(
     config: &'static World,
     effort: CheckOptions,
     mut progress: impl FnMut(usize),
 ) -> Result<Exploration, CheckError> {
-    // So that the search is compiled here, and not by each caller.
+    // The search is compiled here and not by each caller.
     check_all_states(config, effort, &mut progress)
 }
 
@@ -90,7 +90,7 @@ fn check_all_states(
     let checker = operator.checker().threads(effort.threads.max(1)).finish_when(finish);
     match config.size {
         Size::Quick | Size::Standard => search(config, effort, checker.spawn_bfs(), progress),
-        // The states that wait for their turn would not fit into memory breadth first.
+        // Breadth first, the states that wait for their turn would not fit into memory.
         Size::Large => search(config, effort, checker.spawn_dfs(), progress),
     }
 }

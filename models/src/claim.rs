@@ -1,4 +1,4 @@
-//! What is claimed of the machine: that it follows the rules and keeps the promises.
+//! The claims about the machine: it follows the rules and keeps the promises.
 
 use fuseline_testkit::Promise;
 use fuseline_traces::Rule;
@@ -6,8 +6,7 @@ use fuseline_traces::Rule;
 use crate::property::properties;
 
 properties! {
-    /// A rule or promise that a step can break. Each is an `always` property: no state that can be
-    /// reached has it broken.
+    /// A rule or promise that a step can break. Each is an `always` property: no reachable state breaks it.
     Claim,
     /// A set of claims.
     Claims,
@@ -39,7 +38,7 @@ properties! {
 }
 
 impl Claim {
-    /// Whether it is about agreement with the reference machine.
+    /// Returns `true` if the claim is about agreement with the reference machine.
     #[must_use]
     pub const fn is_of_reference(self) -> bool {
         (self as u8) < (Self::F8 as u8)
@@ -57,7 +56,7 @@ impl From<Rule> for Claim {
             Rule::F4 => Self::F4,
             Rule::F5 => Self::F5,
             Rule::F6 => Self::F6,
-            // No input of a model says whose value it brings, so none demands D2 or D18; they are about what F7 sends.
+            // No input of a model has a value key, so none demands D2 or D18. They concern what is sent (F7).
             Rule::F7 | Rule::D2 | Rule::D18 => Self::F7,
             Rule::F9 => Self::F9,
             Rule::P1 => Self::P1,

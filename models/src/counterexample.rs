@@ -12,16 +12,16 @@ use crate::world::World;
 /// A run that breaks a claim.
 #[derive(Clone, Debug)]
 pub struct Counterexample {
-    /// What it breaks, with its last input.
+    /// The claim that its last input breaks.
     pub claim: Claim,
-    /// The inputs; without any of them the claim is kept.
+    /// The inputs. Each of them is needed to break the claim.
     pub inputs: Vec<Input>,
-    /// The trace: header, inputs, and decisions as the machine made them.
+    /// The trace: the header, the inputs, and the machine's decisions.
     pub trace: String,
 }
 
 impl Counterexample {
-    /// Of these inputs, which break the claim, those that are needed to.
+    /// Returns the counterexample with only those of the inputs that are needed to break the claim.
     pub(crate) fn of(config: &World, claim: Claim, inputs: Vec<Input>) -> Self {
         let inputs = shrink(inputs, |inputs| breaks(config, claim, inputs));
         let trace = trace(config, &inputs);
@@ -29,7 +29,7 @@ impl Counterexample {
     }
 }
 
-/// The inputs without any that can be left out, a tick for each that only moves the clock.
+/// Returns the inputs without those that can be left out. A tick replaces each that only moves the clock.
 fn shrink(inputs: Vec<Input>, breaks: impl Fn(&[Input]) -> bool) -> Vec<Input> {
     let tick = |index: usize| -> Simplification<Vec<Input>> {
         Box::new(move |inputs| inputs[index] = Input::Tick { at: inputs[index].at() })
@@ -40,7 +40,7 @@ fn shrink(inputs: Vec<Input>, breaks: impl Fn(&[Input]) -> bool) -> Vec<Input> {
     smallest
 }
 
-/// Whether the claim is broken by the inputs.
+/// Returns `true` if the inputs break the claim.
 fn breaks(config: &World, claim: Claim, inputs: &[Input]) -> bool {
     let Some(mut state) = State::new(config) else { return false };
     inputs.iter().any(|input| {
@@ -51,7 +51,7 @@ fn breaks(config: &World, claim: Claim, inputs: &[Input]) -> bool {
     })
 }
 
-/// The trace of these inputs with what the machine decides.
+/// Returns the trace of these inputs with the machine's decisions.
 fn trace(config: &World, inputs: &[Input]) -> String {
     let mut lines = vec![config.header().to_string()];
     let mut state = State::new(config);
@@ -79,7 +79,7 @@ mod tests {
 
     #[test]
     fn shrinking_leaves_what_is_needed_and_no_more() {
-        // Broken once a 3 comes after a 1.
+        // The claim is broken once a 3 comes after a 1.
         let breaks = |inputs: &[Input]| {
             let from_one = inputs.iter().skip_while(|input| input.at() != 1);
             from_one.into_iter().any(|input| input.at() == 3)

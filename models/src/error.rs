@@ -1,4 +1,4 @@
-//! What can go wrong, reported in one line: what and where, and a remedy.
+//! The errors of the command, each on one line: what and where, and a remedy.
 
 use std::io;
 use std::net::SocketAddr;
@@ -6,7 +6,7 @@ use std::net::SocketAddr;
 use fuseline_models::CheckError;
 use thiserror::Error;
 
-/// Why a command stopped.
+/// The reason why a command stopped.
 #[derive(Debug, Error)]
 pub(crate) enum ModelsError {
     #[error("no configuration is named {name:?}; `list` names them")]
@@ -21,7 +21,7 @@ pub(crate) enum ModelsError {
     Output(#[from] io::Error),
 }
 
-/// A mistake on the command line as one line.
+/// Returns a mistake on the command line as one line.
 pub(crate) fn usage(error: &clap::Error) -> String {
     let text = error.render().to_string();
     let mut paragraphs = text.split("\n\n").map(one_line);

@@ -1,4 +1,4 @@
-//! The Explorer: a configuration's states in a browser, step by step.
+//! The Explorer: shows a configuration's states in a browser, step by step.
 
 use std::io;
 use std::net::{SocketAddr, TcpListener};
@@ -10,13 +10,13 @@ use crate::world::World;
 
 /// Serves the Explorer on this address until the process ends.
 ///
-/// With `sightings` it shows them too: it finds the way to each anew whenever it shows a state, which
+/// With `sightings` it shows them too. It searches the way to each of them whenever it shows a state, which
 /// takes seconds once many are met.
 ///
 /// # Errors
-/// If nothing can listen there.
+/// Returns an error if it cannot listen on the address.
 pub fn explore(config: &'static World, listen: SocketAddr, sightings: bool) -> io::Result<()> {
-    // Stateright panics where it cannot listen.
+    // Stateright panics if it cannot listen.
     drop(TcpListener::bind(listen)?);
     let operator = Operator::new(config);
     let operator = if sightings { operator } else { operator.without_sightings() };

@@ -1,4 +1,4 @@
-//! The shipped machine behind the words of the trace.
+//! The shipped machine, with the types of a trace.
 
 use std::cell::Cell;
 use std::panic::{self, AssertUnwindSafe};
@@ -6,26 +6,26 @@ use std::panic::{self, AssertUnwindSafe};
 use fuseline_arbiter::{Arbiter, decisions_of};
 use fuseline_traces::{Decision, Header, Input};
 
-/// The most clouds that a model has.
+/// The greatest number of clouds in a model.
 pub(crate) const CLOUDS: usize = 3;
-/// The most timestamps that a model has open.
+/// The greatest number of open timestamps in a model.
 pub(crate) const WINDOW: usize = 3;
 
-/// The shipped machine; a configuration may use less than it holds.
+/// The shipped machine. A configuration may use less than its capacity.
 pub(crate) type ModelMachine = Arbiter<CLOUDS, WINDOW>;
 
-/// What the machine said to one input.
+/// The machine's response to one input.
 #[derive(Clone, Debug, Default)]
 pub struct InputResponse {
-    /// What was due (F5), firing by firing.
+    /// The firings that were due (F5).
     pub fired: Vec<FiredTimers>,
     /// The input's own decisions.
     pub own: Vec<Decision>,
-    /// How it came to an end.
+    /// How the response ended.
     pub end: WholeAnswer,
 }
 
-/// What followed from the timers of one timestamp at one due instant.
+/// The consequences of the timers of one timestamp at one due instant.
 #[derive(Clone, Debug)]
 pub struct FiredTimers {
     /// The timestamp.
@@ -36,34 +36,34 @@ pub struct FiredTimers {
     pub decisions: Vec<Decision>,
 }
 
-/// Whether an input got its whole answer (F8).
+/// Reports whether an input got its whole answer (F8).
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub enum WholeAnswer {
-    /// Yes.
+    /// The answer is whole.
     #[default]
     Whole,
-    /// More timers fired than were live, and it went on.
+    /// More timers fired than were live, and the machine continued.
     Endless,
     /// The machine panicked.
     Panicked,
 }
 
 impl InputResponse {
-    /// All decisions in the order of the trace.
+    /// Returns all decisions in the order of the trace.
     pub fn decisions(&self) -> impl Iterator<Item = &Decision> {
         self.fired.iter().flat_map(|fired| &fired.decisions).chain(&self.own)
     }
 }
 
-/// A machine so configured, or none if it refuses the configuration.
+/// Creates a machine with this configuration, or returns `None` if it refuses the configuration.
 pub(crate) fn machine(header: &Header) -> Option<ModelMachine> {
     ModelMachine::new(header).ok()
 }
 
-/// Gives the machine one input, after at most `most` firings; it is no good any more unless the
-/// answer is whole.
+/// Gives the machine one input, and stops after `most` firings. Unless the answer is whole, the machine must
+/// not be used again.
 pub(crate) fn answer(machine: &mut ModelMachine, input: &Input, most: usize) -> InputResponse {
-    // Until the machine says otherwise.
+    // This is the answer if the machine panics.
     let mut answer = InputResponse { end: WholeAnswer::Panicked, ..InputResponse::default() };
     IN_MACHINE.set(true);
     let _ = panic::catch_unwind(AssertUnwindSafe(|| apply(machine, input, most, &mut answer)));
@@ -71,7 +71,7 @@ pub(crate) fn answer(machine: &mut ModelMachine, input: &Input, most: usize) -> 
     answer
 }
 
-/// Prints no panic of the machine; it is in the answer.
+/// Stops printing the machine's panics, which are in the answer.
 pub fn hush() {
     let tell = panic::take_hook();
     panic::set_hook(Box::new(move |info| {
@@ -89,7 +89,7 @@ fn apply(machine: &mut ModelMachine, input: &Input, most: usize, answer: &mut In
     let own = machine.apply(input, |at, firing| {
         if answer.fired.len() >= most {
             answer.end = WholeAnswer::Endless;
-            // No other way leads out of a machine that never ends.
+            // A machine that never ends can only be left by a panic.
             panic!("more timers fired than were live");
         }
         let mut decisions = Vec::new();

@@ -89,7 +89,7 @@ fn main() -> ExitCode {
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(help) if !help.use_stderr() => {
-            // Nobody reads the help any more if this fails.
+            // If this fails, nobody reads the help any more.
             let _ = help.print();
             return ExitCode::SUCCESS;
         }
@@ -113,7 +113,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// Checks what is requested; whether all of it holds.
+/// Checks the requested configurations. Returns `true` if all of them hold.
 fn check_all(args: &CheckArguments) -> Result<bool, ModelsError> {
     hush();
     let configs = chosen(args)?;
@@ -143,7 +143,7 @@ fn check_all(args: &CheckArguments) -> Result<bool, ModelsError> {
     Ok(verdicts.iter().all(Exploration::holds))
 }
 
-/// The configurations requested, in the order of the table.
+/// Returns the requested configurations in the order of the table.
 fn chosen(args: &CheckArguments) -> Result<Vec<&'static World>, ModelsError> {
     let is_named = |config: &World, name: &str| {
         let rest = config.name.strip_prefix(name);

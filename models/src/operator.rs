@@ -12,40 +12,40 @@ use crate::sighting::{Sighting, Sightings};
 use crate::state::State;
 use crate::world::{Readings, World};
 
-/// Priorities that no configuration registers; to a careless conversion the second one is a cloud's.
+/// Priorities that no configuration registers. A careless conversion takes the second one for a cloud's.
 const STRANGERS: [u64; 2] = [3, 65_536 + 2];
 
 /// One operator in the environment of a configuration.
 pub struct Operator {
     config: &'static World,
-    /// Which sightings were reported: the checker keeps the last sighting reported to it, and the
-    /// first one has the shortest way to it.
+    /// The sightings that were reported. The checker keeps the last report of a sighting, but the first one
+    /// has the shortest way to it.
     reported: Vec<AtomicBool>,
-    /// What is to be sighted.
+    /// The sightings to look for.
     sightings: Vec<Sighting>,
 }
 
 impl Operator {
-    /// An operator so configured.
+    /// Creates an operator with this configuration.
     #[must_use]
     pub fn new(config: &'static World) -> Self {
         let reported = Sighting::ALL.iter().map(|_| AtomicBool::new(false)).collect();
         Self { config, reported, sightings: config.sightings().collect() }
     }
 
-    /// The same without sightings: its only properties are the claims.
+    /// Returns the same operator without sightings, so that the claims are its only properties.
     #[must_use]
     pub fn without_sightings(self) -> Self {
         Self { sightings: Vec::new(), ..self }
     }
 
-    /// Its configuration.
+    /// Returns the configuration.
     #[must_use]
     pub const fn config(&self) -> &'static World {
         self.config
     }
 
-    /// What the steps from a state show.
+    /// Returns the sightings of the steps from a state.
     fn ahead(&self, state: &State) -> Sightings {
         let mut inputs = Vec::new();
         self.actions(state, &mut inputs);
@@ -57,7 +57,7 @@ impl Operator {
         shown
     }
 
-    /// The inputs other than ticks that can come at an instant.
+    /// Adds the inputs, other than ticks, that can come at an instant.
     fn inputs(&self, at: u64, out: &mut Vec<Input>) {
         let config = self.config;
         let sources = || config.clouds.iter().map(|cloud| u64::from(cloud.p));
@@ -80,7 +80,8 @@ impl Operator {
         }
     }
 
-    /// The inputs that nothing comes of: of strangers, to the operator as a cloud, due at once.
+    /// Adds the inputs that have no effect: from unknown sources, to local as if it were a cloud, or due at
+    /// once.
     fn follies(&self, at: u64, out: &mut Vec<Input>) {
         let Some(&t) = self.config.timestamps.first() else { return };
         out.push(Input::Open { at, t, deadline: Some(0) });
@@ -103,7 +104,8 @@ impl Holds<Claim> for Operator {
 }
 
 impl Holds<Sighting> for Operator {
-    /// Whether a step from this state shows it, unless another state was reported to have one.
+    /// Returns `true` if a step from this state shows the sighting, unless another state was reported to show
+    /// it.
     fn holds(&self, state: &State, sighting: Sighting) -> bool {
         let Some(reported) = self.reported.get(sighting as usize) else { return false };
         if reported.load(Ordering::Relaxed) {

@@ -1,17 +1,17 @@
-//! Properties by the table, with sets of them.
+//! Tables of properties, and sets of properties.
 
 use stateright::Model;
 
-/// A model that can say of its states whether a property of this kind holds.
+/// A model that can say whether a property of this kind holds in a state.
 pub(crate) trait Holds<Kind>: Model {
-    /// Whether it holds in this state.
+    /// Returns `true` if the property holds in this state.
     fn holds(&self, state: &Self::State, one: Kind) -> bool;
 }
 
-/// Makes an enum of properties, each `$Name = "its name"`, and the type of their sets.
+/// Defines an enum of properties, each `$Name = "its name"`, and the type of their sets.
 ///
-/// Stateright wants a function pointer for each property, which cannot capture which one it is of.
-/// So each needs a closure of its own, and a table keeps enum, names and closures together.
+/// Stateright wants a function pointer for each property, which cannot capture the property. So each needs
+/// its own closure, and a table keeps enum, names and closures together.
 macro_rules! properties {
     (
         $(#[$doc:meta])* $Kind:ident, $(#[$set_doc:meta])* $Set:ident, $expectation:ident;
@@ -28,10 +28,10 @@ macro_rules! properties {
         pub struct $Set(u128);
 
         impl $Kind {
-            /// All, in their order.
+            /// All properties in their order.
             pub const ALL: &[Self] = &[$(Self::$Name,)*];
 
-            /// The name of the property.
+            /// Returns the property's name.
             #[must_use]
             pub const fn name(self) -> &'static str {
                 match self {
@@ -39,7 +39,7 @@ macro_rules! properties {
                 }
             }
 
-            /// The property as stateright has it.
+            /// Returns the property in the form of Stateright.
             pub(crate) fn property<M>(self) -> stateright::Property<M>
             where
                 M: crate::property::Holds<Self>,
@@ -55,19 +55,19 @@ macro_rules! properties {
         }
 
         impl $Set {
-            /// Whether `one` is a member.
+            /// Returns `true` if `one` is a member.
             #[must_use]
             pub const fn contains(self, one: $Kind) -> bool {
                 self.0 >> one as u32 & 1 == 1
             }
 
-            /// Whether nothing is a member.
+            /// Returns `true` if the set is empty.
             #[must_use]
             pub const fn is_empty(self) -> bool {
                 self.0 == 0
             }
 
-            /// The members in their order.
+            /// Returns the members in their order.
             pub fn iter(self) -> impl Iterator<Item = $Kind> {
                 $Kind::ALL.iter().copied().filter(move |one| self.contains(*one))
             }
@@ -76,7 +76,7 @@ macro_rules! properties {
                 self.0 |= 1 << one as u32;
             }
 
-            /// Adds `one` if `holds`.
+            /// Adds `one` if `holds` is `true`.
             pub(crate) fn insert_if(&mut self, one: $Kind, holds: bool) {
                 if holds {
                     self.insert(one);

@@ -1,4 +1,4 @@
-//! Verdicts for people, for scripts, and as files.
+//! Writes verdicts for people, for scripts, and as files.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -28,20 +28,20 @@ struct JsonVerdict<'a> {
     seconds: f64,
     claims: usize,
     sightings: usize,
-    /// The names of the properties that are broken, each with its counterexample, a line an entry.
+    /// The names of the broken properties, each with the lines of its counterexample.
     violations: BTreeMap<&'a str, Vec<&'a str>>,
     /// The names of the sightings that no state showed.
     unmet: Vec<&'a str>,
 }
 
-/// The verdict in a line.
+/// Returns the verdict on one line.
 pub(crate) fn line(verdict: &Exploration) -> String {
     let Exploration { config, states, took, .. } = verdict;
     let word = word(verdict);
     format!("{}: {word}, {states} states in {:.1} s", config.name, took.as_secs_f64())
 }
 
-/// A table of verdicts, then whatever does not hold.
+/// Writes a table of verdicts, then everything that does not hold.
 pub(crate) fn tell(out: &mut impl Write, verdicts: &[Exploration]) -> Result<(), ModelsError> {
     let mut table = Table::new();
     table.load_style(STYLE);
@@ -66,7 +66,7 @@ pub(crate) fn tell(out: &mut impl Write, verdicts: &[Exploration]) -> Result<(),
     verdicts.iter().try_for_each(|verdict| print_faults(out, verdict)).map_err(ModelsError::Output)
 }
 
-/// One JSON object on a line.
+/// Writes a JSON object on one line.
 pub(crate) fn json(out: &mut impl Write, verdict: &Exploration) -> Result<(), ModelsError> {
     let violations = verdict.violations.iter();
     let summary = JsonVerdict {
@@ -85,7 +85,7 @@ pub(crate) fn json(out: &mut impl Write, verdict: &Exploration) -> Result<(), Mo
     Ok(writeln!(out)?)
 }
 
-/// Writes the counterexamples, each whole or not at all.
+/// Writes the counterexamples. Each file is written whole or not at all.
 pub(crate) fn save(folder: &Path, verdict: &Exploration) -> Result<(), ModelsError> {
     for run in &verdict.violations {
         let id = run.claim.name().split(' ').next().unwrap_or_default().to_lowercase();
@@ -96,7 +96,7 @@ pub(crate) fn save(folder: &Path, verdict: &Exploration) -> Result<(), ModelsErr
     Ok(())
 }
 
-/// The configurations.
+/// Writes the configurations.
 pub(crate) fn list(out: &mut impl Write) -> Result<(), ModelsError> {
     let mut table = Table::new();
     table.load_style(STYLE);

@@ -1,4 +1,4 @@
-//! Which sightings a step shows.
+//! Finds the sightings that a step shows.
 
 use fuseline_core::Priority;
 use fuseline_testkit::History;
@@ -9,7 +9,7 @@ use crate::sighting::{Sighting, Sightings};
 use crate::state::State;
 use crate::world::World;
 
-/// What one step shows.
+/// Returns the sightings of one step.
 pub(crate) fn sightings(
     config: &World,
     before: &State,
@@ -45,7 +45,7 @@ pub(crate) fn sightings(
     shown
 }
 
-/// What the first firing of a timestamp shows.
+/// Adds the sightings of the first firing of a timestamp.
 fn of_firing(config: &World, history: &History, fired: &FiredTimers, shown: &mut Sightings) {
     let eager = config.commit == Commit::Eager;
     let patient = config.commit == Commit::Patient;
@@ -91,7 +91,7 @@ fn of_firing(config: &World, history: &History, fired: &FiredTimers, shown: &mut
     shown.insert_if(Sighting::LimitRetires, output.is_some() && limited && last);
 }
 
-/// What a forwarding shows; `arrived` is the result that brought it about.
+/// Adds the sightings of a forwarding. `arrived` is the result that caused it.
 fn of_emit(history: &History, arrived: Option<u64>, decisions: &[Decision], shown: &mut Sightings) {
     let cancels = decisions.iter().any(|decision| matches!(decision, Decision::Cancel { .. }));
     let fired = |p| decisions.iter().any(|d| matches!(d, Decision::Timer { p: q, .. } if *q == p));
@@ -109,7 +109,7 @@ fn of_emit(history: &History, arrived: Option<u64>, decisions: &[Decision], show
     shown.insert_if(Sighting::BestOfTwo, arrived.is_none() && history.held().count() > 1);
 }
 
-/// What the input's own decisions show.
+/// Adds the sightings of the input's own decisions.
 fn of_input(
     config: &World,
     before: &State,
@@ -245,7 +245,7 @@ fn of_result(
     }
 }
 
-/// F9: what an output shows.
+/// Adds the sightings of an output (F9).
 fn of_output(history: &History, p: u64, decisions: &[Decision], shown: &mut Sightings) {
     let is_final = decisions.iter().any(|decision| matches!(decision, Decision::Final { .. }));
     let cancels = decisions.iter().any(|decision| matches!(decision, Decision::Cancel { .. }));
@@ -257,7 +257,7 @@ fn of_output(history: &History, p: u64, decisions: &[Decision], shown: &mut Sigh
     shown.insert_if(Sighting::Retired, is_final && history.timers().any(|(q, _)| q != p));
 }
 
-/// The sighting of a refused open.
+/// Returns the sighting of a refused open.
 fn open_refused(why: OpenRefusal) -> Sighting {
     match why {
         OpenRefusal::Order => Sighting::OpenOrder,
@@ -266,7 +266,7 @@ fn open_refused(why: OpenRefusal) -> Sighting {
     }
 }
 
-/// The sighting of a refused offer; `gate` is that of its gate.
+/// Returns the sighting of a refused offer. `gate` is the sighting of its gate.
 fn offer_refused(why: OfferRefusal, reached: bool, gate: Option<Sighting>) -> Option<Sighting> {
     match why {
         OfferRefusal::Unknown if reached => Some(Sighting::OfferUnknownCloud),
@@ -279,7 +279,7 @@ fn offer_refused(why: OfferRefusal, reached: bool, gate: Option<Sighting>) -> Op
     }
 }
 
-/// The sightings of a result that is dropped, in the order of the reasons.
+/// The sightings of a dropped result, in the order of the reasons.
 const RESULT_DROPPED: [Sighting; DropReason::ALL.len()] = [
     Sighting::ResultUnknown,
     Sighting::ResultSuperseded,
@@ -288,7 +288,7 @@ const RESULT_DROPPED: [Sighting; DropReason::ALL.len()] = [
     Sighting::ResultLate,
 ];
 
-/// The sightings of a failure that is dropped, in the order of the reasons.
+/// The sightings of a dropped failure, in the order of the reasons.
 const FAIL_DROPPED: [Sighting; DropReason::ALL.len()] = [
     Sighting::FailUnknown,
     Sighting::FailSuperseded,

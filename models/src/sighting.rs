@@ -1,10 +1,10 @@
-//! What a step can show: the sightings that the environment reaches every rule, reason and promise.
+//! Sightings show that the environment reaches every rule, reason and promise.
 
 use crate::property::properties;
 
 properties! {
-    /// Something that a step shows. Each is a `sometimes` property: in some state that can be
-    /// reached, some input shows it.
+    /// Something that a step shows. Each is a `sometimes` property: in some reachable state, some input shows
+    /// it.
     Sighting,
     /// A set of sightings.
     Sightings,

@@ -1,4 +1,4 @@
-//! One state of the model, and the step from it to the next.
+//! A state of the model, and the step to the next state.
 
 use std::fmt;
 use std::hash::{Hash, Hasher};
@@ -13,28 +13,28 @@ use crate::machine::{InputResponse, ModelMachine, WholeAnswer, answer, machine};
 use crate::sighting::Sightings;
 use crate::world::World;
 
-/// The shipped machine, and beside it what shows whether it does right.
+/// The shipped machine, with companions that show whether it is right.
 ///
-/// All of it identifies a state but the twin: that is equal to the machine, or P10 is broken and the
-/// state is a last one. The reference machine is part of it: of two histories that a faulty machine
-/// takes for one, it would otherwise see the first alone.
+/// Everything except the twin identifies a state: the twin equals the machine, or P10 is broken and the state
+/// is a last one. The reference machine is part of the identity. If a faulty machine confuses two histories,
+/// the search would otherwise see only the first of them.
 #[derive(Clone)]
 pub struct State {
     pub(crate) machine: ModelMachine,
-    /// P10: made with its clouds in reverse order, and ticked at every instant on the way.
+    /// A machine with its clouds in reverse order, which is ticked at every instant in between (P10).
     twin: ModelMachine,
-    /// P13: under progressive, a machine of the patient rule that takes the same inputs.
+    /// Under progressive, a machine with the patient rule that takes the same inputs (P13).
     patient: Option<ModelMachine>,
-    /// The rules' own machine, until the two disagree.
+    /// The reference machine, until the two disagree.
     reference: Option<Reference>,
     pub(crate) ledger: Ledger,
     violated: Claims,
-    /// What the steps from here show, once computed.
+    /// The sightings of the steps from here, once they are computed.
     ahead: OnceLock<Sightings>,
 }
 
 impl State {
-    /// The state of an operator just made, or none if the machine refuses the configuration.
+    /// Returns the state of a new operator, or `None` if the machine refuses the configuration.
     #[must_use]
     pub fn new(config: &World) -> Option<Self> {
         let mut header = config.header();
@@ -48,20 +48,20 @@ impl State {
         Some(Self { machine: first, twin, patient, reference, ledger, violated, ahead })
     }
 
-    /// What the step that led here broke, or one before it.
+    /// Returns the claims that the step to this state, or an earlier one, broke.
     #[must_use]
     pub const fn violated(&self) -> Claims {
         self.violated
     }
 
-    /// Whether what follows means something: nothing is broken but agreement with the reference
+    /// Returns `true` if further steps mean something: nothing is broken except agreement with the reference
     /// machine, which the promises do not need.
     #[must_use]
     pub fn goes_on(&self) -> bool {
         self.violated.iter().all(Claim::is_of_reference)
     }
 
-    /// The state after an input, and what the machine said to it.
+    /// Returns the state after an input, and the machine's response to it.
     #[must_use]
     pub fn step(&self, config: &World, input: &Input) -> (Self, InputResponse) {
         let mut next = Self { ahead: OnceLock::new(), ..self.clone() };
@@ -84,7 +84,7 @@ impl State {
         *self.ahead.get_or_init(look)
     }
 
-    /// Enters the input into the ledger of promises, and compares the machine with what is booked.
+    /// Enters the input into the ledger of promises, and compares the machine with the ledger.
     fn enter(&mut self, config: &World, input: &Input, answer: &InputResponse) {
         let fired = answer.fired.iter().flat_map(|fired| &fired.decisions);
         let next_due = self.machine.next_due();
@@ -97,7 +97,7 @@ impl State {
         self.violated.insert_if(Claim::P8, !has_timers);
     }
 
-    /// P8: the machine's timers for an open timestamp are those that are owed.
+    /// Returns `true` if the machine's timers for an open timestamp are those that it owes (P8).
     fn has_timers_of(&self, config: &World, t: u64, history: &History) -> bool {
         let mut sources = config.clouds.iter().map(|cloud| cloud.p).chain([0]);
         sources.all(|p| {
@@ -106,7 +106,7 @@ impl State {
         })
     }
 
-    /// Gives the input to the reference machine; ends with it where the two disagree.
+    /// Gives the input to the reference machine, and drops it if the two disagree.
     fn compare(&mut self, config: &World, input: &Input, answer: &InputResponse) {
         let Some(reference) = &mut self.reference else { return };
         let mut demands = ExpectedDecisions::new();
@@ -126,7 +126,8 @@ impl State {
         }
     }
 
-    /// Gives the input to the twin, after ticks at every instant between; whether it does the same.
+    /// Gives the input to the twin, after ticks at every instant in between. Returns `true` if it does the
+    /// same.
     fn mirror(
         &mut self,
         config: &World,
@@ -137,7 +138,7 @@ impl State {
     ) -> bool {
         let mut decisions = Vec::new();
         let between = config.clock.iter().filter(|at| from < **at && **at <= input.at());
-        // The second tick of each two is one of a clock that goes back.
+        // Every second tick has a clock that goes back.
         let ticks = between.flat_map(|at| [Input::Tick { at: *at }, Input::Tick { at: 0 }]);
         for input in ticks.chain([*input]) {
             let answer = answer(&mut self.twin, &input, most);
@@ -150,7 +151,7 @@ impl State {
         of_machine.eq(decisions) && self.twin == self.machine
     }
 
-    /// P13: gives the input to the patient machine; whether it admits, refuses and ends the same.
+    /// Gives the input to the patient machine. Returns `true` if it admits, refuses and ends the same (P13).
     fn is_as_patient(&mut self, input: &Input, answer_of_machine: &InputResponse) -> bool {
         let Some(patient) = &mut self.patient else { return true };
         let answer = answer(patient, input, usize::MAX);
@@ -162,7 +163,7 @@ impl State {
     }
 }
 
-/// The rule by which the first decision that differs is made, if one does.
+/// Returns the rule of the first decision that differs, if one does.
 fn difference(input: &Input, answer: &InputResponse, demands: &ExpectedDecisions) -> Option<Claim> {
     let decisions: Vec<&Decision> = answer.decisions().collect();
     let of_firings = decisions.len() - answer.own.len();
@@ -172,7 +173,7 @@ fn difference(input: &Input, answer: &InputResponse, demands: &ExpectedDecisions
         places.into_iter().find(|index| decisions.get(*index).copied() != demanded(*index))?;
     Some(match (decisions.get(index), demands.get(index)) {
         (Some(found), Some((decision, _))) if found.redated(0) == decision.redated(0) => Claim::F0,
-        // What a timer did without a demand stands where the input's own decision should.
+        // An undemanded decision of a timer takes the place of the input's own decision.
         (Some(found), Some((_, rule)))
             if index < of_firings && !matches!(rule, Rule::F5 | Rule::F6 | Rule::F7 | Rule::F9) =>
         {
@@ -184,7 +185,7 @@ fn difference(input: &Input, answer: &InputResponse, demands: &ExpectedDecisions
     })
 }
 
-/// The rule by which a decision that nothing demands was made.
+/// Returns the rule of a decision that nothing demands.
 fn of_decision(decision: &Decision, input: &Input) -> Claim {
     match decision {
         Decision::Timer { .. } => Claim::F5,
@@ -199,7 +200,7 @@ fn of_decision(decision: &Decision, input: &Input) -> Claim {
     }
 }
 
-/// The rule about inputs of this kind.
+/// Returns the rule about inputs of this kind.
 fn of_input(input: &Input) -> Claim {
     match input {
         Input::Open { .. } => Claim::F1,
@@ -229,7 +230,7 @@ impl Hash for State {
 }
 
 impl fmt::Debug for State {
-    /// What the machine says of itself, a line for each open timestamp, and what is broken.
+    /// Writes the machine's state, one line for each open timestamp, and the claims that are broken.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "now {}", self.machine.now())?;
         match self.machine.fusion().newest() {

@@ -1,7 +1,8 @@
-//! Two chained operators under one end-to-end deadline: the shipped machine twice and the engine's budget, state by state (E1 to E4).
+//! Checks two chained operators under one end-to-end deadline, state by state, with the shipped machine twice
+//! and the engine's budget (E1 to E4).
 //!
-//! The environment captures, offers, answers, fails, and serves each timer up to [`LATENESS`] late. The second operator takes an
-//! item in when the first sends it.
+//! The environment captures, offers, returns results, fails, and serves each timer up to [`LATENESS`] late.
+//! The second operator accepts an item when the first sends it.
 
 use std::time::Duration;
 
@@ -11,15 +12,15 @@ use fuseline_engine::{Budget, Reserve};
 use fuseline_traces::{Cloud, Commit, Decision, Header, Input};
 use stateright::{Checker, Model, Property};
 
-/// From capture to the last output.
+/// The time from capture to the last output.
 const WITHIN: u64 = 4;
-/// Of the first operator and of the second.
+/// The reserves of the first and of the second operator.
 const RESERVES: [u64; 2] = [2, 0];
-/// How late each operator serves a timer at most.
+/// The greatest delay with which each operator serves a timer.
 const LATENESS: u64 = 1;
-/// How long a cloud may take by its own deadline.
+/// The time that a cloud may take by its own deadline.
 const DEADLINES: [u64; 2] = [1, 5];
-/// How old a message is when the first operator takes it in.
+/// The ages of a message when the first operator accepts it.
 const AGES: [u64; 2] = [0, 3];
 const HORIZON: u64 = 9;
 const CLOUD: u64 = 1;
@@ -35,7 +36,7 @@ struct Chain {
 struct ChainState {
     now: u64,
     stages: [ChainStage; 2],
-    /// What the step that led here showed.
+    /// The outcomes that the step to this state showed.
     shown: Vec<ChainOutcome>,
     broken: Vec<&'static str>,
 }
@@ -43,19 +44,19 @@ struct ChainState {
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 struct ChainStage {
     machine: Arbiter<1, 2>,
-    /// By timestamp.
+    /// The messages by timestamp.
     messages: Vec<ChainMessage>,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 struct ChainMessage {
     captured: u64,
-    /// When the first operator took it in.
+    /// The instant when the first operator accepted it.
     written: u64,
     taken_in: u64,
-    /// Whether there is a result to compute from.
+    /// `true` if there is a result to compute from.
     has_value: bool,
-    /// How often it was answered, and when first.
+    /// The number of its endings.
     endings: u32,
     ended: Option<u64>,
 }
@@ -93,7 +94,7 @@ impl Chain {
         Budget::ending_at(message.captured + WITHIN, Reserve::new(reserve, reserve))
     }
 
-    /// A message comes to an operator; F1 may refuse it.
+    /// Opens a message at an operator, which may refuse it (F1).
     fn take_in(&self, state: &mut ChainState, operator: usize, message: ChainMessage) {
         let (at, t) = (state.now, state.stages[operator].messages.len() as u64);
         let message = ChainMessage { taken_in: at, endings: 0, ended: None, ..message };
@@ -117,7 +118,7 @@ impl Chain {
         }
     }
 
-    /// An operator sends the item of a message.
+    /// Sends the item of a message from an operator.
     fn ended(&self, state: &mut ChainState, operator: usize, t: u64, by: Option<u64>) {
         let now = state.now;
         let message = &mut state.stages[operator].messages[usize::try_from(t).unwrap()];
@@ -150,13 +151,13 @@ impl Chain {
     }
 }
 
-/// E2: when an operator has answered at the latest, each on the way with the lateness of one timer and, of a message
-/// that is over, the nanosecond that F1 takes at least.
+/// Returns the latest instant at which an operator has an ending (E2). Each operator on the way adds the
+/// lateness of one timer and, for a message that is over, the least deadline of 1 ns (F1).
 fn latest(captured: u64, written: u64, operator: u64) -> u64 {
     (captured + WITHIN).max(written + 1) + LATENESS + operator * (LATENESS + 1)
 }
 
-/// E3: a request ends with its own deadline and where the reserve begins.
+/// Checks that a request ends with its own deadline and where the reserve begins (E3).
 fn requested(state: &mut ChainState, operator: usize, t: u64, due: u64) {
     let message = &state.stages[operator].messages[usize::try_from(t).unwrap()];
     if due > message.captured + WITHIN - RESERVES[operator] {
@@ -169,7 +170,8 @@ fn nanos(duration: Duration) -> u64 {
 }
 
 impl ChainState {
-    /// E1: one item of each message; of the second operator one for each item of the first.
+    /// Returns `true` if each message has one item, and each item of the first operator leads to one of the
+    /// second (E1).
     fn is_answered_once(&self) -> bool {
         let [first, second] = &self.stages;
         let items = first.messages.iter().filter(|message| message.endings > 0).count();
@@ -177,7 +179,7 @@ impl ChainState {
             && self.stages.iter().flat_map(|operator| &operator.messages).all(|it| it.endings <= 1)
     }
 
-    /// E2.
+    /// Returns `true` if every ending is in time (E2).
     fn is_in_time(&self) -> bool {
         (0..).zip(&self.stages).all(|(index, operator)| {
             operator.messages.iter().all(|message| {
@@ -307,7 +309,7 @@ impl Model for Chain {
     }
 }
 
-/// Checks all states; another number of them says that the machine, the budget or the environment changed.
+/// Checks all states. Another number of states means that the machine, the budget or the environment changed.
 #[track_caller]
 fn assert_holds(chain: Chain, states: usize) {
     let checker = chain.checker().threads(2).spawn_bfs().join();
@@ -315,19 +317,19 @@ fn assert_holds(chain: Chain, states: usize) {
     assert_eq!(checker.unique_state_count(), states);
 }
 
-/// E1 to E4.
+/// With substitutes, two operators keep the budget (E1 to E4).
 #[test]
-fn two_chained_operators_with_substitutes_keep_the_budget() {
+fn chain_with_substitutes_keeps_the_budget() {
     assert_holds(Chain { window: 1, messages: 1, has_substitutes: true }, 5_566);
 }
 
-/// E1 to E3.
+/// Without substitutes, two operators keep the budget (E1 to E3).
 #[test]
-fn two_chained_operators_without_substitutes_keep_the_budget() {
+fn chain_without_substitutes_keeps_the_budget() {
     assert_holds(Chain { window: 1, messages: 1, has_substitutes: false }, 5_814);
 }
 
-/// E1 to E4: the second of two messages may be refused.
+/// The second of two messages may be refused (E1 to E4).
 #[test]
 fn two_messages_of_a_chain_keep_the_budget() {
     assert_holds(Chain { window: 1, messages: 2, has_substitutes: true }, 700_626);

@@ -1,4 +1,4 @@
-//! Small configurations, checked whole; and what makes a check fail.
+//! Checks small configurations completely, and what makes a check fail.
 
 use std::collections::BTreeSet;
 
@@ -14,7 +14,7 @@ fn named(name: &str) -> World {
     *World::named(name).expect("a configuration")
 }
 
-/// The verdict on a configuration made here.
+/// Returns the verdict on a configuration that a test makes.
 fn verdict_of(config: World) -> Exploration {
     verdict(Box::leak(Box::new(config)))
 }
@@ -77,14 +77,14 @@ fn the_ends_of_every_range_hold_patiently() {
 }
 
 #[test]
-fn an_environment_without_a_backlog_does_not_show_a_shut_gate() {
+fn environment_without_backlog_shows_no_shut_gate() {
     let verdict = verdict_of(World { backlogs: &[0], ..named("gate") });
     assert_eq!(verdict.unmet, [Sighting::GateShuts, Sighting::GateStays, Sighting::GateOpens]);
     assert!(!verdict.holds());
 }
 
 #[test]
-fn an_environment_with_one_instant_less_has_other_states() {
+fn one_instant_less_changes_the_states() {
     let verdict = verdict_of(World { clock: &[0, 1, 2, 3], ..named("1x2w1-eager") });
     assert_eq!(verdict.unmet, []);
     assert!(!verdict.holds());

@@ -1,4 +1,4 @@
-//! The command from outside.
+//! Tests the command from outside.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -40,7 +40,7 @@ fn json_is_one_object_a_configuration() {
 }
 
 #[test]
-fn an_unknown_configuration_is_reported_in_one_line_and_exits_with_2() {
+fn unknown_configuration_exits_with_2() {
     for args in [&["check", "1x"][..], &["explore", "1x2w1"], &["check", "--what"], &["prove"]] {
         let output = models(args);
         let message = text(&output.stderr);
@@ -51,7 +51,7 @@ fn an_unknown_configuration_is_reported_in_one_line_and_exits_with_2() {
 }
 
 #[test]
-fn an_address_that_is_taken_is_reported_in_one_line_and_exits_with_2() {
+fn taken_address_exits_with_2() {
     let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
     let address = listener.local_addr().expect("an address").to_string();
     let output = models(&["explore", "1x2w1-eager", "--listen", &address]);
@@ -85,7 +85,7 @@ fn the_explorer_shows_steps_in_the_words_of_the_trace() {
     let mut stderr = BufReader::new(explorer.stderr.take().expect("a pipe"));
     stderr.read_line(&mut message).expect("a line");
     assert!(message.contains(&address), "{message}");
-    // It says so before it listens.
+    // It prints this line before it listens.
     let steps = loop {
         if let Some(answer) = request(&address, "/.states/0") {
             break answer;
@@ -101,7 +101,7 @@ fn the_explorer_shows_steps_in_the_words_of_the_trace() {
     assert!(steps.contains(&step), "{steps}");
 }
 
-/// What the server has at a path, if it listens.
+/// Returns the server's response for a path, if it listens.
 fn request(address: &str, path: &str) -> Option<String> {
     let mut stream = TcpStream::connect(address).ok()?;
     write!(stream, "GET {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n").ok()?;

@@ -1,16 +1,16 @@
-//! The table.
+//! The table of configurations.
 
 use fuseline_traces::{Cloud, Commit};
 
 use super::{Readings, Size, World};
 use crate::sighting::Sighting;
 
-/// What the patient rule has not.
+/// Sightings that the patient rule cannot show.
 const EAGER: &[Sighting] =
     &[Sighting::EagerOverPending, Sighting::EagerOwn, Sighting::LimitHolds, Sighting::StaysArmed];
-/// What the eager rule has not.
+/// Sightings that the eager rule cannot show.
 const PATIENT: &[Sighting] = &[Sighting::PatientWaits, Sighting::Disarmed];
-/// What rules that hold results have not.
+/// Sightings that the rules which hold results cannot show.
 const SENT: &[Sighting] = &[
     Sighting::Improved,
     Sighting::ImprovedAgain,
@@ -19,7 +19,7 @@ const SENT: &[Sighting] = &[
     Sighting::FinalByTimer,
     Sighting::FinalByFailure,
 ];
-/// What the progressive rule has not.
+/// Sightings that the progressive rule cannot show.
 const HELD: &[Sighting] = &[
     Sighting::EagerOverPending,
     Sighting::EagerOwn,
@@ -35,12 +35,12 @@ const HELD: &[Sighting] = &[
     Sighting::Floor,
     Sighting::Discarded,
     Sighting::LastRequest,
-    // A timer's instant sends nothing.
+    // A firing sends nothing.
     Sighting::Once,
 ];
-/// What needs backlogs about the limit of a gate.
+/// Sightings that need backlogs around the limit of a gate.
 const GATES: &[Sighting] = &[Sighting::GateShuts, Sighting::GateStays, Sighting::GateOpens];
-/// What needs two clouds: one held, one to outrank it.
+/// Sightings that need two clouds: one with a held result, and one that outranks it.
 const TWO_CLOUDS: &[Sighting] = &[
     Sighting::OfferJoins,
     Sighting::EagerOverPending,
@@ -53,13 +53,13 @@ const TWO_CLOUDS: &[Sighting] = &[
     Sighting::Cancelled,
     Sighting::OutrankedDropped,
 ];
-/// What needs three clouds: one offered, one held, one to outrank it.
+/// Sightings that need three clouds: one that is offered, one with a held result, and one that outranks it.
 const THREE_CLOUDS: &[Sighting] = &[Sighting::OfferOutranked, Sighting::Outranked];
-/// What needs a second timestamp.
+/// Sightings that need a second timestamp.
 const TWO_TIMESTAMPS: &[Sighting] = &[Sighting::OpenFull, Sighting::OpenRoom];
-/// What needs two timestamps open at once.
+/// Sightings that need two open timestamps.
 const TWO_OPEN: &[Sighting] = &[Sighting::TimestampsTogether];
-/// What needs a deadline of local.
+/// Sightings that need a deadline for local.
 const LIMITS: &[Sighting] = &[
     Sighting::OpenLimited,
     Sighting::LimitAlone,
@@ -67,13 +67,13 @@ const LIMITS: &[Sighting] = &[
     Sighting::LimitHolds,
     Sighting::LimitRetires,
 ];
-/// What needs results that come after the instant of the state.
+/// Sightings that need results after the instant of the state.
 const LEAPS: &[Sighting] =
     &[Sighting::TimerFirst, Sighting::Once, Sighting::DueInstant, Sighting::OpenRoom];
-/// What needs three readings of the clock.
+/// Sightings that need three readings of the clock.
 const THREE_INSTANTS: &[Sighting] = &[Sighting::DuesPassed, Sighting::EagerOverPending];
 
-/// A cloud whose gate shuts with one message in its queue.
+/// Returns a cloud whose gate shuts with one message in its queue.
 const fn cloud(p: u16) -> Cloud {
     Cloud { p, name: None, limit: 1, resume: 0 }
 }
@@ -84,7 +84,7 @@ const THREE: &[Cloud] = &[cloud(5), cloud(2), cloud(7)];
 
 const MAX: u64 = u64::MAX;
 
-/// What most rows share.
+/// The values that most rows share.
 const BASE: World = World {
     name: "",
     size: Size::Quick,
