@@ -1,7 +1,8 @@
 //! Any value of the machine's types, and any valid state.
 //!
-//! Harnesses start from these. States are made valid by construction, so that no harness has to assume it; `valid.rs` says what
-//! valid means. Each function draws from Kani's `any`, or where Kani is not, from its stand-in.
+//! Harnesses start from these. States are valid by construction, so that no harness has to assume it;
+//! `valid.rs` defines validity. Each function draws from Kani's `any` or, on hosts without Kani, from its
+//! stand-in.
 
 use crate::cell_window::{self, DueKey};
 use crate::cells::Cells;
@@ -16,11 +17,13 @@ use crate::source::{Source, Sources};
 use crate::time::{Deadline, Instant, Timestamp};
 use crate::window::{Others, Window};
 
-/// The greatest window that there is.
+/// The greatest window.
 pub(crate) const WINDOW: usize = 1024;
 
-/// Any number below `cases`. The runner may check one case at a time: then `FUSELINE_CASE` names it at compile time, so that
-/// all that depends on it is a constant. A line `Cases:` of a harness says how many there are.
+/// Returns any number below `cases`.
+///
+/// The runner may check one case at a time. `FUSELINE_CASE` then names the case at compile time, so that
+/// everything that depends on it is constant. The line `Cases:` of a harness states their number.
 pub(crate) fn any_case(cases: u8) -> u8 {
     let case = kani::any_where(|case| *case < cases);
     match option_env!("FUSELINE_CASE") {
@@ -41,23 +44,24 @@ pub(crate) fn any_commit() -> Commit {
     }
 }
 
-/// Local or one of the first `clouds` clouds.
+/// Returns local or one of the first `clouds` clouds.
 pub(crate) fn any_source(clouds: u8) -> Source {
     Source::new(kani::any_where(|index| *index <= clouds)).unwrap_or(Source::LOCAL)
 }
 
-/// Local and the first `clouds` clouds.
+/// Returns local and the first `clouds` clouds.
 pub(crate) const fn sources(clouds: u8) -> Sources {
     Sources::from_bits(u16::MAX >> (15 - clouds))
 }
 
-/// Any valid state of an open timestamp for which nothing beyond the first `clouds` clouds was requested.
+/// Returns any valid state of an open timestamp for which nothing beyond the first `clouds` clouds was
+/// requested.
 pub(crate) fn any_slot(commit: Commit, clouds: u8) -> Slot {
     let [requested, pending, cached] = kani::any();
     slot_of(commit, clouds, requested, pending, cached, kani::any())
 }
 
-/// A valid state made from any bits. Those of a valid state stay as they are, so that none is left out.
+/// Makes a valid state from any bits. The bits of a valid state stay the same, so no state is missing.
 pub(crate) fn slot_of(
     commit: Commit,
     clouds: u8,
@@ -71,14 +75,14 @@ pub(crate) fn slot_of(
         0 => Sources::LOCAL.bits(),
         pending => pending,
     };
-    // P4: what is cached lies below the greatest pending.
+    // The cached sources are below the greatest pending one (P4).
     let below = u16::MAX >> pending.leading_zeros() >> 1;
     let cached = cached & requested & !pending & below;
     let (pending, cached, with_timers) = match commit {
         Commit::Eager => (pending, cached, pending | cached),
         Commit::Patient => (pending, cached, pending),
         Commit::Progressive => {
-            // F9: one is cached, and what is pending outranks it: the greatest pending does.
+            // One source is cached, and the greatest pending one outranks it (F9).
             let outranked = u16::MAX.checked_shr(cached.leading_zeros()).unwrap_or(0);
             let better = pending & !outranked;
             (better, outranked ^ outranked >> 1, better)
@@ -88,7 +92,7 @@ pub(crate) fn slot_of(
     let armed = with_timers & !Sources::LOCAL.bits() | deadline;
     let [requested, pending, armed, cached] =
         [requested, pending, armed, cached].map(Sources::from_bits);
-    // `every_valid_state_is_generated_and_accepted` shows that it is no error.
+    // `every_valid_state_is_generated_and_accepted` shows that this is never an error.
     Slot::from_sets(commit, requested, pending, armed, cached).unwrap_or(Slot::RETIRED)
 }
 
@@ -104,12 +108,12 @@ pub(crate) fn any_timestamp() -> Timestamp {
     Timestamp::new(kani::any())
 }
 
-/// Any timestamp; where values are random, `own` half of the time.
+/// Returns any timestamp. If values are random, it is `own` half of the time.
 pub(crate) fn any_timestamp_or(own: Timestamp) -> Timestamp {
     if kani::any() { own } else { any_timestamp() }
 }
 
-/// Any priority; where values are random, mostly one that is known.
+/// Returns any priority. If values are random, it is usually one that is registered.
 pub(crate) fn any_priority_or_registered<const CLOUDS: usize>(clouds: &Clouds<CLOUDS>) -> Priority {
     let (known, mut priority) = (kani::any::<u8>(), Priority::new(kani::any()));
     for (i, registered) in clouds.priorities.iter().enumerate() {
@@ -120,7 +124,7 @@ pub(crate) fn any_priority_or_registered<const CLOUDS: usize>(clouds: &Clouds<CL
     priority
 }
 
-/// The earliest due instant of an entry's armed timers, by looking at each.
+/// Returns the earliest due instant of an entry's armed timers, by looking at each.
 pub(crate) fn earliest<const CLOUDS: usize>(entry: &Entry<CLOUDS>) -> Option<Instant> {
     let armed = entry.slot.armed().bits();
     let mut earliest = if armed & 1 != 0 { Some(entry.local_due) } else { None };
@@ -134,7 +138,7 @@ pub(crate) fn earliest<const CLOUDS: usize>(entry: &Entry<CLOUDS>) -> Option<Ins
     earliest
 }
 
-/// The earlier one; none is later than any.
+/// Returns the earlier of two due instants. `None` is later than any.
 pub(crate) fn least(a: Option<Instant>, b: Option<Instant>) -> Option<Instant> {
     match (a, b) {
         (Some(a), Some(b)) => Some(if a <= b { a } else { b }),
@@ -143,12 +147,13 @@ pub(crate) fn least(a: Option<Instant>, b: Option<Instant>) -> Option<Instant> {
     }
 }
 
-/// Any open timestamp's entry.
+/// Returns the entry of any open timestamp.
 pub(crate) fn any_entry<const CLOUDS: usize>(commit: Commit) -> Entry<CLOUDS> {
     any_entry_of(any_slot(commit, CLOUDS as u8))
 }
 
-/// Any with these sets. What is armed is due after the clock's start: a due instant lies after some clock's.
+/// Returns any entry with these sets. Armed timers are due after the clock's start, because a due instant is
+/// later than some clock's reading.
 pub(crate) fn any_entry_of<const CLOUDS: usize>(slot: Slot) -> Entry<CLOUDS> {
     let mut entry = Entry { slot, ..Entry::EMPTY };
     let armed = slot.armed().bits();
@@ -159,13 +164,13 @@ pub(crate) fn any_entry_of<const CLOUDS: usize>(slot: Slot) -> Entry<CLOUDS> {
     entry
 }
 
-/// Any due instant; that of an armed timer is after the clock's start.
+/// Returns any due instant. An armed timer's is after the clock's start.
 pub(crate) fn any_due(is_armed: bool) -> Instant {
     let nanos: u64 = kani::any();
     Instant::from_nanos(if is_armed && nanos == 0 { 1 } else { nanos })
 }
 
-/// The key of a timestamp with this earliest due instant.
+/// Returns the key of a timestamp with this earliest due instant.
 pub(crate) fn key_of(due: Option<Instant>, timestamp: Timestamp) -> DueKey {
     match due {
         Some(due) => DueKey { due_minus_one: due.as_nanos() - 1, timestamp },
@@ -173,25 +178,26 @@ pub(crate) fn key_of(due: Option<Instant>, timestamp: Timestamp) -> DueKey {
     }
 }
 
-/// The earlier of two keys: by due instant, then by timestamp.
+/// Returns the earlier of two keys, by due instant and then by timestamp.
 pub(crate) fn earlier(a: DueKey, b: DueKey) -> DueKey {
     let is_first = a.due_minus_one < b.due_minus_one
         || a.due_minus_one == b.due_minus_one && a.timestamp <= b.timestamp;
     if is_first { a } else { b }
 }
 
-/// Any key, or never.
+/// Returns any key, or never.
 pub(crate) fn any_key() -> DueKey {
     key_of(if kani::any() { Some(any_due(true)) } else { None }, any_timestamp())
 }
 
-/// The first of four keys.
+/// Returns the least of four keys.
 pub(crate) fn first_of(keys: &[DueKey; 4]) -> DueKey {
-    // In the order in which the window compares them, which is easier to prove.
+    // The order in which the window compares them is easier to prove.
     earlier(keys[0], earlier(earlier(keys[1], keys[2]), keys[3]))
 }
 
-/// How many levels there are above the keys: a quarter of the keys, of those, and so on, rounded up, until one is left.
+/// Returns the number of levels above the keys: a quarter of the keys, then of those, and so on, rounded up,
+/// until one is left.
 pub(crate) const fn levels(capacity: usize) -> usize {
     let (mut len, mut levels) = (capacity, 0);
     while len > 1 {
@@ -201,7 +207,8 @@ pub(crate) const fn levels(capacity: usize) -> usize {
     levels
 }
 
-/// Where own is in the arrays of open timestamps, the first place that is used, and how many are open.
+/// The place of own in the arrays of open timestamps, the first place in use, and the number of open
+/// timestamps.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct OwnPosition {
     pub(crate) place: usize,
@@ -215,13 +222,13 @@ impl OwnPosition {
     }
 }
 
-/// Any number below `end`, by no division.
+/// Returns any number below `end`, without a division.
 pub(crate) fn any_below(end: usize) -> usize {
     let any = usize::from(kani::any::<u16>()) & (end.next_power_of_two() - 1);
     if any < end { any } else { any - end }
 }
 
-/// Own is open, anywhere among any number.
+/// Places own anywhere among any number of open timestamps.
 pub(crate) fn any_open_position<const CAPACITY: usize>() -> OwnPosition {
     let before = any_below(CAPACITY);
     let len = before + 1 + any_below(CAPACITY);
@@ -230,28 +237,28 @@ pub(crate) fn any_open_position<const CAPACITY: usize>() -> OwnPosition {
     OwnPosition { place: start + before, start, len }
 }
 
-/// Own comes next, behind any number: the window may be full.
+/// Places own behind any number of open timestamps, which may fill the window.
 pub(crate) fn any_next_position<const CAPACITY: usize>() -> OwnPosition {
     let len = any_below(CAPACITY + 1);
     let start = any_start::<CAPACITY>(len);
     OwnPosition { place: start + len, start, len }
 }
 
-/// Any first place of so many; where values are random, the last one half of the time.
+/// Returns any first place for `len` timestamps. If values are random, it is the last one half of the time.
 fn any_start<const CAPACITY: usize>(len: usize) -> usize {
     let last = 2 * CAPACITY - len;
     let start = any_below(2 * CAPACITY + 1);
     if kani::any() || start > last { last } else { start }
 }
 
-/// Any index of an array of this length but own's; also its end, where there is no element.
+/// Returns any index of an array of this length other than own's, or its end, where there is no element.
 pub(crate) fn any_other_index(own: usize, size: usize) -> usize {
     let at = any_below(size + 1);
     if at == own { size } else { at }
 }
 
-/// Any window in which own has this place and this entry: any index of the entry, any other timestamp and any other free entry, and
-/// any keys beside.
+/// Returns any window in which own has this place and this entry, with any index of the entry, any other
+/// timestamp, any other free entry, and any keys beside.
 pub(crate) fn any_window<const CLOUDS: usize, const CAPACITY: usize>(
     position: OwnPosition,
     entry: Entry<CLOUDS>,
@@ -268,7 +275,7 @@ pub(crate) fn any_window<const CLOUDS: usize, const CAPACITY: usize>(
     let index_beside = || any_other_index(entry_index, CAPACITY) as u16;
     let (own, meaningless) = (entry_index as u16, kani::any());
     let (indices, frees) = if is_open { (own, meaningless) } else { (meaningless, own) };
-    // A free entry keeps what was stored in it.
+    // A free entry keeps its former contents.
     let key = if is_open { key_of(earliest(&entry), timestamps[0]) } else { DueKey::NEVER };
     let (keys, firsts, first) = any_levels::<CAPACITY>(entry_index, key);
     cell_window::Window {
@@ -288,8 +295,8 @@ pub(crate) fn any_window<const CLOUDS: usize, const CAPACITY: usize>(
     }
 }
 
-/// The keys with this one at this index and any others beside it; above it any keys, but on one level the first of four; and the key
-/// of the last level.
+/// Returns levels that have this key at this index and any others beside it, and the key of the last level.
+/// Above it any keys may be, but on one level the key is the least of four.
 fn any_levels<const CAPACITY: usize>(index: usize, key: DueKey) -> (Levels, Levels, DueKey) {
     let groups = || [(); MOST_LEVELS].map(|()| Group::none());
     let mut keys = Levels { groups: groups(), count: 1, right: 0 };
@@ -306,7 +313,7 @@ fn any_levels<const CAPACITY: usize>(index: usize, key: DueKey) -> (Levels, Leve
     (keys, firsts, four.keys[0])
 }
 
-/// Own's key at this place of a level of so many, and any keys beside it.
+/// Returns own's key at this place of a level of `len` keys, with any keys beside it.
 fn any_group(at: usize, len: usize, own: DueKey) -> Group {
     let mut group = Group { at, len, ..Group::none() };
     group.keys[0] = own;
@@ -319,7 +326,7 @@ fn any_group(at: usize, len: usize, own: DueKey) -> Group {
     group
 }
 
-/// Any open timestamps but `own`, at most so many, none greater than `newest`.
+/// Returns any open timestamps other than `own`, none greater than `newest`.
 fn any_others<const CLOUDS: usize>(
     commit: Commit,
     own: Timestamp,
@@ -331,7 +338,7 @@ fn any_others<const CLOUDS: usize>(
     let mut others = Others { len, greatest: newest, first: None, entry: any_entry(commit) };
     others.first = any_first(&others, own);
     if let Some((due, _)) = others.first {
-        // What fires has a timer that is due then, or several.
+        // A timestamp that fires has one or more timers that are due then.
         let timers = kani::any::<u16>() & others.entry.slot.armed().bits();
         let timers = if timers == 0 { u16::MAX } else { timers };
         if timers & 1 != 0 {
@@ -346,7 +353,7 @@ fn any_others<const CLOUDS: usize>(
     others
 }
 
-/// Any key of the others, or none.
+/// Returns any key of the others, or none.
 fn any_first<const CLOUDS: usize>(
     others: &Others<CLOUDS>,
     own: Timestamp,
@@ -358,7 +365,7 @@ fn any_first<const CLOUDS: usize>(
     Some((any_due(true), Timestamp::new(timestamp)))
 }
 
-/// Any key of the others that is no earlier than `first`, or none.
+/// Returns any key of the others that is no earlier than `first`, or none.
 pub(crate) fn any_others_after<const CLOUDS: usize>(
     others: &Others<CLOUDS>,
     own: Timestamp,
@@ -367,12 +374,12 @@ pub(crate) fn any_others_after<const CLOUDS: usize>(
     any_first(others, own).filter(|later| *later >= first)
 }
 
-/// A machine with the greatest window that there is, and any timestamps open in it; any clock, clouds and gates.
+/// Returns a machine with the greatest window, any open timestamps, and any clock, clouds and gates.
 pub(crate) fn any_machine<const CLOUDS: usize>() -> Fusion<CLOUDS, WINDOW> {
     machine(kani::any())
 }
 
-/// The same, and own is open.
+/// Returns such a machine in which own is open.
 pub(crate) fn any_machine_of_own<const CLOUDS: usize>() -> Fusion<CLOUDS, WINDOW> {
     machine(true)
 }
@@ -382,7 +389,7 @@ fn machine<const CLOUDS: usize>(is_open: bool) -> Fusion<CLOUDS, WINDOW> {
     let window = 1 + kani::any::<u16>() as usize % WINDOW;
     let (own, entry) = (any_timestamp(), any_entry(commit));
     let due = if is_open { earliest(&entry) } else { None };
-    // F1: no later timestamp is open than the greatest ever opened.
+    // No open timestamp is greater than the greatest that was ever opened (F1).
     let mut newest = if is_open || kani::any() { Some(any_timestamp()) } else { None };
     if is_open && newest < Some(own) {
         newest = Some(own);
@@ -395,12 +402,12 @@ fn machine<const CLOUDS: usize>(is_open: bool) -> Fusion<CLOUDS, WINDOW> {
     Fusion { commit, window, clouds: any_clouds(), now: any_instant(), newest, open }
 }
 
-/// Any clouds, any gates; all of the capacity are registered.
+/// Returns any clouds with any gates. Their number is the capacity.
 pub(crate) fn any_clouds<const CLOUDS: usize>() -> Clouds<CLOUDS> {
     let mut priorities = [Priority::LOCAL; CLOUDS];
     let mut below = 0;
     for (i, priority) in priorities.iter_mut().enumerate() {
-        // Ascending, with room for those to come.
+        // The priorities ascend, with room for the following ones.
         let most = u16::MAX - (CLOUDS - 1 - i) as u16;
         let number = kani::any();
         below = if number > below && number <= most { number } else { below + 1 };
@@ -414,7 +421,8 @@ pub(crate) fn any_gate() -> Gate {
     Gate { limit, resume, shut: kani::any() }
 }
 
-/// A machine in which nothing is due, as it is when it takes an input: `f5_expire_by_the_rule` shows that `at` is `Ready` only then.
+/// Returns a machine in which nothing is due, as when it takes an input. `f5_expire_by_the_rule` shows that
+/// `at` is `Ready` only then.
 pub(crate) fn with_nothing_due<const CLOUDS: usize>(
     mut fusion: Fusion<CLOUDS, WINDOW>,
 ) -> Fusion<CLOUDS, WINDOW> {

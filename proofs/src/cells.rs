@@ -1,11 +1,12 @@
-//! Cells that replace the arrays of the shipped window in proofs, so that these may have any length and any content.
+//! Cells that replace the arrays of the shipped window in proofs, so that the arrays may have any length and
+//! contents.
 //!
-//! An array of a harness has two cells. *Own's* is the one that the call is about; it is anywhere, and nothing else may be read
-//! or written, which is asserted. The *other* one is anywhere else and anything. So what is shown of the two holds of each cell of
-//! an array. The keys are in `levels.rs`.
+//! An array of a harness has two cells. *Own's* cell is the one that the call is about. It may be anywhere,
+//! and an assertion forbids that anything else is read or written. The *other* cell is anywhere else, with
+//! any value. So what is shown of the two holds for each cell of an array. The keys are in `levels.rs`.
 //!
-//! The functions here are those of arrays that `core/src/window.rs` calls, and do to the two cells what the standard library says that
-//! they do to each. `tests/window.rs` compares them with arrays.
+//! The functions here are those of arrays that `core/src/window.rs` calls. They do to the two cells what the
+//! standard library says that they do to each. `tests/window.rs` compares them with arrays.
 
 use core::ops::{Range, RangeFrom, RangeTo};
 
@@ -14,9 +15,9 @@ use crate::entry::Entry;
 use crate::levels::Levels;
 use crate::time::Timestamp;
 
-/// What is in an array.
+/// The element of an array.
 pub(crate) trait Element {
-    /// What replaces the array.
+    /// The type that replaces the array.
     type Cells: Clone;
 }
 
@@ -40,14 +41,14 @@ impl Element for DueKey {
 
 #[derive(Clone)]
 pub(crate) struct Cells<T> {
-    /// Where own's cell is, and the other. At the array's length there is none.
+    /// The places of own's cell and of the other one. At the array's length there is no cell.
     pub(crate) at: [usize; 2],
     pub(crate) values: [T; 2],
     /// The array's length.
     pub(crate) size: usize,
-    /// The part that was last taken by `get_mut`.
+    /// The part that `get_mut` took last.
     pub(crate) part: Range<usize>,
-    /// What is in no cell.
+    /// The value outside of the cells.
     pub(crate) absent: Option<T>,
 }
 
@@ -64,7 +65,7 @@ impl<T> Cells<T> {
         self
     }
 
-    /// That of the part.
+    /// Returns the length of the part.
     pub(crate) fn len(&self) -> usize {
         self.part.len()
     }
@@ -75,7 +76,7 @@ impl<T> Cells<T> {
     }
 }
 
-/// An array's `get`.
+/// Stands for an array's `get`.
 pub(crate) trait Get<I> {
     type Item<'a>
     where
@@ -94,7 +95,7 @@ impl<T> Get<usize> for Cells<T> {
     }
 }
 
-/// An array's `get_mut`.
+/// Stands for an array's `get_mut`.
 pub(crate) trait GetMut<I> {
     type Item<'a>
     where
@@ -113,7 +114,7 @@ impl<T> GetMut<usize> for Cells<T> {
     }
 }
 
-/// The open timestamps. They ascend.
+/// The open timestamps, ascending.
 pub(crate) struct Open<'a> {
     cells: &'a Cells<Timestamp>,
     places: Range<usize>,
@@ -128,7 +129,7 @@ impl Get<Range<usize>> for Cells<Timestamp> {
         let (at, own) = (self.at[0], self.values[0].as_u64());
         let [mut first, mut last]: [u64; 2] = kani::any();
         if places.contains(&at) {
-            // Those before it are less, those behind it greater.
+            // Those before it are less, and those behind it are greater.
             let (is_first, is_last) = (at == places.start, at + 1 == places.end);
             kani::assume((is_first || own > 0) && (is_last || own < u64::MAX));
             first = if is_first { own } else { first.min(own.wrapping_sub(1)) };
@@ -160,7 +161,7 @@ impl Open<'_> {
     }
 }
 
-// A part, to be changed.
+// Takes a part in order to change it.
 impl<T> GetMut<Range<usize>> for Cells<T> {
     type Item<'a>
         = &'a mut Self
@@ -176,7 +177,7 @@ impl<T> GetMut<Range<usize>> for Cells<T> {
     }
 }
 
-/// A type of the values that are moved.
+/// A type whose values are moved.
 pub(crate) trait AnyValue: Copy {
     fn any() -> Self;
 }
@@ -193,12 +194,12 @@ impl AnyValue for Timestamp {
     }
 }
 
-/// A slice's `copy_within`.
+/// Stands for a slice's `copy_within`.
 pub(crate) trait CopyWithin<R> {
     fn copy_within(&mut self, from: R, to: usize);
 }
 
-/// Each value behind the first moves one cell down; the last is in two cells then.
+/// Moves each value behind the first one cell down. The last value is then in two cells.
 impl<T: AnyValue> CopyWithin<RangeFrom<usize>> for Cells<T> {
     fn copy_within(&mut self, from: RangeFrom<usize>, to: usize) {
         kani::assert(from.start == 1 && to == 0, "P9: what is behind it moves by one place");
@@ -211,7 +212,7 @@ impl<T: AnyValue> CopyWithin<RangeFrom<usize>> for Cells<T> {
     }
 }
 
-/// Each value before the last moves one cell up; the first is in two cells then.
+/// Moves each value before the last one cell up. The first value is then in two cells.
 impl<T: AnyValue> CopyWithin<RangeTo<usize>> for Cells<T> {
     fn copy_within(&mut self, from: RangeTo<usize>, to: usize) {
         let moves = from.end + 1 == self.part.len() && to == 1;
@@ -225,7 +226,7 @@ impl<T: AnyValue> CopyWithin<RangeTo<usize>> for Cells<T> {
 }
 
 impl<T: AnyValue> Cells<T> {
-    /// Own's is another cell, of which nothing is known.
+    /// Makes own's cell another one, of which nothing is known.
     fn move_own(&mut self, to: usize) {
         self.at[0] = to;
         self.values[0] = T::any();
@@ -246,7 +247,7 @@ pub(crate) struct FirstCells<'a, T> {
     len: usize,
 }
 
-/// Cells behind those.
+/// The cells behind them.
 pub(crate) struct LastCells(Range<usize>);
 
 impl LastCells {
@@ -261,7 +262,7 @@ impl<T: AnyValue> FirstCells<'_, T> {
         (to.end <= self.len).then_some(Self { len: to.end, ..self })
     }
 
-    /// Own's is the cell behind them, before and afterwards.
+    /// Copies the cells. Own's is the cell behind them, before and afterwards.
     pub(crate) fn copy_from_slice(self, from: LastCells) {
         let (cells, LastCells(places)) = (self.cells, from);
         kani::assert(places.len() == self.len, "P9: as many are taken as are written");
@@ -269,7 +270,7 @@ impl<T: AnyValue> FirstCells<'_, T> {
         if places.contains(&cells.at[1]) {
             cells.at[1] -= places.start;
         } else if cells.at[1] <= self.len {
-            // It is written over or own's, and was not open.
+            // It is overwritten, or it is own's and was not open.
             cells.at[1] = cells.size;
         }
         cells.move_own(self.len);

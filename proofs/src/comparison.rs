@@ -1,7 +1,8 @@
 //! Compares the window over cells with the shipped window over arrays, by random calls.
 //!
-//! The harnesses prove the shipped `window.rs` with cells in the place of its arrays (`cells.rs`). Here both get the same calls: the
-//! cells must do what the arrays do, and every window that the calls lead to must satisfy what the harnesses start from.
+//! The harnesses prove the shipped `window.rs` with cells in place of its arrays (`cells.rs`). Here both get
+//! the same calls. The cells must do what the arrays do, and every window that the calls lead to must meet
+//! the conditions that the harnesses start from.
 
 use crate::Entry;
 use crate::arbitrary::{
@@ -18,7 +19,7 @@ use crate::valid::is_window;
 
 const CLOUDS: usize = 2;
 
-/// One call of a window.
+/// A call of a window.
 #[derive(Clone, Copy)]
 enum Call {
     Push(Timestamp, Entry<CLOUDS>),
@@ -42,7 +43,7 @@ fn key(of: DueKey) -> cell_window::DueKey {
     cell_window::DueKey { due_minus_one: of.due_minus_one, timestamp: of.timestamp }
 }
 
-/// The four keys of a level that own's is among.
+/// Returns the four keys of a level that include own's.
 fn group(at: usize, level: &[DueKey]) -> Group {
     let at_index =
         |index: usize| level.get(index).map_or(cell_window::DueKey::NEVER, |own| key(*own));
@@ -54,7 +55,7 @@ fn group(at: usize, level: &[DueKey]) -> Group {
     }
 }
 
-/// The window over cells that two places, two free entries and an entry of a window over arrays make.
+/// Returns the window over cells that two places, two free entries and an entry of a window over arrays make.
 fn over_cells<const CAPACITY: usize>(
     window: &shipped::Window<CLOUDS, CAPACITY>,
     places: [usize; 2],
@@ -94,7 +95,7 @@ fn over_cells<const CAPACITY: usize>(
     }
 }
 
-/// Whether both show the same; of what is not open, a timestamp and an index mean nothing.
+/// Returns `true` if both show the same. A timestamp and an index that are not open do not count.
 fn same<const CAPACITY: usize>(
     a: &cell_window::Window<CLOUDS, CAPACITY>,
     b: &cell_window::Window<CLOUDS, CAPACITY>,
@@ -120,7 +121,8 @@ fn same<const CAPACITY: usize>(
         && entry(a) == entry(b)
 }
 
-/// Some calls of a window, each compared with the same call over the cells of two of its timestamps.
+/// Makes some calls of a window, and compares each with the same call over the cells of two of its
+/// timestamps.
 fn compare<const CAPACITY: usize>() {
     let commit = any_commit();
     let mut window = shipped::Window::<CLOUDS, CAPACITY>::new();
@@ -178,7 +180,7 @@ fn compare<const CAPACITY: usize>() {
     }
 }
 
-/// On windows of several capacities.
+/// Compares the windows of several capacities.
 pub fn cells_do_what_arrays_do() {
     match any_below(6) {
         0 => compare::<1>(),
@@ -190,7 +192,8 @@ pub fn cells_do_what_arrays_do() {
     }
 }
 
-/// Whether the code takes from a capacity what the harnesses take from it, and there is room for all levels.
+/// Returns `true` if the code derives the same from a capacity as the harnesses do, and has room for all
+/// levels.
 #[must_use]
 pub const fn has_its_levels<const CAPACITY: usize>() -> bool {
     let (mut len, mut all) = (CAPACITY, 0);
@@ -198,7 +201,7 @@ pub const fn has_its_levels<const CAPACITY: usize>() -> bool {
         len = len.div_ceil(4);
         all += len;
     }
-    // P9: at most three keys are read on each, 15 at 1024.
+    // At most three keys are read on each level, which is 15 at 1024 (P9).
     let few = levels(CAPACITY) <= MOST_LEVELS && CAPACITY <= 1 << (2 * levels(CAPACITY));
     few && all <= CAPACITY
         && shipped::Window::<CLOUDS, CAPACITY>::LEVELS as usize == levels(CAPACITY)

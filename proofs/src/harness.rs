@@ -1,7 +1,7 @@
-//! The harnesses, one file a group.
+//! The harnesses, one file for each group.
 //!
-//! A harness starts from any valid state (`arbitrary.rs`), takes one step of the shipped code and asserts what `SPEC.md` says of it.
-//! Its name begins with the rule or promise that it shows.
+//! A harness starts from any valid state (`arbitrary.rs`), takes one step of the shipped code, and asserts
+//! what `SPEC.md` says of it. Its name begins with the rule or promise that it shows.
 
 pub mod fusion;
 pub mod gate;
@@ -10,14 +10,14 @@ pub mod time;
 pub mod wait;
 pub mod window;
 
-/// A harness by its name.
+/// A harness with its name.
 pub type NamedHarness = (&'static str, fn());
 
 macro_rules! listed {
     ($($group:ident: $($name:ident)+;)+) => { &[$($((stringify!($name), $group::$name as fn())),+),+] };
 }
 
-/// All of them, to be called as functions. A test compares this with the sources.
+/// All harnesses, as functions. A test compares this list with the sources.
 #[cfg(not(target_arch = "wasm32"))]
 pub const ALL: &[NamedHarness] = listed! {
     fusion: f0_queries_return_the_state f1_a_new_machine_is_valid f1_open_by_the_rule f2_offer_and_its_due

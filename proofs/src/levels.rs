@@ -1,41 +1,44 @@
-//! What replaces the arrays of keys of the shipped window in proofs: of each level the four keys that own's is among.
+//! Replaces the arrays of keys of the shipped window in proofs: each level has the four keys that include
+//! own's.
 //!
-//! The three beside own's are anything, or are not there: so what is shown holds of each key on each level. Nothing but own's may be
-//! written, which is asserted, and only these four are there to be read. On one level, which may be any, the first of four is what it
-//! must be; elsewhere it is anything. So each level is shown right by itself, whatever the others hold.
+//! The three keys beside own's are any keys, or do not exist, so what is shown holds for each key on each
+//! level. Only these four can be read, and an assertion forbids writing any but own's. On one level, which
+//! may be any, own's key is the least of the four below it; on the other levels it is any key. So each level
+//! is shown to be right by itself, whatever the others contain.
 
 use core::cell::Cell;
 
 use crate::cell_window::DueKey;
 
-/// As many levels as a window of 1024 has.
+/// The number of levels of a window of 1024.
 pub(crate) const MOST_LEVELS: usize = 5;
 
-/// An array of keys: one level, or several one behind the other.
+/// An array of keys: one level, or several levels one behind the other.
 #[derive(Clone)]
 pub(crate) struct Levels {
     pub(crate) groups: [Group; MOST_LEVELS],
-    /// How many of them there are.
+    /// The number of levels.
     pub(crate) count: usize,
-    /// The one whose key is the first of the four below it.
+    /// The level whose key is the least of the four below it.
     pub(crate) right: usize,
 }
 
 /// Four keys of a level.
 #[derive(Clone)]
 pub(crate) struct Group {
-    /// Where own's is on its level.
+    /// The place of own's key on its level.
     pub(crate) at: usize,
-    /// How many keys the level has.
+    /// The number of keys on the level.
     pub(crate) len: usize,
-    /// Own's, and that in the place whose number differs in the bits 1, 2, and both: never, if there is none.
+    /// Own's key, and those at the places whose numbers differ in bit 1, in bit 2, and in both; never, if
+    /// there is none.
     pub(crate) keys: [DueKey; 4],
-    /// How many keys were read so far.
+    /// The number of keys that were read so far.
     pub(crate) reads: Cell<usize>,
 }
 
 impl Group {
-    /// Of no level.
+    /// Returns a group that is on no level.
     pub(crate) fn none() -> Self {
         Self { at: 0, len: 0, keys: [DueKey::NEVER; 4], reads: Cell::new(0) }
     }
@@ -57,7 +60,7 @@ impl Group {
 }
 
 impl Levels {
-    /// Own's key of the first level.
+    /// Returns own's key of the first level.
     pub(crate) fn get(&self, at: usize) -> Option<&DueKey> {
         kani::assert(at == self.groups[0].at, "P9: nothing but its own is looked at");
         (at < self.groups[0].len).then_some(&self.groups[0].keys[0])
@@ -67,18 +70,18 @@ impl Levels {
         self.groups[0].get_mut(at)
     }
 
-    /// The first level.
+    /// Returns the first level.
     pub(crate) const fn as_slice(&self) -> &Group {
         &self.groups[0]
     }
 
-    /// All levels.
+    /// Returns all levels.
     pub(crate) fn as_mut_slice(&mut self) -> Above<'_> {
         Above(&mut self.groups[..self.count])
     }
 }
 
-/// A level, and those behind it.
+/// A level and the levels behind it.
 pub(crate) struct Above<'a>(&'a mut [Group]);
 
 impl<'a> Above<'a> {

@@ -1,5 +1,6 @@
-//! Proofs about the shipped machine: its own sources, and harnesses that look at them from inside.
-// Built for its own tests there would be nothing here: the core's files would look for their test modules in vain.
+//! Proofs about the shipped machine: its own sources, with harnesses that look at them from inside.
+// A build for the crate's own tests would fail, because the core's files would look for their test modules
+// here.
 #![cfg(not(test))]
 #![no_std]
 
@@ -34,8 +35,8 @@ mod source;
 #[rustfmt::skip]
 #[path = "../../core/src/time.rs"]
 mod time;
-// The harnesses of `fusion.rs` have a window of their own. The shipped one is proved by itself, over cells in the place of its
-// arrays; natively it is also there as it is, to compare.
+// The harnesses of `fusion.rs` have a window of their own. The shipped window is proved by itself, over cells
+// in place of its arrays. Natively the original is included too, for comparison.
 mod cells;
 mod levels;
 mod window;

@@ -1,5 +1,6 @@
-//! The rules for one timestamp, F3 to F9, over four sets of sources as bits: what harnesses hold `core/src/slot.rs` to. It is written
-//! beside `SPEC.md`, section 3, and shares nothing with the core but its types.
+//! The rules for one timestamp (F3 to F9), over four sets of sources as bits. Harnesses compare
+//! `core/src/slot.rs` with them. They are written from section 3 of `SPEC.md` and share only types with the
+//! core.
 
 use crate::DropReason;
 use crate::slot::{Commit, Decision, Slot};
@@ -16,17 +17,17 @@ pub(crate) fn bit(source: Source) -> u16 {
     1 << source.index()
 }
 
-/// Whether a member of the set outranks the source.
+/// Returns `true` if a member of the set outranks the source.
 pub(crate) fn outranks(set: u16, source: Source) -> bool {
     set >> source.index() >> 1 != 0
 }
 
-/// Local and all up to the source.
+/// Returns local and all clouds up to the source.
 pub(crate) fn up_to(source: Source) -> u16 {
     bit(source) | (bit(source) - 1)
 }
 
-/// Whose result is sent downstream, if one is.
+/// Returns the source whose result is sent downstream, if one is.
 pub(crate) fn output(decision: Decision) -> Option<Source> {
     match decision {
         Decision::Preliminary { by, .. } | Decision::Forwarded { by, .. } => Some(by),
@@ -38,7 +39,8 @@ pub(crate) fn output(decision: Decision) -> Option<Source> {
     }
 }
 
-/// Whose result the timestamp ends with, if it is retired with one: it is sent now, or was sent before.
+/// Returns the source of the result with which the timestamp is retired, if there is one. It is sent now, or
+/// was sent before.
 pub(crate) fn last_output(decision: Decision) -> Option<Source> {
     match decision {
         Decision::Final { by } | Decision::Forwarded { by, .. } => Some(by),
@@ -50,7 +52,7 @@ pub(crate) fn last_output(decision: Decision) -> Option<Source> {
     }
 }
 
-/// F3, F4 and F9: why a result or a failure is dropped.
+/// Returns the reason to drop a result or a failure, if one holds (F3, F4, F9).
 pub(crate) fn reason_to_drop(commit: Commit, sets: Bits, source: Source) -> Option<DropReason> {
     let ([requested, pending, _, cached], of) = (sets, bit(source));
     if commit == Commit::Progressive && outranks(cached, source) {
@@ -66,12 +68,13 @@ pub(crate) fn reason_to_drop(commit: Commit, sets: Bits, source: Source) -> Opti
     }
 }
 
-/// F7: what a forwarded timestamp leaves behind.
+/// Returns the sets and the decision of a forwarding (F7).
 pub(crate) fn forwarded(by: Source, pending: u16) -> (Bits, Decision) {
     ([0; 4], Decision::Forwarded { by, cancelled: Sources::from_bits(pending & !1) })
 }
 
-/// F9: what an accepted result does under progressive, the first row of F3 that differs.
+/// Returns the sets and the decision of an accepted result under progressive: the first row of F3 that
+/// differs (F9).
 pub(crate) fn sent([requested, pending, armed, _]: Bits, by: Source) -> (Bits, Decision) {
     let cancelled = Sources::from_bits(pending & up_to(by) & !bit(by) & !1);
     match pending & !up_to(by) {
@@ -83,7 +86,7 @@ pub(crate) fn sent([requested, pending, armed, _]: Bits, by: Source) -> (Bits, D
     }
 }
 
-/// F6, line by line; F9's of it.
+/// Settles, line by line as in F6, and as in F9 for progressive.
 pub(crate) fn settled(commit: Commit, sets: Bits, timer: bool) -> (Bits, Decision) {
     let [_, pending, _, cached] = sets;
     let Some(best) = Sources::from_bits(cached).greatest() else {
@@ -97,8 +100,8 @@ pub(crate) fn settled(commit: Commit, sets: Bits, timer: bool) -> (Bits, Decisio
     }
 }
 
-/// The sets of progressive after the inputs that lead patient to these: what is pending outranks the last output, and that is the
-/// best available result.
+/// Returns the sets of progressive after the inputs that lead patient to these: pending sources outrank the
+/// last output, which is the best available result.
 pub(crate) fn as_progressive([requested, pending, armed, cached]: Bits) -> Bits {
     match Sources::from_bits(cached).greatest() {
         Some(last) => [requested, pending & !up_to(last), armed & !up_to(last), bit(last)],

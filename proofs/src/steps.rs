@@ -1,6 +1,6 @@
-//! The steps of the machine that harnesses take.
+//! The machine's steps that harnesses take.
 //!
-//! Where a counterexample is run again, each step is also recorded as lines of a trace.
+//! When a counterexample is run again, each step is also recorded as lines of a trace.
 
 use crate::fusion::{At, Fusion, Ready};
 use crate::priority::Priority;
@@ -14,7 +14,7 @@ mod recording;
 #[cfg(not(any(kani, target_arch = "wasm32")))]
 pub use recording::take;
 
-/// Only in a replay.
+/// Runs only in a replay.
 macro_rules! record {
     ($recorded:expr) => {
         #[cfg(not(any(kani, target_arch = "wasm32")))]
@@ -49,7 +49,8 @@ pub(crate) fn at<const CLOUDS: usize, const WINDOW: usize>(
     at
 }
 
-/// The input is given where nothing is due, as [`with_nothing_due`](crate::arbitrary::with_nothing_due) is made.
+/// Gives an input when nothing is due, as [`with_nothing_due`](crate::arbitrary::with_nothing_due) makes the
+/// machine.
 pub(crate) fn open<const CLOUDS: usize, const WINDOW: usize>(
     fusion: &mut Fusion<CLOUDS, WINDOW>,
     timestamp: Timestamp,

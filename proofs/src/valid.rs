@@ -1,6 +1,6 @@
-//! The invariant of the machine, and how to compare two of its states.
+//! The invariant of the machine, and comparisons of two of its states.
 //!
-//! It is written from the words of `SPEC.md` and not from the core, so that it can disagree with the core.
+//! It is written from `SPEC.md` and not from the core, so that it can disagree with the core.
 
 use crate::arbitrary::{earliest, first_of, key_of, levels};
 use crate::cell_window::{self, DueKey};
@@ -13,23 +13,25 @@ use crate::time::Instant;
 use crate::window::Window;
 use crate::{Firing, Outcome};
 
-/// What holds of every open timestamp between two inputs, and between two firings.
+/// Returns `true` if the state of an open timestamp is valid between two inputs, and between two firings.
 pub(crate) fn is_valid(commit: Commit, slot: Slot) -> bool {
     let (requested, pending, armed, cached) =
         (slot.requested().bits(), slot.pending().bits(), slot.armed().bits(), slot.cached().bits());
     let local = Sources::LOCAL.bits();
-    // F1, F2: 0 always was requested, and only what was requested is pending or cached.
+    // Local was always requested, and only requested sources are pending or cached (F1, F2).
     let is_requested = requested & local != 0 && (pending | cached) & !requested == 0;
-    // F3: a result leaves pending as it joins cached.
+    // A result leaves pending when it joins cached (F3).
     let apart = pending & cached == 0;
-    // F6: with nothing pending it would have been forwarded or missed.
+    // With nothing pending it would have been forwarded or missed (F6).
     let waiting = pending != 0;
-    // P4: the greatest pending outranks the greatest cached. As numbers, sets without a common member compare so.
+    // The greatest pending source outranks the greatest cached one (P4). Sets without a common member compare
+    // in this way as numbers.
     let prompt = cached == 0 || pending > cached;
-    // F9: under progressive the source of the last output alone is cached, and what is pending outranks it.
+    // Under progressive only the source of the last output is cached, and the pending sources outrank it
+    // (F9).
     let outranked = if cached == 0 { 0 } else { cached | (cached - 1) };
     let is_last = cached.count_ones() <= 1 && pending & outranked == 0;
-    // P8: what is armed, and nothing else; F3 says what the commit rule keeps armed.
+    // Exactly these timers are armed (P8); the commit rule says which stay armed (F3).
     let (with_timers, of_rule) = match commit {
         Commit::Eager => (pending | cached, true),
         Commit::Patient => (pending, true),
@@ -39,18 +41,20 @@ pub(crate) fn is_valid(commit: Commit, slot: Slot) -> bool {
     is_requested && apart && waiting && prompt && of_rule && timers
 }
 
-/// P7 for a timestamp opened with a deadline: until local returned, failed or was given up, the deadline is armed.
+/// Returns `true` if the deadline is armed until local returned, failed or was given up, as P7 requires for a
+/// timestamp opened with a deadline.
 pub(crate) fn is_limited(slot: Slot) -> bool {
     !slot.pending().contains(Source::LOCAL) || slot.armed().contains(Source::LOCAL)
 }
 
-/// Whether two keys are the same, field by field.
+/// Returns `true` if two keys are equal, field by field.
 pub(crate) fn same_key(a: DueKey, b: DueKey) -> bool {
     a.due_minus_one == b.due_minus_one && a.timestamp == b.timestamp
 }
 
-/// What holds of the window: the timestamps ascend, no two have the same entry, and the key of each entry and the first of each
-/// four are right. Own and the other one are any two timestamps, or any two that are free.
+/// Returns `true` if the window is valid: the timestamps ascend, no two have the same entry, and the key of
+/// each entry and the least of each four are right. Own and the other one are any two timestamps, or any two
+/// that are free.
 pub(crate) fn is_window<const CLOUDS: usize, const CAPACITY: usize>(
     window: &cell_window::Window<CLOUDS, CAPACITY>,
 ) -> bool {
@@ -61,7 +65,8 @@ pub(crate) fn is_window<const CLOUDS: usize, const CAPACITY: usize>(
     let ascend = (own < other) == (timestamps.values[0] < timestamps.values[1]);
     let entry_index = if own_open { indices.values[0] } else { free.values[0] };
     let free_len = CAPACITY - window.len;
-    // What is opened next has the last of the free entries; what is retired gives back its own behind them.
+    // The next timestamp to be opened gets the last free entry, and a retired one puts its entry back behind
+    // them.
     let first_free = if own_open { free_len } else { free_len.wrapping_sub(1) };
     let other_free = free.at[1] < free_len && free.at[1] != free.at[0];
     let apart = (!other_open || indices.values[1] != entry_index)
@@ -70,7 +75,7 @@ pub(crate) fn is_window<const CLOUDS: usize, const CAPACITY: usize>(
         && free.at[0] == first_free
         && window.entries.at[0] == usize::from(entry_index)
         && window.keys.groups[0].at == usize::from(entry_index);
-    // F2: a due instant lies after some clock's.
+    // A due instant is later than some clock's reading (F2).
     let due = earliest(&window.entries.values[0]);
     let key = if own_open { key_of(due, timestamps.values[0]) } else { DueKey::NEVER };
     window.len <= CAPACITY
@@ -84,7 +89,8 @@ pub(crate) fn is_window<const CLOUDS: usize, const CAPACITY: usize>(
         && has_firsts(window)
 }
 
-/// Whether, on the level that is to be right, own's key is the first of the four below it; the first of all is that of the last level.
+/// Returns `true` if own's key, on the level that is to be right, is the least of the four below it. The
+/// least of all is the key of the last level.
 fn has_firsts<const CLOUDS: usize, const CAPACITY: usize>(
     window: &cell_window::Window<CLOUDS, CAPACITY>,
 ) -> bool {
@@ -97,23 +103,24 @@ fn has_firsts<const CLOUDS: usize, const CAPACITY: usize>(
     are_first && same_key(window.first, four.keys[0])
 }
 
-/// What holds of the machine between two inputs, and between two firings, as far as `own` and the window go.
+/// Returns `true` if the machine is valid between two inputs, and between two firings, as far as `own` and
+/// the window are concerned.
 pub(crate) fn is_machine<const CLOUDS: usize, const CAPACITY: usize>(
     fusion: &Fusion<CLOUDS, CAPACITY>,
 ) -> bool {
     let (open, others) = (&fusion.open, &fusion.open.others);
-    // P9: at most the window is open.
+    // The number of open timestamps is at most the window (P9).
     let fits = fusion.window <= CAPACITY && fusion.len() <= fusion.window;
-    // F1: no later timestamp is open than the greatest ever opened.
+    // No open timestamp is greater than the greatest that was ever opened (F1).
     let reached = |timestamp| fusion.newest.is_some_and(|newest| newest >= timestamp);
     let own = !open.is_open || reached(open.own) && is_valid(fusion.commit, open.entry.slot);
     let others = others.len == 0 || reached(others.greatest);
-    // F2: a due instant lies after some clock's.
+    // A due instant is later than some clock's reading (F2).
     let due = open.due.is_none_or(|due| open.is_open && due > Instant::START);
     fits && own && others && due
 }
 
-/// Whether own is the same in both windows, its timers' due instants included.
+/// Returns `true` if own is the same in both windows, with its timers' due instants.
 pub(crate) fn same_own<const CLOUDS: usize, const CAPACITY: usize>(
     a: &Window<CLOUDS, CAPACITY>,
     b: &Window<CLOUDS, CAPACITY>,
@@ -125,12 +132,12 @@ pub(crate) fn same_own<const CLOUDS: usize, const CAPACITY: usize>(
     a.own == b.own && a.is_open == b.is_open && a.due == b.due && (!a.is_open || same)
 }
 
-/// The later of two instants.
+/// Returns the later of two instants.
 pub(crate) fn later(a: Instant, b: Instant) -> Instant {
     if a < b { b } else { a }
 }
 
-/// The armed timers that are due exactly then, by looking at each.
+/// Returns the armed timers that are due exactly then, by looking at each.
 pub(crate) fn due_at<const CLOUDS: usize>(entry: &Entry<CLOUDS>, due: Instant) -> u16 {
     let armed = entry.slot.armed().bits();
     let mut fired = armed & u16::from(entry.local_due == due);
@@ -140,7 +147,7 @@ pub(crate) fn due_at<const CLOUDS: usize>(entry: &Entry<CLOUDS>, due: Instant) -
     fired
 }
 
-/// The source that a cloud's priority names, by looking at each.
+/// Returns the source that a cloud's priority names, by looking at each.
 pub(crate) fn source_of<const CLOUDS: usize, const WINDOW: usize>(
     fusion: &Fusion<CLOUDS, WINDOW>,
     priority: Priority,
@@ -153,7 +160,7 @@ pub(crate) fn source_of<const CLOUDS: usize, const WINDOW: usize>(
     }
 }
 
-/// Whether an outcome is what the step of the timestamp decided.
+/// Returns `true` if the outcome is what the step of the timestamp decided.
 pub(crate) fn is_outcome_of_decision<const CLOUDS: usize, const WINDOW: usize>(
     fusion: &Fusion<CLOUDS, WINDOW>,
     outcome: Outcome<CLOUDS>,
@@ -188,7 +195,7 @@ pub(crate) fn is_outcome_of_decision<const CLOUDS: usize, const WINDOW: usize>(
     }
 }
 
-/// Two firings, as far as two machines and their answers agree.
+/// Returns `true` if two firings agree, as far as two machines and their answers do.
 pub(crate) fn same_firing<const CLOUDS: usize>(a: &Firing<CLOUDS>, b: &Firing<CLOUDS>) -> bool {
     let same = match (a.outcome, b.outcome) {
         (

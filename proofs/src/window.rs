@@ -1,27 +1,27 @@
 //! A window with the functions of the shipped one, for any number of open timestamps.
 //!
-//! The façade's harnesses run the shipped `fusion.rs` over this window in place of the shipped one. One timestamp, *own*,
-//! is any, and is represented exactly. Of all *others* it has how many they are, a bound above them, and the first key.
-//! A question about the others has any answer that some open timestamps could give, so that a proof holds beside any number
-//! of them.
+//! The façade's harnesses run the shipped `fusion.rs` over this window instead of the shipped one. One
+//! timestamp, *own*, may be any timestamp and is represented exactly. Of all *others* the window knows their
+//! number, a bound above them, and their first key. A query about the others has any answer that some open
+//! timestamps could give, so a proof holds beside any number of them.
 //!
-//! This is the whole contract between façade and window. What a function needs is asserted here of the façade; what it
-//! does is what the group `window` proves of the shipped one.
+//! This is the whole contract between façade and window. Assertions check that the façade meets a function's
+//! needs. The harnesses of the group `window` prove that the shipped window does what this one does.
 //!
 //! | function | needs | does |
 //! |---|---|---|
 //! | `new` | | nothing is open |
-//! | `find` | | the index of an open timestamp; none of another |
-//! | `timestamp`, `entry` | an index that was found since the last change | what is there |
-//! | `push` | a timestamp greater than all that are open | it is open with its entry, if there is room; else nothing changes |
-//! | `arm` | such an index; one timer is armed that was not | the sets and the due instant are there; no other timestamp changes |
-//! | `set` | such an index; no timer is armed that was not | the sets are there, the due instants stay; no other timestamp changes |
-//! | `remove` | such an index | it is open no more; no other timestamp changes |
-//! | `len` | | how many are open |
-//! | `next_due` | | the least due instant of all armed timers |
-//! | `first_due` | | of the timestamps with a timer due then the least |
+//! | `find` | | returns the index of an open timestamp, and none for another |
+//! | `timestamp`, `entry` | an index that was found since the last change | returns what is there |
+//! | `push` | a timestamp greater than all that are open | opens it with its entry if there is room; otherwise nothing changes |
+//! | `arm` | such an index; one timer is armed that was not | stores the sets and the due instant; no other timestamp changes |
+//! | `set` | such an index; no timer is armed that was not | stores the sets; due instants and other timestamps stay the same |
+//! | `remove` | such an index | closes it; no other timestamp changes |
+//! | `len` | | returns the number of open timestamps |
+//! | `next_due` | | returns the least due instant of all armed timers |
+//! | `first_due` | | returns the least of the timestamps with a timer due then |
 //!
-//! `iter` shows own alone: the façade compares and prints with it, and decides nothing.
+//! `iter` shows only own: the façade uses it to compare and print, and decides nothing by it.
 
 use crate::arbitrary::{any_others_after, earliest, least};
 use crate::entry::Entry;
@@ -29,7 +29,7 @@ use crate::slot::Slot;
 use crate::source::Source;
 use crate::time::{Instant, Timestamp};
 
-/// Which timestamp it is.
+/// Says which timestamp the index is of.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum OpenIndex {
     Own,
@@ -40,22 +40,22 @@ pub(crate) enum OpenIndex {
 pub(crate) struct Window<const CLOUDS: usize, const CAPACITY: usize> {
     pub(crate) own: Timestamp,
     pub(crate) is_open: bool,
-    /// Own's, if it is open.
+    /// Own's entry, if it is open.
     pub(crate) entry: Entry<CLOUDS>,
     /// The least due instant of own's armed timers.
     pub(crate) due: Option<Instant>,
     pub(crate) others: Others<CLOUDS>,
 }
 
-/// All open timestamps but own.
+/// All open timestamps except own.
 #[derive(Clone, Copy)]
 pub(crate) struct Others<const CLOUDS: usize> {
     pub(crate) len: usize,
-    /// None of them is greater.
+    /// None of them is greater than this.
     pub(crate) greatest: Timestamp,
     /// The least due instant of their armed timers, and the least of the timestamps that have it.
     pub(crate) first: Option<(Instant, Timestamp)>,
-    /// The entry of the one that is looked at.
+    /// The entry of the timestamp that is looked at.
     pub(crate) entry: Entry<CLOUDS>,
 }
 
@@ -63,14 +63,14 @@ impl<const CLOUDS: usize> Others<CLOUDS> {
     pub(crate) const EMPTY: Self =
         Self { len: 0, greatest: Timestamp::new(0), first: None, entry: Entry::EMPTY };
 
-    /// A timestamp's timer is due then.
+    /// Notes that a timer of a timestamp is due then.
     fn arm(&mut self, due: Instant, timestamp: Timestamp) {
         if self.first.is_none_or(|first| (due, timestamp) < first) {
             self.first = Some((due, timestamp));
         }
     }
 
-    /// A timestamp's key is later than it was, or there is none.
+    /// Notes that a timestamp's key is later than it was, or gone.
     fn disarm(&mut self, own: Timestamp, timestamp: Timestamp) {
         if let Some(first) = self.first.filter(|first| first.1 == timestamp) {
             self.first = any_others_after(self, own, first);
@@ -170,7 +170,7 @@ impl<const CLOUDS: usize, const CAPACITY: usize> Window<CLOUDS, CAPACITY> {
         match self.others.first.filter(|first| own.is_none_or(|own| *first < own)) {
             None => own.map(|_| OpenIndex::Own),
             Some((_, timestamp)) => {
-                // What is due is armed.
+                // A due timer is armed.
                 kani::assume(!self.others.entry.slot.armed().is_empty());
                 Some(OpenIndex::Other(timestamp))
             }

@@ -1,4 +1,5 @@
-//! Each harness as a plain function on random values, so that a wrong harness is found without a checker.
+//! Runs each harness as a plain function on random values, so that a wrong harness is found without a
+//! checker.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -8,11 +9,11 @@ use fuseline_proofs::harness::ALL;
 use fuseline_traces::{Decision, Event, Input, Line};
 use kani::native::Failure;
 
-/// How many runs of each harness come to their end.
+/// The number of runs of each harness that come to their end.
 const ACCEPTED: u64 = 10_000;
 
-/// Every harness holds on random values, is hardly ever left out by an assumption, and reaches all of its covers. Each is named
-/// when it begins and when it ended, for whoever seeds a fault.
+/// Every harness holds on random values, is hardly ever excluded by an assumption, and reaches all of its
+/// covers. The test prints each name at its beginning and end, to help when a fault is seeded.
 #[test]
 fn every_harness_holds_on_random_values() {
     let mut failed = Vec::new();
@@ -42,10 +43,11 @@ fn holds(harness: fn()) -> Result<(), String> {
     never.map_or(Ok(()), |((line, cover), _)| Err(format!("line {line} is never reached: {cover}")))
 }
 
-/// A counterexample is recorded as a header, states behind a `#`, inputs and decisions, all as the trace has them.
+/// A counterexample is recorded as a header, states behind a `#`, inputs and decisions, in the form of a
+/// trace.
 #[test]
-fn a_replay_is_recorded_in_lines_that_a_reader_of_traces_takes() {
-    // `p3_best_available` when the least available result is forwarded.
+fn replay_is_recorded_in_lines_of_a_trace() {
+    // `p3_best_available`, if the machine forwards the least available result.
     let values = [0, 12033, 55424, 65534, 1, 2, 65535];
     let harness = ALL.iter().find(|(name, _)| *name == "p3_best_available").expect("it is there").1;
     kani::native::replay(harness, &values).expect("the machine as it ships holds");
@@ -66,7 +68,7 @@ fn sources() -> Vec<String> {
     files.map(|file| fs::read_to_string(file.expect("a file").path()).expect("text")).collect()
 }
 
-/// A harness that is not in the list would run nowhere but under the checker.
+/// A harness that is missing from the list would run only under the checker.
 #[test]
 fn every_harness_is_listed_under_a_name_of_its_own() {
     let listed: BTreeSet<&str> = ALL.iter().map(|(name, _)| *name).collect();
@@ -82,8 +84,8 @@ fn every_harness_is_listed_under_a_name_of_its_own() {
     assert_eq!(listed, written);
 }
 
-/// The harnesses look at the shipped sources: all of the core's modules, but for the one that keeps values, which decides
-/// nothing; the window stands in a module of its own.
+/// The harnesses include all modules of the core, except the one that stores values, which decides nothing.
+/// The window is in a module of its own.
 #[test]
 fn the_modules_are_those_of_the_core() {
     let read = |file: &str| {

@@ -1,9 +1,10 @@
-//! The window of the proofs, compared with the one that ships.
+//! Compares the window of the proofs with the one that ships.
 
 use fuseline_proofs::Sources;
 use fuseline_proofs::comparison::{cells_do_what_arrays_do, has_its_levels};
 
-/// What the cells of `src/cells.rs` do, the arrays of the shipped window do, and what harnesses start from holds of it.
+/// The cells of `src/cells.rs` do what the arrays of the shipped window do, and meet what harnesses start
+/// from.
 #[test]
 fn cells_do_what_arrays_do_on_random_windows() {
     let report = kani::native::random(cells_do_what_arrays_do, 1, 100_000)
@@ -15,7 +16,8 @@ fn cells_do_what_arrays_do_on_random_windows() {
     }
 }
 
-/// A harness of the window has a few capacities. What the code takes from one is looked at for all.
+/// A harness of the window has a few capacities; this test checks what the code derives from a capacity for
+/// all of them.
 #[test]
 fn every_capacity_has_its_levels() {
     macro_rules! have_levels {
@@ -28,7 +30,8 @@ fn every_capacity_has_its_levels() {
         (0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20 21 22 23 24 25 26 27 28 29 30 31));
 }
 
-/// The earliest due instant of a timestamp is the least over its armed timers: each of them is looked at, once.
+/// The earliest due instant of a timestamp is the least over its armed timers, because each of them is looked
+/// at once.
 #[test]
 fn every_set_has_its_members_once_in_ascending_order() {
     for bits in 0..=u16::MAX {

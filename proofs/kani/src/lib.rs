@@ -1,7 +1,8 @@
-//! A stand-in for Kani, for hosts without it: the functions and macros of Kani that the harnesses use, under the same names.
+//! A stand-in for Kani, for hosts without it: it has the functions and macros that the harnesses use, with
+//! the same names.
 //!
-//! Compiled to wasm, values and properties are imports that the checker defines. Natively values come from random numbers
-//! or from the list of a counterexample, and a run is reported: see [`native`].
+//! Compiled to wasm, values and properties are imports that the checker defines. Natively, values come from
+//! random numbers or from the list of a counterexample, and a run is reported; see [`native`].
 #![cfg_attr(target_arch = "wasm32", no_std)]
 
 pub use fuseline_proof_macros::{proof, solver, unwind};
@@ -14,9 +15,9 @@ pub mod native;
 #[cfg(not(target_arch = "wasm32"))]
 use native as engine;
 
-/// What can be any value of its type.
+/// A type of which any value can be drawn.
 pub trait Arbitrary {
-    /// Any value.
+    /// Returns any value.
     fn any() -> Self;
 }
 
@@ -55,26 +56,26 @@ impl<T: Arbitrary, const N: usize> Arbitrary for [T; N] {
     }
 }
 
-/// Any value.
+/// Returns any value.
 #[inline]
 #[must_use]
 pub fn any<T: Arbitrary>() -> T {
     T::any()
 }
 
-/// Any value for which `wanted` holds.
+/// Returns any value for which `wanted` holds.
 #[inline]
 pub fn any_where<T: Arbitrary, F: Fn(&T) -> bool>(wanted: F) -> T {
     engine::any_where(wanted)
 }
 
-/// Leaves out what does not satisfy `condition`.
+/// Excludes the values that do not satisfy `condition`.
 #[inline]
 pub fn assume(condition: bool) {
     engine::assume(condition);
 }
 
-/// The property: `condition` holds, whatever the values.
+/// Asserts that `condition` holds for all values.
 #[inline(always)]
 #[track_caller]
 pub fn assert(condition: bool, message: &'static str) {
@@ -87,7 +88,7 @@ pub fn cover(condition: bool, line: u32, message: &'static str) {
     engine::cover(condition, line, message);
 }
 
-/// Some values reach this line with `condition`.
+/// Requires that some values reach this line with `condition`.
 #[macro_export]
 macro_rules! cover {
     ($condition:expr, $message:literal) => {

@@ -1,4 +1,4 @@
-//! Harnesses as plain functions: on random values, or on those of a counterexample.
+//! Runs harnesses as plain functions, on random values or on those of a counterexample.
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, VecDeque};
@@ -6,39 +6,40 @@ use std::panic::{self, AssertUnwindSafe, Location};
 
 use crate::Arbitrary;
 
-/// How often [`any_where`] draws before the run is given up as rejected.
+/// The number of draws by [`any_where`] after which a run is rejected.
 const DRAWS: u32 = 2_000;
 
-/// What the runs of a harness did.
+/// Reports the runs of a harness.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct Report {
-    /// Runs that came to their end.
+    /// The number of runs that came to their end.
     pub accepted: u64,
-    /// Runs that an assumption left out.
+    /// The number of runs that an assumption excluded.
     pub rejected: u64,
-    /// How often each assertion was met, by its message.
+    /// The number of times that each assertion was reached, by its message.
     pub assertions: BTreeMap<&'static str, u64>,
-    /// How often each cover was reached, by its line and message; 0 if its condition was never met.
+    /// The number of times that each cover was reached, by its line and message; 0 if its condition never
+    /// held.
     pub covers: BTreeMap<(u32, &'static str), u64>,
 }
 
-/// An assertion that did not hold.
+/// An assertion that failed.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Failure {
-    /// What it says.
+    /// Its message.
     pub message: String,
-    /// File and line, if it is one of the harness and no panic of what is proved.
+    /// Its file and line, unless it is a panic of the code that is proved.
     pub location: Option<String>,
     /// The values drawn until then.
     pub values: Vec<u64>,
 }
 
-/// Why a run was not accepted.
+/// The reason why a run was not accepted.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum RunError {
-    /// An assumption left it out.
+    /// An assumption excluded it.
     Rejected,
-    /// An assertion did not hold, or something panicked.
+    /// An assertion failed, or something panicked.
     Failed(Failure),
 }
 
@@ -58,15 +59,15 @@ thread_local! {
     static RUN: RefCell<Option<Run>> = const { RefCell::new(None) };
 }
 
-/// The payload with which a run ends that an assumption left out.
+/// The payload with which an excluded run ends.
 struct Rejected;
-/// The payload with which a run ends in which an assertion did not hold.
+/// The payload with which a run ends whose assertion failed.
 struct Refuted;
 
 /// Runs a harness on random values until `accepted` runs came to their end.
 ///
 /// # Errors
-/// The first failure.
+/// Returns the first failure.
 pub fn random(harness: fn(), seed: u64, accepted: u64) -> Result<Report, Failure> {
     let values = Values::Random(Random::new(seed));
     start(values);
@@ -92,16 +93,16 @@ pub fn random(harness: fn(), seed: u64, accepted: u64) -> Result<Report, Failure
     }
 }
 
-/// Runs a harness once on these values; missing ones are 0.
+/// Runs a harness once on these values. Missing values are 0.
 ///
 /// # Errors
-/// It was not accepted.
+/// Returns the reason if the run was not accepted.
 pub fn replay(harness: fn(), values: &[u64]) -> Result<Report, RunError> {
     start(Values::Recorded(values.iter().copied().collect()));
     once(harness).map(|()| RUN.take().expect("a run was started").report)
 }
 
-/// Whether steps are to be recorded: only in a replay.
+/// Returns `true` if steps are to be recorded, which is so only in a replay.
 #[must_use]
 pub fn is_replay() -> bool {
     RUN.with_borrow(|run| run.as_ref().is_some_and(|run| matches!(run.values, Values::Recorded(_))))
@@ -189,8 +190,8 @@ pub(crate) fn cover(condition: bool, line: u32, message: &'static str) {
     with(|run| *run.report.covers.entry((line, message)).or_default() += u64::from(condition));
 }
 
-/// Steele and Vigna's `SplitMix64`, bent towards the values that decide: the ends of the range and what was drawn
-/// shortly before.
+/// `SplitMix64` by Steele and Vigna, biased towards decisive values: the ends of the range, and what was
+/// drawn shortly before.
 struct Random {
     state: u64,
     recent: [u64; 8],

@@ -1,4 +1,4 @@
-//! The checker's side is C: `proofs/engine/checker.c` defines these imports.
+//! The checker's side is in C: `proofs/engine/checker.c` defines these imports.
 
 use core::panic::{Location, PanicInfo};
 

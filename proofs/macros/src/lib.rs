@@ -1,7 +1,6 @@
 //! The macros of the proofs: the attributes of a harness, and the window over cells.
 //!
-//! [`proof`], [`unwind`] and [`solver`] are Kani's, for where Kani is not: `proofs/kani` exports them. A harness stays the function
-//! that it is, and for the checker it is also an export. [`over_cells`] is used with Kani as well.
+//! [`proof`], [`unwind`] and [`solver`] replace Kani's on hosts without Kani; `proofs/kani` exports them. A harness stays a plain function, and is also an export for the checker. [`over_cells`] is used with Kani too.
 
 use std::fs;
 
@@ -15,7 +14,7 @@ pub fn proof(_arguments: TokenStream, harness: TokenStream) -> TokenStream {
     let Some(TokenTree::Ident(name)) = tokens.next() else {
         return "compile_error!(\"a harness is a function\");".parse().unwrap_or_default();
     };
-    // One harness is built at a time, so that what is checked is that harness and nothing else.
+    // One harness is built at a time, so that the checker sees only that harness.
     let export = format!(
         "#[cfg(all(target_arch = \"wasm32\", harness = \"{name}\"))]
          const _: () = {{
@@ -26,37 +25,38 @@ pub fn proof(_arguments: TokenStream, harness: TokenStream) -> TokenStream {
     harness.into_iter().chain(export.parse::<TokenStream>().unwrap_or_default()).collect()
 }
 
-/// How often a loop is unwound; the runner reads it.
+/// States how often a loop is unwound; the runner reads it.
 #[proc_macro_attribute]
 pub fn unwind(_bound: TokenStream, harness: TokenStream) -> TokenStream {
     harness
 }
 
-/// Which solver is asked; the runner reads it.
+/// States which solver to use; the runner reads it.
 #[proc_macro_attribute]
 pub fn solver(_name: TokenStream, harness: TokenStream) -> TokenStream {
     harness
 }
 
-/// The text of a file of the core with three changes: a field `[T; CAPACITY]` or `[[T; CAPACITY]; 2]` is a `Cells<T>`, the
-/// functions that begin so are left out, and the file's own documentation is.
+/// Includes the text of a file of the core with three changes: a field `[T; CAPACITY]` or `[[T; CAPACITY];
+/// 2]` becomes a `Cells<T>`, the functions that begin with these texts are left out, and so is the file's own
+/// documentation.
 ///
 /// ```text
 /// over_cells!("core/src/window.rs" without "fn new()" "fn iter(");
 /// ```
 ///
-/// The file is named from the root of the workspace, where the compiler runs. It is formatted as rustfmt formats it: a
-/// field has one line, and a function ends at a brace in the column of its first word.
+/// The path starts at the root of the workspace, where the compiler runs. The file must be formatted by
+/// rustfmt: a field is on one line, and a function ends with a brace in the column of its first word.
 ///
 /// # Panics
-/// The file cannot be read, or is no Rust: the compiler says so where the macro stands.
+/// Panics if the file cannot be read or is not Rust. The compiler reports this at the macro.
 #[proc_macro]
 pub fn over_cells(arguments: TokenStream) -> TokenStream {
     let words = arguments.into_iter().map(|word| word.to_string().trim_matches('"').to_owned());
     let words: Vec<String> = words.collect();
     let file = &words[0];
     let text = fs::read_to_string(file).unwrap_or_else(|error| panic!("{file}: {error}"));
-    // The compiler builds anew when a file changes that it saw included.
+    // The compiler builds again when a file changes that it saw included.
     let included = format!("const _: &[u8] = include_bytes!(concat!(\"../../\", {file:?}));\n");
     let text = included + &over(&text, &words[2..]);
     text.parse().unwrap_or_else(|error| panic!("{file}: {error}"))
@@ -65,7 +65,7 @@ pub fn over_cells(arguments: TokenStream) -> TokenStream {
 fn over(text: &str, without: &[String]) -> String {
     let is_head = |line: &str| without.iter().any(|head| line.contains(head.as_str()));
     let mut out = String::new();
-    // How the line begins that ends what is left out.
+    // The beginning of the line that ends what is left out.
     let mut until = None;
     for line in text.lines() {
         if until.is_none() && is_head(line) {

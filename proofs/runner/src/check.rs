@@ -1,4 +1,4 @@
-//! Checks one harness by CBMC and reads its answer.
+//! Checks one harness with CBMC and reads the answer.
 
 use std::collections::BTreeSet;
 
@@ -9,41 +9,41 @@ use crate::source::Harness;
 use crate::tools::{Limits, ToolOutput, Tools};
 use crate::translate::{Copy, Generated};
 
-/// Loops of the memory run as often as there are bytes to move; all others as often as the harness says.
+/// Loops over memory run as often as there are bytes to move. All others run as often as the harness says.
 const MEMORY_LOOPS: [(&str, u32); 2] = [("memory_copy", 6), ("memory_fill", 2)];
 
-/// Asks for the values that refute an assertion of the harness, and for nothing else.
+/// Asks only for the values that refute an assertion of the harness.
 const ASSERTION: [&str; 3] = ["--property", "w2c_kani_check.assertion.1", "--trace"];
 
 /// The verdict about a harness.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(crate) enum Verdict {
-    /// Every assertion holds, nothing panics, every cover and the end are reached.
+    /// Every assertion holds, nothing panics, and every cover and the end are reached.
     Proved,
-    /// An assertion of a harness does not hold.
+    /// An assertion of the harness fails.
     Refuted(Counterexample),
-    /// Something else than an assertion goes wrong: a panic, a trap, a loop beyond its bound.
+    /// Something other than an assertion fails: a panic, a trap, or a loop beyond its bound.
     Broken(String),
-    /// A cover or the end of the harness is not reached, so that it proves less than it says.
+    /// A cover or the end of the harness is not reached, so it proves less than it says.
     Unreached(String),
-    /// No verdict within the limits.
+    /// There is no verdict within the limits.
     TimedOut,
     /// The checker or its solver failed.
     Unknown(String),
 }
 
-/// The values for which an assertion does not hold.
+/// The values for which an assertion fails.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub(crate) struct Counterexample {
-    /// What the assertion says.
+    /// The assertion's message.
     pub(crate) message: String,
     /// Its file and line.
     pub(crate) location: String,
-    /// In the order in which the harness draws them.
+    /// The values in the order in which the harness draws them.
     pub(crate) values: Vec<u64>,
 }
 
-/// A verdict and what it cost.
+/// A verdict and its cost.
 #[derive(Clone, Debug)]
 pub(crate) struct CheckResult {
     pub(crate) verdict: Verdict,
@@ -52,14 +52,14 @@ pub(crate) struct CheckResult {
 }
 
 impl CheckResult {
-    /// Counts what a run cost.
+    /// Counts the cost of a run.
     fn add(&mut self, output: ToolOutput) -> ToolOutput {
         self.seconds += output.seconds;
         self.peak_mib = self.peak_mib.max(output.peak_mib);
         output
     }
 
-    /// What cannot be given to the checker.
+    /// Returns the result for a harness that cannot be given to the checker.
     fn broken(why: String) -> Self {
         Self { verdict: Verdict::Broken(why), seconds: 0.0, peak_mib: 0 }
     }
@@ -78,10 +78,10 @@ impl Verdict {
     }
 }
 
-/// Asks whether the harness holds, and whether it reaches what it must.
+/// Checks that the harness holds and reaches everything that it must.
 ///
 /// # Errors
-/// It does not build, or Ctrl-C.
+/// Returns an error if it does not build, or on Ctrl-C.
 pub(crate) fn prove(
     tools: &Tools,
     copy: &Copy,
@@ -106,7 +106,7 @@ pub(crate) fn prove(
         checked.verdict = match verdict_of(&output, &generated) {
             Verdict::Proved if is_after_last => left_out(&output),
             Verdict::Proved => reached(&output, &mut unreached),
-            // Traces of all properties would be long: that of the one that fails is asked for.
+            // Traces of all properties would be long, so the checker is asked for that of the failing one.
             verdict @ (Verdict::Refuted(_) | Verdict::Broken(_)) => {
                 let property = failing(&output).unwrap_or_default();
                 let only = ["--unwinding-assertions", "--trace", "--property", &property];
@@ -128,10 +128,10 @@ pub(crate) fn prove(
     Ok(checked)
 }
 
-/// Asks for a counterexample to an assertion of the harness, and to nothing else.
+/// Asks only for a counterexample to an assertion of the harness.
 ///
 /// # Errors
-/// It does not build, or Ctrl-C.
+/// Returns an error if it does not build, or on Ctrl-C.
 pub(crate) fn refute(
     tools: &Tools,
     copy: &Copy,
@@ -153,7 +153,8 @@ pub(crate) fn refute(
     Ok(checked)
 }
 
-/// The questions to the checker, one after another: each case, and that there is none beyond the last; or the whole.
+/// Returns the questions to the checker: each case, and that there is none beyond the last; or the whole
+/// harness.
 fn cases(harness: &Harness) -> Vec<Option<u32>> {
     match harness.cases {
         Some(cases) => (0..=cases).map(Some).collect(),
@@ -188,14 +189,14 @@ fn run_checker(
     match harness.solver.as_str() {
         "minisat" => {}
         "z3" => arguments.push("--z3".to_owned()),
-        // Without this the checker would fall back to its own without a word.
+        // Otherwise the checker would use its own solver without notice.
         external => arguments.extend(["--external-sat-solver".to_owned(), external.to_owned()]),
     }
     arguments.extend(more.iter().map(|word| (*word).to_owned()));
     tools.run(generated.folder(), limits, "cbmc", &arguments)
 }
 
-/// The properties with their results, or why there are none.
+/// Returns the properties with their results, or the reason why there are none.
 fn results(output: &ToolOutput) -> Result<Vec<Value>, Verdict> {
     if output.timed_out {
         return Err(Verdict::TimedOut);
@@ -205,7 +206,7 @@ fn results(output: &ToolOutput) -> Result<Vec<Value>, Verdict> {
         let error = lines().find(|line| line.contains("rror")).unwrap_or("no message").trim();
         Verdict::Unknown(format!("cbmc ended with {code:?}: {error}"))
     };
-    // 0: all hold, 10: some do not. Anything else is no verdict.
+    // 0 means that all hold, and 10 that some do not. Anything else is no verdict.
     if !matches!(output.code, Some(0 | 10)) {
         return Err(why(output.code));
     }
@@ -223,7 +224,7 @@ fn results(output: &ToolOutput) -> Result<Vec<Value>, Verdict> {
         .ok_or_else(|| why(output.code))
 }
 
-/// The properties that must hold: covers and the end are not of these.
+/// Returns the properties that must hold. Covers and the end are not among them.
 fn required(output: &ToolOutput) -> Result<Vec<Value>, Verdict> {
     let mut results = results(output)?;
     results.retain(|result| {
@@ -241,7 +242,7 @@ fn is_assertion(result: &Value) -> bool {
     result["description"] == "assertion"
 }
 
-/// The name of a property that fails, an assertion if one does.
+/// Returns the name of a property that fails; an assertion if one does.
 fn failing(output: &ToolOutput) -> Option<String> {
     let required = required(output).ok()?;
     let assertion = required.iter().find(|result| failed(result) && is_assertion(result));
@@ -249,7 +250,7 @@ fn failing(output: &ToolOutput) -> Option<String> {
     found["property"].as_str().map(str::to_owned)
 }
 
-/// Whether every property holds that must.
+/// Returns the verdict about the properties that must hold.
 fn verdict_of(output: &ToolOutput, generated: &Generated) -> Verdict {
     let results = match required(output) {
         Ok(results) => results,
@@ -273,7 +274,7 @@ fn verdict_of(output: &ToolOutput, generated: &Generated) -> Verdict {
     }
 }
 
-/// Whether the end is not reached: the harness leaves this case out.
+/// Checks that the end is not reached, so the harness excludes this case.
 fn left_out(output: &ToolOutput) -> Verdict {
     match reached(output, &mut BTreeSet::new()) {
         Verdict::Unreached(_) => Verdict::Proved,
@@ -282,7 +283,8 @@ fn left_out(output: &ToolOutput) -> Verdict {
     }
 }
 
-/// Whether the end is reached: whether its property fails. Takes the covers that are reached out of the set.
+/// Returns the verdict about the end: it is reached if its property fails. Removes the covers that are
+/// reached from the set.
 fn reached(output: &ToolOutput, unreached: &mut BTreeSet<u32>) -> Verdict {
     let results = match results(output) {
         Ok(results) => results,
@@ -295,7 +297,7 @@ fn reached(output: &ToolOutput, unreached: &mut BTreeSet<u32>) -> Verdict {
     if is_reached("end") { Verdict::Proved } else { Verdict::Unreached("its end".to_owned()) }
 }
 
-/// The inputs of a trace, in their order.
+/// Returns the inputs of a trace in their order.
 fn counterexample(result: &Value, generated: &Generated) -> Counterexample {
     let mut found = Counterexample::default();
     let (mut file, mut text, mut line) = ((0, 0), (0, 0), 0);

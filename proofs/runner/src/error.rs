@@ -1,40 +1,40 @@
-//! What keeps a run from its verdict.
+//! The errors that prevent a verdict.
 
 use std::path::{Path, PathBuf};
 
-/// Why there is no ledger.
+/// The reason why there is no ledger.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum Error {
     /// A file or folder cannot be read, written or run.
     #[error("{path}: {source}", path = path.display())]
     File {
-        /// Which.
+        /// The path.
         path: PathBuf,
-        /// What went wrong.
+        /// The cause.
         source: std::io::Error,
     },
-    /// A file does not say what it should.
+    /// The contents of a file are wrong.
     #[error("{path}: {why}", path = path.display())]
     Content {
-        /// Which.
+        /// The path.
         path: PathBuf,
-        /// What is wrong.
+        /// The fault.
         why: String,
     },
-    /// A tool failed where it must not.
+    /// A tool failed that must succeed.
     #[error("{tool} failed for {what}:\n{message}")]
     Tool {
-        /// Which.
+        /// The tool.
         tool: &'static str,
-        /// On what.
+        /// Its input.
         what: String,
-        /// What it printed.
+        /// Its output.
         message: String,
     },
     /// The seeded faults cannot be read, or one cannot be seeded.
     #[error(transparent)]
     Faults(#[from] fuseline_faults::FaultsError),
-    /// There is nothing of this name.
+    /// Nothing has this name.
     #[error("there is no {kind} {name}")]
     Name {
         /// A harness or a fault.
@@ -42,7 +42,7 @@ pub(crate) enum Error {
         /// The name that was given.
         name: String,
     },
-    /// Ctrl-C.
+    /// Ctrl-C was pressed.
     #[error("interrupted")]
     Interrupted,
 }

@@ -1,4 +1,5 @@
-//! Kani itself, where it is installed. What it prints is read as its driver writes it: `docs/book/src/verified/proofs.md`.
+//! Runs Kani itself, where it is installed, and reads the output of its driver; see
+//! `docs/book/src/verified/proofs.md`.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -10,17 +11,17 @@ use crate::source::HarnessSources;
 
 /// The harnesses that Kani is to prove.
 pub(crate) struct KaniSelection {
-    /// How many covers each must reach, by its path.
+    /// The number of covers that each must reach, by its path.
     covers: BTreeMap<String, usize>,
-    /// Whether these are all harnesses.
+    /// `true` if these are all harnesses.
     whole: bool,
 }
 
 impl KaniSelection {
-    /// Chooses all harnesses, or those named. The record says how many covers each must reach.
+    /// Selects all harnesses, or those that are named. The record says how many covers each must reach.
     ///
     /// # Errors
-    /// There is no harness of a name.
+    /// Returns an error if no harness has a name.
     pub(crate) fn new(
         sources: &HarnessSources,
         record: &Record,
@@ -38,10 +39,10 @@ impl KaniSelection {
         Ok(Self { covers, whole: names.is_empty() })
     }
 
-    /// Lets Kani prove them. Seeded faults are not tried: that is the other engine's part.
+    /// Lets Kani prove the harnesses. It does not try seeded faults; the other engine does.
     ///
     /// # Errors
-    /// Kani cannot be started.
+    /// Returns an error if Kani cannot be started.
     pub(crate) fn prove(&self, tree: &Path, jobs: u8, seconds: u64) -> Result<bool, Error> {
         let mut command = Command::new("cargo");
         command.current_dir(tree).args(self.arguments(jobs, seconds));
@@ -57,7 +58,8 @@ impl KaniSelection {
         Ok(output.status.success() && wrong.is_empty())
     }
 
-    /// `--harness` alone selects by a part of the path, and `p2_never_late` is a part of another harness's.
+    /// `--harness` alone selects by a part of the path, and `p2_never_late` is part of another harness's
+    /// path.
     fn arguments(&self, jobs: u8, seconds: u64) -> Vec<String> {
         let mut arguments: Vec<String> =
             ["kani", "-p", "fuseline-proofs"].map(str::to_owned).into();
@@ -71,7 +73,7 @@ impl KaniSelection {
         arguments
     }
 
-    /// What is wrong with a run: its exit code alone says nothing about what it did not run or reach.
+    /// Returns the faults of a run. Its exit code does not say what it left out or did not reach.
     fn judge(&self, printed: &str) -> Vec<String> {
         let mut wrong = Vec::new();
         let summed = printed.lines().rev().find_map(|line| line.strip_prefix("Complete - "));
@@ -94,16 +96,16 @@ impl KaniSelection {
     }
 }
 
-/// What Kani said of each harness, by its path.
+/// Kani's output about each harness, by its path.
 #[derive(Default)]
 struct KaniOutput<'a> {
     proved: BTreeSet<&'a str>,
-    /// How many covers it reached, of how many.
+    /// The numbers of covers that it reached and that it has.
     covers: BTreeMap<&'a str, (usize, usize)>,
 }
 
-/// Several threads print in turn: each block of lines begins with `Thread 2: `, and is of the harness that this thread
-/// checks.
+/// Reads the output. Several threads print in turn: each block of lines begins with `Thread 2: ` and concerns
+/// the harness that this thread checks.
 fn read(printed: &str) -> KaniOutput<'_> {
     let mut output = KaniOutput::default();
     let (mut thread, mut checked) = ("", BTreeMap::new());
@@ -143,7 +145,7 @@ mod tests {
     const SLOT: (&str, usize) = ("harness::slot::p2_never_late", 2);
     const CLOCK: (&str, usize) = ("harness::fusion::p2_never_late_by_the_clock", 1);
 
-    /// As two threads print it.
+    /// The output of two threads.
     const PRINTED: &str = "Thread 0: Checking harness harness::slot::p2_never_late...\n\
         Thread 1: Checking harness harness::fusion::p2_never_late_by_the_clock...\n\
         Thread 0: \nVERIFICATION RESULT:\n ** 0 of 90 failed (1 unreachable)\n\n \

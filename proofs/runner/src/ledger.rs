@@ -1,4 +1,4 @@
-//! The ledger: what was proved and what was caught, as it is committed in `proofs/results/ledger.json`.
+//! The ledger: what was proved and what was caught, committed in `proofs/results/ledger.json`.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
@@ -20,14 +20,14 @@ use crate::translate;
 /// The sources of the runner that run the checker and read its answer.
 const CHECKER: [&str; 2] = ["proofs/runner/src/check.rs", "proofs/runner/src/translate.rs"];
 
-/// The verdict about a harness that no run proved.
+/// The verdict about a harness that no run has proved.
 const NOT_YET: &str = "not proved yet";
 
-/// By question (a harness, or a fault and a harness), the good verdict about it and what it cost.
+/// The good verdicts and their cost, by question: a harness, or a fault and a harness.
 #[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct VerdictLedger {
-    /// The machine in a few words.
+    /// A short description of the host.
     machine: String,
     proved: BTreeMap<String, Proof>,
 }
@@ -42,36 +42,36 @@ struct Proof {
     provenance: Provenance,
 }
 
-/// What a verdict depends on: the same verdict would be given again while this is the same.
+/// The conditions of a verdict. The same conditions lead to the same verdict.
 #[derive(Clone, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct Provenance {
-    /// What the harness is bounded to, and how far its loops are unwound.
+    /// The bounds of the harness, and how far its loops are unwound.
     #[serde(default)]
     bounds: String,
-    /// A digest of the sources, of those that run the checker among them.
+    /// A digest of the sources, including those that run the checker.
     sources: String,
     /// The checker and the compiler, with their versions.
     tools: String,
-    /// A digest of the change that the seeded fault makes; empty without one.
+    /// A digest of the seeded fault's change; empty if there is none.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     change: String,
 }
 
 impl Provenance {
-    /// The sources as they are, without a fault and for no harness yet.
+    /// Returns the conditions of the current sources, without a fault and without a harness.
     ///
     /// # Errors
-    /// A file cannot be read, or a tool does not tell its version.
+    /// Returns an error if a file cannot be read or a tool does not state its version.
     pub(crate) fn now(root: &Path, tools: &Tools) -> Result<Self, Error> {
         Ok(Self { sources: digest(root)?, tools: tools.versions()?, ..Self::default() })
     }
 
-    /// The same sources for a harness.
+    /// Returns the same conditions for a harness.
     pub(crate) fn about(&self, harness: &Harness) -> Self {
         Self { bounds: harness.stated_bounds(), ..self.clone() }
     }
 
-    /// The same sources with a fault in them.
+    /// Returns the same conditions with a fault.
     pub(crate) fn with(&self, change: String) -> Self {
         Self { change, ..self.clone() }
     }
@@ -82,18 +82,18 @@ impl VerdictLedger {
         root.join("proofs/results/ledger.json")
     }
 
-    /// The committed one; empty if there is none yet.
+    /// Reads the committed ledger, or returns an empty one if there is none yet.
     ///
     /// # Errors
-    /// It cannot be read.
+    /// Returns an error if the ledger cannot be read.
     pub(crate) fn load(root: &Path) -> Result<Self, Error> {
         record::load(&Self::path(root))
     }
 
-    /// Takes over which harnesses there are. A new one is not proved yet.
+    /// Updates the list of harnesses. A new harness is not proved yet.
     ///
     /// # Errors
-    /// The file cannot be written.
+    /// Returns an error if the file cannot be written.
     pub(crate) fn take(&mut self, root: &Path, sources: &HarnessSources) -> Result<(), Error> {
         let harnesses = &sources.harnesses;
         self.proved
@@ -109,10 +109,10 @@ impl VerdictLedger {
         record::save(&Self::path(root), self)
     }
 
-    /// Stores a line, if it is good.
+    /// Stores a line if it is good.
     ///
     /// # Errors
-    /// The file cannot be written.
+    /// Returns an error if the file cannot be written.
     pub(crate) fn add(
         &mut self,
         root: &Path,
@@ -135,13 +135,13 @@ impl VerdictLedger {
         record::save(&Self::path(root), self)
     }
 
-    /// How long the answer to a question took; 0 if there is none.
+    /// Returns how long the answer to a question took, or 0 if there is none.
     pub(crate) fn seconds(&self, question: &str) -> f64 {
         self.proved.get(question).map_or(0.0, |proof| proof.seconds)
     }
 
-    /// Of these questions those to check: each that is not answered here about the very same sources, and of the others as many,
-    /// drawn anew, as took about `budget`; one at least. Also says how many are left out.
+    /// Selects the questions to ask: each one that has no answer for these sources, and of the others a
+    /// random sample that took about `budget`, but at least one. Also returns how many are left out.
     pub(crate) fn sample(
         &self,
         questions: &[(String, Provenance)],
@@ -173,7 +173,7 @@ impl VerdictLedger {
         (chosen, summary)
     }
 
-    /// What is wrong with it: a harness that it lacks, or one that is gone.
+    /// Returns the differences: harnesses that the ledger lacks, and harnesses that no longer exist.
     pub(crate) fn differs(&self, sources: &HarnessSources) -> Vec<String> {
         let there: BTreeSet<&str> = sources.harnesses.iter().map(|h| h.name.as_str()).collect();
         let recorded: BTreeSet<&str> =
@@ -184,7 +184,7 @@ impl VerdictLedger {
         lacks.chain(more).collect()
     }
 
-    /// How many harnesses are proved, and which are not or were as other sources than these, in words.
+    /// Describes how many harnesses are proved, which are not, and which were proved with other sources.
     pub(crate) fn summary(&self, digest: &str) -> String {
         let harnesses =
             || self.proved.iter().filter(|(question, _)| harness_of(question) == *question);
@@ -207,15 +207,16 @@ impl VerdictLedger {
     }
 }
 
-/// The harness of a question.
+/// Returns the harness of a question.
 fn harness_of(question: &str) -> &str {
     question.rsplit_once(" / ").map_or(question, |(_, harness)| harness)
 }
 
-/// A digest of what verdicts depend on: of Rust without the lines that say nothing of what it does.
+/// Returns a digest of what verdicts depend on. It leaves out the lines of Rust that do not change what it
+/// does.
 ///
 /// # Errors
-/// A file cannot be read.
+/// Returns an error if a file cannot be read.
 pub(crate) fn digest(root: &Path) -> Result<String, Error> {
     let mut files = Vec::new();
     for name in translate::SOURCES.iter().chain(&CHECKER) {
@@ -237,7 +238,7 @@ pub(crate) fn digest(root: &Path) -> Result<String, Error> {
     Ok(hex(&digest.finalize()))
 }
 
-/// The lines that are neither comments nor `#[inline]` nor bounds of loops, which have a field of their own.
+/// Returns the lines other than comments, `#[inline]` and bounds of loops, which have a field of their own.
 fn meaning(content: &[u8]) -> Vec<u8> {
     let lines = content.split_inclusive(|byte| *byte == b'\n');
     let is_silent = |line: &[u8]| {

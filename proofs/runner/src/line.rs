@@ -1,4 +1,4 @@
-//! What a run prints: one line a harness, one a fault.
+//! The output of a run: one line for each harness, and one for each fault.
 
 use std::fmt;
 
@@ -8,24 +8,24 @@ use serde::Serialize;
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct LedgerLine {
     pub(crate) harness: String,
-    /// The fault that was seeded, if one was.
+    /// The fault that was seeded, if there is one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) fault: Option<String>,
     pub(crate) engine: String,
     pub(crate) bounds: String,
     pub(crate) solver: String,
     pub(crate) verdict: String,
-    /// Whether that is what must be.
+    /// `true` if the verdict is the required one.
     pub(crate) good: bool,
     pub(crate) seconds: f64,
     pub(crate) memory_mib: u64,
-    /// What refutes it, to be given to `--replay`.
+    /// The values that refute it, for `--replay`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub(crate) values: Vec<u64>,
 }
 
 impl LedgerLine {
-    /// The harness, and the fault if there is one.
+    /// Returns the name of the harness, with the fault if there is one.
     pub(crate) fn name(&self) -> String {
         match &self.fault {
             Some(fault) => under(fault, &self.harness),
@@ -34,13 +34,13 @@ impl LedgerLine {
     }
 }
 
-/// How a harness under a fault is called.
+/// Returns the name of a harness under a fault.
 pub(crate) fn under(fault: &str, harness: &str) -> String {
     format!("{fault} / {harness}")
 }
 
 impl fmt::Display for LedgerLine {
-    /// One row; a `!` stands before what is not as it must be.
+    /// Writes one row. A `!` marks a verdict that is not the required one.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mark = if self.good { ' ' } else { '!' };
         write!(

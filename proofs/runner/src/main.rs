@@ -1,4 +1,4 @@
-//! Runs the proofs and keeps their ledger. `proofs/prove` finds the engine and starts this.
+//! Runs the proofs and keeps their ledger. `proofs/prove` finds the engine and starts this program.
 
 mod check;
 mod error;
@@ -87,7 +87,7 @@ struct Cli {
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
-    // Where the system refuses a handler, Ctrl-C ends the command as it does otherwise.
+    // If the system refuses a handler, Ctrl-C ends the command in the usual way.
     let _ = ctrlc::set_handler(|| STOP.store(true, Ordering::Release));
     match act(&cli) {
         Ok(true) => ExitCode::SUCCESS,

@@ -1,4 +1,4 @@
-//! Whether the harnesses catch each mutant of the façade and of its window, as `cargo mutants` lists them.
+//! Checks that the harnesses catch each mutant of the façade and of its window that `cargo mutants` lists.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -11,21 +11,21 @@ use serde::{Deserialize, Serialize};
 use crate::error::Error;
 use crate::record;
 
-/// The façade and its window, each with the group of the harnesses that see it.
+/// The façade and its window, each with the group of harnesses that use it.
 pub(crate) const FILES: [(&str, &str); 2] =
     [("core/src/fusion.rs", "fusion"), ("core/src/window.rs", "window")];
 
 const EXCLUDED: &str = "proofs/mutants.toml";
 
-/// One change of one place.
+/// One change at one place.
 #[derive(Deserialize)]
 pub(crate) struct Mutant {
-    /// Its file, line and column, and what is changed.
+    /// The file, line and column, and the change.
     pub(crate) name: String,
     pub(crate) file: String,
     replacement: String,
     span: MutantSpan,
-    /// None if it is of no function.
+    /// `None` if the change is outside of functions.
     function: Option<MutantFunction>,
 }
 
@@ -41,7 +41,7 @@ struct MutantSpan {
     end: LineColumn,
 }
 
-/// Both count from 1.
+/// A place in a file. Both numbers count from 1.
 #[derive(Deserialize)]
 struct LineColumn {
     line: usize,
@@ -49,7 +49,7 @@ struct LineColumn {
 }
 
 impl Mutant {
-    /// The file's text with the change in it; none if it does not have the place.
+    /// Returns the file's text with the change, or `None` if it does not have the place.
     pub(crate) fn seed(&self, text: &str) -> Option<String> {
         let at = |position: &LineColumn| {
             let line = text.split_inclusive('\n').take(position.line.checked_sub(1)?);
@@ -62,10 +62,10 @@ impl Mutant {
         Some(format!("{}{}{}", text.get(..start)?, self.replacement, text.get(end..)?))
     }
 
-    /// The mutants that there are, and who lists them.
+    /// Returns all mutants, and the name of the tool that lists them.
     ///
     /// # Errors
-    /// `cargo mutants` is not there or fails.
+    /// Returns an error if `cargo mutants` is not installed or fails.
     pub(crate) fn list(root: &Path) -> Result<(Vec<Self>, String), Error> {
         let files = FILES.iter().flat_map(|(file, _)| ["--file", file]);
         let words = ["mutants", "--list", "--json", "--package", "fuseline-core"];
@@ -88,11 +88,11 @@ fn cargo(root: &Path, words: &[&str]) -> Result<String, Error> {
     Err(Error::Tool { tool: "cargo mutants", what, message })
 }
 
-/// What became of each.
+/// The outcome of each mutant.
 #[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Mutants {
-    /// Who listed them.
+    /// The tool that listed them.
     pub(crate) by: String,
     /// A digest of the files.
     pub(crate) files: String,
@@ -106,19 +106,19 @@ pub(crate) struct Mutants {
 pub(crate) enum MutantOutcome {
     /// An assertion of this harness fails.
     CaughtBy(String),
-    /// No compiler takes it.
+    /// The compiler refuses it.
     NotBuilt,
     /// No harness of its group notices it.
     Missed,
-    /// No harness is checked for it: `mutants.toml` has the reason.
+    /// No harness is checked for it; `mutants.toml` has the reason.
     Excluded,
 }
 
 impl Mutants {
-    /// Those that were tried before; none if that was with other sources.
+    /// Reads the earlier outcomes, or returns none if they are of other sources.
     ///
     /// # Errors
-    /// It cannot be read.
+    /// Returns an error if the file cannot be read.
     pub(crate) fn current(root: &Path, by: String, sources: String) -> Result<Self, Error> {
         let (mut recorded, exclusions) = (Self::load(root)?, Exclusions::load(root)?);
         if recorded.sources != sources || recorded.by != by {
@@ -130,7 +130,7 @@ impl Mutants {
         Ok(Self { by, files: digest(root)?, sources, of: recorded.of })
     }
 
-    /// The harnesses that caught another mutant of the same function.
+    /// Returns the harnesses that caught another mutant of the same function.
     pub(crate) fn catchers(&self, listed: &[Mutant], mutant: &Mutant) -> BTreeSet<String> {
         let same = listed.iter().filter(|other| other.function == mutant.function);
         let outcomes = same.filter_map(|other| self.of.get(&other.name));
@@ -147,12 +147,12 @@ impl Mutants {
     }
 
     /// # Errors
-    /// It cannot be written.
+    /// Returns an error if the file cannot be written.
     pub(crate) fn save(&self, root: &Path) -> Result<(), Error> {
         record::save(&results(root), self)
     }
 
-    /// How many there are of each outcome, in words.
+    /// Describes how many mutants have each outcome.
     pub(crate) fn summary(&self) -> String {
         let count = |wanted: fn(&MutantOutcome) -> bool| {
             self.of.values().filter(|outcome| wanted(outcome)).count()
@@ -167,7 +167,8 @@ impl Mutants {
     }
 }
 
-/// Where the results are while the sources stay as they are: in cargo's target folder, since nobody keeps them.
+/// Returns the path of the outcomes while the sources stay the same. It is in cargo's target folder, because
+/// nobody keeps them.
 fn results(root: &Path) -> PathBuf {
     let target = std::env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into());
     root.join(target).join("proofs/mutants.json")
@@ -191,7 +192,7 @@ struct ExclusionReason {
 
 impl Exclusions {
     /// # Errors
-    /// The file cannot be read.
+    /// Returns an error if the file cannot be read.
     pub(crate) fn load(root: &Path) -> Result<Self, Error> {
         let path = root.join(EXCLUDED);
         let text = fs::read_to_string(&path).map_err(Error::file(&path))?;
@@ -203,10 +204,11 @@ impl Exclusions {
     }
 }
 
-/// What is wrong with the results: they are of other files, or a mutant is missed without a reason; and their summary.
+/// Returns the faults of the outcomes and a summary. Faults are outcomes of other files, and mutants that are
+/// missed without a reason.
 ///
 /// # Errors
-/// A file cannot be read.
+/// Returns an error if a file cannot be read.
 pub(crate) fn checked(root: &Path) -> Result<(Vec<String>, String), Error> {
     let (recorded, exclusions) = (Mutants::load(root)?, Exclusions::load(root)?);
     let mut wrong = Vec::new();

@@ -1,4 +1,4 @@
-//! What is committed: the harnesses that there must be, and which of them catches which fault.
+//! The committed record: the harnesses that there must be, and which of them catches which fault.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -12,23 +12,23 @@ use crate::error::Error;
 use crate::source::HarnessSources;
 use crate::uncatchable::UncatchableFaults;
 
-/// The ratchet. Numbers may rise with `--record`; where they fall, the run fails.
+/// The ratchet. `--record` may raise the numbers; a lower number fails the run.
 #[derive(Clone, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Record {
-    /// By harness, how many covers it has.
+    /// The number of covers of each harness.
     pub(crate) harnesses: BTreeMap<String, usize>,
-    /// By file and function, how many assertions it makes.
+    /// The number of assertions of each function, by file.
     pub(crate) assertions: BTreeMap<String, usize>,
-    /// By fault, who caught it.
+    /// The harnesses that caught each fault.
     pub(crate) faults: BTreeMap<String, CatchRecord>,
 }
 
-/// Who caught a fault.
+/// The harnesses that caught a fault.
 #[derive(Clone, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct CatchRecord {
-    /// A digest of the change that the fault makes.
+    /// A digest of the fault's change.
     pub(crate) change: String,
     /// The harnesses of which an assertion failed.
     pub(crate) by: BTreeSet<String>,
@@ -39,21 +39,21 @@ impl Record {
         root.join("proofs/results/record.json")
     }
 
-    /// The committed one; empty if there is none yet.
+    /// Reads the committed record, or returns an empty one if there is none yet.
     ///
     /// # Errors
-    /// It cannot be read.
+    /// Returns an error if the record cannot be read.
     pub(crate) fn load(root: &Path) -> Result<Self, Error> {
         load(&Self::path(root))
     }
 
     /// # Errors
-    /// It cannot be written.
+    /// Returns an error if the record cannot be written.
     pub(crate) fn save(&self, root: &Path) -> Result<(), Error> {
         save(&Self::path(root), self)
     }
 
-    /// Takes over what the sources show.
+    /// Updates the record from the sources.
     pub(crate) fn take(&mut self, sources: &HarnessSources) {
         let harnesses = sources.harnesses.iter();
         self.harnesses = harnesses.map(|h| (h.name.clone(), h.covers.len())).collect();
@@ -63,7 +63,7 @@ impl Record {
         }
     }
 
-    /// What the sources have less of than is recorded.
+    /// Returns what the sources have less of than the record says.
     pub(crate) fn shrunk(&self, sources: &HarnessSources) -> Vec<String> {
         let mut wrong = Vec::new();
         for (name, covers) in &self.harnesses {
@@ -88,7 +88,8 @@ impl Record {
         wrong
     }
 
-    /// The faults that a harness should catch, and that none is recorded to catch as they are now.
+    /// Returns the faults that a harness should catch, but that none is recorded to catch in their current
+    /// form.
     pub(crate) fn uncaught(
         &self,
         faults: &[SeededFault],
@@ -104,7 +105,8 @@ impl Record {
         faults.iter().filter(|fault| !uncatchable.holds(fault)).filter_map(wrong).collect()
     }
 
-    /// Pairs to run so that each fault is caught that some of `harnesses` can catch, and each of these catches one.
+    /// Selects pairs to run, so that each fault is caught that some of `harnesses` can catch, and each of
+    /// these harnesses catches one.
     pub(crate) fn pairs(
         &self,
         faults: &[SeededFault],
@@ -123,7 +125,7 @@ impl Record {
         let mut pairs = BTreeSet::new();
         let mut used = BTreeSet::new();
         for (fault, caught) in &caught {
-            // One that has none yet, so that few pairs do.
+            // A harness without a pair is preferred, so that few pairs suffice.
             let fresh = caught.iter().find(|name| !used.contains(**name));
             if let Some(name) = fresh.or_else(|| caught.first()) {
                 used.insert((*name).clone());
@@ -139,10 +141,10 @@ impl Record {
     }
 }
 
-/// Reads a value from JSON; an empty one if there is no file yet.
+/// Reads a value from JSON, or returns an empty one if there is no file yet.
 ///
 /// # Errors
-/// The file cannot be read.
+/// Returns an error if the file cannot be read.
 pub(crate) fn load<T: DeserializeOwned + Default>(path: &Path) -> Result<T, Error> {
     if !path.exists() {
         return Ok(T::default());
@@ -154,7 +156,7 @@ pub(crate) fn load<T: DeserializeOwned + Default>(path: &Path) -> Result<T, Erro
 /// Writes a value as JSON.
 ///
 /// # Errors
-/// The file cannot be written.
+/// Returns an error if the file cannot be written.
 pub(crate) fn save(path: &Path, value: &impl Serialize) -> Result<(), Error> {
     let mut text =
         serde_json::to_string_pretty(value).map_err(|error| Error::content(path, &error))?;

@@ -21,10 +21,10 @@ use crate::tools::{Limits, Tools};
 use crate::translate::Copy;
 use crate::uncatchable::UncatchableFaults;
 
-/// The groups that take longest; a fault is looked for with the others first.
+/// The groups that take longest. A fault is first tried with the others.
 const DEAR: [&str; 2] = ["fusion", "wait"];
 
-/// What to prove, and with what.
+/// What to prove, and with which tools.
 pub(crate) struct ProofRun<'a> {
     pub(crate) tree: &'a Path,
     pub(crate) root: &'a Path,
@@ -32,17 +32,17 @@ pub(crate) struct ProofRun<'a> {
     pub(crate) jobs: usize,
     pub(crate) limits: Limits,
     pub(crate) json: bool,
-    /// Whether good verdicts go into the committed ledger.
+    /// `true` to put good verdicts into the committed ledger.
     pub(crate) keep: bool,
-    /// How much of what the ledger answers is asked again; all unless given.
+    /// The time for questions that the ledger already answers; `None` asks all of them.
     pub(crate) sample: Option<Duration>,
 }
 
 impl ProofRun<'_> {
-    /// Proves harnesses: those named, or all.
+    /// Proves the named harnesses, or all of them.
     ///
     /// # Errors
-    /// There is no harness of a name, one does not build, or Ctrl-C.
+    /// Returns an error if no harness has a name, one does not build, or on Ctrl-C.
     pub(crate) fn harnesses(&self, names: &[String]) -> Result<bool, Error> {
         let mut harnesses: Vec<&Harness> = if names.is_empty() {
             self.sources.harnesses.iter().collect()
@@ -70,7 +70,7 @@ impl ProofRun<'_> {
         Ok(self.sum_up(&lines, "proved") && !harnesses.is_empty())
     }
 
-    /// Shows that harnesses, those named or all, catch the faults that they are recorded to catch.
+    /// Checks that the named harnesses, or all of them, catch the faults that they are recorded to catch.
     ///
     /// # Errors
     /// As for [`harnesses`](Self::harnesses).
@@ -124,7 +124,7 @@ impl ProofRun<'_> {
         Ok(self.sum_up(&lines, "caught") && good)
     }
 
-    /// Looks for the harnesses that catch each fault: those that cite what it breaks, else whichever does.
+    /// Searches for the harnesses that catch each fault, first among those that cite what it breaks.
     ///
     /// # Errors
     /// As for [`harnesses`](Self::harnesses), or the record cannot be written.
@@ -166,7 +166,7 @@ impl ProofRun<'_> {
             record.save(self.tree)?;
             Ok::<_, Error>(caught)
         };
-        // Those that cite what the fault breaks come first.
+        // Harnesses that cite what the fault breaks come first.
         let found = self.all(
             "faults",
             &wanted,
@@ -215,11 +215,12 @@ impl ProofRun<'_> {
         Ok(found.values().chain(busy.values()).all(|good| *good))
     }
 
-    /// Looks for a harness, of those named or of all, that catches each mutant of façade and window, and records it. What those
-    /// named do not catch is not missed: others may.
+    /// Searches for a harness, among those named or all, that catches each mutant of façade and window, and
+    /// records it. A mutant that the named harnesses do not catch does not count as missed, because others
+    /// may catch it.
     ///
     /// # Errors
-    /// As for [`harnesses`](Self::harnesses), or there is no list of them.
+    /// As for [`harnesses`](Self::harnesses), or there is no list of mutants.
     pub(crate) fn mutants(&self, named: &[String], parts: &[String]) -> Result<bool, Error> {
         let (listed, by) = Mutant::list(self.tree)?;
         let mut mutants = Mutants::current(self.tree, by, ledger::digest(self.tree)?)?;
@@ -266,7 +267,8 @@ impl ProofRun<'_> {
         Ok(wrong.is_empty())
     }
 
-    /// What becomes of one mutant: the harnesses of its group are asked, `first` and then the quickest.
+    /// Returns the outcome of one mutant. The harnesses of its group are tried, `first` and then the
+    /// quickest.
     fn outcome(
         &self,
         tools: &Tools,
@@ -285,7 +287,7 @@ impl ProofRun<'_> {
             |of: &&Harness| of.group == group && (named.is_empty() || named.contains(&of.name));
         let mut able: Vec<&Harness> = harnesses.filter(is_able).collect();
         able.sort_by(|a, b| ledger.seconds(&a.name).total_cmp(&ledger.seconds(&b.name)));
-        // What caught one mutant of a function mostly catches the next.
+        // A harness that caught one mutant of a function usually catches the next.
         able.sort_by_key(|harness| !first.contains(&harness.name));
         let mut outcome = MutantOutcome::Missed;
         for harness in able {
@@ -306,7 +308,7 @@ impl ProofRun<'_> {
         Ok(outcome)
     }
 
-    /// Leaves of `tasks` those to ask, if a sample is enough, and says how many are left out.
+    /// Keeps a sample of `tasks` if that is enough, and prints how many are left out.
     fn draw<T>(
         &self,
         ledger: &Mutex<VerdictLedger>,
@@ -323,7 +325,7 @@ impl ProofRun<'_> {
         Ok(())
     }
 
-    /// Keeps a good line in the ledger, if that was asked for.
+    /// Keeps a good line in the ledger if that was requested.
     fn keep(
         &self,
         ledger: &Mutex<VerdictLedger>,
@@ -336,7 +338,7 @@ impl ProofRun<'_> {
         ledger.lock().unwrap_or_else(PoisonError::into_inner).add(self.tree, line, provenance)
     }
 
-    /// A harness on a machine with a fault.
+    /// Checks a harness on a machine with a fault.
     fn under(
         &self,
         tools: &Tools,
@@ -364,7 +366,7 @@ impl ProofRun<'_> {
         found.ok_or_else(|| none("harness", name))
     }
 
-    /// Says how many lines are good, and how to see the others; whether all are.
+    /// Prints how many lines are good, and how to see the others. Returns `true` if all are.
     fn sum_up(&self, lines: &BTreeMap<String, LedgerLine>, word: &str) -> bool {
         let good = lines.values().filter(|line| line.good).count();
         if !self.json {
@@ -433,7 +435,7 @@ impl ProofRun<'_> {
     }
 }
 
-/// What the ledger says of one question.
+/// Returns the ledger's line for one question.
 fn line(harness: &Harness, fault: Option<&SeededFault>, checked: CheckResult) -> LedgerLine {
     let good = match (&checked.verdict, fault) {
         (Verdict::Proved, None) | (Verdict::Refuted(_), Some(_)) => true,
@@ -470,7 +472,7 @@ fn is_cited(harness: &Harness, fault: &SeededFault) -> bool {
     cites(harness).iter().any(|id| fault.breaks.contains(id))
 }
 
-/// The identifiers that a harness cites by its name and its documentation.
+/// Returns the identifiers that a harness cites in its name and its documentation.
 fn cites(harness: &Harness) -> BTreeSet<String> {
     let separated = |c: char| !c.is_ascii_alphanumeric();
     let is_id = |word: &str| {

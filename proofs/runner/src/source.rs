@@ -1,4 +1,4 @@
-//! The harnesses as their sources show them: attributes, bounds, assertions and covers.
+//! Reads the harnesses from their sources: attributes, bounds, assertions and covers.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -15,34 +15,34 @@ pub(crate) const FOLDER: &str = "proofs/src/harness";
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(crate) struct Harness {
     pub(crate) name: String,
-    /// Its file, without `.rs`.
+    /// The name of its file, without `.rs`.
     pub(crate) group: String,
-    /// Its documentation as one line, without the bounds.
+    /// Its documentation on one line, without the bounds.
     pub(crate) says: String,
-    /// What it is bounded to.
+    /// Its bounds.
     pub(crate) bounds: String,
-    /// How many values its first choice has, if the checker is asked about one at a time.
+    /// The number of values of its first choice, if the checker is asked about one at a time.
     pub(crate) cases: Option<u32>,
     pub(crate) unwind: u32,
     pub(crate) solver: String,
     /// The lines of its covers.
     pub(crate) covers: Vec<u32>,
-    /// How many assertions it makes itself.
+    /// The number of assertions in its own body.
     pub(crate) assertions: usize,
 }
 
-/// What the harness files hold.
+/// The contents of the harness files.
 #[derive(Debug, Default)]
 pub(crate) struct HarnessSources {
     pub(crate) harnesses: Vec<Harness>,
-    /// The assertions that each function makes, harness or not, by file and name.
+    /// The number of assertions in each function, harness or not, by file and name.
     pub(crate) assertions: BTreeMap<String, usize>,
 }
 
 /// Reads all harness files.
 ///
 /// # Errors
-/// A file cannot be read, or a harness lacks something.
+/// Returns an error if a file cannot be read or a harness lacks something.
 pub(crate) fn read(root: &Path) -> Result<HarnessSources, Error> {
     let folder = root.join(FOLDER);
     let mut files = Vec::new();
@@ -60,7 +60,7 @@ pub(crate) fn read(root: &Path) -> Result<HarnessSources, Error> {
 }
 
 impl HarnessSources {
-    /// Reads one file, which is formatted as rustfmt formats it: a function ends at a brace in its first column.
+    /// Reads one file. It is formatted by rustfmt, so a function ends with a brace in the first column.
     fn add(&mut self, group: &str, text: &str) -> Result<(), String> {
         let name = Regex::new(r"^(?:pub )?fn (\w+)").map_err(|error| error.to_string())?;
         let lines: Vec<&str> = text.lines().collect();
@@ -87,7 +87,7 @@ impl HarnessSources {
                 self.harnesses.push(harness);
             }
         }
-        // A cover anywhere else could stay unreached in one harness and be reached in another.
+        // A cover anywhere else could be reached in one harness and stay unreached in another.
         if text.matches("kani::cover!(").count() != spoken_for {
             return Err("a cover stands outside a harness".to_owned());
         }
@@ -96,12 +96,12 @@ impl HarnessSources {
 }
 
 impl Harness {
-    /// The name by which Kani selects it with `--exact`.
+    /// Returns the name by which Kani selects it with `--exact`.
     pub(crate) fn path(&self) -> String {
         format!("harness::{}::{}", self.group, self.name)
     }
 
-    /// What it is bounded to, and how far its loops are unwound.
+    /// Returns its bounds, and how far its loops are unwound.
     pub(crate) fn stated_bounds(&self) -> String {
         format!("{}; unwind {}", self.bounds, self.unwind)
     }
@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn harness_without_a_cover_or_a_cover_without_a_harness_is_refused() {
+    fn refuses_harness_without_cover_and_stray_cover() {
         let bare = TEXT.replace("    kani::cover!(true, \"y\");\n", "");
         assert!(HarnessSources::default().add("slot", &bare).is_err());
         let stray = format!("{TEXT}fn helper() {{\n    kani::cover!(true, \"z\");\n}}\n");

@@ -1,4 +1,4 @@
-//! The tools of the checker, run in their root within limits of time and memory.
+//! Runs the checker's tools in their root, within limits of time and memory.
 
 use std::fs::{self, File};
 use std::os::unix::process::CommandExt as _;
@@ -16,20 +16,20 @@ use crate::error::Error;
 /// Set by Ctrl-C.
 pub(crate) static STOP: AtomicBool = AtomicBool::new(false);
 
-/// How often a running tool is polled.
+/// The time between two polls of a running tool.
 const POLL_INTERVAL: Duration = Duration::from_millis(100);
 
-/// How much one run may take.
+/// The limits of one run.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Limits {
     pub(crate) time: Duration,
     pub(crate) memory_mib: u64,
 }
 
-/// What a run did.
+/// The outcome of a run.
 #[derive(Debug)]
 pub(crate) struct ToolOutput {
-    /// Its exit code, or none if it was ended.
+    /// The exit code, or `None` if the run was ended.
     pub(crate) code: Option<i32>,
     pub(crate) timed_out: bool,
     pub(crate) stdout: String,
@@ -38,7 +38,7 @@ pub(crate) struct ToolOutput {
     pub(crate) peak_mib: u64,
 }
 
-/// The root that has the tools, with a folder for this run that goes when this value does.
+/// The root that has the tools, with a folder for this run that is removed when this value is dropped.
 pub(crate) struct Tools {
     root: PathBuf,
     work: TempDir,
@@ -46,22 +46,22 @@ pub(crate) struct Tools {
 
 impl Tools {
     /// # Errors
-    /// The folder cannot be made.
+    /// Returns an error if the folder cannot be created.
     pub(crate) fn new(root: &Path) -> Result<Self, Error> {
         let parent = root.join("tmp");
         let work = tempfile::Builder::new().prefix("fuseline-prove.").tempdir_in(&parent);
         Ok(Self { root: root.to_owned(), work: work.map_err(Error::file(&parent))? })
     }
 
-    /// This run's folder.
+    /// Returns this run's folder.
     pub(crate) fn work(&self) -> &Path {
         self.work.path()
     }
 
-    /// Runs a tool in a folder below this run's; what it prints is stored there while it runs.
+    /// Runs a tool in a folder below this run's. Its output is stored there while it runs.
     ///
     /// # Errors
-    /// It cannot be started, or Ctrl-C ended it.
+    /// Returns an error if it cannot be started or Ctrl-C ended it.
     pub(crate) fn run(
         &self,
         folder: &Path,
@@ -109,7 +109,7 @@ impl Tools {
             }
             thread::sleep(POLL_INTERVAL);
         };
-        // A solver that outlives the checker would go on alone.
+        // A solver that outlives the checker would continue alone.
         let _ = kill_process_group(group, Signal::KILL);
         if STOP.load(Ordering::Acquire) {
             return Err(Error::Interrupted);
@@ -129,10 +129,10 @@ impl Tools {
         })
     }
 
-    /// The checker and the compiler, with their versions.
+    /// Returns the checker and the compiler with their versions.
     ///
     /// # Errors
-    /// One does not tell it.
+    /// Returns an error if one does not state its version.
     pub(crate) fn versions(&self) -> Result<String, Error> {
         let mut versions = Vec::new();
         for tool in ["cbmc", "rustc"] {
@@ -148,7 +148,7 @@ impl Tools {
     /// Runs a tool that must succeed.
     ///
     /// # Errors
-    /// It does not.
+    /// Returns an error if it does not succeed.
     pub(crate) fn must(
         &self,
         folder: &Path,
@@ -176,11 +176,12 @@ impl Tools {
     }
 }
 
-/// The memory that the processes of a group have now.
+/// Returns the memory that the processes of a group use, in MiB.
 fn resident_mib(group: Pid) -> u64 {
     let Ok(processes) = fs::read_dir("/proc") else { return 0 };
     let own = |stat: String| {
-        // The name, in parentheses, may hold anything; group and resident pages are the 5th and the 24th field.
+        // The name, in parentheses, may contain anything. Group and resident pages are the 5th and the 24th
+        // field.
         let (_, fields) = stat.rsplit_once(')')?;
         let fields: Vec<&str> = fields.split_whitespace().collect();
         let of_group: i32 = fields.get(2)?.parse().ok()?;

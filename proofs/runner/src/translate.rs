@@ -1,6 +1,7 @@
 //! Translates a harness to C for the checker.
 //!
-//! rustc compiles it to wasm32, wasm2c translates that to C, and the memory of `proofs/engine` takes the place of wasm2c's.
+//! rustc compiles it to wasm32, wasm2c translates that to C, and the memory of `proofs/engine` replaces
+//! wasm2c's.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
@@ -13,14 +14,16 @@ use crate::error::Error;
 use crate::source::Harness;
 use crate::tools::Tools;
 
-/// How much stack a harness has; the fewer words, the cheaper each access at an address that is no constant.
+/// The size of a harness's stack. The smaller it is, the cheaper is each access at an address that is not
+/// constant.
 const STACK_BYTES: u32 = 4096;
 
-/// What goes into the root.
+/// The sources that are copied into the root.
 pub(crate) const SOURCES: [&str; 5] =
     ["core/src", "proofs/src", "proofs/macros/src", "proofs/kani/src", "proofs/engine"];
 
-/// What LLVM makes of all that is proved: one function of constants, as far as can be, with every overflow checked.
+/// Flags that make LLVM produce one function with as many constants as possible, and with every overflow
+/// checked.
 const FLAGS: &[&str] = &[
     "--edition=2024",
     "--target=wasm32-unknown-unknown",
@@ -38,10 +41,10 @@ pub(crate) struct Copy<'a> {
     folder: PathBuf,
 }
 
-/// A harness as the checker takes it, in a file `main.gb`.
+/// A harness for the checker, in a file `main.gb`.
 pub(crate) struct Generated {
     folder: PathBuf,
-    /// The data segment, in which texts lie.
+    /// The data segment, which contains texts.
     data: Vec<u8>,
 }
 
@@ -49,7 +52,7 @@ impl<'a> Copy<'a> {
     /// Copies the sources of `tree` and builds the stand-in.
     ///
     /// # Errors
-    /// A file cannot be copied, or the stand-in does not build.
+    /// Returns an error if a file cannot be copied or the stand-in does not build.
     pub(crate) fn new(tools: &'a Tools, tree: &Path) -> Result<Self, Error> {
         let folder = tools.work().join("sound");
         for source in SOURCES {
@@ -83,10 +86,10 @@ impl<'a> Copy<'a> {
         self.tools.must(&self.folder, "rustc", "the macros", &arguments.map(str::to_owned))
     }
 
-    /// The same with one file replaced.
+    /// Returns a copy with one file replaced.
     ///
     /// # Errors
-    /// A file cannot be written.
+    /// Returns an error if a file cannot be written.
     pub(crate) fn with(&self, name: &str, file: &str, text: &str) -> Result<Self, Error> {
         let folder = self.tools.work().join(name);
         copy(&self.folder, &folder)?;
@@ -95,15 +98,16 @@ impl<'a> Copy<'a> {
         Ok(Self { tools: self.tools, folder })
     }
 
-    /// Removes it.
+    /// Removes the copy.
     pub(crate) fn remove(self) {
         let _ = fs::remove_dir_all(&self.folder);
     }
 
-    /// One harness for the checker, or why it cannot be given to it; of a harness of cases one case, as a constant.
+    /// Translates one harness for the checker, or returns the reason why that is not possible. If the harness
+    /// has cases, one case is fixed as a constant.
     ///
     /// # Errors
-    /// It does not build.
+    /// Returns an error if it does not build.
     pub(crate) fn generate(
         &self,
         harness: &Harness,
@@ -171,7 +175,7 @@ impl Generated {
         &self.folder
     }
 
-    /// The text at an address.
+    /// Returns the text at an address.
     pub(crate) fn text(&self, at: u64, len: u64) -> Option<String> {
         let from = usize::try_from(at.checked_sub(u64::from(STACK_BYTES))?).ok()?;
         let bytes = self.data.get(from..from.checked_add(usize::try_from(len).ok()?)?)?;
@@ -179,7 +183,7 @@ impl Generated {
     }
 }
 
-/// wasm2c's C with the checker's memory, and the data segment.
+/// Returns wasm2c's C with the checker's memory, and the data segment.
 fn with_memory(text: &str) -> Result<(String, Vec<u8>), String> {
     let stack_low = STACK_BYTES.checked_sub(frames(text)?).ok_or("the frames need more stack")?;
     let cut = |text: &str, from: &str, to: &str, by: &str| {
@@ -220,20 +224,20 @@ fn with_memory(text: &str) -> Result<(String, Vec<u8>), String> {
     Ok((cleared(&format!("{}{memory}{}", &text[..start], &text[end..]))?, data))
 }
 
-/// A frame as a function takes it.
+/// The code with which a function takes a frame.
 const FRAME: &str = r"= instance->w2c_g0;\s+var_i1 = (\d+)u;\s+var_i0 -= var_i1;";
 
-/// Each frame is filled with zeros when it is taken. Nothing reads what was there; but bytes between fields, which nothing
-/// writes, would hide that the word around them is a constant.
+/// Fills each frame with zeros when it is taken. Nothing reads the old contents; but bytes between fields,
+/// which nothing writes, would hide that the word around them is constant.
 fn cleared(text: &str) -> Result<String, String> {
     let frame = Regex::new(FRAME).map_err(|error| error.to_string())?;
     let fill = "$0\n  memory_fill(&instance->w2c_memory, var_i0, 0, var_i1);";
     Ok(frame.replace_all(text, fill).into_owned())
 }
 
-/// How many bytes of stack the harness and what it calls can take, each function at most once; whoever takes more is
-/// trapped. An error if one of them calls through a pointer. The texts of panics are written by such calls, but nothing
-/// writes them here.
+/// Returns the greatest number of bytes of stack that the harness and its callees can take, each function at
+/// most once; beyond that they are trapped. Returns an error if one of them calls through a pointer. Such
+/// calls write the texts of panics, but nothing writes those here.
 fn frames(text: &str) -> Result<u32, String> {
     let head = Regex::new(r"(?m)^\w+ (w2c_proofs_\w+)\(w2c_proofs\* instance[^;{]*\) \{$");
     let call = Regex::new(r"\b(w2c_proofs_\w+)\(instance");
@@ -266,7 +270,7 @@ fn frames(text: &str) -> Result<u32, String> {
     Ok(bytes)
 }
 
-/// Copies files and folders, but nothing that was built.
+/// Copies files and folders, except build output.
 fn copy(from: &Path, to: &Path) -> Result<(), Error> {
     fs::create_dir_all(to).map_err(Error::file(to))?;
     for entry in fs::read_dir(from).map_err(Error::file(from))? {
@@ -307,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_of_what_is_called_are_counted_in_whole_slots() {
+    fn frames_of_callees_count_in_whole_slots() {
         assert_eq!(frames(C), Ok(32));
     }
 }

@@ -9,7 +9,7 @@ use serde::Deserialize;
 
 use crate::error::Error;
 
-/// What no harness can catch, each with the reason.
+/// The faults that no harness can catch, each with the reason.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct UncatchableFaults {
@@ -20,10 +20,10 @@ pub(crate) struct UncatchableFaults {
 }
 
 impl UncatchableFaults {
-    /// Those among these faults.
+    /// Returns those among these faults.
     ///
     /// # Errors
-    /// The file cannot be read, or names a fault or files that there are not.
+    /// Returns an error if the file cannot be read, or names a fault or files that do not exist.
     pub(crate) fn load(root: &Path, faults: &[SeededFault]) -> Result<Self, Error> {
         let path = root.join("proofs/uncatchable.toml");
         let text = fs::read_to_string(&path).map_err(Error::file(&path))?;

@@ -1,7 +1,8 @@
-//! The machine, for any number of open timestamps: each rule for any one of them, and that an input changes no other.
+//! The machine, for any number of open timestamps: shows each rule for any one of them, and that an input
+//! changes no other.
 //!
-//! The shipped `fusion.rs` runs over the window of `src/window.rs`, which has one timestamp, *own*, exactly. Own is any, so what
-//! holds of it holds of each.
+//! The shipped `fusion.rs` runs over the window of `src/window.rs`, which represents one timestamp, *own*,
+//! exactly. Own may be any timestamp, so what holds for it holds for each.
 
 use crate::arbitrary::{
     WINDOW, any_commit, any_deadline, any_instant, any_machine, any_priority_or_registered,
@@ -17,12 +18,12 @@ use crate::time::{Deadline, Instant};
 use crate::valid::{due_at, is_machine, is_outcome_of_decision, later, same_own, source_of};
 use crate::{Admission, DropReason, Firing, OfferRefusal, OpenRefusal, Opening, Outcome};
 
-/// All clouds that there can be.
+/// The greatest number of clouds.
 const CLOUDS: usize = 15;
 
-/// F0, F5, A1, A2, A21, A22: the clock never goes back. If a timer is due by then, the due instant itself included, all of
-/// one timestamp at the earliest instant fire together, of several timestamps the least; else the machine takes inputs. No
-/// other timestamp changes.
+/// The clock never goes back. If a timer is due by then, even exactly then, all timers of one timestamp at
+/// the earliest due instant fire together; if several timestamps have one, the least fires. Otherwise the
+/// machine takes inputs. No other timestamp changes (F0, F5, A1, A2, A21, A22).
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -60,7 +61,8 @@ pub fn f5_expire_by_the_rule() {
     kani::cover!(fired.is_none() && next.is_some() && now < clock, "the clock was further already");
 }
 
-/// F5, F6, F7, F9: what a firing decides is what the step of its timestamp decides, and the machine stays valid.
+/// A firing has the outcome that the step of its timestamp decides, and the machine stays valid (F5, F6, F7,
+/// F9).
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -95,8 +97,9 @@ pub fn f5_firing_is_settled() {
     kani::cover!(waits, "it waits on");
 }
 
-/// F1, A11, A14, A25, A31: an open is refused for the first reason that holds and then changes nothing; else the timestamp is
-/// open, waits for local, and its deadline is armed if it has one. No other timestamp changes.
+/// An open is refused for the first reason that holds, and then changes nothing. Otherwise the timestamp is
+/// open and waits for local, and its deadline is armed if it has one. No other timestamp changes (F1, A11,
+/// A14, A25, A31).
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -146,8 +149,9 @@ pub fn f1_open_by_the_rule() {
     kani::cover!(is_own && fusion.len() == fusion.window, "the window is full with it");
 }
 
-/// F2, F2g, A11, A19, A20: an offer is refused for the first reason that holds; the gate decides last. Admitted, its
-/// timer is armed, due after now. No other due instant changes, and no other timestamp.
+/// An offer is refused for the first reason that holds, and the gate decides last. If it is admitted, its
+/// timer is armed and due after now. No other due instant and no other timestamp changes (F2, F2g, A11, A19,
+/// A20).
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -211,8 +215,8 @@ pub fn f2_offer_and_its_due() {
     kani::cover!(is_admitted && !entry.slot.cached().is_empty(), "it outranks what is held");
 }
 
-/// F2: what an offer would be refused for is what it is refused for at once, for any timestamp, cloud, deadline and backlog;
-/// to answer that changes nothing, also not a gate.
+/// The reason that `offer_refusal` gives is the one for which the offer is then refused, for any timestamp,
+/// cloud, deadline and backlog. Asking changes nothing, not even a gate (F2).
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -232,7 +236,8 @@ pub fn f2_offer_refusal_is_that_of_the_offer() {
         let same = fusion.clouds.gates[i].is_shut() == before.clouds.gates[i].is_shut();
         kani::assert(same, "F2g: no gate moves");
     }
-    // Whether another timestamp is open may be answered anew at each look, where the window has that of own alone.
+    // The stub window tracks only `own`, so it may answer differently each time it is asked about another
+    // timestamp.
     if timestamp != before.open.own {
         return;
     }
@@ -250,7 +255,7 @@ pub fn f2_offer_refusal_is_that_of_the_offer() {
     kani::cover!(foreseen == Some(OfferRefusal::Queue), "its gate is shut");
 }
 
-/// What a result or a failure does: `Cause` as the step takes it. Whether it is own's, and the outcome.
+/// Gives a result or a failure, which is the step's `cause`. Returns whether it is own's, and the outcome.
 fn arrival<const CLOUDS: usize>(
     cause: fn(Source) -> Cause,
     is_result: bool,
@@ -297,7 +302,7 @@ fn arrival<const CLOUDS: usize>(
     kani::assert(fusion.len() == before.len() - usize::from(is_retired), "F7: it makes room");
     let same = is_retired || fusion.open.entry.slot == slot;
     kani::assert(same, "F3: the timestamp is as the step leaves it");
-    // P2: what has a timer comes before its due instant, or is dropped.
+    // The result of a source with a timer comes before its due instant, or is dropped (P2).
     let is_accepted =
         matches!(outcome, Outcome::Forwarded { .. } | Outcome::Preliminary { .. } | Outcome::Held);
     if let (true, Some(source), true) = (is_accepted, source, is_result) {
@@ -311,8 +316,8 @@ fn arrival<const CLOUDS: usize>(
     (true, outcome)
 }
 
-/// F3, F9, P2, P11, A13, A16, A18: a result has the outcome of the rule, for any timestamp and priority, and what is held or
-/// forwarded came before its due instant. No other timestamp changes.
+/// A result has the outcome of the rule, for any timestamp and priority, and a held or forwarded result came
+/// before its due instant. No other timestamp changes (F3, F9, P2, P11, A13, A16, A18).
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -330,7 +335,8 @@ pub fn p2_never_late_by_the_clock() {
     kani::cover!(!is_own && matches!(outcome, Outcome::Held), "another's is held");
 }
 
-/// F4, F9, P11: a failure has the outcome of the rule, for any timestamp and priority. No other timestamp changes.
+/// A failure has the outcome of the rule, for any timestamp and priority. No other timestamp changes (F4, F9,
+/// P11).
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -347,7 +353,8 @@ pub fn f4_fail_has_its_outcome() {
     kani::cover!(is_own && outcome == unknown, "it is unknown");
 }
 
-/// F1, A10: a machine just made has nothing open and its clock at the start, for any window up to its capacity.
+/// A new machine has no open timestamp, and its clock is at the start, for any window up to its capacity (F1,
+/// A10).
 ///
 /// Bounds: 1 cloud.
 #[kani::proof]
@@ -372,7 +379,7 @@ pub fn f1_a_new_machine_is_valid() {
     kani::cover!(made.is_err(), "it is refused");
 }
 
-/// F0: the queries return the state and change nothing.
+/// The queries return the state and change nothing (F0).
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]

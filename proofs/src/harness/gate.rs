@@ -1,12 +1,12 @@
-//! The gate, and the clouds as they are registered.
+//! The gate, and the registered clouds.
 
 use crate::arbitrary::any_gate;
 use crate::clouds::{Cloud, Clouds, ConfigError};
 use crate::gate::Gate;
 use crate::priority::Priority;
 
-/// F2g, A15, A35: at any backlog, an open gate shuts at its limit, a shut one opens at its resume, and it admits if
-/// it is open then. This is all that a gate does.
+/// At any backlog, an open gate shuts at its limit, and a shut one opens at its resume. It admits if it is
+/// open afterwards, and does nothing else (F2g, A15, A35).
 ///
 /// Bounds: none.
 #[kani::proof]
@@ -38,8 +38,9 @@ fn any_cloud() -> Cloud {
     Cloud { priority: Priority::new(kani::any()), limit, resume }
 }
 
-/// P10, A10: each cloud lies where the number of those below it says, whatever the order in which they are given; it is
-/// found by its priority alone. Local's priority, equal ones and a gate that cannot resume are refused.
+/// Each cloud is at the index that equals the number of clouds below it, whatever the order in which they are
+/// given, and is found only by its priority. Local's priority, equal priorities and a gate that cannot resume
+/// are refused (P10, A10).
 ///
 /// Bounds: 2 clouds.
 #[kani::proof]

@@ -11,7 +11,7 @@ use crate::steps::{offer_to, step};
 use crate::valid::{is_limited, is_valid};
 use crate::{DropReason, OfferRefusal};
 
-/// All that a set of sources has room for.
+/// The greatest number of clouds in a set of sources.
 const CLOUDS: u8 = Source::COUNT - 1;
 
 fn any_cause() -> Cause {
@@ -22,7 +22,7 @@ fn any_cause() -> Cause {
     }
 }
 
-/// The states that harnesses start from are the valid ones, all and no others, and they are those of the core.
+/// The states that harnesses start from are exactly the valid ones, and they are the core's.
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -33,7 +33,7 @@ pub fn every_valid_state_is_generated_and_accepted() {
         slot_of(commit, CLOUDS, requested, pending, cached, armed & 1 != 0)
     };
     let any = kani::any();
-    // Where values are random, a state half of the time.
+    // If values are random, this is a state half of the time.
     let [requested, pending, armed, cached] = if kani::any() { bits(made_of(any)) } else { any };
     let made = made_of([requested, pending, armed, cached]);
     kani::assert(is_valid(commit, made), "what is generated is valid");
@@ -58,8 +58,9 @@ pub fn every_valid_state_is_generated_and_accepted() {
     kani::cover!(taken.is_err(), "sets that are no state");
 }
 
-/// P1, F7, F9: what is forwarded or missed is retired with it, and a retired timestamp is never forwarded or missed. Under
-/// progressive the outputs rise and the last one or a final retires it, and it is missed only without an output.
+/// A timestamp that is forwarded or missed is retired with it, and a retired timestamp is never forwarded or
+/// missed. Under progressive the outputs rise, the last one or a final retires the timestamp, and it is
+/// missed only without an output (P1, F7, F9).
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -101,7 +102,8 @@ pub fn p1_once() {
     kani::cover!(!ends && !had_none && output(decision).is_some(), "a better output follows one");
 }
 
-/// P2, F5, A1: what its timer closed is forwarded by nothing: a forwarded result was available, or comes while pending.
+/// A result whose timer fired is never forwarded: a forwarded result was available, or arrives while pending
+/// (P2, F5, A1).
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -134,8 +136,9 @@ pub fn p2_never_late() {
     kani::cover!(dropped == Decision::Dropped(DropReason::Late), "a result is late");
 }
 
-/// P3, F6: a forwarded result outranks every other available one, and the arriving one too unless it is that. Under
-/// progressive so does the last output, and what is superseded while its timestamp is open is outranked by an output.
+/// A forwarded result outranks every other available one, and the arriving one unless it is the same. Under
+/// progressive so does the last output, and a result that is superseded while its timestamp is open is
+/// outranked by an output (P3, F6).
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -165,8 +168,9 @@ pub fn p3_best_available() {
     kani::cover!(held_is_forwarded, "the best of several held ones is forwarded");
 }
 
-/// P4, F9: while anything is held, something pending outranks it. With the rest of the invariant it holds of a timestamp just
-/// opened, and after any cause or offer. Under progressive each result that is accepted is forwarded at once.
+/// While anything is held, a pending source outranks it. This holds, with the rest of the invariant, for a
+/// timestamp that was just opened and after any cause or offer. Under progressive each accepted result is
+/// forwarded at once (P4, F9).
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -190,11 +194,12 @@ pub fn p4_prompt() {
     kani::cover!(refusal.is_none() && !before.cached().is_empty(), "a request joins a held result");
 }
 
-/// P5: with local's result available, a cloud's timer is armed, no cause takes the result away or misses the timestamp, each
-/// firing leaves fewer timers, and the firing of all of them forwards.
+/// With local's result available, a cloud's timer is armed, no cause takes the result away or misses the
+/// timestamp, each firing leaves fewer timers, and the firing of all of them forwards (P5).
 ///
-/// So the number of armed timers ranks what remains: it falls at each firing and is never 0 while local's result waits. Under
-/// progressive it was forwarded as it came, and a better output or the end of the timestamp takes its place.
+/// So the number of armed timers ranks what remains: it falls at each firing and is never 0 while local's
+/// result waits. Under progressive local's result was forwarded when it came, and a better output or the end
+/// of the timestamp replaces it.
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -225,7 +230,7 @@ pub fn p5_local_floor() {
     kani::cover!(had && is_forwarded && commit == Commit::Patient, "patient forwards it");
 }
 
-/// P6, A17: with no request admitted, local's accepted result is forwarded the moment it arrives.
+/// With no request admitted, local's accepted result is forwarded when it arrives (P6, A17).
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -245,8 +250,9 @@ pub fn p6_free_without_cloud() {
     kani::cover!(waits, "it waits for a cloud");
 }
 
-/// P7: an open timestamp waits for local or has an armed timer; opened with a deadline it always has one, and the firing of
-/// all of them retires it. Nothing but an admitted offer arms another.
+/// An open timestamp waits for local or has an armed timer. A timestamp that was opened with a deadline
+/// always has one, and the firing of all its timers retires it. Only an admitted offer arms another timer
+/// (P7).
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -257,7 +263,7 @@ pub fn p7_no_stall() {
     let before = any_slot(commit, CLOUDS);
     let waits = before.pending().contains(Source::LOCAL) || !before.armed().is_empty();
     kani::assert(waits, "P7 no stall: it waits for local or a timer");
-    // Whether it was opened with a deadline is known of some states only: the invariant of those is `is_limited`.
+    // Only some states show that the timestamp was opened with a deadline; their invariant is `is_limited`.
     let limited = is_limited(before);
     kani::assert(
         !limited || !before.armed().is_empty(),
@@ -276,9 +282,9 @@ pub fn p7_no_stall() {
     kani::cover!(!limited && end.is_open(), "one without a deadline waits for local");
 }
 
-/// P12: once local arrived, an open timestamp waits for requests alone, each with an armed timer, and the firing of all of
-/// them retires it, forwarded if local's result was accepted. Under progressive it is final if anything was forwarded, else
-/// missed. Local comes once: nothing makes it pending again.
+/// Once local has arrived, an open timestamp waits only for requests, each with an armed timer. The firing of
+/// all of them retires it, forwarded if local's result was accepted; under progressive it is final if
+/// anything was forwarded, and otherwise missed. Local comes once: nothing makes it pending again (P12).
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -317,9 +323,10 @@ pub fn p12_bounded_wait() {
     kani::cover!(has && is_progressive, "local's result was sent last");
 }
 
-/// P8, A3, A52, F3, F9: a timer is live from its admission until it fires, its failure is accepted, its result is held under
-/// patient or the timestamp is retired; the deadline's until local's result or failure is accepted. Under progressive it also
-/// ends as a result that outranks its request is accepted.
+/// A timer is live from its admission until it fires, its failure is accepted, its result is held under
+/// patient, or the timestamp is retired. The timer of local's deadline is live until local's result or
+/// failure is accepted. Under progressive a timer also ends when a result that outranks its request is
+/// accepted (P8, A3, A52, F3, F9).
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -361,9 +368,10 @@ pub fn p8_timers() {
     kani::cover!(after.is_open() && outranked.count_ones() > 1, "the timer of a lower one ends");
 }
 
-/// P11, F7, F8, F9, A24: each result is forwarded, held or dropped, each failure accepted or dropped, a firing is never dropped; what
-/// is dropped changes nothing, and what is cancelled is exactly the clouds still pending. Under progressive nothing is held, the
-/// clouds still pending that an output outranks are cancelled, and a final is of the last output.
+/// Each result is forwarded, held or dropped, each failure is accepted or dropped, and a firing is never
+/// dropped. A dropped input changes nothing, and exactly the clouds still pending are cancelled. Under
+/// progressive nothing is held, an output cancels the pending clouds that it outranks, and a final names the
+/// last output (P11, F7, F8, F9, A24).
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -428,7 +436,8 @@ pub fn p11_accounted() {
     );
 }
 
-/// F2, A17, A26: an offer is refused for the first reason that holds and then changes nothing; else it joins.
+/// An offer is refused for the first reason that holds, and then changes nothing. Otherwise it joins the
+/// requests (F2, A17, A26).
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -457,8 +466,9 @@ pub fn f2_offer_by_the_rule() {
     kani::cover!(refusal.is_none(), "it is admitted");
 }
 
-/// F3, F9, P4, A52: a result is dropped for the first reason that holds; in time it is held while something pending outranks
-/// it, and forwarded if nothing does, under progressive in either case. A machine that drops everything fails here.
+/// A result is dropped for the first reason that holds. In time, it is held while a source that outranks it
+/// is pending, and otherwise forwarded; under progressive it is forwarded in either case. A machine that
+/// drops everything fails here (F3, F9, P4, A52).
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -490,8 +500,8 @@ pub fn f3_result_by_the_rule() {
     kani::cover!(decision == Decision::Dropped(DropReason::Duplicate), "it is a duplicate");
 }
 
-/// F4, F9, A7, A8, A27, A36, A53: a failure is dropped for the reasons of a result; accepted it closes its request and settles as
-/// by no timer.
+/// A failure is dropped for the reasons that drop a result. If it is accepted it closes its request and
+/// settles as by no timer (F4, F9, A7, A8, A27, A36, A53).
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -516,8 +526,8 @@ pub fn f4_fail_by_the_rule() {
     kani::cover!(decision == Decision::Waiting && cached != 0, "a held result waits on");
 }
 
-/// F5, F6, F9, A4, A5, A9, A22: timers that fire together leave armed and pending and settle once, as by a timer if a cloud's
-/// is among them; those that are not armed count for nothing.
+/// Timers that fire together leave armed and pending and settle once, as by a timer if a cloud's is among
+/// them. Timers that are not armed do not count (F5, F6, F9, A4, A5, A9, A22).
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -547,9 +557,10 @@ pub fn f6_settle_by_the_rule() {
     kani::cover!(decision == Decision::Missed, "nothing came");
 }
 
-/// P13, F9: two timestamps that came to where they are by the same inputs, one under patient and one under progressive, are
-/// related as `as_progressive` says. An offer is refused by both for the same reason, a cause retires both or none, with the same
-/// last output, and leaves them related. An output that is not the last is the best available result of patient, as it comes.
+/// Two timestamps that had the same inputs, one under patient and one under progressive, are related as
+/// `as_progressive` says. Both refuse an offer for the same reason. A cause retires both or none, with the
+/// same last output, and leaves them related. An output that is not the last is the best available result of
+/// patient when it comes (P13, F9).
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]

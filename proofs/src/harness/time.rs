@@ -1,9 +1,9 @@
-//! Instants and deadlines over all of their range.
+//! Instants and deadlines over their whole range.
 
 use crate::arbitrary::{any_deadline, any_instant};
 use crate::time::{Deadline, Instant};
 
-/// A14, F2: a due instant is exact where it fits and the last instant where it does not; nothing wraps or panics.
+/// A due instant is exact if it fits, and otherwise the last instant. Nothing wraps or panics (A14, F2).
 ///
 /// Bounds: none.
 #[kani::proof]
@@ -27,13 +27,13 @@ pub fn a14_due_saturates() {
     kani::cover!(is_past && !is_zero, "the clock is at its end");
 }
 
-/// A14: a deadline of milliseconds saturates exactly where it does not fit.
+/// A deadline in milliseconds saturates exactly if it does not fit (A14).
 ///
 /// Bounds: none.
 #[kani::proof]
 #[kani::unwind(20)]
 pub fn a14_deadline_saturates() {
-    // 2⁶⁴ − 1 ns are 18,446,744,073,709 whole milliseconds; the product of the greatest that fits is the last one.
+    // 2⁶⁴ − 1 ns are 18,446,744,073,709 whole milliseconds, the greatest number whose product fits.
     const FITTING: u64 = 18_446_744_073_709;
     let millis: u64 = if kani::any() { FITTING } else { kani::any() };
     let deadline = Deadline::from_millis(millis);

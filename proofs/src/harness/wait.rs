@@ -1,4 +1,5 @@
-//! By when any one of the open timestamps is retired, and that lateness of the calls decides nothing; for any number of them.
+//! By when any one of the open timestamps is retired, and that late calls decide nothing, for any number of
+//! timestamps.
 
 use crate::Outcome;
 use crate::arbitrary::{WINDOW, any_instant, any_machine, any_machine_of_own, with_nothing_due};
@@ -9,10 +10,10 @@ use crate::source::Source;
 use crate::steps;
 use crate::valid::{is_limited, later, same_firing, same_own};
 
-/// All clouds that there can be.
+/// The greatest number of clouds.
 const CLOUDS: usize = 15;
 
-/// Whether each of own's armed timers is due after now.
+/// Returns `true` if each of own's armed timers is due after now.
 fn is_ahead<const CLOUDS: usize>(fusion: &Fusion<CLOUDS, WINDOW>) -> bool {
     let entry = &fusion.open.entry;
     let armed = entry.slot.armed().bits();
@@ -23,7 +24,7 @@ fn is_ahead<const CLOUDS: usize>(fusion: &Fusion<CLOUDS, WINDOW>) -> bool {
     ahead
 }
 
-/// Whether fewer of own's timers are armed than before, and none for longer.
+/// Returns `true` if fewer of own's timers are armed than before, and no additional one.
 fn is_lower<const CLOUDS: usize>(before: &Entry<CLOUDS>, after: &Entry<CLOUDS>) -> bool {
     let (armed, left) = (before.slot.armed(), after.slot.armed());
     let mut same = before.local_due == after.local_due;
@@ -33,11 +34,13 @@ fn is_lower<const CLOUDS: usize>(before: &Entry<CLOUDS>, after: &Entry<CLOUDS>) 
     same && armed.contains_all(left) && left != armed
 }
 
-/// P5, P7: by the latest due instant ever armed the timestamp is retired, if it was opened with a deadline or has local's result.
+/// A timestamp that was opened with a deadline, or has local's result, is retired by the latest due instant
+/// that was ever armed for it (P5, P7).
 ///
-/// The rank is the number of its armed timers. Each firing of the timestamp lowers it or retires the timestamp; nothing else that
-/// fires changes it. Where the machine takes inputs, each armed timer is due after now: so at the latest due instant, or after it,
-/// the rank is 0. Then it is retired, unless local may take its time.
+/// The rank is the number of its armed timers. Each firing of the timestamp lowers the rank or retires the
+/// timestamp, and no other firing changes it. When the machine takes inputs, each armed timer is due after
+/// now. So at or after the latest due instant the rank is 0, and then the timestamp is retired, unless local
+/// has no deadline.
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -68,11 +71,11 @@ pub fn p7_retired_by_the_latest_due() {
     kani::cover!(fired.is_some_and(|of| of != before.own), "another fires first");
 }
 
-/// P12: once local arrived, a timestamp is retired by the latest due instant of the requests admitted for it, forwarded if
-/// local's result was accepted.
+/// Once local has arrived, a timestamp is retired by the latest due instant of the requests admitted for it,
+/// forwarded if local's result was accepted (P12).
 ///
-/// The rank is that of P7. Where the machine takes inputs and local arrived, a request is armed, and due after now: so it is
-/// not the latest due instant yet.
+/// The rank is the number of armed timers, as in P7. When the machine takes inputs and local has arrived, a
+/// request is armed and due after now, so the latest due instant has not come.
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -104,10 +107,12 @@ pub fn p12_retired_by_the_last_request() {
     kani::cover!(fired.is_none() && arrived, "nothing is due yet");
 }
 
-/// P12: local's arrival at the latest due instant of the requests admitted for it, or after it, retires a timestamp,
-/// forwarded if it is a result; its deadline's firing then does as well, by `p12_bounded_wait`.
+/// If local arrives at or after the latest due instant of the requests admitted for it, it retires the
+/// timestamp, forwarded if it is a result. The firing of its deadline does so too, by `p12_bounded_wait`
+/// (P12).
 ///
-/// Then no request is armed any more: those that are armed where the machine takes inputs are due after now.
+/// No request is armed any more then, because those that are armed when the machine takes inputs are due
+/// after now.
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]
@@ -131,10 +136,11 @@ pub fn p12_retired_by_local_at_last() {
     kani::cover!(!passed && outcome == Outcome::Held, "local comes first and is held");
 }
 
-/// P10, A2: what fires does not depend on how late the call is. Two machines that differ in their clocks alone, both called at
-/// or after the earliest due instant, fire the same with the same outcome and are left alike.
+/// The firings do not depend on how late the call is. Two machines that differ only in their clocks, both
+/// called at or after the earliest due instant, fire the same with the same outcome and end in the same state
+/// (P10, A2).
 ///
-/// So any number of firings in one late call are as many calls, each at its due instant.
+/// So any number of firings in one late call equals as many calls, each at its due instant.
 ///
 /// Bounds: 15 clouds.
 #[kani::proof]

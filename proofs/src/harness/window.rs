@@ -1,12 +1,12 @@
-//! The window of open timestamps, of any size: from any window, each way to change it and each question to it.
+//! The window of open timestamps, of any size: from any window, each way to change it and each query.
 //!
-//! The shipped `window.rs` runs over cells in the place of its arrays (`src/cells.rs`). *Own* is the timestamp that a call is
-//! about, at any place and with any entry, among any number; the *other* one is any of the others. What is shown here is the table of
-//! `src/window.rs`.
+//! The shipped `window.rs` runs over cells in place of its arrays (`src/cells.rs`). *Own* is the timestamp
+//! that a call is about, at any place and with any entry, among any number; the *other* one is any other
+//! timestamp. These harnesses show the table of `src/window.rs`.
 //!
-//! A capacity is a constant of the code. Each harness takes the least and the greatest, and some between; what else the code
-//! takes from it, `tests/window.rs` shows of all of them. Of a timestamp's entry a window uses the earliest due instant alone, which
-//! is shown by itself.
+//! A capacity is a constant of the code. Each harness takes the least, the greatest and some between;
+//! `tests/window.rs` checks what else the code derives from it, for all capacities. A window uses only the
+//! earliest due instant of a timestamp's entry, which has a harness of its own.
 
 use crate::arbitrary::{
     any_case, any_commit, any_due, any_entry, any_entry_of, any_key, any_next_position,
@@ -20,7 +20,7 @@ use crate::slot::{Commit, Slot};
 use crate::source::{Source, Sources};
 use crate::valid::{is_window, same_key};
 
-/// Enough for the earliest of several due instants.
+/// Enough clouds for the earliest of several due instants.
 const CLOUDS: usize = 2;
 
 /// Calls a function for one of the capacities.
@@ -37,7 +37,7 @@ macro_rules! of_capacity {
     };
 }
 
-/// Where own is.
+/// Returns the place of own.
 fn own_index<const CAPACITY: usize>(window: &Window<CLOUDS, CAPACITY>) -> OpenIndex {
     OpenIndex { place: window.timestamps.at[0] as u16, entry: window.entry_indices.values[0] }
 }
@@ -50,8 +50,8 @@ fn same_entry(a: &Entry<CLOUDS>, b: &Entry<CLOUDS>) -> bool {
     same
 }
 
-/// Whether the other timestamp, the index of its entry, the other free entry and the keys beside own's are as before. The other
-/// timestamp may have moved to `place`.
+/// Returns `true` if the other timestamp, the index of its entry, the other free entry and the keys beside
+/// own's are as before. The other timestamp may have moved to `place`.
 fn others_stay<const CAPACITY: usize>(
     before: &Window<CLOUDS, CAPACITY>,
     after: &Window<CLOUDS, CAPACITY>,
@@ -71,13 +71,13 @@ fn others_stay<const CAPACITY: usize>(
     same
 }
 
-/// The fours that own's key is in.
+/// Returns the groups of four that include own's key.
 fn fours<const CAPACITY: usize>(window: &Window<CLOUDS, CAPACITY>) -> impl Iterator<Item = &Group> {
     let above = &window.firsts.groups[..const { levels(CAPACITY) }];
     window.keys.groups[..1].iter().chain(above)
 }
 
-/// Whether the same timestamps are open, at the same places and with the same entries.
+/// Returns `true` if the same timestamps are open, at the same places and with the same entries.
 fn same_order<const CAPACITY: usize>(
     before: &Window<CLOUDS, CAPACITY>,
     after: &Window<CLOUDS, CAPACITY>,
@@ -89,14 +89,16 @@ fn same_order<const CAPACITY: usize>(
         && others_stay(before, after, before.timestamps.at[1])
 }
 
-/// How many keys were read besides own's. P9 allows three on each level, or none.
+/// Returns the number of keys that were read besides own's. P9 allows three on each level, or none.
 fn reads<const CAPACITY: usize>(window: &Window<CLOUDS, CAPACITY>) -> usize {
     fours(window).map(|four| four.reads.get()).sum()
 }
 
-/// P9: the earliest due instant of a timestamp is that of one of its armed timers, and none of them is due before.
+/// The earliest due instant of a timestamp is that of one of its armed timers, and none of them is due before
+/// (P9).
 ///
-/// It is the least of a list of which each member is looked at: that all are, `tests/window.rs` shows for all sets of 16.
+/// It is the least of a list whose members are all looked at; `tests/window.rs` shows this for all sets of
+/// 16.
 ///
 /// Bounds: 7 clouds.
 #[kani::proof]
@@ -137,7 +139,7 @@ fn found<const CAPACITY: usize>() -> (bool, bool) {
     (is_open, position.place > position.start)
 }
 
-/// P9, F8: lookup finds what is open and nothing else.
+/// Lookup finds open timestamps and nothing else (P9, F8).
 ///
 /// Cases: 6.
 /// Bounds: 2 clouds; capacities 1, 2, 3, 16, 1000, 1024.
@@ -158,10 +160,10 @@ fn next<const CAPACITY: usize>() -> (bool, bool) {
     let window = any_window::<CLOUDS, CAPACITY>(any_open_position::<CAPACITY>(), entry);
     let own = key_of(earliest(&window.entries.values[0]), window.timestamps.values[0]);
     let due = window.next_due();
-    // The first key is that of one of them.
+    // The least key is that of one of them.
     let is_first = same_key(window.first, own);
     let is_armed = !same_key(own, DueKey::NEVER);
-    // On each level by itself: so no key is before the first of all, since what precedes one that precedes another precedes it.
+    // Each level is checked by itself. So no key is before the least of all, because the order is transitive.
     let mut below = &window.keys.groups[0];
     for (i, level) in window.firsts.groups[..const { levels(CAPACITY) }].iter().enumerate() {
         let precedes = i != window.firsts.right || no_later(level.keys[0], below.keys[0]);
@@ -189,7 +191,7 @@ fn next<const CAPACITY: usize>() -> (bool, bool) {
     (false, window.keys.groups[0].keys[1].due_minus_one == own.due_minus_one)
 }
 
-/// P9, F5, A23: the next due instant is the least armed one, and the least timestamp that is due then fires.
+/// The next due instant is the least armed one, and the least timestamp that is due then fires (P9, F5, A23).
 ///
 /// Cases: 6.
 /// Bounds: 2 clouds; capacities 1, 2, 3, 16, 1000, 1024.
@@ -215,7 +217,7 @@ fn pushed<const CAPACITY: usize>() -> (usize, bool, bool) {
     kani::assert(is_window(&after), "P9: it is a window");
     let moved = added && position.place == 2 * CAPACITY;
     kani::assert(after.start == if moved { 0 } else { before.start }, "P9: all move at the end");
-    // What is not open may be written over.
+    // A place that is not open may be overwritten.
     let place = if moved && !is_open { after.timestamps.at[1] } else { other };
     let place = if moved && is_open { other - before.start } else { place };
     let same = others_stay(&before, &after, place) && reads(&after) == 0;
@@ -228,9 +230,10 @@ fn pushed<const CAPACITY: usize>() -> (usize, bool, bool) {
     (position.len, added, moved && is_open)
 }
 
-/// P9, F1, F8: opening adds the timestamp and changes no other.
+/// Opening adds the timestamp and changes no other (P9, F1, F8).
 ///
-/// The timestamp is assumed to be greater than all open ones: F1 refuses it otherwise, which `f1_open_by_the_rule` shows.
+/// The timestamp is assumed to be greater than all open ones; otherwise the machine refuses it (F1), as
+/// `f1_open_by_the_rule` shows.
 ///
 /// Cases: 6.
 /// Bounds: 2 clouds; capacities 1, 2, 3, 16, 1000, 1024.
@@ -243,7 +246,7 @@ pub fn p9_open() {
     kani::cover!(moved, "all move to the start");
 }
 
-/// Any sets of a timestamp for which this source was not requested, or that was opened just now.
+/// Returns any sets of a timestamp for which this source was not requested, or that was just opened.
 fn any_slot_without(commit: Commit, source: Source) -> Slot {
     let others = !Sources::EMPTY.with(source).bits();
     let [requested, pending, cached] = kani::any::<[u16; 3]>().map(|set| set & others);
@@ -273,9 +276,9 @@ fn armed<const CAPACITY: usize>() -> (bool, bool) {
     (is_first, !is_first)
 }
 
-/// P9, F2: arming a timer changes no other timestamp, and the next due instant is still the least.
+/// Arming a timer changes no other timestamp, and the next due instant is still the least (P9, F2).
 ///
-/// That the request is admitted is assumed: the machine arms no other.
+/// The request is assumed to be admitted, because the machine arms no other.
 ///
 /// Cases: 6.
 /// Bounds: 2 clouds; capacities 1, 2, 3, 16, 1000, 1024.
@@ -287,7 +290,7 @@ pub fn p9_offer() {
     kani::cover!(is_later, "another is the next due");
 }
 
-/// Any sets in which no timer is armed that is not armed in these.
+/// Returns any sets in which no timer is armed that is not armed in these.
 fn any_less_armed(commit: Commit, slot: Slot) -> Slot {
     let armed = slot.armed().bits() | Sources::LOCAL.bits();
     let [requested, pending, cached]: [u16; 3] = kani::any();
@@ -316,7 +319,7 @@ fn set<const CAPACITY: usize>() -> (bool, bool) {
     (fewer && same_key(after.first, before.first), !same_key(after.first, before.first))
 }
 
-/// P9, F3, F4, F5: what closes requests changes no other timestamp, and the next due instant is still the least.
+/// Closing requests changes no other timestamp, and the next due instant is still the least (P9, F3, F4, F5).
 ///
 /// Cases: 6.
 /// Bounds: 2 clouds; capacities 1, 2, 3, 16, 1000, 1024.
@@ -341,7 +344,7 @@ fn removed<const CAPACITY: usize>() -> (bool, bool, bool) {
     let is_free = !places.contains(&after.timestamps.at[0])
         && after.free.values[0] == before.entry_indices.values[0];
     kani::assert(is_free, "P9: it is open no more, and its entry is the last of the free ones");
-    // Of those that are open each has as many before it as it had, own not counted.
+    // Each open timestamp has as many before it as it had, not counting own.
     let is_behind = own < other && open.contains(&other);
     let place = if open.contains(&other) {
         after.start + (other - before.start) - usize::from(is_behind)
@@ -359,7 +362,7 @@ fn removed<const CAPACITY: usize>() -> (bool, bool, bool) {
     (is_behind && changes_place, !is_behind && changes_place, !same_key(after.first, before.first))
 }
 
-/// P9, F7: retiring a timestamp changes no other, leaves a window, and its entry is free again.
+/// Retiring a timestamp changes no other, leaves a valid window, and frees its entry (P9, F7).
 ///
 /// Cases: 6.
 /// Bounds: 2 clouds; capacities 1, 2, 3, 16, 1000, 1024.

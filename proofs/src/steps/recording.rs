@@ -1,4 +1,5 @@
-//! States and steps as lines: the configuration as a header, the state so far behind a `#`, inputs and decisions.
+//! Records states and steps as lines: the configuration as a header, the state so far behind a `#`, inputs
+//! and decisions.
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -20,9 +21,9 @@ use crate::{Admission, DropReason, OfferRefusal, OpenRefusal, Opening, Outcome};
 #[derive(Default)]
 struct Recording {
     lines: Vec<String>,
-    /// That of the last header.
+    /// The commit rule of the last header.
     commit: Option<Commit>,
-    /// The machine's clock, with which decisions are recorded.
+    /// The machine's clock, which is the instant of decisions.
     now: u64,
 }
 
@@ -30,7 +31,7 @@ thread_local! {
     static RECORDING: RefCell<Recording> = RefCell::default();
 }
 
-/// What was recorded since the last call.
+/// Returns what was recorded since the last call.
 #[must_use]
 pub fn take() -> Vec<String> {
     RECORDING.take().lines
@@ -46,7 +47,8 @@ fn write(line: &trace::Line) {
     push(String::from_utf8_lossy(&out).into_owned());
 }
 
-/// Before the first step, and where the commit rule is another one: else a harness has machines of one configuration.
+/// Writes a header before the first step, and when the commit rule changes. Otherwise all machines of a
+/// harness have one configuration.
 fn header(window: usize, commit: Commit, clouds: Vec<trace::Cloud>) {
     let last = RECORDING.with_borrow_mut(|recording| recording.commit.replace(commit));
     if last != Some(commit) {
@@ -79,7 +81,7 @@ fn of(source: Source) -> u64 {
     source.index().into()
 }
 
-/// The sets as indices of sources, which here are the priorities too.
+/// Records the sets as indices of sources, which here are also the priorities.
 pub(crate) fn slot(slot: Slot, commit: Commit, (cause, meant): (trace::Input, Sources)) {
     let clouds = slot.requested().union(meant).clouds();
     let cloud =
@@ -272,7 +274,7 @@ pub(crate) fn arrived<const CLOUDS: usize>(
     }
 }
 
-/// An output that retires its timestamp; under progressive a `final` follows it (F9).
+/// Records an output that retires its timestamp. Under progressive a `final` follows it (F9).
 fn emit_last(t: u64, by: u64, cancelled: Vec<u64>) {
     emit(t, by, cancelled);
     let commit = RECORDING.with_borrow(|recording| recording.commit);

@@ -2,7 +2,7 @@ use super::*;
 use crate::source;
 
 #[test]
-fn the_committed_ledger_has_the_harnesses_that_there_are() {
+fn committed_ledger_has_all_harnesses() {
     let tree = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."));
     let sources = source::read(tree).expect("the harnesses");
     let ledger = VerdictLedger::load(tree).expect("a ledger");
@@ -30,7 +30,7 @@ fn ledger_of(lines: &[(&str, f64, Provenance)]) -> VerdictLedger {
 }
 
 #[test]
-fn what_the_ledger_does_not_answer_about_the_very_same_is_checked() {
+fn asks_what_the_ledger_does_not_answer() {
     let mut ledger = ledger_of(&[
         ("same", 5.0, provenance("now", "")),
         ("earlier", 5.0, provenance("then", "")),
@@ -72,7 +72,7 @@ fn what_the_ledger_does_not_answer_about_the_very_same_is_checked() {
 }
 
 #[test]
-fn a_sample_is_of_about_the_time_it_may_take_and_each_is_drawn_at_some_time() {
+fn sample_takes_its_time_and_draws_all_eventually() {
     let names: Vec<String> = (0..20).map(|nth| format!("h{nth}")).collect();
     let lines: Vec<_> = names.iter().map(|name| (&**name, 10.0, provenance("now", ""))).collect();
     let ledger = ledger_of(&lines);

@@ -3,7 +3,7 @@ use fuseline_faults::{Tree, load_faults};
 use super::*;
 
 #[test]
-fn each_seeded_fault_has_a_harness_that_catches_it_or_a_reason_why_none_can() {
+fn each_fault_has_a_catcher_or_a_reason() {
     let root = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."));
     let faults = load_faults(&Tree::new(root.to_owned())).expect("the faults");
     let uncatchable = UncatchableFaults::load(root, &faults).expect("the reasons");
