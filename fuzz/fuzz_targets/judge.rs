@@ -1,4 +1,4 @@
-//! The judge accepts what the core decides, and finds one edited decision at its line.
+//! Checks that the judge accepts the core's decisions, and finds an edited decision at its line.
 #![no_main]
 
 use fuseline_tests::fuzz::{judge, marks_of_judge};

@@ -1,4 +1,4 @@
-//! The machine that ships against the reference machine, decision for decision.
+//! Compares the machine that ships with the reference machine, decision by decision.
 #![no_main]
 
 use fuseline_testkit::Mark;

@@ -1,4 +1,4 @@
-//! CSV: events, drives, recordings of a probe, calls that were observed.
+//! CSV: events, drives, recordings of a probe, and observed calls.
 #![no_main]
 
 use fuseline_fuzz_parsers::run;

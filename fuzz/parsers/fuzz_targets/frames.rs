@@ -1,4 +1,4 @@
-//! What stands in gRPC frames: requests, replies, locations.
+//! The contents of gRPC frames: requests, replies, locations.
 #![no_main]
 
 use fuseline_fuzz_parsers::run;

@@ -1,4 +1,4 @@
-//! Traces however they are packed: gzip, zstd, MCAP, plain.
+//! Traces in every packing: gzip, zstd, MCAP and plain.
 #![no_main]
 
 use fuseline_fuzz_parsers::run;

@@ -1,4 +1,4 @@
-//! The page of a report: its data are whatever a trace says, and stay data.
+//! The page of a report, whose data come from a trace and must stay data.
 #![no_main]
 
 use fuseline_fuzz_parsers::run;

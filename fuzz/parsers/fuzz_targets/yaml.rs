@@ -1,4 +1,4 @@
-//! Parameter files of ROS, up to the node's settings.
+//! ROS parameter files, up to the node's settings.
 #![no_main]
 
 use fuseline_fuzz_parsers::run;

@@ -1,5 +1,5 @@
-//! What the fuzz targets of the parsers share: one check, again and again, in bounded memory, until
-//! it finds something.
+//! Shared by the parsers' fuzz targets: runs one check repeatedly, in bounded memory, until it finds
+//! something.
 
 use std::alloc::System;
 use std::sync::{LazyLock, Mutex, PoisonError};
@@ -7,23 +7,23 @@ use std::sync::{LazyLock, Mutex, PoisonError};
 use cap::Cap;
 use fuseline_system_tests::parsers::{Ends, MEMORY, Parser};
 
-/// Printed once reading ended in every way in which it can.
+/// Printed once reading has ended in every possible way.
 const REACHED: &str = "fuseline-fuzz: everything was reached";
 
-/// An execution that allocates more than this ends the program.
+/// Ends the program in an execution that allocates more than this.
 #[global_allocator]
 static MEMORY_IN_USE: Cap<System> = Cap::new(System, MEMORY);
 
-/// How reading ended so far; nothing once it ended in every way.
+/// The ways in which reading has ended so far, and `true` once these are all of them.
 static ENDS: LazyLock<Mutex<(Ends, bool)>> = LazyLock::new(Mutex::default);
 
-/// Checks bytes, and says so when reading ended in every way for the first time.
+/// Checks bytes, and prints a line when reading has ended in every way for the first time.
 ///
-/// The parser is given and not looked up, so that nothing of the others is in the program: libFuzzer goes through the
-/// counters of all the code there is after each execution.
+/// The parser is an argument and is not looked up, so that the program contains no other parser: libFuzzer
+/// goes through the counters of all its code after each execution.
 ///
 /// # Panics
-/// If the check finds something, with what is wrong.
+/// Panics with the fault if the check finds something.
 pub fn run(parser: &Parser, bytes: &[u8]) {
     let mut shared = ENDS.lock().unwrap_or_else(PoisonError::into_inner);
     let (ends, complete) = &mut *shared;
