@@ -35,7 +35,7 @@ mod _fuseline {
     #[pymodule_export]
     use crate::networks::{PyDrive, compare_responses, compare_trace, drives};
     #[pymodule_export]
-    use crate::pipeline::{PyAligner, PyLatency, PyReorderer};
+    use crate::pipeline::{PyAligner, PyGate, PyLatency, PyReorderer};
     #[pymodule_export]
     use crate::policy::{PyExpected, PyGuard, PyObservations, loss};
     #[pymodule_export]

@@ -5,15 +5,15 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use fuseline_engine::{
-    Aligner, JoinArrival, JoinBounds, JoinDropReason, Joined, Latency, Lineage, Ordered, Origin,
-    Reorderer, Reserve,
+    Aligner, Gate, JoinArrival, JoinBounds, JoinDropReason, Joined, Latency, Lineage, Ordered,
+    Origin, Reorderer, Reserve,
 };
 use fuseline_traces::nanos;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::raised::config;
-use crate::time::Nanos;
+use crate::time::{Nanos, Number};
 
 /// What a message comes from: the sensor's stream, the timestamp there, the capture on the clock, the end-to-end deadline, and the
 /// inputs that are missing.
@@ -44,6 +44,10 @@ pub(crate) struct PyReorderer {
     inner: Reorderer<Py<PyAny>>,
     clock: ClockOrigin,
 }
+
+/// Admits side requests by how many of them wait, as the machine admits a cloud's requests (F2g).
+#[pyclass(name = "Gate", module = "fuseline._fuseline")]
+pub(crate) struct PyGate(Gate);
 
 /// How long an operator takes for a message, on board alone and with its clouds: stated, or
 /// measured while it runs.
@@ -192,6 +196,25 @@ impl PyReorderer {
     #[getter]
     fn next_due(&self) -> Option<u64> {
         self.inner.next_due().map(|due| self.clock.nanos(due))
+    }
+}
+
+#[pymethods]
+impl PyGate {
+    /// Creates an open gate, which shuts at `limit` waiting requests and opens again at `resume` or fewer.
+    #[new]
+    fn new(limit: Number, resume: Number) -> PyResult<Self> {
+        Gate::new(limit.0, resume.0).map(Self).ok_or_else(|| {
+            config(format!(
+                "a limit of {} with a resume of {}; give a greater limit",
+                limit.0, resume.0
+            ))
+        })
+    }
+
+    /// Opens or shuts the gate, and returns whether one more request may join the `backlog` that waits.
+    const fn admits(&mut self, backlog: u64) -> bool {
+        self.0.admits(backlog)
     }
 }
 

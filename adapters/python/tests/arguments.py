@@ -297,7 +297,7 @@ OPERATOR_CASES: dict[str, Arguments] = {
             "message_handler": function("a message handler"),
             "response_handler": RESPONSE_HANDLER,
             "limit": count("a limit"),
-            "resume": [*count("a resume", 0), (8, ConfigError, "a limit of 8; it is an int of")],
+            "resume": [*count("a resume", 0), (8, ConfigError, "a limit of 8 with a resume of 8")],
             "calls": count("calls at once"),
         },
         {"limit": [1], "resume": [0, 7], "calls": [1]},

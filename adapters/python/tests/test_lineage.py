@@ -94,59 +94,6 @@ def test_the_last_output_of_a_chain_knows_what_it_comes_from_and_how_old_it_is(
     assert (first.origin, first.of, first.attempt) == ("camera/front", None, None)
 
 
-def test_a_stamped_value_of_another_message_than_allowed_is_a_failure(
-    run: Run[Any], tmp_path: Path
-) -> None:
-    path = tmp_path / "trace.jsonl"
-    calls: list[Call] = []
-
-    async def mixed_up(message: int, call: Call) -> int:
-        """The reply is that of a message before: of 0, of 0, of 1, and of 0 again."""
-        calls.append(call)
-        await asyncio.sleep(0.001)
-        return (0, 0, 1, 0)[message]
-
-    async def local(message: int, t: int) -> str:
-        await asyncio.sleep(0.005)
-        return "local"
-
-    async def main(loop: VirtualLoop) -> list[Item[Any]]:
-        operator: Operator[int, Any] = Operator(local, clock=loop.time_ns, trace=path)
-        operator.use_cloud(
-            mixed_up,
-            lambda message, t: (message, 0.1),
-            lambda reply: StampedValue(f"of {reply}", reply),
-            1,
-            max_age=1,
-        )
-        items = []
-        async with operator:
-            for seq in range(4):
-                operator.write(seq, Lineage("camera", seq, loop.time_ns()))
-                items.append(await anext(operator))
-                await asyncio.sleep(0.01)
-        return items
-
-    items = run(main)
-    seen = [(it.value, it.of, round(it.age or 0, 9)) for it in items]
-    # 1's value is of 0, which was captured 11 ms before 1.
-    assert seen == [
-        ("of 0", 0, 0.001),
-        ("of 0", 0, 0.012),
-        ("of 1", 1, 0.012),
-        ("local", None, 0.005),
-    ]
-    assert [it.why for it in items[3].failures] == ["the value is of message 0"]
-    assert [(it.lineage, it.age) for it in calls] == [(it.lineage, 0) for it in items]
-    trace = Trace(path)
-    assert trace.header["clouds"][0]["max_age"] == 1
-    assert [it.of for it in trace.lines if it.ev == "emit"] == [0, 0, 1, None]
-    assert not check(path).violations
-    other: Operator[int, Any] = Operator(local)
-    with pytest.raises(fuseline.ConfigError, match="a max_age"):
-        other.use_cloud(mixed_up, lambda m, t: None, str, 1, max_age=-1)
-
-
 def test_a_lineage_that_makes_no_sense_is_refused() -> None:
     with pytest.raises(ValueError, match="without an origin"):
         Lineage(seq=1)

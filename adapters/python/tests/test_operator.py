@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,6 @@ from fuseline import (
     Items,
     Local,
     Operator,
-    Trigger,
 )
 from fuseline.deadline import (
     Accuracy,
@@ -30,40 +28,7 @@ from fuseline.deadline import (
     Situation,
 )
 from fuseline.testing import VirtualLoop
-from operator_support import MS, Handle, after, ask, items_of, judged, local_after
-
-
-def test_the_best_that_is_in_time_goes(run: Run[Any], tmp_path: Path) -> None:
-    async def main(loop: VirtualLoop) -> list[Item[Any]]:
-        trace = tmp_path / "trace.jsonl"
-        operator: Operator[Any, Any] = Operator(
-            local_after(30 * MS), name="lane", clock=loop.time_ns, trace=trace
-        )
-        operator.use_cloud(after(50 * MS), ask(0.1), "{} by west".format, 1, name="west")
-        operator.use_cloud(after(500 * MS), ask(0.1), "{} by east".format, 2, name="east")
-        return await items_of(operator, ["a"])
-
-    (item,) = run(main)
-    # East's timer commits the best available result, which is west's.
-    assert item.value == "a by west"
-    assert (str(item.source), item.trigger, item.ending) == (
-        "west",
-        Trigger.TIMER,
-        Ending.FORWARDED,
-    )
-    assert (item.opened, item.arrived, item.decided) == (0, 50_000_000, 100_000_000)
-    assert item.took == 0.1
-    judged(tmp_path / "trace.jsonl", 1)
-
-
-def test_without_a_cloud_locals_result_goes_when_it_comes(run: Run[Any]) -> None:
-    async def main(loop: VirtualLoop) -> list[Item[Any]]:
-        operator: Operator[Any, Any] = Operator(local_after(30 * MS), clock=loop.time_ns)
-        operator.use_cloud(after(1), lambda message, t: None, str, 1)
-        return await items_of(operator, ["a"])
-
-    (item,) = run(main)
-    assert (item.value, item.decided) == ("a on board", 30_000_000)
+from operator_support import MS, Handle, after, ask, items_of, local_after
 
 
 @pytest.mark.parametrize(("response", "goes"), [(99, "cloud"), (100, "local"), (101, "local")])
@@ -104,46 +69,6 @@ def test_what_is_no_longer_wanted_is_cancelled_at_once(run: Run[Any]) -> None:
     (item,) = run(main)
     # The first timer commits under eager, and what is still pending is cancelled with it.
     assert (item.decided, ended) == (20_000_000, {"timer": 0.02, "cancelled": 0.02})
-
-
-def test_under_progressive_each_better_result_is_an_item_at_once(
-    run: Run[Any], tmp_path: Path
-) -> None:
-    trace = tmp_path / "trace.jsonl"
-
-    async def breaks(request: Any, call: Call) -> Any:
-        await asyncio.sleep(30 * MS)
-        raise OSError("broke")
-
-    async def west(request: Any, call: Call) -> Any:
-        await asyncio.sleep((50 if request == "a" else 60) * MS)
-        return request
-
-    async def main(loop: VirtualLoop) -> tuple[list[Item[Any]], Counter[tuple[str, str, str]]]:
-        operator: Operator[Any, Any] = Operator(
-            local_after(10 * MS), commit="progressive", clock=loop.time_ns, trace=trace
-        )
-        operator.use_cloud(breaks, ask(1.0), str, 1)
-        operator.use_cloud(west, ask(1.0), "{} of west".format, 2, name="west")
-        operator.use_cloud(after(9.0), lambda m, t: (m, 0.1) if t == 0 else None, str, 3)
-        return await items_of(operator, ["a", "b"]), operator.counts
-
-    items, counts = run(main)
-    seen = [
-        (it.decided, it.timestamp, it.revision, it.ending, it.value, it.last, len(it.failures))
-        for it in items
-    ]
-    preliminary, forwarded, final = Ending.PRELIMINARY, Ending.FORWARDED, Ending.FINAL
-    assert seen == [
-        (10_000_000, 0, 0, preliminary, "a on board", False, 0),
-        (20_000_000, 1, 0, preliminary, "b on board", False, 0),
-        (50_000_000, 0, 1, preliminary, "a of west", False, 1),
-        (60_000_000, 1, 1, forwarded, "b of west", True, 1),
-        (100_000_000, 0, 2, final, None, True, 1),
-    ]
-    assert str(items[-1].source) == "west"
-    assert counts["west", "result", "preliminary"] == counts["west", "output", "final"] == 1
-    judged(trace, 2)
 
 
 def test_a_reader_that_lags_reads_the_newest_item_of_each_message(run: Run[Any]) -> None:
@@ -280,52 +205,9 @@ def test_what_was_missed_is_written_at_once(run: Run[Any], tmp_path: Path) -> No
     run(main)
 
 
-def test_a_policy_is_made_for_what_is_admitted_alone(run: Run[Any]) -> None:
-    asks: list[int] = []
-
-    def policy(situation: Situation, cap: int) -> int:
-        asks.append(cap)
-        return cap
-
-    async def main(loop: VirtualLoop) -> None:
-        operator: Operator[Any, Any] = Operator(
-            Local.task(local_after(0.9), at_once=9), clock=loop.time_ns
-        )
-        operator.use_cloud(after(1), ask(0.5), str, 1, calls=1, limit=2, policy=policy)
-        async with operator:
-            for message in range(6):
-                operator.write(message)
-        assert operator.counts["cloud-1", "request", "admitted"] == 3
-        assert operator.counts["cloud-1", "request", "refused queue"] == 3
-
-    run(main)
-    assert asks == [500_000_000] * 3
-
-
 def test_a_capped_policy_says_whose_limit_it_is() -> None:
     capped = Guard().caps(Constant(60.0))
     chosen = capped.decide(Situation(speed=11.0), 90.0)
     assert (chosen.reason, chosen.case) == (Reason.GUARD, Case.LOCAL_STOPS)
     assert chosen == Guard().decide(Situation(speed=11.0), 90.0)
     assert capped.decide(Situation(speed=11.0), 0.1).reason is Reason.CAP
-
-
-def test_local_is_never_cancelled_by_a_decision(run: Run[Any]) -> None:
-    done = []
-
-    async def local(message: Any, t: int) -> Any:
-        await asyncio.sleep(1)
-        done.append(message)
-        return message
-
-    async def main(loop: VirtualLoop) -> None:
-        operator: Operator[Any, Any] = Operator(local, clock=loop.time_ns)
-        operator.use_cloud(after(1 * MS), ask(1.0), str, 1)
-        async with operator:
-            operator.write("a")
-            assert (await anext(operator)).value == "a"
-            await asyncio.sleep(2)
-        assert operator.counts["local", "result", "dropped superseded"] == 1
-
-    run(main)
-    assert done == ["a"]

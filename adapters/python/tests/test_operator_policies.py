@@ -23,7 +23,6 @@ from fuseline import (
     Trace,
     check,
     check_observed,
-    ns,
 )
 from fuseline.deadline import (
     Accuracy,
@@ -40,34 +39,6 @@ from fuseline.deadline import (
 )
 from fuseline.testing import VirtualLoop
 from operator_support import MS, after, ask, items_of, local_after
-
-
-def test_reasons_of_failures_and_refused_messages_are_counted_as_in_rust(run: Run[Any]) -> None:
-    async def broken(request: int, call: Call) -> Any:
-        raise OSError(["connection refused", *map(str, range(9))][max(0, request - 20)])
-
-    async def main(loop: VirtualLoop) -> None:
-        operator: Operator[Any, Any] = Operator(
-            Local.task(local_after(1 * MS), at_once=99),
-            clock=loop.time_ns,
-            window=30,
-            output_len=99,
-        )
-        operator.use_cloud(broken, ask(1.0), str, 1, name="west", calls=99, limit=99)
-        async with operator:
-            for message in range(32):
-                operator.write(min(message, 29))
-        counts = operator.counts
-        assert counts["operator", "message", "accepted"] == 30
-        assert counts["operator", "message", "refused full"] == 2
-        assert counts["local", "request", "admitted"] == 30
-        assert counts["west", "failed because", "connection refused"] == 21
-        assert counts["west", "failed because", "6"] == 1
-        assert counts["west", "failed because", "other reasons"] == 2
-        assert ("west", "failed because", "7") not in counts
-        assert counts["local", "result", "forwarded"] == counts["local", "output", "arrival"] == 30
-
-    run(main)
 
 
 def test_the_deadline_in_force_is_the_policys_under_its_cap(run: Run[Any], tmp_path: Path) -> None:
@@ -235,29 +206,6 @@ def test_a_policy_learns_how_each_call_ended_and_chooses(run: Run[Any]) -> None:
     run(main)
     assert reported == [(End.ANSWERED, 10**7), (End.FAILED, 2 * 10**7), (End.CENSORED, 3 * 10**7)]
     assert asks == [(10**9, []), (10**9, [0]), (10**9, [0, 0])]
-
-
-def test_a_call_that_lingers_shows_how_long_it_takes_and_changes_no_output(run: Run[Any]) -> None:
-    for linger, ages in [(0.0, (End.CENSORED, 3 * 10**7)), (0.1, (End.ANSWERED, 5 * 10**7))]:
-        reported: list[Any] = []
-
-        class Policy(Constant):
-            def ended(self, end: End, age: Any, reported: list[Any] = reported) -> None:
-                reported.append((end, age))
-
-        policy = Policy(1.0)
-
-        async def main(loop: VirtualLoop, linger: float = linger, policy: Any = policy) -> None:
-            operator: Operator[Any, Any] = Operator(local_after(0), clock=loop.time_ns)
-            operator.use_cloud(after(50 * MS), ask(30 * MS), str, 1, policy=policy, linger=linger)
-            async with operator:
-                operator.write("a")
-                item = await anext(operator)
-                assert (item.value, item.decided) == ("a on board", 3 * 10**7)
-                await asyncio.sleep(1)
-
-        run(main)
-        assert reported == [ages]
 
 
 def test_a_guard_and_what_is_worth_it_decide_in_an_operator(run: Run[Any]) -> None:
@@ -430,21 +378,3 @@ def test_a_second_cloud_of_one_priority_is_refused() -> None:
     operator.use_cloud(after(0), ask(1.0), str, 7)
     with pytest.raises(fuseline.ConfigError, match="two clouds of priority 7"):
         operator.use_cloud(after(0), ask(1.0), str, 7)
-
-
-def test_a_policy_beyond_its_cap_is_given_the_cap_and_shown_with_it(run: Run[Any]) -> None:
-    """D11."""
-
-    async def main(loop: VirtualLoop) -> Item[Any] | None:
-        operator: Operator[Any, Any] = Operator(local_after(MS), clock=loop.time_ns)
-        operator.use_cloud(
-            after(1), ask(0.1), str, 1, policy=lambda situation, cap: ns(10 * cap), name="west"
-        )
-        async with operator:
-            operator.write("a")
-            item = await operator.read()
-            assert operator.deadlines["west"].deadline == ns(100_000_000)
-            return item
-
-    item = run(main)
-    assert item is not None and item.decided - item.opened == 100_000_000

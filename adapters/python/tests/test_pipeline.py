@@ -275,34 +275,6 @@ def test_deadlines_end_where_the_reserve_of_those_downstream_begins(run: Run[Any
     assert asked == [pytest.approx(150 * MS), pytest.approx(10 * MS)]
 
 
-def test_a_substitute_is_sent_early_enough_for_those_downstream_and_is_marked(
-    run: Run[Any],
-) -> None:
-    """E4, E7."""
-
-    async def main(loop: VirtualLoop) -> None:
-        operator = Operator(
-            Local.task(hang, at_once=9),
-            clock=loop.time_ns,
-            window=1,
-            reserve=[Latency.stated(0.1)],
-        )
-        operator.use_substitute(lambda item: f"instead of {item.timestamp}")
-        async with operator:
-            begin = loop.time()
-            operator.write(0, of(loop, 0, within=0.3))
-            operator.write(1, of(loop, 1, within=0.3))
-            refused = await operator.read()
-            assert refused is not None and loop.time() == begin
-            assert (refused.ending, refused.value) == (Ending.REFUSED, "instead of 1")
-            missed = await operator.read()
-            assert missed is not None and loop.time() - begin == pytest.approx(0.2)
-            assert (missed.ending, missed.substitute) == (Ending.MISSED, "instead of 0")
-            assert (missed.age, missed.source) == (None, None)
-
-    run(main)
-
-
 def test_a_handler_that_fails_costs_its_item_alone_its_value(
     run: Run[Any], caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -437,37 +409,6 @@ def test_a_chain_is_fed_with_its_lineages_and_answers_by_the_end_to_end_deadline
         return read
 
     assert run(main) == [(seq, "a plan by the last boxes", 0.27) for seq in range(5)]
-
-
-def test_side_requests_are_gated_and_their_answers_are_no_outputs(run: Run[Any]) -> None:
-    answers: list[int] = []
-
-    async def handle(n: int, call: Call) -> int:
-        await asyncio.sleep(20 * MS if n != 1 else 1.0)
-        return n
-
-    async def main(loop: VirtualLoop) -> None:
-        operator = Operator(Local.task(_same), clock=loop.time_ns)
-        operator.use_side_request(
-            handle, lambda n, t: (n, 0.1), answers.append, name="plans", calls=1, limit=2
-        )
-        async with operator:
-            for n in range(4):
-                operator.write(n)
-                await asyncio.sleep(MS)
-            assert [(await operator.read() or item()).value for item in [fail] * 4] == [0, 1, 2, 3]
-            await asyncio.sleep(0.5)
-            counts = operator.counts
-            assert counts["plans", "side request", "requested"] == 3
-            assert counts["plans", "side request", "refused"] == 1
-            # The second hangs in the only place of a call until it is over.
-            assert counts["plans", "side request", "expired"] == 2
-        assert answers == [0]
-
-    def fail() -> Item[int]:
-        raise AssertionError("an item for each message")
-
-    run(main)
 
 
 @pytest.mark.parametrize(

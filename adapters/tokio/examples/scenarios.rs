@@ -9,19 +9,21 @@ use std::future::pending;
 use std::io::stdin;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
+use std::sync::Arc;
 use std::time::Duration;
 
 use fuseline_tokio::deadline::Constant;
 use fuseline_tokio::{
-    Commit, Config, Ending, Item, Local, Operator, Recording, Setup, Tally, Trace, spawn, stream,
+    Call, Commit, Config, Ending, Item, Latency, Lineage, Local, Operator, Origin, Recording,
+    Running, Setup, StampedValue, Trace, spawn, stream,
 };
 use tokio::runtime::Builder;
 use tokio::time::{Instant, sleep, sleep_until};
 
-/// What a source does with a message, after so many milliseconds.
+/// What a source does with a message, after so many milliseconds. A reply may say of which message it is.
 #[derive(Clone, Copy)]
 enum PlayedAction {
-    Answers(u64),
+    Answers(u64, Option<u64>),
     Fails(u64),
     Hangs,
 }
@@ -33,17 +35,37 @@ struct PlayedCloud {
     limit: u64,
     linger: Duration,
     policy: Option<Duration>,
+    max_age: u64,
 }
 
-/// When a message comes, what local does, and each cloud's deadline, if it is asked, and what it does.
+/// The bounds of side requests; `number` stands where a cloud has its priority.
+struct PlayedSide {
+    number: u16,
+    calls: usize,
+    limit: u64,
+    resume: u64,
+}
+
+/// When a message comes, its lineage, what local does, and the deadline of each cloud and side request, if it is asked, and what
+/// it does.
 #[derive(Clone)]
 struct PlayedMessage {
     at: u64,
+    lineage: Option<PlayedLineage>,
     local: PlayedAction,
-    clouds: BTreeMap<u16, (Option<Duration>, PlayedAction)>,
+    asked: BTreeMap<u16, (Option<Duration>, PlayedAction)>,
 }
 
-/// A line `scenario COMMIT WINDOW AT_ONCE DEADLINE WAITING SKIPS`, and those after it.
+/// A message's number at its sensor, how old it is when it comes, its end-to-end deadline, and an input that is missing.
+#[derive(Clone)]
+struct PlayedLineage {
+    seq: u64,
+    age: Option<Duration>,
+    within: Option<Duration>,
+    missing: Option<String>,
+}
+
+/// A line `scenario COMMIT WINDOW AT_ONCE DEADLINE WAITING SKIPS RESERVE SUBSTITUTES`, and those after it.
 struct PlayedScenario {
     commit: Commit,
     window: u16,
@@ -51,7 +73,10 @@ struct PlayedScenario {
     deadline: Option<Duration>,
     waiting: Option<usize>,
     skips: bool,
+    reserve: Option<Duration>,
+    substitutes: bool,
     clouds: Vec<PlayedCloud>,
+    sides: Vec<PlayedSide>,
     messages: Vec<PlayedMessage>,
 }
 
@@ -66,6 +91,7 @@ fn main() -> Result<(), PlayError> {
         match (words.next(), scenarios.last_mut()) {
             (Some("scenario"), _) => scenarios.push(PlayedScenario::read(words)?),
             (Some("cloud"), Some(scenario)) => scenario.clouds.push(PlayedCloud::read(words)?),
+            (Some("side"), Some(scenario)) => scenario.sides.push(PlayedSide::read(words)?),
             (Some("message"), Some(scenario)) => {
                 scenario.messages.push(PlayedMessage::read(words)?);
             }
@@ -85,6 +111,7 @@ async fn play(scenario: PlayedScenario, path: &Path) -> Result<(), PlayError> {
         window: scenario.window,
         commit: scenario.commit,
         output_len: 1024,
+        reserve: scenario.reserve.map(Latency::stated).into_iter().collect(),
         trace: Some(Trace { path: path.to_owned(), recording: Recording::default() }),
         ..Config::default()
     };
@@ -95,7 +122,8 @@ async fn play(scenario: PlayedScenario, path: &Path) -> Result<(), PlayError> {
     tokio::spawn(async move {
         for message in messages {
             sleep_until(start + Duration::from_millis(message.at)).await;
-            if writer.write(message).is_err() {
+            let lineage = message.lineage.as_ref().map(|it| Arc::new(it.at(Instant::now())));
+            if writer.write_with(message, lineage).is_err() {
                 return;
             }
         }
@@ -103,7 +131,7 @@ async fn play(scenario: PlayedScenario, path: &Path) -> Result<(), PlayError> {
     while let Some(item) = output.read().await {
         println!("{}", item_line(&item));
     }
-    for ((of, what, outcome), count) in counts(&running.join().await?) {
+    for ((of, what, outcome), count) in counts(running).await? {
         println!("count|{of}|{what}|{outcome}|{count}");
     }
     Ok(())
@@ -114,19 +142,33 @@ impl Operator for PlayedScenario {
     type Output = String;
 
     fn setup(self, setup: &mut Setup<PlayedMessage, String>) -> Local<PlayedMessage, String> {
-        for cloud in self.clouds {
-            let PlayedCloud { priority, calls, limit, linger, policy } = cloud;
-            let handle = move |action: PlayedAction, _| action.play(format!("of {priority}"));
-            let message_handler = move |message: &PlayedMessage, _| {
-                let (deadline, action) = message.clouds.get(&priority)?;
-                Some((*action, (*deadline)?))
+        for PlayedCloud { priority, calls, limit, linger, policy, max_age } in self.clouds {
+            let handle = move |action: PlayedAction, call: Call| {
+                let age = call.lineage.as_ref().and_then(|it| it.age(Instant::now()));
+                let age = or_dash(age.map(|age| age.as_nanos()));
+                action.play(format!("of {priority} in {} at {age}", call.deadline.as_nanos()))
             };
-            let registered = setup.use_cloud(handle, message_handler, Ok, priority);
+            let message_handler = move |message: &PlayedMessage, _| message.request(priority);
+            let registered = setup.use_stamped_cloud(handle, message_handler, Ok, priority);
             (registered.calls, registered.limit) = (calls, Some(limit));
-            registered.linger = linger;
+            (registered.linger, registered.max_age) = (linger, max_age);
             registered.policy = policy.map(|deadline| Box::new(Constant(deadline)) as Box<_>);
         }
-        let compute = |message: std::sync::Arc<PlayedMessage>, _| message.local.play("of 0".into());
+        for PlayedSide { number, calls, limit, resume } in self.sides {
+            let handle = move |action: PlayedAction, _| action.play(String::new());
+            let message_handler = move |message: &PlayedMessage, _| message.request(number);
+            let side = setup.use_side_request(handle, message_handler, |_| Ok(()));
+            (side.calls, side.limit, side.resume) = (calls, limit, resume);
+        }
+        if self.substitutes {
+            // Every third message has none.
+            setup.use_substitute(|item| {
+                (!item.timestamp.is_multiple_of(3)).then(|| "stop".to_owned())
+            });
+        }
+        let compute = |message: Arc<PlayedMessage>, _| async move {
+            message.local.play("of 0".into()).await.map(|stamped| stamped.value)
+        };
         let mut local = Local::futures(self.at_once, compute);
         (local.deadline, local.waiting) = (self.deadline, self.waiting);
         local.skip_answered = self.skips;
@@ -135,23 +177,25 @@ impl Operator for PlayedScenario {
 }
 
 impl PlayedAction {
-    async fn play(self, value: String) -> Result<String, fuseline_tokio::Error> {
+    async fn play(self, value: String) -> Result<StampedValue<String>, fuseline_tokio::Error> {
         match self {
-            Self::Answers(ms) => sleep(Duration::from_millis(ms)).await,
+            Self::Answers(ms, of) => {
+                sleep(Duration::from_millis(ms)).await;
+                Ok(StampedValue { value, of })
+            }
             Self::Fails(ms) => {
                 sleep(Duration::from_millis(ms)).await;
-                return Err("on purpose".into());
+                Err(format!("broke {}", ms % 97).into())
             }
             Self::Hangs => pending().await,
         }
-        Ok(value)
     }
 
     fn read<'a>(mut words: impl Iterator<Item = &'a str>) -> Result<Self, PlayError> {
         let kind = words.next();
-        let ms = number(words.next())?;
+        let (ms, of) = (number(words.next())?, optional(words.next())?);
         match kind {
-            Some("answers") => Ok(Self::Answers(ms)),
+            Some("answers") => Ok(Self::Answers(ms, of)),
             Some("fails") => Ok(Self::Fails(ms)),
             Some("hangs") => Ok(Self::Hangs),
             _ => Err(format!("no action: {kind:?}").into()),
@@ -170,14 +214,17 @@ impl PlayedScenario {
             deadline: millis(words.next())?,
             waiting: optional(words.next())?,
             skips: words.next() == Some("skips"),
+            reserve: millis(words.next())?,
+            substitutes: words.next() == Some("substitutes"),
             clouds: Vec::new(),
+            sides: Vec::new(),
             messages: Vec::new(),
         })
     }
 }
 
 impl PlayedCloud {
-    /// `PRIORITY CALLS LIMIT LINGER POLICY`
+    /// `PRIORITY CALLS LIMIT LINGER POLICY MAX_AGE`
     fn read<'a>(mut words: impl Iterator<Item = &'a str>) -> Result<Self, PlayError> {
         Ok(Self {
             priority: number(words.next())?,
@@ -185,21 +232,55 @@ impl PlayedCloud {
             limit: number(words.next())?,
             linger: millis(words.next())?.unwrap_or_default(),
             policy: millis(words.next())?,
+            max_age: number(words.next())?,
+        })
+    }
+}
+
+impl PlayedSide {
+    /// `NUMBER CALLS LIMIT RESUME`
+    fn read<'a>(mut words: impl Iterator<Item = &'a str>) -> Result<Self, PlayError> {
+        Ok(Self {
+            number: number(words.next())?,
+            calls: number(words.next())?,
+            limit: number(words.next())?,
+            resume: number(words.next())?,
         })
     }
 }
 
 impl PlayedMessage {
-    /// `AT ACTION MS`, and for each cloud `PRIORITY DEADLINE ACTION MS`
+    /// `AT SEQ AGE WITHIN MISSING ACTION MS OF`, and for each cloud and side request `PRIORITY DEADLINE ACTION MS OF`
     fn read<'a>(mut words: impl Iterator<Item = &'a str>) -> Result<Self, PlayError> {
         let at = number(words.next())?;
+        let (seq, age, within) =
+            (optional(words.next())?, millis(words.next())?, millis(words.next())?);
+        let missing = optional(words.next())?;
+        let lineage = seq.map(|seq| PlayedLineage { seq, age, within, missing });
         let local = PlayedAction::read(&mut words)?;
-        let mut clouds = BTreeMap::new();
+        let mut asked = BTreeMap::new();
         while let Some(priority) = words.next() {
             let deadline = millis(words.next())?;
-            clouds.insert(priority.parse()?, (deadline, PlayedAction::read(&mut words)?));
+            asked.insert(priority.parse()?, (deadline, PlayedAction::read(&mut words)?));
         }
-        Ok(Self { at, local, clouds })
+        Ok(Self { at, lineage, local, asked })
+    }
+
+    /// Returns the request to this cloud and its deadline, if there is one.
+    fn request(&self, priority: u16) -> Option<(PlayedAction, Duration)> {
+        let (deadline, action) = self.asked.get(&priority)?;
+        Some((*action, (*deadline)?))
+    }
+}
+
+impl PlayedLineage {
+    fn at(&self, now: Instant) -> Lineage {
+        Lineage {
+            origin: Some(Origin { stream: "camera".into(), seq: Some(self.seq) }),
+            captured: self.age.map(|age| (now - age).into()),
+            within: self.within,
+            missing: self.missing.iter().map(|name| name.as_str().into()).collect(),
+        }
     }
 }
 
@@ -236,23 +317,36 @@ fn item_line(item: &Item<String>) -> String {
         Ending::Missed => ("missed", "", None, String::new(), ""),
         Ending::Refused(why) => ("refused", why.as_str(), None, String::new(), ""),
     };
+    let of = item.forwarded().and_then(|sent| sent.of);
+    let origin = item.lineage.as_ref().and_then(|it| it.origin.as_ref()?.seq);
+    let age = item.age.map(|age| age.as_nanos());
+    let substitute = item.substitute.as_deref().unwrap_or("-");
     let source = source.map_or("", |source| &*source.name);
     let failures: Vec<String> =
         item.failures.iter().map(|it| format!("{}: {}", it.source.name, it.why)).collect();
     let (opened, decided) = (item.opened.as_nanos(), item.decided.as_nanos());
     format!(
-        "item|{}|{opened}|{decided}|{ending}|{sent}|{source}|{arrived}|{trigger}|{}|{}",
+        "item|{}|{opened}|{decided}|{ending}|{sent}|{source}|{arrived}|{trigger}|{}|{}|{}|{}|{}|{substitute}",
         item.timestamp,
         item.revision,
-        failures.join(", ")
+        failures.join(", "),
+        or_dash(of),
+        or_dash(origin),
+        or_dash(age),
     )
+}
+
+fn or_dash<N: ToString>(number: Option<N>) -> String {
+    number.map_or_else(|| "-".into(), |number| number.to_string())
 }
 
 type PlayedCountKey = (String, &'static str, String);
 
 /// The tally by the names that Python has for its counts; what is 0 is left out.
-fn counts(tally: &Tally) -> BTreeMap<PlayedCountKey, u64> {
+async fn counts(running: Running) -> Result<BTreeMap<PlayedCountKey, u64>, PlayError> {
     let mut counts = BTreeMap::new();
+    let sides = running.sides();
+    let tally = running.join().await?;
     let mut put = |of: &str, what, outcome: &str, count: u64| {
         counts.insert((of.to_owned(), what, outcome.to_owned()), count);
     };
@@ -263,6 +357,19 @@ fn counts(tally: &Tally) -> BTreeMap<PlayedCountKey, u64> {
     }
     put("operator", "handler", "failed", tally.handler_failures);
     put("operator", "timer", "late", tally.late_timers);
+    for side in sides {
+        let one = [
+            ("requested", side.requested),
+            ("refused", side.refused),
+            ("answered", side.answered),
+            ("failed", side.failed),
+            ("expired", side.expired),
+            ("handler failed", side.handler_failed),
+        ];
+        for (outcome, count) in one {
+            put(&side.name, "side request", outcome, count);
+        }
+    }
     for source in &tally.sources {
         let name = &*source.source.name;
         let one = [
@@ -299,7 +406,8 @@ fn counts(tally: &Tally) -> BTreeMap<PlayedCountKey, u64> {
         for (why, count) in source.reasons.iter() {
             put(name, "failed because", why, count);
         }
+        put(name, "failed because", "other reasons", source.reasons.others());
     }
     counts.retain(|_, count| *count > 0);
-    counts
+    Ok(counts)
 }

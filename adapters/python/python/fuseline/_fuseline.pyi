@@ -16,6 +16,7 @@ __all__ = [
     "Engine",
     "Expected",
     "Fusion",
+    "Gate",
     "Guard",
     "Latency",
     "Observations",
@@ -312,6 +313,11 @@ class Reorderer:
     def next_ready(self) -> tuple[str, Any, tuple[int, int] | None] | None: ...
     @property
     def next_due(self) -> int | None: ...
+
+@final
+class Gate:
+    def __new__(cls, limit: SupportsIndex, resume: SupportsIndex) -> Gate: ...
+    def admits(self, backlog: int) -> bool: ...
 
 @final
 class Latency:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 
 from fuseline._drive import Driver
 from fuseline._errors import ConfigError
+from fuseline._fuseline import Gate
 from fuseline._item import Call, Item
 from fuseline._side import SideRequest
 from fuseline._sources import OutputHandlers
@@ -80,12 +81,12 @@ class PipelineSetup(Generic[M, V]):
         check_function(message_handler, "a message handler")
         check_response_handler(response_handler)
         check_count(resume, 0, "a resume")
-        check_count(limit, resume + 1, "a limit")
+        check_count(limit, 1, "a limit")
         check_count(calls, 1, "calls at once")
         name = f"side-{len(self._handlers.sides) + 1}" if name is None else name
         check_name(name, "a side request", self._names())
         self._handlers.sides.append(
-            SideRequest(name, handle, message_handler, response_handler, limit, resume, calls)
+            SideRequest(name, handle, message_handler, response_handler, Gate(limit, resume), calls)
         )
 
     def _check_not_started(self, what: str) -> None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from fuseline._errors import in_one_line
-from fuseline._fuseline import nanoseconds
+from fuseline._fuseline import Gate, nanoseconds
 from fuseline._item import Call
 from fuseline._wiring import is_awaitable
 
@@ -25,12 +25,10 @@ class SideRequest:
     handle: Callable[[Any, Call], Awaitable[Any]]
     message_handler: Callable[[Any, int], tuple[Any, Any] | None]
     response_handler: Callable[[Any], Any]
-    #: Of the gate, as a cloud's (F2g), and how many calls may be under way.
-    limit: int
-    resume: int
+    gate: Gate
+    #: How many calls may be under way.
     calls: int
     counts: Counter[str] = field(default_factory=Counter)
-    is_shut: bool = False
     #: How many requests wait for a call to end.
     waiting: int = 0
     running: asyncio.Semaphore | None = None
@@ -48,7 +46,7 @@ class SideRequest:
             _log.exception("the message handler of %s failed", self.name)
             self.counts["handler failed"] += 1
             return
-        if seconds == 0 or not self._admits():
+        if seconds == 0 or not self.gate.admits(self.waiting):
             self.counts["refused"] += 1
             return
         self.counts["requested"] += 1
@@ -65,13 +63,6 @@ class SideRequest:
         for task in tasks:
             task.cancel()
         return tasks
-
-    def _admits(self) -> bool:
-        if self.is_shut:
-            self.is_shut = self.waiting > self.resume
-        else:
-            self.is_shut = self.waiting >= self.limit
-        return not self.is_shut
 
     async def _ask(self, running: asyncio.Semaphore, request: Any, call: Call) -> None:
         try:
