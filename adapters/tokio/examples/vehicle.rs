@@ -7,6 +7,8 @@ use fuseline_tokio::deadline::{
     Expected, Guard, Impact, Invalid, MetresPerSecond, Parameters, Policy, Situation,
 };
 use fuseline_tokio::{Call, Config, Error, Local, Operator, Setup, SharedState, spawn, stream};
+use tokio::runtime::Builder;
+use tokio::time::timeout;
 
 #[derive(Clone, Debug)]
 struct Frame {
@@ -65,14 +67,25 @@ async fn ask_planner(_: Frame, _: Call) -> Result<Plan, Error> {
     Ok(Plan { lane: 1 })
 }
 
-#[tokio::main(flavor = "current_thread")]
-async fn main() -> Result<(), Error> {
+// ANCHOR: script
+/// A script without a runtime makes one for the operator, and reads on it.
+fn main() -> Result<(), Error> {
+    let runtime = Builder::new_multi_thread().enable_all().build()?;
     let (mut camera, frames) = stream(8);
-    let (_running, mut output) = spawn(Vehicle, Config::default(), frames)?;
+    let started = runtime.block_on(async { spawn(Vehicle, Config::default(), frames) });
+    let (running, mut output) = started?;
     for speed in [0.0, 12.0, 25.0] {
-        camera.write(Frame { speed })?;
-        let item = output.read().await.expect("one item for each message");
-        println!("at {speed} m/s: {:?}", item.forwarded().map(|forwarded| &forwarded.value));
+        camera.write(Frame { speed })?; // never waits
+        let reading = async { timeout(Duration::from_secs(5), output.read()).await };
+        match runtime.block_on(reading) {
+            Ok(Some(item)) => println!("at {speed} m/s: {:?}", item.value()),
+            Ok(None) => break,                        // the operator has ended
+            Err(_) => println!("nothing within 5 s"), // the next read has it
+        }
     }
+    drop(camera); // no more messages: the operator ends once all are answered
+    runtime.block_on(running.join())?;
+    runtime.shutdown_background(); // waits for no computation that hangs
     Ok(())
 }
+// ANCHOR_END: script

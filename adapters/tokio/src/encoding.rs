@@ -1,4 +1,4 @@
-//! [`encoding`] and [`EncodeOnce`]: handles that encode on a thread where blocking is allowed, before they call.
+//! [`EncodeOnce`] encodes messages on a thread where blocking is allowed, before they are sent.
 
 use std::error;
 use std::fmt;
@@ -15,47 +15,12 @@ use crate::Error;
 use crate::call::Call;
 use crate::panics::panicked;
 
-/// A handle for [`use_cloud`](crate::Setup::use_cloud) that first lets `encode` make the request of what the message
-/// handler returns, on one of the runtime's threads for blocking work, then calls `handle` with it.
+/// Encodes each message once for all clouds of an operator, on one of the runtime's threads for blocking work.
 ///
-/// Encoding holds up neither the operator nor other calls. It takes its part of the deadline: `handle` is given the time that
-/// is left. An error or a panic is a failure (F4). A call that is aborted before its encoding began does not begin it; one that
-/// has begun runs on to its end, and the runtime waits for it when it is shut down. For several clouds there is [`EncodeOnce`].
-///
-/// ```
-/// # use fuseline_tokio::{Call, Error, encoding};
-/// async fn send(jpeg: Vec<u8>, call: Call) -> Result<usize, Error> {
-///     Ok(jpeg.len()) // over the network
-/// }
-/// let handle = encoding(|frame: Vec<u8>| Ok(frame), send);
-/// # let _: &dyn Fn(Vec<u8>, Call) -> _ = &handle;
-/// ```
-pub fn encoding<Raw, Req, Res, Fut>(
-    encode: impl Fn(Raw) -> Result<Req, Error> + Send + Sync + 'static,
-    handle: impl Fn(Req, Call) -> Fut + Send + Sync + 'static,
-) -> impl Fn(Raw, Call) -> BoxFuture<'static, Result<Res, Error>> + Send + Sync + 'static
-where
-    Raw: Send + 'static,
-    Req: Send + 'static,
-    Fut: Future<Output = Result<Res, Error>> + Send + 'static,
-{
-    let both = Arc::new((encode, handle));
-    move |raw, mut call| {
-        let both = Arc::clone(&both);
-        Box::pin(async move {
-            let begin = Instant::now();
-            let shared = Arc::clone(&both);
-            let request = on_thread(move || (shared.0)(raw)).await?;
-            take_time(&mut call, begin);
-            (both.1)(request, call).await
-        })
-    }
-}
-
-/// Encodes each message once for several clouds of an operator, as [`encoding`] does for one; clones are the same one.
-///
-/// The first call of a message begins the encoding, the others wait for it and get clones of the request. It goes on while one
-/// of them waits.
+/// The first call of a message begins the encoding, and the others wait for it and get clones of the request. Encoding holds up
+/// neither the operator nor other calls. It takes its part of the deadline: each handle is given the time that is left. An error
+/// or a panic is a failure (F4). An encoding does not begin once all its calls were aborted; one that has begun runs on to its
+/// end, and the runtime waits for it when it is shut down. Clones share the encodings.
 ///
 /// ```
 /// # use std::{sync::Arc, time::Duration};
@@ -193,7 +158,7 @@ impl error::Error for SharedError {
     }
 }
 
-/// Takes the time since then from the time that a call has.
+/// Subtracts the time since `begin` from a call's deadline.
 fn take_time(call: &mut Call, begin: Instant) {
     call.deadline = call.deadline.saturating_sub(begin.elapsed());
 }

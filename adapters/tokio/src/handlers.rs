@@ -1,15 +1,5 @@
-//! Message handlers that send less. Each is put around a handler of your own, and nests in the others.
-//!
-//! ```
-//! # use std::{num::NonZero, time::Duration};
-//! # use fuseline_tokio::handlers::{by_content, every_nth};
-//! # struct Frame { image: Vec<u8>, people: usize }
-//! let send = |frame: &Frame, _timestamp| Some((frame.image.clone(), Duration::from_millis(500)));
-//! let message_handler = by_content(|frame: &Frame| frame.people > 0, every_nth(NonZero::new(3).unwrap(), 0, send));
-//! # let _ = message_handler;
-//! ```
+//! A message handler that sends what is worth its bytes. It is put around a handler of your own.
 
-use std::num::NonZero;
 use std::sync::OnceLock;
 use std::time::Duration;
 
@@ -18,29 +8,6 @@ use fuseline_engine::nanos;
 use tokio::time::Instant;
 
 use crate::shared::SharedState;
-
-/// Of every `n` messages the one with the number `turn`, from 0 to `n − 1`; the others make no request.
-///
-/// Clouds alternate if each has the same `n` and its own `turn`. Messages count by their timestamps, those that the window
-/// refused among them.
-pub fn every_nth<M, R>(
-    n: NonZero<u64>,
-    turn: u64,
-    mut handler: impl FnMut(&M, u64) -> Option<(R, Duration)>,
-) -> impl FnMut(&M, u64) -> Option<(R, Duration)> {
-    move |message, timestamp| {
-        let is_its_turn = timestamp % n == turn;
-        if is_its_turn { handler(message, timestamp) } else { None }
-    }
-}
-
-/// Messages of which `is_wanted` is true; the others make no request.
-pub fn by_content<M, R>(
-    mut is_wanted: impl FnMut(&M) -> bool,
-    mut handler: impl FnMut(&M, u64) -> Option<(R, Duration)>,
-) -> impl FnMut(&M, u64) -> Option<(R, Duration)> {
-    move |message, timestamp| if is_wanted(message) { handler(message, timestamp) } else { None }
-}
 
 /// Messages that are worth their bytes: `estimate` says how many a message's request has and what its answer is expected to
 /// gain, and the budget, which all operators of a vehicle may share, decides. `stream` is this handler's number in it.
@@ -125,26 +92,6 @@ mod tests {
     )]
     fn send(message: &u64, _: u64) -> Option<(u64, Duration)> {
         Some((*message, DEADLINE))
-    }
-
-    /// The timestamps of which a handler makes a request, of so many.
-    fn sent(mut handler: impl FnMut(&u64, u64) -> Option<(u64, Duration)>, count: u64) -> Vec<u64> {
-        (0..count).filter(|t| handler(&(t * 10), *t).is_some()).collect()
-    }
-
-    #[test]
-    fn every_third_message_is_sent_and_clouds_take_turns() {
-        let three = NonZero::new(3).unwrap();
-        assert_eq!(sent(every_nth(three, 0, send), 8), [0, 3, 6]);
-        assert_eq!(sent(every_nth(three, 2, send), 8), [2, 5]);
-        assert!(sent(every_nth(three, 3, send), 8).is_empty(), "there is no such turn");
-    }
-
-    #[test]
-    fn handlers_nest_and_the_outer_decides_first() {
-        let two = NonZero::new(2).unwrap();
-        let handler = by_content(|message: &u64| *message > 20, every_nth(two, 0, send));
-        assert_eq!(sent(handler, 8), [4, 6]);
     }
 
     #[tokio::test(start_paused = true)]

@@ -1,6 +1,5 @@
 #![doc = include_str!("../README.md")]
 
-mod blocking;
 mod call;
 mod carried_state;
 pub mod drive;
@@ -33,11 +32,10 @@ mod stream;
 pub mod tower;
 mod workers;
 
-pub use blocking::{BlockingOperator, UnreadItems};
 pub use call::Call;
 pub use carried_state::CarriedState;
 pub use drive::Timers;
-pub use encoding::{EncodeOnce, EncodedRequest, encoding};
+pub use encoding::{EncodeOnce, EncodedRequest};
 pub use fuseline_deadline as deadline;
 pub use fuseline_deadline::LinkDirection;
 pub use fuseline_engine::{

@@ -111,14 +111,6 @@ pub enum SpawnError {
     /// There is no tokio runtime to run it.
     #[error("an operator must be started within a tokio runtime")]
     NoRuntime,
-    /// A [`BlockingOperator`](crate::BlockingOperator) would block the runtime that it is started in.
-    #[error(
-        "a blocking operator would block the runtime that it is started in; spawn the operator"
-    )]
-    WithinRuntime,
-    /// A [`BlockingOperator`](crate::BlockingOperator) has no runtime of its own.
-    #[error("no runtime for the blocking operator: {0}")]
-    Runtime(io::Error),
     /// A join has no [latest-value input](crate::Join::latest) with the name that its sets are said to be of.
     #[error("the join has no latest-value input {name:?} that its sets could be of")]
     NoInput {

@@ -7,7 +7,7 @@ use std::thread;
 use std::time::Duration;
 
 use fuseline_tokio::{
-    Call, CarriedState, Config, Ending, Error, Local, Running, Setup, Tally, Writer, encoding,
+    Call, CarriedState, Config, EncodeOnce, Ending, Error, Local, Running, Setup, Tally, Writer,
     spawn, stream,
 };
 use tokio::runtime::Builder;
@@ -100,16 +100,19 @@ async fn what_blocks_the_thread_is_counted_and_encoding_is_not() {
     let (seen, left) = (Arc::new(Mutex::new(Vec::new())), Arc::new(Mutex::new(Vec::new())));
     let (names, deadlines) = (Arc::clone(&seen), Arc::clone(&left));
     let operator = ClosureOperator(move |setup: &mut Setup<u64, String>| {
-        let encode = move |n: u64| {
+        let once = EncodeOnce::new(move |n: u64| {
             names.lock().unwrap().push(thread::current().id());
             thread::sleep(200 * MS);
             if n == 1 { Err("on purpose".into()) } else { Ok(n + 100) }
-        };
+        });
         let send = move |n: u64, call: Call| {
             deadlines.lock().unwrap().push(call.deadline);
             async move { Ok(n) }
         };
-        with_cloud(setup, encoding(encode, send))
+        let message_handler = once.message_handler(|n: &u64, _| Some((*n, 30_000 * MS)));
+        let response_handler = |n: u64| Ok(format!("cloud {n}"));
+        setup.use_cloud(once.handle(send), message_handler, response_handler, 1);
+        Local::future(|n, _| async move { Ok(format!("local {n}")) })
     });
     let warned = Config { lag_warning: 30_000 * MS, ..Config::default() };
     let (items, tally) = real_time(operator, warned, 2).await;
@@ -129,8 +132,10 @@ fn an_encoding_does_not_begin_once_its_call_was_aborted() {
         let blocked = spawn_blocking(move || hold(&busy));
         let operator = ClosureOperator(move |setup: &mut Setup<u64, String>| {
             let encode = move |n: u64| Ok(n + count.fetch_add(1, Ordering::Relaxed) as u64);
-            let handle = encoding(encode, |n: u64, _| async move { Ok(n) });
-            setup.use_cloud(handle, |n, _| Some((*n, 50 * MS)), |n| Ok(n.to_string()), 1);
+            let once = EncodeOnce::new(encode);
+            let handle = once.handle(|n: u64, _| async move { Ok(n) });
+            let message_handler = once.message_handler(|n: &u64, _| Some((*n, 50 * MS)));
+            setup.use_cloud(handle, message_handler, |n| Ok(n.to_string()), 1);
             Local::future(|n, _| async move { Ok(format!("local {n}")) })
         });
         let (mut writer, input) = stream(8);

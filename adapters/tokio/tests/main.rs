@@ -10,7 +10,6 @@ mod hosts;
 mod support;
 
 mod behaviour;
-mod blocking;
 mod connections;
 mod deadlines;
 mod doors;

@@ -8,8 +8,8 @@ use std::time::Duration;
 
 use fuseline_tokio::deadline::{Chosen, Classes, End, Guard, Parameters, Policy, Situation, Span};
 use fuseline_tokio::{
-    BlockingOperator, Commit, Config, Ending, EngineConfigError, Error, Local, OfferRefusal,
-    OpenRefusal, Setup, SpawnError, WriteError, spawn, stream,
+    Commit, Config, Ending, EngineConfigError, Error, Local, OfferRefusal, OpenRefusal, Setup,
+    SpawnError, WriteError, spawn, stream,
 };
 use tokio::time::{advance, sleep};
 
@@ -311,46 +311,4 @@ async fn stopped_twice() {
     running.stop();
     running.stop();
     running.join().await.unwrap();
-}
-
-/// misuse: starts a `BlockingOperator` within a runtime, whose thread it would block | not started: `SpawnError::WithinRuntime`
-#[tokio::test]
-async fn a_blocking_operator_in_a_runtime() {
-    let started = BlockingOperator::start(local_alone(), Config::default());
-    assert!(matches!(started, Err(SpawnError::WithinRuntime)));
-}
-
-/// misuse: writes to a `BlockingOperator` that is closed | `WriteError::Closed`, with the message
-#[test]
-fn a_closed_blocking_operator() {
-    let operator = BlockingOperator::start(local_alone(), Config::default()).unwrap();
-    operator.close();
-    assert_eq!(operator.write(7), Err(WriteError::Closed(7)));
-}
-
-/// misuse: does not read all items of a `BlockingOperator` | `finish` returns them
-#[test]
-fn unread_items_of_a_blocking_operator() {
-    let operator = BlockingOperator::start(local_alone(), Config::default()).unwrap();
-    for n in 0..3 {
-        operator.write(n).unwrap();
-    }
-    let (unread, tally) = operator.finish().unwrap();
-    assert_eq!((unread.len(), tally.messages), (3, 3));
-}
-
-/// misuse: reads from a `BlockingOperator` of which nothing comes | `Elapsed`; an end is no item, and no error
-#[test]
-fn a_blocking_operator_of_which_nothing_comes() {
-    let never = ClosureOperator(|_: &mut Clouds| Local::future(|_, _| pending()));
-    let operator = BlockingOperator::start(never, Config::default()).unwrap();
-    operator.write(0).unwrap();
-    assert!(operator.read_within(MS).is_err());
-    operator.stop();
-    assert!(operator.read().is_none());
-}
-
-/// An operator without clouds, whose local answers at once.
-fn local_alone() -> ClosureOperator<impl FnOnce(&mut Clouds) -> Local<u64, String>> {
-    ClosureOperator(|_: &mut Clouds| Local::blocking(|n, _| Ok(format!("local {n}"))))
 }

@@ -3,7 +3,6 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use fuseline_tokio::handlers::by_content;
 use fuseline_tokio::{
     CarriedState, Commit, Error, Item, Joined, Local, Operator, Setup, SharedState,
 };
@@ -216,12 +215,10 @@ impl Operator for Tracking {
             }
         };
         // Only while there is somebody to track.
-        let is_wanted = move |item: &Item<PerceivedScene>| {
-            rule != Rule::OnBoard && item.value().is_some_and(|seen| seen.walker)
+        let message_handler = move |item: &Item<PerceivedScene>, _| {
+            let seen = item.value().filter(|seen| rule != Rule::OnBoard && seen.walker)?;
+            Some((track(along.current(), *seen), 60 * MS))
         };
-        let message_handler = by_content(is_wanted, move |item: &Item<PerceivedScene>, _| {
-            Some((track(along.current(), *item.value()?), 60 * MS))
-        });
         setup.use_cloud(handle, message_handler, Ok, 1).name = "tracker".into();
         let coast = state.clone();
         setup.use_substitute(move |_| coast.current());
