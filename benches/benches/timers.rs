@@ -8,10 +8,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{self, available_parallelism};
 use std::time::{Duration, Instant};
 
-use fuseline_tokio::realtime::schedule;
 use fuseline_tokio::{Config, Error, Local, Operator, Setup, Timers, spawn, stream};
 use rustix::thread::{ClockId, clock_nanosleep_absolute};
 use rustix::time::{Timespec, clock_gettime};
+use thread_priority::{
+    RealtimeThreadSchedulePolicy, ThreadPriority, ThreadSchedulePolicy,
+    set_thread_priority_and_policy, thread_native_id,
+};
 use tokio::runtime::{Builder, Runtime};
 use tokio::sync::mpsc;
 use tokio::time::{interval, sleep};
@@ -107,7 +110,10 @@ impl Operator for UnansweredOperator {
 /// On a thread under `SCHED_FIFO`.
 fn first(run: Run) -> Vec<Duration> {
     let run = move || {
-        schedule(50).unwrap_or_else(|error| panic!("{error}"));
+        let priority = ThreadPriority::Crossplatform(50_u8.try_into().expect("from 1 to 99"));
+        let policy = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
+        set_thread_priority_and_policy(thread_native_id(), priority, policy)
+            .unwrap_or_else(|error| panic!("SCHED_FIFO 50: {error:?}"));
         run()
     };
     thread::spawn(run).join().expect("it does not panic")

@@ -12,6 +12,7 @@ pub mod names;
 mod node;
 pub mod parameters;
 mod raw;
+mod realtime;
 mod recordings;
 mod report;
 mod rosout;

@@ -15,6 +15,7 @@ use crate::fusion::{InputChannels, LoopState, NodeFusion};
 use crate::lifecycle::LifecycleRequests;
 use crate::middleware::{Endpoint, Graph, ReceivedPayload};
 use crate::raw::Payload;
+use crate::realtime;
 use crate::recordings::{self, CreatedFiles};
 use crate::report::Reporter;
 use crate::rosout::PendingLogs;
@@ -38,7 +39,7 @@ pub(crate) async fn run(
 ) -> Result<Tally, NodeError> {
     // What is refused is refused before anybody notices the node.
     check(settings)?;
-    realtime(settings.realtime)?;
+    realtime::prepare(settings.realtime)?;
     let (engine, created) = recorded(settings)?;
     let mut graph = Graph::join(settings, |it| settings.needs(it)).await?;
     let NodeInterface { status_publisher, mut changes, mut tasks, .. } =
@@ -132,7 +133,7 @@ pub(crate) fn open<'a>(
     };
     let driver = Driver::new(engine, fusion, settings.timers).map_err(NodeError::Timers)?;
     // The threads of DDS and of the recorder are there already: they stay as they are.
-    schedule(settings.realtime)?;
+    realtime::schedule(settings.realtime)?;
     info!(
         node = settings.node.full(),
         domain = settings.domain,
@@ -156,44 +157,6 @@ impl OpenNode<'_> {
         info!(messages = tally.messages, forwarded, missed, "ended");
         Ok(tally)
     }
-}
-
-/// Locks memory, and tries whether a thread gets this priority under `SCHED_FIFO`; nothing of it for 0.
-#[cfg(target_os = "linux")]
-fn realtime(priority: u8) -> Result<(), NodeError> {
-    if priority == 0 {
-        return Ok(());
-    }
-    let tried = std::thread::spawn(move || schedule(priority)).join();
-    tried.unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
-    fuseline_tokio::realtime::lock_memory().map_err(|error| ungranted(&error))
-}
-
-/// Puts the calling thread under `SCHED_FIFO`, unless the priority is 0.
-#[cfg(target_os = "linux")]
-fn schedule(priority: u8) -> Result<(), NodeError> {
-    match priority {
-        0 => Ok(()),
-        _ => fuseline_tokio::realtime::schedule(priority).map_err(|error| ungranted(&error)),
-    }
-}
-
-#[cfg(target_os = "linux")]
-fn ungranted(error: &fuseline_tokio::realtime::RealtimeError) -> NodeError {
-    NodeError::Realtime(error.to_string())
-}
-
-#[cfg(not(target_os = "linux"))]
-fn realtime(priority: u8) -> Result<(), NodeError> {
-    match priority {
-        0 => Ok(()),
-        _ => Err(NodeError::Realtime("this system has none".to_owned())),
-    }
-}
-
-#[cfg(not(target_os = "linux"))]
-fn schedule(_: u8) -> Result<(), NodeError> {
-    Ok(())
 }
 
 /// Whether the node could start, as far as that is known without starting it: whether its
