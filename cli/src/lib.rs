@@ -18,12 +18,14 @@ mod exit;
 mod export;
 mod fault;
 mod files;
+mod forward;
 mod help;
 mod hints;
 mod implementation;
 mod input;
 mod interrupt;
 mod judging;
+mod link;
 mod output;
 #[cfg(feature = "full")]
 mod pages;

@@ -7,7 +7,6 @@ use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
 
-use fuseline_tokio::EmulatedNetwork;
 use fuseline_tokio::grpc::{self, Infer, Remote, RemoteError, ServeError, Token};
 use thiserror::Error;
 use tokio::net::TcpListener;
@@ -17,6 +16,7 @@ use crate::emulation::{Emulation, answer};
 use crate::exit::Exit;
 use crate::fault::{Fault, chain, plain};
 use crate::files::{self, FileError};
+use crate::forward::{RecordedNetwork, forward};
 use crate::interrupt::Interrupt;
 use crate::seconds::seconds;
 use fuseline_evaluation::models::Model;
@@ -130,15 +130,15 @@ fn answering(args: &Args, infer: impl Infer, description: &str) -> Result<Exit, 
 fn forwarding(address: SocketAddr, url: &str, emulation: Emulation) -> Result<Exit, Fault> {
     let description = format!("{url} behind {}", emulation.drive.name());
     let Emulation { drive, start, .. } = emulation;
-    let network = EmulatedNetwork::new(move |moment| drive.round_trip(start + moment));
+    let network = RecordedNetwork::new(drive, start);
     let remote = Remote::new(url);
     let interrupt = Interrupt::watch();
     let runtime = Runtime::new().map_err(Fault::Runtime)?;
-    let forward = async |listener| {
-        let forwarded = grpc::forward(&remote, network, listener, interrupt.wait()).await;
+    let forwarding = async |listener| {
+        let forwarded = forward(&remote, network, listener, interrupt.wait()).await;
         forwarded.map_err(|source| CannotServe::Forward { url: url.to_owned(), source })
     };
-    let ended = runtime.block_on(listening(address, "http", &description, &interrupt, forward));
+    let ended = runtime.block_on(listening(address, "http", &description, &interrupt, forwarding));
     runtime.shutdown_background();
     ended.map(|()| Exit::Conforms)
 }

@@ -1,9 +1,8 @@
 //! Recorded networks: round-trip times of a moving vehicle by the moment of sending, built in or read from
 //! CSV.
 //!
-//! A [`Drive`] takes the time as an argument, so a test in virtual time, a simulation and a proxy can use it.
-//! `fuseline_tokio::EmulatedNetwork` delays calls on tokio by one, and `fuseline serve --forward` delays the
-//! requests to a server.
+//! A [`Drive`] takes the time as an argument, so a test in virtual time, a simulation and a proxy can use it. A
+//! handle on tokio sleeps for its round trip, and `fuseline serve --forward` delays the requests to a server.
 
 use std::fs::File;
 use std::io::{self, Read};

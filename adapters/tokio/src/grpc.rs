@@ -26,7 +26,6 @@
 //! ```
 
 mod failure;
-mod forward;
 mod handle;
 mod infer;
 mod remote;
@@ -35,7 +34,6 @@ mod server;
 mod token;
 
 pub use failure::CallError;
-pub use forward::forward;
 pub use handle::{infer, unary};
 pub use infer::{Description, Infer, InferClient, InferServer, Reply, Request, RequestLineage};
 pub use remote::{Connection, Identity, Remote, RemoteError};

@@ -11,17 +11,13 @@ pub mod handlers;
 mod in_order;
 mod items;
 mod join;
-mod link;
 mod local;
-mod network;
 mod operator;
 mod outbox;
 mod panics;
 mod pending_call;
 #[cfg(feature = "prometheus")]
 mod prometheus;
-#[cfg(target_os = "linux")]
-pub mod realtime;
 mod run;
 mod setup;
 mod shared;
@@ -37,7 +33,6 @@ pub use carried_state::CarriedState;
 pub use drive::Timers;
 pub use encoding::{EncodeOnce, EncodedRequest};
 pub use fuseline_deadline as deadline;
-pub use fuseline_deadline::LinkDirection;
 pub use fuseline_engine::{
     CapacityError, CapacityErrors, CarriedMessage, CloudConfig as Cloud, Commit, ConfigError,
     CurrentDeadline, DropReason, Ending, EngineConfigError, Failure, Forwarded, Hint, Item,
@@ -47,9 +42,7 @@ pub use fuseline_engine::{
 pub use in_order::OutOfOrder;
 pub use items::Items;
 pub use join::{Join, JoinConfig, JoinDrop, JoinTally, RunningJoin};
-pub use link::EmulatedLink;
 pub use local::Local;
-pub use network::EmulatedNetwork;
 pub use operator::{Config, JoinError, Operator, Running, SpawnError, Trace, spawn};
 #[cfg(feature = "prometheus")]
 pub use prometheus::prometheus;

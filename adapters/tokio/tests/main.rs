@@ -7,6 +7,8 @@ mod graph;
 #[cfg(feature = "grpc")]
 #[path = "support/hosts.rs"]
 mod hosts;
+#[path = "support/link.rs"]
+mod link;
 mod support;
 
 mod behaviour;
@@ -15,11 +17,9 @@ mod deadlines;
 mod doors;
 mod ends;
 mod floor;
-mod forward;
 mod graphs;
 mod grpc;
 mod lineage;
-mod link;
 mod messages;
 mod outcomes;
 mod pipeline;

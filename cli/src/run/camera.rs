@@ -7,21 +7,21 @@ use std::time::Duration;
 use bytes::Bytes;
 use fuseline_tokio::grpc::{self, Connection, Reply, Request};
 use fuseline_tokio::{
-    Config, EmulatedLink, Items, JoinError, Lineage, Local, Operator, Recording, Running, Setup,
-    SourceTally, SpawnError, Trace, Trigger, WriteError, Writer, spawn, stream,
+    Config, Items, JoinError, Lineage, Local, Operator, Recording, Running, Setup, SourceTally,
+    SpawnError, Trace, Trigger, WriteError, Writer, spawn, stream,
 };
 use tokio::task::JoinSet;
 use tokio::time::{Instant, interval, sleep, timeout};
 
 use crate::fault::Fault;
 use crate::interrupt::Interrupt;
+use crate::link::EmulatedLink;
 use crate::run::deadlines::RunDeadlines;
 use crate::run::driven::RunMetadata;
 use crate::run::error::RunError;
 use crate::run::live::{RunProgress, unrecorded};
 use crate::run::network::Network;
 use crate::run::plan::{DeadlinePolicy, RunPlan};
-use fuseline_evaluation::link::RecordedLink;
 use fuseline_evaluation::models::{REPLY_BYTES, REQUEST_BYTES};
 
 /// What its frames come from, in the trace.
@@ -67,10 +67,14 @@ impl Operator for Detector<'_> {
         let deadlines = policy.then(|| RunDeadlines::new(self.plan));
         let clouds = self.plan.clouds.iter().zip(self.connections).zip(self.begun);
         for (index, ((cloud, connection), begun)) in clouds.enumerate() {
-            let linked = self.link.handle([REQUEST_BYTES, REPLY_BYTES], grpc::infer(connection));
+            let (link, infer) = (self.link.clone(), Arc::new(grpc::infer(connection)));
             let handle = move |request, call| {
                 begun.fetch_add(1, Ordering::Relaxed);
-                linked(request, call)
+                let (link, infer) = (link.clone(), Arc::clone(&infer));
+                async move {
+                    let send = async |call| infer(request, call).await;
+                    link.carry([REQUEST_BYTES, REPLY_BYTES], call, send).await
+                }
             };
             let message_handler = move |frame: &Picture, timestamp| {
                 Some((
@@ -102,16 +106,6 @@ impl Operator for Detector<'_> {
     }
 }
 
-/// The link of the run from now on, with the rates of the drive that its first cloud has, where that has rates.
-fn emulated_link(plan: &RunPlan) -> EmulatedLink {
-    let width = plan.link;
-    let drive = plan.link_drive().map(|cloud| (cloud.drive.clone(), cloud.start));
-    EmulatedLink::new(width.queue_bytes, move |direction, at| {
-        let drive = drive.as_ref().map(|(drive, start)| (drive, *start));
-        RecordedLink { width, drive }.rate(direction, at)
-    })
-}
-
 /// Starts the operator, within a runtime.
 ///
 /// # Errors
@@ -120,7 +114,8 @@ pub(crate) fn start(plan: &RunPlan, network: Network) -> Result<Camera<'_>, Faul
     let Network { connections, servers, began } = network;
     let begun: Vec<Arc<AtomicU64>> = plan.clouds.iter().map(|_| Arc::default()).collect();
     began.get_or_init(Instant::now);
-    let link = emulated_link(plan);
+    let drive = plan.link_drive().map(|cloud| (cloud.drive.clone(), cloud.start));
+    let link = EmulatedLink::new(plan.link, drive);
     let detector = Detector { plan, connections, begun: begun.clone(), link };
     let config = Config {
         name: "detector".to_owned(),

@@ -3,6 +3,8 @@
 mod checks;
 mod draw;
 mod graphs;
+#[path = "../../../adapters/tokio/tests/support/link.rs"]
+mod link;
 mod log;
 mod peers;
 mod play;

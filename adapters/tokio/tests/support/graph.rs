@@ -7,12 +7,14 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use fuseline_testkit::Rng;
-use fuseline_tokio::deadline::LinkRate;
+use fuseline_tokio::deadline::LinkDirection;
 use fuseline_tokio::{
-    Call, Config, EmulatedLink, Error, Item, Items, Join, JoinConfig, Latency, Lineage, Local,
-    Operator, Reader, Setup, SharedState, spawn, stream,
+    Call, Config, Error, Item, Items, Join, JoinConfig, Latency, Lineage, Local, Operator, Reader,
+    Setup, SharedState, spawn, stream,
 };
 use tokio::time::{Instant, sleep};
+
+use super::link::EmulatedLink;
 
 const MS: Duration = Duration::from_millis(1);
 /// The lateness of one timer of tokio.
@@ -77,29 +79,23 @@ impl DrawnLink {
     fn draw(seed: u64) -> Self {
         let mut rng = Rng::with_seed(!seed);
         let (rate, queue) = (rng.u64(1..20) * 1_000_000, rng.u64(10..400) * 1_000);
-        let link = rng
-            .bool()
-            .then(|| EmulatedLink::new(queue, move |_, _| Some(LinkRate::constant(rate))));
+        let link = rng.bool().then(|| EmulatedLink::new(queue, [rate; 2]));
         let request_bytes = rng.usize(1_000..100_000);
         Self { link, request_bytes, refused: SharedState::default() }
     }
 
     /// A call over the link, which it shares with those of all operators.
-    async fn call<F>(
-        self,
-        call: Call,
-        act: impl FnOnce() -> F + Clone + Send + Sync + 'static,
-    ) -> Result<Work, Error>
-    where
-        F: Future<Output = Result<Work, Error>> + Send + 'static,
-    {
-        let Some(link) = self.link else { return act().await };
-        let answered = link.handle([self.request_bytes, 1_000], move |(), _| act.clone()());
-        let answer = answered((), call).await;
-        if answer.as_ref().is_err_and(|error| error.to_string().contains("queue is full")) {
+    async fn call(self, act: impl Future<Output = Result<Work, Error>>) -> Result<Work, Error> {
+        let Some(link) = self.link else { return act.await };
+        if !link.pass(LinkDirection::Uplink, self.request_bytes).await {
             self.refused.with(|refused| *refused += 1);
+            return Err("the uplink's queue is full".into());
         }
-        answer
+        let answer = act.await?;
+        if !link.pass(LinkDirection::Downlink, 1_000).await {
+            pending::<()>().await;
+        }
+        Ok(answer)
     }
 }
 
@@ -156,7 +152,7 @@ impl<I: Send + Sync + 'static> Operator for Runner<I> {
                     wrong.with(|wrong| wrong.push(format!("E3: {:?} of {left:?}", call.deadline)));
                 }
                 let rng = Rng::with_seed(seed ^ (call.timestamp << 8 | u64::from(priority)));
-                link.clone().call(call, move || cloud.act(rng.clone(), Work::default()))
+                link.clone().call(cloud.act(rng, Work::default()))
             };
             setup.use_cloud(handle, |_, _| Some(((), 150 * MS)), Ok, priority);
         }

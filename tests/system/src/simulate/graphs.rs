@@ -4,6 +4,8 @@ use std::io;
 
 use tokio::runtime::Builder;
 
+use crate::simulate::link;
+
 #[path = "../../../../adapters/tokio/tests/support/graph.rs"]
 mod drawn;
 #[path = "../../../../adapters/tokio/tests/support/floor.rs"]

@@ -4,13 +4,12 @@ use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
 use fuseline_engine::{Trigger, lock};
-use fuseline_tokio::deadline::{End, LinkRate};
-use fuseline_tokio::{
-    DropReason, EmulatedLink, Ending, Forwarded, Hint, Item, LinkDirection, OpenRefusal,
-};
+use fuseline_tokio::deadline::{End, LinkDirection};
+use fuseline_tokio::{DropReason, Ending, Forwarded, Hint, Item, OpenRefusal};
 use fuseline_traces::nanos;
 use tokio::time::Instant;
 
+use crate::simulate::link::EmulatedLink;
 use crate::simulate::scenario::{Scenario, ScenarioLink};
 use crate::simulate::value::{InstanceCounts, ResultValue, ValueLabel};
 
@@ -249,7 +248,5 @@ impl Log {
 
 fn link(scenario: Option<ScenarioLink>) -> EmulatedLink {
     let (rates, queue_bytes) = scenario.map_or(([0; 2], 0), |it| (it.rates, it.queue_bytes));
-    EmulatedLink::new(queue_bytes, move |direction, _| {
-        Some(LinkRate::constant(rates[direction as usize]))
-    })
+    EmulatedLink::new(queue_bytes, rates)
 }

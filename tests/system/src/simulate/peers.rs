@@ -9,8 +9,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use fuseline_engine::{Policy, Situation};
-use fuseline_tokio::deadline::{Chosen, End, Reason};
-use fuseline_tokio::{Call, Error, Items, LinkDirection, Local, Operator, Setup, Writer};
+use fuseline_tokio::deadline::{Chosen, End, LinkDirection, Reason};
+use fuseline_tokio::{Call, Error, Items, Local, Operator, Setup, Writer};
 use fuseline_traces::nanos;
 use tokio::task::yield_now;
 use tokio::time::{advance, sleep, sleep_until};

@@ -1,15 +1,22 @@
-//! [`forward`]: an emulated network before a real server.
+//! A recorded network before a real server.
 //!
-//! It reads HTTP/2 and nothing of gRPC: headers, data and trailers are passed on as they come, each as late as the network has
-//! it. What ends a call on one side ends it on the other.
+//! [`forward`] reads HTTP/2 and nothing of gRPC: it passes headers, data and trailers on as they come, each as late as the network
+//! has it. A call that ends on one side ends on the other.
 
 use std::convert::Infallible;
-use std::future::poll_fn;
+use std::future::{self, poll_fn};
 use std::pin::{Pin, pin};
+use std::sync::{Arc, OnceLock};
 use std::task::{Context, Poll, ready};
 use std::time::Duration;
 
 use bytes::Bytes;
+use fuseline_testkit::networks::Drive;
+use fuseline_tokio::Error;
+use fuseline_tokio::grpc::tonic::Status;
+use fuseline_tokio::grpc::tonic::body::Body;
+use fuseline_tokio::grpc::tonic::codegen::Service;
+use fuseline_tokio::grpc::{Connection, Remote, RemoteError};
 use http::{Request, Response};
 use http_body::Frame;
 use hyper::body::Incoming;
@@ -20,37 +27,37 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 use tokio::time::{Instant, Sleep, sleep, sleep_until};
-use tonic::Status;
-use tonic::body::Body;
-use tonic::codegen::Service;
-use tonic::transport::Channel;
 use tracing::{debug, warn};
-
-use crate::Error;
-use crate::grpc::remote::{Remote, RemoteError};
-use crate::network::EmulatedNetwork;
 
 /// How many frames of a call may be on their way; then its sender waits.
 const FRAMES: usize = 1024;
 /// How long no connection is accepted after the system had no room for one more.
 const BREATH: Duration = Duration::from_millis(100);
 
+/// A recorded network; its time begins with the first call.
+pub(crate) struct RecordedNetwork {
+    drive: Drive,
+    /// Where in the drive it begins.
+    start: Duration,
+    began: OnceLock<Instant>,
+}
+
 /// Forwards each call that comes to `listener` to `remote`, behind `network`, until `until` is ready.
 ///
 /// A call takes the round trip of the moment at which it comes: each part of its request half of it on the way there, each part
 /// of its response the other half. Metadata, deadlines, statuses and the ends of calls pass through, whatever service it is;
-/// `:authority` becomes the remote's, and the remote's token is not added. If the remote cannot be reached, calls fail
-/// `UNAVAILABLE`. It is for tests: clients are not bounded as [`serve`](crate::grpc::serve) bounds them.
+/// `:authority` becomes the remote's. If the remote cannot be reached, calls fail `UNAVAILABLE`. Clients are not bounded as
+/// [`serve`](fuseline_tokio::grpc::serve) bounds them.
 ///
 /// # Errors
 /// If the remote's settings cannot work.
-pub async fn forward(
+pub(crate) async fn forward(
     remote: &Remote,
-    network: EmulatedNetwork,
+    network: RecordedNetwork,
     listener: TcpListener,
     until: impl Future<Output = ()>,
 ) -> Result<(), RemoteError> {
-    let channel = remote.channel()?;
+    let (connection, network) = (remote.connect()?, Arc::new(network));
     let mut connections = JoinSet::new();
     let mut until = pin!(until);
     loop {
@@ -59,7 +66,8 @@ pub async fn forward(
             accepted = listener.accept() => match accepted {
                 Ok((socket, _)) => {
                     let _ = socket.set_nodelay(true);
-                    connections.spawn(forward_connection(socket, channel.clone(), network.clone()));
+                    let network = Arc::clone(&network);
+                    connections.spawn(forward_connection(socket, connection.clone(), network));
                 }
                 Err(error) => {
                     warn!(%error, "no connection can be taken on");
@@ -71,10 +79,32 @@ pub async fn forward(
     }
 }
 
-async fn forward_connection(socket: TcpStream, channel: Channel, network: EmulatedNetwork) {
+impl RecordedNetwork {
+    pub(crate) const fn new(drive: Drive, start: Duration) -> Self {
+        Self { drive, start, began: OnceLock::new() }
+    }
+
+    /// How long a call that is made now takes there and back; never ready if it never is back.
+    async fn ways(&self) -> [Duration; 2] {
+        let moment = self.began.get_or_init(Instant::now).elapsed();
+        match self.drive.round_trip(self.start + moment) {
+            Some(round_trip) => {
+                let there = round_trip / 2;
+                [there, round_trip.saturating_sub(there)]
+            }
+            None => future::pending().await,
+        }
+    }
+}
+
+async fn forward_connection(
+    socket: TcpStream,
+    connection: Connection,
+    network: Arc<RecordedNetwork>,
+) {
     let service = service_fn(move |request| {
-        let (channel, network) = (channel.clone(), network.clone());
-        async move { Ok::<_, Infallible>(forward_call(request, channel, network).await) }
+        let (connection, network) = (connection.clone(), Arc::clone(&network));
+        async move { Ok::<_, Infallible>(forward_call(request, connection, &network).await) }
     });
     let builder = Builder::new(TokioExecutor::new());
     if let Err(error) = builder.serve_connection(TokioIo::new(socket), service).await {
@@ -85,8 +115,8 @@ async fn forward_connection(socket: TcpStream, channel: Channel, network: Emulat
 /// One call; a caller that gives it up drops it, and with it the call behind.
 async fn forward_call(
     request: Request<Incoming>,
-    mut channel: Channel,
-    network: EmulatedNetwork,
+    mut connection: Connection,
+    network: &RecordedNetwork,
 ) -> Response<Body> {
     let [there, back] = network.ways().await;
     let (head, body) = request.into_parts();
@@ -94,8 +124,8 @@ async fn forward_call(
     sleep(there).await;
     let called = async {
         // The cause is kept.
-        poll_fn(|context| channel.poll_ready(context)).await?;
-        channel.call(Request::from_parts(head, body)).await
+        poll_fn(|context| connection.poll_ready(context)).await?;
+        connection.call(Request::from_parts(head, body)).await
     };
     match called.await {
         Ok(response) => {
@@ -169,3 +199,6 @@ impl http_body::Body for DelayedBody {
         Poll::Ready(self.next.take().and_then(|(_, frame)| frame))
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,12 +1,11 @@
-//! An emulated network before a real server: raw HTTP/2 on loopback on both sides.
+//! Raw HTTP/2 on loopback on both sides of a recorded network.
 
 use std::net::{Ipv4Addr, SocketAddr};
 use std::time::{Duration, Instant};
 
 use bytes::Bytes;
 use fuseline_testkit::networks::Drive;
-use fuseline_tokio::EmulatedNetwork;
-use fuseline_tokio::grpc::{Remote, RemoteError, forward};
+use fuseline_tokio::grpc::{Remote, RemoteError};
 use h2::client::SendRequest;
 use h2::server::SendResponse;
 use h2::{Reason, RecvStream};
@@ -15,9 +14,16 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 
+use super::{RecordedNetwork, forward};
+
 /// How long a fault is waited for.
 const PATIENCE: Duration = Duration::from_secs(60);
 const ROUND_TRIP: Duration = Duration::from_millis(200);
+
+fn network(round_trip_ms: u64) -> RecordedNetwork {
+    let rows = format!("second,rtt_ms\n0,{round_trip_ms}\n1000,{round_trip_ms}\n");
+    RecordedNetwork::new(Drive::read("d.csv", None, rows.as_bytes()).unwrap(), Duration::ZERO)
+}
 
 async fn listener() -> (TcpListener, SocketAddr) {
     let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).await.unwrap();
@@ -47,7 +53,7 @@ async fn server()
 /// A client of the server behind the network.
 async fn client(
     server: SocketAddr,
-    network: EmulatedNetwork,
+    network: RecordedNetwork,
 ) -> (SendRequest<Bytes>, JoinHandle<Result<(), RemoteError>>) {
     let (listener, address) = listener().await;
     let remote = Remote::new(format!("http://{server}"));
@@ -82,11 +88,9 @@ async fn next(body: &mut RecvStream) -> Option<Bytes> {
 }
 
 #[tokio::test]
-async fn a_call_is_late_by_the_round_trip_and_passes_through_unread() {
+async fn call_is_late_by_the_round_trip_and_unread() {
     let (mut calls, address) = server().await;
-    let drive = Drive::read("d.csv", None, "second,rtt_ms\n0,200\n1000,200\n".as_bytes()).unwrap();
-    let network = EmulatedNetwork::new(move |moment| drive.round_trip(moment));
-    let (mut client, _proxy) = client(address, network).await;
+    let (mut client, _proxy) = client(address, network(200)).await;
     let began = Instant::now();
     let (response, mut sending) = client.send_request(call(), false).unwrap();
     // No protobuf: nobody reads it.
@@ -122,10 +126,9 @@ async fn a_call_is_late_by_the_round_trip_and_passes_through_unread() {
 }
 
 #[tokio::test]
-async fn a_status_without_a_message_ends_with_its_headers() {
+async fn status_without_message_ends_with_headers() {
     let (mut calls, address) = server().await;
-    let network = EmulatedNetwork::new(|_| Some(Duration::from_millis(2)));
-    let (mut client, _proxy) = client(address, network).await;
+    let (mut client, _proxy) = client(address, network(2)).await;
     let (response, _sending) = client.send_request(call(), true).unwrap();
     let (_, mut respond) = calls.recv().await.unwrap();
     let status = Response::builder().header("grpc-status", "12").body(()).unwrap();
@@ -138,8 +141,7 @@ async fn a_status_without_a_message_ends_with_its_headers() {
 #[tokio::test]
 async fn both_sides_of_a_stream_go_on_at_once() {
     let (mut calls, address) = server().await;
-    let network = EmulatedNetwork::new(|_| Some(Duration::from_millis(20)));
-    let (mut client, _proxy) = client(address, network).await;
+    let (mut client, _proxy) = client(address, network(20)).await;
     let (response, mut sending) = client.send_request(call(), false).unwrap();
     let (request, mut respond) = calls.recv().await.unwrap();
     let mut replying = respond.send_response(Response::new(()), false).unwrap();
@@ -155,10 +157,9 @@ async fn both_sides_of_a_stream_go_on_at_once() {
 }
 
 #[tokio::test]
-async fn a_call_that_is_given_up_ends_behind_the_network_too() {
+async fn call_given_up_ends_behind_the_network() {
     let (mut calls, address) = server().await;
-    let network = EmulatedNetwork::new(|_| Some(Duration::from_millis(2)));
-    let (mut client, _proxy) = client(address, network).await;
+    let (mut client, _proxy) = client(address, network(2)).await;
     for is_answering in [false, true] {
         let (response, mut sending) = client.send_request(call(), false).unwrap();
         let (_request, mut respond) = calls.recv().await.unwrap();
@@ -179,17 +180,16 @@ async fn a_call_that_is_given_up_ends_behind_the_network_too() {
 }
 
 #[tokio::test]
-async fn a_server_that_is_not_there_is_a_status_and_a_url_that_is_none_an_error() {
+async fn absent_server_is_a_status_bad_url_an_error() {
     let (closed, address) = listener().await;
     drop(closed);
-    let network = EmulatedNetwork::new(|_| Some(Duration::from_millis(2)));
-    let (mut client, _proxy) = client(address, network.clone()).await;
+    let (mut client, _proxy) = client(address, network(2)).await;
     let (response, _sending) = client.send_request(call(), true).unwrap();
     assert_eq!(response.await.unwrap().headers()["grpc-status"], "14");
     for url in ["localhost:50051", "ftp://localhost", "http://", "http://a b"] {
         let (listener, _) = listener().await;
         let remote = Remote::new(url);
-        let ended = forward(&remote, network.clone(), listener, std::future::pending()).await;
+        let ended = forward(&remote, network(2), listener, std::future::pending()).await;
         assert!(ended.is_err(), "{url}");
     }
 }
