@@ -306,7 +306,7 @@ def test_an_operator_that_is_stopped_in_the_midst_gives_everything_back(
         # Those whose request is still encoded have not begun.
         assert 4 <= calls[0] == calls[1]
         driver = operator._driver
-        assert driver is not None and driver.is_idle and not operator._feeds
+        assert driver is not None and driver.is_idle and not operator._feeds.tasks
         for source in driver._sources.values():
             assert not source.in_flight and not source.aborted
         assert len(asyncio.all_tasks()) == 1
@@ -546,7 +546,7 @@ def test_a_source_of_messages_is_closed_however_its_operator_ends(run: Run[Any])
                 getattr(operator, name)()
                 await asyncio.sleep(0)
                 await asyncio.sleep(0)
-            assert closed[-1:] == [name] and not operator._feeds
+            assert closed[-1:] == [name] and not operator._feeds.tasks
 
     run(main)
     operator = Operator(local_after(0))

@@ -89,7 +89,7 @@ def test_a_message_from_another_thread_that_is_not_taken_is_counted(
             with pytest.raises(Full, match="on their way"):
                 operator.write_threadsafe(2)
             assert await asyncio.wrap_future(two[0]) == 0
-            while not operator._items:
+            while not operator._output.items:
                 await asyncio.sleep(0)
             full = operator.write_threadsafe(3)
             with pytest.raises(Full, match="wait to be read"):

@@ -66,7 +66,7 @@ def test_ignored_future(caplog: pytest.LogCaptureFixture) -> None:
                 operator.write_threadsafe(1)
                 while operator.counts["operator", "message", "not taken"] < number:
                     await asyncio.sleep(0)
-                while not operator._items:
+                while not operator._output.items:
                     await asyncio.sleep(0)
             operator.stop()
             return operator.counts
@@ -214,7 +214,7 @@ def test_items_that_nobody_reads() -> None:
     async def main() -> None:
         async with operator_of(output_len=1) as operator:
             operator.write(1)
-            while not operator._items:
+            while not operator._output.items:
                 await asyncio.sleep(0)
             with pytest.raises(Full):
                 operator.write(2)

@@ -177,7 +177,7 @@ def test_a_reader_that_gives_up_is_forgotten(run: Run[Any]) -> None:
             for _ in range(3):
                 with pytest.raises(asyncio.TimeoutError):
                     await asyncio.wait_for(anext(operator), 0.1)
-            assert not operator._readers.waiters
+            assert not operator._output.readers.waiters
             operator.write("a")
             assert (await anext(operator)).value == "a on board"
 

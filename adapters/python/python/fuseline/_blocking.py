@@ -102,7 +102,7 @@ class BlockingOperator(Generic[M, V]):
             item = handover.abandon()
             if item is not None and self._loop is not None:
                 with contextlib.suppress(RuntimeError):
-                    self._loop.call_soon_threadsafe(self.operator._give_back, item)
+                    self._loop.call_soon_threadsafe(self.operator._output.give_back, item)
             raise
 
     def __iter__(self) -> Iterator[Item[V]]:
@@ -123,7 +123,7 @@ class BlockingOperator(Generic[M, V]):
     async def _read(self, timeout: float | None, handover: _Handover[V]) -> Item[V] | None:
         item = await self.operator.read(timeout)
         if item is not None and not handover.take(item):
-            self.operator._give_back(item)
+            self.operator._output.give_back(item)
             return None
         return item
 

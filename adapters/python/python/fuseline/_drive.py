@@ -3,22 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-import atexit
 import logging
-import os
-import time
-import weakref
 from collections.abc import Awaitable, Callable, Coroutine, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
-from functools import partial
 from typing import Any, Generic, TypeAlias, TypeVar
 
-from fuseline._encoding import EncodedRequest
-from fuseline._errors import CallError, in_one_line
+from fuseline._encoding import EncodedRequest, Encoder, share_encoded
+from fuseline._errors import in_one_line
 from fuseline._fuseline import Calls, Engine
 from fuseline._item import Call, Ending, Item, Lineage, check_capture
 from fuseline._local import Local
+from fuseline._recording import GRACE, Recording
 from fuseline._sources import (
     OutputHandlers,
     RegisteredCloud,
@@ -27,7 +21,6 @@ from fuseline._sources import (
     response_of,
     value_of,
 )
-from fuseline._threads import DaemonThreads
 from fuseline._tracefile import TraceFile
 from fuseline._wiring import (
     WiringError,
@@ -62,10 +55,6 @@ _FINAL = Ending.FINAL
 _DAY = 86_400_000_000_000
 #: How many tasks of a source that should have ended may go on, before it gets no more (D8).
 OVERDUE_TASKS = 1024
-#: How many seconds an operator that ends waits for tasks that it has cancelled.
-GRACE = 1.0
-#: How many encodings of a cloud may run on past their deadlines, before no other is begun.
-HUNG_ENCODERS = 16
 
 _log = logging.getLogger("fuseline")
 
@@ -114,11 +103,10 @@ class Driver(Generic[M, V]):
         self._sources = {0: SourceTasks(local.at_once + OVERDUE_TASKS, None)}
         for cloud in self._clouds:
             limit = 2 * cloud.calls + OVERDUE_TASKS
-            encoders = None
+            encoder = None
             if cloud.encode is not None:
-                threads = min(cloud.calls, os.cpu_count() or 1)
-                encoders = DaemonThreads(partial(_same, cloud.encode), threads, "fuseline-encode")
-            self._sources[cloud.cloud.p] = SourceTasks(limit, cloud, encoders)
+                encoder = Encoder(name, cloud, cloud.encode, self.counting, clock)
+            self._sources[cloud.cloud.p] = SourceTasks(limit, cloud, encoder)
         #: The sources whose wiring was reported as wrong.
         self._miswired_sources: set[int] = set()
         #: Of the open messages that have one.
@@ -143,13 +131,7 @@ class Driver(Generic[M, V]):
             handlers.states,
             handlers.carry_messages,
         )
-        self._trace = trace
-        #: Done once the trace is written.
-        self._finished: asyncio.Future[None] | None = None
-        self._error: OSError | None = None
-        self._process = os.getpid()
-        if engine.is_recording:
-            _RECORDING.add(self)
+        self.recording = Recording(name, engine, self._calls, trace)
 
     @property
     def is_idle(self) -> bool:
@@ -163,14 +145,6 @@ class Driver(Generic[M, V]):
     def close(self) -> None:
         """No more messages come."""
         self._calls.close()
-
-    @property
-    def unrecorded(self) -> OSError | None:
-        """The error that ended the recording early, or what became of its file."""
-        why = self.counting.unrecorded
-        if why is not None:
-            return OSError(why)
-        return self._error or (None if self._trace is None else self._trace.lost())
 
     def set_situation(self, situation: Situation) -> None:
         """Set what policies know of the vehicle from now on."""
@@ -220,67 +194,21 @@ class Driver(Generic[M, V]):
         for source in self._sources.values():
             for t in list(source.in_flight):
                 source.abort(t)
-            if source.encoders is not None:
-                source.encoders.stop()
+            if source.encoder is not None:
+                source.encoder.stop()
         for side in self._handlers.sides:
             for task in side.stop():
                 aborted = self._sources[0].aborted
                 aborted.add(task)
                 task.add_done_callback(aborted.discard)
         self._local._stop()
-        self._engine.end(self._calls.now())
-        if not self._engine.is_recording:
-            self._engine.finish()
-            return
-        # A thread of its own: the loop's may all be at work for calls that hang.
-        writer = ThreadPoolExecutor(1, "fuseline-trace")
-        try:
-            self._finished = self._loop.run_in_executor(writer, self._engine.finish)
-        except RuntimeError:
-            # The program ends, and no thread can be begun.
-            self._engine.finish()
-        else:
-            self._finished.add_done_callback(self._written)
-        writer.shutdown(wait=False)
-
-    def _written(self, finished: asyncio.Future[None]) -> None:
-        """The trace is written, as far as it was."""
-        error = None if finished.cancelled() else finished.exception()
-        if isinstance(error, OSError):
-            self._error = error
-        if self._trace is not None:
-            self._error = self._error or self._trace.lost()
-            self._trace.close()
-
-    def end_at_exit(self) -> None:
-        """The program ends: the trace is written, and ends here."""
-        if self._process != os.getpid() or self._calls.is_over:
-            return
-        _log.warning("%s: the program ends, and it was not closed: its trace ends here", self.name)
-        until = time.monotonic() + GRACE
-        try:
-            # Its thread may decide at this moment.
-            while not self._ended_at_exit() and time.monotonic() < until:
-                time.sleep(0.001)
-        except OSError as error:
-            _log.error("%s: the trace ends early: %s", self.name, error)
-
-    def _ended_at_exit(self) -> bool:
-        try:
-            self._engine.end(self._calls.now())
-            self._engine.finish()
-        except RuntimeError:
-            return False
-        return True
+        self.recording.end(self._loop)
 
     async def finish(self) -> None:
         """Wait until the trace is written, and a while for aborted calls to end."""
         aborted = [task for source in self._sources.values() for task in source.aborted]
         await wait_for_cancelled(self.name, "aborted calls", aborted)
-        if self._finished is not None:
-            await asyncio.wait({self._finished})
-            # What is called when it is done comes after that.
-            await asyncio.sleep(0)
+        await self.recording.finish()
 
     def _age(self, now: int, lineage: Lineage) -> int | None:
         """Nanoseconds since the capture; 0 if it is still to come."""
@@ -294,7 +222,7 @@ class Driver(Generic[M, V]):
             named = f"{self.name}: local"
             copies = self._handlers.copy_messages
             return p, source, source.limit, self._local._run, None, False, named, copies
-        encodes, named = source.encoders is not None, f"{self.name}: {cloud.cloud.name}"
+        encodes, named = source.encoder is not None, f"{self.name}: {cloud.cloud.name}"
         return p, source, source.limit, cloud.handle, cloud.response_handler, encodes, named, False
 
     # What the extension calls.
@@ -367,7 +295,7 @@ class Driver(Generic[M, V]):
                     continue
                 request, deadline = wanted
                 if it.encode is not None:
-                    request = _to_encode(it.encode, request, encoded)
+                    request = share_encoded(it.encode, request, encoded)
                 offer = it.cloud.p, request, it.deadline_of(deadline)
             except (Exception, asyncio.CancelledError):
                 _log.exception("%s: the message handler of %s failed", self.name, it.cloud.name)
@@ -388,7 +316,9 @@ class Driver(Generic[M, V]):
 
     def _encoded(self, p: int, request: EncodedRequest, call: Call) -> Coroutine[Any, Any, None]:
         """A call whose request is to be encoded."""
-        return self._settled(p, call.timestamp, self._encode_and_call(p, request, call))
+        encoder = self._sources[p].encoder
+        assert encoder is not None
+        return self._settled(p, call.timestamp, encoder.call(request, call))
 
     def _value_later(self, p: int, t: int, value: Awaitable[Any]) -> Coroutine[Any, Any, None]:
         """What a response handler gave, if that is to be awaited."""
@@ -401,41 +331,6 @@ class Driver(Generic[M, V]):
             self._failed(p, t, error)
         else:
             self._calls.came(p, t, value)
-
-    async def _encode_and_call(self, p: int, request: EncodedRequest, call: Call) -> Any:
-        source = self._sources[p]
-        assert source.cloud is not None and source.encoders is not None
-        begin = self._read_clock()
-        if source.encoders.hung_len() >= HUNG_ENCODERS:
-            raise CallError(
-                f"{HUNG_ENCODERS} encodings have not ended; none is begun until one has"
-            )
-        try:
-            encoded = await request.get(source.encoders)
-        except asyncio.CancelledError:
-            if (self._read_clock() - begin) / 1e9 >= call.deadline:
-                self._encoder_hangs(source, request)
-            raise
-        check_read(encoded, "what encodes")
-        took = (self._read_clock() - begin) / 1e9
-        call = replace(call, deadline=max(call.deadline - took, 0.0))
-        return await response_of(source.cloud, source.cloud.handle(encoded, call))
-
-    def _encoder_hangs(self, source: SourceTasks, request: EncodedRequest) -> None:
-        """An encoding runs on past its deadline: another thread takes its place, up to a bound."""
-        assert source.cloud is not None and source.encoders is not None
-        hung = source.encoders.hung_len()
-        if not request.give_up(source.encoders):
-            return
-        self.counting.handler_failed(source.cloud.cloud.p)
-        if hung & (hung + 1) == 0:
-            _log.warning(
-                "%s: encode of %s has not ended by its deadline: another thread takes its place, "
-                "and %d such have not ended",
-                self.name,
-                source.cloud.cloud.name,
-                hung + 1,
-            )
 
     def _without_value(self, p: int, t: int) -> None:
         """A result of None: most likely nobody returned one."""
@@ -476,22 +371,6 @@ def _seconds(nanos: int | None) -> float | None:
     return None if nanos is None else nanos / 1e9
 
 
-def _to_encode(
-    encode: Callable[[Any], Any], raw: Any, encoded: list[EncodedRequest]
-) -> EncodedRequest:
-    """That of another cloud of the message, if it is the same."""
-    for other in encoded:
-        if other.is_of(encode, raw):
-            return other.share()
-    encoded.append(EncodedRequest(encode, raw))
-    return encoded[-1]
-
-
-def _same(encode: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    """Encoding keeps no state: each thread has the same function."""
-    return encode
-
-
 async def wait_for_cancelled(
     name: str, what: str, tasks: Iterable[asyncio.Task[Any]], seconds: float = GRACE
 ) -> None:
@@ -501,15 +380,3 @@ async def wait_for_cancelled(
         _, left = await asyncio.wait(left, timeout=seconds)
     if left:
         _log.warning("%s: %d %s have not ended in %s s: they go on", name, len(left), what, seconds)
-
-
-#: The operators that record, for the end of the program.
-_RECORDING: weakref.WeakSet[Driver[Any, Any]] = weakref.WeakSet()
-
-
-def _end_recordings() -> None:
-    for driver in list(_RECORDING):
-        driver.end_at_exit()
-
-
-atexit.register(_end_recordings)

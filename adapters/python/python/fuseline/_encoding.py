@@ -3,14 +3,28 @@
 from __future__ import annotations
 
 import asyncio
+import logging
+import os
 from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
+from fuseline._errors import CallError
+from fuseline._fuseline import Counting
+from fuseline._item import Call
+from fuseline._sources import RegisteredCloud, response_of
 from fuseline._threads import DaemonThreads
+from fuseline._wiring import check_read
+
+_log = logging.getLogger("fuseline")
+
+#: How many encodings of a cloud may run on past their deadlines, before no other is begun.
+HUNG_ENCODERS = 16
 
 
 class EncodedRequest:
-    """What a message handler returned; it is encoded once the first call needs it."""
+    """Holds what a message handler returned, and encodes it once the first call needs it."""
 
     __slots__ = ("_encode", "_future", "_is_shared", "_raw")
 
@@ -20,21 +34,95 @@ class EncodedRequest:
         self._is_shared = False
 
     def is_of(self, encode: Callable[[Any], Any], raw: Any) -> bool:
-        """Whether another cloud's would be the same."""
+        """Return whether another cloud's request would be the same."""
         return self._raw is raw and bool(self._encode == encode)
 
     def share(self) -> EncodedRequest:
-        """This one, for another cloud too."""
+        """Return this request for another cloud too."""
         self._is_shared = True
         return self
 
     def give_up(self, threads: DaemonThreads) -> bool:
-        """Another thread takes the place of the one that encodes; whether that is so."""
+        """Let another thread take the place of the one that encodes; return whether one does."""
         return self._future is not None and threads.replace(self._future)
 
     async def get(self, threads: DaemonThreads) -> Any:
-        """The request, encoded by these threads unless another call began that."""
+        """Return the request, encoded by these threads unless another call began that."""
         if self._future is None:
             self._future = threads.run(self._raw)
         # What others may wait for does not end with this call.
         return await (asyncio.shield(self._future) if self._is_shared else self._future)
+
+
+class Encoder:
+    """Encodes one cloud's requests in threads, and makes its calls with them."""
+
+    def __init__(
+        self,
+        operator: str,
+        cloud: RegisteredCloud,
+        encode: Callable[[Any], Any],
+        counting: Counting,
+        clock: Callable[[], int],
+    ) -> None:
+        self._operator, self._cloud = operator, cloud
+        self._counting, self._read_clock = counting, clock
+        threads = min(cloud.calls, os.cpu_count() or 1)
+        self._threads = DaemonThreads(partial(_same, encode), threads, "fuseline-encode")
+
+    def stop(self) -> None:
+        """End the threads."""
+        self._threads.stop()
+
+    async def call(self, request: EncodedRequest, call: Call) -> Any:
+        """Encode a request, call the cloud within the time that is left, and return its result.
+
+        Raises:
+            CallError: if too many encodings hang.
+        """
+        begin = self._read_clock()
+        if self._threads.hung_len() >= HUNG_ENCODERS:
+            raise CallError(
+                f"{HUNG_ENCODERS} encodings have not ended; none is begun until one has"
+            )
+        try:
+            encoded = await request.get(self._threads)
+        except asyncio.CancelledError:
+            if (self._read_clock() - begin) / 1e9 >= call.deadline:
+                self._replace_hung(request)
+            raise
+        check_read(encoded, "what encodes")
+        took = (self._read_clock() - begin) / 1e9
+        call = replace(call, deadline=max(call.deadline - took, 0.0))
+        return await response_of(self._cloud, self._cloud.handle(encoded, call))
+
+    def _replace_hung(self, request: EncodedRequest) -> None:
+        """Let another thread take the place of one that encodes past its deadline."""
+        hung = self._threads.hung_len()
+        if not request.give_up(self._threads):
+            return
+        self._counting.handler_failed(self._cloud.cloud.p)
+        if hung & (hung + 1) == 0:
+            _log.warning(
+                "%s: encode of %s has not ended by its deadline: another thread takes its place, "
+                "and %d such have not ended",
+                self._operator,
+                self._cloud.cloud.name,
+                hung + 1,
+            )
+
+
+def share_encoded(
+    encode: Callable[[Any], Any], raw: Any, encoded: list[EncodedRequest]
+) -> EncodedRequest:
+    """Return the request of another cloud of the message if it is the same, else a new one."""
+    for other in encoded:
+        if other.is_of(encode, raw):
+            return other.share()
+    encoded.append(EncodedRequest(encode, raw))
+    return encoded[-1]
+
+
+def _same(encode: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """Return the function itself: encoding keeps no state, so each thread has the same one."""
+    return encode

@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import logging
 import os
 import threading
 import time
 import weakref
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import (
-    AsyncGenerator,
     AsyncIterable,
     AsyncIterator,
     Awaitable,
     Callable,
     Iterable,
     Sequence,
-    Sized,
 )
 from concurrent.futures import Future
 from types import TracebackType
@@ -26,36 +23,29 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
 from fuseline._drive import Clock, Driver, wait_for_cancelled
 from fuseline._errors import Closed, ConfigError, Full, TraceError, in_one_line
-from fuseline._fuseline import Engine, Latency, check_linger, nanoseconds
-from fuseline._item import Call, CurrentDeadline, Item, Lineage, StampedValue
-from fuseline._join import Joined
+from fuseline._feeds import Feeds
+from fuseline._fuseline import Engine, Latency, nanoseconds
+from fuseline._item import CurrentDeadline, Item, Lineage
 from fuseline._local import Local, local_of
-from fuseline._loop import WaiterList, each
-from fuseline._setup import PipelineSetup
+from fuseline._output import Output
+from fuseline._setup import Setup
 from fuseline._snapshot import UNCHANGEABLE, snapshot
-from fuseline._sources import OutputHandlers, RegisteredCloud
+from fuseline._sources import OutputHandlers
 from fuseline._tracefile import hold
 from fuseline._wiring import (
     check_clock,
     check_commit,
     check_count,
-    check_function,
-    check_handle,
     check_message,
     check_messages,
     check_name,
-    check_own_policy,
-    check_policy,
-    check_priority,
     check_range,
     check_reserve,
-    check_response_handler,
-    check_takes,
     check_timeout,
     check_trace,
 )
-from fuseline._words import Cloud, Commit, ns
-from fuseline.deadline import Policy, Situation, compiled, policy_of
+from fuseline._words import Commit, ns
+from fuseline.deadline import Situation, compiled
 
 if TYPE_CHECKING:
     from fuseline._judge import Duration
@@ -68,15 +58,11 @@ Res = TypeVar("Res")
 _log = logging.getLogger("fuseline")
 _running_loop = asyncio._get_running_loop
 
-#: After how many seconds it is reported that nobody reads the items, and messages wait.
-UNREAD_SECONDS = 5.0
 #: What stands for the thread of an operator in a process that was forked.
 _FORKED = -1
-#: What to do about it.
-_UNREAD = "and nobody has read one: read them within the block, `async for item in operator`"
 
 
-class Operator(PipelineSetup[M, V], Generic[M, V]):
+class Operator(Setup[M, V], Generic[M, V]):
     """Computes each message on board and in clouds, and forwards the best result that is in time.
 
     Each message written leads to exactly one `Item`; under progressive to one or more, the last one
@@ -155,7 +141,6 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         self.name = name
         self._local: Local[M, V] = local_of(local)
         self._window, self._commit = window, commit
-        self._output_len = output_len
         self._path = None if trace is None else os.fsdecode(trace)
         self._clock, self._lag_warning = clock, nanoseconds(lag_warning)
         self._greatest_deadline = nanoseconds(greatest_deadline)
@@ -170,7 +155,6 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         self._on_their_way = 0
         self._way = threading.Lock()
         self._not_taken = 0
-        self._clouds: list[RegisteredCloud] = []
         self._reserve = list(reserve)
         super().__init__(
             OutputHandlers(
@@ -178,20 +162,12 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
             )
         )
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._situation: Callable[[M, int], Situation] | None = None
         self._copies = copy_messages
         self._driver: Driver[M, V] | None = None
-        self._items: deque[Item[V]] = deque()
-        #: Who waits for an item, and who waits for room.
-        self._readers, self._writers = WaiterList(), WaiterList()
-        #: What writes messages, and whether it is known to end.
-        self._feeds: dict[asyncio.Task[None], bool] = {}
-        self._feed_error: BaseException | None = None
+        self._output = Output[V](output_len)
+        self._feeds = Feeds(self)
         self._count = 0
-        #: How many items were read, and how many of them when the output was last found full.
-        self._read_count = self._read_before = 0
-        self._unread_timer: asyncio.TimerHandle | None = None
-        self._is_last = self._is_over = self._is_handling = self._is_ending = False
+        self._is_last = self._is_over = self._is_handling = False
         #: Whether `stop` ended it.
         self._is_stopped = False
 
@@ -199,105 +175,6 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         clouds = [it.cloud.name for it in self._clouds]
         state = "over" if self._is_over else "running" if self._driver else "not started"
         return f"<Operator {self.name!r} clouds={clouds} {state}, {self._count} messages>"
-
-    # Before the start.
-
-    def use_cloud(
-        self,
-        handle: Callable[[Req, Call], Awaitable[Res]],
-        message_handler: Callable[[M, int], tuple[Req, Duration] | None],
-        response_handler: Callable[[Res], V | StampedValue[V]]
-        | Callable[[Res], Awaitable[V | StampedValue[V]]],
-        priority: int,
-        *,
-        encode: Callable[[Any], Req] | None = None,
-        name: str | None = None,
-        limit: int | None = None,
-        resume: int = 0,
-        calls: int = 8,
-        policy: Policy | Callable[[Situation, ns], Duration] | None = None,
-        linger: Duration = 0.0,
-        max_age: int = 0,
-    ) -> None:
-        """Register a cloud; up to 15, before the operator starts.
-
-        Args:
-            handle: Makes the call: an ``async def`` of a request and its `Call`, in a task on the
-                loop, which it must not block. It is cancelled when its timer fires or another
-                result goes (F5, F7). An exception is a failure (F4).
-            message_handler: Looks at each message that was taken on, and its timestamp; returns the
-                request and how long the cloud may take, or None for no request, as if it fails. It
-                must not block and is no ``async def``: an offer is of its message's instant.
-            response_handler: Turns the response into the result, in the call's task; may be an
-                ``async def``; the result arrives when it is done. It returns a `StampedValue` if
-                the response says of which message it is.
-            encode: Makes the handle's request of the message handler's in a thread, as for JPEG;
-                once for all clouds whose handlers return the same object to the same function.
-            priority: 1 to 65535, different for each cloud; the greater wins.
-            name: For people, counts and traces; no two clouds have one name. By default it is
-                ``cloud-`` and the priority.
-            limit: The gate shuts when this many requests wait to be sent (F2g); by default as many
-                as ``calls`` (A15).
-            resume: The shut gate opens when this many or fewer wait.
-            calls: How many calls may be under way; further requests wait.
-            policy: Chooses how long each request may take, at most what the message handler says,
-                and learns how each ended: see `fuseline.deadline`. Each cloud has a policy of its
-                own. A plain function of a `Situation` and the most will do.
-            linger: How long a call may run on after it was due, so that the policy learns how long
-                it really takes. What comes then is still dropped (F3).
-            max_age: Of how many messages before its own a `StampedValue` may be; what is older, or
-                of a later message, is a failure (F4).
-
-        Durations are seconds as a float, a timedelta, or nanoseconds as `fuseline.ns`.
-
-        Raises:
-            ConfigError: if the operator has started, or what was given cannot be what it is given
-                for: a class for an instance, a handle that is not async, a number out of its range.
-        """
-        self._check_not_started("a cloud")
-        check_handle(handle)
-        check_function(message_handler, "a message handler")
-        check_response_handler(response_handler)
-        check_takes(handle, "a handle", "request", "call")
-        check_takes(message_handler, "a message handler", "message", "timestamp")
-        check_takes(response_handler, "a response handler", "response")
-        check_priority(priority, [it.cloud.p for it in self._clouds])
-        name = f"cloud-{priority}" if name is None else name
-        check_name(name, "a cloud", self._names())
-        check_count(calls, 1, "calls at once")
-        limit = calls if limit is None else limit
-        check_count(limit, 1, "a limit")
-        check_count(resume, 0, "a resume")
-        check_count(max_age, 0, "a max_age")
-        if encode is not None:
-            check_function(encode, "what encodes")
-        if policy is not None:
-            check_policy(policy)
-            policy = policy_of(policy)
-            check_own_policy(policy, [it.policy for it in self._clouds], name)
-            check_linger(name, compiled(policy), nanoseconds(linger))
-        cloud = Cloud(priority, limit, resume, name)
-        self._clouds.append(
-            RegisteredCloud(
-                cloud,
-                handle,
-                message_handler,
-                response_handler,
-                encode,
-                calls,
-                nanoseconds(linger),
-                policy,
-                max_age,
-            )
-        )
-
-    def use_situation(self, situation: Callable[[M, int], Situation]) -> None:
-        """Set what policies learn of the vehicle with each message taken in, above all its speed.
-
-        Without it they know nothing, and the guard risks nothing. If it fails, nothing is known.
-        """
-        check_function(situation, "a situation's handler")
-        self._situation = situation
 
     async def start(self) -> None:
         """Start; ``async with`` does that.
@@ -328,15 +205,15 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
             self._clouds,
             self._handlers,
             self._clock,
-            self._put,
+            self._output.put,
             self._end_if_idle,
-            self._writers.waiters,
+            self._output.writers.waiters,
             self._lag_warning,
             trace,
         )
 
     def _engine(self) -> Engine:
-        """The engine of what was registered."""
+        """Make the engine of what was registered."""
         local = self._local
         return Engine(
             [it.cloud for it in self._clouds],
@@ -376,23 +253,23 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
     ) -> None:
         try:
             if error is None:
-                await self._end_feeds()
+                await self._feeds.end()
                 self.close()
                 while not self._is_over:
-                    await self._readers.wait()
+                    await self._output.readers.wait()
         finally:
             self.stop()
-            await wait_for_cancelled(self.name, "feeds", list(self._feeds))
+            await wait_for_cancelled(self.name, "feeds", list(self._feeds.tasks))
             if self._driver is not None:
                 await self._driver.finish()
         if error is None:
-            if isinstance(self._feed_error, asyncio.CancelledError):
+            if isinstance(self._feeds.error, asyncio.CancelledError):
                 raise RuntimeError(
                     "the messages that were fed ended in CancelledError: something that they wait "
                     "for was cancelled"
-                ) from self._feed_error
-            if self._feed_error is not None:
-                raise self._feed_error
+                ) from self._feeds.error
+            if self._feeds.error is not None:
+                raise self._feeds.error
             if self.unrecorded is not None:
                 raise TraceError(f"the trace ends early: {self.unrecorded}") from self.unrecorded
 
@@ -419,8 +296,9 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
             self._check_loop("write")
         if self._is_last:
             raise Closed("the operator takes no more messages")
-        if len(self._items) >= self._output_len:
-            raise Full(f"{len(self._items)} items wait to be read; read them first")
+        output = self._output
+        if len(output.items) >= output.limit:
+            raise Full(f"{len(output.items)} items wait to be read; read them first")
         if self._is_handling:
             raise RuntimeError("a handler must not write to its own operator")
         if lineage is not None and not isinstance(lineage, Lineage):
@@ -502,22 +380,7 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
             ConfigError: if these are no messages, such as a str.
         """
         check_messages(messages)
-        return await self._write_each(messages, [0])
-
-    async def _write_each(
-        self, messages: AsyncIterable[M] | Iterable[M], written: list[int]
-    ) -> int:
-        async with contextlib.AsyncExitStack() as stack:
-            if isinstance(messages, AsyncGenerator):
-                await stack.enter_async_context(contextlib.aclosing(messages))
-            async for message in each(messages):
-                while not self._has_room() and not self._is_last:
-                    self._watch_unread()
-                    await self._writers.wait()
-                lineage = message.lineage if isinstance(message, (Item, Joined)) else None
-                self.write(message, lineage)
-                written[0] += 1
-        return written[0]
+        return await self._feeds.write_each(messages, [0])
 
     def feed(self, messages: AsyncIterable[M] | Iterable[M]) -> None:
         """Write each message in a task of the operator's own; `close` once all that is fed ended.
@@ -538,10 +401,7 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
             raise ConfigError("an operator is not fed with its own items; read them")
         if self._is_last:
             raise Closed("the operator takes no more messages; feed all streams before one ends")
-        task = asyncio.get_running_loop().create_task(self._feed(messages))
-        task.set_name(f"{self.name}: feed")
-        self._feeds[task] = isinstance(messages, Sized)
-        task.add_done_callback(self._fed)
+        self._feeds.begin(messages)
 
     def close(self) -> None:
         """Take no more messages; the items end once all are answered."""
@@ -549,7 +409,7 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         self._is_last = True
         if self._driver is not None:
             self._driver.close()
-        self._writers.wake()
+        self._output.writers.wake()
         self._end_if_idle()
 
     def stop(self) -> None:
@@ -566,13 +426,10 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         if self._is_over or self._driver is None:
             return
         self._is_last = self._is_over = True
-        if self._unread_timer is not None:
-            self._unread_timer.cancel()
-        for task in self._feeds:
-            task.cancel()
+        self._feeds.stop()
         self._driver.stop()
-        self._writers.wake()
-        self._readers.wake()
+        self._output.writers.wake()
+        self._output.readers.wake()
 
     # Items.
 
@@ -583,11 +440,12 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         """The next item; the end once no more messages come and all are answered."""
         if self._driver is None or threading.get_ident() != self._thread:
             self._running("read")
-        while not self._items:
+        output = self._output
+        while not output.items:
             if self._is_over:
                 raise StopAsyncIteration
-            await self._readers.wait()
-        return self._take_item()
+            await output.readers.wait()
+        return output.take()
 
     async def read(self, timeout: float | None = None) -> Item[V] | None:
         """The next item; None if none comes within so many seconds, or none will come any more."""
@@ -595,29 +453,17 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         timeout = check_timeout(timeout)
         loop = asyncio.get_running_loop()
         until = None if timeout is None else loop.time() + timeout
-        timer = None if until is None else loop.call_at(until, self._readers.wake)
+        output = self._output
+        timer = None if until is None else loop.call_at(until, output.readers.wake)
         try:
-            while not self._items:
+            while not output.items:
                 if self._is_over or (until is not None and loop.time() >= until):
                     return None
-                await self._readers.wait()
+                await output.readers.wait()
         finally:
             if timer is not None:
                 timer.cancel()
-        return self._take_item()
-
-    def _take_item(self) -> Item[V]:
-        item = self._items.popleft()
-        self._read_count += 1
-        if self._writers.waiters and len(self._items) < self._output_len:
-            self._writers.wake()
-        return item
-
-    def _give_back(self, item: Item[V]) -> None:
-        """An item that whoever read it did not get."""
-        self._items.appendleft(item)
-        self._read_count -= 1
-        self._readers.wake()
+        return output.take()
 
     @property
     def counts(self) -> Counter[tuple[str, str, str]]:
@@ -659,7 +505,7 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
     @property
     def unrecorded(self) -> OSError | None:
         """The error that ended the recording early, or what became of its file, if that is lost."""
-        return None if self._driver is None else self._driver.unrecorded
+        return None if self._driver is None else self._driver.recording.unrecorded
 
     def _running(self, method: str) -> Driver[M, V]:
         if self._driver is None:
@@ -691,35 +537,20 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
         if running is not None and not self._is_over:
             raise RuntimeError(f"{method} in another loop than the operator's; it has one loop")
 
-    def _names(self) -> list[str]:
-        """What has a name of its own in counts."""
-        sides = [side.name for side in self._handlers.sides]
-        return [self.name, *sides, *(it.cloud.name or "" for it in self._clouds)]
-
     def _has_room(self) -> bool:
         driver = self._driver
         is_open = driver is not None and driver.has_room(self._window)
-        return is_open and len(self._items) < self._output_len
+        return is_open and len(self._output.items) < self._output.limit
 
-    def _put(self, item: Item[V]) -> None:
-        if item.revision > 0:
-            for place, earlier in enumerate(self._items):
-                if earlier.timestamp == item.timestamp:
-                    # F9, D8: nobody has read it, and nobody needs it any more.
-                    item._takes_the_place_of(earlier)
-                    del self._items[place]
-                    break
-        self._items.append(item)
-        if self._readers.waiters:
-            self._readers.wake()
-        elif self._is_ending and self._writers.waiters:
-            # What is fed may have to give up.
-            self._writers.wake()
+    def _count_not_taken(self, count: int) -> None:
+        """Count messages that the operator did not take, from any thread."""
+        with self._way:
+            self._not_taken += count
 
     def _end_if_idle(self) -> None:
         driver = self._driver
-        if self._writers.waiters and self._has_room():
-            self._writers.wake()
+        if self._output.writers.waiters and self._has_room():
+            self._output.writers.wake()
         if self._is_last and driver is not None and driver.is_idle:
             self._end()
 
@@ -736,81 +567,6 @@ class Operator(PipelineSetup[M, V], Generic[M, V]):
             _log.exception("%s: the situation's handler failed: nothing is known", self.name)
             driver.counting.handler_failed(None)
             driver.set_situation(Situation())
-
-    async def _feed(self, messages: AsyncIterable[M] | Iterable[M]) -> None:
-        written = [0]
-        try:
-            await self._write_each(messages, written)
-        except Closed:
-            self._cut_off(messages, written[0])
-        except BaseException as error:
-            # Whatever ends the stream, also the cancellation of a task that it waits for, nobody
-            # is to wait for its messages.
-            if not self._is_over:
-                self._feed_error = self._feed_error or error
-                self.close()
-            elif not self._is_stopped:
-                self._cut_off(messages, written[0])
-            if not isinstance(error, Exception):
-                raise
-
-    def _fed(self, task: asyncio.Task[None]) -> None:
-        """A stream has ended; with the last one no more messages come."""
-        del self._feeds[task]
-        if not task.cancelled():
-            # It is raised at the end of the block.
-            task.exception()
-        if not self._feeds and not self._is_last:
-            self.close()
-
-    def _cut_off(self, messages: AsyncIterable[M] | Iterable[M], written: int) -> None:
-        """The operator was closed while messages were fed, so many of which were written."""
-        if not isinstance(messages, Sized):
-            _log.info("%s: closed while a stream was fed, after %d messages", self.name, written)
-        elif (left := len(messages) - written) > 0:
-            with self._way:
-                self._not_taken += left
-            _log.warning(
-                "%s: closed while messages were fed: %d were taken, %d were not",
-                self.name,
-                written,
-                left,
-            )
-
-    async def _end_feeds(self) -> None:
-        """The block ends while messages are fed: if nobody read an item, that is a mistake."""
-        if not self._feeds or self._is_last or self._read_count or self._readers.waiters:
-            return
-        self._is_ending = True
-        self._writers.wake()
-        if finite := [task for task, is_finite in self._feeds.items() if is_finite]:
-            await asyncio.wait(finite)
-        if self._feeds and self._feed_error is None:
-            self._feed_error = Closed(f"the block ended while messages were fed, {_UNREAD}")
-
-    def _watch_unread(self) -> None:
-        """A stream waits for room: if nobody reads the items, that is reported."""
-        if len(self._items) < self._output_len or self._loop is None:
-            return
-        if self._is_ending and not self._readers.waiters:
-            raise Full(f"{len(self._items)} items wait to be read, {_UNREAD}")
-        if self._unread_timer is None:
-            self._read_before = self._read_count
-            self._unread_timer = self._loop.call_later(UNREAD_SECONDS, self._report_unread)
-
-    def _report_unread(self) -> None:
-        self._unread_timer = None
-        if not self._writers.waiters:
-            return
-        is_unread = self._read_count == self._read_before
-        self._watch_unread()
-        if is_unread:
-            _log.warning(
-                "%s: %d items wait to be read, and none was read for %s s: no message is taken",
-                self.name,
-                len(self._items),
-                UNREAD_SECONDS,
-            )
 
 
 #: Operators that were started, for processes that are forked: they go on where they were started.

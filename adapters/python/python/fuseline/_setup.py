@@ -1,24 +1,30 @@
-"""What an operator of a pipeline registers beside its clouds."""
+"""Registers what an operator is made of, before it starts."""
 
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from fuseline._drive import Driver
 from fuseline._errors import ConfigError
-from fuseline._fuseline import Gate
-from fuseline._item import Call, Item
+from fuseline._fuseline import Gate, check_linger, nanoseconds
+from fuseline._item import Call, Item, StampedValue
 from fuseline._side import SideRequest
-from fuseline._sources import OutputHandlers
+from fuseline._sources import OutputHandlers, RegisteredCloud
 from fuseline._state import CarriedState
 from fuseline._wiring import (
     check_count,
     check_function,
     check_handle,
     check_name,
+    check_own_policy,
+    check_policy,
+    check_priority,
     check_response_handler,
+    check_takes,
 )
+from fuseline._words import Cloud, ns
+from fuseline.deadline import Policy, Situation, compiled, policy_of
 
 if TYPE_CHECKING:
     from fuseline._judge import Duration
@@ -30,20 +36,141 @@ Req = TypeVar("Req")
 Res = TypeVar("Res")
 
 
-class PipelineSetup(Generic[M, V]):
-    """Substitutes, states and side requests of an `Operator`, registered before it starts."""
+class Setup(Generic[M, V]):
+    """Registers the clouds, substitutes, states and side requests of an `Operator`."""
 
+    name: str
     _driver: Driver[M, V] | None
 
     def __init__(self, handlers: OutputHandlers) -> None:
         self._handlers = handlers
+        self._clouds: list[RegisteredCloud] = []
+        self._situation: Callable[[M, int], Situation] | None = None
+
+    def use_cloud(
+        self,
+        handle: Callable[[Req, Call], Awaitable[Res]],
+        message_handler: Callable[[M, int], tuple[Req, Duration] | None],
+        response_handler: Callable[[Res], V | StampedValue[V]]
+        | Callable[[Res], Awaitable[V | StampedValue[V]]],
+        priority: int,
+        *,
+        encode: Callable[[Any], Req] | None = None,
+        name: str | None = None,
+        limit: int | None = None,
+        resume: int = 0,
+        calls: int = 8,
+        policy: Policy | Callable[[Situation, ns], Duration] | None = None,
+        linger: Duration = 0.0,
+        max_age: int = 0,
+    ) -> None:
+        """Register a cloud; up to 15, before the operator starts.
+
+        Durations are seconds as a float, a timedelta, or nanoseconds as `fuseline.ns`.
+
+        Args:
+            handle: Makes the call: an ``async def`` of a request and its `Call`. It runs in a task
+                on the loop, which it must not block. It is cancelled when its timer fires or a
+                better result is sent (F5, F7). An exception is a failure (F4).
+            message_handler: Gets each message that was accepted, and its timestamp. It returns the
+                request and how long the cloud may take, or None to make no request. It must not
+                block and is no ``async def``. If it raises, no request is made.
+            response_handler: Turns the response into the result, in the call's task; may be an
+                ``async def``. The result arrives when it is done. It returns a `StampedValue` if
+                the response says of which message it is.
+            encode: Turns what the message handler returns into the handle's request, in a thread,
+                as for JPEG. Clouds whose message handlers return the same object for the same
+                ``encode`` share one encoding.
+            priority: 1 to 65535, different for each cloud; the greater wins.
+            name: For people, counts and traces; no two clouds have one name. By default it is
+                ``cloud-`` and the priority.
+            limit: The gate shuts when this many requests wait to be sent (F2g); by default as many
+                as ``calls`` (A15).
+            resume: The shut gate opens when this many or fewer wait.
+            calls: How many calls may be under way; further requests wait.
+            policy: Chooses how long each request may take, at most what the message handler says,
+                and learns how each ended: see `fuseline.deadline`. Each cloud needs a policy of its
+                own. A plain function of a `Situation` and the most will do.
+            linger: How long a call may run on after it was due, so that the policy learns how long
+                it really takes. Its result is still dropped (F3).
+            max_age: How many messages a `StampedValue` may be behind its message. An older value,
+                or one of a later message, is a failure (F4).
+
+        Raises:
+            ConfigError: if the operator has started, or an argument is of the wrong kind: a class
+                for an instance, a handle that is not async, a number out of its range.
+
+        >>> from fuseline import Operator
+        >>> async def west(frame, call):
+        ...     return {"boxes": frame}
+        >>> operator = Operator(lambda frame, t: frame)
+        >>> send = lambda frame, t: (frame, 0.1)  # the request, and how many seconds it may take
+        >>> operator.use_cloud(west, send, lambda answer: answer["boxes"], 1, name="west")
+        >>> operator
+        <Operator 'operator' clouds=['west'] not started, 0 messages>
+        """
+        self._check_not_started("a cloud")
+        check_handle(handle)
+        check_function(message_handler, "a message handler")
+        check_response_handler(response_handler)
+        check_takes(handle, "a handle", "request", "call")
+        check_takes(message_handler, "a message handler", "message", "timestamp")
+        check_takes(response_handler, "a response handler", "response")
+        check_priority(priority, [it.cloud.p for it in self._clouds])
+        name = f"cloud-{priority}" if name is None else name
+        check_name(name, "a cloud", self._names())
+        check_count(calls, 1, "calls at once")
+        limit = calls if limit is None else limit
+        check_count(limit, 1, "a limit")
+        check_count(resume, 0, "a resume")
+        check_count(max_age, 0, "a max_age")
+        if encode is not None:
+            check_function(encode, "what encodes")
+        if policy is not None:
+            check_policy(policy)
+            policy = policy_of(policy)
+            check_own_policy(policy, [it.policy for it in self._clouds], name)
+            check_linger(name, compiled(policy), nanoseconds(linger))
+        cloud = Cloud(priority, limit, resume, name)
+        self._clouds.append(
+            RegisteredCloud(
+                cloud,
+                handle,
+                message_handler,
+                response_handler,
+                encode,
+                calls,
+                nanoseconds(linger),
+                policy,
+                max_age,
+            )
+        )
+
+    def use_situation(self, situation: Callable[[M, int], Situation]) -> None:
+        """Set the function that tells policies about the vehicle, above all its speed.
+
+        It is called with each message that is written and its timestamp, and returns a
+        `fuseline.deadline.Situation`. If it raises, or none is set, policies know nothing, and the
+        guard risks nothing.
+
+        Raises:
+            ConfigError: if it is no plain function.
+        """
+        check_function(situation, "a situation's handler")
+        self._situation = situation
 
     def use_substitute(self, substitute: Callable[[Item[V]], V | None]) -> None:
-        """Set what is sent for a message that is missed or refused: the last plan, a stop (E4).
+        """Set the function that gives a value for a message that is missed or refused (E4).
 
-        The item has it as its value and is marked; the ending and the trace stay as they are. A
-        message with an end-to-end deadline is then missed early enough to leave the ``reserve`` to
-        the operators downstream. The handler gets the item; None sends it without a value.
+        The value may be the last plan, or a stop. The item carries it as its value and as its
+        ``substitute``; the ending and the trace stay as they are. A message with an end-to-end
+        deadline is then missed early enough to leave the ``reserve`` to the operators downstream.
+
+        Args:
+            substitute: Gets the item, and returns the value, or None to send the item without one.
+
+        Raises:
+            ConfigError: if the operator has started, or has a substitute already.
         """
         self._check_not_started("a substitute")
         check_function(substitute, "a substitute's handler")
@@ -52,7 +179,15 @@ class PipelineSetup(Generic[M, V]):
         self._handlers.substitute = substitute
 
     def use_state(self, state: CarriedState[S], state_of: Callable[[V], S]) -> None:
-        """Take over the state of each result that is sent, local's or a cloud's (E10)."""
+        """Take over the state of each result that is sent, local's or a cloud's (E10).
+
+        Args:
+            state: The state that local reads with its next message.
+            state_of: Reads the state from a result.
+
+        Raises:
+            ConfigError: if the operator has started, or ``state`` is no `CarriedState`.
+        """
         self._check_not_started("a state")
         if not isinstance(state, CarriedState):
             raise ConfigError(f"a state is a CarriedState, not {state!r}")
@@ -70,11 +205,23 @@ class PipelineSetup(Generic[M, V]):
         resume: int = 0,
         calls: int = 8,
     ) -> None:
-        """Register side requests, for what helps local later, such as a plan for what may happen.
+        """Register side requests, whose answers help local with later messages.
 
-        The machine does not know of them: no output waits for an answer, and none becomes an
-        output. The message handler looks at each message that was taken on; the response handler
-        gets each answer that comes in time. They are gated and bounded as a cloud's requests are.
+        An answer may be a plan for what may happen, for instance. No output waits for it, and it
+        becomes no output. Requests are gated and bounded as those of a cloud are.
+
+        Args:
+            handle: Makes the call: an ``async def`` of a request and its `Call`.
+            message_handler: Gets each message that was accepted, and returns the request and how
+                long it may take, or None.
+            response_handler: Gets each answer that comes in time.
+            name: For people and counts; by default ``side-`` and its number, from 1.
+            limit: The gate shuts when this many requests wait to be sent (F2g).
+            resume: The shut gate opens when this many or fewer wait; less than ``limit``.
+            calls: How many calls may be under way; further requests wait.
+
+        Raises:
+            ConfigError: if the operator has started, or an argument is of the wrong kind.
         """
         self._check_not_started("a side request")
         check_handle(handle)
@@ -94,4 +241,6 @@ class PipelineSetup(Generic[M, V]):
             raise ConfigError(f"{what} after the start; register it before")
 
     def _names(self) -> list[str]:
-        raise NotImplementedError
+        """Return the names that counts have already."""
+        sides = [side.name for side in self._handlers.sides]
+        return [self.name, *sides, *(it.cloud.name or "" for it in self._clouds)]

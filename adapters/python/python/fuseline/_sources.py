@@ -5,16 +5,18 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fuseline._fuseline import Latency, nanoseconds
 from fuseline._item import Call, Item
 from fuseline._side import SideRequest
 from fuseline._state import CarriedState
-from fuseline._threads import DaemonThreads
 from fuseline._wiring import check_awaitable, check_value, is_awaitable
 from fuseline._words import Cloud, ns
 from fuseline.deadline import Policy
+
+if TYPE_CHECKING:
+    from fuseline._encoding import Encoder
 
 
 @dataclass(slots=True)
@@ -70,7 +72,7 @@ class SourceTasks:
     limit: int
     cloud: RegisteredCloud | None
     #: For requests that are to be encoded.
-    encoders: DaemonThreads | None = None
+    encoder: Encoder | None = None
     #: By timestamp; those that linger too. None for a task that is about to be made.
     in_flight: dict[int, asyncio.Task[None] | None] = field(default_factory=dict)
     #: Those that were cancelled and have not ended.

@@ -21,13 +21,13 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
 from fuseline._actions import Form, check_form, form_of
 from fuseline._blocking import BlockingOperator
 from fuseline._chunks import Blend, ChunkPlan, actions_of, fade
-from fuseline._drive import GRACE
 from fuseline._errors import CallError, ConfigError, in_one_line
 from fuseline._failures import PolicyFailures
 from fuseline._fuseline import nanoseconds
 from fuseline._item import Call, Failure, Item, StampedValue
 from fuseline._local import Local
 from fuseline._operator import Operator
+from fuseline._recording import GRACE
 from fuseline._remote import RemotePolicy, RemoteThread, check_connects
 from fuseline._servers import lerobot, openpi
 from fuseline._snapshot import snapshot

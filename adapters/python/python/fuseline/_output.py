@@ -1,0 +1,58 @@
+"""The items of an operator that wait to be read."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Generic, TypeVar
+
+from fuseline._item import Item
+from fuseline._loop import WaiterList
+
+V = TypeVar("V")
+
+
+class Output(Generic[V]):
+    """Holds items until they are read, and knows who waits for an item and who for room.
+
+    Args:
+        limit: How many items may wait before no further message is taken in.
+    """
+
+    def __init__(self, limit: int) -> None:
+        self.items: deque[Item[V]] = deque()
+        self.limit = limit
+        self.readers, self.writers = WaiterList(), WaiterList()
+        #: How many items were read.
+        self.read_count = 0
+        #: Whether the operator's block has ended while messages are fed.
+        self.is_ending = False
+
+    def put(self, item: Item[V]) -> None:
+        """Add an item; it takes the place of an earlier one of its message that was not read."""
+        if item.revision > 0:
+            for place, earlier in enumerate(self.items):
+                if earlier.timestamp == item.timestamp:
+                    # F9, D8: nobody has read it, and nobody needs it any more.
+                    item._takes_the_place_of(earlier)
+                    del self.items[place]
+                    break
+        self.items.append(item)
+        if self.readers.waiters:
+            self.readers.wake()
+        elif self.is_ending and self.writers.waiters:
+            # What is fed may have to give up.
+            self.writers.wake()
+
+    def take(self) -> Item[V]:
+        """Remove and return the oldest item, and wake the writers if there is room again."""
+        item = self.items.popleft()
+        self.read_count += 1
+        if self.writers.waiters and len(self.items) < self.limit:
+            self.writers.wake()
+        return item
+
+    def give_back(self, item: Item[V]) -> None:
+        """Put an item back that was taken for a reader who did not get it."""
+        self.items.appendleft(item)
+        self.read_count -= 1
+        self.readers.wake()
