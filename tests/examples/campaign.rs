@@ -1,8 +1,9 @@
-//! A machine of the rules against the core and the reference machine, on many generated inputs.
+//! Compares a machine of the rules with the core and the reference machine, on many generated inputs.
 //!
-//! `campaign INPUTS SEED COMMAND…` sends runs to the command, as `fuseline drive` does but without waiting for its answers, until
-//! they have so many inputs. The core and the reference machine must decide alike, and the command must write the same bytes.
-//! The last line has what was compared. Exit code 1: a difference, or the command ended.
+//! `campaign INPUTS SEED COMMAND…` sends runs with INPUTS inputs in all to the command. It works as `fuseline
+//! drive` does, but does not wait for answers. The core and the reference machine must decide the same, and
+//! the command must write the same bytes. The last line says what was compared. The exit code is 1 if there
+//! is a difference or the command ended.
 
 use std::io::{self, BufReader, BufWriter, Read, Write};
 use std::process::{ChildStdin, ChildStdout, Command, ExitCode, Stdio};
@@ -13,21 +14,22 @@ use fuseline_arbiter::Arbiter;
 use fuseline_testkit::{Generator, Run};
 use fuseline_traces::Reference;
 
-/// Of the runs that fill the greatest window, one in so many is sent: a machine of lists takes seconds for it.
+/// One in this many of the runs that fill the greatest window is sent, because a machine of lists takes
+/// seconds for it.
 const FULL_WINDOWS: u64 = 200;
-/// A run of more inputs is one of those.
+/// A run with more inputs than this is one of those.
 const MOST_INPUTS: usize = 4_000;
-/// How many runs the command may lag behind.
+/// The number of runs that the command may lag behind.
 const AHEAD: usize = 4_096;
 const DONE: &[u8] = b"{\"ev\":\"done\"}\n";
 
-/// A run that was sent, and what must come back.
+/// A run that was sent, and the answer that must come back.
 struct SentRun {
     name: String,
     answer: Vec<u8>,
 }
 
-/// How much was sent.
+/// The number of runs, inputs and decisions.
 #[derive(Default)]
 struct CampaignExtent {
     runs: u64,
@@ -90,7 +92,7 @@ fn read(arguments: &[String]) -> Option<(u64, u64, &[String])> {
     Some((inputs.parse().ok()?, seed.parse().ok()?, command))
 }
 
-/// Every other run is wide, as those of the first generator of `fuseline drive` are.
+/// Returns a run. Every second run is wide, as the runs of the first generator of `fuseline drive` are.
 fn run(seed: u64, number: u64) -> (String, Run) {
     let (half, clouds) = (number / 2, [4, 15]);
     let generator = |clouds| Generator { seed, commit: None, clouds };
@@ -100,7 +102,7 @@ fn run(seed: u64, number: u64) -> (String, Run) {
     }
 }
 
-/// Sends runs until they have so many inputs.
+/// Sends runs until they have the requested number of inputs.
 fn send(
     stdin: ChildStdin,
     wanted: u64,
@@ -127,17 +129,17 @@ fn send(
         extent.runs += 1;
         extent.inputs += run.inputs.len() as u64;
         extent.decisions += decisions;
-        // Where either fails, the other side knows why.
+        // If either fails, the other side knows why.
         if sent.send(SentRun { name, answer }).is_err() || stdin.write_all(&text).is_err() {
             return Ok(extent);
         }
     }
-    // An end that was not written is found by the other side.
+    // The other side finds an end that was not written.
     let _ = stdin.flush();
     Ok(extent)
 }
 
-/// What both machines decide, as the command must write it, and how many decisions these are.
+/// Returns the decisions of both machines, as the command must write them, and their number.
 fn decide(run: &Run) -> Result<(Vec<u8>, u64), String> {
     let mut core: Arbiter =
         Arbiter::new(&run.header).map_err(|error| format!("a sound configuration: {error}"))?;
@@ -179,7 +181,7 @@ fn compare(stdout: ChildStdout, sent: &Receiver<SentRun>) -> Result<(), String> 
     }
 }
 
-/// Reads until the buffer is full or nothing more comes; how much came.
+/// Reads until the buffer is full or the input ends. Returns the number of bytes.
 fn fill(from: &mut impl Read, buffer: &mut [u8]) -> io::Result<usize> {
     let mut came = 0;
     while let Some(rest) = buffer.get_mut(came..).filter(|rest| !rest.is_empty()) {
@@ -191,7 +193,7 @@ fn fill(from: &mut impl Read, buffer: &mut [u8]) -> io::Result<usize> {
     Ok(came)
 }
 
-/// The first line that differs.
+/// Returns the first line that differs.
 fn difference(found: &[u8], expected: &[u8]) -> String {
     let lines = |bytes: &[u8]| -> Vec<String> {
         String::from_utf8_lossy(bytes).lines().map(str::to_owned).collect()

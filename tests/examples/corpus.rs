@@ -1,4 +1,5 @@
-//! Replays each conforming trace of the corpus through the core and says, as a test would, whether it came out alike.
+//! Replays each conforming trace of the corpus through the core, and prints the outcome of each in the form
+//! of a test.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::ExitCode;
@@ -10,7 +11,8 @@ use fuseline_traces::{Decision, Event, Events};
 fn main() -> ExitCode {
     let mut all = true;
     for case in CASES {
-        // On a line of its own before the replay: one that never ends has been named.
+        // The name is on a line of its own before the replay, so that a replay that never ends has been
+        // named.
         println!("test {} ...", case.name);
         let alike = catch_unwind(AssertUnwindSafe(|| replays(case))).unwrap_or(false);
         println!("test {} ... {}", case.name, if alike { "ok" } else { "FAILED" });
@@ -19,7 +21,7 @@ fn main() -> ExitCode {
     if all { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-/// Whether the core answers the inputs with the decisions that stand after them.
+/// Returns `true` if the core answers the inputs with the decisions that follow them.
 fn replays(case: &Example) -> bool {
     let mut reader = Events::new(case.name, case.trace.as_bytes()).expect("it has a header");
     let mut arbiter: Arbiter = Arbiter::new(reader.header()).expect("a sound configuration");

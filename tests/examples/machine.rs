@@ -1,4 +1,5 @@
-//! The core behind the protocol of `fuseline drive` and nothing else, so that a fault in it is built in seconds.
+//! The core behind the protocol of `fuseline drive`, and nothing else, so that a build with a fault takes
+//! seconds.
 
 use std::io::{self, BufRead, Write};
 

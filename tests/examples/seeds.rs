@@ -1,6 +1,6 @@
-//! Writes the fuzz targets' seeds, from the corpus: `cargo run -p fuseline-tests --example seeds`.
+//! Writes the fuzz targets' seeds from the corpus: `cargo run -p fuseline-tests --example seeds`.
 //!
-//! Seeds that are there stay, findings among them, unless one of the same name is written.
+//! Existing seeds stay, findings included, unless a new one has the same name.
 
 use std::collections::HashSet;
 use std::fs;
@@ -39,7 +39,7 @@ fn write(target: &str, name: &str, bytes: &[u8]) -> io::Result<()> {
     fs::write(folder.join(name), bytes)
 }
 
-/// Edited traces: each breaks a rule by an op that did not break it before, or reaches more.
+/// Returns edited traces. Each breaks a rule by an edit that did not break it before, or reaches more.
 fn edited(runs: &[(&str, Run)]) -> Vec<(String, Vec<u8>)> {
     let (mut all, mut broken) = (Coverage::default(), HashSet::new());
     let mut seeds = Vec::new();
@@ -60,7 +60,7 @@ fn edited(runs: &[(&str, Run)]) -> Vec<(String, Vec<u8>)> {
     seeds
 }
 
-/// Each op at each of the first indices, changing one word by one.
+/// Returns each edit at each of the first indices, which changes one field by one.
 fn edits() -> impl Iterator<Item = Edit> {
     let words = (0..6).map(|word| std::array::from_fn(|other| i8::from(other == word)));
     let words: Vec<[i8; 6]> = words.collect();
@@ -74,7 +74,7 @@ fn edits() -> impl Iterator<Item = Edit> {
     })
 }
 
-/// What the corpus has not: files that are no traces, odd ones that are, and every line.
+/// Returns what the corpus lacks: files that are not traces, unusual files that are, and every line.
 fn files() -> io::Result<Vec<(&'static str, Vec<u8>)>> {
     let header = "{\"fuseline\":1,\"window\":1,\"clouds\":[]}\n";
     let tick = "{\"ev\":\"tick\",\"at\":1}\n";

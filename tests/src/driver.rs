@@ -1,4 +1,4 @@
-//! The core behind a clock that stands still until a test moves it.
+//! The core with a clock that stands still until a test moves it.
 
 use fuseline_core::{
     Admission, At, Cloud, Commit, Deadline, Firing, Fusion, Instant, Opening, Outcome, Priority,
@@ -7,20 +7,20 @@ use fuseline_core::{
 
 /// The core's machine for up to 15 clouds and 1024 timestamps, with a manual clock at 0.
 ///
-/// Numbers are nanoseconds, timestamps and priorities as in a trace.
+/// Numbers are nanoseconds, and timestamps and priorities as in a trace.
 pub struct CoreDriver {
     fusion: Box<Fusion<15, 1024>>,
     now: u64,
 }
 
-/// What a machine of this size says about timers that fired.
+/// A firing of a machine of this size.
 pub type Fired = Firing<15>;
 
 impl CoreDriver {
-    /// A machine with these clouds by priority, their gates wide open.
+    /// Creates a machine whose clouds have these priorities and wide open gates.
     ///
     /// # Panics
-    /// If the configuration is refused.
+    /// Panics if the configuration is refused.
     #[must_use]
     pub fn new(window: usize, commit: Commit, clouds: &[u16]) -> Self {
         let clouds: Vec<Cloud> =
@@ -28,17 +28,17 @@ impl CoreDriver {
         Self::with(window, commit, &clouds)
     }
 
-    /// A machine with these clouds.
+    /// Creates a machine with these clouds.
     ///
     /// # Panics
-    /// If the configuration is refused.
+    /// Panics if the configuration is refused.
     #[must_use]
     pub fn with(window: usize, commit: Commit, clouds: &[Cloud]) -> Self {
         let fusion = Fusion::new(window, commit, clouds).expect("a sound configuration");
         Self { fusion: Box::new(fusion), now: 0 }
     }
 
-    /// Moves the clock to `now` and returns what fired on the way.
+    /// Moves the clock to `now`. Returns the firings on the way.
     pub fn tick(&mut self, now: u64) -> Vec<Fired> {
         self.now = now;
         let mut firings = Vec::new();
@@ -64,18 +64,18 @@ impl CoreDriver {
         self.ready().offer(Timestamp::new(t), Priority::new(p), deadline, backlog)
     }
 
-    /// Opens `t` now, where it must be accepted.
+    /// Opens `t` now; it must be accepted.
     ///
     /// # Panics
-    /// If it is refused.
+    /// Panics if it is refused.
     pub fn opened(&mut self, t: u64, deadline: Option<u64>) {
         assert_eq!(self.open(t, deadline), Opening::Accepted, "open {t}");
     }
 
-    /// Offers `(t, p)` now with an empty queue, where it must be admitted.
+    /// Offers `(t, p)` now with an empty queue; it must be admitted.
     ///
     /// # Panics
-    /// If it is refused.
+    /// Panics if it is refused.
     pub fn requested(&mut self, t: u64, p: u16, deadline: u64) {
         let admission = self.offer(t, p, deadline);
         assert!(matches!(admission, Admission::Admitted { .. }), "({t}, {p}): {admission:?}");
@@ -86,18 +86,18 @@ impl CoreDriver {
         self.ready().result(Timestamp::new(t), Priority::new(p))
     }
 
-    /// Tells that no result of `p` for `t` will come (F4).
+    /// Reports that no result of `p` for `t` will come (F4).
     pub fn fail(&mut self, t: u64, p: u16) -> Outcome<15> {
         self.ready().fail(Timestamp::new(t), Priority::new(p))
     }
 
-    /// The machine, for questions.
+    /// Returns the machine, for queries.
     #[must_use]
     pub const fn fusion(&self) -> &Fusion<15, 1024> {
         &self.fusion
     }
 
-    /// The next due instant.
+    /// Returns the next due instant.
     #[must_use]
     pub fn next_due(&self) -> Option<u64> {
         self.fusion.next_due().map(Instant::as_nanos)

@@ -1,7 +1,7 @@
-//! What the fuzz targets check, as functions over bytes: plain tests replay the targets' seeds.
+//! The checks of the fuzz targets, as functions over bytes. Plain tests replay the targets' seeds with them.
 //!
-//! Each notes in a [`Coverage`] what the bytes came to, and returns what is wrong, in words, with the
-//! trace.
+//! Each function notes in a [`Coverage`] what the bytes reached, and returns a description of what is wrong,
+//! with the trace.
 
 mod bytes;
 mod edit;
@@ -19,27 +19,27 @@ pub use edit::{Edit, EditKind};
 
 /// The name of a trace in verdicts and errors.
 const FILE: &str = "fuzz";
-/// What no error's message needs to be longer than, in bytes.
+/// The greatest length of an error's message, in bytes.
 const MESSAGE: usize = 512;
 
-/// What is wrong, in words.
+/// A description of what is wrong.
 type FuzzResult = Result<(), String>;
 
-/// Bytes as a run, the machine that ships against the reference machine: decision for decision, and
+/// Takes bytes as a run, and compares the machine that ships with the reference machine: each decision, and
 /// the next due instant after each input.
 ///
 /// # Errors
-/// The first difference, and the run as it should be.
+/// Returns the first difference, and the run as it should be.
 pub fn step(bytes: &[u8], reach: &mut Coverage) -> FuzzResult {
     let run = Bytes::new(bytes).run();
     compare(&run, reach).map_err(|difference| format!("{difference}\n{run:?}"))
 }
 
-/// Bytes as a file: it is read to its end or to an error that says where, and every line read is
-/// the same after it was written.
+/// Takes bytes as a file. It is read to its end or to an error with its place, and every line stays the same
+/// when it is written and read again.
 ///
 /// # Errors
-/// What is wrong with how it was read.
+/// Returns what is wrong with the reading.
 pub fn trace_parse(bytes: &[u8], reach: &mut Coverage) -> FuzzResult {
     let inner = unpack(bytes).map_err(|error| format!("bytes in memory did not come: {error}"))?;
     let mut reader = match Events::new(FILE, inner) {
@@ -60,11 +60,11 @@ pub fn trace_parse(bytes: &[u8], reach: &mut Coverage) -> FuzzResult {
     }
 }
 
-/// Bytes as an [`Edit`] and a run: the judge accepts what the machine that ships decides, and finds
+/// Takes bytes as an [`Edit`] and a run. The judge accepts the decisions of the machine that ships, and finds
 /// the edit at its line, unless it changes nothing.
 ///
 /// # Errors
-/// Where the judge is wrong, and the edited trace.
+/// Returns where the judge is wrong, and the edited trace.
 pub fn judge(bytes: &[u8], reach: &mut Coverage) -> FuzzResult {
     let mut bytes = Bytes::new(bytes);
     let edit = Edit::read(&mut bytes);
@@ -75,15 +75,15 @@ pub fn judge(bytes: &[u8], reach: &mut Coverage) -> FuzzResult {
         .map_err(|defect| format!("{defect}\n{}", String::from_utf8_lossy(&text(&run, &edited))))
 }
 
-/// All that [`judge`] can reach: what runs can, and a violation of every rule.
+/// Returns all marks that [`judge`] can reach: those of runs, and a violation of every rule.
 #[must_use]
 pub fn marks_of_judge() -> Vec<Mark> {
     [Mark::of_runs(), Mark::of_violations()].concat()
 }
 
-/// A run as [`step`] reads it; for [`judge`] an edit's bytes go before it.
+/// Returns the bytes that [`step`] reads as this run. For [`judge`] an edit's bytes go before them.
 ///
-/// The operator's and the clouds' names are left out.
+/// The names of the operator and of the clouds are left out.
 #[must_use]
 pub fn bytes_of(run: &Run) -> Vec<u8> {
     let mut bytes = Vec::new();
@@ -91,17 +91,17 @@ pub fn bytes_of(run: &Run) -> Vec<u8> {
     bytes
 }
 
-/// The run that [`step`] makes of bytes.
+/// Returns the run that [`step`] makes of bytes.
 #[must_use]
 pub fn run_of(bytes: &[u8]) -> Run {
     Bytes::new(bytes).run()
 }
 
-/// Runs both machines side by side: decision for decision, and the next due instant after each input. A progressive run
-/// admits and ends what a patient one does (P13).
+/// Runs both machines side by side, and compares each decision and the next due instant after each input. A
+/// progressive run admits and ends what a patient one does (P13).
 ///
 /// # Errors
-/// The first difference.
+/// Returns the first difference.
 pub fn compare(run: &Run, reach: &mut Coverage) -> FuzzResult {
     let mut arbiter = arbiter_of(&run.header)?;
     let mut patient = arbiter_of(&Header { commit: Commit::Patient, ..run.header.clone() })?;
@@ -133,14 +133,15 @@ pub fn compare(run: &Run, reach: &mut Coverage) -> FuzzResult {
     Ok(())
 }
 
-/// An accepted line: it is JSON to others too, and written and read again it says the same.
+/// Checks an accepted line: it is JSON to others too, and it stays the same when it is written and read
+/// again.
 fn unchanged(raw: &[u8], line: &Line, reach: &mut Coverage) -> FuzzResult {
     reach.line(line);
     let wrong = |what: &str| Err(format!("{what}: {}\n{line:?}", String::from_utf8_lossy(raw)));
     if serde_json::from_slice::<IgnoredAny>(raw).is_err() {
         return wrong("read though it is not JSON");
     }
-    // With a blank in it a line is read key by key, whatever it is.
+    // A line with a blank in it is read key by key.
     if let Some(rest) = raw.strip_prefix(b"{") {
         let spaced = parse(&[b"{ ", rest].concat());
         if spaced != parse(raw) {
@@ -156,7 +157,7 @@ fn unchanged(raw: &[u8], line: &Line, reach: &mut Coverage) -> FuzzResult {
     Ok(())
 }
 
-/// What stands on an accepted line besides: written and read again it is the same.
+/// Checks the further keys of an accepted line, which stay the same when they are written and read again.
 fn unchanged_annotations(event: &Event, annotations: &Annotations) -> FuzzResult {
     if annotations.is_empty() {
         return Ok(());
@@ -176,12 +177,12 @@ fn unchanged_annotations(event: &Event, annotations: &Annotations) -> FuzzResult
     }
 }
 
-/// An error where line number `line` was to be read: it names that line, fit for a terminal.
+/// Checks an error at line number `line`: it names that line and is safe for a terminal.
 fn refused(error: &ReadError, line: u64, reach: &mut Coverage) -> FuzzResult {
     reach.defect(error);
     let message = error.to_string();
     let column = 1..=LINE as u64 + 1;
-    // What flate2 says of a broken file is not ours.
+    // The message about a broken file is flate2's.
     let is_ours = !matches!(error.defect, Defect::Io(_));
     if error.line != line || !column.contains(&error.column) {
         return Err(format!("at line {line} the error is {message:?}"));
@@ -192,7 +193,7 @@ fn refused(error: &ReadError, line: u64, reach: &mut Coverage) -> FuzzResult {
     Ok(())
 }
 
-/// The run's inputs, each with what the machine that ships decides about it.
+/// Returns the run's inputs, each with the decisions of the machine that ships.
 fn replay(run: &Run) -> Result<Vec<Event>, String> {
     let mut arbiter = arbiter_of(&run.header)?;
     let mut events = Vec::new();
@@ -226,12 +227,12 @@ fn find(run: &Run, whole: &[Event], edited: &[Event], reach: &mut Coverage) -> F
     Ok(())
 }
 
-/// Where the judge finds the first difference: at a decision, or, where one is missing, at the line
-/// before what stands in its place.
+/// Returns the line at which the judge finds the first difference: at a decision or, if one is missing, at
+/// the line before what takes its place.
 fn broken_line(whole: &[Event], edited: &[Event]) -> Option<u64> {
     let both = whole.len().max(edited.len());
     let index = (0..both).find(|index| whole.get(*index) != edited.get(*index))?;
-    // The header is line 1, the first event line 2.
+    // The header is line 1, and the first event is line 2.
     let line = index as u64 + 2;
     match edited.get(index) {
         Some(Event::Decision(_)) => Some(line),
@@ -243,7 +244,7 @@ fn verdict(run: &Run, events: &[Event]) -> Result<traces::Verdict, String> {
     traces::judge(FILE, &*text(run, events)).map_err(|error| format!("it cannot be read: {error}"))
 }
 
-/// The trace as it is written.
+/// Returns the trace as it is written.
 fn text(run: &Run, events: &[Event]) -> Vec<u8> {
     let mut text = Vec::new();
     run.header.write(&mut text);

@@ -1,4 +1,4 @@
-//! What crosses crates: a driver with a manual clock, and what the fuzz targets check.
+//! Shared by tests of several crates: a driver with a manual clock, and the checks of the fuzz targets.
 
 mod driver;
 pub mod fuzz;

@@ -1,4 +1,5 @@
-//! Every identifier that is cited exists, and every rule and promise is cited by code and by a test or trace.
+//! Checks that every identifier that is cited exists, and that code and a test or trace cite every rule and
+//! promise.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -10,7 +11,7 @@ use regex::Regex;
 
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 
-/// Words that look like an identifier and are none, with what they are.
+/// Words that look like an identifier, with what they are.
 const OTHER_WORDS: [(&str, &str); 6] = [
     ("A100", "a graphics processor"),
     ("F32", "a number type"),
@@ -22,11 +23,11 @@ const OTHER_WORDS: [(&str, &str); 6] = [
 
 /// An identifier in a comment, a document or a string.
 static WORD: LazyLock<Regex> = LazyLock::new(|| regex(r"\b([FPATDJE]\d{1,3}g?)\b"));
-/// An identifier at the head of a function's name.
+/// An identifier at the start of a function's name.
 static FUNCTION: LazyLock<Regex> = LazyLock::new(|| regex(r"\bfn ([fpatdje]\d+g?)_"));
-/// Identifiers at the head of a trace's name.
+/// Identifiers at the start of a trace's name.
 static TRACE: LazyLock<Regex> = LazyLock::new(|| regex(r"^([fpadje]\d+g?)-"));
-/// Where the specification defines: a rule's heading, a promise's or an ambiguity's row.
+/// The places of definitions in the specification: a rule's heading, and a promise's or an ambiguity's row.
 static DEFINITION: LazyLock<Regex> =
     LazyLock::new(|| regex(r"(?m)^(?:### (F\d+g?) |\| ([PTDJE]\d+) |\| (A\d+) \|)"));
 
@@ -34,23 +35,23 @@ fn regex(pattern: &str) -> Regex {
     Regex::new(pattern).expect("a sound pattern")
 }
 
-/// What kind of witness a citation is.
+/// The kind of witness that a citation is.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 enum WitnessKind {
-    /// Code that is shipped.
+    /// Shipped code.
     Code,
     /// A test, or a trace of the corpus.
     Witness,
-    /// Anything else: it must cite what exists, and proves nothing.
+    /// Anything else. It must cite what exists, and proves nothing.
     Text,
 }
 
-/// An identifier with where it is cited.
+/// An identifier and the place that cites it.
 #[derive(Clone, PartialEq, Eq, Debug)]
 struct Citation {
     id: String,
     kind: WitnessKind,
-    /// `file:line`.
+    /// The place as `file:line`.
     at: String,
 }
 
@@ -58,7 +59,7 @@ fn spec() -> String {
     fs::read_to_string(Path::new(ROOT).join("SPEC.md")).expect("SPEC.md is there")
 }
 
-/// The identifiers in the order in which they are defined.
+/// Returns the identifiers in the order in which they are defined.
 fn defined(spec: &str) -> Vec<String> {
     let id = |found: regex::Captures| {
         found.iter().skip(1).flatten().next().map(|id| id.as_str().to_owned())
@@ -66,7 +67,7 @@ fn defined(spec: &str) -> Vec<String> {
     DEFINITION.captures_iter(spec).filter_map(id).collect()
 }
 
-/// All files that the project keeps, without what git ignores.
+/// Returns all files that the project keeps, without those that git ignores.
 fn files() -> impl Iterator<Item = PathBuf> {
     let walk = WalkBuilder::new(ROOT).require_git(false).build();
     walk.map(|entry| entry.expect("a readable folder").into_path()).filter(|path| path.is_file())
@@ -77,7 +78,7 @@ fn is_witness(file: &Path) -> bool {
     within("tests") || within("testkit") || within("corpus") || file.ends_with("tests.rs")
 }
 
-/// The citations of one file, whose path is relative to the root.
+/// Returns the citations of one file, whose path is relative to the root.
 fn citations(file: &Path, text: &str) -> Vec<Citation> {
     let mut found = Vec::new();
     let mut kind = match file.extension().and_then(|extension| extension.to_str()) {
@@ -99,14 +100,14 @@ fn citations(file: &Path, text: &str) -> Vec<Citation> {
     found
 }
 
-/// As the specification writes it: `f2g` is `F2g`.
+/// Returns the identifier as the specification writes it: `f2g` becomes `F2g`.
 fn identifier(word: &str) -> String {
     let mut id = word.to_owned();
     id[..1].make_ascii_uppercase();
     id
 }
 
-/// The citations of the whole project, names of traces included, the specification's own not.
+/// Returns the citations of the whole project, with names of traces, but without the specification's own.
 fn all_citations() -> Vec<Citation> {
     let mut all = Vec::new();
     for path in files() {
@@ -118,7 +119,7 @@ fn all_citations() -> Vec<Citation> {
                 kind: WitnessKind::Witness,
                 at: file.display().to_string(),
             })),
-            // This file's own examples witness nothing.
+            // This file's own examples are not witnesses.
             _ if name == "SPEC.md" || name == "citations.rs" => {}
             Some("rs" | "md" | "json" | "toml") => {
                 all.extend(citations(file, &fs::read_to_string(&path).expect("UTF-8")));
@@ -133,7 +134,7 @@ fn all_citations() -> Vec<Citation> {
     all
 }
 
-/// The comments of a file of Coq, each in its line: what its proofs name is no identifier.
+/// Returns the comments of a Coq file, each in its line; names in its proofs are not identifiers.
 fn comments(text: &str) -> String {
     let mut kept = String::new();
     let mut depth = 0_usize;
@@ -151,12 +152,12 @@ fn comments(text: &str) -> String {
     kept
 }
 
-/// The citations of what is not defined.
+/// Returns the citations of identifiers that are not defined.
 fn unknown<'a>(defined: &[String], citations: &'a [Citation]) -> Vec<&'a Citation> {
     citations.iter().filter(|citation| !defined.contains(&citation.id)).collect()
 }
 
-/// The rules and promises that no citation of this kind names.
+/// Returns the rules and promises that no citation of this kind names.
 fn uncited(defined: &[String], citations: &[Citation], kind: WitnessKind) -> Vec<String> {
     let cited: BTreeSet<_> = citations
         .iter()
@@ -205,7 +206,7 @@ fn identifiers_are_defined_once_and_without_gaps() {
 }
 
 #[test]
-fn every_rule_and_ambiguity_names_what_of_the_paper_it_answers() {
+fn every_rule_and_ambiguity_names_its_place_in_paper() {
     let spec = spec();
     let marks = ["design", "techniques", "feasibility", "scenarios", "conclusion", "silent"];
     let is_marked = |text: &str| marks.iter().any(|mark| text.contains(mark));
@@ -236,7 +237,7 @@ fn an_identifier_beyond_the_specification_is_found() {
 }
 
 #[test]
-fn a_rule_cited_by_its_tests_alone_counts_as_uncited_by_code() {
+fn rule_cited_only_by_tests_is_uncited_by_code() {
     let spec = ["F3".to_owned(), "P2".to_owned()];
     let text = "// F3 late.\n#[cfg(test)]\nmod tests {\n#[test]\nfn p2_never_late() {}\n}";
     let cited = citations(Path::new("core/src/slot.rs"), text);

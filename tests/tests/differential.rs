@@ -1,4 +1,4 @@
-//! The machine that ships against the reference machine, decision for decision.
+//! Compares the machine that ships with the reference machine, decision by decision.
 
 use std::cell::RefCell;
 use std::fs;
@@ -14,9 +14,9 @@ use fuseline_traces::{
     Commit, Decision, Event, Events, ExpectedDecisions, Header, Input, Reference,
 };
 
-/// Runs under each commit rule, enough that everything is reached; the variable `CASES` overrides it.
+/// The runs under each commit rule, enough to reach everything. The variable `CASES` overrides it.
 const CASES: u64 = 1024;
-/// Enough where nothing is counted.
+/// The runs that suffice if nothing is counted.
 const FEWER: u64 = 512;
 
 fn arbiter(header: &Header) -> Arbiter {
@@ -29,7 +29,7 @@ fn decisions(arbiter: &mut Arbiter, input: &Input) -> Vec<Decision> {
     decisions
 }
 
-/// Runs `property` on generated runs; a failure shows the smallest run as a trace.
+/// Runs `property` on generated runs. A failure shows the smallest run as a trace.
 fn check(commits: &[Commit], cases: u64, mut property: impl FnMut(&Run) -> Result<(), String>) {
     let wanted = std::env::var("CASES").ok().and_then(|cases| cases.parse().ok());
     for commit in commits {
@@ -48,9 +48,9 @@ fn check(commits: &[Commit], cases: u64, mut property: impl FnMut(&Run) -> Resul
     }
 }
 
-/// F0–F8: every decision that the rules demand, in order, and no other.
+/// The core makes every decision that the rules demand, in order, and no other (F0–F8).
 #[test]
-fn the_core_decides_what_the_reference_machine_decides() {
+fn core_decides_as_the_reference_machine() {
     let mut reach = Coverage::default();
     check(&Commit::ALL, CASES, |run| compare(run, &mut reach));
     for share in reach.shares() {
@@ -58,7 +58,7 @@ fn the_core_decides_what_the_reference_machine_decides() {
     }
 }
 
-/// The same at all scales of time, with long chains and full windows.
+/// The same holds at all scales of time, with long chains and full windows.
 #[test]
 fn core_and_reference_agree_on_varied_runs() {
     let mut reach = Coverage::default();
@@ -71,9 +71,9 @@ fn core_and_reference_agree_on_varied_runs() {
     }
 }
 
-/// P13, of the reference machine; the core's is compared along with its decisions.
+/// This tests the reference machine; the core's decisions are compared with it (P13).
 #[test]
-fn p13_the_rules_admit_and_end_under_progressive_what_they_do_under_patient() {
+fn p13_reference_progressive_is_as_patient() {
     check(&[Commit::Progressive], FEWER, |run| {
         let patient = Header { commit: Commit::Patient, ..run.header.clone() };
         let mut machines = [Reference::new(&run.header), Reference::new(&patient)];
@@ -133,7 +133,7 @@ fn p10_ticks_at_every_due_instant_change_no_decision() {
 }
 
 #[test]
-fn p10_the_order_of_clouds_in_the_configuration_changes_no_decision() {
+fn p10_order_of_clouds_changes_no_decision() {
     check(&Commit::ALL, FEWER, |run| {
         let mut turned = run.header.clone();
         turned.clouds.reverse();
@@ -149,7 +149,7 @@ fn p10_the_order_of_clouds_in_the_configuration_changes_no_decision() {
 }
 
 #[test]
-fn the_core_replays_every_conforming_trace_of_the_corpus() {
+fn core_replays_the_conforming_corpus() {
     let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("../traces/corpus");
     let mut replayed = 0;
     for entry in fs::read_dir(&corpus).expect("the corpus is there") {

@@ -1,4 +1,4 @@
-//! Arrows point inward: who may depend on whom.
+//! Checks that dependencies point inward: which crate may depend on which.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -10,7 +10,7 @@ use serde::Deserialize;
 
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 
-/// Every package that each package depends on, by whatever kind of dependency, feature and target.
+/// The packages that each package depends on, by any kind of dependency, feature and target.
 type Graph = BTreeMap<String, BTreeSet<String>>;
 
 #[derive(Deserialize)]
@@ -21,12 +21,12 @@ struct Lockfile {
 #[derive(Deserialize)]
 struct LockedPackage {
     name: String,
-    /// Names, each with a version behind it where two are locked.
+    /// The names of dependencies, each with a version if two are locked.
     #[serde(default)]
     dependencies: Vec<String>,
 }
 
-/// The graph as locked: unlike cargo's own it needs no package of another platform to be there.
+/// Returns the graph of the lock file. Unlike cargo's own graph it needs no package of another platform.
 fn graph() -> Graph {
     let lock = fs::read_to_string(format!("{ROOT}/Cargo.lock")).expect("the workspace is locked");
     let lock: Lockfile = toml::from_str(&lock).expect("cargo wrote it");
@@ -51,7 +51,7 @@ fn reached_from(from: &str, graph: &Graph) -> BTreeSet<String> {
     reached
 }
 
-/// What the members' manifests say.
+/// Returns the members' manifests.
 fn members() -> Vec<Package> {
     let metadata = MetadataCommand::new()
         .cargo_path(env!("CARGO"))
@@ -92,7 +92,7 @@ fn each_file_of_tests_is_a_program_or_a_module_of_one() {
     }
 }
 
-/// Whether one of the files of Rust at or below a folder is so.
+/// Returns `true` if `is_so` holds for the text of a Rust file at or below a folder.
 fn has_file(folder: &Path, is_so: impl Fn(&str) -> bool) -> bool {
     let files = WalkBuilder::new(folder).build().map(|file| file.expect("a readable folder"));
     let mut files = files.filter(|file| file.path().extension().is_some_and(|it| it == "rs"));
@@ -104,7 +104,7 @@ fn has_test(text: &str) -> bool {
     lines.any(|line| line.starts_with("#[test]") || line.starts_with("#[tokio::test"))
 }
 
-/// Whether a block of code in the documentation names no other language.
+/// Returns `true` if a code block in the documentation names no other language.
 fn has_example(text: &str) -> bool {
     let lines = text.lines().map(str::trim_start);
     let fences = lines
@@ -113,14 +113,15 @@ fn has_example(text: &str) -> bool {
     begins.any(|language| ["", "rust", "no_run", "should_panic"].contains(&language))
 }
 
-/// Cargo is told of some libraries and programs that they have no tests, or no examples, so that it builds nothing in vain.
+/// Cargo is told that some libraries and programs have no tests or no examples, so that it builds nothing in
+/// vain.
 #[test]
 fn what_is_said_to_have_no_tests_has_none() {
     let targets: Vec<_> = members().into_iter().flat_map(|package| package.targets).collect();
     let made = || targets.iter().filter(|target| target.is_lib() || target.is_bin());
     let folder = |target: &Target| target.src_path.parent().expect("a folder").to_owned();
     let tested: BTreeSet<_> = made().filter(|target| target.test).map(folder).collect();
-    // Beside a library that is tested only the program's own file is looked at.
+    // If a library beside it is tested, only the program's own file is looked at.
     for target in made().filter(|target| !target.test && tested.contains(&folder(target))) {
         let text = fs::read_to_string(&target.src_path).expect("UTF-8");
         assert!(!has_test(&text), "the tests of {} do not run", target.src_path);
@@ -174,9 +175,9 @@ fn core_is_not_reached_from_the_kit() {
 }
 
 #[test]
-fn the_machine_for_many_threads_reaches_of_ours_the_core_alone() {
+fn threads_depends_only_on_the_core() {
     let mut graph = graph();
-    // Under a cfg of its own alone.
+    // This dependency exists only under its own cfg.
     let is_there = graph.insert("loom".into(), BTreeSet::new()).is_some();
     assert!(is_there, "the packages behind fuseline-threads were not read");
     let reached = reached_from("fuseline-threads", &graph);

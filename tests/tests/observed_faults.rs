@@ -1,4 +1,5 @@
-//! Recorded operators that err in what no strict trace shows, at a message drawn by seed: the observed judge finds each.
+//! Records operators with faults that no strict trace shows, at a message drawn by seed. The observed judge
+//! finds each.
 
 use std::fmt::Write as _;
 
@@ -8,20 +9,20 @@ use fuseline_traces::{Events, Rule};
 
 const HEADER: &str = r#"{"fuseline":1,"window":4,"clouds":[{"p":1,"limit":9}]}"#;
 const SLACK: Slack = Slack { tolerance: ms(1), lateness: ms(5) };
-/// In ms, as all that is drawn here.
+/// In ms, as everything that is drawn here.
 const PERIOD: u64 = 100;
 const DEADLINE: u64 = 80;
 const MESSAGES: u64 = 20;
 
-/// What an operator does wrong.
+/// The fault of an operator.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum OperatorFault {
     None,
-    /// It is stuck before its output, and writes nothing more.
+    /// It hangs before its output and writes nothing more.
     Hangs,
-    /// It takes three messages not in.
+    /// It does not open three messages.
     StopsOpening,
-    /// It sends the reply to the message before.
+    /// It sends the result of the previous message.
     SendsAnothersValue,
     /// It sends the result of each attempt.
     SendsEachAttempt,
@@ -33,7 +34,8 @@ const fn ms(ms: u64) -> u64 {
     ms * 1_000_000
 }
 
-/// A recording of an operator that errs at one message: its cloud answers, with one attempt or two, or does not.
+/// Returns a recording of an operator with a fault at one message. Its cloud returns a result, with one
+/// attempt or two, or does not.
 fn recording(seed: u64, fault: OperatorFault, wrong: u64) -> String {
     let mut rng = Rng::with_seed(seed);
     let mut trace = format!("{HEADER}\n");
@@ -41,7 +43,7 @@ fn recording(seed: u64, fault: OperatorFault, wrong: u64) -> String {
         let errs = |it| it == fault && t == wrong;
         let left_out = fault == OperatorFault::StopsOpening && (wrong..wrong + 3).contains(&t);
         let begin = ms(1000 + t * PERIOD);
-        // Each message draws as much, whatever is wrong.
+        // Each message draws the same amount, whatever is wrong.
         let (answers, twice) = (rng.u32(0..4) > 0, rng.u32(0..2) > 0);
         let needs_reply = fault != OperatorFault::Hangs && t == wrong;
         let (answers, twice) = (answers || needs_reply, twice || needs_reply);
@@ -110,7 +112,7 @@ fn what_no_strict_trace_shows_is_found_at_its_message() {
             (OperatorFault::SendsAnothersValue, Some(BrokenRule::Rule(Rule::D2))),
             (OperatorFault::SendsEachAttempt, Some(BrokenRule::Rule(Rule::P1))),
             (OperatorFault::MissesItsDeadline, Some(BrokenRule::J2)),
-            // By what came before: prompt, best available, or local's floor.
+            // The rule depends on what came before: prompt, best available, or local floor.
             (OperatorFault::Hangs, None),
         ] {
             let trace = recording(seed, fault, wrong);
@@ -122,7 +124,7 @@ fn what_no_strict_trace_shows_is_found_at_its_message() {
                 .is_some_and(|it| it.t == Some(after) && rule.is_none_or(|rule| rule == it.rule));
             assert!(is_found, "{seed} {fault:?} at {wrong}: {verdict:?}\n{trace}");
         }
-        // Whoever does not know that the run is over cannot know that it hangs.
+        // A judge that does not know that the run is over cannot know that the operator hangs.
         assert!(judged(&recording(seed, OperatorFault::Hangs, wrong), false).violations.is_empty());
     }
 }

@@ -1,4 +1,4 @@
-//! The core's parts, for those who build another machine of them or keep its values.
+//! Tests the core's parts, for code that builds another machine of them or stores its values.
 
 use fuseline_core::{
     Admission, Cloud, Clouds, Commit, Deadline, Entry, Firing, Fusion, Held, Instant, Opening,
@@ -9,7 +9,7 @@ const NEAR: Priority = Priority::new(1);
 const FAR: Priority = Priority::new(2);
 const T: Timestamp = Timestamp::new(7);
 
-/// How a machine answers to a result of `source` while local and the far cloud are pending.
+/// Returns the machine's answer to a result of `source` while local and the far cloud are pending.
 fn answered(commit: Commit, source: Priority) -> Outcome<2> {
     let clouds = [NEAR, FAR].map(|cloud| Cloud::new(cloud, 31));
     let mut fusion = Fusion::<2, 4>::new(4, commit, &clouds).expect("a sound configuration");
@@ -20,14 +20,14 @@ fn answered(commit: Commit, source: Priority) -> Outcome<2> {
     ready.result(T, source)
 }
 
-/// How a machine answers that forwards the far cloud's result at once.
+/// Returns the machine's answer that forwards the far cloud's result at once.
 fn forwarded_by_far() -> Outcome<2> {
     let outcome = answered(Commit::Eager, FAR);
     assert!(matches!(outcome, Outcome::Forwarded { by: FAR, .. }), "{outcome:?}");
     outcome
 }
 
-/// F9.
+/// A preliminary result is sent, and nothing is held (F9).
 #[test]
 fn a_preliminary_result_is_sent_and_nothing_is_held() {
     let outcome = answered(Commit::Progressive, Priority::LOCAL);
@@ -38,7 +38,7 @@ fn a_preliminary_result_is_sent_and_nothing_is_held() {
 }
 
 #[test]
-fn what_is_held_is_forwarded_when_another_sources_result_decides() {
+fn held_value_is_forwarded_by_anothers_result() {
     let mut held: Held<&str, 4> = Held::new();
     assert!(held.is_empty());
     assert_eq!(held.result::<2>(T, FAR, "far", &Outcome::Held), None);

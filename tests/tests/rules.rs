@@ -1,4 +1,4 @@
-//! Each rule at its edges, on the core's façade with a manual clock.
+//! Tests each rule at its edges, through the core's façade with a manual clock.
 
 use fuseline_core::{Admission, Cloud, Commit, DropReason, OfferRefusal, OpenRefusal, Outcome};
 use fuseline_core::{Fusion, Instant, Opening, Priority};
@@ -7,7 +7,7 @@ use fuseline_tests::{CoreDriver, Fired};
 const BOTH: [Commit; 2] = [Commit::Eager, Commit::Patient];
 const END: u64 = u64::MAX;
 
-/// An outcome in a word or two.
+/// Describes an outcome in a word or two.
 fn reported(outcome: Outcome<15>) -> String {
     match outcome {
         Outcome::Dropped(DropReason::Unknown) => "unknown".into(),
@@ -30,7 +30,7 @@ fn reported(outcome: Outcome<15>) -> String {
     }
 }
 
-/// A firing as `timestamp: timers, outcome`.
+/// Describes a firing as `timestamp: timers, outcome`.
 fn reported_firing(firing: &Fired) -> String {
     let timers: Vec<_> = firing.timers.iter().map(Priority::as_u16).collect();
     format!("{}: {timers:?}, {}", firing.timestamp.as_u64(), reported(firing.outcome))
@@ -40,7 +40,7 @@ fn reported_firings(firings: &[Fired]) -> Vec<String> {
     firings.iter().map(reported_firing).collect()
 }
 
-/// Timestamp 0 open at 0 and offered, in order, with these deadlines.
+/// Returns a driver with timestamp 0 open at 0 and offered, in order, with these deadlines.
 fn driver_with(commit: Commit, clouds: &[(u16, u64)]) -> CoreDriver {
     let priorities: Vec<u16> = clouds.iter().map(|(p, _)| *p).collect();
     let mut driver = CoreDriver::new(4, commit, &priorities);
@@ -58,10 +58,10 @@ fn refused(admission: Admission) -> Option<OfferRefusal> {
     }
 }
 
-// F0
+// Time (F0)
 
 #[test]
-fn f0_result_at_the_last_instant_before_due_is_in_time() {
+fn f0_result_just_before_due_is_in_time() {
     for commit in BOTH {
         let mut driver = driver_with(commit, &[(1, 10)]);
         assert_eq!(reported_firings(&driver.tick(9)), [""; 0]);
@@ -84,7 +84,7 @@ fn f0_a_clock_that_goes_back_stands_still() {
     driver.tick(20);
     driver.tick(5);
     assert_eq!(driver.fusion().now(), Instant::from_nanos(20));
-    // A21: stamped before its due instant, given after the clock passed it.
+    // Stamped before its due instant, but given after the clock passed it (A21).
     assert_eq!(reported(driver.result(0, 1)), "late");
     assert_eq!(driver.open(1, Some(3)), Opening::Accepted);
     assert_eq!(driver.next_due(), Some(23));
@@ -99,13 +99,13 @@ fn f0_refused_and_dropped_inputs_move_the_clock() {
     assert_eq!(driver.fusion().now(), Instant::from_nanos(9));
 }
 
-// F1
+// Open (F1)
 
 #[test]
 fn f1_reasons_to_refuse_an_open_come_in_order() {
     let mut driver = CoreDriver::new(1, Commit::Eager, &[]);
     assert_eq!(driver.open(5, Some(0)), Opening::Refused(OpenRefusal::Deadline));
-    // A25: a refused timestamp may come again.
+    // A refused timestamp may come again (A25).
     assert_eq!(driver.open(5, None), Opening::Accepted);
     assert_eq!(driver.open(5, Some(0)), Opening::Refused(OpenRefusal::Order));
     assert_eq!(driver.open(4, None), Opening::Refused(OpenRefusal::Order));
@@ -113,7 +113,7 @@ fn f1_reasons_to_refuse_an_open_come_in_order() {
 }
 
 #[test]
-fn f1_a_window_of_every_size_takes_so_many_and_no_more() {
+fn f1_window_of_every_size_has_room_for_its_size() {
     for window in [1, 2, 1023, 1024] {
         let mut driver = CoreDriver::new(window, Commit::Eager, &[]);
         for t in 0..window as u64 {
@@ -128,7 +128,7 @@ fn f1_a_window_of_every_size_takes_so_many_and_no_more() {
 }
 
 #[test]
-fn f1_an_open_at_the_due_instant_finds_the_room_that_it_makes() {
+fn f1_open_at_due_finds_the_freed_room() {
     for (now, opening) in [(9, Opening::Refused(OpenRefusal::Full)), (10, Opening::Accepted)] {
         let mut driver = CoreDriver::new(1, Commit::Eager, &[]);
         assert_eq!(driver.open(0, Some(10)), Opening::Accepted);
@@ -155,7 +155,7 @@ fn a14_the_greatest_timestamp_opens_once() {
 }
 
 #[test]
-fn a14_due_instants_saturate_and_a_clock_at_its_end_arms_nothing() {
+fn a14_due_saturates_and_the_clocks_end_arms_nothing() {
     let mut driver = CoreDriver::new(4, Commit::Eager, &[1]);
     driver.tick(END - 1);
     assert_eq!(driver.open(0, Some(END)), Opening::Accepted);
@@ -167,7 +167,7 @@ fn a14_due_instants_saturate_and_a_clock_at_its_end_arms_nothing() {
     assert_eq!(reported(driver.result(1, 0)), "0 goes, cancels []");
 }
 
-// F2
+// Offer (F2)
 
 #[test]
 fn f2_reasons_to_refuse_an_offer_come_in_order() {
@@ -189,12 +189,12 @@ fn f2_reasons_to_refuse_an_offer_come_in_order() {
     driver.opened(2, None);
     assert_eq!(offer(&mut driver, 2, 1, 0), Some(OfferRefusal::Deadline));
     assert_eq!(offer(&mut driver, 2, 1, 10), Some(OfferRefusal::Queue));
-    // A26: a refused offer may be made again.
+    // A refused offer may be made again (A26).
     assert_eq!(driver.offer(2, 1, 10), Admission::Admitted { due: Instant::from_nanos(10) });
 }
 
 #[test]
-fn f2_a_request_may_join_while_a_lesser_result_is_held() {
+fn f2_request_may_join_while_a_lower_result_is_held() {
     for (commit, expected) in
         [(Commit::Eager, "0: [1], 0 goes, cancels [2]"), (Commit::Patient, "0: [1], waits")]
     {
@@ -208,7 +208,7 @@ fn f2_a_request_may_join_while_a_lesser_result_is_held() {
 }
 
 #[test]
-fn f2g_the_gate_shuts_at_its_limit_and_opens_at_resume() {
+fn f2g_gate_shuts_at_limit_and_opens_at_resume() {
     let cloud = Cloud { priority: Priority::new(1), limit: 31, resume: 10 };
     let mut driver = CoreDriver::with(16, Commit::Eager, &[cloud]);
     let backlogs = [30, 31, 30, 11, 10, 30, u64::MAX, 0];
@@ -223,7 +223,7 @@ fn f2g_the_gate_shuts_at_its_limit_and_opens_at_resume() {
 }
 
 #[test]
-fn f2g_an_offer_refused_for_an_earlier_reason_does_not_ask_the_gate() {
+fn f2g_gate_is_asked_last() {
     let mut driver = CoreDriver::with(4, Commit::Eager, &[Cloud::new(Priority::new(1), 5)]);
     driver.opened(0, None);
     assert_eq!(refused(driver.queue(0, 1, 0, 5)), Some(OfferRefusal::Deadline));
@@ -232,7 +232,7 @@ fn f2g_an_offer_refused_for_an_earlier_reason_does_not_ask_the_gate() {
     assert!(driver.fusion().gate(Priority::new(1)).is_some_and(|gate| gate.is_shut()));
 }
 
-// F3
+// Result (F3)
 
 #[test]
 fn f3_reasons_to_drop_a_result_come_in_order() {
@@ -247,13 +247,13 @@ fn f3_reasons_to_drop_a_result_come_in_order() {
         assert_eq!(reported(driver.fail(0, 1)), "waits");
         assert_eq!(reported(driver.result(0, 1)), "late");
         assert_eq!(reported(driver.result(0, 3)), "3 goes, cancels []");
-        // A16: also late, had the timestamp not been retired.
+        // It would also be late if the timestamp had not been retired (A16).
         assert_eq!(reported(driver.result(0, 1)), "superseded");
     }
 }
 
 #[test]
-fn f3_the_highest_goes_at_once_and_what_is_beneath_is_cancelled() {
+fn f3_highest_is_forwarded_and_cancels_the_lower() {
     for commit in BOTH {
         let mut driver = driver_with(commit, &[(1, 10), (7, 10), (65_535, 10)]);
         assert_eq!(reported(driver.result(0, 7)), "held");
@@ -285,14 +285,14 @@ fn a3_a_held_cloud_keeps_its_timer_under_eager_alone() {
     }
 }
 
-// F4
+// Fail (F4)
 
 #[test]
 fn f4_a_failure_frees_what_it_outranked() {
     for commit in BOTH {
         let mut driver = driver_with(commit, &[(1, 10), (2, 20), (3, 30)]);
         assert_eq!(reported(driver.result(0, 1)), "held");
-        // A36: a failure alone does not commit.
+        // A failure alone does not commit (A36).
         assert_eq!(reported(driver.fail(0, 3)), "waits");
         assert_eq!(reported(driver.fail(0, 3)), "late");
         assert_eq!(reported(driver.fail(0, 1)), "duplicate");
@@ -302,7 +302,7 @@ fn f4_a_failure_frees_what_it_outranked() {
 }
 
 #[test]
-fn f4_local_failing_last_misses_and_failing_first_waits() {
+fn f4_local_failing_last_misses_and_first_waits() {
     for commit in BOTH {
         let mut driver = driver_with(commit, &[(1, 10)]);
         assert_eq!(reported(driver.fail(0, 0)), "waits");
@@ -314,10 +314,10 @@ fn f4_local_failing_last_misses_and_failing_first_waits() {
     }
 }
 
-// F5
+// Expire (F5)
 
 #[test]
-fn f5_fires_by_due_instant_then_timestamp_and_ties_of_one_timestamp_together() {
+fn f5_fires_by_due_then_timestamp_with_ties_together() {
     for commit in BOTH {
         let mut driver = CoreDriver::new(4, commit, &[1, 2]);
         driver.opened(3, Some(20));
@@ -339,7 +339,7 @@ fn a22_ties_close_together_so_that_none_is_cancelled() {
     assert_eq!(reported_firings(&driver.tick(10)), ["0: [1, 2], 0 goes, cancels [3]"]);
 }
 
-// F6
+// Settle (F6)
 
 #[test]
 fn f6_the_limit_alone_commits_nothing() {
@@ -359,7 +359,7 @@ fn f6_the_limit_alone_commits_nothing() {
 }
 
 #[test]
-fn a4_a_lesser_timer_commits_under_eager_and_closes_its_own_under_patient() {
+fn a4_lower_timer_commits_only_under_eager() {
     for (commit, at_10) in
         [(Commit::Eager, "0: [1], 0 goes, cancels [2]"), (Commit::Patient, "0: [1], waits")]
     {
@@ -385,7 +385,7 @@ fn p3_of_several_available_the_best_goes() {
 }
 
 #[test]
-fn a28_a_firing_that_found_nothing_does_not_hurry_what_comes_later() {
+fn a28_empty_firing_does_not_hurry_later_results() {
     let mut driver = driver_with(Commit::Eager, &[(1, 10), (2, 20)]);
     assert_eq!(reported_firings(&driver.tick(10)), ["0: [1], waits"]);
     assert_eq!(reported(driver.result(0, 0)), "held");
@@ -393,16 +393,16 @@ fn a28_a_firing_that_found_nothing_does_not_hurry_what_comes_later() {
 }
 
 #[test]
-fn f6_patient_commits_once_nothing_outranks_though_a_lesser_is_pending() {
+fn f6_patient_commits_although_lower_are_pending() {
     let mut driver = driver_with(Commit::Patient, &[(1, 30), (2, 30), (3, 20)]);
     assert_eq!(reported(driver.result(0, 2)), "held");
     assert_eq!(reported_firings(&driver.tick(20)), ["0: [3], 2 goes, cancels [1]"]);
 }
 
-// F7, F8
+// Forward and totality (F7, F8)
 
 #[test]
-fn f7_a_retired_timestamp_has_no_timers_and_local_is_not_cancelled() {
+fn f7_retired_has_no_timers_and_local_goes_on() {
     for commit in BOTH {
         let mut driver = CoreDriver::new(4, commit, &[1, 2]);
         driver.opened(0, Some(100));
@@ -423,10 +423,10 @@ fn f8_what_no_operator_should_say_has_an_answer() {
     assert_eq!(driver.open(END, Some(0)), Opening::Refused(OpenRefusal::Deadline));
 }
 
-// Promises that are plain in a scenario
+// Promises that a scenario shows plainly
 
 #[test]
-fn p6_with_no_request_local_goes_the_moment_it_arrives() {
+fn p6_local_goes_at_once_without_requests() {
     for commit in BOTH {
         let mut driver = CoreDriver::new(4, commit, &[1, 2]);
         driver.opened(0, Some(10));
@@ -436,7 +436,7 @@ fn p6_with_no_request_local_goes_the_moment_it_arrives() {
 }
 
 #[test]
-fn p5_local_goes_by_the_latest_due_instant_with_every_cloud_lost() {
+fn p5_local_goes_by_the_latest_due_if_clouds_are_lost() {
     for commit in BOTH {
         let mut driver = driver_with(commit, &[(1, 10), (2, 20), (3, 30)]);
         assert_eq!(reported(driver.result(0, 0)), "held");
@@ -445,11 +445,13 @@ fn p5_local_goes_by_the_latest_due_instant_with_every_cloud_lost() {
     }
 }
 
-/// The greatest of local's arrival and the due instants decides, whichever it is; the last instant before it does not.
+/// The greatest of local's arrival and the due instants decides, whichever it is. The instant just before it
+/// does not.
 #[test]
 fn p12_the_wait_ends_with_local_and_the_last_request() {
     for commit in BOTH {
-        // Local first: its result waits for the last due instant, a failed request's no longer.
+        // Local comes first. Its result waits for the last due instant, but no longer for that of a failed
+        // request.
         let mut driver = driver_with(commit, &[(1, 10), (2, 20), (3, 30)]);
         assert_eq!(reported(driver.result(0, 0)), "held");
         assert_eq!(reported(driver.fail(0, 3)), "waits");
@@ -457,7 +459,7 @@ fn p12_the_wait_ends_with_local_and_the_last_request() {
         assert_eq!(driver.fusion().len(), 1, "{commit:?}");
         driver.tick(20);
         assert!(driver.fusion().is_empty(), "{commit:?}");
-        // Local last: its result, its failure or its timer ends the wait.
+        // Local comes last. Its result, its failure or its timer ends the wait.
         let mut driver = driver_with(commit, &[(1, 10)]);
         assert_eq!(reported_firings(&driver.tick(10)), ["0: [1], waits"]);
         assert_eq!(reported(driver.result(0, 0)), "0 goes, cancels []");
@@ -473,7 +475,7 @@ fn p12_the_wait_ends_with_local_and_the_last_request() {
 }
 
 #[test]
-fn a10_configurations_that_could_not_decide_are_refused() {
+fn a10_refuses_impossible_configurations() {
     let cloud = |p, limit, resume| Cloud { priority: Priority::new(p), limit, resume };
     let accepted =
         |window, clouds: &[Cloud]| Fusion::<15, 1024>::new(window, Commit::Eager, clouds).is_ok();
@@ -489,10 +491,10 @@ fn a10_configurations_that_could_not_decide_are_refused() {
     assert!(!accepted(1, &sixteen));
 }
 
-// F9
+// Progressive (F9)
 
 #[test]
-fn f9_each_better_result_goes_at_once_and_the_last_one_is_final() {
+fn f9_better_results_go_at_once_and_the_last_is_final() {
     let mut driver = driver_with(Commit::Progressive, &[(1, 10), (2, 20), (3, 30)]);
     assert_eq!(reported(driver.result(0, 0)), "0 goes first, cancels []");
     assert_eq!(reported(driver.result(0, 2)), "2 goes first, cancels [1]");
@@ -514,7 +516,7 @@ fn f9_nothing_better_pending_is_final_at_once() {
 }
 
 #[test]
-fn f9_what_could_not_improve_is_refused_and_what_could_may_join() {
+fn f9_only_offers_that_could_improve_may_join() {
     let mut driver = CoreDriver::new(4, Commit::Progressive, &[1, 2, 3]);
     driver.opened(0, None);
     driver.requested(0, 3, 30);

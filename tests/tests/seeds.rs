@@ -1,4 +1,4 @@
-//! The fuzz targets' seeds, replayed: what was found once is looked at by every `cargo test`.
+//! Replays the fuzz targets' seeds, so that every `cargo test` checks what was found once.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -11,7 +11,7 @@ use proptest::prelude::*;
 
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 
-/// Random runs of the one generator.
+/// Generates random runs of the one generator.
 fn runs() -> impl Strategy<Value = Run> {
     let generator = Generator { seed: 1, commit: None, clouds: 15 };
     any::<u64>().prop_map(move |number| generator.run(number))
@@ -19,7 +19,7 @@ fn runs() -> impl Strategy<Value = Run> {
 
 type Check = fn(&[u8], &mut Coverage) -> Result<(), String>;
 
-/// The files of a folder, by name.
+/// Returns the files of a folder, by name.
 fn files(folder: &str) -> Vec<PathBuf> {
     let entries = fs::read_dir(Path::new(ROOT).join(folder)).expect("the folder is there");
     let paths = entries.map(|entry| entry.expect("a readable folder").path());
@@ -29,7 +29,7 @@ fn files(folder: &str) -> Vec<PathBuf> {
     files
 }
 
-/// Checks every file of these folders; together they must reach all of `marks`.
+/// Checks every file of these folders. Together they must reach all of `marks`.
 fn replay(folders: &[&str], check: Check, marks: Vec<Mark>) {
     let mut reach = Coverage::default();
     for path in folders.iter().flat_map(|folder| files(folder)) {
@@ -42,20 +42,20 @@ fn replay(folders: &[&str], check: Check, marks: Vec<Mark>) {
     assert!(missing.is_empty(), "no file in {folders:?} reaches {missing:?}");
 }
 
-/// F0–F8: the core against the reference machine.
+/// The core agrees with the reference machine (F0–F8).
 #[test]
-fn seeds_of_step_agree_and_reach_every_rule_and_reason() {
+fn step_seeds_agree_and_reach_every_rule() {
     replay(&["fuzz/seeds/step"], step, Mark::of_runs());
 }
 
-/// F0–F8: the judge has nothing to say of what the core decides, and finds what was changed in it.
+/// The judge accepts the core's decisions, and finds what was changed in them (F0–F8).
 #[test]
 fn seeds_of_judge_agree_and_break_every_rule() {
     replay(&["fuzz/seeds/judge"], judge, marks_of_judge());
 }
 
 #[test]
-fn seeds_of_trace_parse_and_the_corpus_reach_every_line_and_fault() {
+fn parse_seeds_and_corpus_reach_every_line_and_fault() {
     let folders = ["fuzz/seeds/trace_parse", "traces/corpus", "traces/corpus/bad"];
     replay(&folders, trace_parse, Mark::of_files());
 }

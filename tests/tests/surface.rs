@@ -1,4 +1,4 @@
-//! The core's public surface beside its decisions: questions, equality, conversions, texts.
+//! Tests the core's public surface beside its decisions: queries, equality, conversions and texts.
 
 use std::collections::BTreeSet;
 use std::hash::{BuildHasher, BuildHasherDefault, DefaultHasher};
@@ -25,7 +25,8 @@ fn ready(machine: &mut Machine, now: u64) -> Ready<'_, 3, 4> {
     }
 }
 
-/// A machine with timestamp 3 open and, if so, requested of a cloud at 10 ns.
+/// Returns a machine with timestamp 3 open and, if `requested` is given, requested of that cloud
+/// at 10 ns.
 fn opened(machine: Machine, requested: Option<Cloud>) -> Machine {
     let mut machine = machine;
     let mut ready = ready(&mut machine, 10);
@@ -36,12 +37,12 @@ fn opened(machine: Machine, requested: Option<Cloud>) -> Machine {
     machine
 }
 
-/// Asks `cloud` for timestamp 3, within a millisecond.
+/// Offers timestamp 3 to `cloud`, with a deadline of a millisecond.
 fn offered(ready: &mut Ready<'_, 3, 4>, cloud: Cloud, backlog: u64) -> Admission {
     ready.offer(Timestamp::new(3), cloud.priority, Deadline::from_millis(1), backlog)
 }
 
-/// Takes `source`'s result for timestamp 3, which must go; who is cancelled with it.
+/// Gives `source`'s result for timestamp 3, which must be forwarded. Returns the clouds that it cancels.
 fn forwarded(machine: &mut Machine, source: Priority) -> Priorities<3> {
     match ready(machine, 10).result(Timestamp::new(3), source) {
         Outcome::Forwarded { by, cancelled } if by == source => cancelled,
@@ -54,7 +55,7 @@ fn sources(members: &[u8]) -> Sources {
 }
 
 #[test]
-fn a_machine_reports_how_it_was_made_and_where_it_stands() {
+fn machine_reports_its_configuration_and_state() {
     let fresh = machine();
     assert_eq!((fresh.window(), fresh.commit()), (2, Commit::Patient));
     assert_eq!(fresh.clouds(), sources(&[1, 2]));
@@ -87,7 +88,7 @@ fn machines_that_differ_in_anything_are_not_equal() {
         Machine::new(window, commit, clouds).expect("a sound configuration")
     };
     let slower = Cloud { limit: 32, ..NEAR };
-    // Where `retired` is, but that it never opened a timestamp.
+    // Equals `retired`, except that it never opened a timestamp.
     let mut later = machine();
     let _ = ready(&mut later, 10);
     let mut retired = opened(machine(), None);
@@ -126,7 +127,7 @@ fn deadlines_convert_and_saturate() {
 }
 
 #[test]
-fn there_are_sixteen_sources_and_sets_report_their_members() {
+fn sets_of_sixteen_sources_report_their_members() {
     assert_eq!(Source::new(15).map(Source::index), Some(15));
     assert_eq!(Source::new(16), None);
     let set = sources(&[0, 2, 15]);
@@ -137,7 +138,7 @@ fn there_are_sixteen_sources_and_sets_report_their_members() {
     assert_eq!(format!("{set:?}"), "{0, 2, 15}");
 }
 
-/// All pairs of sets over the two ends of the range, against a set of the standard library.
+/// Compares all pairs of sets over the two ends of the range with a set of the standard library.
 #[test]
 fn sets_of_sources_do_as_sets_do() {
     let ends = [0, 1, 2, 14, 15];
@@ -232,7 +233,7 @@ fn a_machine_shows_what_is_open() {
     assert_eq!(format!("{:?}", ready(&mut machine, 10)), format!("Ready({shown})"));
 }
 
-/// A19.
+/// Local has no gate, and an offer to it is unknown (A19).
 #[test]
 fn local_has_no_gate_and_its_offer_is_unknown() {
     let machine = opened(machine(), None);

@@ -1,4 +1,4 @@
-//! P9: what is found in the window is what a plain map finds, with hundreds of timestamps open.
+//! Compares lookups in the window with a plain map, with hundreds of timestamps open (P9).
 
 use std::cell::Cell;
 use std::collections::{BTreeMap, BTreeSet};
@@ -13,11 +13,11 @@ type Dues = BTreeMap<u16, u64>;
 
 #[derive(Clone, Debug)]
 enum Step {
-    /// Opens as many, so many apart, with a deadline of local and a request each.
+    /// Opens `count` timestamps, `stride` apart, each with a deadline for local and a request.
     Open { count: u16, stride: u64, local: Option<u64>, deadline: u64 },
-    /// Retires the n-th open one.
+    /// Retires the n-th open timestamp.
     Retire(prop::sample::Index),
-    /// Retires every n-th open one.
+    /// Retires every n-th open timestamp.
     Thin(usize),
     /// Moves to the next due instant.
     Fire,
@@ -48,7 +48,7 @@ impl Pair {
         match step {
             Step::Open { count, stride, local, deadline } => {
                 for i in 0..u64::from(*count) {
-                    // Dues fall and rise along the timestamps, with ties.
+                    // The due instants fall and rise along the timestamps, with ties.
                     let (local, deadline) =
                         (local.map(|local| 1 + (local + 7 * i) % 97), *deadline);
                     self.open(local, 1 + (deadline + 31 * i) % 101);

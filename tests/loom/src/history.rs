@@ -1,4 +1,4 @@
-//! What threads did at the machine and when, and the search for one order that explains it.
+//! The calls that threads made at the machine and when, and the search for one order that explains them.
 
 use std::collections::{BTreeMap, HashSet};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -10,27 +10,27 @@ use fuseline_threads::{MessageId, Owner, SharedHandle};
 use crate::input::{CallAnswer, CallInput, Timed};
 use crate::sequential::Sequential;
 
-/// One call: it took effect somewhere between `began` and `ended`.
+/// One call. It took effect somewhere between `began` and `ended`.
 #[derive(Clone, Copy, Debug)]
 pub struct TimedCall {
-    /// The caller's clock and what it gave.
+    /// The caller's clock and input.
     pub input: Timed,
-    /// What it was answered.
+    /// The answer.
     pub answer: CallAnswer,
     /// The reading of the history's own clock before the call.
     pub began: u64,
-    /// And after it.
+    /// The reading of the history's own clock after the call.
     pub ended: u64,
 }
 
-/// The calls of all threads. Its clock and its lock are no part of what loom simulates.
+/// The calls of all threads. Its clock and its lock are not part of what loom simulates.
 #[derive(Debug, Default)]
 pub struct CallHistory {
     clock: AtomicU64,
     calls: Mutex<Vec<TimedCall>>,
 }
 
-/// What one thread needs to make calls.
+/// The data that one thread needs to make calls.
 #[derive(Debug)]
 pub struct ThreadHandle<'a, const CLOUDS: usize, const WINDOW: usize> {
     history: &'a CallHistory,
@@ -40,13 +40,13 @@ pub struct ThreadHandle<'a, const CLOUDS: usize, const WINDOW: usize> {
 }
 
 impl CallHistory {
-    /// One of these calls.
+    /// Creates a history of these calls.
     #[must_use]
     pub const fn of(calls: Vec<TimedCall>) -> Self {
         Self { clock: AtomicU64::new(0), calls: Mutex::new(calls) }
     }
 
-    /// The calls in the order in which they began.
+    /// Returns the calls in the order in which they began.
     #[must_use]
     pub fn calls(&self) -> Vec<TimedCall> {
         let mut calls = self.calls.lock().unwrap_or_else(PoisonError::into_inner).clone();
@@ -54,11 +54,11 @@ impl CallHistory {
         calls
     }
 
-    /// Whether some order of the calls, in which none comes before one that had ended when it began, makes `machine`
-    /// answer as they were answered.
+    /// Returns `true` if some order of the calls makes `machine` give the same answers. No call may come
+    /// before one that had ended when it began.
     ///
     /// # Panics
-    /// If there is no call, or there are more than 64.
+    /// Panics if there is no call, or if there are more than 64.
     #[must_use]
     pub fn is_explained_by(&self, machine: &Sequential) -> bool {
         let calls = self.calls();
@@ -91,7 +91,7 @@ impl CallHistory {
 }
 
 impl<'a, const CLOUDS: usize, const WINDOW: usize> ThreadHandle<'a, CLOUDS, WINDOW> {
-    /// The owner.
+    /// Returns the owner's handle.
     #[must_use]
     pub const fn owner(
         history: &'a CallHistory,
@@ -101,15 +101,15 @@ impl<'a, const CLOUDS: usize, const WINDOW: usize> ThreadHandle<'a, CLOUDS, WIND
         Self { history, handle, owner: Some(owner), tickets: BTreeMap::new() }
     }
 
-    /// Another thread with the tickets that this one has.
+    /// Returns the handle of another thread, with the same message ids.
     #[must_use]
     pub fn other(&self) -> Self {
         let (history, handle, tickets) = (self.history, self.handle, self.tickets.clone());
         Self { history, handle, owner: None, tickets }
     }
 
-    /// Makes these calls, one after the other, each after a `pause`. A call on what this thread has no ticket for is
-    /// left out.
+    /// Makes these calls one after the other, each after a `pause`. A call about a message that this thread
+    /// has no id for is left out.
     pub fn make(&mut self, calls: &[Timed], mut pause: impl FnMut()) {
         for input in calls {
             pause();

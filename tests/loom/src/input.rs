@@ -1,21 +1,21 @@
-//! The calls on the machine and their answers, in plain values. Cloud `p` is source `p`.
+//! The calls of the machine and their answers, in plain values. Cloud `p` is source `p`.
 
 use fuseline_core::{
     Admission, Decision, Firing, Instant, OfferRefusal, OpenRefusal, Outcome, Priorities, Priority,
     Source, Sources,
 };
 
-/// What a call gives. Times are in nanoseconds.
+/// The input of a call. Times are in nanoseconds.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum CallInput {
-    /// F1.
+    /// An open (F1).
     Open {
         /// The timestamp.
         t: u64,
-        /// The deadline.
+        /// The deadline for local.
         deadline: Option<u64>,
     },
-    /// F2.
+    /// An offer (F2).
     Offer {
         /// The timestamp.
         t: u64,
@@ -23,29 +23,29 @@ pub enum CallInput {
         p: u8,
         /// The deadline.
         deadline: u64,
-        /// The queue's length.
+        /// The length of the queue.
         backlog: u64,
     },
-    /// F3.
+    /// A result (F3).
     Result {
         /// The timestamp.
         t: u64,
         /// The source.
         p: u8,
     },
-    /// F4.
+    /// A failure (F4).
     Fail {
         /// The timestamp.
         t: u64,
         /// The source.
         p: u8,
     },
-    /// F5.
+    /// A tick (F5).
     Tick {
         /// The timestamp.
         t: u64,
     },
-    /// A question.
+    /// The query for the next due instant.
     NextDue {
         /// The timestamp.
         t: u64,
@@ -55,34 +55,34 @@ pub enum CallInput {
 /// An input with its caller's `now`.
 pub type Timed = (u64, CallInput);
 
-/// Timers that fired in a call.
+/// The timers that fired in a call.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub struct CallFirings {
     /// The last due instant.
     pub due: u64,
-    /// Whose timers.
+    /// The sources of the timers.
     pub timers: Sources,
-    /// What follows.
+    /// The decision.
     pub decision: Decision,
 }
 
-/// What a call was answered.
+/// The answer to a call.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum CallAnswer {
-    /// To an open.
+    /// The answer to an open.
     Opened(Result<(), OpenRefusal>),
-    /// To an offer: the due instant, or why not.
+    /// The answer to an offer: the due instant, or the reason to refuse.
     Offered(Option<CallFirings>, Result<u64, OfferRefusal>),
-    /// To a result or a failure.
+    /// The answer to a result or a failure.
     Closed(Option<CallFirings>, Decision),
-    /// To a tick.
+    /// The answer to a tick.
     Ticked(Option<CallFirings>),
-    /// To the question.
+    /// The answer to the query.
     Due(Option<u64>),
 }
 
 impl CallInput {
-    /// The timestamp that it is about.
+    /// Returns the timestamp of the call.
     #[must_use]
     pub const fn timestamp(self) -> u64 {
         match self {
@@ -132,49 +132,49 @@ impl<const C: usize> From<Firing<C>> for CallFirings {
     }
 }
 
-/// An open without a deadline.
+/// Returns an open without a deadline.
 #[must_use]
 pub const fn open(now: u64, t: u64) -> Timed {
     (now, CallInput::Open { t, deadline: None })
 }
 
-/// An open with a deadline.
+/// Returns an open with a deadline.
 #[must_use]
 pub const fn limited(now: u64, t: u64, deadline: u64) -> Timed {
     (now, CallInput::Open { t, deadline: Some(deadline) })
 }
 
-/// An offer with an empty queue.
+/// Returns an offer with an empty queue.
 #[must_use]
 pub const fn offer(now: u64, t: u64, p: u8, deadline: u64) -> Timed {
     (now, CallInput::Offer { t, p, deadline, backlog: 0 })
 }
 
-/// An offer with a queue.
+/// Returns an offer with a queue.
 #[must_use]
 pub const fn queued(now: u64, t: u64, p: u8, deadline: u64, backlog: u64) -> Timed {
     (now, CallInput::Offer { t, p, deadline, backlog })
 }
 
-/// A result.
+/// Returns a result.
 #[must_use]
 pub const fn result(now: u64, t: u64, p: u8) -> Timed {
     (now, CallInput::Result { t, p })
 }
 
-/// A failure.
+/// Returns a failure.
 #[must_use]
 pub const fn fail(now: u64, t: u64, p: u8) -> Timed {
     (now, CallInput::Fail { t, p })
 }
 
-/// A tick.
+/// Returns a tick.
 #[must_use]
 pub const fn tick(now: u64, t: u64) -> Timed {
     (now, CallInput::Tick { t })
 }
 
-/// The question when to tick.
+/// Returns the query for the next due instant.
 #[must_use]
 pub const fn next_due(t: u64) -> Timed {
     (0, CallInput::NextDue { t })

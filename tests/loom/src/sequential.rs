@@ -1,4 +1,5 @@
-//! The machine as one caller after the other would meet it: the pure step, and each timestamp's own timers before it.
+//! The machine as callers meet it one after the other: the pure step, preceded by each timestamp's own
+//! timers.
 
 use std::collections::BTreeMap;
 
@@ -8,7 +9,7 @@ use fuseline_core::{
 
 use crate::input::{CallAnswer, CallFirings, CallInput};
 
-/// One state of it. Clouds 1 and on are registered, as many as there are gates.
+/// A state of the sequential machine. It has one cloud for each gate, numbered from 1.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub struct Sequential {
     commit: Commit,
@@ -25,13 +26,13 @@ struct SequentialMessage {
 }
 
 impl Sequential {
-    /// A machine with nothing open, and a gate for each cloud.
+    /// Creates a machine without open timestamps, and with a gate for each cloud.
     #[must_use]
     pub const fn new(commit: Commit, window: usize, gates: Vec<Gate>) -> Self {
         Self { commit, window, gates, newest: None, open: BTreeMap::new() }
     }
 
-    /// What the machine answers here; it moves on.
+    /// Applies an input and returns the machine's answer.
     pub fn apply(&mut self, now: u64, input: CallInput) -> CallAnswer {
         match input {
             CallInput::Open { t, deadline } => CallAnswer::Opened(self.accept(now, t, deadline)),
@@ -111,7 +112,7 @@ impl Sequential {
         }
     }
 
-    /// F5, due instant by due instant.
+    /// Fires timers, one due instant after the other (F5).
     fn expire(&mut self, now: u64, t: u64) -> Option<CallFirings> {
         let mut all: Option<CallFirings> = None;
         while let Some(message) = self.open.get(&t)

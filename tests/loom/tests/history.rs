@@ -1,4 +1,4 @@
-//! Random races on real threads: each recorded history is some order of the pure step.
+//! Races random calls on real threads: each recorded history is some order of the pure step.
 #![cfg(not(loom))]
 
 use std::sync::Barrier;
@@ -17,7 +17,7 @@ const CLOUDS: usize = 2;
 const WINDOW: usize = 2;
 const GATE: (u64, u64) = (3, 1);
 
-/// What one thread does, and for how many turns of an empty loop it waits before each call.
+/// The calls of one thread, each with the number of turns of an empty loop before it.
 type ThreadScript = Vec<(Timed, u8)>;
 
 fn sequential(commit: Commit) -> Sequential {
@@ -33,7 +33,7 @@ fn make(mut member: ThreadHandle<CLOUDS, WINDOW>, part: &ThreadScript) {
     });
 }
 
-/// The owner's calls alone, then its others beside those of other threads.
+/// Makes the owner's calls alone, then its other calls together with those of other threads.
 fn race(commit: Commit, before: &[Timed], threads: &[ThreadScript]) -> CallHistory {
     let clouds =
         [1, 2].map(|p| Cloud { priority: Priority::new(p), limit: GATE.0, resume: GATE.1 });
@@ -84,7 +84,7 @@ fn part(call: impl Strategy<Value = Timed>) -> impl Strategy<Value = ThreadScrip
 proptest! {
     #![proptest_config(ProptestConfig { cases: 4_000, ..ProptestConfig::default() })]
 
-    /// P1–P4, P8, P11, F0–F7: whatever threads do, some order of the pure step answers it.
+    /// Whatever threads do, some order of the pure step gives the same answers (P1–P4, P8, P11, F0–F7).
     #[test]
     fn f8_every_race_is_some_order_of_the_pure_step(
         commit in prop::sample::select(&[Commit::Eager, Commit::Patient, Commit::Progressive][..]),
@@ -119,7 +119,7 @@ fn a_history_that_no_order_explains_is_found() {
 }
 
 #[test]
-fn a_window_of_nothing_or_beyond_its_capacity_is_refused() {
+fn refuses_windows_of_0_and_beyond_capacity() {
     let of = |window| Shared::<CLOUDS, WINDOW>::new(window, Commit::Eager, &[]).err();
     let refused = |window| Some(ConfigError::Window { window, capacity: WINDOW });
     assert_eq!([0, 1, 2, 3].map(of), [refused(0), None, None, refused(3)]);

@@ -1,5 +1,5 @@
-//! All interleavings of few threads at the machine, with at most three preemptions: each is some order of the pure
-//! step, and each order of the calls occurs. Run with `RUSTFLAGS="--cfg loom"`.
+//! Explores all interleavings of a few threads at the machine, with at most three preemptions. Each is some
+//! order of the pure step, and each order of the calls occurs. Run with `RUSTFLAGS="--cfg loom"`.
 #![cfg(loom)]
 
 use std::collections::HashSet;
@@ -18,7 +18,8 @@ use loom::model::Builder;
 use loom::sync::atomic::{AtomicU64, Ordering};
 use loom::thread;
 
-/// What threads do: first the owner alone, then all at once, the owner first among them, then the owner alone.
+/// The calls of threads: first the owner alone, then all at once, with the owner first among them, then the
+/// owner alone.
 struct Race {
     before: &'static [Timed],
     threads: &'static [&'static [Timed]],
@@ -26,7 +27,7 @@ struct Race {
 }
 
 impl Race {
-    /// Explores it under each commit rule. Every order of the pure step must occur, and nothing else.
+    /// Explores the race under each commit rule. Every order of the pure step must occur, and nothing else.
     fn check<const CLOUDS: usize, const WINDOW: usize>(&'static self) {
         for commit in EVERY_RULE {
             let ends: Arc<Mutex<HashSet<Vec<CallAnswer>>>> = Arc::default();
@@ -41,7 +42,7 @@ impl Race {
         }
     }
 
-    /// The answers in every order of the calls, one call after the other.
+    /// Returns the answers in every order of the calls, one call after the other.
     fn orders(&self, machine: &Sequential) -> HashSet<Vec<CallAnswer>> {
         let mut alone = Order::new(machine, self.threads.len());
         self.before.iter().for_each(|call| alone.make(0, *call));
@@ -102,9 +103,9 @@ impl Race {
 #[derive(Clone)]
 struct Order {
     machine: Sequential,
-    /// By thread, how many of its calls were made.
+    /// The number of calls that each thread has made.
     made: Vec<usize>,
-    /// By thread, the timestamps that it knows an open of.
+    /// The timestamps of which each thread knows an open.
     opened: Vec<HashSet<u64>>,
     calls: Vec<(Timed, CallAnswer)>,
 }
@@ -115,7 +116,8 @@ impl Order {
         Self { machine: machine.clone(), made, opened, calls: Vec::new() }
     }
 
-    /// A call on what the thread knows no open of is left out, as [`ThreadHandle::make`] leaves it out.
+    /// Makes a call. It leaves out a call about a timestamp of which the thread knows no open, as
+    /// [`ThreadHandle::make`] does.
     fn make(&mut self, thread: usize, call: Timed) {
         let (now, input) = call;
         let t = input.timestamp();
@@ -130,7 +132,7 @@ impl Order {
     }
 }
 
-/// The answers, by their calls.
+/// Returns the answers, sorted by their calls.
 fn answers(mut calls: Vec<(Timed, CallAnswer)>) -> Vec<CallAnswer> {
     calls.sort_by_key(|(call, _)| format!("{call:?}"));
     calls.into_iter().map(|(_, answer)| answer).collect()
@@ -144,7 +146,7 @@ fn explore(run: impl Fn() + Sync + Send + 'static) {
     builder.check(run);
 }
 
-/// P1: whoever comes second is superseded, or it was held and the other one forwards.
+/// The second result is superseded, or the first was held and the second forwards it (P1).
 #[test]
 fn p1_two_clouds_race() {
     static RACE: Race = Race {
@@ -155,7 +157,7 @@ fn p1_two_clouds_race() {
     RACE.check::<2, 1>();
 }
 
-/// P2, A1: in time by the clock of its caller, or late by that of the timer's.
+/// The result is in time by its caller's clock, or late by the timer's caller's clock (P2, A1).
 #[test]
 fn p2_a_result_races_its_own_timer() {
     static RACE: Race = Race {
@@ -166,7 +168,7 @@ fn p2_a_result_races_its_own_timer() {
     RACE.check::<2, 1>();
 }
 
-/// P5–P7 for one timestamp: local's result goes, with the timer or with itself.
+/// Local's result is forwarded, by the timer or by itself (P5–P7).
 #[test]
 fn f6_local_races_the_last_timer() {
     static RACE: Race = Race {
@@ -177,7 +179,7 @@ fn f6_local_races_the_last_timer() {
     RACE.check::<1, 1>();
 }
 
-/// P1, F3 duplicate and superseded.
+/// A late duplicate is a duplicate or superseded (P1, F3).
 #[test]
 fn f3_a_forward_races_a_late_duplicate() {
     static RACE: Race = Race {
@@ -188,7 +190,7 @@ fn f3_a_forward_races_a_late_duplicate() {
     RACE.check::<2, 1>();
 }
 
-/// F4, F5: either closes the request, never both.
+/// Either the failure or the timer closes the request, never both (F4, F5).
 #[test]
 fn f4_a_failure_races_the_timer() {
     static RACE: Race = Race {
@@ -199,9 +201,9 @@ fn f4_a_failure_races_the_timer() {
     RACE.check::<2, 1>();
 }
 
-/// F3 superseded, F5: what comes for a message meets no later one in its slot.
+/// A stale result or tick never meets a later message in its slot (F3, F5).
 #[test]
-fn f3_a_stale_result_and_a_stale_tick_race_the_reuse_of_their_place() {
+fn f3_stale_result_and_tick_race_the_reuse_of_a_slot() {
     static RACE: Race = Race {
         before: &[open(0, 0), offer(0, 0, 1, 10)],
         threads: &[
@@ -214,7 +216,7 @@ fn f3_a_stale_result_and_a_stale_tick_race_the_reuse_of_their_place() {
     RACE.check::<1, 1>();
 }
 
-/// P11: even an input that changes nothing is answered from what its own message had.
+/// Even an input that changes nothing is answered from its own message's state (P11).
 #[test]
 fn p11_a_drop_races_the_reuse_of_its_place() {
     static RACE: Race = Race {
@@ -229,7 +231,7 @@ fn p11_a_drop_races_the_reuse_of_its_place() {
     RACE.check::<2, 1>();
 }
 
-/// F2, P8: the request's timer is live from the instant at which it counts, with its own due instant.
+/// The request's timer is live from the instant at which it counts, with its own due instant (F2, P8).
 #[test]
 fn p8_an_offer_races_a_tick() {
     static RACE: Race = Race {
@@ -244,7 +246,7 @@ fn p8_an_offer_races_a_tick() {
     RACE.check::<1, 1>();
 }
 
-/// F2: what comes meanwhile outranks the offer, closes it or is held for it.
+/// An input that comes meanwhile outranks the offer, closes it, or is held for it (F2).
 #[test]
 fn f2_offers_race_results_and_a_failure() {
     static RACE: Race = Race {
@@ -259,7 +261,7 @@ fn f2_offers_race_results_and_a_failure() {
     RACE.check::<4, 1>();
 }
 
-/// F2g: an offer that comes to find its message retired has not changed the gate.
+/// An offer that finds its message retired has not changed the gate (F2g).
 #[test]
 fn f2g_an_offer_races_what_retires_its_message() {
     static RACE: Race = Race {
@@ -270,7 +272,7 @@ fn f2g_an_offer_races_what_retires_its_message() {
     RACE.check::<1, 2>();
 }
 
-/// F1: an open is refused only if no slot was free when it began.
+/// An open is refused only if no slot was free when it began (F1).
 #[test]
 fn f1_opens_race_what_frees_their_places() {
     static RACE: Race = Race {
@@ -285,7 +287,7 @@ fn f1_opens_race_what_frees_their_places() {
     RACE.check::<1, 2>();
 }
 
-/// F8: a caller whose timestamp changes as often as it can still gets its answer.
+/// A caller whose timestamp changes as often as possible still gets its answer (F8).
 #[test]
 fn f8_a_failure_meets_every_change_of_its_timestamp() {
     static RACE: Race = Race {
@@ -296,7 +298,7 @@ fn f8_a_failure_meets_every_change_of_its_timestamp() {
     RACE.check::<1, 1>();
 }
 
-/// F9: an output races a better one and the timer that makes the last one final.
+/// An output races a better one, and the timer that makes the last one final (F9).
 #[test]
 fn f9_outputs_race_what_makes_them_final() {
     static RACE: Race = Race {
@@ -307,7 +309,7 @@ fn f9_outputs_race_what_makes_them_final() {
     RACE.check::<2, 1>();
 }
 
-/// F9, F4: with the last failure the last output is final, whoever sent it.
+/// With the last failure the last output is final, whichever source sent it (F9, F4).
 #[test]
 fn f9_failures_race_an_output() {
     static RACE: Race = Race {
@@ -318,9 +320,9 @@ fn f9_failures_race_an_output() {
     RACE.check::<2, 1>();
 }
 
-/// P1: what was kept beside the machine before a result was held is there for whoever forwards it.
+/// Values that were stored before a result was held are visible to whoever forwards it (P1).
 #[test]
-fn p1_a_forwarder_sees_what_was_done_before_the_result_was_held() {
+fn p1_forwarder_sees_work_before_the_hold() {
     static BY_TIMER: Flag = Flag::new(false);
     for commit in [Commit::Eager, Commit::Patient] {
         explore(move || {
@@ -351,9 +353,9 @@ fn p1_a_forwarder_sees_what_was_done_before_the_result_was_held() {
     assert!(BY_TIMER.load(Ordering::Relaxed), "the timer never forwarded");
 }
 
-/// F1: what was done before a message was retired is done before its slot is used again.
+/// Everything done before a message was retired is done before its slot is used again (F1).
 #[test]
-fn f1_an_open_sees_what_was_done_before_its_place_was_retired() {
+fn f1_open_sees_work_before_its_slot_was_retired() {
     static REUSED: Flag = Flag::new(false);
     for commit in [Commit::Eager, Commit::Patient] {
         explore(move || {

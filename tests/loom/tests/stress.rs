@@ -1,4 +1,5 @@
-//! Thousands of messages through the machine on real threads, with values: each is answered once, and no value is lost.
+//! Sends thousands of messages through the machine on real threads, with values. Each has one ending, and no
+//! value is lost.
 #![cfg(not(loom))]
 
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
@@ -14,7 +15,7 @@ const MESSAGES: u64 = 20_000;
 const CLOUDS: usize = 2;
 const WINDOW: usize = 4;
 
-/// A value that knows where it belongs and counts itself.
+/// A value that knows where it belongs, and counts itself.
 struct Value<'a> {
     t: Timestamp,
     p: Priority,
@@ -34,7 +35,7 @@ impl Drop for Value<'_> {
     }
 }
 
-/// How often each message was answered, and the clock, which the owner moves.
+/// The number of endings of each message, and the clock, which the owner moves.
 struct Answers {
     clock: AtomicU64,
     forwarded: Vec<AtomicU32>,
@@ -84,7 +85,7 @@ impl Answers {
 
 type Calls<'a> = mpsc::Receiver<Call<'a, Value<'a>, CLOUDS, WINDOW>>;
 
-/// A source: every third call fails, every other one takes its time.
+/// Runs a source. Every third call fails, and every second one takes its time.
 fn source<'a>(p: u16, calls: Calls<'a>, answers: &Answers, alive: &'a AtomicU32) {
     for (number, call) in (u64::from(p)..).zip(calls) {
         if number % 2 == 0 {
@@ -100,7 +101,7 @@ fn source<'a>(p: u16, calls: Calls<'a>, answers: &Answers, alive: &'a AtomicU32)
     }
 }
 
-/// The timer: each message until nothing of it is armed.
+/// Runs the timer for each message until none of its timers is armed.
 fn timer<'a>(messages: mpsc::Receiver<Message<'a, Value<'a>, CLOUDS, WINDOW>>, answers: &Answers) {
     for message in messages {
         while message.next_due().is_some() {
@@ -141,7 +142,7 @@ fn owner<'a>(
     answers.clock.store(u64::MAX, Ordering::Relaxed);
 }
 
-/// P1, P11: forwarded or missed, once.
+/// Each message is forwarded or missed once (P1, P11).
 #[test]
 fn p1_thousands_of_messages_are_each_answered_once() {
     for commit in [Commit::Eager, Commit::Patient, Commit::Progressive] {

@@ -1,5 +1,5 @@
-//! All interleavings of few threads that bring values along, with at most three preemptions: whoever gets `Forwarded`
-//! gets the winner's value, and no value is lost. Run with `RUSTFLAGS="--cfg loom"`.
+//! Explores all interleavings of a few threads that bring values, with at most three preemptions. The caller
+//! that gets `Forwarded` gets the winner's value, and no value is lost. Run with `RUSTFLAGS="--cfg loom"`.
 #![cfg(loom)]
 
 use std::sync::atomic::{AtomicBool as Flag, Ordering};
@@ -12,7 +12,7 @@ use loom::thread;
 
 const CLOUD: Priority = Priority::new(1);
 
-/// Rules that send one output.
+/// The commit rules that send one output.
 const ONE_OUTPUT: &[Commit] = &[Commit::Eager, Commit::Patient];
 const PROGRESSIVE: &[Commit] = &[Commit::Progressive];
 
@@ -37,7 +37,8 @@ fn is_forwarded<const CLOUDS: usize>(outcome: &Outcome<CLOUDS>) -> bool {
     matches!(outcome, Outcome::Forwarded { .. } | Outcome::Preliminary { .. })
 }
 
-/// Who forwards has a value, and who was dropped has its own back.
+/// Returns `true` if a caller that forwards has a value, and a caller whose result was dropped has its own
+/// back.
 fn is_complete(reply: &CallOutcome<&'static str, 1>) -> bool {
     let fired = reply.fired.is_some_and(|firing| is_forwarded(&firing.outcome));
     let is_dropped = matches!(reply.outcome, Outcome::Dropped(_));
@@ -45,7 +46,7 @@ fn is_complete(reply: &CallOutcome<&'static str, 1>) -> bool {
         && is_dropped == reply.unused.is_some()
 }
 
-/// P1, F7: local's value is forwarded by the timer, or with its own call.
+/// The timer forwards local's value, or local's own call does (P1, F7).
 #[test]
 fn p1_the_timer_forwards_the_value_that_was_held() {
     explore(ONE_OUTPUT, |commit| {
@@ -69,7 +70,7 @@ fn p1_the_timer_forwards_the_value_that_was_held() {
     });
 }
 
-/// P3: the cloud's value goes if it is there, and each other one comes back or stays in its cell.
+/// The cloud's value is forwarded if it is there. Each other value comes back or stays in its cell (P3).
 #[test]
 fn p3_local_and_a_cloud_race_with_their_values() {
     explore(ONE_OUTPUT, |commit| {
@@ -92,7 +93,7 @@ fn p3_local_and_a_cloud_race_with_their_values() {
     });
 }
 
-/// F3 superseded: a value that comes for a retired message meets none of its slot's next one.
+/// A value for a retired message never meets a later message in its slot (F3).
 #[test]
 fn f3_a_stale_value_races_the_reuse_of_its_place() {
     explore(ONE_OUTPUT, |commit| {
@@ -120,7 +121,7 @@ fn f3_a_stale_value_races_the_reuse_of_its_place() {
     });
 }
 
-/// P1 under progressive: local's value is sent with its own call, and the timer sends nothing.
+/// Under progressive local's value is sent with its own call, and the timer sends nothing (P1).
 #[test]
 fn p1_progressive_timer_sends_no_value() {
     static BY_TIMER: Flag = Flag::new(false);
@@ -139,7 +140,7 @@ fn p1_progressive_timer_sends_no_value() {
         let reply = other.join().unwrap();
         assert!(is_complete(&reply));
         assert_eq!((by_timer, reply.forwarded), (None, Some("local")));
-        // Whoever comes second retires the message.
+        // The second of the two retires the message.
         let is_final = matches!(firing.outcome, Outcome::Final { .. });
         assert_eq!(is_final, matches!(reply.outcome, Outcome::Preliminary { .. }));
         BY_TIMER.fetch_or(is_final, Ordering::Relaxed);
@@ -149,7 +150,7 @@ fn p1_progressive_timer_sends_no_value() {
     assert!(BY_TIMER.load(Ordering::Relaxed), "the timer never made it final");
 }
 
-/// P3 under progressive: the cloud's value is always sent, and local's if it came first.
+/// Under progressive the cloud's value is always sent, and local's if it came first (P3).
 #[test]
 fn p3_progressive_sends_rising_values() {
     static BOTH: Flag = Flag::new(false);

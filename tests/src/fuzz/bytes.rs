@@ -1,12 +1,12 @@
-//! A run as bytes, in a form that suits a fuzzer: any bytes are a run, and small changes of them
-//! make a run that is close.
+//! A run as bytes, in a form that suits a fuzzer: any bytes are a run, and small changes of them make a
+//! similar run.
 
 use fuseline_testkit::Run;
 use fuseline_traces::{Cloud, Commit, Header, Input};
 
-/// Eight bytes follow, least first.
+/// Eight bytes follow, the least first.
 const LONG: u8 = u8::MAX;
-/// As [`LONG`], where a byte is a signed difference.
+/// The same as [`LONG`] for a byte that is a signed difference.
 const FAR: i8 = i8::MIN;
 /// Set in a run's first byte under patient.
 const PATIENT: u8 = 16;
@@ -17,7 +17,7 @@ const CLOUDS: u8 = 15;
 /// The greatest window.
 const WINDOW: u16 = 1024;
 
-/// Bytes that are read from the front; behind their end are zeros.
+/// Bytes that are read from the front. Zeros follow their end.
 pub(super) struct Bytes<'a>(&'a [u8]);
 
 impl<'a> Bytes<'a> {
@@ -25,7 +25,7 @@ impl<'a> Bytes<'a> {
         Self(bytes)
     }
 
-    /// Reads a run to the bytes' end.
+    /// Reads a run to the end of the bytes.
     pub(super) fn run(mut self) -> Run {
         let header = self.header();
         let (mut at, mut newest) = (0, 0);
@@ -52,7 +52,7 @@ impl<'a> Bytes<'a> {
         let mut clouds: Vec<Cloud> = Vec::new();
         for _ in 0..first & CLOUDS {
             let mut p = self.short();
-            // A10: the next free priority; a second one would be refused.
+            // A second cloud of the same priority would be refused, so the next free priority is used (A10).
             while p == 0 || clouds.iter().any(|cloud| cloud.p == p) {
                 p = p.wrapping_add(1);
             }
@@ -63,7 +63,7 @@ impl<'a> Bytes<'a> {
         Header { operator: None, window, commit, clouds }
     }
 
-    /// An input, encoded against the one before and the timestamp of the last open.
+    /// Reads an input, which is encoded relative to the previous one and to the timestamp of the last open.
     fn input(&mut self, at: u64, newest: u64, clouds: &[Cloud]) -> Input {
         let kind = self.byte() % 6;
         let at = self.near(at);
@@ -83,7 +83,7 @@ impl<'a> Bytes<'a> {
         }
     }
 
-    /// 0 is local, then come the clouds in their order, then whoever.
+    /// Reads a source: 0 is local, then the clouds follow in their order, then other priorities.
     fn source(&mut self, clouds: &[Cloud]) -> u64 {
         match self.byte() {
             0 => 0,
@@ -95,7 +95,7 @@ impl<'a> Bytes<'a> {
         }
     }
 
-    /// A small number, or any.
+    /// Reads a small number, or any number.
     pub(super) fn number(&mut self) -> u64 {
         match self.byte() {
             LONG => self.long(),
@@ -103,7 +103,7 @@ impl<'a> Bytes<'a> {
         }
     }
 
-    /// A number close to another, or any.
+    /// Reads a number close to another, or any number.
     pub(super) fn near(&mut self, base: u64) -> u64 {
         match self.byte().cast_signed() {
             FAR => self.long(),
@@ -126,7 +126,7 @@ impl<'a> Bytes<'a> {
     }
 }
 
-/// Appends what [`Bytes::run`] reads as this run.
+/// Appends the bytes that [`Bytes::run`] reads as this run.
 pub(super) fn write(run: &Run, out: &mut Vec<u8>) {
     let Header { window, commit, clouds, .. } = &run.header;
     let rule = match commit {

@@ -1,4 +1,4 @@
-//! One change of a trace's decisions, its inputs left as they are.
+//! One change of a trace's decisions, with unchanged inputs.
 
 use fuseline_traces::{Decision, DropReason, Event, OfferRefusal, OpenRefusal};
 
@@ -6,38 +6,39 @@ use super::bytes::Bytes;
 
 /// A change of one line of a trace.
 ///
-/// Where it cannot be made, for instance in a trace without a decision, nothing is changed.
+/// If it cannot be made, for instance in a trace without a decision, nothing changes.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Edit {
-    /// What is done.
+    /// The kind of change.
     pub op: EditKind,
-    /// To which of the trace's events, in turn; where an op needs a decision, to the next one.
+    /// The index of the event to change, modulo their number. If the kind needs a decision, the next one is
+    /// changed.
     pub index: u16,
-    /// The decision that [`EditKind::Rewrite`] and [`EditKind::Insert`] write: by how much its kind, `at`, `t`,
-    /// `p`, reason and due instant differ from those of the event that is there; all 0 is the same.
+    /// The differences between the decision that [`EditKind::Rewrite`] and [`EditKind::Insert`] write and the
+    /// event that is there: in its kind, `at`, `t`, `p`, reason and due instant. All 0 means the same.
     pub by: [i8; 6],
 }
 
-/// What an edit does.
+/// The kind of an edit.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub enum EditKind {
-    /// Nothing.
+    /// Changes nothing.
     #[default]
     Keep,
-    /// A decision is taken out.
+    /// Removes a decision.
     Remove,
     /// A decision stands twice.
     Repeat,
-    /// An event and the one after it change places, unless both are inputs.
+    /// Swaps an event and the next one, unless both are inputs.
     Swap,
-    /// Another decision stands there.
+    /// Replaces a decision.
     Rewrite,
-    /// A decision is put before an event, or at the end.
+    /// Inserts a decision before an event, or at the end.
     Insert,
 }
 
 impl EditKind {
-    /// All of them.
+    /// All kinds.
     pub const ALL: [Self; 6] =
         [Self::Keep, Self::Remove, Self::Repeat, Self::Swap, Self::Rewrite, Self::Insert];
 }
@@ -49,7 +50,7 @@ impl Edit {
         Self { op, index, by: std::array::from_fn(|_| bytes.byte().cast_signed()) }
     }
 
-    /// The bytes of this edit, as they stand before a run's.
+    /// Returns the bytes of this edit, which come before a run's.
     #[must_use]
     pub fn bytes(&self) -> Vec<u8> {
         let mut bytes = vec![self.op as u8];
@@ -58,7 +59,7 @@ impl Edit {
         bytes
     }
 
-    /// The trace's events after this edit.
+    /// Returns the trace's events after this edit.
     pub(super) fn apply(&self, events: &[Event]) -> Vec<Event> {
         let mut edited = events.to_vec();
         if events.is_empty() {
@@ -89,7 +90,7 @@ impl Edit {
         edited
     }
 
-    /// A decision that differs from an event by so much.
+    /// Returns a decision that differs from an event by these amounts.
     fn written(&self, near: &Event) -> Event {
         let [kind, at, t, p, why, due] = self.by;
         let was = LineFields::of(near);
@@ -114,7 +115,7 @@ impl Edit {
     }
 }
 
-/// What stands in a line; 0 where it has no such key.
+/// The fields of a line; 0 where the line has no such key.
 #[derive(Default)]
 struct LineFields {
     kind: usize,

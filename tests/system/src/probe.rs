@@ -1,4 +1,4 @@
-//! The command's probe, as far as its recordings are read.
+//! The part of the command's probe that reads its recordings.
 
 #[path = "../../../cli/src/probe/pace.rs"]
 pub(crate) mod pace;

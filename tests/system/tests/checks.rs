@@ -1,4 +1,5 @@
-//! Each check on the same seeds, and on the saved ones: a test a check, so that each can be a witness.
+//! Runs each check on the same seeds, and on the saved ones. Each check has a test, so that each can be a
+//! witness.
 
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
@@ -6,10 +7,10 @@ use std::thread;
 
 use fuseline_system_tests::simulate::{CHECKS, KeptSeed, Scenario, Simulator, saved_seeds};
 
-/// So many seeds from 0 on show everything that a seeded fault was ever caught by, in a few seconds.
+/// This many seeds from 0 on show everything that ever caught a seeded fault, in a few seconds.
 const SEEDS: u64 = 300;
 
-/// By check: a seed that broke it, and how.
+/// The seed that broke each check, and how.
 static BROKEN: LazyLock<BTreeMap<&'static str, (u64, String)>> = LazyLock::new(|| {
     let saved = saved_seeds().into_iter().map(|KeptSeed { seed, .. }| seed);
     let seeds: Vec<u64> = saved.chain(0..SEEDS).collect();
@@ -42,91 +43,92 @@ fn holds(check: &str) {
     }
 }
 
-/// D1: each message taken in leaves as one item, as and when the trace says.
+/// Each message leads to one item, as and when the trace says (D1).
 #[test]
 fn d1_one_item() {
     holds("d1_one_item");
 }
 
-/// D2: an item and a hint bear the value that their source made of their message.
+/// An item or a hint has the value that its source made of its message (D2).
 #[test]
 fn d2_its_own_value() {
     holds("d2_its_own_value");
 }
 
-/// D3: the strict judge finds nothing, and each cloud gets an offer of each message.
+/// The strict judge finds nothing, and each cloud gets an offer of each message (D3).
 #[test]
 fn d3_the_rules_decide() {
     holds("d3_the_rules_decide");
 }
 
-/// D4: the backlog of an offer is what waits in its queue, and queues are served in order.
+/// The backlog of an offer is the number of requests that wait in its queue, and queues are served in order
+/// (D4).
 #[test]
 fn d4_true_backlog() {
     holds("d4_true_backlog");
 }
 
-/// D5: a call gets the time that is left when it begins.
+/// A call gets the time that is left when it begins (D5).
 #[test]
 fn d5_time_left() {
     holds("d5_time_left");
 }
 
-/// D6: a call ends when it is cancelled or due, no sooner, and local never.
+/// A call ends when it is cancelled or due, no sooner, and local never does (D6).
 #[test]
 fn d6_aborted() {
     holds("d6_aborted");
 }
 
-/// D7: an error or panic fails its own call, and ends nothing else.
+/// An error or a panic fails its own call, and ends nothing else (D7).
 #[test]
 fn d7_failures() {
     holds("d7_failures");
 }
 
-/// D7: nothing panics but what the scenario lets panic.
+/// Nothing panics except what the scenario lets panic (D7).
 #[test]
 fn d7_no_panic_comes_through() {
     holds("d7_no_panic_comes_through");
 }
 
-/// D8: the operator ends, and ends well.
+/// The operator ends, without an error (D8).
 #[test]
 fn d8_everything_ends() {
     holds("d8_everything_ends");
 }
 
-/// D8: messages, values, calls and tasks are no more than was configured.
+/// Messages, values, calls and tasks stay within the configured numbers (D8).
 #[test]
 fn d8_bounded() {
     holds("d8_bounded");
 }
 
-/// D9: timers are served within a millisecond, and messages at once.
+/// Timers are served within a millisecond, and messages at once (D9).
 #[test]
 fn d9_served_in_time() {
     holds("d9_served_in_time");
 }
 
-/// D10: the trace ends with a whole input; if it ends early, that is reported.
+/// The trace ends with a whole input. If it ends early, that is reported (D10).
 #[test]
 fn d10_whole_trace() {
     holds("d10_whole_trace");
 }
 
-/// D11: tally, metrics, items and trace agree.
+/// Tally, metrics, items and trace agree (D11).
 #[test]
 fn d11_one_account() {
     holds("d11_one_account");
 }
 
-/// T5: a policy gets how each call ended, and when.
+/// A policy is told how and when each call ended (T5).
 #[test]
 fn t5_every_end_is_reported() {
     holds("t5_every_end_is_reported");
 }
 
-/// No check is without its test here.
+/// Each check has a test here.
 #[test]
 fn every_check_has_a_test() {
     let here = include_str!("checks.rs");

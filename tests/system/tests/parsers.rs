@@ -1,5 +1,5 @@
-//! The seeds of the fuzz targets of every parser, replayed: what was found once is looked at by
-//! every `cargo test`.
+//! Replays the seeds of the fuzz targets of every parser, so that every `cargo test` checks what was found
+//! once.
 
 use std::alloc::System;
 use std::fs;
@@ -8,7 +8,7 @@ use std::path::Path;
 use cap::Cap;
 use fuseline_system_tests::parsers::{ALL, Ends, MEMORY};
 
-/// An allocation of more ends the test.
+/// A greater allocation ends the test.
 #[global_allocator]
 static BOUNDED: Cap<System> = Cap::new(System, MEMORY);
 

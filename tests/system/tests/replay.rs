@@ -1,4 +1,4 @@
-//! A seed is its run: played again, it is the same to the byte; and a run that fails becomes small.
+//! A seed is its run: played again, it is the same to the byte. A run that fails becomes small.
 
 use std::time::Duration;
 
@@ -25,7 +25,7 @@ fn a_seed_played_twice_is_the_same_to_the_byte() {
     assert!(bytes > 1_000_000, "{bytes} bytes are nothing to compare");
 }
 
-/// Everything that can go wrong does within a few hundred seeds, or the drawing has dried up.
+/// Every kind of trouble occurs within a few hundred seeds; otherwise the drawing has dried up.
 #[test]
 fn every_kind_of_trouble_is_drawn() {
     let all: Vec<Scenario> = (0..400).map(Scenario::draw).collect();
@@ -89,8 +89,9 @@ fn every_kind_of_trouble_is_drawn() {
     }
 }
 
-/// A local computation that never ends, without a deadline, keeps the operator for ever (A9): the only scenario that
-/// no drawing makes and that must be found, so it shows that findings are, and become small.
+/// A local computation that never ends, without a deadline, keeps the operator running without end (A9). It
+/// is the only scenario that no seed draws and that must be found, so it shows that findings are found and
+/// become small.
 #[test]
 fn what_never_ends_is_found_and_becomes_one_message() {
     let simulator = Simulator::new().unwrap();

@@ -58,22 +58,22 @@ struct Cli {
     json: bool,
 }
 
-/// What was done so far.
+/// The work done so far.
 #[derive(Default, Serialize)]
 struct Sum {
     runs: u64,
-    /// Graphs of operators among them.
+    /// The graphs of operators among the runs.
     graphs: u64,
-    /// gRPC servers among them.
+    /// The gRPC servers among the runs.
     servers: u64,
     messages: u64,
-    /// Seconds of virtual time.
+    /// The seconds of virtual time.
     lived: f64,
-    /// Seconds of real time.
+    /// The seconds of real time.
     took: f64,
-    /// Messages a second of real time.
+    /// The messages per second of real time.
     rate: f64,
-    /// The first fresh seed and the one after the last.
+    /// The first fresh seed, and the one after the last.
     seeds: Option<(u64, u64)>,
     failed: Option<Failed>,
     #[serde(skip)]
@@ -88,9 +88,9 @@ struct Failed {
     smallest: String,
 }
 
-/// After so many runs of one operator comes a graph of several.
+/// A graph of several operators follows this many runs of one operator.
 const RUNS_BEFORE_GRAPH: u64 = 64;
-/// And after so many a server, which takes as long as some hundred of them.
+/// A server, which takes as long as several hundred runs, follows this many runs.
 const RUNS_BEFORE_SERVER: u64 = 1024;
 /// A run that takes longer hangs: none takes more than a second.
 const HANGS: Duration = Duration::from_secs(120);
@@ -99,14 +99,14 @@ const HANGS: Duration = Duration::from_secs(120);
 static MEMORY: MiMalloc = MiMalloc;
 
 static STOP: AtomicBool = AtomicBool::new(false);
-/// The seed that is played, and how many were.
+/// The seed that is played, and the number of runs.
 static NOW: [AtomicU64; 2] = [AtomicU64::new(0), AtomicU64::new(0)];
 
 fn main() -> ExitCode {
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(help) if !help.use_stderr() => {
-            // Nobody reads the help any more if this fails.
+            // If this fails, nobody reads the help any more.
             let _ = help.print();
             return ExitCode::SUCCESS;
         }
@@ -116,7 +116,7 @@ fn main() -> ExitCode {
             return ExitCode::from(2);
         }
     };
-    // Where the system refuses a handler, Ctrl-C ends the command as it does otherwise.
+    // If the system refuses a handler, Ctrl-C ends the command in the usual way.
     let _ = ctrlc::set_handler(|| STOP.store(true, Ordering::Release));
     thread::spawn(watch);
     let done = match (cli.seed, cli.graph, cli.server) {
@@ -127,7 +127,7 @@ fn main() -> ExitCode {
     };
     match done.and_then(|sum| report(&cli, &sum)) {
         Ok(code) => code,
-        // Whoever reads has read enough.
+        // The reader has read enough.
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("error: {error}");
@@ -136,7 +136,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// Plays one seed and prints what it is.
+/// Plays one seed and prints its scenario.
 fn replay(cli: &Cli, seed: u64) -> io::Result<Sum> {
     let simulator = Simulator::new()?;
     let scenario = Scenario::draw(seed);
@@ -333,7 +333,7 @@ fn bar(cli: &Cli) -> ProgressBar {
     bar
 }
 
-/// A seed by chance, short enough to be read aloud.
+/// Returns a random seed that is short enough to be read aloud.
 fn by_chance() -> u64 {
     Rng::by_chance().u64(0..1_000_000_000_000)
 }

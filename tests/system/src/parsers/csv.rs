@@ -1,4 +1,4 @@
-//! CSV: events, drives, recordings of a probe, and calls that were observed.
+//! CSV: events, drives, recordings of a probe, and observed calls.
 
 use std::path::Path;
 use std::time::Duration;
@@ -30,10 +30,10 @@ pub(super) const ENDS: &[&str] = &[
     "no calls",
 ];
 
-/// No message takes longer through a network that is there.
+/// The longest time that a message takes through a network that is available.
 const LONGEST: Duration = Duration::from_secs(86_400);
 
-/// A byte for which of the command's readers looks, and a file.
+/// The first byte selects the command's reader, and the others are a file.
 pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> ParserResult {
     let Some((which, file)) = bytes.split_first() else { return Ok(()) };
     let held = match which % 4 {
@@ -45,7 +45,7 @@ pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> ParserResult {
     held.map_err(|error| error.to_string())?
 }
 
-/// Rows are those of a plain reader, and each stands at a later line than the one before.
+/// Checks that the rows are those of a plain reader, and that each is at a later line than the one before.
 fn events(bytes: &[u8], ends: &mut Ends) -> ParserResult {
     let mut options = ReaderBuilder::new();
     options.trim(Trim::All);
@@ -78,8 +78,8 @@ fn no_events(error: &TableError, ends: &mut Ends) -> ParserResult {
     fit(&error.to_string())
 }
 
-/// A drive begins again when it is over, and a message that comes back does so within a lap and a
-/// day.
+/// Checks that a drive starts again when it is over, and that a message that comes back does so within a lap
+/// and a day.
 fn drive(path: &Path, ends: &mut Ends) -> ParserResult {
     let drive = match Drive::load(&path.display().to_string()) {
         Ok(drive) => drive,
@@ -119,7 +119,7 @@ fn drive(path: &Path, ends: &mut Ends) -> ParserResult {
     Ok(())
 }
 
-/// Rows come in the order of sending, and their figures are in their ranges.
+/// Checks that rows come in the order of sending, with figures in their ranges.
 fn recording(path: &Path, ends: &mut Ends) -> ParserResult {
     let (mut before, mut wrong) = (f64::NEG_INFINITY, None);
     let read = ProbeRecording::open(path).and_then(|mut recording| {
@@ -148,7 +148,7 @@ fn recording(path: &Path, ends: &mut Ends) -> ParserResult {
     }
 }
 
-/// Calls are sorted, and there is at least one.
+/// Checks that calls are sorted, and that there is at least one.
 fn calls(bytes: &[u8], ends: &mut Ends) -> ParserResult {
     match crate::deadline::read("calls", bytes) {
         Ok(calls) => {

@@ -1,4 +1,4 @@
-//! Bytes as a file in memory, for what is read by its path.
+//! Bytes as a file in memory, for code that reads a file by its path.
 
 use std::fs::File;
 use std::io;
@@ -7,16 +7,16 @@ use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::{LazyLock, Mutex, PoisonError};
 
-/// Where files are held in memory.
+/// The folder for files in memory.
 const MEMORY: &str = "/dev/shm";
 
-/// The one file of this program; it has no name in any folder, and ends with the program.
+/// The one file of this program. It has no name in any folder, and ends with the program.
 static HELD: LazyLock<Mutex<File>> = LazyLock::new(|| {
     let file = tempfile::tempfile_in(MEMORY).or_else(|_| tempfile::tempfile());
     Mutex::new(file.expect("a temporary file"))
 });
 
-/// Has a file of these bytes read by its path.
+/// Lets `read` read a file of these bytes by its path.
 pub(super) fn as_file<T>(bytes: &[u8], read: impl FnOnce(&Path) -> T) -> io::Result<T> {
     let file = HELD.lock().unwrap_or_else(PoisonError::into_inner);
     file.set_len(0)?;

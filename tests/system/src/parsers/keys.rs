@@ -1,4 +1,4 @@
-//! CDR: the key of a serialized message, against a reading of its own.
+//! CDR: compares the key of a serialized message with an independent reading.
 
 use bytes::Bytes;
 use fuseline_ros2::Payload;
@@ -9,10 +9,10 @@ use crate::parsers::{Ends, ParserResult};
 pub(super) const ENDS: &[&str] =
     &["no message", "too short", "no stamp", "header", "uint32", "int32", "uint64", "int64"];
 
-/// A place that one byte does not hold.
+/// A place that one byte cannot hold.
 const FAR: u8 = u8::MAX;
 
-/// A byte for the key's kind, its place, and a serialized message.
+/// The first byte is the key's kind, then come its place and a serialized message.
 pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> ParserResult {
     let [kind, near, rest @ ..] = bytes else { return Ok(()) };
     let (offset, message) = match rest.split_first_chunk::<4>() {
@@ -67,7 +67,7 @@ pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> ParserResult {
     Ok(())
 }
 
-/// A number, digit by digit.
+/// Reads a number digit by digit.
 fn number(bytes: &[u8], is_big: bool, is_signed: bool) -> i128 {
     let digit = |number: i128, byte: &u8| number * 256 + i128::from(*byte);
     let number =

@@ -1,4 +1,4 @@
-//! Traces however they are packed: gzip, zstd, MCAP, plain.
+//! Traces in every packing: gzip, zstd, MCAP and plain.
 
 use std::io::{self, BufRead};
 
@@ -10,10 +10,10 @@ use crate::parsers::{Ends, ParserResult, fit};
 pub(super) const ENDS: &[&str] =
     &["plain", "gzip", "zstd", "mcap", "cut short", "cannot be unpacked", "no trace"];
 
-/// A file may unpack to as much as it likes; what is looked at of it is bounded.
+/// The number of lines that are checked. A file may unpack to any size.
 const LINES: u64 = 2_000;
 
-/// Any bytes as a file.
+/// Checks any bytes as a file.
 pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> ParserResult {
     let inner = match unpack(bytes) {
         Ok(inner) => inner,
@@ -47,7 +47,7 @@ fn next<R: BufRead>(reader: &mut Events<R>) -> Result<Option<Line>, ReadError> {
     Ok(reader.next_event()?.map(Line::Event))
 }
 
-/// A line that was read says the same when it is written and read again.
+/// Checks that a line stays the same when it is written and read again.
 fn unchanged(line: &Line) -> ParserResult {
     let mut written = Vec::new();
     line.write(&mut written);

@@ -1,4 +1,4 @@
-//! The page of a report: its data are whatever a trace says, and stay data.
+//! The page of a report. Its data come from a trace, and must stay data.
 
 use std::collections::BTreeSet;
 use std::io::BufReader;
@@ -13,14 +13,14 @@ use crate::parsers::{Ends, ParserResult, fit};
 
 pub(super) const ENDS: &[&str] = &["no trace", "judged", "in disorder", "observed"];
 
-/// What a trace may have of events.
+/// The greatest number of events of a trace.
 const EVENTS: usize = 10_000;
 const SLACK: Slack = Slack { tolerance: 1_000, lateness: 1_000_000 };
 
-/// The element that the data stand in.
+/// The element that contains the data.
 const DATA: &str = r#"<script type="application/json" id="data">"#;
 
-/// What stands before and after the data of any page.
+/// The text before and after the data of any page.
 static AROUND: LazyLock<(Vec<u8>, Vec<u8>)> = LazyLock::new(|| {
     let mut page = Vec::new();
     PageWriter::default().write(&mut page).expect("memory takes it");
@@ -29,7 +29,7 @@ static AROUND: LazyLock<(Vec<u8>, Vec<u8>)> = LazyLock::new(|| {
     (page[..begin].to_vec(), page[begin + len..].to_vec())
 });
 
-/// A line with the file's name, then the trace.
+/// The first line is the file's name, and the trace follows.
 pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> ParserResult {
     let end = bytes.iter().position(|byte| *byte == b'\n').unwrap_or(bytes.len());
     let name = String::from_utf8_lossy(&bytes[..end]);
@@ -47,14 +47,14 @@ fn page(mode: JudgeMode, name: &str, trace: &[u8], ends: &mut Ends) -> ParserRes
     let header = reader.header().clone();
     let (mut page, mut count) = (PageWriter::default(), 0);
     let mut sheet = page.begin(mode, name, &header);
-    // Up to where it is no trace any more, as if it were cut short there.
+    // The trace is read until it is invalid, as if it were cut off there.
     while let Ok(Some(event)) = reader.next_event()
         && count < EVENTS
     {
         if let Err(error) = sheet.event(reader.line(), event) {
             ends.insert("in disorder");
             let message = error.to_string();
-            // A file's name is shown as it is.
+            // A file's name is shown unchanged.
             return fit(message.strip_prefix(name).unwrap_or(&message));
         }
         count += 1;
@@ -76,12 +76,13 @@ fn page(mode: JudgeMode, name: &str, trace: &[u8], ends: &mut Ends) -> ParserRes
     whole(&reported, count)
 }
 
-/// The one trace of a page, out of its data: nothing in these ends their element.
+/// Returns the one trace in a page's data. Nothing in the data ends their element.
 fn embedded(html: &[u8]) -> Result<Value, String> {
     let (before, after) = &*AROUND;
     let data = html.strip_prefix(&before[..]).and_then(|page| page.strip_suffix(&after[..]));
     let data = data.ok_or("what stands around the data is changed by them")?;
-    // What a browser's parser leaves the element at, or takes for a comment in it, begins so.
+    // Whatever ends the element for a browser's parser, or begins a comment in it, starts with this
+    // character.
     if data.contains(&b'<') {
         return Err(format!("data that end their element: {}", data.escape_ascii()));
     }
@@ -89,7 +90,7 @@ fn embedded(html: &[u8]) -> Result<Value, String> {
     Ok(data["traces"][0].take())
 }
 
-/// Names are shown as they are.
+/// Checks that names are shown unchanged.
 fn names(reported: &Value, name: &str, header: &Header) -> ParserResult {
     let sources = reported["sources"].as_array().map(Vec::as_slice).unwrap_or_default();
     let names: BTreeSet<&str> =
@@ -105,7 +106,7 @@ fn names(reported: &Value, name: &str, header: &Header) -> ParserResult {
     Ok(())
 }
 
-/// The columns are as long as each other.
+/// Checks that all columns have the same length.
 fn whole(reported: &Value, count: usize) -> ParserResult {
     let len = |key: &str| reported[key].as_array().map(Vec::len);
     let timestamps = len("timestamps");

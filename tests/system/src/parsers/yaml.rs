@@ -1,4 +1,4 @@
-//! Parameter files of ROS, up to the node's settings.
+//! ROS parameter files, up to the node's settings.
 
 use std::path::Path;
 
@@ -15,7 +15,7 @@ use crate::parsers::{Ends, ParserResult, fit};
 
 pub(super) const ENDS: &[&str] = &["no parameters", "parameters", "no settings", "settings"];
 
-/// Any bytes as a parameter file.
+/// Checks any bytes as a parameter file.
 pub(super) fn check(bytes: &[u8], ends: &mut Ends) -> ParserResult {
     as_file(bytes, |path| file(path, bytes.len(), ends)).map_err(|error| error.to_string())?
 }
@@ -59,7 +59,7 @@ fn parameter(given: &ParameterOverride, len: usize) -> ParserResult {
     shown(&given.value)
 }
 
-/// What is shown of a value is YAML that gives the same value.
+/// Checks that a value is shown as YAML that gives the same value.
 fn shown(value: &Value) -> ParserResult {
     let text = format!("a:={value}");
     fit(&text)?;
@@ -70,7 +70,7 @@ fn shown(value: &Value) -> ParserResult {
     }
 }
 
-/// Numbers are compared by their bits, but that one NaN is like another.
+/// Compares numbers by their bits, except that all NaNs are the same.
 fn is_same(a: &Value, b: &Value) -> bool {
     let same = |a: f64, b: f64| a.to_bits() == b.to_bits() || a.is_nan() && b.is_nan();
     match (a, b) {
@@ -95,7 +95,7 @@ fn refused(error: &ParameterError, len: usize) -> ParserResult {
     fit(&error.to_string())
 }
 
-/// An origin is in the file, or just behind it.
+/// Checks that an origin is in the file or just behind it.
 fn placed(origin: &ValueOrigin, len: usize) -> ParserResult {
     match origin {
         ValueOrigin::File(_, line, column)

@@ -1,6 +1,7 @@
-//! What must hold of every run, by name.
+//! The checks of every run, by name.
 //!
-//! A [`Check`] sees a run from outside: its trace, items, calls and counts ([`Facts`]), never the operator's state.
+//! A [`Check`] sees a run from outside: its trace, items, calls and counts ([`Facts`]), but never the
+//! operator's state.
 
 mod account;
 mod calls;
@@ -14,17 +15,17 @@ use crate::simulate::play::{OperatorEnd, RunResult};
 use crate::simulate::replay::Replay;
 use crate::simulate::scenario::{Disk, Finish, Scenario};
 
-/// One thing that must hold of every run.
+/// Something that must hold for every run.
 #[derive(Clone, Copy)]
 pub struct Check {
-    /// Its name, which begins with the promise of SPEC.md that it is about.
+    /// The check's name, which begins with the promise of SPEC.md that it is about.
     pub name: &'static str,
-    /// What it looks at, in a sentence.
+    /// A sentence that says what it checks.
     pub sentence: &'static str,
     holds: fn(&Facts<'_>) -> Result<(), String>,
 }
 
-/// All of them.
+/// All checks.
 pub const CHECKS: &[Check] = &[
     Check {
         name: "d7_no_panic_comes_through",
@@ -96,23 +97,23 @@ pub const CHECKS: &[Check] = &[
     },
 ];
 
-/// What is known of one run.
+/// The facts about one run.
 pub(crate) struct Facts<'a> {
     pub(crate) scenario: &'a Scenario,
     pub(crate) played: &'a RunResult,
     pub(crate) replay: Replay,
-    /// Calls and local computations by source and timestamp.
+    /// The calls and local computations, by source and timestamp.
     pub(crate) calls: BTreeMap<(u16, u64), &'a LoggedCall>,
-    /// Whether the trace has everything.
+    /// `true` if the trace has everything.
     pub(crate) is_whole: bool,
 }
 
-/// What does not hold of a run.
+/// A check that does not hold for a run.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Finding {
     /// The check's name.
     pub check: &'static str,
-    /// What is wrong, in words.
+    /// A description of what is wrong.
     pub reason: String,
 }
 
@@ -129,7 +130,7 @@ impl<'a> Facts<'a> {
         Self { scenario, played, replay, calls, is_whole }
     }
 
-    /// Everything that does not hold.
+    /// Returns everything that does not hold.
     pub(crate) fn findings(&self) -> Vec<Finding> {
         let found = |check: &Check| {
             let reason = (check.holds)(self).err()?;
@@ -138,19 +139,20 @@ impl<'a> Facts<'a> {
         CHECKS.iter().filter_map(found).collect()
     }
 
-    /// Whether nothing that happens at this instant need be in the trace: the operator was stopped, or the trace ends.
+    /// Returns `true` if events at this instant may be missing from the trace, because the operator was
+    /// stopped or the trace ends.
     pub(crate) fn is_after(&self, at: u64) -> bool {
         let is_stopped = self.played.log.stopped.is_some_and(|stopped| stopped <= at);
         is_stopped || (!self.is_whole && self.replay.end <= at)
     }
 
-    /// Whether the run was let go to its end.
+    /// Returns `true` if the run could continue to its end.
     pub(crate) fn runs_out(&self) -> bool {
         matches!(self.scenario.end, Finish::Input | Finish::Alone)
     }
 }
 
-/// It ended as it was to end.
+/// Checks that the run ended as planned.
 fn ends(facts: &Facts<'_>) -> Result<(), String> {
     let Facts { scenario, played, .. } = facts;
     let is_due = match (&played.ended, scenario.end) {
@@ -162,7 +164,7 @@ fn ends(facts: &Facts<'_>) -> Result<(), String> {
     ensure(is_due, || format!("it ended so: {:?}, and its end is {:?}", played.ended, scenario.end))
 }
 
-/// Says what is wrong unless it holds.
+/// Returns the reason as an error unless `holds` is `true`.
 pub(crate) fn ensure(holds: bool, reason: impl FnOnce() -> String) -> Result<(), String> {
     if holds { Ok(()) } else { Err(reason()) }
 }

@@ -1,4 +1,4 @@
-//! Scenarios drawn from seeds: quiet ones, wild ones, and many near their edges. `play` runs them.
+//! Draws scenarios from seeds: quiet ones, wild ones, and many near their edges. `play` runs them.
 
 use std::iter;
 use std::time::Duration;
@@ -11,26 +11,26 @@ use crate::simulate::scenario::{
     ScenarioCloud, ScenarioLink, SourceAction,
 };
 
-/// So many lines of a trace wait for the disk in any case, which is as slow as the host that this runs on.
+/// This many lines of a trace may always wait for the disk, because the disk is as slow as the host.
 const LINES: usize = 30_000;
 
-/// How a source behaves for a while.
+/// A source's behaviour for some time.
 #[derive(Clone, Copy)]
 enum SourcePhase {
-    /// It answers, within this time.
+    /// It returns a result within this time.
     Fair(Duration),
-    /// It answers about when it is due.
+    /// It returns a result around its due instant.
     Edge,
-    /// It never answers.
+    /// It never returns a result.
     Dead,
     /// It fails at once.
     Refusing,
-    /// Anything.
+    /// It does anything.
     Wild,
 }
 
 impl Scenario {
-    /// The run of this seed: the same for ever, as long as nobody changes how runs are drawn.
+    /// Draws the run of this seed. The run stays the same as long as the drawing does not change.
     #[must_use]
     pub fn draw(seed: u64) -> Self {
         let mut rng = Rng::with_seed(seed);
@@ -73,7 +73,7 @@ impl Scenario {
             frames,
             end,
         };
-        // Last, so that the other runs stay as they were drawn.
+        // This comes last, so that earlier seeds keep their runs.
         if rng.u8(0..3) == 0 {
             drawn.commit = Commit::Progressive;
         }
@@ -85,7 +85,7 @@ impl Scenario {
     }
 }
 
-/// A reply that the link loses has no end but its deadline.
+/// Gives each cloud a deadline that ends, because a result that the link loses has no other end.
 fn bound_deadlines(frames: &mut [MessageScript]) {
     for message in frames {
         for offer in message.offers.iter_mut().chain([&mut message.side]) {
@@ -96,7 +96,7 @@ fn bound_deadlines(frames: &mut [MessageScript]) {
     }
 }
 
-/// From one that is hardly felt to one that carries nearly nothing.
+/// Draws a link, from one that is hardly felt to one that carries almost nothing.
 fn link(rng: &mut Rng) -> Option<ScenarioLink> {
     let rate = |rng: &mut Rng| rng.one_of(&[1_000_000, 20_000_000, 1_000_000_000]);
     let is_there = rng.u8(0..4) == 0;
@@ -129,7 +129,7 @@ fn remote(rng: &mut Rng, p: u16) -> ScenarioCloud {
     }
 }
 
-/// The messages, with what each source does about them.
+/// Draws the messages, with what each source does about them.
 fn frames(
     rng: &mut Rng,
     count: usize,
@@ -149,7 +149,7 @@ fn frames(
         }
         let due = local.deadline.unwrap_or(Duration::from_millis(30));
         let mut of_local = act(rng, skies[0].1, due);
-        // Nobody ever ends what has no deadline and does not end by itself (A9).
+        // A computation without a deadline that does not end by itself never ends (A9).
         if local.deadline.is_none() && of_local.result.hangs() && !matches!(end, Finish::Stop(_)) {
             of_local.result = CallResult::Fails;
         }
@@ -195,7 +195,7 @@ fn offer_action(rng: &mut Rng, phase: SourcePhase) -> OfferAction {
     }
 }
 
-/// What a source with a deadline does.
+/// Draws the action of a source with a deadline.
 fn act(rng: &mut Rng, phase: SourcePhase, deadline: Duration) -> SourceAction {
     let yields = if rng.u8(0..8) == 0 { rng.u8(1..4) } else { 0 };
     let (after, result) = match phase {
@@ -221,7 +221,7 @@ fn finish(rng: &mut Rng, span: Duration) -> Finish {
     }
 }
 
-/// A reader; one who leaves is among the rare ones.
+/// Draws a reader. A reader that leaves is rare.
 fn audience(rng: &mut Rng, end: Finish) -> ReaderPlan {
     let is_lazy = rng.u8(0..5) == 0;
     let lag =
@@ -234,7 +234,8 @@ fn audience(rng: &mut Rng, end: Finish) -> ReaderPlan {
     }
 }
 
-/// Whole milliseconds long: tokio's clock goes on by these, and would be up to two late between them.
+/// Draws stalls of whole milliseconds: tokio's clock advances by these, and would be up to two late between
+/// them.
 fn stalls(rng: &mut Rng, span: Duration) -> Vec<(Duration, Duration)> {
     let count = rng.one_of(&[0, 0, 0, 1, 4]);
     let stall = |rng: &mut Rng| (span.mul_f64(rng.f64()), Duration::from_millis(rng.u64(1..90)));
@@ -255,7 +256,7 @@ fn priorities(rng: &mut Rng) -> Vec<u16> {
     drawn
 }
 
-/// About this long: the same, a nanosecond off, or up to half as much off.
+/// Returns about this duration: exactly, a nanosecond off, or up to half as much off.
 fn edge(rng: &mut Rng, about: Duration) -> Duration {
     match rng.u8(0..8) {
         0..3 => about,

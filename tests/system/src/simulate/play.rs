@@ -1,4 +1,5 @@
-//! Plays a scenario with the shipped operator, on tokio's paused clock, which goes on only while all tasks sleep.
+//! Plays a scenario with the shipped operator on tokio's paused clock, which advances only while all tasks
+//! sleep.
 
 use std::fs;
 use std::io;
@@ -19,21 +20,21 @@ use crate::simulate::peers::{Script, audience, camera, stall};
 use crate::simulate::scenario::{Disk, Finish, Scenario};
 use crate::simulate::value::ResultValue;
 
-/// In virtual time, longer than any run.
+/// A virtual time that is longer than any run.
 const FOR_EVER: Duration = Duration::from_secs(100_000);
 
-/// What came of a scenario.
+/// The outcome of a scenario.
 pub(crate) struct RunResult {
     pub(crate) log: Log,
-    /// The trace, put together from its parts.
+    /// The trace, joined from its parts.
     pub(crate) trace: Vec<u8>,
     pub(crate) ended: OperatorEnd,
-    /// None if nobody held the operator to its end.
+    /// `None` if nobody kept the operator to its end.
     pub(crate) tally: Option<Tally>,
     pub(crate) metrics: Vec<(CompositeKey, DebugValue)>,
-    /// How many messages and values there were at most.
+    /// The greatest numbers of messages and of values at once.
     pub(crate) most: [usize; 2],
-    /// Tasks, messages and values that are left when all is over.
+    /// The tasks, messages and values that are left at the end.
     pub(crate) remaining: [usize; 3],
 }
 
@@ -53,10 +54,10 @@ pub(crate) enum OperatorEnd {
     NotStarted(String),
 }
 
-/// Plays it; files go to `folder`, which is emptied.
+/// Plays a scenario. Its files go to `folder`, which is emptied.
 ///
 /// # Errors
-/// If the folder cannot be used.
+/// Returns an error if the folder cannot be used.
 pub(crate) fn play(scenario: &Scenario, folder: &Path) -> io::Result<RunResult> {
     let path = prepare(scenario, folder)?;
     let recorder = DebuggingRecorder::new();
@@ -73,7 +74,7 @@ pub(crate) fn play(scenario: &Scenario, folder: &Path) -> io::Result<RunResult> 
             Ok((running, items)) => {
                 tokio::spawn(camera(Arc::clone(&simulation), writer));
                 tokio::spawn(stall(Arc::clone(&simulation)));
-                // A task, for others may have their turn at its instant before it and after it.
+                // It is a task, because others may have their turn at its instant before and after it.
                 tokio::spawn(run(Arc::clone(&simulation), running, items)).await?
             }
             Err(error) => (OperatorEnd::NotStarted(error.to_string()), None),
@@ -126,8 +127,8 @@ async fn run(
             join(running, &mut counts).await
         }
     };
-    // Readers read to the end, and local computes on. Until a set instant: while the recorder's thread ends, which takes real
-    // time, virtual time may go on.
+    // Readers read to the end, and local continues. This waits until a fixed instant, because virtual time
+    // may advance while the recorder's thread ends, which takes real time.
     sleep_until(simulation.at(FOR_EVER * 2)).await;
     let now = simulation.now();
     simulation.log().over = Some(now);
@@ -170,7 +171,7 @@ fn config(scenario: &Scenario, path: PathBuf) -> Config {
     }
 }
 
-/// Empties the folder, and fills the disk where the scenario says so: a part of the trace is `/dev/full`.
+/// Empties the folder, and fills the disk if the scenario says so: a part of the trace is `/dev/full`.
 fn prepare(scenario: &Scenario, folder: &Path) -> io::Result<PathBuf> {
     for entry in fs::read_dir(folder)? {
         fs::remove_file(entry?.path())?;
@@ -181,7 +182,7 @@ fn prepare(scenario: &Scenario, folder: &Path) -> io::Result<PathBuf> {
     Ok(folder.join("trace.jsonl"))
 }
 
-/// The parts of a trace as one, without the later headers.
+/// Joins the parts of a trace, without the later headers.
 fn put_together(path: &Path) -> io::Result<Vec<u8>> {
     let mut trace = fs::read(path)?;
     for part in 1.. {

@@ -1,4 +1,4 @@
-//! Reads the operator's trace beside a model of its queues, to know what each message and request was to get.
+//! Reads the operator's trace beside a model of its queues, to know what each message and request should get.
 //!
 //! The model shares no code with the engine, so that the two can differ.
 
@@ -12,27 +12,27 @@ use fuseline_traces::{
 
 use crate::simulate::scenario::Scenario;
 
-/// What the trace shows.
+/// The facts that the trace shows.
 #[derive(Default)]
 pub(crate) struct Replay {
     pub(crate) verdict: Option<Verdict>,
-    /// Why the trace cannot be read.
+    /// The reason why the trace cannot be read.
     pub(crate) defect: Option<String>,
     /// The instant of the last input.
     pub(crate) end: u64,
     /// The messages in the order in which they were opened.
     pub(crate) opened: Vec<OpenedMessage>,
-    /// Where each message stands in `opened`.
+    /// The index of each message in `opened`.
     by_t: BTreeMap<u64, usize>,
-    /// What was requested of local and the clouds, in the order in which it was admitted.
+    /// The requests to local and the clouds, in the order in which they were admitted.
     pub(crate) requested: Vec<AdmittedRequest>,
-    /// What was sent downstream, in the order in which it was decided.
+    /// The items, in the order in which they were decided.
     pub(crate) items: Vec<DecidedItem>,
-    /// Offers: timestamp, cloud, and how they were answered.
+    /// The offers: timestamp, cloud, and the reason to refuse if there was one.
     pub(crate) offers: Vec<(u64, u16, Option<fuseline_traces::OfferRefusal>)>,
-    /// Backlogs that are not the queue's length, in words.
+    /// Descriptions of backlogs that differ from the queue's length.
     pub(crate) wrong_backlogs: Vec<String>,
-    /// Local computations that failed for want of room, or did not, in words.
+    /// Descriptions of local computations that failed for lack of room, or did not, by mistake.
     pub(crate) wrong_room: Vec<String>,
     pub(crate) dropped: Vec<DroppedResult>,
     pub(crate) held: Vec<u16>,
@@ -44,20 +44,20 @@ pub(crate) struct OpenedMessage {
     pub(crate) at: u64,
     /// How it ended.
     pub(crate) end: Option<Departure>,
-    /// Its items: indices in `items`.
+    /// Its items, by their indices in `items`.
     pub(crate) items: Vec<usize>,
-    /// Whose failures were accepted.
+    /// The sources whose failures were accepted.
     pub(crate) failures: Vec<u16>,
 }
 
 /// An item as the trace has it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct DecidedItem {
-    /// Its message: an index in `opened`.
+    /// The index of its message in `opened`.
     pub(crate) message: usize,
     pub(crate) at: u64,
     pub(crate) departure: Departure,
-    /// How many failures were accepted by then.
+    /// The number of failures that were accepted by then.
     pub(crate) failures: usize,
 }
 
@@ -77,13 +77,13 @@ pub(crate) struct AdmittedRequest {
     pub(crate) at: u64,
     pub(crate) due: Option<u64>,
     pub(crate) started: Option<u64>,
-    /// When its timer fired.
+    /// The instant when its timer fired.
     pub(crate) fired: Option<u64>,
-    /// When it was cancelled.
+    /// The instant when it was cancelled.
     pub(crate) cancelled: Option<u64>,
-    /// When its own result or failure came, and whether it was a result.
+    /// The instant when its own result or failure came, and `true` for a result.
     pub(crate) ended: Option<(u64, bool)>,
-    /// Whether it was taken out of local's queue because its message was answered.
+    /// `true` if it was removed from local's queue because its message already had its output.
     pub(crate) skipped: bool,
 }
 
@@ -166,14 +166,14 @@ impl Replay {
         self.by_t.get(&t).map(|index| &self.opened[*index])
     }
 
-    /// Where in `items` the item of a message with this revision stands.
+    /// Returns the index in `items` of the item with this revision.
     pub(crate) fn item(&self, t: u64, revision: u32) -> Option<usize> {
         self.message(t)?.items.get(usize::try_from(revision).ok()?).copied()
     }
 }
 
 impl AdmittedRequest {
-    /// When it was no longer wanted, if it was closed before it ended.
+    /// Returns when it was no longer wanted, if it was closed before it ended.
     pub(crate) fn closed(&self) -> Option<u64> {
         self.fired.into_iter().chain(self.cancelled).min()
     }
@@ -216,7 +216,7 @@ impl ReplayReader<'_> {
         self.start();
     }
 
-    /// F1, and local gets the message; a computation beyond its bound fails next.
+    /// Opens a message and gives it to local. A computation beyond the bound fails next (F1).
     fn open(&mut self, input: &Input, own: &[Decision]) {
         let Input::Open { at, t, deadline } = *input else { return };
         let replay = &mut self.replay;
@@ -230,7 +230,7 @@ impl ReplayReader<'_> {
         }
     }
 
-    /// Whether local fails where its queue is beyond its bound, and only there.
+    /// Checks that local fails if its queue is beyond its bound, and only then.
     fn crowds(&mut self, input: &Input) {
         let Some(t) = self.crowded else { return };
         if matches!(input, Input::Offer { t: of, .. } if *of == t) {
@@ -239,7 +239,7 @@ impl ReplayReader<'_> {
         self.crowded = None;
         let waiting = self.queues[0].waiting.len();
         let bound = self.scenario.local.waiting.unwrap_or(self.scenario.window.into());
-        // D17: the oldest is thrown out.
+        // The oldest is discarded (D17).
         let oldest = self.queues[0].waiting.front().map(|index| self.replay.requested[*index].t);
         let fails = matches!(input, Input::Fail { t: of, p: 0, .. } if Some(*of) == oldest);
         if waiting > bound && !fails {
@@ -263,7 +263,7 @@ impl ReplayReader<'_> {
         });
     }
 
-    /// The source's own result or failure came.
+    /// Notes the source's own result or failure.
     fn end(&mut self, t: u64, p: u64, is_result: bool) {
         if let Some(queue) = self.queue(p)
             && let Some(requested) = self.take(queue, t)
@@ -281,7 +281,7 @@ impl ReplayReader<'_> {
         }
     }
 
-    /// `own` are the decisions about the input itself, if this is one of them.
+    /// Notes a decision. `own` are the decisions about the input itself, if this is one of them.
     fn decide(&mut self, decision: &Decision, trigger: Trigger, input: &Input, own: &[Decision]) {
         match *decision {
             Decision::Timer { at, t, p } => {
@@ -317,7 +317,7 @@ impl ReplayReader<'_> {
                 };
                 self.leave(at, t, departure);
             }
-            // It has been sent as the last one.
+            // It has already been sent as the last one.
             Decision::Final { .. } if own.iter().any(|it| matches!(it, Decision::Emit { .. })) => {}
             Decision::Final { at, t, p } => self.leave(at, t, Departure::Final(short(p))),
             Decision::Miss { at, t } => self.leave(at, t, Departure::Missed),
@@ -350,7 +350,7 @@ impl ReplayReader<'_> {
         }
     }
 
-    /// What waits is sent while there is room, the first first.
+    /// Sends requests that wait while there is room, the first one first.
     fn start(&mut self) {
         for queue in &mut self.queues {
             while queue.flying.len() < queue.at_once
@@ -362,7 +362,7 @@ impl ReplayReader<'_> {
         }
     }
 
-    /// Takes a request out of its queue, or from what is under way.
+    /// Removes a request from its queue, or from the calls under way.
     fn take(&mut self, queue: usize, t: u64) -> Option<usize> {
         let requested = &self.replay.requested;
         let ReplayQueue { waiting, flying, .. } = &mut self.queues[queue];
@@ -386,7 +386,7 @@ impl ReplayReader<'_> {
     }
 }
 
-/// Priorities of the engine's requests fit.
+/// Converts a priority; those of the engine's requests fit.
 fn short(p: u64) -> u16 {
     u16::try_from(p).unwrap_or(u16::MAX)
 }

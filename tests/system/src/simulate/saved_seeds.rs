@@ -12,10 +12,10 @@ pub struct KeptSeed {
     pub because: String,
 }
 
-/// All of them, in the order in which they were found.
+/// Returns all of them, in the order in which they were found.
 ///
 /// # Panics
-/// If `seeds.toml` is no list of seeds with reasons; a test reads it.
+/// Panics if `seeds.toml` is not a list of seeds with reasons; a test reads it.
 #[must_use]
 pub fn saved_seeds() -> Vec<KeptSeed> {
     #[derive(Deserialize)]

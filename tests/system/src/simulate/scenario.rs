@@ -1,16 +1,17 @@
-//! One run as plain data: what is configured, what comes, and what goes wrong. `draw` makes it, `shrink` makes it smaller.
+//! A run as plain data: the configuration, the messages, and the disruptions. `draw` makes it, and `shrink`
+//! makes it smaller.
 
 use std::fmt;
 use std::time::Duration;
 
 use fuseline_tokio::Commit;
 
-/// One run of one operator. It is drawn from its seed and can be made smaller by hand.
+/// A run of one operator. It is drawn from its seed, and can be made smaller by hand.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Scenario {
-    /// Where it was drawn from.
+    /// The seed that it was drawn from.
     pub seed: u64,
-    /// How many messages may be open.
+    /// The greatest number of open messages.
     pub window: u16,
     /// The commit rule.
     pub commit: Commit,
@@ -22,19 +23,19 @@ pub struct Scenario {
     pub local: OnBoard,
     /// The clouds, as they are registered.
     pub clouds: Vec<ScenarioCloud>,
-    /// The link that all calls share, if it has a width.
+    /// The link that all calls share, if its rate is limited.
     pub link: Option<ScenarioLink>,
-    /// Side requests, if there are any: the gate's limit and how many may be under way.
+    /// The gate's limit for side requests and how many may be under way, if there are any.
     pub side: Option<(u64, usize)>,
-    /// Whether late results are handed on as hints, and whether their handler panics.
+    /// Whether late results are given as hints, and then whether their handler panics.
     pub hints: Option<bool>,
-    /// Whether somebody takes the metrics, which costs as much as a source.
+    /// `true` if somebody takes the metrics, which costs as much as a source.
     pub metered: bool,
     /// What becomes of the recording.
     pub disk: Disk,
-    /// Who reads the output; the first is there from the start.
+    /// The readers of the output. The first one is there from the start.
     pub readers: Vec<ReaderPlan>,
-    /// When the process stands still, and for how long.
+    /// The instants at which the process stands still, and for how long.
     pub stalls: Vec<(Duration, Duration)>,
     /// The messages, in order.
     pub frames: Vec<MessageScript>,
@@ -45,11 +46,11 @@ pub struct Scenario {
 /// The local computation.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct OnBoard {
-    /// How many run at once.
+    /// The number of computations that run at once.
     pub at_once: usize,
-    /// How many more may wait; as many as the window if not given.
+    /// The number of computations that may wait; as many as the window if not given.
     pub waiting: Option<usize>,
-    /// Whether one that waits is skipped once its message is answered.
+    /// `true` to skip a waiting computation once its message has its output.
     pub skip_answered: bool,
     /// How long it may take.
     pub deadline: Option<Duration>,
@@ -64,79 +65,80 @@ pub struct ScenarioCloud {
     pub limit: u64,
     /// Its gate's resume.
     pub resume: u64,
-    /// How many calls may be under way.
+    /// The number of calls that may be under way.
     pub calls: usize,
     /// How long calls run on past their due instants.
     pub linger: Duration,
-    /// The deadline that its policy chooses, if it has one; zero is a policy that panics now and then.
+    /// The deadline that its policy chooses, if it has one. Zero is a policy that sometimes panics.
     pub policy: Option<Duration>,
 }
 
-/// A link: requests wait for the uplink, replies for the downlink. A request that finds no room fails, a reply never comes.
+/// A link: requests wait for the uplink, and results for the downlink. A request that finds no room fails,
+/// and a result never arrives.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct ScenarioLink {
-    /// Up and down, in bits a second.
+    /// The rates up and down, in bits per second.
     pub rates: [u64; 2],
-    /// How many bytes may wait for each.
+    /// The number of bytes that may wait in each direction.
     pub queue_bytes: u64,
-    /// Of a request and of a reply.
+    /// The bytes of a request and of a result.
     pub bytes: [usize; 2],
 }
 
 /// What becomes of a recording.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Disk {
-    /// It is written whole, in parts of so many bytes if it is given.
+    /// It is written whole, in parts of this many bytes if that is given.
     Whole(Option<u64>),
-    /// After so many parts of so many bytes the disk is full.
+    /// After this many parts of this many bytes the disk is full.
     FullAfter(u64, u64),
 }
 
 /// A reader of the output.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct ReaderPlan {
-    /// After how many items of the first reader it joins.
+    /// The number of the first reader's items after which it joins.
     pub joins_after: usize,
-    /// How long it takes for each item.
+    /// The time that it takes for each item.
     pub pace: Duration,
-    /// After how many items it stands still for how long.
+    /// The number of items after which it stands still, and for how long.
     pub lag: Option<(usize, Duration)>,
-    /// After how many items it leaves.
+    /// The number of items after which it leaves.
     pub leaves_after: Option<usize>,
 }
 
-/// One message, and what everybody does about it.
+/// A message, and everybody's action about it.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct MessageScript {
-    /// How long after the one before it comes.
+    /// The time after the previous message.
     pub gap: Duration,
-    /// How often others have their turn before it is written.
+    /// The number of turns that others have before it is written.
     pub yields: u8,
-    /// What local does.
+    /// Local's action.
     pub local: SourceAction,
-    /// What is offered to each cloud, and what it does.
+    /// The offer to each cloud, and the cloud's action.
     pub offers: Vec<OfferAction>,
     /// The side request.
     pub side: OfferAction,
 }
 
-/// What a message handler does with a message.
+/// A message handler's action about a message.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum OfferAction {
     /// It makes no request.
     Nothing,
     /// It panics.
     Panics,
-    /// It offers a request with this deadline; the cloud then acts so.
+    /// It offers a request with this deadline, and the cloud then acts like this.
     Offers(Duration, SourceAction),
 }
 
-/// What a source does once it is called.
+/// A source's action once it is called.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct SourceAction {
-    /// How long it takes.
+    /// The time that it takes.
     pub after: Duration,
-    /// How often others have their turn before it begins and before it ends.
+    /// The number of turns that others have before it begins and before it ends.
     pub yields: u8,
     /// How it ends.
     pub result: CallResult,
@@ -151,33 +153,33 @@ pub enum CallResult {
     Fails,
     /// With a panic.
     Panics,
-    /// Before it has begun, with a panic.
+    /// With a panic before it has begun.
     PanicsAtOnce,
     /// With a response that the response handler refuses.
     BadResponse,
     /// With a response at which the response handler panics.
     PanickingResponse,
-    /// Not at all: a half-open connection, a black hole.
+    /// Never: a half-open connection, or a black hole.
     Hangs,
-    /// Not at all, and it panics when it is dropped.
+    /// Never, and it panics when it is dropped.
     HangsAndPanics,
 }
 
 /// How a run ends.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Finish {
-    /// The input ends, and all is answered.
+    /// The input ends, and every message has its output.
     Input,
-    /// The same, and nobody holds the running operator any more.
+    /// The same, and nobody keeps the running operator any more.
     Alone,
     /// The operator is stopped at this instant.
     Stop(Duration),
-    /// The runtime is dropped at this instant, with all that is in it.
+    /// The runtime is dropped at this instant, with everything in it.
     Crash(Duration),
 }
 
 impl Scenario {
-    /// What source `p` does about this message, if it is called.
+    /// Returns the action of source `p` about this message, if it is called.
     pub(crate) fn act(&self, serial: usize, p: u16) -> Option<SourceAction> {
         let frame = self.frames.get(serial)?;
         if p == 0 {
@@ -192,7 +194,7 @@ impl Scenario {
 }
 
 impl SourceAction {
-    /// Answers after this long.
+    /// Returns an action that gives a result after this long.
     #[must_use]
     pub const fn answers(after: Duration) -> Self {
         Self { after, yields: 0, result: CallResult::Answers }
@@ -200,7 +202,7 @@ impl SourceAction {
 }
 
 impl fmt::Display for Scenario {
-    /// The configuration, then a line a message.
+    /// Writes the configuration, then one line for each message.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { seed, window, commit, input_len, output_len, .. } = self;
         writeln!(

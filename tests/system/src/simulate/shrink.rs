@@ -1,4 +1,4 @@
-//! Makes a run smaller while it still shows what it shows.
+//! Makes a run smaller while it still shows the same fault.
 
 use std::io;
 use std::ops::Range;
@@ -11,10 +11,10 @@ use crate::simulate::scenario::{
     CallResult, Disk, Finish, OfferAction, ReaderPlan, Scenario, SourceAction,
 };
 
-/// The most runs that are tried.
+/// The greatest number of runs that are tried.
 const TRIES: usize = 3000;
 
-/// The smallest run that was found of which `shows` is true; the run itself shows it.
+/// Returns the smallest run that was found for which `shows` returns `true`. The run itself must show it.
 pub(crate) fn smallest(
     scenario: &Scenario,
     mut shows: impl FnMut(&Scenario) -> io::Result<bool>,
@@ -29,7 +29,7 @@ pub(crate) fn smallest(
     })
 }
 
-/// The messages; those that stay keep their times.
+/// The steps are the messages; those that stay keep their times.
 impl Steps for Scenario {
     fn count(&self) -> usize {
         self.frames.len()
@@ -44,7 +44,7 @@ impl Steps for Scenario {
     }
 }
 
-/// One thing less each.
+/// Returns changes that each remove one thing.
 fn simplifications(scenario: &Scenario) -> Vec<Simplification<Scenario>> {
     let mut all: Vec<Simplification<Scenario>> = Vec::new();
     for index in (0..scenario.clouds.len()).rev() {
@@ -79,7 +79,7 @@ fn simplifications(scenario: &Scenario) -> Vec<Simplification<Scenario>> {
     if scenario.frames.len() <= 40 {
         (0..scenario.frames.len()).for_each(|index| simplify_frame(index, scenario, &mut all));
     }
-    // Without it a message of which local hangs is open for ever, which shows nothing but that.
+    // Without it, a message whose local computation hangs stays open without end, which shows nothing else.
     all.push(Box::new(|it| {
         let hangs = |act: SourceAction| {
             matches!(act.result, CallResult::Hangs | CallResult::HangsAndPanics)

@@ -14,26 +14,26 @@ use crate::simulate::play::{OperatorEnd, RunResult, play};
 use crate::simulate::scenario::Scenario;
 use crate::simulate::shrink;
 
-/// Plays scenarios, one after the other, with files in a folder of its own, in memory if there is one.
+/// Plays scenarios, one after the other, with files in its own folder, which is in memory if possible.
 pub struct Simulator {
     folder: TempDir,
 }
 
-/// What one run was.
+/// The outcome of one run.
 pub struct Simulated {
-    /// What does not hold of it.
+    /// The checks that do not hold.
     pub findings: Vec<Finding>,
-    /// How many messages were written.
+    /// The number of messages that were written.
     pub messages: u64,
-    /// How long it took in virtual time, until the operator was stopped or the last item was read.
+    /// Its length in virtual time, until the operator was stopped or the last item was read.
     pub life: Duration,
     /// The operator's trace.
     pub trace: Vec<u8>,
-    /// What else was seen; none if a panic came through.
+    /// The other observations; `None` if a panic came through.
     external_log: Option<ExternalLog>,
 }
 
-/// What was seen outside of the trace.
+/// The observations outside of the trace.
 #[derive(Debug)]
 #[expect(dead_code, reason = "it is shown as a whole")]
 struct ExternalLog {
@@ -45,10 +45,10 @@ struct ExternalLog {
 }
 
 impl Simulator {
-    /// A simulator.
+    /// Creates a simulator.
     ///
     /// # Errors
-    /// If there is no place for its files.
+    /// Returns an error if there is no place for its files.
     pub fn new() -> io::Result<Self> {
         let memory = Path::new("/dev/shm");
         let folder =
@@ -59,9 +59,9 @@ impl Simulator {
     /// Plays a scenario and checks it.
     ///
     /// # Errors
-    /// If its files cannot be used.
+    /// Returns an error if its files cannot be used.
     pub fn simulate(&self, scenario: &Scenario) -> io::Result<Simulated> {
-        // What the operator's own tasks do with a panic is theirs to show; this one came through.
+        // The operator's own tasks must handle a panic; this one came through.
         let played = catch_unwind(AssertUnwindSafe(|| play(scenario, self.folder.path())));
         let played = match played {
             Ok(played) => played?,
@@ -71,10 +71,10 @@ impl Simulator {
         Ok(Simulated::new(findings, played))
     }
 
-    /// A run as small as can be found of which this check does not hold either.
+    /// Returns the smallest run that can be found for which this check does not hold either.
     ///
     /// # Errors
-    /// If its files cannot be used.
+    /// Returns an error if its files cannot be used.
     pub fn smallest(&self, scenario: &Scenario, check: &str) -> io::Result<Scenario> {
         shrink::smallest(scenario, |smaller| {
             let findings = self.simulate(smaller)?.findings;
@@ -101,7 +101,7 @@ impl Simulated {
         Self { findings: vec![finding], messages: 0, life: Duration::ZERO, trace, external_log }
     }
 
-    /// Everything that was seen outside of the trace, in words: the same for the same seed.
+    /// Describes everything that was seen outside of the trace. The same seed gives the same text.
     #[must_use]
     pub fn external_log(&self) -> String {
         format!("{:#?}", self.external_log)

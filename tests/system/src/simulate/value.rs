@@ -1,4 +1,4 @@
-//! What goes in and comes out: values that name their source, message and instant, and are counted.
+//! The inputs and outputs: values that name their source, message and instant, and are counted.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -15,7 +15,7 @@ pub(crate) struct ResultValue {
     _alive: LiveCounter,
 }
 
-/// What a value says of itself.
+/// A value's label.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct ValueLabel {
     /// The source's priority.
@@ -24,11 +24,11 @@ pub(crate) struct ValueLabel {
     pub(crate) t: u64,
     /// The message that the source was given.
     pub(crate) serial: usize,
-    /// When it was made, in ns.
+    /// The instant when it was made, in ns.
     pub(crate) at: u64,
 }
 
-/// How many of one kind there are, and were at most.
+/// The number of instances of one kind, and the greatest number so far.
 #[derive(Clone, Default)]
 pub(crate) struct InstanceCounts(Arc<[AtomicUsize; 2]>);
 

@@ -1,4 +1,4 @@
-//! The checks of a soak, on what was seen from outside of the operators.
+//! The checks of a soak, from what was seen outside of the operators.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -11,28 +11,28 @@ use crate::fleet::{LateItem, OperatorOutcome, outputs};
 use crate::gauges::{Lateness, ResourceUsage};
 use crate::span::TimeSpan;
 
-/// A line below the header and no other.
+/// A line below the header and no other line.
 const STYLE: TableStyle =
     TableStyle::new().header_separator(LineStyle::none().fill('─').junction('─'));
 
-/// How many findings of a check are shown.
+/// The number of findings that are shown for each check.
 const SHOWN: usize = 3;
 
 /// A run, as it was seen from outside of the operators.
 #[derive(Default)]
 pub(crate) struct ObservedRun {
     pub(crate) strikes: BTreeMap<&'static str, TimeSpan>,
-    /// All calms together.
+    /// All calm periods together.
     pub(crate) calm: TimeSpan,
-    /// Clouds that an operator got no output of during a calm.
+    /// Clouds from which an operator had no output during a calm period.
     pub(crate) unanswered: Vec<String>,
-    /// What the process used in each calm.
+    /// The resources that the process used in each calm period.
     pub(crate) usage: Vec<ResourceUsage>,
-    /// What it used before there were operators, and after.
+    /// The resources that it used before and after there were operators.
     pub(crate) before_and_after: (ResourceUsage, ResourceUsage),
 }
 
-/// One check and what it found.
+/// A check and its findings.
 pub(crate) struct ChaosCheck {
     name: &'static str,
     problems: Vec<String>,
@@ -75,7 +75,7 @@ pub(crate) fn checks(
     checks.into_iter().map(|(name, problems)| ChaosCheck { name, problems }).collect()
 }
 
-/// What the judge found in the trace, and whether all messages are in it.
+/// Returns the judge's findings in the trace, and messages that are missing from it.
 fn by_the_rules(operator_outcome: &OperatorOutcome) -> Vec<String> {
     let (number, judged, messages) =
         (operator_outcome.number, operator_outcome.judged, operator_outcome.tally.messages);
@@ -93,7 +93,7 @@ fn by_the_rules(operator_outcome: &OperatorOutcome) -> Vec<String> {
     problems
 }
 
-/// Where the tally differs from the items.
+/// Returns the differences between the tally and the items.
 fn one_account(operator_outcome: &OperatorOutcome) -> Vec<String> {
     let OperatorOutcome { number, log, tally, .. } = operator_outcome;
     let mut problems = Vec::new();
@@ -109,7 +109,7 @@ fn one_account(operator_outcome: &OperatorOutcome) -> Vec<String> {
     problems
 }
 
-/// Failures that the tally has no room to name.
+/// Returns failures that the tally has no room to name.
 fn reasons(tally: &Tally) -> Vec<String> {
     let unnamed = tally.sources.iter().filter(|source| source.reasons.others() > 0);
     unnamed.map(|source| format!("{}: {}", source.source.name, source.reasons)).collect()
@@ -125,7 +125,7 @@ impl ObservedRun {
                 problems.push(format!("{name}: there was none"));
                 continue;
             };
-            // A third of the outputs is a cloud's when nothing breaks.
+            // When nothing is disrupted, a third of the outputs are a cloud's.
             if harm.silences() && span.of_struck > span.outputs / 20 {
                 problems.push(format!("{name}: the cloud answers, {span:?}"));
             }
@@ -149,21 +149,21 @@ impl ObservedRun {
             problems.extend((last > first + by).then(|| format!("{name}: {first}, then {last}")));
         };
         grew("KiB", first.resident_kib, last.resident_kib, first.resident_kib / 4 + 8192);
-        // A tenth of a second is noted in 100 bytes.
+        // A note about a tenth of a second takes 100 bytes.
         grew("KiB allocated", first.live_kib, last.live_kib, 2048);
         grew("open files", first.files, last.files, 10);
         grew("tasks", first.tasks, last.tasks, 100);
         problems
     }
 
-    /// What is still in use after the operators have ended.
+    /// Returns what is still in use after the operators have ended.
     fn leftovers(&self) -> Vec<String> {
         let (before, after) = self.before_and_after;
         let more = after.files > before.files || after.tasks > before.tasks;
         more.then(|| format!("{before:?} before, {after:?} after")).into_iter().collect()
     }
 
-    /// The disruptions and their effects.
+    /// Returns the table of disruptions and their effects.
     pub(crate) fn table(&self) -> String {
         let mut table = Table::new();
         table.load_style(STYLE).set_header([

@@ -1,36 +1,36 @@
-//! What breaks, when and for how long: drawn from a seed.
+//! What is disrupted, when and for how long, drawn from a seed.
 
 use std::fmt;
 use std::time::Duration;
 
 use fuseline_testkit::Rng;
 
-/// One way to break.
+/// A kind of disruption.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Disruption {
-    /// `kill -9` of the cloud, started again at the end.
+    /// Kills the cloud with `kill -9`, and starts it again at the end.
     Kill,
-    /// SIGSTOP of the cloud, SIGCONT at the end.
+    /// Stops the cloud with SIGSTOP, and continues it with SIGCONT at the end.
     Stop,
-    /// Each packet to and from the cloud is answered with a reset.
+    /// Answers each packet to and from the cloud with a reset.
     Reset,
-    /// Packets to and from the cloud are dropped without an answer, longer than pings wait.
+    /// Drops packets to and from the cloud without an answer, for longer than pings wait.
     BlackHole,
-    /// The cloud is reset, and its name cannot be resolved.
+    /// Resets the cloud, and its name cannot be resolved.
     Dns,
-    /// The cloud comes back with a certificate that has expired, and at the end with a good one.
+    /// Restarts the cloud with an expired certificate, and at the end with a good one.
     Expired,
-    /// Replies take 150 ms more, which is longer than their deadline.
+    /// Delays results by 150 ms, which is longer than their deadline.
     Latency,
-    /// Replies take 40 ms more, which is shorter.
+    /// Delays results by 40 ms, which is shorter than their deadline.
     Step,
-    /// One packet in five is dropped, both ways.
+    /// Drops one packet in five in both directions.
     Loss,
-    /// 1 Mbit/s for all clouds together.
+    /// Limits all clouds together to 1 Mbit/s.
     Slow,
-    /// The wall clock is an hour back.
+    /// Sets the wall clock back by an hour.
     ClockBack,
-    /// The wall clock is an hour ahead.
+    /// Sets the wall clock ahead by an hour.
     ClockAhead,
 }
 
@@ -50,7 +50,7 @@ impl Disruption {
         Self::ClockAhead,
     ];
 
-    /// Whether no answer of the cloud can come in time meanwhile.
+    /// Returns `true` if no result of the cloud can come in time meanwhile.
     pub(crate) const fn silences(self) -> bool {
         matches!(
             self,
@@ -64,22 +64,22 @@ impl Disruption {
         )
     }
 
-    /// Whether some calls at least fail with an error, and do not only wait.
+    /// Returns `true` if at least some calls fail with an error instead of only waiting.
     pub(crate) const fn is_reported(self) -> bool {
         matches!(self, Self::Kill | Self::Reset | Self::BlackHole | Self::Dns | Self::Expired)
     }
 
-    /// Whether calls come to nothing, be it some of them.
+    /// Returns `true` if at least some calls have no result.
     pub(crate) const fn breaks_calls(self) -> bool {
         self.silences() || matches!(self, Self::Loss | Self::Slow)
     }
 
-    /// Whether it comes to all clouds alike.
+    /// Returns `true` if it affects all clouds in the same way.
     pub(crate) const fn is_of_all(self) -> bool {
         matches!(self, Self::Slow | Self::ClockBack | Self::ClockAhead)
     }
 
-    /// Its word, here and in the record.
+    /// Returns its name, here and in the record.
     pub(crate) const fn as_str(self) -> &'static str {
         match self {
             Self::Kill => "kill",
@@ -98,13 +98,13 @@ impl Disruption {
     }
 }
 
-/// One disruption of one cloud for a while.
+/// A disruption of one cloud for some time.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ScheduledDisruption {
     pub(crate) harm: Disruption,
     pub(crate) cloud: usize,
     pub(crate) lasts: Duration,
-    /// How long it is calm afterwards.
+    /// The length of the calm period afterwards.
     pub(crate) calm: Duration,
 }
 
@@ -118,7 +118,7 @@ impl fmt::Display for ScheduledDisruption {
     }
 }
 
-/// One disruption after the other without an end; each round has every kind once.
+/// Returns disruptions without end, one after the other. Each round has every kind once.
 pub(crate) fn schedule(seed: u64, clouds: usize) -> impl Iterator<Item = ScheduledDisruption> {
     let mut rng = Rng::with_seed(seed);
     let mut round = Vec::new();
@@ -128,7 +128,7 @@ pub(crate) fn schedule(seed: u64, clouds: usize) -> impl Iterator<Item = Schedul
             rng.shuffle(&mut round);
         }
         let harm = round.pop()?;
-        // Silence for 5 s and 2 s for the answer to a ping: longer than both together.
+        // 5 s of silence and 2 s for the answer to a ping: this is longer than both together.
         let ms = if harm == Disruption::BlackHole { 8_000..10_000 } else { 1_000..3_000 };
         let lasts = Duration::from_millis(rng.u64(ms));
         let calm = Duration::from_millis(rng.u64(300..1_500));

@@ -16,14 +16,14 @@ use crate::disruption::{Disruption, ScheduledDisruption};
 /// The port of the first cloud.
 const PORT: u16 = 7000;
 
-/// The last year of a certificate that is good, and of one that has expired.
+/// The last years of a good certificate and of an expired one.
 const YEARS: (i32, i32) = (4000, 2020);
 
-/// Clouds and network; dropped, it leaves no process.
+/// The clouds and the network. Dropping it leaves no process behind.
 pub(crate) struct Testbed {
     folder: PathBuf,
     clouds: Vec<Child>,
-    /// Holds the seconds by which the wall clock is off, for the library that `.ci/chaos` preloads.
+    /// The file with the seconds by which the wall clock is off, for the library that `.ci/chaos` preloads.
     clock: PathBuf,
     ca: Ca,
 }
@@ -32,7 +32,7 @@ impl Testbed {
     /// Starts this many clouds.
     ///
     /// # Errors
-    /// If this is no namespace of its own, or something that is needed is not there.
+    /// Returns an error if this is not a separate namespace or something that is needed is missing.
     pub(crate) fn new(folder: &Path, clouds: usize) -> Result<Self, Error> {
         let clock = std::env::var_os("CLOCK_OFFSET").ok_or("it is started by .ci/chaos")?;
         for rule in [
@@ -58,7 +58,7 @@ impl Testbed {
         Ok(field)
     }
 
-    /// How an operator reaches a cloud.
+    /// Returns how an operator reaches a cloud.
     pub(crate) fn remote(&self, cloud: usize) -> Result<Remote, Error> {
         Ok(Remote {
             ca: Some(self.ca.certificate.clone()),
@@ -77,7 +77,7 @@ impl Testbed {
         match disruption.harm {
             Disruption::Kill => self.kill(cloud)?,
             Disruption::Stop => self.signal(cloud, Signal::STOP)?,
-            // Resets themselves must come through.
+            // The resets themselves must get through.
             Disruption::Reset => nft(port, "tcp flags & rst != rst reject with tcp reset")?,
             Disruption::BlackHole => nft(port, "drop")?,
             Disruption::Loss => nft(port, "numgen random mod 100 < 20 drop")?,
@@ -144,8 +144,8 @@ impl Testbed {
         Ok(kill_process(pid, signal)?)
     }
 
-    /// Sets by how many seconds the wall clock is off. The texts are of one length, so that whoever
-    /// reads meanwhile reads a number.
+    /// Sets the seconds by which the wall clock is off. All texts have the same length, so a concurrent
+    /// reader always reads a number.
     fn step(&self, by: &str) -> Result<(), Error> {
         let before = SystemTime::now();
         fs::write(&self.clock, by)?;
@@ -155,7 +155,7 @@ impl Testbed {
         far.then_some(()).ok_or_else(|| "the wall clock did not step".into())
     }
 
-    /// A cloud that is gone reads nothing.
+    /// Adds a delay to a cloud. A cloud that is gone reads nothing.
     fn report(&mut self, cloud: usize, delay_ms: &str) {
         if let Some(stdin) = &mut self.clouds[cloud].stdin {
             let _ = writeln!(stdin, "{delay_ms}");
@@ -172,7 +172,7 @@ impl Drop for Testbed {
     }
 }
 
-/// Lets the names of all clouds but one be resolved.
+/// Makes the names of all clouds resolvable, except one.
 fn resolve(clouds: usize, but: Option<usize>) -> Result<(), Error> {
     let known = (0..clouds).filter(|cloud| Some(*cloud) != but);
     let lines: Vec<String> = known.map(|cloud| format!("127.0.0.1 {}\n", host(cloud))).collect();
@@ -187,7 +187,7 @@ fn port(cloud: usize) -> u16 {
     PORT + u16::try_from(cloud).unwrap_or(u16::MAX - PORT)
 }
 
-/// What happens to packets to and from a port.
+/// Sets what happens to packets to and from a port.
 fn nft(port: u16, verdict: &str) -> Result<(), Error> {
     run("nft", &format!("add rule inet chaos arrives tcp dport {port} {verdict}"))?;
     run("nft", &format!("add rule inet chaos arrives tcp sport {port} {verdict}"))

@@ -1,4 +1,4 @@
-//! Operators side by side, each with a camera, a trace and a reader that checks the items as they come.
+//! Operators side by side, each with a camera, a trace, and a reader that checks the items as they come.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -19,13 +19,13 @@ use crate::field::Testbed;
 use crate::gauges::Overruns;
 use crate::vehicle::{ChaosVehicle, DEADLINE, ResultOrigin, name};
 
-/// How long operators may take to end once all cameras have.
+/// The time that operators may take to end after all cameras have ended.
 const ENDS: Duration = Duration::from_secs(30);
 
-/// How many wrong items of an operator are reported.
+/// The number of wrong items that are reported for each operator.
 const SHOWN: usize = 3;
 
-/// What was over after its deadline.
+/// Something that ended after its deadline.
 pub(crate) struct LateItem {
     pub(crate) outputs: Arc<Overruns>,
     pub(crate) calls: Arc<Overruns>,
@@ -33,17 +33,17 @@ pub(crate) struct LateItem {
 
 pub(crate) struct Fleet {
     vessels: Vec<OperatorUnderTest>,
-    /// Items that were read.
+    /// The number of items that were read.
     read: Arc<AtomicU64>,
     messages: u64,
-    /// Messages a second, of all operators.
+    /// The messages per second of all operators.
     rate: u32,
 }
 
-/// One operator with all that is around it.
+/// One operator with everything around it.
 struct OperatorUnderTest {
     number: u64,
-    /// The lower first.
+    /// The two clouds, with the lower one first.
     clouds: [usize; 2],
     running: Running,
     trace: PathBuf,
@@ -51,30 +51,30 @@ struct OperatorUnderTest {
     reader: JoinHandle<ReaderLog>,
 }
 
-/// What a reader saw.
+/// The observations of a reader.
 #[derive(Default)]
 pub(crate) struct ReaderLog {
-    /// Messages with their own value, by who made it.
+    /// The number of messages with their own value, by its source.
     pub(crate) answers: BTreeMap<String, u64>,
-    /// Items that are missed, refused, another's or there twice: how many, and the first in words.
+    /// The number of items that are missed, refused, another message's or duplicate, and descriptions of the
+    /// first ones.
     pub(crate) wrong: (u64, Vec<String>),
     pub(crate) longest: Duration,
 }
 
-/// What came of one operator.
+/// The outcome of one operator.
 pub(crate) struct OperatorOutcome {
     pub(crate) number: u64,
     pub(crate) log: ReaderLog,
     pub(crate) tally: Tally,
-    /// Messages that the judge found in the trace.
+    /// The number of messages that the judge found in the trace.
     pub(crate) judged: u64,
     /// The judge's first finding.
     pub(crate) finding: Option<String>,
 }
 
 impl Fleet {
-    /// Starts so many operators, which take so many messages each, so many a second. Their traces
-    /// are in this folder.
+    /// Starts operators, each with a number of messages and a rate. Their traces are in this folder.
     pub(crate) fn launch(
         field: &Testbed,
         operators: u32,
@@ -111,28 +111,28 @@ impl Fleet {
         Ok(Self { vessels, read, messages: each * u64::from(operators), rate: rate * operators })
     }
 
-    /// How many messages there are in all.
+    /// Returns the number of all messages.
     pub(crate) const fn messages(&self) -> u64 {
         self.messages
     }
 
-    /// How many have been answered.
+    /// Returns the number of messages that have an output.
     pub(crate) fn answered(&self) -> u64 {
         self.read.load(Ordering::Relaxed)
     }
 
-    /// How long the cameras will still film, at least.
+    /// Returns the least time for which the cameras continue.
     pub(crate) fn remains(&self) -> Duration {
         let remaining = self.messages.saturating_sub(self.answered());
         Duration::from_secs(remaining / u64::from(self.rate))
     }
 
-    /// The operators' counts so far.
+    /// Returns the operators' counts so far.
     pub(crate) fn tallies(&self) -> Vec<Tally> {
         self.vessels.iter().map(|subject| subject.running.tally()).collect()
     }
 
-    /// Each operator's clouds that made no output since then.
+    /// Returns each operator's clouds that made no output since then.
     pub(crate) fn unanswered(&self, since: &[Tally]) -> Vec<String> {
         let mut unanswered = Vec::new();
         for ((subject, before), now) in self.vessels.iter().zip(since).zip(self.tallies()) {
@@ -146,8 +146,8 @@ impl Fleet {
         unanswered
     }
 
-    /// Waits for all ends and has the traces judged. What an operator that does not end leaves
-    /// behind is in its place.
+    /// Waits for all operators to end, and judges the traces. If an operator does not end, its place has what
+    /// it left behind.
     pub(crate) async fn land(mut self) -> Result<Vec<Result<OperatorOutcome, String>>, Error> {
         for subject in &mut self.vessels {
             (&mut subject.camera).await?;
@@ -189,13 +189,13 @@ impl Fleet {
     }
 }
 
-/// Messages answered by the source of this name.
+/// Returns the number of messages whose output came from the source of this name.
 pub(crate) fn outputs(tally: &Tally, name: &str) -> u64 {
     let source = tally.sources.iter().find(|source| &*source.source.name == name);
     source.map_or(0, fuseline_tokio::SourceTally::forwarded)
 }
 
-/// Writes messages at a pace; one that finds no room is written with the next turn.
+/// Writes messages at a pace. A message that finds no room is written with the next turn.
 async fn film(mut writer: Writer<u64>, messages: u64, every: Duration, offset: Duration) {
     sleep(offset).await;
     let mut turns = interval(every);

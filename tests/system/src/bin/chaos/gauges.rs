@@ -1,4 +1,5 @@
-//! The memory that the process takes, and how late the host's timers and processors are, for which a check must allow.
+//! Measures the memory of the process, and how late the host's timers and processors are, which checks must
+//! allow for.
 
 use std::alloc::System;
 use std::collections::BTreeMap;
@@ -9,16 +10,16 @@ use cap::Cap;
 use tokio::runtime::Handle;
 use tokio::time::{Instant, sleep_until};
 
-/// Counts what is allocated.
+/// Counts the memory that is allocated.
 #[global_allocator]
 static ALLOCATED: Cap<System> = Cap::new(System, usize::MAX);
 
-/// What the process takes at one moment.
+/// The resources of the process at one moment.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(crate) struct ResourceUsage {
-    /// What the system holds for the process, freed and not given back included.
+    /// The memory that the system holds for the process, including freed memory that was not given back.
     pub(crate) resident_kib: u64,
-    /// What is allocated and not freed.
+    /// The memory that is allocated and not freed.
     pub(crate) live_kib: u64,
     pub(crate) files: u64,
     pub(crate) tasks: u64,
@@ -35,7 +36,7 @@ impl ResourceUsage {
         Ok(Self { resident_kib: pages * page / 1024, live_kib, files, tasks })
     }
 
-    /// The medians of each.
+    /// Returns the median of each field.
     pub(crate) fn median(of: &[Self]) -> Self {
         let middle = |one: fn(&Self) -> u64| {
             let mut all: Vec<u64> = of.iter().map(one).collect();
@@ -51,16 +52,16 @@ impl ResourceUsage {
     }
 }
 
-/// Something that was over later than it should have been.
+/// Something that ended later than it should have.
 #[derive(Clone, Copy, Debug)]
 struct Overrun {
-    /// When it was over.
+    /// The instant when it ended.
     at: Instant,
-    /// How much too late.
+    /// The delay.
     by: Duration,
 }
 
-/// The greatest overrun of each tenth of a second, of all operators: as many as there are tenths.
+/// The greatest overrun of all operators in each tenth of a second.
 pub(crate) struct Overruns {
     start: Instant,
     greatest: Mutex<BTreeMap<u128, Overrun>>,
@@ -71,7 +72,7 @@ impl Overruns {
         Arc::new(Self { start: Instant::now(), greatest: Mutex::default() })
     }
 
-    /// Something is over now, so much too late.
+    /// Notes that something ends now with this delay.
     pub(crate) fn note(&self, by: Duration) {
         let at = Instant::now();
         let mut greatest = self.greatest.lock().unwrap_or_else(PoisonError::into_inner);
@@ -82,7 +83,7 @@ impl Overruns {
         }
     }
 
-    /// Those that were greater than an operator's turn and the host's lateness explain.
+    /// Returns the overruns that neither an operator's turn nor the host's lateness explains.
     pub(crate) fn beyond(&self, lateness: &Lateness) -> Vec<String> {
         let greatest = self.greatest.lock().unwrap_or_else(PoisonError::into_inner);
         let reported = greatest.values().map(|over| (over, lateness.allows(*over)));
@@ -96,25 +97,25 @@ impl Overruns {
     }
 }
 
-/// How much later than the host's own lateness something may be: the turn of an operator's loop.
+/// The delay beyond the host's own lateness that is allowed: the turn of an operator's loop.
 const TURN: Duration = Duration::from_millis(2);
 
-/// Between two looks at the timer.
+/// The time between two looks at the timer.
 const LOOK: Duration = Duration::from_millis(5);
-/// Between two looks at the threads, in milliseconds.
+/// The time between two looks at the threads, in milliseconds.
 const TENTH: u128 = 100;
 
-/// By how much the host delayed things in a tenth of a second.
+/// The host's delays in a tenth of a second.
 #[derive(Clone, Copy, Debug, Default)]
 struct HostStall {
-    /// How late the timer was.
+    /// The delay of the timer.
     timer: Duration,
-    /// The longest that one of the process's threads was ready and had no processor.
+    /// The longest time that one of the process's threads was ready and had no processor.
     thread: Duration,
 }
 
-/// How late things are by no fault of an operator: a timer in the same runtime, and what Linux says
-/// of the threads.
+/// Delays that are no operator's fault: of a timer in the same runtime, and of threads, as Linux reports
+/// them.
 pub(crate) struct Lateness {
     start: Instant,
     tenths: Mutex<Vec<HostStall>>,
@@ -142,8 +143,8 @@ impl Lateness {
         lateness
     }
 
-    /// How much later something may be over that was due and over at about these instants: twice
-    /// the timer's lateness, and as long as a thread waited for a processor.
+    /// Returns the allowed delay of something that was due and ended at about these instants: twice the
+    /// timer's lateness, and the time that a thread waited for a processor.
     fn allows(&self, Overrun { at, by }: Overrun) -> Duration {
         let tenths = self.tenths.lock().unwrap_or_else(PoisonError::into_inner);
         let last = self.tenth(at) + 3;
@@ -153,7 +154,7 @@ impl Lateness {
         timer * 2 + about.map(|held| held.thread).sum::<Duration>()
     }
 
-    /// The greatest lateness of the timer.
+    /// Returns the greatest lateness of the timer.
     pub(crate) fn greatest(&self) -> Duration {
         let tenths = self.tenths.lock().unwrap_or_else(PoisonError::into_inner);
         tenths.iter().map(|held| held.timer).max().unwrap_or_default()
@@ -173,7 +174,7 @@ impl Lateness {
     }
 }
 
-/// How long each thread was ready without a processor, since it began. Empty where Linux does not
+/// Returns how long each thread has been ready without a processor since it began; empty if Linux does not
 /// count it.
 fn waits() -> BTreeMap<std::ffi::OsString, Duration> {
     let threads = std::fs::read_dir("/proc/self/task").into_iter().flatten().flatten();
@@ -185,7 +186,7 @@ fn waits() -> BTreeMap<std::ffi::OsString, Duration> {
     waits.collect()
 }
 
-/// The longest that one thread waited between two looks.
+/// Returns the longest wait of one thread between two looks.
 fn longest<K: Ord>(before: &BTreeMap<K, Duration>, now: &BTreeMap<K, Duration>) -> Duration {
     let waited = now.iter().map(|(thread, waited)| {
         waited.saturating_sub(before.get(thread).copied().unwrap_or_default())

@@ -1,6 +1,7 @@
-//! Shipped operators with real clouds over real sockets, while the network and the clouds break.
+//! Runs shipped operators with real clouds over real sockets, while the network and the clouds are disrupted.
 //!
-//! The chapter `docs/book/src/verified/chaos.md` says what is done and what is checked. Nothing here is published.
+//! The chapter `docs/book/src/verified/chaos.md` says what is done and what is checked. This crate is not
+//! published.
 
 mod certificates;
 mod checks;

@@ -1,6 +1,6 @@
-//! Messages through many operators while everything around them breaks.
+//! Sends messages through many operators while everything around them is disrupted.
 //!
-//! `disruption` has what breaks and when, `field` breaks it, and `checks` has what must hold.
+//! `disruption` decides what is disrupted and when, `field` disrupts it, and `checks` says what must hold.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -17,18 +17,18 @@ use crate::gauges::{Lateness, Overruns, ResourceUsage};
 use crate::span::{ChaosTotals, TimeSpan};
 use crate::summary::Summary;
 
-/// How many clouds there are; each operator has two of them.
+/// The number of clouds. Each operator has two of them.
 const CLOUDS: usize = 3;
 
-/// After so long of calm nothing is left of what was before: pings and connecting again included.
+/// After this much calm nothing is left of earlier disruptions, including pings and reconnecting.
 const SETTLES: Duration = Duration::from_secs(4);
 
-/// How long a calm is looked at, and at most, until each operator has had results of each of its clouds again: a busy host
-/// gives some of them no time for seconds.
+/// The time for which a calm period is observed, and its limit until each operator has had results of each of
+/// its clouds again. A busy host gives some of them no time for seconds.
 const LOOK: Duration = Duration::from_secs(3);
 const LONGEST_LOOK: Duration = Duration::from_secs(60);
 
-/// After so long of a disruption, what came before it is over.
+/// After this much of a disruption, everything from before it has ended.
 const BITES: Duration = Duration::from_millis(500);
 
 #[derive(clap::Args)]
@@ -46,7 +46,7 @@ pub(crate) struct Args {
     seed: Option<u64>,
 }
 
-/// Whether everything held.
+/// Runs the soak. Returns `true` if everything held.
 pub(crate) async fn soak(args: Args) -> Result<bool, Error> {
     let seed = args.seed.unwrap_or_else(|| Rng::by_chance().next_u64());
     let each = args.messages.div_ceil(args.operators.into());
@@ -83,7 +83,8 @@ pub(crate) async fn soak(args: Args) -> Result<bool, Error> {
     Ok(checks.iter().all(ChaosCheck::holds))
 }
 
-/// Rounds of every disruption, each with a calm after it, as many as there is time for, and a calm.
+/// Runs rounds of every disruption, each followed by a calm period, as long as there is time, and then a calm
+/// period.
 async fn run(
     field: &mut Testbed,
     fleet: &Fleet,
@@ -108,7 +109,7 @@ async fn run(
     Ok(observed)
 }
 
-/// Breaks something, looks and mends it.
+/// Disrupts something, observes it and ends the disruption.
 async fn observe_disruption(
     field: &mut Testbed,
     fleet: &Fleet,
@@ -128,7 +129,7 @@ async fn observe_disruption(
     Ok(())
 }
 
-/// Looks at what there is while nothing breaks: each operator has results of each of its clouds.
+/// Observes a calm period, in which each operator has results of each of its clouds.
 async fn calm(fleet: &Fleet, observed: &mut ObservedRun) -> Result<(), Error> {
     sleep(SETTLES).await;
     let (from, before) = (Instant::now(), fleet.tallies());
@@ -148,7 +149,7 @@ async fn calm(fleet: &Fleet, observed: &mut ObservedRun) -> Result<(), Error> {
     Ok(())
 }
 
-/// What the process takes once it takes no more than it did before, or in ten seconds.
+/// Returns the resources of the process once it uses no more than before, or after ten seconds.
 async fn emptied(before: ResourceUsage) -> Result<ResourceUsage, Error> {
     let until = Instant::now() + Duration::from_secs(10);
     loop {
@@ -160,7 +161,7 @@ async fn emptied(before: ResourceUsage) -> Result<ResourceUsage, Error> {
     }
 }
 
-/// The longest output of any operator.
+/// Returns the longest output of any operator.
 fn longest_output_us(fates: &[Result<OperatorOutcome, String>]) -> u64 {
     let longest = fates.iter().flatten().map(|outcome| outcome.log.longest.as_micros()).max();
     u64::try_from(longest.unwrap_or_default()).unwrap_or(u64::MAX)

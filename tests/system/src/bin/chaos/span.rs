@@ -1,4 +1,4 @@
-//! What operators did in a stretch of time.
+//! The work of operators in a stretch of time.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -7,7 +7,7 @@ use fuseline_tokio::Tally;
 
 use crate::vehicle::name;
 
-/// What all operators have done so far.
+/// The counts of all operators so far.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct ChaosTotals {
     outputs: BTreeMap<String, u64>,
@@ -15,16 +15,16 @@ pub(crate) struct ChaosTotals {
     timed_out: u64,
 }
 
-/// What they did in a stretch of time, or in several.
+/// The counts of one or several stretches of time.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct TimeSpan {
     pub(crate) times: u64,
     pub(crate) ms: u64,
     pub(crate) outputs: u64,
-    /// Outputs of the cloud that was disrupted, or of all if all were.
+    /// The outputs of the disrupted cloud, or of all clouds if all were disrupted.
     pub(crate) of_struck: u64,
     pub(crate) of_local: u64,
-    /// Calls that failed, and calls that the deadline ended.
+    /// The calls that failed, and the calls that the deadline ended.
     pub(crate) failed: u64,
     pub(crate) timed_out: u64,
 }
@@ -40,7 +40,7 @@ impl ChaosTotals {
         done
     }
 
-    /// What was done since then; `cloud` is the one disrupted, or none for all.
+    /// Returns the counts since then. `cloud` is the disrupted one, or `None` for all.
     pub(crate) fn since(&self, before: &Self, cloud: Option<usize>, took: Duration) -> TimeSpan {
         let by = |name: &str| {
             let of = |done: &Self| done.outputs.get(name).copied().unwrap_or(0);

@@ -1,21 +1,21 @@
-//! What a run under chaos came to, as it is printed at the end.
+//! The summary of a run under chaos, as it is printed at the end.
 
 use std::fmt;
 
 use crate::gauges::ResourceUsage;
 
-/// What a run came to.
+/// The summary of a run.
 #[derive(Debug, Default)]
 pub(crate) struct Summary {
     pub(crate) seed: u64,
     pub(crate) operators: u32,
     pub(crate) messages: u64,
     pub(crate) seconds: u64,
-    /// How many disruptions there were.
+    /// The number of disruptions.
     pub(crate) strikes: u64,
     pub(crate) longest_output_us: u64,
     pub(crate) greatest_timer_lateness_us: u64,
-    /// Medians in the calm after each round of disruptions, and in the last.
+    /// The medians in the calm period after each round of disruptions, and in the last one.
     pub(crate) taken: Vec<ResourceUsage>,
 }
 

@@ -1,4 +1,4 @@
-//! The operator under test: local and two clouds, nothing else configured.
+//! The operator under test: local and two clouds, with no other configuration.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -10,34 +10,35 @@ use tokio::time::{Instant, sleep};
 
 use crate::gauges::Overruns;
 
-/// How long a cloud may take.
+/// The time that a cloud may take.
 pub(crate) const DEADLINE: Duration = Duration::from_millis(100);
 
-/// How long local takes.
+/// The time that local takes.
 const LOCAL: Duration = Duration::from_millis(5);
 
-/// Each fourth message is for the lower cloud alone, so that both have outputs when nothing breaks.
+/// Every fourth message is only for the lower cloud, so that both clouds have outputs when nothing is
+/// disrupted.
 const LOWER_ALONE: u64 = 4;
 
-/// Who computed what.
+/// The origin of a result.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct ResultOrigin {
     pub(crate) operator: u64,
     pub(crate) message: u64,
-    /// The cloud's number; none is local.
+    /// The cloud's number, or `None` for local.
     pub(crate) cloud: Option<usize>,
 }
 
-/// An operator's own number, its clouds and where it reports calls.
+/// An operator's number, its clouds, and where it reports calls.
 pub(crate) struct ChaosVehicle {
     pub(crate) number: u64,
-    /// Number and connection, the lower first.
+    /// The number and the connection of each cloud, with the lower one first.
     pub(crate) clouds: [(usize, Connection); 2],
-    /// Calls that lived on after their deadlines.
+    /// The calls that outlived their deadlines.
     pub(crate) outlived: Arc<Overruns>,
 }
 
-/// A cloud's name in tallies and traces.
+/// Returns a cloud's name in tallies and traces.
 pub(crate) fn name(cloud: Option<usize>) -> String {
     cloud.map_or_else(|| "local".to_owned(), |cloud| format!("cloud-{cloud}"))
 }
@@ -90,7 +91,7 @@ impl Operator for ChaosVehicle {
     }
 }
 
-/// A call's life, which ends by its deadline.
+/// The life of a call, which must end by its deadline.
 struct CallGuard {
     ends: Instant,
     outlived: Arc<Overruns>,

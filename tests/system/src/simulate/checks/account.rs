@@ -1,4 +1,4 @@
-//! Checks of the tally, the metrics and the trace (D10, D11), and of what policies get (T5).
+//! Checks the tally, the metrics and the trace (D10, D11), and the reports to policies (T5).
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -15,7 +15,7 @@ use crate::simulate::scenario::{Disk, OfferAction};
 /// The labels of failures of the side requests' message handler.
 const SIDE_HANDLER: [(&str, &str); 2] = [("source", "side-1"), ("handler", "message")];
 
-/// D10.
+/// The trace is whole (D10).
 pub(crate) fn whole_trace(facts: &Facts<'_>) -> Result<(), String> {
     let Facts { scenario, played, replay, .. } = facts;
     if let Some(defect) = &replay.defect {
@@ -36,7 +36,7 @@ pub(crate) fn whole_trace(facts: &Facts<'_>) -> Result<(), String> {
     Ok(())
 }
 
-/// D11.
+/// All counts agree (D11).
 pub(crate) fn one_account(facts: &Facts<'_>) -> Result<(), String> {
     let Facts { played, .. } = facts;
     let metrics = metrics(facts);
@@ -63,7 +63,7 @@ pub(crate) fn one_account(facts: &Facts<'_>) -> Result<(), String> {
     sides(facts, &metrics)
 }
 
-/// The tally by the trace; what the trace does not have is taken from the tally.
+/// Returns the tally that the trace implies. Facts that the trace lacks are copied from the tally.
 fn reported(facts: &Facts<'_>, tally: &Tally) -> Tally {
     let replay = &facts.replay;
     let mut reported = Tally {
@@ -146,7 +146,7 @@ fn source_reported(facts: &Facts<'_>, tally: &SourceTally) -> SourceTally {
     reported
 }
 
-/// The metrics that a tally says there are.
+/// Returns the metrics that a tally implies.
 fn metered(tally: &Tally) -> BTreeMap<String, u64> {
     let mut all = BTreeMap::new();
     let mut put = |name: &str, labels: &[(&str, &str)], count| {
@@ -196,7 +196,7 @@ fn metered(tally: &Tally) -> BTreeMap<String, u64> {
     all
 }
 
-/// The counters that were metered.
+/// Returns the counters that were metered.
 fn metrics(facts: &Facts<'_>) -> BTreeMap<String, u64> {
     let mut all = BTreeMap::new();
     for (key, value) in &facts.played.metrics {
@@ -215,7 +215,7 @@ fn named<'a>(name: &str, labels: impl Iterator<Item = (&'a str, &'a str)>) -> St
     format!("{name} {}", labels.join(" "))
 }
 
-/// Each side request is made or refused, and one that was made ends at most once.
+/// Checks that each side request is made or refused, and that one that was made ends at most once.
 fn sides(facts: &Facts<'_>, metrics: &BTreeMap<String, u64>) -> Result<(), String> {
     if facts.scenario.side.is_none() || !facts.is_whole || !facts.scenario.metered {
         return Ok(());
@@ -253,7 +253,7 @@ fn sides(facts: &Facts<'_>, metrics: &BTreeMap<String, u64>) -> Result<(), Strin
     })
 }
 
-/// T5, D3: a policy gets each end, once.
+/// Checks that a policy gets each end once (T5, D3).
 pub(crate) fn every_end_is_reported(facts: &Facts<'_>) -> Result<(), String> {
     let Facts { scenario, played, replay, is_whole, .. } = facts;
     if !is_whole || !facts.runs_out() {
@@ -287,7 +287,7 @@ pub(crate) fn every_end_is_reported(facts: &Facts<'_>) -> Result<(), String> {
     Ok(())
 }
 
-/// How a request ended, for its policy: by its own result or failure, unless it was closed before.
+/// Returns how a request ended for its policy: by its own result or failure, unless it was closed before.
 fn end(requested: &AdmittedRequest) -> End {
     let age = |at: u64| Duration::from_nanos(at - requested.at);
     match (requested.ended, requested.closed()) {

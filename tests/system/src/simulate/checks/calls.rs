@@ -1,4 +1,4 @@
-//! Checks of calls: what is requested of sources, when it begins and when it ends (D3 to D9).
+//! Checks calls: what is requested of sources, when it begins and when it ends (D3 to D9).
 
 use fuseline_traces::nanos;
 
@@ -10,7 +10,7 @@ use crate::simulate::scenario::{CallResult, Finish, OfferAction, ScenarioLink};
 /// tokio's timers tick once in a millisecond.
 const TICK: u64 = 1_000_000;
 
-/// D3, P1 to P12.
+/// The rules decide (D3, P1 to P12).
 pub(crate) fn the_rules_decide(facts: &Facts<'_>) -> Result<(), String> {
     let Facts { scenario, played, replay, is_whole, .. } = facts;
     if let Some(verdict) = &replay.verdict {
@@ -27,7 +27,7 @@ pub(crate) fn the_rules_decide(facts: &Facts<'_>) -> Result<(), String> {
         let serial = serial(facts, message.t);
         for (cloud, offer) in scenario.clouds.iter().zip(&scenario.frames[serial].offers) {
             handlers.push((cloud.p, message.t));
-            // One that panics now and then makes no request then.
+            // A policy that sometimes panics makes no request when it does.
             let panics = cloud.policy.is_some_and(|deadline| deadline.is_zero());
             if matches!(offer, OfferAction::Offers(..)) && !panics {
                 offers.push((message.t, cloud.p));
@@ -48,7 +48,7 @@ pub(crate) fn the_rules_decide(facts: &Facts<'_>) -> Result<(), String> {
     ensure(reported == offers, || format!("offers are {reported:?}, not {offers:?}"))
 }
 
-/// D4.
+/// Backlogs are the true length of the queue (D4).
 pub(crate) fn true_backlog(facts: &Facts<'_>) -> Result<(), String> {
     let Facts { played, replay, .. } = facts;
     let wrong = replay.wrong_backlogs.first().or(replay.wrong_room.first());
@@ -70,7 +70,7 @@ pub(crate) fn true_backlog(facts: &Facts<'_>) -> Result<(), String> {
     Ok(())
 }
 
-/// D5.
+/// A call gets the time that is left when it begins (D5).
 pub(crate) fn time_left(facts: &Facts<'_>) -> Result<(), String> {
     for (requested, call) in pairs(facts)? {
         if facts.is_after(call.begun) {
@@ -102,7 +102,7 @@ pub(crate) fn time_left(facts: &Facts<'_>) -> Result<(), String> {
     Ok(())
 }
 
-/// D6, F7.
+/// Calls are aborted in time, and local never is (D6, F7).
 pub(crate) fn aborted(facts: &Facts<'_>) -> Result<(), String> {
     let log = &facts.played.log;
     for (requested, call) in pairs(facts)? {
@@ -145,7 +145,7 @@ pub(crate) fn aborted(facts: &Facts<'_>) -> Result<(), String> {
     Ok(())
 }
 
-/// When a cloud's call may end.
+/// Returns when a cloud's call may end.
 fn cloud_ends(
     facts: &Facts<'_>,
     requested: &AdmittedRequest,
@@ -157,7 +157,7 @@ fn cloud_ends(
     let linger = cloud.map_or(0, |cloud| nanos(cloud.linger));
     let stopped = facts.is_after(ended) || log.over.is_some_and(|over| over <= ended);
     let Some(closed) = requested.closed() else {
-        // Once all is answered nothing is under way but what lingers.
+        // Once every message has its output, only calls that linger are under way.
         return ensure(stop != CallStop::DroppedResult || stopped, || {
             "it was dropped while wanted".into()
         });
@@ -174,7 +174,7 @@ fn cloud_ends(
     })
 }
 
-/// D8.
+/// Everything is bounded (D8).
 pub(crate) fn bounded(facts: &Facts<'_>) -> Result<(), String> {
     let Facts { scenario, played, .. } = facts;
     let log = &played.log;
@@ -215,13 +215,13 @@ pub(crate) fn bounded(facts: &Facts<'_>) -> Result<(), String> {
     })
 }
 
-/// Each direction of the link sends in order, no sooner than it carries all bytes before, and refuses what finds no room, by a
-/// second model of its queue.
+/// Checks the link by a second model of its queue: each direction sends in order, no sooner than it can carry
+/// all bytes before, and refuses what finds no room.
 fn link_is_shared(facts: &Facts<'_>) -> Result<(), String> {
     let Some(ScenarioLink { rates, queue_bytes, bytes }) = facts.scenario.link else {
         return Ok(());
     };
-    // In billionths of bits: what a direction would carry until it is free.
+    // In billionths of bits: what each direction carries until it is free.
     let mut busy = [0_u128; 2];
     let share = |bytes| u128::from(bytes) * 8_000_000_000;
     for sent in &facts.played.log.link {
@@ -246,7 +246,7 @@ fn link_is_shared(facts: &Facts<'_>) -> Result<(), String> {
     Ok(())
 }
 
-/// D9.
+/// Timers are served in time (D9).
 pub(crate) fn served_in_time(facts: &Facts<'_>) -> Result<(), String> {
     let Facts { scenario, played, replay, .. } = facts;
     let log = &played.log;
@@ -278,12 +278,12 @@ pub(crate) fn served_in_time(facts: &Facts<'_>) -> Result<(), String> {
     Ok(())
 }
 
-/// How many of them were under way at once.
+/// Returns the greatest number of them that were under way at once.
 fn most_at_once<'a>(calls: impl Iterator<Item = &'a LoggedCall>) -> usize {
     let mut steps = Vec::new();
     for call in calls {
         let ended = call.end.map(|(ended, _)| ended);
-        // One that begins and ends at one instant does not count.
+        // A call that begins and ends at one instant does not count.
         if ended != Some(call.begun) {
             steps.push((call.begun, 1));
             steps.extend(ended.map(|ended| (ended, 0)));
@@ -298,7 +298,7 @@ fn most_at_once<'a>(calls: impl Iterator<Item = &'a LoggedCall>) -> usize {
     most
 }
 
-/// Each call that was seen, with what the trace says of it.
+/// Returns each call that was seen, with its request in the trace.
 fn pairs<'a>(facts: &'a Facts<'_>) -> Result<Vec<(&'a AdmittedRequest, &'a LoggedCall)>, String> {
     let calls = &facts.calls;
     ensure(calls.len() == facts.played.log.calls.len(), || "a source was asked twice".into())?;

@@ -1,4 +1,4 @@
-//! Checks of the operator's items, their values and failures, and hints (D1, D2, D7).
+//! Checks the operator's items, their values and failures, and hints (D1, D2, D7).
 
 use std::collections::BTreeSet;
 
@@ -12,10 +12,10 @@ use crate::simulate::replay::Departure;
 use crate::simulate::scenario::CallResult;
 use crate::simulate::value::ValueLabel;
 
-/// Of how many messages the age of a late result is known.
+/// The number of messages for which the age of a late result is known.
 const REMEMBERED: usize = 1024;
 
-/// D1.
+/// Each message has one item (D1).
 pub(crate) fn one_item(facts: &Facts<'_>) -> Result<(), String> {
     let Facts { scenario, played, replay, is_whole, .. } = facts;
     let log = &played.log;
@@ -32,12 +32,12 @@ pub(crate) fn one_item(facts: &Facts<'_>) -> Result<(), String> {
             })?;
         }
         skips(facts, &output, indices)?;
-        // One that read nothing may have joined after the last item.
+        // A reader that read nothing may have joined after the last item.
         let is_there = reader == 0 || !indices.is_empty();
         let next = indices.last().map_or(0, |last| last + 1);
         let stays = scenario.readers[reader].leaves_after.is_none();
         if *is_whole && stays && is_there && next < replay.items.len() {
-            // It read to the end: no item that it did not read was handed to anybody.
+            // It read to the end, and no item that it missed was given to anybody.
             ensure(!facts.runs_out() && waits(facts, &output, next), || {
                 format!("reader {reader} read {next} of {} items", replay.items.len())
             })?;
@@ -56,15 +56,16 @@ pub(crate) fn one_item(facts: &Facts<'_>) -> Result<(), String> {
     ensure(all, || format!("{} messages of {}", replay.opened.len(), log.written.len()))
 }
 
-/// The output as it was read: indices in the trace's items.
+/// The output as it was read, by the items' indices in the trace.
 struct ReadItems {
-    /// By each reader.
+    /// The items of each reader.
     read: Vec<Vec<usize>>,
-    /// By anybody.
+    /// The items that were given to any reader.
     handed: BTreeSet<usize>,
 }
 
-/// Where in the trace the items of a reader stand, in its order; without what it read after the trace's end.
+/// Returns the indices in the trace of a reader's items, in its order, without what it read after the trace's
+/// end.
 fn indices(facts: &Facts<'_>, items: &[Read]) -> Result<Vec<usize>, String> {
     let mut indices = Vec::with_capacity(items.len());
     for read in items {
@@ -80,16 +81,17 @@ fn indices(facts: &Facts<'_>, items: &[Read]) -> Result<Vec<usize>, String> {
     Ok(indices)
 }
 
-/// Only a preliminary item is left out, and only while some reader has no room.
+/// Checks that only preliminary items are left out, and only while some reader has no room.
 fn skips(facts: &Facts<'_>, output: &ReadItems, indices: &[usize]) -> Result<(), String> {
     let Facts { scenario, played: RunResult { log, .. }, replay, .. } = facts;
-    // When a reader left is not known, nor in which order things happened at the instant of a stall.
+    // It is not known when a reader left, nor in which order things happened at the instant of a stall.
     let is_known = scenario.stalls.is_empty() && !log.has_left.contains(&true);
     for pair in indices.windows(2) {
         for skipped in pair[0] + 1..pair[1] {
             let item = &replay.items[skipped];
             let lags = |(indices, items): (&Vec<usize>, &Vec<Read>)| {
-                // What another reader was given since this one joined, it was given too; after a crash it may never read it.
+                // An item that another reader got since this one joined was given to this one too. After a
+                // crash it may never read it.
                 let Some(first) = indices.first() else { return false };
                 let handed = output.handed.range(*first..skipped.max(*first)).count();
                 handed >= items.partition_point(|read| read.at < item.at) + scenario.output_len
@@ -102,7 +104,8 @@ fn skips(facts: &Facts<'_>, output: &ReadItems, indices: &[usize]) -> Result<(),
     Ok(())
 }
 
-/// Whether the stop found a reader with no room for another item, when all before this one had been handed out.
+/// Returns `true` if the operator was stopped while a reader had no room for another item and everything
+/// before this one had been given out.
 fn waits(facts: &Facts<'_>, output: &ReadItems, next: usize) -> bool {
     let Facts { scenario, played: RunResult { log, .. }, .. } = facts;
     let Some(stopped) = log.stopped else { return false };
@@ -113,7 +116,7 @@ fn waits(facts: &Facts<'_>, output: &ReadItems, next: usize) -> bool {
     log.over == Some(stopped) || output.read.iter().zip(&log.read).any(is_full)
 }
 
-/// Whether an item is that of the trace, for a reader whose `first` one stands there.
+/// Returns `true` if an item is the trace's item for a reader whose first item is `first`.
 fn is_same(
     facts: &Facts<'_>,
     output: &ReadItems,
@@ -123,12 +126,12 @@ fn is_same(
     let item = &facts.replay.items[index];
     let message = &facts.replay.opened[item.message];
     let earlier = message.items.iter().rev().find(|earlier| **earlier < index);
-    // Not known of what nobody read before this reader joined.
+    // This is not known of an item that nobody read before this reader joined.
     let was_handed = earlier.is_some_and(|earlier| output.handed.contains(earlier));
     let may_be_handed = was_handed || earlier.is_some_and(|earlier| *earlier < first);
     let is_same = match (&read.outcome, item.departure) {
         (LoggedOutcome::Preliminary(it), departure) => departure == Departure::Preliminary(it.p),
-        // F9: nobody was given the result before.
+        // Nobody was given the result before (F9).
         (LoggedOutcome::Forwarded(it), Departure::Final(p)) => !was_handed && it.p == p,
         (LoggedOutcome::Forwarded(it), departure) => {
             departure == Departure::Forwarded(it.p, it.trigger)
@@ -140,7 +143,7 @@ fn is_same(
     is_same && (read.opened, read.decided) == (message.at, item.at)
 }
 
-/// D2.
+/// Each value is its message's own (D2).
 pub(crate) fn its_own_value(facts: &Facts<'_>) -> Result<(), String> {
     let Facts { played, replay, is_whole, .. } = facts;
     let log = &played.log;
@@ -176,14 +179,14 @@ pub(crate) fn its_own_value(facts: &Facts<'_>) -> Result<(), String> {
         reported.map(|dropped| (dropped.at, dropped.t, dropped.p, dropped.why)).collect();
     let received: Vec<_> =
         log.hints.iter().map(|hint| (hint.at, hint.t, hint.p, hint.why)).collect();
-    // Of older messages it is not known when they were opened.
+    // It is not known when older messages were opened.
     let mut rest = reported.iter();
     let are_reported = received.iter().all(|hint| rest.any(|reported| reported == hint));
     let are_all = reported.len() == received.len() || replay.opened.len() > REMEMBERED;
     ensure(are_reported && are_all, || format!("hints are {received:?}, dropped were {reported:?}"))
 }
 
-/// D7.
+/// An error or a panic fails only its own call (D7).
 pub(crate) fn failures(facts: &Facts<'_>) -> Result<(), String> {
     let Facts { scenario, played, replay, .. } = facts;
     let log = &played.log;
