@@ -1,7 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 pub mod arguments;
-mod backend;
+mod clock;
 mod error;
 mod fusion;
 pub mod key;

@@ -26,9 +26,9 @@ pub(crate) async fn run(
     lines: Option<PendingLogs>,
 ) -> Result<Tally, NodeError> {
     // What ROS sees of it outlives its topics: over DDS these have a participant of their own.
-    let backend = Graph::join(settings, |it| it == settings.middleware).await?;
+    let mut backend = Graph::join(settings, |it| it == settings.middleware).await?;
     let NodeInterface { status_publisher, settings, mut changes, orders, mut tasks } =
-        StatusPublisher::join(settings, &backend, lines)?;
+        StatusPublisher::join(settings, &mut backend, lines)?;
     let mut ended = Ok(Tally::default());
     if let Some(mut orders) = orders {
         while let Some(order) = unconfigured(&mut orders, &mut changes, stop).await {

@@ -8,14 +8,18 @@ pub(crate) mod zenoh;
 use std::sync::Arc;
 use std::time::SystemTime;
 
+use ros2_client::Message;
+use serde::Serialize;
 use thiserror::Error;
+use tokio::task::JoinSet;
 
-pub(crate) use self::dds::{Domain, DomainHandle, InUse, NewEntity, RecentIds};
+use self::dds::{Domain, RosNode};
 pub(crate) use self::end::Endpoint;
 #[cfg(feature = "zenoh")]
 use self::zenoh::ZenohSession;
 use crate::error::NodeError;
 use crate::raw::Payload;
+use crate::service::Requests;
 use crate::settings::{Middleware, Qos, Settings};
 
 /// What came on a topic.
@@ -40,11 +44,26 @@ pub(crate) trait Publish: Send + Sync {
     fn end(&self) -> &Arc<Endpoint>;
 }
 
+/// Publishes messages of one type; what cannot be sent is left out.
+pub(crate) type MessagePublisher<M> = Box<dyn Fn(M) + Send + Sync>;
+
+/// What the node says of itself reaches each subscriber that is there.
+pub(crate) const REPORTS: Qos = Qos { reliable: true, transient_local: false, depth: 10 };
+
+/// A type of a package of ROS.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct TypeName {
+    pub(crate) package: &'static str,
+    pub(crate) name: &'static str,
+}
+
 /// Where the node's topics are opened; they close when it is left.
 pub(crate) struct Graph {
-    pub(crate) dds: Option<Domain>,
+    dds: Option<Domain>,
+    /// The node as ROS sees it over DDS, until it is complete; over Zenoh it is the session.
+    node: Option<RosNode>,
     #[cfg(feature = "zenoh")]
-    pub(crate) zenoh: Option<ZenohSession>,
+    zenoh: Option<ZenohSession>,
 }
 
 impl Graph {
@@ -65,6 +84,7 @@ impl Graph {
             .transpose()?;
         Ok(Self {
             dds,
+            node: None,
             #[cfg(feature = "zenoh")]
             zenoh: if needs(Middleware::Zenoh) {
                 Some(ZenohSession::join(settings).await?)
@@ -122,6 +142,59 @@ impl Graph {
             #[cfg(not(feature = "zenoh"))]
             Middleware::Zenoh => Err(NodeError::NoZenoh),
         }
+    }
+
+    /// Shows the node in its own middleware. Its publishers and services follow, and then [`complete`](Self::complete).
+    pub(crate) fn show(&mut self, settings: &Settings) -> Result<(), NodeError> {
+        if settings.middleware == Middleware::Dds {
+            self.node = Some(RosNode::new(settings, self.dds()?.handle())?);
+        }
+        Ok(())
+    }
+
+    /// A publisher of the node's own.
+    pub(crate) fn message_publisher<M>(
+        &mut self,
+        topic: &str,
+        ty: TypeName,
+        qos: Qos,
+    ) -> Result<MessagePublisher<M>, NodeError>
+    where
+        M: Serialize + Send + Sync + 'static,
+    {
+        match &mut self.node {
+            Some(node) => node.message_publisher(topic, ty, qos),
+            #[cfg(feature = "zenoh")]
+            None => self.zenoh()?.message_publisher(topic, ty, qos),
+            #[cfg(not(feature = "zenoh"))]
+            None => Err(NodeError::NoZenoh),
+        }
+    }
+
+    /// A service of the node's own, below its name. Over Zenoh it is served in `tasks`.
+    #[cfg_attr(not(feature = "zenoh"), expect(unused_variables, reason = "they serve Zenoh"))]
+    pub(crate) fn serve<Q, R>(
+        &mut self,
+        service: &str,
+        ty: TypeName,
+        tasks: &mut JoinSet<()>,
+    ) -> Result<Requests<Q, R>, NodeError>
+    where
+        Q: Message + Clone + Send + Sync + 'static,
+        R: Message + Send + Sync + 'static,
+    {
+        match &mut self.node {
+            Some(node) => node.serve(service, ty),
+            #[cfg(feature = "zenoh")]
+            None => self.zenoh()?.serve(service, ty, tasks),
+            #[cfg(not(feature = "zenoh"))]
+            None => Err(NodeError::NoZenoh),
+        }
+    }
+
+    /// All of the node is published and served.
+    pub(crate) fn complete(&mut self) -> Result<(), NodeError> {
+        self.node.take().map_or(Ok(()), RosNode::complete)
     }
 
     /// Leaves: ends of topics close before what they are in.

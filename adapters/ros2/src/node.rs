@@ -43,7 +43,7 @@ pub(crate) async fn run(
     let (engine, created) = recorded(settings)?;
     let mut graph = Graph::join(settings, |it| settings.needs(it)).await?;
     let NodeInterface { status_publisher, mut changes, mut tasks, .. } =
-        StatusPublisher::join(settings, &graph, lines)?;
+        StatusPublisher::join(settings, &mut graph, lines)?;
     let outside = ExternalInputs { changes: &mut changes, orders: None, stop };
     let open = open(settings, engine, &mut graph, status_publisher, outside)?;
     created.keep();

@@ -3,15 +3,17 @@
 use std::sync::Arc;
 
 use ros2_client::Log;
+use ros2_client::parameters::raw::{Parameter, ParameterEvent};
 use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 
-use crate::backend::{DiscoveredNode, MessagePublisher, NodeBackend, REPORTS, TypeName};
+use crate::clock::{CLOCK, Clock};
 use crate::error::NodeError;
 use crate::lifecycle::{LifecycleRequests, serve};
-use crate::middleware::Graph;
-use crate::parameters::services::{NodeParameters, ParameterServices};
-use crate::report::{self, DiagnosticArray, DiagnosticStatus, RosTime};
+use crate::middleware::{Graph, MessagePublisher, REPORTS, TypeName};
+use crate::parameters::services::{NodeParameters, ParameterCallback, ParameterServices};
+use crate::parameters::{Value, ros};
+use crate::report::{self, DiagnosticArray, DiagnosticStatus};
 use crate::rosout::PendingLogs;
 use crate::settings::{Change, Current, Qos, Settings};
 
@@ -26,7 +28,7 @@ pub(crate) trait PublishStatus: Send {
 
 /// The node's publishers of reports.
 pub(crate) struct StatusPublisher {
-    clock: Box<dyn Fn() -> RosTime + Send + Sync>,
+    clock: Arc<Clock>,
     diagnostics: MessagePublisher<DiagnosticArray>,
     status: MessagePublisher<DiagnosticStatus>,
 }
@@ -47,33 +49,57 @@ impl StatusPublisher {
     /// Joins ROS, with the node's parameters, what it reports, and its lifecycle if it is managed.
     pub(crate) fn join(
         settings: &Settings,
-        graph: &Graph,
+        graph: &mut Graph,
         lines: Option<PendingLogs>,
     ) -> Result<NodeInterface, NodeError> {
         let (setter, changes) = mpsc::unbounded_channel();
         let current = Current::new(settings.clone());
         let mut tasks = JoinSet::new();
-        let mut backend = NodeBackend::show(settings, graph)?;
+        graph.show(settings)?;
         let of = |name| TypeName { package: "diagnostic_msgs", name };
         let diagnostics =
-            backend.message_publisher(&settings.diagnostics, of("DiagnosticArray"), REPORTS)?;
-        let status =
-            backend.message_publisher(&settings.status, of("DiagnosticStatus"), REPORTS)?;
-        let services = ParameterServices::offer(&mut backend, &mut tasks)?;
-        let orders = settings.lifecycle.then(|| serve(&mut backend, &settings.node, &mut tasks));
+            graph.message_publisher(&settings.diagnostics, of("DiagnosticArray"), REPORTS)?;
+        let status = graph.message_publisher(&settings.status, of("DiagnosticStatus"), REPORTS)?;
+        let services = ParameterServices::offer(graph, &mut tasks)?;
+        let orders = settings.lifecycle.then(|| serve(graph, &settings.node, &mut tasks));
         let orders = orders.transpose()?;
+        let of = |name| TypeName { package: "rcl_interfaces", name };
         if let Some(lines) = lines.filter(|_| settings.rosout) {
-            let log = TypeName { package: "rcl_interfaces", name: "Log" };
             // As rcl publishes it: who comes later gets the last lines.
             let qos = Qos { reliable: true, transient_local: true, depth: 1000 };
-            let log = backend.message_publisher("/rosout", log, qos)?;
+            let log = graph.message_publisher("/rosout", of("Log"), qos)?;
             tasks.spawn(publish(lines, log, settings.node.name.clone()));
         }
-        let DiscoveredNode { clock, set } = backend.settle(settings)?;
+        let events = graph.message_publisher("/parameter_events", of("ParameterEvent"), REPORTS)?;
+        let clock = Arc::new(Clock::new(settings.use_sim_time));
+        let (taking, setting) = (Arc::clone(&clock), Arc::clone(&clock));
+        let (topic, ty, qos) = CLOCK;
+        graph.inlet(settings.middleware, topic, ty, qos, move |sample| {
+            taking.take(sample);
+            std::future::ready(())
+        })?;
+        graph.complete()?;
+        let node = settings.node.full();
+        let set: ParameterCallback = Box::new(move |name, value| {
+            setting.set(name, value);
+            events(changed(&node, name, value));
+        });
         let parameters = NodeParameters { settings: current.clone(), setter, set };
         tasks.spawn(services.run(parameters));
         let status_publisher = Arc::new(Self { clock, diagnostics, status });
         Ok(NodeInterface { status_publisher, settings: current, changes, orders, tasks })
+    }
+}
+
+/// The event that a parameter was set.
+fn changed(node: &str, name: &str, value: &Value) -> ParameterEvent {
+    let changed = Parameter { name: name.to_owned(), value: ros::value(value) };
+    ParameterEvent {
+        stamp: ros2_client::builtin_interfaces::Time::now(),
+        node: node.to_owned(),
+        new_parameters: Vec::new(),
+        changed_parameters: vec![changed],
+        deleted_parameters: Vec::new(),
     }
 }
 
@@ -83,7 +109,7 @@ impl PublishStatus for Arc<StatusPublisher> {
     }
 
     fn diagnostics(&self, status: Vec<DiagnosticStatus>) {
-        let header = report::RosHeader { stamp: (self.clock)(), frame_id: String::new() };
+        let header = report::RosHeader { stamp: self.clock.now(), frame_id: String::new() };
         (self.diagnostics)(DiagnosticArray { header, status });
     }
 }

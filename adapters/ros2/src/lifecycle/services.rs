@@ -15,8 +15,8 @@ use super::{
     LifecycleRequest, LifecycleRequests, LifecycleState, STATES, TRANSITIONS, Transition,
     TransitionResult,
 };
-use crate::backend::{MessagePublisher, NodeBackend, REPORTS, TypeName};
 use crate::error::NodeError;
+use crate::middleware::{Graph, MessagePublisher, REPORTS, TypeName};
 use crate::names::NodeName;
 use crate::service::{PendingRequest, Requests, ServiceReply};
 
@@ -25,7 +25,7 @@ use crate::service::{PendingRequest, Requests, ServiceReply};
 /// # Errors
 /// ROS refuses a service or the topic.
 pub(crate) fn serve(
-    backend: &mut NodeBackend,
+    graph: &mut Graph,
     node: &NodeName,
     tasks: &mut JoinSet<()>,
 ) -> Result<LifecycleRequests, NodeError> {
@@ -33,16 +33,16 @@ pub(crate) fn serve(
     let (message_publisher, reported) = mpsc::channel(1);
     let ty = |name| TypeName { package: "lifecycle_msgs", name };
     let services = LifecycleServices {
-        change: backend.serve("change_state", ty("ChangeState"), tasks)?,
-        state: backend.serve("get_state", ty("GetState"), tasks)?,
-        states: backend.serve("get_available_states", ty("GetAvailableStates"), tasks)?,
-        transitions: backend.serve(
+        change: graph.serve("change_state", ty("ChangeState"), tasks)?,
+        state: graph.serve("get_state", ty("GetState"), tasks)?,
+        states: graph.serve("get_available_states", ty("GetAvailableStates"), tasks)?,
+        transitions: graph.serve(
             "get_available_transitions",
             ty("GetAvailableTransitions"),
             tasks,
         )?,
-        graph: backend.serve("get_transition_graph", ty("GetAvailableTransitions"), tasks)?,
-        events: backend.message_publisher(
+        graph: graph.serve("get_transition_graph", ty("GetAvailableTransitions"), tasks)?,
+        events: graph.message_publisher(
             &format!("{}/transition_event", node.full()),
             ty("TransitionEvent"),
             REPORTS,

@@ -1,11 +1,8 @@
 //! Ends of topics over DDS: serialized messages in and out.
 
 mod census;
-mod domain;
-mod participants;
-mod recent;
+mod node;
 mod rejoin;
-mod wall_clock;
 
 use std::future::ready;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -24,10 +21,9 @@ use rustdds::{
 use tokio::time::{Instant, timeout};
 use tracing::warn;
 
-pub(crate) use self::domain::Domain;
-use self::participants::JoinedParticipant;
-pub(crate) use self::participants::{DomainHandle, InUse, NewEntity};
-pub(crate) use self::recent::RecentIds;
+pub(crate) use self::node::RosNode;
+pub(crate) use self::rejoin::Domain;
+use self::rejoin::{DomainHandle, InUse, JoinedParticipant, NewEntity, RecentIds};
 use super::end::{Endpoint, dds_type};
 use super::{DecodeError, Publish, ReceivedPayload};
 use crate::error::NodeError;

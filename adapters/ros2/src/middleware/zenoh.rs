@@ -1,8 +1,9 @@
 //! Ends of topics over Zenoh, in the format of `rmw_zenoh`: serialized messages in and out.
 
 pub(crate) mod config;
+mod node;
 mod types;
-pub(crate) mod wire;
+mod wire;
 
 use std::any::Any;
 use std::ops::Deref;

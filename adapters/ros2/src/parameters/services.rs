@@ -16,9 +16,9 @@ use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 use tracing::info;
 
-use super::ros;
-use crate::backend::{NodeBackend, ParameterCallback, TypeName};
+use super::{Value, ros};
 use crate::error::NodeError;
+use crate::middleware::{Graph, TypeName};
 use crate::service::Requests;
 use crate::settings::{Change, Current, Parameter, Range};
 
@@ -46,6 +46,9 @@ pub(crate) struct ParameterServices {
     describe: Requests<DescribeParametersRequest, DescribeParametersResponse>,
 }
 
+/// Gets each parameter that was set: its name and its value.
+pub(crate) type ParameterCallback = Box<dyn Fn(&str, &Value) + Send + Sync>;
+
 /// The parameters of a node that runs.
 pub(crate) struct NodeParameters {
     pub(crate) settings: Current,
@@ -57,22 +60,19 @@ pub(crate) struct NodeParameters {
 
 impl ParameterServices {
     /// Offers them.
-    pub(crate) fn offer(
-        backend: &mut NodeBackend,
-        tasks: &mut JoinSet<()>,
-    ) -> Result<Self, NodeError> {
+    pub(crate) fn offer(graph: &mut Graph, tasks: &mut JoinSet<()>) -> Result<Self, NodeError> {
         let ty = |name| TypeName { package: "rcl_interfaces", name };
         Ok(Self {
-            get: backend.serve("get_parameters", ty("GetParameters"), tasks)?,
-            types: backend.serve("get_parameter_types", ty("GetParameterTypes"), tasks)?,
-            set: backend.serve("set_parameters", ty("SetParameters"), tasks)?,
-            set_all: backend.serve(
+            get: graph.serve("get_parameters", ty("GetParameters"), tasks)?,
+            types: graph.serve("get_parameter_types", ty("GetParameterTypes"), tasks)?,
+            set: graph.serve("set_parameters", ty("SetParameters"), tasks)?,
+            set_all: graph.serve(
                 "set_parameters_atomically",
                 ty("SetParametersAtomically"),
                 tasks,
             )?,
-            list: backend.serve("list_parameters", ty("ListParameters"), tasks)?,
-            describe: backend.serve("describe_parameters", ty("DescribeParameters"), tasks)?,
+            list: graph.serve("list_parameters", ty("ListParameters"), tasks)?,
+            describe: graph.serve("describe_parameters", ty("DescribeParameters"), tasks)?,
         })
     }
 

@@ -313,7 +313,7 @@ def parameters_are_listed_and_described_by_their_services(bench):
     assert (window.type, window.read_only, of_window.from_value, of_window.to_value) == (2, True, 1, 1024), window
     assert (deadline.type, deadline.read_only, of_deadline.to_value) == (3, False, 60), deadline
     assert "cloud may take" in deadline.description and "more than 0" in deadline.additional_constraints
-    assert (commit.type, commit.additional_constraints) == (4, "eager or patient or progressive")
+    assert (commit.type, commit.additional_constraints) == (4, "eager, patient or progressive")
     assert nonsense.type == 0
     assert node.ends() == 0
     print(len(every), "parameters;", deadline.description, "-", deadline.additional_constraints)
@@ -352,10 +352,10 @@ def tools_of_ros_find_the_node_and_its_log(bench):
 
     until(lambda: ("/robot", "fuseline") in listed(), lambda: f"the node among {listed()}")
     until(lambda: [heard for heard in list(logs.heard) if "fuseline" in heard.message.name], "a line of the node's log")
+    camera, listener, local = Camera("/robot/input"), Listener("/robot"), Model("local", "/robot/local")
+    ready(camera, listener, local)
     if seen:
         # With its own topics and services at once, and with the others once a peer has said their types.
-        camera, listener, local = Camera("/robot/input"), Listener("/robot"), Model("local", "/robot/local")
-        ready(camera, listener, local)
         ends = {(entity.kind, entity.topic) for entity in seen() if (entity.namespace, entity.node) == ("/robot", "fuseline")}
         assert ends >= {("MS", "/robot/input"), ("MP", "/robot/output"), ("MP", "/robot/local/input"),
                         ("MS", "/robot/local/output"), ("MP", "/diagnostics"), ("MP", "/robot/fuseline/status"),

@@ -14,7 +14,7 @@ use rustdds::discovery::DiscoveredWriterData;
 use rustdds::{DomainParticipant, RTPSEntity};
 use tracing::warn;
 
-use super::participants::Loss;
+use super::rejoin::Loss;
 use crate::middleware::end::{Endpoint, Gid};
 
 /// How often it is counted.
@@ -28,7 +28,7 @@ static OWN: Mutex<VecDeque<Gid>> = Mutex::new(VecDeque::new());
 const OWN_MOST: usize = 64;
 
 /// Counts the publishers of a participant's topics that are not this process's own, in a thread of its own.
-pub(super) struct Census {
+pub(crate) struct Census {
     outlets: Arc<Mutex<Vec<Arc<Endpoint>>>>,
     stop: Option<mpsc::Sender<()>>,
     thread: Option<JoinHandle<()>>,

@@ -1,32 +1,25 @@
-//! The node in a session of Zenoh.
-
-use std::sync::Arc;
+//! The node's own publishers and services in a session of Zenoh.
 
 use ros2_client::Message;
-use ros2_client::builtin_interfaces;
-use ros2_client::parameters::raw::{Parameter, ParameterEvent};
 use serde::Serialize;
 use tokio::sync::mpsc;
 use tokio::task::{JoinSet, spawn_blocking};
 use tracing::debug;
 use zenoh::Wait;
 
-use super::{CLOCK, Clock, DiscoveredNode, MessagePublisher, REPORTS, TypeName};
+use super::ZenohSession;
+use super::wire::Attachment;
 use crate::error::NodeError;
-use crate::middleware::Publish;
-use crate::middleware::time_of_day;
-use crate::middleware::zenoh::ZenohSession;
-use crate::middleware::zenoh::wire::Attachment;
-use crate::parameters::{Value, ros};
+use crate::middleware::{MessagePublisher, Publish, TypeName, time_of_day};
 use crate::raw::Payload;
 use crate::service::{PendingRequest, Requests, ServiceReply, WAITING};
-use crate::settings::{Qos, Settings};
+use crate::settings::Qos;
 
 /// How many requests of a service may wait in the session; the oldest are left out.
 const REQUESTS: usize = 64;
 
 impl ZenohSession {
-    pub(super) fn message_publisher<M>(
+    pub(crate) fn message_publisher<M>(
         &mut self,
         topic: &str,
         ty: TypeName,
@@ -44,7 +37,7 @@ impl ZenohSession {
         }))
     }
 
-    pub(super) fn serve<Q, R>(
+    pub(crate) fn serve<Q, R>(
         &mut self,
         service: &str,
         ty: TypeName,
@@ -87,40 +80,5 @@ impl ZenohSession {
             }
         });
         Ok(requests)
-    }
-
-    pub(super) fn settle(mut self, settings: &Settings) -> Result<DiscoveredNode, NodeError> {
-        let clock = Arc::new(Clock::new(settings));
-        let (topic, ty, qos) = CLOCK;
-        let taking = Arc::clone(&clock);
-        self.inlet(topic, ty, qos, move |sample| {
-            taking.take(sample);
-            std::future::ready(())
-        })?;
-        let ty = TypeName { package: "rcl_interfaces", name: "ParameterEvent" };
-        let events = self.message_publisher::<ParameterEvent>("/parameter_events", ty, REPORTS)?;
-        let node = self.node();
-        let setting = Arc::clone(&clock);
-        // The ends stay open as long as the time is published.
-        let session = std::sync::Mutex::new(self);
-        Ok(DiscoveredNode {
-            clock: Box::new(move || {
-                let _ = &session;
-                clock.now()
-            }),
-            set: Box::new(move |name, value| {
-                setting.set(name, value);
-                events(ParameterEvent {
-                    stamp: builtin_interfaces::Time::now(),
-                    node: node.clone(),
-                    new_parameters: Vec::new(),
-                    changed_parameters: vec![Parameter {
-                        name: name.to_owned(),
-                        value: ros::value(value),
-                    }],
-                    deleted_parameters: Vec::new(),
-                });
-            }),
-        })
     }
 }

@@ -1,6 +1,5 @@
-//! The node in a participant of DDS, and in the next one after a rejoin.
+//! The node as ROS sees it over DDS: in a participant, and in the next one after a rejoin.
 
-use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 
 use fuseline_engine::lock;
@@ -8,18 +7,16 @@ use futures_util::{StreamExt, pin_mut};
 use ros2_client::dds::{Context, Node, Server, ServiceMapping};
 use ros2_client::qos::{Durability, History, WhenFull};
 use ros2_client::{
-    Message, MessageTypeName, Name, NodeName, NodeOptions, ParameterValue, QosProfile,
-    RmwRequestId, ServiceTypeName,
+    Message, MessageTypeName, Name, NodeName, NodeOptions, QosProfile, RmwRequestId,
+    ServiceTypeName,
 };
 use serde::Serialize;
 use tokio::sync::{mpsc, oneshot};
-use tokio::task::JoinSet;
 use tracing::{debug, error};
 
-use super::{CLOCK, Clock, DiscoveredNode, MessagePublisher, TypeName};
+use super::rejoin::{DomainHandle, InUse, NewEntity, RecentIds};
 use crate::error::NodeError;
-use crate::middleware::{Domain, DomainHandle, InUse, NewEntity, RecentIds};
-use crate::parameters::{Value, ros};
+use crate::middleware::{MessagePublisher, TypeName};
 use crate::service::{PendingRequest, Requests, ServiceReply, WAITING};
 use crate::settings::{Qos, Settings};
 
@@ -31,45 +28,35 @@ const SERVICE_DEPTH: usize = 10;
 const REMEMBERED: usize = 1024;
 
 /// The node, in each participant that it has, and its full name.
-pub(crate) struct Participant {
+pub(crate) struct RosNode {
     domain: DomainHandle,
     pending: PendingNode,
-    /// As they are set now.
-    parameters: Arc<Mutex<ParameterMap>>,
     name: String,
 }
 
 /// The node of a participant while its publishers and services are created.
 type PendingNode = Arc<Mutex<Option<Node>>>;
 
-type ParameterMap = BTreeMap<String, Value>;
-
-impl Participant {
-    pub(super) fn show(settings: &Settings, domain: &Domain) -> Result<Self, NodeError> {
+impl RosNode {
+    pub(crate) fn new(settings: &Settings, domain: DomainHandle) -> Result<Self, NodeError> {
         let name = NodeName::new(&settings.node.namespace, &settings.node.name);
         let name = name.map_err(|error| NodeError::Ros(error.to_string()))?;
-        let declared = settings.declared.iter().map(|it| (it.name.clone(), it.value.clone()));
-        let parameters = Arc::new(Mutex::new(declared.collect::<ParameterMap>()));
-        let (domain, pending) = (domain.handle(), PendingNode::default());
-        let (next, current) = (pending.clone(), Arc::clone(&parameters));
+        let pending = PendingNode::default();
+        let next = pending.clone();
         domain.create(move |joined| {
             let context = Context::from_domain_participant(joined.participant.clone())
                 .map_err(|error| NodeError::Ros(error.to_string()))?;
-            // The node serves its parameters itself: these would be described by their values alone.
-            let mut options =
-                NodeOptions::new().enable_rosout(false).start_parameter_services(false);
-            for (name, value) in &*lock(&current) {
-                options = options.declare_parameter(name, ros::value(value).into());
-            }
+            // The node serves its parameters and publishes its log itself.
+            let options = NodeOptions::new().enable_rosout(false).start_parameter_services(false);
             let node = context.new_node(name.clone(), options);
             let node = node.map_err(|error| NodeError::Ros(format!("{error:?}")))?;
             lock(&next).replace(node);
             Ok(NewEntity::new(|| ()))
         })?;
-        Ok(Self { domain, pending, parameters, name: settings.node.full() })
+        Ok(Self { domain, pending, name: settings.node.full() })
     }
 
-    pub(super) fn message_publisher<M>(
+    pub(crate) fn message_publisher<M>(
         &mut self,
         topic: &str,
         ty: TypeName,
@@ -106,11 +93,10 @@ impl Participant {
         }))
     }
 
-    pub(super) fn serve<Q, R>(
+    pub(crate) fn serve<Q, R>(
         &mut self,
         service: &str,
         ty: TypeName,
-        _: &mut JoinSet<()>,
     ) -> Result<Requests<Q, R>, NodeError>
     where
         Q: Message + Clone + Send + Sync + 'static,
@@ -151,18 +137,10 @@ impl Participant {
         Ok(requests)
     }
 
-    pub(super) fn settle(self, settings: &Settings) -> Result<DiscoveredNode, NodeError> {
-        let Self { domain, pending, parameters, .. } = self;
-        // That of `ros2-client` takes `/clock` for another type, for which peers send it nothing.
-        let clock = Arc::new(Clock::new(settings));
-        let (topic, ty, qos) = CLOCK;
-        let taking = Arc::clone(&clock);
-        domain.inlet(topic, ty, qos, move |sample| {
-            taking.take(sample);
-            std::future::ready(())
-        })?;
+    /// All of the node is published and served. Each participant has its node as long as it is in use.
+    pub(crate) fn complete(self) -> Result<(), NodeError> {
+        let Self { domain, pending, .. } = self;
         let node = Arc::new(InUse::default());
-        let (in_use, current) = (Arc::clone(&node), Arc::clone(&parameters));
         domain.create(move |joined| {
             let mut next = lock(&pending).take().ok_or(NodeError::NotJoined("ROS"))?;
             let spinner = next.spinner().map_err(|error| NodeError::Ros(error.to_string()))?;
@@ -171,26 +149,8 @@ impl Participant {
                     error!(%error, "ROS sees the node no longer");
                 }
             });
-            let (in_use, current) = (Arc::clone(&in_use), Arc::clone(&current));
-            Ok(NewEntity::new(move || {
-                // Those that were set since it was created.
-                for (name, value) in &*lock(&current) {
-                    let value: ParameterValue = ros::value(value).into();
-                    if next.get_parameter(name).as_ref() != Some(&value) {
-                        set(&next, name, value);
-                    }
-                }
-                in_use.replace(next)
-            }))
-        })?;
-        let setting = Arc::clone(&clock);
-        Ok(DiscoveredNode {
-            clock: Box::new(move || clock.now()),
-            set: Box::new(move |name, value| {
-                setting.set(name, value);
-                lock(&parameters).insert(name.to_owned(), value.clone());
-                node.with(|node| set(node, name, ros::value(value).into()));
-            }),
+            let node = Arc::clone(&node);
+            Ok(NewEntity::new(move || node.replace(next)))
         })
     }
 }
@@ -263,11 +223,4 @@ fn with_node<T>(
     access: impl FnOnce(&mut Node) -> Result<T, NodeError>,
 ) -> Result<T, NodeError> {
     access(lock(pending).as_mut().ok_or(NodeError::NotJoined("ROS"))?)
-}
-
-/// Sets a parameter: it is published on `/parameter_events`.
-fn set(node: &Node, name: &str, value: ParameterValue) {
-    if let Err(why) = node.set_parameter(name, value) {
-        debug!(name, why, "a change that is not reported");
-    }
 }

@@ -1,6 +1,6 @@
 //! The participants that the node has in its domain of DDS, one after the other, and what it has created in them.
 //!
-//! Every endpoint is created through a factory, which is kept: when the wall clock steps back, [`rejoin`](super::rejoin)
+//! Every endpoint is created through a factory, which is kept: when the node rejoins, [`rejoin`](super)
 //! calls all of them again for a second participant. So nothing may be created in a participant by another way.
 
 use std::net::{IpAddr, Ipv4Addr};
@@ -15,8 +15,8 @@ use tokio::sync::{Notify, watch};
 use tokio::task::{JoinSet, spawn_blocking};
 use tracing::error;
 
-use super::census::Census;
 use crate::error::NodeError;
+use crate::middleware::dds::census::Census;
 
 /// Creates what is to exist in each participant that the node has, one after the other.
 #[derive(Clone)]
@@ -25,11 +25,11 @@ pub(crate) struct DomainHandle(Arc<Mutex<ParticipantState>>);
 /// A participant, and what runs in it.
 pub(crate) struct JoinedParticipant {
     /// Of who else publishes on its topics. It has a part in the participant, so it ends first.
-    pub(super) census: Census,
+    pub(crate) census: Census,
     pub(crate) participant: DomainParticipant,
-    pub(super) publisher: Publisher,
-    pub(super) subscriber: Subscriber,
-    pub(super) loss: Arc<Loss>,
+    pub(crate) publisher: Publisher,
+    pub(crate) subscriber: Subscriber,
+    pub(crate) loss: Arc<Loss>,
     /// The tasks that are aborted when the participant is left.
     pub(crate) tasks: JoinSet<()>,
     /// The tasks that take what comes: each ends by itself, with nothing half taken, once `open` is dropped.
@@ -47,10 +47,10 @@ pub(crate) struct NewEntity {
 pub(crate) struct InUse<T>(RwLock<Option<T>>);
 
 /// Waits until what was replaced has nothing more to send, and then closes it.
-pub(super) type Drain = Pin<Box<dyn Future<Output = ()> + Send>>;
+pub(crate) type Drain = Pin<Box<dyn Future<Output = ()> + Send>>;
 
 /// Asks once for another participant if a thread of this one's has ended.
-pub(super) struct Loss {
+pub(crate) struct Loss {
     is_reported: AtomicBool,
     rejoin: Arc<Notify>,
 }
@@ -68,7 +68,7 @@ struct ParticipantState {
 
 impl DomainHandle {
     /// Joins with a first participant.
-    pub(super) fn join(
+    pub(crate) fn join(
         domain: u16,
         localhost_only: bool,
         rejoin: Arc<Notify>,
@@ -80,7 +80,7 @@ impl DomainHandle {
     }
 
     /// Ends what the current participant has, readers and writers first.
-    pub(super) async fn leave(&self) {
+    pub(crate) async fn leave(&self) {
         let (factories, mut tasks, mut readers) = {
             let ParticipantState { factories, current, .. } = &mut *self.locked();
             let [tasks, readers] = [&mut current.tasks, &mut current.readers].map(std::mem::take);
@@ -111,7 +111,7 @@ impl DomainHandle {
     /// Joins with a second participant, and creates in it what there is in the current one.
     ///
     /// Blocks for some 20 ms.
-    pub(super) fn create_again(&self) -> Result<(JoinedParticipant, Vec<NewEntity>), NodeError> {
+    pub(crate) fn create_again(&self) -> Result<(JoinedParticipant, Vec<NewEntity>), NodeError> {
         let mut state = self.locked();
         let mut next =
             JoinedParticipant::new(state.domain, state.localhost_only, Arc::clone(&state.rejoin))?;
@@ -121,7 +121,7 @@ impl DomainHandle {
     }
 
     /// From now on the second participant is the current one; returns the first one, and what is to be drained of it.
-    pub(super) fn take_over(
+    pub(crate) fn take_over(
         &self,
         mut next: JoinedParticipant,
         mut entities: Vec<NewEntity>,
@@ -169,7 +169,7 @@ impl JoinedParticipant {
     }
 
     /// Leaves the domain with this participant.
-    pub(super) async fn leave(self) {
+    pub(crate) async fn leave(self) {
         let Self {
             census, participant, publisher, subscriber, mut tasks, mut readers, open, ..
         } = self;
@@ -182,7 +182,7 @@ impl JoinedParticipant {
 }
 
 impl Loss {
-    pub(super) fn report(&self) {
+    pub(crate) fn report(&self) {
         if !self.is_reported.swap(true, Ordering::Relaxed) {
             error!(
                 "the process was stopped and continued (SIGSTOP, a debugger, a frozen container), which rustdds does not \
@@ -206,7 +206,7 @@ impl NewEntity {
     }
 
     /// What takes over by `take_over`, which returns a future that ends when what it replaced may be closed.
-    pub(super) fn draining<F>(take_over: impl FnOnce() -> F + Send + 'static) -> Self
+    pub(crate) fn draining<F>(take_over: impl FnOnce() -> F + Send + 'static) -> Self
     where
         F: Future<Output = ()> + Send + 'static,
     {
@@ -215,12 +215,12 @@ impl NewEntity {
     }
 
     /// The same, which is to take over once `is_matched`.
-    pub(super) fn once(self, is_matched: impl Fn() -> bool + Send + 'static) -> Self {
+    pub(crate) fn once(self, is_matched: impl Fn() -> bool + Send + 'static) -> Self {
         Self { is_matched: Box::new(is_matched), ..self }
     }
 
     /// Whether it has met the peers of what it is to replace.
-    pub(super) fn is_matched(&self) -> bool {
+    pub(crate) fn is_matched(&self) -> bool {
         (self.is_matched)()
     }
 }
