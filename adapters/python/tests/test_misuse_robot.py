@@ -174,6 +174,11 @@ BAD_ACTIONS: list[tuple[Any, Any, str]] = [
     (Command([0.0]), Command([NAN]), "not finite"),
     (Command([0.0]), Command([0.0, 0.0]), "has the shape (2,)"),
     (True, 1.0, "on board it is bool"),
+    ([0.0, 0.0], numpy.array([True, False]), "on board it is numbers of the shape (2,)"),
+    ([0.0, 0.0], [True, False], "on board it is numbers of the shape (2,)"),
+    ({"grip": [1.0]}, {"grip": numpy.array([True])}, "['grip'] is ndarray"),
+    (numpy.array([True, True]), [1.0, 0.0], "on board it is bools of the shape (2,)"),
+    (numpy.array([True, True]), [True], "has the shape (1,), and on board it has (2,)"),
 ]
 
 
@@ -204,6 +209,7 @@ GOOD_ACTIONS: list[tuple[Any, Any]] = [
     ("stop", "go"),
     (Command([0.0]), Command([1.0])),
     (0, 1.5),
+    (numpy.array([[True], [False]]), [[False], [True]]),
 ]
 
 
@@ -214,6 +220,27 @@ def test_takes_an_action_of_the_form_on_board(held: Any, action: Any) -> None:
     chunk = Chunk(every=1, max_age=99, within=5.0)
     with Always(server(lambda _: [action] * 9), Hold(held), deadline=5.0, chunk=chunk) as policy:
         ticks(policy, lambda: str(policy.item and policy.item.source) == "remote")
+
+
+@pytest.mark.parametrize(
+    ("held", "action", "kinds"),
+    [
+        ([0.5, 0.5], numpy.array([1.0, 2.0]), ("actions", "ndarray", "list")),
+        (numpy.zeros(2), [1.0, 2.0], ("actions", "list", "ndarray")),
+        ({"arm": (0.5,)}, {"arm": [1.0]}, ("actions['arm']", "list", "tuple")),
+    ],
+)
+@misuse("replies with a list where an action on board has an array", "logged once")
+def test_list_for_an_array(
+    held: Any, action: Any, kinds: tuple[str, str, str], caplog: pytest.LogCaptureFixture
+) -> None:
+    with Always(server(lambda _: action), Hold(held), deadline=5.0) as policy:
+        for tick in range(3):
+            assert repr(policy.infer(tick)) == repr(action)
+    where, own, other = kinds
+    (said,) = [it for it in caplog.messages if "arithmetic" in it]
+    assert said.startswith(f"{where} of the remote policy are of the type {own}, and on board")
+    assert f"of the type {other}:" in said
 
 
 @pytest.mark.parametrize("reply", ["abc", b"abc", "", [], 7.0, {"error": "x"}, object()])

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from conftest import Run
-from fuseline import Call, ConfigError, Local, Operator, check
+from fuseline import BlockingOperator, Call, ConfigError, Join, Local, Operator, check
 from fuseline.robot import Always, Hold
 from misuse import ask, cloud_refused, echo, misuse, operator_of, played, refused
 
@@ -104,3 +104,33 @@ def test_not_implemented_for_a_value(run: Run[Any]) -> None:
     (item,), _ = played(run, lambda it, _: it.use_cloud(handle, ask, lambda r: r, 1))
     assert item.value == "a on board"
     assert "raise NotImplementedError" in item.failures[0].why
+
+
+@misuse("gives a name with a line break", "`ConfigError`")
+@pytest.mark.parametrize(
+    "name", ["west\n", "left\r\nright", "a\tb", "lane\u2028keeper", "\x1b[31m"]
+)
+def test_name_with_a_line_break(name: str) -> None:
+    words = "line break or another control character"
+    refused(words, lambda: operator_of(name=name))
+    cloud_refused(words, echo, ask, str, 1, name=name)
+    refused(words, lambda: operator_of().use_side_request(echo, ask, print, name=name))
+    refused(words, lambda: Join(name=name))
+    refused(words, lambda: Join().aligned(name))
+    assert operator_of(name="Spur\u00a0Süd 🚗").name == "Spur\u00a0Süd 🚗"
+
+
+@misuse("uses a `BlockingOperator` in a running event loop", "logged once: what it holds up")
+def test_blocking_operator_in_a_loop(caplog: pytest.LogCaptureFixture) -> None:
+    async def main() -> list[Any]:
+        with BlockingOperator(operator_of(name="lane")) as operator:
+            for message in range(3):
+                operator.write(message)
+            return [item.value for _ in range(3) if (item := operator.read(5.0)) is not None]
+
+    assert asyncio.run(main()) == [f"{n} on board" for n in range(3)]
+    (record,) = [it for it in caplog.messages if "running event loop" in it]
+    assert record.startswith("lane: ") and "`async with`" in record
+    with BlockingOperator(operator_of()) as operator:
+        operator.close()
+    assert len([it for it in caplog.messages if "running event loop" in it]) == 1

@@ -1,7 +1,8 @@
-"""Whether what a policy replied is an action that a robot can be given."""
+"""Checks that what a policy replied is an action that a robot can be given."""
 
 from __future__ import annotations
 
+import logging
 import math
 import sys
 from collections.abc import Mapping
@@ -10,8 +11,11 @@ from typing import Any, TypeAlias
 
 from fuseline._errors import CallError
 
-#: What an action is made of: the shape of its numbers, the parts of a dictionary, or another type.
-Form: TypeAlias = "tuple[int, ...] | dict[Any, Form] | type"
+_log = logging.getLogger("fuseline")
+
+#: What an action is made of: the shape of its numbers, which begins with `bool` if they are bools,
+#: the parts of a dictionary, or another type.
+Form: TypeAlias = "tuple[int | type[bool], ...] | dict[Any, Form] | type"
 
 #: How much of a text is repeated in an error.
 _SAID_LEN = 100
@@ -63,6 +67,48 @@ def check_form(action: Any, like: Form | None, where: str = "the action") -> Non
         raise CallError(f"{where} has no numbers: {_said(action)}")
 
 
+class ArrayKinds:
+    """Reports a reply that has a list where an action on board has an array, or the reverse.
+
+    Both are the same numbers, but arithmetic with them is not: a list that is doubled is longer.
+    """
+
+    def __init__(self) -> None:
+        self._on_board: dict[Any, str] = {}
+        self._is_reported = False
+
+    def learn(self, action: Any) -> None:
+        """Remember which kinds of rows an action on board has."""
+        self._on_board = _kinds_of(action)
+
+    def check(self, action: Any) -> None:
+        """Log the first reply that has another kind of rows than the action on board."""
+        if self._is_reported:
+            return
+        for key, kind in _kinds_of(action).items():
+            own = self._on_board.get(key, kind)
+            if own != kind:
+                self._is_reported = True
+                where = "actions" if key is None else f"actions[{key!r}]"
+                _log.warning(
+                    "%s of the remote policy are of the type %s, and on board they are of the type "
+                    "%s: arithmetic treats them differently, so give both one type",
+                    where,
+                    kind,
+                    own,
+                )
+
+
+def _kinds_of(action: Any) -> dict[Any, str]:
+    """Return the type of each row of numbers, by its key in a dictionary, or by None."""
+    parts = action if isinstance(action, Mapping) else {None: action}
+    return {
+        key: type(it).__name__
+        for key, it in parts.items()
+        if isinstance(it, (list, tuple)) or (hasattr(it, "shape") and hasattr(it, "dtype"))
+    }
+
+
 def _compare(action: Any, form: Form, like: Form, where: str) -> None:
     if isinstance(like, dict):
         if not isinstance(form, dict):
@@ -74,10 +120,11 @@ def _compare(action: Any, form: Form, like: Form, where: str) -> None:
             _compare(own, form[key], part, f"{where}[{key!r}]")
     elif form == like:
         return
-    elif isinstance(like, tuple) and isinstance(form, tuple):
+    elif isinstance(like, tuple) and isinstance(form, tuple) and (bool in form) == (bool in like):
         is_chunk = len(form) == len(like) + 1
         remedy = "; if it is a chunk, give chunk=" if is_chunk else ""
-        raise CallError(f"{where} has the shape {form}, and on board it has {like}{remedy}")
+        shapes = f"has the shape {_shape(form)}, and on board it has {_shape(like)}"
+        raise CallError(f"{where} {shapes}{remedy}")
     else:
         raise CallError(f"{where} is {_said(action)}, and on board it is {_named(like)}")
 
@@ -88,7 +135,7 @@ def _of_array(array: Any, where: str) -> Form:
         raise CallError(f"{where} is an array of {array.dtype}; give numbers")
     if kind not in "iub" and not _are_finite(array):
         raise CallError(f"{where} has numbers that are not finite: {_said(array)}")
-    return tuple(array.shape)
+    return (bool, *array.shape) if kind == "b" else tuple(array.shape)
 
 
 def _are_finite(array: Any) -> bool:
@@ -106,20 +153,32 @@ def _of_rows(rows: Any, where: str) -> Form:
     if any(form != forms[0] for form in forms):
         raise CallError(f"{where} has parts that differ: {_said(rows)}")
     first = forms[0]
-    return (len(forms), *first) if isinstance(first, tuple) else list
+    if first is bool:
+        return (bool, len(forms))
+    if not isinstance(first, tuple):
+        return list
+    return (bool, len(forms), *first[1:]) if bool in first else (len(forms), *first)
 
 
 def _has_numbers(form: Form) -> bool:
     if isinstance(form, dict):
         return any(map(_has_numbers, form.values()))
     if isinstance(form, tuple):
-        return 0 not in form
+        return 0 not in form and bool not in form
     # An object of another class may be an action; a text is none.
     return not issubclass(form, (str, bytes, bytearray, bool, list))
 
 
 def _named(like: Form) -> str:
-    return like.__name__ if isinstance(like, type) else f"numbers of the shape {like}"
+    if isinstance(like, type):
+        return like.__name__
+    if isinstance(like, dict):
+        return f"a dictionary of {', '.join(map(str, like))}"
+    return f"{'bools' if bool in like else 'numbers'} of the shape {_shape(like)}"
+
+
+def _shape(form: tuple[Any, ...]) -> tuple[int, ...]:
+    return tuple(it for it in form if it is not bool)
 
 
 def _said(action: Any) -> str:

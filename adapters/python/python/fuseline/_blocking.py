@@ -45,6 +45,8 @@ class BlockingOperator(Generic[M, V]):
         self._thread: threading.Thread | None = None
         self._process = os.getpid()
         self._has_ended = threading.Event()
+        #: Whether it was logged that it holds up another event loop.
+        self._is_warned = False
 
     async def __aenter__(self) -> None:
         raise ConfigError("a BlockingOperator has a loop of its own: use `with`, or the Operator")
@@ -138,6 +140,13 @@ class BlockingOperator(Generic[M, V]):
         if threading.current_thread() is self._thread:
             coroutine.close()
             raise RuntimeError("a handler must not wait for its own operator")
+        if not self._is_warned and asyncio._get_running_loop() is not None:
+            self._is_warned = True
+            _log.warning(
+                "%s: a BlockingOperator is used within a running event loop, which it holds up "
+                "while it waits: in async code use the Operator itself, with `async with`",
+                self.operator.name,
+            )
         if os.getpid() != self._process:
             coroutine.close()
             raise RuntimeError("the operator runs in the process that was forked; make one here")

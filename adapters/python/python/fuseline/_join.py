@@ -21,7 +21,14 @@ from fuseline._fuseline import Aligner, Latency, nanoseconds
 from fuseline._item import Ending, Item, Lineage, check_capture, fields_of
 from fuseline._loop import WaiterList
 from fuseline._snapshot import snapshot
-from fuseline._wiring import check_clock, check_count, check_function, check_reserve, check_value
+from fuseline._wiring import (
+    check_clock,
+    check_count,
+    check_function,
+    check_reserve,
+    check_text,
+    check_value,
+)
 
 if TYPE_CHECKING:
     from fuseline._judge import Duration
@@ -171,6 +178,7 @@ class Join:
         output_len: int = 16,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
+        check_text(name, "a join")
         check_count(window, 1, "a window")
         check_count(output_len, 1, "an output_len")
         check_clock(clock)
@@ -306,6 +314,7 @@ class Join:
     def _add(self, joined: JoinInput[T]) -> JoinInput[T]:
         if self._aligner is not None:
             raise ConfigError("an input after the start; add it before")
+        check_text(joined.name, "an input")
         if any(it.name == joined.name for it in self._inputs):
             raise ConfigError(f"two inputs named {joined.name!r}; each has a name of its own")
         self._inputs.append(joined)

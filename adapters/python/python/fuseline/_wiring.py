@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import os
+import unicodedata
 from collections.abc import AsyncIterable, Iterable, Mapping
 from concurrent.futures import Future
 from datetime import timedelta
@@ -158,16 +159,30 @@ def check_name(name: Any, what: str, others: Iterable[str] = ()) -> None:
     Raises:
         ConfigError: if it is no text, empty, or taken.
     """
-    if not isinstance(name, str) or not name:
-        raise ConfigError(f"{what} named {name!r}; a name is a str that is not empty")
-    if name != as_text(name):
-        raise ConfigError(f"{what} named {name!r}, which is not valid text; give another name")
+    check_text(name, what)
     if name == "local":
         raise ConfigError(f"{what} named 'local', as what computes on board is; give another name")
     if name in others:
         raise ConfigError(
             f"{what} named {name!r}, as another one is; counts and logs could not tell them apart: "
             "give another name"
+        )
+
+
+def check_text(name: Any, what: str) -> None:
+    """Refuse a name that logs cannot show in one line.
+
+    Raises:
+        ConfigError: if it is no text, empty, or has a line break or another control character.
+    """
+    if not isinstance(name, str) or not name:
+        raise ConfigError(f"{what} named {name!r}; a name is a str that is not empty")
+    if name != as_text(name):
+        raise ConfigError(f"{what} named {name!r}, which is not valid text; give another name")
+    if any(unicodedata.category(it) in ("Cc", "Zl", "Zp") for it in name):
+        raise ConfigError(
+            f"{what} named {name!r}, with a line break or another control character: logs show a "
+            "name in one line, so give another name"
         )
 
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
 
-from fuseline._actions import Form, check_form, form_of
+from fuseline._actions import ArrayKinds, Form, check_form, form_of
 from fuseline._blocking import BlockingOperator
 from fuseline._chunks import Blend, ChunkPlan, actions_of, fade
 from fuseline._errors import CallError, ConfigError, in_one_line
@@ -158,6 +158,9 @@ class Always:
         #: What an action on board is made of, once that is known.
         self._like = _held_form(on_board)
         self._is_guessed = False
+        self._kinds = ArrayKinds()
+        if isinstance(on_board, Hold):
+            self._kinds.learn(on_board.first)
         self._remote = RemoteThread(remote, self._read(chunk), name)
         #: What became of the last tick, for instance whose action it was.
         self.item: Item[Any] | None = None
@@ -302,6 +305,7 @@ class Always:
             form = form_of(action, "the action on board")
             if self._like is None or self._is_guessed:
                 self._is_guessed, self._like = False, form
+                self._kinds.learn(action)
             return action
 
         # Of several observations that wait for a slow policy the latest one counts.
@@ -309,6 +313,7 @@ class Always:
 
     def _check(self, action: Any, where: str = "the action") -> None:
         check_form(action, self._like, where)
+        self._kinds.check(action)
         if self._like is None:
             # Until the policy on board has acted, its actions are as the first one.
             self._is_guessed, self._like = True, form_of(action)
