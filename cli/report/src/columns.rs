@@ -23,7 +23,7 @@ use crate::thinned::{SpecialCause, ThinnedColumns, ThinnedTotals, ThinnedTrace};
 
 /// The greatest number up to which a script's numbers are exact.
 const EXACT: u64 = (1 << 53) - 1;
-/// How many of the deadlines that requests had are drawn.
+/// How many of the times at which requests are due are drawn.
 const DEADLINES: usize = 3;
 /// How many violations beyond the listed ones a thinned trace marks.
 const MARKS: usize = 1 << 16;
@@ -208,7 +208,7 @@ impl TraceColumns {
                 header.commit,
                 is_observed,
             ),
-            deadlines: RequestDeadlines::default(),
+            deadlines: RequestDeadlines::new(header.commit),
             lineages: BTreeMap::new(),
         };
         columns.source(0);
@@ -238,9 +238,7 @@ impl TraceColumns {
         if let Some(p) = priority(&event) {
             self.source(p);
         }
-        if let Event::Decision(Decision::Request { at, p, due, .. }) = event {
-            self.deadlines.add(p, due.saturating_sub(at));
-        }
+        self.deadlines.event(&event);
         let Some(thinned) = &mut self.thinned else {
             self.statistics.event(&event);
             return self.events.push((line, event));

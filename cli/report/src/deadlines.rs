@@ -1,14 +1,25 @@
-//! How long requests had.
+//! How long requests had, and how long after its message a request was due.
 
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
 
+use fuseline_traces::{Commit, Decision, Event, Input, OpenRefusal};
+
 use crate::counts::ValueCounts;
 
+/// No more messages are kept to find when a request's was opened.
+const OPEN: usize = 4096;
+/// To how many decimal digits the times from the message are rounded: requests are sent some microseconds after it.
+const DIGITS: u32 = 3;
+
 /// How often requests of each source had so long, in nanoseconds.
-#[derive(Default)]
 pub(crate) struct RequestDeadlines {
+    commit: Commit,
     of: BTreeMap<u64, SourceDeadlines>,
+    /// From a request's message until the request is due, rounded.
+    after_open: ValueCounts,
+    /// When the open messages came.
+    opened: BTreeMap<u64, u64>,
     is_bounded: bool,
 }
 
@@ -21,7 +32,45 @@ struct SourceDeadlines {
 }
 
 impl RequestDeadlines {
-    pub(crate) fn add(&mut self, p: u64, deadline: u64) {
+    pub(crate) fn new(commit: Commit) -> Self {
+        Self {
+            commit,
+            of: BTreeMap::new(),
+            after_open: ValueCounts::default(),
+            opened: BTreeMap::new(),
+            is_bounded: false,
+        }
+    }
+
+    pub(crate) fn event(&mut self, event: &Event) {
+        match *event {
+            Event::Input(Input::Open { at, t, .. }) => {
+                self.opened.entry(t).or_insert(at);
+                if self.opened.len() > OPEN {
+                    self.opened.pop_first();
+                }
+            }
+            Event::Decision(Decision::Request { at, t, p, due }) => {
+                self.add(p, due.saturating_sub(at));
+                let opened = self.opened.get(&t).copied().unwrap_or(at);
+                self.after_open.add(rounded(due.saturating_sub(opened)), 1);
+            }
+            Event::Decision(Decision::RefuseOpen {
+                t,
+                why: OpenRefusal::Full | OpenRefusal::Deadline,
+                ..
+            })
+            | Event::Decision(Decision::Final { t, .. } | Decision::Miss { t, .. }) => {
+                self.opened.remove(&t);
+            }
+            Event::Decision(Decision::Emit { t, .. }) if self.commit != Commit::Progressive => {
+                self.opened.remove(&t);
+            }
+            _ => {}
+        }
+    }
+
+    fn add(&mut self, p: u64, deadline: u64) {
         let is_bounded = self.is_bounded;
         let source = self.of.entry(p).or_insert_with(|| {
             let mut source = SourceDeadlines::default();
@@ -37,14 +86,13 @@ impl RequestDeadlines {
     /// Bounds its memory: very many different deadlines are rounded down from here on.
     pub(crate) fn bound(&mut self) {
         self.is_bounded = true;
+        self.after_open.bound();
         self.of.values_mut().for_each(|source| source.counts.bound());
     }
 
-    /// The commonest over all sources, so many at most.
+    /// The commonest times from a message until a request is due, so many at most.
     pub(crate) fn commonest(&self, most: usize) -> Vec<u64> {
-        let mut all = ValueCounts::default();
-        self.of.values().for_each(|source| all.extend(&source.counts));
-        let mut counted: Vec<(u64, u64)> = all.iter().collect();
+        let mut counted: Vec<(u64, u64)> = self.after_open.iter().collect();
         counted.sort_by_key(|(deadline, count)| (Reverse(*count), *deadline));
         counted.into_iter().take(most).map(|(deadline, _)| deadline).collect()
     }
@@ -57,13 +105,34 @@ impl RequestDeadlines {
     }
 }
 
+/// To so many digits, to the nearest.
+fn rounded(nanos: u64) -> u64 {
+    let unit = 10_u64.pow(nanos.checked_ilog10().unwrap_or(0).saturating_sub(DIGITS - 1));
+    nanos.saturating_add(unit / 2) / unit * unit
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
+    fn line_counts_from_the_message() {
+        let mut deadlines = RequestDeadlines::new(Commit::Eager);
+        deadlines.event(&Event::Input(Input::Open { at: 1_000_000, t: 4, deadline: None }));
+        for (at, due) in [(31_000_000, 131_000_000), (31_000_400, 131_000_400)] {
+            deadlines.event(&Event::Decision(Decision::Request { at, t: 4, p: 1, due }));
+        }
+        assert_eq!(deadlines.commonest(3), [130_000_000]);
+        assert_eq!(deadlines.spread(1), Some([100_000_000; 3]));
+        assert_eq!(
+            [0, 9, 1234, 123_499, u64::MAX].map(rounded),
+            [0, 9, 1230, 123_000, 18_400_000_000_000_000_000]
+        );
+    }
+
+    #[test]
     fn a_spread_is_least_median_and_greatest() {
-        let mut deadlines = RequestDeadlines::default();
+        let mut deadlines = RequestDeadlines::new(Commit::Eager);
         for deadline in [500, 300, 300, 500, 400, 300] {
             deadlines.add(1, deadline);
         }
@@ -71,6 +140,5 @@ mod tests {
         assert_eq!(deadlines.spread(1), Some([300, 300, 500]));
         assert_eq!(deadlines.spread(2), Some([500; 3]));
         assert_eq!(deadlines.spread(3), None);
-        assert_eq!(deadlines.commonest(2), [300, 500]);
     }
 }

@@ -166,16 +166,18 @@ fn lineages(trace: &DrawnTrace, shown: &Value, timestamps: &[i128]) {
     assert_eq!(rows.len(), expected.len());
 }
 
-/// The commonest deadlines of requests, and the least, the median and the greatest of each source.
+/// When requests are due, counted from their messages, and the least, the median and the greatest deadline of each source.
 fn deadlines(trace: &DrawnTrace, shown: &Value) {
-    let requests = trace.events.iter().filter_map(|(event, _)| match *event {
-        Event::Decision(Decision::Request { at, p, due, .. }) => Some((p, due - at)),
-        _ => None,
-    });
+    let (messages, _) = trace.recount(|_, _| false);
     let (mut counts, mut of) = (BTreeMap::<u64, u64>::new(), BTreeMap::<u64, Vec<u64>>::new());
-    for (p, deadline) in requests {
-        *counts.entry(deadline).or_default() += 1;
-        of.entry(p).or_default().push(deadline);
+    for (event, _) in &trace.events {
+        let Event::Decision(Decision::Request { at, t, p, due }) = *event else { continue };
+        let own = messages.iter().rfind(|message| message.t == t && message.opened <= at).unwrap();
+        // To three digits.
+        let digits = (due - own.opened).to_string().len();
+        let unit = 10_u64.pow(u32::try_from(digits.saturating_sub(3)).unwrap());
+        *counts.entry((due - own.opened).saturating_add(unit / 2) / unit * unit).or_default() += 1;
+        of.entry(p).or_default().push(due - at);
     }
     let mut commonest: Vec<(u64, u64)> = counts.into_iter().collect();
     commonest.sort_by_key(|(deadline, count)| (Reverse(*count), *deadline));
